@@ -1,0 +1,1 @@
+"""The controller: knows measurements and targets, neither MuJoCo nor the wire."""

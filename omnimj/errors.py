@@ -1,0 +1,48 @@
+"""What can go wrong, as one family of exceptions.
+
+Loaders and constructors raise; inside the control loop bad data is a value that the limits turn into
+zero current.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class OmnimjError(Exception):
+    """Root of every error that omnimj raises on purpose."""
+
+
+class InputError(OmnimjError, ValueError):
+    """A value given by a user breaks a rule.
+
+    The message is one line: the place, what was found, what is allowed.
+    """
+
+    def __init__(self, place: object, found: str, rule: str = "", choices: Iterable[str] = ()):
+        message = f"{place}: {found}"
+        if rule:
+            message += f"; {rule}"
+        names = sorted(choices)
+        if names:
+            message += f"; choices: {', '.join(names)}"
+        super().__init__(message)
+
+
+class UnknownNameError(InputError, LookupError):
+    """A name that is not in the list it should come from; the message lists the choices."""
+
+    def __init__(self, place: object, kind: str, name: object, choices: Iterable[str]):
+        names = list(choices)
+        close = difflib.get_close_matches(str(name), names, n=1)
+        hint = f"did you mean '{close[0]}'?" if close else ""
+        super().__init__(place, f"unknown {kind} {name!r}", hint, names)
+
+
+class NativeLayoutError(OmnimjError, RuntimeError):
+    """The installed MuJoCo does not have the memory layout that the native contact needs."""
+
+
+class SimulationError(OmnimjError, RuntimeError):
+    """The simulation left the numbers it can stand for (not finite, or MuJoCo warned)."""

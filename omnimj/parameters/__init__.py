@@ -1,0 +1,24 @@
+"""What stays: the constants of robot, rig and floors, read from `models/*.toml`, validated once."""
+
+from omnimj.parameters.floor import Floor, read_floors
+from omnimj.parameters.parts import Bearing, Contact, Motor, Sensors, Wheel
+from omnimj.parameters.rig import Rig, RigBody, read_rig
+from omnimj.parameters.robot import Control, Robot, RobotBody, WheelMount, read_robot
+
+__all__ = [
+    "Bearing",
+    "Contact",
+    "Control",
+    "Floor",
+    "Motor",
+    "Rig",
+    "RigBody",
+    "Robot",
+    "RobotBody",
+    "Sensors",
+    "Wheel",
+    "WheelMount",
+    "read_floors",
+    "read_rig",
+    "read_robot",
+]

@@ -1,0 +1,123 @@
+"""Floors: a name, a traction law and its numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+
+from omnimj.errors import InputError, UnknownNameError
+from omnimj.parameters.reading import Rule, number, read_toml
+from omnimj.resources import models_folder
+
+LUGRE, LUGRE_CAPPED, MAGIC_FORMULA = 0, 1, 2
+
+_POSITIVE = Rule(0.0, float("inf"), True)
+_NOT_NEGATIVE = Rule(0.0, float("inf"), False)
+_ANY = Rule(-float("inf"), float("inf"), False)
+_LUGRE_KEYS = {
+    "mu_c": _POSITIVE,
+    "mu_s": _POSITIVE,
+    "V_s": _POSITIVE,
+    "sigma_0": _POSITIVE,
+    "sigma_1": _NOT_NEGATIVE,
+    "sigma_2": _NOT_NEGATIVE,
+}
+LAWS: Mapping[str, tuple[int, Mapping[str, Rule]]] = MappingProxyType(
+    {
+        "lugre": (LUGRE, _LUGRE_KEYS),
+        "lugre_capped": (LUGRE_CAPPED, {**_LUGRE_KEYS, "mu_cap": _POSITIVE}),
+        "magic_formula": (
+            MAGIC_FORMULA,
+            {
+                "B": _POSITIVE,
+                "C": _POSITIVE,
+                "D": _POSITIVE,
+                "E": _ANY,
+                "relaxation_length": _POSITIVE,
+                "damping_time": _NOT_NEGATIVE,
+            },
+        ),
+    }
+)
+
+ROW = 8
+"""Length of a floor's row of numbers in the kernels."""
+
+
+@dataclass(frozen=True)
+class Floor:
+    """A floor and how wheels grip it."""
+
+    name: str
+    description: str
+    law: str
+    """`lugre`, `lugre_capped` or `magic_formula`."""
+    source: str
+    numbers: Mapping[str, float]
+    """The law's parameters by their textbook letter."""
+
+    @property
+    def row(self) -> np.ndarray:
+        """`[law, …]` for the kernels of `physics.traction`, shape (ROW,).
+
+        LuGre laws: law, μ_c, μ_s, V_s, σ0, σ1, σ2, μ_cap (∞ without a ceiling).
+        Magic Formula: law, B, C, D, E, relaxation length, damping time, 0.
+        """
+        code, keys = LAWS[self.law]
+        row = np.zeros(ROW)
+        row[0] = code
+        row[1 : 1 + len(keys)] = [self.numbers[key] for key in keys]
+        if code == LUGRE:
+            row[7] = np.inf  # no ceiling
+        return row
+
+
+def _read_floor(place: str, name: str, table: object) -> Floor:
+    if not isinstance(table, Mapping):
+        raise InputError(place, "is not a table")
+    law = table.get("law")
+    if law not in LAWS:
+        raise UnknownNameError(f"{place}.law", "traction law", law, LAWS)
+    keys = LAWS[law][1]
+    known = ("description", "law", "source", *keys)
+    for key in table:
+        if key not in known:
+            raise UnknownNameError(place, "key", key, known)
+    for key in known:
+        if key not in table:
+            raise InputError(place, f"'{key}' is missing")
+    numbers = {key: number(f"{place}.{key}", table[key], rule) for key, rule in keys.items()}
+    return Floor(name, str(table["description"]), law, str(table["source"]), MappingProxyType(numbers))
+
+
+def read_floors(path: Path | None = None) -> dict[str, Floor]:
+    """Reads `floors.toml`.
+
+    Args:
+      path: A floors file; the shipped one when None.
+
+    Returns:
+      Floor by name, in the order of the file.
+
+    Raises:
+      InputError: A value is missing or breaks its rule.
+      UnknownNameError: A law or key that does not exist.
+    """
+    path = models_folder() / "floors.toml" if path is None else path
+    return {name: _read_floor(f"{path}: {name}", name, table) for name, table in read_toml(path).items()}
+
+
+def find_floor(name: object, place: str, floors: Mapping[str, Floor] | None = None) -> Floor:
+    """A floor by name.
+
+    Raises:
+      UnknownNameError: No such floor; the message lists the known ones.
+    """
+    floors = read_floors() if floors is None else floors
+    if name not in floors:
+        raise UnknownNameError(place, "floor", name, floors)
+    return floors[str(name)]

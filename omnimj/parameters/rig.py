@@ -1,0 +1,96 @@
+"""The test rig's constants."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from omnimj.parameters.parts import Bearing, Contact, Motor, Sensors, Wheel
+from omnimj.parameters.reading import Provenance, positive, quantity, read_model_file, read_table
+from omnimj.resources import models_folder
+
+
+@dataclass(frozen=True)
+class RigBody:
+    """Gantry, rail and quarter body, section 4.1; letters are those of Figs. 4.3-4.6."""
+
+    masses: tuple[float, ...] = positive("kg")
+    """m_T: the masses that the quarter body can be loaded to; the first is the default."""
+    rail_friction: float = quantity("N", 0.0)
+    """Measured friction of the linear guide."""
+    rail_length: float = positive("m")
+    """Usable travel along the rail."""
+    lateral_travel: float = positive("m")
+    """Usable travel of the gantry."""
+    rail_height: float = positive("m")
+    """c: height of the rail above the floor."""
+    rail_half_width: float = positive("m")
+    """h: the two rail wheels sit ±h about the rail."""
+    contact_offset: float = quantity("m")
+    """d: lateral offset of the wheel's contact from the rail."""
+    com_offset: float = quantity("m")
+    """e: lateral offset of the centre of mass from the rail."""
+    rail_dry: float = quantity("1", 0.0)
+    """μ_D,dry."""
+    rail_viscous: float = quantity("s/m", 0.0)
+    """μ_D,vis."""
+    roller_row_spacing: float = positive("m")
+    """j."""
+    first_row_offset: float = quantity("m")
+    """k."""
+    com_height: float = positive("m")
+    """Height of the quarter body's centre of mass."""
+    tilt_inertia: float = positive("kg.m2")
+    """Of the quarter body about the rail direction, at its centre of mass."""
+    tilt_limit: float = positive("rad")
+    """Clearance of the rail wheels (±)."""
+    gantry_mass: float = positive("kg")
+    """Link 11."""
+    gantry_gain: float = positive("N.s/m")
+    """Speed loop of the gantry's own drive."""
+    start_position: float = quantity("m", 0.0)
+    """Of the wheel, from the rail's end."""
+
+
+@dataclass(frozen=True)
+class Rig:
+    """All constants of the quarter test rig."""
+
+    wheel: Wheel
+    bearing: Bearing
+    motor: Motor
+    contact: Contact
+    sensors: Sensors
+    rig: RigBody
+    provenance: Mapping[str, Provenance]
+    file: Path
+    """The model file these constants were read from."""
+
+
+def read_rig(path: Path | None = None) -> Rig:
+    """Reads `rig.toml`, or a copy of it with changed values.
+
+    Raises:
+      InputError: A value is missing or breaks its rule; the message names file, key, value and rule.
+    """
+    path = models_folder() / "quarter_rig" / "rig.toml" if path is None else path
+    tables = ("wheel", "bearing", "motor", "contact", "sensors", "rig")
+    content = read_model_file(path, "quarter_rig", tables, models_folder())
+    provenance: dict[str, Provenance] = {}
+
+    def table(kind: type, name: str) -> Any:
+        return read_table(kind, content.get(name), str(path), provenance, name)
+
+    return Rig(
+        wheel=table(Wheel, "wheel"),
+        bearing=table(Bearing, "bearing"),
+        motor=table(Motor, "motor"),
+        contact=table(Contact, "contact"),
+        sensors=table(Sensors, "sensors"),
+        rig=table(RigBody, "rig"),
+        provenance=MappingProxyType(provenance),
+        file=path,
+    )

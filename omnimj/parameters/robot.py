@@ -1,0 +1,145 @@
+"""The robot's constants."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from omnimj.errors import InputError
+from omnimj.parameters.parts import Bearing, Contact, Motor, Sensors, Wheel
+from omnimj.parameters.reading import Provenance, positive, quantity, read_model_file, read_table
+from omnimj.resources import models_folder
+
+
+@dataclass(frozen=True)
+class RobotBody:
+    """Masses and suspension."""
+
+    mass: float = positive("kg")
+    """Everything included."""
+    yaw_inertia: float = positive("kg.m2")
+    """About the vertical through the centre, everything included."""
+    com_height: float = positive("m")
+    """Height of the whole robot's centre of mass above the floor."""
+    suspension_stiffness: float = positive("N/m")
+    """Per wheel."""
+    suspension_damping: float = quantity("N.s/m", 0.0)
+    """Per wheel."""
+    suspension_travel: float = positive("m")
+    """Between the stops."""
+    unsprung_mass: float = positive("kg")
+    """Per corner: wheel, motor, carriage; part of the mass."""
+
+
+@dataclass(frozen=True)
+class WheelMount:
+    """Where one wheel sits and which way it drives, in the body frame."""
+
+    position: tuple[float, ...] = quantity("m")
+    """x, y of the wheel's centre."""
+    drives_along: tuple[float, ...] = quantity("1", -1.0, 1.0)
+    """Unit vector u: a positive wheel speed drives the robot along it."""
+
+
+@dataclass(frozen=True)
+class Control:
+    """Gains and limits of the cascade."""
+
+    speed_proportional: float = quantity("A.s/rad", 0.0)
+    """P of the wheel-speed loop."""
+    speed_integral: float = quantity("A/rad", 0.0)
+    """I of the wheel-speed loop."""
+    yaw_rate_proportional: float = quantity("1", 0.0)
+    """P of the yaw-rate loop, on top of the yaw-rate demand."""
+    heading_proportional: float = quantity("1/s", 0.0)
+    """P of the heading hold, where a scenario asks for it."""
+    current_limit: float = positive("A")
+    """Last gate: largest current command."""
+    current_rate_limit: float = positive("A/s")
+    """Last gate: largest change of the current command."""
+    wheel_speed_limit: float = positive("rad/s")
+    """Last gate: beyond this wheel speed no current may drive the wheel faster."""
+
+
+@dataclass(frozen=True)
+class Robot:
+    """All constants of a robot with n wheels."""
+
+    wheel: Wheel
+    bearing: Bearing
+    motor: Motor
+    contact: Contact
+    sensors: Sensors
+    body: RobotBody
+    wheels: tuple[WheelMount, ...]
+    control: Control
+    provenance: Mapping[str, Provenance]
+    """`motor.torque_constant` → unit and source."""
+    file: Path
+    """The model file these constants were read from."""
+
+    @property
+    def wheel_positions(self) -> np.ndarray:
+        """Shape (n, 2) [m]."""
+        return np.array([w.position for w in self.wheels])
+
+    @property
+    def drive_directions(self) -> np.ndarray:
+        """Unit vectors u_i, shape (n, 2)."""
+        return np.array([w.drives_along for w in self.wheels])
+
+
+def _read_mounts(entries: Any, path: Path, provenance: dict[str, Provenance]) -> tuple[WheelMount, ...]:
+    if not isinstance(entries, list) or len(entries) < 3:
+        raise InputError(f"{path}: [[wheels]]", "at least three wheels are needed")
+    mounts = []
+    for i, entry in enumerate(entries, start=1):
+        mount = read_table(WheelMount, entry, str(path), provenance, f"wheels.{i}")
+        if len(mount.position) != 2 or len(mount.drives_along) != 2:
+            raise InputError(f"{path}: wheels.{i}", "position and drives_along need two numbers each")
+        if not math.isclose(math.hypot(*mount.drives_along), 1.0, abs_tol=1e-9):
+            raise InputError(f"{path}: wheels.{i}.drives_along", f"found {list(mount.drives_along)}", "must have length 1")
+        mounts.append(mount)
+    return tuple(mounts)
+
+
+def read_robot(path: Path | None = None) -> Robot:
+    """Reads `robot.toml`, or a copy of it with changed values.
+
+    Args:
+      path: The model file; the shipped robot when None.
+
+    Raises:
+      InputError: A value is missing or breaks its rule; the message names file, key, value and rule.
+    """
+    path = models_folder() / "uto_robot" / "robot.toml" if path is None else path
+    tables = ("wheel", "bearing", "motor", "contact", "sensors", "body", "wheels", "control")
+    content = read_model_file(path, "uto_robot", tables, models_folder())
+    provenance: dict[str, Provenance] = {}
+
+    def table(kind: type, name: str) -> Any:
+        return read_table(kind, content.get(name), str(path), provenance, name)
+
+    robot = Robot(
+        wheel=table(Wheel, "wheel"),
+        bearing=table(Bearing, "bearing"),
+        motor=table(Motor, "motor"),
+        contact=table(Contact, "contact"),
+        sensors=table(Sensors, "sensors"),
+        body=table(RobotBody, "body"),
+        wheels=_read_mounts(content.get("wheels"), path, provenance),
+        control=table(Control, "control"),
+        provenance=MappingProxyType(provenance),
+        file=path,
+    )
+    if robot.body.unsprung_mass * len(robot.wheels) >= robot.body.mass:
+        raise InputError(f"{path}: body.unsprung_mass", f"found {robot.body.unsprung_mass:g}", "the corners outweigh the robot")
+    if robot.wheel.mass >= robot.body.unsprung_mass:
+        raise InputError(f"{path}: wheel.mass", f"found {robot.wheel.mass:g}", "must be below body.unsprung_mass")
+    return robot

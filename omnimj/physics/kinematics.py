@@ -1,0 +1,55 @@
+"""Kinematics of n omni wheels in both scales: the law of rigid rolling and the published matrix.
+
+A (n×3) maps the body twist (v_x, v_y, yaw rate) to rolling speeds: V = A·twist, Eqs. 3.50-3.53.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def rolling_matrix(positions: ArrayLike, drive_directions: ArrayLike) -> Array:
+    """A with rows (u_x, u_y, x u_y − y u_x): rolling speed of each wheel per body twist.
+
+    Source: Eqs. 3.48-3.53, V_i = u_i · (v + ω × p_i), for wheels at any place.
+
+    Args:
+      positions: Wheel centres p_i, shape (n, 2) [m].
+      drive_directions: Unit vectors u_i, shape (n, 2).
+
+    Returns:
+      A, shape (n, 3).
+    """
+    p, u = np.asarray(positions, float), np.asarray(drive_directions, float)
+    return np.column_stack([u, p[:, 0] * u[:, 1] - p[:, 1] * u[:, 0]])
+
+
+def published_jacobian(yaw: float, wheel_distance: float) -> Array:
+    """J of Eq. 3.5 as printed, shape (3, 4): world twist = J V.
+
+    The true forward map is diag(½, ½, ¼)·J: as printed, the robot drives at half the linear and a quarter
+    of the angular speed asked for.
+    """
+    s, c, k = np.sin(yaw), np.cos(yaw), -1.0 / wheel_distance
+    return np.array([[s, -c, -s, c], [-c, -s, c, s], [k, k, k, k]])
+
+
+def weighted_inverse(jacobian: ArrayLike, weights: ArrayLike) -> Array:
+    """W⁻¹Jᵀ(J W⁻¹ Jᵀ)⁻¹, Eq. 3.10: rolling speeds from a twist, shape (n, 3).
+
+    Args:
+      jacobian: Forward map, shape (3, n).
+      weights: Diagonal of W, all positive, shape (n,).
+    """
+    j = np.asarray(jacobian, float)
+    jw = j / np.asarray(weights, float)
+    return jw.T @ np.linalg.inv(jw @ j.T)
+
+
+def rotation(yaw: float) -> Array:
+    """Body to world, for a twist, shape (3, 3)."""
+    s, c = np.sin(yaw), np.cos(yaw)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -1,0 +1,1 @@
+"""What a plant is, its sensors and its faults, and the plants that need no MuJoCo."""

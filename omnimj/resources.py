@@ -1,0 +1,23 @@
+"""Where the shipped models and scenarios lie: in the package when installed, in the checkout otherwise."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+_PACKAGE = Path(__file__).resolve().parent
+
+
+def _folder(name: str) -> Path:
+    inside = _PACKAGE / name
+    # `omnimj/scenario` is a package, `scenarios` and `models` are data: the names never meet
+    return inside if inside.is_dir() else _PACKAGE.parent / name
+
+
+def models_folder() -> Path:
+    """Folder of the shipped models (`uto_robot`, `quarter_rig`, `floors.toml`, …)."""
+    return _folder("models")
+
+
+def scenarios_folder() -> Path:
+    """Folder of the shipped scenarios, one TOML file each."""
+    return _folder("scenarios")

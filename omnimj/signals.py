@@ -1,0 +1,105 @@
+"""What travels between plant and controller: frozen records, arrays of n wheels, SI units.
+
+Wheels are numbered 1…n in files and messages, 0…n−1 in arrays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """What the robot's sensors say at one instant; all a controller may see."""
+
+    time: float
+    """Time of the sample [s]."""
+    current: Array
+    """Motor currents from the amplifiers' monitors, shape (n,) [A]."""
+    wheel_speed: Array
+    """Wheel speeds after the gear, shape (n,) [rad/s]."""
+    acceleration: Array
+    """Body-frame acceleration at the centre, x and y, shape (2,) [m/s²]."""
+    yaw_rate: float
+    """Gyro [rad/s]."""
+    yaw: float
+    """Heading from the converter, wrapped to [0, 2π) [rad]."""
+
+
+@dataclass(frozen=True, slots=True)
+class RigMeasurement:
+    """What the test rig's sensors say at one instant."""
+
+    time: float
+    """Time of the sample [s]."""
+    current: float
+    """Motor current monitor [A]."""
+    wheel_speed: float
+    """Wheel speed after the gear [rad/s]."""
+    carriage_speed: float
+    """Speed along the rail from the rail wheel's encoder [m/s]."""
+    carriage_acceleration: float
+    """Accelerometer along the rail [m/s²]."""
+    lateral_speed: float
+    """Speed of the gantry sideways [m/s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class CurrentCommand:
+    """Current set values for the amplifiers."""
+
+    current: Array
+    """Shape (n,) [A]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """What the robot is asked to do, sampled at every control step (k samples).
+
+    Velocities and positions are in the world frame, since a person plans there.
+    """
+
+    time: Array
+    """Shape (k,) [s]."""
+    velocity: Array
+    """Shape (k, 2) [m/s]."""
+    yaw_rate: Array
+    """Shape (k,) [rad/s]."""
+    heading: Array
+    """Planned heading, unwrapped, shape (k,) [rad]."""
+    position: Array
+    """Planned position of the centre, shape (k, 2) [m]."""
+    is_path: bool = False
+    """Whether `position` is a path that must be followed (its error is then judged)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """One run as columns, one row per control step (the columns of `trace.parquet`)."""
+
+    columns: Mapping[str, Array]
+    """Column name to array of shape (k,)."""
+    about: Mapping[str, Any] = field(default_factory=dict)
+    """What the run was: scenario, plant, method, seed, floor, realtime_factor, …"""
+
+    def __getitem__(self, name: str) -> Array:
+        return self.columns[name]
+
+    def wheels(self, name: str) -> Array:
+        """Columns `name_1 … name_n` stacked, shape (k, n)."""
+        found = []
+        while f"{name}_{len(found) + 1}" in self.columns:
+            found.append(self.columns[f"{name}_{len(found) + 1}"])
+        if not found:
+            raise KeyError(name)
+        return np.stack(found, axis=1)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.columns

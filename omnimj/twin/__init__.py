@@ -1,0 +1,1 @@
+"""The MuJoCo twin: native wheel contact, models, faults."""
