@@ -1,0 +1,64 @@
+"""What a plant is: the one interface that the twin, the planar model and the robot share."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from omnimj.signals import Array, CurrentCommand, Measurement, RigMeasurement
+
+
+class Plant(Protocol):
+    """Takes current commands, gives measurements, one control period at a time.
+
+    `Measurement` for a robot, `RigMeasurement` for the test rig. Truth is what a simulation knows and a
+    controller may not; a real robot has none (`truth_names` is empty).
+    """
+
+    period: float
+    """Control period [s]."""
+    truth_names: tuple[str, ...]
+    """Column names of `truth()`."""
+
+    def reset(self) -> Measurement | RigMeasurement:
+        """Puts the plant at its start and returns the first measurement (time 0)."""
+        ...
+
+    def step(self, command: CurrentCommand) -> Measurement | RigMeasurement:
+        """Holds the command for one period and returns the measurement at its end."""
+        ...
+
+    def truth(self) -> Array:
+        """Truth at the time of the last measurement, aligned with `truth_names`."""
+        ...
+
+    def close(self) -> None:
+        """Lets go of what the plant holds; may be called twice."""
+        ...
+
+
+def robot_truth_names(wheels: int) -> tuple[str, ...]:
+    """Truth columns of a simulated robot with n wheels.
+
+    `x`, `y` [m] and `heading` [rad] in the world; `twist_x`, `twist_y` [m/s] and `twist_yaw` [rad/s] in the
+    body frame; per wheel slip velocity [m/s], normal and traction force [N].
+    """
+    per_wheel = [
+        f"{name}_{i}"
+        for name in ("slip_velocity", "normal_force", "traction_force")
+        for i in range(1, wheels + 1)
+    ]
+    return ("x", "y", "heading", "twist_x", "twist_y", "twist_yaw", *per_wheel)
+
+
+RIG_TRUTH_NAMES = (
+    "carriage_position",
+    "true_carriage_speed",
+    "true_wheel_speed",
+    "lateral_position",
+    "tilt",
+    "slip_velocity_1",
+    "normal_force_1",
+    "traction_force_1",
+    "lateral_force_1",
+)
+"""Truth columns of a simulated rig: m, m/s, rad/s, m, rad, m/s, N, N, N."""

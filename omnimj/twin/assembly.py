@@ -1,0 +1,199 @@
+"""Builds the compiled MuJoCo models: MJCF for the shape, TOML for the numbers, floors and patches as geoms."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from omnimj.errors import InputError
+from omnimj.parameters import Floor, Rig, Robot, read_floors
+from omnimj.plant.patches import Patch
+from omnimj.resources import models_folder
+from omnimj.twin import slots
+from omnimj.twin.binding import bind_floor, bind_rail, bind_wheels
+from omnimj.twin.wheel_in_spec import vertical_inertia, write_wheel
+
+GRAVITY = 9.81
+_PATCH_COLOURS = {"nylon": (0.93, 0.95, 1.0, 1.0), "oil": (0.16, 0.13, 0.08, 1.0)}
+_PATCH_COLOUR = (0.45, 0.58, 0.50, 1.0)
+_STOCK = (0.0, 0.0, -9.0)  # where geoms lie that only hold a floor's numbers
+
+
+def load_spec(path: Path) -> mujoco.MjSpec:
+    """Parses an MJCF file.
+
+    Raises:
+      InputError: MuJoCo cannot read it; the message is MuJoCo's own.
+    """
+    try:
+        return mujoco.MjSpec.from_file(str(path))
+    except ValueError as error:
+        raise InputError(path, "is not a model that MuJoCo reads", " ".join(str(error).split())) from None
+
+
+def _add_floors(spec: mujoco.MjSpec, patches: Sequence[Patch], extra: Iterable[str]) -> None:
+    """Patches as flat visual geoms in the order given, and hidden geoms that hold a floor for `slip` faults."""
+    spec.nuser_geom, spec.nuser_actuator = slots.GEOM_SLOTS, slots.ACTUATOR_SLOTS
+    spec.nuser_jnt = slots.JOINT_SLOTS
+    for k, patch in enumerate(patches, start=1):
+        half = (0.5 * patch.size[0], 0.5 * patch.size[1], 0.0005)
+        spec.worldbody.add_geom(
+            name=f"patch_{k}",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            size=half,
+            pos=(*patch.center, -0.0004 + 1e-5 * k),  # a hair above the floor, or the two would flicker
+            euler=(0.0, 0.0, math.degrees(patch.yaw) if spec.compiler.degree else patch.yaw),
+            rgba=_PATCH_COLOURS.get(patch.floor, _PATCH_COLOUR),
+            contype=0,
+            conaffinity=0,
+            group=0,
+        )
+    for name in dict.fromkeys(extra):
+        spec.worldbody.add_geom(
+            name=f"floor_{name}",
+            type=mujoco.mjtGeom.mjGEOM_SPHERE,
+            size=(0.001, 0.0, 0.0),
+            pos=_STOCK,
+            contype=0,
+            conaffinity=0,
+            group=5,
+        )
+
+
+def _compile(
+    spec: mujoco.MjSpec, floor: Floor, patches: Sequence[Patch], extra: Iterable[str], floors: Mapping[str, Floor]
+) -> mujoco.MjModel:
+    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)  # a diverged run must show
+    mj_model = spec.compile()
+    ids = [mj_model.geom(f"patch_{k}").id for k in range(1, len(patches) + 1)]
+    for geom in range(mj_model.ngeom):
+        if mj_model.geom_conaffinity[geom] & 2:  # what rollers touch is floor: plane, ramp, threshold
+            bind_floor(mj_model, geom, slots.FLOOR, floor)
+            if mj_model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE and ids:
+                mj_model.geom_user[geom, slots.FIRST_PATCH : slots.PATCH_COUNT + 1] = ids[0], len(ids)
+    for geom, patch in zip(ids, patches, strict=True):
+        bind_floor(mj_model, geom, slots.PATCH, floors[patch.floor])
+    for name in dict.fromkeys(extra):
+        bind_floor(mj_model, mj_model.geom(f"floor_{name}").id, slots.PATCH, floors[name])
+    return mj_model
+
+
+def rest_depth(robot: Robot) -> float:
+    """Depth of a wheel's contact under the robot's weight, m g/(n k) [m]."""
+    return robot.body.mass * GRAVITY / len(robot.wheels) / robot.contact.stiffness
+
+
+def _write_body(spec: mujoco.MjSpec, robot: Robot) -> None:
+    """Masses, corners and suspension of the robot."""
+    body, count = robot.body, len(robot.wheels)
+    corners = [b.name for b in spec.bodies if b.name.startswith("corner_")]
+    if len(corners) != count:
+        raise InputError(f"{robot.file}: [[wheels]]", f"found {count} wheels", f"uto_robot.xml has {len(corners)}")
+    chassis = spec.body("chassis")
+    sprung = body.mass - count * body.unsprung_mass
+    chassis.mass = sprung
+    # corners have their centre of mass at the height of the axles
+    chassis.ipos = [0.0, 0.0, body.mass * (body.com_height - robot.wheel.radius) / sprung]
+    chassis.pos = [0.0, 0.0, robot.wheel.radius - rest_depth(robot)]
+    rest = 0.0
+    for i, mount in enumerate(robot.wheels, start=1):
+        corner, guide = spec.body(f"corner_{i}"), spec.joint(f"guide_{i}")
+        yaw = math.atan2(mount.drives_along[1], mount.drives_along[0])
+        corner.pos = [*mount.position, 0.0]
+        corner.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+        corner.quat = [math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)]
+        corner.mass = body.unsprung_mass - robot.wheel.mass
+        inward = np.array(mount.position) - 0.06 * np.array([-math.sin(yaw), math.cos(yaw)])
+        rest += corner.mass * float(inward @ inward) + corner.inertia[2]
+        rest += robot.wheel.mass * float(np.dot(mount.position, mount.position)) + vertical_inertia(robot.wheel)
+        guide.stiffness = [body.suspension_stiffness, 0.0, 0.0]
+        guide.damping = [body.suspension_damping, 0.0, 0.0]
+        guide.springref = -sprung * GRAVITY / count / body.suspension_stiffness
+        guide.range = [-0.5 * body.suspension_travel, 0.5 * body.suspension_travel]
+    about_vertical = body.yaw_inertia - rest
+    if about_vertical <= 0.0:
+        raise InputError(
+            f"{robot.file}: body.yaw_inertia", f"found {body.yaw_inertia:g}", f"the corners alone have {rest:.3g} kg.m2"
+        )
+    chassis.inertia = [0.643 * about_vertical, 0.643 * about_vertical, about_vertical]
+
+
+def robot_model(
+    robot: Robot,
+    floor: Floor,
+    patches: Sequence[Patch] = (),
+    extra_floors: Iterable[str] = (),
+    floors: Mapping[str, Floor] | None = None,
+    scene: Path | None = None,
+) -> mujoco.MjModel:
+    """The robot on a floor, compiled, with every parameter in place.
+
+    Args:
+      robot: The constants.
+      floor: What lies everywhere but on the patches.
+      patches: Stretches of other floor; where they overlap the later one is on top.
+      extra_floors: Names of floors that a fault may put under a wheel.
+      floors: Where names are looked up; the shipped floors when None.
+      scene: Another MJCF scene (ramps, thresholds, height fields) that includes the robot.
+
+    Raises:
+      InputError: The MJCF cannot be read, or the constants do not fit it.
+    """
+    floors = read_floors() if floors is None else floors
+    spec = load_spec(models_folder() / "uto_robot" / "scene.xml" if scene is None else scene)
+    _write_body(spec, robot)
+    for i in range(1, len(robot.wheels) + 1):
+        write_wheel(spec, f"wheel_{i}_", robot.wheel, robot.motor)
+    extra = tuple(extra_floors)
+    _add_floors(spec, patches, extra)
+    mj_model = _compile(spec, floor, patches, extra, floors)
+    bind_wheels(mj_model, robot, len(robot.wheels))
+    return mj_model
+
+
+def rig_model(
+    rig: Rig, floor: Floor, mass: float | None = None, extra_floors: Iterable[str] = (), patches: Sequence[Patch] = ()
+) -> mujoco.MjModel:
+    """The quarter test rig on a floor, compiled, with every parameter in place.
+
+    Args:
+      rig: The constants.
+      floor: What lies everywhere.
+      mass: m_T of the quarter body [kg]; the rig's first mass when None.
+      extra_floors: Names of floors that a fault may put under the wheel.
+      patches: Stretches of other floor.
+
+    Raises:
+      InputError: The mass leaves nothing for the body, or the MJCF cannot be read.
+    """
+    body, wheel = rig.rig, rig.wheel
+    mass = body.masses[0] if mass is None else mass
+    if not mass > wheel.mass:
+        raise InputError(f"{rig.file}: mass", f"found {mass:g}", f"must be above the wheel's {wheel.mass:g} kg")
+    spec = load_spec(models_folder() / "quarter_rig" / "scene.xml")
+    own = mass - wheel.mass
+    height = (mass * body.com_height - wheel.mass * wheel.radius) / own
+    carriage, gantry = spec.body("carriage"), spec.body("gantry")
+    carriage.mass = own
+    carriage.ipos = [0.0, mass * body.com_offset / own, height - body.rail_height]
+    carriage.inertia = [body.tilt_inertia, body.tilt_inertia, 0.67 * body.tilt_inertia]
+    gantry.pos = [0.0, 0.0, body.rail_height]
+    gantry.mass = body.gantry_mass
+    spec.joint("rail").range = [-body.start_position, body.rail_length - body.start_position]
+    limit = math.degrees(body.tilt_limit) if spec.compiler.degree else body.tilt_limit
+    spec.joint("tilt").range = [-limit, limit]
+    spec.site("centre").pos = [0.0, 0.0, body.com_height - body.rail_height]
+    spec.body("wheel_1_wheel").pos = [0.0, body.contact_offset, 0.0]
+    drive = spec.actuator("gantry")
+    drive.gainprm[0], drive.biasprm[2] = body.gantry_gain, -body.gantry_gain
+    write_wheel(spec, "wheel_1_", wheel, rig.motor)
+    extra = tuple(extra_floors)
+    _add_floors(spec, patches, extra)
+    mj_model = _compile(spec, floor, patches, extra, read_floors())
+    bind_wheels(mj_model, rig, 1)
+    bind_rail(mj_model, rig, mass * GRAVITY)
+    return mj_model

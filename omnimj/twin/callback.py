@@ -1,0 +1,149 @@
+"""The native callbacks that MuJoCo calls inside its step, and their installation.
+
+Three C functions compiled by numba, free of the interpreter: passive forces, activation rates of the wheel
+actuators (motor current, bristles), truth sensors. They act on models that carry our mark and on no other,
+are pure functions of mjModel and mjData, and allocate nothing that outlives the call; hence `mj_forward` has
+no side effect and a batch on many threads equals a serial loop bit for bit.
+"""
+
+from __future__ import annotations
+
+import ctypes
+
+import mujoco
+import numba
+from numba import types
+
+from omnimj.errors import OmnimjError
+from omnimj.physics.motor import MOTOR_ROW, next_current
+from omnimj.physics.native import cached, kernel
+from omnimj.twin import slots
+from omnimj.twin.forces import add_contact_forces, add_drive_torque, add_rail_friction, coast_rollers
+from omnimj.twin.layout import OFFSETS, check_offsets
+from omnimj.twin.memory import load_int, load_pointer, load_real, real_pointer, store_real
+from omnimj.twin.wheel_contact import gather, grip_wheel, new_contacts
+
+_STAGE_VELOCITY = int(mujoco.mjtStage.mjSTAGE_VEL)
+
+
+@kernel
+def wheel_count(m):
+    """Number of wheels of a model that is ours, 0 for any other."""
+    if load_pointer(m + OFFSETS.m_nactuator) == 0 or (
+        load_pointer(m + OFFSETS.m_nuser_actuator) != slots.ACTUATOR_SLOTS
+    ):
+        return 0
+    first = load_pointer(m + OFFSETS.m_actuator_user)
+    if load_real(first, slots.MAGIC) != slots.MAGIC_NUMBER:
+        return 0
+    return numba.int64(load_real(first, slots.WHEELS))
+
+
+@kernel
+def add_passive_forces(m, d):
+    """Everything between motor, wheel and floor, added to qfrc_passive."""
+    wheels = wheel_count(m)
+    if wheels == 0:
+        return
+    h = load_real(m + OFFSETS.m_timestep, 0)
+    found = new_contacts()
+    count = gather(m, d, -1, found)
+    for wheel in range(wheels):
+        own = load_pointer(m + OFFSETS.m_actuator_user) + 8 * slots.ACTUATOR_SLOTS * wheel
+        grip = grip_wheel(m, d, wheel, found, count, h)
+        rail = numba.int64(load_real(own, slots.RAIL_JOINT))
+        rail_dof = -1
+        if rail >= 0:
+            rail_dof = load_int(load_pointer(m + OFFSETS.m_jnt_dofadr), rail)
+        torque, pull = add_contact_forces(m, d, wheel, found, count, rail_dof, h)
+        coast_rollers(m, d, own, found, count, h)
+        add_drive_torque(m, d, wheel, own, grip[1], grip[3], torque, h)
+        if rail >= 0:
+            add_rail_friction(m, d, rail, grip[1], grip[3], pull, h)
+
+
+@kernel
+def set_activation_rates(m, d, actuator):
+    """act_dot = (next − now)/h of a wheel's current and bristles: exact for the frozen velocities."""
+    if actuator >= wheel_count(m):
+        return
+    h = load_real(m + OFFSETS.m_timestep, 0)
+    found = new_contacts()
+    count = gather(m, d, actuator, found)
+    grip = grip_wheel(m, d, actuator, found, count, h)
+    own = load_pointer(m + OFFSETS.m_actuator_user) + 8 * slots.ACTUATOR_SLOTS * actuator
+    address = load_int(load_pointer(m + OFFSETS.m_actuator_actadr), actuator)
+    act = load_pointer(d + OFFSETS.d_act) + 8 * address
+    rate = load_pointer(d + OFFSETS.d_act_dot) + 8 * address
+    command = load_real(
+        load_pointer(d + OFFSETS.d_ctrl), load_int(load_pointer(m + OFFSETS.m_actuator_ctrladr), actuator)
+    )
+    wheel_speed = load_real(load_pointer(d + OFFSETS.d_qvel), numba.int64(load_real(own, slots.WHEEL_DOF)))
+    motor = numba.carray(real_pointer(own + 8 * slots.MOTOR), (MOTOR_ROW,))
+    now = load_real(act, slots.CURRENT)
+    store_real(rate, slots.CURRENT, (next_current(motor, now, command, wheel_speed, h) - now) / h)
+    store_real(rate, slots.BRISTLE, (grip[5] - load_real(act, slots.BRISTLE)) / h)
+    store_real(rate, slots.LATERAL_BRISTLE, (grip[6] - load_real(act, slots.LATERAL_BRISTLE)) / h)
+
+
+@kernel
+def write_truth(m, d):
+    """Slip, normal, traction and lateral force, lateral velocity of each wheel into its user sensor."""
+    wheels = wheel_count(m)
+    if wheels == 0:
+        return
+    h = load_real(m + OFFSETS.m_timestep, 0)
+    found = new_contacts()
+    count = gather(m, d, -1, found)
+    sensors = load_pointer(d + OFFSETS.d_sensordata)
+    for wheel in range(wheels):
+        own = load_pointer(m + OFFSETS.m_actuator_user) + 8 * slots.ACTUATOR_SLOTS * wheel
+        grip = grip_wheel(m, d, wheel, found, count, h)
+        address = numba.int64(load_real(own, slots.SENSOR))
+        if address >= 0:
+            for k in range(5):
+                store_real(sensors, address + k, grip[k])
+
+
+@cached(numba.cfunc, types.void(types.int64, types.int64))
+def _passive(m, d):
+    add_passive_forces(m, d)
+
+
+@cached(numba.cfunc, types.float64(types.int64, types.int64, types.int32))
+def _activation(m, d, actuator):
+    # actuators with several activations write them directly; the value returned is not used
+    set_activation_rates(m, d, actuator)
+    return 0.0
+
+
+@cached(numba.cfunc, types.void(types.int64, types.int64, types.int32))
+def _sensor(m, d, stage):
+    if stage == _STAGE_VELOCITY:
+        write_truth(m, d)
+
+
+_CALLBACKS = {
+    "passive": ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(_passive.address),
+    "act_dyn": ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int)(
+        _activation.address
+    ),
+    "sensor": ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int)(_sensor.address),
+}
+
+
+def install() -> None:
+    """Installs the native callbacks in this process; a second call does nothing.
+
+    Raises:
+      NativeLayoutError: The installed MuJoCo keeps its data elsewhere than expected.
+      OmnimjError: Another library's callback is installed already; ours would silence it.
+    """
+    for name, function in _CALLBACKS.items():
+        present = getattr(mujoco, f"get_mjcb_{name}")()
+        if present is function:
+            continue
+        if present is not None:
+            raise OmnimjError(f"another mjcb_{name} is installed in this process ({present!r}); remove it first")
+        check_offsets(OFFSETS)
+        getattr(mujoco, f"set_mjcb_{name}")(function)
