@@ -79,7 +79,11 @@ def number(place: str, value: Any, rule: Rule, whole: bool = False) -> float | i
     """
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise InputError(place, f"found {value!r}", f"a number is needed that {rule}")
-    if rule.broken_by(float(value)):
+    try:
+        broken = rule.broken_by(float(value))
+    except OverflowError:  # a whole number beyond the range of floating point
+        broken = True
+    if broken:
         raise InputError(place, f"found {value!r}", str(rule))
     if whole and float(value) != int(value):
         raise InputError(place, f"found {value!r}", "must be a whole number")

@@ -127,7 +127,7 @@ def read_offsets() -> Offsets:
 
 _PROBE = """
 <mujoco>
-  <size nuser_geom="2" nuser_actuator="3" nuser_jnt="1"/>
+  <size nuser_geom="5" nuser_actuator="7" nuser_jnt="6"/>
   <option timestep="0.00123"/>
   <worldbody>
     <geom type="plane" size="1 1 1" user="1 2"/>
