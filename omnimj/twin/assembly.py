@@ -184,6 +184,7 @@ def rig_model(
     gantry.pos = [0.0, 0.0, body.rail_height]
     gantry.mass = body.gantry_mass
     spec.joint("rail").range = [-body.start_position, body.rail_length - body.start_position]
+    spec.joint("gantry").range = [-body.lateral_travel, body.lateral_travel]
     limit = math.degrees(body.tilt_limit) if spec.compiler.degree else body.tilt_limit
     spec.joint("tilt").range = [-limit, limit]
     spec.site("centre").pos = [0.0, 0.0, body.com_height - body.rail_height]

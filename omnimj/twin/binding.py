@@ -93,5 +93,6 @@ def bind_rail(mj_model: mujoco.MjModel, rig: Rig, weight: float) -> None:
         body.contact_offset,
         body.com_offset,
         weight,
+        body.rail_load_time,
     )
     mj_model.actuator_user[0, slots.RAIL_JOINT] = rail

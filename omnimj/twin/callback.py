@@ -9,6 +9,7 @@ no side effect and a batch on many threads equals a serial loop bit for bit.
 from __future__ import annotations
 
 import ctypes
+import math
 
 import mujoco
 import numba
@@ -57,9 +58,12 @@ def add_passive_forces(m, d):
             rail_dof = load_int(load_pointer(m + OFFSETS.m_jnt_dofadr), rail)
         torque, pull = add_contact_forces(m, d, wheel, found, count, rail_dof, h)
         coast_rollers(m, d, own, found, count, h)
-        add_drive_torque(m, d, wheel, own, grip[1], grip[3], torque, h)
+        side = grip[3]
         if rail >= 0:
-            add_rail_friction(m, d, rail, grip[1], grip[3], pull, h)
+            address = load_int(load_pointer(m + OFFSETS.m_actuator_actadr), wheel)
+            side = load_real(load_pointer(d + OFFSETS.d_act), address + slots.SIDE_LOAD)
+            add_rail_friction(m, d, rail, grip[1], side, pull, h)
+        add_drive_torque(m, d, wheel, own, grip[1], side, torque, h)
 
 
 @kernel
@@ -84,6 +88,12 @@ def set_activation_rates(m, d, actuator):
     store_real(rate, slots.CURRENT, (next_current(motor, now, command, wheel_speed, h) - now) / h)
     store_real(rate, slots.BRISTLE, (grip[5] - load_real(act, slots.BRISTLE)) / h)
     store_real(rate, slots.LATERAL_BRISTLE, (grip[6] - load_real(act, slots.LATERAL_BRISTLE)) / h)
+    rail = numba.int64(load_real(own, slots.RAIL_JOINT))
+    if rail >= 0:
+        # the tilting body's inertia carries what alternates with the rollers; the rail feels the rest
+        user = load_pointer(m + OFFSETS.m_jnt_user) + 8 * slots.JOINT_SLOTS * rail
+        share = -math.expm1(-h / load_real(user, slots.RAIL_LOAD_TIME))
+        store_real(rate, slots.SIDE_LOAD, share * (grip[3] - load_real(act, slots.SIDE_LOAD)) / h)
 
 
 @kernel

@@ -38,11 +38,13 @@ ACTUATOR_SLOTS = MOTOR + MOTOR_ROW
 
 # jnt_user of the rig's rail
 RAIL_COULOMB, RAIL_DRY, RAIL_VISCOUS, RAIL_HALF_WIDTH, RAIL_HEIGHT, RAIL_D, RAIL_E, RAIL_WEIGHT = range(8)
-JOINT_SLOTS = 8
+RAIL_LOAD_TIME = 8
+JOINT_SLOTS = 9
 
 # activations of a wheel's actuator
 CURRENT, BRISTLE, LATERAL_BRISTLE = 0, 1, 2
 ACTIVATIONS = 3
+SIDE_LOAD = 3  # the rig's only: lateral force of the floor as rail and bearings feel it, low-passed
 
 # a wheel's block in sensordata
 SENSED = ("slip_velocity", "normal_force", "traction_force", "lateral_force", "lateral_velocity")

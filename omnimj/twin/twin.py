@@ -21,6 +21,9 @@ from omnimj.twin.callback import install
 from omnimj.twin.conditions_in_model import Healthy
 
 
+_SETTLING = 0.3  # [s] that the gantry moves sideways before a rig run begins
+
+
 def _floors_of(faults: Sequence[Fault]) -> tuple[str, ...]:
     return tuple(str(f.numbers["floor"]) for f in faults if "floor" in f.numbers)
 
@@ -216,11 +219,23 @@ class RigTwin:
 
     def reset(self) -> RigMeasurement:
         """Carriage at its start, gantry already at its speed, time 0."""
-        mujoco.mj_resetData(self.mj_model, self.mj_data)
+        d = self.mj_data
+        mujoco.mj_resetData(self.mj_model, d)
         self._schedule.start()
-        self.mj_data.qpos[self._lift] = self._rest
-        self.mj_data.qvel[self._gantry] = self._lateral_speed
-        mujoco.mj_forward(self.mj_model, self.mj_data)
+        d.qpos[self._lift] = self._rest
+        if self._lateral_speed:
+            # as on the rig: first the gantry comes to its speed, then the wheel is driven
+            d.qvel[self._gantry] = d.ctrl[1] = self._lateral_speed
+            d.qpos[self._gantry] = -_SETTLING * self._lateral_speed
+            steps = round(0.5 * _SETTLING / self.mj_model.opt.timestep)
+            mujoco.mj_step(self.mj_model, d, steps)
+            side = 0.0
+            for _ in range(steps):
+                mujoco.mj_step(self.mj_model, d)
+                side += self._felt[slots.SENSED.index("lateral_force")] / steps
+            d.act[slots.SIDE_LOAD] = side
+            d.qpos[self._gantry], d.time = 0.0, 0.0
+        mujoco.mj_forward(self.mj_model, d)
         self._steps = 0
         self._sensors.reset()
         return self._measure()
