@@ -41,17 +41,19 @@ def motor_row(motor: Motor) -> np.ndarray:
 
 @kernel
 def set_current(row, command, wheel_speed):
-    """What the amplifier can and will drive: |i| ≤ limit and |R i + K_t ω| ≤ supply [A].
+    """What the amplifier can and will drive: |i| ≤ limit and |R i₁ + K_t ω| ≤ supply [A].
 
-    Source: system facts, section 1; ω = G_r φ̇ is the motor's speed.
+    i₁ is the wheel's own motor, ω = G_r φ̇ its speed; at the supply's voltage a second motor in parallel
+    takes what it needs on top of it.
     """
     if row[OVERRIDE] == 1.0:
         return 0.0
     if row[OVERRIDE] == 2.0:
         command = row[OVERRIDE_CURRENT]
     back_emf = row[TORQUE_CONSTANT] * row[RATIO] * wheel_speed
-    high = (row[SUPPLY] - back_emf) / row[RESISTANCE]
-    low = (-row[SUPPLY] - back_emf) / row[RESISTANCE]
+    eaten = min(row[SUPPLY] / row[RESISTANCE], row[PARALLEL_TORQUE] / row[TORQUE_CONSTANT])
+    high = (row[SUPPLY] - back_emf) / row[RESISTANCE] + eaten
+    low = (-row[SUPPLY] - back_emf) / row[RESISTANCE] - eaten
     limited = min(max(command, -row[LIMIT]), row[LIMIT])
     return min(max(limited, low), high)
 

@@ -85,7 +85,9 @@ class RobotTwin:
         self.period = 1.0 / robot.sensors.sample_rate
         self._wheels = len(robot.wheels)
         self.truth_names = robot_truth_names(self._wheels)
-        self.mj_model = robot_model(robot, floor, patches, _floors_of(faults), scene=scene)
+        self.mj_model = robot_model(
+            robot, floor, patches, _floors_of(faults), scene=scene, visuals=False
+        )
         self.mj_model.opt.timestep = self.period if timestep is None else timestep
         self._substeps = max(1, round(self.period / self.mj_model.opt.timestep))
         self.mj_data = mujoco.MjData(self.mj_model)
@@ -200,7 +202,7 @@ class RigTwin:
         """
         install()
         self.period = 1.0 / rig.sensors.sample_rate
-        self.mj_model = rig_model(rig, floor, mass, _floors_of(faults), patches)
+        self.mj_model = rig_model(rig, floor, mass, _floors_of(faults), patches, visuals=False)
         self.mj_model.opt.timestep = self.period if timestep is None else timestep
         self._substeps = max(1, round(self.period / self.mj_model.opt.timestep))
         self.mj_data = mujoco.MjData(self.mj_model)
