@@ -112,8 +112,14 @@ class Sensors:
     """RMS noise of the motor angle."""
     encoder_hysteresis: float = quantity("rad", 0.0)
     """Dead band of the motor angle at reversal."""
+    carriage_encoder_counts: int = quantity("1", 4)
+    """Positions per turn of the rig's measuring wheels, on the rail and on the gantry."""
+    carriage_encoder_noise: float = quantity("rad", 0.0)
+    """RMS noise of a measuring wheel's angle."""
+    carriage_encoder_radius: float = positive("m")
+    """Radius of a measuring wheel."""
     speed_filter: float = positive("s")
-    """Time constant of the amplifier's speed calculation."""
+    """Time constant of the speed calculation."""
     speed_monitor_range: float = positive("rad/s")
     """Motor speed at full scale of the speed monitor (±)."""
     speed_monitor_bits: int = quantity("1", 4, 32)

@@ -37,6 +37,8 @@ class RigBody:
     """μ_D,dry."""
     rail_viscous: float = quantity("s/m", 0.0)
     """μ_D,vis."""
+    rail_load_time: float = positive("s")
+    """Time over which the rail feels lateral force; the tilting body's inertia takes what is faster."""
     roller_row_spacing: float = positive("m")
     """j."""
     first_row_offset: float = quantity("m")

@@ -11,10 +11,9 @@ from __future__ import annotations
 
 import math
 
+from omnimj.parameters.floor import MAGIC_FORMULA
 from omnimj.physics.native import kernel
 
-# laws and places in a floor's row; the same numbers as in parameters.floor
-LUGRE_CAPPED, MAGIC_FORMULA = 1.0, 2.0
 _SMALL = 1e-12
 
 
@@ -44,8 +43,8 @@ def exact_step(z, slip, rate, h):
     x = rate * h
     if x < 1e-9:
         return z + slip * h
-    decay = math.exp(-x)
-    return z * decay + slip * (1.0 - decay) / rate
+    # expm1: 1 − e^(−x) would lose its digits at small x
+    return z + (slip / rate - z) * -math.expm1(-x)
 
 
 @kernel

@@ -86,7 +86,7 @@ class RobotTwin:
         self._wheels = len(robot.wheels)
         self.truth_names = robot_truth_names(self._wheels)
         self.mj_model = robot_model(
-            robot, floor, patches, _floors_of(faults), scene=scene, visuals=False
+            robot, floor, patches, _floors_of(faults), scene=scene, lean=True
         )
         self.mj_model.opt.timestep = self.period if timestep is None else timestep
         self._substeps = max(1, round(self.period / self.mj_model.opt.timestep))
@@ -104,7 +104,8 @@ class RobotTwin:
         block = self.mj_data.sensordata[first : first + 5 * self._wheels]
         self._felt = block.reshape(self._wheels, 5)[:, :3].T  # slip, normal force, traction
         self._felt_size = 3 * self._wheels
-        self._acceleration = self.mj_data.sensor("accelerometer").data[:2]
+        self._gravity = self.mj_model.opt.gravity
+        self._axes = self.mj_data.xmat[self.mj_model.body("chassis").id].reshape(3, 3)
         self._gyro = self.mj_data.sensor("gyro").data
         self._steps, self._turns, self._last_heading = 0, 0.0, start[2]
 
@@ -138,12 +139,20 @@ class RobotTwin:
         self._last_heading = heading + self._turns
         return self._last_heading
 
+    def _acceleration(self) -> Array:
+        """What an accelerometer at the centre reads along the body's x and y: Rᵀ(a − g) [m/s²].
+
+        The chassis is a free joint at the centre, its first accelerations are those of the centre.
+        """
+        felt = self.mj_data.qacc[:3] - self._gravity
+        return felt @ self._axes[:, :2]
+
     def _measure(self) -> Measurement:
         return self._sensors.measure(
             self._steps * self.period,
             self._currents,
             self.mj_data.qvel[self._axles],
-            self._acceleration,
+            self._acceleration(),
             float(self._gyro[2]),
             self._heading(),
         )
@@ -202,7 +211,7 @@ class RigTwin:
         """
         install()
         self.period = 1.0 / rig.sensors.sample_rate
-        self.mj_model = rig_model(rig, floor, mass, _floors_of(faults), patches, visuals=False)
+        self.mj_model = rig_model(rig, floor, mass, _floors_of(faults), patches, lean=True)
         self.mj_model.opt.timestep = self.period if timestep is None else timestep
         self._substeps = max(1, round(self.period / self.mj_model.opt.timestep))
         self.mj_data = mujoco.MjData(self.mj_model)
@@ -214,7 +223,6 @@ class RigTwin:
             int(m.joint(name).qposadr[0]) for name in ("rail", "lift", "tilt", "gantry", "wheel_1_axle")
         )
         self._felt = self.mj_data.sensor("wheel_1_contact").data
-        self._acceleration = self.mj_data.sensor("accelerometer").data
         self._steps = 0
         weight = -m.opt.gravity[2] * float(m.body_subtreemass[m.body("carriage").id])
         self._rest = -weight / rig.contact.stiffness
@@ -259,7 +267,7 @@ class RigTwin:
             float(self.mj_data.act[slots.CURRENT]),
             float(speed[self._axle]),
             float(speed[self._rail]),
-            float(self._acceleration[0]),
+            float(self.mj_data.qacc[self._rail]),
             float(speed[self._gantry]),
         )
 

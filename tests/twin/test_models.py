@@ -9,8 +9,10 @@ import pytest
 from omnimj.errors import InputError
 from omnimj.plant.patches import Patch
 from omnimj.resources import models_folder
+from omnimj.signals import CurrentCommand
 from omnimj.twin import slots
 from omnimj.twin.assembly import load_spec, rig_model, robot_model
+from omnimj.twin.twin import RigTwin, RobotTwin
 
 COMPARED = (
     "body_mass",
@@ -141,12 +143,40 @@ def test_wheels_that_the_file_cannot_be_are_refused(robot, floors, change, named
         robot_model(other, floors["pvc"])
 
 
-def test_what_is_only_seen_changes_nothing_that_is_computed(robot, floors):
+def test_a_lean_model_steps_to_the_same_state(robot, floors):
     states = []
-    for visuals in (True, False):
-        m = robot_model(robot, floors["natural_stone"], visuals=visuals)
+    for lean in (False, True):
+        m = robot_model(robot, floors["natural_stone"], lean=lean)
         d = mujoco.MjData(m)
         d.ctrl[:] = (0.2, -0.8, 0.1, 0.6)
         mujoco.mj_step(m, d, 500)
         states.append(np.concatenate([d.qpos, d.qvel, d.act]))
-    assert np.array_equal(*states)
+    assert np.allclose(*states, rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("current", [(0.4, -0.9, -0.3, 0.8), (0.7, 0.7, 0.7, 0.9)])
+def test_the_twin_s_accelerations_are_those_of_mujoco_s_accelerometer(robot, floors, current):
+    full = robot_model(robot, floors["natural_stone"])
+    d = mujoco.MjData(full)
+    twin = RobotTwin(robot, floors["natural_stone"], ideal_sensors=True)
+    twin.reset()
+    d.qpos[2] = twin.mj_data.qpos[2]
+    d.ctrl[:] = current
+    command = CurrentCommand(np.array(current))
+    for _ in range(800):
+        mujoco.mj_step(full, d)
+        felt = twin.step(command).acceleration
+        assert np.allclose(felt, d.sensor("accelerometer").data[:2], atol=1e-3)
+
+
+def test_the_rig_s_acceleration_is_that_of_mujoco_s_accelerometer(rig, floors):
+    full = rig_model(rig, floors["natural_stone"])
+    d = mujoco.MjData(full)
+    twin = RigTwin(rig, floors["natural_stone"], ideal_sensors=True)
+    twin.reset()
+    d.qpos[:] = twin.mj_data.qpos
+    d.ctrl[0] = 0.9
+    for _ in range(500):
+        mujoco.mj_step(full, d)
+        felt = twin.step(CurrentCommand(np.array([0.9]))).carriage_acceleration
+        assert felt == pytest.approx(d.sensor("accelerometer").data[0], abs=1e-3)

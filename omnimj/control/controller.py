@@ -1,0 +1,192 @@
+"""The cascade: heading → allocation → wheel-speed PI → limits. State goes in and comes out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from omnimj.control.allocation import inverse_kinematics, wheel_speed_target
+from omnimj.control.heading import next_heading, to_body, wrapped, yaw_rate_demand
+from omnimj.control.limits import limit_all, limits_row
+from omnimj.control.standstill import is_standing
+from omnimj.control.target import Target
+from omnimj.control.wheel_speed import amplifier_row, speed_loop, speed_loop_row
+from omnimj.parameters import Robot
+from omnimj.physics.native import kernel
+from omnimj.signals import Array, CurrentCommand, Measurement
+
+_TOP_LOG = ("target_twist_x", "target_twist_y", "target_yaw_rate", "heading_estimate")
+_WHEEL_LOG = ("target_wheel_speed", "target_current", "limit_reason")
+
+
+@dataclass(frozen=True, slots=True)
+class ControlState:
+    """What the controller carries from one step to the next."""
+
+    heading: float
+    """Estimate, unwrapped [rad]."""
+    integral: Array
+    """q of the wheel-speed loops, shape (n,) [A]."""
+    current: Array
+    """Last command, shape (n,) [A]."""
+    log: Array
+    """What was asked in the last step, aligned with `Controller.log_names`."""
+
+
+@kernel
+def _all_finite(values):
+    for value in values:  # noqa: SIM110 a loop is what compiles well
+        if not math.isfinite(value):
+            return False
+    return True
+
+
+@kernel
+def is_good(wheels, time, current, wheel_speed, acceleration, yaw_rate, yaw):
+    """Whether a measurement is complete and finite; any other is not acted upon."""
+    complete = current.size == wheels and wheel_speed.size == wheels and acceleration.size == 2
+    scalars = math.isfinite(time) and math.isfinite(yaw_rate) and math.isfinite(yaw)
+    return (
+        complete
+        and scalars
+        and _all_finite(current)
+        and _all_finite(wheel_speed)
+        and _all_finite(acceleration)
+    )
+
+
+@kernel
+def demanded_twist(
+    loops, heading, measured_yaw_rate, wheel_speed, velocity_x, velocity_y, yaw_rate, target_heading
+):
+    """World demand → body twist (v_x, v_y [m/s], yaw rate [rad/s]), Fig. 3.3 upper level.
+
+    Args:
+      loops: [yaw-rate gain, heading gain, 1 to rotate by the measured heading or 0 by the planned one, …].
+      heading: Estimate [rad].
+      measured_yaw_rate: Gyro [rad/s].
+      wheel_speed: Measured, shape (n,) [rad/s].
+      velocity_x: World demand [m/s].
+      velocity_y: World demand [m/s].
+      yaw_rate: Demand [rad/s].
+      target_heading: Planned [rad].
+    """
+    error = wrapped(target_heading - heading) if loops[1] > 0.0 else 0.0
+    if is_standing(velocity_x, velocity_y, yaw_rate, error, measured_yaw_rate, wheel_speed):
+        return 0.0, 0.0, 0.0
+    frame = heading if loops[2] != 0.0 else target_heading
+    twist_x, twist_y = to_body(velocity_x, velocity_y, frame)
+    return twist_x, twist_y, yaw_rate_demand(yaw_rate, measured_yaw_rate, error, loops[0], loops[1])
+
+
+@kernel
+def cascade(
+    loops, speed_per_twist, speed_row, amplifier, limits,
+    heading, integral, last,
+    good, wheel_speed, measured_yaw_rate, yaw,
+    velocity_x, velocity_y, yaw_rate, target_heading,
+):  # fmt: skip
+    """One step of the whole controller: heading, integrals [A], currents [A] and the log.
+
+    A measurement that is not good changes nothing but the command, which is zero, and empties the integrals.
+    """
+    n = speed_per_twist.shape[0]
+    log = np.empty(4 + 3 * n)
+    targets, currents, reasons = log[4 : 4 + n], np.empty(n), log[4 + 2 * n :]
+    wanted, integrals = np.empty(n), np.zeros(n)
+
+    if good:
+        heading = next_heading(heading, yaw, measured_yaw_rate, loops[3], loops[4])
+    twist = demanded_twist(
+        loops, heading, measured_yaw_rate, wheel_speed, velocity_x, velocity_y, yaw_rate, target_heading
+    )
+    for i in range(n):
+        targets[i] = wheel_speed_target(speed_per_twist, i, twist[0], twist[1], twist[2])
+        if good:
+            wanted[i], integrals[i] = speed_loop(
+                speed_row, amplifier, targets[i], wheel_speed[i], integral[i]
+            )
+    limit_all(limits, wanted, last, wheel_speed, good, currents, reasons)
+    if not (good and _all_finite(wanted)):
+        integrals[:] = 0.0
+
+    log[0], log[1], log[2], log[3] = twist[0], twist[1], twist[2], heading
+    log[4 + n : 4 + 2 * n] = currents
+    return heading, integrals, currents, log
+
+
+class Controller:
+    """Cascade control of a robot with n wheels: section 3.1.2, without diagnosis.
+
+    ```
+    state = controller.start(measurement)
+    command, state = controller.step(state, measurement, target)
+    ```
+
+    Args:
+      robot: Geometry, motor, gains, limits.
+      yaw_loop: P on the yaw rate.
+      heading_hold: P on the heading, on top of the yaw-rate demand.
+      heading_feedback: Rotate world demands by the measured heading; by the planned one when False.
+      scale: Inverse kinematics, `corrected` or `published`.
+      weights: W_i of the published scale, shape (n,); ones when None.
+      period: Control period [s]; that of the robot's sensors when None.
+
+    Raises:
+      UnknownNameError: No such scale.
+      InputError: Weights that are not n positive numbers.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        yaw_loop: bool = True,
+        heading_hold: bool = False,
+        heading_feedback: bool = True,
+        scale: str = "corrected",
+        weights: ArrayLike | None = None,
+        period: float | None = None,
+    ):
+        self.period = 1.0 / robot.sensors.sample_rate if period is None else period
+        gains, n = robot.control, len(robot.wheels)
+        loops = (
+            gains.yaw_rate_proportional if yaw_loop else 0.0,
+            gains.heading_proportional if heading_hold else 0.0,
+            float(heading_feedback),
+            robot.sensors.gyro_range,
+            self.period,
+        )
+        inverse = inverse_kinematics(robot.wheel_positions, robot.drive_directions, scale, weights)
+        self._laws = (
+            np.array(loops),
+            np.ascontiguousarray(inverse / robot.wheel.radius),
+            speed_loop_row(robot, self.period),
+            amplifier_row(robot),
+            limits_row(gains, self.period),
+        )
+        self.wheels = n
+        self.log_names = _TOP_LOG + tuple(f"{name}_{i}" for name in _WHEEL_LOG for i in range(1, n + 1))
+
+    def start(self, measurement: Measurement) -> ControlState:
+        """The state before the first step: heading as measured, within ±π, and no current."""
+        yaw = measurement.yaw
+        heading = wrapped(yaw) if math.isfinite(yaw) else 0.0
+        n = self.wheels
+        return ControlState(heading, np.zeros(n), np.zeros(n), np.zeros(len(self.log_names)))
+
+    def step(
+        self, state: ControlState, measurement: Measurement, target: Target
+    ) -> tuple[CurrentCommand, ControlState]:
+        """Currents for the next period. Bad data gives zero current, never an exception."""
+        m, velocity = measurement, target.velocity
+        good = is_good(self.wheels, m.time, m.current, m.wheel_speed, m.acceleration, m.yaw_rate, m.yaw)
+        heading, integral, current, log = cascade(
+            *self._laws,
+            state.heading, state.integral, state.current,
+            good, m.wheel_speed, m.yaw_rate, m.yaw,
+            velocity[0], velocity[1], target.yaw_rate, target.heading,
+        )  # fmt: skip
+        return CurrentCommand(current), ControlState(heading, integral, current, log)

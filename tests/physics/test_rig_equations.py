@@ -1,0 +1,162 @@
+"""Laws of the rig model and the published figures that its constants were chosen for."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rig_reference import integrate, rates
+from scipy.integrate import solve_ivp
+
+from omnimj.parameters import read_floors, read_rig
+from omnimj.physics.motor import motor_row
+from omnimj.physics.rig import OUTPUT, derivative, rail_friction, rig_row, step
+
+RIG, FLOORS = read_rig(), read_floors()
+MOTOR = motor_row(RIG.motor)
+WEIGHT = 3.9593 * 9.81
+WITHOUT_BEARING = dataclasses.replace(RIG, bearing=dataclasses.replace(RIG.bearing, dry=0.0))
+# every term that is zero in the shipped rig has a value here
+EVERYTHING = dataclasses.replace(
+    RIG,
+    wheel=dataclasses.replace(RIG.wheel, rolling_resistance=0.01),
+    bearing=dataclasses.replace(RIG.bearing, viscous=0.002),
+    rig=dataclasses.replace(RIG.rig, contact_offset=0.01, com_offset=-0.004, rail_viscous=0.05),
+)
+
+
+def _run(current, floor="natural_stone", mass=3.9593, duration=2.0, lateral=0.0, published=False, rig=RIG):
+    state, output, row = np.zeros(4), np.zeros(OUTPUT), rig_row(rig, mass)
+    states, outputs = [state.copy()], [output.copy()]
+    for _ in range(round(duration * 1000)):
+        step(state, current, lateral, row, MOTOR, FLOORS[floor].row, 2.5e-4, 4, published, output)
+        states.append(state.copy())
+        outputs.append(output.copy())
+    return np.array(states), np.array(outputs)
+
+
+@pytest.mark.parametrize("mass", RIG.rig.masses)
+@pytest.mark.parametrize("floor", ["natural_stone", "pvc", "paperboard", "natural_stone_capped", "oil"])
+def test_fixed_step_agrees_with_the_independent_reference(floor, mass):
+    for current in (0.15, 0.2, 0.45, 0.75, 1.05, 1.5):
+        _, speed, wheel_speed = integrate(RIG, FLOORS[floor], mass, current, 1.5)
+        states, _ = _run(current, floor, mass, 1.5)
+        assert np.sqrt(np.mean((states[:, 0] - speed) ** 2)) < 5e-4
+        assert np.sqrt(np.mean((states[:, 1] - wheel_speed) ** 2)) * RIG.wheel.radius < 1e-3
+
+
+@pytest.mark.parametrize("lateral", [0.2, -0.2, 0.65, -0.65])
+def test_fixed_step_agrees_with_the_reference_while_moving_sideways(lateral):
+    for current in (0.6, 1.5):
+        _, speed, _ = integrate(RIG, FLOORS["natural_stone"], 3.9593, current, 1.5, lateral)
+        states, _ = _run(current, lateral=lateral, duration=1.5)
+        assert np.sqrt(np.mean((states[:, 0] - speed) ** 2)) < 5e-4
+
+
+speeds, wheel_speeds = st.floats(-1.5, 1.5), st.floats(-30.0, 30.0)
+
+
+@given(speeds, wheel_speeds, st.floats(-0.002, 0.002), st.floats(-1.5, 1.5), st.floats(-0.7, 0.7))
+def test_right_hand_side_is_the_references(speed, wheel_speed, z, current, lateral):
+    state = np.array([speed, wheel_speed, z, 0.3])
+    mine = derivative(state, current, lateral, rig_row(EVERYTHING), MOTOR, FLOORS["pvc"].row, 1e-4, False)
+    theirs, _ = rates(EVERYTHING, FLOORS["pvc"], RIG.rig.masses[0], current, lateral, state)
+    np.testing.assert_allclose(mine, theirs, rtol=1e-9, atol=1e-9)
+
+
+@given(speeds, wheel_speeds, st.floats(-1.5, 1.5))
+def test_without_lag_the_current_is_the_set_one(speed, wheel_speed, current):
+    row, floor = rig_row(RIG), FLOORS["pvc"].row
+    short = derivative(np.array([speed, wheel_speed, 0.0]), current, 0.0, row, MOTOR, floor, 1e-4, False)
+    emf = RIG.motor.torque_constant * RIG.motor.gear_ratio * wheel_speed
+    most, least = (24.0 - emf) / RIG.motor.resistance, (-24.0 - emf) / RIG.motor.resistance
+    state = np.array([speed, wheel_speed, 0.0, max(least, min(most, current))])
+    full = derivative(state, current, 0.0, row, MOTOR, floor, 1e-4, False)
+    np.testing.assert_allclose(short, full[:3], rtol=1e-12, atol=1e-12)
+
+
+def test_a_measured_current_can_drive_the_smooth_model():
+    time = np.linspace(0.0, 1.0, 1001)
+    measured = 0.9 * np.minimum(time / 0.1, 1.0)
+    row, floor = rig_row(RIG), FLOORS["natural_stone"].row
+
+    def rate(t, state):
+        return derivative(state, np.interp(t, time, measured), 0.0, row, MOTOR, floor, 1e-4, False)
+
+    smooth = solve_ivp(rate, (0.0, 1.0), np.zeros(3), method="LSODA", rtol=1e-9, atol=1e-9, max_step=0.01)
+    state, output = np.zeros(4), np.zeros(OUTPUT)
+    for current in measured[1:]:
+        step(state, current, 0.0, row, MOTOR, floor, 2.5e-4, 4, False, output)
+    assert state[0] == pytest.approx(smooth.y[0, -1], abs=2e-3)
+
+
+def test_published_cruise_current_and_top_speed():
+    states, _ = _run(1.35, duration=3.0)
+    assert states[-1, 3] == pytest.approx(0.19, abs=0.01)
+    assert states[-1, 0] == pytest.approx(1.43, abs=0.015)
+
+
+def test_published_rise_time():
+    states, _ = _run(1.35, duration=3.0)
+    rise = np.argmax(states[:, 0] > 0.95 * states[-1, 0]) * 1e-3
+    assert rise == pytest.approx(0.48, abs=0.01)
+
+
+def test_published_peak_traction():
+    _, outputs = _run(1.5)
+    assert outputs[:, 2].max() == pytest.approx(16.6, abs=0.1)
+
+
+def test_a_current_of_015_just_moves_but_for_the_wheel_bearing():
+    """True of the equations without Eq. 4.38; its torque moves the limit from 0.148 to 0.157 A."""
+    motor = RIG.motor
+    gear = motor.gear_ratio * motor.gear_efficiency * motor.torque_constant
+    limit = motor.no_load_torque / motor.torque_constant + RIG.wheel.radius * RIG.rig.rail_friction / gear
+    assert limit == pytest.approx(0.148, abs=5e-4)
+    assert _run(0.15, rig=WITHOUT_BEARING)[0][-1, 0] > 0.01
+    assert _run(0.147, rig=WITHOUT_BEARING)[0][-1, 0] < 1e-6
+    assert _run(0.155)[0][-1, 0] < 1e-6
+    assert _run(0.158)[0][-1, 0] > 0.005
+
+
+def test_rail_load_without_offsets_is_the_roller_friction_times_its_leverage():
+    dry, _ = rail_friction(rig_row(RIG), 1.0)
+    c_over_h = RIG.rig.rail_height / RIG.rig.rail_half_width
+    assert dry == pytest.approx(0.304 + 0.10 * c_over_h)
+    assert rail_friction(rig_row(RIG), 0.0)[0] == pytest.approx(0.304)
+
+
+@pytest.mark.parametrize("lateral", [0.2, 0.5, -0.2, -0.5])
+def test_sideways_motion_slows_the_carriage(lateral):
+    straight, sideways = _run(0.6, duration=1.0)[0], _run(0.6, duration=1.0, lateral=lateral)[0]
+    gap = np.sqrt(np.mean((straight[:, 0] - sideways[:, 0]) ** 2))
+    assert 0.02 < gap < 0.10  # the range of Table 4.3
+    assert sideways[-1, 0] < straight[-1, 0]
+
+
+def test_sideways_motion_loads_the_bearings_asymmetrically():
+    outward, inward = _run(0.45, lateral=0.65)[0][-1, 0], _run(0.45, lateral=-0.65)[0][-1, 0]
+    assert outward > inward + 1e-4
+
+
+def test_printed_no_load_torque_drives_the_rig_without_current():
+    for published in (False, True):
+        states, _ = _run(0.0, published=published)
+        assert bool(states[-1, 0] < -0.1) is published
+
+
+def test_resting_rig_is_still_to_the_last_bit():
+    states, _ = _run(0.1, duration=5.0)
+    assert np.all(states[:, :3] == 0.0)
+
+
+def test_carriage_stops_and_stays():
+    row, output = rig_row(RIG), np.zeros(OUTPUT)
+    state = np.array([0.5, 10.0, 0.0, 0.0])
+    for _ in range(6000):
+        step(state, 0.0, 0.0, row, MOTOR, FLOORS["natural_stone"].row, 2.5e-4, 4, False, output)
+    assert abs(state[0]) < 1e-9
+    assert abs(state[1]) < 1e-9

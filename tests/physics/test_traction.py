@@ -1,0 +1,127 @@
+"""Laws of the traction between wheel and floor."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.integrate import quad, solve_ivp
+
+from omnimj.parameters import read_floors
+from omnimj.physics.traction import exact_step, force_ratio, relaxation_rate, steady_ratio
+from omnimj.physics.wheel import mean_deflection
+
+FLOORS = read_floors()
+LUGRE = [name for name, floor in FLOORS.items() if floor.law == "lugre"]
+CAPPED = [name for name, floor in FLOORS.items() if floor.law == "lugre_capped"]
+MAGIC = [name for name, floor in FLOORS.items() if floor.law == "magic_formula"]
+
+slips = st.floats(-3.0, 3.0)
+steps = st.floats(1e-6, 1.0)
+
+
+def _stribeck(floor, slip):
+    q = floor.numbers
+    return q["mu_c"] + (q["mu_s"] - q["mu_c"]) * math.exp(-(abs(slip / q["V_s"]) ** 0.5))
+
+
+def _settled(floor, slip, reference_speed, h=1e-3, time=None):
+    rate = relaxation_rate(floor.row, slip, reference_speed)
+    z = 0.0
+    for _ in range(round((time or 40.0 / rate) / h) + 1):
+        z = exact_step(z, slip, rate, h)
+    return force_ratio(floor.row, z, slip, rate)
+
+
+@pytest.mark.parametrize("name", LUGRE)
+@pytest.mark.parametrize("slip", [-1.2, -0.3, -0.01, 0.02, 0.4, 1.2])
+def test_steady_traction_is_the_closed_form(name, slip):
+    floor = FLOORS[name]
+    closed = _stribeck(floor, slip) * math.copysign(1.0, slip) + floor.numbers["sigma_2"] * slip
+    assert _settled(floor, slip, 1.0) == pytest.approx(closed, rel=1e-12)
+    assert steady_ratio(floor.row, slip, 1.0) == pytest.approx(closed, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", LUGRE)
+@pytest.mark.parametrize("slip", [-0.8, 0.003, 0.25])
+def test_exact_step_agrees_with_an_adaptive_integrator(name, slip):
+    q, g = FLOORS[name].numbers, _stribeck(FLOORS[name], slip)
+    solution = solve_ivp(
+        lambda _, z: slip - q["sigma_0"] * abs(slip) / g * z, (0.0, 0.05), [0.002], rtol=1e-11, atol=1e-13
+    )
+    rate = relaxation_rate(FLOORS[name].row, slip, 1.0)
+    assert exact_step(0.002, slip, rate, 0.05) == pytest.approx(solution.y[0, -1], abs=1e-10)
+
+
+@given(st.floats(-0.05, 0.05), slips, st.floats(0.0, 1e5), steps)
+def test_two_half_steps_are_one_step(z, slip, rate, h):
+    half = exact_step(exact_step(z, slip, rate, 0.5 * h), slip, rate, 0.5 * h)
+    # below a rate of 1e-9 per step the decay is left out, which is its relative error
+    assert half == pytest.approx(exact_step(z, slip, rate, h), rel=1e-8, abs=1e-12)
+
+
+@given(st.sampled_from(LUGRE), st.lists(st.tuples(slips, steps), min_size=1, max_size=50))
+def test_bristle_never_passes_its_largest_deflection(name, history):
+    floor, z = FLOORS[name], 0.0
+    for slip, h in history:
+        z = exact_step(z, slip, relaxation_rate(floor.row, slip, 3.0), h)
+        assert abs(z) <= floor.numbers["mu_s"] / floor.numbers["sigma_0"] * (1.0 + 1e-9)
+
+
+@given(st.sampled_from(sorted(FLOORS)), st.floats(-0.02, 0.02), slips, st.floats(0.01, 3.0))
+def test_traction_is_odd(name, z, slip, reference_speed):
+    row = FLOORS[name].row
+    rate = relaxation_rate(row, slip, reference_speed)
+    assert relaxation_rate(row, -slip, reference_speed) == rate
+    assert force_ratio(row, -z, -slip, rate) == -force_ratio(row, z, slip, rate)
+
+
+@given(st.floats(-0.02, 0.02), slips, st.floats(1e-3, 1e4), st.floats(1e-5, 0.1))
+def test_mean_deflection_is_the_integral_over_the_step(z, slip, rate, h):
+    total, _ = quad(lambda t: exact_step(z, slip, rate, t), 0.0, h, points=[min(h, 3.0 / rate)], limit=200)
+    mean = mean_deflection(z, exact_step(z, slip, rate, h), slip, rate, h)
+    assert mean == pytest.approx(total / h, rel=1e-6, abs=1e-8)
+
+
+@given(st.sampled_from(LUGRE), st.lists(st.tuples(slips, st.floats(1e-5, 0.2)), min_size=1, max_size=60))
+def test_traction_only_takes_energy_out(name, history):
+    floor, z, work = FLOORS[name], 0.0, 0.0
+    for slip, h in history:
+        rate = relaxation_rate(floor.row, slip, 3.0)
+        z_next = exact_step(z, slip, rate, h)
+        work += h * slip * force_ratio(floor.row, mean_deflection(z, z_next, slip, rate, h), slip, rate)
+        z = z_next
+        stored = 0.5 * floor.numbers["sigma_0"] * z * z  # per newton of normal force
+        assert work >= stored - 1e-9
+
+
+@given(st.sampled_from(CAPPED), st.floats(-0.02, 0.02), slips)
+def test_a_capped_floor_is_lugre_up_to_its_ceiling(name, z, slip):
+    row = FLOORS[name].row
+    open_row = row.copy()
+    open_row[7] = np.inf
+    rate, cap = relaxation_rate(row, slip, 1.0), FLOORS[name].numbers["mu_cap"]
+    free = force_ratio(open_row, z, slip, rate)
+    assert force_ratio(row, z, slip, rate) == (free if abs(free) <= cap else math.copysign(cap, free))
+
+
+@pytest.mark.parametrize(
+    ("name", "slip_ratio", "force"),
+    # Table 3.1 and Eq. 3.18 at B s = ±1: D sin(C atan(1 − E (1 − π/4)))
+    [("dry_asphalt", 0.1, 0.9558), ("ice", -0.25, -0.09715), ("snow", 0.2, 0.29146)],
+)
+def test_magic_formula_at_known_slip_ratios(name, slip_ratio, force):
+    assert steady_ratio(FLOORS[name].row, slip_ratio, 1.0) == pytest.approx(force, abs=1e-4)
+
+
+@pytest.mark.parametrize("name", MAGIC)
+@pytest.mark.parametrize(("rim", "ground"), [(1.0, 0.9), (1.0, 0.2), (0.3, 0.9), (-1.0, -0.6), (-0.2, -0.8)])
+def test_magic_formula_settles_at_the_slip_ratio_of_the_text(name, rim, ground):
+    q = FLOORS[name].numbers
+    ratio = 1.0 - ground / rim if abs(rim) > abs(ground) else rim / ground - 1.0
+    x = q["B"] * ratio * math.copysign(1.0, rim)
+    closed = q["D"] * math.sin(q["C"] * math.atan(x - q["E"] * (x - math.atan(x))))
+    assert _settled(FLOORS[name], rim - ground, max(abs(rim), abs(ground))) == pytest.approx(closed, rel=1e-9)
