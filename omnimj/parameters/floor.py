@@ -80,7 +80,7 @@ def _read_floor(place: str, name: str, table: object) -> Floor:
     if not isinstance(table, Mapping):
         raise InputError(place, "is not a table")
     law = table.get("law")
-    if law not in LAWS:
+    if not isinstance(law, str) or law not in LAWS:
         raise UnknownNameError(f"{place}.law", "traction law", law, LAWS)
     keys = LAWS[law][1]
     known = ("description", "law", "source", *keys)
@@ -118,6 +118,6 @@ def find_floor(name: object, place: str, floors: Mapping[str, Floor] | None = No
       UnknownNameError: No such floor; the message lists the known ones.
     """
     floors = read_floors() if floors is None else floors
-    if name not in floors:
+    if not isinstance(name, str) or name not in floors:
         raise UnknownNameError(place, "floor", name, floors)
-    return floors[str(name)]
+    return floors[name]

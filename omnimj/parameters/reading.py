@@ -67,7 +67,9 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise InputError(path, "no such file") from None
     except IsADirectoryError:
         raise InputError(path, "is a folder", "a TOML file is needed") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except RecursionError:
+        raise InputError(path, "is not valid TOML", "it is nested too deeply") from None
+    except ValueError as error:  # not TOML, not UTF-8, or a number of thousands of digits
         raise InputError(path, "is not valid TOML", str(error)) from None
 
 

@@ -50,7 +50,7 @@ def robot_truth_names(wheels: int) -> tuple[str, ...]:
     return ("x", "y", "heading", "twist_x", "twist_y", "twist_yaw", *per_wheel)
 
 
-RIG_TRUTH_NAMES = (
+RIG_TRUTH_NAMES: tuple[str, ...] = (
     "carriage_position",
     "true_carriage_speed",
     "true_wheel_speed",

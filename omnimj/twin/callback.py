@@ -57,7 +57,7 @@ def add_passive_forces(m, d):
         if rail >= 0:
             rail_dof = load_int(load_pointer(m + OFFSETS.m_jnt_dofadr), rail)
         torque, pull = add_contact_forces(m, d, wheel, found, count, rail_dof, h)
-        coast_rollers(m, d, own, found, count, h)
+        coast_rollers(m, d, own, wheel, found, count, h)
         side = grip[3]
         if rail >= 0:
             address = load_int(load_pointer(m + OFFSETS.m_actuator_actadr), wheel)
@@ -157,3 +157,13 @@ def install() -> None:
             raise OmnimjError(f"another mjcb_{name} is installed in this process ({present!r}); remove it first")
         check_offsets(OFFSETS)
         getattr(mujoco, f"set_mjcb_{name}")(function)
+
+
+@kernel
+def repeat_callbacks(m, d, times):
+    """Calls on one frozen state what one step calls, again and again: for measuring its cost only."""
+    for _ in range(times):
+        add_passive_forces(m, d)
+        for wheel in range(wheel_count(m)):
+            set_activation_rates(m, d, wheel)
+        write_truth(m, d)

@@ -123,21 +123,29 @@ def add_contact_forces(m, d, wheel, found, count, second, h):
 
 
 @kernel
-def coast_rollers(m, d, own, found, count, h):
+def coast_rollers(m, d, own, wheel, found, count, h):
     """Lifted rollers lose their spin in the bearing's grease: torque −I ω/τ."""
     first = numba.int64(load_real(own, slots.FIRST_ROLLER_DOF))
     passive = load_pointer(d + OFFSETS.d_qfrc_passive)
     spin = load_pointer(d + OFFSETS.d_qvel)
     inertia = load_pointer(m + OFFSETS.m_dof_M0)
-    body_dof = load_pointer(m + OFFSETS.m_body_dofadr)
     rate = 1.0 / max(load_real(own, slots.ROLLER_COAST), h)
     for dof in range(first, first + numba.int64(load_real(own, slots.ROLLER_COUNT))):
-        loaded = False
-        for i in range(count):
-            loaded |= load_int(body_dof, numba.int64(found[i, ROLLER_BODY])) == dof
-        if not loaded:
+        drag = load_real(inertia, dof) * load_real(spin, dof) * rate
+        store_real(passive, dof, load_real(passive, dof) - drag)
+    for i in range(count):  # rollers on the floor roll instead: give them their drag back, once each
+        if found[i, WHEEL] == wheel and _is_first_of_its_roller(found, i):
+            dof = load_int(load_pointer(m + OFFSETS.m_body_dofadr), numba.int64(found[i, ROLLER_BODY]))
             drag = load_real(inertia, dof) * load_real(spin, dof) * rate
-            store_real(passive, dof, load_real(passive, dof) - drag)
+            store_real(passive, dof, load_real(passive, dof) + drag)
+
+
+@kernel
+def _is_first_of_its_roller(found, i):
+    for j in range(i):  # noqa: SIM110 a loop is what compiles well
+        if found[j, ROLLER_BODY] == found[i, ROLLER_BODY]:
+            return False
+    return True
 
 
 @kernel

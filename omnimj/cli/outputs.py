@@ -1,0 +1,81 @@
+"""What a run leaves behind: the files of its folder, and the live view."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from omnimj.recording.folder import whole_file
+
+if TYPE_CHECKING:
+    from omnimj.scenario.running import Run
+    from omnimj.view.picture import Picture
+    from omnimj.view.scene3d import Poses
+
+
+def write_outputs(folder: Path, force: bool, run: Run) -> None:
+    """Writes `trace.parquet`, `metrics.json`, `run.rrd` and `report.html`, each in full or not at all.
+
+    Args:
+      folder: Created if needed.
+      force: Whether the files of an earlier run may be replaced.
+      run: What was driven.
+
+    Raises:
+      InputError: The folder is not empty and `force` is not given, or it cannot be written.
+    """
+    from omnimj.recording.folder import make_folder
+    from omnimj.recording.traces import write_trace
+    from omnimj.scenario.summary import write_metrics
+    from omnimj.view.report import write_report
+
+    make_folder(folder, force)
+    write_trace(folder / "trace.parquet", run.trace)
+    write_metrics(folder / "metrics.json", run.metrics)
+    write_recording_of(folder / "run.rrd", run)
+    with tempfile.TemporaryDirectory() as beside, whole_file(folder / "report.html") as temporary:
+        write_report(temporary, run.trace, run.scenario, run.metrics, _picture_of(run, Path(beside)))
+
+
+def _poses_of(run: Run) -> Poses | None:
+    """Poses of the machine with everything that is seen."""
+    from omnimj.view.machine import visible_poses
+
+    track = run.poses
+    return visible_poses(run.scenario, run.trace, *((track.time, track.position) if track else ()))
+
+
+def _picture_of(run: Run, folder: Path) -> Picture | None:
+    from omnimj.view.picture import picture_of_run
+
+    poses = _poses_of(run)
+    return None if poses is None else picture_of_run(poses, run.trace, run.metrics, folder / "picture.png")
+
+
+def show(run: Run, folder: Path | None) -> None:
+    """Opens the run in the Rerun viewer.
+
+    Args:
+      run: What was driven.
+      folder: Where its `run.rrd` lies; a temporary one is written when None.
+
+    Raises:
+      ViewerError: No viewer could be opened.
+    """
+    from omnimj.view.live import open_viewer
+
+    if folder is None:
+        # the viewer reads on after this process has ended: the folder is left to the system to clear
+        folder = Path(tempfile.mkdtemp(prefix="omnimj-view-"))
+        write_recording_of(folder / "run.rrd", run)
+    open_viewer(folder / "run.rrd")
+
+
+def write_recording_of(path: Path, run: Run) -> None:
+    """Writes the Rerun recording of a run, in full or not at all."""
+    from omnimj.view.rerun_log import write_recording
+
+    poses = _poses_of(run)
+    with whole_file(path) as temporary:
+        write_recording(temporary, run.trace, run.scenario, run.metrics, poses)

@@ -1,0 +1,246 @@
+"""The loop that drives a plant: measurement to controller, command to plant, one row per control step.
+
+The plant is a simulation or hardware, the controller cannot tell. Row k holds what was measured at t_k, the
+truth at t_k where the plant has one, what was asked for and what the controller made of it.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from omnimj.control.target import Target
+from omnimj.errors import SimulationError
+from omnimj.plant.channels import RIG_CHANNELS, robot_channels
+from omnimj.plant.interface import Plant
+from omnimj.signals import Array, CurrentCommand, Measurement, Reference, RigMeasurement, Trace
+
+TARGET_NAMES = (
+    "target_x",
+    "target_y",
+    "target_heading",
+    "target_velocity_x",
+    "target_velocity_y",
+)
+"""Columns of the reference, world frame: m, m, rad, m/s, m/s; the demanded yaw rate is the controller's."""
+
+SNAPSHOT_PERIOD = 0.02
+"""Time between two poses of the 3-D recording [s]."""
+
+Progress = Callable[[int, int], None]
+"""Called now and then with the rows done and the rows in all."""
+Snapshot = Callable[[float, Array], None]
+"""Called every `SNAPSHOT_PERIOD` with the time [s] and the plant's pose (the twin's qpos)."""
+
+_PROGRESS_EVERY = 100  # [rows]
+
+
+class State(Protocol):
+    """What the loop asks of a controller's state."""
+
+    @property
+    def log(self) -> Array:
+        """Numbers of the last step, aligned with the controller's `log_names`."""
+        ...
+
+
+class Controller(Protocol):
+    """State goes in and comes out; the loop keeps it."""
+
+    @property
+    def log_names(self) -> tuple[str, ...]:
+        """Column names of `State.log`."""
+        ...
+
+    def start(self, measurement: Measurement) -> Any:
+        """State before the first step."""
+        ...
+
+    def step(self, state: Any, measurement: Measurement, target: Target) -> tuple[CurrentCommand, Any]:
+        """Command for the coming period, and the state after it."""
+        ...
+
+
+@dataclass(frozen=True)
+class Watch:
+    """Who looks on while the loop runs."""
+
+    progress: Progress | None = None
+    snapshot: Snapshot | None = None
+
+
+_NOBODY = Watch()
+
+
+def drive(
+    plant: Plant,
+    controller: Controller,
+    reference: Reference,
+    watch: Watch = _NOBODY,
+    about: Mapping[str, Any] | None = None,
+) -> Trace:
+    """Drives a robot along a reference, one control period per sample.
+
+    Ctrl-C ends the run early and keeps what was recorded: `about["interrupted"]` is then true.
+
+    Args:
+      plant: Reset by this call; the caller closes it.
+      controller: Gets measurements and targets, never the truth.
+      reference: Sampled at the plant's period.
+      watch: Progress and snapshots.
+      about: What the run was; goes into the trace beside the realtime factor.
+
+    Returns:
+      Columns of the measured channels, `current_target_i`, the controller's log, the plant's truth, the plan.
+
+    Raises:
+      SimulationError: The plant failed or its truth is not finite; the message names the time.
+    """
+    measurement = plant.reset()
+    assert isinstance(measurement, Measurement)
+    n = len(measurement.current)
+    state = controller.start(measurement)
+    velocity, heading = reference.velocity, reference.heading.tolist()
+    yaw_rate = reference.yaw_rate.tolist()
+    channels = 1 + len(robot_channels(n))
+    current_target = slice(channels, channels + n)
+    log = slice(channels + n, channels + n + len(controller.log_names))
+
+    def control(k: int, row: Array, measured: Any) -> CurrentCommand:
+        nonlocal state
+        command, state = controller.step(state, measured, Target(velocity[k], yaw_rate[k], heading[k]))
+        row[0] = measured.time
+        row[1 : n + 1] = measured.current
+        row[n + 1 : 2 * n + 1] = measured.wheel_speed
+        row[2 * n + 1 : 2 * n + 3] = measured.acceleration
+        row[2 * n + 3] = measured.yaw_rate
+        row[2 * n + 4] = measured.yaw
+        row[current_target] = command.current
+        row[log] = state.log
+        return command
+
+    targets = [f"current_target_{i}" for i in range(1, n + 1)]
+    names = ("time", *robot_channels(n), *targets, *controller.log_names)
+    trace = _record(plant, measurement, control, names, len(reference.time), watch, about or {})
+    return _with_targets(trace, reference)
+
+
+def drive_rig(
+    plant: Plant,
+    current: Array,
+    watch: Watch = _NOBODY,
+    about: Mapping[str, Any] | None = None,
+) -> Trace:
+    """Drives the test rig with given currents, as the identification tests do.
+
+    Args:
+      plant: Reset by this call; the caller closes it.
+      current: Set value per control period, shape (k,) [A].
+      watch: Progress and snapshots.
+      about: What the run was.
+
+    Returns:
+      Columns of the measured channels, `current_target` and the plant's truth.
+
+    Raises:
+      SimulationError: The plant failed or its truth is not finite; the message names the time.
+    """
+    set_values = current.tolist()
+
+    def control(k: int, row: Array, measured: Any) -> CurrentCommand:
+        row[0] = measured.time
+        row[1] = measured.current
+        row[2] = measured.wheel_speed
+        row[3] = measured.carriage_speed
+        row[4] = measured.carriage_acceleration
+        row[5] = measured.lateral_speed
+        row[6] = set_values[k]
+        return CurrentCommand(current[k : k + 1])
+
+    names = ("time", *RIG_CHANNELS, "current_target")
+    return _record(plant, plant.reset(), control, names, len(current), watch, about or {})
+
+
+def _record(
+    plant: Plant,
+    measurement: Measurement | RigMeasurement,
+    control: Callable[[int, Array, Any], CurrentCommand],
+    names: tuple[str, ...],
+    rows: int,
+    watch: Watch,
+    about: Mapping[str, Any],
+) -> Trace:
+    """Steps the plant and fills one row per step: first `names` (by `control`), then the plant's truth."""
+    names = (*names, *plant.truth_names)
+    if len(set(names)) != len(names):
+        raise ValueError(f"two columns share a name: {sorted(n for n in set(names) if names.count(n) > 1)}")
+    table = np.empty((rows, len(names)))
+    first_truth = len(names) - len(plant.truth_names)
+    show = _showing(plant, watch, rows)
+    done, begin = 0, time.perf_counter()
+    interrupted = False
+    try:
+        for k, row in enumerate(table):
+            command = control(k, row, measurement)
+            truth = plant.truth()
+            row[first_truth:] = truth
+            if not math.isfinite(sum(truth.tolist())):  # for twenty numbers the quickest way
+                raise _not_finite(plant.truth_names, truth)
+            done = k + 1
+            show(done, row[0])
+            if done < rows:
+                measurement = plant.step(command)
+            if k == 0:
+                begin = time.perf_counter()  # the first step may have compiled native code
+    except KeyboardInterrupt:
+        interrupted = True
+    except (SimulationError, ArithmeticError) as error:
+        raise SimulationError(f"at {done * plant.period:.4f} s: {error}") from error
+    wall = time.perf_counter() - begin
+    columns = np.ascontiguousarray(table[:done].T)
+    simulated = max(done - 1, 0) * plant.period
+    described = {
+        **about,
+        "interrupted": interrupted,
+        "realtime_factor": simulated / wall if wall > 0.0 else 0.0,
+    }
+    return Trace(dict(zip(names, columns, strict=True)), described)
+
+
+def _showing(plant: Plant, watch: Watch, rows: int) -> Callable[[int, float], None]:
+    """What to do after each row: progress now and then, a snapshot every `SNAPSHOT_PERIOD`."""
+    progress, snapshot, pose = watch.progress, watch.snapshot, getattr(plant, "pose", None)
+    each = max(1, round(SNAPSHOT_PERIOD / plant.period))
+
+    def show(done: int, now: float) -> None:
+        if snapshot is not None and pose is not None and (done - 1) % each == 0:
+            snapshot(float(now), pose())
+        if progress is not None and (done % _PROGRESS_EVERY == 0 or done == rows):
+            progress(done, rows)
+
+    return show
+
+
+def _not_finite(names: tuple[str, ...], truth: Array) -> SimulationError:
+    broken = [
+        f"{name} is {value}" for name, value in zip(names, truth, strict=True) if not np.isfinite(value)
+    ]
+    return SimulationError(", ".join(broken) or "the truth is too large to be one")
+
+
+def _with_targets(trace: Trace, reference: Reference) -> Trace:
+    k = len(trace["time"])
+    targets = (
+        reference.position[:k, 0],
+        reference.position[:k, 1],
+        reference.heading[:k],
+        reference.velocity[:k, 0],
+        reference.velocity[:k, 1],
+    )
+    columns = {name: np.array(values) for name, values in zip(TARGET_NAMES, targets, strict=True)}
+    return Trace({**trace.columns, **columns}, trace.about)

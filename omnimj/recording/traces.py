@@ -1,0 +1,89 @@
+"""`trace.parquet`: one run as columns, one row per control step, and what the run was."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from omnimj.errors import InputError
+from omnimj.recording.folder import whole_file
+from omnimj.signals import Array, Trace
+
+_ABOUT = b"omnimj"
+
+
+def write_trace(path: Path, trace: Trace) -> None:
+    """Writes a trace; the file is there in full or not at all.
+
+    Columns keep their bits, `about` travels as JSON in the file's metadata. Pages carry checksums.
+
+    Raises:
+      InputError: The file cannot be written.
+    """
+    arrays = [pa.array(np.asarray(values, float)) for values in trace.columns.values()]
+    about = {_ABOUT: json.dumps(dict(trace.about)).encode()}
+    table = pa.table(arrays, names=list(trace.columns)).replace_schema_metadata(about)
+    try:
+        with whole_file(path) as temporary:
+            # the bytes of floats of like size are alike: transposed they pack well, a dictionary never would
+            pq.write_table(
+                table,
+                temporary,
+                compression="zstd",
+                use_dictionary=False,
+                use_byte_stream_split=True,
+                write_page_checksum=True,
+            )
+    except OSError as error:
+        raise InputError(path, f"cannot be written ({error.strerror or error})") from None
+
+
+def read_trace(path: Path) -> Trace:
+    """Reads a trace back, bit for bit.
+
+    Raises:
+      InputError: No such file, not Parquet, damaged, without a `time` column, or with a column that does not
+        hold numbers.
+    """
+    if not path.is_file():
+        raise InputError(path, "no such file", "a trace.parquet is needed")
+    try:
+        # not a data set: a folder's name such as `seed=1` must not become a column
+        table = pq.ParquetFile(path, page_checksum_verification=True).read()
+        names = table.column_names
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(path, "is not a whole Parquet file", reason[:200]) from None
+    if "time" not in names:
+        raise InputError(path, "has no column 'time'", "a trace has one row per control step")
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(path, f"has column {name!r} twice")
+    columns = {name: _numbers(path, name, table.column(name)) for name in names}
+    return Trace(columns, _about(path, table.schema.metadata or {}))
+
+
+def _numbers(path: Path, name: str, column: Any) -> Array:
+    kind = column.type
+    if not (pa.types.is_floating(kind) or pa.types.is_integer(kind)):
+        raise InputError(path, f"column {name!r} holds {kind}", "every column holds numbers")
+    if column.null_count:
+        raise InputError(
+            path, f"column {name!r} has {column.null_count} empty rows", "every row holds a number"
+        )
+    return np.array(column.to_numpy(), dtype=float)
+
+
+def _about(path: Path, metadata: dict[bytes, bytes]) -> dict[str, Any]:
+    try:
+        about = json.loads(metadata.get(_ABOUT, b"{}"))
+    except (ValueError, RecursionError):
+        raise InputError(path, "the description of the run in its metadata is not JSON") from None
+    if not isinstance(about, dict):
+        raise InputError(path, "the description of the run in its metadata is not a JSON object")
+    return about

@@ -1,0 +1,86 @@
+"""What must hold in a scenario: bounds on its metrics, read from `[checks]` and judged after the run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from omnimj.errors import InputError, UnknownNameError
+from omnimj.parameters.reading import Rule, number
+
+BOUNDS = ("min", "max")
+
+_ANY = Rule(-math.inf, math.inf, False)
+
+
+@dataclass(frozen=True)
+class Check:
+    """One bound on one metric."""
+
+    name: str
+    """The metric."""
+    bound: str
+    """`max`: the metric may not be above the limit; `min`: not below."""
+    limit: float
+    """In the metric's SI unit."""
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A check held against a run."""
+
+    check: Check
+    value: float | None
+    """The metric; None where the run has none."""
+
+    @property
+    def ok(self) -> bool:
+        """Whether the bound holds; a metric that is missing or not finite never passes."""
+        if self.value is None or not math.isfinite(self.value):
+            return False
+        if self.check.bound == "min":
+            return self.value >= self.check.limit
+        return self.value <= self.check.limit
+
+
+def _read_bounds(place: str, name: str, entry: Any) -> list[Check]:
+    if not isinstance(entry, Mapping):
+        return [Check(name, "max", float(number(place, entry, _ANY)))]
+    for key in entry:
+        if key not in BOUNDS:
+            raise UnknownNameError(place, "key", key, BOUNDS)
+    if not entry:
+        raise InputError(place, "has no bound", "give min, max or both")
+    limits = {bound: float(number(f"{place}.{bound}", value, _ANY)) for bound, value in entry.items()}
+    if limits.get("min", -math.inf) > limits.get("max", math.inf):
+        raise InputError(place, f"min {limits['min']:g} is above max {limits['max']:g}", "nothing could pass")
+    return [Check(name, bound, limits[bound]) for bound in BOUNDS if bound in limits]
+
+
+def read_checks(table: Any, place: str, metrics: tuple[str, ...]) -> tuple[Check, ...]:
+    """The `[checks]` table: `metric = limit` (largest value), or `metric = { min = …, max = … }`.
+
+    Args:
+      table: The parsed TOML table.
+      place: File and table, for messages.
+      metrics: Names of the metrics that this scenario has.
+
+    Raises:
+      InputError: A limit that is no number, or bounds that exclude each other.
+      UnknownNameError: A metric that this scenario does not have.
+    """
+    if not isinstance(table, Mapping):
+        raise InputError(place, f"found {table!r}", "a table is needed, e.g. max_yaw_excursion = 0.1")
+    checks: list[Check] = []
+    for name, entry in table.items():
+        if name not in metrics:
+            raise UnknownNameError(place, "metric", name, metrics)
+        checks.extend(_read_bounds(f"{place}.{name}", name, entry))
+    return tuple(checks)
+
+
+def judge(checks: tuple[Check, ...], metrics: Mapping[str, float | None]) -> tuple[Judgement, ...]:
+    """Holds every check against the metrics of a run, in the order of the scenario file."""
+    return tuple(Judgement(check, metrics.get(check.name)) for check in checks)

@@ -1,0 +1,85 @@
+"""Which plant a scenario runs on."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from omnimj.errors import InputError, UnknownNameError
+from omnimj.parameters import Rig, Robot, read_floors
+from omnimj.plant.interface import Plant
+from omnimj.scenario.drive import Drive
+from omnimj.scenario.scenario import RigDrive, Scenario
+
+PLANT_NAMES = ("twin", "planar")
+KINEMATIC = "kinematic"
+_WIRES = ("serial:", "udp:")
+
+
+def plant_name(scenario: Scenario, asked: str | None) -> str:
+    """The plant to run on: `twin` unless asked otherwise, `kinematic` for a kinematic scenario.
+
+    Raises:
+      InputError: A real robot, which this version cannot drive, or a plant with forces for a scenario
+        without any.
+      UnknownNameError: No such plant.
+    """
+    if asked is not None and asked.startswith(_WIRES):
+        raise InputError("--plant", f"found {asked!r}", "this version drives no real robot", PLANT_NAMES)
+    if asked is not None and asked not in PLANT_NAMES:
+        raise UnknownNameError("--plant", "plant", asked, PLANT_NAMES)
+    if scenario.level == "kinematic":
+        if asked is not None:
+            rule = f"{scenario.name} is at the kinematic level, leave --plant out"
+            raise InputError("--plant", f"found {asked!r}", rule)
+        return KINEMATIC
+    return asked or "twin"
+
+
+def make_plant(scenario: Scenario, name: str, seed: int) -> Plant:
+    """The plant of a scenario at the physics level, with its floor, faults and patches.
+
+    Args:
+      scenario: Its constants come from its model file.
+      name: `twin` or `planar`.
+      seed: Of the sensors' noise.
+
+    Raises:
+      UnknownNameError: No such plant.
+    """
+    if name not in PLANT_NAMES:
+        raise UnknownNameError("plant", "plant", name, PLANT_NAMES)
+    return (
+        _make_rig(scenario, name, seed)
+        if isinstance(scenario.constants, Rig)
+        else _make_robot(scenario, name, seed)
+    )
+
+
+def _make_rig(scenario: Scenario, name: str, seed: int) -> Plant:
+    rig, drive = scenario.constants, scenario.drive
+    assert isinstance(rig, Rig)
+    assert isinstance(drive, RigDrive)
+    asked: dict[str, Any] = {"mass": drive.mass, "lateral_speed": drive.lateral_speed}
+    asked |= {"faults": scenario.faults, "seed": seed}
+    if name == "planar":
+        from omnimj.plant.planar_rig import PlanarRig
+
+        return PlanarRig(rig, scenario.floor, **asked)
+    from omnimj.twin.twin import RigTwin  # MuJoCo is loaded for the twin only
+
+    return RigTwin(rig, read_floors()[scenario.floor], **asked)
+
+
+def _make_robot(scenario: Scenario, name: str, seed: int) -> Plant:
+    robot, drive = scenario.constants, scenario.drive
+    assert isinstance(robot, Robot)
+    assert isinstance(drive, Drive)
+    asked: dict[str, Any] = {"faults": scenario.faults, "patches": scenario.patches}
+    asked |= {"seed": seed, "start": drive.start}
+    if name == "planar":
+        from omnimj.plant.planar import PlanarRobot
+
+        return PlanarRobot(robot, scenario.floor, **asked)
+    from omnimj.twin.twin import RobotTwin
+
+    return RobotTwin(robot, floor=read_floors()[scenario.floor], **asked)

@@ -1,0 +1,187 @@
+"""Runs a scenario: plant, controller and loop put together, metrics taken."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from omnimj.control.controller import Controller
+from omnimj.errors import InputError
+from omnimj.kinematic import drive_kinematic
+from omnimj.loop import Progress, Snapshot, Watch, drive, drive_rig
+from omnimj.parameters import Robot
+from omnimj.plant.interface import Plant
+from omnimj.scenario.drive import Drive
+from omnimj.scenario.plants import KINEMATIC, make_plant, plant_name
+from omnimj.scenario.scenario import RigDrive, Scenario
+from omnimj.scenario.summary import summarize
+from omnimj.signals import Array, Trace
+
+METHODS = ("off",)
+"""Ways to diagnose: in this version there is none."""
+
+_FEWEST_ROWS = 2  # a run that ended before is no run
+
+
+@dataclass(frozen=True)
+class PoseTrack:
+    """Poses of the twin through a run, for the 3-D recording."""
+
+    mj_model: Any
+    """The twin's compiled model."""
+    time: Array
+    """Shape (m,) [s]."""
+    position: Array
+    """Generalised positions, shape (m, nq)."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """A scenario that was driven."""
+
+    scenario: Scenario
+    trace: Trace
+    metrics: dict[str, Any]
+    """The content of `metrics.json`; empty when the run was interrupted before its second row."""
+    poses: PoseTrack | None = None
+    """None for plants without poses."""
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether Ctrl-C ended the run."""
+        return bool(self.trace.about["interrupted"])
+
+
+@dataclass
+class _Poses:
+    """Collects snapshots and passes them on."""
+
+    beside: Snapshot | None
+    times: list[float] = field(default_factory=list)
+    positions: list[Array] = field(default_factory=list)
+
+    def take(self, now: float, pose: Array) -> None:
+        self.times.append(now)
+        self.positions.append(np.array(pose))
+        if self.beside is not None:
+            self.beside(now, pose)
+
+
+def run_scenario(
+    scenario: Scenario,
+    plant: str | None = None,
+    method: str = "off",
+    seed: int = 0,
+    progress: Progress | None = None,
+    snapshot: Snapshot | None = None,
+    on_start: Callable[[Plant], None] | None = None,
+) -> Run:
+    """Drives a scenario once.
+
+    Args:
+      scenario: From `read_scenario`.
+      plant: `twin`, `planar`; by the scenario's level when None.
+      method: `off`.
+      seed: Of the sensors' noise.
+      progress: Called now and then with the rows done and the rows in all.
+      snapshot: Called with time and pose at every pose that is recorded, for a live view.
+      on_start: Called with the plant before the first step.
+
+    Returns:
+      Trace, metrics and poses; ended early by Ctrl-C with what was recorded until then.
+
+    Raises:
+      InputError: A plant or method that this version does not have, or that does not fit the scenario.
+      SimulationError: The simulation broke down; the message names the time.
+    """
+    require_method(method)
+    name = plant_name(scenario, plant)
+    about = {
+        "scenario": scenario.name,
+        "plant": name,
+        "method": method,
+        "seed": seed,
+        "floor": scenario.floor,
+    }
+    poses = None
+    if name == KINEMATIC:
+        trace = _run_kinematic(scenario, about)
+    else:
+        trace, poses = _run_physics(scenario, name, seed, about, progress, snapshot, on_start)
+    told = summarize(scenario, trace) if len(trace["time"]) >= _FEWEST_ROWS else {}
+    return Run(scenario, trace, told, poses)
+
+
+def require_method(method: str) -> None:
+    """Refuses what this version cannot do.
+
+    Raises:
+      InputError: A method that this version does not have.
+    """
+    if method not in METHODS:
+        raise InputError("--method", f"found {method!r}", "this version has no diagnosis yet", METHODS)
+
+
+def _run_physics(
+    scenario: Scenario,
+    name: str,
+    seed: int,
+    about: dict[str, Any],
+    progress: Progress | None,
+    snapshot: Snapshot | None,
+    on_start: Callable[[Plant], None] | None,
+) -> tuple[Trace, PoseTrack | None]:
+    poses = _Poses(snapshot)
+    watch = Watch(progress, poses.take)
+    plant = make_plant(scenario, name, seed)
+    try:
+        if on_start is not None:
+            on_start(plant)
+        if isinstance(scenario.drive, RigDrive):
+            current = np.full(round(scenario.duration / plant.period) + 1, scenario.drive.current)
+            trace = drive_rig(plant, current, watch, about)
+        else:
+            controller = make_controller(scenario)
+            trace = drive(plant, controller, scenario.drive.reference, watch, about)
+        if not poses.times:
+            return trace, None
+        mj_model = getattr(plant, "mj_model", None)
+        return trace, PoseTrack(mj_model, np.array(poses.times), np.stack(poses.positions))
+    finally:
+        plant.close()
+
+
+def make_controller(scenario: Scenario) -> Controller:
+    """The controller of a robot scenario, with the loops its `[drive]` asks for."""
+    robot, asked = scenario.constants, scenario.drive
+    assert isinstance(robot, Robot)
+    assert isinstance(asked, Drive)
+    return Controller(
+        robot,
+        yaw_loop=asked.yaw_loop,
+        heading_hold=asked.heading_hold,
+        heading_feedback=asked.heading_feedback,
+        period=scenario.period,
+    )
+
+
+def _run_kinematic(scenario: Scenario, about: dict[str, Any]) -> Trace:
+    robot, asked, case = scenario.constants, scenario.drive, scenario.kinematics
+    assert isinstance(robot, Robot)
+    assert isinstance(asked, Drive)
+    assert case is not None
+    begin = time.perf_counter()
+    trace = drive_kinematic(
+        robot,
+        asked.reference,
+        case,
+        yaw_gain=robot.control.yaw_rate_proportional if asked.yaw_loop else 0.0,
+        heading_feedback=asked.heading_feedback,
+    )
+    factor = scenario.duration / max(time.perf_counter() - begin, 1e-9)
+    columns = {name.replace("planned_", "target_"): values for name, values in trace.columns.items()}
+    return Trace(columns, {**about, "interrupted": False, "realtime_factor": factor})

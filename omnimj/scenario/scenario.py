@@ -1,0 +1,241 @@
+"""A scenario: one TOML file that says where, how and with which faults is driven, and what must hold."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from omnimj.errors import InputError, UnknownNameError
+from omnimj.kinematic import KinematicCase
+from omnimj.parameters import Rig, Robot, read_floors, read_rig, read_robot
+from omnimj.parameters.floor import Floor, find_floor
+from omnimj.parameters.reading import Rule, number, read_toml
+from omnimj.plant.faults import Fault, read_fault
+from omnimj.plant.patches import Patch, read_patch
+from omnimj.scenario.checks import Check, read_checks
+from omnimj.scenario.drive import Drive, read_drive
+from omnimj.scenario.kinematic_level import read_kinematics
+from omnimj.scenario.known_keys import known_keys
+from omnimj.scenario.listing import find_scenario
+from omnimj.scenario.metrics import metric_units
+from omnimj.scenario.overrides import KnownKeys, override, split_override
+from omnimj.signals import Array
+
+PLANTS = ("uto_robot", "quarter_rig")
+LEVELS = ("physics", "kinematic")
+
+_DURATION = Rule(0.01, 1800.0, False)
+
+
+@dataclass(frozen=True)
+class RigDrive:
+    """What the test rig is asked to do."""
+
+    current: float
+    """Constant set value from the start [A]."""
+    mass: float
+    """m_T of the quarter body [kg]."""
+    lateral_speed: float
+    """Of the gantry [m/s]."""
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One scenario, validated."""
+
+    name: str
+    """The file's name without its ending."""
+    description: str
+    """One line for a person."""
+    constants: Robot | Rig
+    """Of the plant, from its model file."""
+    floor: str
+    """Name in `floors.toml`."""
+    duration: float
+    """Length of the run [s]."""
+    level: str
+    """`physics`, or `kinematic` without any forces."""
+    drive: Drive | RigDrive
+    """What is asked of robot or rig."""
+    faults: tuple[Fault, ...]
+    """The truth, unknown to the controller."""
+    patches: tuple[Patch, ...]
+    """Stretches of other floor by place."""
+    kinematics: KinematicCase | None
+    """At the kinematic level only."""
+    checks: tuple[Check, ...]
+    """What must hold."""
+    overrides: tuple[str, ...]
+    """The `KEY=VALUE` texts that were applied."""
+
+    @property
+    def plant(self) -> str:
+        """`uto_robot` or `quarter_rig`."""
+        return "quarter_rig" if isinstance(self.constants, Rig) else "uto_robot"
+
+    @property
+    def period(self) -> float:
+        """Control period [s]."""
+        return 1.0 / self.constants.sensors.sample_rate
+
+    @property
+    def wheel_positions(self) -> Array:
+        """p_i in the body frame, shape (n, 2) [m]."""
+        return np.zeros((1, 2)) if isinstance(self.constants, Rig) else self.constants.wheel_positions
+
+    @property
+    def metric_units(self) -> dict[str, str]:
+        """The metrics that this scenario has, and their units."""
+        wheels, kinematic = len(self.wheel_positions), self.level == "kinematic"
+        return metric_units(self.plant, wheels, _has_path(self.drive), kinematic)
+
+
+def read_scenario(
+    name_or_path: str | Path, overrides: Sequence[str] = (), model_file: Path | None = None
+) -> Scenario:
+    """Reads a shipped scenario by name, or any scenario file by path.
+
+    Args:
+      name_or_path: `nylon_patch`, or `my/own.toml`.
+      overrides: `KEY=VALUE` texts, applied in order before anything is validated.
+      model_file: The plant's model file; the shipped one when None.
+
+    Raises:
+      InputError: A value is missing or breaks its rule; the message names place, value and rule.
+      UnknownNameError: A scenario, key, floor or kind that does not exist; the message lists the known ones.
+    """
+    path = find_scenario(name_or_path)
+    place = path.name
+    tree = read_toml(path)
+    plant = tree.get("plant")
+    if plant not in PLANTS:
+        raise UnknownNameError(f"{place}: plant", "plant", plant, PLANTS)
+    constants = read_rig(model_file) if plant == "quarter_rig" else read_robot(model_file)
+    known = known_keys(plant, 1 if isinstance(constants, Rig) else len(constants.wheels))
+    _apply(tree, overrides, known)
+    for key in tree:
+        if key not in known[""]:
+            raise UnknownNameError(place, f"key of a {plant} scenario", key, known[""])
+    floors = read_floors()
+    if isinstance(constants, Rig):
+        own = _read_rig_scenario(tree, place, constants, floors)
+    else:
+        own = _read_robot_scenario(tree, place, constants, floors)
+    return Scenario(
+        name=path.stem,
+        description=_text(tree, "description", place),
+        constants=constants,
+        floor=find_floor(_text(tree, "floor", place), f"{place}: floor", floors).name,
+        duration=_number(tree, "duration", place, _DURATION),
+        overrides=tuple(overrides),
+        **own,
+    )
+
+
+def _apply(tree: dict[str, Any], overrides: Sequence[str], known: KnownKeys) -> None:
+    for text in overrides:
+        key, value = split_override(text)
+        if key == "plant":
+            raise InputError("--set plant", "a scenario belongs to its plant", "choose another scenario")
+        override(tree, key, value, known)
+
+
+def _read_robot_scenario(
+    tree: Mapping, place: str, robot: Robot, floors: Mapping[str, Floor]
+) -> dict[str, Any]:
+    wheels, duration = len(robot.wheels), _number(tree, "duration", place, _DURATION)
+    level = tree.get("level", "physics")
+    if level not in LEVELS:
+        raise UnknownNameError(f"{place}: level", "level", level, LEVELS)
+    if "drive" not in tree:
+        raise InputError(place, "[drive] is missing")
+    drive = read_drive(tree["drive"], f"{place}: drive", duration, 1.0 / robot.sensors.sample_rate)
+    kinematics = _read_level(tree, place, level, wheels)
+    if kinematics is not None and drive.heading_hold:
+        raise InputError(
+            f"{place}: drive.heading_hold", "is not there at the kinematic level", "leave it out"
+        )
+    units = metric_units("uto_robot", wheels, _has_path(drive), level == "kinematic")
+    return {
+        "level": level,
+        "drive": drive,
+        "faults": _read_faults(tree, place, wheels, floors, duration),
+        "patches": tuple(
+            read_patch(table, f"{place}: patches.{i}", floors)
+            for i, table in enumerate(_list(tree, "patches", place))
+        ),
+        "kinematics": kinematics,
+        "checks": read_checks(tree.get("checks", {}), f"{place}: checks", tuple(units)),
+    }
+
+
+def _read_level(tree: Mapping, place: str, level: str, wheels: int) -> KinematicCase | None:
+    """The kinematic level knows no forces: it refuses what could have no effect there."""
+    if level == "physics":
+        if "kinematics" in tree:
+            found = "is there at the physics level"
+            raise InputError(f"{place}: kinematics", found, "it needs level = 'kinematic'")
+        return None
+    for key in ("faults", "patches"):
+        if tree.get(key):
+            raise InputError(f"{place}: {key}", "have no effect at the kinematic level", "use [kinematics]")
+    return read_kinematics(tree.get("kinematics", {}), f"{place}: kinematics", wheels)
+
+
+def _read_rig_scenario(tree: Mapping, place: str, rig: Rig, floors: Mapping[str, Floor]) -> dict[str, Any]:
+    duration, limit = _number(tree, "duration", place, _DURATION), rig.motor.current_limit
+    lateral = rig.rig.lateral_travel / duration
+    drive = RigDrive(
+        current=_number(tree, "current", place, Rule(-limit, limit, False)),
+        mass=_number(tree, "mass", place, Rule(rig.wheel.mass, 100.0, True), rig.rig.masses[0]),
+        lateral_speed=_number(tree, "lateral_speed", place, Rule(-lateral, lateral, False), 0.0),
+    )
+    return {
+        "level": "physics",
+        "drive": drive,
+        "faults": _read_faults(tree, place, 1, floors, duration),
+        "patches": (),
+        "kinematics": None,
+        "checks": read_checks(
+            tree.get("checks", {}), f"{place}: checks", tuple(metric_units("quarter_rig", 1, False, False))
+        ),
+    }
+
+
+def _read_faults(
+    tree: Mapping, place: str, wheels: int, floors: Mapping[str, Floor], duration: float
+) -> tuple[Fault, ...]:
+    tables = _list(tree, "faults", place)
+    return tuple(
+        read_fault(table, f"{place}: faults.{i}", wheels, floors, duration) for i, table in enumerate(tables)
+    )
+
+
+def _has_path(drive: Drive | RigDrive) -> bool:
+    return not isinstance(drive, RigDrive) and drive.reference.is_path
+
+
+def _text(tree: Mapping, key: str, place: str) -> str:
+    value = tree.get(key)
+    if not isinstance(value, str) or not value or "\n" in value:
+        found = "is missing" if value is None else f"found {value!r}"
+        raise InputError(f"{place}: {key}", found, "one line of text is needed")
+    return value
+
+
+def _number(tree: Mapping, key: str, place: str, rule: Rule, default: float | None = None) -> float:
+    if key not in tree and default is None:
+        raise InputError(f"{place}: {key}", "is missing", f"a number is needed that {rule}")
+    return float(number(f"{place}: {key}", tree.get(key, default), rule))
+
+
+def _list(tree: Mapping, key: str, place: str) -> list[Any]:
+    tables = tree.get(key, [])
+    if not isinstance(tables, list):
+        rule = f"write [[{key}]], with two brackets on each side"
+        raise InputError(f"{place}: {key}", f"found {tables!r}", rule)
+    return tables

@@ -1,0 +1,87 @@
+"""`metrics.json`: what was driven, what was true, what came out and whether it held."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from omnimj.plant.faults import as_record
+from omnimj.recording.folder import whole_file
+from omnimj.scenario.checks import Judgement, judge
+from omnimj.scenario.kinematic_level import kinematic_faults
+from omnimj.scenario.metrics import measure
+from omnimj.scenario.scenario import Scenario
+from omnimj.scenario.truth import patch_records
+from omnimj.signals import Trace
+
+
+def summarize(scenario: Scenario, trace: Trace) -> dict[str, Any]:
+    """The content of `metrics.json`.
+
+    A run that was interrupted has not passed, whatever its checks say.
+
+    Args:
+      scenario: What was asked for.
+      trace: What was recorded, at least one row; `about` has plant, method, seed, realtime_factor and
+        interrupted.
+    """
+    measured = measure(trace, scenario.metric_units)
+    judgements = judge(scenario.checks, measured)
+    about = trace.about
+    interrupted = bool(about["interrupted"])
+    return {
+        "scenario": scenario.name,
+        "plant": about["plant"],
+        "robot": scenario.plant,
+        "method": about["method"],
+        "seed": about["seed"],
+        "floor": scenario.floor,
+        "duration": float(trace["time"][-1]) if interrupted else scenario.duration,
+        "overrides": list(scenario.overrides),
+        "realtime_factor": about["realtime_factor"],
+        "interrupted": interrupted,
+        "passed": all(judgement.ok for judgement in judgements) and not interrupted,
+        "faults": true_faults(scenario, trace),
+        **_diagnosis(),
+        **dict.fromkeys(("max_yaw_excursion", "path_error_max", "path_error_rms")),
+        **{name: _finite(value) for name, value in measured.items()},
+        "checks": [_check_record(judgement) for judgement in judgements],
+    }
+
+
+def true_faults(scenario: Scenario, trace: Trace) -> list[dict[str, Any]]:
+    """Every fault of the run: those by time, those by place, lost demands; in the order of their onset."""
+    records = [as_record(fault) for fault in scenario.faults]
+    records += patch_records(trace, scenario.patches, scenario.floor, scenario.wheel_positions)
+    if scenario.kinematics is not None:
+        records += kinematic_faults(scenario.kinematics)
+    return sorted(records, key=lambda record: record["onset"])
+
+
+def write_metrics(path: Path, metrics: Mapping[str, Any]) -> None:
+    """Writes `metrics.json`; the file is there in full or not at all."""
+    with whole_file(path) as temporary:
+        temporary.write_text(json.dumps(metrics, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _diagnosis() -> dict[str, Any]:
+    """Without a diagnosing method nothing is detected, nothing isolated, and no alarm is false."""
+    return {"diagnoses": [], "detection_delay": None, "isolated": False, "false_alarms": 0}
+
+
+def _check_record(judgement: Judgement) -> dict[str, Any]:
+    check = judgement.check
+    return {
+        "name": check.name,
+        "value": _finite(judgement.value),
+        "limit": check.limit,
+        "ok": judgement.ok,
+        "bound": check.bound,
+    }
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None

@@ -1,0 +1,80 @@
+"""How the Rerun viewer arranges a recording, so that a stranger understands it at first sight."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import rerun as rr
+import rerun.blueprint as rrb
+
+from omnimj.signals import Trace
+from omnimj.view.rerun_signals import Plot
+
+Point = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Eye:
+    """Where a spectator stands at first."""
+
+    position: Point
+    """[m]"""
+    target: Point
+    """What is looked at [m]."""
+    follows: str | None = None
+    """Entity to stay with; None to stand still."""
+
+
+def run_blueprint(plots: Sequence[Plot], trace: Trace, eye: Eye) -> rrb.Blueprint:
+    """Left the machine, below it the fault states and a legend; right the signals over the same time.
+
+    Args:
+      plots: The time series, from top to bottom.
+      trace: For the ranges of the axes.
+      eye: First view of the scene.
+    """
+    time_axis = _whole(float(trace["time"][-1]))
+    scene = rrb.Spatial3DView(
+        origin="world",
+        name="Machine, floor, paths and forces",
+        background=(238, 241, 245),
+        line_grid=False,
+        eye_controls=rrb.EyeControls3D(
+            kind=rrb.Eye3DKind.Orbital,
+            position=eye.position,
+            look_target=eye.target,
+            eye_up=(0, 0, 1),
+            tracking_entity=eye.follows,
+        ),
+    )
+    name = "Faults: what is actually broken, and what the controller diagnosed"
+    states = rrb.StateTimelineView(origin="states", name=name, time_view=time_axis)
+    words = rrb.TextDocumentView(origin="about", name="What you see")
+    series = [_series(plot, trace, time_axis) for plot in plots]
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(scene, rrb.Horizontal(states, words, column_shares=[3, 2]), row_shares=[5, 2]),
+            rrb.Vertical(*series, row_shares=[2.0 if plot.legend else 1.4 for plot in plots]),
+            column_shares=[3, 2],
+        ),
+        rrb.TimePanel(state="collapsed", timeline="time", play_state="playing", loop_mode="all"),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+    )
+
+
+def _series(plot: Plot, trace: Trace, time_axis: rrb.archetypes.TimeAxis) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(
+        origin=plot.entity,
+        name=plot.heading,
+        axis_x=time_axis,
+        axis_y=rrb.ScalarAxis(range=plot.range(trace)),
+        plot_legend=rrb.PlotLegend(visible=plot.legend, corner=rrb.Corner2D.RightTop),
+    )
+
+
+def _whole(duration: float) -> rrb.archetypes.TimeAxis:
+    """The whole run at once."""
+    start, end = rrb.TimeRangeBoundary.absolute(seconds=0.0), rrb.TimeRangeBoundary.absolute(seconds=duration)
+    return rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=end))

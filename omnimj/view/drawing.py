@@ -1,0 +1,192 @@
+"""Small pieces that all plots share: figures, time axes, fault shading, thinning, SVG for a page."""
+
+from __future__ import annotations
+
+import io
+import itertools
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from omnimj.view import palette
+from omnimj.view.wording import Span
+
+Array = NDArray[np.float64]
+WIDTH = 5.2  # inches: half of a desktop page, and still readable when shrunk to a phone
+_BINS = 420
+_SVG_STYLE: Any = {"svg.fonttype": "none", "svg.hashsalt": "omnimj", "path.simplify": True}
+_FONTS = "DejaVu Sans, Verdana, Segoe UI, Helvetica, Arial, sans-serif"
+
+
+def new_figure(
+    height: float, rows: int = 1, sharex: bool = False, sharey: bool = False
+) -> tuple[Figure, list[Axes]]:
+    """An empty figure of the page's width and its axes, row by row."""
+    figure = Figure(figsize=(WIDTH, height), layout="constrained")
+    FigureCanvasSVG(figure)
+    axes = figure.subplots(rows, 1, squeeze=False, sharex=sharex, sharey=sharey)
+    flat = list(axes.ravel())
+    for ax in flat:
+        _dress(ax)
+    return figure, flat
+
+
+def _dress(ax: Axes) -> None:
+    ax.grid(True, color=palette.GRID, linewidth=0.7)
+    ax.set_axisbelow(True)
+    for side in ("top", "right"):
+        ax.spines[side].set_visible(False)
+    for side in ("left", "bottom"):
+        ax.spines[side].set_color(palette.MUTED)
+    ax.tick_params(colors=palette.INK, labelsize=9)
+
+
+def envelope(time: Array, value: Array, bins: int = _BINS) -> tuple[Array, Array]:
+    """Smallest and largest sample of each bin, in order of time: few points, no lost peak.
+
+    Args:
+      time: Shape (k,).
+      value: Shape (k,).
+      bins: Number of bins; short signals come back whole.
+    """
+    if len(time) <= 2 * bins:
+        return time, value
+    edges = np.linspace(0, len(time), bins + 1).astype(int)
+    picked = [0, len(time) - 1]
+    for first, last in itertools.pairwise(edges):
+        part = value[first:last]
+        if np.isnan(part).all():
+            picked.append(first)
+            continue
+        picked += [first + int(np.nanargmin(part)), first + int(np.nanargmax(part))]
+    keep = np.unique(picked)
+    return time[keep], value[keep]
+
+
+def line(ax: Axes, time: Array, value: Array, **style: object) -> None:
+    """A signal over time with as many points as a reader can see."""
+    ax.plot(*envelope(time, value), **{"linewidth": 1.3, **style})  # pyright: ignore[reportArgumentType]
+
+
+def time_axis(ax: Axes, time: Array) -> None:
+    """Labels the time axis and fits it to the run."""
+    ax.set_xlabel("time [s]", fontsize=9)
+    if len(time) > 1:
+        ax.set_xlim(time[0], time[-1])
+
+
+def value_axis(ax: Axes, label: str) -> None:
+    """Labels the value axis."""
+    ax.set_ylabel(label, fontsize=9)
+
+
+def headroom(ax: Axes, share: float = 0.16) -> None:
+    """Leaves room above the signals for labels and legend."""
+    low, high = ax.get_ylim()
+    ax.set_ylim(low, high + share * (high - low))
+
+
+def shade_faults(ax: Axes, spans: Sequence[Span], labelled: bool = True) -> None:
+    """Bands where faults hold, with their names at the top; faults of one interval share a band."""
+    together: dict[tuple[float, float], list[str]] = {}
+    for span in spans:
+        together.setdefault((span.start, span.end), []).append(span.label)
+    for row, ((start, end), labels) in enumerate(together.items()):
+        ax.axvspan(start, end, facecolor=palette.FAULT, alpha=0.16, linewidth=0, zorder=0, gid=f"fault-{row}")
+        for edge in (start, end):
+            ax.axvline(edge, color=palette.FAULT, linewidth=0.9, linestyle=(0, (2, 2)), zorder=1)
+        if labelled:
+            _name_band(ax, start, end, "; ".join(labels), row % 4)
+
+
+def _name_band(ax: Axes, start: float, end: float, label: str, row: int) -> None:
+    """Writes a label under the upper edge, inside the plot also when the band lies at its side."""
+    left, right = ax.get_xlim()
+    middle = 0.5 * (start + end)
+    if middle > left + 0.75 * (right - left):
+        place, side = end, "right"
+    elif middle < left + 0.25 * (right - left):
+        place, side = start, "left"
+    else:
+        place, side = middle, "center"
+    ax.annotate(
+        label,
+        (place, 1.0),
+        xycoords=ax.get_xaxis_transform(),
+        xytext=(0.0, -1.5 - 11.0 * row),
+        textcoords="offset points",
+        fontsize=8,
+        color=palette.FAULT_INK,
+        ha=side,
+        va="top",
+        bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0, "pad": 1.2},
+        zorder=6,
+    )
+
+
+def legend(ax: Axes, columns: int = 4) -> None:
+    """A legend above the plot, where it hides nothing."""
+    ax.legend(
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        ncols=columns,
+        fontsize=8.5,
+        frameon=False,
+        handlelength=2.2,
+        columnspacing=1.1,
+        borderaxespad=0.2,
+    )
+
+
+def finish(axes: Sequence[Axes], time: Array, spans: Sequence[Span]) -> None:
+    """Time axis below the last plot; faults shaded in all plots, named in the first."""
+    for i, ax in enumerate(axes):
+        time_axis(ax, time)
+        if spans:
+            if i == 0:
+                headroom(ax, 0.08 + 0.05 * min(len(spans), 4))
+            shade_faults(ax, spans, labelled=i == 0)
+        if i < len(axes) - 1:
+            ax.set_xlabel("")
+
+
+def svg(figure: Figure, name: str, words: str) -> str:
+    """The figure as an SVG element to stand in a page: no declarations, no links, ids of its own.
+
+    Args:
+      figure: What to write.
+      name: Prefix of the ids within the page.
+      words: What it shows, for readers who cannot see it.
+    """
+    target = io.StringIO()
+    with matplotlib.rc_context(_SVG_STYLE):
+        figure.savefig(
+            target, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None}
+        )
+    text = target.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
+    text = re.sub(r'\sxmlns(:\w+)?="[^"]*"', "", text)
+    text = text.replace("xlink:href", "href")
+    text = _own_ids(text, name)
+    text = re.sub(r"(\d+\.\d{2})\d+", r"\1", text)
+    text = re.sub(r"font:\s*([\d.]+px)\s*[^;\"]*", rf"font: \1 {_FONTS}", text)
+    text = re.sub(
+        r'^<svg [^>]*?viewBox="([^"]*)"[^>]*>', rf'<svg viewBox="\1" role="img" aria-label="{words}">', text
+    )
+    return re.sub(r">\s+<", "><", text).strip()
+
+
+def _own_ids(text: str, name: str) -> str:
+    """Keeps the ids that something in the figure refers to and makes them the figure's own."""
+    wanted = set(re.findall(r'(?:href="#|url\(#)([^")]+)', text))
+    text = re.sub(r'\sid="([^"]*)"', lambda m: f' id="{name}-{m[1]}"' if m[1] in wanted else "", text)
+    return text.replace('href="#', f'href="#{name}-').replace("url(#", f"url(#{name}-")

@@ -1,0 +1,246 @@
+"""`report.html` of a run: what was driven, whether it held, and the plots worth looking at."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+import omnimj
+from omnimj.signals import Trace
+from omnimj.view import page, plots, plots_rig, wording
+from omnimj.view.drawing import svg
+from omnimj.view.picture import Picture
+from omnimj.view.wording import Described, Span
+
+_DIAGNOSIS_RESULTS = {"detection_delay": "s", "isolated": "", "false_alarms": ""}
+
+
+def write_report(
+    path: Path,
+    trace: Trace,
+    scenario: Described,
+    metrics: Mapping[str, Any],
+    picture: Picture | None = None,
+) -> None:
+    """Writes a run's report as one HTML file that needs nothing else.
+
+    Args:
+      path: The file to write.
+      trace: What was recorded.
+      scenario: What was asked for.
+      metrics: Content of `metrics.json`.
+      picture: A rendered or drawn picture; its way of making is named in the report.
+    """
+    duration = float(trace["time"][-1])
+    spans = wording.fault_spans(metrics, duration)
+    content = [
+        _head(scenario, metrics),
+        "<div class='columns'>",
+        _picture(picture, metrics) if picture else "",
+        f"<div>{_run_table(scenario, metrics)}</div>",
+        "</div>",
+        "<div class='columns'>",
+        page.section("Checks", _checks(scenario, metrics)),
+        page.section("Other results", _results(scenario, metrics)),
+        "</div>",
+    ]
+    if metrics.get("faults"):
+        content.append(page.section("Faults given to the plant", _faults(metrics)))
+    if metrics.get("diagnoses"):
+        content.append(page.section("What the controller diagnosed", _diagnoses(metrics)))
+    figures = _figures(trace, scenario, spans)
+    content.append(page.section("Plots", f"<div class='columns plots'>{''.join(figures)}</div>"))
+    content.append(_foot(metrics))
+    path.write_text(page.document(f"{wording.title(metrics)} · omnimj", "\n".join(content)), encoding="utf-8")
+
+
+def _head(scenario: Described, metrics: Mapping[str, Any]) -> str:
+    checks = metrics.get("checks") or ()
+    failed = sum(not check["ok"] for check in checks)
+    if not checks:
+        kind, verdict = "plain", "No checks in this scenario"
+    elif failed:
+        kind, verdict = "bad", f"✗ Failed: {failed} of {len(checks)} checks"
+    else:
+        kind, verdict = (
+            "good",
+            "✓ Passed: the check holds" if len(checks) == 1 else f"✓ Passed: all {len(checks)} checks hold",
+        )
+    return (
+        f"<h1>{page.text(wording.title(metrics))}</h1><p class='lead'>{page.text(scenario.description)}</p>"
+        f"<p class='verdict {kind}'>{page.text(verdict)}</p>"
+    )
+
+
+def _picture(picture: Picture, metrics: Mapping[str, Any]) -> str:
+    words = f"{wording.title(metrics)}: {picture.subject}"
+    return page.figure(
+        page.image(picture.path, words), picture.subject.capitalize(), picture.way_in_words, "picture"
+    )
+
+
+def _run_table(scenario: Described, metrics: Mapping[str, Any]) -> str:
+    floor = str(metrics.get("floor", scenario.floor)).replace("_", " ")
+    patches = [f"{p.floor.replace('_', ' ')} {p.size[0]:g} m × {p.size[1]:g} m" for p in scenario.patches]
+    rows = [
+        ("scenario", metrics.get("scenario", "–")),
+        ("machine", scenario.plant.replace("_", " ")),
+        ("plant", metrics.get("plant", "–")),
+        ("floor", floor + "".join(f"; patch of {patch}" for patch in patches)),
+        ("method", metrics.get("method", "–")),
+        ("seed", metrics.get("seed", "–")),
+        ("duration", f"{wording.number(metrics.get('duration'))} s"),
+        ("omnimj", omnimj.__version__),
+    ]
+    table = page.table([(page.text(name), page.cell(value)) for name, value in rows])
+    command = page.text(wording.repeat_command(scenario, metrics))
+    return f"{table}<p>To drive it again:</p><pre><code>{command}</code></pre>"
+
+
+def _checks(scenario: Described, metrics: Mapping[str, Any]) -> str:
+    checks = metrics.get("checks") or ()
+    if not checks:
+        return "<p>The scenario asks for nothing that could fail.</p>"
+    rows = []
+    for check in checks:
+        unit = scenario.metric_units.get(check["name"], "")
+        sign = "≥" if check.get("bound") == "min" else "≤"
+        limit = check.get("limit")
+        rows.append(
+            (
+                page.state(bool(check["ok"])),
+                page.cell(check["name"].replace("_", " ")),
+                page.cell(f"{wording.number(check.get('value'))} {unit}".strip(), "number"),
+                page.cell(
+                    f"{sign} {wording.number(limit)} {unit}".strip() if limit is not None else "–", "number"
+                ),
+            )
+        )
+    return page.table(rows, ("", "check", "value", "must be"))
+
+
+def _results(scenario: Described, metrics: Mapping[str, Any]) -> str:
+    judged = {check["name"] for check in metrics.get("checks") or ()}
+    units = dict(scenario.metric_units)
+    if metrics.get("method", "off") != "off" or metrics.get("diagnoses"):
+        units |= _DIAGNOSIS_RESULTS  # without a diagnosis there is nothing to tell
+    rows = []
+    for key, unit in units.items():
+        value = metrics.get(key)
+        if value is None or key in judged:
+            continue
+        shown = ("yes" if value else "no") if isinstance(value, bool) else wording.number(value)
+        rows.append((page.text(key.replace("_", " ")), page.cell(f"{shown} {unit}".strip(), "number")))
+    speed = metrics.get("realtime_factor")
+    if speed is not None:
+        rows.append(("simulated at", page.cell(f"{wording.number(speed, 3)} × real time", "number")))
+    return page.table(rows) if rows else "<p>No results beyond the checks.</p>"
+
+
+def _faults(metrics: Mapping[str, Any]) -> str:
+    rows = []
+    for fault in metrics["faults"]:
+        end = fault.get("end")
+        rows.append(
+            (
+                page.cell(wording.FAULT_NAMES.get(fault["kind"], fault["kind"])),
+                page.cell(wording.number(fault.get("wheel")), "number"),
+                page.cell(f"{fault['onset']:g} s", "number"),
+                page.cell("end of run" if end is None else f"{end:g} s", "number"),
+                page.cell(wording.fault_details(fault) or "–"),
+            )
+        )
+    return page.table(rows, ("fault", "wheel", "from", "to", "size"))
+
+
+def _diagnoses(metrics: Mapping[str, Any]) -> str:
+    rows = []
+    for diagnosis in metrics["diagnoses"]:
+        wheels = ", ".join(str(wheel) for wheel in diagnosis.get("wheels") or ()) or "–"
+        ambiguous = ", ".join(str(other) for other in diagnosis.get("ambiguous_with") or ()) or "–"
+        rows.append(
+            (
+                page.cell(f"{diagnosis['time']:.3f} s", "number"),
+                page.cell(wording.FAULT_NAMES.get(diagnosis["kind"], diagnosis["kind"])),
+                page.cell(wheels, "number"),
+                page.cell(wording.number(diagnosis.get("confidence"), 2), "number"),
+                page.cell(ambiguous),
+            )
+        )
+    return page.table(rows, ("at", "diagnosis", "wheels", "confidence", "could also be"))
+
+
+def _figures(trace: Trace, scenario: Described, spans: Sequence[Span]) -> list[str]:
+    if "carriage_speed" in trace:
+        wanted = _rig_figures(trace, scenario.constants.wheel.radius, spans)
+    else:
+        wanted = _robot_figures(trace, scenario, spans)
+    return [
+        page.figure(svg(draw(), name, page.text(heading)), heading, caption)
+        for name, heading, caption, draw in wanted
+    ]
+
+
+Wanted = list[tuple[str, str, str, Callable[[], Figure]]]
+
+
+def _robot_figures(trace: Trace, scenario: Described, spans: Sequence[Span]) -> Wanted:
+    shaded = " Shaded: a fault holds." if spans else ""
+    wanted: Wanted = []
+    if "x" in trace:
+        words = "From above; arrows point where the robot's x axis points."
+        wanted.append(("path", "Path", words, lambda: plots.path(trace, scenario.patches, spans)))
+    if "heading" in trace or "yaw" in trace:
+        words = "Driven and planned." + shaded
+        wanted.append(("heading", "Heading", words, lambda: plots.heading(trace, spans)))
+    words = "Measured after the gear, and what the controller asked for." + shaded
+    wanted.append(("wheel-speeds", "Wheel speeds", words, lambda: plots.wheel_speeds(trace, spans)))
+    if "current_1" in trace:
+        words = "Of the motors, as the amplifiers report them." + shaded
+        wanted.append(("currents", "Currents", words, lambda: plots.currents(trace, spans)))
+    if "slip_velocity_1" in trace:
+        words = "V_r = r·φ̇ − V; positive: the wheel is faster than the ground." + shaded
+        label = "slip velocity [m/s]"
+        wanted.append(
+            ("slip", "Slip velocity", words, lambda: plots.per_wheel(trace, "slip_velocity", label, spans))
+        )
+    if "traction_force_1" in trace:
+        words = "Traction pushes the robot along the wheel's driving direction." + shaded
+        wanted.append(("forces", "Traction and normal force", words, lambda: plots.forces(trace, spans)))
+    return wanted
+
+
+def _rig_figures(trace: Trace, radius: float, spans: Sequence[Span]) -> Wanted:
+    wanted: Wanted = [
+        (
+            "speeds",
+            "Wheel and carriage",
+            f"Rim speed with r = {radius:g} m; the gap between the lines is slip.",
+            lambda: plots_rig.speeds(trace, radius, spans),
+        ),
+        ("slip", "Slip velocity", "V_r = r·φ̇ − V.", lambda: plots_rig.slip(trace, radius, spans)),
+        (
+            "current",
+            "Current",
+            "Of the motor, as the amplifier reports it.",
+            lambda: plots_rig.current(trace, spans),
+        ),
+    ]
+    if "traction_force_1" in trace:
+        words = "At the wheel's contact with the floor."
+        wanted.insert(2, ("forces", "Forces", words, lambda: plots_rig.forces(trace, spans)))
+    words = "How fast the gantry moves the wheel along its axle."
+    wanted.append(("lateral", "Lateral speed", words, lambda: plots_rig.lateral(trace, spans)))
+    return wanted
+
+
+def _foot(metrics: Mapping[str, Any]) -> str:
+    return (
+        "<footer><p>Beside this page: <code>trace.parquet</code> (every signal of every control step), "
+        "<code>metrics.json</code> (the numbers above), <code>run.rrd</code> (the run in 3-D, open it with "
+        f"<code>rerun run.rrd</code>). All values in SI units unless an axis says otherwise. "
+        f"Written by omnimj {page.text(omnimj.__version__)}.</p></footer>"
+    )

@@ -1,0 +1,140 @@
+"""MuJoCo's geoms as triangles, for viewers and drawings that know nothing of MuJoCo."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+ROUND = 28
+"""Corners of a drawn circle."""
+_CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+_BOX_FACES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A shaded triangle mesh."""
+
+    vertices: Array
+    """Shape (v, 3) [m]."""
+    normals: Array
+    """Unit normals, shape (v, 3)."""
+    triangles: NDArray[np.int64]
+    """Vertex indices, counter-clockwise seen from outside, shape (t, 3)."""
+
+    def moved(self, position: Array, rotation: Array) -> Surface:
+        """Turned by a rotation matrix (3, 3), then shifted."""
+        return Surface(self.vertices @ rotation.T + position, self.normals @ rotation.T, self.triangles)
+
+
+def joined(surfaces: list[Surface]) -> Surface:
+    """One surface of several."""
+    offsets = np.cumsum([0, *(len(s.vertices) for s in surfaces[:-1])])
+    return Surface(
+        np.concatenate([s.vertices for s in surfaces]),
+        np.concatenate([s.normals for s in surfaces]),
+        np.concatenate([s.triangles + o for s, o in zip(surfaces, offsets, strict=True)]),
+    )
+
+
+def box(half: Array) -> Surface:
+    """A box with the given half sizes, shape (3,) [m]."""
+    corners = _CORNERS[_BOX_FACES] * half
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    quads = np.arange(24).reshape(6, 4)
+    return Surface(corners.reshape(-1, 3), np.repeat(normals, 4, axis=0), _split(quads))
+
+
+def _split(quads: NDArray[np.int64]) -> NDArray[np.int64]:
+    return np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+
+
+def revolved(profile: Array, normals: Array, corners: int = ROUND) -> Surface:
+    """Turns a profile (radius, height), shape (k, 2), about z, from the bottom to the top.
+
+    Args:
+      profile: Radii and heights [m], shape (k, 2).
+      normals: Radial and vertical part of the normal at each point, shape (k, 2).
+      corners: Points around.
+    """
+    angle = np.linspace(0.0, 2.0 * np.pi, corners + 1)
+    ring = np.column_stack([np.cos(angle), np.sin(angle)])
+
+    def turn(values: Array) -> Array:
+        flat = values[:, None, :1] * ring[None]
+        return np.concatenate([flat, np.repeat(values[:, None, 1:], len(ring), axis=1)], axis=2).reshape(
+            -1, 3
+        )
+
+    rows, around = np.meshgrid(np.arange(len(profile) - 1), np.arange(corners), indexing="ij")
+    first = (rows * (corners + 1) + around).ravel()
+    quads = np.column_stack([first, first + 1, first + corners + 2, first + corners + 1])
+    return Surface(turn(profile), turn(normals), _split(quads))
+
+
+def cylinder(radius: float, half_length: float, corners: int = ROUND) -> Surface:
+    """A cylinder along z with flat ends."""
+    up, out = np.array([0.0, 1.0]), np.array([1.0, 0.0])
+    low, high = np.array([radius, -half_length]), np.array([radius, half_length])
+    side = revolved(np.array([low, high]), np.array([out, out]), corners)
+    bottom = revolved(np.array([[0.0, -half_length], low]), np.array([-up, -up]), corners)
+    top = revolved(np.array([high, [0.0, half_length]]), np.array([up, up]), corners)
+    return joined([side, bottom, top])
+
+
+def ellipsoid(half: Array, corners: int = ROUND) -> Surface:
+    """An ellipsoid with the given semi-axes, shape (3,) [m]."""
+    angle = np.linspace(-np.pi / 2, np.pi / 2, corners // 2 + 1)
+    profile = np.column_stack([np.cos(angle), np.sin(angle)])
+    sphere = revolved(profile, profile, corners)
+    normals = sphere.normals / half
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return Surface(sphere.vertices * half, normals, sphere.triangles)
+
+
+def capsule(radius: float, half_length: float, corners: int = 10) -> Surface:
+    """A cylinder along z with round ends."""
+    angle = np.concatenate([np.linspace(-np.pi / 2, 0, 4), np.linspace(0, np.pi / 2, 4)])
+    normals = np.column_stack([np.cos(angle), np.sin(angle)])
+    shift = np.column_stack([np.zeros(8), np.repeat([-half_length, half_length], 4)])
+    return revolved(radius * normals + shift, normals, corners)
+
+
+def mesh(mj_model: mujoco.MjModel, number: int) -> Surface:
+    """One of the model's meshes, with a vertex per corner of a triangle."""
+    faces = slice(
+        mj_model.mesh_faceadr[number], mj_model.mesh_faceadr[number] + mj_model.mesh_facenum[number]
+    )
+    points = mj_model.mesh_vert[mj_model.mesh_vertadr[number] :][mj_model.mesh_face[faces].ravel()]
+    normals = mj_model.mesh_normal[mj_model.mesh_normaladr[number] :][mj_model.mesh_facenormal[faces].ravel()]
+    triangles = np.arange(len(points)).reshape(-1, 3)
+    return Surface(points.astype(float), normals.astype(float), triangles)
+
+
+def geom_surface(mj_model: mujoco.MjModel, geom: int) -> Surface | None:
+    """Triangles of a geom in its own frame; None for a plane or a height field."""
+    kind = mujoco.mjtGeom(mj_model.geom_type[geom])
+    if kind == mujoco.mjtGeom.mjGEOM_MESH:
+        return mesh(mj_model, mj_model.geom_dataid[geom])
+    return _primitive(kind, *mj_model.geom_size[geom].tolist())
+
+
+@functools.lru_cache(maxsize=256)  # a wheel has its forks and pins eighteen times
+def _primitive(kind: mujoco.mjtGeom, first: float, second: float, third: float) -> Surface | None:
+    if kind == mujoco.mjtGeom.mjGEOM_BOX:
+        return box(np.array([first, second, third]))
+    if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+        return cylinder(first, second)
+    if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+        return capsule(first, second)
+    if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
+        return ellipsoid(np.array([first, first, first]))
+    if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+        return ellipsoid(np.array([first, second, third]))
+    return None

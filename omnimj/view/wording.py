@@ -1,0 +1,177 @@
+"""What happened in a run, in words: faults, diagnoses, what was driven and how to repeat it."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from omnimj.parameters import Rig, Robot
+
+FAULT_NAMES: Mapping[str, str] = {
+    "motor": "motor loss",
+    "free": "motor free",
+    "locked": "wheel locked",
+    "hard_over": "motor runs away",
+    "slip": "slip",
+    "all_wheel_slip": "all wheels slip",
+    "misalignment": "axle misaligned",
+    "wheel_radius": "wheel radius off",
+    "payload": "payload",
+    "slope": "slope",
+    "sensor": "sensor",
+    "demand_lost": "demand lost",
+}
+UNITS: Mapping[str, str] = {
+    "braking_torque": "N·m",
+    "current": "A",
+    "angle": "rad",
+    "direction": "rad",
+    "mass": "kg",
+    "x": "m",
+    "y": "m",
+}
+_PLACE = ("kind", "wheel", "wheels", "onset", "end")
+
+
+class Described(Protocol):
+    """What the view needs to know of a scenario."""
+
+    @property
+    def description(self) -> str:
+        """One line for a person."""
+        ...
+
+    @property
+    def plant(self) -> str:
+        """`uto_robot` or `quarter_rig`."""
+        ...
+
+    @property
+    def floor(self) -> str:
+        """Name of the floor."""
+        ...
+
+    @property
+    def constants(self) -> Robot | Rig:
+        """Of the plant, from its model file."""
+        ...
+
+    @property
+    def metric_units(self) -> Mapping[str, str]:
+        """The metrics of this scenario and their units."""
+        ...
+
+    @property
+    def overrides(self) -> Sequence[str]:
+        """`KEY=VALUE` texts given on the command line."""
+        ...
+
+    @property
+    def patches(self) -> Sequence[Any]:
+        """Stretches of other floor: each has `floor`, `center`, `size` and `yaw`."""
+        ...
+
+
+@dataclass(frozen=True)
+class Span:
+    """One fault or diagnosis and when it held."""
+
+    label: str
+    """What it is, for a person: `slip, wheel 2`."""
+    lane: str
+    """Whom it concerns: `wheel_2`, or `robot`."""
+    state: str
+    """Without the wheel: `slip`."""
+    start: float
+    """[s]"""
+    end: float
+    """[s]"""
+
+
+def fault_spans(metrics: Mapping[str, Any], duration: float) -> list[Span]:
+    """The faults of `metrics.json` as intervals within the run, [0, duration] [s]."""
+    spans = []
+    for fault in metrics.get("faults") or ():
+        end = fault.get("end")
+        start, end = max(float(fault["onset"]), 0.0), duration if end is None else min(float(end), duration)
+        if start < end:
+            spans.append(_span(fault["kind"], fault.get("wheel"), _state(fault), start, end))
+    return spans
+
+
+def diagnosis_spans(metrics: Mapping[str, Any], duration: float) -> list[Span]:
+    """What the controller believed, one interval per diagnosis and wheel."""
+    spans: list[Span] = []
+    for diagnosis in metrics.get("diagnoses") or ():
+        cleared = diagnosis.get("cleared")
+        # `cleared` is the time the diagnosis was taken back; anything else means it stands
+        stands = isinstance(cleared, bool) or not isinstance(cleared, int | float)
+        end = duration if stands else min(float(cleared), duration)
+        state = FAULT_NAMES.get(diagnosis["kind"], diagnosis["kind"])
+        wheels = diagnosis.get("wheels") or (None,)
+        spans += [_span(diagnosis["kind"], wheel, state, float(diagnosis["time"]), end) for wheel in wheels]
+    return spans
+
+
+def _span(kind: str, wheel: int | None, state: str, start: float, end: float) -> Span:
+    name = FAULT_NAMES.get(kind, kind)
+    if wheel is None:
+        return Span(state if kind == "sensor" else name, "robot", state, start, end)
+    return Span(f"{name}, wheel {wheel}", f"wheel_{wheel}", state, start, end)
+
+
+def _state(fault: Mapping[str, Any]) -> str:
+    name = FAULT_NAMES.get(fault["kind"], fault["kind"])
+    if fault["kind"] == "sensor":
+        return f"{fault.get('channel', '?')} {fault.get('mode', '?')}"
+    return name
+
+
+def fault_details(fault: Mapping[str, Any]) -> str:
+    """The fault's own numbers: `loss 57 %`, `grip 0.3`, `braking torque 0.02 N·m`."""
+    words = []
+    for key, value in fault.items():
+        if key in _PLACE or value is None:
+            continue
+        if key == "loss":
+            words.append(f"loss {100.0 * value:g} %")
+        elif isinstance(value, float | int) and not isinstance(value, bool):
+            words.append(f"{key.replace('_', ' ')} {value:.4g} {UNITS.get(key, '')}".rstrip())
+        else:
+            words.append(f"{key.replace('_', ' ')} {value}")
+    return ", ".join(words)
+
+
+def number(value: object, digits: int = 4) -> str:
+    """A number for a table; a dash where there is none."""
+    if value is None:
+        return "–"
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return str(value)
+    if math.isnan(value):
+        return "not a number"
+    return f"{value:.{digits}g}"
+
+
+def title(metrics: Mapping[str, Any]) -> str:
+    """`nylon_patch` → `Nylon patch`."""
+    return str(metrics.get("scenario", "run")).replace("_", " ").capitalize()
+
+
+def repeat_command(scenario: Described, metrics: Mapping[str, Any]) -> str:
+    """The command line that drives the same run again."""
+    if metrics.get("command"):
+        return str(metrics["command"])
+    words = ["omnimj", "run", str(metrics.get("scenario", "SCENARIO"))]
+    plant = str(metrics.get("plant", "twin"))
+    if plant not in (scenario.plant, "twin"):  # the twin is what runs when nothing is asked for
+        words += ["--plant", plant]
+    for key in ("method", "seed"):
+        if metrics.get(key) is not None:
+            words += [f"--{key}", str(metrics[key])]
+    for pair in scenario.overrides:
+        words += ["--set", pair]
+    return shlex.join([*words, "--out", "OUT"])

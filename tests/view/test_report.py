@@ -1,0 +1,265 @@
+"""The report is one well-formed page that needs nothing else and says everything the metrics say."""
+
+from __future__ import annotations
+
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from omnimj.signals import Trace
+from omnimj.view import palette, plots, plots_rig
+from omnimj.view.drawing import envelope, svg
+from omnimj.view.live import ViewerError, open_viewer
+from omnimj.view.picture import Picture
+from omnimj.view.report import write_report
+from omnimj.view.wording import Span, fault_spans, repeat_command
+
+_VOID = {"meta", "img", "br", "hr", "link", "input"}
+
+
+class Page(HTMLParser):
+    """Tags, ids, links and text of a page; complains about tags that do not match."""
+
+    def __init__(self, path: Path):
+        super().__init__()
+        self.open: list[str] = []
+        self.tags: list[str] = []
+        self.ids: list[str] = []
+        self.links: list[str] = []
+        self.words: list[str] = []
+        self.feed(path.read_text(encoding="utf-8"))
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        for name, value in attrs:
+            value = value or ""
+            if name == "id":
+                self.ids.append(value)
+            if name in ("href", "src", "xlink:href", "action", "srcset"):
+                self.links.append(value)
+        if tag not in _VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.handle_starttag(tag, attrs)
+        if tag not in _VOID:
+            self.handle_endtag(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open and self.open[-1] == tag, f"</{tag}> closes <{self.open[-1:]}>"
+        self.open.pop()
+
+    def handle_data(self, data):
+        self.words.append(data)
+
+    @property
+    def text(self) -> str:
+        return " ".join(self.words)
+
+
+@pytest.fixture(scope="module")
+def robot_file(tmp_path_factory, robot_trace, robot_scenario, robot_metrics) -> Path:
+    folder = tmp_path_factory.mktemp("report")
+    Figure(figsize=(1, 1)).savefig(folder / "picture.png")
+    picture = Picture(folder / "picture.png", "osmesa", "the robot & its path")
+    write_report(folder / "report.html", robot_trace, robot_scenario, robot_metrics, picture)
+    return folder / "report.html"
+
+
+@pytest.fixture(scope="module")
+def robot_page(robot_file: Path) -> Page:
+    return Page(robot_file)
+
+
+def test_the_page_is_whole_and_needs_nothing_from_elsewhere(robot_page, robot_file):
+    raw = robot_file.read_text(encoding="utf-8")
+    assert raw.startswith("<!DOCTYPE html>")
+    assert not re.search(r"https?:|//cdn|@import|url\((?!#)", raw)
+    assert all(link.startswith(("#", "data:")) for link in robot_page.links)
+    assert "script" not in robot_page.tags
+    assert robot_file.stat().st_size < 2e6
+
+
+def test_ids_are_unique_and_every_reference_within_the_page_has_its_target(robot_page, robot_file):
+    assert len(robot_page.ids) == len(set(robot_page.ids))
+    raw = robot_file.read_text(encoding="utf-8")
+    assert set(re.findall(r'(?:href="#|url\(#)([^")]+)', raw)) <= set(robot_page.ids)
+
+
+def test_every_check_is_there_with_value_limit_and_a_word_for_its_state(robot_page, robot_metrics):
+    for check in robot_metrics["checks"]:
+        assert check["name"].replace("_", " ") in robot_page.text
+        assert f"{check['value']:g}" in robot_page.text
+        assert f"≤ {check['limit']:g}" in robot_page.text
+    assert "✓ ok" in robot_page.text
+    assert "✗ failed" in robot_page.text
+    assert "Failed: 1 of 2 checks" in robot_page.text
+
+
+def test_texts_from_outside_cannot_break_the_page(page_path, robot_trace, robot_scenario, robot_metrics):
+    evil = "</main><script>alert('x')</script>"
+    metrics = {
+        **robot_metrics,
+        "scenario": evil,
+        "method": evil,
+        "floor": evil,
+        "command": f"omnimj run '{evil}'",
+    }
+    metrics["faults"] = [{"kind": evil, "wheel": 1, "onset": 1.0, "end": 2.0, "note": evil}]
+    metrics["checks"] = [{"name": evil, "value": 1.0, "limit": 2.0, "ok": True}]
+    write_report(page_path, robot_trace, robot_scenario, metrics)
+    page = Page(page_path)
+    assert "script" not in page.tags
+    assert evil in page.text
+    assert robot_scenario.description in page.text
+
+
+def test_a_robots_run_has_all_its_figures_and_the_picture(robot_page):
+    assert robot_page.tags.count("svg") == 6
+    assert robot_page.tags.count("figure") == 7
+    assert robot_page.tags.count("img") == 1
+    for words in (
+        "Path",
+        "Heading",
+        "Wheel speeds",
+        "Slip velocity",
+        "Traction and normal force",
+        "Currents",
+    ):
+        assert words in robot_page.text
+    assert "Rendered by MuJoCo (osmesa)" in robot_page.text
+
+
+def test_faults_and_diagnoses_are_told_in_words(robot_page):
+    for words in ("slip", "motor loss", "loss 57 %", "end of run", "0.97", "3.100 s"):
+        assert words in robot_page.text
+
+
+def test_the_rigs_report_has_its_own_figures(page_path, rig_trace, rig_scenario, rig_metrics):
+    write_report(page_path, rig_trace, rig_scenario, rig_metrics)
+    page = Page(page_path)
+    for words in ("Wheel and carriage", "Slip velocity", "Forces", "Current", "Lateral speed", "≥ 1"):
+        assert words in page.text
+    assert page.tags.count("svg") == 5
+    assert "Passed: the check holds" in page.text
+
+
+def test_a_run_without_truth_has_a_report_too(page_path, robot_trace, robot_scenario, robot_metrics):
+    measured = ("time", "current", "wheel_speed", "target")
+    columns = {name: values for name, values in robot_trace.columns.items() if name.startswith(measured)}
+    columns["yaw"] = np.mod(robot_trace["heading"], 2 * np.pi)
+    metrics = {**robot_metrics, "checks": [], "faults": [], "diagnoses": []}
+    write_report(page_path, Trace(columns), robot_scenario, metrics)
+    page = Page(page_path)
+    assert page.tags.count("svg") == 3
+    assert "No checks in this scenario" in page.text
+
+
+def figures(robot_trace: Trace, rig_trace: Trace, spans) -> dict[str, Figure]:
+    return {
+        "path": plots.path(robot_trace, (), spans),
+        "heading": plots.heading(robot_trace, spans),
+        "wheel_speeds": plots.wheel_speeds(robot_trace, spans),
+        "currents": plots.currents(robot_trace, spans),
+        "slip": plots.per_wheel(robot_trace, "slip_velocity", "slip velocity [m/s]", spans),
+        "forces": plots.forces(robot_trace, spans),
+        "rig_speeds": plots_rig.speeds(rig_trace, 0.05, spans),
+        "rig_slip": plots_rig.slip(rig_trace, 0.05, spans),
+        "rig_forces": plots_rig.forces(rig_trace, spans),
+        "rig_current": plots_rig.current(rig_trace, spans),
+        "rig_lateral": plots_rig.lateral(rig_trace, spans),
+    }
+
+
+def test_every_axis_names_its_quantity_and_unit(robot_trace, rig_trace):
+    for name, figure in figures(robot_trace, rig_trace, ()).items():
+        axes = figure.get_axes()
+        for ax in axes:
+            assert re.search(r"\[(m|m/s|rad/s|N|A|°)\]$", ax.get_ylabel()), name
+        assert re.search(r"\[(s|m)\]$", axes[-1].get_xlabel()), name
+
+
+def test_faults_are_shaded_in_all_time_plots_and_named_once(robot_trace, rig_trace, robot_metrics):
+    spans = fault_spans(robot_metrics, 10.0)
+    for name, figure in figures(robot_trace, rig_trace, spans).items():
+        if name == "path" or name.startswith("rig"):
+            continue
+        for row, ax in enumerate(figure.get_axes()):
+            shades = [patch for patch in ax.patches if str(patch.get_gid()).startswith("fault-")]
+            assert len(shades) == len(spans), name
+            assert len(ax.texts) == (len(spans) if row == 0 else 0), name
+
+
+def test_faults_of_one_interval_share_a_band_and_a_label(robot_trace):
+    spans = [Span(f"slip, wheel {i}", f"wheel_{i}", "slip", 2.0, 4.0) for i in (1, 3)]
+    (ax,) = plots.per_wheel(robot_trace, "slip_velocity", "slip velocity [m/s]", spans).get_axes()
+    assert [text.get_text() for text in ax.texts] == ["slip, wheel 1; slip, wheel 3"]
+    assert len(ax.patches) == 1
+
+
+def test_the_path_has_equal_axes(robot_trace):
+    (ax,) = plots.path(robot_trace, (), ()).get_axes()
+    assert ax.get_aspect() == 1.0
+
+
+def test_a_wheel_keeps_its_colour_in_every_plot(robot_trace):
+    slip = plots.per_wheel(robot_trace, "slip_velocity", "slip velocity [m/s]", ()).get_axes()[0]
+    colors = {line.get_label(): line.get_color() for line in slip.get_lines()}
+    for i, ax in enumerate(plots.wheel_speeds(robot_trace, ()).get_axes()):
+        assert ax.get_lines()[0].get_color() == palette.wheel_color(i) == colors[f"wheel {i + 1}"]
+
+
+def luminance(color: str) -> float:
+    """Relative luminance of sRGB, WCAG 2."""
+    channels = np.array(palette.rgb(color)) / 255.0
+    linear = np.where(channels <= 0.04045, channels / 12.92, ((channels + 0.055) / 1.055) ** 2.4)
+    return float(linear @ [0.2126, 0.7152, 0.0722])
+
+
+def test_wheels_differ_without_colour_by_their_dashes():
+    assert len({str(palette.wheel_line(i)) for i in range(4)}) == 4
+
+
+def test_lines_stand_out_from_white_paper():
+    for i in range(4):
+        assert 1.05 / (luminance(palette.wheel_color(i)) + 0.05) > 2.5
+
+
+def test_thinning_a_signal_loses_no_peak():
+    time = np.linspace(0, 10, 100_001)
+    value = np.sin(time)
+    value[54_321] = 17.0
+    thinned_time, thinned = envelope(time, value, 100)
+    assert thinned.max() == 17.0
+    assert thinned.min() == value.min()
+    assert len(thinned) <= 202
+    assert np.all(np.diff(thinned_time) > 0)
+
+
+def test_an_svg_carries_no_declarations_and_its_own_ids(robot_trace):
+    text = svg(plots.heading(robot_trace, ()), "mine", "a heading")
+    assert text.startswith("<svg viewBox=")
+    assert "xmlns" not in text
+    assert "http" not in text
+    assert set(re.findall(r'\bid="([a-z]+)', text)) == {"mine"}
+
+
+def test_the_command_to_repeat_is_the_one_that_was_given(robot_scenario, robot_metrics):
+    built = repeat_command(robot_scenario, robot_metrics)
+    assert built == "omnimj run nylon_patch --method off --seed 3 --set floor=pvc --out OUT"
+    given = {**robot_metrics, "command": "omnimj run nylon_patch --seed 3"}
+    assert repeat_command(robot_scenario, given) == "omnimj run nylon_patch --seed 3"
+
+
+def test_without_a_display_the_viewer_says_what_to_do(monkeypatch, tmp_path):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.setattr("sys.platform", "linux")
+    with pytest.raises(ViewerError, match=r"no display .* run `rerun run\.rrd`"):
+        open_viewer(tmp_path / "run.rrd")
