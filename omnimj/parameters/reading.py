@@ -102,7 +102,9 @@ def read_quantity(place: str, entry: Any, spec: dataclasses.Field) -> tuple[Any,
             raise UnknownNameError(place, "key", key, ("value", "unit", "source"))
     for key in ("value", "unit", "source"):
         if key not in entry:
-            raise InputError(place, f"'{key}' is missing", f'write {{ value = …, unit = "{unit}", source = "…" }}')
+            raise InputError(
+                place, f"'{key}' is missing", f'write {{ value = …, unit = "{unit}", source = "…" }}'
+            )
     if entry["unit"] != unit:
         raise InputError(f"{place}.unit", f"found {entry['unit']!r}", f"the unit is {unit!r}")
     if entry["source"] not in SOURCES:

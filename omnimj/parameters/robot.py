@@ -104,7 +104,9 @@ def _read_mounts(entries: Any, path: Path, provenance: dict[str, Provenance]) ->
         if len(mount.position) != 2 or len(mount.drives_along) != 2:
             raise InputError(f"{path}: wheels.{i}", "position and drives_along need two numbers each")
         if not math.isclose(math.hypot(*mount.drives_along), 1.0, abs_tol=1e-9):
-            raise InputError(f"{path}: wheels.{i}.drives_along", f"found {list(mount.drives_along)}", "must have length 1")
+            raise InputError(
+                f"{path}: wheels.{i}.drives_along", f"found {list(mount.drives_along)}", "must have length 1"
+            )
         mounts.append(mount)
     return tuple(mounts)
 
@@ -139,7 +141,13 @@ def read_robot(path: Path | None = None) -> Robot:
         file=path,
     )
     if robot.body.unsprung_mass * len(robot.wheels) >= robot.body.mass:
-        raise InputError(f"{path}: body.unsprung_mass", f"found {robot.body.unsprung_mass:g}", "the corners outweigh the robot")
+        raise InputError(
+            f"{path}: body.unsprung_mass",
+            f"found {robot.body.unsprung_mass:g}",
+            "the corners outweigh the robot",
+        )
     if robot.wheel.mass >= robot.body.unsprung_mass:
-        raise InputError(f"{path}: wheel.mass", f"found {robot.wheel.mass:g}", "must be below body.unsprung_mass")
+        raise InputError(
+            f"{path}: wheel.mass", f"found {robot.wheel.mass:g}", "must be below body.unsprung_mass"
+        )
     return robot

@@ -1,4 +1,4 @@
-"""Builds the compiled MuJoCo models: MJCF for the shape, TOML for the numbers, floors and patches as geoms."""
+"""Builds the compiled MuJoCo models: MJCF for the shape, TOML for the numbers, floors as geoms."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def load_spec(path: Path) -> mujoco.MjSpec:
 
 
 def _add_floors(spec: mujoco.MjSpec, patches: Sequence[Patch], extra: Iterable[str]) -> None:
-    """Patches as flat visual geoms in the order given, and hidden geoms that hold a floor for `slip` faults."""
+    """Patches as flat geoms in the order given; hidden geoms that hold a floor for `slip` faults."""
     spec.nuser_geom, spec.nuser_actuator = slots.GEOM_SLOTS, slots.ACTUATOR_SLOTS
     spec.nuser_jnt = slots.JOINT_SLOTS
     for k, patch in enumerate(patches, start=1):
@@ -126,7 +126,9 @@ def _write_body(spec: mujoco.MjSpec, robot: Robot) -> None:
     body, count = robot.body, len(robot.wheels)
     corners = [b.name for b in spec.bodies if b.name.startswith("corner_")]
     if len(corners) != count:
-        raise InputError(f"{robot.file}: [[wheels]]", f"found {count} wheels", f"uto_robot.xml has {len(corners)}")
+        raise InputError(
+            f"{robot.file}: [[wheels]]", f"found {count} wheels", f"uto_robot.xml has {len(corners)}"
+        )
     chassis = spec.body("chassis")
     sprung = body.mass - count * body.unsprung_mass
     chassis.mass = sprung
@@ -143,7 +145,9 @@ def _write_body(spec: mujoco.MjSpec, robot: Robot) -> None:
         corner.mass = body.unsprung_mass - robot.wheel.mass
         inward = np.array(mount.position) - 0.06 * np.array([-math.sin(yaw), math.cos(yaw)])
         rest += corner.mass * float(inward @ inward) + corner.inertia[2]
-        rest += robot.wheel.mass * float(np.dot(mount.position, mount.position)) + vertical_inertia(robot.wheel)
+        rest += robot.wheel.mass * float(np.dot(mount.position, mount.position)) + vertical_inertia(
+            robot.wheel
+        )
         guide.stiffness = [body.suspension_stiffness, 0.0, 0.0]
         guide.damping = [body.suspension_damping, 0.0, 0.0]
         guide.springref = -sprung * GRAVITY / count / body.suspension_stiffness
@@ -151,7 +155,9 @@ def _write_body(spec: mujoco.MjSpec, robot: Robot) -> None:
     about_vertical = body.yaw_inertia - rest
     if about_vertical <= 0.0:
         raise InputError(
-            f"{robot.file}: body.yaw_inertia", f"found {body.yaw_inertia:g}", f"the corners alone have {rest:.3g} kg.m2"
+            f"{robot.file}: body.yaw_inertia",
+            f"found {body.yaw_inertia:g}",
+            f"the corners alone have {rest:.3g} kg.m2",
         )
     chassis.inertia = [0.643 * about_vertical, 0.643 * about_vertical, about_vertical]
 
@@ -216,7 +222,9 @@ def rig_model(
     body, wheel = rig.rig, rig.wheel
     mass = body.masses[0] if mass is None else mass
     if not mass > wheel.mass:
-        raise InputError(f"{rig.file}: mass", f"found {mass:g}", f"must be above the wheel's {wheel.mass:g} kg")
+        raise InputError(
+            f"{rig.file}: mass", f"found {mass:g}", f"must be above the wheel's {wheel.mass:g} kg"
+        )
     spec = load_spec(models_folder() / "quarter_rig" / "scene.xml")
     own = mass - wheel.mass
     height = (mass * body.com_height - wheel.mass * wheel.radius) / own

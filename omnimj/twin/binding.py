@@ -61,10 +61,10 @@ def bind_wheels(mj_model: mujoco.MjModel, machine: Robot | Rig, wheels: int) -> 
         except KeyError as error:
             raise InputError("MJCF", f"wheel {i + 1}: {error.args[0]}") from None
         if actuator != i:
-            raise InputError("MJCF", f"motor_{i + 1} is actuator {actuator + 1}", "motors come first, in order")
-        rollers = [
-            b for b in range(mj_model.nbody) if mj_model.body(b).name.startswith(f"{prefix}roller_")
-        ]
+            raise InputError(
+                "MJCF", f"motor_{i + 1} is actuator {actuator + 1}", "motors come first, in order"
+            )
+        rollers = [b for b in range(mj_model.nbody) if mj_model.body(b).name.startswith(f"{prefix}roller_")]
         dofs = mj_model.body_dofadr[rollers]
         if not np.array_equal(dofs, np.arange(dofs[0], dofs[0] + len(rollers))):
             raise InputError("MJCF", f"the rollers of wheel {i + 1} are not consecutive bodies")

@@ -21,8 +21,8 @@ from omnimj.physics.native import cached, kernel
 from omnimj.twin import slots
 from omnimj.twin.forces import add_contact_forces, add_drive_torque, add_rail_friction, coast_rollers
 from omnimj.twin.layout import OFFSETS, check_offsets
-from omnimj.twin.memory import load_int, load_pointer, load_real, real_pointer, store_real
-from omnimj.twin.wheel_contact import gather, grip_wheel, new_contacts
+from omnimj.twin.memory import load_int, load_pointer, load_real, real_pointer, stack_reals, store_real
+from omnimj.twin.wheel_contact import COLUMNS, MOST_CONTACTS, ROOM, gather, grip_wheel
 
 _STAGE_VELOCITY = int(mujoco.mjtStage.mjSTAGE_VEL)
 
@@ -47,7 +47,7 @@ def add_passive_forces(m, d):
     if wheels == 0:
         return
     h = load_real(m + OFFSETS.m_timestep, 0)
-    found = new_contacts()
+    found = numba.carray(stack_reals(ROOM), (MOST_CONTACTS, COLUMNS))
     count = gather(m, d, -1, found)
     for wheel in range(wheels):
         own = load_pointer(m + OFFSETS.m_actuator_user) + 8 * slots.ACTUATOR_SLOTS * wheel
@@ -72,7 +72,7 @@ def set_activation_rates(m, d, actuator):
     if actuator >= wheel_count(m):
         return
     h = load_real(m + OFFSETS.m_timestep, 0)
-    found = new_contacts()
+    found = numba.carray(stack_reals(ROOM), (MOST_CONTACTS, COLUMNS))
     count = gather(m, d, actuator, found)
     grip = grip_wheel(m, d, actuator, found, count, h)
     own = load_pointer(m + OFFSETS.m_actuator_user) + 8 * slots.ACTUATOR_SLOTS * actuator
@@ -103,7 +103,7 @@ def write_truth(m, d):
     if wheels == 0:
         return
     h = load_real(m + OFFSETS.m_timestep, 0)
-    found = new_contacts()
+    found = numba.carray(stack_reals(ROOM), (MOST_CONTACTS, COLUMNS))
     count = gather(m, d, -1, found)
     sensors = load_pointer(d + OFFSETS.d_sensordata)
     for wheel in range(wheels):
@@ -154,7 +154,9 @@ def install() -> None:
         if present is function:
             continue
         if present is not None:
-            raise OmnimjError(f"another mjcb_{name} is installed in this process ({present!r}); remove it first")
+            raise OmnimjError(
+                f"another mjcb_{name} is installed in this process ({present!r}); remove it first"
+            )
         check_offsets(OFFSETS)
         getattr(mujoco, f"set_mjcb_{name}")(function)
 

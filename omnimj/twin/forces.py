@@ -111,9 +111,7 @@ def add_contact_forces(m, d, wheel, found, count, second, h):
         fy = row[PRESSED] * row[NORMAL + 1] + row[FORCE] * row[AHEAD + 1] + side * row[ASIDE + 1]
         fz = row[PRESSED] * row[NORMAL + 2] + row[FORCE] * row[AHEAD + 2] + side * row[ASIDE + 2]
         x, y, z = row[POINT], row[POINT + 1], row[POINT + 2]
-        about, along = add_force(
-            m, d, numba.int64(row[ROLLER_BODY]), x, y, z, fx, fy, fz, axle, second
-        )
+        about, along = add_force(m, d, numba.int64(row[ROLLER_BODY]), x, y, z, fx, fy, fz, axle, second)
         torque, pull = torque + about, pull + along
         if row[FLOOR_BODY] > 0.0:
             add_force(m, d, numba.int64(row[FLOOR_BODY]), x, y, z, -fx, -fy, -fz, -1, -1)
@@ -167,9 +165,7 @@ def add_drive_torque(m, d, wheel, own, pressed, lateral_force, floor_torque, h):
     resistance = friction * load * load_real(own, slots.BEARING_RADIUS)
     resistance += load_real(own, slots.ROLLING_RESISTANCE) * pressed * load_real(own, slots.RADIUS)
     inertia = load_real(load_pointer(m + OFFSETS.m_dof_M0), dof)
-    torque = stick_or_slip(
-        forward - resistance, backward + resistance, wheel_speed, inertia, floor_torque, h
-    )
+    torque = stick_or_slip(forward - resistance, backward + resistance, wheel_speed, inertia, floor_torque, h)
     passive = load_pointer(d + OFFSETS.d_qfrc_passive)
     store_real(passive, dof, load_real(passive, dof) + torque)
 
@@ -197,4 +193,3 @@ def add_rail_friction(m, d, joint, pressed, lateral_force, pull, h):
     force = stick_or_slip(-friction, friction, speed, mass, pull, h)
     passive = load_pointer(d + OFFSETS.d_qfrc_passive)
     store_real(passive, dof, load_real(passive, dof) + force)
-

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -74,7 +74,7 @@ class Offsets(NamedTuple):
     contact_size: int
 
 
-def _size_and_alignment(kind: object) -> tuple[int, int]:
+def _size_and_alignment(kind: Any) -> tuple[int, int]:
     if isinstance(kind, ast_nodes.PointerType):
         return 8, 8
     if isinstance(kind, ast_nodes.ArrayType):
@@ -82,7 +82,7 @@ def _size_and_alignment(kind: object) -> tuple[int, int]:
         return size * int(np.prod([int(extent) for extent in kind.extents])), alignment
     if isinstance(kind, ast_nodes.AnonymousStructDecl):
         return _struct(kind.fields)[1:]
-    name = getattr(kind, "name", None)
+    name = str(getattr(kind, "name", ""))
     if name in _SCALARS:
         return _SCALARS[name], _SCALARS[name]
     if name in structs.STRUCTS:
@@ -90,7 +90,7 @@ def _size_and_alignment(kind: object) -> tuple[int, int]:
     raise NativeLayoutError(f"MuJoCo {mujoco.__version__} describes a field of unknown type {kind}")
 
 
-def _struct(fields: Iterable[ast_nodes.StructFieldDecl]) -> tuple[dict[str, int], int, int]:
+def _struct(fields: Iterable[Any]) -> tuple[dict[str, int], int, int]:
     offsets: dict[str, int] = {}
     end, widest = 0, 1
     for field in fields:

@@ -20,7 +20,6 @@ from omnimj.twin.assembly import rest_depth, rig_model, robot_model
 from omnimj.twin.callback import install
 from omnimj.twin.conditions_in_model import Healthy
 
-
 _SETTLING = 0.3  # [s] that the gantry moves sideways before a rig run begins
 
 
@@ -85,9 +84,7 @@ class RobotTwin:
         self.period = 1.0 / robot.sensors.sample_rate
         self._wheels = len(robot.wheels)
         self.truth_names = robot_truth_names(self._wheels)
-        self.mj_model = robot_model(
-            robot, floor, patches, _floors_of(faults), scene=scene, lean=True
-        )
+        self.mj_model = robot_model(robot, floor, patches, _floors_of(faults), scene=scene, lean=True)
         self.mj_model.opt.timestep = self.period if timestep is None else timestep
         self._substeps = max(1, round(self.period / self.mj_model.opt.timestep))
         self.mj_data = mujoco.MjData(self.mj_model)

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 
 import numba
-import numpy as np
 
 from omnimj.parameters.floor import ROW
 from omnimj.physics.native import kernel
@@ -26,6 +25,8 @@ NORMAL, AHEAD, ASIDE, POINT = 8, 11, 14, 17
 FORCE, PRESSED, DRAG = 20, 21, 22  # traction, normal force, bearing friction of the rollers
 COLUMNS = 23
 MOST_CONTACTS = 64
+ROOM = MOST_CONTACTS * COLUMNS
+"""Doubles that one call's contacts need."""
 
 
 @kernel
@@ -229,9 +230,3 @@ def _roller_friction(own, z, velocity, h):
     # the mean rate over the step: bounded however stiff the bristle is
     ratio = stiffness * z + load_real(own, slots.ROLLER_SIGMA_1) * (z_next - z) / h + viscous
     return ratio, z_next
-
-
-@kernel
-def new_contacts():
-    """Room for one call's contacts, shape (MOST_CONTACTS, COLUMNS)."""
-    return np.empty((MOST_CONTACTS, COLUMNS))

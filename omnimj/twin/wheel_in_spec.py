@@ -38,7 +38,9 @@ def hub_inertia(wheel: Wheel) -> float:
     left = wheel.inertia - count * (ring + roller_inertia(wheel)[1])
     if left <= 0.0 or wheel.mass <= count * wheel.roller_mass:
         raise InputError(
-            "wheel.inertia", f"found {wheel.inertia:g} kg.m2 and {wheel.mass:g} kg", "the rollers alone have more"
+            "wheel.inertia",
+            f"found {wheel.inertia:g} kg.m2 and {wheel.mass:g} kg",
+            "the rollers alone have more",
         )
     return left
 

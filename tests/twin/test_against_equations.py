@@ -1,4 +1,4 @@
-"""The twin against the planar equations: the rig by an independent integration, the robot by the planar plant."""
+"""The twin against the planar equations: the rig integrated afresh, the robot by the planar plant."""
 
 import math
 

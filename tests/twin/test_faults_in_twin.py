@@ -120,7 +120,9 @@ def test_payload_adds_weight_where_it_stands(robot):
 
 
 def test_a_slope_pulls_a_free_robot_downhill(robot):
-    _, truth = drive(robot, (fault("slope", angle=0.2, direction=math.pi / 2),), current=np.zeros(4), seconds=1.0)
+    _, truth = drive(
+        robot, (fault("slope", angle=0.2, direction=math.pi / 2),), current=np.zeros(4), seconds=1.0
+    )
     assert truth[-1, 1] > 0.1
     assert abs(truth[-1, 0]) < 0.01
 
@@ -160,7 +162,9 @@ def test_the_same_seed_gives_the_same_run_and_another_seed_another(robot):
 
 
 def test_reset_repeats_the_run_with_its_faults(robot):
-    twin = RobotTwin(robot, find_floor("pvc", "test"), faults=(fault("motor", 0.05, None, 4, loss=0.8),), seed=3)
+    twin = RobotTwin(
+        robot, find_floor("pvc", "test"), faults=(fault("motor", 0.05, None, 4, loss=0.8),), seed=3
+    )
     runs = []
     for _ in range(2):
         twin.reset()

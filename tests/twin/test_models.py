@@ -124,7 +124,7 @@ def test_patches_are_geoms_and_later_ones_lie_on_top(robot, floors):
 def test_broken_mjcf_gives_one_line_that_names_the_file(tmp_path):
     path = tmp_path / "broken.xml"
     path.write_text("<mujoco><worldbody><geom type='plane'")
-    with pytest.raises(InputError, match="broken.xml") as caught:
+    with pytest.raises(InputError, match=r"broken\.xml") as caught:
         load_spec(path)
     assert "\n" not in str(caught.value)
 

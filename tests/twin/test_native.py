@@ -100,8 +100,8 @@ def test_rollout_equals_a_serial_loop_bit_for_bit(mj_model):
         d = moving(mj_model, 200, current)
         end = np.empty(size)
         mujoco.mj_getState(mj_model, d, end, full)
-        assert np.array_equal(states[k, -1], end)
-        assert np.array_equal(sensed[k, -1], d.sensordata)
+        assert np.array_equal(np.asarray(states)[k, -1], end)
+        assert np.array_equal(np.asarray(sensed)[k, -1], d.sensordata)
 
 
 def test_two_twins_with_different_floors_leave_each_other_alone(robot, floors):
