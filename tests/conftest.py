@@ -1,9 +1,38 @@
-"""Shared by all tests; its place also puts this folder on the import path (for `rig_reference`)."""
+"""Shared by all tests; its place also puts this folder on the import path (for `rig_reference`).
+
+Tests of laws report what they measured; the table is printed at the end of the run.
+"""
 
 from __future__ import annotations
 
+import pytest
 from hypothesis import settings
 
 # a kernel compiles on its first call, which says nothing about the example at hand
 settings.register_profile("kernels", deadline=None)
 settings.load_profile("kernels")
+
+
+@pytest.fixture
+def measured(record_property):
+    """Notes a figure beside its limit: `measured(name, value, limit)`; the worst value of a name is shown."""
+
+    def note(name, value, limit):
+        record_property("measured", (name, float(value), float(limit)))
+
+    return note
+
+
+def pytest_terminal_summary(terminalreporter):
+    """Prints the worst figure of every name beside its limit."""
+    worst = {}
+    for reports in terminalreporter.stats.values():
+        for report in reports:
+            for key, noted in getattr(report, "user_properties", ()):
+                if key == "measured":
+                    name, value, limit = noted
+                    worst[name] = max(value, worst.get(name, (value,))[0]), limit
+    if worst:
+        terminalreporter.write_sep("-", "measured: worst value, limit")
+    for name, (value, limit) in sorted(worst.items()):
+        terminalreporter.write_line(f"{value:10.3g}  ≤ {limit:<8.3g} {name}")

@@ -58,12 +58,13 @@ def add_passive_forces(m, d):
             rail_dof = load_int(load_pointer(m + OFFSETS.m_jnt_dofadr), rail)
         torque, pull = add_contact_forces(m, d, wheel, found, count, rail_dof, h)
         coast_rollers(m, d, own, wheel, found, count, h)
-        side = grip[3]
-        if rail >= 0:
+        side, rolling = grip[3], load_real(own, slots.ROLLING_RESISTANCE) * grip[1]
+        if rail >= 0:  # the rig's equations put rolling resistance on the carriage
             address = load_int(load_pointer(m + OFFSETS.m_actuator_actadr), wheel)
             side = load_real(load_pointer(d + OFFSETS.d_act), address + slots.SIDE_LOAD)
-            add_rail_friction(m, d, rail, grip[1], side, pull, h)
-        add_drive_torque(m, d, wheel, own, grip[1], side, torque, h)
+            add_rail_friction(m, d, rail, grip[1], side, rolling, pull, h)
+            rolling = 0.0
+        add_drive_torque(m, d, wheel, own, grip[1], side, rolling, torque, h)
 
 
 @kernel

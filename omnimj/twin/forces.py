@@ -147,8 +147,8 @@ def _is_first_of_its_roller(found, i):
 
 
 @kernel
-def add_drive_torque(m, d, wheel, own, pressed, lateral_force, floor_torque, h):
-    """Motor through gear, no-load and bearing friction, brake: one set-valued torque on the axle.
+def add_drive_torque(m, d, wheel, own, pressed, lateral_force, rolling, floor_torque, h):
+    """Motor through gear, no-load, bearing and rolling friction, brake: one set-valued torque on the axle.
 
     Bearing: (μ_dry + μ_vis |φ̇|)(|F_A| + |F_B|) p_d/2, F_A = (F_N(a + b) − G r)/a, F_B = (F_N b − G r)/a
     (Eqs. 4.37-4.38), G the rollers' resistance to sideways motion.
@@ -163,7 +163,7 @@ def add_drive_torque(m, d, wheel, own, pressed, lateral_force, floor_torque, h):
     load = (abs(pressed * (a + b) - tilt) + abs(pressed * b - tilt)) / a
     friction = load_real(own, slots.BEARING_DRY) + load_real(own, slots.BEARING_VISCOUS) * abs(wheel_speed)
     resistance = friction * load * load_real(own, slots.BEARING_RADIUS)
-    resistance += load_real(own, slots.ROLLING_RESISTANCE) * pressed * load_real(own, slots.RADIUS)
+    resistance += rolling * load_real(own, slots.RADIUS)
     inertia = load_real(load_pointer(m + OFFSETS.m_dof_M0), dof)
     torque = stick_or_slip(forward - resistance, backward + resistance, wheel_speed, inertia, floor_torque, h)
     passive = load_pointer(d + OFFSETS.d_qfrc_passive)
@@ -171,10 +171,10 @@ def add_drive_torque(m, d, wheel, own, pressed, lateral_force, floor_torque, h):
 
 
 @kernel
-def add_rail_friction(m, d, joint, pressed, lateral_force, pull, h):
-    """Friction of the rig's rail, Eqs. 4.13-4.16, with stiction.
+def add_rail_friction(m, d, joint, pressed, lateral_force, rolling, pull, h):
+    """Friction of the rig's rail and rolling resistance of its wheel, Eqs. 4.12-4.16, with stiction.
 
-    F = F_0 + (μ_D,dry + μ_D,vis |ẋ|)(|F_H| + |F_G|), F_H,G = (F_D h ∓ M_D)/(2h), F_D = −G,
+    F = F_0 + F_rol + (μ_D,dry + μ_D,vis |ẋ|)(|F_H| + |F_G|), F_H,G = (F_D h ∓ M_D)/(2h), F_D = −G,
     M_D = F_N d − m_T g e − G c.
     """
     rail = load_pointer(m + OFFSETS.m_jnt_user) + 8 * load_pointer(m + OFFSETS.m_nuser_jnt) * joint
@@ -187,7 +187,7 @@ def add_rail_friction(m, d, joint, pressed, lateral_force, pull, h):
     )
     moment -= resisting * load_real(rail, slots.RAIL_HEIGHT)
     load = (abs(-resisting * half - moment) + abs(-resisting * half + moment)) / (2.0 * half)
-    friction = load_real(rail, slots.RAIL_COULOMB)
+    friction = load_real(rail, slots.RAIL_COULOMB) + rolling
     friction += (load_real(rail, slots.RAIL_DRY) + load_real(rail, slots.RAIL_VISCOUS) * abs(speed)) * load
     mass = load_real(load_pointer(m + OFFSETS.m_dof_M0), dof)
     force = stick_or_slip(-friction, friction, speed, mass, pull, h)

@@ -118,6 +118,13 @@ def test_two_twins_with_different_floors_leave_each_other_alone(robot, floors):
         assert np.array_equal(state_of(m, d), expected)
 
 
+def test_a_model_saved_to_a_file_carries_its_parameters(robot, floors, tmp_path):
+    ice = robot_model(robot, floors["ice"], lean=True)
+    mujoco.mj_saveModel(ice, str(tmp_path / "robot.mjb"))
+    again = mujoco.MjModel.from_binary_path(str(tmp_path / "robot.mjb"))
+    assert np.array_equal(state_of(ice, moving(ice)), state_of(again, moving(again)))
+
+
 def test_other_models_are_left_alone():
     m = mujoco.MjModel.from_xml_string(
         "<mujoco><worldbody><geom type='plane' size='1 1 1'/><body pos='0 0 .2'><freejoint/>"

@@ -25,20 +25,35 @@ def drive(twin, current, seconds):
 
 
 @pytest.mark.parametrize("floor", FLOORS)
-def test_at_rest_the_floor_carries_the_weight_and_nothing_moves(robot, floors, floor):
+def test_at_rest_the_floor_carries_the_weight_and_nothing_moves(robot, floors, floor, measured):
     twin = RobotTwin(robot, floors[floor], ideal_sensors=True)
     twin.reset()
     drive(twin, np.zeros(4), 2.0)
-    assert felt(twin)["normal_force"].sum() == pytest.approx(robot.body.mass * 9.81, rel=1e-3)
+    off = abs(felt(twin)["normal_force"].sum() / (robot.body.mass * 9.81) - 1.0)
+    measured("at rest: normal forces against weight [1]", off, 1e-3)
+    measured("at rest: largest speed after 2 s [m/s, rad/s]", np.abs(twin.mj_data.qvel).max(), 1e-5)
+    assert off <= 1e-3
     assert np.abs(twin.mj_data.qvel).max() < 1e-5
 
 
-def test_a_resting_robot_drifts_less_than_a_tenth_of_a_millimetre_in_a_minute(robot, floors):
+def test_a_resting_robot_drifts_less_than_a_tenth_of_a_millimetre_in_a_minute(robot, floors, measured):
     twin = RobotTwin(robot, floors["natural_stone"], ideal_sensors=True)
     twin.reset()
     start = twin.mj_data.qpos.copy()
     mujoco.mj_step(twin.mj_model, twin.mj_data, 60_000)
+    measured("at rest: drift in 60 s [m, rad]", np.abs(twin.mj_data.qpos - start).max(), 1e-4)
     assert np.abs(twin.mj_data.qpos - start).max() < 1e-4
+
+
+def test_a_dropped_robot_lands_on_its_wheels_and_comes_to_rest(robot, floors):
+    twin = RobotTwin(robot, floors["natural_stone"], ideal_sensors=True)
+    twin.reset()
+    rest = twin.mj_data.qpos[2]
+    twin.mj_data.qpos[2] += 0.10  # 1.4 m/s at the floor: deeper than the margin, MuJoCo's solver helps
+    drive(twin, np.zeros(4), 4.0)
+    assert np.abs(twin.mj_data.qvel[:6]).max() < 1e-4
+    assert twin.mj_data.qpos[2] == pytest.approx(rest, abs=1e-3)
+    assert felt(twin)["normal_force"].sum() == pytest.approx(robot.body.mass * 9.81, rel=1e-3)
 
 
 @pytest.mark.parametrize("force", [(60.0, 0.0), (0.0, -80.0), (50.0, 50.0)])
@@ -92,7 +107,7 @@ def test_a_coasting_robot_never_gains_mechanical_energy(robot, floors):
         highest = min(highest, energy)
 
 
-def test_halving_the_time_step_changes_end_speeds_by_less_than_a_percent(robot, floors):
+def test_halving_the_time_step_changes_end_speeds_by_less_than_a_percent(robot, floors, measured):
     current = [0.5, -0.9, -0.45, 0.8]
     ends = []
     for timestep in (1e-3, 5e-4):
@@ -101,5 +116,7 @@ def test_halving_the_time_step_changes_end_speeds_by_less_than_a_percent(robot, 
         drive(twin, current, 5.0)
         ends.append(twin.truth()[3:6])
     coarse, fine = ends
-    assert np.linalg.norm(coarse[:2] - fine[:2]) < 0.01 * np.linalg.norm(fine[:2])
+    change = np.linalg.norm(coarse[:2] - fine[:2]) / np.linalg.norm(fine[:2])
+    measured("time step halved: change of end speed after 5 s [1]", change, 0.01)
+    assert change < 0.01
     assert abs(coarse[2] - fine[2]) < 0.01 * max(abs(fine[2]), 0.1)
