@@ -83,8 +83,8 @@ def number(place: str, value: Any, rule: Rule, whole: bool = False) -> float | i
         raise InputError(place, f"found {value!r}", f"a number is needed that {rule}")
     try:
         broken = rule.broken_by(float(value))
-    except OverflowError:  # a whole number beyond the range of floating point
-        broken = True
+    except OverflowError:  # TOML has integers of any length, floats end at 1.8e308
+        raise InputError(place, "found a number too large to use", str(rule)) from None
     if broken:
         raise InputError(place, f"found {value!r}", str(rule))
     if whole and float(value) != int(value):

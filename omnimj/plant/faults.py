@@ -165,7 +165,4 @@ def _name(place: str, key: str, table: Mapping, choices: Collection[str]) -> str
 def _number(place: str, key: str, table: Mapping, rule: Rule, whole: bool = False) -> float:
     if key not in table:
         raise InputError(place, f"'{key}' is missing", f"a number is needed that {rule}")
-    try:
-        return number(f"{place}.{key}", table[key], rule, whole)
-    except OverflowError:  # TOML has integers of any length, floats end at 1.8e308
-        raise InputError(f"{place}.{key}", "found a number too large to use", str(rule)) from None
+    return number(f"{place}.{key}", table[key], rule, whole)

@@ -112,7 +112,7 @@ def test_set_valued_friction_comes_as_near_to_rest_as_it_can(bound, speed, inert
     def after(t):
         return speed + h * (t + other) / inertia
 
-    scale = 1e-12 * (abs(speed) + h * (abs(torque) + abs(other)) / inertia)
+    scale = 1e-12 * (abs(speed) + h * (abs(torque) + abs(other)) / inertia) + 1e-300
     for alternative in (low, 0.5 * (low + high), high):
         assert abs(after(torque)) <= abs(after(alternative)) + scale
     if low < torque < high:
