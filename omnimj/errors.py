@@ -9,6 +9,8 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
+_LONGEST = 200  # what was found may be a whole table or a file's worth of text
+
 
 class OmnimjError(Exception):
     """Root of every error that omnimj raises on purpose."""
@@ -21,7 +23,7 @@ class InputError(OmnimjError, ValueError):
     """
 
     def __init__(self, place: object, found: str, rule: str = "", choices: Iterable[str] = ()):
-        message = f"{place}: {found}"
+        message = f"{place}: {found if len(found) <= _LONGEST else found[: _LONGEST - 1] + '…'}"
         if rule:
             message += f"; {rule}"
         names = sorted(choices)

@@ -36,6 +36,11 @@ Progress = Callable[[int, int], None]
 """Called now and then with the rows done and the rows in all."""
 Snapshot = Callable[[float, Array], None]
 """Called every `SNAPSHOT_PERIOD` with the time [s] and the plant's pose (the twin's qpos)."""
+Rows = Callable[[tuple[str, ...], Array], None]
+"""Called now and then with the columns' names and the rows since the call before, shape (m, columns)."""
+
+LARGEST = 1e10
+"""A truth beyond it, in whatever unit, is no robot's: MuJoCo gives up there too."""
 
 _PROGRESS_EVERY = 100  # [rows]
 
@@ -72,6 +77,7 @@ class Watch:
 
     progress: Progress | None = None
     snapshot: Snapshot | None = None
+    rows: Rows | None = None
 
 
 _NOBODY = Watch()
@@ -86,7 +92,8 @@ def drive(
 ) -> Trace:
     """Drives a robot along a reference, one control period per sample.
 
-    Ctrl-C ends the run early and keeps what was recorded: `about["interrupted"]` is then true.
+    Whatever ends the run early keeps what was recorded: `about["interrupted"]` is then true. When it was the
+    plant that failed, `about["failure"]` says when and how; else it is None.
 
     Args:
       plant: Reset by this call; the caller closes it.
@@ -97,9 +104,6 @@ def drive(
 
     Returns:
       Columns of the measured channels, `current_target_i`, the controller's log, the plant's truth, the plan.
-
-    Raises:
-      SimulationError: The plant failed or its truth is not finite; the message names the time.
     """
     measurement = plant.reset()
     assert isinstance(measurement, Measurement)
@@ -145,10 +149,7 @@ def drive_rig(
       about: What the run was.
 
     Returns:
-      Columns of the measured channels, `current_target` and the plant's truth.
-
-    Raises:
-      SimulationError: The plant failed or its truth is not finite; the message names the time.
+      Columns of the measured channels, `current_target` and the plant's truth; ended early as by `drive`.
     """
     set_values = current.tolist()
 
@@ -175,22 +176,24 @@ def _record(
     watch: Watch,
     about: Mapping[str, Any],
 ) -> Trace:
-    """Steps the plant and fills one row per step: first `names` (by `control`), then the plant's truth."""
+    """Steps the plant and fills one row per step: first `names` (by `control`), then the plant's truth.
+
+    A failure inside is a value, so that nothing recorded is lost; the outermost call raises.
+    """
     names = (*names, *plant.truth_names)
     if len(set(names)) != len(names):
         raise ValueError(f"two columns share a name: {sorted(n for n in set(names) if names.count(n) > 1)}")
     table = np.empty((rows, len(names)))
     first_truth = len(names) - len(plant.truth_names)
-    show = _showing(plant, watch, rows)
+    show = _showing(plant, watch, names, table)
     done, begin = 0, time.perf_counter()
-    interrupted = False
+    interrupted, failure = False, None
     try:
         for k, row in enumerate(table):
             command = control(k, row, measurement)
             truth = plant.truth()
             row[first_truth:] = truth
-            if not math.isfinite(sum(truth.tolist())):  # for twenty numbers the quickest way
-                raise _not_finite(plant.truth_names, truth)
+            _check(plant.truth_names, truth.tolist())
             done = k + 1
             show(done, row[0])
             if done < rows:
@@ -200,37 +203,51 @@ def _record(
     except KeyboardInterrupt:
         interrupted = True
     except (SimulationError, ArithmeticError) as error:
-        raise SimulationError(f"at {done * plant.period:.4f} s: {error}") from error
+        interrupted, failure = True, f"at {done * plant.period:.4f} s: {error}"
     wall = time.perf_counter() - begin
     columns = np.ascontiguousarray(table[:done].T)
     simulated = max(done - 1, 0) * plant.period
     described = {
         **about,
         "interrupted": interrupted,
+        "failure": failure,
         "realtime_factor": simulated / wall if wall > 0.0 else 0.0,
     }
     return Trace(dict(zip(names, columns, strict=True)), described)
 
 
-def _showing(plant: Plant, watch: Watch, rows: int) -> Callable[[int, float], None]:
-    """What to do after each row: progress now and then, a snapshot every `SNAPSHOT_PERIOD`."""
-    progress, snapshot, pose = watch.progress, watch.snapshot, getattr(plant, "pose", None)
+def _showing(
+    plant: Plant, watch: Watch, names: tuple[str, ...], table: Array
+) -> Callable[[int, float], None]:
+    """What to do after each row: progress and rows now and then, a snapshot every `SNAPSHOT_PERIOD`."""
+    progress, snapshot, pose, total = watch.progress, watch.snapshot, getattr(plant, "pose", None), len(table)
     each = max(1, round(SNAPSHOT_PERIOD / plant.period))
 
     def show(done: int, now: float) -> None:
         if snapshot is not None and pose is not None and (done - 1) % each == 0:
             snapshot(float(now), pose())
-        if progress is not None and (done % _PROGRESS_EVERY == 0 or done == rows):
-            progress(done, rows)
+        if done % _PROGRESS_EVERY and done != total:
+            return
+        if progress is not None:
+            progress(done, total)
+        if watch.rows is not None:
+            watch.rows(names, table[(done - 1) // _PROGRESS_EVERY * _PROGRESS_EVERY : done])
 
     return show
 
 
-def _not_finite(names: tuple[str, ...], truth: Array) -> SimulationError:
+def _check(names: tuple[str, ...], truth: list[float]) -> None:
+    """Refuses a truth that is not finite or beyond `LARGEST`; for twenty numbers the quickest way."""
+    if (
+        math.isfinite(sum(truth))
+        and max(truth, default=0.0) <= LARGEST
+        and min(truth, default=0.0) >= -LARGEST
+    ):
+        return
     broken = [
-        f"{name} is {value}" for name, value in zip(names, truth, strict=True) if not np.isfinite(value)
+        f"{name} is {value:g}" for name, value in zip(names, truth, strict=True) if not abs(value) <= LARGEST
     ]
-    return SimulationError(", ".join(broken) or "the truth is too large to be one")
+    raise SimulationError(", ".join(broken))
 
 
 def _with_targets(trace: Trace, reference: Reference) -> Trace:

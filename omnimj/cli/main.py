@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import io
-import os
+import re
 import sys
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
@@ -12,7 +11,8 @@ from typing import Any, NoReturn
 from omnimj import __version__
 from omnimj.cli import run as run_command
 from omnimj.cli import scenarios as scenarios_command
-from omnimj.errors import InputError, OmnimjError
+from omnimj.cli.streams import drop_output, flush_output, prepare_streams
+from omnimj.errors import InputError, OmnimjError, UnknownNameError
 
 FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
 
@@ -63,13 +63,29 @@ def make_parser() -> Parser:
             allow_abbrev=False,
         )
         add_arguments(one)
-        one.set_defaults(run=run)
+        options = [name for action in one._actions for name in action.option_strings]
+        one.set_defaults(run=run, options=options)
 
     for name, module in (("scenarios", scenarios_command), ("run", run_command)):
         add(name, module.HELP, module.EXAMPLE, module.add_arguments, module.run)
     bench = "measure speed: steps per second, times real time, overhead of the callback, batch scaling"
     add("bench", bench, "example:\n  omnimj bench --json", _bench_arguments, _run_bench)
     return parser
+
+
+def _parsed(parser: Parser, given: list[str]) -> argparse.Namespace:
+    """The arguments of one sub-command.
+
+    Raises:
+      InputError: No sub-command, or an argument that it does not have.
+    """
+    arguments, unknown = parser.parse_known_args(given)
+    if unknown:
+        place = f"omnimj {arguments.command}"
+        if unknown[0].startswith("-"):
+            raise UnknownNameError(place, "option", unknown[0].partition("=")[0], arguments.options)
+        raise InputError(place, f"found {unknown[0]!r}, one argument too many", f"see {place} --help")
+    return arguments
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -82,14 +98,15 @@ def main(argv: Sequence[str] | None = None) -> int:
       0 on success, 1 when a check failed or a simulation broke down, 2 on bad input, 130 on Ctrl-C.
     """
     given = list(sys.argv[1:] if argv is None else argv)
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")  # a terminal without "≥" shows a "?" instead of a traceback
+    prepare_streams()
     try:
-        arguments = make_parser().parse_args(given)
+        parser = make_parser()
+        if not given:
+            parser.print_help()
+        arguments = _parsed(parser, given)
         arguments.given = given
         code = arguments.run(arguments)
-        sys.stdout.flush()
+        flush_output()
         return code
     except InputError as error:
         return _say(error, BAD_INPUT)
@@ -97,14 +114,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _say(error, FAILED)
     except KeyboardInterrupt:
         return INTERRUPTED
-    except BrokenPipeError:
-        # the reader of a pipe has had enough; keep Python from complaining when it flushes at the end
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except BrokenPipeError:  # the reader of a pipe has had enough
+        drop_output()
         return FAILED
     except OSError as error:  # a file that may not be read, a disk that is full
+        drop_output()
         return _say(InputError(error.filename or "omnimj", error.strerror or str(error)), BAD_INPUT)
 
 
 def _say(error: Exception, code: int) -> int:
-    print(f"omnimj: {' '.join(str(error).split())}", file=sys.stderr)
+    text = " ".join(str(error).split())
+    print(text if re.match(r"omnimj[ a-z]*: ", text) else f"omnimj: {text}", file=sys.stderr)
     return code

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from omnimj.recording.folder import whole_file
 
 if TYPE_CHECKING:
     from omnimj.scenario.running import Run
+    from omnimj.scenario.scenario import Scenario
+    from omnimj.view.live import LiveRun
     from omnimj.view.picture import Picture
     from omnimj.view.scene3d import Poses
 
@@ -53,23 +56,36 @@ def _picture_of(run: Run, folder: Path) -> Picture | None:
     return None if poses is None else picture_of_run(poses, run.trace, run.metrics, folder / "picture.png")
 
 
-def show(run: Run, folder: Path | None) -> None:
-    """Opens the run in the Rerun viewer.
+def open_live(scenario: Scenario, known: Mapping[str, Any]) -> LiveRun:
+    """Opens the Rerun viewer for a run that will be driven.
+
+    Where no viewer can be opened nothing is driven: the run would not be what was asked for, and to leave out
+    `--view` is easier than to wait for its end.
 
     Args:
-      run: What was driven.
-      folder: Where its `run.rrd` lies; a temporary one is written when None.
+      scenario: What is asked for.
+      known: What `metrics.json` will hold, as far as it is known.
 
     Raises:
       ViewerError: No viewer could be opened.
     """
-    from omnimj.view.live import open_viewer
+    from omnimj.view.live import LiveRun
+    from omnimj.view.viewer import open_viewer
 
-    if folder is None:
-        # the viewer reads on after this process has ended: the folder is left to the system to clear
-        folder = Path(tempfile.mkdtemp(prefix="omnimj-view-"))
-        write_recording_of(folder / "run.rrd", run)
-    open_viewer(folder / "run.rrd")
+    return LiveRun(scenario, known, open_viewer())
+
+
+def show(run: Run, live: LiveRun) -> None:
+    """Completes the run in the viewer and leaves the viewer to itself.
+
+    Args:
+      run: What was driven; its results are written and printed by now.
+      live: From `open_live`.
+
+    Raises:
+      ViewerError: The viewer broke down.
+    """
+    live.finish(run)
 
 
 def write_recording_of(path: Path, run: Run) -> None:

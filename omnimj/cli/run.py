@@ -9,12 +9,14 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from omnimj.cli.compiling import note_compiled, say_compiling
 from omnimj.cli.progress import ProgressBar
 from omnimj.cli.tables import shown, table
-from omnimj.errors import InputError
+from omnimj.errors import InputError, SimulationError
 
 if TYPE_CHECKING:
     from omnimj.scenario.running import Run
+    from omnimj.view.live import LiveRun
 
 HELP = "drive one scenario and judge it by its checks"
 EXAMPLE = """examples:
@@ -28,7 +30,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scenario", help="a name from `omnimj scenarios`, or a path to a TOML file")
     parser.add_argument("--plant", metavar="P", help="twin (default) or planar")
     parser.add_argument("--method", metavar="M", default="off", help="diagnosis; this version has only: off")
-    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the sensors' noise (default 0)")
+    parser.add_argument(
+        "--seed", metavar="N", type=_seed, default=0, help="of the sensors' noise (default 0)"
+    )
     parser.add_argument(
         "--set",
         metavar="KEY=VALUE",
@@ -42,8 +46,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out", metavar="DIR", type=Path, help="write trace, metrics, recording and report here"
     )
     parser.add_argument("--force", action="store_true", help="write into --out although it is not empty")
-    parser.add_argument("--view", action="store_true", help="open the run in Rerun")
+    parser.add_argument("--view", action="store_true", help="watch the run in the Rerun viewer")
     parser.add_argument("--json", action="store_true", help="print metrics.json instead of the table")
+
+
+def _seed(text: str) -> int:
+    # metrics.json and the trace carry it: 64 bits are what other readers hold
+    if not (text.isascii() and text.isdigit() and len(text) < 20 and int(text) < 2**63):
+        rule = f"must be a whole number, at least 0 and below {2**63}"
+        raise argparse.ArgumentTypeError(f"found {text[:40]!r}; {rule}")
+    return int(text)
 
 
 def run(arguments: Any) -> int:
@@ -51,49 +63,73 @@ def run(arguments: Any) -> int:
 
     Returns:
       0 when every check holds, 1 when one does not, 130 after Ctrl-C with what was recorded until then.
+
+    Raises:
+      SimulationError: The simulation broke down; what was recorded until then is written.
     """
     from omnimj.recording.folder import check_folder
     from omnimj.scenario.scenario import read_scenario
 
-    if arguments.seed < 0:
-        raise InputError("--seed", f"found {arguments.seed}", "must be at least 0")
     if arguments.force and arguments.out is None:
         raise InputError("--force", "there is no --out", "it belongs to --out DIR")
     if arguments.out is not None:
         check_folder(arguments.out, arguments.force)
     scenario = read_scenario(arguments.scenario, arguments.overrides, arguments.model)
-    finished = _drive(arguments, scenario)
-    if not finished.metrics:
-        return 130
+    finished, live = _drive(arguments, scenario)
+    if finished.metrics:
+        _deliver(arguments, finished, live)
+    return _exit_code(finished, arguments.out)
+
+
+def _deliver(arguments: Any, finished: Run, live: LiveRun | None) -> None:
+    """Writes, prints and shows a run of two rows or more, whatever ended it."""
+    failure = finished.trace.about["failure"]
+    finished.metrics["failure"] = failure
     finished.metrics["command"] = shlex.join(["omnimj", *arguments.given])
     if arguments.out is not None:
         from omnimj.cli.outputs import write_outputs
 
         write_outputs(arguments.out, arguments.force, finished)
-    print(json.dumps(finished.metrics, indent=2) if arguments.json else _told(finished, arguments.out))
-    if arguments.view:
+    if not failure:
+        print(json.dumps(finished.metrics, indent=2) if arguments.json else _told(finished, arguments.out))
+    if live is not None:
         from omnimj.cli.outputs import show
 
-        show(finished, arguments.out)
+        show(finished, live)
+
+
+def _exit_code(finished: Run, out: Path | None) -> int:
+    failure = finished.trace.about["failure"]
+    if failure:
+        written = f"; what was recorded until then is in {out}" if out and finished.metrics else ""
+        raise SimulationError(f"{failure}{written}")
     if finished.interrupted:
         return 130
     return 0 if finished.metrics["passed"] else 1
 
 
-def _drive(arguments: Any, scenario: Any) -> Run:
-    from omnimj.physics.native import is_compiled, mark_compiled
+def _drive(arguments: Any, scenario: Any) -> tuple[Run, LiveRun | None]:
     from omnimj.scenario.plants import KINEMATIC, plant_name
     from omnimj.scenario.running import require_method, run_scenario
 
     require_method(arguments.method)
     plant = plant_name(scenario, arguments.plant)
-    if plant != KINEMATIC and not is_compiled():
-        print("compiling native code, once, this takes a minute …", file=sys.stderr, flush=True)
+    if plant != KINEMATIC:
+        say_compiling(plant, scenario.plant)  # before the imports that compile
+    live, hooks = None, {}
+    if arguments.view:
+        from omnimj.cli.outputs import open_live
+
+        known = {"scenario": scenario.name, "method": arguments.method, "seed": arguments.seed}
+        live = open_live(scenario, known)
+        hooks = {"on_start": live.start, "snapshot": live.snapshot, "rows": live.rows}
     with ProgressBar() as bar:
-        finished = run_scenario(scenario, arguments.plant, arguments.method, arguments.seed, bar.show)
-    if plant == "twin" and not finished.interrupted:
-        mark_compiled()
-    return finished
+        finished = run_scenario(
+            scenario, arguments.plant, arguments.method, arguments.seed, bar.show, **hooks
+        )
+    if plant != KINEMATIC and finished.metrics:
+        note_compiled(plant, scenario.plant)
+    return finished, live
 
 
 def _told(finished: Run, out: Path | None) -> str:

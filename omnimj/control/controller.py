@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from omnimj.control.allocation import inverse_kinematics, wheel_speed_target
+from omnimj.control.gyro_bias import BIAS, next_bias, no_rest_yet, turn_row
 from omnimj.control.heading import next_heading, to_body, wrapped, yaw_rate_demand
 from omnimj.control.limits import limit_all, limits_row
 from omnimj.control.standstill import is_standing
@@ -18,8 +19,8 @@ from omnimj.parameters import Robot
 from omnimj.physics.native import kernel
 from omnimj.signals import Array, CurrentCommand, Measurement
 
-_TOP_LOG = ("target_twist_x", "target_twist_y", "target_yaw_rate", "heading_estimate")
-_WHEEL_LOG = ("target_wheel_speed", "target_current", "limit_reason")
+_TOP_LOG = ("target_twist_x", "target_twist_y", "target_yaw_rate", "heading_estimate", "gyro_bias")
+_WHEEL_LOG = ("target_wheel_speed", "limit_reason")
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +29,8 @@ class ControlState:
 
     heading: float
     """Estimate, unwrapped [rad]."""
+    rest: Array
+    """Of `gyro_bias`, shape (4,): the bias and what was averaged for it."""
     integral: Array
     """q of the wheel-speed loops, shape (n,) [A]."""
     current: Array
@@ -59,50 +62,52 @@ def is_good(wheels, time, current, wheel_speed, acceleration, yaw_rate, yaw):
 
 
 @kernel
-def demanded_twist(
-    loops, heading, measured_yaw_rate, wheel_speed, velocity_x, velocity_y, yaw_rate, target_heading
-):
+def demanded_twist(loops, heading, error, turns_at, velocity_x, velocity_y, yaw_rate, target_heading):
     """World demand → body twist (v_x, v_y [m/s], yaw rate [rad/s]), Fig. 3.3 upper level.
 
     Args:
       loops: [yaw-rate gain, heading gain, 1 to rotate by the measured heading or 0 by the planned one, …].
       heading: Estimate [rad].
-      measured_yaw_rate: Gyro [rad/s].
-      wheel_speed: Measured, shape (n,) [rad/s].
+      error: What the heading hold corrects [rad].
+      turns_at: Gyro less its bias [rad/s].
       velocity_x: World demand [m/s].
       velocity_y: World demand [m/s].
       yaw_rate: Demand [rad/s].
       target_heading: Planned [rad].
     """
-    error = wrapped(target_heading - heading) if loops[1] > 0.0 else 0.0
-    if is_standing(velocity_x, velocity_y, yaw_rate, error, measured_yaw_rate, wheel_speed):
-        return 0.0, 0.0, 0.0
     frame = heading if loops[2] != 0.0 else target_heading
     twist_x, twist_y = to_body(velocity_x, velocity_y, frame)
-    return twist_x, twist_y, yaw_rate_demand(yaw_rate, measured_yaw_rate, error, loops[0], loops[1])
+    return twist_x, twist_y, yaw_rate_demand(yaw_rate, turns_at, error, loops[0], loops[1])
 
 
 @kernel
 def cascade(
-    loops, speed_per_twist, speed_row, amplifier, limits,
-    heading, integral, last,
+    loops, speed_per_twist, turn, speed_row, amplifier, limits,
+    heading, rest, integral, last,
     good, wheel_speed, measured_yaw_rate, yaw,
     velocity_x, velocity_y, yaw_rate, target_heading,
 ):  # fmt: skip
-    """One step of the whole controller: heading, integrals [A], currents [A] and the log.
+    """One step of the whole controller: heading, gyro's rest, integrals [A], currents [A] and the log.
 
-    A measurement that is not good changes nothing but the command, which is zero, and empties the integrals.
+    A measurement that is not good changes nothing but the command, which is zero, and empties the integrals;
+    it also ends the rest.
     """
     n = speed_per_twist.shape[0]
-    log = np.empty(4 + 3 * n)
-    targets, currents, reasons = log[4 : 4 + n], np.empty(n), log[4 + 2 * n :]
-    wanted, integrals = np.empty(n), np.zeros(n)
+    log = np.empty(5 + 2 * n)
+    targets, reasons = log[5 : 5 + n], log[5 + n :]
+    currents, wanted, integrals = np.empty(n), np.empty(n), np.zeros(n)
 
+    turns_at = measured_yaw_rate - rest[BIAS]
     if good:
-        heading = next_heading(heading, yaw, measured_yaw_rate, loops[3], loops[4])
-    twist = demanded_twist(
-        loops, heading, measured_yaw_rate, wheel_speed, velocity_x, velocity_y, yaw_rate, target_heading
-    )
+        heading = next_heading(heading, yaw, turns_at, loops[3], loops[4])
+    error = wrapped(target_heading - heading) if loops[1] > 0.0 else 0.0
+    standing = is_standing(velocity_x, velocity_y, yaw_rate, error, turns_at, wheel_speed)
+    rest = next_bias(rest, turn, good and standing, measured_yaw_rate, wheel_speed, loops[4])
+    twist = (0.0, 0.0, 0.0)
+    if not standing:
+        twist = demanded_twist(
+            loops, heading, error, turns_at, velocity_x, velocity_y, yaw_rate, target_heading
+        )
     for i in range(n):
         targets[i] = wheel_speed_target(speed_per_twist, i, twist[0], twist[1], twist[2])
         if good:
@@ -113,9 +118,8 @@ def cascade(
     if not (good and _all_finite(wanted)):
         integrals[:] = 0.0
 
-    log[0], log[1], log[2], log[3] = twist[0], twist[1], twist[2], heading
-    log[4 + n : 4 + 2 * n] = currents
-    return heading, integrals, currents, log
+    log[0], log[1], log[2], log[3], log[4] = twist[0], twist[1], twist[2], heading, rest[BIAS]
+    return heading, rest, integrals, currents, log
 
 
 class Controller:
@@ -163,6 +167,7 @@ class Controller:
         self._laws = (
             np.array(loops),
             np.ascontiguousarray(inverse / robot.wheel.radius),
+            turn_row(robot),
             speed_loop_row(robot, self.period),
             amplifier_row(robot),
             limits_row(gains, self.period),
@@ -171,11 +176,11 @@ class Controller:
         self.log_names = _TOP_LOG + tuple(f"{name}_{i}" for name in _WHEEL_LOG for i in range(1, n + 1))
 
     def start(self, measurement: Measurement) -> ControlState:
-        """The state before the first step: heading as measured, within ±π, and no current."""
+        """The state before the first step: heading as measured, within ±π, no current, no bias known."""
         yaw = measurement.yaw
         heading = wrapped(yaw) if math.isfinite(yaw) else 0.0
         n = self.wheels
-        return ControlState(heading, np.zeros(n), np.zeros(n), np.zeros(len(self.log_names)))
+        return ControlState(heading, no_rest_yet(), np.zeros(n), np.zeros(n), np.zeros(len(self.log_names)))
 
     def step(
         self, state: ControlState, measurement: Measurement, target: Target
@@ -183,10 +188,10 @@ class Controller:
         """Currents for the next period. Bad data gives zero current, never an exception."""
         m, velocity = measurement, target.velocity
         good = is_good(self.wheels, m.time, m.current, m.wheel_speed, m.acceleration, m.yaw_rate, m.yaw)
-        heading, integral, current, log = cascade(
+        heading, rest, integral, current, log = cascade(
             *self._laws,
-            state.heading, state.integral, state.current,
+            state.heading, state.rest, state.integral, state.current,
             good, m.wheel_speed, m.yaw_rate, m.yaw,
             velocity[0], velocity[1], target.yaw_rate, target.heading,
         )  # fmt: skip
-        return CurrentCommand(current), ControlState(heading, integral, current, log)
+        return CurrentCommand(current), ControlState(heading, rest, integral, current, log)

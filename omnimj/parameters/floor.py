@@ -10,7 +10,8 @@ from types import MappingProxyType
 import numpy as np
 
 from omnimj.errors import InputError, UnknownNameError
-from omnimj.parameters.reading import Rule, number, read_toml
+from omnimj.parameters.reading import Rule, number
+from omnimj.parameters.toml_file import read_toml
 from omnimj.resources import models_folder
 
 LUGRE, LUGRE_CAPPED, MAGIC_FORMULA = 0, 1, 2
@@ -90,8 +91,11 @@ def _read_floor(place: str, name: str, table: object) -> Floor:
     for key in known:
         if key not in table:
             raise InputError(place, f"'{key}' is missing")
+    for key in ("description", "source"):
+        if not isinstance(table[key], str):
+            raise InputError(f"{place}.{key}", f"found {table[key]!r}", "a text is needed")
     numbers = {key: number(f"{place}.{key}", table[key], rule) for key, rule in keys.items()}
-    return Floor(name, str(table["description"]), law, str(table["source"]), MappingProxyType(numbers))
+    return Floor(name, table["description"], law, table["source"], MappingProxyType(numbers))
 
 
 def read_floors(path: Path | None = None) -> dict[str, Floor]:

@@ -23,8 +23,8 @@ class Wheel:
     """Rollers in one row."""
     roller_radius: float = positive("m")
     """b: largest radius of a roller; its half length is √(R b)."""
-    roller_mass: float = positive("kg")
-    """One roller."""
+    roller_mass: float = quantity("kg", 1e-6)
+    """One roller; MuJoCo turns no body that has almost no inertia."""
     row_offset: float = quantity("m", 0.0)
     """Distance of the outer rows from the wheel's mid plane."""
     roller_dry: float = quantity("1", 0.0)
@@ -104,8 +104,9 @@ class Contact:
 class Sensors:
     """The sensor chain between the physical quantity and the number a controller sees."""
 
-    sample_rate: float = positive("Hz")
-    """Rate of the data acquisition and of the controller."""
+    sample_rate: float = quantity("Hz", 100.0, 10_000.0)
+    """Rate of the data acquisition and of the controller, and of the twin's steps: beyond 10 kHz traces outgrow
+    the memory, below 100 Hz a wheel's contact is faster than a step."""
     encoder_counts: int = quantity("1", 4)
     """Positions per turn of the motor shaft."""
     encoder_noise: float = quantity("rad", 0.0)

@@ -1,4 +1,4 @@
-"""Reads a TOML file of quantities into frozen dataclasses and keeps where each number comes from.
+"""Reads TOML tables of quantities into frozen dataclasses and keeps where each number comes from.
 
 A quantity is `name = { value = …, unit = "…", source = "text | datasheet | chosen" }`.
 """
@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -38,7 +37,7 @@ class Rule(NamedTuple):
 
     def __str__(self) -> str:
         if self.low == -math.inf and self.high == math.inf:
-            return "must be a finite number"
+            return "must be finite"
         low = f"{'above' if self.open_low else 'at least'} {self.low:g}" if self.low > -math.inf else ""
         high = f"at most {self.high:g}" if self.high < math.inf else ""
         return "must be " + " and ".join(part for part in (low, high) if part)
@@ -54,25 +53,6 @@ def positive(unit: str, high: float = math.inf) -> Any:
     return quantity(unit, 0.0, high, open_low=True)
 
 
-def read_toml(path: Path) -> dict[str, Any]:
-    """Parses a TOML file.
-
-    Raises:
-      InputError: The file is missing or is not TOML; the message names file and line.
-    """
-    try:
-        with path.open("rb") as stream:
-            return tomllib.load(stream)
-    except FileNotFoundError:
-        raise InputError(path, "no such file") from None
-    except IsADirectoryError:
-        raise InputError(path, "is a folder", "a TOML file is needed") from None
-    except RecursionError:
-        raise InputError(path, "is not valid TOML", "it is nested too deeply") from None
-    except ValueError as error:  # not TOML, not UTF-8, or a number of thousands of digits
-        raise InputError(path, "is not valid TOML", str(error)) from None
-
-
 def number(place: str, value: Any, rule: Rule, whole: bool = False) -> float | int:
     """Checks one number against its rule.
 
@@ -83,10 +63,11 @@ def number(place: str, value: Any, rule: Rule, whole: bool = False) -> float | i
         raise InputError(place, f"found {value!r}", f"a number is needed that {rule}")
     try:
         broken = rule.broken_by(float(value))
-    except OverflowError:  # TOML has integers of any length, floats end at 1.8e308
-        raise InputError(place, "found a number too large to use", str(rule)) from None
+    except OverflowError:  # a whole number beyond the range of floating point
+        broken = True
     if broken:
-        raise InputError(place, f"found {value!r}", str(rule))
+        finite = isinstance(value, int) or math.isfinite(value) or rule.high < math.inf
+        raise InputError(place, f"found {value!r}", str(rule) if finite else f"{rule} and finite")
     if whole and float(value) != int(value):
         raise InputError(place, f"found {value!r}", "must be a whole number")
     return int(value) if whole else float(value)
@@ -120,50 +101,37 @@ def read_quantity(place: str, entry: Any, spec: dataclasses.Field) -> tuple[Any,
     return value, Provenance(entry["unit"], entry["source"])
 
 
-def read_table(kind: type, table: Any, place: str, provenance: dict[str, Provenance], prefix: str) -> Any:
+def read_table(
+    kind: type,
+    table: Any,
+    home: Callable[[str], Path],
+    provenance: dict[str, Provenance],
+    prefix: str,
+) -> Any:
     """A table of quantities as an instance of the dataclass `kind`.
+
+    Args:
+      kind: Dataclass whose fields come from `quantity` and `positive`.
+      table: The parsed TOML table.
+      home: The file that a key stands in, for messages.
+      provenance: Gets `prefix.key` → unit and source.
+      prefix: The table's name in the file.
 
     Raises:
       InputError: A key is missing or its value breaks the rule.
       UnknownNameError: A key that `kind` does not have.
     """
-    if not isinstance(table, Mapping):
-        raise InputError(place, f"[{prefix}] is {'missing' if table is None else 'not a table'}")
     fields = {f.name: f for f in dataclasses.fields(kind)}
+    if not isinstance(table, Mapping):
+        raise InputError(home(""), f"[{prefix}] is not a table")
     for key in table:
         if key not in fields:
-            raise UnknownNameError(f"{place}: [{prefix}]", "key", key, fields)
+            raise UnknownNameError(f"{home(key)}: [{prefix}]", "key", key, fields)
     values = {}
     for name, spec in fields.items():
         if name not in table:
-            raise InputError(f"{place}: [{prefix}]", f"'{name}' is missing")
+            raise InputError(f"{home(name)}: [{prefix}]", f"'{name}' is missing")
         values[name], provenance[f"{prefix}.{name}"] = read_quantity(
-            f"{place}: {prefix}.{name}", table[name], spec
+            f"{home(name)}: {prefix}.{name}", table[name], spec
         )
     return kind(**values)
-
-
-def read_model_file(path: Path, plant: str, tables: tuple[str, ...], models: Path) -> dict[str, Any]:
-    """A plant's TOML with the shared parts merged under it.
-
-    Raises:
-      InputError: Wrong plant, or a parts file that does not exist.
-      UnknownNameError: A table that this plant does not have.
-    """
-    own = read_toml(path)
-    if own.get("plant") != plant:
-        raise InputError(f"{path}: plant", f"found {own.get('plant')!r}", f"this file must say {plant!r}")
-    parts_name = own.get("parts", "parts.toml")
-    if not isinstance(parts_name, str):
-        raise InputError(f"{path}: parts", f"found {parts_name!r}", "a file name is needed")
-    beside = path.parent / parts_name
-    merged = dict(read_toml(beside if beside.is_file() else models / parts_name))
-    for key, value in own.items():
-        if key in ("plant", "parts"):
-            continue
-        if key not in tables:
-            raise UnknownNameError(path, "table", key, tables)
-        if key in merged and isinstance(value, Mapping):
-            value = {**merged[key], **value}
-        merged[key] = value
-    return merged

@@ -8,8 +8,10 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from omnimj.errors import InputError
+from omnimj.parameters.model_file import read_model_file
 from omnimj.parameters.parts import Bearing, Contact, Motor, Sensors, Wheel
-from omnimj.parameters.reading import Provenance, positive, quantity, read_model_file, read_table
+from omnimj.parameters.reading import Provenance, positive, quantity
 from omnimj.resources import models_folder
 
 
@@ -79,14 +81,13 @@ def read_rig(path: Path | None = None) -> Rig:
       InputError: A value is missing or breaks its rule; the message names file, key, value and rule.
     """
     path = models_folder() / "quarter_rig" / "rig.toml" if path is None else path
-    tables = ("wheel", "bearing", "motor", "contact", "sensors", "rig")
-    content = read_model_file(path, "quarter_rig", tables, models_folder())
+    file = read_model_file(path, "quarter_rig", ("rig",))
     provenance: dict[str, Provenance] = {}
 
     def table(kind: type, name: str) -> Any:
-        return read_table(kind, content.get(name), str(path), provenance, name)
+        return file.table(kind, name, provenance)
 
-    return Rig(
+    rig = Rig(
         wheel=table(Wheel, "wheel"),
         bearing=table(Bearing, "bearing"),
         motor=table(Motor, "motor"),
@@ -96,3 +97,20 @@ def read_rig(path: Path | None = None) -> Rig:
         provenance=MappingProxyType(provenance),
         file=path,
     )
+    _require_consistent(rig)
+    return rig
+
+
+def _require_consistent(rig: Rig) -> None:
+    """Rules that no single number can break alone."""
+    body = rig.rig
+    if rig.wheel.mass >= min(body.masses):
+        raise InputError(
+            f"{rig.file}: rig.masses", f"found {min(body.masses):g}", f"must be above wheel.mass, {rig.wheel.mass:g}"
+        )
+    if body.start_position >= body.rail_length:
+        raise InputError(
+            f"{rig.file}: rig.start_position",
+            f"found {body.start_position:g}",
+            f"must be below rig.rail_length, {body.rail_length:g}",
+        )

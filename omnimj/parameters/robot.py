@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from omnimj.errors import InputError
+from omnimj.parameters.model_file import read_model_file
 from omnimj.parameters.parts import Bearing, Contact, Motor, Sensors, Wheel
-from omnimj.parameters.reading import Provenance, positive, quantity, read_model_file, read_table
+from omnimj.parameters.reading import Provenance, positive, quantity, read_table
 from omnimj.resources import models_folder
 
 
@@ -41,7 +42,7 @@ class RobotBody:
 class WheelMount:
     """Where one wheel sits and which way it drives, in the body frame."""
 
-    position: tuple[float, ...] = quantity("m")
+    position: tuple[float, ...] = quantity("m", -10.0, 10.0)
     """x, y of the wheel's centre."""
     drives_along: tuple[float, ...] = quantity("1", -1.0, 1.0)
     """Unit vector u: a positive wheel speed drives the robot along it."""
@@ -100,7 +101,7 @@ def _read_mounts(entries: Any, path: Path, provenance: dict[str, Provenance]) ->
         raise InputError(f"{path}: [[wheels]]", "at least three wheels are needed")
     mounts = []
     for i, entry in enumerate(entries, start=1):
-        mount = read_table(WheelMount, entry, str(path), provenance, f"wheels.{i}")
+        mount = read_table(WheelMount, entry, lambda _: path, provenance, f"wheels.{i}")
         if len(mount.position) != 2 or len(mount.drives_along) != 2:
             raise InputError(f"{path}: wheels.{i}", "position and drives_along need two numbers each")
         if not math.isclose(math.hypot(*mount.drives_along), 1.0, abs_tol=1e-9):
@@ -121,12 +122,11 @@ def read_robot(path: Path | None = None) -> Robot:
       InputError: A value is missing or breaks its rule; the message names file, key, value and rule.
     """
     path = models_folder() / "uto_robot" / "robot.toml" if path is None else path
-    tables = ("wheel", "bearing", "motor", "contact", "sensors", "body", "wheels", "control")
-    content = read_model_file(path, "uto_robot", tables, models_folder())
+    file = read_model_file(path, "uto_robot", ("body", "wheels", "control"))
     provenance: dict[str, Provenance] = {}
 
     def table(kind: type, name: str) -> Any:
-        return read_table(kind, content.get(name), str(path), provenance, name)
+        return file.table(kind, name, provenance)
 
     robot = Robot(
         wheel=table(Wheel, "wheel"),
@@ -135,19 +135,33 @@ def read_robot(path: Path | None = None) -> Robot:
         contact=table(Contact, "contact"),
         sensors=table(Sensors, "sensors"),
         body=table(RobotBody, "body"),
-        wheels=_read_mounts(content.get("wheels"), path, provenance),
+        wheels=_read_mounts(file.own.get("wheels"), path, provenance),
         control=table(Control, "control"),
         provenance=MappingProxyType(provenance),
         file=path,
     )
-    if robot.body.unsprung_mass * len(robot.wheels) >= robot.body.mass:
-        raise InputError(
-            f"{path}: body.unsprung_mass",
-            f"found {robot.body.unsprung_mass:g}",
-            "the corners outweigh the robot",
-        )
-    if robot.wheel.mass >= robot.body.unsprung_mass:
-        raise InputError(
-            f"{path}: wheel.mass", f"found {robot.wheel.mass:g}", "must be below body.unsprung_mass"
-        )
+    _require_consistent(robot)
     return robot
+
+
+def _require_consistent(robot: Robot) -> None:
+    """Rules that no single number can break alone."""
+    body, wheel, corners = robot.body, robot.wheel, robot.body.unsprung_mass * len(robot.wheels)
+    if corners >= body.mass:
+        raise InputError(
+            f"{robot.file}: body.unsprung_mass",
+            f"found {body.unsprung_mass:g}",
+            f"{len(robot.wheels)} corners must weigh less than the robot, body.mass = {body.mass:g}",
+        )
+    if wheel.mass >= body.unsprung_mass:
+        raise InputError(
+            f"{robot.file}: wheel.mass",
+            f"found {wheel.mass:g}",
+            f"must be below body.unsprung_mass, {body.unsprung_mass:g}",
+        )
+    x, y = robot.wheel_positions.T
+    u_x, u_y = robot.drive_directions.T
+    if np.linalg.matrix_rank(np.column_stack([u_x, u_y, x * u_y - y * u_x]), tol=1e-6) < 3:
+        raise InputError(
+            f"{robot.file}: [[wheels]]", "these wheels cannot drive the robot along x, along y and in yaw"
+        )

@@ -6,14 +6,16 @@ fingerprint of all kernel sources and of the libraries, so that an edit anywhere
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import importlib.metadata
+import itertools
 import os
 import shutil
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -43,17 +45,32 @@ def fingerprint() -> str:
     return digest.hexdigest()[:16]
 
 
-def _home() -> Path:
-    chosen = os.environ.get("OMNIMJ_CACHE")
+def _own_roots() -> Iterator[Path]:
+    """Where the user keeps caches."""
+    chosen, caches = os.environ.get("OMNIMJ_CACHE"), os.environ.get("XDG_CACHE_HOME")
     if chosen:
-        return Path(chosen)
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "omnimj"
+        yield Path(chosen)
+    elif caches:
+        yield Path(caches) / "omnimj"
+    else:
+        with contextlib.suppress(RuntimeError):  # an account without a home
+            yield Path.home() / ".cache" / "omnimj"
+
+
+def _temporary_roots() -> Iterator[Path]:
+    """A folder of this user's own in the temporary folder, which is everybody's: to load a kernel is to run it."""
+    user = os.getuid() if hasattr(os, "getuid") else None
+    root = Path(tempfile.gettempdir()) / ("omnimj" if user is None else f"omnimj-{user}")
+    with contextlib.suppress(OSError):
+        root.mkdir(mode=0o700, exist_ok=True)
+        if user is None or root.stat().st_uid == user:
+            yield root
 
 
 @functools.cache
 def cache_folder() -> Path:
     """Folder of this version's compiled kernels; in the temporary folder where home is read-only."""
-    for root in (_home(), Path(tempfile.gettempdir()) / "omnimj"):
+    for root in itertools.chain(_own_roots(), _temporary_roots()):
         folder = root / f"native-{fingerprint()}"
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -67,8 +84,9 @@ def cache_folder() -> Path:
 
 def _forget_old(root: Path, current: Path) -> None:
     for folder in root.glob("native-*"):
-        if folder != current and time.time() - folder.stat().st_mtime > _KEEP:
-            shutil.rmtree(folder, ignore_errors=True)
+        with contextlib.suppress(OSError):  # another process may have been quicker
+            if folder != current and time.time() - folder.stat().st_mtime > _KEEP:
+                shutil.rmtree(folder, ignore_errors=True)
 
 
 def cached(decorator: Callable[..., Any], *arguments: Any, **options: Any) -> Callable[[Callable], Any]:
@@ -90,11 +108,12 @@ def kernel(function: Callable) -> Any:
     return cached(numba.njit, error_model="numpy")(function)
 
 
-def is_compiled() -> bool:
-    """Whether a complete set of this version's kernels is on disk."""
-    return (cache_folder() / "complete").exists()
+def is_compiled(plant: str) -> bool:
+    """Whether every kernel that a run on this kind of plant calls is on disk, made by this version."""
+    return (cache_folder() / f"complete-{plant}").exists()
 
 
-def mark_compiled() -> None:
-    """Notes that every kernel has been compiled once."""
-    (cache_folder() / "complete").touch()
+def mark_compiled(plant: str) -> None:
+    """Notes that a run on this kind of plant has compiled every kernel it calls."""
+    with contextlib.suppress(OSError):  # a full disk: next time it is said again that code is compiled
+        (cache_folder() / f"complete-{plant}").touch()

@@ -17,17 +17,34 @@ def check_folder(folder: Path, force: bool) -> None:
     """Whether a run may write here; asked before the run, so that no work is lost.
 
     Raises:
-      InputError: The folder is not empty and `force` is not given, or the path is a file.
+      InputError: The folder is not empty and `force` is not given, the path leads through a file, or it may
+        not be written.
     """
+    place = f"--out {folder}"
     try:
-        if folder.exists() and not folder.is_dir():
-            raise InputError(f"--out {folder}", "is a file", "a folder is needed")
-        if not force and folder.is_dir() and any(folder.iterdir()):
-            raise InputError(
-                f"--out {folder}", "is not empty", "choose another folder, or --force to write into it"
-            )
+        folder.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        pass
+    except OSError as error:  # a name that is too long, say
+        raise InputError(place, f"cannot be written ({error.strerror})") from None
+    nearest = next(path for path in (folder, *folder.absolute().parents) if os.path.lexists(path))
+    if not nearest.is_dir():
+        kind = "a file" if nearest.exists() else "a link that leads nowhere"
+        found = f"is {kind}" if nearest == folder else f"cannot be made, {nearest} is {kind}"
+        raise InputError(place, found, "a folder is needed")
+    if not os.access(nearest, os.W_OK | os.X_OK):
+        raise InputError(place, f"cannot be written, {nearest} is read-only", "choose another folder")
+    if nearest != folder:
+        return
+    try:
+        names = [path.name for path in folder.iterdir()]
     except OSError as error:
-        raise InputError(f"--out {folder}", f"cannot be read ({error.strerror})") from None
+        raise InputError(place, f"cannot be read ({error.strerror})") from None
+    if names and not force:
+        raise InputError(place, "is not empty", "choose another folder, or --force to write into it")
+    for name in RUN_FILES:
+        if (folder / name).is_dir():
+            raise InputError(place, f"has a folder {name}", "a file will go there")
 
 
 def make_folder(folder: Path, force: bool, files: Iterable[str] = RUN_FILES) -> None:

@@ -21,7 +21,7 @@ KINEMATIC_KEYS = (
     "misalignment",
 )
 
-_POSITIVE = Rule(0.0, math.inf, True)
+_WEIGHT = Rule(1e-9, 1e9, False)  # beyond, the weighted pseudo-inverse loses its digits
 _TIME = Rule(0.0, math.inf, False)
 _ANGLE = Rule(-0.5, 0.5, False)
 
@@ -58,7 +58,7 @@ def read_kinematics(table: Any, place: str, wheels: int) -> KinematicCase:
             raise InputError(f"{place}.{key}", "there is no lost_wheel", "give both or neither")
     return KinematicCase(
         plant=plant,
-        weights=_each_wheel(table, "weights", place, wheels, _POSITIVE, 1.0),
+        weights=_each_wheel(table, "weights", place, wheels, _WEIGHT, 1.0),
         weights_from=float(number(f"{place}.weights_from", table.get("weights_from", 0.0), _TIME)),
         lost_wheel=lost,
         lost_from=float(number(f"{place}.lost_from", table.get("lost_from", 0.0), _TIME)),

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 from omnimj.errors import InputError, UnknownNameError
-from omnimj.parameters.reading import read_toml
+from omnimj.parameters.toml_file import read_toml
 from omnimj.resources import scenarios_folder
 
 
@@ -40,8 +40,9 @@ def find_scenario(name_or_path: str | Path) -> Path:
     text = os.fspath(name_or_path)
     path = Path(text)
     if isinstance(name_or_path, Path) or path.suffix == ".toml" or len(path.parts) > 1:
-        if not path.is_file():
-            raise InputError(text, "no such scenario file")
+        if not path.exists():
+            rule = "give the path of a file, or a name without a folder and without .toml"
+            raise InputError(text, "no such scenario file", rule, scenario_names())
         return path
     names = scenario_names()
     if text not in names:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from typing import Any
 
 from omnimj.errors import InputError, UnknownNameError
+from omnimj.parameters.toml_file import parse_toml
 
 KnownKeys = Mapping[str, tuple[str, ...]]
 """Keys that may be set although the file lacks them, by table: `""` top level, `drive`, `faults.*`, …"""
@@ -29,8 +29,8 @@ def split_override(text: str) -> tuple[str, Any]:
 
 def _parse(text: str) -> Any:
     try:
-        parsed = tomllib.loads(f"value = {text}")
-    except (ValueError, RecursionError):  # not TOML, a number too long for Python, nested too deep
+        parsed = parse_toml(f"value = {text}")
+    except (ValueError, RecursionError):  # not TOML, a number too long, nested too deep
         return text
     # a value with a line break in it could bring more keys along
     return parsed["value"] if set(parsed) == {"value"} else text

@@ -12,7 +12,7 @@ import numpy as np
 from omnimj.control.controller import Controller
 from omnimj.errors import InputError
 from omnimj.kinematic import drive_kinematic
-from omnimj.loop import Progress, Snapshot, Watch, drive, drive_rig
+from omnimj.loop import Progress, Rows, Snapshot, Watch, drive, drive_rig
 from omnimj.parameters import Robot
 from omnimj.plant.interface import Plant
 from omnimj.scenario.drive import Drive
@@ -79,6 +79,7 @@ def run_scenario(
     progress: Progress | None = None,
     snapshot: Snapshot | None = None,
     on_start: Callable[[Plant], None] | None = None,
+    rows: Rows | None = None,
 ) -> Run:
     """Drives a scenario once.
 
@@ -90,13 +91,14 @@ def run_scenario(
       progress: Called now and then with the rows done and the rows in all.
       snapshot: Called with time and pose at every pose that is recorded, for a live view.
       on_start: Called with the plant before the first step.
+      rows: Called now and then with the newest rows of the trace, for a live view.
 
     Returns:
-      Trace, metrics and poses; ended early by Ctrl-C with what was recorded until then.
+      Trace, metrics and poses; ended early by Ctrl-C or by a failure (`trace.about["failure"]`) with what was
+      recorded until then.
 
     Raises:
       InputError: A plant or method that this version does not have, or that does not fit the scenario.
-      SimulationError: The simulation broke down; the message names the time.
     """
     require_method(method)
     name = plant_name(scenario, plant)
@@ -111,7 +113,9 @@ def run_scenario(
     if name == KINEMATIC:
         trace = _run_kinematic(scenario, about)
     else:
-        trace, poses = _run_physics(scenario, name, seed, about, progress, snapshot, on_start)
+        taken = _Poses(snapshot)
+        watch = Watch(progress, taken.take, rows)
+        trace, poses = _run_physics(scenario, name, seed, about, watch, taken, on_start)
     told = summarize(scenario, trace) if len(trace["time"]) >= _FEWEST_ROWS else {}
     return Run(scenario, trace, told, poses)
 
@@ -131,12 +135,10 @@ def _run_physics(
     name: str,
     seed: int,
     about: dict[str, Any],
-    progress: Progress | None,
-    snapshot: Snapshot | None,
+    watch: Watch,
+    poses: _Poses,
     on_start: Callable[[Plant], None] | None,
 ) -> tuple[Trace, PoseTrack | None]:
-    poses = _Poses(snapshot)
-    watch = Watch(progress, poses.take)
     plant = make_plant(scenario, name, seed)
     try:
         if on_start is not None:
@@ -183,5 +185,4 @@ def _run_kinematic(scenario: Scenario, about: dict[str, Any]) -> Trace:
         heading_feedback=asked.heading_feedback,
     )
     factor = scenario.duration / max(time.perf_counter() - begin, 1e-9)
-    columns = {name.replace("planned_", "target_"): values for name, values in trace.columns.items()}
-    return Trace(columns, {**about, "interrupted": False, "realtime_factor": factor})
+    return Trace(trace.columns, {**about, "interrupted": False, "failure": None, "realtime_factor": factor})

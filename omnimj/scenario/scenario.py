@@ -13,7 +13,8 @@ from omnimj.errors import InputError, UnknownNameError
 from omnimj.kinematic import KinematicCase
 from omnimj.parameters import Rig, Robot, read_floors, read_rig, read_robot
 from omnimj.parameters.floor import Floor, find_floor
-from omnimj.parameters.reading import Rule, number, read_toml
+from omnimj.parameters.reading import Rule, number
+from omnimj.parameters.toml_file import read_toml
 from omnimj.plant.faults import Fault, read_fault
 from omnimj.plant.patches import Patch, read_patch
 from omnimj.scenario.checks import Check, read_checks
@@ -29,6 +30,7 @@ PLANTS = ("uto_robot", "quarter_rig")
 LEVELS = ("physics", "kinematic")
 
 _DURATION = Rule(0.01, 1800.0, False)
+_MOST_STEPS = 2_000_000  # a trace of so many rows is about a gigabyte
 
 
 @dataclass(frozen=True)
@@ -120,6 +122,7 @@ def read_scenario(
     for key in tree:
         if key not in known[""]:
             raise UnknownNameError(place, f"key of a {plant} scenario", key, known[""])
+    _require_few_steps(tree, place, constants)
     floors = read_floors()
     if isinstance(constants, Rig):
         own = _read_rig_scenario(tree, place, constants, floors)
@@ -163,7 +166,9 @@ def _read_robot_scenario(
     return {
         "level": level,
         "drive": drive,
-        "faults": _read_faults(tree, place, wheels, floors, duration),
+        "faults": _read_faults(
+            tree, place, wheels, floors, duration, robot.body.mass - wheels * robot.body.unsprung_mass
+        ),
         "patches": tuple(
             read_patch(table, f"{place}: patches.{i}", floors)
             for i, table in enumerate(_list(tree, "patches", place))
@@ -197,7 +202,7 @@ def _read_rig_scenario(tree: Mapping, place: str, rig: Rig, floors: Mapping[str,
     return {
         "level": "physics",
         "drive": drive,
-        "faults": _read_faults(tree, place, 1, floors, duration),
+        "faults": _read_faults(tree, place, 1, floors, duration, drive.mass - rig.wheel.mass),
         "patches": (),
         "kinematics": None,
         "checks": read_checks(
@@ -207,16 +212,27 @@ def _read_rig_scenario(tree: Mapping, place: str, rig: Rig, floors: Mapping[str,
 
 
 def _read_faults(
-    tree: Mapping, place: str, wheels: int, floors: Mapping[str, Floor], duration: float
+    tree: Mapping, place: str, wheels: int, floors: Mapping[str, Floor], duration: float, sprung: float
 ) -> tuple[Fault, ...]:
-    tables = _list(tree, "faults", place)
-    return tuple(
-        read_fault(table, f"{place}: faults.{i}", wheels, floors, duration) for i, table in enumerate(tables)
-    )
+    faults = []
+    for i, table in enumerate(_list(tree, "faults", place)):
+        fault = read_fault(table, f"{place}: faults.{i}", wheels, floors, duration)
+        if fault.kind == "payload" and float(fault.numbers["mass"]) <= -sprung:
+            found, rule = f"found {fault.numbers['mass']:g}", f"must be above {-sprung:g}, all that can be taken off"
+            raise InputError(f"{place}: faults.{i}.mass", found, rule)
+        faults.append(fault)
+    return tuple(faults)
 
 
 def _has_path(drive: Drive | RigDrive) -> bool:
     return not isinstance(drive, RigDrive) and drive.reference.is_path
+
+
+def _require_few_steps(tree: Mapping, place: str, constants: Robot | Rig) -> None:
+    duration, rate = _number(tree, "duration", place, _DURATION), constants.sensors.sample_rate
+    if duration * rate > _MOST_STEPS:
+        rule = f"at most {_MOST_STEPS / rate:g} s at a sample rate of {rate:g} Hz"
+        raise InputError(f"{place}: duration", f"found {duration:g}", rule)
 
 
 def _text(tree: Mapping, key: str, place: str) -> str:

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import rerun as rr
 import rerun.blueprint as rrb
 
-from omnimj.signals import Trace
-from omnimj.view.rerun_signals import Plot
+from omnimj.view.rerun_signals import BELIEF, MODE, TRUTH, Plot
 
 Point = tuple[float, float, float]
+Range = tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -26,15 +26,18 @@ class Eye:
     """Entity to stay with; None to stand still."""
 
 
-def run_blueprint(plots: Sequence[Plot], trace: Trace, eye: Eye) -> rrb.Blueprint:
+def run_blueprint(
+    plots: Sequence[Plot], duration: float, eye: Eye, ranges: Sequence[Range] | None = None
+) -> rrb.Blueprint:
     """Left the machine, below it the fault states and a legend; right the signals over the same time.
 
     Args:
       plots: The time series, from top to bottom.
-      trace: For the ranges of the axes.
+      duration: Of the whole run [s].
       eye: First view of the scene.
+      ranges: Of the value axes, one per plot; None for a run that goes on, whose axes grow.
     """
-    time_axis = _whole(float(trace["time"][-1]))
+    time_axis = _whole(duration)
     scene = rrb.Spatial3DView(
         origin="world",
         name="Machine, floor, paths and forces",
@@ -48,10 +51,12 @@ def run_blueprint(plots: Sequence[Plot], trace: Trace, eye: Eye) -> rrb.Blueprin
             tracking_entity=eye.follows,
         ),
     )
-    name = "Faults: what is actually broken, and what the controller diagnosed"
-    states = rrb.StateTimelineView(origin="states", name=name, time_view=time_axis)
+    lanes = [f"/{entity}/**" for entity in (TRUTH, BELIEF, MODE)]
+    name = "Faults: what is broken, and what the controller diagnosed"
+    states = rrb.StateTimelineView(origin="/", contents=lanes, name=name, time_view=time_axis)
     words = rrb.TextDocumentView(origin="about", name="What you see")
-    series = [_series(plot, trace, time_axis) for plot in plots]
+    values = [None] * len(plots) if ranges is None else ranges
+    series = [_series(plot, time_axis, shown) for plot, shown in zip(plots, values, strict=True)]
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(scene, rrb.Horizontal(states, words, column_shares=[3, 2]), row_shares=[5, 2]),
@@ -64,12 +69,12 @@ def run_blueprint(plots: Sequence[Plot], trace: Trace, eye: Eye) -> rrb.Blueprin
     )
 
 
-def _series(plot: Plot, trace: Trace, time_axis: rrb.archetypes.TimeAxis) -> rrb.TimeSeriesView:
+def _series(plot: Plot, time_axis: rrb.archetypes.TimeAxis, shown: Range | None) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(
         origin=plot.entity,
         name=plot.heading,
         axis_x=time_axis,
-        axis_y=rrb.ScalarAxis(range=plot.range(trace)),
+        axis_y=None if shown is None else rrb.ScalarAxis(range=shown),
         plot_legend=rrb.PlotLegend(visible=plot.legend, corner=rrb.Corner2D.RightTop),
     )
 

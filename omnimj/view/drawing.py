@@ -20,7 +20,9 @@ from omnimj.view.wording import Span
 
 Array = NDArray[np.float64]
 WIDTH = 5.2  # inches: half of a desktop page, and still readable when shrunk to a phone
+SHORT, MIDDLE, TALL = 2.9, 3.3, 4.6  # inches: figures side by side have one height
 _BINS = 420
+_AVERAGES, _WINDOW = 210, 0.05  # points of an averaged line at most; [s] longer than rollers take to pass
 _SVG_STYLE: Any = {"svg.fonttype": "none", "svg.hashsalt": "omnimj", "path.simplify": True}
 _FONTS = "DejaVu Sans, Verdana, Segoe UI, Helvetica, Arial, sans-serif"
 
@@ -75,6 +77,33 @@ def line(ax: Axes, time: Array, value: Array, **style: object) -> None:
     ax.plot(*envelope(time, value), **{"linewidth": 1.3, **style})  # pyright: ignore[reportArgumentType]
 
 
+def averaged(time: Array, value: Array) -> tuple[Array, Array, Array, Array]:
+    """Means over `window(time)` and the smallest and largest sample of each: what ripples stays readable.
+
+    Returns:
+      Time, mean, smallest, largest, shape (bins,) each; the samples themselves where they are few.
+    """
+    bins = int((time[-1] - time[0]) / window(time)) if len(time) > 1 else 1
+    if len(time) < 4 * bins:
+        return time, value, value, value
+    edges = np.linspace(0, len(time), bins + 1).astype(int)[:-1]
+    length = np.diff(np.append(edges, len(time)))
+    mean, middle = np.add.reduceat(value, edges) / length, np.add.reduceat(time, edges) / length
+    return middle, mean, np.minimum.reduceat(value, edges), np.maximum.reduceat(value, edges)
+
+
+def window(time: Array) -> float:
+    """Length of time that one point of an averaged line stands for [s]."""
+    return max(_WINDOW, float(time[-1] - time[0]) / _AVERAGES)
+
+
+def banded(ax: Axes, time: Array, value: Array, color: str, **style: object) -> None:
+    """A rippling signal as the line of its means in a band from its smallest to its largest samples."""
+    middle, mean, low, high = averaged(time, value)
+    ax.fill_between(middle, low, high, color=color, alpha=0.2, linewidth=0, zorder=1.5)
+    ax.plot(middle, mean, **{"color": color, "linewidth": 1.4, **style})  # pyright: ignore[reportArgumentType]
+
+
 def time_axis(ax: Axes, time: Array) -> None:
     """Labels the time axis and fits it to the run."""
     ax.set_xlabel("time [s]", fontsize=9)
@@ -95,10 +124,7 @@ def headroom(ax: Axes, share: float = 0.16) -> None:
 
 def shade_faults(ax: Axes, spans: Sequence[Span], labelled: bool = True) -> None:
     """Bands where faults hold, with their names at the top; faults of one interval share a band."""
-    together: dict[tuple[float, float], list[str]] = {}
-    for span in spans:
-        together.setdefault((span.start, span.end), []).append(span.label)
-    for row, ((start, end), labels) in enumerate(together.items()):
+    for row, ((start, end), labels) in enumerate(_together(spans).items()):
         ax.axvspan(start, end, facecolor=palette.FAULT, alpha=0.16, linewidth=0, zorder=0, gid=f"fault-{row}")
         for edge in (start, end):
             ax.axvline(edge, color=palette.FAULT, linewidth=0.9, linestyle=(0, (2, 2)), zorder=1)
@@ -106,27 +132,45 @@ def shade_faults(ax: Axes, spans: Sequence[Span], labelled: bool = True) -> None
             _name_band(ax, start, end, "; ".join(labels), row % 4)
 
 
+def _together(spans: Sequence[Span]) -> dict[tuple[float, float], list[str]]:
+    """Labels by interval; `slip, wheel 1` and `slip, wheel 3` become `slip, wheels 1, 3`."""
+    found: dict[tuple[float, float], dict[str, list[str]]] = {}
+    for span in spans:
+        name, _, wheel = span.label.partition(", wheel ")
+        found.setdefault((span.start, span.end), {}).setdefault(name, []).append(wheel)
+    return {
+        interval: [_named(name, [w for w in wheels if w]) for name, wheels in kinds.items()]
+        for interval, kinds in found.items()
+    }
+
+
+def _named(name: str, wheels: list[str]) -> str:
+    if not wheels:
+        return name
+    return f"{name}, wheel{'s' if len(wheels) > 1 else ''} {', '.join(wheels)}"
+
+
 def _name_band(ax: Axes, start: float, end: float, label: str, row: int) -> None:
     """Writes a label under the upper edge, inside the plot also when the band lies at its side."""
     left, right = ax.get_xlim()
     middle = 0.5 * (start + end)
     if middle > left + 0.75 * (right - left):
-        place, side = end, "right"
+        place, side, aside = end, "right", -4.0
     elif middle < left + 0.25 * (right - left):
-        place, side = start, "left"
+        place, side, aside = start, "left", 4.0
     else:
-        place, side = middle, "center"
+        place, side, aside = middle, "center", 0.0
     ax.annotate(
         label,
         (place, 1.0),
         xycoords=ax.get_xaxis_transform(),
-        xytext=(0.0, -1.5 - 11.0 * row),
+        xytext=(aside, -2.5 - 11.0 * row),
         textcoords="offset points",
         fontsize=8,
         color=palette.FAULT_INK,
         ha=side,
         va="top",
-        bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0, "pad": 1.2},
+        bbox={"facecolor": "white", "alpha": 0.65, "linewidth": 0, "pad": 1.0},
         zorder=6,
     )
 
@@ -177,7 +221,7 @@ def svg(figure: Figure, name: str, words: str) -> str:
     text = re.sub(r'\sxmlns(:\w+)?="[^"]*"', "", text)
     text = text.replace("xlink:href", "href")
     text = _own_ids(text, name)
-    text = re.sub(r"(\d+\.\d{2})\d+", r"\1", text)
+    text = re.sub(r'="[^"]*"', lambda m: re.sub(r"(\d+\.\d{2})\d+", r"\1", m[0]), text)  # not in what is read
     text = re.sub(r"font:\s*([\d.]+px)\s*[^;\"]*", rf"font: \1 {_FONTS}", text)
     text = re.sub(
         r'^<svg [^>]*?viewBox="([^"]*)"[^>]*>', rf'<svg viewBox="\1" role="img" aria-label="{words}">', text

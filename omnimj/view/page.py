@@ -43,6 +43,7 @@ figure svg, figure img { width: 100%; height: auto; display: block; }
 figure.picture img { border-radius: 8px; border: 1px solid var(--line); }
 figcaption { font-size: .92rem; color: var(--muted); margin: .15rem 0 .5rem; }
 figcaption b { color: var(--ink); display: block; font-size: 1rem; }
+.plots { align-items: end; }
 .plots figcaption { margin: 0 0 .35rem; }
 .columns > section > h2 { margin-top: 1.2rem; }
 code { font-family: ui-monospace, "DejaVu Sans Mono", Menlo, Consolas, monospace; font-size: .88em;
@@ -52,7 +53,8 @@ pre { background: var(--soft); border: 1px solid var(--line); border-radius: 6px
   overflow-x: auto; white-space: pre-wrap; }
 footer { margin-top: 2.4rem; padding-top: .8rem; border-top: 1px solid var(--line); color: var(--muted);
   font-size: .88rem; }
-@media (max-width: 520px) { main { padding: 18px 14px 36px; } h1 { font-size: 1.5rem; } }
+@media (max-width: 520px) { main { padding: 18px 14px 36px; } h1 { font-size: 1.5rem; }
+  td.number { white-space: normal; } }
 @media print { body { font-size: 10.5pt; } main { max-width: none; padding: 0; }
   .columns { grid-template-columns: 1fr 1fr; gap: 10px 20px; } h2 { break-after: avoid;
   } tr { break-inside: avoid; } }

@@ -22,10 +22,11 @@ from numpy.typing import NDArray
 
 from omnimj.signals import Trace
 from omnimj.view.scene3d import Poses
-from omnimj.view.wording import fault_spans
+from omnimj.view.wording import Span, fault_spans
 
 Array = NDArray[np.float64]
 BACKENDS = ("osmesa", "egl")
+_FINE = 2  # rendered pixels per pixel and direction: multisampling alone leaves the edges of shadows rough
 _PATIENCE = 90.0  # [s] for a software renderer on a slow machine
 
 
@@ -70,7 +71,7 @@ def camera_at(mj_model: mujoco.MjModel, qpos: Array) -> Camera:
     if mj_model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE:
         return Camera(target=(float(x), float(y), 0.06))
     x, y = mj_data.xpos[mj_model.nbody - 1][:2]
-    return Camera(target=(float(x), float(y), 0.16), distance=1.05, azimuth=-58.0, elevation=-18.0)
+    return Camera(target=(float(x), float(y), 0.14), distance=0.85, azimuth=-58.0, elevation=-16.0)
 
 
 def render(
@@ -124,7 +125,7 @@ def picture_of_run(
     path: Path,
     backends: Sequence[str] = BACKENDS,
 ) -> Picture:
-    """A picture of the machine in the middle of its first fault, or half-way where nothing failed.
+    """A picture of the machine half-way through what it drives with its first fault, or through the run.
 
     Args:
       poses: What moved.
@@ -134,13 +135,24 @@ def picture_of_run(
       backends: As in `render`.
     """
     spans = fault_spans(metrics, float(trace["time"][-1]))
-    time = 0.5 * (spans[0].start + spans[0].end) if spans else 0.5 * float(poses.time[-1])
-    k = int(np.argmin(np.abs(poses.time - time)))
+    k = _half_way(poses, spans[0] if spans else None)
     until = trace["time"] <= poses.time[k]
     trail = np.column_stack([trace["x"], trace["y"]])[until] if "x" in trace else None
     machine = "the robot and its path" if trail is not None else "the test rig"
     subject = f"{machine}, {poses.time[k]:.2g} s into the run"
     return render(poses.mj_model, poses.qpos[k], path, subject, trail=trail, backends=backends)
+
+
+def _half_way(poses: Poses, span: Span | None) -> int:
+    """Index of the pose at which half of the way driven within the span, or the run, is behind."""
+    start, end = (span.start, span.end) if span else (poses.time[0], poses.time[-1])
+    held = np.flatnonzero((poses.time >= start) & (poses.time <= end))
+    if not len(held):
+        return int(np.argmin(np.abs(poses.time - start)))
+    # the first two coordinates are a place on the floor: x and y of the robot, gantry and rail of the rig
+    steps = np.linalg.norm(np.diff(poses.qpos[held, :2], axis=0), axis=1)
+    way = np.concatenate([[0.0], np.cumsum(steps)])
+    return int(held[np.searchsorted(way, 0.5 * way[-1])])
 
 
 def _rendered(order: Path, backend: str) -> bool:
@@ -162,10 +174,10 @@ def _render_order(order: Path) -> None:
 
     asked = json.loads((order / "order.json").read_text(encoding="utf-8"))
     state = np.load(order / "state.npz")
-    width, height = asked["size"]
+    width, height = (_FINE * side for side in asked["size"])
     mj_model = mujoco.MjModel.from_binary_path(str(order / "model.mjb"))
     mj_model.vis.global_.offwidth, mj_model.vis.global_.offheight = width, height
-    mj_model.vis.quality.offsamples = 8
+    mj_model.vis.quality.offsamples = 4
     mj_model.light_pos[:, :2] += asked["camera"]["target"][:2]  # the lamps come along
     mj_data = mujoco.MjData(mj_model)
     mj_data.qpos[:] = state["qpos"]
@@ -178,7 +190,9 @@ def _render_order(order: Path) -> None:
     with mujoco.Renderer(mj_model, height, width) as renderer:
         renderer.update_scene(mj_data, eye)
         _add_trail(renderer.scene, state["trail"])
-        imsave(order / "picture.png", renderer.render())
+        pixels = renderer.render()
+    blocks = pixels.reshape(height // _FINE, _FINE, width // _FINE, _FINE, 3)
+    imsave(order / "picture.png", np.round(blocks.mean(axis=(1, 3))).astype(np.uint8))
 
 
 def _add_trail(scene: mujoco.MjvScene, points: Array, radius: float = 0.004) -> None:

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Container, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
 from omnimj.signals import Trace
 from omnimj.view import palette
 from omnimj.view.drawing import (
+    MIDDLE,
+    SHORT,
+    TALL,
+    averaged,
+    banded,
     finish,
+    headroom,
     legend,
     line,
     new_figure,
@@ -24,13 +28,13 @@ from omnimj.view.wording import Span
 
 Array = NDArray[np.float64]
 _DEGREES = 180.0 / np.pi
-_PATH_PROPORTION = 1.2  # width to height of the plot seen from above
+_DASHES = (0, (5, 3))
 
 
-def wheel_count(trace: Trace) -> int:
-    """Number of wheels in a trace."""
+def wheel_count(columns: Container[str]) -> int:
+    """Number of wheels that a trace has columns of."""
     n = 0
-    while f"wheel_speed_{n + 1}" in trace:
+    while f"wheel_speed_{n + 1}" in columns:
         n += 1
     return n
 
@@ -50,116 +54,57 @@ def planned_heading(trace: Trace) -> Array | None:
     return None
 
 
-def patch_corners(patch: Any) -> Array:
-    """Corners of a stretch of other floor in the world, shape (4, 2) [m]."""
-    half = 0.5 * np.asarray(patch.size, float)
-    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
-    c, s = np.cos(patch.yaw), np.sin(patch.yaw)
-    return corners @ np.array([[c, s], [-s, c]]) + np.asarray(patch.center, float)
-
-
-def path(trace: Trace, patches: Sequence[Any], spans: Sequence[Span]) -> Figure:
-    """Driven path against the planned one, seen from above, axes equal."""
-    figure, (ax,) = new_figure(4.4)
-    planned = planned_position(trace)
-    x, y = trace["x"], trace["y"]
-    for patch in patches:
-        corners = patch_corners(patch)
-        ax.add_patch(
-            Polygon(
-                corners,
-                facecolor=palette.DIAGNOSIS,
-                edgecolor=palette.MUTED,
-                alpha=0.35,
-                hatch="///",
-                zorder=1,
-            )
-        )
-        ax.annotate(
-            patch.floor.replace("_", " "),
-            corners.max(axis=0),
-            fontsize=8,
-            color=palette.INK,
-            ha="right",
-            va="top",
-        )
-    if planned is not None:
-        ax.plot(
-            planned[:, 0],
-            planned[:, 1],
-            color=palette.PLANNED,
-            linestyle=(0, (5, 3)),
-            linewidth=1.4,
-            label="planned",
-        )
-    step = max(1, len(x) // 1500)
-    ax.plot(x[::step], y[::step], color=palette.MEASURED, linewidth=1.8, label="driven", zorder=3)
-    for row, span in enumerate(spans):
-        during = (trace["time"] >= span.start) & (trace["time"] <= span.end)
-        name = "fault holds" if row == 0 else None
-        ax.plot(
-            x[during][::step],
-            y[during][::step],
-            color=palette.FAULT,
-            linewidth=5.0,
-            alpha=0.45,
-            zorder=2,
-            label=name,
-        )
-    ax.plot(x[0], y[0], "o", color=palette.INK, markersize=6, zorder=4, label="start")
-    ax.plot(x[-1], y[-1], "s", color=palette.INK, markersize=6, zorder=4, label="end")
-    _equal_with_room(
-        ax, np.column_stack([x, y]) if planned is None else np.vstack([np.column_stack([x, y]), planned])
-    )
-    _heading_arrows(ax, trace)
-    ax.set_xlabel("x [m]", fontsize=9)
-    value_axis(ax, "y [m]")
-    legend(ax, 5)
-    return figure
-
-
-def _equal_with_room(ax: Axes, points: Array) -> None:
-    """Equal axes in the figure's own proportions, so that a straight path does not flatten the plot."""
-    low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
-    middle, span = 0.5 * (low + high), np.maximum(1.2 * (high - low), 0.3)
-    width = max(span[0], _PATH_PROPORTION * span[1])
-    ax.set_xlim(middle[0] - width / 2, middle[0] + width / 2)
-    ax.set_ylim(middle[1] - width / _PATH_PROPORTION / 2, middle[1] + width / _PATH_PROPORTION / 2)
-    ax.set_aspect("equal")
-
-
-def _heading_arrows(ax: Axes, trace: Trace) -> None:
-    """Where the robot's x axis pointed, a few times along the path."""
-    k = np.linspace(0, len(trace["time"]) - 1, 9).astype(int)
-    heading = trace["heading"][k]
-    ax.quiver(
-        trace["x"][k],
-        trace["y"][k],
-        np.cos(heading),
-        np.sin(heading),
-        color=palette.INK,
-        alpha=0.75,
-        width=0.004,
-        scale=16.0,
-        zorder=4,
-    )
-
-
-def heading(trace: Trace, spans: Sequence[Span]) -> Figure:
-    """True and planned heading and, where the plan turns, the difference between them [degrees]."""
-    time, planned = trace["time"], planned_heading(trace)
+def deviation(trace: Trace, spans: Sequence[Span]) -> Figure:
+    """Heading [degrees], how far it is from a plan that turns, and how far the robot is from its plan [m]."""
+    time, planned, place = trace["time"], planned_heading(trace), planned_position(trace)
     turns = planned is not None and np.ptp(planned) > 1e-6
-    figure, axes = new_figure(3.8 if turns else 2.9, rows=2 if turns else 1, sharex=True)
+    placed = place is not None and "x" in trace
+    rows = 1 + int(turns) + int(placed)
+    figure, axes = new_figure(TALL if rows > 1 else SHORT, rows=rows, sharex=True)
     driven = np.unwrap(trace["heading"] if "heading" in trace else trace["yaw"])
     line(axes[0], time, _DEGREES * driven, color=palette.MEASURED, label="driven")
     if planned is not None:
-        dashes = (0, (5, 3))
-        line(axes[0], time, _DEGREES * planned, color=palette.PLANNED, linestyle=dashes, label="planned")
+        line(axes[0], time, _DEGREES * planned, color=palette.PLANNED, linestyle=_DASHES, label="planned")
     if planned is not None and turns:
         line(axes[1], time, _DEGREES * (driven - planned), color=palette.ACCENT)
-        axes[1].axhline(0.0, color=palette.MUTED, linewidth=0.8)
-        value_axis(axes[1], "error [°]")
+        value_axis(axes[1], "heading error [°]")
+    if place is not None and placed:
+        _distance(axes[-1], trace, place)
+    for ax in axes[1:]:
+        ax.axhline(0.0, color=palette.MUTED, linewidth=0.8, zorder=1)
     value_axis(axes[0], "heading [°]")
+    finish(axes, time, spans)
+    legend(axes[0])
+    if placed:
+        headroom(axes[-1], 0.3)
+        axes[-1].legend(
+            loc="upper left", ncols=3, fontsize=8, frameon=False, handlelength=1.6, borderaxespad=0.1
+        )
+    return figure
+
+
+def _distance(ax: Axes, trace: Trace, place: Array) -> None:
+    """Driven − planned position at each instant: both parts and the distance."""
+    x, y = trace["x"] - place[:, 0], trace["y"] - place[:, 1]
+    line(ax, trace["time"], np.hypot(x, y), color=palette.INK, label="distance", linewidth=1.6)
+    line(ax, trace["time"], x, color=palette.MEASURED, label="in x", linestyle=(0, (6, 1.5)))
+    line(ax, trace["time"], y, color=palette.ACCENT, label="in y", linestyle=(0, (3, 1.2)))
+    value_axis(ax, "off the plan [m]")
+
+
+def velocity(trace: Trace, spans: Sequence[Span]) -> Figure:
+    """Velocity in the world [m/s] and yaw rate [rad/s], driven and planned."""
+    figure, axes = new_figure(MIDDLE, rows=2, sharex=True)
+    time, c, s = trace["time"], np.cos(trace["heading"]), np.sin(trace["heading"])
+    x, y = trace["twist_x"], trace["twist_y"]
+    for name, driven, color in (("x", c * x - s * y, palette.MEASURED), ("y", s * x + c * y, palette.ACCENT)):
+        line(axes[0], time, driven, color=color, label=f"in {name}")
+        if f"target_velocity_{name}" in trace:
+            planned = trace[f"target_velocity_{name}"]
+            line(axes[0], time, planned, color=palette.PLANNED, linestyle=_DASHES, linewidth=1.0)
+    banded(axes[1], time, trace["twist_yaw"], palette.HEALTHY)
+    value_axis(axes[0], "velocity [m/s]")
+    value_axis(axes[1], "yaw rate [rad/s]")
     finish(axes, time, spans)
     legend(axes[0])
     return figure
@@ -173,19 +118,12 @@ def wheel_speeds(trace: Trace, spans: Sequence[Span]) -> Figure:
         line(ax, time, trace[f"wheel_speed_{i + 1}"], color=palette.wheel_color(i), label="measured")
         target = f"target_wheel_speed_{i + 1}"
         if target in trace:
-            line(
-                ax,
-                time,
-                trace[target],
-                color=palette.INK,
-                linestyle=(0, (3, 3)),
-                linewidth=1.0,
-                label="target",
-            )
+            style = {"linestyle": (0, (3, 3)), "linewidth": 1.0, "label": "target"}
+            line(ax, time, trace[target], color=palette.INK, **style)
         value_axis(ax, f"wheel {i + 1}\n[rad/s]")
     finish(axes, time, spans)
-    for ax in axes[:1]:
-        legend(ax)
+    if "target_wheel_speed_1" in trace:
+        legend(axes[0])
     return figure
 
 
@@ -199,8 +137,11 @@ def per_wheel(trace: Trace, name: str, label: str, spans: Sequence[Span], zero: 
       spans: Faults to shade.
       zero: Whether to mark zero.
     """
-    figure, (ax,) = new_figure(2.9)
-    _wheel_lines(ax, trace, name)
+    figure, (ax,) = new_figure(MIDDLE)
+    for i in range(wheel_count(trace)):
+        if f"{name}_{i + 1}" in trace:
+            style = {"linestyle": palette.wheel_line(i), "label": f"wheel {i + 1}"}
+            banded(ax, trace["time"], trace[f"{name}_{i + 1}"], palette.wheel_color(i), **style)
     if zero:
         ax.axhline(0.0, color=palette.MUTED, linewidth=0.8, zorder=1)
     value_axis(ax, label)
@@ -209,43 +150,17 @@ def per_wheel(trace: Trace, name: str, label: str, spans: Sequence[Span], zero: 
     return figure
 
 
-def _wheel_lines(ax: Axes, trace: Trace, name: str) -> None:
-    for i in range(wheel_count(trace)):
-        if f"{name}_{i + 1}" in trace:
-            line(
-                ax,
-                trace["time"],
-                trace[f"{name}_{i + 1}"],
-                color=palette.wheel_color(i),
-                linestyle=palette.wheel_line(i),
-                label=f"wheel {i + 1}",
-            )
-
-
-def forces(trace: Trace, spans: Sequence[Span]) -> Figure:
-    """Traction and normal force of every wheel [N]."""
-    figure, axes = new_figure(4.4, rows=2, sharex=True)
-    _wheel_lines(axes[0], trace, "traction_force")
-    _wheel_lines(axes[1], trace, "normal_force")
-    axes[0].axhline(0.0, color=palette.MUTED, linewidth=0.8, zorder=1)
-    value_axis(axes[0], "traction [N]")
-    value_axis(axes[1], "normal force [N]")
-    finish(axes, trace["time"], spans)
-    legend(axes[0])
-    return figure
-
-
 def currents(trace: Trace, spans: Sequence[Span]) -> Figure:
-    """Measured motor currents over what was commanded, a plot per wheel [A]."""
+    """Measured motor currents and the mean of what was commanded, a plot per wheel [A]."""
     n, time = wheel_count(trace), trace["time"]
     figure, axes = new_figure(0.9 + 1.15 * n, rows=n, sharex=True, sharey=True)
     for i, ax in enumerate(axes):
-        command = f"current_target_{i + 1}"
+        color, command = palette.wheel_color(i), f"current_target_{i + 1}"
+        measured = trace[f"current_{i + 1}"]
+        line(ax, time, measured, color=palette.lighter(color, 0.55), linewidth=1.0, label="measured")
         if command in trace:
-            line(ax, time, trace[command], color="#A9B1BA", linewidth=1.6, label="command")
-        line(
-            ax, time, trace[f"current_{i + 1}"], color=palette.wheel_color(i), linewidth=0.9, label="measured"
-        )
+            middle, mean, _, _ = averaged(time, trace[command])
+            ax.plot(middle, mean, color=color, linewidth=1.3, label="command (mean)")
         value_axis(ax, f"wheel {i + 1}\n[A]")
     finish(axes, time, spans)
     legend(axes[0])

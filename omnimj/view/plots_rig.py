@@ -9,13 +9,13 @@ from matplotlib.figure import Figure
 
 from omnimj.signals import Trace
 from omnimj.view import palette
-from omnimj.view.drawing import finish, legend, line, new_figure, value_axis
+from omnimj.view.drawing import SHORT, finish, legend, line, new_figure, value_axis
 from omnimj.view.wording import Span
 
 
 def speeds(trace: Trace, wheel_radius: float, spans: Sequence[Span]) -> Figure:
     """Rim speed r·φ̇ against the carriage's speed [m/s]."""
-    figure, (ax,) = new_figure(3.2)
+    figure, (ax,) = new_figure(SHORT)
     time = trace["time"]
     line(ax, time, wheel_radius * trace["wheel_speed"], color=palette.ACCENT, label="wheel rim, r·φ̇")
     line(ax, time, trace["carriage_speed"], color=palette.MEASURED, linestyle=(0, (6, 1.5)), label="carriage")
@@ -25,7 +25,7 @@ def speeds(trace: Trace, wheel_radius: float, spans: Sequence[Span]) -> Figure:
 
 def slip(trace: Trace, wheel_radius: float, spans: Sequence[Span]) -> Figure:
     """Slip velocity V_r = r·φ̇ − V, true where the plant knows it, else from the two encoders [m/s]."""
-    figure, (ax,) = new_figure(2.9)
+    figure, (ax,) = new_figure(SHORT)
     time = trace["time"]
     measured = wheel_radius * trace["wheel_speed"] - trace["carriage_speed"]
     line(ax, time, measured, color=palette.DIAGNOSIS, linewidth=0.9, label="from the encoders")
@@ -37,29 +37,29 @@ def slip(trace: Trace, wheel_radius: float, spans: Sequence[Span]) -> Figure:
 
 
 def forces(trace: Trace, spans: Sequence[Span]) -> Figure:
-    """Traction along the rail, lateral friction and normal force at the floor [N]."""
-    figure, axes = new_figure(4.4, rows=2, sharex=True)
+    """Traction along the rail and lateral friction at the floor [N]."""
+    figure, (ax,) = new_figure(SHORT)
     time = trace["time"]
-    line(axes[0], time, trace["traction_force_1"], color=palette.ACCENT, label="traction")
+    line(ax, time, trace["traction_force_1"], color=palette.ACCENT, label="traction")
     if "lateral_force_1" in trace and np.any(trace["lateral_force_1"]):
-        line(
-            axes[0],
-            time,
-            trace["lateral_force_1"],
-            color=palette.HEALTHY,
-            linestyle=(0, (6, 1.5)),
-            label="lateral",
-        )
-    axes[0].axhline(0.0, color=palette.MUTED, linewidth=0.8, zorder=1)
-    line(axes[1], time, trace["normal_force_1"], color=palette.MEASURED)
-    value_axis(axes[0], "force [N]")
-    value_axis(axes[1], "normal force [N]")
+        style = {"color": palette.HEALTHY, "linestyle": (0, (6, 1.5)), "label": "lateral"}
+        line(ax, time, trace["lateral_force_1"], **style)
+    ax.axhline(0.0, color=palette.MUTED, linewidth=0.8, zorder=1)
+    value_axis(ax, "force [N]")
     return _finished(figure, trace, spans, legend_columns=2)
+
+
+def normal(trace: Trace, spans: Sequence[Span]) -> Figure:
+    """Normal force at the floor [N]."""
+    figure, (ax,) = new_figure(SHORT)
+    line(ax, trace["time"], trace["normal_force_1"], color=palette.MEASURED)
+    value_axis(ax, "normal force [N]")
+    return _finished(figure, trace, spans, legend_columns=1)
 
 
 def current(trace: Trace, spans: Sequence[Span]) -> Figure:
     """Motor current, measured and commanded [A]."""
-    figure, (ax,) = new_figure(2.9)
+    figure, (ax,) = new_figure(SHORT)
     line(ax, trace["time"], trace["current"], color=palette.MEASURED, linewidth=1.0, label="measured")
     for name in ("current_target", "target_current"):
         if name in trace:
@@ -71,7 +71,7 @@ def current(trace: Trace, spans: Sequence[Span]) -> Figure:
 
 def lateral(trace: Trace, spans: Sequence[Span]) -> Figure:
     """Speed of the gantry sideways [m/s]."""
-    figure, (ax,) = new_figure(2.6)
+    figure, (ax,) = new_figure(SHORT)
     line(ax, trace["time"], trace["lateral_speed"], color=palette.HEALTHY, label="gantry")
     ax.axhline(0.0, color=palette.MUTED, linewidth=0.8, zorder=1)
     value_axis(ax, "lateral speed [m/s]")
@@ -81,6 +81,6 @@ def lateral(trace: Trace, spans: Sequence[Span]) -> Figure:
 def _finished(figure: Figure, trace: Trace, spans: Sequence[Span], legend_columns: int) -> Figure:
     axes = figure.get_axes()
     finish(axes, trace["time"], spans)
-    if len(axes[0].get_lines()) > 1:
+    if len(axes[0].get_legend_handles_labels()[1]) > 1:
         legend(axes[0], legend_columns)
     return figure

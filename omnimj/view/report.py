@@ -6,15 +6,18 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib.figure import Figure
 
 import omnimj
+from omnimj.parameters import Rig, Robot
 from omnimj.signals import Trace
-from omnimj.view import page, plots, plots_rig, wording
-from omnimj.view.drawing import svg
+from omnimj.view import page, plots, plots_path, plots_rig, wording
+from omnimj.view.drawing import svg, window
 from omnimj.view.picture import Picture
 from omnimj.view.wording import Described, Span
 
+_MOVES = 0.01  # [m/s] of a gantry that is not at rest
 _DIAGNOSIS_RESULTS = {"detection_delay": "s", "isolated": "", "false_alarms": ""}
 
 
@@ -84,6 +87,8 @@ def _picture(picture: Picture, metrics: Mapping[str, Any]) -> str:
 
 def _run_table(scenario: Described, metrics: Mapping[str, Any]) -> str:
     floor = str(metrics.get("floor", scenario.floor)).replace("_", " ")
+    if metrics.get("plant") == "kinematic":
+        floor = "none: motion without forces"
     patches = [f"{p.floor.replace('_', ' ')} {p.size[0]:g} m × {p.size[1]:g} m" for p in scenario.patches]
     rows = [
         ("scenario", metrics.get("scenario", "–")),
@@ -113,10 +118,8 @@ def _checks(scenario: Described, metrics: Mapping[str, Any]) -> str:
             (
                 page.state(bool(check["ok"])),
                 page.cell(check["name"].replace("_", " ")),
-                page.cell(f"{wording.number(check.get('value'))} {unit}".strip(), "number"),
-                page.cell(
-                    f"{sign} {wording.number(limit)} {unit}".strip() if limit is not None else "–", "number"
-                ),
+                page.cell(wording.measure(check.get("value"), unit), "number"),
+                page.cell(f"{sign} {wording.measure(limit, unit)}" if limit is not None else "–", "number"),
             )
         )
     return page.table(rows, ("", "check", "value", "must be"))
@@ -132,8 +135,8 @@ def _results(scenario: Described, metrics: Mapping[str, Any]) -> str:
         value = metrics.get(key)
         if value is None or key in judged:
             continue
-        shown = ("yes" if value else "no") if isinstance(value, bool) else wording.number(value)
-        rows.append((page.text(key.replace("_", " ")), page.cell(f"{shown} {unit}".strip(), "number")))
+        shown = ("yes" if value else "no") if isinstance(value, bool) else wording.measure(value, unit)
+        rows.append((page.text(key.replace("_", " ")), page.cell(shown, "number")))
     speed = metrics.get("realtime_factor")
     if speed is not None:
         rows.append(("simulated at", page.cell(f"{wording.number(speed, 3)} × real time", "number")))
@@ -174,10 +177,12 @@ def _diagnoses(metrics: Mapping[str, Any]) -> str:
 
 
 def _figures(trace: Trace, scenario: Described, spans: Sequence[Span]) -> list[str]:
-    if "carriage_speed" in trace:
-        wanted = _rig_figures(trace, scenario.constants.wheel.radius, spans)
-    else:
-        wanted = _robot_figures(trace, scenario, spans)
+    constants = scenario.constants
+    wanted = (
+        _rig_figures(trace, constants.wheel.radius, spans)
+        if isinstance(constants, Rig)
+        else _robot_figures(trace, constants, scenario.patches, spans)
+    )
     return [
         page.figure(svg(draw(), name, page.text(heading)), heading, caption)
         for name, heading, caption, draw in wanted
@@ -187,53 +192,78 @@ def _figures(trace: Trace, scenario: Described, spans: Sequence[Span]) -> list[s
 Wanted = list[tuple[str, str, str, Callable[[], Figure]]]
 
 
-def _robot_figures(trace: Trace, scenario: Described, spans: Sequence[Span]) -> Wanted:
+def _robot_figures(trace: Trace, robot: Robot, patches: Sequence[Any], spans: Sequence[Span]) -> Wanted:
     shaded = " Shaded: a fault holds." if spans else ""
+    forces = "current_1" in trace
     wanted: Wanted = []
     if "x" in trace:
         words = "From above; arrows point where the robot's x axis points."
-        wanted.append(("path", "Path", words, lambda: plots.path(trace, scenario.patches, spans)))
+        wanted.append(("path", "Path", words, lambda: plots_path.path(trace, patches, spans, robot)))
     if "heading" in trace or "yaw" in trace:
-        words = "Driven and planned." + shaded
-        wanted.append(("heading", "Heading", words, lambda: plots.heading(trace, spans)))
-    words = "Measured after the gear, and what the controller asked for." + shaded
-    wanted.append(("wheel-speeds", "Wheel speeds", words, lambda: plots.wheel_speeds(trace, spans)))
-    if "current_1" in trace:
-        words = "Of the motors, as the amplifiers report them." + shaded
+        words = "Driven and planned; how far the robot is from where it should be at each instant." + shaded
+        wanted.append(("heading", "Heading and place", words, lambda: plots.deviation(trace, spans)))
+    words = "Measured after the gear, and what the controller asked for." if forces else "As demanded."
+    wanted.append(("wheel-speeds", "Wheel speeds", words + shaded, lambda: plots.wheel_speeds(trace, spans)))
+    if forces:
+        words = "Of the motors, as the amplifiers report them, and as commanded." + shaded
         wanted.append(("currents", "Currents", words, lambda: plots.currents(trace, spans)))
-    if "slip_velocity_1" in trace:
-        words = "V_r = r·φ̇ − V; positive: the wheel is faster than the ground." + shaded
-        label = "slip velocity [m/s]"
-        wanted.append(
-            ("slip", "Slip velocity", words, lambda: plots.per_wheel(trace, "slip_velocity", label, spans))
-        )
-    if "traction_force_1" in trace:
-        words = "Traction pushes the robot along the wheel's driving direction." + shaded
-        wanted.append(("forces", "Traction and normal force", words, lambda: plots.forces(trace, spans)))
+    return wanted + _truth_figures(trace, shaded, spans)
+
+
+def _truth_figures(trace: Trace, shaded: str, spans: Sequence[Span]) -> Wanted:
+    """What only a simulation knows."""
+    wanted: Wanted = []
+    averaged = f"Lines: means over {1000 * window(trace['time']):.0f} ms; bands: smallest and largest."
+    quantities = (
+        (
+            "slip_velocity",
+            "Slip velocity",
+            "slip velocity [m/s]",
+            "Rim speed less ground speed, V_r = r·φ̇ − V.",
+        ),
+        (
+            "traction_force",
+            "Traction",
+            "traction [N]",
+            "Pushes the robot along the wheel's driving direction.",
+        ),
+        (
+            "normal_force",
+            "Normal force",
+            "normal force [N]",
+            "It ripples as roller after roller takes the load.",
+        ),
+    )
+    for column, heading, label, words in quantities:
+        if f"{column}_1" not in trace:
+            continue
+
+        def draw(column: str = column, label: str = label) -> Figure:
+            return plots.per_wheel(trace, column, label, spans, zero=column != "normal_force")
+
+        wanted.append((column, heading, f"{words} {averaged}", draw))
+    if "twist_x" in trace and "heading" in trace:
+        words = "Along the axes of the floor; dashed: planned." + shaded
+        wanted.append(("velocity", "Velocity", words, lambda: plots.velocity(trace, spans)))
     return wanted
 
 
 def _rig_figures(trace: Trace, radius: float, spans: Sequence[Span]) -> Wanted:
+    words = f"Rim speed with r = {radius:g} m; the gap between the lines is slip."
     wanted: Wanted = [
-        (
-            "speeds",
-            "Wheel and carriage",
-            f"Rim speed with r = {radius:g} m; the gap between the lines is slip.",
-            lambda: plots_rig.speeds(trace, radius, spans),
-        ),
+        ("speeds", "Wheel and carriage", words, lambda: plots_rig.speeds(trace, radius, spans)),
         ("slip", "Slip velocity", "V_r = r·φ̇ − V.", lambda: plots_rig.slip(trace, radius, spans)),
-        (
-            "current",
-            "Current",
-            "Of the motor, as the amplifier reports it.",
-            lambda: plots_rig.current(trace, spans),
-        ),
     ]
     if "traction_force_1" in trace:
-        words = "At the wheel's contact with the floor."
-        wanted.insert(2, ("forces", "Forces", words, lambda: plots_rig.forces(trace, spans)))
-    words = "How fast the gantry moves the wheel along its axle."
-    wanted.append(("lateral", "Lateral speed", words, lambda: plots_rig.lateral(trace, spans)))
+        words = "At the wheel's contact with the floor, along the rail and along the axle."
+        wanted.append(("forces", "Traction and lateral force", words, lambda: plots_rig.forces(trace, spans)))
+        words = "It ripples as roller after roller takes the load."
+        wanted.append(("normal", "Normal force", words, lambda: plots_rig.normal(trace, spans)))
+    words = "Of the motor, as the amplifier reports it, and as commanded."
+    wanted.append(("current", "Current", words, lambda: plots_rig.current(trace, spans)))
+    if np.any(np.abs(trace["lateral_speed"]) > _MOVES):
+        words = "How fast the gantry moves the wheel along its axle."
+        wanted.append(("lateral", "Lateral speed", words, lambda: plots_rig.lateral(trace, spans)))
     return wanted
 
 

@@ -1,4 +1,4 @@
-"""`run.rrd`: a run for the Rerun viewer, written in columns."""
+"""A run on its way into Rerun: as a whole into `run.rrd`, or in batches while it goes on."""
 
 from __future__ import annotations
 
@@ -6,23 +6,32 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import mujoco
+import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
+from numpy.typing import NDArray
 
+from omnimj.parameters import Rig
 from omnimj.signals import Trace
 from omnimj.view import wording
 from omnimj.view.blueprint import Eye, run_blueprint
-from omnimj.view.rerun_scene import MACHINE, NORMAL_SCALE, TRACTION_SCALE, log_scene
-from omnimj.view.rerun_signals import Plot, log_plots, log_states, rig_plots, robot_plots
+from omnimj.view.plots import planned_position
+from omnimj.view.rerun_machine import AROUND, MACHINE, NORMAL_SCALE, TRACTION_SCALE, Machine
+from omnimj.view.rerun_scene import Trail, log_floor, log_planned
+from omnimj.view.rerun_signals import Signals, log_states, plots_of, with_columns
 from omnimj.view.scene3d import Poses
 from omnimj.view.wording import Described
 
-_LEGEND = (
-    f"Orange arrows: traction, {1000 * TRACTION_SCALE:.0f} mm per N. "
-    f"Light blue arrows: normal force, {1000 * NORMAL_SCALE:.0f} mm per N. "
-    "Blue line: driven path. Grey line: planned path. Light blue area: a patch of other floor. "
-    "The dark stripes show how the rollers turn."
+Array = NDArray[np.float64]
+_FORCES = (
+    f"**Green arrows**: traction, {1000 * TRACTION_SCALE:.0f} mm per N. "
+    f"**Light blue arrows**: normal force, {1000 * NORMAL_SCALE:.0f} mm per N. "
 )
+_PATHS = (
+    "**Blue line**: driven path. **Grey line**: planned path. **Light blue area**: a patch of other floor. "
+)
+_ROLLERS = "The dark stripes show how the rollers turn."
 
 
 def write_recording(
@@ -41,32 +50,127 @@ def write_recording(
       metrics: Content of `metrics.json`.
       poses: What moved; without them the recording holds plots, states and paths.
     """
-    plots = rig_plots(trace, scenario.constants.wheel.radius) if _is_rig(trace) else robot_plots(trace)
     stream = rr.RecordingStream("omnimj")
-    stream.save(path, default_blueprint=_blueprint(trace, plots, poses))
-    with stream:
-        stream.send_recording_name(wording.title(metrics))
-        words = rr.TextDocument(_about(scenario, metrics), media_type="text/markdown")
-        stream.log("about", words, static=True)
-        log_scene(stream, trace, poses, scenario.patches, str(metrics.get("floor", scenario.floor)))
-        log_plots(stream, trace, plots)
-        log_states(stream, trace, metrics)
+    stream.save(path, default_blueprint=whole_blueprint(scenario, trace, poses is not None))
+    run = RunStream(stream, scenario, float(trace["time"][-1]))
+    run.begin(metrics, planned_position(trace), None if poses is None else poses.mj_model)
+    run.add(trace, poses)
+    run.end(trace, metrics)
     stream.disconnect()
 
 
-def _is_rig(trace: Trace) -> bool:
-    return "carriage_speed" in trace
+class RunStream:
+    """A run sent to a stream: first what stands, then batches of what moves, at last what came of it."""
+
+    def __init__(self, stream: rr.RecordingStream, scenario: Described, duration: float):
+        """A run that lasts at most `duration` [s]."""
+        self._stream, self._scenario, self._duration = stream, scenario, duration
+        self._machine: Machine | None = None
+        self._signals: Signals | None = None
+        self._trail: Trail | None = None
+        self._planned: Array | None = None
+        constants = scenario.constants
+        self._wheels = 1 if isinstance(constants, Rig) else len(constants.wheels)
+
+    def begin(self, known: Mapping[str, Any], planned: Array | None, mj_model: mujoco.MjModel | None) -> None:
+        """Sends machine, floor and plan.
+
+        Args:
+          known: What `metrics.json` will hold, as far as it is known.
+          planned: Planned path, shape (k, 2) [m].
+          mj_model: The machine with all that is only seen.
+        """
+        stream = self._stream
+        stream.send_recording_name(wording.title(known))
+        stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        self._log_words(known)
+        self._planned = planned
+        self._log_floor(np.empty((0, 2)))
+        if planned is not None:
+            log_planned(stream, planned)
+        if mj_model is not None:
+            self._machine = Machine(stream, mj_model)
+
+    def stand(self, poses: Poses) -> None:
+        """Sends the machine at rest and healthy, for whoever looks on before the first batch."""
+        still = Trace({"time": poses.time})
+        self.move(poses, still)
+        log_states(self._stream, still, {}, self._wheels)
+
+    def add(self, trace: Trace, poses: Poses | None) -> None:
+        """Sends the next rows and what moved during them.
+
+        Args:
+          trace: At least one row, later than all before.
+          poses: Of the machine; None where nothing is known of it.
+        """
+        if self._signals is None:
+            self._signals = Signals(self._stream, with_columns(plots_of(self._scenario), trace))
+        self._signals.add(trace)
+        if "x" in trace:
+            if self._trail is None:
+                self._trail = Trail(self._stream, self._duration)
+            self._trail.add(trace)
+        if poses is not None:
+            self.move(poses, trace)
+
+    def move(self, poses: Poses, trace: Trace) -> None:
+        """Sends where the machine was, and the forces at its wheels.
+
+        Args:
+          poses: At least one.
+          trace: Rows over the same time.
+        """
+        if self._machine is not None:
+            self._machine.log_motion(poses, trace)
+
+    def end(self, trace: Trace, metrics: Mapping[str, Any]) -> None:
+        """Sends fault states, checks and the floor under all that was driven.
+
+        Args:
+          trace: The whole run.
+          metrics: Content of `metrics.json`.
+        """
+        log_states(self._stream, trace, metrics, self._wheels)
+        self._log_words(metrics)
+        if "x" in trace:
+            self._log_floor(np.column_stack([trace["x"], trace["y"]]))
+
+    def _log_words(self, metrics: Mapping[str, Any]) -> None:
+        words = rr.TextDocument(_about(self._scenario, metrics), media_type="text/markdown")
+        self._stream.log("about", words, static=True)
+
+    def _log_floor(self, driven: Array) -> None:
+        points = [np.zeros((1, 2)), driven]
+        if self._planned is not None:
+            points.append(self._planned)
+        if isinstance(self._scenario.constants, Rig):
+            reach = self._scenario.constants.rig
+            points += [reach.rail_length * np.eye(2)[:1], reach.lateral_travel * np.array([[0, -1], [0, 1]])]
+        log_floor(self._stream, np.concatenate(points), self._scenario.patches, self._scenario.floor)
 
 
-def _blueprint(trace: Trace, plots: list[Plot], poses: Poses | None) -> rrb.Blueprint:
-    if _is_rig(trace):
-        return run_blueprint(plots, trace, Eye((0.1, 1.35, 0.65), (0.75, 0.0, 0.12)))
-    x, y = (float(trace["x"][0]), float(trace["y"][0])) if "x" in trace else (0.0, 0.0)
-    if poses is None:
-        return run_blueprint(plots, trace, Eye((x - 2.5, y - 2.5, 4.0), (x, y, 0.0)))
-    return run_blueprint(
-        plots, trace, Eye((x - 0.8, y - 0.95, 0.75), (x, y, 0.08), f"{MACHINE}/chassis/surface")
-    )
+def whole_blueprint(scenario: Described, trace: Trace, has_machine: bool) -> rrb.Blueprint:
+    """The arrangement of a run that is over: it plays, all axes show the whole run."""
+    plots = with_columns(plots_of(scenario), trace)
+    start = (float(trace["x"][0]), float(trace["y"][0])) if "x" in trace else (0.0, 0.0)
+    eye = first_eye(scenario, start, has_machine)
+    return run_blueprint(plots, float(trace["time"][-1]), eye, [plot.range(trace) for plot in plots])
+
+
+def live_blueprint(scenario: Described, duration: float, start: tuple[float, float]) -> rrb.Blueprint:
+    """The arrangement of a run that goes on: the newest is shown, the value axes grow."""
+    return run_blueprint(plots_of(scenario), duration, first_eye(scenario, start, has_machine=True))
+
+
+def first_eye(scenario: Described, start: tuple[float, float], has_machine: bool) -> Eye:
+    """Where a spectator stands at first: at the robot, at the rig, or above the path."""
+    if isinstance(scenario.constants, Rig):
+        return Eye((0.1, 1.35, 0.65), (0.75, 0.0, 0.12))
+    x, y = start
+    if not has_machine:
+        return Eye((x - 2.5, y - 2.5, 4.0), (x, y, 0.0))
+    return Eye((x - 0.66, y - 0.8, 0.6), (x, y, 0.07), f"{MACHINE}/chassis/{AROUND}")
 
 
 def _about(scenario: Described, metrics: Mapping[str, Any]) -> str:
@@ -77,6 +181,8 @@ def _about(scenario: Described, metrics: Mapping[str, Any]) -> str:
     for check in metrics.get("checks") or ():
         name, unit = check["name"], scenario.metric_units.get(check["name"], "")
         sign = "✓" if check["ok"] else "✗"
-        value = wording.number(check.get("value"), 3)
-        lines.append(f"- {sign} {name.replace('_', ' ')}: {value} {unit}")
-    return "\n".join([*lines, "", _LEGEND])
+        value, limit = wording.number(check.get("value"), 3), wording.number(check.get("limit"), 3)
+        bound = "at least" if check.get("bound") == "min" else "at most"
+        lines.append(f"- {sign} {name.replace('_', ' ')}: {value} {unit} ({bound} {limit})")
+    paths = "" if isinstance(scenario.constants, Rig) else _PATHS
+    return "\n".join([*lines, "", _FORCES + paths + _ROLLERS])

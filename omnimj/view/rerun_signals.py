@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,17 +10,17 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from omnimj.parameters import Rig
 from omnimj.signals import Trace
 from omnimj.view import palette
-from omnimj.view.plots import wheel_count
-from omnimj.view.rerun_scene import time_column
 from omnimj.view.scene3d import thin
-from omnimj.view.wording import Span, diagnosis_spans, fault_spans
+from omnimj.view.timeline import time_column
+from omnimj.view.wording import Described, Span, diagnosis_spans, fault_spans
 
 Array = NDArray[np.float64]
 RATE = 200.0
 """Samples per second of the time series."""
-TRUTH, BELIEF, MODE = "states/actual", "states/diagnosed", "states/mode"  # shown in alphabetical order
+TRUTH, BELIEF, MODE = "fault", "diagnosis", "mode"
 FINE = "healthy"
 _STATE_COLORS = ("#E69F00", "#D55E00", "#CC79A7", "#0072B2", "#56B4E9", "#8C6D1F")
 
@@ -59,9 +59,16 @@ class Plot:
         return low - room, high + room
 
 
-def robot_plots(trace: Trace) -> list[Plot]:
-    """The plots of a robot's run, for the columns that the trace has."""
-    n = wheel_count(trace)
+def plots_of(scenario: Described) -> list[Plot]:
+    """All the plots that a run of this scenario can have."""
+    constants = scenario.constants
+    if isinstance(constants, Rig):
+        return _rig_plots(constants.wheel.radius)
+    return _robot_plots(len(constants.wheels))
+
+
+def _robot_plots(n: int) -> list[Plot]:
+    """The plots of a robot with n wheels."""
 
     def wheels(column: str) -> tuple[Line, ...]:
         return tuple(Line(f"{column}_{i}", f"wheel {i}", palette.wheel_color(i - 1)) for i in range(1, n + 1))
@@ -75,12 +82,12 @@ def robot_plots(trace: Trace) -> list[Plot]:
     degrees = 180.0 / np.pi
     heading = (
         Line("target_heading", "planned", palette.lighter(palette.PLANNED, 0.3), degrees, 1.2),
-        Line("heading" if "heading" in trace else "yaw", "driven", palette.MEASURED, degrees),
+        Line("heading", "driven", palette.MEASURED, degrees),
     )
-    plots = [
+    return [
         Plot(
             "plots/wheel_speed",
-            "Wheel speed [rad/s]",
+            "Wheel speed, thin: target [rad/s]",
             wheels("wheel_speed") + targets("target_wheel_speed"),
             True,
         ),
@@ -90,24 +97,23 @@ def robot_plots(trace: Trace) -> list[Plot]:
         Plot("plots/current", "Current [A]", wheels("current")),
         Plot("plots/heading", "Heading [degrees]", heading, True),
     ]
-    return _with_columns(plots, trace)
 
 
-def rig_plots(trace: Trace, wheel_radius: float) -> list[Plot]:
-    """The plots of a rig's run, for the columns that the trace has."""
+def _rig_plots(wheel_radius: float) -> list[Plot]:
+    """The plots of a rig's run."""
     speeds = (
         Line("wheel_speed", "wheel rim r·φ̇", palette.ACCENT, wheel_radius),
         Line("carriage_speed", "carriage", palette.MEASURED),
     )
     forces = (
         Line("traction_force_1", "traction", palette.TRACTION),
-        Line("lateral_force_1", "lateral", palette.HEALTHY),
+        Line("lateral_force_1", "lateral", palette.FAULT),
     )
     currents = (
         Line("current_target", "command", palette.lighter(palette.PLANNED, 0.3)),
         Line("current", "measured", palette.MEASURED),
     )
-    plots = [
+    return [
         Plot("plots/speed", "Wheel rim and carriage [m/s]", speeds, True),
         Plot(
             "plots/slip_velocity", "Slip velocity [m/s]", (Line("slip_velocity_1", "true", palette.ACCENT),)
@@ -123,42 +129,59 @@ def rig_plots(trace: Trace, wheel_radius: float) -> list[Plot]:
             "plots/lateral_speed", "Lateral speed [m/s]", (Line("lateral_speed", "gantry", palette.HEALTHY),)
         ),
     ]
-    return _with_columns(plots, trace)
 
 
-def _with_columns(plots: Sequence[Plot], trace: Trace) -> list[Plot]:
-    kept = [replace(p, lines=tuple(line for line in p.lines if line.column in trace)) for p in plots]
+def with_columns(plots: Sequence[Plot], columns: Container[str]) -> list[Plot]:
+    """The plots and lines for which there are columns."""
+    kept = [replace(p, lines=tuple(line for line in p.lines if line.column in columns)) for p in plots]
     return [plot for plot in kept if plot.lines]
 
 
-def log_plots(stream: rr.RecordingStream, trace: Trace, plots: Sequence[Plot]) -> None:
-    """One entity per plot, all its lines in each row."""
-    keep = thin(trace["time"], RATE)
-    index = time_column(trace["time"][keep])
-    for plot in plots:
-        style = rr.SeriesLines(
-            colors=[palette.rgb(line.color) for line in plot.lines],
-            names=[line.name for line in plot.lines],
-            widths=[line.width for line in plot.lines],
-        )
-        stream.log(plot.entity, style, static=True)
-        values = np.stack([line.scale * trace[line.column][keep] for line in plot.lines], axis=1)
-        columns = rr.Scalars.columns(scalars=values.ravel())
-        stream.send_columns(plot.entity, [index], columns.partition(np.full(len(keep), len(plot.lines))))
+class Signals:
+    """The time series on their way into a stream: one entity per plot, all its lines in each row."""
+
+    def __init__(self, stream: rr.RecordingStream, plots: Sequence[Plot]):
+        """Logs what the lines look like."""
+        self._stream, self._plots = stream, plots
+        for plot in plots:
+            style = rr.SeriesLines(
+                colors=[palette.rgb(line.color) for line in plot.lines],
+                names=[line.name for line in plot.lines],
+                widths=[line.width for line in plot.lines],
+            )
+            stream.log(plot.entity, style, static=True)
+
+    def add(self, trace: Trace) -> None:
+        """Logs the rows of a trace, `RATE` of them per second."""
+        keep = thin(trace["time"], RATE)
+        index = time_column(trace["time"][keep])
+        for plot in self._plots:
+            values = np.stack([line.scale * trace[line.column][keep] for line in plot.lines], axis=1)
+            columns = rr.Scalars.columns(scalars=values.ravel())
+            lengths = np.full(len(keep), len(plot.lines))
+            self._stream.send_columns(plot.entity, [index], columns.partition(lengths))
 
 
-def log_states(stream: rr.RecordingStream, trace: Trace, metrics: Mapping[str, Any]) -> None:
-    """What was broken and what the controller believed, a lane per wheel concerned; the controller's mode."""
+def log_states(stream: rr.RecordingStream, trace: Trace, metrics: Mapping[str, Any], wheels: int) -> None:
+    """What was broken and what the controller believed, a lane per wheel; the controller's mode.
+
+    Args:
+      stream: Where to log.
+      trace: The whole run; its first row alone shows that nothing has happened yet.
+      metrics: Content of `metrics.json`, as far as it is known.
+      wheels: n.
+    """
     duration = float(trace["time"][-1])
-    _log_lanes(stream, TRUTH, fault_spans(metrics, duration))
+    _log_lanes(stream, TRUTH, fault_spans(metrics, duration), wheels)
     if metrics.get("diagnoses"):
-        _log_lanes(stream, BELIEF, diagnosis_spans(metrics, duration))
+        _log_lanes(stream, BELIEF, diagnosis_spans(metrics, duration), wheels)
     if "mode" in trace:
         _log_mode(stream, trace)
 
 
-def _log_lanes(stream: rr.RecordingStream, entity: str, spans: Sequence[Span]) -> None:
-    for lane in sorted({span.lane for span in spans}) or ["all_wheels"]:
+def _log_lanes(stream: rr.RecordingStream, entity: str, spans: Sequence[Span], wheels: int) -> None:
+    all_wheels = {f"wheel_{i}" for i in range(1, wheels + 1)}
+    for lane in sorted({span.lane for span in spans} | all_wheels):
         times, states = lane_states([span for span in spans if span.lane == lane])
         log_lane(stream, f"{entity}/{lane}", times, states)
 

@@ -109,16 +109,30 @@ def body_look(mj_model: mujoco.MjModel, body: int) -> Look | None:
     return Look(joined(surfaces), np.concatenate(colors)) if surfaces else None
 
 
+def look_key(mj_model: mujoco.MjModel, body: int) -> bytes:
+    """Equal for bodies whose `body_look` is equal."""
+    geoms = visible_geoms(mj_model, body)
+    colors = np.array([geom_rgba(mj_model, geom) for geom in geoms])
+    numbers = (
+        mj_model.geom_type,
+        mj_model.geom_dataid,
+        mj_model.geom_size,
+        mj_model.geom_pos,
+        mj_model.geom_quat,
+    )
+    return b"".join(values[geoms].tobytes() for values in numbers) + colors.tobytes()
+
+
 def striped(look: Look, axis: Array) -> Look:
     """The same with a darker sector about the axis, so that a body of revolution is seen to turn."""
     axis = axis / np.linalg.norm(axis)
     first = np.cross(axis, [0.0, 0.0, 1.0] if abs(axis[2]) < 0.9 else [1.0, 0.0, 0.0])
     second = np.cross(axis, first)
-    centre = look.surface.vertices[look.surface.triangles].mean(axis=1)
-    dark = np.arctan2(centre @ second, centre @ first) % np.pi < 0.3 * np.pi
+    # by vertex, not by triangle: the viewer blends the edge of the stripe, triangles would leave saw teeth
+    angle = np.arctan2(look.surface.vertices @ second, look.surface.vertices @ first)
+    dark = angle % np.pi < 0.3 * np.pi
     colors = look.colors.copy()
-    vertices = np.unique(look.surface.triangles[dark])
-    colors[vertices, :3] = (_STRIPE * colors[vertices, :3]).astype(np.uint8)
+    colors[dark, :3] = (_STRIPE * colors[dark, :3]).astype(np.uint8)
     return Look(look.surface, colors)
 
 

@@ -156,6 +156,16 @@ def number(value: object, digits: int = 4) -> str:
     return f"{value:.{digits}g}"
 
 
+def measure(value: object, unit: str) -> str:
+    """A number with its unit; an angle in degrees too, as plots show it."""
+    if value is None:
+        return number(None)
+    shown = f"{number(value)} {unit}".strip()
+    if unit == "rad" and isinstance(value, int | float) and not isinstance(value, bool):
+        return f"{shown} ({number(math.degrees(value), 3)}°)"
+    return shown
+
+
 def title(metrics: Mapping[str, Any]) -> str:
     """`nylon_patch` → `Nylon patch`."""
     return str(metrics.get("scenario", "run")).replace("_", " ").capitalize()

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from omnimj.parameters import read_robot
 from omnimj.signals import Trace
-from omnimj.view import palette, plots, plots_rig
-from omnimj.view.drawing import envelope, svg
-from omnimj.view.live import ViewerError, open_viewer
+from omnimj.view import palette, plots, plots_path, plots_rig
+from omnimj.view.drawing import averaged, envelope, svg
 from omnimj.view.picture import Picture
 from omnimj.view.report import write_report
-from omnimj.view.wording import Span, fault_spans, repeat_command
+from omnimj.view.wording import Span, fault_spans, measure, repeat_command
 
 _VOID = {"meta", "img", "br", "hr", "link", "input"}
 
@@ -121,15 +121,17 @@ def test_texts_from_outside_cannot_break_the_page(page_path, robot_trace, robot_
 
 
 def test_a_robots_run_has_all_its_figures_and_the_picture(robot_page):
-    assert robot_page.tags.count("svg") == 6
-    assert robot_page.tags.count("figure") == 7
+    assert robot_page.tags.count("svg") == 8
+    assert robot_page.tags.count("figure") == 9
     assert robot_page.tags.count("img") == 1
     for words in (
         "Path",
-        "Heading",
+        "Heading and place",
         "Wheel speeds",
         "Slip velocity",
-        "Traction and normal force",
+        "Traction",
+        "Normal force",
+        "Velocity",
         "Currents",
     ):
         assert words in robot_page.text
@@ -144,9 +146,11 @@ def test_faults_and_diagnoses_are_told_in_words(robot_page):
 def test_the_rigs_report_has_its_own_figures(page_path, rig_trace, rig_scenario, rig_metrics):
     write_report(page_path, rig_trace, rig_scenario, rig_metrics)
     page = Page(page_path)
-    for words in ("Wheel and carriage", "Slip velocity", "Forces", "Current", "Lateral speed", "≥ 1"):
+    for words in ("Wheel and carriage", "Slip velocity", "Traction and lateral force", "Normal force"):
         assert words in page.text
-    assert page.tags.count("svg") == 5
+    for words in ("Current", "Lateral speed", "≥ 1"):
+        assert words in page.text
+    assert page.tags.count("svg") == 6
     assert "Passed: the check holds" in page.text
 
 
@@ -163,15 +167,16 @@ def test_a_run_without_truth_has_a_report_too(page_path, robot_trace, robot_scen
 
 def figures(robot_trace: Trace, rig_trace: Trace, spans) -> dict[str, Figure]:
     return {
-        "path": plots.path(robot_trace, (), spans),
-        "heading": plots.heading(robot_trace, spans),
+        "path": plots_path.path(robot_trace, (), spans, read_robot()),
+        "deviation": plots.deviation(robot_trace, spans),
+        "velocity": plots.velocity(robot_trace, spans),
         "wheel_speeds": plots.wheel_speeds(robot_trace, spans),
         "currents": plots.currents(robot_trace, spans),
         "slip": plots.per_wheel(robot_trace, "slip_velocity", "slip velocity [m/s]", spans),
-        "forces": plots.forces(robot_trace, spans),
         "rig_speeds": plots_rig.speeds(rig_trace, 0.05, spans),
         "rig_slip": plots_rig.slip(rig_trace, 0.05, spans),
         "rig_forces": plots_rig.forces(rig_trace, spans),
+        "rig_normal": plots_rig.normal(rig_trace, spans),
         "rig_current": plots_rig.current(rig_trace, spans),
         "rig_lateral": plots_rig.lateral(rig_trace, spans),
     }
@@ -199,12 +204,12 @@ def test_faults_are_shaded_in_all_time_plots_and_named_once(robot_trace, rig_tra
 def test_faults_of_one_interval_share_a_band_and_a_label(robot_trace):
     spans = [Span(f"slip, wheel {i}", f"wheel_{i}", "slip", 2.0, 4.0) for i in (1, 3)]
     (ax,) = plots.per_wheel(robot_trace, "slip_velocity", "slip velocity [m/s]", spans).get_axes()
-    assert [text.get_text() for text in ax.texts] == ["slip, wheel 1; slip, wheel 3"]
+    assert [text.get_text() for text in ax.texts] == ["slip, wheels 1, 3"]
     assert len(ax.patches) == 1
 
 
 def test_the_path_has_equal_axes(robot_trace):
-    (ax,) = plots.path(robot_trace, (), ()).get_axes()
+    (ax,) = plots_path.path(robot_trace, (), ()).get_axes()
     assert ax.get_aspect() == 1.0
 
 
@@ -243,7 +248,7 @@ def test_thinning_a_signal_loses_no_peak():
 
 
 def test_an_svg_carries_no_declarations_and_its_own_ids(robot_trace):
-    text = svg(plots.heading(robot_trace, ()), "mine", "a heading")
+    text = svg(plots.deviation(robot_trace, ()), "mine", "a heading")
     assert text.startswith("<svg viewBox=")
     assert "xmlns" not in text
     assert "http" not in text
@@ -257,9 +262,47 @@ def test_the_command_to_repeat_is_the_one_that_was_given(robot_scenario, robot_m
     assert repeat_command(robot_scenario, given) == "omnimj run nylon_patch --seed 3"
 
 
-def test_without_a_display_the_viewer_says_what_to_do(monkeypatch, tmp_path):
-    monkeypatch.delenv("DISPLAY", raising=False)
-    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    monkeypatch.setattr("sys.platform", "linux")
-    with pytest.raises(ViewerError, match=r"no display .* run `rerun run\.rrd`"):
-        open_viewer(tmp_path / "run.rrd")
+def test_tick_labels_keep_all_their_digits():
+    figure = Figure()
+    ax = figure.subplots()
+    ax.set_yticks([0.025, 0.075], ["0.025", "0.075"])
+    text = svg(figure, "mine", "ticks")
+    assert "0.025" in text and "0.075" in text
+
+
+def test_the_kinematic_level_has_no_empty_plots(page_path, robot_trace, robot_scenario, robot_metrics):
+    forces = ("current", "slip", "normal", "traction", "target_wheel")
+    columns = {name: values for name, values in robot_trace.columns.items() if not name.startswith(forces)}
+    write_report(page_path, Trace(columns), robot_scenario, {**robot_metrics, "plant": "kinematic"})
+    page = Page(page_path)
+    assert page.tags.count("svg") == 4
+    assert "none: motion without forces" in page.text
+
+
+def test_a_gantry_at_rest_has_no_plot_of_its_speed(page_path, rig_trace, rig_scenario, rig_metrics):
+    columns = {**rig_trace.columns, "lateral_speed": 0.0 * rig_trace["time"]}
+    write_report(page_path, Trace(columns), rig_scenario, rig_metrics)
+    assert "Lateral speed" not in Page(page_path).text
+
+
+def test_an_averaged_signal_keeps_its_mean_and_its_extremes():
+    time = np.linspace(0.0, 20.0, 20_001)
+    value = np.sin(700.0 * time) + 0.1 * time
+    value[7_777] = 9.0
+    middle, mean, low, high = averaged(time, value)
+    assert len(middle) < 500
+    assert np.mean(mean) == pytest.approx(np.mean(value), abs=1e-3)
+    assert high.max() == 9.0 and low.min() == value.min()
+    assert np.all((low <= mean) & (mean <= high))
+
+
+def test_angles_are_told_in_degrees_too():
+    assert measure(0.02, "rad") == "0.02 rad (1.15°)"
+    assert measure(None, "m") == "–"
+    assert measure(0.5, "m/s") == "0.5 m/s"
+
+
+def test_the_path_shows_each_wheel_of_a_robot_that_is_large_enough_to_see(robot_trace):
+    short = Trace({name: values[:1500] for name, values in robot_trace.columns.items()})
+    (ax,) = plots_path.path(short, (), (), read_robot()).get_axes()
+    assert [text.get_text() for text in ax.texts] == ["1", "2", "3", "4"] * 2

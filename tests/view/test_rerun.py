@@ -133,11 +133,11 @@ def test_everything_covers_the_whole_run_on_one_timeline(robot_back, robot_trace
 
 
 def test_fault_states_change_at_onset_and_end(robot_back):
-    lane = "/states/actual/wheel_2"
+    lane = "/fault/wheel_2"
     states = [row[0] for row in robot_back.column(lane, "StateChange:state")]
     assert states == ["healthy", "slip", "healthy"]
     np.testing.assert_allclose(robot_back.time(lane), [0.0, 3.0, 5.0])
-    assert "/states/diagnosed/wheel_3" in robot_back.entities
+    assert "/diagnosis/wheel_3" in robot_back.entities
 
 
 def test_paths_patches_and_a_blueprint_are_in_the_recording(robot_back):
@@ -178,7 +178,7 @@ def test_a_run_without_poses_still_has_plots_and_paths(tmp_path, robot_trace, ro
     path = tmp_path / "planar.rrd"
     write_recording(path, robot_trace, robot_scenario, robot_metrics, None)
     back = ReadBack(path)
-    assert {"/plots/wheel_speed", "/world/path/driven", "/states/actual/wheel_2"} <= back.entities
+    assert {"/plots/wheel_speed", "/world/path/driven", "/fault/wheel_2"} <= back.entities
     assert not any(entity.startswith("/world/machine") for entity in back.entities)
 
 

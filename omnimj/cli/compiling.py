@@ -1,0 +1,29 @@
+"""Says before the first run on a kind of plant that native code is compiled, and never again."""
+
+from __future__ import annotations
+
+import sys
+
+
+def say_compiling(plant: str, machine: str) -> None:
+    """One line on stderr before the wait, if there will be one.
+
+    Args:
+      plant: `twin` or `planar`.
+      machine: `uto_robot` or `quarter_rig`.
+    """
+    from omnimj.physics.native import is_compiled
+
+    if not is_compiled(f"{plant}-{machine}"):
+        print(
+            f"compiling native code for the {plant} plant, once, for about 10 s …",
+            file=sys.stderr,
+            flush=True,
+        )
+
+
+def note_compiled(plant: str, machine: str) -> None:
+    """Remembers that a run on this kind of plant got beyond its first step."""
+    from omnimj.physics.native import mark_compiled
+
+    mark_compiled(f"{plant}-{machine}")

@@ -1,0 +1,153 @@
+"""The machine in a Rerun recording: its bodies once, then where they are and the forces at its wheels."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from omnimj.signals import Trace
+from omnimj.view import palette
+from omnimj.view.scene3d import (
+    Frames,
+    Look,
+    Poses,
+    body_frames,
+    body_look,
+    hinge_axis,
+    look_key,
+    relative_frames,
+    striped,
+    twins,
+    wheel_axles,
+    wheel_bodies,
+)
+from omnimj.view.timeline import time_column
+
+Array = NDArray[np.float64]
+RATE = 50.0
+"""Poses per second in the recording."""
+TRACTION_SCALE, NORMAL_SCALE = 0.02, 0.005
+"""Length of a force arrow [m/N]; traction is the smaller force and lies on the floor."""
+MACHINE, FORCES = "world/machine", "world/forces"
+AROUND = "around"
+"""Entity below a free body: unseen points about it, as far as a spectator who stays with it should see."""
+_REACH = np.array([0.42, 0.42, 0.17])  # [m]
+_ARROW_RADIUS = 0.007
+_UP = np.array([0.0, 0.0, 1.0])
+
+
+def body_entity(name: str) -> str:
+    """Where a body lies in the recording: `wheel_1_wheel` → `world/machine/wheel_1`."""
+    return f"{MACHINE}/{name.removesuffix('_wheel')}"
+
+
+class Machine:
+    """The visible bodies of a model; alike rollers of a wheel are instances of one mesh."""
+
+    def __init__(self, stream: rr.RecordingStream, mj_model: mujoco.MjModel):
+        """Logs what the bodies look like, in no place yet.
+
+        Args:
+          stream: Where to log.
+          mj_model: The machine with all that is only seen.
+        """
+        self._stream, self._mj_model = stream, mj_model
+        self._groups = twins(mj_model)
+        self._wheels = wheel_bodies(mj_model, self._groups)
+        grouped = {body for bodies in self._groups for body in bodies}
+        self._bodies: list[int] = []
+        looks: dict[bytes, Look | None] = {}  # the corners look alike, and so do the wheels
+        for body in sorted(set(range(1, mj_model.nbody)) - grouped):
+            key = look_key(mj_model, body)
+            look = looks[key] if key in looks else looks.setdefault(key, body_look(mj_model, body))
+            if look is not None:
+                self._bodies.append(body)
+                _log_mesh(stream, f"{self._entity(body)}/surface", look)
+        for bodies in self._groups:
+            look, axis = body_look(mj_model, bodies[0]), hinge_axis(mj_model, bodies[0])
+            if look is not None:
+                _log_mesh(stream, self._rollers(bodies), look if axis is None else striped(look, axis))
+        for body in self._bodies:
+            first = mj_model.body_jntadr[body]
+            if first >= 0 and mj_model.jnt_type[first] == mujoco.mjtJoint.mjJNT_FREE:
+                # the viewer goes as near to what it follows as that fills the picture
+                unseen = rr.Points3D([-_REACH, _REACH], radii=[0.0], colors=[(0, 0, 0, 0)])
+                stream.log(f"{self._entity(body)}/{AROUND}", unseen, static=True)
+
+    def _entity(self, body: int) -> str:
+        return body_entity(self._mj_model.body(body).name)
+
+    def _rollers(self, bodies: list[int]) -> str:
+        return f"{self._entity(int(self._mj_model.body_parentid[bodies[0]]))}/rollers"
+
+    def log_motion(self, poses: Poses, trace: Trace) -> None:
+        """Logs where everything was, and the forces.
+
+        Args:
+          poses: Of this machine, at least one.
+          trace: Rows over the same time, for the forces.
+        """
+        poses = poses.thinned(RATE)
+        frames = body_frames(poses)
+        index = time_column(frames.time)
+        for body in self._bodies:
+            columns = rr.Transform3D.columns(
+                translation=frames.position[:, body].astype(np.float32),
+                quaternion=_xyzw(frames.quaternion[:, body]),
+            )
+            self._stream.send_columns(self._entity(body), [index], columns)
+        for bodies in self._groups:
+            parent = int(self._mj_model.body_parentid[bodies[0]])
+            position, quaternion = relative_frames(frames, bodies, parent)
+            columns = rr.InstancePoses3D.columns(
+                translations=position.reshape(-1, 3).astype(np.float32),
+                quaternions=_xyzw(quaternion.reshape(-1, 4)),
+            )
+            lengths = np.full(len(frames.time), len(bodies))
+            self._stream.send_columns(self._rollers(bodies), [index], columns.partition(lengths))
+        self._log_forces(poses, frames, trace)
+
+    def _log_forces(self, poses: Poses, frames: Frames, trace: Trace) -> None:
+        """Arrows at the wheels' contacts: traction along the driving direction, normal force upwards."""
+        wheels = [body for i, body in enumerate(self._wheels, 1) if f"traction_force_{i}" in trace]
+        if not wheels:
+            return
+        ahead = np.cross(wheel_axles(poses, frames, wheels), _UP)
+        ahead /= np.linalg.norm(ahead, axis=-1, keepdims=True)
+        rows = np.clip(np.searchsorted(trace["time"], frames.time - 1e-9), 0, len(trace["time"]) - 1)
+        traction = trace.wheels("traction_force")[rows, : len(wheels), None] * ahead
+        normal = trace.wheels("normal_force")[rows, : len(wheels), None] * _UP
+        foot = frames.position[:, wheels] * [1.0, 1.0, 0.0] + _ARROW_RADIUS * _UP
+        self._log_arrows("traction", frames.time, foot, TRACTION_SCALE * traction, palette.TRACTION)
+        self._log_arrows("normal", frames.time, foot, NORMAL_SCALE * normal, palette.NORMAL)
+
+    def _log_arrows(self, name: str, time: Array, origins: Array, vectors: Array, color: str) -> None:
+        """One arrow per wheel; origins and vectors have shape (k, n, 3) [m]."""
+        k, n, _ = vectors.shape
+        columns = rr.Arrows3D.columns(
+            vectors=vectors.reshape(-1, 3).astype(np.float32),
+            origins=origins.reshape(-1, 3).astype(np.float32),
+        )
+        entity = f"{FORCES}/{name}"
+        style = rr.Arrows3D.from_fields(colors=[palette.rgb(color)] * n, radii=[_ARROW_RADIUS] * n)
+        self._stream.log(entity, style, static=True)
+        self._stream.send_columns(entity, [time_column(time)], columns.partition(np.full(k, n)))
+
+
+def _xyzw(quaternion: Array) -> NDArray[np.float32]:
+    return quaternion[:, [1, 2, 3, 0]].astype(np.float32)
+
+
+def _log_mesh(stream: rr.RecordingStream, entity: str, look: Look) -> None:
+    stream.log(
+        entity,
+        rr.Mesh3D(
+            vertex_positions=look.surface.vertices.astype(np.float32),
+            vertex_normals=look.surface.normals.astype(np.float32),
+            vertex_colors=look.colors,
+            triangle_indices=look.surface.triangles.astype(np.uint32),
+        ),
+        static=True,
+    )

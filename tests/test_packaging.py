@@ -1,0 +1,137 @@
+"""What a built wheel carries, and what the parts import: tested without building one."""
+
+from __future__ import annotations
+
+import ast
+import importlib.metadata
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import omnimj
+from omnimj import resources
+
+PACKAGE = Path(omnimj.__file__).parent
+ROOT = PACKAGE.parent
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+WHEEL = PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]
+COMES_WITH = {"llvmlite": "numba"}  # numba pins its version
+FOLDERS = {"models": resources.models_folder(), "scenarios": resources.scenarios_folder()}
+
+
+def said_by(script: str, *path: Path, cwd: Path | None = None, home: Path | None = None) -> str:
+    """What a fresh Python says that sees only these folders and the installed libraries."""
+    before = "".join(f"sys.path.insert(0, {str(folder)!r})\n" for folder in path)
+    environment = dict(os.environ)
+    if home is not None:
+        environment = {key: value for key, value in environment.items() if key not in ("OMNIMJ_CACHE", "XDG_CACHE_HOME")}
+        environment["HOME"] = str(home)
+    done = subprocess.run(
+        [sys.executable, "-B", "-P", "-c", f"import sys\n{before}{script}"],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        env=environment,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory) -> Path:
+    """A folder with the package as a wheel lays it out, by the rules of pyproject.toml."""
+    site = tmp_path_factory.mktemp("site")
+    for package in WHEEL["packages"]:
+        shutil.copytree(ROOT / package, site / package, ignore=shutil.ignore_patterns("__pycache__"))
+    for source, target in WHEEL["force-include"].items():
+        shutil.copytree(ROOT / source, site / target, dirs_exist_ok=True)
+    return site
+
+
+def test_the_wheel_carries_every_folder_of_data():
+    functions = {name for name in vars(resources) if name.endswith("_folder") and not name.startswith("_")}
+    assert functions == {f"{name}_folder" for name in FOLDERS}
+    assert WHEEL["force-include"] == {name: f"omnimj/{name}" for name in FOLDERS}
+    for name, folder in FOLDERS.items():
+        assert folder == ROOT / name and any(folder.rglob("*.toml"))
+        assert not (PACKAGE / name).exists(), "in a checkout the data have one home"
+
+
+def test_data_are_found_in_the_installed_layout(installed, tmp_path):
+    script = "from omnimj.resources import *; print(models_folder(), scenarios_folder())"
+    expected = f"{installed}/omnimj/models {installed}/omnimj/scenarios"
+    assert said_by(script, installed, cwd=tmp_path).split() == expected.split()
+
+
+def test_an_installed_package_lists_and_runs_and_writes_only_where_it_should(installed, tmp_path):
+    for folder in ("home", "work"):
+        (tmp_path / folder).mkdir()
+    before = sorted(installed.rglob("*"))
+    script = """
+from omnimj.cli.main import main
+import omnimj
+print(omnimj.__file__)
+assert main(["scenarios"]) == 0
+assert main(["run", "circle_8m_kinematic"]) == 0
+"""
+    said = said_by(script, installed, cwd=tmp_path / "work", home=tmp_path / "home")
+    assert said.startswith(str(installed)) and "nylon_patch" in said and "passed" in said
+    assert sorted(installed.rglob("*")) == before
+    assert list((tmp_path / "work").iterdir()) == []
+
+
+def test_the_installed_models_have_every_file_they_name(installed, tmp_path):
+    script = """
+from omnimj.parameters import read_floors, read_rig, read_robot
+from omnimj.twin.assembly import load_spec, models_folder, rig_model, robot_model
+floor = read_floors()["pvc"]
+print(robot_model(read_robot(), floor).nv, rig_model(read_rig(), floor).nu)
+for scene in sorted(models_folder().glob("*/*.xml")):
+    load_spec(scene).compile()
+    print(scene)
+"""
+    said = said_by(script, installed, cwd=tmp_path)
+    assert said.startswith("86 2\n") and "obstacles.xml" in said and str(ROOT / "models") not in said
+
+
+def test_control_and_physics_import_on_a_small_computer():
+    script = """
+import importlib, pkgutil
+class Absent:
+    names = ("mujoco", "rerun", "rerun_sdk", "matplotlib", "pyarrow", "serial", "PIL")
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] in self.names:
+            raise ModuleNotFoundError(f"{name} is not there", name=name)
+sys.meta_path.insert(0, Absent())
+for room in ("control", "physics", "parameters", "plant"):
+    package = importlib.import_module(f"omnimj.{room}")
+    for module in pkgutil.walk_packages(package.__path__, f"omnimj.{room}."):
+        print(importlib.import_module(module.name).__name__)
+"""
+    said = said_by(script, ROOT).split()
+    assert {"omnimj.control.controller", "omnimj.physics.planar", "omnimj.physics.native"} <= set(said)
+
+
+def test_every_library_that_is_imported_is_declared():
+    declared = {re.split(r"[<>=!~ \[]", one)[0].lower() for one in PROJECT["project"]["dependencies"]}
+    installs = importlib.metadata.packages_distributions()
+    for source in PACKAGE.rglob("*.py"):
+        for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            if isinstance(node, ast.ImportFrom) and not node.level:
+                names = [str(node.module)]
+            for name in {name.split(".")[0] for name in names} - set(sys.stdlib_module_names) - {"omnimj"}:
+                library = COMES_WITH.get(name, name)
+                assert declared & {one.lower() for one in installs.get(library, [library])}, (source, name)
+
+
+def test_version_and_command_are_those_of_the_project():
+    assert PROJECT["project"]["version"] == omnimj.__version__
+    assert PROJECT["project"]["scripts"] == {"omnimj": "omnimj.cli.main:main"}

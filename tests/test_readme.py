@@ -1,0 +1,55 @@
+"""What the README shows works as it stands there."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from omnimj.cli.main import make_parser
+from omnimj.scenario.listing import list_scenarios
+from omnimj.scenario.scenario import read_scenario
+
+ROOT = Path(__file__).parent.parent
+TEXT = (ROOT / "README.md").read_text()
+BLOCKS = re.findall(r"```(\w+)\n(.*?)```", TEXT, flags=re.DOTALL)
+COMMANDS = sorted({m.strip() for m in re.findall(r"`(omnimj [^`\n]+)`", TEXT)})
+
+
+def blocks(language):
+    return [code for name, code in BLOCKS if name == language]
+
+
+@pytest.mark.parametrize("code", blocks("python"))
+def test_python_in_the_readme_runs(code, capsys):
+    exec(compile(code, "README.md", "exec"), {})
+    assert capsys.readouterr().out
+
+
+@pytest.mark.parametrize("code", blocks("toml"))
+def test_a_scenario_in_the_readme_is_one(code, tmp_path):
+    path = tmp_path / "scenario.toml"
+    path.write_text(code)
+    assert read_scenario(str(path)).checks
+
+
+@pytest.mark.parametrize("command", [c for c in COMMANDS if not re.search(r"[A-Z]{3}", c)])
+def test_commands_in_the_readme_are_commands(command):
+    make_parser().parse_args(shlex.split(command)[1:])
+
+
+def test_every_shipped_scenario_stands_in_the_readme():
+    for name in list_scenarios():
+        assert f"`{name}`" in TEXT, name
+
+
+def test_links_and_pictures_of_the_readme_exist():
+    for target in re.findall(r"\]\(([^)#]+)\)", TEXT):
+        assert (ROOT / target).exists(), target
+
+
+def test_ci_runs_the_readme_s_two_commands():
+    ci = (ROOT / ".ci" / "run").read_text()
+    install, check = (block.strip() for block in blocks("sh"))
+    for step in (*install.split(" && ")[2:], *check.split(" && ")):
+        assert step.split(" --out")[0] in ci.replace(" --quiet --disable-pip-version-check", ""), step
