@@ -30,7 +30,9 @@ def said_by(script: str, *path: Path, cwd: Path | None = None, home: Path | None
     before = "".join(f"sys.path.insert(0, {str(folder)!r})\n" for folder in path)
     environment = dict(os.environ)
     if home is not None:
-        environment = {key: value for key, value in environment.items() if key not in ("OMNIMJ_CACHE", "XDG_CACHE_HOME")}
+        environment = {
+            key: value for key, value in environment.items() if key not in ("OMNIMJ_CACHE", "XDG_CACHE_HOME")
+        }
         environment["HOME"] = str(home)
     done = subprocess.run(
         [sys.executable, "-B", "-P", "-c", f"import sys\n{before}{script}"],

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import shlex
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +12,7 @@ from omnimj.cli.compiling import note_compiled, say_compiling
 from omnimj.cli.progress import ProgressBar
 from omnimj.cli.tables import shown, table
 from omnimj.errors import InputError, SimulationError
+from omnimj.resources import models_folder
 
 if TYPE_CHECKING:
     from omnimj.scenario.running import Run
@@ -41,7 +41,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         dest="overrides",
         help="change a value of the scenario file, e.g. faults.0.wheel=3; may be given many times",
     )
-    parser.add_argument("--model", metavar="FILE", type=Path, help="a copy of robot.toml or rig.toml")
+    shipped = str(models_folder()).replace("%", "%%")
+    parser.add_argument(
+        "--model",
+        metavar="FILE",
+        type=Path,
+        help=f"a copy of robot.toml or rig.toml with changed values; the originals lie in {shipped}",
+    )
     parser.add_argument(
         "--out", metavar="DIR", type=Path, help="write trace, metrics, recording and report here"
     )

@@ -37,7 +37,7 @@ def flush_output() -> None:
 
 
 def drop_output() -> None:
-    """Throws away what stdout still holds if nobody takes it, or Python would complain about it at its end."""
+    """Throws away what stdout still holds if nobody takes it, or Python would complain at its end."""
     try:
         flush_output()
     except OSError:

@@ -1,12 +1,12 @@
 """What the gyro reads while the robot stands still: its bias, averaged over every rest.
 
-A yaw-rate loop follows its gyro, bias included: 1 mrad/s turns the robot by 2.6 degrees in 46 s. White noise
+A yaw-rate loop follows its gyro, bias included: 1 mrad/s turns the robot by 2.6 degrees in 45 s. White noise
 of σ behind a filter of time constant τ leaves a standard error of σ √(2 τ / T) after T of rest: 0.32 mrad/s
 after 0.3 s and 0.06 mrad/s after 9 s for the robot's gyro. Nothing is learnt while it drives.
 
 Rest is what the wheels say, not the gyro: a robot that is pushed round slowly has a gyro reading like a bias
-and wheel speeds below their noise, but its encoders count. What they cannot see is a robot that is turned
-with its wheels lifted or sliding, slower than `standstill.REST_YAW_RATE`.
+and wheel speeds below their noise, but its encoders count. A push passes for bias only when it is slower than
+`REST_TURN` in `SETTLING_TIME`, 0.75 mrad/s, or slower than `standstill.REST_YAW_RATE` with sliding wheels.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ SETTLING_TIME = 0.2
 """Rest before the first reading counts: wheels stop within it, their bristles have calmed down [s]."""
 MEMORY = 60.0
 """Rest that the mean remembers; a gyro's bias drifts with its temperature over minutes [s]."""
-REST_TURN = 3e-4
-"""Turn of the robot, by its wheels, that ends a rest: 20 counts of one encoder, a few on each wheel [rad]."""
+REST_TURN = 1.5e-4
+"""Turn by the wheels that ends a rest: ten counts of one encoder, where noise makes one [rad]."""
 LARGEST_BIAS = 0.05
-"""A healthy gyro of this class is off by less than 3 degrees per second: more is a fault, not learnt [rad/s]."""
+"""Healthy gyros of this class are off by less than 3 degrees per second; more is a fault [rad/s]."""
 
 BIAS, STILL, TURNED, AVERAGED = range(4)
-"""What is carried on: bias b [rad/s], this rest so far [s], turn by the wheels in it [rad], rest averaged [s]."""
+"""State: bias b [rad/s], this rest so far [s], turn by the wheels in it [rad], rest averaged for b [s]."""
 
 
 def no_rest_yet() -> Array:

@@ -43,7 +43,9 @@ class ModelFile:
         entries = {**(parts or {}), **(own or {})}
 
         def home(key: str) -> Path:
-            return self.parts_path if own is None or (parts and key in parts and key not in own) else self.path
+            return (
+                self.parts_path if own is None or (parts and key in parts and key not in own) else self.path
+            )
 
         return read_table(kind, entries, home, provenance, name)
 

@@ -105,7 +105,7 @@ class Sensors:
     """The sensor chain between the physical quantity and the number a controller sees."""
 
     sample_rate: float = quantity("Hz", 100.0, 10_000.0)
-    """Rate of the data acquisition and of the controller, and of the twin's steps: beyond 10 kHz traces outgrow
+    """Rate of the data acquisition, of the controller and of the twin's steps: beyond 10 kHz traces outgrow
     the memory, below 100 Hz a wheel's contact is faster than a step."""
     encoder_counts: int = quantity("1", 4)
     """Positions per turn of the motor shaft."""

@@ -106,7 +106,9 @@ def _require_consistent(rig: Rig) -> None:
     body = rig.rig
     if rig.wheel.mass >= min(body.masses):
         raise InputError(
-            f"{rig.file}: rig.masses", f"found {min(body.masses):g}", f"must be above wheel.mass, {rig.wheel.mass:g}"
+            f"{rig.file}: rig.masses",
+            f"found {min(body.masses):g}",
+            f"must be above wheel.mass, {rig.wheel.mass:g}",
         )
     if body.start_position >= body.rail_length:
         raise InputError(

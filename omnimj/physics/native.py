@@ -58,7 +58,7 @@ def _own_roots() -> Iterator[Path]:
 
 
 def _temporary_roots() -> Iterator[Path]:
-    """A folder of this user's own in the temporary folder, which is everybody's: to load a kernel is to run it."""
+    """A folder of the user's own, where everybody may write: to load a kernel is to run it."""
     user = os.getuid() if hasattr(os, "getuid") else None
     root = Path(tempfile.gettempdir()) / ("omnimj" if user is None else f"omnimj-{user}")
     with contextlib.suppress(OSError):

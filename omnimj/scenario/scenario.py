@@ -218,7 +218,10 @@ def _read_faults(
     for i, table in enumerate(_list(tree, "faults", place)):
         fault = read_fault(table, f"{place}: faults.{i}", wheels, floors, duration)
         if fault.kind == "payload" and float(fault.numbers["mass"]) <= -sprung:
-            found, rule = f"found {fault.numbers['mass']:g}", f"must be above {-sprung:g}, all that can be taken off"
+            found, rule = (
+                f"found {fault.numbers['mass']:g}",
+                f"must be above {-sprung:g}, all that can be taken off",
+            )
             raise InputError(f"{place}: faults.{i}.mass", found, rule)
         faults.append(fault)
     return tuple(faults)

@@ -148,7 +148,9 @@ def test_ctrl_c_exits_with_130_and_keeps_what_was_recorded(
     assert json.loads(out) == metrics if json_wanted else "interrupted" in out
 
 
-def test_ctrl_c_while_files_are_written_keeps_those_that_are_whole(capsys, tmp_path, monkeypatch, plain_files):
+def test_ctrl_c_while_files_are_written_keeps_those_that_are_whole(
+    capsys, tmp_path, monkeypatch, plain_files
+):
     def interrupted(path: Path, *_: object) -> None:
         path.write_text("half")
         raise KeyboardInterrupt
@@ -225,7 +227,9 @@ def test_output_that_nobody_takes_is_no_traceback(sink, code):
     if read_end is not None:
         os.close(read_end)
     script = "import sys; from omnimj.cli.main import main; sys.exit(main(['scenarios']))"
-    done = subprocess.run([sys.executable, "-c", script], stdout=write_end, stderr=subprocess.PIPE, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", script], stdout=write_end, stderr=subprocess.PIPE, check=False
+    )
     os.close(write_end)
     assert done.returncode == code and done.stderr.count(b"\n") == (1 if sink else 0)
     assert b"Traceback" not in done.stderr

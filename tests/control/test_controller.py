@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from omnimj.control import Controller, Reason, Target, target_at
+from omnimj.control.gyro_bias import LARGEST_BIAS
 from omnimj.control.standstill import is_standing
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import read_robot
@@ -86,9 +87,8 @@ def test_without_heading_feedback_the_planned_heading_rotates_the_demand():
     assert (log["target_twist_x"], log["target_twist_y"]) == (0.5, 0.0)
 
 
-def test_log_holds_the_command_and_the_reason():
+def test_state_holds_the_command_and_the_log_its_reason():
     command, state, log = first_step(measured(), target(x=1.0))
-    np.testing.assert_array_equal([log[f"target_current_{i}"] for i in range(1, 5)], command.current)
     np.testing.assert_array_equal(state.current, command.current)
     assert [Reason(int(log[f"limit_reason_{i}"])) for i in (1, 4)] == [Reason.NONE, Reason.RATE]
 
@@ -98,10 +98,11 @@ def test_state_in_is_untouched_and_the_same_input_gives_the_same_output():
     state = controller.start(measured())
     for _ in range(5):
         _, state = controller.step(state, measured(), target(x=0.3))
-    before = [state.heading, state.integral.copy(), state.current.copy(), state.log.copy()]
+    before = [state.heading, *(a.copy() for a in (state.rest, state.integral, state.current, state.log))]
     outputs = [controller.step(state, measured(), target(x=0.3))[0].current for _ in range(2)]
     np.testing.assert_array_equal(outputs[0], outputs[1])
-    for old, new in zip(before, (state.heading, state.integral, state.current, state.log), strict=True):
+    now = (state.heading, state.rest, state.integral, state.current, state.log)
+    for old, new in zip(before, now, strict=True):
         np.testing.assert_array_equal(old, new)
 
 
@@ -159,6 +160,7 @@ def test_random_corruption_never_raises_and_never_leaves_the_limits(steps, headi
         assert np.all(np.abs(command.current) <= LIMIT)
         assert np.all((np.abs(command.current - last) <= RATE + 1e-12) | (command.current == 0.0))
         assert math.isfinite(state.heading) and np.all(np.isfinite(state.integral))
+        assert np.all(np.isfinite(state.rest)) and abs(state.rest[0]) <= LARGEST_BIAS
     # once the data is good again the robot drives again
     for _ in range(3):
         command, state = controller.step(state, measured(), target(x=0.5))

@@ -101,9 +101,26 @@ def test_any_bytes_are_read_or_refused(folder, name, content):
 
 VALUES = st.one_of(
     st.sampled_from(
-        ["nan", "inf", "-inf", "0", "-1", "0.0", "-0.0", "true", "[]", "{}", "''", "[[1]]", "1979-05-27", "1e400"]
+        [
+            "nan",
+            "inf",
+            "-inf",
+            "0",
+            "-1",
+            "0.0",
+            "-0.0",
+            "true",
+            "[]",
+            "{}",
+            "''",
+            "[[1]]",
+            "1979-05-27",
+            "1e400",
+        ]
     ),
-    st.sampled_from(["0x" + "f" * 5000, "9" * 400, "9" * 5000, "[" * 3000, "{ value = 1 }", "1e-320", "1e300"]),
+    st.sampled_from(
+        ["0x" + "f" * 5000, "9" * 400, "9" * 5000, "[" * 3000, "{ value = 1 }", "1e-320", "1e300"]
+    ),
     st.floats().map(repr),
     st.integers().map(str),
     st.lists(st.floats(-1, 1), max_size=3).map(repr),
@@ -133,7 +150,9 @@ TREES = st.recursive(
 )
 
 
-@given(value=TREES, low=st.floats(-10, 10), width=st.floats(0, 10), whole=st.booleans(), open_low=st.booleans())
+@given(
+    value=TREES, low=st.floats(-10, 10), width=st.floats(0, 10), whole=st.booleans(), open_low=st.booleans()
+)
 def test_a_number_that_passes_keeps_its_rule(value, low, width, whole, open_low):
     rule = Rule(low, low + width, open_low)
     try:
@@ -173,5 +192,7 @@ def test_the_largest_whole_numbers_of_toml_are_read(tmp_path):
     assert read_toml(tmp_path / "mine.toml") == {"a": [2**63 - 1, -(2**63)]}
     for beyond in (2**63, -(2**63) - 1):
         (tmp_path / "mine.toml").write_text(f"a.b = [{{ c = {beyond} }}]")
-        with pytest.raises(InputError, match="mine.toml: is not valid TOML; a whole number has more than 64 bits"):
+        with pytest.raises(
+            InputError, match=r"mine\.toml: is not valid TOML; a whole number has more than 64 bits"
+        ):
             read_toml(tmp_path / "mine.toml")

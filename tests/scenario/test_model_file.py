@@ -122,7 +122,9 @@ def test_values_of_the_twin_alone_reach_the_twin(tmp_path):
 def test_the_first_mass_of_the_rig_is_the_default(tmp_path):
     path = tmp_path / "mine.toml"
     shipped = read_scenario("rig_lateral")
-    path.write_text("description = 'x'\nplant = 'quarter_rig'\nfloor = 'pvc'\nduration = 0.1\ncurrent = 1.0\n")
+    path.write_text(
+        "description = 'x'\nplant = 'quarter_rig'\nfloor = 'pvc'\nduration = 0.1\ncurrent = 1.0\n"
+    )
     light = changed(tmp_path, RIG, "rig.masses=[2.0]")
     assert read_scenario(path).drive.mass == shipped.constants.rig.masses[0]
     assert read_scenario(path, (), light).drive.mass == 2.0

@@ -1,0 +1,34 @@
+"""What the tests of the command line share."""
+
+from __future__ import annotations
+
+import pytest
+
+from omnimj.cli.main import main
+from omnimj.plant.planar import PlanarRobot
+from omnimj.plant.planar_rig import PlanarRig
+
+
+@pytest.fixture
+def refused(capsys, monkeypatch, tmp_path):
+    """Calls the command in an empty folder; returns its one line."""
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    monkeypatch.chdir(empty)
+
+    def driven(self):
+        raise AssertionError("driven")
+
+    monkeypatch.setattr(PlanarRobot, "reset", driven)
+    monkeypatch.setattr(PlanarRig, "reset", driven)
+
+    def call(*argv: str) -> str:
+        code = main(list(argv))
+        out, err = capsys.readouterr()
+        lines = [line for line in err.splitlines() if not line.startswith("compiling native code")]
+        assert (code, out, len(lines)) == (2, "", 1), (code, out, err)
+        assert lines[0].startswith("omnimj") and not lines[0].startswith("omnimj: omnimj")
+        assert not list(empty.iterdir())
+        return lines[0]
+
+    return call
