@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from omnimj.cli.compiling import say_compiling
 from omnimj.cli.tables import table
 
 HELP = "measure speed: twin, callback, batch, control, recording"
@@ -187,6 +188,7 @@ def run(arguments: Any) -> int:
     Returns:
       0; speed is reported, not judged.
     """
+    say_compiling("twin", "uto_robot")
     found = {**measure_twin(), **measure_run(), **measure_control()}
     if arguments.json:
         print(json.dumps({name: float(found[name]) for name in _MEANING}, indent=2))

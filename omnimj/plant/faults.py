@@ -18,7 +18,7 @@ from omnimj.plant.conditions import Conditions, Fault, conditions, event_times
 __all__ = ["KINDS", "Conditions", "Fault", "as_record", "conditions", "event_times", "read_fault"]
 
 _INF = float("inf")
-_ANY = Rule(-_INF, _INF, False)
+_ANY = Rule(-1e6, 1e6, False)  # beyond any channel, within what squares and sums can hold
 _GRIP = Rule(0.0, 1.0, False)
 _ANGLE = Rule(-0.5, 0.5, False)
 _OFFSET = Rule(-1.0, 1.0, False)

@@ -15,6 +15,7 @@ from omnimj.plant.patches import Patch
 from omnimj.resources import models_folder
 from omnimj.twin import slots
 from omnimj.twin.binding import bind_floor, bind_rail, bind_wheels
+from omnimj.twin.spec_parts import compile_spec, load_spec, part
 from omnimj.twin.wheel_in_spec import vertical_inertia, write_wheel
 
 GRAVITY = 9.81
@@ -23,18 +24,6 @@ _PATCH_COLOUR = (0.45, 0.58, 0.50, 1.0)
 _VISUAL_GROUP = 2
 _MOST_PAIRED_FLOORS = 6  # with more, MuJoCo's broad phase is faster
 _STOCK = (0.0, 0.0, -9.0)  # where geoms lie that only hold a floor's numbers
-
-
-def load_spec(path: Path) -> mujoco.MjSpec:
-    """Parses an MJCF file.
-
-    Raises:
-      InputError: MuJoCo cannot read it; the message is MuJoCo's own.
-    """
-    try:
-        return mujoco.MjSpec.from_file(str(path))
-    except ValueError as error:
-        raise InputError(path, "is not a model that MuJoCo reads", " ".join(str(error).split())) from None
 
 
 def _add_floors(spec: mujoco.MjSpec, patches: Sequence[Patch], extra: Iterable[str]) -> None:
@@ -97,12 +86,16 @@ def _compile(
     extra: Iterable[str],
     floors: Mapping[str, Floor],
     lean: bool,
+    path: Path,
 ) -> mujoco.MjModel:
-    floor_names = [g.name for g in spec.geoms if int(g.conaffinity) & 2]  # what rollers may touch
+    floor_geoms = [g for g in spec.geoms if int(g.conaffinity) & 2]  # what rollers may touch
+    for k, geom in enumerate(floor_geoms):
+        geom.name = geom.name or f"unnamed_floor_{k}"
+    floor_names = [g.name for g in floor_geoms]
     if lean:
         _make_lean(spec)
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)  # a diverged run must show
-    mj_model = spec.compile()
+    mj_model = compile_spec(spec, path)
     ids = [mj_model.geom(f"patch_{k}").id for k in range(1, len(patches) + 1)]
     for name in floor_names:
         geom = mj_model.geom(name).id
@@ -129,7 +122,7 @@ def _write_body(spec: mujoco.MjSpec, robot: Robot) -> None:
         raise InputError(
             f"{robot.file}: [[wheels]]", f"found {count} wheels", f"uto_robot.xml has {len(corners)}"
         )
-    chassis = spec.body("chassis")
+    chassis = part(spec, "body", "chassis")
     sprung = body.mass - count * body.unsprung_mass
     chassis.mass = sprung
     # corners have their centre of mass at the height of the axles
@@ -137,7 +130,7 @@ def _write_body(spec: mujoco.MjSpec, robot: Robot) -> None:
     chassis.pos = [0.0, 0.0, robot.wheel.radius - rest_depth(robot)]
     rest = 0.0
     for i, mount in enumerate(robot.wheels, start=1):
-        corner, guide = spec.body(f"corner_{i}"), spec.joint(f"guide_{i}")
+        corner, guide = part(spec, "body", f"corner_{i}"), part(spec, "joint", f"guide_{i}")
         yaw = math.atan2(mount.drives_along[1], mount.drives_along[0])
         corner.pos = [*mount.position, 0.0]
         corner.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
@@ -187,13 +180,14 @@ def robot_model(
       InputError: The MJCF cannot be read, or the constants do not fit it.
     """
     floors = read_floors() if floors is None else floors
-    spec = load_spec(models_folder() / "uto_robot" / "scene.xml" if scene is None else scene)
+    path = models_folder() / "uto_robot" / "scene.xml" if scene is None else scene
+    spec = load_spec(path)
     _write_body(spec, robot)
     for i in range(1, len(robot.wheels) + 1):
         write_wheel(spec, f"wheel_{i}_", robot.wheel, robot.motor)
     extra = tuple(extra_floors)
     _add_floors(spec, patches, extra)
-    mj_model = _compile(spec, floor, patches, extra, floors, lean)
+    mj_model = _compile(spec, floor, patches, extra, floors, lean, path)
     bind_wheels(mj_model, robot, len(robot.wheels))
     return mj_model
 
@@ -225,27 +219,28 @@ def rig_model(
         raise InputError(
             f"{rig.file}: mass", f"found {mass:g}", f"must be above the wheel's {wheel.mass:g} kg"
         )
-    spec = load_spec(models_folder() / "quarter_rig" / "scene.xml")
+    path = models_folder() / "quarter_rig" / "scene.xml"
+    spec = load_spec(path)
     own = mass - wheel.mass
     height = (mass * body.com_height - wheel.mass * wheel.radius) / own
-    carriage, gantry = spec.body("carriage"), spec.body("gantry")
+    carriage, gantry = part(spec, "body", "carriage"), part(spec, "body", "gantry")
     carriage.mass = own
     carriage.ipos = [0.0, mass * body.com_offset / own, height - body.rail_height]
     carriage.inertia = [body.tilt_inertia, body.tilt_inertia, 0.67 * body.tilt_inertia]
     gantry.pos = [0.0, 0.0, body.rail_height]
     gantry.mass = body.gantry_mass
-    spec.joint("rail").range = [-body.start_position, body.rail_length - body.start_position]
-    spec.joint("gantry").range = [-body.lateral_travel, body.lateral_travel]
+    part(spec, "joint", "rail").range = [-body.start_position, body.rail_length - body.start_position]
+    part(spec, "joint", "gantry").range = [-body.lateral_travel, body.lateral_travel]
     limit = math.degrees(body.tilt_limit) if spec.compiler.degree else body.tilt_limit
-    spec.joint("tilt").range = [-limit, limit]
-    spec.site("centre").pos = [0.0, 0.0, body.com_height - body.rail_height]
-    spec.body("wheel_1_wheel").pos = [0.0, body.contact_offset, 0.0]
-    drive = spec.actuator("gantry")
+    part(spec, "joint", "tilt").range = [-limit, limit]
+    part(spec, "site", "centre").pos = [0.0, 0.0, body.com_height - body.rail_height]
+    part(spec, "body", "wheel_1_wheel").pos = [0.0, body.contact_offset, 0.0]
+    drive = part(spec, "actuator", "gantry")
     drive.gainprm[0], drive.biasprm[2] = body.gantry_gain, -body.gantry_gain
     write_wheel(spec, "wheel_1_", wheel, rig.motor)
     extra = tuple(extra_floors)
     _add_floors(spec, patches, extra)
-    mj_model = _compile(spec, floor, patches, extra, read_floors(), lean)
+    mj_model = _compile(spec, floor, patches, extra, read_floors(), lean, path)
     bind_wheels(mj_model, rig, 1)
     bind_rail(mj_model, rig, mass * GRAVITY)
     return mj_model

@@ -132,7 +132,8 @@ class RobotTwin:
         w, x, y, z = self.mj_data.qpos[3:7].tolist()
         heading = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
         turn = heading + self._turns - self._last_heading
-        self._turns -= 2.0 * math.pi * round(turn / (2.0 * math.pi))
+        if math.isfinite(turn):  # a diverged state is the loop's to report
+            self._turns -= 2.0 * math.pi * round(turn / (2.0 * math.pi))
         self._last_heading = heading + self._turns
         return self._last_heading
 

@@ -8,6 +8,7 @@ import mujoco
 
 from omnimj.errors import InputError
 from omnimj.parameters import Motor, Wheel
+from omnimj.twin.spec_parts import part
 
 _FILE_ROW_OFFSET = 0.011  # [m] `uto_wheel.xml` shifts its second row by twice this
 _FILE_HALF_LENGTH = math.sqrt(0.050 * 0.009)  # [m] the roller mesh is made for these
@@ -38,7 +39,7 @@ def hub_inertia(wheel: Wheel) -> float:
     left = wheel.inertia - count * (ring + roller_inertia(wheel)[1])
     if left <= 0.0 or wheel.mass <= count * wheel.roller_mass:
         raise InputError(
-            "wheel.inertia",
+            "model file: wheel.inertia",
             f"found {wheel.inertia:g} kg.m2 and {wheel.mass:g} kg",
             "the rollers alone have more",
         )
@@ -62,15 +63,15 @@ def write_wheel(spec: mujoco.MjSpec, prefix: str, wheel: Wheel, motor: Motor) ->
     rollers = [b for b in spec.bodies if b.name.startswith(f"{prefix}roller_")]
     if (wheel.rows, wheel.rows * wheel.rollers_per_row) != (2, len(rollers)):
         raise InputError(
-            "wheel.rollers_per_row",
+            "model file: wheel.rollers_per_row",
             f"found {wheel.rows} rows of {wheel.rollers_per_row}",
             f"uto_wheel.xml has 2 rows of {len(rollers) // 2}; change it there, too",
         )
-    hub = spec.body(f"{prefix}wheel")
+    hub = part(spec, "body", f"{prefix}wheel")
     about_axle = hub_inertia(wheel)
     hub.mass = wheel.mass - len(rollers) * wheel.roller_mass
     hub.inertia = [0.71 * about_axle, about_axle, 0.71 * about_axle]
-    spec.joint(f"{prefix}axle").armature = motor.reflected_inertia
+    part(spec, "joint", f"{prefix}axle").armature = motor.reflected_inertia
     spin, across = roller_inertia(wheel)
     for body in rollers:
         second_row = body.name.endswith("_row_1")
@@ -78,6 +79,14 @@ def write_wheel(spec: mujoco.MjSpec, prefix: str, wheel: Wheel, motor: Motor) ->
         body.pos = [0.0, y, -(wheel.radius - wheel.roller_radius)]
         body.mass = wheel.roller_mass
         body.inertia = [spin, across, across]
-        spec.geom(body.name).size = [roller_half_length(wheel), wheel.roller_radius, wheel.roller_radius]
+        part(spec, "geom", body.name).size = [
+            roller_half_length(wheel),
+            wheel.roller_radius,
+            wheel.roller_radius,
+        ]
     thick = wheel.roller_radius / _FILE_ROLLER_RADIUS
-    spec.mesh(f"{prefix}roller").scale = [roller_half_length(wheel) / _FILE_HALF_LENGTH, thick, thick]
+    part(spec, "mesh", f"{prefix}roller").scale = [
+        roller_half_length(wheel) / _FILE_HALF_LENGTH,
+        thick,
+        thick,
+    ]

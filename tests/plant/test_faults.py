@@ -100,7 +100,7 @@ BAD = (
     ({**MOTOR_LOSS, "onset": -0.1}, "onset: found -0.1; must be at least 0 and at most 10"),
     ({**MOTOR_LOSS, "onset": 10.1}, "must be at least 0 and at most 10"),
     ({**MOTOR_LOSS, "onset": float("nan")}, "onset: found nan"),
-    ({**MOTOR_LOSS, "onset": 10**400}, "onset: found a number too large"),
+    ({**MOTOR_LOSS, "onset": 10**400}, r"onset: found 10+…; must be at least 0"),
     ({**MOTOR_LOSS, "end": 1.0}, "end: found 1.0; must be above 1"),
     ({**MOTOR_LOSS, "loss": 0.0}, "loss: found 0.0; must be above 0 and at most 1"),
     ({**MOTOR_LOSS, "loss": 1.01}, "must be above 0 and at most 1"),

@@ -11,7 +11,8 @@ from omnimj.plant.patches import Patch
 from omnimj.resources import models_folder
 from omnimj.signals import CurrentCommand
 from omnimj.twin import slots
-from omnimj.twin.assembly import load_spec, rig_model, robot_model
+from omnimj.twin.assembly import rig_model, robot_model
+from omnimj.twin.spec_parts import compile_spec, load_spec, part
 from omnimj.twin.twin import RigTwin, RobotTwin
 
 COMPARED = (
@@ -127,6 +128,23 @@ def test_broken_mjcf_gives_one_line_that_names_the_file(tmp_path):
     with pytest.raises(InputError, match=r"broken\.xml") as caught:
         load_spec(path)
     assert "\n" not in str(caught.value)
+
+
+def test_mjcf_that_does_not_compile_gives_one_line_that_names_the_file(tmp_path):
+    path = tmp_path / "broken.xml"
+    path.write_text(
+        "<mujoco><asset><mesh name='m' file='none.obj'/></asset>"
+        "<worldbody><geom type='mesh' mesh='m'/></worldbody></mujoco>"
+    )
+    with pytest.raises(InputError, match=r"broken\.xml") as caught:
+        compile_spec(load_spec(path), path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_part_is_named():
+    spec = mujoco.MjSpec.from_string("<mujoco model='bare'><worldbody/></mujoco>")
+    with pytest.raises(InputError, match=r"bare.*has no body 'chassis'"):
+        part(spec, "body", "chassis")
 
 
 @pytest.mark.parametrize(
