@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from omnimj.cli.compiling import say_compiling
+from omnimj.cli.compiling import note_compiled, say_compiling
 from omnimj.cli.tables import table
 
 HELP = "measure speed: twin, callback, batch, control, recording"
@@ -190,6 +190,7 @@ def run(arguments: Any) -> int:
     """
     say_compiling("twin", "uto_robot")
     found = {**measure_twin(), **measure_run(), **measure_control()}
+    note_compiled("twin", "uto_robot")
     if arguments.json:
         print(json.dumps({name: float(found[name]) for name in _MEANING}, indent=2))
     else:

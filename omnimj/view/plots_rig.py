@@ -61,9 +61,9 @@ def current(trace: Trace, spans: Sequence[Span]) -> Figure:
     """Motor current, measured and commanded [A]."""
     figure, (ax,) = new_figure(SHORT)
     line(ax, trace["time"], trace["current"], color=palette.MEASURED, linewidth=1.0, label="measured")
-    for name in ("current_target", "target_current"):
-        if name in trace:
-            line(ax, trace["time"], trace[name], color=palette.INK, linestyle=(0, (4, 2)), label="command")
+    if "current_target" in trace:
+        wanted = trace["current_target"]
+        line(ax, trace["time"], wanted, color=palette.INK, linestyle=(0, (4, 2)), label="command")
     ax.set_ylim(min(0.0, ax.get_ylim()[0]), ax.get_ylim()[1])
     value_axis(ax, "current [A]")
     return _finished(figure, trace, spans, legend_columns=2)
