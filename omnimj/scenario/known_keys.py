@@ -10,7 +10,7 @@ from omnimj.scenario.kinematic_level import KINEMATIC_KEYS
 from omnimj.scenario.metrics import metric_units
 from omnimj.scenario.overrides import KnownKeys
 
-_COMMON = ("description", "plant", "floor", "duration", "faults", "checks")
+_COMMON = ("description", "plant", "floor", "duration", "faults", "checks", "equations")
 ROBOT_KEYS = (*_COMMON, "level", "drive", "patches", "kinematics")
 RIG_KEYS = (*_COMMON, "current", "mass", "lateral_speed")
 

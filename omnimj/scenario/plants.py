@@ -48,6 +48,9 @@ def make_plant(scenario: Scenario, name: str, seed: int) -> Plant:
     """
     if name not in PLANT_NAMES:
         raise UnknownNameError("plant", "plant", name, PLANT_NAMES)
+    if name == "twin" and scenario.equations != "corrected":
+        rule = "the printed form is for --plant planar"
+        raise InputError(f"{scenario.name}: equations", f"found {scenario.equations!r}", rule)
     return (
         _make_rig(scenario, name, seed)
         if isinstance(scenario.constants, Rig)
@@ -64,7 +67,7 @@ def _make_rig(scenario: Scenario, name: str, seed: int) -> Plant:
     if name == "planar":
         from omnimj.plant.planar_rig import PlanarRig
 
-        return PlanarRig(rig, scenario.floor, **asked)
+        return PlanarRig(rig, scenario.floor, published=scenario.equations == "published", **asked)
     from omnimj.twin.twin import RigTwin  # MuJoCo is loaded for the twin only
 
     return RigTwin(rig, read_floors()[scenario.floor], **asked)
@@ -79,7 +82,7 @@ def _make_robot(scenario: Scenario, name: str, seed: int) -> Plant:
     if name == "planar":
         from omnimj.plant.planar import PlanarRobot
 
-        return PlanarRobot(robot, scenario.floor, **asked)
+        return PlanarRobot(robot, scenario.floor, published=scenario.equations == "published", **asked)
     from omnimj.twin.twin import RobotTwin
 
     return RobotTwin(robot, floor=read_floors()[scenario.floor], **asked)

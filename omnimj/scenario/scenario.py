@@ -28,6 +28,7 @@ from omnimj.signals import Array
 
 PLANTS = ("uto_robot", "quarter_rig")
 LEVELS = ("physics", "kinematic")
+EQUATIONS = ("corrected", "published")
 
 _DURATION = Rule(0.01, 1800.0, False)
 _MOST_STEPS = 2_000_000  # a trace of so many rows is about a gigabyte
@@ -71,6 +72,8 @@ class Scenario:
     """At the kinematic level only."""
     checks: tuple[Check, ...]
     """What must hold."""
+    equations: str
+    """Of the planar plant: `corrected`, or `published` as printed."""
     overrides: tuple[str, ...]
     """The `KEY=VALUE` texts that were applied."""
 
@@ -134,6 +137,7 @@ def read_scenario(
         constants=constants,
         floor=find_floor(_text(tree, "floor", place), f"{place}: floor", floors).name,
         duration=_number(tree, "duration", place, _DURATION),
+        equations=_equations(tree, place),
         overrides=tuple(overrides),
         **own,
     )
@@ -225,6 +229,17 @@ def _read_faults(
             raise InputError(f"{place}: faults.{i}.mass", found, rule)
         faults.append(fault)
     return tuple(faults)
+
+
+def _equations(tree: Mapping, place: str) -> str:
+    found = tree.get("equations", EQUATIONS[0])
+    if found not in EQUATIONS:
+        raise UnknownNameError(f"{place}: equations", "form of the equations", found, EQUATIONS)
+    if found != EQUATIONS[0] and tree.get("level") == "kinematic":
+        raise InputError(
+            f"{place}: equations", f"found {found!r}", "the kinematic level has kinematics.plant"
+        )
+    return found
 
 
 def _has_path(drive: Drive | RigDrive) -> bool:
