@@ -10,8 +10,8 @@ from omnimj.errors import InputError
 from omnimj.parameters.reading import Rule, number
 
 # wide bounds: a reference must stay finite whatever is asked
-SPEED = Rule(0.0, 100.0, True)
-ACCELERATION = Rule(0.0, 1000.0, True)
+SPEED = Rule(0.0, 10.0, True)  # seven times what the motors reach
+ACCELERATION = Rule(0.0, 100.0, True)
 LENGTH = Rule(0.0, 1e4, True)
 PLACE = Rule(-1e4, 1e4, False)
 TIME = Rule(0.0, 1e5, False)

@@ -11,7 +11,7 @@ from omnimj.scenario.metrics import metric_units
 from omnimj.scenario.overrides import KnownKeys
 
 _COMMON = ("description", "plant", "floor", "duration", "faults", "checks", "equations")
-ROBOT_KEYS = (*_COMMON, "level", "drive", "patches", "kinematics")
+ROBOT_KEYS = (*_COMMON, "level", "drive", "patches", "kinematics", "scene")
 RIG_KEYS = (*_COMMON, "current", "mass", "lateral_speed")
 
 

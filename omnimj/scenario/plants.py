@@ -80,9 +80,12 @@ def _make_robot(scenario: Scenario, name: str, seed: int) -> Plant:
     asked: dict[str, Any] = {"faults": scenario.faults, "patches": scenario.patches}
     asked |= {"seed": seed, "start": drive.start}
     if name == "planar":
+        if scenario.scene is not None:
+            found = f"found {scenario.scene.name!r}"
+            raise InputError(f"{scenario.name}: scene", found, "the planar plant knows a flat floor only")
         from omnimj.plant.planar import PlanarRobot
 
         return PlanarRobot(robot, scenario.floor, published=scenario.equations == "published", **asked)
     from omnimj.twin.twin import RobotTwin
 
-    return RobotTwin(robot, floor=read_floors()[scenario.floor], **asked)
+    return RobotTwin(robot, floor=read_floors()[scenario.floor], scene=scenario.scene, **asked)

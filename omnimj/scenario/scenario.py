@@ -24,6 +24,7 @@ from omnimj.scenario.known_keys import known_keys
 from omnimj.scenario.listing import find_scenario
 from omnimj.scenario.metrics import metric_units
 from omnimj.scenario.overrides import KnownKeys, override, split_override
+from omnimj.scenario.scene import read_scene
 from omnimj.signals import Array
 
 PLANTS = ("uto_robot", "quarter_rig")
@@ -74,6 +75,8 @@ class Scenario:
     """What must hold."""
     equations: str
     """Of the planar plant: `corrected`, or `published` as printed."""
+    scene: Path | None
+    """MJCF around the robot (ramps, thresholds, height fields); the flat floor when None."""
     overrides: tuple[str, ...]
     """The `KEY=VALUE` texts that were applied."""
 
@@ -138,6 +141,7 @@ def read_scenario(
         floor=find_floor(_text(tree, "floor", place), f"{place}: floor", floors).name,
         duration=_number(tree, "duration", place, _DURATION),
         equations=_equations(tree, place),
+        scene=read_scene(tree, path),
         overrides=tuple(overrides),
         **own,
     )

@@ -119,9 +119,8 @@ def _write_body(spec: mujoco.MjSpec, robot: Robot) -> None:
     body, count = robot.body, len(robot.wheels)
     corners = [b.name for b in spec.bodies if b.name.startswith("corner_")]
     if len(corners) != count:
-        raise InputError(
-            f"{robot.file}: [[wheels]]", f"found {count} wheels", f"uto_robot.xml has {len(corners)}"
-        )
+        found, rule = f"has {len(corners)} bodies corner_1, corner_2, …", f"{robot.file} has {count} wheels"
+        raise InputError(f"MJCF model '{spec.modelname}'", found, rule)
     chassis = part(spec, "body", "chassis")
     sprung = body.mass - count * body.unsprung_mass
     chassis.mass = sprung

@@ -26,7 +26,7 @@ def visible_model(scenario: Scenario) -> mujoco.MjModel:
     if isinstance(scenario.constants, Rig):
         mass = scenario.drive.mass if isinstance(scenario.drive, RigDrive) else None
         return rig_model(scenario.constants, floor, mass, patches=scenario.patches)
-    return robot_model(scenario.constants, floor, scenario.patches)
+    return robot_model(scenario.constants, floor, scenario.patches, scene=scenario.scene)
 
 
 def visible_poses(

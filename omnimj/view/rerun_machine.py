@@ -17,6 +17,7 @@ from omnimj.view.scene3d import (
     body_look,
     hinge_axis,
     look_key,
+    obstacles_look,
     relative_frames,
     striped,
     twins,
@@ -30,7 +31,7 @@ RATE = 50.0
 """Poses per second in the recording."""
 TRACTION_SCALE, NORMAL_SCALE = 0.02, 0.005
 """Length of a force arrow [m/N]; traction is the smaller force and lies on the floor."""
-MACHINE, FORCES = "world/machine", "world/forces"
+MACHINE, FORCES, OBSTACLES = "world/machine", "world/forces", "world/obstacles"
 AROUND = "around"
 """Entity below a free body: unseen points about it, as far as a spectator who stays with it should see."""
 _REACH = np.array([0.42, 0.42, 0.17])  # [m]
@@ -69,6 +70,9 @@ class Machine:
             look, axis = body_look(mj_model, bodies[0]), hinge_axis(mj_model, bodies[0])
             if look is not None:
                 _log_mesh(stream, self._rollers(bodies), look if axis is None else striped(look, axis))
+        obstacles = obstacles_look(mj_model)
+        if obstacles is not None:
+            _log_mesh(stream, OBSTACLES, obstacles)
         for body in self._bodies:
             first = mj_model.body_jntadr[body]
             if first >= 0 and mj_model.jnt_type[first] == mujoco.mjtJoint.mjJNT_FREE:
@@ -119,7 +123,8 @@ class Machine:
         rows = np.clip(np.searchsorted(trace["time"], frames.time - 1e-9), 0, len(trace["time"]) - 1)
         traction = trace.wheels("traction_force")[rows, : len(wheels), None] * ahead
         normal = trace.wheels("normal_force")[rows, : len(wheels), None] * _UP
-        foot = frames.position[:, wheels] * [1.0, 1.0, 0.0] + _ARROW_RADIUS * _UP
+        standing = frames.position[:1, wheels, 2:]  # a wheel's height over the floor, which may rise
+        foot = frames.position[:, wheels] - (standing - _ARROW_RADIUS) * _UP
         self._log_arrows("traction", frames.time, foot, TRACTION_SCALE * traction, palette.TRACTION)
         self._log_arrows("normal", frames.time, foot, NORMAL_SCALE * normal, palette.NORMAL)
 

@@ -96,8 +96,18 @@ def visible_geoms(mj_model: mujoco.MjModel, body: int) -> list[int]:
 
 def body_look(mj_model: mujoco.MjModel, body: int) -> Look | None:
     """Surface and colours of a body; None when nothing of it is visible."""
+    return _look(mj_model, visible_geoms(mj_model, body))
+
+
+def obstacles_look(mj_model: mujoco.MjModel) -> Look | None:
+    """Surface and colours of what stands on the floor: ramps, thresholds, height fields; no patches."""
+    standing = [g for g in visible_geoms(mj_model, 0) if not mj_model.geom(g).name.startswith("patch_")]
+    return _look(mj_model, standing)
+
+
+def _look(mj_model: mujoco.MjModel, geoms: list[int]) -> Look | None:
     surfaces, colors = [], []
-    for geom in visible_geoms(mj_model, body):
+    for geom in geoms:
         surface = geom_surface(mj_model, geom)
         if surface is None:
             continue

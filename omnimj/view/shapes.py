@@ -117,9 +117,27 @@ def mesh(mj_model: mujoco.MjModel, number: int) -> Surface:
     return Surface(points.astype(float), normals.astype(float), triangles)
 
 
+def height_field(mj_model: mujoco.MjModel, number: int) -> Surface:
+    """Top of one of the model's height fields."""
+    rows, columns = int(mj_model.hfield_nrow[number]), int(mj_model.hfield_ncol[number])
+    half_x, half_y, top, _ = mj_model.hfield_size[number]
+    first = mj_model.hfield_adr[number]
+    height = top * mj_model.hfield_data[first : first + rows * columns].reshape(rows, columns)
+    x, y = np.meshgrid(np.linspace(-half_x, half_x, columns), np.linspace(-half_y, half_y, rows))
+    points = np.stack([x, y, height], axis=-1)
+    along, across = np.gradient(points, axis=1), np.gradient(points, axis=0)
+    normals = np.cross(along, across)
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    corner = np.arange(rows * columns).reshape(rows, columns)
+    quads = np.stack([corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]], axis=-1)
+    return Surface(points.reshape(-1, 3), normals.reshape(-1, 3), _split(quads.reshape(-1, 4)))
+
+
 def geom_surface(mj_model: mujoco.MjModel, geom: int) -> Surface | None:
-    """Triangles of a geom in its own frame; None for a plane or a height field."""
+    """Triangles of a geom in its own frame; None for a plane."""
     kind = mujoco.mjtGeom(mj_model.geom_type[geom])
+    if kind == mujoco.mjtGeom.mjGEOM_HFIELD:
+        return height_field(mj_model, mj_model.geom_dataid[geom])
     if kind == mujoco.mjtGeom.mjGEOM_MESH:
         return mesh(mj_model, mj_model.geom_dataid[geom])
     return _primitive(kind, *mj_model.geom_size[geom].tolist())

@@ -30,7 +30,8 @@ UNITS = metric_units("uto_robot", 4, True, False)
 
 def driven(scenario_name: str, *overrides: str) -> Run:
     scenario = read_scenario(scenario_name, overrides)
-    return run_scenario(scenario, None if scenario.level == "kinematic" else "planar")
+    flat = scenario.level == "physics" and scenario.scene is None
+    return run_scenario(scenario, "planar" if flat else None)
 
 
 def straight(offset: float = 0.0, turn: float = 0.0, rows: int = 101) -> Trace:

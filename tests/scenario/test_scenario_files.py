@@ -20,7 +20,8 @@ NAMES = scenario_names()
 
 
 def plant_of(scenario: Scenario) -> str | None:
-    return None if scenario.level == "kinematic" else "planar"
+    """The quickest plant that can drive it: the planar one knows a flat floor only."""
+    return None if scenario.level == "kinematic" or scenario.scene is not None else "planar"
 
 
 @functools.cache  # a run is the same every time, and some say two things
@@ -44,7 +45,7 @@ def test_the_promised_scenarios_are_there():
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_scenario_holds_what_it_promises_in_the_planar_plant(name):
+def test_a_scenario_holds_what_it_promises_in_its_quickest_plant(name):
     metrics = run_metrics(name)
     assert metrics["checks"], "a scenario without checks says nothing"
     assert metrics["passed"], metrics["checks"]
@@ -68,6 +69,7 @@ def test_a_scenario_holds_what_it_promises_in_the_twin(name):
         ("square_path_kinematic_open_loop", "drive.yaw_loop=true", "tracking_error_max"),
         ("circle_8m_kinematic", "kinematics.weights.0=1.0", "tracking_error_max"),
         ("rig_lateral", "lateral_speed=0.0", "final_current"),
+        ("ramp", "scene=scene", "rms_current_4"),
     ],
 )
 def test_without_what_a_scenario_is_about_its_check_fails(name, healed, check):
@@ -79,11 +81,13 @@ def test_without_what_a_scenario_is_about_its_check_fails(name, healed, check):
 FASTER_WHEEL = 'faults=[{ kind = "wheel_radius", wheel = 1, onset = 0.0, scale = 1.1 }]'
 HALF_CURRENT = 'faults=[{ kind = "sensor", channel = "current", mode = "scale", size = 0.5, onset = 0.0 }]'
 FREE_WHEEL = 'faults=[{ kind = "free", wheel = 1, onset = 2.0 }]'
+WEAK_MOTOR = 'faults=[{ kind = "motor", wheel = 4, onset = 1.0, loss = 0.9 }]'
 SPOILED = {
     "circle_8m": (FREE_WHEEL, "drive.speed=0.5", "drive.speed=1.1"),
     "circle_8m_kinematic": ("kinematics.weights.0=1.0", "kinematics.weights.0=10000.0"),
     "degraded_motor": ("faults.0.loss=1.0", "floor=oil"),
     "nylon_patch": ("patches.0.floor=natural_stone", "floor=oil"),
+    "ramp": ("scene=scene", "duration=5.0", "floor=oil", WEAK_MOTOR),
     "rig_constant_current": ("current=0.5", "duration=1.6", FASTER_WHEEL, HALF_CURRENT),
     "rig_lateral": ("current=0.4", "duration=1.6", FASTER_WHEEL, HALF_CURRENT),
     "square_path": ("drive.yaw_loop=false", "duration=20.0"),
@@ -110,6 +114,27 @@ def test_in_the_published_plant_a_larger_weight_keeps_the_circle_closer(weight, 
     assert run_metrics("circle_8m_kinematic", *overrides)["tracking_error_max"] == pytest.approx(
         distance, rel=0.01
     )
+
+
+def test_a_scene_that_is_not_there_is_refused():
+    assert "choices: obstacles, scene" in refused("scene=obstacle", name="ramp")
+    assert "there is no file" in refused("scene=none.xml", name="ramp")
+    assert "kinematic level" in refused("scene=obstacles", name="circle_8m_kinematic")
+
+
+def test_the_planar_plant_refuses_a_scene():
+    with pytest.raises(InputError, match="flat floor only"):
+        run_scenario(read_scenario("ramp"), "planar")
+
+
+@pytest.mark.parametrize("text", ["<mujoco><worldbody", "<mujoco/>", "<mujoco><body/></mujoco>"])
+def test_a_broken_scene_beside_its_scenario_is_one_line(tmp_path, text):
+    (tmp_path / "own.xml").write_text(text)
+    source = (scenarios_folder() / "ramp.toml").read_text().replace('"obstacles"', '"own.xml"')
+    (tmp_path / "own.toml").write_text(source)
+    with pytest.raises(InputError, match=r"own\.xml|MJCF") as caught:
+        run_scenario(read_scenario(tmp_path / "own.toml"), "twin")
+    assert "\n" not in str(caught.value)
 
 
 def test_the_list_has_one_line_per_scenario():
