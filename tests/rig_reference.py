@@ -21,7 +21,8 @@ GRAVITY = 9.81
 def _coupling(rig, mass: float, lateral_speed: float) -> tuple[float, float, float]:
     """G of Eqs. 4.17-4.18 by iteration, the load |F_H| + |F_G| of the rail, the load |F_A| + |F_B| [N]."""
     body, weight = rig.rig, mass * GRAVITY
-    j, k, c, h = body.roller_row_spacing, body.first_row_offset, body.rail_height, body.rail_half_width
+    j, k = 2.0 * rig.wheel.row_offset, -rig.wheel.row_offset  # rows of rollers: their distance, the first one
+    c, h = body.rail_height, body.rail_half_width
     ratio = rig.wheel.roller_dry * np.sign(lateral_speed) + rig.wheel.roller_viscous * lateral_speed
     g = f_r1 = f_r2 = 0.0
     for _ in range(50):

@@ -41,10 +41,6 @@ class RigBody:
     """μ_D,vis."""
     rail_load_time: float = positive("s")
     """Time over which the rail feels lateral force; the tilting body's inertia takes what is faster."""
-    roller_row_spacing: float = positive("m")
-    """j."""
-    first_row_offset: float = quantity("m")
-    """k."""
     com_height: float = positive("m")
     """Height of the quarter body's centre of mass."""
     tilt_inertia: float = positive("kg.m2")
