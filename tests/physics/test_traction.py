@@ -81,8 +81,10 @@ def test_traction_is_odd(name, z, slip, reference_speed):
 
 @given(st.floats(-0.02, 0.02), slips, st.floats(1e-3, 1e4), st.floats(1e-5, 0.1))
 def test_mean_deflection_is_the_integral_over_the_step(z, slip, rate, h):
-    stiff, fine = [min(h, k / rate) for k in (1.0, 3.0, 10.0, 30.0)], {"epsabs": 1e-15, "epsrel": 1e-10}
-    total, _ = quad(lambda t: exact_step(z, slip, rate, t), 0.0, h, points=stiff, limit=200, **fine)
+    stiff = [min(h, k / rate) for k in (1.0, 3.0, 10.0, 30.0)]
+    total, _ = quad(
+        lambda t: exact_step(z, slip, rate, t), 0.0, h, points=stiff, limit=200, epsabs=1e-15, epsrel=1e-10
+    )
     mean = mean_deflection(z, exact_step(z, slip, rate, h), slip, rate, h)
     assert mean == pytest.approx(total / h, rel=1e-6, abs=1e-8)
 
