@@ -29,6 +29,24 @@ def carriage_error(rig, floor, mass, current, lateral_speed, duration):
     return math.sqrt(np.mean((np.array(driven) - sampled) ** 2))
 
 
+def planar_error(robot, floors, current, floor="natural_stone"):
+    """RMS difference of body velocity and of yaw rate between twin and planar model over 5 s."""
+    twists = []
+    for plant in (
+        RobotTwin(robot, floors[floor], ideal_sensors=True),
+        PlanarRobot(robot, floor, ideal_sensors=True),
+    ):
+        plant.reset()
+        rows = []
+        for _ in range(5000):
+            plant.step(CurrentCommand(np.asarray(current)))
+            rows.append(plant.truth()[3:6])
+        twists.append(np.array(rows))
+    assert np.abs(twists[1][-1]).max() > 0.5  # two robots at rest would agree, too
+    off = twists[0] - twists[1]
+    return math.sqrt(np.mean((off[:, :2] ** 2).sum(axis=1))), math.sqrt(np.mean(off[:, 2] ** 2))
+
+
 @pytest.mark.parametrize("mass", [3.9593, 2.9593, 1.9593])
 @pytest.mark.parametrize("floor", ["natural_stone", "pvc", "paperboard"])
 def test_the_rig_twin_drives_as_its_equations_say(rig, floors, floor, mass, measured):
@@ -74,47 +92,43 @@ def test_rolling_resistance_takes_its_torque_from_the_robot_s_wheels(robot, floo
 def test_the_robot_twin_drives_as_the_planar_model(robot, floors, floor, eighth, strength, measured):
     along = np.array([math.cos(eighth * math.pi / 4.0), math.sin(eighth * math.pi / 4.0)])
     share = robot.drive_directions @ along
-    command = CurrentCommand(strength * share / np.abs(share).max())
-    twists = []
-    for plant in (
-        RobotTwin(robot, floors[floor], ideal_sensors=True),
-        PlanarRobot(robot, floor, ideal_sensors=True),
-    ):
-        plant.reset()
-        rows = []
-        for _ in range(5000):
-            plant.step(command)
-            rows.append(plant.truth()[3:6])
-        twists.append(np.array(rows))
-    off = twists[0] - twists[1]
-    linear, angular = math.sqrt(np.mean((off[:, :2] ** 2).sum(axis=1))), math.sqrt(np.mean(off[:, 2] ** 2))
+    linear, angular = planar_error(robot, floors, strength * share / np.abs(share).max(), floor)
     measured("robot twin against planar model, 5 s, RMS of velocity [m/s]", linear, 0.02)
     measured("robot twin against planar model, 5 s, RMS of yaw rate [rad/s]", angular, 0.05)
     assert linear <= 0.02
     assert angular <= 0.05
-    assert np.linalg.norm(twists[1][-1, :2]) > 0.5
-
-
-def turning_error(robot, floors, current):
-    """RMS difference of the yaw rate between twin and planar model while all wheels drive alike [rad/s]."""
-    rates = []
-    for plant in (
-        RobotTwin(robot, floors["natural_stone"], ideal_sensors=True),
-        PlanarRobot(robot, "natural_stone", ideal_sensors=True),
-    ):
-        plant.reset()
-        rows = []
-        for _ in range(5000):
-            plant.step(CurrentCommand(np.full(4, current)))
-            rows.append(plant.truth()[5])
-        rates.append(np.array(rows))
-    return math.sqrt(np.mean((rates[0] - rates[1]) ** 2))
 
 
 def test_turning_on_the_spot_the_two_rows_scrub_which_the_planar_model_lacks(robot, floors, measured):
     one_row = dataclasses.replace(robot, wheel=dataclasses.replace(robot.wheel, row_offset=0.0))
-    scrubbing, single = turning_error(robot, floors, 0.6), turning_error(one_row, floors, 0.6)
+    scrubbing, single = (planar_error(machine, floors, np.full(4, 0.6))[1] for machine in (robot, one_row))
     measured("robot twin turning on the spot, rollers in one plane, RMS of yaw rate [rad/s]", single, 0.05)
     measured("the same with the two rows 22 mm apart (the planar model has no rows)", scrubbing, 0.1)
     assert single <= 0.05
     assert 2.0 * single < scrubbing <= 0.1
+
+
+def test_on_the_diagonal_at_low_current_the_rollers_inertia_is_what_the_planar_model_lacks(
+    robot, floors, measured
+):
+    light = dataclasses.replace(robot, wheel=dataclasses.replace(robot.wheel, roller_mass=1e-4))
+    current = 0.45 * np.sign(robot.drive_directions @ np.ones(2))
+    heavy_error, light_error = (
+        planar_error(robot, floors, current)[0],
+        planar_error(light, floors, current)[0],
+    )
+    measured("robot on the diagonal at 0.45 A, rollers without mass [m/s]", light_error, 0.02)
+    measured("the same with the rollers' 10 g (the goal of 0.02 is missed)", heavy_error, 0.03)
+    assert light_error <= 0.02
+    assert light_error < heavy_error <= 0.03
+
+
+@pytest.mark.parametrize("eighth", range(8))
+def test_driving_and_turning_at_once_the_twin_drives_as_the_planar_model(robot, floors, eighth, measured):
+    along = np.array([math.cos(eighth * math.pi / 4.0), math.sin(eighth * math.pi / 4.0)])
+    share = robot.drive_directions @ along
+    linear, angular = planar_error(robot, floors, 0.8 * share / np.abs(share).max() + 0.05)
+    measured("robot driving and turning, RMS of velocity [m/s]", linear, 0.02)
+    measured("robot driving and turning, RMS of yaw rate [rad/s]", angular, 0.05)
+    assert linear <= 0.02
+    assert angular <= 0.05
