@@ -22,7 +22,7 @@ from typing import Any
 import numba
 
 _PACKAGE = Path(__file__).resolve().parent.parent
-_ROOMS = ("physics", "plant", "twin", "control")
+_ROOMS = ("physics", "effects", "plant", "twin", "control", "gap")
 _KEEP = 30 * 86400.0  # [s] folders of older versions go after a month
 
 
@@ -104,8 +104,8 @@ def cached(decorator: Callable[..., Any], *arguments: Any, **options: Any) -> Ca
 
 
 def kernel(function: Callable) -> Any:
-    """`numba.njit` with the disk cache; division by zero gives infinity as in IEEE 754."""
-    return cached(numba.njit, error_model="numpy")(function)
+    """`numba.njit` with the disk cache, without the GIL; division by zero gives infinity as in IEEE 754."""
+    return cached(numba.njit, error_model="numpy", nogil=True)(function)
 
 
 def is_compiled(plant: str) -> bool:

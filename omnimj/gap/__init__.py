@@ -1,0 +1,1 @@
+"""Where simulation and measurement disagree, the missing effect by name, and the model with it."""

@@ -1,0 +1,1 @@
+"""Traction parameters from rig runs, and tables of simulated against measured."""
