@@ -9,8 +9,12 @@ from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
 from omnimj import __version__
+from omnimj.cli import gap as gap_command
+from omnimj.cli import identify as identify_command
+from omnimj.cli import record as record_command
 from omnimj.cli import run as run_command
 from omnimj.cli import scenarios as scenarios_command
+from omnimj.cli import validate as validate_command
 from omnimj.cli.streams import drop_output, flush_output, prepare_streams
 from omnimj.errors import InputError, OmnimjError, UnknownNameError
 
@@ -66,7 +70,14 @@ def make_parser() -> Parser:
         options = [name for action in one._actions for name in action.option_strings]
         one.set_defaults(run=run, options=options)
 
-    for name, module in (("scenarios", scenarios_command), ("run", run_command)):
+    for name, module in (
+        ("scenarios", scenarios_command),
+        ("run", run_command),
+        ("record", record_command),
+        ("identify", identify_command),
+        ("validate", validate_command),
+        ("gap", gap_command),
+    ):
         add(name, module.HELP, module.EXAMPLE, module.add_arguments, module.run)
     bench = "measure speed: steps per second, times real time, overhead of the callback, batch scaling"
     add("bench", bench, "example:\n  omnimj bench --json", _bench_arguments, _run_bench)

@@ -89,6 +89,10 @@ class Candidate:
     """Held-out gain; None when the screening left it behind."""
     verdict: str
     """`named`, `rival`, `beaten`, `screened out`, `below the margin`."""
+    words: str = ""
+    """What it is, in plain words."""
+    is_sensor: bool = False
+    """Whether it is the measurement and not the machine that would be wrong."""
 
 
 @dataclass(frozen=True)
@@ -113,6 +117,10 @@ class Overlay:
     before: Array
     after: Array
     """Shape (k, channels)."""
+    conditions: Mapping[str, float | str] = field(default_factory=dict)
+    """Of the run: floor, mass, current, …"""
+    regimes: Mapping[str, Array] = field(default_factory=dict)
+    """Regime variable → its value in every block, shape (k,)."""
 
 
 @dataclass(frozen=True)
@@ -151,3 +159,5 @@ class Finding:
     seconds: float = 0.0
     failure: str = ""
     """Why the work ended early, empty when it did not."""
+    regimes: Mapping[str, str] = field(default_factory=dict)
+    """Regime variable → its unit."""

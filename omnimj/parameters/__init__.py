@@ -1,11 +1,15 @@
 """What stays: the constants of robot, rig and floors, read from `models/*.toml`, validated once."""
 
+from omnimj.parameters.axis import Axis, AxisBody, AxisSensors, read_axis
 from omnimj.parameters.floor import Floor, read_floors
 from omnimj.parameters.parts import Bearing, Contact, Motor, Sensors, Wheel
 from omnimj.parameters.rig import Rig, RigBody, read_rig
 from omnimj.parameters.robot import Control, Robot, RobotBody, WheelMount, read_robot
 
 __all__ = [
+    "Axis",
+    "AxisBody",
+    "AxisSensors",
     "Bearing",
     "Contact",
     "Control",
@@ -18,6 +22,7 @@ __all__ = [
     "Sensors",
     "Wheel",
     "WheelMount",
+    "read_axis",
     "read_floors",
     "read_rig",
     "read_robot",

@@ -18,6 +18,7 @@ LUGRE, LUGRE_CAPPED, MAGIC_FORMULA = 0, 1, 2
 
 _POSITIVE = Rule(0.0, float("inf"), True)
 _NOT_NEGATIVE = Rule(0.0, float("inf"), False)
+_SHARE = Rule(0.0, 1.0, False)
 _ANY = Rule(-float("inf"), float("inf"), False)
 _LUGRE_KEYS = {
     "mu_c": _POSITIVE,
@@ -60,6 +61,8 @@ class Floor:
     source: str
     numbers: Mapping[str, float]
     """The law's parameters by their textbook letter."""
+    uncertainty: float = 0.0
+    """Half-width of what each number may be, relative to it; 0: taken as known."""
 
     @property
     def row(self) -> np.ndarray:
@@ -86,8 +89,8 @@ def _read_floor(place: str, name: str, table: object) -> Floor:
     keys = LAWS[law][1]
     known = ("description", "law", "source", *keys)
     for key in table:
-        if key not in known:
-            raise UnknownNameError(place, "key", key, known)
+        if key not in (*known, "uncertainty"):
+            raise UnknownNameError(place, "key", key, (*known, "uncertainty"))
     for key in known:
         if key not in table:
             raise InputError(place, f"'{key}' is missing")
@@ -95,7 +98,8 @@ def _read_floor(place: str, name: str, table: object) -> Floor:
         if not isinstance(table[key], str):
             raise InputError(f"{place}.{key}", f"found {table[key]!r}", "a text is needed")
     numbers = {key: number(f"{place}.{key}", table[key], rule) for key, rule in keys.items()}
-    return Floor(name, table["description"], law, table["source"], MappingProxyType(numbers))
+    uncertainty = float(number(f"{place}.uncertainty", table.get("uncertainty", 0.0), _SHARE))
+    return Floor(name, table["description"], law, table["source"], MappingProxyType(numbers), uncertainty)
 
 
 def read_floors(path: Path | None = None) -> dict[str, Floor]:

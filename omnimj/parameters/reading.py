@@ -21,6 +21,8 @@ class Provenance(NamedTuple):
 
     unit: str
     source: str
+    uncertainty: float = 0.0
+    """Half-width of what it may be, in the same unit; 0: taken as known."""
 
 
 class Rule(NamedTuple):
@@ -41,6 +43,10 @@ class Rule(NamedTuple):
         low = f"{'above' if self.open_low else 'at least'} {self.low:g}" if self.low > -math.inf else ""
         high = f"at most {self.high:g}" if self.high < math.inf else ""
         return "must be " + " and ".join(part for part in (low, high) if part)
+
+
+_NOT_NEGATIVE = Rule(0.0, math.inf, False)
+_NEEDED = ("value", "unit", "source")
 
 
 def quantity(unit: str, low: float = -math.inf, high: float = math.inf, *, open_low: bool = False) -> Any:
@@ -74,22 +80,9 @@ def number(place: str, value: Any, rule: Rule, whole: bool = False) -> float | i
 
 
 def read_quantity(place: str, entry: Any, spec: dataclasses.Field) -> tuple[Any, Provenance]:
-    """One `{ value, unit, source }` entry, checked against the field it is for."""
+    """One `{ value, unit, source }` entry, perhaps with `uncertainty`, checked against its field."""
     unit, rule = spec.metadata["unit"], spec.metadata["rule"]
-    if not isinstance(entry, Mapping):
-        raise InputError(place, f"found {entry!r}", f'write {{ value = …, unit = "{unit}", source = "…" }}')
-    for key in entry:
-        if key not in ("value", "unit", "source"):
-            raise UnknownNameError(place, "key", key, ("value", "unit", "source"))
-    for key in ("value", "unit", "source"):
-        if key not in entry:
-            raise InputError(
-                place, f"'{key}' is missing", f'write {{ value = …, unit = "{unit}", source = "…" }}'
-            )
-    if entry["unit"] != unit:
-        raise InputError(f"{place}.unit", f"found {entry['unit']!r}", f"the unit is {unit!r}")
-    if entry["source"] not in SOURCES:
-        raise UnknownNameError(f"{place}.source", "source", entry["source"], SOURCES)
+    origin = read_origin(place, entry, unit)
     value = entry["value"]
     kind = str(spec.type)
     if kind.startswith("tuple"):
@@ -98,7 +91,40 @@ def read_quantity(place: str, entry: Any, spec: dataclasses.Field) -> tuple[Any,
         value = tuple(number(f"{place}[{i}]", v, rule) for i, v in enumerate(value))
     else:
         value = number(place, value, rule, whole=kind == "int")
-    return value, Provenance(entry["unit"], entry["source"])
+    return value, origin
+
+
+def read_origin(place: str, entry: Any, unit: str | None, more: tuple[str, ...] = ()) -> Provenance:
+    """Unit, source and uncertainty of one entry; its value is left to the caller.
+
+    Args:
+      place: Where it stands, for messages.
+      entry: The entry as parsed.
+      unit: What its unit must be; None: any text.
+      more: Further keys that it may have.
+
+    Raises:
+      InputError: No table, or a key is missing or wrong.
+      UnknownNameError: An unknown key or source.
+    """
+    shape = f'write {{ value = …, unit = "{"…" if unit is None else unit}", source = "…" }}'
+    known = (*_NEEDED, "uncertainty", *more)
+    if not isinstance(entry, Mapping):
+        raise InputError(place, f"found {entry!r}", shape)
+    for key in entry:
+        if key not in known:
+            raise UnknownNameError(place, "key", key, known)
+    for key in _NEEDED:
+        if key not in entry:
+            raise InputError(place, f"'{key}' is missing", shape)
+    found = entry["unit"]
+    if found != unit if unit is not None else not isinstance(found, str):
+        rule = "a text is needed" if unit is None else f"the unit is {unit!r}"
+        raise InputError(f"{place}.unit", f"found {found!r}", rule)
+    if entry["source"] not in SOURCES:
+        raise UnknownNameError(f"{place}.source", "source", entry["source"], SOURCES)
+    uncertainty = float(number(f"{place}.uncertainty", entry.get("uncertainty", 0.0), _NOT_NEGATIVE))
+    return Provenance(entry["unit"], entry["source"], uncertainty)
 
 
 def read_table(

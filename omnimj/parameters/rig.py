@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from omnimj.errors import InputError
+from omnimj.parameters.effect_tables import EffectValues, read_effects
 from omnimj.parameters.model_file import read_model_file
 from omnimj.parameters.parts import Bearing, Contact, Motor, Sensors, Wheel
 from omnimj.parameters.reading import Provenance, positive, quantity
@@ -68,6 +69,8 @@ class Rig:
     provenance: Mapping[str, Provenance]
     file: Path
     """The model file these constants were read from."""
+    effects: EffectValues = field(default_factory=dict)
+    """Effects on top of the model; the names and their parameters are those of `omnimj.effects`."""
 
 
 def read_rig(path: Path | None = None) -> Rig:
@@ -77,7 +80,7 @@ def read_rig(path: Path | None = None) -> Rig:
       InputError: A value is missing or breaks its rule; the message names file, key, value and rule.
     """
     path = models_folder() / "quarter_rig" / "rig.toml" if path is None else path
-    file = read_model_file(path, "quarter_rig", ("rig",))
+    file = read_model_file(path, "quarter_rig", ("rig", "effects"))
     provenance: dict[str, Provenance] = {}
 
     def table(kind: type, name: str) -> Any:
@@ -92,6 +95,7 @@ def read_rig(path: Path | None = None) -> Rig:
         rig=table(RigBody, "rig"),
         provenance=MappingProxyType(provenance),
         file=path,
+        effects=read_effects(file.own, path, provenance),
     )
     _require_consistent(rig)
     return rig

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from omnimj.errors import InputError
+from omnimj.parameters.effect_tables import EffectValues, read_effects
 from omnimj.parameters.model_file import read_model_file
 from omnimj.parameters.parts import Bearing, Contact, Motor, Sensors, Wheel
 from omnimj.parameters.reading import Provenance, positive, quantity, read_table
@@ -84,6 +85,8 @@ class Robot:
     """`motor.torque_constant` → unit and source."""
     file: Path
     """The model file these constants were read from."""
+    effects: EffectValues = field(default_factory=dict)
+    """Effects on top of the model; the names and their parameters are those of `omnimj.effects`."""
 
     @property
     def wheel_positions(self) -> np.ndarray:
@@ -122,7 +125,7 @@ def read_robot(path: Path | None = None) -> Robot:
       InputError: A value is missing or breaks its rule; the message names file, key, value and rule.
     """
     path = models_folder() / "uto_robot" / "robot.toml" if path is None else path
-    file = read_model_file(path, "uto_robot", ("body", "wheels", "control"))
+    file = read_model_file(path, "uto_robot", ("body", "wheels", "control", "effects"))
     provenance: dict[str, Provenance] = {}
 
     def table(kind: type, name: str) -> Any:
@@ -139,6 +142,7 @@ def read_robot(path: Path | None = None) -> Robot:
         control=table(Control, "control"),
         provenance=MappingProxyType(provenance),
         file=path,
+        effects=read_effects(file.own, path, provenance),
     )
     _require_consistent(robot)
     return robot

@@ -18,7 +18,10 @@ TORQUE_CONSTANT, RESISTANCE, NO_LOAD, VISCOUS, SUPPLY, LIMIT, RATIO, EFFICIENCY,
 # override: 0 obeys, 1 free (open circuit), 2 hard-over; current of the hard-over
 KT_SCALE, PARALLEL_TORQUE, OVERRIDE, OVERRIDE_CURRENT = range(9, 13)
 BRAKE = 13  # dry torque of a brake at the wheel; large: locked
-MOTOR_ROW = 14
+MEASURED = 14  # 1: the command is a current that was measured; no limit cuts it and no loop delays it
+MOTOR_ROW = 15
+
+_AT_ONCE = 1e-12  # [s] a current loop that has settled long before any step ends
 
 
 def motor_row(motor: Motor) -> np.ndarray:
@@ -39,6 +42,14 @@ def motor_row(motor: Motor) -> np.ndarray:
     return row
 
 
+def driven_by_measured_current(rows: np.ndarray) -> np.ndarray:
+    """The same motors (shape (MOTOR_ROW,) or (n, MOTOR_ROW)) with the command taken as the true current."""
+    changed = rows.copy()
+    changed[..., MEASURED] = 1.0
+    changed[..., LOOP] = _AT_ONCE
+    return changed
+
+
 @kernel
 def set_current(row, command, wheel_speed):
     """What the amplifier can and will drive: |i| ≤ limit and |R i₁ + K_t ω| ≤ supply [A].
@@ -46,6 +57,8 @@ def set_current(row, command, wheel_speed):
     i₁ is the wheel's own motor, ω = G_r φ̇ its speed; at the supply's voltage a second motor in parallel
     takes what it needs on top of it.
     """
+    if row[MEASURED] == 1.0:
+        return command
     if row[OVERRIDE] == 1.0:
         return 0.0
     if row[OVERRIDE] == 2.0:

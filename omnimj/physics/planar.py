@@ -1,8 +1,9 @@
 """Planar model of a robot with n omni wheels, Eqs. 3.54-3.85: smooth right-hand side and fixed step.
 
-State, a flat row: [z (n) | φ̇ (n) | v_x, v_y, yaw rate | i (n) | roller deflection (n) | x, y, yaw]; twist
-in the body frame at the robot's centre. The first 2n + 3 are the states of Eq. 3.54; `derivative` takes
-these, or these and the motor currents, `step` takes all (`state_size`).
+State, a flat row: [z (n) | φ̇ (n) | v_x, v_y, yaw rate | i (n) | roller deflection (n) | wheel angle (n) |
+play of the gear (n) and its rate (n) | time | x, y, yaw]; twist in the body frame at the robot's centre. The
+first 2n + 3 are the states of Eq. 3.54; `derivative` takes these, or these and the motor currents, `step`
+takes all (`state_size`).
 
 Corrected against the text: Coriolis terms m(ẍ − θ̇ẏ), m(ÿ + θ̇ẋ); sign of T_nl and of the gear's power flow;
 viscous motor friction, bearing friction (Eqs. 4.37-4.38) and rolling resistance (as a torque r μ_rol F_N on
@@ -15,7 +16,8 @@ import math
 
 import numpy as np
 
-from omnimj.physics.motor import LOOP, next_current, set_current, stick_or_slip
+from omnimj.physics.effect_terms import AIR, SAG, change_motor, changes_motor
+from omnimj.physics.motor import LOOP, MOTOR_ROW, set_current
 from omnimj.physics.native import kernel
 from omnimj.physics.planar_constants import (
     COM_X,
@@ -35,32 +37,35 @@ from omnimj.physics.planar_constants import (
     PlanarConstants,
     planar_constants,
 )
-from omnimj.physics.traction import exact_step, force_ratio, relaxation_rate
-from omnimj.physics.wheel import (
-    INERTIA,
-    RADIUS,
-    ROLLER_DRY,
-    ROLLER_VISCOUS,
-    ROLLING,
-    bearing_friction,
-    between,
-    mean_current,
-    mean_deflection,
-    motor_torque_bounds,
-    roller_friction,
+from omnimj.physics.planar_wheel import (
+    pose_at,
+    step_wheel,
+    supply_load,
+    wheel_torque_bounds,
+    wheel_velocity,
 )
+from omnimj.physics.traction import force_ratio, relaxation_rate
+from omnimj.physics.wheel import INERTIA, RADIUS, ROLLER_DRY, ROLLER_VISCOUS, between
 
-__all__ = ["PlanarConstants", "derivative", "output_size", "planar_constants", "state_size", "step"]
+__all__ = [
+    "PlanarConstants",
+    "derivative",
+    "output_size",
+    "planar_constants",
+    "pose_at",
+    "state_size",
+    "step",
+]
 
 
 def state_size(wheels: int) -> int:
     """Length of the state of `step` for n wheels."""
-    return 4 * wheels + 6
+    return 7 * wheels + 7
 
 
 def output_size(wheels: int) -> int:
-    """Length of the output of `step`: slip, F_N, F, G (n each), acceleration (2)."""
-    return 4 * wheels + 2
+    """Length of the output of `step`: slip, F_N, F, G (n each), acceleration (2), encoders' speeds (n)."""
+    return 5 * wheels + 2
 
 
 @kernel
@@ -74,25 +79,6 @@ def _gravity(body, yaw):
 def _normal_force(wheel, gravity_x, gravity_y):
     """F_N on the (sloping) floor; a wheel cannot pull [N]."""
     return max(wheel[NORMAL] + wheel[NORMAL_X] * gravity_x + wheel[NORMAL_Y] * gravity_y, 0.0)
-
-
-@kernel
-def _wheel_velocity(wheel, v_x, v_y, yaw_rate):
-    """Velocity of the wheel's centre along u (V_i, Eqs. 3.50-3.53) and along its axle z × u [m/s]."""
-    x = v_x - yaw_rate * wheel[POSITION_Y]
-    y = v_y + yaw_rate * wheel[POSITION_X]
-    return x * wheel[DRIVE_X] + y * wheel[DRIVE_Y], y * wheel[DRIVE_X] - x * wheel[DRIVE_Y]
-
-
-@kernel
-def _wheel_torque_bounds(wheel, motor, current, wheel_speed, normal_force, lateral_force, published):
-    """Torque on the wheel but for traction, turning forward and turning backward [N.m]."""
-    low, high = motor_torque_bounds(motor, current, wheel_speed, published)
-    if published:
-        return low, high
-    dry, viscous = bearing_friction(wheel, normal_force, lateral_force)
-    dry += wheel[ROLLING] * normal_force * wheel[RADIUS]
-    return low - dry - viscous * wheel_speed, high + dry - viscous * wheel_speed
 
 
 @kernel
@@ -141,7 +127,7 @@ def derivative(state, command, yaw, body, wheels, motors, floors, smoothing, pub
     for i in range(n):
         wheel, motor, floor, wheel_speed = wheels[i], motors[i], floors[i], state[n + i]
         normal = _normal_force(wheel, g_x, g_y)
-        along, across = _wheel_velocity(wheel, v_x, v_y, yaw_rate)
+        along, across = wheel_velocity(wheel, v_x, v_y, yaw_rate)
         rim = wheel[RADIUS] * wheel_speed
         slip = rim - along
         rate = relaxation_rate(floor, slip, max(abs(rim), abs(along)))
@@ -153,7 +139,7 @@ def derivative(state, command, yaw, body, wheels, motors, floors, smoothing, pub
         if state.size > 2 * n + 3:
             change[2 * n + 3 + i] = (current - state[2 * n + 3 + i]) / motor[LOOP]
             current = state[2 * n + 3 + i]
-        low, high = _wheel_torque_bounds(wheel, motor, current, wheel_speed, normal, lateral, published)
+        low, high = wheel_torque_bounds(wheel, motor, current, wheel_speed, normal, lateral, published)
         torque = between(low, high, math.tanh(rim / smoothing))
         change[n + i] = (torque - wheel[RADIUS] * traction) / wheel[INERTIA]
         x, y, z = _body_force(wheel, body, traction, lateral)
@@ -162,31 +148,6 @@ def derivative(state, command, yaw, body, wheels, motors, floors, smoothing, pub
         body, f_x, f_y, moment, v_x, v_y, yaw_rate, published
     )
     return change
-
-
-@kernel
-def _step_wheel(i, state, command, wheel, motor, floor, normal, h, published, output):
-    """Advances bristles, current and speed of wheel i; returns its traction and lateral force [N]."""
-    n = command.size
-    wheel_speed = state[n + i]
-    along, across = _wheel_velocity(wheel, state[2 * n], state[2 * n + 1], state[2 * n + 2])
-    rim = wheel[RADIUS] * wheel_speed
-    slip = rim - along
-    rate = relaxation_rate(floor, slip, max(abs(rim), abs(along)))
-    z = exact_step(state[i], slip, rate, h)
-    mean = mean_deflection(state[i], z, slip, rate, h)
-    traction = normal * wheel[GRIP] * force_ratio(floor, mean, slip, rate)
-    roller, lateral = roller_friction(wheel, state[3 * n + 3 + i], across, normal, h)
-    before = state[2 * n + 3 + i]
-    current = next_current(motor, before, command[i], wheel_speed, h)
-    driving = mean_current(motor, before, current, command[i], wheel_speed, h)
-    low, high = _wheel_torque_bounds(wheel, motor, driving, wheel_speed, normal, lateral, published)
-    other = -wheel[RADIUS] * traction
-    torque = stick_or_slip(low, high, wheel_speed, wheel[INERTIA], other, h)
-    state[i], state[3 * n + 3 + i], state[2 * n + 3 + i] = z, roller, current
-    state[n + i] = wheel_speed + h * (torque + other) / wheel[INERTIA]
-    output[i], output[n + i], output[2 * n + i], output[3 * n + i] = slip, normal, traction, lateral
-    return traction, lateral
 
 
 @kernel
@@ -202,7 +163,9 @@ def _step_body(n, state, body, f_x, f_y, moment, h, published):
         com_x, com_y = c * com_x + s * com_y, c * com_y - s * com_x
     v_x, v_y = com_x + yaw_rate * body[COM_Y], com_y - yaw_rate * body[COM_X]
     state[2 * n], state[2 * n + 1], state[2 * n + 2] = v_x, v_y, yaw_rate
-    pose, middle = 4 * n + 3, state[4 * n + 5] + 0.5 * turn
+    pose = pose_at(n)
+    middle = state[pose + 2] + 0.5 * turn
+    state[pose - 1] += h
     c, s = math.cos(middle), math.sin(middle)
     mean_x, mean_y = 0.5 * (old_x + v_x), 0.5 * (old_y + v_y)
     state[pose] += h * (c * mean_x - s * mean_y)
@@ -212,36 +175,59 @@ def _step_body(n, state, body, f_x, f_y, moment, h, published):
 
 
 @kernel
-def step(state, command, body, wheels, motors, floors, h, steps, published, output):
+def _drag(body, coefficient, v_x, v_y):
+    """Air drag −c |v| v at the robot's centre and its moment about the centre of mass [N, N, N.m]."""
+    pull = -coefficient * math.sqrt(v_x * v_x + v_y * v_y)
+    x, y = pull * v_x, pull * v_y
+    return x, y, body[COM_Y] * x - body[COM_X] * y
+
+
+@kernel
+def step(state, command, body, wheels, motors, floors, terms, h, steps, published, output):
     """Advances the whole state by `steps` steps of h seconds, in place; stable at any slip speed.
 
     Exact for frozen speeds: bristles and currents; set-valued: friction of motor, gear, bearings and brake.
 
     Args:
-      state: All of it, shape (4n+6,); changed in place.
+      state: All of it, shape (7n+7,); changed in place.
       command: Current set values, shape (n,) [A].
       body: `PlanarConstants.body`.
       wheels: `PlanarConstants.wheels`.
       motors: `motor.motor_row` per wheel, shape (n, MOTOR_ROW).
       floors: `Floor.row` per wheel, shape (n, ROW).
+      terms: Effects, a row of `effect_terms` per wheel, shape (n, TERMS); without effects zeros.
       h: Step [s].
       steps: How many.
       published: The equations as printed.
       output: Filled with slip, F_N, F, G (n each) and what an accelerometer at the centre reads along x and y
-        (acceleration less gravity), of the last step, shape (4n+2,).
+        (acceleration less gravity), of the last step, then the wheel speeds that the motors' encoders see,
+        shape (5n+2,).
     """
     n = wheels.shape[0]
+    changed, draws = np.empty(MOTOR_ROW), np.zeros(n)
+    sagging = terms[0, SAG] != 0.0
+    # drag acts on the body as a whole: it stands, shared, in the rows of all wheels
+    drag = 0.0
+    for i in range(n):
+        drag += terms[i, AIR] / n
     for _ in range(steps):
-        g_x, g_y = _gravity(body, state[4 * n + 5])
+        g_x, g_y = _gravity(body, state[pose_at(n) + 2])
         v_x, v_y, yaw_rate = state[2 * n], state[2 * n + 1], state[2 * n + 2]
         f_x, f_y, moment = body[MASS] * g_x, body[MASS] * g_y, 0.0
+        if drag != 0.0:
+            x, y, z = _drag(body, drag, v_x, v_y)
+            f_x, f_y, moment = f_x + x, f_y + y, moment + z
+        load = supply_load(state, command, motors, terms, changed, draws) if sagging else 0.0
         for i in range(n):
-            wheel = wheels[i]
+            wheel, motor = wheels[i], motors[i]
             normal = _normal_force(wheel, g_x, g_y)
-            traction, lateral = _step_wheel(
-                i, state, command, wheel, motors[i], floors[i], normal, h, published, output
+            if changes_motor(terms[i]):
+                change_motor(motor, terms[i], state[pose_at(n) - 1], load - draws[i], changed)
+                motor = changed
+            force, lateral = step_wheel(
+                i, state, command, wheel, motor, floors[i], terms[i], normal, h, published, output
             )
-            x, y, z = _body_force(wheel, body, traction, lateral)
+            x, y, z = _body_force(wheel, body, force, lateral)
             f_x, f_y, moment = f_x + x, f_y + y, moment + z
         a_x, a_y = _step_body(n, state, body, f_x, f_y, moment, h, published)
         if not published:

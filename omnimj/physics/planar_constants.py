@@ -63,9 +63,14 @@ def planar_constants(
     wheels[:, [POSITION_X, POSITION_Y]] = p
     wheels[:, DRIVE_X], wheels[:, DRIVE_Y] = c * u[:, 0] - s * u[:, 1], s * u[:, 0] + c * u[:, 1]
     # static balance Σ F_N = W, Σ p F_N = W r_c in least norm: m g/4 each on four wheels
-    share = np.linalg.pinv(np.vstack([np.ones(len(p)), p.T]))
+    balance = np.vstack([np.ones(len(p)), p.T])
+    share = np.linalg.pinv(balance)
     weight = body[MASS] * GRAVITY * math.cos(slope[0])
     wheels[:, NORMAL] = weight * (share @ [1.0, body[COM_X], body[COM_Y]])
+    # a larger wheel compresses its spring, as far as the robot cannot give way by rising and tilting
+    larger = robot.wheel.radius * (np.broadcast_to(radius_scale, len(p)) - 1.0)
+    springs = robot.body.suspension_stiffness * (larger - share @ (balance @ larger))
+    wheels[:, NORMAL] = np.maximum(wheels[:, NORMAL] + springs, np.minimum(wheels[:, NORMAL], 0.0))
     wheels[:, [NORMAL_X, NORMAL_Y]] = body[MASS] * robot.body.com_height * share[:, 1:]
     lightest = int(np.argmin(wheels[:, NORMAL]))
     if wheels[lightest, NORMAL] < 0.0:

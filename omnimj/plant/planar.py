@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from omnimj.effects import Applied, applied
 from omnimj.errors import InputError
 from omnimj.parameters import Floor, Robot, read_floors
 from omnimj.parameters.floor import ROW
@@ -15,6 +16,7 @@ from omnimj.physics import planar
 from omnimj.physics.native import kernel
 from omnimj.physics.planar_constants import POSITION_X, POSITION_Y, PlanarConstants, planar_constants
 from omnimj.plant.conditions import Fault, conditions, event_times
+from omnimj.plant.effects import lay_over
 from omnimj.plant.ground import Ground, floor_at
 from omnimj.plant.interface import robot_truth_names
 from omnimj.plant.patches import Patch
@@ -42,7 +44,8 @@ class _Stage:
 def _find_floors(state, wheels, has_own, own_floors, patches, rows, floors):
     """Fills `floors` with the row of the floor under each wheel's centre, shape (n, ROW)."""
     n = wheels.shape[0]
-    x, y, yaw = state[4 * n + 3], state[4 * n + 4], state[4 * n + 5]
+    pose = planar.pose_at(n)
+    x, y, yaw = state[pose], state[pose + 1], state[pose + 2]
     c, s = math.cos(yaw), math.sin(yaw)
     for i in range(n):
         p_x, p_y = wheels[i, POSITION_X], wheels[i, POSITION_Y]
@@ -54,11 +57,11 @@ def _find_floors(state, wheels, has_own, own_floors, patches, rows, floors):
 
 @kernel
 def _run_period(
-    state, command, body, wheels, motors, own, patches, rows, floors, h, steps, published, output
+    state, command, body, wheels, motors, own, patches, rows, floors, terms, h, steps, published, output
 ):
     """One control period of the model; `own` says which wheels have a floor by fault, and that floor."""
     _find_floors(state, wheels, own[0], own[1], patches, rows, floors)
-    planar.step(state, command, body, wheels, motors, floors, h, steps, published, output)
+    planar.step(state, command, body, wheels, motors, floors, terms, h, steps, published, output)
 
 
 class PlanarRobot:
@@ -76,11 +79,12 @@ class PlanarRobot:
         published: bool = False,
         ideal_sensors: bool = False,
         floors: Mapping[str, Floor] | None = None,
+        measured_current: bool = False,
     ):
         """The robot at rest.
 
         Args:
-          robot: Its constants.
+          robot: Its constants, with its effects.
           floor: Name of the hall's floor.
           faults: The truth about what goes wrong.
           patches: Stretches of other floor; a wheel is where its centre is.
@@ -89,27 +93,39 @@ class PlanarRobot:
           published: The equations as printed instead of the corrected ones.
           ideal_sensors: True values without noise, filters and quantisation.
           floors: Floors by name; the shipped ones when None.
+          measured_current: Commands are currents that were measured: neither limits nor the current loop act.
 
         Raises:
           UnknownNameError: A floor that does not exist.
-          InputError: A payload that the robot cannot carry, or a start that is not finite.
+          InputError: A payload that the robot cannot carry, a start that is not finite, or an effect that is
+            not as it must be.
         """
         if len(start) != 3 or not all(map(math.isfinite, start)):
             raise InputError("start", f"found {start!r}", "three finite numbers are needed: x, y, heading")
+        effects = applied(robot)
+        robot = effects.machine
         n = self._wheels = len(robot.wheels)
         self.period = 1.0 / robot.sensors.sample_rate
         self.truth_names = robot_truth_names(n)
         self._start, self._published = start, published
-        self._ground = Ground(floor, patches, read_floors() if floors is None else floors)
-        self._stages = [self._stage(robot, faults, begin) for begin in (0.0, *event_times(faults))]
-        self._sensors = RobotSensors(robot.sensors, robot.motor, n, self.period, seed, faults, ideal_sensors)
+        self._ground = Ground(floor, patches, effects.floors(read_floors() if floors is None else floors))
+        self._terms = effects.terms
+        self._stages = [
+            self._stage(robot, faults, begin, effects, measured_current)
+            for begin in (0.0, *event_times(faults))
+        ]
+        self._sensors = RobotSensors(
+            robot.sensors, robot.motor, n, self.period, seed, faults, ideal_sensors, effects.channels
+        )
         self._state = np.zeros(planar.state_size(n))
         self._command, self._floors = np.zeros(n), np.zeros((n, ROW))
         self._output = np.zeros(planar.output_size(n))
         self._steps, self._at = 0, 0
 
-    def _stage(self, robot: Robot, faults: Sequence[Fault], begin: float) -> _Stage:
-        now = conditions(faults, begin, robot.motor, self._wheels)
+    def _stage(
+        self, robot: Robot, faults: Sequence[Fault], begin: float, effects: Applied, measured: bool
+    ) -> _Stage:
+        now = lay_over(conditions(faults, begin, robot.motor, self._wheels), effects, measured)
         constants = planar_constants(
             robot, now.misalignment, now.radius_scale, now.grip, now.payload, now.slope
         )
@@ -167,6 +183,7 @@ class PlanarRobot:
             ground.patches,
             ground.rows,
             self._floors,
+            self._terms,
             self.period / SUBSTEPS,
             steps,
             self._published,
@@ -178,8 +195,8 @@ class PlanarRobot:
         return self._sensors.measure(
             self._steps * self.period,
             state[2 * n + 3 : 3 * n + 3],
-            state[n : 2 * n],
-            self._output[4 * n :],
+            self._output[4 * n + 2 :],
+            self._output[4 * n : 4 * n + 2],
             state[2 * n + 2],
             state[-1],
         )

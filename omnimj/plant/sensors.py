@@ -3,23 +3,25 @@
 Wheel speed: encoder on the motor shaft (noise, dead band, counts) → the amplifier's speed (difference over a
 sample, first-order filter) → speed monitor → analog input. Current: noise → monitor → analog input.
 Accelerometer and gyro: noise → first-order bandwidth → bias → range → analog input. Heading: renewed at its
-own rate → converter over one turn. Then the sensor faults.
+own rate → converter over one turn. Then the sensor faults, then the effects of the machine's sensors.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from omnimj.effects import Channel
 from omnimj.errors import InputError
 from omnimj.parameters.parts import Motor, Sensors
 from omnimj.plant import sensor_kernel as chain
 from omnimj.plant import sensor_rows as row_of
 from omnimj.plant.channels import RIG_CHANNELS, robot_channels
 from omnimj.plant.conditions import Fault
+from omnimj.plant.effects import ChannelChanges
 from omnimj.signals import Array, Measurement, RigMeasurement
 
 _BLOCK = 512  # samples whose random numbers are drawn at once
@@ -29,7 +31,13 @@ class _Channels:
     """Channels with their state and their own random numbers: neither knows of the other channels."""
 
     def __init__(
-        self, names: Sequence[str], rows: Sequence[Array], seed: int, faults: Sequence[Fault], ideal: bool
+        self,
+        names: Sequence[str],
+        rows: Sequence[Array],
+        seed: int,
+        faults: Sequence[Fault],
+        ideal: bool,
+        changes: Mapping[str, Channel] | None,
     ):
         if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or seed < 0:
             raise InputError("seed", f"found {seed!r}", "must be a whole number of at least 0")
@@ -38,6 +46,7 @@ class _Channels:
         acting = sorted((f for f in faults if f.kind == "sensor"), key=lambda f: f.onset)
         fault_rows = [row_of.fault(f, names) for f in acting]
         self._fault_rows = np.array(fault_rows).reshape(-1, chain.FAULT_ROW)
+        self._changes = ChannelChanges(names, changes, rows[0][chain.PERIOD]) if changes else None
         self.values = np.zeros(len(names))
         self.reset()
 
@@ -55,6 +64,8 @@ class _Channels:
         """Back to the start of the same run: the same numbers come again."""
         self._generators = self._streams()
         self._faults = self._fault_rows.copy()
+        if self._changes is not None:
+            self._changes.reset()
         self._states = np.zeros((len(self._rows), chain.STATE_ROW))
         self._states[:, chain.LAST] = np.nan
         for c, (row, state) in enumerate(zip(self._rows, self._states, strict=True)):
@@ -78,7 +89,12 @@ class _Channels:
             self._column = 0
         column = self._column
         self._column = column + 1
-        return chain.sample(self._rows, self._states, self._faults, self._noise, column, time, self.values)
+        readings = chain.sample(
+            self._rows, self._states, self._faults, self._noise, column, time, self.values
+        )
+        if self._changes is not None:
+            self._changes.apply(readings)
+        return readings
 
 
 class RobotSensors:
@@ -93,6 +109,7 @@ class RobotSensors:
         seed: int,
         faults: Sequence[Fault] = (),
         ideal: bool = False,
+        changes: Mapping[str, Channel] | None = None,
     ):
         """Sensors at the start of a run.
 
@@ -103,13 +120,14 @@ class RobotSensors:
           period: Time between two samples [s].
           seed: The same seed gives the same run bit for bit.
           faults: Those of kind `sensor` act here.
-          ideal: No chain: true values, the heading wrapped; faults still act.
+          ideal: No chain: true values, the heading wrapped; faults and effects still act.
+          changes: What effects make of single channels' readings.
         """
         n = self._wheels = wheels
         current, speed = row_of.current(sensors, period), row_of.wheel_speed(sensors, motor, period)
         rows = [current] * n + [speed] * n + [row_of.acceleration(sensors, period)] * 2
         rows += [row_of.yaw_rate(sensors, period), row_of.yaw(sensors, period)]
-        self._channels = _Channels(robot_channels(n), rows, seed, faults, ideal)
+        self._channels = _Channels(robot_channels(n), rows, seed, faults, ideal, changes)
 
     def reset(self) -> None:
         """Back to the start of the same run: the same readings come again."""
@@ -164,12 +182,13 @@ class RigSensors:
         seed: int,
         faults: Sequence[Fault] = (),
         ideal: bool = False,
+        changes: Mapping[str, Channel] | None = None,
     ):
         """Sensors at the start of a run; arguments as for `RobotSensors`."""
         rail = row_of.rail_speed(sensors, period)
         rows = [row_of.current(sensors, period), row_of.wheel_speed(sensors, motor, period), rail]
         rows += [row_of.acceleration(sensors, period), rail]
-        self._channels = _Channels(RIG_CHANNELS, rows, seed, faults, ideal)
+        self._channels = _Channels(RIG_CHANNELS, rows, seed, faults, ideal, changes)
 
     def reset(self) -> None:
         """Back to the start of the same run: the same readings come again."""

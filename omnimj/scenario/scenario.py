@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from omnimj.effects import check_effects
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.kinematic import KinematicCase
 from omnimj.parameters import Rig, Robot, read_floors, read_rig, read_robot
@@ -123,6 +124,7 @@ def read_scenario(
     if plant not in PLANTS:
         raise UnknownNameError(f"{place}: plant", "plant", plant, PLANTS)
     constants = read_rig(model_file) if plant == "quarter_rig" else read_robot(model_file)
+    check_effects(constants)
     known = known_keys(plant, 1 if isinstance(constants, Rig) else len(constants.wheels))
     _apply(tree, overrides, known)
     for key in tree:

@@ -198,6 +198,7 @@ def rig_model(
     extra_floors: Iterable[str] = (),
     patches: Sequence[Patch] = (),
     lean: bool = False,
+    floors: Mapping[str, Floor] | None = None,
 ) -> mujoco.MjModel:
     """The quarter test rig on a floor, compiled, with every parameter in place.
 
@@ -208,6 +209,7 @@ def rig_model(
       extra_floors: Names of floors that a fault may put under the wheel.
       patches: Stretches of other floor.
       lean: For fast steps, as in `robot_model`.
+      floors: Where names are looked up; the shipped floors when None.
 
     Raises:
       InputError: The mass leaves nothing for the body, or the MJCF cannot be read.
@@ -239,7 +241,8 @@ def rig_model(
     write_wheel(spec, "wheel_1_", wheel, rig.motor)
     extra = tuple(extra_floors)
     _add_floors(spec, patches, extra)
-    mj_model = _compile(spec, floor, patches, extra, read_floors(), lean, path)
+    floors = read_floors() if floors is None else floors
+    mj_model = _compile(spec, floor, patches, extra, floors, lean, path)
     bind_wheels(mj_model, rig, 1)
     bind_rail(mj_model, rig, mass * GRAVITY)
     return mj_model

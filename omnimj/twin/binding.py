@@ -9,6 +9,7 @@ from omnimj.errors import InputError
 from omnimj.parameters import Floor, Rig, Robot
 from omnimj.parameters.floor import ROW
 from omnimj.physics.motor import MOTOR_ROW, motor_row
+from omnimj.signals import Array
 from omnimj.twin import slots
 
 
@@ -71,7 +72,7 @@ def bind_wheels(mj_model: mujoco.MjModel, machine: Robot | Rig, wheels: int) -> 
         row = wheel_slots(machine)
         row[slots.WHEEL_BODY], row[slots.WHEEL_DOF] = axle.bodyid[0], axle.dofadr[0]
         row[slots.FIRST_ROLLER_DOF], row[slots.ROLLER_COUNT] = dofs[0], len(rollers)
-        row[slots.SENSOR] = sensor
+        row[slots.SENSOR], row[slots.ANGLE_AT] = sensor, axle.qposadr[0]
         mj_model.actuator_user[i] = row
         for body in rollers:
             geom = mj_model.geom(mj_model.body(body).name).id
@@ -96,3 +97,18 @@ def bind_rail(mj_model: mujoco.MjModel, rig: Rig, weight: float) -> None:
         body.rail_load_time,
     )
     mj_model.actuator_user[0, slots.RAIL_JOINT] = rail
+    mj_model.actuator_user[0, slots.POSITION_AT] = mj_model.jnt_qposadr[rail]
+
+
+def bind_effects(mj_model: mujoco.MjModel, terms: Array, measured_current: bool) -> None:
+    """Puts effects into the wheels' slots, and takes the limits off commands that were measured.
+
+    Args:
+      mj_model: A model that `bind_wheels` has filled.
+      terms: Rows of `physics.effect_terms`, shape (wheels, TERMS).
+      measured_current: Commands are currents that were measured.
+    """
+    wheels, columns = terms.shape
+    mj_model.actuator_user[:wheels, slots.TERM : slots.TERM + columns] = terms
+    if measured_current:
+        mj_model.actuator_ctrllimited[:wheels] = 0

@@ -16,12 +16,21 @@ import numba
 from numba import types
 
 from omnimj.errors import OmnimjError
+from omnimj.physics.effect_terms import ACTIVE, LASH
 from omnimj.physics.motor import MOTOR_ROW, next_current
 from omnimj.physics.native import cached, kernel
 from omnimj.twin import slots
-from omnimj.twin.forces import add_contact_forces, add_drive_torque, add_rail_friction, coast_rollers
+from omnimj.twin.effect_forces import drive_with_effects, motor_now, play_of_gear, terms_of
+from omnimj.twin.forces import (
+    add_contact_forces,
+    add_drive_torque,
+    add_hub_forces,
+    add_rail_friction,
+    axle_resistance,
+    coast_rollers,
+)
 from omnimj.twin.layout import OFFSETS, check_offsets
-from omnimj.twin.memory import load_int, load_pointer, load_real, real_pointer, stack_reals, store_real
+from omnimj.twin.memory import load_int, load_pointer, load_real, stack_reals, store_real
 from omnimj.twin.wheel_contact import COLUMNS, MOST_CONTACTS, ROOM, gather, grip_wheel
 
 _STAGE_VELOCITY = int(mujoco.mjtStage.mjSTAGE_VEL)
@@ -62,9 +71,25 @@ def add_passive_forces(m, d):
         if rail >= 0:  # the rig's equations put rolling resistance on the carriage
             address = load_int(load_pointer(m + OFFSETS.m_actuator_actadr), wheel)
             side = load_real(load_pointer(d + OFFSETS.d_act), address + slots.SIDE_LOAD)
-            add_rail_friction(m, d, rail, grip[1], side, rolling, pull, h)
+            add_rail_friction(m, d, own, rail, grip[1], side, grip[4], rolling, pull, h)
             rolling = 0.0
-        add_drive_torque(m, d, wheel, own, grip[1], side, rolling, torque, h)
+        elif terms_of(own)[ACTIVE] != 0.0:
+            add_hub_forces(m, d, wheels, own, h)
+        add_drive_torque(m, d, wheel, own, grip[1], grip[2], side, rolling, torque, h)
+
+
+@kernel
+def _set_play_rates(m, d, own, act, rate, motor, wheel_speed, grip, h):
+    """act_dot of the gear's play, from the same numbers as the torque on the axle."""
+    side, rolling = grip[3], load_real(own, slots.ROLLING_RESISTANCE) * grip[1]
+    if load_real(own, slots.RAIL_JOINT) >= 0.0:
+        side, rolling = load_real(act, slots.SIDE_LOAD), 0.0
+    resistance = axle_resistance(own, grip[1], side, rolling, wheel_speed)
+    low, high, dry, more = drive_with_effects(d, own, act, motor, wheel_speed, resistance, h)
+    inertia = load_real(load_pointer(m + OFFSETS.m_dof_M0), numba.int64(load_real(own, slots.WHEEL_DOF)))
+    _, play, play_rate, _ = play_of_gear(own, act, low, high, dry, more, wheel_speed, inertia, grip[2], h)
+    store_real(rate, slots.PLAY, (play - load_real(act, slots.PLAY)) / h)
+    store_real(rate, slots.PLAY_RATE, (play_rate - load_real(act, slots.PLAY_RATE)) / h)
 
 
 @kernel
@@ -84,11 +109,13 @@ def set_activation_rates(m, d, actuator):
         load_pointer(d + OFFSETS.d_ctrl), load_int(load_pointer(m + OFFSETS.m_actuator_ctrladr), actuator)
     )
     wheel_speed = load_real(load_pointer(d + OFFSETS.d_qvel), numba.int64(load_real(own, slots.WHEEL_DOF)))
-    motor = numba.carray(real_pointer(own + 8 * slots.MOTOR), (MOTOR_ROW,))
+    motor = motor_now(m, d, own, actuator, True, numba.carray(stack_reals(MOTOR_ROW), (MOTOR_ROW,)))
     now = load_real(act, slots.CURRENT)
     store_real(rate, slots.CURRENT, (next_current(motor, now, command, wheel_speed, h) - now) / h)
     store_real(rate, slots.BRISTLE, (grip[5] - load_real(act, slots.BRISTLE)) / h)
     store_real(rate, slots.LATERAL_BRISTLE, (grip[6] - load_real(act, slots.LATERAL_BRISTLE)) / h)
+    if terms_of(own)[LASH] != 0.0:
+        _set_play_rates(m, d, own, act, rate, motor, wheel_speed, grip, h)
     rail = numba.int64(load_real(own, slots.RAIL_JOINT))
     if rail >= 0:
         # the tilting body's inertia carries what alternates with the rollers; the rail feels the rest

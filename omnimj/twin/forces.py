@@ -4,11 +4,21 @@ from __future__ import annotations
 
 import numba
 
+from omnimj.physics.effect_terms import ACTIVE, LASH
 from omnimj.physics.motor import MOTOR_ROW, drive_torque_bounds, stick_or_slip
 from omnimj.physics.native import kernel
 from omnimj.twin import slots
+from omnimj.twin.effect_forces import (
+    add_air_drag,
+    drive_with_effects,
+    force_at_hub,
+    guide_with_effects,
+    motor_now,
+    play_of_gear,
+    terms_of,
+)
 from omnimj.twin.layout import OFFSETS
-from omnimj.twin.memory import load_int, load_pointer, load_real, real_pointer, store_real
+from omnimj.twin.memory import load_int, load_pointer, load_real, stack_reals, store_real
 from omnimj.twin.wheel_contact import (
     AHEAD,
     ASIDE,
@@ -21,6 +31,7 @@ from omnimj.twin.wheel_contact import (
     PRESSED,
     ROLLER_BODY,
     WHEEL,
+    point_velocity,
 )
 
 
@@ -147,31 +158,67 @@ def _is_first_of_its_roller(found, i):
 
 
 @kernel
-def add_drive_torque(m, d, wheel, own, pressed, lateral_force, rolling, floor_torque, h):
-    """Motor through gear, no-load, bearing and rolling friction, brake: one set-valued torque on the axle.
+def axle_resistance(own, pressed, lateral_force, rolling, wheel_speed):
+    """Dry torque of bearings and rolling [N.m].
 
     Bearing: (μ_dry + μ_vis |φ̇|)(|F_A| + |F_B|) p_d/2, F_A = (F_N(a + b) − G r)/a, F_B = (F_N b − G r)/a
     (Eqs. 4.37-4.38), G the rollers' resistance to sideways motion.
     """
-    dof = numba.int64(load_real(own, slots.WHEEL_DOF))
-    act = load_pointer(d + OFFSETS.d_act) + 8 * load_int(load_pointer(m + OFFSETS.m_actuator_actadr), wheel)
-    wheel_speed = load_real(load_pointer(d + OFFSETS.d_qvel), dof)
-    motor = numba.carray(real_pointer(own + 8 * slots.MOTOR), (MOTOR_ROW,))
-    forward, backward = drive_torque_bounds(motor, load_real(act, slots.CURRENT), wheel_speed)
     a, b = load_real(own, slots.BEARING_SPACING), load_real(own, slots.BEARING_OVERHANG)
     tilt = -lateral_force * load_real(own, slots.RADIUS)
     load = (abs(pressed * (a + b) - tilt) + abs(pressed * b - tilt)) / a
     friction = load_real(own, slots.BEARING_DRY) + load_real(own, slots.BEARING_VISCOUS) * abs(wheel_speed)
-    resistance = friction * load * load_real(own, slots.BEARING_RADIUS)
-    resistance += rolling * load_real(own, slots.RADIUS)
+    return friction * load * load_real(own, slots.BEARING_RADIUS) + rolling * load_real(own, slots.RADIUS)
+
+
+@kernel
+def add_drive_torque(m, d, wheel, own, pressed, traction, lateral_force, rolling, floor_torque, h):
+    """Motor through gear, no-load, bearing and rolling friction, brake: one set-valued torque on the axle."""
+    dof = numba.int64(load_real(own, slots.WHEEL_DOF))
+    act = load_pointer(d + OFFSETS.d_act) + 8 * load_int(load_pointer(m + OFFSETS.m_actuator_actadr), wheel)
+    wheel_speed = load_real(load_pointer(d + OFFSETS.d_qvel), dof)
+    motor = motor_now(m, d, own, wheel, False, numba.carray(stack_reals(MOTOR_ROW), (MOTOR_ROW,)))
+    resistance = axle_resistance(own, pressed, lateral_force, rolling, wheel_speed)
     inertia = load_real(load_pointer(m + OFFSETS.m_dof_M0), dof)
-    torque = stick_or_slip(forward - resistance, backward + resistance, wheel_speed, inertia, floor_torque, h)
+    terms = terms_of(own)
+    if terms[ACTIVE] == 0.0:
+        low, high = drive_torque_bounds(motor, load_real(act, slots.CURRENT), wheel_speed)
+        torque = stick_or_slip(low - resistance, high + resistance, wheel_speed, inertia, floor_torque, h)
+    else:
+        low, high, dry, more = drive_with_effects(d, own, act, motor, wheel_speed, resistance, h)
+        other = floor_torque + more
+        torque = more + stick_or_slip(low - dry, high + dry, wheel_speed, inertia, other, h)
+        if terms[LASH] != 0.0:
+            change, _, _, touching = play_of_gear(
+                own, act, low, high, dry, more, wheel_speed, inertia, traction, h
+            )
+            if not touching:  # MuJoCo's axle carries the rotor: what makes the wheel do as if it did not
+                torque = inertia * change - floor_torque
     passive = load_pointer(d + OFFSETS.d_qfrc_passive)
     store_real(passive, dof, load_real(passive, dof) + torque)
 
 
 @kernel
-def add_rail_friction(m, d, joint, pressed, lateral_force, rolling, pull, h):
+def add_hub_forces(m, d, wheels, own, h):
+    """Effects that push a robot's wheel along its driving direction, and its share of the air's drag."""
+    body = numba.int64(load_real(own, slots.WHEEL_BODY))
+    axes = load_pointer(d + OFFSETS.d_xmat) + 72 * body
+    place = load_pointer(d + OFFSETS.d_xpos) + 24 * body
+    x, y, z = load_real(place, 0), load_real(place, 1), load_real(place, 2)
+    ahead_x, ahead_y = (
+        load_real(axes, 4),
+        -load_real(axes, 1),
+    )  # axle × vertical; the axle: the wheel's y axis
+    v_x, v_y, _ = point_velocity(m, d, body, x, y, z)
+    along, across = v_x * ahead_x + v_y * ahead_y, v_y * ahead_x - v_x * ahead_y
+    force = force_at_hub(m, d, own, along, across, h)
+    if force != 0.0:
+        add_force(m, d, body, x, y, z, force * ahead_x, force * ahead_y, 0.0, -1, -1)
+    add_air_drag(m, d, own, wheels)
+
+
+@kernel
+def add_rail_friction(m, d, own, joint, pressed, lateral_force, lateral_speed, rolling, pull, h):
     """Friction of the rig's rail and rolling resistance of its wheel, Eqs. 4.12-4.16, with stiction.
 
     F = F_0 + F_rol + (μ_D,dry + μ_D,vis |ẋ|)(|F_H| + |F_G|), F_H,G = (F_D h ∓ M_D)/(2h), F_D = −G,
@@ -190,6 +237,10 @@ def add_rail_friction(m, d, joint, pressed, lateral_force, rolling, pull, h):
     friction = load_real(rail, slots.RAIL_COULOMB) + rolling
     friction += (load_real(rail, slots.RAIL_DRY) + load_real(rail, slots.RAIL_VISCOUS) * abs(speed)) * load
     mass = load_real(load_pointer(m + OFFSETS.m_dof_M0), dof)
-    force = stick_or_slip(-friction, friction, speed, mass, pull, h)
+    if terms_of(own)[ACTIVE] == 0.0:
+        force = stick_or_slip(-friction, friction, speed, mass, pull, h)
+    else:
+        low, high, added, other = guide_with_effects(d, own, friction, speed, lateral_speed, mass, pull, h)
+        force = added + stick_or_slip(low, high, speed, mass, other, h)
     passive = load_pointer(d + OFFSETS.d_qfrc_passive)
     store_real(passive, dof, load_real(passive, dof) + force)

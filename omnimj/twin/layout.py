@@ -51,8 +51,10 @@ class Offsets(NamedTuple):
     m_body_dofadr: int
     m_dof_parentid: int
     m_dof_M0: int
+    d_time: int
     d_ncon: int
     d_contact: int
+    d_qpos: int
     d_qvel: int
     d_act: int
     d_act_dot: int
@@ -154,12 +156,15 @@ def check_offsets(offsets: Offsets) -> None:
     mj_model = mujoco.MjModel.from_xml_string(_PROBE)
     mj_data = mujoco.MjData(mj_model)
     mujoco.mj_forward(mj_model, mj_data)
+    mj_data.time = 0.00321
     wrong = []
     for name, offset in offsets._asdict().items():
         room, _, field = name.partition("_")
         owner = mj_model if room == "m" else mj_data
         if name == "m_timestep":
             good = ctypes.c_double.from_address(mj_model._address + offset).value == mj_model.opt.timestep
+        elif name == "d_time":
+            good = ctypes.c_double.from_address(mj_data._address + offset).value == mj_data.time
         elif name == "d_contact":
             good = _pointer(mj_data._address + offset) == mj_data.contact.dist.ctypes.data - offsets.c_dist
         elif name == "contact_size":

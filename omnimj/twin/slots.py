@@ -8,6 +8,7 @@ one process differ freely, and copies, batches and saved models carry their para
 from __future__ import annotations
 
 from omnimj.parameters.floor import ROW
+from omnimj.physics.effect_terms import TERMS
 from omnimj.physics.motor import MOTOR_ROW
 
 # geom_user
@@ -34,7 +35,10 @@ ROLLER_DRY, ROLLER_VISCOUS, ROLLER_SIGMA_0, ROLLER_SIGMA_1, ROLLER_GRIP, ROLLER_
 ROLLING_RESISTANCE = 19
 BEARING_DRY, BEARING_VISCOUS, BEARING_RADIUS, BEARING_SPACING, BEARING_OVERHANG = 20, 21, 22, 23, 24
 MOTOR = 25  # … 25 + MOTOR_ROW
-ACTUATOR_SLOTS = MOTOR + MOTOR_ROW
+TERM = MOTOR + MOTOR_ROW  # … + TERMS: the effects of this wheel
+ANGLE_AT = TERM + TERMS  # where in qpos the wheel's angle stands
+POSITION_AT = ANGLE_AT + 1  # where in qpos the rig's carriage stands
+ACTUATOR_SLOTS = POSITION_AT + 1
 
 # jnt_user of the rig's rail
 RAIL_COULOMB, RAIL_DRY, RAIL_VISCOUS, RAIL_HALF_WIDTH, RAIL_HEIGHT, RAIL_D, RAIL_E, RAIL_WEIGHT = range(8)
@@ -43,8 +47,9 @@ JOINT_SLOTS = 9
 
 # activations of a wheel's actuator
 CURRENT, BRISTLE, LATERAL_BRISTLE = 0, 1, 2
-ACTIVATIONS = 3
-SIDE_LOAD = 3  # the rig's only: lateral force of the floor as rail and bearings feel it, low-passed
+PLAY, PLAY_RATE = 3, 4  # of the gear: angle of the rotor over the wheel, as seen at the wheel
+ACTIVATIONS = 5
+SIDE_LOAD = 5  # the rig's only: lateral force of the floor as rail and bearings feel it, low-passed
 
 # a wheel's block in sensordata
 SENSED = ("slip_velocity", "normal_force", "traction_force", "lateral_force", "lateral_velocity")

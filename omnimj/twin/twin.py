@@ -9,43 +9,24 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from omnimj.parameters import Floor, Rig, Robot
-from omnimj.plant.conditions import Conditions, Fault, conditions, event_times
-from omnimj.plant.interface import RIG_TRUTH_NAMES, robot_truth_names
+from omnimj.effects import applied
+from omnimj.parameters import Floor, Robot, read_floors
+from omnimj.plant.conditions import Fault
+from omnimj.plant.interface import robot_truth_names
 from omnimj.plant.patches import Patch
-from omnimj.plant.sensors import RigSensors, RobotSensors
-from omnimj.signals import Array, CurrentCommand, Measurement, RigMeasurement
+from omnimj.plant.sensors import RobotSensors
+from omnimj.signals import Array, CurrentCommand, Measurement
 from omnimj.twin import slots
-from omnimj.twin.assembly import rest_depth, rig_model, robot_model
+from omnimj.twin.assembly import rest_depth, robot_model
+from omnimj.twin.binding import bind_effects
 from omnimj.twin.callback import install
 from omnimj.twin.conditions_in_model import Healthy
+from omnimj.twin.rig_twin import RigTwin
+from omnimj.twin.schedule import Schedule, floors_of
 
-_SETTLING = 0.3  # [s] that the gantry moves sideways before a rig run begins
+__all__ = ["RigTwin", "RobotTwin"]
 
-
-def _floors_of(faults: Sequence[Fault]) -> tuple[str, ...]:
-    return tuple(str(f.numbers["floor"]) for f in faults if "floor" in f.numbers)
-
-
-class _Schedule:
-    """Conditions by time: the next change is one comparison away from every step."""
-
-    def __init__(self, faults: Sequence[Fault], machine: Robot | Rig, wheels: int, healthy: Healthy):
-        self._faults, self._motor, self._wheels = faults, machine.motor, wheels
-        self._healthy, self._times = healthy, event_times(faults)
-        self.next_change = math.inf
-
-    def start(self) -> None:
-        """Applies what holds at time 0."""
-        self.apply(0.0)
-
-    def apply(self, time: float) -> Conditions:
-        """Applies what holds at a time and notes when that changes."""
-        now = conditions(self._faults, time, self._motor, self._wheels)
-        self._healthy.apply(now)
-        later = [t for t in self._times if t > time + 1e-9]
-        self.next_change = min(later, default=math.inf)
-        return now
+_GUIDE = 0.4  # share of the suspension's travel to either side that a larger wheel may start with
 
 
 class RobotTwin:
@@ -66,11 +47,12 @@ class RobotTwin:
         ideal_sensors: bool = False,
         timestep: float | None = None,
         scene: Path | None = None,
+        measured_current: bool = False,
     ):
         """Builds the twin.
 
         Args:
-          robot: The constants.
+          robot: The constants, with effects.
           floor: What lies everywhere but on patches.
           faults: The truth that the controller does not see.
           patches: Stretches of other floor.
@@ -79,24 +61,53 @@ class RobotTwin:
           ideal_sensors: Neither noise nor quantisation nor filters.
           timestep: Of the simulation [s]; one control period when None.
           scene: Another MJCF scene that includes the robot.
+          measured_current: Commands are currents that were measured: neither limits nor the current loop act.
         """
         install()
+        effects = applied(robot)
+        robot = effects.machine
         self.period = 1.0 / robot.sensors.sample_rate
         self._wheels = len(robot.wheels)
         self.truth_names = robot_truth_names(self._wheels)
-        self.mj_model = robot_model(robot, floor, patches, _floors_of(faults), scene=scene, lean=True)
+        self.mj_model = robot_model(
+            robot,
+            effects.floor(floor),
+            patches,
+            floors_of(faults),
+            floors=effects.floors(read_floors()),
+            scene=scene,
+            lean=True,
+        )
+        bind_effects(self.mj_model, effects.terms, measured_current)
         self.mj_model.opt.timestep = self.period if timestep is None else timestep
         self._substeps = max(1, round(self.period / self.mj_model.opt.timestep))
         self.mj_data = mujoco.MjData(self.mj_model)
         self._start = start
         self._rest_height = robot.wheel.radius - rest_depth(robot)
         self._sensors = RobotSensors(
-            robot.sensors, robot.motor, self._wheels, self.period, seed, faults, ideal=ideal_sensors
+            robot.sensors,
+            robot.motor,
+            self._wheels,
+            self.period,
+            seed,
+            faults,
+            ideal_sensors,
+            effects.channels,
         )
-        self._schedule = _Schedule(faults, robot, self._wheels, Healthy(self.mj_model, "chassis"))
+        healthy = Healthy(self.mj_model, "chassis")
+        self._schedule = Schedule(faults, effects, measured_current, healthy)
+        # a larger wheel lifts its corner; what the suspension does not take lifts the robot
+        larger = robot.wheel.radius * (effects.radius_scale - 1.0)
+        self._guides = np.clip(larger, -_GUIDE * robot.body.suspension_travel, None)
+        self._guides = np.minimum(self._guides, _GUIDE * robot.body.suspension_travel)
+        self._rest_height += float(np.max(larger - self._guides, initial=0.0))
+        self._guides_at = [
+            int(self.mj_model.joint(f"guide_{i}").qposadr[0]) for i in range(1, self._wheels + 1)
+        ]
         users = self.mj_model.actuator_user
         self._axles = users[: self._wheels, slots.WHEEL_DOF].astype(int)
         self._currents = self.mj_data.act[slots.CURRENT :: slots.ACTIVATIONS]
+        self._play_rates = self.mj_data.act[slots.PLAY_RATE :: slots.ACTIVATIONS]
         first = int(users[0, slots.SENSOR])
         block = self.mj_data.sensordata[first : first + 5 * self._wheels]
         self._felt = block.reshape(self._wheels, 5)[:, :3].T  # slip, normal force, traction
@@ -113,6 +124,7 @@ class RobotTwin:
         x, y, heading = self._start
         half = 0.5 * heading
         self.mj_data.qpos[:7] = (x, y, self._rest_height, math.cos(half), 0.0, 0.0, math.sin(half))
+        self.mj_data.qpos[self._guides_at] = self._guides
         mujoco.mj_forward(self.mj_model, self.mj_data)
         self._steps, self._turns, self._last_heading = 0, 0.0, heading
         self._sensors.reset()
@@ -149,7 +161,7 @@ class RobotTwin:
         return self._sensors.measure(
             self._steps * self.period,
             self._currents,
-            self.mj_data.qvel[self._axles],
+            self.mj_data.qvel[self._axles] + self._play_rates,  # the encoder sits on the motor
             self._acceleration(),
             float(self._gyro[2]),
             self._heading(),
@@ -165,123 +177,6 @@ class RobotTwin:
         row[:6] = (x, y, heading, c * vx + s * vy, c * vy - s * vx, self.mj_data.qvel[5])
         row[6:] = self._felt.ravel()
         return row
-
-    def pose(self) -> Array:
-        """MuJoCo's generalized positions, for a picture or a recording."""
-        return self.mj_data.qpos.copy()
-
-    def close(self) -> None:
-        """Nothing to let go of."""
-
-
-class RigTwin:
-    """The quarter test rig in MuJoCo; a `Plant` with one wheel.
-
-    The gantry moves sideways at its commanded speed from the start.
-    """
-
-    truth_names = RIG_TRUTH_NAMES
-
-    def __init__(
-        self,
-        rig: Rig,
-        floor: Floor,
-        mass: float | None = None,
-        lateral_speed: float = 0.0,
-        faults: Sequence[Fault] = (),
-        patches: Sequence[Patch] = (),
-        seed: int = 0,
-        ideal_sensors: bool = False,
-        timestep: float | None = None,
-    ):
-        """Builds the twin.
-
-        Args:
-          rig: The constants.
-          floor: What lies everywhere.
-          mass: m_T [kg]; the rig's first mass when None.
-          lateral_speed: Commanded speed of the gantry [m/s].
-          faults: The truth that a diagnosis does not see.
-          patches: Stretches of other floor.
-          seed: Of the sensors' noise.
-          ideal_sensors: Neither noise nor quantisation nor filters.
-          timestep: Of the simulation [s]; one sample period when None.
-        """
-        install()
-        self.period = 1.0 / rig.sensors.sample_rate
-        self.mj_model = rig_model(rig, floor, mass, _floors_of(faults), patches, lean=True)
-        self.mj_model.opt.timestep = self.period if timestep is None else timestep
-        self._substeps = max(1, round(self.period / self.mj_model.opt.timestep))
-        self.mj_data = mujoco.MjData(self.mj_model)
-        self._lateral_speed = lateral_speed
-        self._sensors = RigSensors(rig.sensors, rig.motor, self.period, seed, faults, ideal=ideal_sensors)
-        self._schedule = _Schedule(faults, rig, 1, Healthy(self.mj_model, "carriage"))
-        m = self.mj_model
-        self._rail, self._lift, self._tilt, self._gantry, self._axle = (
-            int(m.joint(name).qposadr[0]) for name in ("rail", "lift", "tilt", "gantry", "wheel_1_axle")
-        )
-        self._felt = self.mj_data.sensor("wheel_1_contact").data
-        self._steps = 0
-        weight = -m.opt.gravity[2] * float(m.body_subtreemass[m.body("carriage").id])
-        self._rest = -weight / rig.contact.stiffness
-
-    def reset(self) -> RigMeasurement:
-        """Carriage at its start, gantry already at its speed, time 0."""
-        d = self.mj_data
-        mujoco.mj_resetData(self.mj_model, d)
-        self._schedule.start()
-        d.qpos[self._lift] = self._rest
-        if self._lateral_speed:
-            # as on the rig: first the gantry comes to its speed, then the wheel is driven
-            d.qvel[self._gantry] = d.ctrl[1] = self._lateral_speed
-            d.qpos[self._gantry] = -_SETTLING * self._lateral_speed
-            steps = round(0.5 * _SETTLING / self.mj_model.opt.timestep)
-            mujoco.mj_step(self.mj_model, d, steps)
-            side = 0.0
-            for _ in range(steps):
-                mujoco.mj_step(self.mj_model, d)
-                side += self._felt[slots.SENSED.index("lateral_force")] / steps
-            d.act[slots.SIDE_LOAD] = side
-            d.qpos[self._gantry], d.time = 0.0, 0.0
-        mujoco.mj_forward(self.mj_model, d)
-        self._steps = 0
-        self._sensors.reset()
-        return self._measure()
-
-    def step(self, command: CurrentCommand) -> RigMeasurement:
-        """One sample period."""
-        if self.mj_data.time + 0.5 * self.mj_model.opt.timestep >= self._schedule.next_change:
-            self._schedule.apply(self._steps * self.period)
-        self.mj_data.ctrl[0] = command.current[0]
-        self.mj_data.ctrl[1] = self._lateral_speed
-        mujoco.mj_step(self.mj_model, self.mj_data, self._substeps)
-        self._steps += 1
-        return self._measure()
-
-    def _measure(self) -> RigMeasurement:
-        speed = self.mj_data.qvel
-        return self._sensors.measure(
-            self._steps * self.period,
-            float(self.mj_data.act[slots.CURRENT]),
-            float(speed[self._axle]),
-            float(speed[self._rail]),
-            float(self.mj_data.qacc[self._rail]),
-            float(speed[self._gantry]),
-        )
-
-    def truth(self) -> Array:
-        """Aligned with `RIG_TRUTH_NAMES`."""
-        place, speed = self.mj_data.qpos, self.mj_data.qvel
-        return np.array(
-            [
-                place[self._rail],
-                speed[self._rail],
-                speed[self._axle],
-                place[self._gantry],
-                place[self._tilt],
-                *self._felt[:4],
-            ]
-        )
 
     def pose(self) -> Array:
         """MuJoCo's generalized positions, for a picture or a recording."""

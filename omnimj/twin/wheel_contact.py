@@ -13,9 +13,11 @@ import math
 import numba
 
 from omnimj.parameters.floor import ROW
+from omnimj.physics.effect_terms import traction_scale
 from omnimj.physics.native import kernel
 from omnimj.physics.traction import exact_step, force_ratio, relaxation_rate
 from omnimj.twin import slots
+from omnimj.twin.effect_forces import terms_of
 from omnimj.twin.layout import OFFSETS
 from omnimj.twin.memory import load_int, load_pointer, load_real, real_pointer
 
@@ -197,6 +199,7 @@ def grip_wheel(m, d, wheel, found, count, h):
     turning = load_real(own, slots.RADIUS) * load_real(
         load_pointer(d + OFFSETS.d_qvel), numba.int64(load_real(own, slots.WHEEL_DOF))
     )
+    terms, grip = terms_of(own), load_real(own, slots.GRIP)
     slip, lateral, traction, z_next = 0.0, 0.0, 0.0, 0.0
     for i in range(count):
         if found[i, WHEEL] != wheel:
@@ -206,7 +209,8 @@ def grip_wheel(m, d, wheel, found, count, h):
         floor = users + width * numba.int64(found[i, FLOOR_GEOM]) + 8 * slots.FLOOR_ROW
         row = numba.carray(real_pointer(floor), (ROW,))
         rate = relaxation_rate(row, v, max(abs(turning), abs(turning - v)))
-        found[i, FORCE] = load_real(own, slots.GRIP) * found[i, PRESSED] * force_ratio(row, z, v, rate)
+        gripping = grip * traction_scale(terms, found[i, POINT])
+        found[i, FORCE] = gripping * found[i, PRESSED] * force_ratio(row, z, v, rate)
         traction += found[i, FORCE]
         slip += share * v
         lateral += share * found[i, LATERAL]

@@ -117,12 +117,12 @@ def section(heading: str, content: str) -> str:
     return f"<section><h2>{text(heading)}</h2>{content}</section>"
 
 
-def document(heading: str, content: str) -> str:
-    """The whole page; `content` is ready HTML."""
+def document(heading: str, content: str, style: str = "") -> str:
+    """The whole page; `content` is ready HTML, `style` what a kind of page adds to the common style."""
     return (
         "<!DOCTYPE html>\n<html lang='en'><head><meta charset='utf-8'>"
         "<meta name='viewport' content='width=device-width, initial-scale=1'>"
         "<meta name='color-scheme' content='light'>"
-        f"<title>{text(heading)}</title><style>{_STYLE}</style></head>\n"
+        f"<title>{text(heading)}</title><style>{_STYLE}{style}</style></head>\n"
         f"<body><main>\n{content}\n</main></body></html>\n"
     )

@@ -39,22 +39,23 @@ _ARROW_RADIUS = 0.007
 _UP = np.array([0.0, 0.0, 1.0])
 
 
-def body_entity(name: str) -> str:
+def body_entity(name: str, root: str = MACHINE) -> str:
     """Where a body lies in the recording: `wheel_1_wheel` → `world/machine/wheel_1`."""
-    return f"{MACHINE}/{name.removesuffix('_wheel')}"
+    return f"{root}/{name.removesuffix('_wheel')}"
 
 
 class Machine:
     """The visible bodies of a model; alike rollers of a wheel are instances of one mesh."""
 
-    def __init__(self, stream: rr.RecordingStream, mj_model: mujoco.MjModel):
+    def __init__(self, stream: rr.RecordingStream, mj_model: mujoco.MjModel, root: str = MACHINE):
         """Logs what the bodies look like, in no place yet.
 
         Args:
           stream: Where to log.
           mj_model: The machine with all that is only seen.
+          root: Entity above its bodies; another for each machine in the scene.
         """
-        self._stream, self._mj_model = stream, mj_model
+        self._stream, self._mj_model, self._root = stream, mj_model, root
         self._groups = twins(mj_model)
         self._wheels = wheel_bodies(mj_model, self._groups)
         grouped = {body for bodies in self._groups for body in bodies}
@@ -81,7 +82,7 @@ class Machine:
                 stream.log(f"{self._entity(body)}/{AROUND}", unseen, static=True)
 
     def _entity(self, body: int) -> str:
-        return body_entity(self._mj_model.body(body).name)
+        return body_entity(self._mj_model.body(body).name, self._root)
 
     def _rollers(self, bodies: list[int]) -> str:
         return f"{self._entity(int(self._mj_model.body_parentid[bodies[0]]))}/rollers"
@@ -94,8 +95,20 @@ class Machine:
           trace: Rows over the same time, for the forces.
         """
         poses = poses.thinned(RATE)
+        frames = self.log_bodies(poses)
+        self._log_forces(poses, frames, trace)
+
+    def log_bodies(self, poses: Poses, timeline: str = "time", rollers_turn: bool = True) -> Frames:
+        """Logs where everything was.
+
+        Args:
+          poses: Of this machine, at least one.
+          timeline: On which.
+          rollers_turn: Whether anything is known of the rollers; else they are sent once, as they sit in
+            their wheel.
+        """
         frames = body_frames(poses)
-        index = time_column(frames.time)
+        index = time_column(frames.time, timeline)
         for body in self._bodies:
             columns = rr.Transform3D.columns(
                 translation=frames.position[:, body].astype(np.float32),
@@ -105,13 +118,15 @@ class Machine:
         for bodies in self._groups:
             parent = int(self._mj_model.body_parentid[bodies[0]])
             position, quaternion = relative_frames(frames, bodies, parent)
+            rows = len(frames.time) if rollers_turn else 1
             columns = rr.InstancePoses3D.columns(
-                translations=position.reshape(-1, 3).astype(np.float32),
-                quaternions=_xyzw(quaternion.reshape(-1, 4)),
+                translations=position[:rows].reshape(-1, 3).astype(np.float32),
+                quaternions=_xyzw(quaternion[:rows].reshape(-1, 4)),
             )
-            lengths = np.full(len(frames.time), len(bodies))
-            self._stream.send_columns(self._rollers(bodies), [index], columns.partition(lengths))
-        self._log_forces(poses, frames, trace)
+            moments = time_column(frames.time[:rows], timeline)
+            lengths = np.full(rows, len(bodies))
+            self._stream.send_columns(self._rollers(bodies), [moments], columns.partition(lengths))
+        return frames
 
     def _log_forces(self, poses: Poses, frames: Frames, trace: Trace) -> None:
         """Arrows at the wheels' contacts: traction along the driving direction, normal force upwards."""

@@ -12,11 +12,13 @@ from rig_reference import integrate, rates
 from scipy.integrate import solve_ivp
 
 from omnimj.parameters import read_floors, read_rig
+from omnimj.physics.effect_terms import no_terms
 from omnimj.physics.motor import motor_row
-from omnimj.physics.rig import OUTPUT, derivative, rail_friction, rig_row, step
+from omnimj.physics.rig import OUTPUT, STATE, derivative, rail_friction, rig_row, step
 
 RIG, FLOORS = read_rig(), read_floors()
 MOTOR = motor_row(RIG.motor)
+NONE = no_terms()[0]
 WEIGHT = 3.9593 * 9.81
 WITHOUT_BEARING = dataclasses.replace(RIG, bearing=dataclasses.replace(RIG.bearing, dry=0.0))
 # every term that is zero in the shipped rig has a value here
@@ -29,10 +31,10 @@ EVERYTHING = dataclasses.replace(
 
 
 def _run(current, floor="natural_stone", mass=3.9593, duration=2.0, lateral=0.0, published=False, rig=RIG):
-    state, output, row = np.zeros(4), np.zeros(OUTPUT), rig_row(rig, mass)
+    state, output, row = np.zeros(STATE), np.zeros(OUTPUT), rig_row(rig, mass)
     states, outputs = [state.copy()], [output.copy()]
     for _ in range(round(duration * 1000)):
-        step(state, current, lateral, row, MOTOR, FLOORS[floor].row, 2.5e-4, 4, published, output)
+        step(state, current, lateral, row, MOTOR, FLOORS[floor].row, NONE, 2.5e-4, 4, published, output)
         states.append(state.copy())
         outputs.append(output.copy())
     return np.array(states), np.array(outputs)
@@ -87,9 +89,9 @@ def test_a_measured_current_can_drive_the_smooth_model():
         return derivative(state, np.interp(t, time, measured), 0.0, row, MOTOR, floor, 1e-4, False)
 
     smooth = solve_ivp(rate, (0.0, 1.0), np.zeros(3), method="LSODA", rtol=1e-9, atol=1e-9, max_step=0.01)
-    state, output = np.zeros(4), np.zeros(OUTPUT)
+    state, output = np.zeros(STATE), np.zeros(OUTPUT)
     for current in measured[1:]:
-        step(state, current, 0.0, row, MOTOR, floor, 2.5e-4, 4, False, output)
+        step(state, current, 0.0, row, MOTOR, floor, NONE, 2.5e-4, 4, False, output)
     assert state[0] == pytest.approx(smooth.y[0, -1], abs=2e-3)
 
 
@@ -155,8 +157,9 @@ def test_resting_rig_is_still_to_the_last_bit():
 
 def test_carriage_stops_and_stays():
     row, output = rig_row(RIG), np.zeros(OUTPUT)
-    state = np.array([0.5, 10.0, 0.0, 0.0])
+    state = np.zeros(STATE)
+    state[:2] = 0.5, 10.0
     for _ in range(6000):
-        step(state, 0.0, 0.0, row, MOTOR, FLOORS["natural_stone"].row, 2.5e-4, 4, False, output)
+        step(state, 0.0, 0.0, row, MOTOR, FLOORS["natural_stone"].row, NONE, 2.5e-4, 4, False, output)
     assert abs(state[0]) < 1e-9
     assert abs(state[1]) < 1e-9

@@ -53,7 +53,7 @@ def test_the_robot_has_86_degrees_of_freedom_and_72_rollers(robot, floors):
     m = robot_model(robot, floors["natural_stone"])
     assert m.nv == 86
     assert sum(m.body(b).name.count("roller_") for b in range(m.nbody)) == 72
-    assert len(set(m.jnt_user.shape) | {m.nu, m.na}) and (m.nu, m.na) == (4, 12)
+    assert len(set(m.jnt_user.shape) | {m.nu, m.na}) and (m.nu, m.na) == (4, 20)
 
 
 def test_masses_add_up_to_the_robot_s_mass_and_yaw_inertia(robot, floors):

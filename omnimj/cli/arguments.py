@@ -1,0 +1,19 @@
+"""Kinds of arguments that several sub-commands take."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+
+
+def whole_number(low: int, high: int) -> Callable[[str], int]:
+    """A kind for argparse: a whole number in plain digits, low … high."""
+
+    def read(text: str) -> int:
+        plain = text.isascii() and text.isdigit() and len(text) < 20
+        if not (plain and low <= int(text) <= high):
+            rule = f"must be a whole number, at least {low} and at most {high}"
+            raise argparse.ArgumentTypeError(f"found {text[:40]!r}; {rule}")
+        return int(text)
+
+    return read

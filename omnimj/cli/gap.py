@@ -1,0 +1,131 @@
+"""`omnimj gap`: finds where simulation and measurement part, names what is missing, adds it, shows it."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from omnimj.cli.arguments import whole_number
+from omnimj.cli.gap_benchmark import add_benchmark_arguments, run_gap_benchmark
+from omnimj.cli.progress import ProgressBar
+from omnimj.errors import InputError, SimulationError
+
+if TYPE_CHECKING:
+    from omnimj.gap.records import Finding
+
+HELP = "find what the model lacks: where it parts from measured runs, by which effect, and how sure that is"
+EXAMPLE = """examples:
+  omnimj gap data/lateral --out out/lateral
+  omnimj gap data/axis --model my_axis.toml --holdout sine_07,slow --out out/axis
+  omnimj validate data/lateral --model out/lateral/model.toml --out out/after
+  omnimj gap --benchmark --seed 100 --workers 2 --out out/benchmark"""
+_INTERRUPTED = "interrupted"
+_FINE = 1000  # steps of the progress bar
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the sub-command."""
+    parser.add_argument("dataset", type=Path, nargs="?", help="the folder with the measured runs")
+    parser.add_argument(
+        "--model", metavar="FILE", type=Path, help="the plant's model file; the shipped one by default"
+    )
+    parser.add_argument(
+        "--holdout",
+        metavar="NAMES",
+        type=_names,
+        default=(),
+        help="runs or conditions to judge by, comma separated; drawn by the seed by default",
+    )
+    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="where the result goes")
+    parser.add_argument("--force", action="store_true", help="write into --out although it is not empty")
+    parser.add_argument("--json", action="store_true", help="print gap.json instead of the tables")
+    parser.add_argument(
+        "--seed",
+        metavar="N",
+        type=whole_number(0, 2**63 - 1),
+        default=0,
+        help="of what is held out and of the random curves, or of the benchmark (default 0)",
+    )
+    add_benchmark_arguments(parser)
+
+
+def _names(text: str) -> tuple[str, ...]:
+    names = tuple(name.strip() for name in text.split(","))
+    if not all(names):
+        raise argparse.ArgumentTypeError(f"found {text[:40]!r}; names with commas between them are needed")
+    return names
+
+
+def run(arguments: Any) -> int:
+    """Searches, writes, prints.
+
+    Returns:
+      0 whatever the verdict, 130 after Ctrl-C with what was found until then.
+
+    Raises:
+      InputError: The dataset, the model file or a name is wrong, or the folder cannot be written.
+      SimulationError: The search broke down; what was found until then is written.
+    """
+    from omnimj.recording.folder import check_folder
+
+    if arguments.benchmark:
+        return run_gap_benchmark(arguments)
+    check_folder(arguments.out, arguments.force)
+    _check_files(arguments.out)
+    if arguments.dataset is None:
+        raise InputError("omnimj gap", "DATASET is missing", "see omnimj gap --help")
+    finding = _search(arguments)
+    return _deliver(arguments, finding)
+
+
+def _check_files(folder: Path) -> None:
+    """Asked before the search, so that no work is lost."""
+    from omnimj.cli.gap_outputs import FILES
+
+    for name in FILES:
+        if (folder / name).is_dir():
+            raise InputError(f"--out {folder}", f"has a folder {name}", "a file will go there")
+
+
+def _report_to(bar: ProgressBar):
+    return lambda phase, share: bar.show(round(_FINE * min(max(share, 0.0), 1.0)), _FINE, phase)
+
+
+def _search(arguments: Any) -> Finding:
+    from omnimj.gap.engine import find_gap
+
+    with ProgressBar() as bar:
+        return find_gap(
+            arguments.dataset, arguments.model, arguments.holdout, _report_to(bar), seed=arguments.seed
+        )
+
+
+def _new_model(finding: Finding, file: Path | None) -> tuple[str | None, InputError | None]:
+    """The text of the new model; or why there is none, to be said when all else is written."""
+    from omnimj.gap.new_model import new_model_text
+
+    try:
+        return new_model_text(finding, file), None
+    except InputError as error:
+        return None, error
+
+
+def _deliver(arguments: Any, finding: Finding) -> int:
+    """Writes and prints what was found, whatever ended the search."""
+    from omnimj.cli.gap_outputs import told, write_outputs
+
+    command = shlex.join(["omnimj", *arguments.given])
+    text, refused = _new_model(finding, arguments.model)
+    content = write_outputs(arguments.out, arguments.force, finding, arguments.model, command, text)
+    if refused is not None:
+        raise refused
+    if finding.failure and finding.failure != _INTERRUPTED:
+        raise SimulationError(f"{finding.failure}; what was found until then is in {arguments.out}")
+    if arguments.json:
+        print(json.dumps(content, indent=2, ensure_ascii=False))
+    else:
+        print(told(finding, arguments.out, content["model"]))
+    return 130 if finding.failure else 0

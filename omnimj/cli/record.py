@@ -1,0 +1,155 @@
+"""`omnimj record`: makes a dataset with a simulated plant, as a logger would."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from omnimj.cli.arguments import whole_number
+from omnimj.cli.compiling import note_compiled, say_compiling
+from omnimj.cli.progress import ProgressBar
+from omnimj.errors import InputError
+
+if TYPE_CHECKING:
+    from omnimj.scenario.suites.recording import Recorded
+    from omnimj.scenario.suites.suite import Suite
+
+HELP = "make a dataset with the twin: a test plan through the sensor chain, with hidden effects if asked"
+EXAMPLE = """suites:
+  rig_currents    identification: 0.15 … 1.5 A on three floors, full mass
+  rig_validation  validation: 0.45 … 1.5 A on three floors with three masses
+  rig_lateral     sideways motion: four currents at eight lateral speeds on natural stone
+  rig_mixed       for the gap: reversals, coasting, braking, slow and fast, straight and sideways
+  robot_missions  six random missions of 20 s with the controller, on three floors
+  axis_moves      the linear axis: strokes, reversals, crawl and sweep under position control
+
+examples:
+  omnimj record rig_currents --out data/currents
+  omnimj record rig_mixed --effect rail_viscous:coefficient=2 --seed 7 --out data/hidden"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the sub-command."""
+    parser.add_argument("suite", help="the test plan, see below")
+    parser.add_argument(
+        "--effect",
+        metavar="NAME[:KEY=VALUE,…]",
+        action="append",
+        default=[],
+        dest="effects",
+        help="physics that the model lacks; the dataset does not tell; may be given many times",
+    )
+    parser.add_argument(
+        "--seed",
+        metavar="N",
+        type=whole_number(0, 2**63 - 1),
+        default=0,
+        help="of the sensors' noise, and of what is drawn at random (default 0)",
+    )
+    parser.add_argument("--model", metavar="FILE", type=Path, help="a copy of the plant's model file")
+    parser.add_argument(
+        "--repeats",
+        metavar="N",
+        type=whole_number(1, 26),
+        help="of every condition; they give the repeatability floor (default: the suite's own)",
+    )
+    parser.add_argument(
+        "--format", metavar="F", default="parquet", dest="table_format", help="parquet (default) or csv"
+    )
+    parser.add_argument("--plant", metavar="P", help="twin (default) or planar; the axis has planar alone")
+    parser.add_argument("--out", metavar="DATASET", type=Path, required=True, help="the dataset's folder")
+    parser.add_argument(
+        "--force", action="store_true", help="go over an earlier dataset that omnimj wrote to --out"
+    )
+    parser.add_argument("--json", action="store_true", help="print what was recorded as JSON")
+
+
+def run(arguments: Any) -> int:
+    """Drives the suite's runs and writes the dataset.
+
+    Returns:
+      0, or 130 after Ctrl-C with the runs finished until then.
+
+    Raises:
+      InputError: A suite, effect, plant or format that does not exist, or a folder that cannot be written.
+      SimulationError: The simulation broke down; the runs finished before are kept.
+    """
+    from omnimj.scenario.suites.catalogue import find_suite
+
+    suite = find_suite(arguments.suite)
+    effects = _effects(arguments.effects, suite.plant)
+    recorded = _record(arguments, suite, effects)
+    print(_json(arguments, recorded) if arguments.json else _told(arguments, suite, recorded))
+    return 130 if recorded.interrupted else 0
+
+
+def _effects(texts: list[str], plant: str) -> dict[str, Any]:
+    if not texts:
+        return {}
+    from omnimj.effects import parse_effect
+
+    effects: dict[str, Any] = {}
+    for text in texts:
+        name, values = parse_effect(text, plant)
+        if name in effects:
+            rule = f"a second one is called {name}_2"
+            raise InputError(f"--effect {text}", f"{name!r} is there twice", rule)
+        effects[name] = values
+    return effects
+
+
+def _record(arguments: Any, suite: Suite, effects: dict[str, Any]) -> Recorded:
+    from omnimj.recording.folder import check_folder
+    from omnimj.scenario.suites.recording import Order, plant_for, record_suite
+
+    arguments.plant = plant_for(suite, arguments.plant)
+    check_folder(arguments.out, arguments.force)
+    say_compiling(arguments.plant, suite.plant)  # before the imports that compile
+    order = Order(
+        arguments.out,
+        arguments.seed,
+        arguments.repeats,
+        arguments.plant,
+        arguments.model,
+        effects,
+        arguments.table_format,
+        arguments.force,
+    )
+    with ProgressBar() as bar:
+        recorded = record_suite(suite, order, bar.show)
+    if recorded.runs:
+        note_compiled(arguments.plant, suite.plant)
+    return recorded
+
+
+def _json(arguments: Any, recorded: Recorded) -> str:
+    told = {
+        "suite": arguments.suite,
+        "plant": arguments.plant,
+        "seed": arguments.seed,
+        "effects": arguments.effects,
+        "dataset": str(arguments.out),
+        "runs": list(recorded.runs),
+        "planned": recorded.planned,
+        "samples": recorded.samples,
+        "interrupted": recorded.interrupted,
+        "command": shlex.join(["omnimj", *arguments.given]),
+    }
+    return json.dumps(told, indent=2, ensure_ascii=False)
+
+
+def _told(arguments: Any, suite: Suite, recorded: Recorded) -> str:
+    lines = [
+        f"{suite.name}: {suite.description}",
+        f"{suite.plant}, plant {arguments.plant}, seed {arguments.seed}, "
+        f"{len(recorded.runs)} of {recorded.planned} runs, {recorded.samples} samples",
+        f"effects: {', '.join(arguments.effects) or 'none'}",
+    ]
+    if recorded.interrupted:
+        lines.append("interrupted")
+    if recorded.runs:
+        lines.append(f"written to {arguments.out}; neither effects nor seed are told there")
+    return "\n".join(lines)

@@ -1,0 +1,83 @@
+"""Effects on the moving body: its mass, the slope it stands on, the air."""
+
+from __future__ import annotations
+
+import math
+
+from omnimj.effects.changes import Changes
+from omnimj.effects.effect import RIG, ROBOT, Effect, EffectParameter, Values
+from omnimj.errors import InputError
+from omnimj.physics.effect_terms import AIR, GRADE
+
+_GRAVITY = 9.81
+
+
+def _payload(changes: Changes, values: Values) -> None:
+    mass, x, y = values["mass"], values.get("x", 0.0), values.get("y", 0.0)
+    before, x_before, y_before = changes.payload
+    together = before + mass
+    if together == 0.0:
+        changes.payload = (0.0, 0.0, 0.0)
+        return
+    changes.payload = (
+        together,
+        (before * x_before + mass * x) / together,
+        (before * y_before + mass * y) / together,
+    )
+
+
+def _grade_of_rail(changes: Changes, values: Values) -> None:
+    if changes.slope[0] and values["slope"]:
+        raise InputError("effects", "found grade twice", "it can act once on a machine")
+    changes.slope = (values["slope"], math.pi) if values["slope"] else changes.slope
+    changes.term(GRADE, -_GRAVITY * math.sin(values["slope"]))
+
+
+def _grade_of_floor(changes: Changes, values: Values) -> None:
+    if changes.slope[0] and values["slope"]:
+        raise InputError("effects", "found grade twice", "it can act once on a machine")
+    if values["slope"]:
+        changes.slope = (values["slope"], values["direction"] + math.pi)
+
+
+def _air_drag(changes: Changes, values: Values) -> None:
+    changes.term(AIR, values["coefficient"])
+
+
+_PAYLOAD = ("payload", "more or less mass than declared", "body")
+_GRADE = ("grade", "the floor or rail is not level", "body")
+_SLOPE = EffectParameter("slope", "rad", -0.3, 0.3, 0.02)
+
+EFFECTS = (
+    Effect(
+        *_PAYLOAD,
+        (RIG,),
+        (EffectParameter("mass", "kg", -1.5, 5.0, 0.5),),
+        hooks=(_payload,),
+    ),
+    Effect(
+        *_PAYLOAD,
+        (ROBOT,),
+        (
+            EffectParameter("mass", "kg", -5.0, 20.0, 2.0),
+            EffectParameter("x", "m", -0.3, 0.3, 0.0, None),
+            EffectParameter("y", "m", -0.3, 0.3, 0.0, None),
+        ),
+        hooks=(_payload,),
+    ),
+    Effect(*_GRADE, (RIG,), (_SLOPE,), hooks=(_grade_of_rail,)),
+    Effect(
+        *_GRADE,
+        (ROBOT,),
+        (_SLOPE, EffectParameter("direction", "rad", -2.0 * math.pi, 2.0 * math.pi, 0.0, None)),
+        hooks=(_grade_of_floor,),
+    ),
+    Effect(
+        "air_drag",
+        "a force that grows with the square of speed",
+        "body",
+        (RIG, ROBOT),
+        (EffectParameter("coefficient", "N.s2/m2", 0.0, 50.0, 2.0),),
+        hooks=(_air_drag,),
+    ),
+)

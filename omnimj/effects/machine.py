@@ -1,0 +1,138 @@
+"""Effects in a machine: put in, checked, and turned into what plants and replay need."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+from omnimj.effects.catalogue import find_effect
+from omnimj.effects.changes import Applied, Changes
+from omnimj.effects.effect import AXIS, RIG, ROBOT, Effect
+from omnimj.errors import InputError, UnknownNameError
+from omnimj.parameters.rig import Rig
+from omnimj.parameters.robot import Robot
+
+Machine = TypeVar("Machine")
+
+
+def plant_of(machine: Any) -> str:
+    """The plant's name: `quarter_rig`, `uto_robot` or `linear_axis`."""
+    if isinstance(machine, Rig):
+        return RIG
+    return ROBOT if isinstance(machine, Robot) else AXIS
+
+
+def complete(
+    effect: Effect, given: Mapping[str, Any], place: object, partial: bool = True
+) -> dict[str, float | str | int]:
+    """All parameters and selectors of an effect, those that were not given filled in.
+
+    Shapes (a width, a place) get their typical values. Where an amplitude is given, the other amplitudes
+    vanish; where none is, all are typical. A selector must be given unless there is but one choice.
+
+    Args:
+      effect: As `effects_of` has it for the plant.
+      given: Values by name.
+      place: Where they come from, for messages.
+      partial: Whether all amplitudes may be missing.
+
+    Raises:
+      InputError: A value that is no number, out of bounds, or missing.
+      UnknownNameError: An unknown parameter or choice.
+    """
+    known = [p.name for p in effect.parameters] + [s.name for s in effect.selectors]
+    for key in given:
+        if key not in known:
+            raise UnknownNameError(place, f"parameter of {effect.name}", key, known)
+    named = any(p.name in given for p in effect.amplitudes)
+    if not (named or partial):
+        needed = [p.name for p in effect.amplitudes]
+        raise InputError(place, "has no size", "give at least one of its amplitudes", needed)
+    values: dict[str, float | str | int] = {}
+    for parameter in effect.parameters:
+        fallback = parameter.vanishes if named and parameter.vanishes is not None else parameter.typical
+        value = given.get(parameter.name, fallback)
+        if isinstance(value, bool) or not isinstance(value, float | int):
+            raise InputError(f"{place}.{parameter.name}", f"found {value!r}", "a number is needed")
+        if not (math.isfinite(value) and parameter.low <= value <= parameter.high):
+            rule = f"must be at least {parameter.low:g} and at most {parameter.high:g} {parameter.unit}"
+            raise InputError(f"{place}.{parameter.name}", f"found {value!r}", rule)
+        values[parameter.name] = float(value)
+    for selector in effect.selectors:
+        if selector.name not in given and len(selector.choices) > 1:
+            choices = map(str, selector.choices)
+            raise InputError(place, f"'{selector.name}' is missing", "say which one", choices)
+        chosen = given.get(selector.name, next(iter(selector.choices)))
+        if chosen not in selector.choices or isinstance(chosen, bool | float):
+            raise UnknownNameError(place, selector.name, chosen, map(str, selector.choices))
+        values[selector.name] = chosen
+    return values
+
+
+def with_effects(machine: Machine, effects: Mapping[str, Mapping[str, Any]]) -> Machine:
+    """The same machine with effects on top of those it has; one of the same name is replaced.
+
+    Args:
+      machine: `Rig`, `Robot` or `Axis`.
+      effects: Name → parameter or selector → value; a second instance of an effect is NAME_2, NAME_3, ….
+        Values that are left out are filled in as `complete` says.
+
+    Raises:
+      InputError: A value out of bounds or missing.
+      UnknownNameError: An unknown effect, parameter or choice.
+    """
+    plant = plant_of(machine)
+    full = dict(getattr(machine, "effects", {}))
+    for name, values in effects.items():
+        place = f"effects.{name}"
+        full[name] = complete(find_effect(name, plant, "effects"), values, place)
+    changed = dataclasses.replace(machine, effects=full)  # type: ignore[type-var]
+    applied(changed)  # what cannot be together is refused here
+    return changed
+
+
+def applied(machine: Any) -> Applied:
+    """The machine with its effects, ready for plants and for replay.
+
+    Raises:
+      InputError: An effect's value is out of bounds or missing, or two effects cannot be together; the
+        message names the machine's file.
+      UnknownNameError: An unknown effect, parameter or choice.
+    """
+    changes = Changes(machine)
+    plant = plant_of(machine)
+    for name, given in getattr(machine, "effects", {}).items():
+        place = f"{machine.file}: effects.{name}"
+        effect = find_effect(name, plant, f"{machine.file}: effects")
+        values = complete(effect, given, place, partial=False)
+        for hook in effect.hooks:
+            try:
+                hook(changes, values)
+            except InputError as error:
+                raise InputError(place, str(error)) from None
+    return changes.done()
+
+
+def check_effects(machine: Any) -> None:
+    """Whether the effects of a machine that was read from a file are known, complete and within bounds.
+
+    Raises:
+      InputError: They are not, or a unit is wrong; the message names file, effect and parameter.
+    """
+    plant = plant_of(machine)
+    applied(machine)
+    for name, given in getattr(machine, "effects", {}).items():
+        for parameter in find_effect(name, plant, machine.file).parameters:
+            origin = machine.provenance.get(f"effects.{name}.{parameter.name}")
+            if parameter.name in given and origin is None:
+                shape = f'write {{ value = …, unit = "{parameter.unit}", source = "…" }}'
+                raise InputError(
+                    f"{machine.file}: effects.{name}.{parameter.name}",
+                    f"found {given[parameter.name]!r}",
+                    shape,
+                )
+            if origin is not None and origin.unit != parameter.unit:
+                place = f"{machine.file}: effects.{name}.{parameter.name}.unit"
+                raise InputError(place, f"found {origin.unit!r}", f"the unit is {parameter.unit!r}")

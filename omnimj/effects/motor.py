@@ -1,0 +1,89 @@
+"""Effects of motor, gear and amplifier."""
+
+from __future__ import annotations
+
+from omnimj.effects.changes import Changes
+from omnimj.effects.effect import RIG, ROBOT, Effect, EffectParameter, Values
+from omnimj.effects.wheel import WHEEL
+from omnimj.physics.effect_terms import AXLE_VISCOUS, COGGING, GEAR_LOAD, HEATING, LASH, SAG
+
+
+def _torque_constant(changes: Changes, values: Values) -> None:
+    changes.torque_scale[changes.wheel(values)] *= values["scale"]
+
+
+def _gear_loss(changes: Changes, values: Values) -> None:
+    changes.term(AXLE_VISCOUS, values["viscous"])
+    changes.term(GEAR_LOAD, values["load"])
+
+
+def _backlash(changes: Changes, values: Values) -> None:
+    changes.shaped(LASH, values["angle"], changes.machine.motor.reflected_inertia)
+
+
+def _motor_cogging(changes: Changes, values: Values) -> None:
+    ratio = changes.machine.motor.gear_ratio
+    changes.shaped(COGGING, values["amplitude"] * ratio, values["poles"] * ratio)
+
+
+def _supply_sag(changes: Changes, values: Values) -> None:
+    changes.term(SAG, values["resistance"])
+
+
+def _winding_heating(changes: Changes, values: Values) -> None:
+    changes.term(HEATING, values["rate"])
+
+
+_TORQUE = ("torque_constant", "the motor gives another torque per ampere than declared", "motor")
+_SCALE = (EffectParameter("scale", "1", 0.2, 2.0, 0.9, 1.0),)
+
+EFFECTS = (
+    Effect(*_TORQUE, (RIG,), _SCALE, hooks=(_torque_constant,)),
+    Effect(*_TORQUE, (ROBOT,), _SCALE, (WHEEL,), (_torque_constant,)),
+    Effect(
+        "gear_loss",
+        "the gear loses torque, growing with speed or load",
+        "motor",
+        (RIG, ROBOT),
+        (
+            EffectParameter("viscous", "N.m.s/rad", 0.0, 0.05, 0.002),
+            EffectParameter("load", "1", 0.0, 0.8, 0.1),
+        ),
+        hooks=(_gear_loss,),
+    ),
+    Effect(
+        "backlash",
+        "a dead zone in the gear at reversal",
+        "motor",
+        (RIG, ROBOT),
+        (EffectParameter("angle", "rad", 0.0, 0.5, 0.04),),
+        hooks=(_backlash,),
+    ),
+    Effect(
+        "motor_cogging",
+        "the torque ripples with the angle of the motor",
+        "motor",
+        (RIG, ROBOT),
+        (
+            EffectParameter("amplitude", "N.m", -0.02, 0.02, 0.004),
+            EffectParameter("poles", "1", 1.0, 48.0, 2.0, None),
+        ),
+        hooks=(_motor_cogging,),
+    ),
+    Effect(
+        "supply_sag",
+        "the supply drops with current, and top speed with it",
+        "motor",
+        (RIG, ROBOT),
+        (EffectParameter("resistance", "ohm", 0.0, 20.0, 2.0),),
+        hooks=(_supply_sag,),
+    ),
+    Effect(
+        "winding_heating",
+        "the motor weakens with the time since start",
+        "motor",
+        (RIG, ROBOT),
+        (EffectParameter("rate", "1/s", -0.5, 0.5, 0.04),),
+        hooks=(_winding_heating,),
+    ),
+)

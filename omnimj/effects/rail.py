@@ -1,0 +1,100 @@
+"""Effects at the rig's rail: friction on top of what the model has, cables."""
+
+from __future__ import annotations
+
+from omnimj.effects.changes import Changes
+from omnimj.effects.effect import RIG, Effect, EffectParameter, Values
+from omnimj.physics.effect_terms import CABLE, CABLE_FORCE, DRY, STICKY, STRIBECK, VISCOUS
+
+
+def _lateral_coupling(changes: Changes, values: Values) -> None:
+    changes.add("wheel", "roller_dry", values["roller_dry"])
+    changes.add("wheel", "roller_viscous", values["roller_viscous"])
+    changes.add("rig", "rail_dry", values["rail_dry"])
+
+
+def _coulomb(changes: Changes, values: Values) -> None:
+    changes.term(DRY, values["force"])
+
+
+def _viscous(changes: Changes, values: Values) -> None:
+    changes.term(VISCOUS, values["coefficient"])
+
+
+def _stribeck(changes: Changes, values: Values) -> None:
+    changes.shaped(STRIBECK, values["force"], values["velocity"])
+
+
+def _position(changes: Changes, values: Values) -> None:
+    changes.shaped(STICKY, values["force"], values["position"], values["width"])
+
+
+def _cable_drag(changes: Changes, values: Values) -> None:
+    changes.term(CABLE, values["stiffness"])
+    changes.term(CABLE_FORCE, values["stiffness"] * values["rest_position"])
+
+
+EFFECTS = (
+    Effect(
+        "lateral_coupling",
+        "sideways motion loads the rail and the bearings through the friction of the rollers",
+        "rail",
+        (RIG,),
+        (
+            EffectParameter("roller_dry", "1", -0.2, 0.2, 0.02),
+            EffectParameter("roller_viscous", "s/m", -0.5, 0.5, 0.02),
+            EffectParameter("rail_dry", "1", -0.5, 0.5, 0.1),
+        ),
+        hooks=(_lateral_coupling,),
+    ),
+    Effect(
+        "rail_coulomb",
+        "dry friction of the rail is not as declared",
+        "rail",
+        (RIG,),
+        (EffectParameter("force", "N", -2.0, 10.0, 1.0),),
+        hooks=(_coulomb,),
+    ),
+    Effect(
+        "rail_viscous",
+        "the rail has viscous friction",
+        "rail",
+        (RIG,),
+        (EffectParameter("coefficient", "N.s/m", 0.0, 20.0, 1.5),),
+        hooks=(_viscous,),
+    ),
+    Effect(
+        "rail_stribeck",
+        "the rail has extra friction near standstill",
+        "rail",
+        (RIG,),
+        (
+            EffectParameter("force", "N", -2.0, 10.0, 1.5),
+            EffectParameter("velocity", "m/s", 0.005, 1.0, 0.15, None),
+        ),
+        hooks=(_stribeck,),
+    ),
+    Effect(
+        "rail_position",
+        "a sticky place on the rail",
+        "rail",
+        (RIG,),
+        (
+            EffectParameter("force", "N", -2.0, 20.0, 4.0),
+            EffectParameter("position", "m", -2.0, 2.0, 0.5, None),
+            EffectParameter("width", "m", 0.005, 0.5, 0.08, None),
+        ),
+        hooks=(_position,),
+    ),
+    Effect(
+        "cable_drag",
+        "a cable pulls with a force proportional to position",
+        "rail",
+        (RIG,),
+        (
+            EffectParameter("stiffness", "N/m", -20.0, 20.0, 2.0),
+            EffectParameter("rest_position", "m", -2.0, 2.0, 0.0, None),
+        ),
+        hooks=(_cable_drag,),
+    ),
+)

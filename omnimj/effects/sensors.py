@@ -1,0 +1,99 @@
+"""Effects of the sensors: offsets, scales, delays; a stored sign is a scale of −1."""
+
+from __future__ import annotations
+
+from omnimj.effects.changes import Changes
+from omnimj.effects.effect import RIG, ROBOT, Effect, EffectParameter, Hook, Selector, Values
+
+RIG_CHANNELS = ("current", "wheel_speed", "carriage_speed", "carriage_acceleration")
+"""Measured channels of the rig; the gantry's speed is set, not answered."""
+ROBOT_CHANNELS = (
+    *(f"current_{i}" for i in range(1, 5)),
+    *(f"wheel_speed_{i}" for i in range(1, 5)),
+    *("acceleration_x", "acceleration_y", "yaw_rate", "yaw"),
+)
+"""Measured channels of the robot."""
+
+_AXES = Selector("channel", ("acceleration_x", "acceleration_y"))
+
+
+def _scaled(*channels: str) -> Hook:
+    def hook(changes: Changes, values: Values) -> None:
+        for channel in (values["channel"],) if "channel" in values else channels:
+            changes.reading(channel, scale=values["scale"])
+
+    return hook
+
+
+def _shifted(*channels: str) -> Hook:
+    def hook(changes: Changes, values: Values) -> None:
+        for channel in (values["channel"],) if "channel" in values else channels:
+            changes.reading(channel, offset=values["bias"])
+
+    return hook
+
+
+def _delayed(changes: Changes, values: Values) -> None:
+    changes.reading(str(values["channel"]), delay=values["delay"])
+
+
+def _scale(typical: float) -> tuple[EffectParameter]:
+    return (EffectParameter("scale", "1", -1.5, 2.0, typical, 1.0),)
+
+
+def _bias(unit: str, most: float, typical: float) -> tuple[EffectParameter]:
+    return (EffectParameter("bias", unit, -most, most, typical),)
+
+
+_DELAY = ("sensor_delay", "one channel is late", "sensors")
+_SECONDS = (EffectParameter("delay", "s", 0.0, 0.5, 0.02),)
+_CURRENT_BIAS = ("current_bias", "the current monitor has an offset", "sensors")
+_CURRENT_SCALE = ("current_scale", "the current monitor has another gain", "sensors")
+_ACCELERATION_BIAS = ("acceleration_bias", "the accelerometer has an offset", "sensors")
+_ACCELERATION_SCALE = ("acceleration_scale", "the accelerometer has another gain", "sensors")
+_CURRENTS = ROBOT_CHANNELS[:4]
+
+EFFECTS = (
+    Effect(*_CURRENT_BIAS, (RIG,), _bias("A", 1.0, 0.05), hooks=(_shifted("current"),)),
+    Effect(*_CURRENT_BIAS, (ROBOT,), _bias("A", 1.0, 0.05), hooks=(_shifted(*_CURRENTS),)),
+    Effect(*_CURRENT_SCALE, (RIG,), _scale(1.1), hooks=(_scaled("current"),)),
+    Effect(*_CURRENT_SCALE, (ROBOT,), _scale(1.1), hooks=(_scaled(*_CURRENTS),)),
+    Effect(
+        "wheel_speed_scale",
+        "the wheel's encoder has another constant",
+        "sensors",
+        (RIG,),
+        _scale(1.05),
+        hooks=(_scaled("wheel_speed"),),
+    ),
+    Effect(
+        "carriage_speed_scale",
+        "the carriage's encoder has another constant",
+        "sensors",
+        (RIG,),
+        _scale(1.05),
+        hooks=(_scaled("carriage_speed"),),
+    ),
+    Effect(*_ACCELERATION_BIAS, (RIG,), _bias("m/s2", 5.0, 0.2), hooks=(_shifted("carriage_acceleration"),)),
+    Effect(*_ACCELERATION_BIAS, (ROBOT,), _bias("m/s2", 5.0, 0.2), (_AXES,), (_shifted(),)),
+    Effect(*_ACCELERATION_SCALE, (RIG,), _scale(1.15), hooks=(_scaled("carriage_acceleration"),)),
+    Effect(*_ACCELERATION_SCALE, (ROBOT,), _scale(1.15), (_AXES,), (_scaled(),)),
+    Effect(
+        "yaw_rate_bias",
+        "the gyro has an offset",
+        "sensors",
+        (ROBOT,),
+        _bias("rad/s", 1.0, 0.03),
+        hooks=(_shifted("yaw_rate"),),
+    ),
+    Effect(
+        "yaw_rate_scale",
+        "the gyro has another gain",
+        "sensors",
+        (ROBOT,),
+        _scale(1.1),
+        hooks=(_scaled("yaw_rate"),),
+    ),
+    Effect(*_DELAY, (RIG,), _SECONDS, (Selector("channel", RIG_CHANNELS),), (_delayed,)),
+    Effect(*_DELAY, (ROBOT,), _SECONDS, (Selector("channel", ROBOT_CHANNELS),), (_delayed,)),
+)

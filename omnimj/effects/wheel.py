@@ -1,0 +1,97 @@
+"""Effects at the wheels: rollers, bearings, rolling, shape."""
+
+from __future__ import annotations
+
+import math
+
+from omnimj.effects.changes import Changes
+from omnimj.effects.effect import RIG, ROBOT, Effect, EffectParameter, Selector, Values
+from omnimj.physics.effect_terms import AXLE_DRY, AXLE_VISCOUS, RIPPLE
+
+WHEEL = Selector("wheel", (1, 2, 3, 4))
+"""Which wheel of the robot."""
+
+
+def _roller_friction(changes: Changes, values: Values) -> None:
+    changes.add("wheel", "roller_dry", values["roller_dry"])
+    changes.add("wheel", "roller_viscous", values["roller_viscous"])
+
+
+def _rolling_resistance(changes: Changes, values: Values) -> None:
+    changes.add("wheel", "rolling_resistance", values["mu_roll"])
+
+
+def _bearing_friction(changes: Changes, values: Values) -> None:
+    changes.term(AXLE_DRY, values["torque"])
+    changes.term(AXLE_VISCOUS, values["viscous"])
+
+
+def _roller_ripple(changes: Changes, values: Values) -> None:
+    # two rows, staggered: a roller takes over twice per pitch
+    changes.shaped(
+        RIPPLE, values["amplitude"], changes.machine.wheel.rows * changes.machine.wheel.rollers_per_row
+    )
+
+
+def _wheel_radius(changes: Changes, values: Values) -> None:
+    changes.radius_scale[changes.wheel(values)] *= values["scale"]
+
+
+def _wheel_misalignment(changes: Changes, values: Values) -> None:
+    changes.misalignment[changes.wheel(values)] += values["angle"]
+
+
+_RADIUS = ("wheel_radius", "the rolling radius is not as declared", "wheel")
+_SCALE = (EffectParameter("scale", "1", 0.5, 1.5, 1.03, 1.0),)
+
+EFFECTS = (
+    Effect(
+        "roller_friction",
+        "lateral friction of the rollers is not as declared",
+        "wheel",
+        (ROBOT,),
+        (
+            EffectParameter("roller_dry", "1", -0.2, 0.2, 0.03),
+            EffectParameter("roller_viscous", "s/m", -0.5, 0.5, 0.03),
+        ),
+        hooks=(_roller_friction,),
+    ),
+    Effect(
+        "rolling_resistance",
+        "constant resistance to rolling, proportional to the normal force",
+        "wheel",
+        (RIG, ROBOT),
+        (EffectParameter("mu_roll", "1", 0.0, 0.2, 0.025),),
+        hooks=(_rolling_resistance,),
+    ),
+    Effect(
+        "bearing_friction",
+        "friction of the wheel's bearings is not as declared",
+        "wheel",
+        (RIG, ROBOT),
+        (
+            EffectParameter("torque", "N.m", -0.1, 0.5, 0.03),
+            EffectParameter("viscous", "N.m.s/rad", 0.0, 0.05, 0.001),
+        ),
+        hooks=(_bearing_friction,),
+    ),
+    Effect(
+        "roller_ripple",
+        "the force ripples as rollers pass under the wheel",
+        "wheel",
+        (RIG, ROBOT),
+        (EffectParameter("amplitude", "N", -20.0, 20.0, 2.0),),
+        hooks=(_roller_ripple,),
+    ),
+    Effect(*_RADIUS, (RIG,), _SCALE, hooks=(_wheel_radius,)),
+    Effect(*_RADIUS, (ROBOT,), _SCALE, (WHEEL,), (_wheel_radius,)),
+    Effect(
+        "wheel_misalignment",
+        "an axle is off its direction",
+        "wheel",
+        (ROBOT,),
+        (EffectParameter("angle", "rad", -0.5 * math.pi, 0.5 * math.pi, 0.06),),
+        (WHEEL,),
+        (_wheel_misalignment,),
+    ),
+)

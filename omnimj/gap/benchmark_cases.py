@@ -1,0 +1,182 @@
+"""What the benchmark hides: every effect in three sizes, pairs, triples, nothing, and what no library has.
+
+All is drawn by one seed. The cases are shuffled, so that a case's number says nothing of what is hidden.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from omnimj.effects import RIG, Effect, EffectParameter, effects_of
+from omnimj.gap.benchmark_outside import KINDS, Outside, draw_outside
+from omnimj.gap.replay import BaseParameter
+from omnimj.gap.rig_base import base_parameters
+from omnimj.parameters import read_floors, read_rig
+
+SIZES: Mapping[str, float] = {"faint": 0.25, "clear": 0.7, "obvious": 2.0}
+"""Words for a size → share of what is worth noticing (typical − vanishing)."""
+TUNING_SEEDS = range(10)
+"""Seeds that the method was tuned with; nothing is judged by them."""
+FLOORS = ("natural_stone", "pvc", "paperboard")
+"""Floors that the runs are driven on."""
+
+_NULL, _PAIRS, _TRIPLES = 20, 8, 2  # per trial
+_WITHIN = 0.8  # of the stated half-width that a parameter may really be off
+_ONLY_MORE = ("lateral_coupling", "rail_coulomb", "rail_stribeck", "rail_position", "bearing_friction")
+"""Dry friction: there is little that could be taken away."""
+_ALIKE = (
+    frozenset({"torque_constant", "current_scale"}),
+    frozenset({"rail_coulomb", "rolling_resistance", "bearing_friction"}),
+)
+"""No data of one kind of run tell these apart: two of them are never hidden together."""
+_POLES = (1, 2, 3, 4, 6, 8, 12)
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """One effect that the truth has and the model lacks."""
+
+    effect: str
+    values: Mapping[str, float | str]
+    """Parameters and selectors."""
+    size: str
+    """One of `SIZES`."""
+
+    @property
+    def label(self) -> str:
+        """The effect, and its choices in brackets: `sensor_delay (wheel_speed)`."""
+        chosen = [str(v) for v in self.values.values() if isinstance(v, str)]
+        return f"{self.effect} ({', '.join(chosen)})" if chosen else self.effect
+
+
+@dataclass(frozen=True)
+class Case:
+    """One dataset of the benchmark and its truth."""
+
+    name: str
+    """Neutral: `case_017`."""
+    kind: str
+    """`null`, `single`, `pair`, `triple` or `outside`."""
+    hidden: tuple[Hidden, ...]
+    outside: Outside | None
+    base: Mapping[str, float]
+    """True values of the parameters declared uncertain."""
+    seed: int
+    """Of the runs and of the sensors' noise."""
+
+    def as_plain(self) -> dict[str, Any]:
+        """In JSON's own kinds."""
+        return dataclasses.asdict(self)
+
+
+def case_of(plain: Mapping[str, Any]) -> Case:
+    """The case that `Case.as_plain` was made of."""
+    hidden = tuple(Hidden(**one) for one in plain["hidden"])
+    outside = None if plain["outside"] is None else Outside(**plain["outside"])
+    return Case(plain["name"], plain["kind"], hidden, outside, plain["base"], plain["seed"])
+
+
+def draw_cases(seed: int, trials: int = 1) -> list[Case]:
+    """All cases in the order of their names; per trial every rig effect in three sizes and all the others.
+
+    Args:
+      seed: The same seed gives the same cases.
+      trials: How often the whole set is drawn anew.
+    """
+    boxes = base_parameters(read_rig(), read_floors(), FLOORS, ())
+    wanted: list[tuple[str, tuple[str, ...], str]] = []
+    for _ in range(trials):
+        wanted += [("single", (name,), size) for name in effects_of(RIG) for size in SIZES]
+        wanted += [("pair", (), "")] * _PAIRS + [("triple", (), "")] * _TRIPLES + [("null", (), "")] * _NULL
+        wanted += [("outside", (name,), size) for name in KINDS for size in ("clear", "obvious")]
+    order = np.random.default_rng(np.random.SeedSequence(seed)).permutation(len(wanted))
+    digits = max(3, len(str(len(wanted) - 1)))
+    cases = []
+    for k, place in enumerate(order.tolist()):
+        kind, names, size = wanted[place]
+        random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1, place)))
+        hidden, outside = _draw(kind, names, size, random)
+        base, own = _true_base(boxes, random), int(random.integers(2**62))
+        cases.append(Case(f"case_{k:0{digits}d}", kind, hidden, outside, base, own))
+    return cases
+
+
+def _draw(
+    kind: str, names: Sequence[str], size: str, random: np.random.Generator
+) -> tuple[tuple[Hidden, ...], Outside | None]:
+    """What is hidden in one case."""
+    if kind == "null":
+        return (), None
+    if kind == "outside":
+        return (), draw_outside(names[0], SIZES[size], random)
+    names = names or _together(2 if kind == "pair" else 3, random)
+    sizes = [size or str(random.choice(["clear", "obvious"])) for _ in names]
+    effects = effects_of(RIG)
+    return tuple(draw_effect(effects[n], s, random) for n, s in zip(names, sizes, strict=True)), None
+
+
+def _together(count: int, random: np.random.Generator) -> list[str]:
+    """Names of effects that can be hidden together."""
+    names = list(effects_of(RIG))
+    while True:
+        chosen = [str(n) for n in random.choice(names, count, replace=False)]
+        if not any(len(alike.intersection(chosen)) > 1 for alike in _ALIKE):
+            return chosen
+
+
+def draw_effect(effect: Effect, size: str, random: np.random.Generator) -> Hidden:
+    """One effect: some of its amplitudes at a size, one sign for all, shapes inside what the runs cover."""
+    amplitudes = effect.amplitudes
+    chosen = [p for p in amplitudes if random.random() < 0.7] or [random.choice(np.array(amplitudes))]
+    values: dict[str, float | str] = {p.name: float(p.vanishes or 0.0) for p in amplitudes}
+    share = SIZES[size]
+    signs = [s for s in (1.0, -1.0) if all(_fits(p, s * share) for p in chosen)]
+    if effect.name in _ONLY_MORE:
+        signs = [1.0]
+    sign = float(random.choice(signs)) if signs else 1.0
+    for p in chosen:
+        values[p.name] = float(np.clip(_at(p, sign * share), p.low, p.high))
+    values.update(_shape(effect, random))
+    for selector in effect.selectors:
+        values[selector.name] = str(random.choice(np.array(selector.choices)))
+    return Hidden(
+        effect.name, {p.name: values[p.name] for p in (*effect.parameters, *effect.selectors)}, size
+    )
+
+
+def _at(p: EffectParameter, share: float) -> float:
+    vanishes = p.vanishes or 0.0
+    return vanishes + share * (p.typical - vanishes)
+
+
+def _fits(p: EffectParameter, share: float) -> bool:
+    return p.low <= _at(p, share) <= p.high
+
+
+def _shape(effect: Effect, random: np.random.Generator) -> dict[str, float]:
+    """Places, widths and speeds of an effect, where the carriage comes by in most runs."""
+    start = float(random.uniform(0.15, 0.55))
+    drawn = {
+        "position": float(random.uniform(0.15, 0.9)),
+        "width": float(random.uniform(0.04, 0.12)),
+        "velocity": float(random.uniform(0.05, 0.25)),
+        "rest_position": float(random.uniform(0.0, 0.8)),
+        "poles": float(random.choice(_POLES)),
+        "start": start,
+        "end": start + float(random.uniform(0.2, 0.5)),
+    }
+    return {p.name: drawn.get(p.name, p.typical) for p in effect.parameters if p.vanishes is None}
+
+
+def _true_base(boxes: Sequence[BaseParameter], random: np.random.Generator) -> dict[str, float]:
+    """True values of what the shipped model declares uncertain, inside its boxes."""
+    found = {}
+    for p in boxes:
+        half = 0.5 * _WITHIN * (p.high - p.low)
+        found[p.name] = float(np.clip(p.nominal + half * random.uniform(-1.0, 1.0), p.low, p.high))
+    return found

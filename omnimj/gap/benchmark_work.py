@@ -1,0 +1,109 @@
+"""What the benchmark's worker processes do: search a dataset knowing its path alone, and, once the seal is
+open, fit the true model to it.
+"""
+
+from __future__ import annotations
+
+import time
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from omnimj.gap.benchmark_baselines import run_baselines
+from omnimj.gap.benchmark_cases import Hidden
+from omnimj.gap.check import check_dataset, corrected
+from omnimj.gap.digest import digest, plain
+from omnimj.gap.engine import find_gap, make_replay, read_machine
+from omnimj.gap.fit import fit
+from omnimj.gap.heldout import choose_heldout, make_groups
+from omnimj.gap.per_run import rms
+from omnimj.gap.replay import CandidateForm, Replay
+from omnimj.gap.search import fit_base, sharpened
+from omnimj.recording.read_dataset import read_dataset
+
+SEED = 0
+"""Of the workflow, as a user has it who gives none; it draws what is held out."""
+
+
+def search_case(dataset: str) -> dict[str, Any]:
+    """Runs the workflow and the baselines on a dataset; all they are told is where it is.
+
+    Args:
+      dataset: The folder.
+
+    Returns:
+      `gap`: the content of gap.json; `seconds` of the workflow; `baselines`. Or `error`: what went wrong.
+    """
+    return _kept(lambda: _searched(Path(dataset)))
+
+
+def _searched(dataset: Path) -> dict[str, Any]:
+    began = time.perf_counter()
+    finding = find_gap(dataset)
+    seconds = time.perf_counter() - began
+    baselines = {
+        name: {"names": list(picked.names), "heldout": picked.heldout}
+        for name, picked in run_baselines(replay_of(dataset), SEED).items()
+    }
+    return plain({"gap": digest(finding), "seconds": seconds, "baselines": baselines})
+
+
+def fit_truth(dataset: str, hidden: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Fits the model that has the right effects: what the best naming could have reached.
+
+    Args:
+      dataset: The folder.
+      hidden: The effects as plain records.
+
+    Returns:
+      `heldout`: channel → RMS mismatch on the held-out runs [unit of the channel]. Or `error`.
+    """
+    effects = [Hidden(**one) for one in hidden]
+    return _kept(lambda: {"heldout": true_heldout(replay_of(Path(dataset)), effects)})
+
+
+def _kept(work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """One case that breaks down must not take the others' hours with it: it is counted and shown."""
+    try:
+        return work()
+    except Exception as error:
+        last = traceback.extract_tb(error.__traceback__)[-1]
+        place = f"{Path(last.filename).name}:{last.lineno}"
+        return {"error": f"{type(error).__name__}: {error} ({place})"}
+
+
+def replay_of(dataset: Path) -> Replay:
+    """The dataset as the workflow sees it, with the shipped model."""
+    read = read_dataset(dataset)
+    machine = read_machine(read.plant, None)
+    return make_replay(corrected(read, check_dataset(read, machine)), machine)
+
+
+def true_heldout(replay: Replay, effects: Sequence[Hidden]) -> dict[str, float]:
+    """RMS per channel on the held-out runs of the true form, fitted like any other.
+
+    The fit starts at the true values.
+    """
+    groups = make_groups(replay)
+    out = choose_heldout(groups, SEED)
+    used = ~out[groups.of_block]
+    problem, base = fit_base(replay, used, lambda phrase, share: None)
+    form = tuple(form_of(replay, one) for one in effects)
+    own = [float(one.values[s.name]) for one, f in zip(effects, form, strict=True) for s in f.parameters]
+    fitted = fit(problem, form, np.concatenate([base.x, own]), used)
+    for _ in range(2):  # the twin asked again where the fit went
+        problem, fitted = sharpened(problem, fitted, used)
+    (mismatch,) = problem.mismatches([fitted.x], form)
+    names = [channel.name for channel in replay.channels]
+    return dict(zip(names, rms(mismatch[~used]).tolist(), strict=True))
+
+
+def form_of(replay: Replay, hidden: Hidden) -> CandidateForm:
+    """The candidate that is the hidden effect."""
+    for candidate in replay.candidates:
+        if candidate.label == hidden.label:
+            return candidate
+    raise ValueError(f"the search has no candidate {hidden.label}")

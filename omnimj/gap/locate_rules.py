@@ -1,0 +1,227 @@
+"""Where a squared mismatch concentrates: one rule over one variable, and which of many rules is the cause's.
+
+A rule is a range of a variable (above, below, between, an arc of a turn, some of its values). It is worth its
+J = (share of the mismatch it holds) − (share of the blocks it takes): 0 where the mismatch is alike
+everywhere.
+Two variables that move together find the same blocks; the one that the other explains away is dropped:
+J(v | w) = share held by v's rule − share it would hold if the mismatch depended on w alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnimj.signals import Array
+
+BINS = 24
+"""Most ranges that a variable's values are cut into."""
+LEAST = 0.12
+"""Least J of a rule that is worth a word: 62 % of the mismatch in half of the blocks."""
+_SHUFFLES = 99  # a rule must beat all of them: one in a hundred by chance, whatever the number of variables
+_TWO_SIDED = 0.08  # J that a second bound must add
+_EXPLAINED = 0.35  # share of its J that must be left once another variable is known
+_TIE = 0.03  # of J
+_TURN = 2.0 * math.pi
+
+Blocks = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One variable of a regime, its values cut into bins."""
+
+    name: str
+    unit: str
+    words: str
+    values: Array
+    """Shape (blocks,); codes of `labels` where it has any; NaN where it has no value."""
+    code: NDArray[np.int64]
+    """Bin of every block, shape (blocks,); −1 where it has no value."""
+    edges: Array
+    """Between the bins, shape (bins − 1,)."""
+    labels: tuple[str, ...] = ()
+    """Names of the values, of a variable without an order."""
+    is_angle: bool = False
+    """Its first bin follows its last."""
+    is_size: bool = False
+    """Values are sizes of a quantity that has a sign."""
+    is_condition: bool = False
+    """Set by who drove the run, as a floor or a load; not a state that the run came to."""
+
+    @property
+    def bins(self) -> int:
+        """How many."""
+        return len(self.labels) if self.labels else len(self.edges) + 1
+
+
+@dataclass(frozen=True)
+class Rule:
+    """A range of one variable."""
+
+    variable: Variable
+    members: tuple[int, ...]
+    """Its bins; those of an arc in their order along it."""
+    excess: float
+    """J."""
+
+    @property
+    def inside(self) -> Blocks:
+        """Shape (blocks,)."""
+        return np.isin(self.variable.code, self.members)
+
+
+def cut(values: Array, most: int = BINS) -> Array:
+    """Edges of bins of about equal counts, each moved into the widest gap near it.
+
+    Args:
+      values: Shape (n,), NaN left out.
+      most: Bins at most.
+
+    Returns:
+      Increasing, shape (bins − 1,); empty where all values are one.
+    """
+    ordered = np.sort(values[np.isfinite(values)])
+    if len(ordered) < 2 or ordered[-1] <= ordered[0]:
+        return np.empty(0)
+    gaps = np.diff(ordered)
+    spread = 1e-9 * (ordered[-1] - ordered[0])
+    found = []
+    for k in range(1, most):
+        middle = k * len(ordered) / most
+        half = max(1.0, 0.5 * len(ordered) / most)
+        low = max(0, int(middle - half) - 1)
+        high = min(len(gaps), int(middle + half))
+        at = low + int(np.argmax(gaps[low:high]))
+        if gaps[at] > spread:
+            found.append(round_between(float(ordered[at]), float(ordered[at + 1])))
+    return np.unique(found)
+
+
+def round_between(low: float, high: float) -> float:
+    """The number with the fewest digits in (low, high], nearest to the middle among its like."""
+    middle, width = 0.5 * (low + high), high - low
+    if low < 0.0 < high:
+        return 0.0
+    top = math.ceil(math.log10(max(abs(low), abs(high)))) + 1
+    for digits in range(-top, 16):
+        rounded = round(middle, digits)
+        if low < rounded <= high and abs(rounded - middle) <= 0.45 * width:
+            return rounded
+    return middle
+
+
+def shares(energy: Array, variable: Variable, among: Blocks) -> tuple[Array, Array]:
+    """Share of the mismatch and of the blocks in every bin, both shape (bins,)."""
+    used = among & (variable.code >= 0)
+    code = variable.code[used]
+    held = np.bincount(code, energy[used], variable.bins)
+    count = np.bincount(code, minlength=variable.bins).astype(float)
+    return held / max(float(energy[among].sum()), 1e-300), count / max(int(among.sum()), 1)
+
+
+def best_members(density: Array, variable: Variable) -> tuple[tuple[int, ...], float]:
+    """The bins whose summed (share held − share of blocks) is largest, and that J."""
+    n = len(density)
+    if variable.labels:
+        members = tuple(int(k) for k in np.flatnonzero(density > 0.0))
+        return members, float(density[density > 0.0].sum())
+    sums = np.concatenate([[0.0], np.cumsum(density)])
+    if variable.is_angle:
+        around = np.concatenate([sums, sums[-1] + sums[1:]])
+        spans = around[None, :] - around[:n, None]
+        length = np.arange(len(around))[None, :] - np.arange(n)[:, None]
+        spans[(length < 1) | (length >= n)] = -np.inf
+        first, last = np.unravel_index(int(np.argmax(spans)), spans.shape)
+        return tuple(int(k % n) for k in range(int(first), int(last))), float(spans[first, last])
+    below, above = int(np.argmax(sums[:-1])), int(np.argmin(sums[1:])) + 1
+    down, up = float(sums[below]), float(sums[-1] - sums[above])
+    first, last, best = (0, below, down) if down >= up else (above, n, up)
+    spans = sums[None, :] - sums[:, None]
+    spans[np.tril_indices(n + 1)] = -np.inf
+    i, j = np.unravel_index(int(np.argmax(spans)), spans.shape)
+    if float(spans[i, j]) > best + _TWO_SIDED:
+        first, last, best = int(i), int(j), float(spans[i, j])
+    return tuple(range(first, last)), best
+
+
+def best_rule(energy: Array, variable: Variable, among: Blocks) -> Rule:
+    """The rule of one variable that holds most of the mismatch in few of the blocks."""
+    held, taken = shares(energy, variable, among)
+    return Rule(variable, *best_members(held - taken, variable))
+
+
+def beyond(rule: Rule, other: Variable, energy: Array, among: Blocks) -> float:
+    """J(v | w): what a rule holds beyond what its blocks' values of another variable say."""
+    used = among & (other.code >= 0)
+    inside = rule.inside[used]
+    code, here = other.code[used], energy[used]
+    held = np.bincount(code, here, other.bins)
+    count = np.bincount(code, minlength=other.bins)
+    taken = np.bincount(code, inside, other.bins)
+    expected = held * taken / np.maximum(count, 1)
+    return float((here[inside].sum() - expected.sum()) / max(float(here.sum()), 1e-300))
+
+
+def leading_rules(
+    energy: Array, variables: Sequence[Variable], among: Blocks, pieces: Sequence[slice]
+) -> list[Rule]:
+    """Rules that chance does not make and that no other variable explains away, best first.
+
+    Args:
+      energy: Squared mismatch in units of noise, shape (blocks,).
+      variables: In the order in which they are preferred where data cannot tell them apart.
+      among: The blocks to look at.
+      pieces: Blocks that belong together; chance is what comes of giving each piece another one's mismatch,
+        turned round in time.
+    """
+    used = [v for v in variables if np.unique(v.code[among & (v.code >= 0)]).size > 1]
+    if not used or float(energy[among].sum()) <= 0.0:
+        return []
+    rules = [best_rule(energy, v, among) for v in used]
+    certain = _beat_chance(energy, rules, among, pieces)
+    rules = [r for r, sure in zip(rules, certain, strict=True) if sure and r.excess >= LEAST]
+    kept = [r for k, r in enumerate(rules) if not _explained_away(k, rules, energy, among)]
+    return sorted(kept, key=lambda r: (not r.variable.is_condition, -r.excess))
+
+
+def _explained_away(k: int, rules: Sequence[Rule], energy: Array, among: Blocks) -> bool:
+    own = rules[k]
+    for j, other in enumerate(rules):
+        if j == k:
+            continue
+        left = beyond(own, other.variable, energy, among)
+        if left >= max(0.5 * LEAST, _EXPLAINED * own.excess):
+            continue
+        lead = beyond(other, own.variable, energy, among) - left
+        if lead > _TIE or (lead >= -_TIE and (other.excess > own.excess + _TIE or j < k)):
+            return True
+    return False
+
+
+def _beat_chance(
+    energy: Array, rules: Sequence[Rule], among: Blocks, pieces: Sequence[slice]
+) -> NDArray[np.bool_]:
+    """Whether a rule's J lies above all that shuffled mismatches give, in units of their spread."""
+    groups = [np.flatnonzero(among[p]) + p.start for p in pieces]
+    groups = [g for g in groups if g.size]
+    random = np.random.default_rng(0)
+    found = np.empty((_SHUFFLES, len(rules)))
+    shuffled = np.zeros_like(energy)
+    for row in found:
+        order = random.permutation(len(groups))
+        for group, source in zip(groups, order, strict=True):
+            giver = groups[source]
+            at = np.arange(group.size) * giver.size // group.size
+            shuffled[group] = energy[giver[(at + random.integers(giver.size)) % giver.size]]
+        for k, rule in enumerate(rules):
+            held, taken = shares(shuffled, rule.variable, among)
+            row[k] = best_members(held - taken, rule.variable)[1]
+    middle, spread = found.mean(axis=0), np.maximum(found.std(axis=0), 1e-3)
+    highest = float(((found - middle) / spread).max())
+    own = (np.array([r.excess for r in rules]) - middle) / spread
+    return own > highest

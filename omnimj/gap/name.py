@@ -1,0 +1,207 @@
+"""Naming: one round tries the promising candidates on held-out runs and keeps who cannot be told apart."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+from omnimj.gap.curves import CurveGains, curve_gains, sensitivities
+from omnimj.gap.fit import Fit, fit
+from omnimj.gap.heldout import Groups, by_group, gain, heldout_losses, lead
+from omnimj.gap.noise import effective_samples
+from omnimj.gap.problem import Problem
+from omnimj.gap.records import Candidate, Interval, Stage
+from omnimj.gap.replay import CandidateForm
+from omnimj.gap.screen import Screened, screen
+from omnimj.signals import Array
+
+MARGIN = 0.02
+"""Lower bound of the held-out gain below which nothing is named."""
+FALSE_RATE = 0.05
+"""Share of decoys that may gain as much as what is named."""
+_MOST = 14  # candidates that go from the screening into fits
+_HOPELESS = 0.1  # share of the best screened share below which a candidate is left behind
+_LEADERS = 4  # of a round, whose fits are carried to the end
+_CLEAR = 3.0  # log-likelihood in effective samples by which a rival must be behind to be beaten
+_SURE = 0.95  # and the one-sided level of the paired test over groups
+
+
+def clears(gained: Interval) -> bool:
+    """Whether the lower bound of a held-out gain is above the margin."""
+    return gained.low is not None and gained.low > MARGIN
+
+
+def false_rate(decoys: Array, gained: Interval) -> float | None:
+    """Share of decoys that gain at least as much, (1 + n)/(1 + N); None without decoys."""
+    if not len(decoys):
+        return None
+    return (1 + int(np.count_nonzero(decoys >= gained.value))) / (1 + len(decoys))
+
+
+Report = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Data:
+    """What every round shares."""
+
+    used: NDArray[np.bool_]
+    """Blocks of the training groups, shape (blocks,)."""
+    groups: Groups
+    folds: list[NDArray[np.bool_]]
+    seed: int
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A candidate with its fit and its held-out losses."""
+
+    candidate: CandidateForm
+    screened: float
+    fit: Fit
+    losses: Array
+    """Held-out, per group, shape (groups,)."""
+    gain: Interval
+    """Against the model without it."""
+
+
+@dataclass(frozen=True)
+class Round:
+    """What one round found; the best first."""
+
+    tried: tuple[Tried, ...]
+    left_behind: tuple[Screened, ...]
+    rivals: tuple[Tried, ...]
+    """Those that the best does not beat."""
+    curves: CurveGains
+    before: Array
+    """Held-out losses per group without any of them."""
+    effective: float
+
+    @property
+    def best(self) -> Tried | None:
+        """The leader, if anything was tried."""
+        return self.tried[0] if self.tried else None
+
+    def stage(self, named: tuple[str, ...]) -> Stage:
+        """The round as a record; `named` are the labels in the final model."""
+        rivals = {r.candidate.label for r in self.rivals}
+        rows = []
+        for t in self.tried:
+            if t.candidate.label in named:
+                verdict = "named"
+            elif t.gain.low is None or t.gain.low <= MARGIN:
+                verdict = "below the margin"
+            else:
+                verdict = "rival" if t.candidate.label in rivals else "beaten"
+            rows.append(Candidate(t.candidate.label, t.screened, t.gain, verdict))
+        rows += [Candidate(s.candidate.label, s.share, None, "screened out") for s in self.left_behind]
+        return Stage(tuple(rows), self.curves.decoys, MARGIN)
+
+
+def promising(screened: list[Screened]) -> tuple[list[Screened], list[Screened]]:
+    """Who goes on to a fit, and who is left behind."""
+    if not screened:
+        return [], []
+    limit = max(_HOPELESS * screened[0].share, 1e-4)
+    go = [s for s in screened if s.share >= limit][:_MOST]
+    return go, [s for s in screened if s not in go]
+
+
+def try_one(
+    problem: Problem,
+    screened: Screened,
+    current: Fit,
+    before: Array,
+    with_data: Data,
+    again: Fit | None = None,
+) -> Tried:
+    """Fits the model with one more effect and holds runs out; `again`: its fit so far, to be completed."""
+    form = (*current.form, screened.candidate)
+    if again is None:
+        fitted = fit(problem, form, screened.start, with_data.used, 1, current.jacobian)
+    else:
+        fitted = fit(problem, form, again.x, with_data.used, 2)
+    losses = by_group(heldout_losses(problem, fitted, with_data.used, with_data.folds), with_data.groups)
+    return Tried(screened.candidate, screened.share, fitted, losses, gain(before, losses))
+
+
+def completed(
+    problem: Problem,
+    tried: list[Tried],
+    screened: list[Screened],
+    current: Fit,
+    before: Array,
+    with_data: Data,
+) -> list[Tried]:
+    """The leaders fitted to the end; the others keep their first fit."""
+    order = sorted(range(len(tried)), key=lambda k: float(tried[k].losses.sum()))
+    done = list(tried)
+    for k in order[:_LEADERS]:
+        done[k] = try_one(problem, screened[k], current, before, with_data, tried[k].fit)
+    return done
+
+
+def score(tried: Tried, effective_share: float) -> float:
+    """Half the held-out loss in effective samples, and one per parameter: the less the better."""
+    return 0.5 * float(tried.losses.sum()) * effective_share + len(tried.candidate.parameters)
+
+
+def unbeaten(tried: list[Tried], effective_share: float) -> tuple[Tried, ...]:
+    """Those that the first does not beat clearly: in likelihood, and from group to group."""
+    best = tried[0]
+    sure = float(student.ppf(_SURE, max(len(best.losses) - 1, 1)))
+    rivals = []
+    for other in tried[1:]:
+        behind = score(other, effective_share) - score(best, effective_share)
+        if behind > _CLEAR and lead(other.losses, best.losses) > sure:
+            continue
+        if other.gain.value > 0.0:
+            rivals.append(other)
+    return tuple(rivals)
+
+
+def name_round(
+    problem: Problem,
+    current: Fit,
+    candidates: list[CandidateForm],
+    with_data: Data,
+    report: Report,
+) -> Round:
+    """Screens, fits, holds out and ranks.
+
+    Args:
+      problem: The data and the scale.
+      current: The model so far, fitted on the training blocks.
+      candidates: What may be added.
+      with_data: Training blocks, groups and folds.
+      report: Called with a phrase and the share that is done.
+    """
+    before = by_group(heldout_losses(problem, current, with_data.used, with_data.folds), with_data.groups)
+    screened = screen(problem, current, candidates, with_data.used)
+    go, behind = promising(screened)
+    tried = []
+    for k, one in enumerate(go):
+        report(f"trying {one.candidate.label}", k / len(go))
+        tried.append(try_one(problem, one, current, before, with_data))
+    report("fitting the leaders", 1.0)
+    tried = completed(problem, tried, go, current, before, with_data)
+    curves = curve_gains(
+        problem,
+        sensitivities(problem, current, with_data.used),
+        with_data.groups,
+        with_data.folds,
+        with_data.seed,
+    )
+    count = float(np.isfinite(problem.replay.measured[with_data.used]).sum())
+    leader = min(tried, key=lambda t: float(t.losses.sum())) if tried else None
+    residual = (leader.fit if leader else current).residual * with_data.used[:, None]
+    effective = effective_samples(problem.replay, residual)
+    share = min(1.0, effective / count)
+    tried.sort(key=lambda t: score(t, share))
+    rivals = unbeaten(tried, share) if tried else ()
+    return Round(tuple(tried), tuple(behind), rivals, curves, before, effective)

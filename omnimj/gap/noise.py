@@ -1,0 +1,106 @@
+"""The noise of a block mean, the repeatability floor, and how many samples coloured noise is worth."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+
+import numpy as np
+
+from omnimj.gap.replay import Replay
+from omnimj.signals import Array
+
+TOLERANCE = 0.002
+"""Share of a channel's RMS below which no twin is held to be right: its numbers are not known better."""
+
+
+def repeatability(replay: Replay, mismatch: Array) -> Array:
+    """RMS by which repeats of one condition differ from their own mean, per channel; NaN without repeats.
+
+    The differences are taken between mismatches, so that what the inputs explain is out: for repeats a, b
+    var = Σ (m_a − m_b)²/2n.
+
+    Args:
+      replay: Gives pieces and conditions.
+      mismatch: Measured − simulated, shape (blocks, channels).
+
+    Returns:
+      Shape (channels,).
+    """
+    by_condition: dict[tuple[str, int], list] = defaultdict(list)
+    seen: dict[tuple[str, str], int] = defaultdict(int)
+    for piece in replay.pieces:
+        turn = seen[piece.condition, piece.run]
+        seen[piece.condition, piece.run] += 1
+        by_condition[piece.condition, turn].append(piece)
+    total, count = np.zeros(mismatch.shape[1]), np.zeros(mismatch.shape[1])
+    for repeats in by_condition.values():
+        if len(repeats) < 2:
+            continue
+        length = min(p.last - p.first for p in repeats)
+        stack = np.stack([mismatch[p.first : p.first + length] for p in repeats])
+        spread = stack - stack.mean(axis=0)
+        whole = np.isfinite(spread).all(axis=0)
+        total += np.where(whole, (spread**2).sum(axis=0), 0.0).sum(axis=0)
+        count += (len(repeats) - 1) * whole.sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.sqrt(total / count)
+
+
+def scatter(replay: Replay, mismatch: Array) -> Array:
+    """Noise from what changes between neighbouring blocks only, per channel.
+
+    For white noise var(m_(k−1) − 2 m_k + m_(k+1)) = 6 σ²; the median keeps starts and reversals out.
+
+    Returns:
+      Shape (channels,).
+    """
+    bends = [
+        mismatch[p.first : p.last - 2]
+        - 2.0 * mismatch[p.first + 1 : p.last - 1]
+        + mismatch[p.first + 2 : p.last]
+        for p in replay.pieces
+        if p.last - p.first > 2
+    ]
+    if not bends:
+        return np.zeros(mismatch.shape[1])
+    middle = np.nanmedian(np.abs(np.concatenate(bends)), axis=0)
+    return middle / 0.6745 / np.sqrt(6.0)
+
+
+def block_noise(replay: Replay, mismatch: Array) -> Array:
+    """Standard deviation that a block mean may be off by without anybody wondering, per channel.
+
+    The larger of repeatability and scatter, and a small share of the channel's own RMS.
+
+    Returns:
+      Shape (channels,) [unit of the channel].
+    """
+    floor = np.nan_to_num(repeatability(replay, mismatch))
+    own = np.sqrt(np.nanmean(replay.measured**2, axis=0))
+    noise = np.hypot(np.maximum(floor, scatter(replay, mismatch)), TOLERANCE * own)
+    return np.where(noise > 0.0, noise, 1.0)
+
+
+def effective_samples(replay: Replay, whitened: Array) -> float:
+    """N_eff = N/(1 + 2 Σ ρ_k), the sum until the autocorrelation first falls below 0.05.
+
+    Args:
+      replay: Gives the pieces; correlation does not reach from one into the next.
+      whitened: Mismatch in units of noise, shape (blocks, channels), 0 where masked.
+    """
+    total = 0.0
+    for c in range(whitened.shape[1]):
+        parts = [whitened[p.first : p.last, c] for p in replay.pieces]
+        energy = sum(float(part @ part) for part in parts)
+        count = sum(np.count_nonzero(part) for part in parts)
+        if energy <= 0.0:
+            total += count
+            continue
+        time, longest = 1.0, max(len(part) for part in parts)
+        for lag in range(1, longest):
+            together = sum(float(part[:-lag] @ part[lag:]) for part in parts if len(part) > lag)
+            if together < 0.05 * energy:
+                break
+            time += 2.0 * together / energy
+        total += count / time
+    return total

@@ -1,0 +1,133 @@
+"""`floors.toml` and `identification.json`: what was identified, for the twin and for other programs."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import omnimj
+from omnimj.identification.records import CONFIDENCE, Estimate, Identification, IdentifiedFloor, SteadyCurve
+from omnimj.recording.folder import whole_file
+
+FLOORS_FILE, JSON_FILE = "floors.toml", "identification.json"
+_LEAST_UNCERTAINTY = 0.01
+_DIGITS = 6
+
+
+def write_floors(path: Path, identification: Identification) -> None:
+    """Writes one entry per floor in the format of `models/floors.toml`; `parameters.read_floors` reads it."""
+    with whole_file(path) as temporary:
+        temporary.write_text(floors_text(identification), encoding="utf-8", newline="\n")
+
+
+def floors_text(identification: Identification) -> str:
+    """The content of `floors.toml`.
+
+    `uncertainty` is the relative half-width of the curve's band, since that is what the runs determine.
+    """
+    lines = [
+        f"# Floors identified from {_plain(str(identification.dataset))} by omnimj {omnimj.__version__}.",
+        "# mu_c, mu_s 1; V_s m/s; sigma_0 1/m; sigma_1, sigma_2 s/m; intervals in identification.json.",
+    ]
+    for floor in identification.floors:
+        low, high = floor.curve.covered
+        settled = f"slip {low:.3g} to {high:.3g} m/s" if math.isfinite(low) else "no settled slip"
+        lines += ["", f"[{floor.floor}]", f"description = {_text(floor.floor.replace('_', ' '))}"]
+        lines += ['law = "lugre"', f"source = {_text(f'identified: {len(floor.runs)} runs, {settled}')}"]
+        lines += [f"uncertainty = {_uncertainty(floor.curve):.3g}"]
+        lines += [f"# {_plain(said)}" for said in floor.undetermined]
+        lines += [f"{name} = {value:.{_DIGITS}g}" for name, value in floor.numbers.items()]
+    return "\n".join(lines) + "\n"
+
+
+def write_identification(path: Path, told: dict[str, Any]) -> None:
+    """Writes `identification.json`."""
+    with whole_file(path) as temporary:
+        temporary.write_text(json.dumps(told, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def as_json(identification: Identification, command: str = "") -> dict[str, Any]:
+    """The content of `identification.json`; open ends of intervals and what is not a number are null."""
+    return {
+        "dataset": str(identification.dataset),
+        "model": str(identification.model),
+        "omnimj": omnimj.__version__,
+        "command": command,
+        "confidence": CONFIDENCE,
+        "interrupted": identification.interrupted,
+        "notes": list(identification.notes),
+        "floors": {floor.floor: _floor(floor) for floor in identification.floors},
+    }
+
+
+def _floor(floor: IdentifiedFloor) -> dict[str, Any]:
+    curve = floor.curve
+    return {
+        "law": "lugre",
+        "parameters": {e.name: _estimate(e) for e in floor.estimates},
+        "undetermined": list(floor.undetermined),
+        "directions": [
+            {"weights": dict(d.weights), "relative_spread": _number(d.relative_spread)}
+            for d in floor.directions
+        ],
+        "slip_range": [_number(end) for end in curve.covered],
+        "curve": _curve(curve),
+        "rms": {name: _number(value) for name, value in floor.rms.items()},
+        "runs": list(floor.runs),
+        "left_out": list(floor.left_out),
+        "masses": list(floor.masses),
+        "radius_scale": _number(floor.radius_scale),
+        "samples": floor.samples,
+        "effective_samples": _number(floor.effective_samples),
+        "clusters": floor.clusters,
+    }
+
+
+def _curve(curve: SteadyCurve) -> dict[str, Any]:
+    """The curve over the covered slip; all of it where nothing is covered."""
+    low = curve.covered[0]
+    within = curve.slip >= low if math.isfinite(low) else curve.slip > 0.0
+    columns = {
+        "slip": curve.slip,
+        "traction_ratio": curve.ratio,
+        "low": curve.low,
+        "high": curve.high,
+        "level": curve.level,
+        "level_low": curve.level_low,
+        "level_high": curve.level_high,
+    }
+    return {name: _numbers(values[within]) for name, values in columns.items()}
+
+
+def _estimate(estimate: Estimate) -> dict[str, Any]:
+    low, high = (None if end is None else _number(end) for end in (estimate.low, estimate.high))
+    return {"value": _number(estimate.value), "low": low, "high": high, "unit": estimate.unit}
+
+
+def _number(value: float) -> float | None:
+    return float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None
+
+
+def _numbers(values: np.ndarray) -> list[float | None]:
+    return [_number(value) for value in values.tolist()]
+
+
+def _uncertainty(curve: SteadyCurve) -> float:
+    low = curve.covered[0]
+    within = curve.slip >= low if math.isfinite(low) else np.ones(len(curve.slip), dtype=bool)
+    half = np.max(((curve.high - curve.low) / (2.0 * curve.ratio))[within])
+    return min(max(math.ceil(1000.0 * half) / 1000.0, _LEAST_UNCERTAINTY), 1.0)
+
+
+def _plain(words: str) -> str:
+    """One line without control characters, fit for a comment."""
+    return "".join(letter if letter.isprintable() else "?" for letter in words)
+
+
+def _text(words: str) -> str:
+    """A TOML string."""
+    return json.dumps(_plain(words), ensure_ascii=False)

@@ -1,0 +1,222 @@
+"""A carriage on a guide, driven by a force: one mass, or drive and carriage with play between them.
+
+  m v' = k F − D(v) − b(v) v − c v |v| + F_0 − m g sin(slope) − K (x − x_0) + free curve
+D is dry friction, set-valued at rest; it and b may differ with the direction, D may grow near standstill and
+at one place of the guide. With play the drive's share of the mass crosses the gap alone and lands without
+rebound; dry and viscous friction act on the carriage.
+
+The axis comes as its row of numbers; effects change columns of it. A free curve is a table over one variable.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from numba.np.unsafe.ndarray import to_fixed_tuple
+
+from omnimj.parameters.axis import Axis
+from omnimj.physics.motor import stick_or_slip
+from omnimj.physics.native import kernel
+from omnimj.physics.planar_constants import GRAVITY
+from omnimj.signals import Array
+
+# the machine. MASS: all that moves, payload included; DRIVE_MASS: its share before the play; LOOP: lag of the
+# amplifier; ENCODER: 1 where the position is taken at the drive, 0 at the carriage
+MASS, DRIVE_MASS, COULOMB, VISCOUS, LIMIT, LOOP, ENCODER = range(7)
+# what a model may lack, in the order of `AxisExtras`; sensors: reading = scale × true + bias, a time later
+ASYMMETRIC_COULOMB, ASYMMETRIC_VISCOUS, STRIBECK_FORCE, STRIBECK_VELOCITY = range(7, 11)
+PLACE_FORCE, PLACE, PLACE_WIDTH, OFFSET, SLOPE, CABLE_STIFFNESS, CABLE_REST, AIR = range(11, 19)
+FORCE_SCALE, PLAY, POSITION_SCALE, VELOCITY_SCALE, MONITOR_SCALE, MONITOR_BIAS = range(19, 25)
+POSITION_DELAY, VELOCITY_DELAY, FORCE_DELAY = range(25, 28)
+AXIS_ROW = 28
+
+# state of the axis
+POSITION, SPEED, GAP, DRIVE_SPEED, CHANGE = range(5)
+"""Of the carriage; drive − carriage, within ± half the play; the drive's speed; the last change of speed."""
+AXIS_STATE = 5
+
+# a free curve: what it is laid over, the range of its knots, then the force at each knot
+NO_CURVE, OVER_SPEED, OVER_POSITION, OVER_TIME, DRY_OVER_POSITION, DRY_OVER_TIME = range(6)
+KIND, FIRST_KNOT, LAST_KNOT, KNOT = range(4)
+CURVE_ROW = KNOT + 8
+
+
+def axis_row(axis: Axis, payload: float = 0.0) -> Array:
+    """The axis' numbers for the kernels, shape (AXIS_ROW,).
+
+    Args:
+      axis: The axis.
+      payload: Mass that a run adds [kg].
+    """
+    row = np.zeros(AXIS_ROW)
+    body = axis.axis
+    row[MASS] = body.mass + payload
+    row[DRIVE_MASS] = min(body.drive_mass, 0.9 * row[MASS])  # whatever an effect takes off the carriage
+    row[COULOMB], row[VISCOUS], row[LIMIT] = body.coulomb, body.viscous, body.force_limit
+    row[LOOP], row[ENCODER] = body.force_loop, axis.sensors.encoder_at_drive
+    row[ASYMMETRIC_COULOMB:] = dataclasses.astuple(axis.extras)
+    return row
+
+
+def no_curve() -> Array:
+    """The curve of an axis that has none, shape (CURVE_ROW,)."""
+    return np.zeros(CURVE_ROW)
+
+
+@kernel
+def frozen(row, curve):
+    """Both as tuples: the kernels below are six times as quick with them as with arrays."""
+    return to_fixed_tuple(row, AXIS_ROW), to_fixed_tuple(curve, CURVE_ROW)  # type: ignore[reportCallIssue]
+
+
+@kernel
+def on_curve(curve, at):
+    """The curve between its knots, constant beyond them [N]."""
+    last = CURVE_ROW - KNOT - 1
+    place = (at - curve[FIRST_KNOT]) / (curve[LAST_KNOT] - curve[FIRST_KNOT]) * last
+    place = min(max(place, 0.0), float(last))
+    below = min(int(place), last - 1)
+    share = place - below
+    return (1.0 - share) * curve[KNOT + below] + share * curve[KNOT + below + 1]
+
+
+@kernel
+def curve_force(curve, position, speed, time):
+    """Force that the curve adds, and what it adds to dry friction [N, N]."""
+    kind = curve[KIND]
+    if kind == NO_CURVE:
+        return 0.0, 0.0
+    if kind == OVER_SPEED:
+        return on_curve(curve, speed), 0.0
+    if kind == OVER_POSITION:
+        return on_curve(curve, position), 0.0
+    if kind == OVER_TIME:
+        return on_curve(curve, time), 0.0
+    if kind == DRY_OVER_POSITION:
+        return 0.0, on_curve(curve, position)
+    return 0.0, on_curve(curve, time)
+
+
+@kernel
+def dry_friction(row, position, speed, extra):
+    """Dry friction moving forward and moving backward, both ≥ 0 [N].
+
+    D± = C ± ΔC/2 + S exp(−(v/v_s)²) + P exp(−((x − x_P)/w)²/2)
+    """
+    dry = row[COULOMB] + extra
+    if row[STRIBECK_FORCE] != 0.0:
+        dry += row[STRIBECK_FORCE] * math.exp(-((speed / row[STRIBECK_VELOCITY]) ** 2))
+    if row[PLACE_FORCE] != 0.0:
+        dry += row[PLACE_FORCE] * math.exp(-0.5 * ((position - row[PLACE]) / row[PLACE_WIDTH]) ** 2)
+    half = 0.5 * row[ASYMMETRIC_COULOMB]
+    return max(dry + half, 0.0), max(dry - half, 0.0)
+
+
+@kernel
+def damping(row, speed):
+    """b(v) + c |v|: what multiplies the speed [N.s/m]."""
+    half = 0.5 * row[ASYMMETRIC_VISCOUS]
+    viscous = row[VISCOUS] + (half if speed > 0.0 else (-half if speed < 0.0 else 0.0))
+    return viscous + row[AIR] * abs(speed)
+
+
+@kernel
+def steady_force(row, position):
+    """Forces on the carriage that have nothing to do with its speed [N]."""
+    force = row[OFFSET] - row[CABLE_STIFFNESS] * (position - row[CABLE_REST])
+    if row[SLOPE] != 0.0:
+        force -= row[MASS] * GRAVITY * math.sin(row[SLOPE])
+    return force
+
+
+@kernel
+def next_speed(row, curve, mass, push, position, speed, change, time, h):
+    """Speed of a carriage of this mass after h seconds [m/s].
+
+    Viscous friction by the midpoint rule, the other forces at the predicted middle of the step. Where the
+    carriage comes to rest within the step, dry friction holds it or lets it go for what is left of the step.
+    """
+    x, v = position + 0.5 * h * speed, speed + 0.5 * change
+    if v * speed <= 0.0:  # it rests or may stop before: friction of the speed that it has
+        v = speed
+    added, extra = curve_force(curve, x, v, time + 0.5 * h)
+    other = push + steady_force(row, x) + added
+    forward, backward = dry_friction(row, x, v, extra)
+    rest, half = h, 0.5 * h * damping(row, v)
+    if speed != 0.0:
+        impulse = h * (other - forward) if speed > 0.0 else h * (other + backward)
+        after = (speed * (mass - half) + impulse) / (mass + half)
+        if after * speed > 0.0:
+            return after
+        rest = h * after / (after - speed)  # it comes to rest and has this much of the step left
+    held = stick_or_slip(-rest * forward, rest * backward, 0.0, mass, rest * other, 1.0)
+    return (rest * other + held) / mass
+
+
+@kernel
+def step(row, curve, state, force, nudge, time, h):
+    """The state h seconds later.
+
+    Args:
+      row: `axis_row`, with effects, as `frozen` makes it.
+      curve: A free curve, or `no_curve`, as `frozen` makes it.
+      state: Tuple of AXIS_STATE numbers.
+      force: Mean declared force of the drive over the step [N].
+      nudge: A further force on the body that carries the encoder [N].
+      time: At the start of the step [s].
+      h: Step [s].
+    """
+    if row[PLAY] > 0.0 and row[DRIVE_MASS] > 0.0:
+        return _step_with_play(row, curve, state, force, nudge, time, h)
+    x, v = state[POSITION], state[SPEED]
+    push = row[FORCE_SCALE] * force + nudge
+    after = next_speed(row, curve, row[MASS], push, x, v, state[CHANGE], time, h)
+    return x + 0.5 * h * (v + after), after, 0.0, after, after - v
+
+
+@kernel
+def _step_with_play(row, curve, state, force, nudge, time, h):
+    x, v, before, drive_mass = state[POSITION], state[SPEED], state[CHANGE], row[DRIVE_MASS]
+    on_drive, on_carriage = row[FORCE_SCALE] * force, nudge
+    if row[ENCODER] == 1.0:
+        on_drive, on_carriage = on_drive + nudge, 0.0
+    half = 0.5 * row[PLAY]
+    gap = min(max(state[GAP], -half), half)
+    side = 1.0 if gap >= half else (-1.0 if gap <= -half else 0.0)
+    if side != 0.0:
+        after = next_speed(row, curve, row[MASS], on_drive + on_carriage, x, v, before, time, h)
+        if (on_drive - drive_mass * (after - v) / h) * side >= 0.0:  # drive and carriage press on each other
+            return x + 0.5 * h * (v + after), after, gap, after, after - v
+    carriage_mass = row[MASS] - drive_mass
+    after = next_speed(row, curve, carriage_mass, on_carriage, x, v, before, time, h)
+    drive_speed = state[DRIVE_SPEED] if side == 0.0 else v
+    drive_after = drive_speed + h * on_drive / drive_mass
+    gap += 0.5 * h * (drive_speed + drive_after - v - after)
+    if abs(gap) >= half:  # they meet and stay together
+        gap = half if gap > 0.0 else -half
+        after = (drive_mass * drive_after + carriage_mass * after) / row[MASS]
+        drive_after = after
+    return x + 0.5 * h * (v + after), after, gap, drive_after, after - v
+
+
+@kernel
+def encoder_position(row, state):
+    """Position of what the encoder sits on [m]."""
+    return state[POSITION] + (state[GAP] if row[ENCODER] == 1.0 else 0.0)
+
+
+@kernel
+def encoder_speed(row, state):
+    """Speed of what the encoder sits on [m/s]."""
+    return state[DRIVE_SPEED] if row[ENCODER] == 1.0 else state[SPEED]
+
+
+def derivative(row: Array, position: float, speed: float, force: float, smoothing: float) -> float:
+    """Acceleration without play, sign(v) as tanh(v/smoothing), for `scipy.integrate.solve_ivp` [m/s²]."""
+    forward, backward = dry_friction(row, position, speed, 0.0)
+    direction = math.tanh(speed / smoothing)
+    dry = 0.5 * ((1.0 + direction) * forward - (1.0 - direction) * backward)
+    push = row[FORCE_SCALE] * force + steady_force(row, position)
+    return (push - dry - damping(row, speed) * speed) / row[MASS]

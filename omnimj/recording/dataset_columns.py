@@ -1,0 +1,70 @@
+"""Which columns a dataset of each plant has, all in SI units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+ROBOT_WHEELS = 4
+"""Wheels of the robot's logs."""
+
+
+@dataclass(frozen=True)
+class PlantColumns:
+    """The columns of one plant's runs, and what must be known about each run."""
+
+    required: tuple[str, ...]
+    """Columns that every run has."""
+    optional: tuple[str, ...] = ()
+    """Columns that a run may have."""
+    zero_if_absent: tuple[str, ...] = ()
+    """Columns that stand for 0 where they are absent."""
+    one_of: tuple[str, ...] = ()
+    """Columns of which a run has at least one."""
+    angles: tuple[str, ...] = ()
+    """Columns in rad that may be wrapped into one turn."""
+    conditions: tuple[str, ...] = ()
+    """Keys that hold for every run, by [defaults] or by [runs.NAME]."""
+
+    @property
+    def known(self) -> tuple[str, ...]:
+        """Every column that has a meaning."""
+        return (*self.required, *self.one_of, *self.zero_if_absent, *self.optional)
+
+    @property
+    def needed(self) -> str:
+        """What a run needs, in words."""
+        either = f", and {' or '.join(self.one_of)}" if self.one_of else ""
+        return ", ".join(self.required) + either
+
+
+def _per_wheel(*names: str) -> tuple[str, ...]:
+    return tuple(f"{name}_{i}" for name in names for i in range(1, ROBOT_WHEELS + 1))
+
+
+_BODY = ("acceleration_x", "acceleration_y", "yaw_rate", "yaw")
+
+PLANT_COLUMNS: Mapping[str, PlantColumns] = MappingProxyType(
+    {
+        "quarter_rig": PlantColumns(
+            required=("time", "current", "wheel_speed", "carriage_speed", "carriage_acceleration"),
+            optional=("current_target", "carriage_position", "wheel_angle"),
+            zero_if_absent=("lateral_speed",),
+            angles=("wheel_angle",),
+            conditions=("floor", "mass"),
+        ),
+        "uto_robot": PlantColumns(
+            required=("time", *_per_wheel("current", "wheel_speed"), *_BODY),
+            optional=(*_per_wheel("current_target"), "x", "y", "heading"),
+            angles=("yaw", "heading"),
+            conditions=("floor",),
+        ),
+        "linear_axis": PlantColumns(
+            required=("time", "position"),
+            optional=("velocity",),
+            one_of=("force", "current"),
+        ),
+    }
+)
+"""Columns by plant. A new plant of recorded data is one entry here."""

@@ -1,0 +1,150 @@
+"""`dataset.toml`: what was measured on which plant, and what its columns are called."""
+
+from __future__ import annotations
+
+import datetime
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from omnimj.errors import InputError, UnknownNameError
+from omnimj.parameters import read_floors
+from omnimj.parameters.reading import Rule, number
+from omnimj.parameters.toml_file import read_toml
+from omnimj.recording.dataset_columns import PLANT_COLUMNS
+from omnimj.recording.run_table import plain
+
+DATASET_FILE = "dataset.toml"
+CONDITION_KEYS = ("floor", "mass", "repeat_of", "description", "date")
+"""What [defaults] and [runs.NAME] may say about a run."""
+
+_TOP = ("plant", "description", "defaults", "columns", "runs")
+_POSITIVE = Rule(0.0, math.inf, True)
+_FINITE = Rule(-math.inf, math.inf, False)
+_COLUMN_KEYS = ("name", "scale", "offset")
+_WRITE_COLUMN = 'write { name = "carriage_speed", scale = 0.001 }'
+
+
+@dataclass(frozen=True)
+class Renamed:
+    """Our column out of theirs: scale × theirs + offset."""
+
+    name: str
+    scale: float = 1.0
+    offset: float = 0.0
+    """In our unit."""
+
+
+@dataclass(frozen=True)
+class DatasetFile:
+    """The content of `dataset.toml`, checked."""
+
+    path: Path
+    plant: str
+    defaults: Mapping[str, float | str]
+    renamed: Mapping[str, Renamed]
+    """By the logger's own column name."""
+    runs: Mapping[str, Mapping[str, float | str]]
+    """What each run says for itself, by file stem."""
+
+    def conditions(self, run: str) -> dict[str, float | str]:
+        """What holds for a run.
+
+        Raises:
+          InputError: The plant needs a condition that neither [defaults] nor the run states.
+        """
+        found = {**self.defaults, **self.runs.get(run, {})}
+        for key in PLANT_COLUMNS[self.plant].conditions:
+            if key not in found:
+                rule = f"state it under [defaults] or [runs.{plain(run)}]"
+                raise InputError(f"{self.path}: run {run!r}", f"'{key}' is missing", rule)
+        return found
+
+
+def read_dataset_file(folder: Path, floors: Collection[str] | None = None) -> DatasetFile:
+    """Reads the `dataset.toml` of a folder.
+
+    Args:
+      folder: The dataset's folder.
+      floors: Names of the floors there are; those of the shipped `floors.toml` when None.
+
+    Raises:
+      InputError: The file is missing, is no TOML, or a value breaks its rule.
+      UnknownNameError: A plant, floor, column or key that does not exist; the message lists the choices.
+    """
+    path = folder / DATASET_FILE
+    tree = read_toml(path)
+    for key in tree:
+        if key not in _TOP:
+            raise UnknownNameError(path, "key", key, _TOP)
+    if "plant" not in tree:
+        raise InputError(path, "'plant' is missing", "a dataset has one", PLANT_COLUMNS)
+    plant = tree["plant"]
+    if not isinstance(plant, str) or plant not in PLANT_COLUMNS:
+        raise UnknownNameError(f"{path}: plant", "plant", plant, PLANT_COLUMNS)
+    if "description" in tree:
+        _text(f"{path}: description", tree["description"])
+    known = tuple(read_floors() if floors is None else floors)
+    defaults = _conditions(f"{path}: [defaults]", tree.get("defaults", {}), known)
+    runs = {
+        name: _conditions(f"{path}: [runs.{plain(name)}]", table, known)
+        for name, table in _table(f"{path}: [runs]", tree.get("runs", {})).items()
+    }
+    columns = _table(f"{path}: [columns]", tree.get("columns", {}))
+    renamed = {}
+    for theirs, entry in columns.items():
+        if theirs.strip() in renamed:
+            raise InputError(f"{path}: [columns]", f"{theirs.strip()!r} is there twice")
+        renamed[theirs.strip()] = _renamed(f"{path}: columns.{theirs!r}", entry, plant)
+    return DatasetFile(
+        path, plant, MappingProxyType(defaults), MappingProxyType(renamed), MappingProxyType(runs)
+    )
+
+
+def _table(place: str, entry: Any) -> Mapping[str, Any]:
+    if not isinstance(entry, Mapping):
+        raise InputError(place, f"found {entry!r}", "a table is needed")
+    return entry
+
+
+def _text(place: str, entry: Any) -> str:
+    if not isinstance(entry, str) or not entry.strip():
+        raise InputError(place, f"found {entry!r}", "a text is needed")
+    return entry
+
+
+def _conditions(place: str, entry: Any, floors: Collection[str]) -> dict[str, float | str]:
+    found: dict[str, float | str] = {}
+    for key, value in _table(place, entry).items():
+        at = f"{place}: {key}"
+        if key not in CONDITION_KEYS:
+            raise UnknownNameError(place, "key", key, CONDITION_KEYS)
+        if key == "mass":
+            found[key] = number(at, value, _POSITIVE)
+        elif key == "floor" and (not isinstance(value, str) or value not in floors):
+            raise UnknownNameError(at, "floor", value, floors)
+        elif key == "date" and isinstance(value, datetime.date | datetime.time):
+            found[key] = value.isoformat()
+        else:
+            found[key] = _text(at, value)
+    return found
+
+
+def _renamed(place: str, entry: Any, plant: str) -> Renamed:
+    if not isinstance(entry, Mapping):
+        raise InputError(place, f"found {entry!r}", _WRITE_COLUMN)
+    for key in entry:
+        if key not in _COLUMN_KEYS:
+            raise UnknownNameError(place, "key", key, _COLUMN_KEYS)
+    if "name" not in entry:
+        raise InputError(place, "'name' is missing", _WRITE_COLUMN)
+    name, known = entry["name"], PLANT_COLUMNS[plant].known
+    if not isinstance(name, str) or name not in known:
+        raise UnknownNameError(f"{place}.name", f"column of {plant}", name, known)
+    scale = number(f"{place}.scale", entry.get("scale", 1.0), _FINITE)
+    if scale == 0.0:
+        raise InputError(f"{place}.scale", "found 0", "must not be 0")
+    return Renamed(name, scale, number(f"{place}.offset", entry.get("offset", 0.0), _FINITE))

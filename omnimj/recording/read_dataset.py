@@ -1,0 +1,213 @@
+"""A dataset's folder as a `Dataset`: read, renamed, checked, masked. Nothing is written there."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnimj.errors import InputError, UnknownNameError
+from omnimj.recording.dataset import Dataset, Run
+from omnimj.recording.dataset_columns import PLANT_COLUMNS
+from omnimj.recording.dataset_file import DATASET_FILE, DatasetFile, read_dataset_file
+from omnimj.recording.mask import Marks, edges, gaps, spikes
+from omnimj.recording.run_table import ENDINGS, RunTable, first_not_finite, plain, read_run_table
+from omnimj.signals import Array
+
+FEWEST_SAMPLES = 50
+"""Samples that a run has at least."""
+
+
+def read_dataset(path: Path | str, floors: Collection[str] | None = None) -> Dataset:
+    """Reads a folder of measured runs.
+
+    Columns come out in SI units under our names: scale × theirs + offset. Gaps and single-sample spikes are
+    marked in `Run.masked` and told in `Dataset.notes`; no number is changed for them.
+
+    Args:
+      path: A folder with `dataset.toml` and one NAME.csv or NAME.parquet per run.
+      floors: Names of the floors there are; those of the shipped `floors.toml` when None.
+
+    Raises:
+      InputError: Whatever is not as it should be, in one line: file, row or key, what was found, what is
+        allowed.
+      UnknownNameError: A plant, floor, column or key that does not exist; the message lists the choices.
+    """
+    path = Path(path)
+    if not path.is_dir():
+        found = "is a file" if path.exists() else "no such folder"
+        raise InputError(path, found, f"a dataset is a folder with {DATASET_FILE} and one table per run")
+    if not (path / DATASET_FILE).exists():
+        raise InputError(path, f"has no {DATASET_FILE}", "it names the plant and the floor")
+    about = read_dataset_file(path, floors)
+    files = _files(about, path)
+    runs = [_read_run(about, name, file) for name, file in files.items()]
+    _require_used_renames(about, runs)
+    _require_alike(about, [run for run, _ in runs])
+    masked, notes = _mask(about.plant, [run for run, _ in runs])
+    return Dataset(path, about.plant, tuple(masked), tuple(notes))
+
+
+def _files(about: DatasetFile, folder: Path) -> dict[str, Path]:
+    """The run files by stem, in the order of their names."""
+    files: dict[str, Path] = {}
+    for file in sorted(folder.iterdir()):
+        if file.suffix.lower() not in ENDINGS or file.name.startswith(".") or not file.is_file():
+            continue
+        if file.stem in files:
+            raise InputError(
+                folder, f"run {file.stem!r} is there twice, {files[file.stem].name} and {file.name}"
+            )
+        files[file.stem] = file
+    if not files:
+        raise InputError(folder, "has no runs", "one NAME.csv or NAME.parquet per run is needed")
+    for name in about.runs:
+        if name not in files:
+            close = difflib.get_close_matches(name, files, n=1)
+            hint = f"did you mean {close[0]!r}?" if close else f"the folder has {_few(list(files))}"
+            name = plain(name)
+            found = f"there is no {name}.csv or {name}.parquet"
+            raise InputError(f"{about.path}: [runs.{name}]", found, hint)
+    return files
+
+
+def _read_run(about: DatasetFile, name: str, file: Path) -> tuple[Run, tuple[str, ...]]:
+    """One run, checked, and the names in its file."""
+    asked = PLANT_COLUMNS[about.plant]
+    conditions = about.conditions(name)
+    table = read_run_table(file, {*asked.known, *about.renamed})
+    columns = _ours(about, file, table)
+    missing = [column for column in asked.required if column not in columns]
+    if asked.one_of and not any(column in columns for column in asked.one_of):
+        missing.append(" or ".join(asked.one_of))
+    if missing:
+        what = "columns" if len(missing) > 1 else "column"
+        found = f"has no {what} {', '.join(missing)}"
+        have = _few([column for column in table.names if column], 12)
+        rule = f"{about.plant} needs {asked.needed}; the file has {have}"
+        raise InputError(file, found, f"{rule}; other names belong under [columns] of {DATASET_FILE}")
+    _require_time(file, columns["time"], table)
+    for column in asked.zero_if_absent:
+        columns.setdefault(column, np.zeros(len(columns["time"])))
+    for values in columns.values():
+        values.flags.writeable = False
+    repeat_of = conditions.pop("repeat_of", None)
+    run = Run(
+        name,
+        MappingProxyType(columns),
+        MappingProxyType({}),
+        MappingProxyType(conditions),
+        None if repeat_of is None else str(repeat_of),
+    )
+    return run, table.names
+
+
+def _ours(about: DatasetFile, file: Path, table: RunTable) -> dict[str, Array]:
+    """Columns under our names and in our units."""
+    columns: dict[str, Array] = {}
+    origin: dict[str, str] = {}
+    for theirs, values in table.numbers.items():
+        renamed = about.renamed.get(theirs)
+        name = theirs if renamed is None else renamed.name
+        if name in columns:
+            found = f"column {name!r} is there twice, as {origin[name]!r} and as {theirs!r}"
+            raise InputError(file, found, f"see [columns] of {DATASET_FILE}")
+        if renamed is not None:
+            with np.errstate(over="ignore"):
+                values = renamed.scale * values + renamed.offset
+        columns[name], origin[name] = values, theirs
+    known = PLANT_COLUMNS[about.plant].known
+    broken = first_not_finite({name: columns[name] for name in columns if name in known})
+    if broken is not None:
+        sample, name = broken
+        place = f"{file}: row {table.row_of(sample)}, column {name!r}"
+        raise InputError(place, f"is beyond all numbers after [columns] of {DATASET_FILE}", "look at scale")
+    return columns
+
+
+def _require_time(file: Path, time: Array, table: RunTable) -> None:
+    if len(time) < FEWEST_SAMPLES:
+        raise InputError(file, f"has {len(time)} samples", f"at least {FEWEST_SAMPLES} are needed")
+    late = np.flatnonzero(np.diff(time) <= 0.0)
+    if len(late):
+        k = int(late[0]) + 1
+        found = f"found {time[k]:.12g} after {time[k - 1]:.12g}"
+        raise InputError(f"{file}: row {table.row_of(k)}, column 'time'", found, "must increase")
+
+
+def _require_used_renames(about: DatasetFile, runs: Sequence[tuple[Run, tuple[str, ...]]]) -> None:
+    """A name that no file has is a slip of the pen."""
+    there = {name for _, names in runs for name in names if name}
+    for theirs in about.renamed:
+        if theirs not in there:
+            kind = "column of any run"
+            choices = [plain(name) for name in sorted(there)[:30]]
+            raise UnknownNameError(f"{about.path}: [columns]", kind, theirs, choices)
+
+
+def _require_alike(about: DatasetFile, runs: Sequence[Run]) -> None:
+    """Repeats of one condition have one floor and one mass."""
+    first: dict[str, Run] = {}
+    for run in runs:
+        if run.repeat_of is None:
+            continue
+        other = first.setdefault(run.repeat_of, run)
+        for key in ("floor", "mass"):
+            mine, others = run.conditions.get(key), other.conditions.get(key)
+            if mine != others:
+                found = f"{key} is {mine!r} but {others!r} in {other.name!r}"
+                rule = f"both are repeats of {run.repeat_of!r}"
+                raise InputError(f"{about.path}: run {run.name!r}", found, rule)
+
+
+def _mask(plant: str, runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
+    """The runs with their samples marked that must not be fitted, and what there is to say about it."""
+    asked = PLANT_COLUMNS[plant]
+    channels = [name for name in asked.known if name != "time"]
+    found: list[dict[str, Marks]] = [{} for _ in runs]
+    for name in channels:
+        having = [k for k, run in enumerate(runs) if name in run.columns]
+        values = [runs[k].columns[name] for k in having]
+        leaps = spikes(values, [runs[k].time for k in having], name in asked.angles) if having else []
+        for k, marks in zip(having, leaps, strict=True):
+            if marks.any():
+                found[k][name] = marks
+    masked, notes = [], []
+    for run, own in zip(runs, found, strict=True):
+        notes.extend(_spike_note(run, name, marks) for name, marks in own.items())
+        after = gaps(run.time)
+        if len(after):
+            notes.append(_gap_note(run, after))
+            beside = edges(after, len(run.time))
+            own = {name: own.get(name, False) | beside for name in channels if name in run.columns}
+        for marks in own.values():
+            marks.flags.writeable = False
+        masked.append(_with_marks(run, own))
+    return masked, notes
+
+
+def _with_marks(run: Run, masked: Mapping[str, Marks]) -> Run:
+    return Run(run.name, run.columns, MappingProxyType(dict(masked)), run.conditions, run.repeat_of)
+
+
+def _spike_note(run: Run, column: str, marks: Marks) -> str:
+    at = run.time[marks]
+    many = f"{len(at)} single-sample spikes" if len(at) > 1 else "a single-sample spike"
+    return f"run {run.name}: {many} in {column} masked, at {_few([f'{t:.6g} s' for t in at], 5)}"
+
+
+def _gap_note(run: Run, after: NDArray[np.int64]) -> str:
+    steps = np.diff(run.time)
+    longest = after[np.argmax(steps[after])]
+    many = f"{len(after)} gaps in time, the longest" if len(after) > 1 else "a gap in time"
+    told = f"of {steps[longest]:.4g} s after {run.time[longest]:.6g} s"
+    return f"run {run.name}: {many} {told} (a step is {np.median(steps):.4g} s), edges masked"
+
+
+def _few(names: Sequence[str], most: int = 6) -> str:
+    shown = ", ".join(map(plain, names[:most]))
+    return f"{shown} and {len(names) - most} more" if len(names) > most else shown

@@ -1,0 +1,196 @@
+"""Writes datasets, run by run, so that what was finished is kept whatever happens."""
+
+from __future__ import annotations
+
+import csv
+import re
+import unicodedata
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet as pq
+
+from omnimj.errors import InputError, UnknownNameError
+from omnimj.parameters.toml_file import read_toml
+from omnimj.recording.dataset import Run
+from omnimj.recording.dataset_file import DATASET_FILE
+from omnimj.recording.folder import check_folder, whole_file
+from omnimj.recording.run_table import ENDINGS
+
+FORMATS = ("parquet", "csv")
+"""Kinds of tables that can be written."""
+_MARK = "# written by omnimj"
+_PLAIN_KEY = re.compile(r"[A-Za-z0-9_-]+")
+
+
+class DatasetWriter:
+    """Writes one run after the other; after each the folder is a whole dataset.
+
+    With `force` it goes over a dataset that omnimj wrote. Measured data, which nobody can make again, it
+    never takes away.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        plant: str,
+        defaults: Mapping[str, float | str],
+        force: bool = False,
+        table_format: str = "parquet",
+    ):
+        """Checks that the dataset can be written; nothing is written yet.
+
+        Args:
+          folder: Where to; it is made if need be.
+          plant: `quarter_rig`, `uto_robot` or `linear_axis`.
+          defaults: What holds for every run unless the run says otherwise.
+          force: Go over an earlier dataset of omnimj's.
+          table_format: `parquet` or `csv`.
+
+        Raises:
+          InputError: The folder is not empty, holds runs of another origin, or cannot be written.
+          UnknownNameError: No such format.
+        """
+        if table_format not in FORMATS:
+            raise UnknownNameError("--format", "format", table_format, FORMATS)
+        check_folder(folder, force)
+        self._old = _earlier_files(folder)
+        self._folder, self._plant, self._defaults = folder, plant, dict(defaults)
+        self._ending = f".{table_format}"
+        self._runs: dict[str, Run] = {}
+
+    def add(self, run: Run) -> None:
+        """Writes one run and lists it in `dataset.toml`; what the defaults say is not said again.
+
+        Raises:
+          InputError: The run's name is no file name or is taken, or the file cannot be written.
+        """
+        _require_file_name(run.name)
+        if run.name in self._runs:
+            raise InputError(f"run {run.name!r}", "is there twice")
+        try:
+            if not self._runs:
+                self._begin()
+            with whole_file(self._folder / f"{run.name}{self._ending}") as temporary:
+                _write_table(temporary, run)
+            self._runs[run.name] = run
+            with whole_file(self._folder / DATASET_FILE) as temporary:
+                temporary.write_text(self._text(), encoding="utf-8", newline="\n")
+        except OSError as error:
+            raise InputError(
+                f"--out {self._folder}", f"cannot be written ({error.strerror or error})"
+            ) from None
+
+    def _begin(self) -> None:
+        """Makes the folder and takes an earlier dataset away, its `dataset.toml` first."""
+        self._folder.mkdir(parents=True, exist_ok=True)
+        for file in self._old:
+            file.unlink(missing_ok=True)
+
+    def _text(self) -> str:
+        lines = [_MARK, f"plant = {_value(self._plant)}"]
+        if self._defaults:
+            lines += [
+                "",
+                "[defaults]",
+                *(f"{key} = {_value(value)}" for key, value in self._defaults.items()),
+            ]
+        for run in self._runs.values():
+            own = {k: v for k, v in run.conditions.items() if self._defaults.get(k) != v}
+            if run.repeat_of is not None and run.repeat_of != self._defaults.get("repeat_of"):
+                own["repeat_of"] = run.repeat_of
+            lines += [
+                "",
+                f"[runs.{_key(run.name)}]",
+                *(f"{key} = {_value(value)}" for key, value in own.items()),
+            ]
+        return "\n".join(lines) + "\n"
+
+
+def write_dataset(
+    folder: Path,
+    plant: str,
+    defaults: Mapping[str, float | str],
+    runs: Iterable[Run],
+    force: bool = False,
+    table_format: str = "parquet",
+) -> None:
+    """Writes a dataset; every number comes back bit for bit, from Parquet and from CSV.
+
+    Raises:
+      InputError: As `DatasetWriter`.
+    """
+    writer = DatasetWriter(folder, plant, defaults, force, table_format)
+    for run in runs:
+        writer.add(run)
+
+
+def _earlier_files(folder: Path) -> list[Path]:
+    """Files of an earlier dataset of ours, its `dataset.toml` first; none for a folder without a dataset.
+
+    Raises:
+      InputError: There are runs that omnimj did not write.
+    """
+    if not folder.is_dir():
+        return []
+    about = folder / DATASET_FILE
+    tables = {file.stem: file for file in folder.iterdir() if file.suffix.lower() in ENDINGS}
+    ours: Mapping[str, object] = {}
+    if about.is_file():
+        if not about.read_bytes().startswith(_MARK.encode()):
+            rule = "--force goes only over what omnimj wrote, choose another folder"
+            raise InputError(f"--out {folder}", f"has a {DATASET_FILE} of another origin", rule)
+        runs = read_toml(about).get("runs", {})
+        ours = runs if isinstance(runs, Mapping) else {}
+    for stem, file in tables.items():
+        if stem not in ours:
+            rule = "it would become a run of the dataset, choose another folder"
+            raise InputError(f"--out {folder}", f"has a file {file.name}", rule)
+    return [about, *tables.values()] if about.is_file() else []
+
+
+def _require_file_name(name: str) -> None:
+    plain = name and name == Path(name).name and not name.startswith(".") and name == name.strip()
+    if not plain or any(unicodedata.category(c) in ("Cc", "Cs") for c in name) or "\\" in name:
+        raise InputError(f"run {name!r}", "is no file name", "letters, digits, _ and - make good names")
+
+
+def _write_table(path: Path, run: Run) -> None:
+    arrays = [pa.array(np.asarray(values, float)) for values in run.columns.values()]
+    if path.suffix == ".parquet":
+        table = pa.table(arrays, names=list(run.columns))
+        # as in a trace: the bytes of floats of like size pack well when they are transposed
+        pq.write_table(
+            table,
+            path,
+            compression="zstd",
+            use_dictionary=False,
+            use_byte_stream_split=True,
+            write_page_checksum=True,
+        )
+        return
+    with path.open("w", encoding="utf-8", newline="") as header:
+        csv.writer(header, lineterminator="\n").writerow(run.columns)
+    table = pa.table(arrays, names=[f"{k}" for k in range(len(arrays))])
+    with path.open("ab") as rows:
+        # the shortest text that gives the same double
+        pa.csv.write_csv(table, rows, pa.csv.WriteOptions(include_header=False))
+
+
+def _value(value: float | str) -> str:
+    if isinstance(value, str):
+        return _quoted(value)
+    return repr(float(value))
+
+
+def _key(name: str) -> str:
+    return name if _PLAIN_KEY.fullmatch(name) else _quoted(name)
+
+
+def _quoted(text: str) -> str:
+    """A basic string of TOML."""
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
+    return '"' + "".join(c if c.isprintable() or ord(c) > 0x9F else f"\\u{ord(c):04x}" for c in escaped) + '"'

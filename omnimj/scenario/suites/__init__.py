@@ -1,0 +1,1 @@
+"""Test plans that are recorded as datasets."""

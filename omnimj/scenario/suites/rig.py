@@ -1,0 +1,170 @@
+"""Test plans of the rig: the dissertation's three, and a compact one with something of everything."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from omnimj.errors import SimulationError
+from omnimj.loop import Watch, drive_rig
+from omnimj.parameters import Rig, read_floors
+from omnimj.plant.channels import RIG_CHANNELS
+from omnimj.plant.interface import Plant
+from omnimj.scenario.suites.currents import RigDrive, Stroke, constant, on_rail, strokes
+from omnimj.scenario.suites.suite import Condition, Recording
+from omnimj.signals import Array
+
+FLOORS = ("natural_stone", "pvc", "paperboard")
+"""Floors of the dissertation."""
+LATERAL_SPEEDS = (0.20, 0.35, 0.50, 0.65, -0.20, -0.35, -0.50, -0.65)
+"""Of section 4.4 [m/s]."""
+
+_CREEP = (
+    Stroke(0.34, 0.15, coast=0.5, brake=0.30),
+    Stroke(-0.34, 0.25, brake=0.30),
+    Stroke(0.45, 0.28),
+    Stroke(-0.45, 0.28),
+    Stroke(0.38, 0.45, coast=0.3, brake=0.20),
+    Stroke(-0.38, 0.45, coast=0.4, brake=0.25),
+)
+_TO_AND_FRO = (
+    Stroke(0.80, 0.60, coast=0.2, brake=0.6),
+    Stroke(-0.60, 0.60, coast=0.2, brake=0.5),
+    Stroke(0.95, 0.70, brake=0.8),
+    Stroke(-0.80, 0.60),
+    Stroke(0.50, 0.70, coast=0.4, brake=0.3),
+)
+_DASH = (
+    Stroke(1.50, 0.80, coast=0.1, brake=1.2),
+    Stroke(-1.35, 0.60, brake=1.05),
+    Stroke(1.20, 0.70),
+    Stroke(-1.50, 0.40, coast=0.1, brake=0.9),
+)
+_LONG = (Stroke(1.05, 1.10, coast=0.1, brake=1.35), Stroke(-0.70, 0.60, coast=0.3, brake=0.5))
+
+
+def plan_currents(rig: Rig, seed: int) -> list[Condition]:
+    """Identification, section 4.2: 0.15 … 1.5 A on three floors with the full mass."""
+    return [
+        _constant(rig, floor, rig.rig.masses[0], current)
+        for floor in FLOORS
+        for current in _hundredths(15, 150, 15)
+    ]
+
+
+def plan_validation(rig: Rig, seed: int) -> list[Condition]:
+    """Validation, section 4.3: 0.45 … 1.5 A on three floors with every mass."""
+    return [
+        _constant(rig, floor, mass, current)
+        for mass in rig.rig.masses
+        for floor in FLOORS
+        for current in _hundredths(45, 150, 15)
+    ]
+
+
+def plan_lateral(rig: Rig, seed: int) -> list[Condition]:
+    """Sideways motion, section 4.4: four currents at eight lateral speeds on natural stone."""
+    return [
+        _constant(rig, FLOORS[0], rig.rig.masses[0], current, lateral)
+        for lateral in LATERAL_SPEEDS
+        for current in (0.6, 0.9, 1.2, 1.5)
+    ]
+
+
+def plan_mixed(rig: Rig, seed: int) -> list[Condition]:
+    """24 runs with reversals, coasting and braking, slow and fast, straight and sideways.
+
+    Constant currents alone hide what shows at reversal, near standstill or at one place of the rail.
+    """
+    full, middle, least = rig.rig.masses[0], rig.rig.masses[len(rig.rig.masses) // 2], rig.rig.masses[-1]
+    found = []
+    for floor in FLOORS:
+        found += [
+            _strokes(rig, floor, full, "creep", _CREEP, repeats=2),
+            _strokes(rig, floor, full, "dash", _DASH, repeats=2),
+            _strokes(rig, floor, middle, "to_and_fro", _TO_AND_FRO),
+            _strokes(rig, floor, least, "long", _LONG),
+        ]
+    for floor, lateral, kind, plan in (
+        (FLOORS[0], 0.20, "to_and_fro", _TO_AND_FRO),
+        (FLOORS[0], -0.20, "to_and_fro", _TO_AND_FRO),
+        (FLOORS[0], 0.40, "dash", _DASH),
+        (FLOORS[0], -0.40, "dash", _DASH),
+        (FLOORS[1], 0.25, "creep", _CREEP),
+        (FLOORS[2], -0.25, "long", _LONG),
+    ):
+        found.append(_strokes(rig, floor, full, kind, plan, lateral))
+    return found
+
+
+def record_rig(rig: Rig, nominal: Rig, condition: Condition, how: Recording) -> Mapping[str, Array]:
+    """One run: what the sensors said and the set current, until the carriage came to the rail's end.
+
+    Args:
+      rig: With its effects.
+      nominal: Not needed, nothing is controlled.
+      condition: Its drive is a `RigDrive`.
+      how: Plant, seed, progress.
+
+    Raises:
+      SimulationError: The simulation broke down.
+      KeyboardInterrupt: The run was broken off.
+    """
+    drive: RigDrive = condition.drive
+    plant = _make_plant(rig, condition, drive, how)
+    try:
+        trace = drive_rig(plant, drive.current, Watch(how.progress))
+    finally:
+        plant.close()
+    if trace.about["failure"]:
+        raise SimulationError(f"run {condition.name}: {trace.about['failure']}")
+    if trace.about["interrupted"]:
+        raise KeyboardInterrupt
+    rows = on_rail(rig, trace["carriage_position"], trace["lateral_position"])
+    return {name: trace[name][:rows] for name in ("time", *RIG_CHANNELS, "current_target")}
+
+
+def _make_plant(rig: Rig, condition: Condition, drive: RigDrive, how: Recording) -> Plant:
+    floor, mass = str(condition.conditions["floor"]), float(condition.conditions["mass"])
+    if how.plant == "planar":
+        from omnimj.plant.planar_rig import PlanarRig
+
+        return PlanarRig(rig, floor, mass=mass, lateral_speed=drive.lateral_speed, seed=how.seed)
+    from omnimj.twin.twin import RigTwin  # MuJoCo is loaded for the twin only
+
+    return RigTwin(rig, read_floors()[floor], mass=mass, lateral_speed=drive.lateral_speed, seed=how.seed)
+
+
+def _hundredths(first: int, last: int, step: int) -> Sequence[float]:
+    return [k / 100.0 for k in range(first, last + 1, step)]
+
+
+def _name(rig: Rig, floor: str, mass: float, kind: str, lateral: float) -> str:
+    """`stone_060`, `stone_2959g_060`, `stone_060_p35`: floor, mass unless it is the full one, kind, side."""
+    parts = [floor.removeprefix("natural_")]
+    if mass != rig.rig.masses[0]:
+        parts.append(f"{1000.0 * mass:.0f}g")
+    parts.append(kind)
+    if lateral:
+        parts.append(f"{'p' if lateral > 0.0 else 'm'}{100.0 * abs(lateral):02.0f}")
+    return "_".join(parts)
+
+
+def _constant(rig: Rig, floor: str, mass: float, current: float, lateral: float = 0.0) -> Condition:
+    name = _name(rig, floor, mass, f"{np.rint(100.0 * current):03.0f}", lateral)
+    return Condition(name, {"floor": floor, "mass": mass}, constant(rig, current, lateral))
+
+
+def _strokes(
+    rig: Rig,
+    floor: str,
+    mass: float,
+    kind: str,
+    plan: tuple[Stroke, ...],
+    lateral: float = 0.0,
+    repeats: int | None = None,
+) -> Condition:
+    name = _name(rig, floor, mass, kind, lateral)
+    drive = strokes(rig, floor, mass, plan, lateral)
+    return Condition(name, {"floor": floor, "mass": mass}, drive, repeats)

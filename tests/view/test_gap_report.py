@@ -1,0 +1,266 @@
+"""The gap report is one page that needs nothing else; its numbers are those of `gap.json`."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_findings import FINDINGS, rig_named, rig_no_gap, robot
+from test_report import Page
+
+from omnimj.gap.digest import digest
+from omnimj.gap.records import ChannelGap, Finding, NamedEffect, Place
+from omnimj.view import gap_plots_naming, gap_plots_runs, gap_plots_where
+from omnimj.view.gap_report import write_gap_report
+
+_NUMBER = re.compile(r"(?<![\w.])[−-]?\d+(?:\.\d+)?(?:e[−-]?\d+)?(?![\w.])")
+
+
+class Cells(HTMLParser):
+    """Texts of the cells of numbers."""
+
+    def __init__(self, path: Path):
+        super().__init__()
+        self.texts: list[str] = []
+        self._inside = False
+        self.feed(path.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag, attrs):
+        if tag == "td":
+            self._inside = "number" in (dict(attrs).get("class") or "")
+            if self._inside:
+                self.texts.append("")
+        if tag == "small":
+            self._inside = False
+
+    def handle_endtag(self, tag):
+        if tag == "td":
+            self._inside = False
+
+    def handle_data(self, data):
+        if self._inside:
+            self.texts[-1] += data
+
+
+def numbers_in(value: object) -> Iterator[float]:
+    """All numbers of a digest."""
+    if isinstance(value, dict):
+        for name, entry in value.items():
+            if name != "decoys":  # so many that any number would be among them
+                yield from numbers_in(entry)
+    elif isinstance(value, list):
+        for entry in value:
+            yield from numbers_in(entry)
+    elif isinstance(value, int | float) and not isinstance(value, bool):
+        yield float(value)
+
+
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory) -> dict[str, Path]:
+    folder = tmp_path_factory.mktemp("gap")
+    for name, make in FINDINGS.items():
+        finding = make()
+        new_model = "model.toml" if finding.effects else None
+        write_gap_report(folder / f"{name}.html", finding, new_model, f"omnimj gap {name} --out 'o & o'")
+    return {name: folder / f"{name}.html" for name in FINDINGS}
+
+
+@pytest.mark.parametrize("name", FINDINGS)
+def test_the_page_is_whole_and_needs_nothing_from_elsewhere(pages, name):
+    raw = pages[name].read_text(encoding="utf-8")
+    page = Page(pages[name])
+    assert raw.startswith("<!DOCTYPE html>")
+    assert not re.search(r"https?:|//cdn|@import|url\((?!#)", raw)
+    assert all(link.startswith(("#", "data:")) for link in page.links)
+    assert "script" not in page.tags
+    assert pages[name].stat().st_size < 2e6
+    assert len(page.ids) == len(set(page.ids))
+    assert set(re.findall(r'(?:href="#|url\(#)([^")]+)', raw)) <= set(page.ids)
+
+
+@pytest.mark.parametrize("name", FINDINGS)
+def test_every_number_in_the_tables_is_in_gap_json(pages, name):
+    known = list(numbers_in(digest(FINDINGS[name]())))
+    known = np.array(known)
+    cells = Cells(pages[name]).texts
+    assert len(cells) > 20
+    for text in cells:
+        values = 100.0 * known if "%" in text else known
+        for shown in _NUMBER.findall(text.replace("e−", "e-")):
+            number = float(shown.replace("−", "-"))
+            exponent = math.floor(math.log10(abs(number))) if number else 0
+            digits = len(re.sub(r"e.*|[−.-]", "", shown).lstrip("0")) or 1
+            room = 0.5 * 10.0 ** (exponent - digits + 1)
+            assert np.min(np.abs(values - number)) <= room * (1.0 + 1e-6), (text, shown)
+
+
+@pytest.mark.parametrize("name", FINDINGS)
+def test_the_story_goes_from_the_verdict_to_how_it_was_done(pages, name):
+    text = Page(pages[name]).text
+    finding = FINDINGS[name]()
+    amount = "How much smaller" if finding.effects else "How large"
+    order = ["Gap of", "Was the data in order?", "Where the gap is", "What is missing"]
+    order += ["Parameters that were uncertain", "How sure", amount, "What next", "How it was done"]
+    places = [text.index(words, 0) if k == 0 else text.rindex(words) for k, words in enumerate(order)]
+    assert places == sorted(places)
+    for effect in finding.effects:
+        assert effect.words in text
+        for rival in effect.indistinguishable_from:
+            assert rival in text
+    for place in finding.where:
+        assert place.regime in text
+    assert f"omnimj gap {name} --out 'o & o'" in text
+
+
+def test_every_figure_has_a_heading_and_says_what_to_see(pages):
+    raw = pages["three"].read_text(encoding="utf-8")
+    figures = re.findall(r"<figure>.*?</figure>", raw, re.DOTALL)
+    assert len(figures) > 10
+    for figure in figures:
+        found = re.match(r"<figure><figcaption><b>(.+?)</b>(.+?)</figcaption><svg", figure, re.DOTALL)
+        assert found and len(found[1]) > 4 and len(found[2]) > 30
+
+
+def test_an_unfinished_search_is_called_so(pages):
+    assert "Not finished" in Page(pages["interrupted"]).text
+    assert "Not finished" not in Page(pages["named"]).text
+
+
+def test_a_verdict_is_a_word_and_a_sign_not_colour_alone(pages):
+    words = {
+        "named": "✓ Named",
+        "ambiguous": "? Ambiguous",
+        "unexplained": "✗ Unexplained",
+        "no_gap": "✓ No gap",
+    }
+    for name, verdict in words.items():
+        assert verdict in Page(pages[name]).text
+
+
+def test_texts_from_outside_cannot_break_the_page(page_path):
+    evil = "</main><script>alert('x')</script>"
+    finding = rig_named()
+    effect = replace(
+        finding.effects[0], words=evil, indistinguishable_from=(evil,), selectors={"channel": evil}
+    )
+    place = replace(finding.where[0], regime=evil)
+    notes = (evil,)
+    first = replace(finding.overlays[0], run=evil, conditions={evil: evil})
+    broken = replace(
+        finding,
+        dataset=evil,
+        reason=evil,
+        effects=(effect,),
+        where=(place,),
+        data_notes=notes,
+        overlays=(first, *finding.overlays[1:]),
+        next_experiment={"why": evil, "run": {evil: evil}, "separates": [evil], "parting": {evil: 2.0}},
+        heldout_runs=(evil,),
+        failure=evil,
+    )
+    write_gap_report(page_path, broken, "m.toml", evil)
+    page = Page(page_path)
+    assert "script" not in page.tags and evil in page.text
+
+
+def bare(finding: Finding) -> Finding:
+    """Without all that may be missing."""
+    return replace(
+        finding,
+        where=(),
+        stages=(),
+        refitted=(),
+        overlays=(),
+        next_experiment=None,
+        data_notes=(),
+        noise={},
+        heldout={name: ChannelGap(1.0, None, None) for name in finding.channels},
+        shrink=None,
+    )
+
+
+@pytest.mark.parametrize("name", ["named", "no_gap", "unexplained"])
+def test_a_finding_with_next_to_nothing_in_it_has_a_report_too(page_path, name):
+    write_gap_report(page_path, bare(FINDINGS[name]()))
+    assert "How it was done" in Page(page_path).text
+
+
+def test_masked_blocks_and_a_silent_channel_do_not_break_the_report(page_path):
+    finding = rig_named()
+    overlays = []
+    for k, overlay in enumerate(finding.overlays):
+        measured = overlay.measured * [1.0, math.nan if k % 2 else 1.0, math.nan]
+        overlays.append(replace(overlay, measured=measured))
+    write_gap_report(page_path, replace(finding, overlays=tuple(overlays)))
+    assert "nan" not in Page(page_path).text.lower().replace("explanation", "")
+
+
+def test_every_axis_names_its_quantity(pages):
+    finding = rig_named()
+    variable, place = gap_plots_where.regime_variables(finding)[0]
+    figure = gap_plots_where.against_regime(finding, variable, place)
+    (ax,) = figure.get_axes()
+    assert ax.get_xlabel() == "lateral speed [m/s]" and ax.get_ylabel().endswith("[m/s]")
+    run = gap_plots_runs.overlay(finding, list(finding.overlays[:1]))
+    assert all(re.search(r"\[.+\]$", ax.get_ylabel()) for ax in run.get_axes())
+    spectrum = gap_plots_runs.spectra(finding, [0, 1, 2])
+    assert all(ax.get_ylabel().endswith("/√Hz]") for ax in spectrum.get_axes())
+
+
+def test_the_noise_of_a_perfect_model_lies_on_the_line_of_the_noise():
+    finding = rig_no_gap()
+    for ax in gap_plots_runs.spectra(finding, [0, 1, 2]).get_axes():
+        spectrum, floor = ax.get_lines()
+        density = np.asarray(spectrum.get_ydata(), float)[1:-1]
+        assert np.sqrt(np.mean(density**2)) == pytest.approx(np.asarray(floor.get_ydata())[0], rel=0.12)
+
+
+def test_a_place_for_either_sign_is_shaded_on_both_sides():
+    place = Place("wheel_speed", "speed (either sign) above 0.5 m/s", {"speed": (0.5, 2.0)}, 1.0, 1.0)
+    assert gap_plots_where.spans_of(place, "speed") == [(-2.0, -0.5), (0.5, 2.0)]
+    one = replace(place, regime="speed above 0.5 m/s")
+    assert gap_plots_where.spans_of(one, "speed") == [(0.5, 2.0)]
+
+
+def test_texts_as_regimes_are_not_drawn_over():
+    finding = rig_named()
+    floors = tuple(
+        replace(o, regimes={**o.regimes, "floor": np.full(len(o.time), "pvc", object)})
+        for o in finding.overlays
+    )
+    place = replace(finding.where[0], bounds={"floor": (0.0, 1.0)})
+    drawn = gap_plots_where.regime_variables(replace(finding, overlays=floors, where=(place,)))
+    assert drawn == []
+
+
+def test_the_ladder_tells_verdicts_apart_by_their_marks():
+    (ax,) = gap_plots_naming.ladder(FINDINGS["ambiguous"]().stages[0]).get_axes()
+    marks = {
+        line.get_label(): str(line.get_marker()) for line in ax.get_lines() if line.get_marker() != "None"
+    }
+    assert len({marks["named"], marks["rival"], marks["beaten"]}) == 3
+
+
+def test_windows_are_not_joined_by_a_line():
+    finding = robot()
+    windows = [o for o in finding.overlays if o.run == "mission_3"]
+    apart = [replace(o, time=o.time + 3.0 * k) for k, o in enumerate(windows)]
+    ax = gap_plots_runs.overlay(finding, apart).get_axes()[0]
+    shown = np.asarray(ax.get_lines()[0].get_ydata(), float)
+    assert np.count_nonzero(np.isnan(shown)) == len(apart) - 1
+
+
+def test_effects_without_known_chance_or_bounds_are_told(page_path):
+    finding = rig_named()
+    one: NamedEffect = finding.effects[0]
+    loose = {name: replace(value, low=None, high=None) for name, value in one.parameters.items()}
+    gain = replace(one.gain, low=None, high=None)
+    effect = replace(one, p_false=None, parameters=loose, gain=gain)
+    write_gap_report(page_path, replace(finding, effects=(effect,)))
+    assert "no random curves were tried" in Page(page_path).text
