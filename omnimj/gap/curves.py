@@ -16,6 +16,7 @@ from omnimj.gap.fit import Fit, weights_of
 from omnimj.gap.heldout import Groups
 from omnimj.gap.problem import Problem
 from omnimj.gap.replay import KNOTS
+from omnimj.gap.sums import weighted_sums
 from omnimj.signals import Array
 
 _DECOYS = 100
@@ -54,7 +55,9 @@ def sensitivities(problem: Problem, current: Fit, used: NDArray[np.bool_]) -> Se
 def _sums(columns: Array, groups: Groups, channels: int) -> Array:
     """Aᵀ A of every group, shape (groups, columns, columns)."""
     of_row = np.repeat(groups.of_block, channels)
-    return np.stack([columns[of_row == g].T @ columns[of_row == g] for g in range(groups.count)])
+    ones = np.ones(len(columns))
+    parts = [of_row == g for g in range(groups.count)]
+    return np.stack([weighted_sums(columns[p, :-1], columns[p, -1], ones[p]) for p in parts])
 
 
 def _heldout(sums: Array, own: int, penalty: Array, folds: list[NDArray[np.int_]]) -> Array:

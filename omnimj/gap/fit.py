@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from omnimj.gap.problem import Form, Problem
+from omnimj.gap.sums import weighted_sums
 from omnimj.signals import Array
 
 _STEPS = 4  # with one Jacobian
@@ -29,7 +31,7 @@ class Fit:
     """Over the blocks that it was fitted to."""
 
 
-def weights_of(problem: Problem, residual: Array, used: Array) -> Array:
+def weights_of(problem: Problem, residual: Array, used: NDArray[np.bool_]) -> Array:
     """Square roots of the weights of iteratively reweighted least squares, 0 on blocks that are not used."""
     w = (1.0 + (residual / problem.softness) ** 2) ** -0.25
     return (w * used[:, None]).ravel()
@@ -37,8 +39,7 @@ def weights_of(problem: Problem, residual: Array, used: Array) -> Array:
 
 def normal_equations(jacobian: Array, residual: Array, weight: Array) -> Array:
     """[J r]ᵀ W² [J r], shape (parameters + 1, parameters + 1)."""
-    a = np.column_stack([jacobian, residual.ravel()]) * weight[:, None]
-    return a.T @ a
+    return weighted_sums(np.ascontiguousarray(jacobian), residual.ravel(), weight)
 
 
 def bounded_step(
@@ -65,7 +66,7 @@ def bounded_step(
     return lsq_linear(root, target, bounds=(low - tiny, high + tiny), method="bvls").x
 
 
-def _objective(problem: Problem, form: Form, x: Array, residual: Array, used: Array) -> float:
+def _objective(problem: Problem, form: Form, x: Array, residual: Array, used: NDArray[np.bool_]) -> float:
     precision, distance = problem.prior(x, form)
     return float(problem.losses(residual)[used].sum() + (precision * distance**2).sum())
 
@@ -74,7 +75,7 @@ def fit(
     problem: Problem,
     form: Form,
     start: Array,
-    used: Array,
+    used: NDArray[np.bool_],
     rounds: int = 3,
     known: Array | None = None,
 ) -> Fit:
@@ -107,7 +108,13 @@ def fit(
 
 
 def _descend(
-    problem: Problem, form: Form, x: Array, residual: Array, loss: float, jacobian: Array, used: Array
+    problem: Problem,
+    form: Form,
+    x: Array,
+    residual: Array,
+    loss: float,
+    jacobian: Array,
+    used: NDArray[np.bool_],
 ) -> tuple[Array, Array, float, Array]:
     """Steps with one Jacobian until they gain little: x, residual, loss, Jacobian."""
     low, high = problem.bounds(form)

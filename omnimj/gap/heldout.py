@@ -105,12 +105,12 @@ def heldout_losses(
 def by_group(losses: Array, groups: Groups) -> Array:
     """Sums of block losses per group that has any, shape (groups with losses,)."""
     valid = np.isfinite(losses)
-    sums = np.bincount(groups.of_block[valid], losses[valid], minlength=groups.count)
+    sums = np.bincount(groups.of_block[valid], losses[valid], minlength=groups.count).astype(float)
     present = np.bincount(groups.of_block[valid], minlength=groups.count) > 0
     return sums[present]
 
 
-def draws(count: int, seed: int = 0) -> Array:
+def draws(count: int, seed: int = 0) -> NDArray[np.int64]:
     """How often each group is drawn in each bootstrap sample, shape (draws, count)."""
     return np.random.default_rng(seed).multinomial(count, np.full(count, 1.0 / count), size=_DRAWS)
 

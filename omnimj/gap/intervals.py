@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from omnimj.gap.fit import Fit, weights_of
@@ -14,7 +15,7 @@ from omnimj.signals import Array
 LEVEL = 0.90
 
 
-def spreads(problem: Problem, fitted: Fit, used: Array) -> tuple[Array, float]:
+def spreads(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) -> tuple[Array, float]:
     """Standard deviation of every parameter, and the factor for a 90 % interval.
 
     C = H⁻¹ (Σ_g s_g s_gᵀ + P) H⁻¹, H = Jᵀ W² J + P, s_g = J_gᵀ W_g² r_g summed over one condition: what is

@@ -86,7 +86,10 @@ def locate(
     """
     scene = _scene(pieces, regimes, len(before))
     relative = before / noise
-    valid = np.isfinite(relative)
+    covered = np.zeros(len(before), bool)
+    for part in scene.slices:
+        covered[part] = True
+    valid = np.isfinite(relative) & covered[:, None]
     energy = np.where(valid, relative, 0.0) ** 2
     found = []
     for c in range(len(channels)):
@@ -120,7 +123,7 @@ def _scene(pieces: Sequence[Piece], regimes: Mapping[str, tuple[str, Array]], bl
         size = np.abs(lateral[-1].values)
         size = size[np.isfinite(size)]
         moves = size.size > 0 and bool(np.mean(size > max(0.05 * float(size.max()), _CREEP)) >= _SIDEWAYS)
-    slices = tuple(slice(p.first, p.last) for p in pieces)
+    slices = tuple(slice(p.first, p.last) for p in sorted(pieces, key=lambda p: p.first))
     return _Scene(variables, runs_of(pieces, blocks), slices, lateral[-1] if has_both else None, moves)
 
 

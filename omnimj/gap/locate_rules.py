@@ -176,13 +176,16 @@ def leading_rules(
       energy: Squared mismatch in units of noise, shape (blocks,).
       variables: In the order in which they are preferred where data cannot tell them apart.
       among: The blocks to look at.
-      pieces: Blocks that belong together; chance is what comes of giving each piece another one's mismatch,
-        turned round in time.
+      pieces: Blocks that belong together, in order, all of `among` in them; chance is what comes of giving
+        each piece another one's mismatch, turned round in time.
     """
     used = [v for v in variables if np.unique(v.code[among & (v.code >= 0)]).size > 1]
     if not used or float(energy[among].sum()) <= 0.0:
         return []
     rules = [best_rule(energy, v, among) for v in used]
+    if max(r.excess for r in rules) < LEAST:
+        return []
+    # against all variables, since chance may strike in any
     certain = _beat_chance(energy, rules, among, pieces)
     rules = [r for r, sure in zip(rules, certain, strict=True) if sure and r.excess >= LEAST]
     kept = [r for k, r in enumerate(rules) if not _explained_away(k, rules, energy, among)]
@@ -207,21 +210,27 @@ def _beat_chance(
     energy: Array, rules: Sequence[Rule], among: Blocks, pieces: Sequence[slice]
 ) -> NDArray[np.bool_]:
     """Whether a rule's J lies above all that shuffled mismatches give, in units of their spread."""
-    groups = [np.flatnonzero(among[p]) + p.start for p in pieces]
-    groups = [g for g in groups if g.size]
+    at = np.flatnonzero(among)
+    edges = np.searchsorted(at, [(p.start, p.stop) for p in pieces])
+    first = edges[edges[:, 1] > edges[:, 0], 0]
+    length = (edges[:, 1] - edges[:, 0])[edges[:, 1] > edges[:, 0]]
+    own = np.repeat(np.arange(len(length)), length)
+    within = np.arange(len(own)) - np.repeat(first - first[0], length)
+    here = energy[at]
+    known = [r.variable.code[at] for r in rules]
+    taken = [shares(energy, r.variable, among)[1] for r in rules]
     random = np.random.default_rng(0)
     found = np.empty((_SHUFFLES, len(rules)))
-    shuffled = np.zeros_like(energy)
     for row in found:
-        order = random.permutation(len(groups))
-        for group, source in zip(groups, order, strict=True):
-            giver = groups[source]
-            at = np.arange(group.size) * giver.size // group.size
-            shuffled[group] = energy[giver[(at + random.integers(giver.size)) % giver.size]]
-        for k, rule in enumerate(rules):
-            held, taken = shares(shuffled, rule.variable, among)
-            row[k] = best_members(held - taken, rule.variable)[1]
+        giver = random.permutation(len(length))
+        turned = (random.random(len(length)) * length[giver]).astype(np.int64)
+        stretched = within * length[giver][own] // length[own]
+        source = first[giver][own] + (stretched + turned[own]) % length[giver][own]
+        shuffled = here[source]
+        for k, (rule, code) in enumerate(zip(rules, known, strict=True)):
+            held = np.bincount(code + 1, shuffled, rule.variable.bins + 1)[1:]
+            held = held / max(float(shuffled.sum()), 1e-300)
+            row[k] = best_members(held - taken[k], rule.variable)[1]
     middle, spread = found.mean(axis=0), np.maximum(found.std(axis=0), 1e-3)
     highest = float(((found - middle) / spread).max())
-    own = (np.array([r.excess for r in rules]) - middle) / spread
-    return own > highest
+    return (np.array([r.excess for r in rules]) - middle) / spread > highest

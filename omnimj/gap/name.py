@@ -96,11 +96,17 @@ class Round:
                 verdict = "named"
             elif t.gain.low is None or t.gain.low <= MARGIN:
                 verdict = "below the margin"
+            elif t is self.best:  # it led, and was given up when judged beside the others
+                verdict = "given up"
             else:
                 verdict = "rival" if t.candidate.label in rivals else "beaten"
-            rows.append(Candidate(t.candidate.label, t.screened, t.gain, verdict))
-        rows += [Candidate(s.candidate.label, s.share, None, "screened out") for s in self.left_behind]
+            rows.append(_row(t.candidate, t.screened, t.gain, verdict))
+        rows += [_row(s.candidate, s.share, None, "screened out") for s in self.left_behind]
         return Stage(tuple(rows), self.curves.decoys, MARGIN)
+
+
+def _row(candidate: CandidateForm, screened: float, gained: Interval | None, verdict: str) -> Candidate:
+    return Candidate(candidate.label, screened, gained, verdict, candidate.words, candidate.is_sensor)
 
 
 def promising(screened: list[Screened]) -> tuple[list[Screened], list[Screened]]:
@@ -151,6 +157,16 @@ def score(tried: Tried, effective_share: float) -> float:
     return 0.5 * float(tried.losses.sum()) * effective_share + len(tried.candidate.parameters)
 
 
+def is_degenerate(tried: Tried) -> bool:
+    """Whether it fits only by ceasing to be what it is: a sticky place as wide as the guide, say."""
+    shapes = tried.candidate.parameters
+    for shape, value in zip(shapes, tried.fit.x[-len(shapes) :], strict=True):
+        edge = 0.01 * (shape.high - shape.low)
+        if shape.vanishes is None and not shape.low + edge < value < shape.high - edge:
+            return True
+    return False
+
+
 def unbeaten(tried: list[Tried], effective_share: float) -> tuple[Tried, ...]:
     """Those that the first does not beat clearly: in likelihood, and from group to group."""
     best = tried[0]
@@ -159,6 +175,8 @@ def unbeaten(tried: list[Tried], effective_share: float) -> tuple[Tried, ...]:
     for other in tried[1:]:
         behind = score(other, effective_share) - score(best, effective_share)
         if behind > _CLEAR and lead(other.losses, best.losses) > sure:
+            continue
+        if behind > 0.0 and is_degenerate(other):
             continue
         if other.gain.value > 0.0:
             rivals.append(other)

@@ -70,14 +70,16 @@ def scatter(replay: Replay, mismatch: Array) -> Array:
 def block_noise(replay: Replay, mismatch: Array) -> Array:
     """Standard deviation that a block mean may be off by without anybody wondering, per channel.
 
-    The larger of repeatability and scatter, and a small share of the channel's own RMS.
+    The larger of repeatability and scatter, a small share of the channel's own RMS, and what the equations
+    are known to miss of a healthy machine.
 
     Returns:
       Shape (channels,) [unit of the channel].
     """
     floor = np.nan_to_num(repeatability(replay, mismatch))
     own = np.sqrt(np.nanmean(replay.measured**2, axis=0))
-    noise = np.hypot(np.maximum(floor, scatter(replay, mismatch)), TOLERANCE * own)
+    rough = np.array([channel.roughness for channel in replay.channels])
+    noise = np.hypot(np.maximum(floor, scatter(replay, mismatch)), np.hypot(TOLERANCE * own, rough))
     return np.where(noise > 0.0, noise, 1.0)
 
 

@@ -88,7 +88,7 @@ class Candidate:
     gain: Interval | None
     """Held-out gain; None when the screening left it behind."""
     verdict: str
-    """`named`, `rival`, `beaten`, `screened out`, `below the margin`."""
+    """`named`, `rival`, `beaten`, `given up` (it led at first), `screened out`, `below the margin`."""
     words: str = ""
     """What it is, in plain words."""
     is_sensor: bool = False

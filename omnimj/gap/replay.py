@@ -25,6 +25,8 @@ class Channel:
     """As a person says it: `speed of the carriage`."""
     wander: float = 0.0
     """Standard deviation of an offset that is drawn anew for every run (an accelerometer's bias) [unit]."""
+    roughness: float = 0.0
+    """Standard deviation by which block means of the equations are known to miss a healthy machine [unit]."""
 
 
 @dataclass(frozen=True)

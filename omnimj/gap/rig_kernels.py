@@ -90,6 +90,7 @@ def _running(sums, place, before, after):
     n = int(place)
     return sums[n] + (place - n) * (sums[n + 1] - sums[n])
 
+
 @kernel
 def drawn(target, wheel_speed, motor):
     """What the amplifier drives of a set value at a wheel speed, shape (samples,) [A]."""

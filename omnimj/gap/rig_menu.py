@@ -58,7 +58,7 @@ def menu_runs(experiment: Experiment, like: RigRuns) -> RigRuns:
     set_value = float(run["current"]) * _shape(str(run["profile"]), time)
     count = len(time) // like.size
     still = np.full(len(time), float(run["lateral_speed"]))
-    centres = (np.arange(count) + 0.5) * like.size * period
+    centres: Array = np.asarray((np.arange(count) + 0.5) * like.size * period, float)
     return RigRuns(
         period,
         np.array([0, len(time)]),

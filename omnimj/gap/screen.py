@@ -11,8 +11,9 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from omnimj.gap.fit import Fit, bounded_step, weights_of
+from omnimj.gap.fit import Fit, bounded_step, normal_equations, weights_of
 from omnimj.gap.problem import Problem
 from omnimj.gap.replay import CandidateForm
 from omnimj.signals import Array
@@ -56,7 +57,9 @@ def _points(candidate: CandidateForm, shape: dict[int, float]) -> tuple[Array, l
     return at, steps
 
 
-def screen(problem: Problem, current: Fit, candidates: list[CandidateForm], used: Array) -> list[Screened]:
+def screen(
+    problem: Problem, current: Fit, candidates: list[CandidateForm], used: NDArray[np.bool_]
+) -> list[Screened]:
     """Every candidate in each of its shapes, best shape only, sorted by share.
 
     Args:
@@ -69,7 +72,8 @@ def screen(problem: Problem, current: Fit, candidates: list[CandidateForm], used
     low, high = problem.bounds(current.form)
     box = (low - current.x) / problem.scales(current.form), (high - current.x) / problem.scales(current.form)
     known = np.column_stack([current.jacobian, current.residual.ravel()]) * weight[:, None]
-    ground = Ground(current, weight, box, known, known.T @ known)
+    sums = normal_equations(current.jacobian, current.residual, weight)
+    ground = Ground(current, weight, box, known, sums)
     found = []
     for candidate in candidates:
         options = [_try_shape(problem, ground, candidate, shape) for shape in trial_shapes(candidate)]

@@ -104,11 +104,14 @@ def fit_base(replay: Replay, used: NDArray[np.bool_], report: Report) -> tuple[P
     problem = anchored(problem, nominal, ())
     (mismatch,) = problem.mismatches([problem.start()], ())
     problem = replace(problem, noise=block_noise(replay, mismatch))
-    fitted = Fit((), problem.start(), *problem.residuals([problem.start()], ()), np.zeros((0, 0)), 0.0)
+    (residual,) = problem.residuals([problem.start()], ())
+    fitted = Fit((), problem.start(), residual, np.zeros((0, 0)), 0.0)
     for k in range(2):
         report("refitting the base", k / 3)
         problem = softened(problem, fitted, used)
         fitted = fit(problem, (), fitted.x, used)
+        # the twin parts from the equations by something else where the base is something else
+        problem = anchored(problem, fitted.x, ())
         (mismatch,) = problem.mismatches([fitted.x], ())
         problem = replace(problem, noise=block_noise(replay, mismatch))
         fitted = rescaled(fitted, problem)

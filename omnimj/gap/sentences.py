@@ -13,6 +13,7 @@ HEADLINES = {
     "unexplained": "Unexplained",
     "no_gap": "No gap",
 }
+_VARIABLES = {"reversal": "time since a reversal", "time": "time since start"}
 _MACHINES = {"quarter_rig": "test rig", "uto_robot": "robot", "linear_axis": "linear axis"}
 
 
@@ -24,6 +25,11 @@ def machine(plant: str) -> str:
 def dataset_name(finding: Finding) -> str:
     """The dataset's folder without the way to it."""
     return Path(finding.dataset).name or finding.dataset
+
+
+def variable_words(name: str) -> str:
+    """A regime variable as a person says it: `reversal` → `time since a reversal`."""
+    return _VARIABLES.get(name, name.replace("_", " "))
 
 
 def percent(share: float) -> str:
@@ -240,6 +246,6 @@ def _flexible(finding: Finding) -> str:
         return "No effect in the library explains it."
     variable, share = max(finding.flexible.items(), key=lambda item: item[1])
     return (
-        f"No effect in the library explains it, but a free curve over {variable.replace('_', ' ')} takes "
+        f"No effect in the library explains it, but a free curve over {variable_words(variable)} takes "
         f"{percent(share)} of the remaining held-out mismatch away: look for what depends on it."
     )

@@ -47,7 +47,7 @@ def judge_search(found: Searched, data: Data) -> Verdict:
             reason = f"after refitting what is uncertain the mismatch is {size:.2g} × its noise"
             return Verdict("no_gap", reason, None, flexible)
         reason = f"the mismatch is {size:.2g} × its noise, and no effect of the library gains clearly"
-        words = f"{reason} on held-out runs; a free curve gains {max(best, 0.0):.0%}"
+        words = f"{reason} on held-out runs; a free curve gains {100.0 * max(best, 0.0):.0f} %"
         return Verdict("unexplained", words, None, flexible)
     base = _base(found)
     before = by_group(heldout_losses(problem, base, data.used, data.folds), data.groups)
@@ -59,7 +59,7 @@ def judge_search(found: Searched, data: Data) -> Verdict:
     floor = min(float(after.sum()) * (1.0 - best) ** 2, float(before.sum()))
     explained = float((before.sum() - after.sum()) / max(before.sum() - floor, 1e-30))
     rest, was = _level(found, found.final.residual), _level(found, base.residual)
-    words = f"the named take away {explained:.0%} of the squared mismatch that can be explained"
+    words = f"the named take away {100.0 * explained:.0f} % of the squared mismatch that can be explained"
     if explained < LEAST_EXPLAINED:
         reason = f"{words}, a free curve takes away more: what is missing is not in the library"
         return Verdict("unexplained", reason, explained, flexible)

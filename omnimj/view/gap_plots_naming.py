@@ -8,13 +8,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from omnimj.gap.records import Finding, Refitted, Stage
-from omnimj.gap.sentences import digits, percent
+from omnimj.gap.records import Candidate, Finding, Refitted, Stage
+from omnimj.gap.sentences import digits, percent, variable_words
+from omnimj.signals import Array
 from omnimj.view import palette
 from omnimj.view.drawing import new_figure, value_axis
 from omnimj.view.gap_drawing import AFTER, BEATEN, RIVAL, legend_above, mark, row_figure
 
-_ROWS = 12
+_ROWS, _BINS = 12, 50
 _LOOKS = {  # verdict → colour, mark, whether it is filled
     "named": (AFTER, "o", True),
     "rival": (RIVAL, "D", True),
@@ -55,8 +56,8 @@ def decoys(stage: Stage) -> Figure:
     figure, (ax,) = new_figure(2.6)
     known = stage.decoys[np.isfinite(stage.decoys)]
     best = next((c for c in stage.candidates if c.gain is not None), None)
-    bins = np.linspace(known.min(), known.max() + 1e-9, 25) if len(known) else 2
-    ax.hist(known, bins=bins, color=palette.lighter(BEATEN, 0.35), edgecolor="white", linewidth=0.6)
+    if len(known):
+        ax.hist(known, bins=_bins(known, stage, best), color=palette.lighter(BEATEN, 0.35))
     ax.plot(
         [], [], "s", color=palette.lighter(BEATEN, 0.35), markersize=7, label=f"{len(known)} random curves"
     )
@@ -76,6 +77,15 @@ def decoys(stage: Stage) -> Figure:
     return figure
 
 
+def _bins(known: Array, stage: Stage, best: Candidate | None) -> list[float]:
+    """Edges of bins that are wide enough to see beside a candidate far away."""
+    ends = [float(known.min()), float(known.max()), stage.margin]
+    if best is not None and best.gain is not None:
+        ends.append(best.gain.value)
+    width = max((max(ends) - min(ends)) / _BINS, 1e-9)
+    return [ends[0] + width * k for k in range(int((ends[1] - ends[0]) / width) + 2)]
+
+
 def _margin(ax: Axes, stage: Stage) -> None:
     mark(ax, stage.margin, f"margin {percent(stage.margin)}")
 
@@ -90,7 +100,14 @@ def boxes(refitted: tuple[Refitted, ...]) -> Figure:
     for row, parameter in enumerate(refitted):
         half = 0.5 * (parameter.high - parameter.low) or 1.0
         places = [(v - parameter.nominal) / half for v in (parameter.low, parameter.high, parameter.fitted)]
-        ax.plot(places[:2], [row, row], color=palette.lighter(palette.MUTED, 0.6), linewidth=9.0, zorder=1)
+        ax.plot(
+            places[:2],
+            [row, row],
+            color=palette.lighter(palette.MUTED, 0.6),
+            linewidth=9.0,
+            solid_capstyle="butt",
+            zorder=1,
+        )
         style = {"linestyle": "none", "zorder": 3, "color": RIVAL if parameter.at_bound else AFTER}
         name = "fitted, at the side of its box" if parameter.at_bound else "fitted"
         first = all(p.at_bound != parameter.at_bound for p in refitted[:row])
@@ -107,7 +124,7 @@ def boxes(refitted: tuple[Refitted, ...]) -> Figure:
 def free_curves(finding: Finding) -> Figure:
     """Share of the remaining mismatch that a free curve over each variable takes away."""
     order = sorted(finding.flexible.items(), key=lambda item: -item[1])
-    figure, ax = row_figure([f"over {name.replace('_', ' ')}" for name, _ in order])
+    figure, ax = row_figure([f"over {variable_words(name)}" for name, _ in order])
     shares = [share for _, share in order]
     ax.barh(np.arange(len(order)), shares, height=0.55, color=palette.DIAGNOSIS, zorder=2)
     for row, share in enumerate(shares):

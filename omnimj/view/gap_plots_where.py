@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 from omnimj.gap.per_run import RunGap, has_after, noise_row
 from omnimj.gap.records import Finding, Place
+from omnimj.gap.sentences import shown_unit, variable_words
 from omnimj.signals import Array
 from omnimj.view import palette
 from omnimj.view.drawing import MIDDLE, legend, new_figure, value_axis
@@ -51,7 +52,7 @@ def against_regime(finding: Finding, variable: str, place: Place) -> Figure:
     """Mismatch in the place's channel over a regime variable: every block a dot, averages before and "
     "after."""
     channel = list(finding.channels).index(place.channel)
-    unit, words = finding.channels[place.channel]
+    channel_unit, words = finding.channels[place.channel]
     used = [o for o in finding.overlays if variable in o.regimes]
     x = np.concatenate([o.regimes[variable] for o in used]).astype(float)
     if variable.endswith("angle"):
@@ -68,8 +69,9 @@ def against_regime(finding: Finding, variable: str, place: Place) -> Figure:
         after = np.concatenate([(o.measured - o.after)[:, channel] for o in used])
         _averages(ax, x, after, color=AFTER, linestyle="-", marker="s", label="after")
     zero(ax)
-    ax.set_xlabel(f"{variable.replace('_', ' ')} [{finding.regimes.get(variable, '?')}]", fontsize=9)
-    value_axis(ax, f"mismatch in\n{words} [{unit}]")
+    unit = shown_unit(finding.regimes.get(variable, "1"))
+    ax.set_xlabel(f"{variable_words(variable)} [{unit}]", fontsize=9)
+    value_axis(ax, f"mismatch in\n{words} [{channel_unit}]")
     legend(ax)
     return figure
 

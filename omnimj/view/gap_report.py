@@ -145,7 +145,7 @@ def _where(finding: Finding) -> str:
     gaps = run_gaps(finding)
     if gaps:
         caption = (
-            "The runs with the largest mismatch over all channels, rings before and dots after. A run at 1 is "
+            "The runs with the largest mismatch over all channels, rings before, dots after. A run at 1 is "
             "explained as well as its noise allows."
         )
         figures.append(drawn("runs", "Run by run", caption, lambda: gap_plots_where.by_run(gaps)))
@@ -161,7 +161,7 @@ def _where(finding: Finding) -> str:
 
 
 def _against(finding: Finding, k: int, variable: str, place: Place) -> str:
-    name, words = variable.replace("_", " "), finding.channels[place.channel][1]
+    name, words = sentences.variable_words(variable), finding.channels[place.channel][1]
     shaded = " Shaded: the place named above." if any(np.isfinite(place.bounds[variable])) else ""
     caption = (
         f"Measured − simulated in the {words}, a dot per block of every run; lines are averages. A model "

@@ -79,7 +79,7 @@ def _drawn(name: str, heading: str, caption: str, stage: Stage, draw: Callable[[
 
 def _free_curves(finding: Finding) -> str:
     if max(finding.flexible.values()) < _NOTHING:
-        names = sentences.joined([name.replace("_", " ") for name in finding.flexible], "or")
+        names = sentences.joined([sentences.variable_words(name) for name in finding.flexible], "or")
         return f"<p>{page.text(f'A free curve over {names} would explain nothing beyond that.')}</p>"
     caption = (
         "A free curve has no name and no meaning, but it says what the missing thing depends on: the "
@@ -88,7 +88,7 @@ def _free_curves(finding: Finding) -> str:
     picture = svg(gap_plots_naming.free_curves(finding), "free", "Free curves")
     figure = page.figure(picture, "What a free curve would explain", caption)
     rows = [
-        [page.cell(name.replace("_", " ")), page.cell(percent(share), "number")]
+        [page.cell(sentences.variable_words(name)), page.cell(percent(share), "number")]
         for name, share in sorted(finding.flexible.items(), key=lambda item: -item[1])
     ]
     return (

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from omnimj.gap.per_run import RunGap, has_after
 from omnimj.gap.records import ChannelGap, Finding, Interval, NamedEffect, Place, Stage
-from omnimj.gap.sentences import amount, digits, percent
+from omnimj.gap.sentences import amount, digits, percent, variable_words
 from omnimj.view import page
 
 _RUNS = 10
@@ -58,12 +58,12 @@ def _bounds(finding: Finding, place: Place) -> str:
 
 def either_sign(place: Place, variable: str) -> bool:
     """Whether the place's bounds hold for the size of a variable: its words then say `(either sign)`."""
-    return place.bounds[variable][0] >= 0.0 and f"{variable.replace('_', ' ')} (either sign)" in place.regime
+    return place.bounds[variable][0] >= 0.0 and f"{variable_words(variable)} (either sign)" in place.regime
 
 
 def interval_words(name: str, low: float, high: float, unit: str, is_size: bool = False) -> str:
     """`0.25 ≤ position < 0.35 m`; an open side is left out."""
-    variable = f"|{name.replace('_', ' ')}|" if is_size else name.replace("_", " ")
+    variable = f"|{variable_words(name)}|" if is_size else variable_words(name)
     if is_size and low < 1e-6 * high:
         low = -float("inf")  # no size lies below
     below, above = low == -float("inf"), high == float("inf")

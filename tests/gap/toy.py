@@ -31,7 +31,7 @@ class Toy:
     plant = "toy"
     channels = (Channel("speed", "m/s", "speed"),)
     base = (BaseParameter("viscous", "N.s/m", 1.0, 0.8, 1.2), BaseParameter("dry", "N", 0.5, 0.4, 0.6))
-    curves: Mapping[str, float] = {"speed": 0.3, "time": 0.3}  # noqa: RUF012
+    curves: Mapping[str, float] = {"speed": 0.3, "time": 0.3}
 
     def __init__(self, truth: Mapping[str, Array], seed: int = 0, noise: float = 0.002, base=(1.05, 0.47)):
         shape = {
@@ -47,7 +47,7 @@ class Toy:
         self._inputs, pieces, row = [], [], 0
         random = np.random.default_rng(seed)
         for k in range(12):
-            t = np.arange(1500) * STEP
+            t = np.asarray(np.arange(1500) * STEP, float)
             u = (2.0 + 0.5 * (k // 2)) * np.sign(np.sin((1.2 + 0.3 * (k // 4)) * t + 1e-9))
             self._inputs.append(u)
             count = len(t) // SIZE

@@ -13,8 +13,8 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
 from omnimj.parameters import WheelMount, read_floors, read_robot
-from omnimj.physics.kinematics import rolling_matrix
 from omnimj.physics.effect_terms import no_terms
+from omnimj.physics.kinematics import rolling_matrix
 from omnimj.physics.motor import NO_LOAD, drive_torque_bounds, motor_row
 from omnimj.physics.planar import derivative, output_size, planar_constants, pose_at, state_size, step
 from omnimj.physics.planar_constants import NORMAL
@@ -49,9 +49,18 @@ def _stepped(state, command, constants, floors, duration, published=False, h=H, 
     states, outputs = [state.copy()], []
     for _ in range(round(duration * 1000)):
         step(
-            state, np.asarray(command, float), constants.body, constants.wheels, motors, floors, no_terms(N), h, each,
-            published, output,
-        )  # fmt: skip
+            state,
+            np.asarray(command, float),
+            constants.body,
+            constants.wheels,
+            motors,
+            floors,
+            no_terms(N),
+            h,
+            each,
+            published,
+            output,
+        )
         states.append(state.copy())
         outputs.append(output.copy())
     return np.array(states), np.array(outputs)
@@ -284,7 +293,9 @@ def test_three_wheels_at_120_degrees_obey_the_same_equations():
         (0.0, 1.0), np.zeros(12), method="LSODA", rtol=1e-9, atol=1e-9,
     ).y[:, -1]  # fmt: skip
     state, output = np.zeros(state_size(3)), np.zeros(output_size(3))
-    step(state, command, constants.body, constants.wheels, motors, floors, no_terms(3), H, 4000, False, output)
+    step(
+        state, command, constants.body, constants.wheels, motors, floors, no_terms(3), H, 4000, False, output
+    )
     assert_allclose(state[6:9], exact[6:9], atol=5e-3)
     assert np.abs(exact[6:9]).min() > 0.01
 

@@ -1,0 +1,227 @@
+"""The robot as the search sees it: missions replayed by the planar equations, without knowing where it was.
+
+`current_i`: the wheels turn as measured, and the current that their motion needs stands beside the measured
+one; in a closed loop that is where a gap shows. The same replay says what accelerometer and gyro should have
+read. `yaw`: turned by the equations, each window from a first heading of its own. `wheel_speed_i`, where they
+are asked for: windows that start from there are driven by the measured currents alone.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+
+from omnimj.effects import ROBOT, applied, with_effects
+from omnimj.errors import InputError
+from omnimj.gap import robot_kernels as native
+from omnimj.gap.forms import candidate_forms
+from omnimj.gap.replay import BaseParameter, CandidateForm, Channel, Experiment, Setting
+from omnimj.gap.robot_base import Based, base_parameters, with_base
+from omnimj.gap.robot_menu import menu_currents, robot_menu
+from omnimj.gap.robot_numbers import Curve, Numbers, numbers, readings
+from omnimj.gap.robot_regimes import regimes, spans
+from omnimj.gap.robot_rollers import leaning, rollers
+from omnimj.gap.robot_runs import STEP, RobotRuns, made_run, robot_runs
+from omnimj.parameters import Floor, Robot
+from omnimj.parameters.parts import Sensors
+from omnimj.recording.dataset import Dataset
+from omnimj.signals import Array
+
+_SUBSTEPS = 2  # of what is left to itself: 2 ms, half of a wheel's time constant on the floor
+_PHASES = 12  # tried angles over a pitch
+_FLAT = np.zeros((3, 0))
+"""Tables of wheels without rollers."""
+_HIDDEN = ("supply_sag",)
+"""What measured currents have in them already."""
+
+
+class RobotReplay:
+    """A dataset of missions; see `gap.replay.Replay`. Ground truth in the logs is not looked at."""
+
+    plant = ROBOT
+
+    def __init__(
+        self,
+        dataset: Dataset,
+        robot: Robot,
+        floors: Mapping[str, Floor],
+        *,
+        windows: bool = False,
+        threads: int | None = None,
+    ):
+        """Prepares the runs.
+
+        Args:
+          dataset: The measured runs.
+          robot: The model file's constants and the effects that it has already.
+          floors: Floors by name.
+          windows: Whether wheel speeds of windows left to themselves are channels, too.
+          threads: For several settings at once; the machine's cores when None.
+
+        Raises:
+          InputError: A run without floor, or none that is long enough.
+          UnknownNameError: A floor that is not known.
+        """
+        self._robot, self._floors = robot, dict(floors)
+        self._threads = threads or os.cpu_count() or 1
+        self._runs = robot_runs(dataset, robot, self._floors)
+        self._substeps = _SUBSTEPS if windows else 0
+        self._columns = [c for c in range(native.CHANNELS) if windows or not _is_free(c)]
+        self.channels = tuple(_channels(robot.sensors)[c] for c in self._columns)
+        self.pieces, self.measured = self._runs.pieces, self._runs.measured[:, self._columns]
+        self.base: tuple[BaseParameter, ...] = base_parameters(robot, self._floors, self._runs.floor)
+        self._spans = spans(self._runs, robot)
+        self.curves: Mapping[str, float] = dict.fromkeys((*self._spans, "wheel_angle"), 1.0)
+        forms = candidate_forms(ROBOT, self._spans, _HIDDEN)
+        self.candidates: tuple[CandidateForm, ...] = tuple(f for f in forms if self._fits(f))
+        self._forms = {c.label: c for c in self.candidates}
+        self._rollers, self._phases = rollers(robot), np.empty(0)
+
+    def _fits(self, form: CandidateForm) -> bool:
+        """Whether the model can have this effect beside those it has."""
+        try:
+            self._with(self._robot, [(form, np.array([s.typical for s in form.parameters]))])
+        except InputError:
+            return False
+        return True
+
+    @staticmethod
+    def _with(robot: Robot, chosen: Sequence[tuple[CandidateForm, Array]]) -> Robot:
+        effects: dict[str, dict[str, Any]] = {}
+        for form, values in chosen:
+            entry = {s.name: float(v) for s, v in zip(form.parameters, values, strict=True)}
+            effects[_instance(form.effect, {**robot.effects, **effects})] = {**entry, **form.selectors}
+        return with_effects(robot, effects) if effects else robot
+
+    def simulate(self, settings: Sequence[Setting]) -> list[Array]:
+        """Block means of the channels by the equations, shape (blocks, channels) per setting."""
+        return self._each(lambda s: self._replay(s, self._runs), settings)
+
+    def _each(self, function: Callable[[Any], Array], arguments: Sequence) -> list[Array]:
+        """A function of many arguments on all cores; kernels let go of the interpreter."""
+        if len(arguments) < 2 or self._threads < 2:
+            return [function(a) for a in arguments]
+        with ThreadPoolExecutor(min(self._threads, len(arguments))) as pool:
+            return list(pool.map(function, arguments))
+
+    def based(self, setting: Setting) -> Based:
+        """Constants with the effects of a setting."""
+        based = with_base(self._robot, self._floors, self.base, setting.base)
+        chosen = [(self._forms[label], values) for label, values in setting.effects.items()]
+        return dataclasses.replace(based, robot=self._with(based.robot, chosen))
+
+    def _numbers(self, setting: Setting, runs: RobotRuns) -> tuple[Numbers, Based]:
+        based, curve = self.based(setting), None
+        if setting.curve is not None:
+            over, force = setting.curve
+            curve = Curve(over, force, *self._spans.get(over, (0.0, 1.0)))
+        mass_scale = based.robot.body.mass / self._robot.body.mass
+        return numbers(based, runs, mass_scale, curve), based
+
+    def _replay(
+        self, setting: Setting, runs: RobotRuns, tables: Array = _FLAT, phases: Array | None = None
+    ) -> Array:
+        """Block means by the equations; with tables of the rollers also what these do at the given phases."""
+        own, _ = self._numbers(setting, runs)
+        if phases is None:
+            phases = np.zeros((len(runs.stretches), native.WHEELS))
+        blocks = np.empty((len(runs.measured), native.CHANNELS))
+        log = (runs.stretches, runs.start, runs.times, runs.current, runs.speed, runs.yaw)
+        machine = (own.bodies, own.wheels, own.motors, own.floors, own.terms, tables, phases, own.per_torque)
+        sizes = (STEP, runs.size, runs.window, self._substeps)
+        native.replay(*log, runs.measured[:, native.YAW], own.sensors, *machine, *sizes, blocks)
+        return blocks[:, self._columns]
+
+    def anchor(self, setting: Setting) -> Array:
+        """The same with what the twin has beyond the planar equations: rows of rollers, and springs.
+
+        The twin itself cannot be restarted in the middle of a mission, and open loop it drifts away. What its
+        rollers do to a wheel is geometry (`robot_rollers`); at which angle a roller was lowest when a log
+        began is found where the measured currents fit best.
+        """
+        if not self._phases.size:
+            self._phases = self._find_phases(setting)
+        found = self._replay(setting, self._runs, self._rollers.table, self._phases)
+        for c, lean in zip((native.ACCELERATION, native.ACCELERATION + 1), leaning(self._robot), strict=True):
+            found[:, self._columns.index(c)] *= 1.0 + lean
+        return found
+
+    def _find_phases(self, setting: Setting) -> Array:
+        """The rollers' phase of every wheel at every stretch's start, shape (stretches, 4) [rad]."""
+        shape = (len(self._runs.stretches), native.WHEELS)
+        step = self._rollers.pitch / _PHASES
+        wheels = [self._columns.index(native.CURRENT + i) for i in range(native.WHEELS)]
+
+        def misfit(turn: int) -> Array:
+            phases = np.full(shape, turn * step)
+            off = self._replay(setting, self._runs, self._rollers.table, phases) - self.measured
+            return np.stack([np.nansum(off[p.first : p.last, wheels] ** 2, axis=0) for p in self.pieces])
+
+        sums = np.stack(self._each(misfit, range(_PHASES)))
+        best = sums.argmin(axis=0)
+
+        def near(k: int) -> Array:
+            return np.take_along_axis(sums, ((best + k) % _PHASES)[None], axis=0)[0]
+
+        bend = near(-1) - 2.0 * near(0) + near(1)
+        return (best + 0.5 * (near(-1) - near(1)) / np.maximum(bend, 1e-30)) * step
+
+    def regimes(self) -> Mapping[str, tuple[str, Array]]:
+        """What the measurement says of every block: variable → unit, values."""
+        return regimes(self._runs, self._robot)
+
+    def menu(self) -> tuple[Experiment, ...]:
+        """Runs that a user could make."""
+        return robot_menu(self._runs.floor)
+
+    def predict(self, settings: Sequence[Setting], experiment: Experiment) -> list[Array]:
+        """Block means that a replay of such a run would give, if the first setting were the truth."""
+        runs = self._made(settings[0], experiment)
+        return self._each(lambda s: self._replay(s, runs), settings)
+
+    def _made(self, setting: Setting, experiment: Experiment) -> RobotRuns:
+        """The run of a menu under one setting, driven from rest by given currents."""
+        mass = self._robot.body.mass + float(experiment.run["added_mass"])
+        floor, current = str(experiment.run["floor"]), menu_currents(self._robot, experiment)
+        said = np.zeros((len(current), native.CHANNELS))
+        runs = made_run(said, floor, mass, self._runs)
+        own, based = self._numbers(setting, runs)
+        floors = np.repeat(own.floors, native.WHEELS, axis=0)
+        machine = (own.bodies[0], own.wheels[0], own.motors, floors, own.terms)
+        native.drive(current, *machine, STEP, 2 * _SUBSTEPS, said)
+        delay, scale, offset = readings(applied(based.robot))
+        places = np.arange(len(said))
+        for c in range(native.CHANNELS):
+            said[:, c] = scale[c] * np.interp(places - delay[c] / STEP, places, said[:, c]) + offset[c]
+        return made_run(said, floor, mass, self._runs)
+
+
+def _is_free(column: int) -> bool:
+    return native.SPEED <= column < native.ACCELERATION
+
+
+def _instance(name: str, taken: Mapping[str, object]) -> str:
+    """A free name for one more instance of an effect."""
+    return next(c for c in (name, *(f"{name}_{k}" for k in range(2, 10))) if c not in taken)
+
+
+def _channels(sensors: Sensors) -> tuple[Channel, ...]:
+    """Roughness: RMS over 20 ms by which the equations miss a healthy twin, its sensors' noise apart."""
+    wheels = range(1, native.WHEELS + 1)
+    bias, drift = sensors.accelerometer_bias, sensors.gyro_bias
+    return (
+        *(Channel(f"current_{i}", "A", f"current that wheel {i} needs", 0.0, 0.018) for i in wheels),
+        *(
+            Channel(f"wheel_speed_{i}", "rad/s", f"speed of wheel {i} after a window", 0.0, 0.1)
+            for i in wheels
+        ),
+        Channel("acceleration_x", "m/s2", "acceleration ahead", bias, 0.03),
+        Channel("acceleration_y", "m/s2", "acceleration to the left", bias, 0.03),
+        Channel("yaw_rate", "rad/s", "yaw rate", drift, 0.002),
+        Channel("yaw", "rad", "heading within a window", 0.0, 0.0003),
+    )
