@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,11 +50,12 @@ def find(
     """
     began = time.perf_counter()
     counted = _Counted(replay)
-    found = search(counted, holdout, seed, report or (lambda phrase, share: None))
+    found = search(cast(Replay, counted), holdout, seed, report or (lambda phrase, share: None))
     folds = make_folds(found.groups, ~found.heldout, seed)
     data = Data(found.used, found.groups, folds, seed)
     verdict = judge_search(found, data)
     is_named = verdict.kind in ("named", "ambiguous")
+    labels = tuple(n.candidate.label for n in found.named) if is_named else ()
     after = found.final if is_named else None
     mismatch_before = _mismatch(found.first, found.base)
     mismatch_after = None if after is None else _mismatch(found.problem, after)
@@ -75,7 +77,7 @@ def find(
         noise=dict(zip(names, noise.tolist(), strict=True)),
         heldout_runs=_heldout_runs(found),
         refitted=_refitted(found.problem, after or found.base),
-        stages=tuple(r.stage(tuple(n.candidate.label for n in found.named)) for r in found.rounds),
+        stages=tuple(r.stage(labels) for r in found.rounds),
         flexible=verdict.flexible,
         overlays=_overlays(found, mismatch_before, mismatch_after, about),
         data_notes=about.notes,

@@ -57,7 +57,7 @@ def bounded_step(
     gram, slope = sums[:-1, :-1].copy(), sums[:-1, -1] + prior[0] * prior[1]
     diagonal = gram.diagonal() + prior[0]
     gram[np.diag_indices_from(gram)] = diagonal * (1.0 + damping) + 1e-9 * max(diagonal.max(), 1e-30)
-    free = np.linalg.solve(gram, -slope)
+    free = np.asarray(np.linalg.solve(gram, -slope), float)
     if (free >= low).all() and (free <= high).all():
         return free
     root = np.linalg.cholesky(gram).T

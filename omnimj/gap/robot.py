@@ -24,6 +24,7 @@ from omnimj.gap.replay import BaseParameter, CandidateForm, Channel, Experiment,
 from omnimj.gap.robot_base import Based, base_parameters, with_base
 from omnimj.gap.robot_menu import menu_currents, robot_menu
 from omnimj.gap.robot_numbers import Curve, Numbers, numbers, readings
+from omnimj.gap.robot_patch import likely_patch
 from omnimj.gap.robot_regimes import regimes, spans
 from omnimj.gap.robot_rollers import leaning, rollers
 from omnimj.gap.robot_runs import STEP, RobotRuns, made_run, robot_runs
@@ -78,9 +79,10 @@ class RobotReplay:
         self._spans = spans(self._runs, robot)
         self.curves: Mapping[str, float] = dict.fromkeys((*self._spans, "wheel_angle"), 1.0)
         forms = candidate_forms(ROBOT, self._spans, _HIDDEN)
-        self.candidates: tuple[CandidateForm, ...] = tuple(f for f in forms if self._fits(f))
-        self._forms = {c.label: c for c in self.candidates}
+        possible = tuple(f for f in forms if self._fits(f))
+        self._forms = {c.label: c for c in possible}
         self._rollers, self._phases = rollers(robot), np.empty(0)
+        self.candidates: tuple[CandidateForm, ...] = tuple(self._with_place(f) for f in possible)
 
     def _fits(self, form: CandidateForm) -> bool:
         """Whether the model can have this effect beside those it has."""
@@ -89,6 +91,22 @@ class RobotReplay:
         except InputError:
             return False
         return True
+
+    def _with_place(self, form: CandidateForm) -> CandidateForm:
+        """A stretch of floor is tried where it explains most: its edges are found from nearby only."""
+        if form.effect != "floor_patch":
+            return form
+        base = np.array([b.nominal for b in self.base])
+        (plain,) = self.simulate([Setting(base)])
+
+        def moved(patches: Array) -> list[Array]:
+            return [p - plain for p in self.simulate([Setting(base, {form.label: v}) for v in patches])]
+
+        rough = np.array([c.roughness for c in self.channels])
+        start, end = likely_patch(self._spans["position"], rough, self.measured - plain, moved)
+        tried = {"start": (start,), "end": (end,)}
+        shapes = tuple(dataclasses.replace(s, trials=tried.get(s.name, s.trials)) for s in form.parameters)
+        return dataclasses.replace(form, parameters=shapes)
 
     @staticmethod
     def _with(robot: Robot, chosen: Sequence[tuple[CandidateForm, Array]]) -> Robot:

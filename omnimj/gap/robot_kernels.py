@@ -33,6 +33,9 @@ CHANNELS = 12
 LATE, SCALE, OFFSET = range(3)
 """What a channel makes of the truth: late by so many steps, scale · truth + offset; shape (3, CHANNELS)."""
 
+LOOSE_PARTS = 4
+"""Parts of a step in which a robot with play in its gears is followed."""
+
 _STATE, _OUTPUT = state_size(WHEELS), output_size(WHEELS)
 
 
@@ -67,15 +70,24 @@ def _grip_wheels(state, k, speed, sensors, terms):
 
 
 @kernel
-def _lacking(state, k, speed, sensors, terms, wheels, before, was_loose, seen, h, unit, missing):
-    """Current that each wheel lacks at step k [A]; puts the wheels' angles where they were measured."""
+def _lacking(state, place, ahead, speed, sensors, terms, wheels, before, loose, seen, h, unit, missing):
+    """Adds the current that each wheel lacks in a step of h seconds [A]; puts the wheels' angles right.
+
+    Args:
+      place: Where the log is, in steps of the log.
+      ahead: How much of such a step h is.
+      before: Angles before the step.
+      loose: Which rotors were inside their play before it.
+      seen: Encoders' speeds after it.
+      missing: Shape (4,).
+    """
     n = WHEELS
     for i in range(n):
-        ahead = _read(speed, sensors, SPEED + i, i, k + 1.0)
-        behind = _read(speed, sensors, SPEED + i, i, k - 1.0)
-        measured = _read(speed, sensors, SPEED + i, i, k)
-        inertia = terms[i, ROTOR] if was_loose[i] else wheels[i, INERTIA]
-        missing[k, i] = inertia * (0.5 * (ahead - behind) - (seen[i] - measured)) / h * unit[i]
+        after = _read(speed, sensors, SPEED + i, i, place + ahead)
+        behind = _read(speed, sensors, SPEED + i, i, place - ahead)
+        measured = _read(speed, sensors, SPEED + i, i, place)
+        inertia = terms[i, ROTOR] if loose[i] else wheels[i, INERTIA]
+        missing[i] += ahead * inertia * (0.5 * (after - behind) - (seen[i] - measured)) / h * unit[i]
         if terms[i, LASH] == 0.0:
             state[4 * n + 3 + i] = before[i] + h * measured
 
@@ -101,18 +113,24 @@ def _over_pitch(rollers, table, angle):
 
 
 @kernel
-def _free(state, k, last, current, sensors, numbers, h, substeps, first, found, output, command):
-    """Drives a state by measured currents from step k on; fills the encoders' speeds from row `first` on."""
+def _let_go(state, k, count, current, sensors, numbers, h, window, substeps, begin, free):
+    """Where a window begins: fills its row of `free` with the encoders' speeds under measured currents."""
     n = WHEELS
     body, wheels, motors, floors, terms = numbers
+    w = 0 if k == 0 else (k + begin) // window
+    if (k > 0 and (k + begin) % window > 0) or w >= len(free):
+        return
+    alone, output, command = state.copy(), np.empty(_OUTPUT), np.empty(n)
+    row, last = k - w * window + begin, min((w + 1) * window, count)
     for j in range(k, last):
         for i in range(n):
-            found[first + j - k, i] = state[n + i] + state[6 * n + 3 + i]
+            free[w, row + j - k, i] = alone[n + i] + alone[6 * n + 3 + i]
         for part in range(substeps):
             for i in range(n):
-                place = j + (part + 0.5) / substeps
-                command[i] = _read(current, sensors, CURRENT + i, i, place)
-            step(state, command, body, wheels, motors, floors, terms, h / substeps, 1, False, output)
+                command[i] = _read(current, sensors, CURRENT + i, i, j + (part + 0.5) / substeps)
+            step(alone, command, body, wheels, motors, floors, terms, h / substeps, 1, False, output)
+    for early in range(row):
+        free[w, early] = free[w, row]
 
 
 @kernel
@@ -129,38 +147,40 @@ def _follow(
     n, count = WHEELS, stretch[END] - stretch[START]
     body, wheels, motors, floors, terms = numbers
     state, command, output = np.zeros(_STATE), np.empty(n), np.zeros(_OUTPUT)
-    copy, loose, angle = np.empty(_STATE), np.zeros(n), np.empty(n)
+    loose, angle = np.zeros(n), np.empty(n)
     rolls, under = rollers.shape[1] > 0, wheels.copy()
+    # a wheel that is loose in its gear is light: on the floor it comes to rest within two milliseconds
+    parts = LOOSE_PARTS if terms[:, LASH].any() else 1
     pose = pose_at(n)
     state[2 * n : 2 * n + 3] = start
     state[pose - 1] = times[0]
     turned = 0.0
+    followed[:, :6] = 0.0
     for k in range(count):
         state[pose + 2] = _read(yaw, sensors, YAW, 0, k)
-        _grip_wheels(state, k, speed, sensors, terms)
-        if substeps > 0 and (k == 0 or (k + begin) % window == 0):
-            w = 0 if k == 0 else (k + begin) // window
-            if w < len(free):
-                copy[:] = state
-                row, last = k - w * window + begin, min((w + 1) * window, count)
-                _free(copy, k, last, current, sensors, numbers, h, substeps, row, free[w], output, command)
-                for early in range(row):
-                    free[w, early] = free[w, row]
-        for i in range(n):
-            command[i] = _read(current, sensors, CURRENT + i, i, k)
-            loose[i] = 1.0 if terms[i, LASH] != 0.0 and state[6 * n + 3 + i] != 0.0 else 0.0
-            angle[i] = state[4 * n + 3 + i]
         followed[k, 6], followed[k, 7] = state[2 * n + 2], turned
         heading = state[pose + 2]
-        if rolls:
-            _change_rows(state, wheels, rollers, phase, under)
-            for i in range(n):  # the load's push is a torque like any other: stiction may hold it
-                command[i] += _over_pitch(rollers, 1, angle[i] + phase[i]) * output[n + i] * unit[i]
-        step(state, command, body, under, motors, floors, terms, h, 1, False, output)
+        for part in range(parts):
+            place = k + part / parts
+            _grip_wheels(state, place, speed, sensors, terms)
+            if part == 0 and substeps > 0:
+                _let_go(state, k, count, current, sensors, numbers, h, window, substeps, begin, free)
+            for i in range(n):
+                command[i] = _read(current, sensors, CURRENT + i, i, place)
+                loose[i] = 1.0 if terms[i, LASH] != 0.0 and state[6 * n + 3 + i] != 0.0 else 0.0
+                angle[i] = state[4 * n + 3 + i]
+            if rolls:
+                _change_rows(state, wheels, rollers, phase, under)
+                for i in range(n):  # the load's push is a torque like any other: stiction may hold it
+                    command[i] += _over_pitch(rollers, 1, angle[i] + phase[i]) * output[n + i] * unit[i]
+            step(state, command, body, under, motors, floors, terms, h / parts, 1, False, output)
+            followed[k, 4] += output[4 * n] / parts
+            followed[k, 5] += output[4 * n + 1] / parts
+            _lacking(
+                state, place, 1.0 / parts, speed, sensors, terms, wheels, angle, loose, output[4 * n + 2 :],
+                h / parts, unit, followed[k],
+            )  # fmt: skip
         turned += state[pose + 2] - heading
-        followed[k, 4], followed[k, 5] = output[4 * n], output[4 * n + 1]
-        seen = output[4 * n + 2 :]
-        _lacking(state, k, speed, sensors, terms, wheels, angle, loose, seen, h, unit, followed)
 
 
 @kernel

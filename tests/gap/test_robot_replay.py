@@ -168,6 +168,18 @@ def test_a_fit_finds_the_radius_of_a_wheel_with_the_base_free():
     assert fitted.x[-1] == pytest.approx(1.03, abs=0.001)
 
 
+def test_a_stretch_of_floor_is_looked_for_where_it_is(replayed):
+    place = replayed.regimes()["position"][1]
+    start, end = (float(np.quantile(place, share)) for share in (0.3, 0.7))
+    assert end - start > 0.3
+    hidden = {"floor_patch": {"scale": 0.4, "start": start, "end": end}}
+    replay = replay_of(columns_of(hidden))
+    (form,) = (c for c in replay.candidates if c.effect == "floor_patch")
+    tried = {s.name: s.trials for s in form.parameters}
+    assert tried["start"] == (pytest.approx(start, abs=0.15),)
+    assert tried["end"] == (pytest.approx(end, abs=0.15),)
+
+
 def test_windows_left_to_themselves_stay_near_the_measured_wheels(healthy, replayed):
     replay = replay_of(healthy, windows=True)
     names = [c.name for c in replay.channels]
