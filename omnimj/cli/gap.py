@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -69,6 +70,8 @@ def run(arguments: Any) -> int:
       InputError: The dataset, the model file or a name is wrong, or the folder cannot be written.
       SimulationError: The search broke down; what was found until then is written.
     """
+    # the matrices are small: a library's threads would only wait for each other
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from omnimj.recording.folder import check_folder
 
     if arguments.benchmark:
