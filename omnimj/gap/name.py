@@ -167,6 +167,17 @@ def is_degenerate(tried: Tried) -> bool:
     return False
 
 
+def is_pinned(candidate: CandidateForm, values: Array) -> bool:
+    """Whether an amplitude has run to the end of what is physical: it stands for something else, then."""
+    for shape, value in zip(candidate.parameters, values, strict=True):
+        edge = 0.01 * (shape.high - shape.low)
+        if shape.vanishes is None or abs(value - shape.vanishes) <= edge:
+            continue
+        if not shape.low + edge < value < shape.high - edge:
+            return True
+    return False
+
+
 def unbeaten(tried: list[Tried], effective_share: float) -> tuple[Tried, ...]:
     """Those that the first does not beat clearly: in likelihood, and from group to group."""
     best = tried[0]

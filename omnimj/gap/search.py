@@ -20,6 +20,7 @@ from omnimj.gap.name import (
     clears,
     completed,
     false_rate,
+    is_pinned,
     name_round,
     score,
     try_one,
@@ -164,10 +165,11 @@ def settle(
     while named:
         for k in range(len(named)):
             final, named[k] = judge(problem, final, named, k, data)
+        pinned = [n for n in named if is_pinned(n.candidate, final.x[_places(problem, final, n.candidate)])]
         kept = [n for n in named if clears(n.gain) and (n.p_false is None or n.p_false <= FALSE_RATE)]
-        if len(kept) == len(named):
+        if len(kept) == len(named) and not pinned:
             break
-        worst = min(named, key=lambda n: (-(n.p_false or 0.0), n.gain.value))
+        worst = min(pinned or named, key=lambda n: (-(n.p_false or 0.0), n.gain.value))
         x = final.x[~_places(problem, final, worst.candidate)]
         named = [n for n in named if n is not worst]
         final = fit(problem, tuple(n.candidate for n in named), x, data.used)

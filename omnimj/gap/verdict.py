@@ -22,6 +22,8 @@ LEAST_EXPLAINED = 0.7
 """Share of the explainable mismatch (squared, beyond the noise) that named effects must take away."""
 LEAST_HELD_OUT = 0.01
 """Share by which the mismatch of the runs that nothing was fitted to must shrink."""
+FAR_OFF, MOST_STRETCHED = 5.0, 0.5
+"""Mismatch left in units of noise, and share of the base at its boxes' ends, beyond which no name holds."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +72,11 @@ def judge_search(found: Searched, data: Data) -> Verdict:
         return Verdict(
             "unexplained", "what gains on the runs in use gains nothing on the others", 0.0, flexible
         )
+    if rest > FAR_OFF and _stretched(found) > MOST_STRETCHED:
+        reason = f"{words}, but {rest:.2g} × the noise is left and most uncertain parameters ran to the ends"
+        return Verdict(
+            "unexplained", f"{reason} of their boxes: it stands in for something else", explained, flexible
+        )
     open_to = any(n.rivals for n in found.named)
     left = f"{words}; what is left is {rest:.2g} × the noise"
     return Verdict("ambiguous" if open_to else "named", left, explained, flexible)
@@ -78,6 +85,16 @@ def judge_search(found: Searched, data: Data) -> Verdict:
 def _base(found: Searched) -> Fit:
     """The refitted base seen by the last model's problem."""
     return fit(found.problem, (), found.base.x, found.used)
+
+
+def _stretched(found: Searched) -> float:
+    """Share of the base parameters that the last model needs at the ends of their boxes."""
+    base = found.problem.replay.base
+    ends = [
+        min(value - b.low, b.high - value) <= 1e-3 * (b.high - b.low)
+        for b, value in zip(base, found.final.x, strict=False)
+    ]
+    return float(np.mean(ends)) if ends else 0.0
 
 
 def _level(found: Searched, residual: np.ndarray) -> float:
