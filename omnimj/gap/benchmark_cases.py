@@ -15,7 +15,7 @@ import numpy as np
 from omnimj.effects import RIG, Effect, EffectParameter, effects_of
 from omnimj.gap.benchmark_outside import KINDS, Outside, draw_outside
 from omnimj.gap.replay import BaseParameter
-from omnimj.gap.rig_base import base_parameters
+from omnimj.gap.uncertain import base_parameters
 from omnimj.parameters import read_floors, read_rig
 
 SIZES: Mapping[str, float] = {"faint": 0.25, "clear": 0.7, "obvious": 2.0}

@@ -18,9 +18,9 @@ from omnimj.errors import SimulationError
 from omnimj.gap.benchmark_cases import FLOORS, Case
 from omnimj.gap.benchmark_outside import Moment, Outside
 from omnimj.gap.benchmark_plan import PlannedRun, planned_runs
-from omnimj.gap.rig_base import Based, base_parameters, with_base
+from omnimj.gap.uncertain import Based, base_parameters, with_base
 from omnimj.loop import drive_rig
-from omnimj.parameters import read_floors, read_rig
+from omnimj.parameters import Rig, read_floors, read_rig
 from omnimj.physics.effect_terms import TERMS
 from omnimj.plant.channels import RIG_CHANNELS
 from omnimj.plant.interface import Plant
@@ -65,7 +65,7 @@ def make_dataset(
     unfinished.replace(folder)
 
 
-def true_machine(case: Case) -> Based:
+def true_machine(case: Case) -> Based[Rig]:
     """The rig as it really is: constants off their nominal values, effects on top."""
     rig, floors = read_rig(), read_floors()
     base = base_parameters(rig, floors, FLOORS, ())
@@ -73,10 +73,10 @@ def true_machine(case: Case) -> Based:
     if not case.hidden:
         return based
     effects: dict[str, Mapping[str, Any]] = {one.effect: one.values for one in case.hidden}
-    return Based(with_effects(based.rig, effects), based.floors, based.lags, based.mass_scale)
+    return Based(with_effects(based.machine, effects), based.floors, based.lags, based.mass_scale)
 
 
-def _recorded(case: Case, truth: Based, planned: PlannedRun, k: int, made_by: str) -> Run:
+def _recorded(case: Case, truth: Based[Rig], planned: PlannedRun, k: int, made_by: str) -> Run:
     seed = int(np.random.SeedSequence(case.seed, spawn_key=(1, k)).generate_state(1, np.uint64)[0])
     plant = _plant(truth, planned, seed, made_by)
     if case.outside is not None:
@@ -89,7 +89,7 @@ def _recorded(case: Case, truth: Based, planned: PlannedRun, k: int, made_by: st
         raise SimulationError(f"{case.name}, {planned.name}: {trace.about['failure']}")
     if trace.about["interrupted"]:
         raise KeyboardInterrupt
-    rows = on_rail(truth.rig, trace["carriage_position"], trace["lateral_position"])
+    rows = on_rail(truth.machine, trace["carriage_position"], trace["lateral_position"])
     columns = {name: trace[name][:rows] for name in ("time", *RIG_CHANNELS, "current_target")}
     if case.outside is not None:
         columns = case.outside.bend_readings(columns, trace["carriage_position"][:rows])
@@ -97,18 +97,18 @@ def _recorded(case: Case, truth: Based, planned: PlannedRun, k: int, made_by: st
     return Run(planned.name, columns, MappingProxyType({}), conditions, planned.condition)
 
 
-def _plant(truth: Based, planned: PlannedRun, seed: int, made_by: str) -> Plant:
+def _plant(truth: Based[Rig], planned: PlannedRun, seed: int, made_by: str) -> Plant:
     mass = planned.mass * truth.mass_scale
     if made_by == "planar":
         return PlanarRig(
-            truth.rig,
+            truth.machine,
             planned.floor,
             mass=mass,
             lateral_speed=planned.lateral_speed,
             seed=seed,
             floors=truth.floors,
         )
-    return RigTwin(truth.rig, truth.floors[planned.floor], mass, planned.lateral_speed, seed=seed)
+    return RigTwin(truth.machine, truth.floors[planned.floor], mass, planned.lateral_speed, seed=seed)
 
 
 class Disturbed:

@@ -12,11 +12,11 @@ from omnimj.effects import RIG, Applied, applied, find_effect, with_effects
 from omnimj.gap import rig_kernels as native
 from omnimj.gap.forms import candidate_forms
 from omnimj.gap.replay import BaseParameter, CandidateForm, Channel, Experiment, Setting
-from omnimj.gap.rig_base import Based, base_parameters, with_base
 from omnimj.gap.rig_menu import menu_runs, rig_menu
 from omnimj.gap.rig_regimes import regimes, spans
 from omnimj.gap.rig_runs import CHANNELS, RigRuns, rig_runs
 from omnimj.gap.rig_sensors import observed, true_current
+from omnimj.gap.uncertain import Based, base_parameters, with_base
 from omnimj.parameters import Floor, Rig
 from omnimj.physics.effect_terms import mark_active, write_curve
 from omnimj.physics.motor import driven_by_measured_current, motor_row
@@ -68,15 +68,18 @@ class RigReplay:
         with ThreadPoolExecutor(_THREADS) as pool:
             return list(pool.map(self._one, settings))
 
-    def based(self, setting: Setting) -> Based:
+    def based(self, setting: Setting) -> Based[Rig]:
         """Constants with the effects of a setting."""
         based = with_base(self._rig, self._floors, self.base, setting.base)
         effects: dict[str, dict] = {}
         for label, values in setting.effects.items():
             form = self._forms[label]
             entry = {s.name: float(v) for s, v in zip(form.parameters, values, strict=True)}
-            effects[_instance(form.effect, {**based.rig.effects, **effects})] = {**entry, **form.selectors}
-        return dataclasses.replace(based, rig=with_effects(based.rig, effects)) if effects else based
+            effects[_instance(form.effect, {**based.machine.effects, **effects})] = {
+                **entry,
+                **form.selectors,
+            }
+        return dataclasses.replace(based, machine=with_effects(based.machine, effects)) if effects else based
 
     def _one(self, setting: Setting) -> Array:
         return self._equations(setting, self._runs, measured=True)
@@ -84,7 +87,7 @@ class RigReplay:
     def _equations(self, setting: Setting, runs: RigRuns, measured: bool) -> Array:
         """Block means by the equations, driven by a measured current or by a set value."""
         based = self.based(setting)
-        changed = applied(based.rig)
+        changed = applied(based.machine)
         terms = changed.terms[0].copy()
         if setting.curve is not None:
             over, values = setting.curve
@@ -102,7 +105,7 @@ class RigReplay:
     def anchor(self, setting: Setting) -> Array:
         """The same from the MuJoCo twin, every run from its start."""
         based = self.based(setting)
-        changed = applied(based.rig)
+        changed = applied(based.machine)
         current = true_current(self._runs, changed.channels, based.lags)
         out = np.zeros((len(current), native.OUTPUTS))
         edges = zip(self._runs.first[:-1], self._runs.first[1:], strict=True)
@@ -129,7 +132,7 @@ def _instance(name: str, taken: Mapping[str, object]) -> str:
     return next(c for c in (name, *(f"{name}_{k}" for k in range(2, 10))) if c not in taken)
 
 
-def _rows(runs: RigRuns, changed: Applied, based: Based) -> tuple[Array, Array]:
+def _rows(runs: RigRuns, changed: Applied, based: Based[Rig]) -> tuple[Array, Array]:
     """Rig rows and floor rows of all runs."""
     row = rig_row(changed.machine, 1.0, float(changed.radius_scale[0]), 1.0, changed.slope[0])
     rows = np.tile(row, (len(runs.mass), 1))
@@ -139,14 +142,16 @@ def _rows(runs: RigRuns, changed: Applied, based: Based) -> tuple[Array, Array]:
     return rows, np.stack([by_name[name] for name in runs.floor])
 
 
-def _drive_twin(based: Based, runs: RigRuns, k: int, current: Array, out: Array) -> None:
+def _drive_twin(based: Based[Rig], runs: RigRuns, k: int, current: Array, out: Array) -> None:
     """One run on the twin, with ideal sensors."""
-    motor = dataclasses.replace(based.rig.motor, supply=_UNCLIPPED, current_limit=_UNCLIPPED)
+    motor = dataclasses.replace(based.machine.motor, supply=_UNCLIPPED, current_limit=_UNCLIPPED)
     lateral = float(np.median(runs.lateral[runs.first[k] : runs.first[k + 1]]))
     mass = float(runs.mass[k] * based.mass_scale)
     floor = based.floors[runs.floor[k]]
-    plain = {n: v for n, v in based.rig.effects.items() if find_effect(n, RIG, "effects").where != "sensors"}
-    rig = dataclasses.replace(based.rig, motor=motor, effects=plain)
+    plain = {
+        n: v for n, v in based.machine.effects.items() if find_effect(n, RIG, "effects").where != "sensors"
+    }
+    rig = dataclasses.replace(based.machine, motor=motor, effects=plain)
     twin = RigTwin(rig, floor, mass, lateral, ideal_sensors=True)
     twin.reset()
     for n in range(len(current) - 1):

@@ -21,13 +21,13 @@ from omnimj.errors import InputError
 from omnimj.gap import robot_kernels as native
 from omnimj.gap.forms import candidate_forms
 from omnimj.gap.replay import BaseParameter, CandidateForm, Channel, Experiment, Setting
-from omnimj.gap.robot_base import Based, base_parameters, with_base
 from omnimj.gap.robot_menu import menu_currents, robot_menu
 from omnimj.gap.robot_numbers import Curve, Numbers, numbers, readings
 from omnimj.gap.robot_patch import likely_patch
 from omnimj.gap.robot_regimes import regimes, spans
 from omnimj.gap.robot_rollers import leaning, rollers
 from omnimj.gap.robot_runs import STEP, RobotRuns, made_run, robot_runs
+from omnimj.gap.uncertain import Based, base_parameters, with_base
 from omnimj.parameters import Floor, Robot
 from omnimj.parameters.parts import Sensors
 from omnimj.recording.dataset import Dataset
@@ -37,6 +37,8 @@ _SUBSTEPS = 2  # of what is left to itself: 2 ms, half of a wheel's time constan
 _PHASES = 12  # tried angles over a pitch
 _FLAT = np.zeros((3, 0))
 """Tables of wheels without rollers."""
+_LAGS = ("wheel_speed", "acceleration", "yaw_rate", "yaw")
+"""Kinds of channels whose clock may be off that of the currents."""
 _HIDDEN = ("supply_sag",)
 """What measured currents have in them already."""
 
@@ -75,7 +77,7 @@ class RobotReplay:
         self._columns = [c for c in range(native.CHANNELS) if windows or not _is_free(c)]
         self.channels = tuple(_channels(robot.sensors)[c] for c in self._columns)
         self.pieces, self.measured = self._runs.pieces, self._runs.measured[:, self._columns]
-        self.base: tuple[BaseParameter, ...] = base_parameters(robot, self._floors, self._runs.floor)
+        self.base: tuple[BaseParameter, ...] = base_parameters(robot, self._floors, self._runs.floor, _LAGS)
         self._spans = spans(self._runs, robot)
         self.curves: Mapping[str, float] = dict.fromkeys((*self._spans, "wheel_angle"), 1.0)
         forms = candidate_forms(ROBOT, self._spans, _HIDDEN)
@@ -127,18 +129,18 @@ class RobotReplay:
         with ThreadPoolExecutor(min(self._threads, len(arguments))) as pool:
             return list(pool.map(function, arguments))
 
-    def based(self, setting: Setting) -> Based:
+    def based(self, setting: Setting) -> Based[Robot]:
         """Constants with the effects of a setting."""
         based = with_base(self._robot, self._floors, self.base, setting.base)
         chosen = [(self._forms[label], values) for label, values in setting.effects.items()]
-        return dataclasses.replace(based, robot=self._with(based.robot, chosen))
+        return dataclasses.replace(based, machine=self._with(based.machine, chosen))
 
-    def _numbers(self, setting: Setting, runs: RobotRuns) -> tuple[Numbers, Based]:
+    def _numbers(self, setting: Setting, runs: RobotRuns) -> tuple[Numbers, Based[Robot]]:
         based, curve = self.based(setting), None
         if setting.curve is not None:
             over, force = setting.curve
             curve = Curve(over, force, *self._spans.get(over, (0.0, 1.0)))
-        mass_scale = based.robot.body.mass / self._robot.body.mass
+        mass_scale = based.machine.body.mass / self._robot.body.mass
         return numbers(based, runs, mass_scale, curve), based
 
     def _replay(
@@ -212,7 +214,7 @@ class RobotReplay:
         floors = np.repeat(own.floors, native.WHEELS, axis=0)
         machine = (own.bodies[0], own.wheels[0], own.motors, floors, own.terms)
         native.drive(current, *machine, STEP, 2 * _SUBSTEPS, said)
-        delay, scale, offset = readings(applied(based.robot))
+        delay, scale, offset = readings(applied(based.machine))
         places = np.arange(len(said))
         for c in range(native.CHANNELS):
             said[:, c] = scale[c] * np.interp(places - delay[c] / STEP, places, said[:, c]) + offset[c]

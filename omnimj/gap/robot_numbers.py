@@ -13,8 +13,9 @@ from omnimj.effects import Applied, applied
 from omnimj.effects import Channel as Reading
 from omnimj.errors import InputError
 from omnimj.gap import robot_kernels as native
-from omnimj.gap.robot_base import Based
 from omnimj.gap.robot_runs import NAMES, STEP, RobotRuns
+from omnimj.gap.uncertain import Based
+from omnimj.parameters import Robot
 from omnimj.physics.effect_terms import mark_active, write_curve
 from omnimj.physics.motor import (
     EFFICIENCY,
@@ -56,7 +57,7 @@ class Curve:
     high: float
 
 
-def numbers(based: Based, runs: RobotRuns, mass_scale: float, curve: Curve | None) -> Numbers:
+def numbers(based: Based[Robot], runs: RobotRuns, mass_scale: float, curve: Curve | None) -> Numbers:
     """All numbers of a robot.
 
     Args:
@@ -65,7 +66,7 @@ def numbers(based: Based, runs: RobotRuns, mass_scale: float, curve: Curve | Non
       mass_scale: True over declared mass.
       curve: A free force at every wheel.
     """
-    changed = applied(based.robot)
+    changed = applied(based.machine)
     terms = changed.terms.copy()
     if curve is not None:
         write_curve(terms, _LAST_CURVE, curve.over, curve.force.tolist(), curve.low, curve.high)

@@ -16,7 +16,7 @@ from omnimj.gap.benchmark_making import make_dataset, true_machine
 from omnimj.gap.benchmark_outside import KINDS, Outside
 from omnimj.gap.benchmark_seal import holds, open_seal, seal
 from omnimj.gap.forms import candidate_forms
-from omnimj.gap.rig_base import base_parameters
+from omnimj.gap.uncertain import base_parameters
 from omnimj.parameters import read_floors, read_rig
 from omnimj.recording.read_dataset import read_dataset
 
@@ -35,7 +35,7 @@ def test_every_effect_is_hidden_in_three_sizes_and_the_same_seed_hides_the_same(
 def test_every_truth_is_a_machine_that_can_be_and_its_constants_lie_inside_their_boxes():
     boxes = {p.name: p for p in base_parameters(read_rig(), read_floors(), FLOORS, ())}
     for case in CASES:
-        assert true_machine(case).rig.effects.keys() == {one.effect for one in case.hidden}
+        assert true_machine(case).machine.effects.keys() == {one.effect for one in case.hidden}
         for name, value in case.base.items():
             p = boxes[name]
             assert abs(value - p.nominal) <= 0.4 * (p.high - p.low) + 1e-12

@@ -15,7 +15,7 @@ from omnimj.gap.benchmark_cases import FLOORS, Hidden
 from omnimj.gap.benchmark_outside import Outside
 from omnimj.gap.benchmark_scoring import relative_to_nominal, score_case
 from omnimj.gap.benchmark_summary import rate, summarise, wilson
-from omnimj.gap.rig_base import base_parameters
+from omnimj.gap.uncertain import base_parameters
 from omnimj.parameters import read_floors, read_rig
 
 NOMINAL = {p.name: p.nominal for p in base_parameters(read_rig(), read_floors(), FLOORS, ())}

@@ -1,4 +1,4 @@
-"""The rig's parameters declared uncertain: constants, floors, mass, and the small lags of its channels."""
+"""A machine's parameters declared uncertain: constants, floors, mass, and the small lags of its channels."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Generic, TypeVar
 
 from omnimj.gap.replay import BaseParameter
-from omnimj.parameters import Floor, Rig
+from omnimj.parameters import Floor, Rig, Robot
 from omnimj.signals import Array
 
 _LAG = 0.004  # [s] by which a channel may be late or early before it is called a delay
@@ -18,35 +19,38 @@ _FLOOR_LETTERS = {"mu_c": ("mu_c", "mu_s", "D"), "sigma_0": ("sigma_0", "B"), "s
 """What is scaled together."""
 
 
-@dataclass(frozen=True)
-class Based:
-    """A rig with the values of its uncertain parameters."""
+Machine = TypeVar("Machine", Rig, Robot)
 
-    rig: Rig
+
+@dataclass(frozen=True)
+class Based(Generic[Machine]):
+    """A machine with the values of its uncertain parameters."""
+
+    machine: Machine
     floors: dict[str, Floor]
     lags: dict[str, float]
     """Channel → lateness [s]."""
     mass_scale: float
-    """True over declared mass."""
+    """True over declared mass of the runs; 1 where the machine's own mass is the parameter."""
 
 
 def base_parameters(
-    rig: Rig, floors: Mapping[str, Floor], used: Sequence[str], channels: Sequence[str]
+    machine: Rig | Robot, floors: Mapping[str, Floor], used: Sequence[str], channels: Sequence[str]
 ) -> tuple[BaseParameter, ...]:
     """Every quantity with an uncertainty, the floors in use, the channels' lags.
 
     Args:
-      rig: The model.
+      machine: The model.
       floors: Floors by name.
       used: Names of the floors that the runs were driven on.
       channels: Names of the channels that have a lag.
     """
     found = []
-    for name, origin in rig.provenance.items():
+    for name, origin in machine.provenance.items():
         table, _, key = name.partition(".")
-        if origin.uncertainty <= 0.0 or table == "effects" or not hasattr(rig, table):
+        if origin.uncertainty <= 0.0 or table == "effects" or not hasattr(machine, table):
             continue
-        value, half = getattr(getattr(rig, table), key), origin.uncertainty
+        value, half = getattr(getattr(machine, table), key), origin.uncertainty
         if name == "rig.masses":
             found.append(_scale("mass.scale", half / value[0], "mass over what the runs say"))
         elif isinstance(value, float):
@@ -65,8 +69,10 @@ def _scale(name: str, half: float, words: str) -> BaseParameter:
     return BaseParameter(name, "1", 1.0, 1.0 - half, 1.0 + half, words)
 
 
-def with_base(rig: Rig, floors: Mapping[str, Floor], base: Sequence[BaseParameter], values: Array) -> Based:
-    """The rig with other values of its uncertain parameters."""
+def with_base(
+    machine: Machine, floors: Mapping[str, Floor], base: Sequence[BaseParameter], values: Array
+) -> Based[Machine]:
+    """The machine with other values of its uncertain parameters."""
     tables: dict[str, dict[str, float]] = {}
     scales: dict[str, dict[str, float]] = {}
     lags: dict[str, float] = {}
@@ -82,9 +88,11 @@ def with_base(rig: Rig, floors: Mapping[str, Floor], base: Sequence[BaseParamete
             scales.setdefault(table, {})[key] = value
         else:
             tables.setdefault(table, {})[key] = value
-    changed = {name: dataclasses.replace(getattr(rig, name), **entries) for name, entries in tables.items()}
+    changed = {
+        name: dataclasses.replace(getattr(machine, name), **entries) for name, entries in tables.items()
+    }
     return Based(
-        dataclasses.replace(rig, **changed) if changed else rig,
+        dataclasses.replace(machine, **changed) if changed else machine,
         {name: _scaled(floor, scales.get(name, {})) for name, floor in floors.items()},
         lags,
         mass_scale,
