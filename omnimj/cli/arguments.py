@@ -4,6 +4,13 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
+from pathlib import Path
+
+
+def add_floors(parser: argparse.ArgumentParser) -> None:
+    """`--floors FILE`."""
+    words = "floors beside the shipped ones, or in their place, e.g. from omnimj identify"
+    parser.add_argument("--floors", metavar="FILE", type=Path, help=words)
 
 
 def whole_number(low: int, high: int) -> Callable[[str], int]:

@@ -9,7 +9,7 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import whole_number
+from omnimj.cli.arguments import add_floors, whole_number
 from omnimj.cli.gap_benchmark import add_benchmark_arguments, run_gap_benchmark
 from omnimj.cli.progress import ProgressBar
 from omnimj.errors import InputError, SimulationError
@@ -33,6 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--model", metavar="FILE", type=Path, help="the plant's model file; the shipped one by default"
     )
+    add_floors(parser)
     parser.add_argument(
         "--holdout",
         metavar="NAMES",
@@ -102,18 +103,29 @@ def _search(arguments: Any) -> Finding:
 
     with ProgressBar() as bar:
         return find_gap(
-            arguments.dataset, arguments.model, arguments.holdout, _report_to(bar), seed=arguments.seed
+            arguments.dataset,
+            arguments.model,
+            arguments.holdout,
+            _report_to(bar),
+            arguments.seed,
+            arguments.floors,
         )
 
 
-def _new_model(finding: Finding, file: Path | None) -> tuple[str | None, InputError | None]:
-    """The text of the new model; or why there is none, to be said when all else is written."""
-    from omnimj.gap.new_model import new_model_text
+def _new_texts(arguments: Any, finding: Finding) -> tuple[dict[str, str], InputError | None]:
+    """The new model and the refitted floors; or why there are none, to be said when all else is written."""
+    from omnimj.cli.gap_outputs import FLOORS, MODEL
+    from omnimj.gap.new_model import new_floors_text, new_model_text
+    from omnimj.parameters.floor import all_floors
 
     try:
-        return new_model_text(finding, file), None
+        texts = {
+            MODEL: new_model_text(finding, arguments.model),
+            FLOORS: new_floors_text(finding, all_floors(arguments.floors)),
+        }
     except InputError as error:
-        return None, error
+        return {}, error
+    return {name: text for name, text in texts.items() if text is not None}, None
 
 
 def _deliver(arguments: Any, finding: Finding) -> int:
@@ -121,8 +133,8 @@ def _deliver(arguments: Any, finding: Finding) -> int:
     from omnimj.cli.gap_outputs import told, write_outputs
 
     command = shlex.join(["omnimj", *arguments.given])
-    text, refused = _new_model(finding, arguments.model)
-    content = write_outputs(arguments.out, arguments.force, finding, arguments.model, command, text)
+    texts, refused = _new_texts(arguments, finding)
+    content = write_outputs(arguments.out, arguments.force, finding, arguments.model, command, texts)
     if refused is not None:
         raise refused
     if finding.failure and finding.failure != _INTERRUPTED:
@@ -130,5 +142,5 @@ def _deliver(arguments: Any, finding: Finding) -> int:
     if arguments.json:
         print(json.dumps(content, indent=2, ensure_ascii=False))
     else:
-        print(told(finding, arguments.out, content["model"]))
+        print(told(finding, arguments.out, content))
     return 130 if finding.failure else 0

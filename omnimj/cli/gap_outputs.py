@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +11,13 @@ from omnimj.cli.tables import table
 if TYPE_CHECKING:
     from omnimj.gap.records import Finding
 
-MODEL, DIGEST, REPORT, RECORDING = FILES = ("model.toml", "gap.json", "report.html", "before_after.rrd")
+MODEL, FLOORS, DIGEST, REPORT, RECORDING = FILES = (
+    "model.toml",
+    "floors.toml",
+    "gap.json",
+    "report.html",
+    "before_after.rrd",
+)
 """What a search writes, in this order."""
 
 
@@ -21,9 +27,9 @@ def write_outputs(
     finding: Finding,
     machine_file: Path | None,
     command: str,
-    model_text: str | None,
+    texts: Mapping[str, str],
 ) -> dict[str, Any]:
-    """Writes the new model, `gap.json`, `report.html` and `before_after.rrd`, each in full or not at all.
+    """Writes new model and floors, `gap.json`, `report.html`, `before_after.rrd`, each whole or not at all.
 
     Args:
       folder: Created if needed.
@@ -31,7 +37,7 @@ def write_outputs(
       finding: What was found.
       machine_file: The model file that was given; None for the shipped one.
       command: What repeats the work.
-      model_text: Content of the new model file; None where nothing was added.
+      texts: Contents of `MODEL` and `FLOORS`; empty where nothing was added or refitted.
 
     Returns:
       The content of `gap.json`.
@@ -45,25 +51,30 @@ def write_outputs(
     from omnimj.view.gap_report import write_gap_report
 
     make_folder(folder, force, FILES)
-    new_model = None if model_text is None else MODEL
-    if model_text is not None:
-        with whole_file(folder / MODEL) as temporary:
-            temporary.write_text(model_text, encoding="utf-8")
-    content = digest(finding, new_model, command)
+    for name in (MODEL, FLOORS):
+        if name in texts:
+            with whole_file(folder / name) as temporary:
+                temporary.write_text(texts[name], encoding="utf-8")
+        else:  # of an earlier search, which `force` replaces
+            (folder / name).unlink(missing_ok=True)
+    model, floors = (name if name in texts else None for name in (MODEL, FLOORS))
+    content = digest(finding, model, floors, command)
     with whole_file(folder / DIGEST) as temporary:
         write_digest(temporary, content)
     with whole_file(folder / REPORT) as temporary:
-        write_gap_report(temporary, finding, new_model, command)
+        write_gap_report(temporary, finding, model, floors, command)
     if finding.overlays:
         with whole_file(folder / RECORDING) as temporary:
             write_before_after(temporary, finding, machine_file)
     return content
 
 
-def told(finding: Finding, folder: Path, new_model: str | None) -> str:
+def told(finding: Finding, folder: Path, content: Mapping[str, Any]) -> str:
     """The verdict, where the gap is, what is missing, how much smaller it is, what next."""
     from omnimj.gap import sentences
 
+    new = [f"the new model is {folder / content['model']}"] if content["model"] else []
+    new += [f"the refitted floors are {folder / content['floors']}"] if content["floors"] else []
     parts = [
         f"{sentences.headline(finding)}\n{sentences.summary(finding)}",
         _reason(finding),
@@ -71,7 +82,7 @@ def told(finding: Finding, folder: Path, new_model: str | None) -> str:
         _effects(finding),
         _gaps(finding),
         _next(finding),
-        f"written to {folder}" + (f"; the new model is {folder / new_model}" if new_model else ""),
+        "; ".join([f"written to {folder}", *new]),
     ]
     return "\n\n".join(part for part in parts if part)
 

@@ -8,7 +8,7 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import whole_number
+from omnimj.cli.arguments import add_floors, whole_number
 from omnimj.cli.compiling import note_compiled, say_compiling
 from omnimj.cli.progress import ProgressBar
 from omnimj.errors import InputError
@@ -50,6 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="of the sensors' noise, and of what is drawn at random (default 0)",
     )
     parser.add_argument("--model", metavar="FILE", type=Path, help="a copy of the plant's model file")
+    add_floors(parser)
     parser.add_argument(
         "--repeats",
         metavar="N",
@@ -114,6 +115,7 @@ def _record(arguments: Any, suite: Suite, effects: dict[str, Any]) -> Recorded:
         arguments.repeats,
         arguments.plant,
         arguments.model,
+        arguments.floors,
         effects,
         arguments.table_format,
         arguments.force,

@@ -8,6 +8,7 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from omnimj.cli.arguments import add_floors
 from omnimj.cli.compiling import note_compiled, say_compiling
 from omnimj.cli.progress import ProgressBar
 from omnimj.cli.tables import shown, table
@@ -48,6 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         help=f"a copy of robot.toml or rig.toml with changed values; the originals lie in {shipped}",
     )
+    add_floors(parser)
     parser.add_argument(
         "--out", metavar="DIR", type=Path, help="write trace, metrics, recording and report here"
     )
@@ -80,7 +82,7 @@ def run(arguments: Any) -> int:
         raise InputError("--force", "there is no --out", "it belongs to --out DIR")
     if arguments.out is not None:
         check_folder(arguments.out, arguments.force)
-    scenario = read_scenario(arguments.scenario, arguments.overrides, arguments.model)
+    scenario = read_scenario(arguments.scenario, arguments.overrides, arguments.model, arguments.floors)
     finished, live = _drive(arguments, scenario)
     if finished.metrics:
         _deliver(arguments, finished, live)

@@ -8,6 +8,7 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from omnimj.cli.arguments import add_floors
 from omnimj.cli.compiling import note_compiled, say_compiling
 from omnimj.cli.progress import ProgressBar
 from omnimj.cli.tables import table
@@ -32,9 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--model", metavar="FILE", type=Path, help="a copy of rig.toml with changed values or effects"
     )
-    parser.add_argument(
-        "--floors", metavar="FILE", type=Path, help="floors that replace shipped ones, from omnimj identify"
-    )
+    add_floors(parser)
     parser.add_argument("--plant", metavar="P", default="both", help="twin, planar or both (default)")
     parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="where the results go")
     parser.add_argument("--force", action="store_true", help="write into --out although it is not empty")
@@ -57,12 +56,11 @@ def run(arguments: Any) -> int:
         raise UnknownNameError("--plant", "plant", arguments.plant, CHOICES)
     plants = ("twin", "planar") if arguments.plant == "both" else (arguments.plant,)
     check_folder(arguments.out, arguments.force)
-    from omnimj.parameters import read_floors, read_rig
+    from omnimj.parameters import read_rig
+    from omnimj.parameters.floor import all_floors
     from omnimj.recording.read_dataset import read_dataset
 
-    rig, floors = read_rig(arguments.model), read_floors()
-    if arguments.floors is not None:
-        floors |= read_floors(arguments.floors)
+    rig, floors = read_rig(arguments.model), all_floors(arguments.floors)
     dataset = read_dataset(arguments.dataset, floors)
     for plant in plants:
         say_compiling(plant, "quarter_rig")

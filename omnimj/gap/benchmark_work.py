@@ -22,6 +22,7 @@ from omnimj.gap.heldout import choose_heldout, make_groups
 from omnimj.gap.per_run import rms
 from omnimj.gap.replay import CandidateForm, Replay
 from omnimj.gap.search import fit_base, sharpened
+from omnimj.parameters import read_floors
 from omnimj.recording.read_dataset import read_dataset
 
 SEED = 0
@@ -79,7 +80,7 @@ def replay_of(dataset: Path) -> Replay:
     """The dataset as the workflow sees it, with the shipped model."""
     read = read_dataset(dataset)
     machine = read_machine(read.plant, None)
-    return make_replay(corrected(read, check_dataset(read, machine)), machine)
+    return make_replay(corrected(read, check_dataset(read, machine)), machine, read_floors())
 
 
 def true_heldout(replay: Replay, effects: Sequence[Hidden]) -> dict[str, float]:

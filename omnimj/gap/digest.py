@@ -16,12 +16,15 @@ from omnimj.gap.per_run import RunGap, run_gaps
 from omnimj.gap.records import Candidate, ChannelGap, Finding, Interval, NamedEffect, Place, Refitted, Stage
 
 
-def digest(finding: Finding, new_model: str | None = None, command: str = "") -> dict[str, Any]:
+def digest(
+    finding: Finding, new_model: str | None = None, new_floors: str | None = None, command: str = ""
+) -> dict[str, Any]:
     """The content of `gap.json`: every number that the report shows, nothing that JSON cannot hold.
 
     Args:
       finding: What was found.
       new_model: File name of the new model, which lies beside; None where there is none.
+      new_floors: File name of the refitted floors, which lie beside; None where there are none.
       command: What repeats the work.
     """
     content = {
@@ -34,6 +37,7 @@ def digest(finding: Finding, new_model: str | None = None, command: str = "") ->
         "shrink": finding.shrink,
         "next_experiment": None if finding.next_experiment is None else dict(finding.next_experiment),
         "model": new_model,
+        "floors": new_floors,
         "dataset": finding.dataset,
         "plant": finding.plant,
         "channels": {

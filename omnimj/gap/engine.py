@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +13,8 @@ from omnimj.gap.find import About, find
 from omnimj.gap.holdout import held_out_conditions
 from omnimj.gap.records import Finding
 from omnimj.gap.replay import Replay
-from omnimj.parameters import Axis, Rig, Robot, read_axis, read_floors, read_rig, read_robot
+from omnimj.parameters import Axis, Floor, Rig, Robot, read_axis, read_rig, read_robot
+from omnimj.parameters.floor import all_floors
 from omnimj.parameters.toml_file import read_toml
 from omnimj.recording.dataset import Dataset
 from omnimj.recording.read_dataset import read_dataset
@@ -36,7 +37,7 @@ def read_machine(plant: str, path: Path | None) -> Machine:
     return machine
 
 
-def make_replay(dataset: Dataset, machine: Machine) -> Replay:
+def make_replay(dataset: Dataset, machine: Machine, floors: Mapping[str, Floor]) -> Replay:
     """The dataset as the search sees it.
 
     Raises:
@@ -45,11 +46,11 @@ def make_replay(dataset: Dataset, machine: Machine) -> Replay:
     if isinstance(machine, Rig):
         from omnimj.gap.rig import RigReplay
 
-        return RigReplay(dataset, machine, read_floors())
+        return RigReplay(dataset, machine, floors)
     if isinstance(machine, Robot):
         from omnimj.gap.robot import RobotReplay
 
-        return RobotReplay(dataset, machine, read_floors())
+        return RobotReplay(dataset, machine, floors)
     from omnimj.gap.axis import AxisReplay
 
     return AxisReplay(machine, dataset.runs)
@@ -61,6 +62,7 @@ def find_gap(
     holdout: Sequence[str] = (),
     report: Callable[[str, float], None] | None = None,
     seed: int = 0,
+    floors_file: Path | None = None,
 ) -> Finding:
     """Finds where a model and measured runs part, and what the model lacks.
 
@@ -71,17 +73,19 @@ def find_gap(
       report: Called with a phrase and the share of it that is done; KeyboardInterrupt raised there ends the
         search with what it has.
       seed: Of what is held out and of the random curves.
+      floors_file: Floors beside the shipped ones, or in their place where names are alike.
 
     Raises:
       InputError: The dataset or the model file is wrong.
       UnknownNameError: A floor, plant or run that is not known.
     """
-    read = read_dataset(dataset)
+    floors = all_floors(floors_file)
+    read = read_dataset(dataset, floors)
     machine = read_machine(read.plant, model)
     conditions = held_out_conditions(holdout, read.runs)
     check = check_dataset(read, machine)
     usable = corrected(read, check)
-    replay = make_replay(usable, machine)
+    replay = make_replay(usable, machine, floors)
     about = About(
         str(dataset), (*read.notes, *check.notes), {run.name: run.conditions for run in usable.runs}
     )

@@ -1,14 +1,18 @@
-"""The new model file: the old text with the named effects and the refitted values."""
+"""The new model file: the old text with named effects and refitted values. And the refitted floors."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import omnimj
 from omnimj.effects.model_file import Estimate, model_text
 from omnimj.gap.records import Finding, NamedEffect, Refitted
-from omnimj.parameters import Axis, Rig, Robot, read_axis, read_rig, read_robot
+from omnimj.gap.uncertain import FLOOR_LETTERS, scaled
+from omnimj.parameters import Axis, Floor, Rig, Robot, read_axis, read_rig, read_robot
+from omnimj.parameters.floor_text import UNITS, floor_text
 
 _READERS: Mapping[str, Callable[[Path | None], Rig | Robot | Axis]] = {
     "quarter_rig": read_rig,
@@ -21,7 +25,8 @@ _UNCHANGED = 1e-9  # of the box
 def new_model_text(finding: Finding, file: Path | None = None) -> str | None:
     """The text of the model file with what was found in it.
 
-    What belongs to no quantity of the model file (the numbers of a floor, the lag of a channel) stays out.
+    What belongs to no quantity of the model file stays out: the numbers of a floor (see `new_floors_text`),
+    the lag of a channel, the scale of the masses that the runs tell.
 
     Args:
       finding: What was found.
@@ -37,6 +42,25 @@ def new_model_text(finding: Finding, file: Path | None = None) -> str | None:
         return None
     machine = _READERS[finding.plant](file)
     return model_text(machine.file, written(finding.effects, machine.effects), _changed(finding, machine))
+
+
+def new_floors_text(finding: Finding, floors: Mapping[str, Floor]) -> str | None:
+    """The text of a floors file with the floors that were refitted; None where nothing was named or changed.
+
+    Args:
+      finding: What was found.
+      floors: Those that the search began with, by name.
+    """
+    scales: dict[str, dict[str, float]] = {}
+    for parameter in finding.refitted if finding.effects else ():
+        name, _, letter = parameter.name.rpartition(".")
+        if name in floors and letter in FLOOR_LETTERS and _is_changed(parameter):
+            scales.setdefault(name, {})[letter] = parameter.fitted
+    if not scales:
+        return None
+    source = f"identified: refitted to {finding.dataset}"
+    new = [replace(scaled(floors[name], own), source=source) for name, own in scales.items()]
+    return "\n".join([f"# Floors refitted by omnimj {omnimj.__version__}.\n{UNITS}\n", *map(floor_text, new)])
 
 
 def written(
@@ -65,11 +89,13 @@ def _changed(finding: Finding, machine: Rig | Robot | Axis) -> dict[str, float]:
     changed = {}
     for parameter in finding.refitted:
         name = _quantity(parameter, machine)
-        if name is not None and abs(parameter.fitted - parameter.nominal) > _UNCHANGED * (
-            parameter.high - parameter.low
-        ):
+        if name is not None and _is_changed(parameter):
             changed[name] = parameter.fitted
     return changed
+
+
+def _is_changed(parameter: Refitted) -> bool:
+    return abs(parameter.fitted - parameter.nominal) > _UNCHANGED * (parameter.high - parameter.low)
 
 
 def _quantity(parameter: Refitted, machine: Rig | Robot | Axis) -> str | None:

@@ -15,7 +15,7 @@ from omnimj.signals import Array
 _LAG = 0.004  # [s] by which a channel may be late or early before it is called a delay
 # [s] the same for the current, which drives the replay, and for its set value, which may lead by a sample
 _DRIVE_LAGS = {"current": 0.001, "current_target": 0.002}
-_FLOOR_LETTERS = {"mu_c": ("mu_c", "mu_s", "D"), "sigma_0": ("sigma_0", "B"), "sigma_2": ("sigma_2",)}
+FLOOR_LETTERS = {"mu_c": ("mu_c", "mu_s", "D"), "sigma_0": ("sigma_0", "B"), "sigma_2": ("sigma_2",)}
 """What is scaled together."""
 
 
@@ -58,7 +58,7 @@ def base_parameters(
             found.append(BaseParameter(name, origin.unit, value, low, value + half))
     for floor in dict.fromkeys(used):
         half = floors[floor].uncertainty
-        for letter, together in _FLOOR_LETTERS.items():
+        for letter, together in FLOOR_LETTERS.items():
             if half > 0.0 and any(key in floors[floor].numbers for key in together):
                 found.append(_scale(f"{floor}.{letter}", half, f"{letter} over that of {floor}"))
     found += [BaseParameter(f"{name}.lag", "s", 0.0, -_LAG, _LAG, f"lateness of {name}") for name in channels]
@@ -93,18 +93,19 @@ def with_base(
     }
     return Based(
         dataclasses.replace(machine, **changed) if changed else machine,
-        {name: _scaled(floor, scales.get(name, {})) for name, floor in floors.items()},
+        {name: scaled(floor, scales.get(name, {})) for name, floor in floors.items()},
         lags,
         mass_scale,
     )
 
 
-def _scaled(floor: Floor, scales: Mapping[str, float]) -> Floor:
+def scaled(floor: Floor, scales: Mapping[str, float]) -> Floor:
+    """The floor with its numbers scaled; letter of a base parameter → scale."""
     if not scales:
         return floor
     numbers = dict(floor.numbers)
     for letter, scale in scales.items():
-        for key in _FLOOR_LETTERS[letter]:
+        for key in FLOOR_LETTERS[letter]:
             if key in numbers:
                 numbers[key] *= scale
     return dataclasses.replace(floor, numbers=MappingProxyType(numbers))

@@ -11,6 +11,8 @@ import numpy as np
 
 import omnimj
 from omnimj.identification.records import CONFIDENCE, Estimate, Identification, IdentifiedFloor, SteadyCurve
+from omnimj.parameters import Floor
+from omnimj.parameters.floor_text import UNITS, floor_text, one_line
 from omnimj.recording.folder import whole_file
 
 FLOORS_FILE, JSON_FILE = "floors.toml", "identification.json"
@@ -29,19 +31,17 @@ def floors_text(identification: Identification) -> str:
 
     `uncertainty` is the relative half-width of the curve's band, since that is what the runs determine.
     """
-    lines = [
-        f"# Floors identified from {_plain(str(identification.dataset))} by omnimj {omnimj.__version__}.",
-        "# mu_c, mu_s 1; V_s m/s; sigma_0 1/m; sigma_1, sigma_2 s/m; intervals in identification.json.",
-    ]
-    for floor in identification.floors:
-        low, high = floor.curve.covered
-        settled = f"slip {low:.3g} to {high:.3g} m/s" if math.isfinite(low) else "no settled slip"
-        lines += ["", f"[{floor.floor}]", f"description = {_text(floor.floor.replace('_', ' '))}"]
-        lines += ['law = "lugre"', f"source = {_text(f'identified: {len(floor.runs)} runs, {settled}')}"]
-        lines += [f"uncertainty = {_uncertainty(floor.curve):.3g}"]
-        lines += [f"# {_plain(said)}" for said in floor.undetermined]
-        lines += [f"{name} = {value:.{_DIGITS}g}" for name, value in floor.numbers.items()]
-    return "\n".join(lines) + "\n"
+    head = f"# Floors identified from {one_line(str(identification.dataset))} by omnimj {omnimj.__version__}."
+    entries = [floor_text(_as_floor(floor), floor.undetermined) for floor in identification.floors]
+    return "\n".join([f"{head}\n{UNITS} Intervals in {JSON_FILE}.\n", *entries])
+
+
+def _as_floor(floor: IdentifiedFloor) -> Floor:
+    low, high = floor.curve.covered
+    settled = f"slip {low:.3g} to {high:.3g} m/s" if math.isfinite(low) else "no settled slip"
+    source = f"identified: {len(floor.runs)} runs, {settled}"
+    words = floor.floor.replace("_", " ")
+    return Floor(floor.floor, words, "lugre", source, floor.numbers, _uncertainty(floor.curve))
 
 
 def write_identification(path: Path, told: dict[str, Any]) -> None:
@@ -121,13 +121,3 @@ def _uncertainty(curve: SteadyCurve) -> float:
     within = curve.slip >= low if math.isfinite(low) else np.ones(len(curve.slip), dtype=bool)
     half = np.max(((curve.high - curve.low) / (2.0 * curve.ratio))[within])
     return min(max(math.ceil(1000.0 * half) / 1000.0, _LEAST_UNCERTAINTY), 1.0)
-
-
-def _plain(words: str) -> str:
-    """One line without control characters, fit for a comment."""
-    return "".join(letter if letter.isprintable() else "?" for letter in words)
-
-
-def _text(words: str) -> str:
-    """A TOML string."""
-    return json.dumps(_plain(words), ensure_ascii=False)

@@ -119,6 +119,16 @@ def read_floors(path: Path | None = None) -> dict[str, Floor]:
     return {name: _read_floor(f"{path}: {name}", name, table) for name, table in read_toml(path).items()}
 
 
+def all_floors(own: Path | None = None) -> dict[str, Floor]:
+    """The shipped floors; those of a file of one's own beside them, or in their place where names are alike.
+
+    Raises:
+      InputError: A value is missing or breaks its rule.
+      UnknownNameError: A law or key that does not exist.
+    """
+    return read_floors() | (read_floors(own) if own is not None else {})
+
+
 def find_floor(name: object, place: str, floors: Mapping[str, Floor] | None = None) -> Floor:
     """A floor by name.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from omnimj.errors import InputError, UnknownNameError
-from omnimj.parameters import Rig, Robot, read_floors
+from omnimj.parameters import Rig, Robot
 from omnimj.plant.interface import Plant
 from omnimj.scenario.drive import Drive
 from omnimj.scenario.scenario import RigDrive, Scenario
@@ -63,14 +63,14 @@ def _make_rig(scenario: Scenario, name: str, seed: int) -> Plant:
     assert isinstance(rig, Rig)
     assert isinstance(drive, RigDrive)
     asked: dict[str, Any] = {"mass": drive.mass, "lateral_speed": drive.lateral_speed}
-    asked |= {"faults": scenario.faults, "seed": seed}
+    asked |= {"faults": scenario.faults, "seed": seed, "floors": scenario.floors}
     if name == "planar":
         from omnimj.plant.planar_rig import PlanarRig
 
         return PlanarRig(rig, scenario.floor, published=scenario.equations == "published", **asked)
     from omnimj.twin.twin import RigTwin  # MuJoCo is loaded for the twin only
 
-    return RigTwin(rig, read_floors()[scenario.floor], **asked)
+    return RigTwin(rig, scenario.floors[scenario.floor], **asked)
 
 
 def _make_robot(scenario: Scenario, name: str, seed: int) -> Plant:
@@ -78,7 +78,7 @@ def _make_robot(scenario: Scenario, name: str, seed: int) -> Plant:
     assert isinstance(robot, Robot)
     assert isinstance(drive, Drive)
     asked: dict[str, Any] = {"faults": scenario.faults, "patches": scenario.patches}
-    asked |= {"seed": seed, "start": drive.start}
+    asked |= {"seed": seed, "start": drive.start, "floors": scenario.floors}
     if name == "planar":
         if scenario.scene is not None:
             found = f"found {scenario.scene.name!r}"
@@ -88,4 +88,4 @@ def _make_robot(scenario: Scenario, name: str, seed: int) -> Plant:
         return PlanarRobot(robot, scenario.floor, published=scenario.equations == "published", **asked)
     from omnimj.twin.twin import RobotTwin
 
-    return RobotTwin(robot, floor=read_floors()[scenario.floor], scene=scenario.scene, **asked)
+    return RobotTwin(robot, floor=scenario.floors[scenario.floor], scene=scenario.scene, **asked)

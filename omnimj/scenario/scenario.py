@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,8 @@ import numpy as np
 from omnimj.effects import check_effects
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.kinematic import KinematicCase
-from omnimj.parameters import Rig, Robot, read_floors, read_rig, read_robot
-from omnimj.parameters.floor import Floor, find_floor
+from omnimj.parameters import Rig, Robot, read_rig, read_robot
+from omnimj.parameters.floor import Floor, all_floors, find_floor
 from omnimj.parameters.reading import Rule, number
 from omnimj.parameters.toml_file import read_toml
 from omnimj.plant.faults import Fault, read_fault
@@ -59,7 +60,9 @@ class Scenario:
     constants: Robot | Rig
     """Of the plant, from its model file."""
     floor: str
-    """Name in `floors.toml`."""
+    """Name in `floors`."""
+    floors: Mapping[str, Floor]
+    """Every floor that can be named."""
     duration: float
     """Length of the run [s]."""
     level: str
@@ -104,7 +107,10 @@ class Scenario:
 
 
 def read_scenario(
-    name_or_path: str | Path, overrides: Sequence[str] = (), model_file: Path | None = None
+    name_or_path: str | Path,
+    overrides: Sequence[str] = (),
+    model_file: Path | None = None,
+    floors_file: Path | None = None,
 ) -> Scenario:
     """Reads a shipped scenario by name, or any scenario file by path.
 
@@ -112,6 +118,7 @@ def read_scenario(
       name_or_path: `nylon_patch`, or `my/own.toml`.
       overrides: `KEY=VALUE` texts, applied in order before anything is validated.
       model_file: The plant's model file; the shipped one when None.
+      floors_file: Floors beside the shipped ones, or in their place where names are alike.
 
     Raises:
       InputError: A value is missing or breaks its rule; the message names place, value and rule.
@@ -131,7 +138,7 @@ def read_scenario(
         if key not in known[""]:
             raise UnknownNameError(place, f"key of a {plant} scenario", key, known[""])
     _require_few_steps(tree, place, constants)
-    floors = read_floors()
+    floors = all_floors(floors_file)
     if isinstance(constants, Rig):
         own = _read_rig_scenario(tree, place, constants, floors)
     else:
@@ -141,6 +148,7 @@ def read_scenario(
         description=_text(tree, "description", place),
         constants=constants,
         floor=find_floor(_text(tree, "floor", place), f"{place}: floor", floors).name,
+        floors=MappingProxyType(floors),
         duration=_number(tree, "duration", place, _DURATION),
         equations=_equations(tree, place),
         scene=read_scene(tree, path),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import mujoco
 import numpy as np
@@ -45,6 +45,7 @@ class RigTwin:
         ideal_sensors: bool = False,
         timestep: float | None = None,
         measured_current: bool = False,
+        floors: Mapping[str, Floor] | None = None,
     ):
         """Builds the twin.
 
@@ -59,13 +60,14 @@ class RigTwin:
           ideal_sensors: Neither noise nor quantisation nor filters.
           timestep: Of the simulation [s]; one sample period when None.
           measured_current: Commands are currents that were measured: neither limits nor the current loop act.
+          floors: Where patches and faults look up names; the shipped floors when None.
         """
         install()
         effects = applied(rig)
         rig = effects.machine
         mass = (rig.rig.masses[0] if mass is None else mass) + effects.added_mass
         self.period = 1.0 / rig.sensors.sample_rate
-        floors = effects.floors(read_floors())
+        floors = effects.floors(read_floors() if floors is None else floors)
         self.mj_model = rig_model(
             rig, effects.floor(floor), mass, floors_of(faults), patches, lean=True, floors=floors
         )

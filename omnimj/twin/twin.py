@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import mujoco
@@ -48,6 +48,7 @@ class RobotTwin:
         timestep: float | None = None,
         scene: Path | None = None,
         measured_current: bool = False,
+        floors: Mapping[str, Floor] | None = None,
     ):
         """Builds the twin.
 
@@ -62,6 +63,7 @@ class RobotTwin:
           timestep: Of the simulation [s]; one control period when None.
           scene: Another MJCF scene that includes the robot.
           measured_current: Commands are currents that were measured: neither limits nor the current loop act.
+          floors: Where patches and faults look up names; the shipped floors when None.
         """
         install()
         effects = applied(robot)
@@ -74,7 +76,7 @@ class RobotTwin:
             effects.floor(floor),
             patches,
             floors_of(faults),
-            floors=effects.floors(read_floors()),
+            floors=effects.floors(read_floors() if floors is None else floors),
             scene=scene,
             lean=True,
         )

@@ -43,13 +43,20 @@ _USES = {
 _SIGNS = {"named": "✓", "ambiguous": "?", "unexplained": "✗", "no_gap": "✓"}
 
 
-def write_gap_report(path: Path, finding: Finding, new_model: str | None = None, command: str = "") -> None:
+def write_gap_report(
+    path: Path,
+    finding: Finding,
+    new_model: str | None = None,
+    new_floors: str | None = None,
+    command: str = "",
+) -> None:
     """Writes the report as one HTML file that needs nothing else.
 
     Args:
       path: The file to write.
       finding: What was found.
       new_model: File name of the new model beside it; None where there is none.
+      new_floors: File name of the refitted floors beside it; None where there are none.
       command: What repeats the work.
     """
     parts = [
@@ -60,9 +67,9 @@ def write_gap_report(path: Path, finding: Finding, new_model: str | None = None,
         _base(finding),
         page.section("How sure", how_sure(finding)),
         page.section("How much smaller" if has_after(finding) else "How large", how_much_smaller(finding)),
-        page.section("What next", _next(finding, new_model)),
+        page.section("What next", _next(finding, new_model, new_floors)),
         page.section("How it was done", _done(finding, command)),
-        _foot(new_model),
+        _foot(new_model, new_floors),
     ]
     heading = f"Gap of {sentences.dataset_name(finding)} · omnimj"
     path.write_text(page.document(heading, "\n".join(parts), _STYLE), encoding="utf-8")
@@ -202,7 +209,7 @@ def _base(finding: Finding) -> str:
     return page.section("Parameters that were uncertain", content)
 
 
-def _next(finding: Finding, new_model: str | None) -> str:
+def _next(finding: Finding, new_model: str | None, new_floors: str | None) -> str:
     parts = [f"<p>{page.text(sentences.next_step(finding))}</p>"]
     if finding.next_experiment:
         wanted = finding.next_experiment
@@ -211,11 +218,12 @@ def _next(finding: Finding, new_model: str | None) -> str:
         parts.append(f"<p>{page.text(sentences.separates(finding))}</p>")
         parts.append(gap_tables.parting(wanted.get("parting")))
     if new_model is not None:
-        use = _USES.get(finding.plant, "omnimj gap DATASET --out OUT")
-        parts.append(
-            f"<p>The new model lies beside this page as <code>{page.text(new_model)}</code>:</p>"
-            f"<pre><code>{use} --model {page.text(new_model)}</code></pre>"
-        )
+        use = f"{_USES.get(finding.plant, 'omnimj gap DATASET --out OUT')} --model {page.text(new_model)}"
+        lies = f"The new model lies beside this page as <code>{page.text(new_model)}</code>"
+        if new_floors is not None:
+            use += f" --floors {page.text(new_floors)}"
+            lies += f", the refitted floors as <code>{page.text(new_floors)}</code>"
+        parts.append(f"<p>{lies}:</p><pre><code>{use}</code></pre>")
     return "".join(parts)
 
 
@@ -239,13 +247,15 @@ def _done(finding: Finding, command: str) -> str:
     return f"<p>{words}</p>{table}{again}"
 
 
-def _foot(new_model: str | None) -> str:
+def _foot(new_model: str | None, new_floors: str | None) -> str:
     beside = "<code>gap.json</code> (every number above), <code>before_after.rrd</code> "
     beside += (
         "(both simulations beside the measured motion, open it with <code>rerun before_after.rrd</code>)"
     )
     if new_model is not None:
         beside += f", <code>{page.text(new_model)}</code> (the new model)"
+    if new_floors is not None:
+        beside += f", <code>{page.text(new_floors)}</code> (the refitted floors)"
     return (
         f"<footer><p>Beside this page: {beside}. All values in SI units. Written by omnimj "
         f"{page.text(omnimj.__version__)}.</p></footer>"

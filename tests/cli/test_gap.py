@@ -18,7 +18,8 @@ from omnimj.cli.progress import ProgressBar
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.gap.holdout import held_out_conditions
 from omnimj.gap.new_model import new_model_text
-from omnimj.parameters import read_rig
+from omnimj.gap.records import Refitted
+from omnimj.parameters import read_floors, read_rig
 from omnimj.recording.dataset import Run
 
 SCHEMA = json.loads((Path(__file__).parent.parent / "schema" / "gap.json").read_text(encoding="utf-8"))
@@ -77,7 +78,7 @@ def test_a_search_leaves_model_digest_report_and_recording(capsys, tmp_path, sea
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == WRITTEN
     assert all(path.stat().st_size > 500 for path in (tmp_path / "out").iterdir())
     ((given, named),) = asked
-    assert given[:3] == (Path("data"), None, ("i090_m35", "slow")) and named == {"seed": 5}
+    assert given[:3] == (Path("data"), None, ("i090_m35", "slow")) and given[4:] == (5, None) and named == {}
     content = json.loads((tmp_path / "out" / "gap.json").read_text(encoding="utf-8"))
     jsonschema.validate(content, SCHEMA)
     assert content["model"] == "model.toml" and content["command"].startswith("omnimj gap data --holdout")
@@ -116,6 +117,30 @@ def test_the_new_model_holds_the_effect_and_the_refitted_values(capsys, tmp_path
     fitted = {name: value.value for name, value in finding.effects[0].parameters.items()}
     assert {name: rig.effects["lateral_coupling"][name] for name in fitted} == pytest.approx(fitted)
     assert rig.rig.rail_friction == pytest.approx(finding.refitted[0].fitted)
+
+
+def test_floors_that_were_refitted_lie_beside_and_carry_their_new_numbers(
+    capsys, tmp_path, search, plain_views
+):
+    grip = Refitted("pvc.mu_c", "1", 1.0, 0.95, 1.05, 1.04, False)
+    search(replace(rig_named(), refitted=(grip,)))
+    _, out, _ = called(capsys, "gap", "data", "--out", str(tmp_path / "out"))
+    (pvc,) = read_floors(tmp_path / "out" / "floors.toml").values()
+    shipped = read_floors()["pvc"]
+    assert pvc.numbers["mu_c"] == pytest.approx(1.04 * shipped.numbers["mu_c"], rel=1e-5)
+    assert pvc.numbers["sigma_0"] == pytest.approx(shipped.numbers["sigma_0"])
+    content = json.loads((tmp_path / "out" / "gap.json").read_text(encoding="utf-8"))
+    assert content["floors"] == "floors.toml" and "floors.toml" in out
+
+
+def test_floors_of_an_earlier_search_do_not_stay_beside_a_new_one(capsys, tmp_path, search, plain_views):
+    grip = Refitted("pvc.mu_c", "1", 1.0, 0.95, 1.05, 1.04, False)
+    search(replace(rig_named(), refitted=(grip,)))
+    called(capsys, "gap", "data", "--out", str(tmp_path / "out"))
+    search(rig_unexplained())
+    called(capsys, "gap", "data", "--force", "--out", str(tmp_path / "out"))
+    assert not (tmp_path / "out" / "floors.toml").exists()
+    assert not (tmp_path / "out" / "model.toml").exists()
 
 
 def test_an_effect_that_the_model_has_already_comes_on_top(tmp_path):

@@ -25,7 +25,7 @@ SCHEMA = json.loads((Path(__file__).parent.parent / "schema" / "gap.json").read_
 def test_every_finding_keeps_to_the_schema(tmp_path, name):
     finding = FINDINGS[name]()
     write_digest(
-        tmp_path / "gap.json", digest(finding, "model.toml" if finding.effects else None, "omnimj gap")
+        tmp_path / "gap.json", digest(finding, "model.toml" if finding.effects else None, None, "omnimj gap")
     )
     content = json.loads((tmp_path / "gap.json").read_text(encoding="utf-8"))
     jsonschema.validate(content, SCHEMA)

@@ -67,7 +67,8 @@ def pages(tmp_path_factory) -> dict[str, Path]:
     for name, make in FINDINGS.items():
         finding = make()
         new_model = "model.toml" if finding.effects else None
-        write_gap_report(folder / f"{name}.html", finding, new_model, f"omnimj gap {name} --out 'o & o'")
+        command = f"omnimj gap {name} --out 'o & o'"
+        write_gap_report(folder / f"{name}.html", finding, new_model, None, command)
     return {name: folder / f"{name}.html" for name in FINDINGS}
 
 
@@ -164,7 +165,7 @@ def test_texts_from_outside_cannot_break_the_page(page_path):
         heldout_runs=(evil,),
         failure=evil,
     )
-    write_gap_report(page_path, broken, "m.toml", evil)
+    write_gap_report(page_path, broken, "m.toml", "f.toml", evil)
     page = Page(page_path)
     assert "script" not in page.tags and evil in page.text
 

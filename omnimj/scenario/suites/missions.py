@@ -10,7 +10,7 @@ import numpy as np
 from omnimj.control.controller import Controller
 from omnimj.errors import SimulationError
 from omnimj.loop import Watch, drive
-from omnimj.parameters import Robot, read_floors
+from omnimj.parameters import Robot
 from omnimj.plant.channels import robot_channels
 from omnimj.plant.interface import Plant
 from omnimj.scenario.suites.suite import Condition, Recording
@@ -131,7 +131,7 @@ def _make_plant(robot: Robot, floor: str, how: Recording) -> Plant:
     if how.plant == "planar":
         from omnimj.plant.planar import PlanarRobot
 
-        return PlanarRobot(robot, floor, seed=how.seed)
+        return PlanarRobot(robot, floor, seed=how.seed, floors=how.floors)
     from omnimj.twin.twin import RobotTwin  # MuJoCo is loaded for the twin only
 
-    return RobotTwin(robot, floor=read_floors()[floor], seed=how.seed)
+    return RobotTwin(robot, floor=how.floors[floor], seed=how.seed, floors=how.floors)

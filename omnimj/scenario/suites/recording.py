@@ -10,6 +10,7 @@ from typing import Any
 
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.loop import Progress
+from omnimj.parameters.floor import all_floors
 from omnimj.recording.dataset import Run
 from omnimj.recording.write_dataset import DatasetWriter
 from omnimj.scenario.suites.suite import MOST_REPEATS, PlannedRun, Recording, Suite, planned_runs
@@ -29,6 +30,8 @@ class Order:
     """`twin` or `planar`; the suite's usual one when None."""
     model_file: Path | None = None
     """A copy of the plant's model file; the shipped one when None."""
+    floors_file: Path | None = None
+    """Floors beside the shipped ones, or in their place where names are alike."""
     effects: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """What the machine has and its model file lacks, by name. The dataset does not tell."""
     table_format: str = "parquet"
@@ -77,12 +80,12 @@ def record_suite(
     machine = _with_effects(nominal, order.effects)
     runs = planned_runs(suite, nominal, order.seed, order.repeats)
     runs = runs if choose is None else choose(runs)
-    defaults = _common(runs)
+    defaults, floors = _common(runs), all_floors(order.floors_file)
     writer = DatasetWriter(order.folder, suite.plant, defaults, order.force, order.table_format)
     written, samples = [], 0
     try:
         for k, run in enumerate(runs):
-            how = Recording(plant, run.seed, _part(progress, k, len(runs)))
+            how = Recording(plant, run.seed, _part(progress, k, len(runs)), floors)
             columns = suite.record(machine, nominal, run.condition, how)
             conditions = MappingProxyType(dict(run.condition.conditions))
             writer.add(Run(run.name, columns, MappingProxyType({}), conditions, run.repeat_of))

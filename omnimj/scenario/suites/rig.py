@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from omnimj.errors import SimulationError
 from omnimj.loop import Watch, drive_rig
-from omnimj.parameters import Rig, read_floors
+from omnimj.parameters import Rig
 from omnimj.plant.channels import RIG_CHANNELS
 from omnimj.plant.interface import Plant
 from omnimj.scenario.suites.currents import RigDrive, Stroke, constant, on_rail, strokes
@@ -127,13 +128,14 @@ def record_rig(rig: Rig, nominal: Rig, condition: Condition, how: Recording) -> 
 
 def _make_plant(rig: Rig, condition: Condition, drive: RigDrive, how: Recording) -> Plant:
     floor, mass = str(condition.conditions["floor"]), float(condition.conditions["mass"])
+    asked: dict[str, Any] = {"mass": mass, "lateral_speed": drive.lateral_speed, "seed": how.seed}
     if how.plant == "planar":
         from omnimj.plant.planar_rig import PlanarRig
 
-        return PlanarRig(rig, floor, mass=mass, lateral_speed=drive.lateral_speed, seed=how.seed)
+        return PlanarRig(rig, floor, floors=how.floors, **asked)
     from omnimj.twin.twin import RigTwin  # MuJoCo is loaded for the twin only
 
-    return RigTwin(rig, read_floors()[floor], mass=mass, lateral_speed=drive.lateral_speed, seed=how.seed)
+    return RigTwin(rig, how.floors[floor], floors=how.floors, **asked)
 
 
 def _hundredths(first: int, last: int, step: int) -> Sequence[float]:

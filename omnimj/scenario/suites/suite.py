@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from omnimj.loop import Progress
+from omnimj.parameters import Floor, read_floors
 from omnimj.signals import Array
 
 MOST_REPEATS = 26
@@ -39,6 +40,8 @@ class Recording:
     seed: int
     """Of the sensors' noise in this run alone."""
     progress: Progress | None = None
+    floors: Mapping[str, Floor] = field(default_factory=read_floors)
+    """Every floor that can be named."""
 
 
 Record = Callable[[Any, Any, Condition, Recording], Mapping[str, Array]]

@@ -1,0 +1,68 @@
+"""`--floors FILE`: floors of one's own drive every plant, and a mistake in them is told in one line."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+from omnimj.cli.main import main
+from omnimj.parameters import read_floors
+from omnimj.parameters.floor_text import floor_text
+
+GLASS = replace(read_floors()["natural_stone"], name="glass", description="wet", source="my own test")
+RIG = ("run", "rig_lateral", "--set", "duration=0.3", "--set", "checks={}", "--json")
+
+
+@pytest.fixture
+def own(tmp_path):
+    """A file with stone as slippery as glass, and with glass."""
+    numbers = {**GLASS.numbers, "mu_c": 0.001, "mu_s": 0.001, "sigma_2": 0.01}
+    slippery = replace(GLASS, numbers=numbers)
+    path = tmp_path / "own.toml"
+    path.write_text(
+        floor_text(slippery) + floor_text(replace(slippery, name="natural_stone")), encoding="utf-8"
+    )
+    return path
+
+
+def metrics(capsys, *argv: str) -> dict:
+    assert main([*RIG, *argv]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+@pytest.mark.parametrize("plant", ["twin", "planar"])
+def test_a_floor_of_ones_own_goes_before_the_shipped_one_of_its_name(capsys, own, plant):
+    shipped = metrics(capsys, "--plant", plant)
+    mine = metrics(capsys, "--plant", plant, "--floors", str(own))
+    other = metrics(capsys, "--plant", plant, "--floors", str(own), "--set", "floor=glass")
+    speeds = [run["final_speed"] for run in (shipped, mine, other)]
+    assert speeds[1] < 0.5 * speeds[0] and speeds[1] == speeds[2]
+
+
+def test_a_floor_survives_its_text(tmp_path):
+    path = tmp_path / "floors.toml"
+    shipped = read_floors()
+    path.write_text("\n".join(map(floor_text, shipped.values())), encoding="utf-8")
+    assert read_floors(path) == shipped
+
+
+@pytest.mark.parametrize(
+    "argv",
+    [
+        ("run", "rig_lateral", "--plant", "planar"),
+        ("run", "nylon_patch", "--plant", "planar"),
+        ("record", "rig_currents", "--out", "data"),
+        ("validate", "data", "--out", "out"),
+        ("gap", "data", "--out", "out"),
+    ],
+    ids=lambda argv: " ".join(argv[:2]),
+)
+def test_a_mistake_in_a_floor_is_told_by_every_command(refused: Callable[..., str], tmp_path, argv):
+    path = tmp_path / "bad.toml"
+    path.write_text(floor_text(GLASS).replace("mu_c = ", "mu_d = "), encoding="utf-8")
+    assert "bad.toml: glass: unknown key 'mu_d'; did you mean" in refused(*argv, "--floors", str(path))
+    missing = refused(*argv, "--floors", str(tmp_path / "none.toml"))
+    assert "none.toml" in missing
