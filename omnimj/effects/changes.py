@@ -13,7 +13,7 @@ import numpy as np
 from omnimj.effects.effect import Values
 from omnimj.errors import InputError
 from omnimj.parameters.floor import Floor
-from omnimj.physics.effect_terms import CURVE, CURVE_SIZE, CURVES, mark_active, no_terms, write_curve
+from omnimj.physics.effect_terms import CURVES, mark_active, no_terms, write_curve
 from omnimj.physics.motor import TORQUE_CONSTANT
 from omnimj.signals import Array
 
@@ -136,7 +136,6 @@ class Changes:
             return
         if self._curves == CURVES:
             raise InputError("effects", "found too many tabulated forces", f"{CURVES} are possible")
-        assert CURVE + self._curves * CURVE_SIZE < self.terms.shape[1]
         write_curve(self.terms, self._curves, over, values, low, high)
         self._curves += 1
 

@@ -45,8 +45,7 @@ def value_at(values, column, place):
     place = min(max(place, 0.0), float(len(values) - 1))
     below = min(int(place), max(len(values) - 2, 0))
     share = place - below
-    above = min(below + 1, len(values) - 1)
-    return (1.0 - share) * values[below, column] + share * values[above, column]
+    return (1.0 - share) * values[below, column] + share * values[min(below + 1, len(values) - 1), column]
 
 
 @kernel

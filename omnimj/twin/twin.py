@@ -99,10 +99,14 @@ class RobotTwin:
         healthy = Healthy(self.mj_model, "chassis")
         self._schedule = Schedule(faults, effects, measured_current, healthy)
         # a larger wheel lifts its corner; what the suspension does not take lifts the robot
-        larger = robot.wheel.radius * (effects.radius_scale - 1.0)
-        self._guides = np.clip(larger, -_GUIDE * robot.body.suspension_travel, None)
-        self._guides = np.minimum(self._guides, _GUIDE * robot.body.suspension_travel)
+        larger, travel = robot.wheel.radius * (effects.radius_scale - 1.0), robot.body.suspension_travel
+        self._guides = np.clip(larger, -_GUIDE * travel, _GUIDE * travel)
         self._rest_height += float(np.max(larger - self._guides, initial=0.0))
+        self._find_places()
+        self._steps, self._turns, self._last_heading = 0, 0.0, start[2]
+
+    def _find_places(self) -> None:
+        """Views into MuJoCo's arrays, found once: a step copies from them without a search."""
         self._guides_at = [
             int(self.mj_model.joint(f"guide_{i}").qposadr[0]) for i in range(1, self._wheels + 1)
         ]
@@ -117,7 +121,6 @@ class RobotTwin:
         self._gravity = self.mj_model.opt.gravity
         self._axes = self.mj_data.xmat[self.mj_model.body("chassis").id].reshape(3, 3)
         self._gyro = self.mj_data.sensor("gyro").data
-        self._steps, self._turns, self._last_heading = 0, 0.0, start[2]
 
     def reset(self) -> Measurement:
         """Robot at rest at its start, time 0."""
