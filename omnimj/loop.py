@@ -6,6 +6,7 @@ truth at t_k where the plant has one, what was asked for and what the controller
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import time
 from collections.abc import Callable, Mapping
@@ -14,11 +15,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from omnimj.control.method import Method
 from omnimj.control.target import Target
 from omnimj.errors import SimulationError
 from omnimj.plant.channels import RIG_CHANNELS, robot_channels
 from omnimj.plant.interface import Plant
-from omnimj.signals import Array, CurrentCommand, Measurement, Reference, RigMeasurement, Trace
+from omnimj.signals import Array, CurrentCommand, Diagnosis, Measurement, Reference, RigMeasurement, Trace
 
 TARGET_NAMES = (
     "target_x",
@@ -51,6 +53,11 @@ class State(Protocol):
     @property
     def log(self) -> Array:
         """Numbers of the last step, aligned with the controller's `log_names`."""
+        ...
+
+    @property
+    def diagnoses(self) -> tuple[Diagnosis, ...]:
+        """Everything that was diagnosed since the start."""
         ...
 
 
@@ -93,7 +100,8 @@ def drive(
     """Drives a robot along a reference, one control period per sample.
 
     Whatever ends the run early keeps what was recorded: `about["interrupted"]` is then true. When it was the
-    plant that failed, `about["failure"]` says when and how; else it is None.
+    plant that failed, `about["failure"]` says when and how; else it is None. `about["diagnoses"]` are the
+    controller's, a table each.
 
     Args:
       plant: Reset by this call; the caller closes it.
@@ -131,7 +139,7 @@ def drive(
     targets = [f"current_target_{i}" for i in range(1, n + 1)]
     names = ("time", *robot_channels(n), *targets, *controller.log_names)
     trace = _record(plant, measurement, control, names, len(reference.time), watch, about or {})
-    return _with_targets(trace, reference)
+    return _told(_with_targets(trace, reference), state.diagnoses)
 
 
 def drive_rig(
@@ -139,6 +147,7 @@ def drive_rig(
     current: Array,
     watch: Watch = _NOBODY,
     about: Mapping[str, Any] | None = None,
+    method: Method | None = None,
 ) -> Trace:
     """Drives the test rig with given currents, as the identification tests do.
 
@@ -147,13 +156,17 @@ def drive_rig(
       current: Set value per control period, shape (k,) [A].
       watch: Progress and snapshots.
       about: What the run was.
+      method: Diagnoses beside it; it changes nothing, since the currents are given.
 
     Returns:
-      Columns of the measured channels, `current_target` and the plant's truth; ended early as by `drive`.
+      Columns of the measured channels, `current_target`, the method's log and the plant's truth; ended early
+      and told as by `drive`.
     """
-    set_values = current.tolist()
+    set_values, measurement = current.tolist(), plant.reset()
+    state = None if method is None else method.start(measurement)
 
     def control(k: int, row: Array, measured: Any) -> CurrentCommand:
+        nonlocal state
         row[0] = measured.time
         row[1] = measured.current
         row[2] = measured.wheel_speed
@@ -161,10 +174,14 @@ def drive_rig(
         row[4] = measured.carriage_acceleration
         row[5] = measured.lateral_speed
         row[6] = set_values[k]
+        if method is not None:
+            state = method.step(state, measured)
+            row[7 : 7 + len(method.log_names)] = state.log
         return CurrentCommand(current[k : k + 1])
 
-    names = ("time", *RIG_CHANNELS, "current_target")
-    return _record(plant, plant.reset(), control, names, len(current), watch, about or {})
+    names = ("time", *RIG_CHANNELS, "current_target", *(method.log_names if method else ()))
+    trace = _record(plant, measurement, control, names, len(current), watch, about or {})
+    return _told(trace, () if state is None else state.diagnoses)
 
 
 def _record(
@@ -248,6 +265,10 @@ def _check(names: tuple[str, ...], truth: list[float]) -> None:
         f"{name} is {value:g}" for name, value in zip(names, truth, strict=True) if not abs(value) <= LARGEST
     ]
     raise SimulationError(", ".join(broken))
+
+
+def _told(trace: Trace, diagnoses: tuple[Diagnosis, ...]) -> Trace:
+    return Trace(trace.columns, {**trace.about, "diagnoses": [dataclasses.asdict(d) for d in diagnoses]})
 
 
 def _with_targets(trace: Trace, reference: Reference) -> Trace:

@@ -59,6 +59,32 @@ class CurrentCommand:
     """Shape (n,) [A]."""
 
 
+KINDS_OF_DIAGNOSIS = ("slip", "motor", "locked", "free", "hard_over", "all_wheel_slip", "sensor")
+"""What a diagnosis can be of."""
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """What a controller believes has happened: one fault, since it was decided."""
+
+    time: float
+    """When it was decided [s]."""
+    kind: str
+    """One of `KINDS_OF_DIAGNOSIS`."""
+    wheels: tuple[int, ...]
+    """The wheels 1…n it sits on; empty for sensors of the body and for all wheels at once."""
+    confidence: float
+    """0…1; how it is counted is the method's own."""
+    ambiguous_with: tuple[str, ...] = ()
+    """What else it could be, as `motor 3`."""
+    effectiveness: float | None = None
+    """Share 0…1 of the wheel's drive or grip that is left; None where nothing says."""
+    cleared: float | None = None
+    """When it was taken back [s]; None: it stands."""
+    channel: str = ""
+    """The sensor channel, for kind `sensor`."""
+
+
 @dataclass(frozen=True, slots=True)
 class Reference:
     """What the robot is asked to do, sampled at every control step (k samples).

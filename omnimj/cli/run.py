@@ -117,8 +117,9 @@ def _exit_code(finished: Run, out: Path | None) -> int:
 
 
 def _drive(arguments: Any, scenario: Any) -> tuple[Run, LiveRun | None]:
+    from omnimj.scenario.methods import require_method
     from omnimj.scenario.plants import KINEMATIC, plant_name
-    from omnimj.scenario.running import require_method, run_scenario
+    from omnimj.scenario.running import run_scenario
 
     require_method(arguments.method)
     plant = plant_name(scenario, arguments.plant)

@@ -12,12 +12,13 @@ from omnimj.control.allocation import inverse_kinematics, wheel_speed_target
 from omnimj.control.gyro_bias import BIAS, next_bias, no_rest_yet, turn_row
 from omnimj.control.heading import next_heading, to_body, wrapped, yaw_rate_demand
 from omnimj.control.limits import limit_all, limits_row
+from omnimj.control.method import Advice
 from omnimj.control.standstill import is_standing
 from omnimj.control.target import Target
 from omnimj.control.wheel_speed import amplifier_row, speed_loop, speed_loop_row
 from omnimj.parameters import Robot
 from omnimj.physics.native import kernel
-from omnimj.signals import Array, CurrentCommand, Measurement
+from omnimj.signals import Array, CurrentCommand, Diagnosis, Measurement
 
 _TOP_LOG = ("target_twist_x", "target_twist_y", "target_yaw_rate", "heading_estimate", "gyro_bias")
 _WHEEL_LOG = ("target_wheel_speed", "limit_reason")
@@ -37,6 +38,11 @@ class ControlState:
     """Last command, shape (n,) [A]."""
     log: Array
     """What was asked in the last step, aligned with `Controller.log_names`."""
+
+    @property
+    def diagnoses(self) -> tuple[Diagnosis, ...]:
+        """None: the cascade alone diagnoses nothing."""
+        return ()
 
 
 @kernel
@@ -82,7 +88,7 @@ def demanded_twist(loops, heading, error, turns_at, velocity_x, velocity_y, yaw_
 
 @kernel
 def cascade(
-    loops, speed_per_twist, turn, speed_row, amplifier, limits,
+    loops, turn, speed_row, amplifier, limits, speed_per_twist, current_scale,
     heading, rest, integral, last,
     good, wheel_speed, measured_yaw_rate, yaw,
     velocity_x, velocity_y, yaw_rate, target_heading,
@@ -114,6 +120,7 @@ def cascade(
             wanted[i], integrals[i] = speed_loop(
                 speed_row, amplifier, targets[i], wheel_speed[i], integral[i]
             )
+            wanted[i] *= current_scale[i]
     limit_all(limits, wanted, last, wheel_speed, good, currents, reasons)
     if not (good and _all_finite(wanted)):
         integrals[:] = 0.0
@@ -166,12 +173,12 @@ class Controller:
         inverse = inverse_kinematics(robot.wheel_positions, robot.drive_directions, scale, weights)
         self._laws = (
             np.array(loops),
-            np.ascontiguousarray(inverse / robot.wheel.radius),
             turn_row(robot),
             speed_loop_row(robot, self.period),
             amplifier_row(robot),
             limits_row(gains, self.period),
         )
+        self._usual = Advice(np.ascontiguousarray(inverse / robot.wheel.radius), np.ones(n))
         self.wheels = n
         self.log_names = _TOP_LOG + tuple(f"{name}_{i}" for name in _WHEEL_LOG for i in range(1, n + 1))
 
@@ -183,13 +190,25 @@ class Controller:
         return ControlState(heading, no_rest_yet(), np.zeros(n), np.zeros(n), np.zeros(len(self.log_names)))
 
     def step(
-        self, state: ControlState, measurement: Measurement, target: Target
+        self,
+        state: ControlState,
+        measurement: Measurement,
+        target: Target,
+        advice: Advice | None = None,
     ) -> tuple[CurrentCommand, ControlState]:
-        """Currents for the next period. Bad data gives zero current, never an exception."""
+        """Currents for the next period. Bad data gives zero current, never an exception.
+
+        Args:
+          state: From the step before.
+          measurement: The newest.
+          target: What is asked for.
+          advice: What a recovery changes; nothing when None.
+        """
+        advice = self._usual if advice is None else advice
         m, velocity = measurement, target.velocity
         good = is_good(self.wheels, m.time, m.current, m.wheel_speed, m.acceleration, m.yaw_rate, m.yaw)
         heading, rest, integral, current, log = cascade(
-            *self._laws,
+            *self._laws, advice.speed_per_twist, advice.current_scale,
             state.heading, state.rest, state.integral, state.current,
             good, m.wheel_speed, m.yaw_rate, m.yaw,
             velocity[0], velocity[1], target.yaw_rate, target.heading,

@@ -10,19 +10,17 @@ from typing import Any
 import numpy as np
 
 from omnimj.control.controller import Controller
-from omnimj.errors import InputError
+from omnimj.control.diagnosing import DiagnosingController
 from omnimj.kinematic import drive_kinematic
 from omnimj.loop import Progress, Rows, Snapshot, Watch, drive, drive_rig
 from omnimj.parameters import Robot
 from omnimj.plant.interface import Plant
 from omnimj.scenario.drive import Drive
+from omnimj.scenario.methods import make_method, require_method
 from omnimj.scenario.plants import KINEMATIC, make_plant, plant_name
 from omnimj.scenario.scenario import RigDrive, Scenario
 from omnimj.scenario.summary import summarize
 from omnimj.signals import Array, Trace
-
-METHODS = ("off",)
-"""Ways to diagnose: in this version there is none."""
 
 _FEWEST_ROWS = 2  # a run that ended before is no run
 
@@ -120,16 +118,6 @@ def run_scenario(
     return Run(scenario, trace, told, poses)
 
 
-def require_method(method: str) -> None:
-    """Refuses what this version cannot do.
-
-    Raises:
-      InputError: A method that this version does not have.
-    """
-    if method not in METHODS:
-        raise InputError("--method", f"found {method!r}", "this version has no diagnosis yet", METHODS)
-
-
 def _run_physics(
     scenario: Scenario,
     name: str,
@@ -140,14 +128,17 @@ def _run_physics(
     on_start: Callable[[Plant], None] | None,
 ) -> tuple[Trace, PoseTrack | None]:
     plant = make_plant(scenario, name, seed)
+    method = make_method(about["method"], scenario.constants, plant.period)
     try:
         if on_start is not None:
             on_start(plant)
         if isinstance(scenario.drive, RigDrive):
             current = np.full(round(scenario.duration / plant.period) + 1, scenario.drive.current)
-            trace = drive_rig(plant, current, watch, about)
+            trace = drive_rig(plant, current, watch, about, method)
         else:
             controller = make_controller(scenario)
+            if method is not None:
+                controller = DiagnosingController(controller, method)
             trace = drive(plant, controller, scenario.drive.reference, watch, about)
         if not poses.times:
             return trace, None
