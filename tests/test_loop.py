@@ -11,7 +11,7 @@ from omnimj.control.target import Target
 from omnimj.errors import SimulationError
 from omnimj.loop import TARGET_NAMES, Watch, drive, drive_rig
 from omnimj.plant.channels import RIG_CHANNELS, robot_channels
-from omnimj.signals import Array, CurrentCommand, Measurement, Reference, RigMeasurement
+from omnimj.signals import Array, CurrentCommand, Diagnosis, Measurement, Reference, RigMeasurement
 
 N = 3
 
@@ -59,6 +59,7 @@ class CountingRobot:
 @dataclass
 class Remembered:
     log: Array
+    diagnoses: tuple[Diagnosis, ...] = ()
 
 
 class Echo:
