@@ -1,7 +1,8 @@
 """Compiles kernels once and keeps them on disk, keyed to every source they are made from.
 
 numba's own cache looks only at the file of the outermost function; here the folder's name carries a
-fingerprint of all kernel sources and of the libraries, so that an edit anywhere makes a fresh folder.
+fingerprint of the libraries and of all sources that a room's kernels may call, so that an edit makes a fresh
+folder for its own room and for those above it.
 """
 
 from __future__ import annotations
@@ -22,8 +23,18 @@ from typing import Any
 import numba
 
 _PACKAGE = Path(__file__).resolve().parent.parent
-_ROOMS = ("physics", "plant", "twin", "control")
+# room → rooms whose kernels and constants its kernels may use, as the import order has it
+_BELOW = {
+    "physics": ("physics",),
+    "plant": ("physics", "plant"),
+    "twin": ("physics", "plant", "twin"),
+    "control": ("physics", "control"),
+    "gap": ("physics", "plant", "twin", "control", "gap"),
+    "identification": ("physics", "plant", "identification"),
+}
 _GUEST_ROOMS = ("gap", "identification")  # only their files with kernels count; the rest changes often
+_ELSEWHERE = "gap"  # a kernel from outside the rooms, such as one of a test, may call any
+ROOMS = tuple(_BELOW)
 _KEEP = 30 * 86400.0  # [s] folders of older versions go after a month
 
 
@@ -35,19 +46,16 @@ def _version(library: str) -> str:
 
 
 @functools.cache
-def fingerprint() -> str:
-    """Sixteen hex digits over kernel sources and the versions of numba, llvmlite and MuJoCo."""
+def fingerprint(room: str) -> str:
+    """Sixteen hex digits over what a room's kernels are made from, and the versions of the libraries."""
     digest = hashlib.sha256()
     for library in ("numba", "llvmlite", "mujoco"):
         digest.update(f"{library}={_version(library)};".encode())
-    for room in _ROOMS:
-        for source in sorted((_PACKAGE / room).glob("*.py")):
-            digest.update(source.name.encode() + source.read_bytes())
-    for room in _GUEST_ROOMS:
-        for source in sorted((_PACKAGE / room).glob("*.py")):
+    for below in _BELOW[room]:
+        for source in sorted((_PACKAGE / below).glob("*.py")):
             content = source.read_bytes()
-            if b"@kernel" in content:
-                digest.update(source.name.encode() + content)
+            if below not in _GUEST_ROOMS or b"@kernel" in content:
+                digest.update(f"{below}/{source.name}".encode() + content)
     return digest.hexdigest()[:16]
 
 
@@ -74,33 +82,34 @@ def _temporary_roots() -> Iterator[Path]:
 
 
 @functools.cache
-def cache_folder() -> Path:
-    """Folder of this version's compiled kernels; in the temporary folder where home is read-only."""
+def cache_folder(room: str) -> Path:
+    """Folder of a room's compiled kernels; in the temporary folder where home is read-only."""
     for root in itertools.chain(_own_roots(), _temporary_roots()):
-        folder = root / f"native-{fingerprint()}"
+        folder = root / f"native-{room}-{fingerprint(room)}"
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError:
             continue
         if os.access(folder, os.W_OK):
-            _forget_old(root, folder)
+            _forget_old(root)
             return folder
     return Path(tempfile.mkdtemp(prefix="omnimj-native-"))
 
 
-def _forget_old(root: Path, current: Path) -> None:
+def _forget_old(root: Path) -> None:
+    current = {f"native-{room}-{fingerprint(room)}" for room in ROOMS}
     for folder in root.glob("native-*"):
         with contextlib.suppress(OSError):  # another process may have been quicker
-            if folder != current and time.time() - folder.stat().st_mtime > _KEEP:
+            if folder.name not in current and time.time() - folder.stat().st_mtime > _KEEP:
                 shutil.rmtree(folder, ignore_errors=True)
 
 
 def cached(decorator: Callable[..., Any], *arguments: Any, **options: Any) -> Callable[[Callable], Any]:
-    """Applies a numba decorator with its disk cache in `cache_folder()`."""
+    """Applies a numba decorator with its disk cache in the folder of the function's room."""
 
     def wrap(function: Callable) -> Any:
         before = numba.config.CACHE_DIR
-        numba.config.CACHE_DIR = str(cache_folder())
+        numba.config.CACHE_DIR = str(cache_folder(_room(function)))
         try:
             return decorator(*arguments, cache=True, **options)(function)
         finally:
@@ -109,17 +118,30 @@ def cached(decorator: Callable[..., Any], *arguments: Any, **options: Any) -> Ca
     return wrap
 
 
+def _room(function: Callable) -> str:
+    parts = function.__module__.split(".")
+    return parts[1] if parts[0] == "omnimj" and len(parts) > 1 and parts[1] in _BELOW else _ELSEWHERE
+
+
 def kernel(function: Callable) -> Any:
     """`numba.njit` with the disk cache, without the GIL; division by zero gives infinity as in IEEE 754."""
     return cached(numba.njit, error_model="numpy", nogil=True)(function)
 
 
+def _note(plant: str) -> Path:
+    """Where it is noted that everything for a plant is compiled: any edit makes it another file."""
+    everything = "".join(fingerprint(room) for room in ROOMS)
+    return (
+        cache_folder(_ELSEWHERE) / f"complete-{plant}-{hashlib.sha256(everything.encode()).hexdigest()[:16]}"
+    )
+
+
 def is_compiled(plant: str) -> bool:
     """Whether every kernel that a run on this kind of plant calls is on disk, made by this version."""
-    return (cache_folder() / f"complete-{plant}").exists()
+    return _note(plant).exists()
 
 
 def mark_compiled(plant: str) -> None:
     """Notes that a run on this kind of plant has compiled every kernel it calls."""
     with contextlib.suppress(OSError):  # a full disk: next time it is said again that code is compiled
-        (cache_folder() / f"complete-{plant}").touch()
+        _note(plant).touch()

@@ -24,7 +24,7 @@ def cache(monkeypatch, tmp_path) -> Path:
     """An empty cache; this process has compiled already, so that only what is said about it is new."""
     folder = tmp_path / "cache"
     folder.mkdir()
-    monkeypatch.setattr(native, "cache_folder", lambda: folder)
+    monkeypatch.setattr(native, "cache_folder", lambda room: folder)
     return folder
 
 
@@ -98,7 +98,7 @@ main(["run", "nylon_patch", "--plant", sys.argv[1]])
 
 
 def chosen_folder() -> Path:
-    return native.cache_folder.__wrapped__()
+    return native.cache_folder.__wrapped__("plant")
 
 
 def test_the_cache_lies_where_it_may_be_written(monkeypatch, tmp_path):
@@ -138,3 +138,18 @@ def test_a_temporary_folder_of_somebody_else_is_left_alone(monkeypatch, tmp_path
     theirs = os.getuid() + 1
     monkeypatch.setattr(os, "getuid", lambda: theirs)  # now the folder of that name belongs to another
     assert chosen_folder().name.startswith("omnimj-native-")  # made for this run alone
+
+
+def test_an_edit_makes_the_kernels_of_its_room_and_of_those_above_anew_and_no_others(monkeypatch, tmp_path):
+    rooms = native.ROOMS
+    for room in rooms:
+        (tmp_path / room).mkdir()
+        (tmp_path / room / "a.py").write_text("@kernel\ndef f(): return 1\n")
+    monkeypatch.setattr(native, "_PACKAGE", tmp_path)
+    before = {room: native.fingerprint.__wrapped__(room) for room in rooms}
+    assert len(set(before.values())) == len(rooms)
+    (tmp_path / "control" / "a.py").write_text("@kernel\ndef f(): return 2\n")
+    after = {room: native.fingerprint.__wrapped__(room) for room in rooms}
+    assert {room for room in rooms if before[room] != after[room]} == {"control", "gap"}
+    (tmp_path / "physics" / "a.py").write_text("@kernel\ndef f(): return 2\n")
+    assert all(native.fingerprint.__wrapped__(room) != after[room] for room in rooms)
