@@ -1,0 +1,5 @@
+"""Diagnosis for missions: a force balance that knows no friction law, and slip against an inertial velocity."""
+
+from omnimj.control.robust.method import Robust, RobustState
+
+__all__ = ["Robust", "RobustState"]

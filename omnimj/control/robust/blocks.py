@@ -1,0 +1,103 @@
+"""Samples into blocks: means, and the changes of speeds from one block's end to the next."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from omnimj.control.robust.constants import BLOCK
+from omnimj.physics.native import kernel
+from omnimj.signals import Array
+
+REPEATED = 60
+"""Samples of one and the same value that no working sensor gives while the robot drives."""
+COUNT = 0
+"""First of the sums; behind it currents (n), wheel speeds (n), acceleration (2), yaw rate, then where the block
+began: wheel speeds (n), yaw rate."""
+
+
+def no_repeats(wheels: int) -> Array:
+    """Last sample and how often it came, currents (n), wheel speeds (n), acceleration (2), yaw rate: (2, 2n+3)."""
+    return np.zeros((2, 2 * wheels + 3))
+
+
+@kernel
+def count_repeats(repeats, current, speed, acceleration, turning):
+    """One sample into the counts of equal values, in place."""
+    n = current.size
+    for k in range(2 * n + 3):
+        if k < n:
+            value = current[k]
+        elif k < 2 * n:
+            value = speed[k - n]
+        elif k < 2 * n + 2:
+            value = acceleration[k - 2 * n]
+        else:
+            value = turning
+        repeats[1, k] = repeats[1, k] + 1.0 if value == repeats[0, k] else 0.0
+        repeats[0, k] = value
+
+
+@kernel
+def is_frozen(repeats, k, wheels, speed):
+    """Whether channel k says the same for too long while the robot drives; a wheel at rest may."""
+    if repeats[1, k] < REPEATED or np.abs(speed).max() < 1.0:
+        return False
+    return not wheels <= k < 2 * wheels or abs(speed[k - wheels]) > 0.5
+
+
+def no_samples(wheels: int) -> Array:
+    """Sums before the first sample, shape (3n+5,)."""
+    return np.zeros(3 * wheels + 5)
+
+
+@kernel
+def add_sample(sums, current, speed, acceleration, turning):
+    """One sample into the sums; the first one only says where the first block begins."""
+    n = current.size
+    begin = 2 * n + 4
+    if sums[COUNT] == 0.0 and sums[begin + n] == 0.0 and not sums[begin : begin + n].any():
+        sums[begin : begin + n], sums[begin + n] = speed, turning
+    sums[COUNT] += 1.0
+    sums[1 : n + 1] += current
+    sums[n + 1 : 2 * n + 1] += speed
+    sums[2 * n + 1 : 2 * n + 3] += acceleration
+    sums[2 * n + 3] += turning
+
+
+@kernel
+def is_full(sums):
+    """Whether the block is complete."""
+    return sums[COUNT] >= BLOCK
+
+
+@kernel
+def take_block(sums, period, speed, turning, out):
+    """Fills `out` with the block and empties the sums.
+
+    Args:
+      sums: Changed: the next block begins here.
+      period: Of a block [s].
+      speed: Of the last sample, shape (n,) [rad/s].
+      turning: Of the last sample [rad/s].
+      out: [currents (n) | wheel speeds (n) | acceleration (2) | yaw rate | wheel accelerations (n) | yaw
+        acceleration], shape (3n+4,).
+    """
+    n = speed.size
+    begin = 2 * n + 4
+    out[: 2 * n + 3] = sums[1:begin] / sums[COUNT]
+    for i in range(n):
+        out[2 * n + 3 + i] = (speed[i] - sums[begin + i]) / period
+    out[3 * n + 3] = (turning - sums[begin + n]) / period
+    sums[:begin] = 0.0
+    sums[begin : begin + n], sums[begin + n] = speed, turning
+
+
+@kernel
+def all_finite(values):
+    """Whether no value is NaN or infinite."""
+    for value in values:  # noqa: SIM110 a loop is what compiles well
+        if not math.isfinite(value):
+            return False
+    return True

@@ -1,0 +1,81 @@
+"""What the kernels of the robust method need of a robot, as arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from omnimj.parameters import Robot
+from omnimj.physics.motor import motor_row
+from omnimj.physics.wheel import wheel_row
+from omnimj.signals import Array
+
+BLOCK = 10
+"""Samples that are averaged before anything is judged: 10 ms at 1 kHz."""
+
+(
+    MASS,
+    YAW_INERTIA,
+    RADIUS,
+    INERTIA,
+    LOAD,
+    TORQUE,
+    DRY,
+    VISCOUS,
+    EFFICIENCY,
+    ROLLER_DRY,
+    ROLLER_VISCOUS,
+    TIME,
+) = range(12)
+
+GRAVITY = 9.81
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """Of n wheels."""
+
+    forces: Array
+    """Column i is the force and moment of wheel i per newton of traction, shape (3, n): B = Aᵀ."""
+    across: Array
+    """Row i: speed along axle i for a body twist, shape (n, 3)."""
+
+
+def geometry(robot: Robot) -> Geometry:
+    """B and the lateral directions of the robot's wheels."""
+    p, u = robot.wheel_positions, robot.drive_directions
+    side = np.column_stack((-u[:, 1], u[:, 0]))  # z × u
+    turn = p[:, 0] * u[:, 1] - p[:, 1] * u[:, 0]
+    side_turn = p[:, 0] * side[:, 1] - p[:, 1] * side[:, 0]
+    return Geometry(np.vstack((u.T, turn)), np.column_stack((side, side_turn)))
+
+
+def numbers(robot: Robot, period: float) -> Array:
+    """The scalars, in the order of the names above.
+
+    TORQUE: traction per ampere K_t E G_r/r [N/A]; DRY: what T_nl and the bearings take of it, VISCOUS: the
+    same per rad/s [N, N.s]; LOAD: F_N of one wheel at rest [N]; INERTIA: I_eff/r [kg.m].
+    """
+    motor, wheel = motor_row(robot.motor), wheel_row(robot.wheel, robot.bearing, robot.motor)
+    n, radius = len(robot.wheels), robot.wheel.radius
+    load = robot.body.mass * GRAVITY / n
+    through = robot.motor.gear_efficiency * robot.motor.gear_ratio / radius
+    a, b = robot.bearing.spacing, robot.bearing.overhang
+    bearing = robot.bearing.dry * 0.5 * robot.bearing.pitch_diameter * load * (a + 2.0 * b) / a / radius
+    return np.array(
+        (
+            robot.body.mass,
+            robot.body.yaw_inertia,
+            radius,
+            wheel[1] / radius,
+            load,
+            motor[0] * through,
+            robot.motor.no_load_torque * through + bearing,
+            robot.motor.viscous * robot.motor.gear_ratio * through,
+            robot.motor.gear_efficiency,
+            robot.wheel.roller_dry,
+            robot.wheel.roller_viscous,
+            BLOCK * period,
+        )
+    )

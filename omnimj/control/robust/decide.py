@@ -1,0 +1,269 @@
+"""From evidence to diagnoses: first *that*, then *which*; latched, and cleared by signs of health only."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from omnimj.control.robust.evidence import (
+    AGAINST,
+    LOADED,
+    ROLLING,
+    RUNAWAY,
+    SILENT,
+    SLID,
+    SLIPPING,
+    STUCK,
+    Evidence,
+)
+from omnimj.control.robust.windows import LIKELIHOOD, SIZE
+from omnimj.signals import Array, Diagnosis
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """When a suspicion becomes a decision."""
+
+    motor: float = 25.0
+    """Λ of a loss of torque constant: ln(ARL · blocks per second · tests) + reserve for what is not white [nats]."""
+    drag: float = 35.0
+    """Λ of an added friction or a wheel that is held [nats]."""
+    accelerometer: float = 40.0
+    """Λ of a jump of the accelerometer's bias [nats]."""
+    margin: float = 6.0
+    """By how much the best hypothesis must lead the next on another wheel to be alone [nats]."""
+    slip: float = 0.0008
+    """Way slipped beyond what is allowed [m]."""
+    settling: float = 0.06
+    """Time that isolation may take after detection [s]."""
+    current: int = 3
+    """Blocks for which an amplifier gives another current than asked for."""
+    stuck: int = 6
+    """Blocks for which a wheel stands while the floor passes."""
+    odd: int = 12
+    """Blocks for which a wheel's speed is one that no slip explains."""
+    turning: float = 0.03
+    """Angle by which gyro and converter part in a second [rad]."""
+    other: float = 2.5
+    """Factor on slip and accelerometer while another fault stands: what is known of the robot is less sure."""
+    healthy: int = 10
+    """Blocks of loaded rolling that take a slip back."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What stands, and what is under suspicion."""
+
+    diagnoses: tuple[Diagnosis, ...] = ()
+    """Everything decided so far."""
+    suspected: float = math.nan
+    """Since when the force channel asks for an answer [s]; NaN: it does not."""
+
+    def standing(self, wheel: int) -> Diagnosis | None:
+        """The diagnosis that stands on a wheel 1…n."""
+        for diagnosis in reversed(self.diagnoses):
+            if diagnosis.cleared is None and wheel in diagnosis.wheels:
+                return diagnosis
+        return None
+
+    def has_sensor(self, channel: str) -> bool:
+        """Whether a sensor channel is diagnosed."""
+        return any(d.channel == channel and d.cleared is None for d in self.diagnoses)
+
+
+def decide(
+    evidence: Evidence,
+    thresholds: Thresholds,
+    before: Verdict,
+    time: float,
+    losses: Array,
+    frozen: tuple[str, ...] = (),
+) -> Verdict:
+    """The verdict after one block.
+
+    Args:
+      evidence: After the block.
+      thresholds: When a suspicion becomes a decision.
+      before: The verdict until now.
+      time: Of the block's end [s].
+      losses: Believed losses of the torque constants, shape (n,).
+      frozen: Channels that say the same for too long.
+    """
+    after = _cleared(evidence, thresholds, before, time)
+    after = _frozen(frozen, after, time)
+    after = _turning(evidence, thresholds, after, time)
+    after = _currents(evidence, thresholds, after, time)
+    after = _stuck(evidence, thresholds, after, time)
+    after = _forces(evidence, thresholds, after, time, losses)
+    if math.isnan(after.suspected) or time - after.suspected > 2.0 * thresholds.settling:
+        after = _slips(evidence, thresholds, after, time)
+        after = _odd_speeds(evidence, thresholds, after, time)
+    return after
+
+
+def _with(verdict: Verdict, diagnosis: Diagnosis) -> Verdict:
+    """One more; it takes the place of a lesser one on the same wheel."""
+    known = verdict.standing(diagnosis.wheels[0]) if diagnosis.wheels else None
+    if known is not None and known.kind == diagnosis.kind == "motor":
+        # the same motor, known better by now
+        same = replace(known, effectiveness=diagnosis.effectiveness)
+        return Verdict(tuple(same if d is known else d for d in verdict.diagnoses), math.nan)
+    kept = [
+        replace(d, cleared=diagnosis.time)
+        if d.cleared is None and diagnosis.wheels and d.wheels == diagnosis.wheels
+        else d
+        for d in verdict.diagnoses
+    ]
+    return Verdict((*kept, diagnosis), math.nan)
+
+
+def _cleared(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: float) -> Verdict:
+    """A slip ends when the wheel has carried load without slipping; other faults stay."""
+
+    def healthy(d: Diagnosis) -> bool:
+        if d.cleared is not None or d.kind not in ("slip", "all_wheel_slip"):
+            return False
+        wheels = [w - 1 for w in d.wheels] or list(range(len(evidence.force)))
+        rows = evidence.counters[wheels]
+        return bool((rows[:, ROLLING] >= thresholds.healthy).any() and (rows[:, SLIPPING] < 1e-4).all())
+
+    if not any(healthy(d) for d in verdict.diagnoses):
+        return verdict
+    after = tuple(replace(d, cleared=time) if healthy(d) else d for d in verdict.diagnoses)
+    return Verdict(after, verdict.suspected)
+
+
+def _frozen(frozen: tuple[str, ...], verdict: Verdict, time: float) -> Verdict:
+    for channel in frozen:
+        if not verdict.has_sensor(channel):
+            wheels = (int(channel[-1]),) if channel[-1].isdigit() else ()
+            verdict = _with(verdict, Diagnosis(time, "sensor", wheels, 0.99, channel=channel))
+    return verdict
+
+
+def _turning(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: float) -> Verdict:
+    """Converter and gyro part: the one that the wheels contradict is wrong."""
+    _, converter, wheels = evidence.heading
+    if abs(converter) < thresholds.turning or verdict.has_sensor("yaw_rate") or verdict.has_sensor("yaw"):
+        return verdict
+    by_gyro = abs(wheels - converter) < 0.5 * abs(converter)
+    by_converter = abs(wheels) < 0.3 * abs(converter)
+    if by_gyro == by_converter:
+        return verdict
+    return _with(verdict, Diagnosis(time, "sensor", (), 0.95, channel="yaw_rate" if by_gyro else "yaw"))
+
+
+def _currents(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: float) -> Verdict:
+    for i, row in enumerate(evidence.counters):
+        known = verdict.standing(i + 1)
+        if known is not None and known.kind in ("free", "hard_over"):
+            continue
+        if row[SILENT] >= thresholds.current:
+            verdict = _with(verdict, Diagnosis(time, "free", (i + 1,), 0.99, (), 0.0))
+        elif row[RUNAWAY] >= thresholds.current:
+            verdict = _with(verdict, Diagnosis(time, "hard_over", (i + 1,), 0.99))
+    return verdict
+
+
+def _any(verdict: Verdict) -> bool:
+    return any(d.cleared is None for d in verdict.diagnoses)
+
+
+def _stuck(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: float) -> Verdict:
+    if any(d.cleared is None and d.kind in ("locked", "hard_over") for d in verdict.diagnoses):
+        return verdict  # a robot that one wheel holds or pushes does not know its own velocity
+    for i, row in enumerate(evidence.counters):
+        known = verdict.standing(i + 1)
+        if known is not None and known.kind == "free":
+            continue
+        if row[STUCK] >= thresholds.stuck:
+            verdict = _with(verdict, Diagnosis(time, "locked", (i + 1,), 0.99, (), 0.0))
+    return verdict
+
+
+def _forces(
+    evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: float, losses: Array
+) -> Verdict:
+    """Motors and accelerometer: who explains the missing force best?"""
+    n, found = len(evidence.force), evidence.found
+    blind = {
+        d.wheels[0] - 1 for d in verdict.diagnoses if d.cleared is None and d.kind in ("locked", "hard_over")
+    }
+    wheel = np.maximum(found[:n, LIKELIHOOD], found[n : 2 * n, LIKELIHOOD])
+    wheel[list(blind)] = 0.0
+    body = found[2 * n :, LIKELIHOOD]
+    best = int(np.argmax(wheel))
+    passes = found[best, LIKELIHOOD] >= thresholds.motor or found[n + best, LIKELIHOOD] >= thresholds.drag
+    bodily = int(np.argmax(body))
+    if wheel[best] >= body[bodily]:
+        if not passes or best in blind:
+            return Verdict(verdict.diagnoses, math.nan)
+    elif body[bodily] < thresholds.accelerometer * (thresholds.other if _any(verdict) else 1.0):
+        return Verdict(verdict.diagnoses, math.nan)
+    since = time if math.isnan(verdict.suspected) else verdict.suspected
+    others = np.concatenate((np.delete(wheel, best), body)) if wheel[best] >= body[bodily] else wheel
+    lead = max(wheel[best], body[bodily]) - float(np.max(others, initial=0.0))
+    if lead < thresholds.margin and time - since < thresholds.settling:
+        return Verdict(verdict.diagnoses, since)
+    if wheel[best] < body[bodily]:
+        return _accelerometer(verdict, time, bodily, lead, thresholds.margin)
+    return _motor(verdict, thresholds, time, best, wheel, lead, found, losses)
+
+
+def _motor(
+    verdict: Verdict,
+    thresholds: Thresholds,
+    time: float,
+    best: int,
+    wheel: Array,
+    lead: float,
+    found: Array,
+    losses: Array,
+) -> Verdict:
+    rivals = tuple(
+        f"motor {j + 1}"
+        for j in range(len(wheel))
+        if j != best and wheel[best] - wheel[j] < thresholds.margin
+    )
+    size = found[best, SIZE] if found[best, LIKELIHOOD] > 0.0 else 0.5
+    left = float(min(max(1.0 - losses[best] - size, 0.0), 1.0))
+    confidence = 1.0 - math.exp(-max(lead, 0.1))
+    return _with(verdict, Diagnosis(time, "motor", (best + 1,), confidence, rivals, left))
+
+
+def _accelerometer(verdict: Verdict, time: float, axis: int, lead: float, margin: float) -> Verdict:
+    channel = f"acceleration_{'xy'[axis]}"
+    if verdict.has_sensor(channel) or lead < margin:
+        return Verdict(verdict.diagnoses, math.nan)
+    return _with(verdict, Diagnosis(time, "sensor", (), 1.0 - math.exp(-lead), channel=channel))
+
+
+def _slips(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: float) -> Verdict:
+    way = evidence.counters[:, SLIPPING]
+    enough = thresholds.slip * (thresholds.other if _any(verdict) else 1.0)
+    over = [i for i in range(len(way)) if way[i] >= enough and verdict.standing(i + 1) is None]
+    if not over or any(d.kind == "all_wheel_slip" and d.cleared is None for d in verdict.diagnoses):
+        return verdict
+    loaded = [i for i, force in enumerate(evidence.force) if abs(force) > LOADED]
+    along = [i for i in loaded if way[i] >= 0.5 * thresholds.slip]
+    if len(along) >= 2 and len(along) == len(loaded):
+        return _with(verdict, Diagnosis(time, "all_wheel_slip", (), 0.9))
+    for i in over:
+        slid = max(float(evidence.counters[i, SLID]), 0.0)
+        confidence = 1.0 - math.exp(-slid / 0.02)
+        verdict = _with(verdict, Diagnosis(time, "slip", (i + 1,), confidence))
+    return verdict
+
+
+def _odd_speeds(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: float) -> Verdict:
+    n = len(evidence.force)
+    for i, row in enumerate(evidence.counters):
+        quiet = max(evidence.found[i, LIKELIHOOD], evidence.found[n + i, LIKELIHOOD]) < 0.5 * thresholds.motor
+        channel = f"wheel_speed_{i + 1}"
+        if row[AGAINST] < thresholds.odd or not quiet or verdict.has_sensor(channel):
+            continue
+        if verdict.standing(i + 1) is None:
+            verdict = _with(verdict, Diagnosis(time, "sensor", (i + 1,), 0.9, channel=channel))
+    return verdict

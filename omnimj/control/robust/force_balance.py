@@ -1,0 +1,174 @@
+"""The force channel: what accelerates the body against what the motors give, ρ = L + B F̂ − M a.
+
+F̂_i = (K_t i E G_r/r − dry σ(φ̇) − viscous φ̇ − I_eff φ̈/r) comes from the joint side, so no friction law of
+the floor enters: the channel is blind to slip and to the floor. M a is accelerometer and gyro. What may be
+wrong of it in health is written as columns of a linear law
+
+  ρ = X θ + noise,  θ = [δ_1…n, ν_1…n, β_x, β_y, λ, μ, ι]
+
+δ loss of torque constant and ν excess of dry friction per wheel, β accelerometer bias, λ excess of the rollers'
+friction, μ excess of mass, ι of inertia.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from omnimj.control.robust.constants import (
+    DRY,
+    EFFICIENCY,
+    INERTIA,
+    LOAD,
+    MASS,
+    RADIUS,
+    ROLLER_DRY,
+    ROLLER_VISCOUS,
+    TORQUE,
+    VISCOUS,
+    YAW_INERTIA,
+)
+from omnimj.physics.native import kernel
+
+SLOW = 1.5
+"""Wheel speed below which the sign of dry friction is not known [rad/s]."""
+SLOW_SIDEWAYS = 0.05
+"""The same of rollers [m/s]."""
+# stiction stays the same from block to block: its variance is counted so many times, or windows average it away
+_HELD, _HELD_ROLLERS = 100.0, 36.0
+_UNKNOWN = 1e4  # [N²]
+_TURNING = 0.3  # [rad/s] width of the sign
+_SIDEWAYS = 0.01  # [m/s] the same for the rollers
+NOISE = (1.1, 1.1, 0.45)
+"""Standard deviation of ρ in a block of 10 ms: N, N, N.m; accelerometer, gyro's difference, roller passing."""
+
+
+@kernel
+def columns(wheels):
+    """Length of θ."""
+    return 2 * wheels + 5
+
+
+@kernel
+def wheel_force(c, current, speed, rate, loss):
+    """F̂ of one wheel [N], and what the gear makes of its shaft's torque besides E G_r.
+
+    Args:
+      c: `constants.numbers`.
+      current: Mean over the block [A].
+      speed: φ̇ [rad/s].
+      rate: φ̈ [rad/s²].
+      loss: Share of the torque constant that is believed to be gone.
+    """
+    sign = math.tanh(speed / _TURNING)
+    force = c[TORQUE] * current * (1.0 - loss) - c[VISCOUS] * speed - c[DRY] * sign
+    through = 1.0
+    if force * sign < 0.0:  # driven by the floor: the gear takes its share the other way
+        through = 1.0 / (c[EFFICIENCY] * c[EFFICIENCY])
+    return through * force - c[INERTIA] * rate, through
+
+
+@kernel
+def balance(c, forces, across, current, speed, rate, acceleration, turning, spin, loss, x, rho, wheel, side):
+    """Fills X, shape (3, 2n+5), ρ, shape (3,), and of the wheels F̂ and what the rollers do, of one block.
+
+    Args:
+      c: `constants.numbers`.
+      forces: B, shape (3, n).
+      across: Shape (n, 3).
+      current: Shape (n,) [A].
+      speed: Shape (n,) [rad/s].
+      rate: Shape (n,) [rad/s²].
+      acceleration: Shape (2,) [m/s²].
+      turning: Gyro [rad/s].
+      spin: Its rate [rad/s²].
+      loss: Believed losses of the torque constants, shape (n,).
+      x: Output.
+      rho: Output [N, N, N.m].
+      wheel: Output [N].
+      side: Output, speeds along the axles, shape (n,) [m/s].
+    """
+    n = speed.size
+    x[:] = 0.0
+    rho[0], rho[1], rho[2] = -c[MASS] * acceleration[0], -c[MASS] * acceleration[1], -c[YAW_INERTIA] * spin
+    twist = rolling_twist(c, forces, speed, turning)
+    for i in range(n):
+        force, through = wheel_force(c, current[i], speed[i], rate[i], loss[i])
+        wheel[i] = force
+        sideways = across[i, 0] * twist[0] + across[i, 1] * twist[1] + across[i, 2] * turning
+        side[i] = sideways
+        drag = c[ROLLER_DRY] * math.tanh(sideways / _SIDEWAYS) + c[ROLLER_VISCOUS] * sideways
+        for k in range(3):
+            x[k, i] = forces[k, i] * through * c[TORQUE] * current[i]
+            x[k, n + i] = forces[k, i] * through * c[DRY] * math.tanh(speed[i] / _TURNING)
+            x[k, 2 * n + 2] += across[i, k] * c[LOAD] * drag
+            rho[k] += forces[k, i] * force - across[i, k] * c[LOAD] * drag
+    x[0, 2 * n], x[1, 2 * n + 1] = -c[MASS], -c[MASS]
+    for k in range(3):
+        # what should accelerate the body, not what is read to: a noisy column would pull its number to zero
+        x[k, 2 * n + 3 if k < 2 else 2 * n + 4] = rho[k] + (
+            c[MASS] * acceleration[k] if k < 2 else c[YAW_INERTIA] * spin
+        )
+
+
+@kernel
+def rolling_twist(c, forces, speed, turning):
+    """v_x, v_y of a body whose wheels roll, least squares with the gyro's yaw rate [m/s]."""
+    xx = xy = yy = bx = by = 0.0
+    for i in range(speed.size):
+        u_x, u_y = forces[0, i], forces[1, i]
+        along = c[RADIUS] * speed[i] - forces[2, i] * turning
+        xx, xy, yy = xx + u_x * u_x, xy + u_x * u_y, yy + u_y * u_y
+        bx, by = bx + u_x * along, by + u_y * along
+    det = xx * yy - xy * xy
+    return (yy * bx - xy * by) / det, (xx * by - xy * bx) / det
+
+
+@kernel
+def whiten(c, forces, across, slowest, sideways, unknown, x, rho):
+    """Scales the rows of X and ρ so that the noise is white and of size 1.
+
+    A wheel that turns slowly, or did a moment ago, holds any friction between ± dry: noise along its own
+    column of B. So do rollers that hardly turn, along the axle.
+
+    Args:
+      c: `constants.numbers`.
+      forces: B, shape (3, n).
+      across: Shape (n, 3).
+      slowest: Smallest |φ̇| of the last tenth of a second, shape (n,) [rad/s].
+      sideways: The same of the speed along the axle, shape (n,) [m/s].
+      unknown: 1 for wheels whose force nobody knows, shape (n,).
+      x: In and out, shape (3, p).
+      rho: In and out, shape (3,).
+    """
+    cov = np.zeros((3, 3))
+    for k in range(3):
+        cov[k, k] = NOISE[k] * NOISE[k]
+    dry, rollers = _HELD * c[DRY] * c[DRY], _HELD_ROLLERS * (c[LOAD] * c[ROLLER_DRY]) ** 2
+    for i in range(slowest.size):
+        for k in range(3):
+            for j in range(3):
+                if unknown[i] != 0.0:
+                    cov[k, j] += forces[k, i] * forces[j, i] * _UNKNOWN
+                elif slowest[i] < SLOW:
+                    cov[k, j] += forces[k, i] * forces[j, i] * dry
+                if sideways[i] < SLOW_SIDEWAYS:
+                    cov[k, j] += across[i, k] * across[i, j] * rollers
+    # Cholesky factor L, then forward substitution of every column
+    low = np.zeros((3, 3))
+    for k in range(3):
+        for j in range(k + 1):
+            rest = cov[k, j]
+            for q in range(j):
+                rest -= low[k, q] * low[j, q]
+            low[k, j] = math.sqrt(rest) if k == j else rest / low[j, j]
+    for col in range(x.shape[1] + 1):
+        for k in range(3):
+            value = x[k, col] if col < x.shape[1] else rho[k]
+            for q in range(k):
+                value -= low[k, q] * (x[q, col] if col < x.shape[1] else rho[q])
+            if col < x.shape[1]:
+                x[k, col] = value / low[k, k]
+            else:
+                rho[k] = value / low[k, k]

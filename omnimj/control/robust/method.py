@@ -1,0 +1,247 @@
+"""`method = "robust"`: evidence block by block, decisions, and what recovery makes of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from omnimj.control.allocation import inverse_kinematics
+from omnimj.control.controller import is_good
+from omnimj.control.gyro_bias import turn_row
+from omnimj.control.method import Advice
+from omnimj.control.robust.blocks import (
+    add_sample,
+    count_repeats,
+    is_frozen,
+    is_full,
+    no_repeats,
+    no_samples,
+    take_block,
+)
+from omnimj.control.robust.constants import BLOCK, geometry, numbers
+from omnimj.control.robust.decide import Thresholds, Verdict, decide
+from omnimj.control.robust.evidence import Evidence, compare_turning, no_evidence, update
+from omnimj.control.robust.slow import LOSS, MEMORY, prior
+from omnimj.control.robust.windows import LIKELIHOOD
+from omnimj.control.wheel_speed import amplifier_row
+from omnimj.parameters import Robot
+from omnimj.physics.motor import set_current
+from omnimj.physics.native import kernel
+from omnimj.signals import Array, Diagnosis, Measurement
+
+HEALTHY, SUSPECT, FAULTY, BLIND = range(4)
+"""`mode` of the log: nothing is wrong, a decision is pending, something is diagnosed, cannot judge."""
+
+_LEAST_LEFT = 0.3  # current is scaled by at most 1/0.3: a dead motor gets none the wiser for more
+_FRESH = 200  # [blocks]
+_FOUND_AGAIN = 0.2  # standard deviation of what is left of a motor just after its loss was seen
+
+
+@kernel
+def _expected(amplifier, command, speed, out):
+    for i in range(command.size):
+        out[i] = set_current(amplifier, command[i], speed[i])
+
+
+@dataclass(frozen=True, slots=True)
+class RobustState:
+    """What the method carries from one step to the next."""
+
+    sums: Array
+    """Of `blocks`."""
+    repeats: Array
+    """Of `blocks`: equal values in a row."""
+    wanted: Array
+    """Sum of the currents that the amplifiers should have given in this block, shape (n,) [A]."""
+    evidence: Evidence
+    verdict: Verdict
+    accepted: Array
+    """Diagnosed losses of the torque constants, shape (n,)."""
+    fresh: int
+    """Blocks for which a new loss is still being measured: they are learnt from at once."""
+    advice: Advice | None
+    log: Array
+
+    @property
+    def diagnoses(self) -> tuple[Diagnosis, ...]:
+        """Everything decided since the start."""
+        return self.verdict.diagnoses
+
+
+class Robust:
+    """The method for a robot with n wheels.
+
+    Args:
+      robot: What the controller believes the robot to be.
+      period: Control period [s]; that of the robot's sensors when None.
+      thresholds: When a suspicion becomes a decision.
+    """
+
+    def __init__(self, robot: Robot, period: float | None = None, thresholds: Thresholds | None = None):
+        self.period = 1.0 / robot.sensors.sample_rate if period is None else period
+        n = self.wheels = len(robot.wheels)
+        self.thresholds = Thresholds() if thresholds is None else thresholds
+        shape = geometry(robot)
+        walk = prior(n) ** 2 * (BLOCK * self.period / MEMORY)
+        low = np.array([LOSS] * n + [0.3] * n + [-5.0] * 2)
+        high = np.array([1.0] * n + [40.0] * n + [5.0] * 2)
+        self._constants = (numbers(robot, self.period), shape.forces, shape.across, walk, low, high)
+        self._amplifier, self._turn = amplifier_row(robot), turn_row(robot)
+        each = [f"{name}_{i}" for name in ("current", "wheel_speed") for i in range(1, n + 1)]
+        self._channels = (*each, "acceleration_x", "acceleration_y", "yaw_rate")
+        self._rolling = inverse_kinematics(robot.wheel_positions, robot.drive_directions) / robot.wheel.radius
+        names = [
+            f"{kind}_{what}_{i}"
+            for what in ("motor", "slip")
+            for kind in ("residual", "threshold")
+            for i in range(1, n + 1)
+        ]
+        self.log_names = (
+            "residual_force_x",
+            "residual_force_y",
+            "residual_moment",
+            *names,
+            *(f"effectiveness_{i}" for i in range(1, n + 1)),
+            "mode",
+        )
+
+    def start(self, measurement: Measurement) -> RobustState:
+        """A robot that is taken to be healthy and at rest."""
+        n = self.wheels
+        log = np.zeros(len(self.log_names))
+        log[3 + n : 3 + 2 * n], log[3 + 3 * n : 3 + 4 * n] = self.thresholds.motor, self.thresholds.slip
+        log[3 + 4 * n : 3 + 5 * n] = 1.0
+        return RobustState(
+            no_samples(n), no_repeats(n), np.zeros(n), no_evidence(n), Verdict(), np.zeros(n), 0, None, log
+        )
+
+    def step(
+        self, state: RobustState, measurement: Measurement, command: Array | None = None, bias: float = 0.0
+    ) -> RobustState:
+        """The state after a measurement; one that is not good changes nothing.
+
+        Args:
+          state: From the step before.
+          measurement: The newest.
+          command: Set currents of the period that it ends, shape (n,) [A]; None where nobody knows.
+          bias: Of the gyro [rad/s].
+        """
+        m = measurement
+        if not is_good(self.wheels, m.time, m.current, m.wheel_speed, m.acceleration, m.yaw_rate, m.yaw):
+            return state
+        sums, repeats, wanted = state.sums.copy(), state.repeats.copy(), state.wanted.copy()
+        count_repeats(repeats, m.current, m.wheel_speed, m.acceleration, m.yaw_rate)
+        turning = m.yaw_rate - bias
+        add_sample(sums, m.current, m.wheel_speed, m.acceleration, turning)
+        if command is None:
+            wanted += m.current
+        else:
+            expected = np.empty(self.wheels)
+            _expected(self._amplifier, command, m.wheel_speed, expected)
+            wanted += expected
+        if not is_full(sums):
+            return replace(state, sums=sums, repeats=repeats, wanted=wanted)
+        return self._judge(state, sums, repeats, wanted / BLOCK, m, turning)
+
+    def _judge(
+        self,
+        state: RobustState,
+        sums: Array,
+        repeats: Array,
+        wanted: Array,
+        measurement: Measurement,
+        turning: float,
+    ) -> RobustState:
+        n = self.wheels
+        block = np.empty(3 * n + 4)
+        take_block(sums, BLOCK * self.period, measurement.wheel_speed, turning, block)
+        evidence = state.evidence.copy()
+        moving = update(
+            *self._constants,
+            block[:n], block[n : 2 * n], block[2 * n : 2 * n + 2], block[2 * n + 2],
+            block[2 * n + 3 : 3 * n + 3], block[3 * n + 3], wanted, self._believed(state.verdict), self._unknown(state.verdict), state.accepted,
+            state.fresh > 0,
+            evidence.ring, evidence.cursor, evidence.recent, evidence.theta, evidence.cov, evidence.velocity,
+            evidence.spread, evidence.counters, evidence.found, evidence.force, evidence.rho,
+            evidence.floor, evidence.misfit,
+        )  # fmt: skip
+        speed, period = block[n : 2 * n], BLOCK * self.period
+        compare_turning(evidence.heading, self._turn, period, measurement.yaw, speed, block[2 * n + 2])
+        frozen = tuple(c for k, c in enumerate(self._channels) if is_frozen(repeats, k, n, speed))
+        losses = state.accepted + evidence.theta[:n]
+        verdict = decide(evidence, self.thresholds, state.verdict, float(measurement.time), losses, frozen)
+        accepted = self._accept(evidence, state, verdict)
+        fresh = _FRESH if accepted is not state.accepted else max(state.fresh - int(moving), 0)
+        advice = self._advise(verdict, accepted + evidence.theta[:n])
+        log = self._log(evidence, verdict, accepted, moving)
+        return RobustState(sums, repeats, np.zeros(n), evidence, verdict, accepted, fresh, advice, log)
+
+    def _believed(self, verdict: Verdict) -> Array:
+        """Wheels that say something about the body's velocity."""
+        believed = np.ones(self.wheels)
+        for d in verdict.diagnoses:
+            if d.cleared is None and d.kind in ("slip", "motor", "locked", "sensor"):
+                believed[[w - 1 for w in d.wheels]] = 0.0
+            elif d.cleared is None and d.kind == "all_wheel_slip":
+                believed[:] = 0.0
+        return believed
+
+    def _unknown(self, verdict: Verdict) -> Array:
+        """Wheels whose force on the floor the motor does not tell."""
+        unknown = np.zeros(self.wheels)
+        for d in verdict.diagnoses:
+            if d.cleared is None and d.kind == "locked":
+                unknown[[w - 1 for w in d.wheels]] = 1.0
+        return unknown
+
+    def _accept(self, evidence: Evidence, state: RobustState, verdict: Verdict) -> Array:
+        """New motor losses go into the state; what was seen before them is forgotten."""
+        if len(verdict.diagnoses) == len(state.verdict.diagnoses):
+            return state.accepted
+        motors = [d for d in verdict.diagnoses[len(state.verdict.diagnoses) :] if d.kind == "motor"]
+        accepted = state.accepted.copy() if motors else state.accepted
+        for d in verdict.diagnoses[len(state.verdict.diagnoses) :]:
+            evidence.cursor[0] = 0
+            evidence.found[:] = 0.0
+            if d.kind == "motor" and d.effectiveness is not None:
+                i = d.wheels[0] - 1
+                accepted[i] = 1.0 - d.effectiveness - evidence.theta[i]
+                evidence.cov[i, :], evidence.cov[:, i] = 0.0, 0.0
+                evidence.cov[i, i] = _FOUND_AGAIN**2
+                evidence.cov[i + self.wheels, i + self.wheels] += (
+                    1.0  # it may be friction that eats the torque
+                )
+            elif d.channel.startswith("acceleration"):
+                j = 2 * self.wheels + "xy".index(d.channel[-1])
+                evidence.cov[j, :], evidence.cov[:, j] = 0.0, 0.0
+                evidence.cov[j, j] = 1.0
+        return accepted
+
+    def _advise(self, verdict: Verdict, losses: Array) -> Advice | None:
+        """Weak motors get more current for the same torque."""
+        scale = np.ones(self.wheels)
+        for d in verdict.diagnoses:
+            if d.cleared is None and d.kind == "motor" and not d.ambiguous_with:
+                i = d.wheels[0] - 1
+                scale[i] = 1.0 / max(1.0 - losses[i], _LEAST_LEFT)
+        return None if (scale == 1.0).all() else Advice(self._rolling, scale)
+
+    def _log(self, evidence: Evidence, verdict: Verdict, accepted: Array, moving: bool) -> Array:
+        n, t = self.wheels, self.thresholds
+        left = np.clip(1.0 - accepted - evidence.theta[:n], 0.0, 1.0)
+        standing = any(d.cleared is None for d in verdict.diagnoses)
+        pending = not np.isnan(verdict.suspected)
+        mode = FAULTY if standing else SUSPECT if pending else HEALTHY if moving else BLIND
+        likelihood = np.maximum(evidence.found[:n, LIKELIHOOD], evidence.found[n : 2 * n, LIKELIHOOD])
+        return np.concatenate(
+            (
+                evidence.rho,
+                likelihood,
+                np.full(n, t.motor),
+                evidence.counters[:, 0],
+                np.full(n, t.slip),
+                left,
+                [float(mode)],
+            )
+        )

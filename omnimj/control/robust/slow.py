@@ -1,0 +1,53 @@
+"""What is learnt of a healthy robot over minutes: θ of the force channel, block by block.
+
+A Kalman filter of a slow random walk; its prior is what parts and payload of a healthy robot may be.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from omnimj.physics.native import kernel
+from omnimj.signals import Array
+
+LOSS, FRICTION, BIAS, ROLLERS, LOADED, INERTIA = 0.03, 0.2, 0.02, 0.2, 0.15, 0.2
+"""Standard deviations in health: δ, ν, β [m/s²], λ, μ, ι."""
+MEMORY = 120.0
+"""Time in which a number may wander by its own prior [s]."""
+
+
+def prior(wheels: int) -> Array:
+    """Standard deviations of θ before anything is known, shape (2n+5,)."""
+    each = [LOSS] * wheels + [FRICTION] * wheels
+    return np.array([*each, BIAS, BIAS, ROLLERS, LOADED, INERTIA])
+
+
+@kernel
+def learn(theta, cov, walk, x, rho):
+    """One block into mean θ, shape (p,), and covariance, shape (p, p), both changed in place.
+
+    Args:
+      theta: Mean.
+      cov: Covariance.
+      walk: Variance that every number gains per block, shape (p,).
+      x: Whitened columns, shape (3, p).
+      rho: Whitened ρ, shape (3,).
+    """
+    p = theta.size
+    gain = np.empty(p)
+    for j in range(p):
+        cov[j, j] += walk[j]
+    for k in range(3):
+        size, away = 1.0, rho[k]
+        for j in range(p):
+            total = 0.0
+            for q in range(p):
+                total += cov[j, q] * x[k, q]
+            gain[j] = total
+            size += x[k, j] * total
+            away -= x[k, j] * theta[j]
+        for j in range(p):
+            theta[j] += gain[j] * away / size
+            for q in range(j + 1):
+                cov[j, q] -= gain[j] * gain[q] / size
+                cov[q, j] = cov[j, q]
