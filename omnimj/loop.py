@@ -175,7 +175,7 @@ def drive_rig(
         row[5] = measured.lateral_speed
         row[6] = set_values[k]
         if method is not None:
-            state = method.step(state, measured)
+            state = method.step(state, measured, current[k - 1 : k] if k else None)
             row[7 : 7 + len(method.log_names)] = state.log
         return CurrentCommand(current[k : k + 1])
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from omnimj.control.controller import Controller, ControlState
+from omnimj.control.gyro_bias import BIAS
 from omnimj.control.method import Method, MethodState
 from omnimj.control.target import Target
 from omnimj.signals import Array, CurrentCommand, Diagnosis, Measurement
@@ -51,6 +52,8 @@ class DiagnosingController:
         self, state: DiagnosingState, measurement: Measurement, target: Target
     ) -> tuple[CurrentCommand, DiagnosingState]:
         """Currents for the next period."""
-        method: Any = self._method.step(state.method, measurement)
-        command, control = self._cascade.step(state.control, measurement, target, method.advice)
+        control = state.control
+        bias = float(control.rest[BIAS])
+        method: Any = self._method.step(state.method, measurement, control.current, bias)
+        command, control = self._cascade.step(control, measurement, target, method.advice)
         return command, DiagnosingState(control, method)

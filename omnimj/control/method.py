@@ -55,6 +55,19 @@ class Method(Protocol):
         """The state before the first step; `measurement` is the first one."""
         ...
 
-    def step(self, state: Any, measurement: Measurement | RigMeasurement) -> Any:
-        """The state after a measurement."""
+    def step(
+        self,
+        state: Any,
+        measurement: Measurement | RigMeasurement,
+        command: Array | None = None,
+        bias: float = 0.0,
+    ) -> Any:
+        """The state after a measurement.
+
+        Args:
+          state: From the step before.
+          measurement: The newest.
+          command: Set currents of the period that it ends, shape (n,) [A]; None where nobody knows.
+          bias: What the gyro is believed to read at rest [rad/s].
+        """
         ...

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from omnimj.control.robust.constants import BLOCK
+from omnimj.parameters import Robot
 from omnimj.physics.native import kernel
 from omnimj.signals import Array
 
@@ -15,6 +16,43 @@ REPEATED = 60
 COUNT = 0
 """First of the sums; behind it currents (n), wheel speeds (n), acceleration (2), yaw rate, then where the block
 began: wheel speeds (n), yaw rate."""
+
+
+LINE = 12
+"""Samples that are kept for the alignment of the channels."""
+
+
+def delays(robot: Robot, period: float) -> Array:
+    """Samples by which each channel has to wait for the slowest one, in the order of `no_repeats`, shape (2n+3,).
+
+    Wheel speeds come through a filter (and half a sample of counting), accelerometer and gyro through their
+    bandwidths, currents at once: unaligned, a torque that the yaw loop makes of the gyro's noise looks like inertia.
+    """
+    n, sensors = len(robot.wheels), robot.sensors
+    slow = sensors.speed_filter + period
+    late = [0.0] * n + [slow] * n
+    late += [1.0 / (2.0 * math.pi * sensors.accelerometer_bandwidth)] * 2
+    late += [1.0 / (2.0 * math.pi * sensors.gyro_bandwidth)]
+    waits = np.rint((max(late) - np.array(late)) / period)
+    return np.clip(waits, 0.0, LINE - 1.0)
+
+
+def no_line(wheels: int) -> Array:
+    """The last samples of all channels, newest first, shape (LINE, 2n+3)."""
+    return np.zeros((LINE, 2 * wheels + 3))
+
+
+@kernel
+def align(line, waits, current, speed, acceleration, turning, first, out):
+    """One sample into the line, in place; `out` is what all channels said of the same instant, shape (2n+3,)."""
+    n = current.size
+    line[1:] = line[:-1].copy()
+    line[0, :n], line[0, n : 2 * n] = current, speed
+    line[0, 2 * n : 2 * n + 2], line[0, 2 * n + 2] = acceleration, turning
+    if first:
+        line[1:] = line[0]
+    for k in range(waits.size):
+        out[k] = line[int(waits[k]), k]
 
 
 def no_repeats(wheels: int) -> Array:

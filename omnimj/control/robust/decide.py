@@ -26,15 +26,15 @@ from omnimj.signals import Array, Diagnosis
 class Thresholds:
     """When a suspicion becomes a decision."""
 
-    motor: float = 25.0
+    motor: float = 22.0
     """Λ of a loss of torque constant: ln(ARL · blocks per second · tests) + reserve for what is not white [nats]."""
-    drag: float = 35.0
+    drag: float = 30.0
     """Λ of an added friction or a wheel that is held [nats]."""
     accelerometer: float = 40.0
     """Λ of a jump of the accelerometer's bias [nats]."""
     margin: float = 6.0
     """By how much the best hypothesis must lead the next on another wheel to be alone [nats]."""
-    slip: float = 0.0008
+    slip: float = 0.001
     """Way slipped beyond what is allowed [m]."""
     settling: float = 0.06
     """Time that isolation may take after detection [s]."""

@@ -40,7 +40,7 @@ _HELD, _HELD_ROLLERS = 100.0, 36.0
 _UNKNOWN = 1e4  # [N²]
 _TURNING = 0.3  # [rad/s] width of the sign
 _SIDEWAYS = 0.01  # [m/s] the same for the rollers
-NOISE = (1.1, 1.1, 0.45)
+NOISE = (1.0, 1.0, 0.6)
 """Standard deviation of ρ in a block of 10 ms: N, N, N.m; accelerometer, gyro's difference, roller passing."""
 
 
@@ -92,6 +92,7 @@ def balance(c, forces, across, current, speed, rate, acceleration, turning, spin
     n = speed.size
     x[:] = 0.0
     rho[0], rho[1], rho[2] = -c[MASS] * acceleration[0], -c[MASS] * acceleration[1], -c[YAW_INERTIA] * spin
+    pushes = np.zeros(3)
     twist = rolling_twist(c, forces, speed, turning)
     for i in range(n):
         force, through = wheel_force(c, current[i], speed[i], rate[i], loss[i])
@@ -104,12 +105,11 @@ def balance(c, forces, across, current, speed, rate, acceleration, turning, spin
             x[k, n + i] = forces[k, i] * through * c[DRY] * math.tanh(speed[i] / _TURNING)
             x[k, 2 * n + 2] += across[i, k] * c[LOAD] * drag
             rho[k] += forces[k, i] * force - across[i, k] * c[LOAD] * drag
+            pushes[k] += forces[k, i] * (force + c[INERTIA] * rate[i]) - across[i, k] * c[LOAD] * drag
     x[0, 2 * n], x[1, 2 * n + 1] = -c[MASS], -c[MASS]
     for k in range(3):
-        # what should accelerate the body, not what is read to: a noisy column would pull its number to zero
-        x[k, 2 * n + 3 if k < 2 else 2 * n + 4] = rho[k] + (
-            c[MASS] * acceleration[k] if k < 2 else c[YAW_INERTIA] * spin
-        )
+        # what should accelerate the body, without what was differentiated: noise would pull μ and ι to zero
+        x[k, 2 * n + 3 if k < 2 else 2 * n + 4] = pushes[k]
 
 
 @kernel

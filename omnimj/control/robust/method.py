@@ -12,9 +12,12 @@ from omnimj.control.gyro_bias import turn_row
 from omnimj.control.method import Advice
 from omnimj.control.robust.blocks import (
     add_sample,
+    align,
     count_repeats,
+    delays,
     is_frozen,
     is_full,
+    no_line,
     no_repeats,
     no_samples,
     take_block,
@@ -50,6 +53,8 @@ class RobustState:
 
     sums: Array
     """Of `blocks`."""
+    line: Array
+    """Of `blocks`: the last samples."""
     repeats: Array
     """Of `blocks`: equal values in a row."""
     wanted: Array
@@ -89,6 +94,7 @@ class Robust:
         self._constants = (numbers(robot, self.period), shape.forces, shape.across, walk, low, high)
         self._amplifier, self._turn = amplifier_row(robot), turn_row(robot)
         each = [f"{name}_{i}" for name in ("current", "wheel_speed") for i in range(1, n + 1)]
+        self._waits = delays(robot, self.period)
         self._channels = (*each, "acceleration_x", "acceleration_y", "yaw_rate")
         self._rolling = inverse_kinematics(robot.wheel_positions, robot.drive_directions) / robot.wheel.radius
         names = [
@@ -113,7 +119,16 @@ class Robust:
         log[3 + n : 3 + 2 * n], log[3 + 3 * n : 3 + 4 * n] = self.thresholds.motor, self.thresholds.slip
         log[3 + 4 * n : 3 + 5 * n] = 1.0
         return RobustState(
-            no_samples(n), no_repeats(n), np.zeros(n), no_evidence(n), Verdict(), np.zeros(n), 0, None, log
+            no_samples(n),
+            no_line(n),
+            no_repeats(n),
+            np.zeros(n),
+            no_evidence(n),
+            Verdict(),
+            np.zeros(n),
+            0,
+            None,
+            log,
         )
 
     def step(
@@ -132,8 +147,12 @@ class Robust:
             return state
         sums, repeats, wanted = state.sums.copy(), state.repeats.copy(), state.wanted.copy()
         count_repeats(repeats, m.current, m.wheel_speed, m.acceleration, m.yaw_rate)
+        line, now = state.line.copy(), np.empty(2 * self.wheels + 3)
+        first = state.evidence.heading[0] != state.evidence.heading[0]
         turning = m.yaw_rate - bias
-        add_sample(sums, m.current, m.wheel_speed, m.acceleration, turning)
+        align(line, self._waits, m.current, m.wheel_speed, m.acceleration, turning, first, now)
+        n = self.wheels
+        add_sample(sums, now[:n], now[n : 2 * n], now[2 * n : 2 * n + 2], now[2 * n + 2])
         if command is None:
             wanted += m.current
         else:
@@ -141,21 +160,22 @@ class Robust:
             _expected(self._amplifier, command, m.wheel_speed, expected)
             wanted += expected
         if not is_full(sums):
-            return replace(state, sums=sums, repeats=repeats, wanted=wanted)
-        return self._judge(state, sums, repeats, wanted / BLOCK, m, turning)
+            return replace(state, sums=sums, line=line, repeats=repeats, wanted=wanted)
+        return self._judge(state, sums, line, repeats, wanted / BLOCK, m, now)
 
     def _judge(
         self,
         state: RobustState,
         sums: Array,
+        line: Array,
         repeats: Array,
         wanted: Array,
         measurement: Measurement,
-        turning: float,
+        now: Array,
     ) -> RobustState:
         n = self.wheels
         block = np.empty(3 * n + 4)
-        take_block(sums, BLOCK * self.period, measurement.wheel_speed, turning, block)
+        take_block(sums, BLOCK * self.period, now[n : 2 * n], now[2 * n + 2], block)
         evidence = state.evidence.copy()
         moving = update(
             *self._constants,
@@ -175,7 +195,7 @@ class Robust:
         fresh = _FRESH if accepted is not state.accepted else max(state.fresh - int(moving), 0)
         advice = self._advise(verdict, accepted + evidence.theta[:n])
         log = self._log(evidence, verdict, accepted, moving)
-        return RobustState(sums, repeats, np.zeros(n), evidence, verdict, accepted, fresh, advice, log)
+        return RobustState(sums, line, repeats, np.zeros(n), evidence, verdict, accepted, fresh, advice, log)
 
     def _believed(self, verdict: Verdict) -> Array:
         """Wheels that say something about the body's velocity."""

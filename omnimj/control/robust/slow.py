@@ -10,7 +10,7 @@ import numpy as np
 from omnimj.physics.native import kernel
 from omnimj.signals import Array
 
-LOSS, FRICTION, BIAS, ROLLERS, LOADED, INERTIA = 0.03, 0.2, 0.02, 0.2, 0.15, 0.2
+LOSS, FRICTION, BIAS, ROLLERS, LOADED, INERTIA = 0.03, 0.2, 0.02, 0.2, 0.15, 0.1
 """Standard deviations in health: δ, ν, β [m/s²], λ, μ, ι."""
 MEMORY = 120.0
 """Time in which a number may wander by its own prior [s]."""
