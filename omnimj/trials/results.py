@@ -43,9 +43,11 @@ def write_text(path: Path, text: str) -> None:
 
 
 def read_result(folder: Path, name: str) -> dict[str, Any] | None:
-    """The result of a trial; None where there is none yet."""
-    file = folder / f"{name}.json"
-    return json.loads(file.read_text(encoding="utf-8")) if file.is_file() else None
+    """The result of a trial; None where there is none yet, or none that can be read."""
+    try:
+        return json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
+    except (FileNotFoundError, ValueError):
+        return None
 
 
 def has_result(folder: Path, name: str) -> bool:
