@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from omnimj.signals import Array, Diagnosis, Measurement, RigMeasurement
+from omnimj.signals import Array, Diagnosis
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +55,6 @@ class Method(Protocol):
         """The state before the first step; `measurement` is the first one."""
         ...
 
-    def step(self, state: Any, measurement: Measurement | RigMeasurement) -> Any:
-        """The state after a measurement."""
+    def step(self, state: Any, measurement: Any) -> Any:
+        """The state after a measurement: `Measurement` of a robot, `RigMeasurement` of the rig."""
         ...

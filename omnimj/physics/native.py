@@ -52,10 +52,10 @@ def fingerprint(room: str) -> str:
     for library in ("numba", "llvmlite", "mujoco"):
         digest.update(f"{library}={_version(library)};".encode())
     for below in _BELOW[room]:
-        for source in sorted((_PACKAGE / below).glob("*.py")):
+        for source in sorted((_PACKAGE / below).rglob("*.py")):
             content = source.read_bytes()
             if below not in _GUEST_ROOMS or b"@kernel" in content:
-                digest.update(f"{below}/{source.name}".encode() + content)
+                digest.update(source.relative_to(_PACKAGE).as_posix().encode() + content)
     return digest.hexdigest()[:16]
 
 
