@@ -32,6 +32,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     words = "missions (default; 60 s of random legs), manoeuvres (5 s, 24 directions, two speeds)"
     parser.add_argument("--suite", metavar="S", default="missions", help=words)
     parser.add_argument("--method", metavar="M", default="off", help="way to diagnose (default off)")
+    words = "a setting of the method or of the cascade's loops, e.g. diagnosis.variant=printed; repeatable"
+    parser.add_argument(
+        "--set", metavar="KEY=VALUE", dest="settings", action="append", default=[], help=words
+    )
     words = "planar (default), twin, or both with a comma: drawn for each case"
     parser.add_argument("--plant", metavar="P", type=names, default=("planar",), help=words)
     words = "how many cases (default 100)"
@@ -74,7 +78,13 @@ def run(arguments: Any) -> int:
         arguments.faults or CLASSES,
     )
     order = Order(
-        arguments.out, choice, arguments.method, arguments.trials, arguments.workers, arguments.force
+        arguments.out,
+        choice,
+        arguments.method,
+        tuple(arguments.settings),
+        arguments.trials,
+        arguments.workers,
+        arguments.force,
     )
     check_order(order)
     for plant in choice.plants:

@@ -10,76 +10,82 @@ from typing import Any
 
 import numpy as np
 
-from omnimj.control.controller import Controller
 from omnimj.control.diagnosing import DiagnosingController
 from omnimj.errors import SimulationError
-from omnimj.evaluation.cases import Case, reference_of
+from omnimj.evaluation.believed import believed
+from omnimj.evaluation.cases import Case
 from omnimj.evaluation.true_robot import true_floor, true_robot
 from omnimj.evaluation.use import demanded_traction, excursions, first_time, in_use, time_after_use
 from omnimj.loop import drive
-from omnimj.parameters import Floor, Robot, read_floors, read_robot
+from omnimj.parameters import Robot
 from omnimj.plant.conditions import Fault
 from omnimj.plant.interface import Plant
+from omnimj.scenario.drive import Drive
 from omnimj.scenario.methods import make_method
-from omnimj.signals import Reference, Trace
+from omnimj.scenario.running import make_controller
+from omnimj.scenario.scenario import Scenario
+from omnimj.signals import Trace
 from omnimj.trials.results import guarded, plain
 
 OFF = "off"
 
 
-def drive_case(case: Case, method: str) -> dict[str, Any]:
+def drive_case(case: Case, method: str, settings: Sequence[str] = ()) -> dict[str, Any]:
     """All runs of a case, as facts for scoring.
 
     Args:
       case: With its truth, which the method does not get.
       method: Its name.
+      settings: `KEY=VALUE` texts for method and cascade.
 
     Returns:
       `case`: the truth. `method`: diagnoses, and with a fault heading [rad] and path [m] excursions since its
-      onset, and what was said of the wheel's effectiveness after 5 s in use. `off`: the excursions without
-      any method (None where the method is `off`, or nothing broke). `use`: per fault, when its part was in
-      use. `speed`: seconds simulated per second. Or `error`: what went wrong.
+      onset. `off`: the same without any method (None where the method is `off`, or nothing broke). `healthy`:
+      the same without any method and any fault. `use`: per fault, when its part was in use, and what was said
+      of the wheel's effectiveness after 5 s of it. `speed`: seconds simulated per second. Or `error`: what
+      went wrong.
     """
-    return guarded(lambda: plain({"case": case.as_plain(), **_driven(case, method)}))
+    return guarded(lambda: plain({"case": case.as_plain(), **_driven(case, method, settings)}))
 
 
-def _driven(case: Case, method: str) -> dict[str, Any]:
-    nominal, floors = read_robot(), read_floors()
-    reference = reference_of(case, 1.0 / nominal.sensors.sample_rate)
-    asked = _run(case, nominal, floors[case.floor], reference, case.faults, method)
+def _driven(case: Case, method: str, settings: Sequence[str]) -> dict[str, Any]:
+    scenario = believed(case, settings)
+    asked = _run(case, scenario, case.faults, method)
+    speed = float(asked.about["realtime_factor"])
     if not case.faults:
-        return {"method": _told(asked, None), "off": None, "use": [], "speed": _speed(asked)}
+        return {"method": _told(asked, None), "off": None, "use": [], "speed": speed}
     onset = min(fault.onset for fault in case.faults)
-    healthy = _run(case, nominal, floors[case.floor], reference, (), OFF)
-    without = None if method == OFF else _run(case, nominal, floors[case.floor], reference, case.faults, OFF)
-    time, traction = healthy["time"], demanded_traction(healthy)
-    used = [in_use(fault, time, traction) for fault in case.faults]
-    use = [
-        {
-            "first": first_time(time, rows),
-            "after_long_use": time_after_use(time, rows),
-            "effectiveness": _estimate(asked, fault, time_after_use(time, rows)),
-        }
-        for fault, rows in zip(case.faults, used, strict=True)
-    ]
+    healthy = _run(case, scenario, (), OFF)
+    without = None if method == OFF else _run(case, scenario, case.faults, OFF)
     return {
         "method": _told(asked, onset),
         "off": None if without is None else _told(without, onset),
         "healthy": _told(healthy, onset),
-        "use": use,
-        "speed": _speed(asked),
+        "use": _use(case.faults, healthy, asked),
+        "speed": speed,
     }
 
 
-def _run(
-    case: Case, nominal: Robot, floor: Floor, reference: Reference, faults: Sequence[Fault], method: str
-) -> Trace:
-    plant = make_plant(case, nominal, floor, faults)
+def _use(faults: Sequence[Fault], healthy: Trace, asked: Trace) -> list[dict[str, float | None]]:
+    """Per fault when its part was in use, and the estimate after long use."""
+    time, traction = healthy["time"], demanded_traction(healthy)
+    found = []
+    for fault in faults:
+        used = in_use(fault, time, traction)
+        late = time_after_use(time, used)
+        estimate = _estimate(asked, fault, late)
+        found.append({"first": first_time(time, used), "after_long_use": late, "effectiveness": estimate})
+    return found
+
+
+def _run(case: Case, scenario: Scenario, faults: Sequence[Fault], method: str) -> Trace:
+    """One run; the method is told the scenario, which knows of no fault and no error."""
+    plant = make_plant(case, scenario, faults)
     try:
-        diagnosing = make_method(method, nominal, plant.period)
-        cascade = Controller(nominal, period=plant.period)
-        controller = cascade if diagnosing is None else DiagnosingController(cascade, diagnosing)
-        trace = drive(plant, controller, reference)
+        controller, diagnosing = make_controller(scenario), make_method(method, scenario)
+        drives = controller if diagnosing is None else DiagnosingController(controller, diagnosing)
+        assert isinstance(scenario.drive, Drive)
+        trace = drive(plant, drives, scenario.drive.reference)
     finally:
         plant.close()
     if trace.about["failure"]:
@@ -89,16 +95,17 @@ def _run(
     return trace
 
 
-def make_plant(case: Case, nominal: Robot, floor: Floor, faults: Sequence[Fault]) -> Plant:
+def make_plant(case: Case, scenario: Scenario, faults: Sequence[Fault]) -> Plant:
     """The plant of a case: the true robot on the true floor.
 
     Args:
       case: Which errors, which kind of plant, which noise.
-      nominal: What the errors are relative to.
-      floor: The case's floor by its nominal numbers.
+      scenario: With the nominal robot and floor that the errors are relative to.
       faults: The case's, or none.
     """
-    robot, laid = true_robot(nominal, case.errors), true_floor(floor, case.errors)
+    nominal = scenario.constants
+    assert isinstance(nominal, Robot)
+    robot, laid = true_robot(nominal, case.errors), true_floor(scenario.floors[case.floor], case.errors)
     if case.plant == "planar":
         from omnimj.plant.planar import PlanarRobot
 
@@ -112,10 +119,6 @@ def _told(trace: Trace, onset: float | None) -> dict[str, Any]:
     """What came of one run."""
     heading, path = (None, None) if onset is None else excursions(trace, onset)
     return {"diagnoses": trace.about["diagnoses"], "heading": heading, "path": path}
-
-
-def _speed(trace: Trace) -> float:
-    return float(trace.about["realtime_factor"])
 
 
 def _estimate(trace: Trace, fault: Fault, time: float | None) -> float | None:

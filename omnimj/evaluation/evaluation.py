@@ -21,6 +21,7 @@ from typing import Any
 
 import omnimj
 from omnimj.errors import InputError, UnknownNameError
+from omnimj.evaluation.believed import check_settings
 from omnimj.evaluation.cases import FLOORS, PLANTS, SUITES, Case, Choice, draw_case, is_judging
 from omnimj.evaluation.drawn_faults import CLASSES
 from omnimj.evaluation.driving import OFF, drive_case
@@ -43,6 +44,8 @@ class Order:
     out: Path
     choice: Choice = field(default_factory=Choice)
     method: str = OFF
+    settings: tuple[str, ...] = ()
+    """`KEY=VALUE` texts for method and cascade: `diagnosis.variant=printed`."""
     trials: int = 100
     workers: int = 1
     force: bool = False
@@ -50,7 +53,9 @@ class Order:
 
     def plan(self) -> dict[str, Any]:
         """What must be alike for a folder to be gone on with."""
-        return json.loads(json.dumps({"method": self.method, **dataclasses.asdict(self.choice)}))
+        return json.loads(
+            json.dumps({"method": self.method, "settings": self.settings, **dataclasses.asdict(self.choice)})
+        )
 
 
 @dataclass(frozen=True)
@@ -87,7 +92,9 @@ def run_evaluation(order: Order, report: Report, executor: Executor | None = Non
     check_order(order)
     folder = _prepared(order)
     cases = [draw_case(order.choice, index) for index in range(order.trials)]
-    missing = {case.name: (case, order.method) for case in cases if not _is_driven(folder, case)}
+    missing = {
+        case.name: (case, order.method, order.settings) for case in cases if not _is_driven(folder, case)
+    }
 
     def work(pool: Executor) -> None:
         do_all(pool, drive_case, missing, keep_in(folder), "driving", report)
@@ -101,10 +108,11 @@ def check_order(order: Order) -> None:
 
     Raises:
       UnknownNameError: One does not; the message lists the choices.
-      InputError: A list is empty, or there is no such method.
+      InputError: A list is empty, a setting is none, or there is no such method.
     """
     choice = order.choice
     require_method(order.method)
+    check_settings(order.settings)
     if choice.suite not in SUITES:
         raise UnknownNameError("--suite", "suite", choice.suite, SUITES)
     for option, kind, names, known in (
@@ -168,7 +176,7 @@ def _judged(order: Order, cases: Sequence[Case], interrupted: bool) -> Outcome:
     summary = summarise(scores)
     found = tuple(tables(summary))
     lines = tuple(header(order.choice, summary, len(cases), len(errors)))
-    heading = heading_of(order.choice, order.method)
+    heading = heading_of(order.choice, order.method, order.settings)
     write_json(order.out / NUMBERS, plain(_content(order, summary, scores, errors, interrupted)))
     write_text(order.out / TEXT, markdown(heading, lines, found))
     return Outcome(heading, summary, tuple(scores), lines, found, interrupted, len(errors))

@@ -28,9 +28,10 @@ _GOALS = dict(
 )
 
 
-def heading_of(choice: Choice, method: str) -> str:
+def heading_of(choice: Choice, method: str, settings: Sequence[str] = ()) -> str:
     """The title of everything that is written."""
-    return f"Evaluation of `{method}` on {choice.suite}"
+    with_settings = f" with {', '.join(f'`{text}`' for text in settings)}" if settings else ""
+    return f"Evaluation of `{method}`{with_settings} on {choice.suite}"
 
 
 def header(choice: Choice, summary: Summary, planned: int, failed: int) -> list[str]:

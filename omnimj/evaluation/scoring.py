@@ -194,7 +194,7 @@ def _score_fault(
 
 def _estimate_error(case: Case, fault: Fault, estimate: float | None) -> float | None:
     """Against (1 − loss) × true over nominal torque constant: what is left of the one it believes in."""
-    if estimate is None or fault.wheel is None:
+    if estimate is None or fault.wheel is None or "loss" not in fault.numbers:
         return None
     left = (1.0 - float(fault.numbers["loss"])) * case.errors.torque_constants[fault.wheel - 1]
     return estimate - left

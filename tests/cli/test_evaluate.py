@@ -9,7 +9,7 @@ import pytest
     ("argv", "told"),
     [
         (["--suite", "race"], "--suite: unknown suite 'race'; choices: manoeuvres, missions"),
-        (["--method", "best"], "--method: found 'best'"),
+        (["--method", "best"], "--method: unknown method 'best'; choices: off"),
         (["--plant", "real"], "--plant: unknown plant 'real'; choices: planar, twin"),
         (["--plant", "planar,,twin"], "names with commas between them"),
         (["--faults", "slipp"], "--faults: unknown class of faults 'slipp'; did you mean 'slip'?"),
@@ -17,6 +17,9 @@ import pytest
         (["--trials", "0"], "--trials: found '0'; must be a whole number, at least 1"),
         (["--seed", "-1"], "--seed: found '-1'"),
         (["--workers", "many"], "--workers: found 'many'"),
+        (["--set", "floor=pvc"], "--set floor: is none of them; cases are drawn"),
+        (["--set", "diagnosis.variant=best"], "--set: diagnosis.variant: unknown variant 'best'"),
+        (["--set", "diagnosis.colour=red"], "unknown key"),
         (["--sede", "1"], "unknown option '--sede'; did you mean '--seed'?"),
     ],
 )

@@ -11,6 +11,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from omnimj.evaluation.believed import believed
 from omnimj.evaluation.cases import FLOORS, PLANTS, SUITES, Choice, draw_case, reference_of
 from omnimj.evaluation.drawn_faults import CLASSES, EIGHT, NONE
 from omnimj.evaluation.driving import drive_case, make_plant
@@ -131,12 +132,11 @@ def test_the_true_robot_differs_from_the_nominal_one_within_its_bounds_and_the_d
 
 @pytest.mark.parametrize("plant", PLANTS)
 def test_both_plants_carry_the_heaviest_and_the_lightest_robot_on_every_floor(plant):
-    nominal, floors = read_robot(), read_floors()
-    case = MANY[0]
+    nominal, case = read_robot(), MANY[0]
     for floor, payload in zip(FLOORS, (PAYLOAD, -PAYLOAD, PAYLOAD, -PAYLOAD), strict=True):
         errors = dataclasses.replace(case.errors, payload=payload)
         heavy = dataclasses.replace(case, plant=plant, floor=floor, errors=errors)
-        made = make_plant(heavy, nominal, floors[floor], ())
+        made = make_plant(heavy, believed(heavy), ())
         made.reset()
         normal = made.truth()[[made.truth_names.index(f"normal_force_{i}") for i in (1, 2, 3, 4)]]
         made.close()

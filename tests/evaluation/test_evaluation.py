@@ -46,9 +46,9 @@ def telling(monkeypatch):
         known = []
         drive_case = driving.drive_case
 
-        def told(case, method):
+        def told(case, method, settings):
             known[:] = [case]
-            return drive_case(case, method)
+            return drive_case(case, method, settings)
 
         def make_method(name, *_, **__):
             return None if name == "off" else make(known[0])
@@ -67,7 +67,7 @@ def numbers(folder: Path) -> dict:
 
 def test_a_perfect_method_gets_everything_right(tmp_path, telling):
     telling(perfect)
-    order = Order(tmp_path / "out", SHORT, "perfect", 24)
+    order = Order(tmp_path / "out", SHORT, "perfect", trials=24)
     outcome = run_evaluation(order, quiet, Here())
     summary = outcome.summary
     assert outcome.failed == 0 and summary.cases == 24
@@ -85,7 +85,7 @@ def test_a_perfect_estimate_has_no_error(tmp_path, telling, monkeypatch):
     telling(perfect)
     monkeypatch.setattr(driving, "time_after_use", partial(driving.time_after_use, seconds=0.5))
     choice = Choice("missions", 100, faults=("motor",), duration=10.0)
-    summary = run_evaluation(Order(tmp_path / "out", choice, "perfect", 3), quiet, Here()).summary
+    summary = run_evaluation(Order(tmp_path / "out", choice, "perfect", trials=3), quiet, Here()).summary
     assert summary.estimate.count > 0
     assert summary.estimate.p95 == pytest.approx(0.0, abs=1e-12)
 
@@ -93,7 +93,7 @@ def test_a_perfect_estimate_has_no_error(tmp_path, telling, monkeypatch):
 def test_one_that_cries_wolf_is_counted(tmp_path, telling):
     telling(crying_wolf)
     choice = dataclasses.replace(SHORT, faults=("none", "slip"))
-    outcome = run_evaluation(Order(tmp_path / "out", choice, "wolf", 12), quiet, Here())
+    outcome = run_evaluation(Order(tmp_path / "out", choice, "wolf", trials=12), quiet, Here())
     summary = outcome.summary
     healthy = sum(summary.confusion["none"].values())
     assert summary.confusion["none"] == {"motor 1": healthy}
@@ -108,7 +108,7 @@ def test_one_that_cries_wolf_is_counted(tmp_path, telling):
 
 def test_rows_of_the_confusion_matrix_sum_to_the_cases(tmp_path, telling):
     telling(crying_wolf)
-    outcome = run_evaluation(Order(tmp_path / "out", SHORT, "wolf", 10), quiet, Here())
+    outcome = run_evaluation(Order(tmp_path / "out", SHORT, "wolf", trials=10), quiet, Here())
     rows = outcome.summary.confusion
     assert sum(sum(row.values()) for row in rows.values()) == 10
     for truth, row in rows.items():

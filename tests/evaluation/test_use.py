@@ -9,7 +9,7 @@ from omnimj.evaluation.use import demanded_traction, excursions, first_time, in_
 from omnimj.plant.conditions import Fault
 from omnimj.signals import Trace
 
-TIME = np.arange(1000) * 1e-3
+TIME = np.linspace(0.0, 0.999, 1000)
 
 
 def traced(**columns) -> Trace:
