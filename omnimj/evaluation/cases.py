@@ -53,7 +53,7 @@ SUITES: Mapping[str, Suite] = MappingProxyType(
     {
         "missions": Suite(
             "missions",
-            "60 s of random legs at 0.2-1.0 m/s with turns, stops and reversals; half without a fault",
+            "60 s of random legs at 0.2-1.0 m/s with turns, stops and reversals",
             60.0,
             0.5,
             (0.05, 0.75),
@@ -61,7 +61,7 @@ SUITES: Mapping[str, Suite] = MappingProxyType(
         ),
         "manoeuvres": Suite(
             "manoeuvres",
-            "5 s from rest to rest in 24 directions at low and high speed; a fifth without a fault",
+            "5 s from rest to rest in 24 directions at low and high speed",
             5.0,
             0.2,
             (_START / 5.0, 0.8),

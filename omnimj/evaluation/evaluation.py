@@ -30,7 +30,7 @@ from omnimj.evaluation.scoring import CaseScore, score_case
 from omnimj.evaluation.summary import Summary, summarise
 from omnimj.recording.folder import check_folder
 from omnimj.scenario.methods import require_method
-from omnimj.trials.pool import Report, do_all, with_workers
+from omnimj.trials.pool import Report, Workers, with_workers
 from omnimj.trials.results import keep_in, plain, read_result, write_json, write_text
 from omnimj.trials.tables import Table, markdown
 
@@ -96,8 +96,8 @@ def run_evaluation(order: Order, report: Report, executor: Executor | None = Non
         case.name: (case, order.method, order.settings) for case in cases if not _is_driven(folder, case)
     }
 
-    def work(pool: Executor) -> None:
-        do_all(pool, drive_case, missing, keep_in(folder), "driving", report)
+    def work(workers: Workers) -> None:
+        workers.do_all(drive_case, missing, keep_in(folder), "driving", report)
 
     finished = with_workers(work, order.workers, executor) if missing else True
     return _judged(order, cases, not finished)

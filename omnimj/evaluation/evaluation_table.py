@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from math import isinf
 
 from omnimj.evaluation.cases import SUITES, Choice, is_judging
+from omnimj.evaluation.drawn_faults import CLASSES, NONE
 from omnimj.evaluation.scoring import AMBIGUOUS, HEADING_FLOOR, PATH_FLOOR, SEVERAL, order_of
 from omnimj.evaluation.summary import GOAL_GROUPS, Delays, FactorSummary, GroupSummary, Ratios, Summary
 from omnimj.trials.rates import EventRate
@@ -45,6 +46,7 @@ def header(choice: Choice, summary: Summary, planned: int, failed: int) -> list[
     lines = [
         judged,
         f"{summary.cases} of {planned} cases, {summary.hours:.3g} h: {suite.name}, {suite.description}; "
+        f"{_drawn(choice)}; "
         f"plant {', '.join(choice.plants)}; floors {', '.join(choice.floors)}; payload within ±20 % "
         "of the mass; true constants off the believed ones (torque constants ±3 %, friction ±20 %, "
         "mass ±3 %, inertias ±5 %, floor numbers ±20 %).",
@@ -58,6 +60,15 @@ def header(choice: Choice, summary: Summary, planned: int, failed: int) -> list[
     if failed:
         lines.append(f"{failed} cases broke down and are left out: `errors` in evaluation.json.")
     return lines
+
+
+def _drawn(choice: Choice) -> str:
+    """Of which faults the cases are."""
+    broken = [name for name in CLASSES if name in choice.faults and name != NONE]
+    if not broken:
+        return "no faults"
+    share = f"{100.0 * SUITES[choice.suite].healthy:.0f} %" if NONE in choice.faults else "none"
+    return f"{share} without a fault, else {', '.join(broken)}"
 
 
 def tables(summary: Summary) -> list[Table]:

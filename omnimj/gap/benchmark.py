@@ -29,7 +29,7 @@ from omnimj.gap.benchmark_seal import holds, is_sealed, open_seal, seal
 from omnimj.gap.benchmark_summary import Summary, summarise
 from omnimj.gap.benchmark_table import HEADING, header, tables
 from omnimj.recording.folder import check_folder
-from omnimj.trials.pool import Report, do_all, with_workers
+from omnimj.trials.pool import Report, Workers, with_workers
 from omnimj.trials.results import has_result, keep_in, plain, read_result, write_json, write_text
 from omnimj.trials.tables import Table, markdown
 
@@ -89,7 +89,7 @@ def run_benchmark(order: Order, report: Report, executor: Executor | None = None
       SimulationError: A worker died; what was finished is kept.
     """
     cases = _prepared(order)[: order.cases]
-    finished = with_workers(lambda pool: _work(order, cases, pool, report), order.workers, executor)
+    finished = with_workers(lambda workers: _work(order, cases, workers, report), order.workers, executor)
     return _scored(order, [case.name for case in cases], not finished)
 
 
@@ -121,7 +121,7 @@ def _prepared(order: Order) -> list[Case]:
     return cases
 
 
-def _work(order: Order, cases: list[Case], pool: Executor, report: Report) -> None:
+def _work(order: Order, cases: list[Case], workers: Workers, report: Report) -> None:
     """Datasets, searches, and only then, with the seal open, the true models' fits."""
     folders = {case.name: order.out / "datasets" / case.name for case in cases}
     making = {
@@ -130,13 +130,13 @@ def _work(order: Order, cases: list[Case], pool: Executor, report: Report) -> No
         if not folders[case.name].is_dir()
     }
     results = order.out / "results"
-    do_all(pool, make_dataset, making, keep_in(results), "making", report)
+    workers.do_all(make_dataset, making, keep_in(results), "making", report)
     searching = {
         name: (str(path),)
         for name, path in folders.items()
         if path.is_dir() and not has_result(results, name)
     }
-    do_all(pool, benchmark_work.search_case, searching, keep_in(results), "searching", report)
+    workers.do_all(benchmark_work.search_case, searching, keep_in(results), "searching", report)
     scored = order.out / "scored"
     fitting = {
         case.name: (str(folders[case.name]), case.as_plain()["hidden"])
@@ -146,7 +146,7 @@ def _work(order: Order, cases: list[Case], pool: Executor, report: Report) -> No
         and has_result(results, case.name)
         and not has_result(scored, case.name)
     }
-    do_all(pool, benchmark_work.fit_truth, fitting, keep_in(scored), "fitting the truth", report)
+    workers.do_all(benchmark_work.fit_truth, fitting, keep_in(scored), "fitting the truth", report)
 
 
 def _scored(order: Order, names: list[str], interrupted: bool) -> Outcome:

@@ -17,8 +17,47 @@ Report = Callable[[str, float], None]
 """Called with a phrase and the share that is done; may raise KeyboardInterrupt."""
 
 
-def with_workers(work: Callable[[Executor], None], workers: int, executor: Executor | None = None) -> bool:
-    """Does work that needs an executor.
+class Workers:
+    """Those who do the work: processes started here, or somebody's executor."""
+
+    def __init__(self, pool: Executor, is_own: bool):
+        self._pool, self._is_own = pool, is_own
+
+    def do_all(
+        self,
+        function: Callable[..., Any],
+        tasks: Mapping[str, tuple],
+        keep: Callable[[str, Any], None],
+        phrase: str,
+        report: Report,
+    ) -> None:
+        """Does all tasks, each result kept as it comes; what broke down is kept as `{"error": …}`.
+
+        Args:
+          function: Of a module, since it travels by name.
+          tasks: Name → arguments.
+          keep: Called with the name and what the function returned.
+          phrase: What is being done, for the report.
+          report: Called after each.
+        """
+        futures = {self._pool.submit(function, *given): name for name, given in tasks.items()}
+        try:
+            report(phrase, 0.0)
+            for done, future in enumerate(as_completed(futures), start=1):
+                try:
+                    keep(futures[future], future.result())
+                except OmnimjError as error:
+                    keep(futures[future], {"error": str(error)})
+                report(f"{phrase}: {done} of {len(futures)}", done / len(futures))
+        except KeyboardInterrupt:
+            if not self._is_own:  # own processes end with all they have
+                for future in futures:
+                    future.cancel()
+            raise
+
+
+def with_workers(work: Callable[[Workers], None], workers: int, executor: Executor | None = None) -> bool:
+    """Does work that needs many hands.
 
     Args:
       work: Called once; what it finished before an interruption is its own to keep.
@@ -35,7 +74,7 @@ def with_workers(work: Callable[[Executor], None], workers: int, executor: Execu
     pool = executor or ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), initializer=_deaf)
     finished = False
     try:
-        work(pool)
+        work(Workers(pool, executor is None))
         finished = True
     except KeyboardInterrupt:
         pass
@@ -49,8 +88,11 @@ def with_workers(work: Callable[[Executor], None], workers: int, executor: Execu
 
 
 def _end(pool: Executor, before: set, finished: bool) -> None:
-    """Ends the workers; at once when the work was broken off."""
-    pool.shutdown(wait=finished, cancel_futures=not finished)
+    """Ends the workers; at once when the work was broken off.
+
+    Nothing is cancelled then: the pool's own thread stumbles over cancelled work when its workers vanish.
+    """
+    pool.shutdown(wait=finished)
     if not finished:
         for child in set(multiprocessing.active_children()) - before:
             child.terminate()
@@ -59,36 +101,3 @@ def _end(pool: Executor, before: set, finished: bool) -> None:
 def _deaf() -> None:
     """Ctrl-C is for the parent, which ends its workers itself."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-def do_all(
-    pool: Executor,
-    function: Callable[..., Any],
-    tasks: Mapping[str, tuple],
-    keep: Callable[[str, Any], None],
-    phrase: str,
-    report: Report,
-) -> None:
-    """Does all tasks, each result kept as it comes; what broke down is kept as `{"error": …}`.
-
-    Args:
-      pool: Runs them.
-      function: Of a module, since it travels by name.
-      tasks: Name → arguments.
-      keep: Called with the name and what the function returned.
-      phrase: What is being done, for the report.
-      report: Called after each.
-    """
-    futures = {pool.submit(function, *arguments): name for name, arguments in tasks.items()}
-    try:
-        report(phrase, 0.0)
-        for done, future in enumerate(as_completed(futures), start=1):
-            try:
-                keep(futures[future], future.result())
-            except OmnimjError as error:
-                keep(futures[future], {"error": str(error)})
-            report(f"{phrase}: {done} of {len(futures)}", done / len(futures))
-    except KeyboardInterrupt:
-        for future in futures:
-            future.cancel()
-        raise
