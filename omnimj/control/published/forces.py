@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from omnimj.control.standstill import REST_WHEEL_SPEED
+from omnimj.parameters.parts import Sensors
 from omnimj.physics.native import kernel
 
 RESIDUAL_LAG = 0.015
@@ -13,6 +16,16 @@ The text has none, and says nothing of how it differentiates."""
 
 LONGEST_GAP = 0.1
 """The observer bridges no longer gap between two measurements [s]."""
+
+
+def matching_lags(sensors: Sensors) -> np.ndarray:
+    """Lags that make currents and accelerations as late as the wheel speeds are, shape (2,) [s].
+
+    The amplifiers filter their speeds; a wheel that spins up takes most of its torque itself, so that a
+    current that comes earlier than its acceleration makes force out of nothing.
+    """
+    accelerometer = 1.0 / (2.0 * math.pi * sensors.accelerometer_bandwidth)
+    return np.array([sensors.speed_filter, max(sensors.speed_filter - accelerometer, 0.0)])
 
 
 @kernel
@@ -40,9 +53,9 @@ def beyond(value, low, high):
 
 
 @kernel
-def lagged(before, now, time):
-    """First-order lag of `RESIDUAL_LAG` after `time` seconds of a constant input, from `before` to `now`."""
-    return now + (before - now) * math.exp(-time / RESIDUAL_LAG)
+def lagged(before, now, time, lag):
+    """First-order lag after `time` seconds of a constant input, from `before` to `now`; a lag of 0: none."""
+    return now + (before - now) * math.exp(-time / lag) if lag > 0.0 else now
 
 
 @kernel

@@ -10,7 +10,7 @@ import numpy as np
 
 from omnimj.control.published import rig_residuals
 from omnimj.control.published.choice import Choice
-from omnimj.control.published.forces import LONGEST_GAP
+from omnimj.control.published.forces import LONGEST_GAP, matching_lags
 from omnimj.control.published.tables import MOTOR, SLIP, rig_fault
 from omnimj.control.published.thresholds import Thresholds
 from omnimj.parameters import Floor, Rig
@@ -63,7 +63,8 @@ class PublishedRig:
 
     def __init__(self, rig: Rig, floor: Floor, mass: float | None, thresholds: Thresholds, choice: Choice):
         motor = driven_by_measured_current(motor_row(rig.motor))
-        self._numbers = rig_row(rig, mass), motor, floor.row, no_terms()[0], choice.printed
+        lags = matching_lags(rig.sensors)
+        self._numbers = rig_row(rig, mass), motor, floor.row, no_terms()[0], lags, choice.printed
         self._thresholds, self._most_current = thresholds, rig.sensors.current_monitor_range
 
     def start(self, measurement: RigMeasurement) -> RigState:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from omnimj.control.published.forces import beyond, lagged, moving_or_resting, root_mean_square
+from omnimj.control.published.forces import RESIDUAL_LAG, beyond, lagged, moving_or_resting, root_mean_square
 from omnimj.physics import rig
 from omnimj.physics.native import kernel
 from omnimj.physics.wheel import INERTIA, RADIUS
@@ -17,10 +17,11 @@ STEP = 2.5e-4
 _REST_LATERAL = 0.01  # [m/s] a gantry that is slower stands: its sign would be that of the noise
 
 # a row of the observer: the model's state, then what the residuals need
-BEFORE, FORCE, SPEED_SQUARES, FORCE_SQUARES, SPAN = range(rig.STATE, rig.STATE + 5)
-R1_RAW, R1, R2 = range(rig.STATE + 5, rig.STATE + 8)
-ROW = rig.STATE + 8
-"""Length of an observer's row: model | last φ̇ | r2 behind its filter | ∫ r1², ∫ r2² | time | r1, R1, R2."""
+BEFORE, LATE_CURRENT, LATE_ACCELERATION, FORCE = range(rig.STATE, rig.STATE + 4)
+SPEED_SQUARES, FORCE_SQUARES, SPAN, R1, R2 = range(rig.STATE + 4, rig.STATE + 9)
+ROW = rig.STATE + 9
+"""Length of an observer's row: model | last φ̇ | i and s̈ as late as φ̇ | r2 behind its filter | ∫ r1², ∫ r2² |
+time | R1, R2."""
 
 
 @kernel
@@ -56,7 +57,9 @@ def force_difference(row, motor, current, wheel_speed, acceleration, speed, s_dd
 
 
 @kernel
-def observe(observer, current, wheel_speed, speed, s_ddot, lateral, time, row, motor, floor, terms, printed):
+def observe(
+    observer, current, wheel_speed, speed, s_ddot, lateral, time, row, motor, floor, terms, lags, printed
+):
     """Advances an observer's row by `time` seconds to the newest measurement, in place."""
     if abs(lateral) < _REST_LATERAL:
         lateral = 0.0
@@ -64,15 +67,17 @@ def observe(observer, current, wheel_speed, speed, s_ddot, lateral, time, row, m
     if time > 0.0:
         steps = max(1, int(np.ceil(time / STEP - 1e-6)))
         rig.step(observer, current, lateral, row, motor, floor, terms, time / steps, steps, printed, output)
+        i = lagged(observer[LATE_CURRENT], current, time, lags[0])
+        a = lagged(observer[LATE_ACCELERATION], s_ddot, time, lags[1])
         change = (wheel_speed - observer[BEFORE]) / time
-        r2 = force_difference(row, motor, current, wheel_speed, change, speed, s_ddot, lateral, printed)
-        observer[FORCE] = lagged(observer[FORCE], r2, time)
+        r2 = force_difference(row, motor, i, wheel_speed, change, speed, a, lateral, printed)
+        observer[FORCE] = lagged(observer[FORCE], r2, time, RESIDUAL_LAG)
+        observer[LATE_CURRENT], observer[LATE_ACCELERATION] = i, a
     r1 = wheel_speed - observer[rig.WHEEL_SPEED]
     observer[SPEED_SQUARES] += r1 * r1 * time
     observer[FORCE_SQUARES] += observer[FORCE] * observer[FORCE] * time
     observer[SPAN] += time
     observer[BEFORE] = wheel_speed
-    observer[R1_RAW] = r1
     observer[R1] = root_mean_square(observer[SPEED_SQUARES], observer[SPAN])
     observer[R2] = root_mean_square(observer[FORCE_SQUARES], observer[SPAN])
 

@@ -12,7 +12,7 @@ from omnimj.control.controller import is_good
 from omnimj.control.method import Advice
 from omnimj.control.published import robot_residuals
 from omnimj.control.published.choice import Choice
-from omnimj.control.published.forces import LONGEST_GAP
+from omnimj.control.published.forces import LONGEST_GAP, matching_lags
 from omnimj.control.published.recovery import (
     WeightedKinematics,
     lost_share,
@@ -100,6 +100,7 @@ class PublishedRobot:
         self._rows = constants.body, constants.wheels
         self._floors, self._terms = np.tile(floor.row, (n, 1)), no_terms(n)
         self._healthy = driven_by_measured_current(np.tile(motor_row(robot.motor), (n, 1)))
+        self._lags = matching_lags(robot.sensors)
         self._most_current = robot.sensors.current_monitor_range
         self._radius, self._thresholds = robot.wheel.radius, thresholds
         self._axis = np.abs(u).argmax(axis=1).tolist()
@@ -128,7 +129,7 @@ class PublishedRobot:
         current = np.clip(m.current, -self._most_current, self._most_current)
         robot_residuals.observe(
             observer, current, m.wheel_speed, m.acceleration, passed, *self._rows, state.motors,
-            self._floors, self._terms, self._odometry, self._printed,
+            self._floors, self._terms, self._odometry, self._lags, self._printed,
         )  # fmt: skip
         state = dataclasses.replace(state, time=m.time, observer=observer)
         state = self._estimate(state, m) if state.estimating >= 0 else self._judge(state)
@@ -230,7 +231,9 @@ class PublishedRobot:
     def _align(self, observer: Array, measurement: Measurement) -> None:
         """Puts the model where the wheel speeds say the robot is, at rest below their noise."""
         n, speeds = self._wheels, measurement.wheel_speed
-        observer[robot_residuals.before_at(n) :][:n] = speeds
+        at = robot_residuals.before_at(n)
+        observer[at : at + n] = speeds
+        observer[at + 2 * n : at + 3 * n + 2] = *measurement.current, *measurement.acceleration
         if np.abs(speeds).max() > REST_WHEEL_SPEED:
             observer[n : 2 * n] = speeds
             observer[2 * n : 2 * n + 3] = self._odometry @ speeds * self._radius

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from omnimj.control.published.forces import beyond, lagged, moving_or_resting, root_mean_square
+from omnimj.control.published.forces import RESIDUAL_LAG, beyond, lagged, moving_or_resting, root_mean_square
 from omnimj.physics import planar
 from omnimj.physics.motor import EFFICIENCY, NO_LOAD, RATIO
 from omnimj.physics.native import kernel
@@ -31,8 +31,8 @@ STEP = 2.5e-4
 def before_at(wheels):
     """Where the last wheel speeds begin in an observer's row for n wheels.
 
-    The row: planar state | last φ̇ (n) | rollers' deflection (n) | r7, r8 behind their filter | ∫ r7², ∫ r8² |
-    time | r3 … (n) | R7, R8.
+    The row: planar state | last φ̇ (n) | rollers' deflection (n) | i (n), a (2) as late as φ̇ | r7, r8 behind
+    their filter | ∫ r7², ∫ r8² | time | r3 … (n) | R7, R8.
     """
     return 7 * wheels + 7
 
@@ -40,13 +40,13 @@ def before_at(wheels):
 @kernel
 def residuals_at(wheels):
     """Where r3 … begin in an observer's row for n wheels; R7 and R8 follow them."""
-    return 9 * wheels + 12
+    return 10 * wheels + 14
 
 
 @kernel
 def row_size(wheels):
     """Length of an observer's row for n wheels."""
-    return 10 * wheels + 14
+    return 11 * wheels + 16
 
 
 @kernel
@@ -117,8 +117,9 @@ def force_difference(
 
 @kernel
 def observe(
-    observer, current, wheel_speed, acceleration, time, body, wheels, motors, floors, terms, odometry, printed
-):
+    observer, current, wheel_speed, acceleration, time, body, wheels, motors, floors, terms, odometry,
+    lags, printed,
+):  # fmt: skip
     """Advances an observer's row by `time` seconds to the newest measurement, in place.
 
     Args:
@@ -133,24 +134,31 @@ def observe(
       floors: `Floor.row` per wheel, shape (n, ROW).
       terms: No effects, shape (n, TERMS).
       odometry: Body twist from rolling speeds, shape (3, n).
+      lags: From `forces.matching_lags`.
       printed: The equations as printed.
     """
     n = wheels.shape[0]
     at = before_at(n)
     before, rollers = observer[at : at + n], observer[at + n : at + 2 * n]
-    filtered, squares = observer[at + 2 * n : at + 2 * n + 2], observer[at + 2 * n + 2 : at + 2 * n + 4]
+    late, rest = observer[at + 2 * n : at + 3 * n + 2], at + 3 * n + 2
+    filtered, squares = observer[rest : rest + 2], observer[rest + 2 : rest + 4]
     if time > 0.0:
         steps = max(1, int(np.ceil(time / STEP - 1e-6)))
         output = np.empty(5 * n + 2)
         planar.step(
             observer[:at], current, body, wheels, motors, floors, terms, time / steps, steps, printed, output
         )
+        for i in range(n):
+            late[i] = lagged(late[i], current[i], time, lags[0])
+        for axis in range(2):
+            late[n + axis] = lagged(late[n + axis], acceleration[axis], time, lags[1])
         r7, r8 = force_difference(
-            rollers, before, current, wheel_speed, acceleration, time, body, wheels, motors, odometry, printed
+            rollers, before, late[:n], wheel_speed, late[n:], time, body, wheels, motors, odometry, printed
         )
-        filtered[0], filtered[1] = lagged(filtered[0], r7, time), lagged(filtered[1], r8, time)
-    observer[at + 2 * n + 4] += time
-    first, span = residuals_at(n), observer[at + 2 * n + 4]
+        filtered[0] = lagged(filtered[0], r7, time, RESIDUAL_LAG)
+        filtered[1] = lagged(filtered[1], r8, time, RESIDUAL_LAG)
+    observer[rest + 4] += time
+    first, span = residuals_at(n), observer[rest + 4]
     for i in range(n):
         observer[first + i] = wheel_speed[i] - observer[n + i]
         before[i] = wheel_speed[i]
