@@ -11,6 +11,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from omnimj.evaluation import driving
 from omnimj.evaluation.believed import believed
 from omnimj.evaluation.cases import FLOORS, PLANTS, SUITES, Choice, draw_case, reference_of
 from omnimj.evaluation.drawn_faults import CLASSES, EIGHT, NONE
@@ -149,3 +150,24 @@ def test_a_task_travels_to_other_processes_and_a_case_to_json():
         function, (again, method) = pickle.loads(pickle.dumps((drive_case, (case, "off"))))
         assert function is drive_case and again == case and method == "off"
         assert json.loads(json.dumps(case.as_plain())) == plain(case.as_plain())
+
+
+def test_method_and_controller_are_told_the_nominal_robot_and_floor_and_no_fault(monkeypatch):
+    told = []
+    monkeypatch.setattr(driving, "make_method", lambda name, scenario: told.append(scenario))
+    case = next(c for c in MANY if c.fault == "two" and c.suite == "manoeuvres")
+    result = drive_case(dataclasses.replace(case, duration=2.5), "any")
+    assert "error" not in result and len(told) == 3
+    for scenario in told:
+        assert scenario.faults == () and scenario.patches == () and not scenario.constants.effects
+        assert scenario.constants == read_robot() and scenario.floors == read_floors()
+        assert scenario.floor == case.floor
+
+
+def test_with_and_without_the_method_the_same_noise_comes():
+    case = dataclasses.replace(MANY[0], duration=1.0)
+    scenario = believed(case)
+    first, again = (make_plant(case, scenario, ()).reset() for _ in range(2))
+    assert np.array_equal(first.wheel_speed, again.wheel_speed) and first.yaw_rate == again.yaw_rate
+    other = make_plant(dataclasses.replace(case, noise=case.noise + 1), scenario, ()).reset()
+    assert not np.array_equal(first.current, other.current)
