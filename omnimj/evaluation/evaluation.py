@@ -4,6 +4,7 @@ The folder:
   evaluation_plan.json  what was asked
   cases/case_….json     the truth of a case and what its runs gave
   evaluation.json, evaluation.md
+In JSON a delay without end is null, like one that there is none of; `found` and `named` tell them apart.
 What is there is kept: an evaluation that was broken off goes on where it stood, and one with more trials
 takes up those that were driven.
 """
