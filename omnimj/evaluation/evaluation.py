@@ -4,7 +4,7 @@ The folder:
   evaluation_plan.json  what was asked
   cases/case_….json     the truth of a case and what its runs gave
   evaluation.json, evaluation.md
-In JSON a delay without end is null, like one that there is none of; `found` and `named` tell them apart.
+In JSON a delay without end is null; one since first use is null too where `in_use` of the case's faults is.
 What is there is kept: an evaluation that was broken off goes on where it stood, and one with more trials
 takes up those that were driven.
 """
