@@ -13,6 +13,14 @@ def add_floors(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--floors", metavar="FILE", type=Path, help=words)
 
 
+def names(text: str) -> tuple[str, ...]:
+    """A kind for argparse: names with commas between them."""
+    found = tuple(name.strip() for name in text.split(","))
+    if not all(found):
+        raise argparse.ArgumentTypeError(f"found {text[:40]!r}; names with commas between them are needed")
+    return found
+
+
 def whole_number(low: int, high: int) -> Callable[[str], int]:
     """A kind for argparse: a whole number in plain digits, low … high."""
 

@@ -9,7 +9,7 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import add_floors, whole_number
+from omnimj.cli.arguments import add_floors, names, whole_number
 from omnimj.cli.gap_benchmark import add_benchmark_arguments, run_gap_benchmark
 from omnimj.cli.progress import ProgressBar
 from omnimj.errors import InputError, SimulationError
@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--holdout",
         metavar="NAMES",
-        type=_names,
+        type=names,
         default=(),
         help="runs or conditions to judge by, comma separated; drawn by the seed by default",
     )
@@ -52,13 +52,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="of what is held out and of the random curves, or of the benchmark (default 0)",
     )
     add_benchmark_arguments(parser)
-
-
-def _names(text: str) -> tuple[str, ...]:
-    names = tuple(name.strip() for name in text.split(","))
-    if not all(names):
-        raise argparse.ArgumentTypeError(f"found {text[:40]!r}; names with commas between them are needed")
-    return names
 
 
 def run(arguments: Any) -> int:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
 from omnimj import __version__
+from omnimj.cli import evaluate as evaluate_command
 from omnimj.cli import gap as gap_command
 from omnimj.cli import identify as identify_command
 from omnimj.cli import record as record_command
@@ -77,6 +78,7 @@ def make_parser() -> Parser:
         ("identify", identify_command),
         ("validate", validate_command),
         ("gap", gap_command),
+        ("evaluate", evaluate_command),
     ):
         add(name, module.HELP, module.EXAMPLE, module.add_arguments, module.run)
     bench = "measure speed: steps per second, times real time, overhead of the callback, batch scaling"

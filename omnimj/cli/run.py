@@ -23,14 +23,15 @@ HELP = "drive one scenario and judge it by its checks"
 EXAMPLE = """examples:
   omnimj run nylon_patch
   omnimj run nylon_patch --set floor=pvc --set drive.speed=0.8 --out out/nylon
-  omnimj run degraded_motor --plant planar --seed 3 --json"""
+  omnimj run degraded_motor --plant planar --seed 3 --json
+  omnimj run degraded_motor --method published --set diagnosis.thresholds=printed"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the sub-command."""
     parser.add_argument("scenario", help="a name from `omnimj scenarios`, or a path to a TOML file")
     parser.add_argument("--plant", metavar="P", help="twin (default) or planar")
-    parser.add_argument("--method", metavar="M", default="off", help="diagnosis; this version has only: off")
+    parser.add_argument("--method", metavar="M", default="off", help="diagnosis: off (default) or published")
     parser.add_argument(
         "--seed", metavar="N", type=_seed, default=0, help="of the sensors' noise (default 0)"
     )

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from omnimj.signals import Array, Diagnosis, Measurement, RigMeasurement
+from omnimj.signals import Array, Diagnosis
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ class Method(Protocol):
     def step(
         self,
         state: Any,
-        measurement: Measurement | RigMeasurement,
+        measurement: Any,
         command: Array | None = None,
         bias: float = 0.0,
     ) -> Any:
@@ -66,7 +66,7 @@ class Method(Protocol):
 
         Args:
           state: From the step before.
-          measurement: The newest.
+          measurement: The newest: `Measurement` of a robot, `RigMeasurement` of the rig.
           command: Set currents of the period that it ends, shape (n,) [A]; None where nobody knows.
           bias: What the gyro is believed to read at rest [rad/s].
         """

@@ -14,28 +14,26 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import multiprocessing
-import signal
-from collections.abc import Callable, Mapping
-from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, as_completed
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import omnimj
-from omnimj.errors import InputError, OmnimjError, SimulationError, UnknownNameError
+from omnimj.errors import InputError, UnknownNameError
 from omnimj.gap import benchmark_work
 from omnimj.gap.benchmark_cases import TUNING_SEEDS, Case, case_of, draw_cases
 from omnimj.gap.benchmark_making import MAKERS, PLANT, make_dataset
 from omnimj.gap.benchmark_scoring import CaseScore, score_case
 from omnimj.gap.benchmark_seal import holds, is_sealed, open_seal, seal
 from omnimj.gap.benchmark_summary import Summary, summarise
-from omnimj.gap.benchmark_table import Table, header, markdown, tables
-from omnimj.gap.digest import plain
-from omnimj.recording.folder import check_folder, whole_file
+from omnimj.gap.benchmark_table import HEADING, header, tables
+from omnimj.recording.folder import check_folder
+from omnimj.trials.pool import Report, Workers, with_workers
+from omnimj.trials.results import has_result, keep_in, plain, read_result, write_json, write_text
+from omnimj.trials.tables import Table, markdown
 
 PLAN, NUMBERS, TEXT = "benchmark_plan.json", "benchmark.json", "benchmark.md"
-Report = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
@@ -91,36 +89,8 @@ def run_benchmark(order: Order, report: Report, executor: Executor | None = None
       SimulationError: A worker died; what was finished is kept.
     """
     cases = _prepared(order)[: order.cases]
-    before = set(multiprocessing.active_children())
-    pool = executor or ProcessPoolExecutor(
-        order.workers, multiprocessing.get_context("spawn"), initializer=_deaf
-    )
-    finished = False
-    try:
-        _work(order, cases, pool, report)
-        finished = True
-    except KeyboardInterrupt:
-        pass
-    except BrokenExecutor:
-        words = "a worker died; what was finished is kept, and the same command goes on from there"
-        raise SimulationError(words) from None
-    finally:
-        if executor is None:
-            _end(pool, before, finished)
+    finished = with_workers(lambda workers: _work(order, cases, workers, report), order.workers, executor)
     return _scored(order, [case.name for case in cases], not finished)
-
-
-def _end(pool: Executor, before: set, finished: bool) -> None:
-    """Ends the workers; at once when the work was broken off."""
-    pool.shutdown(wait=finished, cancel_futures=not finished)
-    if not finished:
-        for child in set(multiprocessing.active_children()) - before:
-            child.terminate()
-
-
-def _deaf() -> None:
-    """Ctrl-C is for the parent, which ends its workers itself."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _prepared(order: Order) -> list[Case]:
@@ -147,11 +117,11 @@ def _prepared(order: Order) -> list[Case]:
     except OSError as error:
         raise InputError(f"--out {order.out}", f"cannot be written ({error.strerror})") from None
     seal(sealed, labels)
-    _write(plan, order.plan())
+    write_json(plan, order.plan())
     return cases
 
 
-def _work(order: Order, cases: list[Case], pool: Executor, report: Report) -> None:
+def _work(order: Order, cases: list[Case], workers: Workers, report: Report) -> None:
     """Datasets, searches, and only then, with the seal open, the true models' fits."""
     folders = {case.name: order.out / "datasets" / case.name for case in cases}
     making = {
@@ -160,67 +130,23 @@ def _work(order: Order, cases: list[Case], pool: Executor, report: Report) -> No
         if not folders[case.name].is_dir()
     }
     results = order.out / "results"
-    _all(pool, make_dataset, making, _keep_in(results), "making", report)
+    workers.do_all(make_dataset, making, keep_in(results), "making", report)
     searching = {
-        name: (str(path),) for name, path in folders.items() if path.is_dir() and not _has(results, name)
+        name: (str(path),)
+        for name, path in folders.items()
+        if path.is_dir() and not has_result(results, name)
     }
-    _all(pool, benchmark_work.search_case, searching, _keep_in(results), "searching", report)
+    workers.do_all(benchmark_work.search_case, searching, keep_in(results), "searching", report)
     scored = order.out / "scored"
     fitting = {
         case.name: (str(folders[case.name]), case.as_plain()["hidden"])
         for case in map(case_of, open_seal(order.out / "sealed"))
-        if case.name in folders and case.hidden and _has(results, case.name) and not _has(scored, case.name)
+        if case.name in folders
+        and case.hidden
+        and has_result(results, case.name)
+        and not has_result(scored, case.name)
     }
-    _all(pool, benchmark_work.fit_truth, fitting, _keep_in(scored), "fitting the truth", report)
-
-
-def _all(
-    pool: Executor,
-    function: Callable[..., Any],
-    tasks: Mapping[str, tuple],
-    keep: Callable[[str, Any], None],
-    phrase: str,
-    report: Report,
-) -> None:
-    """Does all tasks, each result kept as it comes; what broke down is kept as an error."""
-    futures = {pool.submit(function, *arguments): name for name, arguments in tasks.items()}
-    try:
-        report(phrase, 0.0)
-        for done, future in enumerate(as_completed(futures), start=1):
-            try:
-                keep(futures[future], future.result())
-            except OmnimjError as error:
-                keep(futures[future], {"error": str(error)})
-            report(f"{phrase}: {done} of {len(futures)}", done / len(futures))
-    except KeyboardInterrupt:
-        for future in futures:
-            future.cancel()
-        raise
-
-
-def _keep_in(folder: Path) -> Callable[[str, Any], None]:
-    def keep(name: str, result: dict[str, Any] | None) -> None:
-        if result is not None:
-            _write(folder / f"{name}.json", result)
-
-    return keep
-
-
-def _has(folder: Path, name: str) -> bool:
-    """Whether a result is there; one that says what broke is tried again."""
-    found = _read(folder, name)
-    return found is not None and "error" not in found
-
-
-def _read(folder: Path, name: str) -> dict[str, Any] | None:
-    file = folder / f"{name}.json"
-    return json.loads(file.read_text(encoding="utf-8")) if file.is_file() else None
-
-
-def _write(path: Path, content: Any) -> None:
-    with whole_file(path) as temporary:
-        text = json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False)
-        temporary.write_text(text + "\n", encoding="utf-8")
+    workers.do_all(benchmark_work.fit_truth, fitting, keep_in(scored), "fitting the truth", report)
 
 
 def _scored(order: Order, names: list[str], interrupted: bool) -> Outcome:
@@ -229,13 +155,13 @@ def _scored(order: Order, names: list[str], interrupted: bool) -> Outcome:
     scores: list[CaseScore] = []
     errors: dict[str, str] = {}
     for name in names:
-        result = _read(order.out / "results", name)
+        result = read_result(order.out / "results", name)
         if result is None:
             continue
         if "error" in result:
             errors[name] = result["error"]
             continue
-        truth = _read(order.out / "scored", name)
+        truth = read_result(order.out / "scored", name)
         if truth is not None and "error" in truth:
             errors[f"{name}, fit of the truth"] = truth["error"]
         scores.append(score_case(labels[name], result, truth))
@@ -251,7 +177,6 @@ def _scored(order: Order, names: list[str], interrupted: bool) -> Outcome:
         "errors": errors,
         "cases": [dataclasses.asdict(score) for score in scores],
     }
-    _write(order.out / NUMBERS, plain(content))
-    with whole_file(order.out / TEXT) as temporary:
-        temporary.write_text(markdown(lines, found), encoding="utf-8")
+    write_json(order.out / NUMBERS, plain(content))
+    write_text(order.out / TEXT, markdown(HEADING, lines, found))
     return Outcome(summary, lines, found, interrupted, len(errors))

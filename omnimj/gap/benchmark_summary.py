@@ -2,44 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from omnimj.gap.benchmark_cases import SIZES
 from omnimj.gap.benchmark_scoring import CaseScore, MethodScore
+from omnimj.trials.rates import Rate, median, rate
 
-_Z = 1.959964  # of a two-sided 95 % interval
 HELD_OUT_GOAL = 1.15
 """Held-out gap over that of the true model that is good enough."""
-
-
-@dataclass(frozen=True)
-class Rate:
-    """k of n with 95 % bounds."""
-
-    hits: int
-    count: int
-    value: float | None
-    low: float
-    high: float
-
-
-def wilson(hits: int, count: int) -> Rate:
-    """(p + z²/2n ± z √(p(1 − p)/n + z²/4n²))/(1 + z²/n), Wilson 1927."""
-    if count == 0:
-        return Rate(0, 0, None, 0.0, 1.0)
-    p, z = hits / count, _Z
-    middle = (p + z * z / (2 * count)) / (1 + z * z / count)
-    half = z * math.sqrt(p * (1 - p) / count + z * z / (4 * count * count)) / (1 + z * z / count)
-    return Rate(hits, count, p, max(middle - half, 0.0), min(middle + half, 1.0))
-
-
-def rate(outcomes: Iterable[bool]) -> Rate:
-    """How often it was true."""
-    found = list(outcomes)
-    return wilson(sum(found), len(found))
 
 
 @dataclass(frozen=True)
@@ -181,12 +153,3 @@ def _group(name: str, scores: Sequence[CaseScore]) -> GroupSummary:
         median(p.error for p in parameters if p.error is not None),
         instead.most_common(1)[0][0] if instead else "",
     )
-
-
-def median(values: Iterable[float]) -> float | None:
-    """The middle one; None of none."""
-    found = sorted(v for v in values if not math.isnan(v))
-    if not found:
-        return None
-    half = len(found) // 2
-    return found[half] if len(found) % 2 else 0.5 * (found[half - 1] + found[half])

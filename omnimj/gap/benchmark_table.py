@@ -2,27 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-
 from omnimj.gap.benchmark_cases import TUNING_SEEDS
 from omnimj.gap.benchmark_scoring import VISIBLE
-from omnimj.gap.benchmark_summary import HELD_OUT_GOAL, GroupSummary, Rate, Summary
+from omnimj.gap.benchmark_summary import HELD_OUT_GOAL, GroupSummary, Summary
+from omnimj.trials.tables import Table, number, percent
+
+HEADING = "Blind benchmark of `omnimj gap`"
 
 _METHODS = {
     "base": "refit of the base",
     "sparse": "sparse regression",
     "bic": "forward selection, BIC",
 }
-
-
-@dataclass(frozen=True)
-class Table:
-    """A heading and ready cells."""
-
-    title: str
-    head: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
 
 
 def tables(summary: Summary) -> list[Table]:
@@ -99,18 +90,6 @@ def _cells(group: GroupSummary) -> tuple[str, ...]:
     )
 
 
-def percent(found: Rate) -> str:
-    """`93 % (84–97, n 60)`."""
-    if found.value is None:
-        return "–"
-    return f"{100 * found.value:.0f} % ({100 * found.low:.0f}–{100 * found.high:.0f}, n {found.count})"
-
-
-def number(value: float | None) -> str:
-    """Three digits, or a dash."""
-    return "–" if value is None else f"{value:.3g}"
-
-
 def _seconds(summary: Summary) -> str:
     return "–" if summary.seconds is None else f"{summary.seconds[0]:.0f} s, {summary.seconds[1]:.0f} s"
 
@@ -132,13 +111,3 @@ def header(seed: int, made_by: str, scored: int, planned: int, failed: int) -> l
     if failed:
         lines.append(f"{failed} searches or fits broke down and are left out: `errors` in benchmark.json.")
     return lines
-
-
-def markdown(lines: Sequence[str], found: Sequence[Table]) -> str:
-    """The whole file."""
-    parts = ["# Blind benchmark of `omnimj gap`", *lines]
-    for table in found:
-        rows = [table.head, tuple("---" for _ in table.head), *table.rows]
-        cells = "\n".join("| " + " | ".join(row) + " |" for row in rows)
-        parts.append(f"## {table.title}\n\n{cells}")
-    return "\n\n".join(parts) + "\n"

@@ -5,8 +5,7 @@ open, fit the true model to it.
 from __future__ import annotations
 
 import time
-import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ import numpy as np
 from omnimj.gap.benchmark_baselines import run_baselines
 from omnimj.gap.benchmark_cases import Hidden
 from omnimj.gap.check import check_dataset, corrected
-from omnimj.gap.digest import digest, plain
+from omnimj.gap.digest import digest
 from omnimj.gap.engine import find_gap, make_replay, read_machine
 from omnimj.gap.fit import fit
 from omnimj.gap.heldout import choose_heldout, make_groups
@@ -24,6 +23,7 @@ from omnimj.gap.replay import CandidateForm, Replay
 from omnimj.gap.search import fit_base, sharpened
 from omnimj.parameters import read_floors
 from omnimj.recording.read_dataset import read_dataset
+from omnimj.trials.results import guarded, plain
 
 SEED = 0
 """Of the workflow, as a user has it who gives none; it draws what is held out."""
@@ -38,7 +38,7 @@ def search_case(dataset: str) -> dict[str, Any]:
     Returns:
       `gap`: the content of gap.json; `seconds` of the workflow; `baselines`. Or `error`: what went wrong.
     """
-    return _kept(lambda: _searched(Path(dataset)))
+    return guarded(lambda: _searched(Path(dataset)))
 
 
 def _searched(dataset: Path) -> dict[str, Any]:
@@ -63,17 +63,7 @@ def fit_truth(dataset: str, hidden: Sequence[Mapping[str, Any]]) -> dict[str, An
       `heldout`: channel → RMS mismatch on the held-out runs [unit of the channel]. Or `error`.
     """
     effects = [Hidden(**one) for one in hidden]
-    return _kept(lambda: {"heldout": true_heldout(replay_of(Path(dataset)), effects)})
-
-
-def _kept(work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    """One case that breaks down must not take the others' hours with it: it is counted and shown."""
-    try:
-        return work()
-    except Exception as error:
-        last = traceback.extract_tb(error.__traceback__)[-1]
-        place = f"{Path(last.filename).name}:{last.lineno}"
-        return {"error": f"{type(error).__name__}: {error} ({place})"}
+    return guarded(lambda: {"heldout": true_heldout(replay_of(Path(dataset)), effects)})
 
 
 def replay_of(dataset: Path) -> Replay:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ import omnimj
 from omnimj.gap import sentences
 from omnimj.gap.per_run import RunGap, run_gaps
 from omnimj.gap.records import Candidate, ChannelGap, Finding, Interval, NamedEffect, Place, Refitted, Stage
+from omnimj.trials.results import plain
 
 
 def digest(
@@ -70,21 +70,6 @@ def write_digest(path: Path, content: Mapping[str, Any]) -> None:
     path.write_text(
         json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n", encoding="utf-8"
     )
-
-
-def plain(value: Any) -> Any:
-    """The same in JSON's own kinds; what is not finite becomes null."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(entry) for key, entry in value.items()}
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [plain(entry) for entry in value]
-    if isinstance(value, np.generic):
-        return plain(value.item())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
 
 
 def _interval(interval: Interval) -> dict[str, Any]:

@@ -5,12 +5,13 @@ from __future__ import annotations
 from omnimj.plant.faults import KINDS
 from omnimj.plant.patches import PATCH_KEYS
 from omnimj.scenario.checks import BOUNDS
+from omnimj.scenario.diagnosis_table import DIAGNOSIS_KEYS
 from omnimj.scenario.drive import DRIVE_KEYS
 from omnimj.scenario.kinematic_level import KINEMATIC_KEYS
 from omnimj.scenario.metrics import metric_units
 from omnimj.scenario.overrides import KnownKeys
 
-_COMMON = ("description", "plant", "floor", "duration", "faults", "checks", "equations")
+_COMMON = ("description", "plant", "floor", "duration", "faults", "checks", "equations", "diagnosis")
 ROBOT_KEYS = (*_COMMON, "level", "drive", "patches", "kinematics", "scene")
 RIG_KEYS = (*_COMMON, "current", "mass", "lateral_speed")
 
@@ -28,5 +29,6 @@ def known_keys(plant: str, wheels: int) -> KnownKeys:
         tables = {"": ROBOT_KEYS, "drive": DRIVE_KEYS, "patches.*": PATCH_KEYS, "kinematics": KINEMATIC_KEYS}
     own = (key for kind in KINDS.values() for key in kind.own_keys)
     tables["faults.*"] = tuple(dict.fromkeys(("kind", "wheel", "onset", "end", *own)))
+    tables["diagnosis"] = DIAGNOSIS_KEYS
     tables["checks"] = metrics
     return {**tables, **{f"checks.{name}": BOUNDS for name in metrics}}

@@ -11,6 +11,7 @@ import numpy as np
 
 from omnimj.control.controller import Controller
 from omnimj.control.diagnosing import DiagnosingController
+from omnimj.errors import InputError
 from omnimj.kinematic import drive_kinematic
 from omnimj.loop import Progress, Rows, Snapshot, Watch, drive, drive_rig
 from omnimj.parameters import Robot
@@ -84,7 +85,7 @@ def run_scenario(
     Args:
       scenario: From `read_scenario`.
       plant: `twin`, `planar`; by the scenario's level when None.
-      method: `off`.
+      method: `off` or `published`.
       seed: Of the sensors' noise.
       progress: Called now and then with the rows done and the rows in all.
       snapshot: Called with time and pose at every pose that is recorded, for a live view.
@@ -100,6 +101,9 @@ def run_scenario(
     """
     require_method(method)
     name = plant_name(scenario, plant)
+    if name == KINEMATIC and method != "off":
+        rule = f"{scenario.name} is at the kinematic level, where there are no currents to diagnose from"
+        raise InputError("--method", f"found {method!r}", rule, ("off",))
     about = {
         "scenario": scenario.name,
         "plant": name,
@@ -128,7 +132,7 @@ def _run_physics(
     on_start: Callable[[Plant], None] | None,
 ) -> tuple[Trace, PoseTrack | None]:
     plant = make_plant(scenario, name, seed)
-    method = make_method(about["method"], scenario.constants, plant.period)
+    method = make_method(about["method"], scenario)
     try:
         if on_start is not None:
             on_start(plant)

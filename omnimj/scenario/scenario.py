@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from omnimj.control.published.choice import Choice
 from omnimj.effects import check_effects
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.kinematic import KinematicCase
@@ -20,6 +21,7 @@ from omnimj.parameters.toml_file import read_toml
 from omnimj.plant.faults import Fault, read_fault
 from omnimj.plant.patches import Patch, read_patch
 from omnimj.scenario.checks import Check, read_checks
+from omnimj.scenario.diagnosis_table import read_diagnosis
 from omnimj.scenario.drive import Drive, read_drive
 from omnimj.scenario.kinematic_level import read_kinematics
 from omnimj.scenario.known_keys import known_keys
@@ -81,6 +83,8 @@ class Scenario:
     """Of the planar plant: `corrected`, or `published` as printed."""
     scene: Path | None
     """MJCF around the robot (ramps, thresholds, height fields); the flat floor when None."""
+    diagnosis: Choice
+    """Which form of a diagnosing method is used, where one is asked for."""
     overrides: tuple[str, ...]
     """The `KEY=VALUE` texts that were applied."""
 
@@ -152,6 +156,7 @@ def read_scenario(
         duration=_number(tree, "duration", place, _DURATION),
         equations=_equations(tree, place),
         scene=read_scene(tree, path),
+        diagnosis=read_diagnosis(tree.get("diagnosis", {}), f"{place}: diagnosis"),
         overrides=tuple(overrides),
         **own,
     )

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from omnimj.plant.faults import as_record
 from omnimj.recording.folder import whole_file
 from omnimj.scenario.checks import Judgement, judge
+from omnimj.scenario.judging import judge_diagnoses
 from omnimj.scenario.kinematic_level import kinematic_faults
 from omnimj.scenario.metrics import measure
 from omnimj.scenario.scenario import Scenario
@@ -30,7 +31,7 @@ def summarize(scenario: Scenario, trace: Trace) -> dict[str, Any]:
     """
     measured = measure(trace, scenario.metric_units)
     judgements = judge(scenario.checks, measured)
-    about = trace.about
+    about, faults = trace.about, true_faults(scenario, trace)
     interrupted = bool(about["interrupted"])
     return {
         "scenario": scenario.name,
@@ -44,8 +45,8 @@ def summarize(scenario: Scenario, trace: Trace) -> dict[str, Any]:
         "realtime_factor": about["realtime_factor"],
         "interrupted": interrupted,
         "passed": all(judgement.ok for judgement in judgements) and not interrupted,
-        "faults": true_faults(scenario, trace),
-        **_diagnosis(),
+        "faults": faults,
+        **_diagnosis(faults, about.get("diagnoses", ()), len(scenario.wheel_positions)),
         **dict.fromkeys(("max_yaw_excursion", "path_error_max", "path_error_rms")),
         **{name: _finite(value) for name, value in measured.items()},
         "checks": [_check_record(judgement) for judgement in judgements],
@@ -67,9 +68,22 @@ def write_metrics(path: Path, metrics: Mapping[str, Any]) -> None:
         temporary.write_text(json.dumps(metrics, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def _diagnosis() -> dict[str, Any]:
-    """Without a diagnosing method nothing is detected, nothing isolated, and no alarm is false."""
-    return {"diagnoses": [], "detection_delay": None, "isolated": False, "false_alarms": 0}
+def _diagnosis(
+    faults: Sequence[Mapping[str, Any]], diagnoses: Sequence[Mapping[str, Any]], wheels: int
+) -> dict[str, Any]:
+    """What was diagnosed and what it is worth; without a method that is nothing."""
+    verdict = judge_diagnoses(faults, diagnoses, wheels)
+    return {
+        "diagnoses": [_plain(diagnosis) for diagnosis in diagnoses],
+        "detection_delay": verdict.detection_delay,
+        "isolated": verdict.isolated,
+        "false_alarms": verdict.false_alarms,
+    }
+
+
+def _plain(diagnosis: Mapping[str, Any]) -> dict[str, Any]:
+    """With lists where JSON has no tuples."""
+    return {key: list(value) if isinstance(value, tuple) else value for key, value in diagnosis.items()}
 
 
 def _check_record(judgement: Judgement) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import omnimj
-from omnimj.gap.benchmark_table import Table
+from omnimj.trials.tables import Table
 from omnimj.view import page
 
 _HEADING = "Blind benchmark of the gap workflow"

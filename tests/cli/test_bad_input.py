@@ -21,7 +21,10 @@ Refused = Callable[..., str]
     ("argv", "told"),
     [
         (["--nope"], "required: COMMAND"),
-        (["fly"], "choose from 'scenarios', 'run', 'record', 'identify', 'validate', 'gap', 'bench'"),
+        (
+            ["fly"],
+            "choose from 'scenarios', 'run', 'record', 'identify', 'validate', 'gap', 'evaluate', ",
+        ),
         (["run"], "required: scenario"),
         (["run", "nylon_patch", "extra"], "omnimj run: found 'extra', one argument too many"),
         (["run", "nylon_patch", "--sede", "1"], "unknown option '--sede'; did you mean '--seed'?"),

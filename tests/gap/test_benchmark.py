@@ -16,6 +16,7 @@ from omnimj.gap import benchmark, benchmark_work
 from omnimj.gap.benchmark import Order, run_benchmark
 from omnimj.gap.benchmark_making import make_dataset
 from omnimj.gap.benchmark_scoring import score_case
+from omnimj.trials import pool
 
 
 def quiet(phrase: str, share: float) -> None:
@@ -113,7 +114,7 @@ def test_bad_orders_are_refused_in_one_line(tmp_path, capsys):
 
 
 def test_the_command_prints_the_table_and_writes_a_page(tmp_path, searches, monkeypatch, capsys):
-    monkeypatch.setattr(benchmark, "ProcessPoolExecutor", lambda *given, **named: Here())
+    monkeypatch.setattr(pool, "ProcessPoolExecutor", lambda *given, **named: Here())
     argv = ["gap", "--benchmark", "--cases", "1", "--made-by", "planar", "--out", str(tmp_path)]
     assert main(argv) == 0
     assert "false naming, nothing hidden" in capsys.readouterr().out

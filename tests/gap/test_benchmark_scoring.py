@@ -14,9 +14,10 @@ from omnimj.gap.benchmark_baselines import Linear, forward, sparse
 from omnimj.gap.benchmark_cases import FLOORS, Hidden
 from omnimj.gap.benchmark_outside import Outside
 from omnimj.gap.benchmark_scoring import relative_to_nominal, score_case
-from omnimj.gap.benchmark_summary import rate, summarise, wilson
+from omnimj.gap.benchmark_summary import summarise
 from omnimj.gap.uncertain import base_parameters
 from omnimj.parameters import read_floors, read_rig
+from omnimj.trials.rates import rate, wilson
 
 NOMINAL = {p.name: p.nominal for p in base_parameters(read_rig(), read_floors(), FLOORS, ())}
 

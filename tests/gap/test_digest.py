@@ -14,9 +14,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_findings import FINDINGS, linear_axis, rig_ambiguous, rig_named, rig_no_gap, robot
 
-from omnimj.gap.digest import digest, plain, write_digest
+from omnimj.gap.digest import digest, write_digest
 from omnimj.gap.per_run import run_gaps, typical_run, worst_run
 from omnimj.gap.sentences import amount, in_noise, joined, percent, sentence, summary
+from omnimj.trials.results import plain
 
 SCHEMA = json.loads((Path(__file__).parent.parent / "schema" / "gap.json").read_text(encoding="utf-8"))
 

@@ -41,7 +41,7 @@ def refused(*overrides, name="nylon_patch"):
 def test_the_promised_scenarios_are_there():
     promised = {"nylon_patch", "degraded_motor", "circle_8m", "circle_8m_kinematic", "square_path"}
     promised |= {"square_path_open_loop", "square_path_kinematic", "square_path_kinematic_open_loop"}
-    assert promised | {"rig_constant_current", "rig_lateral"} <= set(NAMES)
+    assert promised | {"rig_constant_current", "rig_lateral", "rig_slip", "rig_motor"} <= set(NAMES)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -69,6 +69,8 @@ def test_a_scenario_holds_what_it_promises_in_the_twin(name):
         ("square_path_kinematic_open_loop", "drive.yaw_loop=true", "tracking_error_max"),
         ("circle_8m_kinematic", "kinematics.weights.0=1.0", "tracking_error_max"),
         ("rig_lateral", "lateral_speed=0.0", "final_current"),
+        ("rig_motor", "faults=[]", "final_current"),
+        ("rig_slip", "faults=[]", "peak_slip_1"),
         ("ramp", "scene=scene", "rms_current_4"),
     ],
 )
@@ -90,6 +92,8 @@ SPOILED = {
     "ramp": ("scene=scene", "duration=5.0", "floor=oil", WEAK_MOTOR),
     "rig_constant_current": ("current=0.5", "duration=1.6", FASTER_WHEEL, HALF_CURRENT),
     "rig_lateral": ("current=0.4", "duration=1.6", FASTER_WHEEL, HALF_CURRENT),
+    "rig_motor": ("faults=[]", "faults.0.braking_torque=0.003", "current=0.4", "duration=2.0"),
+    "rig_slip": ("faults=[]", "current=0.4", "duration=1.6"),
     "square_path": ("drive.yaw_loop=false", "duration=20.0"),
     "square_path_kinematic": ("drive.yaw_loop=false",),
     "square_path_kinematic_open_loop": ("drive.yaw_loop=true", "kinematics.misalignment.0=0.01"),

@@ -1,0 +1,113 @@
+"""`omnimj evaluate`: how good a method is over many randomised runs."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from omnimj.cli.arguments import names, whole_number
+from omnimj.cli.compiling import note_compiled, say_compiling
+from omnimj.cli.progress import ProgressBar
+from omnimj.cli.tables import table
+
+if TYPE_CHECKING:
+    from omnimj.evaluation.evaluation import Outcome
+
+HELP = "drive many randomised cases with a method and judge what it diagnosed and what its recovery is worth"
+EXAMPLE = """examples:
+  omnimj evaluate --trials 200 --seed 100 --workers 2 --out out/missions
+  omnimj evaluate --suite manoeuvres --faults motor,slip --seed 100 --out out/manoeuvres
+  omnimj evaluate --faults none --plant twin --trials 180 --seed 100 --out out/quiet
+
+Seeds 0 to 99 are for setting thresholds: an evaluation with one of them says that it judges nothing.
+An --out that was broken off goes on where it stood; more --trials are added to those that are there."""
+
+REPORT = "report.html"
+_FINE = 1000  # steps of the progress bar
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the sub-command."""
+    words = "missions (default; 60 s of random legs), manoeuvres (5 s, 24 directions, two speeds)"
+    parser.add_argument("--suite", metavar="S", default="missions", help=words)
+    parser.add_argument("--method", metavar="M", default="off", help="way to diagnose (default off)")
+    words = "a setting of the method or of the cascade's loops, e.g. diagnosis.variant=printed; repeatable"
+    parser.add_argument(
+        "--set", metavar="KEY=VALUE", dest="settings", action="append", default=[], help=words
+    )
+    words = "planar (default), twin, or both with a comma: drawn for each case"
+    parser.add_argument("--plant", metavar="P", type=names, default=("planar",), help=words)
+    words = "how many cases (default 100)"
+    parser.add_argument("--trials", metavar="N", type=whole_number(1, 10**5 - 1), default=100, help=words)
+    words = "of all that is drawn (default 100); 0 to 99 are for setting thresholds and judge nothing"
+    parser.add_argument("--seed", metavar="N", type=whole_number(0, 2**63 - 1), default=100, help=words)
+    words = "processes (default 1)"
+    parser.add_argument("--workers", metavar="N", type=whole_number(1, 256), default=1, help=words)
+    words = "classes to draw from: none, motor, slip, locked, free, hard_over, all_wheel_slip, sensor, two"
+    parser.add_argument("--faults", metavar="NAMES", type=names, help=f"{words} (default all)")
+    words = "floors to draw from: natural_stone, pvc, paperboard, natural_stone_capped (default all)"
+    parser.add_argument("--floor", metavar="NAMES", type=names, help=words)
+    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="where the result goes")
+    words = "write into --out although it is not empty; another evaluation there is replaced"
+    parser.add_argument("--force", action="store_true", help=words)
+    parser.add_argument("--json", action="store_true", help="print evaluation.json instead of the tables")
+
+
+def run(arguments: Any) -> int:
+    """Drives, judges, writes, prints.
+
+    Returns:
+      0, whatever the numbers say; 130 after Ctrl-C with what was finished; 1 when a case broke down.
+
+    Raises:
+      InputError: An option out of its range, or a folder that holds something else.
+      SimulationError: A worker died; what was finished is kept.
+    """
+    from omnimj.evaluation.cases import FLOORS, Choice
+    from omnimj.evaluation.drawn_faults import CLASSES
+    from omnimj.evaluation.evaluation import NUMBERS, Order, check_order, run_evaluation
+    from omnimj.recording.folder import whole_file
+    from omnimj.view.evaluation_report import write_evaluation_report
+
+    choice = Choice(
+        arguments.suite,
+        arguments.seed,
+        arguments.plant,
+        arguments.floor or FLOORS,
+        arguments.faults or CLASSES,
+    )
+    order = Order(
+        arguments.out,
+        choice,
+        arguments.method,
+        tuple(arguments.settings),
+        arguments.trials,
+        arguments.workers,
+        arguments.force,
+    )
+    check_order(order)
+    for plant in choice.plants:
+        say_compiling(plant, "uto_robot")
+    with ProgressBar() as bar:
+        outcome = run_evaluation(
+            order, lambda phrase, share: bar.show(round(_FINE * min(max(share, 0.0), 1.0)), _FINE, phrase)
+        )
+    for plant in {score.plant for score in outcome.scores}:
+        note_compiled(plant, "uto_robot")
+    with whole_file(arguments.out / REPORT) as temporary:
+        write_evaluation_report(temporary, outcome)
+    if arguments.json:
+        print((arguments.out / NUMBERS).read_text(encoding="utf-8"), end="")
+    else:
+        print(_told(outcome, arguments.out))
+    return 130 if outcome.interrupted else 1 if outcome.failed else 0
+
+
+def _told(outcome: Outcome, folder: Path) -> str:
+    parts = ["\n".join(line.replace("**", "") for line in (outcome.heading.replace("`", ""), *outcome.lines))]
+    parts += [f"{one.title}\n{table(one.head, one.rows)}" for one in outcome.tables]
+    if outcome.interrupted:
+        parts.append("interrupted; the same command goes on from here")
+    parts.append(f"written to {folder}")
+    return "\n\n".join(parts)

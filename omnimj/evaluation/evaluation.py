@@ -1,0 +1,204 @@
+"""`omnimj evaluate`: many randomised cases with a method, judged against their truth.
+
+The folder:
+  evaluation_plan.json  what was asked
+  cases/case_….json     the truth of a case and what its runs gave
+  evaluation.json, evaluation.md
+In JSON a delay without end is null; one since first use is null too where `in_use` of the case's faults is.
+What is there is kept: an evaluation that was broken off goes on where it stood, and one with more trials
+takes up those that were driven.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import shutil
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import omnimj
+from omnimj.errors import InputError, UnknownNameError
+from omnimj.evaluation.believed import check_settings
+from omnimj.evaluation.cases import FLOORS, PLANTS, SUITES, Case, Choice, draw_case, is_judging
+from omnimj.evaluation.drawn_faults import CLASSES
+from omnimj.evaluation.driving import OFF, drive_case
+from omnimj.evaluation.evaluation_table import header, heading_of, tables
+from omnimj.evaluation.scoring import CaseScore, score_case
+from omnimj.evaluation.summary import Summary, summarise
+from omnimj.recording.folder import check_folder
+from omnimj.scenario.methods import require_method
+from omnimj.trials.pool import Report, Workers, with_workers
+from omnimj.trials.results import keep_in, plain, read_result, write_json, write_text
+from omnimj.trials.tables import Table, markdown
+
+PLAN, NUMBERS, TEXT, CASES = "evaluation_plan.json", "evaluation.json", "evaluation.md", "cases"
+
+
+@dataclass(frozen=True)
+class Order:
+    """What is to be done."""
+
+    out: Path
+    choice: Choice = field(default_factory=Choice)
+    method: str = OFF
+    settings: tuple[str, ...] = ()
+    """`KEY=VALUE` texts for method and cascade: `diagnosis.variant=printed`."""
+    trials: int = 100
+    workers: int = 1
+    force: bool = False
+    """Whether another evaluation that is in the folder may be replaced."""
+
+    def plan(self) -> dict[str, Any]:
+        """What must be alike for a folder to be gone on with."""
+        return json.loads(
+            json.dumps({"method": self.method, "settings": self.settings, **dataclasses.asdict(self.choice)})
+        )
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of it."""
+
+    heading: str
+    summary: Summary
+    scores: tuple[CaseScore, ...]
+    lines: tuple[str, ...]
+    """What the numbers are of."""
+    tables: tuple[Table, ...]
+    interrupted: bool
+    failed: int
+
+
+def run_evaluation(order: Order, report: Report, executor: Executor | None = None) -> Outcome:
+    """Drives the cases that are missing, and judges all that are there.
+
+    Args:
+      order: What is to be done.
+      report: Called with a phrase and the share that is done; may raise KeyboardInterrupt.
+      executor: Runs the cases, a task each; processes of its own when None.
+
+    Returns:
+      What was found, also after Ctrl-C.
+
+    Raises:
+      InputError: The folder holds something else or another evaluation, or cannot be written; no such
+        method.
+      UnknownNameError: No such suite, plant, floor or class of faults.
+      SimulationError: A worker died; what was finished is kept.
+    """
+    check_order(order)
+    folder = _prepared(order)
+    cases = [draw_case(order.choice, index) for index in range(order.trials)]
+    missing = {
+        case.name: (case, order.method, order.settings) for case in cases if not _is_driven(folder, case)
+    }
+
+    def work(workers: Workers) -> None:
+        workers.do_all(drive_case, missing, keep_in(folder), "driving", report)
+
+    finished = with_workers(work, order.workers, executor) if missing else True
+    return _judged(order, cases, not finished)
+
+
+def check_order(order: Order) -> None:
+    """Whether the names in it exist.
+
+    Raises:
+      UnknownNameError: One does not; the message lists the choices.
+      InputError: A list is empty, a setting is none, or there is no such method.
+    """
+    choice = order.choice
+    require_method(order.method)
+    check_settings(order.settings)
+    if choice.suite not in SUITES:
+        raise UnknownNameError("--suite", "suite", choice.suite, SUITES)
+    for option, kind, names, known in (
+        ("--plant", "plant", choice.plants, PLANTS),
+        ("--floor", "floor of the evaluation", choice.floors, FLOORS),
+        ("--faults", "class of faults", choice.faults, CLASSES),
+    ):
+        if not names:
+            raise InputError(option, "is empty", "give at least one", known)
+        for name in names:
+            if name not in known:
+                raise UnknownNameError(option, kind, name, known)
+
+
+def _prepared(order: Order) -> Path:
+    """The folder of the cases; what it holds belongs to this order."""
+    plan, cases = order.out / PLAN, order.out / CASES
+    if plan.is_file():
+        if read_result(order.out, plan.stem) == order.plan():
+            return cases
+        if not order.force:
+            rule = f"{PLAN} there says which; choose another folder, or --force to replace it"
+            raise InputError(f"--out {order.out}", "holds an evaluation with other settings", rule)
+    check_folder(order.out, order.force)
+    try:
+        if plan.is_file():  # an evaluation's own folder, and nothing else, is emptied
+            shutil.rmtree(cases, ignore_errors=True)
+        cases.mkdir(parents=True, exist_ok=True)
+        write_json(plan, order.plan())
+    except OSError as error:
+        raise InputError(f"--out {order.out}", f"cannot be written ({error.strerror})") from None
+    return cases
+
+
+def _is_driven(folder: Path, case: Case) -> bool:
+    """Whether a case's result is there; one that says what broke is tried again.
+
+    Raises:
+      InputError: It is there with another truth.
+    """
+    result = read_result(folder, case.name)
+    if result is None or "error" in result:
+        return False
+    if result["case"] != plain(case.as_plain()):
+        rule = "the library has changed since; choose another folder"
+        raise InputError(f"{folder / case.name}.json", "holds another case than this seed draws", rule)
+    return True
+
+
+def _judged(order: Order, cases: Sequence[Case], interrupted: bool) -> Outcome:
+    """Scores every case that is there, and writes the numbers."""
+    scores, errors = [], {}
+    for case in cases:
+        result = read_result(order.out / CASES, case.name)
+        if result is None:
+            continue
+        if "error" in result:
+            errors[case.name] = result["error"]
+        else:
+            scores.append(score_case(case, result))
+    summary = summarise(scores)
+    found = tuple(tables(summary))
+    lines = tuple(header(order.choice, summary, len(cases), len(errors)))
+    heading = heading_of(order.choice, order.method, order.settings)
+    write_json(order.out / NUMBERS, plain(_content(order, summary, scores, errors, interrupted)))
+    write_text(order.out / TEXT, markdown(heading, lines, found))
+    return Outcome(heading, summary, tuple(scores), lines, found, interrupted, len(errors))
+
+
+def _content(
+    order: Order,
+    summary: Summary,
+    scores: Sequence[CaseScore],
+    errors: Mapping[str, str],
+    interrupted: bool,
+) -> dict[str, Any]:
+    return {
+        "plan": order.plan() | {"trials": order.trials},
+        "version": omnimj.__version__,
+        "judged": is_judging(order.choice.seed),
+        "interrupted": interrupted,
+        "summary": dataclasses.asdict(summary),
+        "errors": errors,
+        "cases": [
+            dataclasses.asdict(s) | {"heading_ratio": s.heading_ratio, "path_ratio": s.path_ratio}
+            for s in scores
+        ],
+    }

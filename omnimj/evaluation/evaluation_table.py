@@ -1,0 +1,196 @@
+"""An evaluation's numbers as tables for people: Markdown, command line and report alike."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from math import isinf
+
+from omnimj.evaluation.cases import SUITES, Choice, is_judging
+from omnimj.evaluation.drawn_faults import CLASSES, NONE
+from omnimj.evaluation.scoring import AMBIGUOUS, HEADING_FLOOR, PATH_FLOOR, SEVERAL, order_of
+from omnimj.evaluation.summary import GOAL_GROUPS, Delays, FactorSummary, GroupSummary, Ratios, Summary
+from omnimj.trials.rates import EventRate
+from omnimj.trials.tables import Table, number, percent
+
+_WRONG_PLACE = "elsewhere"
+_GOALS = dict(
+    zip(
+        GOAL_GROUPS,
+        (
+            "in use 0.12 s, 95 % 0.3 s",
+            "in use 0.10 s",
+            "in use 0.15 s",
+            "isolated ≥ 99 %",
+            "isolated ≥ 95 %",
+            "isolated ≥ 95 %",
+        ),
+        strict=True,
+    )
+)
+
+
+def heading_of(choice: Choice, method: str, settings: Sequence[str] = ()) -> str:
+    """The title of everything that is written."""
+    with_settings = f" with {', '.join(f'`{text}`' for text in settings)}" if settings else ""
+    return f"Evaluation of `{method}`{with_settings} on {choice.suite}"
+
+
+def header(choice: Choice, summary: Summary, planned: int, failed: int) -> list[str]:
+    """What the numbers are of, sentence by sentence."""
+    judged = (
+        f"Seed {choice.seed} was not used to set thresholds (0–99 are for that)."
+        if is_judging(choice.seed)
+        else f"Seed {choice.seed} is one for setting thresholds (0–99): **these numbers do not judge it**."
+    )
+    suite = SUITES[choice.suite]
+    lines = [
+        judged,
+        f"{summary.cases} of {planned} cases, {summary.hours:.3g} h: {suite.name}, {suite.description}; "
+        f"{_drawn(choice)}; "
+        f"plant {', '.join(choice.plants)}; floors {', '.join(choice.floors)}; payload within ±20 % "
+        "of the mass; true constants off the believed ones (torque constants ±3 %, friction ±20 %, "
+        "mass ±3 %, inertias ±5 %, floor numbers ±20 %).",
+        "Rates with Wilson 95 % bounds and what they are of; false alarms with the one-sided Poisson 95 % "
+        "bound. A wheel is in use while more than 2 N of traction (20 ms mean) is asked of it, read off the "
+        "same case driven without fault and without any method. Faults that were never in use are counted "
+        "and left out. A case without an alarm has a delay of ∞ (“never”).",
+        "Excursions count from the fault's onset and are compared with the same case driven without any "
+        f"method; below {HEADING_FLOOR:g} rad and {PATH_FLOOR:g} m they are taken as that much.",
+    ]
+    if failed:
+        lines.append(f"{failed} cases broke down and are left out: `errors` in evaluation.json.")
+    return lines
+
+
+def _drawn(choice: Choice) -> str:
+    """Of which faults the cases are."""
+    broken = [name for name in CLASSES if name in choice.faults and name != NONE]
+    if not broken:
+        return "no faults"
+    share = f"{100.0 * SUITES[choice.suite].healthy:.0f} %" if NONE in choice.faults else "none"
+    return f"{share} without a fault, else {', '.join(broken)}"
+
+
+def tables(summary: Summary) -> list[Table]:
+    """Goals first, then the confusion by class, the classes and the factors."""
+    head = (
+        "",
+        "cases",
+        "not in use",
+        "found",
+        "isolated",
+        "delay since onset",
+        "in use",
+        "to its name, in use",
+    )
+    found = [
+        _overall(summary),
+        Table(
+            "Groups that goals are set for",
+            (*head[:1], "goal", *head[1:]),
+            tuple((row[0], _GOALS[row[0]], *row[1:]) for row in map(_group, summary.goals)),
+        ),
+        Table("By class of fault", head, tuple(map(_group, summary.classes))),
+        confusion_by_class(summary),
+        Table(
+            "By factor",
+            ("", "", "cases", "false alarms", "isolated", "delay in use", "heading ratio"),
+            tuple(map(_factor, summary.factors)),
+        ),
+    ]
+    return [table for table in found if table.rows]
+
+
+def _overall(summary: Summary) -> Table:
+    rows = [
+        ("false alarms, fault-free cases", "≤ 0.1/h", per_hour(summary.alarms)),
+        ("… with the time before onsets", "", per_hour(summary.alarms_before)),
+        ("fault-free cases with a false alarm", "", percent(summary.cases_with_alarms)),
+        (
+            "torque constant after 5 s in use, |error|",
+            "≤ 0.03",
+            f"{spread(summary.estimate, '')} of {summary.estimates_asked} weak motors",
+        ),
+        ("a slip's end to the end of its diagnosis", "≤ 0.3 s", spread(summary.clearing)),
+        ("heading excursion, with over without", "≤ 0.5, never > 1.05", _ratio(summary.heading)),
+        ("path excursion, with over without", "", _ratio(summary.path)),
+    ]
+    return Table("Overall", ("", "goal", "found"), tuple(rows))
+
+
+def per_hour(found: EventRate) -> str:
+    """`0/h (≤ 0.1, 0 in 30 h)`."""
+    if found.per_hour is None or found.upper is None:
+        return "–"
+    return f"{found.per_hour:.3g}/h (≤ {found.upper:.3g}, {found.events} in {found.hours:.3g} h)"
+
+
+def spread(found: Delays, unit: str = " s") -> str:
+    """`0.12 s, 95 % 0.3 s (n 20)`."""
+    if found.median is None or found.p95 is None:
+        return "–"
+    if isinf(found.median):
+        return f"never (n {found.count})"
+    return f"{_time(found.median, unit)}, 95 % {_time(found.p95, unit)} (n {found.count})"
+
+
+def _time(value: float, unit: str) -> str:
+    return "never" if isinf(value) else f"{value:.3g}{unit}"
+
+
+def _ratio(found: Ratios) -> str:
+    if found.median is None:
+        return "–"
+    words = f"{found.median:.2f}, 95 % {number(found.p95)}, worst {number(found.worst)}"
+    return f"{words} in {found.worst_case} (n {found.count})"
+
+
+def _group(group: GroupSummary) -> tuple[str, ...]:
+    return (
+        group.name,
+        str(group.cases),
+        str(group.unused),
+        percent(group.found),
+        percent(group.isolated),
+        spread(group.delay),
+        spread(group.delay_in_use),
+        spread(group.named_in_use),
+    )
+
+
+def _factor(found: FactorSummary) -> tuple[str, ...]:
+    return (
+        found.factor,
+        found.value,
+        str(found.cases),
+        per_hour(found.alarms),
+        percent(found.isolated),
+        spread(found.delay_in_use),
+        "–" if found.heading.median is None else f"{found.heading.median:.2f} (n {found.heading.count})",
+    )
+
+
+def confusion_by_class(summary: Summary) -> Table:
+    """Truth × diagnosed, wheels and channels together; the right class at a wrong place is `elsewhere`."""
+    counts: dict[str, dict[str, int]] = {}
+    for truth, row in summary.confusion.items():
+        own = counts.setdefault(_class(truth), {})
+        for said, count in row.items():
+            right = _class(said) if said == truth or _class(said) != _class(truth) else _WRONG_PLACE
+            own[right] = own.get(right, 0) + count
+    columns = _columns(counts.values())
+    rows = [
+        (truth, *(str(row.get(name, "")) for name in columns), str(sum(row.values())))
+        for truth, row in counts.items()
+    ]
+    return Table("Truth (rows) and diagnosis (columns), cases", ("", *columns, "all"), tuple(rows))
+
+
+def _columns(rows: Iterable[dict[str, int]]) -> Sequence[str]:
+    names = {name for row in rows for name in row}
+    last = (_WRONG_PLACE, AMBIGUOUS, SEVERAL)
+    return [*sorted(names - set(last), key=order_of), *(name for name in last if name in names)]
+
+
+def _class(label: str) -> str:
+    return label.partition(" ")[0]

@@ -1,0 +1,1 @@
+"""Many trials of one thing: done by many processes, kept as they come, counted with bounds."""

@@ -1,0 +1,33 @@
+"""Bad flags of `omnimj evaluate`: one line, nothing driven."""
+
+from __future__ import annotations
+
+import pytest
+
+
+@pytest.mark.parametrize(
+    ("argv", "told"),
+    [
+        (["--suite", "race"], "--suite: unknown suite 'race'; choices: manoeuvres, missions"),
+        (["--method", "best"], "--method: unknown method 'best'; choices: off"),
+        (["--plant", "real"], "--plant: unknown plant 'real'; choices: planar, twin"),
+        (["--plant", "planar,,twin"], "names with commas between them"),
+        (["--faults", "slipp"], "--faults: unknown class of faults 'slipp'; did you mean 'slip'?"),
+        (["--floor", "lava"], "--floor: unknown floor of the evaluation 'lava'"),
+        (["--trials", "0"], "--trials: found '0'; must be a whole number, at least 1"),
+        (["--seed", "-1"], "--seed: found '-1'"),
+        (["--workers", "many"], "--workers: found 'many'"),
+        (["--set", "floor=pvc"], "--set floor: is none of them; cases are drawn"),
+        (["--set", "diagnosis.variant=best"], "--set: diagnosis.variant: unknown variant 'best'"),
+        (["--set", "diagnosis.colour=red"], "unknown key"),
+        (["--sede", "1"], "unknown option '--sede'; did you mean '--seed'?"),
+    ],
+)
+def test_a_flag_out_of_its_range(refused, argv, told):
+    assert told in refused("evaluate", "--out", "out", *argv)
+
+
+def test_out_is_needed_and_must_be_empty(refused, tmp_path):
+    assert "required: --out" in refused("evaluate")
+    (tmp_path / "mine.txt").touch()
+    assert "is not empty" in refused("evaluate", "--out", str(tmp_path))
