@@ -31,7 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the sub-command."""
     parser.add_argument("scenario", help="a name from `omnimj scenarios`, or a path to a TOML file")
     parser.add_argument("--plant", metavar="P", help="twin (default) or planar")
-    parser.add_argument("--method", metavar="M", default="off", help="diagnosis: off (default) or published")
+    words = "diagnosis: robust (default), published (default on the rig) or off"
+    parser.add_argument("--method", metavar="M", help=words)
     parser.add_argument(
         "--seed", metavar="N", type=_seed, default=0, help="of the sensors' noise (default 0)"
     )
@@ -118,11 +119,12 @@ def _exit_code(finished: Run, out: Path | None) -> int:
 
 
 def _drive(arguments: Any, scenario: Any) -> tuple[Run, LiveRun | None]:
-    from omnimj.scenario.methods import require_method
+    from omnimj.scenario.methods import default_method, require_method
     from omnimj.scenario.plants import KINEMATIC, plant_name
     from omnimj.scenario.running import run_scenario
 
-    require_method(arguments.method)
+    method = default_method(scenario) if arguments.method is None else arguments.method
+    require_method(method)
     plant = plant_name(scenario, arguments.plant)
     if plant != KINEMATIC:
         say_compiling(plant, scenario.plant)  # before the imports that compile
@@ -130,12 +132,12 @@ def _drive(arguments: Any, scenario: Any) -> tuple[Run, LiveRun | None]:
     if arguments.view:
         from omnimj.cli.outputs import open_live
 
-        known = {"scenario": scenario.name, "method": arguments.method, "seed": arguments.seed}
+        known = {"scenario": scenario.name, "method": method, "seed": arguments.seed}
         live = open_live(scenario, known)
         hooks = {"on_start": live.start, "snapshot": live.snapshot, "rows": live.rows}
     with ProgressBar() as bar:
         finished = run_scenario(
-            scenario, arguments.plant, arguments.method, arguments.seed, bar.show, **hooks
+            scenario, arguments.plant, method, arguments.seed, bar.show, **hooks
         )
     if plant != KINEMATIC and finished.metrics:
         note_compiled(plant, scenario.plant)
