@@ -74,7 +74,7 @@ def test_an_option_out_of_its_range(refused: Refused, argv, told):
         ("duration", "--set 'duration': is not KEY=VALUE; e.g. --set faults.0.wheel=3"),
         ("=1", "is not KEY=VALUE"),
         ("a..b=1", "is not KEY=VALUE"),
-        ("a=", "--set a: unknown key 'a'; choices: checks, description, drive, duration"),
+        ("a=", "--set a: unknown key 'a'; choices: checks, description, diagnosis, drive, duration"),
         ("__class__=1", "unknown key '__class__'"),
         ("floor.x=1", "'floor' is a single value"),
         ("patches.1.floor=oil", "there is no patches.1"),
