@@ -42,8 +42,8 @@ class Verdict:
     """From the first fault's onset to the first alarm, of whatever name, that is raised while a fault stands
     [s]; None without one."""
     isolated: bool | None
-    """Whether every fault was named for itself and nothing else was, from the first onset on; wrong names that
-    were taken back and stood for no longer than `GRACE`, all together, do not spoil it. None without a
+    """Whether every fault was named for itself and nothing else was, from the first onset on; wrong names
+    that were taken back and stood for no longer than `GRACE`, all together, do not spoil it. None without a
     fault."""
     false_alarms: int
     """Diagnoses that are not right."""
