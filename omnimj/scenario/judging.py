@@ -27,7 +27,7 @@ from typing import Any
 from omnimj.signals import KINDS_OF_DIAGNOSIS
 
 GRACE = 0.5
-"""How long after its end a fault may still be named, and after which a wrong name must be gone [s]."""
+"""How long after its end a fault may still be named, and how long wrong names may stand in all [s]."""
 AS_GOOD_AS_FREE = 0.95
 """Loss of torque constant from which a motor cannot be told from a free wheel."""
 
@@ -42,8 +42,9 @@ class Verdict:
     """From the first fault's onset to the first alarm, of whatever name, that is raised while a fault stands
     [s]; None without one."""
     isolated: bool | None
-    """Whether every fault was named for itself and nothing else was, from the first onset on; a wrong name
-    that was taken back within `GRACE` does not spoil it. None without a fault."""
+    """Whether every fault was named for itself and nothing else was, from the first onset on; wrong names
+    that were taken back and stood for no longer than `GRACE`, all together, do not spoil it. None without a
+    fault."""
     false_alarms: int
     """Diagnoses that are not right."""
     named: tuple[bool, ...] = ()
@@ -73,12 +74,13 @@ def judge_diagnoses(
         any(ok and _names(said, fault, wheels) for said, ok in zip(diagnoses, right, strict=True))
         for fault in true
     )
-    spoilt = any(
-        not ok and said["time"] >= onset and _until(said) - said["time"] > GRACE
+    wrong = [
+        _until(said) - said["time"]
         for said, ok in zip(diagnoses, right, strict=True)
-    )
+        if not ok and said["time"] >= onset
+    ]
     delay = float(min(alarms) - onset) if alarms else None
-    return Verdict(delay, all(named) and not spoilt, false_alarms, named)
+    return Verdict(delay, all(named) and sum(wrong) <= GRACE, false_alarms, named)
 
 
 def _until(record: Mapping[str, Any], key: str = "cleared") -> float:

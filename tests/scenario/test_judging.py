@@ -110,6 +110,14 @@ def test_something_more_than_the_truth_is_not_isolated_unless_it_is_taken_back_s
     assert (goes.isolated, goes.false_alarms) == (True, 1)
 
 
+def test_wrong_names_that_come_and_go_add_up():
+    faults = [fault("motor", 1, 1.0, loss=0.5)]
+    flicker = [said(1.1 + 0.2 * k, "slip", 2, cleared=1.2 + 0.2 * k) for k in range(8)]
+    verdict = judge_diagnoses(faults, [said(1.05, "motor", 1), *flicker])
+    assert (verdict.isolated, verdict.false_alarms) == (False, 8)
+    assert judge_diagnoses(faults, [said(1.05, "motor", 1), *flicker[:4]]).isolated
+
+
 def test_a_diagnosis_of_two_wheels_names_both_or_neither():
     faults = [fault("motor", 1, 1.0, loss=0.5), fault("motor", 2, 1.0, loss=0.5)]
     assert judge_diagnoses(faults, [said(1.2, "motor", 1, 2)]).isolated

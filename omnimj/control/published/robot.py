@@ -32,6 +32,8 @@ from omnimj.signals import Array, Diagnosis, Measurement
 
 SETTLING_TIME = 0.5
 """The torque constant has settled when H has not grown for so long [s]; Fig. 6.13 gives no number."""
+LARGEST_HEIGHT = 100.0
+"""No force of the robot's makes a larger H [N]: beyond it a sensor has failed."""
 GROWTH = 0.01
 """H grows when it grows by more than this [N]."""
 
@@ -128,7 +130,7 @@ class PublishedRobot:
             return state
         passed = min(max(m.time - state.time, 0.0), LONGEST_GAP)
         observer = state.observer.copy()
-        current = np.clip(m.current, -self._most_current, self._most_current)
+        current = self._believed(m)
         robot_residuals.observe(
             observer, current, m.wheel_speed, m.acceleration, passed, *self._rows, state.motors,
             self._floors, self._terms, self._odometry, self._lags, self._printed,
@@ -141,6 +143,10 @@ class PublishedRobot:
         good = is_good(self._wheels, m.time, m.current, m.wheel_speed, m.acceleration, m.yaw_rate, m.yaw)
         # beyond any machine: squares of it must still be numbers
         return bool(good) and np.abs(m.wheel_speed).max() < 1e6 and np.abs(m.acceleration).max() < 1e6
+
+    def _believed(self, measurement: Measurement) -> Array:
+        """Currents within what their monitors can say, shape (n,) [A]."""
+        return np.clip(measurement.current, -self._most_current, self._most_current)
 
     def _judge(self, state: RobotState) -> RobotState:
         """Left half of Fig. 6.9: which fault, and the weights while a wheel slips."""
@@ -198,9 +204,13 @@ class PublishedRobot:
         )
 
     def _estimate(self, state: RobotState, measurement: Measurement) -> RobotState:
-        """Fig. 6.13: H and K_tm, at once in observer and weights; once it rests the residuals begin anew."""
+        """Fig. 6.13: H and K_tm, at once in observer and weights; once it rests the residuals begin anew.
+
+        Meanwhile nothing else is judged.
+        """
         wheel, at = state.estimating, self._speeds + self._wheels
-        height = float(state.observer[at + self._axis[wheel]]) - self._thresholds.force
+        rms = float(state.observer[at + self._axis[wheel]])
+        height = min(rms - self._thresholds.force, LARGEST_HEIGHT)
         if height > state.height:
             state = self._weaken(state, wheel, height)
         if height > state.grown_to + GROWTH:
@@ -235,7 +245,7 @@ class PublishedRobot:
         n, speeds = self._wheels, measurement.wheel_speed
         at = robot_residuals.before_at(n)
         observer[at : at + n] = speeds
-        observer[at + 2 * n : at + 3 * n + 2] = *measurement.current, *measurement.acceleration
+        observer[at + 2 * n : at + 3 * n + 2] = *self._believed(measurement), *measurement.acceleration
         if np.abs(speeds).max() > REST_WHEEL_SPEED:
             observer[n : 2 * n] = speeds
             observer[2 * n : 2 * n + 3] = self._odometry @ speeds * self._radius
