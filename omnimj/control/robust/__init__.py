@@ -1,4 +1,4 @@
-"""Diagnosis for missions: a force balance that knows no friction law, and slip against an inertial velocity."""
+"""Diagnosis for missions: a force balance without a friction law, and slip against an inertial velocity."""
 
 from omnimj.control.robust.method import Robust, RobustState
 

@@ -14,8 +14,8 @@ from omnimj.signals import Array
 REPEATED = 60
 """Samples of one and the same value that no working sensor gives while the robot drives."""
 COUNT = 0
-"""First of the sums; behind it currents (n), wheel speeds (n), acceleration (2), yaw rate, then where the block
-began: wheel speeds (n), yaw rate."""
+"""First of the sums; behind it currents (n), wheel speeds (n), acceleration (2), yaw rate, then where the
+block began: wheel speeds (n), yaw rate."""
 
 
 LINE = 12
@@ -23,10 +23,11 @@ LINE = 12
 
 
 def delays(robot: Robot, period: float) -> Array:
-    """Samples by which each channel has to wait for the slowest one, in the order of `no_repeats`, shape (2n+3,).
+    """Samples by which each channel waits for the slowest one, in the order of `no_repeats`, shape (2n+3,).
 
     Wheel speeds come through a filter (and half a sample of counting), accelerometer and gyro through their
-    bandwidths, currents at once: unaligned, a torque that the yaw loop makes of the gyro's noise looks like inertia.
+    bandwidths, currents at once: unaligned, a torque that the yaw loop makes of the gyro's noise looks like
+    inertia.
     """
     n, sensors = len(robot.wheels), robot.sensors
     slow = sensors.speed_filter + period
@@ -44,7 +45,7 @@ def no_line(wheels: int) -> Array:
 
 @kernel
 def align(line, waits, current, speed, acceleration, turning, first, out):
-    """One sample into the line, in place; `out` is what all channels said of the same instant, shape (2n+3,)."""
+    """One sample into the line, in place; `out` is what all said of the same instant, shape (2n+3,)."""
     n = current.size
     line[1:] = line[:-1].copy()
     line[0, :n], line[0, n : 2 * n] = current, speed
@@ -56,7 +57,7 @@ def align(line, waits, current, speed, acceleration, turning, first, out):
 
 
 def no_repeats(wheels: int) -> Array:
-    """Last sample and how often it came, currents (n), wheel speeds (n), acceleration (2), yaw rate: (2, 2n+3)."""
+    """Last sample and how often it came: currents, wheel speeds, acceleration, yaw rate, shape (2, 2n+3)."""
     return np.zeros((2, 2 * wheels + 3))
 
 

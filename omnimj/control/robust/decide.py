@@ -7,17 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from omnimj.control.robust.evidence import (
+from omnimj.control.robust.counters import (
     AGAINST,
     LOADED,
     ROLLING,
     RUNAWAY,
+    SHORT,
     SILENT,
-    SLID,
     SLIPPING,
     STUCK,
-    Evidence,
 )
+from omnimj.control.robust.evidence import Evidence
 from omnimj.control.robust.windows import LIKELIHOOD, SIZE
 from omnimj.signals import Array, Diagnosis
 
@@ -27,7 +27,7 @@ class Thresholds:
     """When a suspicion becomes a decision."""
 
     motor: float = 22.0
-    """Λ of a loss of torque constant: ln(ARL · blocks per second · tests) + reserve for what is not white [nats]."""
+    """Λ of a loss of torque constant: ln(ARL · blocks per second · tests), and what is not white [nats]."""
     drag: float = 30.0
     """Λ of an added friction or a wheel that is held [nats]."""
     accelerometer: float = 40.0
@@ -47,8 +47,8 @@ class Thresholds:
     turning: float = 0.03
     """Angle by which gyro and converter part in a second [rad]."""
     other: float = 2.5
-    """Factor on slip and accelerometer while another fault stands: what is known of the robot is less sure."""
-    healthy: int = 10
+    """Factor on slip and accelerometer while another fault stands: less is sure of the robot then."""
+    healthy: int = 25
     """Blocks of loaded rolling that take a slip back."""
 
 
@@ -251,7 +251,7 @@ def _slips(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: f
     if len(along) >= 2 and len(along) == len(loaded):
         return _with(verdict, Diagnosis(time, "all_wheel_slip", (), 0.9))
     for i in over:
-        slid = max(float(evidence.counters[i, SLID]), 0.0)
+        slid = max(float(evidence.counters[i, SHORT]), 0.0)
         confidence = 1.0 - math.exp(-slid / 0.02)
         verdict = _with(verdict, Diagnosis(time, "slip", (i + 1,), confidence))
     return verdict

@@ -12,21 +12,17 @@ import numpy as np
 
 from omnimj.control.heading import wrapped
 from omnimj.control.robust.constants import DRY, TORQUE
-from omnimj.control.robust.force_balance import balance, whiten
-from omnimj.control.robust.slip import (
-    SLICK,
-    SLOPE,
-    SOFT,
-    STATE,
-    away_from_rolling,
-    correct,
-    creep,
-    next_bristle,
-    predict,
-    slid,
-    spread_of,
-    weakest_pull,
+from omnimj.control.robust.counters import (
+    CAUTION,
+    FIRST_WEIGHT,
+    NO_COUNTS,
+    WEAKEST,
+    count_wheel,
+    feel_floor,
+    floor_scale,
 )
+from omnimj.control.robust.force_balance import balance, whiten
+from omnimj.control.robust.slip import STATE, correct, predict
 from omnimj.control.robust.slow import learn, prior
 from omnimj.control.robust.windows import LIKELIHOOD, LONGEST, SCORE, scores
 from omnimj.physics.native import kernel
@@ -41,30 +37,8 @@ MOVES = 1.0
 CALM = 12.0
 """Λ up to which blocks are learnt from: no fault is half believed [nats]."""
 
-SLIPPING, ROLLING, AGAINST, STUCK, SILENT, RUNAWAY, SLID, GRIP, SOFTLY, SLICKLY = range(10)
-"""Counters per wheel: sum of slip beyond what is allowed [m], blocks in a row of rolling under a load at which it
-slipped before, of a speed that no slip explains, of standing while the floor passes, of a motor without the
-current that was asked for, of one with another current than asked for; the last shortfall [m/s], the grip that it
-told of [1], and the bristles of the two weakest floors [m]."""
-COUNTERS = 10
-
-ALLOWED, ALLOWED_TURNING = 0.035, 0.02
-"""Shortfall that a healthy wheel may show [m/s], and per rad/s of yaw rate: its rows of rollers take turns at two
-distances from the centre [m]."""
-WEAKEST, STRONGEST, CAUTION = 0.6, 1.5, 0.8
-"""κ of a floor before anything is known, the most that is believed, and how much of what was learnt is used."""
-_SEEN = 0.03  # [m/s] of slip that says something about κ
-_FORGETS = 2e-4  # per block that says something
 COMPARED = 1.0
 """Time over which converter, wheels and gyro are compared [s]."""
-LOADED = 1.5
-"""Traction from which a wheel is under load: slip against it says something about grip [N]."""
-NO_SLIP = 0.08
-"""A wheel off by this against its load, or without any, does not slip: its speed is read wrongly [m/s]."""
-_SIGMAS = 2.0  # of the body's velocity, given to the wheel
-_TOLD = 0.04  # [m/s] of slip that the lost grip would make at this load: less is no sign of health
-_STANDS, _PASSES, _PUSHED = 0.4, 0.12, 0.4  # [rad/s] of a locked wheel, [m/s] of the floor below it, [A]
-_OBEYED, _ASKED = 0.25, 0.15  # [A]
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +60,7 @@ class Evidence:
     spread: Array
     """Their covariances, shape (n+1, STATE, STATE)."""
     counters: Array
-    """Shape (n, COUNTERS)."""
+    """Of `counters`, shape (n, COUNTERS)."""
     found: Array
     """Scores of `windows.scores`, shape (2n+2, SCORE)."""
     force: Array
@@ -96,8 +70,8 @@ class Evidence:
     floor: Array
     """Sums of F̂ f and f² for κ, f = F_N (σ_0 z + σ s): the floor as each wheel finds it, shape (n, 2)."""
     heading: Array
-    """Heading at the end of the block before [rad], and how far converter and wheels have turned beyond the gyro
-    in about a second [rad]; NaN before the first block, shape (3,)."""
+    """Heading at the end of the block before, NaN before the first, and how far converter and wheels have
+    turned beyond the gyro in about a second, shape (3,) [rad]."""
     misfit: Array
     """Size of the noise per window, in units of what is expected."""
 
@@ -118,11 +92,11 @@ def no_evidence(wheels: int) -> Evidence:
         cov=np.diag(prior(wheels) ** 2),
         velocity=np.zeros((wheels + 1, STATE)),
         spread=np.tile(start, (wheels + 1, 1, 1)),
-        counters=np.tile([0.0] * 7 + [1.0, 0.0, 0.0], (wheels, 1)),
+        counters=np.tile(NO_COUNTS, (wheels, 1)),
         found=np.zeros((2 * wheels + 2, SCORE)),
         force=np.zeros(wheels),
         rho=np.zeros(3),
-        floor=np.tile([WEAKEST / CAUTION * 100.0, 100.0], (wheels, 1)),
+        floor=np.tile([WEAKEST / CAUTION * FIRST_WEIGHT, FIRST_WEIGHT], (wheels, 1)),
         heading=np.array([np.nan, 0.0, 0.0]),
         misfit=np.zeros(5),
     )
@@ -161,69 +135,6 @@ def _in_ring(ring, cursor, theta, cov, walk, x, rho, learning):
     cursor[0] = min(cursor[0] + 1, ring.shape[0])
     ring[cursor[1], : 3 * p] = x.copy().reshape(3 * p)
     ring[cursor[1], 3 * p :] = rho
-
-
-@kernel
-def floor_scale(floor, i):
-    """κ as far as it may be believed of wheel i: what the others found."""
-    above = below = 0.0
-    for j in range(floor.shape[0]):
-        if j != i:
-            above, below = above + floor[j, 0], below + floor[j, 1]
-    return min(CAUTION * above / below, STRONGEST)
-
-
-@kernel
-def _feel_floor(c, forces, speed, turning, force, velocity, believed, counters, floor):
-    """κ from all wheels that slip a little and are believed."""
-    for i in range(speed.size):
-        slip = slid(c, forces, speed, turning, velocity[i], i)
-        if believed[i] == 0.0 or abs(slip) < _SEEN or force[i] * slip <= 0.0 or counters[i, 0] > 0.0:
-            continue
-        toward = 1.0 if slip >= 0.0 else -1.0
-        f = max(c[4] * weakest_pull(slip, toward, counters[i, 8], counters[i, 9]), 0.0)
-        floor[i, 0] = (1.0 - _FORGETS) * floor[i, 0] + abs(force[i]) * f
-        floor[i, 1] = (1.0 - _FORGETS) * floor[i, 1] + f * f
-
-
-@kernel
-def _count(c, forces, speed, current, wanted, turning, force, velocity, spread, scale, counters, i):
-    """Counters of wheel i."""
-    row = counters[i]
-    away = away_from_rolling(c, forces, speed, turning, force, velocity[i], i)
-    slip = slid(c, forces, speed, turning, velocity[i], i)
-    row[8] = next_bristle(row[8], slip, SOFT[0], SOFT[1], c[11])
-    row[9] = next_bristle(row[9], slip, SLICK[0], SLICK[1], c[11])
-    toward = force[i] if abs(force[i]) > LOADED else slip
-    toward = 1.0 if toward >= 0.0 else -1.0
-    pull, full = toward * force[i], c[4] * weakest_pull(slip, toward, row[8], row[9])
-    short = ((scale * full if full > 0.0 else full) - pull) / (c[4] * SLOPE)
-    doubt = _SIGMAS * spread_of(spread[i], forces[0, i], forces[1, i])
-    short -= doubt
-    row[6] = short
-    allowed = ALLOWED + ALLOWED_TURNING * abs(turning)
-    loaded = abs(force[i]) > LOADED
-    row[0] = max(row[0] + c[11] * (short - allowed), 0.0) if pull > -0.5 * LOADED else row[0] * 0.98
-    if short > allowed and row[0] > 0.0:
-        grip = min(max(pull / (scale * full), 0.02), 1.0)
-        row[7] = grip if row[7] == 1.0 else 0.8 * row[7] + 0.2 * grip
-    # what the lost grip would have made of this pull
-    would = abs(force[i]) / (c[4] * SLOPE) * (1.0 / row[7] - 1.0)
-    if would > _TOLD:
-        row[1] = row[1] + 1.0 if short < 0.3 * would else 0.0
-    usual = abs(creep(c, force[i]))
-    ahead = away if force[i] >= 0.0 else -away
-    odd = ahead < -NO_SLIP - usual or (not loaded and abs(away) > NO_SLIP)
-    row[2] = row[2] + 1.0 if odd else 0.0
-    below = forces[0, i] * velocity[i, 0] + forces[1, i] * velocity[i, 1] + forces[2, i] * turning
-    held = abs(speed[i]) < _STANDS and abs(below) > _PASSES + doubt
-    row[3] = row[3] + 1.0 if held and abs(current[i]) > _PUSHED else 0.0
-    lacks = abs(current[i] - wanted[i]) > _OBEYED or (
-        abs(wanted[i]) > _ASKED and abs(current[i]) < 0.2 * _ASKED
-    )
-    silent = abs(current[i]) < 0.2 * _ASKED
-    row[4] = row[4] + 1.0 if lacks and silent else 0.0
-    row[5] = row[5] + 1.0 if lacks and not silent else 0.0
 
 
 @kernel
@@ -282,8 +193,10 @@ def update(
         predict(c, velocity[q], spread[q], acceleration, turning)
     for i in range(n):
         scale = floor_scale(floor, i)
-        _count(c, forces, speed, current, wanted, turning, force, velocity, spread, scale, counters, i)
-    _feel_floor(c, forces, speed, turning, force, velocity, believed, counters, floor)
+        count_wheel(
+            c, forces, speed, current, wanted, turning, force, velocity[i], spread[i], scale, counters[i], i
+        )
+    feel_floor(c, forces, speed, turning, force, velocity, believed, counters, floor)
     for q in range(n + 1):
         correct(c, forces, speed, turning, force, believed, q if q < n else -1, velocity[q], spread[q])
     if np.abs(speed).max() < 0.1 * MOVES and abs(turning) < 0.02:

@@ -6,8 +6,8 @@ wrong of it in health is written as columns of a linear law
 
   ρ = X θ + noise,  θ = [δ_1…n, ν_1…n, β_x, β_y, λ, μ, ι]
 
-δ loss of torque constant and ν excess of dry friction per wheel, β accelerometer bias, λ excess of the rollers'
-friction, μ excess of mass, ι of inertia.
+δ loss of torque constant and ν excess of dry friction per wheel, β accelerometer bias, λ excess of the
+rollers' friction, μ excess of mass, ι of inertia.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ SLOW = 1.5
 """Wheel speed below which the sign of dry friction is not known [rad/s]."""
 SLOW_SIDEWAYS = 0.05
 """The same of rollers [m/s]."""
-# stiction stays the same from block to block: its variance is counted so many times, or windows average it away
+# stiction stays the same from block to block: its variance counts so many times, or windows average it away
 _HELD, _HELD_ROLLERS = 100.0, 36.0
 _UNKNOWN = 1e4  # [N²]
 _TURNING = 0.3  # [rad/s] width of the sign
 _SIDEWAYS = 0.01  # [m/s] the same for the rollers
 NOISE = (1.0, 1.0, 0.6)
-"""Standard deviation of ρ in a block of 10 ms: N, N, N.m; accelerometer, gyro's difference, roller passing."""
+"""Standard deviation of ρ in a block of 10 ms: N, N, N.m; accelerometer, gyro's difference, rollers."""
 
 
 @kernel

@@ -23,6 +23,7 @@ from omnimj.control.robust.blocks import (
     take_block,
 )
 from omnimj.control.robust.constants import BLOCK, geometry, numbers
+from omnimj.control.robust.counters import SLIPPING
 from omnimj.control.robust.decide import Thresholds, Verdict, decide
 from omnimj.control.robust.evidence import Evidence, compare_turning, no_evidence, update
 from omnimj.control.robust.slow import LOSS, MEMORY, prior
@@ -180,8 +181,8 @@ class Robust:
         moving = update(
             *self._constants,
             block[:n], block[n : 2 * n], block[2 * n : 2 * n + 2], block[2 * n + 2],
-            block[2 * n + 3 : 3 * n + 3], block[3 * n + 3], wanted, self._believed(state.verdict), self._unknown(state.verdict), state.accepted,
-            state.fresh > 0,
+            block[2 * n + 3 : 3 * n + 3], block[3 * n + 3], wanted,
+            self._believed(state.verdict), self._unknown(state.verdict), state.accepted, state.fresh > 0,
             evidence.ring, evidence.cursor, evidence.recent, evidence.theta, evidence.cov, evidence.velocity,
             evidence.spread, evidence.counters, evidence.found, evidence.force, evidence.rho,
             evidence.floor, evidence.misfit,
@@ -259,7 +260,7 @@ class Robust:
                 evidence.rho,
                 likelihood,
                 np.full(n, t.motor),
-                evidence.counters[:, 0],
+                evidence.counters[:, SLIPPING],
                 np.full(n, t.slip),
                 left,
                 [float(mode)],

@@ -3,13 +3,13 @@
 Velocity v of the body by accelerometer and gyro, v̇ = a − b − ω × v, corrected by wheels that are believed to
 roll:  r φ̇_i − creep(F̂_i) = u_i·v + l_i ω.  One filter per wheel leaves that wheel out; its
   e_i = r φ̇_i − creep(F̂_i) − u_i·v̂ − l_i ω
-is slip beyond what the traction explains. creep(F) = (|F|/F_N − μ)/σ sign F: every floor that was measured has
-a slope near 2.5 s/m and holds 0.04-0.12 before it creeps.
+is slip beyond what the traction explains. creep(F) = (|F|/F_N − μ)/σ sign F: every floor that was measured
+has a slope near 2.5 s/m and holds 0.04-0.12 before it creeps.
 
 A bristle of a soft floor gives way by 10 mm before it pulls with all that it has, in which a healthy wheel
 seems to slip. So slip is told from health by the force that the weakest healthy floor would have made of it,
   F_w = κ F_N (min over soft, slick of σ_0 z + σ s),   ż = s − σ_0 |s|/μ z,  s = r φ̇_i − u_i·v̂ − l_i ω,
-κ what floor and load have been seen to be. The shortfall in terms of speed, (F_w − F̂)/(σ F_N), is what counts.
+κ what floor and load have been seen to be. The shortfall in terms of speed, (F_w − F̂)/(σ F_N), counts.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from omnimj.physics.native import kernel
 HOLDS, SLOPE = 0.09, 2.5
 """μ [1] and σ [s/m] of creep(F)."""
 SOFT, SLICK = (9.2, 0.096), (44.0, 0.032)
-"""σ_0 [1/m] and μ [1] of the two floors that are weakest in their own way: natural stone and paperboard less a
-fifth."""
+"""σ_0 [1/m] and μ [1] of the two floors that are weakest in their own way: natural stone and paperboard, less
+a fifth."""
 STRONGER = 1.6
 """Of a floor that is strong instead of weak: it pushes back harder while its bristles turn round."""
 STATE = 4
@@ -131,8 +131,10 @@ def next_bristle(z, slip, stiffness, holds, t):
 
 @kernel
 def weakest_pull(slip, toward, soft, slick):
-    """(σ_0 z + σ s) of the weaker of both floors in the direction `toward` (±1) [1]; below 0 while bristles still push the
-    other way, where the stronger floor counts."""
+    """(σ_0 z + σ s) of the weaker of both floors in the direction `toward` (±1) [1].
+
+    It is below 0 while bristles still push the other way; there the stronger floor counts.
+    """
     held = min(toward * SOFT[0] * soft, toward * SLICK[0] * slick)
     if held < 0.0:
         held *= STRONGER

@@ -19,7 +19,7 @@ LONGEST = WINDOWS[-1]
 _LENGTHS = np.array(WINDOWS)
 
 LIKELIHOOD, SIZE, DEVIATION, WINDOW = range(4)
-"""Of one hypothesis: Λ [nats], d̂, its standard deviation, and the length of the window that says it [blocks]."""
+"""Of one hypothesis: Λ [nats], d̂, its standard deviation, length of the window that says it [blocks]."""
 SCORE = 4
 
 
