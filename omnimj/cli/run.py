@@ -136,9 +136,7 @@ def _drive(arguments: Any, scenario: Any) -> tuple[Run, LiveRun | None]:
         live = open_live(scenario, known)
         hooks = {"on_start": live.start, "snapshot": live.snapshot, "rows": live.rows}
     with ProgressBar() as bar:
-        finished = run_scenario(
-            scenario, arguments.plant, method, arguments.seed, bar.show, **hooks
-        )
+        finished = run_scenario(scenario, arguments.plant, method, arguments.seed, bar.show, **hooks)
     if plant != KINEMATIC and finished.metrics:
         note_compiled(plant, scenario.plant)
     return finished, live

@@ -9,7 +9,7 @@ import pytest
     ("argv", "told"),
     [
         (["--suite", "race"], "--suite: unknown suite 'race'; choices: manoeuvres, missions"),
-        (["--method", "best"], "--method: unknown method 'best'; choices: off"),
+        (["--method", "best"], "--method: unknown method 'best'; did you mean 'robust'?; choices: off"),
         (["--plant", "real"], "--plant: unknown plant 'real'; choices: planar, twin"),
         (["--plant", "planar,,twin"], "names with commas between them"),
         (["--faults", "slipp"], "--faults: unknown class of faults 'slipp'; did you mean 'slip'?"),

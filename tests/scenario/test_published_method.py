@@ -264,8 +264,8 @@ def test_a_form_that_is_not_there_is_refused_in_one_line(text, told):
 
 
 def test_a_method_that_is_not_there_is_refused():
-    assert METHODS == ("off", "published")
-    with pytest.raises(UnknownNameError, match="choices: off, published"):
+    assert METHODS == ("robust", "published", "off")
+    with pytest.raises(UnknownNameError, match="choices: off, published, robust"):
         require_method("best")
 
 

@@ -38,6 +38,14 @@ def delays(robot: Robot, period: float) -> Array:
     return np.clip(waits, 0.0, LINE - 1.0)
 
 
+def ranges(robot: Robot) -> Array:
+    """Largest reading of each channel, shape (2n+3,): beyond it a sensor says nothing."""
+    n, sensors = len(robot.wheels), robot.sensors
+    speed = sensors.speed_monitor_range / robot.motor.gear_ratio
+    each = [sensors.current_monitor_range] * n + [speed] * n
+    return np.array([*each, *([sensors.accelerometer_range] * 2), sensors.gyro_range])
+
+
 def no_line(wheels: int) -> Array:
     """The last samples of all channels, newest first, shape (LINE, 2n+3)."""
     return np.zeros((LINE, 2 * wheels + 3))

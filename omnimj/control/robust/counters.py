@@ -23,15 +23,15 @@ from omnimj.physics.native import kernel
 SLIPPING, ROLLING, AGAINST, STUCK, SILENT, RUNAWAY, SHORT, GRIP, SOFTLY, SLICKLY = range(10)
 """Numbers of a wheel: way slipped beyond what is allowed [m]; blocks in a row of rolling under a load at
 which it slipped before, of a speed that no slip explains, of standing while the floor passes, of a motor
-without the current that was asked for, of one with another current; the last shortfall [m/s], the grip that it
-told of [1], and the bristles of the two weakest floors [m]."""
+without the current that was asked for, of one with another current; the last shortfall [m/s], the grip that
+it told of [1], and the bristles of the two weakest floors [m]."""
 COUNTERS = 10
 NO_COUNTS = (0.0,) * 7 + (1.0, 0.0, 0.0)
 """Before the first block."""
 
-ALLOWED, ALLOWED_TURNING = 0.035, 0.02
-"""Shortfall that a healthy wheel may show [m/s], and per rad/s of yaw rate: its rows of rollers take turns at
-two distances from the centre [m]."""
+ALLOWED, ALLOWED_TURNING, ALLOWED_IDLE = 0.035, 0.02, 0.03
+"""Shortfall that a healthy wheel may show [m/s]; more per rad/s of yaw rate, since its rows of rollers take
+turns at two distances from the centre [m]; and more without load, when it says little [m/s]."""
 WEAKEST, STRONGEST, CAUTION = 0.6, 1.5, 0.8
 """κ before anything is known, the most that is believed, and how much of what was learnt is used."""
 FIRST_WEIGHT = 100.0
@@ -86,7 +86,7 @@ def _more_if(row, counter, so):
 
 
 @kernel
-def count_slip(c, force, slip, doubt, turning, scale, row):
+def count_slip(c, force, slip, doubt, turning, scale, moving, row):
     """SLIPPING, ROLLING, SHORT, GRIP and the bristles of one wheel, in place.
 
     Args:
@@ -96,6 +96,7 @@ def count_slip(c, force, slip, doubt, turning, scale, row):
       doubt: Standard deviation of s [m/s].
       turning: Yaw rate [rad/s].
       scale: κ.
+      moving: Whether any wheel turns: a robot at rest only thinks that it moves.
       row: Its numbers, shape (COUNTERS,).
     """
     row[SOFTLY] = next_bristle(row[SOFTLY], slip, SOFT[0], SOFT[1], c[TIME])
@@ -106,8 +107,9 @@ def count_slip(c, force, slip, doubt, turning, scale, row):
     full *= scale if full > 0.0 else 1.0
     pull = toward * force
     short = (full - pull) / (c[LOAD] * SLOPE) - _SIGMAS * doubt
-    allowed = ALLOWED + ALLOWED_TURNING * abs(turning)
-    if pull > -0.5 * LOADED:
+    idle = 0.0 if abs(force) > LOADED else ALLOWED_IDLE
+    allowed = ALLOWED + ALLOWED_TURNING * abs(turning) + idle
+    if moving and pull > -0.5 * LOADED:
         row[SLIPPING] = max(row[SLIPPING] + c[TIME] * (short - allowed), 0.0)
     else:
         row[SLIPPING] *= _FADES
@@ -121,7 +123,7 @@ def count_slip(c, force, slip, doubt, turning, scale, row):
 
 
 @kernel
-def count_wheel(c, forces, speed, current, wanted, turning, force, x, cov, scale, row, i):
+def count_wheel(c, forces, speed, current, wanted, turning, force, x, cov, scale, moving, row, i):
     """All numbers of wheel i, in place.
 
     Args:
@@ -135,11 +137,12 @@ def count_wheel(c, forces, speed, current, wanted, turning, force, x, cov, scale
       x: State of the velocity filter without this wheel.
       cov: Its covariance.
       scale: κ.
+      moving: Whether any wheel turns.
       row: The wheel's numbers, shape (COUNTERS,).
       i: The wheel.
     """
     doubt = spread_of(cov, forces[0, i], forces[1, i])
-    count_slip(c, force[i], slid(c, forces, speed, turning, x, i), doubt, turning, scale, row)
+    count_slip(c, force[i], slid(c, forces, speed, turning, x, i), doubt, turning, scale, moving, row)
     away, usual = away_from_rolling(c, forces, speed, turning, force, x, i), abs(creep(c, force[i]))
     ahead = away if force[i] >= 0.0 else -away
     idle = abs(force[i]) <= LOADED

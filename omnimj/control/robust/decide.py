@@ -203,6 +203,8 @@ def _forces(
     elif body[bodily] < thresholds.accelerometer * (thresholds.other if _any(verdict) else 1.0):
         return Verdict(verdict.diagnoses, math.nan)
     since = time if math.isnan(verdict.suspected) else verdict.suspected
+    if evidence.counters[best, STUCK] > 0.0:  # a wheel that may be locked: its counter decides
+        return Verdict(verdict.diagnoses, since)
     others = np.concatenate((np.delete(wheel, best), body)) if wheel[best] >= body[bodily] else wheel
     lead = max(wheel[best], body[bodily]) - float(np.max(others, initial=0.0))
     if lead < thresholds.margin and time - since < thresholds.settling:
@@ -259,6 +261,8 @@ def _slips(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: f
 
 def _odd_speeds(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: float) -> Verdict:
     n = len(evidence.force)
+    if (evidence.counters[:, AGAINST] >= 0.5 * thresholds.odd).sum() > 1:
+        return verdict  # when several wheels are odd, it is the body's velocity that is wrong
     for i, row in enumerate(evidence.counters):
         quiet = max(evidence.found[i, LIKELIHOOD], evidence.found[n + i, LIKELIHOOD]) < 0.5 * thresholds.motor
         channel = f"wheel_speed_{i + 1}"

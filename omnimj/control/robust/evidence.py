@@ -5,13 +5,11 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, fields
 
 import numpy as np
 
 from omnimj.control.heading import wrapped
-from omnimj.control.robust.constants import DRY, TORQUE
 from omnimj.control.robust.counters import (
     CAUTION,
     FIRST_WEIGHT,
@@ -21,7 +19,7 @@ from omnimj.control.robust.counters import (
     feel_floor,
     floor_scale,
 )
-from omnimj.control.robust.force_balance import balance, whiten
+from omnimj.control.robust.force_balance import balance, wheel_force, whiten
 from omnimj.control.robust.slip import STATE, correct, predict
 from omnimj.control.robust.slow import learn, prior
 from omnimj.control.robust.windows import LIKELIHOOD, LONGEST, SCORE, scores
@@ -174,8 +172,8 @@ def update(
         c, forces, across, current, speed, rate, acceleration, turning, spin, accepted, x, raw, force, side
     )
     rho[:] = raw
-    for i in range(n):  # what was learnt of the motors is not in F̂ yet
-        force[i] -= theta[i] * c[TORQUE] * current[i] + theta[n + i] * c[DRY] * math.tanh(speed[i] / 0.3)
+    for i in range(n):  # with what was learnt of the motors
+        force[i], _ = wheel_force(c, current[i], speed[i], rate[i], accepted[i] + theta[i], theta[n + i])
     row = cursor[2]
     recent[row, :n], recent[row, n:] = np.abs(speed), np.abs(side)
     cursor[2] = (row + 1) % recent.shape[0]
@@ -194,7 +192,19 @@ def update(
     for i in range(n):
         scale = floor_scale(floor, i)
         count_wheel(
-            c, forces, speed, current, wanted, turning, force, velocity[i], spread[i], scale, counters[i], i
+            c,
+            forces,
+            speed,
+            current,
+            wanted,
+            turning,
+            force,
+            velocity[i],
+            spread[i],
+            scale,
+            moving,
+            counters[i],
+            i,
         )
     feel_floor(c, forces, speed, turning, force, velocity, believed, counters, floor)
     for q in range(n + 1):

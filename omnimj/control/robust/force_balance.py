@@ -51,7 +51,7 @@ def columns(wheels):
 
 
 @kernel
-def wheel_force(c, current, speed, rate, loss):
+def wheel_force(c, current, speed, rate, loss, friction):
     """F̂ of one wheel [N], and what the gear makes of its shaft's torque besides E G_r.
 
     Args:
@@ -60,9 +60,10 @@ def wheel_force(c, current, speed, rate, loss):
       speed: φ̇ [rad/s].
       rate: φ̈ [rad/s²].
       loss: Share of the torque constant that is believed to be gone.
+      friction: Excess of dry friction that is believed in.
     """
     sign = math.tanh(speed / _TURNING)
-    force = c[TORQUE] * current * (1.0 - loss) - c[VISCOUS] * speed - c[DRY] * sign
+    force = c[TORQUE] * current * (1.0 - loss) - c[VISCOUS] * speed - (1.0 + friction) * c[DRY] * sign
     through = 1.0
     if force * sign < 0.0:  # driven by the floor: the gear takes its share the other way
         through = 1.0 / (c[EFFICIENCY] * c[EFFICIENCY])
@@ -95,7 +96,7 @@ def balance(c, forces, across, current, speed, rate, acceleration, turning, spin
     pushes = np.zeros(3)
     twist = rolling_twist(c, forces, speed, turning)
     for i in range(n):
-        force, through = wheel_force(c, current[i], speed[i], rate[i], loss[i])
+        force, through = wheel_force(c, current[i], speed[i], rate[i], loss[i], 0.0)
         wheel[i] = force
         sideways = across[i, 0] * twist[0] + across[i, 1] * twist[1] + across[i, 2] * turning
         side[i] = sideways

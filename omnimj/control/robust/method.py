@@ -20,6 +20,7 @@ from omnimj.control.robust.blocks import (
     no_line,
     no_repeats,
     no_samples,
+    ranges,
     take_block,
 )
 from omnimj.control.robust.constants import BLOCK, geometry, numbers
@@ -59,7 +60,7 @@ class RobustState:
     repeats: Array
     """Of `blocks`: equal values in a row."""
     wanted: Array
-    """Sum of the currents that the amplifiers should have given in this block, shape (n,) [A]."""
+    """Sum of what the amplifiers should have given in this block beyond what they gave, shape (n,) [A]."""
     evidence: Evidence
     verdict: Verdict
     accepted: Array
@@ -95,7 +96,7 @@ class Robust:
         self._constants = (numbers(robot, self.period), shape.forces, shape.across, walk, low, high)
         self._amplifier, self._turn = amplifier_row(robot), turn_row(robot)
         each = [f"{name}_{i}" for name in ("current", "wheel_speed") for i in range(1, n + 1)]
-        self._waits = delays(robot, self.period)
+        self._waits, self._ranges = delays(robot, self.period), ranges(robot)
         self._channels = (*each, "acceleration_x", "acceleration_y", "yaw_rate")
         self._rolling = inverse_kinematics(robot.wheel_positions, robot.drive_directions) / robot.wheel.radius
         names = [
@@ -146,20 +147,19 @@ class Robust:
         m = measurement
         if not is_good(self.wheels, m.time, m.current, m.wheel_speed, m.acceleration, m.yaw_rate, m.yaw):
             return state
-        sums, repeats, wanted = state.sums.copy(), state.repeats.copy(), state.wanted.copy()
-        count_repeats(repeats, m.current, m.wheel_speed, m.acceleration, m.yaw_rate)
-        line, now = state.line.copy(), np.empty(2 * self.wheels + 3)
+        n, sums, repeats, wanted = self.wheels, state.sums.copy(), state.repeats.copy(), state.wanted.copy()
+        said = np.concatenate((m.current, m.wheel_speed, m.acceleration, (m.yaw_rate,)))
+        said = np.clip(said, -self._ranges, self._ranges)
+        current, speed, acceleration = said[:n], said[n : 2 * n], said[2 * n : 2 * n + 2]
+        count_repeats(repeats, current, speed, acceleration, said[-1])
+        line, now = state.line.copy(), np.empty(2 * n + 3)
         first = state.evidence.heading[0] != state.evidence.heading[0]
-        turning = m.yaw_rate - bias
-        align(line, self._waits, m.current, m.wheel_speed, m.acceleration, turning, first, now)
-        n = self.wheels
+        align(line, self._waits, current, speed, acceleration, said[-1] - bias, first, now)
         add_sample(sums, now[:n], now[n : 2 * n], now[2 * n : 2 * n + 2], now[2 * n + 2])
-        if command is None:
-            wanted += m.current
-        else:
-            expected = np.empty(self.wheels)
-            _expected(self._amplifier, command, m.wheel_speed, expected)
-            wanted += expected
+        if command is not None:
+            expected = np.empty(n)
+            _expected(self._amplifier, command, speed, expected)
+            wanted += expected - current
         if not is_full(sums):
             return replace(state, sums=sums, line=line, repeats=repeats, wanted=wanted)
         return self._judge(state, sums, line, repeats, wanted / BLOCK, m, now)
@@ -181,8 +181,9 @@ class Robust:
         moving = update(
             *self._constants,
             block[:n], block[n : 2 * n], block[2 * n : 2 * n + 2], block[2 * n + 2],
-            block[2 * n + 3 : 3 * n + 3], block[3 * n + 3], wanted,
-            self._believed(state.verdict), self._unknown(state.verdict), state.accepted, state.fresh > 0,
+            block[2 * n + 3 : 3 * n + 3], block[3 * n + 3], block[:n] + wanted,
+            self._believed(state.verdict, state.fresh), self._unknown(state.verdict), state.accepted,
+            state.fresh > 0,
             evidence.ring, evidence.cursor, evidence.recent, evidence.theta, evidence.cov, evidence.velocity,
             evidence.spread, evidence.counters, evidence.found, evidence.force, evidence.rho,
             evidence.floor, evidence.misfit,
@@ -198,13 +199,15 @@ class Robust:
         log = self._log(evidence, verdict, accepted, moving)
         return RobustState(sums, line, repeats, np.zeros(n), evidence, verdict, accepted, fresh, advice, log)
 
-    def _believed(self, verdict: Verdict) -> Array:
-        """Wheels that say something about the body's velocity."""
+    def _believed(self, verdict: Verdict, fresh: int) -> Array:
+        """Wheels that have a say about the body's velocity; a weak motor's once its force is known again."""
         believed = np.ones(self.wheels)
         for d in verdict.diagnoses:
-            if d.cleared is None and d.kind in ("slip", "motor", "locked", "sensor"):
+            if d.cleared is not None or (d.kind == "motor" and fresh == 0):
+                continue
+            if d.kind in ("slip", "motor", "locked", "sensor"):
                 believed[[w - 1 for w in d.wheels]] = 0.0
-            elif d.cleared is None and d.kind == "all_wheel_slip":
+            elif d.kind == "all_wheel_slip":
                 believed[:] = 0.0
         return believed
 
@@ -230,13 +233,13 @@ class Robust:
                 accepted[i] = 1.0 - d.effectiveness - evidence.theta[i]
                 evidence.cov[i, :], evidence.cov[:, i] = 0.0, 0.0
                 evidence.cov[i, i] = _FOUND_AGAIN**2
-                evidence.cov[i + self.wheels, i + self.wheels] += (
-                    1.0  # it may be friction that eats the torque
-                )
+                evidence.cov[i + self.wheels, i + self.wheels] += 0.04  # part of it may be friction
             elif d.channel.startswith("acceleration"):
                 j = 2 * self.wheels + "xy".index(d.channel[-1])
                 evidence.cov[j, :], evidence.cov[:, j] = 0.0, 0.0
                 evidence.cov[j, j] = 1.0
+                # the velocity that it made up is forgotten
+                evidence.spread[:] = np.eye(evidence.spread.shape[1])
         return accepted
 
     def _advise(self, verdict: Verdict, losses: Array) -> Advice | None:

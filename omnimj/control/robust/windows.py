@@ -95,7 +95,8 @@ def _weigh(gram, pulled, squares, precision, low, high, length, found):
             continue
         size = min(max(score / column, low[h]), high[h])
         likelihood = 0.5 * size * (2.0 * score - size * column)
-        likelihood /= max(1.0, (squares - 2.0 * likelihood) / (3.0 * length))
+        left = squares - size * (2.0 * pulled[h] - size * gram[h, h])
+        likelihood /= max(1.0, left / (3.0 * length))
         if likelihood > found[h, LIKELIHOOD]:
             found[h, LIKELIHOOD], found[h, SIZE] = likelihood, size
             found[h, DEVIATION], found[h, WINDOW] = column**-0.5, length

@@ -1,0 +1,137 @@
+"""The force channel against routes that share nothing with it: dense least squares, finite differences."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from omnimj.control.robust.constants import geometry, numbers
+from omnimj.control.robust.force_balance import balance, columns, rolling_twist, whiten
+from omnimj.control.robust.slow import learn, prior
+from omnimj.control.robust.windows import DEVIATION, LIKELIHOOD, LONGEST, SCORE, SIZE, WINDOWS, scores
+from omnimj.parameters import read_robot
+from omnimj.physics.kinematics import rolling_matrix
+
+ROBOT = read_robot()
+N, P = 4, columns(4)
+C, SHAPE = numbers(ROBOT, 1e-3), geometry(ROBOT)
+
+
+def balanced(current, speed, acceleration=(0.3, -0.2), turning=0.1, spin=0.5, loss=None):
+    """X and ρ of one block."""
+    x, rho, force, side = np.zeros((3, P)), np.zeros(3), np.zeros(N), np.zeros(N)
+    loss = np.zeros(N) if loss is None else loss
+    balance(
+        C, SHAPE.forces, SHAPE.across, np.asarray(current, float), np.asarray(speed, float), np.zeros(N),
+        np.asarray(acceleration, float), turning, spin, loss, x, rho, force, side,
+    )  # fmt: skip
+    return x, rho
+
+
+def test_forces_are_the_transpose_of_rolling():
+    assert SHAPE.forces == pytest.approx(rolling_matrix(ROBOT.wheel_positions, ROBOT.drive_directions).T)
+
+
+@pytest.mark.parametrize("current", [(0.5, 0.3, -0.4, 0.6), (-0.5, 0.3, 0.9, -0.6)])
+@pytest.mark.parametrize("wheel", range(N))
+def test_a_loss_of_torque_constant_changes_the_balance_by_its_column(current, wheel):
+    speed = (8.0, -5.0, -7.0, 9.0)
+    x, before = balanced(current, speed)
+    _, after = balanced(current, speed, loss=np.eye(N)[wheel] * 0.2)
+    assert before - after == pytest.approx(0.2 * x[:, wheel], abs=1e-9)
+
+
+def test_an_accelerometer_bias_changes_the_balance_by_its_column():
+    x, before = balanced((0.5, 0.3, -0.4, 0.6), (8.0, -5.0, -7.0, 9.0))
+    _, after = balanced((0.5, 0.3, -0.4, 0.6), (8.0, -5.0, -7.0, 9.0), acceleration=(0.3 + 0.05, -0.2 - 0.07))
+    assert after - before == pytest.approx(0.05 * x[:, 2 * N] - 0.07 * x[:, 2 * N + 1])
+
+
+def test_wheels_that_roll_tell_the_twist():
+    twist = np.array([0.4, -0.7, 0.3])
+    speed = SHAPE.forces.T @ twist / ROBOT.wheel.radius
+    assert rolling_twist(C, SHAPE.forces, speed, twist[2]) == pytest.approx(twist[:2])
+
+
+def test_whitened_noise_has_the_size_one():
+    rng = np.random.default_rng(0)
+    slowest, sideways, unknown = (
+        np.array([0.1, 9, 9, 9.0]),
+        np.array([1.0, 1, 0.01, 1]),
+        np.array([0, 0, 0, 1.0]),
+    )
+    rows = np.eye(3)
+    x, rho = np.zeros((3, P)), np.zeros(3)
+    x[:, :3] = rows
+    whiten(C, SHAPE.forces, SHAPE.across, slowest, sideways, unknown, x, rho)
+    factor = x[:, :3]  # L⁻¹
+    cov = np.linalg.inv(factor) @ np.linalg.inv(factor).T
+    sample = factor @ np.linalg.cholesky(cov) @ rng.standard_normal((3, 20000))
+    assert np.cov(sample) == pytest.approx(np.eye(3), abs=0.05)
+    # nobody knows the force of wheel 4, which drives along x: nothing is left of that direction
+    assert np.linalg.norm(factor @ SHAPE.forces[:, 3]) < 0.05 * np.linalg.norm(factor @ SHAPE.forces[:, 1])
+
+
+def blocks(rng, theta, length):
+    """Whitened blocks ρ = X θ + white noise."""
+    x = rng.standard_normal((length, 3, P))
+    rho = x @ theta + rng.standard_normal((length, 3))
+    return x, rho
+
+
+def test_learning_block_by_block_is_one_least_squares_with_the_prior():
+    rng = np.random.default_rng(1)
+    x, rho = blocks(rng, rng.normal(0.0, 0.1, P), 40)
+    mean, cov = np.zeros(P), np.diag(prior(N) ** 2)
+    for one, value in zip(x, rho, strict=True):
+        learn(mean, cov, np.zeros(P), one, value)
+    rows = x.reshape(-1, P)
+    information = rows.T @ rows + np.diag(prior(N) ** -2)
+    assert mean == pytest.approx(np.linalg.solve(information, rows.T @ rho.reshape(-1)), abs=1e-9)
+    assert cov == pytest.approx(np.linalg.inv(information), abs=1e-12)
+
+
+@pytest.mark.parametrize("length", WINDOWS)
+def test_the_score_of_a_window_is_that_of_the_whole_covariance(length):
+    rng = np.random.default_rng(length)
+    theta = rng.normal(0.0, 0.05, P)
+    x, rho = blocks(rng, theta + np.eye(P)[1] * 0.6, length)
+    cov = np.diag(prior(N) ** 2)
+    ring = np.zeros((LONGEST, 3 * (P + 1)))
+    ring[:length] = np.concatenate((x.reshape(length, -1), rho), axis=1)
+    found = np.zeros((2 * N + 2, SCORE))
+    low, high = np.full(2 * N + 2, -50.0), np.full(2 * N + 2, 50.0)
+    scores(ring, length, length - 1, theta, np.linalg.inv(cov), low, high, found)
+    best = {}
+    for window in (w for w in WINDOWS if w <= length):
+        rows, away = x[length - window :].reshape(-1, P), (rho - x @ theta)[length - window :].reshape(-1)
+        v = np.eye(len(away)) + rows @ cov @ rows.T
+        for h in range(2 * N + 2):
+            weighed = np.linalg.solve(v, rows[:, h])
+            information, score = rows[:, h] @ weighed, away @ weighed
+            size = score / information
+            likelihood = 0.5 * score * size
+            left = away - size * rows[:, h]
+            likelihood /= max(1.0, left @ left / len(left))
+            if likelihood > best.get(h, (0.0,))[0]:
+                best[h] = (likelihood, size, information**-0.5)
+    for h, (likelihood, size, deviation) in best.items():
+        assert found[h, LIKELIHOOD] == pytest.approx(likelihood, rel=1e-6)
+        assert found[h, SIZE] == pytest.approx(size, rel=1e-6)
+        assert found[h, DEVIATION] == pytest.approx(deviation, rel=1e-6)
+
+
+def test_without_a_jump_twice_the_score_is_as_rare_as_a_chi_square_says():
+    rng = np.random.default_rng(3)
+    cov, theta = np.diag(prior(N) ** 2), np.zeros(P)
+    low, high = np.full(2 * N + 2, -50.0), np.full(2 * N + 2, 50.0)
+    over = []
+    for _ in range(400):
+        x, rho = blocks(rng, rng.normal(0.0, prior(N)), 5)
+        ring = np.zeros((LONGEST, 3 * (P + 1)))
+        ring[:5] = np.concatenate((x.reshape(5, -1), rho), axis=1)
+        found = np.zeros((2 * N + 2, SCORE))
+        scores(ring, 5, 4, theta, np.linalg.inv(cov), low, high, found)
+        over.append(2.0 * found[0, LIKELIHOOD] > norm.ppf(0.975) ** 2)
+    assert np.mean(over) <= 0.08  # 5 %, and three standard deviations

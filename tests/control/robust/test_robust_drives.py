@@ -1,0 +1,148 @@
+"""The robust method in the loop with the planar robot: quiet without a fault, right with one."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from omnimj.control.controller import Controller
+from omnimj.control.diagnosing import DiagnosingController
+from omnimj.control.robust import Robust
+from omnimj.control.target import Target
+from omnimj.loop import drive
+from omnimj.parameters import read_robot
+from omnimj.plant.conditions import Fault
+from omnimj.plant.planar import PlanarRobot
+from omnimj.scenario.suites.missions import mission
+from omnimj.signals import Measurement, Trace
+
+ROBOT = read_robot()
+SECONDS = 12.0
+ONSET = 3.0
+
+
+def driven(seed, floor="natural_stone", faults=(), robot=ROBOT, seconds=SECONDS) -> Trace:
+    """A random mission with the robust method; it believes in the nominal robot whatever `robot` is."""
+    plan = mission(np.random.default_rng(seed), seconds, 1e-3)
+    controller = DiagnosingController(Controller(ROBOT), Robust(ROBOT))
+    plant = PlanarRobot(robot, floor, faults=faults, seed=seed)
+    try:
+        return drive(plant, controller, plan)
+    finally:
+        plant.close()
+
+
+def named(trace):
+    return [(d["kind"], d["wheels"]) for d in trace.about["diagnoses"]]
+
+
+@pytest.mark.parametrize("floor", ["natural_stone", "pvc", "paperboard", "natural_stone_capped"])
+@pytest.mark.parametrize("payload", [0.8, 1.2])
+def test_a_healthy_robot_with_another_load_on_any_floor_is_left_alone(floor, payload):
+    body = dataclasses.replace(ROBOT.body, mass=ROBOT.body.mass * payload)
+    trace = driven(int(1000 * payload), floor, robot=dataclasses.replace(ROBOT, body=body))
+    assert named(trace) == []
+
+
+@pytest.mark.parametrize("wheel", [1, 2, 3, 4])
+@pytest.mark.parametrize("loss", [0.57, 1.0])
+def test_a_weak_motor_is_named_and_measured(wheel, loss):
+    trace = driven(40 + wheel, faults=[Fault("motor", ONSET, None, wheel, {"loss": loss})])
+    assert named(trace) == [("motor", (wheel,))]
+    assert trace[f"effectiveness_{wheel}"][-1] == pytest.approx(1.0 - loss, abs=0.06)
+    others = [trace[f"effectiveness_{i}"][-1] for i in range(1, 5) if i != wheel]
+    assert others == pytest.approx(np.ones(3), abs=0.08)
+
+
+@pytest.mark.parametrize("wheel", [1, 2, 3, 4])
+def test_a_slipping_wheel_is_named(wheel):
+    trace = driven(60 + wheel, faults=[Fault("slip", ONSET, None, wheel, {"grip": 0.2})])
+    assert named(trace)[0] == ("slip", (wheel,))
+    assert trace.about["diagnoses"][0]["time"] > ONSET
+
+
+@pytest.mark.parametrize("kind", ["free", "hard_over", "locked"])
+@pytest.mark.parametrize("wheel", [1, 3])
+def test_a_motor_that_does_not_obey_is_named_at_once(kind, wheel):
+    trace = driven(80 + wheel, faults=[Fault(kind, ONSET, None, wheel)], seconds=6.0)
+    first = trace.about["diagnoses"][0]
+    assert (first["kind"], first["wheels"]) == (kind, (wheel,))
+    assert ONSET < first["time"] < ONSET + 1.0
+
+
+@pytest.mark.parametrize(
+    ("channel", "mode", "size"),
+    [
+        ("yaw_rate", "bias", 0.1),
+        ("yaw_rate", "freeze", None),
+        ("acceleration_x", "freeze", None),
+        ("wheel_speed_2", "freeze", None),
+        ("acceleration_y", "bias", 1.0),
+    ],
+)
+def test_a_sensor_that_lies_is_named(channel, mode, size):
+    numbers = {"channel": channel, "mode": mode} | ({} if size is None else {"size": size})
+    trace = driven(7, faults=[Fault("sensor", ONSET, None, None, numbers)], seconds=8.0)
+    first = trace.about["diagnoses"][0]
+    assert (first["kind"], first["channel"]) == ("sensor", channel) and first["time"] > ONSET
+
+
+def test_a_diagnosis_stays_when_the_robot_stands():
+    """Standing is no sign of health."""
+    trace = driven(41, faults=[Fault("motor", ONSET, None, 1, {"loss": 0.8})], seconds=14.0)
+    (found,) = trace.about["diagnoses"]
+    assert found["cleared"] is None
+    assert trace["mode"][-1] == 2.0
+
+
+def test_a_robot_that_stands_cannot_be_judged():
+    method = Robust(ROBOT)
+    zero = Measurement(0.0, np.zeros(4), np.zeros(4), np.zeros(2), 0.0, 0.0)
+    state = method.start(zero)
+    for k in range(1, 200):
+        state = method.step(state, dataclasses.replace(zero, time=k * 1e-3))
+    assert state.log[-1] == 3.0 and state.diagnoses == ()
+
+
+def test_the_same_measurements_give_the_same_diagnoses_and_the_state_before_is_left_as_it_was():
+    method = Robust(ROBOT)
+    rng = np.random.default_rng(0)
+    first = Measurement(0.0, np.zeros(4), np.full(4, 5.0), np.zeros(2), 0.0, 0.0)
+    state = method.start(first)
+    for k in range(1, 60):
+        m = Measurement(
+            k * 1e-3, rng.normal(0.3, 0.1, 4), rng.normal(5, 0.1, 4), rng.normal(0, 0.1, 2), 0.1, 0.0
+        )
+        once, again = method.step(state, m), method.step(state, m)
+        assert np.array_equal(once.log, again.log) and once.diagnoses == again.diagnoses
+        state = once
+
+
+_ANY = st.floats(allow_nan=True, allow_infinity=True, width=64)
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.lists(st.tuples(st.integers(0, 11), _ANY), min_size=1, max_size=8), st.integers(0, 30))
+def test_whatever_sensors_say_the_command_is_finite_and_within_limits(corruptions, at):
+    controller = DiagnosingController(Controller(ROBOT), Robust(ROBOT))
+    good = Measurement(0.0, np.full(4, 0.3), np.full(4, 6.0), np.array([0.1, 0.2]), 0.1, 1.0)
+    state = controller.start(good)
+    target = Target(np.array([0.3, 0.0]), 0.1, 0.0)
+    for k in range(1, 60):
+        values = np.concatenate(
+            (good.current, good.wheel_speed, good.acceleration, [good.yaw_rate, good.yaw])
+        )
+        if at <= k < at + 15:
+            for place, value in corruptions:
+                values[place] = value
+        m = Measurement(k * 1e-3, values[:4], values[4:8], values[8:10], float(values[10]), float(values[11]))
+        command, state = controller.step(state, m, target)
+        assert np.isfinite(command.current).all()
+        assert np.abs(command.current).max() <= ROBOT.control.current_limit
+    for diagnosis in state.diagnoses:
+        assert math.isfinite(diagnosis.time) and 0.0 <= diagnosis.confidence <= 1.0
