@@ -11,6 +11,8 @@ from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters.reading import Rule, number
 
 BOUNDS = ("min", "max")
+METHODS = ("robust", "published", "off")
+"""Ways to diagnose; each may have checks of its own."""
 
 _ANY = Rule(-math.inf, math.inf, False)
 
@@ -25,6 +27,8 @@ class Check:
     """`max`: the metric may not be above the limit; `min`: not below."""
     limit: float
     """In the metric's SI unit."""
+    method: str | None = None
+    """Judged with this method only; with any when None."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +49,9 @@ class Judgement:
         return self.value <= self.check.limit
 
 
-def _read_bounds(place: str, name: str, entry: Any) -> list[Check]:
+def _read_bounds(place: str, name: str, entry: Any, method: str | None) -> list[Check]:
     if not isinstance(entry, Mapping):
-        return [Check(name, "max", float(number(place, entry, _ANY)))]
+        return [Check(name, "max", float(number(place, entry, _ANY)), method)]
     for key in entry:
         if key not in BOUNDS:
             raise UnknownNameError(place, "key", key, BOUNDS)
@@ -56,16 +60,21 @@ def _read_bounds(place: str, name: str, entry: Any) -> list[Check]:
     limits = {bound: float(number(f"{place}.{bound}", value, _ANY)) for bound, value in entry.items()}
     if limits.get("min", -math.inf) > limits.get("max", math.inf):
         raise InputError(place, f"min {limits['min']:g} is above max {limits['max']:g}", "nothing could pass")
-    return [Check(name, bound, limits[bound]) for bound in BOUNDS if bound in limits]
+    return [Check(name, bound, limits[bound], method) for bound in BOUNDS if bound in limits]
 
 
-def read_checks(table: Any, place: str, metrics: tuple[str, ...]) -> tuple[Check, ...]:
+def read_checks(
+    table: Any, place: str, metrics: tuple[str, ...], method: str | None = None
+) -> tuple[Check, ...]:
     """The `[checks]` table: `metric = limit` (largest value), or `metric = { min = …, max = … }`.
+
+    A table `[checks.robust]` has what must hold beside it with that method.
 
     Args:
       table: The parsed TOML table.
       place: File and table, for messages.
       metrics: Names of the metrics that this scenario has.
+      method: That the table is for; any when None.
 
     Raises:
       InputError: A limit that is no number, or bounds that exclude each other.
@@ -75,12 +84,18 @@ def read_checks(table: Any, place: str, metrics: tuple[str, ...]) -> tuple[Check
         raise InputError(place, f"found {table!r}", "a table is needed, e.g. max_yaw_excursion = 0.1")
     checks: list[Check] = []
     for name, entry in table.items():
+        if name in METHODS and method is None:
+            checks.extend(read_checks(entry, f"{place}.{name}", metrics, name))
+            continue
         if name not in metrics:
             raise UnknownNameError(place, "metric", name, metrics)
-        checks.extend(_read_bounds(f"{place}.{name}", name, entry))
+        checks.extend(_read_bounds(f"{place}.{name}", name, entry, method))
     return tuple(checks)
 
 
-def judge(checks: tuple[Check, ...], metrics: Mapping[str, float | None]) -> tuple[Judgement, ...]:
-    """Holds every check against the metrics of a run, in the order of the scenario file."""
-    return tuple(Judgement(check, metrics.get(check.name)) for check in checks)
+def judge(
+    checks: tuple[Check, ...], metrics: Mapping[str, float | None], method: str = "off"
+) -> tuple[Judgement, ...]:
+    """Holds every check of the method against the metrics of a run, in the order of the scenario file."""
+    asked = (check for check in checks if check.method in (None, method))
+    return tuple(Judgement(check, metrics.get(check.name)) for check in asked)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from omnimj.plant.faults import KINDS
 from omnimj.plant.patches import PATCH_KEYS
-from omnimj.scenario.checks import BOUNDS
+from omnimj.scenario.checks import BOUNDS, METHODS
 from omnimj.scenario.diagnosis_table import DIAGNOSIS_KEYS
 from omnimj.scenario.drive import DRIVE_KEYS
 from omnimj.scenario.kinematic_level import KINEMATIC_KEYS
@@ -30,5 +30,7 @@ def known_keys(plant: str, wheels: int) -> KnownKeys:
     own = (key for kind in KINDS.values() for key in kind.own_keys)
     tables["faults.*"] = tuple(dict.fromkeys(("kind", "wheel", "onset", "end", *own)))
     tables["diagnosis"] = DIAGNOSIS_KEYS
-    tables["checks"] = metrics
-    return {**tables, **{f"checks.{name}": BOUNDS for name in metrics}}
+    tables["checks"] = (*metrics, *METHODS)
+    for place in ("checks", *(f"checks.{method}" for method in METHODS)):
+        tables |= {f"{place}.{name}": BOUNDS for name in metrics}
+    return {**tables, **{f"checks.{method}": metrics for method in METHODS}}

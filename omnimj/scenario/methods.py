@@ -9,9 +9,10 @@ from omnimj.control.published.thresholds import chosen_thresholds
 from omnimj.control.robust import Robust
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import Rig
+from omnimj.scenario import checks
 from omnimj.scenario.scenario import RigDrive, Scenario
 
-METHODS = ("robust", "published", "off")
+METHODS = checks.METHODS
 """Ways to diagnose: on missions, as published, not at all."""
 
 RIG_METHODS = ("published", "off")

@@ -9,6 +9,8 @@ import numpy as np
 from omnimj.scenario.path_error import distance_to_path
 from omnimj.signals import Array, Trace
 
+DIAGNOSIS_UNITS = {"detection_delay": "s", "isolated": "1", "false_alarms": "1"}
+"""What the diagnoses are worth; `isolated` is 1 where every fault was named for itself and nothing else."""
 _SPEED_UNITS = {"final_speed": "m/s", "mean_speed": "m/s", "peak_speed": "m/s"}
 
 
@@ -22,12 +24,13 @@ def metric_units(plant: str, wheels: int, has_path: bool, kinematic: bool) -> di
       kinematic: Whether the run is at the kinematic level, which has neither currents nor slip.
     """
     if plant == "quarter_rig":
-        return {**_SPEED_UNITS, "peak_slip_1": "m/s", "rms_current": "A", "final_current": "A", "travel": "m"}
+        own = {"peak_slip_1": "m/s", "rms_current": "A", "final_current": "A", "travel": "m"}
+        return {**_SPEED_UNITS, **own, **DIAGNOSIS_UNITS}
     units = {"max_yaw_excursion": "rad", "tracking_error_max": "m", **_SPEED_UNITS}
     if has_path:
         units |= {"path_error_max": "m", "path_error_rms": "m"}
     if not kinematic:
-        units |= {f"peak_slip_{i}": "m/s" for i in range(1, wheels + 1)}
+        units |= {f"peak_slip_{i}": "m/s" for i in range(1, wheels + 1)} | DIAGNOSIS_UNITS
         units |= {"rms_current": "A", **{f"rms_current_{i}": "A" for i in range(1, wheels + 1)}}
     return units
 

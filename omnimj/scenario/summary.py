@@ -13,7 +13,7 @@ from omnimj.recording.folder import whole_file
 from omnimj.scenario.checks import Judgement, judge
 from omnimj.scenario.judging import judge_diagnoses
 from omnimj.scenario.kinematic_level import kinematic_faults
-from omnimj.scenario.metrics import measure
+from omnimj.scenario.metrics import DIAGNOSIS_UNITS, measure
 from omnimj.scenario.scenario import Scenario
 from omnimj.scenario.truth import patch_records
 from omnimj.signals import Trace
@@ -29,9 +29,13 @@ def summarize(scenario: Scenario, trace: Trace) -> dict[str, Any]:
       trace: What was recorded, at least one row; `about` has plant, method, seed, realtime_factor and
         interrupted.
     """
-    measured = measure(trace, scenario.metric_units)
-    judgements = judge(scenario.checks, measured)
     about, faults = trace.about, true_faults(scenario, trace)
+    diagnosed = _diagnosis(faults, about.get("diagnoses", ()), len(scenario.wheel_positions))
+    measured = measure(
+        trace, {name: unit for name, unit in scenario.metric_units.items() if name not in DIAGNOSIS_UNITS}
+    )
+    worth = {name: None if diagnosed[name] is None else float(diagnosed[name]) for name in DIAGNOSIS_UNITS}
+    judgements = judge(scenario.checks, {**measured, **worth}, str(about["method"]))
     interrupted = bool(about["interrupted"])
     return {
         "scenario": scenario.name,
@@ -46,7 +50,7 @@ def summarize(scenario: Scenario, trace: Trace) -> dict[str, Any]:
         "interrupted": interrupted,
         "passed": all(judgement.ok for judgement in judgements) and not interrupted,
         "faults": faults,
-        **_diagnosis(faults, about.get("diagnoses", ()), len(scenario.wheel_positions)),
+        **diagnosed,
         **dict.fromkeys(("max_yaw_excursion", "path_error_max", "path_error_rms")),
         **{name: _finite(value) for name, value in measured.items()},
         "checks": [_check_record(judgement) for judgement in judgements],

@@ -38,7 +38,7 @@ FIRST_WEIGHT = 100.0
 """Of the κ before anything is known [N²]."""
 LOADED = 1.5
 """Traction from which a wheel is under load: slip against it says something about grip [N]."""
-NO_SLIP = 0.08
+NO_SLIP = 0.12
 """A wheel off by this against its load, or without any, does not slip: its speed is read wrongly [m/s]."""
 _SEEN = 0.03  # [m/s] of slip that says something about κ
 _FORGETS = 2e-4  # per block that says something

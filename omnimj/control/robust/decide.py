@@ -42,7 +42,7 @@ class Thresholds:
     """Blocks for which an amplifier gives another current than asked for."""
     stuck: int = 6
     """Blocks for which a wheel stands while the floor passes."""
-    odd: int = 12
+    odd: int = 30
     """Blocks for which a wheel's speed is one that no slip explains."""
     turning: float = 0.03
     """Angle by which gyro and converter part in a second [rad]."""
@@ -50,6 +50,9 @@ class Thresholds:
     """Factor on slip and accelerometer while another fault stands: less is sure of the robot then."""
     healthy: int = 25
     """Blocks of loaded rolling that take a slip back."""
+
+
+_AFTERMATH = 2.0  # [s] in which the velocity of the body comes home after a slip
 
 
 @dataclass(frozen=True)
@@ -261,6 +264,8 @@ def _slips(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: f
 
 def _odd_speeds(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: float) -> Verdict:
     n = len(evidence.force)
+    if any(d.cleared is None or time - d.cleared < _AFTERMATH for d in verdict.diagnoses):
+        return verdict  # what is wrong already makes other wheels look odd
     if (evidence.counters[:, AGAINST] >= 0.5 * thresholds.odd).sum() > 1:
         return verdict  # when several wheels are odd, it is the body's velocity that is wrong
     for i, row in enumerate(evidence.counters):
