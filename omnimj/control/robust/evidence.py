@@ -19,7 +19,7 @@ from omnimj.control.robust.counters import (
     feel_floor,
     floor_scale,
 )
-from omnimj.control.robust.force_balance import balance, wheel_force, whiten
+from omnimj.control.robust.force_balance import balance, columns, lasting, wheel_force, whiten
 from omnimj.control.robust.slip import STATE, correct, predict
 from omnimj.control.robust.slow import learn, prior
 from omnimj.control.robust.windows import LIKELIHOOD, LONGEST, SCORE, scores
@@ -41,7 +41,7 @@ COMPARED = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """What is remembered from block to block, n wheels, p = 2n + 5."""
+    """What is remembered from block to block, n wheels, p numbers θ."""
 
     ring: Array
     """Whitened blocks of the last second, shape (LONGEST, 3 (p+1))."""
@@ -80,7 +80,7 @@ class Evidence:
 
 def no_evidence(wheels: int) -> Evidence:
     """Before the first block: a healthy robot at rest."""
-    p = 2 * wheels + 5
+    p = columns(wheels)
     start = np.diag([1e-6, 1e-6, 4e-4, 4e-4])
     return Evidence(
         ring=np.zeros((LONGEST, 3 * (p + 1))),
@@ -123,12 +123,12 @@ def compare_turning(heading, turn, period, yaw, speed, turning):
 
 
 @kernel
-def _in_ring(ring, cursor, theta, cov, walk, x, rho, learning):
+def _in_ring(ring, cursor, theta, cov, walk, lasts, x, rho, learning):
     """The block into the ring; the one that it pushes out is learnt from."""
     p = theta.size
     if cursor[0] == ring.shape[0] and learning:
         old = ring[(cursor[1] + 1) % ring.shape[0]]
-        learn(theta, cov, walk, old[: 3 * p].copy().reshape(3, p), old[3 * p :])
+        learn(theta, cov, walk, lasts, old[: 3 * p].copy().reshape(3, p), old[3 * p :])
     cursor[1] = (cursor[1] + 1) % ring.shape[0]
     cursor[0] = min(cursor[0] + 1, ring.shape[0])
     ring[cursor[1], : 3 * p] = x.copy().reshape(3 * p)
@@ -183,8 +183,18 @@ def update(
     if moving:
         whiten(c, forces, across, slowest, sideways, unknown, x, raw)
         if fresh:
-            learn(theta, cov, walk, x, raw)
-        _in_ring(ring, cursor, theta, cov, walk, x, raw, not fresh and found[:, LIKELIHOOD].max() < CALM)
+            learn(theta, cov, walk, lasting(n), x, raw)
+        _in_ring(
+            ring,
+            cursor,
+            theta,
+            cov,
+            walk,
+            lasting(n),
+            x,
+            raw,
+            not fresh and found[:, LIKELIHOOD].max() < CALM,
+        )
         precision = np.linalg.inv(cov)
         misfit[:] = scores(ring, cursor[0], cursor[1], theta, precision, low, high, found)
     for q in range(n + 1):

@@ -4,10 +4,11 @@ F̂_i = (K_t i E G_r/r − dry σ(φ̇) − viscous φ̇ − I_eff φ̈/r) comes
 the floor enters: the channel is blind to slip and to the floor. M a is accelerometer and gyro. What may be
 wrong of it in health is written as columns of a linear law
 
-  ρ = X θ + noise,  θ = [δ_1…n, ν_1…n, β_x, β_y, λ, μ, ι]
+  ρ = X θ + noise,  θ = [δ_1…n, ν_1…n, β_x, β_y, λ, μ, ι, h_1…n, k_1…n]
 
 δ loss of torque constant and ν excess of dry friction per wheel, β accelerometer bias, λ excess of the
-rollers' friction, μ excess of mass, ι of inertia.
+rollers' friction, μ excess of mass, ι of inertia; h and k what the friction of a wheel or of its rollers holds
+while it stands, −1 … 1, which nobody knows and nobody learns.
 """
 
 from __future__ import annotations
@@ -35,8 +36,6 @@ SLOW = 1.5
 """Wheel speed below which the sign of dry friction is not known [rad/s]."""
 SLOW_SIDEWAYS = 0.05
 """The same of rollers [m/s]."""
-# stiction stays the same from block to block: its variance counts so many times, or windows average it away
-_HELD, _HELD_ROLLERS = 100.0, 36.0
 _UNKNOWN = 1e4  # [N²]
 _TURNING = 0.3  # [rad/s] width of the sign
 _SIDEWAYS = 0.01  # [m/s] the same for the rollers
@@ -47,6 +46,12 @@ NOISE = (1.0, 1.0, 0.6)
 @kernel
 def columns(wheels):
     """Length of θ."""
+    return 4 * wheels + 5
+
+
+@kernel
+def lasting(wheels):
+    """How many of them, the first ones, are numbers of the robot that last."""
     return 2 * wheels + 5
 
 
@@ -72,7 +77,7 @@ def wheel_force(c, current, speed, rate, loss, friction):
 
 @kernel
 def balance(c, forces, across, current, speed, rate, acceleration, turning, spin, loss, x, rho, wheel, side):
-    """Fills X, shape (3, 2n+5), ρ, shape (3,), and of the wheels F̂ and what the rollers do, of one block.
+    """Fills X, shape (3, p), ρ, shape (3,), and of the wheels F̂ and what the rollers do, of one block.
 
     Args:
       c: `constants.numbers`.
@@ -130,8 +135,8 @@ def rolling_twist(c, forces, speed, turning):
 def whiten(c, forces, across, slowest, sideways, unknown, x, rho):
     """Scales the rows of X and ρ so that the noise is white and of size 1.
 
-    A wheel that turns slowly, or did a moment ago, holds any friction between ± dry: noise along its own
-    column of B. So do rollers that hardly turn, along the axle.
+    A wheel that turns slowly, or did a moment ago, holds any friction between ± dry, and goes on to hold it: a
+    number h of its own along its column of B, and noise for its changes. So do rollers that hardly turn.
 
     Args:
       c: `constants.numbers`.
@@ -146,16 +151,19 @@ def whiten(c, forces, across, slowest, sideways, unknown, x, rho):
     cov = np.zeros((3, 3))
     for k in range(3):
         cov[k, k] = NOISE[k] * NOISE[k]
-    dry, rollers = _HELD * c[DRY] * c[DRY], _HELD_ROLLERS * (c[LOAD] * c[ROLLER_DRY]) ** 2
+    n, dry, rollers = slowest.size, c[DRY], c[LOAD] * c[ROLLER_DRY]
+    held = lasting(n)
     for i in range(slowest.size):
         for k in range(3):
             for j in range(3):
                 if unknown[i] != 0.0:
                     cov[k, j] += forces[k, i] * forces[j, i] * _UNKNOWN
                 elif slowest[i] < SLOW:
-                    cov[k, j] += forces[k, i] * forces[j, i] * dry
+                    cov[k, j] += forces[k, i] * forces[j, i] * dry * dry
                 if sideways[i] < SLOW_SIDEWAYS:
-                    cov[k, j] += across[i, k] * across[i, j] * rollers
+                    cov[k, j] += across[i, k] * across[i, j] * rollers * rollers
+            x[k, held + i] = forces[k, i] * dry if slowest[i] < SLOW else 0.0
+            x[k, held + n + i] = across[i, k] * rollers if sideways[i] < SLOW_SIDEWAYS else 0.0
     # Cholesky factor L, then forward substitution of every column
     low = np.zeros((3, 3))
     for k in range(3):

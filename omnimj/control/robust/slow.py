@@ -12,24 +12,27 @@ from omnimj.signals import Array
 
 LOSS, FRICTION, BIAS, ROLLERS, LOADED, INERTIA = 0.03, 0.2, 0.02, 0.2, 0.15, 0.1
 """Standard deviations in health: δ, ν, β [m/s²], λ, μ, ι."""
+HELD = 0.7
+"""The same of h and k: anything between −1 and 1."""
 MEMORY = 120.0
 """Time in which a number may wander by its own prior [s]."""
 
 
 def prior(wheels: int) -> Array:
-    """Standard deviations of θ before anything is known, shape (2n+5,)."""
+    """Standard deviations of θ before anything is known, shape (p,)."""
     each = [LOSS] * wheels + [FRICTION] * wheels
-    return np.array([*each, BIAS, BIAS, ROLLERS, LOADED, INERTIA])
+    return np.array([*each, BIAS, BIAS, ROLLERS, LOADED, INERTIA, *([HELD] * (2 * wheels))])
 
 
 @kernel
-def learn(theta, cov, walk, x, rho):
+def learn(theta, cov, walk, lasts, x, rho):
     """One block into mean θ, shape (p,), and covariance, shape (p, p), both changed in place.
 
     Args:
       theta: Mean.
       cov: Covariance.
       walk: Variance that every number gains per block, shape (p,).
+      lasts: How many of the numbers last; the others are forgotten after the block.
       x: Whitened columns, shape (3, p).
       rho: Whitened ρ, shape (3,).
     """
@@ -51,3 +54,8 @@ def learn(theta, cov, walk, x, rho):
             for q in range(j + 1):
                 cov[j, q] -= gain[j] * gain[q] / size
                 cov[q, j] = cov[j, q]
+    for j in range(lasts, p):
+        theta[j] = 0.0
+        for q in range(p):
+            cov[j, q] = cov[q, j] = 0.0
+        cov[j, j] = HELD * HELD
