@@ -1,7 +1,8 @@
 """A recorded run as the controller would have sampled it: masked rows left out, pieces between gaps.
 
-Where a logger had the controller's own rate its rows are taken as they are; any other is interpolated linearly
-to the controller's rate, across no gap longer than `LONGEST_BRIDGE`. Set currents are held, not interpolated.
+Where a logger had the controller's own rate its rows are taken as they are; any other is interpolated
+linearly to the controller's rate, across no gap longer than `LONGEST_BRIDGE`. Set currents are held, not
+interpolated.
 """
 
 from __future__ import annotations
@@ -91,7 +92,7 @@ def sampled(
     values = np.column_stack([_unwrapped(run, name, angles)[keep] for name in channels])
     asked, notes = _asked(run, targets, channels)
     breaks = np.flatnonzero(np.diff(time) > LONGEST_BRIDGE + _ROUNDING) + 1
-    pieces, made = [], False
+    pieces, made, rate = [], False, rate_of(run)
     for rows in np.split(np.arange(len(time)), breaks):
         if len(rows) < 2:
             continue
@@ -105,9 +106,12 @@ def sampled(
     lost = int((~keep).sum())
     if lost:
         notes.append(f"run {run.name}: {lost} of {len(keep)} rows are masked and were left out")
-    if made:
-        rates = f"from {rate_of(run):.4g} to {1.0 / period:.4g} samples per second"
+    if made and abs(rate * period - 1.0) > _ALIKE:
+        rates = f"from {rate:.4g} to {1.0 / period:.4g} samples per second"
         notes.append(f"run {run.name}: interpolated linearly {rates}")
+    elif made:
+        words = f"gaps of up to {1000.0 * LONGEST_BRIDGE:g} ms"
+        notes.append(f"run {run.name}: {words} were interpolated across")
     return Sampled(tuple(pieces), tuple(notes))
 
 
@@ -126,7 +130,7 @@ def _asked(run: Run, targets: Sequence[str], channels: Sequence[str]) -> tuple[A
 
 
 def _piece(time: Array, values: Array, period: float) -> tuple[Piece, bool]:
-    """The rows as they are where they have the controller's rate, else interpolated; and whether they were."""
+    """The rows as they are at the controller's rate, else interpolated; and whether they were."""
     steps = np.diff(time)
     is_alike = abs(steps.mean() - period) <= _ALIKE * period and steps.max() <= (1.0 + _UNEVEN) * period
     if is_alike:
