@@ -7,6 +7,7 @@ drives; what the method believes of its velocity is then what the wheels say.
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any
 
 import numpy as np
@@ -48,17 +49,36 @@ def begin(method: Any, machine: Any, measurement: Any, bias: float) -> Any:
     return state
 
 
-def go_on(method: Any, machine: Any, state: Any, measurement: Any, bias: float) -> Any:
-    """The state after a short gap: what was learnt and decided stays, sums over the gap are begun anew."""
+def go_on(method: Any, machine: Any, state: Any, measurement: Any, bias: float, is_long: bool) -> Any:
+    """The state after a gap.
+
+    The published methods know how much time has passed; after a long gap they begin anew. The robust method
+    keeps what it has learnt and decided, since a gap repairs nothing; what reaches over the gap begins anew:
+    sums, windows and velocities.
+
+    Args:
+      method: Any.
+      machine: That it believes in.
+      state: Before the gap.
+      measurement: The first after it.
+      bias: Of the gyro [rad/s].
+      is_long: Whether the gap is too long to go on from.
+    """
     if not isinstance(method, Robust):
-        return state  # the published methods know how much time has passed
-    fresh = method.start(measurement)
-    evidence = state.evidence.copy()
-    empty = no_evidence(method.wheels)
+        return begin(method, machine, measurement, bias) if is_long else state
+    fresh, evidence, empty = method.start(measurement), state.evidence.copy(), no_evidence(method.wheels)
     evidence.counters[:, :GRIP] = empty.counters[:, :GRIP]
     evidence.heading[:] = empty.heading
+    if is_long:
+        evidence.cursor[:], evidence.found[:] = empty.cursor, empty.found
     after = dataclasses.replace(
-        state, sums=fresh.sums, line=fresh.line, repeats=fresh.repeats, wanted=fresh.wanted, evidence=evidence
+        fresh,
+        evidence=evidence,
+        verdict=dataclasses.replace(state.verdict, suspected=math.nan),
+        accepted=state.accepted,
+        fresh=state.fresh,
+        advice=state.advice,
+        log=state.log,
     )
     return _moving(after, machine, measurement, bias)
 

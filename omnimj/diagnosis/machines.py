@@ -9,7 +9,7 @@ from pathlib import Path
 
 from omnimj.control.method import Method
 from omnimj.control.robust.decide import Thresholds
-from omnimj.errors import InputError
+from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import Floor, Rig, Robot, read_rig, read_robot
 from omnimj.plant.channels import RIG_CHANNELS, robot_channels
 from omnimj.recording.dataset import Dataset, Run
@@ -73,13 +73,16 @@ def method_name(asked: str | None, machine: Machine) -> str:
       UnknownNameError: No such method.
       InputError: It diagnoses nothing, or not this machine.
     """
-    names = RIG_METHODS if isinstance(machine.constants, Rig) else METHODS
+    is_rig = isinstance(machine.constants, Rig)
+    names = tuple(name for name in (RIG_METHODS if is_rig else METHODS) if name != "off")
     if asked is None:
         return names[0]
-    if asked == "off":
-        choices = tuple(name for name in names if name != "off")
-        raise InputError("--method", "found 'off'", "it diagnoses nothing", choices)
-    return asked
+    if asked in names:
+        return asked
+    if asked not in METHODS:
+        raise UnknownNameError("--method", "method", asked, names)
+    rule = "it diagnoses nothing" if asked == "off" else "the rig has one wheel"
+    raise InputError("--method", f"found {asked!r}", rule, names)
 
 
 def method_of(

@@ -17,12 +17,13 @@ from omnimj.diagnosis.beginning import begin, go_on
 from omnimj.diagnosis.machines import Machine
 from omnimj.diagnosis.resting import first_bias, is_still
 from omnimj.diagnosis.sampling import Piece, Sampled, rows_at, sampled
+from omnimj.errors import SimulationError
 from omnimj.parameters import Robot
 from omnimj.recording.dataset import Run
 from omnimj.signals import Array, Diagnosis, Trace
 
 LONGEST_GAP = 0.1
-"""After a longer gap a method begins anew; what it has diagnosed stays listed [s]."""
+"""After a longer gap no window and no observer reaches back; what was diagnosed stays listed [s]."""
 _REPORT_EVERY = 500  # samples
 
 Progress = Callable[[int], None]
@@ -71,15 +72,16 @@ def replay(
     """
     logs = np.empty((samples.samples, len(method.log_names)))
     times = np.concatenate([piece.time for piece in samples.pieces]) if samples.pieces else np.empty(0)
-    loop = _Loop(machine, method, samples, logs, progress, watch)
+    loop = _Loop(run.name, machine, method, samples, logs, progress, watch)
     told, gaps = (), []
     state, last = None, -np.inf
     for piece in samples.pieces:
         gap = piece.time[0] - last
-        if state is not None and gap > LONGEST_GAP:
-            told, state = _joined(told, state.diagnoses), None
+        is_long = gap > LONGEST_GAP
+        if state is not None and is_long:
+            told = _joined(told, state.diagnoses)
             gaps.append(gap)
-        state = loop.over(piece, state)
+        state = loop.over(piece, state, is_long)
         last = piece.time[-1]
     if state is not None:
         told = _joined(told, state.diagnoses)
@@ -97,6 +99,7 @@ class _Loop:
 
     def __init__(
         self,
+        name: str,
         machine: Machine,
         method: Method,
         samples: Sampled,
@@ -104,7 +107,7 @@ class _Loop:
         progress: Progress | None,
         watch: Watch | None,
     ):
-        self._machine, self._method, self._logs = machine, method, logs
+        self._name, self._machine, self._method, self._logs = name, machine, method, logs
         self._progress, self._watch, self._done = progress, watch, 0
         self._rest, self._turn, self._speeds = no_rest_yet(), np.empty(0), slice(0)
         if isinstance(machine.constants, Robot) and samples.pieces:
@@ -114,20 +117,24 @@ class _Loop:
             gyro = rows[:, machine.channels.index("yaw_rate")]
             self._rest = first_bias(rows[:, self._speeds], gyro, machine.period)
 
-    def over(self, piece: Piece, state: Any) -> Any:
-        """The state after a piece, from the one before it; None: the method begins."""
+    def over(self, piece: Piece, state: Any, is_long: bool) -> Any:
+        """The state after a piece, from the one before it and a gap; None: the method begins."""
         machine, method = self._machine, self._method
         bias = float(self._rest[BIAS])
         first = machine.measurement(float(piece.time[0]), piece.columns[0])
         if state is None:
             state = begin(method, machine.constants, first, bias)
         else:
-            state = go_on(method, machine.constants, state, first, bias)
+            state = go_on(method, machine.constants, state, first, bias, is_long)
         for k, now in enumerate(piece.time.tolist()):
             row = piece.columns[k]
             measured = machine.measurement(now, row)
             command = None if piece.command is None else piece.command[k]
-            state = method.step(state, measured, command, float(self._rest[BIAS]))
+            try:
+                state = method.step(state, measured, command, float(self._rest[BIAS]))
+            except (ArithmeticError, np.linalg.LinAlgError) as error:
+                found = f"the method breaks down at {now:.6g} s ({error})"
+                raise SimulationError(f"run {self._name!r}: {found}") from None
             self._logs[self._done] = state.log
             self._note_rest(measured)
             self._done += 1
@@ -146,12 +153,12 @@ class _Loop:
 
 
 def _joined(before: Sequence[Diagnosis], after: Sequence[Diagnosis]) -> tuple[Diagnosis, ...]:
-    """Diagnoses before and after a new beginning; one that stood and is made again is the one before."""
+    """Diagnoses before and after a gap; one that stood and is made again is the one before."""
     joined = list(before)
     for new in after:
         for k, old in enumerate(before):
             same = (old.kind, old.wheels, old.channel) == (new.kind, new.wheels, new.channel)
-            if same and joined[k].cleared is None:
+            if same and (old.time == new.time or joined[k].cleared is None):
                 joined[k] = dataclasses.replace(new, time=old.time)
                 break
         else:

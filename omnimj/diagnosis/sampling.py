@@ -25,6 +25,8 @@ FINEST_COMMANDS = 500.0
 slower samples a speed loop changes its mind many times."""
 LONGEST_BRIDGE = 0.02
 """The longest gap that is interpolated across [s]."""
+LARGEST = 1e4
+"""Beyond any sensor of such machines, in whatever unit: larger numbers are limited to it."""
 _ALIKE = 0.005  # of the period: a log at the controller's own rate
 _UNEVEN = 0.5  # of the period
 _QUARTER = 0.25  # of the period: how far a logger's clock may be off the controller's
@@ -90,7 +92,11 @@ def sampled(
     keep = ~np.any([run.masked.get(name, np.zeros(len(run.time), bool)) for name in channels], axis=0)
     time = run.time[keep]
     values = np.column_stack([_unwrapped(run, name, angles)[keep] for name in channels])
-    asked, notes = _asked(run, targets, channels)
+    asked, notes = _asked(run, targets)
+    wild = [name for name, column in zip(channels, values.T, strict=True) if np.abs(column).max() > LARGEST]
+    if wild:
+        notes.append(f"run {run.name}: {', '.join(wild)} beyond ±{LARGEST:g} was limited to that")
+        values = np.clip(values, -LARGEST, LARGEST)
     breaks = np.flatnonzero(np.diff(time) > LONGEST_BRIDGE + _ROUNDING) + 1
     pieces, made, rate = [], False, rate_of(run)
     for rows in np.split(np.arange(len(time)), breaks):
@@ -116,10 +122,14 @@ def sampled(
 
 
 def _unwrapped(run: Run, name: str, angles: Sequence[str]) -> Array:
-    return np.unwrap(run.columns[name]) if name in angles else run.columns[name]
+    if name not in angles:
+        return run.columns[name]
+    # an angle may be counted on over many turns
+    whole = np.unwrap(run.columns[name])
+    return whole - 2.0 * math.pi * np.round(whole[0] / (2.0 * math.pi))
 
 
-def _asked(run: Run, targets: Sequence[str], channels: Sequence[str]) -> tuple[Array | None, list[str]]:
+def _asked(run: Run, targets: Sequence[str]) -> tuple[Array | None, list[str]]:
     """Set currents by row, shape (k, n), and what there is to say about them."""
     if not targets or not all(name in run.columns for name in targets):
         return None, []

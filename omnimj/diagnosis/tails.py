@@ -1,10 +1,12 @@
-"""How high a statistic comes by chance: the exponential tail of its maxima over independent stretches.
+"""How high a statistic comes by chance: the Gumbel tail of its maxima over independent stretches.
 
-A likelihood ratio exceeds h by chance with a probability that falls like e^{−h}; coloured noise makes that
-e^{−h/β}. With k of m maxima above their median u, and N_u = k/m per stretch,
-  N(h) = N_u e^{−(h − u)/β},   β̂ = mean excess over u,
-h is the level that is exceeded as often as allowed. k excesses tell β within ±1/√k only, so that its upper
-90 % bound is used, β̂ 2k/χ²_{0.1}(2k): few data give a high threshold, not a wrong one.
+A likelihood ratio exceeds h by chance with a probability that falls like e^{−h}; coloured noise makes it
+e^{−h/β}. A stretch then exceeds h on average N(h) times, and never with probability e^{−N(h)}: the maxima are
+Gumbel's. With k of m maxima above their median u,
+  N(h) = N_u e^{−(h − u)/β},   N_u = −ln(1 − k/m),   β̂ = mean excess over u / c,
+  c = (γ + ln N_u + E_1(N_u)) / (1 − e^{−N_u}),
+c the mean of the largest of a Poisson number of exponential ones, at least one. k excesses tell β within
+about 1/√k only, so that its upper 90 % bound is used, β̂ 2k/χ²_{0.1}(2k): few data give a high threshold.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import gammaincinv
+from scipy.special import exp1, gammaincinv
 
 from omnimj.signals import Array
 
@@ -27,7 +29,7 @@ class Tail:
     start: float
     """u, the median of the maxima."""
     often: float
-    """How often per hour a stretch exceeds it [1/h]."""
+    """How often per hour it is exceeded [1/h]."""
     slope: float
     """Upper bound of β, in the unit of the statistic."""
     largest: float
@@ -50,5 +52,7 @@ def tail_of(maxima: Array, stretch: float) -> Tail:
     k = len(excess)
     if k == 0:
         return Tail(start, 0.0, 0.0, float(maxima.max()))
-    slope = float(excess.mean()) * k / float(gammaincinv(k, _DOUBT))
-    return Tail(start, k / len(maxima) * 3600.0 / stretch, slope, float(maxima.max()))
+    often = -math.log1p(-k / len(maxima))
+    usual = (np.euler_gamma + math.log(often) + float(exp1(often))) / (k / len(maxima))
+    slope = float(excess.mean()) / usual * k / float(gammaincinv(k, _DOUBT))
+    return Tail(start, often * 3600.0 / stretch, slope, float(maxima.max()))
