@@ -9,7 +9,7 @@ import pytest
     ("argv", "told"),
     [
         (["--suite", "race"], "--suite: unknown suite 'race'; choices: manoeuvres, missions"),
-        (["--method", "best"], "--method: unknown method 'best'; choices: off"),
+        (["--method", "best"], "--method: unknown method 'best'; did you mean 'robust'?; choices: off"),
         (["--plant", "real"], "--plant: unknown plant 'real'; choices: planar, twin"),
         (["--plant", "planar,,twin"], "names with commas between them"),
         (["--faults", "slipp"], "--faults: unknown class of faults 'slipp'; did you mean 'slip'?"),
@@ -20,6 +20,8 @@ import pytest
         (["--set", "floor=pvc"], "--set floor: is none of them; cases are drawn"),
         (["--set", "diagnosis.variant=best"], "--set: diagnosis.variant: unknown variant 'best'"),
         (["--set", "diagnosis.colour=red"], "unknown key"),
+        (["--thresholds", "t.toml"], "--thresholds t.toml: the method is 'off'; they are those of 'robust'"),
+        (["--method", "robust", "--thresholds", "t.toml"], "t.toml: no such file"),
         (["--sede", "1"], "unknown option '--sede'; did you mean '--seed'?"),
     ],
 )

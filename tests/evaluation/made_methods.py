@@ -34,7 +34,7 @@ class MadeUp:
     def start(self, measurement: Any) -> Said:
         return Said((), self._effectiveness)
 
-    def step(self, state: Said, measurement: Measurement) -> Said:
+    def step(self, state: Said, measurement: Measurement, command: object = None, bias: float = 0.0) -> Said:
         told = tuple(d for d in self._known if d.time <= measurement.time)
         return state if told == state.diagnoses else Said(told, self._effectiveness)
 
