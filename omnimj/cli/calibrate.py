@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omnimj.cli.arguments import add_floors
+from omnimj.cli.compiling import note_compiled, say_compiling
 from omnimj.cli.progress import ProgressBar
 from omnimj.cli.tables import table
 from omnimj.errors import InputError
@@ -68,8 +69,10 @@ def run(arguments: Any) -> int:
 
     require_other_folder(order.dataset, arguments.out.parent)
     check_order(order)
+    say_compiling(order.method, order.dataset.plant, "method")
     with ProgressBar() as bar:
         found = calibrate(order, arguments.rate, bar.show)
+    note_compiled(order.method, order.dataset.plant)
     command = shlex.join(["omnimj", *arguments.given])
     write_thresholds(arguments.out, as_toml(found, order.dataset, command))
     if arguments.json:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omnimj.cli.arguments import add_floors, add_thresholds, read_thresholds
+from omnimj.cli.compiling import note_compiled, say_compiling
 from omnimj.cli.progress import ProgressBar
 from omnimj.cli.tables import table
 
@@ -58,9 +59,11 @@ def run(arguments: Any) -> int:
     order = _order(arguments)
     require_other_folder(order.dataset, arguments.out)
     check_order(order)
+    say_compiling(order.method, order.dataset.plant, "method")
     found, sections, interrupted = _diagnose(arguments, order)
     if not found:
         return 130
+    note_compiled(order.method, order.dataset.plant)
     from omnimj.diagnosis.diagnoses_file import as_json, write_diagnoses
     from omnimj.recording.folder import whole_file
     from omnimj.view.diagnosis_report import write_diagnosis_report
@@ -121,12 +124,12 @@ def _diagnose(arguments: Any, order: Order) -> tuple[list[Replayed], list[str], 
 
 
 def _told(order: Order, found: Sequence[Replayed], interrupted: bool, out: Path) -> str:
-    from omnimj.view.diagnosis_words import NOTHING, blind, how_sure, verdict, what, when
+    from omnimj.view.diagnosis_words import blind, how_sure, nothing, verdict, what, when
 
     rows = []
     for one in found:
         if not one.diagnoses:
-            rows.append((one.name, NOTHING, blind(one) or "–", ""))
+            rows.append((one.name, nothing(one), blind(one) or "–", ""))
         rows += [(one.name, what(d), when(d), how_sure(d)) for d in one.diagnoses]
     lines = [*order.dataset.notes, *(note for one in found for note in one.notes)]
     lines += [table(("run", "what", "when", "how sure"), rows), ""]

@@ -10,7 +10,7 @@ import omnimj
 from omnimj.diagnosis.diagnose import Order
 from omnimj.diagnosis.replay import Replayed
 from omnimj.view import diagnosis_plots, page
-from omnimj.view.diagnosis_words import NOTHING, blind, how_sure, verdict, what, when
+from omnimj.view.diagnosis_words import blind, how_sure, nothing, verdict, what, when
 from omnimj.view.drawing import svg
 from omnimj.view.wording import Span, diagnosis_spans
 
@@ -26,7 +26,7 @@ def run_section(run: Replayed, method_names: Sequence[str], drawn: bool = True) 
       method_names: Columns of the method's log.
       drawn: Whether it gets plots.
     """
-    words = ["<p>Nothing found.</p>"]
+    words = [f"<p>{nothing(run).capitalize()}.</p>"]
     if run.diagnoses:
         rows = [
             (page.cell(what(d)), page.cell(when(d), "number"), page.cell(how_sure(d))) for d in run.diagnoses
@@ -111,7 +111,7 @@ def _table(runs: Sequence[Replayed]) -> str:
     for run in runs:
         name, cannot = page.cell(run.name), page.cell(f"{run.cannot_judge:.1f} s", "number")
         if not run.diagnoses:
-            rows.append((name, page.cell(NOTHING), page.cell("–"), page.cell("–"), cannot))
+            rows.append((name, page.cell(nothing(run)), page.cell("–"), page.cell("–"), cannot))
         for d in run.diagnoses:
             told = page.cell(what(d)), page.cell(when(d), "number"), page.cell(how_sure(d))
             rows.append((name, *told, cannot))

@@ -41,6 +41,11 @@ def how_sure(diagnosis: Diagnosis) -> str:
     return f"{100.0 * diagnosis.confidence:.0f} %{others}"
 
 
+def nothing(run: Replayed) -> str:
+    """What there is to say of a run without a diagnosis."""
+    return NOTHING if run.judged > 0.0 else "no usable samples"
+
+
 def blind(run: Replayed) -> str:
     """How long the method could not judge; empty where it always could."""
     if run.cannot_judge <= 0.0:
