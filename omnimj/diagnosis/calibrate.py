@@ -67,6 +67,8 @@ class Calibration:
     hours: float
     """Of motion in the recordings."""
     runs: int
+    floors: tuple[str, ...]
+    """That were driven on."""
     set: tuple[Threshold, ...]
     told: tuple[tuple[str, int], ...]
     """Runs in which the method still diagnoses something with these thresholds, and how much."""
@@ -102,7 +104,9 @@ def calibrate(order: Order, rate: float, progress: Progress | None = None) -> Ca
     for k, name in enumerate(UNITS):
         tail = tail_of(maxima[:, k], STRETCH)
         found.append(Threshold(name, max(tail.level(share), floors[name]), tail, floors[name]))
-    bare = Calibration(rate, moved / 3600.0, len(order.dataset.runs), tuple(found), ())
+    runs = order.dataset.runs
+    driven = tuple(sorted({str(run.conditions["floor"]) for run in runs}))
+    bare = Calibration(rate, moved / 3600.0, len(runs), driven, tuple(found), ())
     checked = dataclasses.replace(order, thresholds=bare.thresholds)
     told = [(one.name, len(one.diagnoses)) for one in _passes(checked, progress, "checking") if one.diagnoses]
     return dataclasses.replace(bare, told=tuple(told))

@@ -21,6 +21,7 @@ def as_json(found: Calibration, dataset: Dataset, command: str) -> dict[str, Any
         "hours": found.hours,
         "extrapolated": found.extrapolated,
         "runs": found.runs,
+        "floors": list(found.floors),
         "thresholds": {
             one.name: {
                 "value": one.value,
@@ -76,8 +77,11 @@ def in_words(found: Calibration) -> list[str]:
         reach = "the recordings are longer than that"
     else:
         reach = f"extrapolated {found.extrapolated:.3g}-fold along exponential tails"
+    where = (
+        f"they hold for what was recorded, here on {', '.join(found.floors)}, and promise nothing elsewhere"
+    )
     asked = f"{found.rate:g} false alarms per hour of motion ({once})"
-    return [f"{asked} from {found.hours:.3g} h of motion: {reach}", *warnings(found)]
+    return [f"{asked} from {found.hours:.3g} h of motion: {reach}", where, *warnings(found)]
 
 
 def warnings(found: Calibration) -> list[str]:

@@ -85,6 +85,7 @@ def test_the_file_says_where_it_comes_from(files, folder):
 def test_it_says_how_far_it_had_to_extrapolate(folder, files, tmp_path, capsys):
     said = files[0.1].read_text(encoding="utf-8")
     assert "0.1 false alarms per hour of motion (one in 10 h) from 0.0" in said and "-fold along" in said
+    assert "here on natural_stone, and promise nothing elsewhere" in said
     assert "warning" in said and "less than 1 h" in said
     file = tmp_path / "t.toml"
     file.touch()
