@@ -137,8 +137,14 @@ def test_less_data_give_no_lower_thresholds_by_chance_alone():
     assert least(1e9, 4)["motor"] > 0.0
 
 
-def test_recordings_with_a_failed_sensor_or_little_motion_are_refused(refused, tmp_path):
-    gyro = np.array(driven()["yaw_rate"])
+@pytest.fixture(scope="module")
+def mission():
+    """A short healthy mission, driven before anything forbids to drive."""
+    return driven()
+
+
+def test_recordings_with_a_failed_sensor_or_little_motion_are_refused(mission, refused, tmp_path):
+    gyro = np.array(mission["yaw_rate"])
     gyro[4000:] = gyro[4000]
     frozen = Run("frozen", {**as_run(driven()).columns, "yaw_rate": gyro}, {}, FLOOR)
     write_dataset(tmp_path / "frozen", "uto_robot", FLOOR, [frozen])

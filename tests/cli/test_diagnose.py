@@ -214,8 +214,14 @@ def written(path: Path, plant: str = "uto_robot", **changed) -> str:
     return str(path)
 
 
-def test_hostile_data_are_one_line(refused, tmp_path):
-    slow = as_run(driven(), rows=slice(None, None, 20))
+@pytest.fixture(scope="module")
+def mission():
+    """A short healthy mission, driven before anything forbids to drive."""
+    return driven()
+
+
+def test_hostile_data_are_one_line(mission, refused, tmp_path):
+    slow = as_run(mission, rows=slice(None, None, 20))
     write_dataset(tmp_path / "slow", "uto_robot", FLOOR, [slow])
     told = refused("diagnose", str(tmp_path / "slow"), "--out", "out")
     assert "run 'one': has 50 per second; at least 100 samples per second are needed" in told
