@@ -5,12 +5,36 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
+
+from omnimj.errors import InputError
 
 
 def add_floors(parser: argparse.ArgumentParser) -> None:
     """`--floors FILE`."""
     words = "floors beside the shipped ones, or in their place, e.g. from omnimj identify"
     parser.add_argument("--floors", metavar="FILE", type=Path, help=words)
+
+
+def add_thresholds(parser: argparse.ArgumentParser) -> None:
+    """`--thresholds FILE`."""
+    words = "of the robust method, from omnimj calibrate (default: the shipped ones)"
+    parser.add_argument("--thresholds", metavar="FILE", type=Path, help=words)
+
+
+def read_thresholds(file: Path | None, method: str) -> Any:
+    """What `--thresholds` names; None without it.
+
+    Raises:
+      InputError: It is for another method, or the file is wrong.
+    """
+    if file is None:
+        return None
+    from omnimj.control.robust.thresholds_file import read_thresholds
+
+    if method != "robust":
+        raise InputError(f"--thresholds {file}", f"the method is {method!r}", "they are those of 'robust'")
+    return read_thresholds(file)
 
 
 def names(text: str) -> tuple[str, ...]:

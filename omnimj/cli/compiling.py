@@ -5,18 +5,19 @@ from __future__ import annotations
 import sys
 
 
-def say_compiling(plant: str, machine: str) -> None:
+def say_compiling(plant: str, machine: str, kind: str = "plant") -> None:
     """One line on stderr before the wait, if there will be one.
 
     Args:
-      plant: `twin` or `planar`.
+      plant: `twin` or `planar`, or a method.
       machine: `uto_robot` or `quarter_rig`.
+      kind: `plant` or `method`.
     """
     from omnimj.physics.native import is_compiled
 
     if not is_compiled(f"{plant}-{machine}"):
         print(
-            f"compiling native code for the {plant} plant, once, for about 10 s …",
+            f"compiling native code for the {plant} {kind}, once, for about 10 s …",
             file=sys.stderr,
             flush=True,
         )

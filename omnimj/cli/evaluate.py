@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import names, whole_number
+from omnimj.cli.arguments import add_thresholds, names, read_thresholds, whole_number
 from omnimj.cli.compiling import note_compiled, say_compiling
 from omnimj.cli.progress import ProgressBar
 from omnimj.cli.tables import table
@@ -32,6 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     words = "missions (default; 60 s of random legs), manoeuvres (5 s, 24 directions, two speeds)"
     parser.add_argument("--suite", metavar="S", default="missions", help=words)
     parser.add_argument("--method", metavar="M", default="off", help="way to diagnose (default off)")
+    add_thresholds(parser)
     words = "a setting of the method or of the cascade's loops, e.g. diagnosis.variant=printed; repeatable"
     parser.add_argument(
         "--set", metavar="KEY=VALUE", dest="settings", action="append", default=[], help=words
@@ -85,6 +86,7 @@ def run(arguments: Any) -> int:
         arguments.trials,
         arguments.workers,
         arguments.force,
+        read_thresholds(arguments.thresholds, arguments.method),
     )
     check_order(order)
     for plant in choice.plants:

@@ -9,6 +9,8 @@ from collections.abc import Callable, Sequence
 from typing import Any, NoReturn
 
 from omnimj import __version__
+from omnimj.cli import calibrate as calibrate_command
+from omnimj.cli import diagnose as diagnose_command
 from omnimj.cli import evaluate as evaluate_command
 from omnimj.cli import gap as gap_command
 from omnimj.cli import identify as identify_command
@@ -78,6 +80,8 @@ def make_parser() -> Parser:
         ("identify", identify_command),
         ("validate", validate_command),
         ("gap", gap_command),
+        ("diagnose", diagnose_command),
+        ("calibrate", calibrate_command),
         ("evaluate", evaluate_command),
     ):
         add(name, module.HELP, module.EXAMPLE, module.add_arguments, module.run)

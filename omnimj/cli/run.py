@@ -8,7 +8,7 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import add_floors
+from omnimj.cli.arguments import add_floors, add_thresholds, read_thresholds
 from omnimj.cli.compiling import note_compiled, say_compiling
 from omnimj.cli.progress import ProgressBar
 from omnimj.cli.tables import shown, table
@@ -52,6 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"a copy of robot.toml or rig.toml with changed values; the originals lie in {shipped}",
     )
     add_floors(parser)
+    add_thresholds(parser)
     parser.add_argument(
         "--out", metavar="DIR", type=Path, help="write trace, metrics, recording and report here"
     )
@@ -125,6 +126,7 @@ def _drive(arguments: Any, scenario: Any) -> tuple[Run, LiveRun | None]:
 
     method = default_method(scenario) if arguments.method is None else arguments.method
     require_method(method)
+    thresholds = read_thresholds(arguments.thresholds, method)
     plant = plant_name(scenario, arguments.plant)
     if plant != KINEMATIC:
         say_compiling(plant, scenario.plant)  # before the imports that compile
@@ -136,7 +138,9 @@ def _drive(arguments: Any, scenario: Any) -> tuple[Run, LiveRun | None]:
         live = open_live(scenario, known)
         hooks = {"on_start": live.start, "snapshot": live.snapshot, "rows": live.rows}
     with ProgressBar() as bar:
-        finished = run_scenario(scenario, arguments.plant, method, arguments.seed, bar.show, **hooks)
+        finished = run_scenario(
+            scenario, arguments.plant, method, arguments.seed, bar.show, thresholds=thresholds, **hooks
+        )
     if plant != KINEMATIC and finished.metrics:
         note_compiled(plant, scenario.plant)
     return finished, live

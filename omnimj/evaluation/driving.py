@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from omnimj.control.diagnosing import DiagnosingController
+from omnimj.control.robust.decide import Thresholds
 from omnimj.errors import SimulationError
 from omnimj.evaluation.believed import believed
 from omnimj.evaluation.cases import Case
@@ -30,13 +31,16 @@ from omnimj.trials.results import guarded, plain
 OFF = "off"
 
 
-def drive_case(case: Case, method: str, settings: Sequence[str] = ()) -> dict[str, Any]:
+def drive_case(
+    case: Case, method: str, settings: Sequence[str] = (), thresholds: Thresholds | None = None
+) -> dict[str, Any]:
     """All runs of a case, as facts for scoring.
 
     Args:
       case: With its truth, which the method does not get.
       method: Its name.
       settings: `KEY=VALUE` texts for method and cascade.
+      thresholds: Of the robust method; the shipped ones when None.
 
     Returns:
       `case`: the truth. `method`: diagnoses, and with a fault heading [rad] and path [m] excursions since its
@@ -45,12 +49,14 @@ def drive_case(case: Case, method: str, settings: Sequence[str] = ()) -> dict[st
       of the wheel's effectiveness after 5 s of it. `speed`: seconds simulated per second. Or `error`: what
       went wrong.
     """
-    return guarded(lambda: plain({"case": case.as_plain(), **_driven(case, method, settings)}))
+    return guarded(lambda: plain({"case": case.as_plain(), **_driven(case, method, settings, thresholds)}))
 
 
-def _driven(case: Case, method: str, settings: Sequence[str]) -> dict[str, Any]:
+def _driven(
+    case: Case, method: str, settings: Sequence[str], thresholds: Thresholds | None
+) -> dict[str, Any]:
     scenario = believed(case, settings)
-    asked = _run(case, scenario, case.faults, method)
+    asked = _run(case, scenario, case.faults, method, thresholds)
     speed = float(asked.about["realtime_factor"])
     if not case.faults:
         return {"method": _told(asked, None), "off": None, "use": [], "speed": speed}
@@ -78,11 +84,18 @@ def _use(faults: Sequence[Fault], healthy: Trace, asked: Trace) -> list[dict[str
     return found
 
 
-def _run(case: Case, scenario: Scenario, faults: Sequence[Fault], method: str) -> Trace:
+def _run(
+    case: Case,
+    scenario: Scenario,
+    faults: Sequence[Fault],
+    method: str,
+    thresholds: Thresholds | None = None,
+) -> Trace:
     """One run; the method is told the scenario, which knows of no fault and no error."""
     plant = make_plant(case, scenario, faults)
     try:
-        controller, diagnosing = make_controller(scenario), make_method(method, scenario)
+        own = () if thresholds is None else (thresholds,)
+        controller, diagnosing = make_controller(scenario), make_method(method, scenario, *own)
         drives = controller if diagnosing is None else DiagnosingController(controller, diagnosing)
         assert isinstance(scenario.drive, Drive)
         trace = drive(plant, drives, scenario.drive.reference)

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import omnimj
+from omnimj.control.robust.decide import Thresholds
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.evaluation.believed import check_settings
 from omnimj.evaluation.cases import FLOORS, PLANTS, SUITES, Case, Choice, draw_case, is_judging
@@ -51,12 +52,14 @@ class Order:
     workers: int = 1
     force: bool = False
     """Whether another evaluation that is in the folder may be replaced."""
+    thresholds: Thresholds | None = None
+    """Of the robust method; the shipped ones when None."""
 
     def plan(self) -> dict[str, Any]:
         """What must be alike for a folder to be gone on with."""
-        return json.loads(
-            json.dumps({"method": self.method, "settings": self.settings, **dataclasses.asdict(self.choice)})
-        )
+        own = {} if self.thresholds is None else {"thresholds": dataclasses.asdict(self.thresholds)}
+        asked = {"method": self.method, "settings": self.settings, **dataclasses.asdict(self.choice)}
+        return json.loads(json.dumps(asked | own))
 
 
 @dataclass(frozen=True)
@@ -93,8 +96,11 @@ def run_evaluation(order: Order, report: Report, executor: Executor | None = Non
     check_order(order)
     folder = _prepared(order)
     cases = [draw_case(order.choice, index) for index in range(order.trials)]
+    own = () if order.thresholds is None else (order.thresholds,)
     missing = {
-        case.name: (case, order.method, order.settings) for case in cases if not _is_driven(folder, case)
+        case.name: (case, order.method, order.settings, *own)
+        for case in cases
+        if not _is_driven(folder, case)
     }
 
     def work(workers: Workers) -> None:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 from omnimj.control.method import Method
+from omnimj.control.published.choice import Choice
 from omnimj.control.published.rig import PublishedRig
 from omnimj.control.published.robot import PublishedRobot
 from omnimj.control.published.thresholds import chosen_thresholds
 from omnimj.control.robust import Robust
+from omnimj.control.robust.decide import Thresholds
 from omnimj.errors import InputError, UnknownNameError
-from omnimj.parameters import Rig
+from omnimj.parameters import Floor, Rig, Robot
 from omnimj.scenario import checks
 from omnimj.scenario.scenario import RigDrive, Scenario
 
@@ -36,7 +40,22 @@ def default_method(scenario: Scenario) -> str:
     return (RIG_METHODS if isinstance(scenario.constants, Rig) else METHODS)[0]
 
 
-def make_method(name: str, scenario: Scenario) -> Method | None:
+@dataclass(frozen=True)
+class Believed:
+    """What a method is told of the machine: nothing of patches and faults."""
+
+    machine: Robot | Rig
+    """Constants of the model file; its effects are left out."""
+    floor: Floor
+    mass: float | None = None
+    """That the rig was loaded to [kg]; the first of its masses when None."""
+    choice: Choice = field(default_factory=Choice)
+    """The form of the published method."""
+    thresholds: Thresholds | None = None
+    """Of the robust method; the shipped ones when None."""
+
+
+def make_method(name: str, scenario: Scenario, thresholds: Thresholds | None = None) -> Method | None:
     """The method of that name for the robot or rig of a scenario; None for `off`.
 
     It believes in the constants of the model file and in the scenario's floor; of patches and faults it knows
@@ -45,21 +64,35 @@ def make_method(name: str, scenario: Scenario) -> Method | None:
     Args:
       name: Of `METHODS`.
       scenario: Its `[diagnosis]` table chooses the method's form.
+      thresholds: Of the robust method; the shipped ones when None.
 
     Raises:
       UnknownNameError: A method that this version does not have.
-      InputError: A robot that the method is not for.
+      InputError: A robot that the method is not for, or thresholds for another method.
+    """
+    mass = scenario.drive.mass if isinstance(scenario.drive, RigDrive) else None
+    floor = scenario.floors[scenario.floor]
+    return method_for(name, Believed(scenario.constants, floor, mass, scenario.diagnosis, thresholds))
+
+
+def method_for(name: str, believed: Believed) -> Method | None:
+    """The method of that name for a machine, with or without a scenario; None for `off`.
+
+    Raises:
+      UnknownNameError: A method that this version does not have.
+      InputError: A machine that the method is not for, or thresholds for another method.
     """
     require_method(name)
+    machine, floor, choice = believed.machine, believed.floor, believed.choice
+    if believed.thresholds is not None and name != "robust":
+        raise InputError("--thresholds", f"the method is {name!r}", "they are those of 'robust'")
     if name == "off":
         return None
     if name == "robust":
-        if isinstance(scenario.constants, Rig):
+        if isinstance(machine, Rig):
             raise InputError("--method", f"found {name!r}", "the rig has one wheel", RIG_METHODS)
-        return Robust(scenario.constants, scenario.period)
-    choice, floor = scenario.diagnosis, scenario.floors[scenario.floor]
-    thresholds = chosen_thresholds(choice)
-    if isinstance(scenario.constants, Rig):
-        assert isinstance(scenario.drive, RigDrive)
-        return PublishedRig(scenario.constants, floor, scenario.drive.mass, thresholds, choice)
-    return PublishedRobot(scenario.constants, floor, thresholds, choice)
+        return Robust(machine, thresholds=believed.thresholds)
+    limits = chosen_thresholds(choice)
+    if isinstance(machine, Rig):
+        return PublishedRig(machine, floor, believed.mass, limits, choice)
+    return PublishedRobot(machine, floor, limits, choice)

@@ -11,6 +11,7 @@ import numpy as np
 
 from omnimj.control.controller import Controller
 from omnimj.control.diagnosing import DiagnosingController
+from omnimj.control.robust.decide import Thresholds
 from omnimj.errors import InputError
 from omnimj.kinematic import drive_kinematic
 from omnimj.loop import Progress, Rows, Snapshot, Watch, drive, drive_rig
@@ -79,6 +80,7 @@ def run_scenario(
     snapshot: Snapshot | None = None,
     on_start: Callable[[Plant], None] | None = None,
     rows: Rows | None = None,
+    thresholds: Thresholds | None = None,
 ) -> Run:
     """Drives a scenario once.
 
@@ -91,6 +93,7 @@ def run_scenario(
       snapshot: Called with time and pose at every pose that is recorded, for a live view.
       on_start: Called with the plant before the first step.
       rows: Called now and then with the newest rows of the trace, for a live view.
+      thresholds: Of the robust method; the shipped ones when None.
 
     Returns:
       Trace, metrics and poses; ended early by Ctrl-C or by a failure (`trace.about["failure"]`) with what was
@@ -117,7 +120,7 @@ def run_scenario(
     else:
         taken = _Poses(snapshot)
         watch = Watch(progress, taken.take, rows)
-        trace, poses = _run_physics(scenario, name, seed, about, watch, taken, on_start)
+        trace, poses = _run_physics(scenario, name, seed, about, watch, taken, on_start, thresholds)
     told = summarize(scenario, trace) if len(trace["time"]) >= _FEWEST_ROWS else {}
     return Run(scenario, trace, told, poses)
 
@@ -130,9 +133,10 @@ def _run_physics(
     watch: Watch,
     poses: _Poses,
     on_start: Callable[[Plant], None] | None,
+    thresholds: Thresholds | None,
 ) -> tuple[Trace, PoseTrack | None]:
+    method = make_method(about["method"], scenario, thresholds)
     plant = make_plant(scenario, name, seed)
-    method = make_method(about["method"], scenario)
     try:
         if on_start is not None:
             on_start(plant)

@@ -23,7 +23,8 @@ Refused = Callable[..., str]
         (["--nope"], "required: COMMAND"),
         (
             ["fly"],
-            "choose from 'scenarios', 'run', 'record', 'identify', 'validate', 'gap', 'evaluate', ",
+            "choose from 'scenarios', 'run', 'record', 'identify', 'validate', 'gap', 'diagnose', "
+            "'calibrate', 'evaluate', ",
         ),
         (["run"], "required: scenario"),
         (["run", "nylon_patch", "extra"], "omnimj run: found 'extra', one argument too many"),

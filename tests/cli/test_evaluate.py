@@ -20,6 +20,8 @@ import pytest
         (["--set", "floor=pvc"], "--set floor: is none of them; cases are drawn"),
         (["--set", "diagnosis.variant=best"], "--set: diagnosis.variant: unknown variant 'best'"),
         (["--set", "diagnosis.colour=red"], "unknown key"),
+        (["--thresholds", "t.toml"], "--thresholds t.toml: the method is 'off'; they are those of 'robust'"),
+        (["--method", "robust", "--thresholds", "t.toml"], "t.toml: no such file"),
         (["--sede", "1"], "unknown option '--sede'; did you mean '--seed'?"),
     ],
 )

@@ -1,0 +1,141 @@
+"""`omnimj diagnose`: what a method says of recorded runs, without any plant."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from omnimj.cli.arguments import add_floors, add_thresholds, read_thresholds
+from omnimj.cli.compiling import note_compiled, say_compiling
+from omnimj.cli.progress import ProgressBar
+from omnimj.cli.tables import table
+
+if TYPE_CHECKING:
+    from omnimj.diagnosis.diagnose import Order
+    from omnimj.diagnosis.replay import Replayed
+
+HELP = "say what is broken in recorded runs of the robot or the rig, without any plant"
+EXAMPLE = """examples:
+  omnimj record robot_missions --out data/missions
+  omnimj diagnose data/missions --out out/diagnosis
+  omnimj diagnose data/missions --method published --out out/published"""
+
+FILES = ("diagnoses.json", "report.html")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the sub-command."""
+    parser.add_argument("dataset", type=Path, help="a folder of recorded runs with dataset.toml")
+    words = "robust (default on the robot) or published (default on the rig)"
+    parser.add_argument("--method", metavar="M", help=words)
+    parser.add_argument(
+        "--model", metavar="FILE", type=Path, help="a copy of robot.toml or rig.toml with changed values"
+    )
+    add_floors(parser)
+    add_thresholds(parser)
+    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="where the results go")
+    parser.add_argument("--force", action="store_true", help="write into --out although it is not empty")
+    parser.add_argument("--json", action="store_true", help="print diagnoses.json instead of the table")
+
+
+def run(arguments: Any) -> int:
+    """Reads, replays, writes run by run, prints.
+
+    Returns:
+      0, whatever was found; 130 after Ctrl-C with the runs that were finished.
+
+    Raises:
+      InputError: Bad data, a method that is not for them, or a folder that cannot be written.
+    """
+    from omnimj.diagnosis.diagnose import check_order, require_other_folder
+    from omnimj.recording.folder import check_folder
+
+    check_folder(arguments.out, arguments.force)
+    order = _order(arguments)
+    require_other_folder(order.dataset, arguments.out)
+    check_order(order)
+    say_compiling(order.method, order.dataset.plant, "method")
+    found, sections, interrupted = _diagnose(arguments, order)
+    if not found:
+        return 130
+    note_compiled(order.method, order.dataset.plant)
+    from omnimj.diagnosis.diagnoses_file import as_json, write_diagnoses
+    from omnimj.recording.folder import whole_file
+    from omnimj.view.diagnosis_report import write_diagnosis_report
+
+    command = shlex.join(["omnimj", *arguments.given])
+    told = as_json(order, found, command, interrupted)
+    write_diagnoses(arguments.out / FILES[0], told)
+    with whole_file(arguments.out / FILES[1]) as temporary:
+        write_diagnosis_report(temporary, order, found, sections, command, interrupted)
+    if arguments.json:
+        print(json.dumps(told, indent=2, ensure_ascii=False))
+    else:
+        print(_told(order, found, interrupted, arguments.out))
+    return 130 if interrupted else 0
+
+
+def _order(arguments: Any) -> Order:
+    from omnimj.diagnosis.diagnose import Order
+    from omnimj.diagnosis.machines import method_name, read_machine
+    from omnimj.parameters.floor import all_floors
+    from omnimj.recording.read_dataset import read_dataset
+
+    floors = all_floors(arguments.floors)
+    dataset = read_dataset(arguments.dataset, floors)
+    machine = read_machine(dataset, arguments.model)
+    method = method_name(arguments.method, machine)
+    return Order(dataset, machine, method, floors, read_thresholds(arguments.thresholds, method))
+
+
+def _diagnose(arguments: Any, order: Order) -> tuple[list[Replayed], list[str], bool]:
+    """Each run's trace is written as soon as it is there; of the others nothing is kept but what was said."""
+    from omnimj.diagnosis.diagnose import diagnose
+    from omnimj.diagnosis.machines import method_of
+    from omnimj.recording.folder import make_folder
+    from omnimj.recording.traces import write_trace
+    from omnimj.signals import Trace
+    from omnimj.view.diagnosis_report import MOST_FIGURES, run_section
+
+    out, runs = arguments.out, order.dataset.runs
+    names = method_of(order.method, order.machine, runs[0], order.floors).log_names
+    found: list[Replayed] = []
+    sections: list[str] = []
+    try:
+        with ProgressBar() as bar:
+            for one in diagnose(order, bar.show):
+                if not found:
+                    make_folder(out, arguments.force, (*FILES, *(f"{run.name}.parquet" for run in runs)))
+                about = {"dataset": str(order.dataset.path), "run": one.name, "method": order.method}
+                said = [dataclasses.asdict(d) for d in one.diagnoses]
+                trace = Trace(one.trace.columns, {**about, "diagnoses": said})
+                write_trace(out / f"{one.name}.parquet", trace)
+                section = run_section(one, names, len(found) < MOST_FIGURES)
+                found.append(dataclasses.replace(one, trace=Trace({})))
+                sections.append(section)
+    except KeyboardInterrupt:
+        return found, sections, True
+    return found, sections, False
+
+
+def _told(order: Order, found: Sequence[Replayed], interrupted: bool, out: Path) -> str:
+    from omnimj.view.diagnosis_words import blind, how_sure, nothing, verdict, what, when
+
+    rows = []
+    for one in found:
+        if not one.diagnoses:
+            rows.append((one.name, nothing(one), blind(one) or "–", ""))
+        rows += [(one.name, what(d), when(d), how_sure(d)) for d in one.diagnoses]
+    lines = [*order.dataset.notes, *(note for one in found for note in one.notes)]
+    lines += [table(("run", "what", "when", "how sure"), rows), ""]
+    seconds = sum(one.judged for one in found)
+    lines.append(f"{verdict(found)}, method {order.method}, {seconds:.4g} s of data")
+    if interrupted:
+        lines.append("interrupted")
+    lines.append(f"written to {out}")
+    return "\n".join(lines)

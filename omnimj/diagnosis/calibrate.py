@@ -1,0 +1,196 @@
+"""Thresholds of the robust method from fault-free recordings, at a stated rate of false alarms.
+
+The method runs over the recordings with its decisions switched off; of each statistic the largest value in
+every 10 s of motion is kept, and its tail (`tails`) says which level is exceeded as often as may be. A last
+pass with the new thresholds says what would still be diagnosed in the same recordings.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from omnimj.control.robust.constants import BLOCK
+from omnimj.control.robust.decide import Thresholds
+from omnimj.control.robust.evidence import SLIPPING
+from omnimj.control.robust.method import BLIND, RobustState
+from omnimj.control.robust.thresholds_file import UNITS
+from omnimj.control.robust.windows import LIKELIHOOD
+from omnimj.diagnosis.diagnose import Order, Progress
+from omnimj.diagnosis.machines import method_of
+from omnimj.diagnosis.replay import Replayed, replay, sample_run
+from omnimj.diagnosis.tails import Tail, tail_of
+from omnimj.errors import InputError
+
+STRETCH = 10.0
+"""Of motion: longer than the method's longest window of 1 s, so that maxima do not know of each other [s]."""
+FEWEST = 6
+"""Stretches that there must be at least: a minute of motion."""
+ENOUGH = 1.0
+"""Hours of motion below which a calibration is warned about [h]."""
+
+_NEVER = 10**9  # blocks
+OFF = Thresholds(
+    motor=math.inf,
+    drag=math.inf,
+    accelerometer=math.inf,
+    slip=math.inf,
+    turning=math.inf,
+    current=_NEVER,
+    stuck=_NEVER,
+    odd=_NEVER,
+)
+"""With them nothing is decided."""
+
+
+@dataclass(frozen=True)
+class Threshold:
+    """One that was set."""
+
+    name: str
+    value: float
+    tail: Tail
+    floor: float
+    """What it may not fall below."""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What came of it."""
+
+    rate: float
+    """False alarms that may be, all thresholds together [1/h of motion]."""
+    hours: float
+    """Of motion in the recordings."""
+    runs: int
+    floors: tuple[str, ...]
+    """That were driven on."""
+    set: tuple[Threshold, ...]
+    told: tuple[tuple[str, int], ...]
+    """Runs in which the method still diagnoses something with these thresholds, and how much."""
+
+    @property
+    def thresholds(self) -> Thresholds:
+        """For the method."""
+        return dataclasses.replace(Thresholds(), **{one.name: one.value for one in self.set})
+
+    @property
+    def extrapolated(self) -> float:
+        """Hours per false alarm that were asked for, over the hours that there are."""
+        return 1.0 / (self.rate * self.hours)
+
+
+def calibrate(order: Order, rate: float, progress: Progress | None = None) -> Calibration:
+    """Sets the thresholds.
+
+    Args:
+      order: Recordings of a robot without any fault, checked by `check_order`; method `robust`.
+      rate: False alarms per hour of motion that may be, above 0.
+      progress: For a progress bar.
+
+    Raises:
+      InputError: There is too little motion, or a sensor has obviously failed.
+    """
+    maxima, moved = _maxima(order, progress)
+    if len(maxima) < FEWEST:
+        found = f"has {moved:.3g} s of motion"
+        raise InputError(order.dataset.path, found, f"at least {FEWEST * STRETCH:g} s are needed")
+    floors, share = least(rate, _wheels(order)), rate / len(UNITS)
+    found = []
+    for k, name in enumerate(UNITS):
+        tail = tail_of(maxima[:, k], STRETCH)
+        found.append(Threshold(name, max(tail.level(share), floors[name]), tail, floors[name]))
+    runs = order.dataset.runs
+    driven = tuple(sorted({str(run.conditions["floor"]) for run in runs}))
+    bare = Calibration(rate, moved / 3600.0, len(runs), driven, tuple(found), ())
+    checked = dataclasses.replace(order, thresholds=bare.thresholds)
+    told = [(one.name, len(one.diagnoses)) for one in _passes(checked, progress, "checking") if one.diagnoses]
+    return dataclasses.replace(bare, told=tuple(told))
+
+
+def least(rate: float, wheels: int) -> dict[str, float]:
+    """What each threshold may not fall below.
+
+    Of Λ: h = ln(blocks per false alarm × tests), since by chance alone Λ > h in a block with at most e^{−h}.
+    Of the way slipped: the shipped one, below which health was never tried.
+
+    Args:
+      rate: False alarms per hour.
+      wheels: n, which makes 2n+2 tests.
+    """
+    usual = Thresholds()
+    per_alarm = 3600.0 / rate * 1000.0 / BLOCK
+    likely = max(math.log(per_alarm * (2 * wheels + 2)), 1.0)
+    return {"motor": likely, "drag": likely, "accelerometer": likely, "slip": usual.slip}
+
+
+class Maxima:
+    """Watches a method: the largest of each statistic in every stretch of motion."""
+
+    def __init__(self, wheels: int, period: float):
+        self._wheels, self._period = wheels, period * BLOCK
+        self._evidence: object = None
+        self._now, self._moved = np.zeros(len(UNITS)), 0.0
+        self.found: list[np.ndarray] = []
+        self.moved = 0.0
+
+    def __call__(self, state: RobustState) -> None:
+        """Takes a state; only a new block says something."""
+        evidence, n = state.evidence, self._wheels
+        if evidence is self._evidence:
+            return
+        self._evidence = evidence
+        likely = evidence.found[:, LIKELIHOOD]
+        parts = (likely[:n], likely[n : 2 * n], likely[2 * n :], evidence.counters[:, SLIPPING])
+        self._now = np.maximum(self._now, [part.max() for part in parts])
+        if state.log[-1] == BLIND:
+            return
+        self.moved += self._period
+        self._moved += self._period
+        if self._moved >= STRETCH - 0.5 * self._period:
+            self.found.append(self._now)
+            self._now, self._moved = np.zeros(len(UNITS)), 0.0
+
+
+def _maxima(order: Order, progress: Progress | None) -> tuple[np.ndarray, float]:
+    """Maxima, shape (m, statistics), and the time in motion [s].
+
+    Raises:
+      InputError: A sensor stands still while the robot drives.
+    """
+    seen = Maxima(_wheels(order), order.machine.period)
+    for one in _passes(dataclasses.replace(order, thresholds=OFF), progress, "measuring", seen):
+        for d in one.diagnoses:
+            place = f"{order.dataset.path}: run {one.name!r}"
+            what = f"{d.kind} {d.channel or ', '.join(map(str, d.wheels))}".strip()
+            found = f"{what} has failed at {d.time:.4g} s"
+            raise InputError(place, found, "thresholds are set with fault-free recordings")
+    return np.array(seen.found).reshape(-1, len(UNITS)), seen.moved
+
+
+def _wheels(order: Order) -> int:
+    return len(order.machine.targets)
+
+
+def _passes(
+    order: Order,
+    progress: Progress | None,
+    phase: str,
+    watch: Callable[[RobustState], None] | None = None,
+) -> Sequence[Replayed]:
+    """Every run through the method."""
+    runs, found, before = order.dataset.runs, [], 0
+    total = sum(len(run.time) for run in runs)
+    for run in runs:
+        if progress is not None:
+            progress(before, total, f"{phase} {run.name}")
+        samples = sample_run(run, order.machine)
+        method = method_of(order.method, order.machine, run, order.floors, order.thresholds)
+        one = replay(run, samples, order.machine, method, watch=watch)
+        found.append(dataclasses.replace(one, trace=dataclasses.replace(one.trace, columns={})))
+        before += len(run.time)
+    return found

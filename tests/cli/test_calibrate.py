@@ -1,0 +1,194 @@
+"""`omnimj calibrate`: thresholds from fault-free recordings, and who takes them."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+import tomllib
+
+import numpy as np
+import pytest
+from driven_missions import as_run, driven
+
+from omnimj.cli.main import main
+from omnimj.control.robust import Robust
+from omnimj.control.robust.decide import Thresholds
+from omnimj.control.robust.thresholds_file import UNITS, read_thresholds
+from omnimj.diagnosis import calibrate as calibrating
+from omnimj.diagnosis.calibrate import least
+from omnimj.recording.dataset import Run
+from omnimj.recording.write_dataset import write_dataset
+
+FLOOR = {"floor": "natural_stone"}
+RATES = (100.0, 0.1, 0.001)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Three healthy missions: a minute and a bit of motion."""
+    path = tmp_path_factory.mktemp("data") / "healthy"
+    runs = [as_run(driven(28.0, seed), f"healthy_{seed}") for seed in (11, 12, 13)]
+    write_dataset(path, "uto_robot", FLOOR, runs)
+    return path
+
+
+@pytest.fixture(scope="module")
+def files(folder, tmp_path_factory):
+    """`thresholds.toml` by rate."""
+    out = tmp_path_factory.mktemp("out")
+    found = {}
+    with pytest.MonkeyPatch.context() as patch:
+        # what is seen in the recordings does not depend on the rate
+        patch.setattr(calibrating, "_maxima", cache_of(calibrating._maxima))
+        for rate in RATES:
+            found[rate] = out / f"{rate:g}.toml"
+            argv = ["calibrate", str(folder), "--false-alarms-per-hour", str(rate)]
+            assert main([*argv, "--out", str(found[rate])]) == 0
+    return found
+
+
+def cache_of(function):
+    """The same result ever after."""
+    found = []
+
+    def first(*arguments):
+        if not found:
+            found.append(function(*arguments))
+        return found[0]
+
+    return first
+
+
+def test_thresholds_are_never_below_their_floor_and_rise_when_the_rate_falls(files):
+    found = {rate: read_thresholds(file) for rate, file in files.items()}
+    for rate, thresholds in found.items():
+        chance = math.log(3600.0 / rate * 100.0 * 10)
+        for name in ("motor", "drag", "accelerometer"):
+            assert getattr(thresholds, name) >= chance - 1e-9
+        assert thresholds.slip >= Thresholds().slip
+    for name in UNITS:
+        values = [getattr(found[rate], name) for rate in RATES]
+        assert all(a <= b for a, b in itertools.pairwise(values))
+        assert values[0] < values[-1] or name == "slip"
+
+
+def test_the_file_says_where_it_comes_from(files, folder):
+    told = tomllib.loads(files[0.1].read_text(encoding="utf-8"))["calibration"]
+    assert told["dataset"] == str(folder) and told["false_alarms_per_hour"] == 0.1 and told["version"]
+    assert 60.0 / 3600.0 < told["hours"] < 90.0 / 3600.0
+    assert set(told["largest"]) == set(UNITS)
+    largest = read_thresholds(files[0.001])
+    assert all(0.0 <= told["largest"][name] < getattr(largest, name) for name in UNITS)
+
+
+def test_it_says_how_far_it_had_to_extrapolate(folder, files, tmp_path, capsys):
+    said = files[0.1].read_text(encoding="utf-8")
+    assert "0.1 false alarms per hour of motion (one in 10 h) from 0.0" in said and "-fold along" in said
+    assert "here on natural_stone, and promise nothing elsewhere" in said
+    assert "warning" in said and "less than 1 h" in said
+    file = tmp_path / "t.toml"
+    file.touch()
+    argv = ["calibrate", str(folder), "--false-alarms-per-hour", "0.1", "--out", str(file), "--force"]
+    assert main([*argv, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["extrapolated"] == pytest.approx(10.0 / told["hours"])
+    assert set(told["thresholds"]) == set(UNITS)
+    assert told["still_diagnosed"] == {} and len(told["warnings"]) == 1
+    assert read_thresholds(file) == read_thresholds(files[0.1])
+
+
+def test_diagnose_run_and_evaluate_take_them(files, folder, tmp_path, capsys):
+    given = ("--thresholds", str(files[0.1]))
+    assert main(["diagnose", str(folder), *given, "--json", "--out", str(tmp_path / "d")]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["thresholds"]["motor"] == read_thresholds(files[0.1]).motor
+    assert not any(run["diagnoses"] for run in told["runs"].values())
+    short = ("--plant", "planar", "--set", "duration=0.2", "--set", "checks={}")
+    assert main(["run", "nylon_patch", *short, *given, "--json"]) == 0
+    case = ("--suite", "manoeuvres", "--trials", "1", "--faults", "none", "--method", "robust")
+    assert main(["evaluate", *case, *given, "--out", str(tmp_path / "e")]) == 0
+    plan = json.loads((tmp_path / "e" / "evaluation_plan.json").read_text(encoding="utf-8"))
+    assert plan["thresholds"]["motor"] == read_thresholds(files[0.1]).motor
+
+
+def test_a_run_with_thresholds_decides_by_them(monkeypatch, files):
+    from omnimj.scenario import running
+
+    seen = []
+    whole = running.make_method
+
+    def noting(*arguments):
+        method = whole(*arguments)
+        assert isinstance(method, Robust)
+        seen.append(method.thresholds)
+        return method
+
+    monkeypatch.setattr(running, "make_method", noting)
+    short = ("--plant", "planar", "--set", "duration=0.2", "--set", "checks={}")
+    assert main(["run", "nylon_patch", *short]) == 0
+    assert main(["run", "nylon_patch", *short, "--thresholds", str(files[0.1])]) == 0
+    assert seen == [Thresholds(), read_thresholds(files[0.1])]
+
+
+def test_less_data_give_no_lower_thresholds_by_chance_alone():
+    assert least(0.1, 4)["motor"] == pytest.approx(17.4, abs=0.01)
+    assert least(0.1, 4)["slip"] == Thresholds().slip
+    assert least(1e9, 4)["motor"] > 0.0
+
+
+@pytest.fixture(scope="module")
+def mission():
+    """A short healthy mission, driven before anything forbids to drive."""
+    return driven()
+
+
+def test_recordings_with_a_failed_sensor_or_little_motion_are_refused(mission, refused, tmp_path):
+    gyro = np.array(mission["yaw_rate"])
+    gyro[4000:] = gyro[4000]
+    frozen = Run("frozen", {**as_run(driven()).columns, "yaw_rate": gyro}, {}, FLOOR)
+    write_dataset(tmp_path / "frozen", "uto_robot", FLOOR, [frozen])
+    rate = ("--false-alarms-per-hour", "1", "--out", "t.toml")
+    told = refused("calibrate", str(tmp_path / "frozen"), *rate)
+    assert "run 'frozen': sensor yaw_rate has failed at" in told
+    assert "thresholds are set with fault-free recordings" in told
+    write_dataset(tmp_path / "short", "uto_robot", FLOOR, [as_run(driven())])
+    told = refused("calibrate", str(tmp_path / "short"), *rate)
+    assert "s of motion; at least 60 s are needed" in told
+
+
+def test_a_fault_in_the_recordings_is_warned_about(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(calibrating, "FEWEST", 1)
+    monkeypatch.setattr(calibrating, "STRETCH", 3.0)
+    gyro = np.array(driven()["yaw"])
+    gyro[5000:] = (gyro[5000:] + 0.2 * np.arange(len(gyro) - 5000) * 1e-3) % (2.0 * np.pi)
+    turning = Run("turning", {**as_run(driven()).columns, "yaw": gyro}, {}, FLOOR)
+    write_dataset(tmp_path / "data", "uto_robot", FLOOR, [turning])
+    argv = ["calibrate", str(tmp_path / "data"), "--false-alarms-per-hour", "1"]
+    assert main([*argv, "--out", str(tmp_path / "t.toml")]) == 0
+    assert "in run turning there would still be 1 diagnosis: is it free of faults?" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("rate", ["0", "-1", "nan", "inf", "many", "1e-9", "1e9", "1_0", ""])
+def test_a_rate_out_of_range_is_one_line(refused, folder, rate):
+    told = refused("calibrate", str(folder), f"--false-alarms-per-hour={rate}", "--out", "t.toml")
+    assert f"found {rate!r}; must be a number, at least 1e-06" in told
+
+
+def test_bad_flags_are_one_line(refused, folder, files, tmp_path):
+    rate = ("--false-alarms-per-hour", "1")
+    assert "required: --out" in refused("calibrate", str(folder), *rate)
+    assert "required: --false-alarms-per-hour" in refused("calibrate", str(folder), "--out", "t.toml")
+    assert "no such folder" in refused("calibrate", "nowhere", *rate, "--out", "t.toml")
+    assert "is there already" in refused("calibrate", str(folder), *rate, "--out", str(files[0.1]))
+    assert "is a folder" in refused("calibrate", str(folder), *rate, "--out", str(tmp_path))
+    assert "is a dataset's folder" in refused(
+        "calibrate", str(folder), *rate, "--out", str(folder / "t.toml")
+    )
+    assert "no such file" in refused("calibrate", str(folder), *rate, "--model", "none", "--out", "t.toml")
+    channels = ("current", "wheel_speed", "carriage_speed", "carriage_acceleration")
+    rig = {name: np.zeros(60) for name in channels}
+    rig_run = Run("one", {"time": np.arange(60.0) / 1000.0, **rig}, {}, {**FLOOR, "mass": 4.0})
+    write_dataset(tmp_path / "rig", "quarter_rig", FLOOR, [rig_run])
+    told = refused("calibrate", str(tmp_path / "rig"), *rate, "--out", "t.toml")
+    assert "plant is 'quarter_rig'; the robust method, whose thresholds these are, is for the robot" in told
