@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 import omnimj
 from omnimj.parameters import Rig, Robot
 from omnimj.signals import Trace
-from omnimj.view import page, plots, plots_path, plots_rig, report_diagnosis, wording
+from omnimj.view import page, plots, plots_path, plots_rig, report_compared, report_diagnosis, wording
 from omnimj.view.drawing import svg, window
 from omnimj.view.picture import Picture
 from omnimj.view.wording import Described, Span
@@ -26,6 +26,7 @@ def write_report(
     scenario: Described,
     metrics: Mapping[str, Any],
     picture: Picture | None = None,
+    others: Mapping[str, Trace] | None = None,
 ) -> None:
     """Writes a run's report as one HTML file that needs nothing else.
 
@@ -35,6 +36,8 @@ def write_report(
       scenario: What was asked for.
       metrics: Content of `metrics.json`.
       picture: A rendered or drawn picture; its way of making is named in the report.
+      others: Runs of the same scenario with other methods, by method; `metrics["compared"]` has their
+        metrics.
     """
     duration = float(trace["time"][-1])
     spans = wording.fault_spans(metrics, duration)
@@ -53,10 +56,11 @@ def write_report(
         content.append(report_diagnosis.diagnosis_section(trace, scenario, metrics, spans))
     elif metrics.get("faults"):
         content.append(page.section("Faults given to the plant", _faults(metrics)))
+    content.append(report_compared.compared_section(trace, others or {}, scenario, metrics, spans))
     figures = _figures(trace, scenario, spans)
     content.append(page.section("Plots", f"<div class='columns plots'>{''.join(figures)}</div>"))
     content.append(_foot(metrics))
-    heading, style = f"{wording.title(metrics)} · omnimj", report_diagnosis.STYLE
+    heading, style = f"{wording.title(metrics)} · omnimj", report_diagnosis.STYLE + report_compared.STYLE
     path.write_text(page.document(heading, "\n".join(content), style), encoding="utf-8")
 
 
@@ -249,8 +253,11 @@ def _rig_figures(trace: Trace, radius: float, spans: Sequence[Span]) -> Wanted:
 
 
 def _foot(metrics: Mapping[str, Any]) -> str:
+    traces = "".join(
+        f", <code>trace_{page.text(method)}.parquet</code>" for method in metrics.get("compared") or ()
+    )
     return (
-        "<footer><p>Beside this page: <code>trace.parquet</code> (every signal of every control step), "
+        f"<footer><p>Beside this page: <code>trace.parquet</code>{traces} (every signal of every step), "
         "<code>metrics.json</code> (the numbers above), <code>run.rrd</code> (the run in 3-D, open it with "
         f"<code>rerun run.rrd</code>). All values in SI units unless an axis says otherwise. "
         f"Written by omnimj {page.text(omnimj.__version__)}.</p></footer>"

@@ -74,7 +74,8 @@ def _verdict(metrics: Mapping[str, Any], pairing: Pairing) -> str:
     else:
         words.append(f"{found} of {len(there)} faults were named.")
     if found and metrics.get("isolated") is not None:
-        alone = "and nothing else was" if metrics["isolated"] else "but other names were given too"
+        soon = "and what was wrong was soon taken back" if alarms else "and nothing else was"
+        alone = soon if metrics["isolated"] else "but not for itself alone"
         words[-1] = f"{words[-1][:-1]}, {alone}."
     words.append(f"{false[0].upper()}{false[1:]}." if alarms else "No false alarm.")
     return " ".join(words)
