@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import rerun as rr
 import rerun.blueprint as rrb
 
-from omnimj.view.rerun_signals import BELIEF, MODE, TRUTH, Plot
+from omnimj.view.rerun_signals import Plot
+from omnimj.view.rerun_states import BELIEF, MODE, TRUTH
 
 Point = tuple[float, float, float]
 Range = tuple[float, float]
@@ -56,17 +57,29 @@ def run_blueprint(
     states = rrb.StateTimelineView(origin="/", contents=lanes, name=name, time_view=time_axis)
     words = rrb.TextDocumentView(origin="about", name="What you see")
     values = [None] * len(plots) if ranges is None else ranges
-    series = [_series(plot, time_axis, shown) for plot, shown in zip(plots, values, strict=True)]
+    shown = list(zip(plots, values, strict=True))
+    signals = _stack([(p, r) for p, r in shown if not p.of_diagnosis], time_axis, "What the machine did")
+    seen = [(p, r) for p, r in shown if p.of_diagnosis]
+    # residuals stand beside the fault states; what the machine did is one click away
+    series = rrb.Tabs(_stack(seen, time_axis, "What the method saw"), signals) if seen else signals
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(scene, rrb.Horizontal(states, words, column_shares=[3, 2]), row_shares=[5, 2]),
-            rrb.Vertical(*series, row_shares=[2.0 if plot.legend else 1.4 for plot in plots]),
+            series,
             column_shares=[3, 2],
         ),
         rrb.TimePanel(state="collapsed", timeline="time", play_state="playing", loop_mode="all"),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
     )
+
+
+def _stack(
+    plots: Sequence[tuple[Plot, Range | None]], time_axis: rrb.archetypes.TimeAxis, name: str
+) -> rrb.Vertical:
+    """Time series under each other; those with a legend are higher."""
+    series = [_series(plot, time_axis, shown) for plot, shown in plots]
+    return rrb.Vertical(*series, row_shares=[2.0 if plot.legend else 1.4 for plot, _ in plots], name=name)
 
 
 def _series(plot: Plot, time_axis: rrb.archetypes.TimeAxis, shown: Range | None) -> rrb.TimeSeriesView:

@@ -46,7 +46,7 @@ def compared_section(
         for name, *texts in comparison.rows
     )
     table = f"<table class='compared'><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
-    words = f"The same scenario with the same seed; the rest of this page is about the method {metrics['method']}."
+    words = f"Same scenario, same seed. The rest of this page is about the method {metrics['method']}."
     content = f"<p>{page.text(words)}</p><div class='wide'>{table}</div>"
     return page.section(
         HEADING, content + _figures({str(metrics["method"]): trace, **others}, scenario, spans)

@@ -12,7 +12,7 @@ from rerun.chunk import RrdReader
 
 from omnimj.signals import Trace
 from omnimj.view.rerun_log import write_recording
-from omnimj.view.rerun_signals import lane_states
+from omnimj.view.rerun_states import lane_states
 from omnimj.view.scene3d import Poses, thin, twins, wheel_bodies
 from omnimj.view.wording import Span, fault_spans
 
