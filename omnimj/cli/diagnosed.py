@@ -7,7 +7,7 @@ from typing import Any
 
 from omnimj.cli.tables import table
 from omnimj.scenario.pairing import Naming, Pair, pair
-from omnimj.view.wording import fault_details, fault_name, is_diagnosed, number
+from omnimj.view.wording import answer, fault_details, fault_name, is_diagnosed, number
 
 _MOST = 12  # rows: a method that cries wolf must not push the checks off the screen
 
@@ -54,7 +54,7 @@ def _named(one: Pair, naming: Naming | None) -> tuple[str, str, str]:
 
 def _said(naming: Naming) -> str:
     times = len(naming.diagnoses)
-    also = " or ".join(naming.last.get("ambiguous_with") or ())
+    also = " or ".join(answer(text) for text in naming.last.get("ambiguous_with") or ())
     name = fault_name(naming.last) + (f" or {also}" if also else "")
     return f"{name} ({times} times)" if times > 1 else name
 

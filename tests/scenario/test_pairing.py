@@ -10,7 +10,7 @@ from omnimj.scenario.judging import judge_diagnoses
 from omnimj.scenario.pairing import pair
 
 
-def fault(kind, wheel, onset=1.0, end=None, **own):
+def fault(kind, wheel, onset: float | None = 1.0, end=None, **own):
     return {"kind": kind, "wheel": wheel, "onset": onset, "end": end, **own}
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from diagnosed_runs import with_published, with_robust
 from rerun.chunk import RrdReader
 
 from omnimj.signals import Trace
@@ -206,3 +207,80 @@ def test_wheels_are_found_in_their_order_with_eighteen_rollers_each(robot_model)
     names = [robot_model.body(body).name for body in wheel_bodies(robot_model)]
     assert names == [f"wheel_{i}_wheel" for i in range(1, 5)]
     assert [len(group) for group in twins(robot_model)] == [18] * 4
+
+
+@pytest.fixture(scope="module")
+def diagnosed(tmp_path_factory, robot_trace, robot_scenario, robot_metrics) -> tuple[ReadBack, Trace]:
+    path, trace = tmp_path_factory.mktemp("diagnosed") / "run.rrd", with_robust(robot_trace)
+    write_recording(path, trace, robot_scenario, robot_metrics)
+    return ReadBack(path), trace
+
+
+def test_residuals_are_recorded_with_their_thresholds_beside_them(diagnosed):
+    back, trace = diagnosed
+    for family in ("motor", "slip"):
+        entity = f"/plots/residual_{family}"
+        values, time = back.array(entity, "Scalars:scalars"), back.time(entity)
+        assert values.shape == (len(time), 8)
+        for i in range(4):
+            for column, name in ((i, f"residual_{family}_{i + 1}"), (4 + i, f"threshold_{family}_{i + 1}")):
+                expected = np.interp(time, trace["time"], trace[name])
+                np.testing.assert_allclose(values[:, column], expected, atol=1e-9)
+    (names,) = back.column("/plots/residual_motor", "SeriesLines:names")
+    assert names == [*(f"wheel {i}" for i in range(1, 5)), *(f"threshold, wheel {i}" for i in range(1, 5))]
+    left = back.array("/plots/effectiveness", "Scalars:scalars")
+    np.testing.assert_allclose(left[-1], [1.0, 1.0, 0.43, 1.0])
+
+
+def test_thresholds_of_both_signs_are_recorded(tmp_path, robot_trace, robot_scenario, robot_metrics):
+    metrics = {**robot_metrics, "method": "published"}
+    write_recording(tmp_path / "run.rrd", with_published(robot_trace), robot_scenario, metrics)
+    values = ReadBack(tmp_path / "run.rrd").array("/plots/residual_wheel_speed", "Scalars:scalars")
+    np.testing.assert_allclose(values[0], [0.3] * 4 + [1.85, -1.85] * 4)
+
+
+def test_beliefs_and_modes_are_states_over_time(diagnosed):
+    back, _ = diagnosed
+    lane = "/diagnosis/wheel_2"
+    assert [row[0] for row in back.column(lane, "StateChange:state")] == ["healthy", "slip", "healthy"]
+    np.testing.assert_allclose(back.time(lane), [0.0, 3.1, 5.05])
+    modes = [row[0] for row in back.column("/mode", "StateChange:state")]
+    assert modes == ["cannot judge", "healthy", "faulty", "healthy", "suspect", "faulty"]
+    np.testing.assert_allclose(back.time("/mode"), [0.0, 0.5, 3.1, 5.05, 6.8, 6.9], atol=1e-9)
+
+
+def test_a_state_has_one_colour_in_all_lanes(diagnosed):
+    back, _ = diagnosed
+    seen: dict[str, set[int]] = {}
+    for entity in ("/fault/wheel_2", "/diagnosis/wheel_2", "/diagnosis/wheel_3", "/mode"):
+        (values,), (colors,) = (
+            back.column(entity, f"StateConfiguration:{name}") for name in ("values", "colors")
+        )
+        for value, color in zip(values, colors, strict=True):
+            seen.setdefault(value, set()).add(color)
+    assert {"healthy", "slip", "motor loss", "cannot judge"} <= set(seen)
+    assert all(len(colors) == 1 for colors in seen.values())
+    assert len({color for colors in seen.values() for color in colors}) >= 4
+
+
+def test_a_method_that_finds_nothing_has_lanes_that_say_so(
+    tmp_path, robot_trace, robot_scenario, robot_metrics
+):
+    quiet = {**robot_metrics, "diagnoses": []}
+    write_recording(tmp_path / "run.rrd", robot_trace, robot_scenario, quiet)
+    back = ReadBack(tmp_path / "run.rrd")
+    assert [row[0] for row in back.column("/diagnosis/wheel_1", "StateChange:state")] == ["healthy"]
+    write_recording(tmp_path / "off.rrd", robot_trace, robot_scenario, {**quiet, "method": "off"})
+    assert not any(entity.startswith("/diagnosis") for entity in ReadBack(tmp_path / "off.rrd").entities)
+
+
+def test_the_blueprint_shows_every_plot_of_the_method(diagnosed):
+    back, _ = diagnosed
+    (blueprint,) = back.reader.blueprints()
+    origins = set()
+    for chunk in back.reader.stream(store=blueprint).to_chunks():
+        batch = chunk.to_record_batch()
+        if "ViewBlueprint:space_origin" in batch.schema.names:
+            origins |= {row[0] for row in batch.column("ViewBlueprint:space_origin").to_pylist() if row}
+    wanted = {f"plots/residual_{name}" for name in ("force", "moment", "motor", "slip")}
+    assert wanted | {"plots/effectiveness", "plots/wheel_speed"} <= origins
