@@ -36,12 +36,12 @@ STATES = {
     "torque constant was estimated": "#7FB8DA",
 }
 """Colours of what a machine is in and of what is believed of it; one state has one colour everywhere."""
-METHODS: dict[str, tuple[str, str | tuple[int, tuple[float, ...]]]] = {
-    "off": ("#5A6572", (0, (3, 1.2))),
-    "published": ("#D55E00", (0, (6, 1.5))),
-    "robust": ("#0072B2", "-"),
+METHODS: dict[str, tuple[str, str | tuple[int, tuple[float, ...]], float]] = {
+    "off": ("#A9B1BA", "-", 3.2),
+    "published": ("#D55E00", (0, (6, 1.5)), 1.5),
+    "robust": ("#0072B2", "-", 1.3),
 }
-"""Colours and dashes of the runs with different methods."""
+"""Colours, dashes and widths [points] of the runs with different methods; none hides another."""
 _OTHER_STATES = ("#56B4E9", "#8C6D1F", "#6A5ACD", "#777777", "#B22222", "#2F8F9D")
 
 

@@ -19,8 +19,9 @@ _DEGREES = 180.0 / np.pi
 
 
 def _style(method: str) -> dict[str, Any]:
-    color, dashes = palette.METHODS.get(method, (palette.INK, "-"))
-    return {"color": color, "linestyle": dashes, "label": method}
+    color, dashes, width = palette.METHODS.get(method, (palette.INK, "-", 1.3))
+    order = 3.0 - 0.1 * width  # the wide ones below
+    return {"color": color, "linestyle": dashes, "linewidth": width, "label": method, "zorder": order}
 
 
 def courses(traces: Mapping[str, Trace], spans: Sequence[Span]) -> Figure:
@@ -75,7 +76,7 @@ def paths(traces: Mapping[str, Trace], patches: Sequence[Any]) -> Figure:
         points.append(planned)
     for method, trace in traces.items():
         x, y, step = trace["x"], trace["y"], max(1, len(trace["x"]) // 1500)
-        ax.plot(x[::step], y[::step], linewidth=1.7, zorder=3, **_style(method))
+        ax.plot(x[::step], y[::step], **_style(method))
         ax.plot(x[-1], y[-1], "s", color=_style(method)["color"], markersize=5, zorder=4)
         points.append(np.column_stack([x, y]))
     equal_with_room(ax, np.vstack(points))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -29,6 +31,7 @@ from omnimj.view.wording import Span, mode_name
 Array = NDArray[np.float64]
 _FAR = 15.0  # a residual that grows so many times beyond its threshold would hide it on a linear axis
 _LANE, _BAR, _AROUND = 0.27, 0.22, 0.95  # inches: of a lane at least, of its bar at most, of all the rest
+_SEEN = 400  # changes of mode that can be told apart
 _WIDE = 0.018  # share of the run per letter of a label inside its bar
 
 
@@ -92,6 +95,9 @@ def _axis(ax: Axes, trace: Trace, family: Family) -> None:
         ax.set_yscale("symlog", linthresh=level, linscale=0.6)
         low = 0.0 if not family.is_signed else -1.6 * largest
         ax.set_ylim(low, 1.6 * largest)
+        decades = range(math.ceil(math.log10(level)), math.floor(math.log10(1.6 * largest)) + 1)
+        ticks = [10.0**k for k in decades]
+        ax.set_yticks([0.0, *ticks, *(-tick for tick in ticks if family.is_signed)])
         ax.set_ylabel(f"{ax.get_ylabel()}\nlogarithmic above the threshold", fontsize=9)
     elif not family.is_signed and family.thresholds:
         ax.set_ylim(0.0, 1.08 * max(largest, *levels))
@@ -115,12 +121,8 @@ def states(
     trace: Trace, truth: Sequence[Span], believed: Sequence[Span], method: str, is_rig: bool
 ) -> Figure:
     """What was broken, below it what was diagnosed, a strip per wheel, and the mode at the bottom."""
-    lanes = sorted({span.lane for span in (*truth, *believed)})
-    rows = [("true", lane, truth) for lane in lanes if any(s.lane == lane for s in truth)] or [
-        ("true", "", ())
-    ]
-    said = [("named", lane, believed) for lane in lanes if any(s.lane == lane for s in believed)]
-    rows += said or [("named", "", ())]
+    true, named = _lanes(truth), _lanes(believed)
+    rows = [("true", lane) for lane in true or [()]] + [("named", lane) for lane in named or [()]]
     count = len(rows) + int("mode" in trace)
     height = max(MIDDLE, _AROUND + _LANE * count)
     figure, (ax,) = new_figure(height)
@@ -129,18 +131,30 @@ def states(
     time_axis(ax, time)
     ax.grid(False, axis="y")
     ax.set_ylim(count - 0.5, -0.5)
-    for row, (_, lane, spans) in enumerate(rows):
-        _strip(ax, row, [span for span in spans if span.lane == lane], float(time[-1] - time[0]), thick)
-    names = [f"{what}: {lane.replace('_', ' ')}" if lane else f"{what}: nothing" for what, lane, _ in rows]
+    for row, (_, spans) in enumerate(rows):
+        _strip(ax, row, spans, float(time[-1] - time[0]), thick)
+    names = [f"{what}: {spans[0].lane.replace('_', ' ') if spans else 'nothing'}" for what, spans in rows]
     if "mode" in trace:
         _modes(ax, len(rows), trace, method, is_rig, thick)
         names.append("mode")
     ax.set_yticks(range(count), names)
-    ax.axhline(len([row for row in rows if row[0] == "true"]) - 0.5, color=palette.MUTED, linewidth=0.8)
+    ax.axhline(max(len(true), 1) - 0.5, color=palette.MUTED, linewidth=0.8)
     if "mode" in trace:
         ax.axhline(len(rows) - 0.5, color=palette.MUTED, linewidth=0.8)
     shade_faults(ax, truth, labelled=False)
     return figure
+
+
+def _lanes(spans: Sequence[Span]) -> list[Sequence[Span]]:
+    """What concerns one wheel or the robot, in a lane; a lane for each state where they overlap."""
+    lanes: list[Sequence[Span]] = []
+    for name in sorted({span.lane for span in spans}):
+        own = sorted((span for span in spans if span.lane == name), key=lambda span: span.start)
+        if all(before.end <= after.start for before, after in itertools.pairwise(own)):
+            lanes.append(own)
+        else:
+            lanes += [[s for s in own if s.state == state] for state in dict.fromkeys(s.state for s in own)]
+    return lanes
 
 
 def _strip(ax: Axes, row: int, spans: Sequence[Span], duration: float, thick: float) -> None:
@@ -161,9 +175,21 @@ def _strip(ax: Axes, row: int, spans: Sequence[Span], duration: float, thick: fl
             free = span.end + room
 
 
+def _few_changes(time: Array, mode: NDArray[np.int_]) -> tuple[Array, NDArray[np.int_]]:
+    """Modes as they are, or so many as a reader can see; a short one that is not 0 is never lost."""
+    if np.count_nonzero(np.diff(mode)) <= _SEEN:
+        return time, mode
+    edges = np.linspace(0, len(time), _SEEN + 1).astype(int)
+    kept = [
+        int(np.bincount(part[part > 0]).argmax()) if (part > 0).any() else 0
+        for part in np.split(mode, edges[1:-1])
+    ]
+    return np.append(time[edges[:-1]], time[-1]), np.append(kept, kept[-1])
+
+
 def _modes(ax: Axes, row: int, trace: Trace, method: str, is_rig: bool, thick: float) -> None:
     """The column `mode` as a strip of colours with a legend above."""
-    time, mode = trace["time"], trace["mode"].astype(int)
+    time, mode = _few_changes(trace["time"], trace["mode"].astype(int))
     starts = np.concatenate(([0], np.flatnonzero(np.diff(mode)) + 1))
     ends = np.append(time[starts[1:]], time[-1])
     seen: dict[str, str] = {}

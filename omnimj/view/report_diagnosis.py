@@ -74,9 +74,12 @@ def _verdict(metrics: Mapping[str, Any], pairing: Pairing) -> str:
     else:
         words.append(f"{found} of {len(there)} faults were named.")
     if found and metrics.get("isolated") is not None:
-        soon = "and what was wrong was soon taken back" if alarms else "and nothing else was"
-        alone = soon if metrics["isolated"] else "but not for itself alone"
-        words[-1] = f"{words[-1][:-1]}, {alone}."
+        wrong = "the wrong name was" if alarms == 1 else "wrong names were"
+        soon = f"and {wrong} soon taken back" if alarms else "and nothing else was"
+        each = "" if len(there) == 1 else "each "
+        alone = soon if metrics["isolated"] else f"but not {each}for itself alone"
+        if found == len(there):
+            words[-1] = f"{words[-1][:-1]}, {alone}."
     words.append(f"{false[0].upper()}{false[1:]}." if alarms else "No false alarm.")
     return " ".join(words)
 

@@ -142,7 +142,7 @@ def _span(kind: str, wheel: int | None, state: str, start: float, end: float) ->
 def _state(fault: Mapping[str, Any]) -> str:
     name = FAULT_NAMES.get(fault["kind"], fault["kind"])
     if fault["kind"] == "sensor":
-        return f"{fault.get('channel', '?')} {fault.get('mode', '?')}"
+        return f"{fault.get('channel', '?')} {fault.get('mode', '?')}".replace("_", " ")
     return name
 
 

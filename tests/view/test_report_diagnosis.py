@@ -8,6 +8,7 @@ import re
 import numpy as np
 import pytest
 from diagnosed_runs import said, with_published, with_published_rig, with_robust
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from omnimj.control.published import rig, robot
@@ -15,7 +16,7 @@ from omnimj.control.published.choice import Choice
 from omnimj.control.robust import method as robust
 from omnimj.scenario.methods import METHODS, make_method
 from omnimj.scenario.scenario import read_scenario
-from omnimj.signals import KINDS_OF_DIAGNOSIS
+from omnimj.signals import KINDS_OF_DIAGNOSIS, Trace
 from omnimj.view import palette, plots_diagnosis, wording
 from omnimj.view.compared import compare
 from omnimj.view.report import write_report
@@ -46,7 +47,7 @@ def test_a_false_alarm_has_a_row_of_its_own_and_says_how_often(robot_trace, robo
     metrics = {**robot_metrics, "diagnoses": [*robot_metrics["diagnoses"], *wrong], "isolated": False}
     page = told(with_robust(robot_trace), robot_scenario, metrics)
     assert "– slip, wheel 4 (2 times) 8.000 s false alarm 98 % nothing 8.600 s" in page
-    assert "but not for itself alone. 2 false alarms." in page
+    assert "2 of 2 faults were named, but not each for itself alone. 2 false alarms." in page
 
 
 @pytest.mark.parametrize(
@@ -158,6 +159,27 @@ def test_modes_and_faults_are_strips_at_their_times(robot_trace, robot_metrics):
     assert ax.get_legend() is not None
 
 
+def test_a_mode_that_flickers_makes_few_bars_and_loses_no_short_event(robot_trace):
+    mode = np.where(np.arange(len(robot_trace["time"])) % 2 == 0, 2.0, 0.0)
+    mode[5000:8000] = 0.0
+    mode[6500] = 1.0
+    trace = Trace({**robot_trace.columns, "mode": mode})
+    (ax,) = plots_diagnosis.states(trace, [], [], "robust", False).get_axes()
+    assert len(ax.patches) <= 400
+    suspect = [bar for bar in ax.patches if bar.get_facecolor()[:3] == to_rgb(palette.STATES["suspect"])]
+    assert len(suspect) == 1 and suspect[0].get_x() == pytest.approx(6.5, abs=0.03)
+
+
+def test_beliefs_that_overlap_have_strips_of_their_own(robot_trace):
+    spans = [
+        Span("", "robot", state, 2.0, end)
+        for state, end in (("sensor yaw rate", 9.0), ("all wheels slip", 3.0))
+    ]
+    (ax,) = plots_diagnosis.states(with_robust(robot_trace), [], spans, "robust", False).get_axes()
+    names = [label.get_text() for label in ax.get_yticklabels()]
+    assert names == ["true: nothing", "named: robot", "named: robot", "mode"]
+
+
 def test_strips_without_anything_say_so(robot_trace):
     (ax,) = plots_diagnosis.states(with_robust(robot_trace), [], [], "robust", False).get_axes()
     assert [t.get_text() for t in ax.get_yticklabels()][:2] == ["true: nothing", "named: nothing"]
@@ -235,4 +257,4 @@ def test_runs_with_other_methods_stand_side_by_side(page_path, robot_trace, robo
 
 def test_every_method_has_a_colour():
     assert set(palette.METHODS) == set(METHODS)
-    assert len({color for color, _ in palette.METHODS.values()}) == len(METHODS)
+    assert len({color for color, *_ in palette.METHODS.values()}) == len(METHODS)
