@@ -22,6 +22,7 @@ table.told { margin-bottom: 1.1rem; }
 @media (max-width: 640px) { table.told thead { display: none; }
   table.told tr { display: block; border-bottom: 2px solid var(--line); padding: .35rem 0; }
   table.told td { display: grid; grid-template-columns: 9.5em 1fr; border: 0; padding: .08rem 0; }
+  table.told td.none { display: none; }
   table.told td::before { content: attr(data-head); color: var(--muted); font-size: .86rem;
     font-weight: 600; } }
 """
@@ -74,8 +75,7 @@ def _verdict(metrics: Mapping[str, Any], pairing: Pairing) -> str:
     else:
         words.append(f"{found} of {len(there)} faults were named.")
     if found and metrics.get("isolated") is not None:
-        wrong = "the wrong name was" if alarms == 1 else "wrong names were"
-        soon = f"and {wrong} soon taken back" if alarms else "and nothing else was"
+        soon = "and from the onset on no wrong name stood for long" if alarms else "and nothing else was"
         each = "" if len(there) == 1 else "each "
         alone = soon if metrics["isolated"] else f"but not {each}for itself alone"
         if found == len(there):
@@ -96,7 +96,9 @@ def _table(pairing: Pairing) -> str:
 
 
 def _cell(head: str, words: str) -> str:
-    kind = " class='number'" if head in ("from – to", "at", "after", "cleared") else ""
+    kinds = ["number"] if head in ("from – to", "at", "after", "cleared") else []
+    kinds += ["none"] if words in ("", "–") or (head, words) == ("could also be", "nothing") else []
+    kind = f" class='{' '.join(kinds)}'" if kinds else ""
     return f"<td{kind} data-head='{page.text(head)}'>{page.text(words)}</td>"
 
 

@@ -82,18 +82,31 @@ _PUBLISHED: Mapping[str, _Meaning] = {
         "Wheel speeds against the model",
         "measured − model",
         "rad/s",
-        "The model is driven by the measured currents, open loop (r3 to r6; R1 on the rig).",
+        "The model is driven by the measured currents, open loop (r3 to r6).",
         True,
     ),
     "force": _Meaning(
         "Two ways to compute the force",
         "RMS difference",
         "N",
-        "From the motor currents and from the acceleration; RMS since the start (R7, R8; R2 on the rig).",
+        "From the motor currents and from the acceleration; RMS since the start (R7 and R8).",
     ),
 }
-MEANINGS: Mapping[str, Mapping[str, _Meaning]] = {"robust": _ROBUST, "published": _PUBLISHED}
-"""What the view knows of each method's residuals, by the name of their family."""
+_PUBLISHED_RIG: Mapping[str, _Meaning] = {
+    "wheel_speed": _Meaning(
+        "Wheel speed against the model",
+        "RMS difference",
+        "rad/s",
+        "The model is driven by the measured current, open loop; RMS since the start (R1).",
+    ),
+    "force": _Meaning(
+        "Two ways to compute the force",
+        "RMS difference",
+        "N",
+        "From the motor current and from the acceleration; RMS since the start (R2).",
+    ),
+}
+_MEANINGS: Mapping[str, Mapping[str, _Meaning]] = {"robust": _ROBUST, "published": _PUBLISHED}
 
 
 def families(columns: Collection[str], method: str, printed: bool = False) -> list[Family]:
@@ -106,6 +119,9 @@ def families(columns: Collection[str], method: str, printed: bool = False) -> li
       method: Name of the method that made them.
       printed: Whether it is the published one as printed, which looks at residuals above zero only.
     """
+    meanings = _MEANINGS.get(method, {})
+    if meanings is _PUBLISHED and "residual_wheel_speed" in columns:  # one wheel needs no number
+        meanings = _PUBLISHED_RIG
     found: dict[str, list[Residual]] = {}
     for column in columns:
         if column.startswith(_PREFIX):
@@ -116,7 +132,7 @@ def families(columns: Collection[str], method: str, printed: bool = False) -> li
             found.setdefault(name, []).append(
                 _residual(column, threshold if threshold in columns else None, place)
             )
-    return [_family(name, tuple(residuals), method, printed) for name, residuals in found.items()]
+    return [_family(name, tuple(residuals), meanings.get(name), printed) for name, residuals in found.items()]
 
 
 def _residual(column: str, threshold: str | None, place: str) -> Residual:
@@ -128,8 +144,7 @@ def _residual(column: str, threshold: str | None, place: str) -> Residual:
     return Residual(column, threshold, "residual", palette.MEASURED, None)
 
 
-def _family(name: str, residuals: tuple[Residual, ...], method: str, printed: bool) -> Family:
-    meaning = MEANINGS.get(method, {}).get(name)
+def _family(name: str, residuals: tuple[Residual, ...], meaning: _Meaning | None, printed: bool) -> Family:
     if meaning is None:
         words = name.replace("_", " ")
         return Family(name, f"Residual: {words}", words, "", "", residuals)

@@ -133,6 +133,13 @@ def test_thresholds_that_differ_are_drawn_each_in_its_wheels_colour(robot_trace)
     assert [line.get_color() for line in drawn] == [palette.wheel_color(0), palette.wheel_color(1)]
 
 
+def test_the_rigs_residuals_are_never_negative_and_have_no_threshold_below_zero(rig_trace):
+    trace = with_published_rig(rig_trace)
+    for family in families(list(trace.columns), "published"):
+        (threshold,) = lines(plots_diagnosis.residuals(trace, family, ()), "threshold")
+        assert float(np.asarray(threshold.get_ydata())[0]) > 0.0 and "RMS" in family.words
+
+
 def test_a_small_threshold_can_be_read_beside_a_large_residual(robot_trace):
     trace = with_robust(robot_trace)
     slip = next(family for family in families(list(trace.columns), "robust") if family.name == "slip")
