@@ -28,7 +28,11 @@ class Eye:
 
 
 def run_blueprint(
-    plots: Sequence[Plot], duration: float, eye: Eye, ranges: Sequence[Range] | None = None
+    plots: Sequence[Plot],
+    duration: float,
+    eye: Eye,
+    ranges: Sequence[Range] | None = None,
+    lanes: Sequence[str] | None = None,
 ) -> rrb.Blueprint:
     """Left the machine, below it the fault states and a legend; right the signals over the same time.
 
@@ -37,6 +41,7 @@ def run_blueprint(
       duration: Of the whole run [s].
       eye: First view of the scene.
       ranges: Of the value axes, one per plot; None for a run that goes on, whose axes grow.
+      lanes: Of the fault states; None for all.
     """
     time_axis = _whole(duration)
     scene = rrb.Spatial3DView(
@@ -52,9 +57,10 @@ def run_blueprint(
             tracking_entity=eye.follows,
         ),
     )
-    lanes = [f"/{entity}/**" for entity in (TRUTH, BELIEF, MODE)]
+    if lanes is None:
+        lanes = [f"/{entity}/**" for entity in (TRUTH, BELIEF, MODE)]
     name = "Faults: what is broken, and what the controller diagnosed"
-    states = rrb.StateTimelineView(origin="/", contents=lanes, name=name, time_view=time_axis)
+    states = rrb.StateTimelineView(origin="/", contents=list(lanes), name=name, time_view=time_axis)
     words = rrb.TextDocumentView(origin="about", name="What you see")
     values = [None] * len(plots) if ranges is None else ranges
     shown = list(zip(plots, values, strict=True))
@@ -64,7 +70,7 @@ def run_blueprint(
     series = rrb.Tabs(_stack(seen, time_axis, "What the method saw"), signals) if seen else signals
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(scene, rrb.Horizontal(states, words, column_shares=[3, 2]), row_shares=[5, 2]),
+            rrb.Vertical(scene, rrb.Horizontal(states, words, column_shares=[3, 2]), row_shares=[2, 1]),
             series,
             column_shares=[3, 2],
         ),

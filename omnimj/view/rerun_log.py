@@ -20,7 +20,7 @@ from omnimj.view.plots import planned_position
 from omnimj.view.rerun_machine import AROUND, MACHINE, NORMAL_SCALE, TRACTION_SCALE, Machine
 from omnimj.view.rerun_scene import Trail, log_floor, log_planned
 from omnimj.view.rerun_signals import Signals, plots_of, with_columns
-from omnimj.view.rerun_states import log_states
+from omnimj.view.rerun_states import eventful_lanes, log_states
 from omnimj.view.scene3d import Poses
 from omnimj.view.wording import Described
 
@@ -52,8 +52,7 @@ def write_recording(
       poses: What moved; without them the recording holds plots, states and paths.
     """
     stream = rr.RecordingStream("omnimj")
-    method = str(metrics.get("method", wording.NOT_DIAGNOSED))
-    stream.save(path, default_blueprint=whole_blueprint(scenario, trace, poses is not None, method))
+    stream.save(path, default_blueprint=whole_blueprint(scenario, trace, metrics, poses is not None))
     run = RunStream(stream, scenario, float(trace["time"][-1]))
     run.begin(metrics, planned_position(trace), None if poses is None else poses.mj_model)
     run.add(trace, poses)
@@ -158,12 +157,16 @@ class RunStream:
         log_floor(self._stream, np.concatenate(points), self._scenario.patches, self._scenario.floor)
 
 
-def whole_blueprint(scenario: Described, trace: Trace, has_machine: bool, method: str) -> rrb.Blueprint:
+def whole_blueprint(
+    scenario: Described, trace: Trace, metrics: Mapping[str, Any], has_machine: bool
+) -> rrb.Blueprint:
     """The arrangement of a run that is over: it plays, all axes show the whole run."""
+    method, duration = str(metrics.get("method", wording.NOT_DIAGNOSED)), float(trace["time"][-1])
     plots = with_columns(plots_of(scenario, method, list(trace.columns)), trace)
     start = (float(trace["x"][0]), float(trace["y"][0])) if "x" in trace else (0.0, 0.0)
     eye = first_eye(scenario, start, has_machine)
-    return run_blueprint(plots, float(trace["time"][-1]), eye, [plot.range(trace) for plot in plots])
+    ranges = [plot.range(trace) for plot in plots]
+    return run_blueprint(plots, duration, eye, ranges, eventful_lanes(metrics, duration))
 
 
 def live_blueprint(

@@ -48,12 +48,14 @@ class Plot:
     """Whether it names its lines; wheels have the same colours everywhere and are named once."""
     of_diagnosis: bool = False
     """Whether it shows what a method saw, not what the machine did."""
+    in_view: tuple[float, ...] = ()
+    """Values that its axis always shows."""
 
     def range(self, trace: Trace) -> tuple[float, float]:
         """Lowest and highest value with some room, for the axis."""
         values = [line.scale * trace[line.column] for line in self.lines]
-        low = min((float(np.nanmin(v)) for v in values), default=0.0)
-        high = max((float(np.nanmax(v)) for v in values), default=1.0)
+        low = min((*(float(np.nanmin(v)) for v in values), *self.in_view), default=0.0)
+        high = max((*(float(np.nanmax(v)) for v in values), *self.in_view), default=1.0)
         room = max(0.08 * (high - low), 1e-3)
         return low - room, high + room
 
@@ -76,16 +78,16 @@ def plots_of(scenario: Described, method: str = NOT_DIAGNOSED, columns: Collecti
 
 
 def _residual_plot(family: Family) -> Plot:
-    """The residuals of one family, each with its threshold in a lighter shade of its colour."""
+    """The residuals of one family with their thresholds; those are grey, since most are alike."""
     lines = [Line(r.column, r.label, r.color) for r in family.residuals]
     for r in family.residuals:
         if r.threshold is not None:
-            shade, name = palette.lighter(r.color, 0.4), f"threshold, {r.label}"
-            lines.append(Line(r.threshold, name, shade, 1.0, 1.0))
+            grey, name = palette.PLANNED, f"threshold, {r.label}"
+            lines.append(Line(r.threshold, name, grey, 1.0, 1.0))
             if family.is_signed:
-                lines.append(Line(r.threshold, f"− {name}", shade, -1.0, 1.0))
+                lines.append(Line(r.threshold, f"− {name}", grey, -1.0, 1.0))
     unit = f" [{family.unit}]" if family.unit else ""
-    heading = f"{family.heading}{', thin: threshold' if family.thresholds else ''}{unit}"
+    heading = f"{family.heading}{', grey: threshold' if family.thresholds else ''}{unit}"
     # wheels have the same colours everywhere; other residuals need their names
     named = any(r.wheel is None for r in family.residuals) and len(lines) > 1
     return Plot(f"plots/residual_{family.name}", heading, tuple(lines), named, True)
@@ -97,7 +99,7 @@ def _effectiveness_plot(columns: Collection[str]) -> list[Plot]:
         Line(column, f"wheel {k}", palette.wheel_color(k - 1)) for k, column in enumerate(found, start=1)
     ]
     heading = "Effectiveness, 1 is healthy [1]"
-    return [Plot("plots/effectiveness", heading, tuple(lines), True, True)] if lines else []
+    return [Plot("plots/effectiveness", heading, tuple(lines), True, True, (0.0, 1.0))] if lines else []
 
 
 def _robot_plots(n: int) -> list[Plot]:

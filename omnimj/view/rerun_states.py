@@ -39,6 +39,18 @@ def log_states(
         _log_mode(stream, trace, str(metrics.get("method")), is_rig)
 
 
+def eventful_lanes(metrics: Mapping[str, Any], duration: float) -> list[str]:
+    """Entities of the lanes in which something happens, truth beside belief; all where nothing does.
+
+    Args:
+      metrics: Content of `metrics.json`.
+      duration: Of the run [s].
+    """
+    spans = [*fault_spans(metrics, duration), *diagnosis_spans(metrics, duration)]
+    lanes = sorted({span.lane for span in spans}) or ["**"]
+    return [*(f"/{entity}/{lane}" for lane in lanes for entity in (TRUTH, BELIEF)), f"/{MODE}"]
+
+
 def _log_lanes(stream: rr.RecordingStream, entity: str, spans: Sequence[Span], wheels: int) -> None:
     all_wheels = {f"wheel_{i}" for i in range(1, wheels + 1)}
     for lane in sorted({span.lane for span in spans} | all_wheels):

@@ -13,7 +13,8 @@ from rerun.chunk import RrdReader
 
 from omnimj.signals import Trace
 from omnimj.view.rerun_log import write_recording
-from omnimj.view.rerun_states import lane_states
+from omnimj.view.rerun_signals import plots_of
+from omnimj.view.rerun_states import eventful_lanes, lane_states
 from omnimj.view.scene3d import Poses, thin, twins, wheel_bodies
 from omnimj.view.wording import Span, fault_spans
 
@@ -284,3 +285,17 @@ def test_the_blueprint_shows_every_plot_of_the_method(diagnosed):
             origins |= {row[0] for row in batch.column("ViewBlueprint:space_origin").to_pylist() if row}
     wanted = {f"plots/residual_{name}" for name in ("force", "moment", "motor", "slip")}
     assert wanted | {"plots/effectiveness", "plots/wheel_speed"} <= origins
+
+
+def test_lanes_in_which_nothing_happens_are_not_in_the_way(robot_metrics):
+    both = [f"/{entity}/wheel_{wheel}" for wheel in (2, 3) for entity in ("fault", "diagnosis")]
+    assert eventful_lanes(robot_metrics, 10.0) == [*both, "/mode"]
+    quiet = {**robot_metrics, "faults": [], "diagnoses": []}
+    assert eventful_lanes(quiet, 10.0) == ["/fault/**", "/diagnosis/**", "/mode"]
+
+
+def test_the_axis_of_effectiveness_always_shows_none_and_all(robot_trace, robot_scenario):
+    trace = with_robust(robot_trace)
+    plots = {plot.entity: plot for plot in plots_of(robot_scenario, "robust", list(trace.columns))}
+    low, high = plots["plots/effectiveness"].range(trace)
+    assert low < 0.0 and high > 1.0
