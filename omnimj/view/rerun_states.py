@@ -40,15 +40,18 @@ def log_states(
 
 
 def eventful_lanes(metrics: Mapping[str, Any], duration: float) -> list[str]:
-    """Entities of the lanes in which something happens, truth beside belief; all where nothing does.
+    """Entities of the lanes in which something happens; all where nothing does.
+
+    A wheel with a fault also has its lane of beliefs, empty or not.
 
     Args:
       metrics: Content of `metrics.json`.
       duration: Of the run [s].
     """
-    spans = [*fault_spans(metrics, duration), *diagnosis_spans(metrics, duration)]
-    lanes = sorted({span.lane for span in spans}) or ["**"]
-    return [*(f"/{entity}/{lane}" for lane in lanes for entity in (TRUTH, BELIEF)), f"/{MODE}"]
+    true = {span.lane for span in fault_spans(metrics, duration)}
+    named = true | {span.lane for span in diagnosis_spans(metrics, duration)}
+    lanes = [f"/{TRUTH}/{lane}" for lane in sorted(true)] + [f"/{BELIEF}/{lane}" for lane in sorted(named)]
+    return [*(lanes or (f"/{TRUTH}/**", f"/{BELIEF}/**")), f"/{MODE}"]
 
 
 def _log_lanes(stream: rr.RecordingStream, entity: str, spans: Sequence[Span], wheels: int) -> None:

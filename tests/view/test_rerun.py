@@ -8,11 +8,13 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from diagnosed_runs import with_published, with_robust
+import rerun as rr
+from diagnosed_runs import said, with_published, with_robust
 from rerun.chunk import RrdReader
 
 from omnimj.signals import Trace
 from omnimj.view.rerun_log import write_recording
+from omnimj.view.rerun_scene import log_floor
 from omnimj.view.rerun_signals import plots_of
 from omnimj.view.rerun_states import eventful_lanes, lane_states
 from omnimj.view.scene3d import Poses, thin, twins, wheel_bodies
@@ -288,8 +290,11 @@ def test_the_blueprint_shows_every_plot_of_the_method(diagnosed):
 
 
 def test_lanes_in_which_nothing_happens_are_not_in_the_way(robot_metrics):
-    both = [f"/{entity}/wheel_{wheel}" for wheel in (2, 3) for entity in ("fault", "diagnosis")]
+    both = [f"/{entity}/wheel_{wheel}" for entity in ("fault", "diagnosis") for wheel in (2, 3)]
     assert eventful_lanes(robot_metrics, 10.0) == [*both, "/mode"]
+    missed = {**robot_metrics, "diagnoses": [said(8.0, "slip", 4)]}
+    assert "/fault/wheel_4" not in eventful_lanes(missed, 10.0)
+    assert {"/diagnosis/wheel_2", "/diagnosis/wheel_4"} <= set(eventful_lanes(missed, 10.0))
     quiet = {**robot_metrics, "faults": [], "diagnoses": []}
     assert eventful_lanes(quiet, 10.0) == ["/fault/**", "/diagnosis/**", "/mode"]
 
@@ -299,3 +304,16 @@ def test_the_axis_of_effectiveness_always_shows_none_and_all(robot_trace, robot_
     plots = {plot.entity: plot for plot in plots_of(robot_scenario, "robust", list(trace.columns))}
     low, high = plots["plots/effectiveness"].range(trace)
     assert low < 0.0 and high > 1.0
+
+
+@pytest.mark.parametrize(("reach", "tiles"), [(3.0, 0.25), (60.0, 0.25), (1e4, 32.0), (1e10, None)])
+def test_a_vast_floor_has_larger_tiles_not_more(tmp_path, reach, tiles):
+    stream = rr.RecordingStream("omnimj_test")
+    stream.save(tmp_path / "floor.rrd")
+    log_floor(stream, np.array([[0.0, 0.0], [reach, 1.0]]), (), "pvc")
+    stream.disconnect()
+    (strips,) = ReadBack(tmp_path / "floor.rrd").column("/world/floor/tiles", "LineStrips3D:strips")
+    along = sorted({strip[0][0] for strip in strips})
+    assert len(strips) <= 2 * 513 + 2
+    if tiles is not None:
+        np.testing.assert_allclose(np.diff(along), tiles)
