@@ -17,28 +17,40 @@ if TYPE_CHECKING:
     from omnimj.view.scene3d import Poses
 
 
-def write_outputs(folder: Path, force: bool, run: Run) -> None:
+def write_outputs(folder: Path, force: bool, run: Run, others: Mapping[str, Run] | None = None) -> None:
     """Writes `trace.parquet`, `metrics.json`, `run.rrd` and `report.html`, each in full or not at all.
+
+    Runs beside it have a trace each, `trace_off.parquet` and so on, and are told in `report.html`.
 
     Args:
       folder: Created if needed.
       force: Whether the files of an earlier run may be replaced.
       run: What was driven.
+      others: The same scenario with other methods, by method.
 
     Raises:
       InputError: The folder is not empty and `force` is not given, or it cannot be written.
     """
-    from omnimj.recording.folder import make_folder
+    from omnimj.recording.folder import RUN_FILES, make_folder
     from omnimj.recording.traces import write_trace
+    from omnimj.scenario.methods import METHODS
     from omnimj.scenario.summary import write_metrics
     from omnimj.view.report import write_report
 
-    make_folder(folder, force)
+    make_folder(folder, force, (*RUN_FILES, *map(_trace_beside, METHODS)))
     write_trace(folder / "trace.parquet", run.trace)
+    traces = {method: other.trace for method, other in (others or {}).items()}
+    for method, trace in traces.items():
+        write_trace(folder / _trace_beside(method), trace)
     write_metrics(folder / "metrics.json", run.metrics)
     write_recording_of(folder / "run.rrd", run)
     with tempfile.TemporaryDirectory() as beside, whole_file(folder / "report.html") as temporary:
-        write_report(temporary, run.trace, run.scenario, run.metrics, _picture_of(run, Path(beside)))
+        write_report(temporary, run.trace, run.scenario, run.metrics, _picture_of(run, Path(beside)), traces)
+
+
+def _trace_beside(method: str) -> str:
+    """File of a run that was driven for comparison."""
+    return f"trace_{method}.parquet"
 
 
 def _poses_of(run: Run) -> Poses | None:

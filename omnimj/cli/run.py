@@ -9,6 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omnimj.cli.arguments import add_floors, add_thresholds, read_thresholds
+from omnimj.cli.compared import (
+    Beside,
+    drive_beside,
+    methods_beside,
+    metrics_beside,
+    say_failures,
+    told_comparison,
+)
 from omnimj.cli.compiling import note_compiled, say_compiling
 from omnimj.cli.progress import ProgressBar
 from omnimj.cli.tables import shown, table
@@ -19,12 +27,14 @@ if TYPE_CHECKING:
     from omnimj.scenario.running import Run
     from omnimj.view.live import LiveRun
 
+INTERRUPTED = 130
 HELP = "drive one scenario and judge it by its checks"
 EXAMPLE = """examples:
   omnimj run nylon_patch
   omnimj run nylon_patch --set floor=pvc --set drive.speed=0.8 --out out/nylon
   omnimj run degraded_motor --plant planar --seed 3 --json
-  omnimj run degraded_motor --method published --set diagnosis.thresholds=printed"""
+  omnimj run degraded_motor --method published --set diagnosis.thresholds=printed
+  omnimj run circle_8m --compare --out out/circle"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -57,6 +67,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out", metavar="DIR", type=Path, help="write trace, metrics, recording and report here"
     )
     parser.add_argument("--force", action="store_true", help="write into --out although it is not empty")
+    words = "drive it with the other methods too and set them side by side"
+    parser.add_argument("--compare", action="store_true", help=words)
     parser.add_argument("--view", action="store_true", help="watch the run in the Rerun viewer")
     parser.add_argument("--json", action="store_true", help="print metrics.json instead of the table")
 
@@ -86,23 +98,41 @@ def run(arguments: Any) -> int:
     if arguments.out is not None:
         check_folder(arguments.out, arguments.force)
     scenario = read_scenario(arguments.scenario, arguments.overrides, arguments.model, arguments.floors)
-    finished, live = _drive(arguments, scenario)
+    method = _method(arguments, scenario)
+    beside = methods_beside(scenario, method) if arguments.compare else ()
+    finished, live = _drive(arguments, scenario, method)
+    others = Beside()
+    if beside and not finished.interrupted:
+        others = drive_beside(scenario, arguments.plant, beside, arguments.seed)
     if finished.metrics:
-        _deliver(arguments, finished, live)
-    return _exit_code(finished, arguments.out)
+        _deliver(arguments, finished, live, others)
+    if others.interrupted:
+        return INTERRUPTED
+    return 1 if others.failures else _exit_code(finished, arguments.out)
 
 
-def _deliver(arguments: Any, finished: Run, live: LiveRun | None) -> None:
+def _method(arguments: Any, scenario: Any) -> str:
+    from omnimj.scenario.methods import default_method, require_method
+
+    method = default_method(scenario) if arguments.method is None else arguments.method
+    require_method(method)
+    return method
+
+
+def _deliver(arguments: Any, finished: Run, live: LiveRun | None, others: Beside) -> None:
     """Writes, prints and shows a run of two rows or more, whatever ended it."""
     failure = finished.trace.about["failure"]
     finished.metrics["failure"] = failure
     finished.metrics["command"] = shlex.join(["omnimj", *arguments.given])
+    if others.runs:
+        finished.metrics["compared"] = metrics_beside(others)
     if arguments.out is not None:
         from omnimj.cli.outputs import write_outputs
 
-        write_outputs(arguments.out, arguments.force, finished)
+        write_outputs(arguments.out, arguments.force, finished, others.runs)
     if not failure:
         print(json.dumps(finished.metrics, indent=2) if arguments.json else _told(finished, arguments.out))
+    say_failures(others)
     if live is not None:
         from omnimj.cli.outputs import show
 
@@ -115,17 +145,14 @@ def _exit_code(finished: Run, out: Path | None) -> int:
         written = f"; what was recorded until then is in {out}" if out and finished.metrics else ""
         raise SimulationError(f"{failure}{written}")
     if finished.interrupted:
-        return 130
+        return INTERRUPTED
     return 0 if finished.metrics["passed"] else 1
 
 
-def _drive(arguments: Any, scenario: Any) -> tuple[Run, LiveRun | None]:
-    from omnimj.scenario.methods import default_method, require_method
+def _drive(arguments: Any, scenario: Any, method: str) -> tuple[Run, LiveRun | None]:
     from omnimj.scenario.plants import KINEMATIC, plant_name
     from omnimj.scenario.running import run_scenario
 
-    method = default_method(scenario) if arguments.method is None else arguments.method
-    require_method(method)
     thresholds = read_thresholds(arguments.thresholds, method)
     plant = plant_name(scenario, arguments.plant)
     if plant != KINEMATIC:
@@ -147,7 +174,9 @@ def _drive(arguments: Any, scenario: Any) -> tuple[Run, LiveRun | None]:
 
 
 def _told(finished: Run, out: Path | None) -> str:
-    """What was driven, the table of checks, the verdict."""
+    """What was driven, the table of checks, what was diagnosed, the verdict."""
+    from omnimj.cli.diagnosed import told_diagnoses
+
     metrics, units = finished.metrics, finished.scenario.metric_units
     lines = [
         f"{metrics['scenario']}: {finished.scenario.description}",
@@ -161,7 +190,9 @@ def _told(finished: Run, out: Path | None) -> str:
         limit = f"{sign} {shown(check['limit'], unit)}"
         rows.append((check["name"], shown(check["value"], unit), limit, "ok" if check["ok"] else "FAILED"))
     lines.append(table(("check", "value", "limit", ""), rows) if rows else "no checks")
-    lines.append("")
+    diagnosed = told_diagnoses(metrics, len(finished.scenario.wheel_positions))
+    comparison = told_comparison(units, metrics)
+    lines += [part for words in (diagnosed, comparison) if words for part in ("", words)] + [""]
     if finished.interrupted:
         lines.append("interrupted")
     else:

@@ -33,11 +33,16 @@ def require_method(method: str) -> None:
         raise UnknownNameError("--method", "method", method, METHODS)
 
 
-def default_method(scenario: Scenario) -> str:
-    """The method of a run that asks for none; nothing is diagnosed at the kinematic level."""
+def methods_of(scenario: Scenario) -> tuple[str, ...]:
+    """The methods that a scenario can be driven with; nothing is diagnosed at the kinematic level."""
     if scenario.level == "kinematic":
-        return "off"
-    return (RIG_METHODS if isinstance(scenario.constants, Rig) else METHODS)[0]
+        return ("off",)
+    return RIG_METHODS if isinstance(scenario.constants, Rig) else METHODS
+
+
+def default_method(scenario: Scenario) -> str:
+    """The method of a run that asks for none."""
+    return methods_of(scenario)[0]
 
 
 @dataclass(frozen=True)

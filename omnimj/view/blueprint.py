@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import rerun as rr
 import rerun.blueprint as rrb
 
-from omnimj.view.rerun_signals import BELIEF, MODE, TRUTH, Plot
+from omnimj.view.rerun_signals import Plot
+from omnimj.view.rerun_states import BELIEF, MODE, TRUTH
 
 Point = tuple[float, float, float]
 Range = tuple[float, float]
@@ -27,7 +28,11 @@ class Eye:
 
 
 def run_blueprint(
-    plots: Sequence[Plot], duration: float, eye: Eye, ranges: Sequence[Range] | None = None
+    plots: Sequence[Plot],
+    duration: float,
+    eye: Eye,
+    ranges: Sequence[Range] | None = None,
+    lanes: Sequence[str] | None = None,
 ) -> rrb.Blueprint:
     """Left the machine, below it the fault states and a legend; right the signals over the same time.
 
@@ -36,6 +41,7 @@ def run_blueprint(
       duration: Of the whole run [s].
       eye: First view of the scene.
       ranges: Of the value axes, one per plot; None for a run that goes on, whose axes grow.
+      lanes: Of the fault states; None for all.
     """
     time_axis = _whole(duration)
     scene = rrb.Spatial3DView(
@@ -51,22 +57,35 @@ def run_blueprint(
             tracking_entity=eye.follows,
         ),
     )
-    lanes = [f"/{entity}/**" for entity in (TRUTH, BELIEF, MODE)]
+    if lanes is None:
+        lanes = [f"/{entity}/**" for entity in (TRUTH, BELIEF, MODE)]
     name = "Faults: what is broken, and what the controller diagnosed"
-    states = rrb.StateTimelineView(origin="/", contents=lanes, name=name, time_view=time_axis)
+    states = rrb.StateTimelineView(origin="/", contents=list(lanes), name=name, time_view=time_axis)
     words = rrb.TextDocumentView(origin="about", name="What you see")
     values = [None] * len(plots) if ranges is None else ranges
-    series = [_series(plot, time_axis, shown) for plot, shown in zip(plots, values, strict=True)]
+    shown = list(zip(plots, values, strict=True))
+    signals = _stack([(p, r) for p, r in shown if not p.of_diagnosis], time_axis, "What the machine did")
+    seen = [(p, r) for p, r in shown if p.of_diagnosis]
+    # residuals stand beside the fault states; what the machine did is one click away
+    series = rrb.Tabs(_stack(seen, time_axis, "What the method saw"), signals) if seen else signals
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(scene, rrb.Horizontal(states, words, column_shares=[3, 2]), row_shares=[5, 2]),
-            rrb.Vertical(*series, row_shares=[2.0 if plot.legend else 1.4 for plot in plots]),
+            rrb.Vertical(scene, rrb.Horizontal(states, words, column_shares=[3, 2]), row_shares=[2, 1]),
+            series,
             column_shares=[3, 2],
         ),
         rrb.TimePanel(state="collapsed", timeline="time", play_state="playing", loop_mode="all"),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
     )
+
+
+def _stack(
+    plots: Sequence[tuple[Plot, Range | None]], time_axis: rrb.archetypes.TimeAxis, name: str
+) -> rrb.Vertical:
+    """Time series under each other; those with a legend are higher."""
+    series = [_series(plot, time_axis, shown) for plot, shown in plots]
+    return rrb.Vertical(*series, row_shares=[2.0 if plot.legend else 1.4 for plot, _ in plots], name=name)
 
 
 def _series(plot: Plot, time_axis: rrb.archetypes.TimeAxis, shown: Range | None) -> rrb.TimeSeriesView:

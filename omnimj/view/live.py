@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from omnimj.plant.interface import Plant
 from omnimj.scenario.drive import Drive
+from omnimj.scenario.methods import make_method
 from omnimj.scenario.running import Run
 from omnimj.scenario.scenario import Scenario
 from omnimj.signals import Reference, Trace
@@ -19,6 +20,7 @@ from omnimj.view.machine import visible_model, visible_poses
 from omnimj.view.plots import planned_position
 from omnimj.view.rerun_log import RunStream, live_blueprint
 from omnimj.view.scene3d import Poses, poses_from_trace
+from omnimj.view.wording import NOT_DIAGNOSED
 
 Array = NDArray[np.float64]
 _FLUSHING = 30.0  # [s] for a viewer on a slow machine to take the rest
@@ -53,6 +55,7 @@ class LiveRun:
           spectator: Shows it.
         """
         self._scenario, self._known, self._spectator = scenario, known, spectator
+        self._method = str(known.get("method", NOT_DIAGNOSED))
         self._stream = rr.RecordingStream("omnimj")
         self._run = RunStream(self._stream, scenario, scenario.duration)
         drive = scenario.drive
@@ -67,7 +70,10 @@ class LiveRun:
 
     def _begin(self, planned: Array | None) -> None:
         start = (0.0, 0.0) if planned is None else (float(planned[0, 0]), float(planned[0, 1]))
-        self._spectator.connect(self._stream, live_blueprint(self._scenario, self._scenario.duration, start))
+        method = make_method(self._method, self._scenario)
+        names = () if method is None else tuple(method.log_names)
+        blueprint = live_blueprint(self._scenario, self._scenario.duration, start, self._method, names)
+        self._spectator.connect(self._stream, blueprint)
         self._mj_model = visible_model(self._scenario)
         self._run.begin(self._known, planned, self._mj_model)
         self._run.stand(self._first_pose())

@@ -19,6 +19,36 @@ GRID = "#DDE2E8"
 TRACTION = "#00966B"
 NORMAL = "#56B4E9"
 
+STATES = {
+    "healthy": HEALTHY,
+    "no fault": HEALTHY,
+    "suspect": "#F0C94A",
+    "faulty": "#C44E0B",
+    "cannot judge": "#B9C0C9",
+    "slip": "#E69F00",
+    "all wheels slip": "#B87A00",
+    "motor loss": "#C44E0B",
+    "motor fault": "#C44E0B",
+    "motor free": "#CC79A7",
+    "wheel locked": "#0072B2",
+    "motor runs away": "#8A2BE2",
+    "torque constant is estimated": "#F0C94A",
+    "torque constant was estimated": "#7FB8DA",
+}
+"""Colours of what a machine is in and of what is believed of it; one state has one colour everywhere."""
+METHODS: dict[str, tuple[str, str | tuple[int, tuple[float, ...]], float]] = {
+    "off": ("#A9B1BA", "-", 3.2),
+    "published": ("#D55E00", (0, (6, 1.5)), 1.5),
+    "robust": ("#0072B2", "-", 1.3),
+}
+"""Colours, dashes and widths [points] of the runs with different methods; none hides another."""
+_OTHER_STATES = ("#56B4E9", "#8C6D1F", "#6A5ACD", "#777777", "#B22222", "#2F8F9D")
+
+
+def state_color(state: str) -> str:
+    """Colour of a state; one without a colour of its own gets one by its letters, the same every time."""
+    return STATES.get(state) or _OTHER_STATES[sum(state.encode()) % len(_OTHER_STATES)]
+
 
 def wheel_color(i: int) -> str:
     """Colour of wheel i, counted from 0."""
@@ -39,3 +69,9 @@ def lighter(color: str, share: float = 0.5) -> str:
     """The colour mixed with white; share 0 leaves it, 1 is white."""
     mixed = (round(channel + (255 - channel) * share) for channel in rgb(color))
     return "#" + "".join(f"{channel:02X}" for channel in mixed)
+
+
+def ink_on(color: str) -> str:
+    """Black or white, whichever can be read on a colour."""
+    red, green, blue = rgb(color)
+    return INK if 0.299 * red + 0.587 * green + 0.114 * blue > 140 else "#FFFFFF"

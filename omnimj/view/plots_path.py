@@ -38,7 +38,7 @@ def path(
     planned = planned_position(trace)
     x, y = trace["x"], trace["y"]
     for patch in patches:
-        _patch(ax, patch)
+        draw_patch(ax, patch)
     if planned is not None:
         style = {"linestyle": (0, (5, 3)), "linewidth": 1.4, "label": "planned"}
         ax.plot(planned[:, 0], planned[:, 1], color=palette.PLANNED, **style)
@@ -51,7 +51,7 @@ def path(
         ax.plot(x[during][::step], y[during][::step], color=palette.FAULT, **style)
     ax.plot(x[0], y[0], "o", color=palette.INK, markersize=6, zorder=4, label="start")
     ax.plot(x[-1], y[-1], "s", color=palette.INK, markersize=6, zorder=4, label="end")
-    _equal_with_room(
+    equal_with_room(
         ax, np.column_stack([x, y]) if planned is None else np.vstack([np.column_stack([x, y]), planned])
     )
     _heading_arrows(ax, trace)
@@ -64,7 +64,8 @@ def path(
     return figure
 
 
-def _patch(ax: Axes, patch: Any) -> None:
+def draw_patch(ax: Axes, patch: Any) -> None:
+    """A stretch of other floor with its name."""
     corners = patch_corners(patch)
     style = {"facecolor": palette.DIAGNOSIS, "edgecolor": palette.MUTED, "alpha": 0.35, "hatch": "///"}
     ax.add_patch(Polygon(corners, zorder=1, **style))
@@ -102,7 +103,7 @@ def _outline(ax: Axes, robot: Robot, trace: Trace, row: int) -> None:
         )
 
 
-def _equal_with_room(ax: Axes, points: Array) -> None:
+def equal_with_room(ax: Axes, points: Array) -> None:
     """Equal axes in the figure's own proportions, so that a straight path does not flatten the plot."""
     low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
     middle, span = 0.5 * (low + high), 1.1 * (high - low) + 0.8  # the robot itself needs room

@@ -12,13 +12,12 @@ from matplotlib.figure import Figure
 import omnimj
 from omnimj.parameters import Rig, Robot
 from omnimj.signals import Trace
-from omnimj.view import page, plots, plots_path, plots_rig, wording
+from omnimj.view import page, plots, plots_path, plots_rig, report_compared, report_diagnosis, wording
 from omnimj.view.drawing import svg, window
 from omnimj.view.picture import Picture
 from omnimj.view.wording import Described, Span
 
 _MOVES = 0.01  # [m/s] of a gantry that is not at rest
-_DIAGNOSIS_RESULTS = {"detection_delay": "s", "isolated": "", "false_alarms": ""}
 
 
 def write_report(
@@ -27,6 +26,7 @@ def write_report(
     scenario: Described,
     metrics: Mapping[str, Any],
     picture: Picture | None = None,
+    others: Mapping[str, Trace] | None = None,
 ) -> None:
     """Writes a run's report as one HTML file that needs nothing else.
 
@@ -36,6 +36,8 @@ def write_report(
       scenario: What was asked for.
       metrics: Content of `metrics.json`.
       picture: A rendered or drawn picture; its way of making is named in the report.
+      others: Runs of the same scenario with other methods, by method; `metrics["compared"]` has their
+        metrics.
     """
     duration = float(trace["time"][-1])
     spans = wording.fault_spans(metrics, duration)
@@ -50,14 +52,16 @@ def write_report(
         page.section("Other results", _results(scenario, metrics)),
         "</div>",
     ]
-    if metrics.get("faults"):
+    if wording.is_diagnosed(metrics):
+        content.append(report_diagnosis.diagnosis_section(trace, scenario, metrics, spans))
+    elif metrics.get("faults"):
         content.append(page.section("Faults given to the plant", _faults(metrics)))
-    if metrics.get("diagnoses"):
-        content.append(page.section("What the controller diagnosed", _diagnoses(metrics)))
+    content.append(report_compared.compared_section(trace, others or {}, scenario, metrics, spans))
     figures = _figures(trace, scenario, spans)
     content.append(page.section("Plots", f"<div class='columns plots'>{''.join(figures)}</div>"))
     content.append(_foot(metrics))
-    path.write_text(page.document(f"{wording.title(metrics)} · omnimj", "\n".join(content)), encoding="utf-8")
+    heading, style = f"{wording.title(metrics)} · omnimj", report_diagnosis.STYLE + report_compared.STYLE
+    path.write_text(page.document(heading, "\n".join(content), style), encoding="utf-8")
 
 
 def _head(scenario: Described, metrics: Mapping[str, Any]) -> str:
@@ -128,8 +132,6 @@ def _checks(scenario: Described, metrics: Mapping[str, Any]) -> str:
 def _results(scenario: Described, metrics: Mapping[str, Any]) -> str:
     judged = {check["name"] for check in metrics.get("checks") or ()}
     units = dict(scenario.metric_units)
-    if metrics.get("method", "off") != "off" or metrics.get("diagnoses"):
-        units |= _DIAGNOSIS_RESULTS  # without a diagnosis there is nothing to tell
     rows = []
     for key, unit in units.items():
         value = metrics.get(key)
@@ -157,23 +159,6 @@ def _faults(metrics: Mapping[str, Any]) -> str:
             )
         )
     return page.table(rows, ("fault", "wheel", "from", "to", "size"))
-
-
-def _diagnoses(metrics: Mapping[str, Any]) -> str:
-    rows = []
-    for diagnosis in metrics["diagnoses"]:
-        wheels = ", ".join(str(wheel) for wheel in diagnosis.get("wheels") or ()) or "–"
-        ambiguous = ", ".join(str(other) for other in diagnosis.get("ambiguous_with") or ()) or "–"
-        rows.append(
-            (
-                page.cell(f"{diagnosis['time']:.3f} s", "number"),
-                page.cell(wording.FAULT_NAMES.get(diagnosis["kind"], diagnosis["kind"])),
-                page.cell(wheels, "number"),
-                page.cell(wording.number(diagnosis.get("confidence"), 2), "number"),
-                page.cell(ambiguous),
-            )
-        )
-    return page.table(rows, ("at", "diagnosis", "wheels", "confidence", "could also be"))
 
 
 def _figures(trace: Trace, scenario: Described, spans: Sequence[Span]) -> list[str]:
@@ -268,8 +253,11 @@ def _rig_figures(trace: Trace, radius: float, spans: Sequence[Span]) -> Wanted:
 
 
 def _foot(metrics: Mapping[str, Any]) -> str:
+    traces = "".join(
+        f", <code>trace_{page.text(method)}.parquet</code>" for method in metrics.get("compared") or ()
+    )
     return (
-        "<footer><p>Beside this page: <code>trace.parquet</code> (every signal of every control step), "
+        f"<footer><p>Beside this page: <code>trace.parquet</code>{traces} (every signal of every step), "
         "<code>metrics.json</code> (the numbers above), <code>run.rrd</code> (the run in 3-D, open it with "
         f"<code>rerun run.rrd</code>). All values in SI units unless an axis says otherwise. "
         f"Written by omnimj {page.text(omnimj.__version__)}.</p></footer>"

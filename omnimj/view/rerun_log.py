@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,8 @@ from omnimj.view.blueprint import Eye, run_blueprint
 from omnimj.view.plots import planned_position
 from omnimj.view.rerun_machine import AROUND, MACHINE, NORMAL_SCALE, TRACTION_SCALE, Machine
 from omnimj.view.rerun_scene import Trail, log_floor, log_planned
-from omnimj.view.rerun_signals import Signals, log_states, plots_of, with_columns
+from omnimj.view.rerun_signals import Signals, plots_of, with_columns
+from omnimj.view.rerun_states import eventful_lanes, log_states
 from omnimj.view.scene3d import Poses
 from omnimj.view.wording import Described
 
@@ -51,7 +52,7 @@ def write_recording(
       poses: What moved; without them the recording holds plots, states and paths.
     """
     stream = rr.RecordingStream("omnimj")
-    stream.save(path, default_blueprint=whole_blueprint(scenario, trace, poses is not None))
+    stream.save(path, default_blueprint=whole_blueprint(scenario, trace, metrics, poses is not None))
     run = RunStream(stream, scenario, float(trace["time"][-1]))
     run.begin(metrics, planned_position(trace), None if poses is None else poses.mj_model)
     run.add(trace, poses)
@@ -69,7 +70,9 @@ class RunStream:
         self._signals: Signals | None = None
         self._trail: Trail | None = None
         self._planned: Array | None = None
+        self._known: Mapping[str, Any] = {}
         constants = scenario.constants
+        self._is_rig = isinstance(constants, Rig)
         self._wheels = 1 if isinstance(constants, Rig) else len(constants.wheels)
 
     def begin(self, known: Mapping[str, Any], planned: Array | None, mj_model: mujoco.MjModel | None) -> None:
@@ -84,6 +87,7 @@ class RunStream:
         stream.send_recording_name(wording.title(known))
         stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         self._log_words(known)
+        self._known = known
         self._planned = planned
         self._log_floor(np.empty((0, 2)))
         if planned is not None:
@@ -95,7 +99,8 @@ class RunStream:
         """Sends the machine at rest and healthy, for whoever looks on before the first batch."""
         still = Trace({"time": poses.time})
         self.move(poses, still)
-        log_states(self._stream, still, {}, self._wheels)
+        nothing = {**self._known, "faults": (), "diagnoses": ()}
+        log_states(self._stream, still, nothing, self._wheels, self._is_rig)
 
     def add(self, trace: Trace, poses: Poses | None) -> None:
         """Sends the next rows and what moved during them.
@@ -105,7 +110,9 @@ class RunStream:
           poses: Of the machine; None where nothing is known of it.
         """
         if self._signals is None:
-            self._signals = Signals(self._stream, with_columns(plots_of(self._scenario), trace))
+            method = str(self._known.get("method", wording.NOT_DIAGNOSED))
+            plots = plots_of(self._scenario, method, list(trace.columns))
+            self._signals = Signals(self._stream, with_columns(plots, trace))
         self._signals.add(trace)
         if "x" in trace:
             if self._trail is None:
@@ -131,7 +138,7 @@ class RunStream:
           trace: The whole run.
           metrics: Content of `metrics.json`.
         """
-        log_states(self._stream, trace, metrics, self._wheels)
+        log_states(self._stream, trace, metrics, self._wheels, self._is_rig)
         self._log_words(metrics)
         if "x" in trace:
             self._log_floor(np.column_stack([trace["x"], trace["y"]]))
@@ -150,17 +157,36 @@ class RunStream:
         log_floor(self._stream, np.concatenate(points), self._scenario.patches, self._scenario.floor)
 
 
-def whole_blueprint(scenario: Described, trace: Trace, has_machine: bool) -> rrb.Blueprint:
+def whole_blueprint(
+    scenario: Described, trace: Trace, metrics: Mapping[str, Any], has_machine: bool
+) -> rrb.Blueprint:
     """The arrangement of a run that is over: it plays, all axes show the whole run."""
-    plots = with_columns(plots_of(scenario), trace)
+    method, duration = str(metrics.get("method", wording.NOT_DIAGNOSED)), float(trace["time"][-1])
+    plots = with_columns(plots_of(scenario, method, list(trace.columns)), trace)
     start = (float(trace["x"][0]), float(trace["y"][0])) if "x" in trace else (0.0, 0.0)
     eye = first_eye(scenario, start, has_machine)
-    return run_blueprint(plots, float(trace["time"][-1]), eye, [plot.range(trace) for plot in plots])
+    ranges = [plot.range(trace) for plot in plots]
+    return run_blueprint(plots, duration, eye, ranges, eventful_lanes(metrics, duration))
 
 
-def live_blueprint(scenario: Described, duration: float, start: tuple[float, float]) -> rrb.Blueprint:
-    """The arrangement of a run that goes on: the newest is shown, the value axes grow."""
-    return run_blueprint(plots_of(scenario), duration, first_eye(scenario, start, has_machine=True))
+def live_blueprint(
+    scenario: Described,
+    duration: float,
+    start: tuple[float, float],
+    method: str = wording.NOT_DIAGNOSED,
+    log_names: Sequence[str] = (),
+) -> rrb.Blueprint:
+    """The arrangement of a run that goes on: the newest is shown, the value axes grow.
+
+    Args:
+      scenario: What is asked for.
+      duration: Of the whole run [s].
+      start: Where the robot begins [m].
+      method: That looks for faults.
+      log_names: Columns that it will log.
+    """
+    plots = plots_of(scenario, method, log_names)
+    return run_blueprint(plots, duration, first_eye(scenario, start, has_machine=True))
 
 
 def first_eye(scenario: Described, start: tuple[float, float], has_machine: bool) -> Eye:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -18,11 +19,14 @@ Array = NDArray[np.float64]
 FLOOR, PATH = "world/floor", "world/path"
 _TRAIL_STEPS, _TRAIL_POINTS = 120, 240
 _TILE = 0.25  # [m]
+_MOST_TILES = 512  # along a side: a run that broke down may end anywhere
 _MARGIN = 0.6  # [m] of floor around what moves
 
 
 def log_floor(stream: rr.RecordingStream, points: Array, patches: Sequence[Any], floor: str) -> None:
-    """The floor as a slab with tiles of 0.25 m, and each patch of other floor with its name.
+    """The floor as a slab with tiles, and each patch of other floor with its name.
+
+    Tiles are 0.25 m wide, larger ones where the floor is vast.
 
     Args:
       stream: Where to log.
@@ -38,8 +42,9 @@ def log_floor(stream: rr.RecordingStream, points: Array, patches: Sequence[Any],
         fill_mode="solid",
     )
     stream.log(f"{FLOOR}/{floor}", slab, static=True)
-    lines = [[[x, low[1], 0], [x, high[1], 0]] for x in np.arange(low[0], high[0] + 1e-9, _TILE)]
-    lines += [[[low[0], y, 0], [high[0], y, 0]] for y in np.arange(low[1], high[1] + 1e-9, _TILE)]
+    tile = _TILE * 2.0 ** max(0, math.ceil(math.log2(float((high - low).max()) / (_MOST_TILES * _TILE))))
+    lines = [[[x, low[1], 0], [x, high[1], 0]] for x in np.arange(low[0], high[0] + 1e-9, tile)]
+    lines += [[[low[0], y, 0], [high[0], y, 0]] for y in np.arange(low[1], high[1] + 1e-9, tile)]
     stream.log(
         f"{FLOOR}/tiles", rr.LineStrips3D(lines, colors=[(196, 193, 186)], radii=[0.0012]), static=True
     )

@@ -1,10 +1,9 @@
-"""The time series and fault states of a Rerun recording."""
+"""The time series of a Rerun recording."""
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Collection, Container, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -13,16 +12,14 @@ from numpy.typing import NDArray
 from omnimj.parameters import Rig
 from omnimj.signals import Trace
 from omnimj.view import palette
+from omnimj.view.residuals import Family, families
 from omnimj.view.scene3d import thin
 from omnimj.view.timeline import time_column
-from omnimj.view.wording import Described, Span, diagnosis_spans, fault_spans
+from omnimj.view.wording import NOT_DIAGNOSED, Described
 
 Array = NDArray[np.float64]
 RATE = 200.0
 """Samples per second of the time series."""
-TRUTH, BELIEF, MODE = "fault", "diagnosis", "mode"
-FINE = "healthy"
-_STATE_COLORS = ("#E69F00", "#D55E00", "#CC79A7", "#0072B2", "#56B4E9", "#8C6D1F")
 
 
 @dataclass(frozen=True)
@@ -49,22 +46,60 @@ class Plot:
     lines: tuple[Line, ...]
     legend: bool = False
     """Whether it names its lines; wheels have the same colours everywhere and are named once."""
+    of_diagnosis: bool = False
+    """Whether it shows what a method saw, not what the machine did."""
+    in_view: tuple[float, ...] = ()
+    """Values that its axis always shows."""
 
     def range(self, trace: Trace) -> tuple[float, float]:
         """Lowest and highest value with some room, for the axis."""
         values = [line.scale * trace[line.column] for line in self.lines]
-        low = min((float(np.nanmin(v)) for v in values), default=0.0)
-        high = max((float(np.nanmax(v)) for v in values), default=1.0)
+        low = min((*(float(np.nanmin(v)) for v in values), *self.in_view), default=0.0)
+        high = max((*(float(np.nanmax(v)) for v in values), *self.in_view), default=1.0)
         room = max(0.08 * (high - low), 1e-3)
         return low - room, high + room
 
 
-def plots_of(scenario: Described) -> list[Plot]:
-    """All the plots that a run of this scenario can have."""
+def plots_of(scenario: Described, method: str = NOT_DIAGNOSED, columns: Collection[str] = ()) -> list[Plot]:
+    """All the plots that a run of this scenario can have.
+
+    Args:
+      scenario: What is asked for.
+      method: That looks for faults.
+      columns: Of the trace, or those that the method will log.
+    """
     constants = scenario.constants
     if isinstance(constants, Rig):
-        return _rig_plots(constants.wheel.radius)
-    return _robot_plots(len(constants.wheels))
+        plots = _rig_plots(constants.wheel.radius)
+    else:
+        plots = _robot_plots(len(constants.wheels))
+    found = families(columns, method, scenario.diagnosis.printed)
+    return [*plots, *map(_residual_plot, found), *_effectiveness_plot(columns)]
+
+
+def _residual_plot(family: Family) -> Plot:
+    """The residuals of one family with their thresholds; those are grey, since most are alike."""
+    lines = [Line(r.column, r.label, r.color) for r in family.residuals]
+    for r in family.residuals:
+        if r.threshold is not None:
+            grey, name = palette.PLANNED, f"threshold, {r.label}"
+            lines.append(Line(r.threshold, name, grey, 1.0, 1.0))
+            if family.is_signed:
+                lines.append(Line(r.threshold, f"− {name}", grey, -1.0, 1.0))
+    unit = f" [{family.unit}]" if family.unit else ""
+    heading = f"{family.heading}{', grey: threshold' if family.thresholds else ''}{unit}"
+    # wheels have the same colours everywhere; other residuals need their names
+    named = any(r.wheel is None for r in family.residuals) and len(lines) > 1
+    return Plot(f"plots/residual_{family.name}", heading, tuple(lines), named, True)
+
+
+def _effectiveness_plot(columns: Collection[str]) -> list[Plot]:
+    found = [column for column in columns if column.startswith("effectiveness_")]
+    lines = [
+        Line(column, f"wheel {k}", palette.wheel_color(k - 1)) for k, column in enumerate(found, start=1)
+    ]
+    heading = "Effectiveness, 1 is healthy [1]"
+    return [Plot("plots/effectiveness", heading, tuple(lines), True, True, (0.0, 1.0))] if lines else []
 
 
 def _robot_plots(n: int) -> list[Plot]:
@@ -160,54 +195,3 @@ class Signals:
             columns = rr.Scalars.columns(scalars=values.ravel())
             lengths = np.full(len(keep), len(plot.lines))
             self._stream.send_columns(plot.entity, [index], columns.partition(lengths))
-
-
-def log_states(stream: rr.RecordingStream, trace: Trace, metrics: Mapping[str, Any], wheels: int) -> None:
-    """What was broken and what the controller believed, a lane per wheel; the controller's mode.
-
-    Args:
-      stream: Where to log.
-      trace: The whole run; its first row alone shows that nothing has happened yet.
-      metrics: Content of `metrics.json`, as far as it is known.
-      wheels: n.
-    """
-    duration = float(trace["time"][-1])
-    _log_lanes(stream, TRUTH, fault_spans(metrics, duration), wheels)
-    if metrics.get("diagnoses"):
-        _log_lanes(stream, BELIEF, diagnosis_spans(metrics, duration), wheels)
-    if "mode" in trace:
-        _log_mode(stream, trace)
-
-
-def _log_lanes(stream: rr.RecordingStream, entity: str, spans: Sequence[Span], wheels: int) -> None:
-    all_wheels = {f"wheel_{i}" for i in range(1, wheels + 1)}
-    for lane in sorted({span.lane for span in spans} | all_wheels):
-        times, states = lane_states([span for span in spans if span.lane == lane])
-        log_lane(stream, f"{entity}/{lane}", times, states)
-
-
-def log_lane(stream: rr.RecordingStream, entity: str, times: Array, states: list[str]) -> None:
-    """One lane of the state timeline with a colour per state; healthy is green and the rest is not."""
-    values = [FINE, *sorted(set(states) - {FINE})]
-    colors = [palette.HEALTHY, *(_STATE_COLORS[i % len(_STATE_COLORS)] for i in range(len(values) - 1))]
-    rgba = [(*palette.rgb(color), 255) for color in colors]
-    stream.log(entity, rr.StateConfiguration(values=values, labels=values, colors=rgba), static=True)
-    stream.send_columns(entity, [time_column(times)], rr.StateChange.columns(state=states))
-
-
-def lane_states(spans: Sequence[Span]) -> tuple[Array, list[str]]:
-    """Times of change and the state from then on; faults that hold at once are joined by `+`."""
-    times = sorted({0.0, *(span.start for span in spans), *(span.end for span in spans)})
-    states = []
-    for time in times:
-        held = [span.state for span in spans if span.start <= time < span.end]
-        states.append(" + ".join(dict.fromkeys(held)) or FINE)
-    return np.array(times), states
-
-
-def _log_mode(stream: rr.RecordingStream, trace: Trace) -> None:
-    names: Mapping[int, str] = trace.about.get("mode_names") or {}
-    mode = trace["mode"].astype(int)
-    rows = np.concatenate([[0], np.flatnonzero(np.diff(mode)) + 1])
-    states = [str(names.get(value, f"mode {value}")) for value in mode[rows].tolist()]
-    log_lane(stream, MODE, trace["time"][rows], states)

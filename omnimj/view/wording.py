@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from omnimj.control.published.choice import Choice
 from omnimj.parameters import Rig, Robot
 
 FAULT_NAMES: Mapping[str, str] = {
@@ -33,6 +34,14 @@ UNITS: Mapping[str, str] = {
     "x": "m",
     "y": "m",
 }
+MODE_NAMES: Mapping[str, tuple[str, ...]] = {
+    "robust": ("healthy", "suspect", "faulty", "cannot judge"),
+    "published": ("no fault", "slip", "torque constant is estimated", "torque constant was estimated"),
+    "published on the rig": ("no fault", "slip", "motor fault"),
+}
+"""What the numbers in the column `mode` mean, by method."""
+NOT_DIAGNOSED = "off"
+"""The method of a run in which nobody looks for faults."""
 _PLACE = ("kind", "wheel", "wheels", "onset", "end")
 
 
@@ -74,6 +83,11 @@ class Described(Protocol):
         """Stretches of other floor: each has `floor`, `center`, `size` and `yaw`."""
         ...
 
+    @property
+    def diagnosis(self) -> Choice:
+        """Which form of a method is used."""
+        ...
+
 
 @dataclass(frozen=True)
 class Span:
@@ -111,6 +125,8 @@ def diagnosis_spans(metrics: Mapping[str, Any], duration: float) -> list[Span]:
         stands = isinstance(cleared, bool) or not isinstance(cleared, int | float)
         end = duration if stands else min(float(cleared), duration)
         state = FAULT_NAMES.get(diagnosis["kind"], diagnosis["kind"])
+        if diagnosis.get("channel"):
+            state = f"{state} {diagnosis['channel']}".replace("_", " ")
         wheels = diagnosis.get("wheels") or (None,)
         spans += [_span(diagnosis["kind"], wheel, state, float(diagnosis["time"]), end) for wheel in wheels]
     return spans
@@ -126,8 +142,38 @@ def _span(kind: str, wheel: int | None, state: str, start: float, end: float) ->
 def _state(fault: Mapping[str, Any]) -> str:
     name = FAULT_NAMES.get(fault["kind"], fault["kind"])
     if fault["kind"] == "sensor":
-        return f"{fault.get('channel', '?')} {fault.get('mode', '?')}"
+        return f"{fault.get('channel', '?')} {fault.get('mode', '?')}".replace("_", " ")
     return name
+
+
+def is_diagnosed(metrics: Mapping[str, Any]) -> bool:
+    """Whether a method looked for faults in this run."""
+    return metrics.get("method", NOT_DIAGNOSED) != NOT_DIAGNOSED
+
+
+def mode_name(method: str, is_rig: bool, mode: int) -> str:
+    """What the number in the column `mode` means; a number without words stays one."""
+    names = MODE_NAMES.get(f"{method} on the rig" if is_rig else method) or MODE_NAMES.get(method, ())
+    return names[mode] if 0 <= mode < len(names) else f"mode {mode}"
+
+
+def fault_name(record: Mapping[str, Any]) -> str:
+    """A fault or a diagnosis: `motor loss, wheel 1`, `slip, wheels 1, 3`, `sensor yaw rate`."""
+    kind = FAULT_NAMES.get(record["kind"], str(record["kind"]))
+    if record.get("channel"):
+        return f"{kind} {str(record['channel']).replace('_', ' ')}"
+    wheels = record.get("wheels") or ((record["wheel"],) if record.get("wheel") is not None else ())
+    if not wheels:
+        return kind
+    return f"{kind}, wheel{'s' if len(wheels) > 1 else ''} {', '.join(str(wheel) for wheel in wheels)}"
+
+
+def answer(text: str) -> str:
+    """One of `ambiguous_with`, `motor 3`, as other diagnoses are named: `motor loss, wheel 3`."""
+    kind, _, place = text.partition(" ")
+    if place.isdecimal():
+        return fault_name({"kind": kind, "wheel": int(place)})
+    return fault_name({"kind": kind, "channel": place})
 
 
 def fault_details(fault: Mapping[str, Any]) -> str:

@@ -60,11 +60,8 @@ def test_a_command_or_scenario_that_does_not_exist(refused: Refused, argv, told)
         (["--plant", "Twin"], "did you mean 'twin'?"),
         (["--plant", "serial:/dev/ttyUSB0?baud=1"], "drives no real robot"),
         (["--plant", "udp:robot:9000"], "drives no real robot"),
-        (
-            ["--method", "best"],
-            "--method: unknown method 'best'; did you mean 'robust'?; choices: off, published, robust",
-        ),
-        (["--method", ""], "--method: unknown method ''; choices: off, published"),
+        (["--method", "best"], "--method: unknown method 'best'; did you mean 'robust'?; choices: off, pub"),
+        (["--method", ""], "--method: unknown method ''; choices: off, published, robust"),
         (["--force"], "--force: there is no --out"),
         (["--model", "no_such.toml"], "no_such.toml: no such file"),
         (["--model", "."], ".: is a folder; a TOML file is needed"),

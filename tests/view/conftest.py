@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from omnimj.control.published.choice import Choice
 from omnimj.parameters import Rig, Robot, read_rig, read_robot
 from omnimj.physics.kinematics import rolling_matrix
 from omnimj.plant.patches import Patch
@@ -27,6 +28,7 @@ class MadeScenario:
     floor: str
     patches: tuple[Patch, ...] = ()
     overrides: tuple[str, ...] = ()
+    diagnosis: Choice = field(default_factory=Choice)
 
     @property
     def metric_units(self) -> dict[str, str]:
@@ -126,7 +128,7 @@ def robot_metrics() -> dict[str, Any]:
     return {
         "scenario": "nylon_patch",
         "plant": "uto_robot",
-        "method": "off",
+        "method": "robust",
         "seed": 3,
         "floor": "natural_stone",
         "duration": 10.0,

@@ -126,6 +126,27 @@ def test_what_is_seen_before_the_first_step_is_the_machine_at_its_start(tmp_path
                 np.testing.assert_allclose(np.ravel(place)[:2], scenario.drive.reference.position[0])
 
 
+@pytest.mark.parametrize(
+    "name, method, entity",
+    [
+        ("nylon_patch", "robust", "/plots/residual_slip"),
+        ("nylon_patch", "published", "/plots/residual_wheel_speed"),
+        ("rig_slip", "published", "/plots/residual_wheel_speed"),
+    ],
+)
+def test_a_watched_method_shows_its_residuals_while_it_drives(tmp_path, name, method, entity):
+    scenario = read_scenario(name, ("duration=0.4",))
+    spectator = File(tmp_path / "method.rrd")
+    live = LiveRun(scenario, {**KNOWN, "method": method}, spectator)
+    hooks = {"on_start": live.start, "snapshot": live.snapshot, "rows": live.rows}
+    run = run_scenario(scenario, "planar", method, **hooks)
+    live.finish(run)
+    seen = times(spectator.path)
+    assert seen[entity][-1] == pytest.approx(run.trace["time"][-1])
+    assert np.all(np.diff(seen[entity]) > 0)
+    assert {"/mode", "/diagnosis/wheel_1"} <= set(seen)
+
+
 @pytest.mark.parametrize("name, plant", [("circle_8m", "planar"), ("circle_8m_kinematic", None)])
 def test_plants_without_poses_are_shown_with_the_robot_on_its_path(tmp_path, name, plant):
     scenario = read_scenario(name, () if plant is None else ("duration=0.6",))

@@ -121,8 +121,8 @@ def test_texts_from_outside_cannot_break_the_page(page_path, robot_trace, robot_
 
 
 def test_a_robots_run_has_all_its_figures_and_the_picture(robot_page):
-    assert robot_page.tags.count("svg") == 8
-    assert robot_page.tags.count("figure") == 9
+    assert robot_page.tags.count("svg") == 9
+    assert robot_page.tags.count("figure") == 10
     assert robot_page.tags.count("img") == 1
     for words in (
         "Path",
@@ -139,7 +139,7 @@ def test_a_robots_run_has_all_its_figures_and_the_picture(robot_page):
 
 
 def test_faults_and_diagnoses_are_told_in_words(robot_page):
-    for words in ("slip", "motor loss", "loss 57 %", "end of run", "0.97", "3.100 s"):
+    for words in ("slip", "motor loss", "loss 57 %", "6.5 s – end", "97 %", "3.100 s"):
         assert words in robot_page.text
 
 
@@ -257,7 +257,7 @@ def test_an_svg_carries_no_declarations_and_its_own_ids(robot_trace):
 
 def test_the_command_to_repeat_is_the_one_that_was_given(robot_scenario, robot_metrics):
     built = repeat_command(robot_scenario, robot_metrics)
-    assert built == "omnimj run nylon_patch --method off --seed 3 --set floor=pvc --out OUT"
+    assert built == "omnimj run nylon_patch --method robust --seed 3 --set floor=pvc --out OUT"
     given = {**robot_metrics, "command": "omnimj run nylon_patch --seed 3"}
     assert repeat_command(robot_scenario, given) == "omnimj run nylon_patch --seed 3"
 
@@ -273,7 +273,9 @@ def test_tick_labels_keep_all_their_digits():
 def test_the_kinematic_level_has_no_empty_plots(page_path, robot_trace, robot_scenario, robot_metrics):
     forces = ("current", "slip", "normal", "traction", "target_wheel")
     columns = {name: values for name, values in robot_trace.columns.items() if not name.startswith(forces)}
-    write_report(page_path, Trace(columns), robot_scenario, {**robot_metrics, "plant": "kinematic"})
+    write_report(
+        page_path, Trace(columns), robot_scenario, {**robot_metrics, "plant": "kinematic", "method": "off"}
+    )
     page = Page(page_path)
     assert page.tags.count("svg") == 4
     assert "none: motion without forces" in page.text

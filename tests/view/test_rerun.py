@@ -8,11 +8,15 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+import rerun as rr
+from diagnosed_runs import said, with_published, with_robust
 from rerun.chunk import RrdReader
 
 from omnimj.signals import Trace
 from omnimj.view.rerun_log import write_recording
-from omnimj.view.rerun_signals import lane_states
+from omnimj.view.rerun_scene import log_floor
+from omnimj.view.rerun_signals import plots_of
+from omnimj.view.rerun_states import eventful_lanes, lane_states
 from omnimj.view.scene3d import Poses, thin, twins, wheel_bodies
 from omnimj.view.wording import Span, fault_spans
 
@@ -206,3 +210,110 @@ def test_wheels_are_found_in_their_order_with_eighteen_rollers_each(robot_model)
     names = [robot_model.body(body).name for body in wheel_bodies(robot_model)]
     assert names == [f"wheel_{i}_wheel" for i in range(1, 5)]
     assert [len(group) for group in twins(robot_model)] == [18] * 4
+
+
+@pytest.fixture(scope="module")
+def diagnosed(tmp_path_factory, robot_trace, robot_scenario, robot_metrics) -> tuple[ReadBack, Trace]:
+    path, trace = tmp_path_factory.mktemp("diagnosed") / "run.rrd", with_robust(robot_trace)
+    write_recording(path, trace, robot_scenario, robot_metrics)
+    return ReadBack(path), trace
+
+
+def test_residuals_are_recorded_with_their_thresholds_beside_them(diagnosed):
+    back, trace = diagnosed
+    for family in ("motor", "slip"):
+        entity = f"/plots/residual_{family}"
+        values, time = back.array(entity, "Scalars:scalars"), back.time(entity)
+        assert values.shape == (len(time), 8)
+        for i in range(4):
+            for column, name in ((i, f"residual_{family}_{i + 1}"), (4 + i, f"threshold_{family}_{i + 1}")):
+                expected = np.interp(time, trace["time"], trace[name])
+                np.testing.assert_allclose(values[:, column], expected, atol=1e-9)
+    (names,) = back.column("/plots/residual_motor", "SeriesLines:names")
+    assert names == [*(f"wheel {i}" for i in range(1, 5)), *(f"threshold, wheel {i}" for i in range(1, 5))]
+    left = back.array("/plots/effectiveness", "Scalars:scalars")
+    np.testing.assert_allclose(left[-1], [1.0, 1.0, 0.43, 1.0])
+
+
+def test_thresholds_of_both_signs_are_recorded(tmp_path, robot_trace, robot_scenario, robot_metrics):
+    metrics = {**robot_metrics, "method": "published"}
+    write_recording(tmp_path / "run.rrd", with_published(robot_trace), robot_scenario, metrics)
+    values = ReadBack(tmp_path / "run.rrd").array("/plots/residual_wheel_speed", "Scalars:scalars")
+    np.testing.assert_allclose(values[0], [0.3] * 4 + [1.85, -1.85] * 4)
+
+
+def test_beliefs_and_modes_are_states_over_time(diagnosed):
+    back, _ = diagnosed
+    lane = "/diagnosis/wheel_2"
+    assert [row[0] for row in back.column(lane, "StateChange:state")] == ["healthy", "slip", "healthy"]
+    np.testing.assert_allclose(back.time(lane), [0.0, 3.1, 5.05])
+    modes = [row[0] for row in back.column("/mode", "StateChange:state")]
+    assert modes == ["cannot judge", "healthy", "faulty", "healthy", "suspect", "faulty"]
+    np.testing.assert_allclose(back.time("/mode"), [0.0, 0.5, 3.1, 5.05, 6.8, 6.9], atol=1e-9)
+
+
+def test_a_state_has_one_colour_in_all_lanes(diagnosed):
+    back, _ = diagnosed
+    seen: dict[str, set[int]] = {}
+    for entity in ("/fault/wheel_2", "/diagnosis/wheel_2", "/diagnosis/wheel_3", "/mode"):
+        (values,), (colors,) = (
+            back.column(entity, f"StateConfiguration:{name}") for name in ("values", "colors")
+        )
+        for value, color in zip(values, colors, strict=True):
+            seen.setdefault(value, set()).add(color)
+    assert {"healthy", "slip", "motor loss", "cannot judge"} <= set(seen)
+    assert all(len(colors) == 1 for colors in seen.values())
+    assert len({color for colors in seen.values() for color in colors}) >= 4
+
+
+def test_a_method_that_finds_nothing_has_lanes_that_say_so(
+    tmp_path, robot_trace, robot_scenario, robot_metrics
+):
+    quiet = {**robot_metrics, "diagnoses": []}
+    write_recording(tmp_path / "run.rrd", robot_trace, robot_scenario, quiet)
+    back = ReadBack(tmp_path / "run.rrd")
+    assert [row[0] for row in back.column("/diagnosis/wheel_1", "StateChange:state")] == ["healthy"]
+    write_recording(tmp_path / "off.rrd", robot_trace, robot_scenario, {**quiet, "method": "off"})
+    assert not any(entity.startswith("/diagnosis") for entity in ReadBack(tmp_path / "off.rrd").entities)
+
+
+def test_the_blueprint_shows_every_plot_of_the_method(diagnosed):
+    back, _ = diagnosed
+    (blueprint,) = back.reader.blueprints()
+    origins = set()
+    for chunk in back.reader.stream(store=blueprint).to_chunks():
+        batch = chunk.to_record_batch()
+        if "ViewBlueprint:space_origin" in batch.schema.names:
+            origins |= {row[0] for row in batch.column("ViewBlueprint:space_origin").to_pylist() if row}
+    wanted = {f"plots/residual_{name}" for name in ("force", "moment", "motor", "slip")}
+    assert wanted | {"plots/effectiveness", "plots/wheel_speed"} <= origins
+
+
+def test_lanes_in_which_nothing_happens_are_not_in_the_way(robot_metrics):
+    both = [f"/{entity}/wheel_{wheel}" for entity in ("fault", "diagnosis") for wheel in (2, 3)]
+    assert eventful_lanes(robot_metrics, 10.0) == [*both, "/mode"]
+    missed = {**robot_metrics, "diagnoses": [said(8.0, "slip", 4)]}
+    assert "/fault/wheel_4" not in eventful_lanes(missed, 10.0)
+    assert {"/diagnosis/wheel_2", "/diagnosis/wheel_4"} <= set(eventful_lanes(missed, 10.0))
+    quiet = {**robot_metrics, "faults": [], "diagnoses": []}
+    assert eventful_lanes(quiet, 10.0) == ["/fault/**", "/diagnosis/**", "/mode"]
+
+
+def test_the_axis_of_effectiveness_always_shows_none_and_all(robot_trace, robot_scenario):
+    trace = with_robust(robot_trace)
+    plots = {plot.entity: plot for plot in plots_of(robot_scenario, "robust", list(trace.columns))}
+    low, high = plots["plots/effectiveness"].range(trace)
+    assert low < 0.0 and high > 1.0
+
+
+@pytest.mark.parametrize(("reach", "tiles"), [(3.0, 0.25), (60.0, 0.25), (1e4, 32.0), (1e10, None)])
+def test_a_vast_floor_has_larger_tiles_not_more(tmp_path, reach, tiles):
+    stream = rr.RecordingStream("omnimj_test")
+    stream.save(tmp_path / "floor.rrd")
+    log_floor(stream, np.array([[0.0, 0.0], [reach, 1.0]]), (), "pvc")
+    stream.disconnect()
+    (strips,) = ReadBack(tmp_path / "floor.rrd").column("/world/floor/tiles", "LineStrips3D:strips")
+    along = sorted({strip[0][0] for strip in strips})
+    assert len(strips) <= 2 * 513 + 2
+    if tiles is not None:
+        np.testing.assert_allclose(np.diff(along), tiles)

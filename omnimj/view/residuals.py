@@ -1,0 +1,152 @@
+"""Residuals of a run by family: columns of one quantity, their thresholds, and what they mean in words."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+from omnimj.view import palette
+
+_PREFIX = "residual_"
+_PLACE = re.compile(r"(.+)_(\d+|x|y)$")
+_AXES: Mapping[str, str] = {"x": palette.MEASURED, "y": palette.ACCENT}
+
+
+@dataclass(frozen=True)
+class Residual:
+    """One column with its threshold."""
+
+    column: str
+    threshold: str | None
+    """Column of its threshold; None where nothing is decided by it alone."""
+    label: str
+    color: str
+    wheel: int | None
+    """0 … n−1; None where it is no wheel's."""
+
+
+@dataclass(frozen=True)
+class Family:
+    """Residuals of one quantity."""
+
+    name: str
+    """`motor`, `slip`, `wheel_speed`, …"""
+    heading: str
+    quantity: str
+    """For an axis, without the unit."""
+    unit: str
+    """Empty for one that the view does not know."""
+    words: str
+    """What it means."""
+    residuals: tuple[Residual, ...]
+    is_signed: bool = False
+    """Whether its size counts, whatever its sign."""
+
+    @property
+    def label(self) -> str:
+        """Quantity and unit."""
+        return f"{self.quantity} [{self.unit}]" if self.unit else self.quantity
+
+    @property
+    def thresholds(self) -> tuple[str, ...]:
+        """Columns of the thresholds."""
+        return tuple(r.threshold for r in self.residuals if r.threshold is not None)
+
+
+@dataclass(frozen=True)
+class _Meaning:
+    heading: str
+    quantity: str
+    unit: str
+    words: str
+    is_signed: bool = False
+
+
+_BALANCE = "What the motors push less what the accelerometer and the gyro feel; noise when all is well."
+_ROBUST: Mapping[str, _Meaning] = {
+    "force": _Meaning("Balance of forces", "force left over", "N", _BALANCE, True),
+    "moment": _Meaning("Balance of moments", "moment left over", "N·m", _BALANCE, True),
+    "motor": _Meaning(
+        "Evidence for a weak motor",
+        "log likelihood ratio",
+        "nat",
+        "How much better a weak motor of this wheel explains the balance than a healthy robot does.",
+    ),
+    "slip": _Meaning(
+        "Evidence for slip", "way slipped", "m", "Way of the rim beyond the wheel's way over the floor."
+    ),
+}
+_PUBLISHED: Mapping[str, _Meaning] = {
+    "wheel_speed": _Meaning(
+        "Wheel speeds against the model",
+        "measured − model",
+        "rad/s",
+        "The model is driven by the measured currents, open loop (r3 to r6).",
+        True,
+    ),
+    "force": _Meaning(
+        "Two ways to compute the force",
+        "RMS difference",
+        "N",
+        "From the motor currents and from the acceleration; RMS since the start (R7 and R8).",
+    ),
+}
+_PUBLISHED_RIG: Mapping[str, _Meaning] = {
+    "wheel_speed": _Meaning(
+        "Wheel speed against the model",
+        "RMS difference",
+        "rad/s",
+        "The model is driven by the measured current, open loop; RMS since the start (R1).",
+    ),
+    "force": _Meaning(
+        "Two ways to compute the force",
+        "RMS difference",
+        "N",
+        "From the motor current and from the acceleration; RMS since the start (R2).",
+    ),
+}
+_MEANINGS: Mapping[str, Mapping[str, _Meaning]] = {"robust": _ROBUST, "published": _PUBLISHED}
+
+
+def families(columns: Collection[str], method: str, printed: bool = False) -> list[Family]:
+    """The families of residuals among the columns of a trace, in their order.
+
+    A residual without words of its own here is shown under the name of its column, so that none is lost.
+
+    Args:
+      columns: Names of a trace's columns, or a method's `log_names`.
+      method: Name of the method that made them.
+      printed: Whether it is the published one as printed, which looks at residuals above zero only.
+    """
+    meanings = _MEANINGS.get(method, {})
+    if meanings is _PUBLISHED and "residual_wheel_speed" in columns:  # one wheel needs no number
+        meanings = _PUBLISHED_RIG
+    found: dict[str, list[Residual]] = {}
+    for column in columns:
+        if column.startswith(_PREFIX):
+            ending = column[len(_PREFIX) :]
+            parted = _PLACE.match(ending)
+            name, place = (parted[1], parted[2]) if parted else (ending, "")
+            threshold = f"threshold_{ending}"
+            found.setdefault(name, []).append(
+                _residual(column, threshold if threshold in columns else None, place)
+            )
+    return [_family(name, tuple(residuals), meanings.get(name), printed) for name, residuals in found.items()]
+
+
+def _residual(column: str, threshold: str | None, place: str) -> Residual:
+    if place.isdigit():
+        i = int(place) - 1
+        return Residual(column, threshold, f"wheel {place}", palette.wheel_color(i), i)
+    if place:
+        return Residual(column, threshold, f"along {place}", _AXES[place], None)
+    return Residual(column, threshold, "residual", palette.MEASURED, None)
+
+
+def _family(name: str, residuals: tuple[Residual, ...], meaning: _Meaning | None, printed: bool) -> Family:
+    if meaning is None:
+        words = name.replace("_", " ")
+        return Family(name, f"Residual: {words}", words, "", "", residuals)
+    is_signed = meaning.is_signed and not printed
+    return Family(name, meaning.heading, meaning.quantity, meaning.unit, meaning.words, residuals, is_signed)

@@ -1,0 +1,267 @@
+"""What a report says of a diagnosis: truth beside belief, residuals with thresholds, nothing for `off`."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+
+import numpy as np
+import pytest
+from diagnosed_runs import said, with_published, with_published_rig, with_robust
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+
+from omnimj.control.published import rig, robot
+from omnimj.control.published.choice import Choice
+from omnimj.control.robust import method as robust
+from omnimj.scenario.methods import METHODS, make_method
+from omnimj.scenario.scenario import read_scenario
+from omnimj.signals import KINDS_OF_DIAGNOSIS, Trace
+from omnimj.view import palette, plots_diagnosis, wording
+from omnimj.view.compared import compare
+from omnimj.view.report import write_report
+from omnimj.view.report_diagnosis import diagnosis_section
+from omnimj.view.residuals import families
+from omnimj.view.wording import Span, diagnosis_spans, fault_spans, mode_name
+
+
+def words(section: str) -> str:
+    """The text of a part of a page without its figures."""
+    return " ".join(re.sub(r"<svg.*?</svg>|<[^>]*>", " ", section, flags=re.DOTALL).split())
+
+
+def told(trace, scenario, metrics) -> str:
+    return words(diagnosis_section(trace, scenario, metrics, fault_spans(metrics, 10.0)))
+
+
+def test_truth_and_diagnosis_stand_in_one_row(robot_trace, robot_scenario, robot_metrics):
+    page = told(with_robust(robot_trace), robot_scenario, robot_metrics)
+    assert "slip, wheel 2 (floor nylon) 3 s – 5 s slip, wheel 2 3.100 s 0.1 s 97 % nothing 5.050 s" in page
+    weak = "motor loss, wheel 3 (loss 57 %) 6.5 s – end motor loss, wheel 3 6.900 s 0.4 s 90 % slip stands"
+    assert weak in page
+    assert "First alarm 0.1 s after the first onset. 2 of 2 faults were named" in page
+
+
+def test_a_false_alarm_has_a_row_of_its_own_and_says_how_often(robot_trace, robot_scenario, robot_metrics):
+    wrong = [said(8.0, "slip", 4, cleared=8.1), said(8.5, "slip", 4, cleared=8.6)]
+    metrics = {**robot_metrics, "diagnoses": [*robot_metrics["diagnoses"], *wrong], "isolated": False}
+    page = told(with_robust(robot_trace), robot_scenario, metrics)
+    assert "– slip, wheel 4 (2 times) 8.000 s false alarm 98 % nothing 8.600 s" in page
+    assert "2 of 2 faults were named, but not each for itself alone. 2 false alarms." in page
+
+
+@pytest.mark.parametrize(
+    ("faults", "diagnoses", "expected"),
+    [
+        ([], [], "Nothing was wrong that a diagnosis has a name for, and nothing was diagnosed."),
+        ([], [said(1.0, "slip", 1)], "but there was 1 false alarm."),
+        ([{"kind": "motor", "wheel": 1, "onset": 1.0, "end": None}], [], "A fault held, and nothing was"),
+        (
+            [{"kind": "payload", "wheel": None, "onset": 0.0, "end": None}],
+            [],
+            "no diagnosis has a name for it",
+        ),
+    ],
+)
+def test_nothing_found_and_nothing_wrong_are_told_in_words(
+    robot_trace, robot_scenario, robot_metrics, faults, diagnoses, expected
+):
+    metrics = {**robot_metrics, "faults": faults, "diagnoses": diagnoses, "isolated": None}
+    assert expected in told(with_robust(robot_trace), robot_scenario, metrics)
+
+
+def test_a_run_without_a_method_has_no_such_section(page_path, robot_trace, robot_scenario, robot_metrics):
+    metrics = {**robot_metrics, "method": "off", "diagnoses": []}
+    write_report(page_path, robot_trace, robot_scenario, metrics)
+    page = page_path.read_text(encoding="utf-8")
+    assert "What was diagnosed" not in page and "Faults given to the plant" in page
+
+
+def test_every_residual_of_every_method_is_in_a_family_that_has_words():
+    for name, scenario in (
+        ("nylon_patch", "robust"),
+        ("nylon_patch", "published"),
+        ("rig_slip", "published"),
+    ):
+        method = make_method(scenario, read_scenario(name))
+        assert method is not None
+        found = families(method.log_names, scenario)
+        shown = [r.column for family in found for r in family.residuals]
+        assert shown == [column for column in method.log_names if column.startswith("residual_")]
+        thresholds = {column for family in found for column in family.thresholds}
+        assert thresholds == {column for column in method.log_names if column.startswith("threshold_")}
+        assert all(family.unit and not family.heading.startswith("Residual:") for family in found)
+
+
+def test_a_residual_without_words_is_shown_under_its_own_name():
+    (family,) = families(("residual_grip_1", "threshold_grip_1"), "robust")
+    assert (family.heading, family.label) == ("Residual: grip", "grip")
+    assert family.thresholds == ("threshold_grip_1",)
+
+
+def lines(figure: Figure, gid: str | None = None) -> list:
+    (ax,) = figure.get_axes()
+    return [line for line in ax.get_lines() if gid is None or line.get_gid() == gid]
+
+
+def test_residuals_have_their_wheels_colours_and_one_threshold_line(robot_trace):
+    trace = with_robust(robot_trace)
+    found = {family.name: family for family in families(list(trace.columns), "robust")}
+    assert set(found) == {"force", "moment", "motor", "slip"}
+    figure = plots_diagnosis.residuals(trace, found["motor"], ())
+    colors = {line.get_label(): line.get_color() for line in lines(figure)}
+    assert all(colors[f"wheel {i}"] == palette.wheel_color(i - 1) for i in (1, 2, 3, 4))
+    (threshold,) = lines(figure, "threshold")
+    assert set(np.asarray(threshold.get_ydata())) == {22.0}
+
+
+def test_thresholds_of_both_signs_are_drawn_unless_the_method_looks_above_zero_only(robot_trace):
+    trace = with_published(robot_trace)
+    for printed, expected in ((False, {1.85, -1.85}), (True, {1.85})):
+        family = families(list(trace.columns), "published", printed)[0]
+        drawn = lines(plots_diagnosis.residuals(trace, family, ()), "threshold")
+        assert {float(np.asarray(line.get_ydata())[0]) for line in drawn} == expected
+
+
+def test_thresholds_that_differ_are_drawn_each_in_its_wheels_colour(robot_trace):
+    trace = with_robust(robot_trace)
+    columns = {**trace.columns, "threshold_motor_2": 2.0 * trace["threshold_motor_2"]}
+    family = families(list(columns), "robust")[2]
+    drawn = lines(
+        plots_diagnosis.residuals(dataclasses.replace(trace, columns=columns), family, ()), "threshold"
+    )
+    assert [line.get_color() for line in drawn] == [palette.wheel_color(0), palette.wheel_color(1)]
+
+
+def test_the_rigs_residuals_are_never_negative_and_have_no_threshold_below_zero(rig_trace):
+    trace = with_published_rig(rig_trace)
+    for family in families(list(trace.columns), "published"):
+        (threshold,) = lines(plots_diagnosis.residuals(trace, family, ()), "threshold")
+        assert float(np.asarray(threshold.get_ydata())[0]) > 0.0 and "RMS" in family.words
+
+
+def test_a_small_threshold_can_be_read_beside_a_large_residual(robot_trace):
+    trace = with_robust(robot_trace)
+    slip = next(family for family in families(list(trace.columns), "robust") if family.name == "slip")
+    (ax,) = plots_diagnosis.residuals(trace, slip, ()).get_axes()
+    low, level, high = ax.transData.transform([(0.0, 0.0), (0.0, 0.001), (0.0, 0.08)])[:, 1]
+    assert 0.1 < (level - low) / (high - low) < 0.6
+    assert "logarithmic" in ax.get_ylabel()
+
+
+def test_modes_and_faults_are_strips_at_their_times(robot_trace, robot_metrics):
+    trace = with_robust(robot_trace)
+    truth, believed = fault_spans(robot_metrics, 10.0), diagnosis_spans(robot_metrics, 10.0)
+    (ax,) = plots_diagnosis.states(trace, truth, believed, "robust", False).get_axes()
+    names = [label.get_text() for label in ax.get_yticklabels()]
+    assert names == ["true: wheel 2", "true: wheel 3", "named: wheel 2", "named: wheel 3", "mode"]
+    bars = {}
+    for bar in ax.patches:
+        if bar.get_gid() is None:  # the shades have one
+            row = round(bar.get_y() + 0.5 * bar.get_height())
+            bars.setdefault(names[row], []).append((bar.get_x(), bar.get_x() + bar.get_width()))
+    np.testing.assert_allclose(bars["true: wheel 2"], [(3.0, 5.0)])
+    np.testing.assert_allclose(bars["named: wheel 3"], [(6.9, 10.0)])
+    np.testing.assert_allclose(np.ravel(bars["mode"])[::2], [0.0, 0.5, 3.1, 5.05, 6.8, 6.9], atol=2e-3)
+    assert ax.get_legend() is not None
+
+
+def test_a_mode_that_flickers_makes_few_bars_and_loses_no_short_event(robot_trace):
+    mode = np.where(np.arange(len(robot_trace["time"])) % 2 == 0, 2.0, 0.0)
+    mode[5000:8000] = 0.0
+    mode[6500] = 1.0
+    trace = Trace({**robot_trace.columns, "mode": mode})
+    (ax,) = plots_diagnosis.states(trace, [], [], "robust", False).get_axes()
+    assert len(ax.patches) <= 400
+    suspect = [bar for bar in ax.patches if bar.get_facecolor()[:3] == to_rgb(palette.STATES["suspect"])]
+    assert len(suspect) == 1 and suspect[0].get_x() == pytest.approx(6.5, abs=0.03)
+
+
+def test_beliefs_that_overlap_have_strips_of_their_own(robot_trace):
+    spans = [
+        Span("", "robot", state, 2.0, end)
+        for state, end in (("sensor yaw rate", 9.0), ("all wheels slip", 3.0))
+    ]
+    (ax,) = plots_diagnosis.states(with_robust(robot_trace), [], spans, "robust", False).get_axes()
+    names = [label.get_text() for label in ax.get_yticklabels()]
+    assert names == ["true: nothing", "named: robot", "named: robot", "mode"]
+
+
+def test_strips_without_anything_say_so(robot_trace):
+    (ax,) = plots_diagnosis.states(with_robust(robot_trace), [], [], "robust", False).get_axes()
+    assert [t.get_text() for t in ax.get_yticklabels()][:2] == ["true: nothing", "named: nothing"]
+
+
+def test_a_diagnosis_of_one_step_can_still_be_seen(robot_trace):
+    one = [Span("slip, wheel 1", "wheel_1", "slip", 2.0, 2.0)]
+    (ax,) = plots_diagnosis.states(with_robust(robot_trace), [], one, "robust", False).get_axes()
+    assert any(bar.get_x() == 2.0 and bar.get_width() >= 0.03 for bar in ax.patches)
+
+
+def test_mode_names_are_those_of_the_methods():
+    named = {
+        mode: mode_name("robust", False, mode)
+        for mode in (robust.HEALTHY, robust.SUSPECT, robust.FAULTY, robust.BLIND)
+    }
+    assert named == {0: "healthy", 1: "suspect", 2: "faulty", 3: "cannot judge"}
+    assert mode_name("published", False, robot.SLIPPING) == "slip"
+    assert mode_name("published", False, robot.ESTIMATING) == "torque constant is estimated"
+    assert [mode_name("published", True, mode) for mode in rig._MODES.values()] == [
+        "no fault",
+        "slip",
+        "motor fault",
+    ]
+    assert mode_name("robust", False, 17) == "mode 17"
+
+
+def test_every_state_that_has_a_name_has_a_colour_of_its_own():
+    kinds = [wording.FAULT_NAMES[kind] for kind in KINDS_OF_DIAGNOSIS if kind != "sensor"]
+    assert set(kinds) <= set(palette.STATES)
+    assert len({palette.state_color(kind) for kind in kinds}) == len(kinds)
+    for names in wording.MODE_NAMES.values():
+        assert set(names) <= set(palette.STATES)
+        assert len({palette.state_color(name) for name in names}) == len(names)
+
+
+@pytest.mark.parametrize("method", ["robust", "published"])
+def test_a_diagnosed_robots_report_has_all_its_figures(
+    page_path, robot_trace, robot_scenario, robot_metrics, method
+):
+    trace = {"robust": with_robust, "published": with_published}[method](robot_trace)
+    write_report(page_path, trace, robot_scenario, {**robot_metrics, "method": method})
+    page = page_path.read_text(encoding="utf-8")
+    assert page.count("<svg") == 8 + {"robust": 6, "published": 4}[method]
+    assert "What was diagnosed" in page and "Truth and belief" in page and "Effectiveness" in page
+
+
+def test_a_diagnosed_rigs_report_has_its_figures(page_path, rig_trace, rig_scenario, rig_metrics):
+    truth = [{"kind": "motor", "wheel": 1, "onset": 0.0, "end": None}]
+    metrics = {**rig_metrics, "method": "published", "faults": truth, "diagnoses": [said(0.5, "motor", 1)]}
+    scenario = dataclasses.replace(rig_scenario, diagnosis=Choice("printed"))
+    write_report(page_path, with_published_rig(rig_trace), scenario, metrics)
+    page = page_path.read_text(encoding="utf-8")
+    assert page.count("<svg") == 6 + 3
+    assert "Effectiveness" not in page and "Two ways to compute the force" in page
+
+
+def test_runs_with_other_methods_stand_side_by_side(page_path, robot_trace, robot_scenario, robot_metrics):
+    other = {**robot_metrics, "method": "off", "diagnoses": [], "max_yaw_excursion": 0.05, "isolated": False}
+    metrics = {**robot_metrics, "compared": {"off": other}}
+    comparison = compare(robot_scenario.metric_units, metrics)
+    rows = {name: values for name, *values in comparison.rows}
+    assert comparison.methods == ("robust", "off")
+    assert rows["checks that hold"] == ["1 of 2", "1 of 2"]
+    assert rows["every fault isolated"] == ["yes", "–"]
+    assert rows["first alarm after onset"] == ["0.1 s", "–"]
+    assert rows["max yaw excursion"] == ["0.0211 rad (1.21°)", "0.05 rad (2.86°)"]
+    assert "path error rms" in rows
+    write_report(page_path, robot_trace, robot_scenario, metrics, None, {"off": robot_trace})
+    page = page_path.read_text(encoding="utf-8")
+    for expected in ("With other methods", "Courses", "Paths", "trace_off.parquet"):
+        assert expected in page
+    assert page.count("<svg") == 9 + 2
+
+
+def test_every_method_has_a_colour():
+    assert set(palette.METHODS) == set(METHODS)
+    assert len({color for color, *_ in palette.METHODS.values()}) == len(METHODS)
