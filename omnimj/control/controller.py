@@ -171,9 +171,10 @@ class Controller:
             self.period,
         )
         inverse = inverse_kinematics(robot.wheel_positions, robot.drive_directions, scale, weights)
+        self._turn = turn_row(robot)
         self._laws = (
             np.array(loops),
-            turn_row(robot),
+            self._turn,
             speed_loop_row(robot, self.period),
             amplifier_row(robot),
             limits_row(gains, self.period),
@@ -205,12 +206,14 @@ class Controller:
           advice: What a recovery changes; nothing when None.
         """
         advice = self._usual if advice is None else advice
-        m, velocity = measurement, target.velocity
+        m, velocity, turns = measurement, target.velocity, measurement.yaw_rate
         good = is_good(self.wheels, m.time, m.current, m.wheel_speed, m.acceleration, m.yaw_rate, m.yaw)
+        if good and not advice.trusts_gyro:
+            turns = float(self._turn @ m.wheel_speed) + state.rest[BIAS]
         heading, rest, integral, current, log = cascade(
             *self._laws, advice.speed_per_twist, advice.current_scale,
             state.heading, state.rest, state.integral, state.current,
-            good, m.wheel_speed, m.yaw_rate, m.yaw,
+            good, m.wheel_speed, turns, m.yaw,
             velocity[0], velocity[1], target.yaw_rate, target.heading,
         )  # fmt: skip
         return CurrentCommand(current), ControlState(heading, rest, integral, current, log)

@@ -19,6 +19,8 @@ class Advice:
     """B/r of φ̇ = B·twist/r, shape (n, 3): the inverse kinematics in use."""
     current_scale: Array
     """Factor on every set current, shape (n,): 1/(what is left of the torque constant)."""
+    trusts_gyro: bool = True
+    """False: the wheels say how fast the robot turns, since the gyro lies."""
 
 
 class MethodState(Protocol):

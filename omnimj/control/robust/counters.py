@@ -29,7 +29,7 @@ COUNTERS = 10
 NO_COUNTS = (0.0,) * 7 + (1.0, 0.0, 0.0)
 """Before the first block."""
 
-ALLOWED, ALLOWED_TURNING, ALLOWED_IDLE = 0.035, 0.02, 0.03
+ALLOWED, ALLOWED_TURNING, ALLOWED_IDLE = 0.03, 0.02, 0.03
 """Shortfall that a healthy wheel may show [m/s]; more per rad/s of yaw rate, since its rows of rollers take
 turns at two distances from the centre [m]; and more without load, when it says little [m/s]."""
 WEAKEST, STRONGEST, CAUTION = 0.6, 1.5, 0.8

@@ -26,7 +26,7 @@ from omnimj.signals import Array, Diagnosis
 class Thresholds:
     """When a suspicion becomes a decision."""
 
-    motor: float = 22.0
+    motor: float = 20.0
     """Λ of a loss of torque constant: ln(ARL · blocks per second · tests), and what is not white [nats]."""
     drag: float = 30.0
     """Λ of an added friction or a wheel that is held [nats]."""
@@ -38,6 +38,8 @@ class Thresholds:
     """Way slipped beyond what is allowed [m]."""
     settling: float = 0.06
     """Time that isolation may take after detection [s]."""
+    bodily: float = 0.3
+    """Time for which the accelerometer must be the best answer: a wheel that starts is not judged [s]."""
     current: int = 3
     """Blocks for which an amplifier gives another current than asked for."""
     stuck: int = 6
@@ -100,7 +102,7 @@ def decide(
     after = _currents(evidence, thresholds, after, time)
     after = _stuck(evidence, thresholds, after, time)
     after = _forces(evidence, thresholds, after, time, losses)
-    if math.isnan(after.suspected) or time - after.suspected > 2.0 * thresholds.settling:
+    if math.isnan(after.suspected) or time - after.suspected > thresholds.bodily:
         after = _slips(evidence, thresholds, after, time)
         after = _odd_speeds(evidence, thresholds, after, time)
     return after
@@ -161,7 +163,8 @@ def _turning(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time:
 def _currents(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: float) -> Verdict:
     for i, row in enumerate(evidence.counters):
         known = verdict.standing(i + 1)
-        if known is not None and known.kind in ("free", "hard_over"):
+        lies = verdict.has_sensor(f"current_{i + 1}")
+        if lies or (known is not None and known.kind in ("free", "hard_over")):
             continue
         if row[SILENT] >= thresholds.current:
             verdict = _with(verdict, Diagnosis(time, "free", (i + 1,), 0.99, (), 0.0))
@@ -213,6 +216,8 @@ def _forces(
     if lead < thresholds.margin and time - since < thresholds.settling:
         return Verdict(verdict.diagnoses, since)
     if wheel[best] < body[bodily]:
+        if time - since < thresholds.bodily:
+            return Verdict(verdict.diagnoses, since)
         return _accelerometer(verdict, time, bodily, lead, thresholds.margin)
     return _motor(verdict, thresholds, time, best, wheel, lead, found, losses)
 

@@ -7,8 +7,8 @@ wrong of it in health is written as columns of a linear law
   ρ = X θ + noise,  θ = [δ_1…n, ν_1…n, β_x, β_y, λ, μ, ι, h_1…n, k_1…n]
 
 δ loss of torque constant and ν excess of dry friction per wheel, β accelerometer bias, λ excess of the
-rollers' friction, μ excess of mass, ι of inertia; h and k what the friction of a wheel or of its rollers holds
-while it stands, −1 … 1, which nobody knows and nobody learns.
+rollers' friction, μ excess of mass, ι of inertia; h and k what the friction of a wheel or of its rollers
+holds while it stands, −1 … 1, which nobody knows and nobody learns.
 """
 
 from __future__ import annotations
@@ -135,8 +135,9 @@ def rolling_twist(c, forces, speed, turning):
 def whiten(c, forces, across, slowest, sideways, unknown, x, rho):
     """Scales the rows of X and ρ so that the noise is white and of size 1.
 
-    A wheel that turns slowly, or did a moment ago, holds any friction between ± dry, and goes on to hold it: a
-    number h of its own along its column of B, and noise for its changes. So do rollers that hardly turn.
+    A wheel that turns slowly, or did a moment ago, holds any friction between ± dry, and goes on to hold it:
+    a number h of its own along its column of B, and noise for its changes; its motor is not judged meanwhile.
+    So do rollers that hardly turn.
 
     Args:
       c: `constants.numbers`.
@@ -163,6 +164,8 @@ def whiten(c, forces, across, slowest, sideways, unknown, x, rho):
                 if sideways[i] < SLOW_SIDEWAYS:
                     cov[k, j] += across[i, k] * across[i, j] * rollers * rollers
             x[k, held + i] = forces[k, i] * dry if slowest[i] < SLOW else 0.0
+            if slowest[i] < SLOW:  # what its motor gives, its friction may take
+                x[k, i] = x[k, n + i] = 0.0
             x[k, held + n + i] = across[i, k] * rollers if sideways[i] < SLOW_SIDEWAYS else 0.0
     # Cholesky factor L, then forward substitution of every column
     low = np.zeros((3, 3))

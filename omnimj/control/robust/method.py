@@ -27,7 +27,7 @@ from omnimj.control.robust.constants import BLOCK, geometry, numbers
 from omnimj.control.robust.counters import SLIPPING
 from omnimj.control.robust.decide import Thresholds, Verdict, decide
 from omnimj.control.robust.evidence import Evidence, compare_turning, no_evidence, update
-from omnimj.control.robust.slow import LOSS, MEMORY, prior
+from omnimj.control.robust.slow import MEMORY, prior
 from omnimj.control.robust.windows import LIKELIHOOD
 from omnimj.control.wheel_speed import amplifier_row
 from omnimj.parameters import Robot
@@ -91,7 +91,7 @@ class Robust:
         self.thresholds = Thresholds() if thresholds is None else thresholds
         shape = geometry(robot)
         walk = prior(n) ** 2 * (BLOCK * self.period / MEMORY)
-        low = np.array([LOSS] * n + [0.3] * n + [-5.0] * 2)
+        low = np.array([0.03] * n + [0.3] * n + [-5.0] * 2)
         high = np.array([1.0] * n + [40.0] * n + [5.0] * 2)
         self._constants = (numbers(robot, self.period), shape.forces, shape.across, walk, low, high)
         self._amplifier, self._turn = amplifier_row(robot), turn_row(robot)
@@ -193,10 +193,11 @@ class Robust:
         frozen = tuple(c for k, c in enumerate(self._channels) if is_frozen(repeats, k, n, speed))
         losses = state.accepted + evidence.theta[:n]
         verdict = decide(evidence, self.thresholds, state.verdict, float(measurement.time), losses, frozen)
+        found = evidence.found.copy()
         accepted = self._accept(evidence, state, verdict)
         fresh = _FRESH if accepted is not state.accepted else max(state.fresh - int(moving), 0)
         advice = self._advise(verdict, accepted + evidence.theta[:n])
-        log = self._log(evidence, verdict, accepted, moving)
+        log = self._log(evidence, found, verdict, accepted, moving)
         return RobustState(sums, line, repeats, np.zeros(n), evidence, verdict, accepted, fresh, advice, log)
 
     def _believed(self, verdict: Verdict, fresh: int) -> Array:
@@ -249,15 +250,18 @@ class Robust:
             if d.cleared is None and d.kind == "motor" and not d.ambiguous_with:
                 i = d.wheels[0] - 1
                 scale[i] = 1.0 / max(1.0 - losses[i], _LEAST_LEFT)
-        return None if (scale == 1.0).all() else Advice(self._rolling, scale)
+        gyro = not verdict.has_sensor("yaw_rate")
+        return None if gyro and (scale == 1.0).all() else Advice(self._rolling, scale, gyro)
 
-    def _log(self, evidence: Evidence, verdict: Verdict, accepted: Array, moving: bool) -> Array:
+    def _log(
+        self, evidence: Evidence, found: Array, verdict: Verdict, accepted: Array, moving: bool
+    ) -> Array:
         n, t = self.wheels, self.thresholds
         left = np.clip(1.0 - accepted - evidence.theta[:n], 0.0, 1.0)
         standing = any(d.cleared is None for d in verdict.diagnoses)
         pending = not np.isnan(verdict.suspected)
         mode = FAULTY if standing else SUSPECT if pending else HEALTHY if moving else BLIND
-        likelihood = np.maximum(evidence.found[:n, LIKELIHOOD], evidence.found[n : 2 * n, LIKELIHOOD])
+        likelihood = np.maximum(found[:n, LIKELIHOOD], found[n : 2 * n, LIKELIHOOD])
         return np.concatenate(
             (
                 evidence.rho,

@@ -33,9 +33,9 @@ STATE = 4
 WHEEL_NOISE, CREEP_NOISE, ROW_NOISE = 0.004, 0.35, 0.01
 """Standard deviation of a wheel's word: [m/s], per m/s of creep, per rad/s of yaw rate [m]."""
 _COLOUR = 6.0  # blocks in which the error of a wheel's word stays alike: its variance counts so many times
-_ACCELERATION = 0.06  # [m/s²] of a block mean: noise, and gravity while the body pitches on its springs
-_WANDER = 1e-5  # [m/s²] of the accelerometer's bias per block
-_GATE = 2.0  # standard deviations beyond which a wheel is heard less
+_ACCELERATION = 0.04  # [m/s²] of a block mean: noise, and gravity while the body pitches on its springs
+_WANDER = 1e-4  # [m/s²] of the accelerometer's bias per block, and of the slope that it reads as one
+_GATE = 3.0  # standard deviations beyond which a wheel's word no longer grows
 
 
 @kernel
@@ -70,12 +70,13 @@ def predict(c, x, cov, acceleration, turning):
 
 @kernel
 def hear(x, cov, u_x, u_y, away, noise):
-    """A wheel's word, y − u·v is `away`, into state and covariance; the further off, the less it counts."""
+    """A wheel's word, y − u·v is `away`, into state and covariance; one that is far off is cut (Huber)."""
     g = np.empty(STATE)
     for j in range(STATE):
         g[j] = cov[j, 0] * u_x + cov[j, 1] * u_y
     spread = u_x * g[0] + u_y * g[1]
-    size = max(spread + _COLOUR * noise * noise, (away / _GATE) ** 2)
+    size = spread + _COLOUR * noise * noise
+    size *= max(1.0, abs(away) / (_GATE * math.sqrt(size)))
     for j in range(STATE):
         x[j] += g[j] * away / size
     for j in range(STATE):

@@ -10,10 +10,12 @@ import numpy as np
 from omnimj.physics.native import kernel
 from omnimj.signals import Array
 
-LOSS, FRICTION, BIAS, ROLLERS, LOADED, INERTIA = 0.03, 0.2, 0.02, 0.2, 0.15, 0.1
+LOSS, FRICTION, BIAS, ROLLERS, LOADED, INERTIA = 0.02, 0.13, 0.02, 0.15, 0.12, 0.1
 """Standard deviations in health: δ, ν, β [m/s²], λ, μ, ι."""
-HELD = 0.7
+HELD = 0.6
 """The same of h and k: anything between −1 and 1."""
+FREELY = 6.0
+"""The same while learning: what stands holds the same for seconds, and nothing may be learnt from that."""
 MEMORY = 120.0
 """Time in which a number may wander by its own prior [s]."""
 
@@ -39,7 +41,7 @@ def learn(theta, cov, walk, lasts, x, rho):
     p = theta.size
     gain = np.empty(p)
     for j in range(p):
-        cov[j, j] += walk[j]
+        cov[j, j] = cov[j, j] + walk[j] if j < lasts else FREELY * FREELY
     for k in range(3):
         size, away = 1.0, rho[k]
         for j in range(p):
