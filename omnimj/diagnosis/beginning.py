@@ -15,7 +15,8 @@ import numpy as np
 from omnimj.control.published.rig import PublishedRig
 from omnimj.control.published.rig_residuals import BEFORE
 from omnimj.control.robust import Robust, RobustState
-from omnimj.control.robust.evidence import GRIP, no_evidence
+from omnimj.control.robust.counters import GRIP
+from omnimj.control.robust.evidence import no_evidence
 from omnimj.control.standstill import REST_WHEEL_SPEED
 from omnimj.parameters import Robot
 from omnimj.physics import rig

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from omnimj.control.robust.constants import BLOCK
+from omnimj.control.robust.counters import SLIPPING
 from omnimj.control.robust.decide import Thresholds
-from omnimj.control.robust.evidence import SLIPPING
 from omnimj.control.robust.method import BLIND, RobustState
 from omnimj.control.robust.thresholds_file import UNITS
 from omnimj.control.robust.windows import LIKELIHOOD

@@ -144,7 +144,7 @@ def test_a_value_that_cannot_be_set(refused: Refused, text, told):
         ('faults=[{kind="payload", onset=0, mass=-9}]', "faults.0.mass: found -9; must be above -3.6"),
         ('faults=[{kind="free", onset=0, wheel=2}]', "wheel: found 2"),
         ('faults=[{kind="sensor", onset=0, channel="yaw", mode="freeze"}]', "unknown channel 'yaw'"),
-        ("checks.max_yaw_excursion=1", "unknown key 'max_yaw_excursion'; choices: final_current"),
+        ("checks.max_yaw_excursion=1", "unknown key 'max_yaw_excursion'; choices: detection_delay"),
     ],
 )
 def test_a_value_that_cannot_be_set_on_the_rig(refused: Refused, text, told):

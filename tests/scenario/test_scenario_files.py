@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.resources import scenarios_folder
 from omnimj.scenario.listing import list_scenarios, scenario_names
+from omnimj.scenario.methods import default_method
 from omnimj.scenario.overrides import override, split_override
 from omnimj.scenario.running import run_scenario
 from omnimj.scenario.scenario import Scenario, read_scenario
@@ -27,7 +28,7 @@ def plant_of(scenario: Scenario) -> str | None:
 @functools.cache  # a run is the same every time, and some say two things
 def run_metrics(name, *overrides):
     scenario = read_scenario(name, overrides)
-    return run_scenario(scenario, plant_of(scenario)).metrics
+    return run_scenario(scenario, plant_of(scenario), default_method(scenario)).metrics
 
 
 def refused(*overrides, name="nylon_patch"):
@@ -54,7 +55,8 @@ def test_a_scenario_holds_what_it_promises_in_its_quickest_plant(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in NAMES if "kinematic" not in name])
 def test_a_scenario_holds_what_it_promises_in_the_twin(name):
-    metrics = run_scenario(read_scenario(name), "twin").metrics
+    scenario = read_scenario(name)
+    metrics = run_scenario(scenario, "twin", default_method(scenario)).metrics
     assert metrics["passed"], metrics["checks"]
 
 
@@ -84,20 +86,29 @@ FASTER_WHEEL = 'faults=[{ kind = "wheel_radius", wheel = 1, onset = 0.0, scale =
 HALF_CURRENT = 'faults=[{ kind = "sensor", channel = "current", mode = "scale", size = 0.5, onset = 0.0 }]'
 FREE_WHEEL = 'faults=[{ kind = "free", wheel = 1, onset = 2.0 }]'
 WEAK_MOTOR = 'faults=[{ kind = "motor", wheel = 4, onset = 1.0, loss = 0.9 }]'
+OTHER_WHEEL = 'faults=[{ kind = "wheel_radius", wheel = 1, onset = 1.0, scale = 1.6 }]'
+HALF_WHEEL = 'faults=[{ kind = "wheel_radius", wheel = 1, onset = 1.0, scale = 0.5 }]'
+LOCKED_WHEEL = 'faults=[{ kind = "locked", wheel = 1, onset = 4.0 }]'
 SPOILED = {
-    "circle_8m": (FREE_WHEEL, "drive.speed=0.5", "drive.speed=1.1"),
+    "circle_8m_wheel_lost": ("faults=[]", "floor=oil"),
+    "oil_everywhere": ("faults=[]", LOCKED_WHEEL),
+    "payload_20_percent": (OTHER_WHEEL, HALF_WHEEL, "floor=oil"),
+    "sensor_faults": ("faults=[]",),
+    "slip_then_motor": (OTHER_WHEEL, HALF_WHEEL, "floor=oil"),
+    "two_motors_lost": ("faults=[]",),
+    "circle_8m": (FREE_WHEEL, "drive.speed=0.5", "drive.speed=1.1", OTHER_WHEEL),
     "circle_8m_kinematic": ("kinematics.weights.0=1.0", "kinematics.weights.0=10000.0"),
-    "degraded_motor": ("faults.0.loss=1.0", "floor=oil"),
-    "nylon_patch": ("patches.0.floor=natural_stone", "floor=oil"),
+    "degraded_motor": ("faults.0.loss=1.0", "floor=oil", "faults.0.loss=0.01", OTHER_WHEEL),
+    "nylon_patch": ("patches.0.floor=natural_stone", "floor=oil", "patches=[]"),
     "ramp": ("scene=scene", "duration=5.0", "floor=oil", WEAK_MOTOR),
     "rig_constant_current": ("current=0.5", "duration=1.6", FASTER_WHEEL, HALF_CURRENT),
     "rig_lateral": ("current=0.4", "duration=1.6", FASTER_WHEEL, HALF_CURRENT),
     "rig_motor": ("faults=[]", "faults.0.braking_torque=0.003", "current=0.4", "duration=2.0"),
     "rig_slip": ("faults=[]", "current=0.4", "duration=1.6"),
-    "square_path": ("drive.yaw_loop=false", "duration=20.0"),
+    "square_path": ("drive.yaw_loop=false", "duration=20.0", OTHER_WHEEL),
     "square_path_kinematic": ("drive.yaw_loop=false",),
     "square_path_kinematic_open_loop": ("drive.yaw_loop=true", "kinematics.misalignment.0=0.01"),
-    "square_path_open_loop": ("drive.yaw_loop=true", "duration=20.0", "faults.0.angle=0.01"),
+    "square_path_open_loop": ("drive.yaw_loop=true", "duration=20.0", "faults.0.angle=0.01", OTHER_WHEEL),
 }
 
 
