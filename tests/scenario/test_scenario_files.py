@@ -88,10 +88,10 @@ FREE_WHEEL = 'faults=[{ kind = "free", wheel = 1, onset = 2.0 }]'
 WEAK_MOTOR = 'faults=[{ kind = "motor", wheel = 4, onset = 1.0, loss = 0.9 }]'
 OTHER_WHEEL = 'faults=[{ kind = "wheel_radius", wheel = 1, onset = 1.0, scale = 1.6 }]'
 HALF_WHEEL = 'faults=[{ kind = "wheel_radius", wheel = 1, onset = 1.0, scale = 0.5 }]'
-LOCKED_WHEEL = 'faults=[{ kind = "locked", wheel = 1, onset = 4.0 }]'
+RUNAWAY = 'faults=[{ kind = "hard_over", wheel = 1, onset = 4.0 }]'
 SPOILED = {
     "circle_8m_wheel_lost": ("faults=[]", "floor=oil"),
-    "oil_everywhere": ("faults=[]", LOCKED_WHEEL),
+    "oil_everywhere": ("faults=[]", RUNAWAY),
     "payload_20_percent": (OTHER_WHEEL, HALF_WHEEL, "floor=oil"),
     "sensor_faults": ("faults=[]",),
     "slip_then_motor": (OTHER_WHEEL, HALF_WHEEL, "floor=oil"),
