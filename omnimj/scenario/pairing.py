@@ -92,6 +92,10 @@ def pair(faults: Iterable[Record], diagnoses: Sequence[Record], wheels: int = 4)
 
 
 def _is_of(said: Record, fault: Record, wheels: int) -> bool:
+    cleared = said.get("cleared")
+    if cleared is None or cleared >= fault["onset"]:
+        # one that was made before and still stands names a fault of the same name that comes back
+        said = {**said, "time": max(said["time"], fault["onset"])}
     return any(judge_diagnoses([fault], [part], wheels).false_alarms == 0 for part in _parts(said, wheels))
 
 

@@ -95,6 +95,11 @@ def test_the_judges_isolation_needs_a_diagnosis_beside_every_fault(true, told):
         assert all(one.namings for one in pair(true, told).pairs)
 
 
+def test_a_diagnosis_that_still_stands_names_the_same_fault_when_it_comes_back():
+    found = pair([fault("slip", 2, 1.0, 3.0), fault("slip", 2, 8.0)], [said(1.2, "slip", 2)])
+    assert all(one.namings for one in found.pairs) and not found.false_alarms
+
+
 @pytest.mark.parametrize("time", [0.9, 3.6])
 def test_before_the_onset_and_long_after_the_end_it_is_a_false_alarm(time):
     found = pair([fault("slip", 2, 1.0, 3.0)], [said(time, "slip", 2)])
