@@ -15,8 +15,8 @@ from omnimj.signals import Array
 LEVEL = 0.90
 STAND_IN = 2.5
 """Intervals are so much wider than noise alone makes them: equations stand in for the twin, and one form of
-an effect for another. In the blind benchmarks of seeds 30 and 40 noise alone held 68 % of the true values, and
-this factor would have held 91 % and 89 %: chosen there, not judged on another seed."""
+an effect for another. In the blind benchmark of seed 30 noise alone held 68 % of the true values. This factor
+would have held 91 % there and 89 % with seed 40: chosen on those two, not judged on another seed."""
 
 
 def spreads(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) -> tuple[Array, float]:
