@@ -9,7 +9,7 @@ import numpy as np
 from omnimj.scenario.path_error import distance_to_path
 from omnimj.signals import Array, Trace
 
-DIAGNOSIS_UNITS = {"detection_delay": "s", "isolated": "1", "false_alarms": "1"}
+DIAGNOSIS_UNITS = {"detection_delay": "s", "isolated": "", "false_alarms": ""}
 """What the diagnoses are worth; `isolated` is 1 where every fault was named for itself and nothing else."""
 _SPEED_UNITS = {"final_speed": "m/s", "mean_speed": "m/s", "peak_speed": "m/s"}
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from omnimj.scenario.metrics import DIAGNOSIS_UNITS
 from omnimj.view import wording
 
 _FIRST = ("max_yaw_excursion", "path_error_max", "path_error_rms", "tracking_error_max")
@@ -46,7 +47,7 @@ def compare(units: Mapping[str, str], metrics: Mapping[str, Any]) -> Comparison:
     ]
     judged = [check["name"] for check in metrics.get("checks") or ()]
     for name in dict.fromkeys((*_FIRST, *judged)):
-        if any(run.get(name) is not None for run in own):
+        if name not in DIAGNOSIS_UNITS and any(run.get(name) is not None for run in own):
             texts = (wording.measure(_rounded(run.get(name)), units.get(name, "")) for run in own)
             rows.append((name.replace("_", " "), *texts))
     return Comparison(tuple(runs), tuple(rows))
