@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from omnimj.cli.main import main
@@ -32,3 +34,15 @@ def refused(capsys, monkeypatch, tmp_path):
         return lines[0]
 
     return call
+
+
+@pytest.fixture
+def plain_files(monkeypatch):
+    """Recording and report of a run are empty: they take seconds, and others test what is in them."""
+
+    def touch(path: Path, *_: object) -> None:
+        path.touch()
+
+    monkeypatch.setattr("omnimj.view.report.write_report", touch)
+    monkeypatch.setattr("omnimj.cli.outputs.write_recording_of", touch)
+    monkeypatch.setattr("omnimj.cli.outputs._picture_of", lambda *_: None)

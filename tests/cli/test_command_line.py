@@ -41,18 +41,6 @@ def refused(capsys, *argv: str) -> str:
     return err
 
 
-@pytest.fixture
-def plain_files(monkeypatch):
-    """Recording and report are empty: they take seconds, and others test what is in them."""
-
-    def touch(path: Path, *_: object) -> None:
-        path.touch()
-
-    monkeypatch.setattr("omnimj.view.report.write_report", touch)
-    monkeypatch.setattr("omnimj.cli.outputs.write_recording_of", touch)
-    monkeypatch.setattr("omnimj.cli.outputs._picture_of", lambda *_: None)
-
-
 def test_scenarios_lists_names_and_descriptions(capsys):
     code, out, _ = called(capsys, "scenarios")
     assert code == 0

@@ -25,18 +25,6 @@ def called(capsys, *argv: str) -> tuple[int, str, list[str]]:
     return code, out, [line for line in err.splitlines() if not line.startswith("compiling")]
 
 
-@pytest.fixture
-def plain_files(monkeypatch):
-    """Recording and report are empty: they take seconds, and others test what is in them."""
-
-    def touch(path: Path, *_: object) -> None:
-        path.touch()
-
-    monkeypatch.setattr("omnimj.view.report.write_report", touch)
-    monkeypatch.setattr("omnimj.cli.outputs.write_recording_of", touch)
-    monkeypatch.setattr("omnimj.cli.outputs._picture_of", lambda *_: None)
-
-
 def record(time: float, kind: str, *wheels: int, **own):
     return {"time": time, "kind": kind, "wheels": list(wheels), "cleared": None, **own}
 

@@ -136,6 +136,18 @@ def _in_ring(ring, cursor, theta, cov, walk, lasts, x, rho, learning):
 
 
 @kernel
+def _slowest(recent, cursor, speed, side):
+    """The block into `recent`; least |φ̇| and speed along the axle of the last blocks, shape (n,) each."""
+    n, row = speed.size, cursor[2]
+    recent[row, :n], recent[row, n:] = np.abs(speed), np.abs(side)
+    cursor[2] = (row + 1) % recent.shape[0]
+    slowest, sideways = np.empty(n), np.empty(n)
+    for i in range(n):
+        slowest[i], sideways[i] = recent[:, i].min(), recent[:, n + i].min()
+    return slowest, sideways
+
+
+@kernel
 def update(
     c, forces, across, walk, low, high,
     current, speed, acceleration, turning, rate, spin, wanted, believed, unknown, accepted, fresh,
@@ -166,56 +178,29 @@ def update(
     Returns:
       Whether the robot moves enough to be judged.
     """
-    n, p = speed.size, theta.size
-    x, raw, side, slowest, sideways = np.zeros((3, p)), np.empty(3), np.empty(n), np.empty(n), np.empty(n)
+    n = speed.size
+    x, raw, side = np.zeros((3, theta.size)), np.empty(3), np.empty(n)
     balance(
         c, forces, across, current, speed, rate, acceleration, turning, spin, accepted, x, raw, force, side
     )
     rho[:] = raw
     for i in range(n):  # with what was learnt of the motors
         force[i], _ = wheel_force(c, current[i], speed[i], rate[i], accepted[i] + theta[i], theta[n + i])
-    row = cursor[2]
-    recent[row, :n], recent[row, n:] = np.abs(speed), np.abs(side)
-    cursor[2] = (row + 1) % recent.shape[0]
-    for i in range(n):
-        slowest[i], sideways[i] = recent[:, i].min(), recent[:, n + i].min()
+    slowest, sideways = _slowest(recent, cursor, speed, side)
     moving = np.abs(speed).max() > MOVES
     if moving:
         whiten(c, forces, across, slowest, sideways, unknown, x, raw)
         if fresh:
             learn(theta, cov, walk, lasting(n), x, raw)
-        _in_ring(
-            ring,
-            cursor,
-            theta,
-            cov,
-            walk,
-            lasting(n),
-            x,
-            raw,
-            not fresh and found[:, LIKELIHOOD].max() < CALM,
-        )
-        precision = np.linalg.inv(cov)
-        misfit[:] = scores(ring, cursor[0], cursor[1], theta, precision, low, high, found)
+        learning = not fresh and found[:, LIKELIHOOD].max() < CALM
+        _in_ring(ring, cursor, theta, cov, walk, lasting(n), x, raw, learning)
+        misfit[:] = scores(ring, cursor[0], cursor[1], theta, np.linalg.inv(cov), low, high, found)
     for q in range(n + 1):
         predict(c, velocity[q], spread[q], acceleration, turning)
     for i in range(n):
         scale = floor_scale(floor, i)
-        count_wheel(
-            c,
-            forces,
-            speed,
-            current,
-            wanted,
-            turning,
-            force,
-            velocity[i],
-            spread[i],
-            scale,
-            moving,
-            counters[i],
-            i,
-        )
+        x_i, cov_i, row = velocity[i], spread[i], counters[i]
+        count_wheel(c, forces, speed, current, wanted, turning, force, x_i, cov_i, scale, moving, row, i)
     feel_floor(c, forces, speed, turning, force, velocity, believed, counters, floor)
     for q in range(n + 1):
         correct(c, forces, speed, turning, force, believed, q if q < n else -1, velocity[q], spread[q])
