@@ -76,6 +76,10 @@ def _thresholds(ax: Axes, trace: Trace, columns: Sequence[str]) -> None:
             if np.isfinite(side) and side not in known:
                 ax.axhline(side, color=palette.ACCENT, linewidth=1.1, linestyle=(0, (5, 3)), zorder=4)
                 known.add(side)
+    if known and min(known) > 0.0:
+        # residuals that stay at zero would leave an axis on which the threshold is not seen
+        top = 1.15 * max(*known, *(float(np.nanmax(trace[name])) for name in columns))
+        ax.set_ylim(-0.05 * top, top)
 
 
 def effectiveness(trace: Trace, spans: Sequence[Span]) -> Figure:

@@ -33,7 +33,7 @@ def run_section(run: Replayed, method_names: Sequence[str], drawn: bool = True) 
         ]
         words = [page.table(rows, ("what", "when", "how sure"))]
     if blind(run):
-        words.append(f"<p>Of {run.judged:.1f} s the method says for {run.cannot_judge:.1f} s that it cannot")
+        words.append(f"<p>Of {run.judged:.1f} s the method says for {run.cannot_judge:.1f} s that it cannot ")
         words.append("judge: the wheels turn too slowly to tell.</p>")
     words += [f"<p>{page.text(note)}</p>" for note in run.notes]
     figures = _figures(run, method_names) if drawn else ""
