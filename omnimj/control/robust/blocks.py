@@ -139,12 +139,3 @@ def take_block(sums, period, speed, turning, out):
     out[3 * n + 3] = (turning - sums[begin + n]) / period
     sums[:begin] = 0.0
     sums[begin : begin + n], sums[begin + n] = speed, turning
-
-
-@kernel
-def all_finite(values):
-    """Whether no value is NaN or infinite."""
-    for value in values:  # noqa: SIM110 a loop is what compiles well
-        if not math.isfinite(value):
-            return False
-    return True

@@ -126,21 +126,21 @@ def compare_turning(heading, turn, period, yaw, speed, turning):
 def _in_ring(ring, cursor, theta, cov, walk, lasts, x, rho, learning):
     """The block into the ring; the one that it pushes out is learnt from."""
     p = theta.size
-    if cursor[0] == ring.shape[0] and learning:
-        old = ring[(cursor[1] + 1) % ring.shape[0]]
+    if cursor[FILLED] == ring.shape[0] and learning:
+        old = ring[(cursor[HEAD] + 1) % ring.shape[0]]
         learn(theta, cov, walk, lasts, old[: 3 * p].copy().reshape(3, p), old[3 * p :])
-    cursor[1] = (cursor[1] + 1) % ring.shape[0]
-    cursor[0] = min(cursor[0] + 1, ring.shape[0])
-    ring[cursor[1], : 3 * p] = x.copy().reshape(3 * p)
-    ring[cursor[1], 3 * p :] = rho
+    cursor[HEAD] = (cursor[HEAD] + 1) % ring.shape[0]
+    cursor[FILLED] = min(cursor[FILLED] + 1, ring.shape[0])
+    ring[cursor[HEAD], : 3 * p] = x.copy().reshape(3 * p)
+    ring[cursor[HEAD], 3 * p :] = rho
 
 
 @kernel
 def _slowest(recent, cursor, speed, side):
     """The block into `recent`; least |φ̇| and speed along the axle of the last blocks, shape (n,) each."""
-    n, row = speed.size, cursor[2]
+    n, row = speed.size, cursor[ROW]
     recent[row, :n], recent[row, n:] = np.abs(speed), np.abs(side)
-    cursor[2] = (row + 1) % recent.shape[0]
+    cursor[ROW] = (row + 1) % recent.shape[0]
     slowest, sideways = np.empty(n), np.empty(n)
     for i in range(n):
         slowest[i], sideways[i] = recent[:, i].min(), recent[:, n + i].min()
@@ -194,7 +194,7 @@ def update(
             learn(theta, cov, walk, lasting(n), x, raw)
         learning = not fresh and found[:, LIKELIHOOD].max() < CALM
         _in_ring(ring, cursor, theta, cov, walk, lasting(n), x, raw, learning)
-        misfit[:] = scores(ring, cursor[0], cursor[1], theta, np.linalg.inv(cov), low, high, found)
+        misfit[:] = scores(ring, cursor[FILLED], cursor[HEAD], theta, np.linalg.inv(cov), low, high, found)
     for q in range(n + 1):
         predict(c, velocity[q], spread[q], acceleration, turning)
     for i in range(n):

@@ -26,7 +26,7 @@ from omnimj.control.robust.blocks import (
 from omnimj.control.robust.constants import BLOCK, geometry, numbers
 from omnimj.control.robust.counters import SLIPPING
 from omnimj.control.robust.decide import Thresholds, Verdict, decide
-from omnimj.control.robust.evidence import Evidence, compare_turning, no_evidence, update
+from omnimj.control.robust.evidence import FILLED, Evidence, compare_turning, no_evidence, update
 from omnimj.control.robust.slow import MEMORY, prior
 from omnimj.control.robust.windows import LIKELIHOOD
 from omnimj.control.wheel_speed import amplifier_row
@@ -227,7 +227,7 @@ class Robust:
         motors = [d for d in verdict.diagnoses[len(state.verdict.diagnoses) :] if d.kind == "motor"]
         accepted = state.accepted.copy() if motors else state.accepted
         for d in verdict.diagnoses[len(state.verdict.diagnoses) :]:
-            evidence.cursor[0] = 0
+            evidence.cursor[FILLED] = 0
             evidence.found[:] = 0.0
             if d.kind == "motor" and d.effectiveness is not None:
                 i = d.wheels[0] - 1
