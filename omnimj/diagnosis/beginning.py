@@ -80,6 +80,7 @@ def go_on(method: Any, machine: Any, state: Any, measurement: Any, bias: float, 
         fresh=state.fresh,
         advice=state.advice,
         log=state.log,
+        past=state.past,
     )
     return _moving(after, machine, measurement, bias)
 

@@ -1,0 +1,62 @@
+"""A controller that runs for hours needs no more memory than one that runs for minutes."""
+
+from __future__ import annotations
+
+import gc
+import tracemalloc
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from omnimj.bench.driven import PASSING_SLIP, SLIP_AND_WEAK_MOTOR, driven_mission, once_more, whole_controller
+from omnimj.control.robust import past
+from omnimj.parameters import read_robot
+
+ROBOT = read_robot()
+
+
+@pytest.fixture(scope="module")
+def slipping():
+    """Ten seconds in which a wheel slips and grips again."""
+    return driven_mission(ROBOT, 10.0, PASSING_SLIP)
+
+
+def test_memory_after_forty_thousand_steps_is_memory_after_twenty_thousand(slipping, monkeypatch):
+    monkeypatch.setattr(past, "REMEMBERED", 1)  # an hour's diagnoses in a minute
+    controller = whole_controller(ROBOT)
+    state, found = controller.start(slipping.measurements[0]), []
+    tracemalloc.start()
+    try:
+        for number in range(4):
+            state = once_more(controller, state, slipping, number)
+            gc.collect()
+            found.append(tracemalloc.get_traced_memory()[0])
+    finally:
+        tracemalloc.stop()
+    assert abs(found[3] - found[1]) < 4096  # one array of the robot's state has 8 bytes 500 times
+
+
+def test_a_slip_that_comes_again_and_again_is_told_each_time_but_never_more_than_is_remembered(
+    slipping, monkeypatch
+):
+    controller, state = whole_controller(ROBOT), None
+    state = controller.start(slipping.measurements[0])
+    for number in range(3):
+        state = once_more(controller, state, slipping, number)
+    told = state.diagnoses
+    assert [d.kind for d in told] == ["slip"] * 3 and {d.wheels for d in told} == {(1,)}
+    assert all(a.cleared is not None and a.cleared < b.time for a, b in pairwise(told))
+    assert len(state.method.verdict.diagnoses) < 3  # what decides looks at the last ones only
+    monkeypatch.setattr(past, "REMEMBERED", 1)
+    for number in range(3, 6):
+        state = once_more(controller, state, slipping, number)
+        assert len(state.diagnoses) <= 1 + len(state.method.verdict.diagnoses) <= 3
+
+
+def test_a_replay_ends_with_what_the_drive_ended_with():
+    driven = driven_mission(ROBOT, 12.0, SLIP_AND_WEAK_MOTOR)
+    controller = whole_controller(ROBOT)
+    again = once_more(controller, controller.start(driven.measurements[0]), driven, 0)
+    assert again.diagnoses == driven.last.diagnoses and np.array_equal(again.log, driven.last.log)
+    assert {d.kind for d in again.diagnoses} == {"slip", "motor"}
