@@ -74,7 +74,9 @@ def tables(summary: Summary) -> list[Table]:
     )
     found = [
         _goals(summary),
-        Table("Groups that goals are set for", head, tuple(map(_group, summary.goals))),
+        Table(
+            "Groups that goals are set for", head, tuple(_group(one) for one in summary.goals if one.cases)
+        ),
         Table(
             "Two at once, by kinds of pair",
             ("", "pairs driven", *head[1:], "pairs missed"),

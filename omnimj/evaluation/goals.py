@@ -65,6 +65,10 @@ def judged(summary: Summary) -> tuple[Judged, ...]:
 
 def _alarms(summary: Summary) -> Iterator[Judged]:
     """Per plant, since the hours that are asked for differ."""
+    if not summary.quiet:
+        yield Judged(
+            "false alarms, fault-free", "/h", f"≤ {MOST_PER_HOUR:g}/h", None, None, None, 0.0, "h", None, True
+        )
     for plant, found in summary.quiet.items():
         hours = QUIET_HOURS.get(plant, inf)
         goal = f"≤ {MOST_PER_HOUR:g}/h: none in {hours:g} h"

@@ -61,7 +61,7 @@ class PairSummary:
     """Cases with two faults at once, of two kinds."""
 
     kinds: str
-    """`motor + slip`."""
+    """`motor + slip`, `motor + slip of one wheel`."""
     pairs: int
     """How many pairs of the eight faults are of these kinds."""
     driven: int
@@ -206,9 +206,9 @@ def _alarms(healthy: Sequence[CaseScore]) -> EventRate:
 
 def _pairs(scores: Sequence[CaseScore]) -> Iterable[PairSummary]:
     """By the kinds of both, each with every pair of them that is possible."""
-    possible = Counter(_kinds(f"{kind} {wheel}" for kind, wheel in pair) for pair in PAIRS)
+    possible = Counter(_kinds([f"{kind} {wheel}" for kind, wheel in pair]) for pair in PAIRS)
     for kinds, count in sorted(possible.items()) if scores else ():
-        own = [s for s in scores if _kinds(f.label for f in s.faults) == kinds]
+        own = [s for s in scores if _kinds([f.label for f in s.faults]) == kinds]
         wrong = {_pair(s) for s in own if s.was_in_use and not s.isolated}
         driven = len({_pair(s) for s in own})
         yield PairSummary(kinds, count, driven, tuple(sorted(wrong)), _group(kinds, own))
@@ -218,8 +218,10 @@ def _pair(score: CaseScore) -> str:
     return " + ".join(sorted(fault.label for fault in score.faults))
 
 
-def _kinds(labels: Iterable[str]) -> str:
-    return " + ".join(sorted(label.partition(" ")[0] for label in labels))
+def _kinds(labels: Sequence[str]) -> str:
+    kinds = " + ".join(sorted(label.partition(" ")[0] for label in labels))
+    same = len({label.partition(" ")[2] for label in labels}) == 1
+    return f"{kinds} of one wheel" if same else kinds
 
 
 def _switches(found: Sequence[int]) -> Switches:
