@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import gc
-import tracemalloc
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
+from omnimj.bench import control_speed
+from omnimj.bench.control_speed import memory_growth
 from omnimj.bench.driven import PASSING_SLIP, SLIP_AND_WEAK_MOTOR, driven_mission, once_more, whole_controller
+from omnimj.control.diagnosing import DiagnosingController
 from omnimj.control.robust import past
 from omnimj.parameters import read_robot
 
@@ -24,17 +25,22 @@ def slipping():
 
 def test_memory_after_forty_thousand_steps_is_memory_after_twenty_thousand(slipping, monkeypatch):
     monkeypatch.setattr(past, "REMEMBERED", 1)  # an hour's diagnoses in a minute
-    controller = whole_controller(ROBOT)
-    state, found = controller.start(slipping.measurements[0]), []
-    tracemalloc.start()
-    try:
-        for number in range(4):
-            state = once_more(controller, state, slipping, number)
-            gc.collect()
-            found.append(tracemalloc.get_traced_memory()[0])
-    finally:
-        tracemalloc.stop()
-    assert abs(found[3] - found[1]) < 4096  # one array of the robot's state has 8 bytes 500 times
+    monkeypatch.setattr(control_speed, "WARM", 2)
+    growth = memory_growth(slipping, 2)
+    assert growth.seconds == pytest.approx(20.0) and growth.diagnoses > 0
+    assert abs(growth.grown) < 4.0  # kB; a byte per step would be 20
+
+
+def test_what_is_kept_from_step_to_step_is_seen(slipping, monkeypatch):
+    kept, step = [], DiagnosingController.step
+
+    def hoarding(controller, state, measurement, target):
+        kept.append(state.control.log)
+        return step(controller, state, measurement, target)
+
+    monkeypatch.setattr(control_speed, "WARM", 0)
+    monkeypatch.setattr(DiagnosingController, "step", hoarding)
+    assert memory_growth(slipping, 1).grown > 1000.0
 
 
 def test_a_slip_that_comes_again_and_again_is_told_each_time_but_never_more_than_is_remembered(
