@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from omnimj.control.controller import Controller
 from omnimj.control.diagnosing import DiagnosingController, DiagnosingState
+from omnimj.control.recovery import Recovery
 from omnimj.control.robust import Robust
 from omnimj.control.target import Target
 from omnimj.loop import drive
@@ -67,8 +68,8 @@ class _Keeping:
 
 
 def whole_controller(robot: Robot) -> DiagnosingController:
-    """All that runs on a robot: cascade, diagnosis, and what it advises."""
-    return DiagnosingController(Controller(robot), Robust(robot))
+    """All that runs on a robot: cascade, diagnosis, recovery."""
+    return DiagnosingController(Controller(robot), Robust(robot), Recovery(robot))
 
 
 def driven_mission(robot: Robot, duration: float, faults: tuple[Fault, ...] = ()) -> Driven:
@@ -91,7 +92,7 @@ def once_more(
     """The state after the mission was driven with it as number 0, 1, 2, …: each where the last one ended.
 
     Time goes on, and headings and demands are turned by what the missions before turned the robot. The
-    method keeps everything; the cascade begins each mission as it began the first, since an integral that is
+    method and recovery keep everything; the cascade begins each mission as it began the first, since an integral that is
     not the recorded one would never come home with measurements that do not answer it.
     """
     count = len(driven.measurements)
@@ -103,7 +104,7 @@ def once_more(
         yaw = (m.yaw + turned) % (2.0 * math.pi)
         measured = Measurement(m.time + late, m.current, m.wheel_speed, m.acceleration, m.yaw_rate, yaw)
         if k == 0:
-            state = DiagnosingState(controller.start(measured).control, state.method)
+            state = replace(state, control=controller.start(measured).control)
         target = Target(turn @ t.velocity, t.yaw_rate, t.heading + turned)
         _, state = controller.step(state, measured, target)
     return state

@@ -8,19 +8,67 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from omnimj.signals import Array, Diagnosis
 
 
 @dataclass(frozen=True, slots=True)
 class Advice:
-    """What recovery changes in the cascade; a method without a recovery gives None."""
+    """What recovery changes in the cascade: φ̇_target = clip(B·twist/r + offset, lowest, highest)."""
 
     speed_per_twist: Array
-    """B/r of φ̇ = B·twist/r, shape (n, 3): the inverse kinematics in use."""
+    """B/r, shape (n, 3): the inverse kinematics in use."""
     current_scale: Array
-    """Factor on every set current, shape (n,): 1/(what is left of the torque constant)."""
+    """Factor on every set current, shape (n,): 1/(what is left of the torque constant); 0 gives a motor up."""
+    offset: Array
+    """Shape (n,) [rad/s]."""
+    lowest: Array
+    """Shape (n,) [rad/s]."""
+    highest: Array
+    """Shape (n,) [rad/s]."""
     trusts_gyro: bool = True
     """False: the wheels say how fast the robot turns, since the gyro lies."""
+    holds_heading: bool = False
+    """The heading is held, whether the scenario asked for it or not."""
+    brake: tuple[int, ...] = ()
+    """Wheels 1…n whose motors are shorted."""
+
+
+def usual_advice(speed_per_twist: Array) -> Advice:
+    """Nothing but an inverse kinematics B/r, shape (n, 3)."""
+    n = len(speed_per_twist)
+    endless = np.full(n, np.inf)
+    return Advice(speed_per_twist, np.ones(n), np.zeros(n), -endless, endless)
+
+
+@dataclass(frozen=True, slots=True)
+class Beliefs:
+    """What a method holds for true of the robot now, for recovery to act upon; n wheels."""
+
+    losses: Array
+    """Share of the torque constant that is gone, of motors that are diagnosed; 0 of others. Shape (n,)."""
+    dead: NDArray[np.bool_]
+    """Motors that do not obey: they give nothing or what they please, shape (n,)."""
+    held: NDArray[np.bool_]
+    """Wheels that do not turn, shape (n,)."""
+    slipping: NDArray[np.bool_]
+    """Shape (n,); all of them when the whole floor gives way."""
+    velocity: Array
+    """Of the body, in the body frame, shape (2,) [m/s]."""
+    force: Array
+    """Traction of the wheels as their motors tell, shape (n,) [N]."""
+    decided: float
+    """Time of the newest decision [s]; −∞: none."""
+    trusts_gyro: bool = True
+    """False: the gyro lies."""
+
+    @property
+    def is_healthy(self) -> bool:
+        """Whether there is nothing to recover from."""
+        wrong = self.dead | self.held | self.slipping | (self.losses != 0.0)
+        return self.trusts_gyro and not wrong.any()
 
 
 class MethodState(Protocol):
@@ -38,7 +86,12 @@ class MethodState(Protocol):
 
     @property
     def advice(self) -> Advice | None:
-        """For the cascade's next command."""
+        """For the cascade's next command, of a method that recovers by itself."""
+        ...
+
+    @property
+    def beliefs(self) -> Beliefs | None:
+        """For a recovery beside the method; None: the method leaves nothing to it."""
         ...
 
 

@@ -78,7 +78,7 @@ def go_on(method: Any, machine: Any, state: Any, measurement: Any, bias: float, 
         verdict=dataclasses.replace(state.verdict, suspected=math.nan),
         accepted=state.accepted,
         fresh=state.fresh,
-        advice=state.advice,
+        beliefs=state.beliefs,
         log=state.log,
         past=state.past,
     )

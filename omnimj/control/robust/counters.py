@@ -6,6 +6,8 @@ that a large slip is seen at once and a small one soon, and a spike of noise nev
 
 from __future__ import annotations
 
+import math
+
 from omnimj.control.robust.constants import LOAD, TIME
 from omnimj.control.robust.slip import (
     SLICK,
@@ -47,7 +49,7 @@ _SIGMAS = 2.0  # of the body's velocity, given to the wheel
 _TOLD = 0.04  # [m/s] of slip that the lost grip would make at this load: less is no sign of health
 _HEALED = 0.3  # share of that slip below which the grip is back
 _LEAST_GRIP, _NEWEST = 0.02, 0.2
-_STANDS, _PASSES, _PUSHED = 0.4, 0.12, 0.4  # [rad/s] of a locked wheel, [m/s] of the floor below it, [A]
+_STANDS, _PASSES, _PUSHED = 0.4, 0.08, 0.4  # [rad/s] of a locked wheel, [m/s] of the floor below it, [A]
 _OBEYED, _ASKED, _SILENT = 0.25, 0.15, 0.03  # [A]
 
 
@@ -148,7 +150,9 @@ def count_wheel(c, forces, speed, current, wanted, turning, force, x, cov, scale
     idle = abs(force[i]) <= LOADED
     _more_if(row, AGAINST, ahead < -NO_SLIP - usual or (idle and abs(away) > NO_SLIP))
     below = forces[0, i] * x[0] + forces[1, i] * x[1] + forces[2, i] * turning
-    stands = abs(speed[i]) < _STANDS and abs(below) > _PASSES + _SIGMAS * doubt
+    # what its motor would make of it, if it could turn: the floor's speed, and creep under this force
+    would = (below + creep(c, force[i])) * math.copysign(1.0, current[i])
+    stands = abs(speed[i]) < _STANDS and would > _PASSES + _SIGMAS * doubt
     _more_if(row, STUCK, stands and abs(current[i]) > _PUSHED)
     silent = abs(current[i]) < _SILENT
     lacks = abs(current[i] - wanted[i]) > _OBEYED or (silent and abs(wanted[i]) > _ASKED)

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from omnimj.control.allocation import inverse_kinematics
 from omnimj.control.controller import is_good
 from omnimj.control.gyro_bias import turn_row
-from omnimj.control.method import Advice
+from omnimj.control.method import Beliefs
 from omnimj.control.robust.blocks import delays, ranges, take_block
 from omnimj.control.robust.constants import BLOCK, geometry, numbers
 from omnimj.control.robust.counters import SLIPPING
@@ -27,7 +26,7 @@ from omnimj.signals import Array, Diagnosis, Measurement
 HEALTHY, SUSPECT, FAULTY, BLIND = range(4)
 """`mode` of the log: nothing is wrong, a decision is pending, something is diagnosed, cannot judge."""
 
-_LEAST_LEFT = 0.3  # current is scaled by at most 1/0.3: a dead motor gets none the wiser for more
+_DEAD = 0.9  # loss from which a motor is not counted upon
 _FRESH = 200  # [blocks]
 _FOUND_AGAIN = 0.2  # standard deviation of what is left of a motor just after its loss was seen
 
@@ -44,10 +43,15 @@ class RobustState:
     """Diagnosed losses of the torque constants, shape (n,)."""
     fresh: int
     """Blocks for which a new loss is still being measured: they are learnt from at once."""
-    advice: Advice | None
+    beliefs: Beliefs | None
     log: Array
     past: tuple[Diagnosis, ...] = ()
     """Taken back and out of the verdict."""
+
+    @property
+    def advice(self) -> None:
+        """None: recovery acts upon the beliefs."""
+        return
 
     @property
     def diagnoses(self) -> tuple[Diagnosis, ...]:
@@ -58,7 +62,7 @@ class RobustState:
 def _with_samples(state: RobustState, samples: Samples) -> RobustState:
     """`dataclasses.replace`, which takes longer than all that is computed for a sample."""
     s = state
-    return RobustState(samples, s.evidence, s.verdict, s.accepted, s.fresh, s.advice, s.log, s.past)
+    return RobustState(samples, s.evidence, s.verdict, s.accepted, s.fresh, s.beliefs, s.log, s.past)
 
 
 class Robust:
@@ -83,7 +87,6 @@ class Robust:
         each = [f"{name}_{i}" for name in ("current", "wheel_speed") for i in range(1, n + 1)]
         self._waits, self._ranges = delays(robot, self.period), ranges(robot)
         self._channels = (*each, "acceleration_x", "acceleration_y", "yaw_rate")
-        self._rolling = inverse_kinematics(robot.wheel_positions, robot.drive_directions) / robot.wheel.radius
         names = [
             f"{kind}_{what}_{i}"
             for what in ("motor", "slip")
@@ -169,11 +172,11 @@ class Robust:
         found = evidence.found.copy()
         accepted = self._accept(evidence, state, verdict)
         fresh = _FRESH if accepted is not state.accepted else max(state.fresh - int(moving), 0)
-        advice = self._advise(verdict, accepted + evidence.theta[:n])
+        beliefs = self._believe(evidence, verdict, accepted + evidence.theta[:n])
         log = self._log(evidence, found, verdict, accepted, moving)
         samples.wanted[:] = 0.0  # like the sums, of the next block
         verdict, past = put_by(verdict, state.past, float(measurement.time))
-        return RobustState(samples, evidence, verdict, accepted, fresh, advice, log, past)
+        return RobustState(samples, evidence, verdict, accepted, fresh, beliefs, log, past)
 
     def _believed(self, verdict: Verdict, fresh: int) -> Array:
         """Wheels that have a say about the body's velocity; a weak motor's once its force is known again."""
@@ -218,15 +221,29 @@ class Robust:
                 evidence.spread[:] = np.eye(evidence.spread.shape[1])
         return accepted
 
-    def _advise(self, verdict: Verdict, losses: Array) -> Advice | None:
-        """Weak motors get more current for the same torque."""
-        scale = np.ones(self.wheels)
+    def _believe(self, evidence: Evidence, verdict: Verdict, losses: Array) -> Beliefs:
+        """What stands, wheel by wheel; what might be another wheel is not acted upon."""
+        n = self.wheels
+        lost, dead, held = np.zeros(n), np.zeros(n, bool), np.zeros(n, bool)
+        slipping, decided = np.zeros(n, bool), -math.inf
         for d in verdict.diagnoses:
-            if d.cleared is None and d.kind == "motor" and not d.ambiguous_with:
-                i = d.wheels[0] - 1
-                scale[i] = 1.0 / max(1.0 - losses[i], _LEAST_LEFT)
-        gyro = not verdict.has_sensor("yaw_rate")
-        return None if gyro and (scale == 1.0).all() else Advice(self._rolling, scale, gyro)
+            decided = max(decided, d.time)
+            if d.cleared is not None or d.ambiguous_with:
+                continue
+            wheels = [w - 1 for w in d.wheels]
+            if d.kind == "motor":
+                lost[wheels] = losses[wheels]
+                dead[wheels] = losses[wheels] > _DEAD
+            elif d.kind in ("free", "hard_over"):
+                dead[wheels] = True
+            elif d.kind == "locked":
+                held[wheels] = True
+            elif d.kind == "slip":
+                slipping[wheels] = True
+            elif d.kind == "all_wheel_slip":
+                slipping[:] = True
+        velocity, gyro = evidence.velocity[n, :2].copy(), not verdict.has_sensor("yaw_rate")
+        return Beliefs(lost, dead, held, slipping, velocity, evidence.force.copy(), decided, gyro)
 
     def _log(
         self, evidence: Evidence, found: Array, verdict: Verdict, accepted: Array, moving: bool
