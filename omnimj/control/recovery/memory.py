@@ -49,9 +49,7 @@ def _toward(old, new, h, time):
 
 
 @kernel
-def remember(
-    x, h, arm, healthy, sure, velocity, heading, turning, target_x, target_y, target_turn, target_heading
-):
+def remember(x, h, arm, healthy, sure, velocity, heading, turning, target_x, target_y, target_turn, target_heading):
     """One step into the memory, in place.
 
     Args:

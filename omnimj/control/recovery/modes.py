@@ -29,7 +29,6 @@ class Means:
     brake: tuple[int, ...] = ()
     """Wheels 1…n whose motors are shorted."""
 
-
 def means_for(beliefs: Beliefs, forces: Array, before: Means) -> Means:
     """What to do: drive with all that drives, turn about a held wheel, brake a dead one to have one, stop.
 
@@ -86,8 +85,5 @@ def _most_behind(wheels: list[int], forces: Array, velocity: Array) -> int:
 
     The wheel sits at u turned back by a quarter for B_3 > 0, else at u turned on by one.
     """
-    ahead = [
-        float(np.sign(forces[2, b]) * (forces[1, b] * velocity[0] - forces[0, b] * velocity[1]))
-        for b in wheels
-    ]
+    ahead = [float(np.sign(forces[2, b]) * (forces[1, b] * velocity[0] - forces[0, b] * velocity[1])) for b in wheels]
     return wheels[int(np.argmin(ahead))]

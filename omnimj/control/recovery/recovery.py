@@ -202,9 +202,7 @@ class Recovery:
             return still, Advice(self._rolling, scale, offset, lowest, highest, gyro, False, means.brake)
         asked = self._demand(state, measurement, heading, target)
         if means.mode == CAPPING:
-            cap_slip(
-                self._numbers, self._forces, beliefs.velocity, turning, beliefs.slipping, lowest, highest
-            )
+            cap_slip(self._numbers, self._forces, beliefs.velocity, turning, beliefs.slipping, lowest, highest)
         elif means.mode != SLOWING:
             v_x, v_y = to_body(asked.velocity[0], asked.velocity[1], heading)
             twist = np.array((v_x, v_y, asked.yaw_rate))
@@ -219,9 +217,7 @@ class Recovery:
         holds = means.mode != PIVOTING
         return asked, Advice(self._rolling, scale, offset, lowest, highest, gyro, holds, means.brake)
 
-    def _demand(
-        self, state: RecoveryState, measurement: Measurement, heading: float, target: Target
-    ) -> Target:
+    def _demand(self, state: RecoveryState, measurement: Measurement, heading: float, target: Target) -> Target:
         """The demand with the place corrected, and the heading that can be held."""
         x, pivot = state.memory, state.means.pivot
         v_x, v_y = float(target.velocity[0]), float(target.velocity[1])
