@@ -25,8 +25,10 @@ class Effort:
     rounds: int = 7
     run: float = 10.0
     """Of the scenario [s]."""
+    missions: int = 15
+    """That the controller is timed over."""
     mission: float = 12.0
-    """Of the missions that the controller is driven with [s]."""
+    """Of these and of those over which memory is looked at [s]."""
     hours: float = 1.0
     """Robot time over which the controller's memory is looked at [h]."""
     longest: float = 60.0
@@ -71,7 +73,7 @@ def run(arguments: Any) -> int:
     found = measure_twin(EFFORT.steps, EFFORT.rounds) | measure_run(EFFORT.run)
     note_compiled("twin", "uto_robot")
     say_compiling("planar", "uto_robot")
-    found |= measure_control(EFFORT.rounds, EFFORT.mission, EFFORT.hours, EFFORT.longest)
+    found |= measure_control(EFFORT.missions, EFFORT.mission, EFFORT.hours, EFFORT.longest)
     note_compiled("planar", "uto_robot")
     meaning = {name: words for name, words in _MEANING.items() if name in found}
     if arguments.json:

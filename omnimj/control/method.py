@@ -5,7 +5,7 @@ A method sees measurements only, so the same object runs in a controller, over r
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
@@ -64,11 +64,22 @@ class Beliefs:
     trusts_gyro: bool = True
     """False: the gyro lies."""
 
-    @property
-    def is_healthy(self) -> bool:
-        """Whether there is nothing to recover from."""
+    is_healthy: bool = field(init=False)
+    """Whether there is nothing to recover from."""
+
+    def __post_init__(self) -> None:
         wrong = self.dead | self.held | self.slipping | (self.losses != 0.0)
-        return self.trusts_gyro and not wrong.any()
+        object.__setattr__(self, "is_healthy", bool(self.trusts_gyro and not wrong.any()))
+
+    def names_the_same(self, other: Beliefs) -> bool:
+        """Whether both hold the same parts for broken in the same way, whatever the sizes."""
+        return bool(
+            self.trusts_gyro == other.trusts_gyro
+            and np.array_equal(self.dead, other.dead)
+            and np.array_equal(self.held, other.held)
+            and np.array_equal(self.slipping, other.slipping)
+            and np.array_equal(self.losses != 0.0, other.losses != 0.0)
+        )
 
 
 class MethodState(Protocol):

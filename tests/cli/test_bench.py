@@ -15,7 +15,7 @@ SCHEMA = json.loads((Path(__file__).parent.parent / "schema" / "bench.json").rea
 
 @pytest.fixture
 def short(monkeypatch):
-    effort = bench.Effort(steps=100, rounds=1, run=1.0, mission=3.0, hours=1e-3)
+    effort = bench.Effort(steps=100, rounds=1, run=1.0, missions=1, mission=3.0, hours=1e-3)
     monkeypatch.setattr(bench, "EFFORT", effort)
 
 

@@ -94,9 +94,7 @@ def test_a_wheel_that_starts_on_nylon_is_the_first_to_be_named_and_is_let_go(whe
     assert 0.5 < first["time"] < metrics["faults"][0]["end"] < first["cleared"]
 
 
-OPPOSITE = (
-    "slip of the wheel opposite is named at 2.63 s, while braking and 0.9 s after the sheet was left: false"
-)
+OPPOSITE = "slip of the wheel opposite is named at 2.63-2.65 s, while braking and 0.9 s after the sheet was left: false"
 
 
 @pytest.mark.parametrize("wheel", WHEELS)
@@ -106,14 +104,7 @@ def test_a_wheel_on_nylon_is_isolated_and_nothing_else_is_named(wheel):
     assert metrics["isolated"] and metrics["false_alarms"] == 0, said(metrics)
 
 
-@pytest.mark.parametrize("share", SIZES)
-@pytest.mark.parametrize("wheel", WHEELS)
-def test_a_motor_that_loses_torque_is_isolated(wheel, share):
-    metrics = driven("degraded_motor", weak(wheel, f"loss = {share}"))
-    assert metrics["isolated"] and said(metrics)[0] == ("motor", [wheel])
-
-
-BRAKES = "slip of wheel 4 is named from 2.67 to 3.11 s, while braking with motor 2 at 20 %: false"
+BRAKES = "slip of wheel 4 is named twice, 2.21-2.54 and 2.69-3.08 s, with motor 2 at 20 %: false"
 
 
 @pytest.mark.parametrize(
@@ -126,8 +117,16 @@ BRAKES = "slip of wheel 4 is named from 2.67 to 3.11 s, while braking with motor
         for share in SIZES
     ],
 )
-def test_beside_a_motor_that_loses_torque_nothing_else_is_named(wheel, share):
-    assert driven("degraded_motor", weak(wheel, f"loss = {share}"))["false_alarms"] == 0
+def test_a_motor_that_loses_torque_is_isolated_and_nothing_else_is_named(wheel, share):
+    metrics = driven("degraded_motor", weak(wheel, f"loss = {share}"))
+    assert metrics["isolated"] and said(metrics) == [("motor", [wheel])]
+    assert metrics["false_alarms"] == 0
+
+
+@pytest.mark.parametrize("share", SIZES)
+@pytest.mark.parametrize("wheel", WHEELS)
+def test_a_motor_that_loses_torque_is_the_first_to_be_named(wheel, share):
+    assert said(driven("degraded_motor", weak(wheel, f"loss = {share}")))[0] == ("motor", [wheel])
 
 
 @pytest.mark.parametrize("share", SIZES)

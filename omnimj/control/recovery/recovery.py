@@ -153,8 +153,8 @@ class Recovery:
 
     def _decide(self, state: RecoveryState, beliefs: Beliefs, time: float) -> RecoveryState:
         """Means for what is believed now; taken back where following got worse by them."""
-        x, means = state.memory, state.means
-        if beliefs is not state.beliefs:
+        x, means, last = state.memory, state.means, state.beliefs
+        if beliefs is not last and (last is None or not beliefs.names_the_same(last)):
             means = means_for(beliefs, self._forces, means)
         if beliefs.decided > state.decided:
             x[ERROR_BEFORE] = max(x[ERROR], x[USUAL_ERROR])

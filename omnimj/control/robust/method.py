@@ -78,6 +78,7 @@ class Robust:
         self.period = 1.0 / robot.sensors.sample_rate if period is None else period
         n = self.wheels = len(robot.wheels)
         self.thresholds = Thresholds() if thresholds is None else thresholds
+        self._limits = np.full(n, self.thresholds.motor), np.full(n, self.thresholds.slip)
         shape = geometry(robot)
         walk = prior(n) ** 2 * (BLOCK * self.period / MEMORY)
         low = np.array([0.03] * n + [0.3] * n + [-5.0] * 2)
@@ -248,19 +249,19 @@ class Robust:
     def _log(
         self, evidence: Evidence, found: Array, verdict: Verdict, accepted: Array, moving: bool
     ) -> Array:
-        n, t = self.wheels, self.thresholds
-        left = np.clip(1.0 - accepted - evidence.theta[:n], 0.0, 1.0)
+        n = self.wheels
+        left = np.minimum(np.maximum(1.0 - accepted - evidence.theta[:n], 0.0), 1.0)
         standing = any(d.cleared is None for d in verdict.diagnoses)
-        pending = not np.isnan(verdict.suspected)
+        pending = not math.isnan(verdict.suspected)
         mode = FAULTY if standing else SUSPECT if pending else HEALTHY if moving else BLIND
         likelihood = np.maximum(found[:n, LIKELIHOOD], found[n : 2 * n, LIKELIHOOD])
         return np.concatenate(
             (
                 evidence.rho,
                 likelihood,
-                np.full(n, t.motor),
+                self._limits[0],
                 evidence.counters[:, SLIPPING],
-                np.full(n, t.slip),
+                self._limits[1],
                 left,
                 [float(mode)],
             )
