@@ -25,7 +25,7 @@ from omnimj.control.robust.blocks import (
 )
 from omnimj.control.robust.constants import BLOCK, geometry, numbers
 from omnimj.control.robust.counters import SLIPPING
-from omnimj.control.robust.decide import Thresholds, Verdict, decide
+from omnimj.control.robust.decide import Thresholds, Verdict, decide, is_still
 from omnimj.control.robust.evidence import FILLED, Evidence, compare_turning, no_evidence, update
 from omnimj.control.robust.slow import MEMORY, prior
 from omnimj.control.robust.windows import LIKELIHOOD
@@ -254,10 +254,12 @@ class Robust:
         slipping, decided = np.zeros(n, bool), -math.inf
         for d in verdict.diagnoses:
             decided = max(decided, d.time)
-            if d.cleared is not None or d.ambiguous_with:
+            if d.cleared is not None or (d.ambiguous_with and not is_still(d)):
                 continue
             wheels = [w - 1 for w in d.wheels]
-            if d.kind == "motor":
+            if is_still(d):
+                dead[wheels] = True
+            elif d.kind == "motor":
                 lost[wheels] = losses[wheels]
                 dead[wheels] = losses[wheels] > _DEAD
             elif d.kind in ("free", "hard_over"):
