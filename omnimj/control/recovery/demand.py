@@ -25,6 +25,7 @@ fit together and do not run away; a tighter bound takes traction from every floo
 wheel slips: with 0.05 the heading strays a fifth further than with 0.2, and the place 6 % instead of 0."""
 _BACK = 3.0  # [1/s] with which a place error is driven back
 _FASTEST = 0.2  # [m/s] for that
+_GIVES_WAY = 0.15  # [m/s]
 _STANDS = 0.01  # [m/s] a robot that is to stand is not moved for its place
 
 
@@ -42,18 +43,23 @@ def place_correction(x, target_x, target_y):
 
 @kernel
 def pivot_yaw_rate(forces, radius, pivot, speed, velocity_x, velocity_y):
-    """ω of a robot that turns about wheel b: u_b·v + B_3b ω = r φ̇_b [rad/s].
+    """ω of a robot that turns about wheel b: u_b·v + B_3b ω = r φ̇_b [rad/s]; 0 while it is to stand.
+
+    A wheel that gives way faster than `_GIVES_WAY` holds nothing: it must not drive what is asked for.
 
     Args:
       forces: B, shape (3, n).
       radius: r [m].
       pivot: b.
-      speed: φ̇_b as measured: a shorted motor gives way [rad/s].
+      speed: φ̇_b of a shorted motor, which gives way; 0 of a wheel that is held [rad/s].
       velocity_x: Of the centre, body frame [m/s].
       velocity_y: Of the centre, body frame [m/s].
     """
+    if math.hypot(velocity_x, velocity_y) < _STANDS:
+        return 0.0
+    way = min(max(radius * speed, -_GIVES_WAY), _GIVES_WAY)
     along = forces[0, pivot] * velocity_x + forces[1, pivot] * velocity_y
-    return (radius * speed - along) / forces[2, pivot]
+    return (way - along) / forces[2, pivot]
 
 
 @kernel

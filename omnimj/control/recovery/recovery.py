@@ -11,9 +11,21 @@ from omnimj.control.allocation import inverse_kinematics
 from omnimj.control.heading import to_body, wrapped
 from omnimj.control.method import Advice, Beliefs
 from omnimj.control.recovery.demand import cap_slip, creep_offsets, pivot_yaw_rate, place_correction
+from omnimj.control.recovery.dither import (
+    SELF_TEST_SIZE,
+    SIZE,
+    TEST_LEFT,
+    against_each_other,
+    next_dither,
+    next_self_test,
+    no_dither,
+)
 from omnimj.control.recovery.memory import (
     ERROR,
     ERROR_BEFORE,
+    FORWARD_X,
+    FORWARD_Y,
+    SPIN,
     FLOOR_GRIP,
     HARDEST,
     NUMBERS,
@@ -36,7 +48,7 @@ from omnimj.control.recovery.modes import (
     means_for,
 )
 from omnimj.control.recovery.pace import next_pace, pace_of_pivot, pace_on_slippery_floor
-from omnimj.control.robust.constants import DRY, GRAVITY, LOAD, TORQUE, geometry, numbers
+from omnimj.control.robust.constants import DRY, GRAVITY, LOAD, RADIUS, TORQUE, geometry, numbers
 from omnimj.control.target import Target
 from omnimj.parameters import Robot
 from omnimj.signals import Array, Measurement
@@ -69,6 +81,8 @@ class RecoveryState:
     """For the cascade."""
     advice: Advice | None
     """For the cascade; None: drive as ever."""
+    dither: Array
+    """Of `dither`."""
 
     @property
     def pace(self) -> float:
@@ -95,7 +109,7 @@ class Recovery:
 
     log_names = ("recovery", "pace", "place_error_x", "place_error_y")
 
-    def __init__(self, robot: Robot, period: float | None = None, holds_heading: bool = False):
+    def __init__(self, robot: Robot, period: float | None = None, holds_heading: bool = False, dithers: bool = True, self_test: bool = False):
         self.period = 1.0 / robot.sensors.sample_rate if period is None else period
         self.wheels, self._holds_heading = len(robot.wheels), holds_heading
         shape = geometry(robot)
@@ -104,16 +118,23 @@ class Recovery:
         self._arm = float(np.abs(shape.forces[2]).max())
         limit = min(robot.motor.current_limit, robot.control.current_limit)
         self._strongest = self._numbers[TORQUE] * limit
+        self._dithers, self._self_test = dithers, self_test
         self._rolling = np.ascontiguousarray(
             inverse_kinematics(robot.wheel_positions, robot.drive_directions) / robot.wheel.radius
+        )
+        n, endless = self.wheels, np.full(self.wheels, np.inf)
+        against = against_each_other(shape.forces) / robot.wheel.radius
+        self._pushing, self._testing = (
+            [Advice(self._rolling, np.ones(n), k * size * against, -endless, endless) for k in (-1.0, 0.0, 1.0)]
+            for size in (SIZE, SELF_TEST_SIZE)
         )
 
     def start(self, target: Target | None = None) -> RecoveryState:
         """A healthy robot at rest."""
         x = np.zeros(NUMBERS)
-        x[PACE] = 1.0
+        x[PACE] = float(not self._self_test)
         asked = Target(np.zeros(2), 0.0, 0.0) if target is None else target
-        return RecoveryState(x, np.zeros(self.wheels), None, Means(), -math.inf, False, asked, None)
+        return RecoveryState(x, np.zeros(self.wheels), None, Means(), -math.inf, False, asked, None, no_dither(self._self_test))
 
     def step(
         self,
@@ -146,10 +167,23 @@ class Recovery:
         )  # fmt: skip
         state = self._decide(replace(state, memory=x, felt=felt), beliefs, float(measurement.time))
         self._set_pace(x, state, felt, math.hypot(v_x, v_y))
+        advice, dither = self._dither(state, healthy, math.hypot(v_x, v_y), felt)
         if healthy:
-            return replace(state, target=target, advice=None)
+            return replace(state, target=target, advice=advice, dither=dither)
+        state = replace(state, dither=dither)
         target, advice = self._act(state, beliefs, measurement, heading, turning, target)
         return replace(state, target=target, advice=advice)
+
+    def _dither(
+        self, state: RecoveryState, healthy: bool, speed: float, felt: Array
+    ) -> tuple[Advice | None, Array]:
+        x, d = state.memory, state.dither.copy()
+        tested = int(next_self_test(d, self.period))
+        if tested:
+            return self._testing[tested + 1], d
+        hard = math.hypot(x[FORWARD_X], x[FORWARD_Y]) + abs(x[SPIN]) * self._arm
+        sign = next_dither(d, self.period, healthy and self._dithers, speed, hard, np.abs(felt).max())
+        return (self._pushing[int(sign) + 1] if sign else None), d
 
     def _decide(self, state: RecoveryState, beliefs: Beliefs, time: float) -> RecoveryState:
         """Means for what is believed now; taken back where following got worse by them."""
@@ -166,6 +200,8 @@ class Recovery:
 
     def _set_pace(self, x: Array, state: RecoveryState, felt: Array, speed: float) -> None:
         goal, most, mode = 1.0, GRAVITY, state.means.mode
+        if state.dither[TEST_LEFT] > 0.0:
+            return
         share = float(np.abs(felt).max()) / self._numbers[LOAD]
         if mode == SLOWING:
             x[FLOOR_GRIP] = max(share, x[FLOOR_GRIP] * (1.0 - _FADES * self.period))
@@ -227,7 +263,7 @@ class Recovery:
             held = target.heading if self._holds_heading else wrapped(target.heading + x[TURNED])
             return Target(velocity, target.yaw_rate, held)
         b_x, b_y = to_body(velocity[0], velocity[1], heading)
-        yaw_rate = pivot_yaw_rate(
-            self._forces, self._numbers[2], pivot, measurement.wheel_speed[pivot], b_x, b_y
-        )
+        braked = pivot + 1 in state.means.brake
+        way = float(measurement.wheel_speed[pivot]) if braked else 0.0
+        yaw_rate = pivot_yaw_rate(self._forces, self._numbers[RADIUS], pivot, way, b_x, b_y)
         return Target(velocity, float(yaw_rate), heading)

@@ -22,13 +22,14 @@ from omnimj.control.robust.slip import (
 )
 from omnimj.physics.native import kernel
 
-SLIPPING, ROLLING, AGAINST, STUCK, SILENT, RUNAWAY, SHORT, GRIP, SOFTLY, SLICKLY = range(10)
+SLIPPING, ROLLING, AGAINST, STUCK, SILENT, RUNAWAY, SHORT, GRIP, SOFTLY, SLICKLY, STILL, TURNING = range(12)
 """Numbers of a wheel: way slipped beyond what is allowed [m]; blocks in a row of rolling under a load at
 which it slipped before, of a speed that no slip explains, of standing while the floor passes, of a motor
 without the current that was asked for, of one with another current; the last shortfall [m/s], the grip that
-it told of [1], and the bristles of the two weakest floors [m]."""
-COUNTERS = 10
-NO_COUNTS = (0.0,) * 7 + (1.0, 0.0, 0.0)
+it told of [1], the bristles of the two weakest floors [m], blocks in a row of standing under a motor that
+should turn the wheel, and of turning."""
+COUNTERS = 12
+NO_COUNTS = (0.0,) * 7 + (1.0,) + (0.0,) * 4
 """Before the first block."""
 
 ALLOWED, ALLOWED_TURNING, ALLOWED_IDLE = 0.03, 0.02, 0.03
@@ -49,7 +50,8 @@ _SIGMAS = 2.0  # of the body's velocity, given to the wheel
 _TOLD = 0.04  # [m/s] of slip that the lost grip would make at this load: less is no sign of health
 _HEALED = 0.3  # share of that slip below which the grip is back
 _LEAST_GRIP, _NEWEST = 0.02, 0.2
-_STANDS, _PASSES, _PUSHED = 0.4, 0.08, 0.4  # [rad/s] of a locked wheel, [m/s] of the floor below it, [A]
+_STANDS, _PASSES, _PUSHED = 0.4, 0.05, 0.4  # [rad/s] of a locked wheel, [m/s] of the floor below it, [A]
+_WOULD, _TURNS = 0.08, 1.5  # [m/s] that a motor would make of its wheel, [rad/s] of one that is not locked
 _OBEYED, _ASKED, _SILENT = 0.25, 0.15, 0.03  # [A]
 
 
@@ -152,8 +154,10 @@ def count_wheel(c, forces, speed, current, wanted, turning, force, x, cov, scale
     below = forces[0, i] * x[0] + forces[1, i] * x[1] + forces[2, i] * turning
     # what its motor would make of it, if it could turn: the floor's speed, and creep under this force
     would = (below + creep(c, force[i])) * math.copysign(1.0, current[i])
-    stands = abs(speed[i]) < _STANDS and would > _PASSES + _SIGMAS * doubt
-    _more_if(row, STUCK, stands and abs(current[i]) > _PUSHED)
+    stands, doubt = abs(speed[i]) < _STANDS, _SIGMAS * doubt
+    _more_if(row, STUCK, stands and abs(below) > _PASSES + doubt)
+    _more_if(row, STILL, stands and abs(current[i]) > _PUSHED and would > _WOULD + doubt)
+    _more_if(row, TURNING, abs(speed[i]) > _TURNS)
     silent = abs(current[i]) < _SILENT
     lacks = abs(current[i] - wanted[i]) > _OBEYED or (silent and abs(wanted[i]) > _ASKED)
     _more_if(row, SILENT, lacks and silent)

@@ -13,7 +13,7 @@ from omnimj.control.method import Beliefs
 from omnimj.control.robust.blocks import delays, ranges, take_block
 from omnimj.control.robust.constants import BLOCK, geometry, numbers
 from omnimj.control.robust.counters import SLIPPING
-from omnimj.control.robust.decide import Thresholds, Verdict, decide
+from omnimj.control.robust.decide import Thresholds, Verdict, decide, is_still
 from omnimj.control.robust.evidence import FILLED, Evidence, compare_turning, no_evidence, update
 from omnimj.control.robust.past import all_told, put_by
 from omnimj.control.robust.samples import Samples, frozen_channels, no_samples, take_sample
@@ -229,10 +229,12 @@ class Robust:
         slipping, decided = np.zeros(n, bool), -math.inf
         for d in verdict.diagnoses:
             decided = max(decided, d.time)
-            if d.cleared is not None or d.ambiguous_with:
+            if d.cleared is not None or (d.ambiguous_with and not is_still(d)):
                 continue
             wheels = [w - 1 for w in d.wheels]
-            if d.kind == "motor":
+            if is_still(d):
+                dead[wheels] = True
+            elif d.kind == "motor":
                 lost[wheels] = losses[wheels]
                 dead[wheels] = losses[wheels] > _DEAD
             elif d.kind in ("free", "hard_over"):
