@@ -50,7 +50,9 @@ class Beliefs:
     losses: Array
     """Share of the torque constant that is gone, of motors that are diagnosed; 0 of others. Shape (n,)."""
     dead: NDArray[np.bool_]
-    """Motors that do not obey: they give nothing or what they please, shape (n,)."""
+    """Motors that give nothing, shape (n,)."""
+    runaway: NDArray[np.bool_]
+    """Motors that push as they please, shape (n,)."""
     held: NDArray[np.bool_]
     """Wheels that do not turn, shape (n,)."""
     slipping: NDArray[np.bool_]
@@ -65,9 +67,14 @@ class Beliefs:
     """False: the gyro lies."""
 
     @property
+    def obeys(self) -> NDArray[np.bool_]:
+        """Wheels whose motors can be counted upon, shape (n,)."""
+        return ~(self.dead | self.runaway | self.held)
+
+    @property
     def is_healthy(self) -> bool:
         """Whether there is nothing to recover from."""
-        wrong = self.dead | self.held | self.slipping | (self.losses != 0.0)
+        wrong = self.dead | self.runaway | self.held | self.slipping | (self.losses != 0.0)
         return self.trusts_gyro and not wrong.any()
 
 

@@ -35,7 +35,7 @@ def means_for(beliefs: Beliefs, forces: Array, before: Means) -> Means:
     With the driven wheels D alone the robot can be steered if their columns of B have rank 3. A held wheel b
     takes one freedom away, u_b·v + B_3b ω = 0, and the centre can still follow any path if D and b together
     have rank 3; heading is given up then. Where there is none, one dead motor is shorted to make it, and the
-    others run free.
+    others run free. A motor that runs away is always taken from its amplifier and shorted.
 
     Args:
       beliefs: Of the method.
@@ -44,8 +44,8 @@ def means_for(beliefs: Beliefs, forces: Array, before: Means) -> Means:
     """
     if beliefs.is_healthy:
         return Means()
-    driven = ~(beliefs.dead | beliefs.held)
-    held = np.flatnonzero(beliefs.held)
+    driven, runaway = beliefs.obeys, np.flatnonzero(beliefs.runaway)
+    held = np.flatnonzero(beliefs.held | beliefs.runaway)
     if len(held) == 0 and _rank(forces, driven) == _STEERABLE:
         return Means(_mode_of(beliefs, forces, driven))
     if len(held) == 1:
@@ -57,9 +57,13 @@ def means_for(beliefs: Beliefs, forces: Array, before: Means) -> Means:
     arms = np.abs(forces[2]) >= _LEAST_ARM * np.abs(forces[2]).max()
     possible = [int(b) for b in choices if arms[b] and _rank(forces, _and(driven, b)) == _STEERABLE]
     if not possible:
-        return Means(STOPPING, -1, tuple(int(i) + 1 for i in np.flatnonzero(beliefs.dead)))
+        return Means(STOPPING, -1, _numbered(np.flatnonzero(beliefs.dead | beliefs.runaway)))
     pivot = before.pivot if before.pivot in possible else _most_behind(possible, forces, beliefs.velocity)
-    return Means(PIVOTING, pivot, () if len(held) else (pivot + 1,))
+    return Means(PIVOTING, pivot, _numbered(runaway) if len(held) else (pivot + 1,))
+
+
+def _numbered(wheels: NDArray[np.int_]) -> tuple[int, ...]:
+    return tuple(int(i) + 1 for i in wheels)
 
 
 def _mode_of(beliefs: Beliefs, forces: Array, driven: NDArray[np.bool_]) -> int:

@@ -228,7 +228,7 @@ class Recovery:
     ) -> tuple[Target, Advice]:
         n, x, means = self.wheels, state.memory, state.means
         offset, lowest, highest = np.zeros(n), np.full(n, -np.inf), np.full(n, np.inf)
-        obeys = ~(beliefs.dead | beliefs.held)
+        obeys = beliefs.obeys
         scale = np.where(beliefs.held, 0.0, 1.0 / np.maximum(1.0 - beliefs.losses, LEAST_LEFT))
         gyro = beliefs.trusts_gyro
         if state.reverted or means.mode == NORMAL:
