@@ -21,7 +21,8 @@ class Advice:
     speed_per_twist: Array
     """B/r, shape (n, 3): the inverse kinematics in use."""
     current_scale: Array
-    """Factor on every set current, shape (n,): 1/(what is left of the torque constant); 0 gives a motor up."""
+    """Factor on every set current, shape (n,): 1/(what is left of the torque constant); 0 gives a motor
+    up."""
     offset: Array
     """Shape (n,) [rad/s]."""
     lowest: Array

@@ -12,7 +12,8 @@ from omnimj.signals import Array
 
 NORMAL, COMPENSATING, CAPPING, SLOWING, PIVOTING, STOPPING, REVERTED = range(7)
 """Nothing to do · a motor's loss is made up for · a slipping wheel is capped · so many slip that
-the others can not hold the robot, and time runs slower · the robot turns about a held wheel · it can not be steered any more · help did not help."""
+the others can not hold the robot, and time runs slower · the robot turns about a held wheel · it can not be
+steered any more · help did not help."""
 NAMES = ("normal", "compensating", "capping", "slowing", "pivoting", "stopping", "reverted")
 
 _STEERABLE = 3  # degrees of freedom that a robot on a plane has
@@ -28,6 +29,7 @@ class Means:
     """Wheel 0…n−1 that the robot turns about; −1: none."""
     brake: tuple[int, ...] = ()
     """Wheels 1…n whose motors are shorted."""
+
 
 def means_for(beliefs: Beliefs, forces: Array, before: Means) -> Means:
     """What to do: drive with all that drives, turn about a held wheel, brake a dead one to have one, stop.
@@ -55,7 +57,7 @@ def means_for(beliefs: Beliefs, forces: Array, before: Means) -> Means:
     else:
         choices = np.array([], int)
     arms = np.abs(forces[2]) >= _LEAST_ARM * np.abs(forces[2]).max()
-    possible = [int(b) for b in choices if arms[b] and _rank(forces, _and(driven, b)) == _STEERABLE]
+    possible = [int(b) for b in choices if arms[b] and _rank(forces, _and(driven, int(b))) == _STEERABLE]
     if not possible:
         return Means(STOPPING, -1, _numbered(np.flatnonzero(beliefs.dead | beliefs.runaway)))
     pivot = before.pivot if before.pivot in possible else _most_behind(possible, forces, beliefs.velocity)
@@ -89,5 +91,8 @@ def _most_behind(wheels: list[int], forces: Array, velocity: Array) -> int:
 
     The wheel sits at u turned back by a quarter for B_3 > 0, else at u turned on by one.
     """
-    ahead = [float(np.sign(forces[2, b]) * (forces[1, b] * velocity[0] - forces[0, b] * velocity[1])) for b in wheels]
+    ahead = [
+        float(np.sign(forces[2, b]) * (forces[1, b] * velocity[0] - forces[0, b] * velocity[1]))
+        for b in wheels
+    ]
     return wheels[int(np.argmin(ahead))]
