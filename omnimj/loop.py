@@ -106,9 +106,9 @@ def drive(
     """Drives a robot along a reference, one control period per sample.
 
     The plan runs at the pace that the controller asks for: at half of it the robot is given every sample for
-    two steps, at half the speed. Whatever ends the run early keeps what was recorded: `about["interrupted"]` is then true. When it was the
-    plant that failed, `about["failure"]` says when and how; else it is None. `about["diagnoses"]` are the
-    controller's, a table each.
+    two steps, at half the speed. Whatever ends the run early keeps what was recorded: `about["interrupted"]`
+    is then true. When it was the plant that failed, `about["failure"]` says when and how; else it is None.
+    `about["diagnoses"]` are the controller's, a table each.
 
     Args:
       plant: Reset by this call; the caller closes it.

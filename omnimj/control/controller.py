@@ -232,9 +232,8 @@ class Controller:
         if good and not advice.trusts_gyro:
             turns = float(self._turn @ m.wheel_speed) + state.rest[BIAS]
         heading, rest, integral, current, log = cascade(
-            loops, *laws, advice.speed_per_twist, advice.current_scale, advice.offset, advice.lowest, advice.highest,
-            state.heading, state.rest, state.integral, state.current,
-            good, m.wheel_speed, turns, m.yaw,
-            velocity[0], velocity[1], target.yaw_rate, target.heading,
+            loops, *laws, advice.speed_per_twist, advice.current_scale, advice.offset, advice.lowest,
+            advice.highest, state.heading, state.rest, state.integral, state.current, good, m.wheel_speed,
+            turns, m.yaw, velocity[0], velocity[1], target.yaw_rate, target.heading,
         )  # fmt: skip
         return CurrentCommand(current, advice.brake), ControlState(heading, rest, integral, current, log)

@@ -47,7 +47,8 @@ class DiagnosingController:
     Args:
       cascade: Does the driving.
       method: Does the thinking.
-      recovery: Does something about it, for a method that says what it believes; None: the method's own advice.
+      recovery: Does something about it, for a method that says what it believes; None: the method's own
+        advice.
     """
 
     def __init__(self, cascade: Controller, method: Method, recovery: Recovery | None = None):

@@ -5,7 +5,7 @@ A method sees measurements only, so the same object runs in a controller, over r
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -21,7 +21,8 @@ class Advice:
     speed_per_twist: Array
     """B/r, shape (n, 3): the inverse kinematics in use."""
     current_scale: Array
-    """Factor on every set current, shape (n,): 1/(what is left of the torque constant); 0 gives a motor up."""
+    """Factor on every set current, shape (n,): 1/(what is left of the torque constant); 0 gives a motor
+    up."""
     offset: Array
     """Shape (n,) [rad/s]."""
     lowest: Array
@@ -50,7 +51,9 @@ class Beliefs:
     losses: Array
     """Share of the torque constant that is gone, of motors that are diagnosed; 0 of others. Shape (n,)."""
     dead: NDArray[np.bool_]
-    """Motors that do not obey: they give nothing or what they please, shape (n,)."""
+    """Motors that give nothing, shape (n,)."""
+    runaway: NDArray[np.bool_]
+    """Motors that push as they please, shape (n,)."""
     held: NDArray[np.bool_]
     """Wheels that do not turn, shape (n,)."""
     slipping: NDArray[np.bool_]
@@ -64,18 +67,23 @@ class Beliefs:
     trusts_gyro: bool = True
     """False: the gyro lies."""
 
-    is_healthy: bool = field(init=False)
-    """Whether there is nothing to recover from."""
+    @property
+    def obeys(self) -> NDArray[np.bool_]:
+        """Wheels whose motors can be counted upon, shape (n,)."""
+        return ~(self.dead | self.runaway | self.held)
 
-    def __post_init__(self) -> None:
-        wrong = self.dead | self.held | self.slipping | (self.losses != 0.0)
-        object.__setattr__(self, "is_healthy", bool(self.trusts_gyro and not wrong.any()))
+    @property
+    def is_healthy(self) -> bool:
+        """Whether there is nothing to recover from."""
+        wrong = self.dead | self.runaway | self.held | self.slipping | (self.losses != 0.0)
+        return self.trusts_gyro and not wrong.any()
 
     def names_the_same(self, other: Beliefs) -> bool:
         """Whether both hold the same parts for broken in the same way, whatever the sizes."""
         return bool(
             self.trusts_gyro == other.trusts_gyro
             and np.array_equal(self.dead, other.dead)
+            and np.array_equal(self.runaway, other.runaway)
             and np.array_equal(self.held, other.held)
             and np.array_equal(self.slipping, other.slipping)
             and np.array_equal(self.losses != 0.0, other.losses != 0.0)

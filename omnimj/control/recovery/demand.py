@@ -20,9 +20,10 @@ from omnimj.control.robust.slip import creep
 from omnimj.physics.native import kernel
 
 CAP = 0.2
-"""By how much a slipping wheel may be faster or slower than the floor below it [m/s]. Wheels follow speeds that
-fit together and do not run away; a tighter bound takes traction from every floor that gives more the more a
-wheel slips: with 0.05 the heading strays a fifth further than with 0.2, and the place 6 % instead of 0."""
+"""By how much a slipping wheel may be faster or slower than the floor below it [m/s]. Wheels follow speeds
+that fit together and do not run away; a tighter bound takes traction from every floor that gives more the
+more a wheel slips: with 0.05 the heading strays a fifth further than with 0.2, and the place 6 % instead of
+0."""
 _BACK = 3.0  # [1/s] with which a place error is driven back
 _FASTEST = 0.2  # [m/s] for that
 _GIVES_WAY = 0.15  # [m/s]

@@ -1,9 +1,9 @@
 """Active diagnosis: wheels are driven against each other so that their motors show what they can do.
 
-Wheel speeds along n with B n = 0 push the body nowhere: all wheels slip a little, their tractions cancel, and a
-motor that gives less than it should leaves a rest. A square wave of `SIZE` along n is added while a robot that
-drives steadily tells nothing about its motors, in bursts; once, larger, before a robot is driven, where that is asked
-for.
+Wheel speeds along n with B n = 0 push the body nowhere: all wheels slip a little, their tractions cancel, and
+a motor that gives less than it should leaves a rest. A square wave of `SIZE` along n is added while a robot
+that drives steadily tells nothing about its motors, in bursts; once, larger, before a robot is driven, where
+that is asked for.
 """
 
 from __future__ import annotations

@@ -28,10 +28,10 @@ from omnimj.physics.native import kernel
     SPIN,
     FLOOR_GRIP,
 ) = range(15)
-"""Place error, world [m]; usual heading error [rad]; pace of the plan; low-passed error of the twist, the same
-at the last decision, its usual size [m/s]; hardest acceleration that the plan had so far [m/s²]; velocity [m/s]
-and yaw rate [rad/s] that were asked for last; demanded acceleration, world [m/s²], and its spin [rad/s²],
-low-passed; friction that was felt on a slippery floor [1]."""
+"""Place error, world [m]; usual heading error [rad]; pace of the plan; low-passed error of the twist, the
+same at the last decision, its usual size [m/s]; hardest acceleration that the plan had so far [m/s²];
+velocity [m/s] and yaw rate [rad/s] that were asked for last; demanded acceleration, world [m/s²], and its
+spin [rad/s²], low-passed; friction that was felt on a slippery floor [1]."""
 NUMBERS = 15
 
 _FORGETS = 1.0  # [s] of a healthy robot's place
@@ -49,7 +49,9 @@ def _toward(old, new, h, time):
 
 
 @kernel
-def remember(x, h, arm, healthy, sure, velocity, heading, turning, target_x, target_y, target_turn, target_heading):
+def remember(
+    x, h, arm, healthy, sure, velocity, heading, turning, target_x, target_y, target_turn, target_heading
+):
     """One step into the memory, in place.
 
     Args:

@@ -12,7 +12,8 @@ from omnimj.signals import Array
 
 NORMAL, COMPENSATING, CAPPING, SLOWING, PIVOTING, STOPPING, REVERTED = range(7)
 """Nothing to do · a motor's loss is made up for · a slipping wheel is capped · so many slip that
-the others can not hold the robot, and time runs slower · the robot turns about a held wheel · it can not be steered any more · help did not help."""
+the others can not hold the robot, and time runs slower · the robot turns about a held wheel · it can not be
+steered any more · help did not help."""
 NAMES = ("normal", "compensating", "capping", "slowing", "pivoting", "stopping", "reverted")
 
 _STEERABLE = 3  # degrees of freedom that a robot on a plane has
@@ -29,13 +30,14 @@ class Means:
     brake: tuple[int, ...] = ()
     """Wheels 1…n whose motors are shorted."""
 
+
 def means_for(beliefs: Beliefs, forces: Array, before: Means) -> Means:
     """What to do: drive with all that drives, turn about a held wheel, brake a dead one to have one, stop.
 
     With the driven wheels D alone the robot can be steered if their columns of B have rank 3. A held wheel b
     takes one freedom away, u_b·v + B_3b ω = 0, and the centre can still follow any path if D and b together
     have rank 3; heading is given up then. Where there is none, one dead motor is shorted to make it, and the
-    others run free.
+    others run free. A motor that runs away is always taken from its amplifier and shorted.
 
     Args:
       beliefs: Of the method.
@@ -44,8 +46,8 @@ def means_for(beliefs: Beliefs, forces: Array, before: Means) -> Means:
     """
     if beliefs.is_healthy:
         return Means()
-    driven = ~(beliefs.dead | beliefs.held)
-    held = np.flatnonzero(beliefs.held)
+    driven, runaway = beliefs.obeys, np.flatnonzero(beliefs.runaway)
+    held = np.flatnonzero(beliefs.held | beliefs.runaway)
     if len(held) == 0 and _rank(forces, driven) == _STEERABLE:
         return Means(_mode_of(beliefs, forces, driven))
     if len(held) == 1:
@@ -55,11 +57,15 @@ def means_for(beliefs: Beliefs, forces: Array, before: Means) -> Means:
     else:
         choices = np.array([], int)
     arms = np.abs(forces[2]) >= _LEAST_ARM * np.abs(forces[2]).max()
-    possible = [int(b) for b in choices if arms[b] and _rank(forces, _and(driven, b)) == _STEERABLE]
+    possible = [int(b) for b in choices if arms[b] and _rank(forces, _and(driven, int(b))) == _STEERABLE]
     if not possible:
-        return Means(STOPPING, -1, tuple(int(i) + 1 for i in np.flatnonzero(beliefs.dead)))
+        return Means(STOPPING, -1, _numbered(np.flatnonzero(beliefs.dead | beliefs.runaway)))
     pivot = before.pivot if before.pivot in possible else _most_behind(possible, forces, beliefs.velocity)
-    return Means(PIVOTING, pivot, () if len(held) else (pivot + 1,))
+    return Means(PIVOTING, pivot, _numbered(runaway) if len(held) else (pivot + 1,))
+
+
+def _numbered(wheels: NDArray[np.int_]) -> tuple[int, ...]:
+    return tuple(int(i) + 1 for i in wheels)
 
 
 def _mode_of(beliefs: Beliefs, forces: Array, driven: NDArray[np.bool_]) -> int:
@@ -85,5 +91,8 @@ def _most_behind(wheels: list[int], forces: Array, velocity: Array) -> int:
 
     The wheel sits at u turned back by a quarter for B_3 > 0, else at u turned on by one.
     """
-    ahead = [float(np.sign(forces[2, b]) * (forces[1, b] * velocity[0] - forces[0, b] * velocity[1])) for b in wheels]
+    ahead = [
+        float(np.sign(forces[2, b]) * (forces[1, b] * velocity[0] - forces[0, b] * velocity[1]))
+        for b in wheels
+    ]
     return wheels[int(np.argmin(ahead))]

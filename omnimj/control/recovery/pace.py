@@ -1,7 +1,8 @@
 """How fast the plan runs: at the pace p the robot drives the same path with p v and p² a.
 
-When the whole floor gives way, p = √(a_grip/a_plan): what the plan asked for at its hardest then fits the grip.
-Turning about a held wheel asks more of wheels and floor: the plan's speed is kept below what both can do.
+When the whole floor gives way, p = √(a_grip/a_plan): what the plan asked for at its hardest then fits the
+grip. Turning about a held wheel asks more of wheels and floor: the plan's speed is kept below what both can
+do.
 """
 
 from __future__ import annotations
@@ -13,8 +14,8 @@ from omnimj.physics.native import kernel
 SLOWEST = 0.15
 """Least pace while the robot is to go on."""
 PIVOT_SPEED = 0.65
-"""Of the centre while the robot turns about a wheel [m/s]: its yaw rate is up to this over the wheel's arm, and
-swinging round asks I (v/l)²/2 of moment."""
+"""Of the centre while the robot turns about a wheel [m/s]: its yaw rate is up to this over the wheel's arm,
+and swinging round asks I (v/l)²/2 of moment."""
 _BRAKING, _STARTING = 0.5, 0.25  # [m/s²] with which the pace takes speed away and gives it back
 _HALF = 0.5  # of the grip for the plan, the other half for what holds the robot on it
 _HARDEST = 0.3  # [m/s²] any plan will ask for so much some time

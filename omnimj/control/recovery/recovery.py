@@ -23,15 +23,15 @@ from omnimj.control.recovery.dither import (
 from omnimj.control.recovery.memory import (
     ERROR,
     ERROR_BEFORE,
+    FLOOR_GRIP,
     FORWARD_X,
     FORWARD_Y,
-    SPIN,
-    FLOOR_GRIP,
     HARDEST,
     NUMBERS,
     PACE,
     PLACE_X,
     PLACE_Y,
+    SPIN,
     TURNED,
     USUAL_ERROR,
     remember,
@@ -59,7 +59,6 @@ _JUDGED = 0.3  # [s] after a decision until its recovery is judged
 _WORSE, _MARGIN = 2.0, 0.06  # a recovery that follows so much worse is taken back [1, m/s]
 _FADES = 0.5  # [1/s] of the friction that was felt on a slippery floor
 _FILTER = 0.03  # [s] for the traction of wheels that do not obey
-_REST_PACE = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +108,14 @@ class Recovery:
 
     log_names = ("recovery", "pace", "place_error_x", "place_error_y")
 
-    def __init__(self, robot: Robot, period: float | None = None, holds_heading: bool = False, dithers: bool = True, self_test: bool = False):
+    def __init__(
+        self,
+        robot: Robot,
+        period: float | None = None,
+        holds_heading: bool = False,
+        dithers: bool = True,
+        self_test: bool = False,
+    ):
         self.period = 1.0 / robot.sensors.sample_rate if period is None else period
         self.wheels, self._holds_heading = len(robot.wheels), holds_heading
         shape = geometry(robot)
@@ -125,7 +131,10 @@ class Recovery:
         n, endless = self.wheels, np.full(self.wheels, np.inf)
         against = against_each_other(shape.forces) / robot.wheel.radius
         self._pushing, self._testing = (
-            [Advice(self._rolling, np.ones(n), k * size * against, -endless, endless) for k in (-1.0, 0.0, 1.0)]
+            [
+                Advice(self._rolling, np.ones(n), k * size * against, -endless, endless)
+                for k in (-1.0, 0.0, 1.0)
+            ]
             for size in (SIZE, SELF_TEST_SIZE)
         )
 
@@ -134,7 +143,9 @@ class Recovery:
         x = np.zeros(NUMBERS)
         x[PACE] = float(not self._self_test)
         asked = Target(np.zeros(2), 0.0, 0.0) if target is None else target
-        return RecoveryState(x, np.zeros(self.wheels), None, Means(), -math.inf, False, asked, None, no_dither(self._self_test))
+        return RecoveryState(
+            x, np.zeros(self.wheels), None, Means(), -math.inf, False, asked, None, no_dither(self._self_test)
+        )
 
     def step(
         self,
@@ -145,7 +156,7 @@ class Recovery:
         turning: float,
         target: Target,
     ) -> RecoveryState:
-        """The state after a measurement.
+        """The state after a measurement; one that says nothing of heading and turning changes nothing.
 
         Args:
           state: From the step before.
@@ -155,115 +166,112 @@ class Recovery:
           turning: Gyro less its bias [rad/s].
           target: As planned, at the pace of the step before.
         """
-        x, healthy = state.memory.copy(), beliefs.is_healthy
-        felt = state.felt + min(self.period / _FILTER, 1.0) * (beliefs.force - state.felt)
-        known = state.means.mode != SLOWING
-        v_x, v_y = float(target.velocity[0]), float(target.velocity[1])
         if not (math.isfinite(turning) and math.isfinite(heading)):
             return replace(state, target=target)
-        remember(
-            x, self.period, self._arm, healthy, known, beliefs.velocity, heading, turning,
-            v_x, v_y, float(target.yaw_rate), float(target.heading),
-        )  # fmt: skip
-        state = self._decide(replace(state, memory=x, felt=felt), beliefs, float(measurement.time))
-        self._set_pace(x, state, felt, math.hypot(v_x, v_y))
-        advice, dither = self._dither(state, healthy, math.hypot(v_x, v_y), felt)
-        if healthy:
-            return replace(state, target=target, advice=advice, dither=dither)
-        state = replace(state, dither=dither)
-        target, advice = self._act(state, beliefs, measurement, heading, turning, target)
-        return replace(state, target=target, advice=advice)
-
-    def _dither(
-        self, state: RecoveryState, healthy: bool, speed: float, felt: Array
-    ) -> tuple[Advice | None, Array]:
-        x, d = state.memory, state.dither.copy()
-        tested = int(next_self_test(d, self.period))
-        if tested:
-            return self._testing[tested + 1], d
-        hard = math.hypot(x[FORWARD_X], x[FORWARD_Y]) + abs(x[SPIN]) * self._arm
-        sign = next_dither(d, self.period, healthy and self._dithers, speed, hard, np.abs(felt).max())
-        return (self._pushing[int(sign) + 1] if sign else None), d
-
-    def _decide(self, state: RecoveryState, beliefs: Beliefs, time: float) -> RecoveryState:
-        """Means for what is believed now; taken back where following got worse by them."""
-        x, means, last = state.memory, state.means, state.beliefs
+        x, means, last = state.memory.copy(), state.means, state.beliefs
         if beliefs is not last and (last is None or not beliefs.names_the_same(last)):
             means = means_for(beliefs, self._forces, means)
-        if beliefs.decided > state.decided:
-            x[ERROR_BEFORE] = max(x[ERROR], x[USUAL_ERROR])
-            return replace(state, beliefs=beliefs, means=means, decided=beliefs.decided, reverted=False)
-        helps = means.mode in (COMPENSATING, CAPPING)
-        worse = x[ERROR] > _WORSE * x[ERROR_BEFORE] + _MARGIN
-        reverted = helps and (state.reverted or (worse and time > state.decided + _JUDGED))
-        return replace(state, beliefs=beliefs, means=means, reverted=reverted)
+        felt = state.felt + min(self.period / _FILTER, 1.0) * (beliefs.force - state.felt)
+        healthy, v_x, v_y = means.mode == NORMAL, float(target.velocity[0]), float(target.velocity[1])
+        remember(
+            x, self.period, self._arm, healthy, means.mode != SLOWING, beliefs.velocity, heading, turning,
+            v_x, v_y, float(target.yaw_rate), float(target.heading),
+        )  # fmt: skip
+        decided, reverted = _judged(state, x, means, beliefs.decided, float(measurement.time))
+        dither, advice = self._dither(state.dither, x, healthy, math.hypot(v_x, v_y), felt)
+        if dither[TEST_LEFT] <= 0.0:
+            self._set_pace(x, means.mode, felt, math.hypot(v_x, v_y))
+        if not healthy:
+            mode = REVERTED if reverted else means.mode
+            target = self._demand(x, mode, means, measurement.wheel_speed, heading, target)
+            advice = self._advice(x, mode, means, beliefs, felt, heading, turning, target)
+        return RecoveryState(x, felt, beliefs, means, decided, reverted, target, advice, dither)
 
-    def _set_pace(self, x: Array, state: RecoveryState, felt: Array, speed: float) -> None:
-        goal, most, mode = 1.0, GRAVITY, state.means.mode
-        if state.dither[TEST_LEFT] > 0.0:
-            return
-        share = float(np.abs(felt).max()) / self._numbers[LOAD]
+    def _dither(
+        self, before: Array, x: Array, healthy: bool, speed: float, felt: Array
+    ) -> tuple[Array, Advice | None]:
+        """The numbers of `dither`, and what it adds to the wheels."""
+        d = before.copy()
+        tested = int(next_self_test(d, self.period))
+        if tested:
+            return d, self._testing[tested + 1]
+        hard = math.hypot(x[FORWARD_X], x[FORWARD_Y]) + abs(x[SPIN]) * self._arm
+        sign = int(next_dither(d, self.period, healthy and self._dithers, speed, hard, np.abs(felt).max()))
+        return d, self._pushing[sign + 1] if sign else None
+
+    def _set_pace(self, x: Array, mode: int, felt: Array, speed: float) -> None:
+        goal, most = 1.0, GRAVITY
         if mode == SLOWING:
+            share = float(np.abs(felt).max()) / self._numbers[LOAD]
             x[FLOOR_GRIP] = max(share, x[FLOOR_GRIP] * (1.0 - _FADES * self.period))
             goal, most = pace_on_slippery_floor(x[FLOOR_GRIP], x[HARDEST], GRAVITY)
-        elif mode == PIVOTING:
+        else:
+            x[FLOOR_GRIP] = 0.0
+        if mode == PIVOTING:
             goal = pace_of_pivot(x[PACE], speed)
         elif mode == STOPPING:
             goal = 0.0
-        if mode != SLOWING:
-            x[FLOOR_GRIP] = 0.0
         if goal != x[PACE]:
             x[PACE] = next_pace(x[PACE], self.period, goal, speed, most)
-            if x[PACE] < _REST_PACE and goal == 0.0:
-                x[PACE] = 0.0
 
-    def _act(
+    def _demand(
+        self, x: Array, mode: int, means: Means, wheel_speed: Array, heading: float, target: Target
+    ) -> Target:
+        """The demand with the place corrected, and the heading that can be held."""
+        if mode == STOPPING:
+            return Target(target.velocity, 0.0, heading)
+        v_x, v_y = float(target.velocity[0]), float(target.velocity[1])
+        back = place_correction(x, v_x, v_y) if mode in (COMPENSATING, PIVOTING) else (0.0, 0.0)
+        velocity = np.array((v_x + back[0], v_y + back[1]))
+        if mode != PIVOTING:
+            held = target.heading if self._holds_heading else wrapped(target.heading + x[TURNED])
+            return Target(velocity, target.yaw_rate, held)
+        b_x, b_y = to_body(velocity[0], velocity[1], heading)
+        way = float(wheel_speed[means.pivot]) if means.pivot + 1 in means.brake else 0.0
+        yaw_rate = pivot_yaw_rate(self._forces, self._numbers[RADIUS], means.pivot, way, b_x, b_y)
+        return Target(velocity, float(yaw_rate), heading)
+
+    def _advice(
         self,
-        state: RecoveryState,
+        x: Array,
+        mode: int,
+        means: Means,
         beliefs: Beliefs,
-        measurement: Measurement,
+        felt: Array,
         heading: float,
         turning: float,
-        target: Target,
-    ) -> tuple[Target, Advice]:
-        n, x, means = self.wheels, state.memory, state.means
+        asked: Target,
+    ) -> Advice:
+        """For the cascade: scaled currents, creep of the shares f*, bounds of wheels that slip, brakes."""
+        n, gyro = self.wheels, beliefs.trusts_gyro
         offset, lowest, highest = np.zeros(n), np.full(n, -np.inf), np.full(n, np.inf)
-        obeys = ~(beliefs.dead | beliefs.held)
+        if mode == REVERTED:
+            return Advice(self._rolling, np.ones(n), offset, lowest, highest, gyro)
         scale = np.where(beliefs.held, 0.0, 1.0 / np.maximum(1.0 - beliefs.losses, LEAST_LEFT))
-        gyro = beliefs.trusts_gyro
-        if state.reverted or means.mode == NORMAL:
-            return target, Advice(self._rolling, np.ones(n), offset, lowest, highest, gyro)
-        if means.mode == STOPPING:
-            still = Target(target.velocity, 0.0, heading)
-            return still, Advice(self._rolling, scale, offset, lowest, highest, gyro, False, means.brake)
-        asked = self._demand(state, measurement, heading, target)
-        if means.mode == CAPPING:
-            cap_slip(self._numbers, self._forces, beliefs.velocity, turning, beliefs.slipping, lowest, highest)
-        elif means.mode != SLOWING:
+        if mode == CAPPING:
+            cap_slip(
+                self._numbers, self._forces, beliefs.velocity, turning, beliefs.slipping, lowest, highest
+            )
+        elif mode in (COMPENSATING, PIVOTING):
             v_x, v_y = to_body(asked.velocity[0], asked.velocity[1], heading)
-            twist = np.array((v_x, v_y, asked.yaw_rate))
-            used = obeys & ~beliefs.slipping
+            used = beliefs.obeys & ~beliefs.slipping
             if means.pivot >= 0:
                 used[means.pivot] = True
             most = np.maximum(self._strongest * (1.0 - beliefs.losses) - self._numbers[DRY], 0.0)
             creep_offsets(
-                self._numbers, self._forces, self._across, self._arm, x, heading, twist,
-                most, used, means.pivot, state.felt, offset,
+                self._numbers, self._forces, self._across, self._arm, x, heading,
+                np.array((v_x, v_y, asked.yaw_rate)), most, used, means.pivot, felt, offset,
             )  # fmt: skip
-        holds = means.mode != PIVOTING
-        return asked, Advice(self._rolling, scale, offset, lowest, highest, gyro, holds, means.brake)
+        holds = mode not in (PIVOTING, STOPPING)
+        return Advice(self._rolling, scale, offset, lowest, highest, gyro, holds, means.brake)
 
-    def _demand(self, state: RecoveryState, measurement: Measurement, heading: float, target: Target) -> Target:
-        """The demand with the place corrected, and the heading that can be held."""
-        x, pivot = state.memory, state.means.pivot
-        v_x, v_y = float(target.velocity[0]), float(target.velocity[1])
-        back = place_correction(x, v_x, v_y) if state.means.mode in (COMPENSATING, PIVOTING) else (0.0, 0.0)
-        velocity = np.array((v_x + back[0], v_y + back[1]))
-        if pivot < 0:
-            held = target.heading if self._holds_heading else wrapped(target.heading + x[TURNED])
-            return Target(velocity, target.yaw_rate, held)
-        b_x, b_y = to_body(velocity[0], velocity[1], heading)
-        braked = pivot + 1 in state.means.brake
-        way = float(measurement.wheel_speed[pivot]) if braked else 0.0
-        yaw_rate = pivot_yaw_rate(self._forces, self._numbers[RADIUS], pivot, way, b_x, b_y)
-        return Target(velocity, float(yaw_rate), heading)
+
+def _judged(state: RecoveryState, x: Array, means: Means, decided: float, time: float) -> tuple[float, bool]:
+    """Time of the decision that is answered, and whether the answer is taken back: it made following
+    worse."""
+    if decided > state.decided:
+        x[ERROR_BEFORE] = max(x[ERROR], x[USUAL_ERROR])
+        return decided, False
+    helps = means.mode in (COMPENSATING, CAPPING)
+    worse = x[ERROR] > _WORSE * x[ERROR_BEFORE] + _MARGIN
+    return state.decided, helps and (state.reverted or (worse and time > state.decided + _JUDGED))

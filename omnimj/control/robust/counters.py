@@ -155,8 +155,9 @@ def count_wheel(c, forces, speed, current, wanted, turning, force, x, cov, scale
     # what its motor would make of it, if it could turn: the floor's speed, and creep under this force
     would = (below + creep(c, force[i])) * math.copysign(1.0, current[i])
     stands, doubt = abs(speed[i]) < _STANDS, _SIGMAS * doubt
-    _more_if(row, STUCK, stands and abs(below) > _PASSES + doubt)
-    _more_if(row, STILL, stands and abs(current[i]) > _PUSHED and would > _WOULD + doubt)
+    still = stands and abs(current[i]) > _PUSHED and would > _WOULD + doubt
+    _more_if(row, STUCK, still and below * math.copysign(1.0, current[i]) > _PASSES + doubt)
+    _more_if(row, STILL, still)
     _more_if(row, TURNING, abs(speed[i]) > _TURNS)
     silent = abs(current[i]) < _SILENT
     lacks = abs(current[i] - wanted[i]) > _OBEYED or (silent and abs(wanted[i]) > _ASKED)

@@ -134,7 +134,7 @@ def _with(verdict: Verdict, diagnosis: Diagnosis) -> Verdict:
 
 
 def _cleared(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: float) -> Verdict:
-    """A slip ends when the wheel has carried load without slipping, a lock when it turns; other faults stay."""
+    """A slip ends when the wheel has carried load without slipping, a lock when it turns; others stay."""
 
     def healthy(d: Diagnosis) -> bool:
         if d.cleared is not None:

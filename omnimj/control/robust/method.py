@@ -225,8 +225,8 @@ class Robust:
     def _believe(self, evidence: Evidence, verdict: Verdict, losses: Array) -> Beliefs:
         """What stands, wheel by wheel; what might be another wheel is not acted upon."""
         n = self.wheels
-        lost, dead, held = np.zeros(n), np.zeros(n, bool), np.zeros(n, bool)
-        slipping, decided = np.zeros(n, bool), -math.inf
+        lost, decided = np.zeros(n), -math.inf
+        dead, runaway, held, slipping = (np.zeros(n, bool) for _ in range(4))
         for d in verdict.diagnoses:
             decided = max(decided, d.time)
             if d.cleared is not None or (d.ambiguous_with and not is_still(d)):
@@ -237,8 +237,10 @@ class Robust:
             elif d.kind == "motor":
                 lost[wheels] = losses[wheels]
                 dead[wheels] = losses[wheels] > _DEAD
-            elif d.kind in ("free", "hard_over"):
+            elif d.kind == "free":
                 dead[wheels] = True
+            elif d.kind == "hard_over":
+                runaway[wheels] = True
             elif d.kind == "locked":
                 held[wheels] = True
             elif d.kind == "slip":
@@ -246,7 +248,7 @@ class Robust:
             elif d.kind == "all_wheel_slip":
                 slipping[:] = True
         velocity, gyro = evidence.velocity[n, :2].copy(), not verdict.has_sensor("yaw_rate")
-        return Beliefs(lost, dead, held, slipping, velocity, evidence.force.copy(), decided, gyro)
+        return Beliefs(lost, dead, runaway, held, slipping, velocity, evidence.force.copy(), decided, gyro)
 
     def _log(
         self, evidence: Evidence, found: Array, verdict: Verdict, accepted: Array, moving: bool
