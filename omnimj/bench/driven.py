@@ -91,8 +91,8 @@ def once_more(
 ) -> DiagnosingState:
     """The state after the mission was driven with it as number 0, 1, 2, …: each where the last one ended.
 
-    Time goes on, and headings and demands are turned by what the missions before turned the robot. The
-    method and recovery keep everything; the cascade begins each mission as it began the first, since an integral that is
+    Time goes on, and headings and demands are turned by what the missions before turned the robot. Method and
+    recovery keep everything; the cascade begins each mission as it began the first, since an integral that is
     not the recorded one would never come home with measurements that do not answer it.
     """
     count = len(driven.measurements)
