@@ -78,6 +78,17 @@ class Beliefs:
         wrong = self.dead | self.runaway | self.held | self.slipping | (self.losses != 0.0)
         return self.trusts_gyro and not wrong.any()
 
+    def names_the_same(self, other: Beliefs) -> bool:
+        """Whether both hold the same parts for broken in the same way, whatever the sizes."""
+        return bool(
+            self.trusts_gyro == other.trusts_gyro
+            and np.array_equal(self.dead, other.dead)
+            and np.array_equal(self.runaway, other.runaway)
+            and np.array_equal(self.held, other.held)
+            and np.array_equal(self.slipping, other.slipping)
+            and np.array_equal(self.losses != 0.0, other.losses != 0.0)
+        )
+
 
 class MethodState(Protocol):
     """What a method carries from one step to the next."""

@@ -168,8 +168,8 @@ class Recovery:
         """
         if not (math.isfinite(turning) and math.isfinite(heading)):
             return replace(state, target=target)
-        x, means = state.memory.copy(), state.means
-        if beliefs is not state.beliefs:
+        x, means, last = state.memory.copy(), state.means, state.beliefs
+        if beliefs is not last and (last is None or not beliefs.names_the_same(last)):
             means = means_for(beliefs, self._forces, means)
         felt = state.felt + min(self.period / _FILTER, 1.0) * (beliefs.force - state.felt)
         healthy, v_x, v_y = means.mode == NORMAL, float(target.velocity[0]), float(target.velocity[1])

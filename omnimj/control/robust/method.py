@@ -3,36 +3,24 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from omnimj.control.controller import is_good
 from omnimj.control.gyro_bias import turn_row
 from omnimj.control.method import Beliefs
-from omnimj.control.robust.blocks import (
-    add_sample,
-    align,
-    count_repeats,
-    delays,
-    is_frozen,
-    is_full,
-    no_line,
-    no_repeats,
-    no_samples,
-    ranges,
-    take_block,
-)
+from omnimj.control.robust.blocks import delays, ranges, take_block
 from omnimj.control.robust.constants import BLOCK, geometry, numbers
 from omnimj.control.robust.counters import SLIPPING
 from omnimj.control.robust.decide import Thresholds, Verdict, decide, is_still
 from omnimj.control.robust.evidence import FILLED, Evidence, compare_turning, no_evidence, update
+from omnimj.control.robust.past import all_told, put_by
+from omnimj.control.robust.samples import Samples, frozen_channels, no_samples, take_sample
 from omnimj.control.robust.slow import MEMORY, prior
 from omnimj.control.robust.windows import LIKELIHOOD
 from omnimj.control.wheel_speed import amplifier_row
 from omnimj.parameters import Robot
-from omnimj.physics.motor import set_current
-from omnimj.physics.native import kernel
 from omnimj.signals import Array, Diagnosis, Measurement
 
 HEALTHY, SUSPECT, FAULTY, BLIND = range(4)
@@ -43,24 +31,12 @@ _FRESH = 200  # [blocks]
 _FOUND_AGAIN = 0.2  # standard deviation of what is left of a motor just after its loss was seen
 
 
-@kernel
-def _expected(amplifier, command, speed, out):
-    for i in range(command.size):
-        out[i] = set_current(amplifier, command[i], speed[i])
-
-
 @dataclass(frozen=True, slots=True)
 class RobustState:
     """What the method carries from one step to the next."""
 
-    sums: Array
-    """Of `blocks`."""
-    line: Array
-    """Of `blocks`: the last samples."""
-    repeats: Array
-    """Of `blocks`: equal values in a row."""
-    wanted: Array
-    """Sum of what the amplifiers should have given in this block beyond what they gave, shape (n,) [A]."""
+    samples: Samples
+    """Of the block that is not full yet."""
     evidence: Evidence
     verdict: Verdict
     accepted: Array
@@ -69,6 +45,8 @@ class RobustState:
     """Blocks for which a new loss is still being measured: they are learnt from at once."""
     beliefs: Beliefs | None
     log: Array
+    past: tuple[Diagnosis, ...] = ()
+    """Taken back and out of the verdict."""
 
     @property
     def advice(self) -> None:
@@ -77,8 +55,14 @@ class RobustState:
 
     @property
     def diagnoses(self) -> tuple[Diagnosis, ...]:
-        """Everything decided since the start."""
-        return self.verdict.diagnoses
+        """Everything decided since the start, but for what `past.REMEMBERED` leaves out."""
+        return all_told(self.verdict, self.past)
+
+
+def _with_samples(state: RobustState, samples: Samples) -> RobustState:
+    """`dataclasses.replace`, which takes longer than all that is computed for a sample."""
+    s = state
+    return RobustState(samples, s.evidence, s.verdict, s.accepted, s.fresh, s.beliefs, s.log, s.past)
 
 
 class Robust:
@@ -94,6 +78,7 @@ class Robust:
         self.period = 1.0 / robot.sensors.sample_rate if period is None else period
         n = self.wheels = len(robot.wheels)
         self.thresholds = Thresholds() if thresholds is None else thresholds
+        self._limits = np.full(n, self.thresholds.motor), np.full(n, self.thresholds.slip)
         shape = geometry(robot)
         walk = prior(n) ** 2 * (BLOCK * self.period / MEMORY)
         low = np.array([0.03] * n + [0.3] * n + [-5.0] * 2)
@@ -126,9 +111,6 @@ class Robust:
         log[3 + 4 * n : 3 + 5 * n] = 1.0
         return RobustState(
             no_samples(n),
-            no_line(n),
-            no_repeats(n),
-            np.zeros(n),
             no_evidence(n),
             Verdict(),
             np.zeros(n),
@@ -151,41 +133,31 @@ class Robust:
         m = measurement
         if not is_good(self.wheels, m.time, m.current, m.wheel_speed, m.acceleration, m.yaw_rate, m.yaw):
             return state
-        n, sums, repeats, wanted = self.wheels, state.sums.copy(), state.repeats.copy(), state.wanted.copy()
-        said = np.concatenate((m.current, m.wheel_speed, m.acceleration, (m.yaw_rate,)))
-        said = np.clip(said, -self._ranges, self._ranges)
-        current, speed, acceleration = said[:n], said[n : 2 * n], said[2 * n : 2 * n + 2]
-        count_repeats(repeats, current, speed, acceleration, said[-1])
-        line, now = state.line.copy(), np.empty(2 * n + 3)
-        first = state.evidence.heading[0] != state.evidence.heading[0]
-        align(line, self._waits, current, speed, acceleration, said[-1] - bias, first, now)
-        add_sample(sums, now[:n], now[n : 2 * n], now[2 * n : 2 * n + 2], now[2 * n + 2])
-        if command is not None:
-            expected = np.empty(n)
-            _expected(self._amplifier, command, speed, expected)
-            wanted += expected - current
-        if not is_full(sums):
-            return replace(state, sums=sums, line=line, repeats=repeats, wanted=wanted)
-        return self._judge(state, sums, line, repeats, wanted / BLOCK, m, now)
+        before, first = state.samples, math.isnan(state.evidence.heading[0])
+        *arrays, now, full = take_sample(
+            self._waits, self._ranges, self._amplifier,
+            before.sums, before.line, before.repeats, before.wanted, first,
+            m.current, m.wheel_speed, m.acceleration, m.yaw_rate, bias,
+            command is not None, before.wanted if command is None else command,
+        )  # fmt: skip
+        samples = Samples(*arrays)
+        return self._judge(state, samples, m, now) if full else _with_samples(state, samples)
 
     def _judge(
         self,
         state: RobustState,
-        sums: Array,
-        line: Array,
-        repeats: Array,
-        wanted: Array,
+        samples: Samples,
         measurement: Measurement,
         now: Array,
     ) -> RobustState:
         n = self.wheels
         block = np.empty(3 * n + 4)
-        take_block(sums, BLOCK * self.period, now[n : 2 * n], now[2 * n + 2], block)
+        take_block(samples.sums, BLOCK * self.period, now[n : 2 * n], now[2 * n + 2], block)
         evidence = state.evidence.copy()
         moving = update(
             *self._constants,
             block[:n], block[n : 2 * n], block[2 * n : 2 * n + 2], block[2 * n + 2],
-            block[2 * n + 3 : 3 * n + 3], block[3 * n + 3], block[:n] + wanted,
+            block[2 * n + 3 : 3 * n + 3], block[3 * n + 3], block[:n] + samples.wanted / BLOCK,
             self._believed(state.verdict, state.fresh), self._unknown(state.verdict), state.accepted,
             state.fresh > 0,
             evidence.ring, evidence.cursor, evidence.recent, evidence.theta, evidence.cov, evidence.velocity,
@@ -194,7 +166,8 @@ class Robust:
         )  # fmt: skip
         speed, period = block[n : 2 * n], BLOCK * self.period
         compare_turning(evidence.heading, self._turn, period, measurement.yaw, speed, block[2 * n + 2])
-        frozen = tuple(c for k, c in enumerate(self._channels) if is_frozen(repeats, k, n, speed))
+        frozen = frozen_channels(samples.repeats, speed)
+        frozen = tuple(c for c, stands in zip(self._channels, frozen.tolist(), strict=True) if stands)
         losses = state.accepted + evidence.theta[:n]
         verdict = decide(evidence, self.thresholds, state.verdict, float(measurement.time), losses, frozen)
         found = evidence.found.copy()
@@ -202,7 +175,9 @@ class Robust:
         fresh = _FRESH if accepted is not state.accepted else max(state.fresh - int(moving), 0)
         beliefs = self._believe(evidence, verdict, accepted + evidence.theta[:n])
         log = self._log(evidence, found, verdict, accepted, moving)
-        return RobustState(sums, line, repeats, np.zeros(n), evidence, verdict, accepted, fresh, beliefs, log)
+        samples.wanted[:] = 0.0  # like the sums, of the next block
+        verdict, past = put_by(verdict, state.past, float(measurement.time))
+        return RobustState(samples, evidence, verdict, accepted, fresh, beliefs, log, past)
 
     def _believed(self, verdict: Verdict, fresh: int) -> Array:
         """Wheels that have a say about the body's velocity; a weak motor's once its force is known again."""
@@ -278,19 +253,19 @@ class Robust:
     def _log(
         self, evidence: Evidence, found: Array, verdict: Verdict, accepted: Array, moving: bool
     ) -> Array:
-        n, t = self.wheels, self.thresholds
-        left = np.clip(1.0 - accepted - evidence.theta[:n], 0.0, 1.0)
+        n = self.wheels
+        left = np.minimum(np.maximum(1.0 - accepted - evidence.theta[:n], 0.0), 1.0)
         standing = any(d.cleared is None for d in verdict.diagnoses)
-        pending = not np.isnan(verdict.suspected)
+        pending = not math.isnan(verdict.suspected)
         mode = FAULTY if standing else SUSPECT if pending else HEALTHY if moving else BLIND
         likelihood = np.maximum(found[:n, LIKELIHOOD], found[n : 2 * n, LIKELIHOOD])
         return np.concatenate(
             (
                 evidence.rho,
                 likelihood,
-                np.full(n, t.motor),
+                self._limits[0],
                 evidence.counters[:, SLIPPING],
-                np.full(n, t.slip),
+                self._limits[1],
                 left,
                 [float(mode)],
             )
