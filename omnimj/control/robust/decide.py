@@ -9,8 +9,8 @@ import numpy as np
 
 from omnimj.control.robust.counters import (
     AGAINST,
+    HEALTH,
     LOADED,
-    ROLLING,
     RUNAWAY,
     SHORT,
     SILENT,
@@ -34,7 +34,7 @@ class Thresholds:
     """Λ of a jump of the accelerometer's bias [nats]."""
     margin: float = 6.0
     """By how much the best hypothesis must lead the next on another wheel to be alone [nats]."""
-    slip: float = 0.001
+    slip: float = 0.0005
     """Way slipped beyond what is allowed [m]."""
     settling: float = 0.06
     """Time that isolation may take after detection [s]."""
@@ -50,8 +50,8 @@ class Thresholds:
     """Angle by which gyro and converter part in a second [rad]."""
     other: float = 2.5
     """Factor on slip and accelerometer while another fault stands: less is sure of the robot then."""
-    healthy: int = 25
-    """Blocks of loaded rolling that take a slip back."""
+    healthy: float = 8.0
+    """Λ of grip that is back, which takes a slip back [nats]."""
 
 
 _AFTERMATH = 2.0  # [s] in which the velocity of the body comes home after a slip
@@ -132,7 +132,7 @@ def _cleared(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time:
             return False
         wheels = [w - 1 for w in d.wheels] or list(range(len(evidence.force)))
         rows = evidence.counters[wheels]
-        return bool((rows[:, ROLLING] >= thresholds.healthy).any() and (rows[:, SLIPPING] < 1e-4).all())
+        return bool((rows[:, HEALTH] >= thresholds.healthy).any() and (rows[:, SLIPPING] < 1e-4).all())
 
     if not any(healthy(d) for d in verdict.diagnoses):
         return verdict

@@ -10,14 +10,11 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from omnimj.control.heading import wrapped
+from omnimj.control.robust.constants import LOAD
 from omnimj.control.robust.counters import (
-    CAUTION,
-    FIRST_WEIGHT,
     NO_COUNTS,
-    WEAKEST,
     count_wheel,
-    feel_floor,
-    floor_scale,
+    creep_all,
 )
 from omnimj.control.robust.force_balance import balance, columns, lasting, wheel_force, whiten
 from omnimj.control.robust.slip import STATE, correct, predict
@@ -65,8 +62,6 @@ class Evidence:
     """F̂ of the last block, shape (n,) [N]."""
     rho: Array
     """ρ of the last block, shape (3,)."""
-    floor: Array
-    """Sums of F̂ f and f² for κ, f = F_N (σ_0 z + σ s): the floor as each wheel finds it, shape (n, 2)."""
     heading: Array
     """Heading at the end of the block before, NaN before the first, and how far converter and wheels have
     turned beyond the gyro in about a second, shape (3,) [rad]."""
@@ -94,7 +89,6 @@ def no_evidence(wheels: int) -> Evidence:
         found=np.zeros((2 * wheels + 2, SCORE)),
         force=np.zeros(wheels),
         rho=np.zeros(3),
-        floor=np.tile([WEAKEST / CAUTION * FIRST_WEIGHT, FIRST_WEIGHT], (wheels, 1)),
         heading=np.array([np.nan, 0.0, 0.0]),
         misfit=np.zeros(5),
     )
@@ -151,7 +145,7 @@ def _slowest(recent, cursor, speed, side):
 def update(
     c, forces, across, walk, low, high,
     current, speed, acceleration, turning, rate, spin, wanted, believed, unknown, accepted, fresh,
-    ring, cursor, recent, theta, cov, velocity, spread, counters, found, force, rho, floor, misfit,
+    ring, cursor, recent, theta, cov, velocity, spread, counters, found, force, rho, misfit,
 ):  # fmt: skip
     """One block into the evidence, in place.
 
@@ -197,13 +191,15 @@ def update(
         misfit[:] = scores(ring, cursor[FILLED], cursor[HEAD], theta, np.linalg.inv(cov), low, high, found)
     for q in range(n + 1):
         predict(c, velocity[q], spread[q], acceleration, turning)
+    creep = np.empty((n, 2))
+    creep_all(c, c[LOAD], force, counters, creep)
     for i in range(n):
-        scale = floor_scale(floor, i)
         x_i, cov_i, row = velocity[i], spread[i], counters[i]
-        count_wheel(c, forces, speed, current, wanted, turning, force, x_i, cov_i, scale, moving, row, i)
-    feel_floor(c, forces, speed, turning, force, velocity, believed, counters, floor)
+        count_wheel(
+            c, forces, speed, current, wanted, turning, force, creep, x_i, cov_i, moving, row, i
+        )
     for q in range(n + 1):
-        correct(c, forces, speed, turning, force, believed, q if q < n else -1, velocity[q], spread[q])
+        correct(c, forces, speed, turning, creep, believed, q if q < n else -1, velocity[q], spread[q])
     if np.abs(speed).max() < 0.1 * MOVES and abs(turning) < 0.02:
         velocity[:, :2] *= 0.9  # a robot at rest has no speed that wheels would have to correct
     return moving

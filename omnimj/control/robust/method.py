@@ -186,7 +186,7 @@ class Robust:
             state.fresh > 0,
             evidence.ring, evidence.cursor, evidence.recent, evidence.theta, evidence.cov, evidence.velocity,
             evidence.spread, evidence.counters, evidence.found, evidence.force, evidence.rho,
-            evidence.floor, evidence.misfit,
+            evidence.misfit,
         )  # fmt: skip
         speed, period = block[n : 2 * n], BLOCK * self.period
         compare_turning(evidence.heading, self._turn, period, measurement.yaw, speed, block[2 * n + 2])
