@@ -26,9 +26,9 @@ from omnimj.signals import Array, Diagnosis
 class Thresholds:
     """When a suspicion becomes a decision."""
 
-    motor: float = 20.0
+    motor: float = 15.0
     """Λ of a loss of torque constant: ln(ARL · blocks per second · tests), and what is not white [nats]."""
-    drag: float = 30.0
+    drag: float = 18.0
     """Λ of an added friction or a wheel that is held [nats]."""
     accelerometer: float = 40.0
     """Λ of a jump of the accelerometer's bias [nats]."""

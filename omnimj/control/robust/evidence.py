@@ -143,7 +143,7 @@ def _slowest(recent, cursor, speed, side):
 
 @kernel
 def update(
-    c, forces, across, walk, low, high,
+    c, forces, across, walk, loose, low, high,
     current, speed, acceleration, turning, rate, spin, wanted, believed, unknown, accepted, fresh,
     ring, cursor, recent, theta, cov, velocity, spread, counters, found, force, rho, misfit,
 ):  # fmt: skip
@@ -154,6 +154,7 @@ def update(
       forces: B, shape (3, n).
       across: Shape (n, 3).
       walk: Variance that θ gains per block, shape (p,).
+      loose: Variance of what θ differs by from window to window, shape (p,).
       low: Least size of a jump per hypothesis, shape (2n+2,).
       high: Largest.
       current: Means of the block, shape (n,) [A].
@@ -188,7 +189,8 @@ def update(
             learn(theta, cov, walk, lasting(n), x, raw)
         learning = not fresh and found[:, LIKELIHOOD].max() < CALM
         _in_ring(ring, cursor, theta, cov, walk, lasting(n), x, raw, learning)
-        misfit[:] = scores(ring, cursor[FILLED], cursor[HEAD], theta, np.linalg.inv(cov), low, high, found)
+        known = np.linalg.inv(cov + np.diag(loose))
+        misfit[:] = scores(ring, cursor[FILLED], cursor[HEAD], theta, known, low, high, found)
     for q in range(n + 1):
         predict(c, velocity[q], spread[q], acceleration, turning)
     creep = np.empty((n, 2))

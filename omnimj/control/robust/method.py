@@ -27,8 +27,8 @@ from omnimj.control.robust.constants import BLOCK, geometry, numbers
 from omnimj.control.robust.counters import SLIPPING
 from omnimj.control.robust.decide import Thresholds, Verdict, decide
 from omnimj.control.robust.evidence import FILLED, Evidence, compare_turning, no_evidence, update
-from omnimj.control.robust.slow import MEMORY, prior
-from omnimj.control.robust.windows import LIKELIHOOD
+from omnimj.control.robust.slow import MEMORY, loose, prior
+from omnimj.control.robust.windows import LIKELIHOOD, SIZE
 from omnimj.control.wheel_speed import amplifier_row
 from omnimj.parameters import Robot
 from omnimj.physics.motor import set_current
@@ -41,6 +41,14 @@ HEALTHY, SUSPECT, FAULTY, BLIND = range(4)
 _LEAST_LEFT = 0.3  # current is scaled by at most 1/0.3: a dead motor gets none the wiser for more
 _FRESH = 200  # [blocks]
 _FOUND_AGAIN = 0.2  # standard deviation of what is left of a motor just after its loss was seen
+_PART_FRICTION, _PART_LOSS = 1.5, 0.05  # of it that may be friction, and loss where friction was seen
+_RATHER = 2.0  # [nats] by which friction must be more likely than a loss
+
+
+def _renew(cov: Array, j: int, deviation: float) -> None:
+    """Number j of θ begins anew, in place."""
+    cov[j, :], cov[:, j] = 0.0, 0.0
+    cov[j, j] = deviation * deviation
 
 
 @kernel
@@ -93,7 +101,7 @@ class Robust:
         walk = prior(n) ** 2 * (BLOCK * self.period / MEMORY)
         low = np.array([0.03] * n + [0.3] * n + [-5.0] * 2)
         high = np.array([1.0] * n + [40.0] * n + [5.0] * 2)
-        self._constants = (numbers(robot, self.period), shape.forces, shape.across, walk, low, high)
+        self._constants = (numbers(robot, self.period), shape.forces, shape.across, walk, loose(n) ** 2, low, high)
         self._amplifier, self._turn = amplifier_row(robot), turn_row(robot)
         each = [f"{name}_{i}" for name in ("current", "wheel_speed") for i in range(1, n + 1)]
         self._waits, self._ranges = delays(robot, self.period), ranges(robot)
@@ -226,19 +234,24 @@ class Robust:
             return state.accepted
         motors = [d for d in verdict.diagnoses[len(state.verdict.diagnoses) :] if d.kind == "motor"]
         accepted = state.accepted.copy() if motors else state.accepted
+        found = evidence.found.copy()
         for d in verdict.diagnoses[len(state.verdict.diagnoses) :]:
             evidence.cursor[FILLED] = 0
             evidence.found[:] = 0.0
             if d.kind == "motor" and d.effectiveness is not None:
                 i = d.wheels[0] - 1
-                accepted[i] = 1.0 - d.effectiveness - evidence.theta[i]
-                evidence.cov[i, :], evidence.cov[:, i] = 0.0, 0.0
-                evidence.cov[i, i] = _FOUND_AGAIN**2
-                evidence.cov[i + self.wheels, i + self.wheels] += 0.04  # part of it may be friction
+                j = i + self.wheels
+                if found[j, LIKELIHOOD] > found[i, LIKELIHOOD] + _RATHER:  # something brakes the wheel
+                    evidence.theta[j] += found[j, SIZE]
+                    _renew(evidence.cov, j, 0.5 * found[j, SIZE] + _PART_FRICTION)
+                    evidence.cov[i, i] += _PART_LOSS**2
+                else:
+                    accepted[i] = 1.0 - d.effectiveness - evidence.theta[i]
+                    _renew(evidence.cov, i, _FOUND_AGAIN)
+                    evidence.cov[j, j] += _PART_FRICTION**2
             elif d.channel.startswith("acceleration"):
                 j = 2 * self.wheels + "xy".index(d.channel[-1])
-                evidence.cov[j, :], evidence.cov[:, j] = 0.0, 0.0
-                evidence.cov[j, j] = 1.0
+                _renew(evidence.cov, j, 1.0)
                 # the velocity that it made up is forgotten
                 evidence.spread[:] = np.eye(evidence.spread.shape[1])
         return accepted
