@@ -27,7 +27,7 @@ from omnimj.control.robust.constants import BLOCK, geometry, numbers
 from omnimj.control.robust.counters import SLIPPING
 from omnimj.control.robust.decide import Thresholds, Verdict, decide
 from omnimj.control.robust.evidence import FILLED, Evidence, compare_turning, no_evidence, update
-from omnimj.control.robust.slow import MEMORY, loose, prior
+from omnimj.control.robust.slow import BROKEN_FRICTION_VARIES, BROKEN_LOSS_VARIES, MEMORY, loose, prior
 from omnimj.control.robust.windows import LIKELIHOOD, SIZE
 from omnimj.control.wheel_speed import amplifier_row
 from omnimj.parameters import Robot
@@ -186,8 +186,9 @@ class Robust:
         block = np.empty(3 * n + 4)
         take_block(sums, BLOCK * self.period, now[n : 2 * n], now[2 * n + 2], block)
         evidence = state.evidence.copy()
+        c, forces, across, walk, loose, low, high = self._constants
         moving = update(
-            *self._constants,
+            c, forces, across, walk, self._looser(loose, state.verdict), low, high,
             block[:n], block[n : 2 * n], block[2 * n : 2 * n + 2], block[2 * n + 2],
             block[2 * n + 3 : 3 * n + 3], block[3 * n + 3], block[:n] + wanted,
             self._believed(state.verdict, state.fresh), self._unknown(state.verdict), state.accepted,
@@ -219,6 +220,17 @@ class Robust:
             elif d.kind == "all_wheel_slip":
                 believed[:] = 0.0
         return believed
+
+    def _looser(self, loose: Array, verdict: Verdict) -> Array:
+        """`slow.loose`, with broken motors, of which no law is known as well as of healthy ones."""
+        broken = [w - 1 for d in verdict.diagnoses if d.cleared is None and d.kind == "motor" for w in d.wheels]
+        if not broken:
+            return loose
+        looser = loose.copy()
+        for i in broken:
+            looser[i] += BROKEN_LOSS_VARIES**2
+            looser[self.wheels + i] += BROKEN_FRICTION_VARIES**2
+        return looser
 
     def _unknown(self, verdict: Verdict) -> Array:
         """Wheels whose force on the floor the motor does not tell."""
