@@ -32,6 +32,8 @@ NO_COUNTS = (0.0,) * GRIP + (1.0,) + (0.0,) * (COUNTERS - GRIP - 1)
 ALLOWED, ALLOWED_TURNING = 0.02, 0.015
 """Creep beyond health that the velocity's error may make [m/s]; more per rad/s of yaw rate, since rows of
 rollers take turns at two distances from the centre [m]."""
+MOST = 0.002
+"""Way that is counted at most: a slip that has ended is soon forgotten [m]."""
 LOADED = 1.5
 """Traction from which a wheel is under load [N]."""
 AGREES = -0.75
@@ -40,10 +42,11 @@ NO_SLIP = 0.12
 """A wheel off by this against its load, or without any, does not slip: its speed is read wrongly [m/s]."""
 _FADES = 0.98  # per block of what was slipped, once the wheel pulls the other way
 _SIGMAS = 2.0  # of the body's velocity, given to the wheel
-_HOLDS = 0.032  # μ below which no floor was measured
-_FORCE = 0.7  # [N] by which F̂ may be off
+_DRIFTS = 3.0  # factor on it where only the accelerometer tells it: its errors are not white
+_HOLDS = 0.08  # μ of a usual floor
+_FORCE, _LITTLE = 0.7, 0.3  # [N] by which F̂ may be off, and what is added of it to a lost grip
 _LEAST_GRIP, _NEWEST = 0.02, 0.1
-_TOLD = 0.02  # [m/s] of slip that the lost grip would make at this load: less is no sign of health
+_TOLD = 0.015  # [m/s] of slip that the lost grip would make at this load: less is no sign of health
 _SPREAD, _COLOUR = 0.02, 6.0  # [m/s] of a slip, and blocks in which its error stays alike
 _AT_ONCE = 0.6  # [nats] of one block
 _STANDS, _PASSES, _PUSHED = 0.4, 0.12, 0.4  # [rad/s] of a locked wheel, [m/s] of the floor below it, [A]
@@ -92,13 +95,13 @@ def count_slip(c, force, slip, doubt, turning, moving, row):
     short = beyond - _SIGMAS * doubt
     allowed = ALLOWED + ALLOWED_TURNING * abs(turning)
     if moving and pull > AGREES:
-        row[SLIPPING] = max(row[SLIPPING] + c[TIME] * (short - allowed), 0.0)
+        row[SLIPPING] = min(max(row[SLIPPING] + c[TIME] * (short - allowed), 0.0), MOST)
     else:
         row[SLIPPING] *= _FADES
     row[SHORT] = short
     if short > allowed and row[SLIPPING] > 0.0:
         row[HEALTH] = 0.0
-        grip = (abs(force) + _FORCE) / (c[LOAD] * (_HOLDS + SLOPE * abs(slip)))
+        grip = (abs(force) + _LITTLE) / (c[LOAD] * (_HOLDS + SLOPE * abs(slip)))
         grip = min(max(grip, _LEAST_GRIP), 1.0)
         row[GRIP] = grip if row[GRIP] == 1.0 else (1.0 - _NEWEST) * row[GRIP] + _NEWEST * grip
     would = max(abs(force) - _FORCE, 0.0) / (c[LOAD] * SLOPE) * (1.0 / row[GRIP] - 1.0)
@@ -108,7 +111,17 @@ def count_slip(c, force, slip, doubt, turning, moving, row):
 
 
 @kernel
-def count_wheel(c, forces, speed, current, wanted, turning, force, creep, x, cov, moving, row, i):
+def _is_alone(forces, believed, i):
+    """Whether no other wheel that is believed drives along with wheel i: the velocity is dead reckoning."""
+    for j in range(believed.size):
+        along = forces[0, i] * forces[0, j] + forces[1, i] * forces[1, j]
+        if j != i and believed[j] != 0.0 and abs(along) > 0.5:
+            return False
+    return True
+
+
+@kernel
+def count_wheel(c, forces, speed, current, wanted, turning, force, creep, believed, x, cov, moving, row, i):
     """All numbers of wheel i, in place.
 
     Args:
@@ -120,6 +133,7 @@ def count_wheel(c, forces, speed, current, wanted, turning, force, creep, x, cov
       turning: Yaw rate [rad/s].
       force: F̂, shape (n,) [N].
       creep: Of `creep_all`.
+      believed: 1 for wheels that have a say about the velocity, shape (n,).
       x: State of the velocity filter without this wheel.
       cov: Its covariance.
       moving: Whether any wheel turns.
@@ -127,6 +141,8 @@ def count_wheel(c, forces, speed, current, wanted, turning, force, creep, x, cov
       i: The wheel.
     """
     doubt = spread_of(cov, forces[0, i], forces[1, i])
+    if _is_alone(forces, believed, i):
+        doubt *= _DRIFTS
     count_slip(c, force[i], slid(c, forces, speed, turning, x, i), doubt, turning, moving, row)
     away, usual = away_from_rolling(c, forces, speed, turning, creep, x, i), abs(creep[i, 0])
     ahead = away if force[i] >= 0.0 else -away

@@ -198,7 +198,7 @@ def update(
     for i in range(n):
         x_i, cov_i, row = velocity[i], spread[i], counters[i]
         count_wheel(
-            c, forces, speed, current, wanted, turning, force, creep, x_i, cov_i, moving, row, i
+            c, forces, speed, current, wanted, turning, force, creep, believed, x_i, cov_i, moving, row, i
         )
     for q in range(n + 1):
         correct(c, forces, speed, turning, creep, believed, q if q < n else -1, velocity[q], spread[q])
