@@ -40,7 +40,7 @@ AGREES = -0.75
 """Traction along the slip from which it may be one: a wheel is never slower than its force for long [N]."""
 NO_SLIP = 0.12
 """A wheel off by this against its load, or without any, does not slip: its speed is read wrongly [m/s]."""
-_FADES = 0.98  # per block of what was slipped, once the wheel pulls the other way
+_FADES = 0.9  # per block of what was slipped, once the wheel pulls the other way
 _SIGMAS = 2.0  # of the body's velocity, given to the wheel
 _DRIFTS = 3.0  # factor on it where only the accelerometer tells it: its errors are not white
 _HOLDS = 0.08  # μ of a usual floor

@@ -101,7 +101,15 @@ class Robust:
         walk = prior(n) ** 2 * (BLOCK * self.period / MEMORY)
         low = np.array([0.03] * n + [0.3] * n + [-5.0] * 2)
         high = np.array([1.0] * n + [40.0] * n + [5.0] * 2)
-        self._constants = (numbers(robot, self.period), shape.forces, shape.across, walk, loose(n) ** 2, low, high)
+        self._constants = (
+            numbers(robot, self.period),
+            shape.forces,
+            shape.across,
+            walk,
+            loose(n) ** 2,
+            low,
+            high,
+        )
         self._amplifier, self._turn = amplifier_row(robot), turn_row(robot)
         each = [f"{name}_{i}" for name in ("current", "wheel_speed") for i in range(1, n + 1)]
         self._waits, self._ranges = delays(robot, self.period), ranges(robot)
@@ -223,7 +231,9 @@ class Robust:
 
     def _looser(self, loose: Array, verdict: Verdict) -> Array:
         """`slow.loose`, with broken motors, of which no law is known as well as of healthy ones."""
-        broken = [w - 1 for d in verdict.diagnoses if d.cleared is None and d.kind == "motor" for w in d.wheels]
+        broken = [
+            w - 1 for d in verdict.diagnoses if d.cleared is None and d.kind == "motor" for w in d.wheels
+        ]
         if not broken:
             return loose
         looser = loose.copy()

@@ -19,7 +19,7 @@ import math
 
 import numpy as np
 
-from omnimj.control.robust.constants import LOAD, RADIUS, TIME
+from omnimj.control.robust.constants import RADIUS, TIME
 from omnimj.physics.native import kernel
 
 SLOPE = 2.5
