@@ -20,12 +20,13 @@ from omnimj.control.robust.slip import (
 )
 from omnimj.physics.native import kernel
 
-SLIPPING, HEALTH, AGAINST, STUCK, SILENT, RUNAWAY, SHORT, GRIP = range(8)
+SLIPPING, HEALTH, AGAINST, STUCK, SILENT, RUNAWAY, OPPOSED, SHORT, GRIP = range(9)
 """Numbers of a wheel: way slipped beyond what is allowed [m]; likelihood that its grip is back [nats]; blocks
 in a row of a speed that no slip explains, of standing while the floor passes, of a motor without the current
-that was asked for, of one with another current; the last creep beyond health [m/s], the grip that it told
+that was asked for, of one with another current; ±1 where it is ahead of a velocity against which its force
+holds, or behind one with it; the last creep beyond health [m/s], the grip that it told
 of [1]; then the bristles of `healthy_creep` and those of a soft and a stiff floor [m]."""
-BRISTLES, GIVEN, HELD, COUNTERS = 8, 12, 13, 14
+BRISTLES, GIVEN, HELD, COUNTERS = 9, 13, 14, 15
 NO_COUNTS = (0.0,) * GRIP + (1.0,) + (0.0,) * (COUNTERS - GRIP - 1)
 """Before the first block."""
 
@@ -98,7 +99,9 @@ def count_slip(c, force, slip, doubt, turning, moving, row):
         row[SLIPPING] = min(max(row[SLIPPING] + c[TIME] * (short - allowed), 0.0), MOST)
     else:
         row[SLIPPING] *= _FADES
-    row[SHORT] = short
+    row[SHORT], row[OPPOSED] = short, 0.0
+    if moving and short > allowed and pull < AGREES:
+        row[OPPOSED] = 1.0 if slip > most else -1.0
     if short > allowed and row[SLIPPING] > 0.0:
         row[HEALTH] = 0.0
         grip = (abs(force) + _LITTLE) / (c[LOAD] * (_HOLDS + SLOPE * abs(slip)))

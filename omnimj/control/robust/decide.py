@@ -251,20 +251,31 @@ def _accelerometer(verdict: Verdict, time: float, axis: int, lead: float, margin
 
 
 def _slips(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: float) -> Verdict:
+    if any(d.kind == "all_wheel_slip" and d.cleared is None for d in verdict.diagnoses):
+        return verdict
     way = evidence.counters[:, SLIPPING]
     enough = thresholds.slip * (thresholds.other if _any(verdict) else 1.0)
     over = [i for i in range(len(way)) if way[i] >= enough and verdict.standing(i + 1) is None]
-    if not over or any(d.kind == "all_wheel_slip" and d.cleared is None for d in verdict.diagnoses):
+    if not over:
         return verdict
-    loaded = [i for i, force in enumerate(evidence.force) if abs(force) > LOADED]
-    along = [i for i in loaded if way[i] >= 0.5 * thresholds.slip]
-    if len(along) >= 2 and len(along) == len(loaded):
-        return _with(verdict, Diagnosis(time, "all_wheel_slip", (), 0.9))
+    slipping = {d.wheels[0] - 1 for d in verdict.diagnoses if d.cleared is None and d.kind == "slip"}
+    slipping |= {i for i in range(len(way)) if way[i] >= 0.5 * thresholds.slip}
+    holding = [i for i in range(len(way)) if i not in slipping and abs(evidence.force[i]) > LOADED]
+    if len(slipping) >= 2 and not holding:
+        return _all_slip(verdict, time)
     for i in over:
         slid = max(float(evidence.counters[i, SHORT]), 0.0)
         confidence = 1.0 - math.exp(-slid / 0.02)
         verdict = _with(verdict, Diagnosis(time, "slip", (i + 1,), confidence))
     return verdict
+
+
+def _all_slip(verdict: Verdict, time: float) -> Verdict:
+    """In the place of the wheels that were named until now."""
+    ended = [
+        replace(d, cleared=time) if d.cleared is None and d.kind == "slip" else d for d in verdict.diagnoses
+    ]
+    return Verdict((*ended, Diagnosis(time, "all_wheel_slip", (), 0.9)), math.nan)
 
 
 def _odd_speeds(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: float) -> Verdict:

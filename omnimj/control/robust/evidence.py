@@ -13,6 +13,7 @@ from omnimj.control.heading import wrapped
 from omnimj.control.robust.constants import LOAD
 from omnimj.control.robust.counters import (
     NO_COUNTS,
+    OPPOSED,
     count_wheel,
     creep_all,
 )
@@ -31,7 +32,8 @@ MOVES = 1.0
 """A robot whose wheels all turn slower tells nothing about its motors [rad/s]."""
 CALM = 12.0
 """Λ up to which blocks are learnt from: no fault is half believed [nats]."""
-
+SLOPE_STEP = 0.05
+"""Standard deviation that the accelerometer's bias gains per block where a slope begins or ends [m/s²]."""
 COMPARED = 1.0
 """Time over which converter, wheels and gyro are compared [s]."""
 
@@ -142,6 +144,24 @@ def _slowest(recent, cursor, speed, side):
 
 
 @kernel
+def _feel_slope(forces, believed, counters, spread):
+    """Lets the accelerometer's bias go along an axis where every wheel contradicts the velocity, in place.
+
+    Uphill the accelerometer reads gravity as motion, so that all wheels seem to be too slow while they push:
+    no slip does that. Oil is the other way round, wheels run away in the direction of their force.
+    """
+    for k in range(2):
+        wheels, opposed = 0, 0.0
+        for i in range(believed.size):
+            if believed[i] != 0.0 and abs(forces[k, i]) > 0.5:
+                wheels += 1
+                opposed += counters[i, OPPOSED] * (1.0 if forces[k, i] > 0.0 else -1.0)
+        if wheels >= 2 and abs(opposed) == wheels:
+            for q in range(spread.shape[0]):
+                spread[q, 2 + k, 2 + k] += SLOPE_STEP * SLOPE_STEP
+
+
+@kernel
 def update(
     c, forces, across, walk, loose, low, high,
     current, speed, acceleration, turning, rate, spin, wanted, believed, unknown, accepted, fresh,
@@ -200,6 +220,7 @@ def update(
         count_wheel(
             c, forces, speed, current, wanted, turning, force, creep, believed, x_i, cov_i, moving, row, i
         )
+    _feel_slope(forces, believed, counters, spread)
     for q in range(n + 1):
         correct(c, forces, speed, turning, creep, believed, q if q < n else -1, velocity[q], spread[q])
     if np.abs(speed).max() < 0.1 * MOVES and abs(turning) < 0.02:
