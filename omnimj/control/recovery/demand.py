@@ -16,7 +16,7 @@ from omnimj.control.recovery.memory import (
     SPIN,
 )
 from omnimj.control.robust.constants import LOAD, MASS, RADIUS, ROLLER_DRY, ROLLER_VISCOUS, YAW_INERTIA
-from omnimj.control.robust.slip import creep
+from omnimj.control.robust.slip import SLOPE
 from omnimj.physics.native import kernel
 
 CAP = 0.2
@@ -24,10 +24,18 @@ CAP = 0.2
 that fit together and do not run away; a tighter bound takes traction from every floor that gives more the
 more a wheel slips: with 0.05 the heading strays a fifth further than with 0.2, and the place 6 % instead of
 0."""
+HOLDS = 0.09
+"""μ of an ordinary floor [1]."""
 _BACK = 3.0  # [1/s] with which a place error is driven back
 _FASTEST = 0.2  # [m/s] for that
 _GIVES_WAY = 0.15  # [m/s]
 _STANDS = 0.01  # [m/s] a robot that is to stand is not moved for its place
+
+
+@kernel
+def steady_creep(c, force):
+    """Creep of an ordinary floor under a lasting traction, (|F|/F_N − μ)/σ sign F [m/s]."""
+    return math.copysign(max(abs(force) / c[LOAD] - HOLDS, 0.0) / SLOPE, force)
 
 
 @kernel
@@ -92,7 +100,7 @@ def creep_offsets(c, forces, across, arm, x, heading, twist, most, used, pivot, 
     share = allocate(forces, arm, wrench, most, used)
     for i in range(n):
         if used[i] and i != pivot:
-            offset[i] += creep(c, share[i]) / c[RADIUS]
+            offset[i] += steady_creep(c, share[i]) / c[RADIUS]
     return share
 
 

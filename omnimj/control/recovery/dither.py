@@ -19,7 +19,7 @@ FREQUENCY = 0.7
 """[Hz]"""
 PERIODS = 2
 """Of a burst."""
-PAUSE = 8.0
+PAUSE = 20.0
 """Between two bursts [s]."""
 QUIET = 2.0
 """Time without a load on the motors after which they are asked [s]."""

@@ -181,7 +181,11 @@ class Recovery:
         dither, advice = self._dither(state.dither, x, healthy, math.hypot(v_x, v_y), felt)
         if dither[TEST_LEFT] <= 0.0:
             self._set_pace(x, means.mode, felt, math.hypot(v_x, v_y))
-        if not healthy:
+        if healthy and advice is not None:  # shaken bristles hold nothing: the robot would fall behind
+            back = place_correction(x, v_x, v_y)
+            velocity = np.array((v_x + back[0], v_y + back[1]))
+            target = Target(velocity, target.yaw_rate, target.heading)
+        elif not healthy:
             mode = REVERTED if reverted else means.mode
             target = self._demand(x, mode, means, measurement.wheel_speed, heading, target)
             advice = self._advice(x, mode, means, beliefs, felt, heading, turning, target)

@@ -1,7 +1,8 @@
-"""What each wheel has been up to: slip, rolling under load, standing, disobeying; and what the floor is like.
+"""What each wheel has been up to: slip, rolling under load, standing, disobeying.
 
-Slip counts by its way: the shortfall of speed beyond what a healthy wheel may show, summed while it lasts, so
-that a large slip is seen at once and a small one soon, and a spike of noise never.
+Slip counts by its way: the creep beyond what a healthy wheel may show, summed while it lasts, so that a large
+slip is seen at once and a small one soon, and a spike of noise never. Health after it counts by likelihood:
+how much less the wheel slips than it would with the grip that it had lost.
 """
 
 from __future__ import annotations
@@ -10,78 +11,81 @@ import math
 
 from omnimj.control.robust.constants import LOAD, TIME
 from omnimj.control.robust.slip import (
-    SLICK,
+    GIVING,
     SLOPE,
-    SOFT,
+    STIFF,
     away_from_rolling,
-    creep,
-    next_bristle,
+    healthy_creep,
+    next_creep,
     slid,
     spread_of,
-    weakest_pull,
 )
 from omnimj.physics.native import kernel
 
-SLIPPING, ROLLING, AGAINST, STUCK, SILENT, RUNAWAY, SHORT, GRIP, SOFTLY, SLICKLY, STILL, TURNING = range(12)
-"""Numbers of a wheel: way slipped beyond what is allowed [m]; blocks in a row of rolling under a load at
-which it slipped before, of a speed that no slip explains, of standing while the floor passes, of a motor
-without the current that was asked for, of one with another current; the last shortfall [m/s], the grip that
-it told of [1], the bristles of the two weakest floors [m], blocks in a row of standing under a motor that
-should turn the wheel, and of turning."""
-COUNTERS = 12
-NO_COUNTS = (0.0,) * 7 + (1.0,) + (0.0,) * 4
+(
+    SLIPPING,
+    HEALTH,
+    AGAINST,
+    STUCK,
+    STILL,
+    TURNS,
+    SILENT,
+    RUNAWAY,
+    OPPOSED,
+    SHORT,
+    GRIP,
+) = range(11)
+"""Numbers of a wheel: way slipped beyond what is allowed [m]; likelihood that its grip is back [nats]; blocks
+in a row of a speed that no slip explains, of standing while the floor passes, of standing under a motor that
+should turn the wheel, of turning, of a motor without the current that was asked for, of one with another
+current; ±1 where it is ahead of a velocity against which its force holds, or behind one with it; the last
+creep beyond health [m/s], the grip that it told of [1]; then the bristles of `healthy_creep` and those of a
+soft and a stiff floor [m]."""
+BRISTLES, GIVEN, HELD, COUNTERS = 11, 15, 16, 17
+NO_COUNTS = (0.0,) * GRIP + (1.0,) + (0.0,) * (COUNTERS - GRIP - 1)
 """Before the first block."""
 
-ALLOWED, ALLOWED_TURNING, ALLOWED_IDLE = 0.03, 0.02, 0.03
-"""Shortfall that a healthy wheel may show [m/s]; more per rad/s of yaw rate, since its rows of rollers take
-turns at two distances from the centre [m]; and more without load, when it says little [m/s]."""
-WEAKEST, STRONGEST, CAUTION = 0.6, 1.5, 0.8
-"""κ before anything is known, the most that is believed, and how much of what was learnt is used."""
-FIRST_WEIGHT = 100.0
-"""Of the κ before anything is known [N²]."""
+ALLOWED, ALLOWED_TURNING = 0.02, 0.015
+"""Creep beyond health that the velocity's error may make [m/s]; more per rad/s of yaw rate, since rows of
+rollers take turns at two distances from the centre [m]."""
+MOST = 0.002
+"""Way that is counted at most: a slip that has ended is soon forgotten [m]."""
 LOADED = 1.5
-"""Traction from which a wheel is under load: slip against it says something about grip [N]."""
+"""Traction from which a wheel is under load [N]."""
+AGREES = -0.75
+"""Traction along the slip from which it may be one: a wheel is never slower than its force for long [N]."""
 NO_SLIP = 0.12
 """A wheel off by this against its load, or without any, does not slip: its speed is read wrongly [m/s]."""
-_SEEN = 0.03  # [m/s] of slip that says something about κ
-_FORGETS = 2e-4  # per block that says something
-_FADES = 0.98  # per block of what was slipped, once the wheel pulls the other way
+_FADES = 0.9  # per block of what was slipped, once the wheel pulls the other way
 _SIGMAS = 2.0  # of the body's velocity, given to the wheel
-_TOLD = 0.04  # [m/s] of slip that the lost grip would make at this load: less is no sign of health
-_HEALED = 0.3  # share of that slip below which the grip is back
-_LEAST_GRIP, _NEWEST = 0.02, 0.2
+_DRIFTS = 3.0  # factor on it where only the accelerometer tells it: its errors are not white
+_HOLDS = 0.08  # μ of a usual floor
+_FORCE, _LITTLE = 0.7, 0.3  # [N] by which F̂ may be off, and what is added of it to a lost grip
+_LEAST_GRIP, _NEWEST = 0.02, 0.1
+_TOLD = 0.015  # [m/s] of slip that the lost grip would make at this load: less is no sign of health
+_SPREAD, _COLOUR = 0.02, 6.0  # [m/s] of a slip, and blocks in which its error stays alike
+_AT_ONCE = 0.6  # [nats] of one block
 _STANDS, _PASSES, _PUSHED = 0.4, 0.05, 0.4  # [rad/s] of a locked wheel, [m/s] of the floor below it, [A]
-_WOULD, _TURNS = 0.08, 1.5  # [m/s] that a motor would make of its wheel, [rad/s] of one that is not locked
+_WOULD, _TURNING = 0.08, 1.5  # [m/s] that a motor would make of its wheel, [rad/s] of one that is not locked
 _OBEYED, _ASKED, _SILENT = 0.25, 0.15, 0.03  # [A]
 
 
 @kernel
-def floor_scale(floor, i):
-    """κ as far as it may be believed of wheel i: what the others found.
+def creep_all(c, load, force, counters, creep):
+    """Fills what each wheel creeps under its traction and how doubtful that is, shape (n, 2) [m/s].
 
     Args:
-      floor: Sums of F̂ f and f² per wheel, f = F_N (σ_0 z + σ s), shape (n, 2).
-      i: The wheel.
+      c: `constants.numbers`.
+      load: F_N of a wheel [N].
+      force: F̂, shape (n,) [N].
+      counters: GIVEN and HELD are brought up to date, shape (n, COUNTERS).
+      creep: Output.
     """
-    above = below = 0.0
-    for j in range(floor.shape[0]):
-        if j != i:
-            above, below = above + floor[j, 0], below + floor[j, 1]
-    return min(CAUTION * above / below, STRONGEST)
-
-
-@kernel
-def feel_floor(c, forces, speed, turning, force, velocity, believed, counters, floor):
-    """κ from every wheel that slips a little and is believed; `floor` in place."""
-    for i in range(speed.size):
-        slip = slid(c, forces, speed, turning, velocity[i], i)
-        suspect = believed[i] == 0.0 or counters[i, SLIPPING] > 0.0
-        if suspect or abs(slip) < _SEEN or force[i] * slip <= 0.0:
-            continue
-        toward = 1.0 if slip >= 0.0 else -1.0
-        f = max(c[LOAD] * weakest_pull(slip, toward, counters[i, SOFTLY], counters[i, SLICKLY]), 0.0)
-        floor[i, 0] = (1.0 - _FORGETS) * floor[i, 0] + abs(force[i]) * f
-        floor[i, 1] = (1.0 - _FORGETS) * floor[i, 1] + f * f
+    for i in range(force.size):
+        row, share = counters[i], force[i] / load
+        soft, row[GIVEN] = next_creep(share, row[GIVEN], GIVING[0], GIVING[1], c[TIME])
+        stiff, row[HELD] = next_creep(share, row[HELD], STIFF[0], STIFF[1], c[TIME])
+        creep[i, 0], creep[i, 1] = 0.5 * (soft + stiff), 0.5 * abs(soft - stiff)
 
 
 @kernel
@@ -90,8 +94,8 @@ def _more_if(row, counter, so):
 
 
 @kernel
-def count_slip(c, force, slip, doubt, turning, scale, moving, row):
-    """SLIPPING, ROLLING, SHORT, GRIP and the bristles of one wheel, in place.
+def count_slip(c, force, slip, doubt, turning, moving, row):
+    """SLIPPING, HEALTH, SHORT, GRIP and the bristles of one wheel, in place.
 
     Args:
       c: `constants.numbers`.
@@ -99,35 +103,44 @@ def count_slip(c, force, slip, doubt, turning, scale, moving, row):
       slip: s [m/s].
       doubt: Standard deviation of s [m/s].
       turning: Yaw rate [rad/s].
-      scale: κ.
       moving: Whether any wheel turns: a robot at rest only thinks that it moves.
       row: Its numbers, shape (COUNTERS,).
     """
-    row[SOFTLY] = next_bristle(row[SOFTLY], slip, SOFT[0], SOFT[1], c[TIME])
-    row[SLICKLY] = next_bristle(row[SLICKLY], slip, SLICK[0], SLICK[1], c[TIME])
-    toward = force if abs(force) > LOADED else slip
-    toward = 1.0 if toward >= 0.0 else -1.0
-    full = c[LOAD] * weakest_pull(slip, toward, row[SOFTLY], row[SLICKLY])
-    full *= scale if full > 0.0 else 1.0
-    pull = toward * force
-    short = (full - pull) / (c[LOAD] * SLOPE) - _SIGMAS * doubt
-    idle = 0.0 if abs(force) > LOADED else ALLOWED_IDLE
-    allowed = ALLOWED + ALLOWED_TURNING * abs(turning) + idle
-    if moving and pull > -0.5 * LOADED:
-        row[SLIPPING] = max(row[SLIPPING] + c[TIME] * (short - allowed), 0.0)
+    least, most = healthy_creep(force / c[LOAD], row[BRISTLES : BRISTLES + 4], c[TIME])
+    beyond = max(slip - most, least - slip)
+    pull = force if slip - most > least - slip else -force
+    short = beyond - _SIGMAS * doubt
+    allowed = ALLOWED + ALLOWED_TURNING * abs(turning)
+    if moving and pull > AGREES:
+        row[SLIPPING] = min(max(row[SLIPPING] + c[TIME] * (short - allowed), 0.0), MOST)
     else:
         row[SLIPPING] *= _FADES
-    row[SHORT] = short
+    row[SHORT], row[OPPOSED] = short, 0.0
+    if moving and short > allowed and pull < AGREES:
+        row[OPPOSED] = 1.0 if slip > most else -1.0
     if short > allowed and row[SLIPPING] > 0.0:
-        grip = min(max(pull / full, _LEAST_GRIP), 1.0)
+        row[HEALTH] = 0.0
+        grip = (abs(force) + _LITTLE) / (c[LOAD] * (_HOLDS + SLOPE * abs(slip)))
+        grip = min(max(grip, _LEAST_GRIP), 1.0)
         row[GRIP] = grip if row[GRIP] == 1.0 else (1.0 - _NEWEST) * row[GRIP] + _NEWEST * grip
-    would = abs(force) / (c[LOAD] * SLOPE) * (1.0 / row[GRIP] - 1.0)
+    would = max(abs(force) - _FORCE, 0.0) / (c[LOAD] * SLOPE) * (1.0 / row[GRIP] - 1.0)
     if would > _TOLD:
-        _more_if(row, ROLLING, short < _HEALED * would)
+        likely = would * (0.5 * would - max(beyond, 0.0)) / (_COLOUR * (_SPREAD * _SPREAD + doubt * doubt))
+        row[HEALTH] = max(row[HEALTH] + min(likely, _AT_ONCE), 0.0)
 
 
 @kernel
-def count_wheel(c, forces, speed, current, wanted, turning, force, x, cov, scale, moving, row, i):
+def _is_alone(forces, believed, i):
+    """Whether no other wheel that is believed drives along with wheel i: the velocity is dead reckoning."""
+    for j in range(believed.size):
+        along = forces[0, i] * forces[0, j] + forces[1, i] * forces[1, j]
+        if j != i and believed[j] != 0.0 and abs(along) > 0.5:
+            return False
+    return True
+
+
+@kernel
+def count_wheel(c, forces, speed, current, wanted, turning, force, creep, believed, x, cov, moving, row, i):
     """All numbers of wheel i, in place.
 
     Args:
@@ -138,27 +151,30 @@ def count_wheel(c, forces, speed, current, wanted, turning, force, x, cov, scale
       wanted: What the amplifiers should give, shape (n,) [A].
       turning: Yaw rate [rad/s].
       force: F̂, shape (n,) [N].
+      creep: Of `creep_all`.
+      believed: 1 for wheels that have a say about the velocity, shape (n,).
       x: State of the velocity filter without this wheel.
       cov: Its covariance.
-      scale: κ.
       moving: Whether any wheel turns.
       row: The wheel's numbers, shape (COUNTERS,).
       i: The wheel.
     """
     doubt = spread_of(cov, forces[0, i], forces[1, i])
-    count_slip(c, force[i], slid(c, forces, speed, turning, x, i), doubt, turning, scale, moving, row)
-    away, usual = away_from_rolling(c, forces, speed, turning, force, x, i), abs(creep(c, force[i]))
+    if _is_alone(forces, believed, i):
+        doubt *= _DRIFTS
+    count_slip(c, force[i], slid(c, forces, speed, turning, x, i), doubt, turning, moving, row)
+    away, usual = away_from_rolling(c, forces, speed, turning, creep, x, i), abs(creep[i, 0])
     ahead = away if force[i] >= 0.0 else -away
     idle = abs(force[i]) <= LOADED
     _more_if(row, AGAINST, ahead < -NO_SLIP - usual or (idle and abs(away) > NO_SLIP))
     below = forces[0, i] * x[0] + forces[1, i] * x[1] + forces[2, i] * turning
     # what its motor would make of it, if it could turn: the floor's speed, and creep under this force
-    would = (below + creep(c, force[i])) * math.copysign(1.0, current[i])
+    would = (below + creep[i, 0]) * math.copysign(1.0, current[i])
     stands, doubt = abs(speed[i]) < _STANDS, _SIGMAS * doubt
     still = stands and abs(current[i]) > _PUSHED and would > _WOULD + doubt
     _more_if(row, STUCK, still and below * math.copysign(1.0, current[i]) > _PASSES + doubt)
     _more_if(row, STILL, still)
-    _more_if(row, TURNING, abs(speed[i]) > _TURNS)
+    _more_if(row, TURNS, abs(speed[i]) > _TURNING)
     silent = abs(current[i]) < _SILENT
     lacks = abs(current[i] - wanted[i]) > _OBEYED or (silent and abs(wanted[i]) > _ASKED)
     _more_if(row, SILENT, lacks and silent)

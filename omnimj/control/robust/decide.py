@@ -9,15 +9,15 @@ import numpy as np
 
 from omnimj.control.robust.counters import (
     AGAINST,
+    HEALTH,
     LOADED,
-    ROLLING,
     RUNAWAY,
     SHORT,
     SILENT,
     SLIPPING,
     STILL,
     STUCK,
-    TURNING,
+    TURNS,
 )
 from omnimj.control.robust.evidence import Evidence
 from omnimj.control.robust.windows import LIKELIHOOD, SIZE
@@ -28,15 +28,15 @@ from omnimj.signals import Array, Diagnosis
 class Thresholds:
     """When a suspicion becomes a decision."""
 
-    motor: float = 20.0
+    motor: float = 15.0
     """Λ of a loss of torque constant: ln(ARL · blocks per second · tests), and what is not white [nats]."""
-    drag: float = 30.0
+    drag: float = 18.0
     """Λ of an added friction or a wheel that is held [nats]."""
     accelerometer: float = 40.0
     """Λ of a jump of the accelerometer's bias [nats]."""
     margin: float = 6.0
     """By how much the best hypothesis must lead the next on another wheel to be alone [nats]."""
-    slip: float = 0.001
+    slip: float = 0.0005
     """Way slipped beyond what is allowed [m]."""
     settling: float = 0.06
     """Time that isolation may take after detection [s]."""
@@ -54,8 +54,8 @@ class Thresholds:
     """Angle by which gyro and converter part in a second [rad]."""
     other: float = 2.5
     """Factor on slip and accelerometer while another fault stands: less is sure of the robot then."""
-    healthy: int = 25
-    """Blocks of loaded rolling that take a slip back."""
+    healthy: float = 8.0
+    """Λ of grip that is back, which takes a slip back [nats]."""
 
 
 _AFTERMATH = 2.0  # [s] in which the velocity of the body comes home after a slip
@@ -140,12 +140,12 @@ def _cleared(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time:
         if d.cleared is not None:
             return False
         if d.kind == "locked" or is_still(d):
-            return bool(evidence.counters[d.wheels[0] - 1, TURNING] >= thresholds.released)
+            return bool(evidence.counters[d.wheels[0] - 1, TURNS] >= thresholds.released)
         if d.kind not in ("slip", "all_wheel_slip"):
             return False
         wheels = [w - 1 for w in d.wheels] or list(range(len(evidence.force)))
         rows = evidence.counters[wheels]
-        return bool((rows[:, ROLLING] >= thresholds.healthy).any() and (rows[:, SLIPPING] < 1e-4).all())
+        return bool((rows[:, HEALTH] >= thresholds.healthy).any() and (rows[:, SLIPPING] < 1e-4).all())
 
     if not any(healthy(d) for d in verdict.diagnoses):
         return verdict
@@ -267,20 +267,31 @@ def _accelerometer(verdict: Verdict, time: float, axis: int, lead: float, margin
 
 
 def _slips(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: float) -> Verdict:
+    if any(d.kind == "all_wheel_slip" and d.cleared is None for d in verdict.diagnoses):
+        return verdict
     way = evidence.counters[:, SLIPPING]
     enough = thresholds.slip * (thresholds.other if _any(verdict) else 1.0)
     over = [i for i in range(len(way)) if way[i] >= enough and verdict.standing(i + 1) is None]
-    if not over or any(d.kind == "all_wheel_slip" and d.cleared is None for d in verdict.diagnoses):
+    if not over:
         return verdict
-    loaded = [i for i, force in enumerate(evidence.force) if abs(force) > LOADED]
-    along = [i for i in loaded if way[i] >= 0.5 * thresholds.slip]
-    if len(along) >= 2 and len(along) == len(loaded):
-        return _with(verdict, Diagnosis(time, "all_wheel_slip", (), 0.9))
+    slipping = {d.wheels[0] - 1 for d in verdict.diagnoses if d.cleared is None and d.kind == "slip"}
+    slipping |= {i for i in range(len(way)) if way[i] >= 0.5 * thresholds.slip}
+    holding = [i for i in range(len(way)) if i not in slipping and abs(evidence.force[i]) > LOADED]
+    if len(slipping) >= 2 and not holding:
+        return _all_slip(verdict, time)
     for i in over:
         slid = max(float(evidence.counters[i, SHORT]), 0.0)
         confidence = 1.0 - math.exp(-slid / 0.02)
         verdict = _with(verdict, Diagnosis(time, "slip", (i + 1,), confidence))
     return verdict
+
+
+def _all_slip(verdict: Verdict, time: float) -> Verdict:
+    """In the place of the wheels that were named until now."""
+    ended = [
+        replace(d, cleared=time) if d.cleared is None and d.kind == "slip" else d for d in verdict.diagnoses
+    ]
+    return Verdict((*ended, Diagnosis(time, "all_wheel_slip", (), 0.9)), math.nan)
 
 
 def _odd_speeds(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: float) -> Verdict:

@@ -10,14 +10,12 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from omnimj.control.heading import wrapped
+from omnimj.control.robust.constants import LOAD
 from omnimj.control.robust.counters import (
-    CAUTION,
-    FIRST_WEIGHT,
     NO_COUNTS,
-    WEAKEST,
+    OPPOSED,
     count_wheel,
-    feel_floor,
-    floor_scale,
+    creep_all,
 )
 from omnimj.control.robust.force_balance import balance, columns, lasting, wheel_force, whiten
 from omnimj.control.robust.slip import STATE, correct, predict
@@ -34,7 +32,8 @@ MOVES = 1.0
 """A robot whose wheels all turn slower tells nothing about its motors [rad/s]."""
 CALM = 12.0
 """Λ up to which blocks are learnt from: no fault is half believed [nats]."""
-
+SLOPE_STEP = 0.05
+"""Standard deviation that the accelerometer's bias gains per block where a slope begins or ends [m/s²]."""
 COMPARED = 1.0
 """Time over which converter, wheels and gyro are compared [s]."""
 
@@ -65,8 +64,6 @@ class Evidence:
     """F̂ of the last block, shape (n,) [N]."""
     rho: Array
     """ρ of the last block, shape (3,)."""
-    floor: Array
-    """Sums of F̂ f and f² for κ, f = F_N (σ_0 z + σ s): the floor as each wheel finds it, shape (n, 2)."""
     heading: Array
     """Heading at the end of the block before, NaN before the first, and how far converter and wheels have
     turned beyond the gyro in about a second, shape (3,) [rad]."""
@@ -97,7 +94,6 @@ def no_evidence(wheels: int) -> Evidence:
         found=np.zeros((2 * wheels + 2, SCORE)),
         force=np.zeros(wheels),
         rho=np.zeros(3),
-        floor=np.tile([WEAKEST / CAUTION * FIRST_WEIGHT, FIRST_WEIGHT], (wheels, 1)),
         heading=np.array([np.nan, 0.0, 0.0]),
         misfit=np.zeros(5),
     )
@@ -151,10 +147,28 @@ def _slowest(recent, cursor, speed, side):
 
 
 @kernel
+def _feel_slope(forces, believed, counters, spread):
+    """Lets the accelerometer's bias go along an axis where every wheel contradicts the velocity, in place.
+
+    Uphill the accelerometer reads gravity as motion, so that all wheels seem to be too slow while they push:
+    no slip does that. Oil is the other way round, wheels run away in the direction of their force.
+    """
+    for k in range(2):
+        wheels, opposed = 0, 0.0
+        for i in range(believed.size):
+            if believed[i] != 0.0 and abs(forces[k, i]) > 0.5:
+                wheels += 1
+                opposed += counters[i, OPPOSED] * (1.0 if forces[k, i] > 0.0 else -1.0)
+        if wheels >= 2 and abs(opposed) == wheels:
+            for q in range(spread.shape[0]):
+                spread[q, 2 + k, 2 + k] += SLOPE_STEP * SLOPE_STEP
+
+
+@kernel
 def update(
-    c, forces, across, walk, low, high,
+    c, forces, across, walk, loose, low, high,
     current, speed, acceleration, turning, rate, spin, wanted, believed, unknown, accepted, fresh,
-    ring, cursor, recent, theta, cov, velocity, spread, counters, found, force, rho, floor, misfit,
+    ring, cursor, recent, theta, cov, velocity, spread, counters, found, force, rho, misfit,
 ):  # fmt: skip
     """One block into the evidence, in place.
 
@@ -163,6 +177,7 @@ def update(
       forces: B, shape (3, n).
       across: Shape (n, 3).
       walk: Variance that θ gains per block, shape (p,).
+      loose: Variance of what θ differs by from window to window, shape (p,).
       low: Least size of a jump per hypothesis, shape (2n+2,).
       high: Largest.
       current: Means of the block, shape (n,) [A].
@@ -197,16 +212,20 @@ def update(
             learn(theta, cov, walk, lasting(n), x, raw)
         learning = not fresh and found[:, LIKELIHOOD].max() < CALM
         _in_ring(ring, cursor, theta, cov, walk, lasting(n), x, raw, learning)
-        misfit[:] = scores(ring, cursor[FILLED], cursor[HEAD], theta, np.linalg.inv(cov), low, high, found)
+        known = np.linalg.inv(cov + np.diag(loose))
+        misfit[:] = scores(ring, cursor[FILLED], cursor[HEAD], theta, known, low, high, found)
     for q in range(n + 1):
         predict(c, velocity[q], spread[q], acceleration, turning)
+    creep = np.empty((n, 2))
+    creep_all(c, c[LOAD], force, counters, creep)
     for i in range(n):
-        scale = floor_scale(floor, i)
         x_i, cov_i, row = velocity[i], spread[i], counters[i]
-        count_wheel(c, forces, speed, current, wanted, turning, force, x_i, cov_i, scale, moving, row, i)
-    feel_floor(c, forces, speed, turning, force, velocity, believed, counters, floor)
+        count_wheel(
+            c, forces, speed, current, wanted, turning, force, creep, believed, x_i, cov_i, moving, row, i
+        )
+    _feel_slope(forces, believed, counters, spread)
     for q in range(n + 1):
-        correct(c, forces, speed, turning, force, believed, q if q < n else -1, velocity[q], spread[q])
+        correct(c, forces, speed, turning, creep, believed, q if q < n else -1, velocity[q], spread[q])
     if np.abs(speed).max() < 0.1 * MOVES and abs(turning) < 0.02:
         velocity[:, :2] *= 0.9  # a robot at rest has no speed that wheels would have to correct
     return moving

@@ -17,8 +17,8 @@ from omnimj.control.robust.decide import Thresholds, Verdict, decide, is_still
 from omnimj.control.robust.evidence import FILLED, Evidence, compare_turning, no_evidence, update
 from omnimj.control.robust.past import all_told, put_by
 from omnimj.control.robust.samples import Samples, frozen_channels, no_samples, take_sample
-from omnimj.control.robust.slow import MEMORY, prior
-from omnimj.control.robust.windows import LIKELIHOOD
+from omnimj.control.robust.slow import BROKEN_FRICTION_VARIES, BROKEN_LOSS_VARIES, MEMORY, loose, prior
+from omnimj.control.robust.windows import LIKELIHOOD, SIZE
 from omnimj.control.wheel_speed import amplifier_row
 from omnimj.parameters import Robot
 from omnimj.signals import Array, Diagnosis, Measurement
@@ -29,6 +29,14 @@ HEALTHY, SUSPECT, FAULTY, BLIND = range(4)
 _DEAD = 0.9  # loss from which a motor is not counted upon
 _FRESH = 200  # [blocks]
 _FOUND_AGAIN = 0.2  # standard deviation of what is left of a motor just after its loss was seen
+_PART_FRICTION, _PART_LOSS = 1.5, 0.05  # of it that may be friction, and loss where friction was seen
+_RATHER = 2.0  # [nats] by which friction must be more likely than a loss
+
+
+def _renew(cov: Array, j: int, deviation: float) -> None:
+    """Number j of θ begins anew, in place."""
+    cov[j, :], cov[:, j] = 0.0, 0.0
+    cov[j, j] = deviation * deviation
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +91,15 @@ class Robust:
         walk = prior(n) ** 2 * (BLOCK * self.period / MEMORY)
         low = np.array([0.03] * n + [0.3] * n + [-5.0] * 2)
         high = np.array([1.0] * n + [40.0] * n + [5.0] * 2)
-        self._constants = (numbers(robot, self.period), shape.forces, shape.across, walk, low, high)
+        self._constants = (
+            numbers(robot, self.period),
+            shape.forces,
+            shape.across,
+            walk,
+            loose(n) ** 2,
+            low,
+            high,
+        )
         self._amplifier, self._turn = amplifier_row(robot), turn_row(robot)
         each = [f"{name}_{i}" for name in ("current", "wheel_speed") for i in range(1, n + 1)]
         self._waits, self._ranges = delays(robot, self.period), ranges(robot)
@@ -154,15 +170,16 @@ class Robust:
         block = np.empty(3 * n + 4)
         take_block(samples.sums, BLOCK * self.period, now[n : 2 * n], now[2 * n + 2], block)
         evidence = state.evidence.copy()
+        c, forces, across, walk, loose, low, high = self._constants
         moving = update(
-            *self._constants,
+            c, forces, across, walk, self._looser(loose, state.verdict), low, high,
             block[:n], block[n : 2 * n], block[2 * n : 2 * n + 2], block[2 * n + 2],
             block[2 * n + 3 : 3 * n + 3], block[3 * n + 3], block[:n] + samples.wanted / BLOCK,
             self._believed(state.verdict, state.fresh), self._unknown(state.verdict), state.accepted,
             state.fresh > 0,
             evidence.ring, evidence.cursor, evidence.recent, evidence.theta, evidence.cov, evidence.velocity,
             evidence.spread, evidence.counters, evidence.found, evidence.force, evidence.rho,
-            evidence.floor, evidence.misfit,
+            evidence.misfit,
         )  # fmt: skip
         speed, period = block[n : 2 * n], BLOCK * self.period
         compare_turning(evidence.heading, self._turn, period, measurement.yaw, speed, block[2 * n + 2])
@@ -191,6 +208,19 @@ class Robust:
                 believed[:] = 0.0
         return believed
 
+    def _looser(self, loose: Array, verdict: Verdict) -> Array:
+        """`slow.loose`, with broken motors, of which no law is known as well as of healthy ones."""
+        broken = [
+            w - 1 for d in verdict.diagnoses if d.cleared is None and d.kind == "motor" for w in d.wheels
+        ]
+        if not broken:
+            return loose
+        looser = loose.copy()
+        for i in broken:
+            looser[i] += BROKEN_LOSS_VARIES**2
+            looser[self.wheels + i] += BROKEN_FRICTION_VARIES**2
+        return looser
+
     def _unknown(self, verdict: Verdict) -> Array:
         """Wheels whose force on the floor the motor does not tell."""
         unknown = np.zeros(self.wheels)
@@ -205,19 +235,24 @@ class Robust:
             return state.accepted
         motors = [d for d in verdict.diagnoses[len(state.verdict.diagnoses) :] if d.kind == "motor"]
         accepted = state.accepted.copy() if motors else state.accepted
+        found = evidence.found.copy()
         for d in verdict.diagnoses[len(state.verdict.diagnoses) :]:
             evidence.cursor[FILLED] = 0
             evidence.found[:] = 0.0
             if d.kind == "motor" and d.effectiveness is not None:
                 i = d.wheels[0] - 1
-                accepted[i] = 1.0 - d.effectiveness - evidence.theta[i]
-                evidence.cov[i, :], evidence.cov[:, i] = 0.0, 0.0
-                evidence.cov[i, i] = _FOUND_AGAIN**2
-                evidence.cov[i + self.wheels, i + self.wheels] += 0.04  # part of it may be friction
+                j = i + self.wheels
+                if found[j, LIKELIHOOD] > found[i, LIKELIHOOD] + _RATHER:  # something brakes the wheel
+                    evidence.theta[j] += found[j, SIZE]
+                    _renew(evidence.cov, j, 0.5 * found[j, SIZE] + _PART_FRICTION)
+                    evidence.cov[i, i] += _PART_LOSS**2
+                else:
+                    accepted[i] = 1.0 - d.effectiveness - evidence.theta[i]
+                    _renew(evidence.cov, i, _FOUND_AGAIN)
+                    evidence.cov[j, j] += _PART_FRICTION**2
             elif d.channel.startswith("acceleration"):
                 j = 2 * self.wheels + "xy".index(d.channel[-1])
-                evidence.cov[j, :], evidence.cov[:, j] = 0.0, 0.0
-                evidence.cov[j, j] = 1.0
+                _renew(evidence.cov, j, 1.0)
                 # the velocity that it made up is forgotten
                 evidence.spread[:] = np.eye(evidence.spread.shape[1])
         return accepted

@@ -1,15 +1,16 @@
 """The slip channel: each wheel against a body velocity that this wheel had no say in.
 
 Velocity v of the body by accelerometer and gyro, v̇ = a − b − ω × v, corrected by wheels that are believed to
-roll:  r φ̇_i − creep(F̂_i) = u_i·v + l_i ω.  One filter per wheel leaves that wheel out; its
-  e_i = r φ̇_i − creep(F̂_i) − u_i·v̂ − l_i ω
-is slip beyond what the traction explains. creep(F) = (|F|/F_N − μ)/σ sign F: every floor that was measured
-has a slope near 2.5 s/m and holds 0.04-0.12 before it creeps.
+roll:  r φ̇_i − creep_i = u_i·v + l_i ω.  One filter per wheel leaves that wheel out; its
+  e_i = r φ̇_i − creep_i − u_i·v̂ − l_i ω
+is slip beyond what the traction explains. A healthy floor creeps under its traction by
+  s = (F̂/F_N − σ_0 z)/σ,   ż = s − σ_0 |s|/μ z:
+every floor that was measured has a σ near 2.5 s/m. Stone is soft: its bristles give way for 0.2 s after every
+change of traction; PVC and paperboard are stiff. creep_i is the mean of both, in doubt by what they differ.
 
-A bristle of a soft floor gives way by 10 mm before it pulls with all that it has, in which a healthy wheel
-seems to slip. So slip is told from health by the force that the weakest healthy floor would have made of it,
-  F_w = κ F_N (min over soft, slick of σ_0 z + σ s),   ż = s − σ_0 |s|/μ z,  s = r φ̇_i − u_i·v̂ − l_i ω,
-κ what floor and load have been seen to be. The shortfall in terms of speed, (F_w − F̂)/(σ F_N), counts.
+So slip is told from health by traction: what a healthy wheel may creep under F̂ lies between the creep of a
+weak floor, soft or slick, and that of a strong one; a wheel that moves beyond them in the direction of its
+force has lost grip. No velocity enters the bounds, so that its error counts once and never grows.
 """
 
 from __future__ import annotations
@@ -18,16 +19,17 @@ import math
 
 import numpy as np
 
-from omnimj.control.robust.constants import LOAD, RADIUS, TIME
+from omnimj.control.robust.constants import RADIUS, TIME
 from omnimj.physics.native import kernel
 
-HOLDS, SLOPE = 0.09, 2.5
-"""μ [1] and σ [s/m] of creep(F)."""
-SOFT, SLICK = (9.2, 0.096), (44.0, 0.032)
-"""σ_0 [1/m] and μ [1] of the two floors that are weakest in their own way: natural stone and paperboard, less
-a fifth."""
-STRONGER = 1.6
-"""Of a floor that is strong instead of weak: it pushes back harder while its bristles turn round."""
+SLOPE = 2.5
+"""σ of every floor [s/m]."""
+GIVING, STIFF = (11.5, 0.12), (50.0, 0.09)
+"""σ_0 [1/m] and μ [1] of stone, and of what is between PVC and paperboard."""
+WEAK, STRONG = ((9.2, 0.096), (44.0, 0.032)), ((9.2, 0.096), (50.0, 0.12))
+"""σ_0 and μ of the floors that bound creep: stone and paperboard less a fifth, and a soft and a stiff one."""
+WEAKER, STRONGER = 0.9, 1.6
+"""How much of its traction a weak wheel carries beside, for its load, and a strong one."""
 STATE = 4
 """Of a filter: v_x, v_y [m/s], bias of the accelerometer x and y [m/s²]."""
 WHEEL_NOISE, CREEP_NOISE, ROW_NOISE = 0.004, 0.35, 0.01
@@ -39,10 +41,18 @@ _GATE = 3.0  # standard deviations beyond which a wheel's word no longer grows
 
 
 @kernel
-def creep(c, force):
-    """Slip velocity that goes with a traction force on an ordinary floor [m/s]."""
-    share = abs(force) / c[LOAD]
-    return math.copysign(max(share - HOLDS, 0.0) / SLOPE, force)
+def next_creep(share, z, stiffness, holds, t):
+    """Creep of a floor under a traction over one block [m/s], and its bristle at the end [m].
+
+    Args:
+      share: F̂/F_N.
+      z: Bristle at the beginning [m].
+      stiffness: σ_0 [1/m].
+      holds: μ.
+      t: Length of the block [s].
+    """
+    after = next_bristle(z, (share - stiffness * z) / SLOPE, stiffness, holds, t)
+    return (share - 0.5 * stiffness * (z + after)) / SLOPE, after
 
 
 @kernel
@@ -85,14 +95,13 @@ def hear(x, cov, u_x, u_y, away, noise):
 
 
 @kernel
-def away_from_rolling(c, forces, speed, turning, force, x, i):
+def away_from_rolling(c, forces, speed, turning, creep, x, i):
     """e_i of wheel i at a filter's state [m/s]."""
-    rolling = forces[0, i] * x[0] + forces[1, i] * x[1] + forces[2, i] * turning
-    return c[RADIUS] * speed[i] - creep(c, force[i]) - rolling
+    return slid(c, forces, speed, turning, x, i) - creep[i, 0]
 
 
 @kernel
-def correct(c, forces, speed, turning, force, believed, left_out, x, cov):
+def correct(c, forces, speed, turning, creep, believed, left_out, x, cov):
     """All wheels that are believed, but for one, speak to a filter.
 
     Args:
@@ -100,7 +109,7 @@ def correct(c, forces, speed, turning, force, believed, left_out, x, cov):
       forces: B, shape (3, n).
       speed: Shape (n,) [rad/s].
       turning: Gyro [rad/s].
-      force: F̂, shape (n,) [N].
+      creep: Of each wheel, and its doubt, shape (n, 2) [m/s].
       believed: 1 for wheels that are taken to roll, shape (n,).
       left_out: The wheel that has no say, or −1.
       x: State, changed.
@@ -109,8 +118,8 @@ def correct(c, forces, speed, turning, force, believed, left_out, x, cov):
     for i in range(speed.size):
         if i == left_out or believed[i] == 0.0:
             continue
-        away = away_from_rolling(c, forces, speed, turning, force, x, i)
-        noise = WHEEL_NOISE + ROW_NOISE * abs(turning) + CREEP_NOISE * abs(creep(c, force[i]))
+        away = away_from_rolling(c, forces, speed, turning, creep, x, i)
+        noise = WHEEL_NOISE + ROW_NOISE * abs(turning) + CREEP_NOISE * abs(creep[i, 0]) + creep[i, 1]
         hear(x, cov, forces[0, i], forces[1, i], away, noise)
 
 
@@ -131,15 +140,19 @@ def next_bristle(z, slip, stiffness, holds, t):
 
 
 @kernel
-def weakest_pull(slip, toward, soft, slick):
-    """(σ_0 z + σ s) of the weaker of both floors in the direction `toward` (±1) [1].
+def healthy_creep(share, bristles, t):
+    """Least and largest creep of a healthy wheel [m/s].
 
-    It is below 0 while bristles still push the other way; there the stronger floor counts.
+    Args:
+      share: F̂/F_N.
+      bristles: Of the weak floors and the strong ones, shape (4,), brought up to date [m].
+      t: Length of the block [s].
     """
-    held = min(toward * SOFT[0] * soft, toward * SLICK[0] * slick)
-    if held < 0.0:
-        held *= STRONGER
-    return held + SLOPE * toward * slip
+    soft, bristles[0] = next_creep(share / WEAKER, bristles[0], WEAK[0][0], WEAK[0][1], t)
+    slick, bristles[1] = next_creep(share / WEAKER, bristles[1], WEAK[1][0], WEAK[1][1], t)
+    tough, bristles[2] = next_creep(share / STRONGER, bristles[2], STRONG[0][0], STRONG[0][1], t)
+    stiff, bristles[3] = next_creep(share / STRONGER, bristles[3], STRONG[1][0], STRONG[1][1], t)
+    return min(min(soft, slick), min(tough, stiff)), max(max(soft, slick), max(tough, stiff))
 
 
 @kernel

@@ -16,6 +16,10 @@ HELD = 0.6
 """The same of h and k: anything between −1 and 1."""
 FREELY = 6.0
 """The same while learning: what stands holds the same for seconds, and nothing may be learnt from that."""
+LOSS_VARIES, FRICTION_VARIES = 0.01, 0.1
+"""Standard deviations of δ and ν from one window to the next."""
+BROKEN_LOSS_VARIES, BROKEN_FRICTION_VARIES = 0.05, 0.5
+"""The same of a motor that is known to be broken."""
 MEMORY = 120.0
 """Time in which a number may wander by its own prior [s]."""
 
@@ -24,6 +28,16 @@ def prior(wheels: int) -> Array:
     """Standard deviations of θ before anything is known, shape (p,)."""
     each = [LOSS] * wheels + [FRICTION] * wheels
     return np.array([*each, BIAS, BIAS, ROLLERS, LOADED, INERTIA, *([HELD] * (2 * wheels))])
+
+
+def loose(wheels: int) -> Array:
+    """Standard deviations of what θ is off for a second or two, whatever was learnt before, shape (p,).
+
+    Friction is not the same at every speed and load, nor is the gear's efficiency; what a law with constant
+    numbers leaves of that lasts as long as a manoeuvre, and no window may take it for a fault.
+    """
+    each = [LOSS_VARIES] * wheels + [FRICTION_VARIES] * wheels
+    return np.array([*each, 0.01, 0.01, 0.05, 0.03, 0.05, *([0.0] * (2 * wheels))])
 
 
 @kernel

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -12,18 +14,22 @@ from omnimj.control.robust.counters import (
     ALLOWED,
     COUNTERS,
     GRIP,
+    HEALTH,
+    MOST,
     NO_COUNTS,
-    ROLLING,
     SLIPPING,
     count_slip,
 )
+from omnimj.control.robust.decide import Thresholds
 from omnimj.control.robust.slip import (
-    HOLDS,
+    GIVING,
     SLOPE,
     STATE,
+    STIFF,
     correct,
-    creep,
+    healthy_creep,
     next_bristle,
+    next_creep,
     predict,
     spread_of,
 )
@@ -46,9 +52,9 @@ def test_a_body_that_coasts_while_it_turns_keeps_its_velocity_in_the_world():
 def test_rolling_wheels_bring_the_velocity_home_whatever_it_was():
     twist = np.array([0.5, -0.3, 0.2])
     speed = SHAPE.forces.T @ twist / ROBOT.wheel.radius
-    x, cov, zero = np.zeros(STATE), np.eye(STATE) * 0.05, np.zeros(4)
+    x, cov = np.zeros(STATE), np.eye(STATE) * 0.05
     for _ in range(100):
-        correct(C, SHAPE.forces, speed, twist[2], zero, np.ones(4), -1, x, cov)
+        correct(C, SHAPE.forces, speed, twist[2], np.zeros((4, 2)), np.ones(4), -1, x, cov)
     assert x[:2] == pytest.approx(twist[:2], abs=2e-3)
 
 
@@ -56,14 +62,14 @@ def test_a_wheel_that_is_left_out_has_no_say():
     speed = np.array([100.0, 0.0, 0.0, 0.0])
     x, cov = np.zeros(STATE), np.eye(STATE) * 0.05
     for _ in range(50):
-        correct(C, SHAPE.forces, speed, 0.0, np.zeros(4), np.ones(4), 0, x, cov)
+        correct(C, SHAPE.forces, speed, 0.0, np.zeros((4, 2)), np.ones(4), 0, x, cov)
     assert x[:2] == pytest.approx([0.0, 0.0], abs=1e-9)
 
 
 def test_two_wheels_leave_the_velocity_along_one_axis_as_doubtful_as_it_was():
     x, cov = np.zeros(STATE), np.eye(STATE) * 0.05
     believed = np.array([0.0, 1.0, 0.0, 1.0])  # wheels 2 and 4 drive along x
-    correct(C, SHAPE.forces, np.zeros(4), 0.0, np.zeros(4), believed, -1, x, cov)
+    correct(C, SHAPE.forces, np.zeros(4), 0.0, np.zeros((4, 2)), believed, -1, x, cov)
     assert spread_of(cov, 1.0, 0.0) < 0.02 < spread_of(cov, 0.0, 1.0) == pytest.approx(0.05**0.5)
 
 
@@ -75,46 +81,69 @@ def test_the_bristle_is_that_of_lugre(slip):
     assert next_bristle(0.001, slip, 44.0, 0.032, 0.01) == pytest.approx(z.y[0, -1], rel=1e-6)
 
 
-def test_creep_is_odd_and_undone_by_its_slope():
-    for slip in (0.02, 0.1):
-        force = C[LOAD] * (HOLDS + SLOPE * slip)
-        assert creep(C, force) == pytest.approx(slip) and creep(C, -force) == pytest.approx(-slip)
-    assert creep(C, 0.9 * HOLDS * C[LOAD]) == 0.0
+@pytest.mark.parametrize(("stiffness", "holds"), [GIVING, STIFF])
+def test_creep_of_a_floor_is_that_of_lugre_turned_round(stiffness, holds):
+    """F = (σ_0 z + σ s) F_N forward by another integrator, then s back from F alone."""
+
+    def slip(t):
+        return 0.05 * math.sin(6.0 * t)
+
+    def bristle(t, z):
+        return slip(t) - stiffness * abs(slip(t)) / holds * z
+
+    times = np.arange(0.005, 1.0, 0.01)
+    z = solve_ivp(bristle, (0, 1), [0.0], t_eval=times, rtol=1e-9, atol=1e-12).y[0]
+    after, found = 0.0, []
+    for t, deflection in zip(times, z, strict=True):
+        creep, after = next_creep(stiffness * deflection + SLOPE * slip(t), after, stiffness, holds, 0.01)
+        found.append(creep)
+    assert found == pytest.approx([slip(t) for t in times], abs=0.003)
 
 
-def counted(force, slip, blocks, scale=1.0, row=None):
+def test_bounds_of_healthy_creep_are_odd_in_force():
+    for force in (2.0, 8.0, 15.0):
+        up, down = np.zeros(4), np.zeros(4)
+        for _ in range(50):
+            least, most = healthy_creep(force / C[LOAD], up, 0.01)
+            assert healthy_creep(-force / C[LOAD], down, 0.01) == pytest.approx((-most, -least))
+        assert least <= most
+
+
+def counted(force, slip, blocks, row=None):
     row = np.array(NO_COUNTS) if row is None else row
     assert len(row) == COUNTERS
     for _ in range(blocks):
-        count_slip(C, force, slip, 0.0, 0.0, scale, True, row)
+        count_slip(C, force, slip, 0.0, 0.0, True, row)
     return row
 
 
-def test_a_wheel_that_pulls_as_its_slip_says_never_slips():
+@pytest.mark.parametrize("holds", [0.05, 0.12])
+def test_a_wheel_that_pulls_as_its_slip_says_never_slips(holds):
     for slip in (0.02, 0.05, 0.2):
-        force = C[LOAD] * (0.12 + 2.45 * slip)
-        assert counted(force, slip, 200)[SLIPPING] == 0.0
+        assert counted(C[LOAD] * (holds + 2.45 * slip), slip, 200)[SLIPPING] == 0.0
 
 
 def test_a_wheel_that_pulls_a_third_of_it_slips_by_its_way():
-    slip = 0.2
+    slip, blocks = 0.2, 1
     force = 0.3 * C[LOAD] * (0.12 + 2.45 * slip)
+    row = counted(force, slip, blocks)
+    assert 0.3 * slip * 0.01 < row[SLIPPING] < slip * 0.01
     row = counted(force, slip, 20)
-    assert 0.5 * slip * 0.2 < row[SLIPPING] < slip * 0.2
-    assert row[GRIP] == pytest.approx(0.3, abs=0.08)
+    assert row[SLIPPING] == MOST and row[GRIP] == pytest.approx(0.3, abs=0.08)
 
 
 def test_a_slip_is_healed_by_pulling_without_slipping_and_by_nothing_else():
     row = counted(6.0, 0.25, 20)
-    assert row[ROLLING] == 0.0
-    assert counted(0.5, 0.0, 50, row=row.copy())[ROLLING] == 0.0  # hardly a load: says nothing
-    assert counted(10.0, 0.02, 50, row=row.copy())[ROLLING] >= 25.0
+    assert row[HEALTH] == 0.0
+    assert counted(0.5, 0.0, 50, row=row.copy())[HEALTH] == 0.0  # hardly a load: says nothing
+    assert counted(6.0, 0.25, 50, row=row.copy())[HEALTH] == 0.0  # still slips
+    assert counted(10.0, 0.02, 50, row=row.copy())[HEALTH] > Thresholds().healthy
 
 
 def test_slip_within_what_a_healthy_wheel_may_show_is_forgotten():
     row = counted(2.0, 0.3, 10)
     assert row[SLIPPING] > 0.0
-    assert counted(8.0, ALLOWED, 400, row=row)[SLIPPING] == 0.0
+    assert counted(8.0, ALLOWED, 400, row=row)[SLIPPING] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_channels_are_aligned_to_the_slowest():
