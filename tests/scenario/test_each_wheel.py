@@ -6,7 +6,6 @@ k − 1 quarter turns clockwise. A drive and a patch are turned with it.
 
 from __future__ import annotations
 
-import functools
 import math
 
 import numpy as np
@@ -60,7 +59,6 @@ def weak(wheel, number):
     return direction("degraded_motor", wheel), f"faults=[{fault}]"
 
 
-@functools.cache  # a run is the same every time, and says two things
 def driven(name, overrides):
     return run_scenario(read_scenario(name, overrides), "twin", "robust").metrics
 
