@@ -168,12 +168,11 @@ def count_wheel(c, forces, speed, current, wanted, turning, force, creep, believ
     idle = abs(force[i]) <= LOADED
     _more_if(row, AGAINST, ahead < -NO_SLIP - usual or (idle and abs(away) > NO_SLIP))
     below = forces[0, i] * x[0] + forces[1, i] * x[1] + forces[2, i] * turning
+    pushed, doubt = math.copysign(1.0, current[i]), _SIGMAS * doubt
+    stands = abs(speed[i]) < _STANDS and abs(current[i]) > _PUSHED
+    _more_if(row, STUCK, stands and pushed * below > _PASSES + doubt)
     # what its motor would make of it, if it could turn: the floor's speed, and creep under this force
-    would = (below + creep[i, 0]) * math.copysign(1.0, current[i])
-    stands, doubt = abs(speed[i]) < _STANDS, _SIGMAS * doubt
-    still = stands and abs(current[i]) > _PUSHED and would > _WOULD + doubt
-    _more_if(row, STUCK, still and below * math.copysign(1.0, current[i]) > _PASSES + doubt)
-    _more_if(row, STILL, still)
+    _more_if(row, STILL, stands and pushed * (below + creep[i, 0]) > _WOULD + doubt)
     _more_if(row, TURNS, abs(speed[i]) > _TURNING)
     silent = abs(current[i]) < _SILENT
     lacks = abs(current[i] - wanted[i]) > _OBEYED or (silent and abs(wanted[i]) > _ASKED)

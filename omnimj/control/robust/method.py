@@ -225,7 +225,7 @@ class Robust:
         """Wheels whose force on the floor the motor does not tell."""
         unknown = np.zeros(self.wheels)
         for d in verdict.diagnoses:
-            if d.cleared is None and d.kind == "locked":
+            if d.cleared is None and (d.kind == "locked" or is_still(d)):
                 unknown[[w - 1 for w in d.wheels]] = 1.0
         return unknown
 
