@@ -239,7 +239,7 @@ class Robust:
         for d in verdict.diagnoses[len(state.verdict.diagnoses) :]:
             evidence.cursor[FILLED] = 0
             evidence.found[:] = 0.0
-            if d.kind == "motor" and d.effectiveness is not None:
+            if d.kind == "motor" and d.effectiveness is not None and not is_still(d):
                 i = d.wheels[0] - 1
                 j = i + self.wheels
                 if found[j, LIKELIHOOD] > found[i, LIKELIHOOD] + _RATHER:  # something brakes the wheel
@@ -260,7 +260,7 @@ class Robust:
     def _believe(self, evidence: Evidence, verdict: Verdict, losses: Array) -> Beliefs:
         """What stands, wheel by wheel; what might be another wheel is not acted upon."""
         n = self.wheels
-        lost, decided = np.zeros(n), -math.inf
+        lost, decided, force = np.zeros(n), -math.inf, evidence.force.copy()
         dead, runaway, held, slipping = (np.zeros(n, bool) for _ in range(4))
         for d in verdict.diagnoses:
             decided = max(decided, d.time)
@@ -268,7 +268,7 @@ class Robust:
                 continue
             wheels = [w - 1 for w in d.wheels]
             if is_still(d):
-                dead[wheels] = True
+                dead[wheels], force[wheels] = True, 0.0
             elif d.kind == "motor":
                 lost[wheels] = losses[wheels]
                 dead[wheels] = losses[wheels] > _DEAD
@@ -283,7 +283,7 @@ class Robust:
             elif d.kind == "all_wheel_slip":
                 slipping[:] = True
         velocity, gyro = evidence.velocity[n, :2].copy(), not verdict.has_sensor("yaw_rate")
-        return Beliefs(lost, dead, runaway, held, slipping, velocity, evidence.force.copy(), decided, gyro)
+        return Beliefs(lost, dead, runaway, held, slipping, velocity, force, decided, gyro)
 
     def _log(
         self, evidence: Evidence, found: Array, verdict: Verdict, accepted: Array, moving: bool
