@@ -256,7 +256,7 @@ class Recovery:
             cap_slip(
                 self._numbers, self._forces, beliefs.velocity, turning, beliefs.slipping, lowest, highest
             )
-        elif mode in (COMPENSATING, PIVOTING):
+        elif mode in (COMPENSATING, PIVOTING) and (asked.velocity.any() or asked.yaw_rate != 0.0):
             v_x, v_y = to_body(asked.velocity[0], asked.velocity[1], heading)
             used = beliefs.obeys & ~beliefs.slipping
             if means.pivot >= 0:

@@ -19,7 +19,9 @@ forces = st.floats(-15.0, 15.0)
 
 
 def shares(wrench, most=None, used=ALL):
-    return allocate(FORCES, ARM, np.array(wrench), np.full(4, 100.0) if most is None else np.array(most), used)
+    return allocate(
+        FORCES, ARM, np.array(wrench), np.full(4, 100.0) if most is None else np.array(most), used
+    )
 
 
 @given(forces, forces, st.floats(-3.0, 3.0))

@@ -71,10 +71,8 @@ def test_wheels_against_each_other_push_the_body_nowhere():
 
 
 def test_the_square_wave_comes_in_bursts_of_whole_periods_while_a_robot_drives_steadily():
-    d, signs = no_dither(False), []
-    for _ in range(round((QUIET + PERIODS / FREQUENCY + PAUSE + QUIET) / H)):
-        signs.append(next_dither(d, H, True, 0.3, 0.0, 0.0))
-    signs = np.array(signs)
+    d, steps = no_dither(False), round((QUIET + PERIODS / FREQUENCY + 0.9 * PAUSE) / H)
+    signs = np.array([next_dither(d, H, True, 0.3, 0.0, 0.0) for _ in range(steps)])
     assert not signs[: round(QUIET / H) - 2].any()
     assert abs(signs.sum()) <= 2, "as long forward as back"
     assert (signs != 0).sum() == pytest.approx(PERIODS / FREQUENCY / H, abs=3)
@@ -110,5 +108,5 @@ def test_a_place_is_driven_back_slowly_and_only_while_the_robot_is_to_move(e_x, 
 @pytest.mark.parametrize("floor", ["natural_stone", "pvc", "paperboard"])
 @pytest.mark.parametrize("slip", [-0.1, -0.03, 0.03, 0.1])
 def test_the_creep_of_every_measured_floor_is_told_within_two_centimetres_a_second(floor, slip):
-    traction = steady_ratio(read_floors()[floor].row(), slip, 0.0) * CONSTANTS[LOAD]
+    traction = steady_ratio(read_floors()[floor].row, slip, 0.0) * CONSTANTS[LOAD]
     assert steady_creep(CONSTANTS, traction) == pytest.approx(slip, abs=0.025)

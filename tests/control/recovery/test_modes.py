@@ -34,8 +34,8 @@ def wheels(*numbers):
     return found
 
 
-def means(before=Means(), **changes):
-    return means_for(replace(WELL, **changes), FORCES, before)
+def means(before=None, **changes):
+    return means_for(replace(WELL, **changes), FORCES, before or Means())
 
 
 def test_a_healthy_robot_is_left_alone():
