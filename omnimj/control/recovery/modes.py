@@ -14,7 +14,16 @@ NORMAL, COMPENSATING, CAPPING, SLOWING, PIVOTING, STOPPING, REVERTED = range(7)
 """Nothing to do · a motor's loss is made up for · a slipping wheel is capped · so many slip that
 the others can not hold the robot, and time runs slower · the robot turns about a held wheel · it can not be
 steered any more · help did not help."""
-NAMES = ("normal", "compensating", "capping", "slowing", "pivoting", "stopping", "reverted")
+NAMES = (
+    "as planned",
+    "compensating",
+    "slip capped",
+    "slowed down",
+    "turning about a wheel",
+    "stopping",
+    "help taken back",
+)
+"""The same for a person."""
 
 _STEERABLE = 3  # degrees of freedom that a robot on a plane has
 _LEAST_ARM = 0.1  # of a wheel's moment over the largest one: less can not be turned about
