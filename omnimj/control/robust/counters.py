@@ -50,6 +50,7 @@ _LEAST_GRIP, _NEWEST = 0.02, 0.1
 _TOLD = 0.015  # [m/s] of slip that the lost grip would make at this load: less is no sign of health
 _SPREAD, _COLOUR = 0.02, 6.0  # [m/s] of a slip, and blocks in which its error stays alike
 _AT_ONCE = 0.6  # [nats] of one block
+_TURNS = 2.5  # [rad/s]
 _STANDS, _PASSES, _PUSHED = 0.4, 0.12, 0.4  # [rad/s] of a locked wheel, [m/s] of the floor below it, [A]
 _OBEYED, _ASKED, _SILENT = 0.25, 0.15, 0.03  # [A]
 
@@ -150,7 +151,9 @@ def count_wheel(c, forces, speed, current, wanted, turning, force, creep, believ
     away, usual = away_from_rolling(c, forces, speed, turning, creep, x, i), abs(creep[i, 0])
     ahead = away if force[i] >= 0.0 else -away
     idle = abs(force[i]) <= LOADED
-    _more_if(row, AGAINST, ahead < -NO_SLIP - usual or (idle and abs(away) > NO_SLIP))
+    odd = ahead < -NO_SLIP - usual or (idle and abs(away) > NO_SLIP)
+    turns = abs(speed[i]) > _TURNS  # or else its motor would not be judged, which may be weak instead
+    _more_if(row, AGAINST, odd or (turns and row[OPPOSED] != 0.0))
     below = forces[0, i] * x[0] + forces[1, i] * x[1] + forces[2, i] * turning
     stands = abs(speed[i]) < _STANDS and abs(below) > _PASSES + _SIGMAS * doubt
     _more_if(row, STUCK, stands and abs(current[i]) > _PUSHED)

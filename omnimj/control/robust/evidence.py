@@ -164,7 +164,7 @@ def _feel_slope(forces, believed, counters, spread):
 @kernel
 def update(
     c, forces, across, walk, loose, low, high,
-    current, speed, acceleration, turning, rate, spin, wanted, believed, unknown, accepted, fresh,
+    current, speed, acceleration, turning, rate, spin, wanted, believed, unknown, deaf, accepted, fresh,
     ring, cursor, recent, theta, cov, velocity, spread, counters, found, force, rho, misfit,
 ):  # fmt: skip
     """One block into the evidence, in place.
@@ -186,6 +186,7 @@ def update(
       wanted: What the amplifiers should give, shape (n,) [A].
       believed: 1 for wheels that have a say about the velocity, shape (n,).
       unknown: 1 for wheels whose force nobody knows (locked), shape (n,).
+      deaf: 1 for axes along which the accelerometer lies, shape (2,).
       accepted: Losses that were diagnosed, shape (n,): θ holds what comes on top.
       fresh: Whether blocks are learnt from at once: just after a loss was accepted.
       ring: And all behind it: of `Evidence`.
@@ -204,7 +205,7 @@ def update(
     slowest, sideways = _slowest(recent, cursor, speed, side)
     moving = np.abs(speed).max() > MOVES
     if moving:
-        whiten(c, forces, across, slowest, sideways, unknown, x, raw)
+        whiten(c, forces, across, slowest, sideways, unknown, deaf, x, raw)
         if fresh:
             learn(theta, cov, walk, lasting(n), x, raw)
         learning = not fresh and found[:, LIKELIHOOD].max() < CALM
@@ -212,7 +213,7 @@ def update(
         known = np.linalg.inv(cov + np.diag(loose))
         misfit[:] = scores(ring, cursor[FILLED], cursor[HEAD], theta, known, low, high, found)
     for q in range(n + 1):
-        predict(c, velocity[q], spread[q], acceleration, turning)
+        predict(c, velocity[q], spread[q], acceleration, deaf, turning)
     creep = np.empty((n, 2))
     creep_all(c, c[LOAD], force, counters, creep)
     for i in range(n):

@@ -17,13 +17,14 @@ from omnimj.control.robust.blocks import (
     delays,
     is_frozen,
     is_full,
+    is_rough,
     no_line,
     no_repeats,
     no_samples,
     ranges,
     take_block,
 )
-from omnimj.control.robust.constants import BLOCK, geometry, numbers
+from omnimj.control.robust.constants import BLOCK, RADIUS, geometry, numbers
 from omnimj.control.robust.counters import SLIPPING
 from omnimj.control.robust.decide import Thresholds, Verdict, decide
 from omnimj.control.robust.evidence import FILLED, Evidence, compare_turning, no_evidence, update
@@ -194,22 +195,27 @@ class Robust:
         block = np.empty(3 * n + 4)
         take_block(sums, BLOCK * self.period, now[n : 2 * n], now[2 * n + 2], block)
         evidence = state.evidence.copy()
+        self._mend(block, evidence, state.verdict)
         c, forces, across, walk, loose, low, high = self._constants
         moving = update(
             c, forces, across, walk, self._looser(loose, state.verdict), low, high,
             block[:n], block[n : 2 * n], block[2 * n : 2 * n + 2], block[2 * n + 2],
             block[2 * n + 3 : 3 * n + 3], block[3 * n + 3], block[:n] + wanted,
-            self._believed(state.verdict, state.fresh), self._unknown(state.verdict), state.accepted,
-            state.fresh > 0,
+            self._believed(state.verdict, state.fresh), self._unknown(state.verdict),
+            self._deaf(state.verdict), state.accepted, state.fresh > 0,
             evidence.ring, evidence.cursor, evidence.recent, evidence.theta, evidence.cov, evidence.velocity,
             evidence.spread, evidence.counters, evidence.found, evidence.force, evidence.rho,
             evidence.misfit,
         )  # fmt: skip
         speed, period = block[n : 2 * n], BLOCK * self.period
         compare_turning(evidence.heading, self._turn, period, measurement.yaw, speed, block[2 * n + 2])
-        frozen = tuple(c for k, c in enumerate(self._channels) if is_frozen(repeats, k, n, speed))
+        dead = tuple(
+            c
+            for k, c in enumerate(self._channels)
+            if is_frozen(repeats, k, n, speed) or is_rough(repeats, k, n)
+        )
         losses = state.accepted + evidence.theta[:n]
-        verdict = decide(evidence, self.thresholds, state.verdict, float(measurement.time), losses, frozen)
+        verdict = decide(evidence, self.thresholds, state.verdict, float(measurement.time), losses, dead)
         found = evidence.found.copy()
         accepted = self._accept(evidence, state, verdict)
         fresh = _FRESH if accepted is not state.accepted else max(state.fresh - int(moving), 0)
@@ -242,11 +248,30 @@ class Robust:
             looser[self.wheels + i] += BROKEN_FRICTION_VARIES**2
         return looser
 
+    def _mend(self, block: Array, evidence: Evidence, verdict: Verdict) -> None:
+        """Puts what the other sensors say in the place of one that lies, in place."""
+        n = self.wheels
+        if not any(d.cleared is None and d.kind == "sensor" for d in verdict.diagnoses):
+            return
+        velocity, forces = evidence.velocity[n], self._constants[1]
+        for i in range(n):
+            if verdict.has_sensor(f"wheel_speed_{i + 1}"):
+                rolling = forces[0, i] * velocity[0] + forces[1, i] * velocity[1]
+                rolling += forces[2, i] * block[2 * n + 2]
+                block[n + i], block[2 * n + 3 + i] = rolling / self._constants[0][RADIUS], 0.0
+        if verdict.has_sensor("yaw_rate"):
+            block[2 * n + 2] = self._turn @ block[n : 2 * n]
+            block[3 * n + 3] = self._turn @ block[2 * n + 3 : 3 * n + 3]
+
+    def _deaf(self, verdict: Verdict) -> Array:
+        """Axes along which the accelerometer lies."""
+        return np.array([float(verdict.has_sensor(f"acceleration_{axis}")) for axis in "xy"])
+
     def _unknown(self, verdict: Verdict) -> Array:
-        """Wheels whose force on the floor the motor does not tell."""
+        """Wheels whose force on the floor the motor, or its speed, does not tell."""
         unknown = np.zeros(self.wheels)
         for d in verdict.diagnoses:
-            if d.cleared is None and d.kind == "locked":
+            if d.cleared is None and (d.kind == "locked" or d.channel.startswith("wheel_speed")):
                 unknown[[w - 1 for w in d.wheels]] = 1.0
         return unknown
 
@@ -271,11 +296,9 @@ class Robust:
                     accepted[i] = 1.0 - d.effectiveness - evidence.theta[i]
                     _renew(evidence.cov, i, _FOUND_AGAIN)
                     evidence.cov[j, j] += _PART_FRICTION**2
-            elif d.channel.startswith("acceleration"):
-                j = 2 * self.wheels + "xy".index(d.channel[-1])
-                _renew(evidence.cov, j, 1.0)
-                # the velocity that it made up is forgotten
+            elif d.kind == "sensor":  # what it made up is forgotten
                 evidence.spread[:] = np.eye(evidence.spread.shape[1])
+                evidence.counters[:, SLIPPING] = 0.0
         return accepted
 
     def _advise(self, verdict: Verdict, losses: Array) -> Advice | None:
