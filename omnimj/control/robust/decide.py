@@ -24,13 +24,19 @@ from omnimj.signals import Array, Diagnosis
 
 @dataclass(frozen=True)
 class Thresholds:
-    """When a suspicion becomes a decision."""
+    """When a suspicion becomes a decision.
+
+    Those of the statistics stand above all that 1.3 h of healthy missions on the twin and 0.4 h on the planar
+    plant showed, with training seeds (11, 18), on all four floors, with payload and errors of all constants:
+    Λ of a motor up to 9.8, of friction 13.7, of the accelerometer 14.3, way slipped 0.05 mm. `omnimj calibrate`
+    sets them from recordings at a stated rate of false alarms; these were set by hand, not by it.
+    """
 
     motor: float = 15.0
     """Λ of a loss of torque constant: ln(ARL · blocks per second · tests), and what is not white [nats]."""
-    drag: float = 18.0
+    drag: float = 20.0
     """Λ of an added friction or a wheel that is held [nats]."""
-    accelerometer: float = 20.0
+    accelerometer: float = 25.0
     """Λ of a jump of the accelerometer's bias [nats]."""
     margin: float = 6.0
     """By how much the best hypothesis must lead the next on another wheel to be alone [nats]."""

@@ -28,7 +28,7 @@ GIVING, STIFF = (11.5, 0.12), (50.0, 0.09)
 """σ_0 [1/m] and μ [1] of stone, and of what is between PVC and paperboard."""
 WEAK, STRONG = ((9.2, 0.096), (44.0, 0.032)), ((9.2, 0.096), (50.0, 0.12))
 """σ_0 and μ of the floors that bound creep: stone and paperboard less a fifth, and a soft and a stiff one."""
-WEAKER, STRONGER = 0.9, 1.6
+WEAKER, STRONGER = 0.8, 1.6
 """How much of its traction a weak wheel carries beside, for its load, and a strong one."""
 STATE = 4
 """Of a filter: v_x, v_y [m/s], bias of the accelerometer x and y [m/s²]."""

@@ -113,7 +113,7 @@ def counted(force, slip, blocks, row=None):
     row = np.array(NO_COUNTS) if row is None else row
     assert len(row) == COUNTERS
     for _ in range(blocks):
-        count_slip(C, force, slip, 0.0, 0.0, True, row)
+        count_slip(C, C[LOAD], force, slip, 0.0, 0.0, True, row)
     return row
 
 
