@@ -11,6 +11,12 @@ from omnimj.parameters import Robot
 from omnimj.physics.native import kernel
 from omnimj.signals import Array
 
+ROUGH = (1.0, 0.45, 0.45, 0.04)
+"""Steps of currents [A], wheel speeds [rad/s], acceleration [m/s²] and yaw rate [rad/s] at 1 kHz that are
+noise: five times those of working sensors at least."""
+SMOOTHED, MOST_STEP = 100.0, 5.0
+"""Samples over which squares of steps are averaged, and how much one counts, in units of the limit: a single
+jump is no noise."""
 REPEATED = 60
 """Samples of one and the same value that no working sensor gives while the robot drives."""
 COUNT = 0
@@ -65,13 +71,14 @@ def align(line, waits, current, speed, acceleration, turning, first, out):
 
 
 def no_repeats(wheels: int) -> Array:
-    """Last sample and how often it came: currents, wheel speeds, acceleration, yaw rate, shape (2, 2n+3)."""
-    return np.zeros((2, 2 * wheels + 3))
+    """Last sample, how often it came, and the mean square of its steps: currents, wheel speeds, acceleration,
+    yaw rate, shape (3, 2n+3)."""
+    return np.zeros((3, 2 * wheels + 3))
 
 
 @kernel
 def count_repeats(repeats, current, speed, acceleration, turning):
-    """One sample into the counts of equal values, in place."""
+    """One sample into the counts of equal values and the squares of steps, in place."""
     n = current.size
     for k in range(2 * n + 3):
         if k < n:
@@ -82,8 +89,26 @@ def count_repeats(repeats, current, speed, acceleration, turning):
             value = acceleration[k - 2 * n]
         else:
             value = turning
-        repeats[1, k] = repeats[1, k] + 1.0 if value == repeats[0, k] else 0.0
+        step = value - repeats[0, k]
+        repeats[1, k] = repeats[1, k] + 1.0 if step == 0.0 else 0.0
+        repeats[2, k] += (min(step * step, MOST_STEP * roughness(k, n) ** 2) - repeats[2, k]) / SMOOTHED
         repeats[0, k] = value
+
+
+@kernel
+def roughness(k, wheels):
+    """Root mean square of channel k's steps from sample to sample that no working sensor has."""
+    if k < wheels:
+        return ROUGH[0]
+    if k < 2 * wheels:
+        return ROUGH[1]
+    return ROUGH[2] if k < 2 * wheels + 2 else ROUGH[3]
+
+
+@kernel
+def is_rough(repeats, k, wheels):
+    """Whether channel k has become noisier than any working sensor."""
+    return repeats[2, k] > roughness(k, wheels) ** 2
 
 
 @kernel

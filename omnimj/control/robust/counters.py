@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from omnimj.control.robust.constants import LOAD, TIME
+from omnimj.control.robust.constants import TIME
 from omnimj.control.robust.slip import (
     GIVING,
     SLOPE,
@@ -38,9 +38,9 @@ from omnimj.physics.native import kernel
 """Numbers of a wheel: way slipped beyond what is allowed [m]; likelihood that its grip is back [nats]; blocks
 in a row of a speed that no slip explains, of standing while the floor passes, of standing under a motor that
 should turn the wheel, of turning, of a motor without the current that was asked for, of one with another
-current; ±1 where it is ahead of a velocity against which its force holds, or behind one with it; the last
-creep beyond health [m/s], the grip that it told of [1]; then the bristles of `healthy_creep` and those of a
-soft and a stiff floor [m]."""
+current; how far it is ahead of a velocity against its force, or behind it with its force (below 0) [m/s]; the
+last creep beyond health [m/s], the grip that it told of [1]; then the bristles of `healthy_creep` and those
+of a soft and a stiff floor [m]."""
 BRISTLES, GIVEN, HELD, COUNTERS = 11, 15, 16, 17
 NO_COUNTS = (0.0,) * GRIP + (1.0,) + (0.0,) * (COUNTERS - GRIP - 1)
 """Before the first block."""
@@ -65,6 +65,7 @@ _LEAST_GRIP, _NEWEST = 0.02, 0.1
 _TOLD = 0.015  # [m/s] of slip that the lost grip would make at this load: less is no sign of health
 _SPREAD, _COLOUR = 0.02, 6.0  # [m/s] of a slip, and blocks in which its error stays alike
 _AT_ONCE = 0.6  # [nats] of one block
+_ROLLS, _LIES = 2.5, 0.08  # [rad/s], [m/s]
 _STANDS, _PASSES, _PUSHED = 0.4, 0.05, 0.4  # [rad/s] of a locked wheel, [m/s] of the floor below it, [A]
 _WOULD, _TURNING = 0.08, 1.5  # [m/s] that a motor would make of its wheel, [rad/s] of one that is not locked
 _OBEYED, _ASKED, _SILENT = 0.25, 0.15, 0.03  # [A]
@@ -94,11 +95,12 @@ def _more_if(row, counter, so):
 
 
 @kernel
-def count_slip(c, force, slip, doubt, turning, moving, row):
+def count_slip(c, load, force, slip, doubt, turning, moving, row):
     """SLIPPING, HEALTH, SHORT, GRIP and the bristles of one wheel, in place.
 
     Args:
       c: `constants.numbers`.
+      load: F_N [N].
       force: F̂ [N].
       slip: s [m/s].
       doubt: Standard deviation of s [m/s].
@@ -106,7 +108,7 @@ def count_slip(c, force, slip, doubt, turning, moving, row):
       moving: Whether any wheel turns: a robot at rest only thinks that it moves.
       row: Its numbers, shape (COUNTERS,).
     """
-    least, most = healthy_creep(force / c[LOAD], row[BRISTLES : BRISTLES + 4], c[TIME])
+    least, most = healthy_creep(force / load, row[BRISTLES : BRISTLES + 4], c[TIME])
     beyond = max(slip - most, least - slip)
     pull = force if slip - most > least - slip else -force
     short = beyond - _SIGMAS * doubt
@@ -117,13 +119,13 @@ def count_slip(c, force, slip, doubt, turning, moving, row):
         row[SLIPPING] *= _FADES
     row[SHORT], row[OPPOSED] = short, 0.0
     if moving and short > allowed and pull < AGREES:
-        row[OPPOSED] = 1.0 if slip > most else -1.0
+        row[OPPOSED] = short if slip > most else -short
     if short > allowed and row[SLIPPING] > 0.0:
         row[HEALTH] = 0.0
-        grip = (abs(force) + _LITTLE) / (c[LOAD] * (_HOLDS + SLOPE * abs(slip)))
+        grip = (abs(force) + _LITTLE) / (load * (_HOLDS + SLOPE * abs(slip)))
         grip = min(max(grip, _LEAST_GRIP), 1.0)
         row[GRIP] = grip if row[GRIP] == 1.0 else (1.0 - _NEWEST) * row[GRIP] + _NEWEST * grip
-    would = max(abs(force) - _FORCE, 0.0) / (c[LOAD] * SLOPE) * (1.0 / row[GRIP] - 1.0)
+    would = max(abs(force) - _FORCE, 0.0) / (load * SLOPE) * (1.0 / row[GRIP] - 1.0)
     if would > _TOLD:
         likely = would * (0.5 * would - max(beyond, 0.0)) / (_COLOUR * (_SPREAD * _SPREAD + doubt * doubt))
         row[HEALTH] = max(row[HEALTH] + min(likely, _AT_ONCE), 0.0)
@@ -140,7 +142,9 @@ def _is_alone(forces, believed, i):
 
 
 @kernel
-def count_wheel(c, forces, speed, current, wanted, turning, force, creep, believed, x, cov, moving, row, i):
+def count_wheel(
+    c, forces, speed, current, wanted, turning, load, force, creep, believed, x, cov, moving, row, i
+):
     """All numbers of wheel i, in place.
 
     Args:
@@ -150,6 +154,7 @@ def count_wheel(c, forces, speed, current, wanted, turning, force, creep, believ
       current: Shape (n,) [A].
       wanted: What the amplifiers should give, shape (n,) [A].
       turning: Yaw rate [rad/s].
+      load: F_N of a wheel [N].
       force: F̂, shape (n,) [N].
       creep: Of `creep_all`.
       believed: 1 for wheels that have a say about the velocity, shape (n,).
@@ -162,11 +167,13 @@ def count_wheel(c, forces, speed, current, wanted, turning, force, creep, believ
     doubt = spread_of(cov, forces[0, i], forces[1, i])
     if _is_alone(forces, believed, i):
         doubt *= _DRIFTS
-    count_slip(c, force[i], slid(c, forces, speed, turning, x, i), doubt, turning, moving, row)
+    count_slip(c, load, force[i], slid(c, forces, speed, turning, x, i), doubt, turning, moving, row)
     away, usual = away_from_rolling(c, forces, speed, turning, creep, x, i), abs(creep[i, 0])
     ahead = away if force[i] >= 0.0 else -away
     idle = abs(force[i]) <= LOADED
-    _more_if(row, AGAINST, ahead < -NO_SLIP - usual or (idle and abs(away) > NO_SLIP))
+    odd = ahead < -NO_SLIP - usual or (idle and abs(away) > NO_SLIP)
+    turns = abs(speed[i]) > _ROLLS  # or else its motor would not be judged, which may be weak instead
+    _more_if(row, AGAINST, odd or (turns and abs(row[OPPOSED]) > _LIES))
     below = forces[0, i] * x[0] + forces[1, i] * x[1] + forces[2, i] * turning
     pushed, doubt = math.copysign(1.0, current[i]), _SIGMAS * doubt
     stands = abs(speed[i]) < _STANDS and abs(current[i]) > _PUSHED

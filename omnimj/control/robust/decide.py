@@ -26,13 +26,19 @@ from omnimj.signals import Array, Diagnosis
 
 @dataclass(frozen=True)
 class Thresholds:
-    """When a suspicion becomes a decision."""
+    """When a suspicion becomes a decision.
+
+    Those of the statistics stand above all that 1.3 h of healthy missions on the twin and 0.4 h on the planar
+    plant showed, with training seeds (11, 18), on all four floors, with payload and errors of all constants:
+    Λ of a motor up to 9.8, of friction 13.7, of the accelerometer 14.3, way slipped 0.05 mm. They were set by
+    hand; `omnimj calibrate` sets them from recordings at a stated rate of false alarms.
+    """
 
     motor: float = 15.0
     """Λ of a loss of torque constant: ln(ARL · blocks per second · tests), and what is not white [nats]."""
-    drag: float = 18.0
+    drag: float = 20.0
     """Λ of an added friction or a wheel that is held [nats]."""
-    accelerometer: float = 40.0
+    accelerometer: float = 25.0
     """Λ of a jump of the accelerometer's bias [nats]."""
     margin: float = 6.0
     """By how much the best hypothesis must lead the next on another wheel to be alone [nats]."""
@@ -50,7 +56,7 @@ class Thresholds:
     """Blocks for which a wheel turns that was said to stand."""
     odd: int = 30
     """Blocks for which a wheel's speed is one that no slip explains."""
-    turning: float = 0.03
+    turning: float = 0.02
     """Angle by which gyro and converter part in a second [rad]."""
     other: float = 2.5
     """Factor on slip and accelerometer while another fault stands: less is sure of the robot then."""
@@ -98,13 +104,18 @@ def decide(
       before: The verdict until now.
       time: Of the block's end [s].
       losses: Believed losses of the torque constants, shape (n,).
-      frozen: Channels that say the same for too long.
+      frozen: Channels that say the same for too long, or nothing but noise.
     """
     after = _cleared(evidence, thresholds, before, time)
     after = _frozen(frozen, after, time)
+    known = len(after.diagnoses)
     after = _turning(evidence, thresholds, after, time)
+    if len(after.diagnoses) > known:
+        return after  # what was seen until now was seen with a sensor that lies
     after = _currents(evidence, thresholds, after, time)
     after = _stuck(evidence, thresholds, after, time)
+    if _turns_unclear(evidence, thresholds, after):
+        return after
     after = _forces(evidence, thresholds, after, time, losses)
     if math.isnan(after.suspected) or time - after.suspected > thresholds.bodily:
         after = _slips(evidence, thresholds, after, time)
@@ -166,17 +177,23 @@ def _turning(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time:
     _, converter, wheels = evidence.heading
     if abs(converter) < thresholds.turning or verdict.has_sensor("yaw_rate") or verdict.has_sensor("yaw"):
         return verdict
-    by_gyro = abs(wheels - converter) < 0.5 * abs(converter)
-    by_converter = abs(wheels) < 0.3 * abs(converter)
-    if by_gyro == by_converter:
+    nearer = abs(wheels) - abs(wheels - converter)  # to the converter than to the gyro
+    if abs(nearer) < 0.7 * thresholds.turning:
         return verdict
+    by_gyro = nearer > 0.0
     return _with(verdict, Diagnosis(time, "sensor", (), 0.95, channel="yaw_rate" if by_gyro else "yaw"))
+
+
+def _turns_unclear(evidence: Evidence, thresholds: Thresholds, verdict: Verdict) -> bool:
+    """Whether gyro and converter begin to part: wheels that turn as told would look like slip."""
+    known = verdict.has_sensor("yaw_rate") or verdict.has_sensor("yaw")
+    return not known and abs(evidence.heading[1]) > 0.4 * thresholds.turning
 
 
 def _currents(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: float) -> Verdict:
     for i, row in enumerate(evidence.counters):
         known = verdict.standing(i + 1)
-        lies = verdict.has_sensor(f"current_{i + 1}")
+        lies = verdict.has_sensor(f"current_{i + 1}") or verdict.has_sensor(f"wheel_speed_{i + 1}")
         if lies or (known is not None and known.kind in ("free", "hard_over")):
             continue
         if row[SILENT] >= thresholds.current:
@@ -300,8 +317,12 @@ def _odd_speeds(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, ti
         return verdict  # what is wrong already makes other wheels look odd
     if (evidence.counters[:, AGAINST] >= 0.5 * thresholds.odd).sum() > 1:
         return verdict  # when several wheels are odd, it is the body's velocity that is wrong
+    if evidence.counters[:, SLIPPING].any():
+        return verdict  # a wheel that begins to slip makes the others look odd
     for i, row in enumerate(evidence.counters):
-        quiet = max(evidence.found[i, LIKELIHOOD], evidence.found[n + i, LIKELIHOOD]) < 0.5 * thresholds.motor
+        quiet = (
+            max(evidence.found[i, LIKELIHOOD], evidence.found[n + i, LIKELIHOOD]) < 0.25 * thresholds.motor
+        )
         channel = f"wheel_speed_{i + 1}"
         if row[AGAINST] < thresholds.odd or not quiet or verdict.has_sensor(channel):
             continue

@@ -32,6 +32,8 @@ MOVES = 1.0
 """A robot whose wheels all turn slower tells nothing about its motors [rad/s]."""
 CALM = 12.0
 """Λ up to which blocks are learnt from: no fault is half believed [nats]."""
+LIGHTEST, HEAVIEST = 0.75, 1.3
+"""Of the robot's mass, as far as it is believed."""
 SLOPE_STEP = 0.05
 """Standard deviation that the accelerometer's bias gains per block where a slope begins or ends [m/s²]."""
 COMPARED = 1.0
@@ -158,7 +160,7 @@ def _feel_slope(forces, believed, counters, spread):
         for i in range(believed.size):
             if believed[i] != 0.0 and abs(forces[k, i]) > 0.5:
                 wheels += 1
-                opposed += counters[i, OPPOSED] * (1.0 if forces[k, i] > 0.0 else -1.0)
+                opposed += np.sign(counters[i, OPPOSED] * forces[k, i])
         if wheels >= 2 and abs(opposed) == wheels:
             for q in range(spread.shape[0]):
                 spread[q, 2 + k, 2 + k] += SLOPE_STEP * SLOPE_STEP
@@ -167,7 +169,7 @@ def _feel_slope(forces, believed, counters, spread):
 @kernel
 def update(
     c, forces, across, walk, loose, low, high,
-    current, speed, acceleration, turning, rate, spin, wanted, believed, unknown, accepted, fresh,
+    current, speed, acceleration, turning, rate, spin, wanted, believed, unknown, deaf, accepted, fresh,
     ring, cursor, recent, theta, cov, velocity, spread, counters, found, force, rho, misfit,
 ):  # fmt: skip
     """One block into the evidence, in place.
@@ -189,6 +191,7 @@ def update(
       wanted: What the amplifiers should give, shape (n,) [A].
       believed: 1 for wheels that have a say about the velocity, shape (n,).
       unknown: 1 for wheels whose force nobody knows (locked), shape (n,).
+      deaf: 1 for axes along which the accelerometer lies, shape (2,).
       accepted: Losses that were diagnosed, shape (n,): θ holds what comes on top.
       fresh: Whether blocks are learnt from at once: just after a loss was accepted.
       ring: And all behind it: of `Evidence`.
@@ -207,7 +210,7 @@ def update(
     slowest, sideways = _slowest(recent, cursor, speed, side)
     moving = np.abs(speed).max() > MOVES
     if moving:
-        whiten(c, forces, across, slowest, sideways, unknown, x, raw)
+        whiten(c, forces, across, slowest, sideways, unknown, deaf, x, raw)
         if fresh:
             learn(theta, cov, walk, lasting(n), x, raw)
         learning = not fresh and found[:, LIKELIHOOD].max() < CALM
@@ -215,13 +218,28 @@ def update(
         known = np.linalg.inv(cov + np.diag(loose))
         misfit[:] = scores(ring, cursor[FILLED], cursor[HEAD], theta, known, low, high, found)
     for q in range(n + 1):
-        predict(c, velocity[q], spread[q], acceleration, turning)
+        predict(c, velocity[q], spread[q], acceleration, deaf, turning)
     creep = np.empty((n, 2))
-    creep_all(c, c[LOAD], force, counters, creep)
+    load = c[LOAD] * min(max(1.0 + theta[2 * n + 3], LIGHTEST), HEAVIEST)  # with what it carries
+    creep_all(c, load, force, counters, creep)
     for i in range(n):
         x_i, cov_i, row = velocity[i], spread[i], counters[i]
         count_wheel(
-            c, forces, speed, current, wanted, turning, force, creep, believed, x_i, cov_i, moving, row, i
+            c,
+            forces,
+            speed,
+            current,
+            wanted,
+            turning,
+            load,
+            force,
+            creep,
+            believed,
+            x_i,
+            cov_i,
+            moving,
+            row,
+            i,
         )
     _feel_slope(forces, believed, counters, spread)
     for q in range(n + 1):

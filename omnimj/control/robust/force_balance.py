@@ -133,7 +133,7 @@ def rolling_twist(c, forces, speed, turning):
 
 
 @kernel
-def whiten(c, forces, across, slowest, sideways, unknown, x, rho):
+def whiten(c, forces, across, slowest, sideways, unknown, deaf, x, rho):
     """Scales the rows of X and ρ so that the noise is white and of size 1.
 
     A wheel that turns slowly, or did a moment ago, holds any friction between ± dry, and goes on to hold it:
@@ -148,12 +148,15 @@ def whiten(c, forces, across, slowest, sideways, unknown, x, rho):
       slowest: Smallest |φ̇| of the last tenth of a second, shape (n,) [rad/s].
       sideways: The same of the speed along the axle, shape (n,) [m/s].
       unknown: 1 for wheels whose force nobody knows, shape (n,).
+      deaf: 1 for axes along which the accelerometer lies, shape (2,).
       x: In and out, shape (3, p).
       rho: In and out, shape (3,).
     """
     cov = np.zeros((3, 3))
     for k in range(3):
         cov[k, k] = NOISE[k] * NOISE[k]
+        if k < 2 and deaf[k] != 0.0:
+            cov[k, k] = _UNKNOWN
     n, dry, rollers = slowest.size, c[DRY], c[LOAD] * c[ROLLER_DRY]
     held = lasting(n)
     for i in range(slowest.size):

@@ -11,12 +11,12 @@ from omnimj.control.controller import is_good
 from omnimj.control.gyro_bias import turn_row
 from omnimj.control.method import Beliefs
 from omnimj.control.robust.blocks import delays, ranges, take_block
-from omnimj.control.robust.constants import BLOCK, geometry, numbers
+from omnimj.control.robust.constants import BLOCK, RADIUS, geometry, numbers
 from omnimj.control.robust.counters import SLIPPING
 from omnimj.control.robust.decide import Thresholds, Verdict, decide, is_still
 from omnimj.control.robust.evidence import FILLED, Evidence, compare_turning, no_evidence, update
 from omnimj.control.robust.past import all_told, put_by
-from omnimj.control.robust.samples import Samples, frozen_channels, no_samples, take_sample
+from omnimj.control.robust.samples import Samples, broken_channels, no_samples, take_sample
 from omnimj.control.robust.slow import BROKEN_FRICTION_VARIES, BROKEN_LOSS_VARIES, MEMORY, loose, prior
 from omnimj.control.robust.windows import LIKELIHOOD, SIZE
 from omnimj.control.wheel_speed import amplifier_row
@@ -170,23 +170,24 @@ class Robust:
         block = np.empty(3 * n + 4)
         take_block(samples.sums, BLOCK * self.period, now[n : 2 * n], now[2 * n + 2], block)
         evidence = state.evidence.copy()
+        self._mend(block, evidence, state.verdict)
         c, forces, across, walk, loose, low, high = self._constants
         moving = update(
             c, forces, across, walk, self._looser(loose, state.verdict), low, high,
             block[:n], block[n : 2 * n], block[2 * n : 2 * n + 2], block[2 * n + 2],
             block[2 * n + 3 : 3 * n + 3], block[3 * n + 3], block[:n] + samples.wanted / BLOCK,
-            self._believed(state.verdict, state.fresh), self._unknown(state.verdict), state.accepted,
-            state.fresh > 0,
+            self._believed(state.verdict, state.fresh), self._unknown(state.verdict),
+            self._deaf(state.verdict), state.accepted, state.fresh > 0,
             evidence.ring, evidence.cursor, evidence.recent, evidence.theta, evidence.cov, evidence.velocity,
             evidence.spread, evidence.counters, evidence.found, evidence.force, evidence.rho,
             evidence.misfit,
         )  # fmt: skip
         speed, period = block[n : 2 * n], BLOCK * self.period
         compare_turning(evidence.heading, self._turn, period, measurement.yaw, speed, block[2 * n + 2])
-        frozen = frozen_channels(samples.repeats, speed)
-        frozen = tuple(c for c, stands in zip(self._channels, frozen.tolist(), strict=True) if stands)
+        broken = broken_channels(samples.repeats, speed)
+        dead = tuple(c for c, lies in zip(self._channels, broken.tolist(), strict=True) if lies)
         losses = state.accepted + evidence.theta[:n]
-        verdict = decide(evidence, self.thresholds, state.verdict, float(measurement.time), losses, frozen)
+        verdict = decide(evidence, self.thresholds, state.verdict, float(measurement.time), losses, dead)
         found = evidence.found.copy()
         accepted = self._accept(evidence, state, verdict)
         fresh = _FRESH if accepted is not state.accepted else max(state.fresh - int(moving), 0)
@@ -221,11 +222,31 @@ class Robust:
             looser[self.wheels + i] += BROKEN_FRICTION_VARIES**2
         return looser
 
+    def _mend(self, block: Array, evidence: Evidence, verdict: Verdict) -> None:
+        """Puts what the other sensors say in the place of one that lies, in place."""
+        n = self.wheels
+        if not any(d.cleared is None and d.kind == "sensor" for d in verdict.diagnoses):
+            return
+        velocity, forces = evidence.velocity[n], self._constants[1]
+        for i in range(n):
+            if verdict.has_sensor(f"wheel_speed_{i + 1}"):
+                rolling = forces[0, i] * velocity[0] + forces[1, i] * velocity[1]
+                rolling += forces[2, i] * block[2 * n + 2]
+                block[n + i], block[2 * n + 3 + i] = rolling / self._constants[0][RADIUS], 0.0
+        if verdict.has_sensor("yaw_rate"):
+            block[2 * n + 2] = self._turn @ block[n : 2 * n]
+            block[3 * n + 3] = self._turn @ block[2 * n + 3 : 3 * n + 3]
+
+    def _deaf(self, verdict: Verdict) -> Array:
+        """Axes along which the accelerometer lies."""
+        return np.array([float(verdict.has_sensor(f"acceleration_{axis}")) for axis in "xy"])
+
     def _unknown(self, verdict: Verdict) -> Array:
-        """Wheels whose force on the floor the motor does not tell."""
+        """Wheels whose force on the floor the motor, or its speed, does not tell."""
         unknown = np.zeros(self.wheels)
         for d in verdict.diagnoses:
-            if d.cleared is None and (d.kind == "locked" or is_still(d)):
+            lies = d.channel.startswith("wheel_speed")
+            if d.cleared is None and (d.kind == "locked" or lies or is_still(d)):
                 unknown[[w - 1 for w in d.wheels]] = 1.0
         return unknown
 
@@ -250,11 +271,9 @@ class Robust:
                     accepted[i] = 1.0 - d.effectiveness - evidence.theta[i]
                     _renew(evidence.cov, i, _FOUND_AGAIN)
                     evidence.cov[j, j] += _PART_FRICTION**2
-            elif d.channel.startswith("acceleration"):
-                j = 2 * self.wheels + "xy".index(d.channel[-1])
-                _renew(evidence.cov, j, 1.0)
-                # the velocity that it made up is forgotten
+            elif d.kind == "sensor":  # what it made up is forgotten
                 evidence.spread[:] = np.eye(evidence.spread.shape[1])
+                evidence.counters[:, SLIPPING] = 0.0
         return accepted
 
     def _believe(self, evidence: Evidence, verdict: Verdict, losses: Array) -> Beliefs:

@@ -12,6 +12,7 @@ from omnimj.control.robust.blocks import (
     count_repeats,
     is_frozen,
     is_full,
+    is_rough,
     no_line,
     no_repeats,
     no_sums,
@@ -30,7 +31,7 @@ class Samples:
     line: Array
     """Of `blocks`: the last samples."""
     repeats: Array
-    """Of `blocks`: equal values in a row."""
+    """Of `blocks`: equal values in a row and squares of steps."""
     wanted: Array
     """Sum of what the amplifiers should have given in this block beyond what they gave, shape (n,) [A]."""
 
@@ -53,7 +54,7 @@ def take_sample(
       amplifier: From `wheel_speed.amplifier_row`.
       sums: And the next three: of `Samples`, left as they are.
       line: Shape (LINE, 2n+3).
-      repeats: Shape (2, 2n+3).
+      repeats: Shape (3, 2n+3).
       wanted: Shape (n,) [A].
       first: Whether nothing was judged before.
       current: Shape (n,) [A].
@@ -86,9 +87,9 @@ def take_sample(
 
 
 @kernel
-def frozen_channels(repeats, speed):
-    """Which channels say the same for too long, shape (2n+3,)."""
-    frozen = np.empty(repeats.shape[1], np.bool_)
-    for k in range(frozen.size):
-        frozen[k] = is_frozen(repeats, k, speed.size, speed)
-    return frozen
+def broken_channels(repeats, speed):
+    """Which channels say the same for too long, or are too rough, shape (2n+3,)."""
+    broken = np.empty(repeats.shape[1], np.bool_)
+    for k in range(broken.size):
+        broken[k] = is_frozen(repeats, k, speed.size, speed) or is_rough(repeats, k, speed.size)
+    return broken

@@ -28,7 +28,7 @@ GIVING, STIFF = (11.5, 0.12), (50.0, 0.09)
 """σ_0 [1/m] and μ [1] of stone, and of what is between PVC and paperboard."""
 WEAK, STRONG = ((9.2, 0.096), (44.0, 0.032)), ((9.2, 0.096), (50.0, 0.12))
 """σ_0 and μ of the floors that bound creep: stone and paperboard less a fifth, and a soft and a stiff one."""
-WEAKER, STRONGER = 0.9, 1.6
+WEAKER, STRONGER = 0.8, 1.6
 """How much of its traction a weak wheel carries beside, for its load, and a strong one."""
 STATE = 4
 """Of a filter: v_x, v_y [m/s], bias of the accelerometer x and y [m/s²]."""
@@ -36,6 +36,7 @@ WHEEL_NOISE, CREEP_NOISE, ROW_NOISE = 0.004, 0.35, 0.01
 """Standard deviation of a wheel's word: [m/s], per m/s of creep, per rad/s of yaw rate [m]."""
 _COLOUR = 6.0  # blocks in which the error of a wheel's word stays alike: its variance counts so many times
 _ACCELERATION = 0.04  # [m/s²] of a block mean: noise, and gravity while the body pitches on its springs
+_ANY = 1.0  # [m/s²] of a robot whose accelerometer lies
 _WANDER = 1e-4  # [m/s²] of the accelerometer's bias per block, and of the slope that it reads as one
 _GATE = 3.0  # standard deviations beyond which a wheel's word no longer grows
 
@@ -56,7 +57,7 @@ def next_creep(share, z, stiffness, holds, t):
 
 
 @kernel
-def predict(c, x, cov, acceleration, turning):
+def predict(c, x, cov, acceleration, deaf, turning):
     """One block further: v⁺ = v + T (a − b + (ω v_y, −ω v_x)), in place.
 
     Args:
@@ -64,17 +65,18 @@ def predict(c, x, cov, acceleration, turning):
       x: State, shape (STATE,).
       cov: Shape (STATE, STATE).
       acceleration: Shape (2,) [m/s²].
+      deaf: 1 for axes along which it lies, shape (2,).
       turning: Gyro [rad/s].
     """
     t = c[TIME]
     v_x, v_y = x[0], x[1]
-    x[0] += t * (acceleration[0] - x[2] + turning * v_y)
-    x[1] += t * (acceleration[1] - x[3] - turning * v_x)
+    x[0] += t * ((acceleration[0] - x[2]) * (1.0 - deaf[0]) + turning * v_y)
+    x[1] += t * ((acceleration[1] - x[3]) * (1.0 - deaf[1]) - turning * v_x)
     f = np.eye(STATE)
     f[0, 1], f[1, 0], f[0, 2], f[1, 3] = t * turning, -t * turning, -t, -t
     cov[:, :] = f @ cov @ f.T
     for k in range(2):
-        cov[k, k] += (t * _ACCELERATION) ** 2
+        cov[k, k] += (t * (_ANY if deaf[k] != 0.0 else _ACCELERATION)) ** 2
         cov[k + 2, k + 2] += _WANDER * _WANDER
 
 

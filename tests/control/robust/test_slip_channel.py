@@ -43,7 +43,7 @@ def test_a_body_that_coasts_while_it_turns_keeps_its_velocity_in_the_world():
     x, cov, turning = np.array([0.6, 0.2, 0.0, 0.0]), np.eye(STATE) * 1e-4, 0.8
     steps = 200
     for _ in range(steps):
-        predict(C, x, cov, np.zeros(2), turning)
+        predict(C, x, cov, np.zeros(2), np.zeros(2), turning)
     angle = turning * steps * C[TIME]
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     assert turn @ x[:2] == pytest.approx([0.6, 0.2], abs=0.01)
@@ -113,7 +113,7 @@ def counted(force, slip, blocks, row=None):
     row = np.array(NO_COUNTS) if row is None else row
     assert len(row) == COUNTERS
     for _ in range(blocks):
-        count_slip(C, force, slip, 0.0, 0.0, True, row)
+        count_slip(C, C[LOAD], force, slip, 0.0, 0.0, True, row)
     return row
 
 
