@@ -192,7 +192,7 @@ class Robust:
         accepted = self._accept(evidence, state, verdict)
         fresh = _FRESH if accepted is not state.accepted else max(state.fresh - int(moving), 0)
         beliefs = self._believe(evidence, verdict, accepted + evidence.theta[:n])
-        log = self._log(evidence, found, verdict, accepted, moving)
+        log = self._log(evidence, found, verdict, accepted, beliefs, moving)
         samples.wanted[:] = 0.0  # like the sums, of the next block
         verdict, past = put_by(verdict, state.past, float(measurement.time))
         return RobustState(samples, evidence, verdict, accepted, fresh, beliefs, log, past)
@@ -305,10 +305,17 @@ class Robust:
         return Beliefs(lost, dead, runaway, held, slipping, velocity, force, decided, gyro)
 
     def _log(
-        self, evidence: Evidence, found: Array, verdict: Verdict, accepted: Array, moving: bool
+        self,
+        evidence: Evidence,
+        found: Array,
+        verdict: Verdict,
+        accepted: Array,
+        beliefs: Beliefs,
+        moving: bool,
     ) -> Array:
+        left = np.minimum(np.maximum(1.0 - accepted - evidence.theta[: self.wheels], 0.0), 1.0)
+        left[beliefs.dead | beliefs.held] = 0.0
         n = self.wheels
-        left = np.minimum(np.maximum(1.0 - accepted - evidence.theta[:n], 0.0), 1.0)
         standing = any(d.cleared is None for d in verdict.diagnoses)
         pending = not math.isnan(verdict.suspected)
         mode = FAULTY if standing else SUSPECT if pending else HEALTHY if moving else BLIND
