@@ -1,9 +1,10 @@
 """Active diagnosis: wheels are driven against each other so that their motors show what they can do.
 
 Wheel speeds along n with B n = 0 push the body nowhere: all wheels slip a little, their tractions cancel, and
-a motor that gives less than it should leaves a rest. A square wave of `SIZE` along n is added while a robot
-that drives steadily tells nothing about its motors, in bursts; once, larger, before a robot is driven, where
-that is asked for.
+a motor that gives less than it should leaves a rest. A square wave of `SIZE` along n is added, in bursts,
+while a robot that drives slowly and steadily tells nothing about its motors; once, larger, before a robot is
+driven, where that is asked for. It is the steps that tell: a sine of the same size found no motor of 16 that
+lacks 15 %, the square wave found 7.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ PAUSE = 20.0
 QUIET = 2.0
 """Time without a load on the motors after which they are asked [s]."""
 _LOADED = 4.0  # [N] of traction beyond which motors tell enough by themselves
-_DRIVES = 0.1  # [m/s] below which a robot is left alone
+_DRIVES, _FAST = 0.1, 0.5  # [m/s] between which a robot drives slowly
 _STEADY = 0.3  # [m/s²] of demanded acceleration: more loads the motors by itself and needs the grip
 
 SELF_TEST_SIZE = 0.12
@@ -78,7 +79,7 @@ def next_dither(d, h, may, speed, acceleration, load):
     """
     burst = PERIODS / FREQUENCY
     inside = d[IN_BURST] > 0.0
-    if not may or speed < _DRIVES or acceleration > _STEADY:
+    if not may or not _DRIVES < speed < _FAST or acceleration > _STEADY:
         d[SINCE_LOAD], d[IN_BURST] = 0.0, min(d[IN_BURST], 0.0) if not inside else -PAUSE
         return 0.0
     if not inside:

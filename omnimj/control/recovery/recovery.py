@@ -9,7 +9,7 @@ import numpy as np
 
 from omnimj.control.allocation import inverse_kinematics
 from omnimj.control.heading import to_body, wrapped
-from omnimj.control.method import Advice, Beliefs
+from omnimj.control.method import Advice, Beliefs, usual_advice
 from omnimj.control.recovery.demand import cap_slip, creep_offsets, pivot_yaw_rate, place_correction
 from omnimj.control.recovery.dither import (
     SELF_TEST_SIZE,
@@ -128,15 +128,8 @@ class Recovery:
         self._rolling = np.ascontiguousarray(
             inverse_kinematics(robot.wheel_positions, robot.drive_directions) / robot.wheel.radius
         )
-        n, endless = self.wheels, np.full(self.wheels, np.inf)
-        against = against_each_other(shape.forces) / robot.wheel.radius
-        self._pushing, self._testing = (
-            [
-                Advice(self._rolling, np.ones(n), k * size * against, -endless, endless)
-                for k in (-1.0, 0.0, 1.0)
-            ]
-            for size in (SIZE, SELF_TEST_SIZE)
-        )
+        self._usual = usual_advice(self._rolling)
+        self._against = against_each_other(shape.forces) / robot.wheel.radius
 
     def start(self, target: Target | None = None) -> RecoveryState:
         """A healthy robot at rest."""
@@ -196,12 +189,12 @@ class Recovery:
     ) -> tuple[Array, Advice | None]:
         """The numbers of `dither`, and what it adds to the wheels."""
         d = before.copy()
-        tested = int(next_self_test(d, self.period))
-        if tested:
-            return d, self._testing[tested + 1]
+        wave = next_self_test(d, self.period)
+        if wave:
+            return d, replace(self._usual, offset=wave * SELF_TEST_SIZE * self._against)
         hard = math.hypot(x[FORWARD_X], x[FORWARD_Y]) + abs(x[SPIN]) * self._arm
-        sign = int(next_dither(d, self.period, healthy and self._dithers, speed, hard, np.abs(felt).max()))
-        return d, self._pushing[sign + 1] if sign else None
+        wave = next_dither(d, self.period, healthy and self._dithers, speed, hard, np.abs(felt).max())
+        return d, replace(self._usual, offset=wave * SIZE * self._against) if wave else None
 
     def _set_pace(self, x: Array, mode: int, felt: Array, speed: float) -> None:
         goal, most = 1.0, GRAVITY
