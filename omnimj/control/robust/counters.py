@@ -24,8 +24,8 @@ SLIPPING, HEALTH, AGAINST, STUCK, SILENT, RUNAWAY, OPPOSED, SHORT, GRIP = range(
 """Numbers of a wheel: way slipped beyond what is allowed [m]; likelihood that its grip is back [nats]; blocks
 in a row of a speed that no slip explains, of standing while the floor passes, of a motor without the current
 that was asked for, of one with another current; how far it is ahead of a velocity against its force, or
-behind it with its force (below 0) [m/s]; the last creep beyond health [m/s], the grip that it told of [1]; then the
-bristles of `healthy_creep` and those of a soft and a stiff floor [m]."""
+behind it with its force (below 0) [m/s]; the last creep beyond health [m/s], the grip that it told of [1];
+then the bristles of `healthy_creep` and those of a soft and a stiff floor [m]."""
 BRISTLES, GIVEN, HELD, COUNTERS = 9, 13, 14, 15
 NO_COUNTS = (0.0,) * GRIP + (1.0,) + (0.0,) * (COUNTERS - GRIP - 1)
 """Before the first block."""
