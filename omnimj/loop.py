@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omnimj.control.method import Method
 from omnimj.control.target import Target
@@ -60,6 +61,11 @@ class State(Protocol):
         """Everything that was diagnosed since the start."""
         ...
 
+    @property
+    def pace(self) -> float:
+        """How fast the plan is to run from now on, 1: as planned, 0: not at all."""
+        ...
+
 
 class Controller(Protocol):
     """State goes in and comes out; the loop keeps it."""
@@ -99,9 +105,10 @@ def drive(
 ) -> Trace:
     """Drives a robot along a reference, one control period per sample.
 
-    Whatever ends the run early keeps what was recorded: `about["interrupted"]` is then true. When it was the
-    plant that failed, `about["failure"]` says when and how; else it is None. `about["diagnoses"]` are the
-    controller's, a table each.
+    The plan runs at the pace that the controller asks for: at half of it the robot is given every sample for
+    two steps, at half the speed. Whatever ends the run early keeps what was recorded: `about["interrupted"]`
+    is then true. When it was the plant that failed, `about["failure"]` says when and how; else it is None.
+    `about["diagnoses"]` are the controller's, a table each.
 
     Args:
       plant: Reset by this call; the caller closes it.
@@ -122,10 +129,17 @@ def drive(
     channels = 1 + len(robot_channels(n))
     current_target = slice(channels, channels + n)
     log = slice(channels + n, channels + n + len(controller.log_names))
+    last = len(reference.time) - 1
+    planned, paces, progress = np.zeros(last + 1, int), np.ones(last + 1), 0.0
 
     def control(k: int, row: Array, measured: Any) -> CurrentCommand:
-        nonlocal state
-        command, state = controller.step(state, measured, Target(velocity[k], yaw_rate[k], heading[k]))
+        nonlocal state, progress
+        at, pace = int(progress), state.pace
+        planned[k], paces[k] = at, pace
+        command, state = controller.step(
+            state, measured, Target(pace * velocity[at], pace * yaw_rate[at], heading[at])
+        )
+        progress = min(progress + pace, last)
         row[0] = measured.time
         row[1 : n + 1] = measured.current
         row[n + 1 : 2 * n + 1] = measured.wheel_speed
@@ -139,7 +153,7 @@ def drive(
     targets = [f"current_target_{i}" for i in range(1, n + 1)]
     names = ("time", *robot_channels(n), *targets, *controller.log_names)
     trace = _record(plant, measurement, control, names, len(reference.time), watch, about or {})
-    return _told(_with_targets(trace, reference), state.diagnoses)
+    return _told(_with_targets(trace, reference, planned, paces), state.diagnoses)
 
 
 def drive_rig(
@@ -271,14 +285,16 @@ def _told(trace: Trace, diagnoses: tuple[Diagnosis, ...]) -> Trace:
     return Trace(trace.columns, {**trace.about, "diagnoses": [dataclasses.asdict(d) for d in diagnoses]})
 
 
-def _with_targets(trace: Trace, reference: Reference) -> Trace:
+def _with_targets(trace: Trace, reference: Reference, planned: NDArray[np.int_], paces: Array) -> Trace:
+    """What was asked for beside what came of it: the plan's samples at the pace at which they were driven."""
     k = len(trace["time"])
+    at, pace = planned[:k], paces[:k]
     targets = (
-        reference.position[:k, 0],
-        reference.position[:k, 1],
-        reference.heading[:k],
-        reference.velocity[:k, 0],
-        reference.velocity[:k, 1],
+        reference.position[at, 0],
+        reference.position[at, 1],
+        reference.heading[at],
+        pace * reference.velocity[at, 0],
+        pace * reference.velocity[at, 1],
     )
     columns = {name: np.array(values) for name, values in zip(TARGET_NAMES, targets, strict=True)}
     return Trace({**trace.columns, **columns}, trace.about)

@@ -57,6 +57,8 @@ class CurrentCommand:
 
     current: Array
     """Shape (n,) [A]."""
+    brake: tuple[int, ...] = ()
+    """Wheels 1…n whose motor a relay takes from its amplifier and shorts."""
 
 
 KINDS_OF_DIAGNOSIS = ("slip", "motor", "locked", "free", "hard_over", "all_wheel_slip", "sensor")

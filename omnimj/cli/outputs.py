@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from omnimj.scenario.scenario import Scenario
     from omnimj.view.live import LiveRun
     from omnimj.view.picture import Picture
-    from omnimj.view.scene3d import Poses
 
 
 def write_outputs(folder: Path, force: bool, run: Run, others: Mapping[str, Run] | None = None) -> None:
@@ -35,6 +34,7 @@ def write_outputs(folder: Path, force: bool, run: Run, others: Mapping[str, Run]
     from omnimj.recording.traces import write_trace
     from omnimj.scenario.methods import METHODS
     from omnimj.scenario.summary import write_metrics
+    from omnimj.view.recording_of_run import write_recording_of
     from omnimj.view.report import write_report
 
     make_folder(folder, force, (*RUN_FILES, *map(_trace_beside, METHODS)))
@@ -53,18 +53,11 @@ def _trace_beside(method: str) -> str:
     return f"trace_{method}.parquet"
 
 
-def _poses_of(run: Run) -> Poses | None:
-    """Poses of the machine with everything that is seen."""
-    from omnimj.view.machine import visible_poses
-
-    track = run.poses
-    return visible_poses(run.scenario, run.trace, *((track.time, track.position) if track else ()))
-
-
 def _picture_of(run: Run, folder: Path) -> Picture | None:
     from omnimj.view.picture import picture_of_run
+    from omnimj.view.recording_of_run import poses_of
 
-    poses = _poses_of(run)
+    poses = poses_of(run)
     return None if poses is None else picture_of_run(poses, run.trace, run.metrics, folder / "picture.png")
 
 
@@ -98,12 +91,3 @@ def show(run: Run, live: LiveRun) -> None:
       ViewerError: The viewer broke down.
     """
     live.finish(run)
-
-
-def write_recording_of(path: Path, run: Run) -> None:
-    """Writes the Rerun recording of a run, in full or not at all."""
-    from omnimj.view.rerun_log import write_recording
-
-    poses = _poses_of(run)
-    with whole_file(path) as temporary:
-        write_recording(temporary, run.trace, run.scenario, run.metrics, poses)

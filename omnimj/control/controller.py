@@ -12,7 +12,7 @@ from omnimj.control.allocation import inverse_kinematics, wheel_speed_target
 from omnimj.control.gyro_bias import BIAS, next_bias, no_rest_yet, turn_row
 from omnimj.control.heading import next_heading, to_body, wrapped, yaw_rate_demand
 from omnimj.control.limits import limit_all, limits_row
-from omnimj.control.method import Advice
+from omnimj.control.method import Advice, usual_advice
 from omnimj.control.standstill import is_standing
 from omnimj.control.target import Target
 from omnimj.control.wheel_speed import amplifier_row, speed_loop, speed_loop_row
@@ -43,6 +43,11 @@ class ControlState:
     def diagnoses(self) -> tuple[Diagnosis, ...]:
         """None: the cascade alone diagnoses nothing."""
         return ()
+
+    @property
+    def pace(self) -> float:
+        """1: the cascade alone follows the plan as it is."""
+        return 1.0
 
 
 @kernel
@@ -88,7 +93,7 @@ def demanded_twist(loops, heading, error, turns_at, velocity_x, velocity_y, yaw_
 
 @kernel
 def cascade(
-    loops, turn, speed_row, amplifier, limits, speed_per_twist, current_scale,
+    loops, turn, speed_row, amplifier, limits, speed_per_twist, current_scale, offset, lowest, highest,
     heading, rest, integral, last,
     good, wheel_speed, measured_yaw_rate, yaw,
     velocity_x, velocity_y, yaw_rate, target_heading,
@@ -97,6 +102,16 @@ def cascade(
 
     A measurement that is not good changes nothing but the command, which is zero, and empties the integrals;
     it also ends the rest.
+
+    Args:
+      loops: And all up to `limits`: rows of the laws.
+      speed_per_twist: And all up to `highest`: of `Advice`.
+      heading: And all up to `last`: of `ControlState`.
+      good: Whether the measurement may be acted upon.
+      wheel_speed: Measured, shape (n,) [rad/s].
+      measured_yaw_rate: Gyro [rad/s].
+      yaw: Converter [rad].
+      velocity_x: And all behind it: of `Target`.
     """
     n = speed_per_twist.shape[0]
     log = np.empty(5 + 2 * n)
@@ -115,12 +130,12 @@ def cascade(
             loops, heading, error, turns_at, velocity_x, velocity_y, yaw_rate, target_heading
         )
     for i in range(n):
-        targets[i] = wheel_speed_target(speed_per_twist, i, twist[0], twist[1], twist[2])
+        asked = wheel_speed_target(speed_per_twist, i, twist[0], twist[1], twist[2]) + offset[i]
+        targets[i] = min(max(asked, lowest[i]), highest[i])
         if good:
             wanted[i], integrals[i] = speed_loop(
-                speed_row, amplifier, targets[i], wheel_speed[i], integral[i]
+                speed_row, amplifier, targets[i], wheel_speed[i], integral[i], current_scale[i]
             )
-            wanted[i] *= current_scale[i]
     limit_all(limits, wanted, last, wheel_speed, good, currents, reasons)
     if not (good and _all_finite(wanted)):
         integrals[:] = 0.0
@@ -172,16 +187,21 @@ class Controller:
         )
         inverse = inverse_kinematics(robot.wheel_positions, robot.drive_directions, scale, weights)
         self._turn = turn_row(robot)
+        self._asked_loops = np.array(loops)
+        self._holding_loops = self._asked_loops.copy()
+        self._holding_loops[1] = gains.heading_proportional
         self._laws = (
-            np.array(loops),
             self._turn,
             speed_loop_row(robot, self.period),
             amplifier_row(robot),
             limits_row(gains, self.period),
         )
-        self._usual = Advice(np.ascontiguousarray(inverse / robot.wheel.radius), np.ones(n))
+        self._usual = usual_advice(np.ascontiguousarray(inverse / robot.wheel.radius))
         self.wheels = n
         self.log_names = _TOP_LOG + tuple(f"{name}_{i}" for name in _WHEEL_LOG for i in range(1, n + 1))
+
+    def _loops(self, advice: Advice) -> Array:
+        return self._holding_loops if advice.holds_heading else self._asked_loops
 
     def start(self, measurement: Measurement) -> ControlState:
         """The state before the first step: heading as measured, within ±π, no current, no bias known."""
@@ -206,14 +226,14 @@ class Controller:
           advice: What a recovery changes; nothing when None.
         """
         advice = self._usual if advice is None else advice
+        loops, laws = self._loops(advice), self._laws
         m, velocity, turns = measurement, target.velocity, measurement.yaw_rate
         good = is_good(self.wheels, m.time, m.current, m.wheel_speed, m.acceleration, m.yaw_rate, m.yaw)
         if good and not advice.trusts_gyro:
             turns = float(self._turn @ m.wheel_speed) + state.rest[BIAS]
         heading, rest, integral, current, log = cascade(
-            *self._laws, advice.speed_per_twist, advice.current_scale,
-            state.heading, state.rest, state.integral, state.current,
-            good, m.wheel_speed, turns, m.yaw,
-            velocity[0], velocity[1], target.yaw_rate, target.heading,
+            loops, *laws, advice.speed_per_twist, advice.current_scale, advice.offset, advice.lowest,
+            advice.highest, state.heading, state.rest, state.integral, state.current, good, m.wheel_speed,
+            turns, m.yaw, velocity[0], velocity[1], target.yaw_rate, target.heading,
         )  # fmt: skip
-        return CurrentCommand(current), ControlState(heading, rest, integral, current, log)
+        return CurrentCommand(current, advice.brake), ControlState(heading, rest, integral, current, log)

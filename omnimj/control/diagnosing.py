@@ -10,21 +10,30 @@ import numpy as np
 from omnimj.control.controller import Controller, ControlState
 from omnimj.control.gyro_bias import BIAS
 from omnimj.control.method import Method, MethodState
+from omnimj.control.recovery import Recovery, RecoveryState
 from omnimj.control.target import Target
 from omnimj.signals import Array, CurrentCommand, Diagnosis, Measurement
 
 
 @dataclass(frozen=True, slots=True)
 class DiagnosingState:
-    """Of cascade and method."""
+    """Of cascade, method and recovery."""
 
     control: ControlState
     method: MethodState
+    recovery: RecoveryState | None
 
     @property
     def log(self) -> Array:
         """Numbers of the last step, aligned with `DiagnosingController.log_names`."""
-        return np.concatenate((self.control.log, self.method.log))
+        if self.recovery is None:
+            return np.concatenate((self.control.log, self.method.log))
+        return np.concatenate((self.control.log, self.method.log, self.recovery.log))
+
+    @property
+    def pace(self) -> float:
+        """How fast the plan is to run, 1: as planned."""
+        return 1.0 if self.recovery is None else self.recovery.pace
 
     @property
     def diagnoses(self) -> tuple[Diagnosis, ...]:
@@ -38,15 +47,19 @@ class DiagnosingController:
     Args:
       cascade: Does the driving.
       method: Does the thinking.
+      recovery: Does something about it, for a method that says what it believes; None: the method's own
+        advice.
     """
 
-    def __init__(self, cascade: Controller, method: Method):
-        self._cascade, self._method = cascade, method
-        self.log_names = cascade.log_names + tuple(method.log_names)
+    def __init__(self, cascade: Controller, method: Method, recovery: Recovery | None = None):
+        self._cascade, self._method, self._recovery = cascade, method, recovery
+        added = () if recovery is None else recovery.log_names
+        self.log_names = cascade.log_names + tuple(method.log_names) + added
 
     def start(self, measurement: Measurement) -> DiagnosingState:
         """The state before the first step."""
-        return DiagnosingState(self._cascade.start(measurement), self._method.start(measurement))
+        recovery = None if self._recovery is None else self._recovery.start()
+        return DiagnosingState(self._cascade.start(measurement), self._method.start(measurement), recovery)
 
     def step(
         self, state: DiagnosingState, measurement: Measurement, target: Target
@@ -55,5 +68,10 @@ class DiagnosingController:
         control = state.control
         bias = float(control.rest[BIAS])
         method: Any = self._method.step(state.method, measurement, control.current, bias)
-        command, control = self._cascade.step(control, measurement, target, method.advice)
-        return command, DiagnosingState(control, method)
+        recovery, advice, beliefs = state.recovery, method.advice, method.beliefs
+        if self._recovery is not None and recovery is not None and beliefs is not None:
+            turning = measurement.yaw_rate - bias
+            recovery = self._recovery.step(recovery, beliefs, measurement, control.heading, turning, target)
+            target, advice = recovery.target, recovery.advice
+        command, control = self._cascade.step(control, measurement, target, advice)
+        return command, DiagnosingState(control, method, recovery)

@@ -8,19 +8,86 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from omnimj.signals import Array, Diagnosis
 
 
 @dataclass(frozen=True, slots=True)
 class Advice:
-    """What recovery changes in the cascade; a method without a recovery gives None."""
+    """What recovery changes in the cascade: φ̇_target = clip(B·twist/r + offset, lowest, highest)."""
 
     speed_per_twist: Array
-    """B/r of φ̇ = B·twist/r, shape (n, 3): the inverse kinematics in use."""
+    """B/r, shape (n, 3): the inverse kinematics in use."""
     current_scale: Array
-    """Factor on every set current, shape (n,): 1/(what is left of the torque constant)."""
+    """Factor on every set current, shape (n,): 1/(what is left of the torque constant); 0 gives a motor
+    up."""
+    offset: Array
+    """Shape (n,) [rad/s]."""
+    lowest: Array
+    """Shape (n,) [rad/s]."""
+    highest: Array
+    """Shape (n,) [rad/s]."""
     trusts_gyro: bool = True
     """False: the wheels say how fast the robot turns, since the gyro lies."""
+    holds_heading: bool = False
+    """The heading is held, whether the scenario asked for it or not."""
+    brake: tuple[int, ...] = ()
+    """Wheels 1…n whose motors are shorted."""
+
+
+def usual_advice(speed_per_twist: Array) -> Advice:
+    """Nothing but an inverse kinematics B/r, shape (n, 3)."""
+    n = len(speed_per_twist)
+    endless = np.full(n, np.inf)
+    return Advice(speed_per_twist, np.ones(n), np.zeros(n), -endless, endless)
+
+
+@dataclass(frozen=True, slots=True)
+class Beliefs:
+    """What a method holds for true of the robot now, for recovery to act upon; n wheels."""
+
+    losses: Array
+    """Share of the torque constant that is gone, of motors that are diagnosed; 0 of others. Shape (n,)."""
+    dead: NDArray[np.bool_]
+    """Motors that give nothing, shape (n,)."""
+    runaway: NDArray[np.bool_]
+    """Motors that push as they please, shape (n,)."""
+    held: NDArray[np.bool_]
+    """Wheels that do not turn, shape (n,)."""
+    slipping: NDArray[np.bool_]
+    """Shape (n,); all of them when the whole floor gives way."""
+    velocity: Array
+    """Of the body, in the body frame, shape (2,) [m/s]."""
+    force: Array
+    """Traction of the wheels as their motors tell, shape (n,) [N]."""
+    decided: float
+    """Time of the newest decision [s]; −∞: none."""
+    trusts_gyro: bool = True
+    """False: the gyro lies."""
+
+    @property
+    def obeys(self) -> NDArray[np.bool_]:
+        """Wheels whose motors can be counted upon, shape (n,)."""
+        return ~(self.dead | self.runaway | self.held)
+
+    @property
+    def is_healthy(self) -> bool:
+        """Whether there is nothing to recover from."""
+        wrong = self.dead | self.runaway | self.held | self.slipping | (self.losses != 0.0)
+        return self.trusts_gyro and not wrong.any()
+
+    def names_the_same(self, other: Beliefs) -> bool:
+        """Whether both hold the same parts for broken in the same way, whatever the sizes."""
+        return bool(
+            self.trusts_gyro == other.trusts_gyro
+            and np.array_equal(self.dead, other.dead)
+            and np.array_equal(self.runaway, other.runaway)
+            and np.array_equal(self.held, other.held)
+            and np.array_equal(self.slipping, other.slipping)
+            and np.array_equal(self.losses != 0.0, other.losses != 0.0)
+        )
 
 
 class MethodState(Protocol):
@@ -38,7 +105,12 @@ class MethodState(Protocol):
 
     @property
     def advice(self) -> Advice | None:
-        """For the cascade's next command."""
+        """For the cascade's next command, of a method that recovers by itself."""
+        ...
+
+    @property
+    def beliefs(self) -> Beliefs | None:
+        """For a recovery beside the method; None: the method leaves nothing to it."""
         ...
 
 

@@ -33,8 +33,8 @@ def amplifier_row(robot: Robot) -> np.ndarray:
 
 
 @kernel
-def speed_loop(row, amplifier, target, measured, integral):
-    """i = K_P e + q, q⁺ = q + K_I h e unless the amplifier is at its limit: current and q⁺ [A].
+def speed_loop(row, amplifier, target, measured, integral, scale=1.0):
+    """i = s (K_P e + q), q⁺ = q + K_I h e unless the amplifier is at its limit: current and q⁺ [A].
 
     Anti-windup by conditional integration: the integral rests while the amplifier can not deliver (largest
     current, or supply less back-EMF) and the error would take it further.
@@ -45,9 +45,10 @@ def speed_loop(row, amplifier, target, measured, integral):
       target: φ̇_target [rad/s].
       measured: φ̇ [rad/s].
       integral: q [A].
+      scale: s, 1 over what is left of the torque constant; 0 for a motor that is given up.
     """
     error = target - measured
-    wanted = row[PROPORTIONAL] * error + integral
+    wanted = scale * (row[PROPORTIONAL] * error + integral)
     missing = wanted - set_current(amplifier, wanted, measured)
     if missing * error <= 0.0:
         integral += row[INTEGRAL] * error

@@ -78,8 +78,9 @@ def go_on(method: Any, machine: Any, state: Any, measurement: Any, bias: float, 
         verdict=dataclasses.replace(state.verdict, suspected=math.nan),
         accepted=state.accepted,
         fresh=state.fresh,
-        advice=state.advice,
+        beliefs=state.beliefs,
         log=state.log,
+        past=state.past,
     )
     return _moving(after, machine, measurement, bias)
 

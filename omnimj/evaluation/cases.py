@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -10,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from omnimj.evaluation.drawn_faults import CLASSES, draw_class, draw_faults
+from omnimj.evaluation.drawn_faults import CLASSES, PAIRS, TWO, draw_class, draw_faults
 from omnimj.evaluation.true_robot import Errors, draw_errors
 from omnimj.plant.conditions import Fault
 from omnimj.plant.faults import as_record
@@ -30,7 +31,8 @@ _SPEEDS = ("low", "high")  # by name in `scenario.drive_keys`
 _START, _REST = 0.5, 0.5  # [s] at rest before and after a manoeuvre
 _RISE = {"low": 0.5, "high": 1.0}  # [s] at 1 m/s²
 # what a case draws has a stream of its own: asking for other faults changes nothing else of it
-_MOTION, _WORLD, _FAULTS, _NOISE, _ORDER = range(5)
+_MOTION, _WORLD, _FAULTS, _NOISE, _ORDER, _PAIRS = range(6)
+_MANY = 1024  # cases whose classes are drawn together
 
 
 @dataclass(frozen=True)
@@ -151,7 +153,7 @@ def draw_case(choice: Choice, index: int) -> Case:
         speed=speed,
         direction=direction,
         fault=fault,
-        faults=draw_faults(draws, fault, onsets, suite.passing),
+        faults=draw_faults(draws, fault, onsets, suite.passing, _pair(choice, index, fault)),
         errors=draw_errors(world, WHEELS),
         noise=int(_stream(choice, index, _NOISE).integers(2**62)),
     )
@@ -160,6 +162,23 @@ def draw_case(choice: Choice, index: int) -> Case:
 def _stream(choice: Choice, index: int, what: int) -> np.random.Generator:
     key = (list(SUITES).index(choice.suite), index, what)
     return np.random.default_rng(np.random.SeedSequence(choice.seed, spawn_key=key))
+
+
+def _pair(choice: Choice, index: int, fault: str) -> int | None:
+    """Every 28 cases with two faults have each pair once, in random order."""
+    if fault != TWO:
+        return None
+    number = sum(_classes(choice, block).count(TWO) for block in range(index // _MANY))
+    number += _classes(choice, index // _MANY)[: index % _MANY].count(TWO)
+    order = _stream(choice, number // len(PAIRS), _PAIRS).permutation(len(PAIRS))
+    return int(order[number % len(PAIRS)])
+
+
+@functools.lru_cache(maxsize=128)
+def _classes(choice: Choice, block: int) -> tuple[str, ...]:
+    """Classes of the cases of a block of `_MANY`, as `draw_case` draws them."""
+    cases, healthy = range(block * _MANY, (block + 1) * _MANY), SUITES[choice.suite].healthy
+    return tuple(draw_class(_stream(choice, k, _FAULTS), choice.faults, healthy) for k in cases)
 
 
 def _manoeuvre(choice: Choice, index: int) -> tuple[str, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 
@@ -13,6 +14,8 @@ CLASSES = (NONE, "motor", "slip", "locked", "free", "hard_over", "all_wheel_slip
 """What can be wrong in a case: nothing, one fault of a class, or two of the eight `motor i`, `slip i`."""
 EIGHT = tuple((kind, wheel) for kind in ("slip", "motor") for wheel in (1, 2, 3, 4))
 """f1 … f8 of the source's Table 5.2."""
+PAIRS = tuple(combinations(EIGHT, 2))
+"""All 28 of them."""
 
 _WEIGHT = {"motor": 3.0, "slip": 3.0, "sensor": 3.0, TWO: 2.0}  # how often a class is drawn; 1 else
 _BRAKED = 0.25  # share of motor faults that are a second motor in parallel
@@ -39,7 +42,11 @@ def draw_class(random: np.random.Generator, classes: Sequence[str], healthy: flo
 
 
 def draw_faults(
-    random: np.random.Generator, kind: str, onsets: tuple[float, float], passing: bool
+    random: np.random.Generator,
+    kind: str,
+    onsets: tuple[float, float],
+    passing: bool,
+    pair: int | None = None,
 ) -> tuple[Fault, ...]:
     """The faults of one case.
 
@@ -48,12 +55,14 @@ def draw_faults(
       kind: One of `CLASSES`.
       onsets: First and last time at which the first fault may begin [s].
       passing: Whether a slip may end.
+      pair: Which of `PAIRS` two faults at once are; any when None.
     """
     onset = _rounded(random.uniform(*onsets))
     if kind == NONE:
         return ()
     if kind == TWO:
-        first, second = (EIGHT[int(k)] for k in random.choice(len(EIGHT), 2, replace=False))
+        two = PAIRS[int(random.integers(len(PAIRS))) if pair is None else pair]
+        first, second = two if random.random() < 0.5 else two[::-1]
         at_once, longest = random.random() < _AT_ONCE, max(min(_LATER, onsets[1] - onset), 0.0)
         then = onset if at_once else _rounded(onset + random.uniform(0.0, longest))
         return (_on_wheel(random, *first, onset), _on_wheel(random, *second, then))

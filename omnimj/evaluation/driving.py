@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from omnimj.control.diagnosing import DiagnosingController
 from omnimj.control.robust.decide import Thresholds
 from omnimj.errors import SimulationError
 from omnimj.evaluation.believed import believed
@@ -23,7 +22,7 @@ from omnimj.plant.conditions import Fault
 from omnimj.plant.interface import Plant
 from omnimj.scenario.drive import Drive
 from omnimj.scenario.methods import make_method
-from omnimj.scenario.running import make_controller
+from omnimj.scenario.running import make_diagnosing
 from omnimj.scenario.scenario import Scenario
 from omnimj.signals import Trace
 from omnimj.trials.results import guarded, plain
@@ -95,8 +94,7 @@ def _run(
     plant = make_plant(case, scenario, faults)
     try:
         own = () if thresholds is None else (thresholds,)
-        controller, diagnosing = make_controller(scenario), make_method(method, scenario, *own)
-        drives = controller if diagnosing is None else DiagnosingController(controller, diagnosing)
+        drives = make_diagnosing(scenario, make_method(method, scenario, *own))
         assert isinstance(scenario.drive, Drive)
         trace = drive(plant, drives, scenario.drive.reference)
     finally:

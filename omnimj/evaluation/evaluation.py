@@ -28,6 +28,7 @@ from omnimj.evaluation.cases import FLOORS, PLANTS, SUITES, Case, Choice, draw_c
 from omnimj.evaluation.drawn_faults import CLASSES
 from omnimj.evaluation.driving import OFF, drive_case
 from omnimj.evaluation.evaluation_table import header, heading_of, tables
+from omnimj.evaluation.goals import judged
 from omnimj.evaluation.scoring import CaseScore, score_case
 from omnimj.evaluation.summary import Summary, summarise
 from omnimj.recording.folder import check_folder
@@ -201,6 +202,7 @@ def _content(
         "version": omnimj.__version__,
         "judged": is_judging(order.choice.seed),
         "interrupted": interrupted,
+        "goals": [dataclasses.asdict(one) for one in judged(summary)],
         "summary": dataclasses.asdict(summary),
         "errors": errors,
         "cases": [

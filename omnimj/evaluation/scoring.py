@@ -78,6 +78,8 @@ class CaseScore:
     path_off: float | None
     clearing: float | None
     """From a slip's end to the end of its diagnosis [s]; ∞: never; None: nothing to clear."""
+    switches: int | None
+    """How often a slip that is the only fault was diagnosed; None: no such slip, or it was never named."""
 
     @property
     def heading_ratio(self) -> float | None:
@@ -130,6 +132,7 @@ def score_case(case: Case, result: Mapping[str, Any]) -> CaseScore:
         path=result["method"]["path"],
         path_off=off["path"],
         clearing=_clearing(case, said),
+        switches=_switches(case, said),
     )
 
 
@@ -200,17 +203,27 @@ def _estimate_error(case: Case, fault: Fault, estimate: float | None) -> float |
     return estimate - left
 
 
+def _namings(case: Case, said: Sequence[Mapping[str, Any]]) -> Sequence[Mapping[str, Any]]:
+    """The diagnoses that name a slip which is the only fault; none where another fault, or more, is true."""
+    if len(case.faults) != 1 or case.faults[0].kind != "slip":
+        return ()
+    truth = case.fault_records()
+    return [one for one in said if judge_diagnoses(truth, [one]).named[0]]
+
+
 def _clearing(case: Case, said: Sequence[Mapping[str, Any]]) -> float | None:
     """Of the last diagnosis that named a slip which ended."""
-    (fault,) = case.faults if len(case.faults) == 1 else (None,)
-    if fault is None or fault.end is None or fault.kind != "slip" or fault.end >= case.duration:
-        return None
-    truth = case.fault_records()
-    naming = [one for one in said if judge_diagnoses(truth, [one]).named[0]]
-    if not naming:
+    naming = _namings(case, said)
+    end = case.faults[0].end if naming else None
+    if end is None or end >= case.duration:
         return None
     ends = [inf if one.get("cleared") is None else float(one["cleared"]) for one in naming]
-    return max(max(ends) - fault.end, 0.0)
+    return max(max(ends) - end, 0.0)
+
+
+def _switches(case: Case, said: Sequence[Mapping[str, Any]]) -> int | None:
+    """Every one that comes after the first was taken back is one more."""
+    return len(_namings(case, said)) or None
 
 
 def confusion(scores: Sequence[CaseScore]) -> dict[str, dict[str, int]]:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from omnimj.evaluation.drawn_faults import CLASSES, NONE
+from omnimj.evaluation.drawn_faults import CLASSES, NONE, PAIRS, TWO
 from omnimj.evaluation.scoring import CaseScore, confusion
 from omnimj.trials.rates import EventRate, Rate, event_rate, median, quantile, rate
 
@@ -56,6 +57,31 @@ class Ratios:
 
 
 @dataclass(frozen=True)
+class PairSummary:
+    """Cases with two faults at once, of two kinds."""
+
+    kinds: str
+    """`motor + slip`, `motor + slip of one wheel`."""
+    pairs: int
+    """How many pairs of the eight faults are of these kinds."""
+    driven: int
+    """How many of them there were cases of, in use or not."""
+    missed: tuple[str, ...]
+    """Those that were in use and not told exactly in every case."""
+    group: GroupSummary
+
+
+@dataclass(frozen=True)
+class Switches:
+    """How often one slip was diagnosed."""
+
+    count: int
+    """Slips that were named at all."""
+    mean: float | None
+    worst: int | None
+
+
+@dataclass(frozen=True)
 class FactorSummary:
     """Cases that have one thing in common."""
 
@@ -82,6 +108,8 @@ class Summary:
     """Truth → diagnosed → cases."""
     alarms: EventRate
     """False alarms in fault-free cases."""
+    quiet: Mapping[str, EventRate]
+    """The same, plant by plant."""
     alarms_before: EventRate
     """The same, with the time before the first onset of the others."""
     cases_with_alarms: Rate
@@ -89,12 +117,15 @@ class Summary:
     classes: tuple[GroupSummary, ...]
     goals: tuple[GroupSummary, ...]
     """The groups that goals are set for."""
+    pairs: tuple[PairSummary, ...]
+    """Two at once, by kinds; empty without any."""
     estimate: Delays
     """|error| of torque constants after 5 s in use, over the nominal one (a number without unit)."""
     estimates_asked: int
     """Weak motors that were in use for 5 s."""
     clearing: Delays
     """From a slip's end to the end of its diagnosis."""
+    switches: Switches
     heading: Ratios
     path: Ratios
     factors: tuple[FactorSummary, ...]
@@ -132,7 +163,11 @@ def summarise(scores: Sequence[CaseScore]) -> Summary:
         cases=len(scores),
         hours=sum(s.hours for s in scores),
         confusion=confusion(scores),
-        alarms=event_rate(sum(s.false_alarms for s in healthy), sum(s.hours for s in healthy)),
+        alarms=_alarms(healthy),
+        quiet={
+            plant: _alarms([s for s in healthy if s.plant == plant])
+            for plant in sorted({s.plant for s in healthy})
+        },
         alarms_before=event_rate(
             sum(s.false_alarms if s.fault == NONE else s.early_alarms for s in scores),
             sum(s.healthy_hours for s in scores),
@@ -140,9 +175,11 @@ def summarise(scores: Sequence[CaseScore]) -> Summary:
         cases_with_alarms=rate(s.false_alarms > 0 for s in healthy),
         classes=tuple(_group(name, [s for s in broken if s.fault == name]) for name in kinds),
         goals=tuple(_group(name, [s for s in broken if holds(s)]) for name, holds in GOAL_GROUPS.items()),
+        pairs=tuple(_pairs([s for s in broken if s.fault == TWO])),
         estimate=delays(errors),
         estimates_asked=len(asked),
         clearing=delays(s.clearing for s in broken if s.clearing is not None),
+        switches=_switches([s.switches for s in broken if s.switches is not None]),
         heading=_ratios(broken, lambda s: s.heading_ratio),
         path=_ratios(broken, lambda s: s.path_ratio),
         factors=tuple(_factors(scores)),
@@ -161,6 +198,35 @@ def _group(name: str, scores: Sequence[CaseScore]) -> GroupSummary:
         delays(s.delay_in_use for s in used if s.delay_in_use is not None),
         delays(f.named_delay_in_use for s in used for f in s.faults if f.named_delay_in_use is not None),
     )
+
+
+def _alarms(healthy: Sequence[CaseScore]) -> EventRate:
+    return event_rate(sum(s.false_alarms for s in healthy), sum(s.hours for s in healthy))
+
+
+def _pairs(scores: Sequence[CaseScore]) -> Iterable[PairSummary]:
+    """By the kinds of both, each with every pair of them that is possible."""
+    possible = Counter(_kinds([f"{kind} {wheel}" for kind, wheel in pair]) for pair in PAIRS)
+    for kinds, count in sorted(possible.items()) if scores else ():
+        own = [s for s in scores if _kinds([f.label for f in s.faults]) == kinds]
+        wrong = {_pair(s) for s in own if s.was_in_use and not s.isolated}
+        driven = len({_pair(s) for s in own})
+        yield PairSummary(kinds, count, driven, tuple(sorted(wrong)), _group(kinds, own))
+
+
+def _pair(score: CaseScore) -> str:
+    return " + ".join(sorted(fault.label for fault in score.faults))
+
+
+def _kinds(labels: Sequence[str]) -> str:
+    kinds = " + ".join(sorted(label.partition(" ")[0] for label in labels))
+    same = len({label.partition(" ")[2] for label in labels}) == 1
+    return f"{kinds} of one wheel" if same else kinds
+
+
+def _switches(found: Sequence[int]) -> Switches:
+    mean = sum(found) / len(found) if found else None
+    return Switches(len(found), mean, max(found, default=None))
 
 
 def delays(values: Iterable[float]) -> Delays:
@@ -195,7 +261,7 @@ def _factor(factor: str, value: str, scores: Sequence[CaseScore]) -> FactorSumma
         factor,
         value,
         len(scores),
-        event_rate(sum(s.false_alarms for s in healthy), sum(s.hours for s in healthy)),
+        _alarms(healthy),
         rate(bool(s.isolated) for s in used),
         delays(s.delay_in_use for s in used if s.delay_in_use is not None),
         _ratios(scores, lambda s: s.heading_ratio),

@@ -19,7 +19,8 @@ TORQUE_CONSTANT, RESISTANCE, NO_LOAD, VISCOUS, SUPPLY, LIMIT, RATIO, EFFICIENCY,
 KT_SCALE, PARALLEL_TORQUE, OVERRIDE, OVERRIDE_CURRENT = range(9, 13)
 BRAKE = 13  # dry torque of a brake at the wheel; large: locked
 MEASURED = 14  # 1: the command is a current that was measured; no limit cuts it and no loop delays it
-MOTOR_ROW = 15
+SHORTED = 15  # 1: a relay takes the motor from its amplifier and shorts its windings: a brake
+MOTOR_ROW = 16
 
 _AT_ONCE = 1e-12  # [s] a current loop that has settled long before any step ends
 
@@ -55,10 +56,13 @@ def set_current(row, command, wheel_speed):
     """What the amplifier can and will drive: |i| ≤ limit and |R i₁ + K_t ω| ≤ supply [A].
 
     i₁ is the wheel's own motor, ω = G_r φ̇ its speed; at the supply's voltage a second motor in parallel
-    takes what it needs on top of it.
+    takes what it needs on top of it. A shorted motor drives i = −K_t ω/R through itself, whatever its
+    amplifier does.
     """
     if row[MEASURED] == 1.0:
         return command
+    if row[SHORTED] == 1.0:
+        return -row[KT_SCALE] * row[TORQUE_CONSTANT] * row[RATIO] * wheel_speed / row[RESISTANCE]
     if row[OVERRIDE] == 1.0:
         return 0.0
     if row[OVERRIDE] == 2.0:

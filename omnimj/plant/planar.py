@@ -13,6 +13,7 @@ from omnimj.errors import InputError
 from omnimj.parameters import Floor, Robot, read_floors
 from omnimj.parameters.floor import ROW
 from omnimj.physics import planar
+from omnimj.physics.motor import SHORTED
 from omnimj.physics.native import kernel
 from omnimj.physics.planar_constants import POSITION_X, POSITION_Y, PlanarConstants, planar_constants
 from omnimj.plant.conditions import Fault, conditions, event_times
@@ -121,6 +122,7 @@ class PlanarRobot:
         self._command, self._floors = np.zeros(n), np.zeros((n, ROW))
         self._output = np.zeros(planar.output_size(n))
         self._steps, self._at = 0, 0
+        self._brake(())
 
     def _stage(
         self, robot: Robot, faults: Sequence[Fault], begin: float, effects: Applied, measured: bool
@@ -137,6 +139,7 @@ class PlanarRobot:
         self._command[:] = 0.0
         self._state[:] = 0.0
         self._state[-3:] = self._start
+        self._brake(())
         self._enter_stage()
         self._sensors.reset()
         self._run(self._state.copy(), 1)  # forces at rest, for truth and accelerometer
@@ -153,6 +156,8 @@ class PlanarRobot:
             raise InputError("command", found, f"{self._wheels} are needed, one per wheel")
         self._command[:] = command.current
         self._enter_stage()
+        if command.brake != self._braked:
+            self._brake(command.brake)
         self._run(self._state, SUBSTEPS)
         self._steps += 1
         return self._measure()
@@ -170,6 +175,11 @@ class PlanarRobot:
         now = self._steps * self.period + _LATE
         while self._at + 1 < len(self._stages) and self._stages[self._at + 1].begin <= now:
             self._at += 1
+            self._brake(self._braked)
+
+    def _brake(self, wheels: tuple[int, ...]) -> None:
+        self._motors, self._braked = self._stages[self._at].motors.copy(), wheels
+        self._motors[[wheel - 1 for wheel in wheels], SHORTED] = 1.0
 
     def _run(self, state: Array, steps: int) -> None:
         stage, ground = self._stages[self._at], self._ground
@@ -178,7 +188,7 @@ class PlanarRobot:
             self._command,
             stage.constants.body,
             stage.constants.wheels,
-            stage.motors,
+            self._motors,
             stage.own_floors,
             ground.patches,
             ground.rows,

@@ -11,6 +11,9 @@ import numpy as np
 
 from omnimj.control.controller import Controller
 from omnimj.control.diagnosing import DiagnosingController
+from omnimj.control.method import Method
+from omnimj.control.recovery import Recovery
+from omnimj.control.robust import Robust
 from omnimj.control.robust.decide import Thresholds
 from omnimj.errors import InputError
 from omnimj.kinematic import drive_kinematic
@@ -144,9 +147,7 @@ def _run_physics(
             current = np.full(round(scenario.duration / plant.period) + 1, scenario.drive.current)
             trace = drive_rig(plant, current, watch, about, method)
         else:
-            controller = make_controller(scenario)
-            if method is not None:
-                controller = DiagnosingController(controller, method)
+            controller = make_diagnosing(scenario, method)
             trace = drive(plant, controller, scenario.drive.reference, watch, about)
         if not poses.times:
             return trace, None
@@ -168,6 +169,24 @@ def make_controller(scenario: Scenario) -> Controller:
         heading_feedback=asked.heading_feedback,
         period=scenario.period,
     )
+
+
+def make_diagnosing(scenario: Scenario, method: Method | None) -> Controller | DiagnosingController:
+    """The controller with a method beside it, and with recovery where the method leaves that to it.
+
+    Args:
+      scenario: Of a robot; its `[diagnosis]` table may switch recovery off.
+      method: From `make_method`; None: the cascade alone.
+    """
+    controller, robot, asked = make_controller(scenario), scenario.constants, scenario.drive
+    if method is None:
+        return controller
+    assert isinstance(robot, Robot)
+    assert isinstance(asked, Drive)
+    recovery = None
+    if isinstance(method, Robust) and scenario.diagnosis.recovery:
+        recovery = Recovery(robot, scenario.period, asked.heading_hold)
+    return DiagnosingController(controller, method, recovery)
 
 
 def _run_kinematic(scenario: Scenario, about: dict[str, Any]) -> Trace:

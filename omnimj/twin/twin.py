@@ -11,6 +11,7 @@ import numpy as np
 
 from omnimj.effects import applied
 from omnimj.parameters import Floor, Robot, read_floors
+from omnimj.physics.motor import SHORTED
 from omnimj.plant.conditions import Fault
 from omnimj.plant.interface import robot_truth_names
 from omnimj.plant.patches import Patch
@@ -103,6 +104,7 @@ class RobotTwin:
         self._guides = np.clip(larger, -_GUIDE * travel, _GUIDE * travel)
         self._rest_height += float(np.max(larger - self._guides, initial=0.0))
         self._find_places()
+        self._braked: tuple[int, ...] = ()
         self._steps, self._turns, self._last_heading = 0, 0.0, start[2]
 
     def _find_places(self) -> None:
@@ -126,6 +128,7 @@ class RobotTwin:
         """Robot at rest at its start, time 0."""
         mujoco.mj_resetData(self.mj_model, self.mj_data)
         self._schedule.start()
+        self._braked = ()
         x, y, heading = self._start
         half = 0.5 * heading
         self.mj_data.qpos[:7] = (x, y, self._rest_height, math.cos(half), 0.0, 0.0, math.sin(half))
@@ -139,10 +142,19 @@ class RobotTwin:
         """One control period."""
         if self.mj_data.time + 0.5 * self.mj_model.opt.timestep >= self._schedule.next_change:
             self._schedule.apply(self._steps * self.period)
+            self._braked = ()  # the schedule writes whole motors
+        if command.brake != self._braked:
+            self._brake(command.brake)
         self.mj_data.ctrl[:] = command.current
         mujoco.mj_step(self.mj_model, self.mj_data, self._substeps)
         self._steps += 1
         return self._measure()
+
+    def _brake(self, wheels: tuple[int, ...]) -> None:
+        shorted = self.mj_model.actuator_user[: self._wheels, slots.MOTOR + SHORTED]
+        shorted[:] = 0.0
+        shorted[[wheel - 1 for wheel in wheels]] = 1.0
+        self._braked = wheels
 
     def _heading(self) -> float:
         """Heading, unwrapped [rad]."""

@@ -32,6 +32,13 @@ STATES = {
     "motor free": "#CC79A7",
     "wheel locked": "#0072B2",
     "motor runs away": "#8A2BE2",
+    "as planned": HEALTHY,
+    "compensating": "#0072B2",
+    "slip capped": "#E69F00",
+    "slowed down": "#B87A00",
+    "turning about a wheel": "#8A2BE2",
+    "stopping": "#B22222",
+    "help taken back": "#777777",
     "torque constant is estimated": "#F0C94A",
     "torque constant was estimated": "#7FB8DA",
 }

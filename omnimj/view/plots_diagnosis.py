@@ -26,7 +26,7 @@ from omnimj.view.drawing import (
     value_axis,
 )
 from omnimj.view.residuals import Family
-from omnimj.view.wording import Span, mode_name
+from omnimj.view.wording import Span, mode_name, recovery_spans
 
 Array = NDArray[np.float64]
 _FAR = 15.0  # a residual that grows so many times beyond its threshold would hide it on a linear axis
@@ -123,6 +123,7 @@ def states(
     """What was broken, below it what was diagnosed, a strip per wheel, and the mode at the bottom."""
     true, named = _lanes(truth), _lanes(believed)
     rows = [("true", lane) for lane in true or [()]] + [("named", lane) for lane in named or [()]]
+    rows += [("done", lane) for lane in _lanes(recovery_spans(trace))]
     count = len(rows) + int("mode" in trace)
     height = max(MIDDLE, _AROUND + _LANE * count)
     figure, (ax,) = new_figure(height)

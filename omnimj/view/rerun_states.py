@@ -9,14 +9,23 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from omnimj.control.recovery.modes import NAMES, NORMAL
 from omnimj.signals import Trace
 from omnimj.view import palette
 from omnimj.view.timeline import time_column
-from omnimj.view.wording import Span, diagnosis_spans, fault_spans, is_diagnosed, mode_name
+from omnimj.view.wording import (
+    RECOVERY,
+    Span,
+    diagnosis_spans,
+    fault_spans,
+    is_diagnosed,
+    mode_name,
+    recovery_spans,
+)
 
 Array = NDArray[np.float64]
 TRUTH, BELIEF, MODE = "fault", "diagnosis", "mode"
-FINE = "healthy"
+FINE, AS_PLANNED = "healthy", NAMES[NORMAL]
 
 
 def log_states(
@@ -37,6 +46,9 @@ def log_states(
         _log_lanes(stream, BELIEF, diagnosis_spans(metrics, duration), wheels)
     if "mode" in trace:
         _log_mode(stream, trace, str(metrics.get("method")), is_rig)
+    if RECOVERY in trace:
+        times, states = lane_states(recovery_spans(trace))
+        log_lane(stream, RECOVERY, times, [AS_PLANNED if state == FINE else state for state in states])
 
 
 def eventful_lanes(metrics: Mapping[str, Any], duration: float) -> list[str]:
@@ -51,7 +63,7 @@ def eventful_lanes(metrics: Mapping[str, Any], duration: float) -> list[str]:
     true = {span.lane for span in fault_spans(metrics, duration)}
     named = true | {span.lane for span in diagnosis_spans(metrics, duration)}
     lanes = [f"/{TRUTH}/{lane}" for lane in sorted(true)] + [f"/{BELIEF}/{lane}" for lane in sorted(named)]
-    return [*(lanes or (f"/{TRUTH}/**", f"/{BELIEF}/**")), f"/{MODE}"]
+    return [*(lanes or (f"/{TRUTH}/**", f"/{BELIEF}/**")), f"/{MODE}", f"/{RECOVERY}"]
 
 
 def _log_lanes(stream: rr.RecordingStream, entity: str, spans: Sequence[Span], wheels: int) -> None:

@@ -8,8 +8,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+import numpy as np
+
 from omnimj.control.published.choice import Choice
+from omnimj.control.recovery.modes import NAMES, NORMAL
 from omnimj.parameters import Rig, Robot
+from omnimj.signals import Trace
 
 FAULT_NAMES: Mapping[str, str] = {
     "motor": "motor loss",
@@ -40,6 +44,8 @@ MODE_NAMES: Mapping[str, tuple[str, ...]] = {
     "published on the rig": ("no fault", "slip", "motor fault"),
 }
 """What the numbers in the column `mode` mean, by method."""
+RECOVERY = "recovery"
+"""Lane of what is done about faults."""
 NOT_DIAGNOSED = "off"
 """The method of a run in which nobody looks for faults."""
 _PLACE = ("kind", "wheel", "wheels", "onset", "end")
@@ -130,6 +136,21 @@ def diagnosis_spans(metrics: Mapping[str, Any], duration: float) -> list[Span]:
         wheels = diagnosis.get("wheels") or (None,)
         spans += [_span(diagnosis["kind"], wheel, state, float(diagnosis["time"]), end) for wheel in wheels]
     return spans
+
+
+def recovery_spans(trace: Trace) -> list[Span]:
+    """What recovery did, from the column `recovery`; driving as planned is left out."""
+    if "recovery" not in trace:
+        return []
+    mode, time = trace["recovery"].astype(int), trace["time"]
+    starts = np.concatenate(([0], np.flatnonzero(np.diff(mode)) + 1))
+    ends = np.append(time[starts[1:]], time[-1])
+    names = [NAMES[value] if 0 <= value < len(NAMES) else f"recovery {value}" for value in mode[starts]]
+    return [
+        Span(name, RECOVERY, name, float(time[start]), float(end))
+        for name, start, end in zip(names, starts, ends, strict=True)
+        if name != NAMES[NORMAL]
+    ]
 
 
 def _span(kind: str, wheel: int | None, state: str, start: float, end: float) -> Span:

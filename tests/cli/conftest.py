@@ -44,5 +44,5 @@ def plain_files(monkeypatch):
         path.touch()
 
     monkeypatch.setattr("omnimj.view.report.write_report", touch)
-    monkeypatch.setattr("omnimj.cli.outputs.write_recording_of", touch)
+    monkeypatch.setattr("omnimj.view.recording_of_run.write_recording_of", touch)
     monkeypatch.setattr("omnimj.cli.outputs._picture_of", lambda *_: None)

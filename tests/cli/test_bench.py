@@ -1,6 +1,7 @@
 """`omnimj bench` reports what its schema asks for."""
 
 import json
+import math
 from pathlib import Path
 
 import jsonschema
@@ -14,21 +15,20 @@ SCHEMA = json.loads((Path(__file__).parent.parent / "schema" / "bench.json").rea
 
 @pytest.fixture
 def short(monkeypatch):
-    monkeypatch.setattr(bench, "_STEPS", 100)
-    monkeypatch.setattr(bench, "_ROUNDS", 1)
-    monkeypatch.setattr(bench, "_SAMPLES", 200)
-    monkeypatch.setattr(bench, "_RUN_SECONDS", 1.0)
+    effort = bench.Effort(steps=100, rounds=1, run=1.0, missions=1, mission=3.0, hours=1e-3)
+    monkeypatch.setattr(bench, "EFFORT", effort)
 
 
 def test_json_keeps_to_the_schema_and_every_figure_is_positive(short, capsys):
     assert main(["bench", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     jsonschema.validate(found, SCHEMA)
-    assert all(value > 0.0 for value in found.values())
+    grown = [found.pop(name) for name in tuple(found) if name.endswith("kb_per_hour")]
+    assert all(value > 0.0 for value in found.values()) and grown and all(map(math.isfinite, grown))
 
 
 def test_the_table_explains_every_figure(short, capsys):
     assert main(["bench"]) == 0
     told = capsys.readouterr().out
-    for name in SCHEMA["required"]:
+    for name in (*SCHEMA["required"], "control_growth_kb_per_hour"):
         assert name in told

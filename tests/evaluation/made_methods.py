@@ -22,6 +22,7 @@ class Said:
     diagnoses: tuple[Diagnosis, ...]
     log: Array
     advice: None = None
+    beliefs: None = None
 
 
 class MadeUp:

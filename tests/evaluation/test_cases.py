@@ -67,15 +67,41 @@ def test_only_the_classes_asked_for_are_drawn():
     assert drawn == {"slip", "two"}
 
 
-def test_pairs_are_of_two_different_faults_out_of_eight():
-    pairs = Counter()
-    for k in range(600):
-        first, second = draw_case(Choice("missions", 100, faults=("two",)), k).faults
-        pair = frozenset(((first.kind, first.wheel), (second.kind, second.wheel)))
-        assert len(pair) == 2 and pair <= set(EIGHT)
-        assert first.onset <= second.onset
-        pairs[pair] += 1
-    assert len(pairs) == 28
+def pair_of(case):
+    first, second = case.faults
+    assert first.onset <= second.onset
+    return frozenset(((first.kind, first.wheel), (second.kind, second.wheel)))
+
+
+def test_twenty_eight_cases_of_two_faults_have_each_pair_of_the_eight_once():
+    orders = []
+    for choice in (Choice("missions", 100, faults=("two",)), Choice("missions", 101, faults=("two",))):
+        pairs = [pair_of(draw_case(choice, k)) for k in range(84)]
+        for first in (0, 28, 56):
+            assert len(set(pairs[first : first + 28])) == 28
+        assert all(len(pair) == 2 and pair <= set(EIGHT) for pair in pairs)
+        orders += [pairs[first : first + 28] for first in (0, 28, 56)]
+    assert all(one != other for k, one in enumerate(orders) for other in orders[:k])
+
+
+def test_among_other_classes_pairs_come_in_turn_too():
+    choice = Choice("missions", 100, faults=("none", "slip", "two"))
+    pairs = [pair_of(case) for k in range(400) if (case := draw_case(choice, k)).fault == "two"]
+    assert len(pairs) > 56 and len(set(pairs[:28])) == len(set(pairs[28:56])) == 28
+    late = next(case for k in range(1020, 1100) if (case := draw_case(choice, k)).fault == "two")
+    before = sum(draw_case(choice, k).fault == "two" for k in range(late.index))
+    begin = before - before % 28
+    cases = (draw_case(choice, k) for k in range(late.index + 1))
+    turn = [pair_of(case) for case in cases if case.fault == "two"][begin:]
+    assert len(set(turn)) == len(turn) == before % 28 + 1
+
+
+def test_which_of_a_pair_comes_first_and_how_large_both_are_is_drawn():
+    choice = Choice("missions", 100, faults=("two",))
+    cases = [draw_case(choice, k) for k in range(280)]
+    firsts = {(pair_of(case), case.faults[0].kind, case.faults[0].wheel) for case in cases}
+    assert len(firsts) > 50
+    assert 0.4 < sum(case.faults[0].onset == case.faults[1].onset for case in cases) / 280 < 0.6
 
 
 def test_forty_eight_manoeuvres_have_each_direction_at_each_speed_once():

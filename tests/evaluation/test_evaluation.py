@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import html
 import json
 from concurrent.futures import Executor, Future
 from functools import partial
@@ -203,4 +204,7 @@ def test_the_command_prints_tables_or_json_and_writes_a_page(tmp_path, monkeypat
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert page.count("<svg") == 5 and "http" not in page.replace("http-equiv", "")
     assert main([*argv, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["plan"]["trials"] == 6
+    found = json.loads(capsys.readouterr().out)
+    assert found["plan"]["trials"] == 6
+    told = [one["measure"] for one in found["goals"] if one["goal"]]
+    assert told and all(measure in text for measure in told for text in (said, html.unescape(page)))

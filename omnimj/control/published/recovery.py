@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from omnimj.control.allocation import published_map
-from omnimj.control.method import Advice
+from omnimj.control.method import Advice, usual_advice
 from omnimj.parameters import Robot
 from omnimj.physics.kinematics import rolling_matrix, weighted_inverse
 from omnimj.signals import Array
@@ -66,12 +66,12 @@ class WeightedKinematics:
 
     def __init__(self, robot: Robot, printed: bool):
         positions, directions = robot.wheel_positions, robot.drive_directions
-        self._radius, self._ones = robot.wheel.radius, np.ones(len(robot.wheels))
+        self._radius = robot.wheel.radius
         if printed:
             self._forward = published_map(positions, directions)
         else:
             self._forward = np.linalg.pinv(rolling_matrix(positions, directions))
-        self.healthy = Advice(self._inverse(self._ones), self._ones)
+        self.healthy = usual_advice(self._inverse(np.ones(len(robot.wheels))))
 
     def advice(self, weights: Array, before: Advice) -> Advice:
         """The kinematics with these weights; those of before where the printed weights make none."""
@@ -80,7 +80,7 @@ class WeightedKinematics:
                 inverse = self._inverse(weights)
         except np.linalg.LinAlgError:
             return before
-        return Advice(inverse, self._ones) if np.all(np.isfinite(inverse)) else before
+        return usual_advice(inverse) if np.all(np.isfinite(inverse)) else before
 
     def _inverse(self, weights: Array) -> Array:
         return np.ascontiguousarray(weighted_inverse(self._forward, weights) / self._radius)

@@ -41,6 +41,11 @@ class RigState:
         """None: the rig's currents are given."""
         return
 
+    @property
+    def beliefs(self) -> None:
+        """None: nothing is recovered."""
+        return
+
 
 class PublishedRig:
     """Table 5.1 beside a test with given currents.

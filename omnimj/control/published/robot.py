@@ -60,6 +60,12 @@ class RobotState:
     weights: Array
     """W_i, shape (n,)."""
     advice: Advice | None
+
+    @property
+    def beliefs(self) -> None:
+        """None: the method recovers by itself."""
+        return
+
     """The kinematics that these weights make; None where the method only watches."""
     diagnoses: tuple[Diagnosis, ...] = ()
     first: int = -1

@@ -119,7 +119,7 @@ def is_frozen(repeats, k, wheels, speed):
     return not wheels <= k < 2 * wheels or abs(speed[k - wheels]) > 0.5
 
 
-def no_samples(wheels: int) -> Array:
+def no_sums(wheels: int) -> Array:
     """Sums before the first sample, shape (3n+5,)."""
     return np.zeros(3 * wheels + 5)
 

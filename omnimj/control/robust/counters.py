@@ -7,6 +7,8 @@ how much less the wheel slips than it would with the grip that it had lost.
 
 from __future__ import annotations
 
+import math
+
 from omnimj.control.robust.constants import TIME
 from omnimj.control.robust.slip import (
     GIVING,
@@ -20,13 +22,26 @@ from omnimj.control.robust.slip import (
 )
 from omnimj.physics.native import kernel
 
-SLIPPING, HEALTH, AGAINST, STUCK, SILENT, RUNAWAY, OPPOSED, SHORT, GRIP = range(9)
+(
+    SLIPPING,
+    HEALTH,
+    AGAINST,
+    STUCK,
+    STILL,
+    TURNS,
+    SILENT,
+    RUNAWAY,
+    OPPOSED,
+    SHORT,
+    GRIP,
+) = range(11)
 """Numbers of a wheel: way slipped beyond what is allowed [m]; likelihood that its grip is back [nats]; blocks
-in a row of a speed that no slip explains, of standing while the floor passes, of a motor without the current
-that was asked for, of one with another current; how far it is ahead of a velocity against its force, or
-behind it with its force (below 0) [m/s]; the last creep beyond health [m/s], the grip that it told of [1];
-then the bristles of `healthy_creep` and those of a soft and a stiff floor [m]."""
-BRISTLES, GIVEN, HELD, COUNTERS = 9, 13, 14, 15
+in a row of a speed that no slip explains, of standing while the floor passes, of standing under a motor that
+should turn the wheel, of turning, of a motor without the current that was asked for, of one with another
+current; how far it is ahead of a velocity against its force, or behind it with its force (below 0) [m/s]; the
+last creep beyond health [m/s], the grip that it told of [1]; then the bristles of `healthy_creep` and those
+of a soft and a stiff floor [m]."""
+BRISTLES, GIVEN, HELD, COUNTERS = 11, 15, 16, 17
 NO_COUNTS = (0.0,) * GRIP + (1.0,) + (0.0,) * (COUNTERS - GRIP - 1)
 """Before the first block."""
 
@@ -50,8 +65,9 @@ _LEAST_GRIP, _NEWEST = 0.02, 0.1
 _TOLD = 0.015  # [m/s] of slip that the lost grip would make at this load: less is no sign of health
 _SPREAD, _COLOUR = 0.02, 6.0  # [m/s] of a slip, and blocks in which its error stays alike
 _AT_ONCE = 0.6  # [nats] of one block
-_TURNS, _LIES = 2.5, 0.08  # [rad/s], [m/s]
-_STANDS, _PASSES, _PUSHED = 0.4, 0.12, 0.4  # [rad/s] of a locked wheel, [m/s] of the floor below it, [A]
+_ROLLS, _LIES = 2.5, 0.08  # [rad/s], [m/s]
+_STANDS, _PASSES, _PUSHED = 0.4, 0.05, 0.4  # [rad/s] of a locked wheel, [m/s] of the floor below it, [A]
+_WOULD, _TURNING = 0.08, 1.5  # [m/s] that a motor would make of its wheel, [rad/s] of one that is not locked
 _OBEYED, _ASKED, _SILENT = 0.25, 0.15, 0.03  # [A]
 
 
@@ -156,11 +172,15 @@ def count_wheel(
     ahead = away if force[i] >= 0.0 else -away
     idle = abs(force[i]) <= LOADED
     odd = ahead < -NO_SLIP - usual or (idle and abs(away) > NO_SLIP)
-    turns = abs(speed[i]) > _TURNS  # or else its motor would not be judged, which may be weak instead
+    turns = abs(speed[i]) > _ROLLS  # or else its motor would not be judged, which may be weak instead
     _more_if(row, AGAINST, odd or (turns and abs(row[OPPOSED]) > _LIES))
     below = forces[0, i] * x[0] + forces[1, i] * x[1] + forces[2, i] * turning
-    stands = abs(speed[i]) < _STANDS and abs(below) > _PASSES + _SIGMAS * doubt
-    _more_if(row, STUCK, stands and abs(current[i]) > _PUSHED)
+    pushed, doubt = math.copysign(1.0, current[i]), _SIGMAS * doubt
+    stands = abs(speed[i]) < _STANDS and abs(current[i]) > _PUSHED
+    _more_if(row, STUCK, stands and pushed * below > _PASSES + doubt)
+    # what its motor would make of it, if it could turn: the floor's speed, and creep under this force
+    _more_if(row, STILL, stands and pushed * (below + creep[i, 0]) > _WOULD + doubt)
+    _more_if(row, TURNS, abs(speed[i]) > _TURNING)
     silent = abs(current[i]) < _SILENT
     lacks = abs(current[i] - wanted[i]) > _OBEYED or (silent and abs(wanted[i]) > _ASKED)
     _more_if(row, SILENT, lacks and silent)

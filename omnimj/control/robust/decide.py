@@ -15,7 +15,9 @@ from omnimj.control.robust.counters import (
     SHORT,
     SILENT,
     SLIPPING,
+    STILL,
     STUCK,
+    TURNS,
 )
 from omnimj.control.robust.evidence import Evidence
 from omnimj.control.robust.windows import LIKELIHOOD, SIZE
@@ -49,7 +51,9 @@ class Thresholds:
     current: int = 3
     """Blocks for which an amplifier gives another current than asked for."""
     stuck: int = 6
-    """Blocks for which a wheel stands while the floor passes."""
+    """Blocks for which a wheel stands while the floor passes, or its motor should turn it."""
+    released: int = 30
+    """Blocks for which a wheel turns that was said to stand."""
     odd: int = 30
     """Blocks for which a wheel's speed is one that no slip explains."""
     turning: float = 0.02
@@ -119,10 +123,15 @@ def decide(
     return after
 
 
+def is_still(diagnosis: Diagnosis) -> bool:
+    """Whether it says that a wheel stands, held or for want of a motor."""
+    return diagnosis.kind == "motor" and diagnosis.ambiguous_with == (f"locked {diagnosis.wheels[0]}",)
+
+
 def _with(verdict: Verdict, diagnosis: Diagnosis) -> Verdict:
     """One more; it takes the place of a lesser one on the same wheel."""
     known = verdict.standing(diagnosis.wheels[0]) if diagnosis.wheels else None
-    if known is not None and known.kind == diagnosis.kind == "motor":
+    if known is not None and known.kind == diagnosis.kind == "motor" and not known.ambiguous_with:
         # the same motor, known better by now
         same = replace(known, effectiveness=diagnosis.effectiveness)
         return Verdict(tuple(same if d is known else d for d in verdict.diagnoses), math.nan)
@@ -136,10 +145,14 @@ def _with(verdict: Verdict, diagnosis: Diagnosis) -> Verdict:
 
 
 def _cleared(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: float) -> Verdict:
-    """A slip ends when the wheel has carried load without slipping; other faults stay."""
+    """A slip ends when the wheel has carried load without slipping, a lock when it turns; others stay."""
 
     def healthy(d: Diagnosis) -> bool:
-        if d.cleared is not None or d.kind not in ("slip", "all_wheel_slip"):
+        if d.cleared is not None:
+            return False
+        if d.kind == "locked" or is_still(d):
+            return bool(evidence.counters[d.wheels[0] - 1, TURNS] >= thresholds.released)
+        if d.kind not in ("slip", "all_wheel_slip"):
             return False
         wheels = [w - 1 for w in d.wheels] or list(range(len(evidence.force)))
         rows = evidence.counters[wheels]
@@ -199,10 +212,13 @@ def _stuck(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: f
         return verdict  # a robot that one wheel holds or pushes does not know its own velocity
     for i, row in enumerate(evidence.counters):
         known = verdict.standing(i + 1)
-        if known is not None and known.kind == "free":
+        if known is not None and (known.kind == "free" or verdict.has_sensor(f"wheel_speed_{i + 1}")):
             continue
         if row[STUCK] >= thresholds.stuck:
             verdict = _with(verdict, Diagnosis(time, "locked", (i + 1,), 0.99, (), 0.0))
+        elif row[STILL] >= thresholds.stuck and known is None:
+            # held fast, or given nothing by its motor: the floor will tell, once it passes below
+            verdict = _with(verdict, Diagnosis(time, "motor", (i + 1,), 0.9, (f"locked {i + 1}",), 0.0))
     return verdict
 
 

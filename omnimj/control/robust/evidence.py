@@ -74,7 +74,10 @@ class Evidence:
 
     def copy(self) -> Evidence:
         """A copy whose arrays may be changed."""
-        return Evidence(*(getattr(self, f.name).copy() for f in fields(self)))
+        return Evidence(*[getattr(self, name).copy() for name in _NAMES])
+
+
+_NAMES = tuple(one.name for one in fields(Evidence))
 
 
 def no_evidence(wheels: int) -> Evidence:

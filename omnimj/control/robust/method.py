@@ -2,44 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import math
+from dataclasses import dataclass
 
 import numpy as np
 
-from omnimj.control.allocation import inverse_kinematics
 from omnimj.control.controller import is_good
 from omnimj.control.gyro_bias import turn_row
-from omnimj.control.method import Advice
-from omnimj.control.robust.blocks import (
-    add_sample,
-    align,
-    count_repeats,
-    delays,
-    is_frozen,
-    is_full,
-    is_rough,
-    no_line,
-    no_repeats,
-    no_samples,
-    ranges,
-    take_block,
-)
+from omnimj.control.method import Beliefs
+from omnimj.control.robust.blocks import delays, ranges, take_block
 from omnimj.control.robust.constants import BLOCK, RADIUS, geometry, numbers
 from omnimj.control.robust.counters import SLIPPING
-from omnimj.control.robust.decide import Thresholds, Verdict, decide
+from omnimj.control.robust.decide import Thresholds, Verdict, decide, is_still
 from omnimj.control.robust.evidence import FILLED, Evidence, compare_turning, no_evidence, update
+from omnimj.control.robust.past import all_told, put_by
+from omnimj.control.robust.samples import Samples, broken_channels, no_samples, take_sample
 from omnimj.control.robust.slow import BROKEN_FRICTION_VARIES, BROKEN_LOSS_VARIES, MEMORY, loose, prior
 from omnimj.control.robust.windows import LIKELIHOOD, SIZE
 from omnimj.control.wheel_speed import amplifier_row
 from omnimj.parameters import Robot
-from omnimj.physics.motor import set_current
-from omnimj.physics.native import kernel
 from omnimj.signals import Array, Diagnosis, Measurement
 
 HEALTHY, SUSPECT, FAULTY, BLIND = range(4)
 """`mode` of the log: nothing is wrong, a decision is pending, something is diagnosed, cannot judge."""
 
-_LEAST_LEFT = 0.3  # current is scaled by at most 1/0.3: a dead motor gets none the wiser for more
+_DEAD = 0.9  # loss from which a motor is not counted upon
 _FRESH = 200  # [blocks]
 _FOUND_AGAIN = 0.2  # standard deviation of what is left of a motor just after its loss was seen
 _PART_FRICTION, _PART_LOSS = 1.5, 0.05  # of it that may be friction, and loss where friction was seen
@@ -52,37 +39,38 @@ def _renew(cov: Array, j: int, deviation: float) -> None:
     cov[j, j] = deviation * deviation
 
 
-@kernel
-def _expected(amplifier, command, speed, out):
-    for i in range(command.size):
-        out[i] = set_current(amplifier, command[i], speed[i])
-
-
 @dataclass(frozen=True, slots=True)
 class RobustState:
     """What the method carries from one step to the next."""
 
-    sums: Array
-    """Of `blocks`."""
-    line: Array
-    """Of `blocks`: the last samples."""
-    repeats: Array
-    """Of `blocks`: equal values in a row."""
-    wanted: Array
-    """Sum of what the amplifiers should have given in this block beyond what they gave, shape (n,) [A]."""
+    samples: Samples
+    """Of the block that is not full yet."""
     evidence: Evidence
     verdict: Verdict
     accepted: Array
     """Diagnosed losses of the torque constants, shape (n,)."""
     fresh: int
     """Blocks for which a new loss is still being measured: they are learnt from at once."""
-    advice: Advice | None
+    beliefs: Beliefs | None
     log: Array
+    past: tuple[Diagnosis, ...] = ()
+    """Taken back and out of the verdict."""
+
+    @property
+    def advice(self) -> None:
+        """None: recovery acts upon the beliefs."""
+        return
 
     @property
     def diagnoses(self) -> tuple[Diagnosis, ...]:
-        """Everything decided since the start."""
-        return self.verdict.diagnoses
+        """Everything decided since the start, but for what `past.REMEMBERED` leaves out."""
+        return all_told(self.verdict, self.past)
+
+
+def _with_samples(state: RobustState, samples: Samples) -> RobustState:
+    """`dataclasses.replace`, which takes longer than all that is computed for a sample."""
+    s = state
+    return RobustState(samples, s.evidence, s.verdict, s.accepted, s.fresh, s.beliefs, s.log, s.past)
 
 
 class Robust:
@@ -98,6 +86,7 @@ class Robust:
         self.period = 1.0 / robot.sensors.sample_rate if period is None else period
         n = self.wheels = len(robot.wheels)
         self.thresholds = Thresholds() if thresholds is None else thresholds
+        self._limits = np.full(n, self.thresholds.motor), np.full(n, self.thresholds.slip)
         shape = geometry(robot)
         walk = prior(n) ** 2 * (BLOCK * self.period / MEMORY)
         low = np.array([0.03] * n + [0.3] * n + [-5.0] * 2)
@@ -115,7 +104,6 @@ class Robust:
         each = [f"{name}_{i}" for name in ("current", "wheel_speed") for i in range(1, n + 1)]
         self._waits, self._ranges = delays(robot, self.period), ranges(robot)
         self._channels = (*each, "acceleration_x", "acceleration_y", "yaw_rate")
-        self._rolling = inverse_kinematics(robot.wheel_positions, robot.drive_directions) / robot.wheel.radius
         names = [
             f"{kind}_{what}_{i}"
             for what in ("motor", "slip")
@@ -139,9 +127,6 @@ class Robust:
         log[3 + 4 * n : 3 + 5 * n] = 1.0
         return RobustState(
             no_samples(n),
-            no_line(n),
-            no_repeats(n),
-            np.zeros(n),
             no_evidence(n),
             Verdict(),
             np.zeros(n),
@@ -164,43 +149,33 @@ class Robust:
         m = measurement
         if not is_good(self.wheels, m.time, m.current, m.wheel_speed, m.acceleration, m.yaw_rate, m.yaw):
             return state
-        n, sums, repeats, wanted = self.wheels, state.sums.copy(), state.repeats.copy(), state.wanted.copy()
-        said = np.concatenate((m.current, m.wheel_speed, m.acceleration, (m.yaw_rate,)))
-        said = np.clip(said, -self._ranges, self._ranges)
-        current, speed, acceleration = said[:n], said[n : 2 * n], said[2 * n : 2 * n + 2]
-        count_repeats(repeats, current, speed, acceleration, said[-1])
-        line, now = state.line.copy(), np.empty(2 * n + 3)
-        first = state.evidence.heading[0] != state.evidence.heading[0]
-        align(line, self._waits, current, speed, acceleration, said[-1] - bias, first, now)
-        add_sample(sums, now[:n], now[n : 2 * n], now[2 * n : 2 * n + 2], now[2 * n + 2])
-        if command is not None:
-            expected = np.empty(n)
-            _expected(self._amplifier, command, speed, expected)
-            wanted += expected - current
-        if not is_full(sums):
-            return replace(state, sums=sums, line=line, repeats=repeats, wanted=wanted)
-        return self._judge(state, sums, line, repeats, wanted / BLOCK, m, now)
+        before, first = state.samples, math.isnan(state.evidence.heading[0])
+        *arrays, now, full = take_sample(
+            self._waits, self._ranges, self._amplifier,
+            before.sums, before.line, before.repeats, before.wanted, first,
+            m.current, m.wheel_speed, m.acceleration, m.yaw_rate, bias,
+            command is not None, before.wanted if command is None else command,
+        )  # fmt: skip
+        samples = Samples(*arrays)
+        return self._judge(state, samples, m, now) if full else _with_samples(state, samples)
 
     def _judge(
         self,
         state: RobustState,
-        sums: Array,
-        line: Array,
-        repeats: Array,
-        wanted: Array,
+        samples: Samples,
         measurement: Measurement,
         now: Array,
     ) -> RobustState:
         n = self.wheels
         block = np.empty(3 * n + 4)
-        take_block(sums, BLOCK * self.period, now[n : 2 * n], now[2 * n + 2], block)
+        take_block(samples.sums, BLOCK * self.period, now[n : 2 * n], now[2 * n + 2], block)
         evidence = state.evidence.copy()
         self._mend(block, evidence, state.verdict)
         c, forces, across, walk, loose, low, high = self._constants
         moving = update(
             c, forces, across, walk, self._looser(loose, state.verdict), low, high,
             block[:n], block[n : 2 * n], block[2 * n : 2 * n + 2], block[2 * n + 2],
-            block[2 * n + 3 : 3 * n + 3], block[3 * n + 3], block[:n] + wanted,
+            block[2 * n + 3 : 3 * n + 3], block[3 * n + 3], block[:n] + samples.wanted / BLOCK,
             self._believed(state.verdict, state.fresh), self._unknown(state.verdict),
             self._deaf(state.verdict), state.accepted, state.fresh > 0,
             evidence.ring, evidence.cursor, evidence.recent, evidence.theta, evidence.cov, evidence.velocity,
@@ -209,19 +184,18 @@ class Robust:
         )  # fmt: skip
         speed, period = block[n : 2 * n], BLOCK * self.period
         compare_turning(evidence.heading, self._turn, period, measurement.yaw, speed, block[2 * n + 2])
-        dead = tuple(
-            c
-            for k, c in enumerate(self._channels)
-            if is_frozen(repeats, k, n, speed) or is_rough(repeats, k, n)
-        )
+        broken = broken_channels(samples.repeats, speed)
+        dead = tuple(c for c, lies in zip(self._channels, broken.tolist(), strict=True) if lies)
         losses = state.accepted + evidence.theta[:n]
         verdict = decide(evidence, self.thresholds, state.verdict, float(measurement.time), losses, dead)
         found = evidence.found.copy()
         accepted = self._accept(evidence, state, verdict)
         fresh = _FRESH if accepted is not state.accepted else max(state.fresh - int(moving), 0)
-        advice = self._advise(verdict, accepted + evidence.theta[:n])
-        log = self._log(evidence, found, verdict, accepted, moving)
-        return RobustState(sums, line, repeats, np.zeros(n), evidence, verdict, accepted, fresh, advice, log)
+        beliefs = self._believe(evidence, verdict, accepted + evidence.theta[:n])
+        log = self._log(evidence, found, verdict, accepted, beliefs, moving)
+        samples.wanted[:] = 0.0  # like the sums, of the next block
+        verdict, past = put_by(verdict, state.past, float(measurement.time))
+        return RobustState(samples, evidence, verdict, accepted, fresh, beliefs, log, past)
 
     def _believed(self, verdict: Verdict, fresh: int) -> Array:
         """Wheels that have a say about the body's velocity; a weak motor's once its force is known again."""
@@ -271,7 +245,8 @@ class Robust:
         """Wheels whose force on the floor the motor, or its speed, does not tell."""
         unknown = np.zeros(self.wheels)
         for d in verdict.diagnoses:
-            if d.cleared is None and (d.kind == "locked" or d.channel.startswith("wheel_speed")):
+            lies = d.channel.startswith("wheel_speed")
+            if d.cleared is None and (d.kind == "locked" or lies or is_still(d)):
                 unknown[[w - 1 for w in d.wheels]] = 1.0
         return unknown
 
@@ -285,7 +260,7 @@ class Robust:
         for d in verdict.diagnoses[len(state.verdict.diagnoses) :]:
             evidence.cursor[FILLED] = 0
             evidence.found[:] = 0.0
-            if d.kind == "motor" and d.effectiveness is not None:
+            if d.kind == "motor" and d.effectiveness is not None and not is_still(d):
                 i = d.wheels[0] - 1
                 j = i + self.wheels
                 if found[j, LIKELIHOOD] > found[i, LIKELIHOOD] + _RATHER:  # something brakes the wheel
@@ -301,32 +276,57 @@ class Robust:
                 evidence.counters[:, SLIPPING] = 0.0
         return accepted
 
-    def _advise(self, verdict: Verdict, losses: Array) -> Advice | None:
-        """Weak motors get more current for the same torque."""
-        scale = np.ones(self.wheels)
+    def _believe(self, evidence: Evidence, verdict: Verdict, losses: Array) -> Beliefs:
+        """What stands, wheel by wheel; what might be another wheel is not acted upon."""
+        n = self.wheels
+        lost, decided, force = np.zeros(n), -math.inf, evidence.force.copy()
+        dead, runaway, held, slipping = (np.zeros(n, bool) for _ in range(4))
         for d in verdict.diagnoses:
-            if d.cleared is None and d.kind == "motor" and not d.ambiguous_with:
-                i = d.wheels[0] - 1
-                scale[i] = 1.0 / max(1.0 - losses[i], _LEAST_LEFT)
-        gyro = not verdict.has_sensor("yaw_rate")
-        return None if gyro and (scale == 1.0).all() else Advice(self._rolling, scale, gyro)
+            decided = max(decided, d.time)
+            if d.cleared is not None or (d.ambiguous_with and not is_still(d)):
+                continue
+            wheels = [w - 1 for w in d.wheels]
+            if is_still(d):
+                dead[wheels], force[wheels] = True, 0.0
+            elif d.kind == "motor":
+                lost[wheels] = losses[wheels]
+                dead[wheels] = losses[wheels] > _DEAD
+            elif d.kind == "free":
+                dead[wheels] = True
+            elif d.kind == "hard_over":
+                runaway[wheels] = True
+            elif d.kind == "locked":
+                held[wheels] = True
+            elif d.kind == "slip":
+                slipping[wheels] = True
+            elif d.kind == "all_wheel_slip":
+                slipping[:] = True
+        velocity, gyro = evidence.velocity[n, :2].copy(), not verdict.has_sensor("yaw_rate")
+        return Beliefs(lost, dead, runaway, held, slipping, velocity, force, decided, gyro)
 
     def _log(
-        self, evidence: Evidence, found: Array, verdict: Verdict, accepted: Array, moving: bool
+        self,
+        evidence: Evidence,
+        found: Array,
+        verdict: Verdict,
+        accepted: Array,
+        beliefs: Beliefs,
+        moving: bool,
     ) -> Array:
-        n, t = self.wheels, self.thresholds
-        left = np.clip(1.0 - accepted - evidence.theta[:n], 0.0, 1.0)
+        left = np.minimum(np.maximum(1.0 - accepted - evidence.theta[: self.wheels], 0.0), 1.0)
+        left[beliefs.dead | beliefs.held] = 0.0
+        n = self.wheels
         standing = any(d.cleared is None for d in verdict.diagnoses)
-        pending = not np.isnan(verdict.suspected)
+        pending = not math.isnan(verdict.suspected)
         mode = FAULTY if standing else SUSPECT if pending else HEALTHY if moving else BLIND
         likelihood = np.maximum(found[:n, LIKELIHOOD], found[n : 2 * n, LIKELIHOOD])
         return np.concatenate(
             (
                 evidence.rho,
                 likelihood,
-                np.full(n, t.motor),
+                self._limits[0],
                 evidence.counters[:, SLIPPING],
-                np.full(n, t.slip),
+                self._limits[1],
                 left,
                 [float(mode)],
             )

@@ -53,7 +53,9 @@ def test_a_healthy_robot_with_another_load_on_any_floor_is_left_alone(floor, pay
 @pytest.mark.parametrize("loss", [0.57, 1.0])
 def test_a_weak_motor_is_named_and_measured(wheel, loss):
     trace = driven(40 + wheel, faults=[Fault("motor", ONSET, None, wheel, {"loss": loss})])
-    assert named(trace) == [("motor", (wheel,))]
+    # of a wheel that stands nobody knows at first whether it is held: the same name comes twice then
+    assert set(named(trace)) == {("motor", (wheel,))}
+    assert not trace.about["diagnoses"][-1]["ambiguous_with"]
     assert trace[f"effectiveness_{wheel}"][-1] == pytest.approx(1.0 - loss, abs=0.06)
     others = [trace[f"effectiveness_{i}"][-1] for i in range(1, 5) if i != wheel]
     assert others == pytest.approx(np.ones(3), abs=0.08)

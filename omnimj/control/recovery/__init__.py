@@ -1,0 +1,5 @@
+"""What to do about what is believed: the robot is kept on its job with what is left of it."""
+
+from omnimj.control.recovery.recovery import Recovery, RecoveryState
+
+__all__ = ["Recovery", "RecoveryState"]

@@ -1,0 +1,113 @@
+"""From what was asked for to what the cascade is asked for: demand, offsets and bounds of the wheels."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from omnimj.control.heading import to_body
+from omnimj.control.recovery.allocation import allocate, needed_wrench
+from omnimj.control.recovery.memory import (
+    FORWARD_X,
+    FORWARD_Y,
+    PLACE_X,
+    PLACE_Y,
+    SPIN,
+)
+from omnimj.control.robust.constants import LOAD, MASS, RADIUS, ROLLER_DRY, ROLLER_VISCOUS, YAW_INERTIA
+from omnimj.control.robust.slip import SLOPE
+from omnimj.physics.native import kernel
+
+CAP = 0.2
+"""By how much a slipping wheel may be faster or slower than the floor below it [m/s]. Wheels follow speeds
+that fit together and do not run away; a tighter bound takes traction from every floor that gives more the
+more a wheel slips: with 0.05 the heading strays a fifth further than with 0.2, and the place 6 % instead of
+0."""
+HOLDS = 0.09
+"""μ of an ordinary floor [1]."""
+_BACK = 3.0  # [1/s] with which a place error is driven back
+_FASTEST = 0.2  # [m/s] for that
+_GIVES_WAY = 0.15  # [m/s]
+_STANDS = 0.01  # [m/s] a robot that is to stand is not moved for its place
+
+
+@kernel
+def steady_creep(c, force):
+    """Creep of an ordinary floor under a lasting traction, (|F|/F_N − μ)/σ sign F [m/s]."""
+    return math.copysign(max(abs(force) / c[LOAD] - HOLDS, 0.0) / SLOPE, force)
+
+
+@kernel
+def place_correction(x, target_x, target_y):
+    """K e, bounded, while the robot is to move [m/s]."""
+    if math.hypot(target_x, target_y) < _STANDS:
+        return 0.0, 0.0
+    back_x, back_y = _BACK * x[PLACE_X], _BACK * x[PLACE_Y]
+    size = math.hypot(back_x, back_y)
+    if size > _FASTEST:
+        back_x, back_y = back_x * _FASTEST / size, back_y * _FASTEST / size
+    return back_x, back_y
+
+
+@kernel
+def pivot_yaw_rate(forces, radius, pivot, speed, velocity_x, velocity_y):
+    """ω of a robot that turns about wheel b: u_b·v + B_3b ω = r φ̇_b [rad/s]; 0 while it is to stand.
+
+    A wheel that gives way faster than `_GIVES_WAY` holds nothing: it must not drive what is asked for.
+
+    Args:
+      forces: B, shape (3, n).
+      radius: r [m].
+      pivot: b.
+      speed: φ̇_b of a shorted motor, which gives way; 0 of a wheel that is held [rad/s].
+      velocity_x: Of the centre, body frame [m/s].
+      velocity_y: Of the centre, body frame [m/s].
+    """
+    if math.hypot(velocity_x, velocity_y) < _STANDS:
+        return 0.0
+    way = min(max(radius * speed, -_GIVES_WAY), _GIVES_WAY)
+    along = forces[0, pivot] * velocity_x + forces[1, pivot] * velocity_y
+    return (way - along) / forces[2, pivot]
+
+
+@kernel
+def creep_offsets(c, forces, across, arm, x, heading, twist, most, used, pivot, felt, offset):
+    """Adds creep(f*_i)/r to the wheels that obey, in place; returns f*, shape (n,) [N].
+
+    Args:
+      c: `robust.constants.numbers`.
+      forces: B, shape (3, n).
+      across: Shape (n, 3).
+      arm: [m].
+      x: Of `memory`.
+      heading: [rad].
+      twist: Demanded, body frame, shape (3,).
+      most: Largest traction of each wheel, shape (n,) [N].
+      used: Wheels that obey, and the one that is turned about, shape (n,).
+      pivot: That one, or −1.
+      felt: Traction of the wheels as their motors tell, shape (n,) [N].
+      offset: Output, shape (n,) [rad/s].
+    """
+    n = used.size
+    side = across @ twist
+    # the acceleration of the demand, felt in the frame that turns with the body, is its world one, turned
+    a_x, a_y = to_body(x[FORWARD_X], x[FORWARD_Y], heading)
+    friction = c[LOAD] * np.array((c[ROLLER_DRY], c[ROLLER_VISCOUS]))
+    wrench = needed_wrench(
+        c[MASS], c[YAW_INERTIA], friction, forces, across, used, felt, np.array((a_x, a_y)), x[SPIN], side
+    )
+    share = allocate(forces, arm, wrench, most, used)
+    for i in range(n):
+        if used[i] and i != pivot:
+            offset[i] += steady_creep(c, share[i]) / c[RADIUS]
+    return share
+
+
+@kernel
+def cap_slip(c, forces, velocity, turning, slipping, lowest, highest):
+    """Bounds of wheels that slip: the floor's speed ± `CAP`, in place [rad/s]."""
+    for i in range(slipping.size):
+        if slipping[i]:
+            below = forces[0, i] * velocity[0] + forces[1, i] * velocity[1] + forces[2, i] * turning
+            lowest[i], highest[i] = (below - CAP) / c[RADIUS], (below + CAP) / c[RADIUS]

@@ -1,0 +1,107 @@
+"""What can still be done with what is left of the robot: the states of recovery."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnimj.control.method import Beliefs
+from omnimj.signals import Array
+
+NORMAL, COMPENSATING, CAPPING, SLOWING, PIVOTING, STOPPING, REVERTED = range(7)
+"""Nothing to do · a motor's loss is made up for · a slipping wheel is capped · so many slip that
+the others can not hold the robot, and time runs slower · the robot turns about a held wheel · it can not be
+steered any more · help did not help."""
+NAMES = (
+    "as planned",
+    "compensating",
+    "slip capped",
+    "slowed down",
+    "turning about a wheel",
+    "stopping",
+    "help taken back",
+)
+"""The same for a person."""
+
+_STEERABLE = 3  # degrees of freedom that a robot on a plane has
+_LEAST_ARM = 0.1  # of a wheel's moment over the largest one: less can not be turned about
+
+
+@dataclass(frozen=True)
+class Means:
+    """What recovery has decided to do."""
+
+    mode: int = NORMAL
+    pivot: int = -1
+    """Wheel 0…n−1 that the robot turns about; −1: none."""
+    brake: tuple[int, ...] = ()
+    """Wheels 1…n whose motors are shorted."""
+
+
+def means_for(beliefs: Beliefs, forces: Array, before: Means) -> Means:
+    """What to do: drive with all that drives, turn about a held wheel, brake a dead one to have one, stop.
+
+    With the driven wheels D alone the robot can be steered if their columns of B have rank 3. A held wheel b
+    takes one freedom away, u_b·v + B_3b ω = 0, and the centre can still follow any path if D and b together
+    have rank 3; heading is given up then. Where there is none, one dead motor is shorted to make it, and the
+    others run free. A motor that runs away is always taken from its amplifier and shorted.
+
+    Args:
+      beliefs: Of the method.
+      forces: B, shape (3, n).
+      before: A choice among several possible ones is kept.
+    """
+    if beliefs.is_healthy:
+        return Means()
+    driven, runaway = beliefs.obeys, np.flatnonzero(beliefs.runaway)
+    held = np.flatnonzero(beliefs.held | beliefs.runaway)
+    if len(held) == 0 and _rank(forces, driven) == _STEERABLE:
+        return Means(_mode_of(beliefs, forces, driven))
+    if len(held) == 1:
+        choices = held
+    elif len(held) == 0:
+        choices = np.flatnonzero(beliefs.dead)
+    else:
+        choices = np.array([], int)
+    arms = np.abs(forces[2]) >= _LEAST_ARM * np.abs(forces[2]).max()
+    possible = [int(b) for b in choices if arms[b] and _rank(forces, _and(driven, int(b))) == _STEERABLE]
+    if not possible:
+        return Means(STOPPING, -1, _numbered(np.flatnonzero(beliefs.dead | beliefs.runaway)))
+    pivot = before.pivot if before.pivot in possible else _most_behind(possible, forces, beliefs.velocity)
+    return Means(PIVOTING, pivot, _numbered(runaway) if len(held) else (pivot + 1,))
+
+
+def _numbered(wheels: NDArray[np.int_]) -> tuple[int, ...]:
+    return tuple(int(i) + 1 for i in wheels)
+
+
+def _mode_of(beliefs: Beliefs, forces: Array, driven: NDArray[np.bool_]) -> int:
+    if not beliefs.slipping.any():
+        return NORMAL if beliefs.is_healthy else COMPENSATING
+    grips = driven & ~beliefs.slipping
+    return CAPPING if _rank(forces, grips) == _STEERABLE else SLOWING
+
+
+def _and(driven: NDArray[np.bool_], wheel: int) -> NDArray[np.bool_]:
+    more = driven.copy()
+    more[wheel] = True
+    return more
+
+
+def _rank(forces: Array, wheels: NDArray[np.bool_]) -> int:
+    scaled = forces[:, wheels] / np.array([[1.0], [1.0], [np.abs(forces[2]).max()]])
+    return int(np.linalg.matrix_rank(scaled, tol=1e-3)) if scaled.size else 0
+
+
+def _most_behind(wheels: list[int], forces: Array, velocity: Array) -> int:
+    """Of the wheels that could be turned about the one that the motion drags behind: there it stays.
+
+    The wheel sits at u turned back by a quarter for B_3 > 0, else at u turned on by one.
+    """
+    ahead = [
+        float(np.sign(forces[2, b]) * (forces[1, b] * velocity[0] - forces[0, b] * velocity[1]))
+        for b in wheels
+    ]
+    return wheels[int(np.argmin(ahead))]

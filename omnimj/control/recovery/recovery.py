@@ -1,0 +1,281 @@
+"""Recovery: target and beliefs in, a target that can be followed and advice for the cascade out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from omnimj.control.allocation import inverse_kinematics
+from omnimj.control.heading import to_body, wrapped
+from omnimj.control.method import Advice, Beliefs
+from omnimj.control.recovery.demand import cap_slip, creep_offsets, pivot_yaw_rate, place_correction
+from omnimj.control.recovery.dither import (
+    SELF_TEST_SIZE,
+    SIZE,
+    TEST_LEFT,
+    against_each_other,
+    next_dither,
+    next_self_test,
+    no_dither,
+)
+from omnimj.control.recovery.memory import (
+    ERROR,
+    ERROR_BEFORE,
+    FLOOR_GRIP,
+    FORWARD_X,
+    FORWARD_Y,
+    HARDEST,
+    NUMBERS,
+    PACE,
+    PLACE_X,
+    PLACE_Y,
+    SPIN,
+    TURNED,
+    USUAL_ERROR,
+    remember,
+)
+from omnimj.control.recovery.modes import (
+    CAPPING,
+    COMPENSATING,
+    NORMAL,
+    PIVOTING,
+    REVERTED,
+    SLOWING,
+    STOPPING,
+    Means,
+    means_for,
+)
+from omnimj.control.recovery.pace import next_pace, pace_of_pivot, pace_on_slippery_floor
+from omnimj.control.robust.constants import DRY, GRAVITY, LOAD, RADIUS, TORQUE, geometry, numbers
+from omnimj.control.target import Target
+from omnimj.parameters import Robot
+from omnimj.signals import Array, Measurement
+
+LEAST_LEFT = 0.3
+"""Current is scaled by at most 1/0.3: a dead motor gets none the wiser for more."""
+_JUDGED = 0.3  # [s] after a decision until its recovery is judged
+_WORSE, _MARGIN = 2.0, 0.06  # a recovery that follows so much worse is taken back [1, m/s]
+_FADES = 0.5  # [1/s] of the friction that was felt on a slippery floor
+_FILTER = 0.03  # [s] for the traction of wheels that do not obey
+
+
+@dataclass(frozen=True, slots=True)
+class RecoveryState:
+    """What recovery carries from one step to the next."""
+
+    memory: Array
+    """Of `memory`."""
+    felt: Array
+    """Traction of the wheels as their motors tell, low-passed, shape (n,) [N]."""
+    beliefs: Beliefs | None
+    """What `means` answer to."""
+    means: Means
+    decided: float
+    """Time of the decision that `means` answer to [s]."""
+    reverted: bool
+    """Whether what was done about it is taken back."""
+    target: Target
+    """For the cascade."""
+    advice: Advice | None
+    """For the cascade; None: drive as ever."""
+    dither: Array
+    """Of `dither`."""
+
+    @property
+    def pace(self) -> float:
+        """How fast the plan is to run, 1: as planned."""
+        return float(self.memory[PACE])
+
+    @property
+    def log(self) -> Array:
+        """Aligned with `Recovery.log_names`."""
+        x = self.memory
+        mode = REVERTED if self.reverted else self.means.mode
+        return np.array((float(mode), x[PACE], x[PLACE_X], x[PLACE_Y]))
+
+
+class Recovery:
+    """Of a robot with n wheels.
+
+    Args:
+      robot: What the controller believes the robot to be.
+      period: Control period [s]; that of the robot's sensors when None.
+      holds_heading: Whether the cascade holds the planned heading anyway; else recovery holds the robot as it
+        was turned when it broke.
+    """
+
+    log_names = ("recovery", "pace", "place_error_x", "place_error_y")
+
+    def __init__(
+        self,
+        robot: Robot,
+        period: float | None = None,
+        holds_heading: bool = False,
+        dithers: bool = True,
+        self_test: bool = False,
+    ):
+        self.period = 1.0 / robot.sensors.sample_rate if period is None else period
+        self.wheels, self._holds_heading = len(robot.wheels), holds_heading
+        shape = geometry(robot)
+        self._forces, self._across = shape.forces, np.ascontiguousarray(shape.across)
+        self._numbers = numbers(robot, self.period)
+        self._arm = float(np.abs(shape.forces[2]).max())
+        limit = min(robot.motor.current_limit, robot.control.current_limit)
+        self._strongest = self._numbers[TORQUE] * limit
+        self._dithers, self._self_test = dithers, self_test
+        self._rolling = np.ascontiguousarray(
+            inverse_kinematics(robot.wheel_positions, robot.drive_directions) / robot.wheel.radius
+        )
+        n, endless = self.wheels, np.full(self.wheels, np.inf)
+        against = against_each_other(shape.forces) / robot.wheel.radius
+        self._pushing, self._testing = (
+            [
+                Advice(self._rolling, np.ones(n), k * size * against, -endless, endless)
+                for k in (-1.0, 0.0, 1.0)
+            ]
+            for size in (SIZE, SELF_TEST_SIZE)
+        )
+
+    def start(self, target: Target | None = None) -> RecoveryState:
+        """A healthy robot at rest."""
+        x = np.zeros(NUMBERS)
+        x[PACE] = float(not self._self_test)
+        asked = Target(np.zeros(2), 0.0, 0.0) if target is None else target
+        return RecoveryState(
+            x, np.zeros(self.wheels), None, Means(), -math.inf, False, asked, None, no_dither(self._self_test)
+        )
+
+    def step(
+        self,
+        state: RecoveryState,
+        beliefs: Beliefs,
+        measurement: Measurement,
+        heading: float,
+        turning: float,
+        target: Target,
+    ) -> RecoveryState:
+        """The state after a measurement; one that says nothing of heading and turning changes nothing.
+
+        Args:
+          state: From the step before.
+          beliefs: Of the method.
+          measurement: The newest.
+          heading: Estimate [rad].
+          turning: Gyro less its bias [rad/s].
+          target: As planned, at the pace of the step before.
+        """
+        if not (math.isfinite(turning) and math.isfinite(heading)):
+            return replace(state, target=target)
+        x, means, last = state.memory.copy(), state.means, state.beliefs
+        if beliefs is not last and (last is None or not beliefs.names_the_same(last)):
+            means = means_for(beliefs, self._forces, means)
+        felt = state.felt + min(self.period / _FILTER, 1.0) * (beliefs.force - state.felt)
+        healthy, v_x, v_y = means.mode == NORMAL, float(target.velocity[0]), float(target.velocity[1])
+        remember(
+            x, self.period, self._arm, healthy, means.mode != SLOWING, beliefs.velocity, heading, turning,
+            v_x, v_y, float(target.yaw_rate), float(target.heading),
+        )  # fmt: skip
+        decided, reverted = _judged(state, x, means, beliefs.decided, float(measurement.time))
+        dither, advice = self._dither(state.dither, x, healthy, math.hypot(v_x, v_y), felt)
+        if dither[TEST_LEFT] <= 0.0:
+            self._set_pace(x, means.mode, felt, math.hypot(v_x, v_y))
+        if healthy and advice is not None:  # shaken bristles hold nothing: the robot would fall behind
+            back = place_correction(x, v_x, v_y)
+            velocity = np.array((v_x + back[0], v_y + back[1]))
+            target = Target(velocity, target.yaw_rate, target.heading)
+        elif not healthy:
+            mode = REVERTED if reverted else means.mode
+            target = self._demand(x, mode, means, measurement.wheel_speed, heading, target)
+            advice = self._advice(x, mode, means, beliefs, felt, heading, turning, target)
+        return RecoveryState(x, felt, beliefs, means, decided, reverted, target, advice, dither)
+
+    def _dither(
+        self, before: Array, x: Array, healthy: bool, speed: float, felt: Array
+    ) -> tuple[Array, Advice | None]:
+        """The numbers of `dither`, and what it adds to the wheels."""
+        d = before.copy()
+        tested = int(next_self_test(d, self.period))
+        if tested:
+            return d, self._testing[tested + 1]
+        hard = math.hypot(x[FORWARD_X], x[FORWARD_Y]) + abs(x[SPIN]) * self._arm
+        sign = int(next_dither(d, self.period, healthy and self._dithers, speed, hard, np.abs(felt).max()))
+        return d, self._pushing[sign + 1] if sign else None
+
+    def _set_pace(self, x: Array, mode: int, felt: Array, speed: float) -> None:
+        goal, most = 1.0, GRAVITY
+        if mode == SLOWING:
+            share = float(np.abs(felt).max()) / self._numbers[LOAD]
+            x[FLOOR_GRIP] = max(share, x[FLOOR_GRIP] * (1.0 - _FADES * self.period))
+            goal, most = pace_on_slippery_floor(x[FLOOR_GRIP], x[HARDEST], GRAVITY)
+        else:
+            x[FLOOR_GRIP] = 0.0
+        if mode == PIVOTING:
+            goal = pace_of_pivot(x[PACE], speed)
+        elif mode == STOPPING:
+            goal = 0.0
+        if goal != x[PACE]:
+            x[PACE] = next_pace(x[PACE], self.period, goal, speed, most)
+
+    def _demand(
+        self, x: Array, mode: int, means: Means, wheel_speed: Array, heading: float, target: Target
+    ) -> Target:
+        """The demand with the place corrected, and the heading that can be held."""
+        if mode == STOPPING:
+            return Target(target.velocity, 0.0, heading)
+        v_x, v_y = float(target.velocity[0]), float(target.velocity[1])
+        back = place_correction(x, v_x, v_y) if mode in (COMPENSATING, PIVOTING) else (0.0, 0.0)
+        velocity = np.array((v_x + back[0], v_y + back[1]))
+        if mode != PIVOTING:
+            held = target.heading if self._holds_heading else wrapped(target.heading + x[TURNED])
+            return Target(velocity, target.yaw_rate, held)
+        b_x, b_y = to_body(velocity[0], velocity[1], heading)
+        way = float(wheel_speed[means.pivot]) if means.pivot + 1 in means.brake else 0.0
+        yaw_rate = pivot_yaw_rate(self._forces, self._numbers[RADIUS], means.pivot, way, b_x, b_y)
+        return Target(velocity, float(yaw_rate), heading)
+
+    def _advice(
+        self,
+        x: Array,
+        mode: int,
+        means: Means,
+        beliefs: Beliefs,
+        felt: Array,
+        heading: float,
+        turning: float,
+        asked: Target,
+    ) -> Advice:
+        """For the cascade: scaled currents, creep of the shares f*, bounds of wheels that slip, brakes."""
+        n, gyro = self.wheels, beliefs.trusts_gyro
+        offset, lowest, highest = np.zeros(n), np.full(n, -np.inf), np.full(n, np.inf)
+        if mode == REVERTED:
+            return Advice(self._rolling, np.ones(n), offset, lowest, highest, gyro)
+        scale = np.where(beliefs.held, 0.0, 1.0 / np.maximum(1.0 - beliefs.losses, LEAST_LEFT))
+        if mode == CAPPING:
+            cap_slip(
+                self._numbers, self._forces, beliefs.velocity, turning, beliefs.slipping, lowest, highest
+            )
+        elif mode in (COMPENSATING, PIVOTING) and (asked.velocity.any() or asked.yaw_rate != 0.0):
+            v_x, v_y = to_body(asked.velocity[0], asked.velocity[1], heading)
+            used = beliefs.obeys & ~beliefs.slipping
+            if means.pivot >= 0:
+                used[means.pivot] = True
+            most = np.maximum(self._strongest * (1.0 - beliefs.losses) - self._numbers[DRY], 0.0)
+            creep_offsets(
+                self._numbers, self._forces, self._across, self._arm, x, heading,
+                np.array((v_x, v_y, asked.yaw_rate)), most, used, means.pivot, felt, offset,
+            )  # fmt: skip
+        holds = mode not in (PIVOTING, STOPPING)
+        return Advice(self._rolling, scale, offset, lowest, highest, gyro, holds, means.brake)
+
+
+def _judged(state: RecoveryState, x: Array, means: Means, decided: float, time: float) -> tuple[float, bool]:
+    """Time of the decision that is answered, and whether the answer is taken back: it made following
+    worse."""
+    if decided > state.decided:
+        x[ERROR_BEFORE] = max(x[ERROR], x[USUAL_ERROR])
+        return decided, False
+    helps = means.mode in (COMPENSATING, CAPPING)
+    worse = x[ERROR] > _WORSE * x[ERROR_BEFORE] + _MARGIN
+    return state.decided, helps and (state.reverted or (worse and time > state.decided + _JUDGED))

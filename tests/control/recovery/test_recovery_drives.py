@@ -1,0 +1,205 @@
+"""Recovery in the loop with the planar robot: what is lost is made up for, and nothing moves unasked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from omnimj.control.controller import Controller
+from omnimj.control.diagnosing import DiagnosingController
+from omnimj.control.method import Beliefs
+from omnimj.control.recovery import Recovery
+from omnimj.control.recovery.modes import PIVOTING, REVERTED, STOPPING
+from omnimj.control.robust import Robust
+from omnimj.control.target import Target
+from omnimj.loop import drive
+from omnimj.parameters import read_robot
+from omnimj.plant.conditions import Fault
+from omnimj.plant.planar import PlanarRobot
+from omnimj.scenario.drive import read_drive
+from omnimj.scenario.path_error import distance_to_path
+from omnimj.scenario.suites.missions import mission
+from omnimj.signals import Trace
+
+ROBOT = read_robot()
+CIRCLE = {"kind": "circle", "diameter": 3.0, "speed": 0.5, "acceleration": 0.8, "start_time": 0.5}
+NONE = np.zeros(4, bool)
+WELL = Beliefs(np.zeros(4), NONE, NONE, NONE, NONE, np.zeros(2), np.zeros(4), -np.inf)
+
+
+@dataclass(frozen=True)
+class Told:
+    """The state of a method that has been told what to believe."""
+
+    inner: Any
+    beliefs: Beliefs
+    diagnoses: tuple[()] = ()
+    advice: None = None
+
+    @property
+    def log(self):
+        return np.empty(0)
+
+
+class Teller:
+    """The robust method's velocity and forces, but with what else is given believed from a time on."""
+
+    log_names = ()
+
+    def __init__(self, since: float, **beliefs: Any):
+        self._inner, self._beliefs, self._since = Robust(ROBOT), {"decided": since, **beliefs}, since
+
+    def start(self, measurement: Any) -> Told:
+        return Told(self._inner.start(measurement), WELL)
+
+    def step(self, state: Told, measurement: Any, command: Any = None, bias: float = 0.0) -> Told:
+        inner = self._inner.step(state.inner, measurement, command, bias)
+        known = inner.beliefs if inner.beliefs is not None else WELL
+        known = replace(WELL, velocity=known.velocity, force=known.force)
+        return Told(inner, replace(known, **self._beliefs) if measurement.time >= self._since else known)
+
+
+def circled(faults=(), method=None, recovery=True, floor="natural_stone", seconds=24.0, seed=1) -> Trace:
+    plan = read_drive(CIRCLE, "circle", seconds, 1e-3)
+    cascade = Controller(ROBOT, heading_hold=True)
+    helps = Recovery(ROBOT, holds_heading=True) if recovery else None
+    controller = DiagnosingController(cascade, Robust(ROBOT) if method is None else method, helps)
+    plant = PlanarRobot(ROBOT, floor, faults=faults, seed=seed, start=plan.start)
+    try:
+        return drive(plant, controller, plan.reference)
+    finally:
+        plant.close()
+
+
+def strays(trace: Trace) -> float:
+    centre = np.column_stack((trace["x"], trace["y"]))
+    return float(distance_to_path(centre, np.column_stack((trace["target_x"], trace["target_y"]))).max())
+
+
+HEALTHY = strays(circled())
+
+
+def lost(kind, wheel, onset=7.0, **numbers):
+    return Fault(kind, onset, None, wheel, numbers)
+
+
+@pytest.mark.parametrize("wheel", [1, 2, 3, 4])
+def test_a_robot_with_a_free_wheel_stays_on_its_path(wheel):
+    assert strays(circled([lost("free", wheel)])) <= 3.0 * HEALTHY
+
+
+@pytest.mark.parametrize("wheel", [1, 2, 3, 4])
+def test_a_robot_with_a_held_wheel_turns_about_it_and_its_centre_stays_on_the_path(wheel):
+    trace = circled([lost("locked", wheel)])
+    assert trace["recovery"][-1] == PIVOTING
+    assert strays(trace) <= 2.5 * HEALTHY
+    assert strays(circled([lost("locked", wheel)], recovery=False)) > 10.0 * HEALTHY
+
+
+@pytest.mark.parametrize("pair", [(1, 2), (1, 3), (2, 4), (3, 4)])
+def test_a_robot_without_two_motors_stays_within_ten_centimetres(pair):
+    first, second = pair
+    trace = circled([lost("free", first, 6.0), lost("free", second, 9.0)])
+    assert trace["recovery"][-1] == PIVOTING
+    assert strays(trace) <= 0.10
+
+
+def test_a_motor_that_runs_away_is_tamed():
+    fault = [lost("hard_over", 2, current=1.0)]
+    assert strays(circled(fault)) <= 0.10
+    assert strays(circled(fault, recovery=False)) > 0.3
+
+
+def test_a_robot_that_can_not_be_steered_is_brought_to_rest_and_stays_there():
+    trace = circled([lost("free", wheel, 6.0 + wheel) for wheel in (1, 2, 3)])
+    assert trace["recovery"][-1] == STOPPING
+    late = trace["time"] > 11.0
+    assert np.hypot(trace["twist_x"], trace["twist_y"])[late].max() < 0.01
+    assert trace["pace"][-1] == 0.0
+
+
+@pytest.mark.parametrize("losses", [(0.0, 0.8, 0.0, 0.0), (0.7, 0.7, 0.7, 0.7)])
+def test_a_loss_that_is_none_does_no_harm(losses):
+    wrong = circled(method=Teller(7.0, losses=np.array(losses)))
+    assert strays(wrong) <= 2.0 * HEALTHY
+
+
+def test_a_dead_wheel_that_seems_to_pull_does_no_harm_to_the_path_since_the_place_is_held():
+    lies = {"dead": np.array((False, True, False, False)), "force": np.array((0.0, 60.0, 0.0, 0.0))}
+    assert strays(circled(method=Teller(7.0, **lies))) <= 3.0 * HEALTHY
+
+
+def test_help_that_does_harm_is_taken_back():
+    """The velocity is a lie: the place would be driven back from where the robot is not, for ever."""
+    lies = {"losses": np.array((0.5, 0.0, 0.0, 0.0)), "velocity": np.array((0.9, 0.0))}
+    trace = circled(method=Teller(7.0, **lies))
+    taken = trace["time"][trace["recovery"] == REVERTED]
+    assert 7.3 <= taken[0] <= 7.6
+    late = trace["time"] > taken[0] + 0.5
+    asked = np.hypot(trace["target_twist_x"], trace["target_twist_y"])[late]
+    assert asked.max() <= CIRCLE["speed"] + 1e-9, "nothing is driven back any more"
+    assert trace["recovery"][-1] == REVERTED
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.lists(st.booleans(), min_size=20, max_size=20),
+    st.lists(st.floats(-2.0, 2.0), min_size=6, max_size=6),
+    st.lists(st.floats(0.0, 1.0), min_size=4, max_size=4),
+)
+def test_a_robot_that_is_to_stand_stands_whatever_is_believed(flags, numbers, losses):
+    masks = [np.array(flags[4 * k : 4 * k + 4]) for k in range(4)]
+    names = ("dead", "runaway", "held", "slipping")
+    wrong = dict(zip(names, masks, strict=True)) | {
+        "losses": np.array(losses),
+        "velocity": np.array(numbers[:2]),
+        "force": 10.0 * np.array(numbers[2:]),
+        "trusts_gyro": flags[-1],
+    }
+    controller = DiagnosingController(Controller(ROBOT), Teller(0.05, **wrong), Recovery(ROBOT))
+    plant = PlanarRobot(ROBOT, "natural_stone", seed=3)
+    measurement = plant.reset()
+    state, still = controller.start(measurement), Target(np.zeros(2), 0.0, 0.0)
+    for _ in range(400):
+        command, state = controller.step(state, measurement, still)
+        assert np.all(np.abs(command.current) <= ROBOT.control.current_limit)
+        measurement = plant.step(command)
+    x, y, heading, v_x, v_y = plant.truth()[:5]
+    assert np.hypot(x, y) < 0.005
+    assert abs(heading) < 0.01
+    assert np.hypot(v_x, v_y) < 0.01
+
+
+def test_the_heading_is_held_as_it_was_when_a_motor_broke():
+    """Over five missions, since one may have its largest excursion before anything is known."""
+
+    def excursion(seed, recovery):
+        plan = mission(np.random.default_rng(seed), 20.0, 1e-3)
+        fault = [Fault("motor", 5.0, None, 1 + seed % 4, {"loss": 0.7})]
+        controller = DiagnosingController(Controller(ROBOT), Robust(ROBOT), recovery)
+        trace = drive(PlanarRobot(ROBOT, "natural_stone", faults=fault, seed=seed), controller, plan)
+        away = np.unwrap(trace["heading"] - trace["target_heading"])[5000:]
+        return np.abs(away - away[0]).max()
+
+    ratios = [excursion(seed, Recovery(ROBOT)) / excursion(seed, None) for seed in range(5)]
+    assert np.median(ratios) <= 0.5
+    assert max(ratios) <= 1.05
+
+
+def test_a_self_test_finds_a_dead_motor_before_the_robot_is_driven_and_the_plan_waits():
+    plan = mission(np.random.default_rng(2), 6.0, 1e-3)
+    controller = DiagnosingController(Controller(ROBOT), Robust(ROBOT), Recovery(ROBOT, self_test=True))
+    plant = PlanarRobot(ROBOT, "pvc", faults=[Fault("free", 0.0, None, 3)], seed=4)
+    trace = drive(plant, controller, plan)
+    first = trace.about["diagnoses"][0]
+    assert (first["kind"], first["wheels"]) == ("free", (3,))
+    assert first["time"] < 1.0
+    waits = trace["time"] < 1.4
+    assert np.hypot(trace["x"], trace["y"])[waits].max() < 0.005
+    assert trace["pace"][waits].max() == 0.0
+    assert trace["pace"][-1] == 1.0
