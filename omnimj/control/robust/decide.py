@@ -28,7 +28,7 @@ from omnimj.signals import Array, Diagnosis
 class Thresholds:
     """When a suspicion becomes a decision.
 
-    Those of the statistics stand above all that 1.3 h of healthy missions on the twin and 0.4 h on the planar
+    Those of the statistics stand above all that 0.6 h of healthy missions on the twin and 0.3 h on the planar
     plant showed, with training seeds (11, 18), on all four floors, with payload and errors of all constants:
     Λ of a motor up to 9.8, of friction 13.7, of the accelerometer 14.3, way slipped 0.05 mm. They were set by
     hand; `omnimj calibrate` sets them from recordings at a stated rate of false alarms.

@@ -37,7 +37,6 @@ SLOW = 1.5
 SLOW_SIDEWAYS = 0.05
 """The same of rollers [m/s]."""
 _UNKNOWN = 1e4  # [N²]
-_ALONG = 0.3  # share of a wheel's traction along an axis from which it counts there
 _TURNING = 0.3  # [rad/s] width of the sign
 _SIDEWAYS = 0.01  # [m/s] the same for the rollers
 NOISE = (1.0, 1.0, 0.6)
@@ -137,8 +136,7 @@ def whiten(c, forces, across, slowest, sideways, unknown, deaf, x, rho):
     """Scales the rows of X and ρ so that the noise is white and of size 1.
 
     A wheel that turns slowly, or did a moment ago, holds any friction between ± dry, and goes on to hold it:
-    a number h of its own along its column of B, and noise for its changes; its motor is not judged meanwhile,
-    and neither is the accelerometer along it, which would be the only one left to blame.
+    a number h of its own along its column of B, and noise for its changes; its motor is not judged meanwhile.
     So do rollers that hardly turn.
 
     Args:
@@ -171,8 +169,6 @@ def whiten(c, forces, across, slowest, sideways, unknown, deaf, x, rho):
             x[k, held + i] = forces[k, i] * dry if slowest[i] < SLOW else 0.0
             if slowest[i] < SLOW:  # what its motor gives, its friction may take
                 x[k, i] = x[k, n + i] = 0.0
-                if k < 2 and abs(forces[k, i]) > _ALONG:
-                    x[:, 2 * n + k] = 0.0
             x[k, held + n + i] = across[i, k] * rollers if sideways[i] < SLOW_SIDEWAYS else 0.0
     # Cholesky factor L, then forward substitution of every column
     low = np.zeros((3, 3))
