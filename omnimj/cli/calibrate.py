@@ -110,8 +110,8 @@ def _order(arguments: Any) -> Order:
 
 
 def _told(found: Calibration, order: Order, out: Path) -> str:
-    from omnimj.control.robust.decide import Thresholds
     from omnimj.control.robust.thresholds_file import UNITS
+    from omnimj.control.robust.verdict import Thresholds
     from omnimj.diagnosis.calibration_file import in_words
 
     usual, rows = Thresholds(), []

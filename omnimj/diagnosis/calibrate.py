@@ -16,9 +16,9 @@ import numpy as np
 
 from omnimj.control.robust.constants import BLOCK
 from omnimj.control.robust.counters import SLIPPING
-from omnimj.control.robust.decide import Thresholds
 from omnimj.control.robust.method import BLIND, RobustState
 from omnimj.control.robust.thresholds_file import UNITS
+from omnimj.control.robust.verdict import Thresholds
 from omnimj.control.robust.windows import LIKELIHOOD
 from omnimj.diagnosis.diagnose import Order, Progress
 from omnimj.diagnosis.machines import method_of

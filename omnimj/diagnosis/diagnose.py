@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from omnimj.control.robust.decide import Thresholds
+from omnimj.control.robust.verdict import Thresholds
 from omnimj.diagnosis.machines import Machine, method_of
 from omnimj.diagnosis.replay import Replayed, replay, sample_run
 from omnimj.diagnosis.sampling import require_rates

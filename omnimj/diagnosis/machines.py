@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from omnimj.control.method import Method
-from omnimj.control.robust.decide import Thresholds
+from omnimj.control.robust.verdict import Thresholds
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import Floor, Rig, Robot, read_rig, read_robot
 from omnimj.plant.channels import RIG_CHANNELS, robot_channels

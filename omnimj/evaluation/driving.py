@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from omnimj.control.robust.decide import Thresholds
+from omnimj.control.robust.verdict import Thresholds
 from omnimj.errors import SimulationError
 from omnimj.evaluation.believed import believed
 from omnimj.evaluation.cases import Case

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import omnimj
-from omnimj.control.robust.decide import Thresholds
+from omnimj.control.robust.verdict import Thresholds
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.evaluation.believed import check_settings
 from omnimj.evaluation.cases import FLOORS, PLANTS, SUITES, Case, Choice, draw_case, is_judging

@@ -10,7 +10,7 @@ from omnimj.control.published.rig import PublishedRig
 from omnimj.control.published.robot import PublishedRobot
 from omnimj.control.published.thresholds import chosen_thresholds
 from omnimj.control.robust import Robust
-from omnimj.control.robust.decide import Thresholds
+from omnimj.control.robust.verdict import Thresholds
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import Floor, Rig, Robot
 from omnimj.scenario import checks

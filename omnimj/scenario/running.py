@@ -14,7 +14,7 @@ from omnimj.control.diagnosing import DiagnosingController
 from omnimj.control.method import Method
 from omnimj.control.recovery import Recovery
 from omnimj.control.robust import Robust
-from omnimj.control.robust.decide import Thresholds
+from omnimj.control.robust.verdict import Thresholds
 from omnimj.errors import InputError
 from omnimj.kinematic import drive_kinematic
 from omnimj.loop import Progress, Rows, Snapshot, Watch, drive, drive_rig

@@ -13,8 +13,8 @@ from driven_missions import as_run, driven
 
 from omnimj.cli.main import main
 from omnimj.control.robust import Robust
-from omnimj.control.robust.decide import Thresholds
 from omnimj.control.robust.thresholds_file import UNITS, read_thresholds
+from omnimj.control.robust.verdict import Thresholds
 from omnimj.diagnosis import calibrate as calibrating
 from omnimj.diagnosis.calibrate import least
 from omnimj.recording.dataset import Run

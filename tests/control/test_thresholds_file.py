@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from omnimj.control.robust.decide import Thresholds
 from omnimj.control.robust.thresholds_file import UNITS, read_thresholds
+from omnimj.control.robust.verdict import Thresholds
 from omnimj.errors import InputError
 
 

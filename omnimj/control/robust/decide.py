@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,72 +20,11 @@ from omnimj.control.robust.counters import (
     TURNS,
 )
 from omnimj.control.robust.evidence import Evidence
+from omnimj.control.robust.verdict import Thresholds, Verdict, is_still, with_one_more
 from omnimj.control.robust.windows import LIKELIHOOD, SIZE
 from omnimj.signals import Array, Diagnosis
 
-
-@dataclass(frozen=True)
-class Thresholds:
-    """When a suspicion becomes a decision.
-
-    Those of the statistics stand above all that 0.6 h of healthy missions on the twin and 0.3 h on the planar
-    plant showed, with training seeds (11, 18), on all four floors, with payload and errors of all constants:
-    Λ of a motor up to 9.8, of friction 13.7, of the accelerometer 14.3, way slipped 0.05 mm. They were set by
-    hand; `omnimj calibrate` sets them from recordings at a stated rate of false alarms.
-    """
-
-    motor: float = 15.0
-    """Λ of a loss of torque constant: ln(ARL · blocks per second · tests), and what is not white [nats]."""
-    drag: float = 20.0
-    """Λ of an added friction or a wheel that is held [nats]."""
-    accelerometer: float = 25.0
-    """Λ of a jump of the accelerometer's bias [nats]."""
-    margin: float = 6.0
-    """By how much the best hypothesis must lead the next on another wheel to be alone [nats]."""
-    slip: float = 0.0005
-    """Way slipped beyond what is allowed [m]."""
-    settling: float = 0.06
-    """Time that isolation may take after detection [s]."""
-    bodily: float = 0.3
-    """Time for which the accelerometer must be the best answer: a wheel that starts is not judged [s]."""
-    current: int = 3
-    """Blocks for which an amplifier gives another current than asked for."""
-    stuck: int = 6
-    """Blocks for which a wheel stands while the floor passes, or its motor should turn it."""
-    released: int = 30
-    """Blocks for which a wheel turns that was said to stand."""
-    odd: int = 30
-    """Blocks for which a wheel's speed is one that no slip explains."""
-    turning: float = 0.02
-    """Angle by which gyro and converter part in a second [rad]."""
-    other: float = 2.5
-    """Factor on slip and accelerometer while another fault stands: less is sure of the robot then."""
-    healthy: float = 8.0
-    """Λ of grip that is back, which takes a slip back [nats]."""
-
-
 _AFTERMATH = 2.0  # [s] in which the velocity of the body comes home after a slip
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """What stands, and what is under suspicion."""
-
-    diagnoses: tuple[Diagnosis, ...] = ()
-    """Everything decided so far."""
-    suspected: float = math.nan
-    """Since when the force channel asks for an answer [s]; NaN: it does not."""
-
-    def standing(self, wheel: int) -> Diagnosis | None:
-        """The diagnosis that stands on a wheel 1…n."""
-        for diagnosis in reversed(self.diagnoses):
-            if diagnosis.cleared is None and wheel in diagnosis.wheels:
-                return diagnosis
-        return None
-
-    def has_sensor(self, channel: str) -> bool:
-        """Whether a sensor channel is diagnosed."""
-        return any(d.channel == channel and d.cleared is None for d in self.diagnoses)
 
 
 def decide(
@@ -123,27 +62,6 @@ def decide(
     return after
 
 
-def is_still(diagnosis: Diagnosis) -> bool:
-    """Whether it says that a wheel stands, held or for want of a motor."""
-    return diagnosis.kind == "motor" and diagnosis.ambiguous_with == (f"locked {diagnosis.wheels[0]}",)
-
-
-def _with(verdict: Verdict, diagnosis: Diagnosis) -> Verdict:
-    """One more; it takes the place of a lesser one on the same wheel."""
-    known = verdict.standing(diagnosis.wheels[0]) if diagnosis.wheels else None
-    if known is not None and known.kind == diagnosis.kind == "motor" and not known.ambiguous_with:
-        # the same motor, known better by now
-        same = replace(known, effectiveness=diagnosis.effectiveness)
-        return Verdict(tuple(same if d is known else d for d in verdict.diagnoses), math.nan)
-    kept = [
-        replace(d, cleared=diagnosis.time)
-        if d.cleared is None and diagnosis.wheels and d.wheels == diagnosis.wheels
-        else d
-        for d in verdict.diagnoses
-    ]
-    return Verdict((*kept, diagnosis), math.nan)
-
-
 def _cleared(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: float) -> Verdict:
     """A slip ends when the wheel has carried load without slipping, a lock when it turns; others stay."""
 
@@ -154,8 +72,7 @@ def _cleared(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time:
             return bool(evidence.counters[d.wheels[0] - 1, TURNS] >= thresholds.released)
         if d.kind not in ("slip", "all_wheel_slip"):
             return False
-        wheels = [w - 1 for w in d.wheels] or list(range(len(evidence.force)))
-        rows = evidence.counters[wheels]
+        rows = evidence.counters[[w - 1 for w in d.wheels] or slice(None)]
         return bool((rows[:, HEALTH] >= thresholds.healthy).any() and (rows[:, SLIPPING] < 1e-4).all())
 
     if not any(healthy(d) for d in verdict.diagnoses):
@@ -168,7 +85,7 @@ def _frozen(frozen: tuple[str, ...], verdict: Verdict, time: float) -> Verdict:
     for channel in frozen:
         if not verdict.has_sensor(channel):
             wheels = (int(channel[-1]),) if channel[-1].isdigit() else ()
-            verdict = _with(verdict, Diagnosis(time, "sensor", wheels, 0.99, channel=channel))
+            verdict = with_one_more(verdict, Diagnosis(time, "sensor", wheels, 0.99, channel=channel))
     return verdict
 
 
@@ -181,7 +98,9 @@ def _turning(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time:
     if abs(nearer) < 0.7 * thresholds.turning:
         return verdict
     by_gyro = nearer > 0.0
-    return _with(verdict, Diagnosis(time, "sensor", (), 0.95, channel="yaw_rate" if by_gyro else "yaw"))
+    return with_one_more(
+        verdict, Diagnosis(time, "sensor", (), 0.95, channel="yaw_rate" if by_gyro else "yaw")
+    )
 
 
 def _turns_unclear(evidence: Evidence, thresholds: Thresholds, verdict: Verdict) -> bool:
@@ -197,9 +116,9 @@ def _currents(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time
         if lies or (known is not None and known.kind in ("free", "hard_over")):
             continue
         if row[SILENT] >= thresholds.current:
-            verdict = _with(verdict, Diagnosis(time, "free", (i + 1,), 0.99, (), 0.0))
+            verdict = with_one_more(verdict, Diagnosis(time, "free", (i + 1,), 0.99, (), 0.0))
         elif row[RUNAWAY] >= thresholds.current:
-            verdict = _with(verdict, Diagnosis(time, "hard_over", (i + 1,), 0.99))
+            verdict = with_one_more(verdict, Diagnosis(time, "hard_over", (i + 1,), 0.99))
     return verdict
 
 
@@ -215,10 +134,12 @@ def _stuck(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: f
         if known is not None and (known.kind == "free" or verdict.has_sensor(f"wheel_speed_{i + 1}")):
             continue
         if row[STUCK] >= thresholds.stuck:
-            verdict = _with(verdict, Diagnosis(time, "locked", (i + 1,), 0.99, (), 0.0))
+            verdict = with_one_more(verdict, Diagnosis(time, "locked", (i + 1,), 0.99, (), 0.0))
         elif row[STILL] >= thresholds.stuck and known is None:
             # held fast, or given nothing by its motor: the floor will tell, once it passes below
-            verdict = _with(verdict, Diagnosis(time, "motor", (i + 1,), 0.9, (f"locked {i + 1}",), 0.0))
+            verdict = with_one_more(
+                verdict, Diagnosis(time, "motor", (i + 1,), 0.9, (f"locked {i + 1}",), 0.0)
+            )
     return verdict
 
 
@@ -273,14 +194,14 @@ def _motor(
     size = found[best, SIZE] if found[best, LIKELIHOOD] > 0.0 else 0.5
     left = float(min(max(1.0 - losses[best] - size, 0.0), 1.0))
     confidence = 1.0 - math.exp(-max(lead, 0.1))
-    return _with(verdict, Diagnosis(time, "motor", (best + 1,), confidence, rivals, left))
+    return with_one_more(verdict, Diagnosis(time, "motor", (best + 1,), confidence, rivals, left))
 
 
 def _accelerometer(verdict: Verdict, time: float, axis: int, lead: float, margin: float) -> Verdict:
     channel = f"acceleration_{'xy'[axis]}"
     if verdict.has_sensor(channel) or lead < margin:
         return Verdict(verdict.diagnoses, math.nan)
-    return _with(verdict, Diagnosis(time, "sensor", (), 1.0 - math.exp(-lead), channel=channel))
+    return with_one_more(verdict, Diagnosis(time, "sensor", (), 1.0 - math.exp(-lead), channel=channel))
 
 
 def _slips(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: float) -> Verdict:
@@ -299,7 +220,7 @@ def _slips(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: f
     for i in over:
         slid = max(float(evidence.counters[i, SHORT]), 0.0)
         confidence = 1.0 - math.exp(-slid / 0.02)
-        verdict = _with(verdict, Diagnosis(time, "slip", (i + 1,), confidence))
+        verdict = with_one_more(verdict, Diagnosis(time, "slip", (i + 1,), confidence))
     return verdict
 
 
@@ -327,5 +248,5 @@ def _odd_speeds(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, ti
         if row[AGAINST] < thresholds.odd or not quiet or verdict.has_sensor(channel):
             continue
         if verdict.standing(i + 1) is None:
-            verdict = _with(verdict, Diagnosis(time, "sensor", (i + 1,), 0.9, channel=channel))
+            verdict = with_one_more(verdict, Diagnosis(time, "sensor", (i + 1,), 0.9, channel=channel))
     return verdict

@@ -10,14 +10,16 @@ import numpy as np
 from omnimj.control.controller import is_good
 from omnimj.control.gyro_bias import turn_row
 from omnimj.control.method import Beliefs
+from omnimj.control.robust.believing import believe, believed_wheels, deaf_axes, unknown_forces
 from omnimj.control.robust.blocks import delays, ranges, take_block
 from omnimj.control.robust.constants import BLOCK, RADIUS, geometry, numbers
 from omnimj.control.robust.counters import SLIPPING
-from omnimj.control.robust.decide import Thresholds, Verdict, decide, is_still
+from omnimj.control.robust.decide import decide
 from omnimj.control.robust.evidence import FILLED, Evidence, compare_turning, no_evidence, update
 from omnimj.control.robust.past import all_told, put_by
 from omnimj.control.robust.samples import Samples, broken_channels, no_samples, take_sample
 from omnimj.control.robust.slow import BROKEN_FRICTION_VARIES, BROKEN_LOSS_VARIES, MEMORY, loose, prior
+from omnimj.control.robust.verdict import Thresholds, Verdict, is_still
 from omnimj.control.robust.windows import LIKELIHOOD, SIZE
 from omnimj.control.wheel_speed import amplifier_row
 from omnimj.parameters import Robot
@@ -26,7 +28,6 @@ from omnimj.signals import Array, Diagnosis, Measurement
 HEALTHY, SUSPECT, FAULTY, BLIND = range(4)
 """`mode` of the log: nothing is wrong, a decision is pending, something is diagnosed, cannot judge."""
 
-_DEAD = 0.9  # loss from which a motor is not counted upon
 _FRESH = 200  # [blocks]
 _FOUND_AGAIN = 0.2  # standard deviation of what is left of a motor just after its loss was seen
 _PART_FRICTION, _PART_LOSS = 1.5, 0.05  # of it that may be friction, and loss where friction was seen
@@ -176,8 +177,8 @@ class Robust:
             c, forces, across, walk, self._looser(loose, state.verdict), low, high,
             block[:n], block[n : 2 * n], block[2 * n : 2 * n + 2], block[2 * n + 2],
             block[2 * n + 3 : 3 * n + 3], block[3 * n + 3], block[:n] + samples.wanted / BLOCK,
-            self._believed(state.verdict, state.fresh), self._unknown(state.verdict),
-            self._deaf(state.verdict), state.accepted, state.fresh > 0,
+            believed_wheels(state.verdict, n, state.fresh), unknown_forces(state.verdict, n),
+            deaf_axes(state.verdict), state.accepted, state.fresh > 0,
             evidence.ring, evidence.cursor, evidence.recent, evidence.theta, evidence.cov, evidence.velocity,
             evidence.spread, evidence.counters, evidence.found, evidence.force, evidence.rho,
             evidence.misfit,
@@ -191,23 +192,11 @@ class Robust:
         found = evidence.found.copy()
         accepted = self._accept(evidence, state, verdict)
         fresh = _FRESH if accepted is not state.accepted else max(state.fresh - int(moving), 0)
-        beliefs = self._believe(evidence, verdict, accepted + evidence.theta[:n])
+        beliefs = believe(evidence, verdict, accepted + evidence.theta[:n])
         log = self._log(evidence, found, verdict, accepted, beliefs, moving)
         samples.wanted[:] = 0.0  # like the sums, of the next block
         verdict, past = put_by(verdict, state.past, float(measurement.time))
         return RobustState(samples, evidence, verdict, accepted, fresh, beliefs, log, past)
-
-    def _believed(self, verdict: Verdict, fresh: int) -> Array:
-        """Wheels that have a say about the body's velocity; a weak motor's once its force is known again."""
-        believed = np.ones(self.wheels)
-        for d in verdict.diagnoses:
-            if d.cleared is not None or (d.kind == "motor" and fresh == 0):
-                continue
-            if d.kind in ("slip", "motor", "locked", "sensor"):
-                believed[[w - 1 for w in d.wheels]] = 0.0
-            elif d.kind == "all_wheel_slip":
-                believed[:] = 0.0
-        return believed
 
     def _looser(self, loose: Array, verdict: Verdict) -> Array:
         """`slow.loose`, with broken motors, of which no law is known as well as of healthy ones."""
@@ -237,21 +226,15 @@ class Robust:
             block[2 * n + 2] = self._turn @ block[n : 2 * n]
             block[3 * n + 3] = self._turn @ block[2 * n + 3 : 3 * n + 3]
 
-    def _deaf(self, verdict: Verdict) -> Array:
-        """Axes along which the accelerometer lies."""
-        return np.array([float(verdict.has_sensor(f"acceleration_{axis}")) for axis in "xy"])
-
-    def _unknown(self, verdict: Verdict) -> Array:
-        """Wheels whose force on the floor the motor, or its speed, does not tell."""
-        unknown = np.zeros(self.wheels)
-        for d in verdict.diagnoses:
-            lies = d.channel.startswith("wheel_speed")
-            if d.cleared is None and (d.kind == "locked" or lies or is_still(d)):
-                unknown[[w - 1 for w in d.wheels]] = 1.0
-        return unknown
-
     def _accept(self, evidence: Evidence, state: RobustState, verdict: Verdict) -> Array:
-        """New motor losses go into the state; what was seen before them is forgotten."""
+        """New motor losses go into the state; what was seen before them is forgotten.
+
+        So is the velocity when a slip of all wheels is over: it drifted through it.
+        """
+        over = [d for d in state.verdict.diagnoses if d.kind == "all_wheel_slip" and d.cleared is None]
+        if over and not any(d.kind == "all_wheel_slip" and d.cleared is None for d in verdict.diagnoses):
+            evidence.spread[:] = np.eye(evidence.spread.shape[1])
+            evidence.counters[:, SLIPPING] = 0.0
         if len(verdict.diagnoses) == len(state.verdict.diagnoses):
             return state.accepted
         motors = [d for d in verdict.diagnoses[len(state.verdict.diagnoses) :] if d.kind == "motor"]
@@ -275,34 +258,6 @@ class Robust:
                 evidence.spread[:] = np.eye(evidence.spread.shape[1])
                 evidence.counters[:, SLIPPING] = 0.0
         return accepted
-
-    def _believe(self, evidence: Evidence, verdict: Verdict, losses: Array) -> Beliefs:
-        """What stands, wheel by wheel; what might be another wheel is not acted upon."""
-        n = self.wheels
-        lost, decided, force = np.zeros(n), -math.inf, evidence.force.copy()
-        dead, runaway, held, slipping = (np.zeros(n, bool) for _ in range(4))
-        for d in verdict.diagnoses:
-            decided = max(decided, d.time)
-            if d.cleared is not None or (d.ambiguous_with and not is_still(d)):
-                continue
-            wheels = [w - 1 for w in d.wheels]
-            if is_still(d):
-                dead[wheels], force[wheels] = True, 0.0
-            elif d.kind == "motor":
-                lost[wheels] = losses[wheels]
-                dead[wheels] = losses[wheels] > _DEAD
-            elif d.kind == "free":
-                dead[wheels] = True
-            elif d.kind == "hard_over":
-                runaway[wheels] = True
-            elif d.kind == "locked":
-                held[wheels] = True
-            elif d.kind == "slip":
-                slipping[wheels] = True
-            elif d.kind == "all_wheel_slip":
-                slipping[:] = True
-        velocity, gyro = evidence.velocity[n, :2].copy(), not verdict.has_sensor("yaw_rate")
-        return Beliefs(lost, dead, runaway, held, slipping, velocity, force, decided, gyro)
 
     def _log(
         self,

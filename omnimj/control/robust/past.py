@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from omnimj.control.robust.decide import Verdict
+from omnimj.control.robust.verdict import Verdict
 from omnimj.signals import Diagnosis
 
 LOOKED_AT = 10.0

@@ -6,7 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
 
-from omnimj.control.robust.decide import Thresholds
+from omnimj.control.robust.verdict import Thresholds
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters.reading import positive, read_table
 from omnimj.parameters.toml_file import read_toml

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from omnimj.control.robust import past
-from omnimj.control.robust.decide import Verdict
 from omnimj.control.robust.past import LOOKED_AT, all_told, put_by
+from omnimj.control.robust.verdict import Verdict
 from omnimj.signals import Diagnosis
 
 WEAK = Diagnosis(0.5, "motor", (2,), 0.99)

@@ -20,7 +20,6 @@ from omnimj.control.robust.counters import (
     SLIPPING,
     count_slip,
 )
-from omnimj.control.robust.decide import Thresholds
 from omnimj.control.robust.slip import (
     GIVING,
     SLOPE,
@@ -33,6 +32,7 @@ from omnimj.control.robust.slip import (
     predict,
     spread_of,
 )
+from omnimj.control.robust.verdict import Thresholds
 from omnimj.parameters import read_robot
 
 ROBOT = read_robot()
@@ -106,7 +106,7 @@ def test_bounds_of_healthy_creep_are_odd_in_force():
         for _ in range(50):
             least, most = healthy_creep(force / C[LOAD], up, 0.01)
             assert healthy_creep(-force / C[LOAD], down, 0.01) == pytest.approx((-most, -least))
-        assert least <= most
+            assert least <= most
 
 
 def counted(force, slip, blocks, row=None):
