@@ -14,8 +14,8 @@ RESIDUAL_LAG = 0.015
 """Time constant of the filter on force residuals [s]: wheel accelerations are differences of a noisy speed.
 The text has none, and says nothing of how it differentiates."""
 
-LONGEST_GAP = 0.1
-"""The observer bridges no longer gap between two measurements [s]."""
+LONGEST_GAP, SHORTEST_GAP = 0.1, 1e-6
+"""The observer bridges no longer gap between two measurements, and nothing is divided by a shorter one [s]."""
 
 
 def matching_lags(sensors: Sensors) -> np.ndarray:
@@ -62,3 +62,9 @@ def lagged(before, now, time, lag):
 def root_mean_square(squares, span):
     """‖r‖_RMS since the start, from ∫ r² dt and the time since then, Eqs. 5.2, 5.7 and 5.20."""
     return math.sqrt(squares / span) if span > 0.0 else 0.0
+
+
+def time_passed(before: float, now: float) -> float:
+    """Time between two samples as far as it may be believed [s]; 0 where it is too little to divide by."""
+    passed = min(now - before, LONGEST_GAP)
+    return passed if passed >= SHORTEST_GAP else 0.0

@@ -10,7 +10,7 @@ import numpy as np
 
 from omnimj.control.published import rig_residuals
 from omnimj.control.published.choice import Choice
-from omnimj.control.published.forces import LONGEST_GAP, matching_lags
+from omnimj.control.published.forces import matching_lags, time_passed
 from omnimj.control.published.tables import MOTOR, SLIP, rig_fault
 from omnimj.control.published.thresholds import Thresholds
 from omnimj.parameters import Floor, Rig
@@ -86,7 +86,7 @@ class PublishedRig:
         # beyond any machine: squares of it must still be numbers
         if not all(abs(number) < 1e6 for number in numbers) or not math.isfinite(m.time):
             return state
-        passed = min(max(m.time - state.time, 0.0), LONGEST_GAP)
+        passed = time_passed(state.time, m.time)
         observer = state.observer.copy()
         current = min(max(m.current, -self._most_current), self._most_current)
         rig_residuals.observe(observer, current, *numbers[1:], passed, *self._numbers)

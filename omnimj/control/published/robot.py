@@ -12,7 +12,7 @@ from omnimj.control.controller import is_good
 from omnimj.control.method import Advice
 from omnimj.control.published import robot_residuals
 from omnimj.control.published.choice import Choice
-from omnimj.control.published.forces import LONGEST_GAP, matching_lags
+from omnimj.control.published.forces import matching_lags, time_passed
 from omnimj.control.published.recovery import (
     WeightedKinematics,
     lost_share,
@@ -134,7 +134,7 @@ class PublishedRobot:
         m = measurement
         if not self._is_good(m):
             return state
-        passed = min(max(m.time - state.time, 0.0), LONGEST_GAP)
+        passed = time_passed(state.time, m.time)
         observer = state.observer.copy()
         current = self._believed(m)
         robot_residuals.observe(
