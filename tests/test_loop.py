@@ -60,6 +60,7 @@ class CountingRobot:
 class Remembered:
     log: Array
     diagnoses: tuple[Diagnosis, ...] = ()
+    pace: float = 1.0
 
 
 class Echo:
@@ -103,6 +104,24 @@ def test_a_row_holds_what_was_measured_true_asked_and_commanded_at_its_time():
     assert np.allclose(trace["target_y"], 2.0 * k) and np.allclose(trace["target_velocity_x"], k + 0.5)
     assert trace.about["seed"] == 3 and trace.about["interrupted"] is False
     assert trace.about["failure"] is None
+
+
+class Halved(Echo):
+    """Asks for half the pace from its third step on."""
+
+    def step(self, state: Remembered, measurement: Measurement, target: Target):
+        command, after = super().step(state, measurement, target)
+        return command, Remembered(after.log, pace=0.5 if after.log[0] >= 3.0 else 1.0)
+
+
+def test_at_half_the_pace_every_sample_of_the_plan_lasts_two_steps_at_half_the_speed():
+    controller = Halved()
+    trace = drive(CountingRobot(), controller, reference(9))
+    samples = [0, 1, 2, 3, 3, 4, 4, 5, 5]
+    paces = np.array([1.0, 1.0, 1.0] + [0.5] * 6)
+    assert trace["target_x"].tolist() == samples
+    assert trace["target_velocity_x"] == pytest.approx(paces * (np.array(samples) + 0.5))
+    assert [t.yaw_rate for t in controller.targets] == pytest.approx(paces * (np.array(samples) + 7.0))
 
 
 def test_the_command_of_a_row_is_what_the_plant_gets_for_the_period_after_it():

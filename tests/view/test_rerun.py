@@ -291,12 +291,12 @@ def test_the_blueprint_shows_every_plot_of_the_method(diagnosed):
 
 def test_lanes_in_which_nothing_happens_are_not_in_the_way(robot_metrics):
     both = [f"/{entity}/wheel_{wheel}" for entity in ("fault", "diagnosis") for wheel in (2, 3)]
-    assert eventful_lanes(robot_metrics, 10.0) == [*both, "/mode"]
+    assert eventful_lanes(robot_metrics, 10.0) == [*both, "/mode", "/recovery"]
     missed = {**robot_metrics, "diagnoses": [said(8.0, "slip", 4)]}
     assert "/fault/wheel_4" not in eventful_lanes(missed, 10.0)
     assert {"/diagnosis/wheel_2", "/diagnosis/wheel_4"} <= set(eventful_lanes(missed, 10.0))
     quiet = {**robot_metrics, "faults": [], "diagnoses": []}
-    assert eventful_lanes(quiet, 10.0) == ["/fault/**", "/diagnosis/**", "/mode"]
+    assert eventful_lanes(quiet, 10.0) == ["/fault/**", "/diagnosis/**", "/mode", "/recovery"]
 
 
 def test_the_axis_of_effectiveness_always_shows_none_and_all(robot_trace, robot_scenario):

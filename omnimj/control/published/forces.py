@@ -15,7 +15,7 @@ RESIDUAL_LAG = 0.015
 The text has none, and says nothing of how it differentiates."""
 
 LONGEST_GAP, SHORTEST_GAP = 0.1, 1e-6
-"""The observer bridges no longer gap between two measurements, and nothing is divided by a shorter one [s]."""
+"""Gaps between measurements that the observer bridges, and that rates are taken over: at most, at least [s]."""
 
 
 def matching_lags(sensors: Sensors) -> np.ndarray:
