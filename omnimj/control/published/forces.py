@@ -15,7 +15,7 @@ RESIDUAL_LAG = 0.015
 The text has none, and says nothing of how it differentiates."""
 
 LONGEST_GAP, SHORTEST_GAP = 0.1, 1e-6
-"""Gaps between measurements that the observer bridges, and that rates are taken over: at most, at least [s]."""
+"""Longest gap between two measurements that the observer bridges, shortest that rates are taken over [s]."""
 
 
 def matching_lags(sensors: Sensors) -> np.ndarray:
