@@ -5,17 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from omnimj.control.published.choice import Choice, checked_choice
+from omnimj.control.published.choice import FLAGS, Choice, checked_choice
 from omnimj.errors import InputError, UnknownNameError
 
-DIAGNOSIS_KEYS = ("variant", "thresholds", "recovery")
+DIAGNOSIS_KEYS = ("variant", "thresholds", *FLAGS)
 
 
 def read_diagnosis(table: Any, place: str) -> Choice:
-    """The form of `--method published`: `variant`, `thresholds` and `recovery`; each may be left out.
+    """The form of a method; each key may be left out.
+
+    `variant` and `thresholds` are those of `--method published`, `self_test` and `dither` of `--method
+    robust`; `recovery` is for both.
 
     Raises:
-      InputError: Not a table, or `recovery` is neither true nor false.
+      InputError: Not a table, or a flag is neither true nor false.
       UnknownNameError: A key, variant or set of thresholds that does not exist.
     """
     if not isinstance(table, Mapping):
@@ -27,6 +30,6 @@ def read_diagnosis(table: Any, place: str) -> Choice:
     return checked_choice(
         table.get("variant", usual.variant),
         table.get("thresholds", usual.thresholds),
-        table.get("recovery", usual.recovery),
+        {name: table[name] for name in FLAGS if name in table},
         place,
     )

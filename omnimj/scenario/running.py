@@ -184,8 +184,9 @@ def make_diagnosing(scenario: Scenario, method: Method | None) -> Controller | D
     assert isinstance(robot, Robot)
     assert isinstance(asked, Drive)
     recovery = None
-    if isinstance(method, Robust) and scenario.diagnosis.recovery:
-        recovery = Recovery(robot, scenario.period, asked.heading_hold)
+    choice = scenario.diagnosis
+    if isinstance(method, Robust) and choice.recovery:
+        recovery = Recovery(robot, scenario.period, asked.heading_hold, choice.dither, choice.self_test)
     return DiagnosingController(controller, method, recovery)
 
 
