@@ -67,7 +67,7 @@ def test_a_run_that_holds_exits_with_0_and_prints_its_checks(capsys):
 def test_a_run_that_does_not_hold_exits_with_1(capsys):
     code, out, _ = called(capsys, *SHORT, "--set", "checks.peak_slip_3=0.001")
     assert code == 1
-    assert "FAILED" in out and "failed: 1 of 5 checks" in out
+    assert "FAILED" in out and "failed: 1 of 6 checks" in out
 
 
 def test_json_is_the_content_of_metrics_json(capsys, tmp_path, plain_files):
