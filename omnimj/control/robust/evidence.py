@@ -167,6 +167,56 @@ def _feel_slope(forces, believed, counters, spread):
 
 
 @kernel
+def _hear_forces(
+    c, forces, across, walk, loose, low, high, current, speed, acceleration, turning, rate, spin,
+    unknown, deaf, accepted, fresh, ring, cursor, recent, theta, cov, found, force, rho, misfit,
+):  # fmt: skip
+    """The force channel's part of `update`; whether the robot moves enough to be judged."""
+    n = speed.size
+    x, raw, side = np.zeros((3, theta.size)), np.empty(3), np.empty(n)
+    balance(
+        c, forces, across, current, speed, rate, acceleration, turning, spin, accepted, x, raw, force, side
+    )
+    rho[:] = raw
+    for i in range(n):  # with what was learnt of the motors
+        force[i], _ = wheel_force(c, current[i], speed[i], rate[i], accepted[i] + theta[i], theta[n + i])
+    slowest, sideways = _slowest(recent, cursor, speed, side)
+    moving = np.abs(speed).max() > MOVES
+    if moving:
+        whiten(c, forces, across, slowest, sideways, unknown, deaf, x, raw)
+        if fresh:
+            learn(theta, cov, walk, lasting(n), x, raw)
+        learning = not fresh and found[:, LIKELIHOOD].max() < CALM
+        _in_ring(ring, cursor, theta, cov, walk, lasting(n), x, raw, learning)
+        known = np.linalg.inv(cov + np.diag(loose))
+        misfit[:] = scores(ring, cursor[FILLED], cursor[HEAD], theta, known, low, high, found)
+    return moving
+
+
+@kernel
+def _hear_wheels(
+    c, forces, load, current, speed, acceleration, turning, wanted, believed, deaf, moving,
+    velocity, spread, counters, force,
+):  # fmt: skip
+    """The slip channel's part of `update`."""
+    n = speed.size
+    for q in range(n + 1):
+        predict(c, velocity[q], spread[q], acceleration, deaf, turning)
+    creep = np.empty((n, 2))
+    creep_all(c, load, force, counters, creep)
+    for i in range(n):
+        count_wheel(
+            c, forces, speed, current, wanted, turning, load, force, creep, believed,
+            velocity[i], spread[i], moving, counters[i], i,
+        )  # fmt: skip
+    _feel_slope(forces, believed, counters, spread)
+    for q in range(n + 1):
+        correct(c, forces, speed, turning, creep, believed, q if q < n else -1, velocity[q], spread[q])
+    if np.abs(speed).max() < 0.1 * MOVES and abs(turning) < 0.02:
+        velocity[:, :2] *= 0.9  # a robot at rest has no speed that wheels would have to correct
+
+
+@kernel
 def update(
     c, forces, across, walk, loose, low, high,
     current, speed, acceleration, turning, rate, spin, wanted, believed, unknown, deaf, accepted, fresh,
@@ -199,51 +249,13 @@ def update(
     Returns:
       Whether the robot moves enough to be judged.
     """
-    n = speed.size
-    x, raw, side = np.zeros((3, theta.size)), np.empty(3), np.empty(n)
-    balance(
-        c, forces, across, current, speed, rate, acceleration, turning, spin, accepted, x, raw, force, side
-    )
-    rho[:] = raw
-    for i in range(n):  # with what was learnt of the motors
-        force[i], _ = wheel_force(c, current[i], speed[i], rate[i], accepted[i] + theta[i], theta[n + i])
-    slowest, sideways = _slowest(recent, cursor, speed, side)
-    moving = np.abs(speed).max() > MOVES
-    if moving:
-        whiten(c, forces, across, slowest, sideways, unknown, deaf, x, raw)
-        if fresh:
-            learn(theta, cov, walk, lasting(n), x, raw)
-        learning = not fresh and found[:, LIKELIHOOD].max() < CALM
-        _in_ring(ring, cursor, theta, cov, walk, lasting(n), x, raw, learning)
-        known = np.linalg.inv(cov + np.diag(loose))
-        misfit[:] = scores(ring, cursor[FILLED], cursor[HEAD], theta, known, low, high, found)
-    for q in range(n + 1):
-        predict(c, velocity[q], spread[q], acceleration, deaf, turning)
-    creep = np.empty((n, 2))
-    load = c[LOAD] * min(max(1.0 + theta[2 * n + 3], LIGHTEST), HEAVIEST)  # with what it carries
-    creep_all(c, load, force, counters, creep)
-    for i in range(n):
-        x_i, cov_i, row = velocity[i], spread[i], counters[i]
-        count_wheel(
-            c,
-            forces,
-            speed,
-            current,
-            wanted,
-            turning,
-            load,
-            force,
-            creep,
-            believed,
-            x_i,
-            cov_i,
-            moving,
-            row,
-            i,
-        )
-    _feel_slope(forces, believed, counters, spread)
-    for q in range(n + 1):
-        correct(c, forces, speed, turning, creep, believed, q if q < n else -1, velocity[q], spread[q])
-    if np.abs(speed).max() < 0.1 * MOVES and abs(turning) < 0.02:
-        velocity[:, :2] *= 0.9  # a robot at rest has no speed that wheels would have to correct
+    moving = _hear_forces(
+        c, forces, across, walk, loose, low, high, current, speed, acceleration, turning, rate, spin,
+        unknown, deaf, accepted, fresh, ring, cursor, recent, theta, cov, found, force, rho, misfit,
+    )  # fmt: skip
+    load = c[LOAD] * min(max(1.0 + theta[2 * speed.size + 3], LIGHTEST), HEAVIEST)  # with what it carries
+    _hear_wheels(
+        c, forces, load, current, speed, acceleration, turning, wanted, believed, deaf, moving,
+        velocity, spread, counters, force,
+    )  # fmt: skip
     return moving
