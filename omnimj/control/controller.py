@@ -200,6 +200,17 @@ class Controller:
         self.wheels = n
         self.log_names = _TOP_LOG + tuple(f"{name}_{i}" for name in _WHEEL_LOG for i in range(1, n + 1))
 
+    def is_good(self, measurement: Measurement) -> bool:
+        """Whether a measurement is complete and finite; any other is not acted upon."""
+        m = measurement
+        return bool(is_good(self.wheels, m.time, m.current, m.wheel_speed, m.acceleration, m.yaw_rate, m.yaw))
+
+    def turning(self, measurement: Measurement, state: ControlState, trusts_gyro: bool = True) -> float:
+        """How fast the robot turns by a good measurement: gyro less its bias, or by its wheels [rad/s]."""
+        if trusts_gyro:
+            return float(measurement.yaw_rate - state.rest[BIAS])
+        return float(self._turn @ measurement.wheel_speed)
+
     def _loops(self, advice: Advice) -> Array:
         return self._holding_loops if advice.holds_heading else self._asked_loops
 
@@ -227,10 +238,10 @@ class Controller:
         """
         advice = self._usual if advice is None else advice
         loops, laws = self._loops(advice), self._laws
-        m, velocity, turns = measurement, target.velocity, measurement.yaw_rate
-        good = is_good(self.wheels, m.time, m.current, m.wheel_speed, m.acceleration, m.yaw_rate, m.yaw)
+        m, velocity, good = measurement, target.velocity, self.is_good(measurement)
+        turns = m.yaw_rate
         if good and not advice.trusts_gyro:
-            turns = float(self._turn @ m.wheel_speed) + state.rest[BIAS]
+            turns = self.turning(m, state, False) + state.rest[BIAS]
         heading, rest, integral, current, log = cascade(
             loops, *laws, advice.speed_per_twist, advice.current_scale, advice.offset, advice.lowest,
             advice.highest, state.heading, state.rest, state.integral, state.current, good, m.wheel_speed,

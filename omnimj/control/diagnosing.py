@@ -70,8 +70,12 @@ class DiagnosingController:
         method: Any = self._method.step(state.method, measurement, control.current, bias)
         recovery, advice, beliefs = state.recovery, method.advice, method.beliefs
         if self._recovery is not None and recovery is not None and beliefs is not None:
-            turning = measurement.yaw_rate - bias
-            recovery = self._recovery.step(recovery, beliefs, measurement, control.heading, turning, target)
-            target, advice = recovery.target, recovery.advice
+            if self._cascade.is_good(measurement):  # from any other no current follows
+                turning = self._cascade.turning(measurement, control, beliefs.trusts_gyro)
+                recovery = self._recovery.step(
+                    recovery, beliefs, measurement, control.heading, turning, target
+                )
+                target = recovery.target
+            advice = recovery.advice
         command, control = self._cascade.step(control, measurement, target, advice)
         return command, DiagnosingState(control, method, recovery)

@@ -149,7 +149,7 @@ class Recovery:
         turning: float,
         target: Target,
     ) -> RecoveryState:
-        """The state after a measurement; one that says nothing of heading and turning changes nothing.
+        """The state after a good measurement.
 
         Args:
           state: From the step before.
@@ -159,8 +159,6 @@ class Recovery:
           turning: Gyro less its bias [rad/s].
           target: As planned, at the pace of the step before.
         """
-        if not (math.isfinite(turning) and math.isfinite(heading)):
-            return replace(state, target=target)
         x, means, last = state.memory.copy(), state.means, state.beliefs
         if beliefs is not last and (last is None or not beliefs.names_the_same(last)):
             means = means_for(beliefs, self._forces, means)

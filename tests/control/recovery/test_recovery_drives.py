@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -173,6 +174,44 @@ def test_a_robot_that_is_to_stand_stands_whatever_is_believed(flags, numbers, lo
     assert np.hypot(x, y) < 0.005
     assert abs(heading) < 0.01
     assert np.hypot(v_x, v_y) < 0.01
+
+
+BROKEN = st.sampled_from([math.nan, math.inf, -math.inf, 1e300, -1e300, 0.0])
+PARTS = ("current", "wheel_speed", "acceleration", "yaw_rate", "yaw", "time", "short")
+
+
+def corrupted(measurement, part, value, place):
+    if part == "short":
+        return replace(measurement, wheel_speed=measurement.wheel_speed[: place % 4])
+    was = getattr(measurement, part)
+    if isinstance(was, float):
+        return replace(measurement, **{part: value})
+    now = was.copy()
+    now[place % len(now)] = value
+    return replace(measurement, **{part: now})
+
+
+@pytest.mark.parametrize("wrong", ["dead", "runaway", "held", "slipping"])
+@settings(max_examples=30, deadline=None)
+@given(
+    st.lists(st.tuples(st.integers(60, 199), st.sampled_from(PARTS), BROKEN, st.integers(0, 7)), max_size=12)
+)
+def test_no_measurement_stops_a_recovery_and_its_currents_stay_within_limits(wrong, faults):
+    belief = {wrong: np.array((True, False, wrong == "slipping", False)), "velocity": np.array((0.3, 0.1))}
+    controller = DiagnosingController(Controller(ROBOT), Teller(0.05, **belief), Recovery(ROBOT))
+    plant = PlanarRobot(ROBOT, "natural_stone", seed=3)
+    measurement, target = plant.reset(), Target(np.array((0.3, 0.1)), 0.2, 0.0)
+    state = controller.start(measurement)
+    for k in range(250):
+        seen = measurement
+        for when, part, value, place in faults:
+            if when == k:
+                seen = corrupted(seen, part, value, place)
+        command, state = controller.step(state, seen, target)
+        assert np.all(np.abs(command.current) <= ROBOT.control.current_limit)
+        assert 0.0 <= state.pace <= 1.0
+        assert np.all(np.isfinite(state.recovery.log))
+        measurement = plant.step(command)
 
 
 def test_the_heading_is_held_as_it_was_when_a_motor_broke():
