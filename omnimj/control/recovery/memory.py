@@ -27,12 +27,14 @@ from omnimj.physics.native import kernel
     FORWARD_Y,
     SPIN,
     FLOOR_GRIP,
-) = range(15)
+    HELP,
+) = range(16)
 """Place error, world [m]; usual heading error [rad]; pace of the plan; low-passed error of the twist, the
 same at the last decision, its usual size [m/s]; hardest acceleration that the plan had so far [m/s²];
 velocity [m/s] and yaw rate [rad/s] that were asked for last; demanded acceleration, world [m/s²], and its
-spin [rad/s²], low-passed; friction that was felt on a slippery floor [1]."""
-NUMBERS = 15
+spin [rad/s²], low-passed; friction that was felt on a slippery floor [1]; how far recovery moves
+speeds away from what was asked for [m/s]."""
+NUMBERS = 16
 
 _FORGETS = 1.0  # [s] of a healthy robot's place
 _SETTLES = 3.0  # [s] in which a heading error becomes the usual one

@@ -27,6 +27,7 @@ from omnimj.control.recovery.memory import (
     FORWARD_X,
     FORWARD_Y,
     HARDEST,
+    HELP,
     NUMBERS,
     PACE,
     PLACE_X,
@@ -57,6 +58,7 @@ LEAST_LEFT = 0.3
 """Current is scaled by at most 1/0.3: a dead motor gets none the wiser for more."""
 _JUDGED = 0.3  # [s] after a decision until its recovery is judged
 _WORSE, _MARGIN = 2.0, 0.06  # a recovery that follows so much worse is taken back [1, m/s]
+_BLAMED = 0.05  # [m/s] by which speeds must be moved for the help to be to blame
 _FADES = 0.5  # [1/s] of the friction that was felt on a slippery floor
 _FILTER = 0.03  # [s] for the traction of wheels that do not obey
 
@@ -217,6 +219,7 @@ class Recovery:
             return Target(target.velocity, 0.0, heading)
         v_x, v_y = float(target.velocity[0]), float(target.velocity[1])
         back = place_correction(x, v_x, v_y) if mode in (COMPENSATING, PIVOTING) else (0.0, 0.0)
+        x[HELP] = math.hypot(*back)
         velocity = np.array((v_x + back[0], v_y + back[1]))
         if mode != PIVOTING:
             held = target.heading if self._holds_heading else wrapped(target.heading + x[TURNED])
@@ -247,6 +250,8 @@ class Recovery:
             cap_slip(
                 self._numbers, self._forces, beliefs.velocity, turning, beliefs.slipping, lowest, highest
             )
+            asks = self._rolling @ (*to_body(asked.velocity[0], asked.velocity[1], heading), asked.yaw_rate)
+            x[HELP] = self._numbers[RADIUS] * max(0.0, (lowest - asks).max(), (asks - highest).max())
         elif mode in (COMPENSATING, PIVOTING) and (asked.velocity.any() or asked.yaw_rate != 0.0):
             v_x, v_y = to_body(asked.velocity[0], asked.velocity[1], heading)
             used = beliefs.obeys & ~beliefs.slipping
@@ -257,16 +262,19 @@ class Recovery:
                 self._numbers, self._forces, self._across, self._arm, x, heading,
                 np.array((v_x, v_y, asked.yaw_rate)), most, used, means.pivot, felt, offset,
             )  # fmt: skip
+            x[HELP] += self._numbers[RADIUS] * np.abs(offset).max()
         holds = mode not in (PIVOTING, STOPPING)
         return Advice(self._rolling, scale, offset, lowest, highest, gyro, holds, means.brake)
 
 
 def _judged(state: RecoveryState, x: Array, means: Means, decided: float, time: float) -> tuple[float, bool]:
-    """Time of the decision that is answered, and whether the answer is taken back: it made following
-    worse."""
+    """Time of the decision that is answered, and whether the answer is taken back: it made following worse.
+
+    A fault makes following worse by itself; only help that moves speeds by more than `_BLAMED` is to blame.
+    """
     if decided > state.decided:
         x[ERROR_BEFORE] = max(x[ERROR], x[USUAL_ERROR])
         return decided, False
     helps = means.mode in (COMPENSATING, CAPPING)
-    worse = x[ERROR] > _WORSE * x[ERROR_BEFORE] + _MARGIN
+    worse = x[HELP] > _BLAMED and x[ERROR] > _WORSE * x[ERROR_BEFORE] + _MARGIN
     return state.decided, helps and (state.reverted or (worse and time > state.decided + _JUDGED))

@@ -15,7 +15,7 @@ from omnimj.control.controller import Controller
 from omnimj.control.diagnosing import DiagnosingController
 from omnimj.control.method import Beliefs
 from omnimj.control.recovery import Recovery
-from omnimj.control.recovery.modes import PIVOTING, REVERTED, STOPPING
+from omnimj.control.recovery.modes import CAPPING, PIVOTING, REVERTED, STOPPING
 from omnimj.control.robust import Robust
 from omnimj.control.target import Target
 from omnimj.loop import drive
@@ -210,6 +210,7 @@ def test_no_measurement_stops_a_recovery_and_its_currents_stay_within_limits(wro
         command, state = controller.step(state, seen, target)
         assert np.all(np.abs(command.current) <= ROBOT.control.current_limit)
         assert 0.0 <= state.pace <= 1.0
+        assert state.recovery is not None
         assert np.all(np.isfinite(state.recovery.log))
         measurement = plant.step(command)
 
@@ -242,3 +243,15 @@ def test_a_self_test_finds_a_dead_motor_before_the_robot_is_driven_and_the_plan_
     assert np.hypot(trace["x"], trace["y"])[waits].max() < 0.005
     assert trace["pace"][waits].max() == 0.0
     assert trace["pace"][-1] == 1.0
+
+
+def test_what_the_fault_does_to_following_is_not_blamed_on_the_help():
+    """A wheel slips while the robot speeds up: it falls behind for want of grip, help or no help."""
+    plan = read_drive(
+        {"kind": "profile", "direction": 1.57, "speed": "high", "cruise_time": 1.0}, "x", 4.0, 1e-3
+    )
+    fault = [Fault("slip", 0.0, None, 1, {"grip": 0.05})]
+    controller = DiagnosingController(Controller(ROBOT), Robust(ROBOT), Recovery(ROBOT))
+    trace = drive(PlanarRobot(ROBOT, "natural_stone", faults=fault, seed=1), controller, plan.reference)
+    assert CAPPING in trace["recovery"]
+    assert REVERTED not in trace["recovery"]
