@@ -1,0 +1,1 @@
+"""The real robot behind a wire: frames, links, the device's rules and the emulated device."""
