@@ -19,6 +19,8 @@ EXAMPLE = """examples:
   omnimj evaluate --trials 200 --seed 100 --workers 2 --out out/missions
   omnimj evaluate --suite manoeuvres --faults motor,slip --seed 100 --out out/manoeuvres
   omnimj evaluate --faults none --plant twin --trials 180 --seed 100 --out out/quiet
+  omnimj evaluate --faults none --floor natural_stone --seed 11 --record --out out/stone
+  omnimj calibrate out/stone/recordings --false-alarms-per-hour 0.1 --out thresholds.toml
 
 Seeds 0 to 99 are for setting thresholds: an evaluation with one of them says that it judges nothing.
 An --out that was broken off goes on where it stood; more --trials are added to those that are there."""
@@ -49,6 +51,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--faults", metavar="NAMES", type=names, help=f"{words} (default all)")
     words = "floors to draw from: natural_stone, pvc, paperboard, natural_stone_capped (default all)"
     parser.add_argument("--floor", metavar="NAMES", type=names, help=words)
+    words = "keep what the sensors said, as a dataset in DIR/recordings"
+    parser.add_argument("--record", action="store_true", help=words)
     parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="where the result goes")
     words = "write into --out although it is not empty; another evaluation there is replaced"
     parser.add_argument("--force", action="store_true", help=words)
@@ -87,6 +91,7 @@ def run(arguments: Any) -> int:
         arguments.workers,
         arguments.force,
         read_thresholds(arguments.thresholds, arguments.method),
+        arguments.record,
     )
     check_order(order)
     for plant in choice.plants:

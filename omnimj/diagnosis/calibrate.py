@@ -1,7 +1,8 @@
 """Thresholds of the robust method from fault-free recordings, at a stated rate of false alarms.
 
 The method runs over the recordings with its decisions switched off; of each statistic the largest value in
-every 10 s of motion is kept, and its tail (`tails`) says which level is exceeded as often as may be. A last
+every 10 s of motion is kept, and its tail (`tails`) says which level is exceeded as often as may be. Of what
+is learnt about the motors the largest of every run is kept, and its spread from run to run says it. A last
 pass with the new thresholds says what would still be diagnosed in the same recordings.
 """
 
@@ -9,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,11 +24,17 @@ from omnimj.control.robust.windows import LIKELIHOOD
 from omnimj.diagnosis.diagnose import Order, Progress
 from omnimj.diagnosis.machines import method_of
 from omnimj.diagnosis.replay import Replayed, replay, sample_run
-from omnimj.diagnosis.tails import Tail, tail_of
+from omnimj.diagnosis.tails import Spread, Tail, spread_of, tail_of
 from omnimj.errors import InputError
 
 STRETCH = 10.0
 """Of motion: longer than the method's longest window of 1 s, so that maxima do not know of each other [s]."""
+TOLERANCE = 0.03
+"""By which the torque constant of a healthy motor may be off."""
+STATISTICS = len(UNITS) - 1
+"""Those of `UNITS` whose maxima over stretches are taken; the last, a learnt loss, is one number of a run."""
+MOST = {"worn": 1.0}
+"""What a threshold cannot rise above: more than all of a motor is not lost."""
 FEWEST = 6
 """Stretches that there must be at least: a minute of motion."""
 ENOUGH = 1.0
@@ -39,6 +46,7 @@ OFF = Thresholds(
     drag=math.inf,
     accelerometer=math.inf,
     slip=math.inf,
+    worn=math.inf,
     turning=math.inf,
     current=_NEVER,
     stuck=_NEVER,
@@ -53,7 +61,7 @@ class Threshold:
 
     name: str
     value: float
-    tail: Tail
+    tail: Tail | Spread
     floor: float
     """What it may not fall below."""
 
@@ -95,18 +103,23 @@ def calibrate(order: Order, rate: float, progress: Progress | None = None) -> Ca
     Raises:
       InputError: There is too little motion, or a sensor has obviously failed.
     """
-    maxima, moved = _maxima(order, progress)
-    if len(maxima) < FEWEST:
-        found = f"has {moved:.3g} s of motion"
+    seen = _maxima(order, progress)
+    if len(seen.found) < FEWEST:
+        found = f"has {seen.moved:.3g} s of motion"
         raise InputError(order.dataset.path, found, f"at least {FEWEST * STRETCH:g} s are needed")
     floors, share = least(rate, _wheels(order)), rate / len(UNITS)
-    found = []
-    for k, name in enumerate(UNITS):
-        tail = tail_of(maxima[:, k], STRETCH)
-        found.append(Threshold(name, max(tail.level(share), floors[name]), tail, floors[name]))
+    maxima, hours = np.array(seen.found), seen.moved / 3600.0
+    tails: list[Tail | Spread] = [tail_of(maxima[:, k], STRETCH) for k in range(STATISTICS)]
+    tails.append(spread_of(np.array(seen.learnt), hours))
+    found = [
+        Threshold(
+            name, min(max(tail.level(share), floors[name]), MOST.get(name, math.inf)), tail, floors[name]
+        )
+        for name, tail in zip(UNITS, tails, strict=True)
+    ]
     runs = order.dataset.runs
     driven = tuple(sorted({str(run.conditions["floor"]) for run in runs}))
-    bare = Calibration(rate, moved / 3600.0, len(runs), driven, tuple(found), ())
+    bare = Calibration(rate, hours, len(runs), driven, tuple(found), ())
     checked = dataclasses.replace(order, thresholds=bare.thresholds)
     told = [(one.name, len(one.diagnoses)) for one in _passes(checked, progress, "checking") if one.diagnoses]
     return dataclasses.replace(bare, told=tuple(told))
@@ -116,7 +129,8 @@ def least(rate: float, wheels: int) -> dict[str, float]:
     """What each threshold may not fall below.
 
     Of Λ: h = ln(blocks per false alarm × tests), since by chance alone Λ > h in a block with at most e^{−h}.
-    Of the way slipped: the shipped one, below which health was never tried.
+    Of the way slipped: the shipped one, below which health was never tried. Of a learnt loss: what motors may
+    have from the beginning.
 
     Args:
       rate: False alarms per hour.
@@ -125,18 +139,23 @@ def least(rate: float, wheels: int) -> dict[str, float]:
     usual = Thresholds()
     per_alarm = 3600.0 / rate * 1000.0 / BLOCK
     likely = max(math.log(per_alarm * (2 * wheels + 2)), 1.0)
-    return {"motor": likely, "drag": likely, "accelerometer": likely, "slip": usual.slip}
+    return {"motor": likely, "drag": likely, "accelerometer": likely, "slip": usual.slip, "worn": TOLERANCE}
 
 
 class Maxima:
-    """Watches a method: the largest of each statistic in every stretch of motion."""
+    """Watches a method: the largest of each statistic in every stretch of motion, and what a run taught."""
 
     def __init__(self, wheels: int, period: float):
         self._wheels, self._period = wheels, period * BLOCK
         self._evidence: object = None
-        self._now, self._moved = np.zeros(len(UNITS)), 0.0
+        self._now, self._moved = np.zeros(STATISTICS), 0.0
         self.found: list[np.ndarray] = []
+        self.learnt: list[float] = []
         self.moved = 0.0
+
+    def next_run(self) -> None:
+        """A run begins."""
+        self.learnt.append(0.0)
 
     def __call__(self, state: RobustState) -> None:
         """Takes a state; only a new block says something."""
@@ -146,6 +165,7 @@ class Maxima:
         self._evidence = evidence
         likely = evidence.found[:, LIKELIHOOD]
         parts = (likely[:n], likely[n : 2 * n], likely[2 * n :], evidence.counters[:, SLIPPING])
+        self.learnt[-1] = max(self.learnt[-1], float(evidence.theta[:n].max()))
         self._now = np.maximum(self._now, [part.max() for part in parts])
         if state.log[-1] == BLIND:
             return
@@ -153,11 +173,11 @@ class Maxima:
         self._moved += self._period
         if self._moved >= STRETCH - 0.5 * self._period:
             self.found.append(self._now)
-            self._now, self._moved = np.zeros(len(UNITS)), 0.0
+            self._now, self._moved = np.zeros(STATISTICS), 0.0
 
 
-def _maxima(order: Order, progress: Progress | None) -> tuple[np.ndarray, float]:
-    """Maxima, shape (m, statistics), and the time in motion [s].
+def _maxima(order: Order, progress: Progress | None) -> Maxima:
+    """What is seen of healthy runs while nothing is decided.
 
     Raises:
       InputError: A sensor stands still while the robot drives.
@@ -169,7 +189,7 @@ def _maxima(order: Order, progress: Progress | None) -> tuple[np.ndarray, float]
             what = f"{d.kind} {d.channel or ', '.join(map(str, d.wheels))}".strip()
             found = f"{what} has failed at {d.time:.4g} s"
             raise InputError(place, found, "thresholds are set with fault-free recordings")
-    return np.array(seen.found).reshape(-1, len(UNITS)), seen.moved
+    return seen
 
 
 def _wheels(order: Order) -> int:
@@ -180,7 +200,7 @@ def _passes(
     order: Order,
     progress: Progress | None,
     phase: str,
-    watch: Callable[[RobustState], None] | None = None,
+    watch: Maxima | None = None,
 ) -> Sequence[Replayed]:
     """Every run through the method."""
     runs, found, before = order.dataset.runs, [], 0
@@ -189,6 +209,8 @@ def _passes(
         if progress is not None:
             progress(before, total, f"{phase} {run.name}")
         samples = sample_run(run, order.machine)
+        if watch is not None:
+            watch.next_run()
         method = method_of(order.method, order.machine, run, order.floors, order.thresholds)
         one = replay(run, samples, order.machine, method, watch=watch)
         found.append(dataclasses.replace(one, trace=dataclasses.replace(one.trace, columns={})))

@@ -1,4 +1,6 @@
-"""How high a statistic comes by chance: the Gumbel tail of its maxima over independent stretches.
+"""How high a statistic comes by chance.
+
+The Gumbel tail of its maxima over independent stretches:
 
 A likelihood ratio exceeds h by chance with a probability that falls like e^{−h}; coloured noise makes it
 e^{−h/β}. A stretch then exceeds h on average N(h) times, and never with probability e^{−N(h)}: the maxima are
@@ -15,7 +17,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import exp1, gammaincinv
+from scipy.special import exp1, gammaincinv, stdtrit
 
 from omnimj.signals import Array
 
@@ -56,3 +58,41 @@ def tail_of(maxima: Array, stretch: float) -> Tail:
     usual = (np.euler_gamma + math.log(often) + float(exp1(often))) / (k / len(maxima))
     slope = float(excess.mean()) / usual * k / float(gammaincinv(k, _DOUBT))
     return Tail(start, often * 3600.0 / stretch, slope, float(maxima.max()))
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Of a number that is learnt, the same for a whole run: it differs from robot to robot, not with time.
+
+    It is the sum of many small errors, taken as normal: the next of k runs exceeds
+      m + s √(1 + 1/k) t_{k−1}(1 − p)
+    with probability p, Student's t since m and s are estimates themselves.
+    """
+
+    mean: float
+    slope: float
+    """s: standard deviation, in the unit of the statistic."""
+    runs: int
+    hours: float
+    """Of one run [h]."""
+    largest: float
+    """The largest value that was seen."""
+
+    def level(self, rate: float) -> float:
+        """What is exceeded `rate` times per hour."""
+        if self.runs < 2:
+            return math.inf
+        far = float(stdtrit(self.runs - 1, 1.0 - min(rate * self.hours, 0.5)))
+        return self.mean + self.slope * math.sqrt(1.0 + 1.0 / self.runs) * far
+
+
+def spread_of(maxima: Array, hours: float) -> Spread:
+    """The spread of a learnt number.
+
+    Args:
+      maxima: Of one run each, shape (k,).
+      hours: Of all runs together [h].
+    """
+    k = len(maxima)
+    deviation = float(maxima.std(ddof=1)) if k > 1 else 0.0
+    return Spread(float(maxima.mean()), deviation, k, hours / k, float(maxima.max()))

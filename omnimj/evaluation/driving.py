@@ -6,6 +6,7 @@ The controller and the method get the nominal robot and the nominal floor, the p
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from omnimj.control.robust.verdict import Thresholds
 from omnimj.errors import SimulationError
 from omnimj.evaluation.believed import believed
 from omnimj.evaluation.cases import Case
+from omnimj.evaluation.recordings import record
 from omnimj.evaluation.true_robot import true_floor, true_robot
 from omnimj.evaluation.use import demanded_traction, excursions, first_time, in_use, time_after_use
 from omnimj.loop import drive
@@ -31,7 +33,11 @@ OFF = "off"
 
 
 def drive_case(
-    case: Case, method: str, settings: Sequence[str] = (), thresholds: Thresholds | None = None
+    case: Case,
+    method: str,
+    settings: Sequence[str] = (),
+    thresholds: Thresholds | None = None,
+    recordings: Path | None = None,
 ) -> dict[str, Any]:
     """All runs of a case, as facts for scoring.
 
@@ -40,6 +46,7 @@ def drive_case(
       method: Its name.
       settings: `KEY=VALUE` texts for method and cascade.
       thresholds: Of the robust method; the shipped ones when None.
+      recordings: Folder for what the sensors said in the run with the method; nowhere when None.
 
     Returns:
       `case`: the truth. `method`: diagnoses, and with a fault heading [rad] and path [m] excursions since its
@@ -48,14 +55,25 @@ def drive_case(
       of the wheel's effectiveness after 5 s of it. `speed`: seconds simulated per second. Or `error`: what
       went wrong.
     """
-    return guarded(lambda: plain({"case": case.as_plain(), **_driven(case, method, settings, thresholds)}))
+
+    def driven() -> dict[str, Any]:
+        found = _driven(case, method, settings, thresholds, recordings)
+        return plain({"case": case.as_plain(), **found})
+
+    return guarded(driven)
 
 
 def _driven(
-    case: Case, method: str, settings: Sequence[str], thresholds: Thresholds | None
+    case: Case,
+    method: str,
+    settings: Sequence[str],
+    thresholds: Thresholds | None,
+    recordings: Path | None,
 ) -> dict[str, Any]:
     scenario = believed(case, settings)
     asked = _run(case, scenario, case.faults, method, thresholds)
+    if recordings is not None:
+        record(recordings, case, asked)
     speed = float(asked.about["realtime_factor"])
     if not case.faults:
         return {"method": _told(asked, None), "off": None, "use": [], "speed": speed}

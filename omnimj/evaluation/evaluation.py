@@ -3,6 +3,7 @@
 The folder:
   evaluation_plan.json  what was asked
   cases/case_….json     the truth of a case and what its runs gave
+  recordings/           where asked for, what the sensors said, as a dataset
   evaluation.json, evaluation.md
 In JSON a delay without end is null; one since first use is null too where `in_use` of the case's faults is.
 What is there is kept: an evaluation that was broken off goes on where it stood, and one with more trials
@@ -29,6 +30,7 @@ from omnimj.evaluation.drawn_faults import CLASSES
 from omnimj.evaluation.driving import OFF, drive_case
 from omnimj.evaluation.evaluation_table import header, heading_of, tables
 from omnimj.evaluation.goals import judged
+from omnimj.evaluation.recordings import RECORDINGS, describe, is_recorded
 from omnimj.evaluation.scoring import CaseScore, score_case
 from omnimj.evaluation.summary import Summary, summarise
 from omnimj.recording.folder import check_folder
@@ -55,6 +57,8 @@ class Order:
     """Whether another evaluation that is in the folder may be replaced."""
     thresholds: Thresholds | None = None
     """Of the robust method; the shipped ones when None."""
+    records: bool = False
+    """Whether what the sensors said is kept."""
 
     def plan(self) -> dict[str, Any]:
         """What must be alike for a folder to be gone on with."""
@@ -98,16 +102,21 @@ def run_evaluation(order: Order, report: Report, executor: Executor | None = Non
     folder = _prepared(order)
     cases = [draw_case(order.choice, index) for index in range(order.trials)]
     own = () if order.thresholds is None else (order.thresholds,)
+    recordings = order.out / RECORDINGS
+    if order.records:
+        own = (order.thresholds, recordings)
     missing = {
         case.name: (case, order.method, order.settings, *own)
         for case in cases
-        if not _is_driven(folder, case)
+        if not _is_driven(folder, case) or (order.records and not is_recorded(recordings, case))
     }
 
     def work(workers: Workers) -> None:
         workers.do_all(drive_case, missing, keep_in(folder), "driving", report)
 
     finished = with_workers(work, order.workers, executor) if missing else True
+    if order.records:
+        describe(recordings, cases)
     return _judged(order, cases, not finished)
 
 
@@ -147,7 +156,8 @@ def _prepared(order: Order) -> Path:
     check_folder(order.out, order.force)
     try:
         if plan.is_file():  # an evaluation's own folder, and nothing else, is emptied
-            shutil.rmtree(cases, ignore_errors=True)
+            for folder in (cases, order.out / RECORDINGS):
+                shutil.rmtree(folder, ignore_errors=True)
         cases.mkdir(parents=True, exist_ok=True)
         write_json(plan, order.plan())
     except OSError as error:

@@ -75,10 +75,11 @@ class DatasetWriter:
             if not self._runs:
                 self._begin()
             with whole_file(self._folder / f"{run.name}{self._ending}") as temporary:
-                _write_table(temporary, run)
+                write_table(temporary, run)
             self._runs[run.name] = run
             with whole_file(self._folder / DATASET_FILE) as temporary:
-                temporary.write_text(self._text(), encoding="utf-8", newline="\n")
+                text = dataset_text(self._plant, self._defaults, self._runs.values())
+                temporary.write_text(text, encoding="utf-8", newline="\n")
         except OSError as error:
             raise InputError(
                 f"--out {self._folder}", f"cannot be written ({error.strerror or error})"
@@ -89,25 +90,6 @@ class DatasetWriter:
         self._folder.mkdir(parents=True, exist_ok=True)
         for file in self._old:
             file.unlink(missing_ok=True)
-
-    def _text(self) -> str:
-        lines = [_MARK, f"plant = {_value(self._plant)}"]
-        if self._defaults:
-            lines += [
-                "",
-                "[defaults]",
-                *(f"{key} = {_value(value)}" for key, value in self._defaults.items()),
-            ]
-        for run in self._runs.values():
-            own = {k: v for k, v in run.conditions.items() if self._defaults.get(k) != v}
-            if run.repeat_of is not None and run.repeat_of != self._defaults.get("repeat_of"):
-                own["repeat_of"] = run.repeat_of
-            lines += [
-                "",
-                f"[runs.{_key(run.name)}]",
-                *(f"{key} = {_value(value)}" for key, value in own.items()),
-            ]
-        return "\n".join(lines) + "\n"
 
 
 def write_dataset(
@@ -126,6 +108,20 @@ def write_dataset(
     writer = DatasetWriter(folder, plant, defaults, force, table_format)
     for run in runs:
         writer.add(run)
+
+
+def dataset_text(plant: str, defaults: Mapping[str, float | str], runs: Iterable[Run]) -> str:
+    """The content of `dataset.toml`; what the defaults say of a run is not said again."""
+    lines = [_MARK, f"plant = {_value(plant)}"]
+    if defaults:
+        lines += ["", "[defaults]", *(f"{key} = {_value(value)}" for key, value in defaults.items())]
+    for run in runs:
+        own = {k: v for k, v in run.conditions.items() if defaults.get(k) != v}
+        if run.repeat_of is not None and run.repeat_of != defaults.get("repeat_of"):
+            own["repeat_of"] = run.repeat_of
+        told = (f"{key} = {_value(value)}" for key, value in own.items())
+        lines += ["", f"[runs.{_key(run.name)}]", *told]
+    return "\n".join(lines) + "\n"
 
 
 def _earlier_files(folder: Path) -> list[Path]:
@@ -158,7 +154,8 @@ def _require_file_name(name: str) -> None:
         raise InputError(f"run {name!r}", "is no file name", "letters, digits, _ and - make good names")
 
 
-def _write_table(path: Path, run: Run) -> None:
+def write_table(path: Path, run: Run) -> None:
+    """Writes the columns of a run, as `.csv` or `.parquet`."""
     arrays = [pa.array(np.asarray(values, float)) for values in run.columns.values()]
     if path.suffix == ".parquet":
         table = pa.table(arrays, names=list(run.columns))

@@ -10,7 +10,7 @@ from omnimj.errors import InputError
 
 
 def text(**values) -> str:
-    numbers = {"motor": 25.0, "drag": 31.0, "accelerometer": 41.0, "slip": 0.002} | values
+    numbers = {"motor": 25.0, "drag": 31.0, "accelerometer": 41.0, "slip": 0.002, "worn": 0.08} | values
     lines = [
         f'{name} = {{ value = {value}, unit = "{UNITS.get(name, "1")}", source = "measured" }}'
         for name, value in numbers.items()
@@ -19,10 +19,10 @@ def text(**values) -> str:
     return "\n".join(["[thresholds]", *lines, "[calibration]", "hours = 2.0", ""])
 
 
-def test_four_are_read_and_the_others_are_as_shipped(tmp_path):
+def test_five_are_read_and_the_others_are_as_shipped(tmp_path):
     (tmp_path / "t.toml").write_text(text())
     assert read_thresholds(tmp_path / "t.toml") == Thresholds(
-        motor=25.0, drag=31.0, accelerometer=41.0, slip=0.002
+        motor=25.0, drag=31.0, accelerometer=41.0, slip=0.002, worn=0.08
     )
 
 
@@ -33,7 +33,7 @@ def test_four_are_read_and_the_others_are_as_shipped(tmp_path):
         (text(motor="inf"), "thresholds.motor: found inf"),
         (text(slip='"much"'), "thresholds.slip: found 'much'; a number is needed"),
         (text(drag=None), r"t.toml: \[thresholds\]: 'drag' is missing"),
-        (text(settling=1.0), "unknown key 'settling'; choices: accelerometer, drag, motor, slip"),
+        (text(settling=1.0), "unknown key 'settling'; choices: accelerometer, drag, motor, slip, worn"),
         ("", r"t.toml: \[thresholds\] is missing"),
         ("thresholds = 3", r"\[thresholds\] is not a table"),
         ("[threshold]", "unknown key 'threshold'; did you mean 'thresholds'"),

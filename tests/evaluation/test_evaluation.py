@@ -17,6 +17,8 @@ from omnimj.errors import InputError, UnknownNameError
 from omnimj.evaluation import driving, evaluation
 from omnimj.evaluation.cases import Choice
 from omnimj.evaluation.evaluation import Order, run_evaluation
+from omnimj.plant.channels import robot_channels
+from omnimj.recording.read_dataset import read_dataset
 from omnimj.trials import pool
 
 SHORT = Choice("manoeuvres", 100)
@@ -64,6 +66,20 @@ def telling(monkeypatch):
 def numbers(folder: Path) -> dict:
     found = json.loads((folder / "evaluation.json").read_text(encoding="utf-8"))
     return {key: value for key, value in found.items() if key != "interrupted"}
+
+
+def test_recordings_are_a_dataset_that_knows_channels_and_floor_and_nothing_else(tmp_path):
+    order = Order(tmp_path / "out", SHORT, trials=2, records=True)
+    run_evaluation(order, quiet, Here())
+    found = read_dataset(tmp_path / "out" / "recordings")
+    assert found.plant == "uto_robot" and [run.name for run in found.runs] == ["case_00000", "case_00001"]
+    assert all(set(run.conditions) == {"floor"} for run in found.runs)
+    own = {"time", *robot_channels(4), *(f"current_target_{i}" for i in range(1, 5))}
+    assert all(set(run.columns) == own for run in found.runs)
+    again = Here()
+    (tmp_path / "out" / "recordings" / "case_00001.parquet").unlink()
+    run_evaluation(order, quiet, again)
+    assert again.given == ["case_00001"], "what is missing is driven again"
 
 
 def test_a_perfect_method_gets_everything_right(tmp_path, telling):

@@ -2,7 +2,7 @@
 
 Slip counts by its way: the creep beyond what a healthy wheel may show, summed while it lasts, so that a large
 slip is seen at once and a small one soon, and a spike of noise never. Health after it counts by likelihood:
-how much less the wheel slips than it would with the grip that it had lost.
+how much less the wheel slips than it would under this traction with the grip that it had lost.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ from omnimj.physics.native import kernel
 in a row of a speed that no slip explains, of standing while the floor passes, of standing under a motor that
 should turn the wheel, of turning, of a motor without the current that was asked for, of one with another
 current; how far it is ahead of a velocity against its force, or behind it with its force (below 0) [m/s]; the
-last creep beyond health [m/s], the grip that it told of [1]; then the bristles of `healthy_creep` and those
-of a soft and a stiff floor [m]."""
-BRISTLES, GIVEN, HELD, COUNTERS = 11, 15, 16, 17
+last creep beyond health [m/s], the grip that it told of [1]; then the bristles of `healthy_creep`, those of a
+soft and a stiff floor, and of a floor with that grip [m]."""
+BRISTLES, GIVEN, HELD, LOST, COUNTERS = 11, 15, 16, 17, 18
 NO_COUNTS = (0.0,) * GRIP + (1.0,) + (0.0,) * (COUNTERS - GRIP - 1)
 """Before the first block."""
 
@@ -125,9 +125,11 @@ def count_slip(c, load, force, slip, doubt, turning, moving, row):
         grip = (abs(force) + _LITTLE) / (load * (_HOLDS + SLOPE * abs(slip)))
         grip = min(max(grip, _LEAST_GRIP), 1.0)
         row[GRIP] = grip if row[GRIP] == 1.0 else (1.0 - _NEWEST) * row[GRIP] + _NEWEST * grip
-    would = max(abs(force) - _FORCE, 0.0) / (load * SLOPE) * (1.0 / row[GRIP] - 1.0)
+    share = math.copysign(max(abs(force) - _FORCE, 0.0), force) / (load * row[GRIP])
+    lost, row[LOST] = next_creep(share, row[LOST], GIVING[0], GIVING[1], c[TIME])
+    would, shows = (lost - most, slip - most) if force > 0.0 else (least - lost, least - slip)
     if would > _TOLD:
-        likely = would * (0.5 * would - max(beyond, 0.0)) / (_COLOUR * (_SPREAD * _SPREAD + doubt * doubt))
+        likely = would * (0.5 * would - max(shows, 0.0)) / (_COLOUR * (_SPREAD * _SPREAD + doubt * doubt))
         row[HEALTH] = max(row[HEALTH] + min(likely, _AT_ONCE), 0.0)
 
 

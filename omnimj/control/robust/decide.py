@@ -20,10 +20,11 @@ from omnimj.control.robust.counters import (
     TURNS,
 )
 from omnimj.control.robust.evidence import Evidence
-from omnimj.control.robust.verdict import Thresholds, Verdict, is_still, with_one_more
+from omnimj.control.robust.verdict import Thresholds, Verdict, is_still, is_weak, with_one_more
 from omnimj.control.robust.windows import LIKELIHOOD, SIZE
 from omnimj.signals import Array, Diagnosis
 
+_KNOWN_BETTER = 0.02  # by which an effectiveness must differ to be told anew
 _AFTERMATH = 2.0  # [s] in which the velocity of the body comes home after a slip
 
 
@@ -56,6 +57,7 @@ def decide(
     if _turns_unclear(evidence, thresholds, after):
         return after
     after = _forces(evidence, thresholds, after, time, losses)
+    after = _worn(evidence, thresholds, after, time, losses)
     if math.isnan(after.suspected) or time - after.suspected > thresholds.bodily:
         after = _slips(evidence, thresholds, after, time)
         after = _odd_speeds(evidence, thresholds, after, time)
@@ -197,6 +199,32 @@ def _motor(
     return with_one_more(verdict, Diagnosis(time, "motor", (best + 1,), confidence, rivals, left))
 
 
+def _worn(
+    evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: float, losses: Array
+) -> Verdict:
+    """A loss too small to be seen when it came, which was learnt since."""
+    most = thresholds.worn * (thresholds.other if _any(verdict) else 1.0)
+    for i in range(len(losses)):
+        if evidence.theta[i] > most and verdict.standing(i + 1) is None:
+            left = float(max(1.0 - losses[i], 0.0))
+            verdict = with_one_more(verdict, Diagnosis(time, "motor", (i + 1,), 0.9, (), left))
+    return _known_better(verdict, losses)
+
+
+def _known_better(verdict: Verdict, losses: Array) -> Verdict:
+    """What is left of weak motors, as it is known by now."""
+
+    def told(d: Diagnosis) -> Diagnosis:
+        if d.cleared is not None or d.kind != "motor" or d.ambiguous_with or d.effectiveness is None:
+            return d
+        left = float(min(max(1.0 - losses[d.wheels[0] - 1], 0.0), 1.0))
+        return replace(d, effectiveness=left) if abs(left - d.effectiveness) > _KNOWN_BETTER else d
+
+    after = tuple(told(d) for d in verdict.diagnoses)
+    same = all(a is b for a, b in zip(after, verdict.diagnoses, strict=True))
+    return verdict if same else replace(verdict, diagnoses=after)
+
+
 def _accelerometer(verdict: Verdict, time: float, axis: int, lead: float, margin: float) -> Verdict:
     channel = f"acceleration_{'xy'[axis]}"
     if verdict.has_sensor(channel) or lead < margin:
@@ -209,7 +237,7 @@ def _slips(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: f
         return verdict
     way = evidence.counters[:, SLIPPING]
     enough = thresholds.slip * (thresholds.other if _any(verdict) else 1.0)
-    over = [i for i in range(len(way)) if way[i] >= enough and verdict.standing(i + 1) is None]
+    over = [i for i in range(len(way)) if way[i] >= enough and _may_slip(verdict, i + 1)]
     if not over:
         return verdict
     slipping = {d.wheels[0] - 1 for d in verdict.diagnoses if d.cleared is None and d.kind == "slip"}
@@ -222,6 +250,11 @@ def _slips(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: f
         confidence = 1.0 - math.exp(-slid / 0.02)
         verdict = with_one_more(verdict, Diagnosis(time, "slip", (i + 1,), confidence))
     return verdict
+
+
+def _may_slip(verdict: Verdict, wheel: int) -> bool:
+    """Whether nothing is known of a wheel that explains its slip, nor slip itself."""
+    return all(is_weak(d) for d in verdict.diagnoses if d.cleared is None and wheel in d.wheels)
 
 
 def _all_slip(verdict: Verdict, time: float) -> Verdict:

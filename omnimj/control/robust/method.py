@@ -29,7 +29,7 @@ HEALTHY, SUSPECT, FAULTY, BLIND = range(4)
 """`mode` of the log: nothing is wrong, a decision is pending, something is diagnosed, cannot judge."""
 
 _FRESH = 200  # [blocks]
-_FOUND_AGAIN = 0.2  # standard deviation of what is left of a motor just after its loss was seen
+_FOUND_AGAIN, _LEARNT_AGAIN = 0.2, 0.1  # standard deviation of a loss just after it was seen, or learnt
 _PART_FRICTION, _PART_LOSS = 1.5, 0.05  # of it that may be friction, and loss where friction was seen
 _RATHER = 2.0  # [nats] by which friction must be more likely than a loss
 
@@ -252,7 +252,8 @@ class Robust:
                     evidence.cov[i, i] += _PART_LOSS**2
                 else:
                     accepted[i] = 1.0 - d.effectiveness - evidence.theta[i]
-                    _renew(evidence.cov, i, _FOUND_AGAIN)
+                    seen = found[[i, j], LIKELIHOOD].max() >= min(self.thresholds.motor, self.thresholds.drag)
+                    _renew(evidence.cov, i, _FOUND_AGAIN if seen else _LEARNT_AGAIN)
                     evidence.cov[j, j] += _PART_FRICTION**2
             elif d.kind == "sensor":  # what it made up is forgotten
                 evidence.spread[:] = np.eye(evidence.spread.shape[1])

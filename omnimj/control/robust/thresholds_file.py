@@ -27,6 +27,8 @@ class Calibrated:
     """Λ of a jump of the accelerometer's bias."""
     slip: float = positive("m")
     """Way slipped beyond what is allowed."""
+    worn: float = positive("1", 1.0)
+    """Learnt loss of torque constant."""
 
 
 UNITS = {field.name: field.metadata["unit"] for field in dataclasses.fields(Calibrated)}

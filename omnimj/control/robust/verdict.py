@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
-from omnimj.signals import Diagnosis
+from omnimj.signals import KINDS_OF_DIAGNOSIS, Diagnosis
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,8 @@ class Thresholds:
     """Λ of an added friction or a wheel that is held [nats]."""
     accelerometer: float = 25.0
     """Λ of a jump of the accelerometer's bias [nats]."""
+    worn: float = 0.05
+    """Learnt loss of torque constant that no healthy motor has."""
     margin: float = 6.0
     """By how much the best hypothesis must lead the next on another wheel to be alone [nats]."""
     slip: float = 0.0005
@@ -43,8 +46,9 @@ class Thresholds:
     turning: float = 0.02
     """Angle by which gyro and converter part in a second [rad]."""
     other: float = 2.5
-    """Factor on slip and accelerometer while another fault stands: less is sure of the robot then."""
-    healthy: float = 8.0
+    """Factor on slip, learnt losses and accelerometer while another fault stands: less is sure of the robot
+    then."""
+    healthy: float = 5.0
     """Λ of grip that is back, which takes a slip back [nats]."""
 
 
@@ -57,10 +61,10 @@ class Verdict:
     suspected: float = math.nan
     """Since when the force channel asks for an answer [s]; NaN: it does not."""
 
-    def standing(self, wheel: int) -> Diagnosis | None:
-        """The diagnosis that stands on a wheel 1…n."""
+    def standing(self, wheel: int, kinds: Collection[str] = KINDS_OF_DIAGNOSIS) -> Diagnosis | None:
+        """The newest diagnosis of these kinds that stands on a wheel 1…n."""
         for diagnosis in reversed(self.diagnoses):
-            if diagnosis.cleared is None and wheel in diagnosis.wheels:
+            if diagnosis.cleared is None and wheel in diagnosis.wheels and diagnosis.kind in kinds:
                 return diagnosis
         return None
 
@@ -74,16 +78,25 @@ def is_still(diagnosis: Diagnosis) -> bool:
     return diagnosis.kind == "motor" and diagnosis.ambiguous_with == (f"locked {diagnosis.wheels[0]}",)
 
 
+def is_weak(diagnosis: Diagnosis) -> bool:
+    """Whether it says that a motor has lost some of its torque, and no more: its wheel may slip as well."""
+    return diagnosis.kind == "motor" and not is_still(diagnosis)
+
+
+def _both(one: Diagnosis, other: Diagnosis) -> bool:
+    return is_weak(one) and other.kind == "slip"
+
+
 def with_one_more(verdict: Verdict, diagnosis: Diagnosis) -> Verdict:
-    """One more; it takes the place of a lesser one on the same wheel."""
-    known = verdict.standing(diagnosis.wheels[0]) if diagnosis.wheels else None
-    if known is not None and known.kind == diagnosis.kind == "motor" and not known.ambiguous_with:
+    """One more; it takes the place of a lesser one on the same wheel, but a weak motor's wheel may slip."""
+    known = verdict.standing(diagnosis.wheels[0], ("motor",)) if diagnosis.wheels else None
+    if known is not None and diagnosis.kind == "motor" and not known.ambiguous_with:
         # the same motor, known better by now
         same = replace(known, effectiveness=diagnosis.effectiveness)
         return Verdict(tuple(same if d is known else d for d in verdict.diagnoses), math.nan)
     kept = [
         replace(d, cleared=diagnosis.time)
-        if d.cleared is None and diagnosis.wheels and d.wheels == diagnosis.wheels
+        if d.cleared is None and d.wheels == diagnosis.wheels != () and not _both(d, diagnosis)
         else d
         for d in verdict.diagnoses
     ]

@@ -61,6 +61,28 @@ def test_a_weak_motor_is_named_and_measured(wheel, loss):
     assert others == pytest.approx(np.ones(3), abs=0.08)
 
 
+@pytest.mark.parametrize(("wheel", "seed"), [(2, 23), (4, 27)])
+def test_a_loss_too_small_to_be_seen_when_it_comes_is_learnt_and_named(wheel, seed):
+    trace = driven(seed, faults=[Fault("motor", ONSET, None, wheel, {"loss": 0.12})], seconds=40.0)
+    assert named(trace) == [("motor", (wheel,))]
+    assert trace[f"effectiveness_{wheel}"][-1] == pytest.approx(0.88, abs=0.04)
+
+
+def test_a_weak_motor_whose_wheel_slips_as_well_is_both():
+    weak, oily = Fault("motor", ONSET, None, 2, {"loss": 0.4}), Fault("slip", 8.0, None, 2, {"grip": 0.1})
+    trace = driven(31, faults=[weak, oily], seconds=20.0)
+    assert set(named(trace)) == {("motor", (2,)), ("slip", (2,))}
+    assert [d["cleared"] for d in trace.about["diagnoses"] if d["kind"] == "motor"][-1] is None
+
+
+@pytest.mark.parametrize("seed", [61, 62, 63])
+def test_a_slip_is_named_once_while_it_lasts_and_taken_back_when_it_is_over(seed):
+    oily = [Fault("slip", ONSET, 15.0, 1 + seed % 4, {"grip": 0.2})]
+    trace = driven(seed, faults=oily, seconds=25.0)
+    (found,) = trace.about["diagnoses"]
+    assert found["kind"] == "slip" and found["cleared"] > 15.0
+
+
 @pytest.mark.parametrize("wheel", [1, 2, 3, 4])
 def test_a_slipping_wheel_is_named(wheel):
     trace = driven(60 + wheel, faults=[Fault("slip", ONSET, None, wheel, {"grip": 0.2})])
