@@ -111,6 +111,11 @@ class ChannelKind:
     raw: Raw
 
 
+def counts_of(channels: tuple[ChannelKind, ...]) -> int:
+    """Bit i: channel i travels as counts."""
+    return sum(1 << i for i, channel in enumerate(channels) if channel.raw is Raw.COUNTS)
+
+
 @dataclass(frozen=True, slots=True)
 class Limits:
     """What the device lets through; all above zero."""
@@ -187,6 +192,8 @@ class Telemetry:
     """Frames that were broken, foreign, old, or not authentic, modulo 2³²."""
     raw: tuple[float, ...]
     """Volts or counts, in the order of `Capabilities.channels`."""
+    counts: int = 0
+    """Bit i: `raw[i]` is counts; must be what the capabilities say (`counts_of`)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,3 +252,5 @@ class Frame:
     """Of the sender's monotonic clock [µs], 64 bits."""
     authentic: bool = False
     """Whether a key's tag came with it and is right."""
+    same_schema: bool = True
+    """Whether its sender lays out every payload as we do; false is never armed."""
