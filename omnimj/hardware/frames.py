@@ -94,8 +94,8 @@ def encode(frame: Frame, key: Key | None = None) -> bytes:
 def decode(packet: bytes, key: Key | None = None) -> Frame | Drop:
     """The frame of a packet, or why there is none. Never raises, whatever the bytes.
 
-    Without a key, frames with a tag are dropped; with one, those without or with a wrong one are. A stop comes
-    through either way, `authentic` or not: who stops a robot needs no papers.
+    Without a key, frames with a tag are dropped; with one, those without or with a wrong one are. A stop
+    comes through either way, `authentic` or not: who stops a robot needs no papers.
     """
     size = len(packet)
     if size < _SHORTEST:

@@ -51,7 +51,7 @@ def read_key(path: str | Path) -> Key:
     """
     try:
         # opened without waiting, since a named pipe is no key file, and looked at as it was opened
-        with open(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0)), "rb") as file:
+        with os.fdopen(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0)), "rb") as file:
             about = os.fstat(file.fileno())
             if not stat.S_ISREG(about.st_mode):
                 raise InputError(path, "no plain file", "a key file is needed")
@@ -73,8 +73,8 @@ def make_key_file(path: str | Path) -> None:
       InputError: there is such a file already, or it cannot be written.
     """
     try:
-        with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="ascii") as file:
-            file.write(secrets.token_hex(KEY_SIZE) + "\n")
+        with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
+            file.write(secrets.token_hex(KEY_SIZE).encode("ascii") + b"\n")
     except OSError as error:
         raise InputError(
             path, f"cannot be made ({error.strerror})", "a key file is always a new file"

@@ -66,7 +66,8 @@ PAYLOADS: dict[Type, Layout] = {
     Type.ARM: Layout("limits_hash:u64 calibration_hash:u64 telemetry:u32"),
     Type.COMMAND: Layout("valid_for_us:u32 wheels:u8 brake:u8 zero:u16", "current:f32", "wheels"),
     Type.TELEMETRY: Layout(
-        "acknowledged:u32 command_age_us:u32 status:u16 fault:u8 channels:u8 refused:u32 dropped:u32 counts:u32",
+        "acknowledged:u32 command_age_us:u32 status:u16 fault:u8 channels:u8 refused:u32 dropped:u32"
+        " counts:u32",
         "raw:f32_or_i32",
         "channels",
     ),

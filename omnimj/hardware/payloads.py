@@ -33,6 +33,7 @@ from omnimj.hardware.messages import (
 )
 
 _NEVER = 0xFFFFFFFF  # microseconds that stand for infinity
+_LONGEST = (_NEVER - 1) / 1e6  # seconds
 _LARGEST = 3.4028235677973366e38  # from here on the nearest float32 is infinity
 _FAULTS = {int(code): code for code in FaultCode}
 _QUANTITIES = {int(quantity): quantity for quantity in Quantity}
@@ -54,9 +55,9 @@ def microseconds(seconds: float) -> int:
 
     Zero is what no device takes as a valid-for: nonsense asks for nothing.
     """
-    if 0.0 <= seconds < 4294.0:
+    if 0.0 <= seconds < _LONGEST:
         return int(seconds * 1e6 + 0.5)
-    return _NEVER - 1 if seconds >= 4294.0 else 0
+    return _NEVER - 1 if seconds >= _LONGEST else 0
 
 
 def _narrow(value: float) -> float:
@@ -114,6 +115,16 @@ def limit_numbers(limits: Limits) -> tuple[float, ...]:
         limits.message_rate,
         limits.valid_for,
     )
+
+
+def limit_bytes(limits: Limits) -> bytes:
+    """The seven limits as they lie in capabilities."""
+    return _floats(limit_numbers(limits))
+
+
+def as_sent(limits: Limits) -> Limits:
+    """What the other side reads: the nearest float32 of every limit; a device keeps to these."""
+    return Limits(*_FLOATS[7].unpack(limit_bytes(limits)))
 
 
 def write_nonce(message: Hello | Ping | Pong) -> bytes:
