@@ -64,7 +64,7 @@ PAYLOADS: dict[Type, Layout] = {
         "channels",
     ),
     Type.ARM: Layout("limits_hash:u64 calibration_hash:u64 telemetry:u32"),
-    Type.COMMAND: Layout("valid_for_us:u32 wheels:u8 brake:u8 zero:u16", "current:f32", "wheels"),
+    Type.COMMAND: Layout("valid_for:f32 wheels:u8 brake:u8 zero:u16", "current:f32", "wheels"),
     Type.TELEMETRY: Layout(
         "acknowledged:u32 command_age_us:u32 status:u16 fault:u8 channels:u8 refused:u32 dropped:u32"
         " counts:u32",

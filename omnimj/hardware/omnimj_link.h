@@ -1,7 +1,7 @@
 /* The link between host and device, for firmware: frames, COBS, CRC-32, BLAKE2s. PROTOCOL.md says what they mean.
  *
  * C99, freestanding, one header, no memory of its own: include it wherever it is needed. Numbers are as on the
- * wire (times in microseconds), `float` must be IEEE 754 single. Nothing here has side effects but on what is
+ * wire (names with _us are microseconds), `float` must be IEEE 754 single. Nothing here has side effects but on what is
  * handed in.
  */
 #ifndef OMNIMJ_LINK_H
@@ -11,7 +11,7 @@
 #include <stdint.h>
 
 #define OMJ_PROTOCOL 1u
-#define OMJ_SCHEMA 0xBE650E4Au
+#define OMJ_SCHEMA 0xD39125E3u
 #define OMJ_LONGEST_FRAME 512u
 #define OMJ_LONGEST_STUFFED (OMJ_LONGEST_FRAME + OMJ_LONGEST_FRAME / 254u + 1u)
 #define OMJ_MOST_WHEELS 8u
@@ -45,9 +45,10 @@ enum omj_quantity {
     OMJ_QUANTITY_ACCELERATION_Y = 4,
     OMJ_QUANTITY_YAW_RATE = 5,
     OMJ_QUANTITY_YAW = 6,
-    OMJ_QUANTITY_SUPPLY = 7
+    OMJ_QUANTITY_SUPPLY = 7,
+    OMJ_QUANTITY_OTHER = 8
 };
-#define OMJ_QUANTITIES 8u
+#define OMJ_QUANTITIES 9u
 
 enum omj_raw { OMJ_RAW_VOLTS = 0, OMJ_RAW_COUNTS = 1 };
 #define OMJ_RAWS 2u
@@ -125,7 +126,7 @@ typedef struct {
 } omj_arm;
 
 typedef struct {
-    uint32_t valid_for_us;
+    float valid_for;
     uint8_t wheels, brake;
     float current[OMJ_MOST_WHEELS];
 } omj_command;
@@ -448,7 +449,7 @@ static inline size_t omj_put_capabilities(uint8_t *to, const omj_capabilities *f
 static inline size_t omj_put_command(uint8_t *to, const omj_command *from)
 {
     size_t i;
-    omj_put(to, from->valid_for_us, 4);
+    omj_put_float(to, from->valid_for);
     to[4] = from->wheels;
     to[5] = from->brake;
     omj_put(to + 6, 0, 2);
@@ -589,7 +590,7 @@ static inline enum omj_drop omj_get_command(const uint8_t *from, size_t size, om
     if (size < 8u || size != 8u + 4u * from[4]) {
         return OMJ_LENGTH;
     }
-    to->valid_for_us = (uint32_t)omj_get(from, 4);
+    to->valid_for = omj_get_float(from);
     to->wheels = from[4];
     to->brake = from[5];
     if (omj_get(from + 6, 2) != 0 || to->wheels < 1 || to->wheels > OMJ_MOST_WHEELS ||

@@ -51,10 +51,7 @@ Read = Callable[[bytes, int, int], "Message | Drop"]
 
 
 def microseconds(seconds: float) -> int:
-    """Whole microseconds for 32 bits, at most 2³² − 2; not a number and what is below zero are 0.
-
-    Zero is what no device takes as a valid-for: nonsense asks for nothing.
-    """
+    """Whole microseconds for 32 bits, at most 2³² − 2; not a number and what is below zero are 0."""
     if 0.0 <= seconds < _LONGEST:
         return int(seconds * 1e6 + 0.5)
     return _NEVER - 1 if seconds >= _LONGEST else 0
@@ -117,16 +114,6 @@ def limit_numbers(limits: Limits) -> tuple[float, ...]:
     )
 
 
-def limit_bytes(limits: Limits) -> bytes:
-    """The seven limits as they lie in capabilities."""
-    return _floats(limit_numbers(limits))
-
-
-def as_sent(limits: Limits) -> Limits:
-    """What the other side reads: the nearest float32 of every limit; a device keeps to these."""
-    return Limits(*_FLOATS[7].unpack(limit_bytes(limits)))
-
-
 def write_nonce(message: Hello | Ping | Pong) -> bytes:
     """Payload of the three messages that are a nonce."""
     return _NONCE.pack(message.nonce)
@@ -168,7 +155,7 @@ def write_command(message: Command) -> bytes:
     wheels = len(currents)
     if not (1 <= wheels <= MOST_WHEELS and 0 <= brake < 1 << wheels):
         raise InputError("command", f"{wheels} currents, brake {brake}", f"1…{MOST_WHEELS}, a bit for each")
-    return _COMMAND.pack(microseconds(message.valid_for), wheels, brake, 0) + _floats(currents)
+    return _COMMAND.pack(_narrow(message.valid_for), wheels, brake, 0) + _floats(currents)
 
 
 def write_telemetry(message: Telemetry) -> bytes:
@@ -260,7 +247,7 @@ def read_command(packet: bytes, begin: int, end: int) -> Command | Drop:
         return Drop.LENGTH
     if zero or not 1 <= wheels <= MOST_WHEELS or brake >> wheels:
         return Drop.VALUE
-    return Command(_FLOATS[wheels].unpack_from(packet, first), valid_for / 1e6, brake)
+    return Command(_FLOATS[wheels].unpack_from(packet, first), valid_for, brake)
 
 
 def read_telemetry(packet: bytes, begin: int, end: int) -> Telemetry | Drop:

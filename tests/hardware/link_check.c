@@ -115,7 +115,8 @@ static void tell(const omj_frame *f)
         long_hex(f->of.arm.calibration_hash);
         printf(" %lu", (unsigned long)f->of.arm.telemetry);
     } else if (f->type == OMJ_COMMAND) {
-        printf(" %lu %u ", (unsigned long)f->of.command.valid_for_us, f->of.command.brake);
+        tell_float(" ", f->of.command.valid_for);
+        printf(" %u ", f->of.command.brake);
         for (i = 0; i < f->of.command.wheels; i++) {
             tell_float(i ? "," : "", f->of.command.current[i]);
         }
