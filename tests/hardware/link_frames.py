@@ -153,7 +153,7 @@ def _whole(bits: int) -> st.SearchStrategy[int]:
 
 
 def _above_zero() -> st.SearchStrategy[float]:
-    return st.floats(min_value=0.0, max_value=3e38, exclude_min=True, width=32, allow_subnormal=False)
+    return st.floats(min_value=2.0**-126, max_value=2.0**127, width=32)
 
 
 def _limits() -> st.SearchStrategy[Limits]:
