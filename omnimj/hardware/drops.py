@@ -30,11 +30,6 @@ class Drop(enum.IntEnum):
     VALUE = 13
     """It says something that no message may say."""
 
-    @property
-    def malformed(self) -> bool:
-        """Whether the frame was whole and from the right sender: then the sender is wrong, not the wire."""
-        return self is Drop.VALUE
-
 
 class DropCounts:
     """How many were dropped, by reason."""

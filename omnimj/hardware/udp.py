@@ -43,7 +43,7 @@ class _Socket:
         self._socket.setblocking(False)
 
     def _received(self) -> list[tuple[bytes, Peer]]:
-        found = []
+        found, failed = [], False
         for _ in range(_AT_ONCE):
             try:
                 packet, peer = self._socket.recvfrom(_BUFFER)
@@ -51,7 +51,10 @@ class _Socket:
                 break
             except OSError:  # nobody listens there, it says; or the network is gone, or we are closed
                 self.failures += 1
-                break
+                if failed:
+                    break
+                failed = True
+                continue
             if len(packet) > LONGEST_FRAME:
                 self.failures += 1
             else:

@@ -29,7 +29,7 @@ _BELOW = {
     "plant": ("physics", "plant"),
     "twin": ("physics", "plant", "twin"),
     "control": ("physics", "control"),
-    "hardware": ("hardware",),
+    "hardware": ("physics", "hardware"),
     "gap": ("physics", "plant", "twin", "control", "gap"),
     "identification": ("physics", "plant", "identification"),
 }
