@@ -37,6 +37,8 @@ class Quantity(enum.IntEnum):
     YAW_RATE = 5
     YAW = 6
     SUPPLY = 7
+    OTHER = 8
+    """Nothing that the controller uses."""
 
 
 class Raw(enum.IntEnum):
@@ -109,6 +111,11 @@ class ChannelKind:
     wheel: int
     """1…n; 0 where it is of no wheel."""
     raw: Raw
+
+
+def counts_of(channels: tuple[ChannelKind, ...]) -> int:
+    """Bit i: channel i travels as counts."""
+    return sum(1 << i for i, channel in enumerate(channels) if channel.raw is Raw.COUNTS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,6 +194,8 @@ class Telemetry:
     """Frames that were broken, foreign, old, or not authentic, modulo 2³²."""
     raw: tuple[float, ...]
     """Volts or counts, in the order of `Capabilities.channels`."""
+    counts: int = 0
+    """Bit i: `raw[i]` is counts; must be what the capabilities say (`counts_of`)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,3 +254,5 @@ class Frame:
     """Of the sender's monotonic clock [µs], 64 bits."""
     authentic: bool = False
     """Whether a key's tag came with it and is right."""
+    same_schema: bool = True
+    """Whether its sender lays out every payload as we do; false is never armed."""

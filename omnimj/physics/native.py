@@ -29,10 +29,12 @@ _BELOW = {
     "plant": ("physics", "plant"),
     "twin": ("physics", "plant", "twin"),
     "control": ("physics", "control"),
+    "hardware": ("physics", "hardware"),
     "gap": ("physics", "plant", "twin", "control", "gap"),
     "identification": ("physics", "plant", "identification"),
 }
-_GUEST_ROOMS = ("gap", "identification")  # only their files with kernels count; the rest changes often
+# of these only files with kernels count; the rest changes often
+_GUEST_ROOMS = ("gap", "identification", "hardware")
 _ELSEWHERE = "gap"  # a kernel from outside the rooms, such as one of a test, may call any
 ROOMS = tuple(_BELOW)
 _KEEP = 30 * 86400.0  # [s] folders of older versions go after a month
