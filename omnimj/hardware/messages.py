@@ -37,6 +37,8 @@ class Quantity(enum.IntEnum):
     YAW_RATE = 5
     YAW = 6
     SUPPLY = 7
+    OTHER = 8
+    """Nothing that the controller uses."""
 
 
 class Raw(enum.IntEnum):
