@@ -1,9 +1,9 @@
-"""The last gate on the device: what it refuses, as pure functions of plain numbers, to be ported to C as they stand.
+"""The last gate on the device: what it refuses, as pure functions of plain numbers, to be ported to C.
 
 Nothing is clamped: a frame passes as it came or it is refused, and the refusal says which limit, which wheel,
 which value. **What is equal to its limit passes.** Currents, valid-for and all seven limits travel as float32,
-which a double holds exactly: the device rounds its own limits to float32 first (`as_sent`), so that 1.6 A asked for
-equals a limit of 1.6 A. Products with times (rate, heating, age) are in double precision.
+which a double holds exactly: the device rounds its own limits to float32 first (`as_sent`), so that 1.6 A
+asked for equals a limit of 1.6 A. Products with times (rate, heating, age) are in double precision.
 """
 
 from __future__ import annotations
@@ -124,7 +124,7 @@ def too_hot(
 
 
 def too_fast(limits: Limits, speeds: tuple[float, ...]) -> Refusal | None:
-    """Whether a wheel turns faster than it may, or nobody knows; speeds after the gear, shape (n,) [rad/s]."""
+    """Whether a wheel turns faster than it may, or nobody knows; after the gear, shape (n,) [rad/s]."""
     for wheel, speed in enumerate(speeds, start=1):
         if not math.isfinite(speed):
             return Refusal(FaultCode.SENSOR, wheel, speed, limits.wheel_speed)
