@@ -1,9 +1,9 @@
 """The last gate on the device: what it refuses, as pure functions of plain numbers, to be ported to C.
 
 Nothing is clamped: a frame passes as it came or it is refused, and the refusal says which limit, which wheel,
-which value. **What is equal to its limit passes.** Currents, valid-for and all seven limits travel as float32,
-which a double holds exactly: the device rounds its own limits to float32 first (`as_sent`), so that 1.6 A
-asked for equals a limit of 1.6 A. Products with times (rate, heating, age) are in double precision.
+which value. **What is equal to its limit passes.** Currents, valid-for and all seven limits travel as
+float32, which a double holds exactly: the device rounds its own limits to float32 first (`as_sent`), so that
+1.6 A asked for equals a limit of 1.6 A. Products with times (rate, heating, age) are in double precision.
 """
 
 from __future__ import annotations
@@ -14,10 +14,14 @@ import struct
 from dataclasses import dataclass
 
 from omnimj.errors import InputError
-from omnimj.hardware.messages import Command, FaultCode, Limits
+from omnimj.hardware.messages import Arm, Command, FaultCode, Limits
 
 BURST = 0.05
 """So many seconds' worth of frames may come at once, since links bunch them."""
+
+
+FRESH = 0.020
+"""Oldest telemetry that a host may arm by [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,3 +153,34 @@ def credit_after(limits: Limits, credit: float, elapsed: float) -> float:
     A frame is let through where this is 1 or more, and uses up 1.
     """
     return min(most_credit(limits), credit + limits.message_rate * max(0.0, elapsed))
+
+
+def is_zero(command: Command) -> bool:
+    """Whether it asks for nothing: no current, no brake."""
+    return command.brake == 0 and all(current == 0.0 for current in command.currents)
+
+
+def arming_refused(
+    arm: Arm, fault: FaultCode, hashes: tuple[int, int], command: Command, age: float, telemetry_age: float
+) -> Refusal | None:
+    """Why the device may not be armed; None: it may. The first reason, in the order of the arguments.
+
+    Args:
+      arm: What the host says.
+      fault: That is latched.
+      hashes: The device's own, of limits and calibration.
+      command: The last one.
+      age: Of the command [s].
+      telemetry_age: Of the telemetry that the host names [s].
+    """
+    if fault is not FaultCode.NONE:
+        return Refusal(FaultCode.ARM_FAULTY, 0, float(fault), 0.0)
+    if arm.limits_hash != hashes[0]:
+        return Refusal(FaultCode.ARM_LIMITS, 0, 0.0, 0.0)
+    if arm.calibration_hash != hashes[1]:
+        return Refusal(FaultCode.ARM_CALIBRATION, 0, 0.0, 0.0)
+    if not is_zero(command) or too_old(age, command.valid_for):
+        return Refusal(FaultCode.ARM_NOT_ZERO, 0, age, command.valid_for)
+    if telemetry_age > FRESH:
+        return Refusal(FaultCode.ARM_STALE_TELEMETRY, 0, telemetry_age, FRESH)
+    return None
