@@ -108,7 +108,7 @@ class Hardware:
     outputs: tuple[HardwareOutput, ...]
     """In the order of the wheels."""
     provenance: Mapping[str, Provenance]
-    """`inputs.current_1.gain` → unit and source."""
+    """`hardware.inputs.current_1.gain` → unit and source."""
 
 
 def read_hardware(tree: Mapping[str, Any], path: Path, wheels: int) -> Hardware | None:
@@ -212,7 +212,7 @@ def _input(
     def value(key: str, unit: str, rule: Rule, default: float) -> float:
         if key not in entry:
             return default
-        provenance[f"inputs.{name}.{key}"] = read_origin(f"{place}.{key}", entry[key], unit)
+        provenance[f"hardware.inputs.{name}.{key}"] = read_origin(f"{place}.{key}", entry[key], unit)
         return float(number(f"{place}.{key}", entry[key]["value"], rule))
 
     return HardwareInput(
@@ -236,7 +236,7 @@ def _output(
     wheel = int(number(f"{place}.wheel", entry["wheel"], Rule(1.0, wheels, False), whole=True))
     place = f"{place}.{wheel}"
     gain = entry["gain"]
-    provenance[f"outputs.{wheel}.gain"] = origin = read_origin(f"{place}.gain", gain, None)
+    provenance[f"hardware.outputs.{wheel}.gain"] = origin = read_origin(f"{place}.gain", gain, None)
     if origin.unit not in OUTPUT_UNITS:
         raise UnknownNameError(f"{place}.gain.unit", "unit", origin.unit, OUTPUT_UNITS)
     return HardwareOutput(

@@ -41,7 +41,7 @@ def test_the_shipped_robot_is_wired_to_monitors_of_ten_volts_over_their_ranges()
     assert {o.unit for o in wiring.outputs} == {"V/A"}
     assert all(o.gain * sensors.current_monitor_range == 10.0 for o in wiring.outputs)
     assert [i.channel for i in wiring.inputs] == list(range(12))
-    assert {p.source for p in wiring.provenance.values()} == {"chosen"}
+    assert {p.source for p in wiring.provenance.values()} == {"chosen", "text"}
 
 
 def test_the_device_lets_through_what_the_controller_may_want():
