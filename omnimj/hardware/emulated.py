@@ -1,7 +1,7 @@
 """A simulated plant behind the device's rules: what most users drive, since most have no robot.
 
-The plant's physics becomes raw numbers by the inverse of the calibration, float32 as on the wire. Defects of the
-wiring may be put in, which a bench check must find.
+The plant's physics becomes raw numbers by the inverse of the calibration, float32 as on the wire. Defects of
+the wiring may be put in, which a bench check must find.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from omnimj.plant.interface import Plant
 from omnimj.signals import Measurement
 
 DEFECTS = ("sign", "gain", "dead")
-"""Of a channel (`wheel_speed_2`) or of a motor (`motor_3`): turned round, scaled by `value`, without effect."""
+"""Of a channel (`wheel_speed_2`) or a motor (`motor_3`): turned round, scaled by `value`, without effect."""
 _HALF, _WHOLE = 2.0**31, 2.0**32
 
 
@@ -101,8 +101,8 @@ def _counted(value: float, wrap: float) -> int:
 class EmulatedDevice:
     """A plant, the device in front of it, and what is wired wrongly between the two.
 
-    In lock-step, frames are all it needs: each session begins the plant's run anew. In real time, `tick` is called
-    once per period by whoever has the clock.
+    In lock-step, frames are all it needs: each session begins the plant's run anew. In real time, `tick` is
+    called once per period by whoever has the clock.
     """
 
     def __init__(
@@ -126,7 +126,7 @@ class EmulatedDevice:
           lock_step: One period per command instead of one per tick.
           keyed: Only authentic frames count.
           defects: What is wired wrongly.
-          late: Real time: so many periods later telemetry is sent.
+          late: So many periods old are the readings that are sent, with the time of their sample.
           now: Clock [s].
 
         Raises:
@@ -148,7 +148,7 @@ class EmulatedDevice:
             if defect.place.startswith("motor_"):
                 self._motors[int(defect.place[6:]) - 1] *= defect.factor
         self._periods, self._session = 0, 0
-        self._held: deque[tuple[Frame, ...]] = deque([()] * late, maxlen=late + 1)
+        self._taken: deque[tuple[float, tuple[float, ...]]] = deque(maxlen=late + 1)
         self._start()
         if len(self._measured.current) != n:
             found = f"found {len(self._measured.current)} wheels"
@@ -167,18 +167,14 @@ class EmulatedDevice:
         if self.device.session != self._session:
             self._session = self.device.session
             self._start()
-            self.device.tick(self._time, self._readings.of(self._measured, 0.0))
+            self._tell(self._time, 0.0)
         if self.device.step_due:
             answer += self._step(self._time + self._plant.period)
         return answer
 
     def tick(self, now: float) -> tuple[Frame, ...]:
         """Real time: one period is over [s]; what is to be sent to the session's host."""
-        said = self._step(now)
-        if not self._held.maxlen or self._held.maxlen == 1:
-            return said
-        self._held.append(tuple(f for f in said if isinstance(f.message, Telemetry)))
-        return (*(f for f in said if not isinstance(f.message, Telemetry)), *self._held.popleft())
+        return self._step(now)
 
     @property
     def _time(self) -> float:
@@ -191,6 +187,7 @@ class EmulatedDevice:
             raise InputError("plant", "found the test rig", "a robot is needed")
         self._measured = measured
         self._readings.reset()
+        self._taken.clear()
 
     def _step(self, now: float) -> tuple[Frame, ...]:
         """The plant's next period under what the amplifiers get, then the device's tick."""
@@ -200,4 +197,12 @@ class EmulatedDevice:
         assert isinstance(measured, Measurement)
         self._measured = measured
         self._periods += 1
-        return self.device.tick(now, self._readings.of(measured, self._plant.period))
+        return self._tell(now, self._plant.period)
+
+    def _tell(self, now: float, elapsed: float) -> tuple[Frame, ...]:
+        """The device's tick with the readings of now, or of as much earlier as they are late."""
+        self._taken.append((now, self._readings.of(self._measured, elapsed)))
+        time, raw = self._taken[0]
+        said = self.device.tick(now, raw)
+        stamp = round(1e6 * time)
+        return tuple(replace(f, time=stamp) if isinstance(f.message, Telemetry) else f for f in said)
