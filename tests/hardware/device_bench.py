@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+from collections.abc import Sequence
 
 from omnimj.hardware.commissioned import Commissioned
 from omnimj.hardware.device import Device
@@ -115,12 +116,12 @@ class Bench:
         return next(f.message for f in reversed(self.said) if isinstance(f.message, Telemetry))
 
 
-def faults(frames: tuple[Frame, ...]) -> list[Fault]:
+def faults(frames: Sequence[Frame]) -> list[Fault]:
     """Among what was said."""
     return [f.message for f in frames if isinstance(f.message, Fault)]
 
 
-def codes(frames: tuple[Frame, ...]) -> list:
+def codes(frames: Sequence[Frame]) -> list:
     return [fault.code for fault in faults(frames)]
 
 

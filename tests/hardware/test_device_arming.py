@@ -1,6 +1,7 @@
 """Who may arm the device, and when; sessions, sequences and keys."""
 
 import math
+from typing import Any
 
 import pytest
 from device_bench import CALIBRATION_HASH, CHANNELS, LIMITS, PERIOD, ZERO, Bench, codes, faults
@@ -161,7 +162,7 @@ def test_reasons_against_arming_come_in_their_order_and_name_what_was_found():
     bad = Command((0.0, 0.0, 1e-30), 0.05)
 
     def refusal(*given):
-        found = arming_refused(*given)
+        found: Any = arming_refused(*given)
         return found.code, found.wheel, found.value, found.limit
 
     late = math.nextafter(FRESH, 1.0)

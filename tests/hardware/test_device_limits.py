@@ -4,6 +4,7 @@ import dataclasses
 import itertools
 import math
 import struct
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -39,7 +40,7 @@ def around(x):
     return (below(x), x, above(x))
 
 
-def refused(currents=COLD, valid_for=0.0625, flows=COLD, since=0.0, heat=COLD, now=PERIOD):
+def refused(currents=COLD, valid_for=0.0625, flows=COLD, since=0.0, heat=COLD, now=PERIOD) -> Any:
     return gate.refused(LIMITS, PERIOD, Before(flows, since, heat), Command(currents, valid_for), now)
 
 
@@ -149,7 +150,7 @@ def test_one_more_period_may_heat_a_motor_up_to_its_limit_and_not_one_number_fur
 def test_a_motor_that_is_too_hot_may_still_carry_what_it_may_carry_for_ever(wheel, sign):
     heat = at(wheel, 3.0)
     assert gate.too_hot(LIMITS, PERIOD, heat, at(wheel, sign * 0.5)) is None
-    found = gate.too_hot(LIMITS, PERIOD, heat, at(wheel, sign * above(0.5)))
+    found: Any = gate.too_hot(LIMITS, PERIOD, heat, at(wheel, sign * above(0.5)))
     assert (found.code, found.wheel, found.limit) == (FaultCode.HEATING, wheel, 1.75)
     assert found.value >= 3.0
 
@@ -165,7 +166,7 @@ def test_a_wheel_may_turn_up_to_its_speed_limit_and_not_one_number_faster(wheel,
 @WHEELS
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_a_wheel_speed_that_nobody_knows_is_a_fault_of_the_sensor(wheel, bad):
-    found = gate.too_fast(LIMITS, at(wheel, bad))
+    found: Any = gate.too_fast(LIMITS, at(wheel, bad))
     assert (found.code, found.wheel, found.limit) == (FaultCode.SENSOR, wheel, 40.0)
     assert repr(found.value) == repr(bad)
 

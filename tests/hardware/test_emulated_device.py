@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -54,7 +55,7 @@ class Drive:
         self.emulated = EmulatedDevice(
             plant(seed=3), wiring, lambda: next(sessions), lock_step=lock_step, **device
         )
-        self.host = Host(commissioned_for(wiring, PERIOD, lock_step=lock_step), lambda: next(nonces))
+        self.host: Any = Host(commissioned_for(wiring, PERIOD, lock_step=lock_step), lambda: next(nonces))
         self.wheels, self.calibration, self.now = Wheels.of(wiring), Calibration(wiring), 0.0
         self.give(self.host.hello(0.0))
 

@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import math
+from typing import Any
 
 import pytest
 from device_bench import CALIBRATION_HASH, CHANNELS, LIMITS, PERIOD, ZERO
@@ -47,7 +48,7 @@ class Other:
 
     def __init__(self, connected=True, **expected):
         nonces = itertools.count(1)
-        self.host = Host(dataclasses.replace(EXPECTED, **expected), lambda: next(nonces))
+        self.host: Any = Host(dataclasses.replace(EXPECTED, **expected), lambda: next(nonces))
         self.sequence, self.session = 0, SESSION
         self.keyed = self.host.expected.keyed
         if connected:
@@ -69,7 +70,7 @@ class Other:
         self.session = session
         return self.say(dataclasses.replace(found, **changed), now)
 
-    def telemetry(self, now=0.0, status=IDLE, acknowledged=0, fault=FaultCode.NONE, **header):
+    def telemetry(self, now=0.0, status=IDLE, acknowledged=0, fault: Any = FaultCode.NONE, **header):
         age = 0.0 if acknowledged else math.inf
         return self.say(Telemetry(acknowledged, age, status, fault, 0, 0, ZERO), now, **header)
 

@@ -2,6 +2,7 @@
 
 import math
 import re
+from typing import Any
 
 import pytest
 
@@ -13,7 +14,7 @@ SHIPPED = (models_folder() / "uto_robot" / "robot.toml").read_text(encoding="utf
 FIRST = SHIPPED.index("# How the robot is wired")
 
 
-def read(folder, text):
+def read(folder, text) -> Any:
     path = folder / "robot.toml"
     path.write_text(text, encoding="utf-8")
     return read_robot(path)
@@ -27,7 +28,7 @@ def changed(old, new, count=1):
 
 
 def test_the_shipped_robot_is_wired_to_monitors_of_ten_volts_over_their_ranges():
-    robot = read_robot()
+    robot: Any = read_robot()
     wiring, sensors = robot.hardware, robot.sensors
     gains = {i.name: i.gain for i in wiring.inputs}
     for wheel in range(1, 5):
@@ -45,7 +46,7 @@ def test_the_shipped_robot_is_wired_to_monitors_of_ten_volts_over_their_ranges()
 
 
 def test_the_device_lets_through_what_the_controller_may_want():
-    robot = read_robot()
+    robot: Any = read_robot()
     limits, control = robot.hardware.limits, robot.control
     assert limits.current >= control.current_limit
     assert limits.current_rate >= control.current_rate_limit
