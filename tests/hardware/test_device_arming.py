@@ -350,3 +350,15 @@ def test_limits_are_those_that_travel():
         Device(Commissioned(0, PERIOD, (), LIMITS, 0), lambda now, raw: (), lambda: 1)
     with pytest.raises(InputError, match=r"limits\.current"):
         Bench(limits=type(LIMITS)(0.0, *[1.0] * 6))
+
+
+def test_a_device_may_have_a_single_wheel():
+    device = Device(Commissioned(1, PERIOD, CHANNELS[:1], LIMITS, 0), lambda now, raw: tuple(raw), lambda: 1)
+    assert device.output.currents == (0.0,)
+
+
+def test_in_lock_step_a_frame_without_a_sequence_is_no_repeat():
+    bench = Bench(lock_step=True)
+    bench.hello()
+    assert bench.command(sequence=0) == ()
+    assert bench.device.dropped == 1

@@ -119,6 +119,7 @@ def test_hello_is_the_same_question_until_it_is_answered():
 
 def test_before_there_is_a_session_nothing_may_be_asked():
     host = Other(connected=False).host
+    assert (host.session, host.fault) == (0, None)
     for _ in range(2):
         for ask in (host.arm, host.ping, host.reset_fault, lambda now: host.command(now, ZERO)):
             with pytest.raises(LinkLost, match="there is no session"):
@@ -293,6 +294,17 @@ def test_no_hello_while_the_device_is_driven():
 # --- the rules that end in stop
 
 
+def test_how_old_it_was_is_told_in_milliseconds():
+    other = Other().armed()
+    other.host.check(5.0)
+    assert other.host.reason == "the newest telemetry is 5000.0 ms old"
+    other = Other().armed(1.0)
+    other.host.command(1.0, ZERO)
+    other.telemetry(4.0, Status.ARMED)
+    other.host.check(4.0)
+    assert other.host.reason == "a command has not been acknowledged for 3000.0 ms"
+
+
 @pytest.mark.parametrize("state", ["arming", "armed"])
 def test_telemetry_may_be_20_ms_old_and_not_one_number_older(state):
     other = Other().armed()
@@ -374,7 +386,7 @@ def test_an_acknowledgement_is_good_for_all_commands_before_it():
     second = host.command(0.02, ZERO).sequence
     third = host.command(0.03, ZERO).sequence
     other.telemetry(0.05, Status.ARMED, acknowledged=second)
-    assert host.check(0.06) == ()
+    assert host.check(0.065) == ()
     other.telemetry(0.0701, Status.ARMED, acknowledged=second)
     assert host.check(0.0701) != ()
     assert third == second + 1
