@@ -48,3 +48,7 @@ class NativeLayoutError(OmnimjError, RuntimeError):
 
 class SimulationError(OmnimjError, RuntimeError):
     """The simulation left the numbers it can stand for (not finite, or MuJoCo warned)."""
+
+
+class LinkLost(OmnimjError, ConnectionError):
+    """The link to the robot does not hold what motion needs; the robot has been told to stop."""

@@ -2,6 +2,7 @@
 
 from omnimj.parameters.axis import Axis, AxisBody, AxisSensors, read_axis
 from omnimj.parameters.floor import Floor, read_floors
+from omnimj.parameters.hardware import Hardware, HardwareInput, HardwareLimits, HardwareOutput, read_hardware
 from omnimj.parameters.parts import Bearing, Contact, Motor, Sensors, Wheel
 from omnimj.parameters.rig import Rig, RigBody, read_rig
 from omnimj.parameters.robot import Control, Robot, RobotBody, WheelMount, read_robot
@@ -14,6 +15,10 @@ __all__ = [
     "Contact",
     "Control",
     "Floor",
+    "Hardware",
+    "HardwareInput",
+    "HardwareLimits",
+    "HardwareOutput",
     "Motor",
     "Rig",
     "RigBody",
@@ -24,6 +29,7 @@ __all__ = [
     "WheelMount",
     "read_axis",
     "read_floors",
+    "read_hardware",
     "read_rig",
     "read_robot",
 ]

@@ -13,6 +13,7 @@ import numpy as np
 
 from omnimj.errors import InputError
 from omnimj.parameters.effect_tables import EffectValues, read_effects
+from omnimj.parameters.hardware import Hardware, read_hardware
 from omnimj.parameters.model_file import read_model_file
 from omnimj.parameters.parts import Bearing, Contact, Motor, Sensors, Wheel
 from omnimj.parameters.reading import Provenance, positive, quantity, read_table
@@ -87,6 +88,8 @@ class Robot:
     """The model file these constants were read from."""
     effects: EffectValues = field(default_factory=dict)
     """Effects on top of the model; the names and their parameters are those of `omnimj.effects`."""
+    hardware: Hardware | None = None
+    """How it is wired; None: the file does not say."""
 
     @property
     def wheel_positions(self) -> np.ndarray:
@@ -125,12 +128,13 @@ def read_robot(path: Path | None = None) -> Robot:
       InputError: A value is missing or breaks its rule; the message names file, key, value and rule.
     """
     path = models_folder() / "uto_robot" / "robot.toml" if path is None else path
-    file = read_model_file(path, "uto_robot", ("body", "wheels", "control", "effects"))
+    file = read_model_file(path, "uto_robot", ("body", "wheels", "control", "effects", "hardware"))
     provenance: dict[str, Provenance] = {}
 
     def table(kind: type, name: str) -> Any:
         return file.table(kind, name, provenance)
 
+    mounts = _read_mounts(file.own.get("wheels"), path, provenance)
     robot = Robot(
         wheel=table(Wheel, "wheel"),
         bearing=table(Bearing, "bearing"),
@@ -138,11 +142,12 @@ def read_robot(path: Path | None = None) -> Robot:
         contact=table(Contact, "contact"),
         sensors=table(Sensors, "sensors"),
         body=table(RobotBody, "body"),
-        wheels=_read_mounts(file.own.get("wheels"), path, provenance),
+        wheels=mounts,
         control=table(Control, "control"),
         provenance=MappingProxyType(provenance),
         file=path,
         effects=read_effects(file.own, path, provenance),
+        hardware=read_hardware(file.own, path, len(mounts)),
     )
     _require_consistent(robot)
     return robot

@@ -1,0 +1,248 @@
+"""How the robot is wired: the tables `[hardware]` of a model file, which raw number is which quantity.
+
+Input: SI = sign · gain · (raw − offset), raw in volts or counts. Output: what the amplifier is told =
+sign · gain · current, in A/A over a wire, in V/A at an analog box.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from omnimj.errors import InputError, UnknownNameError
+from omnimj.parameters.reading import Provenance, Rule, number, positive, read_origin, read_table
+
+RAW_UNITS = {"volts": "V", "counts": "count"}
+"""Kinds of raw numbers and their units."""
+UNITS = {
+    "current": "A",
+    "wheel_speed": "rad/s",
+    "wheel_angle": "rad",
+    "acceleration_x": "m/s2",
+    "acceleration_y": "m/s2",
+    "yaw_rate": "rad/s",
+    "yaw": "rad",
+}
+"""Quantities that an input may measure, and their units."""
+OUTPUT_UNITS = ("A/A", "V/A")
+MOST_CHANNELS = 16
+"""That one telemetry holds."""
+
+_FINITE = Rule(-math.inf, math.inf, False)
+_ABOVE_ZERO = Rule(0.0, math.inf, True)
+_NOT_NEGATIVE = Rule(0.0, math.inf, False)
+_CHANNEL = Rule(0.0, MOST_CHANNELS - 1, False)
+_COUNTER = 2.0**32  # a count travels in 32 bits
+
+
+@dataclass(frozen=True)
+class HardwareLimits:
+    """What the device is commissioned to let through; the meaning of each is that of `hardware.messages`."""
+
+    current: float = positive("A")
+    """Largest current of a wheel."""
+    current_rate: float = positive("A/s")
+    """Largest change of it; above the controller's own, since commands come with jitter."""
+    continuous_current: float = positive("A")
+    """Which a motor may carry for ever."""
+    heating: float = positive("A2.s")
+    """Largest I²t above it."""
+    wheel_speed: float = positive("rad/s")
+    """At which current is cut, after the gear."""
+    message_rate: float = positive("1/s")
+    """Frames that are answered."""
+    valid_for: float = positive("s", 0.2)
+    """Longest time for which a command may hold."""
+
+
+@dataclass(frozen=True)
+class HardwareInput:
+    """One measured channel."""
+
+    name: str
+    """Channel of the robot, as `current_1`."""
+    quantity: str
+    """What the raw number is of: as the name says, or `wheel_angle` where the host differentiates."""
+    wheel: int
+    """1…n; 0 where it is of no wheel."""
+    raw: str
+    """`volts` or `counts`."""
+    channel: int
+    """Index on the device or on the analog box, from 0."""
+    sign: int
+    gain: float
+    """Above zero [unit of the quantity per V or count]."""
+    offset: float
+    """Raw reading at zero [V or count]."""
+    filter: float
+    """Time constant of the host's first-order filter; 0: none [s]."""
+    wrap: float
+    """Of a wheel angle: after so much the raw number begins anew; 0: never [V or count]."""
+
+
+@dataclass(frozen=True)
+class HardwareOutput:
+    """The amplifier of one wheel."""
+
+    wheel: int
+    """1…n."""
+    channel: int
+    """Index among the device's currents or of the analog box's outputs, from 0."""
+    sign: int
+    gain: float
+    """Above zero [unit]."""
+    unit: str
+    """`A/A` or `V/A`."""
+
+
+@dataclass(frozen=True)
+class Hardware:
+    """The wiring of a robot with n wheels."""
+
+    limits: HardwareLimits
+    inputs: tuple[HardwareInput, ...]
+    """In the order of the robot's channels, 2 n + 4."""
+    outputs: tuple[HardwareOutput, ...]
+    """In the order of the wheels."""
+    provenance: Mapping[str, Provenance]
+    """`hardware.inputs.current_1.gain` → unit and source."""
+
+
+def read_hardware(tree: Mapping[str, Any], path: Path, wheels: int) -> Hardware | None:
+    """The `[hardware]` tables of a parsed model file; None where it has none.
+
+    Raises:
+      InputError: A table or key is missing or breaks its rule.
+      UnknownNameError: A key, name, quantity or unit that is not known.
+    """
+    if "hardware" not in tree:
+        return None
+    own, place = tree["hardware"], f"{path}: hardware"
+    if not isinstance(own, Mapping):
+        raise InputError(place, f"found {own!r}", "write tables [hardware.limits], [[hardware.inputs]], …")
+    _require_keys(place, own, ("limits", "inputs", "outputs"), ())
+    provenance: dict[str, Provenance] = {}
+    limits = read_table(HardwareLimits, own["limits"], lambda _: path, provenance, "hardware.limits")
+    inputs = [
+        _input(f"{place}.inputs", entry, wheels, provenance) for entry in _entries(place, own, "inputs")
+    ]
+    outputs = [
+        _output(f"{place}.outputs", entry, wheels, provenance) for entry in _entries(place, own, "outputs")
+    ]
+    names = _channel_names(wheels)
+    _require_each_once(f"{place}.inputs", "name", [i.name for i in inputs], names)
+    _require_each_once(f"{place}.inputs", "channel", [i.channel for i in inputs])
+    _require_each_once(f"{place}.outputs", "wheel", [o.wheel for o in outputs], range(1, wheels + 1))
+    on_wire = [o for o in outputs if o.unit == "A/A"]
+    if on_wire and len(on_wire) != wheels:
+        raise InputError(f"{place}.outputs", "gains in A/A and in V/A", "all must have the same unit")
+    channels = [o.channel for o in outputs]
+    _require_each_once(f"{place}.outputs", "channel", channels, range(wheels) if on_wire else None)
+    ordered = tuple(sorted(inputs, key=lambda i: names.index(i.name)))
+    return Hardware(limits, ordered, tuple(sorted(outputs, key=lambda o: o.wheel)), provenance)
+
+
+def _channel_names(wheels: int) -> tuple[str, ...]:
+    per_wheel = [f"{name}_{i}" for name in ("current", "wheel_speed") for i in range(1, wheels + 1)]
+    return (*per_wheel, "acceleration_x", "acceleration_y", "yaw_rate", "yaw")
+
+
+def _entries(place: str, own: Mapping[str, Any], name: str) -> list[Mapping[str, Any]]:
+    entries = own[name]
+    if not isinstance(entries, list) or not all(isinstance(entry, Mapping) for entry in entries):
+        raise InputError(f"{place}.{name}", f"found {entries!r}", f"write tables [[hardware.{name}]]")
+    return entries
+
+
+def _require_keys(
+    place: str, entry: Mapping[str, Any], needed: tuple[str, ...], optional: tuple[str, ...]
+) -> None:
+    for key in entry:
+        if key not in (*needed, *optional):
+            raise UnknownNameError(place, "key", key, (*needed, *optional))
+    for key in needed:
+        if key not in entry:
+            raise InputError(place, f"'{key}' is missing")
+
+
+def _require_each_once(place: str, kind: str, found: list[Any], needed: Any = None) -> None:
+    for value in found:
+        if found.count(value) > 1:
+            raise InputError(place, f"{kind} {value!r} is there twice", f"every {kind} may be there once")
+    for value in needed if needed is not None else ():
+        if value not in found:
+            raise InputError(place, f"{kind} {value!r} is missing")
+    if isinstance(needed, range) and any(value not in needed for value in found):
+        raise InputError(place, f"found {kind} {max(found)}", f"must be {needed[0]} to {needed[-1]}")
+
+
+def _text(place: str, entry: Mapping[str, Any], key: str, choices: Any) -> str:
+    value = entry[key]
+    if not isinstance(value, str) or value not in choices:
+        raise UnknownNameError(f"{place}.{key}", key, value, choices)
+    return value
+
+
+def _sign(place: str, entry: Mapping[str, Any]) -> int:
+    value = entry.get("sign", 1)
+    if isinstance(value, bool) or value not in (1, -1):
+        raise InputError(f"{place}.sign", f"found {value!r}", "must be 1 or -1")
+    return int(value)
+
+
+def _input(
+    place: str, entry: Mapping[str, Any], wheels: int, provenance: dict[str, Provenance]
+) -> HardwareInput:
+    optional = ("quantity", "sign", "offset", "filter", "wrap")
+    _require_keys(place, entry, ("name", "raw", "channel", "gain"), optional)
+    name = _text(place, entry, "name", _channel_names(wheels))
+    place = f"{place}.{name}"
+    stem, _, last = name.rpartition("_")
+    of_name, wheel = (stem, int(last)) if last.isdigit() else (name, 0)
+    allowed = ("wheel_speed", "wheel_angle") if of_name == "wheel_speed" else (of_name,)
+    quantity = _text(place, {"quantity": of_name, **entry}, "quantity", allowed)
+    raw = _text(place, entry, "raw", RAW_UNITS)
+    unit = RAW_UNITS[raw]
+    if "wrap" in entry and quantity != "wheel_angle":
+        raise InputError(f"{place}.wrap", f"found with {quantity}", "it belongs to wheel_angle")
+
+    def value(key: str, unit: str, rule: Rule, default: float) -> float:
+        if key not in entry:
+            return default
+        provenance[f"hardware.inputs.{name}.{key}"] = read_origin(f"{place}.{key}", entry[key], unit)
+        return float(number(f"{place}.{key}", entry[key]["value"], rule))
+
+    return HardwareInput(
+        name,
+        quantity,
+        wheel,
+        raw,
+        channel=int(number(f"{place}.channel", entry["channel"], _CHANNEL, whole=True)),
+        sign=_sign(place, entry),
+        gain=value("gain", f"{UNITS[quantity]}/{unit}", _ABOVE_ZERO, 0.0),
+        offset=value("offset", unit, _FINITE, 0.0),
+        filter=value("filter", "s", _NOT_NEGATIVE, 0.0),
+        wrap=value("wrap", unit, _ABOVE_ZERO, _COUNTER if raw == "counts" else 0.0),
+    )
+
+
+def _output(
+    place: str, entry: Mapping[str, Any], wheels: int, provenance: dict[str, Provenance]
+) -> HardwareOutput:
+    _require_keys(place, entry, ("wheel", "channel", "gain"), ("sign",))
+    wheel = int(number(f"{place}.wheel", entry["wheel"], Rule(1.0, wheels, False), whole=True))
+    place = f"{place}.{wheel}"
+    gain = entry["gain"]
+    provenance[f"hardware.outputs.{wheel}.gain"] = origin = read_origin(f"{place}.gain", gain, None)
+    if origin.unit not in OUTPUT_UNITS:
+        raise UnknownNameError(f"{place}.gain.unit", "unit", origin.unit, OUTPUT_UNITS)
+    return HardwareOutput(
+        wheel,
+        channel=int(number(f"{place}.channel", entry["channel"], _CHANNEL, whole=True)),
+        sign=_sign(place, entry),
+        gain=float(number(f"{place}.gain", gain["value"], _ABOVE_ZERO)),
+        unit=origin.unit,
+    )
