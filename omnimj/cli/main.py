@@ -17,6 +17,7 @@ from omnimj.cli import identify as identify_command
 from omnimj.cli import record as record_command
 from omnimj.cli import run as run_command
 from omnimj.cli import scenarios as scenarios_command
+from omnimj.cli import teleop as teleop_command
 from omnimj.cli import validate as validate_command
 from omnimj.cli.streams import drop_output, flush_output, prepare_streams
 from omnimj.errors import InputError, OmnimjError, UnknownNameError
@@ -76,6 +77,7 @@ def make_parser() -> Parser:
     for name, module in (
         ("scenarios", scenarios_command),
         ("run", run_command),
+        ("teleop", teleop_command),
         ("record", record_command),
         ("identify", identify_command),
         ("validate", validate_command),
