@@ -14,6 +14,7 @@ from omnimj.cli import diagnose as diagnose_command
 from omnimj.cli import evaluate as evaluate_command
 from omnimj.cli import gap as gap_command
 from omnimj.cli import identify as identify_command
+from omnimj.cli import link as link_command
 from omnimj.cli import record as record_command
 from omnimj.cli import run as run_command
 from omnimj.cli import scenarios as scenarios_command
@@ -85,6 +86,7 @@ def make_parser() -> Parser:
         ("diagnose", diagnose_command),
         ("calibrate", calibrate_command),
         ("evaluate", evaluate_command),
+        ("link", link_command),
     ):
         add(name, module.HELP, module.EXAMPLE, module.add_arguments, module.run)
     bench = "measure speed: steps per second, times real time, overhead of the callback, batch scaling"

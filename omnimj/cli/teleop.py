@@ -35,6 +35,7 @@ EXAMPLE = """examples:
   omnimj teleop --plant planar --floor pvc --speed 0.5 --out out/by_hand
   omnimj teleop --view"""
 _MINUTES, _MOST_MINUTES = 5, 30
+_WARMING, _CREEP = 200, 0.1  # steps of a drive that only compiles, and its speed [m/s]
 _SLOW = 0.98  # × real time below which a simulation is said not to keep up
 
 
@@ -162,6 +163,20 @@ def _ends_on_signals() -> Iterator[None]:
             signal.signal(getattr(signal, name), action)
 
 
+def _drive_a_little(plant: Plant, controller: Any) -> None:
+    import numpy as np
+
+    from omnimj.control.target import Target
+
+    measurement: Any = plant.reset()
+    state = controller.start(measurement)
+    for k in range(_WARMING):
+        speed = _CREEP if k < _WARMING // 2 else 0.0
+        command, state = controller.step(state, measurement, Target(np.array((speed, 0.0)), 0.0, 0.0))
+        plant.truth()
+        measurement = plant.step(command)
+
+
 class _Session:
     """One drive: who looks on, and what is said and written at its end."""
 
@@ -209,18 +224,14 @@ class _Session:
         return self._end(driven, live)
 
     def _warm_up(self, controller: Any) -> None:
-        """Compiles before keys count: one step of another plant's life is enough for the controller."""
-        if self._pace is None:
-            return
-        import numpy as np
+        """Compiles before keys count, on a simulation: nothing is asked of a real robot for it."""
+        from omnimj.scenario.plants import make_plant
 
-        from omnimj.control.target import Target
-
-        measurement: Any = self._plant.reset()
-        state = controller.start(measurement)
-        command, _ = controller.step(state, measurement, Target(np.array((0.1, 0.0)), 0.0, 0.0))
-        self._plant.step(command)
-        note_compiled(self._arguments.plant, self._scenario.plant)
+        simulated = self._pace is not None
+        plant = self._plant if simulated else make_plant(self._scenario, "planar", 0)
+        _drive_a_little(plant, controller)
+        if simulated:
+            note_compiled(self._arguments.plant, self._scenario.plant)
 
     def _open_view(self) -> LiveDrive | None:
         if not self._arguments.view:
