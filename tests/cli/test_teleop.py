@@ -144,6 +144,7 @@ def test_the_newest_of_a_watched_drive_is_where_it_belongs(tmp_path):
     """A spectator writes down what it is sent of a plant that does not tell where it is."""
     from rerun.chunk import RrdReader
 
+    from omnimj.parameters import Robot
     from omnimj.scenario.free_drive import free_drive
     from omnimj.signals import Trace
     from omnimj.view.live_drive import LiveDrive, Reckoning
@@ -163,6 +164,7 @@ def test_the_newest_of_a_watched_drive_is_where_it_belongs(tmp_path):
     live = LiveDrive(scenario, known, File())
     live.start()
     robot = scenario.constants
+    assert isinstance(robot, Robot)
     own = [f"wheel_speed_{i}" for i in range(1, 5)]
     others = ("current_1", "current_2", "current_3", "current_4", "acceleration_x", "acceleration_y")
     names = ("time", *own, "heading_estimate", "yaw_rate", "yaw", *others)

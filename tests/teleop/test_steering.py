@@ -78,7 +78,7 @@ def test_the_newest_of_two_opposite_keys_counts():
 
 @pytest.mark.parametrize("stopper", [Key.STOP, Key.END])
 def test_a_stop_takes_no_ramp_and_is_deaf_for_a_moment(stopper):
-    events = held(Key.FORWARD, 0, 2000, 10)
+    events: dict = held(Key.FORWARD, 0, 2000, 10)
     events[600] = (key(Key.FORWARD), key(stopper), key(Key.FORWARD))
     twists = driven(events, 2.0)
     assert twists[599, 0] > 0.25
