@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from omnimj.errors import InputError
@@ -86,6 +86,7 @@ def test_a_stop_takes_no_ramp_and_is_deaf_for_a_moment(stopper):
     assert not still.any() and twists[-1, 0] > 0.25, "a key that is held on drives on"
 
 
+@settings(max_examples=40, deadline=None)
 @given(
     st.lists(st.tuples(st.integers(0, 1500), st.sampled_from(sorted(Key, key=str))), max_size=60),
     st.floats(0.05, 1.0),
@@ -111,6 +112,7 @@ def test_whatever_is_typed_the_limits_hold_and_all_of_it_ends(typed, speed, turn
     assert not twists[min(round(ends / H), len(twists) - 1) :].any()
 
 
+@settings(deadline=None)
 @given(st.floats(-4.0, 4.0))
 def test_ahead_is_where_the_robot_looks(heading):
     steering = Steering(LIMITS)
