@@ -126,9 +126,6 @@ def drive(
     state = controller.start(measurement)
     velocity, heading = reference.velocity, reference.heading.tolist()
     yaw_rate = reference.yaw_rate.tolist()
-    channels = 1 + len(robot_channels(n))
-    current_target = slice(channels, channels + n)
-    log = slice(channels + n, channels + n + len(controller.log_names))
     last = len(reference.time) - 1
     planned, paces, progress = np.zeros(last + 1, int), np.ones(last + 1), 0.0
 
@@ -140,20 +137,31 @@ def drive(
             state, measured, Target(pace * velocity[at], pace * yaw_rate[at], heading[at])
         )
         progress = min(progress + pace, last)
-        row[0] = measured.time
-        row[1 : n + 1] = measured.current
-        row[n + 1 : 2 * n + 1] = measured.wheel_speed
-        row[2 * n + 1 : 2 * n + 3] = measured.acceleration
-        row[2 * n + 3] = measured.yaw_rate
-        row[2 * n + 4] = measured.yaw
-        row[current_target] = command.current
-        row[log] = state.log
+        fill_row(row, measured, command, state.log)
         return command
 
-    targets = [f"current_target_{i}" for i in range(1, n + 1)]
-    names = ("time", *robot_channels(n), *targets, *controller.log_names)
+    names = row_names(n, controller.log_names)
     trace = _record(plant, measurement, control, names, len(reference.time), watch, about or {})
     return _told(_with_targets(trace, reference, planned, paces), state.diagnoses)
+
+
+def row_names(wheels: int, log_names: tuple[str, ...]) -> tuple[str, ...]:
+    """Columns of one step of a robot: time, measured channels, set currents, the controller's log."""
+    targets = (f"current_target_{i}" for i in range(1, wheels + 1))
+    return ("time", *robot_channels(wheels), *targets, *log_names)
+
+
+def fill_row(row: Array, measured: Measurement, command: CurrentCommand, log: Array) -> None:
+    """Writes the columns of `row_names` into the beginning of a row."""
+    n = len(command.current)
+    row[0] = measured.time
+    row[1 : n + 1] = measured.current
+    row[n + 1 : 2 * n + 1] = measured.wheel_speed
+    row[2 * n + 1 : 2 * n + 3] = measured.acceleration
+    row[2 * n + 3] = measured.yaw_rate
+    row[2 * n + 4] = measured.yaw
+    row[2 * n + 5 : 3 * n + 5] = command.current
+    row[3 * n + 5 : 3 * n + 5 + len(log)] = log
 
 
 def drive_rig(
@@ -224,7 +232,7 @@ def _record(
             command = control(k, row, measurement)
             truth = plant.truth()
             row[first_truth:] = truth
-            _check(plant.truth_names, truth.tolist())
+            check_truth(plant.truth_names, truth.tolist())
             done = k + 1
             show(done, row[0])
             if done < rows:
@@ -267,8 +275,12 @@ def _showing(
     return show
 
 
-def _check(names: tuple[str, ...], truth: list[float]) -> None:
-    """Refuses a truth that is not finite or beyond `LARGEST`; for twenty numbers the quickest way."""
+def check_truth(names: tuple[str, ...], truth: list[float]) -> None:
+    """Refuses a truth that is not finite or beyond `LARGEST`; for twenty numbers the quickest way.
+
+    Raises:
+      SimulationError: It names the columns.
+    """
     if (
         math.isfinite(sum(truth))
         and max(truth, default=0.0) <= LARGEST

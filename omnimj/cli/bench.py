@@ -10,7 +10,7 @@ from typing import Any
 from omnimj.cli.compiling import note_compiled, say_compiling
 from omnimj.cli.tables import table
 
-HELP = "measure speed: twin, callback, batch, control, recording"
+HELP = "measure speed: twin, callback, batch, control, recording, link"
 EXAMPLE = """examples:
   omnimj bench
   omnimj bench --json"""
@@ -33,6 +33,10 @@ class Effort:
     """Robot time over which the controller's memory is looked at [h]."""
     longest: float = 60.0
     """Wall time for that: what is left of the hours is extrapolated [s]."""
+    frames: int = 10_000
+    """In a round of the codec."""
+    trips: int = 5000
+    """There and back over each wire."""
 
 
 EFFORT = Effort()
@@ -51,6 +55,24 @@ _MEANING = {
     "control_growth_kb_per_hour": "memory of Python and numpy that an hour of control adds [kB] (goal: none)",
     "control_growth_hours": "time over which that was looked at; the rest is extrapolated [h]",
     "control_pages_kb_per_hour": "the same in pages of the process, native code too [kB] (a few are chance)",
+    "codec_encode_us": "record to bytes, the slowest frame on UDP or serial [µs] (goal ≤ 5)",
+    "codec_decode_us": "bytes to record, the same [µs] (goal ≤ 5)",
+    "codec_keyed_encode_us": "record to bytes with a key's tag [µs]",
+    "codec_keyed_decode_us": "bytes with a tag to record [µs]",
+    "udp_round_trip_p50_us": "command there, telemetry back, loopback, two processes, median [µs]",
+    "udp_round_trip_p99_us": "the same, 99 % [µs]",
+    "udp_round_trip_max_us": "the same, the longest [µs]",
+    "udp_bare_echo_p50_us": "as many bytes on a bare socket, in turns, median [µs]",
+    "udp_bare_echo_p99_us": "the same, 99 % [µs]",
+    "udp_bare_echo_max_us": "the same, the longest [µs]",
+    "udp_round_trip_ratio": "median of frames / of bare bytes",
+    "serial_round_trip_p50_us": "command there, telemetry back, pseudo-terminal, median [µs]",
+    "serial_round_trip_p99_us": "the same, 99 % [µs]",
+    "serial_round_trip_max_us": "the same, the longest [µs]",
+    "serial_bare_echo_p50_us": "as many bytes on a bare pseudo-terminal, in turns, median [µs]",
+    "serial_bare_echo_p99_us": "the same, 99 % [µs]",
+    "serial_bare_echo_max_us": "the same, the longest [µs]",
+    "serial_round_trip_ratio": "median of frames / of bare bytes",
 }
 
 
@@ -66,6 +88,7 @@ def run(arguments: Any) -> int:
       0; speed is reported, not judged.
     """
     from omnimj.bench.control_speed import measure_control
+    from omnimj.bench.link_speed import measure_link
     from omnimj.bench.run_speed import measure_run
     from omnimj.bench.twin_speed import measure_twin
 
@@ -75,6 +98,7 @@ def run(arguments: Any) -> int:
     say_compiling("planar", "uto_robot")
     found |= measure_control(EFFORT.missions, EFFORT.mission, EFFORT.hours, EFFORT.longest)
     note_compiled("planar", "uto_robot")
+    found |= measure_link(EFFORT.frames, EFFORT.trips)
     meaning = {name: words for name, words in _MEANING.items() if name in found}
     if arguments.json:
         print(json.dumps({name: float(found[name]) for name in meaning}, indent=2))

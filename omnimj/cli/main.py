@@ -14,9 +14,11 @@ from omnimj.cli import diagnose as diagnose_command
 from omnimj.cli import evaluate as evaluate_command
 from omnimj.cli import gap as gap_command
 from omnimj.cli import identify as identify_command
+from omnimj.cli import link as link_command
 from omnimj.cli import record as record_command
 from omnimj.cli import run as run_command
 from omnimj.cli import scenarios as scenarios_command
+from omnimj.cli import teleop as teleop_command
 from omnimj.cli import validate as validate_command
 from omnimj.cli.streams import drop_output, flush_output, prepare_streams
 from omnimj.errors import InputError, OmnimjError, UnknownNameError
@@ -76,6 +78,7 @@ def make_parser() -> Parser:
     for name, module in (
         ("scenarios", scenarios_command),
         ("run", run_command),
+        ("teleop", teleop_command),
         ("record", record_command),
         ("identify", identify_command),
         ("validate", validate_command),
@@ -83,6 +86,7 @@ def make_parser() -> Parser:
         ("diagnose", diagnose_command),
         ("calibrate", calibrate_command),
         ("evaluate", evaluate_command),
+        ("link", link_command),
     ):
         add(name, module.HELP, module.EXAMPLE, module.add_arguments, module.run)
     bench = "measure speed: steps per second, times real time, overhead of the callback, batch scaling"

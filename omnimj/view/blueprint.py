@@ -13,6 +13,7 @@ from omnimj.view.rerun_states import BELIEF, MODE, TRUTH
 
 Point = tuple[float, float, float]
 Range = tuple[float, float]
+_NEWEST = 20.0  # [s] that are seen of a drive without a planned end
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class Eye:
 
 def run_blueprint(
     plots: Sequence[Plot],
-    duration: float,
+    duration: float | None,
     eye: Eye,
     ranges: Sequence[Range] | None = None,
     lanes: Sequence[str] | None = None,
@@ -38,12 +39,13 @@ def run_blueprint(
 
     Args:
       plots: The time series, from top to bottom.
-      duration: Of the whole run [s].
+      duration: Of the whole run [s]; None for a drive without a planned end, whose newest is followed.
       eye: First view of the scene.
       ranges: Of the value axes, one per plot; None for a run that goes on, whose axes grow.
       lanes: Of the fault states; None for all.
     """
-    time_axis = _whole(duration)
+    time_axis = _newest() if duration is None else _whole(duration)
+    panel = "playing" if duration is not None else "following"
     scene = rrb.Spatial3DView(
         origin="world",
         name="Machine, floor, paths and forces",
@@ -74,7 +76,12 @@ def run_blueprint(
             series,
             column_shares=[3, 2],
         ),
-        rrb.TimePanel(state="collapsed", timeline="time", play_state="playing", loop_mode="all"),
+        rrb.TimePanel(
+            state="collapsed",
+            timeline="time",
+            play_state=panel,
+            loop_mode="off" if duration is None else "all",
+        ),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
     )
@@ -102,3 +109,9 @@ def _whole(duration: float) -> rrb.archetypes.TimeAxis:
     """The whole run at once."""
     start, end = rrb.TimeRangeBoundary.absolute(seconds=0.0), rrb.TimeRangeBoundary.absolute(seconds=duration)
     return rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=end))
+
+
+def _newest() -> rrb.archetypes.TimeAxis:
+    """What was last."""
+    start = rrb.TimeRangeBoundary.cursor_relative(seconds=-_NEWEST)
+    return rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=rrb.TimeRangeBoundary.cursor_relative()))

@@ -171,7 +171,7 @@ def whole_blueprint(
 
 def live_blueprint(
     scenario: Described,
-    duration: float,
+    duration: float | None,
     start: tuple[float, float],
     method: str = wording.NOT_DIAGNOSED,
     log_names: Sequence[str] = (),
@@ -180,7 +180,7 @@ def live_blueprint(
 
     Args:
       scenario: What is asked for.
-      duration: Of the whole run [s].
+      duration: Of the whole run [s]; None: it has no planned end.
       start: Where the robot begins [m].
       method: That looks for faults.
       log_names: Columns that it will log.

@@ -101,7 +101,9 @@ class Trail:
         ]
         columns = rr.LineStrips3D.columns(strips=strips)
         self._stream.send_columns(f"{PATH}/driven", [time_column(time[ends])], columns)
-        self._points, self._last = np.vstack([self._points, place[kept]]), float(time[-1])
+        # a drive by hand may go on for ever, its trail may not
+        self._points = np.vstack([self._points, place[kept]])[-2 * _TRAIL_POINTS :]
+        self._last = float(time[-1])
 
     def _crossed(self, time: Array, parts: int) -> NDArray[np.int64]:
         """Rows at which another of the run's equal parts begins."""

@@ -243,7 +243,9 @@ def _matrices(quaternion: Array) -> Array:
     return np.moveaxis(np.array(rows), -1, 0)
 
 
-def poses_from_trace(mj_model: mujoco.MjModel, trace: Trace, rate: float = 50.0) -> Poses:
+def poses_from_trace(
+    mj_model: mujoco.MjModel, trace: Trace, rate: float = 50.0, turned: Array | None = None
+) -> Poses:
     """Poses for a run without recorded ones (planar model, hardware): the robot on its driven path.
 
     The free joint follows `x`, `y`, `heading`; wheel hinges turn by the integral of `wheel_speed_i`; all
@@ -253,6 +255,7 @@ def poses_from_trace(mj_model: mujoco.MjModel, trace: Trace, rate: float = 50.0)
       mj_model: The robot's model.
       trace: A robot's trace with `x`, `y`, `heading`.
       rate: Poses per second.
+      turned: By how much the wheels had turned before, shape (n,) [rad].
     """
     keep = thin(trace["time"], rate)
     qpos = np.tile(mj_model.qpos0, (len(keep), 1))
@@ -269,5 +272,7 @@ def poses_from_trace(mj_model: mujoco.MjModel, trace: Trace, rate: float = 50.0)
     step = np.diff(trace["time"], prepend=trace["time"][0])
     for i, body in enumerate(wheel_bodies(mj_model), start=1):
         angle = np.cumsum(trace[f"wheel_speed_{i}"] * step)[keep]
+        if turned is not None:
+            angle += turned[i - 1]
         qpos[:, mj_model.jnt_qposadr[mj_model.body_jntadr[body]]] = angle
     return Poses(mj_model, trace["time"][keep], qpos)

@@ -15,7 +15,9 @@ SCHEMA = json.loads((Path(__file__).parent.parent / "schema" / "bench.json").rea
 
 @pytest.fixture
 def short(monkeypatch):
-    effort = bench.Effort(steps=100, rounds=1, run=1.0, missions=1, mission=3.0, hours=1e-3)
+    effort = bench.Effort(
+        steps=100, rounds=1, run=1.0, missions=1, mission=3.0, hours=1e-3, frames=50, trips=300
+    )
     monkeypatch.setattr(bench, "EFFORT", effort)
 
 
@@ -24,6 +26,7 @@ def test_json_keeps_to_the_schema_and_every_figure_is_positive(short, capsys):
     found = json.loads(capsys.readouterr().out)
     jsonschema.validate(found, SCHEMA)
     grown = [found.pop(name) for name in tuple(found) if name.endswith("kb_per_hour")]
+    assert found["udp_round_trip_ratio"] > 1.0 and "codec_decode_us" in found
     assert all(value > 0.0 for value in found.values()) and grown and all(map(math.isfinite, grown))
 
 

@@ -1,0 +1,287 @@
+"""`omnimj teleop`: keyboard and gamepad drive the robot, through the controller that drives everything."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from omnimj.cli.arguments import add_floors, whole_number
+from omnimj.cli.compiling import note_compiled, say_compiling
+from omnimj.cli.wire_plants import WIRES, make_wire_plant
+from omnimj.errors import InputError, SimulationError, UnknownNameError
+
+if TYPE_CHECKING:
+    from omnimj.plant.interface import Plant
+    from omnimj.scenario.scenario import Scenario
+    from omnimj.signals import Diagnosis
+    from omnimj.teleop.driving import Driven
+    from omnimj.teleop.gamepad import Gamepad
+    from omnimj.teleop.real_time import RealTime
+    from omnimj.teleop.recent import Recent
+    from omnimj.teleop.steering import SteeringLimits
+    from omnimj.teleop.terminal import Terminal
+    from omnimj.view.live_drive import LiveDrive
+
+INTERRUPTED = 130
+HELP = "drive the robot by keyboard or gamepad"
+EXAMPLE = """examples:
+  omnimj teleop
+  omnimj teleop --plant planar --floor pvc --speed 0.5 --out out/by_hand
+  omnimj teleop --view"""
+_MINUTES, _MOST_MINUTES = 5, 30
+_WARMING, _CREEP = 200, 0.1  # steps of a drive that only compiles, and its speed [m/s]
+_SLOW = 0.98  # × real time below which a simulation is said not to keep up
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the sub-command."""
+    words = "twin (default), planar, udp:HOST:PORT or serial:DEVICE?baud=N"
+    parser.add_argument("--plant", metavar="P", default="twin", help=words)
+    words = "diagnosis: robust (default), published or off"
+    parser.add_argument("--method", metavar="M", default="robust", help=words)
+    parser.add_argument("--floor", metavar="NAME", help="of a simulation (default natural_stone)")
+    add_floors(parser)
+    parser.add_argument("--model", metavar="FILE", type=Path, help="a copy of robot.toml with changed values")
+    for option, unit, words in (
+        ("--speed", "M/S", "fastest, ahead and sideways (default 0.3, at most 1)"),
+        ("--turn", "RAD/S", "fastest turning (default 0.6, at most 2)"),
+        ("--acceleration", "M/S²", "hardest (default 0.5, at most 1)"),
+        ("--hold", "S", "how long a key counts as held after its last event (default 0.3, at most 1)"),
+    ):
+        parser.add_argument(option, metavar=unit, type=_number, help=words)
+    words = "file of a gamepad, or none (default /dev/input/js0 where there is one)"
+    parser.add_argument("--gamepad", metavar="FILE", help=words)
+    seed = whole_number(0, 2**63 - 1)
+    parser.add_argument("--seed", metavar="N", type=seed, default=0, help="of the sensors' noise (default 0)")
+    parser.add_argument("--view", action="store_true", help="watch the drive in the Rerun viewer")
+    parser.add_argument("--out", metavar="DIR", type=Path, help="write trace.parquet here")
+    parser.add_argument("--force", action="store_true", help="write into --out although it is not empty")
+    parser.add_argument(
+        "--keep",
+        metavar="MINUTES",
+        type=whole_number(1, _MOST_MINUTES),
+        default=_MINUTES,
+        help=f"the newest minutes go into the trace (default {_MINUTES}, at most {_MOST_MINUTES})",
+    )
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"found {text[:40]!r}; a number is needed") from None
+
+
+def run(arguments: Any) -> int:
+    """Drives until it is ended, writes, says what was.
+
+    Returns:
+      0 when it was ended by key, 130 after Ctrl-C or when the terminal went.
+
+    Raises:
+      InputError: No terminal, or something asked for that there is not.
+      SimulationError: The plant failed; what was recorded until then is written.
+    """
+    from omnimj.recording.folder import check_folder
+    from omnimj.scenario.free_drive import FLOOR, free_drive
+    from omnimj.scenario.methods import require_method
+    from omnimj.teleop.terminal import Terminal
+
+    limits = _limits(arguments)
+    require_method(arguments.method)
+    if arguments.force and arguments.out is None:
+        raise InputError("--force", "there is no --out", "it belongs to --out DIR")
+    if arguments.out is not None:
+        check_folder(arguments.out, arguments.force)
+    scenario = free_drive(arguments.floor or FLOOR, arguments.model, arguments.floors)
+    terminal = Terminal()
+    with contextlib.ExitStack() as open_things:
+        plant = _plant(arguments, scenario)
+        open_things.callback(plant.close)
+        pad = _gamepad(arguments.gamepad)
+        if pad is not None:
+            open_things.callback(pad.close)
+        return _Session(arguments, scenario, limits, plant).drive(terminal, pad)
+
+
+def _limits(arguments: Any) -> SteeringLimits:
+    from omnimj.teleop.steering import SteeringLimits
+
+    names = ("speed", "turn", "acceleration", "hold")
+    given = {name: getattr(arguments, name) for name in names}
+    return SteeringLimits(**{name: value for name, value in given.items() if value is not None})
+
+
+def _plant(arguments: Any, scenario: Scenario) -> Plant:
+    from omnimj.hardware.address import parse_address
+    from omnimj.scenario.plants import PLANT_NAMES, make_plant
+
+    name = arguments.plant
+    if name.startswith(WIRES):
+        if arguments.floor is not None:
+            raise InputError("--floor", f"the plant is {name!r}", "a real robot brings its own")
+        return make_wire_plant(parse_address(name, "--plant"), scenario)
+    if name not in PLANT_NAMES:
+        raise UnknownNameError("--plant", "plant", name, (*PLANT_NAMES, "serial:…", "udp:…"))
+    say_compiling(name, scenario.plant)
+    return make_plant(scenario, name, arguments.seed)
+
+
+def _gamepad(asked: str | None) -> Gamepad | None:
+    """The one that is asked for; the first there is when none is, if it can be read."""
+    from omnimj.teleop.gamepad import FIRST, Gamepad
+
+    if asked == "none" or (asked is None and not FIRST.exists()):
+        return None
+    try:
+        return Gamepad(FIRST if asked is None else Path(asked))
+    except InputError as error:
+        if asked is not None:
+            raise
+        print(f"omnimj: {error}; the keyboard drives alone", file=sys.stderr)
+        return None
+
+
+@contextlib.contextmanager
+def _ends_on_signals() -> Iterator[None]:
+    """A terminal that hangs up, or a kill, ends the drive as Ctrl-C does: with everything put in order."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    names = [name for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    before = {name: signal.signal(getattr(signal, name), signal.default_int_handler) for name in names}
+    try:
+        yield
+    finally:
+        for name, action in before.items():
+            signal.signal(getattr(signal, name), action)
+
+
+def _drive_a_little(plant: Plant, controller: Any) -> None:
+    import numpy as np
+
+    from omnimj.control.target import Target
+
+    measurement: Any = plant.reset()
+    state = controller.start(measurement)
+    for k in range(_WARMING):
+        speed = _CREEP if k < _WARMING // 2 else 0.0
+        command, state = controller.step(state, measurement, Target(np.array((speed, 0.0)), 0.0, 0.0))
+        plant.truth()
+        measurement = plant.step(command)
+
+
+class _Session:
+    """One drive: who looks on, and what is said and written at its end."""
+
+    def __init__(self, arguments: Any, scenario: Scenario, limits: SteeringLimits, plant: Plant):
+        from omnimj.teleop.real_time import RealTime
+        from omnimj.teleop.recent import Recent
+
+        self._arguments, self._scenario, self._limits, self._plant = arguments, scenario, limits, plant
+        kept = round(60.0 * arguments.keep / plant.period) if arguments.out is not None else 0
+        self._recent: Recent = Recent(kept)
+        simulated = not arguments.plant.startswith(WIRES)
+        self._pace: RealTime | None = RealTime(plant.period) if simulated else None
+        self._believed = ""
+        self._about = {"scenario": scenario.name, "plant": arguments.plant, "method": arguments.method}
+        self._about |= {"seed": arguments.seed, "floor": scenario.floor}
+
+    def drive(self, terminal: Terminal, pad: Gamepad | None) -> int:
+        from omnimj.scenario.methods import make_method
+        from omnimj.scenario.running import make_diagnosing
+        from omnimj.teleop import gamepad
+        from omnimj.teleop.driving import Onlookers, drive_by_hand
+        from omnimj.teleop.keys import HELP as KEYS
+        from omnimj.teleop.operator import Operator
+        from omnimj.teleop.steering import Steering
+
+        controller = make_diagnosing(self._scenario, make_method(self._arguments.method, self._scenario))
+        live = self._open_view()
+        shown = () if live is None else (live.rows,)
+        watch = Onlookers(
+            rows=(self._recent.add, *shown),
+            snapshot=None if live is None else live.snapshot,
+            before_step=None if self._pace is None else self._pace.wait,
+            diagnosed=self._hear,
+        )
+        print(f"keys: {KEYS}", file=sys.stderr)
+        if pad is not None:
+            print(f"gamepad: {gamepad.HELP}", file=sys.stderr)
+        with _ends_on_signals(), terminal:
+            self._warm_up(controller)
+            terminal.drain()
+            steering = Steering(self._limits)
+            operator = Operator(steering, self._plant.period, terminal, pad, told=self._told)
+            driven = drive_by_hand(self._plant, controller, operator, watch)
+        self._plant.close()  # a robot stops before anything is written
+        return self._end(driven, live)
+
+    def _warm_up(self, controller: Any) -> None:
+        """Compiles before keys count, on a simulation: nothing is asked of a real robot for it."""
+        from omnimj.scenario.plants import make_plant
+
+        simulated = self._pace is not None
+        plant = self._plant if simulated else make_plant(self._scenario, "planar", 0)
+        _drive_a_little(plant, controller)
+        if simulated:
+            note_compiled(self._arguments.plant, self._scenario.plant)
+
+    def _open_view(self) -> LiveDrive | None:
+        if not self._arguments.view:
+            return None
+        from omnimj.view.live_drive import LiveDrive
+        from omnimj.view.viewer import open_viewer
+
+        live = LiveDrive(self._scenario, self._about, open_viewer(("--memory-limit", "1GB")))
+        live.start()
+        return live
+
+    def _hear(self, diagnoses: tuple[Diagnosis, ...]) -> None:
+        standing = [d for d in diagnoses if d.cleared is None]
+        self._believed = ", ".join(" ".join((d.kind, d.channel, *map(str, d.wheels))) for d in standing)
+
+    def _told(self) -> str:
+        pace = "" if self._pace is None else f"{self._pace.factor:.2f} × real time  "
+        return f"{pace}{self._believed}"
+
+    def _end(self, driven: Driven, live: LiveDrive | None) -> int:
+        seconds = driven.steps * self._plant.period
+        words = f"{seconds:.1f} s driven by hand, plant {self._arguments.plant}"
+        if self._pace is not None:
+            words += f", {self._pace.factor:.2f} × real time"
+            if self._pace.factor < _SLOW:
+                words += ": this machine cannot keep up"
+        written = self._write(driven)
+        print(f"{words}{written}")
+        if live is not None:
+            if live.missed:
+                print(f"the viewer was too slow for {live.missed / 10:.1f} s of it", file=sys.stderr)
+            live.finish()
+        if driven.failure is not None:
+            raise SimulationError(f"{driven.failure}{written}")
+        return INTERRUPTED if driven.interrupted else 0
+
+    def _write(self, driven: Driven) -> str:
+        """Writes the trace; says where it is."""
+        folder = self._arguments.out
+        if folder is None or self._recent.rows == 0:
+            return ""
+        import dataclasses
+
+        from omnimj.recording.folder import make_folder
+        from omnimj.recording.traces import write_trace
+
+        make_folder(folder, self._arguments.force)
+        about = {**self._about, "interrupted": driven.interrupted, "failure": driven.failure}
+        about["realtime_factor"] = 1.0 if self._pace is None else self._pace.factor
+        about["diagnoses"] = [dataclasses.asdict(d) for d in driven.diagnoses]
+        write_trace(folder / "trace.parquet", self._recent.trace(about))
+        kept = self._recent.rows * self._plant.period
+        return f"; the last {kept:.1f} s of it are in {folder / 'trace.parquet'}"

@@ -1,0 +1,60 @@
+"""`omnimj link fuzz`: says what came of it, and fails when something wrong was accepted."""
+
+from __future__ import annotations
+
+import json
+import shlex
+
+import pytest
+
+from omnimj.cli import link, link_fuzz
+from omnimj.cli.main import main, make_parser
+from omnimj.hardware import fuzz as fuzzing
+
+SHORT = ("link", "fuzz", "--frames", "2000", "--noise", "100000", "--seed", "4")
+
+
+def test_what_holds_exits_with_0_and_counts_everything(capsys):
+    assert main([*SHORT, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["frames"], found["seed"], found["passed"]) == (2000, 4, True)
+    assert found["noise_bytes"] >= 100_000 and found["accepted_wrongly"] == 0
+    assert found["accepted"] == found["came_whole"] > 2000 and found["drops"]["checksum"] > 0
+    assert main(SHORT) == 0
+    told = capsys.readouterr().out
+    assert "accepted wrongly" in told and f"{found['accepted']:,}" in told, "one seed gives one run"
+
+
+def test_a_decoder_that_believes_anything_exits_with_1(capsys, monkeypatch):
+    right = fuzzing.decode
+    monkeypatch.setattr(fuzzing, "decode", lambda packet, key=None: right(packet, None))
+    assert main(SHORT) == 1
+    assert "NO" in capsys.readouterr().out
+
+
+def test_growing_memory_exits_with_1(capsys, monkeypatch):
+    monkeypatch.setattr(link_fuzz, "_MOST_MEMORY", -1.0)
+    assert main([*SHORT, "--json"]) == 1
+    assert json.loads(capsys.readouterr().out)["passed"] is False
+
+
+@pytest.mark.parametrize(
+    ("argv", "said"),
+    [
+        (("link",), "required: COMMAND"),
+        (("link", "fizz"), "invalid choice: 'fizz'"),
+        (("link", "fuzz", "--frame", "3"), "did you mean '--frames'?"),
+        (("link", "fuzz", "--frames", "0"), "at least 1"),
+        (("link", "fuzz", "--noise", "1e6"), "whole number"),
+    ],
+)
+def test_what_cannot_be_is_one_clear_line(capsys, argv, said):
+    assert main(argv) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err.count("\n") == 1 and said in err and err.startswith("omnimj link")
+
+
+def test_every_example_is_right():
+    for line in link.EXAMPLE.splitlines()[1:]:
+        program, *argv = shlex.split(line)
+        assert program == "omnimj" and make_parser().parse_args(argv).command == "link"

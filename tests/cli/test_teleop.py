@@ -1,0 +1,187 @@
+"""`omnimj teleop` on a pseudo-terminal, end to end, and what it refuses."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import select
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from omnimj.cli.main import main
+from omnimj.recording.traces import read_trace
+
+termios = pytest.importorskip("termios")
+
+
+_PROGRAM = """
+import fcntl, sys, termios
+fcntl.ioctl(0, termios.TIOCSCTTY, 0)  # Ctrl-C and hang-ups come from this terminal
+from omnimj.cli.main import main
+sys.exit(main(sys.argv[1:]))
+"""
+_BLANK = b"\0"
+
+
+class Person:
+    """Sits at a terminal on which the command runs."""
+
+    def __init__(self, *argv: str):
+        self.screen, self.near = os.openpty()
+        self.before, self.seen = termios.tcgetattr(self.near), b""
+        command = [sys.executable, "-c", _PROGRAM, "teleop", *argv]
+        self.process = subprocess.Popen(
+            command, stdin=self.near, stdout=subprocess.PIPE, stderr=self.near, start_new_session=True
+        )
+
+    def watch(self, duration: float, until: bytes = _BLANK) -> None:
+        """Reads the screen."""
+        end = time.monotonic() + duration
+        while (left := end - time.monotonic()) > 0.0 and until not in self.seen:
+            if select.select([self.screen], [], [], left)[0]:
+                self.seen += os.read(self.screen, 4096)
+
+    def hold(self, key: bytes, duration: float) -> None:
+        """Holds a key down: the terminal repeats it."""
+        end = time.monotonic() + duration
+        while (left := end - time.monotonic()) > 0.0:
+            os.write(self.screen, key)
+            self.watch(min(left, 0.03))
+
+    def leave(self) -> None:
+        """Ends what is left."""
+        self.process.kill()
+        self.process.communicate()
+        for end in (self.screen, self.near):
+            with contextlib.suppress(OSError):
+                os.close(end)
+
+
+@pytest.mark.parametrize(
+    ("last", "code"), [(b"q", 0), (b"\x03", 130), (None, 130)], ids=["key", "Ctrl-C", "hang-up"]
+)
+def test_keys_drive_the_robot_and_the_terminal_is_left_as_it_was(tmp_path, last, code):
+    person = Person("--plant", "planar", "--out", str(tmp_path / "run"))
+    try:
+        person.watch(60.0, until=b"real time")
+        assert termios.tcgetattr(person.near) != person.before
+        person.hold(b"w", 0.8)
+        person.hold(b"\x1a", 0.3)  # Ctrl-Z is a key, too
+        if last is None:
+            os.close(person.near)
+            os.close(person.screen)
+        else:
+            os.write(person.screen, last)
+            person.watch(0.3)
+        said = person.process.communicate(timeout=30.0)[0].decode()
+        assert person.process.returncode == code
+        if last is not None:
+            assert termios.tcgetattr(person.near) == person.before
+            assert "s driven by hand" in said and b"any other key stops" in person.seen
+            assert b"Traceback" not in person.seen
+    finally:
+        person.leave()
+    trace = read_trace(tmp_path / "run" / "trace.parquet")
+    assert 0.1 < trace["target_velocity_x"].max() <= 0.3 and trace["x"][-1] > 0.02
+    assert not trace["target_velocity_x"][-100:].any() and abs(trace["twist_x"][-1]) < 0.02
+    assert trace.about["plant"] == "planar" and trace.about["interrupted"] is (code == 130)
+
+
+def refused(capsys, *argv: str) -> str:
+    code = main(["teleop", *argv])
+    out, err = capsys.readouterr()
+    lines = [line for line in err.splitlines() if not line.startswith("compiling native code")]
+    assert (code, out, len(lines)) == (2, "", 1) and lines[0].startswith("omnimj"), err
+    return lines[0]
+
+
+def test_without_a_terminal_nothing_is_driven(capsys, monkeypatch):
+    for stdin in (io.StringIO("wwww"), None):
+        monkeypatch.setattr(sys, "stdin", stdin)
+        assert "standard input is not a terminal" in refused(capsys, "--plant", "planar")
+
+
+@pytest.mark.parametrize(
+    ("argv", "said"),
+    [
+        (("--speed", "3"), "at most 1"),
+        (("--turn", "nan"), "at most 2"),
+        (("--speed", "fast"), "a number is needed"),
+        (("--floor", "cheese"), "unknown floor"),
+        (("--method", "luck"), "unknown method"),
+        (("--force",), "--out"),
+        (("--keep", "0"), "at least 1"),
+    ],
+)
+def test_what_cannot_be_is_one_clear_line(capsys, argv, said):
+    assert said in refused(capsys, *argv)
+
+
+@pytest.mark.parametrize(
+    ("argv", "said"),
+    [
+        (("--plant", "moon"), "unknown plant"),
+        (("--plant", "udp:nowhere"), "must be a whole number"),
+        (("--plant", "udp:9750", "--floor", "pvc"), "brings its own"),
+        (("--plant", "planar", "--gamepad", "/no/such/pad"), "cannot be read"),
+    ],
+)
+def test_so_is_a_plant_that_is_none(capsys, monkeypatch, argv, said):
+    far, near = os.openpty()
+    with os.fdopen(near) as stdin:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        assert said in refused(capsys, *argv)
+        monkeypatch.undo()
+    os.close(far)
+
+
+def test_the_newest_of_a_watched_drive_is_where_it_belongs(tmp_path):
+    """A spectator writes down what it is sent of a plant that does not tell where it is."""
+    from rerun.chunk import RrdReader
+
+    from omnimj.parameters import Robot
+    from omnimj.scenario.free_drive import free_drive
+    from omnimj.signals import Trace
+    from omnimj.view.live_drive import LiveDrive, Reckoning
+
+    class File:
+        is_open = True
+
+        def connect(self, stream, blueprint):
+            stream.save(tmp_path / "live.rrd")
+            stream.send_blueprint(blueprint)
+
+        def settle(self):
+            pass
+
+    scenario = free_drive()
+    known = {"scenario": "teleop", "plant": "udp", "method": "off", "seed": 0, "floor": "natural_stone"}
+    live = LiveDrive(scenario, known, File())
+    live.start()
+    robot = scenario.constants
+    assert isinstance(robot, Robot)
+    own = [f"wheel_speed_{i}" for i in range(1, 5)]
+    others = ("current_1", "current_2", "current_3", "current_4", "acceleration_x", "acceleration_y")
+    names = ("time", *own, "heading_estimate", "yaw_rate", "yaw", *others)
+    names = (
+        *names,
+        *(f"{kind}_{i}" for kind in ("current_target", "target_wheel_speed") for i in range(1, 5)),
+    )
+    time_ = np.arange(300) * 0.001
+    table = np.zeros((300, len(names)))
+    table[:, 0] = time_
+    speeds = np.array((0.0, -0.3, 0.0, 0.3)) / robot.wheel.radius  # 0.3 m/s along +x
+    table[:, 1:5], table[:, 5] = speeds, np.pi / 2
+    reckoning = Reckoning(robot)
+    for k in range(0, 300, 100):
+        live.rows(names, table[k : k + 100])
+        placed = reckoning.placed(Trace(dict(zip(names, table[k : k + 100].T, strict=True))))
+    live.finish()
+    assert placed["y"][-1] == pytest.approx(0.299 * 0.3, rel=1e-6) and abs(placed["x"][-1]) < 1e-9
+    entities = {chunk.entity_path for chunk in RrdReader(tmp_path / "live.rrd").stream().to_chunks()}
+    assert "/world/machine/chassis" in entities and live.missed == 0
