@@ -33,6 +33,7 @@ from omnimj.hardware.messages import (
     Status,
     Stop,
     Telemetry,
+    counts_of,
 )
 
 OLDEST = FRESH
@@ -100,6 +101,7 @@ class Host:
         self.arrivals, self.clock = Arrivals(), ClockOffset()
         self._waiting: deque[tuple[int, float]] = deque(maxlen=_COMMANDS)
         self._capabilities: Capabilities | None = None
+        self._layout = 0, 0
 
     # --- what the host may ask
 
@@ -222,8 +224,9 @@ class Host:
         elif self.state is HostState.ASKING:
             self._begin(frame.session)
             self.arrivals.take(frame.sequence)
-            self._capabilities = found
+            self._capabilities, self._layout = found, (len(found.channels), counts_of(found.channels))
             words = difference(self.expected, found) if frame.session else "it gives no session"
+            words = words if frame.same_schema else "it lays out its messages otherwise (schema)"
             if words:
                 return self.stop(now, f"this is not the device that was expected: {words}")
             self.state = HostState.CONNECTED
@@ -234,6 +237,10 @@ class Host:
         return ()
 
     def _on_telemetry(self, now: float, frame: Frame, telemetry: Telemetry) -> tuple[Frame, ...]:
+        if (len(telemetry.raw), telemetry.counts) != self._layout:
+            self.dropped += 1
+            words = "its telemetry has other channels than its capabilities"
+            return () if self.state is HostState.STOPPED else self.stop(now, words)
         sampled = min(now, 1e-6 * frame.time - self.clock.offset) if self.clock.known else now
         if now - sampled > OLDEST and not self.expected.lock_step:
             self.dropped += 1  # too late to be believed; `check` sees the one before
