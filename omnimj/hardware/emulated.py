@@ -102,8 +102,8 @@ class EmulatedDevice:
     """A plant, the device in front of it, and what is wired wrongly between the two.
 
     Each session begins the plant's run anew. In lock-step, frames are all it needs. In real time, `tick` is
-    called once per period by whoever has the clock, and the run begins once more when the session is armed for
-    the first time: faults of a scenario have their times from there, as the host's clock has.
+    called once per period by whoever has the clock, and the run begins once more when the session is armed
+    for the first time: faults of a scenario have their times from there, as the host's clock has.
     """
 
     def __init__(

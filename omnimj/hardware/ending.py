@@ -1,4 +1,4 @@
-"""What must happen however a program ends: by its end, by Ctrl-C, by SIGTERM or because its terminal is gone."""
+"""What must happen however a program ends: by its end, Ctrl-C, SIGTERM, or because its terminal is gone."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
 """`frames.bin`: every frame of a link, both ways, as it was on the wire, with the times of the host's clock.
 
-The file begins with the 8 bytes `omnimj` 0 1 and one text (u32 length, then UTF-8 JSON: what was driven, and the
-hash of the calibration). Then record after record, little endian: `size u16 | kind u8 | time f64 [s] | packet`.
-Kinds: 0 sent, 1 received, 2 received and dropped; 16 more where the packet had a tag, which is left out (its
-flag is cleared and its checksum made anew), so that no key is needed to read it. Raw numbers are kept, so that a
-recording can be read anew with another calibration.
+The file begins with the 8 bytes `omnimj` 0 1 and one text (u32 length, then UTF-8 JSON: what was driven, and
+the hash of the calibration). Then record after record, little endian: `size u16 | kind u8 | time f64 [s] |
+packet`. Kinds: 0 sent, 1 received, 2 received and dropped; 16 more where the packet had a tag, which is left
+out (its flag is cleared and its checksum made anew), so that no key is needed to read it. Raw numbers are
+kept, so that a recording can be read anew with another calibration.
 """
 
 from __future__ import annotations

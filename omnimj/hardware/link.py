@@ -263,7 +263,7 @@ class Link:
         self.send(*self.host.stop(self.now, reason))
 
     def stop_whoever_drives(self) -> None:
-        """As `stop`, though it may be another host's robot that stops: for a person with a finger on a key."""
+        """As `stop`, though another host's robot may stop by it: for a person with a finger on a key."""
         self._may_move = True
         self.stop()
 

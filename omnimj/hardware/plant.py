@@ -1,8 +1,8 @@
 """A robot behind a wire as a plant: the controller cannot tell it from the twin, but for the truth it lacks.
 
-In lock-step a step is one command and one telemetry; simulated time is the device's. In real time the device's
-telemetry is the clock: each reading is answered by a command, and a reading that does not come within one and a
-half periods is stood in for by the one before, whose time says so.
+In lock-step a step is one command and one telemetry; simulated time is the device's. In real time the
+device's telemetry is the clock: each reading is answered by a command, and one that does not come within one
+and a half periods is stood in for by the one before, whose time says so.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _NO_TRUTH = np.empty(0)
 
 
 class HardwarePlant:
-    """A `Plant` on a link. Its steps raise `LinkLost` once the link does not hold; it has then been stopped."""
+    """A `Plant` on a link. Its steps raise `LinkLost` once the link does not hold; it is then stopped."""
 
     truth_names: tuple[str, ...] = ()
 
@@ -205,4 +205,4 @@ class HardwarePlant:
     def _measure(self, reading: Reading) -> Measurement:
         """In SI, at the time since the run's beginning."""
         measured = self._calibration.measured(1e-6 * reading.time, reading.telemetry.raw)
-        return dataclasses.replace(measured, time=1e-6 * (reading.time - self._zero_time))
+        return dataclasses.replace(measured, time=(reading.time - self._zero_time) / 1e6)

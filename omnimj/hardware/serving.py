@@ -11,11 +11,12 @@ from omnimj.hardware.drops import Drop, DropCounts
 from omnimj.hardware.emulated import EmulatedDevice
 from omnimj.hardware.frames import decode, encode
 from omnimj.hardware.key_file import Key
-from omnimj.hardware.messages import Frame, Stop
+from omnimj.hardware.messages import Frame, Hello, Stop
 from omnimj.hardware.wire import Listener, Peer
 
 FORSAKEN = 5.0
-"""Lock-step: an armed device that hears nothing for so long is disarmed, since its own time stands still [s]."""
+"""Lock-step: an armed device that has heard nothing for so long [s] takes another host, since its own time,
+by which commands grow old, stands still."""
 _FARTHEST = 10  # periods behind: then those between are left out
 
 
@@ -72,12 +73,11 @@ class Server:
             self.turn(0.05)
 
     def turn(self, longest: float) -> None:
-        """What has come, and in real time the period if it is due; waits for either, this long at most [s]."""
+        """What has come, and in real time the period if it is due; waits for either, so long at most [s]."""
         now = self._clock()
         if self._commissioned.lock_step:
             self._listener.wait(longest)
             self._take()
-            self._leave_the_forsaken()
             return
         self._take()
         if now >= self._next:
@@ -95,11 +95,12 @@ class Server:
                 device.on_broken(self.emulated.time(now - self._begin))
                 continue
             self.frames += 1
+            self._leave_the_silent(now, frame)
             session = device.session
             answers = self.emulated.on_frame(now - self._begin, frame)
             if device.session != session:
                 self._host = peer  # who begins a session hears its answers
-            if peer == self._host:
+            if frame.session == device.session:
                 self._heard = now
             self._send(answers, peer)
 
@@ -116,8 +117,10 @@ class Server:
             kept.skipped += behind
             self._next += behind * period
 
-    def _leave_the_forsaken(self) -> None:
-        if self.emulated.device.armed and self._clock() - self._heard > FORSAKEN:
+    def _leave_the_silent(self, now: float, frame: Frame) -> None:
+        """A host that was killed would keep the device for ever."""
+        is_asked = self._commissioned.lock_step and isinstance(frame.message, Hello)
+        if is_asked and self.emulated.device.armed and now - self._heard > FORSAKEN:
             self.emulated.on_frame(0.0, Frame(Stop(), 0, 0, 0))
 
     def _send(self, answers: tuple[Frame, ...], peer: Peer) -> None:

@@ -1,0 +1,71 @@
+"""A scenario on a robot behind a wire: which one, and how it is driven."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from omnimj.errors import InputError
+from omnimj.hardware.address import parse_address
+from omnimj.hardware.link import Mode, open_link
+from omnimj.hardware.plant import HardwarePlant
+from omnimj.parameters import Robot
+from omnimj.scenario.scenario import Scenario
+
+_WIRES = ("serial:", "udp:")
+
+
+def is_wire(plant: str | None) -> bool:
+    """Whether a plant's name is an address."""
+    return plant is not None and plant.startswith(_WIRES)
+
+
+@dataclass(frozen=True)
+class Wire:
+    """How a link is to be used."""
+
+    key_file: Path | None = None
+    lock_step: bool = False
+    """As opposed to real time."""
+    mode: Mode = Mode.DRIVE
+    reset_fault: bool = False
+    """Whether a fault that the device has latched has been seen and may be reset."""
+    log_to: Path | None = None
+    """New file for every frame."""
+
+
+def check_wire(scenario: Scenario, address: str) -> None:
+    """Whether a scenario can be driven over a wire.
+
+    Raises:
+      InputError: The address is none, or the scenario is not one of the robot with forces.
+    """
+    parse_address(address, "--plant")
+    if not isinstance(scenario.constants, Robot) or scenario.level == "kinematic":
+        rule = f"{scenario.name} is not driven by currents of the robot"
+        raise InputError("--plant", f"found {address!r}", rule)
+
+
+def make_wired(scenario: Scenario, address: str, wire: Wire) -> HardwarePlant:
+    """The robot at an address, wired as the scenario's model file says; nothing is sent yet.
+
+    Raises:
+      InputError: No [hardware] in the model file, a wrong key file, or a wire that cannot be opened.
+    """
+    robot = scenario.constants
+    assert isinstance(robot, Robot)
+    link = open_link(
+        address,
+        robot,
+        key_file=wire.key_file,
+        lock_step=wire.lock_step,
+        mode=wire.mode,
+        log_to=wire.log_to,
+        about={"scenario": scenario.name, "floor": scenario.floor, "robot": str(robot.file)},
+    )
+    try:
+        assert robot.hardware is not None
+        return HardwarePlant(link, robot.hardware, reset_fault=wire.reset_fault)
+    except BaseException:
+        link.close()
+        raise
