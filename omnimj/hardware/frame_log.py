@@ -9,8 +9,11 @@ kept, so that a recording can be read anew with another calibration.
 
 from __future__ import annotations
 
+import contextlib
 import json
+import queue
 import struct
+import threading
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,15 +30,20 @@ FRAMES_FILE = "frames.bin"
 _MAGIC = b"omnimj\x00\x01"
 _LENGTH, _RECORD = struct.Struct("<I"), struct.Struct("<HBd")
 _SENT, _RECEIVED, _DROPPED, _UNTAGGED = 0, 1, 2, 16
-_AT_ONCE = 65_536  # bytes that wait to be written, at most
+_AT_ONCE = 65_536  # bytes that are written together, at most
 _OFTEN = 0.25  # [s] between two writes, at most
+_QUEUED = 256  # such pieces: 16 MB, a minute and more
+_LONGEST_WRITE = 30.0  # [s] that the end of a run waits for a disk
 _MOST_DROPPED = 10_000  # packets: noise must not fill the disk
 _MOST_TEXT = 1_000_000
 _LARGEST_FILE = 4_000_000_000
 
 
 class FrameLog:
-    """Writes as the link goes; what was written until a crash can be read."""
+    """Writes as the link goes; what was written until a crash can be read.
+
+    A disk may take half a second for a write, which is more than a robot waits for: a thread does it.
+    """
 
     def __init__(self, path: Path, about: Mapping[str, Any]):
         """Begins a new file.
@@ -50,9 +58,12 @@ class FrameLog:
         except OSError as error:
             raise InputError(path, f"cannot be written ({error.strerror})") from None
         self._waiting, self._written = bytearray(), 0.0
-        self._dropped = 0
+        self._dropped, self._is_open = 0, True
         self.failed = ""
         """Why nothing is written any more, such as a full disk; a run goes on without."""
+        self._queue: queue.Queue[bytes | None] = queue.Queue(_QUEUED)
+        self._writer = threading.Thread(target=self._write, name="frame log", daemon=True)
+        self._writer.start()
 
     def sent(self, now: float, packet: bytes) -> None:
         """One of ours [s]."""
@@ -77,18 +88,33 @@ class FrameLog:
             self._written = now
 
     def flush(self) -> None:
-        """Hands what waits to the system."""
-        try:
-            if not self.failed and not self._file.closed:
-                self._file.write(self._waiting)
-        except OSError as error:
-            self.failed = error.strerror or str(error)
+        """Hands what waits to the thread; never waits."""
+        if self._waiting and not self.failed:
+            try:
+                self._queue.put_nowait(bytes(self._waiting))
+            except queue.Full:
+                self.failed = "the disk is too slow"
         self._waiting.clear()
 
     def close(self) -> None:
         """Writes the rest; may be called twice."""
+        if not self._is_open:
+            return
+        self._is_open = False
         self.flush()
-        self._file.close()
+        with contextlib.suppress(queue.Full):
+            self._queue.put(None, timeout=_LONGEST_WRITE)
+        self._writer.join(_LONGEST_WRITE)
+
+    def _write(self) -> None:
+        """The thread's: piece after piece, up to the end or the first one that cannot be written."""
+        with self._file:
+            while (piece := self._queue.get()) is not None:
+                try:
+                    if not self.failed:
+                        self._file.write(piece)
+                except OSError as error:
+                    self.failed = error.strerror or str(error)
 
 
 @dataclass(frozen=True, slots=True)

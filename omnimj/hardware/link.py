@@ -19,8 +19,9 @@ from omnimj.hardware.device_limits import is_zero
 from omnimj.hardware.drops import Drop, DropCounts
 from omnimj.hardware.frame_log import FrameLog
 from omnimj.hardware.frames import decode, encode
-from omnimj.hardware.host import Host, HostState, Reading
+from omnimj.hardware.host import MOST_LOST, Host, HostState, Reading
 from omnimj.hardware.key_file import Key, read_key
+from omnimj.hardware.link_quality import WINDOW
 from omnimj.hardware.messages import Arm, Capabilities, Command, Frame, Hello, Ping, ResetFault, Stop
 from omnimj.hardware.serial_port import SerialTransport
 from omnimj.hardware.udp import UdpTransport
@@ -204,11 +205,14 @@ class Link:
             return self.reading
         begin = asked = self.now
         while self.host.state is not HostState.ARMED:
+            # who did not listen for a while has lost frames, which says nothing about the link from now on
+            lost = self.host.arrivals.lost
             if self.now - begin > PATIENCE:
-                self.stop("the device does not say that it is armed")
+                few = f"{lost} of the last {WINDOW} frames were lost: it is not armed over such a link"
+                self.stop(few if lost >= MOST_LOST else "the device does not say that it is armed")
             self.host.require_link()
             self.send(self.zero())
-            if self.reading.telemetry.acknowledged and self.now >= asked:
+            if self.reading.telemetry.acknowledged and lost < MOST_LOST and self.now >= asked:
                 self.send(self.host.arm(self.now))
                 asked = self.now + _ASK_AGAIN
             before = self.reading

@@ -49,7 +49,7 @@ class HardwarePlant:
             raise InputError(found, "found with --lock-step", "there time stands still until it is armed")
         self.period = expected.period
         self.link = link
-        self._lock_step, self._reset_fault = expected.lock_step, reset_fault
+        self.is_lock_step, self._reset_fault = expected.lock_step, reset_fault
         self._calibration, self._wheels = Calibration(hardware), Wheels.of(hardware)
         self._deadlines, self._is_open = Deadlines(), True
         self._ending = AtTheEnd(self.close)
@@ -77,8 +77,8 @@ class HardwarePlant:
             words = fault.name.lower().replace("_", " ")
             self.link.stop(f"the device has latched {words}; --reset-fault says that it has been seen")
             self.link.host.require_link()
-        reading = self.link.arm() if self._lock_step else self.link.reading
-        self._began = self._lock_step
+        reading = self.link.arm() if self.is_lock_step else self.link.reading
+        self._began = self.is_lock_step
         self._take(reading)
         self._zero_time = reading.time
         self._measured = self._measure(reading)
@@ -91,7 +91,7 @@ class HardwarePlant:
           LinkLost: The link does not hold; three stops have been sent.
         """
         currents, brake = self._wheels.told(command)
-        if self._lock_step:
+        if self.is_lock_step:
             host = self.link.host
             self._deadlines.periods += 1
             reading = self.link.exchange(host.command(self.link.now, currents, brake))
@@ -123,7 +123,7 @@ class HardwarePlant:
         told = None if host.reading is None else host.reading.telemetry
         return LinkRecord(
             address=link.name,
-            mode="lock-step" if self._lock_step else "real time" if self._drives else link.mode.value,
+            mode="lock-step" if self.is_lock_step else "real time" if self._drives else link.mode.value,
             is_keyed=link.is_keyed,
             deadlines=self._deadlines,
             sent=link.sent,

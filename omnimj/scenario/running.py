@@ -26,7 +26,7 @@ from omnimj.scenario.methods import make_method, require_method
 from omnimj.scenario.plants import KINEMATIC, make_plant, plant_name
 from omnimj.scenario.scenario import RigDrive, Scenario
 from omnimj.scenario.summary import summarize
-from omnimj.scenario.wires import Wire
+from omnimj.scenario.wires import Wire, warm_up
 from omnimj.signals import Array, Trace
 
 _FEWEST_ROWS = 2  # a run that ended before is no run
@@ -154,6 +154,8 @@ def _run_physics(
             trace = drive_rig(plant, current, watch, about, method)
         else:
             controller = make_diagnosing(scenario, method)
+            if isinstance(plant, HardwarePlant) and not plant.is_lock_step:
+                warm_up(scenario, controller)
             trace = drive(plant, controller, scenario.drive.reference, watch, about)
         if isinstance(plant, HardwarePlant):
             trace = Trace(trace.columns, {**trace.about, "link": plant.record.as_record()})

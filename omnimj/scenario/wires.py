@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 from omnimj.errors import InputError
 from omnimj.hardware.address import parse_address
 from omnimj.hardware.link import Mode, open_link
 from omnimj.hardware.plant import HardwarePlant
+from omnimj.loop import Controller, drive
 from omnimj.parameters import Robot
+from omnimj.plant.conditions import Fault
+from omnimj.plant.planar import PlanarRobot
+from omnimj.scenario.drive import Drive
 from omnimj.scenario.scenario import Scenario
 
 _WIRES = ("serial:", "udp:")
+_WARMING_UP = 4.0  # [s] of the scenario
 
 
 def is_wire(plant: str | None) -> bool:
@@ -69,3 +74,29 @@ def make_wired(scenario: Scenario, address: str, wire: Wire) -> HardwarePlant:
     except BaseException:
         link.close()
         raise
+
+
+def warm_up(scenario: Scenario, controller: Controller) -> None:
+    """Lets a controller meet two faults in a quick simulation, so that all its native code is there by then.
+
+    To load a kernel takes as long as many periods, and a robot that is driven in real time does not wait. A
+    controller has no state of its own, so that nothing of this is left in it.
+    """
+    robot, asked = scenario.constants, scenario.drive
+    assert isinstance(robot, Robot)
+    assert isinstance(asked, Drive)
+    rows = min(len(asked.reference.time), round(_WARMING_UP / scenario.period) + 1)
+    arrays = [f.name for f in fields(asked.reference) if f.name != "is_path"]
+    reference = replace(asked.reference, **{name: getattr(asked.reference, name)[:rows] for name in arrays})
+    end = float(reference.time[-1])
+    faults = (
+        Fault("motor", 0.3 * end, wheel=1, numbers={"loss": 0.7}),
+        Fault("slip", 0.6 * end, wheel=2, numbers={"grip": 0.1}),
+    )
+    plant = PlanarRobot(robot, scenario.floor, faults=faults, floors=scenario.floors, start=asked.start)
+    try:
+        trace = drive(plant, controller, reference)
+    finally:
+        plant.close()
+    if trace.about["interrupted"] and not trace.about["failure"]:
+        raise KeyboardInterrupt
