@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from omnimj.control.method import Method
 from omnimj.control.target import Target
-from omnimj.errors import SimulationError
+from omnimj.errors import LinkLost, SimulationError
 from omnimj.plant.channels import RIG_CHANNELS, robot_channels
 from omnimj.plant.interface import Plant
 from omnimj.signals import Array, CurrentCommand, Diagnosis, Measurement, Reference, RigMeasurement, Trace
@@ -241,7 +241,7 @@ def _record(
                 begin = time.perf_counter()  # the first step may have compiled native code
     except KeyboardInterrupt:
         interrupted = True
-    except (SimulationError, ArithmeticError) as error:
+    except (SimulationError, ArithmeticError, LinkLost) as error:
         interrupted, failure = True, f"at {done * plant.period:.4f} s: {error}"
     wall = time.perf_counter() - begin
     columns = np.ascontiguousarray(table[:done].T)

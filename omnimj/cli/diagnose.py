@@ -6,7 +6,7 @@ import argparse
 import dataclasses
 import json
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +18,8 @@ from omnimj.cli.tables import table
 if TYPE_CHECKING:
     from omnimj.diagnosis.diagnose import Order
     from omnimj.diagnosis.replay import Replayed
+    from omnimj.parameters.floor import Floor
+    from omnimj.recording.dataset import Dataset
 
 HELP = "say what is broken in recorded runs of the robot or the rig, without any plant"
 EXAMPLE = """examples:
@@ -30,7 +32,11 @@ FILES = ("diagnoses.json", "report.html")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the sub-command."""
-    parser.add_argument("dataset", type=Path, help="a folder of recorded runs with dataset.toml")
+    parser.add_argument(
+        "dataset",
+        type=Path,
+        help="a folder of recorded runs with dataset.toml, or of a run over a link, with frames.bin",
+    )
     words = "robust (default on the robot) or published (default on the rig)"
     parser.add_argument("--method", metavar="M", help=words)
     parser.add_argument(
@@ -87,10 +93,23 @@ def _order(arguments: Any) -> Order:
     from omnimj.recording.read_dataset import read_dataset
 
     floors = all_floors(arguments.floors)
-    dataset = read_dataset(arguments.dataset, floors)
+    dataset = _recorded(arguments, floors) or read_dataset(arguments.dataset, floors)
     machine = read_machine(dataset, arguments.model)
     method = method_name(arguments.method, machine)
     return Order(dataset, machine, method, floors, read_thresholds(arguments.thresholds, method))
+
+
+def _recorded(arguments: Any, floors: Mapping[str, Floor]) -> Dataset | None:
+    """The frames of a run over a link as a dataset; None for any other folder."""
+    from omnimj.hardware.recorded import is_recording, read_recorded
+    from omnimj.parameters import read_robot
+    from omnimj.parameters.floor import find_floor
+
+    if not is_recording(arguments.dataset):
+        return None
+    dataset = read_recorded(arguments.dataset, read_robot(arguments.model))
+    find_floor(str(dataset.runs[0].conditions["floor"]), f"{arguments.dataset}: floor", floors)
+    return dataset
 
 
 def _diagnose(arguments: Any, order: Order) -> tuple[list[Replayed], list[str], bool]:

@@ -10,6 +10,7 @@ from typing import Any, NoReturn
 
 from omnimj import __version__
 from omnimj.cli import calibrate as calibrate_command
+from omnimj.cli import device as device_command
 from omnimj.cli import diagnose as diagnose_command
 from omnimj.cli import evaluate as evaluate_command
 from omnimj.cli import gap as gap_command
@@ -87,6 +88,7 @@ def make_parser() -> Parser:
         ("calibrate", calibrate_command),
         ("evaluate", evaluate_command),
         ("link", link_command),
+        ("device", device_command),
     ):
         add(name, module.HELP, module.EXAMPLE, module.add_arguments, module.run)
     bench = "measure speed: steps per second, times real time, overhead of the callback, batch scaling"

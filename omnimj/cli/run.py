@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import shlex
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,11 +21,13 @@ from omnimj.cli.compared import (
 from omnimj.cli.compiling import note_compiled, say_compiling
 from omnimj.cli.progress import ProgressBar
 from omnimj.cli.tables import shown, table
+from omnimj.cli.wire_arguments import ADDRESS, add_wire, read_wire, told_link
 from omnimj.errors import InputError, SimulationError
 from omnimj.resources import models_folder
 
 if TYPE_CHECKING:
     from omnimj.scenario.running import Run
+    from omnimj.scenario.wires import Wire
     from omnimj.view.live import LiveRun
 
 INTERRUPTED = 130
@@ -34,13 +37,14 @@ EXAMPLE = """examples:
   omnimj run nylon_patch --set floor=pvc --set drive.speed=0.8 --out out/nylon
   omnimj run degraded_motor --plant planar --seed 3 --json
   omnimj run degraded_motor --method published --set diagnosis.thresholds=printed
-  omnimj run circle_8m --compare --out out/circle"""
+  omnimj run circle_8m --compare --out out/circle
+  omnimj run nylon_patch --plant udp:127.0.0.1:9750 --lock-step --out out/wire   (see omnimj device)"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the sub-command."""
     parser.add_argument("scenario", help="a name from `omnimj scenarios`, or a path to a TOML file")
-    parser.add_argument("--plant", metavar="P", help="twin (default) or planar")
+    parser.add_argument("--plant", metavar="P", help=f"twin (default), planar, or {ADDRESS}")
     words = "diagnosis: robust (default), published (default on the rig) or off"
     parser.add_argument("--method", metavar="M", help=words)
     parser.add_argument(
@@ -61,6 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         help=f"a copy of robot.toml or rig.toml with changed values; the originals lie in {shipped}",
     )
+    add_wire(parser)
     add_floors(parser)
     add_thresholds(parser)
     parser.add_argument(
@@ -98,9 +103,9 @@ def run(arguments: Any) -> int:
     if arguments.out is not None:
         check_folder(arguments.out, arguments.force)
     scenario = read_scenario(arguments.scenario, arguments.overrides, arguments.model, arguments.floors)
-    method = _method(arguments, scenario)
+    method, wire = _method(arguments, scenario), _wire(arguments, scenario)
     beside = methods_beside(scenario, method) if arguments.compare else ()
-    finished, live = _drive(arguments, scenario, method)
+    finished, live = _drive(arguments, scenario, method, wire)
     others = Beside()
     if beside and not finished.interrupted:
         others = drive_beside(scenario, arguments.plant, beside, arguments.seed)
@@ -119,6 +124,24 @@ def _method(arguments: Any, scenario: Any) -> str:
     return method
 
 
+def _wire(arguments: Any, scenario: Any) -> Wire | None:
+    """How a link is used; the run's folder is made at once, since every frame goes there as it comes."""
+    if read_wire(arguments, None) is None:
+        return None
+    from omnimj.hardware.frame_log import FRAMES_FILE
+    from omnimj.recording.folder import RUN_FILES, make_folder
+    from omnimj.scenario.plants import plant_name
+
+    plant_name(scenario, arguments.plant)
+    if arguments.compare:
+        rule = "it would drive the robot more than once"
+        raise InputError("--compare", f"found with --plant {arguments.plant}", rule)
+    if arguments.out is None:
+        return read_wire(arguments, None)
+    make_folder(arguments.out, arguments.force, (*RUN_FILES, FRAMES_FILE))
+    return read_wire(arguments, arguments.out / FRAMES_FILE)
+
+
 def _deliver(arguments: Any, finished: Run, live: LiveRun | None, others: Beside) -> None:
     """Writes, prints and shows a run of two rows or more, whatever ended it."""
     failure = finished.trace.about["failure"]
@@ -129,7 +152,8 @@ def _deliver(arguments: Any, finished: Run, live: LiveRun | None, others: Beside
     if arguments.out is not None:
         from omnimj.cli.outputs import write_outputs
 
-        write_outputs(arguments.out, arguments.force, finished, others.runs)
+        # a link's frames lie there already
+        write_outputs(arguments.out, arguments.force or "link" in finished.metrics, finished, others.runs)
     if not failure:
         print(json.dumps(finished.metrics, indent=2) if arguments.json else _told(finished, arguments.out))
     say_failures(others)
@@ -149,14 +173,15 @@ def _exit_code(finished: Run, out: Path | None) -> int:
     return 0 if finished.metrics["passed"] else 1
 
 
-def _drive(arguments: Any, scenario: Any, method: str) -> tuple[Run, LiveRun | None]:
+def _drive(arguments: Any, scenario: Any, method: str, wire: Wire | None) -> tuple[Run, LiveRun | None]:
     from omnimj.scenario.plants import KINEMATIC, plant_name
     from omnimj.scenario.running import run_scenario
 
     thresholds = read_thresholds(arguments.thresholds, method)
     plant = plant_name(scenario, arguments.plant)
+    compiled = "wire" if wire is not None else plant
     if plant != KINEMATIC:
-        say_compiling(plant, scenario.plant)  # before the imports that compile
+        say_compiling(compiled, scenario.plant)  # before the imports that compile
     live, hooks = None, {}
     if arguments.view:
         from omnimj.cli.outputs import open_live
@@ -166,11 +191,29 @@ def _drive(arguments: Any, scenario: Any, method: str) -> tuple[Run, LiveRun | N
         hooks = {"on_start": live.start, "snapshot": live.snapshot, "rows": live.rows}
     with ProgressBar() as bar:
         finished = run_scenario(
-            scenario, arguments.plant, method, arguments.seed, bar.show, thresholds=thresholds, **hooks
+            scenario,
+            arguments.plant,
+            method,
+            arguments.seed,
+            bar.show,
+            thresholds=thresholds,
+            wire=wire,
+            **hooks,
         )
     if plant != KINEMATIC and finished.metrics:
-        note_compiled(plant, scenario.plant)
+        note_compiled(compiled, scenario.plant)
     return finished, live
+
+
+def _verdict(checks: Sequence[Mapping[str, Any]]) -> str:
+    unjudged = sum(not check.get("judged", True) for check in checks)
+    failed = sum(not check["ok"] for check in checks) - unjudged
+    beside = f"; {unjudged} not judged, since they need a truth that nobody knows" if unjudged else ""
+    if failed:
+        return f"failed: {failed} of {len(checks)} checks{beside}"
+    if unjudged == len(checks) > 0:
+        return f"not judged: all {unjudged} checks need a truth that nobody knows"
+    return f"passed{beside}"
 
 
 def _told(finished: Run, out: Path | None) -> str:
@@ -188,16 +231,17 @@ def _told(finished: Run, out: Path | None) -> str:
     for check in metrics["checks"]:
         unit, sign = units[check["name"]], "≥" if check["bound"] == "min" else "≤"
         limit = f"{sign} {shown(check['limit'], unit)}"
-        rows.append((check["name"], shown(check["value"], unit), limit, "ok" if check["ok"] else "FAILED"))
+        verdict = "ok" if check["ok"] else "FAILED" if check.get("judged", True) else "not judged"
+        rows.append((check["name"], shown(check["value"], unit), limit, verdict))
     lines.append(table(("check", "value", "limit", ""), rows) if rows else "no checks")
     diagnosed = told_diagnoses(metrics, len(finished.scenario.wheel_positions))
     comparison = told_comparison(units, metrics)
-    lines += [part for words in (diagnosed, comparison) if words for part in ("", words)] + [""]
+    link = told_link(metrics["link"]) if "link" in metrics else ""
+    lines += [part for words in (diagnosed, comparison, link) if words for part in ("", words)] + [""]
     if finished.interrupted:
         lines.append("interrupted")
     else:
-        failed = sum(not check["ok"] for check in metrics["checks"])
-        lines.append(f"failed: {failed} of {len(rows)} checks" if failed else "passed")
+        lines.append(_verdict(metrics["checks"]))
     if out is not None:
         lines.append(f"written to {out}")
     return "\n".join(lines)

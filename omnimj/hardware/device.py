@@ -10,7 +10,6 @@ Current flows only while the device is armed, by a command that is still valid. 
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -24,7 +23,6 @@ from omnimj.hardware.messages import (
     Arm,
     Capabilities,
     Command,
-    Fault,
     FaultCode,
     Frame,
     Hello,
@@ -35,10 +33,10 @@ from omnimj.hardware.messages import (
     Status,
     Stop,
     Telemetry,
+    counts_of,
 )
+from omnimj.hardware.voice import Voice
 
-_NEVER = 1e9  # [s]
-_REMEMBERED = 256  # telemetries: 20 ms at 10 kHz and some more
 _MASK = 2**32 - 1
 
 
@@ -70,10 +68,9 @@ class Device:
         self._limits = self.commissioned.limits
         self._limits_hash = limits_hash(self._limits)
         self._speeds, self._new_session = speeds, new_session
+        self._counts = counts_of(commissioned.channels)
         self._zero = (0.0,) * commissioned.wheels
         self._nothing = Command(self._zero, -1.0)  # too old from the start
-        self.session = 0
-        """0: none yet."""
         self.armed = False
         self.fault = FaultCode.NONE
         """That is latched."""
@@ -84,9 +81,14 @@ class Device:
         self._at = now
         self._heat, self._raw = self._zero, ()
         self._budget, self._strangers = Budget(self._limits, now), Budget(self._limits, now)
-        self._out: list[Frame] = []
+        self._voice = Voice(commissioned.keyed)
         self._begin(nonce=0)
         self._halt(now)
+
+    @property
+    def session(self) -> int:
+        """0: none yet."""
+        return self._voice.session
 
     @property
     def output(self) -> Output:
@@ -117,13 +119,13 @@ class Device:
             self.dropped += 1  # its own frame, come back
         elif frame.sequence > self._heard:
             self._heard, self._last, self._answer = frame.sequence, message, ()
-            self._obey(now, message, frame.sequence)
-            self._answer = tuple(self._out)
+            self._obey(now, message, frame)
+            self._answer = self._voice.pending
         elif self.commissioned.lock_step and frame.sequence == self._heard and message == self._last:
-            self._out += self._answer  # the answer was lost
+            self._voice.again(self._answer)  # the answer was lost
         else:
             self.dropped += 1
-        return self._sent()
+        return self._voice.take()
 
     def tick(self, now: float, raw: Sequence[float]) -> tuple[Frame, ...]:
         """One period is over: what is to be sent to the session's host; `output` holds for the next one.
@@ -141,12 +143,13 @@ class Device:
             self._say_telemetry(now)
         elif self.step_due:
             self._say_telemetry(now)
-            self._answer = tuple(self._out)
+            self._answer = self._voice.pending
         self.step_due = False
-        return self._sent()
+        return self._voice.take()
 
-    def _obey(self, now: float, message: Arm | Command | ResetFault | Ping, sequence: int) -> None:
+    def _obey(self, now: float, message: Arm | Command | ResetFault | Ping, frame: Frame) -> None:
         """A new frame of the session's host."""
+        sequence = frame.sequence
         # simulated time says nothing about message rates
         if not self.commissioned.lock_step and not self._budget.spend(now):
             refusal = Refusal(FaultCode.MESSAGE_RATE, 0, self._budget.credit, self._limits.message_rate)
@@ -155,13 +158,13 @@ class Device:
             else:
                 self.refused += 1  # the rate is of answers: it has been told once
         elif isinstance(message, Ping):
-            self._say(now, Pong(message.nonce))
+            self._voice.say(now, Pong(message.nonce))
         elif isinstance(message, Command):
             self._on_command(now, message, sequence)
         else:
             if isinstance(message, ResetFault):
                 self.fault = FaultCode.NONE
-            elif refusal := self._arm_refusal(now, message):
+            elif refusal := self._arm_refusal(now, message, frame.same_schema):
                 self._refuse(now, refusal, sequence, latch=False)
                 return
             else:
@@ -189,12 +192,10 @@ class Device:
             self._say_telemetry(now)  # time stands still until the session has been armed
         return None
 
-    def _arm_refusal(self, now: float, arm: Arm) -> Refusal | None:
-        told = [now - time for sequence, time in self._told if sequence == arm.telemetry]
+    def _arm_refusal(self, now: float, arm: Arm, same_schema: bool) -> Refusal | None:
         hashes, standing = (self._limits_hash, self.commissioned.calibration_hash), now - self._arrived
-        return gate.arming_refused(
-            arm, self.fault, hashes, self._command, standing, min(told, default=_NEVER)
-        )
+        seen = self._voice.age(now, arm.telemetry)
+        return gate.arming_refused(arm, same_schema, self.fault, hashes, self._command, standing, seen)
 
     def _on_hello(self, now: float, hello: Hello) -> None:
         """Anybody may ask, out of a budget of their own; while the device is armed they are told nothing."""
@@ -203,28 +204,26 @@ class Device:
             return
         if self.armed:
             self.refused += 1
-            busy = Fault(FaultCode.BUSY, 0, 0.0, 0.0, 0, latched=False)
-            self._out.append(Frame(busy, 0, 0, _microseconds(now), self.commissioned.keyed))
+            self._voice.say_busy(now)
             return
         if self.session == 0 or hello.nonce != self._nonce or self._heard > 0:
             drawn = self._new_session() & _MASK
             while drawn in (0, self.session):
                 drawn = (drawn + 1) & _MASK
-            self.session = drawn
+            self._voice.begin(drawn)
             self._begin(hello.nonce)
             self._halt(now)
         c, own = self.commissioned, self._limits_hash
         facts = (c.period, c.lock_step, c.wheels, c.channels, c.limits, own, c.calibration_hash)
-        self._say(now, Capabilities(hello.nonce, *facts))
+        self._voice.say(now, Capabilities(hello.nonce, *facts))
 
     def _begin(self, nonce: int) -> None:
         """A session's own state; heat, fault and counts are the device's and stay."""
-        self._nonce, self._heard, self._said = nonce, 0, 0
+        self._nonce, self._heard = nonce, 0
         self._acknowledged, self._taken = 0, 0.0
         self._begun = False
         self._last: Message = Stop()
         self._answer: tuple[Frame, ...] = ()
-        self._told: deque[tuple[int, float]] = deque(maxlen=_REMEMBERED)
 
     def _halt(self, now: float) -> None:
         """Zero current at once, disarmed."""
@@ -263,34 +262,26 @@ class Device:
         if latch:
             self._latch(now, refusal, sequence)
         else:
-            self._say_fault(now, refusal, sequence, latched=False)
+            self._voice.say_fault(now, refusal, sequence, latched=False)
 
     def _latch(self, now: float, refusal: Refusal, sequence: int) -> None:
         """Disarms; the first fault is the one that is kept."""
         self._halt(now)
         if self.fault is FaultCode.NONE:
             self.fault = refusal.code
-        self._say_fault(now, refusal, sequence, latched=True)
-
-    def _say(self, now: float, message: Message) -> None:
-        """To the session's host; to nobody if there is none."""
-        if self.session != 0:
-            self._said += 1
-            frame = Frame(
-                message, self.session, self._said & _MASK, _microseconds(now), self.commissioned.keyed
-            )
-            self._out.append(frame)
-
-    def _say_fault(self, now: float, refusal: Refusal, sequence: int, latched: bool) -> None:
-        self._say(
-            now, Fault(refusal.code, refusal.wheel, refusal.value, refusal.limit, sequence, latched=latched)
-        )
+        self._voice.say_fault(now, refusal, sequence, latched=True)
 
     def _say_telemetry(self, now: float) -> None:
         age = now - self._taken if self._acknowledged else math.inf
-        counts = self.refused & _MASK, self.dropped & _MASK
-        self._say(now, Telemetry(self._acknowledged, age, self._status(), self.fault, *counts, raw=self._raw))
-        self._told.append((self._said, now))
+        facts = (
+            self._acknowledged,
+            age,
+            self._status(),
+            self.fault,
+            self.refused & _MASK,
+            self.dropped & _MASK,
+        )
+        self._voice.say(now, Telemetry(*facts, raw=self._raw, counts=self._counts))
 
     def _status(self) -> Status:
         facts = {
@@ -302,11 +293,3 @@ class Device:
             Status.AUTHENTIC: self.commissioned.keyed,
         }
         return Status(sum(bit for bit, holds in facts.items() if holds))
-
-    def _sent(self) -> tuple[Frame, ...]:
-        out, self._out = tuple(self._out), []
-        return out
-
-
-def _microseconds(now: float) -> int:
-    return round(now * 1e6)

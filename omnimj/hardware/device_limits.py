@@ -161,18 +161,27 @@ def is_zero(command: Command) -> bool:
 
 
 def arming_refused(
-    arm: Arm, fault: FaultCode, hashes: tuple[int, int], command: Command, age: float, telemetry_age: float
+    arm: Arm,
+    same_schema: bool,
+    fault: FaultCode,
+    hashes: tuple[int, int],
+    command: Command,
+    age: float,
+    telemetry_age: float,
 ) -> Refusal | None:
     """Why the device may not be armed; None: it may. The first reason, in the order of the arguments.
 
     Args:
       arm: What the host says.
+      same_schema: Whether it lays out every payload as the device does.
       fault: That is latched.
       hashes: The device's own, of limits and calibration.
       command: The last one.
       age: Of the command [s].
       telemetry_age: Of the telemetry that the host names [s].
     """
+    if not same_schema:
+        return Refusal(FaultCode.ARM_SCHEMA, 0, 0.0, 0.0)
     if fault is not FaultCode.NONE:
         return Refusal(FaultCode.ARM_FAULTY, 0, float(fault), 0.0)
     if arm.limits_hash != hashes[0]:

@@ -101,8 +101,9 @@ def _counted(value: float, wrap: float) -> int:
 class EmulatedDevice:
     """A plant, the device in front of it, and what is wired wrongly between the two.
 
-    In lock-step, frames are all it needs: each session begins the plant's run anew. In real time, `tick` is
-    called once per period by whoever has the clock.
+    Each session begins the plant's run anew. In lock-step, frames are all it needs. In real time, `tick` is
+    called once per period by whoever has the clock, and the run begins once more when the session is armed
+    for the first time: faults of a scenario have their times from there, as the host's clock has.
     """
 
     def __init__(
@@ -147,7 +148,7 @@ class EmulatedDevice:
         for defect in defects:
             if defect.place.startswith("motor_"):
                 self._motors[int(defect.place[6:]) - 1] *= defect.factor
-        self._periods, self._session = 0, 0
+        self._periods, self._session, self._has_begun = 0, 0, False
         self._taken: deque[tuple[float, tuple[float, ...]]] = deque(maxlen=late + 1)
         self._start()
         if len(self._measured.current) != n:
@@ -162,7 +163,7 @@ class EmulatedDevice:
           frame: From the wire.
         """
         if not self.device.commissioned.lock_step:
-            return self.device.on_frame(now, frame)
+            return self._on_frame_in_time(now, frame)
         answer = self.device.on_frame(self._time, frame)
         if self.device.session != self._session:
             self._session = self.device.session
@@ -172,20 +173,39 @@ class EmulatedDevice:
             answer += self._step(self._time + self._plant.period)
         return answer
 
+    def _on_frame_in_time(self, now: float, frame: Frame) -> tuple[Frame, ...]:
+        answer = self.device.on_frame(now, frame)
+        if self.device.session != self._session:
+            self._session, self._has_begun = self.device.session, False
+            self._start()
+        if self.device.armed and not self._has_begun:
+            self._has_begun = True
+            self._measured = self._begun()  # counters go on
+        return answer
+
     def tick(self, now: float) -> tuple[Frame, ...]:
         """Real time: one period is over [s]; what is to be sent to the session's host."""
         return self._step(now)
+
+    def time(self, now: float) -> float:
+        """Of the device's clock: `now`, or in lock-step its own [s]."""
+        return self._time if self.device.commissioned.lock_step else now
 
     @property
     def _time(self) -> float:
         """Of lock-step, which goes on from session to session [s]."""
         return self._periods * self._plant.period
 
-    def _start(self) -> None:
+    def _begun(self) -> Measurement:
+        """The plant at its start."""
         measured = self._plant.reset()
         if not isinstance(measured, Measurement):
             raise InputError("plant", "found the test rig", "a robot is needed")
-        self._measured = measured
+        return measured
+
+    def _start(self) -> None:
+        """The run from its beginning, counters at zero."""
+        self._measured = self._begun()
         self._readings.reset()
         self._taken.clear()
 

@@ -107,6 +107,20 @@ static float heat_after(size_t i, float current, float time)
     return then > 0.0f ? then : 0.0f;
 }
 
+/* Whether one more period of these currents would heat a motor beyond its limit; then it is latched. */
+static int is_too_hot(const float *current, uint32_t of)
+{
+    uint8_t i;
+    for (i = 0; i < WHEELS; i++) {
+        float then = heat_after(i, current[i], seconds(PERIOD_US));
+        if (then > limits.heating && magnitude(current[i]) > limits.continuous_current) {
+            latch(OMJ_FAULT_HEATING, (uint8_t)(i + 1u), then, limits.heating, of);
+            return 1;
+        }
+    }
+    return 0;
+}
+
 static void on_command(const omj_command *command, uint32_t of, uint64_t now)
 {
     float longest = seconds(now - since > PERIOD_US ? now - since : PERIOD_US);
@@ -134,20 +148,20 @@ static void on_command(const omj_command *command, uint32_t of, uint64_t now)
         return;
     }
     for (i = 0; i < WHEELS; i++) {
-        float current = command->current[i], change = magnitude(current - flows[i]);
-        float then = heat_after(i, current, seconds(PERIOD_US));
-        if (magnitude(current) > limits.current) {
-            latch(OMJ_FAULT_CURRENT, (uint8_t)(i + 1u), current, limits.current, of);
+        if (magnitude(command->current[i]) > limits.current) {
+            latch(OMJ_FAULT_CURRENT, (uint8_t)(i + 1u), command->current[i], limits.current, of);
             return;
         }
-        if (current != 0.0f && change > limits.current_rate * longest) {
+    }
+    for (i = 0; i < WHEELS; i++) {
+        float change = magnitude(command->current[i] - flows[i]);
+        if (command->current[i] != 0.0f && change > limits.current_rate * longest) {
             latch(OMJ_FAULT_CURRENT_RATE, (uint8_t)(i + 1u), change, limits.current_rate * longest, of);
             return;
         }
-        if (then > limits.heating && magnitude(current) > limits.continuous_current) {
-            latch(OMJ_FAULT_HEATING, (uint8_t)(i + 1u), then, limits.heating, of);
-            return;
-        }
+    }
+    if (is_too_hot(command->current, of)) {
+        return;
     }
     for (i = 0; i < WHEELS; i++) {
         newest[i] = command->current[i];
@@ -224,9 +238,15 @@ static void on_hello(const omj_frame *hello, uint64_t now)
     say(&answer);
 }
 
-static int is_paid_for(uint64_t now)
+static float most_frames(void)
 {
     float most = 0.05f * limits.message_rate;
+    return most < 1.0f ? 1.0f : most;
+}
+
+static int is_paid_for(uint64_t now)
+{
+    float most = most_frames();
     bucket += limits.message_rate * seconds(now - bucket_at);
     bucket = bucket > most ? most : bucket;
     bucket_at = now;
@@ -300,16 +320,13 @@ static void on_period(uint64_t now)
     uint8_t i;
     board_read(telemetry->raw, speed);
     for (i = 0; i < WHEELS && armed; i++) {
-        float then = heat_after(i, newest[i], seconds(PERIOD_US));
         if (!omj_is_finite(speed[i])) {
             latch(OMJ_FAULT_SENSOR, (uint8_t)(i + 1u), speed[i], limits.wheel_speed, 0);
         } else if (magnitude(speed[i]) > limits.wheel_speed) {
             latch(OMJ_FAULT_WHEEL_SPEED, (uint8_t)(i + 1u), speed[i], limits.wheel_speed, 0);
-        } else if (then > limits.heating && magnitude(newest[i]) > limits.continuous_current) {
-            latch(OMJ_FAULT_HEATING, (uint8_t)(i + 1u), then, limits.heating, 0);
         }
     }
-    if (armed) {
+    if (armed && !is_too_hot(newest, 0)) {
         for (i = 0; i < WHEELS; i++) {
             flows[i] = newest[i];
         }
@@ -344,7 +361,7 @@ void firmware_begin(void)
 {
     disarm();
     last_period = warmed_at = bucket_at = board_now_us();
-    bucket = 0.05f * limits.message_rate;
+    bucket = most_frames();
 }
 
 /* Call for ever, from the main loop. */

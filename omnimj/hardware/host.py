@@ -33,6 +33,7 @@ from omnimj.hardware.messages import (
     Status,
     Stop,
     Telemetry,
+    counts_of,
 )
 
 OLDEST = FRESH
@@ -81,7 +82,7 @@ class Host:
 
         Args:
           expected: What the device must be; only a keyed one's authentic frames count.
-          new_nonce: 32 random bits, fresh at each call.
+          new_nonce: 64 random bits, fresh at each call.
         """
         self.expected, self._new_nonce = expected, new_nonce
         self.state, self.reason = HostState.IDLE, ""
@@ -99,7 +100,9 @@ class Host:
         """The newest."""
         self.arrivals, self.clock = Arrivals(), ClockOffset()
         self._waiting: deque[tuple[int, float]] = deque(maxlen=_COMMANDS)
-        self._capabilities: Capabilities | None = None
+        self.capabilities: Capabilities | None = None
+        """What the device said that it is."""
+        self._layout = 0, 0
 
     # --- what the host may ask
 
@@ -222,18 +225,23 @@ class Host:
         elif self.state is HostState.ASKING:
             self._begin(frame.session)
             self.arrivals.take(frame.sequence)
-            self._capabilities = found
+            self.capabilities, self._layout = found, (len(found.channels), counts_of(found.channels))
             words = difference(self.expected, found) if frame.session else "it gives no session"
+            words = words if frame.same_schema else "it lays out its messages otherwise (schema)"
             if words:
                 return self.stop(now, f"this is not the device that was expected: {words}")
             self.state = HostState.CONNECTED
-        elif (frame.session, found) != (self.session, self._capabilities):
+        elif (frame.session, found) != (self.session, self.capabilities):
             return self.stop(now, "the device has begun another session: it has restarted")
         else:
             self.arrivals.take(frame.sequence)  # hello had been sent twice
         return ()
 
     def _on_telemetry(self, now: float, frame: Frame, telemetry: Telemetry) -> tuple[Frame, ...]:
+        if (len(telemetry.raw), telemetry.counts) != self._layout:
+            self.dropped += 1
+            words = "its telemetry has other channels than its capabilities"
+            return () if self.state is HostState.STOPPED else self.stop(now, words)
         sampled = min(now, 1e-6 * frame.time - self.clock.offset) if self.clock.known else now
         if now - sampled > OLDEST and not self.expected.lock_step:
             self.dropped += 1  # too late to be believed; `check` sees the one before

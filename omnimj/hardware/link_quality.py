@@ -18,6 +18,8 @@ class ClockOffset:
 
     def __init__(self):
         """Nothing is known yet."""
+        self.answers = 0
+        """Pings that came back."""
         self._sent: deque[tuple[int, float]] = deque(maxlen=_PINGS)
         self._found: deque[tuple[float, float]] = deque(maxlen=_PINGS)
 
@@ -30,6 +32,7 @@ class ClockOffset:
         for entry in self._sent:
             if entry[0] == nonce:
                 self._sent.remove(entry)
+                self.answers += 1
                 self._found.append((now - entry[1], device_time - 0.5 * (entry[1] + now)))
                 return
 
@@ -55,12 +58,15 @@ class Arrivals:
     def __init__(self):
         """As if all had come that were sent before."""
         self.newest = 0
+        self.lost_in_all = 0
+        """Since the beginning; what came late is among them."""
         self._came = (1 << WINDOW) - 1
 
     def take(self, sequence: int) -> bool:
         """Notes a frame; False if it is not newer than all before: a repeat, or too late."""
         if sequence <= self.newest:
             return False
+        self.lost_in_all += sequence - self.newest - 1
         gap = min(sequence - self.newest, WINDOW)
         self._came = ((self._came << gap) | 1) & ((1 << WINDOW) - 1)
         self.newest = sequence

@@ -38,8 +38,10 @@ class Transport(Protocol):
 class Listener(Protocol):
     """A device's end of a wire: anybody may speak to it."""
 
-    failures: int
-    """As for a transport."""
+    @property
+    def failures(self) -> int:
+        """As for a transport."""
+        ...
 
     def send(self, packet: bytes, peer: Peer) -> None:
         """Sends to one of those who have spoken."""

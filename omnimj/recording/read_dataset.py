@@ -48,7 +48,7 @@ def read_dataset(path: Path | str, floors: Collection[str] | None = None) -> Dat
     runs = [_read_run(about, name, file) for name, file in files.items()]
     _require_used_renames(about, runs)
     _require_alike(about, [run for run, _ in runs])
-    masked, notes = _mask(about.plant, [run for run, _ in runs])
+    masked, notes = with_marks_of(about.plant, [run for run, _ in runs])
     return Dataset(path, about.plant, tuple(masked), tuple(notes))
 
 
@@ -164,8 +164,13 @@ def _require_alike(about: DatasetFile, runs: Sequence[Run]) -> None:
                 raise InputError(f"{about.path}: run {run.name!r}", found, rule)
 
 
-def _mask(plant: str, runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
-    """The runs with their samples marked that must not be fitted, and what there is to say about it."""
+def with_marks_of(plant: str, runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
+    """The runs with their samples marked that must not be fitted, and what there is to say about it.
+
+    Args:
+      plant: As in `PLANT_COLUMNS`.
+      runs: Without marks, in SI units under our names.
+    """
     asked = PLANT_COLUMNS[plant]
     channels = [name for name in asked.known if name != "time"]
     found: list[dict[str, Marks]] = [{} for _ in runs]

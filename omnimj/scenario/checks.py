@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -38,11 +38,13 @@ class Judgement:
     check: Check
     value: float | None
     """The metric; None where the run has none."""
+    judged: bool = True
+    """Whether it can be: a metric that needs the truth has no value where nobody knows that."""
 
     @property
     def ok(self) -> bool:
-        """Whether the bound holds; a metric that is missing or not finite never passes."""
-        if self.value is None or not math.isfinite(self.value):
+        """Whether the bound holds; a metric that is missing, not judged or not finite never passes."""
+        if self.value is None or not self.judged or not math.isfinite(self.value):
             return False
         if self.check.bound == "min":
             return self.value >= self.check.limit
@@ -94,8 +96,20 @@ def read_checks(
 
 
 def judge(
-    checks: tuple[Check, ...], metrics: Mapping[str, float | None], method: str = "off"
+    checks: tuple[Check, ...],
+    metrics: Mapping[str, float | None],
+    method: str = "off",
+    unknown: Collection[str] = (),
 ) -> tuple[Judgement, ...]:
-    """Holds every check of the method against the metrics of a run, in the order of the scenario file."""
+    """Holds every check of the method against the metrics of a run, in the order of the scenario file.
+
+    Args:
+      checks: Of the scenario.
+      metrics: Of the run.
+      method: That diagnosed.
+      unknown: Metrics that need a truth which nobody knows; they are not judged.
+    """
     asked = (check for check in checks if check.method in (None, method))
-    return tuple(Judgement(check, metrics.get(check.name)) for check in asked)
+    return tuple(
+        Judgement(check, metrics.get(check.name), judged=check.name not in unknown) for check in asked
+    )

@@ -9,24 +9,25 @@ from omnimj.parameters import Rig, Robot
 from omnimj.plant.interface import Plant
 from omnimj.scenario.drive import Drive
 from omnimj.scenario.scenario import RigDrive, Scenario
+from omnimj.scenario.wires import Wire, check_wire, is_wire, make_wired
 
 PLANT_NAMES = ("twin", "planar")
 KINEMATIC = "kinematic"
-_WIRES = ("serial:", "udp:")
+_WIRES = ("serial:DEVICE?baud=N", "udp:HOST:PORT")
 
 
 def plant_name(scenario: Scenario, asked: str | None) -> str:
     """The plant to run on: `twin` unless asked otherwise, `kinematic` for a kinematic scenario.
 
     Raises:
-      InputError: A real robot, which this version cannot drive, or a plant with forces for a scenario
-        without any.
+      InputError: An address that is none, or a plant with forces for a scenario without any.
       UnknownNameError: No such plant.
     """
-    if asked is not None and asked.startswith(_WIRES):
-        raise InputError("--plant", f"found {asked!r}", "this version drives no real robot", PLANT_NAMES)
+    if asked is not None and is_wire(asked):
+        check_wire(scenario, asked)
+        return asked
     if asked is not None and asked not in PLANT_NAMES:
-        raise UnknownNameError("--plant", "plant", asked, PLANT_NAMES)
+        raise UnknownNameError("--plant", "plant", asked, (*PLANT_NAMES, *_WIRES))
     if scenario.level == "kinematic":
         if asked is not None:
             rule = f"{scenario.name} is at the kinematic level, leave --plant out"
@@ -35,17 +36,22 @@ def plant_name(scenario: Scenario, asked: str | None) -> str:
     return asked or "twin"
 
 
-def make_plant(scenario: Scenario, name: str, seed: int) -> Plant:
+def make_plant(scenario: Scenario, name: str, seed: int, wire: Wire | None = None) -> Plant:
     """The plant of a scenario at the physics level, with its floor, faults and patches.
+
+    A robot behind a wire has what it has: floor, faults and patches are then what the scenario hopes for.
 
     Args:
       scenario: Its constants come from its model file.
-      name: `twin` or `planar`.
+      name: `twin`, `planar`, or the address of a device.
       seed: Of the sensors' noise.
+      wire: How an address is used; as usual when None.
 
     Raises:
       UnknownNameError: No such plant.
     """
+    if is_wire(name):
+        return make_wired(scenario, name, wire or Wire())
     if name not in PLANT_NAMES:
         raise UnknownNameError("plant", "plant", name, PLANT_NAMES)
     if name == "twin" and scenario.equations != "corrected":

@@ -16,6 +16,7 @@ from omnimj.control.recovery import Recovery
 from omnimj.control.robust import Robust
 from omnimj.control.robust.verdict import Thresholds
 from omnimj.errors import InputError
+from omnimj.hardware.plant import HardwarePlant
 from omnimj.kinematic import drive_kinematic
 from omnimj.loop import Progress, Rows, Snapshot, Watch, drive, drive_rig
 from omnimj.parameters import Robot
@@ -25,6 +26,7 @@ from omnimj.scenario.methods import make_method, require_method
 from omnimj.scenario.plants import KINEMATIC, make_plant, plant_name
 from omnimj.scenario.scenario import RigDrive, Scenario
 from omnimj.scenario.summary import summarize
+from omnimj.scenario.wires import Wire, warm_up
 from omnimj.signals import Array, Trace
 
 _FEWEST_ROWS = 2  # a run that ended before is no run
@@ -84,12 +86,13 @@ def run_scenario(
     on_start: Callable[[Plant], None] | None = None,
     rows: Rows | None = None,
     thresholds: Thresholds | None = None,
+    wire: Wire | None = None,
 ) -> Run:
     """Drives a scenario once.
 
     Args:
       scenario: From `read_scenario`.
-      plant: `twin`, `planar`; by the scenario's level when None.
+      plant: `twin`, `planar`, the address of a device; by the scenario's level when None.
       method: `off` or `published`.
       seed: Of the sensors' noise.
       progress: Called now and then with the rows done and the rows in all.
@@ -97,6 +100,7 @@ def run_scenario(
       on_start: Called with the plant before the first step.
       rows: Called now and then with the newest rows of the trace, for a live view.
       thresholds: Of the robust method; the shipped ones when None.
+      wire: How an address is used; as usual when None.
 
     Returns:
       Trace, metrics and poses; ended early by Ctrl-C or by a failure (`trace.about["failure"]`) with what was
@@ -104,6 +108,7 @@ def run_scenario(
 
     Raises:
       InputError: A plant or method that this version does not have, or that does not fit the scenario.
+      LinkLost: There is nobody at the address who can be driven.
     """
     require_method(method)
     name = plant_name(scenario, plant)
@@ -123,7 +128,7 @@ def run_scenario(
     else:
         taken = _Poses(snapshot)
         watch = Watch(progress, taken.take, rows)
-        trace, poses = _run_physics(scenario, name, seed, about, watch, taken, on_start, thresholds)
+        trace, poses = _run_physics(scenario, name, seed, about, watch, taken, on_start, thresholds, wire)
     told = summarize(scenario, trace) if len(trace["time"]) >= _FEWEST_ROWS else {}
     return Run(scenario, trace, told, poses)
 
@@ -137,9 +142,10 @@ def _run_physics(
     poses: _Poses,
     on_start: Callable[[Plant], None] | None,
     thresholds: Thresholds | None,
+    wire: Wire | None,
 ) -> tuple[Trace, PoseTrack | None]:
     method = make_method(about["method"], scenario, thresholds)
-    plant = make_plant(scenario, name, seed)
+    plant = make_plant(scenario, name, seed, wire)
     try:
         if on_start is not None:
             on_start(plant)
@@ -148,7 +154,11 @@ def _run_physics(
             trace = drive_rig(plant, current, watch, about, method)
         else:
             controller = make_diagnosing(scenario, method)
+            if isinstance(plant, HardwarePlant) and not plant.is_lock_step:
+                warm_up(scenario, controller)
             trace = drive(plant, controller, scenario.drive.reference, watch, about)
+        if isinstance(plant, HardwarePlant):
+            trace = Trace(trace.columns, {**trace.about, "link": plant.record.as_record()})
         if not poses.times:
             return trace, None
         mj_model = getattr(plant, "mj_model", None)

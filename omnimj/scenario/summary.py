@@ -22,20 +22,27 @@ from omnimj.signals import Trace
 def summarize(scenario: Scenario, trace: Trace) -> dict[str, Any]:
     """The content of `metrics.json`.
 
-    A run that was interrupted has not passed, whatever its checks say.
+    A run that was interrupted has not passed, whatever its checks say. On a robot behind a wire nobody knows
+    the truth: `faults` is empty, `scenario_faults` has what the scenario's file says, which is true only if
+    the device runs the same one; what needs the truth is not judged, neither well nor badly.
 
     Args:
       scenario: What was asked for.
       trace: What was recorded, at least one row; `about` has plant, method, seed, realtime_factor and
         interrupted.
     """
-    about, faults = trace.about, true_faults(scenario, trace)
+    about, has_truth = trace.about, "link" not in trace.about
+    faults = true_faults(scenario, trace)
     diagnosed = _diagnosis(faults, about.get("diagnoses", ()), len(scenario.wheel_positions))
     measured = measure(
         trace, {name: unit for name, unit in scenario.metric_units.items() if name not in DIAGNOSIS_UNITS}
     )
+    if not has_truth:
+        diagnosed |= {"detection_delay": None, "isolated": None, "false_alarms": 0}
     worth = {name: None if diagnosed[name] is None else float(diagnosed[name]) for name in DIAGNOSIS_UNITS}
-    judgements = judge(scenario.checks, {**measured, **worth}, str(about["method"]))
+    known = {**measured, **worth}
+    unknown = () if has_truth else [name for name in known if known[name] is None or name in DIAGNOSIS_UNITS]
+    judgements = judge(scenario.checks, known, str(about["method"]), unknown)
     interrupted = bool(about["interrupted"])
     return {
         "scenario": scenario.name,
@@ -48,12 +55,13 @@ def summarize(scenario: Scenario, trace: Trace) -> dict[str, Any]:
         "overrides": list(scenario.overrides),
         "realtime_factor": about["realtime_factor"],
         "interrupted": interrupted,
-        "passed": all(judgement.ok for judgement in judgements) and not interrupted,
-        "faults": faults,
+        "passed": all(judgement.ok for judgement in judgements if judgement.judged) and not interrupted,
+        "faults": faults if has_truth else [],
         **diagnosed,
         **dict.fromkeys(("max_yaw_excursion", "path_error_max", "path_error_rms")),
         **{name: _finite(value) for name, value in measured.items()},
         "checks": [_check_record(judgement) for judgement in judgements],
+        **({} if has_truth else {"truth": False, "scenario_faults": faults, "link": about["link"]}),
     }
 
 
@@ -92,13 +100,14 @@ def _plain(diagnosis: Mapping[str, Any]) -> dict[str, Any]:
 
 def _check_record(judgement: Judgement) -> dict[str, Any]:
     check = judgement.check
-    return {
+    record = {
         "name": check.name,
         "value": _finite(judgement.value),
         "limit": check.limit,
         "ok": judgement.ok,
         "bound": check.bound,
     }
+    return record if judgement.judged else {**record, "judged": False}
 
 
 def _finite(value: float | None) -> float | None:

@@ -89,8 +89,10 @@ def cell(words: object, kind: str = "") -> str:
     return f"<td class='{kind}'>{text(words)}</td>" if kind else f"<td>{text(words)}</td>"
 
 
-def state(ok: bool) -> str:
+def state(ok: bool, judged: bool = True) -> str:
     """A cell that says whether something holds: a sign and a word, not colour alone."""
+    if not judged:
+        return "<td class='state'>– not judged</td>"
     return f"<td class='state {'good' if ok else 'bad'}'>{'✓ ok' if ok else '✗ failed'}</td>"
 
 

@@ -66,11 +66,18 @@ def write_report(
 
 def _head(scenario: Described, metrics: Mapping[str, Any]) -> str:
     checks = metrics.get("checks") or ()
-    failed = sum(not check["ok"] for check in checks)
+    unjudged = sum(not check.get("judged", True) for check in checks)
+    failed = sum(not check["ok"] for check in checks) - unjudged
     if not checks:
         kind, verdict = "plain", "No checks in this scenario"
     elif failed:
         kind, verdict = "bad", f"✗ Failed: {failed} of {len(checks)} checks"
+    elif unjudged:
+        words = f"{unjudged} of {len(checks)} checks need a truth that nobody knows, the others hold"
+        kind, verdict = (
+            "plain",
+            f"Not judged: {words if unjudged < len(checks) else 'all checks need a truth'}",
+        )
     else:
         kind, verdict = (
             "good",
@@ -120,7 +127,7 @@ def _checks(scenario: Described, metrics: Mapping[str, Any]) -> str:
         limit = check.get("limit")
         rows.append(
             (
-                page.state(bool(check["ok"])),
+                page.state(bool(check["ok"]), bool(check.get("judged", True))),
                 page.cell(check["name"].replace("_", " ")),
                 page.cell(wording.measure(check.get("value"), unit), "number"),
                 page.cell(f"{sign} {wording.measure(limit, unit)}" if limit is not None else "–", "number"),

@@ -17,6 +17,7 @@ from omnimj.view.wording import Described, Span
 
 HEADING = "What was diagnosed"
 _HEAD = ("what was wrong", "from – to", "diagnosed", "at", "after", "how sure", "could also be", "cleared")
+_UNKNOWN = "Nobody knows what was wrong with a robot behind a wire; what follows is what the method says."
 STYLE = """
 table.told { margin-bottom: 1.1rem; }
 @media (max-width: 640px) { table.told thead { display: none; }
@@ -45,7 +46,9 @@ def diagnosis_section(
     constants = scenario.constants
     wheels = 1 if isinstance(constants, Rig) else len(constants.wheels)
     pairing = pair(metrics.get("faults") or (), metrics.get("diagnoses") or (), wheels)
-    content = f"<p>{page.text(_verdict(metrics, pairing))}</p>{_table(pairing)}"
+    has_truth = bool(metrics.get("truth", True))
+    verdict = _verdict(metrics, pairing) if has_truth else _UNKNOWN
+    content = f"<p>{page.text(verdict)}</p>{_table(pairing, has_truth)}"
     figures = _figures(trace, scenario, metrics, spans)
     if figures:
         content += f"<div class='columns plots'>{''.join(figures)}</div>"
@@ -84,9 +87,10 @@ def _verdict(metrics: Mapping[str, Any], pairing: Pairing) -> str:
     return " ".join(words)
 
 
-def _table(pairing: Pairing) -> str:
+def _table(pairing: Pairing, has_truth: bool) -> str:
     rows = [_row(one, k, naming) for one in pairing.pairs for k, naming in enumerate(one.namings or (None,))]
-    rows += [(("–", "", *_told(naming, "false alarm"))) for naming in pairing.false_alarms]
+    unnamed = ("–", "false alarm") if has_truth else ("unknown", "–")
+    rows += [((unnamed[0], "", *_told(naming, unnamed[1]))) for naming in pairing.false_alarms]
     if not rows:
         return ""
     head = "".join(f"<th scope='col'>{page.text(name)}</th>" for name in _HEAD)

@@ -206,7 +206,7 @@ def _about(scenario: Described, metrics: Mapping[str, Any]) -> str:
     lines.append("")
     for check in metrics.get("checks") or ():
         name, unit = check["name"], scenario.metric_units.get(check["name"], "")
-        sign = "✓" if check["ok"] else "✗"
+        sign = "✓" if check["ok"] else "✗" if check.get("judged", True) else "–"
         value, limit = wording.number(check.get("value"), 3), wording.number(check.get("limit"), 3)
         bound = "at least" if check.get("bound") == "min" else "at most"
         lines.append(f"- {sign} {name.replace('_', ' ')}: {value} {unit} ({bound} {limit})")

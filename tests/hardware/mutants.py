@@ -27,6 +27,7 @@ TARGETS = {
     "device_limits.py": DEVICE,
     "budget.py": DEVICE,
     "device.py": (*DEVICE[1:], "test_device_any_order.py"),
+    "voice.py": (*DEVICE[1:], "test_device_any_order.py"),
     "host.py": ("test_host.py",),
     "link_quality.py": ("test_host.py",),
     "handshake.py": ("test_host.py",),

@@ -170,7 +170,7 @@ def test_at_a_time_that_does_not_rise_the_speed_stays_and_a_lost_count_is_made_u
     assert calibration.measured(9.0, raw(wheel_speed_2=7)).wheel_speed[1] == 0.0
 
 
-@given(st.lists(st.floats(-1.5, 1.5), min_size=4, max_size=4), st.sets(st.integers(1, 4)))
+@given(st.lists(st.floats(-1.5, 1.5, width=32), min_size=4, max_size=4), st.sets(st.integers(1, 4)))
 def test_currents_and_brakes_come_back_from_the_device_as_they_went(currents, brake):
     wheels = Wheels.of(PERMUTED)
     told, bits = wheels.told(CurrentCommand(np.array(currents), tuple(sorted(brake))))

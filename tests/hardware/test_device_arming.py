@@ -13,16 +13,20 @@ from omnimj.hardware.device_limits import FRESH, arming_refused, is_zero
 from omnimj.hardware.messages import (
     Arm,
     Capabilities,
+    ChannelKind,
     Command,
     Fault,
     FaultCode,
     Hello,
     Ping,
     Pong,
+    Quantity,
+    Raw,
     ResetFault,
     Status,
     Stop,
     Telemetry,
+    counts_of,
 )
 
 
@@ -137,7 +141,7 @@ def test_telemetry_that_the_host_names_may_be_20_ms_old_and_must_have_been_sent(
         bench.tick()
         bench.command()
         assert codes(bench.arm(telemetry=unknown)) == [FaultCode.ARM_STALE_TELEMETRY]
-        assert faults(bench.said)[0].value == 1e9
+        assert faults(bench.said)[0].value == math.inf
 
 
 def test_hashes_must_agree():
@@ -153,11 +157,11 @@ def test_hashes_must_agree():
     assert bench.device.armed
 
 
-GOOD = (Arm(1, 2, 5), FaultCode.NONE, (1, 2), Command(ZERO, 0.05), 0.05, 0.02)
+GOOD = (Arm(1, 2, 5), True, FaultCode.NONE, (1, 2), Command(ZERO, 0.05), 0.05, 0.02)
 
 
 def test_reasons_against_arming_come_in_their_order_and_name_what_was_found():
-    arm, fault, hashes, command, age, _ = GOOD
+    arm, same, fault, hashes, command, age, _ = GOOD
     assert arming_refused(*GOOD) is None
     bad = Command((0.0, 0.0, 1e-30), 0.05)
 
@@ -167,13 +171,14 @@ def test_reasons_against_arming_come_in_their_order_and_name_what_was_found():
 
     late = math.nextafter(FRESH, 1.0)
     hot = FaultCode.HEATING
-    assert refusal(arm, hot, (9, 9), bad, age, late) == (FaultCode.ARM_FAULTY, 0, 5.0, 0.0)
-    assert refusal(arm, fault, (9, 9), bad, age, late) == (FaultCode.ARM_LIMITS, 0, 0.0, 0.0)
-    assert refusal(arm, fault, (1, 9), bad, age, late) == (FaultCode.ARM_CALIBRATION, 0, 0.0, 0.0)
-    assert refusal(arm, fault, hashes, bad, age, late) == (FaultCode.ARM_NOT_ZERO, 0, 0.05, 0.05)
+    assert refusal(arm, False, hot, (9, 9), bad, age, late) == (FaultCode.ARM_SCHEMA, 0, 0.0, 0.0)
+    assert refusal(arm, same, hot, (9, 9), bad, age, late) == (FaultCode.ARM_FAULTY, 0, 5.0, 0.0)
+    assert refusal(arm, same, fault, (9, 9), bad, age, late) == (FaultCode.ARM_LIMITS, 0, 0.0, 0.0)
+    assert refusal(arm, same, fault, (1, 9), bad, age, late) == (FaultCode.ARM_CALIBRATION, 0, 0.0, 0.0)
+    assert refusal(arm, same, fault, hashes, bad, age, late) == (FaultCode.ARM_NOT_ZERO, 0, 0.05, 0.05)
     old = math.nextafter(0.05, 1.0)
-    assert refusal(arm, fault, hashes, command, old, late) == (FaultCode.ARM_NOT_ZERO, 0, old, 0.05)
-    assert refusal(arm, fault, hashes, command, age, late) == (
+    assert refusal(arm, same, fault, hashes, command, old, late) == (FaultCode.ARM_NOT_ZERO, 0, old, 0.05)
+    assert refusal(arm, same, fault, hashes, command, age, late) == (
         FaultCode.ARM_STALE_TELEMETRY,
         0,
         late,
@@ -188,6 +193,30 @@ def test_zero_is_zero_current_of_every_wheel_and_no_brake():
         for current in (5e-324, -5e-324, math.nan, math.inf):
             assert not is_zero(Command((0.0,) * wheel + (current,) + (0.0,) * (2 - wheel), 0.05))
     assert not is_zero(Command(ZERO, 0.05, brake=1))
+
+
+def test_who_lays_out_messages_otherwise_may_ask_and_stop_but_never_arms():
+    bench = Bench()
+    assert isinstance(bench.hello(same_schema=False)[0].message, Capabilities)
+    bench.tick()
+    bench.command()
+    own = Arm(bench.limits_hash, CALIBRATION_HASH, bench.said[-1].sequence)
+    assert codes(bench.give(own, same_schema=False)) == [FaultCode.ARM_SCHEMA]
+    assert not bench.device.armed and bench.device.fault is FaultCode.NONE
+    assert bench.give(own) == () and bench.device.armed
+    bench.give(Stop(), same_schema=False)
+    assert not bench.device.armed
+
+
+def test_every_telemetry_says_which_readings_are_counts():
+    volts, counts = CHANNELS[0], ChannelKind(Quantity.YAW, 0, Raw.COUNTS)
+    for channels, bits in (((volts,), 0), ((counts, volts, counts), 5)):
+        bench = Bench()
+        commissioned = Commissioned(3, PERIOD, channels, LIMITS, CALIBRATION_HASH)
+        bench.device = Device(commissioned, lambda now, raw: ZERO, lambda: 7)
+        bench.hello()
+        bench.tick(ZERO[: len(channels)])
+        assert bench.telemetry.counts == bits == counts_of(channels)
 
 
 def test_a_command_that_moves_is_refused_while_disarmed_and_latches_nothing():

@@ -117,6 +117,28 @@ def test_hello_is_the_same_question_until_it_is_answered():
     assert host.session == 0
 
 
+def test_a_device_that_lays_out_its_messages_otherwise_is_not_the_one_that_was_expected():
+    other = Other(connected=False)
+    other.nonce = other.host.hello(0.0).message.nonce
+    e = other.host.expected
+    found = Capabilities(other.nonce, e.period, False, 3, e.channels, e.limits, OWN, e.calibration_hash)
+    frames = other.say(found, same_schema=False)
+    words = "its messages otherwise (schema)"
+    expect_stopped(other.host, frames, f"this is not the device that was expected: it lays out {words}")
+
+
+@pytest.mark.parametrize(("raw", "counts"), [(ZERO, 1), (ZERO, 7), (ZERO[:2], 0), ((*ZERO, 0.0), 0)])
+def test_telemetry_with_other_channels_than_the_capabilities_ends_the_link(raw, counts):
+    for armed in (False, True):
+        other = Other().armed() if armed else Other()
+        before = other.host.reading
+        told = Telemetry(0, math.inf, Status.ARMED, FaultCode.NONE, 0, 0, raw, counts)
+        frames = other.say(told)
+        expect_stopped(other.host, frames, "its telemetry has other channels than its capabilities")
+        assert other.host.reading is before
+        assert other.say(told) == ()
+
+
 def test_before_there_is_a_session_nothing_may_be_asked():
     host = Other(connected=False).host
     assert (host.session, host.fault) == (0, None)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
+import zlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -291,3 +292,26 @@ def test_the_example_drops_what_is_old_foreign_or_of_a_second_host(board):
     told = board.says(Command(ZERO, 0.05), session=before)
     (telemetry,) = told
     assert isinstance(telemetry, Telemetry) and telemetry.acknowledged == 0 and telemetry.dropped == 4
+
+
+@needs_compiler
+def test_the_example_refuses_arming_to_who_lays_out_messages_otherwise(board):
+    board.says(Command(ZERO, 0.0625))
+    newest = board.sent[-1].sequence
+    right = Frame(Arm(board.limits_hash, CALIBRATION, newest), board.session, board.sequence + 1, 0)
+    packet = bytearray(encode(right)[:-4])
+    packet[20:24] = (SCHEMA ^ 1).to_bytes(4, "little")
+    packet += zlib.crc32(packet).to_bytes(4, "little")
+    board.line(f"bytes {(cobs.encode(bytes(packet)) + bytes(1)).hex()}")
+    assert faults(board.turn()) == [(FaultCode.ARM_SCHEMA, False)]
+    board.sequence += 1
+    assert status(board.arm()) == Status.ARMED
+
+
+@needs_compiler
+def test_the_example_holds_each_rule_against_all_wheels_before_the_next(board):
+    board.arm()
+    board.says(Command((1.5, 0.0, 0.0, 0.0), 0.05))
+    # wheel 1 turns round too quickly, but wheel 4 is beyond the limit, which comes first
+    told = board.says(Command((-1.5, 0.0, 0.0, 1.6), 0.05))
+    assert [(f.code, f.wheel) for f in told if isinstance(f, Fault)] == [(FaultCode.CURRENT, 4)]

@@ -1,0 +1,219 @@
+"""`omnimj device`: the robot emulated behind a wire, with the rules of a firmware."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import math
+import secrets
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from omnimj.cli.arguments import add_floors, whole_number
+from omnimj.cli.compiling import note_compiled, say_compiling
+from omnimj.cli.wire_arguments import add_clock, add_key
+from omnimj.errors import InputError, UnknownNameError
+
+if TYPE_CHECKING:
+    from omnimj.hardware.emulated import Defect, EmulatedDevice
+    from omnimj.hardware.key_file import Key
+    from omnimj.hardware.serving import Server
+    from omnimj.hardware.wire import Listener
+    from omnimj.plant.interface import Plant
+    from omnimj.scenario.scenario import Scenario
+
+HELP = "emulate the robot behind a wire, with the rules of a firmware"
+EXAMPLE = """examples:
+  omnimj device --udp 127.0.0.1:9750 --scenario nylon_patch --lock-step
+  omnimj run nylon_patch --plant udp:127.0.0.1:9750 --lock-step     (in another terminal)
+  omnimj device --serial /dev/ttyGS0 --scenario degraded_motor
+  omnimj device --udp 9750 --defect sign:wheel_speed_2 --defect gain:motor_3:0.5
+
+The scenario's floor, patches and faults are the device's; a host cannot know them. Each session puts the
+robot back to its start; in real time the scenario's time counts from when it is first armed."""
+DEFAULT = "circle_8m"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the sub-command."""
+    where = parser.add_mutually_exclusive_group(required=True)
+    words = "listen here; 127.0.0.1 where only a port is given, and off loopback only with a key"
+    where.add_argument("--udp", metavar="HOST:PORT", help=words)
+    words = "listen here; ?baud=N behind it for a port that has such a thing"
+    where.add_argument("--serial", metavar="DEVICE", help=words)
+    add_key(parser)
+    add_clock(parser)
+    words = f"floor, patches and faults of this scenario (default: those of {DEFAULT}, which has no faults)"
+    parser.add_argument("--scenario", metavar="S", default=DEFAULT, help=words)
+    parser.add_argument("--plant", metavar="P", default="twin", help="twin (default) or planar")
+    parser.add_argument("--floor", metavar="NAME", help="the same as --set floor=NAME")
+    words = "change a value of the scenario file, e.g. faults.0.wheel=3; may be given many times"
+    parser.add_argument(
+        "--set", metavar="KEY=VALUE", action="append", default=[], dest="overrides", help=words
+    )
+    words = "a copy of robot.toml with changed values; its [hardware] is what the device is wired as"
+    parser.add_argument("--model", metavar="FILE", type=Path, help=words)
+    add_floors(parser)
+    words = "of the sensors' noise (default 0)"
+    parser.add_argument("--seed", metavar="N", type=whole_number(0, 2**63 - 1), default=0, help=words)
+    words = "wire something wrongly: sign, gain or dead of a channel or a motor; may be given many times"
+    parser.add_argument("--defect", metavar="KIND:PLACE[:VALUE]", action="append", default=[], help=words)
+
+
+def run(arguments: Any) -> int:
+    """Serves until Ctrl-C or SIGTERM.
+
+    Returns:
+      130: there is no other end.
+
+    Raises:
+      InputError: Something that is asked for is not there, or the wire cannot be opened.
+    """
+    from omnimj.hardware.key_file import read_key
+    from omnimj.scenario.plants import make_plant
+    from omnimj.scenario.scenario import read_scenario
+
+    overrides = [*([f"floor={arguments.floor}"] if arguments.floor else []), *arguments.overrides]
+    scenario = read_scenario(arguments.scenario, overrides, arguments.model, arguments.floors)
+    _require_robot(scenario, arguments.plant)
+    defects = [_defect(text) for text in arguments.defect]
+    key = None if arguments.key_file is None else read_key(arguments.key_file)
+    listener = _listener(arguments, key)
+    plant = None
+    try:
+        say_compiling(arguments.plant, scenario.plant)
+        plant = make_plant(scenario, arguments.plant, arguments.seed)
+        emulated = _emulated(plant, scenario, arguments.lock_step, key, defects)
+        _warm_up(plant)
+        note_compiled(arguments.plant, scenario.plant)
+        _serve(arguments, emulated, listener, key, scenario.name)
+    finally:
+        listener.close()
+        if plant is not None:
+            plant.close()
+    return 130
+
+
+def _require_robot(scenario: Scenario, plant: str) -> None:
+    from omnimj.hardware.calibration import require_hardware
+    from omnimj.parameters import Robot
+    from omnimj.scenario.plants import PLANT_NAMES
+
+    if plant not in PLANT_NAMES:
+        raise UnknownNameError("--plant", "plant", plant, PLANT_NAMES)
+    if not isinstance(scenario.constants, Robot) or scenario.level == "kinematic":
+        rule = "a scenario of the robot with forces is needed"
+        raise InputError("--scenario", f"found {scenario.name!r}", rule)
+    require_hardware(scenario.constants)
+
+
+def _defect(text: str) -> Defect:
+    """`KIND:PLACE` or `gain:PLACE:VALUE`; names are looked at by the device."""
+    from omnimj.hardware.emulated import DEFECTS, Defect
+
+    kind, _, rest = text.partition(":")
+    place, colon, value = rest.partition(":")
+    if kind not in DEFECTS:
+        raise UnknownNameError("--defect", "kind", kind, DEFECTS)
+    if not place or bool(colon) != (kind == "gain"):
+        raise InputError("--defect", f"found {text!r}", "must be sign:PLACE, dead:PLACE or gain:PLACE:VALUE")
+    try:
+        factor = float(value) if colon else 1.0
+    except ValueError:
+        factor = math.nan
+    if not math.isfinite(factor):
+        raise InputError("--defect", f"found {text!r}", "the value must be a finite number")
+    return Defect(kind, place, factor)
+
+
+def _listener(arguments: Any, key: Key | None) -> Listener:
+    from omnimj.hardware.address import SerialAddress, parse_address
+    from omnimj.hardware.serial_port import SerialTransport
+    from omnimj.hardware.udp import UdpListener
+    from omnimj.hardware.wire import OnePeer
+
+    if arguments.serial is not None:
+        address = parse_address(f"serial:{arguments.serial}", "--serial")
+        assert isinstance(address, SerialAddress)
+        return OnePeer(SerialTransport(address))
+    address = parse_address(f"udp:{arguments.udp}", "--udp")
+    assert not isinstance(address, SerialAddress)
+    return UdpListener(address, key is not None)
+
+
+def _emulated(
+    plant: Plant, scenario: Scenario, lock_step: bool, key: Key | None, defects: list[Defect]
+) -> EmulatedDevice:
+    from omnimj.hardware.calibration import require_hardware
+    from omnimj.hardware.emulated import EmulatedDevice
+    from omnimj.parameters import Robot
+
+    robot = scenario.constants
+    assert isinstance(robot, Robot)
+
+    def drawn() -> int:
+        return secrets.randbits(32)
+
+    keyed = key is not None
+    return EmulatedDevice(
+        plant, require_hardware(robot), drawn, lock_step=lock_step, keyed=keyed, defects=defects
+    )
+
+
+def _warm_up(plant: Plant) -> None:
+    """The first step may compile, and no host waits for that."""
+    import numpy as np
+
+    from omnimj.signals import CurrentCommand, Measurement
+
+    first = plant.reset()
+    assert isinstance(first, Measurement)
+    for _ in range(3):
+        plant.step(CurrentCommand(np.zeros(len(first.current))))
+    plant.reset()
+
+
+def _serve(
+    arguments: Any, emulated: EmulatedDevice, listener: Listener, key: Key | None, scenario: str
+) -> None:
+    from omnimj.hardware.serving import Server
+
+    server = Server(emulated, listener, key=key)
+    mode = (
+        "lock-step" if arguments.lock_step else f"real time, {1e3 * emulated.device.commissioned.period:g} ms"
+    )
+    where = f"udp:{arguments.udp}" if arguments.udp is not None else f"serial:{arguments.serial}"
+    words = f"device ready at {where}, {scenario} on the {arguments.plant}, {mode}"
+    print(words + (", keyed" if key is not None else ""), flush=True)
+    try:
+        with _ended_by_signals():
+            server.run(lambda: True)
+    except KeyboardInterrupt:
+        pass
+    finally:
+        print(_told(server, arguments.lock_step), flush=True)
+
+
+def _told(server: Server, lock_step: bool) -> str:
+    device = server.emulated.device
+    fault = f", fault {device.fault.name.lower().replace('_', ' ')} latched" if device.fault else ""
+    words = f"{server.frames} frames, {device.dropped} dropped, {device.refused} refused{fault}"
+    if server.drops.total:
+        words += f"; no frames: {server.drops}"
+    return words if lock_step else f"{words}\n{server.kept}"
+
+
+@contextlib.contextmanager
+def _ended_by_signals() -> Iterator[None]:
+    """SIGTERM ends it as Ctrl-C does."""
+
+    def interrupt(_number: int, _frame: Any) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
