@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from omnimj.cli import link_fuzz
+from omnimj.cli import link_check, link_fuzz
 
 HELP = "test the link to a robot"
-_COMMANDS = (("fuzz", link_fuzz),)
+_COMMANDS = (("check", link_check), ("fuzz", link_fuzz))
 EXAMPLE = "\n".join(("examples:", *(module.EXAMPLE.split("\n", 1)[1] for _, module in _COMMANDS)))
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from omnimj.cli.arguments import add_floors, whole_number
 from omnimj.cli.compiling import note_compiled, say_compiling
-from omnimj.cli.wire_plants import WIRES, make_wire_plant
+from omnimj.cli.wire_arguments import add_key
 from omnimj.errors import InputError, SimulationError, UnknownNameError
 
 if TYPE_CHECKING:
@@ -59,6 +59,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--gamepad", metavar="FILE", help=words)
     seed = whole_number(0, 2**63 - 1)
     parser.add_argument("--seed", metavar="N", type=seed, default=0, help="of the sensors' noise (default 0)")
+    add_key(parser)
+    words = "with a wire: the fault that the device has latched has been seen and may be reset"
+    parser.add_argument("--reset-fault", action="store_true", help=words)
     parser.add_argument("--view", action="store_true", help="watch the drive in the Rerun viewer")
     parser.add_argument("--out", metavar="DIR", type=Path, help="write trace.parquet here")
     parser.add_argument("--force", action="store_true", help="write into --out although it is not empty")
@@ -119,14 +122,19 @@ def _limits(arguments: Any) -> SteeringLimits:
 
 
 def _plant(arguments: Any, scenario: Scenario) -> Plant:
-    from omnimj.hardware.address import parse_address
+    from omnimj.cli.wire_arguments import ADDRESS
     from omnimj.scenario.plants import PLANT_NAMES, make_plant
+    from omnimj.scenario.wires import Wire, check_wire, is_wire, make_wired
 
     name = arguments.plant
-    if name.startswith(WIRES):
+    if is_wire(name):
         if arguments.floor is not None:
             raise InputError("--floor", f"the plant is {name!r}", "a real robot brings its own")
-        return make_wire_plant(parse_address(name, "--plant"), scenario)
+        check_wire(scenario, name)
+        return make_wired(scenario, name, Wire(arguments.key_file, reset_fault=arguments.reset_fault))
+    if arguments.key_file is not None or arguments.reset_fault:
+        given = "--reset-fault" if arguments.reset_fault else "--key-file"
+        raise InputError(given, "there is no wire", f"it belongs to --plant {ADDRESS}")
     if name not in PLANT_NAMES:
         raise UnknownNameError("--plant", "plant", name, (*PLANT_NAMES, "serial:…", "udp:…"))
     say_compiling(name, scenario.plant)
@@ -181,13 +189,14 @@ class _Session:
     """One drive: who looks on, and what is said and written at its end."""
 
     def __init__(self, arguments: Any, scenario: Scenario, limits: SteeringLimits, plant: Plant):
+        from omnimj.scenario.wires import is_wire
         from omnimj.teleop.real_time import RealTime
         from omnimj.teleop.recent import Recent
 
         self._arguments, self._scenario, self._limits, self._plant = arguments, scenario, limits, plant
         kept = round(60.0 * arguments.keep / plant.period) if arguments.out is not None else 0
         self._recent: Recent = Recent(kept)
-        simulated = not arguments.plant.startswith(WIRES)
+        simulated = not is_wire(arguments.plant)
         self._pace: RealTime | None = RealTime(plant.period) if simulated else None
         self._believed = ""
         self._about = {"scenario": scenario.name, "plant": arguments.plant, "method": arguments.method}
@@ -225,12 +234,11 @@ class _Session:
 
     def _warm_up(self, controller: Any) -> None:
         """Compiles before keys count, on a simulation: nothing is asked of a real robot for it."""
-        from omnimj.scenario.plants import make_plant
+        from omnimj.scenario.wires import warm_up
 
-        simulated = self._pace is not None
-        plant = self._plant if simulated else make_plant(self._scenario, "planar", 0)
-        _drive_a_little(plant, controller)
-        if simulated:
+        warm_up(self._scenario, controller)
+        if self._pace is not None:
+            _drive_a_little(self._plant, controller)
             note_compiled(self._arguments.plant, self._scenario.plant)
 
     def _open_view(self) -> LiveDrive | None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
 
 from omnimj.errors import InputError
 from omnimj.hardware.address import parse_address
@@ -13,11 +15,11 @@ from omnimj.loop import Controller, drive
 from omnimj.parameters import Robot
 from omnimj.plant.conditions import Fault
 from omnimj.plant.planar import PlanarRobot
-from omnimj.scenario.drive import Drive
 from omnimj.scenario.scenario import Scenario
+from omnimj.scenario.suites.missions import mission
 
 _WIRES = ("serial:", "udp:")
-_WARMING_UP = 4.0  # [s] of the scenario
+_WARMING_UP = 4.0  # [s]
 
 
 def is_wire(plant: str | None) -> bool:
@@ -82,18 +84,14 @@ def warm_up(scenario: Scenario, controller: Controller) -> None:
     To load a kernel takes as long as many periods, and a robot that is driven in real time does not wait. A
     controller has no state of its own, so that nothing of this is left in it.
     """
-    robot, asked = scenario.constants, scenario.drive
+    robot = scenario.constants
     assert isinstance(robot, Robot)
-    assert isinstance(asked, Drive)
-    rows = min(len(asked.reference.time), round(_WARMING_UP / scenario.period) + 1)
-    arrays = [f.name for f in fields(asked.reference) if f.name != "is_path"]
-    reference = replace(asked.reference, **{name: getattr(asked.reference, name)[:rows] for name in arrays})
-    end = float(reference.time[-1])
+    reference = mission(np.random.default_rng(0), _WARMING_UP, scenario.period)
     faults = (
-        Fault("motor", 0.3 * end, wheel=1, numbers={"loss": 0.7}),
-        Fault("slip", 0.6 * end, wheel=2, numbers={"grip": 0.1}),
+        Fault("motor", 0.3 * _WARMING_UP, wheel=1, numbers={"loss": 0.7}),
+        Fault("slip", 0.6 * _WARMING_UP, wheel=2, numbers={"grip": 0.1}),
     )
-    plant = PlanarRobot(robot, scenario.floor, faults=faults, floors=scenario.floors, start=asked.start)
+    plant = PlanarRobot(robot, scenario.floor, faults=faults, floors=scenario.floors)
     try:
         trace = drive(plant, controller, reference)
     finally:

@@ -78,7 +78,9 @@ def test_a_wrong_sign_is_told_by_its_name(place):
 
 
 @settings(max_examples=12, deadline=None)
-@given(st.sets(st.sampled_from([f"wheel_speed_{i}" for i in WHEELS] + ["motor_1", "motor_4", "yaw"]), max_size=3))
+@given(
+    st.sets(st.sampled_from([f"wheel_speed_{i}" for i in WHEELS] + ["motor_1", "motor_4", "yaw"]), max_size=3)
+)
 def test_several_wrong_signs_are_told_together(places):
     assert checked([Defect("sign", p) for p in places]) == {(p, "sign") for p in places}
 
@@ -109,5 +111,5 @@ def test_off_the_floor_a_person_tells_a_motor_from_its_channel():
             place for place, kind in checked([Defect("sign", place)], on_floor=False) if place != "current_2"
         }
         assert found == "motor_2 or wheel_speed_2"
-        way = {wheel: 1 for wheel in range(4)} | {1: -1 if place == "motor_2" else 1}
+        way = dict.fromkeys(range(4), 1) | {1: -1 if place == "motor_2" else 1}
         assert (place, "sign") in checked([Defect("sign", place)], on_floor=False, seen=way)

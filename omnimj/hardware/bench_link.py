@@ -1,0 +1,136 @@
+"""What a bench check wants to know of the link itself: rates, what happens in silence, and stop.
+
+The current that flows meanwhile is far below what turns a wheel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from omnimj.errors import LinkLost
+from omnimj.hardware.host import VALID_FOR
+from omnimj.hardware.link import Link
+from omnimj.hardware.messages import FaultCode, Status
+
+LISTENS = 1.0
+"""Time for which rates are counted [s]."""
+LITTLE = 0.05
+"""Current that flows while silence and stop are tried [A]."""
+LATE = 0.010
+"""By which what must happen may be known later: the wire, and this machine [s]."""
+_FLOWS = 0.05  # [s] before the silence
+
+
+@dataclass(frozen=True)
+class Rates:
+    """Of the telemetry."""
+
+    received: int
+    expected: float
+    lost: int
+    longest: float
+    """Between two readings, by the device's clock [s]."""
+    round_trip: float
+    """The best that was seen [s]."""
+
+
+@dataclass(frozen=True)
+class Trip:
+    """How motion ended."""
+
+    after: float
+    """From the last command, or the first stop, to the first telemetry that says so [s]."""
+    fault: FaultCode
+    flows: bool
+    """Whether current still flows."""
+
+
+def count(link: Link) -> Rates:
+    """Rates of a connected link; nothing is armed."""
+    first = before = link.reading
+    begin, lost = link.now, link.host.arrivals.lost_in_all
+    times = [first.time]
+    while link.now - begin < LISTENS:
+        link.keep_clock()
+        link.wait(begin + LISTENS, lambda before=before: link.reading is not before)
+        link.host.require_link()
+        if link.reading is not before:
+            before = link.reading
+            times.append(before.time)
+    period = link.host.expected.period
+    return Rates(
+        round(1e-6 * (times[-1] - times[0]) / period) + 1 - (link.host.arrivals.lost_in_all - lost),
+        (link.now - begin) / period,
+        link.host.arrivals.lost_in_all - lost,
+        1e-6 * float(np.diff(times).max(initial=0)),
+        link.host.clock.round_trip if link.host.clock.known else 0.0,
+    )
+
+
+def fall_silent(link: Link) -> Trip:
+    """A little current, and then nothing more: the device must let go by itself, and say so.
+
+    Raises:
+      LinkLost: It could not be armed, or says nothing any more.
+    """
+    begin = _a_little(link)
+    _until(link, lambda: Status.FAULT in link.reading.telemetry.status, VALID_FOR + 20.0 * LATE)
+    return _trip(link, begin)
+
+
+def stop_it(link: Link) -> Trip:
+    """A little current, and stop.
+
+    Raises:
+      LinkLost: As `fall_silent`.
+    """
+    _a_little(link)
+    begin = link.now
+    link.stop()
+    _until(link, lambda: Status.ARMED not in link.reading.telemetry.status, 20.0 * LATE)
+    return _trip(link, begin)
+
+
+def is_latched(link: Link) -> bool:
+    """Whether a device that has let go refuses to be armed until its fault is reset.
+
+    Raises:
+      LinkLost: It does not answer.
+    """
+    link.connect()
+    if link.reading.telemetry.fault is FaultCode.NONE:
+        return False
+    try:
+        link.arm()
+    except LinkLost:
+        return True
+    link.stop()
+    return False
+
+
+def _a_little(link: Link) -> float:
+    """Arms; current flows for a moment. When the last command was sent [s]."""
+    link.arm()
+    period, wheels = link.host.expected.period, link.host.expected.wheels
+    begin, last = link.now, 0.0
+    while (now := link.now) - begin < _FLOWS:
+        last = now
+        link.send(link.host.command(now, (LITTLE,) * wheels))
+        link.wait(now + period)
+        link.host.require_link()
+    return last
+
+
+def _until(link: Link, holds, longest: float) -> None:
+    link.wait(link.now + longest, holds)
+    until = link.now + longest
+    while not holds() and link.now < until:  # a host that has stopped no longer waits
+        link.wait(link.now)
+
+
+def _trip(link: Link, begin: float) -> Trip:
+    told = link.reading
+    flows = Status.CURRENT_FLOWS in told.telemetry.status or Status.ARMED in told.telemetry.status
+    return Trip(max(told.came - begin, 0.0), told.telemetry.fault, flows)
