@@ -283,7 +283,6 @@ class Link:
         """Asks again and again until something holds."""
         until = self.now + PATIENCE
         while not holds():
-            self.host.require_link()
             if self.now >= until:
                 words = f"{self.name} {words}"
                 self.stop(words)
@@ -291,6 +290,7 @@ class Link:
             if ask is not None:
                 self.send(ask(self.now))
             self.wait(min(until, self.now + _ASK_AGAIN), holds)
+            self.host.require_link()
 
 
 def open_link(
