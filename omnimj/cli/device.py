@@ -27,12 +27,13 @@ if TYPE_CHECKING:
 HELP = "emulate the robot behind a wire, with the rules of a firmware"
 EXAMPLE = """examples:
   omnimj device --udp 127.0.0.1:9750 --scenario nylon_patch --lock-step
-  omnimj run nylon_patch --plant udp:127.0.0.1:9750 --lock-step     (in another terminal)
+  omnimj run nylon_patch --plant udp:127.0.0.1:9750 --lock-step
   omnimj device --serial /dev/ttyGS0 --scenario degraded_motor
   omnimj device --udp 9750 --defect sign:wheel_speed_2 --defect gain:motor_3:0.5
 
-The scenario's floor, patches and faults are the device's; a host cannot know them. Each session puts the
-robot back to its start; in real time the scenario's time counts from when it is first armed."""
+The second one is for another terminal. The scenario's floor, patches and faults are the device's; a host
+cannot know them. Each session puts the robot back to its start; in real time the scenario's time counts from
+when it is first armed."""
 DEFAULT = "circle_8m"
 
 

@@ -38,7 +38,7 @@ EXAMPLE = """examples:
   omnimj run degraded_motor --plant planar --seed 3 --json
   omnimj run degraded_motor --method published --set diagnosis.thresholds=printed
   omnimj run circle_8m --compare --out out/circle
-  omnimj run nylon_patch --plant udp:127.0.0.1:9750 --lock-step --out out/wire   (see omnimj device)"""
+  omnimj run nylon_patch --plant udp:127.0.0.1:9750 --lock-step --out out/wire"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

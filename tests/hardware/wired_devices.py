@@ -187,8 +187,10 @@ class Waiting:
     def wait(self, longest: float) -> bool:
         until = self.world.wire.now + longest
         self.world.server.turn(0.0)
-        while not self.end.wait(0.0) and self.world.wire.now < until - 1e-9:
+        while not self.end.wait(0.0):
             self.world.advance(self.world.QUANTUM)
+            if self.world.wire.now >= until:
+                break
         return self.end.wait(0.0)
 
     def close(self) -> None:
