@@ -159,6 +159,21 @@ class Link:
                 return False
             self._transport.wait(until - now)
 
+    def listen(self, until: float, holds: Callable[[], bool]) -> bool:
+        """Takes what comes until something holds or the time is over [s], also after a stop; asks no rules.
+
+        Returns:
+          Whether it holds.
+        """
+        self.poll()
+        while not holds():
+            now = self.now
+            if now >= until:
+                return False
+            self._transport.wait(until - now)
+            self.poll()
+        return True
+
     # --- what may be asked
 
     def connect(self) -> Capabilities:

@@ -23,7 +23,7 @@ Refused = Callable[..., str]
         (["--nope"], "required: COMMAND"),
         (
             ["fly"],
-            "choose from 'scenarios', 'run', 'record', 'identify', 'validate', 'gap', 'diagnose', "
+            "choose from 'scenarios', 'run', 'teleop', 'record', 'identify', 'validate', 'gap', 'diagnose', "
             "'calibrate', 'evaluate', ",
         ),
         (["run"], "required: scenario"),

@@ -73,8 +73,8 @@ class Terminal:
 
 
 @contextlib.contextmanager
-def served(plant: Plant, kind: str, lock_step: bool = True) -> Iterator[str]:
-    """A device in a thread of its own; its address."""
+def served(plant: Plant, kind: str, lock_step: bool = True, **wrong: Any) -> Iterator[str]:
+    """A device in a thread of its own, wired wrongly if need be; its address."""
     if kind == "serial":
         terminal = Terminal()
         listener: Any = OnePeer(terminal)
@@ -86,7 +86,8 @@ def served(plant: Plant, kind: str, lock_step: bool = True) -> Iterator[str]:
         listener = UdpListener(UdpAddress("127.0.0.1", port))
         address = f"udp:127.0.0.1:{port}"
     sessions = itertools.count(1)
-    server = Server(EmulatedDevice(plant, WIRING, lambda: next(sessions), lock_step=lock_step), listener)
+    device = EmulatedDevice(plant, WIRING, lambda: next(sessions), lock_step=lock_step, **wrong)
+    server = Server(device, listener)
     goes_on = threading.Event()
     thread = threading.Thread(target=server.run, args=(lambda: not goes_on.is_set(),))
     thread.start()

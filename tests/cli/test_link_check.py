@@ -1,0 +1,65 @@
+"""`omnimj link check` against emulated devices."""
+
+from __future__ import annotations
+
+import io
+import json
+
+import pytest
+from wired_devices import planar, served
+
+from omnimj.cli.main import main
+from omnimj.hardware.emulated import Defect
+
+LOCK_STEP = ("--lock-step", "--on-floor", "--yes", "--json")
+
+
+def told(capsys, address, *options):
+    code = main(["link", "check", "--plant", address, *options])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def test_a_robot_that_is_wired_well_passes_over_a_real_wire(capsys):
+    with served(planar(), "udp") as address:
+        code, found = told(capsys, address, *LOCK_STEP)
+    assert code == 0 and found["passed"] and found["wiring"] == []
+
+
+def test_wrong_signs_are_told_by_name_and_the_check_fails(capsys):
+    defects = [Defect("sign", "wheel_speed_2"), Defect("sign", "motor_4")]
+    with served(planar(), "udp", defects=defects) as address:
+        code, found = told(capsys, address, *LOCK_STEP)
+    assert code == 1 and not found["passed"]
+    assert {(f["place"], f["kind"]) for f in found["wiring"]} == {
+        ("wheel_speed_2", "sign"),
+        ("motor_4", "sign"),
+    }
+
+
+@pytest.mark.parametrize(
+    ("argv", "words"),
+    [
+        (["--plant", "twin", "--yes"], "--plant: found 'twin'; must be serial:DEVICE"),
+        (["--plant", "udp:127.0.0.1:9"], "there is no terminal to ask at; --yes says"),
+        (["--plant", "udp:127.0.0.1:9", "--yes", "--current", "-1"], "found '-1'; must be above 0"),
+        (["--plant", "udp:127.0.0.1", "--yes"], "--plant"),
+    ],
+)
+def test_what_cannot_be_checked_is_told_in_one_line(argv, words, capsys, monkeypatch):
+    monkeypatch.setattr("sys.stdin", io.StringIO())
+    assert _code(["link", "check", *argv]) == 2
+    said = capsys.readouterr().err.strip().splitlines()[-1]
+    assert words in said
+
+
+def _code(argv):
+    try:
+        return main(argv)
+    except SystemExit as ended:
+        return ended.code
+
+
+def test_a_device_that_does_not_answer_fails_the_check(capsys):
+    code, found = told(capsys, "udp:127.0.0.1:9", "--yes", "--on-floor", "--json")
+    assert code == 1
+    assert "does not answer" in found["steps"][-1]["found"] and found["steps"][-1]["ok"] is False
