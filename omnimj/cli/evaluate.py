@@ -48,7 +48,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     words = "processes (default 1)"
     parser.add_argument("--workers", metavar="N", type=whole_number(1, 256), default=1, help=words)
     words = "classes to draw from: none, motor, slip, locked, free, hard_over, all_wheel_slip, sensor, two"
-    parser.add_argument("--faults", metavar="NAMES", type=names, help=f"{words} (default all)")
+    words = f"{words} (default all), weak (a motor lacks a tenth)"
+    parser.add_argument("--faults", metavar="NAMES", type=names, help=words)
     words = "floors to draw from: natural_stone, pvc, paperboard, natural_stone_capped (default all)"
     parser.add_argument("--floor", metavar="NAMES", type=names, help=words)
     words = "keep what the sensors said, as a dataset in DIR/recordings"

@@ -105,7 +105,7 @@ class Case:
     direction: float | None
     """Of a manoeuvre, in the world [rad]."""
     fault: str
-    """One of `CLASSES`."""
+    """One of `drawn_faults.SPECIAL`."""
     faults: tuple[Fault, ...]
     errors: Errors
     noise: int

@@ -12,6 +12,10 @@ from omnimj.plant.conditions import Fault
 NONE, TWO = "none", "two"
 CLASSES = (NONE, "motor", "slip", "locked", "free", "hard_over", "all_wheel_slip", "sensor", TWO)
 """What can be wrong in a case: nothing, one fault of a class, or two of the eight `motor i`, `slip i`."""
+WEAK = "weak"
+SPECIAL = (*CLASSES, WEAK)
+"""And what is drawn only when asked for: a motor that lacks a tenth from the beginning, the smallest loss
+that is to be found in a mission."""
 EIGHT = tuple((kind, wheel) for kind in ("slip", "motor") for wheel in (1, 2, 3, 4))
 """f1 … f8 of the source's Table 5.2."""
 PAIRS = tuple(combinations(EIGHT, 2))
@@ -21,6 +25,7 @@ _WEIGHT = {"motor": 3.0, "slip": 3.0, "sensor": 3.0, TWO: 2.0}  # how often a cl
 _BRAKED = 0.25  # share of motor faults that are a second motor in parallel
 _PASSING, _PASSES = 0.5, (1.0, 6.0)  # share of slips that end, and after how long [s]
 _AT_ONCE, _LATER = 0.5, 3.0  # share of pairs that begin together, else within so long [s]
+_TENTH = 0.1
 _MODES = ("bias", "freeze", "drift", "noise", "scale")
 _SIZES: dict[str, dict[str, tuple[float, float]]] = {
     # smallest and largest; biases and drifts have either sign
@@ -33,7 +38,7 @@ _SCALES = ((0.3, 0.8), (1.2, 2.0))
 
 def draw_class(random: np.random.Generator, classes: Sequence[str], healthy: float) -> str:
     """One of the classes: nothing in a share `healthy` of the cases (if asked for), else by weight."""
-    broken = [name for name in CLASSES if name in classes and name != NONE]
+    broken = [name for name in SPECIAL if name in classes and name != NONE]
     lot, place = random.random(), random.random()
     if NONE in classes and (not broken or lot < healthy):
         return NONE
@@ -52,7 +57,7 @@ def draw_faults(
 
     Args:
       random: Random numbers.
-      kind: One of `CLASSES`.
+      kind: One of `SPECIAL`.
       onsets: First and last time at which the first fault may begin [s].
       passing: Whether a slip may end.
       pair: Which of `PAIRS` two faults at once are; any when None.
@@ -71,6 +76,8 @@ def draw_faults(
     if kind == "sensor":
         return (_of_sensor(random, onset),)
     wheel = int(random.integers(1, 5))
+    if kind == WEAK:
+        return (Fault("motor", _rounded(onsets[0]), None, wheel, {"loss": _TENTH}),)
     lot, long = random.random(), random.uniform(*_PASSES)
     end = _rounded(onset + long) if kind == "slip" and passing and lot < _PASSING else None
     return (_on_wheel(random, kind, wheel, onset, end),)

@@ -26,7 +26,7 @@ from omnimj.control.robust.verdict import Thresholds
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.evaluation.believed import check_settings
 from omnimj.evaluation.cases import FLOORS, PLANTS, SUITES, Case, Choice, draw_case, is_judging
-from omnimj.evaluation.drawn_faults import CLASSES
+from omnimj.evaluation.drawn_faults import SPECIAL
 from omnimj.evaluation.driving import OFF, drive_case
 from omnimj.evaluation.evaluation_table import header, heading_of, tables
 from omnimj.evaluation.goals import judged
@@ -135,7 +135,7 @@ def check_order(order: Order) -> None:
     for option, kind, names, known in (
         ("--plant", "plant", choice.plants, PLANTS),
         ("--floor", "floor of the evaluation", choice.floors, FLOORS),
-        ("--faults", "class of faults", choice.faults, CLASSES),
+        ("--faults", "class of faults", choice.faults, SPECIAL),
     ):
         if not names:
             raise InputError(option, "is empty", "give at least one", known)

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from math import isinf
 
 from omnimj.evaluation.cases import SUITES, Choice, is_judging
-from omnimj.evaluation.drawn_faults import CLASSES, NONE
+from omnimj.evaluation.drawn_faults import NONE, SPECIAL
 from omnimj.evaluation.goals import in_words, judged
 from omnimj.evaluation.scoring import AMBIGUOUS, HEADING_FLOOR, PATH_FLOOR, SEVERAL, order_of
 from omnimj.evaluation.summary import Delays, FactorSummary, GroupSummary, PairSummary, Summary
@@ -53,7 +53,7 @@ def header(choice: Choice, summary: Summary, planned: int, failed: int) -> list[
 
 def _drawn(choice: Choice) -> str:
     """Of which faults the cases are."""
-    broken = [name for name in CLASSES if name in choice.faults and name != NONE]
+    broken = [name for name in SPECIAL if name in choice.faults and name != NONE]
     if not broken:
         return "no faults"
     share = f"{100.0 * SUITES[choice.suite].healthy:.0f} %" if NONE in choice.faults else "none"

@@ -9,7 +9,7 @@ from math import inf
 from typing import Any
 
 from omnimj.evaluation.cases import Case, label_of
-from omnimj.evaluation.drawn_faults import CLASSES, NONE, TWO
+from omnimj.evaluation.drawn_faults import NONE, SPECIAL, TWO
 from omnimj.plant.conditions import Fault
 from omnimj.scenario.judging import GRACE, judge_diagnoses
 
@@ -234,7 +234,7 @@ def confusion(scores: Sequence[CaseScore]) -> dict[str, dict[str, int]]:
     return {row: dict(sorted(counts[row].items())) for row in sorted(counts, key=order_of)}
 
 
-_KINDS = (*CLASSES, AMBIGUOUS, SEVERAL)
+_KINDS = (*SPECIAL, AMBIGUOUS, SEVERAL)
 
 
 def order_of(label: str) -> tuple[int, str]:

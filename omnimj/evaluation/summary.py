@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from omnimj.evaluation.drawn_faults import CLASSES, NONE, PAIRS, TWO
+from omnimj.evaluation.drawn_faults import NONE, PAIRS, SPECIAL, TWO
 from omnimj.evaluation.scoring import CaseScore, confusion
 from omnimj.trials.rates import EventRate, Rate, event_rate, median, quantile, rate
 
@@ -158,7 +158,7 @@ def summarise(scores: Sequence[CaseScore]) -> Summary:
     broken = [s for s in scores if s.fault != NONE]
     asked = [s for s in broken if s.fault == "motor" and s.severity is not None]
     errors = [abs(f.estimate_error) for s in asked for f in s.faults if f.estimate_error is not None]
-    kinds = [name for name in CLASSES if name != NONE and any(s.fault == name for s in broken)]
+    kinds = [name for name in SPECIAL if name != NONE and any(s.fault == name for s in broken)]
     return Summary(
         cases=len(scores),
         hours=sum(s.hours for s in scores),

@@ -197,3 +197,12 @@ def test_with_and_without_the_method_the_same_noise_comes():
     assert np.array_equal(first.wheel_speed, again.wheel_speed) and first.yaw_rate == again.yaw_rate
     other = make_plant(dataclasses.replace(case, noise=case.noise + 1), scenario, ()).reset()
     assert not np.array_equal(first.current, other.current)
+
+
+def test_a_motor_that_lacks_a_tenth_is_drawn_only_when_it_is_asked_for():
+    weak = [draw_case(Choice("missions", 100, faults=("weak",)), k) for k in range(20)]
+    assert {(c.fault, c.faults[0].kind) for c in weak} == {("weak", "motor")}
+    assert {c.faults[0].numbers["loss"] for c in weak} == {0.1}
+    assert {c.faults[0].wheel for c in weak} == {1, 2, 3, 4} and {c.faults[0].onset for c in weak} == {3.0}
+    usual = {draw_case(Choice("missions", 100), k).fault for k in range(200)}
+    assert "weak" not in usual
