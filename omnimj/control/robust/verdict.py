@@ -86,7 +86,9 @@ def is_weak(diagnosis: Diagnosis) -> bool:
 
 
 def _both(one: Diagnosis, other: Diagnosis) -> bool:
-    return is_weak(one) and other.kind == "slip"
+    """Whether the first goes on to stand beside the other on the same wheel."""
+    two_sensors = one.kind == other.kind == "sensor" and one.channel != other.channel
+    return two_sensors or (is_weak(one) and other.kind == "slip")
 
 
 def with_one_more(verdict: Verdict, diagnosis: Diagnosis) -> Verdict:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from omnimj.control.robust import past
 from omnimj.control.robust.past import LOOKED_AT, all_told, put_by
-from omnimj.control.robust.verdict import Verdict
+from omnimj.control.robust.verdict import Verdict, with_one_more
 from omnimj.signals import Diagnosis
 
 WEAK = Diagnosis(0.5, "motor", (2,), 0.99)
@@ -45,3 +45,12 @@ def test_nothing_changes_while_nothing_is_old():
     verdict = Verdict((WEAK, Diagnosis(3.0, "slip", (1,), 0.9, cleared=4.0)))
     assert put_by(verdict, (), 4.0 + LOOKED_AT) == (verdict, ())
     assert all_told(verdict, ()) is verdict.diagnoses
+
+
+def test_two_sensors_of_one_wheel_stand_side_by_side():
+    """Or else each would take back the other, block after block."""
+    verdict = Verdict()
+    for channel in ("wheel_speed_1", "current_1"):
+        verdict = with_one_more(verdict, Diagnosis(1.0, "sensor", (1,), 0.9, channel=channel))
+    assert verdict.has_sensor("wheel_speed_1") and verdict.has_sensor("current_1")
+    assert len(verdict.diagnoses) == 2
