@@ -13,7 +13,6 @@ import socket
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -186,7 +185,8 @@ def test_a_host_that_is_killed_leaves_a_device_that_stops_and_says_why(tap, port
     assert fault.code is FaultCode.COMMAND_TOO_OLD and fault.latched
     # of its own time: the program may have been kept from running
     kept = max(PERIOD, 1e-6 * (every[first].time - every[first - 1].time))
-    measured("killed host: current flows after valid-for [periods]", (before[-1].command_age - VALID_FOR) / PERIOD, 1)
+    over = (before[-1].command_age - VALID_FOR) / PERIOD
+    measured("killed host: current flows beyond valid-for [periods]", over, 1.0)
     assert before[-1].command_age <= VALID_FOR + PERIOD
     assert VALID_FOR < after[0].command_age <= VALID_FOR + 2.0 * PERIOD + kept
     assert seen(port).fault is FaultCode.COMMAND_TOO_OLD  # of the device, not of a session
@@ -220,10 +220,9 @@ def test_a_host_that_is_interrupted_ends_by_a_stop(tap, number):
 
 
 def test_who_only_looks_moves_nothing(tap, capsys):
-    seen_before = time.monotonic()
     words = ("--set", "duration=0.2", "--plant", tap.address, "--readonly")
     assert main([*DRIVE, *words]) in (0, 1)
-    assert "readonly; " in capsys.readouterr().out and time.monotonic() - seen_before >= 0.2
+    assert "readonly; " in capsys.readouterr().out
     assert {type(frame.message) for frame in tap.heard()} == {Hello, Ping}
     assert len(told(tap.said())) > 50
     assert not any(one.status & (Status.ARMED | Status.CURRENT_FLOWS) for one in told(tap.said()))
