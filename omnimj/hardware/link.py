@@ -187,7 +187,10 @@ class Link:
         if self.host.state in (HostState.ARMING, HostState.ARMED):
             self.stop("a new session is asked for")
         self._may_move = False
-        self._ask(self.host.hello, lambda: self.host.state is HostState.CONNECTED, "does not answer")
+        # a device that has another key than this link says nothing, as one that is not there
+        key = "has another key or none" if self.is_keyed else "wants a key"
+        words = f"does not answer: it is not there, or {key}"
+        self._ask(self.host.hello, lambda: self.host.state is HostState.CONNECTED, words)
         if self.host.expected.lock_step:
             self.exchange(self.zero())
         else:

@@ -29,7 +29,7 @@ TARGETS = {
     "device.py": (*DEVICE[1:], "test_device_any_order.py"),
     "voice.py": (*DEVICE[1:], "test_device_any_order.py"),
     "host.py": ("test_host.py",),
-    "link_quality.py": ("test_host.py",),
+    "link_quality.py": ("test_host.py", "test_link_quality.py"),
     "handshake.py": ("test_host.py",),
 }
 LONGEST = 60  # [s]: a mutant that runs for ever has been noticed

@@ -5,7 +5,9 @@ import math
 import pytest
 from device_bench import PERIOD, ZERO, Bench, codes, faults, with_limits
 
-from omnimj.hardware.messages import Command, Fault, FaultCode, Ping, ResetFault, Status, Stop
+from omnimj.hardware.frames import encode
+from omnimj.hardware.messages import Command, Fault, FaultCode, Ping, Pong, ResetFault, Status, Stop
+from omnimj.hardware.voice import Voice
 
 
 def flows(bench):
@@ -471,3 +473,14 @@ def test_in_lock_step_there_is_no_message_rate_since_time_stands_still():
     for k in range(1000):
         assert len(bench.give(Ping(k))) == 1
         assert len(bench.hello(nonce=k)) == 1
+
+
+def test_after_49_days_of_telemetry_a_frame_still_has_a_number_that_its_field_holds():
+    voice = Voice(keyed=False)
+    voice.begin(5)
+    voice._said = 2**32 - 2  # at 1 kHz nobody waits for it
+    for _ in range(3):
+        voice.say(0.0, Pong(1))
+    frames = voice.take()
+    assert [frame.sequence for frame in frames] == [2**32 - 1, 0, 1]
+    assert all(encode(frame) for frame in frames)
