@@ -106,7 +106,7 @@ class _Check:
 
     def __init__(self, arguments: Any, robot: Robot):
         from omnimj.hardware.calibration import require_hardware
-        from omnimj.hardware.link import open_link
+        from omnimj.hardware.opening import open_link
         from omnimj.hardware.plant import HardwarePlant
 
         self._arguments, self._robot, self._hardware = arguments, robot, require_hardware(robot)

@@ -1,32 +1,24 @@
 """A host at its wire: sends what the host says, gives it what comes, and waits with an eye on the clock.
 
-`open_link` makes one; `connect` finds the device, hears what it is and gets telemetry, and drives nothing.
+`connect` finds the device, hears what it is and gets telemetry, and drives nothing.
 """
 
 from __future__ import annotations
 
 import enum
-import secrets
 import time
 from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 from omnimj.errors import LinkLost
-from omnimj.hardware.address import Address, SerialAddress, parse_address
-from omnimj.hardware.calibration import commissioned_for, require_hardware
 from omnimj.hardware.device_limits import is_zero
 from omnimj.hardware.drops import Drop, DropCounts
 from omnimj.hardware.frame_log import FrameLog
 from omnimj.hardware.frames import decode, encode
 from omnimj.hardware.host import MOST_LOST, Host, HostState, Reading
-from omnimj.hardware.key_file import Key, read_key
+from omnimj.hardware.key_file import Key
 from omnimj.hardware.link_quality import WINDOW
 from omnimj.hardware.messages import Arm, Capabilities, Command, Frame, Hello, Ping, ResetFault, Stop
-from omnimj.hardware.serial_port import SerialTransport
-from omnimj.hardware.udp import UdpTransport
 from omnimj.hardware.wire import Transport
-from omnimj.parameters.robot import Robot
 
 PATIENCE = 2.0
 """How long a device may take to answer what it is asked for the first time [s]."""
@@ -309,44 +301,3 @@ class Link:
                 self.send(ask(self.now))
             self.wait(min(until, self.now + _ASK_AGAIN), holds)
             self.host.require_link()
-
-
-def open_link(
-    address: str | Address,
-    robot: Robot,
-    *,
-    key_file: Path | str | None = None,
-    lock_step: bool = False,
-    mode: Mode = Mode.DRIVE,
-    log_to: Path | None = None,
-    about: dict[str, Any] | None = None,
-) -> Link:
-    """A link to the device at an address, which must be wired as the robot's model file says.
-
-    Args:
-      address: `serial:DEVICE?baud=N` or `udp:HOST:PORT`.
-      robot: With [hardware].
-      key_file: Of a link that may leave this machine.
-      lock_step: As opposed to real time.
-      mode: What may be sent.
-      log_to: A new file for every frame.
-      about: What the log says of itself, beside the address and the calibration's hash.
-
-    Raises:
-      InputError: No [hardware], a wrong address or key file, or a wire that cannot be opened.
-    """
-    where = parse_address(address, "--plant") if isinstance(address, str) else address
-    key = None if key_file is None else read_key(key_file)
-    period = 1.0 / robot.sensors.sample_rate
-    hardware = require_hardware(robot)
-    expected = commissioned_for(hardware, period, lock_step=lock_step, keyed=key is not None)
-    if isinstance(where, SerialAddress):
-        transport: Transport = SerialTransport(where)
-    else:
-        transport = UdpTransport(where, key is not None)
-    log = None
-    if log_to is not None:
-        facts = {"address": str(where), "calibration_hash": f"{expected.calibration_hash:016x}"}
-        log = FrameLog(log_to, {"plant": "uto_robot", **facts, "mode": mode.value, **(about or {})})
-    host = Host(expected, lambda: secrets.randbits(64))
-    return Link(host, transport, key=key, mode=mode, log=log, name=str(where))

@@ -9,7 +9,8 @@ import numpy as np
 
 from omnimj.errors import InputError
 from omnimj.hardware.address import parse_address
-from omnimj.hardware.link import Mode, open_link
+from omnimj.hardware.link import Mode
+from omnimj.hardware.opening import open_link
 from omnimj.hardware.plant import HardwarePlant
 from omnimj.loop import Controller, drive
 from omnimj.parameters import Robot

@@ -17,8 +17,9 @@ import pytest
 from wired_devices import ROBOT, planar, served
 
 from omnimj.cli.main import main
-from omnimj.hardware.link import Mode, open_link
+from omnimj.hardware.link import Mode
 from omnimj.hardware.messages import Status
+from omnimj.hardware.opening import open_link
 from omnimj.recording.traces import read_trace
 
 termios = pytest.importorskip("termios")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from wired_devices import PERIOD, ROBOT, WIRING, planar, served
 
-from omnimj.hardware.link import open_link
+from omnimj.hardware.opening import open_link
 from omnimj.hardware.plant import HardwarePlant
 from omnimj.parameters import read_floors
 from omnimj.signals import CurrentCommand, Measurement

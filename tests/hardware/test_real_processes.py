@@ -23,8 +23,9 @@ from omnimj.cli.main import main
 from omnimj.hardware.frames import decode
 from omnimj.hardware.host import TIMES, VALID_FOR
 from omnimj.hardware.key_file import make_key_file
-from omnimj.hardware.link import Mode, open_link
+from omnimj.hardware.link import Mode
 from omnimj.hardware.messages import Fault, FaultCode, Frame, Hello, Ping, Status, Stop, Telemetry
+from omnimj.hardware.opening import open_link
 from omnimj.hardware.plant import HardwarePlant
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals are of POSIX")
