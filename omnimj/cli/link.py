@@ -9,7 +9,11 @@ from omnimj.cli import link_check, link_fuzz
 
 HELP = "test the link to a robot"
 _COMMANDS = (("check", link_check), ("fuzz", link_fuzz))
-EXAMPLE = "\n".join(("examples:", *(module.EXAMPLE.split("\n", 1)[1] for _, module in _COMMANDS)))
+# what is said below the examples of one command is for its own help
+_EXAMPLES = (
+    line for _, module in _COMMANDS for line in module.EXAMPLE.splitlines() if line.startswith("  omnimj ")
+)
+EXAMPLE = "\n".join(("examples:", *_EXAMPLES))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -55,6 +55,8 @@ def test_what_cannot_be_is_one_clear_line(capsys, argv, said):
 
 
 def test_every_example_is_right():
-    for line in link.EXAMPLE.splitlines()[1:]:
+    lines = link.EXAMPLE.splitlines()[1:]
+    assert len(lines) == 4
+    for line in lines:
         program, *argv = shlex.split(line)
         assert program == "omnimj" and make_parser().parse_args(argv).command == "link"

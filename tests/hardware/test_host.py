@@ -136,7 +136,7 @@ def test_telemetry_with_other_channels_than_the_capabilities_ends_the_link(raw, 
         frames = other.say(told)
         expect_stopped(other.host, frames, "its telemetry has other channels than its capabilities")
         assert other.host.reading is before
-        assert other.say(told) == ()
+        assert other.say(told) == () and other.host.dropped == 2
 
 
 def test_before_there_is_a_session_nothing_may_be_asked():
