@@ -38,6 +38,13 @@ def test_commands_in_the_readme_are_commands(command):
     make_parser().parse_args(shlex.split(command)[1:])
 
 
+@pytest.mark.parametrize("line", [line for code in blocks("sh")[2:] for line in code.splitlines()])
+def test_lines_for_a_shell_are_commands(line):
+    command = shlex.split(line.removesuffix("&"))
+    assert command[0] == "omnimj"
+    make_parser().parse_args(command[1:])
+
+
 def test_every_shipped_scenario_stands_in_the_readme():
     for name in list_scenarios():
         assert f"`{name}`" in TEXT, name
@@ -50,6 +57,6 @@ def test_links_and_pictures_of_the_readme_exist():
 
 def test_ci_runs_the_readme_s_two_commands():
     ci = (ROOT / ".ci" / "run").read_text()
-    install, check = (block.strip() for block in blocks("sh"))
+    install, check = (block.strip() for block in blocks("sh")[:2])
     for step in (*install.split(" && ")[2:], *check.split(" && ")):
         assert step.split(" --out")[0] in ci.replace(" --quiet --disable-pip-version-check", ""), step
