@@ -18,6 +18,7 @@ import numpy as np
 from omnimj.control.robust.constants import BLOCK
 from omnimj.control.robust.counters import SLIPPING
 from omnimj.control.robust.method import BLIND, RobustState
+from omnimj.control.robust.slow import known_losses
 from omnimj.control.robust.thresholds_file import UNITS
 from omnimj.control.robust.verdict import Thresholds
 from omnimj.control.robust.windows import LIKELIHOOD
@@ -165,7 +166,8 @@ class Maxima:
         self._evidence = evidence
         likely = evidence.found[:, LIKELIHOOD]
         parts = (likely[:n], likely[n : 2 * n], likely[2 * n :], evidence.counters[:, SLIPPING])
-        self.learnt[-1] = max(self.learnt[-1], float(evidence.theta[:n].max()))
+        known = known_losses(evidence.theta, evidence.cov, n)
+        self.learnt[-1] = max(self.learnt[-1], float(known.max()))
         self._now = np.maximum(self._now, [part.max() for part in parts])
         if state.log[-1] == BLIND:
             return

@@ -20,6 +20,7 @@ from omnimj.control.robust.counters import (
     TURNS,
 )
 from omnimj.control.robust.evidence import Evidence
+from omnimj.control.robust.slow import known_losses
 from omnimj.control.robust.verdict import Thresholds, Verdict, is_still, is_weak, with_one_more
 from omnimj.control.robust.windows import LIKELIHOOD, SIZE
 from omnimj.signals import Array, Diagnosis
@@ -204,8 +205,9 @@ def _worn(
 ) -> Verdict:
     """A loss too small to be seen when it came, which was learnt since."""
     most = thresholds.worn * (thresholds.other if _any(verdict) else 1.0)
+    learnt = known_losses(evidence.theta, evidence.cov, len(losses))
     for i in range(len(losses)):
-        if evidence.theta[i] > most and verdict.standing(i + 1) is None:
+        if learnt[i] > most and verdict.standing(i + 1) is None:
             left = float(max(1.0 - losses[i], 0.0))
             verdict = with_one_more(verdict, Diagnosis(time, "motor", (i + 1,), 0.9, (), left))
     return _known_better(verdict, losses)

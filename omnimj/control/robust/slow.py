@@ -12,6 +12,8 @@ from omnimj.signals import Array
 
 LOSS, FRICTION, BIAS, ROLLERS, LOADED, INERTIA = 0.02, 0.13, 0.02, 0.15, 0.12, 0.1
 """Standard deviations in health: δ, ν, β [m/s²], λ, μ, ι."""
+TOLD = 0.9
+"""Share of the prior deviation of δ below which a drive has told something of it."""
 HELD = 0.6
 """The same of h and k: anything between −1 and 1."""
 FREELY = 6.0
@@ -22,6 +24,16 @@ BROKEN_LOSS_VARIES, BROKEN_FRICTION_VARIES = 0.05, 0.5
 """The same of a motor that is known to be broken."""
 MEMORY = 120.0
 """Time in which a number may wander by its own prior [s]."""
+
+
+def known_losses(theta: Array, cov: Array, wheels: int) -> Array:
+    """δ of the motors of which the drive has told something, shape (n,); 0 of the others.
+
+    A steady drive tells nothing: mass, friction and torque constants trade with each other, and δ wanders
+    while its deviation grows. Only what is known better than before anything was known counts.
+    """
+    own = np.arange(wheels)
+    return np.where(cov[own, own] < (TOLD * LOSS) ** 2, theta[:wheels], 0.0)
 
 
 def prior(wheels: int) -> Array:

@@ -8,7 +8,7 @@ from scipy.stats import norm
 
 from omnimj.control.robust.constants import geometry, numbers
 from omnimj.control.robust.force_balance import balance, columns, rolling_twist, whiten
-from omnimj.control.robust.slow import learn, prior
+from omnimj.control.robust.slow import LOSS, known_losses, learn, prior
 from omnimj.control.robust.windows import DEVIATION, LIKELIHOOD, LONGEST, SCORE, SIZE, WINDOWS, scores
 from omnimj.parameters import read_robot
 from omnimj.physics.kinematics import rolling_matrix
@@ -135,3 +135,11 @@ def test_without_a_jump_twice_the_score_is_as_rare_as_a_chi_square_says():
         scores(ring, 5, 4, theta, np.linalg.inv(cov), low, high, found)
         over.append(2.0 * found[0, LIKELIHOOD] > norm.ppf(0.975) ** 2)
     assert np.mean(over) <= 0.08  # 5 %, and three standard deviations
+
+
+def test_a_loss_counts_only_once_a_drive_has_told_something_of_it():
+    """A steady drive lets δ wander while its deviation grows; no motor is named for that."""
+    theta, cov = np.zeros(columns(4)), np.diag(prior(4) ** 2)
+    theta[1], theta[2] = 0.1, 0.1
+    cov[2, 2] = (0.5 * LOSS) ** 2
+    assert known_losses(theta, cov, 4).tolist() == [0.0, 0.0, 0.1, 0.0]
