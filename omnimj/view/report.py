@@ -85,8 +85,16 @@ def _head(scenario: Described, metrics: Mapping[str, Any]) -> str:
         )
     return (
         f"<h1>{page.text(wording.title(metrics))}</h1><p class='lead'>{page.text(scenario.description)}</p>"
-        f"<p class='verdict {kind}'>{page.text(verdict)}</p>"
+        f"{_ended_early(metrics)}<p class='verdict {kind}'>{page.text(verdict)}</p>"
     )
+
+
+def _ended_early(metrics: Mapping[str, Any]) -> str:
+    """What broke the run off; nothing for one that came to its end."""
+    if not metrics.get("interrupted"):
+        return ""
+    why = metrics.get("failure") or f"interrupted at {wording.number(metrics.get('duration'))} s"
+    return f"<p class='verdict bad'>{page.text(f'✗ Broken off: {why}')}</p>"
 
 
 def _picture(picture: Picture, metrics: Mapping[str, Any]) -> str:

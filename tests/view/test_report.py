@@ -143,6 +143,16 @@ def test_faults_and_diagnoses_are_told_in_words(robot_page):
         assert words in robot_page.text
 
 
+@pytest.mark.parametrize("failure", [None, "at 3.1 s: the newest telemetry is 22.5 ms old"])
+def test_a_run_that_was_broken_off_says_so_at_the_top(
+    failure, page_path, robot_trace, robot_scenario, robot_metrics
+):
+    told = {**robot_metrics, "interrupted": True, "failure": failure, "duration": 3.1}
+    write_report(page_path, robot_trace, robot_scenario, told)
+    words = " ".join(Page(page_path).words)
+    assert f"Broken off: {failure or 'interrupted at 3.1 s'}" in words
+
+
 def test_the_rigs_report_has_its_own_figures(page_path, rig_trace, rig_scenario, rig_metrics):
     write_report(page_path, rig_trace, rig_scenario, rig_metrics)
     page = Page(page_path)
