@@ -152,7 +152,8 @@ class HardwarePlant:
         if self._drives:
             reading = self.link.arm()
         else:
-            self.link.poll()
+            before = self.link.reading  # what has come since then is old by now
+            self.link.wait(self.link.now + _SILENCE, lambda: self.link.reading is not before)
             reading = self.link.reading
         self._began = True
         self._take(reading)

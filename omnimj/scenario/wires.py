@@ -15,7 +15,6 @@ from omnimj.hardware.plant import HardwarePlant
 from omnimj.loop import Controller, drive
 from omnimj.parameters import Robot
 from omnimj.plant.conditions import Fault
-from omnimj.plant.planar import PlanarRobot
 from omnimj.scenario.scenario import Scenario
 from omnimj.scenario.suites.missions import mission
 
@@ -85,6 +84,8 @@ def warm_up(scenario: Scenario, controller: Controller) -> None:
     To load a kernel takes as long as many periods, and a robot that is driven in real time does not wait. A
     controller has no state of its own, so that nothing of this is left in it.
     """
+    from omnimj.plant.planar import PlanarRobot  # who does not drive over a wire loads no plant for it
+
     robot = scenario.constants
     assert isinstance(robot, Robot)
     reference = mission(np.random.default_rng(0), _WARMING_UP, scenario.period)
