@@ -7,10 +7,7 @@ truth at t_k where the plant has one, what was asked for and what the controller
 from __future__ import annotations
 
 import dataclasses
-import math
-import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import Any, Protocol
 
 import numpy as np
@@ -18,10 +15,10 @@ from numpy.typing import NDArray
 
 from omnimj.control.method import Method
 from omnimj.control.target import Target
-from omnimj.errors import LinkLost, SimulationError
 from omnimj.plant.channels import RIG_CHANNELS, robot_channels
 from omnimj.plant.interface import Plant
-from omnimj.signals import Array, CurrentCommand, Diagnosis, Measurement, Reference, RigMeasurement, Trace
+from omnimj.signals import Array, CurrentCommand, Diagnosis, Measurement, Reference, Trace
+from omnimj.stepping import NOBODY, Watch, record
 
 TARGET_NAMES = (
     "target_x",
@@ -31,21 +28,6 @@ TARGET_NAMES = (
     "target_velocity_y",
 )
 """Columns of the reference, world frame: m, m, rad, m/s, m/s; the demanded yaw rate is the controller's."""
-
-SNAPSHOT_PERIOD = 0.02
-"""Time between two poses of the 3-D recording [s]."""
-
-Progress = Callable[[int, int], None]
-"""Called now and then with the rows done and the rows in all."""
-Snapshot = Callable[[float, Array], None]
-"""Called every `SNAPSHOT_PERIOD` with the time [s] and the plant's pose (the twin's qpos)."""
-Rows = Callable[[tuple[str, ...], Array], None]
-"""Called now and then with the columns' names and the rows since the call before, shape (m, columns)."""
-
-LARGEST = 1e10
-"""A truth beyond it, in whatever unit, is no robot's: MuJoCo gives up there too."""
-
-_PROGRESS_EVERY = 100  # [rows]
 
 
 class State(Protocol):
@@ -84,23 +66,11 @@ class Controller(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class Watch:
-    """Who looks on while the loop runs."""
-
-    progress: Progress | None = None
-    snapshot: Snapshot | None = None
-    rows: Rows | None = None
-
-
-_NOBODY = Watch()
-
-
 def drive(
     plant: Plant,
     controller: Controller,
     reference: Reference,
-    watch: Watch = _NOBODY,
+    watch: Watch = NOBODY,
     about: Mapping[str, Any] | None = None,
 ) -> Trace:
     """Drives a robot along a reference, one control period per sample.
@@ -141,7 +111,7 @@ def drive(
         return command
 
     names = row_names(n, controller.log_names)
-    trace = _record(plant, measurement, control, names, len(reference.time), watch, about or {})
+    trace = record(plant, measurement, control, names, len(reference.time), watch, about or {})
     return _told(_with_targets(trace, reference, planned, paces), state.diagnoses)
 
 
@@ -167,7 +137,7 @@ def fill_row(row: Array, measured: Measurement, command: CurrentCommand, log: Ar
 def drive_rig(
     plant: Plant,
     current: Array,
-    watch: Watch = _NOBODY,
+    watch: Watch = NOBODY,
     about: Mapping[str, Any] | None = None,
     method: Method | None = None,
 ) -> Trace:
@@ -202,95 +172,8 @@ def drive_rig(
         return CurrentCommand(current[k : k + 1])
 
     names = ("time", *RIG_CHANNELS, "current_target", *(method.log_names if method else ()))
-    trace = _record(plant, measurement, control, names, len(current), watch, about or {})
+    trace = record(plant, measurement, control, names, len(current), watch, about or {})
     return _told(trace, () if state is None else state.diagnoses)
-
-
-def _record(
-    plant: Plant,
-    measurement: Measurement | RigMeasurement,
-    control: Callable[[int, Array, Any], CurrentCommand],
-    names: tuple[str, ...],
-    rows: int,
-    watch: Watch,
-    about: Mapping[str, Any],
-) -> Trace:
-    """Steps the plant and fills one row per step: first `names` (by `control`), then the plant's truth.
-
-    A failure inside is a value, so that nothing recorded is lost; the outermost call raises.
-    """
-    names = (*names, *plant.truth_names)
-    if len(set(names)) != len(names):
-        raise ValueError(f"two columns share a name: {sorted(n for n in set(names) if names.count(n) > 1)}")
-    table = np.empty((rows, len(names)))
-    first_truth = len(names) - len(plant.truth_names)
-    show = _showing(plant, watch, names, table)
-    done, begin = 0, time.perf_counter()
-    interrupted, failure = False, None
-    try:
-        for k, row in enumerate(table):
-            command = control(k, row, measurement)
-            truth = plant.truth()
-            row[first_truth:] = truth
-            check_truth(plant.truth_names, truth.tolist())
-            done = k + 1
-            show(done, row[0])
-            if done < rows:
-                measurement = plant.step(command)
-            if k == 0:
-                begin = time.perf_counter()  # the first step may have compiled native code
-    except KeyboardInterrupt:
-        interrupted = True
-    except (SimulationError, ArithmeticError, LinkLost) as error:
-        interrupted, failure = True, f"at {done * plant.period:.4f} s: {error}"
-    wall = time.perf_counter() - begin
-    columns = np.ascontiguousarray(table[:done].T)
-    simulated = max(done - 1, 0) * plant.period
-    described = {
-        **about,
-        "interrupted": interrupted,
-        "failure": failure,
-        "realtime_factor": simulated / wall if wall > 0.0 else 0.0,
-    }
-    return Trace(dict(zip(names, columns, strict=True)), described)
-
-
-def _showing(
-    plant: Plant, watch: Watch, names: tuple[str, ...], table: Array
-) -> Callable[[int, float], None]:
-    """What to do after each row: progress and rows now and then, a snapshot every `SNAPSHOT_PERIOD`."""
-    progress, snapshot, pose, total = watch.progress, watch.snapshot, getattr(plant, "pose", None), len(table)
-    each = max(1, round(SNAPSHOT_PERIOD / plant.period))
-
-    def show(done: int, now: float) -> None:
-        if snapshot is not None and pose is not None and (done - 1) % each == 0:
-            snapshot(float(now), pose())
-        if done % _PROGRESS_EVERY and done != total:
-            return
-        if progress is not None:
-            progress(done, total)
-        if watch.rows is not None:
-            watch.rows(names, table[(done - 1) // _PROGRESS_EVERY * _PROGRESS_EVERY : done])
-
-    return show
-
-
-def check_truth(names: tuple[str, ...], truth: list[float]) -> None:
-    """Refuses a truth that is not finite or beyond `LARGEST`; for twenty numbers the quickest way.
-
-    Raises:
-      SimulationError: It names the columns.
-    """
-    if (
-        math.isfinite(sum(truth))
-        and max(truth, default=0.0) <= LARGEST
-        and min(truth, default=0.0) >= -LARGEST
-    ):
-        return
-    broken = [
-        f"{name} is {value:g}" for name, value in zip(names, truth, strict=True) if not abs(value) <= LARGEST
-    ]
-    raise SimulationError(", ".join(broken))
 
 
 def _told(trace: Trace, diagnoses: tuple[Diagnosis, ...]) -> Trace:

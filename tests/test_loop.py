@@ -9,9 +9,10 @@ import pytest
 
 from omnimj.control.target import Target
 from omnimj.errors import SimulationError
-from omnimj.loop import TARGET_NAMES, Watch, drive, drive_rig
+from omnimj.loop import TARGET_NAMES, drive, drive_rig
 from omnimj.plant.channels import RIG_CHANNELS, robot_channels
 from omnimj.signals import Array, CurrentCommand, Diagnosis, Measurement, Reference, RigMeasurement
+from omnimj.stepping import Watch
 
 N = 3
 

@@ -18,7 +18,8 @@ from omnimj.hardware.calibration import commissioned_for, require_hardware
 from omnimj.hardware.emulated import EmulatedDevice
 from omnimj.hardware.host import Host
 from omnimj.hardware.key_file import Key
-from omnimj.hardware.link import Link, Mode
+from omnimj.hardware.link import Link
+from omnimj.hardware.link_mode import Mode
 from omnimj.hardware.plant import HardwarePlant
 from omnimj.hardware.serving import Server
 from omnimj.hardware.simulated_wire import SimulatedWire, WireFaults

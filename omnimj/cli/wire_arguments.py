@@ -56,7 +56,7 @@ def read_wire(arguments: Any, log_to: Path | None) -> Wire | None:
         if given:
             raise InputError(given[0], "there is no wire", f"it belongs to --plant {ADDRESS}")
         return None
-    from omnimj.hardware.link import Mode
+    from omnimj.hardware.link_mode import Mode
 
     mode = Mode.READONLY if arguments.readonly else Mode.DRY_RUN if arguments.dry_run else Mode.DRIVE
     return Wire(arguments.key_file, arguments.lock_step, mode, arguments.reset_fault, log_to)

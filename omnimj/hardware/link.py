@@ -5,19 +5,18 @@
 
 from __future__ import annotations
 
-import enum
 import time
 from collections.abc import Callable
 
 from omnimj.errors import LinkLost
-from omnimj.hardware.device_limits import is_zero
 from omnimj.hardware.drops import Drop, DropCounts
 from omnimj.hardware.frame_log import FrameLog
 from omnimj.hardware.frames import decode, encode
 from omnimj.hardware.host import MOST_LOST, Host, HostState, Reading
 from omnimj.hardware.key_file import Key
+from omnimj.hardware.link_mode import Mode
 from omnimj.hardware.link_quality import WINDOW
-from omnimj.hardware.messages import Arm, Capabilities, Command, Frame, Hello, Ping, ResetFault, Stop
+from omnimj.hardware.messages import Arm, Capabilities, Command, Frame, ResetFault, Stop
 from omnimj.hardware.wire import Transport
 
 PATIENCE = 2.0
@@ -26,22 +25,6 @@ _ASK_AGAIN = 0.05  # [s]
 _AGAIN_FIRST, _AGAIN_LAST, _TIMES = 0.05, 1.0, 10  # [s], [s]: before a frame is sent again in lock-step
 _PINGS = 8
 _PING_EVERY = 0.1  # [s]: two clocks part by 0.01 ms in it, if one is off by 1e-4
-
-
-class Mode(enum.Enum):
-    """What a link may send."""
-
-    DRIVE = "drive"
-    DRY_RUN = "dry run"
-    """Hello, ping, and commands of zero; it is never armed."""
-    READONLY = "readonly"
-    """Hello and ping: a device tells its readings to whoever began the session."""
-
-    def lets_through(self, frame: Frame) -> bool:
-        """Whether a frame may leave."""
-        if self is Mode.DRIVE or isinstance(frame.message, Hello | Ping):
-            return True
-        return self is Mode.DRY_RUN and isinstance(frame.message, Command) and is_zero(frame.message)
 
 
 class Link:

@@ -11,7 +11,8 @@ from omnimj.hardware.calibration import commissioned_for, require_hardware
 from omnimj.hardware.frame_log import FrameLog
 from omnimj.hardware.host import Host
 from omnimj.hardware.key_file import read_key
-from omnimj.hardware.link import Link, Mode
+from omnimj.hardware.link import Link
+from omnimj.hardware.link_mode import Mode
 from omnimj.hardware.serial_port import SerialTransport
 from omnimj.hardware.udp import UdpTransport
 from omnimj.hardware.wire import Transport

@@ -18,7 +18,8 @@ from omnimj.hardware.calibration import Calibration, Wheels
 from omnimj.hardware.deadlines import Deadlines, LinkRecord
 from omnimj.hardware.ending import AtTheEnd
 from omnimj.hardware.host import HostState, Reading
-from omnimj.hardware.link import Link, Mode
+from omnimj.hardware.link import Link
+from omnimj.hardware.link_mode import Mode
 from omnimj.parameters.hardware import Hardware
 from omnimj.signals import Array, CurrentCommand, Measurement
 

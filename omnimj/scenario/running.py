@@ -18,7 +18,7 @@ from omnimj.control.robust.verdict import Thresholds
 from omnimj.errors import InputError
 from omnimj.hardware.plant import HardwarePlant
 from omnimj.kinematic import drive_kinematic
-from omnimj.loop import Progress, Rows, Snapshot, Watch, drive, drive_rig
+from omnimj.loop import drive, drive_rig
 from omnimj.parameters import Robot
 from omnimj.plant.interface import Plant
 from omnimj.scenario.drive import Drive
@@ -28,6 +28,7 @@ from omnimj.scenario.scenario import RigDrive, Scenario
 from omnimj.scenario.summary import summarize
 from omnimj.scenario.wires import Wire, warm_up
 from omnimj.signals import Array, Trace
+from omnimj.stepping import Progress, Rows, Snapshot, Watch
 
 _FEWEST_ROWS = 2  # a run that ended before is no run
 

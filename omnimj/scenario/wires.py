@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from omnimj.errors import InputError
 from omnimj.hardware.address import parse_address
-from omnimj.hardware.link import Mode
+from omnimj.hardware.link_mode import Mode
 from omnimj.hardware.opening import open_link
 from omnimj.hardware.plant import HardwarePlant
 from omnimj.loop import Controller, drive
@@ -70,12 +71,12 @@ def make_wired(scenario: Scenario, address: str, wire: Wire) -> HardwarePlant:
         log_to=wire.log_to,
         about={"scenario": scenario.name, "floor": scenario.floor, "robot": str(robot.file)},
     )
-    try:
-        assert robot.hardware is not None
-        return HardwarePlant(link, robot.hardware, reset_fault=wire.reset_fault)
-    except BaseException:
-        link.close()
-        raise
+    assert robot.hardware is not None
+    with contextlib.ExitStack() as otherwise:
+        otherwise.callback(link.close)
+        plant = HardwarePlant(link, robot.hardware, reset_fault=wire.reset_fault)
+        otherwise.pop_all()
+    return plant
 
 
 def warm_up(scenario: Scenario, controller: Controller) -> None:

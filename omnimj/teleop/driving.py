@@ -12,9 +12,10 @@ import numpy as np
 from omnimj.control.heading import wrapped
 from omnimj.control.target import Target
 from omnimj.errors import OmnimjError
-from omnimj.loop import SNAPSHOT_PERIOD, Controller, Rows, Snapshot, check_truth, fill_row, row_names
+from omnimj.loop import Controller, fill_row, row_names
 from omnimj.plant.interface import Plant
 from omnimj.signals import Diagnosis, Measurement
+from omnimj.stepping import SNAPSHOT_PERIOD, Rows, Snapshot, check_truth
 
 ASKED_NAMES = ("target_heading", "target_velocity_x", "target_velocity_y")
 """Columns of what was asked for, world frame: rad, m/s, m/s."""

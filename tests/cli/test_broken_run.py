@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from omnimj.cli.main import main
-from omnimj.loop import LARGEST
 from omnimj.plant.planar import PlanarRobot
 from omnimj.recording.traces import read_trace
+from omnimj.stepping import LARGEST
 
 SCHEMA = json.loads((Path(__file__).parent.parent / "schema" / "metrics.json").read_text(encoding="utf-8"))
 RUN = ("run", "nylon_patch", "--plant", "planar", "--set", "duration=0.2", "--set", "checks={}")

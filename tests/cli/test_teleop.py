@@ -17,7 +17,7 @@ import pytest
 from wired_devices import ROBOT, planar, served
 
 from omnimj.cli.main import main
-from omnimj.hardware.link import Mode
+from omnimj.hardware.link_mode import Mode
 from omnimj.hardware.messages import Status
 from omnimj.hardware.opening import open_link
 from omnimj.recording.traces import read_trace

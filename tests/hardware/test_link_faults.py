@@ -10,7 +10,7 @@ from omnimj.errors import InputError, LinkLost
 from omnimj.hardware.frames import decode, encode
 from omnimj.hardware.host import VALID_FOR, HostState
 from omnimj.hardware.key_file import Key
-from omnimj.hardware.link import Mode
+from omnimj.hardware.link_mode import Mode
 from omnimj.hardware.messages import Arm, Command, FaultCode, Frame, Hello, Ping, Stop
 from omnimj.hardware.plant import HardwarePlant
 from omnimj.hardware.simulated_wire import WireFaults

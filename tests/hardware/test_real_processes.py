@@ -23,7 +23,7 @@ from omnimj.cli.main import main
 from omnimj.hardware.frames import decode
 from omnimj.hardware.host import TIMES, VALID_FOR
 from omnimj.hardware.key_file import make_key_file
-from omnimj.hardware.link import Mode
+from omnimj.hardware.link_mode import Mode
 from omnimj.hardware.messages import Fault, FaultCode, Frame, Hello, Ping, Status, Stop, Telemetry
 from omnimj.hardware.opening import open_link
 from omnimj.hardware.plant import HardwarePlant

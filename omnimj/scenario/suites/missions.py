@@ -9,12 +9,13 @@ import numpy as np
 
 from omnimj.control.controller import Controller
 from omnimj.errors import SimulationError
-from omnimj.loop import Watch, drive
+from omnimj.loop import drive
 from omnimj.parameters import Robot
 from omnimj.plant.channels import robot_channels
 from omnimj.plant.interface import Plant
 from omnimj.scenario.suites.suite import Condition, Recording
 from omnimj.signals import Array, Reference
+from omnimj.stepping import Watch
 
 MISSIONS = 6
 DURATION = 20.0

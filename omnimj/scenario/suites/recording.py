@@ -9,11 +9,11 @@ from types import MappingProxyType
 from typing import Any
 
 from omnimj.errors import InputError, UnknownNameError
-from omnimj.loop import Progress
 from omnimj.parameters.floor import all_floors
 from omnimj.recording.dataset import Run
 from omnimj.recording.write_dataset import DatasetWriter
 from omnimj.scenario.suites.suite import MOST_REPEATS, PlannedRun, Recording, Suite, planned_runs
+from omnimj.stepping import Progress
 
 _FINE = 100  # parts of a run in the progress
 

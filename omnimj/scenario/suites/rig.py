@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 
 from omnimj.errors import SimulationError
-from omnimj.loop import Watch, drive_rig
+from omnimj.loop import drive_rig
 from omnimj.parameters import Rig
 from omnimj.plant.channels import RIG_CHANNELS
 from omnimj.plant.interface import Plant
 from omnimj.scenario.suites.currents import RigDrive, Stroke, constant, on_rail, strokes
 from omnimj.scenario.suites.suite import Condition, Recording
 from omnimj.signals import Array
+from omnimj.stepping import Watch
 
 FLOORS = ("natural_stone", "pvc", "paperboard")
 """Floors of the dissertation."""

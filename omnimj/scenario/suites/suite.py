@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from omnimj.loop import Progress
 from omnimj.parameters import Floor, read_floors
 from omnimj.signals import Array
+from omnimj.stepping import Progress
 
 MOST_REPEATS = 26
 """Repeats are called a … z."""
