@@ -127,7 +127,7 @@ def _phases(robot: Robot, case: KinematicCase, yaw_gain: float) -> dict[tuple[bo
 def _phase(
     robot: Robot, case: KinematicCase, weights: Array, lost: bool, angles: Array, yaw_gain: float
 ) -> _Phase:
-    p, u = robot.wheel_positions, robot.drive_directions
+    p, u = robot.wheel_positions, robot.rolling_directions
     turned = np.column_stack(
         [
             u[:, 0] * np.cos(angles) - u[:, 1] * np.sin(angles),

@@ -16,19 +16,19 @@ from omnimj.signals import Array
 SCALES = ("corrected", "published")
 
 
-def published_map(positions: ArrayLike, drive_directions: ArrayLike) -> Array:
+def published_map(positions: ArrayLike, directions: ArrayLike) -> Array:
     """J of Eq. 3.5 in the body frame, twist = J V, with columns (u_x, u_y, (p × u)/|p|²), shape (3, n).
 
     For the robot of the text this is the printed matrix at θ = 0; written for wheels at any place.
     """
-    a = rolling_matrix(positions, drive_directions)
+    a = rolling_matrix(positions, directions)
     a[:, 2] /= np.sum(np.square(np.asarray(positions, float)), axis=1)
     return a.T
 
 
 def inverse_kinematics(
     positions: ArrayLike,
-    drive_directions: ArrayLike,
+    directions: ArrayLike,
     scale: str = "corrected",
     weights: ArrayLike | None = None,
 ) -> Array:
@@ -40,7 +40,7 @@ def inverse_kinematics(
 
     Args:
       positions: Wheel centres p_i, shape (n, 2) [m].
-      drive_directions: Unit vectors u_i, shape (n, 2).
+      directions: `Robot.rolling_directions`, shape (n, 2).
       scale: `corrected` or `published`.
       weights: W_i of Eq. 3.11, all positive; ones when None.
 
@@ -51,8 +51,8 @@ def inverse_kinematics(
     if scale not in SCALES:
         raise UnknownNameError("allocation", "scale", scale, SCALES)
     if scale == "corrected":
-        return rolling_matrix(positions, drive_directions)
-    forward = published_map(positions, drive_directions)
+        return rolling_matrix(positions, directions)
+    forward = published_map(positions, directions)
     return weighted_inverse(forward, checked_weights(weights, forward.shape[1]))
 
 

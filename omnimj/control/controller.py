@@ -185,7 +185,7 @@ class Controller:
             robot.sensors.gyro_range,
             self.period,
         )
-        inverse = inverse_kinematics(robot.wheel_positions, robot.drive_directions, scale, weights)
+        inverse = inverse_kinematics(robot.wheel_positions, robot.rolling_directions, scale, weights)
         self._turn = turn_row(robot)
         self._asked_loops = np.array(loops)
         self._holding_loops = self._asked_loops.copy()

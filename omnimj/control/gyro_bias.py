@@ -38,7 +38,7 @@ def no_rest_yet() -> Array:
 
 def turn_row(robot: Robot) -> Array:
     """Yaw rate per wheel speed, r (A⁺)₃ of V = A·twist, shape (n,) [1]."""
-    rolling = rolling_matrix(robot.wheel_positions, robot.drive_directions)
+    rolling = rolling_matrix(robot.wheel_positions, robot.rolling_directions)
     return np.ascontiguousarray(robot.wheel.radius * np.linalg.pinv(rolling)[2])
 
 

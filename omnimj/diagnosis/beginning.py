@@ -87,7 +87,7 @@ def go_on(method: Any, machine: Any, state: Any, measurement: Any, bias: float, 
 
 def _moving(state: RobustState, robot: Robot, measurement: Measurement, bias: float) -> RobustState:
     """The body's velocity by the wheels: each filter without its own, none by a diagnosed one."""
-    a, rolled = rolling_matrix(robot.wheel_positions, robot.drive_directions), robot.wheel.radius
+    a, rolled = rolling_matrix(robot.wheel_positions, robot.rolling_directions), robot.wheel.radius
     said: Array = rolled * measurement.wheel_speed - a[:, 2] * (measurement.yaw_rate - bias)
     doubted = {w - 1 for d in state.diagnoses if d.cleared is None for w in d.wheels}
     n = len(said)

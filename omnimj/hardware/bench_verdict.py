@@ -139,7 +139,7 @@ def _late(motion: Motion, values: Array, rest: Array | float) -> Array:
 def _observed(robot: Robot, still: Motion, motion: Motion) -> dict[str, int]:
     """Sign of each channel over what it should be if the current were as asked: 1, −1, or 0 for none."""
     i, way = motion.wheel, float(np.sign(motion.asked[: motion.driven].sum()))
-    position, u = robot.wheel_positions[i], robot.drive_directions[i]
+    position, u = robot.wheel_positions[i], robot.rolling_directions[i]
     turn = position[0] * u[1] - position[1] * u[0]
     speed = float(_late(motion, motion.wheel_speed, 0.0)[i])
     push = _late(motion, motion.acceleration, still.acceleration.mean(axis=0))
@@ -225,7 +225,7 @@ def _told(best: Sequence[tuple[str, ...]]) -> list[Finding]:
 
 def _gains(robot: Robot, still: Motion, turns: Sequence[Motion], dead: Sequence[str]) -> list[Finding]:
     """Coasting wheels roll: r φ̇ against l ω, wheel by wheel; the gyro's way against the converter's."""
-    p, u = robot.wheel_positions, robot.drive_directions
+    p, u = robot.wheel_positions, robot.rolling_directions
     arm = (p[:, 0] * u[:, 1] - p[:, 1] * u[:, 0]) / robot.wheel.radius
     bias, found = float(still.yaw_rate.mean()), []
     rate = np.concatenate([m.yaw_rate[m.driven :] for m in turns]) - bias

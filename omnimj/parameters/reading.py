@@ -54,6 +54,11 @@ def quantity(unit: str, low: float = -math.inf, high: float = math.inf, *, open_
     return dataclasses.field(metadata={"unit": unit, "rule": Rule(low, high, open_low)})
 
 
+def optional(unit: str, default: float, low: float, high: float) -> Any:
+    """A quantity that a file may leave out; such fields come last."""
+    return dataclasses.field(default=default, metadata={"unit": unit, "rule": Rule(low, high, False)})
+
+
 def positive(unit: str, high: float = math.inf) -> Any:
     """A quantity above zero."""
     return quantity(unit, 0.0, high, open_low=True)
@@ -155,6 +160,8 @@ def read_table(
             raise UnknownNameError(f"{home(key)}: [{prefix}]", "key", key, fields)
     values = {}
     for name, spec in fields.items():
+        if name not in table and spec.default is not dataclasses.MISSING:
+            continue
         if name not in table:
             raise InputError(f"{home(name)}: [{prefix}]", f"'{name}' is missing")
         values[name], provenance[f"{prefix}.{name}"] = read_quantity(

@@ -16,7 +16,7 @@ from omnimj.parameters.effect_tables import EffectValues, read_effects
 from omnimj.parameters.hardware import Hardware, read_hardware
 from omnimj.parameters.model_file import read_model_file
 from omnimj.parameters.parts import Bearing, Contact, Motor, Sensors, Wheel
-from omnimj.parameters.reading import Provenance, positive, quantity, read_table
+from omnimj.parameters.reading import Provenance, optional, positive, quantity, read_table
 from omnimj.resources import models_folder
 
 
@@ -48,6 +48,20 @@ class WheelMount:
     """x, y of the wheel's centre."""
     drives_along: tuple[float, ...] = quantity("1", -1.0, 1.0)
     """Unit vector u: a positive wheel speed drives the robot along it."""
+    roller_angle: float = optional("rad", math.pi / 2.0, math.pi / 9.0, 8.0 * math.pi / 9.0)
+    """γ, from the axle z × u to the axis of the roller on the floor, towards u: π/2 of an omni wheel, π/4 or
+    3π/4 of a mecanum wheel. The floor holds the wheel along that axis and lets it roll across."""
+
+    @property
+    def roller_axis(self) -> tuple[float, float]:
+        """a = sin γ u + cos γ (z × u), a unit vector in the body frame."""
+        u, (s, c) = self.drives_along, roller_sides(self.roller_angle)
+        return s * u[0] - c * u[1], s * u[1] + c * u[0]
+
+
+def roller_sides(angle: float) -> tuple[float, float]:
+    """sin γ and cos γ, exactly 1 and 0 of an omni wheel."""
+    return math.sin(angle), math.sin(math.pi / 2.0 - angle)
 
 
 @dataclass(frozen=True)
@@ -100,6 +114,17 @@ class Robot:
     def drive_directions(self) -> np.ndarray:
         """Unit vectors u_i, shape (n, 2)."""
         return np.array([w.drives_along for w in self.wheels])
+
+    @property
+    def rolling_directions(self) -> np.ndarray:
+        """a_i/(a_i·u_i): a wheel that rolls has r φ̇_i = (that)·v, and pushes along it, shape (n, 2)."""
+        return np.array([np.array(w.roller_axis) / math.sin(w.roller_angle) for w in self.wheels])
+
+    @property
+    def side_directions(self) -> np.ndarray:
+        """z × u_i / sin γ_i: the rollers of a rolling wheel turn with (that)·v and drag along it, (n, 2)."""
+        u, angles = self.drive_directions, np.array([w.roller_angle for w in self.wheels])
+        return np.column_stack((-u[:, 1], u[:, 0])) / np.sin(angles)[:, None]
 
 
 def _read_mounts(entries: Any, path: Path, provenance: dict[str, Provenance]) -> tuple[WheelMount, ...]:
@@ -169,7 +194,7 @@ def _require_consistent(robot: Robot) -> None:
             f"must be below body.unsprung_mass, {body.unsprung_mass:g}",
         )
     x, y = robot.wheel_positions.T
-    u_x, u_y = robot.drive_directions.T
+    u_x, u_y = robot.rolling_directions.T
     if np.linalg.matrix_rank(np.column_stack([u_x, u_y, x * u_y - y * u_x]), tol=1e-6) < 3:
         raise InputError(
             f"{robot.file}: [[wheels]]", "these wheels cannot drive the robot along x, along y and in yaw"

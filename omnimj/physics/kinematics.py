@@ -11,19 +11,21 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 
 
-def rolling_matrix(positions: ArrayLike, drive_directions: ArrayLike) -> Array:
-    """A with rows (u_x, u_y, x u_y − y u_x): rolling speed of each wheel per body twist.
+def rolling_matrix(positions: ArrayLike, directions: ArrayLike) -> Array:
+    """A with rows (d_x, d_y, x d_y − y d_x): rolling speed r φ̇ of each wheel per body twist.
 
-    Source: Eqs. 3.48-3.53, V_i = u_i · (v + ω × p_i), for wheels at any place.
+    Source: Eqs. 3.48-3.53, V_i = d_i · (v + ω × p_i), for wheels at any place. An omni wheel rolls along its
+    driving direction, d = u. Where the rollers' axes a are turned (mecanum), the floor holds the wheel along
+    them: a·(v + ω × p − r φ̇ u) = 0, and d = a/(a·u). Aᵀ takes the wheels' torques over r to force and moment.
 
     Args:
       positions: Wheel centres p_i, shape (n, 2) [m].
-      drive_directions: Unit vectors u_i, shape (n, 2).
+      directions: d_i, `Robot.rolling_directions`, shape (n, 2).
 
     Returns:
       A, shape (n, 3).
     """
-    p, u = np.asarray(positions, float), np.asarray(drive_directions, float)
+    p, u = np.asarray(positions, float), np.asarray(directions, float)
     return np.column_stack([u, p[:, 0] * u[:, 1] - p[:, 1] * u[:, 0]])
 
 

@@ -38,6 +38,8 @@ from omnimj.physics.planar_constants import (
     planar_constants,
 )
 from omnimj.physics.planar_wheel import (
+    contact_force,
+    contact_velocity,
     pose_at,
     step_wheel,
     supply_load,
@@ -82,10 +84,10 @@ def _normal_force(wheel, gravity_x, gravity_y):
 
 
 @kernel
-def _body_force(wheel, body, traction, lateral):
+def _body_force(wheel, body, ahead, aside):
     """Force of one wheel on the body and its moment about the centre of mass [N, N, N.m]."""
-    x = traction * wheel[DRIVE_X] + lateral * wheel[DRIVE_Y]
-    y = traction * wheel[DRIVE_Y] - lateral * wheel[DRIVE_X]
+    x = ahead * wheel[DRIVE_X] + aside * wheel[DRIVE_Y]
+    y = ahead * wheel[DRIVE_Y] - aside * wheel[DRIVE_X]
     return x, y, (wheel[POSITION_X] - body[COM_X]) * y - (wheel[POSITION_Y] - body[COM_Y]) * x
 
 
@@ -129,20 +131,21 @@ def derivative(state, command, yaw, body, wheels, motors, floors, smoothing, pub
         normal = _normal_force(wheel, g_x, g_y)
         along, across = wheel_velocity(wheel, v_x, v_y, yaw_rate)
         rim = wheel[RADIUS] * wheel_speed
-        slip = rim - along
+        slip, sideways = contact_velocity(wheel, rim, along, across)
         rate = relaxation_rate(floor, slip, max(abs(rim), abs(along)))
         change[i] = slip - rate * state[i]
         traction = normal * wheel[GRIP] * force_ratio(floor, state[i], slip, rate)
-        dry = wheel[ROLLER_DRY] * math.tanh(across / smoothing)
-        lateral = normal * (dry + wheel[ROLLER_VISCOUS] * across)
+        dry = wheel[ROLLER_DRY] * math.tanh(sideways / smoothing)
+        drag = normal * (dry + wheel[ROLLER_VISCOUS] * sideways)
+        ahead, aside = contact_force(wheel, traction, drag)
         current = set_current(motor, command[i], wheel_speed)
         if state.size > 2 * n + 3:
             change[2 * n + 3 + i] = (current - state[2 * n + 3 + i]) / motor[LOOP]
             current = state[2 * n + 3 + i]
-        low, high = wheel_torque_bounds(wheel, motor, current, wheel_speed, normal, lateral, published)
+        low, high = wheel_torque_bounds(wheel, motor, current, wheel_speed, normal, aside, published)
         torque = between(low, high, math.tanh(rim / smoothing))
-        change[n + i] = (torque - wheel[RADIUS] * traction) / wheel[INERTIA]
-        x, y, z = _body_force(wheel, body, traction, lateral)
+        change[n + i] = (torque - wheel[RADIUS] * ahead) / wheel[INERTIA]
+        x, y, z = _body_force(wheel, body, ahead, aside)
         f_x, f_y, moment = f_x + x, f_y + y, moment + z
     change[2 * n], change[2 * n + 1], change[2 * n + 2] = _twist_rate(
         body, f_x, f_y, moment, v_x, v_y, yaw_rate, published
@@ -224,10 +227,10 @@ def step(state, command, body, wheels, motors, floors, terms, h, steps, publishe
             if changes_motor(terms[i]):
                 change_motor(motor, terms[i], state[pose_at(n) - 1], load - draws[i], changed)
                 motor = changed
-            force, lateral = step_wheel(
+            ahead, aside = step_wheel(
                 i, state, command, wheel, motor, floors[i], terms[i], normal, h, published, output
             )
-            x, y, z = _body_force(wheel, body, force, lateral)
+            x, y, z = _body_force(wheel, body, ahead, aside)
             f_x, f_y, moment = f_x + x, f_y + y, moment + z
         a_x, a_y = _step_body(n, state, body, f_x, f_y, moment, h, published)
         if not published:

@@ -9,16 +9,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omnimj.errors import InputError
-from omnimj.parameters.robot import Robot
+from omnimj.parameters.robot import Robot, roller_sides
 from omnimj.physics.wheel import RADIUS, WHEEL_ROW, wheel_row
 
 GRAVITY = 9.81
 
 MASS, COM_X, COM_Y, YAW_INERTIA, SLOPE_X, SLOPE_Y = range(6)
 BODY_ROW = 6
-# columns that the robot appends to a wheel's row; the last two: normal force per m/s² of gravity along x, y
+# columns that the robot appends to a wheel's row; NORMAL_X, _Y: normal force per m/s² of gravity along x, y
 POSITION_X, POSITION_Y, DRIVE_X, DRIVE_Y, GRIP, NORMAL, NORMAL_X, NORMAL_Y = range(WHEEL_ROW, WHEEL_ROW + 8)
-ROBOT_WHEEL_ROW = WHEEL_ROW + 8
+ROLLER_SIN, ROLLER_COS = WHEEL_ROW + 8, WHEEL_ROW + 9  # of the angle from the axle to the roller's axis
+ROBOT_WHEEL_ROW = WHEEL_ROW + 10
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,7 @@ def planar_constants(
     angle = np.asarray(misalignment, float)
     c, s = np.cos(angle), np.sin(angle)
     wheels[:, [POSITION_X, POSITION_Y]] = p
+    wheels[:, [ROLLER_SIN, ROLLER_COS]] = [roller_sides(mount.roller_angle) for mount in robot.wheels]
     wheels[:, DRIVE_X], wheels[:, DRIVE_Y] = c * u[:, 0] - s * u[:, 1], s * u[:, 0] + c * u[:, 1]
     # static balance Σ F_N = W, Σ p F_N = W r_c in least norm: m g/4 each on four wheels
     balance = np.vstack([np.ones(len(p)), p.T])

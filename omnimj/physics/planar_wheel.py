@@ -21,7 +21,15 @@ from omnimj.physics.effect_terms import (
 )
 from omnimj.physics.motor import SUPPLY, next_current, stick_or_slip
 from omnimj.physics.native import kernel
-from omnimj.physics.planar_constants import DRIVE_X, DRIVE_Y, GRIP, POSITION_X, POSITION_Y
+from omnimj.physics.planar_constants import (
+    DRIVE_X,
+    DRIVE_Y,
+    GRIP,
+    POSITION_X,
+    POSITION_Y,
+    ROLLER_COS,
+    ROLLER_SIN,
+)
 from omnimj.physics.traction import exact_step, force_ratio, relaxation_rate
 from omnimj.physics.wheel import (
     INERTIA,
@@ -50,6 +58,30 @@ def wheel_velocity(wheel, v_x, v_y, yaw_rate):
 
 
 @kernel
+def contact_velocity(wheel, rim, along, across):
+    """Slip V_r along the roller's axis a and what turns the roller, along z × a [m/s].
+
+    V_r = a·(r φ̇ u − V), the other (z × a)·(V − r φ̇ u), with a = sin γ u + cos γ (z × u). An omni wheel,
+    γ = 90°: r φ̇ − V_i, and the velocity along the axle.
+    """
+    s, c = wheel[ROLLER_SIN], wheel[ROLLER_COS]
+    return s * (rim - along) - c * across, s * across + c * (rim - along)
+
+
+@kernel
+def contact_force(wheel, traction, drag):
+    """Force F a − G (z × a) of the floor on the wheel along u, and against z × u [N].
+
+    Args:
+      wheel: Its row.
+      traction: F [N].
+      drag: G, what the roller's bearing takes [N].
+    """
+    s, c = wheel[ROLLER_SIN], wheel[ROLLER_COS]
+    return s * traction + c * drag, s * drag - c * traction
+
+
+@kernel
 def wheel_torque_bounds(wheel, motor, current, wheel_speed, normal_force, lateral_force, published):
     """Torque on the wheel but for traction, turning forward and turning backward [N.m]."""
     low, high = motor_torque_bounds(motor, current, wheel_speed, published)
@@ -68,20 +100,20 @@ def _place(wheel, state, pose):
 
 
 @kernel
-def _turn_wheel(i, n, state, terms, wheel, motor, driving, normal, lateral, traction, h, published):
-    """Advances speed, angle and play of wheel i under its torques."""
+def _turn_wheel(i, n, state, terms, wheel, motor, driving, normal, aside, ahead, h, published):
+    """Advances speed, angle and play of wheel i under its torques and the floor's force."""
     wheel_speed, play, rate = state[n + i], state[5 * n + 3 + i], state[6 * n + 3 + i]
     inertia, angle = wheel[INERTIA], state[4 * n + 3 + i]
-    other = -wheel[RADIUS] * traction
+    other = -wheel[RADIUS] * ahead
     if terms[ACTIVE] == 0.0:
-        low, high = wheel_torque_bounds(wheel, motor, driving, wheel_speed, normal, lateral, published)
+        low, high = wheel_torque_bounds(wheel, motor, driving, wheel_speed, normal, aside, published)
         change = (stick_or_slip(low, high, wheel_speed, inertia, other, h) + other) / inertia
     else:
         low, high = motor_torque_bounds(motor, driving, wheel_speed + rate, published)
         dry = axle_dry(terms, low, high)
         other += axle_torque(terms, angle + play, wheel_speed + rate, h)
         if not published:
-            bearing, viscous = bearing_friction(wheel, normal, lateral)
+            bearing, viscous = bearing_friction(wheel, normal, aside)
             dry += bearing + wheel[ROLLING] * normal * wheel[RADIUS]
             other -= viscous * wheel_speed
         dry = max(dry, 0.0)
@@ -99,12 +131,12 @@ def _turn_wheel(i, n, state, terms, wheel, motor, driving, normal, lateral, trac
 
 @kernel
 def step_wheel(i, state, command, wheel, motor, floor, terms, normal, h, published, output):
-    """Advances all of wheel i; returns its force along u and its lateral force [N]."""
+    """Advances all of wheel i; returns its force along u, and against z × u [N]."""
     n = command.size
     wheel_speed = state[n + i]
     along, across = wheel_velocity(wheel, state[2 * n], state[2 * n + 1], state[2 * n + 2])
     rim = wheel[RADIUS] * wheel_speed
-    slip = rim - along
+    slip, sideways = contact_velocity(wheel, rim, along, across)
     rate = relaxation_rate(floor, slip, max(abs(rim), abs(along)))
     z = exact_step(state[i], slip, rate, h)
     mean = mean_deflection(state[i], z, slip, rate, h)
@@ -115,15 +147,16 @@ def step_wheel(i, state, command, wheel, motor, floor, terms, normal, h, publish
         traction *= traction_scale(terms, place)
         angle, time = state[4 * n + 3 + i], state[pose_at(n) - 1]
         more = hub_force(terms, along, place, time, across, angle, wheel_speed, h)
-    roller, lateral = roller_friction(wheel, state[3 * n + 3 + i], across, normal, h)
+    roller, drag = roller_friction(wheel, state[3 * n + 3 + i], sideways, normal, h)
+    ahead, aside = contact_force(wheel, traction, drag)
     before = state[2 * n + 3 + i]
     current = next_current(motor, before, command[i], wheel_speed, h)
     driving = mean_current(motor, before, current, command[i], wheel_speed, h)
-    _turn_wheel(i, n, state, terms, wheel, motor, driving, normal, lateral, traction, h, published)
+    _turn_wheel(i, n, state, terms, wheel, motor, driving, normal, aside, ahead, h, published)
     state[i], state[3 * n + 3 + i], state[2 * n + 3 + i] = z, roller, current
-    output[i], output[n + i], output[2 * n + i], output[3 * n + i] = slip, normal, traction, lateral
+    output[i], output[n + i], output[2 * n + i], output[3 * n + i] = slip, normal, traction, drag
     output[4 * n + 2 + i] = state[n + i] + state[6 * n + 3 + i]
-    return traction + more, lateral
+    return ahead + more, aside
 
 
 @kernel

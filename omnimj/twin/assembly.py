@@ -137,9 +137,8 @@ def _write_body(spec: mujoco.MjSpec, robot: Robot) -> None:
         corner.mass = body.unsprung_mass - robot.wheel.mass
         inward = np.array(mount.position) - 0.06 * np.array([-math.sin(yaw), math.cos(yaw)])
         rest += corner.mass * float(inward @ inward) + corner.inertia[2]
-        rest += robot.wheel.mass * float(np.dot(mount.position, mount.position)) + vertical_inertia(
-            robot.wheel
-        )
+        rest += robot.wheel.mass * float(np.dot(mount.position, mount.position))
+        rest += vertical_inertia(robot.wheel, mount.roller_angle)
         guide.stiffness = [body.suspension_stiffness, 0.0, 0.0]
         guide.damping = [body.suspension_damping, 0.0, 0.0]
         guide.springref = -sprung * GRAVITY / count / body.suspension_stiffness
@@ -182,8 +181,8 @@ def robot_model(
     path = models_folder() / "uto_robot" / "scene.xml" if scene is None else scene
     spec = load_spec(path)
     _write_body(spec, robot)
-    for i in range(1, len(robot.wheels) + 1):
-        write_wheel(spec, f"wheel_{i}_", robot.wheel, robot.motor)
+    for i, mount in enumerate(robot.wheels, start=1):
+        write_wheel(spec, f"wheel_{i}_", robot.wheel, robot.motor, mount.roller_angle)
     extra = tuple(extra_floors)
     _add_floors(spec, patches, extra)
     mj_model = _compile(spec, floor, patches, extra, floors, lean, path)

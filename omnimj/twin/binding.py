@@ -8,6 +8,7 @@ import numpy as np
 from omnimj.errors import InputError
 from omnimj.parameters import Floor, Rig, Robot
 from omnimj.parameters.floor import ROW
+from omnimj.parameters.robot import roller_sides
 from omnimj.physics.motor import MOTOR_ROW, motor_row
 from omnimj.signals import Array
 from omnimj.twin import slots
@@ -24,7 +25,7 @@ def wheel_slots(machine: Robot | Rig) -> np.ndarray:
     row = np.zeros(slots.ACTUATOR_SLOTS)
     wheel, bearing, contact = machine.wheel, machine.bearing, machine.contact
     row[slots.RAIL_JOINT] = row[slots.FLOOR_OVERRIDE] = row[slots.SENSOR] = -1
-    row[slots.GRIP] = 1.0
+    row[slots.GRIP] = row[slots.ROLLER_SIN] = 1.0
     row[slots.RADIUS] = wheel.radius
     row[slots.STIFFNESS], row[slots.DAMPING] = contact.stiffness, contact.damping
     row[slots.ROLLER_DRY : slots.ROLLING_RESISTANCE + 1] = (
@@ -70,6 +71,8 @@ def bind_wheels(mj_model: mujoco.MjModel, machine: Robot | Rig, wheels: int) -> 
         if not np.array_equal(dofs, np.arange(dofs[0], dofs[0] + len(rollers))):
             raise InputError("MJCF", f"the rollers of wheel {i + 1} are not consecutive bodies")
         row = wheel_slots(machine)
+        if isinstance(machine, Robot):
+            row[[slots.ROLLER_SIN, slots.ROLLER_COS]] = roller_sides(machine.wheels[i].roller_angle)
         row[slots.WHEEL_BODY], row[slots.WHEEL_DOF] = axle.bodyid[0], axle.dofadr[0]
         row[slots.FIRST_ROLLER_DOF], row[slots.ROLLER_COUNT] = dofs[0], len(rollers)
         row[slots.SENSOR], row[slots.ANGLE_AT] = sensor, axle.qposadr[0]

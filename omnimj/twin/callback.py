@@ -31,7 +31,7 @@ from omnimj.twin.forces import (
 )
 from omnimj.twin.layout import OFFSETS, check_offsets
 from omnimj.twin.memory import load_int, load_pointer, load_real, stack_reals, store_real
-from omnimj.twin.wheel_contact import COLUMNS, MOST_CONTACTS, ROOM, gather, grip_wheel
+from omnimj.twin.wheel_contact import COLUMNS, MOST_CONTACTS, ROOM, at_axle, gather, grip_wheel
 
 _STAGE_VELOCITY = int(mujoco.mjtStage.mjSTAGE_VEL)
 
@@ -67,7 +67,8 @@ def add_passive_forces(m, d):
             rail_dof = load_int(load_pointer(m + OFFSETS.m_jnt_dofadr), rail)
         torque, pull = add_contact_forces(m, d, wheel, found, count, rail_dof, h)
         coast_rollers(m, d, own, wheel, found, count, h)
-        side, rolling = grip[3], load_real(own, slots.ROLLING_RESISTANCE) * grip[1]
+        ahead, side = at_axle(own, grip[2], grip[3])
+        rolling = load_real(own, slots.ROLLING_RESISTANCE) * grip[1]
         if rail >= 0:  # the rig's equations put rolling resistance on the carriage
             address = load_int(load_pointer(m + OFFSETS.m_actuator_actadr), wheel)
             side = load_real(load_pointer(d + OFFSETS.d_act), address + slots.SIDE_LOAD)
@@ -75,19 +76,20 @@ def add_passive_forces(m, d):
             rolling = 0.0
         elif terms_of(own)[ACTIVE] != 0.0:
             add_hub_forces(m, d, wheels, own, h)
-        add_drive_torque(m, d, wheel, own, grip[1], grip[2], side, rolling, torque, h)
+        add_drive_torque(m, d, wheel, own, grip[1], ahead, side, rolling, torque, h)
 
 
 @kernel
 def _set_play_rates(m, d, own, act, rate, motor, wheel_speed, grip, h):
     """act_dot of the gear's play, from the same numbers as the torque on the axle."""
-    side, rolling = grip[3], load_real(own, slots.ROLLING_RESISTANCE) * grip[1]
+    ahead, side = at_axle(own, grip[2], grip[3])
+    rolling = load_real(own, slots.ROLLING_RESISTANCE) * grip[1]
     if load_real(own, slots.RAIL_JOINT) >= 0.0:
         side, rolling = load_real(act, slots.SIDE_LOAD), 0.0
     resistance = axle_resistance(own, grip[1], side, rolling, wheel_speed)
     low, high, dry, more = drive_with_effects(d, own, act, motor, wheel_speed, resistance, h)
     inertia = load_real(load_pointer(m + OFFSETS.m_dof_M0), numba.int64(load_real(own, slots.WHEEL_DOF)))
-    _, play, play_rate, _ = play_of_gear(own, act, low, high, dry, more, wheel_speed, inertia, grip[2], h)
+    _, play, play_rate, _ = play_of_gear(own, act, low, high, dry, more, wheel_speed, inertia, ahead, h)
     store_real(rate, slots.PLAY, (play - load_real(act, slots.PLAY)) / h)
     store_real(rate, slots.PLAY_RATE, (play_rate - load_real(act, slots.PLAY_RATE)) / h)
 

@@ -82,7 +82,7 @@ class Healthy:
             nominal = float(self._arrays["actuator_user"][wheel, slots.RADIUS])
             outward = (nominal * scale - thick) / (nominal - thick)
             m.body_pos[body] *= (outward, 1.0, outward)
-            half = math.sqrt(nominal * scale * thick)
+            half = math.sqrt(nominal * scale * thick) / row[slots.ROLLER_SIN]
             m.geom_size[geom, 0] = m.geom_rbound[geom] = m.geom_aabb[geom, 3] = half
 
     def _load(self, mass: float, x: float, y: float) -> None:

@@ -38,7 +38,8 @@ MOTOR = 25  # … 25 + MOTOR_ROW
 TERM = MOTOR + MOTOR_ROW  # … + TERMS: the effects of this wheel
 ANGLE_AT = TERM + TERMS  # where in qpos the wheel's angle stands
 POSITION_AT = ANGLE_AT + 1  # where in qpos the rig's carriage stands
-ACTUATOR_SLOTS = POSITION_AT + 1
+ROLLER_SIN, ROLLER_COS = POSITION_AT + 1, POSITION_AT + 2  # of the angle from the axle to a roller's axis
+ACTUATOR_SLOTS = ROLLER_COS + 1
 
 # jnt_user of the rig's rail
 RAIL_COULOMB, RAIL_DRY, RAIL_VISCOUS, RAIL_HALF_WIDTH, RAIL_HEIGHT, RAIL_D, RAIL_E, RAIL_WEIGHT = range(8)

@@ -90,6 +90,11 @@ def describe(m, d, contact, wheel_slots, roller_geom, floor_geom, sign, row):
         return False
     tx, ty, tz = tx / length, ty / length, tz / length
     sx, sy, sz = ny * tz - nz * ty, nz * tx - nx * tz, nx * ty - ny * tx
+    # the floor holds along the roller's axis and lets roll across it: on an omni wheel these are t and s
+    sin, cos = load_real(wheel_slots, slots.ROLLER_SIN), load_real(wheel_slots, slots.ROLLER_COS)
+    ux, uy, uz = sin * tx + cos * sx, sin * ty + cos * sy, sin * tz + cos * sz
+    sx, sy, sz = sin * sx - cos * tx, sin * sy - cos * ty, sin * sz - cos * tz
+    tx, ty, tz = ux, uy, uz
     geom_body = load_pointer(m + OFFSETS.m_geom_bodyid)
     floor_body = load_int(geom_body, floor_geom)
     vx, vy, vz = point_velocity(m, d, wheel_body, x, y, z)
@@ -220,6 +225,13 @@ def grip_wheel(m, d, wheel, found, count, h):
         if found[i, WHEEL] == wheel:
             found[i, DRAG] = -ratio * found[i, PRESSED]
     return slip, pressed, traction, -ratio * pressed, lateral, z_next, side_next
+
+
+@kernel
+def at_axle(own, traction, lateral):
+    """Force F a + L b of the floor on a wheel, a the rollers' axis, b = n × a: along u and the axle [N]."""
+    s, c = load_real(own, slots.ROLLER_SIN), load_real(own, slots.ROLLER_COS)
+    return s * traction - c * lateral, c * traction + s * lateral
 
 
 @kernel

@@ -54,7 +54,7 @@ def rig_motion(rig: Rig, windows: Sequence[Overlay], channels: Sequence[str]) ->
 def robot_motion(robot: Robot, windows: Sequence[Overlay], channels: Sequence[str]) -> Motion:
     """x, y [m], heading [rad] and wheel angles [rad], shape (k, 3 + n): dead reckoning by wheels and gyro."""
     wheels = len(robot.wheel_positions)
-    backwards = np.linalg.pinv(rolling_matrix(robot.wheel_positions, robot.drive_directions))
+    backwards = np.linalg.pinv(rolling_matrix(robot.wheel_positions, robot.rolling_directions))
     names = [f"wheel_speed_{i + 1}" for i in range(wheels)]
 
     def rates(window: Overlay, values: Array, place: Array) -> Array:

@@ -119,7 +119,7 @@ class Reckoning:
 
     def __init__(self, robot: Robot):
         """Begins at the origin."""
-        inverse = inverse_kinematics(robot.wheel_positions, robot.drive_directions)
+        inverse = inverse_kinematics(robot.wheel_positions, robot.rolling_directions)
         self._twist = robot.wheel.radius * np.linalg.pinv(inverse)[:2]
         self._place = np.zeros(2)
         self._turned = np.zeros(len(robot.wheels))

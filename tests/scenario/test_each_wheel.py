@@ -102,8 +102,7 @@ def test_a_wheel_that_starts_on_nylon_is_named_in_time_and_let_go_in_time_and_no
 def test_a_motor_that_loses_torque_is_isolated_and_nothing_else_is_named(wheel, share):
     metrics = driven("degraded_motor", weak(wheel, f"loss = {share}"))
     assert metrics["isolated"] and said(metrics) == [("motor", [wheel])]
-    # 0.3 s are those of the slowest twentieth in use; here it is since the onset
-    assert metrics["false_alarms"] == 0 and metrics["detection_delay"] <= 0.3
+    assert metrics["false_alarms"] == 0 and metrics["detection_delay"] <= 0.12
 
 
 @pytest.mark.parametrize("share", SIZES)

@@ -128,7 +128,7 @@ class Recovery:
         self._strongest = self._numbers[TORQUE] * limit
         self._dithers, self._self_test = dithers, self_test
         self._rolling = np.ascontiguousarray(
-            inverse_kinematics(robot.wheel_positions, robot.drive_directions) / robot.wheel.radius
+            inverse_kinematics(robot.wheel_positions, robot.rolling_directions) / robot.wheel.radius
         )
         self._usual = usual_advice(self._rolling)
         self._against = against_each_other(shape.forces) / robot.wheel.radius

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from omnimj.parameters import Robot
+from omnimj.physics.kinematics import rolling_matrix
 from omnimj.physics.motor import motor_row
 from omnimj.physics.wheel import wheel_row
 from omnimj.signals import Array
@@ -37,18 +38,18 @@ class Geometry:
     """Of n wheels."""
 
     forces: Array
-    """Column i is the force and moment of wheel i per newton of traction, shape (3, n): B = Aᵀ."""
+    """Column i is the force and moment of wheel i per newton of torque over radius, shape (3, n): B = Aᵀ."""
     across: Array
-    """Row i: speed along axle i for a body twist, shape (n, 3)."""
+    """Row i: speed at which rollers turn for a body twist, of omni wheels along the axle, shape (n, 3)."""
 
 
 def geometry(robot: Robot) -> Geometry:
     """B and the lateral directions of the robot's wheels."""
-    p, u = robot.wheel_positions, robot.drive_directions
-    side = np.column_stack((-u[:, 1], u[:, 0]))  # z × u
-    turn = p[:, 0] * u[:, 1] - p[:, 1] * u[:, 0]
-    side_turn = p[:, 0] * side[:, 1] - p[:, 1] * side[:, 0]
-    return Geometry(np.vstack((u.T, turn)), np.column_stack((side, side_turn)))
+    p = robot.wheel_positions
+    return Geometry(
+        np.ascontiguousarray(rolling_matrix(p, robot.rolling_directions).T),
+        rolling_matrix(p, robot.side_directions),
+    )
 
 
 def numbers(robot: Robot, period: float) -> Array:

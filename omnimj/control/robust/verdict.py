@@ -21,11 +21,11 @@ class Thresholds:
     The others count blocks and times, and were set by hand on training seeds.
     """
 
-    motor: float = 19.5
+    motor: float = 24.5
     """Λ of a loss of torque constant: ln(ARL · blocks per second · tests), and what is not white [nats]."""
-    drag: float = 17.5
+    drag: float = 26.0
     """Λ of an added friction or a wheel that is held [nats]."""
-    accelerometer: float = 17.5
+    accelerometer: float = 37.0
     """Λ of a jump of the accelerometer's bias [nats]."""
     worn: float = 0.059
     """Learnt loss of torque constant that no healthy motor has."""

@@ -1,10 +1,13 @@
 """Sudden changes of the force channel: likelihood ratios over the last 0.05 … 1 s.
 
-Over a window of whitened blocks ρ = X θ + noise with θ ~ N(θ̂, P) as learnt before the window. One more number
-d along column j of X (a jump of δ_j, ν_j or β_j) is found and weighed with everything else free:
+Over the last second of whitened blocks ρ = X θ + noise with θ ~ N(θ̂, P) as learnt before it. One more number
+d along column j of X (a jump of δ_j, ν_j or β_j), x_j in the newest blocks, the window, and 0 before it, is
+found and weighed with everything else free:
   S = x_jᵀ V⁻¹ (ρ − X θ̂),  N = x_jᵀ V⁻¹ x_j,  V = I + X P Xᵀ;  d̂ = S/N,  2 Λ = d̂ (2 S − d̂ N),
-by Woodbury's identity from the sums XᵀX and Xᵀ(ρ − X θ̂) alone. What the jump leaves unexplained tells how
-large the noise of this window was: Λ is divided by it where it is above 1.
+by Woodbury's identity from the sums XᵀX and Xᵀ(ρ − X θ̂) of the second and of the windows alone. So the blocks
+before a window tell what the robot was like a moment ago: without them an unknown payload would pass for most
+of a weak motor. What the jump leaves unexplained tells how large the noise of its window was: Λ is divided by
+it where it is above 1.
 """
 
 from __future__ import annotations
@@ -40,12 +43,23 @@ def scores(ring, filled, head, theta, precision, low, high, found):
     Returns:
       Σ of squares of ρ − X θ̂ over the longest window and over each, shape (windows,), per its 3 m numbers.
     """
-    p = theta.size
-    gram, pulled = np.zeros((p, p)), np.zeros(p)
-    misfit = np.zeros(len(_LENGTHS))
-    squares = 0.0
+    p, windows = theta.size, len(_LENGTHS)
+    grams, pulls, squares = np.zeros((windows + 1, p, p)), np.zeros((windows + 1, p)), np.zeros(windows + 1)
     found[:, :] = 0.0
-    row, window = head, 0
+    ended = _sum_up(ring, filled, head, theta, grams, pulls, squares)
+    chol, solved = np.linalg.cholesky(precision + grams[windows]), np.empty(p)
+    forward(chol, pulls[windows], solved)
+    for w in range(ended):
+        _weigh(grams[w], pulls[w], squares[w], chol, solved, low, high, _LENGTHS[w], found)
+    return squares[:windows] / (3.0 * _LENGTHS)
+
+
+@kernel
+def _sum_up(ring, filled, head, theta, grams, pulls, squares):
+    """Fills XᵀX, Xᵀ r and rᵀ r, r = ρ − X θ̂, of each window and, last, of all; how many windows end."""
+    p, window, last = theta.size, 0, len(_LENGTHS)
+    gram, pulled = grams[last], pulls[last]
+    row = head
     for m in range(filled):
         block = ring[row]
         for k in range(3):
@@ -53,41 +67,42 @@ def scores(ring, filled, head, theta, precision, low, high, found):
             x = block[k * p : (k + 1) * p]
             for j in range(p):
                 away -= x[j] * theta[j]
-            squares += away * away
+            squares[last] += away * away
             for j in range(p):
                 if x[j] != 0.0:
                     pulled[j] += x[j] * away
                     for q in range(j + 1):
                         gram[j, q] += x[j] * x[q]
         row = row - 1 if row > 0 else ring.shape[0] - 1
-        if m + 1 == _LENGTHS[window]:
-            misfit[window] = squares / (3.0 * (m + 1))
-            _weigh(gram, pulled, squares, precision, low, high, float(m + 1), found)
+        if window < last and m + 1 == _LENGTHS[window]:
+            grams[window], pulls[window], squares[window] = gram, pulled, squares[last]
             window += 1
-            if window == len(_LENGTHS):
-                break
-    return misfit
+    for j in range(p):
+        for q in range(j):
+            for w in range(last + 1):
+                grams[w, q, j] = grams[w, j, q]
+    return window
 
 
 @kernel
-def _weigh(gram, pulled, squares, precision, low, high, length, found):
-    """Every hypothesis at one window; keeps the better of this and what was found at shorter ones."""
-    p = pulled.size
-    whole = np.empty((p, p))
-    for j in range(p):
-        for q in range(j + 1):
-            whole[j, q] = precision[j, q] + gram[j, q]
-            whole[q, j] = whole[j, q]
-    chol = np.linalg.cholesky(whole)
-    solved = np.empty(p)
-    side = np.empty(p)
-    forward(chol, pulled, solved)
+def _weigh(gram, pulled, squares, chol, solved, low, high, blocks, found):
+    """Every hypothesis at one window; keeps the better of this and what was found at shorter ones.
+
+    Args:
+      gram: XᵀX of the window, shape (p, p).
+      pulled: Xᵀ r of it, shape (p,).
+      squares: rᵀ r of it.
+      chol: Factor L of P⁻¹ + XᵀX of the whole second.
+      solved: L⁻¹ Xᵀ r of the whole second.
+      low: And `high`, of `scores`.
+      blocks: Length of the window.
+      found: Of `scores`.
+    """
+    p, length = pulled.size, float(blocks)
+    side, shift = np.empty(p), np.empty(p)
     for h in range(low.size):
-        for j in range(p):
-            side[j] = gram[h, j] if j <= h else gram[j, h]
-        column = side[h]
-        score = pulled[h]
-        forward(chol, side, side)
+        column, score = gram[h, h], pulled[h]
+        forward(chol, gram[h], side)
         for j in range(p):
             score -= side[j] * solved[j]
             column -= side[j] * side[j]
@@ -95,11 +110,31 @@ def _weigh(gram, pulled, squares, precision, low, high, length, found):
             continue
         size = min(max(score / column, low[h]), high[h])
         likelihood = 0.5 * size * (2.0 * score - size * column)
+        if likelihood <= found[h, LIKELIHOOD]:
+            continue
+        for j in range(p):
+            shift[j] = solved[j] - size * side[j]
+        backward(chol, shift)
         left = squares - size * (2.0 * pulled[h] - size * gram[h, h])
+        for j in range(p):
+            along = 0.0
+            for q in range(p):
+                along += gram[j, q] * shift[q]
+            left += shift[j] * (along - 2.0 * (pulled[j] - size * gram[h, j]))
         likelihood /= max(1.0, left / (3.0 * length))
         if likelihood > found[h, LIKELIHOOD]:
             found[h, LIKELIHOOD], found[h, SIZE] = likelihood, size
             found[h, DEVIATION], found[h, WINDOW] = column**-0.5, length
+
+
+@kernel
+def backward(chol, right):
+    """Lᵀ y = b by substitution, in place."""
+    for j in range(right.size - 1, -1, -1):
+        value = right[j]
+        for q in range(j + 1, right.size):
+            value -= chol[q, j] * right[q]
+        right[j] = value / chol[j, j]
 
 
 @kernel

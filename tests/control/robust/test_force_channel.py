@@ -93,7 +93,7 @@ def test_learning_block_by_block_is_one_least_squares_with_the_prior():
 
 
 @pytest.mark.parametrize("length", WINDOWS)
-def test_the_score_of_a_window_is_that_of_the_whole_covariance(length):
+def test_the_score_of_a_window_is_that_of_the_whole_covariance_of_the_second_around_it(length):
     rng = np.random.default_rng(length)
     theta = rng.normal(0.0, 0.05, P)
     x, rho = blocks(rng, theta + np.eye(P)[1] * 0.6, length)
@@ -105,15 +105,18 @@ def test_the_score_of_a_window_is_that_of_the_whole_covariance(length):
     scores(ring, length, length - 1, theta, np.linalg.inv(cov), low, high, found)
     best = {}
     for window in (w for w in WINDOWS if w <= length):
-        rows, away = x[length - window :].reshape(-1, P), (rho - x @ theta)[length - window :].reshape(-1)
+        rows, away, inside = x.reshape(-1, P), (rho - x @ theta).reshape(-1), 3 * (length - window)
         v = np.eye(len(away)) + rows @ cov @ rows.T
         for h in range(2 * N + 2):
-            weighed = np.linalg.solve(v, rows[:, h])
-            information, score = rows[:, h] @ weighed, away @ weighed
+            jump = rows[:, h].copy()
+            jump[:inside] = 0.0
+            weighed = np.linalg.solve(v, jump)
+            information, score = jump @ weighed, away @ weighed
             size = score / information
             likelihood = 0.5 * score * size
-            left = away - size * rows[:, h]
-            likelihood /= max(1.0, left @ left / len(left))
+            # what is left once θ is known as well as jump and blocks tell: e − X P Xᵀ V⁻¹ e
+            left = (away - size * jump) - rows @ cov @ rows.T @ np.linalg.solve(v, away - size * jump)
+            likelihood /= max(1.0, left[inside:] @ left[inside:] / (3 * window))
             if likelihood > best.get(h, (0.0,))[0]:
                 best[h] = (likelihood, size, information**-0.5)
     for h, (likelihood, size, deviation) in best.items():
