@@ -50,6 +50,27 @@ class ModelFile:
         return read_table(kind, entries, home, provenance, name)
 
 
+def model_path(asked: Path | None, usual: str) -> Path:
+    """Where a model file is: a path as it is, or the name of a shipped model, such as `three_wheel`.
+
+    Args:
+      asked: What was asked for; the usual one when None.
+      usual: Path of the plant's usual model file inside the shipped models.
+
+    Raises:
+      UnknownNameError: A bare name that is neither a file nor a shipped model of this plant.
+    """
+    folder, file = models_folder(), Path(usual).name
+    if asked is None:
+        return folder / usual
+    if len(asked.parts) != 1 or asked.suffix or asked.exists():
+        return asked
+    if not (folder / asked / file).is_file():
+        shipped = sorted(p.parent.name for p in folder.glob(f"*/{file}"))
+        raise UnknownNameError("--model", f"shipped {file}", str(asked), (*shipped, "the path of a file"))
+    return folder / asked / file
+
+
 def read_model_file(path: Path, plant: str, own_tables: tuple[str, ...]) -> ModelFile:
     """Reads a plant's TOML and the parts it names: a file beside it, or else one of the shipped models.
 

@@ -10,10 +10,9 @@ from typing import Any
 
 from omnimj.errors import InputError
 from omnimj.parameters.effect_tables import EffectValues, read_effects
-from omnimj.parameters.model_file import read_model_file
+from omnimj.parameters.model_file import model_path, read_model_file
 from omnimj.parameters.parts import Bearing, Contact, Motor, Sensors, Wheel
 from omnimj.parameters.reading import Provenance, positive, quantity
-from omnimj.resources import models_folder
 
 
 @dataclass(frozen=True)
@@ -79,7 +78,7 @@ def read_rig(path: Path | None = None) -> Rig:
     Raises:
       InputError: A value is missing or breaks its rule; the message names file, key, value and rule.
     """
-    path = models_folder() / "quarter_rig" / "rig.toml" if path is None else path
+    path = model_path(path, "quarter_rig/rig.toml")
     file = read_model_file(path, "quarter_rig", ("rig", "effects"))
     provenance: dict[str, Provenance] = {}
 

@@ -14,10 +14,9 @@ import numpy as np
 from omnimj.errors import InputError
 from omnimj.parameters.effect_tables import EffectValues, read_effects
 from omnimj.parameters.hardware import Hardware, read_hardware
-from omnimj.parameters.model_file import read_model_file
+from omnimj.parameters.model_file import model_path, read_model_file
 from omnimj.parameters.parts import Bearing, Contact, Motor, Sensors, Wheel
 from omnimj.parameters.reading import Provenance, optional, positive, quantity, read_table
-from omnimj.resources import models_folder
 
 
 @dataclass(frozen=True)
@@ -147,12 +146,12 @@ def read_robot(path: Path | None = None) -> Robot:
     """Reads `robot.toml`, or a copy of it with changed values.
 
     Args:
-      path: The model file; the shipped robot when None.
+      path: The model file, or the name of a shipped one; the robot of the source when None.
 
     Raises:
       InputError: A value is missing or breaks its rule; the message names file, key, value and rule.
     """
-    path = models_folder() / "uto_robot" / "robot.toml" if path is None else path
+    path = model_path(path, "uto_robot/robot.toml")
     file = read_model_file(path, "uto_robot", ("body", "wheels", "control", "effects", "hardware"))
     provenance: dict[str, Provenance] = {}
 

@@ -11,7 +11,7 @@ from omnimj.scenario.kinematic_level import KINEMATIC_KEYS
 from omnimj.scenario.metrics import metric_units
 from omnimj.scenario.overrides import KnownKeys
 
-_COMMON = ("description", "plant", "floor", "duration", "faults", "checks", "equations", "diagnosis")
+_COMMON = ("description", "plant", "model", "floor", "duration", "faults", "checks", "equations", "diagnosis")
 ROBOT_KEYS = (*_COMMON, "level", "drive", "patches", "kinematics", "scene")
 RIG_KEYS = (*_COMMON, "current", "mass", "lateral_speed")
 

@@ -134,6 +134,7 @@ def read_scenario(
     plant = tree.get("plant")
     if plant not in PLANTS:
         raise UnknownNameError(f"{place}: plant", "plant", plant, PLANTS)
+    model_file = _own_model(tree, path) if model_file is None else model_file
     constants = read_rig(model_file) if plant == "quarter_rig" else read_robot(model_file)
     check_effects(constants)
     known = known_keys(plant, 1 if isinstance(constants, Rig) else len(constants.wheels))
@@ -167,7 +168,25 @@ def _apply(tree: dict[str, Any], overrides: Sequence[str], known: KnownKeys) -> 
         key, value = split_override(text)
         if key == "plant":
             raise InputError("--set plant", "a scenario belongs to its plant", "choose another scenario")
+        if key == "model":
+            raise InputError("--set model", "is read before anything is set", "use --model")
         override(tree, key, value, known)
+
+
+def _own_model(tree: Mapping, scenario: Path) -> Path | None:
+    """The `model` of a scenario: `"three_wheel"` is a shipped one, `"own.toml"` lies beside the scenario."""
+    name = tree.get("model")
+    if name is None:
+        return None
+    place = f"{scenario.name}: model"
+    if not isinstance(name, str) or not name:
+        raise InputError(place, f"found {name!r}", "a text is needed")
+    if not name.endswith(".toml"):
+        return Path(name)
+    path = scenario.parent / name
+    if not path.is_file():
+        raise InputError(place, f"found {name!r}", f"there is no file {path}")
+    return path
 
 
 def _read_robot_scenario(

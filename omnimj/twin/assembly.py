@@ -15,6 +15,7 @@ from omnimj.plant.patches import Patch
 from omnimj.resources import models_folder
 from omnimj.twin import slots
 from omnimj.twin.binding import bind_floor, bind_rail, bind_wheels
+from omnimj.twin.robot_mjcf import ROBOT_FILE, robot_mjcf
 from omnimj.twin.spec_parts import compile_spec, load_spec, part
 from omnimj.twin.wheel_in_spec import vertical_inertia, write_wheel
 
@@ -179,7 +180,7 @@ def robot_model(
     """
     floors = read_floors() if floors is None else floors
     path = models_folder() / "uto_robot" / "scene.xml" if scene is None else scene
-    spec = load_spec(path)
+    spec = load_spec(path, {ROBOT_FILE: robot_mjcf(robot)})
     _write_body(spec, robot)
     for i, mount in enumerate(robot.wheels, start=1):
         write_wheel(spec, f"wheel_{i}_", robot.wheel, robot.motor, mount.roller_angle)

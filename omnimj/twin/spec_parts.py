@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +17,20 @@ def _one_line(error: ValueError) -> str:
     return " ".join(str(error).split())
 
 
-def load_spec(path: Path) -> mujoco.MjSpec:
+def load_spec(path: Path, instead: Mapping[str, bytes] | None = None) -> mujoco.MjSpec:
     """Parses an MJCF file.
+
+    Args:
+      path: The file.
+      instead: Contents that stand in for files which it includes, by their names.
 
     Raises:
       InputError: MuJoCo cannot read it; the message is MuJoCo's own.
     """
     try:
-        return mujoco.MjSpec.from_file(str(path.resolve()))  # includes of a relative path go astray
+        return mujoco.MjSpec.from_file(
+            str(path.resolve()), include=instead
+        )  # includes of a relative path go astray
     except ValueError as error:
         raise InputError(path, _NOT_READ, _one_line(error)) from None
 

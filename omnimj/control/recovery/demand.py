@@ -100,7 +100,8 @@ def creep_offsets(c, forces, across, arm, x, heading, twist, most, used, pivot, 
     share = allocate(forces, arm, wrench, most, used)
     for i in range(n):
         if used[i] and i != pivot:
-            offset[i] += steady_creep(c, share[i]) / c[RADIUS]
+            wide = math.hypot(forces[0, i], forces[1, i])  # 1/sin γ of its rollers
+            offset[i] += wide * steady_creep(c, wide * share[i]) / c[RADIUS]
     return share
 
 

@@ -57,6 +57,7 @@ AGREES = -0.75
 NO_SLIP = 0.12
 """A wheel off by this against its load, or without any, does not slip: its speed is read wrongly [m/s]."""
 _FADES = 0.9  # per block of what was slipped, once the wheel pulls the other way
+_SPREADS = 4.0  # wheels 120 degrees apart have 2
 _SIGMAS = 2.0  # of the body's velocity, given to the wheel
 _DRIFTS = 3.0  # factor on it where only the accelerometer tells it: its errors are not white
 _HOLDS = 0.08  # μ of a usual floor
@@ -72,21 +73,29 @@ _OBEYED, _ASKED, _SILENT = 0.25, 0.15, 0.03  # [A]
 
 
 @kernel
-def creep_all(c, load, force, counters, creep):
+def stretch(forces, i):
+    """1/sin γ of wheel i: floor's force over motor's, wheel's slip over the contact's; 1 of an omni wheel."""
+    return math.hypot(forces[0, i], forces[1, i])
+
+
+@kernel
+def creep_all(c, forces, load, force, counters, creep):
     """Fills what each wheel creeps under its traction and how doubtful that is, shape (n, 2) [m/s].
 
     Args:
       c: `constants.numbers`.
+      forces: B, shape (3, n).
       load: F_N of a wheel [N].
       force: F̂, shape (n,) [N].
       counters: GIVEN and HELD are brought up to date, shape (n, COUNTERS).
       creep: Output.
     """
     for i in range(force.size):
-        row, share = counters[i], force[i] / load
+        row, wide = counters[i], stretch(forces, i)
+        share = force[i] * wide / load
         soft, row[GIVEN] = next_creep(share, row[GIVEN], GIVING[0], GIVING[1], c[TIME])
         stiff, row[HELD] = next_creep(share, row[HELD], STIFF[0], STIFF[1], c[TIME])
-        creep[i, 0], creep[i, 1] = 0.5 * (soft + stiff), 0.5 * abs(soft - stiff)
+        creep[i, 0], creep[i, 1] = 0.5 * wide * (soft + stiff), 0.5 * wide * abs(soft - stiff)
 
 
 @kernel
@@ -135,12 +144,20 @@ def count_slip(c, load, force, slip, doubt, turning, moving, row):
 
 @kernel
 def _is_alone(forces, believed, i):
-    """Whether no other wheel that is believed drives along with wheel i: the velocity is dead reckoning."""
+    """Whether the other wheels that are believed tell little of the velocity along wheel i: dead reckoning.
+
+    Little is a variance dᵀ(Σ d_j d_jᵀ)⁻¹d beyond `_SPREADS` times that of one wheel that drives along d.
+    """
+    xx = xy = yy = 0.0
     for j in range(believed.size):
-        along = forces[0, i] * forces[0, j] + forces[1, i] * forces[1, j]
-        if j != i and believed[j] != 0.0 and abs(along) > 0.5:
-            return False
-    return True
+        if j != i and believed[j] != 0.0:
+            xx, xy, yy = (
+                xx + forces[0, j] * forces[0, j],
+                xy + forces[0, j] * forces[1, j],
+                yy + forces[1, j] * forces[1, j],
+            )
+    x, y = forces[0, i], forces[1, i]
+    return yy * x * x - 2.0 * xy * x * y + xx * y * y > _SPREADS * (xx * yy - xy * xy)
 
 
 @kernel
@@ -169,7 +186,8 @@ def count_wheel(
     doubt = spread_of(cov, forces[0, i], forces[1, i])
     if _is_alone(forces, believed, i):
         doubt *= _DRIFTS
-    count_slip(c, load, force[i], slid(c, forces, speed, turning, x, i), doubt, turning, moving, row)
+    wide, slip = stretch(forces, i), slid(c, forces, speed, turning, x, i)
+    count_slip(c, load / wide, force[i], slip / wide, doubt / wide, turning, moving, row)
     away, usual = away_from_rolling(c, forces, speed, turning, creep, x, i), abs(creep[i, 0])
     ahead = away if force[i] >= 0.0 else -away
     idle = abs(force[i]) <= LOADED

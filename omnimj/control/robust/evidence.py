@@ -183,7 +183,7 @@ def _hear_forces(
     slowest, sideways = _slowest(recent, cursor, speed, side)
     moving = np.abs(speed).max() > MOVES
     if moving:
-        whiten(c, forces, across, slowest, sideways, unknown, deaf, x, raw)
+        whiten(c, forces, across, current, slowest, sideways, unknown, deaf, x, raw)
         if fresh:
             learn(theta, cov, walk, lasting(n), x, raw)
         learning = not fresh and found[:, LIKELIHOOD].max() < CALM
@@ -203,7 +203,7 @@ def _hear_wheels(
     for q in range(n + 1):
         predict(c, velocity[q], spread[q], acceleration, deaf, turning)
     creep = np.empty((n, 2))
-    creep_all(c, load, force, counters, creep)
+    creep_all(c, forces, load, force, counters, creep)
     for i in range(n):
         count_wheel(
             c, forces, speed, current, wanted, turning, load, force, creep, believed,

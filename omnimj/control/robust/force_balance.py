@@ -37,6 +37,7 @@ SLOW = 1.5
 SLOW_SIDEWAYS = 0.05
 """The same of rollers [m/s]."""
 _UNKNOWN = 1e4  # [N²]
+_NOT_JUDGED = 0.5  # standard deviation of the loss of a motor that is not judged
 _TURNING = 0.3  # [rad/s] width of the sign
 _SIDEWAYS = 0.01  # [m/s] the same for the rollers
 NOISE = (1.0, 1.0, 0.6)
@@ -132,17 +133,19 @@ def rolling_twist(c, forces, speed, turning):
 
 
 @kernel
-def whiten(c, forces, across, slowest, sideways, unknown, deaf, x, rho):
+def whiten(c, forces, across, current, slowest, sideways, unknown, deaf, x, rho):
     """Scales the rows of X and ρ so that the noise is white and of size 1.
 
     A wheel that turns slowly, or did a moment ago, holds any friction between ± dry, and goes on to hold it:
-    a number h of its own along its column of B, and noise for its changes; its motor is not judged meanwhile.
-    So do rollers that hardly turn.
+    a number h of its own along its column of B, and noise for its changes. Its motor is not judged meanwhile:
+    what that may lack is noise too, or the robot's other numbers would have to answer for it. So do rollers
+    that hardly turn.
 
     Args:
       c: `constants.numbers`.
       forces: B, shape (3, n).
       across: Shape (n, 3).
+      current: Shape (n,) [A].
       slowest: Smallest |φ̇| of the last tenth of a second, shape (n,) [rad/s].
       sideways: The same of the speed along the axle, shape (n,) [m/s].
       unknown: 1 for wheels whose force nobody knows, shape (n,).
@@ -158,12 +161,13 @@ def whiten(c, forces, across, slowest, sideways, unknown, deaf, x, rho):
     n, dry, rollers = slowest.size, c[DRY], c[LOAD] * c[ROLLER_DRY]
     held = lasting(n)
     for i in range(slowest.size):
+        lacks = _NOT_JUDGED * c[TORQUE] * current[i]
         for k in range(3):
             for j in range(3):
                 if unknown[i] != 0.0:
                     cov[k, j] += forces[k, i] * forces[j, i] * _UNKNOWN
                 elif slowest[i] < SLOW:
-                    cov[k, j] += forces[k, i] * forces[j, i] * dry * dry
+                    cov[k, j] += forces[k, i] * forces[j, i] * (dry * dry + lacks * lacks)
                 if sideways[i] < SLOW_SIDEWAYS:
                     cov[k, j] += across[i, k] * across[i, j] * rollers * rollers
             x[k, held + i] = forces[k, i] * dry if slowest[i] < SLOW else 0.0

@@ -64,7 +64,7 @@ def test_whitened_noise_has_the_size_one():
     rows = np.eye(3)
     x, rho = np.zeros((3, P)), np.zeros(3)
     x[:, 2 * N + 2 : 2 * N + 5] = rows
-    whiten(C, SHAPE.forces, SHAPE.across, slowest, sideways, unknown, np.zeros(2), x, rho)
+    whiten(C, SHAPE.forces, SHAPE.across, np.zeros(N), slowest, sideways, unknown, np.zeros(2), x, rho)
     factor = x[:, 2 * N + 2 : 2 * N + 5]  # L⁻¹
     cov = np.linalg.inv(factor) @ np.linalg.inv(factor).T
     sample = factor @ np.linalg.cholesky(cov) @ rng.standard_normal((3, 20000))

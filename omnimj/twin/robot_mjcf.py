@@ -1,0 +1,65 @@
+"""The robot's MJCF with a corner for each wheel of its model file: copies of the first in `uto_robot.xml`."""
+
+from __future__ import annotations
+
+import math
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable
+from pathlib import Path
+
+from omnimj.parameters import Robot
+from omnimj.parameters.robot import WheelMount
+from omnimj.resources import models_folder
+
+ROBOT_FILE = "uto_robot.xml"
+_ARM = 0.25  # [m] at which the file's wheels and the frames beside them stand
+_OF_A_WHEEL = re.compile(r"(corner|guide|motor)_1\b|wheel_1(?=_)")
+
+
+def robot_mjcf(robot: Robot) -> bytes:
+    """The MJCF of a robot with as many wheels as its model file has, to stand in for `uto_robot.xml`.
+
+    Corners, motors and contact sensors are those of wheel 1 under other numbers; where they stand and what
+    they weigh is written into the parsed model later, as for the file itself.
+    """
+    path = models_folder() / "uto_robot" / ROBOT_FILE
+    root = ET.fromstring(path.read_text(encoding="utf-8"))
+    count = len(robot.wheels)
+    chassis = _found(root, ".//body[@name='chassis']")
+    _multiply(chassis, "corner_1", r"corner_\d+", count)
+    _multiply(_found(root, "actuator"), "motor_1", r"motor_\d+", count)
+    _multiply(_found(root, "sensor"), "wheel_1_contact", r"wheel_\d+_contact", count)
+    _set_frames(chassis, robot.wheels)
+    for asset in root.iterfind(".//model[@file]"):
+        asset.set("file", str((path.parent / Path(asset.get("file", ""))).resolve()))
+    return ET.tostring(root)
+
+
+def _found(root: ET.Element, path: str) -> ET.Element:
+    element = root.find(path)
+    assert element is not None, path  # the shipped file has it, a test says so
+    return element
+
+
+def _multiply(parent: ET.Element, first: str, kind: str, count: int) -> None:
+    """In the place of all children of a kind: copies of the first, numbered 1 … count, behind the others."""
+    text = ET.tostring(_found(parent, f"*[@name='{first}']"), encoding="unicode")
+    for child in [c for c in parent if re.fullmatch(kind, c.get("name", ""))]:
+        parent.remove(child)
+    for i in range(1, count + 1):
+        parent.append(ET.fromstring(_OF_A_WHEEL.sub(lambda m, i=i: m[0][:-1] + str(i), text)))
+
+
+def _set_frames(chassis: ET.Element, mounts: Iterable[WheelMount]) -> None:
+    """What the chassis carries beside each wheel, which is only seen, stands beside each wheel there is."""
+    around = _found(chassis, "replicate")
+    at = list(chassis).index(around)
+    chassis.remove(around)
+    for k, mount in enumerate(mounts):
+        (x, y), (u_x, u_y) = mount.position, mount.drives_along
+        frame = ET.Element("frame")
+        frame.set("pos", f"{x - _ARM * -u_y:.9g} {y - _ARM * u_x:.9g} 0")
+        frame.set("euler", f"0 0 {math.degrees(math.atan2(u_x, -u_y)):.9g}")
+        frame.extend(list(around))
+        chassis.insert(at + k, frame)
