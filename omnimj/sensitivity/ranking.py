@@ -1,0 +1,100 @@
+"""Which parameters matter: to one result, and over all results together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import isnan
+
+import numpy as np
+
+from omnimj.sensitivity.elementary import Measure
+from omnimj.signals import Array
+
+RANKED, NOISE, NONE, UNKNOWN = "ranked", "not distinguishable from noise", "no effect", "not known"
+
+
+@dataclass(frozen=True)
+class ResultStudy:
+    """What the parameters do to one result."""
+
+    name: str
+    unit: str
+    nominal: float | None
+    """With the numbers of the model files and the study's own seed; None where that run has none."""
+    floor: float
+    """μ* that noise alone does not reach; NaN where that is not known."""
+    measures: tuple[Measure, ...]
+    """Of every parameter, in their order."""
+    draws: Array
+    """Bootstrap of μ*, shape (draws, k)."""
+
+    @property
+    def verdicts(self) -> tuple[str, ...]:
+        """Of every parameter `RANKED`, `NOISE`, `NONE` or `UNKNOWN`."""
+        return tuple(verdict(one, self.floor) for one in self.measures)
+
+    @property
+    def order(self) -> tuple[int, ...]:
+        """The ranked parameters, the largest μ* first."""
+        ranked = [i for i, word in enumerate(self.verdicts) if word == RANKED]
+        return tuple(sorted(ranked, key=lambda i: -self.measures[i].mu_star))
+
+
+@dataclass(frozen=True)
+class Rank:
+    """What one parameter is worth over all results."""
+
+    parameter: int
+    share: float
+    """Mean over the results of μ* as a share of the sum over all parameters ranked there, 0 … 1."""
+    low: float
+    """Lower bound of it, 95 %, by bootstrap over trajectories."""
+    high: float
+    most: str
+    """The result where its share is largest."""
+
+
+def verdict(found: Measure, floor: float) -> str:
+    """What can be said of a parameter and a result.
+
+    `RANKED`: μ* is above what noise alone makes of it, and its interval does not reach zero. `NONE`: exactly
+    nothing happened, ever.
+    """
+    if found.mu_star == 0.0:
+        return NONE
+    if found.count == 0 or isnan(floor):
+        return UNKNOWN
+    return RANKED if found.mu_star > floor and found.low > 0.0 else NOISE
+
+
+def rank_all(studies: Sequence[ResultStudy]) -> tuple[Rank, ...]:
+    """Parameters that are ranked for any result, the largest mean share first.
+
+    Results to which nothing can be ranked have no say.
+    """
+    heard = [study for study in studies if study.order]
+    if not heard:
+        return ()
+    shares = np.array([_shares(np.array([[m.mu_star for m in s.measures]]), s)[0] for s in heard])
+    draws = np.mean([_shares(study.draws, study) for study in heard], axis=0)
+    low, high = np.percentile(draws, [2.5, 97.5], axis=0)
+    mean = shares.mean(axis=0)
+    found = [
+        Rank(i, float(mean[i]), float(low[i]), float(high[i]), heard[int(np.argmax(shares[:, i]))].name)
+        for i in np.flatnonzero(mean > 0.0).tolist()
+    ]
+    return tuple(sorted(found, key=lambda rank: -rank.share))
+
+
+def shares(study: ResultStudy) -> Array:
+    """μ* of every parameter as a share of the sum over the ranked ones, 0 for the others, shape (k,)."""
+    return _shares(np.array([[one.mu_star for one in study.measures]]), study)[0]
+
+
+def _shares(mu_star: Array, study: ResultStudy) -> Array:
+    """Row by row; a row without anything is all zero."""
+    ranked = np.isin(np.arange(mu_star.shape[1]), study.order)
+    kept = np.where(ranked & np.isfinite(mu_star), mu_star, 0.0)
+    sums = kept.sum(axis=1, keepdims=True)
+    return np.divide(kept, sums, out=np.zeros_like(kept), where=sums > 0.0)
