@@ -61,7 +61,7 @@ def make_parser() -> Parser:
     parser = Parser(
         prog="omnimj",
         description="A MuJoCo twin of a four-wheel omni robot and of its one-wheel test rig.",
-        epilog="example:\n  omnimj run nylon_patch --out out/nylon\n\nmore on a command: omnimj COMMAND --help",
+        epilog="example:\n  omnimj run nylon_patch --out out/nylon\n\nmore: omnimj COMMAND --help",
         formatter_class=lambda prog: GroupedHelp(prog, GROUPS),
         allow_abbrev=False,
     )

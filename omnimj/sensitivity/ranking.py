@@ -11,7 +11,7 @@ import numpy as np
 from omnimj.sensitivity.elementary import Measure
 from omnimj.signals import Array
 
-RANKED, NOISE, NONE, UNKNOWN = "ranked", "not distinguishable from noise", "no effect", "not known"
+RANKED, UNSURE, BELOW, NONE, UNKNOWN = "ranked", "unsure", "below the floor", "no effect", "not known"
 
 
 @dataclass(frozen=True)
@@ -22,8 +22,10 @@ class ResultStudy:
     unit: str
     nominal: float | None
     """With the numbers of the model files and the study's own seed; None where that run has none."""
-    floor: float
+    noise: float
     """μ* that noise alone does not reach; NaN where that is not known."""
+    floor: float
+    """μ* that is not ranked: what noise alone reaches, or what nobody could tell."""
     measures: tuple[Measure, ...]
     """Of every parameter, in their order."""
     draws: Array
@@ -31,7 +33,7 @@ class ResultStudy:
 
     @property
     def verdicts(self) -> tuple[str, ...]:
-        """Of every parameter `RANKED`, `NOISE`, `NONE` or `UNKNOWN`."""
+        """Of every parameter `RANKED`, `UNSURE`, `BELOW`, `NONE` or `UNKNOWN`."""
         return tuple(verdict(one, self.floor) for one in self.measures)
 
     @property
@@ -58,14 +60,16 @@ class Rank:
 def verdict(found: Measure, floor: float) -> str:
     """What can be said of a parameter and a result.
 
-    `RANKED`: μ* is above what noise alone makes of it, and its interval does not reach zero. `NONE`: exactly
-    nothing happened, ever.
+    `RANKED`: all of μ*'s interval is above the floor of the result. `UNSURE`: μ* alone is; a few trajectories
+    made it, more would tell. `NONE`: exactly nothing happened, ever.
     """
     if found.mu_star == 0.0:
         return NONE
     if found.count == 0 or isnan(floor):
         return UNKNOWN
-    return RANKED if found.mu_star > floor and found.low > 0.0 else NOISE
+    if found.mu_star <= floor:
+        return BELOW
+    return RANKED if found.low > floor else UNSURE
 
 
 def rank_all(studies: Sequence[ResultStudy]) -> tuple[Rank, ...]:

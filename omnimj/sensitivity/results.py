@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,12 @@ from omnimj.scenario.metrics import DIAGNOSIS_UNITS
 from omnimj.scenario.running import Run
 from omnimj.scenario.scenario import Scenario
 from omnimj.signals import KINDS_OF_DIAGNOSIS
+
+RESOLUTION: Mapping[str, float] = MappingProxyType(
+    {"m": 1e-3, "m/s": 1e-3, "rad": 1e-3, "A": 1e-3, "s": 1e-3}
+)
+"""Changes below it, by unit, are nothing that a robot's sensors or a check could tell: a millimetre, a
+milliradian (the heading converter has steps of 1.5), a milliampere (the monitor: 2.4), one control period."""
 
 _PLACE = {"final_x": "m", "final_y": "m", "final_heading": "rad"}
 _OF_ONE_WHEEL = re.compile(r".*_\d+")

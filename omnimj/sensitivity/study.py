@@ -33,7 +33,7 @@ from omnimj.scenario.scenario import Scenario
 from omnimj.sensitivity.driving import Asked, drive_changed, method_of, scenario_of
 from omnimj.sensitivity.elementary import bootstrap, effects_of_trajectory, measures, noise_floor
 from omnimj.sensitivity.ranking import Rank, ResultStudy, rank_all
-from omnimj.sensitivity.results import result_units
+from omnimj.sensitivity.results import RESOLUTION, result_units
 from omnimj.sensitivity.trajectories import trajectory
 from omnimj.sensitivity.varied import CHOSEN, SHARE, LeftOut, Varied, varied_of
 from omnimj.signals import Array
@@ -254,9 +254,10 @@ def _study(
     effects: Array = np.array(rows)
     draws = bootstrap(effects, _stream(order.seed, _BOOTSTRAP))
     repeats = [result(f"noise_{k:02d}") for k in range(REPEATS)]
-    floor = noise_floor(repeats, order.trajectories, len(varied), _stream(order.seed, _NULL))
+    noise = noise_floor(repeats, order.trajectories, len(varied), _stream(order.seed, _NULL))
+    floor = max(noise, RESOLUTION.get(unit, 0.0)) if math.isfinite(noise) else math.nan
     nominal = repeats[0] if math.isfinite(repeats[0]) else None
-    return ResultStudy(name, unit, nominal, floor, measures(effects, draws), draws)
+    return ResultStudy(name, unit, nominal, noise, floor, measures(effects, draws), draws)
 
 
 def _stream(seed: int, what: int) -> int:
@@ -288,7 +289,8 @@ def _content(outcome: Outcome) -> dict[str, Any]:
             study.name: {
                 "unit": study.unit,
                 "nominal": study.nominal,
-                "noise_floor": study.floor,
+                "noise": study.noise,
+                "floor": study.floor,
                 "effects": [
                     {"parameter": name, "verdict": word, **dataclasses.asdict(one)}
                     for name, word, one in zip(names, study.verdicts, study.measures, strict=True)

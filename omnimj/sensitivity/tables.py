@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from omnimj.sensitivity.ranking import NOISE, NONE, UNKNOWN, ResultStudy
+from omnimj.sensitivity.ranking import BELOW, NONE, UNKNOWN, UNSURE, ResultStudy
 from omnimj.sensitivity.study import Outcome
 from omnimj.sensitivity.varied import Varied
 from omnimj.trials.tables import Table, number
@@ -90,14 +90,14 @@ def measure_first(outcome: Outcome, most: int | None = None) -> Table:
 
 
 def by_result(outcome: Outcome) -> Table:
-    """A line per result: what it is, what noise does, and what changes it most across its range."""
+    """A line per result: what it is, what is not ranked, and what changes it most across its range."""
     rows = []
     for study in outcome.studies:
         top = [f"{outcome.varied[i].name} {number(study.measures[i].mu_star)}" for i in study.order[:_TOP]]
-        words = ", ".join(top) or "nothing above noise"
+        words = ", ".join(top) or "nothing above the floor"
         rows.append((study.name, with_unit(study.nominal, study.unit), number(_known(study.floor)), words))
     return Table(
-        "What changes which result", ("result", "nominal", "noise", "change across a range"), tuple(rows)
+        "What changes which result", ("result", "nominal", "floor", "change across a range"), tuple(rows)
     )
 
 
@@ -139,8 +139,11 @@ def direction(mu: float, mu_star: float) -> str:
 def others_words(study: ResultStudy, varied: Sequence[Varied]) -> tuple[str, ...]:
     """The parameters that are not ranked for a result, by verdict."""
     told = []
-    for word in (NOISE, NONE, UNKNOWN):
-        names = [one.name for one, said in zip(varied, study.verdicts, strict=True) if said == word]
+    noisy = study.noise > 0.0 and study.noise >= study.floor
+    below = "Not distinguishable from noise" if noisy else "Too small to tell"
+    unsure = "Perhaps; more trajectories would tell"
+    for word, said in ((UNSURE, unsure), (BELOW, below), (NONE, "No effect at all"), (UNKNOWN, "Not known")):
+        names = [one.name for one, verdict in zip(varied, study.verdicts, strict=True) if verdict == word]
         if names:
-            told.append(f"{word[0].upper()}{word[1:]} ({len(names)}): {', '.join(names)}")
+            told.append(f"{said} ({len(names)}): {', '.join(names)}")
     return tuple(told)

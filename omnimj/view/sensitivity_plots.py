@@ -15,17 +15,21 @@ from omnimj.sensitivity.varied import Varied
 from omnimj.view import palette
 from omnimj.view.drawing import MIDDLE, WIDTH, new_figure, value_axis
 
-MOST_ROWS = 14
-"""Parameters in the picture over all results."""
-_MOST_BARS = 10
+_MOST_ROWS, _SMALLEST = 14, 0.005  # parameters in the picture over all results, and the share of the last
+_MOST_BARS, _LABELLED = 10, 6
 _ROW, _FRAME = 0.27, 1.75  # inches of a row, and of what stands around the rows
+
+
+def rows_shown(ranks: Sequence[Rank]) -> int:
+    """Parameters in the picture over all results: those that are worth half a percent or more."""
+    return max(1, sum(rank.share >= _SMALLEST for rank in ranks[:_MOST_ROWS]))
 
 
 def measure_first_picture(
     ranks: Sequence[Rank], studies: Sequence[ResultStudy], varied: Sequence[Varied]
 ) -> Figure:
     """Left the share of each parameter over all results, right its share of every single one."""
-    shown = list(ranks[:MOST_ROWS])
+    shown = list(ranks[: rows_shown(ranks)])
     heard = [study for study in studies if study.order]
     figure = Figure(figsize=(2.0 * WIDTH, _FRAME + _ROW * len(shown)), layout="constrained")
     FigureCanvasSVG(figure)
@@ -36,7 +40,8 @@ def measure_first_picture(
     _bars(left, places, share, bounds)
     left.set_yticks(places, [varied[rank.parameter].name for rank in shown], fontsize=8.5)
     left.set_xlabel("share over all results [%]", fontsize=9)
-    left.invert_yaxis()
+    left.tick_params(axis="y", which="minor", length=0)
+    left.set_ylim(len(shown) - 0.5, -0.5)
     table = 100.0 * np.array([shares(study) for study in heard])[:, [rank.parameter for rank in shown]].T
     right.imshow(table, cmap="Blues", vmin=0.0, vmax=100.0, aspect="auto")
     for (row, column), value in np.ndenumerate(table):
@@ -49,7 +54,7 @@ def measure_first_picture(
     right.set_yticks(np.arange(len(shown) + 1) - 0.5, minor=True)
     right.grid(True, which="minor", color=palette.GRID, linewidth=0.6)
     right.tick_params(which="minor", length=0)
-    right.set_title("share of every result [%]", fontsize=9, color=palette.MUTED)
+    right.set_title("share in each result [%]", fontsize=9, color=palette.MUTED)
     for side in right.spines.values():
         side.set_visible(False)
     return figure
@@ -77,18 +82,21 @@ def result_bars(study: ResultStudy, varied: Sequence[Varied]) -> Figure:
     found = [study.measures[i] for i in shown]
     bounds = np.array([[one.low for one in found], [one.high for one in found]])
     _bars(ax, places, np.array([one.mu_star for one in found]), bounds)
-    ax.set_yticks(places, [f"{varied[i].name}  {k}" for k, i in enumerate(shown, start=1)], fontsize=8.5)
+    ax.set_yticks(places, [f"{k}  {varied[i].name}" for k, i in enumerate(shown, start=1)], fontsize=8.5)
     ax.set_ylim(_MOST_BARS - 0.4, -0.6)
-    if study.floor > 0.0:
-        _noise(ax, study.floor)
+    _floor(ax, study)
     ax.set_xlabel(f"μ*{_in(study.unit)}", fontsize=9)
     return figure
 
 
-def _noise(ax: Axes, floor: float) -> None:
-    ax.axvline(floor, color=palette.ACCENT, linewidth=1.0, linestyle=(0, (4, 3)), zorder=4)
-    place = {"xytext": (4, 4), "textcoords": "offset points", "xycoords": ax.get_xaxis_transform()}
-    ax.annotate("noise", (floor, 0.0), fontsize=8, color=palette.ACCENT, **place)
+def _floor(ax: Axes, study: ResultStudy) -> None:
+    """The line below which nothing is ranked."""
+    if not study.floor > 0.0:
+        return
+    ax.axvline(study.floor, color=palette.ACCENT, linewidth=1.0, linestyle=(0, (4, 3)), zorder=4)
+    words = "noise" if study.noise >= study.floor else "too small to tell"
+    place = {"xytext": (0, 2), "textcoords": "offset points", "xycoords": ax.get_xaxis_transform()}
+    ax.annotate(words, (study.floor, 1.0), fontsize=8, color=palette.ACCENT, va="bottom", **place)
 
 
 def _in(unit: str) -> str:
@@ -105,16 +113,17 @@ def result_plane(study: ResultStudy) -> Figure:
     for place, i in enumerate(study.order, start=1):
         one = study.measures[i]
         ax.plot(one.mu_star, one.sigma, "o", color=palette.MEASURED, markersize=4.5, zorder=3)
-        if place <= _MOST_BARS:
+        if place <= _LABELLED:
             offset = {"xytext": (4, 3), "textcoords": "offset points"}
             ax.annotate(str(place), (one.mu_star, one.sigma), fontsize=8.5, color=palette.INK, **offset)
     high = max((study.measures[i].mu_star for i in study.order), default=1.0)
-    ax.plot([0.0, high], [0.0, high], color=palette.MUTED, linewidth=0.9, linestyle=(0, (4, 3)), zorder=1)
-    ax.annotate("σ = μ*", (0.93 * high, 0.93 * high), fontsize=8, color=palette.MUTED, ha="right")
+    top = max([0.3 * high, *(study.measures[i].sigma for i in study.order)])
+    end = 0.95 * min(high, top)
+    ax.plot([0.0, end], [0.0, end], color=palette.MUTED, linewidth=0.9, linestyle=(0, (4, 3)), zorder=1)
+    ax.annotate("σ = μ*", (end, end), fontsize=8, color=palette.MUTED, ha="left", va="bottom")
     ax.set_xlim(0.0, 1.1 * high)
-    ax.set_ylim(bottom=0.0)
-    if study.floor > 0.0:
-        _noise(ax, study.floor)
+    ax.set_ylim(-0.03 * top, 1.12 * top)
+    _floor(ax, study)
     ax.set_xlabel(f"μ*{_in(study.unit)}", fontsize=9)
     value_axis(ax, f"σ{_in(study.unit)}")
     return figure

@@ -24,10 +24,11 @@ from omnimj.trials.results import write_text
 from omnimj.trials.tables import Table, markdown
 from omnimj.view import page
 from omnimj.view.drawing import svg
-from omnimj.view.sensitivity_plots import MOST_ROWS, measure_first_picture, result_bars, result_plane
+from omnimj.view.sensitivity_plots import measure_first_picture, result_bars, result_plane, rows_shown
 
 REPORT, PICTURE, TEXT = "report.html", "sensitivity.png", "sensitivity.md"
 _DPI = 160
+_FEWEST_BARS = 2
 _STYLE = """td { font-variant-numeric: tabular-nums; } td:first-child { color: var(--muted); }
 details { margin: .6rem 0 1.6rem; } summary { cursor: pointer; color: var(--muted); }
 @media print { details { display: none; } }"""
@@ -60,7 +61,7 @@ def write_sensitivity_report(path: Path, outcome: Outcome) -> None:
     if outcome.ranks:
         parts += [_overview(outcome), _section(measure_first(outcome))]
     if outcome.studies:
-        parts.append(_section(by_result(outcome), _NOISE_WORDS))
+        parts.append(_section(by_result(outcome), _FLOOR_WORDS))
         parts += [_of_result(study, outcome) for study in outcome.studies if study.order]
     if outcome.left_out:
         words = "".join(f"<p>{page.text(line)}</p>" for line in left_out_words(outcome))
@@ -70,18 +71,20 @@ def write_sensitivity_report(path: Path, outcome: Outcome) -> None:
     path.write_text(page.document(heading, "\n".join(parts), _STYLE), encoding="utf-8")
 
 
-_NOISE_WORDS = (
-    "Noise: the μ* that the sensors' noise alone stays below; what does not exceed it is not ranked. "
-    "Numbers behind the names: μ*, the mean size of the change when the number goes through its whole range."
+_FLOOR_WORDS = (
+    "Behind the names stands μ*, the mean size of the change when the number goes through its whole range. "
+    "Ranked is what lies above the floor with all of its 95 % interval: above the μ* that the sensors' noise "
+    "alone would reach, and above a millimetre, milliradian, milliampere or millisecond."
 )
 
 
 def _overview(outcome: Outcome) -> str:
-    rows = min(len(outcome.ranks), MOST_ROWS)
+    rows = rows_shown(outcome.ranks)
     figure = measure_first_picture(outcome.ranks, outcome.studies, outcome.varied)
     words = (
-        "right: each number's share of what changes one result; left: the mean over the results, the line "
-        f"its 95 % interval; the first {rows} of {len(outcome.ranks)} ranked numbers"
+        "Left: the share of each number in what changes the results, the mean over all of them with its 95 % "
+        "interval. Right: its share in each single one; blank where it is below half a percent. "
+        f"The first {rows} of {len(outcome.ranks)} ranked numbers."
     )
     picture = f"<div class='wide'>{svg(figure, 'first', 'share of each number in every result')}</div>"
     return page.section("What to measure first", page.figure(picture, "", words))
@@ -101,13 +104,20 @@ def _of_result(study: ResultStudy, outcome: Outcome) -> str:
 
 
 def _result_parts(study: ResultStudy, outcome: Outcome) -> Iterator[str]:
+    if len(study.order) < _FEWEST_BARS:
+        yield from _numbers(study, outcome)
+        return
     bars = svg(result_bars(study, outcome.varied), f"bars-{study.name}", f"μ* of {study.name}")
     plane = svg(result_plane(study), f"plane-{study.name}", f"σ over μ* of {study.name}")
     yield "<div class='columns plots'>"
     yield page.figure(bars, "Change across the range", "mean size μ* and its 95 % interval")
     yield page.figure(plane, "Even or not", "far above the line: in a curve, or together with others")
     yield "</div>"
+    yield f"<details><summary>all numbers</summary>{''.join(_numbers(study, outcome))}</details>"
+
+
+def _numbers(study: ResultStudy, outcome: Outcome) -> Iterator[str]:
     table = of_result(study, outcome.varied)
-    rows = [[page.cell(cell) for cell in row] for row in table.rows]
-    others = "".join(f"<p>{page.text(line)}</p>" for line in others_words(study, outcome.varied))
-    yield f"<details><summary>all numbers</summary>{page.table(rows, table.head)}{others}</details>"
+    yield page.table([[page.cell(cell) for cell in row] for row in table.rows], table.head)
+    for line in others_words(study, outcome.varied):
+        yield f"<p>{page.text(line)}</p>"
