@@ -8,7 +8,8 @@ from collections.abc import Iterator, Mapping
 from omnimj import __version__
 
 WELCOME = f"""omnimj {__version__}: a MuJoCo twin of a four-wheel omni robot and of its test rig,
-with faults, their diagnosis, and a way from measured runs to what the model lacks.
+with faults and their diagnosis, and a way from measured runs to what the model
+lacks.
 
   omnimj run nylon_patch --out out/nylon
       drives a scenario and judges it; open out/nylon/report.html, or add --view

@@ -94,11 +94,19 @@ def by_result(outcome: Outcome) -> Table:
     rows = []
     for study in outcome.studies:
         top = [f"{outcome.varied[i].name} {number(study.measures[i].mu_star)}" for i in study.order[:_TOP]]
-        words = ", ".join(top) or "nothing above the floor"
+        words = ", ".join(top) or _unsure(study, outcome.varied)
         rows.append((study.name, with_unit(study.nominal, study.unit), number(_known(study.floor)), words))
     return Table(
         "What changes which result", ("result", "nominal", "floor", "change across a range"), tuple(rows)
     )
+
+
+def _unsure(study: ResultStudy, varied: Sequence[Varied]) -> str:
+    """What may matter to a result for which nothing is ranked."""
+    places = [i for i, word in enumerate(study.verdicts) if word == UNSURE]
+    places = sorted(places, key=lambda i: -study.measures[i].mu_star)[:_TOP]
+    names = [f"{varied[i].name} {number(study.measures[i].mu_star)}" for i in places]
+    return f"nothing for sure; perhaps {', '.join(names)}" if names else "nothing above the floor"
 
 
 def with_unit(value: float | None, unit: str) -> str:
