@@ -83,7 +83,8 @@ def run(arguments: Any) -> int:
       SimulationError: A worker died; what was finished is kept.
     """
     from omnimj.sensitivity.driving import Asked
-    from omnimj.sensitivity.study import NUMBERS, Order, check_order, run_study
+    from omnimj.sensitivity.order import Order, check_order
+    from omnimj.sensitivity.study import NUMBERS, run_study
     from omnimj.view.sensitivity_report import write_sensitivity_files
 
     asked = Asked(

@@ -9,7 +9,7 @@ curve, or together with others.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -96,7 +96,7 @@ def _measure(effects: Array, draws: Array) -> Measure:
     return Measure(float(np.mean(found)), sizes, float(low), float(high), sigma, len(found))
 
 
-def noise_floor(repeats: Sequence[float], trajectories: int, parameters: int, seed: int) -> float:
+def noise_floor(repeats: Iterable[float], trajectories: int, parameters: int, seed: int) -> float:
     """μ* that noise alone does not reach: of r differences |y_a − y_b|/Δ between runs that differ in it only.
 
     It is the quantile that even the largest of k parameters without any effect stays below, 95 %.

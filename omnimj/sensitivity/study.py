@@ -11,57 +11,31 @@ takes up those that were driven. All runs have the same noise but those that tel
 from __future__ import annotations
 
 import dataclasses
-import hashlib
-import json
 import math
-import shutil
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import omnimj
-from omnimj.errors import InputError, UnknownNameError
-from omnimj.parameters.reading import SOURCES
-from omnimj.parameters.toml_file import read_toml
-from omnimj.recording.folder import check_folder
-from omnimj.scenario.listing import find_scenario
 from omnimj.scenario.scenario import Scenario
-from omnimj.sensitivity.driving import Asked, drive_changed, method_of, scenario_of
+from omnimj.sensitivity.driving import drive_changed, method_of
 from omnimj.sensitivity.elementary import bootstrap, effects_of_trajectory, measures, noise_floor
+from omnimj.sensitivity.order import RUNS, Order, check_order, prepared
 from omnimj.sensitivity.ranking import Rank, ResultStudy, rank_all
 from omnimj.sensitivity.results import RESOLUTION, result_units
 from omnimj.sensitivity.trajectories import trajectory
-from omnimj.sensitivity.varied import CHOSEN, SHARE, LeftOut, Varied, varied_of
+from omnimj.sensitivity.varied import LeftOut, Varied
 from omnimj.signals import Array
 from omnimj.trials.pool import Report, Workers, with_workers
 from omnimj.trials.results import has_result, keep_in, plain, read_result, write_json
 
-PLAN, NUMBERS, RUNS = "sensitivity_plan.json", "sensitivity.json", "runs"
+NUMBERS = "sensitivity.json"
 REPEATS = 20
 """Runs with nominal numbers and other noise."""
 _BOOTSTRAP, _NULL = 1, 2  # streams of the study's seed beside the trajectories' own
-
-
-@dataclass(frozen=True)
-class Order:
-    """What is to be done."""
-
-    out: Path
-    asked: Asked
-    trajectories: int = 10
-    seed: int = 0
-    """Of the sensors' noise and of the trajectories."""
-    share: float = SHARE
-    """Half-width of the ranges that no file states, relative to the value."""
-    sources: tuple[str, ...] = (CHOSEN,)
-    """Origins of the numbers that are varied."""
-    workers: int = 1
-    force: bool = False
-    """Whether another study that is in the folder may be replaced."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +79,7 @@ def run_study(order: Order, report: Report, executor: Executor | None = None) ->
       SimulationError: A worker died; what was finished is kept.
     """
     scenario, varied, left_out = check_order(order)
-    folder = _prepared(order, _plan(order, scenario, varied))
+    folder = prepared(order, scenario, varied)
     tasks = _tasks(order, varied)
     missing = {name: given for name, given in tasks.items() if not has_result(folder, name)}
 
@@ -114,62 +88,6 @@ def run_study(order: Order, report: Report, executor: Executor | None = None) ->
 
     finished = with_workers(work, order.workers, executor) if missing else True
     return _judged(order, scenario, varied, left_out, tasks, not finished)
-
-
-def check_order(order: Order) -> tuple[Scenario, tuple[Varied, ...], tuple[LeftOut, ...]]:
-    """Whether it can be done: the scenario, what is varied in it, and what is not.
-
-    Raises:
-      InputError, UnknownNameError: As `run_study`.
-    """
-    for source in order.sources:
-        if source not in SOURCES:
-            raise UnknownNameError("--source", "source", source, SOURCES)
-    scenario = scenario_of(order.asked)
-    varied, left_out = varied_of(scenario, order.sources, order.share)
-    if not varied:
-        found = f"no number of {scenario.constants.file} or of the floors is {' or '.join(order.sources)}"
-        raise InputError("--source", found, "there is nothing to vary", SOURCES)
-    return scenario, varied, left_out
-
-
-def _plan(order: Order, scenario: Scenario, varied: Sequence[Varied]) -> dict[str, Any]:
-    """What must be alike for a folder to be gone on with."""
-    # nominal numbers that are not varied act on every run, too
-    tables = dataclasses.replace(scenario.constants, file=Path(), provenance={})
-    floors = {name: dict(floor.numbers) for name, floor in scenario.floors.items()}
-    told = repr((read_toml(find_scenario(order.asked.scenario)), tables, floors))
-    asked = {
-        "scenario": scenario.name,
-        "overrides": list(order.asked.overrides),
-        "plant": order.asked.plant,
-        "method": method_of(order.asked, scenario),
-        "seed": order.seed,
-        "sources": list(order.sources),
-        "ranges": [dataclasses.asdict(one) for one in varied],
-        "digest": hashlib.sha256(told.encode()).hexdigest(),
-    }
-    return json.loads(json.dumps(asked))
-
-
-def _prepared(order: Order, asked: Mapping[str, Any]) -> Path:
-    """The folder of the runs; what it holds belongs to this order."""
-    plan, runs = order.out / PLAN, order.out / RUNS
-    if plan.is_file():
-        if read_result(order.out, plan.stem) == asked:
-            return runs
-        if not order.force:
-            rule = f"{PLAN} there says which; choose another folder, or --force to replace it"
-            raise InputError(f"--out {order.out}", "holds a study of something else", rule)
-    check_folder(order.out, order.force)
-    try:
-        if plan.is_file():  # a study's own folder, and nothing else, is emptied
-            shutil.rmtree(runs, ignore_errors=True)
-        runs.mkdir(parents=True, exist_ok=True)
-        write_json(plan, asked)
-    except OSError as error:
-        raise InputError(f"--out {order.out}", f"cannot be written ({error.strerror})") from None
-    return runs
 
 
 def _values(order: Order, varied: Sequence[Varied], index: int) -> list[dict[str, float]]:

@@ -83,7 +83,10 @@ def varied_of(
     found: list[Varied] = []
     left: list[LeftOut] = []
     for one in (*_machine(scenario, sources, share), *_floors(scenario, sources, share)):
-        (found if isinstance(one, Varied) else left).append(one)
+        if isinstance(one, Varied):
+            found.append(one)
+        else:
+            left.append(one)
     return tuple(found), tuple(left)
 
 

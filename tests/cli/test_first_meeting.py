@@ -15,7 +15,7 @@ HEAVY = "{'mujoco', 'numba', 'rerun', 'matplotlib', 'pyarrow', 'scipy', 'numpy',
 
 
 def commands() -> list[str]:
-    return list(next(a for a in make_parser()._actions if a.dest == "command").choices)
+    return list(next(action.choices for action in make_parser()._actions if action.dest == "command") or ())
 
 
 def test_alone_it_says_what_it_is_and_where_to_begin(capsys):

@@ -6,7 +6,7 @@ from concurrent.futures import Executor, Future
 from pathlib import Path
 
 from omnimj.sensitivity.driving import Asked
-from omnimj.sensitivity.study import Order
+from omnimj.sensitivity.order import Order
 
 SHORT_RIG = Asked("rig_constant_current", ("duration=0.1", "checks={}"), method="off")
 SHORT_ROBOT = Asked("nylon_patch", ("duration=0.7", "checks={}"), method="off")
