@@ -125,7 +125,7 @@ def _parsed(parser: Parser, given: list[str]) -> argparse.Namespace:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs one sub-command.
+    """Runs one sub-command; without any argument says where to begin.
 
     Args:
       argv: Arguments without the program's name; those of the process when None.

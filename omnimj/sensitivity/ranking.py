@@ -49,7 +49,8 @@ class Rank:
 
     parameter: int
     share: float
-    """Mean over the results of μ* as a share of the sum over all parameters ranked there, 0 … 1."""
+    """Mean over the results of μ* as a share of the sum over all parameters, 0 … 1; nothing where it is not
+    ranked, so that the shares of all parameters leave out what is noise."""
     low: float
     """Lower bound of it, 95 %, by bootstrap over trajectories."""
     high: float
@@ -92,13 +93,13 @@ def rank_all(studies: Sequence[ResultStudy]) -> tuple[Rank, ...]:
 
 
 def shares(study: ResultStudy) -> Array:
-    """μ* of every parameter as a share of the sum over the ranked ones, 0 for the others, shape (k,)."""
+    """μ* of every ranked parameter as a share of the sum over all, 0 for the others, shape (k,)."""
     return _shares(np.array([[one.mu_star for one in study.measures]]), study)[0]
 
 
 def _shares(mu_star: Array, study: ResultStudy) -> Array:
     """Row by row; a row without anything is all zero."""
     ranked = np.isin(np.arange(mu_star.shape[1]), study.order)
-    kept = np.where(ranked & np.isfinite(mu_star), mu_star, 0.0)
-    sums = kept.sum(axis=1, keepdims=True)
+    known = np.where(np.isfinite(mu_star), mu_star, 0.0)
+    kept, sums = np.where(ranked, known, 0.0), known.sum(axis=1, keepdims=True)
     return np.divide(kept, sums, out=np.zeros_like(kept), where=sums > 0.0)

@@ -10,7 +10,10 @@ from omnimj.sensitivity.study import Outcome
 from omnimj.sensitivity.varied import Varied
 from omnimj.trials.tables import Table, number
 
-_MOST_FIRST, _ENOUGH = 5, 0.8  # parameters in the first sentence, and the share that is enough
+_MOST_FIRST, _ENOUGH = (
+    5,
+    0.8,
+)  # parameters in the first sentence, and the part of what is ranked that is enough
 _TOP = 3  # parameters in a result's line
 _ONE_WAY = 0.95  # |μ|/μ* from which all effects go the same way
 
@@ -24,11 +27,11 @@ def first_words(outcome: Outcome) -> str:
     """What to measure first, in one sentence."""
     if not outcome.ranks:
         return "Nothing that was varied can be told from noise."
-    names, share = [], 0.0
+    names, share, ranked = [], 0.0, sum(rank.share for rank in outcome.ranks)
     for rank in outcome.ranks[:_MOST_FIRST]:
         names.append(outcome.varied[rank.parameter].name)
         share += rank.share
-        if share >= _ENOUGH:
+        if share >= _ENOUGH * ranked:
             break
     of_all = f"{100 * share:.0f} % of what the results owe to all that was varied"
     return f"Measure first: {', '.join(names)} ({of_all})."

@@ -30,6 +30,8 @@ REPORT, PICTURE, TEXT = "report.html", "sensitivity.png", "sensitivity.md"
 _DPI = 160
 _FEWEST_BARS = 2
 _STYLE = """td { font-variant-numeric: tabular-nums; } td:first-child { color: var(--muted); }
+td:not(:last-child) { white-space: nowrap; } td:last-child { min-width: 9rem; }
+.wide > svg { min-width: 760px; }
 details { margin: .6rem 0 1.6rem; } summary { cursor: pointer; color: var(--muted); }
 @media print { details { display: none; } }"""
 
@@ -83,7 +85,7 @@ def _overview(outcome: Outcome) -> str:
     figure = measure_first_picture(outcome.ranks, outcome.studies, outcome.varied)
     words = (
         "Left: the share of each number in what changes the results, the mean over all of them with its 95 % "
-        "interval. Right: its share in each single one; blank where it is below half a percent. "
+        "interval. Right: its share in each single one; what lacks to 100 is not ranked there. "
         f"The first {rows} of {len(outcome.ranks)} ranked numbers."
     )
     picture = f"<div class='wide'>{svg(figure, 'first', 'share of each number in every result')}</div>"
