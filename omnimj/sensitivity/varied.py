@@ -24,6 +24,8 @@ _KEPT = 0.01  # of the value: as near as a range comes to a bound that the numbe
 _NOT_OF_THE_PLANT = {"control": "a setting of the controller: it is set, not measured"}
 _KEYS_LEFT = {
     "sensors.sample_rate": "the controller's period: it is set, not measured",
+    "wheel.rows": "the wheel's build: it is counted, not measured",
+    "wheel.rollers_per_row": "the wheel's build: it is counted, not measured",
     "rig.masses": "the scenario says the mass",
 }
 _DIRECTION = "drives_along"

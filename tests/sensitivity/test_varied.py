@@ -49,17 +49,15 @@ def test_a_stated_uncertainty_is_the_range_and_a_fifth_where_there_is_none():
     assert (wider["motor.resistance"].low, wider["motor.resistance"].high) == pytest.approx((2.5, 7.5))
 
 
-@pytest.mark.parametrize("share", [0.2, 0.001])
+@pytest.mark.parametrize("share", [0.2, 1e-6])
 def test_whole_numbers_stay_whole_and_move_by_one_at_least(share):
-    rollers = next(one for one in varied_of(SCENARIO, share=share)[0] if one.name == "wheel.rollers_per_row")
-    assert rollers.whole and rollers.high - rollers.low >= 2.0
-    values = [rollers.at(place) for place in (0.0, 1 / 3, 2 / 3, 1.0)]
+    found, _ = varied_of(SCENARIO, share=share)
+    counts = next(one for one in found if one.name == "sensors.carriage_encoder_counts")
+    assert counts.whole and counts.high - counts.low >= 2.0
+    values = [counts.at(place) for place in (0.0, 1 / 3, 2 / 3, 1.0)]
     assert all(value == int(value) for value in values) and len(set(values)) >= 3
-    assert isinstance(_rollers(SCENARIO, values[1]), int)
-
-
-def _rollers(scenario: Scenario, value: float) -> int:
-    return truth_with(scenario, {"wheel.rollers_per_row": value}).constants.wheel.rollers_per_row
+    changed = truth_with(SCENARIO, {counts.name: values[1]}).constants.sensors.carriage_encoder_counts
+    assert isinstance(changed, int) and changed == values[1]
 
 
 def test_a_zero_without_an_uncertainty_is_left_out_and_with_one_it_is_varied(tmp_path):
@@ -81,6 +79,7 @@ def test_settings_of_the_controller_are_not_varied_whatever_their_origin():
     found, left = varied_of(SCENARIO, ("chosen", "text", "datasheet"))
     assert not any(one.name.startswith("control.") or one.name == "sensors.sample_rate" for one in found)
     assert {"control.speed_integral", "sensors.sample_rate"} <= {one.name for one in left}
+    assert {"wheel.rows", "wheel.rollers_per_row"} <= {one.name for one in left}  # the twin's wheel has them
     assert "body.mass" in {one.name for one in found} and "body.mass" not in BY_NAME
 
 
@@ -190,6 +189,14 @@ def test_a_number_that_the_method_knows_of_raises_no_alarm_and_the_same_one_unkn
     unknown = drive_changed(asked, {"motor.torque_constant": 0.05}, 0)["results"]
     assert known["travel"] == unknown["travel"]  # one and the same plant, and nobody steers it
     assert known["false_alarms"] == 0.0 < unknown["false_alarms"]
+
+
+@pytest.mark.parametrize("name", ["nylon_patch", "rig_lateral"])
+@pytest.mark.parametrize("end", ["low", "high"])
+def test_the_twin_takes_all_of_them_at_either_end(name, end):
+    asked = Asked(name, ("duration=0.02", "checks={}"), plant="twin", method="off")
+    found = varied_of(scenario_of(asked), ("chosen", "text", "datasheet"))[0]
+    assert "error" not in drive_changed(asked, {one.name: getattr(one, end) for one in found}, 0)
 
 
 @pytest.mark.parametrize(
