@@ -82,7 +82,7 @@ def run(arguments: Any) -> int:
       InputError: An option out of its range, or a folder that holds something else.
       SimulationError: A worker died; what was finished is kept.
     """
-    from omnimj.sensitivity.driving import Asked
+    from omnimj.sensitivity.driving import Asked, scenario_of
     from omnimj.sensitivity.order import Order, check_order
     from omnimj.sensitivity.study import NUMBERS, run_study
     from omnimj.view.sensitivity_report import write_sensitivity_files
@@ -105,8 +105,9 @@ def run(arguments: Any) -> int:
         arguments.workers,
         arguments.force,
     )
-    scenario, _, _ = check_order(order)
+    scenario = scenario_of(asked)
     say_compiling(order.asked.plant, scenario.plant)
+    check_order(order)
     with ProgressBar() as bar:
         outcome = run_study(
             order, lambda phrase, share: bar.show(round(_FINE * min(max(share, 0.0), 1.0)), _FINE, phrase)

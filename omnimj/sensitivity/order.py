@@ -16,6 +16,8 @@ from omnimj.parameters.reading import SOURCES
 from omnimj.parameters.toml_file import read_toml
 from omnimj.recording.folder import check_folder
 from omnimj.scenario.listing import find_scenario
+from omnimj.scenario.methods import make_method
+from omnimj.scenario.plants import make_plant
 from omnimj.scenario.scenario import Scenario
 from omnimj.sensitivity.driving import Asked, method_of, scenario_of
 from omnimj.sensitivity.varied import CHOSEN, SHARE, LeftOut, Varied, varied_of
@@ -56,6 +58,9 @@ def check_order(order: Order) -> tuple[Scenario, tuple[Varied, ...], tuple[LeftO
     if not varied:
         found = f"no number of {scenario.constants.file} or of the floors is {' or '.join(order.sources)}"
         raise InputError("--source", found, "there is nothing to vary", SOURCES)
+    # what the plant or the method cannot do would break every run
+    make_method(method_of(order.asked, scenario), scenario)
+    make_plant(scenario, order.asked.plant, order.seed).close()
     return scenario, varied, left_out
 
 

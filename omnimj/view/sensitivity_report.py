@@ -106,8 +106,9 @@ def _of_result(study: ResultStudy, outcome: Outcome) -> str:
 
 
 def _result_parts(study: ResultStudy, outcome: Outcome) -> Iterator[str]:
+    table, others = _ranked(study, outcome), _others(study, outcome)
     if len(study.order) < _FEWEST_BARS:
-        yield from _numbers(study, outcome)
+        yield f"{table}<details><summary>all others</summary>{others}</details>"
         return
     bars = svg(result_bars(study, outcome.varied), f"bars-{study.name}", f"μ* of {study.name}")
     plane = svg(result_plane(study), f"plane-{study.name}", f"σ over μ* of {study.name}")
@@ -115,11 +116,13 @@ def _result_parts(study: ResultStudy, outcome: Outcome) -> Iterator[str]:
     yield page.figure(bars, "Change across the range", "mean size μ* and its 95 % interval")
     yield page.figure(plane, "Even or not", "far above the line: in a curve, or together with others")
     yield "</div>"
-    yield f"<details><summary>all numbers</summary>{''.join(_numbers(study, outcome))}</details>"
+    yield f"<details><summary>all numbers</summary>{table}{others}</details>"
 
 
-def _numbers(study: ResultStudy, outcome: Outcome) -> Iterator[str]:
+def _ranked(study: ResultStudy, outcome: Outcome) -> str:
     table = of_result(study, outcome.varied)
-    yield page.table([[page.cell(cell) for cell in row] for row in table.rows], table.head)
-    for line in others_words(study, outcome.varied):
-        yield f"<p>{page.text(line)}</p>"
+    return page.table([[page.cell(cell) for cell in row] for row in table.rows], table.head)
+
+
+def _others(study: ResultStudy, outcome: Outcome) -> str:
+    return "".join(f"<p>{page.text(line)}</p>" for line in others_words(study, outcome.varied))

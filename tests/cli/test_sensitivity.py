@@ -62,7 +62,9 @@ def test_ctrl_c_exits_with_130_and_keeps_what_there_is(tmp_path, capsys, monkeyp
     monkeypatch.setattr(study, "with_workers", interrupting)
     assert main([*SHORT, "--out", str(tmp_path / "out")]) == 130
     told = capsys.readouterr().out
-    assert "interrupted; the same command goes on from here" in told and "Of 470 runs 0 are there" in told
+    assert (
+        "interrupted; the same command goes on from here" in told and " runs 0 are there (broken off)" in told
+    )
     found = json.loads((tmp_path / "out" / "sensitivity.json").read_text(encoding="utf-8"))
     assert found["interrupted"] and found["results"] == {} and found["measure_first"] == []
     assert (tmp_path / "out" / "report.html").stat().st_size > 1000
@@ -85,6 +87,7 @@ def test_a_run_that_broke_down_exits_with_1_and_says_which(tmp_path, capsys, mon
         ([], "the following arguments are required: scenario, --out"),
         (["nylon_pach", "--out", "o"], "unknown scenario 'nylon_pach'; did you mean 'nylon_patch'?"),
         (["circle_8m_kinematic", "--out", "o"], "is at the kinematic level"),
+        (["ramp", "--out", "o"], "the planar plant knows a flat floor only"),
         (["nylon_patch"], "the following arguments are required: --out"),
         (["nylon_patch", "--out", "o", "--plant", "real"], "unknown plant 'real'"),
         (["nylon_patch", "--out", "o", "--plant", "udp:127.0.0.1:9750"], "in a simulation only"),
