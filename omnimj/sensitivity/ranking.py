@@ -50,10 +50,12 @@ class Rank:
     parameter: int
     share: float
     """Mean over the results of μ* as a share of the sum over all parameters, 0 … 1; nothing where it is not
-    ranked, so that the shares of all parameters leave out what is noise."""
+    above the floor."""
     low: float
     """Lower bound of it, 95 %, by bootstrap over trajectories."""
     high: float
+    sure: bool
+    """Whether it is ranked for any result; otherwise a few trajectories made it, more would tell."""
     most: str
     """The result where its share is largest."""
 
@@ -74,32 +76,32 @@ def verdict(found: Measure, floor: float) -> str:
 
 
 def rank_all(studies: Sequence[ResultStudy]) -> tuple[Rank, ...]:
-    """Parameters that are ranked for any result, the largest mean share first.
+    """Parameters that are above the floor of any result, the largest mean share first.
 
-    Results to which nothing can be ranked have no say.
+    Results where nothing is have no say.
     """
-    heard = [study for study in studies if study.order]
+    heard = [study for study in studies if shares(study).any()]
     if not heard:
         return ()
-    shares = np.array([_shares(np.array([[m.mu_star for m in s.measures]]), s)[0] for s in heard])
-    draws = np.mean([_shares(study.draws, study) for study in heard], axis=0)
+    each = np.array([shares(study) for study in heard])
+    draws = np.mean([_shares(study.draws, study.floor) for study in heard], axis=0)
     low, high = np.percentile(draws, [2.5, 97.5], axis=0)
-    mean = shares.mean(axis=0)
+    mean, sure = each.mean(axis=0), {i for study in heard for i in study.order}
+    most = [heard[int(place)].name for place in each.argmax(axis=0)]
     found = [
-        Rank(i, float(mean[i]), float(low[i]), float(high[i]), heard[int(np.argmax(shares[:, i]))].name)
+        Rank(i, float(mean[i]), float(low[i]), float(high[i]), i in sure, most[i])
         for i in np.flatnonzero(mean > 0.0).tolist()
     ]
     return tuple(sorted(found, key=lambda rank: -rank.share))
 
 
 def shares(study: ResultStudy) -> Array:
-    """μ* of every ranked parameter as a share of the sum over all, 0 for the others, shape (k,)."""
-    return _shares(np.array([[one.mu_star for one in study.measures]]), study)[0]
+    """μ* of every parameter above the floor as a share of the sum over all, 0 for the others, shape (k,)."""
+    return _shares(np.array([[one.mu_star for one in study.measures]]), study.floor)[0]
 
 
-def _shares(mu_star: Array, study: ResultStudy) -> Array:
+def _shares(mu_star: Array, floor: float) -> Array:
     """Row by row; a row without anything is all zero."""
-    ranked = np.isin(np.arange(mu_star.shape[1]), study.order)
     known = np.where(np.isfinite(mu_star), mu_star, 0.0)
-    kept, sums = np.where(ranked, known, 0.0), known.sum(axis=1, keepdims=True)
+    kept, sums = np.where(known > floor, known, 0.0), known.sum(axis=1, keepdims=True)
     return np.divide(kept, sums, out=np.zeros_like(kept), where=sums > 0.0)

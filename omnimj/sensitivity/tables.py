@@ -25,10 +25,12 @@ def heading_of(outcome: Outcome) -> str:
 
 def first_words(outcome: Outcome) -> str:
     """What to measure first, in one sentence."""
-    if not outcome.ranks:
-        return "Nothing that was varied can be told from noise."
-    names, share, ranked = [], 0.0, sum(rank.share for rank in outcome.ranks)
-    for rank in outcome.ranks[:_MOST_FIRST]:
+    sure = [rank for rank in outcome.ranks if rank.sure]
+    if not sure:
+        more = "; more trajectories would tell of some" if outcome.ranks else ""
+        return f"Nothing that was varied can be told from noise for sure{more}."
+    names, share, ranked = [], 0.0, sum(rank.share for rank in sure)
+    for rank in sure[:_MOST_FIRST]:
         names.append(outcome.varied[rank.parameter].name)
         share += rank.share
         if share >= _ENOUGH * ranked:
@@ -86,7 +88,8 @@ def measure_first(outcome: Outcome, most: int | None = None) -> Table:
     for place, rank in enumerate(outcome.ranks[:most], start=1):
         one = outcome.varied[rank.parameter]
         share = percent_between(rank.share, rank.low, rank.high)
-        rows.append((str(place), one.name, f"{one.nominal:.4g}", range_words(one), share, rank.most))
+        most = rank.most if rank.sure else f"{rank.most}, perhaps"
+        rows.append((str(place), one.name, f"{one.nominal:.4g}", range_words(one), share, most))
     left = len(outcome.ranks) - len(rows)
     title = f"Measure first ({len(rows)} of {len(outcome.ranks)})" if left else "Measure first"
     return Table(title, ("", "number", "value", "range", "share (95 %)", "most in"), tuple(rows))

@@ -30,7 +30,7 @@ def measure_first_picture(
 ) -> Figure:
     """Left the share of each parameter over all results, right its share of every single one."""
     shown = list(ranks[: rows_shown(ranks)])
-    heard = [study for study in studies if study.order]
+    heard = [study for study in studies if shares(study).any()]
     figure = Figure(figsize=(2.0 * WIDTH, _FRAME + _ROW * len(shown)), layout="constrained")
     FigureCanvasSVG(figure)
     left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1.0, 1.0))

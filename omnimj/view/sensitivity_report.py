@@ -60,8 +60,9 @@ def write_sensitivity_report(path: Path, outcome: Outcome) -> None:
     heading = heading_of(outcome)
     parts = [f"<h1>{page.text(heading)}</h1>", f"<p class='lead'>{page.text(first_words(outcome))}</p>"]
     parts += [f"<p>{page.text(line)}</p>" for line in header(outcome)]
+    perhaps = "" if all(rank.sure for rank in outcome.ranks) else _PERHAPS_WORDS
     if outcome.ranks:
-        parts += [_overview(outcome), _section(measure_first(outcome))]
+        parts += [_overview(outcome), _section(measure_first(outcome), perhaps)]
     if outcome.studies:
         parts.append(_section(by_result(outcome), _FLOOR_WORDS))
         parts += [_of_result(study, outcome) for study in outcome.studies if study.order]
@@ -85,11 +86,17 @@ def _overview(outcome: Outcome) -> str:
     figure = measure_first_picture(outcome.ranks, outcome.studies, outcome.varied)
     words = (
         "Left: the share of each number in what changes the results, the mean over all of them with its 95 % "
-        "interval. Right: its share in each single one; what lacks to 100 is not ranked there. "
-        f"The first {rows} of {len(outcome.ranks)} ranked numbers."
+        "interval. Right: its share in each single one; what lacks to 100 is below the floor there. "
+        f"The first {rows} of {len(outcome.ranks)} numbers above a floor."
     )
     picture = f"<div class='wide'>{svg(figure, 'first', 'share of each number in every result')}</div>"
     return page.section("What to measure first", page.figure(picture, "", words))
+
+
+_PERHAPS_WORDS = (
+    "Perhaps: a few trajectories made it, and its interval reaches down to the floor in every result; more "
+    "--trajectories would tell. A small cause can have a large effect where it tips a decision."
+)
 
 
 def _section(table: Table, words: str = "") -> str:

@@ -163,7 +163,27 @@ def study_of(name, effects, floor=0.0):
     return ResultStudy(name, "m", 0.0, floor, floor, measures(effects, draws), draws)
 
 
-def test_shares_are_of_all_that_changes_a_result_and_what_is_not_ranked_has_none():
+def test_a_number_that_acts_in_a_few_trajectories_is_shown_with_an_interval_down_to_nothing():
+    effects = np.ones((10, 2))
+    effects[2:, 1] = 0.0
+    first, second = rank_all([study_of("alarms", effects)])
+    assert (first.parameter, first.sure) == (0, True) and (second.parameter, second.sure) == (1, False)
+    assert second.share == pytest.approx(0.2 / 1.2) and second.low == 0.0 and second.high > 0.25
+
+
+def test_two_studies_of_rare_effects_do_not_contradict_each_other():
+    """Intervals of shares hold the truth, also where an effect is there in one trajectory of four."""
+    random, held = np.random.default_rng(11), 0
+    for _ in range(100):
+        rare = (random.random((10, 1)) < 0.25) * 4.0
+        ranks = rank_all([study_of("alarms", np.hstack([np.ones((10, 1)), rare]))])
+        shares = {rank.parameter: (rank.low, rank.high) for rank in ranks}
+        low, high = shares.get(1, (0.0, 0.0))
+        held += low <= 0.5 <= high
+    assert held >= 80  # a bootstrap of ten is too narrow, but not by much
+
+
+def test_shares_are_of_all_that_changes_a_result_and_what_is_below_the_floor_has_none():
     random = np.random.default_rng(0)
     first = study_of("first", random.uniform(0.9, 1.1, (10, 3)) * [3.0, 1.0, 0.0])
     second = study_of("second", random.uniform(0.9, 1.1, (10, 3)) * [0.0, 0.009, 0.001], floor=0.003)

@@ -69,7 +69,7 @@ def test_the_report_says_what_to_measure_first_and_what_not(tmp_path):
 def test_where_nothing_is_ranked_the_report_says_so_and_an_old_picture_goes(tmp_path, studies):
     (tmp_path / "sensitivity.png").touch()
     write_sensitivity_files(tmp_path, outcome_of(*studies, runs=0, interrupted=True))
-    assert "Nothing that was varied can be told from noise" in page_of(tmp_path)
+    assert "Nothing that was varied can be told from noise for sure." in page_of(tmp_path)
     assert "the same command goes on from here" in page_of(tmp_path)
     assert not (tmp_path / "sensitivity.png").exists()
 
@@ -79,11 +79,14 @@ def test_the_picture_has_a_row_per_number_that_is_worth_half_a_percent():
     ranks = rank_all(studies)
     figure = measure_first_picture(ranks, studies, VARIED)
     left, right = figure.axes
-    assert rows_shown(ranks) == 2 and len(left.patches) == 2
+    assert rows_shown(ranks) == 3 and len(left.patches) == 3
+    assert [rank.sure for rank in ranks] == [True, True, False]
     assert [patch.get_width() for patch in left.patches] == pytest.approx([100 * r.share for r in ranks])
     shown = np.asarray(right.images[0].get_array())
     expected = 100.0 * SIZES / (SIZES[:2].sum() + SIZES[3] / 8.0)  # the wild one acts in one of eight
-    assert shown.tolist() == [pytest.approx([value] * 2, rel=0.05) for value in expected[:2]]
+    assert shown.tolist() == [pytest.approx([value] * 2, rel=0.05) for value in expected[[0, 1]]] + [
+        pytest.approx([100.0 * SIZES[3] / 8.0 / 5.06] * 2, rel=0.15)
+    ]
 
 
 def test_bars_and_plane_show_the_ranked_numbers_and_the_floor():
