@@ -25,7 +25,8 @@ its range: its `uncertainty` where the file states one, else 20 % of its value e
 numbers move by one at least, and a number that is 0 without a stated uncertainty is left out. The PLANT gets
 the changed number while the controller goes on believing the model file, as it will on your robot until you
 have measured. The change of a result across a number's range is its elementary effect (Morris); the mean size
-over the trajectories, μ*, ranks the numbers. What is not distinguishable from noise is not ranked.
+over the trajectories, μ*, ranks the numbers. What is not distinguishable from noise is not ranked. Where a
+decision tips, such as an alarm, a few trajectories are chance: what is marked "perhaps" needs more of them.
 An --out that was broken off goes on where it stood; more --trajectories are added to those that are there."""
 
 _FINE = 1000  # steps of the progress bar

@@ -88,11 +88,9 @@ def test_a_number_that_is_not_varied_is_part_of_the_study_too(tmp_path, monkeypa
     model.write_text(read_scenario("rig_slip").constants.file.read_text(encoding="utf-8"), encoding="utf-8")
     order = order_of(tmp_path / "out", dataclasses.replace(SHORT_RIG, model=model))
     run_study(order, quiet, Here())
-    driving.scenario_of.cache_clear()
     model.write_text(model.read_text(encoding="utf-8").replace("0.304", "0.4"), encoding="utf-8")
     with pytest.raises(InputError, match="holds a study of something else"):
         run_study(order, quiet, Here())
-    driving.scenario_of.cache_clear()
 
 
 def test_a_folder_with_something_else_is_left_alone(tmp_path):
