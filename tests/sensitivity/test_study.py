@@ -53,6 +53,14 @@ def test_a_study_drives_every_point_once_and_goes_on_where_it_stood(tmp_path):
     assert len(more.given) == RIG + 1 and numbers(tmp_path / "out")["runs"] == 3 * (RIG + 1)
 
 
+def test_the_floor_is_what_noise_does_or_what_nobody_could_tell(tmp_path):
+    outcome = run_study(order_of(tmp_path / "out"), quiet, Here())
+    travel, current = study_named(outcome, "travel"), study_named(outcome, "rms_current")
+    assert (travel.noise, travel.floor) == (0.0, 1e-3)  # currents are given: no sensor acts on what it does
+    assert current.noise > 0.0 and current.floor == max(current.noise, 1e-3)
+    assert outcome.repeats == REPEATS
+
+
 def test_whoever_does_the_work_the_numbers_are_the_same(tmp_path):
     run_study(order_of(tmp_path / "a"), quiet, Here())
     with ThreadPoolExecutor(2) as executor:
