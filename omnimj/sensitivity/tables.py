@@ -88,8 +88,8 @@ def measure_first(outcome: Outcome, most: int | None = None) -> Table:
     for place, rank in enumerate(outcome.ranks[:most], start=1):
         one = outcome.varied[rank.parameter]
         share = percent_between(rank.share, rank.low, rank.high)
-        most = rank.most if rank.sure else f"{rank.most}, perhaps"
-        rows.append((str(place), one.name, f"{one.nominal:.4g}", range_words(one), share, most))
+        where = rank.most if rank.sure else f"{rank.most}, perhaps"
+        rows.append((str(place), one.name, f"{one.nominal:.4g}", range_words(one), share, where))
     left = len(outcome.ranks) - len(rows)
     title = f"Measure first ({len(rows)} of {len(outcome.ranks)})" if left else "Measure first"
     return Table(title, ("", "number", "value", "range", "share (95 %)", "most in"), tuple(rows))
