@@ -10,6 +10,7 @@ from typing import Any, NoReturn
 
 from omnimj import __version__
 from omnimj.cli import calibrate as calibrate_command
+from omnimj.cli import completion as completion_command
 from omnimj.cli import device as device_command
 from omnimj.cli import diagnose as diagnose_command
 from omnimj.cli import evaluate as evaluate_command
@@ -19,12 +20,22 @@ from omnimj.cli import link as link_command
 from omnimj.cli import record as record_command
 from omnimj.cli import run as run_command
 from omnimj.cli import scenarios as scenarios_command
+from omnimj.cli import sensitivity as sensitivity_command
 from omnimj.cli import teleop as teleop_command
 from omnimj.cli import validate as validate_command
+from omnimj.cli.help import WELCOME, GroupedHelp
 from omnimj.cli.streams import drop_output, flush_output, prepare_streams
 from omnimj.errors import InputError, OmnimjError, UnknownNameError
 
 FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
+GROUPS = {
+    "Simulate": ("scenarios", "run", "teleop"),
+    "Bring model and measurement together": ("record", "identify", "validate", "gap", "sensitivity"),
+    "Diagnose and judge": ("diagnose", "calibrate", "evaluate", "tune"),
+    "Robot on a wire": ("link", "device"),
+    "This machine": ("bench", "completion"),
+}
+"""Sub-commands by what they are for, as the help lists them."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -50,12 +61,12 @@ def make_parser() -> Parser:
     parser = Parser(
         prog="omnimj",
         description="A MuJoCo twin of a four-wheel omni robot and of its one-wheel test rig.",
-        epilog="example:\n  omnimj run nylon_patch --out out/nylon",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        epilog="example:\n  omnimj run nylon_patch --out out/nylon\n\nmore: omnimj COMMAND --help",
+        formatter_class=lambda prog: GroupedHelp(prog, GROUPS),
         allow_abbrev=False,
     )
     parser.add_argument("--version", action="version", version=f"omnimj {__version__}")
-    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    commands = parser.add_subparsers(title="commands", dest="command", metavar="COMMAND", required=True)
 
     def add(
         name: str,
@@ -87,8 +98,10 @@ def make_parser() -> Parser:
         ("diagnose", diagnose_command),
         ("calibrate", calibrate_command),
         ("evaluate", evaluate_command),
+        ("sensitivity", sensitivity_command),
         ("link", link_command),
         ("device", device_command),
+        ("completion", completion_command),
     ):
         add(name, module.HELP, module.EXAMPLE, module.add_arguments, module.run)
     bench = "measure speed: steps per second, times real time, overhead of the callback, batch scaling"
@@ -112,7 +125,7 @@ def _parsed(parser: Parser, given: list[str]) -> argparse.Namespace:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs one sub-command.
+    """Runs one sub-command; without any argument says where to begin.
 
     Args:
       argv: Arguments without the program's name; those of the process when None.
@@ -123,9 +136,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     given = list(sys.argv[1:] if argv is None else argv)
     prepare_streams()
     try:
-        parser = make_parser()
         if not given:
-            parser.print_help()
+            print(WELCOME, end="")
+            flush_output()
+            return 0
+        parser = make_parser()
         arguments = _parsed(parser, given)
         arguments.given = given
         code = arguments.run(arguments)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -88,6 +89,7 @@ def run_scenario(
     rows: Rows | None = None,
     thresholds: Thresholds | None = None,
     wire: Wire | None = None,
+    truth: Scenario | None = None,
 ) -> Run:
     """Drives a scenario once.
 
@@ -102,6 +104,8 @@ def run_scenario(
       rows: Called now and then with the newest rows of the trace, for a live view.
       thresholds: Of the robust method; the shipped ones when None.
       wire: How an address is used; as usual when None.
+      truth: The same scenario with other constants or floors: the plant is made of it, while controller and
+        method believe `scenario`. What they believe is the truth when None.
 
     Returns:
       Trace, metrics and poses; ended early by Ctrl-C or by a failure (`trace.about["failure"]`) with what was
@@ -129,24 +133,24 @@ def run_scenario(
     else:
         taken = _Poses(snapshot)
         watch = Watch(progress, taken.take, rows)
-        trace, poses = _run_physics(scenario, name, seed, about, watch, taken, on_start, thresholds, wire)
+        made_of = scenario if truth is None else truth
+        plant_of = functools.partial(make_plant, made_of, name, seed, wire)
+        trace, poses = _run_physics(scenario, plant_of, about, watch, taken, on_start, thresholds)
     told = summarize(scenario, trace) if len(trace["time"]) >= _FEWEST_ROWS else {}
     return Run(scenario, trace, told, poses)
 
 
 def _run_physics(
     scenario: Scenario,
-    name: str,
-    seed: int,
+    plant_of: Callable[[], Plant],
     about: dict[str, Any],
     watch: Watch,
     poses: _Poses,
     on_start: Callable[[Plant], None] | None,
     thresholds: Thresholds | None,
-    wire: Wire | None,
 ) -> tuple[Trace, PoseTrack | None]:
     method = make_method(about["method"], scenario, thresholds)
-    plant = make_plant(scenario, name, seed, wire)
+    plant = plant_of()
     try:
         if on_start is not None:
             on_start(plant)

@@ -190,12 +190,6 @@ def test_help_tells_what_there_is(capsys):
     assert "omnimj run nylon_patch" in told
 
 
-def test_without_a_command_the_help_is_shown_and_one_line_says_what_lacks(capsys):
-    code, out, err = called(capsys)
-    assert code == 2 and "omnimj run nylon_patch" in out
-    assert err == "omnimj: the following arguments are required: COMMAND; see omnimj --help\n"
-
-
 def test_a_terminal_without_the_signs_shows_others():
     script = "import sys; from omnimj.cli.main import main; sys.exit(main(['run', 'circle_8m_kinematic']))"
     done = subprocess.run(

@@ -1,0 +1,130 @@
+"""`omnimj completion`: a script that lets a shell complete commands, options, names and files."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from typing import Any
+
+HELP = "print a script for your shell that completes commands, options, scenarios and files"
+EXAMPLE = """examples:
+  omnimj completion bash > ~/.local/share/bash-completion/completions/omnimj
+  omnimj completion zsh > ~/.zfunc/_omnimj
+  omnimj completion fish > ~/.config/fish/completions/omnimj.fish
+
+A new shell then completes `omnimj run nyl` to nylon_patch with the tabulator. For bash without the package
+bash-completion: `source` the file in ~/.bashrc. For zsh: `fpath+=~/.zfunc` before `compinit` in ~/.zshrc."""
+SHELLS = ("bash", "zsh", "fish")
+
+_TOML = ("model", "floors", "thresholds", "gains")  # options whose file is TOML, whatever is called FILE else
+_SCENARIO, _FILES = "_omnimj_scenario_or_file", "*.toml"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the sub-command."""
+    parser.add_argument("shell", metavar="SHELL", choices=SHELLS, help=", ".join(SHELLS))
+
+
+def run(arguments: Any) -> int:
+    """Prints the script."""
+    from omnimj.cli.main import make_parser
+
+    print(completion_script(make_parser(), arguments.shell))
+    return 0
+
+
+def completion_script(parser: argparse.ArgumentParser, shell: str) -> str:
+    """The script for a shell.
+
+    Args:
+      parser: Of `omnimj`, new: what completes its arguments is noted in it, so that it can parse no more.
+      shell: One of `SHELLS`.
+    """
+    import shtab
+
+    for command, action in _actions(parser):
+        _complete(command, action)
+    return shtab.complete(parser, shell)
+
+
+def _actions(parser: argparse.ArgumentParser, command: str = "") -> Iterator[tuple[str, argparse.Action]]:
+    """Every argument with a value, and its command: `run`, `link check`."""
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for name, one in action.choices.items():
+                yield from _actions(one, f"{command} {name}".strip())
+        elif action.nargs != 0:
+            yield command, action
+
+
+def _complete(command: str, action: Any) -> None:
+    """Notes what completes an argument; what nobody can know beforehand stays free."""
+    import shtab
+
+    if action.choices is not None:
+        return
+    words = _words(command, action.dest)
+    if words:
+        action.choices = words
+    elif action.dest == "scenario":
+        action.complete = _scenarios()
+    elif action.dest in _TOML or (action.metavar == "FILE" and action.dest == "out"):
+        action.complete = shtab.glob(_FILES)
+    elif action.metavar == "FILE":
+        action.complete = shtab.FILE
+    elif action.dest in ("dataset", "out"):
+        action.complete = shtab.DIRECTORY
+
+
+def _words(command: str, argument: str) -> tuple[str, ...]:
+    """The names that an argument may have; none where it is no name."""
+    from omnimj.evaluation.cases import SUITES
+    from omnimj.evaluation.drawn_faults import SPECIAL
+    from omnimj.parameters import read_floors
+    from omnimj.parameters.reading import SOURCES
+    from omnimj.scenario.methods import METHODS
+    from omnimj.scenario.plants import PLANT_NAMES
+    from omnimj.scenario.suites.catalogue import SUITES as PLANS
+
+    known = {
+        "plant": (*PLANT_NAMES, *(("both",) if command == "validate" else ())),
+        "method": METHODS,
+        "floor": tuple(read_floors()),
+        "faults": tuple(SPECIAL),
+        "source": SOURCES,
+        "suite": tuple(PLANS if command == "record" else SUITES),
+        "table_format": ("parquet", "csv"),
+    }
+    return () if command.startswith("link") else tuple(known.get(argument, ()))
+
+
+def _scenarios() -> dict[str, Any]:
+    """A shipped scenario by name, or any TOML file."""
+    from omnimj.scenario.listing import scenario_names
+
+    names = " ".join(scenario_names())
+    bash = f"""
+{_SCENARIO}() {{
+  compgen -W "{names}" -- "$1"
+  compgen -f -X '!{_FILES}' -- "$1"
+  compgen -d -- "$1"
+}}"""
+    zsh = f"""
+{_SCENARIO}() {{
+  _alternative 'scenarios:scenario:({names})' 'files:file:_files -g "{_FILES}"'
+}}"""
+    fish = f"""
+function {_SCENARIO}
+  printf '%s\\n' {names}
+  for found in (__fish_complete_path (commandline -ct))
+    if string match -q -r '(/|\\.toml)(\\t|$)' -- "$found"
+      printf '%s\\n' "$found"
+    end
+  end
+end"""
+    return {
+        "bash": _SCENARIO,
+        "zsh": _SCENARIO,
+        "fish": f"({_SCENARIO})",
+        "preamble": {"bash": bash, "zsh": zsh, "fish": fish},
+    }
