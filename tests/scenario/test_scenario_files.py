@@ -100,7 +100,7 @@ SPOILED = {
     "three_motors_lost": ("faults=[]",),
     "three_wheel_circle": (FREE_WHEEL, "drive.speed=1.1", OTHER_WHEEL, "floor=oil"),
     "three_wheel_weak_motor": ("faults=[]", "floor=oil", "faults.0.loss=1.0", OTHER_WHEEL),
-    "three_wheel_nylon": ("patches=[]", "floor=oil", OTHER_WHEEL, RUNAWAY),
+    "three_wheel_nylon": ("patches=[]", "floor=oil", OTHER_WHEEL, "drive.yaw_loop=false"),
     "circle_8m": (FREE_WHEEL, "drive.speed=0.5", "drive.speed=1.1", OTHER_WHEEL),
     "circle_8m_kinematic": ("kinematics.weights.0=1.0", "kinematics.weights.0=10000.0"),
     "degraded_motor": ("faults.0.loss=1.0", "floor=oil", "faults.0.loss=0.01", OTHER_WHEEL),
