@@ -67,7 +67,8 @@ class DiagnosingController:
         """Currents for the next period."""
         control = state.control
         bias = float(control.rest[BIAS])
-        method: Any = self._method.step(state.method, measurement, control.current, bias)
+        asked = _asked(control.current, state.recovery, measurement)
+        method: Any = self._method.step(state.method, measurement, asked, bias)
         recovery, advice, beliefs = state.recovery, method.advice, method.beliefs
         if self._recovery is not None and recovery is not None and beliefs is not None:
             if self._cascade.is_good(measurement):  # from any other no current follows
@@ -79,3 +80,14 @@ class DiagnosingController:
             advice = recovery.advice
         command, control = self._cascade.step(control, measurement, target, advice)
         return command, DiagnosingState(control, method, recovery)
+
+
+def _asked(current: Array, recovery: RecoveryState | None, measurement: Measurement) -> Array:
+    """Set currents of the last period; what a shorted motor drives through itself is as good as asked for."""
+    if recovery is None or recovery.advice is None or not recovery.advice.brake:
+        return current
+    asked, own = current.copy(), measurement.current
+    for wheel in recovery.advice.brake:
+        if wheel <= len(own):
+            asked[wheel - 1] = own[wheel - 1]
+    return asked
