@@ -13,7 +13,6 @@ from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import Floor, Rig, Robot, read_rig, read_robot
 from omnimj.plant.channels import RIG_CHANNELS, robot_channels
 from omnimj.recording.dataset import Dataset, Run
-from omnimj.recording.dataset_columns import ROBOT_WHEELS
 from omnimj.scenario.methods import METHODS, RIG_METHODS, Believed, method_for
 from omnimj.signals import Array, Measurement, RigMeasurement
 
@@ -58,10 +57,10 @@ def read_machine(dataset: Dataset, model: Path | None = None) -> Machine:
     if dataset.plant != "uto_robot":
         found = f"plant is {dataset.plant!r}"
         raise InputError(dataset.path, found, "only wheels can be diagnosed", PLANTS)
-    robot, n = read_robot(model), ROBOT_WHEELS
+    robot, n = read_robot(model), dataset.wheels
     if len(robot.wheels) != n:
         found = f"has {len(robot.wheels)} [[wheels]]"
-        raise InputError(robot.file, found, f"the logs of {dataset.path} have {n}")
+        raise InputError(robot.file, found, f"the logs of {dataset.path} have {n}: give --model")
     targets = tuple(f"current_target_{i}" for i in range(1, n + 1))
     return Machine(robot, robot_channels(n), targets, ("yaw",), _robot_measurement)
 
@@ -111,7 +110,7 @@ def method_of(
 
 
 def _robot_measurement(time: float, row: Array) -> Measurement:
-    n = ROBOT_WHEELS
+    n = (len(row) - 4) // 2
     return Measurement(
         time,
         row[:n],

@@ -18,6 +18,7 @@ from omnimj.parameters.hardware import Hardware
 from omnimj.parameters.robot import Robot
 from omnimj.plant.channels import robot_channels
 from omnimj.recording.dataset import Dataset, Run
+from omnimj.recording.dataset_columns import plant_columns
 from omnimj.recording.dataset_file import DATASET_FILE
 from omnimj.recording.read_dataset import FEWEST_SAMPLES, with_marks_of
 from omnimj.signals import Array
@@ -53,10 +54,9 @@ def read_recorded(folder: Path, robot: Robot, floor: str | None = None) -> Datas
     run = Run(
         _name(recording.about), MappingProxyType(columns), MappingProxyType({}), MappingProxyType(conditions)
     )
-    masked, notes = with_marks_of("uto_robot", [run])
-    return Dataset(
-        folder, "uto_robot", tuple(masked), (*_notes(recording, hardware, int((~finite).sum())), *notes)
-    )
+    masked, notes = with_marks_of(plant_columns("uto_robot", len(robot.wheels)), [run])
+    notes = [*_notes(recording, hardware, int((~finite).sum())), *notes]
+    return Dataset(folder, "uto_robot", tuple(masked), tuple(notes), len(robot.wheels))
 
 
 def _rows(recording: FrameRecording, hardware: Hardware, file: Path) -> Array:

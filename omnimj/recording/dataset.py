@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from omnimj.recording.dataset_columns import ROBOT_WHEELS
 from omnimj.signals import Array
 
 
@@ -48,3 +49,5 @@ class Dataset:
     runs: tuple[Run, ...]
     notes: tuple[str, ...] = ()
     """What a reader should know: gaps and spikes that were masked, one sentence each."""
+    wheels: int = ROBOT_WHEELS
+    """Of a robot."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 ROBOT_WHEELS = 4
-"""Wheels of the robot's logs."""
+"""Wheels of a robot's logs that do not say how many."""
 
 
 @dataclass(frozen=True)
@@ -39,11 +39,21 @@ class PlantColumns:
         return ", ".join(self.required) + either
 
 
-def _per_wheel(*names: str) -> tuple[str, ...]:
-    return tuple(f"{name}_{i}" for name in names for i in range(1, ROBOT_WHEELS + 1))
+def _per_wheel(wheels: int, *names: str) -> tuple[str, ...]:
+    return tuple(f"{name}_{i}" for name in names for i in range(1, wheels + 1))
 
 
 _BODY = ("acceleration_x", "acceleration_y", "yaw_rate", "yaw")
+
+
+def _robot_columns(wheels: int) -> PlantColumns:
+    return PlantColumns(
+        required=("time", *_per_wheel(wheels, "current", "wheel_speed"), *_BODY),
+        optional=(*_per_wheel(wheels, "current_target"), "x", "y", "heading"),
+        angles=("yaw", "heading"),
+        conditions=("floor",),
+    )
+
 
 PLANT_COLUMNS: Mapping[str, PlantColumns] = MappingProxyType(
     {
@@ -54,12 +64,7 @@ PLANT_COLUMNS: Mapping[str, PlantColumns] = MappingProxyType(
             angles=("wheel_angle",),
             conditions=("floor", "mass"),
         ),
-        "uto_robot": PlantColumns(
-            required=("time", *_per_wheel("current", "wheel_speed"), *_BODY),
-            optional=(*_per_wheel("current_target"), "x", "y", "heading"),
-            angles=("yaw", "heading"),
-            conditions=("floor",),
-        ),
+        "uto_robot": _robot_columns(ROBOT_WHEELS),
         "linear_axis": PlantColumns(
             required=("time", "position"),
             optional=("velocity",),
@@ -67,4 +72,9 @@ PLANT_COLUMNS: Mapping[str, PlantColumns] = MappingProxyType(
         ),
     }
 )
-"""Columns by plant. A new plant of recorded data is one entry here."""
+"""Columns by plant, the robot's with four wheels. A new plant of recorded data is one entry here."""
+
+
+def plant_columns(plant: str, wheels: int = ROBOT_WHEELS) -> PlantColumns:
+    """Columns of a plant in `PLANT_COLUMNS`; those of the robot for so many wheels."""
+    return _robot_columns(wheels) if plant == "uto_robot" else PLANT_COLUMNS[plant]

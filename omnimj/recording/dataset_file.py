@@ -14,15 +14,16 @@ from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import read_floors
 from omnimj.parameters.reading import Rule, number
 from omnimj.parameters.toml_file import read_toml
-from omnimj.recording.dataset_columns import PLANT_COLUMNS
+from omnimj.recording.dataset_columns import PLANT_COLUMNS, ROBOT_WHEELS, PlantColumns, plant_columns
 from omnimj.recording.run_table import plain
 
 DATASET_FILE = "dataset.toml"
 CONDITION_KEYS = ("floor", "mass", "repeat_of", "description", "date")
 """What [defaults] and [runs.NAME] may say about a run."""
 
-_TOP = ("plant", "description", "defaults", "columns", "runs")
+_TOP = ("plant", "wheels", "description", "defaults", "columns", "runs")
 _POSITIVE = Rule(0.0, math.inf, True)
+_WHEELS = Rule(3, 12, False)
 _FINITE = Rule(-math.inf, math.inf, False)
 _COLUMN_KEYS = ("name", "scale", "offset")
 _WRITE_COLUMN = 'write { name = "carriage_speed", scale = 0.001 }'
@@ -44,11 +45,18 @@ class DatasetFile:
 
     path: Path
     plant: str
+    wheels: int
+    """Of a robot; 4 unless the file says otherwise."""
     defaults: Mapping[str, float | str]
     renamed: Mapping[str, Renamed]
     """By the logger's own column name."""
     runs: Mapping[str, Mapping[str, float | str]]
     """What each run says for itself, by file stem."""
+
+    @property
+    def columns(self) -> PlantColumns:
+        """What its runs have."""
+        return plant_columns(self.plant, self.wheels)
 
     def conditions(self, run: str) -> dict[str, float | str]:
         """What holds for a run.
@@ -57,7 +65,7 @@ class DatasetFile:
           InputError: The plant needs a condition that neither [defaults] nor the run states.
         """
         found = {**self.defaults, **self.runs.get(run, {})}
-        for key in PLANT_COLUMNS[self.plant].conditions:
+        for key in self.columns.conditions:
             if key not in found:
                 rule = f"state it under [defaults] or [runs.{plain(run)}]"
                 raise InputError(f"{self.path}: run {run!r}", f"'{key}' is missing", rule)
@@ -87,6 +95,7 @@ def read_dataset_file(folder: Path, floors: Collection[str] | None = None) -> Da
         raise UnknownNameError(f"{path}: plant", "plant", plant, PLANT_COLUMNS)
     if "description" in tree:
         _text(f"{path}: description", tree["description"])
+    wheels = _wheels(path, tree, plant)
     known = tuple(read_floors() if floors is None else floors)
     defaults = _conditions(f"{path}: [defaults]", tree.get("defaults", {}), known)
     runs = {
@@ -98,10 +107,20 @@ def read_dataset_file(folder: Path, floors: Collection[str] | None = None) -> Da
     for theirs, entry in columns.items():
         if theirs.strip() in renamed:
             raise InputError(f"{path}: [columns]", f"{theirs.strip()!r} is there twice")
-        renamed[theirs.strip()] = _renamed(f"{path}: columns.{theirs!r}", entry, plant)
+        renamed[theirs.strip()] = _renamed(
+            f"{path}: columns.{theirs!r}", entry, plant, plant_columns(plant, wheels).known
+        )
     return DatasetFile(
-        path, plant, MappingProxyType(defaults), MappingProxyType(renamed), MappingProxyType(runs)
+        path, plant, wheels, MappingProxyType(defaults), MappingProxyType(renamed), MappingProxyType(runs)
     )
+
+
+def _wheels(path: Path, tree: Mapping[str, Any], plant: str) -> int:
+    if "wheels" not in tree:
+        return ROBOT_WHEELS
+    if plant != "uto_robot":
+        raise InputError(f"{path}: wheels", f"found {tree['wheels']!r}", f"{plant} has none to count")
+    return int(number(f"{path}: wheels", tree["wheels"], _WHEELS, whole=True))
 
 
 def _table(place: str, entry: Any) -> Mapping[str, Any]:
@@ -133,7 +152,7 @@ def _conditions(place: str, entry: Any, floors: Collection[str]) -> dict[str, fl
     return found
 
 
-def _renamed(place: str, entry: Any, plant: str) -> Renamed:
+def _renamed(place: str, entry: Any, plant: str, known: Collection[str]) -> Renamed:
     if not isinstance(entry, Mapping):
         raise InputError(place, f"found {entry!r}", _WRITE_COLUMN)
     for key in entry:
@@ -141,7 +160,7 @@ def _renamed(place: str, entry: Any, plant: str) -> Renamed:
             raise UnknownNameError(place, "key", key, _COLUMN_KEYS)
     if "name" not in entry:
         raise InputError(place, "'name' is missing", _WRITE_COLUMN)
-    name, known = entry["name"], PLANT_COLUMNS[plant].known
+    name = entry["name"]
     if not isinstance(name, str) or name not in known:
         raise UnknownNameError(f"{place}.name", f"column of {plant}", name, known)
     scale = number(f"{place}.scale", entry.get("scale", 1.0), _FINITE)

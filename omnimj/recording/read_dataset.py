@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.recording.dataset import Dataset, Run
-from omnimj.recording.dataset_columns import PLANT_COLUMNS
+from omnimj.recording.dataset_columns import PlantColumns
 from omnimj.recording.dataset_file import DATASET_FILE, DatasetFile, read_dataset_file
 from omnimj.recording.mask import Marks, edges, gaps, spikes
 from omnimj.recording.run_table import ENDINGS, RunTable, first_not_finite, plain, read_run_table
@@ -48,8 +48,8 @@ def read_dataset(path: Path | str, floors: Collection[str] | None = None) -> Dat
     runs = [_read_run(about, name, file) for name, file in files.items()]
     _require_used_renames(about, runs)
     _require_alike(about, [run for run, _ in runs])
-    masked, notes = with_marks_of(about.plant, [run for run, _ in runs])
-    return Dataset(path, about.plant, tuple(masked), tuple(notes))
+    masked, notes = with_marks_of(about.columns, [run for run, _ in runs])
+    return Dataset(path, about.plant, tuple(masked), tuple(notes), about.wheels)
 
 
 def _files(about: DatasetFile, folder: Path) -> dict[str, Path]:
@@ -77,7 +77,7 @@ def _files(about: DatasetFile, folder: Path) -> dict[str, Path]:
 
 def _read_run(about: DatasetFile, name: str, file: Path) -> tuple[Run, tuple[str, ...]]:
     """One run, checked, and the names in its file."""
-    asked = PLANT_COLUMNS[about.plant]
+    asked = about.columns
     conditions = about.conditions(name)
     table = read_run_table(file, {*asked.known, *about.renamed})
     columns = _ours(about, file, table)
@@ -120,7 +120,7 @@ def _ours(about: DatasetFile, file: Path, table: RunTable) -> dict[str, Array]:
             with np.errstate(over="ignore"):
                 values = renamed.scale * values + renamed.offset
         columns[name], origin[name] = values, theirs
-    known = PLANT_COLUMNS[about.plant].known
+    known = about.columns.known
     broken = first_not_finite({name: columns[name] for name in columns if name in known})
     if broken is not None:
         sample, name = broken
@@ -164,14 +164,13 @@ def _require_alike(about: DatasetFile, runs: Sequence[Run]) -> None:
                 raise InputError(f"{about.path}: run {run.name!r}", found, rule)
 
 
-def with_marks_of(plant: str, runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
+def with_marks_of(asked: PlantColumns, runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
     """The runs with their samples marked that must not be fitted, and what there is to say about it.
 
     Args:
-      plant: As in `PLANT_COLUMNS`.
+      asked: Columns that the runs have.
       runs: Without marks, in SI units under our names.
     """
-    asked = PLANT_COLUMNS[plant]
     channels = [name for name in asked.known if name != "time"]
     found: list[dict[str, Marks]] = [{} for _ in runs]
     for name in channels:

@@ -16,6 +16,7 @@ import pyarrow.parquet as pq
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters.toml_file import read_toml
 from omnimj.recording.dataset import Run
+from omnimj.recording.dataset_columns import ROBOT_WHEELS
 from omnimj.recording.dataset_file import DATASET_FILE
 from omnimj.recording.folder import check_folder, whole_file
 from omnimj.recording.run_table import ENDINGS
@@ -112,7 +113,11 @@ def write_dataset(
 
 def dataset_text(plant: str, defaults: Mapping[str, float | str], runs: Iterable[Run]) -> str:
     """The content of `dataset.toml`; what the defaults say of a run is not said again."""
+    runs = list(runs)
     lines = [_MARK, f"plant = {_value(plant)}"]
+    wheels = sum(name.startswith("wheel_speed_") for name in runs[0].columns) if runs else ROBOT_WHEELS
+    if plant == "uto_robot" and wheels != ROBOT_WHEELS:
+        lines.append(f"wheels = {wheels}")
     if defaults:
         lines += ["", "[defaults]", *(f"{key} = {_value(value)}" for key, value in defaults.items())]
     for run in runs:

@@ -31,7 +31,7 @@ class Thresholds:
     """Learnt loss of torque constant that no healthy motor has."""
     margin: float = 6.0
     """By how much the best hypothesis must lead the next on another wheel to be alone [nats]."""
-    slip: float = 0.0005
+    slip: float = 0.00051
     """Way slipped beyond what is allowed [m]."""
     settling: float = 0.06
     """Time that isolation may take after detection [s]."""
