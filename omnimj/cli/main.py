@@ -20,6 +20,7 @@ from omnimj.cli import record as record_command
 from omnimj.cli import run as run_command
 from omnimj.cli import scenarios as scenarios_command
 from omnimj.cli import teleop as teleop_command
+from omnimj.cli import tune as tune_command
 from omnimj.cli import validate as validate_command
 from omnimj.cli.streams import drop_output, flush_output, prepare_streams
 from omnimj.errors import InputError, OmnimjError, UnknownNameError
@@ -87,6 +88,7 @@ def make_parser() -> Parser:
         ("diagnose", diagnose_command),
         ("calibrate", calibrate_command),
         ("evaluate", evaluate_command),
+        ("tune", tune_command),
         ("link", link_command),
         ("device", device_command),
     ):
