@@ -123,9 +123,9 @@ def read_tuned_scenarios(texts: tuple[str, ...], model: Path | None) -> Mapping[
         scenario = read_scenario(text, (), model)
         if scenario.plant != "uto_robot" or scenario.level != "physics" or scenario.scene is not None:
             rule = "a robot's scenario with forces, on a flat floor, is needed"
-            raise InputError(f"omnimj tune {text}", "cannot be tuned with", rule)
+            raise InputError(f"SCENARIO {text}", "cannot be tuned with", rule)
         if scenario.name in {known.name for known in found.values()}:
-            raise InputError(f"omnimj tune {text}", f"'{scenario.name}' is there twice")
+            raise InputError(f"SCENARIO {text}", f"'{scenario.name}' is there twice")
         found[text] = scenario
     return MappingProxyType(found)
 

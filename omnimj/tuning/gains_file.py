@@ -68,11 +68,7 @@ def _origin(outcome: Outcome, command: str) -> Iterator[str]:
 
 
 def _number(value: float) -> str:
-    return (
-        f"{float(value):.6g}"
-        if float(f"{float(value):.6g}") != int(min(abs(value), 2**53))
-        else f"{value:.1f}"
-    )
+    return repr(float(f"{value:.6g}"))
 
 
 def _text(words: str) -> str:

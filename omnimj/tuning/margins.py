@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,7 @@ from numpy.typing import NDArray
 from omnimj.parameters import Control, Floor, Robot
 from omnimj.physics.kinematics import rolling_matrix
 
-Complex = NDArray[np.complex128]
+Complex = NDArray[Any]
 
 FLOORS = ("natural_stone", "pvc", "paperboard")
 """Those that were measured, Table 4.1; the laws of others have no σ."""
