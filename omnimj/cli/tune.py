@@ -24,7 +24,7 @@ INTERRUPTED = 130
 HELP = "search the gains of cascade, recovery and observer over randomised runs and judge them on other seeds"
 EXAMPLE = """examples:
   omnimj tune nylon_patch degraded_motor circle_8m square_path --out tuned_gains.toml
-  omnimj tune circle_8m --only control --trials 4 --generations 30 --workers 2 --out circle_gains.toml
+  omnimj tune circle_8m --only control --trials 8 --generations 30 --workers 2 --out circle_gains.toml
   omnimj tune degraded_motor --executor dask:tcp://127.0.0.1:8786 --out gains.toml
   omnimj run circle_8m --gains tuned_gains.toml
 
@@ -46,8 +46,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--plant", metavar="P", default="planar", help="planar (default) or twin")
     words = "of draws and search, 0 to 99 (default 0); judged with 100 more"
     parser.add_argument("--seed", metavar="N", type=whole_number(0, 99), default=0, help=words)
-    words = "randomised runs per scenario that each candidate is driven with (default 2)"
-    parser.add_argument("--trials", metavar="N", type=whole_number(1, 1000), default=2, help=words)
+    words = "randomised runs per scenario that each candidate is driven with (default 4)"
+    parser.add_argument("--trials", metavar="N", type=whole_number(1, 1000), default=4, help=words)
     many = parser.add_mutually_exclusive_group()
     words = "of the search (default 20)"
     many.add_argument("--generations", metavar="N", type=whole_number(1, 10**4), default=20, help=words)

@@ -97,7 +97,8 @@ def draw_trial(
     onsets = (_ONSETS[0] * scenario.duration, _ONSETS[1] * scenario.duration)
     faults = scenario.faults if fault == AS_WRITTEN else kept
     if fault not in (AS_WRITTEN, NONE):
-        faults = (*kept, *draw_faults(stream(_FAULT), fault, onsets, False))
+        drawn = draw_faults(stream(_FAULT), fault, onsets, False)
+        faults = (*kept, *(_on_a_wheel(one, len(scenario.wheel_positions)) for one in drawn))
     return Draw(
         name=f"{scenario.name}_{seed:03d}_{index:03d}" + ("" if plant == "planar" else f"_{plant}"),
         scenario=text,
@@ -109,6 +110,12 @@ def draw_trial(
         errors=draw_errors(world, len(scenario.wheel_positions)),
         noise=int(stream(_NOISE).integers(2**62)),
     )
+
+
+def _on_a_wheel(fault: Fault, wheels: int) -> Fault:
+    """Drawn for four wheels; a robot with fewer has them in turn."""
+    wheel = fault.wheel
+    return fault if wheel is None else dataclasses.replace(fault, wheel=1 + (wheel - 1) % wheels)
 
 
 def read_tuned_scenarios(texts: tuple[str, ...], model: Path | None) -> Mapping[str, Scenario]:

@@ -12,7 +12,7 @@ from omnimj.tuning.cost import Score
 from omnimj.tuning.search import Candidate
 from omnimj.tuning.space import Axis
 
-REACH = 2.0
+REACH = 1.5
 """Factor by which a gain is made smaller and larger."""
 _PAIRS = 2
 

@@ -52,7 +52,7 @@ def landscape_picture(found: Landscape) -> Figure:
     mesh = ax.pcolormesh(_edges(found.x), _edges(found.y), shown, cmap="viridis_r", shading="flat")
     bar = figure.colorbar(mesh, ax=ax, pad=0.02)
     bar.ax.tick_params(labelsize=8)
-    bar.set_label("cost", fontsize=9)
+    bar.set_label("cost, light is better", fontsize=9)
     grid_x, grid_y = np.meshgrid(found.x, found.y)
     style = {"linestyle": "none", "markersize": 6}
     if broken.any():
@@ -65,6 +65,7 @@ def landscape_picture(found: Landscape) -> Figure:
         found.up.start,
         marker="D",
         color=palette.INK,
+        markeredgecolor="white",
         label="before",
         **{**style, "markersize": 4},
     )

@@ -123,6 +123,16 @@ def test_gains_of_recovery_are_those_of_its_laws():
     assert Robust(ROBOT, gains=ObserverGains(memory=60.0)).wheels == 4
 
 
+def test_a_model_file_may_say_that_a_gain_was_tuned(tmp_path):
+    text = ROBOT.file.read_text(encoding="utf-8")
+    line = 'speed_proportional = { value = 0.30, unit = "A.s/rad", source = "chosen" }'
+    assert line in text or 'source = "tuned"' in text
+    (tmp_path / "robot.toml").write_text(
+        text.replace(line, line.replace("chosen", "tuned")), encoding="utf-8"
+    )
+    assert read_robot(tmp_path / "robot.toml").provenance["control.speed_proportional"].source == "tuned"
+
+
 def test_the_rig_has_no_cascade_to_be_tuned():
     with pytest.raises(InputError, match="it has no cascade"):
         with_gains(read_scenario("rig_slip"), GAINS)
