@@ -60,7 +60,9 @@ class Order:
 
     def plan(self) -> dict[str, Any]:
         """What must be alike for kept trials to be gone on with; more generations are added to them."""
+        before = Gains(read_robot(self.model).control)
         return {
+            "before": {name: before.value(name) for name in NAMES},
             "scenarios": list(self.scenarios),
             "names": list(self.names),
             "plant": self.plant,
@@ -172,7 +174,7 @@ class _Tuning:
         self._scenarios = read_tuned_scenarios(order.scenarios, order.model)
         self._bench = Bench(folder, self.axes, workers, self._tell)
         self._floors = _measured_floors()
-        self._done, self._share = 0.0, 0.0
+        self._phrase, self._done, self._share = "", 0.0, 0.0
         self._margin_before = self._margin(self._start)
         self._draws = self._drawn(order.seed, order.trials, order.plant)
         self.tried: list[Tried] = []
