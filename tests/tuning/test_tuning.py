@@ -17,6 +17,8 @@ from omnimj.parameters import read_robot
 from omnimj.trials.results import read_result, write_json
 from omnimj.tuning import bench, tuning
 from omnimj.tuning.draws import FAULTS, draw_trial, in_draw, read_tuned_scenarios
+from omnimj.tuning.driving import drive_healthy, drive_trial
+from omnimj.tuning.facts import facts_of
 from omnimj.tuning.gains_file import gains_text
 from omnimj.tuning.landscape import importance, pairs
 from omnimj.tuning.space import chosen_names
@@ -233,3 +235,17 @@ def test_no_point_of_the_front_is_beaten_and_every_other_is():
             & ((points[:, 0] < slow) | (points[:, 1] > robust))
         )
         assert beaten == (k not in front)
+
+
+def test_a_draw_on_the_twin_is_driven_like_one_on_the_planar_plant(tmp_path):
+    text = scenario_file(tmp_path)
+    (scenario,) = read_tuned_scenarios((text,), None).values()
+    found = {}
+    for plant in ("planar", "twin"):
+        draw = draw_trial(text, scenario, 3, 0, plant)
+        uses = drive_healthy(draw)["uses"]
+        assert len(uses) == 4 and all(a <= b for wheel in uses for a, b in wheel)
+        found[plant] = facts_of(drive_trial(draw, {"control.speed_integral": 2.5}, uses))
+    assert all(facts.broke is None for facts in found.values())
+    assert found["twin"].path == pytest.approx(found["planar"].path, rel=0.3)
+    assert found["twin"] != found["planar"]
