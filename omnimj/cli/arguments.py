@@ -37,6 +37,18 @@ def read_thresholds(file: Path | None, method: str) -> Any:
     return read_thresholds(file)
 
 
+def add_gains(parser: argparse.ArgumentParser) -> None:
+    """`--gains FILE`."""
+    words = "of cascade, recovery and observer, from omnimj tune (default: the model's and the shipped ones)"
+    parser.add_argument("--gains", metavar="FILE", type=Path, help=words)
+
+
+def add_executor(parser: argparse.ArgumentParser) -> None:
+    """`--executor URL`."""
+    words = "hand the work to a Dask cluster: dask:tcp://HOST:PORT of its scheduler (needs omnimj[dask])"
+    parser.add_argument("--executor", metavar="URL", help=words)
+
+
 def names(text: str) -> tuple[str, ...]:
     """A kind for argparse: names with commas between them."""
     found = tuple(name.strip() for name in text.split(","))

@@ -6,12 +6,14 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import add_thresholds, names, read_thresholds, whole_number
+from omnimj.cli.arguments import add_executor, add_gains, add_thresholds, names, read_thresholds, whole_number
 from omnimj.cli.compiling import note_compiled, say_compiling
 from omnimj.cli.progress import ProgressBar
 from omnimj.cli.tables import table
+from omnimj.errors import InputError
 
 if TYPE_CHECKING:
+    from omnimj.control.gains import Gains
     from omnimj.evaluation.evaluation import Outcome
 
 HELP = "drive many randomised cases with a method and judge what it diagnosed and what its recovery is worth"
@@ -19,6 +21,7 @@ EXAMPLE = """examples:
   omnimj evaluate --trials 200 --seed 100 --workers 2 --out out/missions
   omnimj evaluate --suite manoeuvres --faults motor,slip --seed 100 --out out/manoeuvres
   omnimj evaluate --faults none --plant twin --trials 180 --seed 100 --out out/quiet
+  omnimj evaluate --trials 500 --executor dask:tcp://127.0.0.1:8786 --out out/cluster
   omnimj evaluate --faults none --floor natural_stone --seed 11 --record --out out/stone
   omnimj calibrate out/stone/recordings --false-alarms-per-hour 0.1 --out thresholds.toml
 
@@ -35,6 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--suite", metavar="S", default="missions", help=words)
     parser.add_argument("--method", metavar="M", default="off", help="way to diagnose (default off)")
     add_thresholds(parser)
+    add_gains(parser)
     words = "a setting of the method or of the cascade's loops, e.g. diagnosis.variant=printed; repeatable"
     parser.add_argument(
         "--set", metavar="KEY=VALUE", dest="settings", action="append", default=[], help=words
@@ -47,6 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", metavar="N", type=whole_number(0, 2**63 - 1), default=100, help=words)
     words = "processes (default 1)"
     parser.add_argument("--workers", metavar="N", type=whole_number(1, 256), default=1, help=words)
+    add_executor(parser)
     words = "classes to draw from: none, motor, slip, locked, free, hard_over, all_wheel_slip, sensor, two"
     words = f"{words} (default all), weak (a motor lacks a tenth)"
     parser.add_argument("--faults", metavar="NAMES", type=names, help=words)
@@ -74,6 +79,7 @@ def run(arguments: Any) -> int:
     from omnimj.evaluation.drawn_faults import CLASSES
     from omnimj.evaluation.evaluation import NUMBERS, Order, check_order, run_evaluation
     from omnimj.recording.folder import whole_file
+    from omnimj.trials.executors import open_executor
     from omnimj.view.evaluation_report import write_evaluation_report
 
     choice = Choice(
@@ -93,13 +99,19 @@ def run(arguments: Any) -> int:
         arguments.force,
         read_thresholds(arguments.thresholds, arguments.method),
         arguments.record,
+        _read_gains(arguments.gains),
     )
     check_order(order)
+    if arguments.record and arguments.executor is not None:
+        found = f"found with --executor {arguments.executor}"
+        raise InputError("--record", found, "recordings would stay on the disks of its workers")
     for plant in choice.plants:
         say_compiling(plant, "uto_robot")
-    with ProgressBar() as bar:
+    with open_executor(arguments.executor) as executor, ProgressBar() as bar:
         outcome = run_evaluation(
-            order, lambda phrase, share: bar.show(round(_FINE * min(max(share, 0.0), 1.0)), _FINE, phrase)
+            order,
+            lambda phrase, share: bar.show(round(_FINE * min(max(share, 0.0), 1.0)), _FINE, phrase),
+            executor,
         )
     for plant in {score.plant for score in outcome.scores}:
         note_compiled(plant, "uto_robot")
@@ -110,6 +122,15 @@ def run(arguments: Any) -> int:
     else:
         print(_told(outcome, arguments.out))
     return 130 if outcome.interrupted else 1 if outcome.failed else 0
+
+
+def _read_gains(file: Path | None) -> Gains | None:
+    if file is None:
+        return None
+    from omnimj.control.gains import read_gains
+    from omnimj.parameters import read_robot
+
+    return read_gains(file, read_robot().control)
 
 
 def _told(outcome: Outcome, folder: Path) -> str:

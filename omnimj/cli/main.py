@@ -22,6 +22,7 @@ from omnimj.cli import run as run_command
 from omnimj.cli import scenarios as scenarios_command
 from omnimj.cli import sensitivity as sensitivity_command
 from omnimj.cli import teleop as teleop_command
+from omnimj.cli import tune as tune_command
 from omnimj.cli import validate as validate_command
 from omnimj.cli.help import WELCOME, GroupedHelp
 from omnimj.cli.streams import drop_output, flush_output, prepare_streams
@@ -99,6 +100,7 @@ def make_parser() -> Parser:
         ("calibrate", calibrate_command),
         ("evaluate", evaluate_command),
         ("sensitivity", sensitivity_command),
+        ("tune", tune_command),
         ("link", link_command),
         ("device", device_command),
         ("completion", completion_command),

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import add_floors, add_thresholds, read_thresholds
+from omnimj.cli.arguments import add_floors, add_gains, add_thresholds, read_thresholds
 from omnimj.cli.compared import (
     Beside,
     drive_beside,
@@ -38,6 +38,7 @@ EXAMPLE = """examples:
   omnimj run degraded_motor --plant planar --seed 3 --json
   omnimj run degraded_motor --method published --set diagnosis.thresholds=printed
   omnimj run circle_8m --compare --out out/circle
+  omnimj run circle_8m --gains tuned_gains.toml
   omnimj run nylon_patch --plant udp:127.0.0.1:9750 --lock-step --out out/wire"""
 
 
@@ -68,6 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_wire(parser)
     add_floors(parser)
     add_thresholds(parser)
+    add_gains(parser)
     parser.add_argument(
         "--out", metavar="DIR", type=Path, help="write trace, metrics, recording and report here"
     )
@@ -103,6 +105,8 @@ def run(arguments: Any) -> int:
     if arguments.out is not None:
         check_folder(arguments.out, arguments.force)
     scenario = read_scenario(arguments.scenario, arguments.overrides, arguments.model, arguments.floors)
+    if arguments.gains is not None:
+        scenario = _with_gains(arguments.gains, scenario)
     method, wire = _method(arguments, scenario), _wire(arguments, scenario)
     beside = methods_beside(scenario, method) if arguments.compare else ()
     finished, live = _drive(arguments, scenario, method, wire)
@@ -114,6 +118,15 @@ def run(arguments: Any) -> int:
     if others.interrupted:
         return INTERRUPTED
     return 1 if others.failures else _exit_code(finished, arguments.out)
+
+
+def _with_gains(file: Path, scenario: Any) -> Any:
+    from omnimj.control.gains import read_gains
+    from omnimj.scenario.gains import gains_of, with_gains
+
+    if scenario.plant != "uto_robot":
+        raise InputError("--gains", f"{scenario.name} is driven on the test rig", "it has no cascade")
+    return with_gains(scenario, read_gains(file, gains_of(scenario).control))
 
 
 def _method(arguments: Any, scenario: Any) -> str:

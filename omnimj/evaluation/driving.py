@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from omnimj.control.gains import Gains
 from omnimj.control.robust.verdict import Thresholds
 from omnimj.errors import SimulationError
 from omnimj.evaluation.believed import believed
@@ -23,6 +24,7 @@ from omnimj.parameters import Robot
 from omnimj.plant.conditions import Fault
 from omnimj.plant.interface import Plant
 from omnimj.scenario.drive import Drive
+from omnimj.scenario.gains import with_gains
 from omnimj.scenario.methods import make_method
 from omnimj.scenario.running import make_diagnosing
 from omnimj.scenario.scenario import Scenario
@@ -38,6 +40,7 @@ def drive_case(
     settings: Sequence[str] = (),
     thresholds: Thresholds | None = None,
     recordings: Path | None = None,
+    gains: Gains | None = None,
 ) -> dict[str, Any]:
     """All runs of a case, as facts for scoring.
 
@@ -47,6 +50,7 @@ def drive_case(
       settings: `KEY=VALUE` texts for method and cascade.
       thresholds: Of the robust method; the shipped ones when None.
       recordings: Folder for what the sensors said in the run with the method; nowhere when None.
+      gains: Of cascade, recovery and observer, in all runs of the case; the shipped ones when None.
 
     Returns:
       `case`: the truth. `method`: diagnoses, and with a fault heading [rad] and path [m] excursions since its
@@ -57,7 +61,7 @@ def drive_case(
     """
 
     def driven() -> dict[str, Any]:
-        found = _driven(case, method, settings, thresholds, recordings)
+        found = _driven(case, method, settings, thresholds, recordings, gains)
         return plain({"case": case.as_plain(), **found})
 
     return guarded(driven)
@@ -69,8 +73,11 @@ def _driven(
     settings: Sequence[str],
     thresholds: Thresholds | None,
     recordings: Path | None,
+    gains: Gains | None,
 ) -> dict[str, Any]:
     scenario = believed(case, settings)
+    if gains is not None:
+        scenario = with_gains(scenario, gains)
     asked = _run(case, scenario, case.faults, method, thresholds)
     if recordings is not None:
         record(recordings, case, asked)

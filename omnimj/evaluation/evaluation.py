@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import omnimj
+from omnimj.control.gains import NAMES, Gains
 from omnimj.control.robust.verdict import Thresholds
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.evaluation.believed import check_settings
@@ -59,10 +60,14 @@ class Order:
     """Of the robust method; the shipped ones when None."""
     records: bool = False
     """Whether what the sensors said is kept."""
+    gains: Gains | None = None
+    """Of cascade, recovery and observer; the shipped ones when None."""
 
     def plan(self) -> dict[str, Any]:
         """What must be alike for a folder to be gone on with."""
         own = {} if self.thresholds is None else {"thresholds": dataclasses.asdict(self.thresholds)}
+        if self.gains is not None:
+            own["gains"] = {name: self.gains.value(name) for name in NAMES}
         asked = {"method": self.method, "settings": self.settings, **dataclasses.asdict(self.choice)}
         return json.loads(json.dumps(asked | own))
 
@@ -103,8 +108,10 @@ def run_evaluation(order: Order, report: Report, executor: Executor | None = Non
     cases = [draw_case(order.choice, index) for index in range(order.trials)]
     own = () if order.thresholds is None else (order.thresholds,)
     recordings = order.out / RECORDINGS
-    if order.records:
-        own = (order.thresholds, recordings)
+    if order.records or order.gains is not None:
+        own = (order.thresholds, recordings if order.records else None)
+    if order.gains is not None:
+        own = (*own, order.gains)
     missing = {
         case.name: (case, order.method, order.settings, *own)
         for case in cases

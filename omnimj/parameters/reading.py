@@ -1,6 +1,6 @@
 """Reads TOML tables of quantities into frozen dataclasses and keeps where each number comes from.
 
-A quantity is `name = { value = …, unit = "…", source = "text | datasheet | chosen" }`.
+A quantity is `name = { value = …, unit = "…", source = "text | datasheet | chosen | …" }`; `SOURCES` are all.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from omnimj.errors import InputError, UnknownNameError
 
-SOURCES = ("text", "datasheet", "chosen", "measured", "identified")
+SOURCES = ("text", "datasheet", "chosen", "measured", "identified", "tuned")
 
 
 class Provenance(NamedTuple):
@@ -49,19 +49,21 @@ _NOT_NEGATIVE = Rule(0.0, math.inf, False)
 _NEEDED = ("value", "unit", "source")
 
 
-def quantity(unit: str, low: float = -math.inf, high: float = math.inf, *, open_low: bool = False) -> Any:
-    """Declares a dataclass field with its unit and bounds."""
-    return dataclasses.field(metadata={"unit": unit, "rule": Rule(low, high, open_low)})
+def quantity(
+    unit: str,
+    low: float = -math.inf,
+    high: float = math.inf,
+    *,
+    open_low: bool = False,
+    default: Any = dataclasses.MISSING,
+) -> Any:
+    """Declares a dataclass field with its unit, its bounds and perhaps the value that it usually has."""
+    return dataclasses.field(default=default, metadata={"unit": unit, "rule": Rule(low, high, open_low)})
 
 
-def optional(unit: str, default: float, low: float, high: float) -> Any:
-    """A quantity that a file may leave out; such fields come last."""
-    return dataclasses.field(default=default, metadata={"unit": unit, "rule": Rule(low, high, False)})
-
-
-def positive(unit: str, high: float = math.inf) -> Any:
+def positive(unit: str, high: float = math.inf, *, default: Any = dataclasses.MISSING) -> Any:
     """A quantity above zero."""
-    return quantity(unit, 0.0, high, open_low=True)
+    return quantity(unit, 0.0, high, open_low=True, default=default)
 
 
 def number(place: str, value: Any, rule: Rule, whole: bool = False) -> float | int:

@@ -16,7 +16,7 @@ from omnimj.parameters.effect_tables import EffectValues, read_effects
 from omnimj.parameters.hardware import Hardware, read_hardware
 from omnimj.parameters.model_file import model_path, read_model_file
 from omnimj.parameters.parts import Bearing, Contact, Motor, Sensors, Wheel
-from omnimj.parameters.reading import Provenance, optional, positive, quantity, read_table
+from omnimj.parameters.reading import Provenance, positive, quantity, read_table
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class WheelMount:
     """x, y of the wheel's centre."""
     drives_along: tuple[float, ...] = quantity("1", -1.0, 1.0)
     """Unit vector u: a positive wheel speed drives the robot along it."""
-    roller_angle: float = optional("rad", math.pi / 2.0, math.pi / 9.0, 8.0 * math.pi / 9.0)
+    roller_angle: float = quantity("rad", math.pi / 9.0, 8.0 * math.pi / 9.0, default=math.pi / 2.0)
     """γ, from the axle z × u to the axis of the roller on the floor, towards u: π/2 of an omni wheel, π/4 or
     3π/4 of a mecanum wheel. The floor holds the wheel along that axis and lets it roll across."""
 

@@ -9,7 +9,7 @@ from omnimj.control.published.choice import Choice
 from omnimj.control.published.rig import PublishedRig
 from omnimj.control.published.robot import PublishedRobot
 from omnimj.control.published.thresholds import chosen_thresholds
-from omnimj.control.robust import Robust
+from omnimj.control.robust import ObserverGains, Robust
 from omnimj.control.robust.verdict import Thresholds
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import Floor, Rig, Robot
@@ -58,6 +58,8 @@ class Believed:
     """The form of the published method."""
     thresholds: Thresholds | None = None
     """Of the robust method; the shipped ones when None."""
+    observer: ObserverGains | None = None
+    """Of the robust method; as shipped when None."""
 
 
 def make_method(name: str, scenario: Scenario, thresholds: Thresholds | None = None) -> Method | None:
@@ -77,7 +79,10 @@ def make_method(name: str, scenario: Scenario, thresholds: Thresholds | None = N
     """
     mass = scenario.drive.mass if isinstance(scenario.drive, RigDrive) else None
     floor = scenario.floors[scenario.floor]
-    return method_for(name, Believed(scenario.constants, floor, mass, scenario.diagnosis, thresholds))
+    observer = None if scenario.gains is None else scenario.gains.observer
+    return method_for(
+        name, Believed(scenario.constants, floor, mass, scenario.diagnosis, thresholds, observer)
+    )
 
 
 def method_for(name: str, believed: Believed) -> Method | None:
@@ -96,7 +101,7 @@ def method_for(name: str, believed: Believed) -> Method | None:
     if name == "robust":
         if isinstance(machine, Rig):
             raise InputError("--method", f"found {name!r}", "the rig has one wheel", RIG_METHODS)
-        return Robust(machine, thresholds=believed.thresholds)
+        return Robust(machine, thresholds=believed.thresholds, gains=believed.observer)
     limits = chosen_thresholds(choice)
     if isinstance(machine, Rig):
         return PublishedRig(machine, floor, believed.mass, limits, choice)

@@ -201,7 +201,10 @@ def make_diagnosing(scenario: Scenario, method: Method | None) -> Controller | D
     recovery = None
     choice = scenario.diagnosis
     if isinstance(method, Robust) and choice.recovery:
-        recovery = Recovery(robot, scenario.period, asked.heading_hold, choice.dither, choice.self_test)
+        gains = None if scenario.gains is None else scenario.gains.recovery
+        recovery = Recovery(
+            robot, scenario.period, asked.heading_hold, choice.dither, choice.self_test, gains
+        )
     return DiagnosingController(controller, method, recovery)
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from omnimj.control.gains import Gains
 from omnimj.control.published.choice import Choice
 from omnimj.effects import check_effects
 from omnimj.errors import InputError, UnknownNameError
@@ -87,6 +88,8 @@ class Scenario:
     """Which form of a diagnosing method is used, where one is asked for."""
     overrides: tuple[str, ...]
     """The `KEY=VALUE` texts that were applied."""
+    gains: Gains | None = None
+    """Of recovery and observer; as shipped when None. Those of the cascade are in `constants`."""
 
     @property
     def plant(self) -> str:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import multiprocessing
 import signal
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, as_completed
 from typing import Any
 
@@ -33,19 +33,28 @@ class Workers:
     ) -> None:
         """Does all tasks, each result kept as it comes; what broke down is kept as `{"error": …}`.
 
+        A worker that dies takes what it was doing with it and nothing else: all the others' work is waited
+        for, where the executor has any left.
+
         Args:
           function: Of a module, since it travels by name.
           tasks: Name → arguments.
           keep: Called with the name and what the function returned.
           phrase: What is being done, for the report.
           report: Called after each.
+
+        Raises:
+          SimulationError: Workers died; it says how much is missing.
         """
         futures = {self._pool.submit(function, *given): name for name, given in tasks.items()}
+        lost = []
         try:
             report(phrase, 0.0)
             for done, future in enumerate(as_completed(futures), start=1):
                 try:
                     keep(futures[future], future.result())
+                except BrokenExecutor:
+                    lost.append(futures[future])
                 except OmnimjError as error:
                     keep(futures[future], {"error": str(error)})
                 report(f"{phrase}: {done} of {len(futures)}", done / len(futures))
@@ -54,6 +63,8 @@ class Workers:
                 for future in futures:
                     future.cancel()
             raise
+        if lost:
+            raise SimulationError(_told_lost(sorted(lost), len(futures)))
 
 
 def with_workers(work: Callable[[Workers], None], workers: int, executor: Executor | None = None) -> bool:
@@ -79,12 +90,19 @@ def with_workers(work: Callable[[Workers], None], workers: int, executor: Execut
     except KeyboardInterrupt:
         pass
     except BrokenExecutor:
-        words = "a worker died; what was finished is kept, and the same command goes on from there"
-        raise SimulationError(words) from None
+        raise SimulationError(_told_lost()) from None
     finally:
         if executor is None:
             _end(pool, before, finished)
     return finished
+
+
+def _told_lost(names: Sequence[str] = (), of: int = 0) -> str:
+    """What a user is told when workers died."""
+    missing = (
+        f"; {len(names)} of {of} are missing ({names[0]}{', …' if len(names) > 1 else ''})" if names else ""
+    )
+    return f"a worker died{missing}; what was finished is kept, and the same command goes on from there"
 
 
 def _end(pool: Executor, before: set, finished: bool) -> None:

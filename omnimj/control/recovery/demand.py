@@ -8,6 +8,7 @@ import numpy as np
 
 from omnimj.control.heading import to_body
 from omnimj.control.recovery.allocation import allocate, needed_wrench
+from omnimj.control.recovery.gains import RecoveryGains
 from omnimj.control.recovery.memory import (
     FORWARD_X,
     FORWARD_Y,
@@ -19,15 +20,10 @@ from omnimj.control.robust.constants import LOAD, MASS, RADIUS, ROLLER_DRY, ROLL
 from omnimj.control.robust.slip import SLOPE
 from omnimj.physics.native import kernel
 
-CAP = 0.2
-"""By how much a slipping wheel may be faster or slower than the floor below it [m/s]. Wheels follow speeds
-that fit together and do not run away; a tighter bound takes traction from every floor that gives more the
-more a wheel slips: with 0.05 the heading strays a fifth further than with 0.2, and the place 6 % instead of
-0."""
 HOLDS = 0.09
 """μ of an ordinary floor [1]."""
-_BACK = 3.0  # [1/s] with which a place error is driven back
-_FASTEST = 0.2  # [m/s] for that
+_USUAL = RecoveryGains()
+_BACK, _FASTEST = _USUAL.place_proportional, _USUAL.place_speed
 _GIVES_WAY = 0.15  # [m/s]
 _STANDS = 0.01  # [m/s] a robot that is to stand is not moved for its place
 
@@ -39,14 +35,22 @@ def steady_creep(c, force):
 
 
 @kernel
-def place_correction(x, target_x, target_y):
-    """K e, bounded, while the robot is to move [m/s]."""
+def place_correction(x, target_x, target_y, gain=_BACK, fastest=_FASTEST):
+    """K e, bounded, while the robot is to move [m/s].
+
+    Args:
+      x: Of `memory`.
+      target_x: World demand [m/s].
+      target_y: World demand [m/s].
+      gain: K [1/s].
+      fastest: Its bound [m/s].
+    """
     if math.hypot(target_x, target_y) < _STANDS:
         return 0.0, 0.0
-    back_x, back_y = _BACK * x[PLACE_X], _BACK * x[PLACE_Y]
+    back_x, back_y = gain * x[PLACE_X], gain * x[PLACE_Y]
     size = math.hypot(back_x, back_y)
-    if size > _FASTEST:
-        back_x, back_y = back_x * _FASTEST / size, back_y * _FASTEST / size
+    if size > fastest:
+        back_x, back_y = back_x * fastest / size, back_y * fastest / size
     return back_x, back_y
 
 
@@ -106,9 +110,9 @@ def creep_offsets(c, forces, across, arm, x, heading, twist, most, used, pivot, 
 
 
 @kernel
-def cap_slip(c, forces, velocity, turning, slipping, lowest, highest):
-    """Bounds of wheels that slip: the floor's speed ± `CAP`, in place [rad/s]."""
+def cap_slip(c, forces, velocity, turning, slipping, cap, lowest, highest):
+    """Bounds of wheels that slip: the floor's speed ± `cap` [m/s], in place [rad/s]."""
     for i in range(slipping.size):
         if slipping[i]:
             below = forces[0, i] * velocity[0] + forces[1, i] * velocity[1] + forces[2, i] * turning
-            lowest[i], highest[i] = (below - CAP) / c[RADIUS], (below + CAP) / c[RADIUS]
+            lowest[i], highest[i] = (below - cap) / c[RADIUS], (below + cap) / c[RADIUS]

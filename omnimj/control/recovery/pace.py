@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 
+from omnimj.control.recovery.gains import RecoveryGains
 from omnimj.physics.native import kernel
 
 SLOWEST = 0.15
@@ -17,7 +18,7 @@ PIVOT_SPEED = 0.65
 """Of the centre while the robot turns about a wheel [m/s]: its yaw rate is up to this over the wheel's arm,
 and swinging round asks I (v/l)²/2 of moment."""
 _BRAKING, _STARTING = 0.5, 0.25  # [m/s²] with which the pace takes speed away and gives it back
-_HALF = 0.5  # of the grip for the plan, the other half for what holds the robot on it
+_SHARE = RecoveryGains().grip_share
 _HARDEST = 0.3  # [m/s²] any plan will ask for so much some time
 _SLOW = 0.1  # [m/s] below which a pace may change at once
 
@@ -39,9 +40,16 @@ def next_pace(pace, h, goal, speed, most):
 
 
 @kernel
-def pace_on_slippery_floor(grip, hardest, gravity):
-    """Goal of p when all wheels slip, and what the floor allows [m/s²]; grip is a coefficient of friction."""
-    allowed = _HALF * grip * gravity
+def pace_on_slippery_floor(grip, hardest, gravity, share=_SHARE):
+    """Goal of p when all wheels slip, and what the floor allows [m/s²].
+
+    Args:
+      grip: A coefficient of friction [1].
+      hardest: Hardest acceleration of the plan so far [m/s²].
+      gravity: [m/s²].
+      share: Of the grip that is for the plan [1].
+    """
+    allowed = share * grip * gravity
     return min(max(math.sqrt(allowed / max(hardest, _HARDEST)), SLOWEST), 1.0), allowed
 
 

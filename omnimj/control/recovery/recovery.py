@@ -20,6 +20,7 @@ from omnimj.control.recovery.dither import (
     next_self_test,
     no_dither,
 )
+from omnimj.control.recovery.gains import RecoveryGains
 from omnimj.control.recovery.memory import (
     ERROR,
     ERROR_BEFORE,
@@ -106,6 +107,9 @@ class Recovery:
       period: Control period [s]; that of the robot's sensors when None.
       holds_heading: Whether the cascade holds the planned heading anyway; else recovery holds the robot as it
         was turned when it broke.
+      dithers: Whether motors are asked what they can do while nothing else tells it.
+      self_test: Whether they are asked before the first drive.
+      gains: What it feeds back with; as shipped when None.
     """
 
     log_names = ("recovery", "pace", "place_error_x", "place_error_y")
@@ -117,9 +121,13 @@ class Recovery:
         holds_heading: bool = False,
         dithers: bool = True,
         self_test: bool = False,
+        gains: RecoveryGains | None = None,
     ):
         self.period = 1.0 / robot.sensors.sample_rate if period is None else period
         self.wheels, self._holds_heading = len(robot.wheels), holds_heading
+        own = RecoveryGains() if gains is None else gains
+        self._place = own.place_proportional, own.place_speed
+        self._cap, self._share = own.slip_cap, own.grip_share
         shape = geometry(robot)
         self._forces, self._across = shape.forces, np.ascontiguousarray(shape.across)
         self._numbers = numbers(robot, self.period)
@@ -175,7 +183,7 @@ class Recovery:
         if dither[TEST_LEFT] <= 0.0:
             self._set_pace(x, means.mode, felt, math.hypot(v_x, v_y))
         if healthy and advice is not None:  # shaken bristles hold nothing: the robot would fall behind
-            back = place_correction(x, v_x, v_y)
+            back = place_correction(x, v_x, v_y, *self._place)
             velocity = np.array((v_x + back[0], v_y + back[1]))
             target = Target(velocity, target.yaw_rate, target.heading)
         elif not healthy:
@@ -201,7 +209,7 @@ class Recovery:
         if mode == SLOWING:
             share = float(np.abs(felt).max()) / self._numbers[LOAD]
             x[FLOOR_GRIP] = max(share, x[FLOOR_GRIP] * (1.0 - _FADES * self.period))
-            goal, most = pace_on_slippery_floor(x[FLOOR_GRIP], x[HARDEST], GRAVITY)
+            goal, most = pace_on_slippery_floor(x[FLOOR_GRIP], x[HARDEST], GRAVITY, self._share)
         else:
             x[FLOOR_GRIP] = 0.0
         if mode == PIVOTING:
@@ -218,7 +226,8 @@ class Recovery:
         if mode == STOPPING:
             return Target(target.velocity, 0.0, heading)
         v_x, v_y = float(target.velocity[0]), float(target.velocity[1])
-        back = place_correction(x, v_x, v_y) if mode in (COMPENSATING, PIVOTING) else (0.0, 0.0)
+        drives_back = mode in (COMPENSATING, PIVOTING)
+        back = place_correction(x, v_x, v_y, *self._place) if drives_back else (0.0, 0.0)
         x[HELP] = math.hypot(*back)
         velocity = np.array((v_x + back[0], v_y + back[1]))
         if mode != PIVOTING:
@@ -248,8 +257,9 @@ class Recovery:
         scale = np.where(beliefs.held, 0.0, 1.0 / np.maximum(1.0 - beliefs.losses, LEAST_LEFT))
         if mode == CAPPING:
             cap_slip(
-                self._numbers, self._forces, beliefs.velocity, turning, beliefs.slipping, lowest, highest
-            )
+                self._numbers, self._forces, beliefs.velocity, turning, beliefs.slipping, self._cap,
+                lowest, highest,
+            )  # fmt: skip
             asks = self._rolling @ (*to_body(asked.velocity[0], asked.velocity[1], heading), asked.yaw_rate)
             x[HELP] = self._numbers[RADIUS] * max(0.0, (lowest - asks).max(), (asks - highest).max())
         elif mode in (COMPENSATING, PIVOTING) and (asked.velocity.any() or asked.yaw_rate != 0.0):

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from omnimj.control.robust.gains import ObserverGains
 from omnimj.parameters import Robot
 from omnimj.physics.kinematics import rolling_matrix
 from omnimj.physics.motor import motor_row
@@ -28,7 +29,10 @@ BLOCK = 10
     ROLLER_DRY,
     ROLLER_VISCOUS,
     TIME,
-) = range(12)
+    WHEEL_NOISE,
+    CREEP_NOISE,
+    ACCELERATION_NOISE,
+) = range(15)
 
 GRAVITY = 9.81
 
@@ -52,12 +56,13 @@ def geometry(robot: Robot) -> Geometry:
     )
 
 
-def numbers(robot: Robot, period: float) -> Array:
-    """The scalars, in the order of the names above.
+def numbers(robot: Robot, period: float, gains: ObserverGains | None = None) -> Array:
+    """The scalars, in the order of the names above; the last three are of `gains`, as shipped when None.
 
     TORQUE: traction per ampere K_t E G_r/r [N/A]; DRY: what T_nl and the bearings take of it, VISCOUS: the
     same per rad/s [N, N.s]; LOAD: F_N of one wheel at rest [N]; INERTIA: I_eff/r [kg.m].
     """
+    own = ObserverGains() if gains is None else gains
     motor, wheel = motor_row(robot.motor), wheel_row(robot.wheel, robot.bearing, robot.motor)
     n, radius = len(robot.wheels), robot.wheel.radius
     load = robot.body.mass * GRAVITY / n
@@ -78,5 +83,8 @@ def numbers(robot: Robot, period: float) -> Array:
             robot.wheel.roller_dry,
             robot.wheel.roller_viscous,
             BLOCK * period,
+            own.wheel_noise,
+            own.creep_noise,
+            own.acceleration_noise,
         )
     )

@@ -16,9 +16,10 @@ from omnimj.control.robust.constants import BLOCK, RADIUS, geometry, numbers
 from omnimj.control.robust.counters import SLIPPING
 from omnimj.control.robust.decide import decide
 from omnimj.control.robust.evidence import FILLED, Evidence, compare_turning, no_evidence, update
+from omnimj.control.robust.gains import ObserverGains
 from omnimj.control.robust.past import all_told, put_by
 from omnimj.control.robust.samples import Samples, broken_channels, no_samples, take_sample
-from omnimj.control.robust.slow import BROKEN_FRICTION_VARIES, BROKEN_LOSS_VARIES, MEMORY, loose, prior
+from omnimj.control.robust.slow import BROKEN_FRICTION_VARIES, BROKEN_LOSS_VARIES, loose, prior
 from omnimj.control.robust.verdict import Thresholds, Verdict, is_still
 from omnimj.control.robust.windows import LIKELIHOOD, SIZE
 from omnimj.control.wheel_speed import amplifier_row
@@ -81,19 +82,27 @@ class Robust:
       robot: What the controller believes the robot to be.
       period: Control period [s]; that of the robot's sensors when None.
       thresholds: When a suspicion becomes a decision.
+      gains: What its observer weighs with; as shipped when None.
     """
 
-    def __init__(self, robot: Robot, period: float | None = None, thresholds: Thresholds | None = None):
+    def __init__(
+        self,
+        robot: Robot,
+        period: float | None = None,
+        thresholds: Thresholds | None = None,
+        gains: ObserverGains | None = None,
+    ):
         self.period = 1.0 / robot.sensors.sample_rate if period is None else period
         n = self.wheels = len(robot.wheels)
         self.thresholds = Thresholds() if thresholds is None else thresholds
         self._limits = np.full(n, self.thresholds.motor), np.full(n, self.thresholds.slip)
+        own = ObserverGains() if gains is None else gains
         shape = geometry(robot)
-        walk = prior(n) ** 2 * (BLOCK * self.period / MEMORY)
+        walk = prior(n) ** 2 * (BLOCK * self.period / own.memory)
         low = np.array([0.03] * n + [0.3] * n + [-5.0] * 2)
         high = np.array([1.0] * n + [40.0] * n + [5.0] * 2)
         self._constants = (
-            numbers(robot, self.period),
+            numbers(robot, self.period, own),
             shape.forces,
             shape.across,
             walk,

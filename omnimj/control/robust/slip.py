@@ -19,7 +19,13 @@ import math
 
 import numpy as np
 
-from omnimj.control.robust.constants import RADIUS, TIME
+from omnimj.control.robust.constants import (
+    ACCELERATION_NOISE,
+    CREEP_NOISE,
+    RADIUS,
+    TIME,
+    WHEEL_NOISE,
+)
 from omnimj.physics.native import kernel
 
 SLOPE = 2.5
@@ -32,10 +38,9 @@ WEAKER, STRONGER = 0.8, 1.6
 """How much of its traction a weak wheel carries beside, for its load, and a strong one."""
 STATE = 4
 """Of a filter: v_x, v_y [m/s], bias of the accelerometer x and y [m/s²]."""
-WHEEL_NOISE, CREEP_NOISE, ROW_NOISE = 0.004, 0.35, 0.01
-"""Standard deviation of a wheel's word: [m/s], per m/s of creep, per rad/s of yaw rate [m]."""
+ROW_NOISE = 0.01
+"""Standard deviation of a wheel's word per rad/s of yaw rate, beside those of `ObserverGains` [m]."""
 _COLOUR = 6.0  # blocks in which the error of a wheel's word stays alike: its variance counts so many times
-_ACCELERATION = 0.04  # [m/s²] of a block mean: noise, and gravity while the body pitches on its springs
 _ANY = 1.0  # [m/s²] of a robot whose accelerometer lies
 _WANDER = 1e-4  # [m/s²] of the accelerometer's bias per block, and of the slope that it reads as one
 _GATE = 3.0  # standard deviations beyond which a wheel's word no longer grows
@@ -76,7 +81,7 @@ def predict(c, x, cov, acceleration, deaf, turning):
     f[0, 1], f[1, 0], f[0, 2], f[1, 3] = t * turning, -t * turning, -t, -t
     cov[:, :] = f @ cov @ f.T
     for k in range(2):
-        cov[k, k] += (t * (_ANY if deaf[k] != 0.0 else _ACCELERATION)) ** 2
+        cov[k, k] += (t * (_ANY if deaf[k] != 0.0 else c[ACCELERATION_NOISE])) ** 2
         cov[k + 2, k + 2] += _WANDER * _WANDER
 
 
@@ -121,7 +126,7 @@ def correct(c, forces, speed, turning, creep, believed, left_out, x, cov):
         if i == left_out or believed[i] == 0.0:
             continue
         away = away_from_rolling(c, forces, speed, turning, creep, x, i)
-        noise = WHEEL_NOISE + ROW_NOISE * abs(turning) + CREEP_NOISE * abs(creep[i, 0]) + creep[i, 1]
+        noise = c[WHEEL_NOISE] + ROW_NOISE * abs(turning) + c[CREEP_NOISE] * abs(creep[i, 0]) + creep[i, 1]
         hear(x, cov, forces[0, i], forces[1, i], away, noise)
 
 

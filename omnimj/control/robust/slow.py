@@ -22,8 +22,6 @@ LOSS_VARIES, FRICTION_VARIES = 0.01, 0.1
 """Standard deviations of δ and ν from one window to the next."""
 BROKEN_LOSS_VARIES, BROKEN_FRICTION_VARIES = 0.05, 0.5
 """The same of a motor that is known to be broken."""
-MEMORY = 120.0
-"""Time in which a number may wander by its own prior [s]."""
 
 
 def known_losses(theta: Array, cov: Array, wheels: int) -> Array:

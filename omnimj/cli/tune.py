@@ -1,0 +1,213 @@
+"""`omnimj tune`: gains of cascade, recovery and observer over a batch of randomised runs."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import math
+import os
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from omnimj.cli.arguments import add_executor, names, whole_number
+from omnimj.cli.compiling import note_compiled, say_compiling
+from omnimj.cli.progress import ProgressBar
+from omnimj.cli.tables import table
+from omnimj.errors import InputError
+
+if TYPE_CHECKING:
+    from omnimj.tuning.tuning import Order, Outcome
+
+INTERRUPTED = 130
+HELP = "search the gains of cascade, recovery and observer over randomised runs and judge them on other seeds"
+EXAMPLE = """examples:
+  omnimj tune nylon_patch degraded_motor circle_8m square_path --out tuned_gains.toml
+  omnimj tune circle_8m --only control --trials 8 --generations 30 --workers 2 --out circle_gains.toml
+  omnimj tune degraded_motor --executor dask:tcp://127.0.0.1:8786 --out gains.toml
+  omnimj run circle_8m --gains tuned_gains.toml
+
+Candidates are driven with seed N, 0 to 99; the result is judged with seed 100 + N, which nothing is tuned
+with: exit code 0 when it is better there, 1 when it is not, and FILE says so.
+Trials are kept in a folder beside FILE: the same command goes on where it was broken off."""
+_FINE = 1000  # steps of the progress bar
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the sub-command."""
+    words = "names from `omnimj scenarios`, or paths to TOML files; of a robot on a flat floor"
+    parser.add_argument("scenarios", metavar="SCENARIO", nargs="+", help=words)
+    parser.add_argument("--out", metavar="FILE", type=Path, required=True, help="the gains file to write")
+    words = (
+        "gains or groups of them: control, recovery, observer, control.speed_proportional, … (default all)"
+    )
+    parser.add_argument("--only", metavar="NAMES", type=names, default=(), help=words)
+    parser.add_argument("--plant", metavar="P", default="planar", help="planar (default) or twin")
+    words = "of draws and search, 0 to 99 (default 0); judged with 100 more"
+    parser.add_argument("--seed", metavar="N", type=whole_number(0, 99), default=0, help=words)
+    words = "randomised runs per scenario that each candidate is driven with (default 4)"
+    parser.add_argument("--trials", metavar="N", type=whole_number(1, 1000), default=4, help=words)
+    many = parser.add_mutually_exclusive_group()
+    words = "of the search (default 20)"
+    many.add_argument("--generations", metavar="N", type=whole_number(1, 10**4), default=20, help=words)
+    words = "the same as a number of candidates, in whole generations"
+    many.add_argument("--evaluations", metavar="N", type=whole_number(1, 10**6), help=words)
+    words = "randomised runs per scenario that the result is judged with (default 8)"
+    parser.add_argument("--judging", metavar="N", type=whole_number(1, 1000), default=8, help=words)
+    words = "the same on the twin, beside those (default 0)"
+    parser.add_argument("--twin", metavar="N", type=whole_number(0, 1000), default=0, help=words)
+    words = "points per side of the pictures of the cost around the result (default 7; 0: none)"
+    parser.add_argument("--landscape", metavar="N", type=whole_number(0, 99), default=7, help=words)
+    words = "no sound wheel may be at its largest current for longer (default 0.5)"
+    parser.add_argument("--saturation", metavar="SECONDS", type=_positive, default=0.5, help=words)
+    words = "least of all loops (default 40)"
+    parser.add_argument("--phase-margin", metavar="DEGREES", type=_positive, default=40.0, help=words)
+    words = "a copy of robot.toml with changed values (default: the shipped robot)"
+    parser.add_argument("--model", metavar="FILE", type=Path, help=words)
+    words = "processes (default 1)"
+    parser.add_argument("--workers", metavar="N", type=whole_number(1, 256), default=1, help=words)
+    add_executor(parser)
+    parser.add_argument("--force", action="store_true", help="replace FILE, and trials with other settings")
+    words = "print the result as JSON instead of the table"
+    parser.add_argument("--json", action="store_true", help=words)
+
+
+def _positive(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value <= 1e3:
+        raise argparse.ArgumentTypeError(f"found {text[:40]!r}; must be above 0 and at most 1000")
+    return value
+
+
+def run(arguments: Any) -> int:
+    """Searches, judges, writes, prints.
+
+    Returns:
+      0 when the result is better on the judging seeds, 1 when it is not, 130 after Ctrl-C with every finished
+      trial kept.
+
+    Raises:
+      InputError: An option out of its range, or an --out that may not be written.
+      SimulationError: A worker died or a trial broke down; what was finished is kept.
+    """
+    from omnimj.recording.folder import whole_file
+    from omnimj.trials.executors import open_executor
+    from omnimj.tuning.gains_file import gains_text
+    from omnimj.tuning.tuning import check_order, run_tuning
+    from omnimj.view.tuning_report import write_tuning_report
+
+    order = _order(arguments)
+    report = order.out.with_name(f"{order.out.stem}_report.html")
+    for file in (order.out, report):
+        check_file(file, arguments.force)
+    check_order(order)
+    for plant in (order.plant, *(("twin",) if order.twin else ())):
+        say_compiling(plant, "uto_robot")
+    with open_executor(arguments.executor) as executor, ProgressBar() as bar:
+        outcome = run_tuning(
+            order,
+            lambda phrase, share: bar.show(round(_FINE * min(max(share, 0.0), 1.0)), _FINE, phrase),
+            executor,
+        )
+    if outcome is None:
+        return INTERRUPTED
+    note_compiled(order.plant, "uto_robot")
+    command = shlex.join(["omnimj", *arguments.given])
+    with whole_file(order.out) as temporary:
+        temporary.write_text(gains_text(outcome, command), encoding="utf-8")
+    with whole_file(report) as temporary:
+        write_tuning_report(temporary, outcome, command)
+    print(json.dumps(_as_plain(outcome), indent=2) if arguments.json else _told(outcome, report))
+    return 0 if outcome.is_better else 1
+
+
+def _order(arguments: Any) -> Order:
+    from omnimj.tuning.cost import Limits
+    from omnimj.tuning.space import chosen_names
+    from omnimj.tuning.tuning import Order, evaluations_to_generations
+
+    chosen = chosen_names(arguments.only)
+    generations = arguments.generations
+    if arguments.evaluations is not None:
+        generations = evaluations_to_generations(arguments.evaluations, chosen)
+    return Order(
+        out=arguments.out,
+        scenarios=tuple(arguments.scenarios),
+        names=chosen,
+        plant=arguments.plant,
+        seed=arguments.seed,
+        trials=arguments.trials,
+        judging=arguments.judging,
+        twin=arguments.twin,
+        generations=generations,
+        landscape=arguments.landscape,
+        limits=Limits(arguments.saturation, arguments.phase_margin),
+        workers=arguments.workers,
+        force=arguments.force,
+        model=arguments.model,
+    )
+
+
+def check_file(file: Path, force: bool) -> None:
+    """Whether a file may be written; asked before the work.
+
+    Raises:
+      InputError: It is there and `force` is not given, or its folder is not there or read-only.
+    """
+    place = f"--out {file}"
+    if file.is_dir():
+        raise InputError(place, "is a folder", "a file is needed")
+    if os.path.lexists(file) and not force:
+        raise InputError(place, "is there", "choose another name, or --force to replace it")
+    if not file.parent.is_dir():
+        raise InputError(place, f"cannot be made, there is no folder {file.parent}")
+    if not os.access(file.parent, os.W_OK | os.X_OK):
+        raise InputError(place, f"cannot be written, {file.parent.absolute()} is read-only")
+
+
+def _told(outcome: Outcome, report: Path) -> str:
+    """Gains before and after, what they are worth on the judging seeds, the verdict."""
+    from omnimj.tuning.tables import judged_rows, verdict_words
+
+    rows = [
+        (axis.name, f"{axis.start:g}", f"{value:g}", axis.unit)
+        for axis, value in zip(outcome.axes, outcome.values, strict=True)
+    ]
+    parts = [table(("gain", "before", "tuned", "unit"), rows)]
+    for verdict in outcome.verdicts:
+        words = f"judged with seed {verdict.seed}, {verdict.draws} runs on the {verdict.plant} plant"
+        parts.append(f"{words}\n{table(('', 'before', 'tuned'), judged_rows(verdict))}")
+    parts.append(verdict_words(outcome))
+    parts.append(f"written to {outcome.order.out} and {report}")
+    return "\n\n".join(parts)
+
+
+def _as_plain(outcome: Outcome) -> dict[str, Any]:
+    from omnimj.trials.results import plain
+
+    return plain(
+        {
+            "gains": {axis.name: value for axis, value in zip(outcome.axes, outcome.values, strict=True)},
+            "before": {axis.name: axis.start for axis in outcome.axes},
+            "candidates": len(outcome.tried),
+            "better": outcome.is_better,
+            "judged": [
+                {
+                    "plant": verdict.plant,
+                    "seed": verdict.seed,
+                    "draws": verdict.draws,
+                    "better": verdict.is_better,
+                    "before": dataclasses.asdict(dataclasses.replace(verdict.before, terms={}))
+                    | {"terms": verdict.before.terms},
+                    "after": dataclasses.asdict(dataclasses.replace(verdict.after, terms={}))
+                    | {"terms": verdict.after.terms},
+                }
+                for verdict in outcome.verdicts
+            ],
+            "margins": [dataclasses.asdict(margin) for margin in outcome.margins_after],
+        }
+    )

@@ -1,0 +1,80 @@
+"""What is searched: each gain on a scale of its own, the logarithm of what it is over what it was."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from omnimj.control.gains import NAMES, TABLES, Gains, rule_of, unit_of
+from omnimj.errors import InputError, UnknownNameError
+
+WIDEST = 4.0
+"""Factor by which a gain may grow or shrink."""
+_DIGITS = 5  # of a gain: a file that is read again gives the same run
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One gain."""
+
+    name: str
+    """One of `control.gains.NAMES`."""
+    start: float
+    """Before the search."""
+    low: float
+    """Least of its values, above 0."""
+    high: float
+
+    @property
+    def unit(self) -> str:
+        """Of the gain."""
+        return unit_of(self.name)
+
+    def place(self, value: float) -> float:
+        """ln(value/start)."""
+        return math.log(value / self.start)
+
+    def value(self, place: float) -> float:
+        """start · e^place, in the digits that a file keeps, within the bounds."""
+        found = self.start * math.exp(place)
+        return float(f"{min(max(found, self.low), self.high):.{_DIGITS}g}")
+
+
+def chosen_names(asked: Sequence[str]) -> tuple[str, ...]:
+    """Gains by their names or by those of their tables; all of them when none is asked for.
+
+    Raises:
+      UnknownNameError: Neither a gain nor a table.
+    """
+    if not asked:
+        return NAMES
+    for name in asked:
+        if name not in NAMES and name not in TABLES:
+            raise UnknownNameError("--only", "gain", name, (*TABLES, *NAMES))
+    return tuple(name for name in NAMES if name in asked or name.partition(".")[0] in asked)
+
+
+def axes_of(gains: Gains, names: Sequence[str]) -> tuple[Axis, ...]:
+    """The axes of these gains.
+
+    Raises:
+      InputError: A gain that is 0: it is switched off, and no factor brings it back.
+    """
+    found = []
+    for name in names:
+        start, rule = gains.value(name), rule_of(name)
+        if start <= 0.0:
+            raise InputError(f"--only {name}", "the gain is 0 in the model", "leave it out")
+        found.append(Axis(name, start, start / WIDEST, min(start * WIDEST, rule.high)))
+    return tuple(found)
+
+
+def with_values(gains: Gains, axes: Sequence[Axis], values: Sequence[float]) -> Gains:
+    """The gains with a candidate's values."""
+    return gains.changed(named(axes, values))
+
+
+def named(axes: Sequence[Axis], values: Sequence[float]) -> Mapping[str, float]:
+    """A candidate's values by the gains' names."""
+    return {axis.name: value for axis, value in zip(axes, values, strict=True)}

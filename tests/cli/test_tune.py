@@ -1,0 +1,187 @@
+"""`omnimj tune` and `--gains`: what is written, printed and refused."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from concurrent.futures import Executor, Future
+from pathlib import Path
+
+import pytest
+
+from omnimj.cli.main import main
+from omnimj.trials import pool
+from omnimj.tuning import tuning
+
+SCENARIO = """description = "A short push along y"
+plant = "uto_robot"
+floor = "pvc"
+duration = 0.6
+
+[drive]
+kind = "profile"
+direction = 1.5707963267948966
+speed = 0.4
+acceleration = 2.0
+start_time = 0.05
+cruise_time = 0.05
+"""
+
+
+class Here(Executor):
+    """Does work at once."""
+
+    def submit(self, fn, /, *args, **kwargs) -> Future:
+        future: Future = Future()
+        future.set_result(fn(*args, **kwargs))
+        return future
+
+
+@pytest.fixture
+def push(tmp_path, monkeypatch) -> list[str]:
+    """The command over a scenario of half a second, the work done at once."""
+    monkeypatch.setattr(pool, "ProcessPoolExecutor", lambda *given, **named: Here())
+    file = tmp_path / "push.toml"
+    file.write_text(SCENARIO, encoding="utf-8")
+    argv = ["tune", str(file), "--only", "control", "--trials", "1", "--judging", "1"]
+    return [*argv, "--generations", "1", "--landscape", "0", "--out", str(tmp_path / "g.toml")]
+
+
+def test_the_command_writes_gains_and_a_page_and_its_exit_code_is_the_verdict(push, tmp_path, capsys):
+    code = main(push)
+    out, err = capsys.readouterr()
+    told = tomllib.loads((tmp_path / "g.toml").read_text(encoding="utf-8"))["tuned"]
+    assert code == (0 if told["better"] else 1)
+    assert told["command"].startswith("omnimj tune ") and "--only control" in told["command"]
+    assert "least phase margin" in out and "judged with seed 100, 1 runs on the planar plant" in out
+    assert "\r" not in err, "a pipe sees no progress bar"
+    page = (tmp_path / "g_report.html").read_text(encoding="utf-8")
+    assert "The search" in page and "Speed against robustness" in page
+    assert main([*push, "--force", "--json"]) == code
+    found = json.loads(capsys.readouterr().out)
+    assert found["better"] == told["better"] and found["gains"].keys() == found["before"].keys()
+    assert found["judged"][0]["before"]["cost"] == pytest.approx(1.0)
+
+
+def test_a_result_that_is_not_better_is_told_and_ends_with_1(push, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("omnimj.tuning.cost.Score.is_better_than", lambda self, other: False)
+    assert main(push) == 1
+    assert "NOT BETTER than the gains before" in capsys.readouterr().out
+    text = (tmp_path / "g.toml").read_text(encoding="utf-8")
+    assert "# NOT BETTER" in text and tomllib.loads(text)["tuned"]["better"] is False
+    assert "NOT BETTER" in (tmp_path / "g_report.html").read_text(encoding="utf-8")
+
+
+def test_ctrl_c_keeps_what_was_driven_and_the_same_command_ends_as_if_it_had_not_been(
+    push, tmp_path, monkeypatch, capsys
+):
+    drive, left = tuning.Bench.drive, [2]
+
+    def broken_off(self, candidates, draws, phrase):
+        left[0] -= 1
+        if left[0] < 0:
+            raise KeyboardInterrupt
+        return drive(self, candidates, draws, phrase)
+
+    monkeypatch.setattr(tuning.Bench, "drive", broken_off)
+    assert main(push) == 130
+    assert not (tmp_path / "g.toml").exists() and not (tmp_path / "g_report.html").exists()
+    assert list((tmp_path / "g_trials").glob("trial_*"))
+    monkeypatch.setattr(tuning.Bench, "drive", drive)
+    assert main(push) in (0, 1)
+    text = (tmp_path / "g.toml").read_text(encoding="utf-8")
+    again = [*push, "--force"]
+    (tmp_path / "g_trials").rename(tmp_path / "aside")
+    main(again)
+    whole = (tmp_path / "g.toml").read_text(encoding="utf-8")
+    assert whole.replace(" --force", "") == text
+    capsys.readouterr()
+
+
+def test_a_file_that_is_there_is_not_replaced_without_force(push, tmp_path, capsys):
+    (tmp_path / "g.toml").write_text("mine")
+    assert main(push) == 2
+    assert "is there; choose another name, or --force to replace it" in capsys.readouterr().err
+    assert (tmp_path / "g.toml").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("argv", "told"),
+    [
+        (["nylon_path"], "unknown scenario 'nylon_path'; did you mean 'nylon_patch'"),
+        (["rig_slip"], "SCENARIO rig_slip: cannot be tuned with; a robot's scenario with forces"),
+        (["nylon_patch", "nylon_patch"], "'nylon_patch' is there twice"),
+        (
+            ["nylon_patch", "--seed", "100"],
+            "--seed: found '100'; must be a whole number, at least 0 and at most 99",
+        ),
+        (["nylon_patch", "--trials", "0"], "--trials: found '0'"),
+        (["nylon_patch", "--only", "gravity"], "--only: unknown gain 'gravity'; choices: control,"),
+        (["nylon_patch", "--plant", "real"], "--plant: unknown plant 'real'; choices: planar, twin"),
+        (["nylon_patch", "--saturation", "0"], "--saturation: found '0'; must be above 0"),
+        (["nylon_patch", "--phase-margin", "wide"], "--phase-margin: found 'wide'"),
+        (
+            ["nylon_patch", "--executor", "tcp://a:1"],
+            "--executor: found 'tcp://a:1'; write dask:tcp://HOST:PORT",
+        ),
+        (["nylon_patch", "--generations", "2", "--evaluations", "9"], "not allowed with argument"),
+        (["nylon_patch", "--out", "no/such/g.toml"], "there is no folder no/such"),
+        (["nylon_patch", "--model", "mine.toml"], "mine.toml: no such file"),
+        ([], "required: SCENARIO"),
+    ],
+)
+def test_a_flag_out_of_its_range(refused, argv, told):
+    out = [] if "--out" in argv else ["--out", "g.toml"]
+    assert told in refused("tune", *argv, *out)
+
+
+def test_out_is_needed(refused):
+    assert "required: --out" in refused("tune", "nylon_patch")
+
+
+@pytest.mark.parametrize(
+    ("argv", "told"),
+    [
+        (["run", "nylon_patch"], "unknown gain 'speed'; choices: heading_proportional"),
+        (["evaluate", "--out", "out"], "unknown gain 'speed'; choices: heading_proportional"),
+        (["run", "rig_slip"], "--gains: rig_slip is driven on the test rig; it has no cascade"),
+        (["evaluate", "--executor", "dask:here", "--out", "out"], "--executor: found 'dask:here'"),
+        (
+            ["evaluate", "--executor", "dask:tcp://a:1", "--record", "--out", "out"],
+            "--record: found with --executor dask:tcp://a:1; recordings would stay on the disks",
+        ),
+    ],
+)
+def test_gains_and_executors_of_other_commands(refused, tmp_path, argv, told):
+    file = tmp_path / "bad.toml"
+    file.write_text('[control]\nspeed = { value = 1.0, unit = "A", source = "tuned" }\n')
+    gains = [] if "--executor" in argv else ["--gains", str(file)]
+    assert told in refused(*argv, *gains)
+
+
+def test_gains_are_driven_with(tmp_path, capsys):
+    scenario, file = tmp_path / "push.toml", tmp_path / "g.toml"
+    scenario.write_text(SCENARIO, encoding="utf-8")
+    file.write_text('[control]\nspeed_proportional = { value = 0.1, unit = "A.s/rad", source = "tuned" }\n')
+
+    def current(*more: str) -> float:
+        assert main(["run", str(scenario), "--plant", "planar", "--json", *more]) == 0
+        return json.loads(capsys.readouterr().out)["tracking_error_max"]
+
+    assert current("--gains", str(file)) > 1.05 * current()
+
+
+def test_an_evaluation_is_told_from_one_with_other_gains(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(pool, "ProcessPoolExecutor", lambda *given, **named: Here())
+    file = tmp_path / "g.toml"
+    file.write_text('[control]\nspeed_proportional = { value = 0.1, unit = "A.s/rad", source = "tuned" }\n')
+    argv = ["evaluate", "--suite", "manoeuvres", "--trials", "1", "--faults", "motor", "--out"]
+    argv += [str(tmp_path / "out")]
+    assert main(argv) == 0
+    before = json.loads(Path(tmp_path / "out" / "evaluation.json").read_text())
+    assert main([*argv, "--gains", str(file)]) == 2
+    assert "holds an evaluation with other settings" in capsys.readouterr().err
+    assert main([*argv, "--gains", str(file), "--force"]) == 0
+    after = json.loads(Path(tmp_path / "out" / "evaluation.json").read_text())
+    assert after["plan"]["gains"]["control.speed_proportional"] == 0.1
+    assert "gains" not in before["plan"] and before["cases"] != after["cases"]

@@ -1,0 +1,138 @@
+"""Gains as one set: what is shipped is what was, a file changes what it names, a wrong one is told."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from omnimj.control.gains import NAMES, TABLES, Gains, read_gains, rule_of, unit_of
+from omnimj.control.recovery import Recovery, RecoveryGains
+from omnimj.control.recovery.demand import place_correction
+from omnimj.control.recovery.memory import NUMBERS, PLACE_X
+from omnimj.control.recovery.pace import pace_on_slippery_floor
+from omnimj.control.robust import ObserverGains, Robust
+from omnimj.errors import InputError
+from omnimj.parameters import read_robot
+from omnimj.scenario.gains import gains_of, with_gains
+from omnimj.scenario.running import run_scenario
+from omnimj.scenario.scenario import Scenario, read_scenario
+
+ROBOT = read_robot()
+GAINS = Gains(ROBOT.control)
+SHORT = ("duration=2.0", "drive.start_time=0.1", "checks={}", "drive.cruise_time=0.2")
+
+
+def text(**values: object) -> str:
+    """A gains file of names with `__` for the dot."""
+    lines = []
+    for table in TABLES:
+        own = {k.partition("__")[2]: v for k, v in values.items() if k.startswith(f"{table}__")}
+        lines += [f"[{table}]"] if own else []
+        for key, value in own.items():
+            name = f"{table}.{key}"
+            unit = unit_of(name) if name in NAMES else "1"
+            lines.append(f'{key} = {{ value = {value}, unit = "{unit}", source = "tuned" }}')
+    return "\n".join([*lines, "[tuned]", 'command = "omnimj tune"', ""])
+
+
+def test_every_gain_has_a_unit_and_a_rule_that_its_shipped_value_keeps():
+    assert len(NAMES) == len(set(NAMES)) == 12
+    for name in NAMES:
+        assert unit_of(name)
+        assert not rule_of(name).broken_by(GAINS.value(name))
+
+
+def test_a_file_changes_what_it_names_and_nothing_else(tmp_path):
+    file = tmp_path / "g.toml"
+    file.write_text(text(control__speed_integral=2.5, recovery__slip_cap=0.1, observer__memory=60))
+    found = read_gains(file, ROBOT.control)
+    changed = {"control.speed_integral": 2.5, "recovery.slip_cap": 0.1, "observer.memory": 60.0}
+    assert {name: found.value(name) for name in NAMES} == {n: GAINS.value(n) for n in NAMES} | changed
+    assert found == GAINS.changed(changed)
+    assert found.control.current_limit == ROBOT.control.current_limit
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (text(control__speed_gain=1.0), r"\[control\]: unknown gain 'speed_gain'; .*speed_proportional"),
+        (text(control__current_limit=9.0), "unknown gain 'current_limit'; choices: heading_proportional"),
+        (
+            text(recovery__slip_cap=-0.1),
+            "g.toml: recovery.slip_cap: found -0.1; must be above 0 and at most 5",
+        ),
+        (text(recovery__grip_share=1.5), "recovery.grip_share: found 1.5"),
+        (text(observer__memory='"long"'), "observer.memory: found 'long'; a number is needed"),
+        (text(control__speed_integral=1.0).replace("A/rad", "A"), "the unit is 'A/rad'"),
+        (text(control__speed_integral=1.0).replace('"tuned"', '"guessed"'), "unknown source 'guessed'"),
+        (text(), "has no gains; omnimj tune writes such a file"),
+        ("[controls]", "unknown table 'controls'; did you mean 'control'"),
+        ("control = 3", r"\[control\] is not a table"),
+        ("[control", "is not valid TOML"),
+    ],
+)
+def test_a_wrong_file_is_told_in_one_line(tmp_path, content, told):
+    (tmp_path / "g.toml").write_text(content)
+    with pytest.raises(InputError, match=told) as caught:
+        read_gains(tmp_path / "g.toml", ROBOT.control)
+    assert "\n" not in str(caught.value)
+
+
+def columns(scenario: Scenario) -> dict[str, np.ndarray]:
+    return dict(run_scenario(scenario, "planar", "robust", 5).trace.columns)
+
+
+def alike(one: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> bool:
+    return all(np.array_equal(one[name], other[name], equal_nan=True) for name in one)
+
+
+def test_the_shipped_gains_given_by_hand_change_nothing():
+    scenario = read_scenario("degraded_motor", SHORT)
+    assert alike(columns(scenario), columns(with_gains(scenario, gains_of(scenario))))
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "control.speed_proportional",
+        "control.speed_integral",
+        "control.yaw_rate_proportional",
+        "control.heading_proportional",
+        "recovery.place_proportional",
+        "observer.wheel_noise",
+        "observer.creep_noise",
+        "observer.acceleration_noise",
+        "observer.memory",
+    ],
+)
+def test_every_gain_reaches_the_run(name):
+    scenario = read_scenario("degraded_motor", SHORT)
+    gains = gains_of(scenario).changed({name: 0.5 * GAINS.value(name)})
+    assert not alike(columns(scenario), columns(with_gains(scenario, gains)))
+
+
+def test_gains_of_recovery_are_those_of_its_laws():
+    x = np.zeros(NUMBERS)
+    x[PLACE_X] = 0.04
+    assert place_correction(x, 1.0, 0.0) == place_correction(x, 1.0, 0.0, 3.0, 0.2) == (0.12, 0.0)
+    assert place_correction(x, 1.0, 0.0, 5.0, 0.15)[0] == pytest.approx(0.15)
+    assert pace_on_slippery_floor(0.1, 1.0, 9.81) == pace_on_slippery_floor(0.1, 1.0, 9.81, 0.5)
+    assert pace_on_slippery_floor(0.1, 1.0, 9.81, 0.25)[1] == pytest.approx(0.25 * 0.981)
+    for own in (None, RecoveryGains(slip_cap=0.05, grip_share=0.2)):
+        assert Recovery(ROBOT, gains=own).start().pace == 1.0
+    assert Robust(ROBOT, gains=ObserverGains(memory=60.0)).wheels == 4
+
+
+def test_a_model_file_may_say_that_a_gain_was_tuned(tmp_path):
+    text = ROBOT.file.read_text(encoding="utf-8")
+    line = 'speed_proportional = { value = 0.30, unit = "A.s/rad", source = "chosen" }'
+    assert line in text or 'source = "tuned"' in text
+    (tmp_path / "robot.toml").write_text(
+        text.replace(line, line.replace("chosen", "tuned")), encoding="utf-8"
+    )
+    assert read_robot(tmp_path / "robot.toml").provenance["control.speed_proportional"].source == "tuned"
+
+
+def test_the_rig_has_no_cascade_to_be_tuned():
+    with pytest.raises(InputError, match="it has no cascade"):
+        with_gains(read_scenario("rig_slip"), GAINS)

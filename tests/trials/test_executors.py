@@ -1,0 +1,227 @@
+"""The same work by processes, by a thread, at once and by a Dask cluster: same results, none lost."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import warnings
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+from omnimj.errors import InputError, SimulationError
+from omnimj.evaluation.cases import Choice
+from omnimj.evaluation.evaluation import Order, run_evaluation
+from omnimj.trials.executors import WorkerLost, open_executor, scheduler_of
+from omnimj.trials.pool import with_workers
+from omnimj.trials.results import keep_in, read_result
+from omnimj.tuning.draws import draw_trial, read_tuned_scenarios
+from omnimj.tuning.driving import drive_trial
+
+SCENARIO = """description = "A short push along y"
+plant = "uto_robot"
+floor = "pvc"
+duration = 0.5
+
+[drive]
+kind = "profile"
+direction = 1.5707963267948966
+speed = 0.3
+acceleration = 2.0
+start_time = 0.05
+cruise_time = 0.05
+"""
+
+
+def quiet(phrase: str, share: float) -> None:
+    pass
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    """Two worker processes, without a dashboard."""
+    distributed = pytest.importorskip("distributed")
+    with (
+        warnings.catch_warnings(),
+        distributed.LocalCluster(
+            n_workers=2,
+            threads_per_worker=1,
+            processes=True,
+            dashboard_address=None,
+            host="127.0.0.1",
+            silence_logs=50,
+        ) as found,
+    ):
+        warnings.simplefilter("ignore")  # of the library's own shutdown
+        yield found
+
+
+@pytest.fixture
+def dask(cluster):
+    with open_executor(f"dask:{cluster.scheduler_address}") as executor:
+        yield executor
+
+
+def die_once(mark: Path, number: int) -> dict[str, int]:
+    """Its worker is killed by the first to come by."""
+    try:
+        mark.open("x").close()
+    except FileExistsError:
+        return {"number": number}
+    os.kill(os.getpid(), signal.SIGKILL)
+    return {}
+
+
+def die_always(number: int) -> dict[str, int]:
+    if number == 0:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return {"number": number}
+
+
+def test_an_evaluation_by_processes_by_a_thread_and_by_a_cluster_is_the_same(tmp_path, dask):
+    def evaluated(name: str, executor: Executor | None) -> str:
+        choice = Choice("manoeuvres", 100, duration=2.5)
+        order = Order(tmp_path / name, choice, "robust", trials=3, workers=1)
+        outcome = run_evaluation(order, quiet, executor)
+        assert not outcome.interrupted and not outcome.failed
+        found = [dict(read_result(order.out / "cases", f"case_{k:05d}") or {}) for k in range(3)]
+        return str([{key: value for key, value in one.items() if key != "speed"} for one in found])
+
+    with ThreadPoolExecutor(1) as thread:
+        here = evaluated("thread", thread)
+    assert evaluated("processes", None) == here
+    assert evaluated("dask", dask) == here
+    assert "diagnoses" in here
+
+
+def test_trials_of_a_tuning_are_the_same_by_processes_by_a_thread_and_by_a_cluster(tmp_path, dask):
+    file = tmp_path / "push.toml"
+    file.write_text(SCENARIO, encoding="utf-8")
+    (scenario,) = read_tuned_scenarios((str(file),), None).values()
+    tasks = {
+        f"{k}_{gain}": (
+            draw_trial(str(file), scenario, 5, k, "planar"),
+            {"control.speed_integral": gain},
+            None,
+        )
+        for k in range(2)
+        for gain in (1.0, 4.0)
+    }
+
+    def driven(executor: Executor | None) -> dict[str, object]:
+        found: dict[str, object] = {}
+        assert with_workers(
+            lambda w: w.do_all(drive_trial, tasks, found.__setitem__, "driving", quiet), 1, executor
+        )
+        return found
+
+    with ThreadPoolExecutor(2) as threads:
+        here = driven(threads)
+    assert driven(None) == here
+    assert driven(dask) == here
+    assert here["0_1.0"] != here["0_4.0"] and "facts" in str(here["0_1.0"])
+
+
+def test_work_whose_worker_is_killed_is_done_by_another(tmp_path, dask):
+    tasks = {f"task_{k}": (tmp_path / "mark", k) for k in range(8)}
+    keep = keep_in(tmp_path)
+    assert with_workers(lambda w: w.do_all(die_once, tasks, keep, "working", quiet), 1, dask)
+    assert [read_result(tmp_path, name) for name in tasks] == [{"number": k} for k in range(8)]
+
+
+class Lossy(Executor):
+    """Works at once, and loses the work of one name."""
+
+    def __init__(self, lost: int):
+        self._lost = lost
+
+    def submit(self, fn, /, *args, **kwargs) -> Future:
+        future: Future = Future()
+        if args[-1] == self._lost:
+            future.set_exception(WorkerLost("gone"))
+        else:
+            future.set_result(fn(*args, **kwargs))
+        return future
+
+
+def test_lost_work_is_told_when_all_the_rest_is_kept_and_done_when_it_is_repeated(tmp_path):
+    tasks, keep = {f"task_{k}": (k,) for k in range(5)}, keep_in(tmp_path)
+
+    def work(workers):
+        left = {name: given for name, given in tasks.items() if read_result(tmp_path, name) is None}
+        workers.do_all(numbered, left, keep, "working", quiet)
+
+    with pytest.raises(SimulationError, match=r"a worker died; 1 of 5 are missing \(task_3\); .* goes on"):
+        with_workers(work, 1, Lossy(3))
+    assert sum(read_result(tmp_path, name) is not None for name in tasks) == 4
+    assert with_workers(work, 1, Lossy(-1))
+    assert read_result(tmp_path, "task_3") == {"number": 3}
+
+
+def numbered(number: int) -> dict[str, int]:
+    return {"number": number}
+
+
+def test_a_worker_process_of_its_own_that_dies_costs_what_was_under_way(tmp_path):
+    tasks, keep = {f"task_{k}": (k,) for k in range(3)}, keep_in(tmp_path)
+    with pytest.raises(SimulationError, match=r"a worker died; .* are missing"):
+        with_workers(lambda w: w.do_all(die_always, tasks, keep, "working", quiet), 1)
+    assert read_result(tmp_path, "task_0") is None
+
+
+def test_work_that_kills_every_worker_is_given_up_and_the_rest_is_done(tmp_path, dask, cluster):
+    tasks, keep = {f"task_{k}": (k,) for k in range(3)}, keep_in(tmp_path)
+    cluster.scheduler.allowed_failures = 1
+    with pytest.raises(SimulationError, match=r"a worker died; 1 of 3 are missing \(task_0\)"):
+        with_workers(lambda w: w.do_all(die_always, tasks, keep, "working", quiet), 1, dask)
+    assert [read_result(tmp_path, f"task_{k}") for k in (1, 2)] == [{"number": 1}, {"number": 2}]
+
+
+@pytest.mark.parametrize(
+    "address",
+    [
+        "tcp://127.0.0.1:8786",
+        "dask:127.0.0.1:8786",
+        "dask:tcp://127.0.0.1",
+        "dask:tcp://a b:1",
+        "dask:tcp://a:0",
+        "dask:tcp://a:99999",
+        "dask:tcp://a:1/x",
+        "ray:tcp://a:1",
+        "",
+    ],
+)
+def test_an_address_of_another_shape_is_refused(address):
+    with (
+        pytest.raises(InputError, match=r"--executor: found .*; write dask:tcp://HOST:PORT"),
+        open_executor(address),
+    ):
+        raise AssertionError("opened")
+
+
+def test_addresses_of_schedulers():
+    assert scheduler_of("dask:tcp://node-1.lab:8786") == "tcp://node-1.lab:8786"
+    assert scheduler_of("dask:tls://[::1]:8786") == "tls://[::1]:8786"
+    with open_executor(None) as executor:
+        assert executor is None
+
+
+def test_nobody_at_an_address_is_told_soon():
+    pytest.importorskip("distributed")
+    with (
+        pytest.raises(InputError, match=r"nobody answers there .*; is a Dask scheduler running") as caught,
+        open_executor("dask:tcp://127.0.0.1:9", answers=0.5),
+    ):
+        raise AssertionError("opened")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_library_that_is_not_there_is_told(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with (
+        pytest.raises(InputError, match=r"distributed is not installed; pip install 'omnimj\[dask\]'"),
+        open_executor("dask:tcp://127.0.0.1:9"),
+    ):
+        raise AssertionError("opened")

@@ -1,0 +1,50 @@
+"""What the tests of tuning share: scenarios of half a second, and executors that work at once."""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor, Future
+from pathlib import Path
+
+TEXT = """description = "A short push along y"
+plant = "uto_robot"
+floor = "pvc"
+duration = {duration}
+
+[drive]
+kind = "profile"
+direction = 1.5707963267948966
+speed = 0.4
+acceleration = 2.0
+start_time = 0.05
+cruise_time = 0.05
+
+[[faults]]
+kind = "motor"
+wheel = 1
+onset = 0.1
+loss = 0.6
+"""
+
+
+def scenario_file(folder: Path, name: str = "push", duration: float = 0.6) -> str:
+    """Writes the scenario; its path."""
+    file = folder / f"{name}.toml"
+    file.write_text(TEXT.format(duration=duration), encoding="utf-8")
+    return str(file)
+
+
+def quiet(phrase: str, share: float) -> None:
+    """Reports nothing."""
+
+
+class Here(Executor):
+    """Does work at once, and counts it."""
+
+    def __init__(self):
+        self.given = 0
+
+    def submit(self, fn, /, *args, **kwargs) -> Future:
+        self.given += 1
+        future: Future = Future()
+        future.set_result(fn(*args, **kwargs))
+        return future
