@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from omnimj.cli.main import make_parser
+from omnimj.parameters import read_robot
 from omnimj.scenario.listing import list_scenarios
 from omnimj.scenario.scenario import read_scenario
 
@@ -43,6 +44,27 @@ def test_lines_for_a_shell_are_commands(line):
     command = shlex.split(line.removesuffix("&"))
     assert command[0] == "omnimj"
     make_parser().parse_args(command[1:])
+
+
+GUIDE = (ROOT / "models" / "README.md").read_text()
+
+
+@pytest.mark.parametrize("line", [x for x in GUIDE.splitlines() if x.startswith("omnimj ")])
+def test_lines_for_a_shell_in_the_guide_are_commands(line):
+    make_parser().parse_args(shlex.split(line)[1:])
+
+
+def test_the_mecanum_platform_of_the_guide_is_a_robot_whose_wheels_push_across_the_diagonals(tmp_path):
+    (ahead,) = re.findall(r"```toml\n(.*?)```", GUIDE, flags=re.DOTALL)
+    behind = ahead.replace("[0.2, 0.2]", "[-0.2, -0.2]").replace("[0.2, -0.2]", "[-0.2, 0.2]")
+    text = (ROOT / "models" / "three_wheel" / "robot.toml").read_text()
+    body, rest = text.split("[[wheels]]", 1)[0], text[text.index("[control]") :]
+    path = tmp_path / "robot.toml"
+    path.write_text(f"{body}{ahead}{behind}{rest}")
+    mounts = read_robot(path).wheels
+    assert [w.roller_axis[0] * w.position[0] + w.roller_axis[1] * w.position[1] for w in mounts] == (
+        pytest.approx([0.0] * 4, abs=1e-12)
+    )
 
 
 def test_every_shipped_scenario_stands_in_the_readme():

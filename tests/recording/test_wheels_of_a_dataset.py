@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +14,6 @@ from omnimj.errors import InputError
 from omnimj.recording.dataset import Run
 from omnimj.recording.read_dataset import read_dataset
 from omnimj.recording.write_dataset import write_dataset
-from omnimj.signals import Array
 
 NAMES = ("acceleration_x", "acceleration_y", "yaw_rate", "yaw")
 
@@ -21,7 +21,7 @@ NAMES = ("acceleration_x", "acceleration_y", "yaw_rate", "yaw")
 def written(folder, wheels):
     rng = np.random.default_rng(wheels)
     names = [f"{name}_{i}" for name in ("current", "wheel_speed") for i in range(1, wheels + 1)]
-    columns: dict[str, Array] = {"time": 0.001 * np.arange(200)}
+    columns: dict[str, Any] = {"time": 0.001 * np.arange(200)}
     columns |= {name: rng.normal(0.0, 0.1, 200) for name in (*names, *NAMES)}
     run = Run("one", MappingProxyType(columns), MappingProxyType({}), MappingProxyType({"floor": "pvc"}))
     write_dataset(folder, "uto_robot", {}, [run])
