@@ -19,7 +19,7 @@ def star(count: int, arm: float = 0.25, first: float = 0.0) -> Robot:
 
 
 def mecanum(length: float = 0.2, width: float = 0.2, angle: float = 0.25 * math.pi) -> Robot:
-    """Four wheels that drive along x; the axes of the rollers on the floor are at right angles to the diagonals.
+    """Four wheels that drive along x, the axes of their lowest rollers at right angles to the diagonals.
 
     Seen from above these make an O on the floor: the wheels have a moment about the centre.
     """
