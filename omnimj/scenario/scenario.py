@@ -28,6 +28,7 @@ from omnimj.scenario.kinematic_level import read_kinematics
 from omnimj.scenario.known_keys import known_keys
 from omnimj.scenario.listing import find_scenario
 from omnimj.scenario.metrics import metric_units
+from omnimj.scenario.model_key import own_model
 from omnimj.scenario.overrides import KnownKeys, override, split_override
 from omnimj.scenario.scene import read_scene
 from omnimj.signals import Array
@@ -137,7 +138,7 @@ def read_scenario(
     plant = tree.get("plant")
     if plant not in PLANTS:
         raise UnknownNameError(f"{place}: plant", "plant", plant, PLANTS)
-    model_file = _own_model(tree, path) if model_file is None else model_file
+    model_file = own_model(tree, path) if model_file is None else model_file
     constants = read_rig(model_file) if plant == "quarter_rig" else read_robot(model_file)
     check_effects(constants)
     known = known_keys(plant, 1 if isinstance(constants, Rig) else len(constants.wheels))
@@ -174,22 +175,6 @@ def _apply(tree: dict[str, Any], overrides: Sequence[str], known: KnownKeys) -> 
         if key == "model":
             raise InputError("--set model", "is read before anything is set", "use --model")
         override(tree, key, value, known)
-
-
-def _own_model(tree: Mapping, scenario: Path) -> Path | None:
-    """The `model` of a scenario: `"three_wheel"` is a shipped one, `"own.toml"` lies beside the scenario."""
-    name = tree.get("model")
-    if name is None:
-        return None
-    place = f"{scenario.name}: model"
-    if not isinstance(name, str) or not name:
-        raise InputError(place, f"found {name!r}", "a text is needed")
-    if not name.endswith(".toml"):
-        return Path(name)
-    path = scenario.parent / name
-    if not path.is_file():
-        raise InputError(place, f"found {name!r}", f"there is no file {path}")
-    return path
 
 
 def _read_robot_scenario(
@@ -263,10 +248,8 @@ def _read_faults(
     for i, table in enumerate(_list(tree, "faults", place)):
         fault = read_fault(table, f"{place}: faults.{i}", wheels, floors, duration)
         if fault.kind == "payload" and float(fault.numbers["mass"]) <= -sprung:
-            found, rule = (
-                f"found {fault.numbers['mass']:g}",
-                f"must be above {-sprung:g}, all that can be taken off",
-            )
+            found = f"found {fault.numbers['mass']:g}"
+            rule = f"must be above {-sprung:g}, all that can be taken off"
             raise InputError(f"{place}: faults.{i}.mass", found, rule)
         faults.append(fault)
     return tuple(faults)
