@@ -156,6 +156,8 @@ def _is_alone(forces, believed, i):
                 xy + forces[0, j] * forces[1, j],
                 yy + forces[1, j] * forces[1, j],
             )
+    if xx + yy == 0.0:
+        return True
     x, y = forces[0, i], forces[1, i]
     return yy * x * x - 2.0 * xy * x * y + xx * y * y > _SPREADS * (xx * yy - xy * xy)
 

@@ -18,6 +18,7 @@ from omnimj.control.robust.counters import (
     MOST,
     NO_COUNTS,
     SLIPPING,
+    _is_alone,
     count_slip,
 )
 from omnimj.control.robust.slip import (
@@ -34,6 +35,7 @@ from omnimj.control.robust.slip import (
 )
 from omnimj.control.robust.verdict import Thresholds
 from omnimj.parameters import read_robot
+from tests.other_robots import mecanum, star
 
 ROBOT = read_robot()
 C, SHAPE = numbers(ROBOT, 1e-3), geometry(ROBOT)
@@ -155,3 +157,22 @@ def test_channels_are_aligned_to_the_slowest():
     for k in range(2 * LINE):
         align(line, waits, np.full(4, k), np.full(4, k), np.full(2, k), float(k), k == 0, out)
     assert 2 * LINE - 1 - out == pytest.approx(waits)
+
+
+@pytest.mark.parametrize(
+    ("layout", "believed", "alone"),
+    [
+        (read_robot(), (1, 1, 1, 1), False),
+        (read_robot(), (1, 1, 0, 1), True),
+        (read_robot(), (0, 0, 1, 0), False),
+        (read_robot(), (1, 0, 0, 0), True),
+        (star(3), (1, 1, 1), False),
+        (star(3), (1, 1, 0), True),
+        (star(6), (1, 0, 1, 0, 1, 0), False),
+        (mecanum(), (1, 1, 1, 1), False),
+        (mecanum(), (1, 1, 0, 1), True),
+    ],
+)
+def test_a_wheel_is_alone_where_the_others_do_not_tell_its_velocity(layout, believed, alone):
+    forces = geometry(layout).forces
+    assert _is_alone(forces, np.array(believed, float), 0) == alone
