@@ -19,7 +19,7 @@ from omnimj.view import palette
 from omnimj.view.wording import Span
 
 Array = NDArray[np.float64]
-WIDTH = 5.2  # inches: half of a desktop page, and still readable when shrunk to a phone
+WIDTH = 4.8  # inches: half of a desktop page, and still readable when shrunk to a phone
 SHORT, MIDDLE, TALL = 2.9, 3.3, 4.6  # inches: figures side by side have one height
 _BINS = 420
 _AVERAGES, _WINDOW = 210, 0.05  # points of an averaged line at most; [s] longer than rollers take to pass

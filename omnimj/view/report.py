@@ -60,7 +60,7 @@ def write_report(
     figures = _figures(trace, scenario, spans)
     content.append(page.section("Plots", f"<div class='columns plots'>{''.join(figures)}</div>"))
     content.append(_foot(metrics))
-    heading, style = f"{wording.title(metrics)} · omnimj", report_diagnosis.STYLE + report_compared.STYLE
+    heading, style = f"{wording.title(metrics)} · omnimj", report_compared.STYLE
     path.write_text(page.document(heading, "\n".join(content), style), encoding="utf-8")
 
 
@@ -120,8 +120,8 @@ def _run_table(scenario: Described, metrics: Mapping[str, Any]) -> str:
         ("omnimj", omnimj.__version__),
     ]
     table = page.table([(page.text(name), page.cell(value)) for name, value in rows])
-    command = page.text(wording.repeat_command(scenario, metrics))
-    return f"{table}<p>To drive it again:</p><pre><code>{command}</code></pre>"
+    command = page.command(wording.repeat_command(scenario, metrics))
+    return f"{table}<p>To drive it again:</p>{command}"
 
 
 def _checks(scenario: Described, metrics: Mapping[str, Any]) -> str:
