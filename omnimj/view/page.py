@@ -37,7 +37,7 @@ h1 + .lead + .verdict { margin-bottom: 1.1rem; }
   linear-gradient(to left, #fff 30%, #fff0) right / 36px 100% no-repeat local,
   linear-gradient(to right, #1d273330, #1d273300) left / 12px 100% no-repeat scroll,
   linear-gradient(to left, #1d273330, #1d273300) right / 12px 100% no-repeat scroll; }
-figure.broad svg { min-width: 660px; }
+figure.broad svg { min-width: 780px; }
 table { border-collapse: collapse; width: 100%; font-size: .95rem; }
 th, td { text-align: left; padding: .38rem .9rem .38rem 0; border-bottom: 1px solid var(--line);
   vertical-align: top; }
