@@ -13,7 +13,7 @@ from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import Floor, Rig, Robot, read_rig, read_robot
 from omnimj.plant.channels import RIG_CHANNELS, robot_channels
 from omnimj.recording.dataset import Dataset, Run
-from omnimj.recording.dataset_columns import ROBOT_WHEELS
+from omnimj.recording.dataset_columns import wheels_of
 from omnimj.scenario.methods import METHODS, RIG_METHODS, Believed, method_for
 from omnimj.signals import Array, Measurement, RigMeasurement
 
@@ -58,7 +58,7 @@ def read_machine(dataset: Dataset, model: Path | None = None) -> Machine:
     if dataset.plant != "uto_robot":
         found = f"plant is {dataset.plant!r}"
         raise InputError(dataset.path, found, "only wheels can be diagnosed", PLANTS)
-    robot, n = read_robot(model), ROBOT_WHEELS
+    robot, n = read_robot(model), wheels_of(dataset)
     if len(robot.wheels) != n:
         found = f"has {len(robot.wheels)} [[wheels]]"
         raise InputError(robot.file, found, f"the logs of {dataset.path} have {n}")
@@ -111,7 +111,7 @@ def method_of(
 
 
 def _robot_measurement(time: float, row: Array) -> Measurement:
-    n = ROBOT_WHEELS
+    n = (len(row) - 4) // 2  # currents, wheel speeds; then two accelerations, yaw rate and yaw
     return Measurement(
         time,
         row[:n],

@@ -13,6 +13,7 @@ from omnimj.gap.find import About, find
 from omnimj.gap.holdout import held_out_conditions
 from omnimj.gap.records import Finding
 from omnimj.gap.replay import Replay
+from omnimj.gap.robot_layout import require_layout
 from omnimj.parameters import Axis, Floor, Rig, Robot, read_axis, read_rig, read_robot
 from omnimj.parameters.floor import all_floors
 from omnimj.parameters.toml_file import read_toml
@@ -82,6 +83,8 @@ def find_gap(
     floors = all_floors(floors_file)
     read = read_dataset(dataset, floors)
     machine = read_machine(read.plant, model)
+    if isinstance(machine, Robot):
+        require_layout(read, machine)
     conditions = held_out_conditions(holdout, read.runs)
     check = check_dataset(read, machine)
     usable = corrected(read, check)

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
+from omnimj.errors import InputError
+from omnimj.recording.dataset import Dataset
+
 ROBOT_WHEELS = 4
-"""Wheels of the robot's logs."""
+"""Wheels of the shipped robot's logs, and of those that name none."""
+FEWEST_ROBOT_WHEELS, MOST_ROBOT_WHEELS = 3, 8
+"""Wheels that a robot's logs can have."""
 
 
 @dataclass(frozen=True)
@@ -39,11 +45,21 @@ class PlantColumns:
         return ", ".join(self.required) + either
 
 
-def _per_wheel(*names: str) -> tuple[str, ...]:
-    return tuple(f"{name}_{i}" for name in names for i in range(1, ROBOT_WHEELS + 1))
-
-
 _BODY = ("acceleration_x", "acceleration_y", "yaw_rate", "yaw")
+_NUMBERED = re.compile(r"(?:current|wheel_speed)_([1-9])")
+
+
+def _robot(wheels: int) -> PlantColumns:
+    def each(*names: str) -> tuple[str, ...]:
+        return tuple(f"{name}_{i}" for name in names for i in range(1, wheels + 1))
+
+    return PlantColumns(
+        required=("time", *each("current", "wheel_speed"), *_BODY),
+        optional=(*each("current_target"), "x", "y", "heading"),
+        angles=("yaw", "heading"),
+        conditions=("floor",),
+    )
+
 
 PLANT_COLUMNS: Mapping[str, PlantColumns] = MappingProxyType(
     {
@@ -54,12 +70,7 @@ PLANT_COLUMNS: Mapping[str, PlantColumns] = MappingProxyType(
             angles=("wheel_angle",),
             conditions=("floor", "mass"),
         ),
-        "uto_robot": PlantColumns(
-            required=("time", *_per_wheel("current", "wheel_speed"), *_BODY),
-            optional=(*_per_wheel("current_target"), "x", "y", "heading"),
-            angles=("yaw", "heading"),
-            conditions=("floor",),
-        ),
+        "uto_robot": _robot(ROBOT_WHEELS),
         "linear_axis": PlantColumns(
             required=("time", "position"),
             optional=("velocity",),
@@ -68,3 +79,36 @@ PLANT_COLUMNS: Mapping[str, PlantColumns] = MappingProxyType(
     }
 )
 """Columns by plant. A new plant of recorded data is one entry here."""
+
+
+def wheels_in(names: Iterable[str]) -> int:
+    """How many wheels a robot's log is of: the highest number of a current or a wheel speed."""
+    numbers = [int(found[1]) for found in map(_NUMBERED.fullmatch, names) if found]
+    if not numbers:
+        return ROBOT_WHEELS
+    return min(max(FEWEST_ROBOT_WHEELS, *numbers), MOST_ROBOT_WHEELS)
+
+
+def wheels_of(dataset: Dataset) -> int:
+    """How many wheels the logs of a robot are of.
+
+    Raises:
+      InputError: Runs of one dataset are of robots with different numbers of wheels.
+    """
+    first, *others = dataset.runs
+    count = wheels_in(first.columns)
+    for run in others:
+        if wheels_in(run.columns) != count:
+            found = f"has the columns of {wheels_in(run.columns)} wheels"
+            raise InputError(f"{dataset.path}: run {run.name!r}", found, f"{first.name!r} has {count}")
+    return count
+
+
+def columns_for(plant: str, names: Iterable[str]) -> PlantColumns:
+    """The columns of a run with these names; a robot's depend on how many wheels it has."""
+    return _robot(wheels_in(names)) if plant == "uto_robot" else PLANT_COLUMNS[plant]
+
+
+def all_columns(plant: str) -> PlantColumns:
+    """Every column that any run of the plant may have."""
+    return _robot(MOST_ROBOT_WHEELS) if plant == "uto_robot" else PLANT_COLUMNS[plant]

@@ -14,7 +14,7 @@ from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import read_floors
 from omnimj.parameters.reading import Rule, number
 from omnimj.parameters.toml_file import read_toml
-from omnimj.recording.dataset_columns import PLANT_COLUMNS
+from omnimj.recording.dataset_columns import PLANT_COLUMNS, all_columns
 from omnimj.recording.run_table import plain
 
 DATASET_FILE = "dataset.toml"
@@ -142,7 +142,7 @@ def _renamed(place: str, entry: Any, plant: str) -> Renamed:
     if "name" not in entry:
         raise InputError(place, "'name' is missing", _WRITE_COLUMN)
     name, known = entry["name"], PLANT_COLUMNS[plant].known
-    if not isinstance(name, str) or name not in known:
+    if not isinstance(name, str) or name not in all_columns(plant).known:
         raise UnknownNameError(f"{place}.name", f"column of {plant}", name, known)
     scale = number(f"{place}.scale", entry.get("scale", 1.0), _FINITE)
     if scale == 0.0:

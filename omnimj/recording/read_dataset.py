@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.recording.dataset import Dataset, Run
-from omnimj.recording.dataset_columns import PLANT_COLUMNS
+from omnimj.recording.dataset_columns import all_columns, columns_for
 from omnimj.recording.dataset_file import DATASET_FILE, DatasetFile, read_dataset_file
 from omnimj.recording.mask import Marks, edges, gaps, spikes
 from omnimj.recording.run_table import ENDINGS, RunTable, first_not_finite, plain, read_run_table
@@ -77,10 +77,10 @@ def _files(about: DatasetFile, folder: Path) -> dict[str, Path]:
 
 def _read_run(about: DatasetFile, name: str, file: Path) -> tuple[Run, tuple[str, ...]]:
     """One run, checked, and the names in its file."""
-    asked = PLANT_COLUMNS[about.plant]
     conditions = about.conditions(name)
-    table = read_run_table(file, {*asked.known, *about.renamed})
+    table = read_run_table(file, {*all_columns(about.plant).known, *about.renamed})
     columns = _ours(about, file, table)
+    asked = columns_for(about.plant, columns)
     missing = [column for column in asked.required if column not in columns]
     if asked.one_of and not any(column in columns for column in asked.one_of):
         missing.append(" or ".join(asked.one_of))
@@ -120,7 +120,7 @@ def _ours(about: DatasetFile, file: Path, table: RunTable) -> dict[str, Array]:
             with np.errstate(over="ignore"):
                 values = renamed.scale * values + renamed.offset
         columns[name], origin[name] = values, theirs
-    known = PLANT_COLUMNS[about.plant].known
+    known = all_columns(about.plant).known
     broken = first_not_finite({name: columns[name] for name in columns if name in known})
     if broken is not None:
         sample, name = broken
@@ -171,7 +171,7 @@ def with_marks_of(plant: str, runs: Sequence[Run]) -> tuple[list[Run], list[str]
       plant: As in `PLANT_COLUMNS`.
       runs: Without marks, in SI units under our names.
     """
-    asked = PLANT_COLUMNS[plant]
+    asked = all_columns(plant)
     channels = [name for name in asked.known if name != "time"]
     found: list[dict[str, Marks]] = [{} for _ in runs]
     for name in channels:
