@@ -238,7 +238,9 @@ def _told(finished: Run, out: Path | None) -> str:
     recovery = told_recovery(finished.trace, metrics, finished.scenario.constants)
     comparison = told_comparison(units, metrics)
     link = told_link(metrics["link"]) if "link" in metrics else ""
-    lines += [part for words in (diagnosed, recovery, comparison, link) if words for part in ("", words)] + [""]
+    lines += [part for words in (diagnosed, recovery, comparison, link) if words for part in ("", words)] + [
+        ""
+    ]
     if finished.interrupted:
         lines.append("interrupted")
     else:

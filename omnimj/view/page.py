@@ -126,7 +126,7 @@ def command(words: object) -> str:
 
 
 def broad(content: str) -> str:
-    """A drawing as wide as the page; where the screen is narrower it is moved under the finger, not shrunk."""
+    """A drawing as wide as the page; on a narrower screen it is moved under the finger."""
     return f"<div class='wide'>{content}</div>"
 
 

@@ -177,7 +177,9 @@ def _recovered(trace: Trace, metrics: Mapping[str, Any]) -> str:
     if not ways:
         return ""
     rows = [(page.cell(way.name), page.cell(way.when), page.cell(way.gives_up)) for way in ways]
-    return page.section("What recovery could hold", page.table(rows, ("recovery", "when", "what it gives up")))
+    return page.section(
+        "What recovery could hold", page.table(rows, ("recovery", "when", "what it gives up"))
+    )
 
 
 def _faults(metrics: Mapping[str, Any]) -> str:

@@ -38,14 +38,14 @@ def test_it_is_for_four_wheels_at_right_angles(robot, found):
 
 def test_turned_rollers_are_another_layout():
     first, *others = read_robot().wheels
-    robot = dataclasses.replace(
-        read_robot(), wheels=(dataclasses.replace(first, roller_angle=1.0), *others)
-    )
+    robot = dataclasses.replace(read_robot(), wheels=(dataclasses.replace(first, roller_angle=1.0), *others))
     assert other_layout(robot) == "a wheel has turned rollers"
 
 
 def test_a_run_of_three_wheels_is_compared_with_what_is_for_it_and_the_other_is_refused():
     scenario = read_scenario("three_wheel_weak_motor")
     assert methods_of(scenario) == ("robust", "off")
-    with pytest.raises(InputError, match=r"three_wheel/robot.toml: \[\[wheels\]\]: found 3 wheels; Table 5.2"):
+    with pytest.raises(
+        InputError, match=r"three_wheel/robot.toml: \[\[wheels\]\]: found 3 wheels; Table 5.2"
+    ):
         make_method("published", scenario)

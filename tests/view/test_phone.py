@@ -1,4 +1,4 @@
-"""Every report fits a phone's screen, can be read there and prints; it is one file that needs nothing else."""
+"""Every report fits a phone's screen, can be read there and prints; it is one file without references."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from test_report import Page
 from test_sensitivity_report import outcome_of, study_of
 
 from omnimj.cli.main import main
-from omnimj.trials.tables import Table
 from omnimj.parameters import read_floors, read_rig
 from omnimj.recording.write_dataset import DatasetWriter
+from omnimj.trials.tables import Table
 from omnimj.view import page
 from omnimj.view.benchmark_report import write_benchmark_report
 from omnimj.view.gap_report import write_gap_report
@@ -42,7 +42,14 @@ def rig_data(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def pages(
-    tmp_path_factory, rig_data, robot_trace, robot_scenario, robot_metrics, rig_trace, rig_scenario, rig_metrics
+    tmp_path_factory,
+    rig_data,
+    robot_trace,
+    robot_scenario,
+    robot_metrics,
+    rig_trace,
+    rig_scenario,
+    rig_metrics,
 ):
     """A page of every kind, by kind."""
     folder = tmp_path_factory.mktemp("pages")

@@ -51,7 +51,9 @@ def test_of_two_broken_wheels_it_is_the_one_that_stands_and_a_sound_one_never():
 
 
 def test_stretches_of_one_mode_are_one_line_in_the_order_of_the_run():
-    modes = np.select([TIME < 2, TIME < 3, TIME < 5, TIME < 6, TIME < 8], [0, SLOWING, 0, SLOWING, 0], STOPPING)
+    modes = np.select(
+        [TIME < 2, TIME < 3, TIME < 5, TIME < 6, TIME < 8], [0, SLOWING, 0, SLOWING, 0], STOPPING
+    )
     slow, stop = recovered(made(modes), named())
     assert (slow.name, stop.name) == (NAMES[SLOWING], NAMES[STOPPING])
     assert slow.when == "2 – 6 s, 2 times, 2 s in all"

@@ -85,7 +85,9 @@ class RobotState:
     """K_t of Eq. 6.2 over the nominal one: what was believed before this fault."""
 
 
-_LAYOUT = "Table 5.2 is for four omni wheels of which 1 and 3 drive along y, 2 and 4 along x, or the other way"
+_LAYOUT = (
+    "Table 5.2 is for four omni wheels of which 1 and 3 drive along y, 2 and 4 along x, or the other way"
+)
 
 
 def other_layout(robot: Robot) -> str:
