@@ -28,6 +28,9 @@ function look(frame, width) {
       const size = parseFloat(view.getComputedStyle(e).fontSize);
       const m = e.getScreenCTM();
       smallest = Math.min(smallest, size * Math.hypot(m.c, m.d));
+      const frame = e.ownerSVGElement.getBoundingClientRect();
+      if (box.right > frame.right + 1.5 || box.left < frame.left - 1.5)
+        found.push('cut off in a figure: ' + e.textContent);
     }
     let inner = false;
     for (let up = e.parentElement; up && up !== page.body; up = up.parentElement)

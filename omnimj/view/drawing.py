@@ -183,8 +183,8 @@ def legend(ax: Axes, columns: int = 4) -> None:
         ncols=columns,
         fontsize=8.5,
         frameon=False,
-        handlelength=2.2,
-        columnspacing=1.1,
+        handlelength=2.2 if columns <= 4 else 1.5,
+        columnspacing=1.1 if columns <= 4 else 0.7,
         borderaxespad=0.2,
     )
 

@@ -67,10 +67,10 @@ footer { margin-top: 2.4rem; padding-top: .8rem; border-top: 1px solid var(--lin
 table.told { margin-bottom: 1.1rem; }
 @media screen and (max-width: 640px) { table.told thead { display: none; }
   table.told tr { display: block; border-bottom: 2px solid var(--line); padding: .35rem 0; }
-  table.told td { display: flow-root; border: 0; padding: .08rem 0 .08rem 9.5em; }
+  table.told td { display: flow-root; border: 0; padding: .08rem 0 .08rem 9.5rem; }
   table.told td.none, table.told td:empty { display: none; }
   table.told td::before { content: attr(data-head); color: var(--muted); font-size: .86rem;
-    font-weight: 600; float: left; width: 10.5em; margin-left: -11em; } }
+    font-weight: 600; float: left; width: 9rem; margin-left: -9.5rem; } }
 @media print { body { font-size: 10.5pt; } main { max-width: none; padding: 0; }
   * { -webkit-print-color-adjust: exact; print-color-adjust: exact; }
   .columns { grid-template-columns: 1fr 1fr; gap: 10px 20px; }
