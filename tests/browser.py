@@ -7,6 +7,7 @@ import json
 import re
 import shutil
 import subprocess
+from dataclasses import dataclass
 from pathlib import Path
 
 PHONE = (390, 844)
@@ -50,12 +51,24 @@ frame.srcdoc = %s;
 """
 
 
+@dataclass(frozen=True)
+class Seen:
+    """What a page looks like on a phone."""
+
+    found: list[str]
+    """What is wider than the screen outside boxes that scroll, and words cut off in figures."""
+    smallest: float | None
+    """Height of the smallest letters in figures [CSS pixels]; None without figures."""
+    height: int
+    """Of the page [CSS pixels]."""
+
+
 def chromium() -> str | None:
     """The command of a Chromium on this machine; None without one."""
     return next((path for path in map(shutil.which, _NAMES) if path), None)
 
 
-def on_a_phone(browser: str, page: str, work: Path) -> dict[str, object]:
+def on_a_phone(browser: str, page: str, work: Path) -> Seen:
     """What of a page reaches over the edge of a phone's screen, and its smallest words in figures.
 
     Args:
@@ -63,9 +76,8 @@ def on_a_phone(browser: str, page: str, work: Path) -> dict[str, object]:
       page: HTML.
       work: An empty folder to work in.
 
-    Returns:
-      `found`: what is wider than the screen, outside boxes that scroll; `smallest`: height of the smallest
-      letters in figures [CSS pixels]; `height`: of the page [CSS pixels].
+    Raises:
+      RuntimeError: The browser did not come to it.
     """
     # "<" only as an escape, else the page's own </script> would end this one
     quoted = json.dumps(page).replace("<", "\\u003c")
@@ -74,7 +86,7 @@ def on_a_phone(browser: str, page: str, work: Path) -> dict[str, object]:
     told = re.search(r"<pre id=\"found\">(.+?)</pre>", dumped, flags=re.DOTALL)
     if told is None:
         raise RuntimeError("the browser has not looked at the page")
-    return json.loads(html.unescape(told[1]))
+    return Seen(**json.loads(html.unescape(told[1])))
 
 
 def run(browser: str, work: Path, *words: str) -> str:

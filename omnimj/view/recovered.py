@@ -51,8 +51,9 @@ def recovered(trace: Trace, metrics: Mapping[str, Any]) -> list[Recovered]:
       metrics: Content of `metrics.json`; its diagnoses say which wheels are believed broken.
     """
     found: dict[tuple[str, str], list[Span]] = {}
+    sentences: dict[str, str] = dict(zip(NAMES, GIVES_UP, strict=True))
     for span in recovery_spans(trace):
-        name, gives_up = span.state, dict(zip(NAMES, GIVES_UP, strict=True)).get(span.state, "")
+        name, gives_up = span.state, sentences.get(span.state, "")
         if span.state == NAMES[PIVOTING]:
             wheel = _pivot(trace, metrics, span)
             name = span.state if wheel is None else f"turning about wheel {wheel}"

@@ -91,18 +91,18 @@ def browser() -> str:
 @pytest.mark.parametrize("kind", KINDS)
 def test_nothing_is_wider_than_a_phone_and_no_word_is_too_small(kind, pages, browser, tmp_path):
     seen = on_a_phone(browser, pages[kind].read_text(encoding="utf-8"), tmp_path)
-    assert seen["found"] == []
-    if seen["smallest"] is not None:
-        assert seen["smallest"] >= READABLE
+    assert seen.found == []
+    if seen.smallest is not None:
+        assert seen.smallest >= READABLE
 
 
 def test_the_look_at_a_phone_sees_what_is_too_wide_and_too_small(browser, tmp_path):
     wide = page.document("wide", f"<p style='white-space: nowrap; width: max-content'>{LONG}</p>")
     seen = on_a_phone(browser, wide, tmp_path)
-    assert any("P." in words for words in seen["found"])
+    assert any("P." in words for words in seen.found)
     small = "<figure><svg viewBox='0 0 780 100'><text x='9' y='50' font-size='8px'>fine</text></svg></figure>"
     seen = on_a_phone(browser, page.document("small", small), tmp_path)
-    assert seen["found"] == [] and seen["smallest"] < 0.7 * READABLE
+    assert seen.found == [] and seen.smallest is not None and seen.smallest < 0.7 * READABLE
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import re
 
 import numpy as np
@@ -12,8 +13,9 @@ from rerun.chunk import RrdReader
 
 from omnimj.plant.faults import as_record
 from omnimj.scenario.listing import scenario_names
+from omnimj.scenario.methods import default_method, make_method
 from omnimj.scenario.scenario import read_scenario
-from omnimj.view.rerun_log import write_recording
+from omnimj.view.rerun_log import live_blueprint, write_recording
 from omnimj.view.subject import Subject, subject_of
 
 CASES = {
@@ -97,3 +99,19 @@ def test_the_recording_shows_it_with_the_concerned_wheels_bold(
     bold = {re.findall(r"overrides/plots/(\w+)", entity)[0]: np.array(row) > 3.0 for entity, row in widths}
     assert bold["slip_velocity"].tolist() == [False, True, True, False], "wheels 2 and 3 are broken"
     assert bold["residual_motor"].tolist() == [False, True, True, False] + 4 * [False], "thresholds are not"
+
+
+@pytest.mark.parametrize("name", scenario_names())
+def test_every_shipped_scenario_can_be_watched_as_it_is_driven(name):
+    scenario = read_scenario(name)
+    method = make_method(default_method(scenario), scenario)
+    names = () if method is None else tuple(method.log_names)
+    faults = [as_record(fault) for fault in scenario.faults]
+    blueprint = live_blueprint(scenario, 5.0, (0.0, 0.0), default_method(scenario), names, faults)
+    views = json.dumps(shown(blueprint.root_container))
+    assert subject(name).heading in views and "What the machine did" in views
+
+
+def shown(part) -> list:
+    """Names of a container and of what is in it."""
+    return [part.name, [shown(one) for one in getattr(part, "contents", ()) if hasattr(one, "name")]]
