@@ -6,7 +6,10 @@ from collections.abc import Mapping
 from typing import Any
 
 from omnimj.cli.tables import table
+from omnimj.parameters import Rig, Robot
 from omnimj.scenario.pairing import Naming, Pair, pair
+from omnimj.signals import Trace
+from omnimj.view.recovered import layout_words, recovered
 from omnimj.view.wording import answer, fault_details, fault_name, is_diagnosed, number
 
 _MOST = 12  # rows: a method that cries wolf must not push the checks off the screen
@@ -39,6 +42,16 @@ def told_diagnoses(metrics: Mapping[str, Any], wheels: int) -> str:
     if left > 0:
         lines.append(f"and {left} more, in metrics.json")
     return "\n".join(lines)
+
+
+def told_recovery(trace: Trace, metrics: Mapping[str, Any], constants: Robot | Rig) -> str:
+    """What recovery did, when, and what cannot be held then; empty for a run as planned."""
+    ways = recovered(trace, metrics)
+    if not ways:
+        return ""
+    lines = [table(("recovery", "when", "what it gives up"), [(w.name, w.when, w.gives_up) for w in ways])]
+    limits = layout_words(constants)
+    return "\n".join([*lines, *([limits] if limits else [])])
 
 
 def _without_truth(metrics: Mapping[str, Any]) -> str:

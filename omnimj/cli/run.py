@@ -231,7 +231,7 @@ def _verdict(checks: Sequence[Mapping[str, Any]]) -> str:
 
 def _told(finished: Run, out: Path | None) -> str:
     """What was driven, the table of checks, what was diagnosed, the verdict."""
-    from omnimj.cli.diagnosed import told_diagnoses
+    from omnimj.cli.diagnosed import told_diagnoses, told_recovery
 
     metrics, units = finished.metrics, finished.scenario.metric_units
     lines = [
@@ -248,9 +248,12 @@ def _told(finished: Run, out: Path | None) -> str:
         rows.append((check["name"], shown(check["value"], unit), limit, verdict))
     lines.append(table(("check", "value", "limit", ""), rows) if rows else "no checks")
     diagnosed = told_diagnoses(metrics, len(finished.scenario.wheel_positions))
+    recovery = told_recovery(finished.trace, metrics, finished.scenario.constants)
     comparison = told_comparison(units, metrics)
     link = told_link(metrics["link"]) if "link" in metrics else ""
-    lines += [part for words in (diagnosed, comparison, link) if words for part in ("", words)] + [""]
+    lines += [part for words in (diagnosed, recovery, comparison, link) if words for part in ("", words)] + [
+        ""
+    ]
     if finished.interrupted:
         lines.append("interrupted")
     else:

@@ -13,13 +13,22 @@ from omnimj.gap.find import About, find
 from omnimj.gap.holdout import held_out_conditions
 from omnimj.gap.records import Finding
 from omnimj.gap.replay import Replay
+from omnimj.gap.robot_layout import require_layout
 from omnimj.parameters import Axis, Floor, Rig, Robot, read_axis, read_rig, read_robot
 from omnimj.parameters.floor import all_floors
+from omnimj.parameters.model_file import model_path
 from omnimj.parameters.toml_file import read_toml
 from omnimj.recording.dataset import Dataset
 from omnimj.recording.read_dataset import read_dataset
 
 Machine = Rig | Robot | Axis
+
+
+_USUAL = {
+    "quarter_rig": "quarter_rig/rig.toml",
+    "uto_robot": "uto_robot/robot.toml",
+    "linear_axis": "linear_axis/axis.toml",
+}
 
 
 def read_machine(plant: str, path: Path | None) -> Machine:
@@ -29,6 +38,7 @@ def read_machine(plant: str, path: Path | None) -> Machine:
       InputError: The file is of another plant, or wrong in itself.
     """
     if path is not None:
+        path = model_path(path, _USUAL[plant])
         found = read_toml(path).get("plant")
         if found != plant:
             raise InputError(f"{path}: plant", f"found {found!r}", f"the dataset's plant is {plant!r}")
@@ -82,6 +92,8 @@ def find_gap(
     floors = all_floors(floors_file)
     read = read_dataset(dataset, floors)
     machine = read_machine(read.plant, model)
+    if isinstance(machine, Robot):
+        require_layout(read, machine)
     conditions = held_out_conditions(holdout, read.runs)
     check = check_dataset(read, machine)
     usable = corrected(read, check)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from omnimj.control.method import Method
 from omnimj.control.published.choice import Choice
 from omnimj.control.published.rig import PublishedRig
-from omnimj.control.published.robot import PublishedRobot
+from omnimj.control.published.robot import PublishedRobot, other_layout
 from omnimj.control.published.thresholds import chosen_thresholds
 from omnimj.control.robust import ObserverGains, Robust
 from omnimj.control.robust.verdict import Thresholds
@@ -34,10 +34,16 @@ def require_method(method: str) -> None:
 
 
 def methods_of(scenario: Scenario) -> tuple[str, ...]:
-    """The methods that a scenario can be driven with; nothing is diagnosed at the kinematic level."""
+    """The methods that a scenario can be driven with; nothing is diagnosed at the kinematic level.
+
+    The published method is for one layout of wheels.
+    """
     if scenario.level == "kinematic":
         return ("off",)
-    return RIG_METHODS if isinstance(scenario.constants, Rig) else METHODS
+    if isinstance(scenario.constants, Rig):
+        return RIG_METHODS
+    fits = not other_layout(scenario.constants)
+    return tuple(name for name in METHODS if fits or name != "published")
 
 
 def default_method(scenario: Scenario) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from omnimj.errors import InputError, SimulationError
-from omnimj.scenario.methods import default_method, methods_of, require_method
+from omnimj.scenario.methods import default_method, make_method, methods_of, require_method
 from omnimj.scenario.plants import KINEMATIC, PLANT_NAMES, plant_name
 from omnimj.scenario.running import run_scenario
 from omnimj.scenario.scenario import Scenario, read_scenario
@@ -51,6 +51,7 @@ def scenario_of(asked: Asked) -> Scenario:
         raise InputError("--plant", f"found {asked.plant!r}", rule, PLANT_NAMES)
     method = method_of(asked, scenario)
     require_method(method)
+    make_method(method, scenario)  # one that this robot's wheels are not for is refused
     if method not in methods_of(scenario):
         raise InputError("--method", f"found {method!r}", "the rig has one wheel", methods_of(scenario))
     return scenario

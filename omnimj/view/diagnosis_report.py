@@ -119,7 +119,7 @@ def _table(runs: Sequence[Replayed]) -> str:
 
 
 def _foot(order: Order, command: str) -> str:
-    again = f"<p>To make it again:</p><pre><code>{page.text(command)}</code></pre>" if command else ""
+    again = f"<p>To make it again:</p>{page.command(command)}" if command else ""
     own = "" if order.thresholds is None else " Thresholds from a calibration."
     return (
         f"<footer>{again}<p>Model {page.text(order.machine.constants.file)}.{own} Beside this page: "

@@ -19,7 +19,7 @@ from omnimj.view import palette
 from omnimj.view.wording import Span
 
 Array = NDArray[np.float64]
-WIDTH = 5.2  # inches: half of a desktop page, and still readable when shrunk to a phone
+WIDTH = 4.8  # inches: half of a desktop page, and still readable when shrunk to a phone
 SHORT, MIDDLE, TALL = 2.9, 3.3, 4.6  # inches: figures side by side have one height
 _BINS = 420
 _AVERAGES, _WINDOW = 210, 0.05  # points of an averaged line at most; [s] longer than rollers take to pass
@@ -183,8 +183,8 @@ def legend(ax: Axes, columns: int = 4) -> None:
         ncols=columns,
         fontsize=8.5,
         frameon=False,
-        handlelength=2.2,
-        columnspacing=1.1,
+        handlelength=2.2 if columns <= 4 else 1.5,
+        columnspacing=1.1 if columns <= 4 else 0.7,
         borderaxespad=0.2,
     )
 

@@ -33,7 +33,7 @@ def confusion_picture(confusion: Mapping[str, Mapping[str, int]]) -> Figure:
             if counts[i, j]:
                 dark = shares[i, j] > 0.6
                 ink = "white" if dark else palette.INK
-                ax.text(j, i, f"{counts[i, j]:.0f}", fontsize=7.5, color=ink, ha="center", va="center")
+                ax.text(j, i, f"{counts[i, j]:.0f}", fontsize=8, color=ink, ha="center", va="center")
             if row == name:
                 box = {"fill": False, "edgecolor": palette.HEALTHY, "linewidth": 1.0}
                 ax.add_patch(_square(j, i, box))

@@ -49,7 +49,7 @@ def _section(table: Table) -> str:
 def _figures(outcome: Outcome) -> Iterator[str]:
     words = "rows are truths, shades their shares, numbers cases; the green boxes are right"
     picture = svg(confusion_picture(outcome.summary.confusion), "confusion", "confusion matrix")
-    yield page.figure(picture, "What was taken for what", words)
+    yield page.figure(page.broad(picture), "What was taken for what", words, "broad")
     broken = [s for s in outcome.scores if s.fault != NONE]
     if any(s.was_in_use for s in broken):
         yield "<div class='columns plots'>"

@@ -142,7 +142,7 @@ def shrinkage(finding: Finding) -> Figure:
     n = sum(name in finding.heldout for name in finding.channels)
     figure, ax = row_figure([row[0] for row in rows], [True] * n, 38)
     for tick in ax.get_yticklabels()[n:]:
-        tick.set_fontsize(7.5)
+        tick.set_fontsize(8)
     before, after = [row[1] for row in rows], [row[2] for row in rows if row[2] is not None]
     dumbbells(ax, before, after if len(after) == len(rows) else None)
     if len(rows) > n:

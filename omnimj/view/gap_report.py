@@ -218,12 +218,12 @@ def _next(finding: Finding, new_model: str | None, new_floors: str | None) -> st
         parts.append(f"<p>{page.text(sentences.separates(finding))}</p>")
         parts.append(gap_tables.parting(wanted.get("parting")))
     if new_model is not None:
-        use = f"{_USES.get(finding.plant, 'omnimj gap DATASET --out OUT')} --model {page.text(new_model)}"
+        use = f"{_USES.get(finding.plant, 'omnimj gap DATASET --out OUT')} --model {new_model}"
         lies = f"The new model lies beside this page as <code>{page.text(new_model)}</code>"
         if new_floors is not None:
-            use += f" --floors {page.text(new_floors)}"
+            use += f" --floors {new_floors}"
             lies += f", the refitted floors as <code>{page.text(new_floors)}</code>"
-        parts.append(f"<p>{lies}:</p><pre><code>{use}</code></pre>")
+        parts.append(f"<p>{lies}:</p>{page.command(use)}")
     return "".join(parts)
 
 
@@ -242,7 +242,7 @@ def _done(finding: Finding, command: str) -> str:
         "neighbouring blocks is correlated, so N_eff and not N says how much the data know; intervals are "
         "90 %."
     )
-    again = f"<p>To do it again:</p><pre><code>{page.text(command)}</code></pre>" if command else ""
+    again = f"<p>To do it again:</p>{page.command(command)}" if command else ""
     table = page.table([(page.text(name), cell) for name, cell in rows])
     return f"<p>{words}</p>{table}{again}"
 

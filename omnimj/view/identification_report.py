@@ -170,7 +170,7 @@ def _method(found: Identification) -> str:
 
 
 def _foot(found: Identification, command: str) -> str:
-    again = f"<p>To make it again:</p><pre><code>{page.text(command)}</code></pre>" if command else ""
+    again = f"<p>To make it again:</p>{page.command(command)}" if command else ""
     return (
         f"<footer>{again}<p>Model {page.text(found.model)}. Beside this page: <code>floors.toml</code> "
         "(the floors for the twin), <code>identification.json</code> (the numbers above and the curves). "

@@ -10,6 +10,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from omnimj.plant.faults import as_record
 from omnimj.plant.interface import Plant
 from omnimj.scenario.drive import Drive
 from omnimj.scenario.methods import make_method
@@ -72,7 +73,9 @@ class LiveRun:
         start = (0.0, 0.0) if planned is None else (float(planned[0, 0]), float(planned[0, 1]))
         method = make_method(self._method, self._scenario)
         names = () if method is None else tuple(method.log_names)
-        blueprint = live_blueprint(self._scenario, self._scenario.duration, start, self._method, names)
+        asked = [as_record(fault) for fault in self._scenario.faults]
+        scenario, duration = self._scenario, self._scenario.duration
+        blueprint = live_blueprint(scenario, duration, start, self._method, names, asked)
         self._spectator.connect(self._stream, blueprint)
         self._mj_model = visible_model(self._scenario)
         self._run.begin(self._known, planned, self._mj_model)

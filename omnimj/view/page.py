@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import base64
 import html
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
 _KINDS = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".svg": "image/svg+xml"}
+_MANY, _SENTENCE = 4, 40  # columns of a table, letters of a cell, from which rows are stacked on a phone
 
 _STYLE = """
 :root { --ink: #1d2733; --muted: #5a6572; --line: #dde2e8; --soft: #f5f7f9; --good: #1d6b4a;
@@ -30,7 +32,12 @@ h1 + .lead + .verdict { margin-bottom: 1.1rem; }
 .columns { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 440px), 1fr));
   gap: 18px 34px; }
 .columns > * { min-width: 0; }
-.wide { overflow-x: auto; }
+.wide { overflow-x: auto; background:
+  linear-gradient(to right, #fff 30%, #fff0) left / 36px 100% no-repeat local,
+  linear-gradient(to left, #fff 30%, #fff0) right / 36px 100% no-repeat local,
+  linear-gradient(to right, #1d273330, #1d273300) left / 12px 100% no-repeat scroll,
+  linear-gradient(to left, #1d273330, #1d273300) right / 12px 100% no-repeat scroll; }
+figure.broad svg { min-width: 780px; }
 table { border-collapse: collapse; width: 100%; font-size: .95rem; }
 th, td { text-align: left; padding: .38rem .9rem .38rem 0; border-bottom: 1px solid var(--line);
   vertical-align: top; }
@@ -51,13 +58,28 @@ code { font-family: ui-monospace, "DejaVu Sans Mono", Menlo, Consolas, monospace
 pre { background: var(--soft); border: 1px solid var(--line); border-radius: 6px; padding: .6rem .8rem;
   margin: .4rem 0;
   overflow-x: auto; white-space: pre-wrap; }
+pre .option { white-space: nowrap; }
 footer { margin-top: 2.4rem; padding-top: .8rem; border-top: 1px solid var(--line); color: var(--muted);
   font-size: .88rem; }
-@media (max-width: 520px) { main { padding: 18px 14px 36px; } h1 { font-size: 1.5rem; }
-  td.number { white-space: normal; } }
+@media screen and (max-width: 520px) { main { padding: 18px 14px 36px; } h1 { font-size: 1.5rem; }
+  td.number { white-space: normal; } td.state { padding-right: .6rem; }
+  figure > svg { width: calc(100% + 28px); margin: 0 -14px; } }
+table.told { margin-bottom: 1.1rem; }
+@media screen and (max-width: 640px) { table.told thead { display: none; }
+  table.told tr { display: block; border-bottom: 2px solid var(--line); padding: .35rem 0; }
+  table.told td { display: flow-root; border: 0; padding: .08rem 0 .08rem 9.5rem; }
+  table.told td.none, table.told td:empty { display: none; }
+  table.told td::before { content: attr(data-head); color: var(--muted); font-size: .86rem;
+    font-weight: 600; float: left; width: 9rem; margin-left: -9.5rem; } }
 @media print { body { font-size: 10.5pt; } main { max-width: none; padding: 0; }
-  .columns { grid-template-columns: 1fr 1fr; gap: 10px 20px; } h2 { break-after: avoid;
-  } tr { break-inside: avoid; } }
+  * { -webkit-print-color-adjust: exact; print-color-adjust: exact; }
+  .columns { grid-template-columns: 1fr 1fr; gap: 10px 20px; }
+  .wide { overflow: visible; background: none; } .wide table { font-size: 9pt; }
+  td, th { overflow-wrap: anywhere; padding-right: .6rem; } td.number { white-space: normal; }
+  figure.broad svg { min-width: 0; }
+  h1, h2, h3, figcaption { break-after: avoid; } tr, pre, figure { break-inside: avoid; }
+  details::details-content { content-visibility: visible; height: auto; }
+  p { orphans: 3; widows: 3; } thead { display: table-header-group; } }
 """
 
 
@@ -69,6 +91,8 @@ def text(words: object) -> str:
 def table(rows: Sequence[Sequence[str]], head: Sequence[str] = ()) -> str:
     """A table of ready cells; the first cell of each row is its heading when the table has no head.
 
+    On a narrow page it is moved under the finger, and where its cells hold sentences each row becomes a list.
+
     Args:
       rows: Cells as HTML (see `cell`).
       head: Column headings as plain text.
@@ -77,11 +101,33 @@ def table(rows: Sequence[Sequence[str]], head: Sequence[str] = ()) -> str:
     body = []
     for row in rows:
         if head:
-            body.append("<tr>" + "".join(row) + "</tr>")
+            named = (_named(one, name) for one, name in zip(row, head, strict=False))
+            body.append("<tr>" + "".join(named) + "</tr>")
         else:
             body.append(f"<tr><th scope='row'>{row[0]}</th>{row[1]}</tr>")
     front = f"<thead><tr>{top}</tr></thead>" if head else ""
-    return f"<div class='wide'><table>{front}<tbody>{''.join(body)}</tbody></table></div>"
+    kind = " class='told'" if len(head) >= _MANY and any(map(_has_sentence, rows)) else ""
+    return f"<div class='wide'><table{kind}>{front}<tbody>{''.join(body)}</tbody></table></div>"
+
+
+def _named(one: str, heading: str) -> str:
+    """A ready cell that carries its column's heading, to be shown where the head is not."""
+    return one.replace("<td", f"<td data-head='{text(heading)}'", 1)
+
+
+def _has_sentence(row: Sequence[str]) -> bool:
+    return any(len(re.sub(r"<[^>]*>", "", one)) > _SENTENCE for one in row)
+
+
+def command(words: object) -> str:
+    """A command line to be copied, broken between its words but not inside `--option`."""
+    ready = re.sub(r"(?<!\S)--?[\w-]+", r"<span class='option'>\g<0></span>", text(words))
+    return f"<pre><code>{ready}</code></pre>"
+
+
+def broad(content: str) -> str:
+    """A drawing as wide as the page; on a narrower screen it is moved under the finger."""
+    return f"<div class='wide'>{content}</div>"
 
 
 def cell(words: object, kind: str = "") -> str:

@@ -166,7 +166,7 @@ def _strip(ax: Axes, row: int, spans: Sequence[Span], duration: float, thick: fl
         # a diagnosis of a single step is still to be seen
         ax.barh(row, max(width, 0.004 * duration), left=span.start, height=thick, color=color, linewidth=0)
         room, ahead = len(span.state) * _WIDE * duration, spans[k + 1].start if k + 1 < len(spans) else np.inf
-        style = {"fontsize": 7.5, "va": "center", "color": palette.INK}
+        style = {"fontsize": 8, "va": "center", "color": palette.INK}
         inside = palette.ink_on(color)
         if width > room:
             middle = 0.5 * (span.start + span.end)

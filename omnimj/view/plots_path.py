@@ -94,7 +94,7 @@ def _outline(ax: Axes, robot: Robot, trace: Trace, row: int) -> None:
         ax.annotate(
             str(i + 1),
             number,
-            fontsize=7.5,
+            fontsize=8,
             color=palette.INK,
             ha="center",
             va="center",

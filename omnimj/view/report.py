@@ -15,6 +15,7 @@ from omnimj.signals import Trace
 from omnimj.view import page, plots, plots_path, plots_rig, report_compared, report_diagnosis, wording
 from omnimj.view.drawing import svg, window
 from omnimj.view.picture import Picture
+from omnimj.view.recovered import layout_words, recovered
 from omnimj.view.wording import Described, Span
 
 _MOVES = 0.01  # [m/s] of a gantry that is not at rest
@@ -52,6 +53,7 @@ def write_report(
         page.section("Other results", _results(scenario, metrics)),
         "</div>",
     ]
+    content.append(_recovered(trace, metrics))
     if wording.is_diagnosed(metrics):
         content.append(report_diagnosis.diagnosis_section(trace, scenario, metrics, spans))
     elif metrics.get("faults"):
@@ -60,7 +62,7 @@ def write_report(
     figures = _figures(trace, scenario, spans)
     content.append(page.section("Plots", f"<div class='columns plots'>{''.join(figures)}</div>"))
     content.append(_foot(metrics))
-    heading, style = f"{wording.title(metrics)} · omnimj", report_diagnosis.STYLE + report_compared.STYLE
+    heading, style = f"{wording.title(metrics)} · omnimj", report_compared.STYLE
     path.write_text(page.document(heading, "\n".join(content), style), encoding="utf-8")
 
 
@@ -112,6 +114,7 @@ def _run_table(scenario: Described, metrics: Mapping[str, Any]) -> str:
     rows = [
         ("scenario", metrics.get("scenario", "–")),
         ("machine", scenario.plant.replace("_", " ")),
+        *_layout(scenario.constants),
         ("plant", metrics.get("plant", "–")),
         ("floor", floor + "".join(f"; patch of {patch}" for patch in patches)),
         ("method", metrics.get("method", "–")),
@@ -120,8 +123,16 @@ def _run_table(scenario: Described, metrics: Mapping[str, Any]) -> str:
         ("omnimj", omnimj.__version__),
     ]
     table = page.table([(page.text(name), page.cell(value)) for name, value in rows])
-    command = page.text(wording.repeat_command(scenario, metrics))
-    return f"{table}<p>To drive it again:</p><pre><code>{command}</code></pre>"
+    command = page.command(wording.repeat_command(scenario, metrics))
+    return f"{table}<p>To drive it again:</p>{command}"
+
+
+def _layout(constants: Robot | Rig) -> list[tuple[str, str]]:
+    """How many wheels, and what cannot be lost of them; nothing for the rig."""
+    if isinstance(constants, Rig):
+        return []
+    limits = layout_words(constants)
+    return [("wheels", f"{len(constants.wheels)}{f': {limits}' if limits else ''}")]
 
 
 def _checks(scenario: Described, metrics: Mapping[str, Any]) -> str:
@@ -158,6 +169,17 @@ def _results(scenario: Described, metrics: Mapping[str, Any]) -> str:
     if speed is not None:
         rows.append(("simulated at", page.cell(f"{wording.number(speed, 3)} × real time", "number")))
     return page.table(rows) if rows else "<p>No results beyond the checks.</p>"
+
+
+def _recovered(trace: Trace, metrics: Mapping[str, Any]) -> str:
+    """What recovery did and could not hold; empty for a run as planned."""
+    ways = recovered(trace, metrics)
+    if not ways:
+        return ""
+    rows = [(page.cell(way.name), page.cell(way.when), page.cell(way.gives_up)) for way in ways]
+    return page.section(
+        "What recovery could hold", page.table(rows, ("recovery", "when", "what it gives up"))
+    )
 
 
 def _faults(metrics: Mapping[str, Any]) -> str:

@@ -16,7 +16,9 @@ HEADING = "With other methods"
 STYLE = """
 table.compared { margin-bottom: 1.1rem; }
 @media (max-width: 520px) { table.compared { font-size: .86rem; }
-  table.compared th, table.compared td { padding-right: .5rem; overflow-wrap: anywhere; } }
+  table.compared th, table.compared td { padding-right: .5rem; }
+  table.compared td, table.compared tbody th { overflow-wrap: anywhere; }
+  table.compared tbody th { width: 26%; } }
 """
 
 

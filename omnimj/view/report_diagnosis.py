@@ -18,16 +18,6 @@ from omnimj.view.wording import Described, Span
 HEADING = "What was diagnosed"
 _HEAD = ("what was wrong", "from – to", "diagnosed", "at", "after", "how sure", "could also be", "cleared")
 _UNKNOWN = "Nobody knows what was wrong with a robot behind a wire; what follows is what the method says."
-STYLE = """
-table.told { margin-bottom: 1.1rem; }
-@media (max-width: 640px) { table.told thead { display: none; }
-  table.told tr { display: block; border-bottom: 2px solid var(--line); padding: .35rem 0; }
-  table.told td { display: grid; grid-template-columns: 9.5em 1fr; border: 0; padding: .08rem 0; }
-  table.told td.none { display: none; }
-  table.told td::before { content: attr(data-head); color: var(--muted); font-size: .86rem;
-    font-weight: 600; } }
-"""
-"""On a narrow page each row of the table becomes a list."""
 
 
 def diagnosis_section(

@@ -22,6 +22,7 @@ from omnimj.view.rerun_scene import Trail, log_floor, log_planned
 from omnimj.view.rerun_signals import Signals, plots_of, with_columns
 from omnimj.view.rerun_states import eventful_lanes, log_states
 from omnimj.view.scene3d import Poses
+from omnimj.view.subject import subject_of
 from omnimj.view.wording import Described
 
 Array = NDArray[np.float64]
@@ -164,9 +165,24 @@ def whole_blueprint(
     method, duration = str(metrics.get("method", wording.NOT_DIAGNOSED)), float(trace["time"][-1])
     plots = with_columns(plots_of(scenario, method, list(trace.columns)), trace)
     start = (float(trace["x"][0]), float(trace["y"][0])) if "x" in trace else (0.0, 0.0)
-    eye = first_eye(scenario, start, has_machine)
+    subject = subject_of(scenario, metrics.get("faults") or ())
+    eye = first_eye(scenario, start, has_machine, subject.from_the_side)
     ranges = [plot.range(trace) for plot in plots]
-    return run_blueprint(plots, duration, eye, ranges, eventful_lanes(metrics, duration))
+    above = _eye_above(trace) if subject.from_above and "x" in trace else None
+    lanes = eventful_lanes(metrics, duration)
+    return run_blueprint(plots, duration, eye, ranges, lanes, subject, above)
+
+
+def _eye_above(trace: Trace) -> Eye:
+    """High above the middle of the path, so that all of it is seen."""
+    places = [np.column_stack([trace["x"], trace["y"]])]
+    planned = planned_position(trace)
+    if planned is not None:
+        places.append(planned)
+    found = np.concatenate(places)
+    low, high = np.nanmin(found, axis=0), np.nanmax(found, axis=0)
+    (x, y), reach = (low + high) / 2.0, float((high - low).max())
+    return Eye((float(x), float(y) - 0.01, 1.3 * reach + 0.8), (float(x), float(y), 0.0))
 
 
 def live_blueprint(
@@ -175,6 +191,7 @@ def live_blueprint(
     start: tuple[float, float],
     method: str = wording.NOT_DIAGNOSED,
     log_names: Sequence[str] = (),
+    faults: Sequence[Mapping[str, Any]] = (),
 ) -> rrb.Blueprint:
     """The arrangement of a run that goes on: the newest is shown, the value axes grow.
 
@@ -184,18 +201,24 @@ def live_blueprint(
       start: Where the robot begins [m].
       method: That looks for faults.
       log_names: Columns that it will log.
+      faults: As in `metrics.json`, as far as the scenario tells.
     """
-    plots = plots_of(scenario, method, log_names)
-    return run_blueprint(plots, duration, first_eye(scenario, start, has_machine=True))
+    plots, subject = plots_of(scenario, method, log_names), subject_of(scenario, faults)
+    eye = first_eye(scenario, start, True, subject.from_the_side)
+    return run_blueprint(plots, duration, eye, subject=subject)
 
 
-def first_eye(scenario: Described, start: tuple[float, float], has_machine: bool) -> Eye:
-    """Where a spectator stands at first: at the robot, at the rig, or above the path."""
+def first_eye(
+    scenario: Described, start: tuple[float, float], has_machine: bool, from_the_side: bool = False
+) -> Eye:
+    """Where a spectator stands at first: at the robot, at its side on slopes, at the rig, above the path."""
     if isinstance(scenario.constants, Rig):
         return Eye((0.1, 1.35, 0.65), (0.75, 0.0, 0.12))
     x, y = start
     if not has_machine:
         return Eye((x - 2.5, y - 2.5, 4.0), (x, y, 0.0))
+    if from_the_side:
+        return Eye((x + 0.1, y - 1.5, 0.25), (x + 0.1, y, 0.1), f"{MACHINE}/chassis/{AROUND}")
     return Eye((x - 0.66, y - 0.8, 0.6), (x, y, 0.07), f"{MACHINE}/chassis/{AROUND}")
 
 

@@ -119,6 +119,14 @@ def _robot_plots(n: int) -> list[Plot]:
         Line("target_heading", "planned", palette.lighter(palette.PLANNED, 0.3), degrees, 1.2),
         Line("heading", "driven", palette.MEASURED, degrees),
     )
+    gyro = (
+        Line("twist_yaw", "true", palette.lighter(palette.PLANNED, 0.3), 1.0, 1.2),
+        Line("yaw_rate", "gyro", palette.MEASURED),
+    )
+    accelerometer = (
+        Line("acceleration_x", "along x", palette.MEASURED),
+        Line("acceleration_y", "along y", palette.ACCENT),
+    )
     return [
         Plot(
             "plots/wheel_speed",
@@ -131,6 +139,8 @@ def _robot_plots(n: int) -> list[Plot]:
         Plot("plots/normal_force", "Normal force [N]", wheels("normal_force")),
         Plot("plots/current", "Current [A]", wheels("current")),
         Plot("plots/heading", "Heading [degrees]", heading, True),
+        Plot("plots/yaw_rate", "Yaw rate [rad/s]", gyro, True),
+        Plot("plots/acceleration", "Acceleration that is measured [m/s²]", accelerometer, True),
     ]
 
 

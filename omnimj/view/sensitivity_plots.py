@@ -47,7 +47,7 @@ def measure_first_picture(
     for (row, column), value in np.ndenumerate(table):
         if value >= 0.5:
             ink = "white" if value > 60.0 else palette.INK
-            right.text(column, row, f"{value:.0f}", fontsize=7.5, color=ink, ha="center", va="center")
+            right.text(column, row, f"{value:.0f}", fontsize=8, color=ink, ha="center", va="center")
     right.set_xticks(range(len(heard)), [study.name for study in heard], rotation=50, ha="right", fontsize=8)
     right.tick_params(axis="y", length=0, labelleft=False)
     right.set_xticks(np.arange(len(heard) + 1) - 0.5, minor=True)

@@ -89,8 +89,8 @@ def _overview(outcome: Outcome) -> str:
         "interval. Right: its share in each single one; what lacks to 100 is below the floor there. "
         f"The first {rows} of {len(outcome.ranks)} numbers above a floor."
     )
-    picture = f"<div class='wide'>{svg(figure, 'first', 'share of each number in every result')}</div>"
-    return page.section("What to measure first", page.figure(picture, "", words))
+    picture = page.broad(svg(figure, "first", "share of each number in every result"))
+    return page.section("What to measure first", page.figure(picture, "", words, "broad"))
 
 
 _PERHAPS_WORDS = (

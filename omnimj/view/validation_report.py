@@ -143,7 +143,7 @@ def _overlays(found: Validation) -> str:
 
 
 def _foot(found: Validation, command: str) -> str:
-    again = f"<p>To make it again:</p><pre><code>{page.text(command)}</code></pre>" if command else ""
+    again = f"<p>To make it again:</p>{page.command(command)}" if command else ""
     return (
         f"<footer>{again}<p>Errors are root mean squares over all samples of a run, sensor noise among them; "
         "both speeds of the simulation pass the sensors' speed filter. Model "

@@ -6,6 +6,7 @@ import math
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
@@ -87,6 +88,11 @@ class Described(Protocol):
     @property
     def patches(self) -> Sequence[Any]:
         """Stretches of other floor: each has `floor`, `center`, `size` and `yaw`."""
+        ...
+
+    @property
+    def scene(self) -> Path | None:
+        """MJCF around the robot: ramps, thresholds; None on a flat floor."""
         ...
 
     @property

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from other_robots import STRAIGHT, mecanum, star
 
 from omnimj.errors import InputError
 from omnimj.parameters import read_robot
@@ -19,7 +20,6 @@ from omnimj.physics.planar_constants import planar_constants
 from omnimj.physics.planar_wheel import contact_force, contact_velocity, wheel_velocity
 from omnimj.plant.planar import PlanarRobot
 from omnimj.signals import CurrentCommand
-from tests.other_robots import STRAIGHT, mecanum, star
 
 ANGLES = st.floats(math.pi / 9.0, 8.0 * math.pi / 9.0)
 SPEEDS = st.floats(-2.0, 2.0)

@@ -9,6 +9,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from other_robots import mecanum, star
 
 from omnimj.parameters import read_floors, read_robot
 from omnimj.physics.kinematics import rolling_matrix
@@ -19,7 +20,6 @@ from omnimj.twin import assembly
 from omnimj.twin.assembly import GRAVITY, robot_model
 from omnimj.twin.spec_parts import load_spec
 from omnimj.twin.twin import RobotTwin
-from tests.other_robots import mecanum, star
 
 STONE = read_floors()["natural_stone"]
 SHIPPED = models_folder() / "uto_robot"

@@ -29,6 +29,7 @@ class MadeScenario:
     patches: tuple[Patch, ...] = ()
     overrides: tuple[str, ...] = ()
     diagnosis: Choice = field(default_factory=Choice)
+    scene: Path | None = None
 
     @property
     def metric_units(self) -> dict[str, str]:

@@ -24,8 +24,19 @@ NAMES = (
     "help taken back",
 )
 """The same for a person."""
+GIVES_UP = (
+    "",
+    "nothing is given up while the currents reach: the others make up for what a motor lacks",
+    "the traction of what slips is given up; the wheels that grip hold place and heading",
+    "the time plan is given up: the wheels that grip cannot hold the robot, so it drives slower",
+    "the heading is given up; the centre still follows the path",
+    "path and heading are given up: the robot cannot be steered any more",
+    "help made following worse: the robot drives as if nothing were broken",
+)
+"""What cannot be held in a mode, in the order of `NAMES`."""
 
-_STEERABLE = 3  # degrees of freedom that a robot on a plane has
+STEERABLE = 3
+"""Degrees of freedom that a robot on a plane has."""
 _LEAST_ARM = 0.1  # of a wheel's moment over the largest one: less can not be turned about
 
 
@@ -57,7 +68,7 @@ def means_for(beliefs: Beliefs, forces: Array, before: Means) -> Means:
         return Means()
     driven, runaway = beliefs.obeys, np.flatnonzero(beliefs.runaway)
     held = np.flatnonzero(beliefs.held | beliefs.runaway)
-    if len(held) == 0 and _rank(forces, driven) == _STEERABLE:
+    if len(held) == 0 and rank_of(forces, driven) == STEERABLE:
         return Means(_mode_of(beliefs, forces, driven))
     if len(held) == 1:
         choices = held
@@ -66,11 +77,23 @@ def means_for(beliefs: Beliefs, forces: Array, before: Means) -> Means:
     else:
         choices = np.array([], int)
     arms = np.abs(forces[2]) >= _LEAST_ARM * np.abs(forces[2]).max()
-    possible = [int(b) for b in choices if arms[b] and _rank(forces, _and(driven, int(b))) == _STEERABLE]
+    possible = [int(b) for b in choices if arms[b] and rank_of(forces, _and(driven, int(b))) == STEERABLE]
     if not possible:
         return Means(STOPPING, -1, _numbered(np.flatnonzero(beliefs.dead | beliefs.runaway)))
     pivot = before.pivot if before.pivot in possible else _most_behind(possible, forces, beliefs.velocity)
     return Means(PIVOTING, pivot, _numbered(runaway) if len(held) else (pivot + 1,))
+
+
+def indispensable(forces: Array) -> tuple[int, ...]:
+    """Wheels 1…n without which the robot cannot be steered and turned at will: the others have rank < 3.
+
+    Args:
+      forces: B, shape (3, n).
+    """
+    n = forces.shape[1]
+    return _numbered(
+        np.flatnonzero([rank_of(forces, np.arange(n) != i) < STEERABLE for i in range(n)]).astype(int)
+    )
 
 
 def _numbered(wheels: NDArray[np.int_]) -> tuple[int, ...]:
@@ -81,7 +104,7 @@ def _mode_of(beliefs: Beliefs, forces: Array, driven: NDArray[np.bool_]) -> int:
     if not beliefs.slipping.any():
         return NORMAL if beliefs.is_healthy else COMPENSATING
     grips = driven & ~beliefs.slipping
-    return CAPPING if _rank(forces, grips) == _STEERABLE else SLOWING
+    return CAPPING if rank_of(forces, grips) == STEERABLE else SLOWING
 
 
 def _and(driven: NDArray[np.bool_], wheel: int) -> NDArray[np.bool_]:
@@ -90,7 +113,13 @@ def _and(driven: NDArray[np.bool_], wheel: int) -> NDArray[np.bool_]:
     return more
 
 
-def _rank(forces: Array, wheels: NDArray[np.bool_]) -> int:
+def rank_of(forces: Array, wheels: NDArray[np.bool_]) -> int:
+    """Degrees of freedom that some of the wheels can push.
+
+    Args:
+      forces: B, shape (3, n).
+      wheels: Which of them, shape (n,).
+    """
     scaled = forces[:, wheels] / np.array([[1.0], [1.0], [np.abs(forces[2]).max()]])
     return int(np.linalg.matrix_rank(scaled, tol=1e-3)) if scaled.size else 0
 

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from other_robots import mecanum, star
 from scipy.integrate import solve_ivp
 
 from omnimj.control.robust.blocks import LINE, align, delays, no_line
@@ -35,7 +36,6 @@ from omnimj.control.robust.slip import (
 )
 from omnimj.control.robust.verdict import Thresholds
 from omnimj.parameters import read_robot
-from tests.other_robots import mecanum, star
 
 ROBOT = read_robot()
 C, SHAPE = numbers(ROBOT, 1e-3), geometry(ROBOT)
