@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import rerun as rr
 import rerun.blueprint as rrb
@@ -136,7 +137,7 @@ def _series(
         if bold
         else []
     )
-    style = {plot.entity: rr.SeriesLines.from_fields(widths=widths)} if _BOLD in widths else None
+    style: Any = {plot.entity: rr.SeriesLines.from_fields(widths=widths)} if _BOLD in widths else None
     return rrb.TimeSeriesView(
         origin=plot.entity,
         name=plot.heading,

@@ -29,7 +29,7 @@ class Subject:
     """What a spectator is to look at first."""
 
     heading: str = ""
-    """Of the plots that come first; empty where no plot is more to the point than another."""
+    """Of the plots that come first, short enough for a tab; empty where none is more to the point."""
     plots: tuple[str, ...] = ()
     """Which these are, from top to bottom: names under `plots/`."""
     wheels: tuple[int, ...] = ()
@@ -52,25 +52,23 @@ class _Rule:
 _RULES = (
     _Rule(
         _SLIPS,
-        "Slip: who slips, and what traction is left",
+        "Slip and traction",
         ("slip_velocity", "traction_force", "residual_slip"),
     ),
     _Rule(
         _MOTORS,
-        "Motors: what they get, and what is left of them",
+        "Motors",
         ("current", "effectiveness", "residual_motor"),
     ),
     _Rule(
         _PUSHES,
-        "What pushes the robot, and what its motors need for it",
+        "What pushes the robot",
         ("current", "residual_force"),
     ),
-    _Rule(_LENGTHS, "Where the robot points", ("heading", "yaw_rate")),
+    _Rule(_LENGTHS, "Heading", ("heading", "yaw_rate")),
 )
 """From the first that applies the heading is taken; the plots of all that apply follow one another."""
-_RIG = Subject(
-    "The wheel: current, slip, and how fast the carriage gets", ("current", "slip_velocity", "speed")
-)
+_RIG = Subject("Current, slip, speed", ("current", "slip_velocity", "speed"))
 
 
 def subject_of(scenario: Described, faults: Sequence[Mapping[str, Any]]) -> Subject:
@@ -86,7 +84,7 @@ def subject_of(scenario: Described, faults: Sequence[Mapping[str, Any]]) -> Subj
     headings, plots = [], []
     for fault in faults:
         if fault["kind"] == "sensor":
-            headings.append("The sensor that is wrong")
+            headings.append("The wrong sensor")
             plots += _of_channel(str(fault.get("channel", "")))
     for rule in _RULES:
         if any(kind in rule.kinds for kind in kinds):
@@ -95,9 +93,9 @@ def subject_of(scenario: Described, faults: Sequence[Mapping[str, Any]]) -> Subj
     slopes = scenario.scene is not None or "slope" in kinds
     path = "path_error_max" in scenario.metric_units
     if not plots and slopes:
-        headings, plots = ["Slopes: load and currents"], ["normal_force", "current"]
+        headings, plots = ["Load on slopes"], ["normal_force", "current"]
     elif not plots and path:
-        headings, plots = ["Where the robot points, and how its wheels turn"], ["heading", "wheel_speed"]
+        headings, plots = ["Heading and wheels"], ["heading", "wheel_speed"]
     wheels = sorted({int(fault["wheel"]) for fault in faults if fault.get("wheel") is not None})
     heading = headings[0] if headings else ""
     return Subject(heading, tuple(dict.fromkeys(plots)), tuple(wheels), path, slopes)

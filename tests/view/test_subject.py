@@ -93,7 +93,7 @@ def test_the_recording_shows_it_with_the_concerned_wheels_bold(
 ):
     write_recording(tmp_path / "run.rrd", with_robust(robot_trace), robot_scenario, robot_metrics)
     names, widths = blueprint_of(tmp_path / "run.rrd")
-    wanted = {"Slip: who slips, and what traction is left", "What the machine did", "Path from above"}
+    wanted = {"Slip and traction", "What the machine did", "Path from above"}
     assert wanted <= set(names)
     assert names.count("Slip velocity [m/s]") == 1, "no plot twice"
     bold = {re.findall(r"overrides/plots/(\w+)", entity)[0]: np.array(row) > 3.0 for entity, row in widths}
