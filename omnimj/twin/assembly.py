@@ -180,7 +180,7 @@ def robot_model(
     """
     floors = read_floors() if floors is None else floors
     path = models_folder() / "uto_robot" / "scene.xml" if scene is None else scene
-    spec = load_spec(path, {ROBOT_FILE: robot_mjcf(robot)})
+    spec = load_spec(path, {ROBOT_FILE: robot_mjcf(robot, models_folder() / "uto_robot" / ROBOT_FILE)})
     _write_body(spec, robot)
     for i, mount in enumerate(robot.wheels, start=1):
         write_wheel(spec, f"wheel_{i}_", robot.wheel, robot.motor, mount.roller_angle)

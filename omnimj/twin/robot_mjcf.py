@@ -8,24 +8,33 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 from pathlib import Path
 
+from omnimj.errors import InputError
 from omnimj.parameters import Robot
 from omnimj.parameters.robot import WheelMount
-from omnimj.resources import models_folder
 
 ROBOT_FILE = "uto_robot.xml"
 _ARM = 0.25  # [m] at which the file's wheels and the frames beside them stand
 _OF_A_WHEEL = re.compile(r"(corner|guide|motor)_1\b|wheel_1(?=_)")
 
 
-def robot_mjcf(robot: Robot) -> bytes:
+def robot_mjcf(robot: Robot, path: Path) -> bytes:
     """The MJCF of a robot with as many wheels as its model file has, to stand in for `uto_robot.xml`.
 
     Corners, motors and contact sensors are those of wheel 1 under other numbers; where they stand and what
     they weigh is written into the parsed model later, as for the file itself.
+
+    Args:
+      robot: The constants.
+      path: `uto_robot.xml`; what is no XML is handed on as it is, for MuJoCo to say what is wrong with it.
+
+    Raises:
+      InputError: It lacks a part that is to be copied.
     """
-    path = models_folder() / "uto_robot" / ROBOT_FILE
-    root = ET.fromstring(path.read_text(encoding="utf-8"))
-    count = len(robot.wheels)
+    content, count = path.read_bytes(), len(robot.wheels)
+    try:
+        root = ET.fromstring(content)
+    except ET.ParseError:
+        return content
     chassis = _found(root, ".//body[@name='chassis']")
     _multiply(chassis, "corner_1", r"corner_\d+", count)
     _multiply(_found(root, "actuator"), "motor_1", r"motor_\d+", count)
@@ -38,7 +47,8 @@ def robot_mjcf(robot: Robot) -> bytes:
 
 def _found(root: ET.Element, path: str) -> ET.Element:
     element = root.find(path)
-    assert element is not None, path  # the shipped file has it, a test says so
+    if element is None:
+        raise InputError(ROBOT_FILE, f"has no {path}", "its first corner is copied for every wheel")
     return element
 
 
