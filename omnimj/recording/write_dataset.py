@@ -116,7 +116,7 @@ def dataset_text(plant: str, defaults: Mapping[str, float | str], runs: Iterable
     runs = list(runs)
     lines = [_MARK, f"plant = {_value(plant)}"]
     wheels = sum(name.startswith("wheel_speed_") for name in runs[0].columns) if runs else ROBOT_WHEELS
-    if plant == "uto_robot" and wheels != ROBOT_WHEELS:
+    if plant == "uto_robot" and wheels not in (0, ROBOT_WHEELS):
         lines.append(f"wheels = {wheels}")
     if defaults:
         lines += ["", "[defaults]", *(f"{key} = {_value(value)}" for key, value in defaults.items())]

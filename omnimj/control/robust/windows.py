@@ -47,7 +47,12 @@ def scores(ring, filled, head, theta, precision, low, high, found):
     grams, pulls, squares = np.zeros((windows + 1, p, p)), np.zeros((windows + 1, p)), np.zeros(windows + 1)
     found[:, :] = 0.0
     ended = _sum_up(ring, filled, head, theta, grams, pulls, squares)
-    chol, solved = np.linalg.cholesky(precision + grams[windows]), np.empty(p)
+    whole, solved = precision.copy(), np.empty(p)
+    for j in range(p):
+        for q in range(j + 1):
+            whole[j, q] += grams[windows, j, q]
+            whole[q, j] = whole[j, q]
+    chol = np.linalg.cholesky(whole)
     forward(chol, pulls[windows], solved)
     for w in range(ended):
         _weigh(grams[w], pulls[w], squares[w], chol, solved, low, high, _LENGTHS[w], found)
@@ -56,7 +61,11 @@ def scores(ring, filled, head, theta, precision, low, high, found):
 
 @kernel
 def _sum_up(ring, filled, head, theta, grams, pulls, squares):
-    """Fills XᵀX, Xᵀ r and rᵀ r, r = ρ − X θ̂, of each window and, last, of all; how many windows end."""
+    """Fills XᵀX (below the diagonal), Xᵀ r and rᵀ r, r = ρ − X θ̂, of each window and, last, of all.
+
+    Returns:
+      How many windows end.
+    """
     p, window, last = theta.size, 0, len(_LENGTHS)
     gram, pulled = grams[last], pulls[last]
     row = head
@@ -77,10 +86,6 @@ def _sum_up(ring, filled, head, theta, grams, pulls, squares):
         if window < last and m + 1 == _LENGTHS[window]:
             grams[window], pulls[window], squares[window] = gram, pulled, squares[last]
             window += 1
-    for j in range(p):
-        for q in range(j):
-            for w in range(last + 1):
-                grams[w, q, j] = grams[w, j, q]
     return window
 
 
@@ -89,7 +94,7 @@ def _weigh(gram, pulled, squares, chol, solved, low, high, blocks, found):
     """Every hypothesis at one window; keeps the better of this and what was found at shorter ones.
 
     Args:
-      gram: XᵀX of the window, shape (p, p).
+      gram: XᵀX of the window, below the diagonal, shape (p, p).
       pulled: Xᵀ r of it, shape (p,).
       squares: rᵀ r of it.
       chol: Factor L of P⁻¹ + XᵀX of the whole second.
@@ -99,10 +104,12 @@ def _weigh(gram, pulled, squares, chol, solved, low, high, blocks, found):
       found: Of `scores`.
     """
     p, length = pulled.size, float(blocks)
-    side, shift = np.empty(p), np.empty(p)
+    beside, side, shift = np.empty(p), np.empty(p), np.empty(p)
     for h in range(low.size):
         column, score = gram[h, h], pulled[h]
-        forward(chol, gram[h], side)
+        for j in range(p):
+            beside[j] = gram[h, j] if j <= h else gram[j, h]
+        forward(chol, beside, side)
         for j in range(p):
             score -= side[j] * solved[j]
             column -= side[j] * side[j]
@@ -118,9 +125,10 @@ def _weigh(gram, pulled, squares, chol, solved, low, high, blocks, found):
         left = squares - size * (2.0 * pulled[h] - size * gram[h, h])
         for j in range(p):
             along = 0.0
-            for q in range(p):
+            for q in range(j):
                 along += gram[j, q] * shift[q]
-            left += shift[j] * (along - 2.0 * (pulled[j] - size * gram[h, j]))
+            along = 2.0 * along + gram[j, j] * shift[j]
+            left += shift[j] * (along - 2.0 * (pulled[j] - size * beside[j]))
         likelihood /= max(1.0, left / (3.0 * length))
         if likelihood > found[h, LIKELIHOOD]:
             found[h, LIKELIHOOD], found[h, SIZE] = likelihood, size
