@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 
 from omnimj.control.method import Method
 from omnimj.control.published.choice import Choice
+from omnimj.control.published.layout import other_layout
 from omnimj.control.published.rig import PublishedRig
-from omnimj.control.published.robot import PublishedRobot, other_layout
+from omnimj.control.published.robot import PublishedRobot
 from omnimj.control.published.thresholds import chosen_thresholds
 from omnimj.control.robust import ObserverGains, Robust
 from omnimj.control.robust.verdict import Thresholds

@@ -290,9 +290,8 @@ def _rig_figures(trace: Trace, radius: float, spans: Sequence[Span]) -> Wanted:
 
 
 def _foot(metrics: Mapping[str, Any]) -> str:
-    traces = "".join(
-        f", <code>trace_{page.text(method)}.parquet</code>" for method in metrics.get("compared") or ()
-    )
+    others = metrics.get("compared") or ()
+    traces = "".join(f", <code>trace_{page.text(method)}.parquet</code>" for method in others)
     return (
         f"<footer><p>Beside this page: <code>trace.parquet</code>{traces} (every signal of every step), "
         "<code>metrics.json</code> (the numbers above), <code>run.rrd</code> (the run in 3-D, open it with "

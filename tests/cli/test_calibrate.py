@@ -188,6 +188,7 @@ def test_bad_flags_are_one_line(refused, folder, files, tmp_path):
     assert "no such file" in refused(
         "calibrate", str(folder), *rate, "--model", "none.toml", "--out", "t.toml"
     )
+    assert "unknown shipped" in refused("calibrate", str(folder), *rate, "--model", "none", "--out", "t.toml")
     channels = ("current", "wheel_speed", "carriage_speed", "carriage_acceleration")
     rig = {name: np.zeros(60) for name in channels}
     rig_run = Run("one", {"time": np.arange(60.0) / 1000.0, **rig}, {}, {**FLOOR, "mass": 4.0})

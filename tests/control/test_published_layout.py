@@ -7,7 +7,7 @@ import dataclasses
 import pytest
 from other_robots import mecanum, star
 
-from omnimj.control.published.robot import other_layout
+from omnimj.control.published.layout import other_layout
 from omnimj.errors import InputError
 from omnimj.parameters import Robot, read_robot
 from omnimj.scenario.methods import make_method, methods_of

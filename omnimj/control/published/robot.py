@@ -13,6 +13,7 @@ from omnimj.control.method import Advice
 from omnimj.control.published import robot_residuals
 from omnimj.control.published.choice import Choice
 from omnimj.control.published.forces import matching_lags, time_passed
+from omnimj.control.published.layout import LAYOUT, other_layout
 from omnimj.control.published.recovery import (
     WeightedKinematics,
     lost_share,
@@ -43,7 +44,6 @@ time [s] is told as one."""
 
 NORMAL, SLIPPING, ESTIMATING, RECOVERED = range(4)
 """Modes, Fig. 6.9: no fault; weights for a slipping wheel; a torque constant is being found; it has been."""
-_WHEELS = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,26 +85,6 @@ class RobotState:
     """K_t of Eq. 6.2 over the nominal one: what was believed before this fault."""
 
 
-_LAYOUT = (
-    "Table 5.2 is for four omni wheels of which 1 and 3 drive along y, 2 and 4 along x, or the other way"
-)
-
-
-def other_layout(robot: Robot) -> str:
-    """What of a robot's wheels the published method is not for; empty where it fits."""
-    u, n = robot.drive_directions, len(robot.wheels)
-    if n != _WHEELS:
-        return f"found {n} wheels"
-    if not np.all(np.isclose(np.abs(u).max(axis=1), 1.0, atol=1e-6)):
-        return "a wheel drives askew"
-    along_x = np.abs(u[:, 0]) > 0.5
-    if np.any(along_x != along_x[[2, 3, 0, 1]]) or along_x[0] == along_x[1]:
-        return "wheels 1 and 3 do not drive across wheels 2 and 4"
-    if any(abs(wheel.roller_angle - 0.5 * np.pi) > 1e-6 for wheel in robot.wheels):
-        return "a wheel has turned rollers"
-    return ""
-
-
 class PublishedRobot:
     """Chapters 5 and 6 beside the cascade.
 
@@ -122,7 +102,7 @@ class PublishedRobot:
         u, n = robot.drive_directions, len(robot.wheels)
         found = other_layout(robot)
         if found:
-            raise InputError(f"{robot.file}: [[wheels]]", found, _LAYOUT)
+            raise InputError(f"{robot.file}: [[wheels]]", found, LAYOUT)
         constants = planar_constants(robot)
         odometry = np.linalg.pinv(rolling_matrix(robot.wheel_positions, u))
         self._odometry, self._wheels, self._printed = odometry, n, choice.printed
