@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import add_floors, names, whole_number
+from omnimj.cli.arguments import add_executor, add_floors, names, whole_number
 from omnimj.cli.compiling import note_compiled, say_compiling
 from omnimj.cli.progress import ProgressBar
 from omnimj.cli.tables import table
@@ -53,6 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", metavar="N", type=whole_number(0, 2**62), default=0, help=words)
     words = "processes (default 1)"
     parser.add_argument("--workers", metavar="N", type=whole_number(1, 256), default=1, help=words)
+    add_executor(parser)
     words = "change a value of the scenario file, e.g. floor=pvc; may be given many times"
     parser.add_argument(
         "--set", metavar="KEY=VALUE", action="append", default=[], dest="overrides", help=words
@@ -86,6 +87,7 @@ def run(arguments: Any) -> int:
     from omnimj.sensitivity.driving import Asked, scenario_of
     from omnimj.sensitivity.order import Order, check_order
     from omnimj.sensitivity.study import NUMBERS, run_study
+    from omnimj.trials.executors import open_executor
     from omnimj.view.sensitivity_report import write_sensitivity_files
 
     asked = Asked(
@@ -109,9 +111,11 @@ def run(arguments: Any) -> int:
     scenario = scenario_of(asked)
     say_compiling(order.asked.plant, scenario.plant)
     check_order(order)
-    with ProgressBar() as bar:
+    with open_executor(arguments.executor) as executor, ProgressBar() as bar:
         outcome = run_study(
-            order, lambda phrase, share: bar.show(round(_FINE * min(max(share, 0.0), 1.0)), _FINE, phrase)
+            order,
+            lambda phrase, share: bar.show(round(_FINE * min(max(share, 0.0), 1.0)), _FINE, phrase),
+            executor,
         )
     if outcome.runs:
         note_compiled(order.asked.plant, scenario.plant)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,7 +33,6 @@ class Asked:
     """Of diagnosis; the scenario's own when None."""
 
 
-@functools.lru_cache(maxsize=4)
 def scenario_of(asked: Asked) -> Scenario:
     """The scenario as the controller believes it.
 

@@ -53,7 +53,6 @@ def check_order(order: Order) -> tuple[Scenario, tuple[Varied, ...], tuple[LeftO
     for source in order.sources:
         if source not in SOURCES:
             raise UnknownNameError("--source", "source", source, SOURCES)
-    scenario_of.cache_clear()  # its files may have changed since
     scenario = scenario_of(order.asked)
     varied, left_out = varied_of(scenario, order.sources, order.share)
     if not varied:

@@ -147,6 +147,10 @@ def test_out_is_needed(refused):
         (["run", "rig_slip"], "--gains: rig_slip is driven on the test rig; it has no cascade"),
         (["evaluate", "--executor", "dask:here", "--out", "out"], "--executor: found 'dask:here'"),
         (
+            ["sensitivity", "nylon_patch", "--executor", "dask:here", "--out", "out"],
+            "--executor: found 'dask:here'",
+        ),
+        (
             ["evaluate", "--executor", "dask:tcp://a:1", "--record", "--out", "out"],
             "--record: found with --executor dask:tcp://a:1; recordings would stay on the disks",
         ),

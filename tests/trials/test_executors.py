@@ -6,14 +6,17 @@ import os
 import signal
 import sys
 import warnings
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from omnimj.errors import InputError, SimulationError
 from omnimj.evaluation.cases import Choice
 from omnimj.evaluation.evaluation import Order, run_evaluation
+from omnimj.sensitivity.driving import Asked, drive_changed
 from omnimj.trials.executors import WorkerLost, open_executor, scheduler_of
 from omnimj.trials.pool import with_workers
 from omnimj.trials.results import keep_in, read_result
@@ -80,6 +83,23 @@ def die_always(number: int) -> dict[str, int]:
     return {"number": number}
 
 
+def driven_by_all(function: Callable[..., Any], tasks: Mapping[str, tuple], dask: Executor) -> dict[str, Any]:
+    """What comes of the tasks, by name; the same by threads, by processes and by a cluster."""
+
+    def driven(executor: Executor | None) -> dict[str, Any]:
+        found: dict[str, Any] = {}
+        assert with_workers(
+            lambda w: w.do_all(function, tasks, found.__setitem__, "driving", quiet), 1, executor
+        )
+        return found
+
+    with ThreadPoolExecutor(2) as threads:
+        here = driven(threads)
+    assert driven(None) == here
+    assert driven(dask) == here
+    return here
+
+
 def test_an_evaluation_by_processes_by_a_thread_and_by_a_cluster_is_the_same(tmp_path, dask):
     def evaluated(name: str, executor: Executor | None) -> str:
         choice = Choice("manoeuvres", 100, duration=2.5)
@@ -110,18 +130,19 @@ def test_trials_of_a_tuning_are_the_same_by_processes_by_a_thread_and_by_a_clust
         for gain in (1.0, 4.0)
     }
 
-    def driven(executor: Executor | None) -> dict[str, object]:
-        found: dict[str, object] = {}
-        assert with_workers(
-            lambda w: w.do_all(drive_trial, tasks, found.__setitem__, "driving", quiet), 1, executor
-        )
-        return found
-
-    with ThreadPoolExecutor(2) as threads:
-        here = driven(threads)
-    assert driven(None) == here
-    assert driven(dask) == here
+    here = driven_by_all(drive_trial, tasks, dask)
     assert here["0_1.0"] != here["0_4.0"] and "facts" in str(here["0_1.0"])
+
+
+def test_runs_of_a_sensitivity_study_are_the_same_by_processes_by_a_thread_and_by_a_cluster(tmp_path, dask):
+    file = tmp_path / "push.toml"
+    file.write_text(SCENARIO, encoding="utf-8")
+    tasks = {str(mass): (Asked(str(file)), {"body.mass": mass}, 3) for mass in (20.0, 30.0)}
+    here = driven_by_all(drive_changed, tasks, dask)
+    assert here["20.0"]["results"] != here["30.0"]["results"]
+    # a worker that lives on reads a file that has changed since
+    file.write_text(SCENARIO.replace("speed = 0.3", "speed = 0.2"), encoding="utf-8")
+    assert driven_by_all(drive_changed, tasks, dask)["20.0"] != here["20.0"]
 
 
 def test_work_whose_worker_is_killed_is_done_by_another(tmp_path, dask):
