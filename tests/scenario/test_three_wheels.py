@@ -53,6 +53,21 @@ def test_a_slipping_wheel_of_three_is_isolated_and_let_go_and_nothing_else_is_na
     assert 1.3 < told["diagnoses"][0]["cleared"] < 1.9
 
 
+@pytest.mark.parametrize("plant", ["planar", "twin"])
+@pytest.mark.parametrize("way", [1.0, -1.0])
+@pytest.mark.parametrize("wheel", WHEELS)
+def test_a_motor_of_three_that_dies_while_it_alone_carries_the_drive_is_all_that_is_named(plant, way, wheel):
+    overrides = (
+        f"drive.direction={way * math.pi / 2 + (wheel - 1) * 2.0 * math.pi / 3.0}",
+        f"faults=[{{ wheel = {wheel}, kind = 'motor', onset = 0.8, loss = 1.0 }}]",
+    )
+    run = run_scenario(read_scenario("three_wheel_weak_motor", overrides), plant, "robust")
+    told = run.metrics
+    assert told["isolated"] and told["false_alarms"] == 0 and told["detection_delay"] <= 0.12
+    assert run.trace[f"effectiveness_{wheel}"][-1] <= 0.1  # although its wheel stands and friction hides much
+    assert PIVOTING in run.trace["recovery"] and told["tracking_error_max"] <= 0.3
+
+
 def driven(fault, seed, duration):
     plant = PlanarRobot(ROBOT, "pvc", faults=[fault] if fault else [], seed=seed)
     controller = DiagnosingController(Controller(ROBOT), Robust(ROBOT), Recovery(ROBOT))

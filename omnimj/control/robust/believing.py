@@ -81,3 +81,12 @@ def unknown_forces(verdict: Verdict, wheels: int) -> Array:
         if d.cleared is None and (d.kind == "locked" or lies or is_still(d)):
             unknown[[w - 1 for w in d.wheels]] = 1.0
     return unknown
+
+
+def weak_motors(verdict: Verdict, wheels: int) -> Array:
+    """Wheels whose motor is known to be broken, 1 or 0, shape (wheels,)."""
+    weak = np.zeros(wheels)
+    for d in verdict.diagnoses:
+        if d.cleared is None and d.kind == "motor":
+            weak[[w - 1 for w in d.wheels]] = 1.0
+    return weak

@@ -210,14 +210,20 @@ def _worn(
         if learnt[i] > most and verdict.standing(i + 1) is None:
             left = float(max(1.0 - losses[i], 0.0))
             verdict = with_one_more(verdict, Diagnosis(time, "motor", (i + 1,), 0.9, (), left))
-    return _known_better(verdict, losses)
+    return _known_better(verdict, losses, time)
 
 
-def _known_better(verdict: Verdict, losses: Array) -> Verdict:
-    """What is left of weak motors, as it is known by now."""
+def _known_better(verdict: Verdict, losses: Array, time: float) -> Verdict:
+    """What is left of weak motors, as it is known by now; one that is named at this moment knows best."""
 
     def told(d: Diagnosis) -> Diagnosis:
-        if d.cleared is not None or d.kind != "motor" or d.ambiguous_with or d.effectiveness is None:
+        if (
+            d.time == time
+            or d.cleared is not None
+            or d.kind != "motor"
+            or d.ambiguous_with
+            or d.effectiveness is None
+        ):
             return d
         left = float(min(max(1.0 - losses[d.wheels[0] - 1], 0.0), 1.0))
         return replace(d, effectiveness=left) if abs(left - d.effectiveness) > _KNOWN_BETTER else d

@@ -169,7 +169,7 @@ def _feel_slope(forces, believed, counters, spread):
 @kernel
 def _hear_forces(
     c, forces, across, walk, loose, low, high, current, speed, acceleration, turning, rate, spin,
-    unknown, deaf, accepted, fresh, ring, cursor, recent, theta, cov, found, force, rho, misfit,
+    unknown, deaf, weak, accepted, fresh, ring, cursor, recent, theta, cov, found, force, rho, misfit,
 ):  # fmt: skip
     """The force channel's part of `update`; whether the robot moves enough to be judged."""
     n = speed.size
@@ -183,7 +183,7 @@ def _hear_forces(
     slowest, sideways = _slowest(recent, cursor, speed, side)
     moving = np.abs(speed).max() > MOVES
     if moving:
-        whiten(c, forces, across, current, slowest, sideways, unknown, deaf, x, raw)
+        whiten(c, forces, across, current, slowest, sideways, unknown, deaf, weak, x, raw)
         if fresh:
             learn(theta, cov, walk, lasting(n), x, raw)
         learning = not fresh and found[:, LIKELIHOOD].max() < CALM
@@ -219,7 +219,7 @@ def _hear_wheels(
 @kernel
 def update(
     c, forces, across, walk, loose, low, high,
-    current, speed, acceleration, turning, rate, spin, wanted, believed, unknown, deaf, accepted, fresh,
+    current, speed, acceleration, turning, rate, spin, wanted, believed, unknown, deaf, weak, accepted, fresh,
     ring, cursor, recent, theta, cov, velocity, spread, counters, found, force, rho, misfit,
 ):  # fmt: skip
     """One block into the evidence, in place.
@@ -242,6 +242,7 @@ def update(
       believed: 1 for wheels that have a say about the velocity, shape (n,).
       unknown: 1 for wheels whose force nobody knows (locked), shape (n,).
       deaf: 1 for axes along which the accelerometer lies, shape (2,).
+      weak: 1 for wheels whose motor is known to be broken, shape (n,).
       accepted: Losses that were diagnosed, shape (n,): θ holds what comes on top.
       fresh: Whether blocks are learnt from at once: just after a loss was accepted.
       ring: And all behind it: of `Evidence`.
@@ -251,7 +252,7 @@ def update(
     """
     moving = _hear_forces(
         c, forces, across, walk, loose, low, high, current, speed, acceleration, turning, rate, spin,
-        unknown, deaf, accepted, fresh, ring, cursor, recent, theta, cov, found, force, rho, misfit,
+        unknown, deaf, weak, accepted, fresh, ring, cursor, recent, theta, cov, found, force, rho, misfit,
     )  # fmt: skip
     load = c[LOAD] * min(max(1.0 + theta[2 * speed.size + 3], LIGHTEST), HEAVIEST)  # with what it carries
     _hear_wheels(

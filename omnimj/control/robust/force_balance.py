@@ -38,6 +38,9 @@ SLOW_SIDEWAYS = 0.05
 """The same of rollers [m/s]."""
 _UNKNOWN = 1e4  # [N²]
 _NOT_JUDGED = 0.5  # standard deviation of the loss of a motor that is not judged
+_PULLS = (
+    5.0  # × dry friction: what a motor that is known to be weak gives a slow wheel is learnt from there on
+)
 _TURNING = 0.3  # [rad/s] width of the sign
 _SIDEWAYS = 0.01  # [m/s] the same for the rollers
 NOISE = (1.0, 1.0, 0.6)
@@ -133,12 +136,14 @@ def rolling_twist(c, forces, speed, turning):
 
 
 @kernel
-def whiten(c, forces, across, current, slowest, sideways, unknown, deaf, x, rho):
+def whiten(c, forces, across, current, slowest, sideways, unknown, deaf, weak, x, rho):
     """Scales the rows of X and ρ so that the noise is white and of size 1.
 
     A wheel that turns slowly, or did a moment ago, holds any friction between ± dry, and goes on to hold it:
     a number h of its own along its column of B, and noise for its changes. Its motor is not judged meanwhile:
-    what that may lack is noise too, or the robot's other numbers would have to answer for it. So do rollers
+    what that may lack is noise too, or the robot's other numbers would have to answer for it. One that is
+    known to be broken is judged all the same where its current is far beyond what friction can hold: a wheel
+    that stands for want of its motor shall not hide how little is left. So do rollers
     that hardly turn.
 
     Args:
@@ -150,6 +155,7 @@ def whiten(c, forces, across, current, slowest, sideways, unknown, deaf, x, rho)
       sideways: The same of the speed along the axle, shape (n,) [m/s].
       unknown: 1 for wheels whose force nobody knows, shape (n,).
       deaf: 1 for axes along which the accelerometer lies, shape (2,).
+      weak: 1 for wheels whose motor is known to be broken, shape (n,).
       x: In and out, shape (3, p).
       rho: In and out, shape (3,).
     """
@@ -161,7 +167,9 @@ def whiten(c, forces, across, current, slowest, sideways, unknown, deaf, x, rho)
     n, dry, rollers = slowest.size, c[DRY], c[LOAD] * c[ROLLER_DRY]
     held = lasting(n)
     for i in range(slowest.size):
-        lacks = _NOT_JUDGED * c[TORQUE] * current[i]
+        full = c[TORQUE] * current[i]
+        hidden = slowest[i] < SLOW and (weak[i] == 0.0 or abs(full) < _PULLS * dry)
+        lacks = _NOT_JUDGED * full if hidden else 0.0
         for k in range(3):
             for j in range(3):
                 if unknown[i] != 0.0:
@@ -170,8 +178,8 @@ def whiten(c, forces, across, current, slowest, sideways, unknown, deaf, x, rho)
                     cov[k, j] += forces[k, i] * forces[j, i] * (dry * dry + lacks * lacks)
                 if sideways[i] < SLOW_SIDEWAYS:
                     cov[k, j] += across[i, k] * across[i, j] * rollers * rollers
-            x[k, held + i] = forces[k, i] * dry if slowest[i] < SLOW else 0.0
-            if slowest[i] < SLOW:  # what its motor gives, its friction may take
+            x[k, held + i] = forces[k, i] * dry if hidden else 0.0
+            if hidden:  # what its motor gives, its friction may take
                 x[k, i] = x[k, n + i] = 0.0
             x[k, held + n + i] = across[i, k] * rollers if sideways[i] < SLOW_SIDEWAYS else 0.0
     # Cholesky factor L, then forward substitution of every column

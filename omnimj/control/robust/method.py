@@ -10,7 +10,7 @@ import numpy as np
 from omnimj.control.controller import is_good
 from omnimj.control.gyro_bias import turn_row
 from omnimj.control.method import Beliefs
-from omnimj.control.robust.believing import believe, believed_wheels, deaf_axes, unknown_forces
+from omnimj.control.robust.believing import believe, believed_wheels, deaf_axes, unknown_forces, weak_motors
 from omnimj.control.robust.blocks import delays, ranges, take_block
 from omnimj.control.robust.constants import BLOCK, RADIUS, geometry, numbers
 from omnimj.control.robust.counters import SLIPPING
@@ -182,12 +182,13 @@ class Robust:
         evidence = state.evidence.copy()
         self._mend(block, evidence, state.verdict)
         c, forces, across, walk, loose, low, high = self._constants
+        weak = weak_motors(state.verdict, n)
         moving = update(
-            c, forces, across, walk, self._looser(loose, state.verdict), low, high,
+            c, forces, across, walk, self._looser(loose, weak), low, high,
             block[:n], block[n : 2 * n], block[2 * n : 2 * n + 2], block[2 * n + 2],
             block[2 * n + 3 : 3 * n + 3], block[3 * n + 3], block[:n] + samples.wanted / BLOCK,
             believed_wheels(state.verdict, n, state.fresh), unknown_forces(state.verdict, n),
-            deaf_axes(state.verdict), state.accepted, state.fresh > 0,
+            deaf_axes(state.verdict), weak, state.accepted, state.fresh > 0,
             evidence.ring, evidence.cursor, evidence.recent, evidence.theta, evidence.cov, evidence.velocity,
             evidence.spread, evidence.counters, evidence.found, evidence.force, evidence.rho,
             evidence.misfit,
@@ -207,17 +208,13 @@ class Robust:
         verdict, past = put_by(verdict, state.past, float(measurement.time))
         return RobustState(samples, evidence, verdict, accepted, fresh, beliefs, log, past)
 
-    def _looser(self, loose: Array, verdict: Verdict) -> Array:
+    def _looser(self, loose: Array, weak: Array) -> Array:
         """`slow.loose`, with broken motors, of which no law is known as well as of healthy ones."""
-        broken = [
-            w - 1 for d in verdict.diagnoses if d.cleared is None and d.kind == "motor" for w in d.wheels
-        ]
-        if not broken:
+        if not weak.any():
             return loose
-        looser = loose.copy()
-        for i in broken:
-            looser[i] += BROKEN_LOSS_VARIES**2
-            looser[self.wheels + i] += BROKEN_FRICTION_VARIES**2
+        looser, n = loose.copy(), self.wheels
+        looser[:n] += weak * BROKEN_LOSS_VARIES**2
+        looser[n : 2 * n] += weak * BROKEN_FRICTION_VARIES**2
         return looser
 
     def _mend(self, block: Array, evidence: Evidence, verdict: Verdict) -> None:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from omnimj.control.robust.constants import geometry, numbers
-from omnimj.control.robust.force_balance import balance, columns, rolling_twist, whiten
+from omnimj.control.robust.constants import DRY, geometry, numbers
+from omnimj.control.robust.force_balance import NOISE, balance, columns, rolling_twist, whiten
 from omnimj.control.robust.slow import LOSS, known_losses, learn, prior
 from omnimj.control.robust.windows import DEVIATION, LIKELIHOOD, LONGEST, SCORE, SIZE, WINDOWS, scores
 from omnimj.parameters import read_robot
@@ -64,13 +64,44 @@ def test_whitened_noise_has_the_size_one():
     rows = np.eye(3)
     x, rho = np.zeros((3, P)), np.zeros(3)
     x[:, 2 * N + 2 : 2 * N + 5] = rows
-    whiten(C, SHAPE.forces, SHAPE.across, np.zeros(N), slowest, sideways, unknown, np.zeros(2), x, rho)
+    whiten(
+        C,
+        SHAPE.forces,
+        SHAPE.across,
+        np.zeros(N),
+        slowest,
+        sideways,
+        unknown,
+        np.zeros(2),
+        np.zeros(N),
+        x,
+        rho,
+    )
     factor = x[:, 2 * N + 2 : 2 * N + 5]  # L⁻¹
     cov = np.linalg.inv(factor) @ np.linalg.inv(factor).T
     sample = factor @ np.linalg.cholesky(cov) @ rng.standard_normal((3, 20000))
     assert np.cov(sample) == pytest.approx(np.eye(3), abs=0.05)
     # nobody knows the force of wheel 4, which drives along x: nothing is left of that direction
     assert np.linalg.norm(factor @ SHAPE.forces[:, 3]) < 0.05 * np.linalg.norm(factor @ SHAPE.forces[:, 1])
+
+
+@pytest.mark.parametrize(
+    ("current", "weak", "judged"), [(1.5, 1.0, True), (1.5, 0.0, False), (0.3, 1.0, False)]
+)
+def test_a_slow_wheel_tells_of_its_motor_only_when_that_is_known_to_be_weak_and_is_given_much(
+    current, weak, judged
+):
+    currents, slow = np.array([current, 0.0, 0.0, 0.0]), np.array([0.1, 9.0, 9.0, 9.0])
+    x, rho = balanced(currents, (0.0, 9.0, -9.0, 9.0))
+    rows, known = x.copy(), np.array([weak, 0.0, 0.0, 0.0])
+    zero = np.zeros(N)
+    whiten(C, SHAPE.forces, SHAPE.across, currents, slow, np.ones(N), zero, np.zeros(2), known, x, rho)
+    assert bool(x[:, 0].any()) is judged
+    if judged:  # of the same balance as the others, with any friction that the wheel may hold
+        assert x[:, 2 * N + 5].tolist() == [0.0] * 3
+        spread = np.outer(SHAPE.forces[:, 0], SHAPE.forces[:, 0]) * C[DRY] ** 2
+        low = np.linalg.cholesky(np.diag(np.square(NOISE)) + spread)
+        assert low @ x[:, 0] == pytest.approx(rows[:, 0])
 
 
 def blocks(rng, theta, length):

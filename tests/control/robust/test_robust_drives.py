@@ -18,6 +18,8 @@ from omnimj.loop import drive
 from omnimj.parameters import read_robot
 from omnimj.plant.conditions import Fault
 from omnimj.plant.planar import PlanarRobot
+from omnimj.scenario.running import run_scenario
+from omnimj.scenario.scenario import read_scenario
 from omnimj.scenario.suites.missions import mission
 from omnimj.signals import Measurement, Trace
 
@@ -59,6 +61,18 @@ def test_a_weak_motor_is_named_and_measured(wheel, loss):
     assert trace[f"effectiveness_{wheel}"][-1] == pytest.approx(1.0 - loss, abs=0.06)
     others = [trace[f"effectiveness_{i}"][-1] for i in range(1, 5) if i != wheel]
     assert others == pytest.approx(np.ones(3), abs=0.08)
+
+
+@pytest.mark.parametrize("loss", [0.3, 0.57, 0.8])
+def test_what_is_left_of_a_motor_is_told_as_soon_as_it_is_named(loss):
+    trace = run_scenario(
+        read_scenario("degraded_motor", (f"faults.0.loss={loss}",)), "planar", "robust"
+    ).trace
+    left = trace["effectiveness_1"]
+    first = int(np.argmax(left < 1.0))
+    assert trace["time"][first] - 0.8 < 0.12
+    assert left[first : first + 50] == pytest.approx(1.0 - loss, abs=0.08)
+    assert left[-1] == pytest.approx(1.0 - loss, abs=0.03)
 
 
 @pytest.mark.parametrize(("wheel", "seed"), [(2, 23), (4, 27)])
