@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
+from pathlib import Path
 
 from omnimj.parameters import Robot, read_robot
 from omnimj.parameters.robot import WheelMount
+from omnimj.resources import models_folder
 
 STRAIGHT = 0.5 * math.pi
 
@@ -27,3 +30,15 @@ def mecanum(length: float = 0.2, width: float = 0.2, angle: float = 0.25 * math.
     turned = (math.pi - angle, angle, math.pi - angle, angle)
     mounts = [WheelMount(p, (1.0, 0.0), g) for p, g in zip(places, turned, strict=True)]
     return dataclasses.replace(read_robot(), wheels=tuple(mounts))
+
+
+def write_mecanum_of_the_guide(path: Path, yaw_gain: float = 3.0) -> Path:
+    """The model file that `models/README.md` describes in words."""
+    guide = (models_folder() / "README.md").read_text(encoding="utf-8")
+    (ahead,) = re.findall(r"```toml\n(.*?)```", guide, flags=re.DOTALL)
+    behind = ahead.replace("[0.2, 0.2]", "[-0.2, -0.2]").replace("[0.2, -0.2]", "[-0.2, 0.2]")
+    text = (models_folder() / "three_wheel" / "robot.toml").read_text(encoding="utf-8")
+    body, rest = text.split("[[wheels]]", 1)[0], text[text.index("[control]") :]
+    rest = re.sub(r"(yaw_rate_proportional = \{ value = )[\d.]+", rf"\g<1>{yaw_gain}", rest)
+    path.write_text(f"{body}{ahead}{behind}{rest}", encoding="utf-8")
+    return path

@@ -5,11 +5,13 @@ import shlex
 from pathlib import Path
 
 import pytest
+from other_robots import write_mecanum_of_the_guide
 
 from omnimj.cli.main import make_parser
 from omnimj.parameters import read_robot
 from omnimj.scenario.listing import list_scenarios
 from omnimj.scenario.scenario import read_scenario
+from omnimj.view.claims import CLAIMS
 
 ROOT = Path(__file__).parent.parent
 TEXT = (ROOT / "README.md").read_text()
@@ -55,13 +57,7 @@ def test_lines_for_a_shell_in_the_guide_are_commands(line):
 
 
 def test_the_mecanum_platform_of_the_guide_is_a_robot_whose_wheels_push_across_the_diagonals(tmp_path):
-    (ahead,) = re.findall(r"```toml\n(.*?)```", GUIDE, flags=re.DOTALL)
-    behind = ahead.replace("[0.2, 0.2]", "[-0.2, -0.2]").replace("[0.2, -0.2]", "[-0.2, 0.2]")
-    text = (ROOT / "models" / "three_wheel" / "robot.toml").read_text()
-    body, rest = text.split("[[wheels]]", 1)[0], text[text.index("[control]") :]
-    path = tmp_path / "robot.toml"
-    path.write_text(f"{body}{ahead}{behind}{rest}")
-    mounts = read_robot(path).wheels
+    mounts = read_robot(write_mecanum_of_the_guide(tmp_path / "robot.toml")).wheels
     assert [w.roller_axis[0] * w.position[0] + w.roller_axis[1] * w.position[1] for w in mounts] == (
         pytest.approx([0.0] * 4, abs=1e-12)
     )
@@ -75,6 +71,12 @@ def test_every_shipped_scenario_stands_in_the_readme():
 def test_links_and_pictures_of_the_readme_exist():
     for target in re.findall(r"\]\(([^)#]+)\)", TEXT):
         assert (ROOT / target).exists(), target
+
+
+@pytest.mark.parametrize("name", CLAIMS)
+def test_every_claim_has_its_picture(name):
+    assert f"](models/{name}.png)" in TEXT
+    assert (ROOT / "models" / f"{name}.png").stat().st_size < 100_000
 
 
 def test_ci_runs_the_readme_s_two_commands():
