@@ -5,9 +5,12 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from omnimj.errors import InputError
+
+if TYPE_CHECKING:
+    from omnimj.control.gains import Gains
 
 
 def add_floors(parser: argparse.ArgumentParser) -> None:
@@ -41,6 +44,20 @@ def add_gains(parser: argparse.ArgumentParser) -> None:
     """`--gains FILE`."""
     words = "of cascade, recovery and observer, from omnimj tune (default: the model's and the shipped ones)"
     parser.add_argument("--gains", metavar="FILE", type=Path, help=words)
+
+
+def read_gains_file(file: Path | None, model: Path | None = None) -> Gains | None:
+    """The gains in a file, over those of a model; None without one.
+
+    Raises:
+      InputError, UnknownNameError: As `control.gains.read_gains` and `read_robot`.
+    """
+    if file is None:
+        return None
+    from omnimj.control.gains import read_gains
+    from omnimj.parameters import read_robot
+
+    return read_gains(file, read_robot(model).control)
 
 
 def add_executor(parser: argparse.ArgumentParser) -> None:

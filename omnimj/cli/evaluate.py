@@ -6,14 +6,21 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import add_executor, add_gains, add_thresholds, names, read_thresholds, whole_number
+from omnimj.cli.arguments import (
+    add_executor,
+    add_gains,
+    add_thresholds,
+    names,
+    read_gains_file,
+    read_thresholds,
+    whole_number,
+)
 from omnimj.cli.compiling import note_compiled, say_compiling
 from omnimj.cli.progress import ProgressBar
 from omnimj.cli.tables import table
 from omnimj.errors import InputError
 
 if TYPE_CHECKING:
-    from omnimj.control.gains import Gains
     from omnimj.evaluation.evaluation import Outcome
 
 HELP = "drive many randomised cases with a method and judge what it diagnosed and what its recovery is worth"
@@ -99,7 +106,7 @@ def run(arguments: Any) -> int:
         arguments.force,
         read_thresholds(arguments.thresholds, arguments.method),
         arguments.record,
-        _read_gains(arguments.gains),
+        read_gains_file(arguments.gains),
     )
     check_order(order)
     if arguments.record and arguments.executor is not None:
@@ -122,15 +129,6 @@ def run(arguments: Any) -> int:
     else:
         print(_told(outcome, arguments.out))
     return 130 if outcome.interrupted else 1 if outcome.failed else 0
-
-
-def _read_gains(file: Path | None) -> Gains | None:
-    if file is None:
-        return None
-    from omnimj.control.gains import read_gains
-    from omnimj.parameters import read_robot
-
-    return read_gains(file, read_robot().control)
 
 
 def _told(outcome: Outcome, folder: Path) -> str:

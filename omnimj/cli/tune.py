@@ -11,14 +11,15 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import add_executor, names, whole_number
+from omnimj.cli.arguments import add_executor, names, read_gains_file, whole_number
 from omnimj.cli.compiling import note_compiled, say_compiling
 from omnimj.cli.progress import ProgressBar
 from omnimj.cli.tables import table
 from omnimj.errors import InputError
 
 if TYPE_CHECKING:
-    from omnimj.tuning.tuning import Order, Outcome
+    from omnimj.tuning.order import Order
+    from omnimj.tuning.tuning import Outcome
 
 INTERRUPTED = 130
 HELP = "search the gains of cascade, recovery and observer over randomised runs and judge them on other seeds"
@@ -65,6 +66,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--phase-margin", metavar="DEGREES", type=_positive, default=40.0, help=words)
     words = "a copy of robot.toml with changed values (default: the shipped robot)"
     parser.add_argument("--model", metavar="FILE", type=Path, help=words)
+    words = "gains to begin with, as tune writes them (default: the model's and the shipped ones)"
+    parser.add_argument("--gains", metavar="FILE", type=Path, help=words)
     words = "processes (default 1)"
     parser.add_argument("--workers", metavar="N", type=whole_number(1, 256), default=1, help=words)
     add_executor(parser)
@@ -97,7 +100,8 @@ def run(arguments: Any) -> int:
     from omnimj.recording.folder import whole_file
     from omnimj.trials.executors import open_executor
     from omnimj.tuning.gains_file import gains_text
-    from omnimj.tuning.tuning import check_order, run_tuning
+    from omnimj.tuning.order import check_order
+    from omnimj.tuning.tuning import run_tuning
     from omnimj.view.tuning_report import write_tuning_report
 
     order = _order(arguments)
@@ -127,8 +131,8 @@ def run(arguments: Any) -> int:
 
 def _order(arguments: Any) -> Order:
     from omnimj.tuning.cost import Limits
+    from omnimj.tuning.order import Order, evaluations_to_generations
     from omnimj.tuning.space import chosen_names
-    from omnimj.tuning.tuning import Order, evaluations_to_generations
 
     chosen = chosen_names(arguments.only)
     generations = arguments.generations
@@ -149,6 +153,7 @@ def _order(arguments: Any) -> Order:
         workers=arguments.workers,
         force=arguments.force,
         model=arguments.model,
+        gains=read_gains_file(arguments.gains, arguments.model),
     )
 
 

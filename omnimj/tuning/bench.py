@@ -33,12 +33,20 @@ class Bench:
     Args:
       folder: From `prepared`.
       axes: What a candidate's values are of.
+      before: Gains before the search, by their names, where they are not those of the model.
       workers: Who drives.
       report: Called with a phrase and the share that is done of what is under way.
     """
 
-    def __init__(self, folder: Path, axes: Sequence[Axis], workers: Workers, report: Report):
-        self._folder, self._axes = folder, tuple(axes)
+    def __init__(
+        self,
+        folder: Path,
+        axes: Sequence[Axis],
+        before: Mapping[str, float],
+        workers: Workers,
+        report: Report,
+    ):
+        self._folder, self._axes, self._before = folder, tuple(axes), dict(before)
         self._workers, self._report = workers, report
         self._uses: dict[str, Any] = {}
 
@@ -54,19 +62,24 @@ class Bench:
         self._find_uses(draws)
         tasks = {
             _name(draw, values): (draw, values)
-            for values in (named(self._axes, one) for one in dict.fromkeys(candidates))
+            for values in map(self._values, dict.fromkeys(candidates))
             for draw in draws
         }
         ready = {name: (*given, self._uses.get(given[0].name)) for name, given in tasks.items()}
         found = self._done(drive_trial, ready, phrase)
         return [
-            tuple(facts_of(found[_name(draw, named(self._axes, one))]) for draw in draws)
-            for one in candidates
+            tuple(facts_of(found[_name(draw, self._values(one))]) for draw in draws) for one in candidates
         ]
+
+    def _values(self, candidate: Candidate) -> Mapping[str, float]:
+        """All gains that are not the model's, by their names."""
+        return {**self._before, **named(self._axes, candidate)}
 
     def _find_uses(self, draws: Sequence[Draw]) -> None:
         tasks = {
-            f"uses_{draw.name}": (draw,) for draw in draws if draw.is_broken and draw.name not in self._uses
+            f"uses_{draw.name}": (draw, self._before)
+            for draw in draws
+            if draw.is_broken and draw.name not in self._uses
         }
         for result in self._done(drive_healthy, tasks, "driving without faults").items():
             self._uses[result[0].removeprefix("uses_")] = result[1]["uses"]

@@ -34,15 +34,19 @@ Uses = Sequence[Sequence[Sequence[float]]]
 """Per wheel the stretches of time in which it is asked to pull, [from, to] each [s]."""
 
 
-def drive_healthy(draw: Draw) -> dict[str, Any]:
-    """When each wheel is in use in a draw, told by the run without faults, diagnosis or changed gains.
+def drive_healthy(draw: Draw, values: Mapping[str, float]) -> dict[str, Any]:
+    """When each wheel is in use in a draw, told by the run without faults or diagnosis.
+
+    Args:
+      draw: With its truth.
+      values: Gains by their names, over those of the model: those before the search.
 
     Returns:
       `draw`: the truth. `uses`: of the wheels. Or `error`: what went wrong.
     """
 
     def driven() -> dict[str, Any]:
-        scenario = read_scenario(draw.scenario, (), draw.model)
+        scenario = _read(draw, values)
         trace = _run(in_draw(scenario, draw, False), draw, "off", scenario)
         if trace.about["failure"]:
             raise SimulationError(f"{draw.name}: {trace.about['failure']}")
@@ -65,8 +69,7 @@ def drive_trial(draw: Draw, values: Mapping[str, float], uses: Uses | None) -> d
     """
 
     def driven() -> dict[str, Any]:
-        scenario = read_scenario(draw.scenario, (), draw.model)
-        scenario = with_gains(scenario, gains_of(scenario).changed(values))
+        scenario = _read(draw, values)
         believed, truth = in_draw(scenario, draw, False), in_draw(scenario, draw, True)
         trace = _run(believed, draw, METHOD, truth)
         found = {"broke": trace.about["failure"]}
@@ -75,6 +78,11 @@ def drive_trial(draw: Draw, values: Mapping[str, float], uses: Uses | None) -> d
         return plain({"draw": draw.as_plain(), "gains": dict(values), "facts": found})
 
     return guarded(driven)
+
+
+def _read(draw: Draw, values: Mapping[str, float]) -> Scenario:
+    scenario = read_scenario(draw.scenario, (), draw.model)
+    return with_gains(scenario, gains_of(scenario).changed(values))
 
 
 def _run(believed: Scenario, draw: Draw, method: str, truth: Scenario) -> Trace:

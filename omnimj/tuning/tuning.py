@@ -4,74 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import omnimj
-from omnimj.control.gains import NAMES, Gains
-from omnimj.errors import InputError, UnknownNameError
+from omnimj.control.gains import Gains
+from omnimj.errors import InputError
 from omnimj.parameters import Floor, read_floors, read_robot
-from omnimj.scenario.plants import PLANT_NAMES
 from omnimj.trials.pool import Report, Workers, with_workers
 from omnimj.tuning.bench import Bench, prepared
-from omnimj.tuning.cost import Limits, Score, margin_score, score, too_little_margin
+from omnimj.tuning.cost import Score, margin_score, score, too_little_margin
 from omnimj.tuning.draws import JUDGING, Draw, draw_trial, read_tuned_scenarios
 from omnimj.tuning.landscape import Landscape, survey
 from omnimj.tuning.margins import FLOORS, Margin, least, margins
-from omnimj.tuning.search import Candidate, Search, generation_size
+from omnimj.tuning.order import Order, by_name, check_order
+from omnimj.tuning.search import Candidate, Search
 from omnimj.tuning.space import Axis, axes_of, with_values
 
 TWIN = "twin"
-
-
-@dataclass(frozen=True)
-class Order:
-    """What is to be done."""
-
-    out: Path
-    """The gains file."""
-    scenarios: tuple[str, ...]
-    names: tuple[str, ...] = NAMES
-    """Gains that are tuned."""
-    plant: str = "planar"
-    seed: int = 0
-    """Below 100."""
-    trials: int = 4
-    """Draws per scenario that candidates are driven with; with four everything goes wrong once."""
-    judging: int = 8
-    """Draws per scenario that the result is judged with."""
-    twin: int = 0
-    """The same on the twin, beside those."""
-    generations: int = 20
-    landscape: int = 7
-    """Points per side of the pictures of the cost; 0: none."""
-    limits: Limits = field(default_factory=Limits)
-    workers: int = 1
-    force: bool = False
-    """Whether the trials of another order may be replaced."""
-    model: Path | None = None
-    """Of the robot; the shipped one when None."""
-
-    @property
-    def folder(self) -> Path:
-        """Of the trials."""
-        return self.out.with_name(f"{self.out.stem}_trials")
-
-    def plan(self) -> dict[str, Any]:
-        """What must be alike for kept trials to be gone on with; more generations are added to them."""
-        before = Gains(read_robot(self.model).control)
-        return {
-            "before": {name: before.value(name) for name in NAMES},
-            "scenarios": list(self.scenarios),
-            "names": list(self.names),
-            "plant": self.plant,
-            "seed": self.seed,
-            "trials": self.trials,
-            "limits": [self.limits.saturation, self.limits.phase_margin],
-            "model": None if self.model is None else str(self.model),
-            "version": omnimj.__version__,
-        }
 
 
 @dataclass(frozen=True)
@@ -79,7 +28,7 @@ class Tried:
     """A candidate and its score on the training draws."""
 
     generation: int
-    """From 1; 0: the gains before."""
+    """From 1; 0: the gains before; beyond the last: the middle of the search, and what was put back."""
     values: Candidate
     score: Score
 
@@ -123,19 +72,6 @@ class Outcome:
         return all(verdict.is_better for verdict in self.verdicts)
 
 
-def check_order(order: Order) -> None:
-    """Whether what is named in it exists.
-
-    Raises:
-      UnknownNameError: A plant or scenario that does not exist.
-      InputError: A scenario that cannot be tuned with, or a gain that is 0 in the model.
-    """
-    if order.plant not in PLANT_NAMES:
-        raise UnknownNameError("--plant", "plant", order.plant, PLANT_NAMES)
-    read_tuned_scenarios(order.scenarios, order.model)
-    axes_of(Gains(read_robot(order.model).control), order.names)
-
-
 def run_tuning(order: Order, report: Report, executor: Executor | None = None) -> Outcome | None:
     """Searches, judges, and looks around what was found; trials that are kept are not driven again.
 
@@ -168,11 +104,13 @@ class _Tuning:
     def __init__(self, order: Order, workers: Workers, folder: Path, report: Report):
         self._order, self._report = order, report
         self._robot = read_robot(order.model)
-        self._before = Gains(self._robot.control)
+        self._before = order.before
         self.axes = axes_of(self._before, order.names)
         self._start: Candidate = tuple(axis.start for axis in self.axes)
         self._scenarios = read_tuned_scenarios(order.scenarios, order.model)
-        self._bench = Bench(folder, self.axes, workers, self._tell)
+        usual = by_name(Gains(self._robot.control))
+        changed = {name: value for name, value in by_name(self._before).items() if value != usual[name]}
+        self._bench = Bench(folder, self.axes, changed, workers, self._tell)
         self._floors = _measured_floors()
         self._phrase, self._done, self._share = "", 0.0, 0.0
         self._margin_before = self._margin(self._start)
@@ -183,8 +121,9 @@ class _Tuning:
         """All of it."""
         order = self._order
         self._search()
-        best = min(self.tried, key=lambda one: (one.score.violation, one.score.cost))
-        self._step("judging", 0.10)
+        self._step("what makes no difference", 0.05)
+        best = self._settled(min(self.tried, key=lambda one: (one.score.violation, one.score.cost)))
+        self._step("judging", 0.05)
         verdicts = [self._judged(best.values, order.plant, order.judging)]
         if order.twin:
             verdicts.append(self._judged(best.values, TWIN, order.twin))
@@ -223,6 +162,23 @@ class _Tuning:
         self.tried.append(
             Tried(generations + 1, search.middle, self._scores([search.middle], self._draws)[0])
         )
+
+    def _settled(self, best: Tried) -> Tried:
+        """The best one with every gain that makes no difference where it was before the search.
+
+        A gain that these draws do not feel drifts with those that they do; one after the other, that which
+        went least far first, is put back, and stays there if nothing is lost by it.
+        """
+        far = [abs(axis.place(value)) for axis, value in zip(self.axes, best.values, strict=True)]
+        for k in sorted(range(len(far)), key=far.__getitem__):
+            values = tuple(self._start[j] if j == k else value for j, value in enumerate(best.values))
+            if values == best.values:
+                continue
+            back = Tried(self._order.generations + 1, values, self._scores([values], self._draws)[0])
+            self.tried.append(back)
+            if not best.score.is_better_than(back.score):
+                best = back
+        return best
 
     def _judged(self, values: Candidate, plant: str, count: int) -> Verdict:
         seed = self._order.seed + JUDGING
@@ -276,8 +232,3 @@ class _Tuning:
 def _measured_floors() -> tuple[Floor, ...]:
     floors = read_floors()
     return tuple(floors[name] for name in FLOORS)
-
-
-def evaluations_to_generations(evaluations: int, names: Sequence[str]) -> int:
-    """Whole generations that a number of candidates makes, at least one."""
-    return max(1, evaluations // generation_size(len(names)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 import tomllib
 from concurrent.futures import ThreadPoolExecutor
 
@@ -11,18 +12,19 @@ import numpy as np
 import pytest
 from made_scenario import Here, quiet, scenario_file
 
-from omnimj.control.gains import read_gains
+from omnimj.control.gains import NAMES, Gains, read_gains
 from omnimj.errors import InputError, SimulationError, UnknownNameError
 from omnimj.parameters import read_robot
 from omnimj.trials.results import read_result, write_json
-from omnimj.tuning import bench, tuning
+from omnimj.tuning import bench
 from omnimj.tuning.draws import FAULTS, draw_trial, in_draw, read_tuned_scenarios
 from omnimj.tuning.driving import drive_healthy, drive_trial
 from omnimj.tuning.facts import facts_of
 from omnimj.tuning.gains_file import gains_text
 from omnimj.tuning.landscape import importance, pairs
+from omnimj.tuning.order import Order
 from omnimj.tuning.space import chosen_names
-from omnimj.tuning.tuning import Order, Outcome, run_tuning
+from omnimj.tuning.tuning import Outcome, run_tuning
 from omnimj.view.tuning_plots import front_of
 from omnimj.view.tuning_report import write_tuning_report
 
@@ -70,7 +72,8 @@ def test_more_generations_are_added_to_those_that_are_there(order):
     first = done(order)
     more = Here()
     longer = done(dataclasses.replace(order, generations=3), more)
-    assert longer.tried[: len(first.tried) - 1] == first.tried[:-1]
+    searched = [one for one in first.tried if one.generation <= order.generations]
+    assert list(longer.tried[: len(searched)]) == searched
     assert 0 < more.given < len(longer.tried) * 2 + 20
 
 
@@ -90,6 +93,31 @@ def test_what_is_found_is_never_worse_than_the_gains_before_on_the_draws_it_was_
     (verdict,) = outcome.verdicts
     assert verdict.seed == 100 and verdict.before.cost == pytest.approx(1.0)
     assert outcome.is_better == verdict.after.is_better_than(verdict.before)
+
+
+def test_a_gain_that_makes_no_difference_stays_where_it_was(order):
+    idle = "recovery.grip_share"  # nothing slips in these draws
+    tried = dataclasses.replace(order, names=(*CASCADE, idle))
+    outcome = done(tried)
+    before = Gains(read_robot().control)
+    assert outcome.gains.value(idle) == before.value(idle)
+    assert any(one.values[2] != before.value(idle) for one in outcome.tried), "the search had moved it"
+    assert outcome.gains.value(CASCADE[0]) != before.value(CASCADE[0])
+
+
+def test_a_search_that_begins_with_the_gains_of_a_file_is_that_of_a_robot_that_has_them(order, tmp_path):
+    file, model = tmp_path / "first.toml", tmp_path / "robot.toml"
+    entry = '[control]\nspeed_integral = { value = 2.0, unit = "A/rad", source = "chosen" }\n'
+    file.write_text(entry, encoding="utf-8")
+    text = read_robot().file.read_text(encoding="utf-8")
+    old = re.findall(r"speed_integral = .*", text)
+    model.write_text(text.replace(old[0], entry.split("\n")[1]), encoding="utf-8")
+    begun = dataclasses.replace(order, gains=read_gains(file, read_robot().control), out=tmp_path / "a.toml")
+    of_model = done(dataclasses.replace(order, model=model, out=tmp_path / "b.toml"))
+    outcome = done(begun)
+    assert outcome.gains == of_model.gains and outcome.gains.value("control.speed_integral") == 2.0
+    assert [one.score for one in outcome.tried] == [one.score for one in of_model.tried]
+    assert outcome.verdicts == of_model.verdicts
 
 
 def test_the_file_is_read_again_as_the_gains_that_were_found_and_says_where_it_comes_from(order):
@@ -210,7 +238,7 @@ def test_scenarios_that_cannot_be_tuned_with_are_refused(tmp_path):
 
 
 def test_gains_are_chosen_by_name_or_table():
-    assert chosen_names(()) == tuning.NAMES
+    assert chosen_names(()) == NAMES
     assert len(chosen_names(("recovery",))) == 4
     assert chosen_names(("recovery", CASCADE[0]))[0] == CASCADE[0]
     with pytest.raises(UnknownNameError, match=r"did you mean 'control\.speed_integral'"):
@@ -243,7 +271,7 @@ def test_a_draw_on_the_twin_is_driven_like_one_on_the_planar_plant(tmp_path):
     found = {}
     for plant in ("planar", "twin"):
         draw = draw_trial(text, scenario, 3, 0, plant)
-        uses = drive_healthy(draw)["uses"]
+        uses = drive_healthy(draw, {})["uses"]
         assert len(uses) == 4 and all(a <= b for wheel in uses for a, b in wheel)
         found[plant] = facts_of(drive_trial(draw, {"control.speed_integral": 2.5}, uses))
     assert all(facts.broke is None for facts in found.values())
