@@ -44,6 +44,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "gains or groups of them: control, recovery, observer, control.speed_proportional, … (default all)"
     )
     parser.add_argument("--only", metavar="NAMES", type=names, default=(), help=words)
+    words = "least and largest value of a gain, NAME=LOW:HIGH (default: a factor of 4 either way); repeatable"
+    parser.add_argument("--bound", metavar="TEXT", action="append", default=[], dest="bounds", help=words)
     parser.add_argument("--plant", metavar="P", default="planar", help="planar (default) or twin")
     words = "of draws and search, 0 to 99 (default 0); judged with 100 more"
     parser.add_argument("--seed", metavar="N", type=whole_number(0, 99), default=0, help=words)
@@ -64,6 +66,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--saturation", metavar="SECONDS", type=_positive, default=0.5, help=words)
     words = "least of all loops (default 40)"
     parser.add_argument("--phase-margin", metavar="DEGREES", type=_positive, default=40.0, help=words)
+    words = "most by which a wheel may go beyond a step of its speed, as a share (default 0.3)"
+    parser.add_argument("--overshoot", metavar="SHARE", type=_positive, default=0.3, help=words)
     words = "a copy of robot.toml with changed values (default: the shipped robot)"
     parser.add_argument("--model", metavar="FILE", type=Path, help=words)
     words = "gains to begin with, as tune writes them (default: the model's and the shipped ones)"
@@ -132,7 +136,7 @@ def run(arguments: Any) -> int:
 def _order(arguments: Any) -> Order:
     from omnimj.tuning.cost import Limits
     from omnimj.tuning.order import Order, evaluations_to_generations
-    from omnimj.tuning.space import chosen_names
+    from omnimj.tuning.space import chosen_names, read_bound
 
     chosen = chosen_names(arguments.only)
     generations = arguments.generations
@@ -142,6 +146,7 @@ def _order(arguments: Any) -> Order:
         out=arguments.out,
         scenarios=tuple(arguments.scenarios),
         names=chosen,
+        bounds=dict(read_bound(text) for text in arguments.bounds),
         plant=arguments.plant,
         seed=arguments.seed,
         trials=arguments.trials,
@@ -149,7 +154,7 @@ def _order(arguments: Any) -> Order:
         twin=arguments.twin,
         generations=generations,
         landscape=arguments.landscape,
-        limits=Limits(arguments.saturation, arguments.phase_margin),
+        limits=Limits(arguments.saturation, arguments.phase_margin, arguments.overshoot),
         workers=arguments.workers,
         force=arguments.force,
         model=arguments.model,

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from omnimj.tuning.facts import Facts
+from omnimj.tuning.margins import Loops
 from omnimj.tuning.space import Axis
 
 TRACKING, EFFORT, SLIP, DETECTION, MARGINS = "tracking", "effort", "slip", "detection", "margins"
@@ -55,6 +56,8 @@ class Limits:
     """Longest time at the largest current of a wheel without a fault [s]."""
     phase_margin: float = 40.0
     """Least of all loops [°]."""
+    overshoot: float = 0.3
+    """Largest of a wheel's speed after a step, linear about rest, as a share."""
 
 
 @dataclass(frozen=True)
@@ -70,8 +73,8 @@ class Score:
     missed: int
     saturation: float
     """Longest [s]."""
-    margin: float
-    """Least phase margin [°]."""
+    loops: Loops
+    """Least phase margin, largest overshoot."""
     broke: int
     """Runs that broke down."""
 
@@ -92,24 +95,25 @@ class Score:
         return (self.violation, self.cost) < (other.violation, other.cost)
 
 
-def too_little_margin(margin: float, limits: Limits) -> float:
-    """By how much a phase margin is too small, as a share of the limit; 0: it is not."""
-    return max(limits.phase_margin - margin, 0.0) / limits.phase_margin
+def unsteadiness(loops: Loops, limits: Limits) -> float:
+    """By how much phase margin and overshoot miss their limits, as shares of them; 0: they do not."""
+    missing = max(limits.phase_margin - loops.phase, 0.0) / limits.phase_margin
+    return missing + max(loops.overshoot - limits.overshoot, 0.0) / limits.overshoot
 
 
-def margin_score(margin: float, limits: Limits) -> Score:
-    """Of a candidate that is not driven, since its loops have too little margin."""
-    # what it would do beside that is not known: it comes after those whose margins are right
-    violation = _BROKE + too_little_margin(margin, limits)
+def score_undriven(loops: Loops, limits: Limits) -> Score:
+    """Of a candidate that is not driven, since its loops are not steady enough."""
+    # what it would do beside that is not known: it comes after those whose loops are right
+    violation = _BROKE + unsteadiness(loops, limits)
     terms = dict.fromkeys(TERMS, math.inf)
-    return Score(math.inf, violation, MappingProxyType(terms), 0, 0, 0.0, margin, 0)
+    return Score(math.inf, violation, MappingProxyType(terms), 0, 0, 0.0, loops, 0)
 
 
 def score(
     found: Sequence[Facts],
     before: Sequence[Facts],
-    margin: float,
-    margin_before: float,
+    loops: Loops,
+    loops_before: Loops,
     limits: Limits,
     axes: Sequence[Axis] = (),
     values: Sequence[float] = (),
@@ -119,15 +123,15 @@ def score(
     Args:
       found: Facts, one per draw.
       before: The same with the gains before; none of them broke down.
-      margin: Least phase margin [°].
-      margin_before: The same with the gains before.
+      loops: How steady they are.
+      loops_before: The same with the gains before.
       limits: What must hold.
       axes: What is tuned.
       values: The candidate's values along the axes.
     """
     broke = sum(one.broke is not None for one in found)
     terms = {name: _term(name, found, before) for name in TERMS if name != "margin"}
-    terms["margin"] = margin_before / max(margin, 1e-3)
+    terms["margin"] = loops_before.phase / max(loops.phase, 1e-3)
     moved = [axis.place(value) ** 2 for axis, value in zip(axes, values, strict=True)]
     cost = sum(TERMS[name].weight * value for name, value in terms.items())
     cost += STAYS * sum(moved) / max(len(moved), 1)
@@ -135,7 +139,7 @@ def score(
         max(one.saturation - limits.saturation, 0.0) / limits.saturation for one in found if one.broke is None
     ]
     alarms = sum(one.false_alarms for one in found)
-    violation = _BROKE * broke + sum(over) + alarms + too_little_margin(margin, limits)
+    violation = _BROKE * broke + sum(over) + alarms + unsteadiness(loops, limits)
     return Score(
         cost,
         violation,
@@ -143,7 +147,7 @@ def score(
         alarms,
         sum(one.missed for one in found),
         max((one.saturation for one in found), default=0.0),
-        margin,
+        loops,
         broke,
     )
 

@@ -52,6 +52,7 @@ def _origin(outcome: Outcome, command: str) -> Iterator[str]:
     yield f"candidates = {len(outcome.tried)}"
     yield f"saturation_limit = {order.limits.saturation!r}  # s"
     yield f"phase_margin_limit = {order.limits.phase_margin!r}  # degrees"
+    yield f"overshoot_limit = {order.limits.overshoot!r}"
     yield f"better = {str(outcome.is_better).lower()}"
     for verdict in outcome.verdicts:
         yield ""
@@ -64,7 +65,8 @@ def _origin(outcome: Outcome, command: str) -> Iterator[str]:
             yield f"violation_{when} = {_number(found.violation)}"
             yield f"false_alarms_{when} = {found.false_alarms}"
             yield f"missed_{when} = {found.missed}"
-            yield f"phase_margin_{when} = {_number(found.margin)}  # degrees"
+            yield f"phase_margin_{when} = {_number(found.loops.phase)}  # degrees"
+            yield f"overshoot_{when} = {_number(found.loops.overshoot)}"
 
 
 def _number(value: float) -> str:

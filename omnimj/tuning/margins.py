@@ -1,4 +1,4 @@
-"""How far the loops are from swinging: crossover and phase margin in closed form.
+"""How far the loops are from swinging: crossover, phase margin and overshoot in closed form.
 
 A wheel on the floor, linear about rest, with s = iω and F_N the load of one wheel:
   F = Z (r φ̇ − V),  Z = F_N (σ0/s + σ1 + σ2),  (I s + b) φ̇ = K_t E G_r i − r F,
@@ -9,6 +9,7 @@ against each other, and one of a wheel in the air (Z = 0):
 Around it the amplifier 1/(1 + τ s), the command held over a period h, and in z = e^(sh) the PI law
 K_P + K_I h/(z − 1) and the encoder's speed, (1 − z⁻¹)/(s h) of the angle's difference through its one-pole
 filter. The yaw-rate loop goes round the wheel loops and the gyro's filter, the heading loop round both.
+The answer of a wheel's speed to a step, T(s) = C G/(1 + L): y(t) = 2/π ∫ Re T(iω) sin(ωt)/ω dω.
 """
 
 from __future__ import annotations
@@ -33,6 +34,8 @@ SPEED, YAW_RATE, HEADING = "wheel speed", "yaw rate", "heading"
 _GRAVITY = 9.81
 _LOWEST, _POINTS = 0.02, 800  # [Hz] below which nothing of this robot swings; of the sweep
 _SAME = 1e-9  # of the largest eigenvalue
+_LONGEST, _STEPS = 1.0, 250  # [s] of a step's answer that is looked at; instants
+_FINE = 4000  # points of its integral
 
 
 @dataclass(frozen=True)
@@ -69,6 +72,41 @@ def margins(robot: Robot, control: Control, floors: Iterable[Floor]) -> tuple[Ma
         if control.heading_proportional > 0.0:
             found.append(_margin(HEADING, floor.name, chain, lambda s, z=stiff: chain.heading_loop(s, z)))
     return tuple(found)
+
+
+@dataclass(frozen=True)
+class Loops:
+    """How steady the loops are."""
+
+    phase: float
+    """Least phase margin [°]."""
+    overshoot: float
+    """Largest of a wheel's speed after a step, as a share of the step."""
+
+
+def loops_of(robot: Robot, control: Control, floors: Sequence[Floor]) -> Loops:
+    """Least phase margin and largest overshoot; arguments as for `margins`."""
+    phase = least(margins(robot, control, floors)).phase
+    return Loops(phase, max(overshoots(robot, control, floors).values()))
+
+
+def overshoots(robot: Robot, control: Control, floors: Iterable[Floor]) -> dict[str, float]:
+    """By how much a wheel's speed goes beyond a step of its target, as a share, by floor and load.
+
+    Of a wheel that carries the body along; linear about rest, as the margins are: limits of current and
+    friction make a real step overshoot less.
+    """
+    chain, time = _Chain(robot, control), np.linspace(0.0, _LONGEST, _STEPS + 1)[1:]
+    omega = 2.0 * np.pi * np.geomspace(_LOWEST, 0.499 / chain.period, _FINE)
+    found = {}
+    for floor in floors:
+        stiff = _impedance(floor, robot)
+        for p in _distinct([p for p in chain.mobilities if 1.0 / max(p, 1e-12) < robot.body.mass]):
+            real = chain.step_answer(1j * omega, stiff, p).real
+            # below the sweep T is 1, of which the integral is Si(ω t), ω t itself there
+            answer = [np.trapezoid(real * np.sin(omega * t) / omega, omega) + omega[0] * t for t in time]
+            found[f"{floor.name}, {_mass_words(p)}"] = max(2.0 / np.pi * float(np.max(answer)) - 1.0, 0.0)
+    return found
 
 
 def least(found: Sequence[Margin], loop: str | None = None) -> Margin:
@@ -141,12 +179,15 @@ class _Chain:
         sensed = self._held(s) * self._filtered(s, self._decay)
         return self._speed_law(s) * self._wheel(s, z, p) * sensed
 
+    def step_answer(self, s: Complex, z: Callable[[Complex], Complex], p: float) -> Complex:
+        """Wheel speed per wanted wheel speed."""
+        return self._speed_law(s) * self._wheel(s, z, p) / (1.0 + self.open_loop(s, z, p))
+
     def _turning(self, s: Complex, z: Callable[[Complex], Complex]) -> Complex:
         """Yaw rate per yaw-rate demand, through the closed wheel loops."""
         total = np.zeros_like(s)
         for p, share in zip(self.mobilities, self._yaw_shares, strict=True):
-            closed = self._speed_law(s) * self._wheel(s, z, p) / (1.0 + self.open_loop(s, z, p))
-            total += share / s * closed / (1.0 / z(s) + p / s)
+            total += share / s * self.step_answer(s, z, p) / (1.0 / z(s) + p / s)
         return total
 
     def yaw_loop(self, s: Complex, z: Callable[[Complex], Complex]) -> Complex:

@@ -15,7 +15,7 @@ from omnimj.scenario.plants import PLANT_NAMES
 from omnimj.tuning.cost import Limits
 from omnimj.tuning.draws import read_tuned_scenarios
 from omnimj.tuning.search import generation_size
-from omnimj.tuning.space import axes_of
+from omnimj.tuning.space import Bounds, axes_of
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,8 @@ class Order:
     """Whether the trials of another order may be replaced."""
     model: Path | None = None
     """Of the robot; the shipped one when None."""
+    bounds: Bounds = field(default_factory=dict)
+    """Of gains that may go less far than a factor of `space.WIDEST` either way."""
     gains: Gains | None = None
     """Before the search; those of the model and the shipped ones when None."""
 
@@ -67,7 +69,8 @@ class Order:
             "plant": self.plant,
             "seed": self.seed,
             "trials": self.trials,
-            "limits": [self.limits.saturation, self.limits.phase_margin],
+            "limits": [self.limits.saturation, self.limits.phase_margin, self.limits.overshoot],
+            "bounds": {name: [repr(end) for end in ends] for name, ends in self.bounds.items()},
             "model": None if self.model is None else str(self.model),
             "version": omnimj.__version__,
         }
@@ -83,7 +86,7 @@ def check_order(order: Order) -> None:
     if order.plant not in PLANT_NAMES:
         raise UnknownNameError("--plant", "plant", order.plant, PLANT_NAMES)
     read_tuned_scenarios(order.scenarios, order.model)
-    axes_of(order.before, order.names)
+    axes_of(order.before, order.names, order.bounds)
 
 
 def by_name(gains: Gains) -> dict[str, float]:

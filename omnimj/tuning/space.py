@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 from omnimj.control.gains import NAMES, TABLES, Gains, rule_of, unit_of
 from omnimj.errors import InputError, UnknownNameError
@@ -55,18 +56,54 @@ def chosen_names(asked: Sequence[str]) -> tuple[str, ...]:
     return tuple(name for name in NAMES if name in asked or name.partition(".")[0] in asked)
 
 
-def axes_of(gains: Gains, names: Sequence[str]) -> tuple[Axis, ...]:
+Bounds = Mapping[str, tuple[float, float]]
+"""Least and largest value of some gains, by their names."""
+
+
+def read_bound(text: str) -> tuple[str, tuple[float, float]]:
+    """`control.yaw_rate_proportional=6:9`; either end may be left out.
+
+    Raises:
+      InputError: Of another shape, or empty.
+      UnknownNameError: No such gain.
+    """
+    name, given, ends = text.partition("=")
+    low, parted, high = ends.partition(":")
+    place = f"--bound {text[:60]}"
+    if not (given and parted):
+        raise InputError(place, "is of another shape", "write NAME=LOW:HIGH, e.g. recovery.slip_cap=0.1:")
+    if name not in NAMES:
+        raise UnknownNameError("--bound", "gain", name, NAMES)
+    try:
+        found = float(low or 0.0), float(high or math.inf)
+    except ValueError:
+        rule = "two numbers with : between them are needed"
+        raise InputError(place, f"found {ends[:40]!r}", rule) from None
+    if not 0.0 <= found[0] < found[1]:
+        raise InputError(place, f"from {found[0]:g} to {found[1]:g} there is nothing")
+    return name, found
+
+
+def axes_of(gains: Gains, names: Sequence[str], bounds: Bounds = MappingProxyType({})) -> tuple[Axis, ...]:
     """The axes of these gains.
 
     Raises:
-      InputError: A gain that is 0: it is switched off, and no factor brings it back.
+      InputError: A gain that is 0: it is switched off, and no factor brings it back. Or one that is not
+        within its bounds, or bounds of a gain that is not tuned.
     """
+    for name in bounds:
+        if name not in names:
+            raise InputError(f"--bound {name}", "this gain is not tuned", choices=names)
     found = []
     for name in names:
         start, rule = gains.value(name), rule_of(name)
         if start <= 0.0:
             raise InputError(f"--only {name}", "the gain is 0 in the model", "leave it out")
-        found.append(Axis(name, start, start / WIDEST, min(start * WIDEST, rule.high)))
+        low, high = bounds.get(name, (0.0, math.inf))
+        if not low <= start <= high:
+            raise InputError(f"--bound {name}", f"it begins with {start:g}", f"from {low:g} to {high:g}")
+        low, high = max(low, start / WIDEST), min(high, start * WIDEST, rule.high)
+        found.append(Axis(name, start, low, high))
     return tuple(found)
 
 

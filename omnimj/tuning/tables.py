@@ -17,7 +17,8 @@ def judged_rows(verdict: Verdict) -> list[tuple[str, str, str]]:
         ("false alarms", lambda s: str(s.false_alarms)),
         ("faults not found", lambda s: str(s.missed)),
         ("longest at the largest current", lambda s: f"{s.saturation:.3f} s"),
-        ("least phase margin", lambda s: f"{s.margin:.1f}°"),
+        ("least phase margin", lambda s: f"{s.loops.phase:.1f}°"),
+        ("largest overshoot", lambda s: f"{100.0 * s.loops.overshoot:.0f} %"),
         ("runs that broke down", lambda s: str(s.broke)),
     ):
         rows.append((label, of(before), of(after)))

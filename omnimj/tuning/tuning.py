@@ -12,10 +12,10 @@ from omnimj.errors import InputError
 from omnimj.parameters import Floor, read_floors, read_robot
 from omnimj.trials.pool import Report, Workers, with_workers
 from omnimj.tuning.bench import Bench, prepared
-from omnimj.tuning.cost import Score, margin_score, score, too_little_margin
+from omnimj.tuning.cost import Score, score, score_undriven, unsteadiness
 from omnimj.tuning.draws import JUDGING, Draw, draw_trial, read_tuned_scenarios
 from omnimj.tuning.landscape import Landscape, survey
-from omnimj.tuning.margins import FLOORS, Margin, least, margins
+from omnimj.tuning.margins import FLOORS, Loops, Margin, loops_of, margins
 from omnimj.tuning.order import Order, by_name, check_order
 from omnimj.tuning.search import Candidate, Search
 from omnimj.tuning.space import Axis, axes_of, with_values
@@ -105,7 +105,7 @@ class _Tuning:
         self._order, self._report = order, report
         self._robot = read_robot(order.model)
         self._before = order.before
-        self.axes = axes_of(self._before, order.names)
+        self.axes = axes_of(self._before, order.names, order.bounds)
         self._start: Candidate = tuple(axis.start for axis in self.axes)
         self._scenarios = read_tuned_scenarios(order.scenarios, order.model)
         usual = by_name(Gains(self._robot.control))
@@ -113,7 +113,7 @@ class _Tuning:
         self._bench = Bench(folder, self.axes, changed, workers, self._tell)
         self._floors = _measured_floors()
         self._phrase, self._done, self._share = "", 0.0, 0.0
-        self._margin_before = self._margin(self._start)
+        self._loops_before = self._loops(self._start)
         self._draws = self._drawn(order.seed, order.trials, order.plant)
         self.tried: list[Tried] = []
 
@@ -192,27 +192,25 @@ class _Tuning:
         return self._scores(candidates, [d for d in self._draws if d.scenario in shortest])
 
     def _scores(self, candidates: Sequence[Candidate], draws: Sequence[Draw]) -> list[Score]:
-        """Score of each; a candidate whose loops have too little margin is not driven."""
+        """Score of each; a candidate whose loops are not steady enough is not driven."""
         limits = self._order.limits
-        margin = {one: self._margin(one) for one in candidates}
-        driven = [
-            one for one in candidates if one == self._start or not too_little_margin(margin[one], limits)
-        ]
+        loops = {one: self._loops(one) for one in candidates}
+        driven = [one for one in candidates if one == self._start or not unsteadiness(loops[one], limits)]
         facts = dict(zip(driven, self._bench.drive(driven, draws, "trials"), strict=True))
         before = self._bench.drive([self._start], draws, "trials")[0]
         broken = [one.broke for one in before if one.broke is not None]
         if broken:
             raise InputError("omnimj tune", "the gains before broke a run down", broken[0])
         return [
-            score(facts[one], before, margin[one], self._margin_before, limits, self.axes, one)
+            score(facts[one], before, loops[one], self._loops_before, limits, self.axes, one)
             if one in facts
-            else margin_score(margin[one], limits)
+            else score_undriven(loops[one], limits)
             for one in candidates
         ]
 
-    def _margin(self, values: Candidate) -> float:
+    def _loops(self, values: Candidate) -> Loops:
         gains = with_values(self._before, self.axes, values)
-        return least(margins(self._robot, gains.control, self._floors)).phase
+        return loops_of(self._robot, gains.control, self._floors)
 
     def _drawn(self, seed: int, count: int, plant: str) -> list[Draw]:
         return [

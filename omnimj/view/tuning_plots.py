@@ -121,7 +121,7 @@ def pareto(outcome: Outcome) -> Figure:
 
 def speed_and_robustness(one: Tried) -> tuple[float, float]:
     """Terms of following and detection, small is fast, and the least phase margin [°]."""
-    return one.score.group(TRACKING, DETECTION), one.score.margin
+    return one.score.group(TRACKING, DETECTION), one.score.loops.phase
 
 
 def front_of(points: np.ndarray) -> np.ndarray:

@@ -90,6 +90,7 @@ def _method(outcome: Outcome, command: str) -> str:
         "and noise. The cost is a weighted mean of terms relative to the gains before. Hard limits go "
         "before it: "
         f"no false alarm, no sound wheel at its largest current for more than {order.limits.saturation:g} s, "
-        f"a phase margin of at least {order.limits.phase_margin:g}° in every loop."
+        f"a phase margin of at least {order.limits.phase_margin:g}° in every loop, no "
+        f"wheel more than {100.0 * order.limits.overshoot:g} % beyond a step of its speed (linear, at rest)."
     )
     return f"<p>{page.text(words)}</p><pre>{page.text(command)}</pre>"

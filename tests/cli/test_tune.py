@@ -120,6 +120,20 @@ def test_a_file_that_is_there_is_not_replaced_without_force(push, tmp_path, caps
         (["nylon_patch", "--plant", "real"], "--plant: unknown plant 'real'; choices: planar, twin"),
         (["nylon_patch", "--saturation", "0"], "--saturation: found '0'; must be above 0"),
         (["nylon_patch", "--phase-margin", "wide"], "--phase-margin: found 'wide'"),
+        (["nylon_patch", "--overshoot", "-1"], "--overshoot: found '-1'"),
+        (["nylon_patch", "--gains", "none.toml"], "none.toml"),
+        (
+            ["nylon_patch", "--bound", "control.mass=1:"],
+            "--bound: unknown gain 'control.mass'; choices: control.",
+        ),
+        (["nylon_patch", "--bound", "recovery.slip_cap"], "is of another shape; write NAME=LOW:HIGH"),
+        (["nylon_patch", "--bound", "recovery.slip_cap=a:"], "found 'a:'; two numbers with : between them"),
+        (["nylon_patch", "--bound", "recovery.slip_cap=2:1"], "from 2 to 1 there is nothing"),
+        (["nylon_patch", "--bound", "recovery.slip_cap=1:2"], "it begins with 0.2; from 1 to 2"),
+        (
+            ["nylon_patch", "--only", "control", "--bound", "recovery.slip_cap=0:2"],
+            "--bound recovery.slip_cap: this gain is not tuned",
+        ),
         (
             ["nylon_patch", "--executor", "tcp://a:1"],
             "--executor: found 'tcp://a:1'; write dask:tcp://HOST:PORT",

@@ -14,7 +14,7 @@ from omnimj.loop import drive
 from omnimj.parameters import Control, Robot, read_floors, read_robot
 from omnimj.plant.planar import PlanarRobot
 from omnimj.signals import Reference
-from omnimj.tuning.margins import AIR, FLOORS, HEADING, SPEED, YAW_RATE, Margin, least, margins
+from omnimj.tuning.margins import AIR, FLOORS, HEADING, SPEED, YAW_RATE, Margin, least, margins, overshoots
 
 ROBOT, ALL = read_robot(), read_floors()
 MEASURED = [ALL[name] for name in FLOORS]
@@ -25,8 +25,8 @@ def of(robot: Robot, **gains: float) -> tuple[Margin, ...]:
     return margins(robot, dataclasses.replace(robot.control, **gains), MEASURED)
 
 
-def sampled_loop(control: Control, floor: str | None, mobility: float, z: np.ndarray) -> np.ndarray:
-    """L(z) of one wheel by exact sampling of its state space, and of the laws as the kernels step them."""
+def sampled_wheel(floor: str | None, mobility: float) -> tuple[np.ndarray, np.ndarray]:
+    """One wheel's current, speed, angle, bristle and body's speed, sampled exactly: x⁺ = A x + B i."""
     motor, wheel = ROBOT.motor, ROBOT.wheel
     inertia = wheel.inertia + motor.reflected_inertia
     torque = motor.torque_constant * motor.gear_ratio * motor.gear_efficiency
@@ -35,7 +35,6 @@ def sampled_loop(control: Control, floor: str | None, mobility: float, z: np.nda
     numbers = MEASURED[0].numbers if floor is None else ALL[floor].numbers
     stiff, damped = load * numbers["sigma_0"], load * (numbers["sigma_1"] + numbers["sigma_2"])
     r = wheel.radius
-    # current, wheel speed, angle, bristle, speed of the body at the wheel
     force = np.array([0.0, damped * r, 0.0, stiff, -damped])
     a = np.zeros((5, 5))
     a[0, 0] = -1.0 / motor.current_loop
@@ -44,7 +43,12 @@ def sampled_loop(control: Control, floor: str | None, mobility: float, z: np.nda
     a[3, [1, 4]] = r, -1.0
     a[4] = mobility * force
     b = np.array([[1.0 / motor.current_loop], [0.0], [0.0], [0.0], [0.0]])
-    sampled_a, sampled_b = cont2discrete((a, b, np.eye(5), np.zeros((5, 1))), H)[:2]  # type: ignore[index]
+    return cont2discrete((a, b, np.eye(5), np.zeros((5, 1))), H)[:2]  # type: ignore[index]
+
+
+def sampled_loop(control: Control, floor: str | None, mobility: float, z: np.ndarray) -> np.ndarray:
+    """L(z) of one wheel by exact sampling of its state space, and of the laws as the kernels step them."""
+    sampled_a, sampled_b = sampled_wheel(floor, mobility)
     angle = np.array([np.linalg.solve(one * np.eye(5) - sampled_a, sampled_b)[2, 0] for one in z])
     decay = math.exp(-H / ROBOT.sensors.speed_filter)
     sensed = (1.0 - 1.0 / z) / H * (1.0 - decay) / (1.0 - decay / z)
@@ -61,10 +65,8 @@ def test_wheel_loops_have_the_crossover_and_the_margin_of_the_exactly_sampled_lo
         if m.loop == SPEED and m.where.startswith(floor or AIR) and m.crossover > 0.0
     ]
     assert found
-    m, a = ROBOT.body, 0.25
     for one in found:
-        mass = one.where.rpartition(", ")[2].removesuffix(" kg per wheel")
-        mobility = {"7.92": 2.0 / m.mass, "2.2": 4.0 * a * a / m.yaw_inertia}.get(mass, 0.0)
+        mobility = mobility_of(one.where)
         z = np.exp(np.array([2j * np.pi * one.crossover * H]))
         loop = complex(sampled_loop(control, floor, mobility, z)[0])
         measured("loop gain at the closed form's crossover, off 1", abs(abs(loop) - 1.0), 0.01)
@@ -72,6 +74,33 @@ def test_wheel_loops_have_the_crossover_and_the_margin_of_the_exactly_sampled_lo
         phase = math.degrees(np.angle(-loop))
         measured("phase margin, closed form less sampled [°]", abs(phase - one.phase), 1.0)
         assert phase == pytest.approx(one.phase, abs=1.0)
+
+
+def mobility_of(where: str) -> float:
+    """Of the modes of four wheels at right angles: along, in yaw, against each other [1/kg]."""
+    m, a = ROBOT.body, 0.25
+    mass = where.rpartition(", ")[2].removesuffix(" kg per wheel")
+    return {"7.92": 2.0 / m.mass, "2.2": 4.0 * a * a / m.yaw_inertia}.get(mass, 0.0)
+
+
+@pytest.mark.parametrize("gains", [(0.3, 3.0), (0.6, 1.0), (0.25, 6.5)])
+def test_a_step_overshoots_as_much_as_the_exactly_sampled_loop_does(gains, measured):
+    control = dataclasses.replace(ROBOT.control, speed_proportional=gains[0], speed_integral=gains[1])
+    found = overshoots(ROBOT, control, MEASURED)
+    assert len(found) == 2 * len(FLOORS)
+    for where, told in found.items():
+        a, b = sampled_wheel(where.partition(",")[0], mobility_of(where))
+        decay = math.exp(-H / ROBOT.sensors.speed_filter)
+        x, last, seen, integral, speeds = np.zeros(5), 0.0, 0.0, 0.0, []
+        for _ in range(1000):
+            seen = decay * seen + (1.0 - decay) * (x[2] - last) / H
+            last, error = x[2], 1.0 - seen
+            x = a @ x + b[:, 0] * (gains[0] * error + integral)
+            integral += gains[1] * H * error
+            speeds.append(x[1])
+        off = abs(max(speeds) - 1.0 - told)
+        measured("overshoot of a step, closed form less sampled", off, 0.01)
+        assert off < 0.01, where
 
 
 def test_the_shipped_robot_has_the_figures_that_its_file_states():

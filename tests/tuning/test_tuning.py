@@ -105,6 +105,16 @@ def test_a_gain_that_makes_no_difference_stays_where_it_was(order):
     assert outcome.gains.value(CASCADE[0]) != before.value(CASCADE[0])
 
 
+def test_no_candidate_leaves_the_bounds_that_were_set(order):
+    bounds = {"control.speed_proportional": (0.2, 0.35)}
+    tried = [one.values[0] for one in done(dataclasses.replace(order, bounds=bounds)).tried]
+    assert 0.2 <= min(tried) < max(tried) <= 0.35
+    assert (
+        max(one.values[0] for one in done(dataclasses.replace(order, out=order.out.with_name("b"))).tried)
+        > 0.35
+    )
+
+
 def test_a_search_that_begins_with_the_gains_of_a_file_is_that_of_a_robot_that_has_them(order, tmp_path):
     file, model = tmp_path / "first.toml", tmp_path / "robot.toml"
     entry = '[control]\nspeed_integral = { value = 2.0, unit = "A/rad", source = "chosen" }\n'
