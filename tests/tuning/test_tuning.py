@@ -17,6 +17,7 @@ from omnimj.errors import InputError, SimulationError, UnknownNameError
 from omnimj.parameters import read_robot
 from omnimj.trials.results import read_result, write_json
 from omnimj.tuning import bench
+from omnimj.tuning.cost import Limits
 from omnimj.tuning.draws import FAULTS, draw_trial, in_draw, read_tuned_scenarios
 from omnimj.tuning.driving import drive_healthy, drive_trial
 from omnimj.tuning.facts import facts_of
@@ -34,7 +35,17 @@ CASCADE = ("control.speed_proportional", "control.yaw_rate_proportional")
 @pytest.fixture
 def order(tmp_path) -> Order:
     text = scenario_file(tmp_path)
-    return Order(tmp_path / "gains.toml", (text,), CASCADE, trials=2, judging=1, generations=2, landscape=2)
+    limits = Limits(overshoot=1.0)  # so that candidates near the gains before are driven
+    return Order(
+        tmp_path / "gains.toml",
+        (text,),
+        CASCADE,
+        trials=2,
+        judging=1,
+        generations=2,
+        landscape=2,
+        limits=limits,
+    )
 
 
 def done(order: Order, executor=None, report=quiet) -> Outcome:
