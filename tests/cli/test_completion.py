@@ -56,7 +56,7 @@ def completed(words: str, folder: Path) -> set[str]:
         ("omnimj run nyl", {"nylon_patch"}),
         ("omnimj sensitivity nyl", {"nylon_patch"}),
         ("omnimj device --scenario nyl", {"nylon_patch"}),
-        ("omnimj run uto_robot/", {"uto_robot/robot.toml"}),
+        ("omnimj run uto_robot/", {"uto_robot/robot.toml", "uto_robot/chosen_gains.toml"}),
         ("omnimj run nylon_patch --plan", {"--plant"}),
         ("omnimj run nylon_patch --plant ", {"twin", "planar"}),
         ("omnimj validate data --plant ", {"twin", "planar", "both"}),

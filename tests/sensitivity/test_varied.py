@@ -76,7 +76,7 @@ def test_a_range_is_cut_where_the_number_may_not_be():
 
 
 def test_settings_of_the_controller_are_not_varied_whatever_their_origin():
-    found, left = varied_of(SCENARIO, ("chosen", "text", "datasheet"))
+    found, left = varied_of(SCENARIO, ("chosen", "tuned", "text", "datasheet"))
     assert not any(one.name.startswith("control.") or one.name == "sensors.sample_rate" for one in found)
     assert {"control.speed_integral", "sensors.sample_rate"} <= {one.name for one in left}
     assert {"wheel.rows", "wheel.rollers_per_row"} <= {one.name for one in left}  # the twin's wheel has them

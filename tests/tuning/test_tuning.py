@@ -218,7 +218,8 @@ def test_the_report_is_one_page_with_all_its_pictures_and_words(order, tmp_path)
     write_tuning_report(file, outcome, "omnimj tune <push>")
     page = file.read_text(encoding="utf-8")
     assert page.count("<svg") == 4 and "http" not in page
-    for words in ("heading_proportional", "omnimj tune &lt;push&gt;", "Seed 100", "no crossover", "28.2"):
+    in_the_air = f"{outcome.margins_before[0].crossover:.2f} Hz"
+    for words in ("heading_proportional", "omnimj tune &lt;push&gt;", "Seed 100", "no crossover", in_the_air):
         assert words in page
 
 
