@@ -6,7 +6,9 @@ Every result is kept as it comes: Ctrl-C and a worker that dies cost what was un
 from __future__ import annotations
 
 import multiprocessing
+import os
 import signal
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, as_completed
 from typing import Any
@@ -117,5 +119,13 @@ def _end(pool: Executor, before: set, finished: bool) -> None:
 
 
 def _deaf() -> None:
-    """Ctrl-C is for the parent, which ends its workers itself."""
+    """Ctrl-C is for the parent, which ends its workers itself; one that is killed takes them along."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_leave_with_the_parent, daemon=True).start()
+
+
+def _leave_with_the_parent() -> None:
+    parent = multiprocessing.parent_process()
+    assert parent is not None  # a worker has one
+    parent.join()
+    os._exit(1)  # nobody is left to hand a result to

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import multiprocessing
+import subprocess
+import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import pytest
 
@@ -36,6 +39,48 @@ def test_workers_of_its_own_end_at_once_after_ctrl_c_and_what_was_done_is_kept()
     for child in multiprocessing.active_children():
         child.join(10.0)
     assert not multiprocessing.active_children()
+
+
+ORPHANS = """
+import time
+from omnimj.trials.pool import with_workers
+
+def work(workers):
+    workers.do_all(time.sleep, {"a": (600.0,), "b": (600.0,)}, print, "sleeping", print)
+
+if __name__ == "__main__":
+    with_workers(work, 2)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
+def test_workers_whose_parent_is_killed_leave_with_it(tmp_path):
+    script = tmp_path / "parent.py"
+    script.write_text(ORPHANS, encoding="utf-8")
+    parent = subprocess.Popen([sys.executable, str(script)], stdout=subprocess.DEVNULL)
+    children = Path(f"/proc/{parent.pid}/task/{parent.pid}/children")
+
+    def alive(pids: list[str]) -> list[str]:
+        found = [Path(f"/proc/{pid}/stat") for pid in pids]
+        return [str(one) for one in found if one.exists() and one.read_text().split()[2] != "Z"]
+
+    try:
+        begun: list[str] = []
+        for _ in range(300):  # two workers and what keeps count of their resources
+            begun = children.read_text().split()
+            if len(begun) == 3:
+                break
+            time.sleep(0.1)
+        assert len(begun) == 3
+        time.sleep(1.0)  # until they work
+    finally:
+        parent.kill()
+        parent.wait()
+    for _ in range(100):
+        if not alive(begun):
+            break
+        time.sleep(0.1)
+    assert not alive(begun)
 
 
 def test_a_strange_executor_stays_open_and_is_rid_of_what_was_not_begun():
