@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-import numpy as np
-
 from omnimj.control.robust.counters import (
     AGAINST,
     HEALTH,
@@ -19,13 +17,12 @@ from omnimj.control.robust.counters import (
     STUCK,
     TURNS,
 )
+from omnimj.control.robust.decide_forces import judge_forces, judge_learnt
 from omnimj.control.robust.evidence import Evidence
-from omnimj.control.robust.slow import known_losses
 from omnimj.control.robust.verdict import Thresholds, Verdict, is_still, is_weak, with_one_more
-from omnimj.control.robust.windows import LIKELIHOOD, SIZE
+from omnimj.control.robust.windows import LIKELIHOOD
 from omnimj.signals import Array, Diagnosis
 
-_KNOWN_BETTER = 0.02  # by which an effectiveness must differ to be told anew
 _AFTERMATH = 2.0  # [s] in which the velocity of the body comes home after a slip
 
 
@@ -36,6 +33,7 @@ def decide(
     time: float,
     losses: Array,
     frozen: tuple[str, ...] = (),
+    fresh: bool = False,
 ) -> Verdict:
     """The verdict after one block.
 
@@ -46,6 +44,7 @@ def decide(
       time: Of the block's end [s].
       losses: Believed losses of the torque constants, shape (n,).
       frozen: Channels that say the same for too long, or nothing but noise.
+      fresh: Whether what a motor has lost is still being measured: it is no other one meanwhile.
     """
     after = _cleared(evidence, thresholds, before, time)
     after = _frozen(frozen, after, time)
@@ -57,8 +56,8 @@ def decide(
     after = _stuck(evidence, thresholds, after, time)
     if _turns_unclear(evidence, thresholds, after):
         return after
-    after = _forces(evidence, thresholds, after, time, losses)
-    after = _worn(evidence, thresholds, after, time, losses)
+    after = judge_forces(evidence, thresholds, after, time, losses, fresh)
+    after = judge_learnt(evidence, thresholds, after, time, losses)
     if math.isnan(after.suspected) or time - after.suspected > thresholds.bodily:
         after = _slips(evidence, thresholds, after, time)
         after = _odd_speeds(evidence, thresholds, after, time)
@@ -78,10 +77,10 @@ def _cleared(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time:
         rows = evidence.counters[[w - 1 for w in d.wheels] or slice(None)]
         return bool((rows[:, HEALTH] >= thresholds.healthy).any() and (rows[:, SLIPPING] < 1e-4).all())
 
-    if not any(healthy(d) for d in verdict.diagnoses):
-        return verdict
-    after = tuple(replace(d, cleared=time) if healthy(d) else d for d in verdict.diagnoses)
-    return Verdict(after, verdict.suspected)
+    if any(healthy(d) for d in verdict.diagnoses):
+        after = tuple(replace(d, cleared=time) if healthy(d) else d for d in verdict.diagnoses)
+        return Verdict(after, verdict.suspected)
+    return replace(verdict, renewed=0) if verdict.renewed else verdict
 
 
 def _frozen(frozen: tuple[str, ...], verdict: Verdict, time: float) -> Verdict:
@@ -125,10 +124,6 @@ def _currents(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time
     return verdict
 
 
-def _any(verdict: Verdict) -> bool:
-    return any(d.cleared is None for d in verdict.diagnoses)
-
-
 def _stuck(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: float) -> Verdict:
     if any(d.cleared is None and d.kind in ("locked", "hard_over") for d in verdict.diagnoses):
         return verdict  # a robot that one wheel holds or pushes does not know its own velocity
@@ -146,105 +141,11 @@ def _stuck(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: f
     return verdict
 
 
-def _forces(
-    evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: float, losses: Array
-) -> Verdict:
-    """Motors and accelerometer: who explains the missing force best?"""
-    n, found = len(evidence.force), evidence.found
-    blind = {
-        d.wheels[0] - 1 for d in verdict.diagnoses if d.cleared is None and d.kind in ("locked", "hard_over")
-    }
-    wheel = np.maximum(found[:n, LIKELIHOOD], found[n : 2 * n, LIKELIHOOD])
-    wheel[list(blind)] = 0.0
-    body = found[2 * n :, LIKELIHOOD]
-    best = int(np.argmax(wheel))
-    passes = found[best, LIKELIHOOD] >= thresholds.motor or found[n + best, LIKELIHOOD] >= thresholds.drag
-    bodily = int(np.argmax(body))
-    if wheel[best] >= body[bodily]:
-        if not passes or best in blind:
-            return Verdict(verdict.diagnoses, math.nan)
-    elif body[bodily] < thresholds.accelerometer * (thresholds.other if _any(verdict) else 1.0):
-        return Verdict(verdict.diagnoses, math.nan)
-    since = time if math.isnan(verdict.suspected) else verdict.suspected
-    if evidence.counters[best, STUCK] > 0.0:  # a wheel that may be locked: its counter decides
-        return Verdict(verdict.diagnoses, since)
-    others = np.concatenate((np.delete(wheel, best), body)) if wheel[best] >= body[bodily] else wheel
-    lead = max(wheel[best], body[bodily]) - float(np.max(others, initial=0.0))
-    if lead < thresholds.margin and time - since < thresholds.settling:
-        return Verdict(verdict.diagnoses, since)
-    if wheel[best] < body[bodily]:
-        if time - since < thresholds.bodily:
-            return Verdict(verdict.diagnoses, since)
-        return _accelerometer(verdict, time, bodily, lead, thresholds.margin)
-    return _motor(verdict, thresholds, time, best, wheel, lead, found, losses)
-
-
-def _motor(
-    verdict: Verdict,
-    thresholds: Thresholds,
-    time: float,
-    best: int,
-    wheel: Array,
-    lead: float,
-    found: Array,
-    losses: Array,
-) -> Verdict:
-    rivals = tuple(
-        f"motor {j + 1}"
-        for j in range(len(wheel))
-        if j != best and wheel[best] - wheel[j] < thresholds.margin
-    )
-    size = found[best, SIZE] if found[best, LIKELIHOOD] > 0.0 else 0.5
-    left = float(min(max(1.0 - losses[best] - size, 0.0), 1.0))
-    confidence = 1.0 - math.exp(-max(lead, 0.1))
-    return with_one_more(verdict, Diagnosis(time, "motor", (best + 1,), confidence, rivals, left))
-
-
-def _worn(
-    evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: float, losses: Array
-) -> Verdict:
-    """A loss too small to be seen when it came, which was learnt since."""
-    most = thresholds.worn * (thresholds.other if _any(verdict) else 1.0)
-    learnt = known_losses(evidence.theta, evidence.cov, len(losses))
-    for i in range(len(losses)):
-        if learnt[i] > most and verdict.standing(i + 1) is None:
-            left = float(max(1.0 - losses[i], 0.0))
-            verdict = with_one_more(verdict, Diagnosis(time, "motor", (i + 1,), 0.9, (), left))
-    return _known_better(verdict, losses, time)
-
-
-def _known_better(verdict: Verdict, losses: Array, time: float) -> Verdict:
-    """What is left of weak motors, as it is known by now; one that is named at this moment knows best."""
-
-    def told(d: Diagnosis) -> Diagnosis:
-        if (
-            d.time == time
-            or d.cleared is not None
-            or d.kind != "motor"
-            or d.ambiguous_with
-            or d.effectiveness is None
-        ):
-            return d
-        left = float(min(max(1.0 - losses[d.wheels[0] - 1], 0.0), 1.0))
-        return replace(d, effectiveness=left) if abs(left - d.effectiveness) > _KNOWN_BETTER else d
-
-    after = tuple(told(d) for d in verdict.diagnoses)
-    same = all(a is b for a, b in zip(after, verdict.diagnoses, strict=True))
-    return verdict if same else replace(verdict, diagnoses=after)
-
-
-def _accelerometer(verdict: Verdict, time: float, axis: int, lead: float, margin: float) -> Verdict:
-    channel = f"acceleration_{'xy'[axis]}"
-    if verdict.has_sensor(channel) or lead < margin:
-        return Verdict(verdict.diagnoses, math.nan)
-    return with_one_more(verdict, Diagnosis(time, "sensor", (), 1.0 - math.exp(-lead), channel=channel))
-
-
 def _slips(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: float) -> Verdict:
     if any(d.kind == "all_wheel_slip" and d.cleared is None for d in verdict.diagnoses):
         return verdict
     way = evidence.counters[:, SLIPPING]
-    enough = thresholds.slip * (thresholds.other if _any(verdict) else 1.0)
+    enough = thresholds.slip * (thresholds.other if verdict.any_stands() else 1.0)
     over = [i for i in range(len(way)) if way[i] >= enough and _may_slip(verdict, i + 1)]
     if not over:
         return verdict
@@ -270,7 +171,8 @@ def _all_slip(verdict: Verdict, time: float) -> Verdict:
     ended = [
         replace(d, cleared=time) if d.cleared is None and d.kind == "slip" else d for d in verdict.diagnoses
     ]
-    return Verdict((*ended, Diagnosis(time, "all_wheel_slip", (), 0.9)), math.nan)
+    told = (*ended, Diagnosis(time, "all_wheel_slip", (), 0.9))
+    return replace(verdict, diagnoses=told, suspected=math.nan)
 
 
 def _odd_speeds(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: float) -> Verdict:

@@ -137,6 +137,17 @@ def _in_ring(ring, cursor, theta, cov, walk, lasts, x, rho, learning):
 
 
 @kernel
+def _calm(found, weak):
+    """Whether no fault is half believed in; that a weak motor is a little weaker is learnt, not doubted."""
+    n = weak.size
+    for h in range(found.shape[0]):
+        known = h < 2 * n and weak[h % n] != 0.0
+        if not known and found[h, LIKELIHOOD] >= CALM:
+            return False
+    return True
+
+
+@kernel
 def _slowest(recent, cursor, speed, side):
     """The block into `recent`; least |φ̇| and speed along the axle of the last blocks, shape (n,) each."""
     n, row = speed.size, cursor[ROW]
@@ -186,7 +197,7 @@ def _hear_forces(
         whiten(c, forces, across, current, slowest, sideways, unknown, deaf, weak, x, raw)
         if fresh:
             learn(theta, cov, walk, lasting(n), x, raw)
-        learning = not fresh and found[:, LIKELIHOOD].max() < CALM
+        learning = not fresh and _calm(found, weak)
         _in_ring(ring, cursor, theta, cov, walk, lasting(n), x, raw, learning)
         known = np.linalg.inv(cov + np.diag(loose))
         misfit[:] = scores(ring, cursor[FILLED], cursor[HEAD], theta, known, low, high, found)

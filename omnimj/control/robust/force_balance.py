@@ -38,9 +38,7 @@ SLOW_SIDEWAYS = 0.05
 """The same of rollers [m/s]."""
 _UNKNOWN = 1e4  # [N²]
 _NOT_JUDGED = 0.5  # standard deviation of the loss of a motor that is not judged
-_PULLS = (
-    5.0  # × dry friction: what a motor that is known to be weak gives a slow wheel is learnt from there on
-)
+_PULLS = 5.0  # × dry friction: from there on a slow wheel tells of a motor that is known to be weak
 _TURNING = 0.3  # [rad/s] width of the sign
 _SIDEWAYS = 0.01  # [m/s] the same for the rollers
 NOISE = (1.0, 1.0, 0.6)
@@ -140,11 +138,11 @@ def whiten(c, forces, across, current, slowest, sideways, unknown, deaf, weak, x
     """Scales the rows of X and ρ so that the noise is white and of size 1.
 
     A wheel that turns slowly, or did a moment ago, holds any friction between ± dry, and goes on to hold it:
-    a number h of its own along its column of B, and noise for its changes. Its motor is not judged meanwhile:
+    a number h of its own along its column of B, and noise for its changes. So do rollers that hardly turn.
+    A slow wheel's motor is not judged meanwhile:
     what that may lack is noise too, or the robot's other numbers would have to answer for it. One that is
     known to be broken is judged all the same where its current is far beyond what friction can hold: a wheel
-    that stands for want of its motor shall not hide how little is left. So do rollers
-    that hardly turn.
+    that stands for want of its motor shall not hide how little is left.
 
     Args:
       c: `constants.numbers`.

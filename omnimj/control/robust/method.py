@@ -10,18 +10,25 @@ import numpy as np
 from omnimj.control.controller import is_good
 from omnimj.control.gyro_bias import turn_row
 from omnimj.control.method import Beliefs
+from omnimj.control.robust.accepting import accept
 from omnimj.control.robust.believing import believe, believed_wheels, deaf_axes, unknown_forces, weak_motors
 from omnimj.control.robust.blocks import delays, ranges, take_block
 from omnimj.control.robust.constants import BLOCK, RADIUS, geometry, numbers
 from omnimj.control.robust.counters import SLIPPING
 from omnimj.control.robust.decide import decide
-from omnimj.control.robust.evidence import FILLED, Evidence, compare_turning, no_evidence, update
+from omnimj.control.robust.evidence import Evidence, compare_turning, no_evidence, update
 from omnimj.control.robust.gains import ObserverGains
 from omnimj.control.robust.past import all_told, put_by
 from omnimj.control.robust.samples import Samples, broken_channels, no_samples, take_sample
-from omnimj.control.robust.slow import BROKEN_FRICTION_VARIES, BROKEN_LOSS_VARIES, loose, prior
-from omnimj.control.robust.verdict import Thresholds, Verdict, is_still
-from omnimj.control.robust.windows import LIKELIHOOD, SIZE
+from omnimj.control.robust.slow import (
+    BROKEN_FRICTION_VARIES,
+    BROKEN_LOSS_VARIES,
+    BROKEN_WANDERS,
+    loose,
+    prior,
+)
+from omnimj.control.robust.verdict import Thresholds, Verdict
+from omnimj.control.robust.windows import LIKELIHOOD
 from omnimj.control.wheel_speed import amplifier_row
 from omnimj.parameters import Robot
 from omnimj.signals import Array, Diagnosis, Measurement
@@ -30,15 +37,6 @@ HEALTHY, SUSPECT, FAULTY, BLIND = range(4)
 """`mode` of the log: nothing is wrong, a decision is pending, something is diagnosed, cannot judge."""
 
 _FRESH = 200  # [blocks]
-_FOUND_AGAIN, _LEARNT_AGAIN = 0.2, 0.1  # standard deviation of a loss just after it was seen, or learnt
-_PART_FRICTION, _PART_LOSS = 1.5, 0.05  # of it that may be friction, and loss where friction was seen
-_RATHER = 2.0  # [nats] by which friction must be more likely than a loss
-
-
-def _renew(cov: Array, j: int, deviation: float) -> None:
-    """Number j of θ begins anew, in place."""
-    cov[j, :], cov[:, j] = 0.0, 0.0
-    cov[j, j] = deviation * deviation
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,8 +181,10 @@ class Robust:
         self._mend(block, evidence, state.verdict)
         c, forces, across, walk, loose, low, high = self._constants
         weak = weak_motors(state.verdict, n)
+        if weak.any():
+            walk, loose, low = self._of_broken(weak, walk, loose, low)
         moving = update(
-            c, forces, across, walk, self._looser(loose, weak), low, high,
+            c, forces, across, walk, loose, low, high,
             block[:n], block[n : 2 * n], block[2 * n : 2 * n + 2], block[2 * n + 2],
             block[2 * n + 3 : 3 * n + 3], block[3 * n + 3], block[:n] + samples.wanted / BLOCK,
             believed_wheels(state.verdict, n, state.fresh), unknown_forces(state.verdict, n),
@@ -198,9 +198,11 @@ class Robust:
         broken = broken_channels(samples.repeats, speed)
         dead = tuple(c for c, lies in zip(self._channels, broken.tolist(), strict=True) if lies)
         losses = state.accepted + evidence.theta[:n]
-        verdict = decide(evidence, self.thresholds, state.verdict, float(measurement.time), losses, dead)
+        verdict = decide(
+            evidence, self.thresholds, state.verdict, float(measurement.time), losses, dead, state.fresh > 0
+        )
         found = evidence.found.copy()
-        accepted = self._accept(evidence, state, verdict)
+        accepted = accept(evidence, self.thresholds, state.verdict, verdict, state.accepted)
         fresh = _FRESH if accepted is not state.accepted else max(state.fresh - int(moving), 0)
         beliefs = believe(evidence, verdict, accepted + evidence.theta[:n])
         log = self._log(evidence, found, verdict, accepted, beliefs, moving)
@@ -208,14 +210,16 @@ class Robust:
         verdict, past = put_by(verdict, state.past, float(measurement.time))
         return RobustState(samples, evidence, verdict, accepted, fresh, beliefs, log, past)
 
-    def _looser(self, loose: Array, weak: Array) -> Array:
-        """`slow.loose`, with broken motors, of which no law is known as well as of healthy ones."""
-        if not weak.any():
-            return loose
-        looser, n = loose.copy(), self.wheels
-        looser[:n] += weak * BROKEN_LOSS_VARIES**2
-        looser[n : 2 * n] += weak * BROKEN_FRICTION_VARIES**2
-        return looser
+    def _of_broken(self, weak: Array, walk: Array, loose: Array, low: Array) -> tuple[Array, Array, Array]:
+        """The three with broken motors: no law of them is known as well as of healthy ones, nor lasts as
+        long, and what is lost may also come back."""
+        n = self.wheels
+        walk, loose, low = walk.copy(), loose.copy(), low.copy()
+        walk[:n] += weak * (BROKEN_WANDERS**2 * BLOCK * self.period / 60.0)
+        loose[:n] += weak * BROKEN_LOSS_VARIES**2
+        loose[n : 2 * n] += weak * BROKEN_FRICTION_VARIES**2
+        low[:n][weak > 0.0] = -1.0
+        return walk, loose, low
 
     def _mend(self, block: Array, evidence: Evidence, verdict: Verdict) -> None:
         """Puts what the other sensors say in the place of one that lies, in place."""
@@ -231,40 +235,6 @@ class Robust:
         if verdict.has_sensor("yaw_rate"):
             block[2 * n + 2] = self._turn @ block[n : 2 * n]
             block[3 * n + 3] = self._turn @ block[2 * n + 3 : 3 * n + 3]
-
-    def _accept(self, evidence: Evidence, state: RobustState, verdict: Verdict) -> Array:
-        """New motor losses go into the state; what was seen before them is forgotten.
-
-        So is the velocity when a slip of all wheels is over: it drifted through it.
-        """
-        over = [d for d in state.verdict.diagnoses if d.kind == "all_wheel_slip" and d.cleared is None]
-        if over and not any(d.kind == "all_wheel_slip" and d.cleared is None for d in verdict.diagnoses):
-            evidence.spread[:] = np.eye(evidence.spread.shape[1])
-            evidence.counters[:, SLIPPING] = 0.0
-        if len(verdict.diagnoses) == len(state.verdict.diagnoses):
-            return state.accepted
-        motors = [d for d in verdict.diagnoses[len(state.verdict.diagnoses) :] if d.kind == "motor"]
-        accepted = state.accepted.copy() if motors else state.accepted
-        found = evidence.found.copy()
-        for d in verdict.diagnoses[len(state.verdict.diagnoses) :]:
-            evidence.cursor[FILLED] = 0
-            evidence.found[:] = 0.0
-            if d.kind == "motor" and d.effectiveness is not None and not is_still(d):
-                i = d.wheels[0] - 1
-                j = i + self.wheels
-                if found[j, LIKELIHOOD] > found[i, LIKELIHOOD] + _RATHER:  # something brakes the wheel
-                    evidence.theta[j] += found[j, SIZE]
-                    _renew(evidence.cov, j, 0.5 * found[j, SIZE] + _PART_FRICTION)
-                    evidence.cov[i, i] += _PART_LOSS**2
-                else:
-                    accepted[i] = 1.0 - d.effectiveness - evidence.theta[i]
-                    seen = found[[i, j], LIKELIHOOD].max() >= min(self.thresholds.motor, self.thresholds.drag)
-                    _renew(evidence.cov, i, _FOUND_AGAIN if seen else _LEARNT_AGAIN)
-                    evidence.cov[j, j] += _PART_FRICTION**2
-            elif d.kind == "sensor":  # what it made up is forgotten
-                evidence.spread[:] = np.eye(evidence.spread.shape[1])
-                evidence.counters[:, SLIPPING] = 0.0
-        return accepted
 
     def _log(
         self,

@@ -22,6 +22,8 @@ LOSS_VARIES, FRICTION_VARIES = 0.01, 0.1
 """Standard deviations of δ and ν from one window to the next."""
 BROKEN_LOSS_VARIES, BROKEN_FRICTION_VARIES = 0.05, 0.5
 """The same of a motor that is known to be broken."""
+BROKEN_WANDERS = 0.1
+"""By which δ of a motor that is known to be broken may wander in a minute, as standard deviation."""
 
 
 def known_losses(theta: Array, cov: Array, wheels: int) -> Array:

@@ -62,6 +62,12 @@ class Verdict:
     """Everything decided so far."""
     suspected: float = math.nan
     """Since when the force channel asks for an answer [s]; NaN: it does not."""
+    renewed: int = 0
+    """Wheel whose motor, known to be weak, was found to be another one in this block; 0: none."""
+
+    def any_stands(self) -> bool:
+        """Whether anything is wrong."""
+        return any(d.cleared is None for d in self.diagnoses)
 
     def standing(self, wheel: int, kinds: Collection[str] = KINDS_OF_DIAGNOSIS) -> Diagnosis | None:
         """The newest diagnosis of these kinds that stands on a wheel 1…n."""
@@ -95,13 +101,13 @@ def with_one_more(verdict: Verdict, diagnosis: Diagnosis) -> Verdict:
     """One more; it takes the place of a lesser one on the same wheel, but a weak motor's wheel may slip."""
     known = verdict.standing(diagnosis.wheels[0], ("motor",)) if diagnosis.wheels else None
     if known is not None and diagnosis.kind == "motor" and not known.ambiguous_with:
-        # the same motor, known better by now
         same = replace(known, effectiveness=diagnosis.effectiveness)
-        return Verdict(tuple(same if d is known else d for d in verdict.diagnoses), math.nan)
+        told = tuple(same if d is known else d for d in verdict.diagnoses)
+        return Verdict(told, math.nan, diagnosis.wheels[0])
     kept = [
         replace(d, cleared=diagnosis.time)
         if d.cleared is None and d.wheels == diagnosis.wheels != () and not _both(d, diagnosis)
         else d
         for d in verdict.diagnoses
     ]
-    return Verdict((*kept, diagnosis), math.nan)
+    return replace(verdict, diagnoses=(*kept, diagnosis), suspected=math.nan)

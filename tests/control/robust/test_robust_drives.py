@@ -75,6 +75,20 @@ def test_what_is_left_of_a_motor_is_told_as_soon_as_it_is_named(loss):
     assert left[-1] == pytest.approx(1.0 - loss, abs=0.03)
 
 
+@pytest.mark.parametrize("wheel", [1, 2, 3, 4])
+@pytest.mark.parametrize(("first", "then"), [(0.4, 0.75), (0.75, 0.4), (0.6, 0.0)])
+def test_a_weak_motor_that_gets_worse_or_better_is_measured_again_and_named_once(wheel, first, then):
+    faults = [
+        Fault("motor", ONSET, 9.0, wheel, {"loss": first}),
+        *([Fault("motor", 9.0, None, wheel, {"loss": then})] if then else []),
+    ]
+    trace = driven(40 + wheel, faults=faults, seconds=24.0)
+    assert named(trace) == [("motor", (wheel,))]
+    left = trace[f"effectiveness_{wheel}"]
+    assert left[8999] == pytest.approx(1.0 - first, abs=0.08)
+    assert left[-1] == pytest.approx(1.0 - then, abs=0.08)
+
+
 @pytest.mark.parametrize(("wheel", "seed"), [(2, 23), (4, 27)])
 def test_a_loss_too_small_to_be_seen_when_it_comes_is_learnt_and_named(wheel, seed):
     trace = driven(seed, faults=[Fault("motor", ONSET, None, wheel, {"loss": 0.12})], seconds=40.0)
