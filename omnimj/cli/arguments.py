@@ -11,6 +11,7 @@ from omnimj.errors import InputError
 
 if TYPE_CHECKING:
     from omnimj.control.gains import Gains
+    from omnimj.control.robust.gains import ObserverGains
 
 
 def add_floors(parser: argparse.ArgumentParser) -> None:
@@ -58,6 +59,26 @@ def read_gains_file(file: Path | None, model: Path | None = None) -> Gains | Non
     from omnimj.parameters import read_robot
 
     return read_gains(file, read_robot(model).control)
+
+
+def add_observer(parser: argparse.ArgumentParser) -> None:
+    """`--gains FILE` of commands that drive nothing."""
+    words = "what the robust method's observer weighs with, from omnimj tune (default: as shipped)"
+    parser.add_argument("--gains", metavar="FILE", type=Path, help=words)
+
+
+def read_observer(file: Path | None, method: str) -> ObserverGains | None:
+    """The observer's gains in a file; None without one.
+
+    Raises:
+      InputError: It is for another method, or as `control.gains.read_gains`.
+    """
+    if file is None:
+        return None
+    if method != "robust":
+        raise InputError(f"--gains {file}", f"the method is {method!r}", "only 'robust' has an observer")
+    gains = read_gains_file(file)
+    return None if gains is None else gains.observer
 
 
 def add_executor(parser: argparse.ArgumentParser) -> None:

@@ -10,7 +10,7 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import add_floors
+from omnimj.cli.arguments import add_floors, add_observer, read_observer
 from omnimj.cli.compiling import note_compiled, say_compiling
 from omnimj.cli.progress import ProgressBar
 from omnimj.cli.tables import table
@@ -39,6 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--model", metavar="FILE", type=Path, help="a copy of robot.toml with changed values")
     add_floors(parser)
+    add_observer(parser)
     parser.add_argument("--out", metavar="FILE", type=Path, required=True, help="the file to write")
     parser.add_argument("--force", action="store_true", help="write --out although it is there")
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
@@ -106,7 +107,8 @@ def _order(arguments: Any) -> Order:
     if dataset.plant != "uto_robot":
         rule = "the robust method, whose thresholds these are, is for the robot"
         raise InputError(arguments.dataset, f"plant is {dataset.plant!r}", rule, ("uto_robot",))
-    return Order(dataset, read_machine(dataset, arguments.model), "robust", floors)
+    observer = read_observer(arguments.gains, "robust")
+    return Order(dataset, read_machine(dataset, arguments.model), "robust", floors, observer=observer)
 
 
 def _told(found: Calibration, order: Order, out: Path) -> str:

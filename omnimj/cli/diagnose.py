@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import add_floors, add_thresholds, read_thresholds
+from omnimj.cli.arguments import add_floors, add_observer, add_thresholds, read_observer, read_thresholds
 from omnimj.cli.compiling import note_compiled, say_compiling
 from omnimj.cli.progress import ProgressBar
 from omnimj.cli.tables import table
@@ -44,6 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_floors(parser)
     add_thresholds(parser)
+    add_observer(parser)
     parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="where the results go")
     parser.add_argument("--force", action="store_true", help="write into --out although it is not empty")
     parser.add_argument("--json", action="store_true", help="print diagnoses.json instead of the table")
@@ -96,7 +97,9 @@ def _order(arguments: Any) -> Order:
     dataset = _recorded(arguments, floors) or read_dataset(arguments.dataset, floors)
     machine = read_machine(dataset, arguments.model)
     method = method_name(arguments.method, machine)
-    return Order(dataset, machine, method, floors, read_thresholds(arguments.thresholds, method))
+    thresholds = read_thresholds(arguments.thresholds, method)
+    observer = read_observer(arguments.gains, method)
+    return Order(dataset, machine, method, floors, thresholds, observer)
 
 
 def _recorded(arguments: Any, floors: Mapping[str, Floor]) -> Dataset | None:

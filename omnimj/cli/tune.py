@@ -11,7 +11,14 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import add_executor, names, read_gains_file, whole_number
+from omnimj.cli.arguments import (
+    add_executor,
+    add_thresholds,
+    names,
+    read_gains_file,
+    read_thresholds,
+    whole_number,
+)
 from omnimj.cli.compiling import note_compiled, say_compiling
 from omnimj.cli.progress import ProgressBar
 from omnimj.cli.tables import table
@@ -72,6 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--model", metavar="FILE", type=Path, help=words)
     words = "gains to begin with, as tune writes them (default: the model's and the shipped ones)"
     parser.add_argument("--gains", metavar="FILE", type=Path, help=words)
+    add_thresholds(parser)
     words = "processes (default 1)"
     parser.add_argument("--workers", metavar="N", type=whole_number(1, 256), default=1, help=words)
     add_executor(parser)
@@ -159,6 +167,7 @@ def _order(arguments: Any) -> Order:
         force=arguments.force,
         model=arguments.model,
         gains=read_gains_file(arguments.gains, arguments.model),
+        thresholds=read_thresholds(arguments.thresholds, "robust"),
     )
 
 

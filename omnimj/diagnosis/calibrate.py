@@ -23,7 +23,6 @@ from omnimj.control.robust.thresholds_file import UNITS
 from omnimj.control.robust.verdict import Thresholds
 from omnimj.control.robust.windows import LIKELIHOOD
 from omnimj.diagnosis.diagnose import Order, Progress
-from omnimj.diagnosis.machines import method_of
 from omnimj.diagnosis.replay import Replayed, replay, sample_run
 from omnimj.diagnosis.tails import Spread, Tail, spread_of, tail_of
 from omnimj.errors import InputError
@@ -213,8 +212,7 @@ def _passes(
         samples = sample_run(run, order.machine)
         if watch is not None:
             watch.next_run()
-        method = method_of(order.method, order.machine, run, order.floors, order.thresholds)
-        one = replay(run, samples, order.machine, method, watch=watch)
+        one = replay(run, samples, order.machine, order.method_for(run), watch=watch)
         found.append(dataclasses.replace(one, trace=dataclasses.replace(one.trace, columns={})))
         before += len(run.time)
     return found

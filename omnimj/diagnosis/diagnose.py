@@ -6,13 +6,15 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from omnimj.control.method import Method
+from omnimj.control.robust.gains import ObserverGains
 from omnimj.control.robust.verdict import Thresholds
 from omnimj.diagnosis.machines import Machine, method_of
 from omnimj.diagnosis.replay import Replayed, replay, sample_run
 from omnimj.diagnosis.sampling import require_rates
 from omnimj.errors import InputError
 from omnimj.parameters import Floor
-from omnimj.recording.dataset import Dataset
+from omnimj.recording.dataset import Dataset, Run
 
 Progress = Callable[[int, int, str], None]
 """Called now and then with the work done, the work in all, and the run."""
@@ -28,6 +30,17 @@ class Order:
     floors: Mapping[str, Floor]
     thresholds: Thresholds | None = None
     """Of the robust method; the shipped ones when None."""
+    observer: ObserverGains | None = None
+    """Of the robust method; the shipped ones when None."""
+
+    def method_for(self, run: Run) -> Method:
+        """The method for one run.
+
+        Raises:
+          UnknownNameError: No such method.
+          InputError: The method is not for this machine.
+        """
+        return method_of(self.method, self.machine, run, self.floors, self.thresholds, self.observer)
 
 
 def check_order(order: Order) -> None:
@@ -37,7 +50,7 @@ def check_order(order: Order) -> None:
       UnknownNameError: No such method.
       InputError: The method is not for this machine, or a run is sampled too slowly.
     """
-    method_of(order.method, order.machine, order.dataset.runs[0], order.floors, order.thresholds)
+    order.method_for(order.dataset.runs[0])
     require_rates(order.dataset)
 
 
@@ -52,7 +65,7 @@ def diagnose(order: Order, progress: Progress | None = None) -> Iterator[Replaye
     total, before = sum(len(run.time) for run in runs), 0
     for run in runs:
         samples = sample_run(run, order.machine)
-        method = method_of(order.method, order.machine, run, order.floors, order.thresholds)
+        method = order.method_for(run)
 
         def report(done: int, name: str = run.name, rows: int = len(run.time), first: int = before) -> None:
             if progress is not None:

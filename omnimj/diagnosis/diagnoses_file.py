@@ -31,6 +31,7 @@ def as_json(order: Order, found: Sequence[Replayed], command: str, interrupted: 
         "model": str(order.machine.constants.file),
         "method": order.method,
         "thresholds": None if order.thresholds is None else dataclasses.asdict(order.thresholds),
+        "observer": None if order.observer is None else dataclasses.asdict(order.observer),
         "version": omnimj.__version__,
         "command": command,
         "interrupted": interrupted,

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from omnimj.control.method import Method
+from omnimj.control.robust.gains import ObserverGains
 from omnimj.control.robust.verdict import Thresholds
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import Floor, Rig, Robot, read_rig, read_robot
@@ -90,6 +91,7 @@ def method_of(
     run: Run,
     floors: Mapping[str, Floor],
     thresholds: Thresholds | None = None,
+    observer: ObserverGains | None = None,
 ) -> Method:
     """The method for one run: on its floor, with its mass where it states one.
 
@@ -102,7 +104,8 @@ def method_of(
         body = dataclasses.replace(constants.body, mass=float(mass))
         constants = dataclasses.replace(constants, body=body)
     load = None if mass is None else float(mass)
-    believed = Believed(constants, floors[str(run.conditions["floor"])], load, thresholds=thresholds)
+    floor = floors[str(run.conditions["floor"])]
+    believed = Believed(constants, floor, load, thresholds=thresholds, observer=observer)
     method = method_for(name, believed)
     if method is None:
         raise InputError("--method", f"found {name!r}", "it diagnoses nothing")

@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from omnimj.control.robust.verdict import Thresholds
 from omnimj.errors import InputError, SimulationError
 from omnimj.trials.pool import Report, Workers
 from omnimj.trials.results import keep_in, plain, read_result, write_json
@@ -34,6 +35,7 @@ class Bench:
       folder: From `prepared`.
       axes: What a candidate's values are of.
       before: Gains before the search, by their names, where they are not those of the model.
+      thresholds: Of the method; the shipped ones when None.
       workers: Who drives.
       report: Called with a phrase and the share that is done of what is under way.
     """
@@ -43,11 +45,12 @@ class Bench:
         folder: Path,
         axes: Sequence[Axis],
         before: Mapping[str, float],
+        thresholds: Thresholds | None,
         workers: Workers,
         report: Report,
     ):
         self._folder, self._axes, self._before = folder, tuple(axes), dict(before)
-        self._workers, self._report = workers, report
+        self._thresholds, self._workers, self._report = thresholds, workers, report
         self._uses: dict[str, Any] = {}
 
     def drive(
@@ -65,7 +68,9 @@ class Bench:
             for values in map(self._values, dict.fromkeys(candidates))
             for draw in draws
         }
-        ready = {name: (*given, self._uses.get(given[0].name)) for name, given in tasks.items()}
+        ready = {
+            name: (*given, self._uses.get(given[0].name), self._thresholds) for name, given in tasks.items()
+        }
         found = self._done(drive_trial, ready, phrase)
         return [
             tuple(facts_of(found[_name(draw, self._values(one))]) for draw in draws) for one in candidates

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from omnimj.control.robust.verdict import Thresholds
 from omnimj.errors import SimulationError
 from omnimj.evaluation.true_robot import true_floor, true_robot
 from omnimj.evaluation.use import IN_USE, demanded_traction
@@ -55,13 +56,16 @@ def drive_healthy(draw: Draw, values: Mapping[str, float]) -> dict[str, Any]:
     return guarded(driven)
 
 
-def drive_trial(draw: Draw, values: Mapping[str, float], uses: Uses | None) -> dict[str, Any]:
+def drive_trial(
+    draw: Draw, values: Mapping[str, float], uses: Uses | None, thresholds: Thresholds | None = None
+) -> dict[str, Any]:
     """One draw with a candidate's gains.
 
     Args:
       draw: With its truth, which controller and method do not get.
       values: Gains by their names, over those of the model.
       uses: From `drive_healthy`; None where nothing goes wrong.
+      thresholds: Of the method; the shipped ones when None.
 
     Returns:
       `draw`, `gains`, and `facts` of `facts.measure_trial`; or `error`: what went wrong. A run that broke
@@ -71,7 +75,7 @@ def drive_trial(draw: Draw, values: Mapping[str, float], uses: Uses | None) -> d
     def driven() -> dict[str, Any]:
         scenario = _read(draw, values)
         believed, truth = in_draw(scenario, draw, False), in_draw(scenario, draw, True)
-        trace = _run(believed, draw, METHOD, truth)
+        trace = _run(believed, draw, METHOD, truth, thresholds)
         found = {"broke": trace.about["failure"]}
         if not trace.about["failure"]:
             found = dataclasses.asdict(measure_trial(trace, truth, uses))
@@ -85,7 +89,9 @@ def _read(draw: Draw, values: Mapping[str, float]) -> Scenario:
     return with_gains(scenario, gains_of(scenario).changed(values))
 
 
-def _run(believed: Scenario, draw: Draw, method: str, truth: Scenario) -> Trace:
+def _run(
+    believed: Scenario, draw: Draw, method: str, truth: Scenario, thresholds: Thresholds | None = None
+) -> Trace:
     """The run of a scenario that knows of nothing wrong on a plant that has the truth."""
     nominal, asked = believed.constants, believed.drive
     assert isinstance(nominal, Robot)
@@ -98,7 +104,7 @@ def _run(believed: Scenario, draw: Draw, method: str, truth: Scenario) -> Trace:
     )
     plant = make_plant(real, draw.plant, draw.noise)
     try:
-        controller = make_diagnosing(believed, make_method(method, believed))
+        controller = make_diagnosing(believed, make_method(method, believed, thresholds))
         trace = drive(plant, controller, asked.reference)
     finally:
         plant.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 
 import omnimj
 from omnimj.control.gains import NAMES, Gains
+from omnimj.control.robust.verdict import Thresholds
 from omnimj.errors import UnknownNameError
 from omnimj.parameters import read_robot
 from omnimj.scenario.plants import PLANT_NAMES
@@ -50,6 +52,9 @@ class Order:
     gains: Gains | None = None
     """Before the search; those of the model and the shipped ones when None."""
 
+    thresholds: Thresholds | None = None
+    """Of the method; the shipped ones when None."""
+
     @property
     def before(self) -> Gains:
         """Gains before the search."""
@@ -70,6 +75,7 @@ class Order:
             "seed": self.seed,
             "trials": self.trials,
             "limits": [self.limits.saturation, self.limits.phase_margin, self.limits.overshoot],
+            "thresholds": dataclasses.asdict(self.thresholds or Thresholds()),
             "bounds": {name: [repr(end) for end in ends] for name, ends in self.bounds.items()},
             "model": None if self.model is None else str(self.model),
             "version": omnimj.__version__,

@@ -110,7 +110,7 @@ class _Tuning:
         self._scenarios = read_tuned_scenarios(order.scenarios, order.model)
         usual = by_name(Gains(self._robot.control))
         changed = {name: value for name, value in by_name(self._before).items() if value != usual[name]}
-        self._bench = Bench(folder, self.axes, changed, workers, self._tell)
+        self._bench = Bench(folder, self.axes, changed, order.thresholds, workers, self._tell)
         self._floors = _measured_floors()
         self._phrase, self._done, self._share = "", 0.0, 0.0
         self._loops_before = self._loops(self._start)

@@ -112,6 +112,21 @@ def test_diagnose_run_and_evaluate_take_them(files, folder, tmp_path, capsys):
     assert plan["thresholds"]["motor"] == read_thresholds(files[0.1]).motor
 
 
+def test_the_observer_of_a_gains_file_is_the_one_that_is_calibrated_and_that_diagnoses(
+    folder, files, tmp_path, capsys
+):
+    gains = tmp_path / "gains.toml"
+    gains.write_text('[observer]\nmemory = { value = 2.0, unit = "s", source = "tuned" }\n')
+    file, rate = tmp_path / "t.toml", ["--false-alarms-per-hour", "0.1"]
+    assert main(["calibrate", str(folder), *rate, "--gains", str(gains), "--out", str(file)]) == 0
+    brief, usual = read_thresholds(file), read_thresholds(files[0.1])
+    assert brief.worn < usual.worn  # who forgets in two seconds never knows a motor better than before
+    capsys.readouterr()
+    argv = ["diagnose", str(folder), "--gains", str(gains), "--json", "--out", str(tmp_path / "d")]
+    assert main(argv) == 0
+    assert json.loads(capsys.readouterr().out)["observer"]["memory"] == 2.0
+
+
 def test_a_run_with_thresholds_decides_by_them(monkeypatch, files):
     from omnimj.scenario import running
 

@@ -4,46 +4,32 @@ from __future__ import annotations
 
 import json
 import tomllib
-from concurrent.futures import Executor, Future
 from pathlib import Path
 
 import pytest
+from short_push import Here, scenario_file
 
 from omnimj.cli.main import main
+from omnimj.control.robust.thresholds_file import read_thresholds
+from omnimj.control.robust.verdict import Thresholds
 from omnimj.trials import pool
-from omnimj.tuning import tuning
-
-SCENARIO = """description = "A short push along y"
-plant = "uto_robot"
-floor = "pvc"
-duration = 0.6
-
-[drive]
-kind = "profile"
-direction = 1.5707963267948966
-speed = 0.4
-acceleration = 2.0
-start_time = 0.05
-cruise_time = 0.05
-"""
-
-
-class Here(Executor):
-    """Does work at once."""
-
-    def submit(self, fn, /, *args, **kwargs) -> Future:
-        future: Future = Future()
-        future.set_result(fn(*args, **kwargs))
-        return future
+from omnimj.tuning import bench, tuning
 
 
 @pytest.fixture
 def push(tmp_path, monkeypatch) -> list[str]:
     """The command over a scenario of half a second, the work done at once."""
     monkeypatch.setattr(pool, "ProcessPoolExecutor", lambda *given, **named: Here())
-    file = tmp_path / "push.toml"
-    file.write_text(SCENARIO, encoding="utf-8")
-    argv = ["tune", str(file), "--only", "control", "--trials", "1", "--judging", "1"]
+    argv = [
+        "tune",
+        scenario_file(tmp_path, faults=""),
+        "--only",
+        "control",
+        "--trials",
+        "1",
+        "--judging",
+        "1",
+    ]
     return [*argv, "--generations", "1", "--landscape", "0", "--out", str(tmp_path / "g.toml")]
 
 
@@ -61,6 +47,27 @@ def test_the_command_writes_gains_and_a_page_and_its_exit_code_is_the_verdict(pu
     found = json.loads(capsys.readouterr().out)
     assert found["better"] == told["better"] and found["gains"].keys() == found["before"].keys()
     assert found["judged"][0]["before"]["cost"] == pytest.approx(1.0)
+
+
+def test_thresholds_from_a_file_are_those_that_candidates_are_driven_with(push, tmp_path, monkeypatch):
+    file, seen = tmp_path / "t.toml", []
+    units = {"motor": "nats", "drag": "nats", "accelerometer": "nats", "slip": "m", "worn": "1"}
+    lines = [
+        f'{name} = {{ value = 0.9, unit = "{unit}", source = "measured" }}' for name, unit in units.items()
+    ]
+    file.write_text("[thresholds]\n" + "\n".join(lines), encoding="utf-8")
+    drive = bench.drive_trial
+
+    def noting(draw, values, uses, thresholds=None):
+        seen.append(thresholds)
+        return drive(draw, values, uses, thresholds)
+
+    monkeypatch.setattr(bench, "drive_trial", noting)
+    assert main([*push, "--thresholds", str(file)]) in (0, 1)
+    assert set(seen) == {read_thresholds(file)}
+    assert main([*push, "--force"]) in (0, 1)
+    plan = json.loads((tmp_path / "g_trials" / "tuning_plan.json").read_text(encoding="utf-8"))
+    assert plan["thresholds"]["motor"] == Thresholds().motor and None in seen
 
 
 def test_a_result_that_is_not_better_is_told_and_ends_with_1(push, tmp_path, capsys, monkeypatch):
@@ -178,12 +185,11 @@ def test_gains_and_executors_of_other_commands(refused, tmp_path, argv, told):
 
 
 def test_gains_are_driven_with(tmp_path, capsys):
-    scenario, file = tmp_path / "push.toml", tmp_path / "g.toml"
-    scenario.write_text(SCENARIO, encoding="utf-8")
+    scenario, file = scenario_file(tmp_path, faults=""), tmp_path / "g.toml"
     file.write_text('[control]\nspeed_proportional = { value = 0.1, unit = "A.s/rad", source = "tuned" }\n')
 
     def current(*more: str) -> float:
-        assert main(["run", str(scenario), "--plant", "planar", "--json", *more]) == 0
+        assert main(["run", scenario, "--plant", "planar", "--json", *more]) == 0
         return json.loads(capsys.readouterr().out)["tracking_error_max"]
 
     assert current("--gains", str(file)) > 1.05 * current()

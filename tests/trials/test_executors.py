@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from short_push import quiet, scenario_file
 
 from omnimj.errors import InputError, SimulationError
 from omnimj.evaluation.cases import Choice
@@ -22,24 +23,6 @@ from omnimj.trials.pool import with_workers
 from omnimj.trials.results import keep_in, read_result
 from omnimj.tuning.draws import draw_trial, read_tuned_scenarios
 from omnimj.tuning.driving import drive_trial
-
-SCENARIO = """description = "A short push along y"
-plant = "uto_robot"
-floor = "pvc"
-duration = 0.5
-
-[drive]
-kind = "profile"
-direction = 1.5707963267948966
-speed = 0.3
-acceleration = 2.0
-start_time = 0.05
-cruise_time = 0.05
-"""
-
-
-def quiet(phrase: str, share: float) -> None:
-    pass
 
 
 @pytest.fixture(scope="module")
@@ -117,12 +100,11 @@ def test_an_evaluation_by_processes_by_a_thread_and_by_a_cluster_is_the_same(tmp
 
 
 def test_trials_of_a_tuning_are_the_same_by_processes_by_a_thread_and_by_a_cluster(tmp_path, dask):
-    file = tmp_path / "push.toml"
-    file.write_text(SCENARIO, encoding="utf-8")
-    (scenario,) = read_tuned_scenarios((str(file),), None).values()
+    file = scenario_file(tmp_path, faults="")
+    (scenario,) = read_tuned_scenarios((file,), None).values()
     tasks = {
         f"{k}_{gain}": (
-            draw_trial(str(file), scenario, 5, k, "planar"),
+            draw_trial(file, scenario, 5, k, "planar"),
             {"control.speed_integral": gain},
             None,
         )
@@ -135,13 +117,13 @@ def test_trials_of_a_tuning_are_the_same_by_processes_by_a_thread_and_by_a_clust
 
 
 def test_runs_of_a_sensitivity_study_are_the_same_by_processes_by_a_thread_and_by_a_cluster(tmp_path, dask):
-    file = tmp_path / "push.toml"
-    file.write_text(SCENARIO, encoding="utf-8")
+    file = Path(scenario_file(tmp_path, faults=""))
     tasks = {str(mass): (Asked(str(file)), {"body.mass": mass}, 3) for mass in (20.0, 30.0)}
     here = driven_by_all(drive_changed, tasks, dask)
     assert here["20.0"]["results"] != here["30.0"]["results"]
     # a worker that lives on reads a file that has changed since
-    file.write_text(SCENARIO.replace("speed = 0.3", "speed = 0.2"), encoding="utf-8")
+    text = file.read_text(encoding="utf-8")
+    file.write_text(text.replace("speed = 0.4", "speed = 0.2"), encoding="utf-8")
     assert driven_by_all(drive_changed, tasks, dask)["20.0"] != here["20.0"]
 
 

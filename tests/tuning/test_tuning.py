@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from made_scenario import Here, quiet, scenario_file
+from short_push import Here, quiet, scenario_file
 
 from omnimj.control.gains import NAMES, Gains, read_gains
 from omnimj.errors import InputError, SimulationError, UnknownNameError
@@ -195,8 +195,8 @@ def test_a_trial_that_breaks_for_no_fault_of_the_gains_ends_the_search_and_is_to
 def test_gains_that_break_a_run_down_come_behind_all_that_do_not(order, monkeypatch):
     drive_trial = bench.drive_trial
 
-    def fragile(draw, values, uses):
-        found = drive_trial(draw, values, uses)
+    def fragile(draw, values, uses, thresholds):
+        found = drive_trial(draw, values, uses, thresholds)
         if values[CASCADE[0]] > 0.3:
             found = found | {"facts": {"broke": "at 0.1 s: x is nan"}}
         return found

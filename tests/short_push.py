@@ -1,11 +1,11 @@
-"""What the tests of tuning share: scenarios of half a second, and executors that work at once."""
+"""A scenario of half a second, and an executor that works at once."""
 
 from __future__ import annotations
 
 from concurrent.futures import Executor, Future
 from pathlib import Path
 
-TEXT = """description = "A short push along y"
+PUSH = """description = "A short push along y"
 plant = "uto_robot"
 floor = "pvc"
 duration = {duration}
@@ -17,7 +17,8 @@ speed = 0.4
 acceleration = 2.0
 start_time = 0.05
 cruise_time = 0.05
-
+"""
+WEAK = """
 [[faults]]
 kind = "motor"
 wheel = 1
@@ -26,10 +27,10 @@ loss = 0.6
 """
 
 
-def scenario_file(folder: Path, name: str = "push", duration: float = 0.6) -> str:
+def scenario_file(folder: Path, name: str = "push", duration: float = 0.6, faults: str = WEAK) -> str:
     """Writes the scenario; its path."""
     file = folder / f"{name}.toml"
-    file.write_text(TEXT.format(duration=duration), encoding="utf-8")
+    file.write_text(PUSH.format(duration=duration) + faults, encoding="utf-8")
     return str(file)
 
 
