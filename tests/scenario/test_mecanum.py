@@ -33,3 +33,9 @@ def test_mecanum_wheels_on_a_sheet_of_nylon_are_named_and_no_other(tmp_path, pla
 def test_healthy_mecanum_wheels_drive_a_circle_and_nothing_is_named(tmp_path):
     told = metrics(tmp_path, "circle_8m", "twin", "duration=12", "checks={}")
     assert told["diagnoses"] == []
+
+
+def test_twisted_axles_on_mecanum_wheels_are_no_weak_motor(tmp_path):
+    """No number of the robot is what they do; a loss that is learnt for it is not sure enough to be named."""
+    told = metrics(tmp_path, "square_path", "twin", "checks={}")
+    assert told["diagnoses"] == []

@@ -14,6 +14,8 @@ LOSS, FRICTION, BIAS, ROLLERS, LOADED, INERTIA = 0.02, 0.13, 0.02, 0.15, 0.12, 0
 """Standard deviations in health: δ, ν, β [m/s²], λ, μ, ι."""
 TOLD = 0.9
 """Share of the prior deviation of δ below which a drive has told something of it."""
+SURE = 4.0
+"""Standard deviations by which a learnt loss must differ from none: most of what wanders is below them."""
 HELD = 0.6
 """The same of h and k: anything between −1 and 1."""
 FREELY = 6.0
@@ -27,13 +29,17 @@ BROKEN_WANDERS = 0.1
 
 
 def known_losses(theta: Array, cov: Array, wheels: int) -> Array:
-    """δ of the motors of which the drive has told something, shape (n,); 0 of the others.
+    """δ of the motors of which the drive has told enough, shape (n,); 0 of the others.
 
     A steady drive tells nothing: mass, friction and torque constants trade with each other, and δ wanders
-    while its deviation grows. Only what is known better than before anything was known counts.
+    while its deviation grows. Only what is known better than before anything was known counts, and only a
+    loss beyond `SURE` of its standard deviations: the rest may be what no law of the robot tells, like
+    twisted axles, taken for the next best thing.
     """
     own = np.arange(wheels)
-    return np.where(cov[own, own] < (TOLD * LOSS) ** 2, theta[:wheels], 0.0)
+    variance, loss = cov[own, own], theta[:wheels]
+    told = variance < (TOLD * LOSS) ** 2
+    return np.where(told & (loss > 0.0) & (loss**2 > SURE**2 * variance), loss, 0.0)
 
 
 def prior(wheels: int) -> Array:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
 from scipy.stats import norm
 
 from omnimj.control.robust.constants import DRY, geometry, numbers
@@ -177,3 +179,12 @@ def test_a_loss_counts_only_once_a_drive_has_told_something_of_it():
     theta[1], theta[2] = 0.1, 0.1
     cov[2, 2] = (0.5 * LOSS) ** 2
     assert known_losses(theta, cov, 4).tolist() == [0.0, 0.0, 0.1, 0.0]
+
+
+@given(st.floats(-0.2, 0.2), st.floats(0.001, 0.9))
+def test_a_loss_counts_only_beyond_four_of_its_own_deviations(loss, share):
+    theta, cov = np.zeros(columns(4)), np.diag(prior(4) ** 2)
+    deviation = share * LOSS
+    theta[3], cov[3, 3] = loss, deviation**2
+    assume(abs(loss - 4.0 * deviation) > 1e-9 and abs(share - 0.9) > 1e-9)
+    assert known_losses(theta, cov, 4)[3] == (loss if loss > 4.0 * deviation else 0.0)
