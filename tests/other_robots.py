@@ -39,6 +39,19 @@ def write_mecanum_of_the_guide(path: Path, yaw_gain: float = 3.0) -> Path:
     behind = ahead.replace("[0.2, 0.2]", "[-0.2, -0.2]").replace("[0.2, -0.2]", "[-0.2, 0.2]")
     text = (models_folder() / "three_wheel" / "robot.toml").read_text(encoding="utf-8")
     body, rest = text.split("[[wheels]]", 1)[0], text[text.index("[control]") :]
-    rest = re.sub(r"(yaw_rate_proportional = \{ value = )[\d.]+", rf"\g<1>{yaw_gain}", rest)
-    path.write_text(f"{body}{ahead}{behind}{rest}", encoding="utf-8")
+    path.write_text(f"{body}{ahead}{behind}{_with_yaw_gain(rest, yaw_gain)}", encoding="utf-8")
     return path
+
+
+def write_slow(path: Path, rate: float, yaw_gain: float = 3.0) -> Path:
+    """The shipped robot over a slow line: fewer samples a second, and a gain that its loop can have then."""
+    sensors = (models_folder() / "parts.toml").read_text(encoding="utf-8")
+    sensors = sensors[sensors.index("[sensors]") :].split("\n[", 1)[0]
+    sensors = re.sub(r"(?m)^(sample_rate = \{ value = )[\d.]+", rf"\g<1>{rate}", sensors)
+    text = _with_yaw_gain(read_robot().file.read_text(encoding="utf-8"), yaw_gain)
+    path.write_text(f"{text}\n{sensors}\n", encoding="utf-8")
+    return path
+
+
+def _with_yaw_gain(text: str, gain: float) -> str:
+    return re.sub(r"(yaw_rate_proportional = \{ value = )[\d.]+", rf"\g<1>{gain}", text)

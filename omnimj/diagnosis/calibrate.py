@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from omnimj.control.robust.constants import BLOCK
+from omnimj.control.robust.constants import BLOCK, samples_per_block
 from omnimj.control.robust.counters import SLIPPING
 from omnimj.control.robust.method import BLIND, RobustState
 from omnimj.control.robust.slow import known_losses
@@ -137,7 +137,7 @@ def least(rate: float, wheels: int) -> dict[str, float]:
       wheels: n, which makes 2n+2 tests.
     """
     usual = Thresholds()
-    per_alarm = 3600.0 / rate * 1000.0 / BLOCK
+    per_alarm = 3600.0 / rate / BLOCK
     likely = max(math.log(per_alarm * (2 * wheels + 2)), 1.0)
     return {"motor": likely, "drag": likely, "accelerometer": likely, "slip": usual.slip, "worn": TOLERANCE}
 
@@ -146,7 +146,7 @@ class Maxima:
     """Watches a method: the largest of each statistic in every stretch of motion, and what a run taught."""
 
     def __init__(self, wheels: int, period: float):
-        self._wheels, self._period = wheels, period * BLOCK
+        self._wheels, self._period = wheels, period * samples_per_block(period)
         self._evidence: object = None
         self._now, self._moved = np.zeros(STATISTICS), 0.0
         self.found: list[np.ndarray] = []

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 
-from omnimj.control.robust.constants import BLOCK
 from omnimj.parameters import Robot
 from omnimj.physics.native import kernel
 from omnimj.signals import Array
@@ -139,9 +138,9 @@ def add_sample(sums, current, speed, acceleration, turning):
 
 
 @kernel
-def is_full(sums):
-    """Whether the block is complete."""
-    return sums[COUNT] >= BLOCK
+def is_full(sums, samples):
+    """Whether the block has as many samples as it takes."""
+    return sums[COUNT] >= samples
 
 
 @kernel

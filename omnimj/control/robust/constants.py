@@ -13,8 +13,8 @@ from omnimj.physics.motor import motor_row
 from omnimj.physics.wheel import wheel_row
 from omnimj.signals import Array
 
-BLOCK = 10
-"""Samples that are averaged before anything is judged: 10 ms at 1 kHz."""
+BLOCK = 0.01
+"""Time over which samples are averaged before anything is judged [s]."""
 
 (
     MASS,
@@ -35,6 +35,15 @@ BLOCK = 10
 ) = range(15)
 
 GRAVITY = 9.81
+
+
+def samples_per_block(period: float) -> int:
+    """How many samples come nearest to `BLOCK`; one where they come slower.
+
+    Args:
+      period: From sample to sample [s].
+    """
+    return max(1, round(BLOCK / period))
 
 
 @dataclass(frozen=True)
@@ -82,7 +91,7 @@ def numbers(robot: Robot, period: float, gains: ObserverGains | None = None) -> 
             robot.motor.gear_efficiency,
             robot.wheel.roller_dry,
             robot.wheel.roller_viscous,
-            BLOCK * period,
+            samples_per_block(period) * period,
             own.wheel_noise,
             own.creep_noise,
             own.acceleration_noise,

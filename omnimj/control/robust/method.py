@@ -13,7 +13,7 @@ from omnimj.control.method import Beliefs
 from omnimj.control.robust.accepting import accept
 from omnimj.control.robust.believing import believe, believed_wheels, deaf_axes, unknown_forces, weak_motors
 from omnimj.control.robust.blocks import delays, ranges, take_block
-from omnimj.control.robust.constants import BLOCK, RADIUS, geometry, numbers
+from omnimj.control.robust.constants import RADIUS, geometry, numbers, samples_per_block
 from omnimj.control.robust.counters import SLIPPING
 from omnimj.control.robust.decide import decide
 from omnimj.control.robust.evidence import Evidence, compare_turning, no_evidence, update
@@ -96,7 +96,9 @@ class Robust:
         self._limits = np.full(n, self.thresholds.motor), np.full(n, self.thresholds.slip)
         own = ObserverGains() if gains is None else gains
         shape = geometry(robot)
-        walk = prior(n) ** 2 * (BLOCK * self.period / own.memory)
+        self._per_block = samples_per_block(self.period)
+        self._block = self._per_block * self.period
+        walk = prior(n) ** 2 * (self._block / own.memory)
         low = np.array([0.03] * n + [0.3] * n + [-5.0] * 2)
         high = np.array([1.0] * n + [40.0] * n + [5.0] * 2)
         self._constants = (
@@ -159,7 +161,7 @@ class Robust:
             return state
         before, first = state.samples, math.isnan(state.evidence.heading[0])
         *arrays, now, full = take_sample(
-            self._waits, self._ranges, self._amplifier,
+            self._waits, self._ranges, self._amplifier, self._per_block,
             before.sums, before.line, before.repeats, before.wanted, first,
             m.current, m.wheel_speed, m.acceleration, m.yaw_rate, bias,
             command is not None, before.wanted if command is None else command,
@@ -176,7 +178,7 @@ class Robust:
     ) -> RobustState:
         n = self.wheels
         block = np.empty(3 * n + 4)
-        take_block(samples.sums, BLOCK * self.period, now[n : 2 * n], now[2 * n + 2], block)
+        take_block(samples.sums, self._block, now[n : 2 * n], now[2 * n + 2], block)
         evidence = state.evidence.copy()
         self._mend(block, evidence, state.verdict)
         c, forces, across, walk, loose, low, high = self._constants
@@ -186,15 +188,15 @@ class Robust:
         moving = update(
             c, forces, across, walk, loose, low, high,
             block[:n], block[n : 2 * n], block[2 * n : 2 * n + 2], block[2 * n + 2],
-            block[2 * n + 3 : 3 * n + 3], block[3 * n + 3], block[:n] + samples.wanted / BLOCK,
+            block[2 * n + 3 : 3 * n + 3], block[3 * n + 3], block[:n] + samples.wanted / self._per_block,
             believed_wheels(state.verdict, n, state.fresh), unknown_forces(state.verdict, n),
             deaf_axes(state.verdict), weak, state.accepted, state.fresh > 0,
             evidence.ring, evidence.cursor, evidence.recent, evidence.theta, evidence.cov, evidence.velocity,
             evidence.spread, evidence.counters, evidence.found, evidence.force, evidence.rho,
             evidence.misfit,
         )  # fmt: skip
-        speed, period = block[n : 2 * n], BLOCK * self.period
-        compare_turning(evidence.heading, self._turn, period, measurement.yaw, speed, block[2 * n + 2])
+        speed = block[n : 2 * n]
+        compare_turning(evidence.heading, self._turn, self._block, measurement.yaw, speed, block[2 * n + 2])
         broken = broken_channels(samples.repeats, speed)
         dead = tuple(c for c, lies in zip(self._channels, broken.tolist(), strict=True) if lies)
         losses = state.accepted + evidence.theta[:n]
@@ -215,7 +217,7 @@ class Robust:
         long, and what is lost may also come back."""
         n = self.wheels
         walk, loose, low = walk.copy(), loose.copy(), low.copy()
-        walk[:n] += weak * (BROKEN_WANDERS**2 * BLOCK * self.period / 60.0)
+        walk[:n] += weak * (BROKEN_WANDERS**2 * self._block / 60.0)
         loose[:n] += weak * BROKEN_LOSS_VARIES**2
         loose[n : 2 * n] += weak * BROKEN_FRICTION_VARIES**2
         low[:n][weak > 0.0] = -1.0

@@ -43,7 +43,7 @@ def no_samples(wheels: int) -> Samples:
 
 @kernel
 def take_sample(
-    waits, ranges, amplifier, sums, line, repeats, wanted, first,
+    waits, ranges, amplifier, samples, sums, line, repeats, wanted, first,
     current, speed, acceleration, turning, bias, commanded, command,
 ):  # fmt: skip
     """One sample into copies of the first four arrays of `Samples`.
@@ -52,6 +52,7 @@ def take_sample(
       waits: From `blocks.delays`.
       ranges: From `blocks.ranges`: a reading beyond it is cut.
       amplifier: From `wheel_speed.amplifier_row`.
+      samples: Of a block.
       sums: And the next three: of `Samples`, left as they are.
       line: Shape (LINE, 2n+3).
       repeats: Shape (3, 2n+3).
@@ -86,7 +87,7 @@ def take_sample(
             # in parallel does not: neither disobeys
             asked, can = command[i] - current[i], set_current(amplifier, command[i], speed[i]) - current[i]
             wanted[i] += asked if abs(asked) < abs(can) else can
-    return sums, line, repeats, wanted, now, is_full(sums)
+    return sums, line, repeats, wanted, now, is_full(sums, samples)
 
 
 @kernel

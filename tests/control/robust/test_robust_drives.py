@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from other_robots import write_slow
 
 from omnimj.control.controller import Controller
 from omnimj.control.diagnosing import DiagnosingController
@@ -61,6 +62,15 @@ def test_a_weak_motor_is_named_and_measured(wheel, loss):
     assert trace[f"effectiveness_{wheel}"][-1] == pytest.approx(1.0 - loss, abs=0.06)
     others = [trace[f"effectiveness_{i}"][-1] for i in range(1, 5) if i != wheel]
     assert others == pytest.approx(np.ones(3), abs=0.08)
+
+
+@pytest.mark.parametrize("wheel", [1, 3])
+def test_half_the_samples_a_second_see_a_weak_motor_as_soon(wheel, tmp_path):
+    model = write_slow(tmp_path / "robot.toml", 500.0)
+    scenario = read_scenario("degraded_motor", (f"faults.0.wheel={wheel}",), model)
+    assert scenario.period == 2e-3
+    told = run_scenario(scenario, "planar", "robust").metrics
+    assert told["isolated"] and told["false_alarms"] == 0 and told["detection_delay"] < 0.12
 
 
 @pytest.mark.parametrize("loss", [0.3, 0.57, 0.8])

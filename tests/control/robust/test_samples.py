@@ -7,13 +7,14 @@ import pytest
 
 from omnimj.control.robust import Robust
 from omnimj.control.robust.blocks import delays, ranges
-from omnimj.control.robust.constants import BLOCK
+from omnimj.control.robust.constants import samples_per_block
 from omnimj.control.robust.samples import no_samples, take_sample
 from omnimj.control.wheel_speed import amplifier_row
 from omnimj.parameters import read_robot
 from omnimj.signals import Measurement
 
 ROBOT = read_robot()
+BLOCK = samples_per_block(1e-3)
 WAITS, RANGES, AMPLIFIER = delays(ROBOT, 1e-3), ranges(ROBOT), amplifier_row(ROBOT)
 
 
@@ -23,10 +24,14 @@ def gathered(current, speed, acceleration, turning, command, bias=0.0):
     arrays, now, full = (held.sums, held.line, held.repeats, held.wanted), None, False
     for k in range(len(current)):
         *arrays, now, full = take_sample(
-            WAITS, RANGES, AMPLIFIER, *arrays, k == 0,
+            WAITS, RANGES, AMPLIFIER, BLOCK, *arrays, k == 0,
             current[k], speed[k], acceleration[k], turning[k], bias, True, command,
         )  # fmt: skip
     return arrays, now, full
+
+
+def test_a_block_lasts_10_ms_whatever_the_rate_and_one_sample_where_they_come_slower():
+    assert [samples_per_block(1.0 / rate) for rate in (2000, 1000, 500, 250, 100, 50)] == [20, 10, 5, 2, 1, 1]
 
 
 def test_a_block_holds_the_sums_of_aligned_samples_and_what_the_amplifiers_still_owe():
