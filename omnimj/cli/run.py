@@ -122,10 +122,9 @@ def run(arguments: Any) -> int:
 
 def _with_gains(file: Path, scenario: Any) -> Any:
     from omnimj.control.gains import read_gains
-    from omnimj.scenario.gains import gains_of, with_gains
+    from omnimj.scenario.gains import gains_of, require_cascade, with_gains
 
-    if scenario.plant != "uto_robot":
-        raise InputError("--gains", f"{scenario.name} is driven on the test rig", "it has no cascade")
+    require_cascade(scenario)
     return with_gains(scenario, read_gains(file, gains_of(scenario).control))
 
 

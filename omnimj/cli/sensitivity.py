@@ -74,6 +74,11 @@ def _share(text: str) -> float:
     return value
 
 
+def _absolute(file: Path | None) -> Path | None:
+    """A worker may be in another folder."""
+    return None if file is None else file.absolute()
+
+
 def run(arguments: Any) -> int:
     """Drives, measures, writes, prints.
 
@@ -84,6 +89,7 @@ def run(arguments: Any) -> int:
       InputError: An option out of its range, or a folder that holds something else.
       SimulationError: A worker died; what was finished is kept.
     """
+    from omnimj.scenario.digest import located
     from omnimj.sensitivity.driving import Asked, scenario_of
     from omnimj.sensitivity.order import Order, check_order
     from omnimj.sensitivity.study import NUMBERS, run_study
@@ -91,10 +97,10 @@ def run(arguments: Any) -> int:
     from omnimj.view.sensitivity_report import write_sensitivity_files
 
     asked = Asked(
-        arguments.scenario,
+        located(arguments.scenario),
         tuple(arguments.overrides),
-        arguments.model,
-        arguments.floors,
+        _absolute(arguments.model),
+        _absolute(arguments.floors),
         arguments.plant,
         arguments.method,
     )

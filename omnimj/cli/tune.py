@@ -68,7 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     words = "the same on the twin, beside those (default 0)"
     parser.add_argument("--twin", metavar="N", type=whole_number(0, 1000), default=0, help=words)
     words = "points per side of the pictures of the cost around the result (default 7; 0: none)"
-    parser.add_argument("--landscape", metavar="N", type=whole_number(0, 99), default=7, help=words)
+    parser.add_argument("--landscape", metavar="N", type=_points, default=7, help=words)
     words = "no sound wheel may be at its largest current for longer (default 0.5)"
     parser.add_argument("--saturation", metavar="SECONDS", type=_positive, default=0.5, help=words)
     words = "least of all loops (default 40)"
@@ -86,6 +86,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--force", action="store_true", help="replace FILE, and trials with other settings")
     words = "print the result as JSON instead of the table"
     parser.add_argument("--json", action="store_true", help=words)
+
+
+def _points(text: str) -> int:
+    found = whole_number(0, 99)(text)
+    if found == 1:
+        raise argparse.ArgumentTypeError("found '1'; one point is no picture: 0, or at least 2")
+    return found
 
 
 def _positive(text: str) -> float:
@@ -117,9 +124,9 @@ def run(arguments: Any) -> int:
     from omnimj.view.tuning_report import write_tuning_report
 
     order = _order(arguments)
+    check_file(order.out, arguments.force)
     report = order.out.with_name(f"{order.out.stem}_report.html")
-    for file in (order.out, report):
-        check_file(file, arguments.force)
+    check_file(report, arguments.force)
     check_order(order)
     for plant in (order.plant, *(("twin",) if order.twin else ())):
         say_compiling(plant, "uto_robot")
@@ -178,7 +185,7 @@ def check_file(file: Path, force: bool) -> None:
       InputError: It is there and `force` is not given, or its folder is not there or read-only.
     """
     place = f"--out {file}"
-    if file.is_dir():
+    if file.is_dir() or not file.name:
         raise InputError(place, "is a folder", "a file is needed")
     if os.path.lexists(file) and not force:
         raise InputError(place, "is there", "choose another name, or --force to replace it")

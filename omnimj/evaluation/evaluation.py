@@ -34,6 +34,7 @@ from omnimj.evaluation.goals import judged
 from omnimj.evaluation.recordings import RECORDINGS, describe, is_recorded
 from omnimj.evaluation.scoring import CaseScore, score_case
 from omnimj.evaluation.summary import Summary, summarise
+from omnimj.parameters import read_robot
 from omnimj.recording.folder import check_folder
 from omnimj.scenario.methods import require_method
 from omnimj.trials.pool import Report, Workers, with_workers
@@ -65,9 +66,12 @@ class Order:
 
     def plan(self) -> dict[str, Any]:
         """What must be alike for a folder to be gone on with."""
-        own = {} if self.thresholds is None else {"thresholds": dataclasses.asdict(self.thresholds)}
-        if self.gains is not None:
-            own["gains"] = {name: self.gains.value(name) for name in NAMES}
+        gains = Gains(read_robot().control) if self.gains is None else self.gains
+        own = {
+            "thresholds": dataclasses.asdict(self.thresholds or Thresholds()),
+            "gains": {name: gains.value(name) for name in NAMES},
+            "version": omnimj.__version__,
+        }
         asked = {"method": self.method, "settings": self.settings, **dataclasses.asdict(self.choice)}
         return json.loads(json.dumps(asked | own))
 

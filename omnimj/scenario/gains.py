@@ -17,15 +17,27 @@ def gains_of(scenario: Scenario) -> Gains:
     return Gains(robot.control) if scenario.gains is None else scenario.gains
 
 
+def require_cascade(scenario: Scenario) -> None:
+    """Whether gains act on it.
+
+    Raises:
+      InputError: A scenario of the test rig, or of the kinematic level.
+    """
+    if not isinstance(scenario.constants, Robot):
+        raise InputError("--gains", f"{scenario.name} is driven on the test rig", "it has no cascade")
+    if scenario.level != "physics":
+        raise InputError("--gains", f"{scenario.name} is at the kinematic level", "it has no cascade")
+
+
 def with_gains(scenario: Scenario, gains: Gains) -> Scenario:
     """The same scenario, driven with these gains.
 
     Raises:
-      InputError: A scenario without a cascade: of the test rig.
+      InputError: As `require_cascade`.
     """
+    require_cascade(scenario)
     robot = scenario.constants
-    if not isinstance(robot, Robot):
-        raise InputError("--gains", f"{scenario.name} is driven on the test rig", "it has no cascade")
+    assert isinstance(robot, Robot)
     return dataclasses.replace(
         scenario, constants=dataclasses.replace(robot, control=gains.control), gains=gains
     )

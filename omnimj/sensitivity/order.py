@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import json
 import shutil
 from collections.abc import Sequence
@@ -11,11 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import omnimj
+from omnimj.control.robust.verdict import Thresholds
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters.reading import SOURCES
-from omnimj.parameters.toml_file import read_toml
 from omnimj.recording.folder import check_folder
-from omnimj.scenario.listing import find_scenario
+from omnimj.scenario.digest import digest_of
 from omnimj.scenario.methods import make_method
 from omnimj.scenario.plants import make_plant
 from omnimj.scenario.scenario import Scenario
@@ -91,10 +91,6 @@ def prepared(order: Order, scenario: Scenario, varied: Sequence[Varied]) -> Path
 
 def _plan(order: Order, scenario: Scenario, varied: Sequence[Varied]) -> dict[str, Any]:
     """What must be alike for a folder to be gone on with."""
-    # nominal numbers that are not varied act on every run, too
-    tables = dataclasses.replace(scenario.constants, file=Path(), provenance={})
-    floors = {name: dict(floor.numbers) for name, floor in scenario.floors.items()}
-    told = repr((read_toml(find_scenario(order.asked.scenario)), tables, floors))
     asked = {
         "scenario": scenario.name,
         "overrides": list(order.asked.overrides),
@@ -103,6 +99,9 @@ def _plan(order: Order, scenario: Scenario, varied: Sequence[Varied]) -> dict[st
         "seed": order.seed,
         "sources": list(order.sources),
         "ranges": [dataclasses.asdict(one) for one in varied],
-        "digest": hashlib.sha256(told.encode()).hexdigest(),
+        # nominal numbers that are not varied act on every run, too
+        "digest": digest_of(order.asked.scenario, scenario),
+        "thresholds": dataclasses.asdict(Thresholds()),
+        "version": omnimj.__version__,
     }
     return json.loads(json.dumps(asked))

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import shutil
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -136,14 +135,19 @@ def prepared(folder: Path, plan: Mapping[str, Any], force: bool) -> Path:
     asked = plain(json.loads(json.dumps(plan)))
     if read_result(folder, file.stem) == asked:
         return folder
+    if folder.exists() and not folder.is_dir():
+        raise InputError(
+            folder, "is a file", "the trials are kept in a folder of this name; choose another --out"
+        )
     if folder.exists() and any(folder.iterdir()) and not (force and file.is_file()):
         rule = f"{PLAN} there says which; choose another --out" + (
             ", or --force to replace it" if file.is_file() else ""
         )
         raise InputError(folder, "holds something else than trials with these settings", rule)
     try:
-        if file.is_file():  # a folder of trials, and nothing else, is emptied
-            shutil.rmtree(folder)
+        for pattern in ("trial_*.json", "uses_*.json"):  # of another plan; what else is there stays
+            for old in folder.glob(pattern):
+                old.unlink()
         folder.mkdir(parents=True, exist_ok=True)
         write_json(file, asked)
     except OSError as error:

@@ -44,6 +44,7 @@ TERMS: Mapping[str, Term] = MappingProxyType(
 """By the names of `Facts`, and `margin`: least phase margin before over that now."""
 STAYS = 0.002
 """Weight of the mean square of ln(gain/gain before): what makes no difference stays as it is."""
+_LEAST = 1.0  # [°] margin below which less of it is no worse to the cost: a limit says no to both
 _BROKE = 10.0  # violation of a run that broke down
 _OUT, _MOST = 1e3, 999.0  # cost of what breaks a limit, and the most that anything else can
 
@@ -131,7 +132,7 @@ def score(
     """
     broke = sum(one.broke is not None for one in found)
     terms = {name: _term(name, found, before) for name in TERMS if name != "margin"}
-    terms["margin"] = loops_before.phase / max(loops.phase, 1e-3)
+    terms["margin"] = max(loops_before.phase, _LEAST) / max(loops.phase, _LEAST)
     moved = [axis.place(value) ** 2 for axis, value in zip(axes, values, strict=True)]
     cost = sum(TERMS[name].weight * value for name, value in terms.items())
     cost += STAYS * sum(moved) / max(len(moved), 1)

@@ -19,8 +19,10 @@ from omnimj.errors import InputError
 from omnimj.evaluation.cases import FLOORS
 from omnimj.evaluation.drawn_faults import NONE, draw_faults
 from omnimj.evaluation.true_robot import Errors, draw_errors
+from omnimj.parameters import read_robot
 from omnimj.plant.conditions import Fault
 from omnimj.plant.faults import as_record
+from omnimj.scenario.digest import located
 from omnimj.scenario.scenario import Scenario, read_scenario
 from omnimj.signals import KINDS_OF_DIAGNOSIS
 
@@ -40,7 +42,7 @@ class Draw:
     name: str
     """`nylon_patch_100_003`: scenario, seed, number."""
     scenario: str
-    """Name or path."""
+    """Name or absolute path: a worker may be in another folder."""
     model: Path | None
     """Model file of the robot; the shipped one when None."""
     plant: str
@@ -56,7 +58,7 @@ class Draw:
     def as_plain(self) -> dict[str, Any]:
         """In JSON's own kinds."""
         return {
-            "scenario": self.scenario,
+            "scenario": Path(self.scenario).stem,
             "plant": self.plant,
             "floor": self.floor,
             "fault": self.fault,
@@ -101,8 +103,8 @@ def draw_trial(
         faults = (*kept, *(_on_a_wheel(one, len(scenario.wheel_positions)) for one in drawn))
     return Draw(
         name=f"{scenario.name}_{seed:03d}_{index:03d}" + ("" if plant == "planar" else f"_{plant}"),
-        scenario=text,
-        model=model,
+        scenario=located(text),
+        model=None if model is None else model.absolute(),
         plant=plant,
         floor=floor,
         fault=fault,
@@ -122,7 +124,7 @@ def read_tuned_scenarios(texts: tuple[str, ...], model: Path | None) -> Mapping[
     """The scenarios by name or path, each fit for being tuned with.
 
     Raises:
-      InputError: One of the rig, of the kinematic level or with obstacles, or the same twice.
+      InputError: One of the rig, of another robot, of the kinematic level or with obstacles, or one twice.
       UnknownNameError: No such scenario.
     """
     found: dict[str, Scenario] = {}
@@ -131,6 +133,10 @@ def read_tuned_scenarios(texts: tuple[str, ...], model: Path | None) -> Mapping[
         if scenario.plant != "uto_robot" or scenario.level != "physics" or scenario.scene is not None:
             rule = "a robot's scenario with forces, on a flat floor, is needed"
             raise InputError(f"SCENARIO {text}", "cannot be tuned with", rule)
+        own = read_robot(model).file
+        if scenario.constants.file.resolve() != own.resolve():
+            rule = "all scenarios are of one robot: give --model"
+            raise InputError(f"SCENARIO {text}", f"is of the robot in {scenario.constants.file}", rule)
         if scenario.name in {known.name for known in found.values()}:
             raise InputError(f"SCENARIO {text}", f"'{scenario.name}' is there twice")
         found[text] = scenario

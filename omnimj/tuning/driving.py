@@ -48,7 +48,8 @@ def drive_healthy(draw: Draw, values: Mapping[str, float]) -> dict[str, Any]:
 
     def driven() -> dict[str, Any]:
         scenario = _read(draw, values)
-        trace = _run(in_draw(scenario, draw, False), draw, "off", scenario)
+        believed = in_draw(scenario, draw, False)
+        trace = _run(believed, draw, "off", believed)
         if trace.about["failure"]:
             raise SimulationError(f"{draw.name}: {trace.about['failure']}")
         return plain({"draw": draw.as_plain(), "uses": _uses(trace)})
@@ -98,7 +99,7 @@ def _run(
     assert isinstance(asked, Drive)
     laid = true_floor(believed.floors[draw.floor], draw.errors)
     real = dataclasses.replace(
-        truth if method != "off" else believed,
+        truth,
         constants=true_robot(nominal, draw.errors),
         floors=MappingProxyType({**believed.floors, laid.name: laid}),
     )

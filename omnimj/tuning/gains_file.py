@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator
 
 import omnimj
-from omnimj.control.gains import TABLES, TUNED
+from omnimj.control.gains import NAMES, TABLES, TUNED, unit_of
 from omnimj.tuning.tuning import Outcome
 
 
@@ -28,14 +28,19 @@ def _head(outcome: Outcome) -> Iterator[str]:
 
 
 def _gains(outcome: Outcome) -> Iterator[str]:
-    found = {axis.name: (value, axis) for axis, value in zip(outcome.axes, outcome.values, strict=True)}
+    """Those that were tuned, and those of the gains before that are not the model's."""
+    tuned = {axis.name: axis for axis in outcome.axes}
+    told = [name for name in NAMES if name in tuned or name in outcome.order.changed]
     for table in TABLES:
-        own = {name: pair for name, pair in found.items() if name.startswith(f"{table}.")}
+        own = [name for name in told if name.startswith(f"{table}.")]
         if own:
             yield f"[{table}]"
-        for name, (value, axis) in own.items():
-            entry = f'{{ value = {value!r}, unit = "{axis.unit}", source = "tuned" }}'
-            yield f"{name.partition('.')[2]} = {entry}  # before: {axis.start:g}"
+        for name in own:
+            value = outcome.gains.value(name)
+            source = "tuned" if name in tuned else "chosen"
+            entry = f'{{ value = {value!r}, unit = "{unit_of(name)}", source = "{source}" }}'
+            words = f"before: {tuned[name].start:g}" if name in tuned else "as before, not searched"
+            yield f"{name.partition('.')[2]} = {entry}  # {words}"
         if own:
             yield ""
 

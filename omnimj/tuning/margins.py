@@ -49,7 +49,7 @@ class Margin:
     crossover: float
     """Where |L| = 1, of several the one with the least margin [Hz]; 0: it never is."""
     phase: float
-    """180° + arg L there, −180 … 180; 180: no crossover [°]."""
+    """180° + arg L there, followed from low frequencies on; 180: as much as there is, or no crossover [°]."""
 
 
 def margins(robot: Robot, control: Control, floors: Iterable[Floor]) -> tuple[Margin, ...]:
@@ -146,7 +146,7 @@ class _Chain:
         self._friction = motor.viscous * motor.gear_ratio * gear
         self._decay = math.exp(-self.period / sensors.speed_filter)
         self._gyro_decay = math.exp(-2.0 * math.pi * sensors.gyro_bandwidth * self.period)
-        a = rolling_matrix(robot.wheel_positions, robot.drive_directions)
+        a = rolling_matrix(robot.wheel_positions, robot.rolling_directions)
         body = np.array([robot.body.mass, robot.body.mass, robot.body.yaw_inertia])
         values, vectors = np.linalg.eigh(a / body @ a.T)
         self.mobilities = [max(float(v), 0.0) for v in values]
@@ -203,13 +203,16 @@ class _Chain:
 
 def _margin(loop: str, where: str, chain: _Chain, gain: Callable[[Complex], Complex]) -> Margin:
     frequency = np.geomspace(_LOWEST, 0.499 / chain.period, _POINTS)
-    size = np.log(np.abs(gain(2j * np.pi * frequency)))
+    found = gain(2j * np.pi * frequency)
+    size, angle = np.log(np.abs(found)), np.unwrap(np.angle(found))
     crossings = np.flatnonzero(np.diff(np.sign(size)) != 0.0)
     worst = Margin(loop, where, 0.0, 180.0)
     for k in crossings:
         share = size[k] / (size[k] - size[k + 1])
         at = float(frequency[k] * (frequency[k + 1] / frequency[k]) ** share)
-        turned = math.degrees(float(np.angle(-gain(np.array([2j * np.pi * at]))[0])))
+        # a loop that leads at its crossover has all the margin there is, not what is left of a turn
+        exact = float(np.unwrap([angle[k], np.angle(gain(np.array([2j * np.pi * at]))[0])])[1])
+        turned = min(180.0 + math.degrees(exact), 180.0)
         if turned < worst.phase:
             worst = Margin(loop, where, at, turned)
     return worst

@@ -11,13 +11,16 @@ from typing import Any
 import omnimj
 from omnimj.control.gains import NAMES, Gains
 from omnimj.control.robust.verdict import Thresholds
-from omnimj.errors import UnknownNameError
+from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import read_robot
+from omnimj.scenario.digest import digest_of
 from omnimj.scenario.plants import PLANT_NAMES
 from omnimj.tuning.cost import Limits
 from omnimj.tuning.draws import read_tuned_scenarios
 from omnimj.tuning.search import generation_size
 from omnimj.tuning.space import Bounds, axes_of
+
+TWIN = "twin"
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,12 @@ class Order:
         return Gains(read_robot(self.model).control) if self.gains is None else self.gains
 
     @property
+    def changed(self) -> dict[str, float]:
+        """Those of them that are not the model's or the shipped ones, by their names."""
+        usual = by_name(Gains(read_robot(self.model).control))
+        return {name: value for name, value in by_name(self.before).items() if value != usual[name]}
+
+    @property
     def folder(self) -> Path:
         """Of the trials."""
         return self.out.with_name(f"{self.out.stem}_trials")
@@ -70,6 +79,10 @@ class Order:
         return {
             "before": by_name(self.before),
             "scenarios": list(self.scenarios),
+            "digests": [
+                digest_of(text, scenario)
+                for text, scenario in read_tuned_scenarios(self.scenarios, self.model).items()
+            ],
             "names": list(self.names),
             "plant": self.plant,
             "seed": self.seed,
@@ -87,10 +100,12 @@ def check_order(order: Order) -> None:
 
     Raises:
       UnknownNameError: A plant or scenario that does not exist.
-      InputError: A scenario that cannot be tuned with, or a gain that is 0 in the model.
+      InputError: A scenario that cannot be tuned with, a gain that is 0, or the twin asked for twice.
     """
     if order.plant not in PLANT_NAMES:
         raise UnknownNameError("--plant", "plant", order.plant, PLANT_NAMES)
+    if order.twin and order.plant == TWIN:
+        raise InputError("--twin", f"found {order.twin}", "--plant twin judges there already, with --judging")
     read_tuned_scenarios(order.scenarios, order.model)
     axes_of(order.before, order.names, order.bounds)
 

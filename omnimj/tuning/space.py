@@ -38,8 +38,8 @@ class Axis:
 
     def value(self, place: float) -> float:
         """start · e^place, in the digits that a file keeps, within the bounds."""
-        found = self.start * math.exp(place)
-        return float(f"{min(max(found, self.low), self.high):.{_DIGITS}g}")
+        found = float(f"{self.start * math.exp(place):.{_DIGITS}g}")
+        return min(max(found, self.low), self.high)
 
 
 def chosen_names(asked: Sequence[str]) -> tuple[str, ...]:
@@ -80,7 +80,8 @@ def read_bound(text: str) -> tuple[str, tuple[float, float]]:
         rule = "two numbers with : between them are needed"
         raise InputError(place, f"found {ends[:40]!r}", rule) from None
     if not 0.0 <= found[0] < found[1]:
-        raise InputError(place, f"from {found[0]:g} to {found[1]:g} there is nothing")
+        rule = "the least value must be 0 or more, and below the largest"
+        raise InputError(place, f"found {found[0]:g} and {found[1]:g}", rule)
     return name, found
 
 
@@ -98,7 +99,8 @@ def axes_of(gains: Gains, names: Sequence[str], bounds: Bounds = MappingProxyTyp
     for name in names:
         start, rule = gains.value(name), rule_of(name)
         if start <= 0.0:
-            raise InputError(f"--only {name}", "the gain is 0 in the model", "leave it out")
+            rule = "no factor brings it back; name the others with --only"
+            raise InputError(name, "the gain is 0 before the search", rule)
         low, high = bounds.get(name, (0.0, math.inf))
         if not low <= start <= high:
             raise InputError(f"--bound {name}", f"it begins with {start:g}", f"from {low:g} to {high:g}")

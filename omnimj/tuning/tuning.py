@@ -16,11 +16,9 @@ from omnimj.tuning.cost import Score, score, score_undriven, unsteadiness
 from omnimj.tuning.draws import JUDGING, Draw, draw_trial, read_tuned_scenarios
 from omnimj.tuning.landscape import Landscape, survey
 from omnimj.tuning.margins import FLOORS, Loops, Margin, loops_of, margins
-from omnimj.tuning.order import Order, by_name, check_order
+from omnimj.tuning.order import TWIN, Order, check_order
 from omnimj.tuning.search import Candidate, Search
 from omnimj.tuning.space import Axis, axes_of, with_values
-
-TWIN = "twin"
 
 
 @dataclass(frozen=True)
@@ -108,9 +106,7 @@ class _Tuning:
         self.axes = axes_of(self._before, order.names, order.bounds)
         self._start: Candidate = tuple(axis.start for axis in self.axes)
         self._scenarios = read_tuned_scenarios(order.scenarios, order.model)
-        usual = by_name(Gains(self._robot.control))
-        changed = {name: value for name, value in by_name(self._before).items() if value != usual[name]}
-        self._bench = Bench(folder, self.axes, changed, order.thresholds, workers, self._tell)
+        self._bench = Bench(folder, self.axes, order.changed, order.thresholds, workers, self._tell)
         self._floors = _measured_floors()
         self._phrase, self._done, self._share = "", 0.0, 0.0
         self._loops_before = self._loops(self._start)
@@ -124,9 +120,7 @@ class _Tuning:
         self._step("what makes no difference", 0.05)
         best = self._settled(min(self.tried, key=lambda one: (one.score.violation, one.score.cost)))
         self._step("judging", 0.05)
-        verdicts = [self._judged(best.values, order.plant, order.judging)]
-        if order.twin:
-            verdicts.append(self._judged(best.values, TWIN, order.twin))
+        verdicts = [self._judged(best.values, plant, count) for plant, count in self._judges()]
         self._step("looking around", 0.15)
         landscapes: tuple[Landscape, ...] = ()
         if order.landscape:
@@ -149,6 +143,8 @@ class _Tuning:
         each = 0.75 / (generations + 2)
         self._step("as it is", each)
         self.tried = [Tried(0, self._start, self._scores([self._start], self._draws)[0])]
+        for plant, count in self._judges():  # what breaks down there does so now, not after hours
+            self._scores([self._start], self._drawn(self._order.seed + JUDGING, count, plant))
         for generation in range(1, generations + 1):
             best = min(one.score.fitness for one in self.tried)
             self._step(f"{generation} of {generations}, best {best:.3g}", each)
@@ -179,6 +175,11 @@ class _Tuning:
             if not best.score.is_better_than(back.score):
                 best = back
         return best
+
+    def _judges(self) -> list[tuple[str, int]]:
+        """Plants to be judged on, and with how many draws per scenario."""
+        order = self._order
+        return [(order.plant, order.judging), *([(TWIN, order.twin)] if order.twin else [])]
 
     def _judged(self, values: Candidate, plant: str, count: int) -> Verdict:
         seed = self._order.seed + JUDGING

@@ -105,6 +105,9 @@ def make(folder: Path, names: tuple[str, ...] = tuple(CLAIMS)) -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description="Draws the README's figures.")
     parser.add_argument("folder", type=Path, help="where the pictures go, e.g. models")
-    parser.add_argument("names", nargs="*", choices=[[], *CLAIMS], help="which ones (default all)")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(CLAIMS)} (default all)")
     arguments = parser.parse_args()
+    for name in arguments.names:
+        if name not in CLAIMS:
+            parser.error(f"found {name!r}; choose from {', '.join(CLAIMS)}")
     make(arguments.folder, tuple(arguments.names) or tuple(CLAIMS))

@@ -78,10 +78,13 @@ def landscape_picture(found: Landscape) -> Figure:
     return figure
 
 
+_NARROWEST = 1e-4  # of a cell, on the logarithmic axis
+
+
 def _edges(values: Sequence[float]) -> np.ndarray:
     """Borders of cells around values that lie evenly on a logarithmic axis."""
     logs = np.log(values)
-    half = 0.5 * (logs[1] - logs[0]) if len(logs) > 1 else 0.1
+    half = max(0.5 * (logs[1] - logs[0]), _NARROWEST)
     return np.exp(np.append(logs - half, logs[-1] + half))
 
 

@@ -73,9 +73,7 @@ def _figures(outcome: Outcome) -> Iterator[str]:
     picture = svg(pareto(outcome), "pareto", "speed against robustness")
     yield page.figure(picture, "Speed against robustness", words)
     for k, found in enumerate(outcome.landscapes):
-        words = (
-            "each cell is driven, on a part of the training draws; a white cell has too little margin to be"
-        )
+        words = "each cell is driven, on a part of the training draws; a white cell breaks a limit"
         name = " and ".join(a.name.partition(".")[2].replace("_", " ") for a in (found.across, found.up))
         picture = svg(landscape_picture(found), f"landscape-{k}", f"cost over {name}")
         yield page.figure(picture, f"Cost around the result: {name}", words)
@@ -93,4 +91,4 @@ def _method(outcome: Outcome, command: str) -> str:
         f"a phase margin of at least {order.limits.phase_margin:g}° in every loop, no "
         f"wheel more than {100.0 * order.limits.overshoot:g} % beyond a step of its speed (linear, at rest)."
     )
-    return f"<p>{page.text(words)}</p><pre>{page.text(command)}</pre>"
+    return f"<p>{page.text(words)}</p>{page.command(command)}"

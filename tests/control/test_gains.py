@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 
 from omnimj.control.gains import NAMES, TABLES, Gains, read_gains, rule_of, unit_of
-from omnimj.control.recovery import Recovery, RecoveryGains
 from omnimj.control.recovery.demand import place_correction
 from omnimj.control.recovery.memory import NUMBERS, PLACE_X
 from omnimj.control.recovery.pace import pace_on_slippery_floor
-from omnimj.control.robust import ObserverGains, Robust
 from omnimj.errors import InputError
 from omnimj.parameters import read_robot
 from omnimj.scenario.gains import gains_of, with_gains
@@ -111,6 +109,20 @@ def test_every_gain_reaches_the_run(name):
     assert not alike(columns(scenario), columns(with_gains(scenario, gains)))
 
 
+@pytest.mark.parametrize(
+    ("name", "scenario", "changes"),
+    [
+        ("recovery.slip_cap", "nylon_patch", ["duration=1.5"]),
+        ("recovery.place_speed", "degraded_motor", ["faults.0.loss=1.0"]),
+        ("recovery.grip_share", "oil_everywhere", []),
+    ],
+)
+def test_every_gain_of_recovery_reaches_a_run_that_needs_it(name, scenario, changes):
+    scenario = read_scenario(scenario, (*changes, "checks={}"))
+    gains = gains_of(scenario).changed({name: 0.25 * GAINS.value(name)})
+    assert not alike(columns(scenario), columns(with_gains(scenario, gains)))
+
+
 def test_gains_of_recovery_are_those_of_its_laws():
     x = np.zeros(NUMBERS)
     x[PLACE_X] = 0.04
@@ -118,21 +130,13 @@ def test_gains_of_recovery_are_those_of_its_laws():
     assert place_correction(x, 1.0, 0.0, 5.0, 0.15)[0] == pytest.approx(0.15)
     assert pace_on_slippery_floor(0.1, 1.0, 9.81) == pace_on_slippery_floor(0.1, 1.0, 9.81, 0.5)
     assert pace_on_slippery_floor(0.1, 1.0, 9.81, 0.25)[1] == pytest.approx(0.25 * 0.981)
-    for own in (None, RecoveryGains(slip_cap=0.05, grip_share=0.2)):
-        assert Recovery(ROBOT, gains=own).start().pace == 1.0
-    assert Robust(ROBOT, gains=ObserverGains(memory=60.0)).wheels == 4
 
 
-def test_a_model_file_may_say_that_a_gain_was_tuned(tmp_path):
-    text = ROBOT.file.read_text(encoding="utf-8")
-    line = 'speed_proportional = { value = 0.30, unit = "A.s/rad", source = "chosen" }'
-    assert line in text or 'source = "tuned"' in text
-    (tmp_path / "robot.toml").write_text(
-        text.replace(line, line.replace("chosen", "tuned")), encoding="utf-8"
-    )
-    assert read_robot(tmp_path / "robot.toml").provenance["control.speed_proportional"].source == "tuned"
+def test_a_model_file_may_say_that_a_gain_was_tuned_and_the_shipped_one_does():
+    assert ROBOT.provenance["control.speed_proportional"].source == "tuned"
 
 
-def test_the_rig_has_no_cascade_to_be_tuned():
+@pytest.mark.parametrize("name", ["rig_slip", "circle_8m_kinematic"])
+def test_without_a_cascade_there_are_no_gains(name):
     with pytest.raises(InputError, match="it has no cascade"):
-        with_gains(read_scenario("rig_slip"), GAINS)
+        with_gains(read_scenario(name), GAINS)

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from other_robots import STRAIGHT, mecanum, write_mecanum_of_the_guide
 from scipy.signal import cont2discrete
 
 from omnimj.control.controller import Controller
@@ -101,6 +102,60 @@ def test_a_step_overshoots_as_much_as_the_exactly_sampled_loop_does(gains, measu
         off = abs(max(speeds) - 1.0 - told)
         measured("overshoot of a step, closed form less sampled", off, 0.01)
         assert off < 0.01, where
+
+
+@pytest.mark.parametrize("gain", [0.3, 0.6, 1.0, 1.6])
+def test_a_wheel_loop_has_margin_left_where_its_exactly_sampled_loop_is_stable_and_only_there(gain):
+    """Also where the loop leads at its crossover, as wheels that push against each other do."""
+    control = dataclasses.replace(ROBOT.control, speed_proportional=gain)
+    for one in margins(ROBOT, control, MEASURED):
+        if one.loop != SPEED:
+            continue
+        floor = None if one.where == AIR else one.where.partition(",")[0]
+        a, b = sampled_wheel(floor, mobility_of(one.where))
+        decay = math.exp(-H / ROBOT.sensors.speed_filter)
+        # x, then the angle before, the filtered speed and the integral: x⁺ = A x + B (K_P (−seen) + integral)
+        whole = np.zeros((8, 8))
+        seen = np.zeros(8)
+        seen[[2, 5, 6]] = (1.0 - decay) / H, -(1.0 - decay) / H, decay
+        whole[:5, :5], whole[:5, 7] = a, b[:, 0]
+        whole[:5] -= gain * np.outer(b[:, 0], seen)
+        whole[5, 2], whole[6], whole[7, 7] = 1.0, seen, 1.0
+        whole[7] -= control.speed_integral * H * seen
+        # the angle itself may run away, as may a bristle that nothing pulls back: neither is the loop's
+        poles = np.abs(np.linalg.eigvals(whole))
+        assert (one.phase > 0.0) == bool((poles < 1.0 + 1e-6).all()), (one, poles.max())
+
+
+@pytest.mark.parametrize("angle", [0.25 * math.pi, 0.35 * math.pi, STRAIGHT])
+def test_wheels_that_push_the_body_more_have_the_loops_of_a_body_that_weighs_less(angle):
+    """A mecanum wheel pushes across its rollers: along y by cot γ of what it does along x."""
+    robot = mecanum(0.2, 0.2, angle)
+    m, j = robot.body.mass, robot.body.yaw_inertia
+    x, y = 4.0 / m, 4.0 / (math.tan(angle) ** 2 * m)
+    arm = 0.2 + 0.2 / math.tan(angle)
+    wanted = sorted({round(p, 9) for p in (x, y, 4.0 * arm * arm / j)})
+    masses = {
+        float(one.where.rpartition(", ")[2].split()[0])
+        for one in margins(robot, robot.control, MEASURED[:1])
+        if one.loop == SPEED and one.where.endswith("kg per wheel")
+    }
+    assert sorted(1.0 / w for w in masses) == pytest.approx([w for w in wanted if w > 1e-9], rel=0.01)
+
+
+def test_the_mecanum_platform_of_the_guide_lacks_margin_with_the_omni_robots_yaw_gain(tmp_path):
+    found = {
+        gain: least(
+            margins(
+                robot := read_robot(write_mecanum_of_the_guide(tmp_path / "m.toml", gain)),
+                robot.control,
+                MEASURED,
+            ),
+            YAW_RATE,
+        ).phase
+        for gain in (3.0, 6.0)
+    }
+    assert found[6.0] < 40.0 < found[3.0]
 
 
 def test_the_shipped_robot_has_the_figures_that_its_file_states():

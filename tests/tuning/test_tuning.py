@@ -85,7 +85,12 @@ def test_more_generations_are_added_to_those_that_are_there(order):
     longer = done(dataclasses.replace(order, generations=3), more)
     searched = [one for one in first.tried if one.generation <= order.generations]
     assert list(longer.tried[: len(searched)]) == searched
-    assert 0 < more.given < len(longer.tried) * 2 + 20
+    fresh = Here()
+    assert (
+        done(dataclasses.replace(order, out=order.out.with_name("fresh.toml"), generations=3), fresh).tried
+        == longer.tried
+    )
+    assert 0 < more.given <= fresh.given - len(searched)
 
 
 def test_a_thread_finds_what_is_found_at_once(order, tmp_path):
@@ -141,8 +146,9 @@ def test_a_search_that_begins_with_the_gains_of_a_file_is_that_of_a_robot_that_h
     assert outcome.verdicts == of_model.verdicts
 
 
-def test_the_file_is_read_again_as_the_gains_that_were_found_and_says_where_it_comes_from(order):
-    outcome = done(order)
+@pytest.mark.parametrize("begun", [{}, {"control.speed_integral": 2.0, "observer.memory": 60.0}])
+def test_the_file_is_read_again_as_the_gains_that_were_found_and_says_where_it_comes_from(order, begun):
+    outcome = done(dataclasses.replace(order, gains=Gains(read_robot().control).changed(begun)))
     order.out.write_text(gains_text(outcome, 'omnimj tune "a b" ü\t'), encoding="utf-8")
     found = read_gains(order.out, read_robot().control)
     assert found == outcome.gains
@@ -299,3 +305,57 @@ def test_a_draw_on_the_twin_is_driven_like_one_on_the_planar_plant(tmp_path):
     assert all(facts.broke is None for facts in found.values())
     assert found["twin"].path == pytest.approx(found["planar"].path, rel=0.3)
     assert found["twin"] != found["planar"]
+
+
+def test_trials_of_another_robot_scenario_or_version_are_never_gone_on_with(order, tmp_path):
+    model = tmp_path / "robot.toml"
+    text = read_robot().file.read_text(encoding="utf-8")
+    model.write_text(text, encoding="utf-8")
+    asked = dataclasses.replace(order, model=model)
+    before = asked.plan()
+    assert asked.plan() == before
+    heavier = re.sub(r"(?m)^mass = \{ value = [\d.]+", "mass = { value = 21.0", text)
+    assert heavier != text
+    model.write_text(heavier, encoding="utf-8")
+    assert asked.plan()["digests"] != before["digests"]
+    model.write_text(text, encoding="utf-8")
+    scenario_file(tmp_path, duration=0.7)
+    assert asked.plan()["digests"] != before["digests"]
+    scenario_file(tmp_path)
+    assert asked.plan() == before
+
+
+def test_another_folders_worker_reads_the_same_scenario(order, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "elsewhere").mkdir()
+    (scenario,) = read_tuned_scenarios(("push.toml",), None).values()
+    draw = draw_trial("push.toml", scenario, 3, 0, "planar")
+    here = drive_trial(draw, {}, None)
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert "facts" in here and drive_trial(draw, {}, None) == here
+
+
+def test_gains_before_that_break_a_judging_run_down_are_told_before_the_search(order, monkeypatch):
+    drive, driven = bench.drive_trial, []
+
+    def fragile(draw, values, uses, thresholds):
+        driven.append(draw.name)
+        found = drive(draw, values, uses, thresholds)
+        return found | {"facts": {"broke": "at 0.1 s: x is nan"}} if "_100_" in draw.name else found
+
+    monkeypatch.setattr(bench, "drive_trial", fragile)
+    with pytest.raises(InputError, match="the gains before broke a run down"):
+        run_tuning(order, quiet, Here())
+    assert len(driven) == order.trials + order.judging
+
+
+def test_a_candidate_with_more_margin_never_costs_more_for_it():
+    from omnimj.tuning.cost import score
+    from omnimj.tuning.margins import Loops
+
+    costs = [
+        score((), (), Loops(phase, 0.1), Loops(-10.0, 0.1), Limits()).cost
+        for phase in (-20.0, 20.0, 41.0, 50.0)
+    ]
+    assert costs == sorted(costs, reverse=True)
+    assert score((), (), Loops(-10.0, 0.1), Loops(-10.0, 0.1), Limits()).cost == pytest.approx(1.0)

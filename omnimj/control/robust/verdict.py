@@ -21,13 +21,13 @@ class Thresholds:
     The others count blocks and times, and were set by hand on training seeds.
     """
 
-    motor: float = 24.5
+    motor: float = 23.5
     """Λ of a loss of torque constant: ln(ARL · blocks per second · tests), and what is not white [nats]."""
-    drag: float = 26.0
+    drag: float = 23.5
     """Λ of an added friction or a wheel that is held [nats]."""
-    accelerometer: float = 37.0
+    accelerometer: float = 34.5
     """Λ of a jump of the accelerometer's bias [nats]."""
-    worn: float = 0.059
+    worn: float = 0.03
     """Learnt loss of torque constant that no healthy motor has."""
     margin: float = 6.0
     """By how much the best hypothesis must lead the next on another wheel to be alone [nats]."""
