@@ -14,6 +14,10 @@ if TYPE_CHECKING:
     from omnimj.control.robust.gains import ObserverGains
 
 
+MODEL = "a shipped model by name (three_wheel), or a copy of robot.toml or rig.toml with changed values"
+"""What `--model` takes."""
+
+
 def add_floors(parser: argparse.ArgumentParser) -> None:
     """`--floors FILE`."""
     words = "floors beside the shipped ones, or in their place, e.g. from omnimj identify"

@@ -17,7 +17,7 @@ def say_compiling(plant: str, machine: str, kind: str = "plant") -> None:
 
     if not is_compiled(f"{plant}-{machine}"):
         print(
-            f"compiling native code for the {plant} {kind}, once, for about 10 s …",
+            f"compiling native code for the {plant} {kind}, once, for up to a minute …",
             file=sys.stderr,
             flush=True,
         )

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 HELP = "print a script for your shell that completes commands, options, scenarios and files"
@@ -22,7 +24,16 @@ _SCENARIO, _FILES = "_omnimj_scenario_or_file", "*.toml"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the sub-command."""
-    parser.add_argument("shell", metavar="SHELL", choices=SHELLS, help=", ".join(SHELLS))
+    own = Path(os.environ.get("SHELL", "")).name
+    words = f"{', '.join(SHELLS)} (default: the one that you are in)"
+    parser.add_argument(
+        "shell",
+        metavar="SHELL",
+        nargs="?",
+        default=own if own in SHELLS else SHELLS[0],
+        choices=SHELLS,
+        help=words,
+    )
 
 
 def run(arguments: Any) -> int:

@@ -10,7 +10,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import add_floors, add_observer, add_thresholds, read_observer, read_thresholds
+from omnimj.cli.arguments import (
+    MODEL,
+    add_floors,
+    add_observer,
+    add_thresholds,
+    read_observer,
+    read_thresholds,
+)
 from omnimj.cli.compiling import note_compiled, say_compiling
 from omnimj.cli.progress import ProgressBar
 from omnimj.cli.tables import table
@@ -39,9 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     words = "robust (default on the robot) or published (default on the rig)"
     parser.add_argument("--method", metavar="M", help=words)
-    parser.add_argument(
-        "--model", metavar="FILE", type=Path, help="a copy of robot.toml or rig.toml with changed values"
-    )
+    parser.add_argument("--model", metavar="FILE", type=Path, help=MODEL)
     add_floors(parser)
     add_thresholds(parser)
     add_observer(parser)

@@ -42,6 +42,12 @@ GROUPS = {
 class Parser(argparse.ArgumentParser):
     """Says what is wrong in one line, without the usage above it."""
 
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """A name out of a list is told like every other; argparse would cut the list."""
+        if action.choices is not None and value not in action.choices:
+            kind = str(action.metavar or action.dest).lower()
+            raise UnknownNameError(self.prog, kind, value, map(str, action.choices))
+
     def error(self, message: str) -> NoReturn:
         """Ends with the exit code of bad input."""
         raise InputError(self.prog, message, f"see {self.prog} --help")

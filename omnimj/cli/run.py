@@ -5,23 +5,21 @@ from __future__ import annotations
 import argparse
 import json
 import shlex
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import add_floors, add_gains, add_thresholds, read_thresholds
+from omnimj.cli.arguments import MODEL, add_floors, add_gains, add_thresholds, read_thresholds
 from omnimj.cli.compared import (
     Beside,
     drive_beside,
     methods_beside,
     metrics_beside,
     say_failures,
-    told_comparison,
 )
 from omnimj.cli.compiling import note_compiled, say_compiling
 from omnimj.cli.progress import ProgressBar
-from omnimj.cli.tables import shown, table
-from omnimj.cli.wire_arguments import ADDRESS, add_wire, read_wire, told_link
+from omnimj.cli.told_run import told_run
+from omnimj.cli.wire_arguments import ADDRESS, add_wire, read_wire
 from omnimj.errors import InputError, SimulationError
 from omnimj.resources import models_folder
 
@@ -64,7 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--model",
         metavar="FILE",
         type=Path,
-        help=f"a copy of robot.toml or rig.toml with changed values; the originals lie in {shipped}",
+        help=f"{MODEL}; the originals lie in {shipped}",
     )
     add_wire(parser)
     add_floors(parser)
@@ -167,7 +165,7 @@ def _deliver(arguments: Any, finished: Run, live: LiveRun | None, others: Beside
         # a link's frames lie there already
         write_outputs(arguments.out, arguments.force or "link" in finished.metrics, finished, others.runs)
     if not failure:
-        print(json.dumps(finished.metrics, indent=2) if arguments.json else _told(finished, arguments.out))
+        print(json.dumps(finished.metrics, indent=2) if arguments.json else told_run(finished, arguments.out))
     say_failures(others)
     if live is not None:
         from omnimj.cli.outputs import show
@@ -215,48 +213,3 @@ def _drive(arguments: Any, scenario: Any, method: str, wire: Wire | None) -> tup
     if plant != KINEMATIC and finished.metrics:
         note_compiled(compiled, scenario.plant)
     return finished, live
-
-
-def _verdict(checks: Sequence[Mapping[str, Any]]) -> str:
-    unjudged = sum(not check.get("judged", True) for check in checks)
-    failed = sum(not check["ok"] for check in checks) - unjudged
-    beside = f"; {unjudged} not judged, since they need a truth that nobody knows" if unjudged else ""
-    if failed:
-        return f"failed: {failed} of {len(checks)} checks{beside}"
-    if unjudged == len(checks) > 0:
-        return f"not judged: all {unjudged} checks need a truth that nobody knows"
-    return f"passed{beside}"
-
-
-def _told(finished: Run, out: Path | None) -> str:
-    """What was driven, the table of checks, what was diagnosed, the verdict."""
-    from omnimj.cli.diagnosed import told_diagnoses, told_recovery
-
-    metrics, units = finished.metrics, finished.scenario.metric_units
-    lines = [
-        f"{metrics['scenario']}: {finished.scenario.description}",
-        f"{metrics['robot']} on {metrics['floor']}, plant {metrics['plant']}, method {metrics['method']}, "
-        f"seed {metrics['seed']}, {metrics['duration']:g} s at {metrics['realtime_factor']:.3g} × real time",
-        "",
-    ]
-    rows = []
-    for check in metrics["checks"]:
-        unit, sign = units[check["name"]], "≥" if check["bound"] == "min" else "≤"
-        limit = f"{sign} {shown(check['limit'], unit)}"
-        verdict = "ok" if check["ok"] else "FAILED" if check.get("judged", True) else "not judged"
-        rows.append((check["name"], shown(check["value"], unit), limit, verdict))
-    lines.append(table(("check", "value", "limit", ""), rows) if rows else "no checks")
-    diagnosed = told_diagnoses(metrics, len(finished.scenario.wheel_positions))
-    recovery = told_recovery(finished.trace, metrics, finished.scenario.constants)
-    comparison = told_comparison(units, metrics)
-    link = told_link(metrics["link"]) if "link" in metrics else ""
-    lines += [part for words in (diagnosed, recovery, comparison, link) if words for part in ("", words)] + [
-        ""
-    ]
-    if finished.interrupted:
-        lines.append("interrupted")
-    else:
-        lines.append(_verdict(metrics["checks"]))
-    if out is not None:
-        lines.append(f"written to {out}")
-    return "\n".join(lines)

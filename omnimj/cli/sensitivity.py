@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import add_executor, add_floors, names, whole_number
+from omnimj.cli.arguments import MODEL, add_executor, add_floors, names, whole_number
 from omnimj.cli.compiling import note_compiled, say_compiling
 from omnimj.cli.progress import ProgressBar
 from omnimj.cli.tables import table
@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--plant", metavar="P", default="planar", help="planar (default) or twin")
     words = "diagnosis: robust (default), published (default on the rig) or off"
     parser.add_argument("--method", metavar="M", help=words)
-    words = "a copy of robot.toml or rig.toml: what the controller believes, and its ranges"
+    words = f"{MODEL}: what the controller believes, and its ranges"
     parser.add_argument("--model", metavar="FILE", type=Path, help=words)
     add_floors(parser)
     words = "origins of the numbers that are moved (default chosen), e.g. chosen,text"

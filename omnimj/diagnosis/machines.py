@@ -61,7 +61,9 @@ def read_machine(dataset: Dataset, model: Path | None = None) -> Machine:
     robot, n = read_robot(model), dataset.wheels
     if len(robot.wheels) != n:
         found = f"has {len(robot.wheels)} [[wheels]]"
-        raise InputError(robot.file, found, f"the logs of {dataset.path} have {n}: give --model")
+        raise InputError(
+            robot.file, found, f"the logs of {dataset.path} have {n}: give --model, e.g. three_wheel"
+        )
     targets = tuple(f"current_target_{i}" for i in range(1, n + 1))
     return Machine(robot, robot_channels(n), targets, ("yaw",), _robot_measurement)
 

@@ -37,7 +37,7 @@ def parse_effect(text: str, plant: str | None = None) -> tuple[str, dict[str, fl
         if key in values:
             raise InputError(place, f"'{key}' is there twice")
         values[key] = _value(effect, key, value, place)
-    return name, values if plant is None else complete(effect, values, place)
+    return name, values if plant is None else complete(effect, values, f"--effect {name}")
 
 
 def _value(effect: Effect, key: str, text: str, place: str) -> float | str | int:

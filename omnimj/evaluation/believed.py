@@ -26,10 +26,7 @@ def check_settings(settings: Iterable[str]) -> None:
         if not key.startswith("diagnosis.") and key not in _SETTABLE:
             rule = "cases are drawn; settings are those of the method and of the cascade's loops"
             raise InputError(f"--set {key}", "is none of them", rule, ("diagnosis.…", *_SETTABLE))
-    try:
-        read_scenario(_PATTERN, ("faults=[]", "checks={}", *settings))
-    except InputError as error:
-        raise InputError("--set", str(error).removeprefix(f"{_PATTERN}.toml: ")) from None
+    read_scenario(_PATTERN, ("faults=[]", "checks={}", *settings))
 
 
 def believed(case: Case, settings: Iterable[str] = ()) -> Scenario:

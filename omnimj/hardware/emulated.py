@@ -138,9 +138,9 @@ class EmulatedDevice:
         places = [i.name for i in hardware.inputs] + [f"motor_{i}" for i in range(1, n + 1)]
         for defect in defects:
             if defect.kind not in DEFECTS:
-                raise UnknownNameError("defect", "kind", defect.kind, DEFECTS)
+                raise UnknownNameError("--defect", "kind", defect.kind, DEFECTS)
             if defect.place not in places:
-                raise UnknownNameError("defect", "place", defect.place, places)
+                raise UnknownNameError("--defect", "place", defect.place, places)
         commissioned = commissioned_for(hardware, plant.period, lock_step=lock_step, keyed=keyed)
         self.device = Device(commissioned, speeds_of(hardware), new_session, now)
         self._plant, self._readings, self._wheels = plant, RawReadings(hardware, defects), Wheels.of(hardware)

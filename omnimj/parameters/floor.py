@@ -84,6 +84,8 @@ def _read_floor(place: str, name: str, table: object) -> Floor:
     if not isinstance(table, Mapping):
         raise InputError(place, "is not a table")
     law = table.get("law")
+    if law is None:
+        raise InputError(f"{place}.law", "is missing", "a floor has a traction law", LAWS)
     if not isinstance(law, str) or law not in LAWS:
         raise UnknownNameError(f"{place}.law", "traction law", law, LAWS)
     keys = LAWS[law][1]

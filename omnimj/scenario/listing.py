@@ -46,5 +46,5 @@ def find_scenario(name_or_path: str | Path) -> Path:
         return path
     names = scenario_names()
     if text not in names:
-        raise UnknownNameError("omnimj run", "scenario", text, names)
+        raise UnknownNameError("SCENARIO", "scenario", text, names)
     return scenarios_folder() / f"{text}.toml"

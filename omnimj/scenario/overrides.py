@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 from omnimj.errors import InputError, UnknownNameError
@@ -10,6 +12,24 @@ from omnimj.parameters.toml_file import parse_toml
 
 KnownKeys = Mapping[str, tuple[str, ...]]
 """Keys that may be set although the file lacks them, by table: `""` top level, `drive`, `faults.*`, …"""
+
+
+@contextmanager
+def blamed_on_overrides(file: str, overrides: Sequence[str]) -> Iterator[None]:
+    """An error in what was set names `--set`, not the file, which is right.
+
+    Args:
+      file: Its name, with which errors begin.
+      overrides: `KEY=VALUE` texts.
+    """
+    try:
+        yield
+    except InputError as error:
+        told = str(error).removeprefix(f"{file}: ")
+        keys = [text.partition("=")[0].strip() for text in overrides]
+        if any(re.match(rf"{re.escape(key)}\b", told) for key in keys if key):
+            error.args = (f"--set {told}",)
+        raise
 
 
 def split_override(text: str) -> tuple[str, Any]:

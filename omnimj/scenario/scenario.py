@@ -17,19 +17,20 @@ from omnimj.errors import InputError, UnknownNameError
 from omnimj.kinematic import KinematicCase
 from omnimj.parameters import Rig, Robot, read_rig, read_robot
 from omnimj.parameters.floor import Floor, all_floors, find_floor
-from omnimj.parameters.reading import Rule, number
+from omnimj.parameters.reading import Rule
 from omnimj.parameters.toml_file import read_toml
 from omnimj.plant.faults import Fault, read_fault
 from omnimj.plant.patches import Patch, read_patch
 from omnimj.scenario.checks import Check, read_checks
 from omnimj.scenario.diagnosis_table import read_diagnosis
 from omnimj.scenario.drive import Drive, read_drive
+from omnimj.scenario.entries import entry, listed, text_entry
 from omnimj.scenario.kinematic_level import read_kinematics
 from omnimj.scenario.known_keys import known_keys
 from omnimj.scenario.listing import find_scenario
 from omnimj.scenario.metrics import metric_units
 from omnimj.scenario.model_key import own_model
-from omnimj.scenario.overrides import KnownKeys, override, split_override
+from omnimj.scenario.overrides import KnownKeys, blamed_on_overrides, override, split_override
 from omnimj.scenario.scene import read_scene
 from omnimj.signals import Array
 
@@ -133,9 +134,18 @@ def read_scenario(
       UnknownNameError: A scenario, key, floor or kind that does not exist; the message lists the known ones.
     """
     path = find_scenario(name_or_path)
+    with blamed_on_overrides(path.name, overrides):
+        return _read(path, overrides, model_file, floors_file)
+
+
+def _read(
+    path: Path, overrides: Sequence[str], model_file: Path | None, floors_file: Path | None
+) -> Scenario:
     place = path.name
     tree = read_toml(path)
     plant = tree.get("plant")
+    if plant is None:
+        raise InputError(f"{place}: plant", "is missing", "a scenario says what drives", PLANTS)
     if plant not in PLANTS:
         raise UnknownNameError(f"{place}: plant", "plant", plant, PLANTS)
     model_file = own_model(tree, path) if model_file is None else model_file
@@ -154,11 +164,11 @@ def read_scenario(
         own = _read_robot_scenario(tree, place, constants, floors)
     return Scenario(
         name=path.stem,
-        description=_text(tree, "description", place),
+        description=text_entry(tree, "description", place),
         constants=constants,
-        floor=find_floor(_text(tree, "floor", place), f"{place}: floor", floors).name,
+        floor=find_floor(text_entry(tree, "floor", place), f"{place}: floor", floors).name,
         floors=MappingProxyType(floors),
-        duration=_number(tree, "duration", place, _DURATION),
+        duration=entry(tree, "duration", place, _DURATION),
         equations=_equations(tree, place),
         scene=read_scene(tree, path),
         diagnosis=read_diagnosis(tree.get("diagnosis", {}), f"{place}: diagnosis"),
@@ -180,7 +190,7 @@ def _apply(tree: dict[str, Any], overrides: Sequence[str], known: KnownKeys) -> 
 def _read_robot_scenario(
     tree: Mapping, place: str, robot: Robot, floors: Mapping[str, Floor]
 ) -> dict[str, Any]:
-    wheels, duration = len(robot.wheels), _number(tree, "duration", place, _DURATION)
+    wheels, duration = len(robot.wheels), entry(tree, "duration", place, _DURATION)
     level = tree.get("level", "physics")
     if level not in LEVELS:
         raise UnknownNameError(f"{place}: level", "level", level, LEVELS)
@@ -201,7 +211,7 @@ def _read_robot_scenario(
         ),
         "patches": tuple(
             read_patch(table, f"{place}: patches.{i}", floors)
-            for i, table in enumerate(_list(tree, "patches", place))
+            for i, table in enumerate(listed(tree, "patches", place))
         ),
         "kinematics": kinematics,
         "checks": read_checks(tree.get("checks", {}), f"{place}: checks", tuple(units)),
@@ -222,12 +232,12 @@ def _read_level(tree: Mapping, place: str, level: str, wheels: int) -> Kinematic
 
 
 def _read_rig_scenario(tree: Mapping, place: str, rig: Rig, floors: Mapping[str, Floor]) -> dict[str, Any]:
-    duration, limit = _number(tree, "duration", place, _DURATION), rig.motor.current_limit
+    duration, limit = entry(tree, "duration", place, _DURATION), rig.motor.current_limit
     lateral = rig.rig.lateral_travel / duration
     drive = RigDrive(
-        current=_number(tree, "current", place, Rule(-limit, limit, False)),
-        mass=_number(tree, "mass", place, Rule(rig.wheel.mass, 100.0, True), rig.rig.masses[0]),
-        lateral_speed=_number(tree, "lateral_speed", place, Rule(-lateral, lateral, False), 0.0),
+        current=entry(tree, "current", place, Rule(-limit, limit, False)),
+        mass=entry(tree, "mass", place, Rule(rig.wheel.mass, 100.0, True), rig.rig.masses[0]),
+        lateral_speed=entry(tree, "lateral_speed", place, Rule(-lateral, lateral, False), 0.0),
     )
     return {
         "level": "physics",
@@ -245,7 +255,7 @@ def _read_faults(
     tree: Mapping, place: str, wheels: int, floors: Mapping[str, Floor], duration: float, sprung: float
 ) -> tuple[Fault, ...]:
     faults = []
-    for i, table in enumerate(_list(tree, "faults", place)):
+    for i, table in enumerate(listed(tree, "faults", place)):
         fault = read_fault(table, f"{place}: faults.{i}", wheels, floors, duration)
         if fault.kind == "payload" and float(fault.numbers["mass"]) <= -sprung:
             found = f"found {fault.numbers['mass']:g}"
@@ -271,29 +281,7 @@ def _has_path(drive: Drive | RigDrive) -> bool:
 
 
 def _require_few_steps(tree: Mapping, place: str, constants: Robot | Rig) -> None:
-    duration, rate = _number(tree, "duration", place, _DURATION), constants.sensors.sample_rate
+    duration, rate = entry(tree, "duration", place, _DURATION), constants.sensors.sample_rate
     if duration * rate > _MOST_STEPS:
         rule = f"at most {_MOST_STEPS / rate:g} s at a sample rate of {rate:g} Hz"
         raise InputError(f"{place}: duration", f"found {duration:g}", rule)
-
-
-def _text(tree: Mapping, key: str, place: str) -> str:
-    value = tree.get(key)
-    if not isinstance(value, str) or not value or "\n" in value:
-        found = "is missing" if value is None else f"found {value!r}"
-        raise InputError(f"{place}: {key}", found, "one line of text is needed")
-    return value
-
-
-def _number(tree: Mapping, key: str, place: str, rule: Rule, default: float | None = None) -> float:
-    if key not in tree and default is None:
-        raise InputError(f"{place}: {key}", "is missing", f"a number is needed that {rule}")
-    return float(number(f"{place}: {key}", tree.get(key, default), rule))
-
-
-def _list(tree: Mapping, key: str, place: str) -> list[Any]:
-    tables = tree.get(key, [])
-    if not isinstance(tables, list):
-        rule = f"write [[{key}]], with two brackets on each side"
-        raise InputError(f"{place}: {key}", f"found {tables!r}", rule)
-    return tables

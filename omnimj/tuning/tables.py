@@ -29,6 +29,8 @@ def verdict_words(outcome: Outcome) -> str:
     """One sentence: whether it is better, and where it is not."""
     if outcome.is_better:
         return "better than the gains before on the judging seeds"
+    if all(axis.start == value for axis, value in zip(outcome.axes, outcome.values, strict=True)):
+        return "NOT BETTER than the gains before: nothing better was found, they are as they were"
     places = [f"{v.plant} ({_why(v.before, v.after)})" for v in outcome.verdicts if not v.is_better]
     return f"NOT BETTER than the gains before on the judging seeds: {', '.join(places)}"
 

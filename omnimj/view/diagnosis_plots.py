@@ -37,7 +37,7 @@ def families(names: Sequence[str]) -> dict[str, list[str]]:
 
 
 def residuals(trace: Trace, names: Sequence[str], spans: Sequence[Span]) -> Figure:
-    """All residuals over time, a plot for each family; thresholds dashed.
+    """All residuals over time, a plot for each family; thresholds dotted.
 
     Args:
       trace: Of a run, with the method's columns.
@@ -74,7 +74,8 @@ def _thresholds(ax: Axes, trace: Trace, columns: Sequence[str]) -> None:
         sides = (limit, -limit) if float(np.min(trace[name])) < -0.05 * limit else (limit,)
         for side in sides:
             if np.isfinite(side) and side not in known:
-                ax.axhline(side, color=palette.ACCENT, linewidth=1.1, linestyle=(0, (5, 3)), zorder=4)
+                style = {"color": palette.INK, "linewidth": 1.1, "linestyle": (0, (2, 1.6)), "zorder": 4}
+                ax.axhline(side, label=None if known else "threshold", **style)  # pyright: ignore[reportArgumentType]
                 known.add(side)
     if known and min(known) > 0.0:
         # residuals that stay at zero would leave an axis on which the threshold is not seen

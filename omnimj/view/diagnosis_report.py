@@ -47,7 +47,7 @@ def _figures(run: Replayed, names: Sequence[str]) -> str:
     spans = _spans(run)
     shaded = " Shaded: a diagnosis stands." if spans else ""
     key = "".join(c if c.isascii() and c.isalnum() else f"-{ord(c):x}-" for c in run.name)
-    caption = f"Dashed: the threshold, where there is one.{shaded}"
+    caption = f"Dotted: the threshold, where there is one.{shaded}"
     drawn = svg(diagnosis_plots.residuals(run.trace, names, spans), f"r-{key}", "residuals")
     found = page.figure(drawn, "Residuals", caption)
     if "effectiveness_1" in names:

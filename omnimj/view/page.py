@@ -10,6 +10,7 @@ from pathlib import Path
 
 _KINDS = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".svg": "image/svg+xml"}
 _MANY, _SENTENCE = 4, 40  # columns of a table, letters of a cell, from which rows are stacked on a phone
+_WIDE = 5  # columns from which they are whatever the cells hold
 
 _STYLE = """
 :root { --ink: #1d2733; --muted: #5a6572; --line: #dde2e8; --soft: #f5f7f9; --good: #1d6b4a;
@@ -50,7 +51,7 @@ figure svg, figure img { width: 100%; height: auto; display: block; }
 figure.picture img { border-radius: 8px; border: 1px solid var(--line); }
 figcaption { font-size: .92rem; color: var(--muted); margin: .15rem 0 .5rem; }
 figcaption b { color: var(--ink); display: block; font-size: 1rem; }
-.plots { align-items: end; }
+.plots { align-items: start; }
 .plots figcaption { margin: 0 0 .35rem; }
 .columns > section > h2 { margin-top: 1.2rem; }
 code { font-family: ui-monospace, "DejaVu Sans Mono", Menlo, Consolas, monospace; font-size: .88em;
@@ -91,7 +92,7 @@ def text(words: object) -> str:
 def table(rows: Sequence[Sequence[str]], head: Sequence[str] = ()) -> str:
     """A table of ready cells; the first cell of each row is its heading when the table has no head.
 
-    On a narrow page it is moved under the finger, and where its cells hold sentences each row becomes a list.
+    On a narrow page it is moved under the finger; where cells hold sentences or are many each row is a list.
 
     Args:
       rows: Cells as HTML (see `cell`).
@@ -106,7 +107,8 @@ def table(rows: Sequence[Sequence[str]], head: Sequence[str] = ()) -> str:
         else:
             body.append(f"<tr><th scope='row'>{row[0]}</th>{row[1]}</tr>")
     front = f"<thead><tr>{top}</tr></thead>" if head else ""
-    kind = " class='told'" if len(head) >= _MANY and any(map(_has_sentence, rows)) else ""
+    is_long = len(head) >= _WIDE or (len(head) >= _MANY and any(map(_has_sentence, rows)))
+    kind = " class='told'" if is_long else ""
     return f"<div class='wide'><table{kind}>{front}<tbody>{''.join(body)}</tbody></table></div>"
 
 

@@ -63,7 +63,10 @@ class _Meaning:
     is_signed: bool = False
 
 
-_BALANCE = "What the motors push less what the accelerometer and the gyro feel; noise when all is well."
+_BALANCE = (
+    "What the motors push less what the accelerometer and the gyro feel. "
+    "What differs from the model stays in it: payload, friction, what it holds at rest."
+)
 _ROBUST: Mapping[str, _Meaning] = {
     "force": _Meaning("Balance of forces", "force left over", "N", _BALANCE, True),
     "moment": _Meaning("Balance of moments", "moment left over", "N·m", _BALANCE, True),

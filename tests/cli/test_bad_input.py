@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from omnimj.resources import scenarios_folder
+from omnimj.cli.main import main
+from omnimj.resources import models_folder, scenarios_folder
 
 NYLON = (scenarios_folder() / "nylon_patch.toml").read_text(encoding="utf-8")
 ON_ROBOT = ("run", "nylon_patch", "--plant", "planar")
@@ -23,8 +24,8 @@ Refused = Callable[..., str]
         (["--nope"], "required: COMMAND"),
         (
             ["fly"],
-            "choose from 'scenarios', 'run', 'teleop', 'record', 'identify', 'validate', 'gap', 'diagnose', "
-            "'calibrate', 'evaluate', ",
+            "unknown command 'fly'; choices: bench, calibrate, completion, device, diagnose, evaluate, gap, "
+            "identify, link, record, run, scenarios, sensitivity, teleop, tune, validate",
         ),
         (["run"], "required: scenario"),
         (["run", "nylon_patch", "extra"], "omnimj run: found 'extra', one argument too many"),
@@ -87,7 +88,7 @@ def test_an_option_out_of_its_range(refused: Refused, argv, told):
         ("patches.1.floor=oil", "there is no patches.1"),
         ("patches.-1.floor=oil", "'-1' is not an index"),
         ("patches.²=1", "is not an index"),
-        ("duration=", "nylon_patch.toml: duration: found ''; a number is needed"),
+        ("duration=", "omnimj: --set duration: found ''; a number is needed"),
         ("duration=nan", "found nan; must be at least 0.01 and at most 1800"),
         ("duration=1e9", "found 1000000000.0; must be at least 0.01 and at most 1800"),
         ("duration=true", "found True; a number is needed"),
@@ -175,12 +176,12 @@ def test_a_value_that_cannot_be_set_at_the_kinematic_level(refused: Refused, tex
 @pytest.mark.parametrize(
     ("content", "told"),
     [
-        (b"", "plant: unknown plant None; choices: quarter_rig, uto_robot"),
+        (b"", "plant: is missing; a scenario says what drives; choices: quarter_rig, uto_robot"),
         (b"plant = ", "is not valid TOML"),
         (bytes(range(256)), "is not valid TOML; 'utf-8' codec"),
         (NYLON.encode("utf-16"), "is not valid TOML"),
         (f"a = {DEEP}".encode(), "nested too deeply"),
-        (b"a." * 5000 + b"a = 1", "unknown plant None"),
+        (b"a." * 5000 + b"a = 1", "plant: is missing"),
         (b"plant = 0x" + b"f" * 5000, "a whole number has more than 64 bits"),
         (b"plant = 1" + b"0" * 5000, "is not valid TOML"),
         (NYLON.replace("duration = 4.0", "").encode(), "duration: is missing; a number is needed"),
@@ -231,3 +232,43 @@ def test_an_out_that_may_not_be_written(refused: Refused, tmp_path, monkeypatch)
     for out in ("shut", "shut/a/run"):
         message = refused(*ON_ROBOT, "--out", str(tmp_path / out))
         assert f"cannot be written, {tmp_path / 'shut'} is read-only" in message
+
+
+@pytest.mark.parametrize(
+    ("argv", "told"),
+    [
+        (
+            ["run", "nylon_patch", "--set", "drive.speed=-3"],
+            "omnimj: --set drive.speed: found -3; must be above 0",
+        ),
+        (
+            ["run", "nylon_patch", "--set", "floor=pvvc"],
+            "omnimj: --set floor: unknown floor 'pvvc'; did you mean 'pvc'?",
+        ),
+        (["rn", "nylon_patch"], "omnimj: unknown command 'rn'; did you mean 'run'?"),
+        (
+            ["sensitivity", "nylon_pach", "--out", "x"],
+            "SCENARIO: unknown scenario 'nylon_pach'; did you mean",
+        ),
+        (
+            ["run", "nylon_patch", "--thresholds", "published"],
+            "holds thresholds of the published method; those of the robust one are needed",
+        ),
+        (["run", "circle_8m_kinematic", "--gains", "g.toml"], "is at the kinematic level; it has no cascade"),
+        (
+            ["record", "rig_currents", "--effect", "rail_viscous:coefficient=1e9", "--out", "x"],
+            "--effect rail_viscous.coefficient: found 1000000000.0; must be at least 0",
+        ),
+    ],
+)
+def test_the_place_that_is_named_is_the_one_that_was_wrong(refused, argv, told):
+    published = str(models_folder() / "published_thresholds.toml")
+    assert told in refused(*[published if one == "published" else one for one in argv])
+
+
+def test_a_run_without_checks_is_not_said_to_have_passed_and_shows_what_it_came_to(capsys):
+    argv = ["run", "nylon_patch", "--plant", "planar", "--method", "off"]
+    assert main([*argv, "--set", "duration=0.3", "--set", "checks={}"]) == 0
+    out = capsys.readouterr().out
+    assert "passed" not in out and out.splitlines()[-1] == "not judged: there is nothing to check"
+    assert "tracking_error_max" in out and "with duration=0.3, checks={}" in out

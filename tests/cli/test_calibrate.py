@@ -70,7 +70,8 @@ def test_thresholds_are_never_below_their_floor_and_rise_when_the_rate_falls(fil
     for name in UNITS:
         values = [getattr(found[rate], name) for rate in RATES]
         assert all(a <= b for a, b in itertools.pairwise(values))
-        assert values[0] < values[-1] or name == "slip"
+        # what health never showed in these recordings stays at its floor, whatever the rate
+        assert values[0] < values[-1] or (name in ("slip", "worn") and values[-1] == least(0.1, 4)[name])
 
 
 def test_the_file_says_where_it_comes_from(files, folder):
@@ -120,7 +121,7 @@ def test_the_observer_of_a_gains_file_is_the_one_that_is_calibrated_and_that_dia
     file, rate = tmp_path / "t.toml", ["--false-alarms-per-hour", "0.1"]
     assert main(["calibrate", str(folder), *rate, "--gains", str(gains), "--out", str(file)]) == 0
     brief, usual = read_thresholds(file), read_thresholds(files[0.1])
-    assert brief.worn < usual.worn  # who forgets in two seconds never knows a motor better than before
+    assert brief.motor != usual.motor and brief.drag != usual.drag
     capsys.readouterr()
     argv = ["diagnose", str(folder), "--gains", str(gains), "--json", "--out", str(tmp_path / "d")]
     assert main(argv) == 0

@@ -93,4 +93,4 @@ def test_fish_completes(words, offered, tmp_path):
 def test_what_has_a_script_is_printed_and_what_has_none_is_refused(capsys, refused):
     assert main(["completion", "bash"]) == 0
     assert capsys.readouterr().out == BASH + "\n"
-    assert "invalid choice: 'tcl'" in refused("completion", "tcl")
+    assert "unknown shell 'tcl'; choices: bash, fish, zsh" in refused("completion", "tcl")

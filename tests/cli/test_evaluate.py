@@ -18,7 +18,7 @@ import pytest
         (["--seed", "-1"], "--seed: found '-1'"),
         (["--workers", "many"], "--workers: found 'many'"),
         (["--set", "floor=pvc"], "--set floor: is none of them; cases are drawn"),
-        (["--set", "diagnosis.variant=best"], "--set: diagnosis.variant: unknown variant 'best'"),
+        (["--set", "diagnosis.variant=best"], "--set diagnosis.variant: unknown variant 'best'"),
         (["--set", "diagnosis.colour=red"], "unknown key"),
         (["--thresholds", "t.toml"], "--thresholds t.toml: the method is 'off'; they are those of 'robust'"),
         (["--method", "robust", "--thresholds", "t.toml"], "t.toml: no such file"),

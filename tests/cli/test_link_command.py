@@ -42,7 +42,7 @@ def test_growing_memory_exits_with_1(capsys, monkeypatch):
     ("argv", "said"),
     [
         (("link",), "required: COMMAND"),
-        (("link", "fizz"), "invalid choice: 'fizz'"),
+        (("link", "fizz"), "unknown command 'fizz'; did you mean 'fuzz'?"),
         (("link", "fuzz", "--frame", "3"), "did you mean '--frames'?"),
         (("link", "fuzz", "--frames", "0"), "at least 1"),
         (("link", "fuzz", "--noise", "1e6"), "whole number"),

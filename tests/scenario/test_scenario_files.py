@@ -276,7 +276,7 @@ def test_an_unknown_scenario_lists_the_known_ones():
     [
         (b"plant = ", "is not valid TOML"),
         (b"\xff\xfe", "is not valid TOML"),
-        (b"", "unknown plant None"),
+        (b"", "plant: is missing"),
         (b'plant = "submarine"', "choices: quarter_rig, uto_robot"),
         (b'plant = "uto_robot"\nspeed = 1', "unknown key of a uto_robot scenario 'speed'"),
         (b'plant = "uto_robot"', "is missing"),

@@ -167,11 +167,25 @@ def numbered(number: int) -> dict[str, int]:
     return {"number": number}
 
 
-def test_a_worker_process_of_its_own_that_dies_costs_what_was_under_way(tmp_path):
-    tasks, keep = {f"task_{k}": (k,) for k in range(3)}, keep_in(tmp_path)
+def die_last(number: int) -> dict[str, int]:
+    if number == 2:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return {"number": number}
+
+
+def test_a_worker_process_of_its_own_that_dies_costs_what_was_under_way_and_nothing_else(tmp_path):
+    """One after the other: what was finished before it died is kept, and the rest is done afterwards."""
+    keep = keep_in(tmp_path)
+
+    def work(workers):
+        for k in range(3):
+            workers.do_all(die_last, {f"task_{k}": (k,)}, keep, "working", quiet)
+
     with pytest.raises(SimulationError, match=r"a worker died; .* are missing"):
-        with_workers(lambda w: w.do_all(die_always, tasks, keep, "working", quiet), 1)
-    assert read_result(tmp_path, "task_0") is None
+        with_workers(work, 1)
+    assert [read_result(tmp_path, f"task_{k}") for k in range(3)] == [{"number": 0}, {"number": 1}, None]
+    with_workers(lambda w: w.do_all(numbered, {"task_2": (2,)}, keep, "working", quiet), 1)
+    assert read_result(tmp_path, "task_2") == {"number": 2}
 
 
 def test_work_that_kills_every_worker_is_given_up_and_the_rest_is_done(tmp_path, dask, cluster):

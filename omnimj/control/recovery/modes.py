@@ -26,7 +26,7 @@ NAMES = (
 """The same for a person."""
 GIVES_UP = (
     "",
-    "nothing is given up while the currents reach: the others make up for what a motor lacks",
+    "nothing is given up while the currents reach: what is left makes up for what is lost",
     "the traction of what slips is given up; the wheels that grip hold place and heading",
     "the time plan is given up: the wheels that grip cannot hold the robot, so it drives slower",
     "the heading is given up; the centre still follows the path",

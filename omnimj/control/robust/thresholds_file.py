@@ -43,6 +43,10 @@ def read_thresholds(path: Path) -> Thresholds:
       UnknownNameError: A table or key that does not exist.
     """
     tree = read_toml(path)
+    if "printed" in tree or "repaired" in tree:
+        raise InputError(
+            path, "holds thresholds of the published method", "those of the robust one are needed"
+        )
     for name in tree:
         if name not in TABLES:
             raise UnknownNameError(path, "key", name, TABLES)
