@@ -21,3 +21,8 @@ def models_folder() -> Path:
 def scenarios_folder() -> Path:
     """Folder of the shipped scenarios, one TOML file each."""
     return _folder("scenarios")
+
+
+def model_words(file: Path) -> str:
+    """A machine by its model file: a shipped one by its name, any other by the file's."""
+    return file.parent.name if models_folder() in file.parents else file.name

@@ -9,17 +9,12 @@ from typing import TYPE_CHECKING, Any
 from omnimj.cli.compared import told_comparison
 from omnimj.cli.tables import shown, table
 from omnimj.cli.wire_arguments import told_link
-from omnimj.resources import models_folder
+from omnimj.resources import model_words
 
 if TYPE_CHECKING:
     from omnimj.scenario.running import Run
 
 _RESULTS = ("path_error_max", "tracking_error_max", "max_yaw_excursion", "final_speed", "travel")
-
-
-def machine_words(file: Path) -> str:
-    """A machine by its model file: a shipped one by its name."""
-    return file.parent.name if models_folder() in file.parents else file.name
 
 
 def _verdict(checks: Sequence[Mapping[str, Any]]) -> str:
@@ -50,7 +45,7 @@ def told_run(finished: Run, out: Path | None) -> str:
     set_ = f", with {', '.join(scenario.overrides)}" if scenario.overrides else ""
     lines = [
         f"{metrics['scenario']}: {scenario.description}{set_}",
-        f"{machine_words(scenario.constants.file)} on {metrics['floor']}, plant {metrics['plant']}, "
+        f"{model_words(scenario.constants.file)} on {metrics['floor']}, plant {metrics['plant']}, "
         f"method {metrics['method']}, seed {metrics['seed']}, "
         f"{metrics['duration']:g} s at {metrics['realtime_factor']:.3g} × real time",
         "",

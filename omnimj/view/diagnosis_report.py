@@ -9,6 +9,7 @@ from pathlib import Path
 import omnimj
 from omnimj.diagnosis.diagnose import Order
 from omnimj.diagnosis.replay import Replayed
+from omnimj.resources import model_words
 from omnimj.view import diagnosis_plots, page
 from omnimj.view.diagnosis_words import blind, how_sure, nothing, verdict, what, when
 from omnimj.view.drawing import svg
@@ -100,7 +101,7 @@ def _head(order: Order, runs: Sequence[Replayed], name: str, interrupted: bool) 
     return (
         f"<h1>Diagnosis of {page.text(name)}</h1>"
         f"<p class='lead'>Method {page.text(order.method)} over {len(runs)} recorded runs of "
-        f"{page.text(order.dataset.plant)}, {seconds:.4g} s in all.</p>"
+        f"{page.text(model_words(order.machine.constants.file))}, {seconds:.4g} s in all.</p>"
         f"<p class='verdict {'bad' if found else 'good'}'>{page.text(verdict(runs).capitalize())}</p>"
         f"{stopped}" + (f"<ul>{notes}</ul>" if notes else "")
     )

@@ -77,7 +77,10 @@ _ROBUST: Mapping[str, _Meaning] = {
         "How much better a weak motor of this wheel explains the balance than a healthy robot does.",
     ),
     "slip": _Meaning(
-        "Evidence for slip", "way slipped", "m", "Way of the rim beyond the wheel's way over the floor."
+        "Evidence for slip",
+        "way slipped",
+        "m",
+        "Way of the rim beyond the wheel's way over the floor, counted up to 2 mm.",
     ),
 }
 _PUBLISHED: Mapping[str, _Meaning] = {
