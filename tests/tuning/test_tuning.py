@@ -17,7 +17,6 @@ from omnimj.errors import InputError, SimulationError, UnknownNameError
 from omnimj.parameters import read_robot
 from omnimj.trials.results import read_result, write_json
 from omnimj.tuning import bench
-from omnimj.tuning.cost import Limits
 from omnimj.tuning.draws import FAULTS, draw_trial, in_draw, read_tuned_scenarios
 from omnimj.tuning.driving import drive_healthy, drive_trial
 from omnimj.tuning.facts import facts_of
@@ -30,22 +29,6 @@ from omnimj.view.tuning_plots import front_of
 from omnimj.view.tuning_report import write_tuning_report
 
 CASCADE = ("control.speed_proportional", "control.yaw_rate_proportional")
-
-
-@pytest.fixture
-def order(tmp_path) -> Order:
-    text = scenario_file(tmp_path)
-    limits = Limits(overshoot=1.0)  # so that candidates near the gains before are driven
-    return Order(
-        tmp_path / "gains.toml",
-        (text,),
-        CASCADE,
-        trials=2,
-        judging=1,
-        generations=2,
-        landscape=2,
-        limits=limits,
-    )
 
 
 def done(order: Order, executor=None, report=quiet) -> Outcome:
@@ -305,57 +288,3 @@ def test_a_draw_on_the_twin_is_driven_like_one_on_the_planar_plant(tmp_path):
     assert all(facts.broke is None for facts in found.values())
     assert found["twin"].path == pytest.approx(found["planar"].path, rel=0.3)
     assert found["twin"] != found["planar"]
-
-
-def test_trials_of_another_robot_scenario_or_version_are_never_gone_on_with(order, tmp_path):
-    model = tmp_path / "robot.toml"
-    text = read_robot().file.read_text(encoding="utf-8")
-    model.write_text(text, encoding="utf-8")
-    asked = dataclasses.replace(order, model=model)
-    before = asked.plan()
-    assert asked.plan() == before
-    heavier = re.sub(r"(?m)^mass = \{ value = [\d.]+", "mass = { value = 21.0", text)
-    assert heavier != text
-    model.write_text(heavier, encoding="utf-8")
-    assert asked.plan()["digests"] != before["digests"]
-    model.write_text(text, encoding="utf-8")
-    scenario_file(tmp_path, duration=0.7)
-    assert asked.plan()["digests"] != before["digests"]
-    scenario_file(tmp_path)
-    assert asked.plan() == before
-
-
-def test_another_folders_worker_reads_the_same_scenario(order, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "elsewhere").mkdir()
-    (scenario,) = read_tuned_scenarios(("push.toml",), None).values()
-    draw = draw_trial("push.toml", scenario, 3, 0, "planar")
-    here = drive_trial(draw, {}, None)
-    monkeypatch.chdir(tmp_path / "elsewhere")
-    assert "facts" in here and drive_trial(draw, {}, None) == here
-
-
-def test_gains_before_that_break_a_judging_run_down_are_told_before_the_search(order, monkeypatch):
-    drive, driven = bench.drive_trial, []
-
-    def fragile(draw, values, uses, thresholds):
-        driven.append(draw.name)
-        found = drive(draw, values, uses, thresholds)
-        return found | {"facts": {"broke": "at 0.1 s: x is nan"}} if "_100_" in draw.name else found
-
-    monkeypatch.setattr(bench, "drive_trial", fragile)
-    with pytest.raises(InputError, match="the gains before broke a run down"):
-        run_tuning(order, quiet, Here())
-    assert len(driven) == order.trials + order.judging
-
-
-def test_a_candidate_with_more_margin_never_costs_more_for_it():
-    from omnimj.tuning.cost import score
-    from omnimj.tuning.margins import Loops
-
-    costs = [
-        score((), (), Loops(phase, 0.1), Loops(-10.0, 0.1), Limits()).cost
-        for phase in (-20.0, 20.0, 41.0, 50.0)
-    ]
-    assert costs == sorted(costs, reverse=True)
-    assert score((), (), Loops(-10.0, 0.1), Loops(-10.0, 0.1), Limits()).cost == pytest.approx(1.0)
