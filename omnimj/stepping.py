@@ -28,7 +28,7 @@ LARGEST = 1e10
 """A truth beyond it, in whatever unit, is no robot's: MuJoCo gives up there too."""
 
 _PROGRESS_EVERY = 100  # [rows]
-_COMPILES = 0.1  # [s] a step that takes longer compiled native code: no time of the simulation
+_STOPPED = 0.1  # [s] in a step that takes longer code is compiled, or the machine stands still
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ def record(
             if done < rows:
                 measurement = plant.step(command)
             now = time.perf_counter()
-            if now - last > _COMPILES:
+            if now - last > _STOPPED:
                 begin += now - last
             last = now
     except KeyboardInterrupt:

@@ -14,8 +14,9 @@ if TYPE_CHECKING:
     from omnimj.control.robust.gains import ObserverGains
 
 
-MODEL = "a shipped model by name (three_wheel), or a copy of robot.toml or rig.toml with changed values"
-"""What `--model` takes."""
+ROBOT_MODEL = "a shipped robot by name (three_wheel), or a copy of robot.toml with changed values"
+MODEL = "a shipped robot by name (three_wheel), or a copy of robot.toml or rig.toml with changed values"
+"""What `--model` takes, without and with the test rig."""
 
 
 def add_floors(parser: argparse.ArgumentParser) -> None:

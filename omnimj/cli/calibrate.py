@@ -10,7 +10,7 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import MODEL, add_floors, add_observer, read_observer
+from omnimj.cli.arguments import ROBOT_MODEL, add_floors, add_observer, read_observer
 from omnimj.cli.compiling import note_compiled, say_compiling
 from omnimj.cli.progress import ProgressBar
 from omnimj.cli.tables import table
@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--false-alarms-per-hour", metavar="X", type=_rate, required=True, dest="rate", help=words
     )
-    parser.add_argument("--model", metavar="FILE", type=Path, help=MODEL)
+    parser.add_argument("--model", metavar="FILE", type=Path, help=ROBOT_MODEL)
     add_floors(parser)
     add_observer(parser)
     parser.add_argument("--out", metavar="FILE", type=Path, required=True, help="the file to write")

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import MODEL, add_floors, whole_number
+from omnimj.cli.arguments import ROBOT_MODEL, add_floors, whole_number
 from omnimj.cli.compiling import note_compiled, say_compiling
 from omnimj.cli.wire_arguments import add_clock, add_key
 from omnimj.errors import InputError, UnknownNameError
@@ -54,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--set", metavar="KEY=VALUE", action="append", default=[], dest="overrides", help=words
     )
-    words = f"{MODEL}; its [hardware] is what the device is wired as"
+    words = f"{ROBOT_MODEL}; its [hardware] is what the device is wired as"
     parser.add_argument("--model", metavar="FILE", type=Path, help=words)
     add_floors(parser)
     words = "of the sensors' noise (default 0)"

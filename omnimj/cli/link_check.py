@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import MODEL
+from omnimj.cli.arguments import ROBOT_MODEL
 from omnimj.cli.tables import table
 from omnimj.cli.wire_arguments import ADDRESS, add_clock, add_key
 from omnimj.errors import InputError, LinkLost
@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--current", metavar="A", type=_current, default=MOST, help=words)
     words = "the fault that the device has latched has been seen and may be reset"
     parser.add_argument("--reset-fault", action="store_true", help=words)
-    parser.add_argument("--model", metavar="FILE", type=Path, help=MODEL)
+    parser.add_argument("--model", metavar="FILE", type=Path, help=ROBOT_MODEL)
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
 
 

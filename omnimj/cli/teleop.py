@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import MODEL, add_floors, whole_number
+from omnimj.cli.arguments import ROBOT_MODEL, add_floors, whole_number
 from omnimj.cli.compiling import note_compiled, say_compiling
 from omnimj.cli.wire_arguments import add_key
 from omnimj.errors import InputError, SimulationError, UnknownNameError
@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--method", metavar="M", default="robust", help=words)
     parser.add_argument("--floor", metavar="NAME", help="of a simulation (default natural_stone)")
     add_floors(parser)
-    parser.add_argument("--model", metavar="FILE", type=Path, help=MODEL)
+    parser.add_argument("--model", metavar="FILE", type=Path, help=ROBOT_MODEL)
     for option, unit, words in (
         ("--speed", "M/S", "fastest, ahead and sideways (default 0.3, at most 1)"),
         ("--turn", "RAD/S", "fastest turning (default 0.6, at most 2)"),

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omnimj.cli.arguments import (
-    MODEL,
+    ROBOT_MODEL,
     add_executor,
     add_thresholds,
     names,
@@ -76,7 +76,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--phase-margin", metavar="DEGREES", type=_positive, default=40.0, help=words)
     words = "most by which a wheel may go beyond a step of its speed, as a share (default 0.3)"
     parser.add_argument("--overshoot", metavar="SHARE", type=_positive, default=0.3, help=words)
-    words = f"{MODEL} (default: uto_robot)"
+    words = f"{ROBOT_MODEL} (default: uto_robot)"
     parser.add_argument("--model", metavar="FILE", type=Path, help=words)
     words = "gains to begin with, as tune writes them (default: the model's and the shipped ones)"
     parser.add_argument("--gains", metavar="FILE", type=Path, help=words)

@@ -20,7 +20,16 @@ _KNOWN_BETTER = 0.02  # by which an effectiveness must differ to be told anew
 def judge_forces(
     evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: float, losses: Array, fresh: bool
 ) -> Verdict:
-    """Motors and accelerometer: who explains the missing force best?"""
+    """Motors and accelerometer: who explains the missing force best?
+
+    Args:
+      evidence: After the block.
+      thresholds: When a suspicion becomes a decision.
+      verdict: Until now.
+      time: Of the block's end [s].
+      losses: Believed losses of the torque constants, shape (n,).
+      fresh: As in `decide`.
+    """
     n, found = len(evidence.force), evidence.found
     blind = {
         d.wheels[0] - 1 for d in verdict.diagnoses if d.cleared is None and d.kind in ("locked", "hard_over")
@@ -77,7 +86,7 @@ def _motor(
 def judge_learnt(
     evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: float, losses: Array
 ) -> Verdict:
-    """A loss too small to be seen when it came, which was learnt since."""
+    """A loss too small to be seen when it came, which was learnt since; arguments as for `judge_forces`."""
     most = thresholds.worn * (thresholds.other if verdict.any_stands() else 1.0)
     learnt = known_losses(evidence.theta, evidence.cov, len(losses))
     for i in range(len(losses)):
