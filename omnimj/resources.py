@@ -23,6 +23,6 @@ def scenarios_folder() -> Path:
     return _folder("scenarios")
 
 
-def model_words(file: Path) -> str:
+def model_display_name(file: Path) -> str:
     """A machine by its model file: a shipped one by its name, any other by the file's."""
     return file.parent.name if models_folder() in file.parents else file.name

@@ -7,17 +7,17 @@ from pathlib import Path
 
 import numpy as np
 
-from omnimj.control.controller import Controller
-from omnimj.control.diagnosing import DiagnosingController
-from omnimj.control.robust import Robust
-from omnimj.loop import drive
+from omnimj.control.cascade.controller import Controller
+from omnimj.control.detection.robust import RobustDetector
+from omnimj.control.fault_tolerant import FaultTolerantController
 from omnimj.parameters import read_robot
-from omnimj.plant.channels import robot_channels
-from omnimj.plant.conditions import Fault
+from omnimj.plant.faults import Fault
+from omnimj.plant.interface import robot_channels
 from omnimj.plant.planar import PlanarRobot
 from omnimj.recording.dataset import Dataset, Run
-from omnimj.scenario.suites.missions import mission
 from omnimj.signals import Trace
+from omnimj.simulate.loop import drive
+from omnimj.simulate.suites.missions import mission
 
 ONSET = 3.0
 WEAK = Fault("motor", ONSET, wheel=2, numbers={"loss": 0.57})
@@ -33,7 +33,7 @@ def driven(duration: float = 12.0, seed: int = 5, weak: bool = False, watched: b
     plant = PlanarRobot(robot, "natural_stone", faults=faults, seed=seed)
     controller = Controller(robot, period=plant.period)
     if watched:
-        controller = DiagnosingController(controller, Robust(robot))
+        controller = FaultTolerantController(controller, RobustDetector(robot))
     reference = mission(np.random.default_rng(seed), duration, plant.period)
     return drive(plant, controller, reference)
 

@@ -11,14 +11,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from omnimj.gap.records import (
-    Candidate,
+from omnimj.estimate.gap.records import (
+    CandidateResult,
     ChannelGap,
     Finding,
     Interval,
+    MismatchRegime,
     NamedEffect,
     Overlay,
-    Place,
     Refitted,
     Stage,
 )
@@ -221,7 +221,7 @@ def _places(
     noise: Mapping[str, float],
     regimes: Sequence[tuple[str, Mapping[str, tuple[float, float]]]],
     after: bool,
-) -> tuple[Place, ...]:
+) -> tuple[MismatchRegime, ...]:
     total = sum(float(np.nansum(((o.measured - o.before) / list(noise.values())) ** 2)) for o in overlays)
     found = []
     for c, channel in enumerate(channels):
@@ -234,7 +234,9 @@ def _places(
                 before.append((o.measured - o.before)[inside, c])
                 left.append((o.measured - o.after)[inside, c])
             share = float(np.sum(np.concatenate(before) ** 2)) / noise[channel] ** 2 / total
-            found.append(Place(channel, words, bounds, share, _rms(before), _rms(left) if after else None))
+            found.append(
+                MismatchRegime(channel, words, bounds, share, _rms(before), _rms(left) if after else None)
+            )
     return tuple(sorted(found, key=lambda p: -p.share)[:8])
 
 
@@ -242,9 +244,9 @@ def _decoys(scale: float, n: int = 200) -> np.ndarray:
     return scale * (np.random.default_rng(3).standard_normal(n) - 0.4)
 
 
-def _candidate(label, screened, gain, width, verdict, is_sensor=False) -> Candidate:
+def _candidate(label, screened, gain, width, verdict, is_sensor=False) -> CandidateResult:
     interval = None if gain is None else Interval(gain, gain - width, gain + width)
-    return Candidate(label, screened, interval, verdict, label.replace("_", " "), is_sensor)
+    return CandidateResult(label, screened, interval, verdict, label.replace("_", " "), is_sensor)
 
 
 RIG_REFITTED = (
@@ -303,7 +305,7 @@ LATERAL = NamedEffect(
 FLOOR = {"wheel_speed": 0.075, "carriage_speed": 0.0031, "carriage_acceleration": 0.052}
 
 
-def _ladder(*first: Candidate, scale: float = 0.02, margin: float = 0.03) -> Stage:
+def _ladder(*first: CandidateResult, scale: float = 0.02, margin: float = 0.03) -> Stage:
     rest = (
         _candidate("air_drag", 0.09, None, 0.0, "screened out"),
         _candidate("motor_cogging", 0.01, None, 0.0, "screened out"),

@@ -92,7 +92,7 @@ assert main(["run", "circle_8m_kinematic"]) == 0
 def test_the_installed_models_have_every_file_they_name(installed, tmp_path):
     script = """
 from omnimj.parameters import read_floors, read_rig, read_robot
-from omnimj.twin.assembly import load_spec, models_folder, rig_model, robot_model
+from omnimj.plant.mujoco.assembly import load_spec, models_folder, rig_model, robot_model
 floor = read_floors()["pvc"]
 print(robot_model(read_robot(), floor).nv, rig_model(read_rig(), floor).nu)
 for scene in sorted(models_folder().glob("*/*.xml")):
@@ -118,7 +118,9 @@ for room in ("control", "physics", "parameters", "plant"):
         print(importlib.import_module(module.name).__name__)
 """
     said = said_by(script, ROOT).split()
-    assert {"omnimj.control.controller", "omnimj.physics.planar", "omnimj.physics.native"} <= set(said)
+    assert {"omnimj.control.cascade.controller", "omnimj.physics.planar", "omnimj.physics.native"} <= set(
+        said
+    )
 
 
 def _library(requirement: str) -> str:

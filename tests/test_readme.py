@@ -9,9 +9,9 @@ from other_robots import write_mecanum_of_the_guide
 
 from omnimj.cli.main import make_parser
 from omnimj.parameters import read_robot
-from omnimj.scenario.listing import list_scenarios
-from omnimj.scenario.scenario import read_scenario
-from omnimj.view.claims import CLAIMS
+from omnimj.simulate.scenario.listing import list_scenarios
+from omnimj.simulate.scenario.scenario import read_scenario
+from omnimj.view.readme_pictures import CLAIMS
 
 ROOT = Path(__file__).parent.parent
 TEXT = (ROOT / "README.md").read_text()

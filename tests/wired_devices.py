@@ -12,20 +12,19 @@ import threading
 from collections.abc import Iterator
 from typing import Any
 
-from omnimj.hardware import cobs
-from omnimj.hardware.address import UdpAddress
-from omnimj.hardware.calibration import commissioned_for, require_hardware
-from omnimj.hardware.emulated import EmulatedDevice
-from omnimj.hardware.host import Host
-from omnimj.hardware.key_file import Key
-from omnimj.hardware.link import Link
-from omnimj.hardware.link_mode import Mode
-from omnimj.hardware.plant import HardwarePlant
-from omnimj.hardware.serving import Server
-from omnimj.hardware.simulated_wire import SimulatedWire, WireFaults
-from omnimj.hardware.stream import PacketStream
-from omnimj.hardware.udp import UdpListener
-from omnimj.hardware.wire import OnePeer
+from omnimj.link.calibration import device_config, require_hardware
+from omnimj.link.codec import cobs
+from omnimj.link.codec.key import Key
+from omnimj.link.codec.stream import PacketStream
+from omnimj.link.device.emulated import EmulatedDevice
+from omnimj.link.device.server import DeviceServer
+from omnimj.link.host.link import Link, LinkMode
+from omnimj.link.host.plant import HardwarePlant
+from omnimj.link.host.state_machine import Host
+from omnimj.link.transport.address import UdpAddress
+from omnimj.link.transport.interface import SinglePeerListener
+from omnimj.link.transport.simulated import SimulatedWire, WireFaults
+from omnimj.link.transport.udp import UdpListener
 from omnimj.parameters import read_robot
 from omnimj.plant.interface import Plant
 from omnimj.plant.planar import PlanarRobot
@@ -78,7 +77,7 @@ def served(plant: Plant, kind: str, lock_step: bool = True, **wrong: Any) -> Ite
     """A device in a thread of its own, wired wrongly if need be; its address."""
     if kind == "serial":
         terminal = Terminal()
-        listener: Any = OnePeer(terminal)
+        listener: Any = SinglePeerListener(terminal)
         address = f"serial:{terminal.path}"
     else:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asked:
@@ -88,7 +87,7 @@ def served(plant: Plant, kind: str, lock_step: bool = True, **wrong: Any) -> Ite
         address = f"udp:127.0.0.1:{port}"
     sessions = itertools.count(1)
     device = EmulatedDevice(plant, WIRING, lambda: next(sessions), lock_step=lock_step, **wrong)
-    server = Server(device, listener)
+    server = DeviceServer(device, listener)
     goes_on = threading.Event()
     thread = threading.Thread(target=server.run, args=(lambda: not goes_on.is_set(),))
     thread.start()
@@ -113,7 +112,7 @@ class World:
         to_host: WireFaults | None = None,
         key: bytes | None = None,
         device_key: bytes | None = None,
-        mode: Mode = Mode.DRIVE,
+        mode: LinkMode = LinkMode.DRIVE,
         seed: int = 1,
     ):
         self.wire = SimulatedWire(to_device, to_host, seed)
@@ -127,8 +126,8 @@ class World:
         self.link = self.host_link(self.wire.host, key, mode)
         self.plant = HardwarePlant(self.link, WIRING)
 
-    def host_link(self, end: Any, key: bytes | None = None, mode: Mode = Mode.DRIVE) -> Link:
-        expected = commissioned_for(WIRING, PERIOD, lock_step=self.lock_step, keyed=key is not None)
+    def host_link(self, end: Any, key: bytes | None = None, mode: LinkMode = LinkMode.DRIVE) -> Link:
+        expected = device_config(WIRING, PERIOD, lock_step=self.lock_step, keyed=key is not None)
         host = Host(expected, lambda: next(self._nonces))
         secret = None if key is None else Key(key)
         return Link(host, Waiting(self, end), key=secret, mode=mode, clock=lambda: self.wire.now)
@@ -145,7 +144,9 @@ class World:
             now=0.0,
         )
         secret = Key(self._device_key) if self._device_key is not None else None
-        self.server = Server(emulated, OnePeer(self.wire.device), key=secret, clock=lambda: self.wire.now)
+        self.server = DeviceServer(
+            emulated, SinglePeerListener(self.wire.device), key=secret, clock=lambda: self.wire.now
+        )
 
     @property
     def device(self):

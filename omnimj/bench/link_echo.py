@@ -9,13 +9,13 @@ import sys
 import threading
 from collections.abc import Callable
 
-from omnimj.hardware import cobs
-from omnimj.hardware.address import LOOPBACK, UdpAddress
-from omnimj.hardware.drops import Drop
-from omnimj.hardware.frames import decode, encode
-from omnimj.hardware.messages import Command, FaultCode, Frame, Status, Telemetry
-from omnimj.hardware.stream import PacketStream
-from omnimj.hardware.udp import UdpListener
+from omnimj.link.codec import cobs
+from omnimj.link.codec.frames import decode, encode
+from omnimj.link.codec.layout import DropReason
+from omnimj.link.codec.messages import Command, FaultCode, Frame, Status, Telemetry
+from omnimj.link.codec.stream import PacketStream
+from omnimj.link.transport.address import LOOPBACK, UdpAddress
+from omnimj.link.transport.udp import UdpListener
 
 RAW = (0.1, -0.2, 0.3, -0.4, 1.0, 2.0, 3.0, 4.0, 0.5, 0.6, 0.7, 1234)
 """Of the twelve channels, the last one counts."""
@@ -41,7 +41,7 @@ ASKED_SIZE, ANSWERED_SIZE = len(encode(command(1))), len(encode(telemetry(1)))
 
 def _answer(packet: bytes) -> bytes | None:
     found = decode(packet)
-    return None if isinstance(found, Drop) else encode(telemetry(found.sequence))
+    return None if isinstance(found, DropReason) else encode(telemetry(found.sequence))
 
 
 def _echo_udp() -> None:

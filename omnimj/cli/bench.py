@@ -7,8 +7,7 @@ import json
 from dataclasses import dataclass
 from typing import Any
 
-from omnimj.cli.compiling import note_compiled, say_compiling
-from omnimj.cli.tables import table
+from omnimj.cli.terminal import announce_compilation, format_table, note_compiled
 
 HELP = "measure speed: twin, callback, batch, control, recording, link"
 EXAMPLE = """examples:
@@ -87,15 +86,14 @@ def run(arguments: Any) -> int:
     Returns:
       0; speed is reported, not judged.
     """
-    from omnimj.bench.control_speed import measure_control
-    from omnimj.bench.link_speed import measure_link
-    from omnimj.bench.run_speed import measure_run
-    from omnimj.bench.twin_speed import measure_twin
+    from omnimj.bench.control import measure_control
+    from omnimj.bench.link import measure_link
+    from omnimj.bench.twin import measure_run, measure_twin
 
-    say_compiling("twin", "uto_robot")
+    announce_compilation("twin", "uto_robot")
     found = measure_twin(EFFORT.steps, EFFORT.rounds) | measure_run(EFFORT.run)
     note_compiled("twin", "uto_robot")
-    say_compiling("planar", "uto_robot")
+    announce_compilation("planar", "uto_robot")
     found |= measure_control(EFFORT.missions, EFFORT.mission, EFFORT.hours, EFFORT.longest)
     note_compiled("planar", "uto_robot")
     found |= measure_link(EFFORT.frames, EFFORT.trips)
@@ -104,5 +102,5 @@ def run(arguments: Any) -> int:
         print(json.dumps({name: float(found[name]) for name in meaning}, indent=2))
     else:
         rows = [(name, f"{found[name]:.4g}", words) for name, words in meaning.items()]
-        print(table(("measure", "value", "meaning"), rows))
+        print(format_table(("measure", "value", "meaning"), rows))
     return 0

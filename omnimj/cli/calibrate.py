@@ -10,15 +10,13 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import ROBOT_MODEL, add_floors, add_observer, read_observer
-from omnimj.cli.compiling import note_compiled, say_compiling
-from omnimj.cli.progress import ProgressBar
-from omnimj.cli.tables import table
+from omnimj.cli.arguments import ROBOT_MODEL, add_floors, add_observer_gains, read_observer_gains
+from omnimj.cli.terminal import ProgressBar, announce_compilation, format_table, note_compiled
 from omnimj.errors import InputError
 
 if TYPE_CHECKING:
-    from omnimj.diagnosis.calibrate import Calibration
-    from omnimj.diagnosis.diagnose import Order
+    from omnimj.diagnose.calibration import Calibration
+    from omnimj.diagnose.replay import DiagnosisConfig
 
 HELP = "set the thresholds of the robust method from fault-free recordings, at a rate of false alarms"
 EXAMPLE = """examples:
@@ -39,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--model", metavar="FILE", type=Path, help=ROBOT_MODEL)
     add_floors(parser)
-    add_observer(parser)
+    add_observer_gains(parser)
     parser.add_argument("--out", metavar="FILE", type=Path, required=True, help="the file to write")
     parser.add_argument("--force", action="store_true", help="write --out although it is there")
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
@@ -62,28 +60,28 @@ def run(arguments: Any) -> int:
     Raises:
       InputError: Bad data, data of another machine than the robot, or a file that cannot be written.
     """
-    _check_file(arguments.out, arguments.force)
+    _require_writable(arguments.out, arguments.force)
     order = _order(arguments)
-    from omnimj.diagnosis.calibrate import calibrate
-    from omnimj.diagnosis.calibration_file import as_json, as_toml, write_thresholds
-    from omnimj.diagnosis.diagnose import check_order, require_other_folder
+    from omnimj.diagnose.calibration import calibrate
+    from omnimj.diagnose.files import calibration_json, thresholds_toml, write_thresholds
+    from omnimj.diagnose.replay import check_config, require_other_folder
 
     require_other_folder(order.dataset, arguments.out.parent)
-    check_order(order)
-    say_compiling(order.method, order.dataset.plant, "method")
+    check_config(order)
+    announce_compilation(order.method, order.dataset.plant, "method")
     with ProgressBar() as bar:
         found = calibrate(order, arguments.rate, bar.show)
     note_compiled(order.method, order.dataset.plant)
     command = shlex.join(["omnimj", *arguments.given])
-    write_thresholds(arguments.out, as_toml(found, order.dataset, command))
+    write_thresholds(arguments.out, thresholds_toml(found, order.dataset, command))
     if arguments.json:
-        print(json.dumps(as_json(found, order.dataset, command), indent=2, ensure_ascii=False))
+        print(json.dumps(calibration_json(found, order.dataset, command), indent=2, ensure_ascii=False))
     else:
-        print(_told(found, order, arguments.out))
+        print(_format_calibration(found, order, arguments.out))
     return 0
 
 
-def _check_file(path: Path, force: bool) -> None:
+def _require_writable(path: Path, force: bool) -> None:
     place = f"--out {path}"
     if path.is_dir():
         raise InputError(place, "is a folder", "a file is needed")
@@ -96,9 +94,9 @@ def _check_file(path: Path, force: bool) -> None:
         raise InputError(place, f"cannot be written, {nearest} is read-only", "choose another folder")
 
 
-def _order(arguments: Any) -> Order:
-    from omnimj.diagnosis.diagnose import Order
-    from omnimj.diagnosis.machines import read_machine
+def _order(arguments: Any) -> DiagnosisConfig:
+    from omnimj.diagnose.logs import read_machine
+    from omnimj.diagnose.replay import DiagnosisConfig
     from omnimj.parameters.floor import all_floors
     from omnimj.recording.read_dataset import read_dataset
 
@@ -107,20 +105,28 @@ def _order(arguments: Any) -> Order:
     if dataset.plant != "uto_robot":
         rule = "the robust method, whose thresholds these are, is for the robot"
         raise InputError(arguments.dataset, f"plant is {dataset.plant!r}", rule, ("uto_robot",))
-    observer = read_observer(arguments.gains, "robust")
-    return Order(dataset, read_machine(dataset, arguments.model), "robust", floors, observer=observer)
+    observer = read_observer_gains(arguments.gains, "robust")
+    return DiagnosisConfig(
+        dataset, read_machine(dataset, arguments.model), "robust", floors, observer=observer
+    )
 
 
-def _told(found: Calibration, order: Order, out: Path) -> str:
-    from omnimj.control.robust.thresholds_file import UNITS
-    from omnimj.control.robust.verdict import Thresholds
-    from omnimj.diagnosis.calibration_file import in_words
+def _format_calibration(found: Calibration, order: DiagnosisConfig, out: Path) -> str:
+    from omnimj.control.detection.robust.thresholds import THRESHOLD_UNITS, Thresholds
+    from omnimj.diagnose.files import format_calibration
 
     usual, rows = Thresholds(), []
     for one in found.set:
         by = "its floor" if one.value == one.floor else "the tail"
         numbers = [f"{x:.4g}" for x in (one.value, one.tail.largest, getattr(usual, one.name))]
-        rows.append((one.name, *numbers, UNITS[one.name], by))
+        rows.append((one.name, *numbers, THRESHOLD_UNITS[one.name], by))
     head = ("threshold", "value", "largest seen", "shipped", "unit", "set by")
-    lines = [*order.dataset.notes, *in_words(found), "", table(head, rows), "", f"written to {out}"]
+    lines = [
+        *order.dataset.notes,
+        *format_calibration(found),
+        "",
+        format_table(head, rows),
+        "",
+        f"written to {out}",
+    ]
     return "\n".join(lines)

@@ -89,19 +89,19 @@ def _complete(command: str, action: Any) -> None:
 
 def _words(command: str, argument: str) -> tuple[str, ...]:
     """The names that an argument may have; none where it is no name."""
-    from omnimj.evaluation.cases import SUITES
-    from omnimj.evaluation.drawn_faults import SPECIAL
     from omnimj.parameters import read_floors
     from omnimj.parameters.reading import SOURCES
-    from omnimj.scenario.methods import METHODS
-    from omnimj.scenario.plants import PLANT_NAMES
-    from omnimj.scenario.suites.catalogue import SUITES as PLANS
+    from omnimj.simulate.detectors import METHODS
+    from omnimj.simulate.plants import PLANT_NAMES
+    from omnimj.simulate.suites.catalogue import SUITES as PLANS
+    from omnimj.studies.evaluation.cases import SUITES
+    from omnimj.studies.random_truth import ALL_CLASSES
 
     known = {
         "plant": (*PLANT_NAMES, *(("both",) if command == "validate" else ())),
         "method": METHODS,
         "floor": tuple(read_floors()),
-        "faults": tuple(SPECIAL),
+        "faults": tuple(ALL_CLASSES),
         "source": SOURCES,
         "suite": tuple(PLANS if command == "record" else SUITES),
         "table_format": ("parquet", "csv"),
@@ -111,7 +111,7 @@ def _words(command: str, argument: str) -> tuple[str, ...]:
 
 def _scenarios() -> dict[str, Any]:
     """A shipped scenario by name, or any TOML file."""
-    from omnimj.scenario.listing import scenario_names
+    from omnimj.simulate.scenario.listing import scenario_names
 
     names = " ".join(scenario_names())
     bash = f"""

@@ -11,18 +11,17 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import ROBOT_MODEL, add_floors, whole_number
-from omnimj.cli.compiling import note_compiled, say_compiling
-from omnimj.cli.wire_arguments import add_clock, add_key
+from omnimj.cli.arguments import ROBOT_MODEL, add_clock, add_floors, add_key, whole_number
+from omnimj.cli.terminal import announce_compilation, note_compiled
 from omnimj.errors import InputError, UnknownNameError
 
 if TYPE_CHECKING:
-    from omnimj.hardware.emulated import Defect, EmulatedDevice
-    from omnimj.hardware.key_file import Key
-    from omnimj.hardware.serving import Server
-    from omnimj.hardware.wire import Listener
+    from omnimj.link.codec.key import Key
+    from omnimj.link.device.emulated import EmulatedDevice, WiringDefect
+    from omnimj.link.device.server import DeviceServer
+    from omnimj.link.transport.interface import Listener
     from omnimj.plant.interface import Plant
-    from omnimj.scenario.scenario import Scenario
+    from omnimj.simulate.scenario.scenario import Scenario
 
 HELP = "emulate the robot behind a wire, with the rules of a firmware"
 EXAMPLE = """examples:
@@ -72,9 +71,9 @@ def run(arguments: Any) -> int:
     Raises:
       InputError: Something that is asked for is not there, or the wire cannot be opened.
     """
-    from omnimj.hardware.key_file import read_key
-    from omnimj.scenario.plants import make_plant
-    from omnimj.scenario.scenario import read_scenario
+    from omnimj.link.codec.key import read_key
+    from omnimj.simulate.plants import make_plant
+    from omnimj.simulate.scenario.scenario import read_scenario
 
     overrides = [*([f"floor={arguments.floor}"] if arguments.floor else []), *arguments.overrides]
     scenario = read_scenario(arguments.scenario, overrides, arguments.model, arguments.floors)
@@ -84,7 +83,7 @@ def run(arguments: Any) -> int:
     listener = _listener(arguments, key)
     plant = None
     try:
-        say_compiling(arguments.plant, scenario.plant)
+        announce_compilation(arguments.plant, scenario.plant)
         plant = make_plant(scenario, arguments.plant, arguments.seed)
         emulated = _emulated(plant, scenario, arguments.lock_step, key, defects)
         _warm_up(plant)
@@ -98,9 +97,9 @@ def run(arguments: Any) -> int:
 
 
 def _require_robot(scenario: Scenario, plant: str) -> None:
-    from omnimj.hardware.calibration import require_hardware
+    from omnimj.link.calibration import require_hardware
     from omnimj.parameters import Robot
-    from omnimj.scenario.plants import PLANT_NAMES
+    from omnimj.simulate.plants import PLANT_NAMES
 
     if plant not in PLANT_NAMES:
         raise UnknownNameError("--plant", "plant", plant, PLANT_NAMES)
@@ -110,14 +109,14 @@ def _require_robot(scenario: Scenario, plant: str) -> None:
     require_hardware(scenario.constants)
 
 
-def _defect(text: str) -> Defect:
+def _defect(text: str) -> WiringDefect:
     """`KIND:PLACE` or `gain:PLACE:VALUE`; names are looked at by the device."""
-    from omnimj.hardware.emulated import DEFECTS, Defect
+    from omnimj.link.device.emulated import DEFECT_KINDS, WiringDefect
 
     kind, _, rest = text.partition(":")
     place, colon, value = rest.partition(":")
-    if kind not in DEFECTS:
-        raise UnknownNameError("--defect", "kind", kind, DEFECTS)
+    if kind not in DEFECT_KINDS:
+        raise UnknownNameError("--defect", "kind", kind, DEFECT_KINDS)
     if not place or bool(colon) != (kind == "gain"):
         raise InputError("--defect", f"found {text!r}", "must be sign:PLACE, dead:PLACE or gain:PLACE:VALUE")
     try:
@@ -126,29 +125,29 @@ def _defect(text: str) -> Defect:
         factor = math.nan
     if not math.isfinite(factor):
         raise InputError("--defect", f"found {text!r}", "the value must be a finite number")
-    return Defect(kind, place, factor)
+    return WiringDefect(kind, place, factor)
 
 
 def _listener(arguments: Any, key: Key | None) -> Listener:
-    from omnimj.hardware.address import SerialAddress, parse_address
-    from omnimj.hardware.serial_port import SerialTransport
-    from omnimj.hardware.udp import UdpListener
-    from omnimj.hardware.wire import OnePeer
+    from omnimj.link.transport.address import SerialAddress, parse_address
+    from omnimj.link.transport.interface import SinglePeerListener
+    from omnimj.link.transport.serial_port import SerialTransport
+    from omnimj.link.transport.udp import UdpListener
 
     if arguments.serial is not None:
         address = parse_address(f"serial:{arguments.serial}", "--serial")
         assert isinstance(address, SerialAddress)
-        return OnePeer(SerialTransport(address))
+        return SinglePeerListener(SerialTransport(address))
     address = parse_address(f"udp:{arguments.udp}", "--udp")
     assert not isinstance(address, SerialAddress)
     return UdpListener(address, key is not None)
 
 
 def _emulated(
-    plant: Plant, scenario: Scenario, lock_step: bool, key: Key | None, defects: list[Defect]
+    plant: Plant, scenario: Scenario, lock_step: bool, key: Key | None, defects: list[WiringDefect]
 ) -> EmulatedDevice:
-    from omnimj.hardware.calibration import require_hardware
-    from omnimj.hardware.emulated import EmulatedDevice
+    from omnimj.link.calibration import require_hardware
+    from omnimj.link.device.emulated import EmulatedDevice
     from omnimj.parameters import Robot
 
     robot = scenario.constants
@@ -179,9 +178,9 @@ def _warm_up(plant: Plant) -> None:
 def _serve(
     arguments: Any, emulated: EmulatedDevice, listener: Listener, key: Key | None, scenario: str
 ) -> None:
-    from omnimj.hardware.serving import Server
+    from omnimj.link.device.server import DeviceServer
 
-    server = Server(emulated, listener, key=key)
+    server = DeviceServer(emulated, listener, key=key)
     mode = (
         "lock-step" if arguments.lock_step else f"real time, {1e3 * emulated.device.commissioned.period:g} ms"
     )
@@ -194,10 +193,10 @@ def _serve(
     except KeyboardInterrupt:
         pass
     finally:
-        print(_told(server, arguments.lock_step), flush=True)
+        print(_format_served(server, arguments.lock_step), flush=True)
 
 
-def _told(server: Server, lock_step: bool) -> str:
+def _format_served(server: DeviceServer, lock_step: bool) -> str:
     device = server.emulated.device
     fault = f", fault {device.fault.name.lower().replace('_', ' ')} latched" if device.fault else ""
     words = f"{server.frames} frames, {device.dropped} dropped, {device.refused} refused{fault}"

@@ -13,18 +13,15 @@ from typing import TYPE_CHECKING, Any
 from omnimj.cli.arguments import (
     MODEL,
     add_floors,
-    add_observer,
+    add_observer_gains,
     add_thresholds,
-    read_observer,
+    read_observer_gains,
     read_thresholds,
 )
-from omnimj.cli.compiling import note_compiled, say_compiling
-from omnimj.cli.progress import ProgressBar
-from omnimj.cli.tables import table
+from omnimj.cli.terminal import ProgressBar, announce_compilation, format_table, note_compiled
 
 if TYPE_CHECKING:
-    from omnimj.diagnosis.diagnose import Order
-    from omnimj.diagnosis.replay import Replayed
+    from omnimj.diagnose.replay import DiagnosisConfig, RunDiagnosis
     from omnimj.parameters.floor import Floor
     from omnimj.recording.dataset import Dataset
 
@@ -49,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--model", metavar="FILE", type=Path, help=MODEL)
     add_floors(parser)
     add_thresholds(parser)
-    add_observer(parser)
+    add_observer_gains(parser)
     parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="where the results go")
     parser.add_argument("--force", action="store_true", help="write into --out although it is not empty")
     parser.add_argument("--json", action="store_true", help="print diagnoses.json instead of the table")
@@ -64,74 +61,74 @@ def run(arguments: Any) -> int:
     Raises:
       InputError: Bad data, a method that is not for them, or a folder that cannot be written.
     """
-    from omnimj.diagnosis.diagnose import check_order, require_other_folder
+    from omnimj.diagnose.replay import check_config, require_other_folder
     from omnimj.recording.folder import check_folder
 
     check_folder(arguments.out, arguments.force)
     order = _order(arguments)
     require_other_folder(order.dataset, arguments.out)
-    check_order(order)
-    say_compiling(order.method, order.dataset.plant, "method")
+    check_config(order)
+    announce_compilation(order.method, order.dataset.plant, "method")
     found, sections, interrupted = _diagnose(arguments, order)
     if not found:
         return 130
     note_compiled(order.method, order.dataset.plant)
-    from omnimj.diagnosis.diagnoses_file import as_json, write_diagnoses
-    from omnimj.recording.folder import whole_file
-    from omnimj.view.diagnosis_report import write_diagnosis_report
+    from omnimj.diagnose.files import diagnoses_json, write_diagnoses
+    from omnimj.recording.folder import atomic_file
+    from omnimj.view.report.diagnosis import write_diagnosis_report
 
     command = shlex.join(["omnimj", *arguments.given])
-    told = as_json(order, found, command, interrupted)
+    told = diagnoses_json(order, found, command, interrupted)
     write_diagnoses(arguments.out / FILES[0], told)
-    with whole_file(arguments.out / FILES[1]) as temporary:
+    with atomic_file(arguments.out / FILES[1]) as temporary:
         write_diagnosis_report(temporary, order, found, sections, command, interrupted)
     if arguments.json:
         print(json.dumps(told, indent=2, ensure_ascii=False))
     else:
-        print(_told(order, found, interrupted, arguments.out))
+        print(_format_diagnosis(order, found, interrupted, arguments.out))
     return 130 if interrupted else 0
 
 
-def _order(arguments: Any) -> Order:
-    from omnimj.diagnosis.diagnose import Order
-    from omnimj.diagnosis.machines import method_name, read_machine
+def _order(arguments: Any) -> DiagnosisConfig:
+    from omnimj.diagnose.logs import read_machine, resolve_method
+    from omnimj.diagnose.replay import DiagnosisConfig
     from omnimj.parameters.floor import all_floors
     from omnimj.recording.read_dataset import read_dataset
 
     floors = all_floors(arguments.floors)
     dataset = _recorded(arguments, floors) or read_dataset(arguments.dataset, floors)
     machine = read_machine(dataset, arguments.model)
-    method = method_name(arguments.method, machine)
+    method = resolve_method(arguments.method, machine)
     thresholds = read_thresholds(arguments.thresholds, method)
-    observer = read_observer(arguments.gains, method)
-    return Order(dataset, machine, method, floors, thresholds, observer)
+    observer = read_observer_gains(arguments.gains, method)
+    return DiagnosisConfig(dataset, machine, method, floors, thresholds, observer)
 
 
 def _recorded(arguments: Any, floors: Mapping[str, Floor]) -> Dataset | None:
     """The frames of a run over a link as a dataset; None for any other folder."""
-    from omnimj.hardware.recorded import is_recording, read_recorded
+    from omnimj.link.host.dataset import is_link_recording, read_link_recording
     from omnimj.parameters import read_robot
     from omnimj.parameters.floor import find_floor
 
-    if not is_recording(arguments.dataset):
+    if not is_link_recording(arguments.dataset):
         return None
-    dataset = read_recorded(arguments.dataset, read_robot(arguments.model))
+    dataset = read_link_recording(arguments.dataset, read_robot(arguments.model))
     find_floor(str(dataset.runs[0].conditions["floor"]), f"{arguments.dataset}: floor", floors)
     return dataset
 
 
-def _diagnose(arguments: Any, order: Order) -> tuple[list[Replayed], list[str], bool]:
+def _diagnose(arguments: Any, order: DiagnosisConfig) -> tuple[list[RunDiagnosis], list[str], bool]:
     """Each run's trace is written as soon as it is there; of the others nothing is kept but what was said."""
-    from omnimj.diagnosis.diagnose import diagnose
-    from omnimj.diagnosis.machines import method_of
+    from omnimj.diagnose.logs import make_detector
+    from omnimj.diagnose.replay import diagnose
     from omnimj.recording.folder import make_folder
     from omnimj.recording.traces import write_trace
     from omnimj.signals import Trace
-    from omnimj.view.diagnosis_report import MOST_FIGURES, run_section
+    from omnimj.view.report.diagnosis import MOST_FIGURES, run_section
 
     out, runs = arguments.out, order.dataset.runs
-    names = method_of(order.method, order.machine, runs[0], order.floors).log_names
-    found: list[Replayed] = []
+    names = make_detector(order.method, order.machine, runs[0], order.floors).log_names
+    found: list[RunDiagnosis] = []
     sections: list[str] = []
     try:
         with ProgressBar() as bar:
@@ -150,18 +147,29 @@ def _diagnose(arguments: Any, order: Order) -> tuple[list[Replayed], list[str], 
     return found, sections, False
 
 
-def _told(order: Order, found: Sequence[Replayed], interrupted: bool, out: Path) -> str:
-    from omnimj.view.diagnosis_words import blind, how_sure, nothing, verdict, what, when
+def _format_diagnosis(
+    order: DiagnosisConfig, found: Sequence[RunDiagnosis], interrupted: bool, out: Path
+) -> str:
+    from omnimj.view.wording import (
+        describe_confidence,
+        describe_diagnosis,
+        describe_time,
+        describe_undiagnosed,
+        describe_unjudged,
+        summarize_runs,
+    )
 
     rows = []
     for one in found:
         if not one.diagnoses:
-            rows.append((one.name, nothing(one), blind(one) or "–", ""))
-        rows += [(one.name, what(d), when(d), how_sure(d)) for d in one.diagnoses]
+            rows.append((one.name, describe_undiagnosed(one), describe_unjudged(one) or "–", ""))
+        rows += [
+            (one.name, describe_diagnosis(d), describe_time(d), describe_confidence(d)) for d in one.diagnoses
+        ]
     lines = [*order.dataset.notes, *(note for one in found for note in one.notes)]
-    lines += [table(("run", "what", "when", "how sure"), rows), ""]
+    lines += [format_table(("run", "what", "when", "how sure"), rows), ""]
     seconds = sum(one.judged for one in found)
-    lines.append(f"{verdict(found)}, method {order.method}, {seconds:.4g} s of data")
+    lines.append(f"{summarize_runs(found)}, method {order.method}, {seconds:.4g} s of data")
     if interrupted:
         lines.append("interrupted")
     lines.append(f"written to {out}")

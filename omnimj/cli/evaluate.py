@@ -10,18 +10,16 @@ from omnimj.cli.arguments import (
     add_executor,
     add_gains,
     add_thresholds,
-    names,
+    parse_names,
     read_gains_file,
     read_thresholds,
     whole_number,
 )
-from omnimj.cli.compiling import note_compiled, say_compiling
-from omnimj.cli.progress import ProgressBar
-from omnimj.cli.tables import table
+from omnimj.cli.terminal import ProgressBar, announce_compilation, format_table, note_compiled
 from omnimj.errors import InputError
 
 if TYPE_CHECKING:
-    from omnimj.evaluation.evaluation import Outcome
+    from omnimj.studies.evaluation.study import EvaluationResult
 
 HELP = "drive many randomised cases with a method and judge what it diagnosed and what its recovery is worth"
 EXAMPLE = """examples:
@@ -51,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--set", metavar="KEY=VALUE", dest="settings", action="append", default=[], help=words
     )
     words = "planar (default), twin, or both with a comma: drawn for each case"
-    parser.add_argument("--plant", metavar="P", type=names, default=("planar",), help=words)
+    parser.add_argument("--plant", metavar="P", type=parse_names, default=("planar",), help=words)
     words = "how many cases (default 100)"
     parser.add_argument("--trials", metavar="N", type=whole_number(1, 10**5 - 1), default=100, help=words)
     words = "of all that is drawn (default 100); 0 to 99 are for setting thresholds and judge nothing"
@@ -61,9 +59,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_executor(parser)
     words = "classes to draw from: none, motor, slip, locked, free, hard_over, all_wheel_slip, sensor, two"
     words = f"{words} (default all), weak (a motor lacks a tenth)"
-    parser.add_argument("--faults", metavar="NAMES", type=names, help=words)
+    parser.add_argument("--faults", metavar="NAMES", type=parse_names, help=words)
     words = "floors to draw from: natural_stone, pvc, paperboard, natural_stone_capped (default all)"
-    parser.add_argument("--floor", metavar="NAMES", type=names, help=words)
+    parser.add_argument("--floor", metavar="NAMES", type=parse_names, help=words)
     words = "keep what the sensors said, as a dataset in DIR/recordings"
     parser.add_argument("--record", action="store_true", help=words)
     parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="where the result goes")
@@ -82,21 +80,21 @@ def run(arguments: Any) -> int:
       InputError: An option out of its range, or a folder that holds something else.
       SimulationError: A worker died; what was finished is kept.
     """
-    from omnimj.evaluation.cases import FLOORS, Choice
-    from omnimj.evaluation.drawn_faults import CLASSES
-    from omnimj.evaluation.evaluation import NUMBERS, Order, check_order, run_evaluation
-    from omnimj.recording.folder import whole_file
-    from omnimj.trials.executors import open_executor
-    from omnimj.view.evaluation_report import write_evaluation_report
+    from omnimj.recording.folder import atomic_file
+    from omnimj.studies.evaluation.cases import FLOORS, CasePopulation
+    from omnimj.studies.evaluation.study import NUMBERS, EvaluationConfig, check_config, run_evaluation
+    from omnimj.studies.random_truth import CLASSES
+    from omnimj.studies.workers import open_executor
+    from omnimj.view.report.evaluation import write_evaluation_report
 
-    choice = Choice(
+    choice = CasePopulation(
         arguments.suite,
         arguments.seed,
         arguments.plant,
         arguments.floor or FLOORS,
         arguments.faults or CLASSES,
     )
-    order = Order(
+    order = EvaluationConfig(
         arguments.out,
         choice,
         arguments.method,
@@ -108,12 +106,12 @@ def run(arguments: Any) -> int:
         arguments.record,
         read_gains_file(arguments.gains),
     )
-    check_order(order)
+    check_config(order)
     if arguments.record and arguments.executor is not None:
         found = f"found with --executor {arguments.executor}"
         raise InputError("--record", found, "recordings would stay on the disks of its workers")
     for plant in choice.plants:
-        say_compiling(plant, "uto_robot")
+        announce_compilation(plant, "uto_robot")
     with open_executor(arguments.executor) as executor, ProgressBar() as bar:
         outcome = run_evaluation(
             order,
@@ -122,18 +120,18 @@ def run(arguments: Any) -> int:
         )
     for plant in {score.plant for score in outcome.scores}:
         note_compiled(plant, "uto_robot")
-    with whole_file(arguments.out / REPORT) as temporary:
+    with atomic_file(arguments.out / REPORT) as temporary:
         write_evaluation_report(temporary, outcome)
     if arguments.json:
         print((arguments.out / NUMBERS).read_text(encoding="utf-8"), end="")
     else:
-        print(_told(outcome, arguments.out))
+        print(_format_evaluation(outcome, arguments.out))
     return 130 if outcome.interrupted else 1 if outcome.failed else 0
 
 
-def _told(outcome: Outcome, folder: Path) -> str:
+def _format_evaluation(outcome: EvaluationResult, folder: Path) -> str:
     parts = ["\n".join(line.replace("**", "") for line in (outcome.heading.replace("`", ""), *outcome.lines))]
-    parts += [f"{one.title}\n{table(one.head, one.rows)}" for one in outcome.tables]
+    parts += [f"{one.title}\n{format_table(one.head, one.rows)}" for one in outcome.tables]
     if outcome.interrupted:
         parts.append("interrupted; the same command goes on from here")
     parts.append(f"written to {folder}")

@@ -6,16 +6,255 @@ import argparse
 import json
 import os
 import shlex
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import add_floors, names, whole_number
-from omnimj.cli.gap_benchmark import add_benchmark_arguments, run_gap_benchmark
-from omnimj.cli.progress import ProgressBar
+from omnimj.cli.arguments import add_floors, parse_names, whole_number
+from omnimj.cli.terminal import ProgressBar, format_table
 from omnimj.errors import InputError, SimulationError
 
+# What `omnimj gap` leaves behind: the files of its folder, and the tables on the terminal.
+
 if TYPE_CHECKING:
-    from omnimj.gap.records import Finding
+    from omnimj.estimate.gap.records import Finding
+
+MODEL, FLOORS, DIGEST, REPORT, RECORDING = FILES = (
+    "model.toml",
+    "floors.toml",
+    "gap.json",
+    "report.html",
+    "before_after.rrd",
+)
+"""What a search writes, in this order."""
+
+
+def write_outputs(
+    folder: Path,
+    force: bool,
+    finding: Finding,
+    machine_file: Path | None,
+    command: str,
+    texts: Mapping[str, str],
+) -> dict[str, Any]:
+    """Writes new model and floors, `gap.json`, `report.html`, `before_after.rrd`, each whole or not at all.
+
+    Args:
+      folder: Created if needed.
+      force: Whether the files of an earlier search may be replaced.
+      finding: What was found.
+      machine_file: The model file that was given; None for the shipped one.
+      command: What repeats the work.
+      texts: Contents of `MODEL` and `FLOORS`; empty where nothing was added or refitted.
+
+    Returns:
+      The content of `gap.json`.
+
+    Raises:
+      InputError: The folder is not empty and `force` is not given, or it cannot be written.
+    """
+    from omnimj.estimate.gap.files import digest, write_digest
+    from omnimj.recording.folder import atomic_file, make_folder
+    from omnimj.view.report.gap.report import write_gap_report
+    from omnimj.view.rerun.before_after import write_before_after
+
+    make_folder(folder, force, FILES)
+    for name in (MODEL, FLOORS):
+        if name in texts:
+            with atomic_file(folder / name) as temporary:
+                temporary.write_text(texts[name], encoding="utf-8")
+        else:  # of an earlier search, which `force` replaces
+            (folder / name).unlink(missing_ok=True)
+    model, floors = (name if name in texts else None for name in (MODEL, FLOORS))
+    content = digest(finding, model, floors, command)
+    with atomic_file(folder / DIGEST) as temporary:
+        write_digest(temporary, content)
+    with atomic_file(folder / REPORT) as temporary:
+        write_gap_report(temporary, finding, model, floors, command)
+    if finding.overlays:
+        with atomic_file(folder / RECORDING) as temporary:
+            write_before_after(temporary, finding, machine_file)
+    return content
+
+
+def format_finding(finding: Finding, folder: Path, content: Mapping[str, Any]) -> str:
+    """The verdict, where the gap is, what is missing, how much smaller it is, what next."""
+    from omnimj.estimate.gap import sentences
+
+    new = [f"the new model is {folder / content['model']}"] if content["model"] else []
+    new += [f"the refitted floors are {folder / content['floors']}"] if content["floors"] else []
+    parts = [
+        f"{sentences.headline(finding)}\n{sentences.summarize_finding(finding)}",
+        _format_reason(finding),
+        _format_where(finding),
+        _format_effects(finding),
+        _format_gaps(finding),
+        _format_next(finding),
+        "; ".join([f"written to {folder}", *new]),
+    ]
+    return "\n\n".join(part for part in parts if part)
+
+
+def _format_reason(finding: Finding) -> str:
+    from omnimj.estimate.gap.sentences import as_sentence
+
+    return as_sentence(finding.reason)
+
+
+def _format_where(finding: Finding) -> str:
+    from omnimj.estimate.gap.sentences import format_amount, format_percent, format_regime
+
+    rows = []
+    for place in finding.where:
+        unit = finding.channels.get(place.channel, ("", ""))[0]
+        rows.append(
+            (
+                format_percent(place.share),
+                place.channel,
+                format_amount(place.before, unit),
+                format_amount(place.after, unit),
+                format_regime(place),
+            )
+        )
+    return _format_titled("where", ("share", "channel", "before", "after", "regime"), rows)
+
+
+def _format_effects(finding: Finding) -> str:
+    from omnimj.estimate.gap.sentences import (
+        effect_label,
+        format_amount,
+        format_number,
+        format_percent,
+        join_words,
+    )
+
+    rows, notes = [], []
+    for effect in finding.effects:
+        p_false = "–" if effect.p_false is None else format_number(effect.p_false, 2)
+        first = (effect_label(effect), format_percent(effect.gain.value), p_false)
+        for k, (name, value) in enumerate(effect.parameters.items()):
+            low, high = format_amount(value.low, "1"), format_amount(value.high, "1")
+            shown = (name, format_amount(value.value, value.unit), f"{low} … {high}")
+            rows.append((*(first if k == 0 else ("", "", "")), *shown))
+        if effect.indistinguishable_from:
+            rivals = join_words(effect.indistinguishable_from, "or")
+            notes.append(f"{effect_label(effect)} cannot be told from {rivals} by these data")
+    head = ("effect", "gain", "p_false", "parameter", "value", "90 %")
+    return "\n".join(part for part in (_format_titled("what is missing", head, rows), *notes) if part)
+
+
+def _format_gaps(finding: Finding) -> str:
+    from omnimj.estimate.gap.sentences import format_amount, format_percent
+
+    rows = []
+    for channel, gap in finding.heldout.items():
+        unit = finding.channels.get(channel, ("", ""))[0]
+        smaller = "–" if gap.after is None or not gap.before else format_percent(1.0 - gap.after / gap.before)
+        rows.append(
+            (
+                channel,
+                format_amount(gap.before, unit),
+                format_amount(gap.after, unit),
+                smaller,
+                format_amount(gap.floor, unit),
+                format_amount(finding.noise.get(channel), unit),
+            )
+        )
+    head = ("channel", "before", "after", "smaller by", "repeats", "noise")
+    return _format_titled("RMS mismatch on held-out runs", head, rows)
+
+
+def _format_next(finding: Finding) -> str:
+    from omnimj.estimate.gap import sentences
+    from omnimj.view.report.gap.finding_tables import format_conditions
+
+    lines = [f"next: {sentences.next_step(finding)}"]
+    if finding.next_experiment:
+        driven = finding.next_experiment.get("run") or {}
+        lines += [f"run to drive: {format_conditions(driven)}", sentences.format_separation(finding)]
+    return "\n".join(lines)
+
+
+def _format_titled(title: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    return f"{title}\n{format_table(head, rows)}" if rows else ""
+
+
+# `omnimj gap --benchmark`: how often effects that were hidden by a seed are found.
+
+if TYPE_CHECKING:
+    from omnimj.studies.gap_benchmark.study import BenchmarkResult
+
+BENCHMARK_REPORT = "report.html"
+
+
+def add_benchmark_arguments(parser: argparse.ArgumentParser) -> None:
+    """Options that mean something with `--benchmark` alone."""
+    group = parser.add_argument_group("benchmark", "made-up datasets with sealed truths; no DATASET is given")
+    words = "hide effects drawn by --seed, search blind, score; an --out that was broken off goes on"
+    group.add_argument("--benchmark", action="store_true", help=words)
+    count, cpus = whole_number(1, 1000), whole_number(1, 256)
+    words = "how often the whole set of 130 cases is drawn (default 1)"
+    group.add_argument("--trials", metavar="N", type=count, default=1, help=words)
+    words = "only the first N cases, which are in random order"
+    group.add_argument("--cases", metavar="N", type=whole_number(1, 10**6), help=words)
+    group.add_argument("--workers", metavar="N", type=cpus, default=1, help="processes (default 1)")
+    words = "what makes the data: twin (default), or planar, which is quicker"
+    group.add_argument("--made-by", metavar="M", default="twin", help=words)
+    words = "plant of the datasets (default and only one: quarter_rig)"
+    group.add_argument("--plant", metavar="P", default="quarter_rig", help=words)
+
+
+def run_gap_benchmark(arguments: Any) -> int:
+    """Makes, searches, scores, writes, prints.
+
+    Returns:
+      0, whatever the numbers say; 130 after Ctrl-C with what was finished; 1 when a dataset broke the search.
+
+    Raises:
+      InputError: An option that has no meaning here, or a folder that holds something else.
+      UnknownNameError: No such maker or plant.
+    """
+    given = {"DATASET": arguments.dataset, "--model": arguments.model, "--holdout": arguments.holdout}
+    for name, value in given.items():
+        if value:
+            raise InputError("--benchmark", f"found {name}", "it makes its own data for the shipped model")
+    from omnimj.recording.folder import atomic_file
+    from omnimj.studies.gap_benchmark.study import NUMBERS, BenchmarkConfig, run_benchmark
+    from omnimj.view.report.evaluation import write_benchmark_report
+
+    order = BenchmarkConfig(
+        arguments.out,
+        arguments.seed,
+        arguments.trials,
+        arguments.cases,
+        arguments.made_by,
+        arguments.workers,
+        arguments.plant,
+    )
+    with ProgressBar() as bar:
+        outcome = run_benchmark(
+            order, lambda phrase, share: bar.show(round(_FINE * min(max(share, 0.0), 1.0)), _FINE, phrase)
+        )
+    with atomic_file(arguments.out / BENCHMARK_REPORT) as temporary:
+        write_benchmark_report(temporary, outcome.lines, outcome.tables)
+    if arguments.json:
+        print((arguments.out / NUMBERS).read_text(encoding="utf-8"), end="")
+    else:
+        print(_format_benchmark(outcome, arguments.out))
+    return 130 if outcome.interrupted else 1 if outcome.failed else 0
+
+
+def _format_benchmark(outcome: BenchmarkResult, folder: Path) -> str:
+    parts = ["\n".join(line.replace("**", "") for line in outcome.lines)]
+    parts += [f"{one.title}\n{format_table(one.head, one.rows)}" for one in outcome.tables if one.rows]
+    if outcome.interrupted:
+        parts.append("interrupted; the same command goes on from here")
+    parts.append(f"written to {folder}")
+    return "\n\n".join(parts)
+
+
+if TYPE_CHECKING:
+    from omnimj.estimate.gap.records import Finding
 
 HELP = "find what the model lacks: where it parts from measured runs, by which effect, and how sure that is"
 EXAMPLE = """examples:
@@ -37,7 +276,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--holdout",
         metavar="NAMES",
-        type=names,
+        type=parse_names,
         default=(),
         help="runs or conditions to judge by, comma separated; drawn by the seed by default",
     )
@@ -71,16 +310,15 @@ def run(arguments: Any) -> int:
     if arguments.benchmark:
         return run_gap_benchmark(arguments)
     check_folder(arguments.out, arguments.force)
-    _check_files(arguments.out)
+    _require_no_folders(arguments.out)
     if arguments.dataset is None:
         raise InputError("omnimj gap", "DATASET is missing", "see omnimj gap --help")
     finding = _search(arguments)
-    return _deliver(arguments, finding)
+    return _write_and_print(arguments, finding)
 
 
-def _check_files(folder: Path) -> None:
+def _require_no_folders(folder: Path) -> None:
     """Asked before the search, so that no work is lost."""
-    from omnimj.cli.gap_outputs import FILES
 
     for name in FILES:
         if (folder / name).is_dir():
@@ -92,7 +330,7 @@ def _report_to(bar: ProgressBar):
 
 
 def _search(arguments: Any) -> Finding:
-    from omnimj.gap.engine import find_gap
+    from omnimj.estimate.gap.find import find_gap
 
     with ProgressBar() as bar:
         return find_gap(
@@ -107,8 +345,7 @@ def _search(arguments: Any) -> Finding:
 
 def _new_texts(arguments: Any, finding: Finding) -> tuple[dict[str, str], InputError | None]:
     """The new model and the refitted floors; or why there are none, to be said when all else is written."""
-    from omnimj.cli.gap_outputs import FLOORS, MODEL
-    from omnimj.gap.new_model import new_floors_text, new_model_text
+    from omnimj.estimate.gap.files import new_floors_text, new_model_text
     from omnimj.parameters.floor import all_floors
 
     try:
@@ -121,9 +358,8 @@ def _new_texts(arguments: Any, finding: Finding) -> tuple[dict[str, str], InputE
     return {name: text for name, text in texts.items() if text is not None}, None
 
 
-def _deliver(arguments: Any, finding: Finding) -> int:
+def _write_and_print(arguments: Any, finding: Finding) -> int:
     """Writes and prints what was found, whatever ended the search."""
-    from omnimj.cli.gap_outputs import told, write_outputs
 
     command = shlex.join(["omnimj", *arguments.given])
     texts, refused = _new_texts(arguments, finding)
@@ -135,5 +371,5 @@ def _deliver(arguments: Any, finding: Finding) -> int:
     if arguments.json:
         print(json.dumps(content, indent=2, ensure_ascii=False))
     else:
-        print(told(finding, arguments.out, content))
+        print(format_finding(finding, arguments.out, content))
     return 130 if finding.failure else 0

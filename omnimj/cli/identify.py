@@ -8,11 +8,10 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.progress import ProgressBar
-from omnimj.cli.tables import table
+from omnimj.cli.terminal import ProgressBar, format_table
 
 if TYPE_CHECKING:
-    from omnimj.identification.records import Estimate, Identification, IdentifiedFloor
+    from omnimj.estimate.identification.records import Estimate, Identification, IdentifiedFloor
 
 HELP = "LuGre parameters of each floor from rig runs, with intervals and what the runs cannot tell"
 EXAMPLE = """writes floors.toml (for omnimj validate --floors), identification.json, report.html
@@ -46,8 +45,8 @@ def run(arguments: Any) -> int:
     from omnimj.recording.folder import check_folder
 
     check_folder(arguments.out, arguments.force)
-    from omnimj.identification.floor_file import as_json
-    from omnimj.identification.identify import identify
+    from omnimj.estimate.identification.files import identification_content
+    from omnimj.estimate.identification.identify import identify
     from omnimj.parameters import read_rig
     from omnimj.recording.read_dataset import read_dataset
 
@@ -56,37 +55,41 @@ def run(arguments: Any) -> int:
         found = identify(dataset, rig, bar.show)
     if found.interrupted and not found.floors:
         return 130
-    told = as_json(found, shlex.join(["omnimj", *arguments.given]))
+    told = identification_content(found, shlex.join(["omnimj", *arguments.given]))
     _write(arguments, found, told)
-    print(json.dumps(told, indent=2, ensure_ascii=False) if arguments.json else _told(found, arguments.out))
+    print(
+        json.dumps(told, indent=2, ensure_ascii=False)
+        if arguments.json
+        else _format_identification(found, arguments.out)
+    )
     return 130 if found.interrupted else 0
 
 
 def _write(arguments: Any, found: Identification, told: dict[str, Any]) -> None:
-    from omnimj.identification.floor_file import write_floors, write_identification
-    from omnimj.recording.folder import make_folder, whole_file
-    from omnimj.view.identification_report import write_identification_report
+    from omnimj.estimate.identification.files import write_floors, write_identification
+    from omnimj.recording.folder import atomic_file, make_folder
+    from omnimj.view.report.identification import write_identification_report
 
     make_folder(arguments.out, arguments.force, FILES)
     write_floors(arguments.out / FILES[0], found)
     write_identification(arguments.out / FILES[1], told)
-    with whole_file(arguments.out / FILES[2]) as temporary:
+    with atomic_file(arguments.out / FILES[2]) as temporary:
         write_identification_report(temporary, found, told["command"])
 
 
-def _told(found: Identification, out: Path) -> str:
+def _format_identification(found: Identification, out: Path) -> str:
     lines = list(found.notes)
     for floor in found.floors:
-        lines += ["", *_floor(floor)]
+        lines += ["", *_format_floor(floor)]
     lines += ["", *(["interrupted"] if found.interrupted else []), f"written to {out}"]
     return "\n".join(lines).lstrip("\n")
 
 
-def _floor(floor: IdentifiedFloor) -> list[str]:
+def _format_floor(floor: IdentifiedFloor) -> list[str]:
     low, high = floor.curve.covered
     lines = [f"{floor.floor}: {len(floor.runs)} runs, masses {', '.join(f'{m:g}' for m in floor.masses)} kg"]
-    rows = [(e.name, f"{e.value:.4g} {e.unit}", ends(e)) for e in floor.estimates]
-    lines.append(table(("parameter", "value", "90 % interval"), rows))
+    rows = [(e.name, f"{e.value:.4g} {e.unit}", format_interval(e)) for e in floor.estimates]
+    lines.append(format_table(("parameter", "value", "90 % interval"), rows))
     if low == low:
         lines.append(f"curve F/F_N over {1000 * low:.3g} … {1000 * high:.3g} mm/s of slip")
     lines += [f"- {said}" for said in floor.undetermined]
@@ -95,7 +98,7 @@ def _floor(floor: IdentifiedFloor) -> list[str]:
     return lines
 
 
-def ends(estimate: Estimate) -> str:
+def format_interval(estimate: Estimate) -> str:
     """`0.118 … 0.122`, or which end is open."""
     if estimate.low is None and estimate.high is None:
         return "not determined"

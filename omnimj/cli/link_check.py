@@ -9,15 +9,14 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import ROBOT_MODEL
-from omnimj.cli.tables import table
-from omnimj.cli.wire_arguments import ADDRESS, add_clock, add_key
+from omnimj.cli.arguments import ADDRESS, ROBOT_MODEL, add_clock, add_key
+from omnimj.cli.terminal import format_table
 from omnimj.errors import InputError, LinkLost
 
 if TYPE_CHECKING:
-    from omnimj.hardware.bench_verdict import Finding
-    from omnimj.hardware.link import Link
-    from omnimj.hardware.plant import HardwarePlant
+    from omnimj.link.check.wiring import WiringFinding
+    from omnimj.link.host.link import Link
+    from omnimj.link.host.plant import HardwarePlant
     from omnimj.parameters import Robot
 
 HELP = "check a robot on the bench: link, watchdog, stop, and sign and gain of every channel"
@@ -27,7 +26,7 @@ EXAMPLE = """examples:
 
 With the wheels off the floor you are asked which way each wheel turns: no channel can tell a motor that turns
 the other way from a sensor that reads the other way. With --on-floor the body tells: leave half a metre."""
-MOST = 0.8
+DEFAULT_CURRENT = 0.8
 """Largest current of the small motions unless told otherwise [A]."""
 _RESTS = 0.5  # [s]
 
@@ -41,8 +40,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--on-floor", action="store_true", help=words)
     words = "ask nothing: the robot is ready, and nobody looks which way its wheels turn"
     parser.add_argument("--yes", action="store_true", help=words)
-    words = f"largest current (default {MOST:g} A, at most the device's limit)"
-    parser.add_argument("--current", metavar="A", type=_current, default=MOST, help=words)
+    words = f"largest current (default {DEFAULT_CURRENT:g} A, at most the device's limit)"
+    parser.add_argument("--current", metavar="A", type=_current, default=DEFAULT_CURRENT, help=words)
     words = "the fault that the device has latched has been seen and may be reset"
     parser.add_argument("--reset-fault", action="store_true", help=words)
     parser.add_argument("--model", metavar="FILE", type=Path, help=ROBOT_MODEL)
@@ -69,9 +68,9 @@ def run(arguments: Any) -> int:
       InputError: No wire at that address, no [hardware], or nobody who could be asked.
     """
     from omnimj.parameters import read_robot
-    from omnimj.scenario.wires import is_wire
+    from omnimj.simulate.plants import is_link_address
 
-    if not is_wire(arguments.plant):
+    if not is_link_address(arguments.plant):
         raise InputError("--plant", f"found {arguments.plant!r}", f"must be {ADDRESS}")
     robot = read_robot(arguments.model)
     if not arguments.yes:
@@ -93,11 +92,11 @@ def _require_ready(on_floor: bool) -> None:
     if not sys.stdin.isatty():
         raise InputError("link check", "there is no terminal to ask at", "--yes says that the robot is ready")
     words = "half a metre of room around it, on the floor" if on_floor else "its wheels off the floor"
-    if _answer(f"Is the robot at rest, with {words}, and a hand at the switch? [y/n] ") != "y":
+    if _prompt(f"Is the robot at rest, with {words}, and a hand at the switch? [y/n] ") != "y":
         raise InputError("link check", "the robot is not ready", "nothing was moved")
 
 
-def _answer(question: str) -> str:
+def _prompt(question: str) -> str:
     print(question, end="", file=sys.stderr, flush=True)
     return sys.stdin.readline().strip().lower()[:1]
 
@@ -106,13 +105,13 @@ class _Check:
     """The steps, and what they found: name, what was found, whether it is right (None: not judged)."""
 
     def __init__(self, arguments: Any, robot: Robot):
-        from omnimj.hardware.calibration import require_hardware
-        from omnimj.hardware.opening import open_link
-        from omnimj.hardware.plant import HardwarePlant
+        from omnimj.link.calibration import require_hardware
+        from omnimj.link.host.link import open_link
+        from omnimj.link.host.plant import HardwarePlant
 
         self._arguments, self._robot, self._hardware = arguments, robot, require_hardware(robot)
         self._rows: list[tuple[str, str, bool | None]] = []
-        self._findings: list[Finding] = []
+        self._findings: list[WiringFinding] = []
         self._link: Link = open_link(
             arguments.plant, robot, key_file=arguments.key_file, lock_step=arguments.lock_step
         )
@@ -158,48 +157,51 @@ class _Check:
             )
 
     def _rates(self) -> None:
-        from omnimj.hardware.bench_link import count
+        from omnimj.link.check.communication import measure_rates
 
         if self._arguments.lock_step:
             return self._add("rates, stop, silence", "not judged: in lock-step time stands still", None)
-        rates = count(self._link)
+        rates = measure_rates(self._link)
         words = f"{rates.received} of {rates.expected:.0f} readings in {1.0:g} s, {rates.lost} lost, "
         words += f"longest gap {1e3 * rates.longest:.3g} ms, round trip {1e3 * rates.round_trip:.3g} ms"
         self._add("rates", words, 0.98 * rates.expected <= rates.received and rates.lost <= 2)
         return None
 
     def _stop(self) -> None:
-        from omnimj.hardware.bench_link import LATE, stop_it
+        from omnimj.link.check.communication import TIME_TOLERANCE, check_stop
 
         if not self._arguments.lock_step:
-            trip = stop_it(self._link)
+            trip = check_stop(self._link)
             words = f"disarmed {1e3 * trip.after:.3g} ms after the stop was sent"
-            self._add("stop", words, trip.after < LATE and not trip.flows)
+            self._add("stop", words, trip.after < TIME_TOLERANCE and not trip.flows)
             self._link.connect()
 
     def _silence(self) -> None:
-        from omnimj.hardware.bench_link import LATE, fall_silent, is_latched
-        from omnimj.hardware.host import VALID_FOR
-        from omnimj.hardware.messages import FaultCode
+        from omnimj.link.check.communication import TIME_TOLERANCE, check_watchdog, is_fault_latched
+        from omnimj.link.codec.messages import FaultCode
+        from omnimj.link.host.state_machine import COMMAND_VALIDITY
 
         if self._arguments.lock_step:
             return
-        trip = fall_silent(self._link)
+        trip = check_watchdog(self._link)
         words = (
-            f"current ended {1e3 * trip.after:.3g} ms after the last command, valid for {1e3 * VALID_FOR:g}"
+            f"current ended {1e3 * trip.after:.3g} ms after the last command, valid for "
+            f"{1e3 * COMMAND_VALIDITY:g}"
         )
         is_right = trip.fault is FaultCode.COMMAND_TOO_OLD and not trip.flows
-        self._add("silence", words, is_right and trip.after < VALID_FOR + LATE)
-        latched = is_latched(self._link)
+        self._add("silence", words, is_right and trip.after < COMMAND_VALIDITY + TIME_TOLERANCE)
+        latched = is_fault_latched(self._link)
         self._add("latched", "arm is refused until the fault is reset" if latched else "it is not", latched)
         self._link.connect()
         self._link.reset_fault()
 
     def _wiring(self) -> None:
-        from omnimj.hardware.bench_pulses import Pulses
-        from omnimj.hardware.bench_verdict import judge
+        from omnimj.link.check.motions import MotionSequence
+        from omnimj.link.check.wiring import judge_wiring
 
-        pulses = Pulses(self._plant, self._arguments.current, lambda words: print(words, file=sys.stderr))
+        pulses = MotionSequence(
+            self._plant, self._arguments.current, lambda words: print(words, file=sys.stderr)
+        )
         still = pulses.rest(_RESTS)
         single, seen = [], {}
         for wheel in range(len(self._robot.wheels)):
@@ -209,7 +211,7 @@ class _Check:
                 seen |= {} if answer is None else {wheel: answer}
             single += [pulses.one(wheel, -1.0)]
         turns = [pulses.turn(sign) for sign in (1.0, -1.0)] if self._arguments.on_floor else []
-        self._findings = judge(self._robot, still, single, turns, seen)
+        self._findings = judge_wiring(self._robot, still, single, turns, seen)
         for finding in self._findings:
             self._add(finding.place, finding.words, False)
         if not self._findings:
@@ -222,7 +224,7 @@ class _Check:
         """What a person saw; meanwhile the robot is stopped, since nobody talks to it."""
         where = _direction(*self._robot.wheels[wheel].drives_along)
         self._plant.link.stop("a person is asked")
-        answer = _answer(
+        answer = _prompt(
             f"Did wheel {wheel + 1} turn as if to push the robot {where}? [y/n, Enter: not seen] "
         )
         self._plant.reset()
@@ -241,7 +243,7 @@ class _Check:
             print(json.dumps({"passed": not wrong, "steps": steps, "wiring": wiring}, indent=2))
         else:
             marks = {True: "ok", False: "WRONG", None: ""}
-            print(table(("step", "found", ""), [(n, f, marks[ok]) for n, f, ok in self._rows]))
+            print(format_table(("step", "found", ""), [(n, f, marks[ok]) for n, f, ok in self._rows]))
             print(f"\nfailed: {wrong} of {len(self._rows)} steps" if wrong else "\npassed")
         return 1 if wrong else 0
 

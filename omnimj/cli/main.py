@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import re
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NoReturn
 
 from omnimj import __version__
@@ -24,9 +24,54 @@ from omnimj.cli import sensitivity as sensitivity_command
 from omnimj.cli import teleop as teleop_command
 from omnimj.cli import tune as tune_command
 from omnimj.cli import validate as validate_command
-from omnimj.cli.help import WELCOME, GroupedHelp
-from omnimj.cli.streams import drop_output, flush_output, prepare_streams
+from omnimj.cli.terminal import drop_output, flush_output, prepare_streams
 from omnimj.errors import InputError, OmnimjError, UnknownNameError
+
+# What `omnimj` says of itself: the first meeting, and the list of sub-commands by what they are for.
+
+WELCOME = f"""omnimj {__version__}: a MuJoCo twin of a four-wheel omni robot and of its test rig,
+with faults and their diagnosis, and a way from measured runs to what the model
+lacks.
+
+  omnimj run nylon_patch --out out/nylon
+      drives a scenario and judges it; open out/nylon/report.html, or add --view
+      to watch it live
+  omnimj scenarios
+      lists what else can be driven
+  omnimj gap DATASET --out out/gap
+      says where the model parts from measured runs, and by which effect;
+      without a robot, `omnimj record rig_mixed --out DATASET` makes such runs
+
+All commands: omnimj --help. One of them, with examples: omnimj run --help.
+"""
+
+Groups = Mapping[str, tuple[str, ...]]
+"""What commands are for → their names."""
+
+
+class GroupedHelp(argparse.RawDescriptionHelpFormatter):
+    """Lists the sub-commands of a parser under headings; one without a heading comes last."""
+
+    def __init__(self, prog: str, groups: Groups):
+        super().__init__(prog)
+        self._groups = groups
+
+    def _format_action(self, action: argparse.Action) -> str:
+        if not isinstance(action, argparse._SubParsersAction):
+            return super()._format_action(action)
+        self._action_max_length += self._indent_increment  # the headings indent once more
+        return "\n".join(self._blocks({one.dest: one for one in action._get_subactions()}))
+
+    def _blocks(self, listed: dict[str, argparse.Action]) -> Iterator[str]:
+        for title, names in (*self._groups.items(), ("Other", tuple(listed))):
+            found = [listed.pop(name) for name in names if name in listed]
+            if not found:
+                continue
+            self._indent()
+            lines = "".join(super(GroupedHelp, self)._format_action(one) for one in found)
+            self._dedent()
+            yield f"{' ' * self._current_indent}{title}\n{lines}"
+
 
 FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
 GROUPS = {
@@ -117,7 +162,7 @@ def make_parser() -> Parser:
     return parser
 
 
-def _parsed(parser: Parser, given: list[str]) -> argparse.Namespace:
+def _parse(parser: Parser, given: list[str]) -> argparse.Namespace:
     """The arguments of one sub-command.
 
     Raises:
@@ -149,15 +194,15 @@ def main(argv: Sequence[str] | None = None) -> int:
             flush_output()
             return 0
         parser = make_parser()
-        arguments = _parsed(parser, given)
+        arguments = _parse(parser, given)
         arguments.given = given
         code = arguments.run(arguments)
         flush_output()
         return code
     except InputError as error:
-        return _say(error, BAD_INPUT)
+        return _print_error(error, BAD_INPUT)
     except OmnimjError as error:
-        return _say(error, FAILED)
+        return _print_error(error, FAILED)
     except KeyboardInterrupt:
         return INTERRUPTED
     except BrokenPipeError:  # the reader of a pipe has had enough
@@ -165,10 +210,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         return FAILED
     except OSError as error:  # a file that may not be read, a disk that is full
         drop_output()
-        return _say(InputError(error.filename or "omnimj", error.strerror or str(error)), BAD_INPUT)
+        return _print_error(InputError(error.filename or "omnimj", error.strerror or str(error)), BAD_INPUT)
 
 
-def _say(error: Exception, code: int) -> int:
+def _print_error(error: Exception, code: int) -> int:
     text = " ".join(str(error).split())
     print(text if re.match(r"omnimj[ a-z]*: ", text) else f"omnimj: {text}", file=sys.stderr)
     return code

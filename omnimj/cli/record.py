@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omnimj.cli.arguments import add_floors, whole_number
-from omnimj.cli.compiling import note_compiled, say_compiling
-from omnimj.cli.progress import ProgressBar
+from omnimj.cli.terminal import ProgressBar, announce_compilation, note_compiled
 from omnimj.errors import InputError
 
 if TYPE_CHECKING:
-    from omnimj.scenario.suites.recording import Recorded
-    from omnimj.scenario.suites.suite import Suite
+    from omnimj.simulate.suites.recording import RecordingResult
+    from omnimj.simulate.suites.suite import Suite
 
 HELP = "make a dataset with the twin: a test plan through the sensor chain, with hidden effects if asked"
 EXAMPLE = """suites:
@@ -78,12 +77,12 @@ def run(arguments: Any) -> int:
       InputError: A suite, effect, plant or format that does not exist, or a folder that cannot be written.
       SimulationError: The simulation broke down; the runs finished before are kept.
     """
-    from omnimj.scenario.suites.catalogue import find_suite
+    from omnimj.simulate.suites.catalogue import find_suite
 
     suite = find_suite(arguments.suite)
     effects = _effects(arguments.effects, suite.plant)
     recorded = _record(arguments, suite, effects)
-    print(_json(arguments, recorded) if arguments.json else _told(arguments, suite, recorded))
+    print(_json(arguments, recorded) if arguments.json else _format_recorded(arguments, suite, recorded))
     return 130 if recorded.interrupted else 0
 
 
@@ -102,14 +101,14 @@ def _effects(texts: list[str], plant: str) -> dict[str, Any]:
     return effects
 
 
-def _record(arguments: Any, suite: Suite, effects: dict[str, Any]) -> Recorded:
+def _record(arguments: Any, suite: Suite, effects: dict[str, Any]) -> RecordingResult:
     from omnimj.recording.folder import check_folder
-    from omnimj.scenario.suites.recording import Order, plant_for, record_suite
+    from omnimj.simulate.suites.recording import RecordingConfig, plant_for, record_suite
 
     arguments.plant = plant_for(suite, arguments.plant)
     check_folder(arguments.out, arguments.force)
-    say_compiling(arguments.plant, suite.plant)  # before the imports that compile
-    order = Order(
+    announce_compilation(arguments.plant, suite.plant)  # before the imports that compile
+    order = RecordingConfig(
         arguments.out,
         arguments.seed,
         arguments.repeats,
@@ -127,7 +126,7 @@ def _record(arguments: Any, suite: Suite, effects: dict[str, Any]) -> Recorded:
     return recorded
 
 
-def _json(arguments: Any, recorded: Recorded) -> str:
+def _json(arguments: Any, recorded: RecordingResult) -> str:
     told = {
         "suite": arguments.suite,
         "plant": arguments.plant,
@@ -143,7 +142,7 @@ def _json(arguments: Any, recorded: Recorded) -> str:
     return json.dumps(told, indent=2, ensure_ascii=False)
 
 
-def _told(arguments: Any, suite: Suite, recorded: Recorded) -> str:
+def _format_recorded(arguments: Any, suite: Suite, recorded: RecordingResult) -> str:
     lines = [
         f"{suite.name}: {suite.description}",
         f"{suite.plant}, plant {arguments.plant}, seed {arguments.seed}, "

@@ -5,28 +5,38 @@ from __future__ import annotations
 import argparse
 import json
 import shlex
+import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import MODEL, add_floors, add_gains, add_thresholds, read_thresholds
-from omnimj.cli.compared import (
-    Beside,
-    drive_beside,
-    methods_beside,
-    metrics_beside,
-    say_failures,
+from omnimj.cli.arguments import (
+    ADDRESS,
+    MODEL,
+    add_floors,
+    add_gains,
+    add_thresholds,
+    add_wire,
+    read_thresholds,
+    read_wire,
 )
-from omnimj.cli.compiling import note_compiled, say_compiling
-from omnimj.cli.progress import ProgressBar
-from omnimj.cli.told_run import told_run
-from omnimj.cli.wire_arguments import ADDRESS, add_wire, read_wire
+from omnimj.cli.run_summary import (
+    Comparison,
+    comparison_metrics,
+    drive_comparison,
+    format_run,
+    other_methods,
+    print_failures,
+)
+from omnimj.cli.terminal import ProgressBar, announce_compilation, note_compiled
 from omnimj.errors import InputError, SimulationError
+from omnimj.recording.folder import atomic_file
 from omnimj.resources import models_folder
 
 if TYPE_CHECKING:
-    from omnimj.scenario.running import Run
-    from omnimj.scenario.wires import Wire
-    from omnimj.view.live import LiveRun
+    from omnimj.simulate.plants import LinkOptions
+    from omnimj.simulate.run import RunResult
+    from omnimj.view.rerun.live import LiveRun
 
 INTERRUPTED = 130
 HELP = "drive one scenario and judge it by its checks"
@@ -96,7 +106,7 @@ def run(arguments: Any) -> int:
       SimulationError: The simulation broke down; what was recorded until then is written.
     """
     from omnimj.recording.folder import check_folder
-    from omnimj.scenario.scenario import read_scenario
+    from omnimj.simulate.scenario.scenario import read_scenario
 
     if arguments.force and arguments.out is None:
         raise InputError("--force", "there is no --out", "it belongs to --out DIR")
@@ -106,13 +116,13 @@ def run(arguments: Any) -> int:
     if arguments.gains is not None:
         scenario = _with_gains(arguments.gains, scenario)
     method, wire = _method(arguments, scenario), _wire(arguments, scenario)
-    beside = methods_beside(scenario, method) if arguments.compare else ()
+    beside = other_methods(scenario, method) if arguments.compare else ()
     finished, live = _drive(arguments, scenario, method, wire)
-    others = Beside()
+    others = Comparison()
     if beside and not finished.interrupted:
-        others = drive_beside(scenario, arguments.plant, beside, arguments.seed)
+        others = drive_comparison(scenario, arguments.plant, beside, arguments.seed)
     if finished.metrics:
-        _deliver(arguments, finished, live, others)
+        _write_and_print(arguments, finished, live, others)
     if others.interrupted:
         return INTERRUPTED
     return 1 if others.failures else _exit_code(finished, arguments.out)
@@ -120,27 +130,27 @@ def run(arguments: Any) -> int:
 
 def _with_gains(file: Path, scenario: Any) -> Any:
     from omnimj.control.gains import read_gains
-    from omnimj.scenario.gains import gains_of, require_cascade, with_gains
+    from omnimj.simulate.scenario.scenario import require_cascade, scenario_gains, with_gains
 
     require_cascade(scenario)
-    return with_gains(scenario, read_gains(file, gains_of(scenario).control))
+    return with_gains(scenario, read_gains(file, scenario_gains(scenario).control))
 
 
 def _method(arguments: Any, scenario: Any) -> str:
-    from omnimj.scenario.methods import default_method, require_method
+    from omnimj.simulate.detectors import default_method, require_known_method
 
     method = default_method(scenario) if arguments.method is None else arguments.method
-    require_method(method)
+    require_known_method(method)
     return method
 
 
-def _wire(arguments: Any, scenario: Any) -> Wire | None:
+def _wire(arguments: Any, scenario: Any) -> LinkOptions | None:
     """How a link is used; the run's folder is made at once, since every frame goes there as it comes."""
     if read_wire(arguments, None) is None:
         return None
-    from omnimj.hardware.frame_log import FRAMES_FILE
+    from omnimj.link.host.frame_log import FRAMES_FILE
     from omnimj.recording.folder import RUN_FILES, make_folder
-    from omnimj.scenario.plants import plant_name
+    from omnimj.simulate.plants import plant_name
 
     plant_name(scenario, arguments.plant)
     if arguments.compare:
@@ -152,28 +162,26 @@ def _wire(arguments: Any, scenario: Any) -> Wire | None:
     return read_wire(arguments, arguments.out / FRAMES_FILE)
 
 
-def _deliver(arguments: Any, finished: Run, live: LiveRun | None, others: Beside) -> None:
+def _write_and_print(arguments: Any, finished: RunResult, live: LiveRun | None, others: Comparison) -> None:
     """Writes, prints and shows a run of two rows or more, whatever ended it."""
     failure = finished.trace.about["failure"]
     finished.metrics["failure"] = failure
     finished.metrics["command"] = shlex.join(["omnimj", *arguments.given])
     if others.runs:
-        finished.metrics["compared"] = metrics_beside(others)
+        finished.metrics["compared"] = comparison_metrics(others)
     if arguments.out is not None:
-        from omnimj.cli.outputs import write_outputs
-
         # a link's frames lie there already
         write_outputs(arguments.out, arguments.force or "link" in finished.metrics, finished, others.runs)
     if not failure:
-        print(json.dumps(finished.metrics, indent=2) if arguments.json else told_run(finished, arguments.out))
-    say_failures(others)
+        print(
+            json.dumps(finished.metrics, indent=2) if arguments.json else format_run(finished, arguments.out)
+        )
+    print_failures(others)
     if live is not None:
-        from omnimj.cli.outputs import show
-
-        show(finished, live)
+        finish_live(finished, live)
 
 
-def _exit_code(finished: Run, out: Path | None) -> int:
+def _exit_code(finished: RunResult, out: Path | None) -> int:
     failure = finished.trace.about["failure"]
     if failure:
         written = f"; what was recorded until then is in {out}" if out and finished.metrics else ""
@@ -183,19 +191,19 @@ def _exit_code(finished: Run, out: Path | None) -> int:
     return 0 if finished.metrics["passed"] else 1
 
 
-def _drive(arguments: Any, scenario: Any, method: str, wire: Wire | None) -> tuple[Run, LiveRun | None]:
-    from omnimj.scenario.plants import KINEMATIC, plant_name
-    from omnimj.scenario.running import run_scenario
+def _drive(
+    arguments: Any, scenario: Any, method: str, wire: LinkOptions | None
+) -> tuple[RunResult, LiveRun | None]:
+    from omnimj.simulate.plants import KINEMATIC, plant_name
+    from omnimj.simulate.run import run_scenario
 
     thresholds = read_thresholds(arguments.thresholds, method)
     plant = plant_name(scenario, arguments.plant)
     compiled = "wire" if wire is not None else plant
     if plant != KINEMATIC:
-        say_compiling(compiled, scenario.plant)  # before the imports that compile
+        announce_compilation(compiled, scenario.plant)  # before the imports that compile
     live, hooks = None, {}
     if arguments.view:
-        from omnimj.cli.outputs import open_live
-
         known = {"scenario": scenario.name, "method": method, "seed": arguments.seed}
         live = open_live(scenario, known)
         hooks = {"on_start": live.start, "snapshot": live.snapshot, "rows": live.rows}
@@ -213,3 +221,91 @@ def _drive(arguments: Any, scenario: Any, method: str, wire: Wire | None) -> tup
     if plant != KINEMATIC and finished.metrics:
         note_compiled(compiled, scenario.plant)
     return finished, live
+
+
+# What a run leaves behind: the files of its folder, and the live view.
+
+if TYPE_CHECKING:
+    from omnimj.simulate.run import RunResult
+    from omnimj.simulate.scenario.scenario import Scenario
+    from omnimj.view.picture import Picture
+    from omnimj.view.rerun.live import LiveRun
+
+
+def write_outputs(
+    folder: Path, force: bool, run: RunResult, others: Mapping[str, RunResult] | None = None
+) -> None:
+    """Writes `trace.parquet`, `metrics.json`, `run.rrd` and `report.html`, each in full or not at all.
+
+    Runs beside it have a trace each, `trace_off.parquet` and so on, and are told in `report.html`.
+
+    Args:
+      folder: Created if needed.
+      force: Whether the files of an earlier run may be replaced.
+      run: What was driven.
+      others: The same scenario with other methods, by method.
+
+    Raises:
+      InputError: The folder is not empty and `force` is not given, or it cannot be written.
+    """
+    from omnimj.recording.folder import RUN_FILES, make_folder
+    from omnimj.recording.traces import write_trace
+    from omnimj.simulate.detectors import METHODS
+    from omnimj.simulate.summary import write_metrics
+    from omnimj.view.report.run import write_report
+    from omnimj.view.rerun.recording import write_recording_of
+
+    make_folder(folder, force, (*RUN_FILES, *map(_comparison_trace, METHODS)))
+    write_trace(folder / "trace.parquet", run.trace)
+    traces = {method: other.trace for method, other in (others or {}).items()}
+    for method, trace in traces.items():
+        write_trace(folder / _comparison_trace(method), trace)
+    write_metrics(folder / "metrics.json", run.metrics)
+    write_recording_of(folder / "run.rrd", run)
+    with tempfile.TemporaryDirectory() as beside, atomic_file(folder / "report.html") as temporary:
+        write_report(temporary, run.trace, run.scenario, run.metrics, _picture_of(run, Path(beside)), traces)
+
+
+def _comparison_trace(method: str) -> str:
+    """File of a run that was driven for comparison."""
+    return f"trace_{method}.parquet"
+
+
+def _picture_of(run: RunResult, folder: Path) -> Picture | None:
+    from omnimj.view.picture import picture_of_run
+    from omnimj.view.rerun.recording import poses_of
+
+    poses = poses_of(run)
+    return None if poses is None else picture_of_run(poses, run.trace, run.metrics, folder / "picture.png")
+
+
+def open_live(scenario: Scenario, known: Mapping[str, Any]) -> LiveRun:
+    """Opens the Rerun viewer for a run that will be driven.
+
+    Where no viewer can be opened nothing is driven: the run would not be what was asked for, and to leave out
+    `--view` is easier than to wait for its end.
+
+    Args:
+      scenario: What is asked for.
+      known: What `metrics.json` will hold, as far as it is known.
+
+    Raises:
+      ViewerError: No viewer could be opened.
+    """
+    from omnimj.view.rerun.live import LiveRun
+    from omnimj.view.rerun.viewer import open_viewer
+
+    return LiveRun(scenario, known, open_viewer())
+
+
+def finish_live(run: RunResult, live: LiveRun) -> None:
+    """Completes the run in the viewer and leaves the viewer to itself.
+
+    Args:
+      run: What was driven; its results are written and printed by now.
+      live: From `open_live`.
+
+    Raises:
+      ViewerError: The viewer broke down.
+    """
+    live.finish(run)

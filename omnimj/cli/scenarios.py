@@ -17,7 +17,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: Any) -> int:
     """Prints the list; imports nothing that takes time."""
-    from omnimj.scenario.listing import list_scenarios
+    from omnimj.simulate.scenario.listing import list_scenarios
 
     described = list_scenarios()
     if arguments.json:

@@ -6,13 +6,11 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import MODEL, add_executor, add_floors, names, whole_number
-from omnimj.cli.compiling import note_compiled, say_compiling
-from omnimj.cli.progress import ProgressBar
-from omnimj.cli.tables import table
+from omnimj.cli.arguments import MODEL, add_executor, add_floors, parse_names, whole_number
+from omnimj.cli.terminal import ProgressBar, announce_compilation, format_table, note_compiled
 
 if TYPE_CHECKING:
-    from omnimj.sensitivity.study import Outcome
+    from omnimj.studies.sensitivity.study import SensitivityResult
 
 HELP = "which numbers that were chosen, not measured, matter to which result: what to measure first"
 EXAMPLE = """examples:
@@ -30,8 +28,8 @@ decision tips, such as an alarm, a few trajectories are chance: what is marked "
 An --out that was broken off goes on where it stood; more --trajectories are added to those that are there."""
 
 _FINE = 1000  # steps of the progress bar
-_SHOWN = 12  # parameters in the terminal's table
-_MOST = 0.9  # largest --range
+_MAX_ROWS = 12  # parameters in the terminal's table
+_MAX_SHARE = 0.9  # largest --range
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -46,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--model", metavar="FILE", type=Path, help=words)
     add_floors(parser)
     words = "origins of the numbers that are moved (default chosen), e.g. chosen,text"
-    parser.add_argument("--source", metavar="NAMES", type=names, default=("chosen",), help=words)
+    parser.add_argument("--source", metavar="NAMES", type=parse_names, default=("chosen",), help=words)
     words = "half-width of a range that no file states, as a share of the value (default 0.2)"
     parser.add_argument("--range", metavar="SHARE", type=_share, default=0.2, dest="share", help=words)
     words = "of the sensors' noise, the same in all runs, and of the trajectories (default 0)"
@@ -69,8 +67,8 @@ def _share(text: str) -> float:
         value = float(text)
     except ValueError:
         value = 0.0
-    if not 0.0 < value <= _MOST:
-        raise argparse.ArgumentTypeError(f"found {text[:40]!r}; must be above 0 and at most {_MOST}")
+    if not 0.0 < value <= _MAX_SHARE:
+        raise argparse.ArgumentTypeError(f"found {text[:40]!r}; must be above 0 and at most {_MAX_SHARE}")
     return value
 
 
@@ -89,22 +87,21 @@ def run(arguments: Any) -> int:
       InputError: An option out of its range, or a folder that holds something else.
       SimulationError: A worker died; what was finished is kept.
     """
-    from omnimj.scenario.digest import located
-    from omnimj.sensitivity.driving import Asked, scenario_of
-    from omnimj.sensitivity.order import Order, check_order
-    from omnimj.sensitivity.study import NUMBERS, run_study
-    from omnimj.trials.executors import open_executor
-    from omnimj.view.sensitivity_report import write_sensitivity_files
+    from omnimj.simulate.scenario.scenario import absolute_scenario
+    from omnimj.studies.sensitivity.study import NUMBERS, SensitivityConfig, check_config, run_sensitivity
+    from omnimj.studies.sensitivity.trial import TrialConfig, nominal_scenario
+    from omnimj.studies.workers import open_executor
+    from omnimj.view.report.sensitivity import write_sensitivity_files
 
-    asked = Asked(
-        located(arguments.scenario),
+    asked = TrialConfig(
+        absolute_scenario(arguments.scenario),
         tuple(arguments.overrides),
         _absolute(arguments.model),
         _absolute(arguments.floors),
         arguments.plant,
         arguments.method,
     )
-    order = Order(
+    order = SensitivityConfig(
         arguments.out,
         asked,
         arguments.trajectories,
@@ -114,11 +111,11 @@ def run(arguments: Any) -> int:
         arguments.workers,
         arguments.force,
     )
-    scenario = scenario_of(asked)
-    say_compiling(order.asked.plant, scenario.plant)
-    check_order(order)
+    scenario = nominal_scenario(asked)
+    announce_compilation(order.asked.plant, scenario.plant)
+    check_config(order)
     with open_executor(arguments.executor) as executor, ProgressBar() as bar:
-        outcome = run_study(
+        outcome = run_sensitivity(
             order,
             lambda phrase, share: bar.show(round(_FINE * min(max(share, 0.0), 1.0)), _FINE, phrase),
             executor,
@@ -129,22 +126,28 @@ def run(arguments: Any) -> int:
     if arguments.json:
         print((arguments.out / NUMBERS).read_text(encoding="utf-8"), end="")
     else:
-        print(_told(outcome, arguments.out))
+        print(_format_study(outcome, arguments.out))
     return 130 if outcome.interrupted else 1 if outcome.errors else 0
 
 
-def _told(outcome: Outcome, folder: Path) -> str:
-    from omnimj.sensitivity.tables import by_result, first_words, header, left_out_words, measure_first
+def _format_study(outcome: SensitivityResult, folder: Path) -> str:
+    from omnimj.studies.sensitivity.tables import (
+        format_excluded,
+        measure_first_sentence,
+        measure_first_table,
+        results_table,
+        summary_sentences,
+    )
 
-    parts = ["\n".join(header(outcome))]
+    parts = ["\n".join(summary_sentences(outcome))]
     parts += [
-        f"{one.title}\n{table(one.head, one.rows)}"
-        for one in (measure_first(outcome, _SHOWN), by_result(outcome))
+        f"{one.title}\n{format_table(one.head, one.rows)}"
+        for one in (measure_first_table(outcome, _MAX_ROWS), results_table(outcome))
         if one.rows
     ]
     if outcome.left_out:
-        parts.append("\n".join(("Left out", *left_out_words(outcome))))
-    parts.append(first_words(outcome))
+        parts.append("\n".join(("Left out", *format_excluded(outcome))))
+    parts.append(measure_first_sentence(outcome))
     if outcome.interrupted:
         parts.append("interrupted; the same command goes on from here")
     parts.append(f"written to {folder}")

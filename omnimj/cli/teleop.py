@@ -11,22 +11,18 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import ROBOT_MODEL, add_floors, whole_number
-from omnimj.cli.compiling import note_compiled, say_compiling
-from omnimj.cli.wire_arguments import add_key
+from omnimj.cli.arguments import ROBOT_MODEL, add_floors, add_key, whole_number
+from omnimj.cli.terminal import announce_compilation, note_compiled
 from omnimj.errors import InputError, SimulationError, UnknownNameError
 
 if TYPE_CHECKING:
     from omnimj.plant.interface import Plant
-    from omnimj.scenario.scenario import Scenario
     from omnimj.signals import Diagnosis
-    from omnimj.teleop.driving import Driven
-    from omnimj.teleop.gamepad import Gamepad
-    from omnimj.teleop.real_time import RealTime
-    from omnimj.teleop.recent import Recent
-    from omnimj.teleop.steering import SteeringLimits
-    from omnimj.teleop.terminal import Terminal
-    from omnimj.view.live_drive import LiveDrive
+    from omnimj.simulate.scenario.scenario import Scenario
+    from omnimj.simulate.teleop.devices import Gamepad, Terminal
+    from omnimj.simulate.teleop.driving import RealTimePacer, RowBuffer, TeleopResult
+    from omnimj.simulate.teleop.steering import SteeringLimits
+    from omnimj.view.rerun.live import LiveDrive
 
 INTERRUPTED = 130
 HELP = "drive the robot by keyboard or gamepad"
@@ -92,17 +88,17 @@ def run(arguments: Any) -> int:
       SimulationError: The plant failed; what was recorded until then is written.
     """
     from omnimj.recording.folder import check_folder
-    from omnimj.scenario.free_drive import FLOOR, free_drive
-    from omnimj.scenario.methods import require_method
-    from omnimj.teleop.terminal import Terminal
+    from omnimj.simulate.detectors import require_known_method
+    from omnimj.simulate.teleop.devices import Terminal
+    from omnimj.simulate.teleop.driving import DEFAULT_FLOOR, free_drive
 
     limits = _limits(arguments)
-    require_method(arguments.method)
+    require_known_method(arguments.method)
     if arguments.force and arguments.out is None:
         raise InputError("--force", "there is no --out", "it belongs to --out DIR")
     if arguments.out is not None:
         check_folder(arguments.out, arguments.force)
-    scenario = free_drive(arguments.floor or FLOOR, arguments.model, arguments.floors)
+    scenario = free_drive(arguments.floor or DEFAULT_FLOOR, arguments.model, arguments.floors)
     terminal = Terminal()
     with contextlib.ExitStack() as open_things:
         plant = _plant(arguments, scenario)
@@ -114,7 +110,7 @@ def run(arguments: Any) -> int:
 
 
 def _limits(arguments: Any) -> SteeringLimits:
-    from omnimj.teleop.steering import SteeringLimits
+    from omnimj.simulate.teleop.steering import SteeringLimits
 
     names = ("speed", "turn", "acceleration", "hold")
     given = {name: getattr(arguments, name) for name in names}
@@ -122,33 +118,41 @@ def _limits(arguments: Any) -> SteeringLimits:
 
 
 def _plant(arguments: Any, scenario: Scenario) -> Plant:
-    from omnimj.cli.wire_arguments import ADDRESS
-    from omnimj.scenario.plants import PLANT_NAMES, make_plant
-    from omnimj.scenario.wires import Wire, check_wire, is_wire, make_wired
+    from omnimj.cli.arguments import ADDRESS
+    from omnimj.simulate.plants import (
+        PLANT_NAMES,
+        LinkOptions,
+        check_link_scenario,
+        is_link_address,
+        make_hardware_plant,
+        make_plant,
+    )
 
     name = arguments.plant
-    if is_wire(name):
+    if is_link_address(name):
         if arguments.floor is not None:
             raise InputError("--floor", f"the plant is {name!r}", "a real robot brings its own")
-        check_wire(scenario, name)
-        return make_wired(scenario, name, Wire(arguments.key_file, reset_fault=arguments.reset_fault))
+        check_link_scenario(scenario, name)
+        return make_hardware_plant(
+            scenario, name, LinkOptions(arguments.key_file, reset_fault=arguments.reset_fault)
+        )
     if arguments.key_file is not None or arguments.reset_fault:
         given = "--reset-fault" if arguments.reset_fault else "--key-file"
         raise InputError(given, "there is no wire", f"it belongs to --plant {ADDRESS}")
     if name not in PLANT_NAMES:
         raise UnknownNameError("--plant", "plant", name, (*PLANT_NAMES, "serial:…", "udp:…"))
-    say_compiling(name, scenario.plant)
+    announce_compilation(name, scenario.plant)
     return make_plant(scenario, name, arguments.seed)
 
 
 def _gamepad(asked: str | None) -> Gamepad | None:
     """The one that is asked for; the first there is when none is, if it can be read."""
-    from omnimj.teleop.gamepad import FIRST, Gamepad
+    from omnimj.simulate.teleop.devices import FIRST_GAMEPAD, Gamepad
 
-    if asked == "none" or (asked is None and not FIRST.exists()):
+    if asked == "none" or (asked is None and not FIRST_GAMEPAD.exists()):
         return None
     try:
-        return Gamepad(FIRST if asked is None else Path(asked))
+        return Gamepad(FIRST_GAMEPAD if asked is None else Path(asked))
     except InputError as error:
         if asked is not None:
             raise
@@ -171,10 +175,10 @@ def _ends_on_signals() -> Iterator[None]:
             signal.signal(getattr(signal, name), action)
 
 
-def _drive_a_little(plant: Plant, controller: Any) -> None:
+def _drive_warm_up(plant: Plant, controller: Any) -> None:
     import numpy as np
 
-    from omnimj.control.target import Target
+    from omnimj.signals import Target
 
     measurement: Any = plant.reset()
     state = controller.start(measurement)
@@ -189,32 +193,33 @@ class _Session:
     """One drive: who looks on, and what is said and written at its end."""
 
     def __init__(self, arguments: Any, scenario: Scenario, limits: SteeringLimits, plant: Plant):
-        from omnimj.scenario.wires import is_wire
-        from omnimj.teleop.real_time import RealTime
-        from omnimj.teleop.recent import Recent
+        from omnimj.simulate.plants import is_link_address
+        from omnimj.simulate.teleop.driving import RealTimePacer, RowBuffer
 
         self._arguments, self._scenario, self._limits, self._plant = arguments, scenario, limits, plant
         kept = round(60.0 * arguments.keep / plant.period) if arguments.out is not None else 0
-        self._recent: Recent = Recent(kept)
-        simulated = not is_wire(arguments.plant)
-        self._pace: RealTime | None = RealTime(plant.period) if simulated else None
+        self._recent: RowBuffer = RowBuffer(kept)
+        simulated = not is_link_address(arguments.plant)
+        self._pace: RealTimePacer | None = RealTimePacer(plant.period) if simulated else None
         self._believed = ""
         self._about = {"scenario": scenario.name, "plant": arguments.plant, "method": arguments.method}
         self._about |= {"seed": arguments.seed, "floor": scenario.floor}
 
     def drive(self, terminal: Terminal, pad: Gamepad | None) -> int:
-        from omnimj.scenario.methods import make_method
-        from omnimj.scenario.running import make_diagnosing
-        from omnimj.teleop import gamepad
-        from omnimj.teleop.driving import Onlookers, drive_by_hand
-        from omnimj.teleop.keys import HELP as KEYS
-        from omnimj.teleop.operator import Operator
-        from omnimj.teleop.steering import Steering
+        from omnimj.simulate.detectors import make_detector
+        from omnimj.simulate.run import make_diagnosing_controller
+        from omnimj.simulate.teleop import devices
+        from omnimj.simulate.teleop.driving import TeleopCallbacks, drive_by_hand
+        from omnimj.simulate.teleop.operator import Operator
+        from omnimj.simulate.teleop.steering import KEYS_HELP as KEYS
+        from omnimj.simulate.teleop.steering import Steering
 
-        controller = make_diagnosing(self._scenario, make_method(self._arguments.method, self._scenario))
+        controller = make_diagnosing_controller(
+            self._scenario, make_detector(self._arguments.method, self._scenario)
+        )
         live = self._open_view()
         shown = () if live is None else (live.rows,)
-        watch = Onlookers(
+        watch = TeleopCallbacks(
             rows=(self._recent.add, *shown),
             snapshot=None if live is None else live.snapshot,
             before_step=None if self._pace is None else self._pace.wait,
@@ -222,7 +227,7 @@ class _Session:
         )
         print(f"keys: {KEYS}", file=sys.stderr)
         if pad is not None:
-            print(f"gamepad: {gamepad.HELP}", file=sys.stderr)
+            print(f"gamepad: {devices.GAMEPAD_HELP}", file=sys.stderr)
         with _ends_on_signals(), terminal:
             self._warm_up(controller)
             terminal.drain()
@@ -234,18 +239,18 @@ class _Session:
 
     def _warm_up(self, controller: Any) -> None:
         """Compiles before keys count, on a simulation: nothing is asked of a real robot for it."""
-        from omnimj.scenario.wires import warm_up
+        from omnimj.simulate.plants import warm_up
 
         warm_up(self._scenario, controller)
         if self._pace is not None:
-            _drive_a_little(self._plant, controller)
+            _drive_warm_up(self._plant, controller)
             note_compiled(self._arguments.plant, self._scenario.plant)
 
     def _open_view(self) -> LiveDrive | None:
         if not self._arguments.view:
             return None
-        from omnimj.view.live_drive import LiveDrive
-        from omnimj.view.viewer import open_viewer
+        from omnimj.view.rerun.live import LiveDrive
+        from omnimj.view.rerun.viewer import open_viewer
 
         live = LiveDrive(self._scenario, self._about, open_viewer(("--memory-limit", "1GB")))
         live.start()
@@ -259,7 +264,7 @@ class _Session:
         pace = "" if self._pace is None else f"{self._pace.factor:.2f} × real time  "
         return f"{pace}{self._believed}"
 
-    def _end(self, driven: Driven, live: LiveDrive | None) -> int:
+    def _end(self, driven: TeleopResult, live: LiveDrive | None) -> int:
         seconds = driven.steps * self._plant.period
         words = f"{seconds:.1f} s driven by hand, plant {self._arguments.plant}"
         if self._pace is not None:
@@ -276,7 +281,7 @@ class _Session:
             raise SimulationError(f"{driven.failure}{written}")
         return INTERRUPTED if driven.interrupted else 0
 
-    def _write(self, driven: Driven) -> str:
+    def _write(self, driven: TeleopResult) -> str:
         """Writes the trace; says where it is."""
         folder = self._arguments.out
         if folder is None or self._recent.rows == 0:

@@ -15,19 +15,16 @@ from omnimj.cli.arguments import (
     ROBOT_MODEL,
     add_executor,
     add_thresholds,
-    names,
+    parse_names,
     read_gains_file,
     read_thresholds,
     whole_number,
 )
-from omnimj.cli.compiling import note_compiled, say_compiling
-from omnimj.cli.progress import ProgressBar
-from omnimj.cli.tables import table
+from omnimj.cli.terminal import ProgressBar, announce_compilation, format_table, note_compiled
 from omnimj.errors import InputError
 
 if TYPE_CHECKING:
-    from omnimj.tuning.order import Order
-    from omnimj.tuning.tuning import Outcome
+    from omnimj.studies.tuning.study import TuningConfig, TuningResult
 
 INTERRUPTED = 130
 HELP = "search the gains of cascade, recovery and observer over randomised runs and judge them on other seeds"
@@ -51,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     words = (
         "gains or groups of them: control, recovery, observer, control.speed_proportional, … (default all)"
     )
-    parser.add_argument("--only", metavar="NAMES", type=names, default=(), help=words)
+    parser.add_argument("--only", metavar="NAMES", type=parse_names, default=(), help=words)
     words = "least and largest value of a gain, NAME=LOW:HIGH (default: a factor of 4 either way); repeatable"
     parser.add_argument("--bound", metavar="TEXT", action="append", default=[], dest="bounds", help=words)
     parser.add_argument("--plant", metavar="P", default="planar", help="planar (default) or twin")
@@ -117,20 +114,19 @@ def run(arguments: Any) -> int:
       InputError: An option out of its range, or an --out that may not be written.
       SimulationError: A worker died or a trial broke down; what was finished is kept.
     """
-    from omnimj.recording.folder import whole_file
-    from omnimj.trials.executors import open_executor
-    from omnimj.tuning.gains_file import gains_text
-    from omnimj.tuning.order import check_order
-    from omnimj.tuning.tuning import run_tuning
-    from omnimj.view.tuning_report import write_tuning_report
+    from omnimj.recording.folder import atomic_file
+    from omnimj.studies.tuning.reporting import format_gains_file
+    from omnimj.studies.tuning.study import check_config, run_tuning
+    from omnimj.studies.workers import open_executor
+    from omnimj.view.report.tuning import write_tuning_report
 
     order = _order(arguments)
-    check_file(order.out, arguments.force)
+    require_writable(order.out, arguments.force)
     report = order.out.with_name(f"{order.out.stem}_report.html")
-    check_file(report, arguments.force)
-    check_order(order)
+    require_writable(report, arguments.force)
+    check_config(order)
     for plant in (order.plant, *(("twin",) if order.twin else ())):
-        say_compiling(plant, "uto_robot")
+        announce_compilation(plant, "uto_robot")
     with open_executor(arguments.executor) as executor, ProgressBar() as bar:
         outcome = run_tuning(
             order,
@@ -141,28 +137,28 @@ def run(arguments: Any) -> int:
         return INTERRUPTED
     note_compiled(order.plant, "uto_robot")
     command = shlex.join(["omnimj", *arguments.given])
-    with whole_file(order.out) as temporary:
-        temporary.write_text(gains_text(outcome, command), encoding="utf-8")
-    with whole_file(report) as temporary:
+    with atomic_file(order.out) as temporary:
+        temporary.write_text(format_gains_file(outcome, command), encoding="utf-8")
+    with atomic_file(report) as temporary:
         write_tuning_report(temporary, outcome, command)
-    print(json.dumps(_as_plain(outcome), indent=2) if arguments.json else _told(outcome, report))
+    print(json.dumps(_as_plain(outcome), indent=2) if arguments.json else _format_tuning(outcome, report))
     return 0 if outcome.is_better else 1
 
 
-def _order(arguments: Any) -> Order:
-    from omnimj.tuning.cost import Limits
-    from omnimj.tuning.order import Order, evaluations_to_generations
-    from omnimj.tuning.space import chosen_names, read_bound
+def _order(arguments: Any) -> TuningConfig:
+    from omnimj.studies.tuning.cost import Limits
+    from omnimj.studies.tuning.search import parse_bound, select_gains
+    from omnimj.studies.tuning.study import TuningConfig, generations_for
 
-    chosen = chosen_names(arguments.only)
+    chosen = select_gains(arguments.only)
     generations = arguments.generations
     if arguments.evaluations is not None:
-        generations = evaluations_to_generations(arguments.evaluations, chosen)
-    return Order(
+        generations = generations_for(arguments.evaluations, chosen)
+    return TuningConfig(
         out=arguments.out,
         scenarios=tuple(arguments.scenarios),
         names=chosen,
-        bounds=dict(read_bound(text) for text in arguments.bounds),
+        bounds=dict(parse_bound(text) for text in arguments.bounds),
         plant=arguments.plant,
         seed=arguments.seed,
         trials=arguments.trials,
@@ -179,7 +175,7 @@ def _order(arguments: Any) -> Order:
     )
 
 
-def check_file(file: Path, force: bool) -> None:
+def require_writable(file: Path, force: bool) -> None:
     """Whether a file may be written; asked before the work.
 
     Raises:
@@ -196,27 +192,27 @@ def check_file(file: Path, force: bool) -> None:
         raise InputError(place, f"cannot be written, {file.parent.absolute()} is read-only")
 
 
-def _told(outcome: Outcome, report: Path) -> str:
+def _format_tuning(outcome: TuningResult, report: Path) -> str:
     """Gains before and after, what they are worth on the judging seeds, the verdict."""
-    from omnimj.tuning.tables import judged_rows, verdict_words
+    from omnimj.studies.tuning.reporting import comparison_rows, format_verdict
 
     rows = [
         (axis.name, f"{axis.start:g}", f"{value:g}", axis.unit)
         for axis, value in zip(outcome.axes, outcome.values, strict=True)
     ]
-    parts = [table(("gain", "before", "tuned", "unit"), rows)]
+    parts = [format_table(("gain", "before", "tuned", "unit"), rows)]
     for verdict in outcome.verdicts:
         words = f"judged with seed {verdict.seed}, {verdict.draws} runs on the {verdict.plant} plant"
-        parts.append(f"{words}\n{table(('', 'before', 'tuned'), judged_rows(verdict))}")
-    parts.append(verdict_words(outcome))
+        parts.append(f"{words}\n{format_table(('', 'before', 'tuned'), comparison_rows(verdict))}")
+    parts.append(format_verdict(outcome))
     parts.append(f"written to {outcome.order.out} and {report}")
     return "\n\n".join(parts)
 
 
-def _as_plain(outcome: Outcome) -> dict[str, Any]:
-    from omnimj.trials.results import plain
+def _as_plain(outcome: TuningResult) -> dict[str, Any]:
+    from omnimj.recording.json_files import to_jsonable
 
-    return plain(
+    return to_jsonable(
         {
             "gains": {axis.name: value for axis, value in zip(outcome.axes, outcome.values, strict=True)},
             "before": {axis.name: axis.start for axis in outcome.axes},

@@ -9,13 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omnimj.cli.arguments import add_floors
-from omnimj.cli.compiling import note_compiled, say_compiling
-from omnimj.cli.progress import ProgressBar
-from omnimj.cli.tables import table
+from omnimj.cli.terminal import ProgressBar, announce_compilation, format_table, note_compiled
 from omnimj.errors import UnknownNameError
 
 if TYPE_CHECKING:
-    from omnimj.identification.records import Cell, Validation
+    from omnimj.estimate.identification.records import Cell, Validation
 
 HELP = "drive the model with measured currents: RMS speed errors beside the published table"
 EXAMPLE = """examples:
@@ -63,9 +61,9 @@ def run(arguments: Any) -> int:
     rig, floors = read_rig(arguments.model), all_floors(arguments.floors)
     dataset = read_dataset(arguments.dataset, floors)
     for plant in plants:
-        say_compiling(plant, "quarter_rig")
-    from omnimj.identification.validate import validate
-    from omnimj.identification.validation_file import as_json
+        announce_compilation(plant, "quarter_rig")
+    from omnimj.estimate.identification.files import validation_content
+    from omnimj.estimate.identification.validation import validate
 
     with ProgressBar() as bar:
         found = validate(dataset, rig, floors, plants, bar.show)
@@ -73,28 +71,32 @@ def run(arguments: Any) -> int:
         return 130
     for plant in plants:
         note_compiled(plant, "quarter_rig")
-    told = as_json(found, shlex.join(["omnimj", *arguments.given]))
+    told = validation_content(found, shlex.join(["omnimj", *arguments.given]))
     _write(arguments, found, told)
-    print(json.dumps(told, indent=2, ensure_ascii=False) if arguments.json else _told(found, arguments.out))
+    print(
+        json.dumps(told, indent=2, ensure_ascii=False)
+        if arguments.json
+        else _format_validation(found, arguments.out)
+    )
     return 130 if found.interrupted else 0
 
 
 def _write(arguments: Any, found: Validation, told: dict[str, Any]) -> None:
-    from omnimj.identification.validation_file import write_validation
-    from omnimj.recording.folder import make_folder, whole_file
-    from omnimj.view.validation_report import write_validation_report
+    from omnimj.estimate.identification.files import write_validation
+    from omnimj.recording.folder import atomic_file, make_folder
+    from omnimj.view.report.validation import write_validation_report
 
     make_folder(arguments.out, arguments.force, FILES)
     write_validation(arguments.out / FILES[0], told)
-    with whole_file(arguments.out / FILES[1]) as temporary:
+    with atomic_file(arguments.out / FILES[1]) as temporary:
         write_validation_report(temporary, found, told["command"])
 
 
-def _told(found: Validation, out: Path) -> str:
+def _format_validation(found: Validation, out: Path) -> str:
     sideways = any(cell.lateral_speed for cell in found.cells)
     head = ["mass kg", "floor", *(["lateral m/s"] if sideways else []), "current A"]
     head += [f"{plant} m/s" for plant in found.plants] + ["published m/s"]
-    lines = [*found.notes, table(head, [_row(cell, found.plants, sideways) for cell in found.cells])]
+    lines = [*found.notes, format_table(head, [_row(cell, found.plants, sideways) for cell in found.cells])]
     means = ", ".join(f"{plant} {found.mean(plant):.4f}" for plant in found.plants)
     lines.append(f"RMS error of the carriage's speed, mean over {len(found.cells)} conditions: {means} m/s")
     if found.effects:

@@ -1,14 +1,4 @@
-"""Gains of cascade, recovery and observer as one set, and the TOML file that keeps one.
-
-```
-[control]
-speed_proportional = { value = 0.31, unit = "A.s/rad", source = "tuned" }
-[recovery]
-place_proportional = { value = 2.7, unit = "1/s", source = "tuned" }
-[tuned]  # where it comes from; not read
-```
-What a file leaves out stays as it is.
-"""
+"""What recovery feeds back with, and how far it may go."""
 
 from __future__ import annotations
 
@@ -18,16 +8,56 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 
-from omnimj.control.recovery.gains import RecoveryGains
-from omnimj.control.robust.gains import ObserverGains
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import Control
-from omnimj.parameters.reading import Rule, read_quantity
-from omnimj.parameters.toml_file import read_toml
+from omnimj.parameters.reading import Rule, positive, read_quantity, read_toml
 
-CASCADE = ("speed_proportional", "speed_integral", "yaw_rate_proportional", "heading_proportional")
+
+@dataclass(frozen=True)
+class RecoveryGains:
+    """Gains of recovery; `omnimj tune` changes them together with those of cascade and observer."""
+
+    place_proportional: float = positive("1/s", 100.0, default=3.0)
+    """K with which a place error is driven back."""
+    place_speed: float = positive("m/s", 2.0, default=0.2)
+    """Largest speed for that."""
+    slip_cap: float = positive("m/s", 5.0, default=0.2)
+    """By how much a slipping wheel may be faster or slower than the floor below it. Wheels follow speeds that
+    fit together and do not run away; a tighter bound takes traction from every floor that gives more the more
+    a wheel slips: with 0.05 the heading strays a fifth further than with 0.2, and the place 6 % instead of
+    0."""
+    grip_share: float = positive("1", 1.0, default=0.5)
+    """Of the grip of a floor that gives way under all wheels, what the plan may use; the rest holds the robot
+    on it."""
+
+
+# What the robust method's observer weighs its sensors with.
+
+
+@dataclass(frozen=True)
+class ObserverGains:
+    """Gains of the observer: noises of its filters, as standard deviations, and how long it remembers.
+
+    When a suspicion becomes a decision is another matter: `thresholds.Thresholds` are calibrated against
+    false
+    alarms, not tuned.
+    """
+
+    wheel_noise: float = positive("m/s", 1.0, default=0.004)
+    """Of a rolling wheel's word about the body's velocity."""
+    creep_noise: float = positive("1", 10.0, default=0.35)
+    """The same per m/s of its creep."""
+    acceleration_noise: float = positive("m/s2", 10.0, default=0.04)
+    """Of a block's mean of the accelerometer: noise, and gravity while the body pitches on its springs."""
+    memory: float = positive("s", 1e5, default=120.0)
+    """Time in which a number that was learnt of the healthy robot may wander by its own prior."""
+
+
+# Gains of cascade, recovery and observer as one set, and the TOML file that keeps one.
+
+CASCADE_GAINS = ("speed_proportional", "speed_integral", "yaw_rate_proportional", "heading_proportional")
 """The gains among the numbers of `Control`; its limits are none."""
-TUNED = "tuned"
+PROVENANCE_TABLE = "tuned"
 """Table of a gains file that says where it comes from."""
 
 
@@ -37,14 +67,14 @@ def _fields() -> dict[str, dataclasses.Field]:
         f"{table}.{one.name}": one
         for table, kind in kinds.items()
         for one in dataclasses.fields(kind)
-        if table != "control" or one.name in CASCADE
+        if table != "control" or one.name in CASCADE_GAINS
     }
 
 
 _FIELDS: Mapping[str, dataclasses.Field] = MappingProxyType(_fields())
-NAMES = tuple(_FIELDS)
+GAIN_NAMES = tuple(_FIELDS)
 """Every gain as `table.name`: `control.speed_proportional`, `recovery.slip_cap`, …"""
-TABLES = tuple(dict.fromkeys(name.partition(".")[0] for name in NAMES))
+GAIN_TABLES = tuple(dict.fromkeys(name.partition(".")[0] for name in GAIN_NAMES))
 """`control`, `recovery`, `observer`."""
 
 
@@ -68,7 +98,7 @@ class Gains:
     observer: ObserverGains = field(default_factory=ObserverGains)
 
     def value(self, name: str) -> float:
-        """The gain of that name, one of `NAMES`."""
+        """The gain of that name, one of `GAIN_NAMES`."""
         table, _, key = name.partition(".")
         return float(getattr(getattr(self, table), key))
 
@@ -79,7 +109,7 @@ class Gains:
                 getattr(self, table),
                 **{name.partition(".")[2]: v for name, v in values.items() if name.startswith(f"{table}.")},
             )
-            for table in TABLES
+            for table in GAIN_TABLES
         }
         return Gains(**tables)
 
@@ -97,19 +127,19 @@ def read_gains(path: Path, control: Control) -> Gains:
     """
     tree = read_toml(path)
     for table in tree:
-        if table not in (*TABLES, TUNED):
-            raise UnknownNameError(path, "table", table, (*TABLES, TUNED))
+        if table not in (*GAIN_TABLES, PROVENANCE_TABLE):
+            raise UnknownNameError(path, "table", table, (*GAIN_TABLES, PROVENANCE_TABLE))
     values = {}
-    for table in TABLES:
+    for table in GAIN_TABLES:
         entries = tree.get(table, {})
         if not isinstance(entries, Mapping):
             raise InputError(path, f"[{table}] is not a table")
         for key, entry in entries.items():
             name = f"{table}.{key}"
             if name not in _FIELDS:
-                known = [n.partition(".")[2] for n in NAMES if n.startswith(f"{table}.")]
+                known = [n.partition(".")[2] for n in GAIN_NAMES if n.startswith(f"{table}.")]
                 raise UnknownNameError(f"{path}: [{table}]", "gain", key, known)
             values[name], _ = read_quantity(f"{path}: {name}", entry, _FIELDS[name])
     if not values:
-        raise InputError(path, "has no gains", "omnimj tune writes such a file", NAMES)
+        raise InputError(path, "has no gains", "omnimj tune writes such a file", GAIN_NAMES)
     return Gains(control).changed(values)

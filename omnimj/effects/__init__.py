@@ -1,26 +1,41 @@
 """Named pieces of physics that a machine may have on top of its model: the vocabulary of the gap workflow."""
 
 from omnimj.effects.catalogue import EFFECTS, base_name, effects_of, find_effect
-from omnimj.effects.changes import Applied, Changes, Channel
-from omnimj.effects.effect import AXIS, RIG, ROBOT, Effect, EffectParameter, Selector
-from omnimj.effects.machine import applied, check_effects, complete, plant_of, with_effects
-from omnimj.effects.text import parse_effect
+from omnimj.effects.effect import (
+    AXIS,
+    RIG,
+    ROBOT,
+    AppliedEffects,
+    ChannelEffect,
+    Effect,
+    EffectParameter,
+    MachineChanges,
+    Selector,
+)
+from omnimj.effects.machine import (
+    apply_effects,
+    check_effects,
+    complete_values,
+    parse_effect,
+    plant_of,
+    with_effects,
+)
 
 __all__ = [
     "AXIS",
     "EFFECTS",
     "RIG",
     "ROBOT",
-    "Applied",
-    "Changes",
-    "Channel",
+    "AppliedEffects",
+    "ChannelEffect",
     "Effect",
     "EffectParameter",
+    "MachineChanges",
     "Selector",
-    "applied",
+    "apply_effects",
     "base_name",
     "check_effects",
-    "complete",
+    "complete_values",
     "effects_of",
     "find_effect",
     "parse_effect",

@@ -8,8 +8,7 @@ import dataclasses
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from omnimj.effects.changes import Changes
-from omnimj.effects.effect import AXIS, Effect, EffectParameter, Hook, Selector, Values
+from omnimj.effects.effect import AXIS, Effect, EffectParameter, Hook, MachineChanges, Selector, Values
 from omnimj.errors import InputError
 
 ANY = 1e3
@@ -24,7 +23,7 @@ DELAYS: Mapping[str, str] = MappingProxyType(
 """Channels that may be late; a log has either force or current."""
 
 
-def _change(changes: Changes, **entries: float) -> None:
+def _change(changes: MachineChanges, **entries: float) -> None:
     extras = dataclasses.replace(changes.machine.extras, **entries)
     changes.machine = dataclasses.replace(changes.machine, extras=extras)
 
@@ -32,7 +31,7 @@ def _change(changes: Changes, **entries: float) -> None:
 def _body(name: str, parameter: str) -> Hook:
     """Adds to a constant that cannot fall below zero; some mass is always left."""
 
-    def hook(changes: Changes, values: Values) -> None:
+    def hook(changes: MachineChanges, values: Values) -> None:
         body = changes.machine.axis
         least = 0.1 * body.mass if name == "mass" else 0.0
         body = dataclasses.replace(body, **{name: max(getattr(body, name) + values[parameter], least)})
@@ -42,14 +41,14 @@ def _body(name: str, parameter: str) -> Hook:
 
 
 def _add(name: str, parameter: str) -> Hook:
-    def hook(changes: Changes, values: Values) -> None:
+    def hook(changes: MachineChanges, values: Values) -> None:
         _change(changes, **{name: getattr(changes.machine.extras, name) + values[parameter]})
 
     return hook
 
 
 def _times(name: str) -> Hook:
-    def hook(changes: Changes, values: Values) -> None:
+    def hook(changes: MachineChanges, values: Values) -> None:
         _change(changes, **{name: getattr(changes.machine.extras, name) * values["scale"]})
 
     return hook
@@ -58,7 +57,7 @@ def _times(name: str) -> Hook:
 def _once(amplitude: str, parameter: str, **shape: str) -> Hook:
     """An amplitude that stands once only, with its shape."""
 
-    def hook(changes: Changes, values: Values) -> None:
+    def hook(changes: MachineChanges, values: Values) -> None:
         if values[parameter] == 0.0:
             return
         if getattr(changes.machine.extras, amplitude) != 0.0:
@@ -68,13 +67,13 @@ def _once(amplitude: str, parameter: str, **shape: str) -> Hook:
     return hook
 
 
-def _bias(changes: Changes, values: Values) -> None:
+def _bias(changes: MachineChanges, values: Values) -> None:
     # behind a wrong gain, so that the order of the two does not matter
     bias = changes.machine.axis.force_constant * values["bias"]
     _change(changes, monitor_bias=changes.machine.extras.monitor_bias + bias)
 
 
-def _delay(changes: Changes, values: Values) -> None:
+def _delay(changes: MachineChanges, values: Values) -> None:
     name = DELAYS[values["channel"]]
     _change(changes, **{name: getattr(changes.machine.extras, name) + values["delay"]})
 

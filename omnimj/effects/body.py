@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import math
 
-from omnimj.effects.changes import Changes
-from omnimj.effects.effect import RIG, ROBOT, Effect, EffectParameter, Values
+from omnimj.effects.effect import RIG, ROBOT, Effect, EffectParameter, MachineChanges, Values
 from omnimj.errors import InputError
 from omnimj.physics.effect_terms import AIR, GRADE
 
 _GRAVITY = 9.81
 
 
-def _payload(changes: Changes, values: Values) -> None:
+def _payload(changes: MachineChanges, values: Values) -> None:
     mass, x, y = values["mass"], values.get("x", 0.0), values.get("y", 0.0)
     before, x_before, y_before = changes.payload
     together = before + mass
@@ -26,21 +25,21 @@ def _payload(changes: Changes, values: Values) -> None:
     )
 
 
-def _grade_of_rail(changes: Changes, values: Values) -> None:
+def _grade_of_rail(changes: MachineChanges, values: Values) -> None:
     if changes.slope[0] and values["slope"]:
         raise InputError("effects", "found grade twice", "it can act once on a machine")
     changes.slope = (values["slope"], math.pi) if values["slope"] else changes.slope
     changes.term(GRADE, -_GRAVITY * math.sin(values["slope"]))
 
 
-def _grade_of_floor(changes: Changes, values: Values) -> None:
+def _grade_of_floor(changes: MachineChanges, values: Values) -> None:
     if changes.slope[0] and values["slope"]:
         raise InputError("effects", "found grade twice", "it can act once on a machine")
     if values["slope"]:
         changes.slope = (values["slope"], values["direction"] + math.pi)
 
 
-def _air_drag(changes: Changes, values: Values) -> None:
+def _air_drag(changes: MachineChanges, values: Values) -> None:
     changes.term(AIR, values["coefficient"])
 
 

@@ -30,7 +30,7 @@ def _declared() -> Iterator[Effect]:
             yield from found if isinstance(found, tuple) else ()
 
 
-def _united(first: Effect, second: Effect) -> Effect:
+def _merged(first: Effect, second: Effect) -> Effect:
     """Two declarations of one effect for different plants."""
     if set(first.plants) & set(second.plants):
         raise ValueError(f"effect {first.name!r} is declared twice for one plant")
@@ -50,7 +50,7 @@ def _catalogue() -> tuple[Mapping[str, Effect], Mapping[str, Mapping[str, Effect
     united: dict[str, Effect] = {}
     by_plant: dict[str, dict[str, Effect]] = {plant: {} for plant in PLANTS}
     for effect in _declared():
-        united[effect.name] = _united(united[effect.name], effect) if effect.name in united else effect
+        united[effect.name] = _merged(united[effect.name], effect) if effect.name in united else effect
         for plant in effect.plants:
             by_plant[plant][effect.name] = effect
     return (

@@ -2,9 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from omnimj.errors import InputError
+from omnimj.parameters.floor import Floor
+from omnimj.physics.effect_terms import CURVES, mark_active, write_curve, zero_terms
+from omnimj.physics.motor import TORQUE_CONSTANT
+from omnimj.signals import Array
 
 RIG, ROBOT, AXIS = "quarter_rig", "uto_robot", "linear_axis"
 """The plants, by the names of their folders under `models/`."""
@@ -13,7 +23,7 @@ Values = Mapping[str, Any]
 """Parameters (floats) and selectors (text or whole numbers) of one effect by name."""
 
 Hook = Callable[[Any, Values], None]
-"""Writes an effect into `omnimj.effects.changes.Changes`; gets every parameter and selector."""
+"""Writes an effect into `omnimj.effects.effect.MachineChanges`; gets every parameter and selector."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +37,7 @@ class EffectParameter:
     """Physical bounds, generous."""
     typical: float
     """A size that is worth noticing."""
-    vanishes: float | None = 0.0
+    null_value: float | None = 0.0
     """Value at which the effect is gone; None: a shape (place, width, speed), which takes nothing away."""
 
 
@@ -58,12 +68,165 @@ class Effect:
     @property
     def amplitudes(self) -> tuple[EffectParameter, ...]:
         """Parameters at whose vanishing values the effect is gone."""
-        return tuple(p for p in self.parameters if p.vanishes is not None)
+        return tuple(p for p in self.parameters if p.null_value is not None)
 
-    def vanishing(self) -> dict[str, float]:
+    def null_values(self) -> dict[str, float]:
         """Values of all parameters at which the effect is gone; shapes at their typical values."""
-        return {p.name: p.typical if p.vanishes is None else p.vanishes for p in self.parameters}
+        return {p.name: p.typical if p.null_value is None else p.null_value for p in self.parameters}
 
     def typical(self) -> dict[str, float]:
         """Typical values of all parameters."""
         return {p.name: p.typical for p in self.parameters}
+
+
+# What effects write into: constants, term rows, conditions and channels of a machine.
+
+
+class ChannelEffect(NamedTuple):
+    """What a sensor effect makes of a channel's reading: scale · reading + offset, late by delay."""
+
+    scale: float = 1.0
+    offset: float = 0.0
+    delay: float = 0.0
+    """[s]"""
+
+
+@dataclass(frozen=True)
+class AppliedEffects:
+    """A machine with its effects, ready for plants and for replay; n wheels, the rig and an axis have one."""
+
+    machine: Any
+    """The same machine with changed constants (its own effects still named in it)."""
+    terms: Array
+    """Rows of `physics.effect_terms`, shape (n, TERMS)."""
+    torque_scale: Array
+    """True over nominal torque constant, shape (n,)."""
+    radius_scale: Array
+    """True over nominal rolling radius, shape (n,)."""
+    misalignment: Array
+    """Angle of each axle about the vertical, counter-clockwise, shape (n,) [rad]."""
+    payload: tuple[float, float, float]
+    """Mass [kg] and its place x, y in the body frame [m]; on rig and axis the mass alone matters."""
+    slope: tuple[float, float]
+    """Inclination of floor or rail and the world direction that points downhill [rad]."""
+    floor_scale: Mapping[str, float]
+    """Factors on a floor's numbers, by letter; empty: none."""
+    channels: Mapping[str, ChannelEffect]
+    """Channels whose readings change."""
+
+    @property
+    def added_mass(self) -> float:
+        """Mass that is on the machine and not in its constants [kg]."""
+        return self.payload[0]
+
+    def floor(self, floor: Floor) -> Floor:
+        """The floor with its numbers scaled (μ_s with μ_c; D of the Magic Formula with μ_c)."""
+        if not self.floor_scale:
+            return floor
+        numbers = {key: value * self.floor_scale.get(key, 1.0) for key, value in floor.numbers.items()}
+        return dataclasses.replace(floor, numbers=MappingProxyType(numbers))
+
+    def floors(self, floors: Mapping[str, Floor]) -> Mapping[str, Floor]:
+        """All floors with their numbers scaled."""
+        if not self.floor_scale:
+            return floors
+        return {name: self.floor(floor) for name, floor in floors.items()}
+
+    def motor_rows(self, rows: Array) -> Array:
+        """Motor rows, shape (n, MOTOR_ROW), with the torque constants scaled: a copy."""
+        changed = rows.copy()
+        changed[:, TORQUE_CONSTANT] *= self.torque_scale
+        return changed
+
+
+class MachineChanges:
+    """Collects what the effects of one machine change."""
+
+    def __init__(self, machine: Any):
+        n = len(getattr(machine, "wheels", (None,)))
+        self.machine = machine
+        self.terms: Array = zero_terms(n)
+        self.torque_scale, self.radius_scale, self.misalignment = np.ones(n), np.ones(n), np.zeros(n)
+        self.payload, self.slope = (0.0, 0.0, 0.0), (0.0, 0.0)
+        self.floor_scale: dict[str, float] = {}
+        self.channels: dict[str, ChannelEffect] = {}
+        self._added: dict[str, dict[str, float]] = {}
+        self._curves = 0
+
+    def wheel(self, values: Values) -> slice:
+        """The rows that an effect acts on: its wheel's, or all.
+
+        Raises:
+          InputError: The machine has no such wheel.
+        """
+        if "wheel" not in values:
+            return slice(None)
+        wheel, count = int(values["wheel"]), len(self.terms)
+        if wheel > count:
+            raise InputError("wheel", f"found {wheel}", f"the machine has wheels 1 to {count}")
+        return slice(wheel - 1, wheel)
+
+    def add(self, table: str, key: str, value: float) -> None:
+        """Adds to a constant of the machine that cannot fall below zero (`wheel`, `roller_dry`)."""
+        entries = self._added.setdefault(table, {})
+        before = entries[key] if key in entries else float(getattr(getattr(self.machine, table), key))
+        entries[key] = max(before + value, 0.0)
+
+    def term(self, column: int, value: float, at: slice = slice(None)) -> None:
+        """Adds to a term."""
+        self.terms[at, column] += value
+
+    def shaped(self, column: int, value: float, *shape: float) -> None:
+        """Sets a term that stands once only, and its shape in the columns behind it.
+
+        Raises:
+          InputError: A second instance of the effect.
+        """
+        if value == 0.0:
+            return
+        if self.terms[:, column].any():
+            raise InputError("effects", "found this effect twice", "it can act once on a machine")
+        self.terms[:, column] = value
+        for k, number in enumerate(shape, start=1):
+            self.terms[:, column + k] = number
+
+    def curve(self, over: str, values: Sequence[float], low: float, high: float) -> None:
+        """A tabulated force, as `effect_terms.write_curve`; two fit beside each other.
+
+        Raises:
+          InputError: A third one.
+        """
+        if not any(values):
+            return
+        if self._curves == CURVES:
+            raise InputError("effects", "found too many tabulated forces", f"{CURVES} are possible")
+        write_curve(self.terms, self._curves, over, values, low, high)
+        self._curves += 1
+
+    def reading(self, channel: str, scale: float = 1.0, offset: float = 0.0, delay: float = 0.0) -> None:
+        """Changes what a channel says: scale · before + offset, later by delay."""
+        if (scale, offset, delay) == (1.0, 0.0, 0.0):
+            return
+        before = self.channels.get(channel, ChannelEffect())
+        self.channels[channel] = ChannelEffect(
+            scale * before.scale, scale * before.offset + offset, before.delay + delay
+        )
+
+    def done(self) -> AppliedEffects:
+        """All changes together."""
+        mark_active(self.terms)
+        tables = {
+            name: dataclasses.replace(getattr(self.machine, name), **entries)
+            for name, entries in self._added.items()
+        }
+        return AppliedEffects(
+            dataclasses.replace(self.machine, **tables) if tables else self.machine,
+            self.terms,
+            self.torque_scale,
+            self.radius_scale,
+            self.misalignment,
+            self.payload,
+            self.slope,
+            {key: scale for key, scale in self.floor_scale.items() if scale != 1.0},
+            self.channels,
+        )

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from omnimj.effects.changes import Changes
-from omnimj.effects.effect import RIG, ROBOT, Effect, EffectParameter, Values
+from omnimj.effects.effect import RIG, ROBOT, Effect, EffectParameter, MachineChanges, Values
 from omnimj.physics.effect_terms import PATCH
 
 _FOLLOWS = {"mu_c": ("mu_c", "mu_s", "D"), "sigma_0": ("sigma_0", "B"), "sigma_2": ("sigma_2",)}
@@ -11,13 +10,13 @@ _FOLLOWS = {"mu_c": ("mu_c", "mu_s", "D"), "sigma_0": ("sigma_0", "B"), "sigma_2
 whole; the stiffness of either law."""
 
 
-def _floor_traction(changes: Changes, values: Values) -> None:
+def _floor_traction(changes: MachineChanges, values: Values) -> None:
     for name, numbers in _FOLLOWS.items():
         for number in numbers:
             changes.floor_scale[number] = changes.floor_scale.get(number, 1.0) * values[name]
 
 
-def _floor_patch(changes: Changes, values: Values) -> None:
+def _floor_patch(changes: MachineChanges, values: Values) -> None:
     changes.shaped(PATCH, values["scale"] - 1.0, values["start"], values["end"])
 
 

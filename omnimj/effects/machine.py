@@ -7,9 +7,9 @@ import math
 from collections.abc import Mapping
 from typing import Any, TypeVar
 
-from omnimj.effects.catalogue import find_effect
-from omnimj.effects.changes import Applied, Changes
-from omnimj.effects.effect import AXIS, RIG, ROBOT, Effect
+from omnimj.effects import catalogue
+from omnimj.effects.catalogue import base_name, find_effect
+from omnimj.effects.effect import AXIS, RIG, ROBOT, AppliedEffects, Effect, MachineChanges
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters.rig import Rig
 from omnimj.parameters.robot import Robot
@@ -24,7 +24,7 @@ def plant_of(machine: Any) -> str:
     return ROBOT if isinstance(machine, Robot) else AXIS
 
 
-def complete(
+def complete_values(
     effect: Effect, given: Mapping[str, Any], place: object, partial: bool = True
 ) -> dict[str, float | str | int]:
     """All parameters and selectors of an effect, those that were not given filled in.
@@ -52,7 +52,7 @@ def complete(
         raise InputError(place, "has no size", "give at least one of its amplitudes", needed)
     values: dict[str, float | str | int] = {}
     for parameter in effect.parameters:
-        fallback = parameter.vanishes if named and parameter.vanishes is not None else parameter.typical
+        fallback = parameter.null_value if named and parameter.null_value is not None else parameter.typical
         value = given.get(parameter.name, fallback)
         if isinstance(value, bool) or not isinstance(value, float | int):
             raise InputError(f"{place}.{parameter.name}", f"found {value!r}", "a number is needed")
@@ -77,7 +77,7 @@ def with_effects(machine: Machine, effects: Mapping[str, Mapping[str, Any]]) -> 
     Args:
       machine: `Rig`, `Robot` or `Axis`.
       effects: Name → parameter or selector → value; a second instance of an effect is NAME_2, NAME_3, ….
-        Values that are left out are filled in as `complete` says.
+        Values that are left out are filled in as `complete_values` says.
 
     Raises:
       InputError: A value out of bounds or missing.
@@ -87,13 +87,13 @@ def with_effects(machine: Machine, effects: Mapping[str, Mapping[str, Any]]) -> 
     full = dict(getattr(machine, "effects", {}))
     for name, values in effects.items():
         place = f"effects.{name}"
-        full[name] = complete(find_effect(name, plant, "effects"), values, place)
+        full[name] = complete_values(find_effect(name, plant, "effects"), values, place)
     changed = dataclasses.replace(machine, effects=full)  # type: ignore[type-var]
-    applied(changed)  # what cannot be together is refused here
+    apply_effects(changed)  # what cannot be together is refused here
     return changed
 
 
-def applied(machine: Any) -> Applied:
+def apply_effects(machine: Any) -> AppliedEffects:
     """The machine with its effects, ready for plants and for replay.
 
     Raises:
@@ -101,12 +101,12 @@ def applied(machine: Any) -> Applied:
         message names the machine's file.
       UnknownNameError: An unknown effect, parameter or choice.
     """
-    changes = Changes(machine)
+    changes = MachineChanges(machine)
     plant = plant_of(machine)
     for name, given in getattr(machine, "effects", {}).items():
         place = f"{machine.file}: effects.{name}"
         effect = find_effect(name, plant, f"{machine.file}: effects")
-        values = complete(effect, given, place, partial=False)
+        values = complete_values(effect, given, place, partial=False)
         for hook in effect.hooks:
             try:
                 hook(changes, values)
@@ -122,7 +122,7 @@ def check_effects(machine: Any) -> None:
       InputError: They are not, or a unit is wrong; the message names file, effect and parameter.
     """
     plant = plant_of(machine)
-    applied(machine)
+    apply_effects(machine)
     for name, given in getattr(machine, "effects", {}).items():
         for parameter in find_effect(name, plant, machine.file).parameters:
             origin = machine.provenance.get(f"effects.{name}.{parameter.name}")
@@ -136,3 +136,56 @@ def check_effects(machine: Any) -> None:
             if origin is not None and origin.unit != parameter.unit:
                 place = f"{machine.file}: effects.{name}.{parameter.name}.unit"
                 raise InputError(place, f"found {origin.unit!r}", f"the unit is {parameter.unit!r}")
+
+
+# `--effect NAME[:KEY=VALUE,…]`: an effect as it is written on the command line.
+
+
+def parse_effect(text: str, plant: str | None = None) -> tuple[str, dict[str, float | str | int]]:
+    """Name and values of `NAME[:KEY=VALUE,…]`.
+
+    Args:
+      text: `rail_viscous`, `rail_stribeck:force=2,velocity=0.1`, `sensor_delay_2:channel=current`, ….
+      plant: With it values are checked and those left out are filled in as `machine.complete_values` says;
+      without
+        it the values are what was written, and `with_effects` fills them in.
+
+    Raises:
+      InputError: Not of this form, or a value out of bounds.
+      UnknownNameError: An unknown effect, parameter or choice.
+    """
+    name, colon, rest = text.partition(":")
+    place = f"--effect {text}"
+    if plant is not None:
+        effect = find_effect(name, plant, place)
+    elif base_name(name) in catalogue.EFFECTS:
+        effect = catalogue.EFFECTS[base_name(name)]
+    else:
+        raise UnknownNameError(place, "effect", name, catalogue.EFFECTS)
+    values: dict[str, float | str | int] = {}
+    for pair in rest.split(",") if colon else ():
+        key, equals, value = (part.strip() for part in pair.partition("="))
+        if not (equals and key and value):
+            raise InputError(place, f"{pair!r} is not KEY=VALUE", f"e.g. --effect {_example(effect)}")
+        if key in values:
+            raise InputError(place, f"'{key}' is there twice")
+        values[key] = _value(effect, key, value, place)
+    return name, values if plant is None else complete_values(effect, values, f"--effect {name}")
+
+
+def _value(effect: Effect, key: str, text: str, place: str) -> float | str | int:
+    for selector in effect.selectors:
+        if key == selector.name:
+            return int(text) if text.isascii() and text.isdigit() and len(text) < 10 else text
+    known = [p.name for p in effect.parameters] + [s.name for s in effect.selectors]
+    if key not in known:
+        raise UnknownNameError(place, f"parameter of {effect.name}", key, known)
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"{place}: {key}", f"found {text!r}", "a number is needed") from None
+
+
+def _example(effect: Effect) -> str:
+    first = effect.parameters[0]
+    return f"{effect.name}:{first.name}={first.typical:g}"

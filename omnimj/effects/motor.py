@@ -2,35 +2,34 @@
 
 from __future__ import annotations
 
-from omnimj.effects.changes import Changes
-from omnimj.effects.effect import RIG, ROBOT, Effect, EffectParameter, Values
+from omnimj.effects.effect import RIG, ROBOT, Effect, EffectParameter, MachineChanges, Values
 from omnimj.effects.wheel import WHEEL
-from omnimj.physics.effect_terms import AXLE_VISCOUS, COGGING, GEAR_LOAD, HEATING, LASH, SAG
+from omnimj.physics.effect_terms import AXLE_VISCOUS, BACKLASH, COGGING, GEAR_LOAD, HEATING, SAG
 
 
-def _torque_constant(changes: Changes, values: Values) -> None:
+def _torque_constant(changes: MachineChanges, values: Values) -> None:
     changes.torque_scale[changes.wheel(values)] *= values["scale"]
 
 
-def _gear_loss(changes: Changes, values: Values) -> None:
+def _gear_loss(changes: MachineChanges, values: Values) -> None:
     changes.term(AXLE_VISCOUS, values["viscous"])
     changes.term(GEAR_LOAD, values["load"])
 
 
-def _backlash(changes: Changes, values: Values) -> None:
-    changes.shaped(LASH, values["angle"], changes.machine.motor.reflected_inertia)
+def _backlash(changes: MachineChanges, values: Values) -> None:
+    changes.shaped(BACKLASH, values["angle"], changes.machine.motor.reflected_inertia)
 
 
-def _motor_cogging(changes: Changes, values: Values) -> None:
+def _motor_cogging(changes: MachineChanges, values: Values) -> None:
     ratio = changes.machine.motor.gear_ratio
     changes.shaped(COGGING, values["amplitude"] * ratio, values["poles"] * ratio)
 
 
-def _supply_sag(changes: Changes, values: Values) -> None:
+def _supply_sag(changes: MachineChanges, values: Values) -> None:
     changes.term(SAG, values["resistance"])
 
 
-def _winding_heating(changes: Changes, values: Values) -> None:
+def _winding_heating(changes: MachineChanges, values: Values) -> None:
     changes.term(HEATING, values["rate"])
 
 

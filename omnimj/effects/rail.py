@@ -2,34 +2,33 @@
 
 from __future__ import annotations
 
-from omnimj.effects.changes import Changes
-from omnimj.effects.effect import RIG, Effect, EffectParameter, Values
+from omnimj.effects.effect import RIG, Effect, EffectParameter, MachineChanges, Values
 from omnimj.physics.effect_terms import CABLE, CABLE_FORCE, DRY, STICKY, STRIBECK, VISCOUS
 
 
-def _lateral_coupling(changes: Changes, values: Values) -> None:
+def _lateral_coupling(changes: MachineChanges, values: Values) -> None:
     changes.add("wheel", "roller_dry", values["roller_dry"])
     changes.add("wheel", "roller_viscous", values["roller_viscous"])
     changes.add("rig", "rail_dry", values["rail_dry"])
 
 
-def _coulomb(changes: Changes, values: Values) -> None:
+def _coulomb(changes: MachineChanges, values: Values) -> None:
     changes.term(DRY, values["force"])
 
 
-def _viscous(changes: Changes, values: Values) -> None:
+def _viscous(changes: MachineChanges, values: Values) -> None:
     changes.term(VISCOUS, values["coefficient"])
 
 
-def _stribeck(changes: Changes, values: Values) -> None:
+def _stribeck(changes: MachineChanges, values: Values) -> None:
     changes.shaped(STRIBECK, values["force"], values["velocity"])
 
 
-def _position(changes: Changes, values: Values) -> None:
+def _position(changes: MachineChanges, values: Values) -> None:
     changes.shaped(STICKY, values["force"], values["position"], values["width"])
 
 
-def _cable_drag(changes: Changes, values: Values) -> None:
+def _cable_drag(changes: MachineChanges, values: Values) -> None:
     changes.term(CABLE, values["stiffness"])
     changes.term(CABLE_FORCE, values["stiffness"] * values["rest_position"])
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from omnimj.effects.changes import Changes
-from omnimj.effects.effect import RIG, ROBOT, Effect, EffectParameter, Hook, Selector, Values
+from omnimj.effects.effect import RIG, ROBOT, Effect, EffectParameter, Hook, MachineChanges, Selector, Values
 
 RIG_CHANNELS = ("current", "wheel_speed", "carriage_speed", "carriage_acceleration")
 """Measured channels of the rig; the gantry's speed is set, not answered."""
@@ -18,7 +17,7 @@ _AXES = Selector("channel", ("acceleration_x", "acceleration_y"))
 
 
 def _scaled(*channels: str) -> Hook:
-    def hook(changes: Changes, values: Values) -> None:
+    def hook(changes: MachineChanges, values: Values) -> None:
         for channel in (values["channel"],) if "channel" in values else channels:
             changes.reading(channel, scale=values["scale"])
 
@@ -26,14 +25,14 @@ def _scaled(*channels: str) -> Hook:
 
 
 def _shifted(*channels: str) -> Hook:
-    def hook(changes: Changes, values: Values) -> None:
+    def hook(changes: MachineChanges, values: Values) -> None:
         for channel in (values["channel"],) if "channel" in values else channels:
             changes.reading(channel, offset=values["bias"])
 
     return hook
 
 
-def _delayed(changes: Changes, values: Values) -> None:
+def _delayed(changes: MachineChanges, values: Values) -> None:
     changes.reading(str(values["channel"]), delay=values["delay"])
 
 

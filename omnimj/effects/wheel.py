@@ -4,40 +4,39 @@ from __future__ import annotations
 
 import math
 
-from omnimj.effects.changes import Changes
-from omnimj.effects.effect import RIG, ROBOT, Effect, EffectParameter, Selector, Values
+from omnimj.effects.effect import RIG, ROBOT, Effect, EffectParameter, MachineChanges, Selector, Values
 from omnimj.physics.effect_terms import AXLE_DRY, AXLE_VISCOUS, RIPPLE
 
 WHEEL = Selector("wheel", (1, 2, 3, 4))
 """Which wheel of the robot."""
 
 
-def _roller_friction(changes: Changes, values: Values) -> None:
+def _roller_friction(changes: MachineChanges, values: Values) -> None:
     changes.add("wheel", "roller_dry", values["roller_dry"])
     changes.add("wheel", "roller_viscous", values["roller_viscous"])
 
 
-def _rolling_resistance(changes: Changes, values: Values) -> None:
+def _rolling_resistance(changes: MachineChanges, values: Values) -> None:
     changes.add("wheel", "rolling_resistance", values["mu_roll"])
 
 
-def _bearing_friction(changes: Changes, values: Values) -> None:
+def _bearing_friction(changes: MachineChanges, values: Values) -> None:
     changes.term(AXLE_DRY, values["torque"])
     changes.term(AXLE_VISCOUS, values["viscous"])
 
 
-def _roller_ripple(changes: Changes, values: Values) -> None:
+def _roller_ripple(changes: MachineChanges, values: Values) -> None:
     # two rows, staggered: a roller takes over twice per pitch
     changes.shaped(
         RIPPLE, values["amplitude"], changes.machine.wheel.rows * changes.machine.wheel.rollers_per_row
     )
 
 
-def _wheel_radius(changes: Changes, values: Values) -> None:
+def _wheel_radius(changes: MachineChanges, values: Values) -> None:
     changes.radius_scale[changes.wheel(values)] *= values["scale"]
 
 
-def _wheel_misalignment(changes: Changes, values: Values) -> None:
+def _wheel_misalignment(changes: MachineChanges, values: Values) -> None:
     changes.misalignment[changes.wheel(values)] += values["angle"]
 
 

@@ -8,9 +8,8 @@ from pathlib import Path
 from types import MappingProxyType
 
 from omnimj.errors import InputError, UnknownNameError
-from omnimj.parameters.effect_tables import EffectValues, read_effects
-from omnimj.parameters.reading import Provenance, positive, quantity, read_table
-from omnimj.parameters.toml_file import read_toml
+from omnimj.parameters.model_file import EffectValues, read_effects
+from omnimj.parameters.reading import Provenance, positive, quantity, read_table, read_toml
 from omnimj.resources import models_folder
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -10,8 +11,7 @@ from types import MappingProxyType
 import numpy as np
 
 from omnimj.errors import InputError, UnknownNameError
-from omnimj.parameters.reading import Rule, number
-from omnimj.parameters.toml_file import read_toml
+from omnimj.parameters.reading import Rule, check_number, read_toml
 from omnimj.resources import models_folder
 
 LUGRE, LUGRE_CAPPED, MAGIC_FORMULA = 0, 1, 2
@@ -99,8 +99,8 @@ def _read_floor(place: str, name: str, table: object) -> Floor:
     for key in ("description", "source"):
         if not isinstance(table[key], str):
             raise InputError(f"{place}.{key}", f"found {table[key]!r}", "a text is needed")
-    numbers = {key: number(f"{place}.{key}", table[key], rule) for key, rule in keys.items()}
-    uncertainty = float(number(f"{place}.uncertainty", table.get("uncertainty", 0.0), _SHARE))
+    numbers = {key: check_number(f"{place}.{key}", table[key], rule) for key, rule in keys.items()}
+    uncertainty = float(check_number(f"{place}.uncertainty", table.get("uncertainty", 0.0), _SHARE))
     return Floor(name, table["description"], law, table["source"], MappingProxyType(numbers), uncertainty)
 
 
@@ -141,3 +141,32 @@ def find_floor(name: object, place: str, floors: Mapping[str, Floor] | None = No
     if not isinstance(name, str) or name not in floors:
         raise UnknownNameError(place, "floor", name, floors)
     return floors[name]
+
+
+# Floors as text, in the format of `models/floors.toml`.
+
+_DIGITS = 6
+FLOOR_UNITS = "# mu_c, mu_s, mu_cap 1; V_s m/s; sigma_0 1/m; sigma_1, sigma_2 s/m."
+
+
+def printable_line(words: str) -> str:
+    """What can stand in a comment or a text: a line break would end it, control signs are not TOML."""
+    return "".join(sign if sign.isprintable() else "?" for sign in words)
+
+
+def format_floor(floor: Floor, remarks: Iterable[str] = ()) -> str:
+    """One entry, which `read_floors` reads.
+
+    Args:
+      floor: Its numbers are written with six digits.
+      remarks: Comments above the numbers, a line each.
+    """
+    lines = [f"[{floor.name}]", f"description = {_toml_text(floor.description)}", f'law = "{floor.law}"']
+    lines += [f"source = {_toml_text(floor.source)}", f"uncertainty = {floor.uncertainty:.3g}"]
+    lines += [f"# {printable_line(remark)}" for remark in remarks]
+    lines += [f"{name} = {value:.{_DIGITS}g}" for name, value in floor.numbers.items()]
+    return "\n".join(lines) + "\n"
+
+
+def _toml_text(words: str) -> str:
+    return json.dumps(printable_line(words), ensure_ascii=False)

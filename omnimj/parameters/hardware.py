@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from omnimj.errors import InputError, UnknownNameError
-from omnimj.parameters.reading import Provenance, Rule, number, positive, read_origin, read_table
+from omnimj.parameters.reading import Provenance, Rule, check_number, positive, read_provenance, read_table
 
 RAW_UNITS = {"volts": "V", "counts": "count"}
 """Kinds of raw numbers and their units."""
@@ -28,13 +28,13 @@ UNITS = {
 }
 """Quantities that an input may measure, and their units."""
 OUTPUT_UNITS = ("A/A", "V/A")
-MOST_CHANNELS = 16
+MAX_CHANNELS = 16
 """That one telemetry holds."""
 
 _FINITE = Rule(-math.inf, math.inf, False)
 _ABOVE_ZERO = Rule(0.0, math.inf, True)
 _NOT_NEGATIVE = Rule(0.0, math.inf, False)
-_CHANNEL = Rule(0.0, MOST_CHANNELS - 1, False)
+_CHANNEL = Rule(0.0, MAX_CHANNELS - 1, False)
 _COUNTER = 2.0**32  # a count travels in 32 bits
 
 
@@ -212,15 +212,15 @@ def _input(
     def value(key: str, unit: str, rule: Rule, default: float) -> float:
         if key not in entry:
             return default
-        provenance[f"hardware.inputs.{name}.{key}"] = read_origin(f"{place}.{key}", entry[key], unit)
-        return float(number(f"{place}.{key}", entry[key]["value"], rule))
+        provenance[f"hardware.inputs.{name}.{key}"] = read_provenance(f"{place}.{key}", entry[key], unit)
+        return float(check_number(f"{place}.{key}", entry[key]["value"], rule))
 
     return HardwareInput(
         name,
         quantity,
         wheel,
         raw,
-        channel=int(number(f"{place}.channel", entry["channel"], _CHANNEL, whole=True)),
+        channel=int(check_number(f"{place}.channel", entry["channel"], _CHANNEL, whole=True)),
         sign=_sign(place, entry),
         gain=value("gain", f"{UNITS[quantity]}/{unit}", _ABOVE_ZERO, 0.0),
         offset=value("offset", unit, _FINITE, 0.0),
@@ -233,16 +233,16 @@ def _output(
     place: str, entry: Mapping[str, Any], wheels: int, provenance: dict[str, Provenance]
 ) -> HardwareOutput:
     _require_keys(place, entry, ("wheel", "channel", "gain"), ("sign",))
-    wheel = int(number(f"{place}.wheel", entry["wheel"], Rule(1.0, wheels, False), whole=True))
+    wheel = int(check_number(f"{place}.wheel", entry["wheel"], Rule(1.0, wheels, False), whole=True))
     place = f"{place}.{wheel}"
     gain = entry["gain"]
-    provenance[f"hardware.outputs.{wheel}.gain"] = origin = read_origin(f"{place}.gain", gain, None)
+    provenance[f"hardware.outputs.{wheel}.gain"] = origin = read_provenance(f"{place}.gain", gain, None)
     if origin.unit not in OUTPUT_UNITS:
         raise UnknownNameError(f"{place}.gain.unit", "unit", origin.unit, OUTPUT_UNITS)
     return HardwareOutput(
         wheel,
-        channel=int(number(f"{place}.channel", entry["channel"], _CHANNEL, whole=True)),
+        channel=int(check_number(f"{place}.channel", entry["channel"], _CHANNEL, whole=True)),
         sign=_sign(place, entry),
-        gain=float(number(f"{place}.gain", gain["value"], _ABOVE_ZERO)),
+        gain=float(check_number(f"{place}.gain", gain["value"], _ABOVE_ZERO)),
         unit=origin.unit,
     )

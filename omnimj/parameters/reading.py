@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import tomllib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -66,7 +67,7 @@ def positive(unit: str, high: float = math.inf, *, default: Any = dataclasses.MI
     return quantity(unit, 0.0, high, open_low=True, default=default)
 
 
-def number(place: str, value: Any, rule: Rule, whole: bool = False) -> float | int:
+def check_number(place: str, value: Any, rule: Rule, whole: bool = False) -> float | int:
     """Checks one number against its rule.
 
     Raises:
@@ -89,19 +90,19 @@ def number(place: str, value: Any, rule: Rule, whole: bool = False) -> float | i
 def read_quantity(place: str, entry: Any, spec: dataclasses.Field) -> tuple[Any, Provenance]:
     """One `{ value, unit, source }` entry, perhaps with `uncertainty`, checked against its field."""
     unit, rule = spec.metadata["unit"], spec.metadata["rule"]
-    origin = read_origin(place, entry, unit)
+    origin = read_provenance(place, entry, unit)
     value = entry["value"]
     kind = str(spec.type)
     if kind.startswith("tuple"):
         if not isinstance(value, list) or not value:
             raise InputError(place, f"found {value!r}", "a list of numbers is needed")
-        value = tuple(number(f"{place}[{i}]", v, rule) for i, v in enumerate(value))
+        value = tuple(check_number(f"{place}[{i}]", v, rule) for i, v in enumerate(value))
     else:
-        value = number(place, value, rule, whole=kind == "int")
+        value = check_number(place, value, rule, whole=kind == "int")
     return value, origin
 
 
-def read_origin(place: str, entry: Any, unit: str | None, more: tuple[str, ...] = ()) -> Provenance:
+def read_provenance(place: str, entry: Any, unit: str | None, more: tuple[str, ...] = ()) -> Provenance:
     """Unit, source and uncertainty of one entry; its value is left to the caller.
 
     Args:
@@ -130,7 +131,7 @@ def read_origin(place: str, entry: Any, unit: str | None, more: tuple[str, ...] 
         raise InputError(f"{place}.unit", f"found {found!r}", rule)
     if entry["source"] not in SOURCES:
         raise UnknownNameError(f"{place}.source", "source", entry["source"], SOURCES)
-    uncertainty = float(number(f"{place}.uncertainty", entry.get("uncertainty", 0.0), _NOT_NEGATIVE))
+    uncertainty = float(check_number(f"{place}.uncertainty", entry.get("uncertainty", 0.0), _NOT_NEGATIVE))
     return Provenance(entry["unit"], entry["source"], uncertainty)
 
 
@@ -170,3 +171,54 @@ def read_table(
             f"{home(name)}: {prefix}.{name}", table[name], spec
         )
     return kind(**values)
+
+
+# Reads a TOML file, or says in one line why it cannot be read.
+
+_INTEGERS = range(-(2**63), 2**63)
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Parses a TOML file.
+
+    Raises:
+      InputError: The file is missing, cannot be read or is not TOML; the message names file and line.
+    """
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(path, "no such file") from None
+    except IsADirectoryError:
+        raise InputError(path, "is a folder", "a TOML file is needed") from None
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error.strerror})") from None
+    except ValueError:  # a null byte
+        raise InputError(path, "is no file name") from None
+    try:
+        # a TOML file has no byte order mark, but some editors write one
+        return parse_toml(content.decode("utf-8-sig"))
+    except RecursionError:
+        raise InputError(path, "is not valid TOML", "it is nested too deeply") from None
+    except ValueError as error:
+        raise InputError(path, "is not valid TOML", str(error)) from None
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """Parses TOML text; whole numbers are bound to 64 bits as TOML 1.0 has it, which Python's parser is not.
+
+    Raises:
+      ValueError: It is not TOML.
+      RecursionError: It is nested too deeply.
+    """
+    tree = tomllib.loads(text)
+    waiting: list[Any] = [tree]
+    while waiting:  # no recursion: dotted keys nest to any depth
+        node = waiting.pop()
+        if isinstance(node, Mapping):
+            waiting.extend(node.values())
+        elif isinstance(node, list):
+            waiting.extend(node)
+        elif isinstance(node, int) and node not in _INTEGERS:
+            # it may be too large for a float, and even for being printed
+            raise ValueError("a whole number has more than 64 bits")
+    return tree

@@ -9,8 +9,7 @@ from types import MappingProxyType
 from typing import Any
 
 from omnimj.errors import InputError
-from omnimj.parameters.effect_tables import EffectValues, read_effects
-from omnimj.parameters.model_file import model_path, read_model_file
+from omnimj.parameters.model_file import EffectValues, model_path, read_effects, read_model_file
 from omnimj.parameters.parts import Bearing, Contact, Motor, Sensors, Wheel
 from omnimj.parameters.reading import Provenance, positive, quantity
 

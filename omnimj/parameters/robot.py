@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 
 from omnimj.errors import InputError
-from omnimj.parameters.effect_tables import EffectValues, read_effects
 from omnimj.parameters.hardware import Hardware, read_hardware
-from omnimj.parameters.model_file import model_path, read_model_file
+from omnimj.parameters.model_file import EffectValues, model_path, read_effects, read_model_file
 from omnimj.parameters.parts import Bearing, Contact, Motor, Sensors, Wheel
 from omnimj.parameters.reading import Provenance, positive, quantity, read_table
 
@@ -54,11 +53,11 @@ class WheelMount:
     @property
     def roller_axis(self) -> tuple[float, float]:
         """a = sin γ u + cos γ (z × u), a unit vector in the body frame."""
-        u, (s, c) = self.drives_along, roller_sides(self.roller_angle)
+        u, (s, c) = self.drives_along, roller_sin_cos(self.roller_angle)
         return s * u[0] - c * u[1], s * u[1] + c * u[0]
 
 
-def roller_sides(angle: float) -> tuple[float, float]:
+def roller_sin_cos(angle: float) -> tuple[float, float]:
     """sin γ and cos γ, exactly 1 and 0 of an omni wheel."""
     return math.sin(angle), math.sin(math.pi / 2.0 - angle)
 

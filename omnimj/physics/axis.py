@@ -19,7 +19,7 @@ from numba.np.unsafe.ndarray import to_fixed_tuple
 from omnimj.parameters.axis import Axis
 from omnimj.physics.motor import stick_or_slip
 from omnimj.physics.native import kernel
-from omnimj.physics.planar_constants import GRAVITY
+from omnimj.physics.planar import GRAVITY
 from omnimj.signals import Array
 
 # the machine. MASS: all that moves, payload included; DRIVE_MASS: its share before the play; LOOP: lag of the

@@ -12,7 +12,7 @@ import numpy as np
 
 from omnimj.physics.motor import stick_or_slip
 from omnimj.physics.native import kernel
-from omnimj.physics.planar_constants import GRAVITY
+from omnimj.physics.planar import GRAVITY
 from omnimj.physics.traction import exact_step, force_ratio, relaxation_rate
 from omnimj.physics.wheel import mean_deflection
 
@@ -30,7 +30,7 @@ PULL_ROW = 6
 
 
 @kernel
-def sampled(values, place):
+def interpolate_samples(values, place):
     """Samples joined by straight lines, at a place counted in samples; the ends go on."""
     place = min(max(place, 0.0), values.size - 1.0)
     k = min(int(place), values.size - 2)
@@ -38,7 +38,7 @@ def sampled(values, place):
 
 
 @kernel
-def pull_carriage(run, floor, wheel_speed, h, decay, per_block, use, blocks):
+def simulate_carriage(run, floor, wheel_speed, h, decay, per_block, use, blocks):
     """Block means of what a carriage does that starts at a given speed, its bristle unloaded.
 
     Args:
@@ -60,7 +60,9 @@ def pull_carriage(run, floor, wheel_speed, h, decay, per_block, use, blocks):
             start, ratio, slip = speed, 0.0, 0.0
             for s in range(SUBSTEPS):
                 # both in the middle of the step: a slip of two instants would be late by half of it
-                rim = run[RADIUS] * sampled(wheel_speed, j - 1 + (s + 0.5) / SUBSTEPS + run[DELAY] / h)
+                rim = run[RADIUS] * interpolate_samples(
+                    wheel_speed, j - 1 + (s + 0.5) / SUBSTEPS + run[DELAY] / h
+                )
                 now = rim - speed - 0.5 * step * gain
                 rate = relaxation_rate(floor, now, max(abs(rim), abs(speed)))
                 after = exact_step(z, now, rate, step)

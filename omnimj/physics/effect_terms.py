@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from omnimj.physics.motor import RATIO, RESISTANCE, SUPPLY, TORQUE_CONSTANT, set_current, stick_or_slip
+from omnimj.physics.motor import RATIO, RESISTANCE, SUPPLY, TORQUE_CONSTANT, achievable_current, stick_or_slip
 from omnimj.physics.native import kernel
 
 ACTIVE = 0  # 1 when any amplitude below is not zero: everything else is then worth looking at
@@ -25,7 +25,7 @@ RIPPLE, RIPPLE_ORDER = 12, 13
 # axle: dry [N.m], viscous [N.m.s/rad], share of the motor's torque lost; cogging at the wheel [N.m], order
 AXLE_DRY, AXLE_VISCOUS, GEAR_LOAD, COGGING, COGGING_ORDER = range(14, 19)
 # backlash: width at the wheel [rad], inertia of the rotor seen at the wheel [kg.m2]
-LASH, ROTOR = 19, 20
+BACKLASH, ROTOR = 19, 20
 # supply's resistance [ohm]; share per second by which torque constant falls and resistance rises [1/s]
 SAG, HEATING = 21, 22
 # stretch of floor: traction scale − 1 [1], start and end [m]
@@ -37,27 +37,27 @@ CURVE_SIZE = 3 + KNOTS
 CURVES = 2
 TERMS = CURVE + CURVES * CURVE_SIZE
 
-OVER = ("speed", "position", "time", "lateral_speed", "wheel_angle")
+CURVE_VARIABLES = ("speed", "position", "time", "lateral_speed", "wheel_angle")
 """What a tabulated force may depend on: m/s, m, s, m/s, rad (one turn, closed)."""
 _SPEED, _POSITION, _TIME, _LATERAL, _ANGLE = range(1, 6)  # codes in the row; 0: no curve
 
 AMPLITUDES = (
     *(DRY, VISCOUS, STRIBECK, STICKY, CABLE, CABLE_FORCE, AIR, GRADE, RIPPLE, AXLE_DRY, AXLE_VISCOUS),
-    *(GEAR_LOAD, COGGING, LASH, SAG, HEATING, PATCH, *(CURVE + k * CURVE_SIZE for k in range(CURVES))),
+    *(GEAR_LOAD, COGGING, BACKLASH, SAG, HEATING, PATCH, *(CURVE + k * CURVE_SIZE for k in range(CURVES))),
 )
 """Columns that must not all be zero for the row to do anything."""
 
 PATCH_EDGE = 0.01
 """A wheel passes from one floor to the next over this length [m]."""
 
-HALVINGS = 30
+BISECTIONS = 30
 """Bisections that find the voltage of a supply that several motors share: to 1e-9 of it."""
 
 _LEAST_WARM = 0.05  # share of the torque constant that no heating takes away
 _TURN = 2.0 * math.pi
 
 
-def no_terms(wheels: int = 1) -> NDArray[np.float64]:
+def zero_terms(wheels: int = 1) -> NDArray[np.float64]:
     """Rows that add nothing, shape (wheels, TERMS)."""
     return np.zeros((wheels, TERMS))
 
@@ -70,7 +70,7 @@ def write_curve(
     Args:
       terms: Shape (TERMS,) or (n, TERMS).
       slot: Which of the `CURVES` places.
-      over: One of `OVER`.
+      over: One of `CURVE_VARIABLES`.
       values: Force at `KNOTS` knots from `low` to `high`, straight lines between, constant beyond [N]; over
         the wheel angle the knots divide one turn and the last is joined to the first (`low`, `high` unused).
       low: First knot.
@@ -79,7 +79,7 @@ def write_curve(
     first = CURVE + slot * CURVE_SIZE
     if over == "wheel_angle":
         low, high = 0.0, _TURN * (KNOTS - 1) / KNOTS
-    terms[..., first] = OVER.index(over) + 1
+    terms[..., first] = CURVE_VARIABLES.index(over) + 1
     terms[..., first + 1] = low
     terms[..., first + 2] = (KNOTS - 1) / (high - low)
     terms[..., first + 3 : first + 3 + KNOTS] = np.asarray(values, float)
@@ -136,7 +136,7 @@ def mean_ripple(amplitude, order, angle, speed, h):
 
 
 @kernel
-def guide_dry(terms, speed, position):
+def guide_dry_friction(terms, speed, position):
     """Dry friction added on the guide: constant, near standstill, at a place [N].
 
     F = F_c + F_s exp(−(v/v_s)²) + F_p exp(−½((x − p)/w)²).
@@ -171,7 +171,7 @@ def hub_force(terms, speed, position, time, lateral_speed, angle, wheel_speed, h
 
 
 @kernel
-def widen(low, high, dry):
+def widen_friction(low, high, dry):
     """Bounds of set-valued friction with more (or less) of it: never less than none."""
     middle = 0.5 * (low + high)
     half = max(0.5 * (high - low) + dry, 0.0)
@@ -179,7 +179,7 @@ def widen(low, high, dry):
 
 
 @kernel
-def axle_dry(terms, motor_low, motor_high):
+def axle_dry_friction(terms, motor_low, motor_high):
     """Dry torque added at the axle: bearing, and the gear's share of the motor's torque [N.m]."""
     return terms[AXLE_DRY] + terms[GEAR_LOAD] * abs(0.5 * (motor_low + motor_high))
 
@@ -201,13 +201,13 @@ def traction_scale(terms, position):
 
 
 @kernel
-def changes_motor(terms):
+def has_motor_effects(terms):
     """Whether supply or heat change the motor's numbers."""
     return terms[SAG] != 0.0 or terms[HEATING] != 0.0
 
 
 @kernel
-def change_motor(motor, terms, time, other_current, changed):
+def apply_motor_effects(motor, terms, time, other_current, changed):
     """Fills `changed` with the motor's numbers at a time and a load of the supply, shape (MOTOR_ROW,).
 
     K_t(1 − a t), R(1 + a t); the supply gives V − R_s Σi, where this motor's own current is R_s more
@@ -229,21 +229,21 @@ def change_motor(motor, terms, time, other_current, changed):
 
 
 @kernel
-def draw(motor, terms, time, voltage, command, wheel_speed, room):
+def supply_current(motor, terms, time, voltage, command, wheel_speed, room):
     """Current that a motor takes from a supply at a voltage [A]; `room`, shape (MOTOR_ROW,), is used up.
 
     |i| where motor voltage and current have one sign; a braking motor takes nothing and feeds nothing back.
     """
-    change_motor(motor, terms, time, 0.0, room)
+    apply_motor_effects(motor, terms, time, 0.0, room)
     room[RESISTANCE] -= terms[SAG]
     room[SUPPLY] = voltage
-    current = set_current(room, command, wheel_speed)
+    current = achievable_current(room, command, wheel_speed)
     across = room[RESISTANCE] * current + room[TORQUE_CONSTANT] * room[RATIO] * wheel_speed
     return abs(current) if current * across > 0.0 else 0.0
 
 
 @kernel
-def through_lash(terms, lash, rate, low, high, dry, wheel_speed, inertia, other, h):
+def step_backlash(terms, lash, rate, low, high, dry, wheel_speed, inertia, other, h):
     """One step of rotor and wheel with a dead zone between them, impact without rebound.
 
     Touching: I φ̈ = T + T_o with the gear pushing, T − J φ̈ ≥ 0 (or pulling at the other flank). In the gap the
@@ -265,7 +265,7 @@ def through_lash(terms, lash, rate, low, high, dry, wheel_speed, inertia, other,
     Returns:
       Mean acceleration of the wheel over the step [rad/s²], next lash, next rate, whether they touched.
     """
-    half, rotor = 0.5 * terms[LASH], terms[ROTOR]
+    half, rotor = 0.5 * terms[BACKLASH], terms[ROTOR]
     if rate == 0.0 and abs(lash) >= half:
         torque = stick_or_slip(low - dry, high + dry, wheel_speed, inertia, other, h)
         change = (torque + other) / inertia

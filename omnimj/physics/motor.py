@@ -22,7 +22,7 @@ MEASURED = 14  # 1: the command is a current that was measured; no limit cuts it
 SHORTED = 15  # 1: a relay takes the motor from its amplifier and shorts its windings: a brake
 MOTOR_ROW = 16
 
-_AT_ONCE = 1e-12  # [s] a current loop that has settled long before any step ends
+_NEGLIGIBLE_LAG = 1e-12  # [s] a current loop that has settled long before any step ends
 
 
 def motor_row(motor: Motor) -> np.ndarray:
@@ -47,12 +47,12 @@ def driven_by_measured_current(rows: np.ndarray) -> np.ndarray:
     """The same motors (shape (MOTOR_ROW,) or (n, MOTOR_ROW)) with the command taken as the true current."""
     changed = rows.copy()
     changed[..., MEASURED] = 1.0
-    changed[..., LOOP] = _AT_ONCE
+    changed[..., LOOP] = _NEGLIGIBLE_LAG
     return changed
 
 
 @kernel
-def set_current(row, command, wheel_speed):
+def achievable_current(row, command, wheel_speed):
     """What the amplifier can and will drive: |i| ≤ limit and |R i₁ + K_t ω| ≤ supply [A].
 
     i₁ is the wheel's own motor, ω = G_r φ̇ its speed; at the supply's voltage a second motor in parallel
@@ -78,12 +78,12 @@ def set_current(row, command, wheel_speed):
 @kernel
 def next_current(row, current, command, wheel_speed, h):
     """Current after h seconds: first-order lag of the current loop, exact for a constant set value [A]."""
-    target = set_current(row, command, wheel_speed)
+    target = achievable_current(row, command, wheel_speed)
     return target + (current - target) * math.exp(-h / row[LOOP])
 
 
 @kernel
-def own_current(row, current, wheel_speed):
+def winding_current(row, current, wheel_speed):
     """Share of the amplifier's current that flows through this wheel's motor [A].
 
     With a second motor in parallel (voltage R i₁ + K_t ω common to both) the other one takes
@@ -112,7 +112,7 @@ def drive_torque_bounds(row, current, wheel_speed):
     T = (K_t i − T_nl sign(ω) − b ω) G_r E^(±1), friction of brake included. At rest any torque between the
     two is possible: that is stiction. The first is never above the second.
     """
-    electric = row[KT_SCALE] * row[TORQUE_CONSTANT] * own_current(row, current, wheel_speed)
+    electric = row[KT_SCALE] * row[TORQUE_CONSTANT] * winding_current(row, current, wheel_speed)
     electric -= row[VISCOUS] * row[RATIO] * wheel_speed
     forward = _through_gear(row, electric - row[NO_LOAD], 1.0) - row[BRAKE]
     backward = _through_gear(row, electric + row[NO_LOAD], -1.0) + row[BRAKE]

@@ -24,19 +24,17 @@ import numba
 
 _PACKAGE = Path(__file__).resolve().parent.parent
 # room → rooms whose kernels and constants its kernels may use, as the import order has it
-_BELOW = {
+_CALLED_ROOMS = {
     "physics": ("physics",),
     "plant": ("physics", "plant"),
-    "twin": ("physics", "plant", "twin"),
     "control": ("physics", "control"),
-    "hardware": ("physics", "hardware"),
-    "gap": ("physics", "plant", "twin", "control", "gap"),
-    "identification": ("physics", "plant", "identification"),
+    "link": ("physics", "link"),
+    "estimate": ("physics", "plant", "control", "estimate"),
 }
 # of these only files with kernels count; the rest changes often
-_GUEST_ROOMS = ("gap", "identification", "hardware")
-_ELSEWHERE = "gap"  # a kernel from outside the rooms, such as one of a test, may call any
-ROOMS = tuple(_BELOW)
+_GUEST_ROOMS = ("estimate", "link")
+_DEFAULT_ROOM = "estimate"  # a kernel from outside the rooms, such as one of a test, may call any
+ROOMS = tuple(_CALLED_ROOMS)
 _KEEP = 30 * 86400.0  # [s] folders of older versions go after a month
 
 
@@ -53,7 +51,7 @@ def fingerprint(room: str) -> str:
     digest = hashlib.sha256()
     for library in ("numba", "llvmlite", "mujoco"):
         digest.update(f"{library}={_version(library)};".encode())
-    for below in _BELOW[room]:
+    for below in _CALLED_ROOMS[room]:
         for source in sorted((_PACKAGE / below).rglob("*.py")):
             content = source.read_bytes()
             if below not in _GUEST_ROOMS or b"@kernel" in content:
@@ -93,12 +91,12 @@ def cache_folder(room: str) -> Path:
         except OSError:
             continue
         if os.access(folder, os.W_OK):
-            _forget_old(root)
+            _remove_old_caches(root)
             return folder
     return Path(tempfile.mkdtemp(prefix="omnimj-native-"))
 
 
-def _forget_old(root: Path) -> None:
+def _remove_old_caches(root: Path) -> None:
     current = {f"native-{room}-{fingerprint(room)}" for room in ROOMS}
     for folder in root.glob("native-*"):
         with contextlib.suppress(OSError):  # another process may have been quicker
@@ -122,7 +120,9 @@ def cached(decorator: Callable[..., Any], *arguments: Any, **options: Any) -> Ca
 
 def _room(function: Callable) -> str:
     parts = function.__module__.split(".")
-    return parts[1] if parts[0] == "omnimj" and len(parts) > 1 and parts[1] in _BELOW else _ELSEWHERE
+    return (
+        parts[1] if parts[0] == "omnimj" and len(parts) > 1 and parts[1] in _CALLED_ROOMS else _DEFAULT_ROOM
+    )
 
 
 def kernel(function: Callable) -> Any:
@@ -130,20 +130,21 @@ def kernel(function: Callable) -> Any:
     return cached(numba.njit, error_model="numpy", nogil=True)(function)
 
 
-def _note(plant: str) -> Path:
+def _completion_marker(plant: str) -> Path:
     """Where it is noted that everything for a plant is compiled: any edit makes it another file."""
     everything = "".join(fingerprint(room) for room in ROOMS)
     return (
-        cache_folder(_ELSEWHERE) / f"complete-{plant}-{hashlib.sha256(everything.encode()).hexdigest()[:16]}"
+        cache_folder(_DEFAULT_ROOM)
+        / f"complete-{plant}-{hashlib.sha256(everything.encode()).hexdigest()[:16]}"
     )
 
 
 def is_compiled(plant: str) -> bool:
     """Whether every kernel that a run on this kind of plant calls is on disk, made by this version."""
-    return _note(plant).exists()
+    return _completion_marker(plant).exists()
 
 
 def mark_compiled(plant: str) -> None:
     """Notes that a run on this kind of plant has compiled every kernel it calls."""
     with contextlib.suppress(OSError):  # a full disk: next time it is said again that code is compiled
-        _note(plant).touch()
+        _completion_marker(plant).touch()

@@ -1,60 +1,284 @@
-"""Planar model of a robot with n omni wheels, Eqs. 3.54-3.85: smooth right-hand side and fixed step.
-
-State, a flat row: [z (n) | φ̇ (n) | v_x, v_y, yaw rate | i (n) | roller deflection (n) | wheel angle (n) |
-play of the gear (n) and its rate (n) | time | x, y, yaw]; twist in the body frame at the robot's centre. The
-first 2n + 3 are the states of Eq. 3.54; `derivative` takes these, or these and the motor currents, `step`
-takes all (`state_size`).
-
-Corrected against the text: Coriolis terms m(ẍ − θ̇ẏ), m(ÿ + θ̇ẋ); sign of T_nl and of the gear's power flow;
-viscous motor friction, bearing friction (Eqs. 4.37-4.38) and rolling resistance (as a torque r μ_rol F_N on
-the wheel). `published` leaves all of these out.
-"""
+"""A robot's numbers for the planar kernels: masses, wheels and their static normal forces."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from omnimj.physics.effect_terms import AIR, SAG, change_motor, changes_motor
-from omnimj.physics.motor import LOOP, MOTOR_ROW, set_current
+from omnimj.errors import InputError
+from omnimj.parameters.robot import Robot, roller_sin_cos
+from omnimj.physics.effect_terms import (
+    ACTIVE,
+    AIR,
+    BACKLASH,
+    BISECTIONS,
+    SAG,
+    apply_motor_effects,
+    axle_dry_friction,
+    axle_torque,
+    has_motor_effects,
+    hub_force,
+    step_backlash,
+    supply_current,
+    traction_scale,
+)
+from omnimj.physics.motor import LOOP, MOTOR_ROW, SUPPLY, achievable_current, next_current, stick_or_slip
 from omnimj.physics.native import kernel
-from omnimj.physics.planar_constants import (
-    COM_X,
-    COM_Y,
-    DRIVE_X,
-    DRIVE_Y,
-    GRIP,
-    MASS,
-    NORMAL,
-    NORMAL_X,
-    NORMAL_Y,
-    POSITION_X,
-    POSITION_Y,
-    SLOPE_X,
-    SLOPE_Y,
-    YAW_INERTIA,
-    PlanarConstants,
-    planar_constants,
+from omnimj.physics.traction import exact_step, force_ratio, relaxation_rate
+from omnimj.physics.wheel import (
+    INERTIA,
+    RADIUS,
+    ROLLER_DRY,
+    ROLLER_VISCOUS,
+    ROLLING,
+    WHEEL_ROW,
+    bearing_friction,
+    blend_friction,
+    mean_current,
+    mean_deflection,
+    motor_torque_bounds,
+    roller_friction,
+    wheel_row,
 )
-from omnimj.physics.planar_wheel import (
-    contact_force,
-    contact_velocity,
-    pose_at,
-    step_wheel,
-    supply_load,
-    wheel_torque_bounds,
-    wheel_velocity,
-)
-from omnimj.physics.traction import force_ratio, relaxation_rate
-from omnimj.physics.wheel import INERTIA, RADIUS, ROLLER_DRY, ROLLER_VISCOUS, between
+
+GRAVITY = 9.81
+
+MASS, COM_X, COM_Y, YAW_INERTIA, SLOPE_X, SLOPE_Y = range(6)
+BODY_ROW = 6
+# columns that the robot appends to a wheel's row; NORMAL_X, _Y: normal force per m/s² of gravity along x, y
+POSITION_X, POSITION_Y, DRIVE_X, DRIVE_Y, GRIP, NORMAL, NORMAL_X, NORMAL_Y = range(WHEEL_ROW, WHEEL_ROW + 8)
+ROLLER_SIN, ROLLER_COS = WHEEL_ROW + 8, WHEEL_ROW + 9  # of the angle from the axle to the roller's axis
+ROBOT_WHEEL_ROW = WHEEL_ROW + 10
+
+
+@dataclass(frozen=True)
+class PlanarConstants:
+    """A robot's numbers for the kernels of `physics.planar`."""
+
+    body: NDArray[np.float64]
+    """Mass, centre of mass, yaw inertia about it, gravity along the floor in the world, shape (BODY_ROW,)."""
+    wheels: NDArray[np.float64]
+    """A row per wheel, shape (n, ROBOT_WHEEL_ROW)."""
+
+
+def planar_constants(
+    robot: Robot,
+    misalignment: ArrayLike = 0.0,
+    radius_scale: ArrayLike = 1.0,
+    grip: ArrayLike = 1.0,
+    payload: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    slope: tuple[float, float] = (0.0, 0.0),
+) -> PlanarConstants:
+    """A robot's numbers, with what is wrong with it.
+
+    Args:
+      robot: The robot.
+      misalignment: Angle of each axle, counter-clockwise, scalar or (n,) [rad].
+      radius_scale: True over nominal wheel radius, scalar or (n,).
+      grip: Factor on the traction, scalar or (n,).
+      payload: Mass [kg] and its place x, y in the body frame [m].
+      slope: Inclination of the floor and the world direction that points downhill [rad].
+
+    Raises:
+      InputError: The payload leaves no mass, or lifts a wheel off the floor.
+    """
+    body = _body_row(robot, payload, slope)
+    wheels = np.empty((len(robot.wheels), ROBOT_WHEEL_ROW))
+    wheels[:, :WHEEL_ROW] = wheel_row(robot.wheel, robot.bearing, robot.motor)
+    wheels[:, RADIUS] *= np.asarray(radius_scale, float)
+    wheels[:, GRIP] = grip
+    p, u = robot.wheel_positions, robot.drive_directions
+    angle = np.asarray(misalignment, float)
+    c, s = np.cos(angle), np.sin(angle)
+    wheels[:, [POSITION_X, POSITION_Y]] = p
+    wheels[:, [ROLLER_SIN, ROLLER_COS]] = [roller_sin_cos(mount.roller_angle) for mount in robot.wheels]
+    wheels[:, DRIVE_X], wheels[:, DRIVE_Y] = c * u[:, 0] - s * u[:, 1], s * u[:, 0] + c * u[:, 1]
+    # static balance Σ F_N = W, Σ p F_N = W r_c in least norm: m g/4 each on four wheels
+    balance = np.vstack([np.ones(len(p)), p.T])
+    share = np.linalg.pinv(balance)
+    weight = body[MASS] * GRAVITY * math.cos(slope[0])
+    wheels[:, NORMAL] = weight * (share @ [1.0, body[COM_X], body[COM_Y]])
+    # a larger wheel compresses its spring, as far as the robot cannot give way by rising and tilting
+    larger = robot.wheel.radius * (np.broadcast_to(radius_scale, len(p)) - 1.0)
+    springs = robot.body.suspension_stiffness * (larger - share @ (balance @ larger))
+    wheels[:, NORMAL] = np.maximum(wheels[:, NORMAL] + springs, np.minimum(wheels[:, NORMAL], 0.0))
+    wheels[:, [NORMAL_X, NORMAL_Y]] = body[MASS] * robot.body.com_height * share[:, 1:]
+    lightest = int(np.argmin(wheels[:, NORMAL]))
+    if wheels[lightest, NORMAL] < 0.0:
+        raise InputError(
+            "payload", f"found (mass, x, y) = {payload}", f"lifts wheel {lightest + 1} off the floor"
+        )
+    return PlanarConstants(body, wheels)
+
+
+def _body_row(
+    robot: Robot, payload: tuple[float, float, float], slope: tuple[float, float]
+) -> NDArray[np.float64]:
+    """Mass, centre of mass and yaw inertia with the payload as a point, and gravity along the floor."""
+    extra, x, y = payload
+    mass = robot.body.mass + extra
+    if mass <= 0.0:
+        rule = f"must leave mass on the robot's {robot.body.mass:g} kg"
+        raise InputError("payload.mass", f"found {extra:g}", rule)
+    com = extra * np.array([x, y]) / mass
+    inertia = robot.body.yaw_inertia + extra * (x * x + y * y) - mass * float(com @ com)
+    if inertia <= 0.0:
+        raise InputError("payload", f"found (mass, x, y) = {payload}", "leaves no yaw inertia")
+    downhill = GRAVITY * math.sin(slope[0])
+    return np.array([mass, *com, inertia, downhill * math.cos(slope[1]), downhill * math.sin(slope[1])])
+
+
+# One wheel of the planar robot in one step: bristles, current, speed, angle and the play of its gear.
+
+
+@kernel
+def pose_offset(wheels):
+    """Where x, y and yaw begin in the state of `step` for n wheels."""
+    return 7 * wheels + 4
+
+
+@kernel
+def wheel_velocity(wheel, v_x, v_y, yaw_rate):
+    """Velocity of the wheel's centre along u (V_i, Eqs. 3.50-3.53) and along its axle z × u [m/s]."""
+    x = v_x - yaw_rate * wheel[POSITION_Y]
+    y = v_y + yaw_rate * wheel[POSITION_X]
+    return x * wheel[DRIVE_X] + y * wheel[DRIVE_Y], y * wheel[DRIVE_X] - x * wheel[DRIVE_Y]
+
+
+@kernel
+def contact_velocity(wheel, rim, along, across):
+    """Slip V_r along the roller's axis a and what turns the roller, along z × a [m/s].
+
+    V_r = a·(r φ̇ u − V), the other (z × a)·(V − r φ̇ u), with a = sin γ u + cos γ (z × u). An omni wheel,
+    γ = 90°: r φ̇ − V_i, and the velocity along the axle.
+    """
+    s, c = wheel[ROLLER_SIN], wheel[ROLLER_COS]
+    return s * (rim - along) - c * across, s * across + c * (rim - along)
+
+
+@kernel
+def contact_force(wheel, traction, drag):
+    """Force F a − G (z × a) of the floor on the wheel along u, and against z × u [N].
+
+    Args:
+      wheel: Its row.
+      traction: F [N].
+      drag: G, what the roller's bearing takes [N].
+    """
+    s, c = wheel[ROLLER_SIN], wheel[ROLLER_COS]
+    return s * traction + c * drag, s * drag - c * traction
+
+
+@kernel
+def wheel_torque_bounds(wheel, motor, current, wheel_speed, normal_force, lateral_force, published):
+    """Torque on the wheel but for traction, turning forward and turning backward [N.m]."""
+    low, high = motor_torque_bounds(motor, current, wheel_speed, published)
+    if published:
+        return low, high
+    dry, viscous = bearing_friction(wheel, normal_force, lateral_force)
+    dry += wheel[ROLLING] * normal_force * wheel[RADIUS]
+    return low - dry - viscous * wheel_speed, high + dry - viscous * wheel_speed
+
+
+@kernel
+def _wheel_x(wheel, state, pose):
+    """World x of the wheel's centre [m]."""
+    c, s = math.cos(state[pose + 2]), math.sin(state[pose + 2])
+    return state[pose] + c * wheel[POSITION_X] - s * wheel[POSITION_Y]
+
+
+@kernel
+def _turn_wheel(i, n, state, terms, wheel, motor, driving, normal, aside, ahead, h, published):
+    """Advances speed, angle and play of wheel i under its torques and the floor's force."""
+    wheel_speed, play, rate = state[n + i], state[5 * n + 3 + i], state[6 * n + 3 + i]
+    inertia, angle = wheel[INERTIA], state[4 * n + 3 + i]
+    other = -wheel[RADIUS] * ahead
+    if terms[ACTIVE] == 0.0:
+        low, high = wheel_torque_bounds(wheel, motor, driving, wheel_speed, normal, aside, published)
+        change = (stick_or_slip(low, high, wheel_speed, inertia, other, h) + other) / inertia
+    else:
+        low, high = motor_torque_bounds(motor, driving, wheel_speed + rate, published)
+        dry = axle_dry_friction(terms, low, high)
+        other += axle_torque(terms, angle + play, wheel_speed + rate, h)
+        if not published:
+            bearing, viscous = bearing_friction(wheel, normal, aside)
+            dry += bearing + wheel[ROLLING] * normal * wheel[RADIUS]
+            other -= viscous * wheel_speed
+        dry = max(dry, 0.0)
+        if terms[BACKLASH] != 0.0:
+            change, play, rate, _ = step_backlash(
+                terms, play, rate, low, high, dry, wheel_speed, inertia, other, h
+            )
+            state[5 * n + 3 + i], state[6 * n + 3 + i] = play, rate
+        else:
+            torque = stick_or_slip(low - dry, high + dry, wheel_speed, inertia, other, h)
+            change = (torque + other) / inertia
+    state[n + i] = wheel_speed + h * change
+    state[4 * n + 3 + i] = angle + 0.5 * h * (wheel_speed + state[n + i])
+
+
+@kernel
+def step_wheel(i, state, command, wheel, motor, floor, terms, normal, h, published, output):
+    """Advances all of wheel i; returns its force along u, and against z × u [N]."""
+    n = command.size
+    wheel_speed = state[n + i]
+    along, across = wheel_velocity(wheel, state[2 * n], state[2 * n + 1], state[2 * n + 2])
+    rim = wheel[RADIUS] * wheel_speed
+    slip, sideways = contact_velocity(wheel, rim, along, across)
+    rate = relaxation_rate(floor, slip, max(abs(rim), abs(along)))
+    z = exact_step(state[i], slip, rate, h)
+    mean = mean_deflection(state[i], z, slip, rate, h)
+    traction = normal * wheel[GRIP] * force_ratio(floor, mean, slip, rate)
+    more = 0.0
+    if terms[ACTIVE] != 0.0:
+        place = _wheel_x(wheel, state, pose_offset(n))
+        traction *= traction_scale(terms, place)
+        angle, time = state[4 * n + 3 + i], state[pose_offset(n) - 1]
+        more = hub_force(terms, along, place, time, across, angle, wheel_speed, h)
+    roller, drag = roller_friction(wheel, state[3 * n + 3 + i], sideways, normal, h)
+    ahead, aside = contact_force(wheel, traction, drag)
+    before = state[2 * n + 3 + i]
+    current = next_current(motor, before, command[i], wheel_speed, h)
+    driving = mean_current(motor, before, current, command[i], wheel_speed, h)
+    _turn_wheel(i, n, state, terms, wheel, motor, driving, normal, aside, ahead, h, published)
+    state[i], state[3 * n + 3 + i], state[2 * n + 3 + i] = z, roller, current
+    output[i], output[n + i], output[2 * n + i], output[3 * n + i] = slip, normal, traction, drag
+    output[4 * n + 2 + i] = state[n + i] + state[6 * n + 3 + i]
+    return ahead + more, aside
+
+
+@kernel
+def supply_currents(state, command, motors, terms, room, draws):
+    """Fills `draws` with what the motors take at the voltage that they leave of a sagging supply [A].
+
+    V = V_0 − R_s Σ i_j(V) has one solution, since no current falls with the voltage.
+    """
+    n = command.size
+    time = state[pose_offset(n) - 1]
+    low, high = 0.0, motors[0, SUPPLY]
+    for _ in range(BISECTIONS):
+        voltage, total = 0.5 * (low + high), 0.0
+        for i in range(n):
+            draws[i] = supply_current(motors[i], terms[i], time, voltage, command[i], state[n + i], room)
+            total += draws[i]
+        if voltage > motors[0, SUPPLY] - terms[0, SAG] * total:
+            high = voltage
+        else:
+            low = voltage
+    return total
+
+
+# Planar model of a robot with n omni wheels, Eqs. 3.54-3.85: smooth right-hand side and fixed step.
 
 __all__ = [
     "PlanarConstants",
     "derivative",
     "output_size",
     "planar_constants",
-    "pose_at",
+    "pose_offset",
     "state_size",
     "step",
 ]
@@ -138,12 +362,12 @@ def derivative(state, command, yaw, body, wheels, motors, floors, smoothing, pub
         dry = wheel[ROLLER_DRY] * math.tanh(sideways / smoothing)
         drag = normal * (dry + wheel[ROLLER_VISCOUS] * sideways)
         ahead, aside = contact_force(wheel, traction, drag)
-        current = set_current(motor, command[i], wheel_speed)
+        current = achievable_current(motor, command[i], wheel_speed)
         if state.size > 2 * n + 3:
             change[2 * n + 3 + i] = (current - state[2 * n + 3 + i]) / motor[LOOP]
             current = state[2 * n + 3 + i]
         low, high = wheel_torque_bounds(wheel, motor, current, wheel_speed, normal, aside, published)
-        torque = between(low, high, math.tanh(rim / smoothing))
+        torque = blend_friction(low, high, math.tanh(rim / smoothing))
         change[n + i] = (torque - wheel[RADIUS] * ahead) / wheel[INERTIA]
         x, y, z = _body_force(wheel, body, ahead, aside)
         f_x, f_y, moment = f_x + x, f_y + y, moment + z
@@ -166,7 +390,7 @@ def _step_body(n, state, body, f_x, f_y, moment, h, published):
         com_x, com_y = c * com_x + s * com_y, c * com_y - s * com_x
     v_x, v_y = com_x + yaw_rate * body[COM_Y], com_y - yaw_rate * body[COM_X]
     state[2 * n], state[2 * n + 1], state[2 * n + 2] = v_x, v_y, yaw_rate
-    pose = pose_at(n)
+    pose = pose_offset(n)
     middle = state[pose + 2] + 0.5 * turn
     state[pose - 1] += h
     c, s = math.cos(middle), math.sin(middle)
@@ -178,7 +402,7 @@ def _step_body(n, state, body, f_x, f_y, moment, h, published):
 
 
 @kernel
-def _drag(body, coefficient, v_x, v_y):
+def _air_drag(body, coefficient, v_x, v_y):
     """Air drag −c |v| v at the robot's centre and its moment about the centre of mass [N, N, N.m]."""
     pull = -coefficient * math.sqrt(v_x * v_x + v_y * v_y)
     x, y = pull * v_x, pull * v_y
@@ -214,18 +438,18 @@ def step(state, command, body, wheels, motors, floors, terms, h, steps, publishe
     for i in range(n):
         drag += terms[i, AIR] / n
     for _ in range(steps):
-        g_x, g_y = _gravity(body, state[pose_at(n) + 2])
+        g_x, g_y = _gravity(body, state[pose_offset(n) + 2])
         v_x, v_y, yaw_rate = state[2 * n], state[2 * n + 1], state[2 * n + 2]
         f_x, f_y, moment = body[MASS] * g_x, body[MASS] * g_y, 0.0
         if drag != 0.0:
-            x, y, z = _drag(body, drag, v_x, v_y)
+            x, y, z = _air_drag(body, drag, v_x, v_y)
             f_x, f_y, moment = f_x + x, f_y + y, moment + z
-        load = supply_load(state, command, motors, terms, changed, draws) if sagging else 0.0
+        load = supply_currents(state, command, motors, terms, changed, draws) if sagging else 0.0
         for i in range(n):
             wheel, motor = wheels[i], motors[i]
             normal = _normal_force(wheel, g_x, g_y)
-            if changes_motor(terms[i]):
-                change_motor(motor, terms[i], state[pose_at(n) - 1], load - draws[i], changed)
+            if has_motor_effects(terms[i]):
+                apply_motor_effects(motor, terms[i], state[pose_offset(n) - 1], load - draws[i], changed)
                 motor = changed
             ahead, aside = step_wheel(
                 i, state, command, wheel, motor, floors[i], terms[i], normal, h, published, output

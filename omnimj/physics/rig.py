@@ -22,21 +22,21 @@ from numpy.typing import NDArray
 from omnimj.parameters.rig import Rig
 from omnimj.physics.effect_terms import (
     ACTIVE,
+    BACKLASH,
     GRADE,
-    LASH,
-    axle_dry,
+    apply_motor_effects,
+    axle_dry_friction,
     axle_torque,
-    change_motor,
-    changes_motor,
-    guide_dry,
+    guide_dry_friction,
     guide_force,
-    through_lash,
+    has_motor_effects,
+    step_backlash,
     traction_scale,
-    widen,
+    widen_friction,
 )
-from omnimj.physics.motor import LOOP, set_current, stick_or_slip
+from omnimj.physics.motor import LOOP, achievable_current, stick_or_slip
 from omnimj.physics.native import cached, kernel
-from omnimj.physics.planar_constants import GRAVITY
+from omnimj.physics.planar import GRAVITY
 from omnimj.physics.traction import exact_step, force_ratio, relaxation_rate
 from omnimj.physics.wheel import (
     INERTIA,
@@ -46,7 +46,7 @@ from omnimj.physics.wheel import (
     ROLLING,
     WHEEL_ROW,
     bearing_friction,
-    between,
+    blend_friction,
     mean_deflection,
     motor_torque_bounds,
     wheel_row,
@@ -133,7 +133,7 @@ def rail_friction(row, lateral):
 
 
 @kernel
-def carriage_bounds(row, lateral, carriage_speed, published):
+def carriage_friction_bounds(row, lateral, carriage_speed, published):
     """Resistance as a force on the carriage moving forward and backward, −(F_f + F_rol) of Eq. 4.35 [N].
 
     F_rol = μ_rol m_T g opposes the motion; published: it has no sign, Eq. 4.12.
@@ -146,7 +146,7 @@ def carriage_bounds(row, lateral, carriage_speed, published):
 
 
 @kernel
-def wheel_bounds(row, motor, current, wheel_speed, lateral, published):
+def wheel_torque_bounds(row, motor, current, wheel_speed, lateral, published):
     """T_gear − T_friction of Eqs. 4.39-4.40 turning forward and turning backward [N.m]."""
     low, high = motor_torque_bounds(motor, current, wheel_speed, published)
     dry, viscous = bearing_friction(row, row[WEIGHT], lateral)
@@ -177,14 +177,14 @@ def derivative(state, command, lateral_speed, row, motor, floor, smoothing, publ
     rate = relaxation_rate(floor, slip, max(abs(rim), abs(speed)))
     traction = row[WEIGHT] * row[GRIP] * force_ratio(floor, z, slip, rate)
     lateral = lateral_force(row, lateral_speed)
-    current = set_current(motor, command, wheel_speed)
+    current = achievable_current(motor, command, wheel_speed)
     if state.size > 3:
         change[3] = (current - state[3]) / motor[LOOP]
         current = state[3]
-    low, high = carriage_bounds(row, lateral, speed, published)
-    change[0] = (traction + between(low, high, math.tanh(speed / smoothing))) / row[MASS]
-    low, high = wheel_bounds(row, motor, current, wheel_speed, lateral, published)
-    torque = between(low, high, math.tanh(rim / smoothing))
+    low, high = carriage_friction_bounds(row, lateral, speed, published)
+    change[0] = (traction + blend_friction(low, high, math.tanh(speed / smoothing))) / row[MASS]
+    low, high = wheel_torque_bounds(row, motor, current, wheel_speed, lateral, published)
+    torque = blend_friction(low, high, math.tanh(rim / smoothing))
     change[1] = (torque - row[RADIUS] * traction) / row[INERTIA]
     change[2] = slip - rate * z
     return change
@@ -198,11 +198,11 @@ def _stepper(active: bool):
         normal, mass, inertia, radius = row[WEIGHT], row[MASS], row[INERTIA], row[RADIUS]
         lateral = lateral_force(row, lateral_speed)
         bearing, bearing_viscous = bearing_friction(row, normal, lateral)
-        rail_low, rail_high = carriage_bounds(row, lateral, 0.0, published)
+        rail_low, rail_high = carriage_friction_bounds(row, lateral, 0.0, published)
         rail_viscous = rail_friction(row, lateral)[1]
-        if active and changes_motor(terms):
+        if active and has_motor_effects(terms):
             changed = np.empty(motor.size)
-            change_motor(motor, terms, state[TIME], 0.0, changed)
+            apply_motor_effects(motor, terms, state[TIME], 0.0, changed)
             motor = changed
         decay, lag = math.exp(-h / motor[LOOP]), motor[LOOP] / h  # as `next_current` and `mean_current`
         grip, dry, low_guide, high_guide = row[GRIP], bearing, rail_low, rail_high
@@ -219,20 +219,22 @@ def _stepper(active: bool):
             if active:
                 grip = row[GRIP] * traction_scale(terms, position)
             traction = normal * grip * force_ratio(floor, mean, slip, rate)
-            target = set_current(motor, command, wheel_speed)
+            target = achievable_current(motor, command, wheel_speed)
             current_next = target + (current - target) * decay
             driving = target + (current - current_next) * lag
             low, high = motor_torque_bounds(motor, driving, wheel_speed + play_rate, published)
             other = -radius * traction - bearing_viscous * wheel_speed
             force = traction - rail_viscous * speed
             if active:
-                dry = max(bearing + axle_dry(terms, low, high), 0.0)
+                dry = max(bearing + axle_dry_friction(terms, low, high), 0.0)
                 other += axle_torque(terms, angle + play, wheel_speed + play_rate, h)
-                low_guide, high_guide = widen(rail_low, rail_high, guide_dry(terms, speed, position))
+                low_guide, high_guide = widen_friction(
+                    rail_low, rail_high, guide_dry_friction(terms, speed, position)
+                )
                 force += mass * terms[GRADE]
                 force += guide_force(terms, speed, position, time, lateral_speed, angle, wheel_speed, h)
-            if active and terms[LASH] != 0.0:
-                change, play, play_rate, _ = through_lash(
+            if active and terms[BACKLASH] != 0.0:
+                change, play, play_rate, _ = step_backlash(
                     terms, play, play_rate, low, high, dry, wheel_speed, inertia, other, h
                 )
             else:

@@ -16,9 +16,9 @@ from omnimj.physics.motor import (
     NO_LOAD,
     RATIO,
     TORQUE_CONSTANT,
+    achievable_current,
     drive_torque_bounds,
-    own_current,
-    set_current,
+    winding_current,
 )
 from omnimj.physics.native import kernel
 from omnimj.physics.traction import exact_step
@@ -63,7 +63,7 @@ def mean_deflection(z, z_next, slip, rate, h):
 @kernel
 def mean_current(motor, current, next_current, command, wheel_speed, h):
     """Mean of the motor current over a step of `motor.next_current`, i∞ + (i − i⁺) τ/h [A]."""
-    return set_current(motor, command, wheel_speed) + (current - next_current) * motor[LOOP] / h
+    return achievable_current(motor, command, wheel_speed) + (current - next_current) * motor[LOOP] / h
 
 
 @kernel
@@ -114,12 +114,12 @@ def motor_torque_bounds(motor, current, wheel_speed, published):
     """
     if not published:
         return drive_torque_bounds(motor, current, wheel_speed)
-    electric = motor[KT_SCALE] * motor[TORQUE_CONSTANT] * own_current(motor, current, wheel_speed)
+    electric = motor[KT_SCALE] * motor[TORQUE_CONSTANT] * winding_current(motor, current, wheel_speed)
     torque = (electric - motor[NO_LOAD]) * motor[EFFICIENCY] * motor[RATIO]
     return torque - motor[BRAKE], torque + motor[BRAKE]
 
 
 @kernel
-def between(low, high, direction):
+def blend_friction(low, high, direction):
     """`low` for direction 1, `high` for −1, linear between: a smooth stand-in for set-valued friction."""
     return 0.5 * ((1.0 + direction) * low + (1.0 - direction) * high)

@@ -8,14 +8,16 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from omnimj.effects.changes import Applied, Channel
+from omnimj.effects.effect import AppliedEffects, ChannelEffect
 from omnimj.physics.motor import driven_by_measured_current
-from omnimj.plant.conditions import Conditions
-from omnimj.plant.sensor_kernel import wrap
+from omnimj.plant.faults import Conditions
+from omnimj.plant.sensor_chain import wrap
 from omnimj.signals import Array
 
 
-def lay_over(now: Conditions, effects: Applied, measured_current: bool = False) -> Conditions:
+def conditions_with_effects(
+    now: Conditions, effects: AppliedEffects, measured_current: bool = False
+) -> Conditions:
     """What faults and effects make of the plant together.
 
     Payloads add up as point masses at their common centre; a slope by fault goes before one by effect.
@@ -31,12 +33,12 @@ def lay_over(now: Conditions, effects: Applied, measured_current: bool = False) 
         motor_rows=driven_by_measured_current(rows) if measured_current else rows,
         misalignment=now.misalignment + effects.misalignment,
         radius_scale=now.radius_scale * effects.radius_scale,
-        payload=_together(now.payload, effects.payload),
+        payload=_combined_payload(now.payload, effects.payload),
         slope=now.slope if now.slope[0] else effects.slope,
     )
 
 
-def _together(
+def _combined_payload(
     first: tuple[float, float, float], second: tuple[float, float, float]
 ) -> tuple[float, float, float]:
     mass = first[0] + second[0]
@@ -46,10 +48,10 @@ def _together(
     return mass, x, y
 
 
-class ChannelChanges:
+class ChannelEffects:
     """Scale, offset and pure delay behind the sensor chain; a delay need not be a whole number of samples."""
 
-    def __init__(self, names: Sequence[str], changes: Mapping[str, Channel], period: float):
+    def __init__(self, names: Sequence[str], changes: Mapping[str, ChannelEffect], period: float):
         self._at = [names.index(name) for name in changes]
         self._turns = [names[c] == "yaw" for c in self._at]
         self._changes = list(changes.values())

@@ -1,21 +1,149 @@
-"""Faults as people write them (one `[[faults]]` table of a scenario) and as metrics record them.
+"""What is wrong at one time: faults with onset and end, turned into numbers that a plant applies.
 
-What a fault does to a plant is in `conditions`; what a sensor fault does to a reading is in `sensors`.
+Several faults at once combine: losses, grips and radius scales multiply, braking torques and misalignment
+angles add. Where only one can hold (floor under a wheel, free or hard-over, payload, slope) the one with the
+latest onset wins; at equal onsets the later one in the list.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
-from omnimj.errors import InputError, UnknownNameError
-from omnimj.parameters.reading import Rule, number
-from omnimj.plant.channels import plant_channels
-from omnimj.plant.conditions import Conditions, Fault, conditions, event_times
+import numpy as np
 
-__all__ = ["KINDS", "Conditions", "Fault", "as_record", "conditions", "event_times", "read_fault"]
+from omnimj.errors import InputError, UnknownNameError
+from omnimj.parameters.parts import Motor
+from omnimj.parameters.reading import Rule, check_number
+from omnimj.physics.motor import (
+    BRAKE,
+    KT_SCALE,
+    LIMIT,
+    NO_LOAD,
+    OVERRIDE,
+    OVERRIDE_CURRENT,
+    PARALLEL_TORQUE,
+    motor_row,
+)
+from omnimj.plant.interface import plant_channels
+from omnimj.signals import Array
+
+LOCKING_TORQUE = 100.0
+"""Brake of a locked wheel [N.m]: ten times beyond the motor (1 N.m) and the floor at top speed (7 N.m)."""
+
+_TIME_TOLERANCE = 1e-9  # [s] a time summed up from steps may lie this much below the onset it stands for
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault of a scenario: the truth that a simulated plant is given and a controller never sees."""
+
+    kind: str
+    """`motor`, `free`, `locked`, `hard_over`, `slip`, `all_wheel_slip`, `misalignment`, `wheel_radius`,
+    `payload`, `slope` or `sensor`."""
+    onset: float
+    """First time at which it holds [s]."""
+    end: float | None = None
+    """First time at which it holds no more [s]; None: it stays."""
+    wheel: int | None = None
+    """The wheel 1…n it sits on; None for faults of the whole plant and of its sensors."""
+    numbers: Mapping[str, float | str] = field(default_factory=dict)
+    """The kind's own keys: `loss`, `grip`, `angle`, …"""
+
+    def holds_at(self, time: float) -> bool:
+        """Whether onset ≤ time < end, to a nanosecond [s]."""
+        return time + _TIME_TOLERANCE >= self.onset and (
+            self.end is None or time + _TIME_TOLERANCE < self.end
+        )
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """What holds at one time, for a plant to apply; n wheels."""
+
+    motor_rows: Array
+    """Numbers of each wheel's motor for `physics.motor`, shape (n, MOTOR_ROW)."""
+    grip: Array
+    """Factor 0…1 on traction, shape (n,)."""
+    floors: tuple[str | None, ...]
+    """Per wheel the name of the floor that replaces the one it stands on; None: no replacement."""
+    misalignment: Array
+    """Angle of each axle about the vertical, counter-clockwise, shape (n,) [rad]."""
+    radius_scale: Array
+    """True rolling radius over the nominal one, shape (n,)."""
+    payload: tuple[float, float, float]
+    """Mass [kg] and its place x, y in the body frame [m]."""
+    slope: tuple[float, float]
+    """Inclination of the floor and the world direction that points downhill [rad]."""
+
+
+def event_times(faults: Iterable[Fault]) -> tuple[float, ...]:
+    """Times at which conditions change, sorted, each once [s]; sensor faults change none."""
+    acting = [fault for fault in faults if fault.kind != "sensor"]
+    onsets = {fault.onset for fault in acting}
+    return tuple(sorted(onsets | {fault.end for fault in acting if fault.end is not None}))
+
+
+def conditions_at(faults: Iterable[Fault], time: float, motor: Motor, wheels: int) -> Conditions:
+    """What the faults make of a healthy plant at one time.
+
+    Args:
+      faults: In the order of the scenario; sensor faults are left to the sensors.
+      time: Time [s].
+      motor: The healthy motor.
+      wheels: Number of wheels n.
+
+    Returns:
+      Fresh arrays; a healthy plant when no fault holds.
+    """
+    rows = np.tile(motor_row(motor), (wheels, 1))
+    grip, scale, angle = np.ones(wheels), np.ones(wheels), np.zeros(wheels)
+    floors: list[str | None] = [None] * wheels
+    payload, slope = (0.0, 0.0, 0.0), (0.0, 0.0)
+    for fault in sorted((f for f in faults if f.holds_at(time)), key=lambda f: f.onset):
+        numbers = fault.numbers
+        at = slice(None) if fault.wheel is None else slice(fault.wheel - 1, fault.wheel)
+        if fault.kind in ("motor", "free", "locked", "hard_over"):
+            _degrade(rows[at], fault)
+        elif fault.kind in ("slip", "all_wheel_slip"):
+            grip[at] *= float(numbers.get("grip", 1.0))
+            if "floor" in numbers:
+                floors[at] = [str(numbers["floor"])] * len(floors[at])
+        elif fault.kind == "misalignment":
+            angle[at] += float(numbers["angle"])
+        elif fault.kind == "wheel_radius":
+            scale[at] *= float(numbers["scale"])
+        elif fault.kind == "payload":
+            payload = (float(numbers["mass"]), float(numbers.get("x", 0.0)), float(numbers.get("y", 0.0)))
+        elif fault.kind == "slope":
+            slope = (float(numbers["angle"]), float(numbers.get("direction", 0.0)))
+    return Conditions(rows, grip, tuple(floors), angle, scale, payload, slope)
+
+
+def _degrade(rows: Array, fault: Fault) -> None:
+    """Changes the motor rows, shape (1, MOTOR_ROW), in place."""
+    numbers = fault.numbers
+    if "loss" in numbers:
+        rows[:, KT_SCALE] *= 1.0 - float(numbers["loss"])
+    if "braking_torque" in numbers:
+        # the second motor's shaft also has to overcome its own friction, once
+        rows[:, PARALLEL_TORQUE] = np.maximum(rows[:, PARALLEL_TORQUE], rows[:, NO_LOAD])
+        rows[:, PARALLEL_TORQUE] += float(numbers["braking_torque"])
+    if fault.kind == "locked":
+        rows[:, BRAKE] = LOCKING_TORQUE
+    elif fault.kind == "free":
+        rows[:, OVERRIDE] = 1.0
+    elif fault.kind == "hard_over":
+        # without a current of its own it runs forward with all that the amplifier gives
+        rows[:, OVERRIDE] = 2.0
+        rows[:, OVERRIDE_CURRENT] = numbers.get("current", rows[0, LIMIT])
+
+
+# Faults as people write them (one `[[faults]]` table of a scenario) and as metrics record them.
+
+__all__ = ["FAULT_KINDS", "Conditions", "Fault", "conditions_at", "event_times", "fault_record", "read_fault"]
 
 _INF = float("inf")
 _ANY = Rule(-1e6, 1e6, False)  # beyond any channel, within what squares and sums can hold
@@ -29,7 +157,7 @@ _MODES: Mapping[str, Rule | None] = MappingProxyType(
 
 
 @dataclass(frozen=True)
-class Kind:
+class FaultKind:
     """Which keys one kind of fault takes."""
 
     on_wheel: bool
@@ -51,37 +179,39 @@ class Kind:
         return (*self.names, *self.numbers)
 
 
-KINDS: Mapping[str, Kind] = MappingProxyType(
+FAULT_KINDS: Mapping[str, FaultKind] = MappingProxyType(
     {
-        "motor": Kind(
+        "motor": FaultKind(
             on_wheel=True,
             numbers={"loss": Rule(0.0, 1.0, True), "braking_torque": Rule(0.0, 10.0, True)},
             one_of=("loss", "braking_torque"),
         ),
-        "free": Kind(on_wheel=True),
-        "locked": Kind(on_wheel=True),
-        "hard_over": Kind(on_wheel=True, numbers={"current": _ANY}, optional=("current",)),
-        "slip": Kind(on_wheel=True, numbers={"grip": _GRIP}, names=("floor",), one_of=("grip", "floor")),
-        "all_wheel_slip": Kind(
+        "free": FaultKind(on_wheel=True),
+        "locked": FaultKind(on_wheel=True),
+        "hard_over": FaultKind(on_wheel=True, numbers={"current": _ANY}, optional=("current",)),
+        "slip": FaultKind(on_wheel=True, numbers={"grip": _GRIP}, names=("floor",), one_of=("grip", "floor")),
+        "all_wheel_slip": FaultKind(
             on_wheel=False, numbers={"grip": _GRIP}, names=("floor",), one_of=("grip", "floor")
         ),
-        "misalignment": Kind(on_wheel=True, numbers={"angle": _ANGLE}),
-        "wheel_radius": Kind(on_wheel=True, numbers={"scale": Rule(0.5, 2.0, False)}),
-        "payload": Kind(
+        "misalignment": FaultKind(on_wheel=True, numbers={"angle": _ANGLE}),
+        "wheel_radius": FaultKind(on_wheel=True, numbers={"scale": Rule(0.5, 2.0, False)}),
+        "payload": FaultKind(
             on_wheel=False,
             numbers={"mass": Rule(-10.0, 100.0, True), "x": _OFFSET, "y": _OFFSET},
             defaults={"x": 0.0, "y": 0.0},
         ),
-        "slope": Kind(
+        "slope": FaultKind(
             on_wheel=False, numbers={"angle": _ANGLE, "direction": _ANY}, defaults={"direction": 0.0}
         ),
-        "sensor": Kind(on_wheel=False, numbers={"size": _ANY}, names=("channel", "mode"), optional=("size",)),
+        "sensor": FaultKind(
+            on_wheel=False, numbers={"size": _ANY}, names=("channel", "mode"), optional=("size",)
+        ),
     }
 )
 """Every kind of fault and the keys it takes."""
 
 
-def as_record(fault: Fault) -> dict[str, Any]:
+def fault_record(fault: Fault) -> dict[str, Any]:
     """The fault as `metrics.json` holds it: kind, wheel, onset, end and the kind's own keys."""
     return {
         "kind": fault.kind,
@@ -108,8 +238,8 @@ def read_fault(table: Any, place: str, wheels: int, floors: Collection[str], dur
     """
     if not isinstance(table, Mapping):
         raise InputError(place, f"found {table!r}", "a table is needed", ("kind", "wheel", "onset", "end"))
-    name = _name(place, "kind", table, KINDS)
-    kind = KINDS[name]
+    name = _name(place, "kind", table, FAULT_KINDS)
+    kind = FAULT_KINDS[name]
     known = ("kind", *(("wheel",) if kind.on_wheel else ()), "onset", "end", *kind.own_keys)
     for key in table:
         if key not in known:
@@ -122,7 +252,7 @@ def read_fault(table: Any, place: str, wheels: int, floors: Collection[str], dur
     return Fault(name, onset, end, wheel, _read_own(table, place, kind, floors))
 
 
-def _read_own(table: Mapping, place: str, kind: Kind, floors: Collection[str]) -> dict[str, float | str]:
+def _read_own(table: Mapping, place: str, kind: FaultKind, floors: Collection[str]) -> dict[str, float | str]:
     """The kind's own keys, checked."""
     given = [key for key in kind.one_of if key in table]
     if kind.one_of and len(given) != 1:
@@ -165,4 +295,4 @@ def _name(place: str, key: str, table: Mapping, choices: Collection[str]) -> str
 def _number(place: str, key: str, table: Mapping, rule: Rule, whole: bool = False) -> float:
     if key not in table:
         raise InputError(place, f"'{key}' is missing", f"a number is needed that {rule}")
-    return number(f"{place}.{key}", table[key], rule, whole)
+    return check_number(f"{place}.{key}", table[key], rule, whole)

@@ -10,8 +10,8 @@ import numpy as np
 
 from omnimj.errors import UnknownNameError
 from omnimj.parameters.parts import Motor, Sensors
-from omnimj.plant import sensor_kernel as chain
-from omnimj.plant.conditions import Fault
+from omnimj.plant import sensor_chain as chain
+from omnimj.plant.faults import Fault
 from omnimj.signals import Array
 
 MODES = MappingProxyType(

@@ -14,14 +14,14 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from omnimj.effects import Channel
+from omnimj.effects import ChannelEffect
 from omnimj.errors import InputError
 from omnimj.parameters.parts import Motor, Sensors
-from omnimj.plant import sensor_kernel as chain
+from omnimj.plant import sensor_chain as chain
 from omnimj.plant import sensor_rows as row_of
-from omnimj.plant.channels import RIG_CHANNELS, robot_channels
-from omnimj.plant.conditions import Fault
-from omnimj.plant.effects import ChannelChanges
+from omnimj.plant.effects import ChannelEffects
+from omnimj.plant.faults import Fault
+from omnimj.plant.interface import RIG_CHANNELS, robot_channels
 from omnimj.signals import Array, Measurement, RigMeasurement
 
 _BLOCK = 512  # samples whose random numbers are drawn at once
@@ -37,7 +37,7 @@ class _Channels:
         seed: int,
         faults: Sequence[Fault],
         ideal: bool,
-        changes: Mapping[str, Channel] | None,
+        changes: Mapping[str, ChannelEffect] | None,
     ):
         if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or seed < 0:
             raise InputError("seed", f"found {seed!r}", "must be a whole number of at least 0")
@@ -46,7 +46,7 @@ class _Channels:
         acting = sorted((f for f in faults if f.kind == "sensor"), key=lambda f: f.onset)
         fault_rows = [row_of.fault(f, names) for f in acting]
         self._fault_rows = np.array(fault_rows).reshape(-1, chain.FAULT_ROW)
-        self._changes = ChannelChanges(names, changes, rows[0][chain.PERIOD]) if changes else None
+        self._changes = ChannelEffects(names, changes, rows[0][chain.PERIOD]) if changes else None
         self.values = np.zeros(len(names))
         self.reset()
 
@@ -89,7 +89,7 @@ class _Channels:
             self._column = 0
         column = self._column
         self._column = column + 1
-        readings = chain.sample(
+        readings = chain.sample_channels(
             self._rows, self._states, self._faults, self._noise, column, time, self.values
         )
         if self._changes is not None:
@@ -109,7 +109,7 @@ class RobotSensors:
         seed: int,
         faults: Sequence[Fault] = (),
         ideal: bool = False,
-        changes: Mapping[str, Channel] | None = None,
+        changes: Mapping[str, ChannelEffect] | None = None,
     ):
         """Sensors at the start of a run.
 
@@ -182,7 +182,7 @@ class RigSensors:
         seed: int,
         faults: Sequence[Fault] = (),
         ideal: bool = False,
-        changes: Mapping[str, Channel] | None = None,
+        changes: Mapping[str, ChannelEffect] | None = None,
     ):
         """Sensors at the start of a run; arguments as for `RobotSensors`."""
         rail = row_of.rail_speed(sensors, period)

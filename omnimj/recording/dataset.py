@@ -1,16 +1,92 @@
-"""Measured data as records: what a dataset's folder holds once it is read and checked."""
+"""Which columns a dataset of each plant has, all in SI units."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omnimj.recording.dataset_columns import ROBOT_WHEELS
 from omnimj.signals import Array
+
+ROBOT_WHEELS = 4
+"""Wheels of a robot's logs that do not say how many."""
+
+
+@dataclass(frozen=True)
+class PlantColumns:
+    """The columns of one plant's runs, and what must be known about each run."""
+
+    required: tuple[str, ...]
+    """Columns that every run has."""
+    optional: tuple[str, ...] = ()
+    """Columns that a run may have."""
+    zero_if_absent: tuple[str, ...] = ()
+    """Columns that stand for 0 where they are absent."""
+    one_of: tuple[str, ...] = ()
+    """Columns of which a run has at least one."""
+    angles: tuple[str, ...] = ()
+    """Columns in rad that may be wrapped into one turn."""
+    conditions: tuple[str, ...] = ()
+    """Keys that hold for every run, by [defaults] or by [runs.NAME]."""
+
+    @property
+    def known(self) -> tuple[str, ...]:
+        """Every column that has a meaning."""
+        return (*self.required, *self.one_of, *self.zero_if_absent, *self.optional)
+
+    @property
+    def needed(self) -> str:
+        """What a run needs, in words."""
+        either = f", and {' or '.join(self.one_of)}" if self.one_of else ""
+        return ", ".join(self.required) + either
+
+
+def _wheel_columns(wheels: int, *names: str) -> tuple[str, ...]:
+    return tuple(f"{name}_{i}" for name in names for i in range(1, wheels + 1))
+
+
+_BODY = ("acceleration_x", "acceleration_y", "yaw_rate", "yaw")
+
+
+def _robot_columns(wheels: int) -> PlantColumns:
+    return PlantColumns(
+        required=("time", *_wheel_columns(wheels, "current", "wheel_speed"), *_BODY),
+        optional=(*_wheel_columns(wheels, "current_target"), "x", "y", "heading"),
+        angles=("yaw", "heading"),
+        conditions=("floor",),
+    )
+
+
+PLANT_COLUMNS: Mapping[str, PlantColumns] = MappingProxyType(
+    {
+        "quarter_rig": PlantColumns(
+            required=("time", "current", "wheel_speed", "carriage_speed", "carriage_acceleration"),
+            optional=("current_target", "carriage_position", "wheel_angle"),
+            zero_if_absent=("lateral_speed",),
+            angles=("wheel_angle",),
+            conditions=("floor", "mass"),
+        ),
+        "uto_robot": _robot_columns(ROBOT_WHEELS),
+        "linear_axis": PlantColumns(
+            required=("time", "position"),
+            optional=("velocity",),
+            one_of=("force", "current"),
+        ),
+    }
+)
+"""Columns by plant, the robot's with four wheels. A new plant of recorded data is one entry here."""
+
+
+def plant_columns(plant: str, wheels: int = ROBOT_WHEELS) -> PlantColumns:
+    """Columns of a plant in `PLANT_COLUMNS`; those of the robot for so many wheels."""
+    return _robot_columns(wheels) if plant == "uto_robot" else PLANT_COLUMNS[plant]
+
+
+# Measured data as records: what a dataset's folder holds once it is read and checked.
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,9 @@ from typing import Any
 
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import read_floors
-from omnimj.parameters.reading import Rule, number
-from omnimj.parameters.toml_file import read_toml
-from omnimj.recording.dataset_columns import PLANT_COLUMNS, ROBOT_WHEELS, PlantColumns, plant_columns
-from omnimj.recording.run_table import plain
+from omnimj.parameters.reading import Rule, check_number, read_toml
+from omnimj.recording.dataset import PLANT_COLUMNS, ROBOT_WHEELS, PlantColumns, plant_columns
+from omnimj.recording.run_table import printable
 
 DATASET_FILE = "dataset.toml"
 CONDITION_KEYS = ("floor", "mass", "repeat_of", "description", "date")
@@ -30,7 +29,7 @@ _WRITE_COLUMN = 'write { name = "carriage_speed", scale = 0.001 }'
 
 
 @dataclass(frozen=True)
-class Renamed:
+class ColumnMapping:
     """Our column out of theirs: scale × theirs + offset."""
 
     name: str
@@ -48,7 +47,7 @@ class DatasetFile:
     wheels: int
     """Of a robot; 4 unless the file says otherwise."""
     defaults: Mapping[str, float | str]
-    renamed: Mapping[str, Renamed]
+    renamed: Mapping[str, ColumnMapping]
     """By the logger's own column name."""
     runs: Mapping[str, Mapping[str, float | str]]
     """What each run says for itself, by file stem."""
@@ -67,7 +66,7 @@ class DatasetFile:
         found = {**self.defaults, **self.runs.get(run, {})}
         for key in self.columns.conditions:
             if key not in found:
-                rule = f"state it under [defaults] or [runs.{plain(run)}]"
+                rule = f"state it under [defaults] or [runs.{printable(run)}]"
                 raise InputError(f"{self.path}: run {run!r}", f"'{key}' is missing", rule)
         return found
 
@@ -99,7 +98,7 @@ def read_dataset_file(folder: Path, floors: Collection[str] | None = None) -> Da
     known = tuple(read_floors() if floors is None else floors)
     defaults = _conditions(f"{path}: [defaults]", tree.get("defaults", {}), known)
     runs = {
-        name: _conditions(f"{path}: [runs.{plain(name)}]", table, known)
+        name: _conditions(f"{path}: [runs.{printable(name)}]", table, known)
         for name, table in _table(f"{path}: [runs]", tree.get("runs", {})).items()
     }
     columns = _table(f"{path}: [columns]", tree.get("columns", {}))
@@ -107,7 +106,7 @@ def read_dataset_file(folder: Path, floors: Collection[str] | None = None) -> Da
     for theirs, entry in columns.items():
         if theirs.strip() in renamed:
             raise InputError(f"{path}: [columns]", f"{theirs.strip()!r} is there twice")
-        renamed[theirs.strip()] = _renamed(
+        renamed[theirs.strip()] = _column_mapping(
             f"{path}: columns.{theirs!r}", entry, plant, plant_columns(plant, wheels).known
         )
     return DatasetFile(
@@ -120,7 +119,7 @@ def _wheels(path: Path, tree: Mapping[str, Any], plant: str) -> int:
         return ROBOT_WHEELS
     if plant != "uto_robot":
         raise InputError(f"{path}: wheels", f"found {tree['wheels']!r}", f"{plant} has none to count")
-    return int(number(f"{path}: wheels", tree["wheels"], _WHEELS, whole=True))
+    return int(check_number(f"{path}: wheels", tree["wheels"], _WHEELS, whole=True))
 
 
 def _table(place: str, entry: Any) -> Mapping[str, Any]:
@@ -142,7 +141,7 @@ def _conditions(place: str, entry: Any, floors: Collection[str]) -> dict[str, fl
         if key not in CONDITION_KEYS:
             raise UnknownNameError(place, "key", key, CONDITION_KEYS)
         if key == "mass":
-            found[key] = number(at, value, _POSITIVE)
+            found[key] = check_number(at, value, _POSITIVE)
         elif key == "floor" and (not isinstance(value, str) or value not in floors):
             raise UnknownNameError(at, "floor", value, floors)
         elif key == "date" and isinstance(value, datetime.date | datetime.time):
@@ -152,7 +151,7 @@ def _conditions(place: str, entry: Any, floors: Collection[str]) -> dict[str, fl
     return found
 
 
-def _renamed(place: str, entry: Any, plant: str, known: Collection[str]) -> Renamed:
+def _column_mapping(place: str, entry: Any, plant: str, known: Collection[str]) -> ColumnMapping:
     if not isinstance(entry, Mapping):
         raise InputError(place, f"found {entry!r}", _WRITE_COLUMN)
     for key in entry:
@@ -163,7 +162,7 @@ def _renamed(place: str, entry: Any, plant: str, known: Collection[str]) -> Rena
     name = entry["name"]
     if not isinstance(name, str) or name not in known:
         raise UnknownNameError(f"{place}.name", f"column of {plant}", name, known)
-    scale = number(f"{place}.scale", entry.get("scale", 1.0), _FINITE)
+    scale = check_number(f"{place}.scale", entry.get("scale", 1.0), _FINITE)
     if scale == 0.0:
         raise InputError(f"{place}.scale", "found 0", "must not be 0")
-    return Renamed(name, scale, number(f"{place}.offset", entry.get("offset", 0.0), _FINITE))
+    return ColumnMapping(name, scale, check_number(f"{place}.offset", entry.get("offset", 0.0), _FINITE))

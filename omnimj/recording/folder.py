@@ -64,7 +64,7 @@ def make_folder(folder: Path, force: bool, files: Iterable[str] = RUN_FILES) -> 
 
 
 @contextmanager
-def whole_file(path: Path) -> Iterator[Path]:
+def atomic_file(path: Path) -> Iterator[Path]:
     """A temporary path in the same folder; becomes `path` when the block ends well, vanishes otherwise.
 
     The ending is kept, since writers choose the format by it.

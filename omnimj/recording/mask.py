@@ -27,7 +27,7 @@ _FEWEST = 7  # samples, for neighbours and their neighbours
 _SOME = 0.01  # of the samples: leaps that are more frequent are how this signal is
 
 
-def gaps(time: Array) -> NDArray[np.int64]:
+def find_gaps(time: Array) -> NDArray[np.int64]:
     """Samples after which time steps well above the usual, shape (g,).
 
     Usual is the median of the run and of the steps around; a rate that varies is no gap.
@@ -46,14 +46,14 @@ def gaps(time: Array) -> NDArray[np.int64]:
     return long[step[long] > _GAP * around]
 
 
-def edges(after: NDArray[np.int64], count: int) -> Marks:
+def gap_edges(after: NDArray[np.int64], count: int) -> Marks:
     """The samples on both sides of each gap, shape (count,)."""
     marks = np.zeros(count, dtype=bool)
     marks[after] = marks[after + 1] = True
     return marks
 
 
-def spikes(columns: Sequence[Array], times: Sequence[Array], angle: bool = False) -> list[Marks]:
+def find_spikes(columns: Sequence[Array], times: Sequence[Array], angle: bool = False) -> list[Marks]:
     """Single samples that leap out of one channel's runs and back.
 
     Sample k leaps by r = x_k − (its neighbours' line at t_k). It is a spike when |r| is far above all other
@@ -74,16 +74,17 @@ def spikes(columns: Sequence[Array], times: Sequence[Array], angle: bool = False
     """
     leaps, returns = [], []
     for values, time in zip(columns, times, strict=True):
-        leap, apart = _leap(np.unwrap(values) if angle else values, time)
+        leap, apart = _deviation(np.unwrap(values) if angle else values, time)
         leaps.append(np.abs(leap))
         returns.append((np.abs(apart) <= _RETURN * np.abs(leap)) & _mirrored(leap, time))
-    least = _least_leap(leaps, columns)
+    least = _usual_deviation(leaps, columns)
     return [
-        _alone(size, np.flatnonzero(back & (size > least))) for size, back in zip(leaps, returns, strict=True)
+        _isolated(size, np.flatnonzero(back & (size > least)))
+        for size, back in zip(leaps, returns, strict=True)
     ]
 
 
-def _leap(x: Array, time: Array) -> tuple[Array, Array]:
+def _deviation(x: Array, time: Array) -> tuple[Array, Array]:
     """How far each sample lies off its neighbours' line, and how far those lie apart beyond the trend.
 
     The trend is that of the neighbours' own neighbours. At the ends and beside gaps both are 0.
@@ -99,7 +100,7 @@ def _leap(x: Array, time: Array) -> tuple[Array, Array]:
         trend = (x[outer[1]] - x[outer[0]]) / (time[outer[1]] - time[outer[0]])
         apart[1:-1] = across - trend * (before + after)
     for k in (-1, 0, 1, 2):  # a triple with a gap in it says nothing
-        leap[np.clip(gaps(time) + k, 0, len(x) - 1)] = 0.0
+        leap[np.clip(find_gaps(time) + k, 0, len(x) - 1)] = 0.0
     return np.nan_to_num(leap, nan=0.0), np.nan_to_num(apart, nan=0.0)
 
 
@@ -119,7 +120,7 @@ def _mirrored(leap: Array, time: Array) -> Marks:
     return marks
 
 
-def _least_leap(leaps: Sequence[Array], columns: Sequence[Array]) -> float:
+def _usual_deviation(leaps: Sequence[Array], columns: Sequence[Array]) -> float:
     """Up to here a leap is usual in these runs."""
     sizes = np.concatenate(leaps)
     with np.errstate(over="ignore"):
@@ -129,7 +130,7 @@ def _least_leap(leaps: Sequence[Array], columns: Sequence[Array]) -> float:
     return max(_USUAL * float(np.quantile(sizes, 0.95)), _QUANTUM * quantum, rounding)
 
 
-def _alone(size: Array, found: NDArray[np.int64]) -> Marks:
+def _isolated(size: Array, found: NDArray[np.int64]) -> Marks:
     """Those of the leaps found that stand out of what is around them, shape (n,)."""
     marks = np.zeros(len(size), dtype=bool)
     if not len(found) or len(found) > max(_OTHERS + 1, _SOME * len(size)):

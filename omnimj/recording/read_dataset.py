@@ -11,14 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnimj.errors import InputError, UnknownNameError
-from omnimj.recording.dataset import Dataset, Run
-from omnimj.recording.dataset_columns import PlantColumns
+from omnimj.recording.dataset import Dataset, PlantColumns, Run
 from omnimj.recording.dataset_file import DATASET_FILE, DatasetFile, read_dataset_file
-from omnimj.recording.mask import Marks, edges, gaps, spikes
-from omnimj.recording.run_table import ENDINGS, RunTable, first_not_finite, plain, read_run_table
+from omnimj.recording.mask import Marks, find_gaps, find_spikes, gap_edges
+from omnimj.recording.run_table import TABLE_SUFFIXES, RunTable, first_not_finite, printable, read_run_table
 from omnimj.signals import Array
 
-FEWEST_SAMPLES = 50
+MIN_SAMPLES = 50
 """Samples that a run has at least."""
 
 
@@ -47,8 +46,8 @@ def read_dataset(path: Path | str, floors: Collection[str] | None = None) -> Dat
     files = _files(about, path)
     runs = [_read_run(about, name, file) for name, file in files.items()]
     _require_used_renames(about, runs)
-    _require_alike(about, [run for run, _ in runs])
-    masked, notes = with_marks_of(about.columns, [run for run, _ in runs])
+    _require_consistent_repeats(about, [run for run, _ in runs])
+    masked, notes = mask_runs(about.columns, [run for run, _ in runs])
     return Dataset(path, about.plant, tuple(masked), tuple(notes), about.wheels)
 
 
@@ -56,7 +55,7 @@ def _files(about: DatasetFile, folder: Path) -> dict[str, Path]:
     """The run files by stem, in the order of their names."""
     files: dict[str, Path] = {}
     for file in sorted(folder.iterdir()):
-        if file.suffix.lower() not in ENDINGS or file.name.startswith(".") or not file.is_file():
+        if file.suffix.lower() not in TABLE_SUFFIXES or file.name.startswith(".") or not file.is_file():
             continue
         if file.stem in files:
             raise InputError(
@@ -68,8 +67,8 @@ def _files(about: DatasetFile, folder: Path) -> dict[str, Path]:
     for name in about.runs:
         if name not in files:
             close = difflib.get_close_matches(name, files, n=1)
-            hint = f"did you mean {close[0]!r}?" if close else f"the folder has {_few(list(files))}"
-            name = plain(name)
+            hint = f"did you mean {close[0]!r}?" if close else f"the folder has {_abbreviated(list(files))}"
+            name = printable(name)
             found = f"there is no {name}.csv or {name}.parquet"
             raise InputError(f"{about.path}: [runs.{name}]", found, hint)
     return files
@@ -80,14 +79,14 @@ def _read_run(about: DatasetFile, name: str, file: Path) -> tuple[Run, tuple[str
     asked = about.columns
     conditions = about.conditions(name)
     table = read_run_table(file, {*asked.known, *about.renamed})
-    columns = _ours(about, file, table)
+    columns = _mapped_columns(about, file, table)
     missing = [column for column in asked.required if column not in columns]
     if asked.one_of and not any(column in columns for column in asked.one_of):
         missing.append(" or ".join(asked.one_of))
     if missing:
         what = "columns" if len(missing) > 1 else "column"
         found = f"has no {what} {', '.join(missing)}"
-        have = _few([column for column in table.names if column], 12)
+        have = _abbreviated([column for column in table.names if column], 12)
         rule = f"{about.plant} needs {asked.needed}; the file has {have}"
         raise InputError(file, found, f"{rule}; other names belong under [columns] of {DATASET_FILE}")
     _require_time(file, columns["time"], table)
@@ -106,7 +105,7 @@ def _read_run(about: DatasetFile, name: str, file: Path) -> tuple[Run, tuple[str
     return run, table.names
 
 
-def _ours(about: DatasetFile, file: Path, table: RunTable) -> dict[str, Array]:
+def _mapped_columns(about: DatasetFile, file: Path, table: RunTable) -> dict[str, Array]:
     """Columns under our names and in our units."""
     columns: dict[str, Array] = {}
     origin: dict[str, str] = {}
@@ -130,8 +129,8 @@ def _ours(about: DatasetFile, file: Path, table: RunTable) -> dict[str, Array]:
 
 
 def _require_time(file: Path, time: Array, table: RunTable) -> None:
-    if len(time) < FEWEST_SAMPLES:
-        raise InputError(file, f"has {len(time)} samples", f"at least {FEWEST_SAMPLES} are needed")
+    if len(time) < MIN_SAMPLES:
+        raise InputError(file, f"has {len(time)} samples", f"at least {MIN_SAMPLES} are needed")
     late = np.flatnonzero(np.diff(time) <= 0.0)
     if len(late):
         k = int(late[0]) + 1
@@ -145,11 +144,11 @@ def _require_used_renames(about: DatasetFile, runs: Sequence[tuple[Run, tuple[st
     for theirs in about.renamed:
         if theirs not in there:
             kind = "column of any run"
-            choices = [plain(name) for name in sorted(there)[:30]]
+            choices = [printable(name) for name in sorted(there)[:30]]
             raise UnknownNameError(f"{about.path}: [columns]", kind, theirs, choices)
 
 
-def _require_alike(about: DatasetFile, runs: Sequence[Run]) -> None:
+def _require_consistent_repeats(about: DatasetFile, runs: Sequence[Run]) -> None:
     """Repeats of one condition have one floor and one mass."""
     first: dict[str, Run] = {}
     for run in runs:
@@ -164,7 +163,7 @@ def _require_alike(about: DatasetFile, runs: Sequence[Run]) -> None:
                 raise InputError(f"{about.path}: run {run.name!r}", found, rule)
 
 
-def with_marks_of(asked: PlantColumns, runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
+def mask_runs(asked: PlantColumns, runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
     """The runs with their samples marked that must not be fitted, and what there is to say about it.
 
     Args:
@@ -176,32 +175,32 @@ def with_marks_of(asked: PlantColumns, runs: Sequence[Run]) -> tuple[list[Run], 
     for name in channels:
         having = [k for k, run in enumerate(runs) if name in run.columns]
         values = [runs[k].columns[name] for k in having]
-        leaps = spikes(values, [runs[k].time for k in having], name in asked.angles) if having else []
+        leaps = find_spikes(values, [runs[k].time for k in having], name in asked.angles) if having else []
         for k, marks in zip(having, leaps, strict=True):
             if marks.any():
                 found[k][name] = marks
     masked, notes = [], []
     for run, own in zip(runs, found, strict=True):
         notes.extend(_spike_note(run, name, marks) for name, marks in own.items())
-        after = gaps(run.time)
+        after = find_gaps(run.time)
         if len(after):
             notes.append(_gap_note(run, after))
-            beside = edges(after, len(run.time))
+            beside = gap_edges(after, len(run.time))
             own = {name: own.get(name, False) | beside for name in channels if name in run.columns}
         for marks in own.values():
             marks.flags.writeable = False
-        masked.append(_with_marks(run, own))
+        masked.append(_with_mask(run, own))
     return masked, notes
 
 
-def _with_marks(run: Run, masked: Mapping[str, Marks]) -> Run:
+def _with_mask(run: Run, masked: Mapping[str, Marks]) -> Run:
     return Run(run.name, run.columns, MappingProxyType(dict(masked)), run.conditions, run.repeat_of)
 
 
 def _spike_note(run: Run, column: str, marks: Marks) -> str:
     at = run.time[marks]
     many = f"{len(at)} single-sample spikes" if len(at) > 1 else "a single-sample spike"
-    return f"run {run.name}: {many} in {column} masked, at {_few([f'{t:.6g} s' for t in at], 5)}"
+    return f"run {run.name}: {many} in {column} masked, at {_abbreviated([f'{t:.6g} s' for t in at], 5)}"
 
 
 def _gap_note(run: Run, after: NDArray[np.int64]) -> str:
@@ -212,6 +211,6 @@ def _gap_note(run: Run, after: NDArray[np.int64]) -> str:
     return f"run {run.name}: {many} {told} (a step is {np.median(steps):.4g} s), edges masked"
 
 
-def _few(names: Sequence[str], most: int = 6) -> str:
-    shown = ", ".join(map(plain, names[:most]))
+def _abbreviated(names: Sequence[str], most: int = 6) -> str:
+    shown = ", ".join(map(printable, names[:most]))
     return f"{shown} and {len(names) - most} more" if len(names) > most else shown

@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+import csv
+import math
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute
+import pyarrow.csv
+import pyarrow.parquet as pq
 
 from omnimj.errors import InputError
 from omnimj.signals import Array
 
-ENDINGS = (".csv", ".parquet")
+TABLE_SUFFIXES = (".csv", ".parquet")
 """Kinds of files that hold a run."""
-MOST_NUMBERS = 500_000_000
+MAX_NUMBERS = 500_000_000
 """Numbers in one run: 4 GB. A damaged or hostile file can claim any number of rows."""
 
 
@@ -36,7 +44,7 @@ def read_run_table(path: Path, needed: Collection[str]) -> RunTable:
     where there is no header, the first sample is row 1.
 
     Args:
-      path: Ends with one of `ENDINGS`.
+      path: Ends with one of `TABLE_SUFFIXES`.
       needed: Columns that must hold finite numbers if they are there. A column that is not among them may
         hold anything; it is in `numbers` if it holds numbers.
 
@@ -45,10 +53,7 @@ def read_run_table(path: Path, needed: Collection[str]) -> RunTable:
         message names file, row and column.
     """
     if path.suffix.lower() == ".csv":
-        from omnimj.recording.csv_table import read_csv
-
         return read_csv(path, needed)
-    from omnimj.recording.parquet_table import read_parquet
 
     return read_parquet(path, needed)
 
@@ -85,6 +90,214 @@ def first_not_finite(columns: Mapping[str, Array]) -> tuple[int, str] | None:
     return sample, name
 
 
-def plain(name: str) -> str:
+def printable(name: str) -> str:
     """A name as it can stand in a line of text: a damaged file may call a column anything."""
     return name if name.isprintable() else repr(name)
+
+
+# CSV: the quick way for good files, and a patient one that says where a bad file is bad.
+
+_NUMBER_NEEDED = "a finite number is needed"
+
+
+def read_csv(path: Path, needed: Collection[str]) -> RunTable:
+    """Reads a CSV file with a header row: commas, any line ends, a byte order mark or not.
+
+    Raises:
+      InputError: As `read_run_table`.
+    """
+    names, header_lines = _header(path)
+    needed = [name for name in names if name in needed]
+    numbers = _read_fast(path, names, header_lines, needed)
+    if numbers is None:
+        numbers = _read_by_cell(path, names, header_lines, needed)
+    return RunTable(names, numbers, lambda sample: _row_of(path, header_lines, sample))
+
+
+def _text_of(path: Path) -> TextIO:
+    """The file as text. Bytes that are no UTF-8 come as surrogates: they may stand where nobody looks."""
+    return path.open(encoding="utf-8-sig", errors="surrogateescape", newline="")
+
+
+def _header(path: Path) -> tuple[tuple[str, ...], int]:
+    """Column names, and the lines that they take."""
+    try:
+        with _text_of(path) as lines:
+            reader = csv.reader(lines)
+            record = next(reader, None)
+    except csv.Error as error:
+        raise InputError(f"{path}: row 1", f"is no header ({error})") from None
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error.strerror})") from None
+    if not record:
+        raise InputError(
+            path, "has no header" if record is not None else "is empty", "the first row is the header"
+        )
+    if any("\udc80" <= letter <= "\udcff" for name in record for letter in name):
+        raise InputError(f"{path}: row 1", "is not UTF-8 text", "save the file as CSV in UTF-8")
+    if len(record) == 1 and (";" in record[0] or "\t" in record[0]):
+        raise InputError(f"{path}: row 1", f"found {record[0]!r}", "columns are separated by commas")
+    return checked_names(path, record), reader.line_num
+
+
+def _read_fast(
+    path: Path, names: Sequence[str], header_lines: int, needed: Collection[str]
+) -> dict[str, Array] | None:
+    """Numbers by column; None where anything at all is not as it should be."""
+    keys = [f"{k}" for k in range(len(names))]
+    # a column that nobody asked for is read as text, since whether it holds numbers shows at its end
+    kinds = {
+        key: pa.float64() if name in needed else pa.string() for key, name in zip(keys, names, strict=True)
+    }
+    try:
+        table = pa.csv.read_csv(
+            path,
+            pa.csv.ReadOptions(column_names=keys, skip_rows=header_lines),
+            convert_options=pa.csv.ConvertOptions(column_types=kinds, null_values=[""], check_utf8=False),
+        )
+        if table.num_rows * len(names) > MAX_NUMBERS:
+            raise InputError(path, f"has {table.num_rows} rows", f"at most {MAX_NUMBERS} numbers are read")
+        numbers = {}
+        for key, name in zip(keys, names, strict=True):
+            column = table.column(key)
+            if name in needed:
+                values = np.array(column.to_numpy(), dtype=float)  # an empty cell becomes NaN
+                if not np.isfinite(values).all():
+                    return None
+                numbers[name] = values
+            elif name and (values := _numbers_of(column)) is not None:
+                numbers[name] = values
+    except (pa.ArrowException, UnicodeDecodeError):
+        return None
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error.strerror or error})") from None
+    return numbers
+
+
+def _numbers_of(column: pa.ChunkedArray) -> Array | None:
+    """A column of text as numbers, NaN for its empty cells; None if there is anything but numbers."""
+    try:
+        text = pa.compute.utf8_trim_whitespace(column)
+        empty = pa.compute.equal(text, "")
+        found = pa.compute.if_else(empty, None, text).cast(pa.float64())
+    except (pa.ArrowException, UnicodeDecodeError):
+        return None
+    return None if found.null_count == len(found) else np.array(found.to_numpy(), dtype=float)
+
+
+def _records(path: Path, header_lines: int) -> Iterator[tuple[int, list[str]]]:
+    """Row, counted from the header's 1, and cells of every record that is not an empty line."""
+    with _text_of(path) as lines:
+        reader = csv.reader(lines)
+        next(reader)
+        row = header_lines + 1
+        try:
+            for record in reader:
+                if len(record) > 1 or (record and record[0].strip()):
+                    yield row, record
+                row = reader.line_num + 1
+        except csv.Error as error:
+            raise InputError(f"{path}: row {row}", f"cannot be read ({error})") from None
+
+
+def _row_of(path: Path, header_lines: int, sample: int) -> int:
+    return next(islice((row for row, _ in _records(path, header_lines)), sample, None))
+
+
+def _read_by_cell(
+    path: Path, names: Sequence[str], header_lines: int, needed: Collection[str]
+) -> dict[str, Array]:
+    """Numbers by column, cell by cell.
+
+    Raises:
+      InputError: At the first row with too few or too many cells, or without a number where one is needed.
+    """
+    places = [(k, name) for k, name in enumerate(names) if name in needed]
+    others: dict[int, str] = {k: name for k, name in enumerate(names) if name and name not in needed}
+    found: dict[int, list[float]] = {k: [] for k, name in enumerate(names) if name}
+    for row, record in _records(path, header_lines):
+        if len(record) != len(names):
+            cells = f"has {len(record)} cells" if len(record) != 1 else f"has the one cell {record[0]!r}"
+            raise InputError(f"{path}: row {row}", cells, f"the header has {len(names)} columns")
+        for k, name in places:
+            found[k].append(_needed_number(path, row, name, record[k]))
+        for k in list(others):
+            number = _number(record[k]) if record[k].strip() else math.nan
+            if number is None:
+                del others[k], found[k]
+            else:
+                found[k].append(number)
+    return {names[k]: np.array(values, dtype=float) for k, values in found.items()}
+
+
+def _number(cell: str) -> float | None:
+    # Python takes 1_000 and digits of other alphabets for numbers, a measured file does not
+    if "_" in cell or not cell.isascii():
+        return None
+    try:
+        return float(cell)
+    except ValueError:
+        return None
+
+
+def _needed_number(path: Path, row: int, name: str, cell: str) -> float:
+    number = _number(cell)
+    if number is not None and math.isfinite(number):
+        return number
+    found = f"found {cell.strip()!r}" if cell.strip() else "found an empty cell"
+    raise InputError(f"{path}: row {row}, column {name!r}", found, _NUMBER_NEEDED)
+
+
+# Parquet files of any writer, whole or damaged.
+
+
+def read_parquet(path: Path, needed: Collection[str]) -> RunTable:
+    """Reads a Parquet file.
+
+    Raises:
+      InputError: As `read_run_table`.
+    """
+    try:
+        # not a data set of Arrow's: a folder's name such as `seed=1` must not become a column
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
+            schema, rows = file.schema_arrow, file.metadata.num_rows
+            names = checked_names(path, schema.names)
+            if rows * len(names) > MAX_NUMBERS:
+                raise InputError(path, f"claims {rows} rows", f"at most {MAX_NUMBERS} numbers are read")
+            asked = [
+                k for k, name in enumerate(names) if name in needed or (name and _is_number(schema.types[k]))
+            ]
+            for k in asked:
+                if not _is_number(schema.types[k]):
+                    found = f"column {names[k]!r} holds {schema.types[k]}"
+                    raise InputError(path, found, "every column of the plant holds numbers")
+            table = file.read(columns=[schema.names[k] for k in asked])
+            numbers = {
+                table.column_names[k].strip(): _array(table.column(k)) for k in range(table.num_columns)
+            }
+    except (pa.ArrowException, OSError, UnicodeDecodeError, OverflowError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(path, "is not a whole Parquet file", reason[:200]) from None
+    broken = first_not_finite({name: values for name, values in numbers.items() if name in needed})
+    if broken is not None:
+        sample, name = broken
+        place = f"{path}: row {sample + 1}, column {name!r}"
+        empty = not table.column(table.column_names.index(_raw(table, name)))[sample].is_valid
+        found = "found an empty cell" if empty else f"found {numbers[name][sample]}"
+        raise InputError(place, found, "a finite number is needed")
+    return RunTable(names, numbers, lambda sample: sample + 1)
+
+
+def _raw(table: pa.Table, name: str) -> str:
+    return next(raw for raw in table.column_names if raw.strip() == name)
+
+
+def _is_number(kind: pa.DataType) -> bool:
+    return pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_decimal(kind)
+
+
+def _array(column: pa.ChunkedArray) -> Array:
+    """Shape (n,), NaN where there is no value."""
+    if pa.types.is_decimal(column.type):
+        column = column.cast(pa.float64())
+    return np.array(column.to_numpy(), dtype=float)

@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from omnimj.errors import InputError
-from omnimj.recording.folder import whole_file
+from omnimj.recording.folder import atomic_file
 from omnimj.signals import Array, Trace
 
 _ABOUT = b"omnimj"
@@ -29,7 +29,7 @@ def write_trace(path: Path, trace: Trace) -> None:
     about = {_ABOUT: json.dumps(dict(trace.about)).encode()}
     table = pa.table(arrays, names=list(trace.columns)).replace_schema_metadata(about)
     try:
-        with whole_file(path) as temporary:
+        with atomic_file(path) as temporary:
             # the bytes of floats of like size are alike: transposed they pack well, a dictionary never would
             pq.write_table(
                 table,

@@ -14,16 +14,15 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 
 from omnimj.errors import InputError, UnknownNameError
-from omnimj.parameters.toml_file import read_toml
-from omnimj.recording.dataset import Run
-from omnimj.recording.dataset_columns import ROBOT_WHEELS
+from omnimj.parameters.reading import read_toml
+from omnimj.recording.dataset import ROBOT_WHEELS, Run
 from omnimj.recording.dataset_file import DATASET_FILE
-from omnimj.recording.folder import check_folder, whole_file
-from omnimj.recording.run_table import ENDINGS
+from omnimj.recording.folder import atomic_file, check_folder
+from omnimj.recording.run_table import TABLE_SUFFIXES
 
 FORMATS = ("parquet", "csv")
 """Kinds of tables that can be written."""
-_MARK = "# written by omnimj"
+_SIGNATURE = "# written by omnimj"
 _PLAIN_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
@@ -75,10 +74,10 @@ class DatasetWriter:
         try:
             if not self._runs:
                 self._begin()
-            with whole_file(self._folder / f"{run.name}{self._ending}") as temporary:
+            with atomic_file(self._folder / f"{run.name}{self._ending}") as temporary:
                 write_table(temporary, run)
             self._runs[run.name] = run
-            with whole_file(self._folder / DATASET_FILE) as temporary:
+            with atomic_file(self._folder / DATASET_FILE) as temporary:
                 text = dataset_text(self._plant, self._defaults, self._runs.values())
                 temporary.write_text(text, encoding="utf-8", newline="\n")
         except OSError as error:
@@ -114,7 +113,7 @@ def write_dataset(
 def dataset_text(plant: str, defaults: Mapping[str, float | str], runs: Iterable[Run]) -> str:
     """The content of `dataset.toml`; what the defaults say of a run is not said again."""
     runs = list(runs)
-    lines = [_MARK, f"plant = {_value(plant)}"]
+    lines = [_SIGNATURE, f"plant = {_value(plant)}"]
     wheels = sum(name.startswith("wheel_speed_") for name in runs[0].columns) if runs else ROBOT_WHEELS
     if plant == "uto_robot" and wheels not in (0, ROBOT_WHEELS):
         lines.append(f"wheels = {wheels}")
@@ -138,10 +137,10 @@ def _earlier_files(folder: Path) -> list[Path]:
     if not folder.is_dir():
         return []
     about = folder / DATASET_FILE
-    tables = {file.stem: file for file in folder.iterdir() if file.suffix.lower() in ENDINGS}
+    tables = {file.stem: file for file in folder.iterdir() if file.suffix.lower() in TABLE_SUFFIXES}
     ours: Mapping[str, object] = {}
     if about.is_file():
-        if not about.read_bytes().startswith(_MARK.encode()):
+        if not about.read_bytes().startswith(_SIGNATURE.encode()):
             rule = "--force goes only over what omnimj wrote, choose another folder"
             raise InputError(f"--out {folder}", f"has a {DATASET_FILE} of another origin", rule)
         runs = read_toml(about).get("runs", {})

@@ -11,7 +11,7 @@ from matplotlib.image import imsave
 from numpy.typing import NDArray
 
 from omnimj.physics.native import kernel
-from omnimj.view.scene3d import body_look
+from omnimj.view.poses import body_appearance
 
 if TYPE_CHECKING:
     from omnimj.view.picture import Camera
@@ -124,7 +124,7 @@ def _shaded(mj_model: mujoco.MjModel, qpos: Array, to_eye: Array) -> tuple[Array
     mujoco.mj_kinematics(mj_model, mj_data)
     corners, colors = [], []
     for body in range(mj_model.nbody):
-        look = body_look(mj_model, body)
+        look = body_appearance(mj_model, body)
         if look is None:
             continue
         surface = look.surface.moved(mj_data.xpos[body], mj_data.xmat[body].reshape(3, 3))

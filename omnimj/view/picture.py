@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnimj.signals import Trace
-from omnimj.view.scene3d import Poses
+from omnimj.view.poses import Poses
 from omnimj.view.wording import Span, fault_spans
 
 Array = NDArray[np.float64]

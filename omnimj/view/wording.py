@@ -11,10 +11,13 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from omnimj.control.published.choice import Choice
-from omnimj.control.recovery.modes import NAMES, NORMAL
+from omnimj.control.detection.detector import DetectorOptions
+from omnimj.control.recovery.modes import MODE_CONSEQUENCES, MODE_NAMES, NORMAL, PIVOTING, indispensable
+from omnimj.control.recovery.modes import MODE_NAMES as NAMES
+from omnimj.control.robot_constants import wheel_geometry
+from omnimj.diagnose.replay import RunDiagnosis
 from omnimj.parameters import Rig, Robot
-from omnimj.signals import Trace
+from omnimj.signals import Diagnosis, Trace
 
 FAULT_NAMES: Mapping[str, str] = {
     "motor": "motor loss",
@@ -39,7 +42,7 @@ UNITS: Mapping[str, str] = {
     "x": "m",
     "y": "m",
 }
-MODE_NAMES: Mapping[str, tuple[str, ...]] = {
+DETECTOR_MODE_NAMES: Mapping[str, tuple[str, ...]] = {
     "robust": ("healthy", "suspect", "faulty", "cannot judge"),
     "published": ("no fault", "slip", "torque constant is estimated", "torque constant was estimated"),
     "published on the rig": ("no fault", "slip", "motor fault"),
@@ -52,7 +55,7 @@ NOT_DIAGNOSED = "off"
 _PLACE = ("kind", "wheel", "wheels", "onset", "end")
 
 
-class Described(Protocol):
+class ScenarioLike(Protocol):
     """What the view needs to know of a scenario."""
 
     @property
@@ -96,7 +99,7 @@ class Described(Protocol):
         ...
 
     @property
-    def diagnosis(self) -> Choice:
+    def diagnosis(self) -> DetectorOptions:
         """Which form of a method is used."""
         ...
 
@@ -180,7 +183,9 @@ def is_diagnosed(metrics: Mapping[str, Any]) -> bool:
 
 def mode_name(method: str, is_rig: bool, mode: int) -> str:
     """What the number in the column `mode` means; a number without words stays one."""
-    names = MODE_NAMES.get(f"{method} on the rig" if is_rig else method) or MODE_NAMES.get(method, ())
+    names = DETECTOR_MODE_NAMES.get(f"{method} on the rig" if is_rig else method) or DETECTOR_MODE_NAMES.get(
+        method, ()
+    )
     return names[mode] if 0 <= mode < len(names) else f"mode {mode}"
 
 
@@ -195,7 +200,7 @@ def fault_name(record: Mapping[str, Any]) -> str:
     return f"{kind}, wheel{'s' if len(wheels) > 1 else ''} {', '.join(str(wheel) for wheel in wheels)}"
 
 
-def answer(text: str) -> str:
+def ambiguity_name(text: str) -> str:
     """One of `ambiguous_with`, `motor 3`, as other diagnoses are named: `motor loss, wheel 3`."""
     kind, _, place = text.partition(" ")
     if place.isdecimal():
@@ -244,7 +249,7 @@ def title(metrics: Mapping[str, Any]) -> str:
     return str(metrics.get("scenario", "run")).replace("_", " ").capitalize()
 
 
-def repeat_command(scenario: Described, metrics: Mapping[str, Any]) -> str:
+def repeat_command(scenario: ScenarioLike, metrics: Mapping[str, Any]) -> str:
     """The command line that drives the same run again."""
     if metrics.get("command"):
         return str(metrics["command"])
@@ -258,3 +263,141 @@ def repeat_command(scenario: Described, metrics: Mapping[str, Any]) -> str:
     for pair in scenario.overrides:
         words += ["--set", pair]
     return shlex.join([*words, "--out", "OUT"])
+
+
+# What recovery held in a run and what it gave up, in words.
+
+_COUNTS = {3: "three", 4: "four", 5: "five", 6: "six"}
+
+
+@dataclass(frozen=True)
+class RecoveryPeriod:
+    """One way in which recovery drove, over all stretches of the run in which it did."""
+
+    name: str
+    """`turning about wheel 2`."""
+    spans: tuple[Span, ...]
+    """When, in order."""
+    gives_up: str
+    """What cannot be held then."""
+
+    @property
+    def lasted(self) -> float:
+        """In all [s]."""
+        return sum(span.end - span.start for span in self.spans)
+
+    @property
+    def when(self) -> str:
+        """`0.85 – 4.5 s`, or how often and how long in all."""
+        first, last = self.spans[0].start, self.spans[-1].end
+        words = f"{first:.3g} – {last:.3g} s"
+        if len(self.spans) == 1:
+            return words
+        return f"{words}, {len(self.spans)} times, {self.lasted:.3g} s in all"
+
+
+def recovery_periods(trace: Trace, metrics: Mapping[str, Any]) -> list[RecoveryPeriod]:
+    """The ways in which recovery drove, in the order in which it first did; none for a run as planned.
+
+    Args:
+      trace: What was recorded.
+      metrics: Content of `metrics.json`; its diagnoses say which wheels are believed broken.
+    """
+    found: dict[tuple[str, str], list[Span]] = {}
+    sentences: dict[str, str] = dict(zip(MODE_NAMES, MODE_CONSEQUENCES, strict=True))
+    for span in recovery_spans(trace):
+        name, gives_up = span.state, sentences.get(span.state, "")
+        if span.state == MODE_NAMES[PIVOTING]:
+            wheel = _pivot_wheel(trace, metrics, span)
+            name = span.state if wheel is None else f"turning about wheel {wheel}"
+        found.setdefault((name, gives_up), []).append(span)
+    return [RecoveryPeriod(name, tuple(spans), gives_up) for (name, gives_up), spans in found.items()]
+
+
+def _pivot_wheel(trace: Trace, metrics: Mapping[str, Any], span: Span) -> int | None:
+    """The wheel that the robot turns about: of those believed broken then, the one that turns the least."""
+    rows = (trace["time"] >= span.start) & (trace["time"] <= span.end)
+    broken = {
+        int(wheel)
+        for diagnosis in metrics.get("diagnoses") or ()
+        if float(diagnosis["time"]) <= span.end
+        for wheel in diagnosis.get("wheels") or ()
+        if f"wheel_speed_{wheel}" in trace
+    }
+    if not broken or not rows.any():
+        return None
+    return min(broken, key=lambda wheel: float(np.abs(trace[f"wheel_speed_{wheel}"][rows]).mean()))
+
+
+def describe_layout(constants: Robot | Rig) -> str:
+    """What a robot of this layout cannot lose; empty where any one wheel can be lost.
+
+    Without wheel i the columns of B that are left must have rank 3 for any force and moment.
+    """
+    if isinstance(constants, Rig):
+        return ""
+    n, needed = len(constants.wheels), indispensable(wheel_geometry(constants).forces)
+    if not needed:
+        return ""
+    if len(needed) == n:
+        return f"{_COUNTS.get(n, str(n))} wheels cannot lose one and be steered and turned at will"
+    which = f"wheel{'s' if len(needed) > 1 else ''} {', '.join(map(str, needed))}"
+    return f"it cannot lose {which} and be steered and turned at will"
+
+
+# Diagnoses in words: what, when, and how sure.
+
+NOTHING_FOUND = "nothing found"
+
+
+def describe_diagnosis(diagnosis: Diagnosis) -> str:
+    """`motor 2 has 43 % of its torque left`."""
+    d, wheels = diagnosis, ", ".join(str(wheel) for wheel in diagnosis.wheels)
+    if d.kind == "motor":
+        left = d.effectiveness
+        return f"motor {wheels} is weak" + ("" if left is None else f": {100.0 * left:.0f} % left")
+    if d.kind == "sensor":
+        return f"sensor {d.channel or wheels} is wrong"
+    said = {
+        "slip": f"wheel {wheels} slips",
+        "locked": f"wheel {wheels} is locked",
+        "free": f"motor {wheels} gives nothing",
+        "hard_over": f"motor {wheels} runs away",
+        "all_wheel_slip": "all wheels slip",
+    }
+    return said.get(d.kind, f"{d.kind.replace('_', ' ')} {wheels}".strip())
+
+
+def describe_time(diagnosis: Diagnosis) -> str:
+    """`from 3.210 s`, or until when it stood."""
+    if diagnosis.cleared is None:
+        return f"from {diagnosis.time:.3f} s"
+    return f"{diagnosis.time:.3f} … {diagnosis.cleared:.3f} s"
+
+
+def describe_confidence(diagnosis: Diagnosis) -> str:
+    """`99 %`, and what else it could be."""
+    others = f", or {', '.join(diagnosis.ambiguous_with)}" if diagnosis.ambiguous_with else ""
+    return f"{100.0 * diagnosis.confidence:.0f} %{others}"
+
+
+def describe_undiagnosed(run: RunDiagnosis) -> str:
+    """What there is to say of a run without a diagnosis."""
+    return NOTHING_FOUND if run.judged > 0.0 else "no usable samples"
+
+
+def describe_unjudged(run: RunDiagnosis) -> str:
+    """How long the method could not judge; empty where it always could."""
+    if run.cannot_judge <= 0.0:
+        return ""
+    return f"cannot judge {run.cannot_judge:.1f} of {run.judged:.1f} s"
+
+
+def summarize_runs(runs: Sequence[RunDiagnosis]) -> str:
+    """One sentence over all runs."""
+    said = sum(len(run.diagnoses) for run in runs)
+    many = f"{len(runs)} run{'s' if len(runs) != 1 else ''}"
+    if not said:
+        return f"{NOTHING_FOUND} in {many}"
+    where = sum(bool(run.diagnoses) for run in runs)
+    return f"{said} diagnos{'es' if said != 1 else 'is'} in {where} of {many}"

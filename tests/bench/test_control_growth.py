@@ -5,11 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from omnimj.bench import control_speed
-from omnimj.bench.control_speed import memory_growth
-from omnimj.bench.driven import PASSING_SLIP, SLIP_AND_WEAK_MOTOR, driven_mission, once_more, whole_controller
-from omnimj.control.diagnosing import DiagnosingController
-from omnimj.control.robust import past
+from omnimj.bench import control as control_speed
+from omnimj.bench.control import (
+    PASSING_SLIP,
+    SLIP_AND_WEAK_MOTOR,
+    full_controller,
+    memory_growth,
+    record_mission,
+    replay_mission,
+)
+from omnimj.control.detection.robust import verdict
+from omnimj.control.fault_tolerant import FaultTolerantController
 from omnimj.parameters import read_robot
 
 ROBOT = read_robot()
@@ -18,32 +24,32 @@ ROBOT = read_robot()
 @pytest.fixture(scope="module")
 def slipping():
     """Ten seconds in which a wheel slips and grips again."""
-    return driven_mission(ROBOT, 10.0, PASSING_SLIP)
+    return record_mission(ROBOT, 10.0, PASSING_SLIP)
 
 
 def test_memory_after_forty_thousand_steps_is_memory_after_twenty_thousand(slipping, monkeypatch):
-    monkeypatch.setattr(past, "REMEMBERED", 1)  # an hour's diagnoses in a minute
-    monkeypatch.setattr(control_speed, "WARM", 2)
+    monkeypatch.setattr(verdict, "HISTORY_LENGTH", 1)  # an hour's diagnoses in a minute
+    monkeypatch.setattr(control_speed, "WARM_UP_MISSIONS", 2)
     growth = memory_growth(slipping, 2)
     assert growth.seconds == pytest.approx(20.0) and growth.diagnoses > 0
     assert abs(growth.grown) < 4.0  # kB; a byte per step would be 20
 
 
 def test_what_is_kept_from_step_to_step_is_seen(slipping, monkeypatch):
-    kept, step = [], DiagnosingController.step
+    kept, step = [], FaultTolerantController.step
 
     def hoarding(controller, state, measurement, target):
         kept.append(state.control.log)
         return step(controller, state, measurement, target)
 
-    monkeypatch.setattr(control_speed, "WARM", 0)
-    monkeypatch.setattr(DiagnosingController, "step", hoarding)
+    monkeypatch.setattr(control_speed, "WARM_UP_MISSIONS", 0)
+    monkeypatch.setattr(FaultTolerantController, "step", hoarding)
     assert memory_growth(slipping, 1).grown > 1000.0
 
 
 def test_a_replay_ends_with_what_the_drive_ended_with():
-    driven = driven_mission(ROBOT, 12.0, SLIP_AND_WEAK_MOTOR)
-    controller = whole_controller(ROBOT)
-    again = once_more(controller, controller.start(driven.measurements[0]), driven, 0)
+    driven = record_mission(ROBOT, 12.0, SLIP_AND_WEAK_MOTOR)
+    controller = full_controller(ROBOT)
+    again = replay_mission(controller, controller.start(driven.measurements[0]), driven, 0)
     assert again.diagnoses == driven.last.diagnoses and np.array_equal(again.log, driven.last.log)
     assert again.diagnoses  # something was found

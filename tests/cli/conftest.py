@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from omnimj.cli.main import main
-from omnimj.plant.planar import PlanarRobot
-from omnimj.plant.planar_rig import PlanarRig
+from omnimj.plant.planar import PlanarRig, PlanarRobot
 
 
 @pytest.fixture
@@ -43,6 +42,6 @@ def plain_files(monkeypatch):
     def touch(path: Path, *_: object) -> None:
         path.touch()
 
-    monkeypatch.setattr("omnimj.view.report.write_report", touch)
-    monkeypatch.setattr("omnimj.view.recording_of_run.write_recording_of", touch)
-    monkeypatch.setattr("omnimj.cli.outputs._picture_of", lambda *_: None)
+    monkeypatch.setattr("omnimj.view.report.run.write_report", touch)
+    monkeypatch.setattr("omnimj.view.rerun.recording.write_recording_of", touch)
+    monkeypatch.setattr("omnimj.cli.run._picture_of", lambda *_: None)

@@ -144,6 +144,6 @@ def test_an_mjcf_that_mujoco_does_not_read(
 ):
     shutil.copytree(models_folder(), tmp_path / "models")
     (tmp_path / "models" / scene).write_bytes(content)
-    monkeypatch.setattr("omnimj.twin.assembly.models_folder", lambda: tmp_path / "models")
+    monkeypatch.setattr("omnimj.plant.mujoco.assembly.models_folder", lambda: tmp_path / "models")
     message = refused("run", scenario)
     assert "scene.xml: is not a model that MuJoCo reads" in message and told in message

@@ -12,11 +12,10 @@ import pytest
 from driven_missions import as_run, driven
 
 from omnimj.cli.main import main
-from omnimj.control.robust import Robust
-from omnimj.control.robust.thresholds_file import UNITS, read_thresholds
-from omnimj.control.robust.verdict import Thresholds
-from omnimj.diagnosis import calibrate as calibrating
-from omnimj.diagnosis.calibrate import least
+from omnimj.control.detection.robust import RobustDetector
+from omnimj.control.detection.robust.thresholds import THRESHOLD_UNITS, Thresholds, read_thresholds
+from omnimj.diagnose import calibration as calibrating
+from omnimj.diagnose.calibration import lower_bounds
 from omnimj.recording.dataset import Run
 from omnimj.recording.write_dataset import write_dataset
 
@@ -67,20 +66,22 @@ def test_thresholds_are_never_below_their_floor_and_rise_when_the_rate_falls(fil
         for name in ("motor", "drag", "accelerometer"):
             assert getattr(thresholds, name) >= chance - 1e-9
         assert thresholds.slip >= Thresholds().slip
-    for name in UNITS:
+    for name in THRESHOLD_UNITS:
         values = [getattr(found[rate], name) for rate in RATES]
         assert all(a <= b for a, b in itertools.pairwise(values))
         # what health never showed in these recordings stays at its floor, whatever the rate
-        assert values[0] < values[-1] or (name in ("slip", "worn") and values[-1] == least(0.1, 4)[name])
+        assert values[0] < values[-1] or (
+            name in ("slip", "worn") and values[-1] == lower_bounds(0.1, 4)[name]
+        )
 
 
 def test_the_file_says_where_it_comes_from(files, folder):
     told = tomllib.loads(files[0.1].read_text(encoding="utf-8"))["calibration"]
     assert told["dataset"] == str(folder) and told["false_alarms_per_hour"] == 0.1 and told["version"]
     assert 60.0 / 3600.0 < told["hours"] < 90.0 / 3600.0
-    assert set(told["largest"]) == set(UNITS)
+    assert set(told["largest"]) == set(THRESHOLD_UNITS)
     largest = read_thresholds(files[0.001])
-    assert all(0.0 <= told["largest"][name] < getattr(largest, name) for name in UNITS)
+    assert all(0.0 <= told["largest"][name] < getattr(largest, name) for name in THRESHOLD_UNITS)
 
 
 def test_it_says_how_far_it_had_to_extrapolate(folder, files, tmp_path, capsys):
@@ -94,7 +95,7 @@ def test_it_says_how_far_it_had_to_extrapolate(folder, files, tmp_path, capsys):
     assert main([*argv, "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["extrapolated"] == pytest.approx(10.0 / told["hours"])
-    assert set(told["thresholds"]) == set(UNITS)
+    assert set(told["thresholds"]) == set(THRESHOLD_UNITS)
     assert told["still_diagnosed"] == {} and len(told["warnings"]) == 1
     assert read_thresholds(file) == read_thresholds(files[0.1])
 
@@ -129,18 +130,18 @@ def test_the_observer_of_a_gains_file_is_the_one_that_is_calibrated_and_that_dia
 
 
 def test_a_run_with_thresholds_decides_by_them(monkeypatch, files):
-    from omnimj.scenario import running
+    from omnimj.simulate import run as running
 
     seen = []
-    whole = running.make_method
+    whole = running.make_detector
 
     def noting(*arguments):
         method = whole(*arguments)
-        assert isinstance(method, Robust)
+        assert isinstance(method, RobustDetector)
         seen.append(method.thresholds)
         return method
 
-    monkeypatch.setattr(running, "make_method", noting)
+    monkeypatch.setattr(running, "make_detector", noting)
     short = ("--plant", "planar", "--set", "duration=0.2", "--set", "checks={}")
     assert main(["run", "nylon_patch", *short]) == 0
     assert main(["run", "nylon_patch", *short, "--thresholds", str(files[0.1])]) == 0
@@ -148,9 +149,9 @@ def test_a_run_with_thresholds_decides_by_them(monkeypatch, files):
 
 
 def test_less_data_give_no_lower_thresholds_by_chance_alone():
-    assert least(0.1, 4)["motor"] == pytest.approx(17.4, abs=0.01)
-    assert least(0.1, 4)["slip"] == Thresholds().slip
-    assert least(1e9, 4)["motor"] > 0.0
+    assert lower_bounds(0.1, 4)["motor"] == pytest.approx(17.4, abs=0.01)
+    assert lower_bounds(0.1, 4)["slip"] == Thresholds().slip
+    assert lower_bounds(1e9, 4)["motor"] > 0.0
 
 
 @pytest.fixture(scope="module")
@@ -174,7 +175,7 @@ def test_recordings_with_a_failed_sensor_or_little_motion_are_refused(mission, r
 
 
 def test_a_fault_in_the_recordings_is_warned_about(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(calibrating, "FEWEST", 1)
+    monkeypatch.setattr(calibrating, "MIN_STRETCHES", 1)
     monkeypatch.setattr(calibrating, "STRETCH", 3.0)
     gyro = np.array(driven()["yaw"])
     gyro[5000:] = (gyro[5000:] + 0.2 * np.arange(len(gyro) - 5000) * 1e-3) % (2.0 * np.pi)

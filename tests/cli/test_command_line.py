@@ -14,12 +14,11 @@ import jsonschema
 import pytest
 
 from omnimj.cli.main import main, make_parser
-from omnimj.cli.progress import ProgressBar
-from omnimj.cli.tables import shown, table
+from omnimj.cli.terminal import ProgressBar, format_table, format_value
+from omnimj.plant.mujoco.twin import RobotTwin
 from omnimj.plant.planar import PlanarRobot
 from omnimj.recording.traces import read_trace
 from omnimj.resources import scenarios_folder
-from omnimj.twin.twin import RobotTwin
 
 SCHEMA = json.loads((Path(__file__).parent.parent / "schema" / "metrics.json").read_text(encoding="utf-8"))
 SHORT = ("run", "nylon_patch", "--plant", "planar")
@@ -143,7 +142,7 @@ def test_ctrl_c_while_files_are_written_keeps_those_that_are_whole(
         path.write_text("half")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("omnimj.view.report.write_report", interrupted)
+    monkeypatch.setattr("omnimj.view.report.run.write_report", interrupted)
     assert called(capsys, *QUICK, "--out", str(tmp_path))[0] == 130
     assert sorted(path.name for path in tmp_path.iterdir()) == ["metrics.json", "run.rrd", "trace.parquet"]
 
@@ -246,5 +245,5 @@ def test_the_bar_shows_on_a_terminal_only_and_cleans_up():
 
 
 def test_a_table_aligns_its_columns():
-    assert table(("a", "b"), [("xx", "1"), ("y", "22")]) == "a   b\nxx  1\ny   22"
-    assert shown(None) == "–" and shown(0.12345, "m") == "0.1235 m" and shown(2.0) == "2"
+    assert format_table(("a", "b"), [("xx", "1"), ("y", "22")]) == "a   b\nxx  1\ny   22"
+    assert format_value(None) == "–" and format_value(0.12345, "m") == "0.1235 m" and format_value(2.0) == "2"

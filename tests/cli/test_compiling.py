@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from omnimj.cli.compiling import note_compiled, say_compiling
 from omnimj.cli.main import main
+from omnimj.cli.terminal import announce_compilation, note_compiled
 from omnimj.physics import native
 from omnimj.plant.planar import PlanarRobot
 
@@ -31,11 +31,11 @@ def cache(monkeypatch, tmp_path) -> Path:
 def test_every_kind_of_plant_is_announced_once(cache, capsys):
     for plant in ("twin", "planar"):
         for machine in ("uto_robot", "quarter_rig"):
-            say_compiling(plant, machine)
+            announce_compilation(plant, machine)
             told = capsys.readouterr().err
             assert told.count("\n") == 1 and f"compiling native code for the {plant} plant, once" in told
             note_compiled(plant, machine)
-            say_compiling(plant, machine)
+            announce_compilation(plant, machine)
             assert capsys.readouterr().err == ""
 
 
@@ -78,7 +78,7 @@ def test_the_line_comes_before_the_imports_that_compile(tmp_path, plant):
 import sys
 class Gate:
     def find_spec(self, name, path=None, target=None):
-        if name in ("omnimj.twin.twin", "omnimj.plant.planar"):
+        if name in ("omnimj.plant.mujoco.twin", "omnimj.plant.planar"):
             print("now", name, file=sys.stderr)
             raise SystemExit(3)
 sys.meta_path.insert(0, Gate())

@@ -11,7 +11,7 @@ import pytest
 from omnimj.cli.completion import SHELLS, completion_script
 from omnimj.cli.main import main, make_parser
 from omnimj.resources import models_folder
-from omnimj.scenario.listing import scenario_names
+from omnimj.simulate.scenario.listing import scenario_names
 
 BASH = completion_script(make_parser(), "bash")
 needs_bash = pytest.mark.skipif(shutil.which("bash") is None, reason="no bash here")

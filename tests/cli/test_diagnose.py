@@ -12,15 +12,15 @@ import pytest
 from driven_missions import ONSET, as_run, driven
 
 from omnimj.cli.main import main
-from omnimj.diagnosis import diagnose as diagnosing
-from omnimj.loop import drive_rig
+from omnimj.diagnose import replay as diagnosing
 from omnimj.parameters import read_rig
-from omnimj.plant.conditions import Fault
-from omnimj.plant.planar_rig import PlanarRig
+from omnimj.plant.faults import Fault
+from omnimj.plant.planar import PlanarRig
 from omnimj.recording.dataset import Run
 from omnimj.recording.read_dataset import read_dataset
 from omnimj.recording.traces import read_trace
 from omnimj.recording.write_dataset import DatasetWriter, write_dataset
+from omnimj.simulate.loop import drive_rig
 
 SCHEMA = json.loads((Path(__file__).parent.parent / "schema" / "diagnoses.json").read_text(encoding="utf-8"))
 FLOOR = {"floor": "natural_stone"}

@@ -10,7 +10,7 @@ import pytest
 
 from omnimj.cli.main import main
 from omnimj.parameters import read_floors
-from omnimj.parameters.floor_text import floor_text
+from omnimj.parameters.floor import format_floor
 
 GLASS = replace(read_floors()["natural_stone"], name="glass", description="wet", source="my own test")
 RIG = ("run", "rig_lateral", "--set", "duration=0.3", "--set", "checks={}", "--json")
@@ -23,7 +23,7 @@ def own(tmp_path):
     slippery = replace(GLASS, numbers=numbers)
     path = tmp_path / "own.toml"
     path.write_text(
-        floor_text(slippery) + floor_text(replace(slippery, name="natural_stone")), encoding="utf-8"
+        format_floor(slippery) + format_floor(replace(slippery, name="natural_stone")), encoding="utf-8"
     )
     return path
 
@@ -45,7 +45,7 @@ def test_a_floor_of_ones_own_goes_before_the_shipped_one_of_its_name(capsys, own
 def test_a_floor_survives_its_text(tmp_path):
     path = tmp_path / "floors.toml"
     shipped = read_floors()
-    path.write_text("\n".join(map(floor_text, shipped.values())), encoding="utf-8")
+    path.write_text("\n".join(map(format_floor, shipped.values())), encoding="utf-8")
     assert read_floors(path) == shipped
 
 
@@ -62,7 +62,7 @@ def test_a_floor_survives_its_text(tmp_path):
 )
 def test_a_mistake_in_a_floor_is_told_by_every_command(refused: Callable[..., str], tmp_path, argv):
     path = tmp_path / "bad.toml"
-    path.write_text(floor_text(GLASS).replace("mu_c = ", "mu_d = "), encoding="utf-8")
+    path.write_text(format_floor(GLASS).replace("mu_c = ", "mu_d = "), encoding="utf-8")
     assert "bad.toml: glass: unknown key 'mu_d'; did you mean" in refused(*argv, "--floors", str(path))
     missing = refused(*argv, "--floors", str(tmp_path / "none.toml"))
     assert "none.toml" in missing

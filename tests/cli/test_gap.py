@@ -14,11 +14,11 @@ import pytest
 from made_findings import FINDINGS, rig_named, rig_unexplained
 
 from omnimj.cli.main import main
-from omnimj.cli.progress import ProgressBar
+from omnimj.cli.terminal import ProgressBar
 from omnimj.errors import InputError, UnknownNameError
-from omnimj.gap.holdout import held_out_conditions
-from omnimj.gap.new_model import new_model_text
-from omnimj.gap.records import Refitted
+from omnimj.estimate.gap.files import new_model_text
+from omnimj.estimate.gap.find import held_out_conditions
+from omnimj.estimate.gap.records import Refitted
 from omnimj.parameters import read_floors, read_rig
 from omnimj.recording.dataset import Run
 
@@ -39,9 +39,9 @@ def search(monkeypatch):
             given[3]("trying rail_viscous", 0.5)
             return finding
 
-        engine = types.ModuleType("omnimj.gap.engine")
+        engine = types.ModuleType("omnimj.estimate.gap.find")
         engine.find_gap = find_gap
-        monkeypatch.setitem(sys.modules, "omnimj.gap.engine", engine)
+        monkeypatch.setitem(sys.modules, "omnimj.estimate.gap.find", engine)
         return asked
 
     return install
@@ -54,8 +54,8 @@ def plain_views(monkeypatch):
     def touch(path: Path, *_: object) -> None:
         path.touch()
 
-    monkeypatch.setattr("omnimj.view.gap_report.write_gap_report", touch)
-    monkeypatch.setattr("omnimj.view.gap_recording.write_before_after", touch)
+    monkeypatch.setattr("omnimj.view.report.gap.report.write_gap_report", touch)
+    monkeypatch.setattr("omnimj.view.rerun.before_after.write_before_after", touch)
 
 
 def called(capsys, *argv: str) -> tuple[int, str, str]:

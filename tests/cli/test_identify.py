@@ -59,7 +59,7 @@ def test_ctrl_c_before_the_first_floor_writes_nothing(folder, tmp_path, monkeypa
     def stop(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("omnimj.identification.identify.identify_floor", stop)
+    monkeypatch.setattr("omnimj.estimate.identification.identify.identify_floor", stop)
     assert main(["identify", str(folder), "--out", str(tmp_path / "out")]) == 130
     assert not (tmp_path / "out").exists()
 

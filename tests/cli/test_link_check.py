@@ -9,7 +9,7 @@ import pytest
 from wired_devices import planar, served
 
 from omnimj.cli.main import main
-from omnimj.hardware.emulated import Defect
+from omnimj.link.device.emulated import WiringDefect
 
 LOCK_STEP = ("--lock-step", "--on-floor", "--yes", "--json")
 
@@ -26,7 +26,7 @@ def test_a_robot_that_is_wired_well_passes_over_a_real_wire(capsys):
 
 
 def test_wrong_signs_are_told_by_name_and_the_check_fails(capsys):
-    defects = [Defect("sign", "wheel_speed_2"), Defect("sign", "motor_4")]
+    defects = [WiringDefect("sign", "wheel_speed_2"), WiringDefect("sign", "motor_4")]
     with served(planar(), "udp", defects=defects) as address:
         code, found = told(capsys, address, *LOCK_STEP)
     assert code == 1 and not found["passed"]

@@ -9,7 +9,7 @@ import pytest
 
 from omnimj.cli import link, link_fuzz
 from omnimj.cli.main import main, make_parser
-from omnimj.hardware import fuzz as fuzzing
+from omnimj.link.check import fuzz as fuzzing
 
 SHORT = ("link", "fuzz", "--frames", "2000", "--noise", "100000", "--seed", "4")
 
@@ -33,7 +33,7 @@ def test_a_decoder_that_believes_anything_exits_with_1(capsys, monkeypatch):
 
 
 def test_growing_memory_exits_with_1(capsys, monkeypatch):
-    monkeypatch.setattr(link_fuzz, "_MOST_MEMORY", -1.0)
+    monkeypatch.setattr(link_fuzz, "_MAX_GROWTH", -1.0)
     assert main([*SHORT, "--json"]) == 1
     assert json.loads(capsys.readouterr().out)["passed"] is False
 

@@ -19,7 +19,7 @@ QUICK = ("--plant", "planar", "--repeats", "1")
 @pytest.fixture
 def two_runs(monkeypatch):
     """Suites of their first two runs."""
-    from omnimj.scenario.suites import recording
+    from omnimj.simulate.suites import recording
 
     def first_two(*arguments, **keywords):
         return planned(*arguments, **keywords)[:2]
@@ -51,7 +51,7 @@ def test_json_tells_the_command_the_effects_and_the_seed(two_runs, tmp_path, cap
 
 
 def test_ctrl_c_keeps_what_was_finished(two_runs, tmp_path, capsys, monkeypatch):
-    from omnimj.scenario.suites import rig
+    from omnimj.simulate.suites import rig
 
     def interrupted(plant, current, watch):
         trace = drive_rig(plant, current, watch)

@@ -9,8 +9,8 @@ import jsonschema
 import numpy as np
 import pytest
 
-from omnimj.cli.diagnosed import told_diagnoses
 from omnimj.cli.main import main
+from omnimj.cli.run_diagnoses import format_diagnoses
 from omnimj.plant.planar import PlanarRobot
 from omnimj.recording.traces import read_trace
 
@@ -31,7 +31,7 @@ def record(time: float, kind: str, *wheels: int, **own):
 
 def told(faults=(), diagnoses=(), method="robust") -> str:
     metrics = {"method": method, "faults": list(faults), "diagnoses": list(diagnoses)}
-    return told_diagnoses(metrics, 4)
+    return format_diagnoses(metrics, 4)
 
 
 WEAK = {"kind": "motor", "wheel": 1, "onset": 0.8, "end": None, "loss": 0.57}

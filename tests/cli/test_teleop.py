@@ -17,9 +17,8 @@ import pytest
 from wired_devices import ROBOT, planar, served
 
 from omnimj.cli.main import main
-from omnimj.hardware.link_mode import Mode
-from omnimj.hardware.messages import Status
-from omnimj.hardware.opening import open_link
+from omnimj.link.codec.messages import Status
+from omnimj.link.host.link import LinkMode, open_link
 from omnimj.recording.traces import read_trace
 
 termios = pytest.importorskip("termios")
@@ -125,7 +124,7 @@ def test_keys_drive_the_robot_behind_a_wire_and_leave_it_stopped(tmp_path):
             if not (code == 1 and BUSY.search(screen)):
                 break
         driven = dict(zip(robot.truth_names, robot.truth(), strict=True))
-        link = open_link(address, ROBOT, mode=Mode.READONLY)
+        link = open_link(address, ROBOT, mode=LinkMode.READONLY)
         link.connect()
         told = link.reading.telemetry
         link.close()
@@ -192,9 +191,9 @@ def test_the_newest_of_a_watched_drive_is_where_it_belongs(tmp_path):
     from rerun.chunk import RrdReader
 
     from omnimj.parameters import Robot
-    from omnimj.scenario.free_drive import free_drive
     from omnimj.signals import Trace
-    from omnimj.view.live_drive import LiveDrive, Reckoning
+    from omnimj.simulate.teleop.driving import free_drive
+    from omnimj.view.rerun.live import DeadReckoning, LiveDrive
 
     class File:
         is_open = True
@@ -224,7 +223,7 @@ def test_the_newest_of_a_watched_drive_is_where_it_belongs(tmp_path):
     table[:, 0] = time_
     speeds = np.array((0.0, -0.3, 0.0, 0.3)) / robot.wheel.radius  # 0.3 m/s along +x
     table[:, 1:5], table[:, 5] = speeds, np.pi / 2
-    reckoning = Reckoning(robot)
+    reckoning = DeadReckoning(robot)
     for k in range(0, 300, 100):
         live.rows(names, table[k : k + 100])
         placed = reckoning.placed(Trace(dict(zip(names, table[k : k + 100].T, strict=True))))

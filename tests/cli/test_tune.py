@@ -10,16 +10,15 @@ import pytest
 from short_push import Here, scenario_file
 
 from omnimj.cli.main import main
-from omnimj.control.robust.thresholds_file import read_thresholds
-from omnimj.control.robust.verdict import Thresholds
-from omnimj.trials import pool
-from omnimj.tuning import bench, tuning
+from omnimj.control.detection.robust.thresholds import Thresholds, read_thresholds
+from omnimj.studies import workers
+from omnimj.studies.tuning import batch, study
 
 
 @pytest.fixture
 def push(tmp_path, monkeypatch) -> list[str]:
     """The command over a scenario of half a second, the work done at once."""
-    monkeypatch.setattr(pool, "ProcessPoolExecutor", lambda *given, **named: Here())
+    monkeypatch.setattr(workers, "ProcessPoolExecutor", lambda *given, **named: Here())
     argv = [
         "tune",
         scenario_file(tmp_path, faults=""),
@@ -56,13 +55,13 @@ def test_thresholds_from_a_file_are_those_that_candidates_are_driven_with(push, 
         f'{name} = {{ value = 0.9, unit = "{unit}", source = "measured" }}' for name, unit in units.items()
     ]
     file.write_text("[thresholds]\n" + "\n".join(lines), encoding="utf-8")
-    drive = bench.drive_trial
+    drive = batch.drive_trial
 
     def noting(draw, values, uses, thresholds=None):
         seen.append(thresholds)
         return drive(draw, values, uses, thresholds)
 
-    monkeypatch.setattr(bench, "drive_trial", noting)
+    monkeypatch.setattr(batch, "drive_trial", noting)
     assert main([*push, "--thresholds", str(file)]) in (0, 1)
     assert set(seen) == {read_thresholds(file)}
     assert main([*push, "--force"]) in (0, 1)
@@ -71,7 +70,7 @@ def test_thresholds_from_a_file_are_those_that_candidates_are_driven_with(push, 
 
 
 def test_a_result_that_is_not_better_is_told_and_ends_with_1(push, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("omnimj.tuning.cost.Score.is_better_than", lambda self, other: False)
+    monkeypatch.setattr("omnimj.studies.tuning.cost.Score.is_better_than", lambda self, other: False)
     assert main(push) == 1
     assert "NOT BETTER than the gains before" in capsys.readouterr().out
     text = (tmp_path / "g.toml").read_text(encoding="utf-8")
@@ -82,7 +81,7 @@ def test_a_result_that_is_not_better_is_told_and_ends_with_1(push, tmp_path, cap
 def test_ctrl_c_keeps_what_was_driven_and_the_same_command_ends_as_if_it_had_not_been(
     push, tmp_path, monkeypatch, capsys
 ):
-    drive, left = tuning.Bench.drive, [2]
+    drive, left = study.TrialBatch.drive, [2]
 
     def broken_off(self, candidates, draws, phrase):
         left[0] -= 1
@@ -90,11 +89,11 @@ def test_ctrl_c_keeps_what_was_driven_and_the_same_command_ends_as_if_it_had_not
             raise KeyboardInterrupt
         return drive(self, candidates, draws, phrase)
 
-    monkeypatch.setattr(tuning.Bench, "drive", broken_off)
+    monkeypatch.setattr(study.TrialBatch, "drive", broken_off)
     assert main(push) == 130
     assert not (tmp_path / "g.toml").exists() and not (tmp_path / "g_report.html").exists()
     assert list((tmp_path / "g_trials").glob("trial_*"))
-    monkeypatch.setattr(tuning.Bench, "drive", drive)
+    monkeypatch.setattr(study.TrialBatch, "drive", drive)
     assert main(push) in (0, 1)
     text = (tmp_path / "g.toml").read_text(encoding="utf-8")
     again = [*push, "--force"]
@@ -204,7 +203,7 @@ def test_gains_are_driven_with(tmp_path, capsys):
 
 
 def test_an_evaluation_is_told_from_one_with_other_gains(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(pool, "ProcessPoolExecutor", lambda *given, **named: Here())
+    monkeypatch.setattr(workers, "ProcessPoolExecutor", lambda *given, **named: Here())
     file = tmp_path / "g.toml"
     file.write_text('[control]\nspeed_proportional = { value = 0.1, unit = "A.s/rad", source = "tuned" }\n')
     argv = ["evaluate", "--suite", "manoeuvres", "--trials", "1", "--faults", "motor", "--out"]

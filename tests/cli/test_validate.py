@@ -80,10 +80,10 @@ def test_identified_floors_replace_the_shipped_ones(folder, tmp_path):
 
 
 def test_ctrl_c_keeps_what_was_finished(folder, tmp_path, monkeypatch, capsys):
-    from omnimj.identification import validate
+    from omnimj.estimate.identification import validation as validate
 
     done = []
-    whole = validate.replay
+    whole = validate.replay_run
 
     def stopping(*arguments):
         if done:
@@ -91,7 +91,7 @@ def test_ctrl_c_keeps_what_was_finished(folder, tmp_path, monkeypatch, capsys):
         done.append(arguments)
         return whole(*arguments)
 
-    monkeypatch.setattr(validate, "replay", stopping)
+    monkeypatch.setattr(validate, "replay_run", stopping)
     out = tmp_path / "out"
     assert main(["validate", str(folder), "--plant", "planar", "--out", str(out)]) == 130
     told = json.loads((out / "validation.json").read_text())

@@ -5,15 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from omnimj.control.gains import NAMES, TABLES, Gains, read_gains, rule_of, unit_of
-from omnimj.control.recovery.demand import place_correction
-from omnimj.control.recovery.memory import NUMBERS, PLACE_X
-from omnimj.control.recovery.pace import pace_on_slippery_floor
+from omnimj.control.gains import GAIN_NAMES, GAIN_TABLES, Gains, read_gains, rule_of, unit_of
+from omnimj.control.recovery.demand import place_correction, time_scaling_on_slippery_floor
+from omnimj.control.recovery.tracking import NUMBERS, PLACE_X
 from omnimj.errors import InputError
 from omnimj.parameters import read_robot
-from omnimj.scenario.gains import gains_of, with_gains
-from omnimj.scenario.running import run_scenario
-from omnimj.scenario.scenario import Scenario, read_scenario
+from omnimj.simulate.run import run_scenario
+from omnimj.simulate.scenario.scenario import Scenario, read_scenario, scenario_gains, with_gains
 
 ROBOT = read_robot()
 GAINS = Gains(ROBOT.control)
@@ -23,19 +21,19 @@ SHORT = ("duration=2.0", "drive.start_time=0.1", "checks={}", "drive.cruise_time
 def text(**values: object) -> str:
     """A gains file of names with `__` for the dot."""
     lines = []
-    for table in TABLES:
+    for table in GAIN_TABLES:
         own = {k.partition("__")[2]: v for k, v in values.items() if k.startswith(f"{table}__")}
         lines += [f"[{table}]"] if own else []
         for key, value in own.items():
             name = f"{table}.{key}"
-            unit = unit_of(name) if name in NAMES else "1"
+            unit = unit_of(name) if name in GAIN_NAMES else "1"
             lines.append(f'{key} = {{ value = {value}, unit = "{unit}", source = "tuned" }}')
     return "\n".join([*lines, "[tuned]", 'command = "omnimj tune"', ""])
 
 
 def test_every_gain_has_a_unit_and_a_rule_that_its_shipped_value_keeps():
-    assert len(NAMES) == len(set(NAMES)) == 12
-    for name in NAMES:
+    assert len(GAIN_NAMES) == len(set(GAIN_NAMES)) == 12
+    for name in GAIN_NAMES:
         assert unit_of(name)
         assert not rule_of(name).broken_by(GAINS.value(name))
 
@@ -45,7 +43,9 @@ def test_a_file_changes_what_it_names_and_nothing_else(tmp_path):
     file.write_text(text(control__speed_integral=2.5, recovery__slip_cap=0.1, observer__memory=60))
     found = read_gains(file, ROBOT.control)
     changed = {"control.speed_integral": 2.5, "recovery.slip_cap": 0.1, "observer.memory": 60.0}
-    assert {name: found.value(name) for name in NAMES} == {n: GAINS.value(n) for n in NAMES} | changed
+    assert {name: found.value(name) for name in GAIN_NAMES} == {
+        n: GAINS.value(n) for n in GAIN_NAMES
+    } | changed
     assert found == GAINS.changed(changed)
     assert found.control.current_limit == ROBOT.control.current_limit
 
@@ -86,7 +86,7 @@ def alike(one: dict[str, np.ndarray], other: dict[str, np.ndarray]) -> bool:
 
 def test_the_shipped_gains_given_by_hand_change_nothing():
     scenario = read_scenario("degraded_motor", SHORT)
-    assert alike(columns(scenario), columns(with_gains(scenario, gains_of(scenario))))
+    assert alike(columns(scenario), columns(with_gains(scenario, scenario_gains(scenario))))
 
 
 @pytest.mark.parametrize(
@@ -105,7 +105,7 @@ def test_the_shipped_gains_given_by_hand_change_nothing():
 )
 def test_every_gain_reaches_the_run(name):
     scenario = read_scenario("degraded_motor", SHORT)
-    gains = gains_of(scenario).changed({name: 0.5 * GAINS.value(name)})
+    gains = scenario_gains(scenario).changed({name: 0.5 * GAINS.value(name)})
     assert not alike(columns(scenario), columns(with_gains(scenario, gains)))
 
 
@@ -119,7 +119,7 @@ def test_every_gain_reaches_the_run(name):
 )
 def test_every_gain_of_recovery_reaches_a_run_that_needs_it(name, scenario, changes):
     scenario = read_scenario(scenario, (*changes, "checks={}"))
-    gains = gains_of(scenario).changed({name: 0.25 * GAINS.value(name)})
+    gains = scenario_gains(scenario).changed({name: 0.25 * GAINS.value(name)})
     assert not alike(columns(scenario), columns(with_gains(scenario, gains)))
 
 
@@ -128,8 +128,10 @@ def test_gains_of_recovery_are_those_of_its_laws():
     x[PLACE_X] = 0.04
     assert place_correction(x, 1.0, 0.0) == place_correction(x, 1.0, 0.0, 3.0, 0.2) == (0.12, 0.0)
     assert place_correction(x, 1.0, 0.0, 5.0, 0.15)[0] == pytest.approx(0.15)
-    assert pace_on_slippery_floor(0.1, 1.0, 9.81) == pace_on_slippery_floor(0.1, 1.0, 9.81, 0.5)
-    assert pace_on_slippery_floor(0.1, 1.0, 9.81, 0.25)[1] == pytest.approx(0.25 * 0.981)
+    assert time_scaling_on_slippery_floor(0.1, 1.0, 9.81) == time_scaling_on_slippery_floor(
+        0.1, 1.0, 9.81, 0.5
+    )
+    assert time_scaling_on_slippery_floor(0.1, 1.0, 9.81, 0.25)[1] == pytest.approx(0.25 * 0.981)
 
 
 def test_a_model_file_may_say_that_a_gain_was_tuned_and_the_shipped_one_does():

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from omnimj.effects import EFFECTS, base_name, effects_of, parse_effect, plant_of, with_effects
 from omnimj.errors import InputError, UnknownNameError
-from omnimj.plant.channels import RIG_CHANNELS, robot_channels
+from omnimj.plant.interface import RIG_CHANNELS, robot_channels
 
 NAMES = {
     "quarter_rig": """lateral_coupling rolling_resistance rail_coulomb rail_viscous rail_stribeck
@@ -48,7 +48,7 @@ def test_every_number_lies_within_its_bounds_and_is_not_gone_at_its_typical_size
         assert re.fullmatch("[a-z_]+", effect.name) and base_name(f"{effect.name}_2") == effect.name
         for p in effect.parameters:
             assert -math.inf < p.low <= p.typical <= p.high < math.inf and p.unit
-            assert p.vanishes is None or (p.low <= p.vanishes <= p.high and p.typical != p.vanishes)
+            assert p.null_value is None or (p.low <= p.null_value <= p.high and p.typical != p.null_value)
 
 
 def test_channels_to_choose_from_are_measured():

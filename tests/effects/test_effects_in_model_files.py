@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from omnimj.effects import check_effects, effects_of, with_effects
-from omnimj.effects.model_file import Estimate, model_text, write_model
+from omnimj.effects.model_writer import FittedValue, format_model, write_model
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import read_floors, read_rig, read_robot
 from omnimj.resources import models_folder
@@ -36,7 +36,7 @@ def test_every_effect_is_read_as_it_was_written(tmp_path, file, machine):
     for name, effect in effects_of(plant).items():
         chosen = {s.name: s.choices[-1] for s in effect.selectors}
         values = {p.name: p.typical for p in effect.parameters}
-        fitted = {key: Estimate(value, value - 0.1, value + 0.1) for key, value in values.items()}
+        fitted = {key: FittedValue(value, value - 0.1, value + 0.1) for key, value in values.items()}
         read = read_again(tmp_path, file, {name: {**fitted, **chosen}})
         assert read.effects == {name: {**chosen, **values}}
         assert read.provenance[f"effects.{name}.{effect.parameters[0].name}"].source == "identified"
@@ -46,7 +46,7 @@ def test_every_effect_is_read_as_it_was_written(tmp_path, file, machine):
 
 def test_changed_values_are_replaced_and_the_rest_of_the_text_stays(tmp_path):
     changed = {"rig.rail_friction": 0.35, "motor.torque_constant": 0.041, "rig.masses": [3.9, 2.9]}
-    text = model_text(RIG_FILE, {"grade": {"slope": 0.01}}, changed)
+    text = format_model(RIG_FILE, {"grade": {"slope": 0.01}}, changed)
     own = RIG_FILE.read_text(encoding="utf-8").splitlines()
     kept = [line for line in own if line in text.splitlines()]
     assert len(kept) == len(own) - 2  # rail_friction and masses; the motor is the parts' file's
@@ -82,13 +82,13 @@ def test_parts_beside_the_original_are_found_from_another_folder(tmp_path):
 
 def test_what_cannot_be_written_is_refused(tmp_path):
     with pytest.raises(UnknownNameError, match="effect of quarter_rig 'roller_friction'"):
-        model_text(RIG_FILE, {"roller_friction": {"roller_dry": 0.1}})
+        format_model(RIG_FILE, {"roller_friction": {"roller_dry": 0.1}})
     with pytest.raises(
         UnknownNameError, match=r"quantity 'motor\.torque'; did you mean.*motor\.torque_constant"
     ):
-        model_text(RIG_FILE, {}, {"motor.torque": 1.0})
+        format_model(RIG_FILE, {}, {"motor.torque": 1.0})
     with pytest.raises(InputError, match=r"at most 0\.3 rad"):
-        model_text(RIG_FILE, {"grade": {"slope": 9.0}})
+        format_model(RIG_FILE, {"grade": {"slope": 9.0}})
     with pytest.raises(InputError, match="cannot be written"):
         write_model(tmp_path / "no" / "mine.toml", RIG_FILE, {})
     odd = tmp_path / "odd.toml"
@@ -96,7 +96,7 @@ def test_what_cannot_be_written_is_refused(tmp_path):
     odd.write_text(re.sub(r"(?m)^(\w+) = \{", r"rig.\1 = {", text), encoding="utf-8")
     assert read_rig(odd).rig == RIG.rig  # dotted keys are TOML, too
     with pytest.raises(InputError, match="its text cannot be changed"):
-        model_text(odd, {}, {"rig.rail_friction": 0.35})
+        format_model(odd, {}, {"rig.rail_friction": 0.35})
 
 
 GOOD = '[effects.rail_viscous]\ncoefficient = { value = 2.0, unit = "N.s/m", source = "identified" }\n'

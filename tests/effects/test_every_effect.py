@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from driven_plants import RIG, RIG_CASES, ROBOT, ROBOT_CASES, plain, rig_run, robot_run
 
-from omnimj.effects import applied, effects_of, with_effects
+from omnimj.effects import apply_effects, effects_of, with_effects
 
 KINDS = ("planar", "twin")
 LATERAL = 0.3
@@ -30,7 +30,7 @@ IDS = ["-".join((plant[:5], name, *map(str, choice.values()))) for plant, _, _, 
 def test_a_typical_size_shows_and_the_vanishing_value_is_nothing(plant, machine, steps, name, choice, kind):
     effect = effects_of(plant)[name]
     untouched = without(plant, kind, steps)
-    gone = run(plant, with_effects(machine, {name: {**effect.vanishing(), **choice}}), kind, steps)
+    gone = run(plant, with_effects(machine, {name: {**effect.null_values(), **choice}}), kind, steps)
     assert np.array_equal(gone, untouched)
     typical = run(plant, with_effects(machine, {name: choice}), kind, steps)
     assert np.all(np.isfinite(typical))
@@ -41,7 +41,7 @@ def test_a_typical_size_shows_and_the_vanishing_value_is_nothing(plant, machine,
 def test_at_its_bounds_an_effect_leaves_finite_numbers(plant, machine, steps, name, choice):
     effect = effects_of(plant)[name]
     for bound in ("low", "high"):
-        values = {p.name: p.typical if p.vanishes is None else getattr(p, bound) for p in effect.parameters}
+        values = {p.name: p.typical if p.null_value is None else getattr(p, bound) for p in effect.parameters}
         found = run(plant, with_effects(machine, {name: {**values, **choice}}), "planar", steps)
         assert np.all(np.isfinite(found)), bound
         assert np.abs(found).max() < 1e5, bound
@@ -60,7 +60,7 @@ def test_all_effects_at_once_fit_into_one_machine(plant, machine):
 
 @pytest.mark.parametrize("machine", [RIG, ROBOT])
 def test_a_machine_without_effects_is_applied_unchanged(machine):
-    found = applied(machine)
+    found = apply_effects(machine)
     assert found.machine is machine
     assert not found.terms.any() and not found.channels and not found.floor_scale
     assert (found.payload, found.slope) == ((0.0, 0.0, 0.0), (0.0, 0.0))

@@ -15,17 +15,17 @@ from omnimj.effects import with_effects
 from omnimj.errors import InputError
 from omnimj.physics import effect_terms as terms_of
 from omnimj.physics.effect_terms import (
+    BACKLASH,
     CURVES,
     KNOTS,
-    LASH,
     ROTOR,
     curve_force,
     mark_active,
     mean_ripple,
-    no_terms,
-    through_lash,
+    step_backlash,
     traction_scale,
     write_curve,
+    zero_terms,
 )
 from omnimj.physics.motor import motor_row
 from omnimj.physics.rig import OUTPUT, POSITION, SPEED, STATE, rig_row, step
@@ -204,9 +204,9 @@ def test_the_motor_s_encoder_sees_the_play_of_the_gear():
     torque=st.floats(-0.6, 0.6), other=st.floats(-0.6, 0.6),
 )  # fmt: skip
 def test_rotor_and_wheel_keep_their_momentum_through_the_gap(play, rate, speed, torque, other):
-    row, h = no_terms()[0], 2.5e-4
-    row[LASH], row[ROTOR] = 0.04, RIG.motor.reflected_inertia
-    change, next_play, next_rate, touching = through_lash(
+    row, h = zero_terms()[0], 2.5e-4
+    row[BACKLASH], row[ROTOR] = 0.04, RIG.motor.reflected_inertia
+    change, next_play, next_rate, touching = step_backlash(
         row, play, rate, torque, torque, 0.0, speed, INERTIA, other, h
     )
     before = INERTIA * speed + row[ROTOR] * rate
@@ -225,14 +225,14 @@ def test_a_ripple_acts_with_its_mean_over_the_step(order, angle, speed, h):
     assert mean_ripple(2.0, order, angle, speed, h) == pytest.approx(2.0 * fine, abs=1e-3)
 
 
-@pytest.mark.parametrize("over", terms_of.OVER)
+@pytest.mark.parametrize("over", terms_of.CURVE_VARIABLES)
 def test_a_tabulated_force_is_straight_between_its_knots(over):
     rng = np.random.default_rng(3)
-    values, rows = rng.normal(size=KNOTS), no_terms()
+    values, rows = rng.normal(size=KNOTS), zero_terms()
     write_curve(rows, CURVES - 1, over, values, -1.0, 2.0)
     mark_active(rows)
     assert rows[0, terms_of.ACTIVE] == 1.0
-    place = terms_of.OVER.index(over)
+    place = terms_of.CURVE_VARIABLES.index(over)
     for x in np.linspace(-3.0, 9.0, 101):
         numbers = np.full(5, 99.0)
         numbers[place] = x
@@ -245,7 +245,7 @@ def test_a_tabulated_force_is_straight_between_its_knots(over):
 
 
 def test_a_tabulated_force_over_position_works_on_the_carriage():
-    rows = no_terms()
+    rows = zero_terms()
     write_curve(rows, 0, "position", [-0.5 * k for k in range(KNOTS)], 0.0, 0.7)
     mark_active(rows)
     state, output = np.zeros(STATE), np.zeros(OUTPUT)
@@ -261,7 +261,7 @@ def test_a_tabulated_force_over_position_works_on_the_carriage():
 
 
 def test_a_floor_patch_begins_and_ends_within_a_centimetre():
-    rows = no_terms()
+    rows = zero_terms()
     rows[0, terms_of.PATCH : terms_of.PATCH_END + 1] = -0.6, 0.3, 0.6
     found = [traction_scale(rows[0], x) for x in (0.0, 0.294, 0.3, 0.306, 0.45, 0.594, 0.6, 0.606, 2.0)]
     assert found == pytest.approx([1.0, 1.0, 0.7, 0.4, 0.4, 0.4, 0.7, 1.0, 1.0])

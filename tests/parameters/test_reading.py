@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 
 from omnimj.errors import InputError
 from omnimj.parameters import read_floors, read_rig, read_robot
-from omnimj.parameters.reading import SOURCES, Rule, number
-from omnimj.parameters.toml_file import read_toml
+from omnimj.parameters.reading import SOURCES, Rule, check_number, read_toml
 from omnimj.resources import models_folder
 
 SHIPPED = {
@@ -156,7 +155,7 @@ TREES = st.recursive(
 def test_a_number_that_passes_keeps_its_rule(value, low, width, whole, open_low):
     rule = Rule(low, low + width, open_low)
     try:
-        found = number("here", value, rule, whole)
+        found = check_number("here", value, rule, whole)
     except InputError as error:
         assert str(error).startswith("here: found ")
         return

@@ -61,7 +61,7 @@ def test_printed_no_load_torque_drives_a_motor_without_current(speed):
 @given(currents, speeds)
 def test_the_supply_is_never_exceeded(command, speed):
     row = _row()
-    current = m.set_current(row, command, speed)
+    current = m.achievable_current(row, command, speed)
     voltage = MOTOR.resistance * current + MOTOR.torque_constant * MOTOR.gear_ratio * speed
     assert abs(voltage) <= MOTOR.supply + 1e-9
     if abs(MOTOR.torque_constant * MOTOR.gear_ratio * speed) < MOTOR.supply:
@@ -84,20 +84,22 @@ def test_mean_current_is_the_integral_over_the_step():
 
 
 def test_overrides_replace_the_command():
-    assert m.set_current(_row(OVERRIDE=1.0), 1.0, 0.0) == 0.0
-    assert m.set_current(_row(OVERRIDE=2.0, OVERRIDE_CURRENT=math.inf), -1.0, 0.0) == MOTOR.current_limit
-    assert m.set_current(_row(OVERRIDE=2.0, OVERRIDE_CURRENT=-0.5), 1.0, 0.0) == -0.5
+    assert m.achievable_current(_row(OVERRIDE=1.0), 1.0, 0.0) == 0.0
+    assert (
+        m.achievable_current(_row(OVERRIDE=2.0, OVERRIDE_CURRENT=math.inf), -1.0, 0.0) == MOTOR.current_limit
+    )
+    assert m.achievable_current(_row(OVERRIDE=2.0, OVERRIDE_CURRENT=-0.5), 1.0, 0.0) == -0.5
 
 
 @given(currents, st.floats(0.0, 60.0), st.floats(1e-3, 1.0))
 def test_a_second_motor_never_takes_more_than_its_shaft_holds(current, speed, torque):
-    own = m.own_current(_row(PARALLEL_TORQUE=torque), current, speed)
+    own = m.winding_current(_row(PARALLEL_TORQUE=torque), current, speed)
     assert abs(current - own) <= torque / MOTOR.torque_constant + 1e-12
-    assert m.own_current(_row(), current, speed) == current
+    assert m.winding_current(_row(), current, speed) == current
 
 
 def test_a_held_second_motor_takes_half_the_current_at_rest():
-    assert m.own_current(_row(PARALLEL_TORQUE=10.0), 1.0, 0.0) == pytest.approx(0.5)
+    assert m.winding_current(_row(PARALLEL_TORQUE=10.0), 1.0, 0.0) == pytest.approx(0.5)
 
 
 bounds = st.tuples(st.floats(-5.0, 5.0), st.floats(0.0, 5.0)).map(lambda p: (p[0], p[0] + p[1]))

@@ -13,11 +13,18 @@ from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
 from omnimj.parameters import WheelMount, read_floors, read_robot
-from omnimj.physics.effect_terms import no_terms
+from omnimj.physics.effect_terms import zero_terms
 from omnimj.physics.kinematics import rolling_matrix
 from omnimj.physics.motor import NO_LOAD, drive_torque_bounds, motor_row
-from omnimj.physics.planar import derivative, output_size, planar_constants, pose_at, state_size, step
-from omnimj.physics.planar_constants import NORMAL
+from omnimj.physics.planar import (
+    NORMAL,
+    derivative,
+    output_size,
+    planar_constants,
+    pose_offset,
+    state_size,
+    step,
+)
 from omnimj.physics.traction import force_ratio, relaxation_rate
 
 ROBOT, FLOORS, N = read_robot(), read_floors(), 4
@@ -55,7 +62,7 @@ def _stepped(state, command, constants, floors, duration, published=False, h=H, 
             constants.wheels,
             motors,
             floors,
-            no_terms(N),
+            zero_terms(N),
             h,
             each,
             published,
@@ -239,7 +246,7 @@ def test_printed_no_load_torque_moves_a_robot_without_current():
     quiet = MOTORS.copy()
     quiet[:, NO_LOAD] = 0.0  # it is this torque and nothing else
     states, _ = _stepped(_state(), [0.0] * N, PLAIN, _floors("natural_stone"), 1.0, True, motors=quiet)
-    assert np.all(np.delete(states, pose_at(N) - 1, axis=1) == 0.0)  # but for the time
+    assert np.all(np.delete(states, pose_offset(N) - 1, axis=1) == 0.0)  # but for the time
 
 
 def test_roller_friction_settles_at_the_printed_force():
@@ -294,7 +301,17 @@ def test_three_wheels_at_120_degrees_obey_the_same_equations():
     ).y[:, -1]  # fmt: skip
     state, output = np.zeros(state_size(3)), np.zeros(output_size(3))
     step(
-        state, command, constants.body, constants.wheels, motors, floors, no_terms(3), H, 4000, False, output
+        state,
+        command,
+        constants.body,
+        constants.wheels,
+        motors,
+        floors,
+        zero_terms(3),
+        H,
+        4000,
+        False,
+        output,
     )
     assert_allclose(state[6:9], exact[6:9], atol=5e-3)
     assert np.abs(exact[6:9]).min() > 0.01

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from omnimj.errors import InputError
 from omnimj.parameters import read_robot
-from omnimj.physics.planar_constants import COM_X, COM_Y, MASS, NORMAL, YAW_INERTIA, planar_constants
+from omnimj.physics.planar import COM_X, COM_Y, MASS, NORMAL, YAW_INERTIA, planar_constants
 
 ROBOT = read_robot()
 PLAIN = planar_constants(ROBOT)

@@ -12,13 +12,13 @@ from rig_reference import integrate, rates
 from scipy.integrate import solve_ivp
 
 from omnimj.parameters import read_floors, read_rig
-from omnimj.physics.effect_terms import no_terms
+from omnimj.physics.effect_terms import zero_terms
 from omnimj.physics.motor import motor_row
 from omnimj.physics.rig import OUTPUT, STATE, derivative, rail_friction, rig_row, step
 
 RIG, FLOORS = read_rig(), read_floors()
 MOTOR = motor_row(RIG.motor)
-NONE = no_terms()[0]
+NONE = zero_terms()[0]
 WEIGHT = 3.9593 * 9.81
 WITHOUT_BEARING = dataclasses.replace(RIG, bearing=dataclasses.replace(RIG.bearing, dry=0.0))
 # every term that is zero in the shipped rig has a value here

@@ -14,10 +14,9 @@ from other_robots import STRAIGHT, mecanum, star
 
 from omnimj.errors import InputError
 from omnimj.parameters import read_robot
-from omnimj.parameters.robot import WheelMount, roller_sides
+from omnimj.parameters.robot import WheelMount, roller_sin_cos
 from omnimj.physics.kinematics import rolling_matrix
-from omnimj.physics.planar_constants import planar_constants
-from omnimj.physics.planar_wheel import contact_force, contact_velocity, wheel_velocity
+from omnimj.physics.planar import contact_force, contact_velocity, planar_constants, wheel_velocity
 from omnimj.plant.planar import PlanarRobot
 from omnimj.signals import CurrentCommand
 
@@ -33,7 +32,7 @@ def with_rollers(angle):
 
 
 def test_rollers_across_the_axle_are_exactly_those_of_an_omni_wheel():
-    assert roller_sides(STRAIGHT) == (1.0, 0.0)
+    assert roller_sin_cos(STRAIGHT) == (1.0, 0.0)
     robot = read_robot()
     assert np.array_equal(robot.rolling_directions, robot.drive_directions)
 

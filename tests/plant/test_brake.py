@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from omnimj.parameters import read_floors, read_robot
-from omnimj.plant.conditions import Fault
+from omnimj.plant.faults import Fault
+from omnimj.plant.mujoco.twin import RobotTwin
 from omnimj.plant.planar import PlanarRobot
 from omnimj.signals import CurrentCommand
-from omnimj.twin.twin import RobotTwin
 
 ROBOT = read_robot()
 FORWARD = np.array([0.0, -0.9, 0.0, 0.9])

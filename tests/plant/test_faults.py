@@ -18,14 +18,14 @@ from omnimj.physics.motor import (
     OVERRIDE,
     OVERRIDE_CURRENT,
     PARALLEL_TORQUE,
+    achievable_current,
     drive_torque_bounds,
     motor_row,
-    own_current,
-    set_current,
     stick_or_slip,
+    winding_current,
 )
-from omnimj.plant.channels import RIG_CHANNELS, robot_channels
-from omnimj.plant.faults import KINDS, Fault, as_record, conditions, event_times, read_fault
+from omnimj.plant.faults import FAULT_KINDS, Fault, conditions_at, event_times, fault_record, read_fault
+from omnimj.plant.interface import RIG_CHANNELS, robot_channels
 from omnimj.plant.sensors import RigSensors, RobotSensors
 
 ROBOT = read_robot()
@@ -38,7 +38,7 @@ def read(table, wheels=4, duration=10.0):
 
 
 def held(*faults, time=1.0):
-    return conditions(faults, time, MOTOR, 4)
+    return conditions_at(faults, time, MOTOR, 4)
 
 
 EXAMPLES = (
@@ -67,14 +67,14 @@ EXAMPLES = (
 def test_record_of_a_fault_is_its_table(own):
     table = {**own, "onset": 2, "end": 4.5}
     fault = read(table)
-    assert as_record(fault) == {"wheel": None, **table}
+    assert fault_record(fault) == {"wheel": None, **table}
     assert pickle.loads(pickle.dumps(fault)) == fault
-    json.dumps(as_record(fault), allow_nan=False)
-    assert as_record(read({**own, "onset": 0}))["end"] is None
+    json.dumps(fault_record(fault), allow_nan=False)
+    assert fault_record(read({**own, "onset": 0}))["end"] is None
 
 
 def test_every_kind_has_an_example():
-    assert {own["kind"] for own in EXAMPLES} == set(KINDS)
+    assert {own["kind"] for own in EXAMPLES} == set(FAULT_KINDS)
 
 
 def test_what_may_be_left_out_gets_its_default():
@@ -155,7 +155,7 @@ def test_whatever_can_be_read_the_sensors_accept(mode):
 
 
 KEYS = sorted(
-    {"kind", "wheel", "onset", "end", "weel", *(k for kind in KINDS.values() for k in kind.own_keys)}
+    {"kind", "wheel", "onset", "end", "weel", *(k for kind in FAULT_KINDS.values() for k in kind.own_keys)}
 )
 LEAF = st.one_of(
     st.none(),
@@ -166,7 +166,7 @@ LEAF = st.one_of(
     st.floats(),
     st.floats(-1, 2),
     st.text(max_size=4),
-    st.sampled_from([*KINDS, *FLOORS, *robot_channels(4), "bias", "freeze", "noise"]),
+    st.sampled_from([*FAULT_KINDS, *FLOORS, *robot_channels(4), "bias", "freeze", "noise"]),
     st.lists(st.integers(), max_size=2),
     st.dictionaries(st.text(max_size=2), st.integers(), max_size=1),
 )
@@ -182,12 +182,12 @@ def check(table):
     except InputError as error:
         assert str(error).startswith("drive.toml: faults.0")
         return
-    assert fault.kind in KINDS and 0.0 <= fault.onset <= 10.0
+    assert fault.kind in FAULT_KINDS and 0.0 <= fault.onset <= 10.0
     assert fault.end is None or fault.onset < fault.end < np.inf
-    assert (fault.wheel is None) != KINDS[fault.kind].on_wheel
+    assert (fault.wheel is None) != FAULT_KINDS[fault.kind].on_wheel
     # a fault that was read can be applied at any time
     for time in (0.0, fault.onset, 1e6):
-        found = conditions([fault], time, MOTOR, 4)
+        found = conditions_at([fault], time, MOTOR, 4)
         assert np.isfinite(found.motor_rows).all() and found.grip.min() >= 0.0
 
 
@@ -239,7 +239,7 @@ def test_events_are_the_sorted_times_between_which_nothing_changes():
     assert event_times([]) == ()
     for begin, end in zip((0.0, *times), (*times, 20.0), strict=True):
         first, middle, last = (
-            conditions(faults, t, MOTOR, 4) for t in (begin, (begin + end) / 2, end - 1e-6)
+            conditions_at(faults, t, MOTOR, 4) for t in (begin, (begin + end) / 2, end - 1e-6)
         )
         for other in (middle, last):
             assert np.array_equal(first.grip, other.grip)
@@ -297,12 +297,12 @@ def test_motor_kernels_do_what_the_faults_say():
             ("locked", {}),
         )
     )
-    assert set_current(free, 1.0, 0.0) == 0.0
-    assert set_current(over, -1.0, 0.0) == MOTOR.current_limit
+    assert achievable_current(free, 1.0, 0.0) == 0.0
+    assert achievable_current(over, -1.0, 0.0) == MOTOR.current_limit
     low, high = drive_torque_bounds(lost, 1.5, 0.0)
     assert low == pytest.approx(-high)  # only friction is left
     # the second motor takes no more than its two dry torques over K_t
-    eaten = 1.5 - own_current(second, 1.5, 0.0)
+    eaten = 1.5 - winding_current(second, 1.5, 0.0)
     assert eaten == pytest.approx((0.01 + MOTOR.no_load_torque) / MOTOR.torque_constant)
     low, high = drive_torque_bounds(locked, 1.5, 0.0)
     for pull in (-50.0, 50.0):

@@ -12,7 +12,7 @@ from rig_reference import integrate
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import read_floors, read_rig, read_robot
 from omnimj.plant.faults import Fault
-from omnimj.plant.patches import Patch
+from omnimj.plant.ground import Patch
 from omnimj.plant.planar import PlanarRig, PlanarRobot
 from omnimj.signals import CurrentCommand
 

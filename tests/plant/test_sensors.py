@@ -14,8 +14,8 @@ from scipy import signal
 
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import read_robot
-from omnimj.plant.channels import RIG_CHANNELS, robot_channels
-from omnimj.plant.conditions import Fault
+from omnimj.plant.faults import Fault
+from omnimj.plant.interface import RIG_CHANNELS, robot_channels
 from omnimj.plant.sensors import RigSensors, RobotSensors
 
 ROBOT = read_robot()

@@ -8,20 +8,20 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from omnimj.loop import drive_rig
 from omnimj.parameters import read_floors, read_rig
-from omnimj.plant.channels import RIG_CHANNELS
-from omnimj.recording.mask import gaps, spikes
+from omnimj.plant.interface import RIG_CHANNELS
+from omnimj.plant.mujoco.twin import RigTwin
+from omnimj.recording.mask import find_gaps, find_spikes
 from omnimj.recording.read_dataset import read_dataset
-from omnimj.scenario.suites.currents import on_rail
 from omnimj.signals import Array
-from omnimj.twin.twin import RigTwin
+from omnimj.simulate.loop import drive_rig
+from omnimj.simulate.suites.rig import samples_on_rail
 
 TIME: Array = np.array(range(1500), float) / 1000.0
 
 
 def marks(values: Array, time: Array | None = None, angle: bool = False) -> list[int]:
-    found = spikes([values], [TIME[: len(values)] if time is None else time], angle)[0]
+    found = find_spikes([values], [TIME[: len(values)] if time is None else time], angle)[0]
     return np.flatnonzero(found).tolist()
 
 
@@ -33,7 +33,7 @@ def driven(current: Array, floor: str, lateral_speed: float, seed: int) -> dict[
     """A run of the rig twin with all its sensors, until the rail ends."""
     rig = read_rig()
     trace = drive_rig(RigTwin(rig, read_floors()[floor], lateral_speed=lateral_speed, seed=seed), current)
-    rows = on_rail(rig, trace["carriage_position"], trace["lateral_position"])
+    rows = samples_on_rail(rig, trace["carriage_position"], trace["lateral_position"])
     return {name: trace[name][:rows] for name in ("time", *RIG_CHANNELS, "current_target")}
 
 
@@ -62,7 +62,7 @@ def test_recordings_of_the_twin_have_no_spike_at_any_rate(recordings, every):
     for name in (*RIG_CHANNELS, "current_target"):
         # a jerk every 30 ms is nothing but spikes to a logger of 100 Hz
         runs = [run for k, run in enumerate(recordings) if every == 1 or not 15 <= k < 18]
-        found = spikes([run[name][::every] for run in runs], [run["time"][::every] for run in runs])
+        found = find_spikes([run[name][::every] for run in runs], [run["time"][::every] for run in runs])
         assert not any(one.any() for one in found), name
 
 
@@ -78,7 +78,7 @@ def test_a_glitch_in_a_recording_is_found_and_nothing_else(recordings, name):
         glitched[k] += 60.0 * calm
         values.append(glitched)
         places.append(k)
-    found = spikes(values, [run["time"] for run in recordings])
+    found = find_spikes(values, [run["time"] for run in recordings])
     hits = sum(bool(one[k]) for one, k in zip(found, places, strict=True))
     assert hits == len(places)
     assert sum(int(one.sum()) for one in found) == hits
@@ -148,12 +148,12 @@ def test_uneven_time_steps_make_no_spike():
 
 def test_a_dropped_sample_is_a_gap_and_a_varying_rate_is_none():
     dropped = np.delete(TIME, [300, 600, 601, 602])
-    assert gaps(dropped).tolist() == [299, 598]
+    assert find_gaps(dropped).tolist() == [299, 598]
     draws = np.random.default_rng(2)
-    assert not len(gaps(np.cumsum(draws.uniform(0.5e-3, 1.5e-3, 5000))))
-    assert not len(gaps(np.cumsum(np.exp(0.3 * draws.normal(size=5000)))))
-    assert not len(gaps(np.array([k * 2.5 // 1.0 for k in range(500)])))  # 400 Hz, told in whole ms
-    assert not len(gaps(np.cumsum(np.concatenate((np.full(500, 1e-3), np.geomspace(1e-3, 1e-2, 200))))))
+    assert not len(find_gaps(np.cumsum(draws.uniform(0.5e-3, 1.5e-3, 5000))))
+    assert not len(find_gaps(np.cumsum(np.exp(0.3 * draws.normal(size=5000)))))
+    assert not len(find_gaps(np.array([k * 2.5 // 1.0 for k in range(500)])))  # 400 Hz, told in whole ms
+    assert not len(find_gaps(np.cumsum(np.concatenate((np.full(500, 1e-3), np.geomspace(1e-3, 1e-2, 200))))))
 
 
 def test_gaps_and_spikes_are_told_and_marked_and_nothing_is_changed(tmp_path):

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from omnimj.errors import InputError
-from omnimj.recording.folder import RUN_FILES, check_folder, make_folder, whole_file
+from omnimj.recording.folder import RUN_FILES, atomic_file, check_folder, make_folder
 from omnimj.recording.traces import read_trace, write_trace
 from omnimj.signals import Array, Trace
 
@@ -124,14 +124,14 @@ def names_in(folder: Path) -> list[str]:
 def test_a_writer_that_fails_leaves_the_old_file_and_nothing_else(tmp_path, error):
     path = tmp_path / "report.html"
     path.write_text("old")
-    with pytest.raises(type(error)), whole_file(path) as temporary:
+    with pytest.raises(type(error)), atomic_file(path) as temporary:
         temporary.write_text("ne")
         raise error
     assert path.read_text() == "old" and names_in(tmp_path) == ["report.html"]
 
 
 def test_a_file_appears_when_it_is_whole(tmp_path):
-    with whole_file(tmp_path / "run.rrd") as temporary:
+    with atomic_file(tmp_path / "run.rrd") as temporary:
         temporary.write_text("new")
         assert temporary.suffix == ".rrd" and not (tmp_path / "run.rrd").exists()
     assert names_in(tmp_path) == ["run.rrd"]

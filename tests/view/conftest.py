@@ -10,13 +10,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from omnimj.control.published.choice import Choice
+from omnimj.control.detection.detector import DetectorOptions
 from omnimj.parameters import Rig, Robot, read_rig, read_robot
 from omnimj.physics.kinematics import rolling_matrix
-from omnimj.plant.patches import Patch
+from omnimj.plant.ground import Patch
 from omnimj.resources import models_folder
 from omnimj.signals import Trace
-from omnimj.view.scene3d import Poses, poses_from_trace
+from omnimj.view.poses import Poses, poses_from_trace
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class MadeScenario:
     floor: str
     patches: tuple[Patch, ...] = ()
     overrides: tuple[str, ...] = ()
-    diagnosis: Choice = field(default_factory=Choice)
+    diagnosis: DetectorOptions = field(default_factory=DetectorOptions)
     scene: Path | None = None
 
     @property

@@ -14,10 +14,10 @@ import pytest
 from made_findings import FINDINGS, rig_named, rig_no_gap, robot
 from test_report import Page
 
-from omnimj.gap.digest import digest
-from omnimj.gap.records import ChannelGap, Finding, NamedEffect, Place
-from omnimj.view import gap_plots_naming, gap_plots_runs, gap_plots_where
-from omnimj.view.gap_report import write_gap_report
+from omnimj.estimate.gap.files import digest
+from omnimj.estimate.gap.records import ChannelGap, Finding, MismatchRegime, NamedEffect
+from omnimj.view.plots import candidates, mismatch
+from omnimj.view.report.gap.report import write_gap_report
 
 _NUMBER = re.compile(r"(?<![\w.])[−-]?\d+(?:\.\d+)?(?:e[−-]?\d+)?(?![\w.])")
 
@@ -205,29 +205,31 @@ def test_masked_blocks_and_a_silent_channel_do_not_break_the_report(page_path):
 
 def test_every_axis_names_its_quantity(pages):
     finding = rig_named()
-    variable, place = gap_plots_where.regime_variables(finding)[0]
-    figure = gap_plots_where.against_regime(finding, variable, place)
+    variable, place = mismatch.regime_variables(finding)[0]
+    figure = mismatch.against_regime(finding, variable, place)
     (ax,) = figure.get_axes()
     assert ax.get_xlabel() == "lateral speed [m/s]" and ax.get_ylabel().endswith("[m/s]")
-    run = gap_plots_runs.overlay(finding, list(finding.overlays[:1]))
+    run = mismatch.overlay(finding, list(finding.overlays[:1]))
     assert all(re.search(r"\[.+\]$", ax.get_ylabel()) for ax in run.get_axes())
-    spectrum = gap_plots_runs.spectra(finding, [0, 1, 2])
+    spectrum = mismatch.spectra(finding, [0, 1, 2])
     assert all(ax.get_ylabel().endswith("/√Hz]") for ax in spectrum.get_axes())
 
 
 def test_the_noise_of_a_perfect_model_lies_on_the_line_of_the_noise():
     finding = rig_no_gap()
-    for ax in gap_plots_runs.spectra(finding, [0, 1, 2]).get_axes():
+    for ax in mismatch.spectra(finding, [0, 1, 2]).get_axes():
         spectrum, floor = ax.get_lines()
         density = np.asarray(spectrum.get_ydata(), float)[1:-1]
         assert np.sqrt(np.mean(density**2)) == pytest.approx(np.asarray(floor.get_ydata())[0], rel=0.12)
 
 
 def test_a_place_for_either_sign_is_shaded_on_both_sides():
-    place = Place("wheel_speed", "speed (either sign) above 0.5 m/s", {"speed": (0.5, 2.0)}, 1.0, 1.0)
-    assert gap_plots_where.spans_of(place, "speed") == [(-2.0, -0.5), (0.5, 2.0)]
+    place = MismatchRegime(
+        "wheel_speed", "speed (either sign) above 0.5 m/s", {"speed": (0.5, 2.0)}, 1.0, 1.0
+    )
+    assert mismatch.spans_of(place, "speed") == [(-2.0, -0.5), (0.5, 2.0)]
     one = replace(place, regime="speed above 0.5 m/s")
-    assert gap_plots_where.spans_of(one, "speed") == [(0.5, 2.0)]
+    assert mismatch.spans_of(one, "speed") == [(0.5, 2.0)]
 
 
 def test_texts_as_regimes_are_not_drawn_over():
@@ -237,12 +239,12 @@ def test_texts_as_regimes_are_not_drawn_over():
         for o in finding.overlays
     )
     place = replace(finding.where[0], bounds={"floor": (0.0, 1.0)})
-    drawn = gap_plots_where.regime_variables(replace(finding, overlays=floors, where=(place,)))
+    drawn = mismatch.regime_variables(replace(finding, overlays=floors, where=(place,)))
     assert drawn == []
 
 
 def test_the_ladder_tells_verdicts_apart_by_their_marks():
-    (ax,) = gap_plots_naming.ladder(FINDINGS["ambiguous"]().stages[0]).get_axes()
+    (ax,) = candidates.candidate_gains(FINDINGS["ambiguous"]().stages[0]).get_axes()
     marks = {
         line.get_label(): str(line.get_marker()) for line in ax.get_lines() if line.get_marker() != "None"
     }
@@ -253,7 +255,7 @@ def test_windows_are_not_joined_by_a_line():
     finding = robot()
     windows = [o for o in finding.overlays if o.run == "mission_3"]
     apart = [replace(o, time=o.time + 3.0 * k) for k, o in enumerate(windows)]
-    ax = gap_plots_runs.overlay(finding, apart).get_axes()[0]
+    ax = mismatch.overlay(finding, apart).get_axes()[0]
     shown = np.asarray(ax.get_lines()[0].get_ydata(), float)
     assert np.count_nonzero(np.isnan(shown)) == len(apart) - 1
 

@@ -17,11 +17,11 @@ import rerun as rr
 from rerun.chunk import RrdReader
 
 from omnimj.errors import SimulationError
-from omnimj.scenario.running import Run, run_scenario
-from omnimj.scenario.scenario import read_scenario
-from omnimj.view import viewer as viewer_room
-from omnimj.view.live import LiveRun
-from omnimj.view.viewer import LOOPBACK, Viewer, ViewerError, open_viewer
+from omnimj.simulate.run import RunResult, run_scenario
+from omnimj.simulate.scenario.scenario import read_scenario
+from omnimj.view.rerun import viewer as viewer_room
+from omnimj.view.rerun.live import LiveRun
+from omnimj.view.rerun.viewer import LOOPBACK, Viewer, ViewerError, open_viewer
 
 KNOWN = {"scenario": "made", "method": "off", "seed": 0}
 SHORT = ("duration=0.75", "checks.tracking_error_max=9.0")
@@ -52,18 +52,18 @@ def times(path: Path) -> dict[str, list[float]]:
     return found
 
 
-def ends(run: Run) -> float:
+def ends(run: RunResult) -> float:
     """Time of the last pose."""
     assert run.poses is not None
     return float(run.poses.time[-1])
 
 
-def watched(live: LiveRun, scenario, plant: str | None = None) -> Run:
+def watched(live: LiveRun, scenario, plant: str | None = None) -> RunResult:
     return run_scenario(scenario, plant, on_start=live.start, snapshot=live.snapshot, rows=live.rows)
 
 
 @pytest.fixture(scope="module")
-def nylon(tmp_path_factory) -> tuple[File, Run]:
+def nylon(tmp_path_factory) -> tuple[File, RunResult]:
     spectator = File(tmp_path_factory.mktemp("live") / "live.rrd")
     scenario = read_scenario("nylon_patch", SHORT)
     live = LiveRun(scenario, KNOWN, spectator)

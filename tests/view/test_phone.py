@@ -15,12 +15,12 @@ from test_sensitivity_report import outcome_of, study_of
 from omnimj.cli.main import main
 from omnimj.parameters import read_floors, read_rig
 from omnimj.recording.write_dataset import DatasetWriter
-from omnimj.trials.tables import Table
-from omnimj.view import page
-from omnimj.view.benchmark_report import write_benchmark_report
-from omnimj.view.gap_report import write_gap_report
-from omnimj.view.report import write_report
-from omnimj.view.sensitivity_report import write_sensitivity_report
+from omnimj.studies.statistics import Table
+from omnimj.view.report import page
+from omnimj.view.report.evaluation import write_benchmark_report
+from omnimj.view.report.gap.report import write_gap_report
+from omnimj.view.report.run import write_report
+from omnimj.view.report.sensitivity import write_sensitivity_report
 
 READABLE = 8.5
 """Height of the smallest letters in a figure on a phone [CSS pixels]: those of a footnote in print."""

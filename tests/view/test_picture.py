@@ -11,7 +11,7 @@ from matplotlib.image import imread
 
 from omnimj.view import picture as picture_room
 from omnimj.view.picture import BACKENDS, Camera, picture_of_run, render
-from omnimj.view.shapes import box, capsule, cylinder, ellipsoid, mesh
+from omnimj.view.rerun.meshes import box, capsule, cylinder, ellipsoid, mesh
 
 SIZE = (320, 216)
 

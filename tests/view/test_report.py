@@ -12,10 +12,11 @@ from matplotlib.figure import Figure
 
 from omnimj.parameters import read_robot
 from omnimj.signals import Trace
-from omnimj.view import palette, plots, plots_path, plots_rig
-from omnimj.view.drawing import averaged, envelope, svg
+from omnimj.view import palette
 from omnimj.view.picture import Picture
-from omnimj.view.report import write_report
+from omnimj.view.plots import runs
+from omnimj.view.plots.drawing import averaged, envelope, svg
+from omnimj.view.report.run import write_report
 from omnimj.view.wording import Span, fault_spans, measure, repeat_command
 
 _VOID = {"meta", "img", "br", "hr", "link", "input"}
@@ -177,18 +178,18 @@ def test_a_run_without_truth_has_a_report_too(page_path, robot_trace, robot_scen
 
 def figures(robot_trace: Trace, rig_trace: Trace, spans) -> dict[str, Figure]:
     return {
-        "path": plots_path.path(robot_trace, (), spans, read_robot()),
-        "deviation": plots.deviation(robot_trace, spans),
-        "velocity": plots.velocity(robot_trace, spans),
-        "wheel_speeds": plots.wheel_speeds(robot_trace, spans),
-        "currents": plots.currents(robot_trace, spans),
-        "slip": plots.per_wheel(robot_trace, "slip_velocity", "slip velocity [m/s]", spans),
-        "rig_speeds": plots_rig.speeds(rig_trace, 0.05, spans),
-        "rig_slip": plots_rig.slip(rig_trace, 0.05, spans),
-        "rig_forces": plots_rig.forces(rig_trace, spans),
-        "rig_normal": plots_rig.normal(rig_trace, spans),
-        "rig_current": plots_rig.current(rig_trace, spans),
-        "rig_lateral": plots_rig.lateral(rig_trace, spans),
+        "path": runs.path(robot_trace, (), spans, read_robot()),
+        "deviation": runs.deviation(robot_trace, spans),
+        "velocity": runs.velocity(robot_trace, spans),
+        "wheel_speeds": runs.wheel_speeds(robot_trace, spans),
+        "currents": runs.currents(robot_trace, spans),
+        "slip": runs.per_wheel(robot_trace, "slip_velocity", "slip velocity [m/s]", spans),
+        "rig_speeds": runs.rig_speeds(rig_trace, 0.05, spans),
+        "rig_slip": runs.rig_slip(rig_trace, 0.05, spans),
+        "rig_forces": runs.rig_forces(rig_trace, spans),
+        "rig_normal": runs.rig_normal_force(rig_trace, spans),
+        "rig_current": runs.rig_current(rig_trace, spans),
+        "rig_lateral": runs.rig_lateral_speed(rig_trace, spans),
     }
 
 
@@ -213,20 +214,20 @@ def test_faults_are_shaded_in_all_time_plots_and_named_once(robot_trace, rig_tra
 
 def test_faults_of_one_interval_share_a_band_and_a_label(robot_trace):
     spans = [Span(f"slip, wheel {i}", f"wheel_{i}", "slip", 2.0, 4.0) for i in (1, 3)]
-    (ax,) = plots.per_wheel(robot_trace, "slip_velocity", "slip velocity [m/s]", spans).get_axes()
+    (ax,) = runs.per_wheel(robot_trace, "slip_velocity", "slip velocity [m/s]", spans).get_axes()
     assert [text.get_text() for text in ax.texts] == ["slip, wheels 1, 3"]
     assert len(ax.patches) == 1
 
 
 def test_the_path_has_equal_axes(robot_trace):
-    (ax,) = plots_path.path(robot_trace, (), ()).get_axes()
+    (ax,) = runs.path(robot_trace, (), ()).get_axes()
     assert ax.get_aspect() == 1.0
 
 
 def test_a_wheel_keeps_its_colour_in_every_plot(robot_trace):
-    slip = plots.per_wheel(robot_trace, "slip_velocity", "slip velocity [m/s]", ()).get_axes()[0]
+    slip = runs.per_wheel(robot_trace, "slip_velocity", "slip velocity [m/s]", ()).get_axes()[0]
     colors = {line.get_label(): line.get_color() for line in slip.get_lines()}
-    for i, ax in enumerate(plots.wheel_speeds(robot_trace, ()).get_axes()):
+    for i, ax in enumerate(runs.wheel_speeds(robot_trace, ()).get_axes()):
         assert ax.get_lines()[0].get_color() == palette.wheel_color(i) == colors[f"wheel {i + 1}"]
 
 
@@ -258,7 +259,7 @@ def test_thinning_a_signal_loses_no_peak():
 
 
 def test_an_svg_carries_no_declarations_and_its_own_ids(robot_trace):
-    text = svg(plots.deviation(robot_trace, ()), "mine", "a heading")
+    text = svg(runs.deviation(robot_trace, ()), "mine", "a heading")
     assert text.startswith("<svg viewBox=")
     assert "xmlns" not in text
     assert "http" not in text
@@ -316,5 +317,5 @@ def test_angles_are_told_in_degrees_too():
 
 def test_the_path_shows_each_wheel_of_a_robot_that_is_large_enough_to_see(robot_trace):
     short = Trace({name: values[:1500] for name, values in robot_trace.columns.items()})
-    (ax,) = plots_path.path(short, (), (), read_robot()).get_axes()
+    (ax,) = runs.path(short, (), (), read_robot()).get_axes()
     assert [text.get_text() for text in ax.texts] == ["1", "2", "3", "4"] * 2

@@ -11,16 +11,17 @@ from diagnosed_runs import said, with_published, with_published_rig, with_robust
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
-from omnimj.control.published import rig, robot
-from omnimj.control.published.choice import Choice
-from omnimj.control.robust import method as robust
-from omnimj.scenario.methods import METHODS, make_method
-from omnimj.scenario.scenario import read_scenario
+from omnimj.control.detection.detector import DetectorOptions
+from omnimj.control.detection.published import rig, robot
+from omnimj.control.detection.robust import detector as robust
 from omnimj.signals import KINDS_OF_DIAGNOSIS, Trace
-from omnimj.view import palette, plots_diagnosis, wording
-from omnimj.view.compared import compare
-from omnimj.view.report import write_report
-from omnimj.view.report_diagnosis import diagnosis_section
+from omnimj.simulate.detectors import METHODS, make_detector
+from omnimj.simulate.scenario.scenario import read_scenario
+from omnimj.view import palette, wording
+from omnimj.view.comparison import compare
+from omnimj.view.plots import diagnosis as plots_diagnosis
+from omnimj.view.report.run import write_report
+from omnimj.view.report.run_diagnosis import diagnosis_section
 from omnimj.view.residuals import families
 from omnimj.view.wording import Span, diagnosis_spans, fault_spans, mode_name
 
@@ -83,7 +84,7 @@ def test_every_residual_of_every_method_is_in_a_family_that_has_words():
         ("nylon_patch", "published"),
         ("rig_slip", "published"),
     ):
-        method = make_method(scenario, read_scenario(name))
+        method = make_detector(scenario, read_scenario(name))
         assert method is not None
         found = families(method.log_names, scenario)
         shown = [r.column for family in found for r in family.residuals]
@@ -108,7 +109,7 @@ def test_residuals_have_their_wheels_colours_and_one_threshold_line(robot_trace)
     trace = with_robust(robot_trace)
     found = {family.name: family for family in families(list(trace.columns), "robust")}
     assert set(found) == {"force", "moment", "motor", "slip"}
-    figure = plots_diagnosis.residuals(trace, found["motor"], ())
+    figure = plots_diagnosis.residual_family(trace, found["motor"], ())
     colors = {line.get_label(): line.get_color() for line in lines(figure)}
     assert all(colors[f"wheel {i}"] == palette.wheel_color(i - 1) for i in (1, 2, 3, 4))
     (threshold,) = lines(figure, "threshold")
@@ -119,7 +120,7 @@ def test_thresholds_of_both_signs_are_drawn_unless_the_method_looks_above_zero_o
     trace = with_published(robot_trace)
     for printed, expected in ((False, {1.85, -1.85}), (True, {1.85})):
         family = families(list(trace.columns), "published", printed)[0]
-        drawn = lines(plots_diagnosis.residuals(trace, family, ()), "threshold")
+        drawn = lines(plots_diagnosis.residual_family(trace, family, ()), "threshold")
         assert {float(np.asarray(line.get_ydata())[0]) for line in drawn} == expected
 
 
@@ -128,7 +129,7 @@ def test_thresholds_that_differ_are_drawn_each_in_its_wheels_colour(robot_trace)
     columns = {**trace.columns, "threshold_motor_2": 2.0 * trace["threshold_motor_2"]}
     family = families(list(columns), "robust")[2]
     drawn = lines(
-        plots_diagnosis.residuals(dataclasses.replace(trace, columns=columns), family, ()), "threshold"
+        plots_diagnosis.residual_family(dataclasses.replace(trace, columns=columns), family, ()), "threshold"
     )
     assert [line.get_color() for line in drawn] == [palette.wheel_color(0), palette.wheel_color(1)]
 
@@ -136,14 +137,14 @@ def test_thresholds_that_differ_are_drawn_each_in_its_wheels_colour(robot_trace)
 def test_the_rigs_residuals_are_never_negative_and_have_no_threshold_below_zero(rig_trace):
     trace = with_published_rig(rig_trace)
     for family in families(list(trace.columns), "published"):
-        (threshold,) = lines(plots_diagnosis.residuals(trace, family, ()), "threshold")
+        (threshold,) = lines(plots_diagnosis.residual_family(trace, family, ()), "threshold")
         assert float(np.asarray(threshold.get_ydata())[0]) > 0.0 and "RMS" in family.words
 
 
 def test_a_small_threshold_can_be_read_beside_a_large_residual(robot_trace):
     trace = with_robust(robot_trace)
     slip = next(family for family in families(list(trace.columns), "robust") if family.name == "slip")
-    (ax,) = plots_diagnosis.residuals(trace, slip, ()).get_axes()
+    (ax,) = plots_diagnosis.residual_family(trace, slip, ()).get_axes()
     low, level, high = ax.transData.transform([(0.0, 0.0), (0.0, 0.001), (0.0, 0.08)])[:, 1]
     assert 0.1 < (level - low) / (high - low) < 0.6
     assert "logarithmic" in ax.get_ylabel()
@@ -152,7 +153,7 @@ def test_a_small_threshold_can_be_read_beside_a_large_residual(robot_trace):
 def test_modes_and_faults_are_strips_at_their_times(robot_trace, robot_metrics):
     trace = with_robust(robot_trace)
     truth, believed = fault_spans(robot_metrics, 10.0), diagnosis_spans(robot_metrics, 10.0)
-    (ax,) = plots_diagnosis.states(trace, truth, believed, "robust", False).get_axes()
+    (ax,) = plots_diagnosis.state_lanes(trace, truth, believed, "robust", False).get_axes()
     names = [label.get_text() for label in ax.get_yticklabels()]
     assert names == ["true: wheel 2", "true: wheel 3", "named: wheel 2", "named: wheel 3", "mode"]
     bars = {}
@@ -171,7 +172,7 @@ def test_a_mode_that_flickers_makes_few_bars_and_loses_no_short_event(robot_trac
     mode[5000:8000] = 0.0
     mode[6500] = 1.0
     trace = Trace({**robot_trace.columns, "mode": mode})
-    (ax,) = plots_diagnosis.states(trace, [], [], "robust", False).get_axes()
+    (ax,) = plots_diagnosis.state_lanes(trace, [], [], "robust", False).get_axes()
     assert len(ax.patches) <= 400
     suspect = [bar for bar in ax.patches if bar.get_facecolor()[:3] == to_rgb(palette.STATES["suspect"])]
     assert len(suspect) == 1 and suspect[0].get_x() == pytest.approx(6.5, abs=0.03)
@@ -182,19 +183,19 @@ def test_beliefs_that_overlap_have_strips_of_their_own(robot_trace):
         Span("", "robot", state, 2.0, end)
         for state, end in (("sensor yaw rate", 9.0), ("all wheels slip", 3.0))
     ]
-    (ax,) = plots_diagnosis.states(with_robust(robot_trace), [], spans, "robust", False).get_axes()
+    (ax,) = plots_diagnosis.state_lanes(with_robust(robot_trace), [], spans, "robust", False).get_axes()
     names = [label.get_text() for label in ax.get_yticklabels()]
     assert names == ["true: nothing", "named: robot", "named: robot", "mode"]
 
 
 def test_strips_without_anything_say_so(robot_trace):
-    (ax,) = plots_diagnosis.states(with_robust(robot_trace), [], [], "robust", False).get_axes()
+    (ax,) = plots_diagnosis.state_lanes(with_robust(robot_trace), [], [], "robust", False).get_axes()
     assert [t.get_text() for t in ax.get_yticklabels()][:2] == ["true: nothing", "named: nothing"]
 
 
 def test_a_diagnosis_of_one_step_can_still_be_seen(robot_trace):
     one = [Span("slip, wheel 1", "wheel_1", "slip", 2.0, 2.0)]
-    (ax,) = plots_diagnosis.states(with_robust(robot_trace), [], one, "robust", False).get_axes()
+    (ax,) = plots_diagnosis.state_lanes(with_robust(robot_trace), [], one, "robust", False).get_axes()
     assert any(bar.get_x() == 2.0 and bar.get_width() >= 0.03 for bar in ax.patches)
 
 
@@ -218,7 +219,7 @@ def test_every_state_that_has_a_name_has_a_colour_of_its_own():
     kinds = [wording.FAULT_NAMES[kind] for kind in KINDS_OF_DIAGNOSIS if kind != "sensor"]
     assert set(kinds) <= set(palette.STATES)
     assert len({palette.state_color(kind) for kind in kinds}) == len(kinds)
-    for names in wording.MODE_NAMES.values():
+    for names in wording.DETECTOR_MODE_NAMES.values():
         assert set(names) <= set(palette.STATES)
         assert len({palette.state_color(name) for name in names}) == len(names)
 
@@ -237,7 +238,7 @@ def test_a_diagnosed_robots_report_has_all_its_figures(
 def test_a_diagnosed_rigs_report_has_its_figures(page_path, rig_trace, rig_scenario, rig_metrics):
     truth = [{"kind": "motor", "wheel": 1, "onset": 0.0, "end": None}]
     metrics = {**rig_metrics, "method": "published", "faults": truth, "diagnoses": [said(0.5, "motor", 1)]}
-    scenario = dataclasses.replace(rig_scenario, diagnosis=Choice("printed"))
+    scenario = dataclasses.replace(rig_scenario, diagnosis=DetectorOptions("printed"))
     write_report(page_path, with_published_rig(rig_trace), scenario, metrics)
     page = page_path.read_text(encoding="utf-8")
     assert page.count("<svg") == 6 + 3

@@ -13,11 +13,10 @@ from diagnosed_runs import said, with_published, with_robust
 from rerun.chunk import RrdReader
 
 from omnimj.signals import Trace
-from omnimj.view.rerun_log import write_recording
-from omnimj.view.rerun_scene import log_floor
-from omnimj.view.rerun_signals import plots_of
-from omnimj.view.rerun_states import eventful_lanes, lane_states
-from omnimj.view.scene3d import Poses, thin, twins, wheel_bodies
+from omnimj.view.poses import Poses, identical_bodies, thin, wheel_bodies
+from omnimj.view.rerun.recording import write_recording
+from omnimj.view.rerun.scene import log_floor
+from omnimj.view.rerun.signals import eventful_lanes, lane_states, plots_of
 from omnimj.view.wording import Span, fault_spans
 
 
@@ -209,7 +208,7 @@ def test_thinning_keeps_both_ends_and_never_repeats(rate):
 def test_wheels_are_found_in_their_order_with_eighteen_rollers_each(robot_model):
     names = [robot_model.body(body).name for body in wheel_bodies(robot_model)]
     assert names == [f"wheel_{i}_wheel" for i in range(1, 5)]
-    assert [len(group) for group in twins(robot_model)] == [18] * 4
+    assert [len(group) for group in identical_bodies(robot_model)] == [18] * 4
 
 
 @pytest.fixture(scope="module")

@@ -9,36 +9,35 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from omnimj.sensitivity.driving import Asked
-from omnimj.sensitivity.elementary import bootstrap, measures
-from omnimj.sensitivity.order import Order
-from omnimj.sensitivity.ranking import ResultStudy, rank_all
-from omnimj.sensitivity.study import Outcome
-from omnimj.sensitivity.varied import LeftOut, Varied
-from omnimj.view.sensitivity_plots import measure_first_picture, result_bars, result_plane, rows_shown
-from omnimj.view.sensitivity_report import write_sensitivity_files
+from omnimj.studies.sensitivity.elementary_effects import bootstrap_mu_star, effect_statistics
+from omnimj.studies.sensitivity.factors import ExcludedFactor, Factor
+from omnimj.studies.sensitivity.ranking import ResultSensitivity, rank_all
+from omnimj.studies.sensitivity.study import SensitivityConfig, SensitivityResult
+from omnimj.studies.sensitivity.trial import TrialConfig
+from omnimj.view.plots.sensitivity import measure_first_picture, result_bars, result_plane, rows_shown
+from omnimj.view.report.sensitivity import write_sensitivity_files
 
-VARIED = tuple(Varied(f"motor.<{name}>", "N", 2.0, 1.0, 3.0) for name in ("strong", "weak", "idle", "wild"))
+VARIED = tuple(Factor(f"motor.<{name}>", "N", 2.0, 1.0, 3.0) for name in ("strong", "weak", "idle", "wild"))
 SIZES = np.array([4.0, 1.0, 0.0, 0.5])
 
 
-def study_of(name: str, unit: str, floor: float) -> ResultStudy:
+def study_of(name: str, unit: str, floor: float) -> ResultSensitivity:
     random = np.random.default_rng(1)
     effects = random.uniform(0.9, 1.1, (8, 4)) * SIZES
     effects[1:, 3] = 0.0  # one trajectory alone
-    draws = bootstrap(effects, 1)
-    return ResultStudy(name, unit, 1.0, floor, floor, measures(effects, draws), draws)
+    draws = bootstrap_mu_star(effects, 1)
+    return ResultSensitivity(name, unit, 1.0, floor, floor, effect_statistics(effects, draws), draws)
 
 
-def outcome_of(*studies: ResultStudy, **more) -> Outcome:
-    return Outcome(
+def outcome_of(*studies: ResultSensitivity, **more) -> SensitivityResult:
+    return SensitivityResult(
         scenario="made_up",
         description="A scenario & its numbers",
         plant="planar",
         method="off",
-        order=Order(Path("out"), Asked("made_up"), 8),
+        order=SensitivityConfig(Path("out"), TrialConfig("made_up"), 8),
         varied=VARIED,
-        left_out=(LeftOut("bearing.<dry>", "it is 0"),),
+        left_out=(ExcludedFactor("bearing.<dry>", "it is 0"),),
         studies=studies,
         ranks=rank_all(studies),
         **{"runs": 40, "repeats": 20, "errors": {}, "interrupted": False, **more},

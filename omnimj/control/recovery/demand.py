@@ -6,21 +6,15 @@ import math
 
 import numpy as np
 
-from omnimj.control.heading import to_body
-from omnimj.control.recovery.allocation import allocate, needed_wrench
-from omnimj.control.recovery.gains import RecoveryGains
-from omnimj.control.recovery.memory import (
-    FORWARD_X,
-    FORWARD_Y,
-    PLACE_X,
-    PLACE_Y,
-    SPIN,
-)
-from omnimj.control.robust.constants import LOAD, MASS, RADIUS, ROLLER_DRY, ROLLER_VISCOUS, YAW_INERTIA
-from omnimj.control.robust.slip import SLOPE
+from omnimj.control.cascade.heading import to_body
+from omnimj.control.detection.robust.slip import CREEP_SLOPE
+from omnimj.control.gains import RecoveryGains
+from omnimj.control.recovery.force_allocation import allocate_forces, required_wrench
+from omnimj.control.recovery.tracking import FORWARD_X, FORWARD_Y, PLACE_X, PLACE_Y, SPIN
+from omnimj.control.robot_constants import LOAD, MASS, RADIUS, ROLLER_DRY, ROLLER_VISCOUS, YAW_INERTIA
 from omnimj.physics.native import kernel
 
-HOLDS = 0.09
+USUAL_GRIP = 0.09
 """μ of an ordinary floor [1]."""
 _USUAL = RecoveryGains()
 _BACK, _FASTEST = _USUAL.place_proportional, _USUAL.place_speed
@@ -31,7 +25,7 @@ _STANDS = 0.01  # [m/s] a robot that is to stand is not moved for its place
 @kernel
 def steady_creep(c, force):
     """Creep of an ordinary floor under a lasting traction, (|F|/F_N − μ)/σ sign F [m/s]."""
-    return math.copysign(max(abs(force) / c[LOAD] - HOLDS, 0.0) / SLOPE, force)
+    return math.copysign(max(abs(force) / c[LOAD] - USUAL_GRIP, 0.0) / CREEP_SLOPE, force)
 
 
 @kernel
@@ -80,7 +74,7 @@ def creep_offsets(c, forces, across, arm, x, heading, twist, most, used, pivot, 
     """Adds creep(f*_i)/r to the wheels that obey, in place; returns f*, shape (n,) [N].
 
     Args:
-      c: `robust.constants.numbers`.
+      c: `robust.robot_constants`.
       forces: B, shape (3, n).
       across: Shape (n, 3).
       arm: [m].
@@ -98,10 +92,10 @@ def creep_offsets(c, forces, across, arm, x, heading, twist, most, used, pivot, 
     # the acceleration of the demand, felt in the frame that turns with the body, is its world one, turned
     a_x, a_y = to_body(x[FORWARD_X], x[FORWARD_Y], heading)
     friction = c[LOAD] * np.array((c[ROLLER_DRY], c[ROLLER_VISCOUS]))
-    wrench = needed_wrench(
+    wrench = required_wrench(
         c[MASS], c[YAW_INERTIA], friction, forces, across, used, felt, np.array((a_x, a_y)), x[SPIN], side
     )
-    share = allocate(forces, arm, wrench, most, used)
+    share = allocate_forces(forces, arm, wrench, most, used)
     for i in range(n):
         if used[i] and i != pivot:
             wide = math.hypot(forces[0, i], forces[1, i])  # 1/sin γ of its rollers
@@ -116,3 +110,53 @@ def cap_slip(c, forces, velocity, turning, slipping, cap, lowest, highest):
         if slipping[i]:
             below = forces[0, i] * velocity[0] + forces[1, i] * velocity[1] + forces[2, i] * turning
             lowest[i], highest[i] = (below - cap) / c[RADIUS], (below + cap) / c[RADIUS]
+
+
+# How fast the plan runs: at the pace p the robot drives the same path with p v and p² a.
+
+LEAST_TIME_SCALING = 0.15
+"""Least pace while the robot is to go on."""
+PIVOT_SPEED = 0.65
+"""Of the centre while the robot turns about a wheel [m/s]: its yaw rate is up to this over the wheel's arm,
+and swinging round asks I (v/l)²/2 of moment."""
+_BRAKING, _STARTING = 0.5, 0.25  # [m/s²] with which the pace takes speed away and gives it back
+_SHARE = RecoveryGains().grip_share
+_HARDEST = 0.3  # [m/s²] any plan will ask for so much some time
+_SLOW = 0.1  # [m/s] below which a pace may change at once
+
+
+@kernel
+def next_time_scaling(pace, h, goal, speed, most):
+    """p one step on, toward its goal as fast as floor and plan allow.
+
+    Args:
+      pace: p.
+      h: Control period [s].
+      goal: p that is wanted.
+      speed: Of the plan at pace p [m/s].
+      most: Acceleration that the floor allows [m/s²].
+    """
+    plan = max(speed / max(pace, 1e-3), _SLOW)
+    down, up = min(_BRAKING, most) * h / plan, min(_STARTING, most) * h / plan
+    return min(max(goal, pace - down), pace + up)
+
+
+@kernel
+def time_scaling_on_slippery_floor(grip, hardest, gravity, share=_SHARE):
+    """Goal of p when all wheels slip, and what the floor allows [m/s²].
+
+    Args:
+      grip: A coefficient of friction [1].
+      hardest: Hardest acceleration of the plan so far [m/s²].
+      gravity: [m/s²].
+      share: Of the grip that is for the plan [1].
+    """
+    allowed = share * grip * gravity
+    return min(max(math.sqrt(allowed / max(hardest, _HARDEST)), LEAST_TIME_SCALING), 1.0), allowed
+
+
+@kernel
+def time_scaling_of_pivot(pace, speed):
+    """Goal of p with which the centre is not faster than `PIVOT_SPEED`."""
+    plan = speed / max(pace, 1e-3)
+    return min(1.0, PIVOT_SPEED / max(plan, 1e-3))

@@ -1,7 +1,8 @@
 """Active diagnosis: wheels are driven against each other so that their motors show what they can do.
 
 Wheel speeds along n with B n = 0 push the body nowhere: all wheels slip a little, their tractions cancel, and
-a motor that gives less than it should leaves a rest. A square wave of `SIZE` along n is added, in bursts,
+a motor that gives less than it should leaves a rest. A square wave of `DITHER_SPEED` along n is added, in
+bursts,
 while a robot that drives slowly and steadily tells nothing about its motors; once, larger, before a robot is
 driven, where that is asked for. It is the steps that tell: a sine of the same size found no motor of 16 that
 lacks 15 %, the square wave found 7.
@@ -14,9 +15,9 @@ import numpy as np
 from omnimj.physics.native import kernel
 from omnimj.signals import Array
 
-SIZE = 0.04
+DITHER_SPEED = 0.04
 """Speed of the square wave [m/s]."""
-FREQUENCY = 0.7
+DITHER_FREQUENCY = 0.7
 """[Hz]"""
 PERIODS = 2
 """Of a burst."""
@@ -28,9 +29,9 @@ _LOADED = 4.0  # [N] of traction beyond which motors tell enough by themselves
 _DRIVES, _FAST = 0.1, 0.5  # [m/s] between which a robot drives slowly
 _STEADY = 0.3  # [m/s²] of demanded acceleration: more loads the motors by itself and needs the grip
 
-SELF_TEST_SIZE = 0.12
+SELF_TEST_SPEED = 0.12
 """Speed of the wheels in the self-test at power-on: beyond what stiction hides, 8 cm of way [m/s]."""
-SELF_TEST = 1.0 / FREQUENCY
+SELF_TEST = 1.0 / DITHER_FREQUENCY
 """Its length, one period [s]."""
 
 SINCE_LOAD, IN_BURST, TEST_LEFT = range(3)
@@ -38,12 +39,12 @@ SINCE_LOAD, IN_BURST, TEST_LEFT = range(3)
 what is left of the self-test [s]."""
 
 
-def no_dither(self_test: bool) -> Array:
+def initial_dither(self_test: bool) -> Array:
     """Before the first step, shape (3,)."""
     return np.array((0.0, 0.0, SELF_TEST if self_test else 0.0))
 
 
-def against_each_other(forces: Array) -> Array:
+def null_space_speeds(forces: Array) -> Array:
     """n with B n = 0 and max |n_i| = 1, shape (wheels,); zeros where no such direction exists.
 
     Args:
@@ -77,7 +78,7 @@ def next_dither(d, h, may, speed, acceleration, load):
       acceleration: Demanded [m/s²].
       load: Largest traction [N].
     """
-    burst = PERIODS / FREQUENCY
+    burst = PERIODS / DITHER_FREQUENCY
     inside = d[IN_BURST] > 0.0
     if not may or not _DRIVES < speed < _FAST or acceleration > _STEADY:
         d[SINCE_LOAD], d[IN_BURST] = 0.0, min(d[IN_BURST], 0.0) if not inside else -PAUSE
@@ -91,4 +92,4 @@ def next_dither(d, h, may, speed, acceleration, load):
     if d[IN_BURST] > burst:
         d[SINCE_LOAD], d[IN_BURST] = 0.0, -PAUSE
         return 0.0
-    return 1.0 if (d[IN_BURST] * FREQUENCY) % 1.0 < 0.5 else -1.0
+    return 1.0 if (d[IN_BURST] * DITHER_FREQUENCY) % 1.0 < 0.5 else -1.0

@@ -11,26 +11,25 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from omnimj.control.controller import Controller
-from omnimj.control.diagnosing import DiagnosingController
-from omnimj.control.method import Beliefs
+from omnimj.control.cascade.controller import Controller
+from omnimj.control.detection.detector import FaultEstimate
+from omnimj.control.detection.robust import RobustDetector
+from omnimj.control.fault_tolerant import FaultTolerantController
 from omnimj.control.recovery import Recovery
 from omnimj.control.recovery.modes import CAPPING, PIVOTING, REVERTED, STOPPING
-from omnimj.control.robust import Robust
-from omnimj.control.target import Target
-from omnimj.loop import drive
 from omnimj.parameters import read_robot
-from omnimj.plant.conditions import Fault
+from omnimj.plant.faults import Fault
 from omnimj.plant.planar import PlanarRobot
-from omnimj.scenario.drive import read_drive
-from omnimj.scenario.path_error import distance_to_path
-from omnimj.scenario.suites.missions import mission
-from omnimj.signals import Trace
+from omnimj.signals import Target, Trace
+from omnimj.simulate.loop import drive
+from omnimj.simulate.metrics import distance_to_path
+from omnimj.simulate.scenario.drive import read_drive
+from omnimj.simulate.suites.missions import mission
 
 ROBOT = read_robot()
 CIRCLE = {"kind": "circle", "diameter": 3.0, "speed": 0.5, "acceleration": 0.8, "start_time": 0.5}
 NONE = np.zeros(4, bool)
-WELL = Beliefs(np.zeros(4), NONE, NONE, NONE, NONE, np.zeros(2), np.zeros(4), -np.inf)
+WELL = FaultEstimate(np.zeros(4), NONE, NONE, NONE, NONE, np.zeros(2), np.zeros(4), -np.inf)
 
 
 @dataclass(frozen=True)
@@ -38,9 +37,9 @@ class Told:
     """The state of a method that has been told what to believe."""
 
     inner: Any
-    beliefs: Beliefs
+    fault_estimate: FaultEstimate
     diagnoses: tuple[()] = ()
-    advice: None = None
+    reconfiguration: None = None
 
     @property
     def log(self):
@@ -52,15 +51,19 @@ class Teller:
 
     log_names = ()
 
-    def __init__(self, since: float, **beliefs: Any):
-        self._inner, self._beliefs, self._since = Robust(ROBOT), {"decided": since, **beliefs}, since
+    def __init__(self, since: float, **fault_estimate: Any):
+        self._inner, self._beliefs, self._since = (
+            RobustDetector(ROBOT),
+            {"decided": since, **fault_estimate},
+            since,
+        )
 
     def start(self, measurement: Any) -> Told:
         return Told(self._inner.start(measurement), WELL)
 
     def step(self, state: Told, measurement: Any, command: Any = None, bias: float = 0.0) -> Told:
         inner = self._inner.step(state.inner, measurement, command, bias)
-        known = inner.beliefs if inner.beliefs is not None else WELL
+        known = inner.fault_estimate if inner.fault_estimate is not None else WELL
         known = replace(WELL, velocity=known.velocity, force=known.force)
         return Told(inner, replace(known, **self._beliefs) if measurement.time >= self._since else known)
 
@@ -69,7 +72,7 @@ def circled(faults=(), method=None, recovery=True, floor="natural_stone", second
     plan = read_drive(CIRCLE, "circle", seconds, 1e-3)
     cascade = Controller(ROBOT, heading_hold=True)
     helps = Recovery(ROBOT, holds_heading=True) if recovery else None
-    controller = DiagnosingController(cascade, Robust(ROBOT) if method is None else method, helps)
+    controller = FaultTolerantController(cascade, RobustDetector(ROBOT) if method is None else method, helps)
     plant = PlanarRobot(ROBOT, floor, faults=faults, seed=seed, start=plan.start)
     try:
         return drive(plant, controller, plan.reference)
@@ -162,7 +165,7 @@ def test_a_robot_that_is_to_stand_stands_whatever_is_believed(flags, numbers, lo
         "force": 10.0 * np.array(numbers[2:]),
         "trusts_gyro": flags[-1],
     }
-    controller = DiagnosingController(Controller(ROBOT), Teller(0.05, **wrong), Recovery(ROBOT))
+    controller = FaultTolerantController(Controller(ROBOT), Teller(0.05, **wrong), Recovery(ROBOT))
     plant = PlanarRobot(ROBOT, "natural_stone", seed=3)
     measurement = plant.reset()
     state, still = controller.start(measurement), Target(np.zeros(2), 0.0, 0.0)
@@ -198,7 +201,7 @@ def corrupted(measurement, part, value, place):
 )
 def test_no_measurement_stops_a_recovery_and_its_currents_stay_within_limits(wrong, faults):
     belief = {wrong: np.array((True, False, wrong == "slipping", False)), "velocity": np.array((0.3, 0.1))}
-    controller = DiagnosingController(Controller(ROBOT), Teller(0.05, **belief), Recovery(ROBOT))
+    controller = FaultTolerantController(Controller(ROBOT), Teller(0.05, **belief), Recovery(ROBOT))
     plant = PlanarRobot(ROBOT, "natural_stone", seed=3)
     measurement, target = plant.reset(), Target(np.array((0.3, 0.1)), 0.2, 0.0)
     state = controller.start(measurement)
@@ -221,7 +224,7 @@ def test_the_heading_is_held_as_it_was_when_a_motor_broke():
     def excursion(seed, recovery):
         plan = mission(np.random.default_rng(seed), 20.0, 1e-3)
         fault = [Fault("motor", 5.0, None, 1 + seed % 4, {"loss": 0.7})]
-        controller = DiagnosingController(Controller(ROBOT), Robust(ROBOT), recovery)
+        controller = FaultTolerantController(Controller(ROBOT), RobustDetector(ROBOT), recovery)
         trace = drive(PlanarRobot(ROBOT, "natural_stone", faults=fault, seed=seed), controller, plan)
         away = np.unwrap(trace["heading"] - trace["target_heading"])[5000:]
         return np.abs(away - away[0]).max()
@@ -233,7 +236,9 @@ def test_the_heading_is_held_as_it_was_when_a_motor_broke():
 
 def test_a_self_test_finds_a_dead_motor_before_the_robot_is_driven_and_the_plan_waits():
     plan = mission(np.random.default_rng(2), 6.0, 1e-3)
-    controller = DiagnosingController(Controller(ROBOT), Robust(ROBOT), Recovery(ROBOT, self_test=True))
+    controller = FaultTolerantController(
+        Controller(ROBOT), RobustDetector(ROBOT), Recovery(ROBOT, self_test=True)
+    )
     plant = PlanarRobot(ROBOT, "pvc", faults=[Fault("free", 0.0, None, 3)], seed=4)
     trace = drive(plant, controller, plan)
     first = trace.about["diagnoses"][0]
@@ -251,7 +256,7 @@ def test_what_the_fault_does_to_following_is_not_blamed_on_the_help():
         {"kind": "profile", "direction": 1.57, "speed": "high", "cruise_time": 1.0}, "x", 4.0, 1e-3
     )
     fault = [Fault("slip", 0.0, None, 1, {"grip": 0.05})]
-    controller = DiagnosingController(Controller(ROBOT), Robust(ROBOT), Recovery(ROBOT))
+    controller = FaultTolerantController(Controller(ROBOT), RobustDetector(ROBOT), Recovery(ROBOT))
     trace = drive(PlanarRobot(ROBOT, "natural_stone", faults=fault, seed=1), controller, plan.reference)
     assert CAPPING in trace["recovery"]
     assert REVERTED not in trace["recovery"]

@@ -7,26 +7,33 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omnimj.control.recovery.demand import pivot_yaw_rate, place_correction, steady_creep
+from omnimj.control.recovery.demand import (
+    PIVOT_SPEED,
+    next_time_scaling,
+    pivot_yaw_rate,
+    place_correction,
+    steady_creep,
+    time_scaling_of_pivot,
+    time_scaling_on_slippery_floor,
+)
 from omnimj.control.recovery.dither import (
-    FREQUENCY,
+    DITHER_FREQUENCY,
     PAUSE,
     PERIODS,
     QUIET,
-    against_each_other,
+    initial_dither,
     next_dither,
     next_self_test,
-    no_dither,
+    null_space_speeds,
 )
-from omnimj.control.recovery.memory import NUMBERS, PLACE_X, PLACE_Y
-from omnimj.control.recovery.pace import PIVOT_SPEED, next_pace, pace_of_pivot, pace_on_slippery_floor
-from omnimj.control.robust.constants import LOAD, geometry, numbers
+from omnimj.control.recovery.tracking import NUMBERS, PLACE_X, PLACE_Y
+from omnimj.control.robot_constants import LOAD, robot_constants, wheel_geometry
 from omnimj.parameters import read_floors, read_robot
 from omnimj.physics.traction import steady_ratio
 
 ROBOT = read_robot()
-FORCES = geometry(ROBOT).forces
-CONSTANTS = numbers(ROBOT, 1e-3)
+FORCES = wheel_geometry(ROBOT).forces
+CONSTANTS = robot_constants(ROBOT, 1e-3)
 H = 1e-3
 speeds = st.floats(-1.5, 1.5)
 
@@ -45,7 +52,7 @@ def test_a_robot_that_is_to_stand_is_not_turned_whatever_a_wheel_does(speed, whe
 
 @given(st.floats(0.0, 1.0), st.floats(0.0, 1.0), st.floats(0.0, 1.5), st.floats(0.05, 10.0))
 def test_no_change_of_pace_asks_for_more_than_the_floor_allows(pace, goal, speed, allowed):
-    after = next_pace(pace, H, goal, speed, allowed)
+    after = next_time_scaling(pace, H, goal, speed, allowed)
     assert min(pace, goal) - 1e-12 <= after <= max(pace, goal) + 1e-12
     plan = max(speed / max(pace, 1e-3), 0.1)
     assert abs(after - pace) * plan / H <= allowed * (1.0 + 1e-9)
@@ -53,45 +60,45 @@ def test_no_change_of_pace_asks_for_more_than_the_floor_allows(pace, goal, speed
 
 @given(st.floats(0.005, 1.0), st.floats(0.0, 3.0))
 def test_at_the_pace_of_a_slippery_floor_the_plan_asks_for_half_the_grip_or_crawls(grip, hardest):
-    pace, allowed = pace_on_slippery_floor(grip, hardest, 9.81)
+    pace, allowed = time_scaling_on_slippery_floor(grip, hardest, 9.81)
     assert allowed == pytest.approx(0.5 * grip * 9.81)
     assert pace**2 * hardest <= allowed * (1.0 + 1e-9) or pace == pytest.approx(0.15)
 
 
 @given(st.floats(0.05, 1.0), st.floats(0.0, 2.0))
 def test_the_centre_of_a_pivoting_robot_keeps_below_its_speed(pace, speed):
-    assert pace_of_pivot(pace, speed) * speed / pace <= PIVOT_SPEED * (1.0 + 1e-9) or speed == 0.0
+    assert time_scaling_of_pivot(pace, speed) * speed / pace <= PIVOT_SPEED * (1.0 + 1e-9) or speed == 0.0
 
 
 def test_wheels_against_each_other_push_the_body_nowhere():
-    n = against_each_other(FORCES)
+    n = null_space_speeds(FORCES)
     assert np.abs(n).max() == 1.0
     assert pytest.approx(np.zeros(3), abs=1e-12) == FORCES @ n
-    assert not against_each_other(FORCES[:, :3]).any(), "three wheels have no such direction"
+    assert not null_space_speeds(FORCES[:, :3]).any(), "three wheels have no such direction"
 
 
 def test_the_square_wave_comes_in_bursts_of_whole_periods_while_a_robot_drives_steadily():
-    d, steps = no_dither(False), round((QUIET + PERIODS / FREQUENCY + 0.9 * PAUSE) / H)
+    d, steps = initial_dither(False), round((QUIET + PERIODS / DITHER_FREQUENCY + 0.9 * PAUSE) / H)
     signs = np.array([next_dither(d, H, True, 0.3, 0.0, 0.0) for _ in range(steps)])
     assert not signs[: round(QUIET / H) - 2].any()
     assert abs(signs.sum()) <= 2, "as long forward as back"
-    assert (signs != 0).sum() == pytest.approx(PERIODS / FREQUENCY / H, abs=3)
+    assert (signs != 0).sum() == pytest.approx(PERIODS / DITHER_FREQUENCY / H, abs=3)
 
 
 @pytest.mark.parametrize(
     ("may", "speed", "acceleration"), [(False, 0.3, 0.0), (True, 0.0, 0.0), (True, 0.3, 1.0)]
 )
 def test_a_robot_that_is_ill_stands_or_speeds_up_is_not_shaken(may, speed, acceleration):
-    d = no_dither(False)
+    d = initial_dither(False)
     assert not any(next_dither(d, H, may, speed, acceleration, 0.0) for _ in range(8000))
 
 
 def test_a_self_test_goes_as_far_as_it_comes_back_and_ends():
-    d = no_dither(True)
+    d = initial_dither(True)
     signs = np.array([next_self_test(d, H) for _ in range(3000)])
     assert abs(signs.sum()) <= 2
     assert not signs[-1000:].any()
-    assert not any(next_self_test(no_dither(False), H) for _ in range(10))
+    assert not any(next_self_test(initial_dither(False), H) for _ in range(10))
 
 
 @given(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), speeds, speeds)

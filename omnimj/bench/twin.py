@@ -1,0 +1,133 @@
+"""How fast the twin is, as ratios within one run on this machine."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+_CURRENTS = (0.3, -0.8, 0.1, 0.7)
+
+
+def wall_time(work: Callable[[], object]) -> float:
+    """Wall time of one piece of work [s]."""
+    begin = time.perf_counter()
+    work()
+    return time.perf_counter() - begin
+
+
+def _interleaved(rounds: int, *works: Callable[[], object]) -> np.ndarray:
+    """Least time of each piece of work over rounds taken in turn, so that all meet the same noise [s]."""
+    return np.array([[wall_time(work) for work in works] for _ in range(rounds)]).min(axis=0)
+
+
+def _moving(mj_model: Any) -> Any:
+    import mujoco
+
+    mj_data = mujoco.MjData(mj_model)
+    mj_data.ctrl[:] = _CURRENTS
+    mujoco.mj_step(mj_model, mj_data, 300)
+    return mj_data
+
+
+def _with_solver_contact(mj_model: Any, friction: bool) -> Any:
+    """The same robot in the same state of motion with MuJoCo's own contact and none of ours."""
+    import mujoco
+
+    from omnimj.plant.mujoco import slots
+
+    other = mj_model.__copy__()
+    other.actuator_user[0, slots.MAGIC] = 0.0
+    other.pair_margin[:] = other.pair_gap[:] = 0.0
+    other.pair_dim[:] = 3 if friction else 1
+    mj_data, rolling = mujoco.MjData(other), _moving(mj_model)
+    mj_data.qpos[:], mj_data.qvel[:] = rolling.qpos, rolling.qvel
+    mujoco.mj_step(other, mj_data, 100)
+    return other, mj_data
+
+
+def measure_twin(steps: int, rounds: int) -> dict[str, float]:
+    """Steps per second, ratio to solver contact, share of the callback, scaling of a batch.
+
+    Args:
+      steps: Of 1 ms in a round.
+      rounds: How often each is timed; the least time counts.
+    """
+    import mujoco
+    import mujoco.batch
+
+    from omnimj.parameters import read_floors, read_robot
+    from omnimj.plant.mujoco.assembly import robot_model
+    from omnimj.plant.mujoco.callback import install, repeat_callbacks
+
+    install()
+    mj_model = robot_model(read_robot(), read_floors()["natural_stone"], lean=True)
+    mj_data, frozen = _moving(mj_model), _moving(mj_model)
+    mujoco.mj_forward(mj_model, frozen)
+    plain, plain_data = _with_solver_contact(mj_model, friction=False)
+    rough, rough_data = _with_solver_contact(mj_model, friction=True)
+    batches = [mujoco.batch.Batch(mj_model, nsim=16, nthread=n) for n in (1, 2)]
+    for batch in batches:
+        batch.bind("ctrl")[:] = _CURRENTS
+        batch.step(nstep=300)
+    repeat_callbacks(mj_model._address, frozen._address, 1)
+
+    def glide_rough() -> None:  # its rollers and motors do not drive: push it again and again
+        rough_data.qvel[0] = 0.5
+        mujoco.mj_step(rough, rough_data, steps // 10)
+
+    own, bare, rubbing, called, one, two = _interleaved(
+        rounds,
+        lambda: mujoco.mj_step(mj_model, mj_data, steps),
+        lambda: mujoco.mj_step(plain, plain_data, steps),
+        glide_rough,
+        lambda: repeat_callbacks(mj_model._address, frozen._address, steps),
+        lambda: batches[0].step(nstep=200),
+        lambda: batches[1].step(nstep=200),
+    )
+    return {
+        "twin_steps_per_second": steps / own,
+        "solver_contact_ratio": own / bare,
+        "solver_friction_ratio": own / (10.0 * rubbing),
+        "callback_share": called / own,
+        "batch_speedup": one / two,
+    }
+
+
+# How fast a scenario is driven with everything that belongs to it, and what its recording costs.
+
+
+def measure_run(duration: float) -> dict[str, float]:
+    """Real-time factor of a scenario with control, sensors and recording; share and size of the recording.
+
+    Args:
+      duration: Of the scenario [s].
+    """
+    from omnimj.recording.traces import write_trace
+    from omnimj.simulate.run import run_scenario
+    from omnimj.simulate.scenario.scenario import read_scenario
+    from omnimj.view.rerun.recording import write_recording_of
+
+    scenario = read_scenario("circle_8m", (f"duration={duration}", "drive.speed=0.3"))
+    run_scenario(scenario)
+    walls, shares, size = [], [], 0
+    for _ in range(3):
+        begin = time.perf_counter()
+        run = run_scenario(scenario)
+        driven = time.perf_counter() - begin
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder)
+            stored = wall_time(lambda to=path, what=run: write_trace(to / "trace.parquet", what.trace))
+            shown = wall_time(lambda to=path, what=run: write_recording_of(to / "run.rrd", what))
+            size = (path / "run.rrd").stat().st_size
+        walls.append(driven + stored)
+        shares.append(shown / (driven + stored))
+    return {
+        "scenario_realtime_factor": scenario.duration / min(walls),
+        "rerun_share": min(shares),
+        "rerun_megabytes_10_s": size / 1e6,
+    }

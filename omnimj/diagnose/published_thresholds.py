@@ -1,0 +1,153 @@
+"""Thresholds of the published method from runs of the twin: `python -m omnimj.diagnose.published_thresholds`.
+
+Prints the content of `models/published_thresholds.toml`. As in sections 5.2 and 5.3: the largest residual of
+fault-free runs, for the force residuals of runs with slip too, on natural stone, with training seeds.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from omnimj.control.detection.detector import VARIANTS, DetectorOptions
+from omnimj.control.detection.published.decision import PublishedThresholds
+from omnimj.control.detection.published.rig import PublishedRigDetector
+from omnimj.control.detection.published.robot import PublishedRobotDetector
+from omnimj.control.fault_tolerant import FaultTolerantController
+from omnimj.parameters import Rig
+from omnimj.signals import Trace
+from omnimj.simulate.loop import drive, drive_rig
+from omnimj.simulate.plants import make_plant
+from omnimj.simulate.run import make_controller
+from omnimj.simulate.scenario.drive import Drive
+from omnimj.simulate.scenario.scenario import RigInput, Scenario, read_scenario
+
+TRAINING_SEEDS = (1000, 1001)
+"""Runs that thresholds are judged on have others."""
+RIG_CURRENTS = tuple(round(0.15 * k, 2) for k in range(3, 11))
+"""0.45 … 1.50 A, as in section 4.3 [A]."""
+DIRECTIONS = tuple(math.pi / 4.0 * k for k in range(8))
+"""Along x, along y and along both, section 5.3 [rad]."""
+MANOEUVRE = "kind = 'profile', acceleration = 1.0, start_time = 0.5, cruise_time = 2.0"
+"""The tests of 5 s: at high speed 1 s up, 2 s at 1 m/s, 1 s down."""
+TURN = "kind = 'profile', speed = 0.0, yaw_cruise_time = 2.0, start_time = 0.5"
+NYLON = "kind = 'slip', onset = 0.0, floor = 'nylon'"
+
+
+@dataclass(frozen=True)
+class TrainingRun:
+    """One run and what it sets a threshold for."""
+
+    scenario: Scenario
+    seed: int
+    slips: bool
+    """A run with slip: it counts for the force residuals only, Eqs. 5.8 and 5.21."""
+
+    @property
+    def is_rig(self) -> bool:
+        """Whether the rig is driven, not the robot."""
+        return isinstance(self.scenario.constants, Rig)
+
+
+def rig_test(current: float, faults: str = "") -> Scenario:
+    """The rig with a constant current on natural stone for 1.2 s."""
+    overrides = (f"current={current}", "duration=1.2", f"faults=[{faults}]", "checks={}")
+    return read_scenario("rig_constant_current", overrides)
+
+
+def robot_test(table: str, faults: str = "", *overrides: str) -> Scenario:
+    """The robot on natural stone for 5 s.
+
+    Args:
+      table: Keys of its `[drive]`.
+      faults: Inline tables of its `[[faults]]`.
+      overrides: More `KEY=VALUE` texts.
+    """
+    own = (f"drive={{{table}}}", "duration=5.0", f"faults=[{faults}]", "checks={}")
+    return read_scenario("degraded_motor", (*own, *overrides))
+
+
+def training_runs() -> Iterator[TrainingRun]:
+    """Every run that the shipped thresholds come from."""
+    for seed in TRAINING_SEEDS:
+        for current in RIG_CURRENTS:
+            yield TrainingRun(rig_test(current), seed, False)
+            yield TrainingRun(rig_test(current, f"{{{NYLON}, wheel = 1}}"), seed, True)
+        for speed in ("low", "high"):
+            for direction in DIRECTIONS:
+                table = f"{MANOEUVRE}, speed = '{speed}', direction = {direction}"
+                yield TrainingRun(robot_test(table), seed, False)
+        for rate in (-2.0, -1.0, 1.0, 2.0):
+            yield TrainingRun(robot_test(f"{TURN}, yaw_rate = {rate}"), seed, False)
+        for wheel in range(1, 5):
+            table = f"{MANOEUVRE}, speed = 'high', direction = {math.pi / 2.0 * (wheel % 2)}"
+            yield TrainingRun(robot_test(table, f"{{{NYLON}, wheel = {wheel}}}"), seed, True)
+
+
+def run_with_residuals(run: TrainingRun, choice: DetectorOptions, plant: str = "twin") -> Trace:
+    """A run with the method beside it that neither judges nor acts: its thresholds are infinite."""
+    scenario, never = run.scenario, PublishedThresholds(*([math.inf] * 4))
+    floor, choice = scenario.floors[scenario.floor], dataclasses.replace(choice, recovery=False)
+    driven = make_plant(scenario, plant, run.seed)
+    try:
+        if isinstance(scenario.constants, Rig):
+            assert isinstance(scenario.drive, RigInput)
+            current = np.full(round(scenario.duration / driven.period) + 1, scenario.drive.current)
+            rig = PublishedRigDetector(scenario.constants, floor, scenario.drive.mass, never, choice)
+            return drive_rig(driven, current, method=rig)
+        assert isinstance(scenario.drive, Drive)
+        robot = PublishedRobotDetector(scenario.constants, floor, never, choice)
+        controller = FaultTolerantController(make_controller(scenario), robot)
+        return drive(driven, controller, scenario.drive.reference)
+    finally:
+        driven.close()
+
+
+def largest_residuals(run: TrainingRun, choice: DetectorOptions, plant: str = "twin") -> dict[str, float]:
+    """The largest residuals of a run by the name of their threshold; printed r3 … r6 with their sign."""
+    trace, prefix = run_with_residuals(run, choice, plant), "rig_" if run.is_rig else ""
+    found = {}
+    for kind in ("wheel_speed", "force"):
+        if run.slips and kind == "wheel_speed":
+            continue
+        columns = [values for name, values in trace.columns.items() if name.startswith(f"residual_{kind}")]
+        values = np.array(columns) if choice.printed else np.abs(columns)
+        found[f"{prefix}{kind}"] = float(values.max())
+    return found
+
+
+def fault_free_thresholds(variant: str, plant: str = "twin") -> PublishedThresholds:
+    """Eqs. 5.3, 5.8, 5.13 and 5.21 over `training_runs`.
+
+    Args:
+      variant: Of `VARIANTS`; each has its own observer and so its own thresholds.
+      plant: What is driven.
+    """
+    largest = {field.name: 0.0 for field in dataclasses.fields(PublishedThresholds)}
+    for run in training_runs():
+        for name, value in largest_residuals(run, DetectorOptions(variant), plant).items():
+            largest[name] = max(largest[name], value)
+    return PublishedThresholds(**largest)
+
+
+def as_toml(variant: str, thresholds: PublishedThresholds) -> str:
+    """One table of `published_thresholds.toml`."""
+    lines = [f"[{variant}]"]
+    for field in dataclasses.fields(PublishedThresholds):
+        value, unit = getattr(thresholds, field.name), field.metadata["unit"]
+        lines.append(f'{field.name} = {{ value = {value:.4f}, unit = "{unit}", source = "measured" }}')
+    return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    print(
+        "# Thresholds of the published method: the largest residuals of fault-free runs of the twin (of the"
+    )
+    print("# force residuals also of runs with slip), on natural stone, training seeds. Made by")
+    print("#   python -m omnimj.diagnose.published_thresholds > models/published_thresholds.toml")
+    for name in VARIANTS:
+        print(f"\n{as_toml(name, fault_free_thresholds(name))}", end="")

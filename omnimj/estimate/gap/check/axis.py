@@ -1,0 +1,148 @@
+"""A linear axis' channels against each other: velocity against position, force against the motion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from omnimj.estimate.gap.check.columns import fill_masked, unwrap_counter
+from omnimj.estimate.gap.check.compare import Stretch, compare, integral, split_stretch
+from omnimj.estimate.gap.check.suspicions import Link, Suspicion, unit_of, wrong_scales, wrong_signs
+from omnimj.parameters import Axis
+from omnimj.recording.dataset import Run
+from omnimj.signals import Array
+
+NOISY = ("force", "current", "velocity", "position")
+
+_WINDOW = 4.0  # [s]
+_CLEAR = 0.6
+_TIGHT = np.log(1.04)
+_DELAY = 0.004  # [s] velocity against position
+_FORCE_DELAY = 0.008  # [s] motion against force
+_SMOOTH = 0.03  # [s] over which a position is differentiated
+_MASS = np.log(3.0)  # implied over declared
+_DRIVES = 0.2
+_FAR = 0.05  # [s]
+_BEYOND = 3.0  # times the guide's length
+
+
+def axis_suspicions(runs: Sequence[Run], axis: Axis) -> Iterator[Suspicion]:
+    """What an axis' channels say of each other."""
+    force = "force" if all("force" in run.columns for run in runs) else "current"
+    constant = 1.0 if force == "force" else axis.axis.force_constant
+    stretches = []
+    for run in runs:
+        if "velocity" in run.columns:
+            moved, place = (
+                integral(run.time, fill_masked(run, "velocity")),
+                unwrap_counter(fill_masked(run, "position")),
+            )
+            size = max(60, int(_WINDOW / max(float(np.median(np.diff(run.time))), 1e-6)))
+            stretches += [
+                Stretch(run.time[w], moved[w], place[w]) for w in split_stretch(len(run.time), size)
+            ]
+    pair = compare(stretches) if stretches else None
+    links = []
+    if pair is not None and abs(pair.correlation) > _CLEAR:
+        links.append(Link("velocity", "position", pair.scale, _TIGHT, abs(pair.correlation)))
+        late = pair.delay
+        error = pair.delay_error if np.isfinite(pair.delay_error) else 0.0
+        if abs(late) > max(_DELAY, 3.0 * error):
+            name, other = ("position", "velocity") if late > 0.0 else ("velocity", "position")
+            words = f"{name} is {1e3 * abs(late):.1f} ms late against {other}"
+            yield Suspicion(name, "delay", abs(late), abs(late) / _DELAY, words)
+    motion = _Motion.of([run for run in runs if force in run.columns], force, constant, axis.axis.mass)
+    links += motion.links(force)
+    yield from wrong_signs(links)
+    yield from (_settled(s, runs, axis, force) for s in wrong_scales(links))
+    yield from motion.late(force)
+
+
+def _settled(found: Suspicion, runs: Sequence[Run], axis: Axis, force: str) -> Suspicion:
+    """Between force and position the guide's length decides: no carriage leaves it."""
+    if {found.channel, *found.or_channels} != {force, "position"}:
+        return found
+    far = max(float(np.ptp(fill_masked(run, "position"))) for run in runs)
+    is_place = far > _BEYOND * 2.0 * axis.axis.travel
+    name, other = ("position", force) if is_place else (force, "position")
+    size = found.size if name == found.channel else 1.0 / found.size
+    size = unit_of(size, name)[0] or size
+    words = f"{name} is {size:.4g} times what {force} and the declared mass ask for"
+    if is_place:
+        words += f", and a travel of {far:.4g} m is beyond the guide"
+    return replace(found, channel=name, size=size, words=words, or_channels=() if is_place else (other,))
+
+
+class _Motion:
+    """Force of a drive against the motion that the position shows, F = m a + b v + C sgn v + F₀."""
+
+    def __init__(self, rows: list[tuple[Array, Array, Array, Array]], masses: list[float]):
+        self._rows, self._masses = rows, masses
+
+    @classmethod
+    def of(cls, runs: Sequence[Run], force: str, constant: float, mass: float) -> _Motion:
+        """Smoothed motion of all runs; of force, speed and acceleration each sample stands for its window."""
+        rows, masses = [], []
+        for run in runs:
+            step = float(np.median(np.diff(run.time)))
+            place = unwrap_counter(fill_masked(run, "position"))
+            length = max(7, round(_SMOOTH / step) // 2 * 2 + 1)
+            if len(place) <= 3 * length:
+                continue
+            speed = savgol_filter(place, length, 3, deriv=1, delta=step)
+            acceleration = savgol_filter(place, length, 3, deriv=2, delta=step)
+            pushed = savgol_filter(constant * fill_masked(run, force), length, 3)
+            keep = slice(length, len(place) - length)
+            rows.append((run.time[keep], pushed[keep], speed[keep], acceleration[keep]))
+            declared = run.conditions.get("mass")
+            masses.append(float(declared) if isinstance(declared, int | float) else mass)
+        return cls(rows, masses)
+
+    def _fit(self, delay: float) -> tuple[Array, float, float]:
+        """Coefficients for m a, b v, C sgn v; share left open; F-like weight of the acceleration's part."""
+        gram, slope, total = np.zeros((4, 4)), np.zeros(4), 0.0
+        for time, force, speed, acceleration in self._rows:
+            pushed = np.interp(time - delay, time, force)
+            top = max(float(np.abs(speed).max()), 1e-12)
+            base = np.stack([acceleration, speed, np.tanh(20.0 * speed / top), np.ones_like(speed)], axis=1)
+            gram += base.T @ base
+            slope += base.T @ pushed
+            total += float(((pushed - pushed.mean()) ** 2).sum())
+        scale = np.sqrt(np.maximum(np.diagonal(gram), 1e-300))
+        whole = np.linalg.lstsq(gram / np.outer(scale, scale), slope / scale, rcond=1e-10)[0] / scale
+        squared = sum(float((np.interp(t - delay, t, f) ** 2).sum()) for t, f, _, _ in self._rows)
+        left = max(squared - float(whole @ slope), 0.0)
+        inverse = np.linalg.pinv(gram / np.outer(scale, scale))
+        weight = float((whole[0] * scale[0]) ** 2 / max(inverse[0, 0], 1e-300))
+        return whole, left / max(total, 1e-300), weight / max(total, 1e-300)
+
+    def links(self, force: str) -> list[Link]:
+        """Force against position: the sign of the mass, and its size over the declared one."""
+        if not self._rows:
+            return []
+        whole, left, weight = self._fit(0.0)
+        if left > 0.5 or weight < 0.05 or whole[0] == 0.0:
+            return []
+        declared = float(np.mean(self._masses))
+        # a position in millimetres makes the mass look a thousand times smaller
+        return [
+            Link(force, "position", float(declared / whole[0]), _MASS, float(np.sqrt(max(1.0 - left, 0.0))))
+        ]
+
+    def late(self, force: str) -> Iterator[Suspicion]:
+        """A position that follows the force late, or a force that is logged late."""
+        if not self._rows:
+            return
+        step = float(np.median(np.diff(self._rows[0][0])))
+        delays = np.arange(-_FAR, _FAR + 1e-9, max(0.002, step))
+        left = np.array([self._fit(d)[1] for d in delays])
+        k = int(left.argmin())
+        found, now = float(delays[k]), float(self._fit(0.0)[1])
+        allowed = max(_FORCE_DELAY, 2.0 * step)
+        if 0 < k < len(delays) - 1 and abs(found) > allowed and left[k] < 0.5 * now and left[k] < 0.2:
+            name = "position" if found > 0.0 else force
+            words = f"{name} is {1e3 * abs(found):.0f} ms late: force and motion then fit"
+            yield Suspicion(name, "delay", abs(found), abs(found) / allowed, words)

@@ -1,0 +1,92 @@
+"""The data checked first: what the channels of a dataset say of each other, before any model is asked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from omnimj.errors import UnknownNameError
+from omnimj.estimate.gap.check import axis as check_axis
+from omnimj.estimate.gap.check import rig as check_rig
+from omnimj.estimate.gap.check import robot as check_robot
+from omnimj.estimate.gap.check.columns import column_suspicions, repeated_runs, unwrap_counter
+from omnimj.estimate.gap.check.suspicions import DataCheck, Suspicion
+from omnimj.parameters import Axis, Rig, Robot, read_axis, read_rig, read_robot
+from omnimj.recording.dataset import Dataset, Run
+
+_GROSS = np.log(3.0)  # of a factor that is a unit's and no machine's
+
+
+def check_dataset(dataset: Dataset, machine: Rig | Robot | Axis | None = None) -> DataCheck:
+    """Looks for wrong signs, units, delays, biases, swapped, frozen, clipped and repeated channels.
+
+    No friction is assumed: speeds are compared with integrated accelerations, angles with integrated rates,
+    wheels with the body that they carry, currents with the motion that they cause.
+
+    Args:
+      dataset: As read.
+      machine: Its wheel radius, gear and geometry; the shipped model when None.
+
+    Raises:
+      UnknownNameError: A plant that is not known.
+    """
+    found: list[Suspicion] = []
+    for s in sorted(_suspicions(dataset, machine), key=lambda s: (-s.strength, s.channel, s.kind)):
+        if not any((s.channel, s.kind) == (other.channel, other.kind) for other in found):
+            found.append(s)
+    notes = [*repeated_runs(dataset.runs)]
+    notes += [f"{'Sure' if s.is_sure else 'Maybe'}: {s.words}" for s in found]
+    return DataCheck(tuple(notes), tuple(found))
+
+
+def _suspicions(dataset: Dataset, machine: Rig | Robot | Axis | None) -> Iterator[Suspicion]:
+    runs = dataset.runs
+    if dataset.plant == "quarter_rig":
+        rig = machine if isinstance(machine, Rig) else read_rig()
+        yield from column_suspicions(
+            dataset, (*check_rig.NOISY, *check_rig.COUNTERS), check_rig.SPEEDS, check_rig.COUNTERS
+        )
+        yield from check_rig.rig_suspicions(runs, rig)
+    elif dataset.plant == "uto_robot":
+        robot = machine if isinstance(machine, Robot) else read_robot()
+        wheels = len(robot.wheels)
+        speeds = tuple(f"wheel_speed_{i}" for i in range(1, wheels + 1))
+        yield from column_suspicions(dataset, check_robot.noisy(wheels), speeds, ())
+        yield from check_robot.robot_suspicions(runs, robot)
+    elif dataset.plant == "linear_axis":
+        axis = machine if isinstance(machine, Axis) else read_axis()
+        yield from column_suspicions(dataset, check_axis.NOISY, ("velocity", "position"), ("position",))
+        yield from check_axis.axis_suspicions(runs, axis)
+    else:
+        raise UnknownNameError("plant", "plant", dataset.plant, ("quarter_rig", "uto_robot", "linear_axis"))
+
+
+def correct_dataset(dataset: Dataset, check: DataCheck) -> Dataset:
+    """Undoes what is gross and sure: a wrong unit, a counter that starts over.
+
+    Signs, small factors, delays and biases stay: the search has them as candidates.
+
+    Returns:
+      The dataset with a note on every change.
+    """
+    notes, runs = list(dataset.notes), dataset.runs
+    for s in check.suspicions:
+        if not any(s.channel in run.columns for run in runs):
+            continue
+        if s.kind == "wrap" and s.channel != "yaw":
+            runs = tuple(_changed(r, s.channel, 1.0, True) for r in runs)
+            notes.append(f"{s.channel}: a counter that starts over was joined")
+        elif s.kind == "scale" and s.is_sure and abs(np.log(abs(s.size))) > _GROSS:
+            runs = tuple(_changed(r, s.channel, 1.0 / s.size, False) for r in runs)
+            notes.append(f"{s.channel}: divided by {s.size:.6g}, it was in another unit ({s.words})")
+    return replace(dataset, runs=runs, notes=tuple(notes))
+
+
+def _changed(run: Run, name: str, factor: float, is_counter: bool) -> Run:
+    if name not in run.columns:
+        return run
+    values = np.asarray(run.columns[name], float)
+    values = unwrap_counter(values) if is_counter else values * factor
+    return replace(run, columns={**run.columns, name: values})

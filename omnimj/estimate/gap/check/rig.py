@@ -1,0 +1,153 @@
+"""The rig's channels against each other: speed against integrated acceleration, wheel against rail, onsets.
+
+Healthy lags that stay below what is suspected: 4 ms of the speed filter, 1.6 ms of the accelerometer, a wheel
+that slips before it drives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from omnimj.estimate.gap.check.columns import SLOPE, current_bias, fill_masked, unwrap_counter
+from omnimj.estimate.gap.check.compare import (
+    Comparison,
+    Onsets,
+    Stretch,
+    compare,
+    integral,
+    onsets,
+    split_stretch,
+)
+from omnimj.estimate.gap.check.suspicions import Link, Suspicion, wrong_scales, wrong_signs
+from omnimj.parameters import Rig
+from omnimj.recording.dataset import Run
+
+_WINDOW = 4.0  # [s] longest stretch of one comparison
+_CLEAR = 0.6  # correlation from which on a link counts
+_TIGHT = np.log(1.06)  # two encoders, or an encoder and an integrated accelerometer
+_SLIPPING = np.log(2.0)  # wheel against rail
+_DELAY = 0.005  # [s] beyond what is healthy
+_LAG = 0.004  # [s] by which an encoder's speed may lag behind an accelerometer
+_BIAS = 0.03  # [m/s²] of an accelerometer over many runs
+_RUN_BIAS = 0.02  # [m/s²] of one run
+
+NOISY = ("current", "wheel_speed", "carriage_speed", "carriage_acceleration")
+SPEEDS = ("wheel_speed", "carriage_speed")
+COUNTERS = ("carriage_position", "wheel_angle")
+
+
+def rig_suspicions(runs: Sequence[Run], rig: Rig) -> Iterator[Suspicion]:
+    """What a rig's channels say of each other."""
+    found = {pair: _compared(runs, *pair, rig) for pair in _PAIRS}
+    links = [link for pair in _PAIRS for link in _link(found[pair], *pair)]
+    links += _power_link(runs)
+    signs = wrong_signs(links)
+    gear = rig.motor.gear_ratio
+    scales = wrong_scales(links, ((gear, "before the gear"), (gear * 60.0 / (2.0 * np.pi), "motor's rpm")))
+    yield from signs
+    yield from scales
+    spoilt = {s.channel: s.size for s in scales}
+    yield from _delays(found, onsets(runs, ("current", "wheel_speed", "carriage_acceleration"), SPEEDS))
+    if not (signs or {"carriage_speed", "carriage_acceleration"} & set(spoilt)):
+        yield from _acceleration_bias(found["carriage_acceleration", "carriage_speed"])
+    yield from current_bias(runs, "current", "current_target", SPEEDS)
+
+
+_PAIRS = (
+    ("wheel_speed", "carriage_speed"),
+    ("carriage_acceleration", "carriage_speed"),
+    ("carriage_speed", "carriage_position"),
+    ("wheel_speed", "wheel_angle"),
+    ("carriage_acceleration", "wheel_speed"),
+)
+_INTEGRATED = frozenset(_PAIRS[1:])
+
+
+def _compared(runs: Sequence[Run], x: str, y: str, rig: Rig) -> Comparison | None:
+    """How y follows x, wheel speeds taken at the rim."""
+    at_rim = rig.wheel.radius
+    stretches = []
+    for run in runs:
+        if x in run.columns and y in run.columns:
+            time = run.time
+            first, second = fill_masked(run, x), fill_masked(run, y)
+            if y in COUNTERS:
+                second = unwrap_counter(second)
+            if y != "wheel_angle":
+                first = first * (at_rim if x == "wheel_speed" else 1.0)
+                second = second * (at_rim if y == "wheel_speed" else 1.0)
+            if (x, y) in _INTEGRATED:
+                first = integral(time, first)
+            size = max(60, int(_WINDOW / max(float(np.median(np.diff(time))), 1e-6)))
+            stretches += [Stretch(time[w], first[w], second[w]) for w in split_stretch(len(time), size)]
+    return compare(stretches)
+
+
+def _link(found: Comparison | None, x: str, y: str) -> list[Link]:
+    if found is None or abs(found.correlation) < _CLEAR:
+        return []
+    slips = ("wheel_speed" in (x, y)) and y != "wheel_angle"
+    return [Link(x, y, found.scale, _SLIPPING if slips else _TIGHT, abs(found.correlation))]
+
+
+def _power_link(runs: Sequence[Run]) -> list[Link]:
+    """Current and wheel speed have one sign most of the time: the motor puts work in."""
+    work = drawn = turned = 0.0
+    for run in runs:
+        if {"current", "wheel_speed"} <= set(run.columns):
+            i, w = fill_masked(run, "current"), fill_masked(run, "wheel_speed")
+            work, drawn, turned = work + i @ w, drawn + i @ i, turned + w @ w
+    share = work / max(np.sqrt(drawn * turned), 1e-300)
+    return (
+        [Link("current", "wheel_speed", float(share), np.inf, abs(float(share)))] if abs(share) > 0.2 else []
+    )
+
+
+def _delays(found: dict[tuple[str, str], Comparison | None], first: Onsets) -> Iterator[Suspicion]:
+    """A late speed, acceleration, wheel speed or current; each spoils comparisons of its own."""
+    pair = found["carriage_acceleration", "carriage_speed"]
+    speed = _healthy_off(pair, 0.0, _LAG) if pair else 0.0
+    wheel = first.lag("carriage_acceleration", "wheel_speed")
+    current_first = first.lag("current", "carriage_acceleration")
+    if speed > _DELAY:
+        yield _late("carriage_speed", speed + 0.5 * _LAG, "what the accelerometer says")
+    elif speed < -_DELAY:
+        yield _late("carriage_acceleration", -speed + 0.5 * _LAG, "what the carriage's speed says")
+    if wheel is not None and abs(speed) <= _DELAY:
+        if wheel > _DELAY:
+            yield _late("wheel_speed", wheel, "the carriage's first motion")
+        elif wheel < -_DELAY and current_first is None:
+            yield _late("carriage_acceleration", -wheel, "the wheel's first motion", ("carriage_speed",))
+    if current_first is not None and current_first < -0.5 * _DELAY:
+        yield _late("current", 0.005 - current_first, "the first motion that it causes")
+
+
+def _healthy_off(pair: Comparison, low: float, high: float) -> float:
+    """By how much a delay lies outside its healthy band; 0 where it is not known better than that [s]."""
+    if abs(pair.correlation) < _CLEAR:
+        return 0.0
+    off = pair.delay - min(max(pair.delay, low), high)
+    sure = np.isfinite(pair.delay_error) or abs(pair.correlation) > 0.99
+    return off if sure and (not np.isfinite(pair.delay_error) or abs(off) > 3.0 * pair.delay_error) else 0.0
+
+
+def _late(channel: str, delay: float, against: str, rivals: tuple[str, ...] = ()) -> Suspicion:
+    words = f"{channel} is {1e3 * delay:.1f} ms late against {against}"
+    return Suspicion(channel, "delay", delay, delay / _DELAY, words, rivals)
+
+
+def _acceleration_bias(pair: Comparison | None) -> Iterator[Suspicion]:
+    """v − s ∫a dt drifts by minus the bias."""
+    if pair is None or abs(pair.correlation) < _CLEAR:
+        return
+    count = len(pair.scales)
+    error = max(_RUN_BIAS / np.sqrt(count), pair.drift_error if np.isfinite(pair.drift_error) else 0.0)
+    allowed = max(_BIAS, 4.0 * error)
+    bias = -pair.drift / pair.scale
+    if abs(bias) > allowed:
+        off = f"carriage_acceleration is off by {bias:+.3f} m/s² against the change of the carriage's speed"
+        words = f"{off}; a rail that is not level explains it as well"
+        strength = min(float(abs(bias) / allowed), SLOPE)
+        yield Suspicion("carriage_acceleration", "bias", float(bias), strength, words)

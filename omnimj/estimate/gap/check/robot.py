@@ -1,0 +1,322 @@
+"""A robot's channels against each other: heading against gyro, wheels against the body that they carry.
+
+Body speed comes from the accelerometer alone, turned by the gyro: v(t) = Rᵀ(v₀ + ∫R (a − b) dt), with v₀ and
+b of every window free. Healthy: wheels lead by some 25 ms, since they slip before they drive.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from omnimj.estimate.gap.check.columns import acceleration_bias, current_bias, fill_masked
+from omnimj.estimate.gap.check.compare import Comparison, Stretch, compare, integral, split_stretch
+from omnimj.estimate.gap.check.suspicions import Link, Suspicion, wrong_scales, wrong_signs
+from omnimj.parameters import Robot
+from omnimj.physics.kinematics import rolling_matrix
+from omnimj.recording.dataset import Run
+from omnimj.signals import Array
+
+# Wheel speeds that a body's accelerometer and gyro ask for, window by window.
+
+_BLOCK = 0.01  # [s] that one row covers
+_ADDED = 0.1  # share of a wheel's motion that the accelerometer must tell beyond the gyro
+
+
+@dataclass(frozen=True)
+class BodyWindow:
+    """A stretch of one run in which the unknown start and the sensors' biases are constant."""
+
+    wheels: Array
+    """Wheel speeds, shape (n, wheels) [rad/s]."""
+    yaw_rate: Array
+    """Shape (n,) [rad/s]."""
+    along: Array
+    """Body speed gained by what x and by what y of the accelerometer say, shape (2, n, 2) [m/s]."""
+    free: Array
+    """Body speeds that start and biases may add, shape (4, n, 2)."""
+
+
+def body_windows(runs: Sequence[Run], wheels: int, gyro: float, longest: float) -> list[BodyWindow]:
+    """Cuts runs into windows.
+
+    Args:
+      runs: Of a robot.
+      wheels: How many.
+      gyro: Factor by which the gyro is known to be off.
+      longest: Length of a window at most [s].
+    """
+    found = []
+    for run in runs:
+        time = run.time
+        step = max(float(np.median(np.diff(time))), 1e-6)
+        size = max(1, round(_BLOCK / step))
+        names = [f"wheel_speed_{k + 1}" for k in range(wheels)]
+        columns = [*names, "yaw_rate", "acceleration_x", "acceleration_y"]
+        table = np.stack([fill_masked(run, n) for n in columns], axis=1)
+        parts = split_stretch(len(time), max(60, int(longest / step)))
+        found += [_window(time[w], table[w], wheels, gyro, size) for w in parts]
+    return [p for p in found if len(p.yaw_rate) > 20]
+
+
+def _window(time: Array, table: Array, wheels: int, gyro: float, size: int) -> BodyWindow:
+    rate = table[:, wheels] / gyro
+    theta = integral(time, rate)
+    c, s = np.cos(theta), np.sin(theta)
+
+    def gained(x: Array, y: Array) -> Array:
+        """Rᵀ∫R a dt, shape (n, 2)."""
+        east, north = integral(time, c * x - s * y), integral(time, s * x + c * y)
+        return np.stack([c * east + s * north, c * north - s * east], axis=1)
+
+    zero, one = np.zeros_like(time), np.ones_like(time)
+    along = [gained(table[:, wheels + 1], zero), gained(zero, table[:, wheels + 2])]
+    free = [np.stack([c, -s], axis=1), np.stack([s, c], axis=1), gained(one, zero), gained(zero, one)]
+    every = slice(0, len(time) // size * size)
+
+    def mean(values: Array) -> Array:
+        return values[every].reshape(-1, size, *values.shape[1:]).mean(axis=1)
+
+    return BodyWindow(
+        mean(table[:, :wheels]),
+        mean(rate),
+        np.stack([mean(v) for v in along]),
+        np.stack([mean(v) for v in free]),
+    )
+
+
+def _required_speed(part: BodyWindow, row: Array, axes: Array) -> tuple[Array, Array]:
+    """What a wheel with a row of the rolling matrix should do, start and biases out, and their basis."""
+    basis = np.linalg.qr((part.free @ row[:2]).T)[0]
+    asked = axes[0] * part.along[0] @ row[:2] + axes[1] * part.along[1] @ row[:2] + row[2] * part.yaw_rate
+    return asked - basis @ (basis.T @ asked), basis
+
+
+def unexplained_share(
+    parts: Sequence[BodyWindow], rolling: Array, order: Sequence[int], signs: Array, axes: Array
+) -> float:
+    """Share of the wheels' motion that the body leaves open, each wheel with a positive scale of its own.
+
+    Args:
+      parts: Windows.
+      rolling: Rolling speed per body twist over the radius, shape (wheels, 3).
+      order: Which wheel each column is said to be.
+      signs: Of the columns, shape (wheels,).
+      axes: Signs of the accelerometer's x and y, shape (2,).
+    """
+    left = total = 0.0
+    for k, wheel in enumerate(order):
+        xy = xx = yy = 0.0
+        for part in parts:
+            x, basis = _required_speed(part, rolling[wheel], axes)
+            y = signs[k] * part.wheels[:, k]
+            y = y - basis @ (basis.T @ y)
+            xy, xx, yy = xy + x @ y, xx + x @ x, yy + y @ y
+        left += yy - max(xy, 0.0) ** 2 / max(xx, 1e-300)
+        total += yy
+    return float(left / max(total, 1e-300))
+
+
+def wheel_scales(parts: Sequence[BodyWindow], rolling: Array, count: int) -> list[tuple[float, float]]:
+    """Of every wheel: its scale against the accelerometer's axis along which it drives, and how sure it is.
+
+    Gyro and both axes have each a factor of their own, so that the unit of one does not spoil the others. How
+    sure: the correlation with all three, 0 where the axis adds next to nothing.
+    """
+    found = []
+    for k in range(count):
+        own = int(abs(rolling[k, 1]) > abs(rolling[k, 0]))
+        gram, slope, total = np.zeros((3, 3)), np.zeros(3), 0.0
+        for part in parts:
+            basis = np.linalg.qr((part.free @ rolling[k, :2]).T)[0]
+            told = np.stack(
+                [
+                    part.along[own] @ rolling[k, :2],
+                    part.along[1 - own] @ rolling[k, :2],
+                    rolling[k, 2] * part.yaw_rate,
+                ]
+            )
+            told = told - (told @ basis) @ basis.T
+            y = part.wheels[:, k] - basis @ (basis.T @ part.wheels[:, k])
+            gram, slope, total = gram + told @ told.T, slope + told @ y, total + float(y @ y)
+        whole, factors = _solved(gram, slope)
+        without, _ = _solved(gram[1:, 1:], slope[1:])
+        adds = whole - without > _ADDED * total
+        found.append(
+            (float(factors[0]), float(np.sqrt(max(whole / max(total, 1e-300), 0.0))) if adds else 0.0)
+        )
+    return found
+
+
+def _solved(gram: Array, slope: Array) -> tuple[float, Array]:
+    """Least squares from its normal equations: what it explains, and the factors."""
+    size = np.sqrt(np.maximum(np.diagonal(gram), 1e-300))
+    factors = np.linalg.lstsq(gram / np.outer(size, size), slope / size, rcond=1e-8)[0] / size
+    return float(factors @ slope), factors
+
+
+_WINDOW = 4.0  # [s]
+_CLEAR = 0.6
+_TIGHT = np.log(1.05)
+_SLIPPING = np.log(1.5)
+_BODY = np.log(1.25)  # wheel against integrated acceleration
+_DELAY = 0.012  # [s] heading against gyro
+_GYRO_BIAS = 0.006  # [rad/s]
+_FITS = 0.45  # of the misfit at most, to be the better story
+_RIVAL = 1.5  # times the best misfit: as good a story
+_MISFIT = 0.1  # share of the wheels' motion that a healthy robot's body leaves open at most
+_DRIVES = 0.25  # share of |current| |speed| that is work, of a motor that drives
+
+
+def noisy(wheels: int) -> tuple[str, ...]:
+    """Channels that noise moves."""
+    per_wheel = [f"{name}_{i}" for name in ("current", "wheel_speed") for i in range(1, wheels + 1)]
+    return (*per_wheel, "acceleration_x", "acceleration_y", "yaw_rate")
+
+
+def robot_suspicions(runs: Sequence[Run], robot: Robot) -> Iterator[Suspicion]:
+    """What a robot's channels say of each other."""
+    rolling = rolling_matrix(robot.wheel_positions, robot.drive_directions) / robot.wheel.radius
+    count = len(robot.wheels)
+    turning = list(_turning(runs, rolling, count))
+    gyro = next((s.size for s in turning if s.channel == "yaw_rate" and s.kind in ("scale", "sign")), 1.0)
+    parts = body_windows(runs, count, gyro, _WINDOW)
+    wheels = list(_best_explanation(parts, rolling, count)) if parts else []
+    if parts and not wheels:
+        wheels = list(_scales(parts, rolling, count))
+    # one wheel that is wrong spoils what all wheels say of the yaw rate, and what its current does to it
+    is_wheel = any(s.channel.startswith("wheel_speed") and s.is_sure for s in wheels)
+    yield from wheels
+    yield from (s for s in turning if not (is_wheel and s.channel == "wheel_speed"))
+    if not is_wheel:
+        yield from _currents(runs, count)
+    speeds = tuple(f"wheel_speed_{i}" for i in range(1, count + 1))
+    for name in ("acceleration_x", "acceleration_y"):
+        yield from acceleration_bias(runs, name, speeds)
+    for i in range(1, count + 1):
+        yield from current_bias(runs, f"current_{i}", f"current_target_{i}", speeds)
+
+
+def _turning(runs: Sequence[Run], rolling: Array, count: int) -> Iterator[Suspicion]:
+    """Heading, gyro and the wheels' own yaw rate."""
+    inverse = np.linalg.pinv(rolling)[2]
+    heading, wheels = [], []
+    for run in runs:
+        time = run.time
+        rate, angle = fill_masked(run, "yaw_rate"), _joined(fill_masked(run, "yaw"))
+        own = sum(inverse[k] * fill_masked(run, f"wheel_speed_{k + 1}") for k in range(count))
+        turned = integral(time, rate)
+        for w in split_stretch(len(time), _samples(time, _WINDOW)):
+            heading.append(Stretch(time[w], turned[w], angle[w]))
+            wheels.append(Stretch(time[w], rate[w], np.asarray(own)[w]))
+    by_heading, by_wheels = compare(heading), compare(wheels)
+    links = [
+        *_link(by_heading, "yaw_rate", "yaw", _TIGHT),
+        *_link(by_wheels, "yaw_rate", "wheel_speed", _SLIPPING),
+    ]
+    found = [*wrong_signs(links), *wrong_scales(links)]
+    yield from found
+    if by_heading is None or abs(by_heading.correlation) < _CLEAR:
+        return
+    late = by_heading.delay
+    if abs(late) > max(_DELAY, 3.0 * by_heading.delay_error):
+        channel, other = ("yaw", "yaw_rate") if late > 0.0 else ("yaw_rate", "yaw")
+        words = f"{channel} is {1e3 * abs(late):.1f} ms late against {other}"
+        yield Suspicion(channel, "delay", abs(late), abs(late) / _DELAY, words)
+    bias = -by_heading.drift / by_heading.scale
+    error = by_heading.drift_error if np.isfinite(by_heading.drift_error) else 0.0
+    allowed = max(_GYRO_BIAS, 4.0 * error / abs(by_heading.scale))
+    if not found and abs(bias) > allowed:
+        words = f"yaw_rate is off by {bias:+.4f} rad/s against the change of the heading"
+        yield Suspicion("yaw_rate", "bias", float(bias), float(abs(bias) / allowed), words)
+
+
+def _joined(angle: Array) -> Array:
+    """Heading without jumps, of a converter in radians or in degrees."""
+    turn = (
+        360.0 if float(np.ptp(angle)) > 7.0 and float(np.abs(np.diff(angle)).max()) > 180.0 else 2.0 * np.pi
+    )
+    return np.unwrap(angle, period=turn) if float(np.abs(np.diff(angle)).max()) > 0.5 * turn else angle
+
+
+def _samples(time: Array, span: float) -> int:
+    return max(60, int(span / max(float(np.median(np.diff(time))), 1e-6)))
+
+
+def _link(found: Comparison | None, x: str, y: str, allowed: float) -> list[Link]:
+    if found is None or abs(found.correlation) < _CLEAR:
+        return []
+    return [Link(x, y, found.scale, allowed, abs(found.correlation))]
+
+
+def _best_explanation(parts: Sequence[BodyWindow], rolling: Array, count: int) -> Iterator[Suspicion]:
+    """One sign turned or two wheels swapped, where that explains the wheels far better than nothing does."""
+    wheels = list(range(count))
+    plain = unexplained_share(parts, rolling, wheels, np.ones(count), np.ones(2))
+    stories: list[tuple[float, str, str, tuple[str, ...]]] = []
+    for k in wheels:
+        signs = np.ones(count)
+        signs[k] = -1.0
+        name = f"wheel_speed_{k + 1}"
+        stories.append((unexplained_share(parts, rolling, wheels, signs, np.ones(2)), "sign", name, ()))
+    for k, name in enumerate(("acceleration_x", "acceleration_y")):
+        axes = np.ones(2)
+        axes[k] = -1.0
+        stories.append((unexplained_share(parts, rolling, wheels, np.ones(count), axes), "sign", name, ()))
+    for a, b in itertools.combinations(wheels, 2):
+        order = list(wheels)
+        order[a], order[b] = b, a
+        misfit = unexplained_share(parts, rolling, order, np.ones(count), np.ones(2))
+        stories.append((misfit, "swapped", f"wheel_speed_{a + 1}", (f"wheel_speed_{b + 1}",)))
+    stories.sort(key=lambda s: s[0])
+    best = stories[0]
+    if plain < _MISFIT or best[0] > _FITS * plain:
+        return
+    rivals = [s for s in stories[1:] if s[0] < _RIVAL * max(best[0], 0.005)]
+    others = tuple(sorted({n for s in rivals for n in (s[2], *s[3])} - {best[2]}))
+    what = f"and {best[3][0]} are swapped" if best[3] else "has the wrong sign"
+    rest = f"; others explain it as well: {', '.join(others)}" if others else ""
+    left = f"{100 * best[0]:.0f} % of the wheels' motion is then left open, not {100 * plain:.0f} %"
+    words = f"{best[2]} {what}: {left}{rest}"
+    size = float(best[3][0].rsplit("_", 1)[1]) if best[3] else -1.0
+    yield Suspicion(best[2], best[1], size, plain / max(best[0], 0.02), words, others)
+
+
+def _scales(parts: Sequence[BodyWindow], rolling: Array, count: int) -> Iterator[Suspicion]:
+    along_x = np.abs(rolling[:, 0]) > np.abs(rolling[:, 1])
+    links = []
+    for k, (scale, correlation) in enumerate(wheel_scales(parts, rolling, count)):
+        axis = "acceleration_x" if along_x[k] else "acceleration_y"
+        if correlation > 0.8:
+            links.append(Link(axis, f"wheel_speed_{k + 1}", scale, _BODY, correlation))
+    yield from wrong_scales(links)
+
+
+def _currents(runs: Sequence[Run], count: int) -> Iterator[Suspicion]:
+    """Motors put work in: each current goes with its own wheel's speed."""
+    work, drawn, turned = np.zeros((count, count)), np.zeros(count), np.zeros(count)
+    for run in runs:
+        i = np.stack([fill_masked(run, f"current_{k + 1}") for k in range(count)])
+        w = np.stack([fill_masked(run, f"wheel_speed_{k + 1}") for k in range(count)])
+        work += i @ w.T
+        drawn += (i * i).sum(axis=1)
+        turned += (w * w).sum(axis=1)
+    share = work / np.maximum(np.sqrt(np.outer(drawn, turned)), 1e-300)
+    own = np.diagonal(share)
+    order = linear_sum_assignment(-share)[1]
+    moved = np.flatnonzero(order != np.arange(count))
+    if len(moved) == 2 and share[np.arange(count), order].sum() - own.sum() > 2.0 * _DRIVES:
+        a, b = (int(k) + 1 for k in moved)
+        rivals = (f"wheel_speed_{a}", f"wheel_speed_{b}") if (own[moved] < -_DRIVES).all() else ()
+        words = f"current_{a} and current_{b} are swapped: each drives the other's wheel"
+        strength = float(share[np.arange(count), order].sum() - own.sum()) / _DRIVES
+        yield Suspicion(f"current_{a}", "swapped", float(b), strength, words, rivals)
+        return
+    for k in np.flatnonzero(own < -_DRIVES):
+        name = f"current_{k + 1}"
+        words = f"{name} has the wrong sign: it would brake its wheel all the time"
+        yield Suspicion(name, "sign", -1.0, float(-own[k] / _DRIVES) + 1.0, words)

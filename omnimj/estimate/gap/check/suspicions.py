@@ -1,0 +1,177 @@
+"""What the check of the data finds, as frozen records."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+SURE_STRENGTH = 2.0
+"""Strength from which on a suspicion is sure."""
+
+KINDS = ("sign", "scale", "delay", "bias", "wrap", "glitch", "clipping", "frozen", "swapped", "duplicated")
+"""Kinds of suspicions."""
+
+
+@dataclass(frozen=True)
+class Suspicion:
+    """Something that is probably wrong with a channel, seen without any model of friction."""
+
+    channel: str
+    kind: str
+    """One of `FAULT_KINDS`."""
+    size: float
+    """Factor of a scale (that of a known unit where one is near), s of a delay, the channel's unit of a bias,
+    the value where it is cut off, the number of the other wheel, a count; −1 for a sign."""
+    strength: float
+    """Times what healthy recordings reach at most; at least 1."""
+    words: str
+    """One sentence."""
+    or_channels: tuple[str, ...] = ()
+    """Other channels that would explain the same as well."""
+    runs: tuple[str, ...] = ()
+    """The runs where it was seen, where not in all."""
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether chance and a healthy machine are out of the question, and so is another channel."""
+        return self.strength >= SURE_STRENGTH and not self.or_channels
+
+
+@dataclass(frozen=True)
+class DataCheck:
+    """What the data say of themselves before any model is asked."""
+
+    notes: tuple[str, ...]
+    """One sentence each."""
+    suspicions: tuple[Suspicion, ...]
+    """The strongest first."""
+
+
+# Which channel is to blame when channels that say the same thing disagree.
+
+_MOST = 2  # channels that may be wrong at once
+_NEAR = 0.12  # of a factor, to be a unit's
+
+_LENGTHS = ((1000.0, "thousandths"), (100.0, "hundredths"), (1e6, "millionths"), (0.001, "thousands"))
+_ANGLES = (
+    (180.0 / np.pi, "degrees"),
+    (1.0 / (2.0 * np.pi), "turns"),
+    (60.0 / (2.0 * np.pi), "turns per minute"),
+)
+_ACCELERATIONS = ((1.0 / 9.81, "g"), *_LENGTHS)
+
+
+def units_of(channel: str) -> tuple[tuple[float, str], ...]:
+    """Factors by which a channel is off when it is in another unit."""
+    if channel.startswith(("wheel", "yaw")):
+        return _ANGLES
+    return _ACCELERATIONS if "acceleration" in channel else _LENGTHS
+
+
+@dataclass(frozen=True)
+class Link:
+    """What two channels say of each other."""
+
+    x: str
+    y: str
+    scale: float | None
+    """y over x, where it is known; its sign counts always."""
+    allowed: float
+    """|log| of a healthy scale at most; infinite where a link says nothing of sizes."""
+    weight: float = 1.0
+    """How sure its sign is: the correlation behind it."""
+
+
+def unit_of(factor: float, channel: str, more: Iterable[tuple[float, str]] = ()) -> tuple[float, str]:
+    """The known factor next to one that was found, and its words; (0, "") where none is near.
+
+    Args:
+      factor: As found.
+      channel: Whose it is.
+      more: Factors of the machine, such as its gear, for angles.
+    """
+    own = (*units_of(channel), *(more if channel.startswith("wheel") else ()))
+    known = min(own, key=lambda u: abs(np.log(abs(factor) / u[0])))
+    return known if abs(np.log(abs(factor) / known[0])) <= _NEAR else (0.0, "")
+
+
+def wrong_signs(links: Sequence[Link]) -> list[Suspicion]:
+    """The fewest channels whose sign must be turned for all links to be positive."""
+    signs = {(link.x, link.y): np.sign(link.scale or 0.0) for link in links}
+    names = sorted({n for pair in signs for n in pair})
+    spoilt = [link for link in links if signs[link.x, link.y] < 0.0]
+    if not spoilt:
+        return []
+    found = _explanations(
+        names,
+        lambda flips: all(
+            signs[link.x, link.y] * (-1.0) ** ((link.x in flips) + (link.y in flips)) >= 0.0 for link in links
+        ),
+    )
+    strength = 4.0 * min(link.weight for link in spoilt)
+    return [
+        _named(found, name, "sign", -1.0, strength, "has the wrong sign against the channels beside it")
+        for name in (found[0] if found else ())
+    ]
+
+
+def wrong_scales(links: Sequence[Link], more: Iterable[tuple[float, str]] = ()) -> list[Suspicion]:
+    """The fewest channels whose scale must change for all links to agree."""
+    logs = {(link.x, link.y): np.log(abs(link.scale)) for link in links if link.scale}
+    known = [link for link in links if link.scale and np.isfinite(link.allowed)]
+    spoilt = [link for link in known if abs(logs[link.x, link.y]) > link.allowed]
+    if not spoilt:
+        return []
+    names = sorted({n for link in known for n in (link.x, link.y)})
+
+    def factor(flips: tuple[str, ...], name: str) -> float | None:
+        """log of the factor that a channel is off by, from its tightest link to a channel held right."""
+        own = [k for k in known if name in (k.x, k.y) and not ({k.x, k.y} - {name}) & set(flips)]
+        if not own:
+            return None
+        best = min(own, key=lambda k: k.allowed)
+        return float(logs[best.x, best.y] * (1.0 if best.y == name else -1.0))
+
+    def agrees(flips: tuple[str, ...]) -> bool:
+        off = {name: factor(flips, name) for name in flips}
+        if any(value is None for value in off.values()):
+            return False
+        return all(
+            abs(logs[k.x, k.y] - (off.get(k.y) or 0.0) + (off.get(k.x) or 0.0)) <= 1.05 * k.allowed + 1e-9
+            for k in known
+        )
+
+    found = _explanations(names, agrees)
+    suspicions = []
+    for name in found[0] if found else ():
+        off = factor(found[0], name) or 0.0
+        size = float(np.exp(off))
+        allowed = min(k.allowed for k in spoilt if name in (k.x, k.y)) if _contradicts(spoilt, name) else 1.0
+        factor_of_unit, unit = unit_of(size, name, more)
+        what = f"is {size:.4g} times what the channels beside it say{f' ({unit}?)' if unit else ''}"
+        suspicions.append(_named(found, name, "scale", factor_of_unit or size, abs(off) / allowed, what))
+    return suspicions
+
+
+def _contradicts(spoilt: Sequence[Link], name: str) -> bool:
+    return any(name in (k.x, k.y) for k in spoilt)
+
+
+def _explanations(names: Sequence[str], agrees) -> list[tuple[str, ...]]:
+    """The smallest sets of channels with which all links agree."""
+    for count in range(1, _MOST + 1):
+        found = [flips for flips in itertools.combinations(names, count) if agrees(flips)]
+        if found:
+            return found
+    return []
+
+
+def _named(
+    found: Sequence[tuple[str, ...]], name: str, kind: str, size: float, strength: float, what: str
+) -> Suspicion:
+    rivals = tuple(sorted({n for flips in found[1:] for n in flips} - set(found[0])))
+    rest = f"; it may be {' or '.join(rivals)} instead" if rivals else ""
+    return Suspicion(name, kind, size, max(strength, 1.0), f"{name} {what}{rest}", rivals)

@@ -1,0 +1,266 @@
+"""`gap.json`: a finding as numbers and names, by the schema of the command line's files."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import omnimj
+from omnimj.effects.model_writer import FittedValue, format_model
+from omnimj.estimate.gap import sentences
+from omnimj.estimate.gap.records import (
+    CandidateResult,
+    ChannelGap,
+    Finding,
+    Interval,
+    MismatchRegime,
+    NamedEffect,
+    Refitted,
+    RunGap,
+    Stage,
+    run_gaps,
+)
+from omnimj.estimate.replay.base_parameters import FLOOR_SCALES, scale_floor
+from omnimj.parameters import Axis, Floor, Rig, Robot, read_axis, read_rig, read_robot
+from omnimj.parameters.floor import FLOOR_UNITS, format_floor
+from omnimj.recording.json_files import to_jsonable
+
+
+def digest(
+    finding: Finding, new_model: str | None = None, new_floors: str | None = None, command: str = ""
+) -> dict[str, Any]:
+    """The content of `gap.json`: every number that the report shows, nothing that JSON cannot hold.
+
+    Args:
+      finding: What was found.
+      new_model: File name of the new model, which lies beside; None where there is none.
+      new_floors: File name of the refitted floors, which lie beside; None where there are none.
+      command: What repeats the work.
+    """
+    content = {
+        "verdict": finding.verdict,
+        "summary": sentences.summarize_finding(finding),
+        "reason": finding.reason,
+        "effects": [_effect(effect) for effect in finding.effects],
+        "where": [_place(place) for place in finding.where],
+        "gap": {"train": _gaps(finding.train), "heldout": _gaps(finding.heldout)},
+        "shrink": finding.shrink,
+        "next_experiment": None if finding.next_experiment is None else dict(finding.next_experiment),
+        "model": new_model,
+        "floors": new_floors,
+        "dataset": finding.dataset,
+        "plant": finding.plant,
+        "channels": {
+            name: {"unit": unit, "words": words} for name, (unit, words) in finding.channels.items()
+        },
+        "noise": dict(finding.noise),
+        "data_notes": list(finding.data_notes),
+        "refitted": [_refitted(parameter) for parameter in finding.refitted],
+        "stages": [_stage(stage) for stage in finding.stages],
+        "flexible": dict(finding.flexible),
+        "runs": [_run(gap) for gap in run_gaps(finding)],
+        "heldout_runs": list(finding.heldout_runs),
+        "n": finding.samples,
+        "n_eff": finding.effective_samples,
+        "simulations": finding.simulations,
+        "seconds": finding.seconds,
+        "failure": finding.failure or None,
+        "command": command,
+        "version": omnimj.__version__,
+    }
+    return to_jsonable(content)
+
+
+def write_digest(path: Path, content: Mapping[str, Any]) -> None:
+    """Writes `gap.json`.
+
+    Raises:
+      ValueError: A number that JSON does not have.
+    """
+    path.write_text(
+        json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n", encoding="utf-8"
+    )
+
+
+def _interval(interval: Interval) -> dict[str, Any]:
+    return {"value": interval.value, "low": interval.low, "high": interval.high}
+
+
+def _effect(effect: NamedEffect) -> dict[str, Any]:
+    return {
+        "effect": effect.effect,
+        "words": effect.words,
+        "parameters": {
+            name: {**_interval(value), "unit": value.unit} for name, value in effect.parameters.items()
+        },
+        "selectors": dict(effect.selectors),
+        "indistinguishable_from": list(effect.indistinguishable_from),
+        "gain": _interval(effect.gain),
+        "p_false": effect.p_false,
+    }
+
+
+def _place(place: MismatchRegime) -> dict[str, Any]:
+    bounds = {name: list(interval) for name, interval in place.bounds.items()}
+    return {
+        "channel": place.channel,
+        "regime": {"words": place.regime, "bounds": bounds},
+        "share": place.share,
+        "before": place.before,
+        "after": place.after,
+    }
+
+
+def _gaps(gaps: Mapping[str, ChannelGap]) -> dict[str, Any]:
+    return {
+        channel: {"before": gap.before, "after": gap.after, "floor": gap.floor}
+        for channel, gap in gaps.items()
+    }
+
+
+def _refitted(parameter: Refitted) -> dict[str, Any]:
+    return {
+        "name": parameter.name,
+        "unit": parameter.unit,
+        "nominal": parameter.nominal,
+        "low": parameter.low,
+        "high": parameter.high,
+        "fitted": parameter.fitted,
+        "at_bound": parameter.at_bound,
+    }
+
+
+def _candidate(candidate: CandidateResult) -> dict[str, Any]:
+    return {
+        "label": candidate.label,
+        "verdict": candidate.verdict,
+        "screened": candidate.screened,
+        "gain": None if candidate.gain is None else _interval(candidate.gain),
+        "is_sensor": candidate.is_sensor,
+    }
+
+
+def _stage(stage: Stage) -> dict[str, Any]:
+    return {
+        "margin": stage.margin,
+        "candidates": [_candidate(candidate) for candidate in stage.candidates],
+        "decoys": np.sort(stage.decoys),
+    }
+
+
+def _run(gap: RunGap) -> dict[str, Any]:
+    return {
+        "run": gap.run,
+        "heldout": gap.heldout,
+        "partly": gap.partly,
+        "conditions": dict(gap.conditions),
+        "before": dict(gap.before),
+        "after": None if gap.after is None else dict(gap.after),
+        "total_before": gap.total_before,
+        "total_after": gap.total_after,
+    }
+
+
+# The new model file: the old text with named effects and refitted values. And the refitted floors.
+
+_READERS: Mapping[str, Callable[[Path | None], Rig | Robot | Axis]] = {
+    "quarter_rig": read_rig,
+    "uto_robot": read_robot,
+    "linear_axis": read_axis,
+}
+_UNCHANGED = 1e-9  # of the box
+
+
+def new_model_text(finding: Finding, file: Path | None = None) -> str | None:
+    """The text of the model file with what was found in it.
+
+    What belongs to no quantity of the model file stays out: the numbers of a floor (see `new_floors_text`),
+    the lag of a channel, the scale of the masses that the runs tell.
+
+    Args:
+      finding: What was found.
+      file: The model file that the search began with; the shipped one when None.
+
+    Returns:
+      None where no effect was named.
+
+    Raises:
+      InputError: The file's text cannot be changed.
+    """
+    if not finding.effects:
+        return None
+    machine = _READERS[finding.plant](file)
+    return format_model(
+        machine.file, effect_tables(finding.effects, machine.effects), _changed(finding, machine)
+    )
+
+
+def new_floors_text(finding: Finding, floors: Mapping[str, Floor]) -> str | None:
+    """The text of a floors file with the floors that were refitted; None where nothing was named or changed.
+
+    Args:
+      finding: What was found.
+      floors: Those that the search began with, by name.
+    """
+    scales: dict[str, dict[str, float]] = {}
+    for parameter in finding.refitted if finding.effects else ():
+        name, _, letter = parameter.name.rpartition(".")
+        if name in floors and letter in FLOOR_SCALES and _is_changed(parameter):
+            scales.setdefault(name, {})[letter] = parameter.fitted
+    if not scales:
+        return None
+    source = f"identified: refitted to {finding.dataset}"
+    new = [replace(scale_floor(floors[name], own), source=source) for name, own in scales.items()]
+    return "\n".join(
+        [f"# Floors refitted by omnimj {omnimj.__version__}.\n{FLOOR_UNITS}\n", *map(format_floor, new)]
+    )
+
+
+def effect_tables(
+    effects: Iterable[NamedEffect], present: Iterable[str] = ()
+) -> dict[str, dict[str, float | int | str | FittedValue]]:
+    """Effects by the names of their tables: a second instance is called `sensor_delay_2`.
+
+    Args:
+      effects: Named ones.
+      present: Tables that the file has already; what was found comes on top of them.
+    """
+    tables: dict[str, dict[str, float | int | str | FittedValue]] = {}
+    taken = set(present)
+    for effect in effects:
+        name, k = effect.effect, 2
+        while name in taken:
+            name, k = f"{effect.effect}_{k}", k + 1
+        taken.add(name)
+        values = {key: FittedValue(v.value, v.low, v.high) for key, v in effect.parameters.items()}
+        tables[name] = {**effect.selectors, **values}
+    return tables
+
+
+def _changed(finding: Finding, machine: Rig | Robot | Axis) -> dict[str, float]:
+    """Refitted quantities under the names `table.key` of the model file."""
+    changed = {}
+    for parameter in finding.refitted:
+        name = _quantity(parameter, machine)
+        if name is not None and _is_changed(parameter):
+            changed[name] = parameter.fitted
+    return changed
+
+
+def _is_changed(parameter: Refitted) -> bool:
+    return abs(parameter.fitted - parameter.nominal) > _UNCHANGED * (parameter.high - parameter.low)
+
+
+def _quantity(parameter: Refitted, machine: Rig | Robot | Axis) -> str | None:
+    """`coulomb` of an axis is `axis.coulomb` in its file; None where the file has no such single number."""
+    for name in (parameter.name, f"axis.{parameter.name}"):
+        table, _, key = name.partition(".")
+        if name in machine.provenance and table != "effects":
+            value: Any = getattr(getattr(machine, table, None), key, None)
+            return name if isinstance(value, float) else None
+    return None

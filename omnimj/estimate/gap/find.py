@@ -1,0 +1,353 @@
+"""`omnimj gap` from a dataset's folder to a finding: read, check, replay, search."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnimj.effects import check_effects
+from omnimj.errors import InputError, UnknownNameError
+from omnimj.estimate.gap.check.dataset import check_dataset, correct_dataset
+from omnimj.estimate.gap.locate.regimes import locate
+from omnimj.estimate.gap.records import ChannelGap, Finding, Interval, NamedEffect, Overlay, Refitted
+from omnimj.estimate.gap.search.cross_validation import make_folds
+from omnimj.estimate.gap.search.search import SearchResult, SelectedEffect, search
+from omnimj.estimate.gap.search.selection import Progress, TrainingSplit
+from omnimj.estimate.gap.verdict import Verdict, judge_search, next_experiment
+from omnimj.estimate.intervals import effective_samples, repeatability, sandwich_deviations
+from omnimj.estimate.least_squares import Fit
+from omnimj.estimate.replay.interface import CandidateEffect, Replay
+from omnimj.estimate.replay.problem import Problem
+from omnimj.estimate.replay.robot.runs import require_layout
+from omnimj.parameters import Axis, Floor, Rig, Robot, read_axis, read_rig, read_robot
+from omnimj.parameters.floor import all_floors
+from omnimj.parameters.model_file import model_path
+from omnimj.parameters.reading import read_toml
+from omnimj.recording.dataset import Dataset, Run
+from omnimj.recording.read_dataset import read_dataset
+from omnimj.signals import Array
+
+# Which conditions the user wants held out.
+
+
+def held_out_conditions(names: Sequence[str], runs: Sequence[Run]) -> tuple[str, ...]:
+    """The conditions of the named runs; a repeat that stayed behind would give the answer away.
+
+    Args:
+      names: Of runs or of conditions.
+      runs: All runs of the dataset.
+
+    Returns:
+      Conditions in the order of the runs, each once.
+
+    Raises:
+      UnknownNameError: A name that is neither.
+      InputError: Nothing is left to fit to.
+    """
+    known = {run.name for run in runs} | {run.condition for run in runs}
+    for name in names:
+        if name not in known:
+            raise UnknownNameError("--holdout", "run or condition", name, sorted(known))
+    wanted = {run.condition for run in runs if run.name in names or run.condition in names}
+    if wanted and all(run.condition in wanted for run in runs):
+        raise InputError(
+            "--holdout", f"holds out all {len(runs)} runs", "one condition at least is needed to fit to"
+        )
+    return tuple(dict.fromkeys(run.condition for run in runs if run.condition in wanted))
+
+
+# The workflow from a replay to a finding: search, judge, locate, and say which run comes next.
+
+
+@dataclass(frozen=True)
+class DatasetSummary:
+    """What the finding says of its dataset beside the search itself."""
+
+    dataset: str
+    notes: tuple[str, ...] = ()
+    conditions: Mapping[str, Mapping[str, float | str]] | None = None
+    """Run → its conditions."""
+
+
+def analyse_replay(
+    replay: Replay,
+    about: DatasetSummary,
+    holdout: tuple[str, ...] = (),
+    seed: int = 0,
+    report: Progress | None = None,
+) -> Finding:
+    """Finds where simulation and measurement disagree and what the model lacks.
+
+    Args:
+      replay: The plant with the measured runs.
+      about: Of the dataset.
+      holdout: Conditions that nothing is fitted to; drawn by the seed when empty.
+      seed: Of what is held out, of folds and decoys.
+      report: Called with a phrase and the share of it that is done; KeyboardInterrupt raised there ends the
+        search with what it has.
+    """
+    began = time.perf_counter()
+    counted = _CountingReplay(replay)
+    found = search(cast(Replay, counted), holdout, seed, report or (lambda phrase, share: None))
+    folds = make_folds(found.groups, ~found.heldout, seed)
+    data = TrainingSplit(found.used, found.groups, folds, seed)
+    verdict = judge_search(found, data)
+    is_named = verdict.kind in ("named", "ambiguous")
+    labels = tuple(n.candidate.label for n in found.named) if is_named else ()
+    after = found.final if is_named else None
+    mismatch_before = _mismatch(found.first, found.base)
+    mismatch_after = None if after is None else _mismatch(found.problem, after)
+    noise = found.problem.noise
+    regimes = replay.regimes()
+    names = [c.name for c in replay.channels]
+    return Finding(
+        dataset=about.dataset,
+        plant=replay.plant,
+        verdict=verdict.kind,
+        reason=verdict.reason,
+        effects=_effects(found) if is_named else (),
+        where=locate(replay.channels, replay.pieces, regimes, mismatch_before, mismatch_after, noise),
+        train=_gaps(found, mismatch_before, mismatch_after, found.used),
+        heldout=_gaps(found, mismatch_before, mismatch_after, ~found.used),
+        shrink=_shrink(found, mismatch_before, mismatch_after),
+        next_experiment=_next(found, verdict),
+        channels={c.name: (c.unit, c.words) for c in replay.channels},
+        noise=dict(zip(names, noise.tolist(), strict=True)),
+        heldout_runs=_heldout_runs(found),
+        refitted=_refitted(found.problem, after or found.base),
+        stages=tuple(r.stage(labels) for r in found.rounds),
+        flexible=verdict.flexible,
+        overlays=_overlays(found, mismatch_before, mismatch_after, about),
+        data_notes=about.notes,
+        samples=int(np.isfinite(replay.measured).sum()),
+        effective_samples=effective_samples(replay, (after or found.base).residual),
+        simulations=counted.count,
+        seconds=time.perf_counter() - began,
+        failure="interrupted" if found.interrupted else "",
+        regimes={name: unit for name, (unit, _) in regimes.items()},
+    )
+
+
+class _CountingReplay:
+    """A replay that counts its simulations."""
+
+    def __init__(self, replay: Replay):
+        self._replay, self.count = replay, 0
+
+    def __getattr__(self, name: str):
+        return getattr(self._replay, name)
+
+    def simulate(self, settings: Sequence) -> list[Array]:
+        self.count += len(settings)
+        return self._replay.simulate(settings)
+
+
+def _mismatch(problem: Problem, fitted: Fit) -> Array:
+    (mismatch,) = problem.mismatches([fitted.x], fitted.form)
+    return mismatch
+
+
+def parameter_slice(problem: Problem, fitted: Fit, candidate: CandidateEffect) -> slice:
+    """Where the parameters of one effect lie in a fit's vector."""
+    at = len(problem.replay.base) + problem.has_twin_share
+    for one in fitted.form:
+        if one.label == candidate.label:
+            return slice(at, at + len(one.parameters))
+        at += len(one.parameters)
+    raise ValueError(f"{candidate.label} is not in the model")
+
+
+def _effects(found: SearchResult) -> tuple[NamedEffect, ...]:
+    spread, factor = sandwich_deviations(found.problem, found.final, found.used)
+    return tuple(_effect(found, named, spread * factor) for named in found.named)
+
+
+def _effect(found: SearchResult, named: SelectedEffect, reach: Array) -> NamedEffect:
+    candidate = named.candidate
+    own = parameter_slice(found.problem, found.final, candidate)
+    parameters = {}
+    for shape, value, half in zip(candidate.parameters, found.final.x[own], reach[own], strict=True):
+        low, high = max(value - half, shape.low), min(value + half, shape.high)
+        parameters[shape.name] = Interval(float(value), float(low), float(high), shape.unit)
+    rivals = []
+    for rival in named.rivals:
+        name = rival.candidate.effect
+        rivals.append(name if name != candidate.effect else rival.candidate.label)
+    unique = tuple(dict.fromkeys(rivals))
+    return NamedEffect(
+        candidate.effect,
+        candidate.words,
+        parameters,
+        dict(candidate.selectors),
+        unique,
+        named.gain,
+        named.p_false,
+    )
+
+
+def _rms(mismatch: Array, rows: NDArray[np.bool_]) -> list[float]:
+    part = mismatch[rows]
+    counts = np.maximum(np.isfinite(part).sum(axis=0), 1)
+    return np.sqrt(np.nansum(part**2, axis=0) / counts).tolist()
+
+
+def _gaps(
+    found: SearchResult, before: Array, after: Array | None, rows: NDArray[np.bool_]
+) -> dict[str, ChannelGap]:
+    """RMS per channel before, after and between repeats."""
+    replay = found.problem.replay
+    floor = repeatability(replay, before if after is None else after)
+    first = _rms(before, rows)
+    second = [None] * len(first) if after is None else _rms(after, rows)
+    return {
+        channel.name: ChannelGap(b, a, float(f) if np.isfinite(f) else None)
+        for channel, b, a, f in zip(replay.channels, first, second, floor, strict=True)
+    }
+
+
+def _shrink(found: SearchResult, before: Array, after: Array | None) -> float | None:
+    """1 − after/before on held-out runs, RMS over all channels in units of their noise."""
+    if after is None:
+        return None
+    rows = ~found.used
+    whole = [np.nansum((m[rows] / found.problem.noise) ** 2) for m in (after, before)]
+    return float(1.0 - np.sqrt(whole[0] / whole[1])) if whole[1] > 0.0 else None
+
+
+def _next(found: SearchResult, verdict: Verdict):
+    """A run that splits the first effect with rivals."""
+    if verdict.kind != "ambiguous":
+        return None
+    for named in found.named:
+        if named.rivals:
+            rivals = [(r.candidate.label, r.fit) for r in named.rivals]
+            return next_experiment(found.problem, found.final, rivals)
+    return None
+
+
+def _heldout_runs(found: SearchResult) -> tuple[str, ...]:
+    rows = ~found.used
+    runs = [p.run for p in found.problem.replay.pieces if rows[p.first : p.last].any()]
+    return tuple(dict.fromkeys(runs))
+
+
+def _refitted(problem: Problem, fitted: Fit) -> tuple[Refitted, ...]:
+    rows = []
+    for b, value in zip(problem.replay.base, fitted.x, strict=False):
+        edge = 1e-3 * (b.high - b.low)
+        at_bound = value <= b.low + edge or value >= b.high - edge
+        rows.append(Refitted(b.name, b.unit, b.nominal, b.low, b.high, float(value), bool(at_bound)))
+    return tuple(rows)
+
+
+def _overlays(
+    found: SearchResult, before: Array, after: Array | None, about: DatasetSummary
+) -> tuple[Overlay, ...]:
+    replay, regimes = found.problem.replay, found.problem.replay.regimes()
+    after = before if after is None else after
+    overlays = []
+    for piece in replay.pieces:
+        rows = slice(piece.first, piece.last)
+        overlays.append(
+            Overlay(
+                piece.run,
+                bool((~found.used[rows]).any()),
+                piece.time,
+                replay.measured[rows],
+                replay.measured[rows] - before[rows],
+                replay.measured[rows] - after[rows],
+                dict((about.conditions or {}).get(piece.run, {})),
+                {name: values[rows] for name, (_, values) in regimes.items()},
+            )
+        )
+    return tuple(overlays)
+
+
+Machine = Rig | Robot | Axis
+
+
+_SHIPPED_MODELS = {
+    "quarter_rig": "quarter_rig/rig.toml",
+    "uto_robot": "uto_robot/robot.toml",
+    "linear_axis": "linear_axis/axis.toml",
+}
+
+
+def read_machine(plant: str, path: Path | None) -> Machine:
+    """The model file of a plant, its effects checked.
+
+    Raises:
+      InputError: The file is of another plant, or wrong in itself.
+    """
+    if path is not None:
+        path = model_path(path, _SHIPPED_MODELS[plant])
+        found = read_toml(path).get("plant")
+        if found != plant:
+            raise InputError(f"{path}: plant", f"found {found!r}", f"the dataset's plant is {plant!r}")
+    machine = {"quarter_rig": read_rig, "uto_robot": read_robot, "linear_axis": read_axis}[plant](path)
+    check_effects(machine)
+    return machine
+
+
+def make_replay(dataset: Dataset, machine: Machine, floors: Mapping[str, Floor]) -> Replay:
+    """The dataset as the search sees it.
+
+    Raises:
+      InputError: A run lacks what a replay needs.
+    """
+    if isinstance(machine, Rig):
+        from omnimj.estimate.replay.rig.replay import RigReplay
+
+        return RigReplay(dataset, machine, floors)
+    if isinstance(machine, Robot):
+        from omnimj.estimate.replay.robot.replay import RobotReplay
+
+        return RobotReplay(dataset, machine, floors)
+    from omnimj.estimate.replay.axis.replay import AxisReplay
+
+    return AxisReplay(machine, dataset.runs)
+
+
+def find_gap(
+    dataset: Path,
+    model: Path | None = None,
+    holdout: Sequence[str] = (),
+    report: Callable[[str, float], None] | None = None,
+    seed: int = 0,
+    floors_file: Path | None = None,
+) -> Finding:
+    """Finds where a model and measured runs part, and what the model lacks.
+
+    Args:
+      dataset: Folder of the measured runs.
+      model: The plant's model file; the shipped one when None.
+      holdout: Runs or conditions to judge by; drawn by the seed when empty.
+      report: Called with a phrase and the share of it that is done; KeyboardInterrupt raised there ends the
+        search with what it has.
+      seed: Of what is held out and of the random curves.
+      floors_file: Floors beside the shipped ones, or in their place where names are alike.
+
+    Raises:
+      InputError: The dataset or the model file is wrong.
+      UnknownNameError: A floor, plant or run that is not known.
+    """
+    floors = all_floors(floors_file)
+    read = read_dataset(dataset, floors)
+    machine = read_machine(read.plant, model)
+    if isinstance(machine, Robot):
+        require_layout(read, machine)
+    conditions = held_out_conditions(holdout, read.runs)
+    check = check_dataset(read, machine)
+    usable = correct_dataset(read, check)
+    replay = make_replay(usable, machine, floors)
+    about = DatasetSummary(
+        str(dataset), (*read.notes, *check.notes), {run.name: run.conditions for run in usable.runs}
+    )
+    finding = analyse_replay(replay, about, conditions, seed, report)
+    return replace(finding, data_notes=about.notes)

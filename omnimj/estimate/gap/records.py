@@ -1,0 +1,263 @@
+"""What the gap workflow finds, as frozen records: the command line writes them, the report draws them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from omnimj.signals import Array
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A number with its bounds."""
+
+    value: float
+    low: float | None
+    high: float | None
+    unit: str = "1"
+
+
+@dataclass(frozen=True)
+class NamedEffect:
+    """One effect that was added to the model."""
+
+    effect: str
+    words: str
+    """What it is, in plain words."""
+    parameters: Mapping[str, Interval]
+    """With 90 % intervals."""
+    selectors: Mapping[str, str | int]
+    """Which channel or wheel, where the effect has such a choice."""
+    indistinguishable_from: tuple[str, ...]
+    """Rivals that the data do not beat."""
+    gain: Interval
+    """Share of the held-out mismatch (RMS in units of noise) that it takes away, 90 % interval."""
+    p_false: float | None
+    """Share of decoys (random curves of the same flexibility) that gain as much."""
+
+
+@dataclass(frozen=True)
+class MismatchRegime:
+    """One channel in one regime and its share of the gap."""
+
+    channel: str
+    regime: str
+    """In words: `carriage speed above 0.8 m/s`."""
+    bounds: Mapping[str, tuple[float, float]]
+    """The same as numbers: variable → low, high."""
+    share: float
+    """Of the squared mismatch over all channels, in units of noise."""
+    before: float
+    """RMS mismatch there [unit of the channel]."""
+    after: float | None = None
+
+
+@dataclass(frozen=True)
+class ChannelGap:
+    """RMS mismatch of one channel before and after, and the repeatability floor [unit of the channel]."""
+
+    before: float
+    after: float | None
+    floor: float | None
+
+
+@dataclass(frozen=True)
+class Refitted:
+    """A parameter declared uncertain and what the data make of it."""
+
+    name: str
+    unit: str
+    nominal: float
+    low: float
+    high: float
+    """The stated uncertainty: nominal ± half-width."""
+    fitted: float
+    at_bound: bool = False
+
+
+@dataclass(frozen=True)
+class CandidateResult:
+    """How one effect did."""
+
+    label: str
+    """Effect, and its selector in brackets: `sensor_delay (wheel_speed)`."""
+    screened: float
+    """Share of the mismatch that its sensitivities explain at best."""
+    gain: Interval | None
+    """Held-out gain; None when the screening left it behind."""
+    verdict: str
+    """`named`, `rival`, `beaten`, `given up` (it led at first), `screened out`, `below the margin`."""
+    words: str = ""
+    """What it is, in plain words."""
+    is_sensor: bool = False
+    """Whether it is the measurement and not the machine that would be wrong."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One round of naming: candidates in the order of their gain, and what the decoys gained."""
+
+    candidates: tuple[CandidateResult, ...]
+    decoys: Array
+    """Held-out gains of the decoys, shape (n,)."""
+    margin: float
+
+
+@dataclass(frozen=True)
+class Overlay:
+    """One run (or window) for pictures: measured, simulated before and after, block means."""
+
+    run: str
+    heldout: bool
+    time: Array
+    """Block centres [s], shape (k,)."""
+    measured: Array
+    before: Array
+    after: Array
+    """Shape (k, channels)."""
+    conditions: Mapping[str, float | str] = field(default_factory=dict)
+    """Of the run: floor, mass, current, …"""
+    regimes: Mapping[str, Array] = field(default_factory=dict)
+    """Regime variable → its value in every block, shape (k,)."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """All that the workflow found; `gap.json` is its digest, `report.html` its story."""
+
+    dataset: str
+    plant: str
+    verdict: str
+    """`named`, `ambiguous`, `unexplained` or `no_gap`."""
+    reason: str
+    """Why this verdict, in one or two sentences with numbers."""
+    effects: tuple[NamedEffect, ...]
+    where: tuple[MismatchRegime, ...]
+    train: Mapping[str, ChannelGap]
+    heldout: Mapping[str, ChannelGap]
+    shrink: float | None
+    next_experiment: Mapping[str, Any] | None
+    """`why`, `run` (what to drive), `separates` (names), `parting` (how far the rivals part, in noise)."""
+    channels: Mapping[str, tuple[str, str]]
+    """Channel → unit, words."""
+    noise: Mapping[str, float]
+    """Noise of one block mean per channel [unit of the channel]."""
+    heldout_runs: tuple[str, ...]
+    refitted: tuple[Refitted, ...]
+    stages: tuple[Stage, ...]
+    flexible: Mapping[str, float] = field(default_factory=dict)
+    """Regime variable → share of the remaining held-out mismatch that a free curve of it explains."""
+    overlays: tuple[Overlay, ...] = ()
+    data_notes: tuple[str, ...] = ()
+    """What the check of the data found: masks, signs, units, delays, biases."""
+    samples: int = 0
+    effective_samples: float = 0.0
+    """N and N_eff of the whitened mismatch."""
+    simulations: int = 0
+    seconds: float = 0.0
+    failure: str = ""
+    """Why the work ended early, empty when it did not."""
+    regimes: Mapping[str, str] = field(default_factory=dict)
+    """Regime variable → its unit."""
+
+
+# The gap run by run: which runs carry it, which of the held-out ones to look at.
+
+
+@dataclass(frozen=True)
+class RunGap:
+    """Mismatch of one run before and after, RMS."""
+
+    run: str
+    heldout: bool
+    """Whether it, or a part of it, was held out."""
+    partly: bool
+    """Whether only some of its windows were held out."""
+    conditions: Mapping[str, float | str]
+    before: Mapping[str, float]
+    """Channel → RMS [unit of the channel]."""
+    after: Mapping[str, float] | None
+    total_before: float
+    """RMS over all channels in units of their noise."""
+    total_after: float | None
+
+
+def has_second_model(finding: Finding) -> bool:
+    """Whether there is a second model to compare with."""
+    gaps = [*finding.heldout.values(), *finding.train.values()]
+    return any(gap.after is not None for gap in gaps)
+
+
+def noise_row(finding: Finding) -> Array:
+    """Noise of a block mean in the order of the channels, shape (channels,); 1 where none is known."""
+    row = np.array([finding.noise.get(name, np.nan) for name in finding.channels], float)
+    return np.where(np.isfinite(row) & (row > 0.0), row, 1.0)
+
+
+def overlays_by_run(finding: Finding) -> dict[str, list[Overlay]]:
+    """The overlays by run, windows of one run in the order of time."""
+    runs: dict[str, list[Overlay]] = {}
+    for overlay in finding.overlays:
+        runs.setdefault(overlay.run, []).append(overlay)
+    return {run: sorted(windows, key=lambda o: float(o.time[0])) for run, windows in runs.items()}
+
+
+def run_gaps(finding: Finding) -> tuple[RunGap, ...]:
+    """Every run that has an overlay, the largest mismatch in units of noise first."""
+    second = has_second_model(finding)
+    found = [_of_run(finding, run, windows, second) for run, windows in overlays_by_run(finding).items()]
+    return tuple(sorted(found, key=lambda gap: -gap.total_before))
+
+
+def worst_run(finding: Finding) -> str | None:
+    """The held-out run with the largest mismatch before; a training run where none is held out."""
+    gaps = _heldout_gaps(finding)
+    return gaps[0].run if gaps else None
+
+
+def typical_run(finding: Finding) -> str | None:
+    """The held-out run in the middle of their order; None when that is the worst one too."""
+    gaps = _heldout_gaps(finding)
+    return gaps[len(gaps) // 2].run if len(gaps) > 1 else None
+
+
+def _heldout_gaps(finding: Finding) -> list[RunGap]:
+    gaps = list(run_gaps(finding))
+    return [gap for gap in gaps if gap.heldout] or gaps
+
+
+def _of_run(finding: Finding, run: str, windows: Sequence[Overlay], second: bool) -> RunGap:
+    noise = noise_row(finding)
+    before = channel_rms(np.concatenate([w.measured - w.before for w in windows]))
+    after = channel_rms(np.concatenate([w.measured - w.after for w in windows])) if second else None
+    names = list(finding.channels)
+    return RunGap(
+        run,
+        any(window.heldout for window in windows),
+        len({window.heldout for window in windows}) == 2,
+        windows[0].conditions,
+        dict(zip(names, before.tolist(), strict=True)),
+        None if after is None else dict(zip(names, after.tolist(), strict=True)),
+        _total(before / noise),
+        None if after is None else _total(after / noise),
+    )
+
+
+def channel_rms(mismatch: Array) -> Array:
+    """√(mean of squares) of every channel over the blocks that are not masked, NaN where all are.
+
+    Args:
+      mismatch: Shape (blocks, channels).
+    """
+    known = np.isfinite(mismatch)
+    squares = np.where(known, mismatch, 0.0) ** 2
+    with np.errstate(invalid="ignore"):
+        return np.sqrt(squares.sum(axis=0) / known.sum(axis=0))
+
+
+def _total(in_noise: Array) -> float:
+    return float(channel_rms(in_noise[np.isfinite(in_noise)][:, None])[0])

@@ -1,0 +1,147 @@
+"""Whole runs held out by condition: folds, held-out losses, and gains with their bounds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnimj.estimate.gap.records import Interval
+from omnimj.estimate.least_squares import Fit, bounded_step, huber_weights, normal_equations
+from omnimj.estimate.replay.interface import Replay
+from omnimj.estimate.replay.problem import Problem
+from omnimj.signals import Array
+
+_FEWEST_CONDITIONS = 4  # conditions below which a run is cut in time
+_TIME_PARTS = 6
+_FOLDS = 6
+_BOOTSTRAP_SAMPLES = 1000
+_FOLD_PRIOR = 0.005  # of all runs' information on a parameter, which keeps it near their fit
+
+
+@dataclass(frozen=True)
+class Groups:
+    """What is held out together: conditions, or stretches of time where there are few."""
+
+    of_block: NDArray[np.int_]
+    """Group of every block, shape (blocks,)."""
+    names: tuple[str, ...]
+
+    @property
+    def count(self) -> int:
+        """Number of groups."""
+        return len(self.names)
+
+
+def make_groups(replay: Replay) -> Groups:
+    """One group per condition; with fewer than four, every condition is cut into six stretches of time."""
+    conditions = list(dict.fromkeys(p.condition for p in replay.pieces))
+    few = len(conditions) < _FEWEST_CONDITIONS
+    of_block = np.zeros(len(replay.measured), int)
+    names: list[str] = []
+    for condition in conditions:
+        pieces = [p for p in replay.pieces if p.condition == condition]
+        first = len(names)
+        if not few:
+            names.append(condition)
+            for p in pieces:
+                of_block[p.first : p.last] = first
+            continue
+        end = max(float(p.time[-1]) for p in pieces) * (1.0 + 1e-9)
+        names += [f"{condition}, part {k + 1} of {_TIME_PARTS}" for k in range(_TIME_PARTS)]
+        for p in pieces:
+            # a window belongs to the stretch of its middle; a run of one piece is cut where its blocks lie
+            whole = len(pieces) >= 2 * _TIME_PARTS
+            at = np.full(p.last - p.first, float(np.median(p.time))) if whole else p.time
+            of_block[p.first : p.last] = first + np.minimum(at / end * _TIME_PARTS, _TIME_PARTS - 1).astype(
+                int
+            )
+    return Groups(of_block, tuple(names))
+
+
+def choose_heldout(groups: Groups, seed: int, names: tuple[str, ...] = ()) -> NDArray[np.bool_]:
+    """Groups that nothing is fitted to: the named, or about a quarter drawn by the seed, shape (count,)."""
+    out = np.zeros(groups.count, bool)
+    if names:
+        out[[k for k, name in enumerate(groups.names) if name in names]] = True
+        return out
+    generator = np.random.default_rng(seed)
+    number = max(1, round(0.25 * groups.count))
+    out[generator.permutation(groups.count)[:number]] = True
+    return out
+
+
+def make_folds(groups: Groups, train: NDArray[np.bool_], seed: int) -> list[NDArray[np.bool_]]:
+    """Masks of the blocks left out in each fold; together they are all blocks of the training groups."""
+    inside = np.flatnonzero(train)
+    order = np.random.default_rng(seed + 1).permutation(inside)
+    number = min(_FOLDS, len(order))
+    return [np.isin(groups.of_block, order[k::number]) for k in range(number)]
+
+
+def heldout_losses(
+    problem: Problem, fitted: Fit, used: NDArray[np.bool_], folds: list[NDArray[np.bool_]]
+) -> Array:
+    """Loss of every block when its fold was not fitted, shape (blocks,); NaN outside of the folds.
+
+    To first order: a few runs more or less change the parameters little, r + J d needs no simulation.
+    """
+    channels = fitted.residual.shape[1]
+    low, high = problem.bounds(fitted.form)
+    scales = problem.scales(fitted.form)
+    box = (low - fitted.x) / scales, (high - fitted.x) / scales
+    prior = problem.prior(fitted.x, fitted.form)
+    weight = huber_weights(problem, fitted.residual, used)
+    parts = [np.flatnonzero(np.repeat(out, channels)) for out in folds]
+    flat = fitted.residual.ravel()
+    sums = [normal_equations(fitted.jacobian[rows], flat[rows], weight[rows]) for rows in parts]
+    total = np.sum(sums, axis=0)
+    # what a fold leaves open (a place that only one run passes) stays where all runs put it
+    held = np.zeros_like(total)
+    held[np.diag_indices(len(total) - 1)] = _FOLD_PRIOR * total.diagonal()[:-1]
+    losses = np.full(len(used), np.nan)
+    for out, rows, own in zip(folds, parts, sums, strict=True):
+        step = bounded_step(total - own + held, box, prior, 1e-6)
+        residual = (flat[rows] + fitted.jacobian[rows] @ step).reshape(-1, channels)
+        losses[out] = problem.losses(residual)
+    return losses
+
+
+def sum_by_group(losses: Array, groups: Groups) -> Array:
+    """Sums of block losses per group that has any, shape (groups with losses,)."""
+    valid = np.isfinite(losses)
+    sums = np.bincount(groups.of_block[valid], losses[valid], minlength=groups.count).astype(float)
+    present = np.bincount(groups.of_block[valid], minlength=groups.count) > 0
+    return sums[present]
+
+
+def bootstrap_counts(count: int, seed: int = 0) -> NDArray[np.int64]:
+    """How often each group is drawn in each bootstrap sample, shape (draws, count)."""
+    return np.random.default_rng(seed).multinomial(
+        count, np.full(count, 1.0 / count), size=_BOOTSTRAP_SAMPLES
+    )
+
+
+def heldout_gain(before: Array, after: Array) -> Interval:
+    """1 − √(Σ after/Σ before) over groups, with a 90 % interval by drawing whole groups anew.
+
+    Args:
+      before: Held-out loss per group, shape (groups,).
+      after: The same of the other model.
+    """
+    value = 1.0 - np.sqrt(after.sum() / before.sum())
+    times = bootstrap_counts(len(before))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        sample = 1.0 - np.sqrt((times @ after) / (times @ before))
+    low, high = np.nanquantile(sample, (0.05, 0.95))
+    return Interval(float(value), float(min(low, value)), float(max(high, value)))
+
+
+def paired_t(worse: Array, better: Array) -> float:
+    """t of the paired difference of two models' held-out losses over groups; large: `better` is better."""
+    difference = worse - better
+    spread = float(difference.std(ddof=1)) if len(difference) > 1 else 0.0
+    if spread == 0.0:
+        return 0.0 if float(difference.sum()) == 0.0 else np.inf * np.sign(float(difference.sum()))
+    return float(difference.mean()) / (spread / np.sqrt(len(difference)))

@@ -1,0 +1,244 @@
+"""The search: refit the base, name one effect after another, look back, and judge on runs never used."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnimj.estimate.gap.records import Interval
+from omnimj.estimate.gap.search.cross_validation import (
+    Groups,
+    choose_heldout,
+    heldout_losses,
+    make_folds,
+    make_groups,
+    sum_by_group,
+)
+from omnimj.estimate.gap.search.screening import (
+    CurveGains,
+    ScreenedCandidate,
+    curve_gains,
+    screen_candidates,
+    sensitivities,
+)
+from omnimj.estimate.gap.search.selection import (
+    MARGIN,
+    MAX_FALSE_RATE,
+    FittedCandidate,
+    Progress,
+    SelectionRound,
+    TrainingSplit,
+    ambiguity_set,
+    decoy_p_value,
+    exceeds_margin,
+    fit_candidate,
+    has_amplitude_at_bound,
+    information_score,
+    refine_leaders,
+    select_round,
+)
+from omnimj.estimate.intervals import block_noise, effective_samples
+from omnimj.estimate.least_squares import Fit, fit, reevaluate
+from omnimj.estimate.replay.interface import CandidateEffect, Replay
+from omnimj.estimate.replay.problem import ModelEffects, Problem
+from omnimj.signals import Array
+
+MOST_EFFECTS = 3
+_SWAPS = 6  # rivals that may take the place of an effect, the others being known
+_CLOSE = 0.5  # share of the best screened share that a rival must reach
+
+
+@dataclass(frozen=True)
+class SelectedEffect:
+    """An effect in the model, with what it was chosen over."""
+
+    candidate: CandidateEffect
+    found: SelectionRound
+    rivals: tuple[FittedCandidate, ...]
+    """Those that it does not beat, the other effects being in the model."""
+    gain: Interval
+    """Held out, given the other effects."""
+    p_false: float | None = None
+
+
+@dataclass(frozen=True)
+class SearchResult:
+    """What the search leaves to be told."""
+
+    problem: Problem
+    """With the noise and the twin's offset of the last model."""
+    first: Problem
+    """The same of the base."""
+    groups: Groups
+    heldout: NDArray[np.bool_]
+    """Groups never used, shape (groups,)."""
+    used: NDArray[np.bool_]
+    """Blocks fitted to, shape (blocks,)."""
+    base: Fit
+    final: Fit
+    named: tuple[SelectedEffect, ...]
+    rounds: tuple[SelectionRound, ...]
+    """One more than what is named: the last one named nothing."""
+    interrupted: bool = False
+
+    @property
+    def curves(self) -> CurveGains | None:
+        """What curves gain beyond the last model that a round has seen."""
+        return self.rounds[-1].curves if self.rounds else None
+
+
+def with_twin_correction(problem: Problem, x: Array, form: ModelEffects) -> Problem:
+    """The problem with the twin asked again at a model: offset = twin − equations there."""
+    setting, _ = problem.split(x, form)
+    twin = problem.replay.twin_correction(setting)
+    if twin is None:
+        return problem
+    (plain,) = problem.replay.simulate([setting])
+    return replace(problem, offset=twin - plain)
+
+
+def robust_scale(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) -> Problem:
+    """Mismatch counts linearly beyond three times its own scatter, and never below five times the noise."""
+    middle = float(np.median(np.abs(fitted.residual[used])))
+    return replace(problem, huber_scale=max(5.0, 3.0 * 1.4826 * middle))
+
+
+def fit_base(replay: Replay, used: NDArray[np.bool_], report: Progress) -> tuple[Problem, Fit]:
+    """The base inside its boxes, the noise of the data, and the scale on which mismatch is large.
+
+    Three fits: noise is judged by what a fitted model leaves.
+    """
+    channels = len(replay.channels)
+    problem = Problem(replay, np.ones(channels))
+    nominal = np.array([b.nominal for b in replay.base])
+    report("asking the twin", 0.0)
+    problem = with_twin_correction(problem, nominal, ())
+    (mismatch,) = problem.mismatches([problem.start()], ())
+    problem = replace(problem, noise=block_noise(replay, mismatch))
+    (residual,) = problem.residuals([problem.start()], ())
+    fitted = Fit((), problem.start(), residual, np.zeros((0, 0)), 0.0)
+    for k in range(2):
+        report("refitting the base", k / 3)
+        problem = robust_scale(problem, fitted, used)
+        fitted = fit(problem, (), fitted.x, used)
+        # the twin parts from the equations by something else where the base is something else
+        problem = with_twin_correction(problem, fitted.x, ())
+        (mismatch,) = problem.mismatches([fitted.x], ())
+        problem = replace(problem, noise=block_noise(replay, mismatch))
+        fitted = reevaluate(fitted, problem)
+    return problem, fit(problem, (), fitted.x, used)
+
+
+def refit(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) -> tuple[Problem, Fit]:
+    """The twin asked again at the new model, noise judged again (it can only shrink), all refitted."""
+    problem = with_twin_correction(problem, fitted.x, fitted.form)
+    (mismatch,) = problem.mismatches([fitted.x], fitted.form)
+    noise = np.minimum(problem.noise, block_noise(problem.replay, mismatch))
+    problem = replace(problem, noise=noise)
+    problem = robust_scale(problem, reevaluate(fitted, problem), used)
+    return problem, fit(problem, fitted.form, fitted.x, used)
+
+
+def judge_given_others(
+    problem: Problem, final: Fit, named: list[SelectedEffect], k: int, data: TrainingSplit
+) -> tuple[Fit, SelectedEffect]:
+    """One effect again, now that the others are known: against its rivals and against decoys.
+
+    Returns:
+      The model with whoever holds its place best, and that one's gain and decoys.
+    """
+    one = named[k]
+    others = tuple(n.candidate for n in named if n is not one)
+    without = fit(problem, others, final.x[~_parameter_mask(problem, final, one.candidate)], data.used)
+    before = sum_by_group(heldout_losses(problem, without, data.used, data.folds), data.groups)
+    taken = {n.candidate.label for n in named if n is not one}
+    free = [c for c in problem.replay.candidates if c.label not in taken]
+    screened = screen_candidates(problem, without, free, data.used)
+    close = [s for s in screened if s.share >= _CLOSE * screened[0].share][:_SWAPS]
+    own = final.x[_parameter_mask(problem, final, one.candidate)]
+    mine = ScreenedCandidate(one.candidate, screened[0].share, np.concatenate([without.x, own]))
+    options = [mine, *(s for s in close if s.candidate.label != one.candidate.label)]
+    tried = [fit_candidate(problem, s, without, before, data) for s in options]
+    tried = refine_leaders(problem, tried, options, without, before, data)
+    count = float(np.isfinite(problem.replay.measured[data.used]).sum())
+    share = min(effective_samples(problem.replay, tried[0].fit.residual * data.used[:, None]) / count, 1.0)
+    tried.sort(key=lambda t: information_score(t, share))
+    columns = sensitivities(problem, without, data.used)
+    decoys = curve_gains(problem, columns, data.groups, data.folds, data.seed).decoys
+    best = tried[0]
+    p_false = decoy_p_value(decoys, best.gain)
+    return best.fit, SelectedEffect(
+        best.candidate, one.found, ambiguity_set(tried, share), best.gain, p_false
+    )
+
+
+def backward_eliminate(
+    problem: Problem, base: Fit, final: Fit, named: list[SelectedEffect], data: TrainingSplit
+) -> tuple[Problem, Fit, list[SelectedEffect]]:
+    """Judges every effect given the others until all of them clear margin and decoys; who does not, goes."""
+    while named:
+        for k in range(len(named)):
+            final, named[k] = judge_given_others(problem, final, named, k, data)
+        pinned = [
+            n
+            for n in named
+            if has_amplitude_at_bound(n.candidate, final.x[_parameter_mask(problem, final, n.candidate)])
+        ]
+        kept = [
+            n for n in named if exceeds_margin(n.gain) and (n.p_false is None or n.p_false <= MAX_FALSE_RATE)
+        ]
+        if len(kept) == len(named) and not pinned:
+            break
+        worst = min(pinned or named, key=lambda n: (-(n.p_false or 0.0), n.gain.value))
+        x = final.x[~_parameter_mask(problem, final, worst.candidate)]
+        named = [n for n in named if n is not worst]
+        final = fit(problem, tuple(n.candidate for n in named), x, data.used)
+    return problem, final, named
+
+
+def _parameter_mask(problem: Problem, fitted: Fit, candidate: CandidateEffect) -> NDArray[np.bool_]:
+    """Which parameters of a model belong to one effect."""
+    own = [np.zeros(len(problem.replay.base) + problem.has_twin_share, bool)]
+    own += [np.full(len(c.parameters), c.label == candidate.label) for c in fitted.form]
+    return np.concatenate(own)
+
+
+def search(replay: Replay, holdout: tuple[str, ...], seed: int, report: Progress) -> SearchResult:
+    """Finds what the model lacks.
+
+    Args:
+      replay: The data and the plant.
+      holdout: Conditions or runs that nothing is fitted to; drawn by the seed when empty.
+      seed: Of what is held out, of folds and decoys.
+      report: Called with a phrase and the share that is done; may raise KeyboardInterrupt.
+    """
+    groups = make_groups(replay)
+    heldout = choose_heldout(groups, seed, holdout)
+    used = ~heldout[groups.of_block]
+    data = TrainingSplit(used, groups, make_folds(groups, ~heldout, seed), seed)
+    problem, current = fit_base(replay, used, report)
+    first, base = problem, current
+    named: list[SelectedEffect] = []
+    rounds: list[SelectionRound] = []
+    interrupted = False
+    try:
+        while len(named) < MOST_EFFECTS:
+            taken = {n.candidate.label for n in named}
+            left = [c for c in replay.candidates if c.label not in taken]
+            found = select_round(problem, current, left, data, report)
+            rounds.append(found)
+            # effects that hide each other gain little alone: whoever helps comes in, and is judged at the end
+            if found.best is None or found.best.gain.value <= MARGIN:
+                break
+            named.append(SelectedEffect(found.best.candidate, found, found.rivals, found.best.gain))
+            problem, current = refit(problem, found.best.fit, used)
+        report("judging each effect given the others", 0.9)
+        problem, current, named = backward_eliminate(problem, base, current, named, data)
+    except KeyboardInterrupt:
+        interrupted = True
+        named = [n for n in named if any(c.label == n.candidate.label for c in current.form)]
+    return SearchResult(
+        problem, first, groups, heldout, used, base, current, tuple(named), tuple(rounds), interrupted
+    )

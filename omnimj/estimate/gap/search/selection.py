@@ -1,0 +1,249 @@
+"""Naming: one round tries the promising candidates on held-out runs and keeps who cannot be told apart."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+from omnimj.estimate.gap.records import CandidateResult, Interval, Stage
+from omnimj.estimate.gap.search.cross_validation import (
+    Groups,
+    heldout_gain,
+    heldout_losses,
+    paired_t,
+    sum_by_group,
+)
+from omnimj.estimate.gap.search.screening import (
+    CurveGains,
+    ScreenedCandidate,
+    curve_gains,
+    screen_candidates,
+    sensitivities,
+)
+from omnimj.estimate.intervals import effective_samples
+from omnimj.estimate.least_squares import Fit, fit
+from omnimj.estimate.replay.interface import CandidateEffect
+from omnimj.estimate.replay.problem import Problem
+from omnimj.signals import Array
+
+MARGIN = 0.02
+"""Lower bound of the held-out gain below which nothing is named."""
+MAX_FALSE_RATE = 0.05
+"""Share of decoys that may gain as much as what is named."""
+_MOST = 14  # candidates that go from the screening into fits
+_HOPELESS = 0.1  # share of the best screened share below which a candidate is left behind
+_LEADERS = 4  # of a round, whose fits are carried to the end
+_CLEAR = 3.0  # log-likelihood in effective samples by which a rival must be behind to be beaten
+_SURE = 0.95  # and the one-sided level of the paired test over groups
+
+
+def exceeds_margin(gained: Interval) -> bool:
+    """Whether the lower bound of a held-out gain is above the margin."""
+    return gained.low is not None and gained.low > MARGIN
+
+
+def decoy_p_value(decoys: Array, gained: Interval) -> float | None:
+    """Share of decoys that gain at least as much, (1 + n)/(1 + N); None without decoys."""
+    if not len(decoys):
+        return None
+    return (1 + int(np.count_nonzero(decoys >= gained.value))) / (1 + len(decoys))
+
+
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class TrainingSplit:
+    """What every round shares."""
+
+    used: NDArray[np.bool_]
+    """Blocks of the training groups, shape (blocks,)."""
+    groups: Groups
+    folds: list[NDArray[np.bool_]]
+    seed: int
+
+
+@dataclass(frozen=True)
+class FittedCandidate:
+    """A candidate with its fit and its held-out losses."""
+
+    candidate: CandidateEffect
+    screened: float
+    fit: Fit
+    losses: Array
+    """Held-out, per group, shape (groups,)."""
+    gain: Interval
+    """Against the model without it."""
+
+
+@dataclass(frozen=True)
+class SelectionRound:
+    """What one round found; the best first."""
+
+    tried: tuple[FittedCandidate, ...]
+    screened_out: tuple[ScreenedCandidate, ...]
+    rivals: tuple[FittedCandidate, ...]
+    """Those that the best does not beat."""
+    curves: CurveGains
+    before: Array
+    """Held-out losses per group without any of them."""
+    effective: float
+
+    @property
+    def best(self) -> FittedCandidate | None:
+        """The leader, if anything was tried."""
+        return self.tried[0] if self.tried else None
+
+    def stage(self, named: tuple[str, ...]) -> Stage:
+        """The round as a record; `named` are the labels in the final model."""
+        rivals = {r.candidate.label for r in self.rivals}
+        rows = []
+        for t in self.tried:
+            if t.candidate.label in named:
+                verdict = "named"
+            elif t.gain.low is None or t.gain.low <= MARGIN:
+                verdict = "below the margin"
+            elif t is self.best:  # it led, and was given up when judged beside the others
+                verdict = "given up"
+            else:
+                verdict = "rival" if t.candidate.label in rivals else "beaten"
+            rows.append(_row(t.candidate, t.screened, t.gain, verdict))
+        rows += [_row(s.candidate, s.share, None, "screened out") for s in self.screened_out]
+        return Stage(tuple(rows), self.curves.decoys, MARGIN)
+
+
+def _row(
+    candidate: CandidateEffect, screened: float, gained: Interval | None, verdict: str
+) -> CandidateResult:
+    return CandidateResult(candidate.label, screened, gained, verdict, candidate.words, candidate.is_sensor)
+
+
+def shortlist(screened: list[ScreenedCandidate]) -> tuple[list[ScreenedCandidate], list[ScreenedCandidate]]:
+    """Who goes on to a fit, and who is left behind."""
+    if not screened:
+        return [], []
+    limit = max(_HOPELESS * screened[0].share, 1e-4)
+    go = [s for s in screened if s.share >= limit][:_MOST]
+    return go, [s for s in screened if s not in go]
+
+
+def fit_candidate(
+    problem: Problem,
+    screened: ScreenedCandidate,
+    current: Fit,
+    before: Array,
+    with_data: TrainingSplit,
+    again: Fit | None = None,
+) -> FittedCandidate:
+    """Fits the model with one more effect and holds runs out; `again`: its fit so far, to be completed."""
+    form = (*current.form, screened.candidate)
+    if again is None:
+        fitted = fit(problem, form, screened.start, with_data.used, 1, current.jacobian)
+    else:
+        fitted = fit(problem, form, again.x, with_data.used, 2)
+    losses = sum_by_group(heldout_losses(problem, fitted, with_data.used, with_data.folds), with_data.groups)
+    return FittedCandidate(screened.candidate, screened.share, fitted, losses, heldout_gain(before, losses))
+
+
+def refine_leaders(
+    problem: Problem,
+    tried: list[FittedCandidate],
+    screened: list[ScreenedCandidate],
+    current: Fit,
+    before: Array,
+    with_data: TrainingSplit,
+) -> list[FittedCandidate]:
+    """The leaders fitted to the end; the others keep their first fit."""
+    order = sorted(range(len(tried)), key=lambda k: float(tried[k].losses.sum()))
+    done = list(tried)
+    for k in order[:_LEADERS]:
+        done[k] = fit_candidate(problem, screened[k], current, before, with_data, tried[k].fit)
+    return done
+
+
+def information_score(tried: FittedCandidate, effective_share: float) -> float:
+    """Half the held-out loss in effective samples, and one per parameter: the less the better."""
+    return 0.5 * float(tried.losses.sum()) * effective_share + len(tried.candidate.parameters)
+
+
+def has_shape_at_bound(tried: FittedCandidate) -> bool:
+    """Whether it fits only by ceasing to be what it is: a sticky place as wide as the guide, say."""
+    shapes = tried.candidate.parameters
+    for shape, value in zip(shapes, tried.fit.x[-len(shapes) :], strict=True):
+        edge = 0.01 * (shape.high - shape.low)
+        if shape.null_value is None and not shape.low + edge < value < shape.high - edge:
+            return True
+    return False
+
+
+def has_amplitude_at_bound(candidate: CandidateEffect, values: Array) -> bool:
+    """Whether an amplitude has run to the end of what is physical: it stands for something else, then."""
+    for shape, value in zip(candidate.parameters, values, strict=True):
+        edge = 0.01 * (shape.high - shape.low)
+        if shape.null_value is None or abs(value - shape.null_value) <= edge:
+            continue
+        if not shape.low + edge < value < shape.high - edge:
+            return True
+    return False
+
+
+def ambiguity_set(tried: list[FittedCandidate], effective_share: float) -> tuple[FittedCandidate, ...]:
+    """Those that the first does not beat clearly: in likelihood, and from group to group."""
+    best = tried[0]
+    sure = float(student.ppf(_SURE, max(len(best.losses) - 1, 1)))
+    rivals = []
+    for other in tried[1:]:
+        behind = information_score(other, effective_share) - information_score(best, effective_share)
+        if behind > _CLEAR and paired_t(other.losses, best.losses) > sure:
+            continue
+        if behind > 0.0 and has_shape_at_bound(other):
+            continue
+        if other.gain.value > 0.0:
+            rivals.append(other)
+    return tuple(rivals)
+
+
+def select_round(
+    problem: Problem,
+    current: Fit,
+    candidates: list[CandidateEffect],
+    with_data: TrainingSplit,
+    report: Progress,
+) -> SelectionRound:
+    """Screens, fits, holds out and ranks.
+
+    Args:
+      problem: The data and the scale.
+      current: The model so far, fitted on the training blocks.
+      candidates: What may be added.
+      with_data: Training blocks, groups and folds.
+      report: Called with a phrase and the share that is done.
+    """
+    before = sum_by_group(heldout_losses(problem, current, with_data.used, with_data.folds), with_data.groups)
+    screened = screen_candidates(problem, current, candidates, with_data.used)
+    go, behind = shortlist(screened)
+    tried = []
+    for k, one in enumerate(go):
+        report(f"trying {one.candidate.label}", k / len(go))
+        tried.append(fit_candidate(problem, one, current, before, with_data))
+    report("fitting the leaders", 1.0)
+    tried = refine_leaders(problem, tried, go, current, before, with_data)
+    curves = curve_gains(
+        problem,
+        sensitivities(problem, current, with_data.used),
+        with_data.groups,
+        with_data.folds,
+        with_data.seed,
+    )
+    count = float(np.isfinite(problem.replay.measured[with_data.used]).sum())
+    leader = min(tried, key=lambda t: float(t.losses.sum())) if tried else None
+    residual = (leader.fit if leader else current).residual * with_data.used[:, None]
+    effective = effective_samples(problem.replay, residual)
+    share = min(1.0, effective / count)
+    tried.sort(key=lambda t: information_score(t, share))
+    rivals = ambiguity_set(tried, share) if tried else ()
+    return SelectionRound(tuple(tried), tuple(behind), rivals, curves, before, effective)

@@ -1,0 +1,257 @@
+"""What was found, in plain sentences with numbers: for the digest, the report and the terminal alike."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from omnimj.estimate.gap.records import Finding, MismatchRegime, NamedEffect
+
+HEADLINES = {
+    "named": "Named",
+    "ambiguous": "Ambiguous",
+    "unexplained": "Unexplained",
+    "no_gap": "No gap",
+}
+_VARIABLES = {"reversal": "time since a reversal", "time": "time since start"}
+_MACHINES = {"quarter_rig": "test rig", "uto_robot": "robot", "linear_axis": "linear axis"}
+
+
+def machine_name(plant: str) -> str:
+    """`quarter_rig` → `test rig`."""
+    return _MACHINES.get(plant, plant.replace("_", " "))
+
+
+def dataset_name(finding: Finding) -> str:
+    """The dataset's folder without the way to it."""
+    return Path(finding.dataset).name or finding.dataset
+
+
+def variable_words(name: str) -> str:
+    """A regime variable as a person says it: `reversal` → `time since a reversal`."""
+    return _VARIABLES.get(name, name.replace("_", " "))
+
+
+def format_percent(share: float) -> str:
+    """`0.583` → `58 %`; small shares keep two digits."""
+    value = 100.0 * share
+    return f"{format_number(round(value) if abs(value) >= 9.95 else value, 3 if abs(value) >= 9.95 else 2)} %"
+
+
+def format_number(value: float, number: int = 3) -> str:
+    """A number in that many digits, with a true minus sign; whole below a million where it has more."""
+    form = f".{number}g" if abs(value) < 10.0**number or abs(value) >= 1e6 else ".0f"
+    return f"{value:{form}}".replace("-", "−")
+
+
+def format_amount(value: float | None, unit: str, number: int = 3) -> str:
+    """A number in that many digits with its unit, a dash where there is none."""
+    if value is None:
+        return "–"
+    return f"{format_number(value, number)} {'' if unit == '1' else format_unit(unit)}".rstrip()
+
+
+def format_unit(unit: str) -> str:
+    """`kg.m2` → `kg·m²`."""
+    return unit.replace(".", "·").replace("2", "²")
+
+
+def join_words(names: Sequence[str], last: str = "and") -> str:
+    """`a, b and c`."""
+    if len(names) < 2:
+        return "".join(names)
+    return f"{', '.join(names[:-1])} {last} {names[-1]}"
+
+
+def effect_label(effect: NamedEffect) -> str:
+    """The effect with its selector in brackets: `torque_constant (wheel 3)`."""
+    chosen = ", ".join(
+        f"{name} {value}" if name == "wheel" else str(value) for name, value in effect.selectors.items()
+    )
+    return f"{effect.effect} ({chosen})" if chosen else effect.effect
+
+
+def headline(finding: Finding) -> str:
+    """The verdict and its names: `Named: lateral_coupling`."""
+    effects = finding.effects
+    if len(effects) > 1:
+        names = f": {len(effects)} effects"
+    elif effects:
+        names = f": {join_words([effect_label(effects[0]), *effects[0].indistinguishable_from], 'or')}"
+    else:
+        names = ""
+    return HEADLINES[finding.verdict] + names
+
+
+def summarize_finding(finding: Finding) -> str:
+    """The verdict as one or two sentences."""
+    if finding.failure:
+        return f"{_unfinished(finding)} {_verdict(finding)}"
+    return _verdict(finding)
+
+
+def _unfinished(finding: Finding) -> str:
+    why = "was interrupted" if finding.failure == "interrupted" else f"ended early ({finding.failure})"
+    return f"The search {why}; this is what was found until then."
+
+
+def _verdict(finding: Finding) -> str:
+    if finding.verdict == "named":
+        return f"{_lacks(finding)}{_open(finding)} {_smaller(finding)}".rstrip()
+    if finding.verdict == "ambiguous":
+        return f"{_list_alternatives(finding)} {_smaller(finding)}".rstrip()
+    if finding.verdict == "unexplained":
+        return f"Model and measurement disagree{_size(finding)}, and no effect in the library explains it."
+    return (
+        f"The model agrees with the measurement{_size(finding)}: nothing is missing that these data can show."
+    )
+
+
+def _lacks(finding: Finding) -> str:
+    names = [effect_label(effect) for effect in finding.effects]
+    if len(names) == 1:
+        return f"The model lacks {names[0]}: {finding.effects[0].words}."
+    return f"The model lacks {len(names)} effects: {join_words(names)}."
+
+
+def _open(finding: Finding) -> str:
+    rivals = [
+        f" Instead of {effect_label(e)} it could be {join_words(e.indistinguishable_from, 'or')}."
+        for e in finding.effects
+        if e.indistinguishable_from
+    ]
+    return "".join(rivals)
+
+
+def _list_alternatives(finding: Finding) -> str:
+    sure = [effect_label(e) for e in finding.effects if not e.indistinguishable_from]
+    open_ = [
+        f"one of {join_words([effect_label(e), *e.indistinguishable_from], 'or')}"
+        for e in finding.effects
+        if e.indistinguishable_from
+    ]
+    start = (
+        f"The model lacks {join_words(sure)}, and {join_words(open_)}"
+        if sure
+        else f"The model lacks {join_words(open_)}"
+    )
+    return f"{start}; these data cannot tell which."
+
+
+def main_channel(finding: Finding) -> str | None:
+    """The channel that carries most of the gap."""
+    for place in finding.where:
+        if place.channel in finding.heldout:
+            return place.channel
+    return next(iter(finding.heldout), None)
+
+
+def _smaller(finding: Finding) -> str:
+    channel = main_channel(finding)
+    if channel is None or finding.heldout[channel].after is None:
+        return ""
+    gap, (unit, words) = finding.heldout[channel], finding.channels[channel]
+    n = len(finding.heldout_runs)
+    runs = f"the {n} runs that were held out" if n != 1 else "the one run that was held out"
+    whole = "" if finding.shrink is None else f", and the whole gap by {format_percent(finding.shrink)}"
+    return (
+        f"With {'it' if len(finding.effects) == 1 else 'them'} the RMS mismatch in the {words} on {runs} "
+        f"falls from {format_amount(gap.before, unit)} to {format_amount(gap.after, unit)}{whole}."
+    )
+
+
+def _size(finding: Finding) -> str:
+    channel = main_channel(finding)
+    if channel is None:
+        return ""
+    gap, (unit, words) = finding.heldout[channel], finding.channels[channel]
+    value = gap.before if gap.after is None else gap.after
+    noise = finding.noise.get(channel)
+    beside = "" if not noise else f", {format_in_noise(value / noise)}"
+    return f" (RMS {format_amount(value, unit)} in the {words}{beside})"
+
+
+def format_in_noise(multiple: float) -> str:
+    """`4.4 times the noise`."""
+    if 0.8 <= multiple <= 1.25:
+        return "about the noise"
+    return f"{format_number(multiple, 2)} times the noise"
+
+
+def format_regime(place: MismatchRegime) -> str:
+    """The regime's words without what they say of its density, which stands behind a semicolon."""
+    return place.regime.partition(";")[0]
+
+
+def format_chance(effect: NamedEffect) -> tuple[str, str]:
+    """How often chance does as well: the number, and what it counts."""
+    if effect.p_false is None:
+        return "not known", "no random curves were tried"
+    return f"p = {format_number(effect.p_false, 2)}", "share of random curves that gain as much"
+
+
+def as_sentence(text: str) -> str:
+    """With a capital at its start and a full stop at its end, unless it begins with a name in code."""
+    text = text.strip()
+    if not text:
+        return ""
+    first = text if "_" in text.split()[0] else text[0].upper() + text[1:]
+    return first if first.endswith((".", "!", "?")) else f"{first}."
+
+
+def summarize_runs(finding: Finding, number: int, partly: bool) -> str:
+    """`24 runs of the test rig, 4 of them held out`."""
+    of = f"of the {machine_name(finding.plant)}"
+    held = len(finding.heldout_runs)
+    if not number:
+        return f"{held} held-out runs {of}"
+    start = f"{number} run{'' if number == 1 else 's'} {of}"
+    if partly:
+        return f"{start}, stretches of time held out"
+    return f"{start}, {held} of them held out" if number > 1 else start
+
+
+def next_step(finding: Finding) -> str:
+    """What to do now."""
+    if finding.next_experiment:
+        return as_sentence(f"To tell them apart: {finding.next_experiment.get('why', '')}")
+    if finding.verdict == "unexplained":
+        return _summarize_free_curve(finding)
+    if finding.verdict == "no_gap":
+        return "Nothing: drive faster, heavier or longer to look for effects that these runs do not wake."
+    return f"Use the new model.{_summarize_remainder(finding)}"
+
+
+def format_separation(finding: Finding) -> str:
+    """Which names the next experiment parts: `It parts rail_coulomb from rolling_resistance.`"""
+    names = [str(name) for name in (finding.next_experiment or {}).get("separates") or ()]
+    leader = next((effect_label(e) for e in finding.effects if e.indistinguishable_from), None)
+    others = [name for name in names if leader is None or name not in (leader, leader.partition(" ")[0])]
+    if not others:
+        return "It parts none of them for certain."
+    return (
+        f"It parts {join_words(others)}."
+        if leader is None
+        else f"It parts {leader} from {join_words(others)}."
+    )
+
+
+def _summarize_remainder(finding: Finding) -> str:
+    channel = main_channel(finding)
+    if channel is None:
+        return ""
+    after, noise = finding.heldout[channel].after, finding.noise.get(channel)
+    if after is None or not noise:
+        return ""
+    left = f" In the {finding.channels[channel][1]} {format_in_noise(after / noise)} is left"
+    return f"{left}; no further effect in the library gains enough to be named."
+
+
+def _summarize_free_curve(finding: Finding) -> str:
+    if not finding.flexible:
+        return "No effect in the library explains it."
+    variable, share = max(finding.flexible.items(), key=lambda item: item[1])
+    return (
+        f"No effect in the library explains it, but a free curve over {variable_words(variable)} takes "
+        f"{format_percent(share)} of the remaining held-out mismatch away: look for what depends on it."
+    )

@@ -1,0 +1,194 @@
+"""`floors.toml` and `identification.json`: what was identified, for the twin and for other programs."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import omnimj
+from omnimj.estimate.identification.records import (
+    CONFIDENCE,
+    Cell,
+    Estimate,
+    Identification,
+    IdentifiedFloor,
+    SteadyCurve,
+    Validation,
+)
+from omnimj.parameters import Floor
+from omnimj.parameters.floor import FLOOR_UNITS, format_floor, printable_line
+from omnimj.recording.folder import atomic_file
+
+FLOORS_FILE, JSON_FILE = "floors.toml", "identification.json"
+_LEAST_UNCERTAINTY = 0.01
+_DIGITS = 6
+
+
+def write_floors(path: Path, identification: Identification) -> None:
+    """Writes one entry per floor in the format of `models/floors.toml`; `parameters.read_floors` reads it."""
+    with atomic_file(path) as temporary:
+        temporary.write_text(floors_text(identification), encoding="utf-8", newline="\n")
+
+
+def floors_text(identification: Identification) -> str:
+    """The content of `floors.toml`.
+
+    `uncertainty` is the relative half-width of the curve's band, since that is what the runs determine.
+    """
+    head = (
+        f"# Floors identified from {printable_line(str(identification.dataset))} by omnimj "
+        f"{omnimj.__version__}."
+    )
+    entries = [format_floor(_as_floor(floor), floor.undetermined) for floor in identification.floors]
+    return "\n".join([f"{head}\n{FLOOR_UNITS} Intervals in {JSON_FILE}.\n", *entries])
+
+
+def _as_floor(floor: IdentifiedFloor) -> Floor:
+    low, high = floor.curve.covered
+    settled = f"slip {low:.3g} to {high:.3g} m/s" if math.isfinite(low) else "no settled slip"
+    source = f"identified: {len(floor.runs)} runs, {settled}"
+    words = floor.floor.replace("_", " ")
+    return Floor(floor.floor, words, "lugre", source, floor.numbers, _uncertainty(floor.curve))
+
+
+def write_identification(path: Path, told: dict[str, Any]) -> None:
+    """Writes `identification.json`."""
+    with atomic_file(path) as temporary:
+        temporary.write_text(json.dumps(told, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def identification_content(identification: Identification, command: str = "") -> dict[str, Any]:
+    """The content of `identification.json`; open ends of intervals and what is not a number are null."""
+    return {
+        "dataset": str(identification.dataset),
+        "model": str(identification.model),
+        "omnimj": omnimj.__version__,
+        "command": command,
+        "confidence": CONFIDENCE,
+        "interrupted": identification.interrupted,
+        "notes": list(identification.notes),
+        "floors": {floor.floor: _floor(floor) for floor in identification.floors},
+    }
+
+
+def _floor(floor: IdentifiedFloor) -> dict[str, Any]:
+    curve = floor.curve
+    return {
+        "law": "lugre",
+        "parameters": {e.name: _estimate(e) for e in floor.estimates},
+        "undetermined": list(floor.undetermined),
+        "directions": [
+            {"weights": dict(d.weights), "relative_spread": _number(d.relative_spread)}
+            for d in floor.directions
+        ],
+        "slip_range": [_number(end) for end in curve.covered],
+        "curve": _curve(curve),
+        "rms": {name: _number(value) for name, value in floor.rms.items()},
+        "runs": list(floor.runs),
+        "left_out": list(floor.left_out),
+        "masses": list(floor.masses),
+        "radius_scale": _number(floor.radius_scale),
+        "samples": floor.samples,
+        "effective_samples": _number(floor.effective_samples),
+        "clusters": floor.clusters,
+    }
+
+
+def _curve(curve: SteadyCurve) -> dict[str, Any]:
+    """The curve over the covered slip; all of it where nothing is covered."""
+    low = curve.covered[0]
+    within = curve.slip >= low if math.isfinite(low) else curve.slip > 0.0
+    columns = {
+        "slip": curve.slip,
+        "traction_ratio": curve.ratio,
+        "low": curve.low,
+        "high": curve.high,
+        "level": curve.level,
+        "level_low": curve.level_low,
+        "level_high": curve.level_high,
+    }
+    return {name: _numbers(values[within]) for name, values in columns.items()}
+
+
+def _estimate(estimate: Estimate) -> dict[str, Any]:
+    low, high = (None if end is None else _number(end) for end in (estimate.low, estimate.high))
+    return {"value": _number(estimate.value), "low": low, "high": high, "unit": estimate.unit}
+
+
+def _number(value: float) -> float | None:
+    return float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None
+
+
+def _numbers(values: np.ndarray) -> list[float | None]:
+    return [_number(value) for value in values.tolist()]
+
+
+def _uncertainty(curve: SteadyCurve) -> float:
+    low = curve.covered[0]
+    within = curve.slip >= low if math.isfinite(low) else np.ones(len(curve.slip), dtype=bool)
+    half = np.max(((curve.high - curve.low) / (2.0 * curve.ratio))[within])
+    return min(max(math.ceil(1000.0 * half) / 1000.0, _LEAST_UNCERTAINTY), 1.0)
+
+
+# `validation.json`: the table and the runs behind it.
+
+
+def write_validation(path: Path, told: dict[str, Any]) -> None:
+    """Writes `validation.json`."""
+    with atomic_file(path) as temporary:
+        temporary.write_text(json.dumps(told, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def validation_content(validation: Validation, command: str = "") -> dict[str, Any]:
+    """The content of `validation.json`; all errors in m/s and rad/s, null where nothing was measured."""
+    return {
+        "dataset": str(validation.dataset),
+        "model": str(validation.model),
+        "effects": list(validation.effects),
+        "omnimj": omnimj.__version__,
+        "command": command,
+        "interrupted": validation.interrupted,
+        "notes": list(validation.notes),
+        "plants": list(validation.plants),
+        "mean": {plant: _validation_file_number(validation.mean(plant)) for plant in validation.plants},
+        "table": [_cell(cell) for cell in validation.cells],
+        "runs": [
+            {
+                "run": run.run,
+                "plant": run.plant,
+                "floor": run.floor,
+                "mass": run.mass,
+                "lateral_speed": _validation_file_number(run.lateral_speed),
+                "current": _validation_file_number(run.current),
+                "carriage_speed_rms": _validation_file_number(run.carriage_rms),
+                "wheel_speed_rms": _validation_file_number(run.wheel_rms),
+            }
+            for run in validation.runs
+        ],
+    }
+
+
+def _cell(cell: Cell) -> dict[str, Any]:
+    told: dict[str, Any] = {
+        "floor": cell.floor,
+        "mass": cell.mass,
+        "lateral_speed": cell.lateral_speed,
+        "current": cell.current,
+        "runs": list(cell.runs),
+        "carriage_speed_rms": {plant: _validation_file_number(value) for plant, value in cell.rms.items()},
+        "wheel_speed_rms": {plant: _validation_file_number(value) for plant, value in cell.wheel_rms.items()},
+        "published": None,
+    }
+    if len(cell.published) == 1:
+        told["published"] = {"table_4_2": cell.published[0]}
+    elif cell.published:
+        told["published"] = {"table_4_3": cell.published[0], "table_4_4": cell.published[1]}
+    return told
+
+
+def _validation_file_number(value: float) -> float | None:
+    return float(f"{value:.6g}") if math.isfinite(value) else None

@@ -1,0 +1,276 @@
+"""All runs of one floor as one least-squares problem: output error with a wheel that turns as measured.
+
+Unknown are the logarithms of the six LuGre parameters and of the rolling radius, common to all runs, and per
+run a small deviation of that radius and the accelerometer's bias. Residuals are block means, whitened by an
+autoregression. Simulated is the carriage alone, pulled by the measured wheel speed: its own speed closes the
+slip, so the noise of two speeds never meets in a regressor, and motor and gear are not needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from omnimj.estimate.identification.runs import CarriageRun, floor_row
+from omnimj.physics import carriage
+from omnimj.signals import Array
+
+SHARED = 7
+"""ln of μ_c, μ_s, V_s, σ0, σ1, σ2 and of the radius scale."""
+MU_C, MU_S, V_S, SIGMA_0, SIGMA_1, SIGMA_2, RADIUS_SCALE = range(SHARED)
+
+# weak expectations: centre and spread of ln μ_c, ln μ_s/μ_c, ln V_s, ln σ0, ln σ1, ln σ2 and ln of
+# the radius scale; they only keep what the runs leave open near what is usual
+_CENTRE = np.array([np.log(0.1), 0.0, np.log(0.1), np.log(30.0), np.log(0.3), np.log(2.5), 0.0])
+_SPREAD = np.array([1.0, 0.5, 2.0, 2.0, 2.0, 1.5, 3e-3])
+_SHAPE = np.eye(SHARED)
+_SHAPE[MU_S, MU_C] = -1.0
+
+RADIUS_SPREAD = 2e-4
+"""Standard deviation of one run's rolling radius about the common one: how rollers load and lie."""
+LAGS = 2
+"""Order of the autoregression of the residuals."""
+_STEP, _RADIUS_STEP = 1e-4, 1e-5
+_FIRST_SIGMA = (1e-3, 0.06)  # [m/s, m/s²] of a block mean, until the residuals say it
+
+
+@dataclass(frozen=True)
+class Whitening:
+    """Noise of the block means: scale and autoregression of each channel."""
+
+    sigma: tuple[float, float]
+    """Of the innovations: speed [m/s], acceleration [m/s²]."""
+    lags: Array
+    """Coefficients, shape (2, LAGS)."""
+
+    def __call__(self, residual: Array, channel: int) -> Array:
+        """Whitened residual; missing ones come as 0."""
+        white = residual.copy()
+        for lag, share in enumerate(self.lags[channel], start=1):
+            white[lag:] -= share * residual[:-lag]
+        return white / self.sigma[channel]
+
+
+FIRST_WHITENING = Whitening(_FIRST_SIGMA, np.zeros((2, LAGS)))
+
+
+@dataclass(frozen=True)
+class RunJacobian:
+    """Derivatives of one run's residuals."""
+
+    shared: Array
+    """Shape (n, SHARED)."""
+    own: Array
+    """By the run's own radius, shape (n,)."""
+
+    def without_own(self) -> Array:
+        """`shared` with what the run's own radius can do taken out, shape (n, SHARED)."""
+        return self.shared - np.outer(self.own, self.own @ self.shared) / (self.own @ self.own)
+
+
+@dataclass(frozen=True)
+class FloorProblem:
+    """The runs of one floor and the noise of their residuals."""
+
+    runs: tuple[CarriageRun, ...]
+    bias_spread: float
+    """Standard deviation of the accelerometer's bias [m/s²]."""
+    whitening: Whitening = FIRST_WHITENING
+
+    def simulated(self, shared: Array, own: Array) -> list[Array]:
+        """Block means of every run, shape (m, carriage.BLOCK) each."""
+        row = floor_row(np.exp(shared[:RADIUS_SCALE]))
+        return [
+            run.pull(row, float(np.exp(shared[RADIUS_SCALE] + off)))
+            for run, off in zip(self.runs, own, strict=True)
+        ]
+
+    def residuals(self, shared: Array, own: Array) -> list[Array]:
+        """Whitened residuals of every run, its own radius and bias among them."""
+        return [
+            self._whitened(run, blocks, off)
+            for run, blocks, off in zip(self.runs, self.simulated(shared, own), own, strict=True)
+        ]
+
+    def _whitened(self, run: CarriageRun, blocks: Array, off: float) -> Array:
+        good = np.isfinite(run.measured)
+        with np.errstate(invalid="ignore"):
+            raw = np.where(good, blocks[:, : carriage.SLIP] - run.measured, 0.0)
+        speed = self.whitening(raw[:, 0], 0)[good[:, 0]]
+        felt = self.whitening(raw[:, 1], 1)[good[:, 1]]
+        ones = self.whitening(good[:, 1].astype(float), 1)[good[:, 1]]
+        bias = (ones @ felt) / (ones @ ones + self.bias_spread**-2)
+        return np.concatenate((speed, felt - ones * bias, [bias / self.bias_spread, off / RADIUS_SPREAD]))
+
+    def jacobians(self, shared: Array, own: Array) -> list[RunJacobian]:
+        """Central differences of `residuals`."""
+        columns = []
+        for k in range(SHARED):
+            step = np.zeros(SHARED)
+            step[k] = _STEP if k != RADIUS_SCALE else _RADIUS_STEP
+            high, low = self.residuals(shared + step, own), self.residuals(shared - step, own)
+            columns.append([(h - s) / (2.0 * step[k]) for h, s in zip(high, low, strict=True)])
+        high, low = (self.residuals(shared, own + sign * _RADIUS_STEP) for sign in (1.0, -1.0))
+        by_own = [(h - s) / (2.0 * _RADIUS_STEP) for h, s in zip(high, low, strict=True)]
+        return [
+            RunJacobian(np.stack([column[k] for column in columns], axis=1), by_own[k])
+            for k in range(len(self.runs))
+        ]
+
+    def with_whitening_of(self, shared: Array, own: Array) -> FloorProblem:
+        """The same problem with the noise that the residuals of a fit show."""
+        errors: tuple[list[Array], list[Array]] = ([], [])
+        for run, blocks in zip(self.runs, self.simulated(shared, own), strict=True):
+            for channel, found in enumerate(errors):
+                error = blocks[:, channel] - run.measured[:, channel]
+                counted = np.isfinite(error)
+                mean = error[counted].mean() if channel and counted.any() else 0.0
+                found.append(error - mean)
+        shapes = [_autoregression(found) for found in errors]
+        return replace(
+            self,
+            whitening=Whitening(
+                (shapes[0][0], shapes[1][0]), np.array([coefficients for _, coefficients in shapes])
+            ),
+        )
+
+
+def prior_residuals(shared: Array) -> Array:
+    """Residuals of the weak expectations, shape (SHARED,)."""
+    return (_SHAPE @ shared - _CENTRE) / _SPREAD
+
+
+PRIOR_JACOBIAN: Array = _SHAPE / _SPREAD[:, None]
+"""Derivative of `prior_residuals`, shape (SHARED, SHARED)."""
+
+
+def _autoregression(errors: Sequence[Array]) -> tuple[float, Array]:
+    """Scale of the innovations and coefficients, from the runs' pooled autocovariance (Yule and Walker)."""
+    moments = np.zeros(LAGS + 1)
+    for lag in range(LAGS + 1):
+        products = np.concatenate([e[lag:] * e[: len(e) - lag] for e in errors])
+        products = products[np.isfinite(products)]
+        moments[lag] = products.mean() if len(products) else 0.0
+    if moments[0] <= 0.0:
+        return _FIRST_SIGMA[0], np.zeros(LAGS)
+    table = moments[np.abs(np.subtract.outer(np.arange(LAGS), np.arange(LAGS)))]
+    lags = np.linalg.solve(table + 1e-9 * moments[0] * np.eye(LAGS), moments[1:])
+    return float(np.sqrt(max(moments[0] - lags @ moments[1:], 1e-6 * moments[0]))), lags
+
+
+# Levenberg-Marquardt for one floor; each run's own radius is eliminated and costs one more column.
+
+_LONGEST = 1.0  # step in a logarithm
+_MOST_ROUNDS = 40
+_FEW_ROUNDS = 8  # on a walk, where the next fit begins at the last one's end
+_SETTLED = 1e-6  # relative change of the cost
+_FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-2, 1e-9, 1e8
+_STARTS = (3e-3, 0.05, 0.5)  # [m/s] of V_s: the cost has more than one valley along it
+
+
+@dataclass(frozen=True)
+class FloorFit:
+    """Where a fit ended."""
+
+    problem: FloorProblem
+    shared: Array
+    """Shape (SHARED,)."""
+    own: Array
+    """Each run's deviation of the radius, shape (runs,)."""
+    residuals: tuple[Array, ...]
+    cost: float
+    """Σ of squares, expectations included."""
+
+    @property
+    def data_cost(self) -> float:
+        """Σ of squares of the runs alone."""
+        return float(sum(r @ r for r in self.residuals))
+
+
+def solve_floor(
+    problem: FloorProblem,
+    start: Array,
+    own: Array | None = None,
+    basis: Array | None = None,
+    rounds: int = _MOST_ROUNDS,
+) -> FloorFit:
+    """Fits from one start.
+
+    Args:
+      problem: The runs.
+      start: Shape (SHARED,).
+      own: Deviations of the radius to start from, shape (runs,); zero when None.
+      basis: Directions along which the shared unknowns may move, shape (SHARED, p); all when None.
+      rounds: Steps at most.
+    """
+    basis = np.eye(SHARED) if basis is None else basis
+    fit = _at(problem, start, np.zeros(len(problem.runs)) if own is None else own)
+    damping = _FIRST_DAMPING
+    for _ in range(rounds):
+        jacobians = problem.jacobians(fit.shared, fit.own)
+        before = fit.cost
+        while damping < _MOST_DAMPING:
+            shared, own = _step(fit, jacobians, basis, damping)
+            tried = _at(problem, shared, own)
+            if tried.cost < before:
+                fit, damping = tried, max(damping / 5.0, _LEAST_DAMPING)
+                break
+            damping *= 4.0
+        if before - fit.cost < _SETTLED * before:
+            break
+    return fit
+
+
+def solve_multistart(problem: FloorProblem, start: Array) -> FloorFit:
+    """The best fit out of several starts in V_s."""
+    fits = []
+    for speed in _STARTS:
+        begin = start.copy()
+        begin[V_S] = np.log(speed)
+        fits.append(solve_floor(problem, begin))
+    return min(fits, key=lambda fit: fit.cost)
+
+
+def solve_without_stribeck(fit: FloorFit) -> FloorFit:
+    """The fit with μ_s = μ_c, V_s without effect."""
+    start = fit.shared.copy()
+    start[MU_S] = start[MU_C]
+    basis = np.delete(np.eye(SHARED), (MU_S, V_S), axis=1)
+    basis[MU_S, MU_C] = 1.0
+    return solve_floor(fit.problem, start, fit.own, basis)
+
+
+def solve_with_fixed(fit: FloorFit, index: int, value: float, start: FloorFit) -> FloorFit:
+    """The fit with one of the shared unknowns held at a value, from where another one ended."""
+    shared = start.shared.copy()
+    shared[index] = value
+    basis = np.delete(np.eye(SHARED), index, axis=1)
+    return solve_floor(fit.problem, shared, start.own, basis, _FEW_ROUNDS)
+
+
+def _at(problem: FloorProblem, shared: Array, own: Array) -> FloorFit:
+    residuals = tuple(problem.residuals(shared, own))
+    away = prior_residuals(shared)
+    cost = float(sum(r @ r for r in residuals) + away @ away)
+    return FloorFit(problem, shared, own, residuals, cost if np.isfinite(cost) else np.inf)
+
+
+def _step(
+    fit: FloorFit, jacobians: Sequence[RunJacobian], basis: Array, damping: float
+) -> tuple[Array, Array]:
+    prior = PRIOR_JACOBIAN @ basis
+    normal, gradient = prior.T @ prior, prior.T @ prior_residuals(fit.shared)
+    normal += damping * np.diag(np.diag(normal))
+    kept = []
+    for jacobian, residual in zip(jacobians, fit.residuals, strict=True):
+        shared, own = jacobian.shared @ basis, jacobian.own
+        weight, mixed, own_gradient = (1.0 + damping) * (own @ own), shared.T @ own, own @ residual
+        normal += shared.T @ shared - np.outer(mixed, mixed) / weight
+        normal += damping * np.diag((shared * shared).sum(axis=0))
+        gradient += shared.T @ residual - mixed * own_gradient / weight
+        kept.append((mixed, weight, own_gradient))
+    step = np.clip(-np.linalg.solve(normal, gradient), -_LONGEST, _LONGEST)
+    own_step = [-(slope + mixed @ step) / weight for mixed, weight, slope in kept]
+    return fit.shared + basis @ step, fit.own + np.array(own_step)

@@ -1,0 +1,263 @@
+"""A measured rig run on an even time grid, with what must not be fitted left out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+from scipy.signal import lfilter
+
+from omnimj.parameters import Rig
+from omnimj.parameters.floor import LUGRE
+from omnimj.physics import carriage
+from omnimj.physics.planar import GRAVITY
+from omnimj.physics.rig import lateral_force, rail_friction, rig_row
+from omnimj.recording.dataset import Run
+from omnimj.signals import Array
+
+AT_REST = 5e-3
+"""A carriage slower than this stands [m/s]."""
+_TURNING = 3.0  # [rad/s] mean of a wheel that does not start from rest
+_LATERAL_REST = 0.01  # [m/s] below it the gantry stands and its speed has no sign
+_STEP = 1.5  # × median time step: farther apart, what lies between two samples is not measured
+_BEGIN = 0.02  # [s] that say how a run begins
+_GRID = 1e-3  # × period: a clock that keeps the grid this well needs no interpolation
+
+
+@dataclass(frozen=True)
+class RigRun:
+    """One run at a constant period; arrays have shape (k,)."""
+
+    name: str
+    condition: str
+    """What repeats share."""
+    floor: str
+    mass: float
+    """m_T [kg]."""
+    lateral_speed: float
+    """Mean of the gantry's speed, 0 when it stands [m/s]."""
+    period: float
+    """[s]"""
+    time: Array
+    """From 0 on [s]."""
+    current: Array
+    """[A]"""
+    wheel_speed: Array
+    """[rad/s]"""
+    carriage_speed: Array
+    """[m/s]"""
+    carriage_acceleration: Array
+    """[m/s²]"""
+    measured: NDArray[np.bool_]
+    """Where current, wheel speed, carriage speed, acceleration are measured, shape (k, 4)."""
+
+    @property
+    def starts_at_rest(self) -> bool:
+        """Whether carriage and wheel stand at the first samples."""
+        first = max(1, round(_BEGIN / self.period))
+        turning = abs(self.wheel_speed[:first].mean()) > _TURNING
+        return bool(abs(self.carriage_speed[:first].mean()) < 4.0 * AT_REST and not turning)
+
+    @property
+    def nominal_current(self) -> float:
+        """The set value of a constant-current run: the 90 % quantile of |i| with the sign of its mean [A]."""
+        return float(np.copysign(np.quantile(np.abs(self.current), 0.9), self.current.mean()))
+
+
+def rig_run(run: Run, period: float) -> RigRun:
+    """A run of a dataset on an even grid.
+
+    Masked samples are bridged by straight lines, so that an input has no holes, and marked as not measured.
+
+    Args:
+      run: With columns of the rig, `floor` and `mass` among its conditions.
+      period: Of the grid [s].
+    """
+    time = run.time - run.time[0]
+    count = int(np.floor(time[-1] / period + 1e-6)) + 1
+    grid = period * np.arange(count, dtype=np.float64)
+    names = ("current", "wheel_speed", "carriage_speed", "carriage_acceleration")
+    columns, measured = {}, np.empty((count, len(names)), dtype=bool)
+    for c, name in enumerate(names):
+        columns[name], measured[:, c] = _on_grid(time, run.columns[name], run.masked.get(name), grid, period)
+    lateral = float(np.mean(run.columns["lateral_speed"])) if "lateral_speed" in run.columns else 0.0
+    return RigRun(
+        name=run.name,
+        condition=run.condition,
+        floor=str(run.conditions["floor"]),
+        mass=float(run.conditions["mass"]),
+        lateral_speed=lateral if abs(lateral) > _LATERAL_REST else 0.0,
+        period=period,
+        time=grid,
+        measured=measured,
+        **columns,
+    )
+
+
+def _on_grid(
+    time: Array, values: Array, masked: NDArray[np.bool_] | None, grid: Array, period: float
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Values on the grid, and where they lie beside measured samples."""
+    good = np.isfinite(values) if masked is None else np.isfinite(values) & ~masked
+    if not good.any():
+        return np.zeros(len(grid)), np.zeros(len(grid), dtype=bool)
+    if len(time) >= len(grid) and np.abs(time[: len(grid)] - grid).max() < _GRID * period:
+        time = time.copy()
+        time[: len(grid)] = grid
+    known, step = time[good], np.median(np.diff(time))
+    right = np.clip(np.searchsorted(known, grid), 0, len(known) - 1)
+    left = np.clip(np.searchsorted(known, grid, side="right") - 1, 0, len(known) - 1)
+    return np.interp(grid, known, values[good]), known[right] - known[left] <= _STEP * step
+
+
+def longest_stretches(measured: NDArray[np.bool_], least: int) -> list[tuple[int, int]]:
+    """Stretches of at least `least` samples that are not measured, as first and past-the-last sample."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], ~measured, [False])).astype(int)))
+    return [(a, b) for a, b in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True) if b - a >= least]
+
+
+# One run as the fit sees it: numbers for the kernel, measured block means, what counts.
+
+BLOCK = 0.01
+"""Length of a block [s]: a roller passes in about this time at top speed."""
+_DEAD_BANDS = 2.0  # × the encoder's dead band that the carriage must travel before its speed is believed
+_WINDOW = 0.05  # [s] over which slip is compared with its own ripple
+_CLEAR = 2.0  # × its ripple that slip must be
+_LOST = 0.02  # [s] without wheel speed: what follows is not known well …
+_FINDS_BACK = 0.2  # … for this long [s], several times the bristle's and the carriage's time constants
+
+
+@dataclass(frozen=True)
+class CarriageRun:
+    """A run for `physics.simulate_carriage`."""
+
+    run: RigRun
+    row: Array
+    """Shape (PULL_ROW,)."""
+    wheel_speed: Array
+    """Cut to whole blocks, shape (k,) [rad/s]."""
+    use: Array
+    """Shape (k, 2): samples that count for speed and acceleration."""
+    per_block: int
+    decay: float
+    """Of the accelerometer's bandwidth over one sample."""
+    measured: Array
+    """Block means of speed and acceleration, NaN where nothing counts, shape (m, 2)."""
+
+    @property
+    def blocks(self) -> int:
+        """How many block means count."""
+        return int(np.isfinite(self.measured).sum())
+
+    @property
+    def time(self) -> Array:
+        """Block centres [s]."""
+        width = self.per_block * self.run.period
+        return width * (np.arange(len(self.measured), dtype=np.float64) + 0.5)
+
+    def pull(self, floor_row: Array, radius_scale: float) -> Array:
+        """Block means of speed, acceleration, slip, F/F_N for a floor, shape (m, carriage.BLOCK)."""
+        row = self.row.copy()
+        row[carriage.RADIUS] *= radius_scale
+        blocks = np.empty((len(self.measured), carriage.BLOCK))
+        h, per_block = self.run.period, self.per_block
+        carriage.simulate_carriage(
+            row, floor_row, self.wheel_speed, h, self.decay, per_block, self.use, blocks
+        )
+        return blocks
+
+    def with_known(
+        self, rail_friction_added: float = 0.0, mass_added: float = 0.0, wheel_late: float = 0.0
+    ) -> CarriageRun:
+        """The same run with other numbers for what is taken as known; `wheel_late` in seconds."""
+        row = self.row.copy()
+        row[carriage.DRY] += rail_friction_added
+        row[carriage.MASS] += mass_added
+        row[carriage.DELAY] += wheel_late
+        return replace(self, row=row)
+
+
+def floor_row(numbers: Array) -> Array:
+    """A LuGre floor's row for the kernels from μ_c, μ_s, V_s, σ0, σ1, σ2."""
+    return np.concatenate(([float(LUGRE)], numbers, [math.inf]))
+
+
+def resistance(rig: Rig, mass: float, lateral_speed: float) -> tuple[float, float]:
+    """Dry and viscous resistance of the carriage, Eqs. 4.12-4.18 [N, N.s/m].
+
+    The rail's measured friction and rolling resistance; with the gantry moving the load that the rollers'
+    friction puts on the rail.
+    """
+    row = rig_row(rig, mass)
+    dry, viscous = rail_friction(row, lateral_force(row, lateral_speed))
+    return dry + rig.wheel.rolling_resistance * mass * GRAVITY, viscous
+
+
+def carriage_run(rig: Rig, run: RigRun) -> CarriageRun:
+    """Prepares a run: cuts it into blocks and leaves out what the sensors cannot have seen."""
+    h = run.period
+    per_block = max(1, round(BLOCK / h))
+    count = len(run.time) // per_block * per_block
+    dry, viscous = resistance(rig, run.mass, run.lateral_speed)
+    first = run.carriage_speed[: max(1, round(BLOCK / h))].mean()
+    start = 0.0 if run.starts_at_rest else float(first)
+    use = _usable(rig, run)[:count].astype(float)
+    # the speeds are late by their filter, the acceleration by its bandwidth: both get both
+    lag = math.exp(-h / rig.sensors.speed_filter)
+    begin = [lag * run.carriage_acceleration[0]]
+    acceleration = lfilter([1.0 - lag], [1.0, -lag], run.carriage_acceleration, zi=begin)[0]
+    values = np.stack((run.carriage_speed, np.asarray(acceleration)), axis=1)[:count]
+    measured = _block_means(values, use, per_block)
+    decay = math.exp(-2.0 * math.pi * rig.sensors.accelerometer_bandwidth * h)
+    row = np.array([run.mass, rig.wheel.radius, dry, viscous, start, 0.0])
+    wheel_speed = np.ascontiguousarray(run.wheel_speed[:count])
+    return CarriageRun(run, row, wheel_speed, use, per_block, decay, measured)
+
+
+def _usable(rig: Rig, run: RigRun) -> NDArray[np.bool_]:
+    """Samples of speed and acceleration that count, shape (k, 2)."""
+    h = run.period
+    use = run.measured[:, 2:4].copy()
+    use &= (_has_travelled(rig, run) & _slips_clearly(rig, run))[:, None]
+    finds_back = round(_FINDS_BACK / h)
+    if not run.starts_at_rest:  # how far the bristle is deflected is not known
+        use[:finds_back] = False
+    for first, last in longest_stretches(run.measured[:, 1], max(2, round(_LOST / h))):
+        use[first : last + finds_back] = False
+    return use
+
+
+def _slips_clearly(rig: Rig, run: RigRun) -> NDArray[np.bool_]:
+    """Where measured slip is well above its own ripple and noise in a short window.
+
+    The bristle relaxes with |V_r|: what rollers and encoders add to a small slip does not average out in it,
+    and the speed filter hides part of it.
+    """
+    slip = rig.wheel.radius * run.wheel_speed - run.carriage_speed
+    window = max(3, round(_WINDOW / run.period))
+    mean = uniform_filter1d(slip, window, mode="nearest")
+    ripple = np.sqrt(uniform_filter1d(np.square(slip - mean), window, mode="nearest").clip(0.0))
+    return np.abs(mean) > _CLEAR * ripple
+
+
+def _has_travelled(rig: Rig, run: RigRun) -> NDArray[np.bool_]:
+    """Whether the carriage has left the dead band of its encoder since it last stood or turned back."""
+    s = rig.sensors
+    least = _DEAD_BANDS * s.encoder_hysteresis * s.carriage_encoder_radius
+    moving = np.where(np.abs(run.carriage_speed) > AT_REST, np.sign(run.carriage_speed), 0.0)
+    way = np.cumsum(np.abs(run.carriage_speed)) * run.period
+    begins = np.concatenate(([True], moving[1:] != moving[:-1])) | (moving == 0.0)
+    since = np.maximum.accumulate(np.where(begins, way, 0.0))
+    return way - since >= least
+
+
+def _block_means(values: Array, use: Array, per_block: int) -> Array:
+    """Means of the samples that count; NaN where fewer than half do."""
+    shape = (-1, per_block, values.shape[1])
+    counted = use.reshape(shape).sum(axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        means = (values * use).reshape(shape).sum(axis=1) / counted
+    return np.where(counted >= 0.5 * per_block, means, np.nan)

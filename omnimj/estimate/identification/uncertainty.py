@@ -1,0 +1,292 @@
+"""How sure a fit is: conditions left out, what is taken as known in doubt, walks along one parameter.
+
+The spread of the unknowns is the jackknife over whole conditions (repeats together), so that noise of any
+colour inside a run counts as what it is. What the problem takes as known (mass, rail friction, timing) adds
+to it. The friction levels, and any parameter with a wide interval, are walked along instead: held at value
+after value, all others fitted again.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+from omnimj.estimate.identification.curve import slope, stribeck
+from omnimj.estimate.identification.floor_fit import (
+    PRIOR_JACOBIAN,
+    RADIUS_SCALE,
+    V_S,
+    FloorFit,
+    FloorProblem,
+    RunJacobian,
+    solve_with_fixed,
+    solve_without_stribeck,
+)
+from omnimj.estimate.identification.records import CONFIDENCE, PARAMETERS, UNITS, Direction, Estimate
+from omnimj.parameters import Rig
+from omnimj.signals import Array
+
+TIMING = 5e-4
+"""Standard deviation of the time between the samples of the two speeds [s]: half a sample period."""
+
+_FEWEST_CLUSTERS = 5
+_STRETCHES = 4  # of one run, where there are too few conditions
+_WIDE = 0.25  # half-width in a logarithm beyond which a straight line is no approximation
+_NARROW = 0.02  # the same for what may be told apart badly from others: μ_c, μ_s, V_s
+_WALK = (0.2, 0.5, 1.0, 2.0, 4.0)  # steps in a logarithm away from the estimate
+FARTHEST = _WALK[-1]
+"""A parameter that may be e⁴ ≈ 55 times larger or smaller is open."""
+
+
+@dataclass(frozen=True)
+class KnownUncertainty:
+    """Standard deviations of what the fit takes as known; 0: it is known."""
+
+    rail_friction: float
+    """[N]"""
+    mass: float
+    """And with it of the normal force [kg]."""
+    timing: float = TIMING
+
+
+def known_uncertainty(rig: Rig) -> KnownUncertainty:
+    """From the uncertainties that the model states: half-widths of boxes, hence over √3."""
+
+    def stated(name: str) -> float:
+        origin = rig.provenance.get(name)
+        return 0.0 if origin is None else origin.uncertainty / math.sqrt(3.0)
+
+    return KnownUncertainty(stated("rig.rail_friction"), stated("rig.masses"))
+
+
+@dataclass(frozen=True)
+class FitCovariance:
+    """Covariance of the shared unknowns; `total` says all, `naive` what white noise alone would make."""
+
+    total: Array
+    """Shape (SHARED, SHARED)."""
+    naive: Array
+    clusters: int
+    effective_samples: float
+
+    @property
+    def quantile(self) -> float:
+        """Two-sided Student quantile for the clusters."""
+        return float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, max(self.clusters - 1, 1)))
+
+    def half_width(self, direction: Array) -> Array:
+        """Half of the interval of linear combinations, rows of `direction`."""
+        return self.quantile * np.sqrt(np.einsum("ij,jk,ik->i", direction, self.total, direction))
+
+
+def fit_covariance(fit: FloorFit, known: KnownUncertainty) -> FitCovariance:
+    """Jackknife over conditions, plus what is taken as known."""
+    jacobians = fit.problem.jacobians(fit.shared, fit.own)
+    scores, normals = _per_cluster(fit, jacobians)
+    total = PRIOR_JACOBIAN.T @ PRIOR_JACOBIAN + np.sum(normals, axis=0)
+    naive = np.linalg.inv(total)
+    shifts = np.array([np.linalg.solve(total - n, s) for n, s in zip(normals, scores, strict=True)])
+    count = len(shifts)
+    jackknife = _at_least((count - 1) / count * shifts.T @ shifts, naive)
+    shifts_by_known = _shifts_by_known(fit, jacobians, naive, known)
+    samples = sum(run.blocks for run in fit.problem.runs)
+    worth = np.clip(np.trace(naive @ total) / max(np.trace(jackknife @ total), 1e-12), 0.0, 1.0)
+    return FitCovariance(
+        jackknife + shifts_by_known.T @ shifts_by_known, naive, count, float(samples * worth)
+    )
+
+
+def _at_least(covariance: Array, least: Array) -> Array:
+    """The covariance, made no smaller than another in any direction: few clusters may agree by chance."""
+    root = np.linalg.cholesky(least)
+    inverse = np.linalg.inv(root)
+    ratios, vectors = np.linalg.eigh(inverse @ covariance @ inverse.T)
+    turned = root @ vectors
+    return turned * np.maximum(ratios, 1.0) @ turned.T
+
+
+def _per_cluster(fit: FloorFit, jacobians: Sequence[RunJacobian]) -> tuple[list[Array], list[Array]]:
+    """Jᵀr and JᵀJ of every cluster."""
+    clusters: dict[object, list[tuple[Array, Array]]] = {}
+    few = len({run.run.condition for run in fit.problem.runs}) < _FEWEST_CLUSTERS
+    for run, jacobian, residual in zip(fit.problem.runs, jacobians, fit.residuals, strict=True):
+        table = jacobian.without_own()
+        if not few:
+            clusters.setdefault(run.run.condition, []).append((table, residual))
+            continue
+        speeds = int(np.isfinite(run.measured[:, 0]).sum())
+        place = np.concatenate((np.linspace(0.0, 1.0, speeds), np.linspace(0.0, 1.0, len(residual) - speeds)))
+        for k in range(_STRETCHES):
+            within = np.minimum((place * _STRETCHES).astype(int), _STRETCHES - 1) == k
+            clusters.setdefault((run.run.name, k), []).append((table[within], residual[within]))
+    scores = [np.sum([t.T @ r for t, r in parts], axis=0) for parts in clusters.values()]
+    normals = [np.sum([t.T @ t for t, _ in parts], axis=0) for parts in clusters.values()]
+    return scores, normals
+
+
+def _shifts_by_known(
+    fit: FloorFit, jacobians: Sequence[RunJacobian], naive: Array, known: KnownUncertainty
+) -> Array:
+    """How far the unknowns move when a known number is off by one standard deviation, a row for each."""
+    shifts = []
+    for change in (
+        {"rail_friction_added": known.rail_friction},
+        {"mass_added": known.mass},
+        {"wheel_late": known.timing},
+    ):
+        runs = tuple(run.with_known(**change) for run in fit.problem.runs)
+        other: FloorProblem = replace(fit.problem, runs=runs)
+        moved = other.residuals(fit.shared, fit.own)
+        pull = [
+            jacobian.without_own().T @ (after - before)
+            for jacobian, after, before in zip(jacobians, moved, fit.residuals, strict=True)
+        ]
+        shifts.append(naive @ np.sum(pull, axis=0))
+    return np.array(shifts)
+
+
+def confidence_interval(
+    fit: FloorFit, spread_: FitCovariance, index: int
+) -> tuple[float | None, float | None]:
+    """Ends of the interval of exp(unknown); an end is None where the runs do not bound it."""
+    half = float(spread_.half_width(np.eye(len(fit.shared))[index : index + 1])[0])
+    value = fit.shared[index]
+    if half < (_WIDE if index > V_S else _NARROW):
+        return float(np.exp(value - half)), float(np.exp(value + half))
+    inflated = max(1.0, spread_.total[index, index] / spread_.naive[index, index])
+    threshold = spread_.quantile**2 * inflated
+    low, high = (_profile_bound(fit, index, sign, threshold) for sign in (-1.0, 1.0))
+    return low, high
+
+
+def _profile_bound(fit: FloorFit, index: int, sign: float, threshold: float) -> float | None:
+    """Where the runs' cost has grown by the threshold, others fitted again; None when it never does."""
+    at, before, last = fit, 0.0, 0.0
+    for step in _WALK:
+        at = solve_with_fixed(fit, index, fit.shared[index] + sign * step, at)
+        rise = max(at.data_cost - fit.data_cost, 0.0)
+        if rise >= threshold:
+            share = (threshold**0.5 - last**0.5) / max(rise**0.5 - last**0.5, 1e-12)
+            return float(np.exp(fit.shared[index] + sign * (before + share * (step - before))))
+        before, last = step, max(last, rise)
+    return None
+
+
+# What the runs of a floor cannot tell, in words and as directions.
+
+_LOOSE = 0.5  # relative spread of a direction that is worth showing
+_SMALL_SHARE = 0.15  # weights below it are not worth a word
+_ROUGH = 2.0  # high over low of an interval beyond which a number is said to be rough
+_FRICTION = ("mu_c", "mu_s", "V_s")
+
+_WHY = {
+    "sigma_0": "the bristle's stiffness shows while the wheel begins to slide",
+    "sigma_1": "the bristle's damping shows in the first hundredths of a second only",
+    "sigma_2": "the runs do not slide over a wide enough range of slip",
+}
+
+
+def loose_directions(spread: FitCovariance) -> tuple[Direction, ...]:
+    """Combinations of the parameters whose spread is large, loosest first."""
+    spreads, vectors = np.linalg.eigh(spread.total[:RADIUS_SCALE, :RADIUS_SCALE])
+    found = []
+    for variance, vector in zip(spreads[::-1], vectors.T[::-1], strict=True):
+        if variance < _LOOSE**2:
+            break
+        vector = vector * np.sign(vector[np.argmax(np.abs(vector))])
+        shares = zip(PARAMETERS, vector.tolist(), strict=True)
+        weights = {name: round(share, 3) for name, share in shares if abs(share) > _SMALL_SHARE}
+        found.append(Direction(weights, float(np.sqrt(variance))))
+    return tuple(found)
+
+
+def describe_undetermined(
+    floor: str,
+    fit: FloorFit,
+    spread: FitCovariance,
+    estimates: Sequence[Estimate],
+    covered: tuple[float, float] | None,
+    shows_stribeck: bool,
+) -> tuple[str, ...]:
+    """What cannot be determined, one sentence each."""
+    by_name = {estimate.name: estimate for estimate in estimates}
+    said = []
+    if covered is None:
+        said.append(
+            f"on {floor} the wheel never slides with a settled bristle: "
+            "the steady curve is not determined, only the stiffness sigma_0 is"
+        )
+    if shows_stribeck:
+        said += _about_friction(floor, fit, spread, by_name, covered or (1e-3, 1e-2))
+    else:
+        said += _constant(floor, fit, spread, covered or (1e-3, 1e-2))
+    said += [
+        _open(floor, by_name[name], why) for name, why in _WHY.items() if not by_name[name].is_determined
+    ]
+    return tuple(said)
+
+
+def has_stribeck(fit: FloorFit, spread: FitCovariance) -> bool:
+    """Whether the runs show that g falls (or rises) with slip: μ_s = μ_c fits them significantly worse."""
+    constant = solve_without_stribeck(fit)
+    inflated = max(1.0, float(np.max(np.diag(spread.total)[:3] / np.diag(spread.naive)[:3])))
+    rise = constant.data_cost - fit.data_cost
+    return rise > float(stats.chi2.ppf(CONFIDENCE, 2)) * inflated
+
+
+def _constant(floor: str, fit: FloorFit, spread: FitCovariance, covered: tuple[float, float]) -> list[str]:
+    level = _level(fit, spread, float(np.sqrt(covered[0] * covered[1])))
+    return [
+        f"mu_s and mu_c cannot be told apart on {floor}: only their common level is determined, "
+        f"{level} at the slip of these runs",
+        f"V_s is not determined on {floor}: no fall of friction with slip shows",
+    ]
+
+
+def _about_friction(
+    floor: str,
+    fit: FloorFit,
+    spread: FitCovariance,
+    estimates: dict[str, Estimate],
+    covered: tuple[float, float],
+) -> list[str]:
+    low, high = covered
+    loose = [name for name in _FRICTION if not _is_firm(estimates[name])]
+    if not loose:
+        return []
+    names = f"{', '.join(loose[:-1])} and {loose[-1]}" if len(loose) > 1 else loose[0]
+    verb = "are not determined one by one" if len(loose) > 1 else "is determined roughly at best"
+    return [
+        f"{names} {verb} on {floor}: well determined is the friction level g only, "
+        f"{_level(fit, spread, low)} at {1000 * low:.3g} mm/s and {_level(fit, spread, high)} at "
+        f"{1000 * high:.3g} mm/s of slip"
+    ]
+
+
+def _is_firm(estimate: Estimate) -> bool:
+    if estimate.low is None or estimate.high is None:
+        return False
+    return estimate.high < _ROUGH * estimate.low
+
+
+def _level(fit: FloorFit, spread: FitCovariance, slip: float) -> str:
+    """`0.1203 ± 0.0010`: g at a slip with its interval."""
+    at = np.array([slip])
+    half = float(spread.half_width(slope(stribeck, fit.shared, at))[0])
+    return f"{float(stribeck(fit.shared, at)[0]):.4f} ± {half:.4f}"
+
+
+def _open(floor: str, estimate: Estimate, why: str) -> str:
+    unit = UNITS[estimate.name]
+    if estimate.low is None and estimate.high is None:
+        return f"{estimate.name} is not determined on {floor}: {why}"
+    bound = (
+        f"is at least {estimate.low:.3g} {unit}"
+        if estimate.low is not None
+        else f"is at most {estimate.high:.3g} {unit}"
+    )
+    return f"{estimate.name} {bound} on {floor}, the other end is open: {why}"

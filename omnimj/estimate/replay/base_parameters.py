@@ -1,0 +1,111 @@
+"""A machine's parameters declared uncertain: constants, floors, mass, and the small lags of its channels."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Generic, TypeVar
+
+from omnimj.estimate.replay.interface import BaseParameter
+from omnimj.parameters import Floor, Rig, Robot
+from omnimj.signals import Array
+
+_LAG = 0.004  # [s] by which a channel may be late or early before it is called a delay
+# [s] the same for the current, which drives the replay, and for its set value, which may lead by a sample
+_DRIVE_LAGS = {"current": 0.001, "current_target": 0.002}
+FLOOR_SCALES = {"mu_c": ("mu_c", "mu_s", "D"), "sigma_0": ("sigma_0", "B"), "sigma_2": ("sigma_2",)}
+"""What is scaled together."""
+
+
+Machine = TypeVar("Machine", Rig, Robot)
+
+
+@dataclass(frozen=True)
+class AdjustedMachine(Generic[Machine]):
+    """A machine with the values of its uncertain parameters."""
+
+    machine: Machine
+    floors: dict[str, Floor]
+    lags: dict[str, float]
+    """Channel → lateness [s]."""
+    mass_scale: float
+    """True over declared mass of the runs; 1 where the machine's own mass is the parameter."""
+
+
+def base_parameters(
+    machine: Rig | Robot, floors: Mapping[str, Floor], used: Sequence[str], channels: Sequence[str]
+) -> tuple[BaseParameter, ...]:
+    """Every quantity with an uncertainty, the floors in use, the channels' lags.
+
+    Args:
+      machine: The model.
+      floors: Floors by name.
+      used: Names of the floors that the runs were driven on.
+      channels: Names of the channels that have a lag.
+    """
+    found = []
+    for name, origin in machine.provenance.items():
+        table, _, key = name.partition(".")
+        if origin.uncertainty <= 0.0 or table == "effects" or not hasattr(machine, table):
+            continue
+        value, half = getattr(getattr(machine, table), key), origin.uncertainty
+        if name == "rig.masses":
+            found.append(_scale("mass.scale", half / value[0], "mass over what the runs say"))
+        elif isinstance(value, float):
+            low = max(value - half, 0.0) if value >= 0.0 else value - half
+            found.append(BaseParameter(name, origin.unit, value, low, value + half))
+    for floor in dict.fromkeys(used):
+        half = floors[floor].uncertainty
+        for letter, together in FLOOR_SCALES.items():
+            if half > 0.0 and any(key in floors[floor].numbers for key in together):
+                found.append(_scale(f"{floor}.{letter}", half, f"{letter} over that of {floor}"))
+    found += [BaseParameter(f"{name}.lag", "s", 0.0, -_LAG, _LAG, f"lateness of {name}") for name in channels]
+    return tuple(found)
+
+
+def _scale(name: str, half: float, words: str) -> BaseParameter:
+    return BaseParameter(name, "1", 1.0, 1.0 - half, 1.0 + half, words)
+
+
+def adjust_machine(
+    machine: Machine, floors: Mapping[str, Floor], base: Sequence[BaseParameter], values: Array
+) -> AdjustedMachine[Machine]:
+    """The machine with other values of its uncertain parameters."""
+    tables: dict[str, dict[str, float]] = {}
+    scales: dict[str, dict[str, float]] = {}
+    lags: dict[str, float] = {}
+    mass_scale = 1.0
+    for parameter, number in zip(base, values, strict=True):
+        table, _, key = parameter.name.rpartition(".")
+        value = float(number)
+        if key == "lag":
+            lags[table] = value
+        elif parameter.name == "mass.scale":
+            mass_scale = value
+        elif table in floors:
+            scales.setdefault(table, {})[key] = value
+        else:
+            tables.setdefault(table, {})[key] = value
+    changed = {
+        name: dataclasses.replace(getattr(machine, name), **entries) for name, entries in tables.items()
+    }
+    return AdjustedMachine(
+        dataclasses.replace(machine, **changed) if changed else machine,
+        {name: scale_floor(floor, scales.get(name, {})) for name, floor in floors.items()},
+        lags,
+        mass_scale,
+    )
+
+
+def scale_floor(floor: Floor, scales: Mapping[str, float]) -> Floor:
+    """The floor with its numbers scaled; letter of a base parameter → scale."""
+    if not scales:
+        return floor
+    numbers = dict(floor.numbers)
+    for letter, scale in scales.items():
+        for key in FLOOR_SCALES[letter]:
+            if key in numbers:
+                numbers[key] *= scale
+    return dataclasses.replace(floor, numbers=MappingProxyType(numbers))

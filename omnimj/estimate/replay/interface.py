@@ -1,0 +1,224 @@
+"""What the search for a missing effect needs to know of a plant: one `Replay` per kind of plant.
+
+A replay drives a plant's equations with the measured inputs of every run and returns block means of what the
+sensors would have said, row beside row with the measured ones. It knows nothing of how the data were made.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+
+from omnimj.effects import Effect, EffectParameter, effects_of
+from omnimj.signals import Array
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One measured quantity that is compared."""
+
+    name: str
+    unit: str
+    words: str
+    """As a person says it: `speed of the carriage`."""
+    run_offset_spread: float = 0.0
+    """Standard deviation of an offset that is drawn anew for every run (an accelerometer's bias) [unit]."""
+    equation_error: float = 0.0
+    """Standard deviation by which block means of the equations are known to miss a healthy machine [unit]."""
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A stretch of one run that is simulated in one go; a window of it where a run is long."""
+
+    run: str
+    condition: str
+    """What repeats share; data are held out by whole conditions."""
+    first: int
+    last: int
+    """Its rows of blocks: first … last − 1."""
+    time: Array
+    """Block centres, shape (last − first,) [s]."""
+
+
+@dataclass(frozen=True)
+class BaseParameter:
+    """A parameter declared uncertain: refitted inside its box before anything is called missing."""
+
+    name: str
+    unit: str
+    nominal: float
+    low: float
+    high: float
+    words: str = ""
+
+
+@dataclass(frozen=True)
+class CandidateParameter:
+    """One parameter of a candidate."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    typical: float
+    null_value: float | None
+    """Value at which the effect vanishes; None for a parameter that only shapes it (a place, a width)."""
+    trials: tuple[float, ...] = ()
+    """Values tried in the screening; one of a shape parameter each, or none."""
+
+
+@dataclass(frozen=True)
+class CandidateEffect:
+    """One effect with its selectors fixed (which channel, which wheel), as the search sees it."""
+
+    label: str
+    """`rail_viscous`, or with its selector `sensor_delay (wheel_speed)`."""
+    effect: str
+    words: str
+    parameters: tuple[CandidateParameter, ...]
+    selectors: Mapping[str, str | int] = field(default_factory=dict)
+    is_sensor: bool = False
+    """Whether it is the measurement and not the machine that would be wrong."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One set of numbers that a replay simulates."""
+
+    base: Array
+    """Values of the base parameters, shape (len(base),)."""
+    effects: Mapping[str, Array] = field(default_factory=dict)
+    """Candidate's label → values of its parameters."""
+    curve: tuple[str, Array] | None = None
+    """A free force over one variable: its name and the force at the knots, shape (KNOTS,)."""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A run that the user could make."""
+
+    name: str
+    words: str
+    run: Mapping[str, Any]
+    """The numbers of the run: current, mass, floor, …"""
+
+
+KNOTS = 8
+"""Knots of a free curve."""
+
+
+class Replay(Protocol):
+    """A plant as the search sees it; blocks are rows, channels are columns, NaN is masked."""
+
+    plant: str
+    channels: tuple[Channel, ...]
+    pieces: tuple[Segment, ...]
+    measured: Array
+    """Block means, shape (blocks, channels)."""
+    base: tuple[BaseParameter, ...]
+    candidates: tuple[CandidateEffect, ...]
+    curves: Mapping[str, float]
+    """Variables over which a free curve may be laid → a typical force [N]."""
+
+    def simulate(self, settings: Sequence[Setting]) -> list[Array]:
+        """What the sensors would have said, one array of shape (blocks, channels) per setting."""
+        ...
+
+    def twin_correction(self, setting: Setting) -> Array | None:
+        """The same from the MuJoCo twin; None where there is none."""
+        ...
+
+    def regimes(self) -> Mapping[str, tuple[str, Array]]:
+        """Variable → unit and its value in every block, shape (blocks,), from the measurement alone."""
+        ...
+
+    def candidate_experiments(self) -> tuple[Experiment, ...]:
+        """Runs that the user could make."""
+        ...
+
+    def predict(self, settings: Sequence[Setting], experiment: Experiment) -> list[Array]:
+        """Block means of the channels in such a run, one array of shape (blocks, channels) per setting."""
+        ...
+
+
+def average_blocks(values: Array, size: int) -> Array:
+    """Means of `size` consecutive samples, the rest at the end left out; NaN where any sample is NaN.
+
+    Args:
+      values: Shape (n,) or (n, channels).
+      size: Samples per block.
+    """
+    count = len(values) // size
+    return np.asarray(values[: count * size]).reshape(count, size, *values.shape[1:]).mean(axis=1)
+
+
+# Candidates of a plant from the catalogue of effects: every selector's choice is a candidate of its own.
+
+_SPEEDS = (0.02, 0.1, 0.4)  # of the range: where friction near standstill may end
+_PLACES = (0.1, 0.3, 0.5, 0.7, 0.9)
+
+
+def candidate_effects(
+    plant: str, spans: Mapping[str, tuple[float, float]], without: tuple[str, ...] = ()
+) -> tuple[CandidateEffect, ...]:
+    """Every effect of a plant as the search sees it.
+
+    Args:
+      plant: Name of the plant.
+      spans: What the runs cover: `speed` and `position` → lowest, highest; shapes are tried inside.
+      without: Labels that cannot show in these data (a channel that was not recorded).
+    """
+    forms = []
+    for effect in effects_of(plant).values():
+        choices = [[(s.name, c) for c in s.choices] for s in effect.selectors]
+        for chosen in itertools.product(*choices):
+            text = ", ".join(str(c) if n != "wheel" else f"wheel {c}" for n, c in chosen)
+            label = f"{effect.name} ({text})" if text else effect.name
+            if label not in without:
+                forms.append(_candidate(effect, label, dict(chosen), spans))
+    return tuple(forms)
+
+
+def _candidate(
+    effect: Effect, label: str, selectors: dict[str, str | int], spans: Mapping[str, tuple[float, float]]
+) -> CandidateEffect:
+    shapes = tuple(_parameter(p, spans) for p in effect.parameters)
+    return CandidateEffect(
+        label, effect.name, effect.words, shapes, selectors, is_sensor=effect.where == "sensors"
+    )
+
+
+def _parameter(p: EffectParameter, spans: Mapping[str, tuple[float, float]]) -> CandidateParameter:
+    return CandidateParameter(p.name, p.unit, p.low, p.high, p.typical, p.null_value, _trials(p, spans))
+
+
+def _trials(p: EffectParameter, spans: Mapping[str, tuple[float, float]]) -> tuple[float, ...]:
+    """Values at which a shape is tried."""
+    if p.null_value is not None:
+        return ()
+    low, high = spans.get("position", (0.0, 1.0))
+    width = max(high - low, 1e-6)
+    fast = max(abs(v) for v in spans.get("speed", (0.0, 1.0)))
+    wanted: tuple[float, ...] = (p.typical,)
+    if p.unit == "m/s":
+        wanted = tuple(share * fast for share in _SPEEDS)
+    elif p.name == "width":
+        wanted = (0.05 * width, 0.15 * width)
+    elif p.name == "start":
+        wanted = tuple(low + a * width for a in (0.0, 0.25, 0.5, 0.75))
+    elif p.name == "end":
+        wanted = tuple(low + b * width for b in (0.25, 0.5, 0.75, 1.0))
+    elif p.name == "rest_position":
+        wanted = (low, 0.5 * (low + high), high)
+    elif p.name == "position":
+        wanted = tuple(low + share * width for share in _PLACES)
+    elif p.name == "poles":
+        wanted = (1.0, 2.0, 3.0, 4.0, 6.0, 7.0, 8.0, 12.0)
+    elif p.name == "direction":
+        wanted = (0.0, 0.5, 1.0, 1.5, 2.0, 2.5, -2.5, -2.0, -1.5, -1.0, -0.5)
+    return tuple(min(max(value, p.low), p.high) for value in wanted)

@@ -1,0 +1,152 @@
+"""A replay as a least-squares problem: parameters in, whitened mismatch out.
+
+Parameters: the base, the share α of the roller-level dynamics, then those of the effects in the model.
+  prediction = equations(θ) + α [twin(θ₀) − equations(θ₀)]
+θ₀ is where the twin was last asked. With α = 1 data of the twin are met exactly there, with α = 0 data of
+the textbook's equations; α is a nuisance parameter, refitted like the base.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from omnimj.estimate.replay.interface import CandidateEffect, Replay, Setting
+from omnimj.signals import Array
+
+ModelEffects = tuple[CandidateEffect, ...]
+"""The effects that a model has."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is fitted, and on what scale."""
+
+    replay: Replay
+    noise: Array
+    """Of a block mean, shape (channels,)."""
+    offset: Array | None = None
+    """twin(θ₀) − equations(θ₀), shape (blocks, channels)."""
+    huber_scale: float = 10.0
+    """Mismatch in units of noise beyond which it counts linearly (pseudo-Huber)."""
+
+    @property
+    def has_twin_share(self) -> bool:
+        """Whether α is a parameter."""
+        return self.offset is not None
+
+    def split(
+        self, x: Array, form: ModelEffects, curve: tuple[str, Array] | None = None
+    ) -> tuple[Setting, float]:
+        """The setting that a parameter vector stands for, and α."""
+        n = len(self.replay.base)
+        share = float(x[n]) if self.has_twin_share else 0.0
+        at = n + self.has_twin_share
+        effects = {}
+        for candidate in form:
+            effects[candidate.label] = np.asarray(x[at : at + len(candidate.parameters)])
+            at += len(candidate.parameters)
+        return Setting(np.asarray(x[:n]), effects, curve), share
+
+    def bounds(self, form: ModelEffects) -> tuple[Array, Array]:
+        """Lowest and highest value of every parameter."""
+        low = [b.low for b in self.replay.base] + [0.0] * self.has_twin_share
+        high = [b.high for b in self.replay.base] + [1.0] * self.has_twin_share
+        for candidate in form:
+            low += [s.low for s in candidate.parameters]
+            high += [s.high for s in candidate.parameters]
+        return np.array(low), np.array(high)
+
+    def scales(self, form: ModelEffects) -> Array:
+        """A natural size of a change of every parameter."""
+        sizes = [max(0.5 * (b.high - b.low), 1e-12) for b in self.replay.base] + [1.0] * self.has_twin_share
+        for candidate in form:
+            for s in candidate.parameters:
+                size = abs(s.typical - (s.null_value or 0.0))
+                sizes.append(size if size > 0.0 else 0.1 * (s.high - s.low))
+        return np.array(sizes)
+
+    def start(self) -> Array:
+        """The nominal model, shape (base and α,)."""
+        return np.array([b.nominal for b in self.replay.base] + [1.0] * self.has_twin_share)
+
+    def prior(self, x: Array, form: ModelEffects) -> tuple[Array, Array]:
+        """Precision of every parameter in its scale and its distance from nominal in that scale.
+
+        A box of half-width a has the variance a²/3. It decides only what the data leave open: how much of an
+        effect is the base's own uncertainty.
+        """
+        n = len(self.replay.base)
+        precision, distance = np.zeros(len(x)), np.zeros(len(x))
+        precision[:n] = 3.0
+        nominal = np.array([b.nominal for b in self.replay.base])
+        distance[:n] = (x[:n] - nominal) / self.scales(form)[:n]
+        return precision, distance
+
+    def mismatches(
+        self,
+        xs: Sequence[Array],
+        form: ModelEffects,
+        curves: Sequence[tuple[str, Array] | None] | None = None,
+    ) -> list[Array]:
+        """Measured − predicted, one array of shape (blocks, channels) per parameter vector."""
+        curves = [None] * len(xs) if curves is None else curves
+        parts = [self.split(x, form, curve) for x, curve in zip(xs, curves, strict=True)]
+        simulated = self.replay.simulate([setting for setting, _ in parts])
+        found = []
+        for values, (_, share) in zip(simulated, parts, strict=True):
+            predicted = values if self.offset is None else values + share * self.offset
+            found.append(self.replay.measured - predicted)
+        return found
+
+    def whitened(self, mismatch: Array) -> Array:
+        """In units of noise, 0 where masked, an offset drawn anew in every run taken out as far as it may be.
+
+        A run's offset with standard deviation w leaves √(σ²/(σ² + n w²)) of the mean of n blocks.
+        """
+        r = np.nan_to_num(mismatch / self.noise)
+        for c, channel in enumerate(self.replay.channels):
+            if channel.run_offset_spread > 0.0:
+                for piece in self.replay.pieces:
+                    part = r[piece.first : piece.last, c]
+                    used = np.isfinite(mismatch[piece.first : piece.last, c])
+                    n = int(used.sum())
+                    if n:
+                        ratio = n * (channel.run_offset_spread / self.noise[c]) ** 2
+                        part[used] -= part[used].mean() * (1.0 - 1.0 / np.sqrt(1.0 + ratio))
+        return r
+
+    def residuals(
+        self,
+        xs: Sequence[Array],
+        form: ModelEffects,
+        curves: Sequence[tuple[str, Array] | None] | None = None,
+    ) -> list[Array]:
+        """Whitened mismatches, shape (blocks, channels) each."""
+        return [self.whitened(m) for m in self.mismatches(xs, form, curves)]
+
+    def losses(self, residual: Array) -> Array:
+        """Pseudo-Huber loss of every block, Σ over channels of 2 δ² (√(1 + (r/δ)²) − 1), shape (blocks,)."""
+        d = self.huber_scale
+        return (2.0 * d * d * (np.sqrt(1.0 + (residual / d) ** 2) - 1.0)).sum(axis=1)
+
+    def jacobian(self, x: Array, form: ModelEffects, columns: Sequence[int] | None = None) -> Array:
+        """d(residual)/d(parameter/scale) by differences into the box, shape (blocks × channels, columns)."""
+        low, high = self.bounds(form)
+        scales = self.scales(form)
+        columns = range(len(x)) if columns is None else columns
+        moved, steps = [x], []
+        for k in columns:
+            step = 0.02 * scales[k]
+            if x[k] + step > high[k]:
+                step = -step
+            if x[k] + step < low[k]:
+                step = max(high[k] - x[k], 1e-9 * scales[k])
+            other = x.copy()
+            other[k] += step
+            moved.append(other)
+            steps.append(step / scales[k])
+        here, *there = self.residuals(moved, form)
+        return np.stack([(r - here).ravel() / s for r, s in zip(there, steps, strict=True)], axis=1)

@@ -1,0 +1,248 @@
+"""The rig as the search sees it: equations with effects, driven by measured currents; the twin as anchor."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from omnimj.effects import RIG, AppliedEffects, ChannelEffect, apply_effects, find_effect, with_effects
+from omnimj.estimate.replay.base_parameters import AdjustedMachine, adjust_machine, base_parameters
+from omnimj.estimate.replay.interface import (
+    BaseParameter,
+    CandidateEffect,
+    Channel,
+    Experiment,
+    Setting,
+    candidate_effects,
+)
+from omnimj.estimate.replay.rig import kernels as native
+from omnimj.estimate.replay.rig.runs import (
+    CHANNELS,
+    RigRuns,
+    experiment_runs,
+    regimes,
+    rig_experiments,
+    rig_runs,
+    variable_spans,
+)
+from omnimj.parameters import Floor, Rig
+from omnimj.physics.effect_terms import SAG, mark_active, write_curve
+from omnimj.physics.motor import RESISTANCE, driven_by_measured_current, motor_row
+from omnimj.physics.rig import MASS, WEIGHT, rig_row
+from omnimj.plant.mujoco.twin import RigTwin
+from omnimj.recording.dataset import Dataset
+from omnimj.signals import Array, CurrentCommand
+
+# What the rig's sensors make of a replay, and what their effects hide from it.
+
+_LEAST_SCALE = 1e-3
+
+
+def true_current(runs: RigRuns, channels: Mapping[str, ChannelEffect], lags: Mapping[str, float]) -> Array:
+    """The current that flowed: what the monitor says without its scale, offset and delay [A]."""
+    change = channels.get("current", ChannelEffect())
+    scale = math.copysign(max(abs(change.scale), _LEAST_SCALE), change.scale)
+    current = (runs.current - change.offset) / scale
+    return _delayed(runs, current, -change.delay - lags.get("current", 0.0))
+
+
+def _delayed(runs: RigRuns, series: Array, late: float) -> Array:
+    """A series of all runs, later by some time, straight between samples."""
+    if late == 0.0:
+        return series
+    moved = np.empty_like(series)
+    for begin, end in zip(runs.first[:-1], runs.first[1:], strict=True):
+        places = np.arange(end - begin)
+        moved[begin:end] = np.interp(places - late / runs.period, places, series[begin:end])
+    return moved
+
+
+def sensor_block_means(
+    out: Array, runs: RigRuns, changed: AppliedEffects, lags: Mapping[str, float]
+) -> Array:
+    """Block means of what the sensors say of a replay, shape (blocks, channels).
+
+    Args:
+      out: Of `kernels.replay_runs`, shape (samples, OUTPUTS).
+      runs: What was replayed.
+      changed: The machine with its effects.
+      lags: Small lateness of each channel [s].
+    """
+    sensors, h = changed.machine.sensors, runs.period
+    chain = {
+        "wheel_speed": sensors.speed_filter,
+        "carriage_speed": sensors.speed_filter,
+        "carriage_acceleration": 1.0 / (2.0 * math.pi * sensors.accelerometer_bandwidth),
+    }
+    result = np.empty((runs.blocks_first[-1], runs.measured.shape[1]))
+
+    def observe(column: int, series: Array, name: str, lag: float, late: float) -> None:
+        change = changed.channels.get(name, ChannelEffect())
+        delay = (change.delay + late) / h
+        means = np.empty(len(result))
+        place = (runs.first, runs.blocks_first, runs.size, lag / h, delay)
+        native.observe(series, *place, float(change.scale), float(change.offset), means)
+        result[:, column] = means
+
+    for c, name in enumerate(CHANNELS):
+        observe(c, np.ascontiguousarray(out[:, c]), name, chain[name], lags.get(name, 0.0))
+    if runs.target is not None:
+        motor = changed.motor_rows(motor_row(changed.machine.motor)[None, :])[0]
+        motor[RESISTANCE] += changed.terms[0, SAG]
+        wheel = np.ascontiguousarray(out[:, native.WHEEL])
+        lag = changed.machine.motor.current_loop
+        # the set value may be logged a sample before it acts; the wheel's speed limits it when it does
+        asked = _delayed(runs, runs.target, lags.get("current_target", 0.0))
+        observe(len(CHANNELS), native.delivered_current(asked, wheel, motor), "current", lag, 0.0)
+    return result
+
+
+_STEPS = 2  # per sample: 0.5 ms
+_THREADS = 2
+_UNCLIPPED = 1e6  # V and A: a measured current has passed its amplifier already
+_LAST_CURVE = 1  # the model file's own tabulated force has the first place
+
+
+class RigReplay:
+    """A dataset of rig runs; see `gap.replay.Replay`."""
+
+    plant = "quarter_rig"
+
+    def __init__(self, dataset: Dataset, rig: Rig, floors: Mapping[str, Floor]):
+        """Prepares the runs.
+
+        Args:
+          dataset: The measured runs.
+          rig: The model file's constants and the effects that it has already.
+          floors: Floors by name.
+
+        Raises:
+          InputError: A run without floor.
+          UnknownNameError: A floor that is not known.
+        """
+        self._rig, self._floors = rig, dict(floors)
+        self._runs = rig_runs(dataset, rig, self._floors)
+        lagging = (*CHANNELS, "current", *(("current_target",) if self._runs.target is not None else ()))
+        self.base: tuple[BaseParameter, ...] = base_parameters(rig, self._floors, self._runs.floor, lagging)
+        self.pieces, self.measured = self._runs.pieces, self._runs.measured
+        self.channels = _channels(rig, self._runs.target is not None)
+        self._spans = variable_spans(self._runs)
+        moved = ("speed", "position", "time", *(("lateral_speed",) if self._runs.lateral.any() else ()))
+        self.curves: Mapping[str, float] = dict.fromkeys(moved, 1.0)
+        hidden = () if self._runs.target is not None else ("supply_sag",)
+        self.candidates: tuple[CandidateEffect, ...] = candidate_effects(self.plant, self._spans, hidden)
+        self._forms = {c.label: c for c in self.candidates}
+
+    def simulate(self, settings: Sequence[Setting]) -> list[Array]:
+        """Block means of the channels by the equations, shape (blocks, channels) per setting."""
+        if len(settings) < 2:
+            return [self._one(s) for s in settings]
+        with ThreadPoolExecutor(_THREADS) as pool:
+            return list(pool.map(self._one, settings))
+
+    def based(self, setting: Setting) -> AdjustedMachine[Rig]:
+        """Constants with the effects of a setting."""
+        based = adjust_machine(self._rig, self._floors, self.base, setting.base)
+        effects: dict[str, dict] = {}
+        for label, values in setting.effects.items():
+            form = self._forms[label]
+            entry = {s.name: float(v) for s, v in zip(form.parameters, values, strict=True)}
+            effects[_instance(form.effect, {**based.machine.effects, **effects})] = {
+                **entry,
+                **form.selectors,
+            }
+        return dataclasses.replace(based, machine=with_effects(based.machine, effects)) if effects else based
+
+    def _one(self, setting: Setting) -> Array:
+        return self._equations(setting, self._runs, measured=True)
+
+    def _equations(self, setting: Setting, runs: RigRuns, measured: bool) -> Array:
+        """Block means by the equations, driven by a measured current or by a set value."""
+        based = self.based(setting)
+        changed = apply_effects(based.machine)
+        terms = changed.terms[0].copy()
+        if setting.curve is not None:
+            over, values = setting.curve
+            write_curve(terms, _LAST_CURVE, over, values.tolist(), *self._spans[over])
+            mark_active(terms[None, :])
+        current = true_current(runs, changed.channels, based.lags) if measured else runs.current
+        motor = changed.motor_rows(motor_row(changed.machine.motor)[None, :])
+        motor = driven_by_measured_current(motor)[0] if measured else motor[0]
+        rows, floor_rows = _rows(runs, changed, based)
+        out = np.empty((len(current), native.OUTPUTS))
+        numbers = (rows, motor, floor_rows, terms, runs.start, runs.period / _STEPS, _STEPS, out)
+        native.replay_runs(current, runs.lateral, runs.first, *numbers)
+        return sensor_block_means(out, runs, changed, based.lags)
+
+    def twin_correction(self, setting: Setting) -> Array:
+        """The same from the MuJoCo twin, every run from its start."""
+        based = self.based(setting)
+        changed = apply_effects(based.machine)
+        current = true_current(self._runs, changed.channels, based.lags)
+        out = np.zeros((len(current), native.OUTPUTS))
+        edges = zip(self._runs.first[:-1], self._runs.first[1:], strict=True)
+        for k, (begin, end) in enumerate(edges):
+            _drive_twin(based, self._runs, k, current[begin:end], out[begin:end])
+        return sensor_block_means(out, self._runs, changed, based.lags)
+
+    def regimes(self) -> Mapping[str, tuple[str, Array]]:
+        """What the measurement says of every block: variable → unit, values."""
+        return regimes(self._runs)
+
+    def candidate_experiments(self) -> tuple[Experiment, ...]:
+        """Runs that a rig can make."""
+        return rig_experiments(self._rig, self._runs.floor)
+
+    def predict(self, settings: Sequence[Setting], experiment: Experiment) -> list[Array]:
+        """Block means in such a run; the current is set, the amplifier drives what the supply allows."""
+        runs = experiment_runs(experiment, self._runs)
+        return [self._equations(s, runs, measured=False) for s in settings]
+
+
+def _instance(name: str, taken: Mapping[str, object]) -> str:
+    """A free name for one more instance of an effect."""
+    return next(c for c in (name, *(f"{name}_{k}" for k in range(2, 10))) if c not in taken)
+
+
+def _rows(runs: RigRuns, changed: AppliedEffects, based: AdjustedMachine[Rig]) -> tuple[Array, Array]:
+    """Rig rows and floor rows of all runs."""
+    row = rig_row(changed.machine, 1.0, float(changed.radius_scale[0]), 1.0, changed.slope[0])
+    rows = np.tile(row, (len(runs.mass), 1))
+    rows[:, MASS] = runs.mass * based.mass_scale + changed.added_mass
+    rows[:, WEIGHT] = row[WEIGHT] * rows[:, MASS]
+    by_name = {name: changed.floor(based.floors[name]).row for name in set(runs.floor)}
+    return rows, np.stack([by_name[name] for name in runs.floor])
+
+
+def _drive_twin(based: AdjustedMachine[Rig], runs: RigRuns, k: int, current: Array, out: Array) -> None:
+    """One run on the twin, with ideal sensors."""
+    motor = dataclasses.replace(based.machine.motor, supply=_UNCLIPPED, current_limit=_UNCLIPPED)
+    lateral = float(np.median(runs.lateral[runs.first[k] : runs.first[k + 1]]))
+    mass = float(runs.mass[k] * based.mass_scale)
+    floor = based.floors[runs.floor[k]]
+    plain = {
+        n: v for n, v in based.machine.effects.items() if find_effect(n, RIG, "effects").where != "sensors"
+    }
+    rig = dataclasses.replace(based.machine, motor=motor, effects=plain)
+    twin = RigTwin(rig, floor, mass, lateral, ideal_sensors=True)
+    twin.reset()
+    for n in range(len(current) - 1):
+        said = twin.step(CurrentCommand(current[n + 1 : n + 2]))
+        out[n + 1] = said.wheel_speed, said.carriage_speed, said.carriage_acceleration
+    twin.close()
+
+
+def _channels(rig: Rig, has_target: bool) -> tuple[Channel, ...]:
+    bias = rig.sensors.accelerometer_bias
+    channels = (
+        Channel("wheel_speed", "rad/s", "speed of the wheel"),
+        Channel("carriage_speed", "m/s", "speed of the carriage"),
+        Channel("carriage_acceleration", "m/s2", "acceleration of the carriage", bias),
+    )
+    if not has_target:
+        return channels
+    return (*channels, Channel("current", "A", "current that the amplifier drives"))

@@ -1,0 +1,296 @@
+"""Measured rig runs on a common clock: what drives the replay, and block means to compare it with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+from omnimj.errors import InputError, UnknownNameError
+from omnimj.estimate.replay.interface import Experiment, Segment, average_blocks
+from omnimj.parameters import Floor, Rig
+from omnimj.recording.dataset import Dataset, Run
+from omnimj.signals import Array
+
+CHANNELS = ("wheel_speed", "carriage_speed", "carriage_acceleration")
+_SHORTEST = 0.02  # [s] of a block
+_MOST_BLOCKS = 6000
+_STILL = 0.03  # [m/s] mean lateral speed below which the gantry stands
+_NEIGHBOURS = 10  # samples on either side over which the current is averaged
+_REST = 0.02  # [m/s] carriage speed below which a run begins at rest
+
+
+@dataclass(frozen=True)
+class RigRuns:
+    """All runs one behind the other, resampled to the period of the sensors."""
+
+    period: float
+    first: NDArray[np.int_]
+    """First sample of every run and the end of the last, shape (runs + 1,)."""
+    blocks_first: NDArray[np.int_]
+    """The same for blocks."""
+    size: int
+    """Samples per block."""
+    current: Array
+    target: Array | None
+    """Current set value where it was recorded, shape (samples,) [A]."""
+    lateral: Array
+    start: Array
+    """Carriage and wheel speed at the start, shape (runs, 2)."""
+    mass: Array
+    floor: tuple[str, ...]
+    measured: Array
+    """Block means of `CHANNELS` and, with a set value, of the current, shape (blocks, channels)."""
+    pieces: tuple[Segment, ...]
+
+
+def rig_runs(dataset: Dataset, rig: Rig, floors: dict[str, Floor]) -> RigRuns:
+    """Resamples, smooths the gantry's speed, takes block means.
+
+    Raises:
+      InputError: A run without floor.
+      UnknownNameError: A floor that is not known.
+    """
+    period = 1.0 / rig.sensors.sample_rate
+    total = sum(float(run.time[-1] - run.time[0]) for run in dataset.runs)
+    size = max(round(_SHORTEST / period), int(np.ceil(total / period / _MOST_BLOCKS)))
+    has_target = all("current_target" in run.columns for run in dataset.runs)
+    first, blocks_first, pieces = [0], [0], []
+    parts: dict[str, list[Array]] = {"current": [], "target": [], "lateral": [], "measured": []}
+    start, mass, names = [], [], []
+    for run in dataset.runs:
+        clock = np.arange(run.time[0], run.time[-1] + 0.5 * period, period)
+        count = len(clock) // size
+        parts["current"].append(denoise_current(_resampled(run, "current", clock, fill=True)))
+        if has_target:
+            parts["target"].append(_resampled(run, "current_target", clock, fill=True))
+        parts["lateral"].append(_steady(_resampled(run, "lateral_speed", clock, fill=True), period))
+        columns = [*CHANNELS, "current"] if has_target else CHANNELS
+        stack = np.stack([_resampled(run, name, clock) for name in columns], axis=1)
+        parts["measured"].append(average_blocks(stack, size))
+        start.append(_start(stack))
+        mass.append(float(run.conditions.get("mass", rig.rig.masses[0])))
+        names.append(_floor(dataset, run, floors))
+        time = average_blocks(clock - clock[0], size)
+        pieces.append(Segment(run.name, run.condition, blocks_first[-1], blocks_first[-1] + count, time))
+        first.append(first[-1] + len(clock))
+        blocks_first.append(blocks_first[-1] + count)
+    return RigRuns(
+        period,
+        np.array(first),
+        np.array(blocks_first),
+        size,
+        np.concatenate(parts["current"]),
+        np.concatenate(parts["target"]) if has_target else None,
+        np.concatenate(parts["lateral"]),
+        np.array(start),
+        np.array(mass),
+        tuple(names),
+        np.concatenate(parts["measured"]),
+        tuple(pieces),
+    )
+
+
+def _resampled(run: Run, name: str, clock: Array, fill: bool = False) -> Array:
+    """A column on the clock; masked samples are NaN, or bridged where the value drives the replay."""
+    values = run.columns.get(name)
+    if values is None:  # only the gantry's speed may be missing: it stands
+        return np.zeros(len(clock))
+    bad = run.masked.get(name)
+    if bad is None or not bad.any():
+        return np.interp(clock, run.time, values)
+    good = np.interp(clock, run.time[~bad], values[~bad])
+    if fill:
+        return good
+    nearest = np.clip(np.searchsorted(run.time, clock), 0, len(bad) - 1)
+    return np.where(bad[nearest] | bad[np.maximum(nearest - 1, 0)], np.nan, good)
+
+
+def denoise_current(current: Array) -> Array:
+    """The current without the noise of its monitor, its steps kept: means of neighbours within 4 σ.
+
+    What drives the replay must not be noisy: near standstill friction rectifies noise, and a noisy current
+    breaks away where the true one sticks.
+    """
+    sigma = float(np.median(np.abs(np.diff(current)))) / 0.6745 / np.sqrt(2.0)
+    if sigma == 0.0:
+        return current
+    total, count = current.copy(), np.ones(len(current))
+    for shift in range(1, _NEIGHBOURS + 1):
+        near = np.abs(current[shift:] - current[:-shift]) < 4.0 * np.sqrt(2.0) * sigma
+        total[shift:] += np.where(near, current[:-shift], 0.0)
+        total[:-shift] += np.where(near, current[shift:], 0.0)
+        count[shift:] += near
+        count[:-shift] += near
+    return total / count
+
+
+def _steady(lateral: Array, period: float) -> Array:
+    """The gantry's speed without the noise of its sensor, exactly 0 while it stands."""
+    smooth = uniform_filter1d(lateral, max(1, round(0.05 / period)), mode="nearest")
+    middle = float(np.median(smooth))
+    if abs(smooth - middle).max() < _STILL:  # constant: the mean is the best there is
+        smooth = np.full(len(lateral), float(lateral.mean()))
+    return np.where(abs(smooth) < _STILL, 0.0, smooth)
+
+
+def _start(stack: Array) -> tuple[float, float]:
+    """Carriage and wheel speed at the first samples; 0 for a run that begins at rest."""
+    wheel, carriage = np.nanmedian(stack[:5, 0]), np.nanmedian(stack[:5, 1])
+    return (0.0, 0.0) if abs(carriage) < _REST else (float(carriage), float(wheel))
+
+
+def _floor(dataset: Dataset, run: Run, floors: dict[str, Floor]) -> str:
+    name = run.conditions.get("floor")
+    place = dataset.path / "dataset.toml"
+    if name is None:
+        raise InputError(f"{place}: runs.{run.name}", "'floor' is missing", "say which floor", floors)
+    if name not in floors:
+        raise UnknownNameError(f"{place}: runs.{run.name}.floor", "floor", name, floors)
+    return str(name)
+
+
+# What the measurement says of every block of a rig run: speed, load, place, time since the reversal, …
+
+_STANDING = 0.01  # [m/s]
+
+
+def travelled(runs: RigRuns) -> Array:
+    """Path along the rail from the measured speed, from 0 at each run's start, per block [m]."""
+    parts = []
+    for p in runs.pieces:
+        speed = np.nan_to_num(runs.measured[p.first : p.last, 1])
+        parts.append(np.cumsum(speed) * runs.size * runs.period)
+    return np.concatenate(parts)
+
+
+def variable_spans(runs: RigRuns) -> dict[str, tuple[float, float]]:
+    """Variable → lowest and highest value that the runs cover."""
+    speed, position = runs.measured[:, 1], travelled(runs)
+    ends = {
+        "speed": (float(np.nanmin(speed)), float(np.nanmax(speed))),
+        "position": (float(position.min()), float(position.max())),
+        "time": (0.0, max(float(p.time[-1]) for p in runs.pieces)),
+        "lateral_speed": (float(runs.lateral.min()), float(runs.lateral.max())),
+    }
+    return {name: (low, max(high, low + 1e-3)) for name, (low, high) in ends.items()}
+
+
+def regimes(runs: RigRuns) -> dict[str, tuple[str, Array]]:
+    """Variable → unit and value per block; those that do not vary are left out."""
+    speed, turned = np.nan_to_num(runs.measured[:, 1]), []
+    lateral, current, since = [], [], []
+    for k, p in enumerate(runs.pieces):
+        rows = slice(p.first, p.last)
+        samples = slice(runs.first[k], runs.first[k] + (p.last - p.first) * runs.size)
+        lateral.append(runs.lateral[samples].reshape(-1, runs.size).mean(axis=1))
+        current.append(runs.current[samples].reshape(-1, runs.size).mean(axis=1))
+        turned.append(np.cumsum(np.nan_to_num(runs.measured[rows, 0])) * runs.size * runs.period)
+        since.append(_since_reversal(speed[rows], p.time))
+    size = np.array([p.last - p.first for p in runs.pieces])
+    found = {
+        "speed": ("m/s", speed),
+        "acceleration": ("m/s2", np.nan_to_num(runs.measured[:, 2])),
+        "current": ("A", np.concatenate(current)),
+        "load": ("kg", np.repeat(runs.mass, size)),
+        "lateral_speed": ("m/s", np.concatenate(lateral)),
+        "position": ("m", travelled(runs)),
+        "wheel_angle": ("rad", np.concatenate(turned)),
+        "time": ("s", np.concatenate([p.time for p in runs.pieces])),
+        "reversal": ("s", np.concatenate(since)),
+    }
+    for floor in sorted(set(runs.floor)) if len(set(runs.floor)) > 1 else ():
+        found[f"floor {floor}"] = ("1", np.repeat(np.array([float(f == floor) for f in runs.floor]), size))
+    return {name: entry for name, entry in found.items() if np.ptp(entry[1]) > 0.0}
+
+
+def _since_reversal(speed: Array, time: Array) -> Array:
+    """Time since the direction last changed [s]."""
+    sign = np.sign(np.where(abs(speed) < _STANDING, 0.0, speed))
+    since, last, direction = np.empty(len(speed)), 0.0, 0.0
+    for k, s in enumerate(sign):
+        if s and s != direction:
+            last, direction = time[k], s
+        since[k] = time[k] - last
+    return since
+
+
+# Runs that a user can make on the rig, to be told which of them would split two rivals.
+
+_SECONDS = 2.0
+_PROFILES = {
+    "constant": "constant current",
+    "reversing": "current to and fro, 0.5 s each way",
+    "pulse": "0.7 s of current, then coasting at 0 A",
+    "crawl": "current rising slowly from 0",
+}
+
+
+def rig_experiments(rig: Rig, floors: tuple[str, ...]) -> tuple[Experiment, ...]:
+    """Profiles × currents × masses × sideways speeds × floors that the rig has, about a hundred."""
+    masses = (rig.rig.masses[0], rig.rig.masses[-1])
+    found = []
+    for floor in dict.fromkeys((*floors, "natural_stone", "pvc")):
+        for profile, words in _PROFILES.items():
+            found += [
+                _experiment(profile, words, current, mass, 0.0, floor)
+                for current in (0.45, 0.9, 1.5)
+                for mass in dict.fromkeys(masses)
+            ]
+        for lateral in (-0.5, -0.2, 0.2, 0.5):
+            found.append(_experiment("constant", "constant current", 0.9, masses[0], lateral, floor))
+    return tuple(found)
+
+
+def _experiment(
+    profile: str, words: str, current: float, mass: float, lateral: float, floor: str
+) -> Experiment:
+    text = f"{words}, {current:g} A, {mass:g} kg on {floor.replace('_', ' ')}"
+    if lateral:
+        text += f", sideways at {lateral:+g} m/s"
+    run = {
+        "profile": profile,
+        "current": current,
+        "mass": mass,
+        "lateral_speed": lateral,
+        "floor": floor,
+        "duration": _SECONDS,
+    }
+    return Experiment(f"{profile}_{current:g}_{mass:g}_{lateral:g}_{floor}", text, run)
+
+
+def experiment_runs(experiment: Experiment, like: RigRuns) -> RigRuns:
+    """One run of the menu as if it had been measured; nothing was, so `measured` is NaN."""
+    run, period = experiment.run, like.period
+    time = np.arange(0.0, float(run["duration"]), period)
+    set_value = float(run["current"]) * _shape(str(run["profile"]), time)
+    count = len(time) // like.size
+    still = np.full(len(time), float(run["lateral_speed"]))
+    centres: Array = np.asarray((np.arange(count) + 0.5) * like.size * period, float)
+    return RigRuns(
+        period,
+        np.array([0, len(time)]),
+        np.array([0, count]),
+        like.size,
+        set_value,
+        None if like.target is None else set_value,
+        still,
+        np.zeros((1, 2)),
+        np.array([float(run["mass"])]),
+        (str(run["floor"]),),
+        np.full((count, like.measured.shape[1]), np.nan),
+        (Segment(experiment.name, experiment.name, 0, count, centres),),
+    )
+
+
+def _shape(profile: str, time: Array) -> Array:
+    """The set value over time, at most 1."""
+    if profile == "reversing":
+        return np.where(np.floor(time / 0.5) % 2 == 0, 1.0, -1.0)
+    if profile == "pulse":
+        return np.where(time < 0.7, 1.0, 0.0)
+    if profile == "crawl":
+        return time / time[-1]
+    return np.ones(len(time))

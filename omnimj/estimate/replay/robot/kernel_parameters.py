@@ -1,0 +1,181 @@
+"""The kernels' numbers of a robot with its effects, for every stretch of a log."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from omnimj.effects import AppliedEffects, apply_effects
+from omnimj.effects import ChannelEffect as Reading
+from omnimj.errors import InputError
+from omnimj.estimate.replay.base_parameters import AdjustedMachine
+from omnimj.estimate.replay.robot import kernels as native
+from omnimj.estimate.replay.robot.runs import NAMES, STEP, RobotRuns
+from omnimj.parameters import Robot
+from omnimj.physics.effect_terms import mark_active, write_curve
+from omnimj.physics.motor import (
+    EFFICIENCY,
+    KT_SCALE,
+    RATIO,
+    TORQUE_CONSTANT,
+    driven_by_measured_current,
+    motor_row,
+)
+from omnimj.physics.planar import PlanarConstants, planar_constants
+from omnimj.signals import Array
+
+_LAST_CURVE = 1  # the model file's own tabulated force has the first place
+_LEAST_SCALE = 1e-3
+_SHARES = (1.0, 0.7, 0.4, 0.0)  # of a payload's distance from the centre, until the robot can carry it
+
+
+@dataclass(frozen=True)
+class KernelParameters:
+    """What `kernels.replay` needs beside the log."""
+
+    bodies: Array
+    wheels: Array
+    motors: Array
+    floors: Array
+    terms: Array
+    sensors: Array
+    per_torque: Array
+    """Current per torque at each wheel, shape (4,) [A/(N.m)]."""
+
+
+@dataclass(frozen=True)
+class FreeCurve:
+    """A free force over one variable."""
+
+    over: str
+    force: Array
+    low: float
+    high: float
+
+
+def kernel_parameters(
+    based: AdjustedMachine[Robot], runs: RobotRuns, mass_scale: float, curve: FreeCurve | None
+) -> KernelParameters:
+    """All numbers of a robot.
+
+    Args:
+      based: The robot with its effects, its floors, its channels' lags.
+      runs: Gives the declared mass and the floor of each stretch.
+      mass_scale: True over declared mass.
+      curve: A free force at every wheel.
+    """
+    changed = apply_effects(based.machine)
+    terms = changed.terms.copy()
+    if curve is not None:
+        write_curve(terms, _LAST_CURVE, curve.over, curve.force.tolist(), curve.low, curve.high)
+        mark_active(terms)
+    motors = changed.motor_rows(np.tile(motor_row(changed.machine.motor), (native.WHEELS, 1)))
+    through = motors[:, TORQUE_CONSTANT] * motors[:, KT_SCALE] * motors[:, RATIO] * motors[:, EFFICIENCY]
+    bodies, wheels = _constants(runs, changed, mass_scale)
+    by_name = {name: changed.floor(based.floors[name]).row for name in set(runs.floor)}
+    return KernelParameters(
+        bodies,
+        wheels,
+        driven_by_measured_current(motors),
+        np.stack([by_name[name] for name in runs.floor]),
+        terms,
+        _sensors(changed, based.lags),
+        1.0 / through,
+    )
+
+
+def _constants(runs: RobotRuns, changed: AppliedEffects, mass_scale: float) -> tuple[Array, Array]:
+    """Body and wheel rows of all stretches; the declared mass may differ from run to run."""
+    made = {mass: _with_payload(changed, mass * mass_scale) for mass in set(runs.mass.tolist())}
+    rows = [made[mass] for mass in runs.mass.tolist()]
+    return np.stack([r.body for r in rows]), np.stack([r.wheels for r in rows])
+
+
+def _with_payload(changed: AppliedEffects, mass: float) -> PlanarConstants:
+    """The robot with its payload; one so far out that a wheel would lift is moved inward."""
+    robot = dataclasses.replace(changed.machine, body=dataclasses.replace(changed.machine.body, mass=mass))
+    extra, x, y = changed.payload
+    for share in _SHARES:
+        place = (extra, share * x, share * y)
+        try:
+            return planar_constants(
+                robot, changed.misalignment, changed.radius_scale, 1.0, place, changed.slope
+            )
+        except InputError:
+            if share == _SHARES[-1]:
+                raise
+    raise AssertionError  # the last share returns or raises
+
+
+def sensor_readings(changed: AppliedEffects) -> tuple[Array, Array, Array]:
+    """What sensor effects make of every channel: delay [s], scale and offset, shape (12,) each."""
+    table = [changed.channels.get(name, Reading()) for name in NAMES]
+    scale = [math.copysign(max(abs(change.scale), _LEAST_SCALE), change.scale) for change in table]
+    return np.array([c.delay for c in table]), np.array(scale), np.array([c.offset for c in table])
+
+
+def _sensors(changed: AppliedEffects, lags: Mapping[str, float]) -> Array:
+    """Lateness in steps, scale and offset of every channel, shape (3, 12)."""
+    late, scale, offset = sensor_readings(changed)
+    late[native.SPEED : native.ACCELERATION] += lags["wheel_speed"]
+    late[native.ACCELERATION : native.YAW_RATE] += lags["acceleration"]
+    late[native.YAW_RATE] += lags["yaw_rate"]
+    late[native.YAW] += lags["yaw"]
+    return np.stack([late / STEP, scale, offset])
+
+
+# What the planar equations do not know: rows of rollers under a wheel, and a body that leans on its springs.
+
+_GRAVITY = 9.81
+POINTS = 96
+"""Points of the tables over one pitch."""
+
+
+@dataclass(frozen=True)
+class RollerTables:
+    """Tables over one pitch of a row, from a roller of the first row being lowest."""
+
+    pitch: float
+    """Angle between two rollers of a row [rad]."""
+    table: Array
+    """Place of the contact along the axle z × u [m], torque on the wheel over normal force [m] and the pitch,
+    shape (3, POINTS)."""
+
+
+def roller_tables(robot: Robot) -> RollerTables:
+    """Tables of a robot's wheels under their static load."""
+    wheel = robot.wheel
+    pitch = 2.0 * np.pi / wheel.rollers_per_row
+    angle = np.arange(POINTS) / POINTS * pitch
+    depth = robot.body.mass * _GRAVITY / (len(robot.wheels) * robot.contact.stiffness)
+    rows = np.arange(wheel.rows)
+    # from the lowest point to the nearest roller of each row, shape (rows, POINTS)
+    off = np.mod(angle[None, :] - rows[:, None] * pitch / wheel.rows + 0.5 * pitch, pitch) - 0.5 * pitch
+    long = wheel.radius * wheel.roller_radius
+    root = np.sqrt(wheel.roller_radius**2 * np.cos(off) ** 2 + long * np.sin(off) ** 2)
+    reach = (wheel.radius - wheel.roller_radius) * np.cos(off) + root
+    slope = -(wheel.radius - wheel.roller_radius) * np.sin(off)
+    slope += (long - wheel.roller_radius**2) * np.sin(off) * np.cos(off) / root
+    depths = np.maximum(depth + reach - reach.max(axis=0), 0.0)
+    share = depths / depths.sum(axis=0)
+    side = wheel.row_offset * np.linspace(1.0, -1.0, wheel.rows) if wheel.rows > 1 else np.zeros(1)
+    place = (share * side[:, None]).sum(axis=0)
+    # virtual work: F_N lifts the axle by d(reach) per turn, so the wheel is pushed the other way
+    torque = -(share * slope).sum(axis=0)
+    return RollerTables(pitch, np.stack([place, torque, np.full(POINTS, pitch)]))
+
+
+def lean_shares(robot: Robot) -> tuple[float, float]:
+    """Share by which an accelerometer on the springs reads too much along x and y: m g h/(k Σ p²).
+
+    An accelerating body leans back and its accelerometer sees some of gravity.
+    """
+    body = robot.body
+    sprung = body.mass - len(robot.wheels) * body.unsprung_mass
+    stiffness = body.suspension_stiffness * (robot.wheel_positions**2).sum(axis=0)
+    x, y = (sprung * _GRAVITY * body.com_height / stiffness).tolist()
+    return x, y

@@ -1,0 +1,300 @@
+"""The robot as the search sees it: missions replayed by the planar equations, without knowing where it was.
+
+`current_i`: the wheels turn as measured, and the current that their motion needs stands beside the measured
+one; in a closed loop that is where a gap shows. The same replay says what accelerometer and gyro should have
+read. `yaw`: turned by the equations, each window from a first heading of its own. `wheel_speed_i`, where they
+are asked for: windows that start from there are driven by the measured currents alone.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+
+from omnimj.effects import ROBOT, apply_effects, with_effects
+from omnimj.errors import InputError
+from omnimj.estimate.replay.base_parameters import AdjustedMachine, adjust_machine, base_parameters
+from omnimj.estimate.replay.interface import (
+    BaseParameter,
+    CandidateEffect,
+    Channel,
+    Experiment,
+    Setting,
+    candidate_effects,
+)
+from omnimj.estimate.replay.robot import kernels as native
+from omnimj.estimate.replay.robot.kernel_parameters import (
+    FreeCurve,
+    KernelParameters,
+    kernel_parameters,
+    lean_shares,
+    roller_tables,
+    sensor_readings,
+)
+from omnimj.estimate.replay.robot.runs import (
+    STEP,
+    RobotRuns,
+    experiment_currents,
+    regimes,
+    robot_experiments,
+    robot_runs,
+    synthetic_run,
+    variable_spans,
+)
+from omnimj.parameters import Floor, Robot
+from omnimj.parameters.parts import Sensors
+from omnimj.recording.dataset import Dataset
+from omnimj.signals import Array
+
+# Where a stretch of floor may begin and end: the interval that explains most, out of all there are.
+
+_WIDTH, _MOST = 0.1, 80  # [m] of a strip, and how many there may be
+_PART = 0.3  # of the friction taken away in a strip
+
+
+def likely_patch(
+    span: tuple[float, float], noise: Array, mismatch: Array, moved: Callable[[Array], list[Array]]
+) -> tuple[float, float]:
+    """Start and end of the stretch of floor that explains most of the mismatch [m].
+
+    Args:
+      span: Lowest and highest place that a wheel has been to [m].
+      noise: Of each channel, shape (channels,).
+      mismatch: Measured − simulated, shape (blocks, channels).
+      moved: Predictions' changes by patches (scale, start, end), shape (strips, 3) → (blocks, channels) each.
+    """
+    count = int(np.clip((span[1] - span[0]) / _WIDTH, 3, _MOST))
+    edges = np.linspace(*span, count + 1)
+    strips = np.stack([np.full(count, 1.0 - _PART), edges[:-1], edges[1:]], axis=1)
+    columns = np.stack([np.nan_to_num(change / noise).ravel() for change in moved(strips)], axis=1)
+    slope = columns.T @ np.nan_to_num(mismatch / noise).ravel()
+    gram = columns.T @ columns
+    above = np.concatenate(([0.0], np.cumsum(slope)))
+    corner = np.zeros((count + 1, count + 1))
+    corner[1:, 1:] = np.cumsum(np.cumsum(gram, axis=0), axis=1)
+    first, last = np.triu_indices(count + 1, 1)
+    size = corner[last, last] - corner[first, last] - corner[last, first] + corner[first, first]
+    gain = (above[last] - above[first]) ** 2 / np.maximum(size, 1e-9 * max(float(gram.max()), 1e-30))
+    best = int(np.argmax(gain))
+    return float(edges[first[best]]), float(edges[last[best]])
+
+
+_SUBSTEPS = 2  # of what is left to itself: 2 ms, half of a wheel's time constant on the floor
+_PHASES = 12  # tried angles over a pitch
+_FLAT = np.zeros((3, 0))
+"""Tables of wheels without rollers."""
+_LAGS = ("wheel_speed", "acceleration", "yaw_rate", "yaw")
+"""Kinds of channels whose clock may be off that of the currents."""
+_HIDDEN = ("supply_sag",)
+"""What measured currents have in them already."""
+
+
+class RobotReplay:
+    """A dataset of missions; see `gap.replay.Replay`. Ground truth in the logs is not looked at."""
+
+    plant = ROBOT
+
+    def __init__(
+        self,
+        dataset: Dataset,
+        robot: Robot,
+        floors: Mapping[str, Floor],
+        *,
+        windows: bool = False,
+        threads: int | None = None,
+    ):
+        """Prepares the runs.
+
+        Args:
+          dataset: The measured runs.
+          robot: The model file's constants and the effects that it has already.
+          floors: Floors by name.
+          windows: Whether wheel speeds of windows left to themselves are channels, too.
+          threads: For several settings at once; the machine's cores when None.
+
+        Raises:
+          InputError: A run without floor, or none that is long enough.
+          UnknownNameError: A floor that is not known.
+        """
+        self._robot, self._floors = robot, dict(floors)
+        self._threads = threads or os.cpu_count() or 1
+        self._runs = robot_runs(dataset, robot, self._floors)
+        self._substeps = _SUBSTEPS if windows else 0
+        self._columns = [c for c in range(native.CHANNELS) if windows or not _is_free(c)]
+        self.channels = tuple(_channels(robot.sensors)[c] for c in self._columns)
+        self.pieces, self.measured = self._runs.pieces, self._runs.measured[:, self._columns]
+        self.base: tuple[BaseParameter, ...] = base_parameters(robot, self._floors, self._runs.floor, _LAGS)
+        self._spans = variable_spans(self._runs, robot)
+        self.curves: Mapping[str, float] = dict.fromkeys((*self._spans, "wheel_angle"), 1.0)
+        forms = candidate_effects(ROBOT, self._spans, _HIDDEN)
+        possible = tuple(f for f in forms if self._fits(f))
+        self._forms = {c.label: c for c in possible}
+        self._rollers, self._phases = roller_tables(robot), np.empty(0)
+        self.candidates: tuple[CandidateEffect, ...] = tuple(self._with_place(f) for f in possible)
+
+    def _fits(self, form: CandidateEffect) -> bool:
+        """Whether the model can have this effect beside those it has."""
+        try:
+            self._with(self._robot, [(form, np.array([s.typical for s in form.parameters]))])
+        except InputError:
+            return False
+        return True
+
+    def _with_place(self, form: CandidateEffect) -> CandidateEffect:
+        """A stretch of floor is tried where it explains most: its edges are found from nearby only."""
+        if form.effect != "floor_patch":
+            return form
+        base = np.array([b.nominal for b in self.base])
+        (plain,) = self.simulate([Setting(base)])
+
+        def moved(patches: Array) -> list[Array]:
+            return [p - plain for p in self.simulate([Setting(base, {form.label: v}) for v in patches])]
+
+        rough = np.array([c.equation_error for c in self.channels])
+        start, end = likely_patch(self._spans["position"], rough, self.measured - plain, moved)
+        tried = {"start": (start,), "end": (end,)}
+        shapes = tuple(dataclasses.replace(s, trials=tried.get(s.name, s.trials)) for s in form.parameters)
+        return dataclasses.replace(form, parameters=shapes)
+
+    @staticmethod
+    def _with(robot: Robot, chosen: Sequence[tuple[CandidateEffect, Array]]) -> Robot:
+        effects: dict[str, dict[str, Any]] = {}
+        for form, values in chosen:
+            entry = {s.name: float(v) for s, v in zip(form.parameters, values, strict=True)}
+            effects[_instance(form.effect, {**robot.effects, **effects})] = {**entry, **form.selectors}
+        return with_effects(robot, effects) if effects else robot
+
+    def simulate(self, settings: Sequence[Setting]) -> list[Array]:
+        """Block means of the channels by the equations, shape (blocks, channels) per setting."""
+        return self._each(lambda s: self._replay(s, self._runs), settings)
+
+    def _each(self, function: Callable[[Any], Array], arguments: Sequence) -> list[Array]:
+        """A function of many arguments on all cores; kernels let go of the interpreter."""
+        if len(arguments) < 2 or self._threads < 2:
+            return [function(a) for a in arguments]
+        with ThreadPoolExecutor(min(self._threads, len(arguments))) as pool:
+            return list(pool.map(function, arguments))
+
+    def based(self, setting: Setting) -> AdjustedMachine[Robot]:
+        """Constants with the effects of a setting."""
+        based = adjust_machine(self._robot, self._floors, self.base, setting.base)
+        chosen = [(self._forms[label], values) for label, values in setting.effects.items()]
+        return dataclasses.replace(based, machine=self._with(based.machine, chosen))
+
+    def _numbers(self, setting: Setting, runs: RobotRuns) -> tuple[KernelParameters, AdjustedMachine[Robot]]:
+        based, curve = self.based(setting), None
+        if setting.curve is not None:
+            over, force = setting.curve
+            curve = FreeCurve(over, force, *self._spans.get(over, (0.0, 1.0)))
+        mass_scale = based.machine.body.mass / self._robot.body.mass
+        return kernel_parameters(based, runs, mass_scale, curve), based
+
+    def _replay(
+        self, setting: Setting, runs: RobotRuns, tables: Array = _FLAT, phases: Array | None = None
+    ) -> Array:
+        """Block means by the equations; with tables of the rollers also what these do at the given phases."""
+        own, _ = self._numbers(setting, runs)
+        if phases is None:
+            phases = np.zeros((len(runs.stretches), native.WHEELS))
+        blocks = np.empty((len(runs.measured), native.CHANNELS))
+        log = (runs.stretches, runs.start, runs.times, runs.current, runs.speed, runs.yaw)
+        machine = (own.bodies, own.wheels, own.motors, own.floors, own.terms, tables, phases, own.per_torque)
+        sizes = (STEP, runs.size, runs.window, self._substeps)
+        native.replay(*log, runs.measured[:, native.YAW], own.sensors, *machine, *sizes, blocks)
+        return blocks[:, self._columns]
+
+    def twin_correction(self, setting: Setting) -> Array:
+        """The same with what the twin has beyond the planar equations: rows of rollers, and springs.
+
+        The twin itself cannot be restarted in the middle of a mission, and open loop it drifts away. What its
+        rollers do to a wheel is geometry (`robot_rollers`); at which angle a roller was lowest when a log
+        began is found where the measured currents fit best.
+        """
+        if not self._phases.size:
+            self._phases = self._find_phases(setting)
+        found = self._replay(setting, self._runs, self._rollers.table, self._phases)
+        for c, lean in zip(
+            (native.ACCELERATION, native.ACCELERATION + 1), lean_shares(self._robot), strict=True
+        ):
+            found[:, self._columns.index(c)] *= 1.0 + lean
+        return found
+
+    def _find_phases(self, setting: Setting) -> Array:
+        """The rollers' phase of every wheel at every stretch's start, shape (stretches, 4) [rad]."""
+        shape = (len(self._runs.stretches), native.WHEELS)
+        step = self._rollers.pitch / _PHASES
+        wheels = [self._columns.index(native.CURRENT + i) for i in range(native.WHEELS)]
+
+        def misfit(turn: int) -> Array:
+            phases = np.full(shape, turn * step)
+            off = self._replay(setting, self._runs, self._rollers.table, phases) - self.measured
+            return np.stack([np.nansum(off[p.first : p.last, wheels] ** 2, axis=0) for p in self.pieces])
+
+        sums = np.stack(self._each(misfit, range(_PHASES)))
+        best = sums.argmin(axis=0)
+
+        def near(k: int) -> Array:
+            return np.take_along_axis(sums, ((best + k) % _PHASES)[None], axis=0)[0]
+
+        bend = near(-1) - 2.0 * near(0) + near(1)
+        return (best + 0.5 * (near(-1) - near(1)) / np.maximum(bend, 1e-30)) * step
+
+    def regimes(self) -> Mapping[str, tuple[str, Array]]:
+        """What the measurement says of every block: variable → unit, values."""
+        return regimes(self._runs, self._robot)
+
+    def candidate_experiments(self) -> tuple[Experiment, ...]:
+        """Runs that a user could make."""
+        return robot_experiments(self._runs.floor)
+
+    def predict(self, settings: Sequence[Setting], experiment: Experiment) -> list[Array]:
+        """Block means that a replay of such a run would give, if the first setting were the truth."""
+        runs = self._made(settings[0], experiment)
+        return self._each(lambda s: self._replay(s, runs), settings)
+
+    def _made(self, setting: Setting, experiment: Experiment) -> RobotRuns:
+        """The run of a menu under one setting, driven from rest by given currents."""
+        mass = self._robot.body.mass + float(experiment.run["added_mass"])
+        floor, current = str(experiment.run["floor"]), experiment_currents(self._robot, experiment)
+        said = np.zeros((len(current), native.CHANNELS))
+        runs = synthetic_run(said, floor, mass, self._runs)
+        own, based = self._numbers(setting, runs)
+        floors = np.repeat(own.floors, native.WHEELS, axis=0)
+        machine = (own.bodies[0], own.wheels[0], own.motors, floors, own.terms)
+        native.drive(current, *machine, STEP, 2 * _SUBSTEPS, said)
+        delay, scale, offset = sensor_readings(apply_effects(based.machine))
+        places = np.arange(len(said))
+        for c in range(native.CHANNELS):
+            said[:, c] = scale[c] * np.interp(places - delay[c] / STEP, places, said[:, c]) + offset[c]
+        return synthetic_run(said, floor, mass, self._runs)
+
+
+def _is_free(column: int) -> bool:
+    return native.SPEED <= column < native.ACCELERATION
+
+
+def _instance(name: str, taken: Mapping[str, object]) -> str:
+    """A free name for one more instance of an effect."""
+    return next(c for c in (name, *(f"{name}_{k}" for k in range(2, 10))) if c not in taken)
+
+
+def _channels(sensors: Sensors) -> tuple[Channel, ...]:
+    """Roughness: RMS over 20 ms by which the equations miss a healthy twin, its sensors' noise apart."""
+    wheels = range(1, native.WHEELS + 1)
+    bias, drift = sensors.accelerometer_bias, sensors.gyro_bias
+    return (
+        *(Channel(f"current_{i}", "A", f"current that wheel {i} needs", 0.0, 0.018) for i in wheels),
+        *(
+            Channel(f"wheel_speed_{i}", "rad/s", f"speed of wheel {i} after a window", 0.0, 0.1)
+            for i in wheels
+        ),
+        Channel("acceleration_x", "m/s2", "acceleration ahead", bias, 0.03),
+        Channel("acceleration_y", "m/s2", "acceleration to the left", bias, 0.03),
+        Channel("yaw_rate", "rad/s", "yaw rate", drift, 0.002),
+        Channel("yaw", "rad", "heading within a window", 0.0, 0.0003),
+    )

@@ -1,0 +1,231 @@
+"""Raw numbers to physics and back, as `[hardware]` of the model file says: gain, sign, offset, filter, wrap.
+
+Only the host calibrates, so that recordings of raw numbers can be read anew with a better calibration.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from omnimj.errors import InputError
+from omnimj.link.codec.messages import ChannelKind, Limits, Quantity, Raw
+from omnimj.link.device.config import DeviceConfig, WheelSpeedDecoder, short_hash
+from omnimj.link.device.limits import round_to_float32
+from omnimj.parameters.hardware import Hardware, HardwareInput
+from omnimj.parameters.robot import Robot
+from omnimj.signals import Array, CurrentCommand, Measurement
+
+_TURN = 2.0 * math.pi
+_UNUSED = ChannelKind(Quantity.OTHER, 0, Raw.VOLTS)
+
+
+def require_hardware(robot: Robot) -> Hardware:
+    """The robot's wiring.
+
+    Raises:
+      InputError: The model file has none, so nothing can be driven by a wire.
+    """
+    if robot.hardware is None:
+        raise InputError(robot.file, "there is no [hardware]", "a plant behind a wire needs its tables")
+    return robot.hardware
+
+
+def channel_kind(channel: HardwareInput) -> ChannelKind:
+    """What the device must say that this channel is."""
+    return ChannelKind(Quantity[channel.quantity.upper()], channel.wheel, Raw[channel.raw.upper()])
+
+
+def channel_kinds(hardware: Hardware) -> tuple[ChannelKind, ...]:
+    """Of a device with just these channels; indices that the wiring leaves out are of no use to the host."""
+    kinds = [_UNUSED] * (1 + max(channel.channel for channel in hardware.inputs))
+    for channel in hardware.inputs:
+        kinds[channel.channel] = channel_kind(channel)
+    return tuple(kinds)
+
+
+def rounded_limits(hardware: Hardware) -> Limits:
+    """The device's limits, as float32."""
+    own = hardware.limits
+    return round_to_float32(
+        Limits(
+            own.current,
+            own.current_rate,
+            own.continuous_current,
+            own.heating,
+            own.wheel_speed,
+            own.message_rate,
+            own.valid_for,
+        )
+    )
+
+
+def canonical_text(hardware: Hardware) -> str:
+    """The calibration as text, equal for equal wirings: the lines below, each ended by a line feed, ASCII.
+
+    `omnimj calibration 1`, then by rising channel
+    `input NAME QUANTITY RAW CHANNEL SIGN GAIN OFFSET FILTER WRAP`, then by rising wheel
+    `output WHEEL CHANNEL SIGN GAIN UNIT`; one space between words, real numbers as C's `%.17g` writes them,
+    whole ones as `%d`.
+    """
+    inputs = [
+        f"input {i.name} {i.quantity} {i.raw} {i.channel} {i.sign} "
+        f"{i.gain:.17g} {i.offset:.17g} {i.filter:.17g} {i.wrap:.17g}"
+        for i in sorted(hardware.inputs, key=lambda i: i.channel)
+    ]
+    outputs = [
+        f"output {o.wheel} {o.channel} {o.sign} {o.gain:.17g} {o.unit}"
+        for o in sorted(hardware.outputs, key=lambda o: o.wheel)
+    ]
+    return "\n".join(["omnimj calibration 1", *inputs, *outputs, ""])
+
+
+def calibration_hash(hardware: Hardware) -> int:
+    """First 8 bytes, little endian, of BLAKE2s-256 over `canonical_text`."""
+    return short_hash(canonical_text(hardware).encode("ascii"))
+
+
+@dataclass(frozen=True)
+class WheelMap:
+    """The host's wheels and the device's: wheel i of the host sits at `channels[i − 1]` of the device."""
+
+    channels: tuple[int, ...]
+    """A permutation of 0…n−1."""
+    factors: tuple[float, ...]
+    """What the device is told per ampere of the host's wheel i, at that wheel's place [A/A]."""
+
+    @classmethod
+    def of(cls, hardware: Hardware) -> WheelMap:
+        """Out of the wiring; behind an analog box the device's currents have the wheels' own order."""
+        analog = hardware.outputs[0].unit == "V/A"
+        channels = [o.wheel - 1 if analog else o.channel for o in hardware.outputs]
+        factors = [o.sign * (1.0 if analog else o.gain) for o in hardware.outputs]
+        return cls(tuple(channels), tuple(factors))
+
+    def told(self, command: CurrentCommand) -> tuple[tuple[float, ...], int]:
+        """Currents and brake bits for the device."""
+        currents = [0.0] * len(self.channels)
+        for channel, factor, current in zip(
+            self.channels, self.factors, command.current.tolist(), strict=True
+        ):
+            currents[channel] = factor * current
+        return tuple(currents), sum(1 << self.channels[wheel - 1] for wheel in command.brake)
+
+    def meant(self, currents: Sequence[float], brake: int) -> CurrentCommand:
+        """The command that the device was told."""
+        own = [
+            currents[channel] / factor for channel, factor in zip(self.channels, self.factors, strict=True)
+        ]
+        wheels = range(1, len(self.channels) + 1)
+        return CurrentCommand(np.array(own), tuple(w for w in wheels if brake >> self.channels[w - 1] & 1))
+
+    def own(self, wheel: int) -> int:
+        """The host's wheel 1…n that the device calls so; 0 stays 0."""
+        return self.channels.index(wheel - 1) + 1 if wheel else 0
+
+
+class Calibration:
+    """Turns a device's raw readings into measurements; keeps the state of filters and counters."""
+
+    def __init__(self, hardware: Hardware):
+        """At the start of a run."""
+        inputs = self._inputs = hardware.inputs
+        self._wheels = (len(inputs) - 4) // 2
+        self._order = np.array([i.channel for i in inputs])
+        self._gain = np.array([i.sign * i.gain for i in inputs])
+        self._offset = np.array([i.offset for i in inputs])
+        self._angles = [k for k, i in enumerate(inputs) if i.quantity == "wheel_angle"]
+        self._filtered = [k for k, i in enumerate(inputs) if i.filter > 0.0]
+        self.reset()
+
+    def reset(self) -> None:
+        """Forgets filters and counters; the next sample is the first one."""
+        self._time = math.nan
+        self._before: dict[int, tuple[float, float]] = {}
+        self._speeds: dict[int, float] = {}
+        self._smooth: dict[int, float] = {}
+
+    def measured(self, time: float, raw: Sequence[float]) -> Measurement:
+        """One sample in SI.
+
+        Wheel speeds out of angles are differences over the samples' own times, 0 at the first one, since a
+        robot is armed at rest; at a time that does not rise they stay. A reading that is not finite is NaN,
+        and leaves filters and counters alone.
+
+        Args:
+          time: Time of the sample [s].
+          raw: Volts or counts of all channels.
+        """
+        found = np.asarray(raw, dtype=float)[self._order]
+        values = self._gain * (found - self._offset)
+        n = self._wheels
+        if self._angles:
+            self._differentiate(time, found, values)
+        if self._filtered:
+            self._smoothen(time, values)
+        self._time = time
+        values[~np.isfinite(values)] = math.nan
+        yaw = float(values[2 * n + 3]) % _TURN
+        return Measurement(
+            time,
+            values[:n],
+            values[n : 2 * n],
+            values[2 * n : 2 * n + 2],
+            float(values[2 * n + 2]),
+            0.0 if yaw >= _TURN else yaw,
+        )
+
+    def _differentiate(self, time: float, found: Array, values: Array) -> None:
+        """Wheel speed = gain · wrapped difference of the raw angle / time between."""
+        for k in self._angles:
+            raw, wrap = float(found[k]), self._inputs[k].wrap
+            if not math.isfinite(raw):
+                continue
+            before, then = self._before.get(k, (raw, math.nan))
+            if time > then:
+                turned = raw - before
+                if wrap > 0.0:
+                    turned -= wrap * round(turned / wrap)
+                self._speeds[k] = float(self._gain[k]) * turned / (time - then)
+            if not time <= then:
+                self._before[k] = raw, time
+            values[k] = self._speeds.get(k, 0.0)
+
+    def _smoothen(self, time: float, values: Array) -> None:
+        """y += (1 − e^(−Δt/τ)) (x − y); the heading goes the short way round."""
+        elapsed = time - self._time
+        for k in self._filtered:
+            x, y = float(values[k]), self._smooth.get(k, math.nan)
+            if not math.isfinite(x):
+                continue
+            if math.isfinite(y):
+                away = x - y
+                if self._inputs[k].quantity == "yaw":
+                    away -= _TURN * round(away / _TURN)
+                x = y + (1.0 - math.exp(-max(elapsed, 0.0) / self._inputs[k].filter)) * away
+            self._smooth[k] = values[k] = x
+
+
+def wheel_speed_decoder(hardware: Hardware) -> WheelSpeedDecoder:
+    """How a device that knows its calibration has its wheel speeds, in its own order of wheels."""
+    calibration, channels = Calibration(hardware), WheelMap.of(hardware).channels
+
+    def speeds(now: float, raw: Sequence[float]) -> tuple[float, ...]:
+        measured = calibration.measured(now, raw).wheel_speed.tolist()
+        ordered = [0.0] * len(channels)
+        for channel, speed in zip(channels, measured, strict=True):
+            ordered[channel] = speed
+        return tuple(ordered)
+
+    return speeds
+
+
+def device_config(
+    hardware: Hardware, period: float, *, lock_step: bool = False, keyed: bool = False
+) -> DeviceConfig:
+    """A device that is set up as this wiring says; period between two ticks [s]."""
+    wheels, kinds, limits = len(hardware.outputs), channel_kinds(hardware), rounded_limits(hardware)
+    return DeviceConfig(wheels, period, kinds, limits, calibration_hash(hardware), lock_step, keyed)

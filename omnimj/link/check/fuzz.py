@@ -1,0 +1,296 @@
+"""Everything that can happen to bytes, many times over: what is accepted must be what was sent.
+
+Frames are changed in every way that a bad wire changes them, come on a serial line and as datagrams, with
+noise in between. An accepted frame is held against the one that was sent under its sequence, byte for byte,
+so that even a checksum that is right by chance would be found out.
+"""
+
+from __future__ import annotations
+
+import random
+import struct
+import sys
+import time
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+from omnimj.link.codec import cobs
+from omnimj.link.codec.frames import decode, encode
+from omnimj.link.codec.key import KEY_SIZE, Key
+from omnimj.link.codec.layout import DropCounts, DropReason
+from omnimj.link.codec.messages import (
+    Arm,
+    Command,
+    Fault,
+    FaultCode,
+    Frame,
+    Hello,
+    Message,
+    Ping,
+    ResetFault,
+    Status,
+    Stop,
+    Telemetry,
+)
+from omnimj.link.codec.stream import PacketStream
+
+_WINDOW = 4096  # frames that are remembered; one that is held back comes after some 50
+_BLOCK = 65_536
+_PER_ROUND = 1000  # frames between two blocks of noise
+_WARM = 20_000
+_POOL = 4096
+
+
+@dataclass
+class FuzzReport:
+    """What came of it."""
+
+    frames: int = 0
+    """Made and sent, each on a serial line and as a datagram, changed or not."""
+    noise: int = 0
+    """Bytes of noise on the line, and as many in datagrams."""
+    whole: int = 0
+    """Frames that stood on the line, or in datagrams, as they were made; duplicates count."""
+    accepted: int = 0
+    """Of them."""
+    wrong: int = 0
+    """Accepted, and never sent so."""
+    seconds: float = 0.0
+    peak_growth: float = 0.0
+    """By how much the most memory ever in use rose after the first frames [kB]."""
+    blocks_growth: int = 0
+    """More pieces of memory in use at the end than after the first frames."""
+    drops: DropCounts = field(default_factory=DropCounts)
+
+    @property
+    def passed(self) -> bool:
+        """All that was whole was accepted, and nothing else."""
+        return self.wrong == 0 and self.accepted == self.whole
+
+
+def _peak_memory() -> float:
+    """Most memory that this program ever used [kB]; 0 where the system does not tell."""
+    try:
+        import resource
+    except ImportError:
+        return 0.0
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / 1024.0 if sys.platform == "darwin" else float(peak)
+
+
+class _FrameSource:
+    """Frames with numbers that float32 holds."""
+
+    def __init__(self, rng: random.Random):
+        self._rng, self._sequence = rng, 0
+        self._numbers = [struct.unpack("<f", struct.pack("<f", rng.gauss(0.0, 2.0)))[0] for _ in range(_POOL)]
+
+    def next(self) -> Frame:
+        rng = self._rng
+        self._sequence += 1
+        return Frame(self._message(), rng.getrandbits(32), self._sequence, rng.getrandbits(64))
+
+    def _some(self, count: int) -> tuple[float, ...]:
+        at = self._rng.randrange(_POOL - count)
+        return tuple(self._numbers[at : at + count])
+
+    def _message(self) -> Message:
+        rng, kind = self._rng, self._rng.random()
+        if kind < 0.45:
+            raw = (*self._some(11), rng.getrandbits(31))
+            return Telemetry(rng.getrandbits(32), 0.001, Status.ARMED, FaultCode.NONE, 0, 0, raw, 1 << 11)
+        if kind < 0.9:
+            return Command(self._some(4), 0.0625, rng.getrandbits(4))
+        return rng.choice(
+            (
+                Hello(rng.getrandbits(64)),
+                Ping(rng.getrandbits(64)),
+                Arm(rng.getrandbits(64), rng.getrandbits(64), rng.getrandbits(32)),
+                Fault(FaultCode.HEATING, 2, 1.5, 0.5, rng.getrandbits(32), True),
+                Stop(),
+                ResetFault(),
+            )
+        )
+
+
+def _flipped(rng: random.Random, content: bytes) -> bytes:
+    spoiled = bytearray(content)
+    for bit in rng.sample(range(8 * len(content)), rng.randint(1, 8)):
+        spoiled[bit >> 3] ^= 1 << (bit & 7)
+    return bytes(spoiled)
+
+
+def _lengthened(rng: random.Random, content: bytes) -> bytes:
+    at = rng.randint(0, len(content))
+    return content[:at] + rng.choice((rng.randbytes, bytes))(rng.randint(1, 20)) + content[at:]
+
+
+def _shortened(rng: random.Random, content: bytes) -> bytes:
+    begin = rng.randrange(len(content))
+    return content[:begin] if rng.random() < 0.5 else content[:begin] + content[begin + rng.randint(1, 9) :]
+
+
+_CHANGES: tuple[Callable[[random.Random, bytes], bytes], ...] = (
+    _flipped,
+    _lengthened,
+    _shortened,
+    lambda rng, content: b"",
+    lambda rng, content: content + content,
+)
+
+
+class _FaultyWire:
+    """Does to frames what wires do: some come changed, some later, most as they are."""
+
+    def __init__(self, rng: random.Random):
+        self._rng = rng
+        self._held: list[bytes] = []
+
+    def carry(self, content: bytes) -> Iterator[bytes]:
+        kind = self._rng.random()
+        if kind < 0.1:
+            self._held.append(content)
+        elif kind < 0.6:
+            yield self._rng.choice(_CHANGES)(self._rng, content)
+        else:
+            yield content
+        if len(self._held) > 4:
+            yield self._held.pop(self._rng.randrange(len(self._held)))
+
+
+class _AcceptanceChecker:
+    """Holds what was accepted against what was sent."""
+
+    def __init__(self, report: FuzzReport, key: Key | None):
+        self._report, self._key = report, key
+        self._sent: dict[int, tuple[Frame, bytes]] = {}
+        self._stuffed: dict[bytes, int] = {}
+        self._line = PacketStream()
+        self._line.drops = report.drops
+        self._carry = b""  # what stands on the line after the last zero
+
+    def sent(self, frame: Frame) -> tuple[bytes, bytes]:
+        packet = encode(frame, self._key)
+        stuffed = cobs.encode(packet)
+        self._sent[frame.sequence] = frame, packet
+        self._stuffed[stuffed] = frame.sequence
+        if len(self._sent) > _WINDOW:
+            self._sent.pop(next(iter(self._sent)))
+            self._stuffed.pop(next(iter(self._stuffed)))
+        return packet, stuffed + cobs.DELIMITER
+
+    def take_datagram(self, packet: bytes) -> None:
+        self._report.whole += any(packet == sent for _, sent in self._named(packet))
+        self._accept(packet)
+
+    def take_bytes(self, chunk: bytes) -> None:
+        pieces = (self._carry + chunk).split(cobs.DELIMITER)
+        self._carry = pieces.pop()[-2 * _BLOCK :]
+        self._report.whole += sum(piece in self._stuffed for piece in pieces)
+        for packet in self._line.feed(chunk):
+            self._accept(packet)
+
+    def _named(self, packet: bytes) -> Iterator[tuple[Frame, bytes]]:
+        """What was sent under the sequence that these bytes name, right or wrong."""
+        found = self._sent.get(int.from_bytes(packet[8:12], "little"))
+        if found is not None:
+            yield found
+
+    def _accept(self, packet: bytes) -> None:
+        found = decode(packet, self._key)
+        if isinstance(found, DropReason):
+            self._report.drops.add(found)
+            return
+        for frame, sent in self._named(packet):
+            if packet == sent and found.message == frame.message and found.session == frame.session:
+                self._report.accepted += 1
+                return
+        if not isinstance(found.message, Stop) or self._key is None:
+            self._report.wrong += 1
+
+
+def _noise(rng: random.Random, size: int) -> bytes:
+    """Evenly, or with as many zeros as frames have, or of few values."""
+    kind = rng.randrange(3)
+    if kind == 0:
+        return rng.randbytes(size)
+    if kind == 1:
+        return b"\0".join(
+            rng.randbytes(rng.randint(0, 600)).replace(b"\0", b"\1") for _ in range(size // 300)
+        )
+    return rng.randbytes(size).translate(bytes((0, 1, 2, 29, 255)[i % 5] for i in range(256)))
+
+
+def _send_frames(
+    rng: random.Random,
+    source: _FrameSource,
+    judge: _AcceptanceChecker,
+    wires: tuple[_FaultyWire, _FaultyWire],
+    count: int,
+) -> None:
+    line: list[bytes] = []
+    for _ in range(count):
+        packet, stuffed = judge.sent(source.next())
+        for datagram in wires[0].carry(packet):
+            judge.take_datagram(datagram)
+        line += wires[1].carry(stuffed)
+        if len(line) > rng.randrange(20):
+            chunk = b"".join(line)
+            cut = rng.randint(0, len(chunk))
+            judge.take_bytes(chunk[:cut])
+            judge.take_bytes(chunk[cut:])
+            line = []
+    judge.take_bytes(b"".join(line))
+
+
+def _send_noise(rng: random.Random, judge: _AcceptanceChecker, size: int, keyed: bool) -> int:
+    """One block of noise on the line and as datagrams; with a key, some with a right checksum, too."""
+    block = _noise(rng, size)[:size]
+    judge.take_bytes(block)
+    at = 0
+    while at < len(block):
+        datagram = block[at : at + rng.randint(0, 600)]
+        at += len(datagram) + 1
+        if keyed and rng.random() < 0.5 and len(datagram) > 24:
+            begin = bytes((1, 1 + datagram[1] % 10, 1, 0))
+            datagram = begin + datagram[4:500]
+            datagram += zlib.crc32(datagram).to_bytes(4, "little")
+        judge.take_datagram(datagram)
+    return len(block)
+
+
+def fuzz(frames: int, noise: int, seed: int, progress: Callable[[int], object] | None = None) -> FuzzReport:
+    """Sends frames over bad wires, half of them on a link with a key; see `FuzzReport.passed`.
+
+    Args:
+      frames: How many.
+      noise: Bytes of noise among them.
+      seed: Of everything that is drawn.
+      progress: Is told how many frames are done.
+    """
+    rng, report = random.Random(seed), FuzzReport()
+    keys = (None, Key(rng.randbytes(KEY_SIZE)))
+    links = [
+        (_AcceptanceChecker(report, key), (_FaultyWire(rng), _FaultyWire(rng)), key is not None)
+        for key in keys
+    ]
+    source, begin, warm = _FrameSource(rng), time.perf_counter(), None
+    while report.frames < frames or report.noise < noise:
+        judge, wires, keyed = links[rng.randrange(2)]
+        count = min(_PER_ROUND, frames - report.frames)
+        _send_frames(rng, source, judge, wires, count)
+        report.frames += count
+        # as far with the noise as with the frames
+        due = noise if report.frames >= frames else noise * report.frames // max(1, frames)
+        while report.noise < due:
+            report.noise += _send_noise(rng, judge, min(_BLOCK, due - report.noise), keyed) or 1
+        if warm is None and report.frames >= min(_WARM, frames // 2):
+            warm = _peak_memory(), sys.getallocatedblocks()
+        if progress is not None:
+            progress(report.frames)
+    report.seconds = time.perf_counter() - begin
+    if warm is not None:
+        report.peak_growth = _peak_memory() - warm[0]
+        report.blocks_growth = sys.getallocatedblocks() - warm[1]
+    return report

@@ -1,0 +1,102 @@
+"""What a device was set up as, and what it gives to its amplifiers."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import struct
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from omnimj.link.codec.messages import Capabilities, ChannelKind, Limits, Quantity
+from omnimj.link.device.limits import round_to_float32
+
+WheelSpeedDecoder = Callable[[float, Sequence[float]], tuple[float, ...]]
+"""Wheel speeds after the gear, shape (n,) [rad/s], out of time [s] and raw readings; called once per tick."""
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceConfig:
+    """What the device was set up as."""
+
+    wheels: int
+    period: float
+    """Between two ticks [s]."""
+    channels: tuple[ChannelKind, ...]
+    limits: Limits
+    calibration_hash: int
+    lock_step: bool = False
+    keyed: bool = False
+    """Frames without the key's tag are dropped, but for stop."""
+
+
+@dataclass(frozen=True, slots=True)
+class AmplifierOutput:
+    """What the amplifiers get."""
+
+    currents: tuple[float, ...]
+    """Shape (n,) [A], at the amplifiers' own signs."""
+    brake: int
+    """Bit i−1: a relay shorts the motor of wheel i."""
+
+
+# What host and device hold against each other before anything moves: short hashes.
+
+
+def short_hash(content: bytes) -> int:
+    """The first 8 bytes of BLAKE2s-256 (RFC 7693, no key), as a little-endian number of 64 bits."""
+    return int.from_bytes(hashlib.blake2s(content).digest()[:8], "little")
+
+
+def limits_hash(limits: Limits) -> int:
+    """Of the seven limits in the order of the record, each as a little-endian float32: 28 bytes."""
+    return short_hash(struct.pack("<7f", *dataclasses.astuple(limits)))
+
+
+# Whether a device is the one that was expected, told in words.
+
+
+def describe_mismatch(expected: DeviceConfig, found: Capabilities) -> str:
+    """The first thing that the device has otherwise; empty where there is none.
+
+    Channels that the host does not use may be anything, and there may be more of them.
+    """
+    if found.wheels != expected.wheels:
+        return f"it has {found.wheels} wheels, the model {expected.wheels}"
+    if found.lock_step != expected.lock_step:
+        return f"it runs in {_clock_mode(found.lock_step)}, asked for is {_clock_mode(expected.lock_step)}"
+    if _as_float32(found.period) != _as_float32(expected.period):
+        return f"its period is {found.period:g} s, the model's {expected.period:g} s"
+    for channel, kind in enumerate(expected.channels):
+        if kind.quantity is Quantity.OTHER:
+            continue
+        if channel >= len(found.channels):
+            return f"it has no channel {channel}, the model has {_format_channel(kind)} there"
+        if found.channels[channel] != kind:
+            return (
+                f"channel {channel} is {_format_channel(found.channels[channel])}, the model has "
+                f"{_format_channel(kind)} there"
+            )
+    limits = round_to_float32(expected.limits)
+    for field in dataclasses.fields(Limits):
+        own, its = getattr(limits, field.name), getattr(found.limits, field.name)
+        if own != its:
+            return f"its limit {field.name} is {its:g}, the model's {own:g}"
+    if found.limits_hash != limits_hash(limits):
+        return "its limits have another hash"
+    if found.calibration_hash != expected.calibration_hash:
+        return "it was commissioned with another calibration"
+    return ""
+
+
+def _as_float32(period: float) -> float:
+    return struct.unpack("<f", struct.pack("<f", period))[0]
+
+
+def _clock_mode(lock_step: bool) -> str:
+    return "lock-step" if lock_step else "real time"
+
+
+def _format_channel(kind: ChannelKind) -> str:
+    wheel = f" of wheel {kind.wheel}" if kind.wheel else ""
+    return f"{kind.quantity.name.lower()}{wheel} in {kind.raw.name.lower()}"

@@ -1,0 +1,116 @@
+"""A link's recording as a dataset of one run: raw numbers calibrated anew, commands as they were taken."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+
+from omnimj.errors import InputError
+from omnimj.link.calibration import Calibration, WheelMap, calibration_hash, require_hardware
+from omnimj.link.codec.messages import Command, Status, Telemetry
+from omnimj.link.host.frame_log import FRAMES_FILE, FrameRecording
+from omnimj.parameters.hardware import Hardware
+from omnimj.parameters.robot import Robot
+from omnimj.plant.interface import robot_channels
+from omnimj.recording.dataset import Dataset, Run, plant_columns
+from omnimj.recording.dataset_file import DATASET_FILE
+from omnimj.recording.read_dataset import MIN_SAMPLES, mask_runs
+from omnimj.signals import Array
+
+
+def is_link_recording(folder: Path) -> bool:
+    """Whether a folder holds a recording of frames, and no dataset of tables."""
+    return (folder / FRAMES_FILE).is_file() and not (folder / DATASET_FILE).exists()
+
+
+def read_link_recording(folder: Path, robot: Robot, floor: str | None = None) -> Dataset:
+    """The run that was driven, or listened to, over a link.
+
+    Time 0 is the first telemetry of an armed device; without one, the first telemetry. Row k has what was
+    measured, and the command that the device took next, as a run's trace does.
+
+    Args:
+      folder: With `frames.bin`.
+      robot: Whose [hardware] the raw numbers are read with.
+      floor: Of the run; what the recording says when None.
+
+    Raises:
+      InputError: No recording, too few samples, or other channels than the wiring's.
+    """
+    file, hardware = folder / FRAMES_FILE, require_hardware(robot)
+    recording = FrameRecording(file)
+    rows = _rows(recording, hardware, file)
+    if len(rows) < MIN_SAMPLES:
+        raise InputError(file, f"has {len(rows)} samples", f"at least {MIN_SAMPLES} are needed")
+    finite = np.isfinite(rows).all(axis=1)
+    columns = _columns(rows[finite], len(robot.wheels))
+    conditions = {"floor": str(recording.about.get("floor", "")) if floor is None else floor}
+    run = Run(
+        _name(recording.about), MappingProxyType(columns), MappingProxyType({}), MappingProxyType(conditions)
+    )
+    masked, notes = mask_runs(plant_columns("uto_robot", len(robot.wheels)), [run])
+    notes = [*_notes(recording, hardware, int((~finite).sum())), *notes]
+    return Dataset(folder, "uto_robot", tuple(masked), tuple(notes), len(robot.wheels))
+
+
+def _rows(recording: FrameRecording, hardware: Hardware, file: Path) -> Array:
+    """Time, channels and the currents taken next, shape (k, 1 + 2 n + 4 + n)."""
+    calibration, wheels, n = Calibration(hardware), WheelMap.of(hardware), len(hardware.outputs)
+    most = 1 + max(i.channel for i in hardware.inputs)
+    sent: dict[int, tuple[float, ...]] = {}
+    kept, width = array("d"), 1 + 3 * n + 4
+    current, zero, last, began, taken = np.zeros(n), math.nan, -math.inf, False, 0
+    for logged in recording:
+        frame, message = logged.frame, logged.frame.message
+        if logged.is_sent and isinstance(message, Command) and len(message.currents) == n:
+            sent[frame.sequence] = message.currents
+        if not isinstance(message, Telemetry) or frame.time <= last:
+            continue
+        if len(message.raw) < most:
+            raise InputError(file, f"has {len(message.raw)} channels", f"the wiring needs {most}")
+        if message.acknowledged != taken and message.acknowledged in sent:
+            taken = message.acknowledged
+            current = wheels.meant(sent[taken], 0).current
+            sent = {number: told for number, told in sent.items() if number > taken}
+            if kept:
+                kept[-n:] = array("d", current)  # the row before is the one that this command answered
+        if Status.ARMED in message.status and not began:
+            began, kept, zero = True, array("d"), math.nan
+        zero = frame.time if math.isnan(zero) else zero
+        last = frame.time
+        m = calibration.measured(frame.time / 1e6, message.raw)
+        kept.append((frame.time - zero) / 1e6)
+        for part in (m.current, m.wheel_speed, m.acceleration, (m.yaw_rate, m.yaw), current):
+            kept.extend(part)
+    return np.array(kept).reshape(-1, width)
+
+
+def _columns(rows: Array, wheels: int) -> dict[str, Array]:
+    targets = [f"current_target_{i}" for i in range(1, wheels + 1)]
+    names = ("time", *robot_channels(wheels), *targets)
+    columns = dict(zip(names, np.ascontiguousarray(rows.T), strict=True))
+    for values in columns.values():
+        values.flags.writeable = False
+    return columns
+
+
+def _name(about: Mapping[str, object]) -> str:
+    name = str(about.get("scenario", ""))
+    plain = name.isascii() and name.replace("_", "").replace("-", "").isalnum()
+    return name if plain else "recorded"
+
+
+def _notes(recording: FrameRecording, hardware: Hardware, broken: int) -> list[str]:
+    found = []
+    if recording.about.get("calibration_hash") != f"{calibration_hash(hardware):016x}":
+        found.append("calibrated with another [hardware] than the one it was driven with")
+    if not recording.is_whole:
+        found.append("the recording breaks off within a frame")
+    if broken:
+        found.append(f"{broken} samples left out, since a reading is not finite")
+    return found

@@ -1,0 +1,247 @@
+"""What happens between one wheel and the floor: a pure function of MuJoCo's state and contact list.
+
+Per contact: depth d and its rate, slip velocity V_r along the driving direction, lateral velocity v_c of the
+wheel with the roller's own spin taken out. Per wheel: the normal force is that of its deepest roller, shared
+among rollers whose normals agree in proportion to their depth, so that a hand-over between rollers shows the
+geometry and not a second spring; traction and roller friction follow with one bristle each.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+
+from omnimj.parameters.floor import ROW
+from omnimj.physics.effect_terms import traction_scale
+from omnimj.physics.native import kernel
+from omnimj.physics.traction import exact_step, force_ratio, relaxation_rate
+from omnimj.plant.mujoco import slots
+from omnimj.plant.mujoco.effect_forces import terms_of
+from omnimj.plant.mujoco.memory import OFFSETS, load_int, load_pointer, load_real, real_pointer
+
+# columns of a contact's row
+WHEEL, ROLLER_BODY, FLOOR_GEOM, FLOOR_BODY, DEPTH, DEPTH_RATE, SLIP, LATERAL = range(8)
+NORMAL, AHEAD, ASIDE, POINT = 8, 11, 14, 17
+FORCE, PRESSED, DRAG = 20, 21, 22  # traction, normal force, bearing friction of the rollers
+COLUMNS = 23
+MAX_CONTACTS = 64
+CONTACT_BUFFER = MAX_CONTACTS * COLUMNS
+"""Doubles that one call's contacts need."""
+
+
+@kernel
+def point_velocity(m, d, body, x, y, z):
+    """Velocity of the point (x, y, z) as part of a body, world frame [m/s]."""
+    root = load_int(load_pointer(m + OFFSETS.m_body_rootid), body)
+    com = load_pointer(d + OFFSETS.d_subtree_com) + 24 * root
+    c = load_pointer(d + OFFSETS.d_cvel) + 48 * body
+    rx, ry, rz = x - load_real(com, 0), y - load_real(com, 1), z - load_real(com, 2)
+    wx, wy, wz = load_real(c, 0), load_real(c, 1), load_real(c, 2)
+    return (
+        load_real(c, 3) + wy * rz - wz * ry,
+        load_real(c, 4) + wz * rx - wx * rz,
+        load_real(c, 5) + wx * ry - wy * rx,
+    )
+
+
+@kernel
+def floor_under(m, d, wheel_slots, geom, x, y, z):
+    """The geom whose floor parameters hold at a point: the wheel's override, a patch, or the geom itself."""
+    override = load_real(wheel_slots, slots.FLOOR_OVERRIDE)
+    if override >= 0.0:
+        return numba.int64(override)
+    users = load_pointer(m + OFFSETS.m_geom_user)
+    width = 8 * load_pointer(m + OFFSETS.m_nuser_geom)
+    own = users + width * geom
+    # patches lie in the order of the scenario: the last one on top
+    for k in range(numba.int64(load_real(own, slots.PATCH_COUNT)) - 1, -1, -1):
+        patch = numba.int64(load_real(own, slots.FIRST_PATCH)) + k
+        place = load_pointer(d + OFFSETS.d_geom_xpos) + 24 * patch
+        axes = load_pointer(d + OFFSETS.d_geom_xmat) + 72 * patch
+        half = load_pointer(m + OFFSETS.m_geom_size) + 24 * patch  # half length, half width, …
+        rx, ry, rz = x - load_real(place, 0), y - load_real(place, 1), z - load_real(place, 2)
+        along = rx * load_real(axes, 0) + ry * load_real(axes, 3) + rz * load_real(axes, 6)
+        across = rx * load_real(axes, 1) + ry * load_real(axes, 4) + rz * load_real(axes, 7)
+        if abs(along) <= load_real(half, 0) and abs(across) <= load_real(half, 1):
+            return patch
+    return geom
+
+
+@kernel
+def describe_contact(m, d, contact, wheel_slots, roller_geom, floor_geom, sign, row):
+    """Fills a contact's row with its geometry and velocities; False when it does not touch."""
+    depth = -load_real(contact + OFFSETS.c_dist, 0)
+    if depth <= 0.0:
+        return False
+    frame, pos = contact + OFFSETS.c_frame, contact + OFFSETS.c_pos
+    nx, ny, nz = sign * load_real(frame, 0), sign * load_real(frame, 1), sign * load_real(frame, 2)
+    # the roller's own surface point, so that the rolling radius is the wheel's and not less the depth
+    x = load_real(pos, 0) - 0.5 * depth * nx
+    y = load_real(pos, 1) - 0.5 * depth * ny
+    z = load_real(pos, 2) - 0.5 * depth * nz
+    wheel_body = numba.int64(load_real(wheel_slots, slots.WHEEL_BODY))
+    axes = load_pointer(d + OFFSETS.d_xmat) + 72 * wheel_body
+    ax, ay, az = load_real(axes, 1), load_real(axes, 4), load_real(axes, 7)  # axle: the wheel's y axis
+    tx, ty, tz = ay * nz - az * ny, az * nx - ax * nz, ax * ny - ay * nx
+    length = math.sqrt(tx * tx + ty * ty + tz * tz)
+    if length < 1e-6:  # lying on its side: no driving direction
+        return False
+    tx, ty, tz = tx / length, ty / length, tz / length
+    sx, sy, sz = ny * tz - nz * ty, nz * tx - nx * tz, nx * ty - ny * tx
+    # the floor holds along the roller's axis and lets roll across it: on an omni wheel these are t and s
+    sin, cos = load_real(wheel_slots, slots.ROLLER_SIN), load_real(wheel_slots, slots.ROLLER_COS)
+    ux, uy, uz = sin * tx + cos * sx, sin * ty + cos * sy, sin * tz + cos * sz
+    sx, sy, sz = sin * sx - cos * tx, sin * sy - cos * ty, sin * sz - cos * tz
+    tx, ty, tz = ux, uy, uz
+    geom_body = load_pointer(m + OFFSETS.m_geom_bodyid)
+    floor_body = load_int(geom_body, floor_geom)
+    vx, vy, vz = point_velocity(m, d, wheel_body, x, y, z)
+    if floor_body > 0:
+        ux, uy, uz = point_velocity(m, d, floor_body, x, y, z)
+        vx, vy, vz = vx - ux, vy - uy, vz - uz
+    row[ROLLER_BODY] = load_int(geom_body, roller_geom)
+    row[FLOOR_GEOM] = floor_under(m, d, wheel_slots, floor_geom, x, y, z)
+    row[FLOOR_BODY] = floor_body
+    row[DEPTH] = depth
+    row[DEPTH_RATE] = -(nx * vx + ny * vy + nz * vz)
+    row[SLIP] = -(tx * vx + ty * vy + tz * vz)
+    row[LATERAL] = sx * vx + sy * vy + sz * vz
+    row[NORMAL], row[NORMAL + 1], row[NORMAL + 2] = nx, ny, nz
+    row[AHEAD], row[AHEAD + 1], row[AHEAD + 2] = tx, ty, tz
+    row[ASIDE], row[ASIDE + 1], row[ASIDE + 2] = sx, sy, sz
+    row[POINT], row[POINT + 1], row[POINT + 2] = x, y, z
+    return True
+
+
+@kernel
+def gather_contacts(m, d, only, found):
+    """Writes the touching contacts of one wheel (`only`, or all wheels when negative) into `found`.
+
+    Returns:
+      How many rows were written.
+    """
+    users = load_pointer(m + OFFSETS.m_geom_user)
+    width = load_pointer(m + OFFSETS.m_nuser_geom)
+    wheels = load_pointer(m + OFFSETS.m_actuator_user)
+    wheel_width = 8 * load_pointer(m + OFFSETS.m_nuser_actuator)
+    contacts = load_pointer(d + OFFSETS.d_contact)
+    count = 0
+    for k in range(load_int(d + OFFSETS.d_ncon, 0)):
+        contact = contacts + OFFSETS.contact_size * k
+        first, second = load_int(contact + OFFSETS.c_geom, 0), load_int(contact + OFFSETS.c_geom, 1)
+        if first < 0 or second < 0:  # a flex
+            continue
+        sign = 1.0  # the frame's normal points from the first geom to the second
+        floor_geom, roller_geom = first, second
+        if load_real(users, width * first + slots.KIND) == slots.ROLLER:
+            floor_geom, roller_geom, sign = second, first, -1.0
+        if (
+            load_real(users, width * roller_geom + slots.KIND) != slots.ROLLER
+            or load_real(users, width * floor_geom + slots.KIND) != slots.FLOOR
+        ):
+            continue
+        wheel = numba.int64(load_real(users, width * roller_geom + slots.ROLLER_WHEEL))
+        if (only >= 0 and wheel != only) or count == MAX_CONTACTS:
+            continue
+        own = wheels + wheel_width * wheel
+        if describe_contact(m, d, contact, own, roller_geom, floor_geom, sign, found[count]):
+            found[count, WHEEL] = wheel
+            count += 1
+    return count
+
+
+@kernel
+def share_normal_force(found, count, wheel, stiffness, damping):
+    """N_i = w_i (k d_max + c ḋ_i), w_i = d_i/Σ d_j over rollers whose normals agree; never negative [N].
+
+    Contacts with normals 60° apart are separate springs; parallel ones share a single spring.
+
+    Returns:
+      The wheel's normal force.
+    """
+    total = 0.0
+    for i in range(count):
+        if found[i, WHEEL] != wheel:
+            continue
+        deepest, together = 0.0, 0.0
+        for j in range(count):
+            if found[j, WHEEL] == wheel:
+                agree = 0.0
+                for k in range(3):
+                    agree += found[i, NORMAL + k] * found[j, NORMAL + k]
+                depth = found[j, DEPTH] * max(0.0, 2.0 * agree - 1.0)
+                deepest = max(deepest, depth)
+                together += depth
+        force = found[i, DEPTH] / together * (stiffness * deepest + damping * found[i, DEPTH_RATE])
+        found[i, PRESSED] = max(0.0, force)
+        total += found[i, PRESSED]
+    return total
+
+
+@kernel
+def wheel_contact_forces(m, d, wheel, found, count, h):
+    """Normal force, traction and roller friction of one wheel; fills FORCE, PRESSED, DRAG of its contacts.
+
+    Traction of contact i: N_i f(z, V_r,i) on the floor under it, with one bristle z for the wheel; bearing
+    friction of the rollers: N_i (σ0 z_l + σ1 ż_l + μ_vis v_c), g = μ_dry, with one lateral bristle.
+
+    Returns:
+      Mean slip, normal force, traction, lateral force along the axle, mean lateral velocity, next bristle,
+      next lateral bristle.
+    """
+    own = load_pointer(m + OFFSETS.m_actuator_user) + 8 * load_pointer(m + OFFSETS.m_nuser_actuator) * wheel
+    act = load_pointer(d + OFFSETS.d_act) + 8 * load_int(load_pointer(m + OFFSETS.m_actuator_actadr), wheel)
+    pressed = share_normal_force(
+        found, count, wheel, load_real(own, slots.STIFFNESS), load_real(own, slots.DAMPING)
+    )
+    if pressed <= 0.0:  # lifted: the bristles spring back
+        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    users = load_pointer(m + OFFSETS.m_geom_user)
+    width = 8 * load_pointer(m + OFFSETS.m_nuser_geom)
+    z = load_real(act, slots.BRISTLE)
+    turning = load_real(own, slots.RADIUS) * load_real(
+        load_pointer(d + OFFSETS.d_qvel), numba.int64(load_real(own, slots.WHEEL_DOF))
+    )
+    terms, grip = terms_of(own), load_real(own, slots.GRIP)
+    slip, lateral, traction, z_next = 0.0, 0.0, 0.0, 0.0
+    for i in range(count):
+        if found[i, WHEEL] != wheel:
+            continue
+        share = found[i, PRESSED] / pressed
+        v = found[i, SLIP]
+        floor = users + width * numba.int64(found[i, FLOOR_GEOM]) + 8 * slots.FLOOR_ROW
+        row = numba.carray(real_pointer(floor), (ROW,))
+        rate = relaxation_rate(row, v, max(abs(turning), abs(turning - v)))
+        gripping = grip * traction_scale(terms, found[i, POINT])
+        found[i, FORCE] = gripping * found[i, PRESSED] * force_ratio(row, z, v, rate)
+        traction += found[i, FORCE]
+        slip += share * v
+        lateral += share * found[i, LATERAL]
+        z_next += share * exact_step(z, v, rate, h)
+    ratio, side_next = _roller_friction(own, load_real(act, slots.LATERAL_BRISTLE), lateral, h)
+    for i in range(count):
+        if found[i, WHEEL] == wheel:
+            found[i, DRAG] = -ratio * found[i, PRESSED]
+    return slip, pressed, traction, -ratio * pressed, lateral, z_next, side_next
+
+
+@kernel
+def wheel_frame_force(own, traction, lateral):
+    """Force F a + L b of the floor on a wheel, a the rollers' axis, b = n × a: along u and the axle [N]."""
+    s, c = load_real(own, slots.ROLLER_SIN), load_real(own, slots.ROLLER_COS)
+    return s * traction - c * lateral, c * traction + s * lateral
+
+
+@kernel
+def _roller_friction(own, z, velocity, h):
+    """Bearing friction of the rollers over normal force and its next bristle deflection."""
+    dry = load_real(own, slots.ROLLER_DRY)
+    viscous = load_real(own, slots.ROLLER_VISCOUS) * velocity
+    if dry <= 0.0:
+        return viscous, 0.0
+    stiffness = load_real(own, slots.ROLLER_SIGMA_0)
+    z_next = exact_step(z, velocity, stiffness * abs(velocity) / dry, h)
+    # the mean rate over the step: bounded however stiff the bristle is
+    ratio = stiffness * z + load_real(own, slots.ROLLER_SIGMA_1) * (z_next - z) / h + viscous
+    return ratio, z_next

@@ -1,0 +1,236 @@
+"""Reads MJCF and finds its parts by name; whatever is wrong there is one line for the user."""
+
+from __future__ import annotations
+
+import math
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import mujoco
+
+from omnimj.errors import InputError
+from omnimj.parameters import Motor, Robot, Wheel
+from omnimj.parameters.robot import WheelMount
+
+_NOT_READ = "is not a model that MuJoCo reads"
+
+
+def _one_line(error: ValueError) -> str:
+    return " ".join(str(error).split())
+
+
+def load_spec(path: Path, instead: Mapping[str, bytes] | None = None) -> mujoco.MjSpec:
+    """Parses an MJCF file.
+
+    Args:
+      path: The file.
+      instead: Contents that stand in for files which it includes, by their names.
+
+    Raises:
+      InputError: MuJoCo cannot read it; the message is MuJoCo's own.
+    """
+    try:
+        return mujoco.MjSpec.from_file(
+            str(path.resolve()), include=instead
+        )  # includes of a relative path go astray
+    except ValueError as error:
+        raise InputError(path, _NOT_READ, _one_line(error)) from None
+
+
+def compile_spec(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
+    """Compiles a parsed model.
+
+    Raises:
+      InputError: MuJoCo cannot compile it; the message is MuJoCo's own.
+    """
+    try:
+        return spec.compile()
+    except ValueError as error:
+        raise InputError(path, _NOT_READ, _one_line(error)) from None
+
+
+def part(spec: mujoco.MjSpec, kind: str, name: str) -> Any:
+    """A body, joint, geom, site, mesh or actuator by name.
+
+    Raises:
+      InputError: The MJCF has no such part.
+    """
+    found = getattr(spec, kind)(name)
+    if found is None:
+        raise InputError(f"MJCF model '{spec.modelname}'", f"has no {kind} '{name}'")
+    return found
+
+
+# The robot's MJCF with a corner for each wheel of its model file: copies of the first in `uto_robot.xml`.
+
+ROBOT_FILE = "uto_robot.xml"
+_ARM = 0.25  # [m] at which the file's wheels and the frames beside them stand
+_OF_A_WHEEL = re.compile(r"(corner|guide|motor)_1\b|wheel_1(?=_)")
+
+
+def robot_mjcf(robot: Robot, path: Path) -> bytes:
+    """The MJCF of a robot with as many wheels as its model file has, to stand in for `uto_robot.xml`.
+
+    Corners, motors and contact sensors are those of wheel 1 under other numbers; where they stand and what
+    they weigh is written into the parsed model later, as for the file itself.
+
+    Args:
+      robot: The constants.
+      path: `uto_robot.xml`; what is no XML is handed on as it is, for MuJoCo to say what is wrong with it.
+
+    Raises:
+      InputError: It lacks a part that is to be copied.
+    """
+    content, count = path.read_bytes(), len(robot.wheels)
+    try:
+        root = ET.fromstring(content)
+    except ET.ParseError:
+        return content
+    chassis = _found(root, ".//body[@name='chassis']")
+    _replicate(chassis, "corner_1", r"corner_\d+", count)
+    _replicate(_found(root, "actuator"), "motor_1", r"motor_\d+", count)
+    _replicate(_found(root, "sensor"), "wheel_1_contact", r"wheel_\d+_contact", count)
+    _set_frames(chassis, robot.wheels)
+    for asset in root.iterfind(".//model[@file]"):
+        asset.set("file", str((path.parent / Path(asset.get("file", ""))).resolve()))
+    return ET.tostring(root)
+
+
+def _found(root: ET.Element, path: str) -> ET.Element:
+    element = root.find(path)
+    if element is None:
+        raise InputError(ROBOT_FILE, f"has no {path}", "its first corner is copied for every wheel")
+    return element
+
+
+def _replicate(parent: ET.Element, first: str, kind: str, count: int) -> None:
+    """In the place of all children of a kind: copies of the first, numbered 1 … count, behind the others."""
+    text = ET.tostring(_found(parent, f"*[@name='{first}']"), encoding="unicode")
+    for child in [c for c in parent if re.fullmatch(kind, c.get("name", ""))]:
+        parent.remove(child)
+    for i in range(1, count + 1):
+        parent.append(ET.fromstring(_OF_A_WHEEL.sub(lambda m, i=i: m[0][:-1] + str(i), text)))
+
+
+def _set_frames(chassis: ET.Element, mounts: Iterable[WheelMount]) -> None:
+    """What the chassis carries beside each wheel, which is only seen, stands beside each wheel there is."""
+    around = _found(chassis, "replicate")
+    at = list(chassis).index(around)
+    chassis.remove(around)
+    for k, mount in enumerate(mounts):
+        (x, y), (u_x, u_y) = mount.position, mount.drives_along
+        frame = ET.Element("frame")
+        frame.set("pos", f"{x - _ARM * -u_y:.9g} {y - _ARM * u_x:.9g} 0")
+        frame.set("euler", f"0 0 {math.degrees(math.atan2(u_x, -u_y)):.9g}")
+        frame.extend(list(around))
+        chassis.insert(at + k, frame)
+
+
+# Writes the numbers of a wheel into the bodies that `uto_wheel.xml` attached.
+
+_FILE_ROW_OFFSET = 0.011  # [m] `uto_wheel.xml` shifts its second row by twice this
+_FILE_HALF_LENGTH = math.sqrt(0.050 * 0.009)  # [m] the roller mesh is made for these
+_FILE_ROLLER_RADIUS = 0.009  # [m]
+_STRAIGHT = 0.5 * math.pi  # rollers of an omni wheel lie across its axle
+_CUT = 0.0125 / _FILE_HALF_LENGTH  # a barrel's half length over the ellipsoid's
+
+
+def roller_half_length(wheel: Wheel, angle: float = _STRAIGHT) -> float:
+    """√(R b)/sin γ: with it the rollers' outline has the curvature of the wheel along their axes [m].
+
+    Along a direction that is turned by γ from the axle a cylinder of radius R has the curvature sin²γ/R.
+    """
+    return math.sqrt(wheel.radius * wheel.roller_radius) / math.sin(angle)
+
+
+def roller_inertia(wheel: Wheel, angle: float) -> tuple[float, float]:
+    """Spin ½ m b² and transverse m(3b² + L²)/12 of a roller of length L [kg.m2]."""
+    length = 2.0 * _CUT * roller_half_length(wheel, angle)
+    m, b = wheel.roller_mass, wheel.roller_radius
+    return 0.5 * m * b**2, m * (3.0 * b**2 + length**2) / 12.0
+
+
+def _about_axle(wheel: Wheel, angle: float) -> float:
+    """Of one roller about an axis through its centre and along the axle [kg.m2]."""
+    spin, across = roller_inertia(wheel, angle)
+    return across + (spin - across) * math.cos(angle) ** 2
+
+
+def hub_inertia(wheel: Wheel, angle: float = _STRAIGHT) -> float:
+    """Wheel inertia about the axle less that of its rollers [kg.m2].
+
+    Raises:
+      InputError: The rollers alone have more.
+    """
+    count = wheel.rows * wheel.rollers_per_row
+    ring = wheel.roller_mass * (wheel.radius - wheel.roller_radius) ** 2
+    left = wheel.inertia - count * (ring + _about_axle(wheel, angle))
+    if left <= 0.0 or wheel.mass <= count * wheel.roller_mass:
+        raise InputError(
+            "model file: wheel.inertia",
+            f"found {wheel.inertia:g} kg.m2 and {wheel.mass:g} kg",
+            "the rollers alone have more",
+        )
+    return left
+
+
+def vertical_inertia(wheel: Wheel, angle: float = _STRAIGHT) -> float:
+    """Of one wheel about the vertical through its centre, the mean over its turns [kg.m2]."""
+    count = wheel.rows * wheel.rollers_per_row
+    spin, across = roller_inertia(wheel, angle)
+    ring = wheel.roller_mass * (0.5 * (wheel.radius - wheel.roller_radius) ** 2 + wheel.row_offset**2)
+    return 0.71 * hub_inertia(wheel, angle) + count * (
+        ring + 0.5 * (spin + 2.0 * across - _about_axle(wheel, angle))
+    )
+
+
+def write_wheel(
+    spec: mujoco.MjSpec, prefix: str, wheel: Wheel, motor: Motor, angle: float = _STRAIGHT
+) -> None:
+    """Mass, inertia, rollers and reflected rotor inertia of one attached wheel.
+
+    Args:
+      spec: The model.
+      prefix: Of the wheel's names.
+      wheel: Its numbers.
+      motor: Its motor's.
+      angle: γ of its rollers [rad].
+
+    Raises:
+      InputError: Other rows or rollers than the file has, or a wheel lighter than its rollers.
+    """
+    rollers = [b for b in spec.bodies if b.name.startswith(f"{prefix}roller_")]
+    if (wheel.rows, wheel.rows * wheel.rollers_per_row) != (2, len(rollers)):
+        raise InputError(
+            "model file: wheel.rollers_per_row",
+            f"found {wheel.rows} rows of {wheel.rollers_per_row}",
+            f"uto_wheel.xml has 2 rows of {len(rollers) // 2}; change it there, too",
+        )
+    hub = part(spec, "body", f"{prefix}wheel")
+    about_axle = hub_inertia(wheel, angle)
+    hub.mass = wheel.mass - len(rollers) * wheel.roller_mass
+    hub.inertia = [0.71 * about_axle, about_axle, 0.71 * about_axle]
+    part(spec, "joint", f"{prefix}axle").armature = motor.reflected_inertia
+    spin, across = roller_inertia(wheel, angle)
+    turn = 0.5 * (_STRAIGHT - angle)  # half of it, about the line from the axle to the roller
+    for body in rollers:
+        second_row = body.name.endswith("_row_1")
+        y = 2.0 * _FILE_ROW_OFFSET - wheel.row_offset if second_row else wheel.row_offset
+        body.pos = [0.0, y, -(wheel.radius - wheel.roller_radius)]
+        body.quat = [math.cos(turn), 0.0, 0.0, math.sin(turn)]
+        body.mass = wheel.roller_mass
+        body.inertia = [spin, across, across]
+        part(spec, "geom", body.name).size = [
+            roller_half_length(wheel, angle),
+            wheel.roller_radius,
+            wheel.roller_radius,
+        ]
+    thick = wheel.roller_radius / _FILE_ROLLER_RADIUS
+    part(spec, "mesh", f"{prefix}roller").scale = [
+        roller_half_length(wheel, angle) / _FILE_HALF_LENGTH,
+        thick,
+        thick,
+    ]

@@ -1,0 +1,339 @@
+"""The MuJoCo twin of the test rig as a plant."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from omnimj.effects import apply_effects
+from omnimj.parameters import Floor, Rig, Robot, read_floors
+from omnimj.physics.motor import SHORTED
+from omnimj.plant.faults import Fault
+from omnimj.plant.ground import Patch
+from omnimj.plant.interface import RIG_TRUTH_NAMES, robot_truth_names
+from omnimj.plant.mujoco import slots
+from omnimj.plant.mujoco.assembly import bind_effects, rest_depth, rig_model, robot_model
+from omnimj.plant.mujoco.callback import install
+from omnimj.plant.mujoco.conditions import ConditionSchedule, NominalModel, fault_floors
+from omnimj.plant.sensors import RigSensors, RobotSensors
+from omnimj.signals import Array, CurrentCommand, Measurement, RigMeasurement
+
+_SETTLING_TIME = 0.3  # [s] that the gantry moves sideways before a rig run begins
+
+
+class RigTwin:
+    """The quarter test rig in MuJoCo; a `Plant` with one wheel.
+
+    The gantry moves sideways at its commanded speed from the start.
+    """
+
+    truth_names = RIG_TRUTH_NAMES
+
+    def __init__(
+        self,
+        rig: Rig,
+        floor: Floor,
+        mass: float | None = None,
+        lateral_speed: float = 0.0,
+        faults: Sequence[Fault] = (),
+        patches: Sequence[Patch] = (),
+        seed: int = 0,
+        ideal_sensors: bool = False,
+        timestep: float | None = None,
+        measured_current: bool = False,
+        floors: Mapping[str, Floor] | None = None,
+    ):
+        """Builds the twin.
+
+        Args:
+          rig: The constants, with effects.
+          floor: What lies everywhere.
+          mass: m_T [kg]; the rig's first mass when None.
+          lateral_speed: Commanded speed of the gantry [m/s].
+          faults: The truth that a diagnosis does not see.
+          patches: Stretches of other floor.
+          seed: Of the sensors' noise.
+          ideal_sensors: Neither noise nor quantisation nor filters.
+          timestep: Of the simulation [s]; one sample period when None.
+          measured_current: Commands are currents that were measured: neither limits nor the current loop act.
+          floors: Where patches and faults look up names; the shipped floors when None.
+        """
+        install()
+        effects = apply_effects(rig)
+        rig = effects.machine
+        mass = (rig.rig.masses[0] if mass is None else mass) + effects.added_mass
+        self.period = 1.0 / rig.sensors.sample_rate
+        floors = effects.floors(read_floors() if floors is None else floors)
+        self.mj_model = rig_model(
+            rig, effects.floor(floor), mass, fault_floors(faults), patches, lean=True, floors=floors
+        )
+        bind_effects(self.mj_model, effects.terms, measured_current)
+        self.mj_model.opt.timestep = self.period if timestep is None else timestep
+        self._substeps = max(1, round(self.period / self.mj_model.opt.timestep))
+        self.mj_data = mujoco.MjData(self.mj_model)
+        self._lateral_speed = lateral_speed
+        self._sensors = RigSensors(
+            rig.sensors, rig.motor, self.period, seed, faults, ideal_sensors, effects.channels
+        )
+        # the payload is in the mass already
+        without_load = dataclasses.replace(effects, payload=(0.0, 0.0, 0.0))
+        healthy = NominalModel(self.mj_model, "carriage")
+        self._schedule = ConditionSchedule(faults, without_load, measured_current, healthy)
+        m = self.mj_model
+        self._rail, self._lift, self._tilt, self._gantry, self._axle = (
+            int(m.joint(name).qposadr[0]) for name in ("rail", "lift", "tilt", "gantry", "wheel_1_axle")
+        )
+        self._felt = self.mj_data.sensor("wheel_1_contact").data
+        self._steps = 0
+        weight = -m.opt.gravity[2] * float(m.body_subtreemass[m.body("carriage").id])
+        self._rest = rig.wheel.radius * (effects.radius_scale[0] - 1.0) - weight / rig.contact.stiffness
+
+    def reset(self) -> RigMeasurement:
+        """Carriage at its start, gantry already at its speed, time 0."""
+        d = self.mj_data
+        mujoco.mj_resetData(self.mj_model, d)
+        self._schedule.start()
+        d.qpos[self._lift] = self._rest
+        if self._lateral_speed:
+            # as on the rig: first the gantry comes to its speed, then the wheel is driven
+            d.qvel[self._gantry] = d.ctrl[1] = self._lateral_speed
+            d.qpos[self._gantry] = -_SETTLING_TIME * self._lateral_speed
+            steps = round(0.5 * _SETTLING_TIME / self.mj_model.opt.timestep)
+            mujoco.mj_step(self.mj_model, d, steps)
+            side = 0.0
+            for _ in range(steps):
+                mujoco.mj_step(self.mj_model, d)
+                side += self._felt[slots.SENSOR_FIELDS.index("lateral_force")] / steps
+            d.act[slots.LATERAL_LOAD] = side
+            d.qpos[self._gantry], d.time = 0.0, 0.0
+        mujoco.mj_forward(self.mj_model, d)
+        self._steps = 0
+        self._sensors.reset()
+        return self._measure()
+
+    def step(self, command: CurrentCommand) -> RigMeasurement:
+        """One sample period."""
+        if self.mj_data.time + 0.5 * self.mj_model.opt.timestep >= self._schedule.next_change:
+            self._schedule.apply(self._steps * self.period)
+        self.mj_data.ctrl[0] = command.current[0]
+        self.mj_data.ctrl[1] = self._lateral_speed
+        mujoco.mj_step(self.mj_model, self.mj_data, self._substeps)
+        self._steps += 1
+        return self._measure()
+
+    def _measure(self) -> RigMeasurement:
+        speed = self.mj_data.qvel
+        return self._sensors.measure(
+            self._steps * self.period,
+            float(self.mj_data.act[slots.CURRENT]),
+            float(speed[self._axle] + self.mj_data.act[slots.PLAY_RATE]),  # the encoder sits on the motor
+            float(speed[self._rail]),
+            float(self.mj_data.qacc[self._rail] - self.mj_model.opt.gravity[0]),
+            float(speed[self._gantry]),
+        )
+
+    def truth(self) -> Array:
+        """Aligned with `RIG_TRUTH_NAMES`."""
+        place, speed = self.mj_data.qpos, self.mj_data.qvel
+        return np.array(
+            [
+                place[self._rail],
+                speed[self._rail],
+                speed[self._axle],
+                place[self._gantry],
+                place[self._tilt],
+                *self._felt[:4],
+            ]
+        )
+
+    def pose(self) -> Array:
+        """MuJoCo's generalized positions, for a picture or a recording."""
+        return self.mj_data.qpos.copy()
+
+    def close(self) -> None:
+        """Nothing to let go of."""
+
+
+# The MuJoCo twins of robot and rig as plants.
+
+__all__ = ["RigTwin", "RobotTwin"]
+
+_GUIDE_SHARE = 0.4  # share of the suspension's travel to either side that a larger wheel may start with
+
+
+class RobotTwin:
+    """The robot with rollers, suspension, motors and sensors in MuJoCo; a `Plant`.
+
+    Accelerations, slip and forces are those at the start of the last simulation step (one step before the
+    positions and speeds beside them), as MuJoCo computes them.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        floor: Floor,
+        faults: Sequence[Fault] = (),
+        patches: Sequence[Patch] = (),
+        seed: int = 0,
+        start: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        ideal_sensors: bool = False,
+        timestep: float | None = None,
+        scene: Path | None = None,
+        measured_current: bool = False,
+        floors: Mapping[str, Floor] | None = None,
+    ):
+        """Builds the twin.
+
+        Args:
+          robot: The constants, with effects.
+          floor: What lies everywhere but on patches.
+          faults: The truth that the controller does not see.
+          patches: Stretches of other floor.
+          seed: Of the sensors' noise.
+          start: x, y [m], heading [rad].
+          ideal_sensors: Neither noise nor quantisation nor filters.
+          timestep: Of the simulation [s]; one control period when None.
+          scene: Another MJCF scene that includes the robot.
+          measured_current: Commands are currents that were measured: neither limits nor the current loop act.
+          floors: Where patches and faults look up names; the shipped floors when None.
+        """
+        install()
+        effects = apply_effects(robot)
+        robot = effects.machine
+        self.period = 1.0 / robot.sensors.sample_rate
+        self._wheels = len(robot.wheels)
+        self.truth_names = robot_truth_names(self._wheels)
+        self.mj_model = robot_model(
+            robot,
+            effects.floor(floor),
+            patches,
+            fault_floors(faults),
+            floors=effects.floors(read_floors() if floors is None else floors),
+            scene=scene,
+            lean=True,
+        )
+        bind_effects(self.mj_model, effects.terms, measured_current)
+        self.mj_model.opt.timestep = self.period if timestep is None else timestep
+        self._substeps = max(1, round(self.period / self.mj_model.opt.timestep))
+        self.mj_data = mujoco.MjData(self.mj_model)
+        self._start = start
+        self._rest_height = robot.wheel.radius - rest_depth(robot)
+        self._sensors = RobotSensors(
+            robot.sensors,
+            robot.motor,
+            self._wheels,
+            self.period,
+            seed,
+            faults,
+            ideal_sensors,
+            effects.channels,
+        )
+        healthy = NominalModel(self.mj_model, "chassis")
+        self._schedule = ConditionSchedule(faults, effects, measured_current, healthy)
+        # a larger wheel lifts its corner; what the suspension does not take lifts the robot
+        larger, travel = robot.wheel.radius * (effects.radius_scale - 1.0), robot.body.suspension_travel
+        self._guides = np.clip(larger, -_GUIDE_SHARE * travel, _GUIDE_SHARE * travel)
+        self._rest_height += float(np.max(larger - self._guides, initial=0.0))
+        self._find_places()
+        self._braked: tuple[int, ...] = ()
+        self._steps, self._turns, self._last_heading = 0, 0.0, start[2]
+
+    def _find_places(self) -> None:
+        """Views into MuJoCo's arrays, found once: a step copies from them without a search."""
+        self._guides_at = [
+            int(self.mj_model.joint(f"guide_{i}").qposadr[0]) for i in range(1, self._wheels + 1)
+        ]
+        users = self.mj_model.actuator_user
+        self._axles = users[: self._wheels, slots.WHEEL_DOF].astype(int)
+        self._currents = self.mj_data.act[slots.CURRENT :: slots.ACTIVATIONS]
+        self._play_rates = self.mj_data.act[slots.PLAY_RATE :: slots.ACTIVATIONS]
+        first = int(users[0, slots.SENSOR])
+        block = self.mj_data.sensordata[first : first + 5 * self._wheels]
+        self._felt = block.reshape(self._wheels, 5)[:, :3].T  # slip, normal force, traction
+        self._felt_size = 3 * self._wheels
+        self._gravity = self.mj_model.opt.gravity
+        self._axes = self.mj_data.xmat[self.mj_model.body("chassis").id].reshape(3, 3)
+        self._gyro = self.mj_data.sensor("gyro").data
+
+    def reset(self) -> Measurement:
+        """Robot at rest at its start, time 0."""
+        mujoco.mj_resetData(self.mj_model, self.mj_data)
+        self._schedule.start()
+        self._braked = ()
+        x, y, heading = self._start
+        half = 0.5 * heading
+        self.mj_data.qpos[:7] = (x, y, self._rest_height, math.cos(half), 0.0, 0.0, math.sin(half))
+        self.mj_data.qpos[self._guides_at] = self._guides
+        mujoco.mj_forward(self.mj_model, self.mj_data)
+        self._steps, self._turns, self._last_heading = 0, 0.0, heading
+        self._sensors.reset()
+        return self._measure()
+
+    def step(self, command: CurrentCommand) -> Measurement:
+        """One control period."""
+        if self.mj_data.time + 0.5 * self.mj_model.opt.timestep >= self._schedule.next_change:
+            self._schedule.apply(self._steps * self.period)
+            self._braked = ()  # the schedule writes whole motors
+        if command.brake != self._braked:
+            self._brake(command.brake)
+        self.mj_data.ctrl[:] = command.current
+        mujoco.mj_step(self.mj_model, self.mj_data, self._substeps)
+        self._steps += 1
+        return self._measure()
+
+    def _brake(self, wheels: tuple[int, ...]) -> None:
+        shorted = self.mj_model.actuator_user[: self._wheels, slots.MOTOR + SHORTED]
+        shorted[:] = 0.0
+        shorted[[wheel - 1 for wheel in wheels]] = 1.0
+        self._braked = wheels
+
+    def _heading(self) -> float:
+        """Heading, unwrapped [rad]."""
+        w, x, y, z = self.mj_data.qpos[3:7].tolist()
+        heading = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        turn = heading + self._turns - self._last_heading
+        if math.isfinite(turn):  # a diverged state is the loop's to report
+            self._turns -= 2.0 * math.pi * round(turn / (2.0 * math.pi))
+        self._last_heading = heading + self._turns
+        return self._last_heading
+
+    def _acceleration(self) -> Array:
+        """What an accelerometer at the centre reads along the body's x and y: Rᵀ(a − g) [m/s²].
+
+        The chassis is a free joint at the centre, its first accelerations are those of the centre.
+        """
+        felt = self.mj_data.qacc[:3] - self._gravity
+        return felt @ self._axes[:, :2]
+
+    def _measure(self) -> Measurement:
+        return self._sensors.measure(
+            self._steps * self.period,
+            self._currents,
+            self.mj_data.qvel[self._axles] + self._play_rates,  # the encoder sits on the motor
+            self._acceleration(),
+            float(self._gyro[2]),
+            self._heading(),
+        )
+
+    def truth(self) -> Array:
+        """Pose, body twist, and per wheel slip, normal force, traction; aligned with `truth_names`."""
+        row = np.empty(6 + self._felt_size)
+        x, y = self.mj_data.qpos[:2].tolist()
+        vx, vy = self.mj_data.qvel[:2].tolist()
+        heading = self._last_heading
+        c, s = math.cos(heading), math.sin(heading)
+        row[:6] = (x, y, heading, c * vx + s * vy, c * vy - s * vx, self.mj_data.qvel[5])
+        row[6:] = self._felt.ravel()
+        return row
+
+    def pose(self) -> Array:
+        """MuJoCo's generalized positions, for a picture or a recording."""
+        return self.mj_data.qpos.copy()
+
+    def close(self) -> None:
+        """Nothing to let go of."""

@@ -1,0 +1,115 @@
+"""What must hold in a scenario: bounds on its metrics, read from `[checks]` and judged after the run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from omnimj.errors import InputError, UnknownNameError
+from omnimj.parameters.reading import Rule, check_number
+
+BOUNDS = ("min", "max")
+METHODS = ("robust", "published", "off")
+"""Ways to diagnose; each may have checks of its own."""
+
+_ANY = Rule(-math.inf, math.inf, False)
+
+
+@dataclass(frozen=True)
+class Check:
+    """One bound on one metric."""
+
+    name: str
+    """The metric."""
+    bound: str
+    """`max`: the metric may not be above the limit; `min`: not below."""
+    limit: float
+    """In the metric's SI unit."""
+    method: str | None = None
+    """Judged with this method only; with any when None."""
+
+
+@dataclass(frozen=True)
+class CheckResult:
+    """A check held against a run."""
+
+    check: Check
+    value: float | None
+    """The metric; None where the run has none."""
+    judged: bool = True
+    """Whether it can be: a metric that needs the truth has no value where nobody knows that."""
+
+    @property
+    def ok(self) -> bool:
+        """Whether the bound holds; a metric that is missing, not judged or not finite never passes."""
+        if self.value is None or not self.judged or not math.isfinite(self.value):
+            return False
+        if self.check.bound == "min":
+            return self.value >= self.check.limit
+        return self.value <= self.check.limit
+
+
+def _read_bounds(place: str, name: str, entry: Any, method: str | None) -> list[Check]:
+    if not isinstance(entry, Mapping):
+        return [Check(name, "max", float(check_number(place, entry, _ANY)), method)]
+    for key in entry:
+        if key not in BOUNDS:
+            raise UnknownNameError(place, "key", key, BOUNDS)
+    if not entry:
+        raise InputError(place, "has no bound", "give min, max or both")
+    limits = {bound: float(check_number(f"{place}.{bound}", value, _ANY)) for bound, value in entry.items()}
+    if limits.get("min", -math.inf) > limits.get("max", math.inf):
+        raise InputError(place, f"min {limits['min']:g} is above max {limits['max']:g}", "nothing could pass")
+    return [Check(name, bound, limits[bound], method) for bound in BOUNDS if bound in limits]
+
+
+def read_checks(
+    table: Any, place: str, metrics: tuple[str, ...], method: str | None = None
+) -> tuple[Check, ...]:
+    """The `[checks]` table: `metric = limit` (largest value), or `metric = { min = …, max = … }`.
+
+    A table `[checks.robust]` has what must hold beside it with that method.
+
+    Args:
+      table: The parsed TOML table.
+      place: File and table, for messages.
+      metrics: Names of the metrics that this scenario has.
+      method: That the table is for; any when None.
+
+    Raises:
+      InputError: A limit that is no number, or bounds that exclude each other.
+      UnknownNameError: A metric that this scenario does not have.
+    """
+    if not isinstance(table, Mapping):
+        raise InputError(place, f"found {table!r}", "a table is needed, e.g. max_yaw_excursion = 0.1")
+    checks: list[Check] = []
+    for name, entry in table.items():
+        if name in METHODS and method is None:
+            checks.extend(read_checks(entry, f"{place}.{name}", metrics, name))
+            continue
+        if name not in metrics:
+            raise UnknownNameError(place, "metric", name, metrics)
+        checks.extend(_read_bounds(f"{place}.{name}", name, entry, method))
+    return tuple(checks)
+
+
+def evaluate_checks(
+    checks: tuple[Check, ...],
+    metrics: Mapping[str, float | None],
+    method: str = "off",
+    unknown: Collection[str] = (),
+) -> tuple[CheckResult, ...]:
+    """Holds every check of the method against the metrics of a run, in the order of the scenario file.
+
+    Args:
+      checks: Of the scenario.
+      metrics: Of the run.
+      method: That diagnosed.
+      unknown: Metrics that need a truth which nobody knows; they are not judged.
+    """
+    asked = (check for check in checks if check.method in (None, method))
+    return tuple(
+        CheckResult(check, metrics.get(check.name), judged=check.name not in unknown) for check in asked
+    )

@@ -1,0 +1,122 @@
+"""What a scenario asks of the robot: its `[drive]` table as a reference, one sample per control step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from omnimj.errors import InputError, UnknownNameError
+from omnimj.signals import Array, Reference
+from omnimj.simulate.scenario.motion import (
+    ANGLE,
+    CIRCLE_KEYS,
+    PROFILE_KEYS,
+    SQUARE_KEYS,
+    WAYPOINT_KEYS,
+    DriveTable,
+    circle,
+    hold,
+    profile,
+    square,
+    waypoints,
+)
+
+_COMMON_KEYS = ("kind", "start", "heading", "yaw_loop", "heading_hold", "heading_feedback")
+_FREE: Mapping[str, tuple[tuple[str, ...], Callable[[DriveTable, Array], tuple[Array, Array]]]] = (
+    MappingProxyType({"profile": (PROFILE_KEYS, profile), "hold": ((), hold)})
+)
+_PATHS: Mapping[str, tuple[tuple[str, ...], Callable[[DriveTable, Array], Array]]] = MappingProxyType(
+    {
+        "circle": (CIRCLE_KEYS, circle),
+        "square": (SQUARE_KEYS, square),
+        "waypoints": (WAYPOINT_KEYS, waypoints),
+    }
+)
+KINDS = (*_FREE, *_PATHS)
+"""Kinds of drive."""
+DRIVE_KEYS = tuple(
+    dict.fromkeys([*_COMMON_KEYS, *(key for keys, _ in (*_FREE.values(), *_PATHS.values()) for key in keys)])
+)
+"""All keys that some kind of drive has."""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A planned motion, where it starts, and which loops follow it."""
+
+    reference: Reference
+    """One sample per control step, the first at time 0, the last at the end of the run."""
+    yaw_loop: bool
+    """P on the yaw rate."""
+    heading_hold: bool
+    """P on the heading."""
+    heading_feedback: bool
+    """World demands are rotated by the measured heading; by the planned one when false."""
+    start: tuple[float, float, float]
+    """x, y [m] and heading [rad] in the world at time 0."""
+
+
+def read_drive(table: Any, place: str, duration: float, period: float) -> Drive:
+    """A `[drive]` table as a reference.
+
+    Position, velocity and heading belong together: velocity k, held for one control period, leads from
+    position k to position k+1, and the yaw rate likewise.
+
+    Args:
+      table: `kind` and the kind's own keys, with `start`, `heading`, `yaw_loop`, `heading_hold` and
+        `heading_feedback` for all kinds.
+      place: What to call the table in messages.
+      duration: Length of the run [s].
+      period: Control period [s].
+
+    Raises:
+      InputError: A value is missing or breaks its rule.
+      UnknownNameError: A kind or key that does not exist; the message lists the choices.
+    """
+    if not isinstance(table, Mapping):
+        raise InputError(place, f"found {table!r}", "a table is needed")
+    content = DriveTable(table, place)
+    kind = _kind(content)
+    time = np.arange(round(duration / period) + 2, dtype=float) * period
+    heading = content.number("heading", ANGLE, 0.0)
+    if kind in _PATHS:
+        position, turned = _PATHS[kind][1](content, time), np.zeros_like(time)
+    else:
+        moved, turned = _FREE[kind][1](content, time)
+        position = moved + np.array(content.point("start", (0.0, 0.0)))
+    reference = _reference(time, position, heading + turned, period, kind in _PATHS)
+    return Drive(
+        reference,
+        yaw_loop=content.flag("yaw_loop", True),
+        heading_hold=content.flag("heading_hold", False),
+        heading_feedback=content.flag("heading_feedback", True),
+        start=(float(position[0, 0]), float(position[0, 1]), heading),
+    )
+
+
+def _kind(table: DriveTable) -> str:
+    if "kind" not in table:
+        raise InputError(table.place, "'kind' is missing", "a drive has one", KINDS)
+    kind = table.content["kind"]
+    if kind not in KINDS:
+        raise UnknownNameError(table.at("kind"), "drive", kind, KINDS)
+    own = (_PATHS[kind] if kind in _PATHS else _FREE[kind])[0]
+    for key in table.content:
+        if key not in _COMMON_KEYS and key not in own:
+            raise UnknownNameError(table.place, f"key of a {kind} drive", key, (*_COMMON_KEYS, *own))
+    return kind
+
+
+def _reference(time: Array, position: Array, heading: Array, period: float, is_path: bool) -> Reference:
+    return Reference(
+        time=time[:-1],
+        velocity=np.diff(position, axis=0) / period,
+        yaw_rate=np.diff(heading) / period,
+        heading=heading[:-1],
+        position=position[:-1],
+        is_path=is_path,
+    )

@@ -1,0 +1,355 @@
+"""A scenario: one TOML file that says where, how and with which faults is driven, and what must hold."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from omnimj.control.detection.detector import DetectorOptions
+from omnimj.control.gains import Gains
+from omnimj.effects import check_effects
+from omnimj.errors import InputError, UnknownNameError
+from omnimj.parameters import Rig, Robot, read_rig, read_robot
+from omnimj.parameters.floor import Floor, all_floors, find_floor
+from omnimj.parameters.reading import Rule, read_toml
+from omnimj.plant.faults import Fault, read_fault
+from omnimj.plant.ground import Patch, read_patch
+from omnimj.signals import Array
+from omnimj.simulate.kinematic import KinematicCase
+from omnimj.simulate.metrics import metric_units
+from omnimj.simulate.scenario.checks import Check, read_checks
+from omnimj.simulate.scenario.drive import Drive, read_drive
+from omnimj.simulate.scenario.listing import find_scenario
+from omnimj.simulate.scenario.overrides import (
+    KnownKeys,
+    apply_override,
+    attribute_to_overrides,
+    known_keys,
+    split_override,
+)
+from omnimj.simulate.scenario.tables import (
+    number_entry,
+    read_diagnosis,
+    read_kinematics,
+    read_model_key,
+    read_scene_key,
+    table_entries,
+    text_entry,
+)
+
+PLANTS = ("uto_robot", "quarter_rig")
+LEVELS = ("physics", "kinematic")
+EQUATIONS = ("corrected", "published")
+
+_DURATION = Rule(0.01, 1800.0, False)
+_MAX_STEPS = 2_000_000  # a trace of so many rows is about a gigabyte
+
+
+@dataclass(frozen=True)
+class RigInput:
+    """What the test rig is asked to do."""
+
+    current: float
+    """Constant set value from the start [A]."""
+    mass: float
+    """m_T of the quarter body [kg]."""
+    lateral_speed: float
+    """Of the gantry [m/s]."""
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One scenario, validated."""
+
+    name: str
+    """The file's name without its ending."""
+    description: str
+    """One line for a person."""
+    constants: Robot | Rig
+    """Of the plant, from its model file."""
+    floor: str
+    """Name in `floors`."""
+    floors: Mapping[str, Floor]
+    """Every floor that can be named."""
+    duration: float
+    """Length of the run [s]."""
+    level: str
+    """`physics`, or `kinematic` without any forces."""
+    drive: Drive | RigInput
+    """What is asked of robot or rig."""
+    faults: tuple[Fault, ...]
+    """The truth, unknown to the controller."""
+    patches: tuple[Patch, ...]
+    """Stretches of other floor by place."""
+    kinematics: KinematicCase | None
+    """At the kinematic level only."""
+    checks: tuple[Check, ...]
+    """What must hold."""
+    equations: str
+    """Of the planar plant: `corrected`, or `published` as printed."""
+    scene: Path | None
+    """MJCF around the robot (ramps, thresholds, height fields); the flat floor when None."""
+    diagnosis: DetectorOptions
+    """Which form of a diagnosing method is used, where one is asked for."""
+    overrides: tuple[str, ...]
+    """The `KEY=VALUE` texts that were applied."""
+    gains: Gains | None = None
+    """Of recovery and observer; as shipped when None. Those of the cascade are in `constants`."""
+
+    @property
+    def plant(self) -> str:
+        """`uto_robot` or `quarter_rig`."""
+        return "quarter_rig" if isinstance(self.constants, Rig) else "uto_robot"
+
+    @property
+    def period(self) -> float:
+        """Control period [s]."""
+        return 1.0 / self.constants.sensors.sample_rate
+
+    @property
+    def wheel_positions(self) -> Array:
+        """p_i in the body frame, shape (n, 2) [m]."""
+        return np.zeros((1, 2)) if isinstance(self.constants, Rig) else self.constants.wheel_positions
+
+    @property
+    def metric_units(self) -> dict[str, str]:
+        """The metrics that this scenario has, and their units."""
+        wheels, kinematic = len(self.wheel_positions), self.level == "kinematic"
+        return metric_units(self.plant, wheels, _has_path(self.drive), kinematic)
+
+
+def read_scenario(
+    name_or_path: str | Path,
+    overrides: Sequence[str] = (),
+    model_file: Path | None = None,
+    floors_file: Path | None = None,
+) -> Scenario:
+    """Reads a shipped scenario by name, or any scenario file by path.
+
+    Args:
+      name_or_path: `nylon_patch`, or `my/own.toml`.
+      overrides: `KEY=VALUE` texts, applied in order before anything is validated.
+      model_file: The plant's model file; the shipped one when None.
+      floors_file: Floors beside the shipped ones, or in their place where names are alike.
+
+    Raises:
+      InputError: A value is missing or breaks its rule; the message names place, value and rule.
+      UnknownNameError: A scenario, key, floor or kind that does not exist; the message lists the known ones.
+    """
+    path = find_scenario(name_or_path)
+    with attribute_to_overrides(path.name, overrides):
+        return _read(path, overrides, model_file, floors_file)
+
+
+def _read(
+    path: Path, overrides: Sequence[str], model_file: Path | None, floors_file: Path | None
+) -> Scenario:
+    place = path.name
+    tree = read_toml(path)
+    plant = tree.get("plant")
+    if plant is None:
+        raise InputError(f"{place}: plant", "is missing", "a scenario says what drives", PLANTS)
+    if plant not in PLANTS:
+        raise UnknownNameError(f"{place}: plant", "plant", plant, PLANTS)
+    model_file = read_model_key(tree, path) if model_file is None else model_file
+    constants = read_rig(model_file) if plant == "quarter_rig" else read_robot(model_file)
+    check_effects(constants)
+    known = known_keys(plant, 1 if isinstance(constants, Rig) else len(constants.wheels))
+    _apply_overrides(tree, overrides, known)
+    for key in tree:
+        if key not in known[""]:
+            raise UnknownNameError(place, f"key of a {plant} scenario", key, known[""])
+    _require_few_steps(tree, place, constants)
+    floors = all_floors(floors_file)
+    if isinstance(constants, Rig):
+        own = _read_rig_scenario(tree, place, constants, floors)
+    else:
+        own = _read_robot_scenario(tree, place, constants, floors)
+    return Scenario(
+        name=path.stem,
+        description=text_entry(tree, "description", place),
+        constants=constants,
+        floor=find_floor(text_entry(tree, "floor", place), f"{place}: floor", floors).name,
+        floors=MappingProxyType(floors),
+        duration=number_entry(tree, "duration", place, _DURATION),
+        equations=_equations(tree, place),
+        scene=read_scene_key(tree, path),
+        diagnosis=read_diagnosis(tree.get("diagnosis", {}), f"{place}: diagnosis"),
+        overrides=tuple(overrides),
+        **own,
+    )
+
+
+def _apply_overrides(tree: dict[str, Any], overrides: Sequence[str], known: KnownKeys) -> None:
+    for text in overrides:
+        key, value = split_override(text)
+        if key == "plant":
+            raise InputError("--set plant", "a scenario belongs to its plant", "choose another scenario")
+        if key == "model":
+            raise InputError("--set model", "is read before anything is set", "use --model")
+        apply_override(tree, key, value, known)
+
+
+def _read_robot_scenario(
+    tree: Mapping, place: str, robot: Robot, floors: Mapping[str, Floor]
+) -> dict[str, Any]:
+    wheels, duration = len(robot.wheels), number_entry(tree, "duration", place, _DURATION)
+    level = tree.get("level", "physics")
+    if level not in LEVELS:
+        raise UnknownNameError(f"{place}: level", "level", level, LEVELS)
+    if "drive" not in tree:
+        raise InputError(place, "[drive] is missing")
+    drive = read_drive(tree["drive"], f"{place}: drive", duration, 1.0 / robot.sensors.sample_rate)
+    kinematics = _read_level(tree, place, level, wheels)
+    if kinematics is not None and drive.heading_hold:
+        raise InputError(
+            f"{place}: drive.heading_hold", "is not there at the kinematic level", "leave it out"
+        )
+    units = metric_units("uto_robot", wheels, _has_path(drive), level == "kinematic")
+    return {
+        "level": level,
+        "drive": drive,
+        "faults": _read_faults(
+            tree, place, wheels, floors, duration, robot.body.mass - wheels * robot.body.unsprung_mass
+        ),
+        "patches": tuple(
+            read_patch(table, f"{place}: patches.{i}", floors)
+            for i, table in enumerate(table_entries(tree, "patches", place))
+        ),
+        "kinematics": kinematics,
+        "checks": read_checks(tree.get("checks", {}), f"{place}: checks", tuple(units)),
+    }
+
+
+def _read_level(tree: Mapping, place: str, level: str, wheels: int) -> KinematicCase | None:
+    """The kinematic level knows no forces: it refuses what could have no effect there."""
+    if level == "physics":
+        if "kinematics" in tree:
+            found = "is there at the physics level"
+            raise InputError(f"{place}: kinematics", found, "it needs level = 'kinematic'")
+        return None
+    for key in ("faults", "patches"):
+        if tree.get(key):
+            raise InputError(f"{place}: {key}", "have no effect at the kinematic level", "use [kinematics]")
+    return read_kinematics(tree.get("kinematics", {}), f"{place}: kinematics", wheels)
+
+
+def _read_rig_scenario(tree: Mapping, place: str, rig: Rig, floors: Mapping[str, Floor]) -> dict[str, Any]:
+    duration, limit = number_entry(tree, "duration", place, _DURATION), rig.motor.current_limit
+    lateral = rig.rig.lateral_travel / duration
+    drive = RigInput(
+        current=number_entry(tree, "current", place, Rule(-limit, limit, False)),
+        mass=number_entry(tree, "mass", place, Rule(rig.wheel.mass, 100.0, True), rig.rig.masses[0]),
+        lateral_speed=number_entry(tree, "lateral_speed", place, Rule(-lateral, lateral, False), 0.0),
+    )
+    return {
+        "level": "physics",
+        "drive": drive,
+        "faults": _read_faults(tree, place, 1, floors, duration, drive.mass - rig.wheel.mass),
+        "patches": (),
+        "kinematics": None,
+        "checks": read_checks(
+            tree.get("checks", {}), f"{place}: checks", tuple(metric_units("quarter_rig", 1, False, False))
+        ),
+    }
+
+
+def _read_faults(
+    tree: Mapping, place: str, wheels: int, floors: Mapping[str, Floor], duration: float, sprung: float
+) -> tuple[Fault, ...]:
+    faults = []
+    for i, table in enumerate(table_entries(tree, "faults", place)):
+        fault = read_fault(table, f"{place}: faults.{i}", wheels, floors, duration)
+        if fault.kind == "payload" and float(fault.numbers["mass"]) <= -sprung:
+            found = f"found {fault.numbers['mass']:g}"
+            rule = f"must be above {-sprung:g}, all that can be taken off"
+            raise InputError(f"{place}: faults.{i}.mass", found, rule)
+        faults.append(fault)
+    return tuple(faults)
+
+
+def _equations(tree: Mapping, place: str) -> str:
+    found = tree.get("equations", EQUATIONS[0])
+    if found not in EQUATIONS:
+        raise UnknownNameError(f"{place}: equations", "form of the equations", found, EQUATIONS)
+    if found != EQUATIONS[0] and tree.get("level") == "kinematic":
+        raise InputError(
+            f"{place}: equations", f"found {found!r}", "the kinematic level has kinematics.plant"
+        )
+    return found
+
+
+def _has_path(drive: Drive | RigInput) -> bool:
+    return not isinstance(drive, RigInput) and drive.reference.is_path
+
+
+def _require_few_steps(tree: Mapping, place: str, constants: Robot | Rig) -> None:
+    duration, rate = number_entry(tree, "duration", place, _DURATION), constants.sensors.sample_rate
+    if duration * rate > _MAX_STEPS:
+        rule = f"at most {_MAX_STEPS / rate:g} s at a sample rate of {rate:g} Hz"
+        raise InputError(f"{place}: duration", f"found {duration:g}", rule)
+
+
+# A scenario driven with other gains than those of its model file.
+
+
+def scenario_gains(scenario: Scenario) -> Gains:
+    """The gains that a robot's scenario is driven with."""
+    robot = scenario.constants
+    assert isinstance(robot, Robot)
+    return Gains(robot.control) if scenario.gains is None else scenario.gains
+
+
+def require_cascade(scenario: Scenario) -> None:
+    """Whether gains act on it.
+
+    Raises:
+      InputError: A scenario of the test rig, or of the kinematic level.
+    """
+    if not isinstance(scenario.constants, Robot):
+        raise InputError("--gains", f"{scenario.name} is driven on the test rig", "it has no cascade")
+    if scenario.level != "physics":
+        raise InputError("--gains", f"{scenario.name} is at the kinematic level", "it has no cascade")
+
+
+def with_gains(scenario: Scenario, gains: Gains) -> Scenario:
+    """The same scenario, driven with these gains.
+
+    Raises:
+      InputError: As `require_cascade`.
+    """
+    require_cascade(scenario)
+    robot = scenario.constants
+    assert isinstance(robot, Robot)
+    return dataclasses.replace(
+        scenario, constants=dataclasses.replace(robot, control=gains.control), gains=gains
+    )
+
+
+# What a scenario consists of, as one short text: alike only where everything that acts on a run is alike.
+
+
+def scenario_digest(text: str, scenario: Scenario) -> str:
+    """Of the scenario's file, the numbers of its machine and its floors; where files lie does not matter.
+
+    Args:
+      text: Its name or path.
+      scenario: As read from there.
+    """
+    machine = dataclasses.replace(scenario.constants, file=Path(), provenance={})
+    floors = {name: dict(floor.numbers) for name, floor in scenario.floors.items()}
+    told = repr((read_toml(find_scenario(text)), machine, floors))
+    return hashlib.sha256(told.encode()).hexdigest()
+
+
+def absolute_scenario(text: str) -> str:
+    """The same scenario for who works in another folder: a path is made absolute, a name stays."""
+    path = find_scenario(text)
+    return text if path.stem == text else str(path.absolute())

@@ -1,0 +1,225 @@
+"""Paths along the guide for a position controller: ladders of speeds, sweeps, crawls with reversals."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from omnimj.parameters.axis import Axis
+from omnimj.plant.axis import drive_axis, servo
+from omnimj.recording.dataset import Run
+from omnimj.signals import Array
+from omnimj.simulate.suites.suite import Condition, RunConfig
+
+_ROUND = 0.03  # [s] over which an acceleration builds up: what a servo drive's jerk limit makes
+_REST = 0.15  # [s] at either end of a stroke
+_STILL = 0.5  # [s] of rest before and after a sweep, or a quarter of it
+
+
+def highest_speed(axis: Axis) -> float:
+    """Speed that suits travel and force of an axis [m/s]."""
+    body = axis.axis
+    return min(1.4 * body.travel, np.sqrt(highest_acceleration(axis) * body.travel))
+
+
+def highest_acceleration(axis: Axis) -> float:
+    """Acceleration for which a quarter of the force is enough [m/s²]."""
+    return 0.25 * axis.axis.force_limit / axis.axis.mass
+
+
+def _from_speed(start: float, speed: Array, period: float) -> Array:
+    """Position, speed and acceleration of a path that begins at rest, rounded, shape (n, 3)."""
+    width = max(round(_ROUND / period), 1)
+    smooth = np.convolve(np.concatenate([np.zeros(width), speed]), np.full(width, 1.0 / width))
+    smooth = smooth[width : width + len(speed)]
+    moved = np.concatenate([[0.0], np.cumsum(0.5 * (smooth[1:] + smooth[:-1]))]) * period
+    return np.stack([start + moved, smooth, np.gradient(smooth, period)], axis=1)
+
+
+def _stroke(distance: float, speed: float, acceleration: float, period: float) -> Array:
+    """Speeds of one stroke with a rest behind it."""
+    way = abs(distance)
+    top = min(speed, np.sqrt(way * acceleration))
+    rise, cruise = top / acceleration, way / top - top / acceleration
+    t = np.arange(0.0, 2.0 * rise + cruise + _REST, period)
+    shape = np.minimum(np.minimum(t * acceleration, top), (2.0 * rise + cruise - t) * acceleration)
+    found = np.maximum(shape, 0.0)
+    # samples do not hit the corners: the distance is met all the same
+    return np.sign(distance) * found * way / max(found.sum() * period, 1e-12)
+
+
+def strokes(
+    amplitude: float, speeds: Sequence[float], acceleration: float, duration: float, period: float
+) -> Array:
+    """To and fro between ± amplitude at one speed after the other, again and again, shape (n, 3)."""
+    parts, place = [np.zeros(round(_REST / period))], -amplitude
+    length, total = len(parts[0]), round(duration / period)
+    for speed in itertools.cycle(np.repeat(speeds, 2)):
+        if length >= total:
+            break
+        parts.append(_stroke(-2.0 * place, speed, acceleration, period))
+        place, length = -place, length + len(parts[-1])
+    return _from_speed(-amplitude, np.concatenate(parts)[:total], period)
+
+
+def sweep(amplitude: float, slow: float, fast: float, top: float, duration: float, period: float) -> Array:
+    """Sine of rising frequency [Hz], its amplitude held so that speed stays below `top`, shape (n, 3)."""
+    t = np.arange(round(duration / period)) * period
+    still = min(_STILL, 0.25 * duration)
+    length = duration - 2.0 * still
+    at = np.clip((t - still) / length, 0.0, 1.0)
+    growth = np.log(fast / slow)
+    frequency = slow * np.exp(growth * at)
+    phase = 2.0 * np.pi * slow * length / growth * np.expm1(growth * at)
+    speed = np.minimum(2.0 * np.pi * frequency * amplitude, top) * np.sin(phase)
+    fade = np.clip((duration - still - t) / still, 0.0, 1.0) * np.clip((t - still) / 0.2, 0.0, 1.0)
+    return _from_speed(-0.5 * amplitude, speed * fade, period)
+
+
+def wander(amplitude: float, top: float, duration: float, period: float) -> Array:
+    """Sum of slow sines that do not repeat, its speed below `top`, shape (n, 3)."""
+    t = np.arange(round(duration / period)) * period
+    speed = sum(np.sin(2.0 * np.pi * f * t + p) for f, p in ((0.31, 0.0), (0.73, 1.0), (1.27, 2.0)))
+    speed = speed * np.clip(t / 0.3, 0.0, 1.0) * np.clip((duration - t) / 0.3, 0.0, 1.0)
+    path = _from_speed(0.0, speed, period)
+    span = np.ptp(path[:, 0])
+    size = min(top / np.abs(path[:, 1]).max(), 2.0 * amplitude / span)
+    path *= size
+    path[:, 0] -= 0.5 * (path[:, 0].max() + path[:, 0].min())
+    return path
+
+
+# Test plan of the linear axis: closed-loop moves that excite what an axis may have, as measured runs.
+
+PAYLOAD_SHARE = 0.1
+"""Mass that is put on for one move, over the axis' own."""
+
+
+@dataclass(frozen=True)
+class AxisMove:
+    """One condition of the plan."""
+
+    name: str
+    words: str
+    target: Callable[[Axis, float, float], Array]
+    """Path out of axis, duration and period, shape (n, 3)."""
+    payload_share: float = 0.0
+    """Added mass, declared in the log, over the axis' own."""
+
+
+def _strokes(reach: float, speeds: tuple[float, ...], pull: float) -> Callable[[Axis, float, float], Array]:
+    def target(axis: Axis, duration: float, period: float) -> Array:
+        top = highest_speed(axis)
+        chosen, acceleration = [s * top for s in speeds], pull * highest_acceleration(axis)
+        return strokes(reach * axis.axis.travel, chosen, acceleration, duration, period)
+
+    return target
+
+
+def _sweep(axis: Axis, duration: float, period: float) -> Array:
+    top = highest_speed(axis)
+    return sweep(0.3 * axis.axis.travel, 0.3, 3.0, 0.25 * top, duration, period)
+
+
+def _wander(axis: Axis, duration: float, period: float) -> Array:
+    return wander(0.8 * axis.axis.travel, 0.8 * highest_speed(axis), duration, period)
+
+
+MOVES: tuple[AxisMove, ...] = (
+    AxisMove("long_strokes", "long strokes at full speed", _strokes(0.9, (1.0,), 0.8)),
+    AxisMove("speed_ladder", "strokes at four speeds", _strokes(0.35, (1.0, 0.6, 0.3, 0.15), 0.6)),
+    AxisMove("short_strokes", "short strokes with many reversals", _strokes(0.2, (0.6,), 1.0)),
+    AxisMove("slow_crawl", "slow crawl in both directions", _strokes(0.1, (0.05, 0.1, 0.2), 0.1)),
+    AxisMove("sweep", "a sine of rising frequency", _sweep),
+    AxisMove("wander", "an irregular path", _wander),
+    AxisMove("with_payload", "strokes with known mass on it", _strokes(0.7, (0.8, 0.4), 0.7), PAYLOAD_SHARE),
+)
+"""The plan; each move is a condition of its own."""
+
+DURATION = 12.0
+"""Of one run [s]."""
+
+
+def drive_move(
+    axis: Axis, move: AxisMove, seed: int, duration: float = DURATION, declared: Axis | None = None
+) -> dict[str, Array]:
+    """Columns of one move, see `omnimj.plant.axis.drive_axis` and `axis_moves`."""
+    known = axis if declared is None else declared
+    path = move.target(known, duration, 1.0 / axis.sensors.sample_rate)
+    return drive_axis(axis, path, servo(known), payload=move.payload_share * known.axis.mass, seed=seed)
+
+
+def axis_moves(
+    axis: Axis,
+    seed: int = 0,
+    repeats: int = 2,
+    *,
+    duration: float = DURATION,
+    current: bool = False,
+    velocity: bool = False,
+    declared: Axis | None = None,
+) -> list[Run]:
+    """Every move of the plan, repeated, as a logger would have it.
+
+    Args:
+      axis: As it is, with its effects.
+      seed: Of the sensors' noise; each run has a seed of its own.
+      repeats: Runs per move.
+      duration: Of one run [s].
+      current: Whether the log has `current` instead of `force`.
+      velocity: Whether the axis has a tachometer.
+      declared: As its model file has it: what controller and log go by; `axis` without effects when None.
+
+    Returns:
+      Runs with `repeat_of` set; the mass is declared where it is not that of the model.
+    """
+    known = axis if declared is None else declared
+    runs = []
+    for m, move in enumerate(MOVES):
+        for r in range(repeats):
+            found = drive_move(axis, move, (seed * 1000 + m) * 100 + r, duration, declared)
+            columns = {"time": found["time"]}
+            if current:
+                columns["current"] = found["force"] / known.axis.force_constant
+            else:
+                columns["force"] = found["force"]
+            columns["position"] = found["position"]
+            if velocity:
+                columns["velocity"] = found["velocity"]
+            mass = known.axis.mass * (1.0 + move.payload_share)
+            conditions: dict[str, float | str] = {"mass": mass} if move.payload_share else {}
+            runs.append(Run(f"{move.name}_{r + 1}", columns, {}, conditions, move.name))
+    return runs
+
+
+# The linear axis' test plan as a suite.
+
+_MEASURED = ("time", "force", "position")
+
+
+def plan_moves(axis: Axis, seed: int) -> list[Condition]:
+    """Every move of the plan; the mass is declared where it is not that of the model."""
+    found = []
+    for move in MOVES:
+        mass = round(axis.axis.mass * (1.0 + move.payload_share), 6)
+        found.append(Condition(move.name, {"mass": mass} if move.payload_share else {}, move))
+    return found
+
+
+def record_axis(axis: Axis, nominal: Axis, condition: Condition, how: RunConfig) -> Mapping[str, Array]:
+    """One move under position control: the force of the drive and the position.
+
+    Args:
+      axis: With its effects.
+      nominal: The controller believes in this one.
+      condition: Its drive is an `AxisMove`.
+      how: Its seed; there is but one plant.
+    """
+    move: AxisMove = condition.drive
+    columns = drive_move(axis, move, how.seed, declared=nominal)
+    if how.progress is not None:
+        how.progress(1, 1)
+    return {name: columns[name] for name in _MEASURED}

@@ -1,0 +1,78 @@
+"""All suites there are. A new one, for whichever plant, is one entry here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from omnimj.errors import UnknownNameError
+from omnimj.parameters import read_rig, read_robot
+from omnimj.parameters.axis import read_axis
+from omnimj.simulate.suites import axis, missions, rig
+from omnimj.simulate.suites.suite import Suite
+
+_RIG = ("quarter_rig", read_rig)
+_SUITES = (
+    Suite(
+        "rig_currents",
+        "identification: 0.15 … 1.5 A on three floors, full mass",
+        *_RIG,
+        rig.plan_currents,
+        rig.record_rig,
+        repeats=2,
+    ),
+    Suite(
+        "rig_validation",
+        "validation: 0.45 … 1.5 A on three floors with three masses",
+        *_RIG,
+        rig.plan_validation,
+        rig.record_rig,
+        repeats=2,
+    ),
+    Suite(
+        "rig_lateral",
+        "sideways motion: four currents at eight lateral speeds on natural stone",
+        *_RIG,
+        rig.plan_lateral,
+        rig.record_rig,
+        repeats=2,
+    ),
+    Suite(
+        "rig_mixed",
+        "for the gap: reversals, coasting, braking, slow and fast, straight and sideways",
+        *_RIG,
+        rig.plan_mixed,
+        rig.record_rig,
+    ),
+    Suite(
+        "robot_missions",
+        "six random missions of 20 s with the controller, on three floors",
+        "uto_robot",
+        read_robot,
+        missions.plan_missions,
+        missions.record_robot,
+    ),
+    Suite(
+        "axis_moves",
+        "the linear axis: strokes, reversals, crawl and sweep under position control",
+        "linear_axis",
+        read_axis,
+        axis.plan_moves,
+        axis.record_axis,
+        repeats=2,
+        plants=("planar",),
+    ),
+)
+SUITES: Mapping[str, Suite] = MappingProxyType({suite.name: suite for suite in _SUITES})
+"""Suites by name."""
+
+
+def find_suite(name: str) -> Suite:
+    """A suite by name.
+
+    Raises:
+      UnknownNameError: No such suite; the message lists those there are.
+    """
+    if name not in SUITES:
+        raise UnknownNameError("omnimj record", "suite", name, SUITES)
+    return SUITES[name]

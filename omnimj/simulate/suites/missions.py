@@ -1,0 +1,138 @@
+"""Missions of the robot: drawn at random, driven by the controller."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from omnimj.control.cascade.controller import Controller
+from omnimj.errors import SimulationError
+from omnimj.parameters import Robot
+from omnimj.plant.interface import Plant, robot_channels
+from omnimj.signals import Array, Reference
+from omnimj.simulate.loop import Callbacks, drive
+from omnimj.simulate.suites.suite import Condition, RunConfig
+
+MISSIONS = 6
+DURATION = 20.0
+"""Of a mission [s]."""
+
+_FLOORS = ("natural_stone", "pvc", "paperboard")
+_ACCELERATION, _YAW_ACCELERATION = 1.0, 2.0  # [m/s²], [rad/s²]
+_STAND = 0.5  # [s] at the beginning and at the end
+_GROUND_TRUTH = ("x", "y", "heading")  # as a camera system would give it
+
+
+def plan_missions(robot: Robot, seed: int) -> list[Condition]:
+    """Six missions of 20 s, two on each floor; another seed draws other missions."""
+    period = 1.0 / robot.sensors.sample_rate
+    found = []
+    for k in range(MISSIONS):
+        # apart from the sensors' seeds, which have one number
+        draws = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(k, 1)))
+        reference = mission(draws, DURATION, period)
+        found.append(Condition(f"mission_{k + 1}", {"floor": _FLOORS[k % len(_FLOORS)]}, reference))
+    return found
+
+
+def mission(draws: np.random.Generator, duration: float, period: float) -> Reference:
+    """A random mission: stretches at 0.2-1.0 m/s in the world with turns, stops and reversals.
+
+    Args:
+      draws: Random numbers.
+      duration: Of the mission [s].
+      period: Of the control [s].
+
+    Returns:
+      Velocity and yaw rate change at bounded accelerations; the robot stands at both ends.
+    """
+    rows = round(duration / period) + 1
+    asked = np.zeros((rows, 3))
+    row = round(_STAND / period)
+    end = rows - round(2.0 / period)  # time to come to a stand
+    for seconds, twist in _segments(draws):
+        if row >= end:
+            break
+        until = min(row + round(seconds / period), end)
+        asked[row:until] = twist
+        row = until
+    twist = _rate_limited(asked, period)
+    heading = np.concatenate(([0.0], np.cumsum(twist[:-1, 2]) * period))
+    position = np.vstack((np.zeros(2), np.cumsum(twist[:-1, :2], axis=0) * period))
+    return Reference(
+        np.arange(rows, dtype=float) * period, twist[:, :2].copy(), twist[:, 2].copy(), heading, position
+    )
+
+
+def _segments(draws: np.random.Generator) -> Iterator[tuple[float, tuple[float, float, float]]]:
+    """Without end: seconds, and velocity x, y [m/s] and yaw rate [rad/s] in the world."""
+    direction = draws.uniform(-math.pi, math.pi)
+    while True:
+        kind = draws.choice(("stop", "reverse", "turn_on", "anew"), p=(0.15, 0.30, 0.15, 0.40))
+        rate = draws.uniform(0.2, 1.0) * draws.choice((-1.0, 1.0)) * (draws.random() < 0.5)
+        if kind == "stop":
+            yield draws.uniform(0.8, 1.5), (0.0, 0.0, 0.0)
+            continue
+        if kind == "turn_on":
+            rate = rate or 0.6
+            yield draws.uniform(1.0, 2.0), (0.0, 0.0, rate)
+            continue
+        direction = direction + math.pi if kind == "reverse" else draws.uniform(-math.pi, math.pi)
+        speed = draws.uniform(0.2, 1.0)
+        yield draws.uniform(1.5, 3.0), (speed * math.cos(direction), speed * math.sin(direction), rate)
+
+
+def _rate_limited(asked: Array, period: float) -> Array:
+    """The same demand, followed at bounded accelerations, shape (k, 3)."""
+    followed = np.zeros_like(asked)
+    now = np.zeros(3)
+    for k in range(1, len(asked)):
+        step = asked[k] - now
+        far = math.hypot(step[0], step[1])
+        if far > _ACCELERATION * period:
+            step[:2] *= _ACCELERATION * period / far
+        step[2] = min(max(step[2], -_YAW_ACCELERATION * period), _YAW_ACCELERATION * period)
+        now = now + step
+        followed[k] = now
+    return followed
+
+
+def record_robot(robot: Robot, nominal: Robot, condition: Condition, how: RunConfig) -> Mapping[str, Array]:
+    """One mission: what the sensors said, the set currents, and where the robot really was.
+
+    Args:
+      robot: With its effects.
+      nominal: The controller believes in this one.
+      condition: Its drive is a `Reference`.
+      how: Plant, seed, progress.
+
+    Raises:
+      SimulationError: The simulation broke down.
+      KeyboardInterrupt: The run was broken off.
+    """
+    plant = _make_plant(robot, str(condition.conditions["floor"]), how)
+    try:
+        trace = drive(
+            plant, Controller(nominal, period=plant.period), condition.drive, Callbacks(how.progress)
+        )
+    finally:
+        plant.close()
+    if trace.about["failure"]:
+        raise SimulationError(f"run {condition.name}: {trace.about['failure']}")
+    if trace.about["interrupted"]:
+        raise KeyboardInterrupt
+    wheels = len(robot.wheels)
+    targets = [f"current_target_{i}" for i in range(1, wheels + 1)]
+    return {name: trace[name] for name in ("time", *robot_channels(wheels), *targets, *_GROUND_TRUTH)}
+
+
+def _make_plant(robot: Robot, floor: str, how: RunConfig) -> Plant:
+    if how.plant == "planar":
+        from omnimj.plant.planar import PlanarRobot
+
+        return PlanarRobot(robot, floor, seed=how.seed, floors=how.floors)
+    from omnimj.plant.mujoco.twin import RobotTwin  # MuJoCo is loaded for the twin only
+
+    return RobotTwin(robot, floor=how.floors[floor], seed=how.seed, floors=how.floors)

@@ -1,0 +1,282 @@
+"""What the rig is driven with: currents over time that keep the carriage on its rail."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from omnimj.errors import SimulationError
+from omnimj.parameters import Rig
+from omnimj.plant.interface import RIG_CHANNELS, Plant
+from omnimj.plant.planar import PlanarRig
+from omnimj.signals import Array, CurrentCommand
+from omnimj.simulate.loop import Callbacks, drive_rig
+from omnimj.simulate.suites.suite import Condition, RunConfig
+
+RAIL_MARGIN = 0.03
+"""A run ends this far before the carriage or the gantry does [m]."""
+
+_REST = 0.2  # [s] before and after: the accelerometer shows its offset
+_REST_SIDEWAYS = 0.05  # [s] the gantry is under way already and its travel is short
+_LONGEST = 2.5  # [s] of a constant current
+_SLOWEST = 3.0  # [s] after which a stroke is given up that gets nowhere
+_STANDSTILL = 0.02  # [m/s]
+
+
+@dataclass(frozen=True)
+class RigExcitation:
+    """Current over time, and how fast the gantry moves sideways meanwhile."""
+
+    current: Array
+    """Set values, one per sample period, shape (k,) [A]."""
+    lateral_speed: float = 0.0
+    """[m/s]."""
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """Drive to a place, coast, brake to a stand."""
+
+    current: float
+    """Positive drives away from the rail's start, negative back [A]."""
+    place: float
+    """Where the current ends, from the start [m]."""
+    coast: float = 0.0
+    """Time without current [s]."""
+    brake: float = 0.0
+    """Size of the current that then stops the carriage [A]; 0: the next stroke begins at once."""
+
+
+def constant_current(rig: Rig, current: float, lateral_speed: float = 0.0) -> RigExcitation:
+    """Rest, then a constant current until the rail ends, as in sections 4.2-4.4."""
+    rest = _REST_SIDEWAYS if lateral_speed else _REST
+    rate = rig.sensors.sample_rate
+    values = np.zeros(round((rest + _LONGEST) * rate) + 1)
+    values[round(rest * rate) :] = current
+    return RigExcitation(values, lateral_speed)
+
+
+def stroke_currents(
+    rig: Rig, floor: str, mass: float, plan: tuple[Stroke, ...], lateral_speed: float = 0.0
+) -> RigExcitation:
+    """Strokes to and fro as currents over time.
+
+    When to switch is found once with the nominal planar model, as one would find it in a trial run, so that
+    all repeats are driven alike.
+
+    Args:
+      rig: The nominal rig.
+      floor: Name of the floor.
+      mass: m_T [kg].
+      plan: One stroke after the other.
+      lateral_speed: Of the gantry [m/s].
+    """
+    trial = _TrialRun(rig, floor, mass, lateral_speed)
+    trial.hold(0.0, _REST_SIDEWAYS if lateral_speed else _REST)
+    for stroke in plan:
+        way = 1.0 if stroke.current > 0.0 else -1.0
+        trial.hold(stroke.current, _SLOWEST, lambda x, v, s=stroke, w=way: w * (x - s.place) >= 0.0)
+        trial.hold(0.0, stroke.coast, lambda x, v, w=way: w * v <= _STANDSTILL)
+        if stroke.brake:
+            trial.hold(-way * stroke.brake, _SLOWEST, lambda x, v, w=way: w * v <= 0.0)
+    trial.hold(0.0, _REST)
+    return RigExcitation(np.array(trial.currents), lateral_speed)
+
+
+def samples_on_rail(rig: Rig, position: Array, lateral_position: Array) -> int:
+    """How many samples there are before the carriage or the gantry comes to the end of its travel.
+
+    Args:
+      rig: The rig.
+      position: Of the carriage from its start, shape (n,) [m].
+      lateral_position: Of the gantry from its start, shape (n,) [m].
+    """
+    body = rig.rig
+    low = -max(body.start_position - RAIL_MARGIN, RAIL_MARGIN)
+    high = body.rail_length - body.start_position - RAIL_MARGIN
+    beyond = (
+        (position < low) | (position > high) | (np.abs(lateral_position) > body.lateral_travel - RAIL_MARGIN)
+    )
+    return int(np.argmax(beyond)) if beyond.any() else len(position)
+
+
+class _TrialRun:
+    """Drives the nominal rig and notes the currents."""
+
+    def __init__(self, rig: Rig, floor: str, mass: float, lateral_speed: float):
+        self._plant = PlanarRig(rig, floor, mass=mass, lateral_speed=lateral_speed, ideal_sensors=True)
+        self._plant.reset()
+        self.currents: list[float] = []
+
+    def hold(
+        self, current: float, seconds: float, until: Callable[[float, float], bool] | None = None
+    ) -> None:
+        """Holds a current until position [m] and speed [m/s] of the carriage say so, or the time is over."""
+        command = CurrentCommand(np.array([current]))
+        for _ in range(round(seconds / self._plant.period)):
+            position, speed = self._plant.truth()[:2].tolist()
+            if until is not None and until(position, speed):
+                return
+            self.currents.append(current)
+            self._plant.step(command)
+
+
+# Test plans of the rig: the dissertation's three, and a compact one with something of everything.
+
+FLOORS = ("natural_stone", "pvc", "paperboard")
+"""Floors of the dissertation."""
+LATERAL_SPEEDS = (0.20, 0.35, 0.50, 0.65, -0.20, -0.35, -0.50, -0.65)
+"""Of section 4.4 [m/s]."""
+
+_CREEP = (
+    Stroke(0.34, 0.15, coast=0.5, brake=0.30),
+    Stroke(-0.34, 0.25, brake=0.30),
+    Stroke(0.45, 0.28),
+    Stroke(-0.45, 0.28),
+    Stroke(0.38, 0.45, coast=0.3, brake=0.20),
+    Stroke(-0.38, 0.45, coast=0.4, brake=0.25),
+)
+_TO_AND_FRO = (
+    Stroke(0.80, 0.60, coast=0.2, brake=0.6),
+    Stroke(-0.60, 0.60, coast=0.2, brake=0.5),
+    Stroke(0.95, 0.70, brake=0.8),
+    Stroke(-0.80, 0.60),
+    Stroke(0.50, 0.70, coast=0.4, brake=0.3),
+)
+_DASH = (
+    Stroke(1.50, 0.80, coast=0.1, brake=1.2),
+    Stroke(-1.35, 0.60, brake=1.05),
+    Stroke(1.20, 0.70),
+    Stroke(-1.50, 0.40, coast=0.1, brake=0.9),
+)
+_LONG = (Stroke(1.05, 1.10, coast=0.1, brake=1.35), Stroke(-0.70, 0.60, coast=0.3, brake=0.5))
+
+
+def plan_currents(rig: Rig, seed: int) -> list[Condition]:
+    """Identification, section 4.2: 0.15 … 1.5 A on three floors with the full mass."""
+    return [
+        _constant(rig, floor, rig.rig.masses[0], current)
+        for floor in FLOORS
+        for current in _hundredths(15, 150, 15)
+    ]
+
+
+def plan_validation(rig: Rig, seed: int) -> list[Condition]:
+    """Validation, section 4.3: 0.45 … 1.5 A on three floors with every mass."""
+    return [
+        _constant(rig, floor, mass, current)
+        for mass in rig.rig.masses
+        for floor in FLOORS
+        for current in _hundredths(45, 150, 15)
+    ]
+
+
+def plan_lateral(rig: Rig, seed: int) -> list[Condition]:
+    """Sideways motion, section 4.4: four currents at eight lateral speeds on natural stone."""
+    return [
+        _constant(rig, FLOORS[0], rig.rig.masses[0], current, lateral)
+        for lateral in LATERAL_SPEEDS
+        for current in (0.6, 0.9, 1.2, 1.5)
+    ]
+
+
+def plan_mixed(rig: Rig, seed: int) -> list[Condition]:
+    """24 runs with reversals, coasting and braking, slow and fast, straight and sideways.
+
+    Constant currents alone hide what shows at reversal, near standstill or at one place of the rail.
+    """
+    full, middle, least = rig.rig.masses[0], rig.rig.masses[len(rig.rig.masses) // 2], rig.rig.masses[-1]
+    found = []
+    for floor in FLOORS:
+        found += [
+            _strokes(rig, floor, full, "creep", _CREEP, repeats=2),
+            _strokes(rig, floor, full, "dash", _DASH, repeats=2),
+            _strokes(rig, floor, middle, "to_and_fro", _TO_AND_FRO),
+            _strokes(rig, floor, least, "long", _LONG),
+        ]
+    for floor, lateral, kind, plan in (
+        (FLOORS[0], 0.20, "to_and_fro", _TO_AND_FRO),
+        (FLOORS[0], -0.20, "to_and_fro", _TO_AND_FRO),
+        (FLOORS[0], 0.40, "dash", _DASH),
+        (FLOORS[0], -0.40, "dash", _DASH),
+        (FLOORS[1], 0.25, "creep", _CREEP),
+        (FLOORS[2], -0.25, "long", _LONG),
+    ):
+        found.append(_strokes(rig, floor, full, kind, plan, lateral))
+    return found
+
+
+def record_rig(rig: Rig, nominal: Rig, condition: Condition, how: RunConfig) -> Mapping[str, Array]:
+    """One run: what the sensors said and the set current, until the carriage came to the rail's end.
+
+    Args:
+      rig: With its effects.
+      nominal: Not needed, nothing is controlled.
+      condition: Its drive is a `RigExcitation`.
+      how: Plant, seed, progress.
+
+    Raises:
+      SimulationError: The simulation broke down.
+      KeyboardInterrupt: The run was broken off.
+    """
+    drive: RigExcitation = condition.drive
+    plant = _make_plant(rig, condition, drive, how)
+    try:
+        trace = drive_rig(plant, drive.current, Callbacks(how.progress))
+    finally:
+        plant.close()
+    if trace.about["failure"]:
+        raise SimulationError(f"run {condition.name}: {trace.about['failure']}")
+    if trace.about["interrupted"]:
+        raise KeyboardInterrupt
+    rows = samples_on_rail(rig, trace["carriage_position"], trace["lateral_position"])
+    return {name: trace[name][:rows] for name in ("time", *RIG_CHANNELS, "current_target")}
+
+
+def _make_plant(rig: Rig, condition: Condition, drive: RigExcitation, how: RunConfig) -> Plant:
+    floor, mass = str(condition.conditions["floor"]), float(condition.conditions["mass"])
+    asked: dict[str, Any] = {"mass": mass, "lateral_speed": drive.lateral_speed, "seed": how.seed}
+    if how.plant == "planar":
+        from omnimj.plant.planar import PlanarRig
+
+        return PlanarRig(rig, floor, floors=how.floors, **asked)
+    from omnimj.plant.mujoco.twin import RigTwin  # MuJoCo is loaded for the twin only
+
+    return RigTwin(rig, how.floors[floor], floors=how.floors, **asked)
+
+
+def _hundredths(first: int, last: int, step: int) -> Sequence[float]:
+    return [k / 100.0 for k in range(first, last + 1, step)]
+
+
+def _name(rig: Rig, floor: str, mass: float, kind: str, lateral: float) -> str:
+    """`stone_060`, `stone_2959g_060`, `stone_060_p35`: floor, mass unless it is the full one, kind, side."""
+    parts = [floor.removeprefix("natural_")]
+    if mass != rig.rig.masses[0]:
+        parts.append(f"{1000.0 * mass:.0f}g")
+    parts.append(kind)
+    if lateral:
+        parts.append(f"{'p' if lateral > 0.0 else 'm'}{100.0 * abs(lateral):02.0f}")
+    return "_".join(parts)
+
+
+def _constant(rig: Rig, floor: str, mass: float, current: float, lateral: float = 0.0) -> Condition:
+    name = _name(rig, floor, mass, f"{np.rint(100.0 * current):03.0f}", lateral)
+    return Condition(name, {"floor": floor, "mass": mass}, constant_current(rig, current, lateral))
+
+
+def _strokes(
+    rig: Rig,
+    floor: str,
+    mass: float,
+    kind: str,
+    plan: tuple[Stroke, ...],
+    lateral: float = 0.0,
+    repeats: int | None = None,
+) -> Condition:
+    name = _name(rig, floor, mass, kind, lateral)
+    drive = stroke_currents(rig, floor, mass, plan, lateral)
+    return Condition(name, {"floor": floor, "mass": mass}, drive, repeats)

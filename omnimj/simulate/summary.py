@@ -1,0 +1,113 @@
+"""`metrics.json`: what was driven, what was true, what came out and whether it held."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from omnimj.plant.faults import fault_record
+from omnimj.recording.folder import atomic_file
+from omnimj.signals import Trace
+from omnimj.simulate.judging import judge_diagnoses, patch_records
+from omnimj.simulate.metrics import DIAGNOSIS_UNITS, compute_metrics
+from omnimj.simulate.scenario.checks import CheckResult, evaluate_checks
+from omnimj.simulate.scenario.scenario import Scenario
+from omnimj.simulate.scenario.tables import kinematic_faults
+
+
+def summarize(scenario: Scenario, trace: Trace) -> dict[str, Any]:
+    """The content of `metrics.json`.
+
+    A run that was interrupted has not passed, whatever its checks say. On a robot behind a wire nobody knows
+    the truth: `faults` is empty, `scenario_faults` has what the scenario's file says, which is true only if
+    the device runs the same one; what needs the truth is not judged, neither well nor badly.
+
+    Args:
+      scenario: What was asked for.
+      trace: What was recorded, at least one row; `about` has plant, method, seed, realtime_factor and
+        interrupted.
+    """
+    about, has_truth = trace.about, "link" not in trace.about
+    faults = true_faults(scenario, trace)
+    diagnosed = _diagnosis(faults, about.get("diagnoses", ()), len(scenario.wheel_positions))
+    measured = compute_metrics(
+        trace, {name: unit for name, unit in scenario.metric_units.items() if name not in DIAGNOSIS_UNITS}
+    )
+    if not has_truth:
+        diagnosed |= {"detection_delay": None, "isolated": None, "false_alarms": 0}
+    worth = {name: None if diagnosed[name] is None else float(diagnosed[name]) for name in DIAGNOSIS_UNITS}
+    known = {**measured, **worth}
+    unknown = () if has_truth else [name for name in known if known[name] is None or name in DIAGNOSIS_UNITS]
+    judgements = evaluate_checks(scenario.checks, known, str(about["method"]), unknown)
+    interrupted = bool(about["interrupted"])
+    return {
+        "scenario": scenario.name,
+        "plant": about["plant"],
+        "robot": scenario.plant,
+        "method": about["method"],
+        "seed": about["seed"],
+        "floor": scenario.floor,
+        "duration": float(trace["time"][-1]) if interrupted else scenario.duration,
+        "overrides": list(scenario.overrides),
+        "realtime_factor": about["realtime_factor"],
+        "interrupted": interrupted,
+        "passed": all(judgement.ok for judgement in judgements if judgement.judged) and not interrupted,
+        "faults": faults if has_truth else [],
+        **diagnosed,
+        **dict.fromkeys(("max_yaw_excursion", "path_error_max", "path_error_rms")),
+        **{name: _finite(value) for name, value in measured.items()},
+        "checks": [_check_record(judgement) for judgement in judgements],
+        **({} if has_truth else {"truth": False, "scenario_faults": faults, "link": about["link"]}),
+    }
+
+
+def true_faults(scenario: Scenario, trace: Trace) -> list[dict[str, Any]]:
+    """Every fault of the run: those by time, those by place, lost demands; in the order of their onset."""
+    records = [fault_record(fault) for fault in scenario.faults]
+    records += patch_records(trace, scenario.patches, scenario.floor, scenario.wheel_positions)
+    if scenario.kinematics is not None:
+        records += kinematic_faults(scenario.kinematics)
+    return sorted(records, key=lambda record: record["onset"])
+
+
+def write_metrics(path: Path, metrics: Mapping[str, Any]) -> None:
+    """Writes `metrics.json`; the file is there in full or not at all."""
+    with atomic_file(path) as temporary:
+        temporary.write_text(json.dumps(metrics, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _diagnosis(
+    faults: Sequence[Mapping[str, Any]], diagnoses: Sequence[Mapping[str, Any]], wheels: int
+) -> dict[str, Any]:
+    """What was diagnosed and what it is worth; without a method that is nothing."""
+    verdict = judge_diagnoses(faults, diagnoses, wheels)
+    return {
+        "diagnoses": [_plain(diagnosis) for diagnosis in diagnoses],
+        "detection_delay": verdict.detection_delay,
+        "isolated": verdict.isolated,
+        "false_alarms": verdict.false_alarms,
+    }
+
+
+def _plain(diagnosis: Mapping[str, Any]) -> dict[str, Any]:
+    """With lists where JSON has no tuples."""
+    return {key: list(value) if isinstance(value, tuple) else value for key, value in diagnosis.items()}
+
+
+def _check_record(judgement: CheckResult) -> dict[str, Any]:
+    check = judgement.check
+    record = {
+        "name": check.name,
+        "value": _finite(judgement.value),
+        "limit": check.limit,
+        "ok": judgement.ok,
+        "bound": check.bound,
+    }
+    return record if judgement.judged else {**record, "judged": False}
+
+
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None

@@ -1,0 +1,247 @@
+"""The terminal that keys come from: every key at once and unseen, and left as it was found."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import struct
+import sys
+import threading
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from omnimj.errors import InputError
+from omnimj.simulate.teleop.steering import StickState
+
+try:
+    import termios
+except ImportError:  # not a POSIX system
+    termios = None
+
+_READ_SIZE = 256  # bytes
+_BUFFER_SIZE = 4096  # bytes, typed and not yet asked for: the newest
+_JOIN_TIMEOUT = 0.5  # [s] that the end waits for the thread
+_CLEAR = "\r\x1b[K"
+
+
+class Terminal:
+    """`with Terminal() as terminal: … terminal.read()`.
+
+    Ctrl-C still interrupts. Ctrl-Z, Ctrl-\\ and Ctrl-S would hold or end the program with a robot in motion:
+    they become keys like any other.
+
+    On a busy machine the system may take 0.1 s to say whether a terminal has a key, twice as long as a robot
+    waits for a command. From the first `read` on a thread of its own asks it, and writes.
+    """
+
+    def __init__(self, source: int | None = None, sink: int | None = None):
+        """A terminal to read from and one to write to; standard input and error when None.
+
+        Raises:
+          InputError: Keys would not come from a terminal.
+        """
+        self._source = _descriptor(sys.stdin) if source is None else source
+        self._sink = _descriptor(sys.stderr) if sink is None else sink
+        if termios is None:
+            raise InputError("omnimj teleop", "this system has no POSIX terminals", "keys are read from one")
+        if self._source < 0 or not os.isatty(self._source):
+            rule = "keys are read from one, run it there"
+            raise InputError("omnimj teleop", "standard input is not a terminal", rule)
+        self._shows = self._sink >= 0 and os.isatty(self._sink)
+        self._found: Any = None
+        self._lock, self._typed, self._line = threading.Lock(), bytearray(), ""
+        self._is_gone, self._is_over = False, False
+        self._thread: threading.Thread | None = None
+        self._bell = -1, -1
+
+    def __enter__(self) -> Terminal:
+        assert termios is not None
+        self._found = termios.tcgetattr(self._source)
+        changed = termios.tcgetattr(self._source)
+        changed[0] &= ~termios.IXON
+        changed[3] &= ~(termios.ICANON | termios.ECHO)
+        nothing = bytes([os.fpathconf(self._source, "PC_VDISABLE") & 0xFF])
+        for name in ("VSUSP", "VQUIT", "VDSUSP"):
+            if hasattr(termios, name):
+                changed[6][getattr(termios, name)] = nothing
+        changed[6][termios.VMIN], changed[6][termios.VTIME] = 1, 0
+        termios.tcsetattr(self._source, termios.TCSAFLUSH, changed)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        assert termios is not None
+        self._end()
+        self._write("")
+        with contextlib.suppress(termios.error, OSError):  # it may be gone
+            # what was typed last is for the robot, not for the shell
+            termios.tcsetattr(self._source, termios.TCSAFLUSH, self._found)
+
+    def read(self) -> bytes | None:
+        """What was typed since, without waiting; None when the terminal is gone."""
+        if self._thread is None:
+            self._begin()
+        with self._lock:
+            content = bytes(self._typed)
+            self._typed.clear()
+            return content or (None if self._is_gone else b"")
+
+    def drain(self) -> None:
+        """Forgets what was typed and not read."""
+        assert termios is not None
+        with contextlib.suppress(termios.error, OSError):
+            termios.tcflush(self._source, termios.TCIFLUSH)
+        with self._lock:
+            self._typed.clear()
+
+    def show(self, line: str) -> None:
+        """Writes one line over the one before; leaves it out where that would have to wait."""
+        if self._thread is None:
+            self._write(line)
+            return
+        self._line = line
+        self._ring()
+
+    # --- the thread
+
+    def _begin(self) -> None:
+        self._is_over, self._bell = False, os.pipe()
+        for end in self._bell:
+            os.set_blocking(end, False)
+        self._thread = threading.Thread(target=self._attend, name="terminal", daemon=True)
+        self._thread.start()
+
+    def _end(self) -> None:
+        if self._thread is None:
+            return
+        self._is_over = True
+        self._ring()
+        self._thread.join(_JOIN_TIMEOUT)
+        if not self._thread.is_alive():  # or else the system keeps it, and it needs its bell
+            for end in self._bell:
+                os.close(end)
+        self._thread = None
+
+    def _ring(self) -> None:
+        with contextlib.suppress(BlockingIOError):  # it rings already
+            os.write(self._bell[1], b"!")
+
+    def _attend(self) -> None:
+        """Keys as they come, the newest line when the bell rings."""
+        bell = self._bell[0]
+        while not self._is_over:
+            asked = [bell] if self._is_gone else [bell, self._source]
+            try:
+                ready = select.select(asked, [], [])[0]
+            except (OSError, ValueError):  # the terminal's descriptor has been closed
+                self._is_gone = True
+                continue
+            if self._source in ready:
+                self._listen()
+            if bell in ready:
+                os.read(bell, _READ_SIZE)
+                if not self._is_over:
+                    self._write(self._line)
+
+    def _listen(self) -> None:
+        try:
+            content = os.read(self._source, _READ_SIZE)
+        except OSError:
+            content = b""
+        with self._lock:
+            self._typed += content
+            del self._typed[:-_BUFFER_SIZE]
+            self._is_gone = not content
+
+    def _write(self, line: str) -> None:
+        if not self._shows:
+            return
+        with contextlib.suppress(OSError):
+            if select.select([], [self._sink], [], 0.0)[1]:
+                os.write(self._sink, (_CLEAR + line).encode(errors="replace"))
+
+
+def _descriptor(stream: object) -> int:
+    try:
+        return stream.fileno()  # type: ignore[attr-defined]
+    except (AttributeError, OSError, ValueError):  # closed, or a stand-in without a file
+        return -1
+
+
+# A gamepad as Linux shows it: events of 8 bytes, read from a file such as /dev/input/js0.
+
+FIRST_GAMEPAD = Path("/dev/input/js0")
+"""Where the first one is."""
+GAMEPAD_HELP = "hold the left shoulder button, left stick drives, right stick turns, every other button stops"
+
+_EVENT = struct.Struct("<IhBB")  # time [ms], value, kind, number
+_BUTTON, _AXIS, _INITIAL_STATE = 1, 2, 0x80  # the last: how things stood when it was opened
+_DEAD_MAN = 4  # left shoulder of the usual pads
+_LEFT_X, _LEFT_Y, _RIGHT_X = 0, 1, 3
+_FULL = 32767.0
+_DEAD_ZONE = 0.12  # of full deflection: sticks do not come back to zero
+_EVENT_BYTES = 64 * _EVENT.size
+
+
+class GamepadReader:
+    """Bytes in, the state of the sticks out; holds less than one event."""
+
+    def __init__(self) -> None:
+        self._rest = b""
+        self._axes = {_LEFT_X: 0.0, _LEFT_Y: 0.0, _RIGHT_X: 0.0}
+        self._held = False
+
+    def feed(self, content: bytes) -> tuple[StickState, bool]:
+        """How the sticks stand after these events, and whether a button was pressed that stops.
+
+        A dead man's button that was down before anybody looked does not count: it must be pressed anew.
+        """
+        content = self._rest + content
+        whole = len(content) // _EVENT.size * _EVENT.size
+        self._rest, stops = content[whole:], False
+        for _, value, kind, number in _EVENT.iter_unpack(content[:whole]):
+            if kind & ~_INITIAL_STATE == _AXIS and number in self._axes:
+                self._axes[number] = value / _FULL
+            elif kind == _BUTTON and number == _DEAD_MAN:
+                self._held = value != 0
+            elif kind == _BUTTON and value:
+                stops = True
+        x, y, turn = (_outside_dead_zone(self._axes[number]) for number in (_LEFT_X, _LEFT_Y, _RIGHT_X))
+        return StickState(-y, -x, -turn, self._held), stops  # pads count to the right and down
+
+
+def _outside_dead_zone(value: float) -> float:
+    """What is left of a deflection beyond the dead zone, −1…1."""
+    size = min(max(abs(value) - _DEAD_ZONE, 0.0) / (1.0 - _DEAD_ZONE), 1.0)
+    return size if value > 0.0 else -size
+
+
+class Gamepad:
+    """The file of a gamepad; reading never waits."""
+
+    def __init__(self, path: Path):
+        """Opens it.
+
+        Raises:
+          InputError: It is not there, or may not be read.
+        """
+        try:
+            self._file = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+        except OSError as error:
+            raise InputError(f"--gamepad {path}", f"cannot be read ({error.strerror})") from None
+
+    def read(self) -> bytes | None:
+        """What has come; None when the gamepad is gone."""
+        try:
+            return os.read(self._file, _EVENT_BYTES) or None
+        except BlockingIOError:
+            return b""
+        except OSError:
+            return None
+
+    def close(self) -> None:
+        """Lets go of the file."""
+        os.close(self._file)

@@ -1,0 +1,270 @@
+"""The numbers of an evaluation from the scores of its cases, each with what it is of."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from omnimj.studies.evaluation.scoring import CaseScore, confusion
+from omnimj.studies.random_truth import ALL_CLASSES, NONE, PAIRS, TWO
+from omnimj.studies.statistics import EventRate, Rate, event_rate, median, quantile, rate
+
+HEAVIER, LIGHTER = "heavier", "lighter"
+
+
+@dataclass(frozen=True)
+class Delays:
+    """Times of some cases; those without an alarm count as ∞."""
+
+    count: int
+    median: float | None
+    """[s]; ∞: in half of them there never was one."""
+    p95: float | None
+    """[s]."""
+
+
+@dataclass(frozen=True)
+class GroupSummary:
+    """Cases with a fault of one kind and size."""
+
+    name: str
+    cases: int
+    unused: int
+    """Of these, whose faulty part was never asked to work: in no other number of the group."""
+    found: Rate
+    """Any alarm while a fault stood."""
+    isolated: Rate
+    """Exactly the true set, nothing else."""
+    delay: Delays
+    """From onset to the first alarm."""
+    delay_in_use: Delays
+    """From first use to the first alarm."""
+    named_in_use: Delays
+    """From first use to the fault's own name; of faults, not of cases."""
+
+
+@dataclass(frozen=True)
+class Ratios:
+    """With recovery over without."""
+
+    count: int
+    median: float | None
+    p95: float | None
+    worst: float | None
+    worst_case: str
+    """Name of the case; empty without any."""
+
+
+@dataclass(frozen=True)
+class PairSummary:
+    """Cases with two faults at once, of two kinds."""
+
+    kinds: str
+    """`motor + slip`, `motor + slip of one wheel`."""
+    pairs: int
+    """How many pairs of the eight faults are of these kinds."""
+    driven: int
+    """How many of them there were cases of, in use or not."""
+    missed: tuple[str, ...]
+    """Those that were in use and not told exactly in every case."""
+    group: GroupSummary
+
+
+@dataclass(frozen=True)
+class Switches:
+    """How often one slip was diagnosed."""
+
+    count: int
+    """Slips that were named at all."""
+    mean: float | None
+    worst: int | None
+
+
+@dataclass(frozen=True)
+class FactorSummary:
+    """Cases that have one thing in common."""
+
+    factor: str
+    """`floor`, `payload`, `plant`, `speed`."""
+    value: str
+    cases: int
+    alarms: EventRate
+    """Of fault-free cases."""
+    isolated: Rate
+    """Of cases whose faulty part was in use."""
+    delay_in_use: Delays
+    heading: Ratios
+
+
+@dataclass(frozen=True)
+class Summary:
+    """All that an evaluation reports."""
+
+    cases: int
+    hours: float
+    """Driven, without the paired runs [h]."""
+    confusion: Mapping[str, Mapping[str, int]]
+    """Truth → diagnosed → cases."""
+    alarms: EventRate
+    """False alarms in fault-free cases."""
+    quiet: Mapping[str, EventRate]
+    """The same, plant by plant."""
+    alarms_before: EventRate
+    """The same, with the time before the first onset of the others."""
+    cases_with_alarms: Rate
+    """Fault-free cases with at least one false alarm."""
+    classes: tuple[GroupSummary, ...]
+    goals: tuple[GroupSummary, ...]
+    """The groups that goals are set for."""
+    pairs: tuple[PairSummary, ...]
+    """Two at once, by kinds; empty without any."""
+    estimate: Delays
+    """|error| of torque constants after 5 s in use, over the nominal one (a number without unit)."""
+    estimates_asked: int
+    """Weak motors that were in use for 5 s."""
+    clearing: Delays
+    """From a slip's end to the end of its diagnosis."""
+    switches: Switches
+    heading: Ratios
+    path: Ratios
+    factors: tuple[FactorSummary, ...]
+
+
+GOAL_GROUPS: Mapping[str, Callable[[CaseScore], bool]] = {
+    "motor, loss ≥ 57 %": lambda s: s.fault == "motor" and (s.severity or 0.0) >= 0.57,
+    "motor, loss ≥ 95 %": lambda s: s.fault == "motor" and (s.severity or 0.0) >= 0.95,
+    "slip, grip ≤ 0.3": lambda s: s.fault == "slip" and _grip(s) <= 0.3,
+    "the eight: loss ≥ 57 %, grip ≤ 0.3": lambda s: _is_one_of_eight(s, 0.57, 0.3),
+    "the eight: loss ≥ 20 %, grip ≤ 0.5": lambda s: _is_one_of_eight(s, 0.20, 0.5),
+    "two at once": lambda s: s.fault == "two",
+}
+"""Single motor (torque constant) and slip faults by size, and pairs of them."""
+
+
+def _grip(score: CaseScore) -> float:
+    return 1.0 if score.severity is None else score.severity
+
+
+def _is_one_of_eight(score: CaseScore, loss: float, grip: float) -> bool:
+    if score.fault == "slip":
+        return _grip(score) <= grip
+    return score.fault == "motor" and (score.severity or 0.0) >= loss
+
+
+def summarize(scores: Sequence[CaseScore]) -> Summary:
+    """The numbers of all cases."""
+    healthy = [s for s in scores if s.fault == NONE]
+    broken = [s for s in scores if s.fault != NONE]
+    asked = [s for s in broken if s.fault == "motor" and s.severity is not None]
+    errors = [abs(f.estimate_error) for s in asked for f in s.faults if f.estimate_error is not None]
+    kinds = [name for name in ALL_CLASSES if name != NONE and any(s.fault == name for s in broken)]
+    return Summary(
+        cases=len(scores),
+        hours=sum(s.hours for s in scores),
+        confusion=confusion(scores),
+        alarms=_alarms(healthy),
+        quiet={
+            plant: _alarms([s for s in healthy if s.plant == plant])
+            for plant in sorted({s.plant for s in healthy})
+        },
+        alarms_before=event_rate(
+            sum(s.false_alarms if s.fault == NONE else s.early_alarms for s in scores),
+            sum(s.healthy_hours for s in scores),
+        ),
+        cases_with_alarms=rate(s.false_alarms > 0 for s in healthy),
+        classes=tuple(_group(name, [s for s in broken if s.fault == name]) for name in kinds),
+        goals=tuple(_group(name, [s for s in broken if holds(s)]) for name, holds in GOAL_GROUPS.items()),
+        pairs=tuple(_pairs([s for s in broken if s.fault == TWO])),
+        estimate=delay_quantiles(errors),
+        estimates_asked=len(asked),
+        clearing=delay_quantiles(s.clearing for s in broken if s.clearing is not None),
+        switches=_switches([s.switches for s in broken if s.switches is not None]),
+        heading=_ratios(broken, lambda s: s.heading_ratio),
+        path=_ratios(broken, lambda s: s.path_ratio),
+        factors=tuple(_factors(scores)),
+    )
+
+
+def _group(name: str, scores: Sequence[CaseScore]) -> GroupSummary:
+    used = [s for s in scores if s.was_in_use]
+    return GroupSummary(
+        name,
+        len(scores),
+        len(scores) - len(used),
+        rate(s.delay < float("inf") for s in used),
+        rate(bool(s.isolated) for s in used),
+        delay_quantiles(s.delay for s in used),
+        delay_quantiles(s.delay_in_use for s in used if s.delay_in_use is not None),
+        delay_quantiles(
+            f.named_delay_in_use for s in used for f in s.faults if f.named_delay_in_use is not None
+        ),
+    )
+
+
+def _alarms(healthy: Sequence[CaseScore]) -> EventRate:
+    return event_rate(sum(s.false_alarms for s in healthy), sum(s.hours for s in healthy))
+
+
+def _pairs(scores: Sequence[CaseScore]) -> Iterable[PairSummary]:
+    """By the kinds of both, each with every pair of them that is possible."""
+    possible = Counter(_kinds([f"{kind} {wheel}" for kind, wheel in pair]) for pair in PAIRS)
+    for kinds, count in sorted(possible.items()) if scores else ():
+        own = [s for s in scores if _kinds([f.label for f in s.faults]) == kinds]
+        wrong = {_pair(s) for s in own if s.was_in_use and not s.isolated}
+        driven = len({_pair(s) for s in own})
+        yield PairSummary(kinds, count, driven, tuple(sorted(wrong)), _group(kinds, own))
+
+
+def _pair(score: CaseScore) -> str:
+    return " + ".join(sorted(fault.label for fault in score.faults))
+
+
+def _kinds(labels: Sequence[str]) -> str:
+    kinds = " + ".join(sorted(label.partition(" ")[0] for label in labels))
+    same = len({label.partition(" ")[2] for label in labels}) == 1
+    return f"{kinds} of one wheel" if same else kinds
+
+
+def _switches(found: Sequence[int]) -> Switches:
+    mean = sum(found) / len(found) if found else None
+    return Switches(len(found), mean, max(found, default=None))
+
+
+def delay_quantiles(values: Iterable[float]) -> Delays:
+    """Median and 95 % quantile; those that never ended count as ∞."""
+    found = list(values)
+    return Delays(len(found), median(found), quantile(found, 0.95))
+
+
+def _ratios(scores: Sequence[CaseScore], of: Callable[[CaseScore], float | None]) -> Ratios:
+    found = [(value, s.name) for s in scores if (value := of(s)) is not None]
+    values = [value for value, _ in found]
+    worst, name = max(found, default=(None, ""))
+    return Ratios(len(found), median(values), quantile(values, 0.95), worst, name)
+
+
+def _factors(scores: Sequence[CaseScore]) -> Iterable[FactorSummary]:
+    ways: Mapping[str, Callable[[CaseScore], str]] = {
+        "floor": lambda s: s.floor,
+        "payload": lambda s: HEAVIER if s.payload > 0.0 else LIGHTER,
+        "plant": lambda s: s.plant,
+        "speed": lambda s: s.speed,
+    }
+    for factor, of in ways.items():
+        for value in sorted({of(s) for s in scores}):
+            yield _factor(factor, value, [s for s in scores if of(s) == value])
+
+
+def _factor(factor: str, value: str, scores: Sequence[CaseScore]) -> FactorSummary:
+    healthy = [s for s in scores if s.fault == NONE]
+    used = [s for s in scores if s.was_in_use]
+    return FactorSummary(
+        factor,
+        value,
+        len(scores),
+        _alarms(healthy),
+        rate(bool(s.isolated) for s in used),
+        delay_quantiles(s.delay_in_use for s in used if s.delay_in_use is not None),
+        _ratios(scores, lambda s: s.heading_ratio),
+    )

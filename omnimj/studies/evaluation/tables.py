@@ -1,0 +1,174 @@
+"""An evaluation's numbers as tables for people: Markdown, command line and report alike."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from math import isinf
+
+from omnimj.studies.evaluation.cases import SUITES, CasePopulation, is_judging_seed
+from omnimj.studies.evaluation.goals import format_goal, judge_goals
+from omnimj.studies.evaluation.scoring import AMBIGUOUS, HEADING_FLOOR, PATH_FLOOR, SEVERAL, label_sort_key
+from omnimj.studies.evaluation.summary import Delays, FactorSummary, GroupSummary, PairSummary, Summary
+from omnimj.studies.random_truth import ALL_CLASSES, NONE
+from omnimj.studies.statistics import EventRate, Table, format_rate
+
+_WRONG_PLACE = "elsewhere"
+
+
+def format_heading(choice: CasePopulation, method: str, settings: Sequence[str] = ()) -> str:
+    """The title of everything that is written."""
+    with_settings = f" with {', '.join(f'`{text}`' for text in settings)}" if settings else ""
+    return f"Evaluation of `{method}`{with_settings} on {choice.suite}"
+
+
+def summary_sentences(choice: CasePopulation, summary: Summary, planned: int, failed: int) -> list[str]:
+    """What the numbers are of, sentence by sentence."""
+    seed = (
+        f"Seed {choice.seed} was not used to set thresholds (0–99 are for that)."
+        if is_judging_seed(choice.seed)
+        else f"Seed {choice.seed} is one for setting thresholds (0–99): **these numbers do not judge it**."
+    )
+    suite = SUITES[choice.suite]
+    lines = [
+        seed,
+        f"{summary.cases} of {planned} cases, {summary.hours:.3g} h: {suite.name}, {suite.description}; "
+        f"{_drawn(choice)}; "
+        f"plant {', '.join(choice.plants)}; floors {', '.join(choice.floors)}; payload within ±20 % "
+        "of the mass; true constants off the believed ones (torque constants ±3 %, friction ±20 %, "
+        "mass ±3 %, inertias ±5 %, floor numbers ±20 %).",
+        "Rates with Wilson 95 % bounds and what they are of; false alarms with the one-sided Poisson 95 % "
+        "bound. A wheel is in use while more than 2 N of traction (20 ms mean) is asked of it, read off the "
+        "same case driven without fault and without any method. Faults that were never in use are counted "
+        "and left out. A case without an alarm has a delay of ∞ (“never”).",
+        "Excursions count from the fault's onset and are compared with the same case driven without any "
+        f"method; below {HEADING_FLOOR:g} rad and {PATH_FLOOR:g} m they are taken as that much.",
+        "Goals are met or missed by what was measured; “too few to be sure” where the bounds do not say the "
+        "same. What the suite cannot judge (smallest loss, circles and pivots, the step's time) is not here.",
+    ]
+    if failed:
+        lines.append(f"{failed} cases broke down and are left out: `errors` in evaluation.json.")
+    return lines
+
+
+def _drawn(choice: CasePopulation) -> str:
+    """Of which faults the cases are."""
+    broken = [name for name in ALL_CLASSES if name in choice.faults and name != NONE]
+    if not broken:
+        return "no faults"
+    share = f"{100.0 * SUITES[choice.suite].healthy:.0f} %" if NONE in choice.faults else "none"
+    return f"{share} without a fault, else {', '.join(broken)}"
+
+
+def result_tables(summary: Summary) -> list[Table]:
+    """Goals first, then the confusion by class, the classes and the factors."""
+    head = (
+        "",
+        "cases",
+        "not in use",
+        "found",
+        "isolated",
+        "delay since onset",
+        "in use",
+        "to its name, in use",
+    )
+    found = [
+        _goals(summary),
+        Table(
+            "Groups that goals are set for", head, tuple(_group(one) for one in summary.goals if one.cases)
+        ),
+        Table(
+            "Two at once, by kinds of pair",
+            ("", "pairs driven", *head[1:], "pairs missed"),
+            tuple(map(_pair, summary.pairs)),
+        ),
+        Table("By class of fault", head, tuple(map(_group, summary.classes))),
+        confusion_by_class(summary),
+        Table(
+            "By factor",
+            ("", "", "cases", "false alarms", "isolated", "delay in use", "heading ratio"),
+            tuple(map(_factor, summary.factors)),
+        ),
+    ]
+    return [table for table in found if table.rows]
+
+
+def _goals(summary: Summary) -> Table:
+    """Every goal, and what has none but was measured."""
+    rows = [format_goal(one) for one in judge_goals(summary) if one.goal or one.value is not None]
+    return Table("Goals", ("measure", "goal", "measured", "n", "met"), tuple(rows))
+
+
+def format_event_rate(found: EventRate) -> str:
+    """`0/h (≤ 0.1, 0 in 30 h)`."""
+    if found.per_hour is None or found.upper is None:
+        return "–"
+    return f"{found.per_hour:.3g}/h (≤ {found.upper:.3g}, {found.events} in {found.hours:.3g} h)"
+
+
+def format_delays(found: Delays, unit: str = " s") -> str:
+    """`0.12 s, 95 % 0.3 s (n 20)`."""
+    if found.median is None or found.p95 is None:
+        return "–"
+    if isinf(found.median):
+        return f"never (n {found.count})"
+    return f"{_time(found.median, unit)}, 95 % {_time(found.p95, unit)} (n {found.count})"
+
+
+def _time(value: float, unit: str) -> str:
+    return "never" if isinf(value) else f"{value:.3g}{unit}"
+
+
+def _pair(found: PairSummary) -> tuple[str, ...]:
+    name, *cells = _group(found.group)
+    return (name, f"{found.driven} of {found.pairs}", *cells, "; ".join(found.missed) or "none")
+
+
+def _group(group: GroupSummary) -> tuple[str, ...]:
+    return (
+        group.name,
+        str(group.cases),
+        str(group.unused),
+        format_rate(group.found),
+        format_rate(group.isolated),
+        format_delays(group.delay),
+        format_delays(group.delay_in_use),
+        format_delays(group.named_in_use),
+    )
+
+
+def _factor(found: FactorSummary) -> tuple[str, ...]:
+    return (
+        found.factor,
+        found.value,
+        str(found.cases),
+        format_event_rate(found.alarms),
+        format_rate(found.isolated),
+        format_delays(found.delay_in_use),
+        "–" if found.heading.median is None else f"{found.heading.median:.2f} (n {found.heading.count})",
+    )
+
+
+def confusion_by_class(summary: Summary) -> Table:
+    """Truth × diagnosed, wheels and channels together; the right class at a wrong place is `elsewhere`."""
+    counts: dict[str, dict[str, int]] = {}
+    for truth, row in summary.confusion.items():
+        own = counts.setdefault(_class(truth), {})
+        for said, count in row.items():
+            right = _class(said) if said == truth or _class(said) != _class(truth) else _WRONG_PLACE
+            own[right] = own.get(right, 0) + count
+    columns = _columns(counts.values())
+    rows = [
+        (truth, *(str(row.get(name, "")) for name in columns), str(sum(row.values())))
+        for truth, row in counts.items()
+    ]
+    return Table("Truth (rows) and diagnosis (columns), cases", ("", *columns, "all"), tuple(rows))
+
+
+def _columns(rows: Iterable[dict[str, int]]) -> Sequence[str]:
+    names = {name for row in rows for name in row}
+    last = (_WRONG_PLACE, AMBIGUOUS, SEVERAL)
+    return [*sorted(names - set(last), key=label_sort_key), *(name for name in last if name in names)]
+
+
+def _class(label: str) -> str:
+    return label.partition(" ")[0]

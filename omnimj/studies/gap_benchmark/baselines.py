@@ -1,0 +1,197 @@
+"""What simpler methods make of the same data: sparse regression on the residual, forward selection by BIC.
+
+Both see what the workflow's screening sees: the whitened mismatch of the refitted base and the sensitivities
+of the candidates, each in its best shape, the base's own beside them. Everything is linear.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnimj.estimate.gap.records import channel_rms
+from omnimj.estimate.gap.search.cross_validation import choose_heldout, make_folds, make_groups
+from omnimj.estimate.gap.search.screening import screen_candidates
+from omnimj.estimate.gap.search.search import fit_base
+from omnimj.estimate.least_squares import Fit, huber_weights
+from omnimj.estimate.replay.interface import Replay
+from omnimj.estimate.replay.problem import Problem
+from omnimj.signals import Array
+
+_STEP = 0.25  # of the typical size, as in the screening
+_THRESHOLDS = (0.05, 0.1, 0.2, 0.4, 0.8)  # in typical sizes
+_RIDGE = 1e-3
+_MOST = 8  # effects that forward selection may take
+
+
+@dataclass(frozen=True)
+class BaselineResult:
+    """What a baseline names, and how well its linear model does on the held-out runs."""
+
+    names: tuple[str, ...]
+    """Labels, the first or largest first."""
+    heldout: dict[str, float]
+    """Channel → RMS mismatch [unit of the channel]."""
+
+
+@dataclass(frozen=True)
+class LinearModel:
+    """The linearised data: residual + columns · d, weighted; the base's columns come first."""
+
+    columns: Array
+    """Shape (rows, base + all amplitudes)."""
+    residual: Array
+    """Shape (rows,)."""
+    weight: Array
+    """Shape (rows,); 0 where not fitted."""
+    fold: NDArray[np.int_]
+    """Fold of every row, −1 outside of the folds, shape (rows,)."""
+    is_heldout: NDArray[np.bool_]
+    """Rows that nothing is fitted to and that are measured, shape (rows,)."""
+    count: int
+    """Measured values that are fitted to."""
+    prior: Array
+    """Precision of the base's columns, shape (base,)."""
+    labels: tuple[str, ...]
+    """Of the columns behind the base's."""
+    noise: dict[str, float]
+    """Channel → noise of a block mean [unit of the channel]."""
+
+    def solve(self, used: list[int], rows: NDArray[np.bool_] | None = None) -> Array:
+        """Ridge solution in some of the amplitudes, the base always free: d, shape (columns,)."""
+        base = len(self.prior)
+        at = [*range(base), *(base + k for k in used)]
+        weight = self.weight if rows is None else self.weight * rows
+        a = self.columns[:, at] * weight[:, None]
+        gram = a.T @ a
+        gram[np.diag_indices_from(gram)] += np.concatenate([self.prior, np.full(len(used), _RIDGE)])
+        d = np.zeros(self.columns.shape[1])
+        d[at] = np.linalg.solve(gram, -a.T @ (self.residual * weight))
+        return d
+
+    def squares(self, d: Array, rows: NDArray[np.bool_] | None = None) -> float:
+        """Weighted sum of squares that is left."""
+        left = (self.residual + self.columns @ d) * self.weight
+        return float((left**2).sum() if rows is None else (left[rows] ** 2).sum())
+
+    def heldout(self, d: Array) -> dict[str, float]:
+        """Channel → RMS on the held-out rows [unit of the channel]."""
+        left = np.where(self.is_heldout, self.residual + self.columns @ d, np.nan)
+        found = channel_rms(left.reshape(-1, len(self.noise)))
+        return {name: float(z * s) for (name, s), z in zip(self.noise.items(), found, strict=True)}
+
+
+def run_baselines(replay: Replay, seed: int = 0) -> dict[str, BaselineResult]:
+    """Refit of the base alone, sparse regression, forward selection by BIC.
+
+    Args:
+      replay: The data.
+      seed: Of what is held out; the workflow's, so that all are judged on the same runs.
+    """
+    groups = make_groups(replay)
+    out = choose_heldout(groups, seed)
+    used = ~out[groups.of_block]
+    problem, base = fit_base(replay, used, lambda phrase, share: None)
+    linear = linearize(problem, base, used, make_folds(groups, ~out, seed))
+    nothing = np.zeros(linear.columns.shape[1])
+    return {
+        "base": BaselineResult((), linear.heldout(nothing)),
+        "sparse": sparse_regression(linear),
+        "bic": forward_selection(linear),
+    }
+
+
+def linearize(
+    problem: Problem, base: Fit, used: NDArray[np.bool_], folds: list[NDArray[np.bool_]]
+) -> LinearModel:
+    """Sensitivities of every candidate in its best shape, in typical sizes, beside those of the base."""
+    channels = len(problem.replay.channels)
+    columns, labels = [base.jacobian], []
+    for found in screen_candidates(problem, base, list(problem.replay.candidates), used):
+        own = found.start[len(base.x) :].copy()
+        shapes = found.candidate.parameters
+        for k, s in enumerate(shapes):
+            if s.null_value is not None:
+                own[k] = s.null_value
+        moved, steps = [], []
+        for k, s in enumerate(shapes):
+            if s.null_value is None:
+                continue
+            step = _STEP * (s.typical - s.null_value)
+            step = step if s.low <= s.null_value + step <= s.high else -step
+            at = own.copy()
+            at[k] += step
+            moved.append(np.concatenate([base.x, at]))
+            steps.append(_STEP)
+        residuals = problem.residuals(moved, (found.candidate,))
+        columns += [(r - base.residual).ravel()[:, None] / s for r, s in zip(residuals, steps, strict=True)]
+        labels += [found.candidate.label] * len(moved)
+    fold = np.full(len(used), -1)
+    for k, rows in enumerate(folds):
+        fold[rows] = k
+    measured = np.isfinite(problem.replay.measured)
+    precision, _ = problem.prior(base.x, base.form)
+    return LinearModel(
+        np.hstack(columns),
+        base.residual.ravel(),
+        huber_weights(problem, base.residual, used),
+        np.repeat(fold, channels),
+        (measured & ~used[:, None]).ravel(),
+        int(measured[used].sum()),
+        precision + _RIDGE,
+        tuple(labels),
+        {c.name: float(s) for c, s in zip(problem.replay.channels, problem.noise, strict=True)},
+    )
+
+
+def sparse_regression(linear: LinearModel) -> BaselineResult:
+    """Sequentially thresholded least squares; the threshold with the least loss on left-out folds."""
+    scores = []
+    for threshold in _THRESHOLDS:
+        loss = 0.0
+        for k in range(int(linear.fold.max()) + 1):
+            rest = linear.fold != k
+            loss += linear.squares(_thresholded(linear, threshold, rest), ~rest)
+        scores.append(loss)
+    d = _thresholded(linear, _THRESHOLDS[int(np.argmin(scores))])
+    sizes: dict[str, float] = {}
+    for label, value in zip(linear.labels, d[len(linear.prior) :].tolist(), strict=True):
+        if value:
+            sizes[label] = max(sizes.get(label, 0.0), abs(value))
+    return BaselineResult(tuple(sorted(sizes, key=lambda label: -sizes[label])), linear.heldout(d))
+
+
+def _thresholded(linear: LinearModel, threshold: float, rows: NDArray[np.bool_] | None = None) -> Array:
+    used = list(range(len(linear.labels)))
+    while True:
+        d = linear.solve(used, rows)
+        kept = [k for k in used if abs(d[len(linear.prior) + k]) >= threshold]
+        if len(kept) == len(used):
+            return d
+        used = kept
+
+
+def forward_selection(linear: LinearModel) -> BaselineResult:
+    """Takes the effect that lowers N ln(RSS/N) + k ln N most, as long as one does."""
+    names: list[str] = []
+
+    def criterion(chosen: list[str]) -> tuple[float, Array]:
+        used = [k for k, label in enumerate(linear.labels) if label in chosen]
+        d = linear.solve(used)
+        n = max(linear.count, 2)
+        return n * np.log(max(linear.squares(d), 1e-30) / n) + len(used) * np.log(n), d
+
+    best, d = criterion(names)
+    while len(names) < _MOST:
+        left = [label for label in dict.fromkeys(linear.labels) if label not in names]
+        tried = [(*criterion([*names, label]), label) for label in left]
+        if not tried:
+            break
+        value, there, label = min(tried, key=lambda entry: entry[0])
+        if value >= best:
+            break
+        best, d = value, there
+        names.append(label)
+    return BaselineResult(tuple(names), linear.heldout(d))

@@ -1,0 +1,309 @@
+"""What the benchmark hides: every effect in three sizes, pairs, triples, nothing, and what no library has.
+
+All is drawn by one seed. The cases are shuffled, so that a case's number says nothing of what is hidden.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from omnimj.effects import RIG, Effect, EffectParameter, effects_of
+from omnimj.estimate.replay.base_parameters import base_parameters
+from omnimj.estimate.replay.interface import BaseParameter
+from omnimj.parameters import read_floors, read_rig
+from omnimj.physics.effect_terms import ACTIVE, CABLE_FORCE, DRY, PATCH, PATCH_END, PATCH_START
+from omnimj.signals import Array
+
+# Truths that no effect of the library equals: what the workflow must not give a name to.
+
+_GRAVITY = 9.81
+_FAR = 1e3  # [m] a patch that ends here is everywhere
+
+
+@dataclass(frozen=True)
+class UnmodelledKind:
+    """One way to be outside of the library."""
+
+    words: str
+    amplitude: float
+    """A size that is worth noticing."""
+    unit: str
+    shortest: float
+    longest: float
+    """Range of its length: metres, seconds or metres per second, as the kind has it."""
+
+
+KINDS: Mapping[str, UnmodelledKind] = {
+    "floor_drift": UnmodelledKind(
+        "the floor loses grip while it warms, within and between runs", 0.3, "1", 1.0, 3.0
+    ),
+    "bent_rail": UnmodelledKind(
+        "the rail is wavy: a grade that changes its sign along it", 0.02, "rad", 0.3, 0.8
+    ),
+    "rail_joints": UnmodelledKind("a force that repeats along the rail", 1.5, "N", 0.08, 0.2),
+    "drying_rail": UnmodelledKind("rail friction that fades after the start", 2.0, "N", 0.2, 0.8),
+    "speed_hump": UnmodelledKind("rail friction that peaks at one speed", 2.0, "N", 0.3, 0.8),
+    "drifting_accelerometer": UnmodelledKind(
+        "the accelerometer's offset grows with time", 0.4, "m/s3", 1.0, 1.0
+    ),
+    "sideways_crosstalk": UnmodelledKind(
+        "the carriage's encoder feels the gantry's speed", 0.06, "1", 1.0, 1.0
+    ),
+    "eccentric_encoder": UnmodelledKind(
+        "the measuring wheel of the carriage runs out of true", 0.04, "1", 0.01, 0.02
+    ),
+}
+
+
+@dataclass(frozen=True)
+class RunContext:
+    """What a run has of its own."""
+
+    session: float
+    """Where in the series of runs it is, 0 … 1."""
+    mass: float
+    """m_T [kg]."""
+
+
+@dataclass(frozen=True)
+class UnmodelledEffect:
+    """One of `FAULT_KINDS` with its numbers."""
+
+    kind: str
+    amplitude: float
+    length: float
+    phase: float
+
+    def write_terms(self, row: Array, run: RunContext, time: float, position: float, speed: float) -> None:
+        """Writes what holds during the next sample into a wheel's row of terms, in place.
+
+        Args:
+          row: Of `physics.effect_terms`, shape (TERMS,).
+          run: Which run it is.
+          time: Since the run's start [s].
+          position: Of the carriage [m].
+          speed: Of the carriage [m/s].
+        """
+        row[ACTIVE] = 1.0
+        if self.kind == "floor_drift":
+            warm = 0.5 * run.session + 0.5 * (1.0 - math.exp(-time / self.length))
+            row[PATCH], row[PATCH_START], row[PATCH_END] = -self.amplitude * warm, -_FAR, _FAR
+        elif self.kind == "bent_rail":
+            row[CABLE_FORCE] = run.mass * self.force_per_mass(position)
+        elif self.kind == "rail_joints":
+            row[CABLE_FORCE] = self.amplitude * self._wave(position)
+        elif self.kind == "drying_rail":
+            row[DRY] = self.amplitude * math.exp(-time / self.length)
+        elif self.kind == "speed_hump":
+            row[DRY] = self.amplitude * math.exp(-(((abs(speed) - self.length) / 0.1) ** 2))
+
+    def force_per_mass(self, position: float) -> float:
+        """Gravity along a bent rail [m/s²]; 0 for every other kind."""
+        if self.kind != "bent_rail":
+            return 0.0
+        return -_GRAVITY * math.sin(self.amplitude * self._wave(position))
+
+    def bend_readings(self, columns: Mapping[str, Array], position: Array) -> dict[str, Array]:
+        """What the sensors say instead.
+
+        Args:
+          columns: As the undisturbed sensors gave them.
+          position: True position of the carriage, shape (n,) [m].
+        """
+        bent = dict(columns)
+        if self.kind == "drifting_accelerometer":
+            bent["carriage_acceleration"] = (
+                columns["carriage_acceleration"] + self.amplitude * columns["time"]
+            )
+        elif self.kind == "sideways_crosstalk":
+            bent["carriage_speed"] = columns["carriage_speed"] + self.amplitude * columns["lateral_speed"]
+        elif self.kind == "eccentric_encoder":
+            wave = np.sin(position / self.length + self.phase)
+            bent["carriage_speed"] = columns["carriage_speed"] * (1.0 + self.amplitude * wave)
+        elif self.kind == "bent_rail":
+            felt = np.array([self.force_per_mass(x) for x in position.tolist()])
+            bent["carriage_acceleration"] = columns["carriage_acceleration"] - felt
+        return bent
+
+    def _wave(self, position: float) -> float:
+        return math.sin(2.0 * math.pi * position / self.length + self.phase)
+
+
+def draw_unmodelled(kind: str, size: float, random: np.random.Generator) -> UnmodelledEffect:
+    """One of `FAULT_KINDS` at a size relative to what is worth noticing, its sign drawn where it may have
+    one."""
+    about = KINDS[kind]
+    has_sign = kind in ("drifting_accelerometer", "sideways_crosstalk")
+    sign = float(random.choice((-1.0, 1.0))) if has_sign else 1.0
+    length, phase = random.uniform(about.shortest, about.longest), random.uniform(0.0, 2.0 * math.pi)
+    return UnmodelledEffect(kind, sign * size * about.amplitude, float(length), float(phase))
+
+
+SIZES: Mapping[str, float] = {"faint": 0.25, "clear": 0.7, "obvious": 2.0}
+"""Words for a size → share of what is worth noticing (typical − vanishing)."""
+TUNING_SEEDS = range(10)
+"""Seeds that the method was tuned with; nothing is judged by them."""
+FLOORS = ("natural_stone", "pvc", "paperboard")
+"""Floors that the runs are driven on."""
+
+_NULL, _PAIRS, _TRIPLES = 20, 8, 2  # per trial
+_WITHIN = 0.8  # of the stated half-width that a parameter may really be off
+_ONLY_MORE = ("lateral_coupling", "rail_coulomb", "rail_stribeck", "rail_position", "bearing_friction")
+"""Dry friction: there is little that could be taken away."""
+_ALIKE = (
+    frozenset({"torque_constant", "current_scale"}),
+    frozenset({"rail_coulomb", "rolling_resistance", "bearing_friction"}),
+)
+"""No data of one kind of run tell these apart: two of them are never hidden together."""
+_POLES = (1, 2, 3, 4, 6, 8, 12)
+
+
+@dataclass(frozen=True)
+class HiddenEffect:
+    """One effect that the truth has and the model lacks."""
+
+    effect: str
+    values: Mapping[str, float | str]
+    """Parameters and selectors."""
+    size: str
+    """One of `SIZES`."""
+
+    @property
+    def label(self) -> str:
+        """The effect, and its choices in brackets: `sensor_delay (wheel_speed)`."""
+        chosen = [str(v) for v in self.values.values() if isinstance(v, str)]
+        return f"{self.effect} ({', '.join(chosen)})" if chosen else self.effect
+
+
+@dataclass(frozen=True)
+class Case:
+    """One dataset of the benchmark and its truth."""
+
+    name: str
+    """Neutral: `case_017`."""
+    kind: str
+    """`null`, `single`, `pair`, `triple` or `outside`."""
+    hidden: tuple[HiddenEffect, ...]
+    outside: UnmodelledEffect | None
+    base: Mapping[str, float]
+    """True values of the parameters declared uncertain."""
+    seed: int
+    """Of the runs and of the sensors' noise."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """In JSON's own kinds."""
+        return dataclasses.asdict(self)
+
+
+def case_from_dict(plain: Mapping[str, Any]) -> Case:
+    """The case that `Case.to_dict` was made of."""
+    hidden = tuple(HiddenEffect(**one) for one in plain["hidden"])
+    outside = None if plain["outside"] is None else UnmodelledEffect(**plain["outside"])
+    return Case(plain["name"], plain["kind"], hidden, outside, plain["base"], plain["seed"])
+
+
+def draw_cases(seed: int, trials: int = 1) -> list[Case]:
+    """All cases in the order of their names; per trial every rig effect in three sizes and all the others.
+
+    Args:
+      seed: The same seed gives the same cases.
+      trials: How often the whole set is drawn anew.
+    """
+    boxes = base_parameters(read_rig(), read_floors(), FLOORS, ())
+    wanted: list[tuple[str, tuple[str, ...], str]] = []
+    for _ in range(trials):
+        wanted += [("single", (name,), size) for name in effects_of(RIG) for size in SIZES]
+        wanted += [("pair", (), "")] * _PAIRS + [("triple", (), "")] * _TRIPLES + [("null", (), "")] * _NULL
+        wanted += [("outside", (name,), size) for name in KINDS for size in ("clear", "obvious")]
+    order = np.random.default_rng(np.random.SeedSequence(seed)).permutation(len(wanted))
+    digits = max(3, len(str(len(wanted) - 1)))
+    cases = []
+    for k, place in enumerate(order.tolist()):
+        kind, names, size = wanted[place]
+        random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1, place)))
+        hidden, outside = _draw(kind, names, size, random)
+        base, own = _true_base(boxes, random), int(random.integers(2**62))
+        cases.append(Case(f"case_{k:0{digits}d}", kind, hidden, outside, base, own))
+    return cases
+
+
+def _draw(
+    kind: str, names: Sequence[str], size: str, random: np.random.Generator
+) -> tuple[tuple[HiddenEffect, ...], UnmodelledEffect | None]:
+    """What is hidden in one case."""
+    if kind == "null":
+        return (), None
+    if kind == "outside":
+        return (), draw_unmodelled(names[0], SIZES[size], random)
+    names = names or _together(2 if kind == "pair" else 3, random)
+    sizes = [size or str(random.choice(["clear", "obvious"])) for _ in names]
+    effects = effects_of(RIG)
+    return tuple(draw_effect(effects[n], s, random) for n, s in zip(names, sizes, strict=True)), None
+
+
+def _together(count: int, random: np.random.Generator) -> list[str]:
+    """Names of effects that can be hidden together."""
+    names = list(effects_of(RIG))
+    while True:
+        chosen = [str(n) for n in random.choice(names, count, replace=False)]
+        if not any(len(alike.intersection(chosen)) > 1 for alike in _ALIKE):
+            return chosen
+
+
+def draw_effect(effect: Effect, size: str, random: np.random.Generator) -> HiddenEffect:
+    """One effect: some of its amplitudes at a size, one sign for all, shapes inside what the runs cover."""
+    amplitudes = effect.amplitudes
+    chosen = [p for p in amplitudes if random.random() < 0.7] or [random.choice(np.array(amplitudes))]
+    values: dict[str, float | str] = {p.name: float(p.null_value or 0.0) for p in amplitudes}
+    share = SIZES[size]
+    signs = [s for s in (1.0, -1.0) if all(_fits(p, s * share) for p in chosen)]
+    if effect.name in _ONLY_MORE:
+        signs = [1.0]
+    sign = float(random.choice(signs)) if signs else 1.0
+    for p in chosen:
+        values[p.name] = float(np.clip(_at(p, sign * share), p.low, p.high))
+    values.update(_shape(effect, random))
+    for selector in effect.selectors:
+        values[selector.name] = str(random.choice(np.array(selector.choices)))
+    return HiddenEffect(
+        effect.name, {p.name: values[p.name] for p in (*effect.parameters, *effect.selectors)}, size
+    )
+
+
+def _at(p: EffectParameter, share: float) -> float:
+    null_value = p.null_value or 0.0
+    return null_value + share * (p.typical - null_value)
+
+
+def _fits(p: EffectParameter, share: float) -> bool:
+    return p.low <= _at(p, share) <= p.high
+
+
+def _shape(effect: Effect, random: np.random.Generator) -> dict[str, float]:
+    """Places, widths and speeds of an effect, where the carriage comes by in most runs."""
+    start = float(random.uniform(0.15, 0.55))
+    drawn = {
+        "position": float(random.uniform(0.15, 0.9)),
+        "width": float(random.uniform(0.04, 0.12)),
+        "velocity": float(random.uniform(0.05, 0.25)),
+        "rest_position": float(random.uniform(0.0, 0.8)),
+        "poles": float(random.choice(_POLES)),
+        "start": start,
+        "end": start + float(random.uniform(0.2, 0.5)),
+    }
+    return {p.name: drawn.get(p.name, p.typical) for p in effect.parameters if p.null_value is None}
+
+
+def _true_base(boxes: Sequence[BaseParameter], random: np.random.Generator) -> dict[str, float]:
+    """True values of what the shipped model declares uncertain, inside its boxes."""
+    found = {}
+    for p in boxes:
+        half = 0.5 * _WITHIN * (p.high - p.low)
+        found[p.name] = float(np.clip(p.nominal + half * random.uniform(-1.0, 1.0), p.low, p.high))
+    return found

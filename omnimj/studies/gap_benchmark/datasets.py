@@ -1,0 +1,228 @@
+"""Makes the datasets of the benchmark: a rig with wrong constants and hidden effects, real sensors' readings.
+
+A dataset's folder holds what a logger and its owner would know, and nothing of the truth.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from omnimj.effects import with_effects
+from omnimj.errors import SimulationError
+from omnimj.estimate.replay.base_parameters import AdjustedMachine, adjust_machine, base_parameters
+from omnimj.parameters import Rig, read_floors, read_rig
+from omnimj.physics.effect_terms import TERMS
+from omnimj.plant.interface import RIG_CHANNELS, Plant
+from omnimj.plant.mujoco import slots
+from omnimj.plant.mujoco.twin import RigTwin
+from omnimj.plant.planar import PlanarRig
+from omnimj.recording.dataset import Run
+from omnimj.recording.write_dataset import write_dataset
+from omnimj.signals import Array, CurrentCommand
+from omnimj.simulate.loop import drive_rig
+from omnimj.simulate.suites.rig import samples_on_rail
+from omnimj.studies.gap_benchmark.cases import FLOORS, Case, RunContext, UnmodelledEffect
+
+# The runs of a benchmark dataset: constant, ramped, pulsed and reversed currents, straight and sideways.
+
+_REST = 0.1  # [s] without current at the start: the accelerometer shows its offset
+_SPREAD = 0.08  # share by which a current is drawn off its nominal value
+
+
+@dataclass(frozen=True)
+class PlannedRun:
+    """One run; repeats share their condition."""
+
+    name: str
+    condition: str
+    current: Array
+    """Set values, one per sample, shape (k,) [A]."""
+    floor: str
+    mass: float
+    """As declared [kg]."""
+    lateral_speed: float
+    session: float
+    """Where in the series it is, 0 … 1."""
+
+
+# profile, current [A], index of the mass, floor, lateral speed [m/s], repeats
+_PLAN = (
+    ("constant", 0.45, 0, "natural_stone", 0.0, 2),
+    ("reversing", 0.90, 0, "natural_stone", 0.0, 2),
+    ("ramp", 1.50, 1, "pvc", 0.0, 1),
+    ("pulse", 1.05, 2, "paperboard", 0.0, 1),
+    ("reversing", 0.75, 0, "paperboard", 0.0, 1),
+    ("constant", 1.50, 2, "natural_stone", 0.0, 1),
+    ("pulse", 0.75, 0, "pvc", 0.0, 2),
+    ("reversing", 0.35, 1, "pvc", 0.0, 1),
+    ("constant", 0.75, 0, "natural_stone", 0.35, 2),
+    ("reversing", 0.90, 1, "natural_stone", -0.30, 1),
+    ("ramp", 1.20, 0, "pvc", 0.25, 1),
+    ("constant", 1.05, 2, "paperboard", -0.25, 1),
+)
+
+
+def planned_runs(rig: Rig, seed: int, seconds: float = 1.8, conditions: int = len(_PLAN)) -> list[PlannedRun]:
+    """The runs of one dataset.
+
+    Args:
+      rig: The nominal rig: masses, rate.
+      seed: Currents differ a little from dataset to dataset.
+      seconds: Length of a run that does not come to the rail's end before.
+      conditions: How many of the twelve, from the first on.
+    """
+    random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0,)))
+    runs = []
+    for k, (profile, current, mass, floor, lateral, repeats) in enumerate(_PLAN[:conditions]):
+        size = current * (1.0 + _SPREAD * float(random.uniform(-1.0, 1.0)))
+        values = profiled(profile, min(size, 1.5), seconds, rig.sensors.sample_rate)
+        name, load = f"run_{k:02d}", rig.rig.masses[mass]
+        runs += [(f"{name}{letter}", name, values, floor, load, lateral) for letter in "ab"[:repeats]]
+    last = max(len(runs) - 1, 1)
+    return [PlannedRun(*run, session=k / last) for k, run in enumerate(runs)]
+
+
+def profiled(profile: str, size: float, seconds: float, rate: float) -> Array:
+    """Current over time, shape (seconds · rate + 1,) [A]: rest, then the profile."""
+    time = np.arange(round(seconds * rate) + 1) / rate
+    since = time - _REST
+    if profile == "reversing":
+        shape = np.where(np.floor(since / 0.5).astype(int) % 2 == 0, 1.0, -1.0)
+    elif profile == "pulse":
+        shape = np.where(since < 0.7, 1.0, 0.0)
+    elif profile == "ramp":
+        shape = np.minimum(since / 1.2, 1.0)
+    else:
+        shape = np.ones(len(time))
+    return np.where(since < 0.0, 0.0, size * shape)
+
+
+MAKERS = ("twin", "planar")
+"""What the datasets are made with, the usual one first."""
+PLANT = "quarter_rig"
+
+
+def make_dataset(
+    case: Case, folder: Path, made_by: str = "twin", seconds: float = 1.8, conditions: int = 12
+) -> None:
+    """Drives all runs of a case and writes them; the folder is there whole or not at all.
+
+    Args:
+      case: The truth.
+      folder: Where to.
+      made_by: One of `MAKERS`.
+      seconds: Length of a run.
+      conditions: How many conditions are driven.
+
+    Raises:
+      SimulationError: A run broke down.
+      InputError: The folder cannot be written.
+    """
+    nominal = read_rig()
+    truth = true_machine(case)
+    runs = [
+        _recorded(case, truth, planned, k, made_by)
+        for k, planned in enumerate(planned_runs(nominal, case.seed, seconds, conditions))
+    ]
+    unfinished = folder.with_name(f".{folder.name}")
+    shutil.rmtree(unfinished, ignore_errors=True)
+    write_dataset(unfinished, PLANT, {}, runs)
+    unfinished.replace(folder)
+
+
+def true_machine(case: Case) -> AdjustedMachine[Rig]:
+    """The rig as it really is: constants off their nominal values, effects on top."""
+    rig, floors = read_rig(), read_floors()
+    base = base_parameters(rig, floors, FLOORS, ())
+    based = adjust_machine(rig, floors, base, np.array([case.base[p.name] for p in base]))
+    if not case.hidden:
+        return based
+    effects: dict[str, Mapping[str, Any]] = {one.effect: one.values for one in case.hidden}
+    return AdjustedMachine(with_effects(based.machine, effects), based.floors, based.lags, based.mass_scale)
+
+
+def _recorded(case: Case, truth: AdjustedMachine[Rig], planned: PlannedRun, k: int, made_by: str) -> Run:
+    seed = int(np.random.SeedSequence(case.seed, spawn_key=(1, k)).generate_state(1, np.uint64)[0])
+    plant = _plant(truth, planned, seed, made_by)
+    if case.outside is not None:
+        plant = DisturbedPlant(
+            plant, case.outside, RunContext(planned.session, planned.mass * truth.mass_scale)
+        )
+    try:
+        trace = drive_rig(plant, planned.current)
+    finally:
+        plant.close()
+    if trace.about["failure"]:
+        raise SimulationError(f"{case.name}, {planned.name}: {trace.about['failure']}")
+    if trace.about["interrupted"]:
+        raise KeyboardInterrupt
+    rows = samples_on_rail(truth.machine, trace["carriage_position"], trace["lateral_position"])
+    columns = {name: trace[name][:rows] for name in ("time", *RIG_CHANNELS, "current_target")}
+    if case.outside is not None:
+        columns = case.outside.bend_readings(columns, trace["carriage_position"][:rows])
+    conditions = MappingProxyType({"floor": planned.floor, "mass": planned.mass})
+    return Run(planned.name, columns, MappingProxyType({}), conditions, planned.condition)
+
+
+def _plant(truth: AdjustedMachine[Rig], planned: PlannedRun, seed: int, made_by: str) -> Plant:
+    mass = planned.mass * truth.mass_scale
+    if made_by == "planar":
+        return PlanarRig(
+            truth.machine,
+            planned.floor,
+            mass=mass,
+            lateral_speed=planned.lateral_speed,
+            seed=seed,
+            floors=truth.floors,
+        )
+    return RigTwin(truth.machine, truth.floors[planned.floor], mass, planned.lateral_speed, seed=seed)
+
+
+class DisturbedPlant:
+    """A rig whose effects' row is written anew before every sample; a `Plant`."""
+
+    def __init__(self, plant: Plant, outside: UnmodelledEffect, run: RunContext):
+        self._plant, self._outside, self._run = plant, outside, run
+        self.period, self.truth_names = plant.period, plant.truth_names
+        self._steps = 0
+
+    def reset(self) -> Any:
+        """The rig at rest."""
+        self._steps = 0
+        measured = self._plant.reset()
+        self._disturb()
+        return measured
+
+    def step(self, command: CurrentCommand) -> Any:
+        """One sample period with what holds at its start."""
+        self._disturb()
+        self._steps += 1
+        return self._plant.step(command)
+
+    def _disturb(self) -> None:
+        position, speed = self._plant.truth()[:2].tolist()
+        time = self._steps * self.period
+        self._outside.write_terms(_terms(self._plant), self._run, time, position, speed)
+
+    def truth(self) -> Array:
+        """Of the rig."""
+        return self._plant.truth()
+
+    def close(self) -> None:
+        """Closes the rig."""
+        self._plant.close()
+
+
+def _terms(plant: Plant) -> Array:
+    """The row of terms that a rig's kernels read at every step, shape (TERMS,)."""
+    if isinstance(plant, RigTwin):
+        return plant.mj_model.actuator_user[0, slots.EFFECT_TERMS : slots.EFFECT_TERMS + TERMS]
+    assert isinstance(plant, PlanarRig)
+    return plant._terms

@@ -1,0 +1,212 @@
+"""One case scored: what was hidden beside what was reported."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from omnimj.effects import RIG, effects_of
+from omnimj.parameters import read_rig
+from omnimj.studies.gap_benchmark.cases import FLOORS, KINDS, SIZES, Case, HiddenEffect
+from omnimj.studies.gap_benchmark.datasets import planned_runs
+
+VISIBLE = 1.2
+"""Mismatch of the refitted base in units of noise below which an effect does not show in the data."""
+
+
+@dataclass(frozen=True)
+class ParameterScore:
+    """One fitted parameter of a rightly named effect."""
+
+    name: str
+    true: float
+    """Relative to the nominal model, whose own constants are off."""
+    planted: float
+    """The number that was hidden."""
+    value: float
+    low: float | None
+    high: float | None
+    error: float | None
+    """|value − true| over the size of the effect; None for a shape."""
+    inside: bool | None
+    """Whether the true value lies in the stated 90 % interval; None without one."""
+
+
+@dataclass(frozen=True)
+class MethodScore:
+    """What one method made of one case."""
+
+    named: tuple[str, ...]
+    """Labels in the order in which they were named."""
+    covered: tuple[bool, ...]
+    """Per hidden effect: whether a reported set holds it."""
+    first: tuple[bool, ...]
+    """Per hidden effect: whether it is named itself, among the first names of as many as are hidden."""
+    set_sizes: tuple[int, ...]
+    """Per reported effect: itself and what it cannot be told from; of a baseline all that it names."""
+    wrong: int
+    """Reported sets that hold no hidden effect; of a baseline wrong names."""
+    ratio: float | None
+    """Held-out mismatch over that of the true model; None without a true model, or where the workflow names
+    nothing."""
+
+
+@dataclass(frozen=True)
+class CaseScore:
+    """One case."""
+
+    name: str
+    kind: str
+    hidden: tuple[str, ...]
+    """Labels; of a truth outside of the library its kind."""
+    sizes: tuple[str, ...]
+    visibility: float
+    """RMS mismatch of the refitted base in units of noise."""
+    verdict: str
+    seconds: float
+    workflow: MethodScore
+    parameters: tuple[ParameterScore, ...]
+    baselines: Mapping[str, MethodScore]
+
+    @property
+    def is_visible(self) -> bool:
+        """Whether what is hidden shows in the data at all."""
+        return self.visibility >= VISIBLE
+
+
+def score_case(case: Case, result: Mapping[str, Any], truth: Mapping[str, Any] | None) -> CaseScore:
+    """Scores one case.
+
+    Args:
+      case: The truth.
+      result: Of `trial.search_case`.
+      truth: Of `trial.fit_truth`; None where there is none.
+    """
+    gap = result["gap"]
+    labels = tuple(one.label for one in case.hidden)
+    reported = [(_label(e), tuple(e["indistinguishable_from"])) for e in gap["effects"]]
+    noise = gap["noise"]
+    best = None if not truth or "heldout" not in truth else rms_over_noise(truth["heldout"], noise)
+    after = (
+        rms_over_noise({c: g["after"] for c, g in gap["gap"]["heldout"].items()}, noise) if reported else None
+    )
+    baselines = {}
+    for name, picked in result["baselines"].items():
+        baselines[name] = _of_baseline(
+            labels, picked["names"], _ratio(rms_over_noise(picked["heldout"], noise), best)
+        )
+    return CaseScore(
+        case.name,
+        case.kind,
+        labels or ((case.outside.kind,) if case.outside else ()),
+        tuple(one.size for one in case.hidden) or _size_of_outside(case),
+        visibility(gap),
+        gap["verdict"],
+        float(result["seconds"]),
+        _method(labels, reported, _ratio(after, best)),
+        tuple(_parameters(case, gap["effects"])),
+        baselines,
+    )
+
+
+def rms_over_noise(by_channel: Mapping[str, float | None], noise: Mapping[str, float]) -> float:
+    """RMS over channels in units of noise: √(mean (rms/noise)²)."""
+    squares = [(value / noise[c]) ** 2 for c, value in by_channel.items() if value is not None]
+    return math.sqrt(sum(squares) / len(squares)) if squares else math.nan
+
+
+def visibility(gap: Mapping[str, Any]) -> float:
+    """RMS mismatch of the refitted base over all runs in units of noise; runs count alike."""
+    runs = gap.get("runs") or []
+    if runs:
+        return math.sqrt(sum(run["total_before"] ** 2 for run in runs) / len(runs))
+    return rms_over_noise({c: g["before"] for c, g in gap["gap"]["heldout"].items()}, gap["noise"])
+
+
+def _label(effect: Mapping[str, Any]) -> str:
+    chosen = [str(v) for v in effect.get("selectors", {}).values()]
+    return f"{effect['effect']} ({', '.join(chosen)})" if chosen else effect["effect"]
+
+
+def _ratio(value: float | None, best: float | None) -> float | None:
+    return None if value is None or not best else value / best
+
+
+def _method(
+    labels: Sequence[str], reported: Sequence[tuple[str, tuple[str, ...]]], ratio: float | None
+) -> MethodScore:
+    sets = [(label, *rivals) for label, rivals in reported]
+    return MethodScore(
+        tuple(label for label, _ in reported),
+        tuple(any(_has(names, label) for names in sets) for label in labels),
+        tuple(any(_has(names[:1], label) for names in sets[: len(labels)]) for label in labels),
+        tuple(len(names) for names in sets),
+        sum(not any(_has(names, label) for label in labels) for names in sets),
+        ratio if reported else None,
+    )
+
+
+def _of_baseline(labels: Sequence[str], names: Sequence[str], ratio: float | None) -> MethodScore:
+    """A baseline's one set is all that it names; the first are as many as effects are hidden."""
+    return MethodScore(
+        tuple(names),
+        tuple(_has(names, label) for label in labels),
+        tuple(_has(names[: len(labels)], label) for label in labels),
+        (len(names),) if names else (),
+        sum(name not in labels for name in names),
+        ratio,
+    )
+
+
+def _has(names: Iterable[str], label: str) -> bool:
+    """Whether a set holds an effect; a rival that is told without its choice stands for all of them."""
+    return any(name in (label, label.partition(" (")[0]) for name in names)
+
+
+def _size_of_outside(case: Case) -> tuple[str, ...]:
+    if case.outside is None:
+        return ()
+    share = abs(case.outside.amplitude) / KINDS[case.outside.kind].amplitude
+    return (min(SIZES, key=lambda name: abs(SIZES[name] - share)),)
+
+
+def _parameters(case: Case, effects: Sequence[Mapping[str, Any]]) -> Iterable[ParameterScore]:
+    """Of every hidden effect that is named itself."""
+    for one in case.hidden:
+        found = next((e for e in effects if _label(e) == one.label), None)
+        if found is None:
+            continue
+        true = relative_to_nominal(one, case)
+        for p in effects_of(RIG)[one.effect].parameters:
+            fitted, planted = found["parameters"][p.name], float(one.values[p.name])
+            low, high = fitted["low"], fitted["high"]
+            inside = None if low is None or high is None else bool(low <= true[p.name] <= high)
+            size = 0.0 if p.null_value is None else SIZES[one.size] * abs(p.typical - p.null_value)
+            error = abs(fitted["value"] - true[p.name]) / size if size else None
+            yield ParameterScore(p.name, true[p.name], planted, fitted["value"], low, high, error, inside)
+
+
+def relative_to_nominal(hidden: HiddenEffect, case: Case) -> dict[str, float]:
+    """What the truth has relative to the nominal model: what was hidden, and the base's own error on top.
+
+    Only where the base has the same quantity: torque constant, wheel radius, rail friction, load, traction.
+    """
+    rig = read_rig()
+    true = {k: float(v) for k, v in hidden.values.items() if not isinstance(v, str)}
+    base = case.base
+    if hidden.effect == "torque_constant":
+        true["scale"] *= base["motor.torque_constant"] / rig.motor.torque_constant
+    elif hidden.effect == "wheel_radius":
+        true["scale"] *= base["wheel.radius"] / rig.wheel.radius
+    elif hidden.effect == "rail_coulomb":
+        true["force"] += base["rig.rail_friction"] - rig.rig.rail_friction
+    elif hidden.effect == "payload":
+        loads = [run.mass for run in planned_runs(rig, case.seed)]
+        true["mass"] += (base["mass.scale"] - 1.0) * sum(loads) / len(loads)
+    elif hidden.effect == "floor_traction":
+        for letter in true:
+            scales = [base.get(f"{floor}.{letter}", 1.0) for floor in FLOORS]
+            true[letter] *= sum(scales) / len(scales)
+    return true

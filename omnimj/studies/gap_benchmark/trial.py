@@ -1,0 +1,100 @@
+"""What the benchmark's worker processes do: search a dataset knowing its path alone, and, once the seal is
+open, fit the true model to it.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from omnimj.estimate.gap.check.dataset import check_dataset, correct_dataset
+from omnimj.estimate.gap.files import digest
+from omnimj.estimate.gap.find import find_gap, make_replay, read_machine
+from omnimj.estimate.gap.records import channel_rms
+from omnimj.estimate.gap.search.cross_validation import choose_heldout, make_groups
+from omnimj.estimate.gap.search.search import fit_base, refit
+from omnimj.estimate.least_squares import fit
+from omnimj.estimate.replay.interface import CandidateEffect, Replay
+from omnimj.parameters import read_floors
+from omnimj.recording.json_files import run_guarded, to_jsonable
+from omnimj.recording.read_dataset import read_dataset
+from omnimj.studies.gap_benchmark.baselines import run_baselines
+from omnimj.studies.gap_benchmark.cases import HiddenEffect
+
+SEED = 0
+"""Of the workflow, as a user has it who gives none; it draws what is held out."""
+
+
+def search_case(dataset: str) -> dict[str, Any]:
+    """Runs the workflow and the baselines on a dataset; all they are told is where it is.
+
+    Args:
+      dataset: The folder.
+
+    Returns:
+      `gap`: the content of gap.json; `seconds` of the workflow; `baselines`. Or `error`: what went wrong.
+    """
+    return run_guarded(lambda: _searched(Path(dataset)))
+
+
+def _searched(dataset: Path) -> dict[str, Any]:
+    began = time.perf_counter()
+    finding = find_gap(dataset)
+    seconds = time.perf_counter() - began
+    baselines = {
+        name: {"names": list(picked.names), "heldout": picked.heldout}
+        for name, picked in run_baselines(load_replay(dataset), SEED).items()
+    }
+    return to_jsonable({"gap": digest(finding), "seconds": seconds, "baselines": baselines})
+
+
+def fit_truth(dataset: str, hidden: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Fits the model that has the right effects: what the best naming could have reached.
+
+    Args:
+      dataset: The folder.
+      hidden: The effects as plain records.
+
+    Returns:
+      `heldout`: channel → RMS mismatch on the held-out runs [unit of the channel]. Or `error`.
+    """
+    effects = [HiddenEffect(**one) for one in hidden]
+    return run_guarded(lambda: {"heldout": true_heldout(load_replay(Path(dataset)), effects)})
+
+
+def load_replay(dataset: Path) -> Replay:
+    """The dataset as the workflow sees it, with the shipped model."""
+    read = read_dataset(dataset)
+    machine = read_machine(read.plant, None)
+    return make_replay(correct_dataset(read, check_dataset(read, machine)), machine, read_floors())
+
+
+def true_heldout(replay: Replay, effects: Sequence[HiddenEffect]) -> dict[str, float]:
+    """RMS per channel on the held-out runs of the true form, fitted like any other.
+
+    The fit starts at the true values.
+    """
+    groups = make_groups(replay)
+    out = choose_heldout(groups, SEED)
+    used = ~out[groups.of_block]
+    problem, base = fit_base(replay, used, lambda phrase, share: None)
+    form = tuple(hidden_candidate(replay, one) for one in effects)
+    own = [float(one.values[s.name]) for one, f in zip(effects, form, strict=True) for s in f.parameters]
+    fitted = fit(problem, form, np.concatenate([base.x, own]), used)
+    for _ in range(2):  # the twin asked again where the fit went
+        problem, fitted = refit(problem, fitted, used)
+    (mismatch,) = problem.mismatches([fitted.x], form)
+    names = [channel.name for channel in replay.channels]
+    return dict(zip(names, channel_rms(mismatch[~used]).tolist(), strict=True))
+
+
+def hidden_candidate(replay: Replay, hidden: HiddenEffect) -> CandidateEffect:
+    """The candidate that is the hidden effect."""
+    for candidate in replay.candidates:
+        if candidate.label == hidden.label:
+            return candidate
+    raise ValueError(f"the search has no candidate {hidden.label}")

@@ -1,0 +1,83 @@
+"""When a faulty part was asked to work, and how far a run strayed: from the truth columns of its trace."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnimj.plant.faults import Fault
+from omnimj.signals import Array, Trace
+
+IN_USE = 2.0
+"""Traction from which a wheel counts as in use [N]."""
+SMOOTHING_TIME = 0.02
+"""Traction is averaged over the time before, since rollers take turns [s]."""
+LONG_USE = 5.0
+"""Time in use after which a torque constant should be known [s]."""
+
+
+def demanded_traction(healthy: Trace) -> Array:
+    """|mean of F_i over the last `SMOOTHING_TIME`| of the same case driven without fault, shape (k, n) [N].
+
+    It stands for what is demanded of each wheel: a faulty run's own traction is what the fault left of it.
+    """
+    force, time = healthy.wheels("traction_force"), healthy["time"]
+    rows = max(1, round(SMOOTHING_TIME / (time[1] - time[0]))) if len(time) > 1 else 1
+    total = np.vstack([np.zeros(force.shape[1]), np.cumsum(force, axis=0)])
+    first = np.maximum(np.arange(len(force)) - rows + 1, 0)
+    last = np.arange(1, len(force) + 1)
+    return np.abs((total[last] - total[first]) / (last - first)[:, None])
+
+
+def in_use(fault: Fault, time: Array, traction: Array) -> NDArray[np.bool_]:
+    """Whether the fault holds and its part is asked to work, shape (k,).
+
+    A wheel is in use while more than `IN_USE` of traction is demanded of it; for all wheels, and for sensors
+    of the body and motors that run away, which show themselves, see below.
+
+    Args:
+      fault: The fault.
+      time: Shape (k,) [s].
+      traction: From `demanded_traction`, shape (k, n) [N].
+    """
+    holds = (time >= fault.onset - 1e-9) & (time < (math.inf if fault.end is None else fault.end))
+    works = traction > IN_USE
+    channel = str(fault.numbers.get("channel", ""))
+    if fault.kind == "sensor" and channel.startswith("wheel_speed_"):
+        return holds & works[:, int(channel.rpartition("_")[2]) - 1]
+    if fault.kind in ("sensor", "hard_over"):
+        return holds  # needs nobody's demand to show
+    if fault.wheel is None:
+        return holds & works.any(axis=1)
+    return holds & works[:, fault.wheel - 1]
+
+
+def first_time(time: Array, holds: NDArray[np.bool_]) -> float | None:
+    """First time at which it holds [s]; None: never."""
+    return float(time[int(np.argmax(holds))]) if holds.any() else None
+
+
+def time_after_use(time: Array, used: NDArray[np.bool_], seconds: float = LONG_USE) -> float | None:
+    """Time at which a part has been in use for so long in all [s]; None: it never was."""
+    period = float(time[1] - time[0]) if len(time) > 1 else 0.0
+    return first_time(time, np.cumsum(used) * period >= seconds)
+
+
+def excursions(trace: Trace, onset: float) -> tuple[float, float]:
+    """How far heading and place moved away from the plan after a time, beyond where they were at that time.
+
+    max_t |e(t) − e(t_0)| of heading error [rad] and of position error [m]: what drifted before is not the
+    fault's.
+
+    Args:
+      trace: With truth and plan.
+      onset: t_0 [s].
+    """
+    first = int(np.searchsorted(trace["time"], onset - 1e-9))
+    first = min(first, len(trace["time"]) - 1)
+    heading = np.unwrap(trace["heading"] - trace["target_heading"])[first:]
+    x, y = ((trace[k] - trace[f"target_{k}"])[first:] for k in ("x", "y"))
+    away = np.hypot(x - x[0], y - y[0])
+    return float(np.max(np.abs(heading - heading[0]))), float(np.max(away))

@@ -1,0 +1,167 @@
+"""What a study found, in tables and sentences."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+from omnimj.studies.sensitivity.factors import Factor
+from omnimj.studies.sensitivity.ranking import BELOW, NONE, UNKNOWN, UNSURE, ResultSensitivity
+from omnimj.studies.sensitivity.study import SensitivityResult
+from omnimj.studies.statistics import Table, format_number
+
+_MOST_FIRST, _ENOUGH = (
+    5,
+    0.8,
+)  # parameters in the first sentence, and the part of what is ranked that is enough
+_TOP = 3  # parameters in a result's line
+_ONE_WAY = 0.95  # |μ|/μ* from which all effects go the same way
+
+
+def format_heading(outcome: SensitivityResult) -> str:
+    """The study in a few words."""
+    return f"What matters in {outcome.scenario}"
+
+
+def measure_first_sentence(outcome: SensitivityResult) -> str:
+    """What to measure first, in one sentence."""
+    sure = [rank for rank in outcome.ranks if rank.sure]
+    if not sure:
+        more = "; more trajectories would tell of some" if outcome.ranks else ""
+        return f"Nothing that was varied can be told from noise for sure{more}."
+    names, share, ranked = [], 0.0, sum(rank.share for rank in sure)
+    for rank in sure[:_MOST_FIRST]:
+        names.append(outcome.varied[rank.parameter].name)
+        share += rank.share
+        if share >= _ENOUGH * ranked:
+            break
+    of_all = f"{100 * share:.0f} % of what the results owe to all that was varied"
+    return f"Measure first: {', '.join(names)} ({of_all})."
+
+
+def summary_sentences(outcome: SensitivityResult) -> Iterator[str]:
+    """What the numbers are of."""
+    order = outcome.order
+    yield f"{outcome.scenario}: {outcome.description}."
+    yield (
+        f"{len(outcome.varied)} numbers that are {' or '.join(order.sources)}, {order.trajectories} "
+        f"trajectories: {outcome.runs} runs on plant {outcome.plant}, method {outcome.method}, "
+        f"seed {order.seed}; {outcome.repeats} more with other noise only."
+    )
+    stated = sum(one.stated for one in outcome.varied)
+    yield (
+        "The plant gets the changed numbers, the controller goes on believing the model file. Ranges: the "
+        f"uncertainty that the file states ({stated} numbers), else ±{100 * order.share:g} % of the value."
+    )
+    planned = order.trajectories * (len(outcome.varied) + 1)
+    if outcome.interrupted or outcome.runs < planned:
+        why = "broken off" if outcome.interrupted else "some broke down"
+        yield f"Of {planned} runs {outcome.runs} are there ({why}); the same command goes on from here."
+    if outcome.errors:
+        name, error = next(iter(outcome.errors.items()))
+        yield f"{len(outcome.errors)} runs broke down; {name}: {error}"
+
+
+def format_excluded(outcome: SensitivityResult) -> tuple[str, ...]:
+    """What is not varied, by reason."""
+    reasons: dict[str, list[str]] = {}
+    for one in outcome.left_out:
+        reasons.setdefault(one.reason, []).append(one.name)
+    return tuple(f"{', '.join(names)}: {reason}" for reason, names in reasons.items())
+
+
+def format_range(one: Factor) -> str:
+    """`0.0388 … 0.0412 N.m/A (file)`."""
+    words = f"{one.low:.4g} … {one.high:.4g} {'' if one.unit == '1' else one.unit}".rstrip()
+    return f"{words} (file)" if one.stated else words
+
+
+def format_share(share: float, low: float, high: float) -> str:
+    """`42 % (40–45)`, with a digit more where it is small."""
+    digits = 0 if share >= 0.0995 else 1
+    return f"{100 * share:.{digits}f} % ({100 * low:.{digits}f}–{100 * high:.{digits}f})"
+
+
+def measure_first_table(outcome: SensitivityResult, most: int | None = None) -> Table:
+    """The parameters over all results, the first `most` of them."""
+    rows = []
+    for place, rank in enumerate(outcome.ranks[:most], start=1):
+        one = outcome.varied[rank.parameter]
+        share = format_share(rank.share, rank.low, rank.high)
+        where = rank.most if rank.sure else f"{rank.most}, perhaps"
+        rows.append((str(place), one.name, f"{one.nominal:.4g}", format_range(one), share, where))
+    left = len(outcome.ranks) - len(rows)
+    title = f"Measure first ({len(rows)} of {len(outcome.ranks)})" if left else "Measure first"
+    return Table(title, ("", "number", "value", "range", "share (95 %)", "most in"), tuple(rows))
+
+
+def results_table(outcome: SensitivityResult) -> Table:
+    """A line per result: what it is, what is not ranked, and what changes it most across its range."""
+    rows = []
+    for study in outcome.studies:
+        top = [
+            f"{outcome.varied[i].name} {format_number(study.measures[i].mu_star)}" for i in study.order[:_TOP]
+        ]
+        words = ", ".join(top) or _unsure(study, outcome.varied)
+        rows.append(
+            (study.name, format_value(study.nominal, study.unit), format_number(_known(study.floor)), words)
+        )
+    return Table(
+        "What changes which result", ("result", "nominal", "floor", "change across a range"), tuple(rows)
+    )
+
+
+def _unsure(study: ResultSensitivity, varied: Sequence[Factor]) -> str:
+    """What may matter to a result for which nothing is ranked."""
+    places = [i for i, word in enumerate(study.verdicts) if word == UNSURE]
+    places = sorted(places, key=lambda i: -study.measures[i].mu_star)[:_TOP]
+    names = [f"{varied[i].name} {format_number(study.measures[i].mu_star)}" for i in places]
+    return f"nothing for sure; perhaps {', '.join(names)}" if names else "nothing above the floor"
+
+
+def format_value(value: float | None, unit: str) -> str:
+    """Three digits and the unit."""
+    return f"{format_number(value)} {unit}".rstrip() if value is not None else "–"
+
+
+def _known(value: float) -> float | None:
+    return None if math.isnan(value) else value
+
+
+def result_table(study: ResultSensitivity, varied: Sequence[Factor]) -> Table:
+    """The parameters that are ranked for one result."""
+    rows = []
+    for place, i in enumerate(study.order, start=1):
+        found = study.measures[i]
+        interval = f"{format_number(found.low)}–{format_number(found.high)}"
+        rows.append(
+            (
+                str(place),
+                varied[i].name,
+                format_value(found.mu_star, study.unit),
+                interval,
+                format_number(_known(found.sigma)),
+                direction(found.mu, found.mu_star),
+            )
+        )
+    return Table(study.name, ("", "number", "μ*", "95 %", "σ", "as it grows"), tuple(rows))
+
+
+def direction(mu: float, mu_star: float) -> str:
+    """What the result does when the parameter grows."""
+    if abs(mu) < _ONE_WAY * mu_star:
+        return "either way"
+    return "rises" if mu > 0.0 else "falls"
+
+
+def format_unranked(study: ResultSensitivity, varied: Sequence[Factor]) -> tuple[str, ...]:
+    """The parameters that are not ranked for a result, by verdict."""
+    told = []
+    noisy = study.noise > 0.0 and study.noise >= study.floor
+    below = "Not distinguishable from noise" if noisy else "Too small to tell"
+    unsure = "Perhaps; more trajectories would tell"
+    for word, said in ((UNSURE, unsure), (BELOW, below), (NONE, "No effect at all"), (UNKNOWN, "Not known")):
+        names = [one.name for one, verdict in zip(varied, study.verdicts, strict=True) if verdict == word]
+        if names:
+            told.append(f"{said} ({len(names)}): {', '.join(names)}")
+    return tuple(told)

@@ -1,0 +1,105 @@
+"""The cost around what was found: two gains at a time on a grid, driven at every point."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from omnimj.signals import Array
+from omnimj.studies.tuning.cost import Score
+from omnimj.studies.tuning.search import Candidate, GainAxis
+
+REACH = 1.5
+"""Factor by which a gain is made smaller and larger."""
+_PAIRS = 2
+
+
+@dataclass(frozen=True)
+class Landscape:
+    """One slice."""
+
+    across: GainAxis
+    up: GainAxis
+    x: tuple[float, ...]
+    """Values of `across`."""
+    y: tuple[float, ...]
+    """Values of `up`."""
+    scores: tuple[tuple[Score, ...], ...]
+    """Row by row along `up`."""
+    found: tuple[float, float]
+    """Where the result lies."""
+
+
+def survey_landscape(
+    axes: Sequence[GainAxis],
+    values: Candidate,
+    tried: Sequence,
+    points: int,
+    scores_of: Callable[[Sequence[Candidate]], list[Score]],
+) -> tuple[Landscape, ...]:
+    """Slices through the result along the pairs of gains that matter most.
+
+    Args:
+      axes: What was tuned.
+      values: What was found.
+      tried: All candidates with their scores, which tell what matters.
+      points: Per side.
+      scores_of: Drives candidates.
+    """
+    slices = [
+        (a, b, _around(axes[a], values[a], points), _around(axes[b], values[b], points))
+        for a, b in most_important_pairs(importance(axes, tried))
+    ]
+    grids = [[tuple(_replaced(values, a, x, b, y) for x in xs) for y in ys] for a, b, xs, ys in slices]
+    flat = [one for grid in grids for row in grid for one in row]
+    scores = dict(zip(flat, scores_of(flat), strict=True)) if flat else {}
+    return tuple(
+        Landscape(
+            axes[a],
+            axes[b],
+            xs,
+            ys,
+            tuple(tuple(scores[one] for one in row) for row in grid),
+            (values[a], values[b]),
+        )
+        for (a, b, xs, ys), grid in zip(slices, grids, strict=True)
+    )
+
+
+def importance(axes: Sequence[GainAxis], tried: Sequence) -> Array:
+    """How strongly fitness goes with each gain: |Spearman's ρ| over all candidates, shape (axes,)."""
+    if len(tried) < 3:
+        return np.zeros(len(axes))
+    ranks = _ranks(np.array([one.score.fitness for one in tried]))
+    places = np.array([[axis.place(v) for axis, v in zip(axes, one.values, strict=True)] for one in tried])
+    found = np.zeros(len(axes))
+    for k, column in enumerate(places.T):
+        own = _ranks(column)
+        if own.std() > 0.0 and ranks.std() > 0.0:
+            found[k] = abs(float(np.corrcoef(own, ranks)[0, 1]))
+    return found
+
+
+def most_important_pairs(weights: Array) -> list[tuple[int, int]]:
+    """First and second, third and fourth; of three the first with each of the others."""
+    order = [int(k) for k in np.argsort(-weights, kind="stable")]
+    if len(order) == 3:
+        return [(order[0], order[1]), (order[0], order[2])]
+    return [(order[k], order[k + 1]) for k in range(0, min(2 * _PAIRS, len(order)) - 1, 2)]
+
+
+def _ranks(values: Array) -> Array:
+    return np.argsort(np.argsort(values, kind="stable"), kind="stable").astype(float)
+
+
+def _around(axis: GainAxis, value: float, points: int) -> tuple[float, ...]:
+    low, high = max(value / REACH, axis.low), min(value * REACH, axis.high)
+    return tuple(float(f"{v:.5g}") for v in np.geomspace(low, high, points))
+
+
+def _replaced(values: Candidate, a: int, x: float, b: int, y: float) -> Candidate:
+    found = list(values)
+    found[a], found[b] = x, y
+    return tuple(found)

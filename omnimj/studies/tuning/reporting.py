@@ -1,0 +1,126 @@
+"""The file of tuned gains, for `omnimj run --gains`: what was found, and where it comes from."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+
+import omnimj
+from omnimj.control.gains import GAIN_NAMES, GAIN_TABLES, PROVENANCE_TABLE, unit_of
+from omnimj.studies.tuning.cost import TERMS, Score
+from omnimj.studies.tuning.study import Comparison, TuningResult
+
+
+def format_gains_file(outcome: TuningResult, command: str) -> str:
+    """The file's text; the same trials and command give the same text.
+
+    Args:
+      outcome: What was found.
+      command: What was typed.
+    """
+    return "\n".join((*_head(outcome), *_gains(outcome), *_origin(outcome, command))) + "\n"
+
+
+def _head(outcome: TuningResult) -> Iterator[str]:
+    yield "# Gains of cascade, recovery and observer: omnimj run SCENARIO --gains THIS_FILE"
+    if not outcome.is_better:
+        yield "# NOT BETTER than the gains before on the seeds that it was judged with: see [tuned]."
+    yield ""
+
+
+def _gains(outcome: TuningResult) -> Iterator[str]:
+    """Those that were tuned, and those of the gains before that are not the model's."""
+    tuned = {axis.name: axis for axis in outcome.axes}
+    told = [name for name in GAIN_NAMES if name in tuned or name in outcome.order.changed]
+    for table in GAIN_TABLES:
+        own = [name for name in told if name.startswith(f"{table}.")]
+        if own:
+            yield f"[{table}]"
+        for name in own:
+            value = outcome.gains.value(name)
+            source = "tuned" if name in tuned else "chosen"
+            entry = f'{{ value = {value!r}, unit = "{unit_of(name)}", source = "{source}" }}'
+            words = f"before: {tuned[name].start:g}" if name in tuned else "as before, not searched"
+            yield f"{name.partition('.')[2]} = {entry}  # {words}"
+        if own:
+            yield ""
+
+
+def _origin(outcome: TuningResult, command: str) -> Iterator[str]:
+    order = outcome.order
+    yield f"[{PROVENANCE_TABLE}]"
+    yield f"command = {_text(command)}"
+    yield f"version = {_text(omnimj.__version__)}"
+    yield f"scenarios = {json.dumps(list(order.scenarios), ensure_ascii=False)}"
+    yield f"plant = {_text(order.plant)}"
+    yield f"seed = {order.seed}"
+    yield f"trials = {order.trials}  # per scenario and candidate"
+    yield f"candidates = {len(outcome.tried)}"
+    yield f"saturation_limit = {order.limits.saturation!r}  # s"
+    yield f"phase_margin_limit = {order.limits.phase_margin!r}  # degrees"
+    yield f"overshoot_limit = {order.limits.overshoot!r}"
+    yield f"better = {str(outcome.is_better).lower()}"
+    for verdict in outcome.verdicts:
+        yield ""
+        yield f"[{PROVENANCE_TABLE}.judged_on_{verdict.plant}]"
+        yield f"seed = {verdict.seed}"
+        yield f"draws = {verdict.draws}"
+        yield f"better = {str(verdict.is_better).lower()}"
+        for when, found in (("before", verdict.before), ("after", verdict.after)):
+            yield f"cost_{when} = {_number(found.cost)}"
+            yield f"violation_{when} = {_number(found.violation)}"
+            yield f"false_alarms_{when} = {found.false_alarms}"
+            yield f"missed_{when} = {found.missed}"
+            yield f"phase_margin_{when} = {_number(found.loops.phase)}  # degrees"
+            yield f"overshoot_{when} = {_number(found.loops.overshoot)}"
+
+
+def _number(value: float) -> str:
+    return repr(float(f"{value:.6g}"))
+
+
+def _text(words: str) -> str:
+    # a TOML basic string has JSON's escapes, but for what JSON leaves unescaped
+    return json.dumps(words, ensure_ascii=False).replace("\x7f", "\\u007F")
+
+
+# What a tuning found, as rows of words for people.
+
+
+def comparison_rows(verdict: Comparison) -> list[tuple[str, str, str]]:
+    """Before and after on the judging seeds: cost and its terms, and what the limits are on."""
+    before, after = verdict.before, verdict.after
+    rows = [("cost", _tables_number(before.cost), _tables_number(after.cost))]
+    for name, term in TERMS.items():
+        label = f"{name.replace('_', ' ')} ({term.group}, weight {term.weight:g})"
+        rows.append((label, _tables_number(before.terms[name]), _tables_number(after.terms[name])))
+    for label, of in (
+        ("false alarms", lambda s: str(s.false_alarms)),
+        ("faults not found", lambda s: str(s.missed)),
+        ("longest at the largest current", lambda s: f"{s.saturation:.3f} s"),
+        ("least phase margin", lambda s: f"{s.loops.phase:.1f}°"),
+        ("largest overshoot", lambda s: f"{100.0 * s.loops.overshoot:.0f} %"),
+        ("runs that broke down", lambda s: str(s.broke)),
+    ):
+        rows.append((label, of(before), of(after)))
+    return rows
+
+
+def format_verdict(outcome: TuningResult) -> str:
+    """One sentence: whether it is better, and where it is not."""
+    if outcome.is_better:
+        return "better than the gains before on the judging seeds"
+    if all(axis.start == value for axis, value in zip(outcome.axes, outcome.values, strict=True)):
+        return "NOT BETTER than the gains before: nothing better was found, they are as they were"
+    places = [f"{v.plant} ({_why(v.before, v.after)})" for v in outcome.verdicts if not v.is_better]
+    return f"NOT BETTER than the gains before on the judging seeds: {', '.join(places)}"
+
+
+def _why(before: Score, after: Score) -> str:
+    if after.violation > before.violation:
+        return "it breaks limits that they keep" if before.violation == 0.0 else "it breaks limits by more"
+    return f"it costs {after.cost:.4g} instead of {before.cost:.4g}"
+
+
+def _tables_number(value: float) -> str:
+    return f"{value:.4f}"

@@ -1,0 +1,86 @@
+"""One scenario driven with several methods: what came of each, side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from omnimj.simulate.metrics import DIAGNOSIS_UNITS
+from omnimj.view import wording
+
+_FIRST = ("max_yaw_excursion", "path_error_max", "path_error_rms", "tracking_error_max")
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Texts for a table."""
+
+    methods: tuple[str, ...]
+    """The one that was asked for first."""
+    rows: tuple[tuple[str, ...], ...]
+    """Name of a result, then its value with each method."""
+
+
+def runs_by_method(metrics: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    """The metrics of the run that was asked for and of those beside it, by method; one alone is none."""
+    others = metrics.get("compared") or {}
+    return {str(metrics["method"]): metrics, **others} if others else {}
+
+
+def compare(units: Mapping[str, str], metrics: Mapping[str, Any]) -> Comparison:
+    """What differs between the methods.
+
+    Args:
+      units: Of the scenario's metrics.
+      metrics: Content of `metrics.json`, with `compared`.
+    """
+    runs = runs_by_method(metrics)
+    own = list(runs.values())
+    rows = [("checks that hold", *map(_checks, own))]
+    if any(run.get("interrupted") for run in own):
+        rows.append(("ended early", *(_ended(run) for run in own)))
+    rows += [
+        ("first alarm after onset", *(_if_diagnosed(run, _delay) for run in own)),
+        ("every fault isolated", *(_if_diagnosed(run, _isolated) for run in own)),
+        ("false alarms", *(_if_diagnosed(run, _false_alarms) for run in own)),
+    ]
+    judged = [check["name"] for check in metrics.get("checks") or ()]
+    for name in dict.fromkeys((*_FIRST, *judged)):
+        if name not in DIAGNOSIS_UNITS and any(run.get(name) is not None for run in own):
+            texts = (wording.measure(_rounded(run.get(name)), units.get(name, "")) for run in own)
+            rows.append((name.replace("_", " "), *texts))
+    return Comparison(tuple(runs), tuple(rows))
+
+
+def _rounded(value: Any) -> Any:
+    return float(f"{value:.3g}") if isinstance(value, float) else value
+
+
+def _checks(run: Mapping[str, Any]) -> str:
+    checks: Sequence[Mapping[str, Any]] = run.get("checks") or ()
+    return f"{sum(bool(check['ok']) for check in checks)} of {len(checks)}" if checks else "–"
+
+
+def _ended(run: Mapping[str, Any]) -> str:
+    return f"at {wording.number(run.get('duration'))} s" if run.get("interrupted") else "no"
+
+
+def _if_diagnosed(run: Mapping[str, Any], told: Any) -> str:
+    return told(run) if wording.is_diagnosed(run) else "–"
+
+
+def _delay(run: Mapping[str, Any]) -> str:
+    delay = run.get("detection_delay")
+    if delay is None:
+        return "no alarm" if run.get("faults") else "–"
+    return f"{wording.number(delay, 3)} s"
+
+
+def _isolated(run: Mapping[str, Any]) -> str:
+    isolated = run.get("isolated")
+    return "–" if isolated is None else "yes" if isolated else "no"
+
+
+def _false_alarms(run: Mapping[str, Any]) -> str:
+    return str(run.get("false_alarms", "–"))

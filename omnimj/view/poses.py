@@ -1,0 +1,320 @@
+"""Where every visible body of a MuJoCo model was during a run, and what it looks like."""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from omnimj.parameters import Rig
+from omnimj.parameters.floor import find_floor
+from omnimj.plant.mujoco.assembly import rig_model, robot_model
+from omnimj.signals import Trace
+from omnimj.simulate.scenario.scenario import RigInput, Scenario
+from omnimj.view.rerun.meshes import Surface, geom_surface, joined
+
+Array = NDArray[np.float64]
+WHEEL_BODY = re.compile(r"^wheel_(\d+)")
+_FIRST_HIDDEN_GROUP = 3  # MuJoCo's own viewer shows groups 0 to 2; colliders live in 3
+_STRIPE = 0.45  # a stripe this much darker shows that a body of revolution turns
+
+
+@dataclass(frozen=True)
+class Poses:
+    """What moved: a model and its generalised positions through time."""
+
+    mj_model: mujoco.MjModel
+    time: Array
+    """Shape (k,) [s]."""
+    qpos: Array
+    """Shape (k, nq)."""
+
+    def thinned(self, rate: float) -> Poses:
+        """At most `rate` poses per second, the first and the last among them."""
+        keep = thin(self.time, rate)
+        return Poses(self.mj_model, self.time[keep], self.qpos[keep])
+
+
+def thin(time: Array, rate: float) -> NDArray[np.int64]:
+    """Indices of at most `rate` samples per second, the first and the last among them."""
+    if len(time) < 3:
+        return np.arange(len(time))
+    number = min(len(time), int(np.ceil((time[-1] - time[0]) * rate)) + 1)
+    wanted = np.linspace(time[0], time[-1], max(number, 2))
+    return np.unique(np.clip(np.searchsorted(time, wanted - 1e-9), 0, len(time) - 1))
+
+
+@dataclass(frozen=True)
+class Appearance:
+    """The visible surface of a body in the body's frame, with a colour per vertex."""
+
+    surface: Surface
+    colors: NDArray[np.uint8]
+    """Shape (v, 4)."""
+
+
+@dataclass(frozen=True)
+class BodyFrames:
+    """World poses of all bodies through time."""
+
+    time: Array
+    """Shape (k,) [s]."""
+    position: Array
+    """Shape (k, nbody, 3) [m]."""
+    quaternion: Array
+    """w, x, y, z, shape (k, nbody, 4)."""
+
+
+def body_frames(poses: Poses) -> BodyFrames:
+    """World poses of every body by `mj_kinematics`; no dynamics, no callback."""
+    mj_model, mj_data = poses.mj_model, mujoco.MjData(poses.mj_model)
+    position = np.empty((len(poses.time), mj_model.nbody, 3))
+    quaternion = np.empty((len(poses.time), mj_model.nbody, 4))
+    for k, qpos in enumerate(poses.qpos):
+        mj_data.qpos[:] = qpos
+        mujoco.mj_kinematics(mj_model, mj_data)
+        position[k], quaternion[k] = mj_data.xpos, mj_data.xquat
+    return BodyFrames(poses.time, position, quaternion)
+
+
+def is_visible(mj_model: mujoco.MjModel, geom: int) -> bool:
+    """Whether a person should see the geom."""
+    return bool(mj_model.geom_group[geom] < _FIRST_HIDDEN_GROUP and geom_rgba(mj_model, geom)[3] > 0.0)
+
+
+def geom_rgba(mj_model: mujoco.MjModel, geom: int) -> Array:
+    """Colour of a geom: its material's, else its own, shape (4,)."""
+    material = mj_model.geom_matid[geom]
+    return mj_model.mat_rgba[material] if material >= 0 else mj_model.geom_rgba[geom]
+
+
+def visible_geoms(mj_model: mujoco.MjModel, body: int) -> list[int]:
+    """The visible geoms of a body that have a finite surface."""
+    first, number = mj_model.body_geomadr[body], mj_model.body_geomnum[body]
+    return [g for g in range(first, first + number) if is_visible(mj_model, g)]
+
+
+def body_appearance(mj_model: mujoco.MjModel, body: int) -> Appearance | None:
+    """Surface and colours of a body; None when nothing of it is visible."""
+    return _appearance(mj_model, visible_geoms(mj_model, body))
+
+
+def obstacle_appearance(mj_model: mujoco.MjModel) -> Appearance | None:
+    """Surface and colours of what stands on the floor: ramps, thresholds, height fields; no patches."""
+    standing = [g for g in visible_geoms(mj_model, 0) if not mj_model.geom(g).name.startswith("patch_")]
+    return _appearance(mj_model, standing)
+
+
+def _appearance(mj_model: mujoco.MjModel, geoms: list[int]) -> Appearance | None:
+    surfaces, colors = [], []
+    for geom in geoms:
+        surface = geom_surface(mj_model, geom)
+        if surface is None:
+            continue
+        rotation = np.empty(9)
+        mujoco.mju_quat2Mat(rotation, mj_model.geom_quat[geom])
+        surfaces.append(surface.moved(mj_model.geom_pos[geom], rotation.reshape(3, 3)))
+        rgba = np.round(255 * geom_rgba(mj_model, geom)).astype(np.uint8)
+        colors.append(np.tile(rgba, (len(surface.vertices), 1)))
+    return Appearance(joined(surfaces), np.concatenate(colors)) if surfaces else None
+
+
+def appearance_key(mj_model: mujoco.MjModel, body: int) -> bytes:
+    """Equal for bodies whose `body_appearance` is equal."""
+    geoms = visible_geoms(mj_model, body)
+    colors = np.array([geom_rgba(mj_model, geom) for geom in geoms])
+    numbers = (
+        mj_model.geom_type,
+        mj_model.geom_dataid,
+        mj_model.geom_size,
+        mj_model.geom_pos,
+        mj_model.geom_quat,
+    )
+    return b"".join(values[geoms].tobytes() for values in numbers) + colors.tobytes()
+
+
+def striped(look: Appearance, axis: Array) -> Appearance:
+    """The same with a darker sector about the axis, so that a body of revolution is seen to turn."""
+    axis = axis / np.linalg.norm(axis)
+    first = np.cross(axis, [0.0, 0.0, 1.0] if abs(axis[2]) < 0.9 else [1.0, 0.0, 0.0])
+    second = np.cross(axis, first)
+    # by vertex, not by triangle: the viewer blends the edge of the stripe, triangles would leave saw teeth
+    angle = np.arctan2(look.surface.vertices @ second, look.surface.vertices @ first)
+    dark = angle % np.pi < 0.3 * np.pi
+    colors = look.colors.copy()
+    colors[dark, :3] = (_STRIPE * colors[dark, :3]).astype(np.uint8)
+    return Appearance(look.surface, colors)
+
+
+def _signature(mj_model: mujoco.MjModel, body: int) -> tuple[object, ...] | None:
+    """Equal for bodies that look the same: one mesh, in the same place of the body, in the same colour."""
+    geoms = visible_geoms(mj_model, body)
+    if len(geoms) != 1 or mj_model.geom_type[geoms[0]] != mujoco.mjtGeom.mjGEOM_MESH:
+        return None
+    (g,) = geoms
+    place = np.round(np.concatenate([mj_model.geom_pos[g], mj_model.geom_quat[g], geom_rgba(mj_model, g)]), 6)
+    return int(mj_model.body_parentid[body]), int(mj_model.geom_dataid[g]), *place.tolist()
+
+
+def identical_bodies(mj_model: mujoco.MjModel) -> list[list[int]]:
+    """Groups of two or more bodies with the same parent and the same mesh: the rollers of a wheel."""
+    groups: defaultdict[tuple[object, ...], list[int]] = defaultdict(list)
+    for body in range(1, mj_model.nbody):
+        signature = _signature(mj_model, body)
+        if signature is not None:
+            groups[signature].append(body)
+    return [bodies for bodies in groups.values() if len(bodies) > 1]
+
+
+def hinge_axis(mj_model: mujoco.MjModel, body: int) -> Array | None:
+    """Axis of the body's first hinge in the body's frame, shape (3,)."""
+    first, number = mj_model.body_jntadr[body], mj_model.body_jntnum[body]
+    for joint in range(first, first + number):
+        if mj_model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE:
+            return mj_model.jnt_axis[joint].copy()
+    return None
+
+
+def wheel_bodies(mj_model: mujoco.MjModel, groups: list[list[int]] | None = None) -> list[int]:
+    """Bodies that turn on a wheel's axle, in the order of the wheels.
+
+    A wheel is a body with rollers: two or more alike children.
+
+    Args:
+      mj_model: A model with what is to be seen.
+      groups: From `identical_bodies`, where they are known already.
+    """
+    groups = identical_bodies(mj_model) if groups is None else groups
+    parents = {int(mj_model.body_parentid[group[0]]) for group in groups}
+    return sorted(parents, key=lambda body: _wheel_number(mj_model, body))
+
+
+def _wheel_number(mj_model: mujoco.MjModel, body: int) -> tuple[int, int]:
+    found = WHEEL_BODY.match(mj_model.body(body).name)
+    return (int(found[1]) if found else 0, body)
+
+
+def wheel_axles(poses: Poses, frames: BodyFrames, bodies: list[int]) -> Array:
+    """World direction of the wheels' axles through time, shape (k, n, 3)."""
+    axles = np.empty((len(frames.time), len(bodies), 3))
+    for i, body in enumerate(bodies):
+        axis = hinge_axis(poses.mj_model, body)
+        axles[:, i] = rotated(frames.quaternion[:, body], np.array([0.0, 1.0, 0.0]) if axis is None else axis)
+    return axles
+
+
+def rotated(quaternion: Array, vector: Array) -> Array:
+    """v + 2 w (q × v) + 2 q × (q × v): a vector turned by unit quaternions, shape (k, 3)."""
+    w, q = quaternion[:, :1], quaternion[:, 1:]
+    cross = np.cross(q, np.broadcast_to(vector, q.shape))
+    return vector + 2.0 * (w * cross + np.cross(q, cross))
+
+
+def relative_frames(frames: BodyFrames, bodies: list[int], parent: int) -> tuple[Array, Array]:
+    """Poses of bodies in one parent's frame through time.
+
+    Returns:
+      Positions, shape (k, m, 3) [m], and quaternions w, x, y, z, shape (k, m, 4).
+    """
+    turn = frames.quaternion[:, parent]
+    place = frames.position[:, bodies] - frames.position[:, parent, None]
+    position = place @ _matrices(turn)  # rows times R: the inverse rotation
+    w, x, y, z = (turn[:, i, None, None] for i in range(4))
+    left = np.concatenate(
+        [
+            np.concatenate([w, x, y, z], axis=2),
+            np.concatenate([-x, w, z, -y], axis=2),
+            np.concatenate([-y, -z, w, x], axis=2),
+            np.concatenate([-z, y, -x, w], axis=2),
+        ],
+        axis=1,
+    )  # left multiplication by the conjugate
+    return position, frames.quaternion[:, bodies] @ left.transpose(0, 2, 1)
+
+
+def _matrices(quaternion: Array) -> Array:
+    """Rotation matrices of unit quaternions, shape (k, 3, 3)."""
+    w, x, y, z = quaternion.T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+def poses_from_trace(
+    mj_model: mujoco.MjModel, trace: Trace, rate: float = 50.0, turned: Array | None = None
+) -> Poses:
+    """Poses for a run without recorded ones (planar model, hardware): the robot on its driven path.
+
+    The free joint follows `x`, `y`, `heading`; wheel hinges turn by the integral of `wheel_speed_i`; all
+    other joints keep the model's reference position.
+
+    Args:
+      mj_model: The robot's model.
+      trace: A robot's trace with `x`, `y`, `heading`.
+      rate: Poses per second.
+      turned: By how much the wheels had turned before, shape (n,) [rad].
+    """
+    keep = thin(trace["time"], rate)
+    qpos = np.tile(mj_model.qpos0, (len(keep), 1))
+    free = np.flatnonzero(mj_model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
+    if len(free):
+        first = mj_model.jnt_qposadr[free[0]]
+        heading = trace["heading"][keep]
+        qpos[:, first] = trace["x"][keep]
+        qpos[:, first + 1] = trace["y"][keep]
+        zero = np.zeros(len(keep))
+        qpos[:, first + 3 : first + 7] = np.stack(
+            [np.cos(heading / 2), zero, zero, np.sin(heading / 2)], axis=1
+        )
+    step = np.diff(trace["time"], prepend=trace["time"][0])
+    for i, body in enumerate(wheel_bodies(mj_model), start=1):
+        angle = np.cumsum(trace[f"wheel_speed_{i}"] * step)[keep]
+        if turned is not None:
+            angle += turned[i - 1]
+        qpos[:, mj_model.jnt_qposadr[mj_model.body_jntadr[body]]] = angle
+    return Poses(mj_model, trace["time"][keep], qpos)
+
+
+# The machine as a person sees it, moving as it moved in a run.
+
+
+def visible_model(scenario: Scenario) -> mujoco.MjModel:
+    """The scenario's machine on its floor, with all that is only seen."""
+    floor = find_floor(scenario.floor, scenario.name)
+    if isinstance(scenario.constants, Rig):
+        mass = scenario.drive.mass if isinstance(scenario.drive, RigInput) else None
+        return rig_model(scenario.constants, floor, mass, patches=scenario.patches)
+    return robot_model(scenario.constants, floor, scenario.patches, scene=scenario.scene)
+
+
+def visible_poses(
+    scenario: Scenario, trace: Trace, time: Array | None = None, qpos: Array | None = None
+) -> Poses | None:
+    """Poses of a run for recording and picture.
+
+    Args:
+      scenario: What was driven.
+      trace: A robot that recorded no poses (planar model) follows `x`, `y`, `heading` and its wheel speeds.
+      time: Of the recorded poses, shape (k,) [s].
+      qpos: The recorded poses, shape (k, nq).
+
+    Returns:
+      None where nobody knows how the machine moved.
+
+    Raises:
+      ValueError: The poses are not those of the scenario's machine.
+    """
+    if time is None or qpos is None:
+        known = {"x", "y", "heading", "wheel_speed_1"} <= set(trace.columns)
+        return poses_from_trace(visible_model(scenario), trace) if known else None
+    mj_model = visible_model(scenario)
+    if qpos.shape != (len(time), mj_model.nq):
+        raise ValueError(f"poses have shape {qpos.shape}, the machine has {mj_model.nq} coordinates")
+    return Poses(mj_model, time, qpos)

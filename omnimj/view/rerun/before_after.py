@@ -1,0 +1,379 @@
+"""`before_after.rrd`: both simulations beside the measured motion, a timeline for every run that is shown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from omnimj.estimate.gap import sentences
+from omnimj.estimate.gap.records import (
+    Finding,
+    Overlay,
+    has_second_model,
+    noise_row,
+    overlays_by_run,
+    run_gaps,
+)
+from omnimj.parameters import Floor, read_floors, read_rig, read_robot
+from omnimj.plant.mujoco.assembly import rig_model, robot_model
+from omnimj.signals import Array
+from omnimj.view import palette
+from omnimj.view.plots.mismatch import AFTER, BEFORE
+from omnimj.view.poses import Poses
+from omnimj.view.rerun import dead_reckoning
+from omnimj.view.rerun.dead_reckoning import Motion
+from omnimj.view.rerun.scene import Machine, log_floor, time_column
+
+# The three plants in a recording of before and after: how their machines look, stand and move.
+
+_GREY = "#A7AFB8"  # stands out from the viewer's dark plots and from its light floor
+COLORS: Mapping[str, str] = {"before": BEFORE, "measured": _GREY, "after": AFTER}
+_RUNS = 6
+_LIGHTER = 0.55  # names stand on dark plates
+_SIDES: Mapping[str, float] = {"before": 1.0, "measured": 0.0, "after": -1.0}
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A kind of plant: how its machines are seen and moved."""
+
+    spacing: float
+    """Between the machines, sideways [m]."""
+    label: tuple[float, float, float]
+    """Where a machine's name stands, in the frame of `named` [m]."""
+    eye: rrb.EyeControls3D
+    log: Callable[[str, Motion, str], None]
+    """Logs where the machine of a kind was in a motion, on a timeline."""
+    motion: Callable[[Sequence[Overlay]], Motion]
+    floor: Array
+    """Corners of what the floor must lie under, shape (k, 2) [m]."""
+    named: str = ""
+    """The body that carries the name; the machine's place when empty."""
+
+
+def shown_runs(finding: Finding) -> dict[str, list[Overlay]]:
+    """The held-out runs with the largest mismatch, the worst first; training runs where none is held out."""
+    windows, gaps = overlays_by_run(finding), run_gaps(finding)
+    chosen = [gap.run for gap in gaps if gap.heldout] or [gap.run for gap in gaps]
+    return {run: windows[run] for run in chosen[:_RUNS]}
+
+
+def offset(scene: Scene, kind: str) -> float:
+    """How far aside the machine of a kind stands [m]."""
+    return scene.spacing * _SIDES[kind]
+
+
+def log_place(stream: rr.RecordingStream, scene: Scene, kind: str) -> None:
+    """Moves a machine aside and writes its name over it, or over what of it moves."""
+    root = f"world/{kind}"
+    stream.log(root, rr.Transform3D(translation=[0.0, offset(scene, kind), 0.0]), static=True)
+    name = rr.Points3D(
+        [scene.label],
+        radii=[0.012],
+        colors=[palette.rgb(palette.lighter(COLORS[kind], _LIGHTER))],
+        labels=[kind],
+        show_labels=True,
+    )
+    stream.log(f"{root}/{scene.named}/name" if scene.named else f"{root}/name", name, static=True)
+
+
+def make_scene(
+    stream: rr.RecordingStream, finding: Finding, kinds: Sequence[str], machine_file: Path | None
+) -> Scene:
+    """Logs what the machines of a finding's plant look like and says how they move.
+
+    Args:
+      stream: Where to log.
+      finding: Its overlays are what moves.
+      kinds: Of `COLORS`, those to show.
+      machine_file: The plant's model file; the shipped one when None.
+    """
+    channels = list(finding.channels)
+    if finding.plant == "quarter_rig":
+        return _rig_scene(stream, finding, kinds, channels, machine_file)
+    if finding.plant == "uto_robot":
+        return _robot_scene(stream, finding, kinds, channels, machine_file)
+    return _axis_scene(stream, kinds, channels, finding)
+
+
+def _floor(finding: Finding) -> Floor:
+    """The floor of the first run, as far as it is one of the shipped ones: here it is only seen."""
+    floors = read_floors()
+    names = [str(o.conditions["floor"]) for o in finding.overlays if "floor" in o.conditions]
+    return next((floors[name] for name in names if name in floors), next(iter(floors.values())))
+
+
+def _rig_scene(
+    stream: rr.RecordingStream,
+    finding: Finding,
+    kinds: Sequence[str],
+    channels: list[str],
+    machine_file: Path | None,
+) -> Scene:
+    rig = read_rig(machine_file)
+    mj_model = rig_model(rig, _floor(finding))
+    machines = {kind: Machine(stream, mj_model, f"world/{kind}") for kind in kinds}
+
+    def log(kind: str, motion: Motion, timeline: str) -> None:
+        qpos = dead_reckoning.rig_poses(mj_model, motion.coordinates[kind])
+        machines[kind].log_bodies(Poses(mj_model, motion.time, qpos), timeline, rollers_turn=False)
+
+    def motion(windows: Sequence[Overlay]) -> Motion:
+        return dead_reckoning.rig_motion(rig, windows, channels)
+
+    reach = rig.rig.rail_length
+    corners = np.array([[0.0, -0.3], [reach, 0.3]])
+    eye = _eye((0.4, -2.2, 1.3), (0.8, 0.0, 0.1))
+    return Scene(0.6, (0.0, 0.0, 0.16), eye, log, motion, corners, named="carriage")
+
+
+def _robot_scene(
+    stream: rr.RecordingStream,
+    finding: Finding,
+    kinds: Sequence[str],
+    channels: list[str],
+    machine_file: Path | None,
+) -> Scene:
+    robot = read_robot(machine_file)
+    mj_model = robot_model(robot, _floor(finding))
+    machines = {kind: Machine(stream, mj_model, f"world/{kind}") for kind in kinds}
+
+    def log(kind: str, motion: Motion, timeline: str) -> None:
+        qpos = dead_reckoning.robot_poses(mj_model, motion.coordinates[kind])
+        machines[kind].log_bodies(Poses(mj_model, motion.time, qpos), timeline, rollers_turn=False)
+        if kind != "measured":
+            _log_path(stream, f"world/{kind}/measured_path", "measured", motion, timeline)
+        _log_path(stream, f"world/{kind}/path", kind, motion, timeline)
+
+    def motion(windows: Sequence[Overlay]) -> Motion:
+        return dead_reckoning.robot_motion(robot, windows, channels)
+
+    places = [motion(windows).coordinates["measured"][:, :2] for windows in shown_runs(finding).values()]
+    corners = np.concatenate([np.zeros((1, 2)), *places])
+    (x, y), (deep, wide) = 0.5 * (corners.min(axis=0) + corners.max(axis=0)), np.ptp(corners, axis=0) + 0.8
+    far = max(1.4 * len(kinds) * float(wide), 1.6 * float(deep))
+    eye = _eye((x - 0.62 * far, y, 0.62 * far), (x, y, 0.0))
+    return Scene(float(wide), (0.0, 0.0, 0.55), eye, log, motion, corners, named="chassis")
+
+
+def _log_path(stream: rr.RecordingStream, entity: str, kind: str, motion: Motion, timeline: str) -> None:
+    """The whole path as a line of its own per window: the eye then sees by how much two paths part."""
+    place = motion.coordinates[kind][:, :2]
+    lift = 0.004 if kind == "measured" else 0.008
+    points = np.column_stack([place, np.full(len(place), lift)]).astype(np.float32)
+    strips = np.split(points, motion.begins[1:])
+    radius = 0.008 if kind == "measured" else 0.012
+    style = rr.LineStrips3D.from_fields(colors=[palette.rgb(COLORS[kind])], radii=[radius])
+    stream.log(entity, style, static=True)
+    columns = rr.LineStrips3D.columns(strips=strips)
+    index = time_column(motion.time[:1], timeline)
+    stream.send_columns(entity, [index], columns.partition(np.array([len(strips)])))
+
+
+def _axis_scene(
+    stream: rr.RecordingStream, kinds: Sequence[str], channels: list[str], finding: Finding
+) -> Scene:
+    def motion(windows: Sequence[Overlay]) -> Motion:
+        return dead_reckoning.axis_motion(windows, channels)
+
+    places = [motion(windows).coordinates["measured"] for windows in shown_runs(finding).values()]
+    low, high = (float(f(np.concatenate(places))) for f in (np.min, np.max)) if places else (0.0, 1.0)
+    middle, half = 0.5 * (low + high), 0.5 * (high - low) + 0.1
+    size = min(max(0.12 * half, 0.02), 0.2)
+    for kind in kinds:
+        guide = rr.Boxes3D(
+            centers=[[middle, 0.0, 0.3 * size]],
+            half_sizes=[[half, 0.5 * size, 0.3 * size]],
+            colors=[(150, 155, 162)],
+            fill_mode="solid",
+        )
+        stream.log(f"world/{kind}/guide", guide, static=True)
+        box = rr.Boxes3D(
+            centers=[[0.0, 0.0, 1.4 * size]],
+            half_sizes=[[size, size, 0.8 * size]],
+            colors=[palette.rgb(COLORS[kind])],
+            fill_mode="solid",
+        )
+        stream.log(f"world/{kind}/carriage", box, static=True)
+
+    def log(kind: str, motion: Motion, timeline: str) -> None:
+        place = motion.coordinates[kind][:, 0]
+        moved = np.column_stack([place, np.zeros((len(place), 2))]).astype(np.float32)
+        columns = rr.Transform3D.columns(translation=moved)
+        stream.send_columns(f"world/{kind}/carriage", [time_column(motion.time, timeline)], columns)
+
+    corners = np.array([[low - 0.1, -size], [high + 0.1, size]])
+    eye = _eye((middle, -2.0 * half - 4.0 * size, 1.5 * half), (middle, 0.0, 0.0))
+    return Scene(4.0 * size, (low - 0.1, 0.0, 2.5 * size), eye, log, motion, corners)
+
+
+def _eye(position: tuple[float, float, float], target: tuple[float, float, float]) -> rrb.EyeControls3D:
+    kind = rrb.Eye3DKind.Orbital
+    return rrb.EyeControls3D(kind=kind, position=position, look_target=target, eye_up=(0, 0, 1))
+
+
+_PLOTS = 7
+
+
+def write_before_after(path: Path, finding: Finding, machine_file: Path | None = None) -> None:
+    """Writes the recording: the worst held-out runs, each on its own timeline.
+
+    Args:
+      path: The `.rrd` file to write.
+      finding: With overlays of at least one run.
+      machine_file: The plant's model file, for what it looks like; the shipped one when None.
+    """
+    # an application of its own: the viewer keeps one arrangement per application, and runs are its timelines
+    stream = rr.RecordingStream(f"omnimj_gap_{sentences.dataset_name(finding)}")
+    stream.save(path)
+    shown = shown_runs(finding)
+    kinds = tuple(kind for kind in COLORS if kind != "after" or has_second_model(finding))
+    plots = _plotted(finding, shown)
+    scene = make_scene(stream, finding, kinds, machine_file)
+    stream.send_blueprint(_blueprint(finding, scene, shown, plots), make_active=False)
+    stream.send_recording_name(f"Gap of {sentences.dataset_name(finding)}")
+    stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    words = rr.TextDocument(_about(finding, shown, kinds), media_type="text/markdown")
+    stream.log("about", words, static=True)
+    for kind in kinds:
+        log_place(stream, scene, kind)
+    offsets = np.array([[0.0, offset(scene, kind)] for kind in kinds])
+    corners = (scene.floor[:, None, :] + offsets[None, :, :]).reshape(-1, 2)
+    log_floor(stream, corners, (), "floor")
+    _log_styles(stream, finding, kinds, plots)
+    for run, windows in shown.items():
+        motion = scene.motion(windows)
+        for kind in kinds:
+            scene.log(kind, motion, run)
+        _log_signals(stream, finding, run, windows, kinds, plots)
+    stream.disconnect()
+
+
+def _plotted(finding: Finding, shown: Mapping[str, Sequence[Overlay]]) -> list[int]:
+    """The channels that are plotted: all, or those with the largest mismatch where there are many."""
+    names = list(finding.channels)
+    size = {
+        gap.run: np.array([gap.before[name] for name in names]) / noise_row(finding)
+        for gap in run_gaps(finding)
+    }
+    largest = np.max([np.nan_to_num(size[run]) for run in shown], axis=0)
+    return sorted(np.argsort(-largest, kind="stable")[:_PLOTS].tolist())
+
+
+def _log_styles(
+    stream: rr.RecordingStream, finding: Finding, kinds: Sequence[str], plots: Sequence[int]
+) -> None:
+    order = ("measured", *(kind for kind in kinds if kind != "measured"))
+    widths = {"measured": 3.0, "before": 1.5, "after": 1.5}
+    names = list(finding.channels)
+    for c in plots:
+        style = rr.SeriesLines(
+            colors=[palette.rgb(COLORS[kind]) for kind in order],
+            names=list(order),
+            widths=[widths[kind] for kind in order],
+        )
+        stream.log(f"plots/{names[c]}", style, static=True)
+    simulated = [kind for kind in kinds if kind != "measured"]
+    style = rr.SeriesLines(
+        colors=[palette.rgb(COLORS[kind]) for kind in simulated],
+        names=simulated,
+        widths=[1.5] * len(simulated),
+    )
+    stream.log("plots/mismatch", style, static=True)
+
+
+def _log_signals(
+    stream: rr.RecordingStream,
+    finding: Finding,
+    run: str,
+    windows: Sequence[Overlay],
+    kinds: Sequence[str],
+    plots: Sequence[int],
+) -> None:
+    order = ["measured", *(kind for kind in kinds if kind != "measured")]
+    index = time_column(np.concatenate([w.time for w in windows]), run)
+    values = {kind: np.concatenate([getattr(w, kind) for w in windows]) for kind in order}
+    names = list(finding.channels)
+    for c in plots:
+        _send(stream, f"plots/{names[c]}", index, np.stack([values[kind][:, c] for kind in order], axis=1))
+    noise = noise_row(finding)
+    sizes = []
+    for kind in order[1:]:
+        relative = (values["measured"] - values[kind]) / noise
+        known = np.isfinite(relative)
+        squares = np.where(known, relative, 0.0) ** 2
+        sizes.append(np.sqrt(squares.sum(axis=1) / np.maximum(known.sum(axis=1), 1)))
+    _send(stream, "plots/mismatch", index, np.stack(sizes, axis=1))
+
+
+def _send(stream: rr.RecordingStream, entity: str, index: rr.TimeColumn, rows: Array) -> None:
+    columns = rr.Scalars.columns(scalars=rows.ravel())
+    stream.send_columns(entity, [index], columns.partition(np.full(len(rows), rows.shape[1])))
+
+
+def _about(finding: Finding, shown: Mapping[str, Sequence[Overlay]], kinds: Sequence[str]) -> str:
+    lines = [f"**{sentences.headline(finding)}.** {sentences.summarize_finding(finding)}", ""]
+    what = "**Orange**: before. **Grey**: measured."
+    if "after" in kinds:
+        what += " **Blue**: after, with what is missing added."
+    lines += [what, ""]
+    lines.append("Each run has its timeline: choose it below, left of the time.")
+    gaps = {gap.run: gap for gap in run_gaps(finding)}
+    for run in shown:
+        gap = gaps[run]
+        after = "" if gap.total_after is None else f" → {gap.total_after:.3g}"
+        lines.append(f"- `{run}`: {gap.total_before:.3g}{after} × the noise")
+    if finding.plant == "quarter_rig":
+        lines += ["", "Carriage and wheel stand where their speeds have carried them from the start."]
+    if finding.plant == "uto_robot":
+        words = "Paths are dead reckoning by wheels and gyro, grey: measured. "
+        lines += ["", f"{words}Each window begins where the measurement is."]
+    return "\n".join(lines)
+
+
+def _blueprint(
+    finding: Finding, scene: Scene, shown: Mapping[str, Sequence[Overlay]], plots: Sequence[int]
+) -> rrb.Blueprint:
+    longest = max(float(windows[-1].time[-1]) for windows in shown.values())
+    start = rrb.TimeRangeBoundary.absolute(seconds=0.0)
+    end = rrb.TimeRangeBoundary.absolute(seconds=longest)
+    axis = rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=end))
+    names = list(finding.channels.items())
+    space = rrb.Spatial3DView(
+        origin="world",
+        name="Before, measured, after",
+        background=(238, 241, 245),
+        line_grid=False,
+        eye_controls=scene.eye,
+    )
+    series = [
+        rrb.TimeSeriesView(
+            origin=f"plots/{names[c][0]}",
+            name=f"{names[c][1][1].capitalize()} [{sentences.format_unit(names[c][1][0])}]",
+            axis_x=axis,
+            plot_legend=rrb.PlotLegend(visible=k == 0, corner=rrb.Corner2D.RightBottom),
+        )
+        for k, c in enumerate(plots)
+    ]
+    series.append(
+        rrb.TimeSeriesView(
+            origin="plots/mismatch",
+            name="Mismatch over all channels [multiples of the noise]",
+            axis_x=axis,
+            plot_legend=rrb.PlotLegend(visible=False),
+        )
+    )
+    words = rrb.TextDocumentView(origin="about", name="What you see")
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(space, words, row_shares=[3, 1]), rrb.Vertical(*series), column_shares=[3, 2]
+        ),
+        rrb.TimePanel(state="collapsed", timeline=next(iter(shown)), play_state="playing", loop_mode="all"),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+    )

@@ -1,0 +1,257 @@
+"""How the Rerun viewer arranges a recording, so that a stranger understands it at first sight."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import rerun as rr
+import rerun.blueprint as rrb
+
+from omnimj.parameters import Rig
+from omnimj.view.rerun.signals import DIAGNOSIS_LANE, FAULT_LANE, MODE_LANE, Plot
+from omnimj.view.wording import ScenarioLike
+
+# What a scenario is about, and hence what its recording shows first.
+
+_MOTORS = frozenset({"motor", "free", "locked", "hard_over"})
+_SLIPS = frozenset({"slip", "all_wheel_slip"})
+_PUSHES = frozenset({"payload", "slope"})
+_LENGTHS = frozenset({"misalignment", "wheel_radius"})
+_CHANNELS = {
+    "yaw_rate": ("yaw_rate", "heading"),
+    "yaw": ("yaw_rate", "heading"),
+    "acceleration_x": ("acceleration",),
+    "acceleration_y": ("acceleration",),
+}
+
+
+@dataclass(frozen=True)
+class Focus:
+    """What a spectator is to look at first."""
+
+    heading: str = ""
+    """Of the plots that come first, short enough for a tab; empty where none is more to the point."""
+    plots: tuple[str, ...] = ()
+    """Which these are, from top to bottom: names under `plots/`."""
+    wheels: tuple[int, ...] = ()
+    """Wheels 1…n whose lines are bold in them; none: all are alike."""
+    from_above: bool = False
+    """Whether the path is shown from above, beside the machine."""
+    from_the_side: bool = False
+    """Whether the first eye stands at the side, where slopes are seen."""
+
+
+@dataclass(frozen=True)
+class _Rule:
+    """Faults of some kinds, and the plots that show them."""
+
+    kinds: Collection[str]
+    heading: str
+    plots: tuple[str, ...]
+
+
+_RULES = (
+    _Rule(
+        _SLIPS,
+        "Slip and traction",
+        ("slip_velocity", "traction_force", "residual_slip"),
+    ),
+    _Rule(
+        _MOTORS,
+        "Motors",
+        ("current", "effectiveness", "residual_motor"),
+    ),
+    _Rule(
+        _PUSHES,
+        "What pushes the robot",
+        ("current", "residual_force"),
+    ),
+    _Rule(_LENGTHS, "Heading", ("heading", "yaw_rate")),
+)
+"""From the first that applies the heading is taken; the plots of all that apply follow one another."""
+_RIG = Focus("Current, slip, speed", ("current", "slip_velocity", "speed"))
+
+
+def focus_of(scenario: ScenarioLike, faults: Sequence[Mapping[str, Any]]) -> Focus:
+    """What a run of the scenario is about.
+
+    Args:
+      scenario: What is asked for.
+      faults: As in `metrics.json`: `kind`, and `wheel` or `channel` where they have one.
+    """
+    if isinstance(scenario.constants, Rig):
+        return _RIG
+    kinds = [str(fault["kind"]) for fault in faults] + ["slip"] * len(scenario.patches)
+    headings, plots = [], []
+    for fault in faults:
+        if fault["kind"] == "sensor":
+            headings.append("The wrong sensor")
+            plots += _of_channel(str(fault.get("channel", "")))
+    for rule in _RULES:
+        if any(kind in rule.kinds for kind in kinds):
+            headings.append(rule.heading)
+            plots += rule.plots
+    slopes = scenario.scene is not None or "slope" in kinds
+    path = "path_error_max" in scenario.metric_units
+    if not plots and slopes:
+        headings, plots = ["Load on slopes"], ["normal_force", "current"]
+    elif not plots and path:
+        headings, plots = ["Heading and wheels"], ["heading", "wheel_speed"]
+    wheels = sorted({int(fault["wheel"]) for fault in faults if fault.get("wheel") is not None})
+    heading = headings[0] if headings else ""
+    return Focus(heading, tuple(dict.fromkeys(plots)), tuple(wheels), path, slopes)
+
+
+def _of_channel(channel: str) -> tuple[str, ...]:
+    """Plots of a sensor's channel: `wheel_speed_2` is in `wheel_speed`."""
+    name, _, number = channel.rpartition("_")
+    return _CHANNELS.get(channel) or ((name,) if number.isdecimal() else (channel,))
+
+
+Point = tuple[float, float, float]
+Range = tuple[float, float]
+_BOLD = 3.2  # points of the line of a wheel that the scenario is about
+_THIN = 1.0  # points of targets and thresholds, which stay thin
+_NEWEST = 20.0  # [s] that are seen of a drive without a planned end
+
+
+@dataclass(frozen=True)
+class Eye:
+    """Where a spectator stands at first."""
+
+    position: Point
+    """[m]"""
+    target: Point
+    """What is looked at [m]."""
+    follows: str | None = None
+    """Entity to stay with; None to stand still."""
+
+
+def run_blueprint(
+    plots: Sequence[Plot],
+    duration: float | None,
+    eye: Eye,
+    ranges: Sequence[Range] | None = None,
+    lanes: Sequence[str] | None = None,
+    subject: Focus | None = None,
+    above: Eye | None = None,
+) -> rrb.Blueprint:
+    """Left the machine, below it the fault states and a legend; right the signals over the same time.
+
+    What the scenario is about comes first: its plots in the first tab, its path from above.
+
+    Args:
+      plots: The time series, from top to bottom.
+      duration: Of the whole run [s]; None for a drive without a planned end, whose newest is followed.
+      eye: First view of the scene.
+      ranges: Of the value axes, one per plot; None for a run that goes on, whose axes grow.
+      lanes: Of the fault states; None for all.
+      subject: What the scenario is about; None where nothing is more to the point than all else.
+      above: View of the path from above; None to leave it out.
+    """
+    time_axis = _newest() if duration is None else _whole(duration)
+    panel = "playing" if duration is not None else "following"
+    scene: rrb.View | rrb.Container = _scene("Machine, floor, paths and forces", eye, (0, 0, 1))
+    if above is not None:
+        path = _scene("Path from above", above, (0, 1, 0))
+        scene = rrb.Horizontal(path, scene, column_shares=[1, 1])
+    if lanes is None:
+        lanes = [f"/{entity}/**" for entity in (FAULT_LANE, DIAGNOSIS_LANE, MODE_LANE)]
+    name = "Faults: what is broken, and what the controller diagnosed"
+    states = rrb.StateTimelineView(origin="/", contents=list(lanes), name=name, time_view=time_axis)
+    words = rrb.TextDocumentView(origin="about", name="What you see")
+    values = [None] * len(plots) if ranges is None else ranges
+    shown = list(zip(plots, values, strict=True))
+    series = _series_views(shown, time_axis, Focus() if subject is None else subject)
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(scene, rrb.Horizontal(states, words, column_shares=[3, 2]), row_shares=[2, 1]),
+            series,
+            column_shares=[3, 2],
+        ),
+        rrb.TimePanel(
+            state="collapsed",
+            timeline="time",
+            play_state=panel,
+            loop_mode="off" if duration is None else "all",
+        ),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+    )
+
+
+def _scene(name: str, eye: Eye, up: Point) -> rrb.Spatial3DView:
+    return rrb.Spatial3DView(
+        origin="world",
+        name=name,
+        background=(238, 241, 245),
+        line_grid=False,
+        eye_controls=rrb.EyeControls3D(
+            kind=rrb.Eye3DKind.Orbital,
+            position=eye.position,
+            look_target=eye.target,
+            eye_up=up,
+            tracking_entity=eye.follows,
+        ),
+    )
+
+
+def _series_views(
+    shown: Sequence[tuple[Plot, Range | None]], time_axis: rrb.archetypes.TimeAxis, subject: Focus
+) -> rrb.Container:
+    """Tabs: what the scenario is about, what the method saw, what the machine did; no plot twice."""
+    names = [f"plots/{name}" for name in subject.plots]
+    first = sorted((s for s in shown if s[0].entity in names), key=lambda s: names.index(s[0].entity))
+    rest = [s for s in shown if s[0].entity not in names]
+    tabs = [
+        (subject.heading, first, subject.wheels),
+        ("What the method saw", [s for s in rest if s[0].of_diagnosis], ()),
+        ("What the machine did", [s for s in rest if not s[0].of_diagnosis], ()),
+    ]
+    stacks = [_stack(plots, time_axis, name, bold) for name, plots, bold in tabs if plots]
+    return stacks[0] if len(stacks) == 1 else rrb.Tabs(*stacks, active_tab=0)
+
+
+def _stack(
+    plots: Sequence[tuple[Plot, Range | None]],
+    time_axis: rrb.archetypes.TimeAxis,
+    name: str,
+    bold: Sequence[int] = (),
+) -> rrb.Vertical:
+    """Time series under each other; those with a legend are higher, lines of the wheels `bold` are bold."""
+    series = [_series(plot, time_axis, shown, bold) for plot, shown in plots]
+    return rrb.Vertical(*series, row_shares=[2.0 if plot.legend else 1.4 for plot, _ in plots], name=name)
+
+
+def _series(
+    plot: Plot, time_axis: rrb.archetypes.TimeAxis, shown: Range | None, bold: Sequence[int] = ()
+) -> rrb.TimeSeriesView:
+    ends = tuple(f"_{wheel}" for wheel in bold)
+    widths = (
+        [_BOLD if line.column.endswith(ends) and line.width > _THIN else line.width for line in plot.lines]
+        if bold
+        else []
+    )
+    style: Any = {plot.entity: rr.SeriesLines.from_fields(widths=widths)} if _BOLD in widths else None
+    return rrb.TimeSeriesView(
+        origin=plot.entity,
+        name=plot.heading,
+        overrides=style,
+        axis_x=time_axis,
+        axis_y=None if shown is None else rrb.ScalarAxis(range=shown),
+        plot_legend=rrb.PlotLegend(visible=plot.legend, corner=rrb.Corner2D.RightTop),
+    )
+
+
+def _whole(duration: float) -> rrb.archetypes.TimeAxis:
+    """The whole run at once."""
+    start, end = rrb.TimeRangeBoundary.absolute(seconds=0.0), rrb.TimeRangeBoundary.absolute(seconds=duration)
+    return rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=end))
+
+
+def _newest() -> rrb.archetypes.TimeAxis:
+    """What was last."""
+    start = rrb.TimeRangeBoundary.cursor_relative(seconds=-_NEWEST)
+    return rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=rrb.TimeRangeBoundary.cursor_relative()))

@@ -1,0 +1,152 @@
+"""Where a machine was in a run, from speeds alone: the measured motion and both simulated ones beside it.
+
+Windows of a long run are simulated from the measured state each, so both simulations begin every window where
+the measurement is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from omnimj.estimate.gap.records import Overlay
+from omnimj.parameters import Rig, Robot
+from omnimj.physics.kinematics import rolling_matrix
+from omnimj.signals import Array
+from omnimj.view.poses import wheel_bodies
+
+KINDS = ("measured", "before", "after")
+Rates = Callable[[Overlay, Array, Array], Array]
+"""Window, values of its channels, coordinates at its beginning → rates of the coordinates, shape (k, n)."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """One run: coordinates of the machine through time."""
+
+    time: Array
+    """Shape (k,) [s]."""
+    coordinates: Mapping[str, Array]
+    """`measured`, `before`, `after` → coordinates, shape (k, n); what they are is the machine's affair."""
+    begins: tuple[int, ...]
+    """Rows at which windows begin."""
+
+
+def rig_motion(rig: Rig, windows: Sequence[Overlay], channels: Sequence[str]) -> Motion:
+    """Carriage and gantry [m] and wheel angle [rad], shape (k, 3).
+
+    The gantry's own drive holds its speed, so that it moves alike in all three.
+    """
+    start = np.array([rig.rig.start_position, 0.0, 0.0])
+
+    def rates(window: Overlay, values: Array, place: Array) -> Array:
+        lateral = window.regimes.get("lateral_speed", np.zeros(len(window.time)))
+        wheel = _channel(values, channels, "wheel_speed")
+        carriage = _channel(values, channels, "carriage_speed")
+        return np.column_stack([carriage, filled(np.asarray(lateral, float)), wheel])
+
+    return _driven(windows, start, rates)
+
+
+def robot_motion(robot: Robot, windows: Sequence[Overlay], channels: Sequence[str]) -> Motion:
+    """x, y [m], heading [rad] and wheel angles [rad], shape (k, 3 + n): dead reckoning by wheels and gyro."""
+    wheels = len(robot.wheel_positions)
+    backwards = np.linalg.pinv(rolling_matrix(robot.wheel_positions, robot.rolling_directions))
+    names = [f"wheel_speed_{i + 1}" for i in range(wheels)]
+
+    def rates(window: Overlay, values: Array, place: Array) -> Array:
+        speeds = np.column_stack([_channel(values, channels, name) for name in names])
+        twist = robot.wheel.radius * speeds @ backwards.T
+        turn = _channel(values, channels, "yaw_rate") if "yaw_rate" in channels else twist[:, 2]
+        heading = place[2] + integrated(window.time, turn)
+        c, s = np.cos(heading), np.sin(heading)
+        x, y = twist[:, 0], twist[:, 1]
+        return np.column_stack([c * x - s * y, s * x + c * y, turn, speeds])
+
+    return _driven(windows, np.zeros(3 + wheels), rates)
+
+
+def axis_motion(windows: Sequence[Overlay], channels: Sequence[str]) -> Motion:
+    """Position along the guide [m], shape (k, 1)."""
+    if "position" in channels:
+        time = np.concatenate([window.time for window in windows])
+        columns = {
+            kind: np.concatenate([_channel(getattr(w, kind), channels, "position") for w in windows])[:, None]
+            for kind in KINDS
+        }
+        return Motion(time, columns, _begins(windows))
+
+    def rates(window: Overlay, values: Array, place: Array) -> Array:
+        return _channel(values, channels, "velocity")[:, None]
+
+    return _driven(windows, np.zeros(1), rates)
+
+
+def rig_poses(mj_model: mujoco.MjModel, coordinates: Array) -> Array:
+    """The rig's generalised positions, shape (k, nq), of `rig_motion`'s coordinates."""
+    qpos = np.tile(mj_model.qpos0, (len(coordinates), 1))
+    for column, joint in enumerate(("rail", "gantry", "wheel_1_axle")):
+        qpos[:, mj_model.joint(joint).qposadr[0]] = coordinates[:, column]
+    return qpos
+
+
+def robot_poses(mj_model: mujoco.MjModel, coordinates: Array) -> Array:
+    """The robot's generalised positions, shape (k, nq), of `robot_motion`'s coordinates."""
+    qpos = np.tile(mj_model.qpos0, (len(coordinates), 1))
+    half = 0.5 * coordinates[:, 2]
+    (free,) = np.flatnonzero(mj_model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)[:1]
+    first = mj_model.jnt_qposadr[free]
+    qpos[:, first : first + 2] = coordinates[:, :2]
+    qpos[:, first + 3], qpos[:, first + 6] = np.cos(half), np.sin(half)
+    for column, body in enumerate(wheel_bodies(mj_model), start=3):
+        qpos[:, mj_model.jnt_qposadr[mj_model.body_jntadr[body]]] = coordinates[:, column]
+    return qpos
+
+
+def integrated(time: Array, rate: Array) -> Array:
+    """∫ rate dt by the trapezoidal rule from the first time, 0 there; shape of the rate."""
+    step = np.diff(time).reshape(-1, *([1] * (rate.ndim - 1)))
+    parts = 0.5 * step * (rate[1:] + rate[:-1])
+    return np.concatenate([np.zeros_like(rate[:1]), np.cumsum(parts, axis=0)])
+
+
+def filled(values: Array) -> Array:
+    """Straight lines over what is masked, zero where nothing is known; shape (k,)."""
+    known = np.isfinite(values)
+    if known.all():
+        return values
+    if not known.any():
+        return np.zeros_like(values)
+    rows = np.arange(len(values))
+    return np.interp(rows, rows[known], values[known])
+
+
+def _channel(values: Array, channels: Sequence[str], name: str) -> Array:
+    """A channel's column without holes; zero where there is no such channel."""
+    return filled(values[:, list(channels).index(name)]) if name in channels else np.zeros(len(values))
+
+
+def _driven(windows: Sequence[Overlay], start: Array, rates: Rates) -> Motion:
+    """Goes through the windows; each begins where the measured motion is by then."""
+    place, end = start, None
+    parts: dict[str, list[Array]] = {kind: [] for kind in KINDS}
+    for window in windows:
+        if end is not None:
+            time, rate = end
+            place = place + rate * max(float(window.time[0]) - time, 0.0)
+        for kind in KINDS:
+            moved = integrated(window.time, rates(window, getattr(window, kind), place))
+            parts[kind].append(place + moved)
+        last = rates(window, window.measured, place)[-1]
+        place, end = parts["measured"][-1][-1], (float(window.time[-1]), last)
+    time = np.concatenate([window.time for window in windows])
+    columns = {kind: np.concatenate(values) for kind, values in parts.items()}
+    return Motion(time, columns, _begins(windows))
+
+
+def _begins(windows: Sequence[Overlay]) -> tuple[int, ...]:
+    lengths = [len(window.time) for window in windows]
+    return tuple(np.cumsum([0, *lengths[:-1]]).tolist())

@@ -1,0 +1,274 @@
+"""A run in the Rerun viewer while it goes on."""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+import threading
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+
+from omnimj.control.cascade.allocation import inverse_kinematics
+from omnimj.parameters import Robot
+from omnimj.plant.faults import fault_record
+from omnimj.plant.interface import Plant
+from omnimj.signals import Reference, Trace
+from omnimj.simulate.detectors import make_detector
+from omnimj.simulate.run import RunResult
+from omnimj.simulate.scenario.drive import Drive
+from omnimj.simulate.scenario.scenario import Scenario
+from omnimj.view.plots.runs import planned_position
+from omnimj.view.poses import Poses, poses_from_trace, visible_model, visible_poses
+from omnimj.view.rerun.recording import RunStream, live_blueprint
+from omnimj.view.rerun.scene import log_floor
+from omnimj.view.wording import NOT_DIAGNOSED
+
+Array = NDArray[np.float64]
+_FLUSHING = 30.0  # [s] for a viewer on a slow machine to take the rest
+
+
+class RecordingSink(Protocol):
+    """Who looks on: a viewer, or a file."""
+
+    @property
+    def is_open(self) -> bool:
+        """Whether there is still somebody to send to."""
+        ...
+
+    def connect(self, stream: rr.RecordingStream, blueprint: rrb.Blueprint) -> None:
+        """Takes all that is logged to a stream from now on."""
+        ...
+
+    def settle(self) -> None:
+        """Raises `ViewerError` when the spectator broke down."""
+        ...
+
+
+class LiveRun:
+    """Hooks of `run_scenario` that show a run while it goes on; `finish` adds what is known at its end."""
+
+    def __init__(self, scenario: Scenario, known: Mapping[str, Any], spectator: RecordingSink):
+        """A run that will be driven.
+
+        Args:
+          scenario: What is asked for.
+          known: What `metrics.json` will hold, as far as it is known.
+          spectator: Shows it.
+        """
+        self._scenario, self._known, self._spectator = scenario, known, spectator
+        self._method = str(known.get("method", NOT_DIAGNOSED))
+        self._stream = rr.RecordingStream("omnimj")
+        self._run = RunStream(self._stream, scenario, scenario.duration)
+        drive = scenario.drive
+        self._plan: Reference | None = drive.reference if isinstance(drive, Drive) else None
+        self._poses: list[tuple[float, Array]] = []
+        self._rows = 0
+        self._mj_model: Any = None
+
+    def start(self, _plant: Plant) -> None:
+        """Shows the machine in its place before the first step (`on_start`)."""
+        self._begin(None if self._plan is None else self._plan.position)
+
+    def _begin(self, planned: Array | None) -> None:
+        start = (0.0, 0.0) if planned is None else (float(planned[0, 0]), float(planned[0, 1]))
+        method = make_detector(self._method, self._scenario)
+        names = () if method is None else tuple(method.log_names)
+        asked = [fault_record(fault) for fault in self._scenario.faults]
+        scenario, duration = self._scenario, self._scenario.duration
+        blueprint = live_blueprint(scenario, duration, start, self._method, names, asked)
+        self._spectator.connect(self._stream, blueprint)
+        self._mj_model = visible_model(self._scenario)
+        self._run.begin(self._known, planned, self._mj_model)
+        self._run.stand(self._first_pose())
+
+    def _first_pose(self) -> Poses:
+        if self._plan is None:
+            return Poses(self._mj_model, np.zeros(1), self._mj_model.qpos0[None])
+        (x, y), heading = self._plan.position[0], self._plan.heading[0]
+        place = {"time": 0.0, "x": x, "y": y, "heading": heading}
+        place |= {f"wheel_speed_{i}": 0.0 for i in range(1, len(self._scenario.constants.wheels) + 1)}
+        return poses_from_trace(self._mj_model, Trace({name: np.array([at]) for name, at in place.items()}))
+
+    def snapshot(self, now: float, pose: Array) -> None:
+        """Keeps a pose for the next batch (`snapshot`)."""
+        self._poses.append((now, np.array(pose)))
+
+    def rows(self, names: tuple[str, ...], table: Array) -> None:
+        """Sends the newest rows and the poses of their time (`rows`)."""
+        columns = dict(zip(names, table.T, strict=True))
+        first, self._rows = self._rows, self._rows + len(table)
+        if self._plan is not None:
+            columns["target_heading"] = self._plan.heading[first : self._rows]
+        if self._spectator.is_open:
+            self._run.add(Trace(columns), self._batch())
+
+    def _batch(self) -> Poses | None:
+        """The poses since the batch before."""
+        if not self._poses:
+            return None
+        times, poses = zip(*self._poses, strict=True)
+        self._poses = []
+        return Poses(self._mj_model, np.array(times), np.stack(poses))
+
+    def finish(self, run: RunResult) -> None:
+        """Sends what is left, the fault states and the checks; the viewer then plays the run.
+
+        Args:
+          run: What was driven, at least two rows.
+
+        Raises:
+          ViewerError: The viewer broke down.
+        """
+        if self._spectator.is_open:
+            self._send_rest(run)
+            self._stream.flush(timeout_sec=_FLUSHING)
+        self.close()
+        self._spectator.settle()
+
+    def close(self) -> None:
+        """Sends nothing more; a run that broke down stays as far as it was shown."""
+        self._stream.disconnect()
+
+    def _send_rest(self, run: RunResult) -> None:
+        trace, track = run.trace, run.poses
+        if self._mj_model is None:  # a level without steps: nothing was shown yet
+            self._begin(planned_position(trace))
+        rest = {name: values[self._rows :] for name, values in trace.columns.items()}
+        if self._rows < len(trace["time"]):
+            self._run.add(Trace(rest, trace.about), self._batch())
+        if track is None:  # a plant without poses follows its path
+            poses = visible_poses(self._scenario, trace)
+            if poses is not None:
+                self._run.move(poses, trace)
+        self._run.end(trace, run.metrics)
+
+
+# A drive by hand in the Rerun viewer: no plan, no end, and never in the way of the loop that drives.
+
+_WAITING = 8  # batches of a tenth of a second; a viewer that is later than that misses some
+_TRAIL = 60.0  # [s] whose path is drawn in full detail
+_REACH = 6.0  # [m] of floor around the start
+_ENDING = 10.0  # [s] for what still waits
+
+
+class LiveDrive:
+    """Hooks of `drive_by_hand`; a thread of its own sends what they are given."""
+
+    def __init__(self, scenario: Scenario, known: Mapping[str, Any], spectator: RecordingSink):
+        """A drive that is about to begin.
+
+        Args:
+          scenario: From `free_drive`.
+          known: Plant, method, seed, floor.
+          spectator: Shows it.
+        """
+        self.missed = 0
+        """Batches that the viewer was too slow for."""
+        self._scenario, self._known, self._spectator = scenario, known, spectator
+        self._stream = rr.RecordingStream("omnimj")
+        self._run = RunStream(self._stream, scenario, _TRAIL)
+        self._mj_model: Any = None
+        self._poses: list[tuple[float, Array]] = []
+        self._waiting: queue.Queue[tuple[Trace, list[tuple[float, Array]]] | None] = queue.Queue(_WAITING)
+        self._thread = threading.Thread(target=self._send, name="view", daemon=True)
+        self._failure: Exception | None = None
+        robot = scenario.constants
+        assert isinstance(robot, Robot)
+        self._reckoning = DeadReckoning(robot)
+
+    def start(self) -> None:
+        """Shows the robot in its place before the first step."""
+        method = str(self._known["method"])
+        made = make_detector(method, self._scenario)
+        names = () if made is None else tuple(made.log_names)
+        self._spectator.connect(self._stream, live_blueprint(self._scenario, None, (0.0, 0.0), method, names))
+        self._mj_model = visible_model(self._scenario)
+        self._run.begin(self._known, None, self._mj_model)
+        corners = _REACH * np.array([(-1.0, -1.0), (1.0, 1.0)])
+        log_floor(self._stream, corners, (), self._scenario.floor)
+        self._run.stand(Poses(self._mj_model, np.zeros(1), self._mj_model.qpos0[None]))
+        self._thread.start()
+
+    def snapshot(self, now: float, pose: Array) -> None:
+        """Keeps a pose for the next batch."""
+        self._poses.append((now, np.array(pose)))
+
+    def rows(self, names: tuple[str, ...], table: Array) -> None:
+        """Hands the newest rows and the poses of their time to the thread, or drops them."""
+        trace = Trace(dict(zip(names, table.T.copy(), strict=True)))
+        poses, self._poses = self._poses, []
+        try:
+            self._waiting.put_nowait((trace, poses))
+        except queue.Full:
+            self.missed += 1
+
+    def _send(self) -> None:
+        while (batch := self._waiting.get()) is not None:
+            if self._failure is not None or not self._spectator.is_open:
+                continue
+            try:
+                self._show(*batch)
+            except Exception as error:  # a viewer that breaks down must not stop whoever drives
+                self._failure = error
+
+    def _show(self, trace: Trace, taken: list[tuple[float, Array]]) -> None:
+        trace = self._reckoning.placed(trace)
+        if taken:
+            times, poses = zip(*taken, strict=True)
+            moved = Poses(self._mj_model, np.array(times), np.stack(poses))
+        else:
+            moved = poses_from_trace(self._mj_model, trace, turned=self._reckoning.turned_before)
+        self._run.add(trace, moved)
+
+    def finish(self) -> None:
+        """Sends what still waits and leaves the viewer to itself.
+
+        Raises:
+          ViewerError: The viewer broke down.
+        """
+        with contextlib.suppress(queue.Full):
+            self._waiting.put(None, timeout=_ENDING)
+            self._thread.join(_ENDING)
+        self._stream.disconnect()
+        self._spectator.settle()
+        if self._failure is not None:
+            raise self._failure
+
+
+class DeadReckoning:
+    """Where a robot is by its wheels and its heading, for one that nobody watches from outside."""
+
+    def __init__(self, robot: Robot):
+        """Begins at the origin."""
+        inverse = inverse_kinematics(robot.wheel_positions, robot.rolling_directions)
+        self._twist = robot.wheel.radius * np.linalg.pinv(inverse)[:2]
+        self._place = np.zeros(2)
+        self._turned = np.zeros(len(robot.wheels))
+        self._last: float | None = None
+        self.turned_before = self._turned
+        """By how much the wheels had turned before the newest rows [rad]."""
+
+    def placed(self, trace: Trace) -> Trace:
+        """The rows with `x`, `y`, `heading`: the plant's where it tells, else ∫ R(θ) B⁺ r φ̇ dt.
+
+        Args:
+          trace: Later than all before.
+        """
+        time, wheels = trace["time"], trace.wheels("wheel_speed")
+        step = np.diff(time, prepend=time[0] if self._last is None else self._last)[:, None]
+        self.turned_before, self._last = self._turned, float(time[-1])
+        self._turned = self._turned + (wheels * step).sum(axis=0)
+        if "x" in trace:
+            return trace
+        heading, body = trace["heading_estimate"], wheels @ self._twist.T
+        c, s = np.cos(heading), np.sin(heading)
+        world = np.stack((c * body[:, 0] - s * body[:, 1], s * body[:, 0] + c * body[:, 1]), axis=1)
+        place = self._place + np.cumsum(world * step, axis=0)
+        self._place = place[-1]
+        added = {"x": place[:, 0], "y": place[:, 1], "heading": heading}
+        return Trace({**trace.columns, **added}, trace.about)

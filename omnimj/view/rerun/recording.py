@@ -1,0 +1,261 @@
+"""A run on its way into Rerun: as a whole into `run.rrd`, or in batches while it goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+
+from omnimj.parameters import Rig
+from omnimj.recording.folder import atomic_file
+from omnimj.signals import Trace
+from omnimj.simulate.run import RunResult
+from omnimj.view import wording
+from omnimj.view.plots.runs import planned_position
+from omnimj.view.poses import Poses, visible_poses
+from omnimj.view.rerun.blueprint import Eye, focus_of, run_blueprint
+from omnimj.view.rerun.scene import (
+    AROUND,
+    MACHINE,
+    NORMAL_SCALE,
+    TRACTION_SCALE,
+    Machine,
+    Trail,
+    log_floor,
+    log_planned,
+)
+from omnimj.view.rerun.signals import Signals, eventful_lanes, log_states, plots_of, with_columns
+from omnimj.view.wording import ScenarioLike
+
+Array = NDArray[np.float64]
+_FORCES = (
+    f"**Green arrows**: traction, {1000 * TRACTION_SCALE:.0f} mm per N. "
+    f"**Light blue arrows**: normal force, {1000 * NORMAL_SCALE:.0f} mm per N. "
+)
+_PATHS = (
+    "**Blue line**: driven path. **Grey line**: planned path. **Light blue area**: a patch of other floor. "
+)
+_ROLLERS = "The dark stripes show how the rollers turn."
+
+
+def write_recording(
+    path: Path,
+    trace: Trace,
+    scenario: ScenarioLike,
+    metrics: Mapping[str, Any],
+    poses: Poses | None = None,
+) -> None:
+    """Writes a run as a Rerun recording with its blueprint.
+
+    Args:
+      path: The `.rrd` file to write.
+      trace: What was recorded, at least two rows.
+      scenario: What was asked for.
+      metrics: Content of `metrics.json`.
+      poses: What moved; without them the recording holds plots, states and paths.
+    """
+    stream = rr.RecordingStream("omnimj")
+    stream.save(path, default_blueprint=whole_blueprint(scenario, trace, metrics, poses is not None))
+    run = RunStream(stream, scenario, float(trace["time"][-1]))
+    run.begin(metrics, planned_position(trace), None if poses is None else poses.mj_model)
+    run.add(trace, poses)
+    run.end(trace, metrics)
+    stream.disconnect()
+
+
+class RunStream:
+    """A run sent to a stream: first what stands, then batches of what moves, at last what came of it."""
+
+    def __init__(self, stream: rr.RecordingStream, scenario: ScenarioLike, duration: float):
+        """A run that lasts at most `duration` [s]."""
+        self._stream, self._scenario, self._duration = stream, scenario, duration
+        self._machine: Machine | None = None
+        self._signals: Signals | None = None
+        self._trail: Trail | None = None
+        self._planned: Array | None = None
+        self._known: Mapping[str, Any] = {}
+        constants = scenario.constants
+        self._is_rig = isinstance(constants, Rig)
+        self._wheels = 1 if isinstance(constants, Rig) else len(constants.wheels)
+
+    def begin(self, known: Mapping[str, Any], planned: Array | None, mj_model: mujoco.MjModel | None) -> None:
+        """Sends machine, floor and plan.
+
+        Args:
+          known: What `metrics.json` will hold, as far as it is known.
+          planned: Planned path, shape (k, 2) [m].
+          mj_model: The machine with all that is only seen.
+        """
+        stream = self._stream
+        stream.send_recording_name(wording.title(known))
+        stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        self._log_words(known)
+        self._known = known
+        self._planned = planned
+        self._log_floor(np.empty((0, 2)))
+        if planned is not None:
+            log_planned(stream, planned)
+        if mj_model is not None:
+            self._machine = Machine(stream, mj_model)
+
+    def stand(self, poses: Poses) -> None:
+        """Sends the machine at rest and healthy, for whoever looks on before the first batch."""
+        still = Trace({"time": poses.time})
+        self.move(poses, still)
+        nothing = {**self._known, "faults": (), "diagnoses": ()}
+        log_states(self._stream, still, nothing, self._wheels, self._is_rig)
+
+    def add(self, trace: Trace, poses: Poses | None) -> None:
+        """Sends the next rows and what moved during them.
+
+        Args:
+          trace: At least one row, later than all before.
+          poses: Of the machine; None where nothing is known of it.
+        """
+        if self._signals is None:
+            method = str(self._known.get("method", wording.NOT_DIAGNOSED))
+            plots = plots_of(self._scenario, method, list(trace.columns))
+            self._signals = Signals(self._stream, with_columns(plots, trace))
+        self._signals.add(trace)
+        if "x" in trace:
+            if self._trail is None:
+                self._trail = Trail(self._stream, self._duration)
+            self._trail.add(trace)
+        if poses is not None:
+            self.move(poses, trace)
+
+    def move(self, poses: Poses, trace: Trace) -> None:
+        """Sends where the machine was, and the forces at its wheels.
+
+        Args:
+          poses: At least one.
+          trace: Rows over the same time.
+        """
+        if self._machine is not None:
+            self._machine.log_motion(poses, trace)
+
+    def end(self, trace: Trace, metrics: Mapping[str, Any]) -> None:
+        """Sends fault states, checks and the floor under all that was driven.
+
+        Args:
+          trace: The whole run.
+          metrics: Content of `metrics.json`.
+        """
+        log_states(self._stream, trace, metrics, self._wheels, self._is_rig)
+        self._log_words(metrics)
+        if "x" in trace:
+            self._log_floor(np.column_stack([trace["x"], trace["y"]]))
+
+    def _log_words(self, metrics: Mapping[str, Any]) -> None:
+        words = rr.TextDocument(_about(self._scenario, metrics), media_type="text/markdown")
+        self._stream.log("about", words, static=True)
+
+    def _log_floor(self, driven: Array) -> None:
+        points = [np.zeros((1, 2)), driven]
+        if self._planned is not None:
+            points.append(self._planned)
+        if isinstance(self._scenario.constants, Rig):
+            reach = self._scenario.constants.rig
+            points += [reach.rail_length * np.eye(2)[:1], reach.lateral_travel * np.array([[0, -1], [0, 1]])]
+        log_floor(self._stream, np.concatenate(points), self._scenario.patches, self._scenario.floor)
+
+
+def whole_blueprint(
+    scenario: ScenarioLike, trace: Trace, metrics: Mapping[str, Any], has_machine: bool
+) -> rrb.Blueprint:
+    """The arrangement of a run that is over: it plays, all axes show the whole run."""
+    method, duration = str(metrics.get("method", wording.NOT_DIAGNOSED)), float(trace["time"][-1])
+    plots = with_columns(plots_of(scenario, method, list(trace.columns)), trace)
+    start = (float(trace["x"][0]), float(trace["y"][0])) if "x" in trace else (0.0, 0.0)
+    subject = focus_of(scenario, metrics.get("faults") or ())
+    eye = first_eye(scenario, start, has_machine, subject.from_the_side)
+    ranges = [plot.range(trace) for plot in plots]
+    above = _eye_above(trace) if subject.from_above and "x" in trace else None
+    lanes = eventful_lanes(metrics, duration)
+    return run_blueprint(plots, duration, eye, ranges, lanes, subject, above)
+
+
+def _eye_above(trace: Trace) -> Eye:
+    """High above the middle of the path, so that all of it is seen."""
+    places = [np.column_stack([trace["x"], trace["y"]])]
+    planned = planned_position(trace)
+    if planned is not None:
+        places.append(planned)
+    found = np.concatenate(places)
+    low, high = np.nanmin(found, axis=0), np.nanmax(found, axis=0)
+    (x, y), reach = (low + high) / 2.0, float((high - low).max())
+    return Eye((float(x), float(y) - 0.01, 1.3 * reach + 0.8), (float(x), float(y), 0.0))
+
+
+def live_blueprint(
+    scenario: ScenarioLike,
+    duration: float | None,
+    start: tuple[float, float],
+    method: str = wording.NOT_DIAGNOSED,
+    log_names: Sequence[str] = (),
+    faults: Sequence[Mapping[str, Any]] = (),
+) -> rrb.Blueprint:
+    """The arrangement of a run that goes on: the newest is shown, the value axes grow.
+
+    Args:
+      scenario: What is asked for.
+      duration: Of the whole run [s]; None: it has no planned end.
+      start: Where the robot begins [m].
+      method: That looks for faults.
+      log_names: Columns that it will log.
+      faults: As in `metrics.json`, as far as the scenario tells.
+    """
+    plots, subject = plots_of(scenario, method, log_names), focus_of(scenario, faults)
+    eye = first_eye(scenario, start, True, subject.from_the_side)
+    return run_blueprint(plots, duration, eye, subject=subject)
+
+
+def first_eye(
+    scenario: ScenarioLike, start: tuple[float, float], has_machine: bool, from_the_side: bool = False
+) -> Eye:
+    """Where a spectator stands at first: at the robot, at its side on slopes, at the rig, above the path."""
+    if isinstance(scenario.constants, Rig):
+        return Eye((0.1, 1.35, 0.65), (0.75, 0.0, 0.12))
+    x, y = start
+    if not has_machine:
+        return Eye((x - 2.5, y - 2.5, 4.0), (x, y, 0.0))
+    if from_the_side:
+        return Eye((x + 0.1, y - 1.5, 0.25), (x + 0.1, y, 0.1), f"{MACHINE}/chassis/{AROUND}")
+    return Eye((x - 0.66, y - 0.8, 0.6), (x, y, 0.07), f"{MACHINE}/chassis/{AROUND}")
+
+
+def _about(scenario: ScenarioLike, metrics: Mapping[str, Any]) -> str:
+    floor = str(metrics.get("floor", scenario.floor)).replace("_", " ")
+    lines = [scenario.description, ""]
+    lines.append(f"Floor: {floor}. Method: {metrics.get('method', '–')}. Seed: {metrics.get('seed', '–')}.")
+    lines.append("")
+    for check in metrics.get("checks") or ():
+        name, unit = check["name"], scenario.metric_units.get(check["name"], "")
+        sign = "✓" if check["ok"] else "✗" if check.get("judged", True) else "–"
+        value, limit = wording.number(check.get("value"), 3), wording.number(check.get("limit"), 3)
+        bound = "at least" if check.get("bound") == "min" else "at most"
+        lines.append(f"- {sign} {name.replace('_', ' ')}: {value} {unit} ({bound} {limit})")
+    paths = "" if isinstance(scenario.constants, Rig) else _PATHS
+    return "\n".join([*lines, "", _FORCES + paths + _ROLLERS])
+
+
+# `run.rrd` of a run: its poses and everything that was logged of it.
+
+
+def poses_of(run: RunResult) -> Poses | None:
+    """Poses of the machine with everything that is seen."""
+    track = run.poses
+    return visible_poses(run.scenario, run.trace, *((track.time, track.position) if track else ()))
+
+
+def write_recording_of(path: Path, run: RunResult) -> None:
+    """Writes the Rerun recording of a run, in full or not at all."""
+    poses = poses_of(run)
+    with atomic_file(path) as temporary:
+        write_recording(temporary, run.trace, run.scenario, run.metrics, poses)

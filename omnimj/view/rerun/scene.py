@@ -1,0 +1,287 @@
+"""The machine in a Rerun recording: its bodies once, then where they are and the forces at its wheels."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from omnimj.signals import Trace
+from omnimj.view import palette
+from omnimj.view.plots.runs import patch_corners
+from omnimj.view.poses import (
+    Appearance,
+    BodyFrames,
+    Poses,
+    appearance_key,
+    body_appearance,
+    body_frames,
+    hinge_axis,
+    identical_bodies,
+    obstacle_appearance,
+    relative_frames,
+    striped,
+    wheel_axles,
+    wheel_bodies,
+)
+
+# The timelines of recordings: simulated time; one per run where a recording holds several.
+
+
+def time_column(time: Array, timeline: str = "time") -> rr.TimeColumn:
+    """Simulated time [s], for the rows that are sent with it, on the timeline of that name."""
+    whole = np.round(1e9 * np.asarray(time)).astype("timedelta64[ns]")  # a float would be cut off, 4.0999…
+    return rr.TimeColumn(timeline, duration=whole)
+
+
+Array = NDArray[np.float64]
+RATE = 50.0
+"""Poses per second in the recording."""
+TRACTION_SCALE, NORMAL_SCALE = 0.02, 0.005
+"""Length of a force arrow [m/N]; traction is the smaller force and lies on the floor."""
+MACHINE, FORCES, OBSTACLES = "world/machine", "world/forces", "world/obstacles"
+AROUND = "around"
+"""Entity below a free body: unseen points about it, as far as a spectator who stays with it should see."""
+_REACH = np.array([0.42, 0.42, 0.17])  # [m]
+_ARROW_RADIUS = 0.007
+_UP = np.array([0.0, 0.0, 1.0])
+
+
+def body_entity(name: str, root: str = MACHINE) -> str:
+    """Where a body lies in the recording: `wheel_1_wheel` → `world/machine/wheel_1`."""
+    return f"{root}/{name.removesuffix('_wheel')}"
+
+
+class Machine:
+    """The visible bodies of a model; alike rollers of a wheel are instances of one mesh."""
+
+    def __init__(self, stream: rr.RecordingStream, mj_model: mujoco.MjModel, root: str = MACHINE):
+        """Logs what the bodies look like, in no place yet.
+
+        Args:
+          stream: Where to log.
+          mj_model: The machine with all that is only seen.
+          root: Entity above its bodies; another for each machine in the scene.
+        """
+        self._stream, self._mj_model, self._root = stream, mj_model, root
+        self._groups = identical_bodies(mj_model)
+        self._wheels = wheel_bodies(mj_model, self._groups)
+        grouped = {body for bodies in self._groups for body in bodies}
+        self._bodies: list[int] = []
+        looks: dict[bytes, Appearance | None] = {}  # the corners look alike, and so do the wheels
+        for body in sorted(set(range(1, mj_model.nbody)) - grouped):
+            key = appearance_key(mj_model, body)
+            look = looks[key] if key in looks else looks.setdefault(key, body_appearance(mj_model, body))
+            if look is not None:
+                self._bodies.append(body)
+                _log_mesh(stream, f"{self._entity(body)}/surface", look)
+        for bodies in self._groups:
+            look, axis = body_appearance(mj_model, bodies[0]), hinge_axis(mj_model, bodies[0])
+            if look is not None:
+                _log_mesh(stream, self._rollers(bodies), look if axis is None else striped(look, axis))
+        obstacles = obstacle_appearance(mj_model)
+        if obstacles is not None:
+            _log_mesh(stream, OBSTACLES, obstacles)
+        for body in self._bodies:
+            first = mj_model.body_jntadr[body]
+            if first >= 0 and mj_model.jnt_type[first] == mujoco.mjtJoint.mjJNT_FREE:
+                # the viewer goes as near to what it follows as that fills the picture
+                unseen = rr.Points3D([-_REACH, _REACH], radii=[0.0], colors=[(0, 0, 0, 0)])
+                stream.log(f"{self._entity(body)}/{AROUND}", unseen, static=True)
+
+    def _entity(self, body: int) -> str:
+        return body_entity(self._mj_model.body(body).name, self._root)
+
+    def _rollers(self, bodies: list[int]) -> str:
+        return f"{self._entity(int(self._mj_model.body_parentid[bodies[0]]))}/rollers"
+
+    def log_motion(self, poses: Poses, trace: Trace) -> None:
+        """Logs where everything was, and the forces.
+
+        Args:
+          poses: Of this machine, at least one.
+          trace: Rows over the same time, for the forces.
+        """
+        poses = poses.thinned(RATE)
+        frames = self.log_bodies(poses)
+        self._log_forces(poses, frames, trace)
+
+    def log_bodies(self, poses: Poses, timeline: str = "time", rollers_turn: bool = True) -> BodyFrames:
+        """Logs where everything was.
+
+        Args:
+          poses: Of this machine, at least one.
+          timeline: On which.
+          rollers_turn: Whether anything is known of the rollers; else they are sent once, as they sit in
+            their wheel.
+        """
+        frames = body_frames(poses)
+        index = time_column(frames.time, timeline)
+        for body in self._bodies:
+            columns = rr.Transform3D.columns(
+                translation=frames.position[:, body].astype(np.float32),
+                quaternion=_xyzw(frames.quaternion[:, body]),
+            )
+            self._stream.send_columns(self._entity(body), [index], columns)
+        for bodies in self._groups:
+            parent = int(self._mj_model.body_parentid[bodies[0]])
+            position, quaternion = relative_frames(frames, bodies, parent)
+            rows = len(frames.time) if rollers_turn else 1
+            columns = rr.InstancePoses3D.columns(
+                translations=position[:rows].reshape(-1, 3).astype(np.float32),
+                quaternions=_xyzw(quaternion[:rows].reshape(-1, 4)),
+            )
+            moments = time_column(frames.time[:rows], timeline)
+            lengths = np.full(rows, len(bodies))
+            self._stream.send_columns(self._rollers(bodies), [moments], columns.partition(lengths))
+        return frames
+
+    def _log_forces(self, poses: Poses, frames: BodyFrames, trace: Trace) -> None:
+        """Arrows at the wheels' contacts: traction along the driving direction, normal force upwards."""
+        wheels = [body for i, body in enumerate(self._wheels, 1) if f"traction_force_{i}" in trace]
+        if not wheels:
+            return
+        ahead = np.cross(wheel_axles(poses, frames, wheels), _UP)
+        ahead /= np.linalg.norm(ahead, axis=-1, keepdims=True)
+        rows = np.clip(np.searchsorted(trace["time"], frames.time - 1e-9), 0, len(trace["time"]) - 1)
+        traction = trace.wheels("traction_force")[rows, : len(wheels), None] * ahead
+        normal = trace.wheels("normal_force")[rows, : len(wheels), None] * _UP
+        standing = frames.position[:1, wheels, 2:]  # a wheel's height over the floor, which may rise
+        foot = frames.position[:, wheels] - (standing - _ARROW_RADIUS) * _UP
+        self._log_arrows("traction", frames.time, foot, TRACTION_SCALE * traction, palette.TRACTION)
+        self._log_arrows("normal", frames.time, foot, NORMAL_SCALE * normal, palette.NORMAL)
+
+    def _log_arrows(self, name: str, time: Array, origins: Array, vectors: Array, color: str) -> None:
+        """One arrow per wheel; origins and vectors have shape (k, n, 3) [m]."""
+        k, n, _ = vectors.shape
+        columns = rr.Arrows3D.columns(
+            vectors=vectors.reshape(-1, 3).astype(np.float32),
+            origins=origins.reshape(-1, 3).astype(np.float32),
+        )
+        entity = f"{FORCES}/{name}"
+        style = rr.Arrows3D.from_fields(colors=[palette.rgb(color)] * n, radii=[_ARROW_RADIUS] * n)
+        self._stream.log(entity, style, static=True)
+        self._stream.send_columns(entity, [time_column(time)], columns.partition(np.full(k, n)))
+
+
+def _xyzw(quaternion: Array) -> NDArray[np.float32]:
+    return quaternion[:, [1, 2, 3, 0]].astype(np.float32)
+
+
+def _log_mesh(stream: rr.RecordingStream, entity: str, look: Appearance) -> None:
+    stream.log(
+        entity,
+        rr.Mesh3D(
+            vertex_positions=look.surface.vertices.astype(np.float32),
+            vertex_normals=look.surface.normals.astype(np.float32),
+            vertex_colors=look.colors,
+            triangle_indices=look.surface.triangles.astype(np.uint32),
+        ),
+        static=True,
+    )
+
+
+# What lies on the floor in a Rerun recording: tiles, patches of other floor, planned and driven path.
+
+FLOOR, PATH = "world/floor", "world/path"
+_TRAIL_STEPS, _TRAIL_POINTS = 120, 240
+_TILE = 0.25  # [m]
+_MOST_TILES = 512  # along a side: a run that broke down may end anywhere
+_MARGIN = 0.6  # [m] of floor around what moves
+
+
+def log_floor(stream: rr.RecordingStream, points: Array, patches: Sequence[Any], floor: str) -> None:
+    """The floor as a slab with tiles, and each patch of other floor with its name.
+
+    Tiles are 0.25 m wide, larger ones where the floor is vast.
+
+    Args:
+      stream: Where to log.
+      points: What the floor must lie under, shape (k, 2) [m].
+      patches: Each has `floor`, `center`, `size` and `yaw`.
+      floor: Its name.
+    """
+    low, high = np.floor(points.min(axis=0) - _MARGIN), np.ceil(points.max(axis=0) + _MARGIN)
+    slab = rr.Boxes3D(
+        centers=[[*(low + high) / 2, -0.008]],
+        half_sizes=[[*(high - low) / 2, 0.006]],
+        colors=[(214, 212, 206)],
+        fill_mode="solid",
+    )
+    stream.log(f"{FLOOR}/{floor}", slab, static=True)
+    tile = _TILE * 2.0 ** max(0, math.ceil(math.log2(float((high - low).max()) / (_MOST_TILES * _TILE))))
+    lines = [[[x, low[1], 0], [x, high[1], 0]] for x in np.arange(low[0], high[0] + 1e-9, tile)]
+    lines += [[[low[0], y, 0], [high[0], y, 0]] for y in np.arange(low[1], high[1] + 1e-9, tile)]
+    stream.log(
+        f"{FLOOR}/tiles", rr.LineStrips3D(lines, colors=[(196, 193, 186)], radii=[0.0012]), static=True
+    )
+    for i, patch in enumerate(patches, start=1):
+        _log_patch(stream, f"{FLOOR}/patch_{i}_{patch.floor}", patch)
+
+
+def _log_patch(stream: rr.RecordingStream, entity: str, patch: Any) -> None:
+    corners = np.column_stack([patch_corners(patch), np.full(4, 0.0008)])
+    mesh = rr.Mesh3D(
+        vertex_positions=corners,
+        triangle_indices=[[0, 1, 2], [0, 2, 3]],
+        albedo_factor=(143, 196, 228, 255),
+    )
+    stream.log(entity, mesh, static=True)
+    # at the far edge, where the machine that starts on it does not stand in front
+    name = rr.Points3D(
+        [corners[2:].mean(axis=0)],
+        radii=[0.004],
+        colors=[(245, 248, 252)],
+        labels=[patch.floor.replace("_", " ")],
+        show_labels=True,
+    )
+    stream.log(f"{entity}/name", name, static=True)
+
+
+def log_planned(stream: rr.RecordingStream, planned: Array) -> None:
+    """The planned path as a whole, shape (k, 2) [m]."""
+    keep = np.unique(np.linspace(0, len(planned) - 1, min(len(planned), _TRAIL_POINTS)).astype(int))
+    strip = rr.LineStrips3D(
+        [_on_floor(planned[keep], 0.002)], colors=[palette.rgb(palette.PLANNED)], radii=[0.004]
+    )
+    stream.log(f"{PATH}/planned", strip, static=True)
+
+
+class Trail:
+    """The driven path as it grows, the whole line so far at each of its steps."""
+
+    def __init__(self, stream: rr.RecordingStream, duration: float):
+        """A path of a run that lasts at most `duration` [s]."""
+        self._stream, self._duration = stream, duration
+        self._points = np.empty((0, 2))
+        self._last = -1.0
+        style = rr.LineStrips3D.from_fields(colors=[palette.rgb(palette.MEASURED)], radii=[0.006])
+        stream.log(f"{PATH}/driven", style, static=True)
+
+    def add(self, trace: Trace) -> None:
+        """Goes on by the rows of a trace, which follow those added before."""
+        time, place = trace["time"], np.column_stack([trace["x"], trace["y"]])
+        kept = self._crossed(time, _TRAIL_POINTS)
+        ends = np.union1d(self._crossed(time, _TRAIL_STEPS), [len(time) - 1])
+        strips = [
+            _on_floor(np.vstack([self._points, place[kept[kept < end]], place[end]]), 0.004) for end in ends
+        ]
+        columns = rr.LineStrips3D.columns(strips=strips)
+        self._stream.send_columns(f"{PATH}/driven", [time_column(time[ends])], columns)
+        # a drive by hand may go on for ever, its trail may not
+        self._points = np.vstack([self._points, place[kept]])[-2 * _TRAIL_POINTS :]
+        self._last = float(time[-1])
+
+    def _crossed(self, time: Array, parts: int) -> NDArray[np.int64]:
+        """Rows at which another of the run's equal parts begins."""
+        part = np.floor(np.concatenate([[self._last], time]) * parts / self._duration + 1e-9)
+        return np.flatnonzero(np.diff(part) > 0)
+
+
+def _on_floor(points: Array, height: float) -> NDArray[np.float32]:
+    return np.column_stack([points, np.full(len(points), height)]).astype(np.float32)

@@ -1,0 +1,299 @@
+"""The time series of a Rerun recording."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Container, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from omnimj.control.recovery.modes import MODE_NAMES, NORMAL
+from omnimj.parameters import Rig
+from omnimj.signals import Trace
+from omnimj.view import palette
+from omnimj.view.poses import thin
+from omnimj.view.rerun.scene import time_column
+from omnimj.view.residuals import Family, families
+from omnimj.view.wording import (
+    NOT_DIAGNOSED,
+    RECOVERY,
+    ScenarioLike,
+    Span,
+    diagnosis_spans,
+    fault_spans,
+    is_diagnosed,
+    mode_name,
+    recovery_spans,
+)
+
+Array = NDArray[np.float64]
+RATE = 200.0
+"""Samples per second of the time series."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """One line of a plot."""
+
+    column: str
+    """Of the trace."""
+    name: str
+    """In the legend."""
+    color: str
+    scale: float = 1.0
+    """From the column's unit to the plot's."""
+    width: float = 1.6
+    """[points]"""
+
+
+@dataclass(frozen=True)
+class Plot:
+    """One time series view: where it lies, its heading with the unit, its lines."""
+
+    entity: str
+    heading: str
+    lines: tuple[Line, ...]
+    legend: bool = False
+    """Whether it names its lines; wheels have the same colours everywhere and are named once."""
+    of_diagnosis: bool = False
+    """Whether it shows what a method saw, not what the machine did."""
+    in_view: tuple[float, ...] = ()
+    """Values that its axis always shows."""
+
+    def range(self, trace: Trace) -> tuple[float, float]:
+        """Lowest and highest value with some room, for the axis."""
+        values = [line.scale * trace[line.column] for line in self.lines]
+        low = min((*(float(np.nanmin(v)) for v in values), *self.in_view), default=0.0)
+        high = max((*(float(np.nanmax(v)) for v in values), *self.in_view), default=1.0)
+        room = max(0.08 * (high - low), 1e-3)
+        return low - room, high + room
+
+
+def plots_of(
+    scenario: ScenarioLike, method: str = NOT_DIAGNOSED, columns: Collection[str] = ()
+) -> list[Plot]:
+    """All the plots that a run of this scenario can have.
+
+    Args:
+      scenario: What is asked for.
+      method: That looks for faults.
+      columns: Of the trace, or those that the method will log.
+    """
+    constants = scenario.constants
+    if isinstance(constants, Rig):
+        plots = _rig_plots(constants.wheel.radius)
+    else:
+        plots = _robot_plots(len(constants.wheels))
+    found = families(columns, method, scenario.diagnosis.printed)
+    return [*plots, *map(_residual_plot, found), *_effectiveness_plot(columns)]
+
+
+def _residual_plot(family: Family) -> Plot:
+    """The residuals of one family with their thresholds; those are grey, since most are alike."""
+    lines = [Line(r.column, r.label, r.color) for r in family.residuals]
+    for r in family.residuals:
+        if r.threshold is not None:
+            grey, name = palette.PLANNED, f"threshold, {r.label}"
+            lines.append(Line(r.threshold, name, grey, 1.0, 1.0))
+            if family.is_signed:
+                lines.append(Line(r.threshold, f"− {name}", grey, -1.0, 1.0))
+    unit = f" [{family.unit}]" if family.unit else ""
+    heading = f"{family.heading}{', grey: threshold' if family.thresholds else ''}{unit}"
+    # wheels have the same colours everywhere; other residuals need their names
+    named = any(r.wheel is None for r in family.residuals) and len(lines) > 1
+    return Plot(f"plots/residual_{family.name}", heading, tuple(lines), named, True)
+
+
+def _effectiveness_plot(columns: Collection[str]) -> list[Plot]:
+    found = [column for column in columns if column.startswith("effectiveness_")]
+    lines = [
+        Line(column, f"wheel {k}", palette.wheel_color(k - 1)) for k, column in enumerate(found, start=1)
+    ]
+    heading = "Effectiveness, 1 is healthy [1]"
+    return [Plot("plots/effectiveness", heading, tuple(lines), True, True, (0.0, 1.0))] if lines else []
+
+
+def _robot_plots(n: int) -> list[Plot]:
+    """The plots of a robot with n wheels."""
+
+    def wheels(column: str) -> tuple[Line, ...]:
+        return tuple(Line(f"{column}_{i}", f"wheel {i}", palette.wheel_color(i - 1)) for i in range(1, n + 1))
+
+    def targets(column: str) -> tuple[Line, ...]:
+        return tuple(
+            Line(f"{column}_{i}", f"target {i}", palette.lighter(palette.wheel_color(i - 1)), 1.0, 1.0)
+            for i in range(1, n + 1)
+        )
+
+    degrees = 180.0 / np.pi
+    heading = (
+        Line("target_heading", "planned", palette.lighter(palette.PLANNED, 0.3), degrees, 1.2),
+        Line("heading", "driven", palette.MEASURED, degrees),
+    )
+    gyro = (
+        Line("twist_yaw", "true", palette.lighter(palette.PLANNED, 0.3), 1.0, 1.2),
+        Line("yaw_rate", "gyro", palette.MEASURED),
+    )
+    accelerometer = (
+        Line("acceleration_x", "along x", palette.MEASURED),
+        Line("acceleration_y", "along y", palette.ACCENT),
+    )
+    return [
+        Plot(
+            "plots/wheel_speed",
+            "Wheel speed, thin: target [rad/s]",
+            wheels("wheel_speed") + targets("target_wheel_speed"),
+            True,
+        ),
+        Plot("plots/slip_velocity", "Slip velocity [m/s]", wheels("slip_velocity")),
+        Plot("plots/traction_force", "Traction [N]", wheels("traction_force")),
+        Plot("plots/normal_force", "Normal force [N]", wheels("normal_force")),
+        Plot("plots/current", "Current [A]", wheels("current")),
+        Plot("plots/heading", "Heading [degrees]", heading, True),
+        Plot("plots/yaw_rate", "Yaw rate [rad/s]", gyro, True),
+        Plot("plots/acceleration", "Acceleration that is measured [m/s²]", accelerometer, True),
+    ]
+
+
+def _rig_plots(wheel_radius: float) -> list[Plot]:
+    """The plots of a rig's run."""
+    speeds = (
+        Line("wheel_speed", "wheel rim r·φ̇", palette.ACCENT, wheel_radius),
+        Line("carriage_speed", "carriage", palette.MEASURED),
+    )
+    forces = (
+        Line("traction_force_1", "traction", palette.TRACTION),
+        Line("lateral_force_1", "lateral", palette.FAULT),
+    )
+    currents = (
+        Line("current_target", "command", palette.lighter(palette.PLANNED, 0.3)),
+        Line("current", "measured", palette.MEASURED),
+    )
+    return [
+        Plot("plots/speed", "Wheel rim and carriage [m/s]", speeds, True),
+        Plot(
+            "plots/slip_velocity", "Slip velocity [m/s]", (Line("slip_velocity_1", "true", palette.ACCENT),)
+        ),
+        Plot("plots/force", "Traction and lateral force [N]", forces, True),
+        Plot(
+            "plots/normal_force",
+            "Normal force [N]",
+            (Line("normal_force_1", "normal force", palette.NORMAL),),
+        ),
+        Plot("plots/current", "Current [A]", currents, True),
+        Plot(
+            "plots/lateral_speed", "Lateral speed [m/s]", (Line("lateral_speed", "gantry", palette.HEALTHY),)
+        ),
+    ]
+
+
+def with_columns(plots: Sequence[Plot], columns: Container[str]) -> list[Plot]:
+    """The plots and lines for which there are columns."""
+    kept = [replace(p, lines=tuple(line for line in p.lines if line.column in columns)) for p in plots]
+    return [plot for plot in kept if plot.lines]
+
+
+class Signals:
+    """The time series on their way into a stream: one entity per plot, all its lines in each row."""
+
+    def __init__(self, stream: rr.RecordingStream, plots: Sequence[Plot]):
+        """Logs what the lines look like."""
+        self._stream, self._plots = stream, plots
+        for plot in plots:
+            style = rr.SeriesLines(
+                colors=[palette.rgb(line.color) for line in plot.lines],
+                names=[line.name for line in plot.lines],
+                widths=[line.width for line in plot.lines],
+            )
+            stream.log(plot.entity, style, static=True)
+
+    def add(self, trace: Trace) -> None:
+        """Logs the rows of a trace, `RATE` of them per second."""
+        keep = thin(trace["time"], RATE)
+        index = time_column(trace["time"][keep])
+        for plot in self._plots:
+            values = np.stack([line.scale * trace[line.column][keep] for line in plot.lines], axis=1)
+            columns = rr.Scalars.columns(scalars=values.ravel())
+            lengths = np.full(len(keep), len(plot.lines))
+            self._stream.send_columns(plot.entity, [index], columns.partition(lengths))
+
+
+# The fault states of a Rerun recording: what was broken, what was believed, and the mode over time.
+
+FAULT_LANE, DIAGNOSIS_LANE, MODE_LANE = "fault", "diagnosis", "mode"
+HEALTHY, AS_PLANNED = "healthy", MODE_NAMES[NORMAL]
+
+
+def log_states(
+    stream: rr.RecordingStream, trace: Trace, metrics: Mapping[str, Any], wheels: int, is_rig: bool
+) -> None:
+    """What was broken and what the controller believed, a lane per wheel; the controller's mode.
+
+    Args:
+      stream: Where to log.
+      trace: The whole run; its first row alone shows that nothing has happened yet.
+      metrics: Content of `metrics.json`, as far as it is known.
+      wheels: n.
+      is_rig: Whether the machine is the test rig.
+    """
+    duration = float(trace["time"][-1])
+    _log_lanes(stream, FAULT_LANE, fault_spans(metrics, duration), wheels)
+    if is_diagnosed(metrics):
+        _log_lanes(stream, DIAGNOSIS_LANE, diagnosis_spans(metrics, duration), wheels)
+    if "mode" in trace:
+        _log_mode(stream, trace, str(metrics.get("method")), is_rig)
+    if RECOVERY in trace:
+        times, states = lane_states(recovery_spans(trace))
+        log_lane(stream, RECOVERY, times, [AS_PLANNED if state == HEALTHY else state for state in states])
+
+
+def eventful_lanes(metrics: Mapping[str, Any], duration: float) -> list[str]:
+    """Entities of the lanes in which something happens; all where nothing does.
+
+    A wheel with a fault also has its lane of beliefs, empty or not.
+
+    Args:
+      metrics: Content of `metrics.json`.
+      duration: Of the run [s].
+    """
+    true = {span.lane for span in fault_spans(metrics, duration)}
+    named = true | {span.lane for span in diagnosis_spans(metrics, duration)}
+    lanes = [f"/{FAULT_LANE}/{lane}" for lane in sorted(true)] + [
+        f"/{DIAGNOSIS_LANE}/{lane}" for lane in sorted(named)
+    ]
+    return [*(lanes or (f"/{FAULT_LANE}/**", f"/{DIAGNOSIS_LANE}/**")), f"/{MODE_LANE}", f"/{RECOVERY}"]
+
+
+def _log_lanes(stream: rr.RecordingStream, entity: str, spans: Sequence[Span], wheels: int) -> None:
+    all_wheels = {f"wheel_{i}" for i in range(1, wheels + 1)}
+    for lane in sorted({span.lane for span in spans} | all_wheels):
+        times, states = lane_states([span for span in spans if span.lane == lane])
+        log_lane(stream, f"{entity}/{lane}", times, states)
+
+
+def log_lane(stream: rr.RecordingStream, entity: str, times: Array, states: list[str]) -> None:
+    """One lane of the state timeline; a state has the same colour in every lane."""
+    values = sorted(set(states), key=lambda state: (state != HEALTHY, state))
+    colors = [(*palette.rgb(palette.state_color(state)), 255) for state in values]
+    stream.log(entity, rr.StateConfiguration(values=values, labels=values, colors=colors), static=True)
+    stream.send_columns(entity, [time_column(times)], rr.StateChange.columns(state=states))
+
+
+def lane_states(spans: Sequence[Span]) -> tuple[Array, list[str]]:
+    """Times of change and the state from then on; faults that hold at once are joined by `+`."""
+    times = sorted({0.0, *(span.start for span in spans), *(span.end for span in spans)})
+    states = []
+    for time in times:
+        held = [span.state for span in spans if span.start <= time < span.end]
+        states.append(" + ".join(dict.fromkeys(held)) or HEALTHY)
+    return np.array(times), states
+
+
+def _log_mode(stream: rr.RecordingStream, trace: Trace, method: str, is_rig: bool) -> None:
+    mode = trace["mode"].astype(int)
+    rows = np.concatenate([[0], np.flatnonzero(np.diff(mode)) + 1])
+    states = [mode_name(method, is_rig, value) for value in mode[rows].tolist()]
+    log_lane(stream, MODE_LANE, trace["time"][rows], states)

@@ -1,0 +1,203 @@
+"""The force channel against routes that share nothing with it: dense least squares, finite differences."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from scipy.stats import norm
+
+from omnimj.control.detection.robust.force_balance import NOISE, balance, columns, rolling_twist, whiten
+from omnimj.control.detection.robust.glr import (
+    DEVIATION,
+    LIKELIHOOD,
+    LONGEST_WINDOW,
+    SCORE,
+    SIZE,
+    WINDOWS,
+    likelihood_ratios,
+)
+from omnimj.control.detection.robust.parameter_filter import (
+    LOSS,
+    prior_deviation,
+    significant_losses,
+    update_parameters,
+)
+from omnimj.control.robot_constants import DRY, robot_constants, wheel_geometry
+from omnimj.parameters import read_robot
+from omnimj.physics.kinematics import rolling_matrix
+
+ROBOT = read_robot()
+N, P = 4, columns(4)
+C, SHAPE = robot_constants(ROBOT, 1e-3), wheel_geometry(ROBOT)
+
+
+def balanced(current, speed, acceleration=(0.3, -0.2), turning=0.1, spin=0.5, loss=None):
+    """X and ρ of one block."""
+    x, rho, force, side = np.zeros((3, P)), np.zeros(3), np.zeros(N), np.zeros(N)
+    loss = np.zeros(N) if loss is None else loss
+    balance(
+        C, SHAPE.forces, SHAPE.across, np.asarray(current, float), np.asarray(speed, float), np.zeros(N),
+        np.asarray(acceleration, float), turning, spin, loss, x, rho, force, side,
+    )  # fmt: skip
+    return x, rho
+
+
+def test_forces_are_the_transpose_of_rolling():
+    assert SHAPE.forces == pytest.approx(rolling_matrix(ROBOT.wheel_positions, ROBOT.drive_directions).T)
+
+
+@pytest.mark.parametrize("current", [(0.5, 0.3, -0.4, 0.6), (-0.5, 0.3, 0.9, -0.6)])
+@pytest.mark.parametrize("wheel", range(N))
+def test_a_loss_of_torque_constant_changes_the_balance_by_its_column(current, wheel):
+    speed = (8.0, -5.0, -7.0, 9.0)
+    x, before = balanced(current, speed)
+    _, after = balanced(current, speed, loss=np.eye(N)[wheel] * 0.2)
+    assert before - after == pytest.approx(0.2 * x[:, wheel], abs=1e-9)
+
+
+def test_an_accelerometer_bias_changes_the_balance_by_its_column():
+    x, before = balanced((0.5, 0.3, -0.4, 0.6), (8.0, -5.0, -7.0, 9.0))
+    _, after = balanced((0.5, 0.3, -0.4, 0.6), (8.0, -5.0, -7.0, 9.0), acceleration=(0.3 + 0.05, -0.2 - 0.07))
+    assert after - before == pytest.approx(0.05 * x[:, 2 * N] - 0.07 * x[:, 2 * N + 1])
+
+
+def test_wheels_that_roll_tell_the_twist():
+    twist = np.array([0.4, -0.7, 0.3])
+    speed = SHAPE.forces.T @ twist / ROBOT.wheel.radius
+    assert rolling_twist(C, SHAPE.forces, speed, twist[2]) == pytest.approx(twist[:2])
+
+
+def test_whitened_noise_has_the_size_one():
+    rng = np.random.default_rng(0)
+    slowest, sideways, unknown = (
+        np.array([0.1, 9, 9, 9.0]),
+        np.array([1.0, 1, 0.01, 1]),
+        np.array([0, 0, 0, 1.0]),
+    )
+    rows = np.eye(3)
+    x, rho = np.zeros((3, P)), np.zeros(3)
+    x[:, 2 * N + 2 : 2 * N + 5] = rows
+    whiten(
+        C,
+        SHAPE.forces,
+        SHAPE.across,
+        np.zeros(N),
+        slowest,
+        sideways,
+        unknown,
+        np.zeros(2),
+        np.zeros(N),
+        x,
+        rho,
+    )
+    factor = x[:, 2 * N + 2 : 2 * N + 5]  # L⁻¹
+    cov = np.linalg.inv(factor) @ np.linalg.inv(factor).T
+    sample = factor @ np.linalg.cholesky(cov) @ rng.standard_normal((3, 20000))
+    assert np.cov(sample) == pytest.approx(np.eye(3), abs=0.05)
+    # nobody knows the force of wheel 4, which drives along x: nothing is left of that direction
+    assert np.linalg.norm(factor @ SHAPE.forces[:, 3]) < 0.05 * np.linalg.norm(factor @ SHAPE.forces[:, 1])
+
+
+@pytest.mark.parametrize(
+    ("current", "weak", "judged"), [(1.5, 1.0, True), (1.5, 0.0, False), (0.3, 1.0, False)]
+)
+def test_a_slow_wheel_tells_of_its_motor_only_when_that_is_known_to_be_weak_and_is_given_much(
+    current, weak, judged
+):
+    currents, slow = np.array([current, 0.0, 0.0, 0.0]), np.array([0.1, 9.0, 9.0, 9.0])
+    x, rho = balanced(currents, (0.0, 9.0, -9.0, 9.0))
+    rows, known = x.copy(), np.array([weak, 0.0, 0.0, 0.0])
+    zero = np.zeros(N)
+    whiten(C, SHAPE.forces, SHAPE.across, currents, slow, np.ones(N), zero, np.zeros(2), known, x, rho)
+    assert bool(x[:, 0].any()) is judged
+    if judged:  # of the same balance as the others, with any friction that the wheel may hold
+        assert x[:, 2 * N + 5].tolist() == [0.0] * 3
+        spread = np.outer(SHAPE.forces[:, 0], SHAPE.forces[:, 0]) * C[DRY] ** 2
+        low = np.linalg.cholesky(np.diag(np.square(NOISE)) + spread)
+        assert low @ x[:, 0] == pytest.approx(rows[:, 0])
+
+
+def blocks(rng, theta, length):
+    """Whitened blocks ρ = X θ + white noise."""
+    x = rng.standard_normal((length, 3, P))
+    rho = x @ theta + rng.standard_normal((length, 3))
+    return x, rho
+
+
+def test_learning_block_by_block_is_one_least_squares_with_the_prior():
+    rng = np.random.default_rng(1)
+    x, rho = blocks(rng, rng.normal(0.0, 0.1, P), 40)
+    mean, cov = np.zeros(P), np.diag(prior_deviation(N) ** 2)
+    for one, value in zip(x, rho, strict=True):
+        update_parameters(mean, cov, np.zeros(P), P, one, value)
+    rows = x.reshape(-1, P)
+    information = rows.T @ rows + np.diag(prior_deviation(N) ** -2)
+    assert mean == pytest.approx(np.linalg.solve(information, rows.T @ rho.reshape(-1)), abs=1e-9)
+    assert cov == pytest.approx(np.linalg.inv(information), abs=1e-12)
+
+
+@pytest.mark.parametrize("length", WINDOWS)
+def test_the_score_of_a_window_is_that_of_the_whole_covariance_of_the_second_around_it(length):
+    rng = np.random.default_rng(length)
+    theta = rng.normal(0.0, 0.05, P)
+    x, rho = blocks(rng, theta + np.eye(P)[1] * 0.6, length)
+    cov = np.diag(prior_deviation(N) ** 2)
+    ring = np.zeros((LONGEST_WINDOW, 3 * (P + 1)))
+    ring[:length] = np.concatenate((x.reshape(length, -1), rho), axis=1)
+    found = np.zeros((2 * N + 2, SCORE))
+    low, high = np.full(2 * N + 2, -50.0), np.full(2 * N + 2, 50.0)
+    likelihood_ratios(ring, length, length - 1, theta, np.linalg.inv(cov), low, high, found)
+    best = {}
+    for window in (w for w in WINDOWS if w <= length):
+        rows, away, inside = x.reshape(-1, P), (rho - x @ theta).reshape(-1), 3 * (length - window)
+        v = np.eye(len(away)) + rows @ cov @ rows.T
+        for h in range(2 * N + 2):
+            jump = rows[:, h].copy()
+            jump[:inside] = 0.0
+            weighed = np.linalg.solve(v, jump)
+            information, score = jump @ weighed, away @ weighed
+            size = score / information
+            likelihood = 0.5 * score * size
+            # what is left once θ is known as well as jump and blocks tell: e − X P Xᵀ V⁻¹ e
+            left = (away - size * jump) - rows @ cov @ rows.T @ np.linalg.solve(v, away - size * jump)
+            likelihood /= max(1.0, left[inside:] @ left[inside:] / (3 * window))
+            if likelihood > best.get(h, (0.0,))[0]:
+                best[h] = (likelihood, size, information**-0.5)
+    for h, (likelihood, size, deviation) in best.items():
+        assert found[h, LIKELIHOOD] == pytest.approx(likelihood, rel=1e-6)
+        assert found[h, SIZE] == pytest.approx(size, rel=1e-6)
+        assert found[h, DEVIATION] == pytest.approx(deviation, rel=1e-6)
+
+
+def test_without_a_jump_twice_the_score_is_as_rare_as_a_chi_square_says():
+    rng = np.random.default_rng(3)
+    cov, theta = np.diag(prior_deviation(N) ** 2), np.zeros(P)
+    low, high = np.full(2 * N + 2, -50.0), np.full(2 * N + 2, 50.0)
+    over = []
+    for _ in range(400):
+        x, rho = blocks(rng, rng.normal(0.0, prior_deviation(N)), 5)
+        ring = np.zeros((LONGEST_WINDOW, 3 * (P + 1)))
+        ring[:5] = np.concatenate((x.reshape(5, -1), rho), axis=1)
+        found = np.zeros((2 * N + 2, SCORE))
+        likelihood_ratios(ring, 5, 4, theta, np.linalg.inv(cov), low, high, found)
+        over.append(2.0 * found[0, LIKELIHOOD] > norm.ppf(0.975) ** 2)
+    assert np.mean(over) <= 0.08  # 5 %, and three standard deviations
+
+
+def test_a_loss_counts_only_once_a_drive_has_told_something_of_it():
+    """A steady drive lets δ wander while its deviation grows; no motor is named for that."""
+    theta, cov = np.zeros(columns(4)), np.diag(prior_deviation(4) ** 2)
+    theta[1], theta[2] = 0.1, 0.1
+    cov[2, 2] = (0.5 * LOSS) ** 2
+    assert significant_losses(theta, cov, 4).tolist() == [0.0, 0.0, 0.1, 0.0]
+
+
+@given(st.floats(-0.2, 0.2), st.floats(0.001, 0.9))
+def test_a_loss_counts_only_beyond_four_of_its_own_deviations(loss, share):
+    theta, cov = np.zeros(columns(4)), np.diag(prior_deviation(4) ** 2)
+    deviation = share * LOSS
+    theta[3], cov[3, 3] = loss, deviation**2
+    assume(abs(loss - 4.0 * deviation) > 1e-9 and abs(share - 0.9) > 1e-9)
+    assert significant_losses(theta, cov, 4)[3] == (loss if loss > 4.0 * deviation else 0.0)

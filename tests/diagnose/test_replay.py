@@ -1,0 +1,124 @@
+"""What a method says of a log is what it said on the robot, wherever the log begins or breaks."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from driven_missions import ONSET, as_dataset, as_run, driven
+
+from omnimj.diagnose.logs import make_detector, read_machine
+from omnimj.diagnose.replay import first_bias, replay, sample_run
+from omnimj.parameters import read_floors
+from omnimj.recording.dataset import Run
+
+FLOORS = read_floors()
+
+
+def said_of(run: Run, method: str = "robust"):
+    machine = read_machine(as_dataset(run))
+    return replay(run, sample_run(run, machine), machine, make_detector(method, machine, run, FLOORS))
+
+
+def without(run: Run, first: int, count: int) -> Run:
+    """The log with rows missing."""
+    keep = np.r_[0:first, first + count : len(run.time)]
+    return dataclasses.replace(run, columns={name: values[keep] for name, values in run.columns.items()})
+
+
+def is_weak(diagnosis) -> bool:
+    return diagnosis.kind == "motor" and diagnosis.wheels == (2,) and not diagnosis.ambiguous_with
+
+
+def test_a_log_says_what_the_controller_said_while_it_drove():
+    trace = driven(weak=True, watched=True)
+    told, (found,) = trace.about["diagnoses"], said_of(as_run(trace)).diagnoses
+    assert [one["kind"] for one in told] == ["motor"] and is_weak(found)
+    assert found.time == pytest.approx(told[0]["time"], abs=0.05)
+    assert found.effectiveness == pytest.approx(told[0]["effectiveness"], abs=0.1)
+
+
+def test_a_healthy_mission_is_silent_and_rest_cannot_be_judged():
+    found = said_of(as_run(driven()))
+    assert not found.diagnoses and found.judged == pytest.approx(12.001, abs=0.01)
+    rest = np.abs(driven().wheels("wheel_speed")).max(axis=1) < 0.5
+    assert 0.8 * rest.sum() * 1e-3 < found.cannot_judge < found.judged / 2.0
+
+
+@pytest.mark.parametrize("weak", [False, True])
+def test_set_currents_change_nothing_that_is_said(weak):
+    with_them, without_them = (said_of(as_run(driven(weak=weak), commands=c)) for c in (True, False))
+    assert [(d.kind, d.wheels) for d in with_them.diagnoses] == [
+        (d.kind, d.wheels) for d in without_them.diagnoses
+    ]
+    assert len(with_them.diagnoses) == int(weak)
+
+
+@pytest.mark.parametrize("rate", [100, 250])
+def test_slower_logs_say_the_same(rate):
+    every = slice(None, None, 1000 // rate)
+    assert not said_of(as_run(driven(), rows=every)).diagnoses
+    assert [is_weak(d) for d in said_of(as_run(driven(weak=True), rows=every)).diagnoses] == [True]
+
+
+def first_fast_row() -> int:
+    """A row in the middle of a motion."""
+    speed = np.abs(driven().wheels("wheel_speed")).max(axis=1)
+    return int(np.argmax(speed > 0.7 * speed.max()))
+
+
+def test_a_log_that_begins_in_the_middle_of_a_motion_is_silent():
+    row = first_fast_row()
+    for method in ("robust", "published"):
+        found = said_of(as_run(driven(), rows=slice(row, None)), method)
+        assert not [d for d in found.diagnoses if d.time < driven()["time"][row] + 1.0]
+
+
+@pytest.mark.parametrize("lost", [10, 50, 95, 400])
+def test_a_gap_in_the_middle_of_a_motion_is_silent(lost):
+    run = without(as_run(driven()), first_fast_row(), lost)
+    found = said_of(run)
+    assert not found.diagnoses
+    assert any("begun anew" in note for note in found.notes) == (lost > 100)
+    assert found.judged == pytest.approx(12.001 - (lost * 1e-3 if lost > 20 else 0.0), abs=2e-3)
+
+
+@pytest.mark.parametrize("lost", [50, 150, 600])
+@pytest.mark.parametrize("later", [100, 400, 1500])
+def test_what_was_diagnosed_before_a_gap_stays_listed_once(later, lost):
+    run = as_run(driven(weak=True))
+    (before,) = said_of(run).diagnoses
+    row = int(np.argmax(run.time > before.time)) + later
+    (after,) = said_of(without(run, row, lost)).diagnoses
+    assert is_weak(after) and after.time == before.time and after.time > ONSET
+
+
+def test_the_trace_is_the_log_with_the_methods_columns_beside_it():
+    run = as_run(driven(weak=True), rows=slice(None, None, 3))
+    found = said_of(run)
+    (weak,) = found.diagnoses
+    for name, values in run.columns.items():
+        assert np.array_equal(found.trace[name], values)
+    late = run.time > weak.time + 2.0
+    left = found.trace["effectiveness_2"]
+    assert np.all(left[run.time < ONSET] > 0.8) and abs(left[late].mean() - 0.43) < 0.1
+    over = found.trace["residual_motor_2"] > found.trace["threshold_motor_2"]
+    assert run.time[over].size == 0 or run.time[over].min() > ONSET
+
+
+def test_the_bias_of_the_gyro_is_what_it_reads_at_rest():
+    still = np.zeros((2000, 4))
+    moving = np.full((1000, 4), 5.0)
+    gyro = np.concatenate((np.full(1000, 0.3), np.full(2000, 0.02)))
+    rest = first_bias(np.concatenate((moving, still)), gyro, 1e-3)
+    assert rest[0] == pytest.approx(0.02)
+    assert first_bias(moving, gyro[:1000], 1e-3)[0] == 0.0
+    assert first_bias(still[:250], gyro[1000:1250], 1e-3)[0] == 0.0
+    assert first_bias(still, np.full(2000, 0.2), 1e-3)[0] == 0.0
+
+
+def test_a_biased_gyro_is_no_fault():
+    run = as_run(driven())
+    run = dataclasses.replace(run, columns={**run.columns, "yaw_rate": run.columns["yaw_rate"] + 0.04})
+    assert not said_of(run).diagnoses

@@ -1,0 +1,166 @@
+"""The search on a small plant whose truth is known."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from toy import Toy
+
+from omnimj.estimate.gap.find import DatasetSummary, analyse_replay
+from omnimj.estimate.gap.search.cross_validation import choose_heldout, heldout_gain, make_folds, make_groups
+from omnimj.estimate.gap.search.search import search
+from omnimj.estimate.gap.search.selection import TrainingSplit
+from omnimj.estimate.gap.verdict import judge_search
+from omnimj.estimate.intervals import block_noise, effective_samples, repeatability, sandwich_deviations
+from omnimj.estimate.least_squares import fit, huber_weights
+from omnimj.estimate.replay.problem import Problem
+
+
+def quiet(phrase: str, share: float) -> None:
+    """Nobody watches."""
+
+
+def names(found) -> list[set[str]]:
+    """Every named effect with its rivals."""
+    return [{n.candidate.label, *(r.candidate.label for r in n.rivals)} for n in found.named]
+
+
+def verdict_of(found, seed: int = 0) -> str:
+    data = TrainingSplit(found.used, found.groups, make_folds(found.groups, ~found.heldout, seed), seed)
+    return judge_search(found, data).kind
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_nothing_is_named_where_only_the_base_is_off(seed):
+    found = search(Toy({}, seed), (), seed, quiet)
+    assert found.named == ()
+    assert verdict_of(found, seed) == "no_gap"
+
+
+def test_a_hidden_effect_is_named_with_its_size():
+    found = search(Toy({"air_drag": np.array([0.05])}), (), 0, quiet)
+    assert names(found) == [{"air_drag"}]
+    assert found.final.x[-1] == pytest.approx(0.05, rel=0.02)
+    assert verdict_of(found) == "named"
+
+
+def test_what_no_data_of_this_kind_can_split_is_reported_as_rivals():
+    """m v̇ = u − c v − F: a heavier mass under a free c and F is the same as a smaller speed scale."""
+    found = search(Toy({"payload": np.array([0.05])}), (), 0, quiet)
+    assert names(found) == [{"payload", "velocity_scale"}]
+    assert verdict_of(found) == "ambiguous"
+
+
+def test_two_hidden_effects_come_out_as_two_names():
+    found = search(Toy({"air_drag": np.array([0.05]), "payload": np.array([0.1])}), (), 0, quiet)
+    assert len(found.named) == 2
+    assert {"air_drag"} in names(found)
+    assert any("payload" in n for n in names(found))
+
+
+def test_an_effect_outside_of_the_library_is_not_called_by_a_name_from_it():
+    class Wavy(Toy):
+        """A force that waves with speed: no candidate has it."""
+
+        def _one(self, setting):
+            if not hasattr(self, "measured"):
+                table = 0.3 * np.array([0, 1, -1, 1, -1, 1, -1, 0.0])
+                setting = dataclasses.replace(setting, curve=("speed", table))
+            return super()._one(setting)
+
+    found = search(Wavy({}), (), 0, quiet)
+    assert verdict_of(found) in ("unexplained", "no_gap")
+
+
+def test_held_out_runs_leave_no_trace_in_the_fit():
+    toy = Toy({"air_drag": np.array([0.05])})
+    first = search(toy, ("c1", "c4"), 0, quiet)
+    rows = ~first.used
+    assert rows.any()
+    other = Toy({"air_drag": np.array([0.05])})
+    # another speed in the held-out runs, with the same noise from block to block
+    other.measured[rows] += 1e-3
+    second = search(other, ("c1", "c4"), 0, quiet)
+    np.testing.assert_allclose(second.final.x, first.final.x, rtol=1e-3)
+
+
+def test_an_interrupted_search_keeps_what_it_found():
+    calls = []
+
+    def impatient(phrase: str, share: float) -> None:
+        calls.append(phrase)
+        if phrase.startswith("judging"):
+            raise KeyboardInterrupt
+
+    finding = analyse_replay(Toy({"air_drag": np.array([0.05])}), DatasetSummary("toy"), report=impatient)
+    assert finding.failure == "interrupted"
+    assert [e.effect for e in finding.effects] == ["air_drag"]
+
+
+def test_the_interval_of_an_effect_covers_it_and_is_not_endless():
+    toy = Toy({"air_drag": np.array([0.05])})
+    found = search(toy, (), 0, quiet)
+    spread, factor = sandwich_deviations(found.problem, found.final, found.used)
+    assert abs(found.final.x[-1] - 0.05) < spread[-1] * factor < 0.02
+
+
+def test_scatter_of_white_noise_is_its_standard_deviation():
+    toy = Toy({})
+    mismatch = 0.01 * np.random.default_rng(3).standard_normal(toy.measured.shape)
+    floor = repeatability(toy, mismatch)
+    assert floor[0] == pytest.approx(0.01, rel=0.05)
+    assert block_noise(toy, mismatch)[0] == pytest.approx(np.hypot(0.01, 0.002 * toy.measured.std()), rel=0.2)
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.5, 0.8])
+def test_coloured_noise_is_worth_fewer_samples(memory):
+    """AR(1) with coefficient a: N_eff/N = (1 − a)/(1 + a)."""
+    toy, random = Toy({}), np.random.default_rng(5)
+    series = np.zeros(toy.measured.shape)
+    for piece in toy.pieces:
+        for k in range(piece.first, piece.last):
+            before = series[k - 1] if k > piece.first else 0.0
+            series[k] = memory * before + random.standard_normal(1)
+    share = effective_samples(toy, series) / series.size
+    assert share == pytest.approx((1.0 - memory) / (1.0 + memory), rel=0.25)
+
+
+def test_folds_and_held_out_groups_never_share_a_block():
+    toy = Toy({})
+    groups = make_groups(toy)
+    heldout = choose_heldout(groups, 0)
+    folds = make_folds(groups, ~heldout, 0)
+    counts = np.sum(folds, axis=0) + heldout[groups.of_block]
+    assert (counts == 1).all()
+
+
+def test_repeats_stay_together():
+    toy = Toy({})
+    groups = make_groups(toy)
+    for piece in toy.pieces:
+        assert {groups.names[g] for g in groups.of_block[piece.first : piece.last]} == {piece.condition}
+
+
+def test_gain_of_the_same_model_is_zero_and_of_a_perfect_one_is_one():
+    losses = np.array([3.0, 5.0, 8.0, 2.0])
+    assert heldout_gain(losses, losses).value == 0.0
+    assert heldout_gain(losses, 1e-12 * losses).value == pytest.approx(1.0, abs=1e-5)
+
+
+def test_the_fit_is_a_stationary_point_inside_its_box():
+    """At the optimum the weighted slope vanishes for every parameter that is not at a bound."""
+    toy = Toy({"coulomb": np.array([0.2])})
+    used = np.ones(len(toy.measured), bool)
+    problem = Problem(toy, np.array([0.003]))
+    form = (toy.candidates[0],)
+    done = fit(problem, form, np.array([1.0, 0.5, 0.0]), used, rounds=6)
+    jacobian = problem.jacobian(done.x, form)
+    weight = huber_weights(problem, done.residual, used)
+    precision, distance = problem.prior(done.x, form)
+    slope = jacobian.T @ (done.residual.ravel() * weight**2) + precision * distance
+    size = np.sqrt((jacobian**2).sum(axis=0) * (done.residual**2).sum())
+    low, high = problem.bounds(form)
+    inside = (done.x > low + 1e-6) & (done.x < high - 1e-6)
+    assert (np.abs(slope) < 0.02 * size)[inside].all()

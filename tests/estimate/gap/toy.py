@@ -1,0 +1,92 @@
+"""A plant for tests of the search: m v̇ = u − c v − F tanh(v/ε), a force drives a mass; vectorised Euler.
+
+Its effects: more dry friction, quadratic drag, a wrong mass, a wrong speed scale.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from omnimj.estimate.replay.interface import (
+    KNOTS,
+    BaseParameter,
+    CandidateEffect,
+    CandidateParameter,
+    Channel,
+    Experiment,
+    Segment,
+    Setting,
+    average_blocks,
+)
+from omnimj.signals import Array
+
+STEP, SIZE = 0.002, 10
+
+
+class Toy:
+    """A replay."""
+
+    plant = "toy"
+    channels = (Channel("speed", "m/s", "speed"),)
+    base = (BaseParameter("viscous", "N.s/m", 1.0, 0.8, 1.2), BaseParameter("dry", "N", 0.5, 0.4, 0.6))
+    curves: Mapping[str, float] = {"speed": 0.3, "time": 0.3}
+
+    def __init__(self, truth: Mapping[str, Array], seed: int = 0, noise: float = 0.002, base=(1.05, 0.47)):
+        shape = {
+            "coulomb": CandidateParameter("force", "N", -0.4, 3.0, 0.3, 0.0),
+            "air_drag": CandidateParameter("coefficient", "N.s2/m2", 0.0, 5.0, 0.3, 0.0),
+            "payload": CandidateParameter("mass", "kg", -0.5, 2.0, 0.2, 0.0),
+            "velocity_scale": CandidateParameter("scale", "1", 0.5, 1.5, 1.05, 1.0),
+        }
+        self.candidates = tuple(
+            CandidateEffect(name, name, name, (s,), is_sensor=name.endswith("scale"))
+            for name, s in shape.items()
+        )
+        self._inputs, pieces, row = [], [], 0
+        random = np.random.default_rng(seed)
+        for k in range(12):
+            t = np.asarray(np.arange(1500) * STEP, float)
+            u = (2.0 + 0.5 * (k // 2)) * np.sign(np.sin((1.2 + 0.3 * (k // 4)) * t + 1e-9))
+            self._inputs.append(u)
+            count = len(t) // SIZE
+            pieces.append(Segment(f"run_{k}", f"c{k // 2}", row, row + count, average_blocks(t, SIZE)))
+            row += count
+        self.pieces = tuple(pieces)
+        (clean,) = self.simulate([Setting(np.array(base), truth)])
+        self.measured = clean + noise * random.standard_normal(clean.shape)
+
+    def simulate(self, settings: Sequence[Setting]) -> list[Array]:
+        return [self._one(s) for s in settings]
+
+    def _one(self, setting: Setting) -> Array:
+        u = np.array(self._inputs)
+        v, found = np.zeros(len(u)), np.empty_like(u)
+        effect = {name: float(values[0]) for name, values in setting.effects.items()}
+        mass = 1.0 + effect.get("payload", 0.0)
+        dry = setting.base[1] + effect.get("coulomb", 0.0)
+        drag = effect.get("air_drag", 0.0)
+        for k in range(u.shape[1]):
+            force = u[:, k] - setting.base[0] * v - dry * np.tanh(v / 0.02) - drag * v * abs(v)
+            if setting.curve is not None:
+                name, table = setting.curve
+                at = (v + 3.0) / 6.0 if name == "speed" else np.full(len(v), k / u.shape[1])
+                force = force + np.interp(at, np.linspace(0.0, 1.0, KNOTS), table)
+            v = v + STEP * force / mass
+            found[:, k] = v
+        found *= effect.get("velocity_scale", 1.0)
+        return np.concatenate([average_blocks(row, SIZE) for row in found])[:, None]
+
+    def twin_correction(self, setting: Setting) -> Array | None:
+        return None
+
+    def regimes(self):
+        time = np.concatenate([p.time for p in self.pieces])
+        return {"time": ("s", time), "speed": ("m/s", self.measured[:, 0])}
+
+    def candidate_experiments(self) -> tuple[Experiment, ...]:
+        return ()
+
+    def predict(self, settings: Sequence[Setting], experiment: Experiment) -> list[Array]:
+        return []

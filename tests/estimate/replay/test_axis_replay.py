@@ -1,0 +1,296 @@
+"""The axis' replay: at the noise where the model is right; finds what was hidden in logs of two makers."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+
+import numpy as np
+import pytest
+from axis_reference import log_of, sign
+
+from omnimj.effects import with_effects
+from omnimj.errors import InputError, UnknownNameError
+from omnimj.estimate.gap.search.screening import screen_candidates
+from omnimj.estimate.intervals import block_noise
+from omnimj.estimate.least_squares import fit
+from omnimj.estimate.replay.axis.kernels import replay
+from omnimj.estimate.replay.axis.replay import AxisReplay
+from omnimj.estimate.replay.interface import KNOTS, Setting
+from omnimj.estimate.replay.problem import Problem
+from omnimj.parameters import read_axis
+from omnimj.physics.axis import CURVE_ROW, KNOT
+from omnimj.recording.dataset import Run
+from omnimj.simulate.suites.axis import MOVES, axis_moves
+
+AXIS = read_axis()
+TRUE = dataclasses.replace(AXIS, axis=dataclasses.replace(AXIS.axis, mass=96.5, coulomb=21.5, viscous=190.0))
+VELOCITY = ("velocity_scale", "sensor_delay (velocity)")
+
+
+@functools.cache
+def logs(effect="", values=(), velocity=False, current=False):
+    axis = with_effects(TRUE, {effect: dict(values)}) if effect else TRUE
+    return tuple(axis_moves(axis, 3, 1, duration=6.0, velocity=velocity, current=current, declared=AXIS))
+
+
+def nominal(replay_of, **changes):
+    return Setting(np.array([changes.get(b.name, b.nominal) for b in replay_of.base]))
+
+
+def rms(mismatch):
+    return np.sqrt(np.nanmean(mismatch**2, axis=0))
+
+
+def problem_of(replay_of):
+    start = Problem(replay_of, np.ones(len(replay_of.channels)))
+    (mismatch,) = start.mismatches([start.start()], ())
+    return dataclasses.replace(start, noise=block_noise(replay_of, mismatch))
+
+
+def fitted(replay_of, label):
+    problem = problem_of(replay_of)
+    used = np.ones(len(replay_of.measured), bool)
+    base = fit(problem, (), problem.start(), used)
+    (form,) = [c for c in replay_of.candidates if c.label == label]
+    (start,) = screen_candidates(problem, base, [form], used)
+    return base, fit(problem, (form,), start.start, used)
+
+
+def test_where_the_model_is_right_only_noise_is_left():
+    found = AxisReplay(AXIS, logs())
+    (simulated,) = found.simulate([nominal(found, mass=96.5, coulomb=21.5, viscous=190.0)])
+    force, position = rms(found.measured - simulated)
+    white = AXIS.sensors.force_noise / math.sqrt(20.0)
+    assert force < 1.25 * white
+    assert position < 1e-4
+
+
+def test_the_base_is_refitted_inside_its_box():
+    found = AxisReplay(AXIS, logs())
+    problem = problem_of(found)
+    base = fit(problem, (), problem.start(), np.ones(len(found.measured), bool))
+    values = dict(zip((b.name for b in found.base), base.x, strict=True))
+    assert values["mass"] == pytest.approx(96.5, rel=2e-3)
+    assert values["coulomb"] == pytest.approx(21.5, rel=5e-3)
+    assert values["viscous"] == pytest.approx(190.0, rel=5e-3)
+
+
+CASES = [
+    ("asymmetric_viscous", {"difference": 40.0}),
+    ("asymmetric_coulomb", {"difference": 4.0}),
+    ("stribeck", {"force": 6.0, "velocity": 0.02}),
+    ("position_friction", {"force": 8.0, "position": 0.06, "width": 0.02}),
+    ("force_offset", {"force": -3.2}),
+    ("grade", {"slope": 0.004}),
+    ("cable_drag", {"stiffness": 40.0, "rest_position": 0.05}),
+    ("air_drag", {"coefficient": 60.0}),
+    ("backlash", {"angle": 2e-4}),
+    ("current_bias", {"bias": 0.1}),
+    ("velocity_scale", {"scale": 0.96}),
+    ("sensor_delay", {"delay": 0.004, "channel": "velocity"}),
+]
+
+
+@pytest.mark.parametrize(("effect", "values"), CASES, ids=[c[0] for c in CASES])
+def test_the_hidden_effect_is_recovered(effect, values, measured):
+    label = effect if "channel" not in values else f"{effect} ({values['channel']})"
+    found = AxisReplay(AXIS, logs(effect, tuple(values.items()), label in VELOCITY))
+    base, with_effect = fitted(found, label)
+    assert with_effect.loss < 0.25 * base.loss
+    for value, shape in zip(with_effect.x[len(found.base) :], with_effect.form[0].parameters, strict=True):
+        size = abs(values[shape.name]) if shape.name not in ("position", "rest_position") else 0.05
+        error = abs(value - values[shape.name]) / size
+        measured(f"axis effects recovered, {shape.name} [1]", error, 0.06)
+        assert error < 0.06
+
+
+@pytest.mark.parametrize(
+    ("effect", "values", "together"),
+    [
+        ("coulomb", {"force": 6.0}, lambda x, base: x + base["coulomb"] - 27.5),
+        ("viscous", {"coefficient": 60.0}, lambda x, base: (x + base["viscous"] - 250.0) / 10.0),
+        ("payload", {"mass": 7.0}, lambda x, base: (x + base["mass"] - 103.5) / 4.0),
+        ("torque_constant", {"scale": 0.9}, lambda x, base: (x * 96.5 / base["mass"] - 0.9) * 20.0),
+        ("sensor_delay", {"delay": 0.006, "channel": "position"}, lambda x, base: (x - 0.006) * 500.0),
+        ("sensor_delay", {"delay": 0.006, "channel": "force"}, lambda x, base: (x - 0.006) * 500.0),
+    ],
+)
+def test_what_the_base_can_take_a_part_of_is_recovered_with_it(effect, values, together):
+    label = effect if "channel" not in values else f"{effect} ({values['channel']})"
+    found = AxisReplay(AXIS, logs(effect, tuple(values.items())))
+    before, after = fitted(found, label)
+    assert after.loss < 0.3 * before.loss
+    base = dict(zip((b.name for b in found.base), after.x, strict=False))
+    assert abs(together(after.x[len(found.base)], base)) < 0.5
+
+
+def test_feedback_hides_friction_from_position_not_from_force():
+    found = AxisReplay(AXIS, logs("coulomb", (("force", 10.0),)))
+    setting = nominal(found, mass=96.5, coulomb=21.5, viscous=190.0)
+    force, position = rms(found.measured - found.simulate([setting])[0])
+    assert force > 20.0 * AXIS.sensors.force_noise / math.sqrt(20.0)
+    assert position > 1e-3  # let go for a second it drifts off
+
+
+def base_friction(v):
+    return 20.0 * sign(v) + 200.0 * v
+
+
+OTHERS = [
+    ("asymmetric_coulomb", lambda x, v, t: base_friction(v) + 2.0, (4.0,)),
+    (
+        "stribeck",
+        lambda x, v, t: base_friction(v) + 6.0 * math.exp(-((v / 0.02) ** 2)) * sign(v),
+        (6.0, 0.02),
+    ),
+    (
+        "position_friction",
+        lambda x, v, t: base_friction(v) + 8.0 * math.exp(-0.5 * ((x - 0.03) / 0.02) ** 2) * sign(v),
+        (8.0, 0.03, 0.02),
+    ),
+    ("cable_drag", lambda x, v, t: base_friction(v) + 30.0 * (x - 0.02), (30.0, 0.02)),
+    ("air_drag", lambda x, v, t: base_friction(v) + 60.0 * v * abs(v), (60.0,)),
+]
+
+
+@pytest.mark.parametrize(("label", "resistance", "expected"), OTHERS, ids=[o[0] for o in OTHERS])
+def test_logs_of_a_simulator_that_shares_no_code_are_understood(label, resistance, expected, measured):
+    runs = [Run(f"r{k}", log_of(resistance, seed=k, duration=8.0), {}, {}, "r") for k in range(2)]
+    found = AxisReplay(AXIS, runs)
+    base, after = fitted(found, label)
+    assert after.loss < 0.2 * base.loss
+    assert np.allclose(after.x[:3], (95.0, 20.0, 200.0), rtol=0.02)
+    for value, truth in zip(after.x[len(found.base) :], expected, strict=True):
+        measured("axis effects recovered from foreign logs [1]", abs(value / truth - 1.0), 0.1)
+        assert value == pytest.approx(truth, rel=0.1)
+
+
+def test_a_setting_s_simulation_does_not_depend_on_its_neighbours():
+    found = AxisReplay(AXIS, logs(), threads=3)
+    settings = [nominal(found, mass=m) for m in (93.0, 95.0, 97.0)]
+    together = found.simulate(settings)
+    for setting, values in zip(settings, together, strict=True):
+        (alone,) = found.simulate([setting])
+        assert np.array_equal(alone, values, equal_nan=True)
+
+
+def test_blocks_belong_to_pieces_without_holes():
+    found = AxisReplay(AXIS, logs())
+    assert found.pieces[0].first == 0
+    for one, other in zip(found.pieces[:-1], found.pieces[1:], strict=True):
+        assert one.last == other.first
+    assert found.pieces[-1].last == len(found.measured)
+    for piece in found.pieces:
+        assert len(piece.time) == piece.last - piece.first
+    for _, values in found.regimes().values():
+        assert values.shape == (len(found.measured),)
+
+
+def test_each_candidate_moves_the_prediction():
+    found = AxisReplay(AXIS, logs(velocity=True))
+    base = nominal(found)
+    (plain,) = found.simulate([base])
+    for form in found.candidates:
+        size = np.array([s.typical for s in form.parameters])
+        (moved,) = found.simulate([dataclasses.replace(base, effects={form.label: size})])
+        assert np.nanmax(np.abs(moved - plain) / [1.0, 1e-3, 1e-2]) > 0.3, form.label
+
+
+def test_each_curve_moves_the_prediction():
+    found = AxisReplay(AXIS, logs())
+    base = nominal(found)
+    (plain,) = found.simulate([base])
+    assert CURVE_ROW == KNOT + KNOTS
+    for name, size in found.curves.items():
+        (moved,) = found.simulate([dataclasses.replace(base, curve=(name, np.full(KNOTS, size)))])
+        assert np.nanmax(np.abs(moved - plain)[:, 0]) > 0.5 * size, name
+
+
+def test_the_menu_can_be_driven_and_a_load_parts_slope_from_offset():
+    found = AxisReplay(AXIS, logs())
+    base, slope = nominal(found), 0.004
+    offset = -AXIS.axis.mass * 9.81 * math.sin(slope)
+    rivals = [
+        dataclasses.replace(base, effects={"grade": np.array([slope])}),
+        dataclasses.replace(base, effects={"force_offset": np.array([offset])}),
+    ]
+    parting = {}
+    for experiment in found.candidate_experiments():
+        one, other = found.predict(rivals, experiment)
+        assert np.isfinite(one).all()
+        parting[experiment.name] = float(np.abs(other - one)[:, 0].mean())
+    assert len(parting) == 2 * (len(MOVES) - 1) + 1
+    loaded = [p for name, p in parting.items() if name.endswith("loaded")]
+    plain = [p for name, p in parting.items() if not name.endswith("loaded")]
+    assert min(loaded) > 20.0 * max(plain)
+
+
+def test_a_log_of_current_is_read_by_the_force_constant():
+    force, current = AxisReplay(AXIS, logs()), AxisReplay(AXIS, logs(current=True))
+    assert np.allclose(force.measured, current.measured, equal_nan=True)
+    labels = {c.label for c in current.candidates}
+    assert "sensor_delay (current)" in labels
+    assert "sensor_delay (force)" not in labels
+
+
+def test_a_reversed_force_is_said_and_taken_the_right_way_round():
+    runs = [dataclasses.replace(r, columns={**r.columns, "force": -r.columns["force"]}) for r in logs()]
+    found = AxisReplay(AXIS, runs)
+    assert len(found.notes) == 1
+    assert "opposite sign" in found.notes[0]
+    assert np.allclose(found.measured, AxisReplay(AXIS, logs()).measured, equal_nan=True)
+    assert not AxisReplay(AXIS, logs()).notes
+
+
+def test_gaps_and_spikes_are_masked_and_the_rest_is_at_the_floor():
+    run = logs()[0]
+    keep = np.ones(len(run.time), bool)
+    keep[2100:2300] = False
+    columns = {name: values[keep].copy() for name, values in run.columns.items()}
+    spike = np.zeros(keep.sum(), bool)
+    spike[4000] = True
+    columns["position"][4000] += 0.05
+    broken = Run("broken", columns, {"position": spike}, {})
+    found = AxisReplay(AXIS, [broken])
+    (simulated,) = found.simulate([nominal(found, mass=96.5, coulomb=21.5, viscous=190.0)])
+    force, position = rms(found.measured - simulated)
+    assert force < 0.3
+    assert position < 2e-4
+    assert np.isnan(found.measured).any()
+
+
+def test_a_logger_with_a_noisy_position_gets_a_slower_follower():
+    random, runs = np.random.default_rng(0), []
+    for run in logs():
+        noisy = run.columns["position"] + 3e-5 * random.standard_normal(len(run.time))
+        runs.append(dataclasses.replace(run, columns={**run.columns, "position": noisy}))
+    fine, rough = AxisReplay(AXIS, logs()), AxisReplay(AXIS, runs)
+    assert rough.rate < 0.5 * fine.rate
+    setting = nominal(rough, mass=96.5, coulomb=21.5, viscous=190.0)
+    force, position = rms(rough.measured - rough.simulate([setting])[0])
+    assert force < 1.0
+    assert position < 1e-3
+
+
+def test_a_log_without_force_or_too_short_is_refused():
+    run = logs()[0]
+    columns = {k: v for k, v in run.columns.items() if k != "force"}
+    with pytest.raises(InputError, match="neither 'force' nor 'current'"):
+        AxisReplay(AXIS, [Run("bare", columns, {}, {})])
+    short = Run("short", {k: v[:200] for k, v in run.columns.items()}, {}, {})
+    with pytest.raises(InputError, match="no run is long enough"):
+        AxisReplay(AXIS, [short])
+
+
+def test_an_unknown_channel_is_refused():
+    with pytest.raises(UnknownNameError, match="unknown channel 'velocity'"):
+        AxisReplay(AXIS, logs(), channels=("velocity",))
+
+
+def test_the_kernel_is_compiled_once():
+    found = AxisReplay(AXIS, logs(velocity=True))
+    found.simulate([nominal(found)])
+    AxisReplay(AXIS, logs(current=True), channels=("force",)).simulate([nominal(found)])
+    assert len(replay.signatures) == 1

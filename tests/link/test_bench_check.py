@@ -1,0 +1,117 @@
+"""The bench check on a simulated robot whose wiring is wrong: it says what, and is silent when nothing is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from omnimj.link.calibration import Calibration
+from omnimj.link.check.motions import MotionSequence
+from omnimj.link.check.wiring import judge_wiring
+from omnimj.link.device.emulated import RawEncoder, WiringDefect
+from omnimj.parameters import read_robot
+from omnimj.plant.planar import PlanarRobot
+from omnimj.signals import CurrentCommand
+
+ROBOT = read_robot()
+MOST = 0.8
+WHEELS = range(1, 5)
+BODY = ("yaw_rate", "yaw", "acceleration_x", "acceleration_y")
+
+
+class Miswired:
+    """A planar robot seen through its wiring."""
+
+    def __init__(self, defects, floor="natural_stone"):
+        self._plant = PlanarRobot(ROBOT, floor, seed=1)
+        self.period, self.truth_names = self._plant.period, ()
+        assert ROBOT.hardware is not None
+        self._raw, self._calibration = RawEncoder(ROBOT.hardware, defects), Calibration(ROBOT.hardware)
+        self._motors = np.ones(4)
+        for defect in defects:
+            if defect.place.startswith("motor_"):
+                self._motors[int(defect.place[-1]) - 1] *= defect.factor
+
+    def reset(self):
+        self._raw.reset()
+        self._calibration.reset()
+        return self._seen(self._plant.reset(), 0.0)
+
+    def step(self, command: CurrentCommand):
+        return self._seen(
+            self._plant.step(replace(command, current=self._motors * command.current)), self.period
+        )
+
+    def truth(self):
+        return np.zeros(0)
+
+    def close(self):
+        self._plant.close()
+
+    def _seen(self, measured, elapsed):
+        return self._calibration.measured(measured.time, self._raw.of(measured, elapsed))
+
+
+def checked(defects=(), on_floor=True, seen=None, floor="natural_stone"):
+    pulses = MotionSequence(Miswired(defects, floor), MOST)
+    still = pulses.rest(0.3)
+    single = [pulses.one(wheel, sign) for wheel in range(4) for sign in (1.0, -1.0)]
+    turns = [pulses.turn(sign) for sign in (1.0, -1.0)] if on_floor else []
+    return {(f.place, f.kind) for f in judge_wiring(ROBOT, still, single, turns, seen)}
+
+
+@pytest.mark.parametrize("floor", ["natural_stone", "pvc", "paperboard"])
+@pytest.mark.parametrize("on_floor", [True, False])
+def test_a_robot_that_is_wired_well_passes(floor, on_floor):
+    assert checked((), on_floor, floor=floor) == set()
+
+
+@pytest.mark.parametrize(
+    "place", [*(f"{name}_{i}" for name in ("current", "wheel_speed", "motor") for i in WHEELS), *BODY]
+)
+def test_a_wrong_sign_is_told_by_its_name(place):
+    assert checked([WiringDefect("sign", place)]) == {(place, "sign")}
+
+
+@settings(max_examples=12, deadline=None)
+@given(
+    st.sets(st.sampled_from([f"wheel_speed_{i}" for i in WHEELS] + ["motor_1", "motor_4", "yaw"]), max_size=3)
+)
+def test_several_wrong_signs_are_told_together(places):
+    assert checked([WiringDefect("sign", p) for p in places]) == {(p, "sign") for p in places}
+
+
+@pytest.mark.parametrize("place", ["wheel_speed_1", "wheel_speed_4", "yaw_rate", "yaw"])
+@pytest.mark.parametrize("factor", [0.6, 1.5])
+def test_a_wrong_gain_is_told_by_its_name(place, factor):
+    assert checked([WiringDefect("gain", place, factor)]) == {(place, "gain")}
+
+
+@pytest.mark.parametrize("place", ["motor_2", "current_2"])
+def test_a_wrong_gain_of_amplifier_or_monitor_is_told_as_either(place):
+    assert checked([WiringDefect("gain", place, 0.6)]) == {("motor_2 or current_2", "gain")}
+
+
+@pytest.mark.parametrize("place", ["current_3", "wheel_speed_2", *BODY])
+def test_a_dead_channel_is_told(place):
+    assert checked([WiringDefect("dead", place)]) == {(place, "dead")}
+
+
+def test_a_dead_motor_is_told():
+    assert checked([WiringDefect("dead", "motor_3")]) == {("motor_3 or current_3", "dead")}
+
+
+def test_off_the_floor_a_person_tells_a_motor_from_its_channel():
+    for place in ("motor_2", "wheel_speed_2"):
+        (found,) = {
+            place
+            for place, kind in checked([WiringDefect("sign", place)], on_floor=False)
+            if place != "current_2"
+        }
+        assert found == "motor_2 or wheel_speed_2"
+        way = dict.fromkeys(range(4), 1) | {1: -1 if place == "motor_2" else 1}
+        assert (place, "sign") in checked([WiringDefect("sign", place)], on_floor=False, seen=way)

@@ -1,0 +1,78 @@
+"""A key is private, or it is none."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+
+import pytest
+
+from omnimj.errors import InputError
+from omnimj.link.codec.key import Key, make_key_file, read_key
+from omnimj.link.codec.layout import DropReason
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="file modes are of POSIX")
+DIGITS = "0123456789abcdefABCDEF" + "42" * 21
+
+
+@pytest.fixture
+def written(tmp_path):
+    def write(text: str, mode: int = 0o600):
+        path = tmp_path / "key"
+        path.write_text(text)
+        path.chmod(mode)
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize("mode", [0o600, 0o400])
+@pytest.mark.parametrize("end", ["", "\n", "\r\n"])
+def test_a_private_file_of_64_digits_is_a_key(written, mode, end):
+    key = read_key(written(DIGITS + end, mode))
+    expected = hashlib.blake2s(b"content", key=bytes.fromhex(DIGITS), digest_size=16).digest()
+    assert key.tag(b"content") == expected == key.tag(b"content")
+    assert key.fault(b"content", expected) is None
+    assert key.fault(b"Content", expected) is DropReason.TAG
+    assert DIGITS.lower() not in repr(key).lower()
+
+
+@pytest.mark.parametrize("mode", [0o644, 0o640, 0o604, 0o660, 0o606, 0o700, 0o601, 0o4600])
+def test_a_file_that_others_may_touch_is_refused(written, mode):
+    with pytest.raises(InputError, match="0600"):
+        read_key(written(DIGITS, mode))
+
+
+@pytest.mark.parametrize(
+    "text", ["", DIGITS[:-1], DIGITS + "0", DIGITS[:-1] + "g", DIGITS[:-2] + " 1", "é" * 32, DIGITS * 5]
+)
+def test_anything_else_is_no_key_and_what_it_is_stays_untold(written, text):
+    with pytest.raises(InputError) as caught:
+        read_key(written(text))
+    assert "64 hexadecimal digits" in str(caught.value)
+    assert not text or text not in str(caught.value)
+
+
+def test_a_key_file_is_made_once_and_never_overwritten(tmp_path):
+    path = tmp_path / "new"
+    make_key_file(path)
+    assert path.stat().st_mode & 0o777 == 0o600
+    before = path.read_bytes()
+    assert isinstance(read_key(path), Key)
+    with pytest.raises(InputError, match="new file"):
+        make_key_file(path)
+    assert path.read_bytes() == before
+    make_key_file(tmp_path / "other")
+    assert (tmp_path / "other").read_bytes() != before
+
+
+def test_what_is_no_plain_file_is_refused(tmp_path):
+    os.mkfifo(tmp_path / "pipe", 0o600)
+    for path in (tmp_path / "none", tmp_path, tmp_path / "pipe"):
+        with pytest.raises(InputError, match="key file is needed"):
+            read_key(path)
+
+
+def test_a_key_has_32_bytes():
+    with pytest.raises(InputError, match="31 bytes"):
+        Key(bytes(31))

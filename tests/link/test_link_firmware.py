@@ -1,0 +1,317 @@
+"""What is said about the protocol is so: the tables, and the firmware example, compiled and driven."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import zlib
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from link_frames import CALIBRATION
+
+import omnimj.link
+from omnimj.link.codec import cobs
+from omnimj.link.codec.frames import encode
+from omnimj.link.codec.layout import HEADER_FIELDS, PAYLOADS, SCHEMA, SCHEMA_TEXT
+from omnimj.link.codec.messages import (
+    Arm,
+    Capabilities,
+    Command,
+    Fault,
+    FaultCode,
+    Frame,
+    Hello,
+    Message,
+    MessageType,
+    Ping,
+    Pong,
+    ResetFault,
+    Status,
+    Stop,
+    Telemetry,
+)
+from omnimj.link.codec.stream import FrameStream
+from omnimj.link.device.config import limits_hash
+
+ROOM = Path(omnimj.link.__file__).parent
+TEXT = (ROOM / "PROTOCOL.md").read_text(encoding="utf-8")
+COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang") or ""
+STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O1")
+SIZES = {"u8": 1, "u16": 2, "u32": 4, "u64": 8, "f32": 4, "f32_or_i32": 4}
+ZERO = (0.0, 0.0, 0.0, 0.0)
+
+
+def test_the_protocol_tells_the_schema():
+    assert f"```text\n{SCHEMA_TEXT}```" in TEXT and f"**0x{SCHEMA:08X}**" in TEXT
+
+
+@pytest.mark.parametrize("kind", MessageType)
+def test_the_protocol_tells_every_byte_of_every_payload(kind):
+    (section,) = re.findall(rf"^### {kind.name} {int(kind)}, \w+\n(.*?)^##", TEXT, re.DOTALL | re.MULTILINE)
+    told = re.findall(r"^\| (\d+) \| (\w+) \| (\w+) \|", section, re.MULTILINE)
+    layout, at, expected = PAYLOADS[kind], 0, []
+    for name, size in re.findall(r"(\w+):(\w+)", f"{layout.fields} {layout.repeated}"):
+        expected.append((str(at), name, size))
+        at += SIZES[size]
+    assert told == expected
+    assert expected or "No payload." in section
+
+
+def test_the_protocol_tells_every_byte_of_the_header():
+    at = 0
+    for name, size in re.findall(r"(\w+):(\w+)", HEADER_FIELDS):
+        assert f"| {at} | {SIZES[size]} | {name} |" in TEXT
+        at += SIZES[size]
+
+
+def test_the_protocol_names_every_fault_that_a_device_may_raise():
+    assert [code.name for code in FaultCode if TEXT.count(code.name) < 2] == ["NONE"]
+
+
+def test_the_protocol_shows_the_loop_of_the_example():
+    (loop,) = re.findall(r"```c\n(.*?)```", TEXT, re.DOTALL)
+    assert loop in (ROOM / "firmware_example.c").read_text(encoding="ascii")
+
+
+class Board:
+    """The firmware example on a made board, with a host's sequence numbers."""
+
+    def __init__(self, program: Path):
+        self._running = subprocess.Popen(
+            [program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1
+        )
+        self._stream, self.sequence, self.session, self.limits_hash = FrameStream(), 0, 0, 0
+        self.enabled, self.current = False, 0.0
+        self.sent: list[Frame] = []
+
+    def line(self, text: str) -> None:
+        assert self._running.stdin
+        self._running.stdin.write(text + "\n")
+
+    def turn(self, us: int = 2000) -> list[Message]:
+        """One turn of the firmware; the messages that it sends."""
+        self.line(f"turn {us}")
+        assert self._running.stdout
+        sent, enabled, current = self._running.stdout.readline().split()
+        self.enabled, self.current = enabled == "1", float(current)
+        self.sent = self._stream.feed(bytes.fromhex(sent)) if sent != "-" else []
+        assert self._stream.drops.total == 0
+        return [frame.message for frame in self.sent]
+
+    def says(self, *messages: Message, us: int = 2000, **header) -> list[Message]:
+        """The host sends; then one turn."""
+        stuffed = b""
+        for message in messages:
+            self.sequence += 1
+            frame = Frame(message, self.session, self.sequence, 0)
+            stuffed += cobs.encode(encode(replace(frame, **header))) + b"\0"
+        self.line(f"bytes {stuffed.hex()}")
+        return self.turn(us)
+
+    def begin(self, nonce: int = 5) -> Capabilities:
+        """A new session."""
+        (found,) = (m for m in self.says(Hello(nonce), session=0) if isinstance(m, Capabilities))
+        self.session, self.sequence, self.limits_hash = self.sent[0].session, 0, found.limits_hash
+        assert found.nonce == nonce
+        return found
+
+    def arm(self, **but) -> list[Message]:
+        """Zero command, telemetry, arm."""
+        self.says(Command(ZERO, 0.0625))
+        newest = [frame.sequence for frame in self.sent if isinstance(frame.message, Telemetry)][-1]
+        right = Arm(self.limits_hash, CALIBRATION, newest)
+        return self.says(replace(right, **but))
+
+    def close(self) -> None:
+        self._running.communicate()
+        assert self._running.returncode == 0
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory):
+    built = tmp_path_factory.mktemp("firmware") / "board"
+    done = subprocess.run(
+        [COMPILER, *STRICT, "-I", ROOM, Path(__file__).with_name("firmware_board.c"), "-o", built],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return built
+
+
+@pytest.fixture
+def board(program):
+    board = Board(program)
+    assert board.turn() == [], "without a session nothing is told"
+    board.begin()
+    yield board
+    board.close()
+
+
+def status(messages: list[Message]) -> Status:
+    return next(m.status for m in messages if isinstance(m, Telemetry))
+
+
+def faults(messages: list[Message]) -> list[tuple[FaultCode, bool]]:
+    return [(m.code, m.latched) for m in messages if isinstance(m, Fault)]
+
+
+needs_compiler = pytest.mark.skipif(not COMPILER, reason="no C compiler (cc, gcc, clang) on this machine")
+
+
+@needs_compiler
+def test_the_example_tells_what_it_is_and_what_it_reads(board):
+    own = board.begin(6)
+    assert own.limits_hash == limits_hash(own.limits) and own.calibration_hash == CALIBRATION
+    assert own.period == 0.002 and own.wheels == 4 and len(own.channels) == 12
+    (telemetry,) = board.turn()
+    assert isinstance(telemetry, Telemetry)
+    assert telemetry.raw == (*(0.5 * i for i in range(11)), -4096)
+    assert telemetry.status == 0 and telemetry.acknowledged == 0
+    assert Pong(9) in board.says(Ping(9))
+
+
+@needs_compiler
+def test_the_example_arms_drives_and_stops(board):
+    assert status(board.arm()) == Status.ARMED
+    told = board.says(Command((0.5, 0.0, 0.0, 0.0), 0.05))
+    assert status(told) == Status.ARMED | Status.CURRENT_FLOWS
+    assert board.enabled and board.current == 0.5
+    board.says(Stop(), session=0, sequence=0, us=100)
+    assert not board.enabled and board.current == 0.0
+    told = board.says(Command((0.5, 0.0, 0.0, 0.0), 0.05))
+    assert faults(told) == [(FaultCode.NOT_ARMED, False)] and not board.enabled
+
+
+@needs_compiler
+def test_the_example_cuts_current_when_commands_cease_and_stays_so_until_reset_and_arm(board):
+    board.arm()
+    board.says(Command((0.5, 0.0, 0.0, 0.0), 0.05))
+    for _ in range(25):
+        told = board.turn()
+        assert board.current == 0.5
+    told = board.turn()
+    assert faults(told) == [(FaultCode.COMMAND_TOO_OLD, True)] and not board.enabled
+    assert board.current == 0.0
+    assert faults(board.arm()) == [(FaultCode.ARM_FAULTY, False)]
+    assert not status(board.says(ResetFault())) & Status.FAULT
+    assert not board.enabled
+    board.arm()
+    assert board.enabled and board.current == 0.0
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    ("command", "code"),
+    [
+        (Command((1.6, 0.0, 0.0, 0.0), 0.05), FaultCode.CURRENT),
+        (Command((float("nan"), 0.0, 0.0, 0.0), 0.05), FaultCode.NOT_FINITE),
+        (Command((0.0, float("-inf"), 0.0, 0.0), 0.05), FaultCode.NOT_FINITE),
+        (Command(ZERO, 0.25), FaultCode.VALID_FOR),
+        (Command(ZERO, 0.0), FaultCode.VALID_FOR),
+        (Command(ZERO, float("nan")), FaultCode.NOT_FINITE),
+        (Command((0.0, 0.0, 0.0), 0.05), FaultCode.MALFORMED),
+    ],
+)
+def test_the_example_refuses_and_latches_and_never_clamps(board, command, code):
+    board.arm()
+    board.says(Command((0.5, 0.0, 0.0, 0.0), 0.05))
+    assert faults(board.says(command)) == [(code, True)]
+    assert not board.enabled and board.current == 0.0
+
+
+@needs_compiler
+def test_the_example_limits_rate_and_heat_and_speed_and_frames(board):
+    board.arm()
+    told = board.says(Command((1.5, 0.0, 0.0, 0.0), 0.05))
+    assert faults(told) == [] and board.current == 1.5, "1.5 A within 2 ms are 750 A/s"
+    told = board.says(Command((-1.5, 0.0, 0.0, 0.0), 0.05))
+    assert faults(told) == [(FaultCode.CURRENT_RATE, True)]
+    board.says(ResetFault())
+    board.arm()
+    steps = 0
+    while not faults(told := board.says(Command((1.5, 0.0, 0.0, 0.0), 0.05))):
+        steps += 1
+    assert faults(told) == [(FaultCode.HEATING, True)]
+    assert abs(steps * 0.002 - 0.5 / (1.5**2 - 0.75**2)) < 0.01
+    board.says(ResetFault())
+    board.arm()
+    board.line("speed 40.5")
+    assert faults(board.says(Command(ZERO, 0.05))) == [(FaultCode.WHEEL_SPEED, True)]
+    board.line("speed nan")
+    board.says(ResetFault())
+    board.arm()
+    board.turn()
+    assert not board.enabled and status(board.turn()) & Status.FAULT
+    board.line("speed 0")
+    board.says(ResetFault())
+    board.turn(100_000)
+    told = [message for _ in range(40) for message in board.says(*[Ping(k) for k in range(3)], us=10)]
+    assert faults(told) == [(FaultCode.MESSAGE_RATE, True)]
+
+
+@needs_compiler
+def test_the_example_arms_only_where_all_agrees(board):
+    assert faults(board.arm(limits_hash=1)) == [(FaultCode.ARM_LIMITS, False)]
+    assert faults(board.arm(calibration_hash=1)) == [(FaultCode.ARM_CALIBRATION, False)]
+    assert faults(board.arm(telemetry=0)) == [(FaultCode.ARM_STALE_TELEMETRY, False)]
+    board.turn(1000)
+    stale = board.says(Command(ZERO, 0.0625))
+    number = board.sent[-1].sequence
+    assert status(stale) == 0
+    for _ in range(11):
+        board.turn()
+    assert faults(board.says(Arm(board.limits_hash, CALIBRATION, number))) == [
+        (FaultCode.ARM_STALE_TELEMETRY, False)
+    ]
+    for _ in range(32):
+        board.turn()
+    assert faults(board.says(Arm(board.limits_hash, CALIBRATION, number))) == [
+        (FaultCode.ARM_NOT_ZERO, False)
+    ]
+    assert status(board.arm()) == Status.ARMED
+
+
+@needs_compiler
+def test_the_example_drops_what_is_old_foreign_or_of_a_second_host(board):
+    board.arm()
+    again = board.sequence
+    for header in ({"sequence": again}, {"session": board.session ^ 1}, {"sequence": 1}):
+        told = board.says(Command((0.5, 0.0, 0.0, 0.0), 0.05), **header)
+        assert faults(told) == [] and board.current == 0.0 and board.enabled
+    told = board.says(Hello(99), session=0)
+    assert faults(told) == [(FaultCode.BUSY, False)] and board.enabled
+    before = board.session
+    board.says(Stop())
+    board.begin(100)
+    assert board.session != before
+    told = board.says(Command(ZERO, 0.05), session=before)
+    (telemetry,) = told
+    assert isinstance(telemetry, Telemetry) and telemetry.acknowledged == 0 and telemetry.dropped == 4
+
+
+@needs_compiler
+def test_the_example_refuses_arming_to_who_lays_out_messages_otherwise(board):
+    board.says(Command(ZERO, 0.0625))
+    newest = board.sent[-1].sequence
+    right = Frame(Arm(board.limits_hash, CALIBRATION, newest), board.session, board.sequence + 1, 0)
+    packet = bytearray(encode(right)[:-4])
+    packet[20:24] = (SCHEMA ^ 1).to_bytes(4, "little")
+    packet += zlib.crc32(packet).to_bytes(4, "little")
+    board.line(f"bytes {(cobs.encode(bytes(packet)) + bytes(1)).hex()}")
+    assert faults(board.turn()) == [(FaultCode.ARM_SCHEMA, False)]
+    board.sequence += 1
+    assert status(board.arm()) == Status.ARMED
+
+
+@needs_compiler
+def test_the_example_holds_each_rule_against_all_wheels_before_the_next(board):
+    board.arm()
+    board.says(Command((1.5, 0.0, 0.0, 0.0), 0.05))
+    # wheel 1 turns round too quickly, but wheel 4 is beyond the limit, which comes first
+    told = board.says(Command((-1.5, 0.0, 0.0, 1.6), 0.05))
+    assert [(f.code, f.wheel) for f in told if isinstance(f, Fault)] == [(FaultCode.CURRENT, 4)]

@@ -1,0 +1,217 @@
+"""What an evaluation draws."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import pickle
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from omnimj.parameters import read_floors, read_robot
+from omnimj.plant.faults import read_fault
+from omnimj.plant.interface import robot_channels
+from omnimj.recording.json_files import to_jsonable
+from omnimj.studies.evaluation import trial
+from omnimj.studies.evaluation.cases import (
+    FLOORS,
+    PLANTS,
+    SUITES,
+    CasePopulation,
+    case_reference,
+    draw_case,
+    nominal_scenario,
+)
+from omnimj.studies.evaluation.trial import drive_case, make_true_plant
+from omnimj.studies.random_truth import BOUNDS, CLASSES, NONE, PAYLOAD, WHEEL_FAULTS, true_floor, true_robot
+
+MANY = [draw_case(CasePopulation(suite, 100), k) for suite in SUITES for k in range(300)]
+
+
+def test_the_same_seed_draws_the_same_cases_and_another_seed_others():
+    for suite in SUITES:
+        again = [draw_case(CasePopulation(suite, 100), k) for k in range(300)]
+        assert again == [case for case in MANY if case.suite == suite]
+        others = [draw_case(CasePopulation(suite, 101), k) for k in range(300)]
+        assert not {case.noise for case in others} & {case.noise for case in again}
+
+
+def test_asking_for_other_faults_or_floors_changes_nothing_else_of_a_case():
+    for k in range(40):
+        case = draw_case(CasePopulation("missions", 100), k)
+        other = draw_case(CasePopulation("missions", 100, faults=(NONE,), floors=("pvc",)), k)
+        assert (other.fault, other.faults, other.floor) == (NONE, (), "pvc")
+        same = dataclasses.replace(other, fault=case.fault, faults=case.faults, floor=case.floor)
+        assert same == case
+        assert np.array_equal(case_reference(case, 1e-2).velocity, case_reference(other, 1e-2).velocity)
+
+
+def test_every_fault_is_one_that_a_scenario_could_have_and_begins_inside_the_run():
+    robot, floors = read_robot(), read_floors()
+    for case in MANY:
+        assert (case.fault == NONE) == (not case.faults)
+        for record in case.fault_records():
+            table = {key: value for key, value in record.items() if value is not None}
+            read_fault(table, case.name, len(robot.wheels), floors, case.duration)
+            if record["kind"] == "sensor":
+                assert record["channel"] in robot_channels(4)
+
+
+@pytest.mark.parametrize("suite", SUITES)
+def test_every_class_is_drawn_and_fault_free_cases_have_their_share(suite):
+    counts = Counter(case.fault for case in MANY if case.suite == suite)
+    assert set(counts) == set(CLASSES)
+    share = SUITES[suite].healthy
+    assert abs(counts[NONE] / 300 - share) < 4.0 * math.sqrt(share * (1.0 - share) / 300)
+
+
+def test_only_the_classes_asked_for_are_drawn():
+    drawn = {draw_case(CasePopulation("missions", 7, faults=("slip", "two")), k).fault for k in range(60)}
+    assert drawn == {"slip", "two"}
+
+
+def pair_of(case):
+    first, second = case.faults
+    assert first.onset <= second.onset
+    return frozenset(((first.kind, first.wheel), (second.kind, second.wheel)))
+
+
+def test_twenty_eight_cases_of_two_faults_have_each_pair_of_the_eight_once():
+    orders = []
+    for choice in (
+        CasePopulation("missions", 100, faults=("two",)),
+        CasePopulation("missions", 101, faults=("two",)),
+    ):
+        pairs = [pair_of(draw_case(choice, k)) for k in range(84)]
+        for first in (0, 28, 56):
+            assert len(set(pairs[first : first + 28])) == 28
+        assert all(len(pair) == 2 and pair <= set(WHEEL_FAULTS) for pair in pairs)
+        orders += [pairs[first : first + 28] for first in (0, 28, 56)]
+    assert all(one != other for k, one in enumerate(orders) for other in orders[:k])
+
+
+def test_among_other_classes_pairs_come_in_turn_too():
+    choice = CasePopulation("missions", 100, faults=("none", "slip", "two"))
+    pairs = [pair_of(case) for k in range(400) if (case := draw_case(choice, k)).fault == "two"]
+    assert len(pairs) > 56 and len(set(pairs[:28])) == len(set(pairs[28:56])) == 28
+    late = next(case for k in range(1020, 1100) if (case := draw_case(choice, k)).fault == "two")
+    before = sum(draw_case(choice, k).fault == "two" for k in range(late.index))
+    begin = before - before % 28
+    cases = (draw_case(choice, k) for k in range(late.index + 1))
+    turn = [pair_of(case) for case in cases if case.fault == "two"][begin:]
+    assert len(set(turn)) == len(turn) == before % 28 + 1
+
+
+def test_which_of_a_pair_comes_first_and_how_large_both_are_is_drawn():
+    choice = CasePopulation("missions", 100, faults=("two",))
+    cases = [draw_case(choice, k) for k in range(280)]
+    firsts = {(pair_of(case), case.faults[0].kind, case.faults[0].wheel) for case in cases}
+    assert len(firsts) > 50
+    assert 0.4 < sum(case.faults[0].onset == case.faults[1].onset for case in cases) / 280 < 0.6
+
+
+def test_forty_eight_manoeuvres_have_each_direction_at_each_speed_once():
+    for first in (0, 48):
+        cases = [draw_case(CasePopulation("manoeuvres", 5), k) for k in range(first, first + 48)]
+        assert len({(case.direction, case.speed) for case in cases}) == 48
+
+
+def test_a_manoeuvre_is_from_rest_to_rest_along_its_direction_and_its_fault_begins_in_motion():
+    for case in (c for c in MANY[300:340]):
+        reference = case_reference(case, 1e-3)
+        speed = np.linalg.norm(reference.velocity, axis=1)
+        assert speed[0] == speed[-1] == 0.0 and len(speed) == 5001
+        assert speed.max() == pytest.approx({"low": 0.5, "high": 1.0}[case.speed])
+        fastest = reference.velocity[np.argmax(speed)]
+        assert case.direction is not None
+        away = math.atan2(fastest[1], fastest[0]) - case.direction
+        assert abs(math.remainder(away, 2.0 * math.pi)) < 1e-9
+        if case.faults:
+            assert speed[: round(1e3 * case.faults[0].onset) + 2].max() > 0.0
+
+
+def test_a_mission_has_legs_at_the_stated_speeds_and_stands_at_both_ends():
+    reference = case_reference(MANY[0], 1e-2)
+    speed = np.linalg.norm(reference.velocity, axis=1)
+    assert len(speed) == 6001 and speed[0] == speed[-1] == 0.0
+    assert 0.2 < speed.max() <= 1.0 and (speed[100:-300] == 0.0).any() and reference.yaw_rate.any()
+
+
+def test_the_true_robot_differs_from_the_nominal_one_within_its_bounds_and_the_draws_fill_them():
+    nominal = read_robot()
+    factors: dict[str, list[float]] = {}
+    for case in MANY:
+        robot = true_robot(nominal, case.errors)
+        mass = robot.body.mass / nominal.body.mass
+        assert abs(mass - 1.0) <= PAYLOAD + BOUNDS["mass"]
+        factors.setdefault("mass", []).append(mass - case.errors.payload)
+        factors.setdefault("inertia", []).append(robot.body.yaw_inertia / nominal.body.yaw_inertia)
+        friction = factors.setdefault("friction", [])
+        friction.append(robot.motor.no_load_torque / nominal.motor.no_load_torque)
+        friction.append(robot.wheel.roller_dry / nominal.wheel.roller_dry)
+        friction.append(robot.bearing.dry / nominal.bearing.dry)
+        scales = [one["scale"] for one in robot.effects.values()]
+        assert [one["wheel"] for one in robot.effects.values()] == [1, 2, 3, 4] and len(set(scales)) == 4
+        factors.setdefault("torque_constant", []).extend(float(s) for s in scales)
+        floor = read_floors()[case.floor]
+        laid = true_floor(floor, case.errors).numbers
+        factors.setdefault("floor", []).extend(laid[key] / floor.numbers[key] for key in laid)
+        assert laid["mu_s"] / laid["mu_c"] == pytest.approx(floor.numbers["mu_s"] / floor.numbers["mu_c"])
+    for kind, found in factors.items():
+        assert max(abs(f - 1.0) for f in found) <= BOUNDS[kind] + 1e-12
+        assert min(found) < 1.0 - 0.9 * BOUNDS[kind] and max(found) > 1.0 + 0.9 * BOUNDS[kind]
+    assert nominal == read_robot()
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+def test_both_plants_carry_the_heaviest_and_the_lightest_robot_on_every_floor(plant):
+    nominal, case = read_robot(), MANY[0]
+    for floor, payload in zip(FLOORS, (PAYLOAD, -PAYLOAD, PAYLOAD, -PAYLOAD), strict=True):
+        errors = dataclasses.replace(case.errors, payload=payload)
+        heavy = dataclasses.replace(case, plant=plant, floor=floor, errors=errors)
+        made = make_true_plant(heavy, nominal_scenario(heavy), ())
+        made.reset()
+        normal = made.truth()[[made.truth_names.index(f"normal_force_{i}") for i in (1, 2, 3, 4)]]
+        made.close()
+        weight = 9.81 * true_robot(nominal, errors).body.mass
+        assert normal.sum() == pytest.approx(weight, rel=0.02)
+
+
+def test_a_task_travels_to_other_processes_and_a_case_to_json():
+    for case in MANY[:20]:
+        function, (again, method) = pickle.loads(pickle.dumps((drive_case, (case, "off"))))
+        assert function is drive_case and again == case and method == "off"
+        assert json.loads(json.dumps(case.to_dict())) == to_jsonable(case.to_dict())
+
+
+def test_method_and_controller_are_told_the_nominal_robot_and_floor_and_no_fault(monkeypatch):
+    told = []
+    monkeypatch.setattr(trial, "make_detector", lambda name, scenario: told.append(scenario))
+    case = next(c for c in MANY if c.fault == "two" and c.suite == "manoeuvres")
+    result = drive_case(dataclasses.replace(case, duration=2.5), "any")
+    assert "error" not in result and len(told) == 3
+    for scenario in told:
+        assert scenario.faults == () and scenario.patches == () and not scenario.constants.effects
+        assert scenario.constants == read_robot() and scenario.floors == read_floors()
+        assert scenario.floor == case.floor
+
+
+def test_with_and_without_the_method_the_same_noise_comes():
+    case = dataclasses.replace(MANY[0], duration=1.0)
+    scenario = nominal_scenario(case)
+    first, again = (make_true_plant(case, scenario, ()).reset() for _ in range(2))
+    assert np.array_equal(first.wheel_speed, again.wheel_speed) and first.yaw_rate == again.yaw_rate
+    other = make_true_plant(dataclasses.replace(case, noise=case.noise + 1), scenario, ()).reset()
+    assert not np.array_equal(first.current, other.current)
+
+
+def test_a_motor_that_lacks_a_tenth_is_drawn_only_when_it_is_asked_for():
+    weak = [draw_case(CasePopulation("missions", 100, faults=("weak",)), k) for k in range(20)]
+    assert {(c.fault, c.faults[0].kind) for c in weak} == {("weak", "motor")}
+    assert {c.faults[0].numbers["loss"] for c in weak} == {0.1}
+    assert {c.faults[0].wheel for c in weak} == {1, 2, 3, 4} and {c.faults[0].onset for c in weak} == {3.0}
+    usual = {draw_case(CasePopulation("missions", 100), k).fault for k in range(200)}
+    assert "weak" not in usual

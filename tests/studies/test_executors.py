@@ -1,0 +1,243 @@
+"""The same work by processes, by a thread, at once and by a Dask cluster: same results, none lost."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import warnings
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import pytest
+from short_push import quiet, scenario_file
+
+from omnimj.errors import InputError, SimulationError
+from omnimj.recording.json_files import read_result, result_writer
+from omnimj.studies.evaluation.cases import CasePopulation
+from omnimj.studies.evaluation.study import EvaluationConfig, run_evaluation
+from omnimj.studies.sensitivity.trial import TrialConfig, drive_with
+from omnimj.studies.tuning.draws import draw_trial, read_tuned_scenarios
+from omnimj.studies.tuning.trial import drive_trial
+from omnimj.studies.workers import WorkerLost, open_executor, parse_scheduler, run_in_workers
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    """Two worker processes, without a dashboard."""
+    distributed = pytest.importorskip("distributed")
+    with (
+        warnings.catch_warnings(),
+        distributed.LocalCluster(
+            n_workers=2,
+            threads_per_worker=1,
+            processes=True,
+            dashboard_address=None,
+            host="127.0.0.1",
+            silence_logs=50,
+        ) as found,
+    ):
+        warnings.simplefilter("ignore")  # of the library's own shutdown
+        yield found
+
+
+@pytest.fixture
+def dask(cluster):
+    with open_executor(f"dask:{cluster.scheduler_address}") as executor:
+        yield executor
+
+
+def die_once(mark: Path, number: int) -> dict[str, int]:
+    """Its worker is killed by the first to come by."""
+    try:
+        mark.open("x").close()
+    except FileExistsError:
+        return {"number": number}
+    os.kill(os.getpid(), signal.SIGKILL)
+    return {}
+
+
+def die_always(number: int) -> dict[str, int]:
+    if number == 0:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return {"number": number}
+
+
+def driven_by_all(function: Callable[..., Any], tasks: Mapping[str, tuple], dask: Executor) -> dict[str, Any]:
+    """What comes of the tasks, by name; the same by threads, by processes and by a cluster."""
+
+    def driven(executor: Executor | None) -> dict[str, Any]:
+        found: dict[str, Any] = {}
+        assert run_in_workers(
+            lambda w: w.run_all(function, tasks, found.__setitem__, "driving", quiet), 1, executor
+        )
+        return found
+
+    with ThreadPoolExecutor(2) as threads:
+        here = driven(threads)
+    assert driven(None) == here
+    assert driven(dask) == here
+    return here
+
+
+def test_an_evaluation_by_processes_by_a_thread_and_by_a_cluster_is_the_same(tmp_path, dask):
+    def evaluated(name: str, executor: Executor | None) -> str:
+        choice = CasePopulation("manoeuvres", 100, duration=2.5)
+        order = EvaluationConfig(tmp_path / name, choice, "robust", trials=3, workers=1)
+        outcome = run_evaluation(order, quiet, executor)
+        assert not outcome.interrupted and not outcome.failed
+        found = [dict(read_result(order.out / "cases", f"case_{k:05d}") or {}) for k in range(3)]
+        return str([{key: value for key, value in one.items() if key != "speed"} for one in found])
+
+    with ThreadPoolExecutor(1) as thread:
+        here = evaluated("thread", thread)
+    assert evaluated("processes", None) == here
+    assert evaluated("dask", dask) == here
+    assert "diagnoses" in here
+
+
+def test_trials_of_a_tuning_are_the_same_by_processes_by_a_thread_and_by_a_cluster(tmp_path, dask):
+    file = scenario_file(tmp_path, faults="")
+    (scenario,) = read_tuned_scenarios((file,), None).values()
+    tasks = {
+        f"{k}_{gain}": (
+            draw_trial(file, scenario, 5, k, "planar"),
+            {"control.speed_integral": gain},
+            None,
+        )
+        for k in range(2)
+        for gain in (1.0, 4.0)
+    }
+
+    here = driven_by_all(drive_trial, tasks, dask)
+    assert here["0_1.0"] != here["0_4.0"] and "facts" in str(here["0_1.0"])
+
+
+def test_runs_of_a_sensitivity_study_are_the_same_by_processes_by_a_thread_and_by_a_cluster(tmp_path, dask):
+    file = Path(scenario_file(tmp_path, faults=""))
+    tasks = {str(mass): (TrialConfig(str(file)), {"body.mass": mass}, 3) for mass in (20.0, 30.0)}
+    here = driven_by_all(drive_with, tasks, dask)
+    assert here["20.0"]["results"] != here["30.0"]["results"]
+    # a worker that lives on reads a file that has changed since
+    text = file.read_text(encoding="utf-8")
+    file.write_text(text.replace("speed = 0.4", "speed = 0.2"), encoding="utf-8")
+    assert driven_by_all(drive_with, tasks, dask)["20.0"] != here["20.0"]
+
+
+def test_work_whose_worker_is_killed_is_done_by_another(tmp_path, dask):
+    tasks = {f"task_{k}": (tmp_path / "mark", k) for k in range(8)}
+    keep = result_writer(tmp_path)
+    assert run_in_workers(lambda w: w.run_all(die_once, tasks, keep, "working", quiet), 1, dask)
+    assert [read_result(tmp_path, name) for name in tasks] == [{"number": k} for k in range(8)]
+
+
+class Lossy(Executor):
+    """Works at once, and loses the work of one name."""
+
+    def __init__(self, lost: int):
+        self._lost = lost
+
+    def submit(self, fn, /, *args, **kwargs) -> Future:
+        future: Future = Future()
+        if args[-1] == self._lost:
+            future.set_exception(WorkerLost("gone"))
+        else:
+            future.set_result(fn(*args, **kwargs))
+        return future
+
+
+def test_lost_work_is_told_when_all_the_rest_is_kept_and_done_when_it_is_repeated(tmp_path):
+    tasks, keep = {f"task_{k}": (k,) for k in range(5)}, result_writer(tmp_path)
+
+    def work(workers):
+        left = {name: given for name, given in tasks.items() if read_result(tmp_path, name) is None}
+        workers.run_all(numbered, left, keep, "working", quiet)
+
+    with pytest.raises(SimulationError, match=r"a worker died; 1 of 5 are missing \(task_3\); .* goes on"):
+        run_in_workers(work, 1, Lossy(3))
+    assert sum(read_result(tmp_path, name) is not None for name in tasks) == 4
+    assert run_in_workers(work, 1, Lossy(-1))
+    assert read_result(tmp_path, "task_3") == {"number": 3}
+
+
+def numbered(number: int) -> dict[str, int]:
+    return {"number": number}
+
+
+def die_last(number: int) -> dict[str, int]:
+    if number == 2:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return {"number": number}
+
+
+def test_a_worker_process_of_its_own_that_dies_costs_what_was_under_way_and_nothing_else(tmp_path):
+    """One after the other: what was finished before it died is kept, and the rest is done afterwards."""
+    keep = result_writer(tmp_path)
+
+    def work(workers):
+        for k in range(3):
+            workers.run_all(die_last, {f"task_{k}": (k,)}, keep, "working", quiet)
+
+    with pytest.raises(SimulationError, match=r"a worker died; .* are missing"):
+        run_in_workers(work, 1)
+    assert [read_result(tmp_path, f"task_{k}") for k in range(3)] == [{"number": 0}, {"number": 1}, None]
+    run_in_workers(lambda w: w.run_all(numbered, {"task_2": (2,)}, keep, "working", quiet), 1)
+    assert read_result(tmp_path, "task_2") == {"number": 2}
+
+
+def test_work_that_kills_every_worker_is_given_up_and_the_rest_is_done(tmp_path, dask, cluster):
+    tasks, keep = {f"task_{k}": (k,) for k in range(3)}, result_writer(tmp_path)
+    cluster.scheduler.allowed_failures = 1
+    with pytest.raises(SimulationError, match=r"a worker died; 1 of 3 are missing \(task_0\)"):
+        run_in_workers(lambda w: w.run_all(die_always, tasks, keep, "working", quiet), 1, dask)
+    assert [read_result(tmp_path, f"task_{k}") for k in (1, 2)] == [{"number": 1}, {"number": 2}]
+
+
+@pytest.mark.parametrize(
+    "address",
+    [
+        "tcp://127.0.0.1:8786",
+        "dask:127.0.0.1:8786",
+        "dask:tcp://127.0.0.1",
+        "dask:tcp://a b:1",
+        "dask:tcp://a:0",
+        "dask:tcp://a:99999",
+        "dask:tcp://a:1/x",
+        "ray:tcp://a:1",
+        "",
+    ],
+)
+def test_an_address_of_another_shape_is_refused(address):
+    with (
+        pytest.raises(InputError, match=r"--executor: found .*; write dask:tcp://HOST:PORT"),
+        open_executor(address),
+    ):
+        raise AssertionError("opened")
+
+
+def test_addresses_of_schedulers():
+    assert parse_scheduler("dask:tcp://node-1.lab:8786") == "tcp://node-1.lab:8786"
+    assert parse_scheduler("dask:tls://[::1]:8786") == "tls://[::1]:8786"
+    with open_executor(None) as executor:
+        assert executor is None
+
+
+def test_nobody_at_an_address_is_told_soon():
+    pytest.importorskip("distributed")
+    with (
+        pytest.raises(InputError, match=r"nobody answers there .*; is a Dask scheduler running") as caught,
+        open_executor("dask:tcp://127.0.0.1:9", answers=0.5),
+    ):
+        raise AssertionError("opened")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_library_that_is_not_there_is_told(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with (
+        pytest.raises(InputError, match=r"distributed is not installed; pip install 'omnimj\[dask\]'"),
+        open_executor("dask:tcp://127.0.0.1:9"),
+    ):
+        raise AssertionError("opened")

@@ -1,0 +1,72 @@
+"""When a part is in use, and how far a run strays."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from omnimj.plant.faults import Fault
+from omnimj.signals import Trace
+from omnimj.studies.part_use import demanded_traction, excursions, first_time, in_use, time_after_use
+
+TIME = np.linspace(0.0, 0.999, 1000)
+
+
+def traced(**columns) -> Trace:
+    return Trace({"time": TIME, **columns})
+
+
+def test_demanded_traction_is_the_mean_over_the_twenty_milliseconds_before():
+    force = np.where(TIME < 0.5, 0.0, 4.0)
+    zero = np.zeros_like(TIME)
+    found = demanded_traction(
+        traced(**{f"traction_force_{i}": -force if i == 2 else zero for i in (1, 2, 3, 4)})
+    )
+    naive = [abs(np.mean(-force[max(k - 19, 0) : k + 1])) for k in range(len(TIME))]
+    assert np.allclose(found[:, 1], naive) and not found[:, [0, 2, 3]].any()
+
+
+@pytest.mark.parametrize(
+    ("fault", "first"),
+    [
+        (Fault("motor", 0.2, wheel=2), 0.5),
+        (Fault("motor", 0.7, wheel=2), 0.7),
+        (Fault("slip", 0.2, 0.4, wheel=2), None),
+        (Fault("slip", 0.2, wheel=1), None),
+        (Fault("all_wheel_slip", 0.1), 0.5),
+        (Fault("hard_over", 0.1, wheel=1), 0.1),
+        (Fault("sensor", 0.1, numbers={"channel": "yaw_rate"}), 0.1),
+        (Fault("sensor", 0.1, numbers={"channel": "wheel_speed_2"}), 0.5),
+        (Fault("sensor", 0.1, numbers={"channel": "wheel_speed_3"}), None),
+    ],
+)
+def test_a_part_is_in_use_while_its_fault_holds_and_its_wheel_is_asked_for_more_than_two_newtons(
+    fault, first
+):
+    traction = np.zeros((len(TIME), 4))
+    traction[:, 0], traction[TIME >= 0.5, 1] = 2.0, 2.1
+    found = first_time(TIME, in_use(fault, TIME, traction))
+    assert found == (None if first is None else pytest.approx(first))
+
+
+def test_time_in_use_adds_up_over_pauses():
+    used = (TIME % 0.2 < 0.1) & (TIME >= 0.2)
+    assert time_after_use(TIME, used, 0.15) == pytest.approx(0.449, abs=2e-3)
+    assert time_after_use(TIME, used, 5.0) is None
+
+
+def test_excursions_count_from_where_the_run_was_at_the_onset():
+    drift, jump = 0.1 * TIME, np.where(TIME > 0.6, 0.3, 0.0)
+    zero = np.zeros_like(TIME)
+    trace = traced(
+        heading=drift - jump,
+        target_heading=zero,
+        x=drift,
+        y=jump + 5.0,
+        target_x=zero,
+        target_y=zero,
+    )
+    heading, path = excursions(trace, 0.5)
+    assert heading == pytest.approx(0.3 - 0.1 * 0.1, abs=2e-3)
+    assert path == pytest.approx(np.hypot(0.3, 0.0499), abs=1e-3)
+    assert excursions(trace, 0.9)[0] == pytest.approx(0.01, abs=2e-3)

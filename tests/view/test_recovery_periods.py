@@ -1,0 +1,99 @@
+"""What recovery could not hold is said in words, from the log and from the robot's layout."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from other_robots import mecanum, star
+
+from omnimj.cli.run_diagnoses import format_recovery
+from omnimj.control.recovery.modes import (
+    COMPENSATING,
+    MODE_CONSEQUENCES,
+    MODE_NAMES,
+    NORMAL,
+    PIVOTING,
+    SLOWING,
+    STOPPING,
+    indispensable,
+)
+from omnimj.control.robot_constants import wheel_geometry
+from omnimj.parameters import read_rig, read_robot
+from omnimj.signals import Trace
+from omnimj.view.wording import describe_layout, recovery_periods
+
+TIME = np.arange(0.0, 10.0, 0.01)
+
+
+def made(modes: np.ndarray) -> Trace:
+    """Three wheels: the second stands still, the first creeps."""
+    speeds = {f"wheel_speed_{i}": np.full(len(TIME), turns) for i, turns in ((1, 0.2), (2, 0.0), (3, 9.0))}
+    return Trace({"time": TIME, "recovery": modes.astype(float), **speeds})
+
+
+def named(*diagnoses: tuple[float, int]) -> dict:
+    return {"diagnoses": [{"time": at, "kind": "free", "wheels": [wheel]} for at, wheel in diagnoses]}
+
+
+def test_the_wheel_that_is_turned_about_is_named_with_what_is_given_up():
+    (way,) = recovery_periods(made(np.where(TIME < 3.0, NORMAL, PIVOTING)), named((2.9, 2)))
+    assert way.name == "turning about wheel 2" and "heading is given up" in way.gives_up
+    assert way.when == "3 – 9.99 s" and way.lasted == pytest.approx(6.99)
+
+
+def test_of_two_broken_wheels_it_is_the_one_that_stands_and_a_sound_one_never():
+    modes = np.where(TIME < 3.0, NORMAL, PIVOTING)
+    assert recovery_periods(made(modes), named((2.8, 1), (2.9, 2)))[0].name == "turning about wheel 2"
+    assert recovery_periods(made(modes), named((2.8, 1)))[0].name == "turning about wheel 1"
+    assert recovery_periods(made(modes), named())[0].name == MODE_NAMES[PIVOTING]
+
+
+def test_stretches_of_one_mode_are_one_line_in_the_order_of_the_run():
+    modes = np.select(
+        [TIME < 2, TIME < 3, TIME < 5, TIME < 6, TIME < 8], [0, SLOWING, 0, SLOWING, 0], STOPPING
+    )
+    slow, stop = recovery_periods(made(modes), named())
+    assert (slow.name, stop.name) == (MODE_NAMES[SLOWING], MODE_NAMES[STOPPING])
+    assert slow.when == "2 – 6 s, 2 times, 2 s in all"
+    assert "cannot be steered any more" in stop.gives_up
+
+
+def test_a_run_as_planned_has_nothing_to_tell():
+    assert recovery_periods(made(0.0 * TIME), named()) == []
+    assert format_recovery(made(0.0 * TIME), named(), star(3)) == ""
+    assert recovery_periods(Trace({"time": TIME}), named()) == []
+
+
+def test_every_mode_but_driving_as_planned_says_what_it_gives_up():
+    assert len(MODE_CONSEQUENCES) == len(MODE_NAMES)
+    assert [not words for words in MODE_CONSEQUENCES] == [name == MODE_NAMES[NORMAL] for name in MODE_NAMES]
+
+
+@pytest.mark.parametrize("count", [3, 4, 5, 6])
+def test_three_wheels_need_each_and_more_of_them_need_none(count):
+    forces = wheel_geometry(star(count)).forces
+    ranks = [np.linalg.matrix_rank(np.delete(forces, i, axis=1)) for i in range(count)]
+    assert indispensable(forces) == tuple(i + 1 for i in range(count) if ranks[i] < 3)
+    words = "three wheels cannot lose one and be steered and turned at will"
+    assert describe_layout(star(count)) == (words if count == 3 else "")
+
+
+def test_four_wheels_of_which_two_stand_in_line_need_the_others():
+    robot = star(4)
+    wheels = (robot.wheels[0], robot.wheels[1], robot.wheels[2], robot.wheels[2])
+    doubled = dataclasses.replace(robot, wheels=wheels)
+    assert describe_layout(doubled) == "it cannot lose wheels 1, 2 and be steered and turned at will"
+
+
+def test_the_shipped_robots_say_what_they_can_lose():
+    assert describe_layout(read_robot()) == describe_layout(mecanum()) == describe_layout(read_rig()) == ""
+
+
+def test_the_terminal_tells_it_with_the_layout():
+    told = format_recovery(made(np.where(TIME < 3.0, 0, COMPENSATING)), named((2.9, 2)), star(3))
+    first, second, last = told.splitlines()
+    assert first.split() == ["recovery", "when", "what", "it", "gives", "up"]
+    assert second.startswith(MODE_NAMES[COMPENSATING]) and MODE_CONSEQUENCES[COMPENSATING] in second
+    assert last == "three wheels cannot lose one and be steered and turned at will"
