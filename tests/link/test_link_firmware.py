@@ -73,7 +73,7 @@ def test_the_protocol_names_every_fault_that_a_device_may_raise():
 
 def test_the_protocol_shows_the_loop_of_the_example():
     (loop,) = re.findall(r"```c\n(.*?)```", TEXT, re.DOTALL)
-    assert loop in (ROOM / "firmware_example.c").read_text(encoding="ascii")
+    assert loop in (ROOM / "firmware" / "firmware_example.c").read_text(encoding="ascii")
 
 
 class Board:
@@ -134,7 +134,7 @@ class Board:
 def program(tmp_path_factory):
     built = tmp_path_factory.mktemp("firmware") / "board"
     done = subprocess.run(
-        [COMPILER, *STRICT, "-I", ROOM, Path(__file__).with_name("firmware_board.c"), "-o", built],
+        [COMPILER, *STRICT, "-I", ROOM / "firmware", Path(__file__).with_name("firmware_board.c"), "-o", built],
         capture_output=True,
         text=True,
         check=False,

@@ -32,7 +32,7 @@ from omnimj.link.codec.messages import FaultCode, Frame, MessageType, Quantity, 
 from omnimj.link.codec.stream import PacketStream
 
 ROOM = Path(omnimj.link.__file__).parent
-HEADER_FILE = (ROOM / "omnimj_link.h").read_text(encoding="ascii")
+HEADER_FILE = (ROOM / "firmware" / "omnimj_link.h").read_text(encoding="ascii")
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang") or ""
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
 WARY = ("-Wconversion", "-ffreestanding")
@@ -110,7 +110,7 @@ def in_c(tmp_path_factory):
     program = tmp_path_factory.mktemp("c") / "link_check"
     source = Path(__file__).with_name("link_check.c")
     built = subprocess.run(
-        [COMPILER, *STRICT, "-O1", "-I", str(ROOM), str(source), "-o", str(program)],
+        [COMPILER, *STRICT, "-O1", "-I", str(ROOM / "firmware"), str(source), "-o", str(program)],
         capture_output=True,
         text=True,
         check=False,
@@ -134,7 +134,7 @@ def test_the_header_alone_is_strict_freestanding_c99(tmp_path):
     source.write_text('#include "omnimj_link.h"\nint nothing(void);\nint nothing(void) { return 0; }\n')
     for level in ("-O0", "-O2"):
         built = subprocess.run(
-            [COMPILER, *STRICT, *WARY, level, "-I", ROOM, "-c", source, "-o", tmp_path / "alone.o"],
+            [COMPILER, *STRICT, *WARY, level, "-I", ROOM / "firmware", "-c", source, "-o", tmp_path / "alone.o"],
             capture_output=True,
             text=True,
             check=False,
