@@ -15,8 +15,8 @@ from omnimj.cli.terminal import ProgressBar, announce_compilation, format_table,
 from omnimj.errors import InputError
 
 if TYPE_CHECKING:
-    from omnimj.diagnose.calibration import Calibration
-    from omnimj.diagnose.replay import DiagnosisConfig
+    from omnimj.diagnosis.calibration import Calibration
+    from omnimj.diagnosis.replay import DiagnosisConfig
 
 HELP = "set the thresholds of the robust method from fault-free recordings, at a rate of false alarms"
 EXAMPLE = """examples:
@@ -62,9 +62,9 @@ def run(arguments: Any) -> int:
     """
     _require_writable(arguments.out, arguments.force)
     order = _order(arguments)
-    from omnimj.diagnose.calibration import calibrate
-    from omnimj.diagnose.files import calibration_json, thresholds_toml, write_thresholds
-    from omnimj.diagnose.replay import check_config, require_other_folder
+    from omnimj.diagnosis.calibration import calibrate
+    from omnimj.diagnosis.files import calibration_json, thresholds_toml, write_thresholds
+    from omnimj.diagnosis.replay import check_config, require_other_folder
 
     require_other_folder(order.dataset, arguments.out.parent)
     check_config(order)
@@ -95,8 +95,8 @@ def _require_writable(path: Path, force: bool) -> None:
 
 
 def _order(arguments: Any) -> DiagnosisConfig:
-    from omnimj.diagnose.logs import read_machine
-    from omnimj.diagnose.replay import DiagnosisConfig
+    from omnimj.diagnosis.logs import read_machine
+    from omnimj.diagnosis.replay import DiagnosisConfig
     from omnimj.parameters.floor import all_floors
     from omnimj.recording.read_dataset import read_dataset
 
@@ -113,7 +113,7 @@ def _order(arguments: Any) -> DiagnosisConfig:
 
 def _format_calibration(found: Calibration, order: DiagnosisConfig, out: Path) -> str:
     from omnimj.control.detection.robust.thresholds import THRESHOLD_UNITS, Thresholds
-    from omnimj.diagnose.files import format_calibration
+    from omnimj.diagnosis.files import format_calibration
 
     usual, rows = Thresholds(), []
     for one in found.set:

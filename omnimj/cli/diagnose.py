@@ -21,7 +21,7 @@ from omnimj.cli.arguments import (
 from omnimj.cli.terminal import ProgressBar, announce_compilation, format_table, note_compiled
 
 if TYPE_CHECKING:
-    from omnimj.diagnose.replay import DiagnosisConfig, RunDiagnosis
+    from omnimj.diagnosis.replay import DiagnosisConfig, RunDiagnosis
     from omnimj.parameters.floor import Floor
     from omnimj.recording.dataset import Dataset
 
@@ -61,7 +61,7 @@ def run(arguments: Any) -> int:
     Raises:
       InputError: Bad data, a method that is not for them, or a folder that cannot be written.
     """
-    from omnimj.diagnose.replay import check_config, require_other_folder
+    from omnimj.diagnosis.replay import check_config, require_other_folder
     from omnimj.recording.folder import check_folder
 
     check_folder(arguments.out, arguments.force)
@@ -73,7 +73,7 @@ def run(arguments: Any) -> int:
     if not found:
         return 130
     note_compiled(order.method, order.dataset.plant)
-    from omnimj.diagnose.files import diagnoses_json, write_diagnoses
+    from omnimj.diagnosis.files import diagnoses_json, write_diagnoses
     from omnimj.recording.folder import atomic_file
     from omnimj.view.report.diagnosis import write_diagnosis_report
 
@@ -90,8 +90,8 @@ def run(arguments: Any) -> int:
 
 
 def _order(arguments: Any) -> DiagnosisConfig:
-    from omnimj.diagnose.logs import read_machine, resolve_method
-    from omnimj.diagnose.replay import DiagnosisConfig
+    from omnimj.diagnosis.logs import read_machine, resolve_method
+    from omnimj.diagnosis.replay import DiagnosisConfig
     from omnimj.parameters.floor import all_floors
     from omnimj.recording.read_dataset import read_dataset
 
@@ -119,8 +119,8 @@ def _recorded(arguments: Any, floors: Mapping[str, Floor]) -> Dataset | None:
 
 def _diagnose(arguments: Any, order: DiagnosisConfig) -> tuple[list[RunDiagnosis], list[str], bool]:
     """Each run's trace is written as soon as it is there; of the others nothing is kept but what was said."""
-    from omnimj.diagnose.logs import make_detector
-    from omnimj.diagnose.replay import diagnose
+    from omnimj.diagnosis.logs import make_detector
+    from omnimj.diagnosis.replay import diagnose
     from omnimj.recording.folder import make_folder
     from omnimj.recording.traces import write_trace
     from omnimj.signals import Trace

@@ -15,7 +15,7 @@ from omnimj.control.detection.detector import DetectorOptions
 from omnimj.control.recovery.modes import MODE_CONSEQUENCES, MODE_NAMES, NORMAL, PIVOTING, indispensable
 from omnimj.control.recovery.modes import MODE_NAMES as NAMES
 from omnimj.control.robot_constants import wheel_geometry
-from omnimj.diagnose.replay import RunDiagnosis
+from omnimj.diagnosis.replay import RunDiagnosis
 from omnimj.parameters import Rig, Robot
 from omnimj.signals import Diagnosis, Trace
 

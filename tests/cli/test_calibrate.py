@@ -14,8 +14,8 @@ from driven_missions import as_run, driven
 from omnimj.cli.main import main
 from omnimj.control.detection.robust import RobustDetector
 from omnimj.control.detection.robust.thresholds import THRESHOLD_UNITS, Thresholds, read_thresholds
-from omnimj.diagnose import calibration as calibrating
-from omnimj.diagnose.calibration import lower_bounds
+from omnimj.diagnosis import calibration as calibrating
+from omnimj.diagnosis.calibration import lower_bounds
 from omnimj.recording.dataset import Run
 from omnimj.recording.write_dataset import write_dataset
 

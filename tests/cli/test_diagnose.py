@@ -12,7 +12,7 @@ import pytest
 from driven_missions import ONSET, as_run, driven
 
 from omnimj.cli.main import main
-from omnimj.diagnose import replay as diagnosing
+from omnimj.diagnosis import replay as diagnosing
 from omnimj.parameters import read_rig
 from omnimj.plant.faults import Fault
 from omnimj.plant.planar import PlanarRig

@@ -134,7 +134,15 @@ class Board:
 def program(tmp_path_factory):
     built = tmp_path_factory.mktemp("firmware") / "board"
     done = subprocess.run(
-        [COMPILER, *STRICT, "-I", ROOM / "firmware", Path(__file__).with_name("firmware_board.c"), "-o", built],
+        [
+            COMPILER,
+            *STRICT,
+            "-I",
+            ROOM / "firmware",
+            Path(__file__).with_name("firmware_board.c"),
+            "-o",
+            built,
+        ],
         capture_output=True,
         text=True,
         check=False,

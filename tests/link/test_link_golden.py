@@ -134,7 +134,18 @@ def test_the_header_alone_is_strict_freestanding_c99(tmp_path):
     source.write_text('#include "omnimj_link.h"\nint nothing(void);\nint nothing(void) { return 0; }\n')
     for level in ("-O0", "-O2"):
         built = subprocess.run(
-            [COMPILER, *STRICT, *WARY, level, "-I", ROOM / "firmware", "-c", source, "-o", tmp_path / "alone.o"],
+            [
+                COMPILER,
+                *STRICT,
+                *WARY,
+                level,
+                "-I",
+                ROOM / "firmware",
+                "-c",
+                source,
+                "-o",
+                tmp_path / "alone.o",
+            ],
             capture_output=True,
             text=True,
             check=False,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from omnimj.diagnose.logs import read_machine
+from omnimj.diagnosis.logs import read_machine
 from omnimj.errors import InputError
 from omnimj.recording.dataset import Run
 from omnimj.recording.read_dataset import read_dataset

@@ -14,7 +14,7 @@ import pytest
 from omnimj.control.detection.detector import THRESHOLD_SETS, VARIANTS, DetectorOptions
 from omnimj.control.detection.published.decision import PublishedThresholds, select_thresholds
 from omnimj.control.detection.published.robot import ESTIMATING, GROWTH, RECOVERED, SETTLING_TIME
-from omnimj.diagnose.published_thresholds import (
+from omnimj.diagnosis.published_thresholds import (
     DIRECTIONS,
     MANOEUVRE,
     TRAINING_SEEDS,

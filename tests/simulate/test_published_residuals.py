@@ -11,7 +11,7 @@ from published_reference import rig_force_rms, robot_force_rms, running_rms
 from scipy.integrate import solve_ivp
 
 from omnimj.control.detection.detector import DetectorOptions
-from omnimj.diagnose.published_thresholds import (
+from omnimj.diagnosis.published_thresholds import (
     MANOEUVRE,
     TrainingRun,
     rig_test,

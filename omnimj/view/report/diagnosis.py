@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import omnimj
-from omnimj.diagnose.replay import DiagnosisConfig, RunDiagnosis
+from omnimj.diagnosis.replay import DiagnosisConfig, RunDiagnosis
 from omnimj.resources import model_display_name
 from omnimj.view.plots import diagnosis as diagnosis_plots
 from omnimj.view.plots.drawing import svg

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from driven_missions import ONSET, as_dataset, as_run, driven
 
-from omnimj.diagnose.logs import make_detector, read_machine
-from omnimj.diagnose.replay import first_bias, replay, sample_run
+from omnimj.diagnosis.logs import make_detector, read_machine
+from omnimj.diagnosis.replay import first_bias, replay, sample_run
 from omnimj.parameters import read_floors
 from omnimj.recording.dataset import Run
 

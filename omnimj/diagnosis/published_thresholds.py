@@ -1,4 +1,4 @@
-"""Thresholds of the published method from runs of the twin: `python -m omnimj.diagnose.published_thresholds`.
+"""Set the published method's thresholds from twin runs: `python -m omnimj.diagnosis.published_thresholds`.
 
 Prints the content of `models/published_thresholds.toml`. As in sections 5.2 and 5.3: the largest residual of
 fault-free runs, for the force residuals of runs with slip too, on natural stone, with training seeds.
@@ -148,6 +148,6 @@ if __name__ == "__main__":
         "# Thresholds of the published method: the largest residuals of fault-free runs of the twin (of the"
     )
     print("# force residuals also of runs with slip), on natural stone, training seeds. Made by")
-    print("#   python -m omnimj.diagnose.published_thresholds > models/published_thresholds.toml")
+    print("#   python -m omnimj.diagnosis.published_thresholds > models/published_thresholds.toml")
     for name in VARIANTS:
         print(f"\n{as_toml(name, fault_free_thresholds(name))}", end="")

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from omnimj.diagnose.calibration import fit_spread, fit_tail
+from omnimj.diagnosis.calibration import fit_spread, fit_tail
 
 STRETCH = 10.0
 RATE = 0.1

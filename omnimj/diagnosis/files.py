@@ -11,8 +11,8 @@ from typing import Any
 
 import omnimj
 from omnimj.control.detection.robust.thresholds import THRESHOLD_UNITS
-from omnimj.diagnose.calibration import ADVISED_HOURS, Calibration
-from omnimj.diagnose.replay import DiagnosisConfig, RunDiagnosis
+from omnimj.diagnosis.calibration import ADVISED_HOURS, Calibration
+from omnimj.diagnosis.replay import DiagnosisConfig, RunDiagnosis
 from omnimj.recording.dataset import Dataset
 from omnimj.recording.folder import atomic_file
 from omnimj.signals import Diagnosis

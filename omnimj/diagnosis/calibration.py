@@ -22,7 +22,7 @@ from omnimj.control.detection.robust.parameter_filter import significant_losses
 from omnimj.control.detection.robust.thresholds import THRESHOLD_UNITS, Thresholds
 from omnimj.control.detection.robust.wheel_monitors import SLIPPING
 from omnimj.control.robot_constants import BLOCK, samples_per_block
-from omnimj.diagnose.replay import DatasetProgress, DiagnosisConfig, RunDiagnosis, replay, sample_run
+from omnimj.diagnosis.replay import DatasetProgress, DiagnosisConfig, RunDiagnosis, replay, sample_run
 from omnimj.errors import InputError
 from omnimj.signals import Array
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from omnimj.diagnose.logs import require_rates, resample, rows_at
+from omnimj.diagnosis.logs import require_rates, resample, rows_at
 from omnimj.errors import InputError
 from omnimj.recording.dataset import Dataset, Run
 

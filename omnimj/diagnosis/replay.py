@@ -31,7 +31,15 @@ from omnimj.control.detection.robust.evidence import initial_evidence
 from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.control.detection.robust.wheel_monitors import GRIP
 from omnimj.control.gains import ObserverGains
-from omnimj.diagnose.logs import Machine, SampledRun, Segment, make_detector, require_rates, resample, rows_at
+from omnimj.diagnosis.logs import (
+    Machine,
+    SampledRun,
+    Segment,
+    make_detector,
+    require_rates,
+    resample,
+    rows_at,
+)
 from omnimj.errors import InputError, SimulationError
 from omnimj.parameters import Floor, Robot
 from omnimj.physics import rig
