@@ -1,6 +1,7 @@
-"""A picture of robot or rig: rendered by MuJoCo in a process of its own, drawn where no OpenGL is found.
+"""A picture of robot or rig, rendered by MuJoCo in a process of its own.
 
-A missing or broken OpenGL library can end a process without a word, so the run itself never loads one.
+A missing or broken OpenGL library can terminate a process without a message, so the run itself never loads
+one. Without OpenGL there is no picture, and its caption says how to get one.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -26,8 +27,12 @@ from omnimj.view.wording import Span, fault_spans
 
 Array = NDArray[np.float64]
 BACKENDS = ("osmesa", "egl")
-_FINE = 2  # rendered pixels per pixel and direction: multisampling alone leaves the edges of shadows rough
-_PATIENCE = 90.0  # [s] for a software renderer on a slow machine
+_SUPERSAMPLING = 2  # per direction: multisampling alone leaves the edges of shadows rough
+_TIMEOUT = 90.0  # [s] for a software renderer on a slow machine
+HOW_TO_RENDER = (
+    "No picture: MuJoCo found no OpenGL library to render with. For software rendering install libosmesa6 "
+    "(Debian, Ubuntu: apt install libosmesa6), then run again with MUJOCO_GL=osmesa."
+)
 
 
 @dataclass(frozen=True)
@@ -46,24 +51,25 @@ class Camera:
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture file and how it was made."""
+    """A picture of a machine, or the fact that there is no OpenGL to render it with."""
 
-    path: Path
-    way: str
-    """`osmesa` or `egl` (rendered by MuJoCo), or `drawn`."""
+    path: Path | None
+    """PNG file; None when nothing could be rendered."""
+    backend: str
+    """`osmesa` or `egl`; empty when nothing could be rendered."""
     subject: str
-    """What it shows."""
+    """Content of the picture in words."""
 
     @property
-    def way_in_words(self) -> str:
-        """For a caption."""
-        if self.way == "drawn":
-            return "Drawn from the MuJoCo model's geometry, since no OpenGL library was found to render it."
-        return f"Rendered by MuJoCo ({self.way}) from the simulated state."
+    def caption(self) -> str:
+        """Source of the picture, or how to get one."""
+        if self.path is None:
+            return HOW_TO_RENDER
+        return f"Rendered by MuJoCo ({self.backend}) from the simulated state."
 
 
 def camera_at(mj_model: mujoco.MjModel, qpos: Array) -> Camera:
-    """A camera that holds what moves in view: the robot from ahead and left, the rig from its side."""
+    """Choose a camera with the machine in view: the robot from its front left, the rig from its side."""
     mj_data = mujoco.MjData(mj_model)
     mj_data.qpos[:] = qpos
     mujoco.mj_kinematics(mj_model, mj_data)
@@ -84,38 +90,33 @@ def render(
     size: tuple[int, int] = (1280, 860),
     backends: Sequence[str] = BACKENDS,
 ) -> Picture:
-    """Makes a PNG of a model in one pose; never fails for want of OpenGL.
+    """Render a model in one pose to a PNG; a missing OpenGL is no error.
 
     Args:
       mj_model: Compiled model, with floor and lights.
       qpos: Generalised positions, shape (nq,).
       path: The PNG to write.
-      subject: What it shows, for captions.
-      camera: Where to look from; a view that holds the machine when None.
+      subject: Content of the picture in words, for captions.
+      camera: Camera; by default one that has the machine in view.
       trail: Points of a path to draw on the floor, shape (k, 2) [m].
       size: Width and height [pixels].
-      backends: Values of MUJOCO_GL to try in turn; none forces the drawing.
+      backends: Values of MUJOCO_GL to try in turn.
 
     Returns:
-      The picture and which way it was made.
+      The picture; without a path when no backend could render it.
     """
     camera = camera_at(mj_model, qpos) if camera is None else camera
     points = np.empty((0, 2)) if trail is None else np.asarray(trail, float)
     with tempfile.TemporaryDirectory() as folder:
-        order = Path(folder)
-        mujoco.mj_saveModel(mj_model, str(order / "model.mjb"))
-        np.savez(order / "state.npz", qpos=qpos, trail=points)
-        (order / "order.json").write_text(
-            json.dumps({"camera": asdict(camera), "size": size}), encoding="utf-8"
-        )
+        job = Path(folder)
+        mujoco.mj_saveModel(mj_model, str(job / "model.mjb"))
+        np.savez(job / "state.npz", qpos=qpos, trail=points)
+        (job / "job.json").write_text(json.dumps({"camera": asdict(camera), "size": size}), encoding="utf-8")
         for backend in backends:
-            if _rendered(order, backend):
-                path.write_bytes((order / "picture.png").read_bytes())
+            if _render_in_process(job, backend):
+                path.write_bytes((job / "picture.png").read_bytes())
                 return Picture(path, backend, subject)
-    from omnimj.view.drawn_picture import draw  # matplotlib is not needed where OpenGL is
-
-    draw(mj_model, qpos, path, camera, points, size)
-    return Picture(path, "drawn", subject)
+    return Picture(None, "", subject)
 
 
 def picture_of_run(
@@ -125,11 +126,11 @@ def picture_of_run(
     path: Path,
     backends: Sequence[str] = BACKENDS,
 ) -> Picture:
-    """A picture of the machine half-way through what it drives with its first fault, or through the run.
+    """Render the machine half-way along the path driven with its first fault, else along the whole path.
 
     Args:
-      poses: What moved.
-      trace: For the driven path on the floor, where the plant knows it.
+      poses: Poses of the machine.
+      trace: Signals, for the driven path on the floor where it is known.
       metrics: Content of `metrics.json`, for the faults.
       path: The PNG to write.
       backends: As in `render`.
@@ -144,59 +145,76 @@ def picture_of_run(
 
 
 def _half_way(poses: Poses, span: Span | None) -> int:
-    """Index of the pose at which half of the way driven within the span, or the run, is behind."""
+    """Return the index of the pose at half the distance driven within the span, or within the run."""
     start, end = (span.start, span.end) if span else (poses.time[0], poses.time[-1])
     held = np.flatnonzero((poses.time >= start) & (poses.time <= end))
     if not len(held):
         return int(np.argmin(np.abs(poses.time - start)))
     # the first two coordinates are a place on the floor: x and y of the robot, gantry and rail of the rig
     steps = np.linalg.norm(np.diff(poses.qpos[held, :2], axis=0), axis=1)
-    way = np.concatenate([[0.0], np.cumsum(steps)])
-    return int(held[np.searchsorted(way, 0.5 * way[-1])])
+    distance = np.concatenate([[0.0], np.cumsum(steps)])
+    return int(held[np.searchsorted(distance, 0.5 * distance[-1])])
 
 
-def _rendered(order: Path, backend: str) -> bool:
-    """Whether a process of its own could render the order with this MUJOCO_GL."""
-    command = [sys.executable, "-m", "omnimj.view.picture", str(order)]
+def _render_in_process(job: Path, backend: str) -> bool:
+    """Render a job in a process with this MUJOCO_GL; return whether it succeeded."""
+    command = [sys.executable, "-m", "omnimj.view.picture", str(job)]
     environment = {**os.environ, "MUJOCO_GL": backend}
     if backend == "osmesa":
         environment["PYOPENGL_PLATFORM"] = "osmesa"
     try:
-        ended = subprocess.run(command, env=environment, capture_output=True, timeout=_PATIENCE, check=False)
+        ended = subprocess.run(command, env=environment, capture_output=True, timeout=_TIMEOUT, check=False)
     except (subprocess.TimeoutExpired, OSError):
         return False
-    return ended.returncode == 0 and (order / "picture.png").is_file()
+    return ended.returncode == 0 and (job / "picture.png").is_file()
 
 
-def _render_order(order: Path) -> None:
-    """Renders in this process; may end it where OpenGL is broken."""
+def _render_job(job: Path) -> None:
+    """Render in this process; a broken OpenGL may terminate it."""
     from matplotlib.image import imsave
 
-    asked = json.loads((order / "order.json").read_text(encoding="utf-8"))
-    state = np.load(order / "state.npz")
-    width, height = (_FINE * side for side in asked["size"])
-    mj_model = mujoco.MjModel.from_binary_path(str(order / "model.mjb"))
+    description = json.loads((job / "job.json").read_text(encoding="utf-8"))
+    state = np.load(job / "state.npz")
+    mj_model = mujoco.MjModel.from_binary_path(str(job / "model.mjb"))
+    camera, size = Camera(**description["camera"]), tuple(description["size"])
+    imsave(job / "picture.png", next(frames(mj_model, [(state["qpos"], camera, state["trail"])], size)))
+
+
+def frames(
+    mj_model: mujoco.MjModel, shots: Iterable[tuple[Array, Camera, Array]], size: tuple[int, int]
+) -> Iterator[NDArray[np.uint8]]:
+    """Render poses of a model in this process, with the OpenGL that MUJOCO_GL selects.
+
+    Args:
+      mj_model: Compiled model; its lamps follow the camera.
+      shots: Generalised positions, shape (nq,), camera, and points of a path on the floor, shape (k, 2) [m].
+      size: Width and height [pixels].
+
+    Yields:
+      RGB pixels, shape (height, width, 3).
+    """
+    width, height = (_SUPERSAMPLING * side for side in size)
     mj_model.vis.global_.offwidth, mj_model.vis.global_.offheight = width, height
     mj_model.vis.quality.offsamples = 4
-    mj_model.light_pos[:, :2] += asked["camera"]["target"][:2]  # the lamps come along
-    mj_data = mujoco.MjData(mj_model)
-    mj_data.qpos[:] = state["qpos"]
-    mujoco.mj_kinematics(mj_model, mj_data)
-    mujoco.mj_comPos(mj_model, mj_data)
-    mujoco.mj_camlight(mj_model, mj_data)
-    eye = mujoco.MjvCamera()
-    eye.lookat[:], eye.distance = asked["camera"]["target"], asked["camera"]["distance"]
-    eye.azimuth, eye.elevation = asked["camera"]["azimuth"], asked["camera"]["elevation"]
+    mj_data, eye = mujoco.MjData(mj_model), mujoco.MjvCamera()
+    lamps = mj_model.light_pos.copy()
     with mujoco.Renderer(mj_model, height, width) as renderer:
-        renderer.update_scene(mj_data, eye)
-        _add_trail(renderer.scene, state["trail"])
-        pixels = renderer.render()
-    blocks = pixels.reshape(height // _FINE, _FINE, width // _FINE, _FINE, 3)
-    imsave(order / "picture.png", np.round(blocks.mean(axis=(1, 3))).astype(np.uint8))
+        for qpos, camera, trail in shots:
+            mj_model.light_pos[:, :2] = lamps[:, :2] + camera.target[:2]
+            mj_data.qpos[:] = qpos
+            mujoco.mj_kinematics(mj_model, mj_data)
+            mujoco.mj_comPos(mj_model, mj_data)
+            mujoco.mj_camlight(mj_model, mj_data)
+            eye.lookat[:], eye.distance = camera.target, camera.distance
+            eye.azimuth, eye.elevation = camera.azimuth, camera.elevation
+            renderer.update_scene(mj_data, eye)
+            _add_trail(renderer.scene, trail)
+            blocks = renderer.render().reshape(size[1], _SUPERSAMPLING, size[0], _SUPERSAMPLING, 3)
+            yield np.round(blocks.mean(axis=(1, 3))).astype(np.uint8)
 
 
 def _add_trail(scene: mujoco.MjvScene, points: Array, radius: float = 0.004) -> None:
-    """Puts a path on the floor as thin capsules, as many as the scene has room for."""
+    """Add a path on the floor as thin capsules, within the capacity of the scene."""
     room = min(len(points) - 1, scene.maxgeom - scene.ngeom, 400)
     if room < 1:
         return
@@ -216,4 +234,4 @@ def _add_trail(scene: mujoco.MjvScene, points: Array, radius: float = 0.004) -> 
 
 
 if __name__ == "__main__":
-    _render_order(Path(sys.argv[1]))
+    _render_job(Path(sys.argv[1]))

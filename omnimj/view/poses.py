@@ -1,4 +1,8 @@
-"""Where every visible body of a MuJoCo model was during a run, and what it looks like."""
+"""Poses of a machine's visible model through a run: recorded ones, or those of a driven path.
+
+The twin steps a lean model without the geoms that are for display only. The visible model has the same joints
+in the same order, so poses of one are poses of the other.
+"""
 
 from __future__ import annotations
 
@@ -15,17 +19,15 @@ from omnimj.parameters.floor import find_floor
 from omnimj.plant.mujoco.assembly import rig_model, robot_model
 from omnimj.signals import Trace
 from omnimj.simulate.scenario.scenario import RigInput, Scenario
-from omnimj.view.rerun.meshes import Surface, geom_surface, joined
 
 Array = NDArray[np.float64]
 WHEEL_BODY = re.compile(r"^wheel_(\d+)")
 _FIRST_HIDDEN_GROUP = 3  # MuJoCo's own viewer shows groups 0 to 2; colliders live in 3
-_STRIPE = 0.45  # a stripe this much darker shows that a body of revolution turns
 
 
 @dataclass(frozen=True)
 class Poses:
-    """What moved: a model and its generalised positions through time."""
+    """A model and its generalised positions through time."""
 
     mj_model: mujoco.MjModel
     time: Array
@@ -46,15 +48,6 @@ def thin(time: Array, rate: float) -> NDArray[np.int64]:
     number = min(len(time), int(np.ceil((time[-1] - time[0]) * rate)) + 1)
     wanted = np.linspace(time[0], time[-1], max(number, 2))
     return np.unique(np.clip(np.searchsorted(time, wanted - 1e-9), 0, len(time) - 1))
-
-
-@dataclass(frozen=True)
-class Appearance:
-    """The visible surface of a body in the body's frame, with a colour per vertex."""
-
-    surface: Surface
-    colors: NDArray[np.uint8]
-    """Shape (v, 4)."""
 
 
 @dataclass(frozen=True)
@@ -82,76 +75,24 @@ def body_frames(poses: Poses) -> BodyFrames:
 
 
 def is_visible(mj_model: mujoco.MjModel, geom: int) -> bool:
-    """Whether a person should see the geom."""
+    """Check that a geom is meant for display and not fully transparent."""
     return bool(mj_model.geom_group[geom] < _FIRST_HIDDEN_GROUP and geom_rgba(mj_model, geom)[3] > 0.0)
 
 
 def geom_rgba(mj_model: mujoco.MjModel, geom: int) -> Array:
-    """Colour of a geom: its material's, else its own, shape (4,)."""
+    """Return the colour of a geom's material, else its own, RGBA, shape (4,)."""
     material = mj_model.geom_matid[geom]
     return mj_model.mat_rgba[material] if material >= 0 else mj_model.geom_rgba[geom]
 
 
 def visible_geoms(mj_model: mujoco.MjModel, body: int) -> list[int]:
-    """The visible geoms of a body that have a finite surface."""
+    """Return the indices of a body's visible geoms."""
     first, number = mj_model.body_geomadr[body], mj_model.body_geomnum[body]
     return [g for g in range(first, first + number) if is_visible(mj_model, g)]
 
 
-def body_appearance(mj_model: mujoco.MjModel, body: int) -> Appearance | None:
-    """Surface and colours of a body; None when nothing of it is visible."""
-    return _appearance(mj_model, visible_geoms(mj_model, body))
-
-
-def obstacle_appearance(mj_model: mujoco.MjModel) -> Appearance | None:
-    """Surface and colours of what stands on the floor: ramps, thresholds, height fields; no patches."""
-    standing = [g for g in visible_geoms(mj_model, 0) if not mj_model.geom(g).name.startswith("patch_")]
-    return _appearance(mj_model, standing)
-
-
-def _appearance(mj_model: mujoco.MjModel, geoms: list[int]) -> Appearance | None:
-    surfaces, colors = [], []
-    for geom in geoms:
-        surface = geom_surface(mj_model, geom)
-        if surface is None:
-            continue
-        rotation = np.empty(9)
-        mujoco.mju_quat2Mat(rotation, mj_model.geom_quat[geom])
-        surfaces.append(surface.moved(mj_model.geom_pos[geom], rotation.reshape(3, 3)))
-        rgba = np.round(255 * geom_rgba(mj_model, geom)).astype(np.uint8)
-        colors.append(np.tile(rgba, (len(surface.vertices), 1)))
-    return Appearance(joined(surfaces), np.concatenate(colors)) if surfaces else None
-
-
-def appearance_key(mj_model: mujoco.MjModel, body: int) -> bytes:
-    """Equal for bodies whose `body_appearance` is equal."""
-    geoms = visible_geoms(mj_model, body)
-    colors = np.array([geom_rgba(mj_model, geom) for geom in geoms])
-    numbers = (
-        mj_model.geom_type,
-        mj_model.geom_dataid,
-        mj_model.geom_size,
-        mj_model.geom_pos,
-        mj_model.geom_quat,
-    )
-    return b"".join(values[geoms].tobytes() for values in numbers) + colors.tobytes()
-
-
-def striped(look: Appearance, axis: Array) -> Appearance:
-    """The same with a darker sector about the axis, so that a body of revolution is seen to turn."""
-    axis = axis / np.linalg.norm(axis)
-    first = np.cross(axis, [0.0, 0.0, 1.0] if abs(axis[2]) < 0.9 else [1.0, 0.0, 0.0])
-    second = np.cross(axis, first)
-    # by vertex, not by triangle: the viewer blends the edge of the stripe, triangles would leave saw teeth
-    angle = np.arctan2(look.surface.vertices @ second, look.surface.vertices @ first)
-    dark = angle % np.pi < 0.3 * np.pi
-    colors = look.colors.copy()
-    colors[dark, :3] = (_STRIPE * colors[dark, :3]).astype(np.uint8)
-    return Appearance(look.surface, colors)
-
-
 def _signature(mj_model: mujoco.MjModel, body: int) -> tuple[object, ...] | None:
-    """Equal for bodies that look the same: one mesh, in the same place of the body, in the same colour."""
+    """Return a key shared by bodies with the same parent, mesh, mesh pose and colour; None without a mesh."""
     geoms = visible_geoms(mj_model, body)
     if len(geoms) != 1 or mj_model.geom_type[geoms[0]] != mujoco.mjtGeom.mjGEOM_MESH:
         return None
@@ -161,7 +102,7 @@ def _signature(mj_model: mujoco.MjModel, body: int) -> tuple[object, ...] | None
 
 
 def identical_bodies(mj_model: mujoco.MjModel) -> list[list[int]]:
-    """Groups of two or more bodies with the same parent and the same mesh: the rollers of a wheel."""
+    """Group two or more bodies with the same parent and mesh, such as the rollers of a wheel."""
     groups: defaultdict[tuple[object, ...], list[int]] = defaultdict(list)
     for body in range(1, mj_model.nbody):
         signature = _signature(mj_model, body)
@@ -180,13 +121,13 @@ def hinge_axis(mj_model: mujoco.MjModel, body: int) -> Array | None:
 
 
 def wheel_bodies(mj_model: mujoco.MjModel, groups: list[list[int]] | None = None) -> list[int]:
-    """Bodies that turn on a wheel's axle, in the order of the wheels.
+    """Return the bodies that turn on a wheel's axle, in the order of the wheels.
 
-    A wheel is a body with rollers: two or more alike children.
+    A wheel is a body with rollers: two or more identical children.
 
     Args:
-      mj_model: A model with what is to be seen.
-      groups: From `identical_bodies`, where they are known already.
+      mj_model: A visible model.
+      groups: Result of `identical_bodies`, to save computing it again.
     """
     groups = identical_bodies(mj_model) if groups is None else groups
     parents = {int(mj_model.body_parentid[group[0]]) for group in groups}
@@ -208,14 +149,14 @@ def wheel_axles(poses: Poses, frames: BodyFrames, bodies: list[int]) -> Array:
 
 
 def rotated(quaternion: Array, vector: Array) -> Array:
-    """v + 2 w (q × v) + 2 q × (q × v): a vector turned by unit quaternions, shape (k, 3)."""
+    """v + 2 w (q × v) + 2 q × (q × v): a vector rotated by unit quaternions (k, 4), shape (k, 3)."""
     w, q = quaternion[:, :1], quaternion[:, 1:]
     cross = np.cross(q, np.broadcast_to(vector, q.shape))
     return vector + 2.0 * (w * cross + np.cross(q, cross))
 
 
 def relative_frames(frames: BodyFrames, bodies: list[int], parent: int) -> tuple[Array, Array]:
-    """Poses of bodies in one parent's frame through time.
+    """Express poses of bodies in one parent's frame through time.
 
     Returns:
       Positions, shape (k, m, 3) [m], and quaternions w, x, y, z, shape (k, m, 4).
@@ -250,7 +191,7 @@ def _matrices(quaternion: Array) -> Array:
 def poses_from_trace(
     mj_model: mujoco.MjModel, trace: Trace, rate: float = 50.0, turned: Array | None = None
 ) -> Poses:
-    """Poses for a run without recorded ones (planar model, hardware): the robot on its driven path.
+    """Make poses for a run without recorded ones (planar model, hardware): the robot on its driven path.
 
     The free joint follows `x`, `y`, `heading`; wheel hinges turn by the integral of `wheel_speed_i`; all
     other joints keep the model's reference position.
@@ -259,7 +200,7 @@ def poses_from_trace(
       mj_model: The robot's model.
       trace: A robot's trace with `x`, `y`, `heading`.
       rate: Poses per second.
-      turned: By how much the wheels had turned before, shape (n,) [rad].
+      turned: Wheel angles at the start of the trace, shape (n,) [rad].
     """
     keep = thin(trace["time"], rate)
     qpos = np.tile(mj_model.qpos0, (len(keep), 1))
@@ -282,11 +223,8 @@ def poses_from_trace(
     return Poses(mj_model, trace["time"][keep], qpos)
 
 
-# The machine as a person sees it, moving as it moved in a run.
-
-
 def visible_model(scenario: Scenario) -> mujoco.MjModel:
-    """The scenario's machine on its floor, with all that is only seen."""
+    """Compile the scenario's machine on its floor, display geoms included."""
     floor = find_floor(scenario.floor, scenario.name)
     if isinstance(scenario.constants, Rig):
         mass = scenario.drive.mass if isinstance(scenario.drive, RigInput) else None
@@ -297,19 +235,19 @@ def visible_model(scenario: Scenario) -> mujoco.MjModel:
 def visible_poses(
     scenario: Scenario, trace: Trace, time: Array | None = None, qpos: Array | None = None
 ) -> Poses | None:
-    """Poses of a run for recording and picture.
+    """Return the poses of a run for its recording and picture.
 
     Args:
-      scenario: What was driven.
-      trace: A robot that recorded no poses (planar model) follows `x`, `y`, `heading` and its wheel speeds.
-      time: Of the recorded poses, shape (k,) [s].
-      qpos: The recorded poses, shape (k, nq).
+      scenario: Scenario of the run.
+      trace: Signals; a robot without recorded poses follows its `x`, `y`, `heading` and wheel speeds.
+      time: Times of the recorded poses, shape (k,) [s].
+      qpos: Recorded poses, shape (k, nq).
 
     Returns:
-      None where nobody knows how the machine moved.
+      The poses; None where the motion of the machine is unknown.
 
     Raises:
-      ValueError: The poses are not those of the scenario's machine.
+      ValueError: The poses do not belong to the scenario's machine.
     """
     if time is None or qpos is None:
         known = {"x", "y", "heading", "wheel_speed_1"} <= set(trace.columns)

@@ -1,8 +1,13 @@
-"""The README's figures, one per claim: `python -m omnimj.view.readme_pictures models`."""
+"""The pictures of README and docs.
+
+`MUJOCO_GL=osmesa python -m omnimj.view.readme_pictures omnimj/docs/pictures` drives and draws them again. The
+sensitivity and tuning studies make their own.
+"""
 
 from __future__ import annotations
 
 import argparse
+import functools
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -10,19 +15,22 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+import mujoco
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.image import imread, imsave
+from matplotlib.image import imsave
+from PIL import Image
 
 from omnimj.estimate.gap.find import find_gap
 from omnimj.estimate.gap.records import overlays_by_run, worst_run
 from omnimj.resources import models_folder
-from omnimj.simulate.run import run_scenario
+from omnimj.signals import Array
+from omnimj.simulate.run import PoseTrack, run_scenario
 from omnimj.simulate.scenario.scenario import read_scenario
 from omnimj.simulate.suites.catalogue import find_suite
 from omnimj.simulate.suites.recording import RecordingConfig, record_suite
 from omnimj.view import palette, wording
-from omnimj.view.picture import Camera, Picture, render
+from omnimj.view.picture import Camera, camera_at, frames
 from omnimj.view.plots import comparison, diagnosis, mismatch
 from omnimj.view.plots.drawing import MIDDLE, legend, line, new_figure, time_axis, value_axis
 from omnimj.view.poses import visible_model
@@ -33,6 +41,11 @@ _CURRENTS = (0.45, 0.6, 0.9, 1.35)  # [A]
 _LABELS_AT = 0.9  # [m/s]
 _LABEL: Mapping[str, Any] = MappingProxyType({"textcoords": "offset points", "fontsize": 8})
 _LATERAL_SEED = 5
+_SHOT_SIZE, _COLUMNS, _GAP = (560, 400), 3, 8  # [pixels]
+_EYE_HEIGHT = 0.07  # [m]
+_ROBOT_CAMERA = Camera(target=(0.012, -0.016, 0.05), distance=0.77, azimuth=146.0, elevation=-24.0)
+_ROBOT_SIZE, _ANIMATION_SIZE = (1200, 800), (720, 440)  # [pixels]
+_FRAME_RATE = 20  # [1/s]
 _NO_ROLLER_FRICTION = """
 [wheel]
 roller_dry = { value = 0.0, unit = "1", source = "chosen" }
@@ -41,7 +54,7 @@ roller_viscous = { value = 0.0, unit = "s/m", source = "chosen" }
 
 
 def twin_against_equations() -> Figure:
-    """The rig at constant currents on natural stone: the twin, and the source's equations."""
+    """Compare the twin with the source's equations: the rig at constant currents on natural stone."""
     figure, (ax,) = new_figure(MIDDLE)
     time = np.zeros(0)
     for current in _CURRENTS:
@@ -63,22 +76,22 @@ def twin_against_equations() -> Figure:
 
 
 def motor_evidence() -> Figure:
-    """`degraded_motor`: the likelihood of a weak motor, wheel by wheel, and its threshold."""
+    """Draw the likelihood of a weak motor in `degraded_motor`, wheel by wheel, with its threshold."""
     run = run_scenario(read_scenario("degraded_motor"), "twin", "robust")
     spans = wording.fault_spans(run.metrics, float(run.trace["time"][-1]))
-    told = {family.name: family for family in families(run.trace.columns, "robust")}
-    return diagnosis.residual_family(run.trace, told["motor"], spans)
+    by_name = {family.name: family for family in families(run.trace.columns, "robust")}
+    return diagnosis.residual_family(run.trace, by_name["motor"], spans)
 
 
 def recovered_path() -> Figure:
-    """`two_motors_lost` from above: as planned, without help, with recovery."""
+    """Draw `two_motors_lost` from above: planned, without and with recovery."""
     scenario = read_scenario("two_motors_lost")
     traces = {method: run_scenario(scenario, "twin", method).trace for method in ("robust", "off")}
     return comparison.paths(traces, scenario.patches)
 
 
 def gap_before_and_after() -> Figure:
-    """The rig moved sideways, and a model without friction in its rollers: the worst held-out run."""
+    """Draw the worst held-out run of a rig moved sideways whose model lacks roller friction."""
     with tempfile.TemporaryDirectory() as folder:
         data, model = Path(folder) / "lateral", Path(folder) / "rig.toml"
         record_suite(find_suite("rig_lateral"), RecordingConfig(data, _LATERAL_SEED))
@@ -98,115 +111,110 @@ CLAIMS: Mapping[str, Callable[[], Figure]] = MappingProxyType(
         "claim_gap": gap_before_and_after,
     }
 )
-"""By the name of the picture's file."""
-
-
-def make_figures(folder: Path, names: tuple[str, ...] = tuple(CLAIMS)) -> None:
-    """Drives and draws them into a folder."""
-    for name in names:
-        CLAIMS[name]().savefig(folder / f"{name}.png", dpi=_DPI)
-
-
-if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description="Draws the README's figures.")
-    parser.add_argument("folder", type=Path, help="where the pictures go, e.g. models")
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(CLAIMS)} (default all)")
-    arguments = parser.parse_args()
-    for name in arguments.names:
-        if name not in CLAIMS:
-            parser.error(f"found {name!r}; choose from {', '.join(CLAIMS)}")
-    make_figures(arguments.folder, tuple(arguments.names) or tuple(CLAIMS))
-
-
-# The gallery in the README: `python -m omnimj.view.readme_pictures models/gallery.png`.
-
-_SHOT_SIZE = (420, 280)
-_COLUMNS = 3
-_GAP = 6  # [pixels] of white between pictures
+"""Figures by file name."""
 
 
 @dataclass(frozen=True)
-class GalleryShot:
-    """One picture: a scenario at a time, from a place beside the robot."""
+class Shot:
+    """A scenario at one time, seen from a place near the machine."""
 
     scenario: str
     time: float
     """[s]"""
-    distance: float = 1.1
-    """Of the camera from the robot [m]."""
+    distance: float = 0.8
+    """Distance of the camera from the machine [m]."""
     azimuth: float = 140.0
     """[°]"""
     elevation: float = -24.0
     """[°]"""
-    in_the_middle: bool = False
-    """Whether the camera looks at the middle of the path instead of at the robot."""
 
 
 GALLERY = (
-    GalleryShot("nylon_patch", 0.9),
-    GalleryShot("circle_8m_wheel_locked", 30.0, distance=10.2, elevation=-42.0, in_the_middle=True),
-    GalleryShot("ramp", 2.6, distance=1.6, azimuth=110.0, elevation=-12.0),
-    GalleryShot("three_wheel_circle", 9.0, distance=5.2, elevation=-35.0, in_the_middle=True),
-    GalleryShot("three_wheel_nylon", 0.9),
-    GalleryShot("rig_slip", 0.6, distance=1.0, azimuth=-58.0, elevation=-16.0),
+    Shot("nylon_patch", 0.9),
+    Shot("circle_8m_wheel_locked", 30.0, azimuth=118.0),
+    Shot("ramp", 2.6, azimuth=110.0, elevation=-12.0),
+    Shot("three_wheel_circle", 9.0, azimuth=160.0),
+    Shot("three_wheel_nylon", 0.9, azimuth=120.0),
+    Shot("rig_slip", 0.6, distance=0.85, azimuth=-58.0, elevation=-16.0),
 )
 """From left to right, row by row."""
 
 
-def _render_shot(shown: GalleryShot, path: Path) -> None:
-    """Drives a scenario on the twin and renders what was driven."""
-    scenario = read_scenario(shown.scenario)
-    outcome = run_scenario(scenario, "twin", "robust" if scenario.plant == "uto_robot" else "off")
-    trace, poses = outcome.trace, outcome.poses
-    assert poses is not None  # the twin has some
-    k = int(np.argmin(np.abs(poses.time - shown.time)))
-    trail = None
-    if "x" in trace:
-        trail = np.column_stack([trace["x"], trace["y"]])[trace["time"] <= shown.time]
-    x, y = poses.position[k, :2] if scenario.plant == "uto_robot" else poses.position[k, 1::-1]
-    if shown.in_the_middle:
-        x, y = 0.0, 0.0
-    camera = Camera((float(x), float(y), 0.08), shown.distance, shown.azimuth, shown.elevation)
-    render(visible_model(scenario), poses.position[k], path, shown.scenario, camera, trail, _SHOT_SIZE)
+def _drive(name: str) -> tuple[mujoco.MjModel, PoseTrack, Array]:
+    """Drive a scenario on the twin; return its visible model, its poses and its path, shape (k, 2) [m]."""
+    scenario = read_scenario(name)
+    result = run_scenario(scenario, "twin", "robust" if scenario.plant == "uto_robot" else "off")
+    trace, poses = result.trace, result.poses
+    assert poses is not None  # the twin records them
+    path = np.column_stack([trace["x"], trace["y"]]) if "x" in trace else np.empty((0, 2))
+    if len(path):
+        path = path[np.searchsorted(trace["time"], poses.time - 1e-9)]
+    return visible_model(scenario), poses, path
 
 
 def make_gallery(path: Path) -> None:
-    """Renders all pictures into one."""
+    """Render six scenarios, machines close up, on one sheet."""
     width, height = _SHOT_SIZE
     rows = -(-len(GALLERY) // _COLUMNS)
-    sheet = np.ones((rows * (height + _GAP) - _GAP, _COLUMNS * (width + _GAP) - _GAP, 3))
-    with tempfile.TemporaryDirectory() as folder:
-        for k, shown in enumerate(GALLERY):
-            _render_shot(shown, Path(folder) / "one.png")
-            row, column = divmod(k, _COLUMNS)
-            top, left = row * (height + _GAP), column * (width + _GAP)
-            sheet[top : top + height, left : left + width] = imread(Path(folder) / "one.png")[..., :3]
+    sheet = np.full((rows * (height + _GAP) - _GAP, _COLUMNS * (width + _GAP) - _GAP, 3), 255, np.uint8)
+    for number, shot in enumerate(GALLERY):
+        mj_model, poses, trail = _drive(shot.scenario)
+        k = int(np.argmin(np.abs(poses.time - shot.time)))
+        x, y, _ = camera_at(mj_model, poses.position[k]).target
+        camera = Camera((x, y, _EYE_HEIGHT), shot.distance, shot.azimuth, shot.elevation)
+        (pixels,) = frames(mj_model, [(poses.position[k], camera, trail[: k + 1])], _SHOT_SIZE)
+        row, column = divmod(number, _COLUMNS)
+        top, left = row * (height + _GAP), column * (width + _GAP)
+        sheet[top : top + height, left : left + width] = pixels
     imsave(path, sheet)
 
 
-if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description="Renders the README's gallery of scenarios.")
-    parser.add_argument("png", type=Path, help="the file to write, e.g. models/gallery.png")
-    make_gallery(parser.parse_args().png)
+def make_robot(path: Path) -> None:
+    """Render the robot at its start: on stone, wheel 1 on a nylon sheet."""
+    mj_model = visible_model(read_scenario("nylon_patch"))
+    (pixels,) = frames(mj_model, [(mj_model.qpos0, _ROBOT_CAMERA, np.empty((0, 2)))], _ROBOT_SIZE)
+    imsave(path, pixels)
 
 
-# The picture of the robot in the README: `python -m omnimj.view.readme_pictures models/robot.png`.
-
-ROBOT_SCENARIO = "nylon_patch"
-_ROBOT_CAMERA = Camera(target=(0.012, -0.016, 0.05), distance=0.77, azimuth=146.0, elevation=-24.0)
-_ROBOT_SIZE = (1200, 800)
-
-
-def make_robot(path: Path) -> Picture:
-    """Renders the robot at its start: on stone, wheel 1 on a nylon sheet."""
-    mj_model = visible_model(read_scenario(ROBOT_SCENARIO))
-    return render(
-        mj_model, mj_model.qpos0, path, "the robot, wheel 1 on a nylon sheet", _ROBOT_CAMERA, size=_ROBOT_SIZE
+def make_animation(path: Path) -> None:
+    """Render `nylon_patch` as a short animation that follows the robot."""
+    mj_model, poses, trail = _drive("nylon_patch")
+    times = np.arange(poses.time[0], poses.time[-1], 1.0 / _FRAME_RATE)
+    shots = []
+    for k in np.searchsorted(poses.time, times):
+        x, y = poses.position[k, :2]
+        shots.append((poses.position[k], Camera((x, y, _EYE_HEIGHT), 0.95, 146.0, -22.0), trail[: k + 1]))
+    images = [Image.fromarray(pixels) for pixels in frames(mj_model, shots, _ANIMATION_SIZE)]
+    images[0].save(
+        path, save_all=True, append_images=images[1:], duration=1000 // _FRAME_RATE, loop=0, quality=70
     )
 
 
+def _save_figure(draw: Callable[[], Figure], path: Path) -> None:
+    draw().savefig(path, dpi=_DPI)
+
+
+PICTURES: Mapping[str, Callable[[Path], None]] = MappingProxyType(
+    {
+        "robot.png": make_robot,
+        "gallery.png": make_gallery,
+        "drive.webp": make_animation,
+        **{f"{name}.png": functools.partial(_save_figure, draw) for name, draw in CLAIMS.items()},
+    }
+)
+"""What makes each file."""
+
+
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description="Renders the README's picture of the robot.")
-    parser.add_argument("png", type=Path, help="the file to write, e.g. models/robot.png")
-    made = make_robot(parser.parse_args().png)
-    print(f"{made.path}: {made.way_in_words}")
+    parser = argparse.ArgumentParser(description="Makes the pictures of README and docs.")
+    parser.add_argument("folder", type=Path, help="folder for the pictures, e.g. omnimj/docs/pictures")
+    parser.add_argument(
+        "names", nargs="*", metavar="NAME", help=f"any of {', '.join(PICTURES)} (default all)"
+    )
+    arguments = parser.parse_args()
+    for name in arguments.names:
+        if name not in PICTURES:
+            parser.error(f"found {name!r}; choose from {', '.join(PICTURES)}")
+    arguments.folder.mkdir(parents=True, exist_ok=True)
+    for name in arguments.names or PICTURES:
+        PICTURES[name](arguments.folder / name)

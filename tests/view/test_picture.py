@@ -1,16 +1,18 @@
-"""Pictures come out with OpenGL and without, and a broken OpenGL never reaches the run."""
+"""A run has a picture where OpenGL is found, and a broken OpenGL never reaches the run."""
 
 from __future__ import annotations
 
+import functools
 import os
 import subprocess
+import sys
 
 import numpy as np
 import pytest
 from matplotlib.image import imread
 
 from omnimj.view import picture as picture_room
-from omnimj.view.picture import BACKENDS, Camera, picture_of_run, render
+from omnimj.view.picture import BACKENDS, picture_of_run, render
 from omnimj.view.rerun.meshes import box, capsule, cylinder, ellipsoid, mesh
 
 SIZE = (320, 216)
@@ -54,48 +56,42 @@ def looked_at(path) -> np.ndarray:
     return pixels[height // 4 : -height // 4, width // 4 : -width // 4].mean(axis=2)
 
 
-def test_a_machine_is_drawn_without_any_opengl(tmp_path, robot_model):
-    made = render(robot_model, robot_model.qpos0, tmp_path / "drawn.png", size=SIZE, backends=())
-    assert made.way == "drawn"
-    assert "no OpenGL" in made.way_in_words
-    assert imread(made.path).shape[:2] == SIZE[::-1]
-    assert looked_at(made.path).std() > 0.1  # dark plates on a light floor
+def opengl() -> str | None:
+    """The first backend that renders on this machine."""
+    return next((name for name in BACKENDS if _can_render(name)), None)
 
 
-def test_the_drawing_shows_what_moved(tmp_path, robot_model):
-    camera = Camera()
-    moved = robot_model.qpos0.copy()
-    moved[0] += 0.3
-    first = render(robot_model, robot_model.qpos0, tmp_path / "a.png", camera=camera, size=SIZE, backends=())
-    second = render(robot_model, moved, tmp_path / "b.png", camera=camera, size=SIZE, backends=())
-    assert np.abs(looked_at(first.path) - looked_at(second.path)).mean() > 0.02
+@functools.cache
+def _can_render(name: str) -> bool:
+    code = "import mujoco; mujoco.GLContext(8, 8).make_current()"
+    environment = {**os.environ, "MUJOCO_GL": name}
+    return subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True).returncode == 0
 
 
-def test_a_broken_opengl_falls_back_to_the_drawing(tmp_path, robot_model):
+def test_without_opengl_there_is_no_picture_and_the_caption_says_how_to_get_one(tmp_path, robot_model):
     # "nonsense" is refused by MuJoCo when it is imported: the process that renders ends, this one goes on
-    made = render(robot_model, robot_model.qpos0, tmp_path / "b.png", size=SIZE, backends=("nonsense",))
-    assert made.way == "drawn"
+    for backends in ((), ("nonsense",)):
+        made = render(robot_model, robot_model.qpos0, tmp_path / "b.png", size=SIZE, backends=backends)
+        assert made.path is None and not (tmp_path / "b.png").exists()
+        assert "libosmesa6" in made.caption and "MUJOCO_GL=osmesa" in made.caption
 
 
-def test_a_renderer_that_hangs_is_given_up(tmp_path, robot_model, monkeypatch):
+def test_a_renderer_that_hangs_is_stopped(tmp_path, robot_model, monkeypatch):
     def hang(command, **keywords):
         raise subprocess.TimeoutExpired(command, keywords["timeout"])
 
     monkeypatch.setattr(picture_room.subprocess, "run", hang)
-    assert render(robot_model, robot_model.qpos0, tmp_path / "b.png", size=SIZE).way == "drawn"
+    assert render(robot_model, robot_model.qpos0, tmp_path / "b.png", size=SIZE).path is None
 
 
-def test_mujoco_renders_where_opengl_is_found_and_agrees_with_the_drawing(tmp_path, robot_model):
+@pytest.mark.skipif(opengl() is None, reason="no OpenGL library on this machine")
+def test_mujoco_renders_the_machine_in_the_middle_where_opengl_is_found(tmp_path, robot_model):
     before = os.environ.get("MUJOCO_GL")
     made = render(robot_model, robot_model.qpos0, tmp_path / "gl.png", size=SIZE)
     assert os.environ.get("MUJOCO_GL") == before
-    if made.way == "drawn":
-        pytest.skip("no OpenGL library on this machine")
-    assert made.way in BACKENDS
-    drawn = render(robot_model, robot_model.qpos0, tmp_path / "drawn.png", size=SIZE, backends=())
-    rendered, own = looked_at(made.path), looked_at(drawn.path)
-    # two independent projections of one scene: the dark plates must lie in the same place
-    assert np.corrcoef((rendered < 0.3).ravel(), (own < 0.3).ravel())[0, 1] > 0.7
+    assert made.backend == opengl() and made.path is not None
+    assert imread(made.path).shape[:2] == SIZE[::-1]
+    assert looked_at(made.path).std() > 0.1  # dark plates on a light floor
 
 
 def test_a_runs_picture_shows_the_middle_of_its_first_fault(
@@ -108,4 +104,3 @@ def test_a_runs_picture_shows_the_middle_of_its_first_fault(
 def test_the_rig_has_a_picture_too(tmp_path, rig_poses, rig_trace, rig_metrics):
     made = picture_of_run(rig_poses, rig_trace, rig_metrics, tmp_path / "rig.png", backends=())
     assert made.subject.startswith("the test rig")
-    assert looked_at(made.path).std() > 0.05

@@ -9,7 +9,8 @@ from omnimj.parameters import read_floors, read_robot
 from omnimj.plant.mujoco.assembly import robot_model
 from omnimj.signals import Trace
 from omnimj.simulate.scenario.scenario import read_scenario
-from omnimj.view.poses import body_appearance, body_frames, visible_model, visible_poses, wheel_bodies
+from omnimj.view.poses import body_frames, visible_model, visible_poses, wheel_bodies
+from omnimj.view.rerun.meshes import body_appearance
 
 
 def test_the_robot_to_be_seen_has_the_joints_of_the_robot_that_is_simulated():

@@ -172,8 +172,10 @@ def _ended_early(metrics: Mapping[str, Any]) -> str:
 
 def _picture(picture: Picture, metrics: Mapping[str, Any]) -> str:
     words = f"{wording.title(metrics)}: {picture.subject}"
+    if picture.path is None:
+        return f"<p>{page.text(picture.caption)}</p>"
     return page.figure(
-        page.image(picture.path, words), picture.subject.capitalize(), picture.way_in_words, "picture"
+        page.image(picture.path, words), picture.subject.capitalize(), picture.caption, "picture"
     )
 
 

@@ -1,4 +1,4 @@
-"""MuJoCo's geoms as triangles, for viewers and drawings that know nothing of MuJoCo."""
+"""MuJoCo geoms and bodies as coloured triangle meshes, for viewers that do not read MuJoCo models."""
 
 from __future__ import annotations
 
@@ -9,9 +9,13 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from omnimj.view.poses import geom_rgba, visible_geoms
+
 Array = NDArray[np.float64]
 ROUND = 28
-"""Corners of a drawn circle."""
+"""Corners of a circle."""
+_STRIPE = 0.45
+"""Brightness of the stripe that shows the rotation of a body of revolution, relative to its colour."""
 _CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 _BOX_FACES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
 
@@ -28,12 +32,12 @@ class Surface:
     """Vertex indices, counter-clockwise seen from outside, shape (t, 3)."""
 
     def moved(self, position: Array, rotation: Array) -> Surface:
-        """Turned by a rotation matrix (3, 3), then shifted."""
+        """Rotate by a matrix, shape (3, 3), then shift by a vector, shape (3,) [m]."""
         return Surface(self.vertices @ rotation.T + position, self.normals @ rotation.T, self.triangles)
 
 
 def joined(surfaces: list[Surface]) -> Surface:
-    """One surface of several."""
+    """Merge several surfaces into one."""
     offsets = np.cumsum([0, *(len(s.vertices) for s in surfaces[:-1])])
     return Surface(
         np.concatenate([s.vertices for s in surfaces]),
@@ -43,7 +47,7 @@ def joined(surfaces: list[Surface]) -> Surface:
 
 
 def box(half: Array) -> Surface:
-    """A box with the given half sizes, shape (3,) [m]."""
+    """Make a box with the given half sizes, shape (3,) [m]."""
     corners = _CORNERS[_BOX_FACES] * half
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -56,12 +60,12 @@ def _split(quads: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def revolved(profile: Array, normals: Array, corners: int = ROUND) -> Surface:
-    """Turns a profile (radius, height), shape (k, 2), about z, from the bottom to the top.
+    """Revolve a profile about z, from the bottom to the top.
 
     Args:
       profile: Radii and heights [m], shape (k, 2).
-      normals: Radial and vertical part of the normal at each point, shape (k, 2).
-      corners: Points around.
+      normals: Radial and vertical components of the normal at each point, shape (k, 2).
+      corners: Points around the circle.
     """
     angle = np.linspace(0.0, 2.0 * np.pi, corners + 1)
     ring = np.column_stack([np.cos(angle), np.sin(angle)])
@@ -79,7 +83,7 @@ def revolved(profile: Array, normals: Array, corners: int = ROUND) -> Surface:
 
 
 def cylinder(radius: float, half_length: float, corners: int = ROUND) -> Surface:
-    """A cylinder along z with flat ends."""
+    """Make a cylinder along z with flat ends."""
     up, out = np.array([0.0, 1.0]), np.array([1.0, 0.0])
     low, high = np.array([radius, -half_length]), np.array([radius, half_length])
     side = revolved(np.array([low, high]), np.array([out, out]), corners)
@@ -89,7 +93,7 @@ def cylinder(radius: float, half_length: float, corners: int = ROUND) -> Surface
 
 
 def ellipsoid(half: Array, corners: int = ROUND) -> Surface:
-    """An ellipsoid with the given semi-axes, shape (3,) [m]."""
+    """Make an ellipsoid with the given semi-axes, shape (3,) [m]."""
     angle = np.linspace(-np.pi / 2, np.pi / 2, corners // 2 + 1)
     profile = np.column_stack([np.cos(angle), np.sin(angle)])
     sphere = revolved(profile, profile, corners)
@@ -99,7 +103,7 @@ def ellipsoid(half: Array, corners: int = ROUND) -> Surface:
 
 
 def capsule(radius: float, half_length: float, corners: int = 10) -> Surface:
-    """A cylinder along z with round ends."""
+    """Make a cylinder along z with hemispherical ends."""
     angle = np.concatenate([np.linspace(-np.pi / 2, 0, 4), np.linspace(0, np.pi / 2, 4)])
     normals = np.column_stack([np.cos(angle), np.sin(angle)])
     shift = np.column_stack([np.zeros(8), np.repeat([-half_length, half_length], 4)])
@@ -107,7 +111,7 @@ def capsule(radius: float, half_length: float, corners: int = 10) -> Surface:
 
 
 def mesh(mj_model: mujoco.MjModel, number: int) -> Surface:
-    """One of the model's meshes, with a vertex per corner of a triangle."""
+    """Return one of the model's meshes with a separate vertex per triangle corner."""
     faces = slice(
         mj_model.mesh_faceadr[number], mj_model.mesh_faceadr[number] + mj_model.mesh_facenum[number]
     )
@@ -118,7 +122,7 @@ def mesh(mj_model: mujoco.MjModel, number: int) -> Surface:
 
 
 def height_field(mj_model: mujoco.MjModel, number: int) -> Surface:
-    """Top of one of the model's height fields."""
+    """Return the top surface of one of the model's height fields."""
     rows, columns = int(mj_model.hfield_nrow[number]), int(mj_model.hfield_ncol[number])
     half_x, half_y, top, _ = mj_model.hfield_size[number]
     first = mj_model.hfield_adr[number]
@@ -134,7 +138,7 @@ def height_field(mj_model: mujoco.MjModel, number: int) -> Surface:
 
 
 def geom_surface(mj_model: mujoco.MjModel, geom: int) -> Surface | None:
-    """Triangles of a geom in its own frame; None for a plane."""
+    """Triangulate a geom in its own frame; None for a plane."""
     kind = mujoco.mjtGeom(mj_model.geom_type[geom])
     if kind == mujoco.mjtGeom.mjGEOM_HFIELD:
         return height_field(mj_model, mj_model.geom_dataid[geom])
@@ -156,3 +160,64 @@ def _primitive(kind: mujoco.mjtGeom, first: float, second: float, third: float) 
     if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
         return ellipsoid(np.array([first, second, third]))
     return None
+
+
+@dataclass(frozen=True)
+class Appearance:
+    """The visible surface of a body in the body's frame, with a colour per vertex."""
+
+    surface: Surface
+    colors: NDArray[np.uint8]
+    """Shape (v, 4)."""
+
+
+def body_appearance(mj_model: mujoco.MjModel, body: int) -> Appearance | None:
+    """Return the surface and colours of a body; None when it has no visible geom."""
+    return _appearance(mj_model, visible_geoms(mj_model, body))
+
+
+def obstacle_appearance(mj_model: mujoco.MjModel) -> Appearance | None:
+    """Return the surface and colours of ramps, thresholds and height fields, without floor patches."""
+    standing = [g for g in visible_geoms(mj_model, 0) if not mj_model.geom(g).name.startswith("patch_")]
+    return _appearance(mj_model, standing)
+
+
+def _appearance(mj_model: mujoco.MjModel, geoms: list[int]) -> Appearance | None:
+    surfaces, colors = [], []
+    for geom in geoms:
+        surface = geom_surface(mj_model, geom)
+        if surface is None:
+            continue
+        rotation = np.empty(9)
+        mujoco.mju_quat2Mat(rotation, mj_model.geom_quat[geom])
+        surfaces.append(surface.moved(mj_model.geom_pos[geom], rotation.reshape(3, 3)))
+        rgba = np.round(255 * geom_rgba(mj_model, geom)).astype(np.uint8)
+        colors.append(np.tile(rgba, (len(surface.vertices), 1)))
+    return Appearance(joined(surfaces), np.concatenate(colors)) if surfaces else None
+
+
+def appearance_key(mj_model: mujoco.MjModel, body: int) -> bytes:
+    """Return a key shared by bodies whose `body_appearance` is equal."""
+    geoms = visible_geoms(mj_model, body)
+    colors = np.array([geom_rgba(mj_model, geom) for geom in geoms])
+    numbers = (
+        mj_model.geom_type,
+        mj_model.geom_dataid,
+        mj_model.geom_size,
+        mj_model.geom_pos,
+        mj_model.geom_quat,
+    )
+    return b"".join(values[geoms].tobytes() for values in numbers) + colors.tobytes()
+
+
+def striped(base: Appearance, axis: Array) -> Appearance:
+    """Darken a sector about the axis so that the rotation of a body of revolution is visible."""
+    axis = axis / np.linalg.norm(axis)
+    first = np.cross(axis, [0.0, 0.0, 1.0] if abs(axis[2]) < 0.9 else [1.0, 0.0, 0.0])
+    second = np.cross(axis, first)
+    # by vertex, not by triangle: the viewer blends the edge of the stripe, triangles would leave saw teeth
+    angle = np.arctan2(base.surface.vertices @ second, base.surface.vertices @ first)
+    dark = angle % np.pi < 0.3 * np.pi
+    colors = base.colors.copy()
+    colors[dark, :3] = (_STRIPE * colors[dark, :3]).astype(np.uint8)
+    return Appearance(base.surface, colors)

@@ -1,4 +1,4 @@
-"""The machine in a Rerun recording: its bodies once, then where they are and the forces at its wheels."""
+"""The scene of a Rerun recording: machine with its contact forces, floor, planned and driven path."""
 
 from __future__ import annotations
 
@@ -15,29 +15,22 @@ from omnimj.signals import Trace
 from omnimj.view import palette
 from omnimj.view.plots.runs import patch_corners
 from omnimj.view.poses import (
-    Appearance,
     BodyFrames,
     Poses,
-    appearance_key,
-    body_appearance,
     body_frames,
     hinge_axis,
     identical_bodies,
-    obstacle_appearance,
     relative_frames,
-    striped,
     wheel_axles,
     wheel_bodies,
 )
-
-# The timelines of recordings: simulated time; one per run where a recording holds several.
-
-
-def time_column(time: Array, timeline: str = "time") -> rr.TimeColumn:
-    """Simulated time [s], for the rows that are sent with it, on the timeline of that name."""
-    whole = np.round(1e9 * np.asarray(time)).astype("timedelta64[ns]")  # a float would be cut off, 4.0999…
-    return rr.TimeColumn(timeline, duration=whole)
-
+from omnimj.view.rerun.meshes import (
+    Appearance,
+    appearance_key,
+    body_appearance,
+    obstacle_appearance,
+    striped,
+)
 
 Array = NDArray[np.float64]
 RATE = 50.0
@@ -46,34 +39,50 @@ TRACTION_SCALE, NORMAL_SCALE = 0.02, 0.005
 """Length of a force arrow [m/N]; traction is the smaller force and lies on the floor."""
 MACHINE, FORCES, OBSTACLES = "world/machine", "world/forces", "world/obstacles"
 AROUND = "around"
-"""Entity below a free body: unseen points about it, as far as a spectator who stays with it should see."""
+"""Entity below a free body: invisible points around it that set the zoom of a camera following it."""
 _REACH = np.array([0.42, 0.42, 0.17])  # [m]
 _ARROW_RADIUS = 0.007
 _UP = np.array([0.0, 0.0, 1.0])
+FLOOR, PATH = "world/floor", "world/path"
+_TRAIL_STEPS, _TRAIL_POINTS = 120, 240
+_TILE = 0.25  # [m]
+_MOST_TILES = 512  # along a side: a run that diverged may end anywhere
+_MARGIN = 0.6  # [m] of floor around what moves
+
+
+def time_column(time: Array, timeline: str = "time") -> rr.TimeColumn:
+    """Make the time index of rows.
+
+    Args:
+      time: Simulated time, shape (k,) [s].
+      timeline: Name of the timeline; a recording of several runs has one for each.
+    """
+    whole = np.round(1e9 * np.asarray(time)).astype("timedelta64[ns]")  # a float would be cut off, 4.0999…
+    return rr.TimeColumn(timeline, duration=whole)
 
 
 def body_entity(name: str, root: str = MACHINE) -> str:
-    """Where a body lies in the recording: `wheel_1_wheel` → `world/machine/wheel_1`."""
+    """Return the entity of a body: `wheel_1_wheel` → `world/machine/wheel_1`."""
     return f"{root}/{name.removesuffix('_wheel')}"
 
 
 class Machine:
-    """The visible bodies of a model; alike rollers of a wheel are instances of one mesh."""
+    """The visible bodies of a model; identical rollers of a wheel are instances of one mesh."""
 
     def __init__(self, stream: rr.RecordingStream, mj_model: mujoco.MjModel, root: str = MACHINE):
-        """Logs what the bodies look like, in no place yet.
+        """Log the meshes of the bodies, without poses.
 
         Args:
-          stream: Where to log.
-          mj_model: The machine with all that is only seen.
-          root: Entity above its bodies; another for each machine in the scene.
+          stream: Recording.
+          mj_model: Visible model of the machine.
+          root: Parent entity of its bodies; different for each machine in the scene.
         """
         self._stream, self._mj_model, self._root = stream, mj_model, root
         self._groups = identical_bodies(mj_model)
         self._wheels = wheel_bodies(mj_model, self._groups)
         grouped = {body for bodies in self._groups for body in bodies}
         self._bodies: list[int] = []
-        looks: dict[bytes, Appearance | None] = {}  # the corners look alike, and so do the wheels
+        looks: dict[bytes, Appearance | None] = {}  # all corners are identical, and so are all wheels
         for body in sorted(set(range(1, mj_model.nbody)) - grouped):
             key = appearance_key(mj_model, body)
             look = looks[key] if key in looks else looks.setdefault(key, body_appearance(mj_model, body))
@@ -90,7 +99,7 @@ class Machine:
         for body in self._bodies:
             first = mj_model.body_jntadr[body]
             if first >= 0 and mj_model.jnt_type[first] == mujoco.mjtJoint.mjJNT_FREE:
-                # the viewer goes as near to what it follows as that fills the picture
+                # the viewer zooms in until the entity it follows fills the picture
                 unseen = rr.Points3D([-_REACH, _REACH], radii=[0.0], colors=[(0, 0, 0, 0)])
                 stream.log(f"{self._entity(body)}/{AROUND}", unseen, static=True)
 
@@ -101,24 +110,27 @@ class Machine:
         return f"{self._entity(int(self._mj_model.body_parentid[bodies[0]]))}/rollers"
 
     def log_motion(self, poses: Poses, trace: Trace) -> None:
-        """Logs where everything was, and the forces.
+        """Log body poses and contact forces.
 
         Args:
-          poses: Of this machine, at least one.
-          trace: Rows over the same time, for the forces.
+          poses: At least one pose of this machine.
+          trace: Signals over the same time, for the forces.
         """
         poses = poses.thinned(RATE)
         frames = self.log_bodies(poses)
         self._log_forces(poses, frames, trace)
 
     def log_bodies(self, poses: Poses, timeline: str = "time", rollers_turn: bool = True) -> BodyFrames:
-        """Logs where everything was.
+        """Log body poses.
 
         Args:
-          poses: Of this machine, at least one.
-          timeline: On which.
-          rollers_turn: Whether anything is known of the rollers; else they are sent once, as they sit in
-            their wheel.
+          poses: At least one pose of this machine.
+          timeline: Name of the timeline.
+          rollers_turn: Whether roller angles are known; otherwise rollers are logged once,
+            at rest in their wheel.
+
+        Returns:
+          World poses of all bodies.
         """
         frames = body_frames(poses)
         index = time_column(frames.time, timeline)
@@ -142,7 +154,7 @@ class Machine:
         return frames
 
     def _log_forces(self, poses: Poses, frames: BodyFrames, trace: Trace) -> None:
-        """Arrows at the wheels' contacts: traction along the driving direction, normal force upwards."""
+        """Log arrows at the wheel contacts: traction along the driving direction, normal force upwards."""
         wheels = [body for i, body in enumerate(self._wheels, 1) if f"traction_force_{i}" in trace]
         if not wheels:
             return
@@ -157,7 +169,7 @@ class Machine:
         self._log_arrows("normal", frames.time, foot, NORMAL_SCALE * normal, palette.NORMAL)
 
     def _log_arrows(self, name: str, time: Array, origins: Array, vectors: Array, color: str) -> None:
-        """One arrow per wheel; origins and vectors have shape (k, n, 3) [m]."""
+        """Log one arrow per wheel; origins and vectors have shape (k, n, 3) [m]."""
         k, n, _ = vectors.shape
         columns = rr.Arrows3D.columns(
             vectors=vectors.reshape(-1, 3).astype(np.float32),
@@ -186,25 +198,16 @@ def _log_mesh(stream: rr.RecordingStream, entity: str, look: Appearance) -> None
     )
 
 
-# What lies on the floor in a Rerun recording: tiles, patches of other floor, planned and driven path.
-
-FLOOR, PATH = "world/floor", "world/path"
-_TRAIL_STEPS, _TRAIL_POINTS = 120, 240
-_TILE = 0.25  # [m]
-_MOST_TILES = 512  # along a side: a run that broke down may end anywhere
-_MARGIN = 0.6  # [m] of floor around what moves
-
-
 def log_floor(stream: rr.RecordingStream, points: Array, patches: Sequence[Any], floor: str) -> None:
-    """The floor as a slab with tiles, and each patch of other floor with its name.
+    """Log the floor as a slab with tiles, and each patch of another floor with its name.
 
-    Tiles are 0.25 m wide, larger ones where the floor is vast.
+    Tiles are 0.25 m wide, larger on a vast floor.
 
     Args:
-      stream: Where to log.
-      points: What the floor must lie under, shape (k, 2) [m].
-      patches: Each has `floor`, `center`, `size` and `yaw`.
-      floor: Its name.
+      stream: Recording.
+      points: Points that the floor must extend under, shape (k, 2) [m].
+      patches: Patches with `floor`, `center`, `size` and `yaw`.
+      floor: Name of the floor.
     """
     low, high = np.floor(points.min(axis=0) - _MARGIN), np.ceil(points.max(axis=0) + _MARGIN)
     slab = rr.Boxes3D(
@@ -244,7 +247,7 @@ def _log_patch(stream: rr.RecordingStream, entity: str, patch: Any) -> None:
 
 
 def log_planned(stream: rr.RecordingStream, planned: Array) -> None:
-    """The planned path as a whole, shape (k, 2) [m]."""
+    """Log the whole planned path, shape (k, 2) [m]."""
     keep = np.unique(np.linspace(0, len(planned) - 1, min(len(planned), _TRAIL_POINTS)).astype(int))
     strip = rr.LineStrips3D(
         [_on_floor(planned[keep], 0.002)], colors=[palette.rgb(palette.PLANNED)], radii=[0.004]
@@ -253,10 +256,10 @@ def log_planned(stream: rr.RecordingStream, planned: Array) -> None:
 
 
 class Trail:
-    """The driven path as it grows, the whole line so far at each of its steps."""
+    """The driven path as it grows: at each step the whole line so far."""
 
     def __init__(self, stream: rr.RecordingStream, duration: float):
-        """A path of a run that lasts at most `duration` [s]."""
+        """Start the path of a run that lasts at most `duration` [s]."""
         self._stream, self._duration = stream, duration
         self._points = np.empty((0, 2))
         self._last = -1.0
@@ -264,7 +267,7 @@ class Trail:
         stream.log(f"{PATH}/driven", style, static=True)
 
     def add(self, trace: Trace) -> None:
-        """Goes on by the rows of a trace, which follow those added before."""
+        """Append the rows of a trace, which follow those added before."""
         time, place = trace["time"], np.column_stack([trace["x"], trace["y"]])
         kept = self._crossed(time, _TRAIL_POINTS)
         ends = np.union1d(self._crossed(time, _TRAIL_STEPS), [len(time) - 1])
@@ -273,12 +276,12 @@ class Trail:
         ]
         columns = rr.LineStrips3D.columns(strips=strips)
         self._stream.send_columns(f"{PATH}/driven", [time_column(time[ends])], columns)
-        # a drive by hand may go on for ever, its trail may not
+        # a drive by hand is unlimited, its trail is not
         self._points = np.vstack([self._points, place[kept]])[-2 * _TRAIL_POINTS :]
         self._last = float(time[-1])
 
     def _crossed(self, time: Array, parts: int) -> NDArray[np.int64]:
-        """Rows at which another of the run's equal parts begins."""
+        """Return the rows at which another of `parts` equal parts of the run begins."""
         part = np.floor(np.concatenate([[self._last], time]) * parts / self._duration + 1e-9)
         return np.flatnonzero(np.diff(part) > 0)
 
