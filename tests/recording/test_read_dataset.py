@@ -434,7 +434,7 @@ def test_a_damaged_dataset_toml_is_read_or_refused(tmp_path_factory, position, t
 
 
 def test_a_parquet_file_that_claims_any_number_of_rows_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("omnimj.recording.run_table.MOST_NUMBERS", 300)
+    monkeypatch.setattr("omnimj.recording.run_table.MAX_NUMBERS", 300)
     folder = made.write_rig(tmp_path)
     made.write_parquet(folder / "b.parquet", made.rig_columns())
     assert "claims 60 rows" in refused(folder)

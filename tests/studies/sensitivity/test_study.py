@@ -80,7 +80,7 @@ def test_whoever_does_the_work_the_numbers_are_the_same(tmp_path):
     ids=lambda other: next(iter(other)),
 )
 def test_another_study_in_the_folder_is_not_mixed_with_this_one(tmp_path, other, monkeypatch):
-    monkeypatch.setattr("omnimj.studies.sensitivity.study.drive_changed", lambda *_: {"results": {}})
+    monkeypatch.setattr("omnimj.studies.sensitivity.study.drive_with", lambda *_: {"results": {}})
     order = order_of(tmp_path / "out")
     run_sensitivity(order, quiet, Here())
     with pytest.raises(InputError, match="holds a study of something else"):
@@ -91,7 +91,7 @@ def test_another_study_in_the_folder_is_not_mixed_with_this_one(tmp_path, other,
 
 
 def test_a_number_that_is_not_varied_is_part_of_the_study_too(tmp_path, monkeypatch):
-    monkeypatch.setattr("omnimj.studies.sensitivity.study.drive_changed", lambda *_: {"results": {}})
+    monkeypatch.setattr("omnimj.studies.sensitivity.study.drive_with", lambda *_: {"results": {}})
     model = tmp_path / "rig.toml"
     model.write_text(read_scenario("rig_slip").constants.file.read_text(encoding="utf-8"), encoding="utf-8")
     order = order_of(tmp_path / "out", dataclasses.replace(SHORT_RIG, model=model))
@@ -129,7 +129,7 @@ def test_a_run_that_breaks_down_costs_its_own_effects_alone_and_is_tried_again(t
             return {"error": "SimulationError: it flew away"}
         return drive(asked, values, seed)
 
-    monkeypatch.setattr("omnimj.studies.sensitivity.study.drive_changed", breaking)
+    monkeypatch.setattr("omnimj.studies.sensitivity.study.drive_with", breaking)
     outcome = run_sensitivity(order_of(tmp_path / "out"), quiet, Here())
     assert list(outcome.errors.values()) == ["SimulationError: it flew away"]
     counts = sorted(one.count for one in study_named(outcome, "travel").measures)
