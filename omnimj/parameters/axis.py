@@ -111,7 +111,7 @@ class Axis:
     effects: EffectValues = field(default_factory=dict)
     """Effects on top of the model; the names and their parameters are those of `omnimj.effects`."""
     extras: AxisExtras = field(default_factory=AxisExtras)
-    """What the effects come to, see `omnimj.effects.apply_effects`; without effects in an axis that was read."""
+    """Sum of all effects, from `omnimj.effects.apply_effects`; none in an axis that was just read."""
 
 
 def read_axis(path: Path | None = None) -> Axis:
