@@ -1,8 +1,8 @@
-"""Compiles kernels once and keeps them on disk, keyed to every source they are made from.
+"""Just-in-time compilation of kernels with a cache on disk, keyed to every source they are compiled from.
 
-numba's own cache looks only at the file of the outermost function; here the folder's name carries a
-fingerprint of the libraries and of all sources that a room's kernels may call, so that an edit makes a fresh
-folder for its own room and for those above it.
+numba's own cache checks only the file of the outermost function. Here the name of the cache folder carries a
+fingerprint of the libraries and of all sources that the kernels of a package may call, so that an edit leads
+to a fresh folder for its own package and for those above it. A damaged cache file costs a compilation only.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import hashlib
 import importlib.metadata
 import itertools
 import os
+import pickle
 import shutil
 import tempfile
 import time
@@ -23,18 +24,21 @@ from typing import Any
 import numba
 
 _PACKAGE = Path(__file__).resolve().parent.parent
-# room → rooms whose kernels and constants its kernels may use, as the import order has it
+_EQUATIONS = ("parameters/floor.py", "physics")  # every kernel may call these
+# package → packages and files whose kernels and constants its kernels may use, as the import order allows
 _CALLED_ROOMS = {
-    "physics": ("physics",),
-    "plant": ("physics", "plant"),
-    "control": ("physics", "control"),
-    "link": ("physics", "link"),
-    "estimate": ("physics", "plant", "control", "estimate"),
+    "physics": _EQUATIONS,
+    "plant": (*_EQUATIONS, "plant"),
+    "control": (*_EQUATIONS, "control"),
+    "link": (*_EQUATIONS, "link"),
+    "estimate": (*_EQUATIONS, "plant", "control", "estimate"),
 }
-# of these only files with kernels count; the rest changes often
+# of these packages only files with kernels count; the others change often
 _GUEST_ROOMS = ("estimate", "link")
-_DEFAULT_ROOM = "estimate"  # a kernel from outside the rooms, such as one of a test, may call any
+_DEFAULT_ROOM = "estimate"  # of kernels elsewhere, as in tests, which may call any of them
 ROOMS = tuple(_CALLED_ROOMS)
+_DAMAGED = (EOFError, pickle.UnpicklingError, ValueError, KeyError, IndexError, AttributeError, RuntimeError)
+"""Raised by cache files that were cut off or overwritten."""
 _KEEP = 30 * 86400.0  # [s] folders of older versions go after a month
 
 
@@ -47,12 +51,17 @@ def _version(library: str) -> str:
 
 @functools.cache
 def fingerprint(room: str) -> str:
-    """Sixteen hex digits over what a room's kernels are made from, and the versions of the libraries."""
+    """Sixteen hex digits of a hash over the sources of a package's kernels and the versions of the libraries.
+
+    Args:
+      room: One of `ROOMS`.
+    """
     digest = hashlib.sha256()
     for library in ("numba", "llvmlite", "mujoco"):
         digest.update(f"{library}={_version(library)};".encode())
     for below in _CALLED_ROOMS[room]:
-        for source in sorted((_PACKAGE / below).rglob("*.py")):
+        path = _PACKAGE / below
+        for source in [path] if path.is_file() else sorted(path.rglob("*.py")):
             content = source.read_bytes()
             if below not in _GUEST_ROOMS or b"@kernel" in content:
                 digest.update(source.relative_to(_PACKAGE).as_posix().encode() + content)
@@ -60,7 +69,7 @@ def fingerprint(room: str) -> str:
 
 
 def _own_roots() -> Iterator[Path]:
-    """Where the user keeps caches."""
+    """Candidate folders for caches below the user's home."""
     chosen, caches = os.environ.get("OMNIMJ_CACHE"), os.environ.get("XDG_CACHE_HOME")
     if chosen:
         yield Path(chosen)
@@ -72,7 +81,7 @@ def _own_roots() -> Iterator[Path]:
 
 
 def _temporary_roots() -> Iterator[Path]:
-    """A folder of the user's own, where everybody may write: to load a kernel is to run it."""
+    """A folder below the shared temporary one that belongs to the user alone: loading a kernel runs it."""
     user = os.getuid() if hasattr(os, "getuid") else None
     root = Path(tempfile.gettempdir()) / ("omnimj" if user is None else f"omnimj-{user}")
     with contextlib.suppress(OSError):
@@ -83,7 +92,7 @@ def _temporary_roots() -> Iterator[Path]:
 
 @functools.cache
 def cache_folder(room: str) -> Path:
-    """Folder of a room's compiled kernels; in the temporary folder where home is read-only."""
+    """Folder of a package's compiled kernels; below the temporary folder where home is read-only."""
     for root in itertools.chain(_own_roots(), _temporary_roots()):
         folder = root / f"native-{room}-{fingerprint(room)}"
         try:
@@ -105,17 +114,52 @@ def _remove_old_caches(root: Path) -> None:
 
 
 def cached(decorator: Callable[..., Any], *arguments: Any, **options: Any) -> Callable[[Callable], Any]:
-    """Applies a numba decorator with its disk cache in the folder of the function's room."""
+    """Applies a numba decorator with its disk cache in the folder of the function's package.
+
+    Args:
+      decorator: `numba.njit` or `numba.cfunc`.
+      arguments: Of the decorator.
+      options: Of the decorator.
+    """
 
     def wrap(function: Callable) -> Any:
         before = numba.config.CACHE_DIR
-        numba.config.CACHE_DIR = str(cache_folder(_room(function)))
+        folder = cache_folder(_room(function))
+        numba.config.CACHE_DIR = str(folder)
         try:
-            return decorator(*arguments, cache=True, **options)(function)
+            try:
+                compiled = decorator(*arguments, cache=True, **options)(function)
+            except _DAMAGED:  # a C callback is loaded right here, a kernel at its first call
+                _remove_files(folder, function)
+                compiled = decorator(*arguments, cache=True, **options)(function)
         finally:
             numba.config.CACHE_DIR = before
+        _recompile_damaged(compiled)
+        return compiled
 
     return wrap
+
+
+def _remove_files(folder: Path, function: Callable) -> None:
+    for file in folder.rglob(f"{Path(function.__code__.co_filename).stem}.{function.__qualname__}-*.nb?"):
+        file.unlink(missing_ok=True)
+
+
+def _recompile_damaged(compiled: Any) -> None:
+    """Lets a kernel whose cache files cannot be read be compiled anew instead of failing at its first call."""
+    cache = compiled._cache
+    load = getattr(cache, "load_overload", None)
+    if load is None:  # compilation is switched off
+        return
+
+    def load_or_forget(*arguments: Any) -> Any:
+        try:
+            return load(*arguments)
+        except _DAMAGED:
+            cache.flush()
+            return None
+
+    cache.load_overload = load_or_forget
 
 
 def _room(function: Callable) -> str:
@@ -131,7 +175,7 @@ def kernel(function: Callable) -> Any:
 
 
 def _completion_marker(plant: str) -> Path:
-    """Where it is noted that everything for a plant is compiled: any edit makes it another file."""
+    """File whose presence says that every kernel of a plant is compiled; any edit changes its name."""
     everything = "".join(fingerprint(room) for room in ROOMS)
     return (
         cache_folder(_DEFAULT_ROOM)
@@ -140,11 +184,11 @@ def _completion_marker(plant: str) -> Path:
 
 
 def is_compiled(plant: str) -> bool:
-    """Whether every kernel that a run on this kind of plant calls is on disk, made by this version."""
+    """Return whether this version has every kernel on disk that a run on this kind of plant calls."""
     return _completion_marker(plant).exists()
 
 
 def mark_compiled(plant: str) -> None:
-    """Notes that a run on this kind of plant has compiled every kernel it calls."""
-    with contextlib.suppress(OSError):  # a full disk: next time it is said again that code is compiled
+    """Record that a run on this kind of plant has compiled every kernel it calls."""
+    with contextlib.suppress(OSError):  # a full disk: the next run announces a compilation once more
         _completion_marker(plant).touch()

@@ -150,6 +150,6 @@ def test_an_edit_makes_the_kernels_of_its_room_and_of_those_above_anew_and_no_ot
     assert len(set(before.values())) == len(rooms)
     (tmp_path / "control" / "a.py").write_text("@kernel\ndef f(): return 2\n")
     after = {room: native.fingerprint.__wrapped__(room) for room in rooms}
-    assert {room for room in rooms if before[room] != after[room]} == {"control", "gap"}
+    assert {room for room in rooms if before[room] != after[room]} == {"control", "estimate"}
     (tmp_path / "physics" / "a.py").write_text("@kernel\ndef f(): return 2\n")
     assert all(native.fingerprint.__wrapped__(room) != after[room] for room in rooms)
