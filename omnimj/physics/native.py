@@ -146,7 +146,7 @@ def _remove_files(folder: Path, function: Callable) -> None:
 
 
 def _recompile_damaged(compiled: Any) -> None:
-    """Lets a kernel whose cache files cannot be read be compiled anew instead of failing at its first call."""
+    """Make a kernel whose cache files are damaged compile anew instead of failing at its first call."""
     cache = compiled._cache
     load = getattr(cache, "load_overload", None)
     if load is None:  # compilation is switched off
