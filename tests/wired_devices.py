@@ -13,9 +13,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from omnimj.link.calibration import device_config, require_hardware
-from omnimj.link.codec import cobs
 from omnimj.link.codec.key import Key
-from omnimj.link.codec.stream import PacketStream
+from omnimj.link.codec.stream import PacketStream, stuff
 from omnimj.link.device.emulated import EmulatedDevice
 from omnimj.link.device.server import DeviceServer
 from omnimj.link.host.link import Link, LinkMode
@@ -54,7 +53,7 @@ class Terminal:
 
     def send(self, packet: bytes) -> None:
         try:
-            os.write(self._far, cobs.encode(packet) + b"\0")
+            os.write(self._far, stuff(packet))
         except OSError:
             self.failures += 1
 

@@ -9,11 +9,10 @@ import sys
 import threading
 from collections.abc import Callable
 
-from omnimj.link.codec import cobs
 from omnimj.link.codec.frames import decode, encode
 from omnimj.link.codec.layout import DropReason
 from omnimj.link.codec.messages import Command, FaultCode, Frame, Status, Telemetry
-from omnimj.link.codec.stream import PacketStream
+from omnimj.link.codec.stream import PacketStream, stuff
 from omnimj.link.transport.address import LOOPBACK, UdpAddress
 from omnimj.link.transport.udp import UdpListener
 
@@ -83,11 +82,10 @@ def _echo_serial(framed: int, bare: int) -> None:
         for packet in stream.feed(os.read(framed, _AT_ONCE)):
             answer = _answer(packet)
             if answer is not None:
-                os.write(framed, cobs.encode(answer) + cobs.DELIMITER)
+                os.write(framed, stuff(answer))
 
 
 def _begin(echo: Callable[[], None], word: str) -> None:
-    cobs.decode(cobs.encode(b"compiled before it is timed"))
     _answer(encode(command(1)))
     threading.Thread(target=echo, daemon=True).start()
     print(word, flush=True)

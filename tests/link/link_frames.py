@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 import struct
+from dataclasses import astuple
 
 from hypothesis import strategies as st
 
 from omnimj.link.codec.key import Key
+from omnimj.link.codec.layout import microseconds
 from omnimj.link.codec.messages import (
     Arm,
     Capabilities,
@@ -29,7 +31,6 @@ from omnimj.link.codec.messages import (
     Telemetry,
     counts_mask,
 )
-from omnimj.link.codec.payloads import limit_values, microseconds
 from omnimj.link.device.config import limits_hash
 
 SECRET = bytes(range(32))
@@ -112,7 +113,7 @@ def _fields(message: object) -> list[str]:
     if isinstance(message, Hello | Ping | Pong):
         return [f"{message.nonce:016x}"]
     if isinstance(message, Capabilities):
-        limits = ",".join(_bits(number) for number in limit_values(message.limits))
+        limits = ",".join(_bits(number) for number in astuple(message.limits))
         kinds = ",".join(f"{kind.quantity:d}/{kind.wheel}/{kind.raw:d}" for kind in message.channels)
         hashes = [
             f"{number:016x}" for number in (message.nonce, message.limits_hash, message.calibration_hash)

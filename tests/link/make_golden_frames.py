@@ -11,9 +11,9 @@ from pathlib import Path
 
 from link_frames import GOLDEN, KEY, SECRET, told
 
-from omnimj.link.codec import cobs
 from omnimj.link.codec.frames import encode
 from omnimj.link.codec.layout import SCHEMA, SCHEMA_TEXT
+from omnimj.link.codec.stream import stuff
 
 PATH = Path(__file__).with_name("golden_frames.json")
 
@@ -29,7 +29,7 @@ def golden() -> dict:
                     "name": name,
                     "keyed": key is not None,
                     "packet": packet.hex(),
-                    "stuffed": (cobs.encode(packet) + cobs.DELIMITER).hex(),
+                    "stuffed": stuff(packet).hex(),
                     "told": told(replace(frame, authentic=key is not None)),
                 }
             )

@@ -32,8 +32,8 @@ def test_a_private_file_of_64_digits_is_a_key(written, mode, end):
     key = read_key(written(DIGITS + end, mode))
     expected = hashlib.blake2s(b"content", key=bytes.fromhex(DIGITS), digest_size=16).digest()
     assert key.tag(b"content") == expected == key.tag(b"content")
-    assert key.fault(b"content", expected) is None
-    assert key.fault(b"Content", expected) is DropReason.TAG
+    assert key.verify(b"content", expected) is None
+    assert key.verify(b"Content", expected) is DropReason.TAG
     assert DIGITS.lower() not in repr(key).lower()
 
 

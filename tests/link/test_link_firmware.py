@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 from link_frames import CALIBRATION
+from make_protocol_tables import PROTOCOL_FILE, updated
 
 import omnimj.link
-from omnimj.link.codec import cobs
 from omnimj.link.codec.frames import encode
-from omnimj.link.codec.layout import HEADER_FIELDS, PAYLOADS, SCHEMA, SCHEMA_TEXT
+from omnimj.link.codec.layout import MESSAGES, SCHEMA
 from omnimj.link.codec.messages import (
     Arm,
     Capabilities,
@@ -33,38 +33,53 @@ from omnimj.link.codec.messages import (
     Stop,
     Telemetry,
 )
-from omnimj.link.codec.stream import FrameStream
+from omnimj.link.codec.stream import FrameStream, stuff
 from omnimj.link.device.config import limits_hash
 
+HERE = Path(__file__).parent
 ROOM = Path(omnimj.link.__file__).parent
-TEXT = (ROOM / "PROTOCOL.md").read_text(encoding="utf-8")
+TEXT = PROTOCOL_FILE.read_text(encoding="utf-8")
+HEADER_FILE = (ROOM / "firmware" / "omnimj_link.h").read_text(encoding="ascii")
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang") or ""
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O1")
-SIZES = {"u8": 1, "u16": 2, "u32": 4, "u64": 8, "f32": 4, "f32_or_i32": 4}
 ZERO = (0.0, 0.0, 0.0, 0.0)
 
 
-def test_the_protocol_tells_the_schema():
-    assert f"```text\n{SCHEMA_TEXT}```" in TEXT and f"**0x{SCHEMA:08X}**" in TEXT
+def test_the_protocol_document_is_made_from_the_table_of_messages():
+    assert updated(TEXT) == TEXT, "run python tests/link/make_protocol_tables.py"
 
 
-@pytest.mark.parametrize("kind", MessageType)
-def test_the_protocol_tells_every_byte_of_every_payload(kind):
-    (section,) = re.findall(rf"^### {kind.name} {int(kind)}, \w+\n(.*?)^##", TEXT, re.DOTALL | re.MULTILINE)
-    told = re.findall(r"^\| (\d+) \| (\w+) \| (\w+) \|", section, re.MULTILINE)
-    layout, at, expected = PAYLOADS[kind], 0, []
-    for name, size in re.findall(r"(\w+):(\w+)", f"{layout.fields} {layout.repeated}"):
-        expected.append((str(at), name, size))
-        at += SIZES[size]
-    assert told == expected
-    assert expected or "No payload." in section
+C_TYPES = {"u8": "uint8_t", "u16": "uint16_t", "u32": "uint32_t", "u64": "uint64_t", "f32": "float"}
 
 
-def test_the_protocol_tells_every_byte_of_the_header():
-    at = 0
-    for name, size in re.findall(r"(\w+):(\w+)", HEADER_FIELDS):
-        assert f"| {at} | {SIZES[size]} | {name} |" in TEXT
-        at += SIZES[size]
+def _struct_of_c(name: str) -> dict[str, str]:
+    """Fields of a struct of the header, with their types."""
+    (body,) = re.findall(rf"typedef struct {{([^{{}}]*)}} {name};", HEADER_FILE)
+    found = {}
+    for kind, names in re.findall(r"(\w+) ([\w, \[\]]+);", body):
+        found |= {re.sub(r"\[.*", "", one.strip()): kind for one in names.split(",")}
+    return found
+
+
+@pytest.mark.parametrize("kind", [k for k in MessageType if len(MESSAGES[k].fields) > 1])
+def test_the_header_has_every_field_of_a_message_with_its_type(kind):
+    own, limits, layout = _struct_of_c(f"omj_{kind.name.lower()}"), _struct_of_c("omj_limits"), MESSAGES[kind]
+    expected = {}
+    for field in layout.fields:
+        if (field.attribute or "").startswith("limits."):
+            assert limits[field.name] == C_TYPES[field.type]
+            expected["limits"] = "omj_limits"
+        elif field.name != "zero":
+            expected[field.name] = C_TYPES[field.type]
+    if layout.item_record is not None:
+        expected["channel"] = "omj_channel"
+        assert _struct_of_c("omj_channel") == {
+            field.name: C_TYPES[field.type] for field in layout.items if field.name != "zero"
+        }
+    elif layout.items:
+        (item,) = layout.items
+        expected[item.name] = C_TYPES.get(item.type, "omj_reading")
+    assert own == expected
 
 
 def test_the_protocol_names_every_fault_that_a_device_may_raise():
@@ -107,7 +122,7 @@ class Board:
         for message in messages:
             self.sequence += 1
             frame = Frame(message, self.session, self.sequence, 0)
-            stuffed += cobs.encode(encode(replace(frame, **header))) + b"\0"
+            stuffed += stuff(encode(replace(frame, **header)))
         self.line(f"bytes {stuffed.hex()}")
         return self.turn(us)
 
@@ -310,7 +325,7 @@ def test_the_example_refuses_arming_to_who_lays_out_messages_otherwise(board):
     packet = bytearray(encode(right)[:-4])
     packet[20:24] = (SCHEMA ^ 1).to_bytes(4, "little")
     packet += zlib.crc32(packet).to_bytes(4, "little")
-    board.line(f"bytes {(cobs.encode(bytes(packet)) + bytes(1)).hex()}")
+    board.line(f"bytes {stuff(bytes(packet)).hex()}")
     assert faults(board.turn()) == [(FaultCode.ARM_SCHEMA, False)]
     board.sequence += 1
     assert status(board.arm()) == Status.ARMED

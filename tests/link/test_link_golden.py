@@ -12,11 +12,11 @@ import zlib
 from pathlib import Path
 
 import pytest
+from cobs import cobs
 from link_frames import KEY, SECRET, told
 from make_golden_frames import PATH, golden
 
 import omnimj.link
-from omnimj.link.codec import cobs
 from omnimj.link.codec.frames import decode
 from omnimj.link.codec.layout import (
     HEADER,

@@ -8,10 +8,10 @@ import socket
 import time
 
 import pytest
+from cobs import cobs
 from link_frames import GOLDEN
 
 from omnimj.errors import InputError
-from omnimj.link.codec import cobs
 from omnimj.link.codec.frames import encode
 from omnimj.link.transport.address import SerialAddress, UdpAddress, is_loopback, parse_address
 from omnimj.link.transport.interface import SinglePeerListener

@@ -15,7 +15,6 @@ import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
-from omnimj.link.codec import cobs
 from omnimj.link.codec.frames import decode, encode
 from omnimj.link.codec.key import KEY_SIZE, Key
 from omnimj.link.codec.layout import DropCounts, DropReason
@@ -33,7 +32,7 @@ from omnimj.link.codec.messages import (
     Stop,
     Telemetry,
 )
-from omnimj.link.codec.stream import PacketStream
+from omnimj.link.codec.stream import DELIMITER, PacketStream, stuff
 
 _WINDOW = 4096  # frames that are remembered; one that is held back comes after some 50
 _BLOCK = 65_536
@@ -172,20 +171,20 @@ class _AcceptanceChecker:
 
     def sent(self, frame: Frame) -> tuple[bytes, bytes]:
         packet = encode(frame, self._key)
-        stuffed = cobs.encode(packet)
+        stuffed = stuff(packet)
         self._sent[frame.sequence] = frame, packet
-        self._stuffed[stuffed] = frame.sequence
+        self._stuffed[stuffed[:-1]] = frame.sequence
         if len(self._sent) > _WINDOW:
             self._sent.pop(next(iter(self._sent)))
             self._stuffed.pop(next(iter(self._stuffed)))
-        return packet, stuffed + cobs.DELIMITER
+        return packet, stuffed
 
     def take_datagram(self, packet: bytes) -> None:
         self._report.whole += any(packet == sent for _, sent in self._named(packet))
         self._accept(packet)
 
     def take_bytes(self, chunk: bytes) -> None:
-        pieces = (self._carry + chunk).split(cobs.DELIMITER)
+        pieces = (self._carry + chunk).split(DELIMITER)
         self._carry = pieces.pop()[-2 * _BLOCK :]
         self._report.whole += sum(piece in self._stuffed for piece in pieces)
         for packet in self._line.feed(chunk):

@@ -34,8 +34,8 @@ class Key:
         begun.update(content)
         return begun.digest()
 
-    def fault(self, content: bytes, tag: bytes) -> DropReason | None:
-        """What is wrong with the tag, in a time that does not tell where."""
+    def verify(self, content: bytes, tag: bytes) -> DropReason | None:
+        """Reason to reject the tag, or None; the comparison takes constant time."""
         return None if hmac.compare_digest(self.tag(content), tag) else DropReason.TAG
 
     def __repr__(self) -> str:

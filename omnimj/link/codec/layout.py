@@ -1,45 +1,83 @@
-"""Why bytes are not a frame, and how often that happened."""
+"""The layout of every message on the wire, and the reasons for which a packet is dropped.
+
+`MESSAGES` is the only description: the codec, the schema that both sides compare, and the tables of
+`PROTOCOL.md` are made from it. Numbers are little endian and without padding.
+"""
 
 from __future__ import annotations
 
 import enum
-import functools
-import re
+import math
 import struct
 import zlib
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import astuple, dataclass
+from typing import Any
 
-from omnimj.link.codec.messages import FaultCode, MessageType, Quantity, Raw, Status
+from omnimj.link.codec.messages import (
+    Arm,
+    Capabilities,
+    ChannelKind,
+    Command,
+    Fault,
+    FaultCode,
+    Hello,
+    MessageType,
+    Ping,
+    Pong,
+    Quantity,
+    Raw,
+    ResetFault,
+    Status,
+    Stop,
+    Telemetry,
+)
+
+PROTOCOL = 1
+"""Version of the frame layout."""
+MAX_FRAME_SIZE = 512
+"""Longest frame with header and checksum, before byte stuffing [bytes]."""
+MAX_WHEELS = 8
+MAX_CHANNELS = 32
+TAGGED = 1
+"""Bit of the header's flags: an authentication tag precedes the checksum."""
+TAG_SIZE = 16
+CHECKSUM_SIZE = 4
+_INFINITE_AGE = 0xFFFFFFFF
+_MAX_SECONDS = (_INFINITE_AGE - 1) / 1e6
+FLOAT32_OVERFLOW = 3.4028235677973366e38
+"""Smallest number whose nearest float32 is infinite."""
+_FLOAT32_UNDERFLOW = 2.0**-150  # largest number whose nearest float32 is zero
 
 
 class DropReason(enum.IntEnum):
-    """Why bytes were dropped; in this order it is looked for."""
+    """Why a packet was dropped, in the order of the checks."""
 
     TOO_SHORT = 1
     TOO_LONG = 2
     STUFFING = 3
-    """No stuffed packet; only where bytes come as a stream."""
+    """Invalid byte stuffing; serial lines only."""
     CHECKSUM = 4
     PROTOCOL = 5
     TYPE = 6
     FLAGS = 7
     """A reserved bit is set."""
     LENGTH = 8
-    """No such message has so many bytes."""
+    """No message of this type has this length."""
     NO_KEY = 9
-    """It has a tag, and we have no key."""
+    """The frame is tagged, but this side has no key."""
     NO_TAG = 10
-    """We have a key, and it has no tag."""
+    """This side has a key, but the frame is not tagged."""
     TAG = 11
-    """Made with another key, or changed on its way."""
+    """The tag was made with another key, or the frame was altered."""
     SCHEMA = 12
-    """Its payload is laid out in another way than ours."""
+    """The sender lays out this payload differently."""
     VALUE = 13
-    """It says something that no message may say."""
+    """A field has a value that is not allowed."""
 
 
 class DropCounts:
-    """How many were dropped, by reason."""
+    """Number of dropped packets by reason."""
 
     __slots__ = ("_counts",)
 
@@ -47,7 +85,7 @@ class DropCounts:
         self._counts = [0] * (max(DropReason) + 1)
 
     def add(self, drop: DropReason) -> None:
-        """Counts one."""
+        """Count one packet."""
         self._counts[drop] += 1
 
     def __getitem__(self, drop: DropReason) -> int:
@@ -55,7 +93,7 @@ class DropCounts:
 
     @property
     def total(self) -> int:
-        """For whatever reason."""
+        """Number of dropped packets over all reasons."""
         return sum(self._counts)
 
     def __str__(self) -> str:
@@ -63,70 +101,282 @@ class DropCounts:
         return ", ".join(found) or "none"
 
 
-# How every message lies in bytes: the one table that Python, the schema and `PROTOCOL.md` are held to.
+@dataclass(frozen=True)
+class Field:
+    """One number in a header or payload."""
 
-PROTOCOL = 1
-MAX_FRAME_SIZE = 512
-"""Bytes, with header and checksum, without stuffing."""
-MAX_WHEELS = 8
-MAX_CHANNELS = 32
-TAGGED = 1
-"""Bit of the header's flags: a tag of 16 bytes comes before the checksum."""
-TAG_SIZE = 16
-CHECKSUM_SIZE = 4
-_CODES = {"u8": "B", "u16": "H", "u32": "I", "u64": "Q", "f32": "f"}
+    name: str
+    type: str
+    """`u8`, `u16`, `u32`, `u64`, `f32`, or `f32_or_i32` (by channel)."""
+    meaning: str = ""
+    """Text of `PROTOCOL.md`."""
+    attribute: str | None = None
+    """Attribute of the record, such as `limits.current`; the field's name if None, no attribute if empty."""
+    values: Mapping[int, Any] | None = None
+    """Allowed numbers and the attribute's value for each; any number if None."""
+    write: Callable[[Any], Any] | None = None
+    """Number on the wire from the attribute's value."""
+    read: Callable[[Any], Any] | None = None
+    """Attribute's value from the number on the wire."""
+
+    @property
+    def size(self) -> int:
+        """Bytes."""
+        return struct.calcsize(_CODES[self.type])
 
 
-def _struct(fields: str) -> struct.Struct:
-    return struct.Struct("<" + "".join(_CODES[kind] for kind in re.findall(r":(\w+)", fields)))
-
-
-HEADER_FIELDS = "protocol:u8 type:u8 flags:u16 session:u32 sequence:u32 time_us:u64 schema:u32"
-HEADER = _struct(HEADER_FIELDS)
+Rule = Callable[[Any], tuple[str, str] | None]
+"""Check of a record as a whole: the offending value and the rule that it breaks, or None."""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """A payload: fixed fields, then some fields as often as one of them says."""
+    """A payload: fixed fields, then items that are repeated as often as one of the fixed fields says."""
 
-    fields: str
-    repeated: str = ""
-    times: str = ""
-    """Name of the field that says how often."""
+    record: type
+    sender: str
+    """`host` or `device`."""
+    fields: tuple[Field, ...] = ()
+    items: tuple[Field, ...] = ()
+    item_record: type | None = None
+    """Record of one item; None: an item is a single number."""
+    count: str = ""
+    """Name of the field that holds the number of items."""
+    attribute: str = ""
+    """Attribute of the record that holds the items, a tuple."""
+    rule: Rule | None = None
+    note: str = ""
+    """Paragraph of `PROTOCOL.md` below the table."""
 
     @property
     def text(self) -> str:
-        """As the schema has it."""
-        return f"{self.fields} {self.times}*({self.repeated})" if self.repeated else self.fields
-
-    @functools.cached_property
-    def fixed(self) -> struct.Struct:
-        """The fixed fields."""
-        return _struct(self.fields)
+        """The payload's line in the schema, without the name."""
+        fixed, items = _field_text(self.fields), _field_text(self.items)
+        return f"{fixed} {self.count}*({items})" if items else fixed
 
 
-PAYLOADS: dict[MessageType, Layout] = {
-    MessageType.HELLO: Layout("nonce:u64"),
+_CODES = {"u8": "B", "u16": "H", "u32": "I", "u64": "Q", "f32": "f", "f32_or_i32": "f"}
+
+
+def struct_of(fields: Iterable[Field]) -> struct.Struct:
+    """Binary layout of consecutive fields."""
+    return struct.Struct("<" + "".join(_CODES[field.type] for field in fields))
+
+
+def _field_text(fields: Iterable[Field]) -> str:
+    return " ".join(f"{field.name}:{field.type}" for field in fields)
+
+
+def microseconds(seconds: float) -> int:
+    """Whole microseconds as 32 bits, at most 2³² − 2; NaN and negative times become 0."""
+    if 0.0 <= seconds < _MAX_SECONDS:
+        return int(seconds * 1e6 + 0.5)
+    return _INFINITE_AGE - 1 if seconds >= _MAX_SECONDS else 0
+
+
+def _write_age(seconds: float) -> int:
+    return _INFINITE_AGE if seconds == math.inf else microseconds(seconds)
+
+
+def _read_age(number: int) -> float:
+    return math.inf if number == _INFINITE_AGE else number / 1e6
+
+
+def _identity(numbers: Iterable[int]) -> dict[int, int]:
+    return {number: number for number in numbers}
+
+
+def _members(kind: type[enum.IntEnum]) -> dict[int, enum.IntEnum]:
+    return {int(member): member for member in kind}
+
+
+_FLAG = {0: False, 1: True}
+_STATUSES = {bits: Status(bits) for bits in range(2 * max(int(bit) for bit in Status))}
+_RESERVED_8 = Field("zero", "u8", attribute="", values={0: 0})
+_RESERVED_16 = Field("zero", "u16", attribute="", values={0: 0})
+
+
+def _capabilities_rule(record: Capabilities) -> tuple[str, str] | None:
+    if record.period < 1e-6:
+        return f"period {record.period}", "at least 1e-6 s"
+    limits = astuple(record.limits)
+    if not all(_FLOAT32_UNDERFLOW < limit < FLOAT32_OVERFLOW for limit in limits):
+        return f"limits {limits}", "finite and above zero as float32"
+    if not all(0 <= channel.wheel <= record.wheels for channel in record.channels):
+        return "channel of a wheel that does not exist", f"0…{record.wheels}"
+    return None
+
+
+def _command_rule(record: Command) -> tuple[str, str] | None:
+    if 0 <= record.brake < 1 << len(record.currents):
+        return None
+    return f"{len(record.currents)} currents, brake {record.brake}", "one bit per wheel"
+
+
+def _telemetry_rule(record: Telemetry) -> tuple[str, str] | None:
+    if 0 <= record.counts < 1 << len(record.raw):
+        return None
+    return f"{len(record.raw)} channels, counts {record.counts:#x}", "one bit per channel"
+
+
+HEADER_FIELDS = (
+    Field("protocol", "u8", "1"),
+    Field("type", "u8", "section 2"),
+    Field("flags", "u16", "bit 0: the frame has a tag; all other bits 0"),
+    Field("session", "u32", "chosen by the device; 0 in HELLO, and in a STOP outside any session"),
+    Field("sequence", "u32", "frame number of the sender, increasing within a session, from 1"),
+    Field("time_us", "u64", "sender's monotonic clock [µs]; the device's is simulated time in lock-step"),
+    Field("schema", "u32", "section 1.5"),
+)
+HEADER = struct_of(HEADER_FIELDS)
+
+MESSAGES: dict[MessageType, Layout] = {
+    MessageType.HELLO: Layout(Hello, "host", (Field("nonce", "u64", "random; repeated in the answer"),)),
     MessageType.CAPABILITIES: Layout(
-        "nonce:u64 limits_hash:u64 calibration_hash:u64 period_us:u32"
-        " current:f32 current_rate:f32 continuous_current:f32 heating:f32 wheel_speed:f32 message_rate:f32"
-        " valid_for:f32 lock_step:u8 wheels:u8 channels:u8 zero:u8",
-        "quantity:u8 wheel:u8 raw:u8 zero:u8",
-        "channels",
+        Capabilities,
+        "device",
+        (
+            Field("nonce", "u64", "nonce of the HELLO"),
+            Field("limits_hash", "u64", "section 3"),
+            Field("calibration_hash", "u64", "section 3; calibration that the device was commissioned with"),
+            Field(
+                "period_us",
+                "u32",
+                "time between two telemetries [µs], not 0",
+                "period",
+                write=microseconds,
+                read=lambda number: number / 1e6,
+            ),
+            Field("current", "f32", "largest current of a wheel [A]", "limits.current"),
+            Field("current_rate", "f32", "largest rate of change of a current [A/s]", "limits.current_rate"),
+            Field(
+                "continuous_current",
+                "f32",
+                "current that a motor may carry indefinitely [A]",
+                "limits.continuous_current",
+            ),
+            Field(
+                "heating",
+                "f32",
+                "limit of ∫(i² − continuous²)dt, never below 0 [A²s]",
+                "limits.heating",
+            ),
+            Field(
+                "wheel_speed", "f32", "current is cut above it; after the gear [rad/s]", "limits.wheel_speed"
+            ),
+            Field("message_rate", "f32", "frames that are answered [1/s]", "limits.message_rate"),
+            Field("valid_for", "f32", "longest valid_for of a command [s]; at most 0.2", "limits.valid_for"),
+            Field("lock_step", "u8", "0 or 1", values=_FLAG),
+            Field("wheels", "u8", "1…8", values=_identity(range(1, MAX_WHEELS + 1))),
+            Field(
+                "channels",
+                "u8",
+                "0…32; number of the entries that follow",
+                values=_identity(range(MAX_CHANNELS + 1)),
+                write=len,
+            ),
+            _RESERVED_8,
+        ),
+        items=(
+            Field("quantity", "u8", "`Quantity` of the schema", values=_members(Quantity)),
+            Field("wheel", "u8", "1…wheels; 0 if the channel belongs to no wheel"),
+            Field("raw", "u8", "0 volts (f32), 1 counts (i32)", values=_members(Raw)),
+            _RESERVED_8,
+        ),
+        item_record=ChannelKind,
+        count="channels",
+        attribute="channels",
+        rule=_capabilities_rule,
+        note="The seven limits are finite and above zero. The device must apply exactly these float32 "
+        "numbers: it rounds its own\nlimits to float32 first, and a value *equal* to its limit passes.",
     ),
-    MessageType.ARM: Layout("limits_hash:u64 calibration_hash:u64 telemetry:u32"),
-    MessageType.COMMAND: Layout("valid_for:f32 wheels:u8 brake:u8 zero:u16", "current:f32", "wheels"),
+    MessageType.ARM: Layout(
+        Arm,
+        "host",
+        (
+            Field("limits_hash", "u64", "as in the capabilities"),
+            Field("calibration_hash", "u64", "calibration that the **host** uses"),
+            Field("telemetry", "u32", "sequence of the newest telemetry that the host has received"),
+        ),
+    ),
+    MessageType.COMMAND: Layout(
+        Command,
+        "host",
+        (
+            Field("valid_for", "f32", "lifetime of the command, from its arrival [s]; usually 0.05"),
+            Field(
+                "wheels",
+                "u8",
+                "1…8; number of currents that follow",
+                "currents",
+                values=_identity(range(1, MAX_WHEELS + 1)),
+                write=len,
+            ),
+            Field("brake", "u8", "bit i−1: a relay shorts the motor of wheel i"),
+            _RESERVED_16,
+        ),
+        items=(Field("current", "f32", "current of wheel 1, 2, … [A], at the amplifier's own sign"),),
+        count="wheels",
+        attribute="currents",
+        rule=_command_rule,
+    ),
     MessageType.TELEMETRY: Layout(
-        "acknowledged:u32 command_age_us:u32 status:u16 fault:u8 channels:u8 refused:u32 dropped:u32"
-        " counts:u32",
-        "raw:f32_or_i32",
-        "channels",
+        Telemetry,
+        "device",
+        (
+            Field("acknowledged", "u32", "sequence of the newest accepted command; 0: none in this session"),
+            Field(
+                "command_age_us",
+                "u32",
+                "time since that command arrived [µs]; 0xFFFFFFFF: none",
+                "command_age",
+                write=_write_age,
+                read=_read_age,
+            ),
+            Field("status", "u16", "bits, `Status` of the schema", values=_STATUSES),
+            Field("fault", "u8", "latched fault, `FaultCode`; 0: none", values=_members(FaultCode)),
+            Field(
+                "channels",
+                "u8",
+                "as in the capabilities; number of readings that follow",
+                "raw",
+                values=_identity(range(MAX_CHANNELS + 1)),
+                write=len,
+            ),
+            Field("refused", "u32", "refused frames since power-up, modulo 2³²"),
+            Field("dropped", "u32", "dropped frames since power-up, modulo 2³²"),
+            Field("counts", "u32", "bit i: reading i is in counts; as in the capabilities"),
+        ),
+        items=(
+            Field(
+                "raw",
+                "f32_or_i32",
+                "reading of channel 0, 1, …: volts as f32, counts as i32 (may wrap)",
+            ),
+        ),
+        count="channels",
+        attribute="raw",
+        rule=_telemetry_rule,
     ),
-    MessageType.STOP: Layout(""),
-    MessageType.FAULT: Layout("code:u8 wheel:u8 latched:u8 zero:u8 value:f32 limit:f32 sequence:u32"),
-    MessageType.RESET_FAULT: Layout(""),
-    MessageType.PING: Layout("nonce:u64"),
-    MessageType.PONG: Layout("nonce:u64"),
+    MessageType.STOP: Layout(Stop, "host"),
+    MessageType.FAULT: Layout(
+        Fault,
+        "device",
+        (
+            Field("code", "u8", "`FaultCode` of the schema", values=_members(FaultCode)),
+            Field("wheel", "u8", "1…8; 0 if no wheel is concerned", values=_identity(range(MAX_WHEELS + 1))),
+            Field("latched", "u8", "0 or 1", values=_FLAG),
+            _RESERVED_8,
+            Field("value", "f32", "offending value; may be NaN or infinite"),
+            Field("limit", "f32", "limit that it violates"),
+            Field("sequence", "u32", "sequence of the refused frame; 0: none"),
+        ),
+    ),
+    MessageType.RESET_FAULT: Layout(ResetFault, "host"),
+    MessageType.PING: Layout(Ping, "host", (Field("nonce", "u64"),)),
+    MessageType.PONG: Layout(
+        Pong, "device", (Field("nonce", "u64", "nonce of the PING; the device's time is in the header"),)
+    ),
 }
 
 
@@ -135,15 +385,15 @@ def _format_enum(kind: type[enum.IntEnum] | type[enum.IntFlag]) -> str:
 
 
 def _schema_text() -> str:
-    lines = [f"omnimj link {PROTOCOL}", f"header: {HEADER_FIELDS}"]
-    lines += [f"{kind.name} {int(kind)}: {layout.text}".rstrip() for kind, layout in PAYLOADS.items()]
+    lines = [f"omnimj link {PROTOCOL}", f"header: {_field_text(HEADER_FIELDS)}"]
+    lines += [f"{kind.name} {int(kind)}: {layout.text}".rstrip() for kind, layout in MESSAGES.items()]
     lines += [_format_enum(kind) for kind in (Quantity, Raw, Status, FaultCode)]
     return "".join(line + "\n" for line in lines)
 
 
 SCHEMA_TEXT = _schema_text()
-"""What both sides must mean alike: ASCII, each line ended by one line feed."""
+"""Layout and enumerations on which both sides must agree; ASCII, each line ends with a line feed."""
 SCHEMA = zlib.crc32(SCHEMA_TEXT.encode("ascii"))
-"""Travels in every header."""
+"""CRC-32 of `SCHEMA_TEXT`, part of every header."""
 SCHEMA_INDEPENDENT = frozenset(MessageType) - {MessageType.COMMAND, MessageType.TELEMETRY}
-"""Laid out the same as long as the protocol is 1, so that strangers can find out that they are."""
+"""Messages that keep their layout as long as `PROTOCOL` is 1, so that incompatible sides can detect it."""

@@ -1,37 +1,57 @@
-"""Packets out of a serial line's bytes, which come in any pieces, with anything in between."""
+"""Packets in the byte stream of a serial line, which arrives in arbitrary pieces with noise between them.
+
+Each packet is encoded by consistent overhead byte stuffing (COBS) and ended by a zero. Source: Cheshire and
+Baker, Consistent overhead byte stuffing, IEEE/ACM Transactions on Networking 7 (1999).
+"""
 
 from __future__ import annotations
 
-from omnimj.link.codec import cobs
+from cobs import cobs
+
 from omnimj.link.codec.frames import decode
 from omnimj.link.codec.key import Key
-from omnimj.link.codec.layout import MAX_FRAME_SIZE, DropCounts, DropReason
+from omnimj.link.codec.layout import CHECKSUM_SIZE, HEADER, MAX_FRAME_SIZE, DropCounts, DropReason
 from omnimj.link.codec.messages import Frame
 
-_LONGEST = cobs.max_encoded_size(MAX_FRAME_SIZE)
-_SHORTEST = 29  # of a frame without payload, stuffed
+DELIMITER = b"\0"
+"""End of a stuffed packet."""
+_MAX_STUFFED = cobs.max_encoded_length(MAX_FRAME_SIZE)
+_MIN_STUFFED = HEADER.size + CHECKSUM_SIZE + 1
+
+
+def stuff(packet: bytes) -> bytes:
+    """Packet without zeros, followed by the delimiter."""
+    return cobs.encode(packet) + DELIMITER
+
+
+def unstuff(piece: bytes) -> bytes | None:
+    """Packet from its stuffed bytes without the delimiter, or None if the stuffing is invalid."""
+    try:
+        return cobs.decode(piece) if piece else None
+    except cobs.DecodeError:
+        return None
 
 
 class PacketStream:
-    """Cuts a stream at its zeros and unstuffs what lies between; starts anew at every zero.
+    """Split a stream at its zeros and unstuff the pieces; every zero resynchronises it.
 
-    It never holds more than one packet's bytes, however long the line goes on without a zero.
+    At most one packet's bytes are kept, however long the line continues without a zero.
     """
 
     def __init__(self) -> None:
         self.drops = DropCounts()
         self._rest = b""
-        self._lost = False  # the packet that is coming is too long already: wait for the next zero
+        self._overlong = False  # the current piece is too long: skip to the next zero
 
     def feed(self, chunk: bytes) -> list[bytes]:
-        """The packets that end in this chunk. Checksums are not looked at. Never raises."""
-        pieces = chunk.split(cobs.DELIMITER)
+        """Packets that end in this chunk; checksums are not verified. Never raises."""
+        pieces = chunk.split(DELIMITER)
         pieces[0] = self._rest + pieces[0]
         last = pieces.pop()
         found = []
         for piece in pieces:
-            if self._lost:  # its beginning has been counted
-                self._lost = False
+            if self._overlong:  # already counted
+                self._overlong = False
                 continue
             packet = self._packet(piece)
             if packet is not None:
@@ -41,33 +61,33 @@ class PacketStream:
 
     def _packet(self, piece: bytes) -> bytes | None:
         size = len(piece)
-        if _SHORTEST <= size <= _LONGEST:
-            packet = cobs.decode(piece)
+        if _MIN_STUFFED <= size <= _MAX_STUFFED:
+            packet = unstuff(piece)
             if packet is None:
                 self.drops.add(DropReason.STUFFING)
             return packet
-        if size:  # zeros in a row say nothing
-            self.drops.add(DropReason.TOO_LONG if size > _LONGEST else DropReason.TOO_SHORT)
+        if size:  # consecutive zeros are allowed
+            self.drops.add(DropReason.TOO_LONG if size > _MAX_STUFFED else DropReason.TOO_SHORT)
         return None
 
     def _keep(self, last: bytes) -> None:
-        if self._lost or len(last) > _LONGEST:
-            if not self._lost:
+        if self._overlong or len(last) > _MAX_STUFFED:
+            if not self._overlong:
                 self.drops.add(DropReason.TOO_LONG)
-            self._lost, self._rest = True, b""
+            self._overlong, self._rest = True, b""
         else:
             self._rest = last
 
 
 class FrameStream:
-    """Frames out of a stream of bytes, and counts of what it dropped on the way, and why."""
+    """Frames in a stream of bytes; `drops` counts rejected pieces by reason."""
 
     def __init__(self, key: Key | None = None):
         self._packets, self._key = PacketStream(), key
         self.drops = self._packets.drops
 
     def feed(self, chunk: bytes) -> list[Frame]:
-        """The frames that end in this chunk. Never raises."""
+        """Frames that end in this chunk. Never raises."""
         found = []
         for packet in self._packets.feed(chunk):
             frame = decode(packet, self._key)

@@ -9,9 +9,8 @@ import time
 import serial
 
 from omnimj.errors import InputError
-from omnimj.link.codec import cobs
 from omnimj.link.codec.layout import DropCounts
-from omnimj.link.codec.stream import PacketStream
+from omnimj.link.codec.stream import DELIMITER, PacketStream, stuff
 from omnimj.link.transport.address import SerialAddress
 
 _AT_ONCE = 4096  # bytes in one call: a babbling line must not keep the caller from its period
@@ -35,10 +34,9 @@ class SerialTransport:
             )
         except (OSError, ValueError, OverflowError) as error:  # serial's own are OSErrors
             raise InputError(address, f"cannot be opened ({error})") from None
-        cobs.encode(cobs.decode(b"\x01\x01") or b"")  # compiled before anything is urgent
         self._stream = PacketStream()
         self._unsent = b""  # of a packet that is out in part
-        self._write(cobs.DELIMITER)
+        self._write(DELIMITER)
 
     @property
     def drops(self) -> DropCounts:
@@ -48,7 +46,7 @@ class SerialTransport:
     def send(self, packet: bytes) -> None:
         """Sends; a packet that the port has no room for is dropped, since a late one is worth nothing."""
         self._finish()
-        stuffed = cobs.encode(packet) + cobs.DELIMITER
+        stuffed = stuff(packet)
         sent = 0 if self._unsent else self._write(stuffed)
         if sent == 0:
             self.failures += 1
