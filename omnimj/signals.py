@@ -132,6 +132,26 @@ class Trace:
     def __contains__(self, name: str) -> bool:
         return name in self.columns
 
+    def to_pandas(self) -> Any:
+        """A `pandas.DataFrame` of the columns, indexed by `time`.
+
+        Raises:
+          ImportError: pandas is not installed; omnimj does without it.
+        """
+        return to_frame(self.columns)
+
+
+def to_frame(columns: Mapping[str, Any]) -> Any:
+    """A `pandas.DataFrame` of columns of equal length, indexed by `time` where there is such a column.
+
+    Raises:
+      ImportError: pandas is not installed; omnimj does without it.
+    """
+    import pandas
+
+    frame = pandas.DataFrame(dict(columns))
+    return frame.set_index("time") if "time" in frame else frame
+
 
 # What the controller is asked for in one step.
 

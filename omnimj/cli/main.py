@@ -73,7 +73,7 @@ class GroupedHelp(argparse.RawDescriptionHelpFormatter):
             yield f"{' ' * self._current_indent}{title}\n{lines}"
 
 
-FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
+FAILED, BAD_INPUT, INTERRUPTED, NO_READER = 1, 2, 130, 141
 GROUPS = {
     "Simulate": ("scenarios", "run", "teleop"),
     "Bring model and measurement together": ("record", "identify", "validate", "gap", "sensitivity"),
@@ -184,19 +184,14 @@ def main(argv: Sequence[str] | None = None) -> int:
       argv: Arguments without the program's name; those of the process when None.
 
     Returns:
-      0 on success, 1 when a check failed or a simulation broke down, 2 on bad input, 130 on Ctrl-C.
+      0 on success, 1 when a check failed or a simulation broke down, 2 on bad input, 130 on Ctrl-C, 141 when
+      the reader of its output left before the work was done.
     """
     given = list(sys.argv[1:] if argv is None else argv)
     prepare_streams()
+    code = NO_READER
     try:
-        if not given:
-            print(WELCOME, end="")
-            flush_output()
-            return 0
-        parser = make_parser()
-        arguments = _parse(parser, given)
-        arguments.given = given
-        code = arguments.run(arguments)
+        code = _run(given)
         flush_output()
         return code
     except InputError as error:
@@ -205,12 +200,21 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _print_error(error, FAILED)
     except KeyboardInterrupt:
         return INTERRUPTED
-    except BrokenPipeError:  # the reader of a pipe has had enough
+    except BrokenPipeError:  # the reader of a pipe, such as head, has read enough
         drop_output()
-        return FAILED
+        return code
     except OSError as error:  # a file that may not be read, a disk that is full
         drop_output()
         return _print_error(InputError(error.filename or "omnimj", error.strerror or str(error)), BAD_INPUT)
+
+
+def _run(given: list[str]) -> int:
+    if not given:
+        print(WELCOME, end="")
+        return 0
+    arguments = _parse(make_parser(), given)
+    arguments.given = given
+    return arguments.run(arguments)
 
 
 def _print_error(error: Exception, code: int) -> int:

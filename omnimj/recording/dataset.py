@@ -6,11 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from omnimj.signals import Array
+from omnimj.signals import Array, to_frame
 
 ROBOT_WHEELS = 4
 """Wheels of a robot's logs that do not say how many."""
@@ -113,6 +114,10 @@ class Run:
     def condition(self) -> str:
         """What repeats have in common: `repeat_of`, or the run's own name."""
         return self.repeat_of or self.name
+
+    def to_pandas(self) -> Any:
+        """A `pandas.DataFrame` of the columns, indexed by `time`; needs pandas."""
+        return to_frame(self.columns)
 
 
 @dataclass(frozen=True)

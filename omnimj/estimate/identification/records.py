@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from omnimj.signals import Array
+from omnimj.signals import Array, to_frame
 
 PARAMETERS = ("mu_c", "mu_s", "V_s", "sigma_0", "sigma_1", "sigma_2")
 """The LuGre parameters in the order of the fit."""
@@ -137,6 +138,19 @@ class Identification:
     notes: tuple[str, ...]
     interrupted: bool = False
     """Whether Ctrl-C ended it; the floors are those that were finished."""
+
+    def to_pandas(self) -> Any:
+        """A `pandas.DataFrame` with a row per floor and parameter: value, ends of the interval, unit."""
+        found = [(floor.floor, estimate) for floor in self.floors for estimate in floor.estimates]
+        columns = {
+            name: [getattr(estimate, name) for _, estimate in found]
+            for name in ("value", "low", "high", "unit")
+        }
+        names = {
+            "floor": [floor for floor, _ in found],
+            "parameter": [estimate.name for _, estimate in found],
+        }
+        return to_frame(names | columns)
 
 
 @dataclass(frozen=True)

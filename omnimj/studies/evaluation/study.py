@@ -28,6 +28,7 @@ from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import read_robot
 from omnimj.recording.folder import check_folder
 from omnimj.recording.json_files import read_result, result_writer, to_jsonable, write_json, write_text
+from omnimj.signals import to_frame
 from omnimj.simulate.detectors import require_known_method
 from omnimj.studies.evaluation.cases import (
     FLOORS,
@@ -95,6 +96,11 @@ class EvaluationResult:
     tables: tuple[Table, ...]
     interrupted: bool
     failed: int
+
+    def to_pandas(self) -> Any:
+        """A `pandas.DataFrame` with a row per case; needs pandas."""
+        cases = [dataclasses.asdict(score) for score in self.scores]
+        return to_frame({name: [case[name] for case in cases] for name in (cases[0] if cases else ())})
 
 
 def run_evaluation(

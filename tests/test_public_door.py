@@ -1,0 +1,104 @@
+"""The public door: what `import omnimj` offers, what it costs, and that type checkers see the same names."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import inspect
+import pydoc
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import omnimj
+from omnimj.recording.dataset import Run
+
+HEAVY = "{'mujoco', 'numba', 'rerun', 'matplotlib', 'pyarrow', 'scipy', 'numpy'}"
+
+
+def said_by(script: str) -> str:
+    return subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    ).stdout.strip()
+
+
+def test_importing_it_takes_no_time_and_loads_no_library():
+    script = f"""
+import sys, time
+began = time.perf_counter()
+import omnimj
+print(time.perf_counter() - began, {HEAVY} & set(sys.modules))
+"""
+    seconds, loaded = min(said_by(script).split(maxsplit=1) for _ in range(3))
+    assert float(seconds) < 0.3 and loaded == "set()"
+
+
+@pytest.mark.parametrize("name", omnimj.__all__)
+def test_every_name_is_there_and_documented(name):
+    found = getattr(omnimj, name)
+    assert name == "__version__" or inspect.getdoc(found)
+    assert name in dir(omnimj)
+
+
+def test_type_checkers_see_the_same_names_in_the_same_places():
+    tree = ast.parse(Path(omnimj.__file__).read_text(encoding="utf-8"))
+    (block,) = (node for node in tree.body if isinstance(node, ast.If))
+    seen = {
+        (alias.name, node.module)
+        for node in block.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert seen == set(omnimj._HOME.items())
+    assert (Path(omnimj.__file__).parent / "py.typed").exists()
+
+
+def test_help_describes_the_door_and_every_name():
+    told = pydoc.render_doc(omnimj, renderer=pydoc.plaintext)
+    assert "public door" in told and "find_gap(" in told
+    for name in omnimj.__all__:
+        assert name in told
+
+
+def test_a_name_that_is_not_there_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="'omnimj' has no attribute 'run_away'"):
+        _ = omnimj.run_away
+    assert not hasattr(omnimj, "_private")
+
+
+def test_the_module_is_the_command():
+    assert said_by(
+        "import runpy, sys; sys.argv[1:] = ['--version']; runpy.run_module('omnimj', run_name='__main__')"
+    )
+
+
+def test_a_scenario_is_driven_by_its_name_or_as_a_record():
+    by_name = omnimj.run("rig_slip", "planar", overrides=("duration=0.5",), seed=3)
+    scenario = omnimj.read_scenario("rig_slip", ("duration=0.5",))
+    again = omnimj.run(scenario, "planar", seed=3)
+    assert by_name.metrics["method"] == "published" and by_name.metrics["plant"] == "planar"
+    np.testing.assert_array_equal(by_name.trace["current"], again.trace["current"])
+
+
+def test_a_dataset_is_recorded_and_read_back_diagnosed_and_identified(tmp_path):
+    pytest.importorskip("pandas")
+    dataset = omnimj.record("rig_currents", tmp_path / "data", repeats=1, plant="planar")
+    assert dataset.plant == "quarter_rig" and len(dataset.runs) > 3
+    few = dataclasses.replace(dataset, runs=[run for run in dataset.runs if run.name.startswith("pvc")][-2:])
+    diagnosed, _ = omnimj.diagnose(few)
+    assert diagnosed.name == few.runs[0].name and len(diagnosed.trace["time"]) == len(few.runs[0].time)
+    frame = omnimj.identify(few).to_pandas()
+    assert set(frame["floor"]) == {"pvc"} and "sigma_0" in set(frame["parameter"])
+    assert omnimj.validate(few, plants=("planar",)).cells[0].rms["planar"] < 0.05
+
+
+def test_records_become_frames():
+    pandas = pytest.importorskip("pandas")
+    columns = {"time": np.arange(3.0), "current_1": np.ones(3)}
+    for record in (omnimj.Trace(columns), Run("a", columns, {}, {})):
+        frame = record.to_pandas()
+        assert isinstance(frame, pandas.DataFrame) and list(frame.index) == [0.0, 1.0, 2.0]
+        assert list(frame.columns) == ["current_1"]
