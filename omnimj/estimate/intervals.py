@@ -38,13 +38,13 @@ def sandwich_deviations(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) 
     weight = huber_weights(problem, fitted.residual, used)
     a = fitted.jacobian * weight[:, None]
     r = fitted.residual.ravel() * weight
-    precision, _ = problem.prior(fitted.x, fitted.form)
+    precision, _ = problem.prior(fitted.x, fitted.effects)
     inverse = np.linalg.pinv(a.T @ a + np.diag(precision), rcond=1e-12, hermitian=True)
     channels = len(problem.replay.channels)
     runs: dict[str, list[slice]] = {}
-    for piece in problem.replay.pieces:
-        if used[piece.first : piece.last].any():
-            runs.setdefault(piece.run, []).append(slice(piece.first * channels, piece.last * channels))
+    for segment in problem.replay.segments:
+        if used[segment.first : segment.last].any():
+            runs.setdefault(segment.run, []).append(slice(segment.first * channels, segment.last * channels))
     if len(runs) < 4:  # stretches of a few long runs instead
         runs = {f"{k}": [part] for k, part in enumerate(_stretches(runs))}
     meat = np.diag(precision)
@@ -57,7 +57,7 @@ def sandwich_deviations(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) 
     # never narrower than white noise of the stated size would make it
     spread = np.sqrt(np.maximum(covariance.diagonal(), inverse.diagonal()))
     factor = STAND_IN * float(student.ppf(0.5 * (1.0 + LEVEL), free))
-    return spread * problem.scales(fitted.form), factor
+    return spread * problem.scales(fitted.effects), factor
 
 
 def _stretches(runs: dict[str, list[slice]]) -> list[slice]:
@@ -84,7 +84,7 @@ def repeatability(replay: Replay, mismatch: Array) -> Array:
     var = Σ (m_a − m_b)²/2n.
 
     Args:
-      replay: Gives pieces and conditions.
+      replay: Gives segments and conditions.
       mismatch: Measured − simulated, shape (blocks, channels).
 
     Returns:
@@ -92,10 +92,10 @@ def repeatability(replay: Replay, mismatch: Array) -> Array:
     """
     by_condition: dict[tuple[str, int], list] = defaultdict(list)
     seen: dict[tuple[str, str], int] = defaultdict(int)
-    for piece in replay.pieces:
-        turn = seen[piece.condition, piece.run]
-        seen[piece.condition, piece.run] += 1
-        by_condition[piece.condition, turn].append(piece)
+    for segment in replay.segments:
+        turn = seen[segment.condition, segment.run]
+        seen[segment.condition, segment.run] += 1
+        by_condition[segment.condition, turn].append(segment)
     total, count = np.zeros(mismatch.shape[1]), np.zeros(mismatch.shape[1])
     for repeats in by_condition.values():
         if len(repeats) < 2:
@@ -122,7 +122,7 @@ def neighbour_noise(replay: Replay, mismatch: Array) -> Array:
         mismatch[p.first : p.last - 2]
         - 2.0 * mismatch[p.first + 1 : p.last - 1]
         + mismatch[p.first + 2 : p.last]
-        for p in replay.pieces
+        for p in replay.segments
         if p.last - p.first > 2
     ]
     if not bends:
@@ -151,12 +151,12 @@ def effective_samples(replay: Replay, whitened: Array) -> float:
     """N_eff = N/(1 + 2 Σ ρ_k), the sum until the autocorrelation first falls below 0.05.
 
     Args:
-      replay: Gives the pieces; correlation does not reach from one into the next.
+      replay: Gives the segments; correlation does not reach from one into the next.
       whitened: Mismatch in units of noise, shape (blocks, channels), 0 where masked.
     """
     total = 0.0
     for c in range(whitened.shape[1]):
-        parts = [whitened[p.first : p.last, c] for p in replay.pieces]
+        parts = [whitened[p.first : p.last, c] for p in replay.segments]
         energy = sum(float(part @ part) for part in parts)
         count = sum(np.count_nonzero(part) for part in parts)
         if energy <= 0.0:

@@ -53,7 +53,7 @@ _LEAST_DECREASE = 2e-3  # relative decrease of the loss below which a fit ends
 class Fit:
     """A fitted model."""
 
-    form: ModelEffects
+    effects: ModelEffects
     x: Array
     residual: Array
     """Whitened, shape (blocks, channels)."""
@@ -99,15 +99,15 @@ def bounded_step(
 
 
 def _objective(
-    problem: Problem, form: ModelEffects, x: Array, residual: Array, used: NDArray[np.bool_]
+    problem: Problem, effects: ModelEffects, x: Array, residual: Array, used: NDArray[np.bool_]
 ) -> float:
-    precision, distance = problem.prior(x, form)
+    precision, distance = problem.prior(x, effects)
     return float(problem.losses(residual)[used].sum() + (precision * distance**2).sum())
 
 
 def fit(
     problem: Problem,
-    form: ModelEffects,
+    effects: ModelEffects,
     start: Array,
     used: NDArray[np.bool_],
     rounds: int = 3,
@@ -119,31 +119,31 @@ def fit(
 
     Args:
       problem: The data and the scale.
-      form: The effects in the model.
+      effects: The effects in the model.
       start: Where to begin, shape (parameters,).
       used: Which blocks count, shape (blocks,).
       rounds: How often the Jacobian is made anew.
       known: Jacobian of the first parameters near the start, shape (rows, some); spares the first round's.
     """
-    low, high = problem.bounds(form)
+    low, high = problem.bounds(effects)
     x = np.clip(start, low, high)
-    (residual,) = problem.residuals([x], form)
-    loss = _objective(problem, form, x, residual, used)
+    (residual,) = problem.residuals([x], effects)
+    loss = _objective(problem, effects, x, residual, used)
     jacobian = np.zeros((residual.size, 0)) if known is None else known
     for turn in range(rounds):
         first = jacobian.shape[1] if turn == 0 else 0
-        own = problem.jacobian(x, form, range(first, len(x)))
+        own = problem.jacobian(x, effects, range(first, len(x)))
         jacobian = np.hstack([jacobian[:, :first], own])
         before = loss
-        x, residual, loss, jacobian = _descend(problem, form, x, residual, loss, jacobian, used)
+        x, residual, loss, jacobian = _descend(problem, effects, x, residual, loss, jacobian, used)
         if before - loss < _LEAST_DECREASE * before:
             break
-    return Fit(form, x, residual, jacobian, loss)
+    return Fit(effects, x, residual, jacobian, loss)
 
 
 def _descend(
     problem: Problem,
-    form: ModelEffects,
+    effects: ModelEffects,
     x: Array,
     residual: Array,
     loss: float,
@@ -151,16 +151,16 @@ def _descend(
     used: NDArray[np.bool_],
 ) -> tuple[Array, Array, float, Array]:
     """Steps with one Jacobian until they gain little: x, residual, loss, Jacobian."""
-    low, high = problem.bounds(form)
-    scales, damping = problem.scales(form), 1e-4
+    low, high = problem.bounds(effects)
+    scales, damping = problem.scales(effects), 1e-4
     for _ in range(_STEPS_PER_JACOBIAN):
         weight = huber_weights(problem, residual, used)
         box = (low - x) / scales, (high - x) / scales
         sums = normal_equations(jacobian, residual, weight)
-        step = bounded_step(sums, box, problem.prior(x, form), damping)
+        step = bounded_step(sums, box, problem.prior(x, effects), damping)
         trials = [np.clip(x + length * scales * step, low, high) for length in _STEP_LENGTHS]
-        tried = problem.residuals(trials, form)
-        losses = [_objective(problem, form, *pair, used) for pair in zip(trials, tried, strict=True)]
+        tried = problem.residuals(trials, effects)
+        losses = [_objective(problem, effects, *pair, used) for pair in zip(trials, tried, strict=True)]
         best = int(np.argmin(losses))
         moved = (trials[best] - x) / scales
         length = float(moved @ moved)
@@ -179,5 +179,5 @@ def _descend(
 
 def reevaluate(fitted: Fit, problem: Problem) -> Fit:
     """The same fit seen by a problem with another noise or offset: residual and Jacobian made anew."""
-    (residual,) = problem.residuals([fitted.x], fitted.form)
-    return replace(fitted, residual=residual, jacobian=problem.jacobian(fitted.x, fitted.form))
+    (residual,) = problem.residuals([fitted.x], fitted.effects)
+    return replace(fitted, residual=residual, jacobian=problem.jacobian(fitted.x, fitted.effects))

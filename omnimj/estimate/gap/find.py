@@ -96,8 +96,8 @@ def analyse_replay(
     counted = _CountingReplay(replay)
     found = search(cast(Replay, counted), holdout, seed, report or (lambda phrase, share: None))
     folds = make_folds(found.groups, ~found.heldout, seed)
-    data = TrainingSplit(found.used, found.groups, folds, seed)
-    verdict = judge_search(found, data)
+    split = TrainingSplit(found.used, found.groups, folds, seed)
+    verdict = judge_search(found, split)
     is_named = verdict.kind in ("named", "ambiguous")
     labels = tuple(n.candidate.label for n in found.named) if is_named else ()
     after = found.final if is_named else None
@@ -112,7 +112,7 @@ def analyse_replay(
         verdict=verdict.kind,
         reason=verdict.reason,
         effects=_effects(found) if is_named else (),
-        where=locate(replay.channels, replay.pieces, regimes, mismatch_before, mismatch_after, noise),
+        where=locate(replay.channels, replay.segments, regimes, mismatch_before, mismatch_after, noise),
         train=_gaps(found, mismatch_before, mismatch_after, found.used),
         heldout=_gaps(found, mismatch_before, mismatch_after, ~found.used),
         shrink=_shrink(found, mismatch_before, mismatch_after),
@@ -149,14 +149,14 @@ class _CountingReplay:
 
 
 def _mismatch(problem: Problem, fitted: Fit) -> Array:
-    (mismatch,) = problem.mismatches([fitted.x], fitted.form)
+    (mismatch,) = problem.mismatches([fitted.x], fitted.effects)
     return mismatch
 
 
 def parameter_slice(problem: Problem, fitted: Fit, candidate: CandidateEffect) -> slice:
     """Where the parameters of one effect lie in a fit's vector."""
     at = len(problem.replay.base) + problem.has_twin_share
-    for one in fitted.form:
+    for one in fitted.effects:
         if one.label == candidate.label:
             return slice(at, at + len(one.parameters))
         at += len(one.parameters)
@@ -233,7 +233,7 @@ def _next(found: SearchResult, verdict: Verdict):
 
 def _heldout_runs(found: SearchResult) -> tuple[str, ...]:
     rows = ~found.used
-    runs = [p.run for p in found.problem.replay.pieces if rows[p.first : p.last].any()]
+    runs = [p.run for p in found.problem.replay.segments if rows[p.first : p.last].any()]
     return tuple(dict.fromkeys(runs))
 
 
@@ -252,17 +252,17 @@ def _overlays(
     replay, regimes = found.problem.replay, found.problem.replay.regimes()
     after = before if after is None else after
     overlays = []
-    for piece in replay.pieces:
-        rows = slice(piece.first, piece.last)
+    for segment in replay.segments:
+        rows = slice(segment.first, segment.last)
         overlays.append(
             Overlay(
-                piece.run,
+                segment.run,
                 bool((~found.used[rows]).any()),
-                piece.time,
+                segment.time,
                 replay.measured[rows],
                 replay.measured[rows] - before[rows],
                 replay.measured[rows] - after[rows],
-                dict((about.conditions or {}).get(piece.run, {})),
+                dict((about.conditions or {}).get(segment.run, {})),
                 {name: values[rows] for name, (_, values) in regimes.items()},
             )
         )

@@ -58,11 +58,11 @@ class _Achieved:
     """Share of the base parameters that are needed at the ends of their boxes."""
 
 
-def judge_search(found: SearchResult, data: TrainingSplit) -> Verdict:
+def judge_search(found: SearchResult, split: TrainingSplit) -> Verdict:
     """Weighs the named effects against what a free curve and the noise say."""
     if not found.named:
         return _nothing_named(found)
-    weighed, flexible = _measure_achieved(found, data)
+    weighed, flexible = _measure_achieved(found, split)
     refusal = _refusal(weighed)
     if refusal is not None:
         return Verdict(*refusal, weighed.explained, flexible)
@@ -81,13 +81,13 @@ def _nothing_named(found: SearchResult) -> Verdict:
     return Verdict("unexplained", f"{reason} runs; a free curve gains {100.0 * best:.0f} %", None, flexible)
 
 
-def _measure_achieved(found: SearchResult, data: TrainingSplit) -> tuple[_Achieved, dict[str, float]]:
+def _measure_achieved(found: SearchResult, split: TrainingSplit) -> tuple[_Achieved, dict[str, float]]:
     problem, final = found.problem, found.final
     base = fit(problem, (), found.base.x, found.used)
-    before = sum_by_group(heldout_losses(problem, base, data.used, data.folds), data.groups).sum()
-    after = sum_by_group(heldout_losses(problem, final, data.used, data.folds), data.groups).sum()
-    columns = sensitivities(problem, final, data.used)
-    flexible = curve_gains(problem, columns, data.groups, data.folds, data.seed).flexible
+    before = sum_by_group(heldout_losses(problem, base, split.used, split.folds), split.groups).sum()
+    after = sum_by_group(heldout_losses(problem, final, split.used, split.folds), split.groups).sum()
+    columns = sensitivities(problem, final, split.used)
+    flexible = curve_gains(problem, columns, split.groups, split.folds, split.seed).flexible
     best = max([0.0, *flexible.values()])
     floor = min(after * (1.0 - best) ** 2, before)
     rest, was = _heldout_rms(found, final.residual), _heldout_rms(found, base.residual)
@@ -166,7 +166,7 @@ def next_experiment(problem: Problem, best: Fit, rivals: Sequence[tuple[str, Fit
     candidate_experiments = problem.replay.candidate_experiments()
     if not rivals or not candidate_experiments:
         return None
-    settings = [problem.split(f.x, f.form)[0] for f in (best, *(fitted for _, fitted in rivals))]
+    settings = [problem.split(f.x, f.effects)[0] for f in (best, *(fitted for _, fitted in rivals))]
     found = []
     for experiment in candidate_experiments:
         first, *others = problem.replay.predict(settings, experiment)

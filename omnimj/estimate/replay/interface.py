@@ -117,7 +117,7 @@ class Replay(Protocol):
 
     plant: str
     channels: tuple[Channel, ...]
-    pieces: tuple[Segment, ...]
+    segments: tuple[Segment, ...]
     measured: Array
     """Block means, shape (blocks, channels)."""
     base: tuple[BaseParameter, ...]
@@ -173,15 +173,15 @@ def candidate_effects(
       spans: What the runs cover: `speed` and `position` → lowest, highest; shapes are tried inside.
       without: Labels that cannot show in these data (a channel that was not recorded).
     """
-    forms = []
+    candidates = []
     for effect in effects_of(plant).values():
         choices = [[(s.name, c) for c in s.choices] for s in effect.selectors]
         for chosen in itertools.product(*choices):
             text = ", ".join(str(c) if n != "wheel" else f"wheel {c}" for n, c in chosen)
             label = f"{effect.name} ({text})" if text else effect.name
             if label not in without:
-                forms.append(_candidate(effect, label, dict(chosen), spans))
-    return tuple(forms)
+                candidates.append(_candidate(effect, label, dict(chosen), spans))
+    return tuple(candidates)
 
 
 def _candidate(

@@ -38,31 +38,31 @@ class Problem:
         return self.offset is not None
 
     def split(
-        self, x: Array, form: ModelEffects, curve: tuple[str, Array] | None = None
+        self, x: Array, effects: ModelEffects, curve: tuple[str, Array] | None = None
     ) -> tuple[Setting, float]:
         """The setting that a parameter vector stands for, and α."""
         n = len(self.replay.base)
         share = float(x[n]) if self.has_twin_share else 0.0
         at = n + self.has_twin_share
-        effects = {}
-        for candidate in form:
-            effects[candidate.label] = np.asarray(x[at : at + len(candidate.parameters)])
+        values = {}
+        for candidate in effects:
+            values[candidate.label] = np.asarray(x[at : at + len(candidate.parameters)])
             at += len(candidate.parameters)
-        return Setting(np.asarray(x[:n]), effects, curve), share
+        return Setting(np.asarray(x[:n]), values, curve), share
 
-    def bounds(self, form: ModelEffects) -> tuple[Array, Array]:
+    def bounds(self, effects: ModelEffects) -> tuple[Array, Array]:
         """Lowest and highest value of every parameter."""
         low = [b.low for b in self.replay.base] + [0.0] * self.has_twin_share
         high = [b.high for b in self.replay.base] + [1.0] * self.has_twin_share
-        for candidate in form:
+        for candidate in effects:
             low += [s.low for s in candidate.parameters]
             high += [s.high for s in candidate.parameters]
         return np.array(low), np.array(high)
 
-    def scales(self, form: ModelEffects) -> Array:
+    def scales(self, effects: ModelEffects) -> Array:
         """A natural size of a change of every parameter."""
         sizes = [max(0.5 * (b.high - b.low), 1e-12) for b in self.replay.base] + [1.0] * self.has_twin_share
-        for candidate in form:
+        for candidate in effects:
             for s in candidate.parameters:
                 size = abs(s.typical - (s.null_value or 0.0))
                 sizes.append(size if size > 0.0 else 0.1 * (s.high - s.low))
@@ -72,7 +72,7 @@ class Problem:
         """The nominal model, shape (base and α,)."""
         return np.array([b.nominal for b in self.replay.base] + [1.0] * self.has_twin_share)
 
-    def prior(self, x: Array, form: ModelEffects) -> tuple[Array, Array]:
+    def prior(self, x: Array, effects: ModelEffects) -> tuple[Array, Array]:
         """Precision of every parameter in its scale and its distance from nominal in that scale.
 
         A box of half-width a has the variance a²/3. It decides only what the data leave open: how much of an
@@ -82,18 +82,18 @@ class Problem:
         precision, distance = np.zeros(len(x)), np.zeros(len(x))
         precision[:n] = 3.0
         nominal = np.array([b.nominal for b in self.replay.base])
-        distance[:n] = (x[:n] - nominal) / self.scales(form)[:n]
+        distance[:n] = (x[:n] - nominal) / self.scales(effects)[:n]
         return precision, distance
 
     def mismatches(
         self,
         xs: Sequence[Array],
-        form: ModelEffects,
+        effects: ModelEffects,
         curves: Sequence[tuple[str, Array] | None] | None = None,
     ) -> list[Array]:
         """Measured − predicted, one array of shape (blocks, channels) per parameter vector."""
         curves = [None] * len(xs) if curves is None else curves
-        parts = [self.split(x, form, curve) for x, curve in zip(xs, curves, strict=True)]
+        parts = [self.split(x, effects, curve) for x, curve in zip(xs, curves, strict=True)]
         simulated = self.replay.simulate([setting for setting, _ in parts])
         found = []
         for values, (_, share) in zip(simulated, parts, strict=True):
@@ -109,9 +109,9 @@ class Problem:
         r = np.nan_to_num(mismatch / self.noise)
         for c, channel in enumerate(self.replay.channels):
             if channel.run_offset_spread > 0.0:
-                for piece in self.replay.pieces:
-                    part = r[piece.first : piece.last, c]
-                    used = np.isfinite(mismatch[piece.first : piece.last, c])
+                for segment in self.replay.segments:
+                    part = r[segment.first : segment.last, c]
+                    used = np.isfinite(mismatch[segment.first : segment.last, c])
                     n = int(used.sum())
                     if n:
                         ratio = n * (channel.run_offset_spread / self.noise[c]) ** 2
@@ -121,21 +121,21 @@ class Problem:
     def residuals(
         self,
         xs: Sequence[Array],
-        form: ModelEffects,
+        effects: ModelEffects,
         curves: Sequence[tuple[str, Array] | None] | None = None,
     ) -> list[Array]:
         """Whitened mismatches, shape (blocks, channels) each."""
-        return [self.whitened(m) for m in self.mismatches(xs, form, curves)]
+        return [self.whitened(m) for m in self.mismatches(xs, effects, curves)]
 
     def losses(self, residual: Array) -> Array:
         """Pseudo-Huber loss of every block, Σ over channels of 2 δ² (√(1 + (r/δ)²) − 1), shape (blocks,)."""
         d = self.huber_scale
         return (2.0 * d * d * (np.sqrt(1.0 + (residual / d) ** 2) - 1.0)).sum(axis=1)
 
-    def jacobian(self, x: Array, form: ModelEffects, columns: Sequence[int] | None = None) -> Array:
+    def jacobian(self, x: Array, effects: ModelEffects, columns: Sequence[int] | None = None) -> Array:
         """d(residual)/d(parameter/scale) by differences into the box, shape (blocks × channels, columns)."""
-        low, high = self.bounds(form)
-        scales = self.scales(form)
+        low, high = self.bounds(effects)
+        scales = self.scales(effects)
         columns = range(len(x)) if columns is None else columns
         moved, steps = [x], []
         for k in columns:
@@ -148,5 +148,5 @@ class Problem:
             other[k] += step
             moved.append(other)
             steps.append(step / scales[k])
-        here, *there = self.residuals(moved, form)
+        here, *there = self.residuals(moved, effects)
         return np.stack([(r - here).ravel() / s for r, s in zip(there, steps, strict=True)], axis=1)

@@ -132,7 +132,7 @@ def linearize(
     for k, rows in enumerate(folds):
         fold[rows] = k
     measured = np.isfinite(problem.replay.measured)
-    precision, _ = problem.prior(base.x, base.form)
+    precision, _ = problem.prior(base.x, base.effects)
     return LinearModel(
         np.hstack(columns),
         base.residual.ravel(),

@@ -27,16 +27,16 @@ _BLOCKS, _PERIOD = 60, 0.02
 def scene(seed=0, lateral=(-0.5, -0.25, 0.0, 0.25, 0.5), floors=("natural_stone",), reversing=False):
     """Pieces, and regimes as name → unit, values: all currents × lateral speeds × loads × floors."""
     random = np.random.default_rng(seed)
-    pieces, values = [], {name: [] for name in UNITS}
+    segments, values = [], {name: [] for name in UNITS}
     for current in (0.45, 0.75, 1.05, 1.5):
         for side in lateral:
             for load in (1.9593, 3.9593):
                 for floor in floors:
                     columns = _run(random, current, load, reversing)
                     time = columns["time"]
-                    first = len(pieces) * _BLOCKS
-                    name = f"run_{len(pieces)}"
-                    pieces.append(Segment(name, name, first, first + _BLOCKS, time))
+                    first = len(segments) * _BLOCKS
+                    name = f"run_{len(segments)}"
+                    segments.append(Segment(name, name, first, first + _BLOCKS, time))
                     columns |= {
                         "load": np.full(_BLOCKS, load),
                         "floor": np.full(_BLOCKS, floor, dtype=object),
@@ -44,7 +44,7 @@ def scene(seed=0, lateral=(-0.5, -0.25, 0.0, 0.25, 0.5), floors=("natural_stone"
                     columns["lateral_speed"] = side + 0.003 * random.normal(size=_BLOCKS)
                     for key, column in columns.items():
                         values[key].append(column)
-    return tuple(pieces), {name: (UNITS[name], np.concatenate(column)) for name, column in values.items()}
+    return tuple(segments), {name: (UNITS[name], np.concatenate(column)) for name, column in values.items()}
 
 
 def _run(random, current, load, reversing):
@@ -73,19 +73,19 @@ def _run(random, current, load, reversing):
     }
 
 
-def coloured(random, pieces, correlation=0.7):
-    """Noise of unit size in every piece, correlated from block to block."""
+def coloured(random, segments, correlation=0.7):
+    """Noise of unit size in every segment, correlated from block to block."""
     parts = []
-    for piece in pieces:
-        x = random.normal(size=piece.last - piece.first)
+    for segment in segments:
+        x = random.normal(size=segment.last - segment.first)
         for k in range(1, len(x)):
             x[k] = correlation * x[k - 1] + np.sqrt(1.0 - correlation**2) * x[k]
         parts.append(x)
     return np.concatenate(parts)
 
 
-def mismatch(signal, pieces, seed=0):
+def mismatch(signal, segments, seed=0):
     """A signal in units of noise on the first channel, a fifth of it on the second, noise on both."""
     random = np.random.default_rng(1000 + seed)
-    both = [share * signal + coloured(random, pieces) for share in (1.0, 0.2)]
+    both = [share * signal + coloured(random, segments) for share in (1.0, 0.2)]
     return np.stack(both, axis=1) * NOISE

@@ -8,9 +8,9 @@ from omnimj.estimate.replay.interface import Channel, Segment
 
 
 def _located(signal, seed=0, **kind):
-    pieces, regimes = scene(seed, **kind)
+    segments, regimes = scene(seed, **kind)
     values = {name: column for name, (_, column) in regimes.items()}
-    return locate(CHANNELS, pieces, regimes, mismatch(signal(values), pieces, seed), None, NOISE)
+    return locate(CHANNELS, segments, regimes, mismatch(signal(values), segments, seed), None, NOISE)
 
 
 CAUSES = {
@@ -56,19 +56,19 @@ def test_the_first_place_names_the_regime_that_carries_the_mismatch(words, seed)
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("correlation", [0.0, 0.9])
 def test_noise_alone_is_said_to_be_noise(seed, correlation):
-    pieces, regimes = scene(seed)
-    noise = coloured(np.random.default_rng(seed), pieces, correlation)[:, None]
-    places = locate(CHANNELS[:1], pieces, regimes, noise, None, np.ones(1))
+    segments, regimes = scene(seed)
+    noise = coloured(np.random.default_rng(seed), segments, correlation)[:, None]
+    places = locate(CHANNELS[:1], segments, regimes, noise, None, np.ones(1))
     assert [(p.regime, p.share) for p in places] == [(QUIET, 0.0)]
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_mismatch_without_a_regime_is_everywhere_alike(seed):
-    pieces, regimes = scene(seed)
+    segments, regimes = scene(seed)
     random = np.random.default_rng(seed)
-    offset = np.repeat(3.0 * random.normal(size=len(pieces)), 60)
-    for own in (3.0 * coloured(random, pieces, 0.9), offset + coloured(random, pieces)):
-        places = locate(CHANNELS[:1], pieces, regimes, own[:, None], None, np.ones(1))
+    offset = np.repeat(3.0 * random.normal(size=len(segments)), 60)
+    for own in (3.0 * coloured(random, segments, 0.9), offset + coloured(random, segments)):
+        places = locate(CHANNELS[:1], segments, regimes, own[:, None], None, np.ones(1))
         assert [p.regime for p in places] == [EVERYWHERE]
         assert places[0].share == pytest.approx(1.0)
 
@@ -92,11 +92,11 @@ def test_where_all_runs_move_sideways_the_sign_that_carries_more_is_said():
 
 
 def test_a_place_holds_the_rms_of_its_blocks_before_and_after():
-    pieces, regimes = scene(0)
+    segments, regimes = scene(0)
     fast = regimes["speed"][1] > 0.8
     before = np.where(fast, 0.1, 0.0)[:, None] + 1e-4
     after = np.where(fast, 0.02, 0.5)[:, None]
-    place = locate(CHANNELS[:1], pieces, regimes, before, after, np.array([0.01]))[0]
+    place = locate(CHANNELS[:1], segments, regimes, before, after, np.array([0.01]))[0]
     low, high = place.bounds["speed"]
     inside = (regimes["speed"][1] >= low) & (regimes["speed"][1] <= high)
     assert place.before == pytest.approx(np.sqrt((before[inside] ** 2).mean()))
@@ -105,21 +105,21 @@ def test_a_place_holds_the_rms_of_its_blocks_before_and_after():
 
 
 def test_one_run_alone_is_named():
-    pieces, regimes = scene(0)
-    before = np.random.default_rng(0).normal(size=(len(pieces) * 60, 1))
-    before[pieces[7].first : pieces[7].last] += 20.0
-    place = locate(CHANNELS[:1], pieces, regimes, before, None, np.ones(1))[0]
+    segments, regimes = scene(0)
+    before = np.random.default_rng(0).normal(size=(len(segments) * 60, 1))
+    before[segments[7].first : segments[7].last] += 20.0
+    place = locate(CHANNELS[:1], segments, regimes, before, None, np.ones(1))[0]
     assert "in run run_7 alone" in place.regime
     assert place.share > 0.9
 
 
 def test_masked_blocks_count_for_nothing():
-    pieces, regimes = scene(0)
-    before = np.random.default_rng(0).normal(size=(len(pieces) * 60, 2))
+    segments, regimes = scene(0)
+    before = np.random.default_rng(0).normal(size=(len(segments) * 60, 2))
     before[::3] = np.nan
     before[:, 1] = np.nan
     quiet, nothing = sorted(
-        locate(CHANNELS, pieces, regimes, before, before, np.ones(2)), key=lambda p: p.channel
+        locate(CHANNELS, segments, regimes, before, before, np.ones(2)), key=lambda p: p.channel
     )
     assert quiet.regime == QUIET
     assert nothing.regime == "nothing measured"
@@ -131,21 +131,21 @@ def test_the_same_mismatch_gives_the_same_places():
 
 
 def test_flags_of_floors_read_as_the_floor():
-    pieces, regimes = scene(0, floors=("natural_stone", "pvc"), lateral=(0.0,))
+    segments, regimes = scene(0, floors=("natural_stone", "pvc"), lateral=(0.0,))
     floor = regimes.pop("floor")[1]
     for name in ("natural_stone", "pvc"):
         regimes[f"floor {name}"] = ("1", (floor == name).astype(float))
-    before = mismatch(6.0 * (floor == "pvc"), pieces)
-    assert locate(CHANNELS, pieces, regimes, before, None, NOISE)[0].regime.startswith(
+    before = mismatch(6.0 * (floor == "pvc"), segments)
+    assert locate(CHANNELS, segments, regimes, before, None, NOISE)[0].regime.startswith(
         "on pvc and not on natural_stone"
     )
 
 
 def test_a_single_short_piece_is_located_without_a_claim():
-    piece = Segment("a", "a", 0, 6, np.arange(6.0))
+    segment = Segment("a", "a", 0, 6, np.arange(6.0))
     place = locate(
         (Channel("position", "m", "position"),),
-        (piece,),
+        (segment,),
         {"speed": ("m/s", np.arange(6.0))},
         np.arange(6.0)[:, None],
         None,

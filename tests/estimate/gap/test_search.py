@@ -119,9 +119,9 @@ def test_coloured_noise_is_worth_fewer_samples(memory):
     """AR(1) with coefficient a: N_eff/N = (1 − a)/(1 + a)."""
     toy, random = Toy({}), np.random.default_rng(5)
     series = np.zeros(toy.measured.shape)
-    for piece in toy.pieces:
-        for k in range(piece.first, piece.last):
-            before = series[k - 1] if k > piece.first else 0.0
+    for segment in toy.segments:
+        for k in range(segment.first, segment.last):
+            before = series[k - 1] if k > segment.first else 0.0
             series[k] = memory * before + random.standard_normal(1)
     share = effective_samples(toy, series) / series.size
     assert share == pytest.approx((1.0 - memory) / (1.0 + memory), rel=0.25)
@@ -139,8 +139,8 @@ def test_folds_and_held_out_groups_never_share_a_block():
 def test_repeats_stay_together():
     toy = Toy({})
     groups = make_groups(toy)
-    for piece in toy.pieces:
-        assert {groups.names[g] for g in groups.of_block[piece.first : piece.last]} == {piece.condition}
+    for segment in toy.segments:
+        assert {groups.names[g] for g in groups.of_block[segment.first : segment.last]} == {segment.condition}
 
 
 def test_gain_of_the_same_model_is_zero_and_of_a_perfect_one_is_one():
@@ -154,13 +154,13 @@ def test_the_fit_is_a_stationary_point_inside_its_box():
     toy = Toy({"coulomb": np.array([0.2])})
     used = np.ones(len(toy.measured), bool)
     problem = Problem(toy, np.array([0.003]))
-    form = (toy.candidates[0],)
-    done = fit(problem, form, np.array([1.0, 0.5, 0.0]), used, rounds=6)
-    jacobian = problem.jacobian(done.x, form)
+    effects = (toy.candidates[0],)
+    done = fit(problem, effects, np.array([1.0, 0.5, 0.0]), used, rounds=6)
+    jacobian = problem.jacobian(done.x, effects)
     weight = huber_weights(problem, done.residual, used)
-    precision, distance = problem.prior(done.x, form)
+    precision, distance = problem.prior(done.x, effects)
     slope = jacobian.T @ (done.residual.ravel() * weight**2) + precision * distance
     size = np.sqrt((jacobian**2).sum(axis=0) * (done.residual**2).sum())
-    low, high = problem.bounds(form)
+    low, high = problem.bounds(effects)
     inside = (done.x > low + 1e-6) & (done.x < high - 1e-6)
     assert (np.abs(slope) < 0.02 * size)[inside].all()

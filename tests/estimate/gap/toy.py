@@ -44,16 +44,16 @@ class Toy:
             CandidateEffect(name, name, name, (s,), is_sensor=name.endswith("scale"))
             for name, s in shape.items()
         )
-        self._inputs, pieces, row = [], [], 0
+        self._inputs, segments, row = [], [], 0
         random = np.random.default_rng(seed)
         for k in range(12):
             t = np.asarray(np.arange(1500) * STEP, float)
             u = (2.0 + 0.5 * (k // 2)) * np.sign(np.sin((1.2 + 0.3 * (k // 4)) * t + 1e-9))
             self._inputs.append(u)
             count = len(t) // SIZE
-            pieces.append(Segment(f"run_{k}", f"c{k // 2}", row, row + count, average_blocks(t, SIZE)))
+            segments.append(Segment(f"run_{k}", f"c{k // 2}", row, row + count, average_blocks(t, SIZE)))
             row += count
-        self.pieces = tuple(pieces)
+        self.segments = tuple(segments)
         (clean,) = self.simulate([Setting(np.array(base), truth)])
         self.measured = clean + noise * random.standard_normal(clean.shape)
 
@@ -82,7 +82,7 @@ class Toy:
         return None
 
     def regimes(self):
-        time = np.concatenate([p.time for p in self.pieces])
+        time = np.concatenate([p.time for p in self.segments])
         return {"time": ("s", time), "speed": ("m/s", self.measured[:, 0])}
 
     def candidate_experiments(self) -> tuple[Experiment, ...]:

@@ -53,9 +53,9 @@ def fitted(replay_of, label):
     problem = problem_of(replay_of)
     used = np.ones(len(replay_of.measured), bool)
     base = fit(problem, (), problem.start(), used)
-    (form,) = [c for c in replay_of.candidates if c.label == label]
-    (start,) = screen_candidates(problem, base, [form], used)
-    return base, fit(problem, (form,), start.start, used)
+    (candidate,) = [c for c in replay_of.candidates if c.label == label]
+    (start,) = screen_candidates(problem, base, [candidate], used)
+    return base, fit(problem, (candidate,), start.start, used)
 
 
 def test_where_the_model_is_right_only_noise_is_left():
@@ -99,7 +99,7 @@ def test_the_hidden_effect_is_recovered(effect, values, measured):
     found = AxisReplay(AXIS, logs(effect, tuple(values.items()), label in VELOCITY))
     base, with_effect = fitted(found, label)
     assert with_effect.loss < 0.25 * base.loss
-    for value, shape in zip(with_effect.x[len(found.base) :], with_effect.form[0].parameters, strict=True):
+    for value, shape in zip(with_effect.x[len(found.base) :], with_effect.effects[0].parameters, strict=True):
         size = abs(values[shape.name]) if shape.name not in ("position", "rest_position") else 0.05
         error = abs(value - values[shape.name]) / size
         measured(f"axis effects recovered, {shape.name} [1]", error, 0.06)
@@ -178,12 +178,12 @@ def test_a_setting_s_simulation_does_not_depend_on_its_neighbours():
 
 def test_blocks_belong_to_pieces_without_holes():
     found = AxisReplay(AXIS, logs())
-    assert found.pieces[0].first == 0
-    for one, other in zip(found.pieces[:-1], found.pieces[1:], strict=True):
+    assert found.segments[0].first == 0
+    for one, other in zip(found.segments[:-1], found.segments[1:], strict=True):
         assert one.last == other.first
-    assert found.pieces[-1].last == len(found.measured)
-    for piece in found.pieces:
-        assert len(piece.time) == piece.last - piece.first
+    assert found.segments[-1].last == len(found.measured)
+    for segment in found.segments:
+        assert len(segment.time) == segment.last - segment.first
     for _, values in found.regimes().values():
         assert values.shape == (len(found.measured),)
 
@@ -192,10 +192,10 @@ def test_each_candidate_moves_the_prediction():
     found = AxisReplay(AXIS, logs(velocity=True))
     base = nominal(found)
     (plain,) = found.simulate([base])
-    for form in found.candidates:
-        size = np.array([s.typical for s in form.parameters])
-        (moved,) = found.simulate([dataclasses.replace(base, effects={form.label: size})])
-        assert np.nanmax(np.abs(moved - plain) / [1.0, 1e-3, 1e-2]) > 0.3, form.label
+    for candidate in found.candidates:
+        size = np.array([s.typical for s in candidate.parameters])
+        (moved,) = found.simulate([dataclasses.replace(base, effects={candidate.label: size})])
+        assert np.nanmax(np.abs(moved - plain) / [1.0, 1e-3, 1e-2]) > 0.3, candidate.label
 
 
 def test_each_curve_moves_the_prediction():

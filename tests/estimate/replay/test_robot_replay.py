@@ -174,8 +174,8 @@ def test_a_stretch_of_floor_is_looked_for_where_it_is(replayed):
     assert end - start > 0.3
     hidden = {"floor_patch": {"scale": 0.4, "start": start, "end": end}}
     replay = replay_of(columns_of(hidden))
-    (form,) = (c for c in replay.candidates if c.effect == "floor_patch")
-    tried = {s.name: s.trials for s in form.parameters}
+    (candidate,) = (c for c in replay.candidates if c.effect == "floor_patch")
+    tried = {s.name: s.trials for s in candidate.parameters}
     assert tried["start"] == (pytest.approx(start, abs=0.15),)
     assert tried["end"] == (pytest.approx(end, abs=0.15),)
 
@@ -194,11 +194,11 @@ def test_a_gap_in_time_begins_a_new_piece(healthy):
     time = healthy["time"]
     kept = (time < 3.0) | (time > 3.5)
     replay = replay_of({name: v[kept] for name, v in healthy.items()})
-    assert len(replay.pieces) == 2
-    assert replay.pieces[0].time[-1] < 3.0
-    assert replay.pieces[1].time[0] > 3.5
+    assert len(replay.segments) == 2
+    assert replay.segments[0].time[-1] < 3.0
+    assert replay.segments[1].time[0] > 3.5
     # the second begins on the move: the body's velocity is not known there at once
-    assert np.isnan(replay.measured[replay.pieces[1].first]).all()
+    assert np.isnan(replay.measured[replay.segments[1].first]).all()
     assert (misfit(replay)[CURRENTS] < 0.02).all()
 
 
@@ -224,19 +224,19 @@ def test_settings_are_simulated_alike_on_one_thread_and_on_two(healthy):
 
 def test_every_candidate_at_its_vanishing_value_changes_nothing(replayed):
     (expected,) = replayed.simulate([setting(replayed)])
-    for form in replayed.candidates:
-        values = np.array([s.typical if s.null_value is None else s.null_value for s in form.parameters])
-        (found,) = replayed.simulate([setting(replayed, {form.label: values})])
-        assert found == pytest.approx(expected, abs=1e-9), form.label
+    for candidate in replayed.candidates:
+        values = np.array([s.typical if s.null_value is None else s.null_value for s in candidate.parameters])
+        (found,) = replayed.simulate([setting(replayed, {candidate.label: values})])
+        assert found == pytest.approx(expected, abs=1e-9), candidate.label
 
 
 def test_every_candidate_at_its_typical_size_can_be_simulated_and_shows(replayed):
     (plain,) = replayed.simulate([setting(replayed)])
-    for form in replayed.candidates:
-        values = np.array([s.typical for s in form.parameters])
-        (found,) = replayed.simulate([setting(replayed, {form.label: values})])
-        assert np.isfinite(found).all(), form.label
-        assert not np.allclose(found, plain, atol=1e-6), form.label
+    for candidate in replayed.candidates:
+        values = np.array([s.typical for s in candidate.parameters])
+        (found,) = replayed.simulate([setting(replayed, {candidate.label: values})])
+        assert np.isfinite(found).all(), candidate.label
+        assert not np.allclose(found, plain, atol=1e-6), candidate.label
 
 
 def test_a_payload_that_no_fit_may_place_there_is_moved_inward(replayed):

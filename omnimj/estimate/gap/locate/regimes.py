@@ -54,7 +54,7 @@ _BARELY = 1.05  # times the mismatch at the other sign: sure, yet next to nothin
 _SIDEWAYS = 0.95  # of the blocks
 _CREEP = 0.02  # [m/s] sideways that is none
 _RISES = 0.7  # correlation of mismatch with time from which on it grows
-_MATCHED = frozenset({"mass", "load", "floor", "current"})  # in which pieces of both signs must be alike
+_MATCHED = frozenset({"mass", "load", "floor", "current"})  # in which segments of both signs must be alike
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class _Scene:
 
 def locate(
     channels: Sequence[Channel],
-    pieces: Sequence[Segment],
+    segments: Sequence[Segment],
     regimes: Mapping[str, tuple[str, Array]],
     before: Array,
     after: Array | None,
@@ -88,7 +88,7 @@ def locate(
 
     Args:
       channels: What the columns are.
-      pieces: Stretches of runs; blocks of one are neighbours in time.
+      segments: Stretches of runs; blocks of one are neighbours in time.
       regimes: Variable → unit and values, shape (blocks,); text for variables without an order; NaN where a
         variable has no value (no reversal yet).
       before: Measured − simulated, shape (blocks, channels), NaN where masked.
@@ -98,7 +98,7 @@ def locate(
     Returns:
       Largest share first; at least one place per channel. Shares do not overlap and add up to 1 at most.
     """
-    scene = _scene(pieces, regimes, len(before))
+    scene = _scene(segments, regimes, len(before))
     relative = before / noise
     covered = np.zeros(len(before), bool)
     for part in scene.slices:
@@ -128,7 +128,7 @@ def locate(
     return tuple(sorted(places, key=lambda p: -p.share))
 
 
-def _scene(pieces: Sequence[Segment], regimes: Mapping[str, tuple[str, Array]], blocks: int) -> _Scene:
+def _scene(segments: Sequence[Segment], regimes: Mapping[str, tuple[str, Array]], blocks: int) -> _Scene:
     variables = regime_variables(regimes)
     lateral = [v for v in variables if canonical_name(v.name) == "lateral_speed"]
     has_both = any(v.is_size for v in lateral)
@@ -137,8 +137,8 @@ def _scene(pieces: Sequence[Segment], regimes: Mapping[str, tuple[str, Array]], 
         size = np.abs(lateral[-1].values)
         size = size[np.isfinite(size)]
         moves = size.size > 0 and bool(np.mean(size > max(0.05 * float(size.max()), _CREEP)) >= _SIDEWAYS)
-    slices = tuple(slice(p.first, p.last) for p in sorted(pieces, key=lambda p: p.first))
-    return _Scene(variables, run_variable(pieces, blocks), slices, lateral[-1] if has_both else None, moves)
+    slices = tuple(slice(p.first, p.last) for p in sorted(segments, key=lambda p: p.first))
+    return _Scene(variables, run_variable(segments, blocks), slices, lateral[-1] if has_both else None, moves)
 
 
 def _is_quiet(regimes: Sequence[_Regime]) -> bool:

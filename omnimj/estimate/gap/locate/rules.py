@@ -168,7 +168,7 @@ def excess_given(rule: Rule, other: Variable, energy: Array, among: BlockMask) -
 
 
 def leading_rules(
-    energy: Array, variables: Sequence[Variable], among: BlockMask, pieces: Sequence[slice]
+    energy: Array, variables: Sequence[Variable], among: BlockMask, segments: Sequence[slice]
 ) -> list[Rule]:
     """Rules that chance does not make and that no other variable explains away, best first.
 
@@ -176,8 +176,8 @@ def leading_rules(
       energy: Squared mismatch in units of noise, shape (blocks,).
       variables: In the order in which they are preferred where data cannot tell them apart.
       among: The blocks to look at.
-      pieces: Blocks that belong together, in order, all of `among` in them; chance is what comes of giving
-        each piece another one's mismatch, turned round in time.
+      segments: Blocks that belong together, in order, all of `among` in them; chance is what comes of giving
+        each segment another one's mismatch, turned round in time.
     """
     used = [v for v in variables if np.unique(v.code[among & (v.code >= 0)]).size > 1]
     if not used or float(energy[among].sum()) <= 0.0:
@@ -186,7 +186,7 @@ def leading_rules(
     if max(r.excess for r in rules) < MIN_EXCESS:
         return []
     # against all variables, since chance may strike in any
-    certain = _beat_chance(energy, rules, among, pieces)
+    certain = _beat_chance(energy, rules, among, segments)
     rules = [r for r, sure in zip(rules, certain, strict=True) if sure and r.excess >= MIN_EXCESS]
     kept = [r for k, r in enumerate(rules) if not _explained_away(k, rules, energy, among)]
     return sorted(kept, key=lambda r: (not r.variable.is_condition, -r.excess))
@@ -207,11 +207,11 @@ def _explained_away(k: int, rules: Sequence[Rule], energy: Array, among: BlockMa
 
 
 def _beat_chance(
-    energy: Array, rules: Sequence[Rule], among: BlockMask, pieces: Sequence[slice]
+    energy: Array, rules: Sequence[Rule], among: BlockMask, segments: Sequence[slice]
 ) -> NDArray[np.bool_]:
     """Whether a rule's J lies above all that shuffled mismatches give, in units of their spread."""
     at = np.flatnonzero(among)
-    edges = np.searchsorted(at, [(p.start, p.stop) for p in pieces])
+    edges = np.searchsorted(at, [(p.start, p.stop) for p in segments])
     first = edges[edges[:, 1] > edges[:, 0], 0]
     length = (edges[:, 1] - edges[:, 0])[edges[:, 1] > edges[:, 0]]
     own = np.repeat(np.arange(len(length)), length)
@@ -246,7 +246,7 @@ _LEAST_TURNING = 0.3  # share of the mismatch that must follow the angle
 
 @dataclass(frozen=True)
 class SignAsymmetry:
-    """Mismatch at one sign of a variable against the other, from pieces that are else alike."""
+    """Mismatch at one sign of a variable against the other, from segments that are else alike."""
 
     sign: str
     """`negative` or `positive`: where it is larger."""
@@ -257,25 +257,25 @@ class SignAsymmetry:
 
 
 def sign_asymmetry(
-    signed: Variable, others: Sequence[Variable], energy: Array, among: BlockMask, pieces: Sequence[slice]
+    signed: Variable, others: Sequence[Variable], energy: Array, among: BlockMask, segments: Sequence[slice]
 ) -> SignAsymmetry | None:
-    """Pairs every piece of one sign with the one of the other sign that is most like it.
+    """Pairs every segment of one sign with the one of the other sign that is most like it.
 
-    Like: in the size of the signed variable and in the other variables' means over the piece.
+    Like: in the size of the signed variable and in the other variables' means over the segment.
 
     Returns:
       None where a sign is missing.
     """
     rows, strength, sign = [], [], []
-    for piece in pieces:
-        used = among[piece] & np.isfinite(signed.values[piece])
+    for segment in segments:
+        used = among[segment] & np.isfinite(signed.values[segment])
         if not used.any():
             continue
-        value = float(np.median(signed.values[piece][used]))
+        value = float(np.median(signed.values[segment][used]))
         if abs(value) <= 0.02 * float(np.nanmax(np.abs(signed.values))):
             continue
-        rows.append([abs(value), *(_mean(v.values[piece][used]) for v in others)])
-        strength.append(np.log(max(float(energy[piece][used].mean()), 1e-12)))
+        rows.append([abs(value), *(_mean(v.values[segment][used]) for v in others)])
+        strength.append(np.log(max(float(energy[segment][used].mean()), 1e-12)))
         sign.append(np.sign(value))
     signs, logs, features = np.array(sign), np.array(strength), np.array(rows)
     up, down = np.flatnonzero(signs > 0), np.flatnonzero(signs < 0)
@@ -298,17 +298,17 @@ def _mean(values: Array) -> float:
 
 
 def turn_harmonic(
-    angle: Array, signed: Array, among: BlockMask, pieces: Sequence[slice]
+    angle: Array, signed: Array, among: BlockMask, segments: Sequence[slice]
 ) -> tuple[int, float] | None:
     """How often per turn a mismatch comes, and the share of it that follows the angle.
 
-    The mismatch is fitted with cos kθ and sin kθ, k = 1 … 4, each piece's mean out; the share must beat those
-    of mismatches turned round in time.
+    The mismatch is fitted with cos kθ and sin kθ, k = 1 … 4, the mean of each segment removed; the share must
+    exceed that of mismatches shifted in time.
 
     Returns:
       None where it does not.
     """
-    groups = [np.flatnonzero((among & np.isfinite(angle))[p]) + p.start for p in pieces]
+    groups = [np.flatnonzero((among & np.isfinite(angle))[p]) + p.start for p in segments]
     groups = [g for g in groups if g.size > 4 * _HARMONICS]
     if not groups:
         return None

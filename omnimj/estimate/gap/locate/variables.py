@@ -106,11 +106,11 @@ def _with_labels(regimes: Mapping[str, tuple[str, Array]]) -> dict[str, tuple[st
     return found
 
 
-def run_variable(pieces: Sequence[Segment], blocks: int) -> Variable:
+def run_variable(segments: Sequence[Segment], blocks: int) -> Variable:
     """The run that a block belongs to, as a variable."""
     values = np.full(blocks, "", dtype=object)
-    for piece in pieces:
-        values[piece.first : piece.last] = piece.run
+    for segment in segments:
+        values[segment.first : segment.last] = segment.run
     return _of_labels("run", "", "run", values)
 
 

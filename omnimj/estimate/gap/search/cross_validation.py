@@ -36,23 +36,23 @@ class Groups:
 
 def make_groups(replay: Replay) -> Groups:
     """One group per condition; with fewer than four, every condition is cut into six stretches of time."""
-    conditions = list(dict.fromkeys(p.condition for p in replay.pieces))
+    conditions = list(dict.fromkeys(p.condition for p in replay.segments))
     few = len(conditions) < _FEWEST_CONDITIONS
     of_block = np.zeros(len(replay.measured), int)
     names: list[str] = []
     for condition in conditions:
-        pieces = [p for p in replay.pieces if p.condition == condition]
+        segments = [p for p in replay.segments if p.condition == condition]
         first = len(names)
         if not few:
             names.append(condition)
-            for p in pieces:
+            for p in segments:
                 of_block[p.first : p.last] = first
             continue
-        end = max(float(p.time[-1]) for p in pieces) * (1.0 + 1e-9)
+        end = max(float(p.time[-1]) for p in segments) * (1.0 + 1e-9)
         names += [f"{condition}, part {k + 1} of {_TIME_PARTS}" for k in range(_TIME_PARTS)]
-        for p in pieces:
-            # a window belongs to the stretch of its middle; a run of one piece is cut where its blocks lie
-            whole = len(pieces) >= 2 * _TIME_PARTS
+        for p in segments:
+            # a window belongs to the stretch of its middle; a run of one segment is cut where its blocks lie
+            whole = len(segments) >= 2 * _TIME_PARTS
             at = np.full(p.last - p.first, float(np.median(p.time))) if whole else p.time
             of_block[p.first : p.last] = first + np.minimum(at / end * _TIME_PARTS, _TIME_PARTS - 1).astype(
                 int
@@ -88,10 +88,10 @@ def heldout_losses(
     To first order: a few runs more or less change the parameters little, r + J d needs no simulation.
     """
     channels = fitted.residual.shape[1]
-    low, high = problem.bounds(fitted.form)
-    scales = problem.scales(fitted.form)
+    low, high = problem.bounds(fitted.effects)
+    scales = problem.scales(fitted.effects)
     box = (low - fitted.x) / scales, (high - fitted.x) / scales
-    prior = problem.prior(fitted.x, fitted.form)
+    prior = problem.prior(fitted.x, fitted.effects)
     weight = huber_weights(problem, fitted.residual, used)
     parts = [np.flatnonzero(np.repeat(out, channels)) for out in folds]
     flat = fitted.residual.ravel()

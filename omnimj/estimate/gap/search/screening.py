@@ -72,8 +72,11 @@ def screen_candidates(
       used: Blocks that count, shape (blocks,).
     """
     weight = huber_weights(problem, current.residual, used)
-    low, high = problem.bounds(current.form)
-    box = (low - current.x) / problem.scales(current.form), (high - current.x) / problem.scales(current.form)
+    low, high = problem.bounds(current.effects)
+    box = (
+        (low - current.x) / problem.scales(current.effects),
+        (high - current.x) / problem.scales(current.effects),
+    )
     known = np.column_stack([current.jacobian, current.residual.ravel()]) * weight[:, None]
     sums = normal_equations(current.jacobian, current.residual, weight)
     ground = ScreeningBaseline(current, weight, box, known, sums)
@@ -108,7 +111,7 @@ def _screen_shape(
         own = at.copy()
         own[k] += step
         moved.append(np.concatenate([current.x, own]))
-    residuals = problem.residuals(moved, (*current.form, candidate))
+    residuals = problem.residuals(moved, (*current.effects, candidate))
     new = np.stack([(r - current.residual).ravel() for r in residuals], axis=1) * ground.weight[:, None]
     m = new.shape[1]
     sums = np.zeros((n + m + 1, n + m + 1))
@@ -121,7 +124,7 @@ def _screen_shape(
         [[(getattr(candidate.parameters[k], e) - at[k]) / s for k, s in steps] for e in ("low", "high")]
     )
     bounds = np.sort(ends, axis=0)
-    precision, distance = problem.prior(current.x, current.form)
+    precision, distance = problem.prior(current.x, current.effects)
     none = np.zeros(m)
     both = (np.concatenate([precision, none]), np.concatenate([distance, none]))
     box = (np.concatenate([ground.box[0], bounds[0]]), np.concatenate([ground.box[1], bounds[1]]))
@@ -130,7 +133,7 @@ def _screen_shape(
     own = at.copy()
     for (k, step), size in zip(steps, d[n:], strict=True):
         own[k] += step * size
-    start = np.concatenate([current.x + problem.scales(current.form) * d[:n], own])
+    start = np.concatenate([current.x + problem.scales(current.effects) * d[:n], own])
     whole = max(float(ground.sums[-1, -1]), 1e-30)
     return ScreenedCandidate(candidate, 1.0 - float(full @ sums @ full) / whole, start)
 
@@ -158,15 +161,15 @@ def sensitivities(problem: Problem, current: Fit, used: NDArray[np.bool_]) -> Se
     curves: list[tuple[str, Array] | None] = [
         (name, 0.1 * problem.replay.curves[name] * row) for name in names for row in np.eye(KNOTS)
     ]
-    moved = problem.residuals([current.x] * len(curves), current.form, curves) if curves else []
+    moved = problem.residuals([current.x] * len(curves), current.effects, curves) if curves else []
     columns = [current.jacobian * weight[:, None]]
     columns += [((r - current.residual).ravel() * weight)[:, None] * 10.0 for r in moved]
     columns.append((current.residual.ravel() * weight)[:, None])
-    low, high = problem.bounds(current.form)
+    low, high = problem.bounds(current.effects)
     own = len(problem.replay.base) + problem.has_twin_share
     prior = np.full(len(current.x), 1e-6)
     # a box of half-width a has the variance a²/3
-    prior[:own] = 3.0 / np.maximum(0.5 * (high - low) / problem.scales(current.form), 1e-9)[:own] ** 2
+    prior[:own] = 3.0 / np.maximum(0.5 * (high - low) / problem.scales(current.effects), 1e-9)[:own] ** 2
     return Sensitivities(np.hstack(columns), prior, names)
 
 

@@ -89,9 +89,9 @@ class SearchResult:
         return self.rounds[-1].curves if self.rounds else None
 
 
-def with_twin_correction(problem: Problem, x: Array, form: ModelEffects) -> Problem:
+def with_twin_correction(problem: Problem, x: Array, effects: ModelEffects) -> Problem:
     """The problem with the twin asked again at a model: offset = twin − equations there."""
-    setting, _ = problem.split(x, form)
+    setting, _ = problem.split(x, effects)
     twin = problem.replay.twin_correction(setting)
     if twin is None:
         return problem
@@ -133,16 +133,16 @@ def fit_base(replay: Replay, used: NDArray[np.bool_], report: Progress) -> tuple
 
 def refit(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) -> tuple[Problem, Fit]:
     """The twin asked again at the new model, noise judged again (it can only shrink), all refitted."""
-    problem = with_twin_correction(problem, fitted.x, fitted.form)
-    (mismatch,) = problem.mismatches([fitted.x], fitted.form)
+    problem = with_twin_correction(problem, fitted.x, fitted.effects)
+    (mismatch,) = problem.mismatches([fitted.x], fitted.effects)
     noise = np.minimum(problem.noise, block_noise(problem.replay, mismatch))
     problem = replace(problem, noise=noise)
     problem = robust_scale(problem, reevaluate(fitted, problem), used)
-    return problem, fit(problem, fitted.form, fitted.x, used)
+    return problem, fit(problem, fitted.effects, fitted.x, used)
 
 
 def judge_given_others(
-    problem: Problem, final: Fit, named: list[SelectedEffect], k: int, data: TrainingSplit
+    problem: Problem, final: Fit, named: list[SelectedEffect], k: int, split: TrainingSplit
 ) -> tuple[Fit, SelectedEffect]:
     """One effect again, now that the others are known: against its rivals and against decoys.
 
@@ -151,22 +151,22 @@ def judge_given_others(
     """
     one = named[k]
     others = tuple(n.candidate for n in named if n is not one)
-    without = fit(problem, others, final.x[~_parameter_mask(problem, final, one.candidate)], data.used)
-    before = sum_by_group(heldout_losses(problem, without, data.used, data.folds), data.groups)
+    without = fit(problem, others, final.x[~_parameter_mask(problem, final, one.candidate)], split.used)
+    before = sum_by_group(heldout_losses(problem, without, split.used, split.folds), split.groups)
     taken = {n.candidate.label for n in named if n is not one}
     free = [c for c in problem.replay.candidates if c.label not in taken]
-    screened = screen_candidates(problem, without, free, data.used)
+    screened = screen_candidates(problem, without, free, split.used)
     close = [s for s in screened if s.share >= _CLOSE * screened[0].share][:_SWAPS]
     own = final.x[_parameter_mask(problem, final, one.candidate)]
     mine = ScreenedCandidate(one.candidate, screened[0].share, np.concatenate([without.x, own]))
     options = [mine, *(s for s in close if s.candidate.label != one.candidate.label)]
-    tried = [fit_candidate(problem, s, without, before, data) for s in options]
-    tried = refine_leaders(problem, tried, options, without, before, data)
-    count = float(np.isfinite(problem.replay.measured[data.used]).sum())
-    share = min(effective_samples(problem.replay, tried[0].fit.residual * data.used[:, None]) / count, 1.0)
+    tried = [fit_candidate(problem, s, without, before, split) for s in options]
+    tried = refine_leaders(problem, tried, options, without, before, split)
+    count = float(np.isfinite(problem.replay.measured[split.used]).sum())
+    share = min(effective_samples(problem.replay, tried[0].fit.residual * split.used[:, None]) / count, 1.0)
     tried.sort(key=lambda t: information_score(t, share))
-    columns = sensitivities(problem, without, data.used)
-    decoys = curve_gains(problem, columns, data.groups, data.folds, data.seed).decoys
+    columns = sensitivities(problem, without, split.used)
+    decoys = curve_gains(problem, columns, split.groups, split.folds, split.seed).decoys
     best = tried[0]
     p_false = decoy_p_value(decoys, best.gain)
     return best.fit, SelectedEffect(
@@ -175,12 +175,12 @@ def judge_given_others(
 
 
 def backward_eliminate(
-    problem: Problem, base: Fit, final: Fit, named: list[SelectedEffect], data: TrainingSplit
+    problem: Problem, base: Fit, final: Fit, named: list[SelectedEffect], split: TrainingSplit
 ) -> tuple[Problem, Fit, list[SelectedEffect]]:
     """Judges every effect given the others until all of them clear margin and decoys; who does not, goes."""
     while named:
         for k in range(len(named)):
-            final, named[k] = judge_given_others(problem, final, named, k, data)
+            final, named[k] = judge_given_others(problem, final, named, k, split)
         pinned = [
             n
             for n in named
@@ -194,14 +194,14 @@ def backward_eliminate(
         worst = min(pinned or named, key=lambda n: (-(n.p_false or 0.0), n.gain.value))
         x = final.x[~_parameter_mask(problem, final, worst.candidate)]
         named = [n for n in named if n is not worst]
-        final = fit(problem, tuple(n.candidate for n in named), x, data.used)
+        final = fit(problem, tuple(n.candidate for n in named), x, split.used)
     return problem, final, named
 
 
 def _parameter_mask(problem: Problem, fitted: Fit, candidate: CandidateEffect) -> NDArray[np.bool_]:
     """Which parameters of a model belong to one effect."""
     own = [np.zeros(len(problem.replay.base) + problem.has_twin_share, bool)]
-    own += [np.full(len(c.parameters), c.label == candidate.label) for c in fitted.form]
+    own += [np.full(len(c.parameters), c.label == candidate.label) for c in fitted.effects]
     return np.concatenate(own)
 
 
@@ -217,7 +217,7 @@ def search(replay: Replay, holdout: tuple[str, ...], seed: int, report: Progress
     groups = make_groups(replay)
     heldout = choose_heldout(groups, seed, holdout)
     used = ~heldout[groups.of_block]
-    data = TrainingSplit(used, groups, make_folds(groups, ~heldout, seed), seed)
+    split = TrainingSplit(used, groups, make_folds(groups, ~heldout, seed), seed)
     problem, current = fit_base(replay, used, report)
     first, base = problem, current
     named: list[SelectedEffect] = []
@@ -227,7 +227,7 @@ def search(replay: Replay, holdout: tuple[str, ...], seed: int, report: Progress
         while len(named) < MOST_EFFECTS:
             taken = {n.candidate.label for n in named}
             left = [c for c in replay.candidates if c.label not in taken]
-            found = select_round(problem, current, left, data, report)
+            found = select_round(problem, current, left, split, report)
             rounds.append(found)
             # effects that hide each other gain little alone: whoever helps comes in, and is judged at the end
             if found.best is None or found.best.gain.value <= MARGIN:
@@ -235,10 +235,10 @@ def search(replay: Replay, holdout: tuple[str, ...], seed: int, report: Progress
             named.append(SelectedEffect(found.best.candidate, found, found.rivals, found.best.gain))
             problem, current = refit(problem, found.best.fit, used)
         report("judging each effect given the others", 0.9)
-        problem, current, named = backward_eliminate(problem, base, current, named, data)
+        problem, current, named = backward_eliminate(problem, base, current, named, split)
     except KeyboardInterrupt:
         interrupted = True
-        named = [n for n in named if any(c.label == n.candidate.label for c in current.form)]
+        named = [n for n in named if any(c.label == n.candidate.label for c in current.effects)]
     return SearchResult(
         problem, first, groups, heldout, used, base, current, tuple(named), tuple(rounds), interrupted
     )

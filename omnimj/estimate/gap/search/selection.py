@@ -136,16 +136,16 @@ def fit_candidate(
     screened: ScreenedCandidate,
     current: Fit,
     before: Array,
-    with_data: TrainingSplit,
+    split: TrainingSplit,
     again: Fit | None = None,
 ) -> FittedCandidate:
     """Fits the model with one more effect and holds runs out; `again`: its fit so far, to be completed."""
-    form = (*current.form, screened.candidate)
+    effects = (*current.effects, screened.candidate)
     if again is None:
-        fitted = fit(problem, form, screened.start, with_data.used, 1, current.jacobian)
+        fitted = fit(problem, effects, screened.start, split.used, 1, current.jacobian)
     else:
-        fitted = fit(problem, form, again.x, with_data.used, 2)
-    losses = sum_by_group(heldout_losses(problem, fitted, with_data.used, with_data.folds), with_data.groups)
+        fitted = fit(problem, effects, again.x, split.used, 2)
+    losses = sum_by_group(heldout_losses(problem, fitted, split.used, split.folds), split.groups)
     return FittedCandidate(screened.candidate, screened.share, fitted, losses, heldout_gain(before, losses))
 
 
@@ -155,13 +155,13 @@ def refine_leaders(
     screened: list[ScreenedCandidate],
     current: Fit,
     before: Array,
-    with_data: TrainingSplit,
+    split: TrainingSplit,
 ) -> list[FittedCandidate]:
     """The leaders fitted to the end; the others keep their first fit."""
     order = sorted(range(len(tried)), key=lambda k: float(tried[k].losses.sum()))
     done = list(tried)
     for k in order[:_LEADERS]:
-        done[k] = fit_candidate(problem, screened[k], current, before, with_data, tried[k].fit)
+        done[k] = fit_candidate(problem, screened[k], current, before, split, tried[k].fit)
     return done
 
 
@@ -211,7 +211,7 @@ def select_round(
     problem: Problem,
     current: Fit,
     candidates: list[CandidateEffect],
-    with_data: TrainingSplit,
+    split: TrainingSplit,
     report: Progress,
 ) -> SelectionRound:
     """Screens, fits, holds out and ranks.
@@ -220,28 +220,28 @@ def select_round(
       problem: The data and the scale.
       current: The model so far, fitted on the training blocks.
       candidates: What may be added.
-      with_data: Training blocks, groups and folds.
+      split: Training blocks, groups and folds.
       report: Called with a phrase and the share that is done.
     """
-    before = sum_by_group(heldout_losses(problem, current, with_data.used, with_data.folds), with_data.groups)
-    screened = screen_candidates(problem, current, candidates, with_data.used)
+    before = sum_by_group(heldout_losses(problem, current, split.used, split.folds), split.groups)
+    screened = screen_candidates(problem, current, candidates, split.used)
     go, behind = shortlist(screened)
     tried = []
     for k, one in enumerate(go):
         report(f"trying {one.candidate.label}", k / len(go))
-        tried.append(fit_candidate(problem, one, current, before, with_data))
+        tried.append(fit_candidate(problem, one, current, before, split))
     report("fitting the leaders", 1.0)
-    tried = refine_leaders(problem, tried, go, current, before, with_data)
+    tried = refine_leaders(problem, tried, go, current, before, split)
     curves = curve_gains(
         problem,
-        sensitivities(problem, current, with_data.used),
-        with_data.groups,
-        with_data.folds,
-        with_data.seed,
+        sensitivities(problem, current, split.used),
+        split.groups,
+        split.folds,
+        split.seed,
     )
-    count = float(np.isfinite(problem.replay.measured[with_data.used]).sum())
+    count = float(np.isfinite(problem.replay.measured[split.used]).sum())
     leader = min(tried, key=lambda t: float(t.losses.sum())) if tried else None
-    residual = (leader.fit if leader else current).residual * with_data.used[:, None]
+    residual = (leader.fit if leader else current).residual * split.used[:, None]
     effective = effective_samples(problem.replay, residual)
     share = min(1.0, effective / count)
     tried.sort(key=lambda t: information_score(t, share))

@@ -105,13 +105,13 @@ class AxisReplay:
         wanted = np.sqrt(log.force_noise / (axis.axis.mass * log.position_noise))
         self.rate = float(np.clip(wanted, _SLOWEST, min(_FASTEST, 0.25 / log.period)))
         """ω of the follower [rad/s]: σ_F/(m σ_x) balances noise of the monitor and of the encoder."""
-        self.pieces = self._make_pieces()
+        self.segments = self._make_pieces()
         self.measured = self._measured()
         self.base = base_parameters(axis, self._force_name, log.period)
         self._spans = spans_of(log)
         self.candidates = self._candidates(has_velocity)
         self.curves: Mapping[str, float] = dict.fromkeys(CURVES, 0.1 * self._spans["force"][1])
-        self._forms = {c.label: c for c in self.candidates}
+        self._by_label = {c.label: c for c in self.candidates}
 
     def simulate(self, settings: Sequence[Setting]) -> list[Array]:
         """What the sensors would have said, one array of shape (blocks, channels) per setting."""
@@ -162,7 +162,7 @@ class AxisReplay:
 
     def row(self, setting: Setting) -> Array:
         """The kernels' numbers under a setting, for a run with the declared mass."""
-        return setting_row(self._axis, self.base, self._forms, setting)
+        return setting_row(self._axis, self.base, self._by_label, setting)
 
     def _simulate(self, setting: Setting) -> Array:
         log, row = self._log, self.row(setting)
@@ -208,15 +208,15 @@ class AxisReplay:
         return self._means(columns)[:, self._columns]
 
     def _make_pieces(self) -> tuple[Segment, ...]:
-        log, pieces = self._log, []
+        log, segments = self._log, []
         means = self._means(log.times[:, None])[:, 0]
         for s, stretch in enumerate(log.stretches):
             run = self._runs[log.run_of_stretch[s]]
             for w in range(int(stretch[2]), int(stretch[2] + stretch[3])):
                 first = int(log.windows[w, 2])
                 last = first + int(log.windows[w, 1] - log.windows[w, 0]) // log.size
-                pieces.append(Segment(run.name, run.condition, first, last, means[first:last]))
-        return tuple(pieces)
+                segments.append(Segment(run.name, run.condition, first, last, means[first:last]))
+        return tuple(segments)
 
     def _candidates(self, has_velocity: bool) -> tuple[CandidateEffect, ...]:
         """Those that can show in these logs."""

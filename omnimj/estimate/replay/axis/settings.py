@@ -67,11 +67,12 @@ def sized_candidates(axis: Axis, spans: Spans, without: tuple[str, ...]) -> tupl
       without: Labels that cannot show in these logs.
     """
     found = []
-    for form in candidate_effects(AXIS, spans, without):
+    for candidate in candidate_effects(AXIS, spans, without):
         shapes = tuple(
-            _placed(s, spans) if s.null_value is None else _sized(s, axis, spans) for s in form.parameters
+            _placed(s, spans) if s.null_value is None else _sized(s, axis, spans)
+            for s in candidate.parameters
         )
-        found.append(dataclasses.replace(form, parameters=shapes))
+        found.append(dataclasses.replace(candidate, parameters=shapes))
     return tuple(found)
 
 
@@ -157,14 +158,14 @@ def base_parameters(axis: Axis, force_name: str, period: float) -> tuple[BasePar
 
 
 def setting_row(
-    axis: Axis, base: Sequence[BaseParameter], forms: Mapping[str, CandidateEffect], setting: Setting
+    axis: Axis, base: Sequence[BaseParameter], candidates: Mapping[str, CandidateEffect], setting: Setting
 ) -> Array:
     """The kernels' numbers under a setting, shape (AXIS_ROW,), for a run with the declared mass.
 
     Args:
       axis: As declared, with the effects it has already.
       base: Of the replay.
-      forms: Candidates by label.
+      candidates: Candidates by label.
       setting: Their values.
     """
     body, clock, gain = axis.axis, 0.0, 1.0
@@ -177,10 +178,10 @@ def setting_row(
             body = dataclasses.replace(body, **{parameter.name: float(value)})
     changes = MachineChanges(apply_effects(dataclasses.replace(axis, axis=body)).machine)
     for label, values in setting.effects.items():
-        form = forms[label]
-        given = dict(form.selectors)
-        given |= {s.name: float(v) for s, v in zip(form.parameters, values, strict=True)}
-        for hook in find_effect(form.effect, AXIS, label).hooks:
+        candidate = candidates[label]
+        given = dict(candidate.selectors)
+        given |= {s.name: float(v) for s, v in zip(candidate.parameters, values, strict=True)}
+        for hook in find_effect(candidate.effect, AXIS, label).hooks:
             hook(changes, given)
     row = axis_row(changes.machine)
     row[FORCE_SCALE] *= gain

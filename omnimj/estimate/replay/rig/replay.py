@@ -128,14 +128,14 @@ class RigReplay:
         self._runs = rig_runs(dataset, rig, self._floors)
         lagging = (*CHANNELS, "current", *(("current_target",) if self._runs.target is not None else ()))
         self.base: tuple[BaseParameter, ...] = base_parameters(rig, self._floors, self._runs.floor, lagging)
-        self.pieces, self.measured = self._runs.pieces, self._runs.measured
+        self.segments, self.measured = self._runs.segments, self._runs.measured
         self.channels = _channels(rig, self._runs.target is not None)
         self._spans = variable_spans(self._runs)
         moved = ("speed", "position", "time", *(("lateral_speed",) if self._runs.lateral.any() else ()))
         self.curves: Mapping[str, float] = dict.fromkeys(moved, 1.0)
         hidden = () if self._runs.target is not None else ("supply_sag",)
         self.candidates: tuple[CandidateEffect, ...] = candidate_effects(self.plant, self._spans, hidden)
-        self._forms = {c.label: c for c in self.candidates}
+        self._by_label = {c.label: c for c in self.candidates}
 
     def simulate(self, settings: Sequence[Setting]) -> list[Array]:
         """Block means of the channels by the equations, shape (blocks, channels) per setting."""
@@ -149,11 +149,11 @@ class RigReplay:
         based = adjust_machine(self._rig, self._floors, self.base, setting.base)
         effects: dict[str, dict] = {}
         for label, values in setting.effects.items():
-            form = self._forms[label]
-            entry = {s.name: float(v) for s, v in zip(form.parameters, values, strict=True)}
-            effects[_instance(form.effect, {**based.machine.effects, **effects})] = {
+            candidate = self._by_label[label]
+            entry = {s.name: float(v) for s, v in zip(candidate.parameters, values, strict=True)}
+            effects[_instance(candidate.effect, {**based.machine.effects, **effects})] = {
                 **entry,
-                **form.selectors,
+                **candidate.selectors,
             }
         return dataclasses.replace(based, machine=with_effects(based.machine, effects)) if effects else based
 

@@ -43,7 +43,7 @@ class RigRuns:
     floor: tuple[str, ...]
     measured: Array
     """Block means of `CHANNELS` and, with a set value, of the current, shape (blocks, channels)."""
-    pieces: tuple[Segment, ...]
+    segments: tuple[Segment, ...]
 
 
 def rig_runs(dataset: Dataset, rig: Rig, floors: dict[str, Floor]) -> RigRuns:
@@ -57,7 +57,7 @@ def rig_runs(dataset: Dataset, rig: Rig, floors: dict[str, Floor]) -> RigRuns:
     total = sum(float(run.time[-1] - run.time[0]) for run in dataset.runs)
     size = max(round(_SHORTEST / period), int(np.ceil(total / period / _MOST_BLOCKS)))
     has_target = all("current_target" in run.columns for run in dataset.runs)
-    first, blocks_first, pieces = [0], [0], []
+    first, blocks_first, segments = [0], [0], []
     parts: dict[str, list[Array]] = {"current": [], "target": [], "lateral": [], "measured": []}
     start, mass, names = [], [], []
     for run in dataset.runs:
@@ -74,7 +74,7 @@ def rig_runs(dataset: Dataset, rig: Rig, floors: dict[str, Floor]) -> RigRuns:
         mass.append(float(run.conditions.get("mass", rig.rig.masses[0])))
         names.append(_floor(dataset, run, floors))
         time = average_blocks(clock - clock[0], size)
-        pieces.append(Segment(run.name, run.condition, blocks_first[-1], blocks_first[-1] + count, time))
+        segments.append(Segment(run.name, run.condition, blocks_first[-1], blocks_first[-1] + count, time))
         first.append(first[-1] + len(clock))
         blocks_first.append(blocks_first[-1] + count)
     return RigRuns(
@@ -89,7 +89,7 @@ def rig_runs(dataset: Dataset, rig: Rig, floors: dict[str, Floor]) -> RigRuns:
         np.array(mass),
         tuple(names),
         np.concatenate(parts["measured"]),
-        tuple(pieces),
+        tuple(segments),
     )
 
 
@@ -160,7 +160,7 @@ _STANDING = 0.01  # [m/s]
 def travelled(runs: RigRuns) -> Array:
     """Path along the rail from the measured speed, from 0 at each run's start, per block [m]."""
     parts = []
-    for p in runs.pieces:
+    for p in runs.segments:
         speed = np.nan_to_num(runs.measured[p.first : p.last, 1])
         parts.append(np.cumsum(speed) * runs.size * runs.period)
     return np.concatenate(parts)
@@ -172,7 +172,7 @@ def variable_spans(runs: RigRuns) -> dict[str, tuple[float, float]]:
     ends = {
         "speed": (float(np.nanmin(speed)), float(np.nanmax(speed))),
         "position": (float(position.min()), float(position.max())),
-        "time": (0.0, max(float(p.time[-1]) for p in runs.pieces)),
+        "time": (0.0, max(float(p.time[-1]) for p in runs.segments)),
         "lateral_speed": (float(runs.lateral.min()), float(runs.lateral.max())),
     }
     return {name: (low, max(high, low + 1e-3)) for name, (low, high) in ends.items()}
@@ -182,14 +182,14 @@ def regimes(runs: RigRuns) -> dict[str, tuple[str, Array]]:
     """Variable → unit and value per block; those that do not vary are left out."""
     speed, turned = np.nan_to_num(runs.measured[:, 1]), []
     lateral, current, since = [], [], []
-    for k, p in enumerate(runs.pieces):
+    for k, p in enumerate(runs.segments):
         rows = slice(p.first, p.last)
         samples = slice(runs.first[k], runs.first[k] + (p.last - p.first) * runs.size)
         lateral.append(runs.lateral[samples].reshape(-1, runs.size).mean(axis=1))
         current.append(runs.current[samples].reshape(-1, runs.size).mean(axis=1))
         turned.append(np.cumsum(np.nan_to_num(runs.measured[rows, 0])) * runs.size * runs.period)
         since.append(_since_reversal(speed[rows], p.time))
-    size = np.array([p.last - p.first for p in runs.pieces])
+    size = np.array([p.last - p.first for p in runs.segments])
     found = {
         "speed": ("m/s", speed),
         "acceleration": ("m/s2", np.nan_to_num(runs.measured[:, 2])),
@@ -198,7 +198,7 @@ def regimes(runs: RigRuns) -> dict[str, tuple[str, Array]]:
         "lateral_speed": ("m/s", np.concatenate(lateral)),
         "position": ("m", travelled(runs)),
         "wheel_angle": ("rad", np.concatenate(turned)),
-        "time": ("s", np.concatenate([p.time for p in runs.pieces])),
+        "time": ("s", np.concatenate([p.time for p in runs.segments])),
         "reversal": ("s", np.concatenate(since)),
     }
     for floor in sorted(set(runs.floor)) if len(set(runs.floor)) > 1 else ():

@@ -127,46 +127,51 @@ class RobotReplay:
         self._substeps = _SUBSTEPS if windows else 0
         self._columns = [c for c in range(native.CHANNELS) if windows or not _is_free(c)]
         self.channels = tuple(_channels(robot.sensors)[c] for c in self._columns)
-        self.pieces, self.measured = self._runs.pieces, self._runs.measured[:, self._columns]
+        self.segments, self.measured = self._runs.segments, self._runs.measured[:, self._columns]
         self.base: tuple[BaseParameter, ...] = base_parameters(robot, self._floors, self._runs.floor, _LAGS)
         self._spans = variable_spans(self._runs, robot)
         self.curves: Mapping[str, float] = dict.fromkeys((*self._spans, "wheel_angle"), 1.0)
-        forms = candidate_effects(ROBOT, self._spans, _HIDDEN)
-        possible = tuple(f for f in forms if self._fits(f))
-        self._forms = {c.label: c for c in possible}
+        candidates = candidate_effects(ROBOT, self._spans, _HIDDEN)
+        possible = tuple(f for f in candidates if self._fits(f))
+        self._by_label = {c.label: c for c in possible}
         self._rollers, self._phases = roller_tables(robot), np.empty(0)
         self.candidates: tuple[CandidateEffect, ...] = tuple(self._with_place(f) for f in possible)
 
-    def _fits(self, form: CandidateEffect) -> bool:
+    def _fits(self, candidate: CandidateEffect) -> bool:
         """Whether the model can have this effect beside those it has."""
         try:
-            self._with(self._robot, [(form, np.array([s.typical for s in form.parameters]))])
+            self._with(self._robot, [(candidate, np.array([s.typical for s in candidate.parameters]))])
         except InputError:
             return False
         return True
 
-    def _with_place(self, form: CandidateEffect) -> CandidateEffect:
+    def _with_place(self, candidate: CandidateEffect) -> CandidateEffect:
         """A stretch of floor is tried where it explains most: its edges are found from nearby only."""
-        if form.effect != "floor_patch":
-            return form
+        if candidate.effect != "floor_patch":
+            return candidate
         base = np.array([b.nominal for b in self.base])
         (plain,) = self.simulate([Setting(base)])
 
         def moved(patches: Array) -> list[Array]:
-            return [p - plain for p in self.simulate([Setting(base, {form.label: v}) for v in patches])]
+            return [p - plain for p in self.simulate([Setting(base, {candidate.label: v}) for v in patches])]
 
         rough = np.array([c.equation_error for c in self.channels])
         start, end = likely_patch(self._spans["position"], rough, self.measured - plain, moved)
         tried = {"start": (start,), "end": (end,)}
-        shapes = tuple(dataclasses.replace(s, trials=tried.get(s.name, s.trials)) for s in form.parameters)
-        return dataclasses.replace(form, parameters=shapes)
+        shapes = tuple(
+            dataclasses.replace(s, trials=tried.get(s.name, s.trials)) for s in candidate.parameters
+        )
+        return dataclasses.replace(candidate, parameters=shapes)
 
     @staticmethod
     def _with(robot: Robot, chosen: Sequence[tuple[CandidateEffect, Array]]) -> Robot:
         effects: dict[str, dict[str, Any]] = {}
-        for form, values in chosen:
-            entry = {s.name: float(v) for s, v in zip(form.parameters, values, strict=True)}
-            effects[_instance(form.effect, {**robot.effects, **effects})] = {**entry, **form.selectors}
+        for candidate, values in chosen:
+            entry = {s.name: float(v) for s, v in zip(candidate.parameters, values, strict=True)}
+            effects[_instance(candidate.effect, {**robot.effects, **effects})] = {
+                **entry,
+                **candidate.selectors,
+            }
         return with_effects(robot, effects) if effects else robot
 
     def simulate(self, settings: Sequence[Setting]) -> list[Array]:
@@ -183,7 +188,7 @@ class RobotReplay:
     def based(self, setting: Setting) -> AdjustedMachine[Robot]:
         """Constants with the effects of a setting."""
         based = adjust_machine(self._robot, self._floors, self.base, setting.base)
-        chosen = [(self._forms[label], values) for label, values in setting.effects.items()]
+        chosen = [(self._by_label[label], values) for label, values in setting.effects.items()]
         return dataclasses.replace(based, machine=self._with(based.machine, chosen))
 
     def _numbers(self, setting: Setting, runs: RobotRuns) -> tuple[KernelParameters, AdjustedMachine[Robot]]:
@@ -233,7 +238,7 @@ class RobotReplay:
         def misfit(turn: int) -> Array:
             phases = np.full(shape, turn * step)
             off = self._replay(setting, self._runs, self._rollers.table, phases) - self.measured
-            return np.stack([np.nansum(off[p.first : p.last, wheels] ** 2, axis=0) for p in self.pieces])
+            return np.stack([np.nansum(off[p.first : p.last, wheels] ** 2, axis=0) for p in self.segments])
 
         sums = np.stack(self._each(misfit, range(_PHASES)))
         best = sums.argmin(axis=0)

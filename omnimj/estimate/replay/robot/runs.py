@@ -69,7 +69,7 @@ class RobotRuns:
     """Of each stretch."""
     measured: Array
     """Block means of `NAMES`, NaN where masked, the yaw less its mean over the window, shape (blocks, 12)."""
-    pieces: tuple[Segment, ...]
+    segments: tuple[Segment, ...]
     """One per stretch."""
 
 
@@ -102,12 +102,12 @@ def robot_runs(dataset: Dataset, robot: Robot, floors: dict[str, Floor]) -> Robo
         raise InputError(dataset.path, "no run is long enough", f"{_SHORTEST:g} s without a gap are needed")
     total = sum(len(part.times) for part in parts)
     size = max(_BLOCK, int(np.ceil(total / _MOST_BLOCKS)))
-    table, pieces, measured, row, first = [], [], [], 0, 0
+    table, segments, measured, row, first = [], [], [], 0, 0
     for part in parts:
         count = len(part.times) // size
         table.append((first, first + count * size, row))
         time = average_blocks(part.times, size)
-        pieces.append(Segment(part.run.name, part.run.condition, row, row + count, time))
+        segments.append(Segment(part.run.name, part.run.condition, row, row + count, time))
         measured.append(average_blocks(np.where(part.masked, np.nan, part.steps), size))
         row, first = row + count, first + count * size
     steps = np.concatenate([p.steps[: len(p.steps) // size * size] for p in parts])
@@ -126,7 +126,7 @@ def robot_runs(dataset: Dataset, robot: Robot, floors: dict[str, Floor]) -> Robo
         np.array([float(p.run.conditions.get("mass", robot.body.mass)) for p in parts]),
         tuple(_floor(dataset, p.run, floors) for p in parts),
         said,
-        tuple(pieces),
+        tuple(segments),
     )
 
 
@@ -340,7 +340,7 @@ def regimes(runs: RobotRuns, robot: Robot) -> dict[str, tuple[str, Array]]:
         found[f"wheel_angle_{i + 1}"] = ("rad", turned[:, i])
     since = [_since_reversal(twist[a:b, :2], speed[a:b], p.time) for a, b, p in _rows(runs)]
     found["reversal"] = ("s", np.concatenate(since))
-    size = np.array([p.last - p.first for p in runs.pieces])
+    size = np.array([p.last - p.first for p in runs.segments])
     if len(set(runs.floor)) > 1:
         found["floor"] = ("", np.repeat(np.array(runs.floor), size))
     if len(set(runs.mass.tolist())) > 1:
@@ -349,7 +349,7 @@ def regimes(runs: RobotRuns, robot: Robot) -> dict[str, tuple[str, Array]]:
 
 
 def _rows(runs: RobotRuns):
-    return [(p.first, p.last, p) for p in runs.pieces]
+    return [(p.first, p.last, p) for p in runs.segments]
 
 
 def _since_reversal(velocity: Array, speed: Array, time: Array) -> Array:
