@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from omnimj.estimate.least_squares import Fit, huber_weights
 from omnimj.estimate.replay.interface import Replay
-from omnimj.estimate.replay.problem import Problem
+from omnimj.estimate.replay.problem import Fit, Problem, huber_weights
 from omnimj.signals import Array
 
 LEVEL = 0.90

@@ -1,31 +1,191 @@
-"""Bounded Gauss-Newton with pseudo-Huber weights: output-error fits of base and effects together."""
+"""Bounded, damped Gauss-Newton: the one solver behind the search for a gap and the identification of floors.
+
+A problem supplies residuals, their Jacobian and its normal equations; the solver never looks into a Jacobian,
+so a problem may keep it in the sparse form that suits it. In each round a few steps share one Jacobian.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from omnimj.estimate.replay.problem import ModelEffects, Problem
 from omnimj.physics.native import kernel
 from omnimj.signals import Array
 
-# Sums of products over many rows, compiled: a library's threads only wait for each other on these.
+_STEPS_PER_JACOBIAN = 4
+_STEP_LENGTHS = (1.0, 0.35)  # of the Gauss-Newton step, evaluated together
+_FIRST_DAMPING, _LEAST_DAMPING = 1e-4, 1e-6
+
+J = TypeVar("J")
+
+
+class LeastSquares(Protocol[J]):
+    """A least-squares problem in n parameters, as the solver sees it."""
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Lowest and highest value of each parameter, both of shape (n,)."""
+        ...
+
+    def scales(self) -> Array:
+        """Natural size of a change of each parameter, shape (n,)."""
+        ...
+
+    def prior(self, x: Array) -> tuple[Array, Array]:
+        """Precision of each parameter and its distance from nominal, both in its scale and of shape (n,)."""
+        ...
+
+    def residuals(self, points: Sequence[Array]) -> list[Array]:
+        """Weighted or whitened residuals at several points, one array per point."""
+        ...
+
+    def loss(self, x: Array, residual: Array) -> float:
+        """Value to be minimised, prior included."""
+        ...
+
+    def jacobian(self, x: Array, known: J | None) -> J:
+        """d(residual)/d(x/scale); `known` spares the columns that it holds already."""
+        ...
+
+    def update(self, jacobian: J, residual: Array, moved: Array, step: Array) -> J:
+        """The Jacobian after a step [scales] that moved the residual; a problem may keep the old one."""
+        ...
+
+    def normal_equations(self, jacobian: J, residual: Array) -> Array:
+        """[J r]ᵀ W² [J r], shape (n + 1, n + 1)."""
+        ...
+
+
+@dataclass(frozen=True)
+class Minimum(Generic[J]):
+    """Point at which a minimisation ended."""
+
+    x: Array
+    residual: Array
+    jacobian: J
+    loss: float
+
+
+def minimise(
+    problem: LeastSquares[J],
+    start: Array,
+    *,
+    rounds: int = 3,
+    known: J | None = None,
+    tolerance: float = 2e-3,
+    longest: float = np.inf,
+    ridge: float = 1e-9,
+) -> Minimum[J]:
+    """Minimises the loss of a problem.
+
+    Args:
+      problem: The problem.
+      start: Initial point, shape (n,).
+      rounds: Largest number of Jacobians.
+      known: Jacobian of the leading parameters near the start, where one is at hand.
+      tolerance: Relative decrease of the loss below which the minimisation ends.
+      longest: Longest step of a parameter.
+      ridge: Share of the largest squared column added to all; keeps singular problems solvable.
+    """
+    low, high = problem.bounds()
+    x = np.clip(start, low, high)
+    (residual,) = problem.residuals([x])
+    loss = problem.loss(x, residual)
+    jacobian = known
+    for turn in range(rounds):
+        jacobian = problem.jacobian(x, jacobian if turn == 0 else None)
+        before = loss
+        x, residual, loss, jacobian = _descend(
+            problem, Minimum(x, residual, jacobian, loss), tolerance, longest, ridge
+        )
+        if before - loss < tolerance * before:
+            break
+    if jacobian is None:
+        raise ValueError("at least one round is needed")
+    return Minimum(x, residual, jacobian, loss)
+
+
+def _descend(
+    problem: LeastSquares[J], at: Minimum[J], tolerance: float, longest: float, ridge: float
+) -> tuple[Array, Array, float, J]:
+    """Steps with one Jacobian until they gain little: x, residual, loss, Jacobian."""
+    low, high = problem.bounds()
+    scales, damping = problem.scales(), _FIRST_DAMPING
+    x, residual, jacobian, loss = at.x, at.residual, at.jacobian, at.loss
+    for _ in range(_STEPS_PER_JACOBIAN):
+        box = np.maximum(low - x, -longest) / scales, np.minimum(high - x, longest) / scales
+        sums = problem.normal_equations(jacobian, residual)
+        step = bounded_step(sums, box, problem.prior(x), damping, ridge)
+        points = [np.clip(x + length * scales * step, low, high) for length in _STEP_LENGTHS]
+        found = problem.residuals(points)
+        losses = [problem.loss(*pair) for pair in zip(points, found, strict=True)]
+        best = int(np.argmin(losses))
+        jacobian = problem.update(jacobian, residual, found[best], (points[best] - x) / scales)
+        if losses[best] >= loss:
+            damping *= 100.0
+            continue
+        gained = (loss - losses[best]) / loss
+        x, residual, loss = points[best], found[best], losses[best]
+        damping = max(damping / 10.0, _LEAST_DAMPING)
+        if gained < tolerance:
+            break
+    return x, residual, loss, jacobian
+
+
+def bounded_step(
+    sums: Array,
+    bounds: tuple[Array, Array],
+    prior: tuple[Array, Array],
+    damping: float,
+    ridge: float = 1e-9,
+) -> Array:
+    """argmin |W (r + J d)|² + p (d + e)² + damping Σ |W J_k|² d_k² inside the bounds, shape (n,).
+
+    Args:
+      sums: Normal equations [J r]ᵀ W² [J r], shape (n + 1, n + 1).
+      bounds: Lowest and highest d, both of shape (n,).
+      prior: Precision p and distance e from the nominal value, both of shape (n,).
+      damping: Levenberg-Marquardt damping relative to the squared columns.
+      ridge: Share of the largest squared column added to all.
+    """
+    low, high = bounds
+    gram, slope = sums[:-1, :-1].copy(), sums[:-1, -1] + prior[0] * prior[1]
+    diagonal = gram.diagonal() + prior[0]
+    gram[np.diag_indices_from(gram)] = diagonal * (1.0 + damping) + ridge * max(diagonal.max(), 1e-30)
+    free = np.asarray(np.linalg.solve(gram, -slope), float)
+    if (free >= low).all() and (free <= high).all():
+        return free
+    root = np.linalg.cholesky(gram).T
+    target = np.linalg.solve(root.T, -slope)
+    tiny = 1e-12
+    return lsq_linear(root, target, bounds=(low - tiny, high + tiny), method="bvls").x
+
+
+def normal_equations(jacobian: Array, residual: Array, weight: Array) -> Array:
+    """[J r]ᵀ W² [J r], shape (n + 1, n + 1).
+
+    Args:
+      jacobian: J, shape (rows, n).
+      residual: r, any shape with as many entries as rows.
+      weight: Diagonal of W, shape (rows,).
+    """
+    return weighted_gram(np.ascontiguousarray(jacobian), residual.ravel(), weight)
 
 
 @kernel
 def weighted_gram(jacobian, residual, weight):
-    """[J r]ᵀ W² [J r].
+    """[J r]ᵀ W² [J r], compiled: for tall, narrow tables the threads of a BLAS library only wait.
 
     Args:
-      jacobian: J, shape (rows, parameters).
+      jacobian: J, shape (rows, n).
       residual: r, shape (rows,).
       weight: Diagonal of W, shape (rows,).
 
     Returns:
-      Shape (parameters + 1, parameters + 1).
+      Shape (n + 1, n + 1).
     """
     rows, n = jacobian.shape
     sums = np.zeros((n + 1, n + 1))
@@ -42,142 +202,3 @@ def weighted_gram(jacobian, residual, weight):
             for j in range(n + 1):
                 sums[i, j] += value * row[j]
     return sums
-
-
-_STEPS_PER_JACOBIAN = 4  # with one Jacobian
-_STEP_LENGTHS = (1.0, 0.35)  # of the step, tried at once
-_LEAST_DECREASE = 2e-3  # relative decrease of the loss below which a fit ends
-
-
-@dataclass(frozen=True)
-class Fit:
-    """A fitted model."""
-
-    effects: ModelEffects
-    x: Array
-    residual: Array
-    """Whitened, shape (blocks, channels)."""
-    jacobian: Array
-    """d(residual)/d(x/scale) at (or one small step from) x, shape (blocks × channels, parameters)."""
-    loss: float
-    """Over the blocks that it was fitted to."""
-
-
-def huber_weights(problem: Problem, residual: Array, used: NDArray[np.bool_]) -> Array:
-    """Square roots of the weights of iteratively reweighted least squares, 0 on blocks that are not used."""
-    w = (1.0 + (residual / problem.huber_scale) ** 2) ** -0.25
-    return (w * used[:, None]).ravel()
-
-
-def normal_equations(jacobian: Array, residual: Array, weight: Array) -> Array:
-    """[J r]ᵀ W² [J r], shape (parameters + 1, parameters + 1)."""
-    return weighted_gram(np.ascontiguousarray(jacobian), residual.ravel(), weight)
-
-
-def bounded_step(
-    sums: Array, bounds: tuple[Array, Array], prior: tuple[Array, Array], damping: float
-) -> Array:
-    """argmin |W (r + J d)|² + p (d + e)² + damping Σ |W J_k|² d_k² inside the bounds, shape (parameters,).
-
-    Args:
-      sums: `normal_equations`.
-      bounds: Lowest and highest d.
-      prior: Precision p and distance e from the nominal value.
-      damping: Relative to the squared columns.
-    """
-    low, high = bounds
-    gram, slope = sums[:-1, :-1].copy(), sums[:-1, -1] + prior[0] * prior[1]
-    diagonal = gram.diagonal() + prior[0]
-    gram[np.diag_indices_from(gram)] = diagonal * (1.0 + damping) + 1e-9 * max(diagonal.max(), 1e-30)
-    free = np.asarray(np.linalg.solve(gram, -slope), float)
-    if (free >= low).all() and (free <= high).all():
-        return free
-    root = np.linalg.cholesky(gram).T
-    target = np.linalg.solve(root.T, -slope)
-    tiny = 1e-12
-    return lsq_linear(root, target, bounds=(low - tiny, high + tiny), method="bvls").x
-
-
-def _objective(
-    problem: Problem, effects: ModelEffects, x: Array, residual: Array, used: NDArray[np.bool_]
-) -> float:
-    precision, distance = problem.prior(x, effects)
-    return float(problem.losses(residual)[used].sum() + (precision * distance**2).sum())
-
-
-def fit(
-    problem: Problem,
-    effects: ModelEffects,
-    start: Array,
-    used: NDArray[np.bool_],
-    rounds: int = 3,
-    known: Array | None = None,
-) -> Fit:
-    """Fits every parameter to the blocks in use.
-
-    In each round a few steps share one Jacobian, kept up by Broyden's update J += (Δr − J Δd) Δdᵀ/|Δd|².
-
-    Args:
-      problem: The data and the scale.
-      effects: The effects in the model.
-      start: Where to begin, shape (parameters,).
-      used: Which blocks count, shape (blocks,).
-      rounds: How often the Jacobian is made anew.
-      known: Jacobian of the first parameters near the start, shape (rows, some); spares the first round's.
-    """
-    low, high = problem.bounds(effects)
-    x = np.clip(start, low, high)
-    (residual,) = problem.residuals([x], effects)
-    loss = _objective(problem, effects, x, residual, used)
-    jacobian = np.zeros((residual.size, 0)) if known is None else known
-    for turn in range(rounds):
-        first = jacobian.shape[1] if turn == 0 else 0
-        own = problem.jacobian(x, effects, range(first, len(x)))
-        jacobian = np.hstack([jacobian[:, :first], own])
-        before = loss
-        x, residual, loss, jacobian = _descend(problem, effects, x, residual, loss, jacobian, used)
-        if before - loss < _LEAST_DECREASE * before:
-            break
-    return Fit(effects, x, residual, jacobian, loss)
-
-
-def _descend(
-    problem: Problem,
-    effects: ModelEffects,
-    x: Array,
-    residual: Array,
-    loss: float,
-    jacobian: Array,
-    used: NDArray[np.bool_],
-) -> tuple[Array, Array, float, Array]:
-    """Steps with one Jacobian until they gain little: x, residual, loss, Jacobian."""
-    low, high = problem.bounds(effects)
-    scales, damping = problem.scales(effects), 1e-4
-    for _ in range(_STEPS_PER_JACOBIAN):
-        weight = huber_weights(problem, residual, used)
-        box = (low - x) / scales, (high - x) / scales
-        sums = normal_equations(jacobian, residual, weight)
-        step = bounded_step(sums, box, problem.prior(x, effects), damping)
-        trials = [np.clip(x + length * scales * step, low, high) for length in _STEP_LENGTHS]
-        tried = problem.residuals(trials, effects)
-        losses = [_objective(problem, effects, *pair, used) for pair in zip(trials, tried, strict=True)]
-        best = int(np.argmin(losses))
-        moved = (trials[best] - x) / scales
-        length = float(moved @ moved)
-        if length > 0.0:
-            surprise = (tried[best] - residual).ravel() - jacobian @ moved
-            jacobian = jacobian + np.outer(surprise, moved / length)
-        if losses[best] >= loss:
-            damping *= 100.0
-            continue
-        gained = (loss - losses[best]) / loss
-        x, residual, loss, damping = trials[best], tried[best], losses[best], max(damping / 10.0, 1e-6)
-        if gained < _LEAST_DECREASE:
-            break
-    return x, residual, loss, jacobian
-
-
-def reevaluate(fitted: Fit, problem: Problem) -> Fit:
-    """The same fit seen by a problem with another noise or offset: residual and Jacobian made anew."""
-    (residual,) = problem.residuals([fitted.x], fitted.effects)
-    return replace(fitted, residual=residual, jacobian=problem.jacobian(fitted.x, fitted.effects))

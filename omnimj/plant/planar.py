@@ -113,6 +113,11 @@ class PlanarRig:
         self._run(self._state.copy(), 0.0, 1)
         return self._measure()
 
+    def set_speeds(self, carriage_speed: float, wheel_speed: float) -> None:
+        """Sets the speeds of carriage [m/s] and wheel [rad/s], for a run that begins in motion."""
+        self._state[rig.SPEED] = carriage_speed
+        self._state[rig.WHEEL_SPEED] = wheel_speed
+
     def step(self, command: CurrentCommand) -> RigMeasurement:
         """Holds the command for one period and returns the measurement at its end.
 

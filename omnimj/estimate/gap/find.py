@@ -21,9 +21,8 @@ from omnimj.estimate.gap.search.search import SearchResult, SelectedEffect, sear
 from omnimj.estimate.gap.search.selection import Progress, TrainingSplit
 from omnimj.estimate.gap.verdict import Verdict, judge_search, next_experiment
 from omnimj.estimate.intervals import effective_samples, repeatability, sandwich_deviations
-from omnimj.estimate.least_squares import Fit
 from omnimj.estimate.replay.interface import CandidateEffect, Replay
-from omnimj.estimate.replay.problem import Problem
+from omnimj.estimate.replay.problem import Fit, Problem
 from omnimj.estimate.replay.robot.runs import require_layout
 from omnimj.parameters import Axis, Floor, Rig, Robot, read_axis, read_rig, read_robot
 from omnimj.parameters.floor import all_floors

@@ -16,8 +16,7 @@ from omnimj.estimate.gap.search.cross_validation import heldout_losses, sum_by_g
 from omnimj.estimate.gap.search.screening import curve_gains, sensitivities
 from omnimj.estimate.gap.search.search import SearchResult
 from omnimj.estimate.gap.search.selection import TrainingSplit
-from omnimj.estimate.least_squares import Fit, fit
-from omnimj.estimate.replay.problem import Problem
+from omnimj.estimate.replay.problem import Fit, Problem, fit
 
 NOISE_LEVEL = 1.5
 """Held-out mismatch in units of noise up to which there is no gap."""

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from omnimj.estimate.identification.runs import CarriageRun, floor_row
+from omnimj.estimate.least_squares import minimise
 from omnimj.physics import carriage
 from omnimj.signals import Array
 
@@ -160,32 +161,30 @@ def _autoregression(errors: Sequence[Array]) -> tuple[float, Array]:
     return float(np.sqrt(max(moments[0] - lags @ moments[1:], 1e-6 * moments[0]))), lags
 
 
-# Levenberg-Marquardt for one floor; each run's own radius is eliminated and costs one more column.
-
 _LONGEST = 1.0  # step in a logarithm
 _MOST_ROUNDS = 40
-_FEW_ROUNDS = 8  # on a walk, where the next fit begins at the last one's end
+_FEW_ROUNDS = 24  # along a profile, where each fit starts at the end of the one before
 _SETTLED = 1e-6  # relative change of the cost
-_FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-2, 1e-9, 1e8
 _STARTS = (3e-3, 0.05, 0.5)  # [m/s] of V_s: the cost has more than one valley along it
 
 
 @dataclass(frozen=True)
 class FloorFit:
-    """Where a fit ended."""
+    """Fitted parameters of one floor."""
 
     problem: FloorProblem
     shared: Array
     """Shape (SHARED,)."""
     own: Array
-    """Each run's deviation of the radius, shape (runs,)."""
+    """Deviation of each run's radius, shape (runs,)."""
     residuals: tuple[Array, ...]
+    """Whitened residuals of each run."""
     cost: float
-    """Σ of squares, expectations included."""
+    """Sum of squares, prior included."""
 
     @property
     def data_cost(self) -> float:
-        """Σ of squares of the runs alone."""
+        """Sum of squares of the runs alone."""
         return float(sum(r @ r for r in self.residuals))
 
 
@@ -196,31 +195,91 @@ def solve_floor(
     basis: Array | None = None,
     rounds: int = _MOST_ROUNDS,
 ) -> FloorFit:
-    """Fits from one start.
+    """Fits the floor from one starting point.
 
     Args:
       problem: The runs.
-      start: Shape (SHARED,).
-      own: Deviations of the radius to start from, shape (runs,); zero when None.
+      start: Initial shared unknowns, shape (SHARED,).
+      own: Initial deviations of the radius, shape (runs,); zero when None.
       basis: Directions along which the shared unknowns may move, shape (SHARED, p); all when None.
-      rounds: Steps at most.
+      rounds: Largest number of Jacobians.
     """
     basis = np.eye(SHARED) if basis is None else basis
-    fit = _at(problem, start, np.zeros(len(problem.runs)) if own is None else own)
-    damping = _FIRST_DAMPING
-    for _ in range(rounds):
-        jacobians = problem.jacobians(fit.shared, fit.own)
-        before = fit.cost
-        while damping < _MOST_DAMPING:
-            shared, own = _step(fit, jacobians, basis, damping)
-            tried = _at(problem, shared, own)
-            if tried.cost < before:
-                fit, damping = tried, max(damping / 5.0, _LEAST_DAMPING)
-                break
-            damping *= 4.0
-        if before - fit.cost < _SETTLED * before:
-            break
-    return fit
+    own = np.zeros(len(problem.runs)) if own is None else own
+    seen = _SolverView(problem, start, basis)
+    first = np.concatenate((np.zeros(basis.shape[1]), own))
+    found = minimise(seen, first, rounds=rounds, tolerance=_SETTLED, longest=_LONGEST, ridge=0.0)
+    shared, own = seen.unpack(found.x)
+    ends = np.cumsum([len(run.own) for run in found.jacobian])
+    residuals = tuple(np.split(found.residual[:-SHARED], ends[:-1]))
+    return FloorFit(problem, shared, own, residuals, found.loss)
+
+
+@dataclass(frozen=True)
+class _SolverView:
+    """One floor as `least_squares.minimise` sees it: x = (free shared directions, radius of each run).
+
+    The normal equations have the shape of an arrow: runs share nothing but the shared unknowns. The prior of
+    the shared unknowns is part of the residuals.
+    """
+
+    problem: FloorProblem
+    origin: Array
+    """Shared unknowns at x = 0, shape (SHARED,)."""
+    basis: Array
+    """Shape (SHARED, p)."""
+
+    def unpack(self, x: Array) -> tuple[Array, Array]:
+        """Shared unknowns, shape (SHARED,), and radius deviations, shape (runs,)."""
+        free = self.basis.shape[1]
+        return self.origin + self.basis @ x[:free], x[free:]
+
+    def bounds(self) -> tuple[Array, Array]:
+        wide = np.full(self.basis.shape[1] + len(self.problem.runs), np.inf)
+        return -wide, wide
+
+    def scales(self) -> Array:
+        runs = np.full(len(self.problem.runs), RADIUS_SPREAD)
+        return np.concatenate((np.ones(self.basis.shape[1]), runs))
+
+    def prior(self, x: Array) -> tuple[Array, Array]:
+        return np.zeros(len(x)), np.zeros(len(x))
+
+    def residuals(self, points: Sequence[Array]) -> list[Array]:
+        found = []
+        for x in points:
+            shared, own = self.unpack(x)
+            found.append(np.concatenate((*self.problem.residuals(shared, own), prior_residuals(shared))))
+        return found
+
+    def loss(self, x: Array, residual: Array) -> float:
+        cost = float(residual @ residual)
+        return cost if np.isfinite(cost) else np.inf
+
+    def jacobian(self, x: Array, known: list[RunJacobian] | None) -> list[RunJacobian]:
+        return self.problem.jacobians(*self.unpack(x))
+
+    def update(
+        self, jacobian: list[RunJacobian], residual: Array, moved: Array, step: Array
+    ) -> list[RunJacobian]:
+        return jacobian
+
+    def normal_equations(self, jacobian: list[RunJacobian], residual: Array) -> Array:
+        p = self.basis.shape[1]
+        prior, away = PRIOR_JACOBIAN @ self.basis, residual[-SHARED:]
+        sums = np.zeros((p + len(jacobian) + 1,) * 2)
+        sums[:p, :p], sums[:p, -1] = prior.T @ prior, prior.T @ away
+        parts = np.split(residual[:-SHARED], np.cumsum([len(run.own) for run in jacobian])[:-1])
+        for k, (run, r) in enumerate(zip(jacobian, parts, strict=True), start=p):
+            shared, own = run.shared @ self.basis, run.own * RADIUS_SPREAD
+            sums[:p, :p] += shared.T @ shared
+            sums[:p, k], sums[k, k] = shared.T @ own, own @ own
+            sums[:p, -1] += shared.T @ r
+            sums[k, -1] = own @ r
+        sums[-1, -1] = residual @ residual
+        upper = np.triu_indices(len(sums), 1)
+        sums[upper[::-1]] = sums[upper]
+        return sums
 
 
 def solve_multistart(problem: FloorProblem, start: Array) -> FloorFit:
@@ -248,29 +307,3 @@ def solve_with_fixed(fit: FloorFit, index: int, value: float, start: FloorFit) -
     shared[index] = value
     basis = np.delete(np.eye(SHARED), index, axis=1)
     return solve_floor(fit.problem, shared, start.own, basis, _FEW_ROUNDS)
-
-
-def _at(problem: FloorProblem, shared: Array, own: Array) -> FloorFit:
-    residuals = tuple(problem.residuals(shared, own))
-    away = prior_residuals(shared)
-    cost = float(sum(r @ r for r in residuals) + away @ away)
-    return FloorFit(problem, shared, own, residuals, cost if np.isfinite(cost) else np.inf)
-
-
-def _step(
-    fit: FloorFit, jacobians: Sequence[RunJacobian], basis: Array, damping: float
-) -> tuple[Array, Array]:
-    prior = PRIOR_JACOBIAN @ basis
-    normal, gradient = prior.T @ prior, prior.T @ prior_residuals(fit.shared)
-    normal += damping * np.diag(np.diag(normal))
-    kept = []
-    for jacobian, residual in zip(jacobians, fit.residuals, strict=True):
-        shared, own = jacobian.shared @ basis, jacobian.own
-        weight, mixed, own_gradient = (1.0 + damping) * (own @ own), shared.T @ own, own @ residual
-        normal += shared.T @ shared - np.outer(mixed, mixed) / weight
-        normal += damping * np.diag((shared * shared).sum(axis=0))
-        gradient += shared.T @ residual - mixed * own_gradient / weight
-        kept.append((mixed, weight, own_gradient))
-    step = np.clip(-np.linalg.solve(normal, gradient), -_LONGEST, _LONGEST)
-    own_step = [-(slope + mixed @ step) / weight for mixed, weight, slope in kept]
-    return fit.shared + basis @ step, fit.own + np.array(own_step)

@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
-import mujoco
 import numpy as np
 from scipy.signal import lfilter
 
@@ -17,7 +16,6 @@ from omnimj.estimate.identification.records import Cell, ReplayedRun, Validation
 from omnimj.estimate.identification.runs import RigRun, rig_run
 from omnimj.parameters import Floor, Rig
 from omnimj.parameters.floor import find_floor
-from omnimj.physics import rig as rig_equations
 from omnimj.plant.mujoco.twin import RigTwin
 from omnimj.plant.planar import PlanarRig
 from omnimj.recording.dataset import Dataset, Run
@@ -185,7 +183,7 @@ def _driven(plant: PlanarRig | RigTwin, run: RigRun, current: Array) -> Array:
     measured = plant.reset()
     if not run.starts_at_rest:
         begin = slice(0, max(1, round(0.005 / run.period)))
-        _set_moving(plant, float(run.carriage_speed[begin].mean()), float(run.wheel_speed[begin].mean()))
+        plant.set_speeds(float(run.carriage_speed[begin].mean()), float(run.wheel_speed[begin].mean()))
         speeds[0] = run.carriage_speed[begin].mean(), run.wheel_speed[begin].mean()
     else:
         speeds[0] = measured.carriage_speed, measured.wheel_speed
@@ -194,17 +192,6 @@ def _driven(plant: PlanarRig | RigTwin, run: RigRun, current: Array) -> Array:
         measured = plant.step(CurrentCommand(current[k : k + 1]))
         speeds[k] = measured.carriage_speed, measured.wheel_speed
     return speeds
-
-
-def _set_moving(plant: PlanarRig | RigTwin, carriage_speed: float, wheel_speed: float) -> None:
-    """Gives a plant at its start the speeds with which the data begin."""
-    if isinstance(plant, RigTwin):
-        for joint, speed in (("rail", carriage_speed), ("wheel_1_axle", wheel_speed)):
-            plant.mj_data.qvel[int(plant.mj_model.joint(joint).dofadr[0])] = speed
-        mujoco.mj_forward(plant.mj_model, plant.mj_data)
-        return
-    plant._state[rig_equations.SPEED] = carriage_speed
-    plant._state[rig_equations.WHEEL_SPEED] = wheel_speed
 
 
 def _rms(error: Array) -> float:

@@ -129,7 +129,7 @@ class Replay(Protocol):
         """What the sensors would have said, one array of shape (blocks, channels) per setting."""
         ...
 
-    def twin_correction(self, setting: Setting) -> Array | None:
+    def simulate_twin(self, setting: Setting) -> Array | None:
         """The same from the MuJoCo twin; None where there is none."""
         ...
 

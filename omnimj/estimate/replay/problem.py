@@ -1,18 +1,20 @@
-"""A replay as a least-squares problem: parameters in, whitened mismatch out.
+"""A replay as a least-squares problem: whitened mismatch as a function of the parameters, and its fit.
 
 Parameters: the base, the share α of the roller-level dynamics, then those of the effects in the model.
   prediction = equations(θ) + α [twin(θ₀) − equations(θ₀)]
-θ₀ is where the twin was last asked. With α = 1 data of the twin are met exactly there, with α = 0 data of
-the textbook's equations; α is a nuisance parameter, refitted like the base.
+θ₀ is the model at which the twin was simulated last. α = 1 reproduces data of the twin exactly at θ₀, α = 0
+data of the textbook's equations; α is a nuisance parameter, refitted like the base.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
+from omnimj.estimate.least_squares import minimise, normal_equations
 from omnimj.estimate.replay.interface import CandidateEffect, Replay, Setting
 from omnimj.signals import Array
 
@@ -150,3 +152,102 @@ class Problem:
             steps.append(step / scales[k])
         here, *there = self.residuals(moved, effects)
         return np.stack([(r - here).ravel() / s for r, s in zip(there, steps, strict=True)], axis=1)
+
+
+def huber_weights(problem: Problem, residual: Array, used: NDArray[np.bool_]) -> Array:
+    """Square roots of the weights of iteratively reweighted least squares.
+
+    Args:
+      problem: Gives the Huber scale.
+      residual: Whitened mismatch, shape (blocks, channels).
+      used: Blocks that count, shape (blocks,); the others get weight 0.
+
+    Returns:
+      Shape (blocks × channels,).
+    """
+    w = (1.0 + (residual / problem.huber_scale) ** 2) ** -0.25
+    return (w * used[:, None]).ravel()
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted model."""
+
+    effects: ModelEffects
+    x: Array
+    """Parameters, shape (n,)."""
+    residual: Array
+    """Whitened mismatch, shape (blocks, channels)."""
+    jacobian: Array
+    """d(residual)/d(x/scale) at (or one small step from) x, shape (blocks × channels, n)."""
+    loss: float
+    """Loss over the blocks that the model was fitted to, prior included."""
+
+
+def fit(
+    problem: Problem,
+    effects: ModelEffects,
+    start: Array,
+    used: NDArray[np.bool_],
+    rounds: int = 3,
+    known: Array | None = None,
+) -> Fit:
+    """Fits base, α and effects to the blocks in use.
+
+    Args:
+      problem: The data and the scale.
+      effects: Effects in the model.
+      start: Initial parameters, shape (n,).
+      used: Blocks that count, shape (blocks,).
+      rounds: Largest number of Jacobians.
+      known: Jacobian of the leading parameters near the start, shape (blocks × channels, some), where one is
+        at hand.
+    """
+    found = minimise(_FitProblem(problem, effects, used), start, rounds=rounds, known=known)
+    return Fit(effects, found.x, found.residual, found.jacobian, found.loss)
+
+
+def reevaluate(fitted: Fit, problem: Problem) -> Fit:
+    """The same fit with residual and Jacobian of a problem with another noise or offset."""
+    (residual,) = problem.residuals([fitted.x], fitted.effects)
+    return replace(fitted, residual=residual, jacobian=problem.jacobian(fitted.x, fitted.effects))
+
+
+@dataclass(frozen=True)
+class _FitProblem:
+    """One model on the blocks in use, as `least_squares.minimise` sees it."""
+
+    problem: Problem
+    effects: ModelEffects
+    used: NDArray[np.bool_]
+
+    def bounds(self) -> tuple[Array, Array]:
+        return self.problem.bounds(self.effects)
+
+    def scales(self) -> Array:
+        return self.problem.scales(self.effects)
+
+    def prior(self, x: Array) -> tuple[Array, Array]:
+        return self.problem.prior(x, self.effects)
+
+    def residuals(self, points: Sequence[Array]) -> list[Array]:
+        return self.problem.residuals(points, self.effects)
+
+    def loss(self, x: Array, residual: Array) -> float:
+        precision, distance = self.prior(x)
+        return float(self.problem.losses(residual)[self.used].sum() + (precision * distance**2).sum())
+
+    def jacobian(self, x: Array, known: Array | None) -> Array:
+        first = 0 if known is None else known.shape[1]
+        new = self.problem.jacobian(x, self.effects, range(first, len(x)))
+        return new if known is None else np.hstack([known, new])
+
+    def update(self, jacobian: Array, residual: Array, moved: Array, step: Array) -> Array:
+        """Broyden's update J + (Δr − J Δd) Δdᵀ/|Δd|²."""
+        length = float(step @ step)
+        if length == 0.0:
+            return jacobian
+        return jacobian + np.outer((moved - residual).ravel() - jacobian @ step, step / length)
+
+    def normal_equations(self, jacobian: Array, residual: Array) -> Array:
+        return normal_equations(jacobian, residual, huber_weights(self.problem, residual, self.used))

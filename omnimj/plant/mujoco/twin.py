@@ -116,6 +116,12 @@ class RigTwin:
         self._sensors.reset()
         return self._measure()
 
+    def set_speeds(self, carriage_speed: float, wheel_speed: float) -> None:
+        """Sets the speeds of carriage [m/s] and wheel [rad/s], for a run that begins in motion."""
+        for joint, speed in (("rail", carriage_speed), ("wheel_1_axle", wheel_speed)):
+            self.mj_data.qvel[int(self.mj_model.joint(joint).dofadr[0])] = speed
+        mujoco.mj_forward(self.mj_model, self.mj_data)
+
     def step(self, command: CurrentCommand) -> RigMeasurement:
         """One sample period."""
         if self.mj_data.time + 0.5 * self.mj_model.opt.timestep >= self._schedule.next_change:

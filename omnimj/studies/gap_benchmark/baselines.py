@@ -15,9 +15,8 @@ from omnimj.estimate.gap.records import channel_rms
 from omnimj.estimate.gap.search.cross_validation import choose_heldout, make_folds, make_groups
 from omnimj.estimate.gap.search.screening import screen_candidates
 from omnimj.estimate.gap.search.search import fit_base
-from omnimj.estimate.least_squares import Fit, huber_weights
 from omnimj.estimate.replay.interface import Replay
-from omnimj.estimate.replay.problem import Problem
+from omnimj.estimate.replay.problem import Fit, Problem, huber_weights
 from omnimj.signals import Array
 
 _STEP = 0.25  # of the typical size, as in the screening

@@ -17,8 +17,8 @@ from omnimj.estimate.gap.find import find_gap, make_replay, read_machine
 from omnimj.estimate.gap.records import channel_rms
 from omnimj.estimate.gap.search.cross_validation import choose_heldout, make_groups
 from omnimj.estimate.gap.search.search import fit_base, refit
-from omnimj.estimate.least_squares import fit
 from omnimj.estimate.replay.interface import CandidateEffect, Replay
+from omnimj.estimate.replay.problem import fit
 from omnimj.parameters import read_floors
 from omnimj.recording.json_files import run_guarded, to_jsonable
 from omnimj.recording.read_dataset import read_dataset

@@ -14,8 +14,7 @@ from omnimj.estimate.gap.search.search import search
 from omnimj.estimate.gap.search.selection import TrainingSplit
 from omnimj.estimate.gap.verdict import judge_search
 from omnimj.estimate.intervals import block_noise, effective_samples, repeatability, sandwich_deviations
-from omnimj.estimate.least_squares import fit, huber_weights
-from omnimj.estimate.replay.problem import Problem
+from omnimj.estimate.replay.problem import Problem, fit, huber_weights
 
 
 def quiet(phrase: str, share: float) -> None:

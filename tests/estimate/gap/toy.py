@@ -78,7 +78,7 @@ class Toy:
         found *= effect.get("velocity_scale", 1.0)
         return np.concatenate([average_blocks(row, SIZE) for row in found])[:, None]
 
-    def twin_correction(self, setting: Setting) -> Array | None:
+    def simulate_twin(self, setting: Setting) -> Array | None:
         return None
 
     def regimes(self):

@@ -14,11 +14,10 @@ from omnimj.effects import with_effects
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.estimate.gap.search.screening import screen_candidates
 from omnimj.estimate.intervals import block_noise
-from omnimj.estimate.least_squares import fit
 from omnimj.estimate.replay.axis.kernels import replay
 from omnimj.estimate.replay.axis.replay import AxisReplay
 from omnimj.estimate.replay.interface import KNOTS, Setting
-from omnimj.estimate.replay.problem import Problem
+from omnimj.estimate.replay.problem import Problem, fit
 from omnimj.parameters import read_axis
 from omnimj.physics.axis import CURVE_ROW, KNOT
 from omnimj.recording.dataset import Run

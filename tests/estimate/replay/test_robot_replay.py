@@ -13,9 +13,8 @@ import pytest
 from omnimj.effects import with_effects
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.estimate.intervals import block_noise, neighbour_noise
-from omnimj.estimate.least_squares import fit
 from omnimj.estimate.replay.interface import Setting
-from omnimj.estimate.replay.problem import Problem
+from omnimj.estimate.replay.problem import Problem, fit
 from omnimj.estimate.replay.robot.kernel_parameters import POINTS, lean_shares, roller_tables
 from omnimj.estimate.replay.robot.replay import RobotReplay
 from omnimj.parameters import read_floors, read_robot
@@ -292,7 +291,7 @@ def test_rollers_explain_the_twin_and_what_is_left_is_the_stated_roughness():
     replay = replay_of(columns_of({}, seed=6, plant="twin"))
     at = setting(replay)
     flat = replay.measured - replay.simulate([at])[0]
-    rolling = replay.measured - replay.twin_correction(at)
+    rolling = replay.measured - replay.simulate_twin(at)
     rms = [np.sqrt(np.nanmean(m**2, axis=0)) for m in (flat, rolling)]
     assert (rms[1][CURRENTS] < 0.9 * rms[0][CURRENTS]).all()
     assert rms[1][YAW_RATE] < 0.7 * rms[0][YAW_RATE]

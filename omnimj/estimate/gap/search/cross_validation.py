@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnimj.estimate.gap.records import Interval
-from omnimj.estimate.least_squares import Fit, bounded_step, huber_weights, normal_equations
+from omnimj.estimate.least_squares import bounded_step, normal_equations
 from omnimj.estimate.replay.interface import Replay
-from omnimj.estimate.replay.problem import Problem
+from omnimj.estimate.replay.problem import Fit, Problem, huber_weights
 from omnimj.signals import Array
 
 _FEWEST_CONDITIONS = 4  # conditions below which a run is cut in time

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnimj.estimate.gap.search.cross_validation import Groups
-from omnimj.estimate.least_squares import Fit, bounded_step, huber_weights, normal_equations, weighted_gram
+from omnimj.estimate.least_squares import bounded_step, normal_equations, weighted_gram
 from omnimj.estimate.replay.interface import KNOTS, CandidateEffect
-from omnimj.estimate.replay.problem import Problem
+from omnimj.estimate.replay.problem import Fit, Problem, huber_weights
 from omnimj.signals import Array
 
 _PART = 0.25  # of the typical size: large enough for what has a dead zone, small enough to be a derivative

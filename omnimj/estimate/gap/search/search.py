@@ -40,9 +40,8 @@ from omnimj.estimate.gap.search.selection import (
     select_round,
 )
 from omnimj.estimate.intervals import block_noise, effective_samples
-from omnimj.estimate.least_squares import Fit, fit, reevaluate
 from omnimj.estimate.replay.interface import CandidateEffect, Replay
-from omnimj.estimate.replay.problem import ModelEffects, Problem
+from omnimj.estimate.replay.problem import Fit, ModelEffects, Problem, fit, reevaluate
 from omnimj.signals import Array
 
 MOST_EFFECTS = 3
@@ -92,7 +91,7 @@ class SearchResult:
 def with_twin_correction(problem: Problem, x: Array, effects: ModelEffects) -> Problem:
     """The problem with the twin asked again at a model: offset = twin − equations there."""
     setting, _ = problem.split(x, effects)
-    twin = problem.replay.twin_correction(setting)
+    twin = problem.replay.simulate_twin(setting)
     if twin is None:
         return problem
     (plain,) = problem.replay.simulate([setting])

@@ -25,9 +25,8 @@ from omnimj.estimate.gap.search.screening import (
     sensitivities,
 )
 from omnimj.estimate.intervals import effective_samples
-from omnimj.estimate.least_squares import Fit, fit
 from omnimj.estimate.replay.interface import CandidateEffect
-from omnimj.estimate.replay.problem import Problem
+from omnimj.estimate.replay.problem import Fit, Problem, fit
 from omnimj.signals import Array
 
 MARGIN = 0.02

@@ -120,7 +120,7 @@ class AxisReplay:
         with ThreadPoolExecutor(min(self._threads, len(settings))) as pool:
             return list(pool.map(self._simulate, settings))
 
-    def twin_correction(self, setting: Setting) -> None:
+    def simulate_twin(self, setting: Setting) -> None:
         """There is no roller-level twin of an axis: MuJoCo would solve the same equation."""
         return
 

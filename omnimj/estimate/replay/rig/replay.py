@@ -178,7 +178,7 @@ class RigReplay:
         native.replay_runs(current, runs.lateral, runs.first, *numbers)
         return sensor_block_means(out, runs, changed, based.lags)
 
-    def twin_correction(self, setting: Setting) -> Array:
+    def simulate_twin(self, setting: Setting) -> Array:
         """The same from the MuJoCo twin, every run from its start."""
         based = self.based(setting)
         changed = apply_effects(based.machine)

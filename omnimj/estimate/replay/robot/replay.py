@@ -213,7 +213,7 @@ class RobotReplay:
         native.replay(*log, runs.measured[:, native.YAW], own.sensors, *machine, *sizes, blocks)
         return blocks[:, self._columns]
 
-    def twin_correction(self, setting: Setting) -> Array:
+    def simulate_twin(self, setting: Setting) -> Array:
         """The same with what the twin has beyond the planar equations: rows of rollers, and springs.
 
         The twin itself cannot be restarted in the middle of a mission, and open loop it drifts away. What its
