@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 import shlex
 import tempfile
@@ -194,6 +195,7 @@ def _exit_code(finished: RunResult, out: Path | None) -> int:
 def _drive(
     arguments: Any, scenario: Any, method: str, wire: LinkOptions | None
 ) -> tuple[RunResult, LiveRun | None]:
+    from omnimj.simulate.loop import NO_CALLBACKS
     from omnimj.simulate.plants import KINEMATIC, plant_name
     from omnimj.simulate.run import run_scenario
 
@@ -202,21 +204,20 @@ def _drive(
     compiled = "wire" if wire is not None else plant
     if plant != KINEMATIC:
         announce_compilation(compiled, scenario.plant)  # before the imports that compile
-    live, hooks = None, {}
+    live, callbacks = None, NO_CALLBACKS
     if arguments.view:
         known = {"scenario": scenario.name, "method": method, "seed": arguments.seed}
         live = open_live(scenario, known)
-        hooks = {"on_start": live.start, "snapshot": live.snapshot, "rows": live.rows}
+        callbacks = live.callbacks
     with ProgressBar() as bar:
         finished = run_scenario(
             scenario,
             arguments.plant,
             method,
             arguments.seed,
-            bar.show,
-            thresholds=thresholds,
-            wire=wire,
-            **hooks,
+            dataclasses.replace(callbacks, progress=bar.show),
+            thresholds,
+            wire,
         )
     if plant != KINEMATIC and finished.metrics:
         note_compiled(compiled, scenario.plant)

@@ -232,7 +232,7 @@ class _Session:
             self._warm_up(controller)
             terminal.drain()
             steering = Steering(self._limits)
-            operator = Operator(steering, self._plant.period, terminal, pad, told=self._told)
+            operator = Operator(steering, self._plant.period, terminal, pad, status=self._status)
             driven = drive_by_hand(self._plant, controller, operator, watch)
         self._plant.close()  # a robot stops before anything is written
         return self._end(driven, live)
@@ -260,7 +260,7 @@ class _Session:
         standing = [d for d in diagnoses if d.cleared is None]
         self._believed = ", ".join(" ".join((d.kind, d.channel, *map(str, d.wheels))) for d in standing)
 
-    def _told(self) -> str:
+    def _status(self) -> str:
         pace = "" if self._pace is None else f"{self._pace.factor:.2f} × real time  "
         return f"{pace}{self._believed}"
 

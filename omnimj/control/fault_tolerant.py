@@ -30,9 +30,9 @@ class FaultTolerantState:
         return np.concatenate((self.control.log, self.method.log, self.recovery.log))
 
     @property
-    def pace(self) -> float:
+    def time_scaling(self) -> float:
         """How fast the plan is to run, 1: as planned."""
-        return 1.0 if self.recovery is None else self.recovery.pace
+        return 1.0 if self.recovery is None else self.recovery.time_scaling
 
     @property
     def diagnoses(self) -> tuple[Diagnosis, ...]:

@@ -98,7 +98,7 @@ def run_with_residuals(run: TrainingRun, choice: DetectorOptions, plant: str = "
             assert isinstance(scenario.drive, RigInput)
             current = np.full(round(scenario.duration / driven.period) + 1, scenario.drive.current)
             rig = PublishedRigDetector(scenario.constants, floor, scenario.drive.mass, never, choice)
-            return drive_rig(driven, current, method=rig)
+            return drive_rig(driven, current, detector=rig)
         assert isinstance(scenario.drive, Drive)
         robot = PublishedRobotDetector(scenario.constants, floor, never, choice)
         controller = FaultTolerantController(make_controller(scenario), robot)

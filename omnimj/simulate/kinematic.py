@@ -1,7 +1,7 @@
-"""The kinematic level of section 6.1: wheel speeds are obeyed at once, the body follows by a matrix.
+"""The kinematic level of section 6.1: wheels follow their speeds at once, the body follows by a matrix.
 
-Inverse kinematics, what the wheels do with their demands, and the forward map are all linear, so that the
-whole robot is one 3×3 matrix from demanded to driven body twist; only its heading makes the path curved.
+Inverse kinematics, the response of the wheels and the forward map are all linear, so that the whole robot is
+one 3×3 matrix from demanded to actual body twist; only its heading makes the path curved.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,16 +18,17 @@ from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import Robot
 from omnimj.physics.kinematics import rolling_matrix, weighted_inverse
 from omnimj.signals import Array, Reference, Trace
+from omnimj.simulate.loop import NO_CALLBACKS, TARGET_NAMES, Callbacks, record
 
 
 @dataclass(frozen=True)
 class KinematicCase:
-    """A robot without forces, and what is wrong with it."""
+    """Kinematics of the robot, allocation weights, and faults at the kinematic level."""
 
     plant: str = "corrected"
     """`published`: twist = J V with J of Eq. 3.5 as printed; `corrected`: least squares of V = A·twist."""
     weights: tuple[float, ...] = ()
-    """W_i of Eq. 3.11 from `weights_from` on, all 1 before; none given: 1."""
+    """W_i of Eq. 3.11 from `weights_from` on, all 1 before; empty: 1."""
     weights_from: float = 0.0
     """[s]."""
     lost_wheel: int | None = None
@@ -35,77 +36,173 @@ class KinematicCase:
     lost_from: float = 0.0
     """[s]."""
     lost_wheel_turns_freely: bool = False
-    """Whether the lost wheel rolls along without resistance; else it stands still (V_i = 0) and drags."""
+    """Whether the lost wheel rolls without resistance; otherwise it stands still (V_i = 0) and drags."""
     misalignment: tuple[float, ...] = ()
-    """Angle by which each wheel is turned about its vertical, counter-clockwise [rad]; none given: 0."""
+    """Angle by which each wheel is turned about its vertical, counter-clockwise [rad]; empty: 0."""
+
+
+class KinematicCommand(NamedTuple):
+    """Demanded motion, held for one period."""
+
+    velocity_x: float
+    """World frame [m/s]."""
+    velocity_y: float
+    """World frame [m/s]."""
+    yaw_rate: float
+    """[rad/s]."""
+    frame: float | None
+    """Heading by which the velocity is rotated into the body frame [rad]; the robot's own when None."""
+
+
+class KinematicState(NamedTuple):
+    """Measurement of the kinematic plant."""
+
+    time: float
+    """[s]."""
+    heading: float
+    """[rad]."""
 
 
 @dataclass(frozen=True)
 class _Phase:
-    """The matrices of a stretch of time in which nothing changes."""
+    """Matrices of an interval with constant weights and faults."""
 
     wheels: Array
-    """Demanded body twist → rolling speeds that the wheels turn at, shape (n, 3)."""
+    """Demanded body twist → rolling speeds of the wheels, shape (n, 3)."""
     body: Array
     """Demanded body twist → body twist, shape (3, 3)."""
 
 
+class KinematicPlant:
+    """A robot without forces and lags, on the interface of a plant; commands are twists, not currents.
+
+    The heading is integrated with RK4, the demand being rotated continuously.
+    """
+
+    truth_names: tuple[str, ...] = ("x", "y", "heading")
+
+    def __init__(
+        self,
+        robot: Robot,
+        case: KinematicCase,
+        period: float,
+        start: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        yaw_gain: float = 0.0,
+    ):
+        """A robot at its start.
+
+        Args:
+          robot: Geometry.
+          case: Kinematics, weights, faults.
+          period: Control period [s].
+          start: x, y [m] and heading [rad].
+          yaw_gain: K of the yaw-rate loop ω_c = ω_d + K (ω_d − ω) [1], which is at its fixed point since
+            nothing here has a lag; 0 is open loop.
+
+        Raises:
+          UnknownNameError: Unknown kinematics.
+          InputError: Weights, wheel or angles that do not fit the robot.
+        """
+        self.period, self.wheels, self._radius = period, len(robot.wheels), robot.wheel.radius
+        self._case, self._start = case, start
+        self._phases = _phases(robot, case, yaw_gain)
+        self._bodies = {key: phase.body.tolist() for key, phase in self._phases.items()}
+        self._pose, self._k = start, 0
+
+    def reset(self) -> Any:
+        """Puts the robot at its start."""
+        self._pose, self._k = self._start, 0
+        return KinematicState(0.0, self._pose[2])
+
+    def step(self, command: Any) -> Any:
+        """Holds a `KinematicCommand` for one period."""
+        body, h, (x, y, heading) = self._bodies[self._key()], self.period, self._pose
+        a = _rate(heading, command, body)
+        b = _rate(heading + 0.5 * h * a[2], command, body)
+        c = _rate(heading + 0.5 * h * b[2], command, body)
+        d = _rate(heading + h * c[2], command, body)
+        dx, dy, turned = (
+            h / 6.0 * (p + 2.0 * q + 2.0 * r + s) for p, q, r, s in zip(a, b, c, d, strict=True)
+        )
+        self._pose, self._k = (x + dx, y + dy, heading + turned), self._k + 1
+        return KinematicState(self._k * h, self._pose[2])
+
+    def truth(self) -> Array:
+        """x, y [m] and heading [rad]."""
+        return np.array(self._pose)
+
+    def response(self, command: KinematicCommand) -> Array:
+        """Immediate response: body twist [m/s, rad/s] and wheel speeds [rad/s], shape (3 + n,)."""
+        frame = self._pose[2] if command.frame is None else command.frame
+        c, s = math.cos(frame), math.sin(frame)
+        vx, vy = command.velocity_x, command.velocity_y
+        demand = np.array([c * vx + s * vy, c * vy - s * vx, command.yaw_rate])
+        phase = self._phases[self._key()]
+        return np.concatenate([phase.body @ demand, phase.wheels @ demand / self._radius])
+
+    def close(self) -> None:
+        """Holds nothing."""
+
+    def _key(self) -> tuple[bool, bool]:
+        now = self._k * self.period + 1e-9
+        return now >= self._case.weights_from, now >= self._case.lost_from
+
+
+class _FollowTwists:
+    """Policy that gives the samples of a reference one after the other."""
+
+    names = ("time",)
+
+    def __init__(self, plant: KinematicPlant, reference: Reference, heading_feedback: bool):
+        wheels = (f"wheel_speed_{i}" for i in range(1, plant.wheels + 1))
+        self.target_names = ("twist_x", "twist_y", "twist_yaw", *wheels, *TARGET_NAMES)
+        self._plant, self._feedback = plant, heading_feedback
+        self._plan = np.column_stack([reference.position, reference.heading, reference.velocity])
+        self._samples = np.column_stack([reference.velocity, reference.yaw_rate, reference.heading]).tolist()
+        self._k = 0
+
+    def command(self, measurement: KinematicState, row: Array) -> Any:
+        vx, vy, yaw_rate, heading = self._samples[self._k]
+        command = KinematicCommand(vx, vy, yaw_rate, None if self._feedback else heading)
+        row[0] = measurement.time
+        row[-len(self.target_names) : -5] = self._plant.response(command)
+        row[-5:] = self._plan[self._k]
+        self._k += 1
+        return command
+
+
 def drive_kinematic(
-    robot: Robot,
+    plant: KinematicPlant,
     reference: Reference,
-    case: KinematicCase,
-    yaw_gain: float = 0.0,
     heading_feedback: bool = True,
+    callbacks: Callbacks = NO_CALLBACKS,
     about: Mapping[str, Any] | None = None,
 ) -> Trace:
     """Drives a reference at the kinematic level.
 
-    World demands are held for one sample and rotated continuously by the robot's heading (or by the planned
-    one); the heading is integrated with RK4. The yaw-rate loop ω_c = ω_d + K (ω_d − ω) is at its fixed
-    point, since nothing here has a lag.
-
     Args:
-      robot: Geometry.
-      reference: Planned motion; the robot starts on its first sample.
-      case: Plant, weights, faults.
-      yaw_gain: K of the yaw-rate loop [1]; 0 is open loop.
-      heading_feedback: Whether demands are rotated by the robot's own heading.
-      about: What the run is.
+      plant: Reset by this call, to the first sample of the reference.
+      reference: Planned motion, sampled at the plant's period.
+      heading_feedback: Whether demands are rotated by the robot's own heading, not by the planned one.
+      callbacks: For progress and live view.
+      about: Description of the run.
 
     Returns:
-      Columns time, x, y, heading, twist_x, twist_y, twist_yaw, wheel_speed_i, and the plan: target_x,
-      target_y, target_heading, target_velocity_x, target_velocity_y.
-
-    Raises:
-      UnknownNameError: No such plant.
-      InputError: Weights, wheel or angles that do not fit the robot.
+      Columns time, x, y, heading, twist_x, twist_y, twist_yaw, wheel_speed_i and `TARGET_NAMES`; described as
+      by `loop.record`.
     """
-    phases = _phases(robot, case, yaw_gain)
-    time = reference.time
-    now = [(t >= case.weights_from - 1e-9, t >= case.lost_from - 1e-9) for t in time.tolist()]
-    pose = _integrated(reference, [phases[key].body.tolist() for key in now], heading_feedback)
-    frame = pose[:, 2] if heading_feedback else reference.heading
-    demand = np.column_stack([_to_body(reference.velocity, frame), reference.yaw_rate])
-    twist, wheel_speed = np.empty_like(demand), np.empty((len(time), len(robot.wheels)))
-    chosen = np.array(now)
-    for key, phase in phases.items():
-        rows = np.all(chosen == key, axis=1)
-        twist[rows] = demand[rows] @ phase.body.T
-        wheel_speed[rows] = demand[rows] @ phase.wheels.T / robot.wheel.radius
-    columns = {"time": time, "x": pose[:, 0], "y": pose[:, 1], "heading": pose[:, 2]}
-    columns |= {"twist_x": twist[:, 0], "twist_y": twist[:, 1], "twist_yaw": twist[:, 2]}
-    columns |= {f"wheel_speed_{i}": speed for i, speed in enumerate(wheel_speed.T, start=1)}
-    return Trace(columns | _plan(reference), about or {})
+    policy = _FollowTwists(plant, reference, heading_feedback)
+    return record(plant, policy, plant.reset(), len(reference.time), callbacks, about)
 
 
 def largest_deviation(trace: Trace) -> float:
-    """Largest distance between the robot and where it should be at that instant [m]."""
+    """Largest distance between the robot and its planned position at that instant [m]."""
     away = np.hypot(trace["x"] - trace["target_x"], trace["y"] - trace["target_y"])
     return float(away.max())
 
 
 def _phases(robot: Robot, case: KinematicCase, yaw_gain: float) -> dict[tuple[bool, bool], _Phase]:
-    """By (weights hold, wheel is lost)."""
+    """Matrices by (weights apply, wheel is lost)."""
     n = len(robot.wheels)
     if case.plant not in SCALES:
         raise UnknownNameError("kinematic plant", "plant", case.plant, SCALES)
@@ -127,6 +224,7 @@ def _phases(robot: Robot, case: KinematicCase, yaw_gain: float) -> dict[tuple[bo
 def _phase(
     robot: Robot, case: KinematicCase, weights: Array, lost: bool, angles: Array, yaw_gain: float
 ) -> _Phase:
+    """Matrices of one combination of weights (n,), lost wheel and misalignment angles (n,) [rad]."""
     p, u = robot.wheel_positions, robot.rolling_directions
     turned = np.column_stack(
         [
@@ -160,47 +258,11 @@ def _yaw_loop(body: Array, gain: float) -> Array:
     return loop
 
 
-def _to_body(velocity: Array, heading: Array) -> Array:
-    c, s = np.cos(heading), np.sin(heading)
-    return np.column_stack([c * velocity[:, 0] + s * velocity[:, 1], c * velocity[:, 1] - s * velocity[:, 0]])
-
-
-def _integrated(reference: Reference, bodies: list[list[list[float]]], heading_feedback: bool) -> Array:
-    """x, y [m], heading [rad] at every sample, shape (k, 3)."""
-    time, velocity = reference.time.tolist(), reference.velocity.tolist()
-    planned, yaw_rate = reference.heading.tolist(), reference.yaw_rate.tolist()
-    x, y, heading = (*reference.position[0].tolist(), planned[0])
-    poses = [(x, y, heading)]
-    for k in range(len(time) - 1):
-        h, (vx, vy), w, body = time[k + 1] - time[k], velocity[k], yaw_rate[k], bodies[k]
-        frame = None if heading_feedback else planned[k]
-        a = _rate(heading, frame, vx, vy, w, body)
-        b = _rate(heading + 0.5 * h * a[2], frame, vx, vy, w, body)
-        c = _rate(heading + 0.5 * h * b[2], frame, vx, vy, w, body)
-        d = _rate(heading + h * c[2], frame, vx, vy, w, body)
-        x += h / 6.0 * (a[0] + 2.0 * b[0] + 2.0 * c[0] + d[0])
-        y += h / 6.0 * (a[1] + 2.0 * b[1] + 2.0 * c[1] + d[1])
-        heading += h / 6.0 * (a[2] + 2.0 * b[2] + 2.0 * c[2] + d[2])
-        poses.append((x, y, heading))
-    return np.array(poses)
-
-
-def _rate(
-    heading: float, frame: float | None, vx: float, vy: float, w: float, body: list[list[float]]
-) -> tuple[float, float, float]:
+def _rate(heading: float, command: KinematicCommand, body: list[list[float]]) -> tuple[float, float, float]:
     """World velocity R(θ) M R(θ_f)ᵀ v and yaw rate; plain floats, since small arrays are slower."""
+    vx, vy, w, frame = command
     c, s = math.cos(heading), math.sin(heading)
     cf, sf = (c, s) if frame is None else (math.cos(frame), math.sin(frame))
     bx, by = cf * vx + sf * vy, cf * vy - sf * vx
     tx, ty, tw = (row[0] * bx + row[1] * by + row[2] * w for row in body)
     return c * tx - s * ty, s * tx + c * ty, tw
-
-
-def _plan(reference: Reference) -> dict[str, Array]:
-    return {
-        "target_x": reference.position[:, 0],
-        "target_y": reference.position[:, 1],
-        "target_heading": reference.heading,
-        "target_velocity_x": reference.velocity[:, 0],
-        "target_velocity_y": reference.velocity[:, 1],
-    }

@@ -1,140 +1,158 @@
-"""Steps a plant and fills one row per control step; whatever ends it early keeps what was recorded."""
+"""Drives a plant step by step: one generator for recorded runs, the test rig, driving by hand and hardware.
+
+A policy decides the command of every control period from the measurement; the plant, a simulation or
+hardware, holds it for one period. Row k of a recording holds what was measured at t_k, the set currents, the
+controller's log, the truth at t_k where the plant has one, and the target.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from types import TracebackType
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omnimj.control.detection.detector import FaultDetector
 from omnimj.errors import LinkLost, SimulationError
 from omnimj.plant.interface import RIG_CHANNELS, Plant, robot_channels
-from omnimj.signals import (
-    Array,
-    CurrentCommand,
-    Diagnosis,
-    Measurement,
-    Reference,
-    RigMeasurement,
-    Target,
-    Trace,
-)
+from omnimj.signals import Array, CurrentCommand, Diagnosis, Measurement, Reference, Target, Trace
 
 SNAPSHOT_PERIOD = 0.02
 """Time between two poses of the 3-D recording [s]."""
+LARGEST_TRUTH = 1e10
+"""Bound on every number of the truth, whatever its unit: MuJoCo, too, stops beyond it."""
+TARGET_NAMES = ("target_x", "target_y", "target_heading", "target_velocity_x", "target_velocity_y")
+"""Columns of the reference, world frame: m, m, rad, m/s, m/s; the yaw-rate target is in the log."""
+
+_PROGRESS_EVERY = 100  # [rows]
+_LONG_STEP = 0.1  # [s]; in a longer step code is compiled, or the machine is suspended
 
 Progress = Callable[[int, int], None]
-"""Called now and then with the rows done and the rows in all."""
+"""Called with the number of finished rows and of all rows."""
 Snapshot = Callable[[float, Array], None]
 """Called every `SNAPSHOT_PERIOD` with the time [s] and the plant's pose (the twin's qpos)."""
 Rows = Callable[[tuple[str, ...], Array], None]
-"""Called now and then with the columns' names and the rows since the call before, shape (m, columns)."""
-
-LARGEST_TRUTH = 1e10
-"""A truth beyond it, in whatever unit, is no robot's: MuJoCo gives up there too."""
-
-_PROGRESS_EVERY = 100  # [rows]
-_LONG_STEP = 0.1  # [s] in a step that takes longer code is compiled, or the machine stands still
+"""Called with the column names and the rows since the last call, shape (m, columns)."""
 
 
 @dataclass(frozen=True)
 class Callbacks:
-    """Who looks on while the loop runs."""
+    """Functions that are called while a run goes on; each may be left out."""
 
     progress: Progress | None = None
+    """Called every hundred rows, and at the end."""
     snapshot: Snapshot | None = None
     rows: Rows | None = None
+    """Called every hundred rows, and at the end."""
+    start: Callable[[Plant], None] | None = None
+    """Called by `run_scenario` with the plant before the first step."""
 
 
 NO_CALLBACKS = Callbacks()
-"""Nobody does."""
 
 
-def record(
-    plant: Plant,
-    measurement: Measurement | RigMeasurement,
-    control: Callable[[int, Array, Any], CurrentCommand],
-    names: tuple[str, ...],
-    rows: int,
-    watch: Callbacks,
-    about: Mapping[str, Any],
-) -> Trace:
-    """Steps the plant and fills one row per step: first `names` (by `control`), then the plant's truth.
+class Policy(Protocol):
+    """Decides the command of every control period and fills its part of the row.
 
-    A failure inside is a value, so that nothing recorded is lost; the outermost call raises.
+    A row is `names`, the plant's truth, `target_names`.
     """
-    names = (*names, *plant.truth_names)
-    if len(set(names)) != len(names):
-        raise ValueError(f"two columns share a name: {sorted(n for n in set(names) if names.count(n) > 1)}")
-    # filled before the clock runs: memory that is only promised takes up to 8 ms when a row first touches it
-    table = np.full((rows, len(names)), np.nan)
-    first_truth = len(names) - len(plant.truth_names)
-    show = _row_callback(plant, watch, names, table)
-    done, begin = 0, time.perf_counter()
-    last = begin
-    interrupted, failure = False, None
-    try:
-        for k, row in enumerate(table):
-            command = control(k, row, measurement)
-            truth = plant.truth()
-            row[first_truth:] = truth
-            check_truth(plant.truth_names, truth.tolist())
-            done = k + 1
-            show(done, row[0])
-            if done < rows:
-                measurement = plant.step(command)
-            now = time.perf_counter()
-            if now - last > _LONG_STEP:
-                begin += now - last
-            last = now
-    except KeyboardInterrupt:
-        interrupted = True
-    except (SimulationError, ArithmeticError, LinkLost) as error:
-        interrupted, failure = True, f"at {done * plant.period:.4f} s: {error}"
-    wall = time.perf_counter() - begin
-    columns = np.ascontiguousarray(table[:done].T)
-    simulated = max(done - 1, 0) * plant.period
-    described = {
-        **about,
-        "interrupted": interrupted,
-        "failure": failure,
-        "realtime_factor": simulated / wall if wall > 0.0 else 0.0,
-    }
-    return Trace(dict(zip(names, columns, strict=True)), described)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Columns before the plant's truth, beginning with `time`."""
+        ...
+
+    @property
+    def target_names(self) -> tuple[str, ...]:
+        """Columns after the plant's truth."""
+        ...
+
+    def command(self, measurement: Any, row: Array) -> CurrentCommand | None:
+        """Command for the coming period; None ends the run.
+
+        Args:
+          measurement: The newest one of the plant.
+          row: Filled with the columns of `names` at its beginning and of `target_names` at its end.
+        """
+        ...
 
 
-def _row_callback(
-    plant: Plant, watch: Callbacks, names: tuple[str, ...], table: Array
-) -> Callable[[int, float], None]:
-    """What to do after each row: progress and rows now and then, a snapshot every `SNAPSHOT_PERIOD`."""
-    progress, snapshot, pose, total = watch.progress, watch.snapshot, getattr(plant, "pose", None), len(table)
-    each = max(1, round(SNAPSHOT_PERIOD / plant.period))
+class Ending:
+    """Context manager that makes values of Ctrl-C and failures of the plant, so that all rows are kept."""
 
-    def show(done: int, now: float) -> None:
-        if snapshot is not None and pose is not None and (done - 1) % each == 0:
-            snapshot(float(now), pose())
-        if done % _PROGRESS_EVERY and done != total:
-            return
-        if progress is not None:
-            progress(done, total)
-        if watch.rows is not None:
-            watch.rows(names, table[(done - 1) // _PROGRESS_EVERY * _PROGRESS_EVERY : done])
+    def __init__(self, *failures: type[Exception]):
+        """Exceptions of these kinds count as failures of the plant; all others pass through."""
+        self._failures = failures
+        self.interrupted = False
+        """Whether Ctrl-C ended the run."""
+        self.error: BaseException | None = None
+        """The failure that ended the run."""
 
-    return show
+    def __enter__(self) -> Ending:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> bool:
+        self.interrupted = isinstance(error, KeyboardInterrupt)
+        if isinstance(error, self._failures):
+            self.error = error
+        return self.interrupted or self.error is not None
 
 
-def check_truth(names: tuple[str, ...], truth: list[float]) -> None:
-    """Refuses a truth that is not finite or beyond `LARGEST_TRUTH`; for twenty numbers the quickest way.
+def column_names(plant: Plant, policy: Policy) -> tuple[str, ...]:
+    """Columns of a row.
 
     Raises:
-      SimulationError: It names the columns.
+      ValueError: Two columns share a name.
     """
+    names = (*policy.names, *plant.truth_names, *policy.target_names)
+    if len(set(names)) != len(names):
+        raise ValueError(f"two columns share a name: {sorted(n for n in set(names) if names.count(n) > 1)}")
+    return names
+
+
+def steps(
+    plant: Plant, policy: Policy, measurement: Any, table: Array, limit: int | None = None
+) -> Iterator[int]:
+    """Steps a plant under a policy, one row per control period.
+
+    Row k goes to `table[k % len(table)]`, so that a short table serves a run without a planned end. Each row
+    is yielded before the plant takes the next step, so that the caller may wait, look or stop.
+
+    Args:
+      plant: Has been reset.
+      policy: Gives the commands.
+      measurement: The plant's first one.
+      table: Written in place, shape (rows, columns) with the columns of `column_names`.
+      limit: Number of rows after which the run ends; when None, the policy ends it.
+
+    Yields:
+      The number of rows so far.
+
+    Raises:
+      SimulationError: The truth is not finite or beyond `LARGEST_TRUTH`; errors of the plant pass through.
+    """
+    truth_names, first = plant.truth_names, len(policy.names)
+    last, done = first + len(truth_names), 0
+    while (command := policy.command(measurement, row := table[done % len(table)])) is not None:
+        truth = plant.truth()
+        row[first:last] = truth
+        _check_truth(truth_names, truth.tolist())
+        done += 1
+        yield done
+        if done == limit:
+            return
+        measurement = plant.step(command)
+
+
+def _check_truth(names: tuple[str, ...], truth: list[float]) -> None:
+    """Refuses numbers that are not finite or beyond `LARGEST_TRUTH`; plain floats are fastest for so few."""
     if (
         math.isfinite(sum(truth))
         and max(truth, default=0.0) <= LARGEST_TRUTH
@@ -149,20 +167,86 @@ def check_truth(names: tuple[str, ...], truth: list[float]) -> None:
     raise SimulationError(", ".join(broken))
 
 
-# The loop that drives a plant: measurement to controller, command to plant, one row per control step.
+def take_snapshot(plant: Plant, snapshot: Snapshot | None) -> Callable[[int, float], None]:
+    """Function of (rows so far, time [s]) that passes on the plant's pose every `SNAPSHOT_PERIOD`."""
+    pose, every = getattr(plant, "pose", None), max(1, round(SNAPSHOT_PERIOD / plant.period))
+    if snapshot is None or pose is None:
+        return lambda done, now: None
 
-TARGET_NAMES = (
-    "target_x",
-    "target_y",
-    "target_heading",
-    "target_velocity_x",
-    "target_velocity_y",
-)
-"""Columns of the reference, world frame: m, m, rad, m/s, m/s; the demanded yaw rate is the controller's."""
+    def take(done: int, now: float) -> None:
+        if (done - 1) % every == 0:
+            snapshot(float(now), pose())
+
+    return take
+
+
+def record(
+    plant: Plant,
+    policy: Policy,
+    measurement: Any,
+    rows: int,
+    callbacks: Callbacks = NO_CALLBACKS,
+    about: Mapping[str, Any] | None = None,
+) -> Trace:
+    """Runs a policy for a number of control periods and returns what was recorded.
+
+    Whatever ends the run early keeps the rows before it: `about["interrupted"]` is then true. When the plant
+    failed, `about["failure"]` says when and why; otherwise it is None.
+
+    Args:
+      plant: Has been reset; the caller closes it.
+      policy: Gives the commands.
+      measurement: The plant's first one.
+      rows: Control periods.
+      callbacks: For progress and live view.
+      about: Description of the run; the trace has it beside `realtime_factor`, `interrupted`, `failure`.
+    """
+    names = column_names(plant, policy)
+    # filled before the clock runs: the first touch of lazily allocated memory takes up to 8 ms in a row
+    table = np.full((rows, len(names)), np.nan)
+    snapshot, done, stopwatch = take_snapshot(plant, callbacks.snapshot), 0, _Stopwatch()
+    with Ending(SimulationError, ArithmeticError, LinkLost) as ending:
+        for done in steps(plant, policy, measurement, table, rows):
+            snapshot(done, table[done - 1, 0])
+            if done % _PROGRESS_EVERY == 0 or done == rows:
+                _report(callbacks, names, table, done)
+            stopwatch.lap()
+    wall, simulated = stopwatch.elapsed(), max(done - 1, 0) * plant.period
+    columns = np.ascontiguousarray(table[:done].T)
+    described = {
+        **(about or {}),
+        "interrupted": ending.interrupted or ending.error is not None,
+        "failure": None if ending.error is None else f"at {done * plant.period:.4f} s: {ending.error}",
+        "realtime_factor": simulated / wall if wall > 0.0 else 0.0,
+    }
+    return Trace(dict(zip(names, columns, strict=True)), described)
+
+
+def _report(callbacks: Callbacks, names: tuple[str, ...], table: Array, done: int) -> None:
+    if callbacks.progress is not None:
+        callbacks.progress(done, len(table))
+    if callbacks.rows is not None:
+        callbacks.rows(names, table[(done - 1) // _PROGRESS_EVERY * _PROGRESS_EVERY : done])
+
+
+class _Stopwatch:
+    """Wall time without the steps in which code was compiled."""
+
+    def __init__(self) -> None:
+        self._begin = self._last = time.perf_counter()
+
+    def lap(self) -> None:
+        now = time.perf_counter()
+        if now - self._last > _LONG_STEP:
+            self._begin += now - self._last
+        self._last = now
+
+    def elapsed(self) -> float:
+        return time.perf_counter() - self._begin
 
 
 class ControllerState(Protocol):
-    """What the loop asks of a controller's state."""
+    """What the loop reads of a controller's state."""
 
     @property
     def log(self) -> Array:
@@ -171,21 +255,21 @@ class ControllerState(Protocol):
 
     @property
     def diagnoses(self) -> tuple[Diagnosis, ...]:
-        """Everything that was diagnosed since the start."""
+        """All diagnoses since the start."""
         ...
 
     @property
-    def pace(self) -> float:
-        """How fast the plan is to run from now on, 1: as planned, 0: not at all."""
+    def time_scaling(self) -> float:
+        """Rate at which the plan runs from now on, 1: as planned, 0: stopped."""
         ...
 
 
 class Controller(Protocol):
-    """State goes in and comes out; the loop keeps it."""
+    """A controller as a pure function: state goes in and comes out, the loop keeps it."""
 
     @property
     def log_names(self) -> tuple[str, ...]:
-        """Column names of `State.log`."""
+        """Column names of `ControllerState.log`."""
         ...
 
     def start(self, measurement: Measurement) -> Any:
@@ -197,130 +281,135 @@ class Controller(Protocol):
         ...
 
 
+class ControllerRow:
+    """Columns of a robot under a controller: time, measured channels, set currents, the controller's log."""
+
+    def __init__(self, wheels: int, log_names: tuple[str, ...]):
+        """Rows of a robot with so many wheels."""
+        targets = (f"current_target_{i}" for i in range(1, wheels + 1))
+        self.names = ("time", *robot_channels(wheels), *targets, *log_names)
+        self._wheels, self._first, self._end = wheels, 3 * wheels + 5, 3 * wheels + 5 + len(log_names)
+
+    def fill(self, row: Array, measured: Measurement, command: CurrentCommand, log: Array) -> None:
+        """Writes the columns of `names` into the beginning of a row."""
+        n = self._wheels
+        row[0] = measured.time
+        row[1 : n + 1] = measured.current
+        row[n + 1 : 2 * n + 1] = measured.wheel_speed
+        row[2 * n + 1 : 2 * n + 3] = measured.acceleration
+        row[2 * n + 3] = measured.yaw_rate
+        row[2 * n + 4] = measured.yaw
+        row[2 * n + 5 : self._first] = command.current
+        row[self._first : self._end] = log
+
+
+class _FollowReference:
+    """Policy of a controller that follows a reference at the time scaling that it asks for."""
+
+    target_names = TARGET_NAMES
+
+    def __init__(self, controller: Controller, reference: Reference, measurement: Measurement):
+        self._controller, self._row = (
+            controller,
+            ControllerRow(len(measurement.current), controller.log_names),
+        )
+        self.names = self._row.names
+        self.state = controller.start(measurement)
+        self._plan = np.column_stack([reference.position, reference.heading, reference.velocity])
+        self._heading, self._yaw_rate = reference.heading.tolist(), reference.yaw_rate.tolist()
+        self._progress, self._last = 0.0, len(reference.time) - 1
+
+    def command(self, measurement: Measurement, row: Array) -> CurrentCommand:
+        at, scaling = int(self._progress), self.state.time_scaling
+        row[-5:] = self._plan[at]
+        velocity = scaling * self._plan[at, 3:]
+        target = Target(velocity, scaling * self._yaw_rate[at], self._heading[at])
+        command, self.state = self._controller.step(self.state, measurement, target)
+        self._progress = min(self._progress + scaling, self._last)
+        self._row.fill(row, measurement, command, self.state.log)
+        row[-2:] = velocity
+        return command
+
+
 def drive(
     plant: Plant,
     controller: Controller,
     reference: Reference,
-    watch: Callbacks = NO_CALLBACKS,
+    callbacks: Callbacks = NO_CALLBACKS,
     about: Mapping[str, Any] | None = None,
 ) -> Trace:
     """Drives a robot along a reference, one control period per sample.
 
-    The plan runs at the pace that the controller asks for: at half of it the robot is given every sample for
-    two steps, at half the speed. Whatever ends the run early keeps what was recorded: `about["interrupted"]`
-    is then true. When it was the plant that failed, `about["failure"]` says when and how; else it is None.
-    `about["diagnoses"]` are the controller's, a table each.
+    The plan runs at the time scaling that the controller asks for: at one half the robot gets every sample
+    for two steps, at half the speed.
 
     Args:
       plant: Reset by this call; the caller closes it.
       controller: Gets measurements and targets, never the truth.
       reference: Sampled at the plant's period.
-      watch: Progress and snapshots.
-      about: What the run was; goes into the trace beside the realtime factor.
+      callbacks: For progress and live view.
+      about: Description of the run.
 
     Returns:
-      Columns of the measured channels, `current_target_i`, the controller's log, the plant's truth, the plan.
+      Columns of the measured channels, `current_target_i`, the controller's log, the plant's truth and
+      `TARGET_NAMES`; described as by `record`, with the controller's diagnoses, a table each, in
+      `about["diagnoses"]`.
     """
     measurement = plant.reset()
     assert isinstance(measurement, Measurement)
-    n = len(measurement.current)
-    state = controller.start(measurement)
-    velocity, heading = reference.velocity, reference.heading.tolist()
-    yaw_rate = reference.yaw_rate.tolist()
-    last = len(reference.time) - 1
-    planned, paces, progress = np.zeros(last + 1, int), np.ones(last + 1), 0.0
-
-    def control(k: int, row: Array, measured: Any) -> CurrentCommand:
-        nonlocal state, progress
-        at, pace = int(progress), state.pace
-        planned[k], paces[k] = at, pace
-        command, state = controller.step(
-            state, measured, Target(pace * velocity[at], pace * yaw_rate[at], heading[at])
-        )
-        progress = min(progress + pace, last)
-        fill_row(row, measured, command, state.log)
-        return command
-
-    names = row_names(n, controller.log_names)
-    trace = record(plant, measurement, control, names, len(reference.time), watch, about or {})
-    return _with_diagnoses(_with_targets(trace, reference, planned, paces), state.diagnoses)
+    policy = _FollowReference(controller, reference, measurement)
+    trace = record(plant, policy, measurement, len(reference.time), callbacks, about)
+    return _with_diagnoses(trace, policy.state.diagnoses)
 
 
-def row_names(wheels: int, log_names: tuple[str, ...]) -> tuple[str, ...]:
-    """Columns of one step of a robot: time, measured channels, set currents, the controller's log."""
-    targets = (f"current_target_{i}" for i in range(1, wheels + 1))
-    return ("time", *robot_channels(wheels), *targets, *log_names)
+class _ReplayCurrents:
+    """Policy that gives a rig its set currents one after the other, with a fault detector beside it."""
 
+    target_names = ()
 
-def fill_row(row: Array, measured: Measurement, command: CurrentCommand, log: Array) -> None:
-    """Writes the columns of `row_names` into the beginning of a row."""
-    n = len(command.current)
-    row[0] = measured.time
-    row[1 : n + 1] = measured.current
-    row[n + 1 : 2 * n + 1] = measured.wheel_speed
-    row[2 * n + 1 : 2 * n + 3] = measured.acceleration
-    row[2 * n + 3] = measured.yaw_rate
-    row[2 * n + 4] = measured.yaw
-    row[2 * n + 5 : 3 * n + 5] = command.current
-    row[3 * n + 5 : 3 * n + 5 + len(log)] = log
+    def __init__(self, current: Array, detector: FaultDetector | None, measurement: Any):
+        self._current, self._set_values, self._k = current, current.tolist(), 0
+        self._detector = detector
+        self.state = None if detector is None else detector.start(measurement)
+        log_names = () if detector is None else tuple(detector.log_names)
+        self.names = ("time", *RIG_CHANNELS, "current_target", *log_names)
+
+    def command(self, measurement: Any, row: Array) -> CurrentCommand:
+        k, m = self._k, measurement
+        row[:6] = m.time, m.current, m.wheel_speed, m.carriage_speed, m.carriage_acceleration, m.lateral_speed
+        row[6] = self._set_values[k]
+        if self._detector is not None:
+            self.state = self._detector.step(self.state, m, self._current[k - 1 : k] if k else None)
+            row[7 : len(self.names)] = self.state.log
+        self._k += 1
+        return CurrentCommand(self._current[k : k + 1])
 
 
 def drive_rig(
     plant: Plant,
     current: Array,
-    watch: Callbacks = NO_CALLBACKS,
+    callbacks: Callbacks = NO_CALLBACKS,
     about: Mapping[str, Any] | None = None,
-    method: FaultDetector | None = None,
+    detector: FaultDetector | None = None,
 ) -> Trace:
     """Drives the test rig with given currents, as the identification tests do.
 
     Args:
       plant: Reset by this call; the caller closes it.
       current: Set value per control period, shape (k,) [A].
-      watch: Progress and snapshots.
-      about: What the run was.
-      method: Diagnoses beside it; it changes nothing, since the currents are given.
+      callbacks: For progress and live view.
+      about: Description of the run.
+      detector: Diagnoses the run without acting on it.
 
     Returns:
-      Columns of the measured channels, `current_target`, the method's log and the plant's truth; ended early
-      and told as by `drive`.
+      Columns of the measured channels, `current_target`, the detector's log and the plant's truth; described
+      as by `drive`.
     """
-    set_values, measurement = current.tolist(), plant.reset()
-    state = None if method is None else method.start(measurement)
-
-    def control(k: int, row: Array, measured: Any) -> CurrentCommand:
-        nonlocal state
-        row[0] = measured.time
-        row[1] = measured.current
-        row[2] = measured.wheel_speed
-        row[3] = measured.carriage_speed
-        row[4] = measured.carriage_acceleration
-        row[5] = measured.lateral_speed
-        row[6] = set_values[k]
-        if method is not None:
-            state = method.step(state, measured, current[k - 1 : k] if k else None)
-            row[7 : 7 + len(method.log_names)] = state.log
-        return CurrentCommand(current[k : k + 1])
-
-    names = ("time", *RIG_CHANNELS, "current_target", *(method.log_names if method else ()))
-    trace = record(plant, measurement, control, names, len(current), watch, about or {})
-    return _with_diagnoses(trace, () if state is None else state.diagnoses)
+    measurement = plant.reset()
+    policy = _ReplayCurrents(current, detector, measurement)
+    trace = record(plant, policy, measurement, len(current), callbacks, about)
+    return _with_diagnoses(trace, () if policy.state is None else policy.state.diagnoses)
 
 
 def _with_diagnoses(trace: Trace, diagnoses: tuple[Diagnosis, ...]) -> Trace:
     return Trace(trace.columns, {**trace.about, "diagnoses": [dataclasses.asdict(d) for d in diagnoses]})
-
-
-def _with_targets(trace: Trace, reference: Reference, planned: NDArray[np.int_], paces: Array) -> Trace:
-    """What was asked for beside what came of it: the plan's samples at the pace at which they were driven."""
-    k = len(trace["time"])
-    at, pace = planned[:k], paces[:k]
-    targets = (
-        reference.position[at, 0],
-        reference.position[at, 1],
-        reference.heading[at],
-        pace * reference.velocity[at, 0],
-        pace * reference.velocity[at, 1],
-    )
-    columns = {name: np.array(values) for name, values in zip(TARGET_NAMES, targets, strict=True)}
-    return Trace({**trace.columns, **columns}, trace.about)

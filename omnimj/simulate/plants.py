@@ -1,4 +1,4 @@
-"""A scenario on a robot behind a wire: which one, and how it is driven."""
+"""Plants of a scenario: the twin, the planar model, the kinematic level, or a robot over a link."""
 
 from __future__ import annotations
 
@@ -13,110 +13,29 @@ from omnimj.errors import InputError, UnknownNameError
 from omnimj.link.host.link import LinkMode, open_link
 from omnimj.link.host.plant import HardwarePlant
 from omnimj.link.transport.address import parse_address
-from omnimj.parameters import Rig, Robot
 from omnimj.plant.faults import Fault
 from omnimj.plant.interface import Plant
+from omnimj.simulate.kinematic import KinematicPlant
 from omnimj.simulate.loop import Controller, drive
-from omnimj.simulate.scenario.drive import Drive
-from omnimj.simulate.scenario.scenario import RigInput, Scenario
+from omnimj.simulate.scenario.scenario import Scenario
 from omnimj.simulate.suites.missions import mission
-
-_LINK_SCHEMES = ("serial:", "udp:")
-_WARM_UP_TIME = 4.0  # [s]
-
-
-def is_link_address(plant: str | None) -> bool:
-    """Whether a plant's name is an address."""
-    return plant is not None and plant.startswith(_LINK_SCHEMES)
-
-
-@dataclass(frozen=True)
-class LinkOptions:
-    """How a link is to be used."""
-
-    key_file: Path | None = None
-    lock_step: bool = False
-    """As opposed to real time."""
-    mode: LinkMode = LinkMode.DRIVE
-    reset_fault: bool = False
-    """Whether a fault that the device has latched has been seen and may be reset."""
-    log_to: Path | None = None
-    """New file for every frame."""
-
-
-def check_link_scenario(scenario: Scenario, address: str) -> None:
-    """Whether a scenario can be driven over a wire.
-
-    Raises:
-      InputError: The address is none, or the scenario is not one of the robot with forces.
-    """
-    parse_address(address, "--plant")
-    if not isinstance(scenario.constants, Robot) or scenario.level == "kinematic":
-        rule = f"{scenario.name} is not driven by currents of the robot"
-        raise InputError("--plant", f"found {address!r}", rule)
-
-
-def make_hardware_plant(scenario: Scenario, address: str, wire: LinkOptions) -> HardwarePlant:
-    """The robot at an address, wired as the scenario's model file says; nothing is sent yet.
-
-    Raises:
-      InputError: No [hardware] in the model file, a wrong key file, or a wire that cannot be opened.
-    """
-    robot = scenario.constants
-    assert isinstance(robot, Robot)
-    link = open_link(
-        address,
-        robot,
-        key_file=wire.key_file,
-        lock_step=wire.lock_step,
-        mode=wire.mode,
-        log_to=wire.log_to,
-        about={"scenario": scenario.name, "floor": scenario.floor, "robot": str(robot.file)},
-    )
-    assert robot.hardware is not None
-    with contextlib.ExitStack() as otherwise:
-        otherwise.callback(link.close)
-        plant = HardwarePlant(link, robot.hardware, reset_fault=wire.reset_fault)
-        otherwise.pop_all()
-    return plant
-
-
-def warm_up(scenario: Scenario, controller: Controller) -> None:
-    """Lets a controller meet two faults in a quick simulation, so that all its native code is there by then.
-
-    To load a kernel takes as long as many periods, and a robot that is driven in real time does not wait. A
-    controller has no state of its own, so that nothing of this is left in it.
-    """
-    from omnimj.plant.planar import PlanarRobot  # who does not drive over a wire loads no plant for it
-
-    robot = scenario.constants
-    assert isinstance(robot, Robot)
-    reference = mission(np.random.default_rng(0), _WARM_UP_TIME, scenario.period)
-    faults = (
-        Fault("motor", 0.3 * _WARM_UP_TIME, wheel=1, numbers={"loss": 0.7}),
-        Fault("slip", 0.6 * _WARM_UP_TIME, wheel=2, numbers={"grip": 0.1}),
-    )
-    plant = PlanarRobot(robot, scenario.floor, faults=faults, floors=scenario.floors)
-    try:
-        trace = drive(plant, controller, reference)
-    finally:
-        plant.close()
-    if trace.about["interrupted"] and not trace.about["failure"]:
-        raise KeyboardInterrupt
-
-
-# Which plant a scenario runs on.
 
 PLANT_NAMES = ("twin", "planar")
 KINEMATIC = "kinematic"
 _ADDRESS_FORMS = ("serial:DEVICE?baud=N", "udp:HOST:PORT")
+_LINK_SCHEMES = ("serial:", "udp:")
+_WARM_UP_TIME = 4.0  # [s]
 
 
 def plant_name(scenario: Scenario, asked: str | None) -> str:
-    """The plant to run on: `twin` unless asked otherwise, `kinematic` for a kinematic scenario.
+    """Name of the plant to run on: `twin` by default, `kinematic` for a kinematic scenario.
+
+    Args:
+      scenario: What is to be driven.
+      asked: The user's choice, if any.
 
     Raises:
-      InputError: An address that is none, or a plant with forces for a scenario without any.
+      InputError: An invalid address, or a plant with forces for a scenario at the kinematic level.
       UnknownNameError: No such plant.
     """
     if asked is not None and is_link_address(asked):
@@ -132,62 +51,155 @@ def plant_name(scenario: Scenario, asked: str | None) -> str:
     return asked or "twin"
 
 
-def make_plant(scenario: Scenario, name: str, seed: int, wire: LinkOptions | None = None) -> Plant:
-    """The plant of a scenario at the physics level, with its floor, faults and patches.
+def make_plant(scenario: Scenario, name: str, seed: int, link: LinkOptions | None = None) -> Plant:
+    """Makes the plant of a scenario at the physics level, with its floor, faults and patches.
 
-    A robot behind a wire has what it has: floor, faults and patches are then what the scenario hopes for.
+    On hardware, floor, faults and patches are those of the real robot, whatever the scenario says.
 
     Args:
       scenario: Its constants come from its model file.
       name: `twin`, `planar`, or the address of a device.
-      seed: Of the sensors' noise.
-      wire: How an address is used; as usual when None.
+      seed: Seed of the sensor noise.
+      link: Options of a link to a device; the defaults when None.
 
     Raises:
+      InputError: A plant that cannot run the scenario, or a link that cannot be opened.
       UnknownNameError: No such plant.
     """
     if is_link_address(name):
-        return make_hardware_plant(scenario, name, wire or LinkOptions())
+        return make_hardware_plant(scenario, name, link or LinkOptions())
     if name not in PLANT_NAMES:
         raise UnknownNameError("plant", "plant", name, PLANT_NAMES)
     if name == "twin" and scenario.equations != "corrected":
         rule = "the printed form is for --plant planar"
         raise InputError(f"{scenario.name}: equations", f"found {scenario.equations!r}", rule)
-    return (
-        _make_rig(scenario, name, seed)
-        if isinstance(scenario.constants, Rig)
-        else _make_robot(scenario, name, seed)
-    )
+    return _make_rig(scenario, name, seed) if scenario.is_rig else _make_robot(scenario, name, seed)
+
+
+def make_kinematic_plant(scenario: Scenario) -> KinematicPlant:
+    """Plant of a robot scenario at the kinematic level, at the first sample of its reference."""
+    robot, drive = scenario.robot, scenario.robot_drive
+    assert scenario.kinematics is not None
+    start = (*drive.reference.position[0].tolist(), float(drive.reference.heading[0]))
+    gain = robot.control.yaw_rate_proportional if drive.yaw_loop else 0.0
+    return KinematicPlant(robot, scenario.kinematics, scenario.period, start, gain)
 
 
 def _make_rig(scenario: Scenario, name: str, seed: int) -> Plant:
-    rig, drive = scenario.constants, scenario.drive
-    assert isinstance(rig, Rig)
-    assert isinstance(drive, RigInput)
-    asked: dict[str, Any] = {"mass": drive.mass, "lateral_speed": drive.lateral_speed}
-    asked |= {"faults": scenario.faults, "seed": seed, "floors": scenario.floors}
+    rig, drive = scenario.rig, scenario.rig_input
+    options: dict[str, Any] = {"mass": drive.mass, "lateral_speed": drive.lateral_speed}
+    options |= {"faults": scenario.faults, "seed": seed, "floors": scenario.floors}
     if name == "planar":
         from omnimj.plant.planar import PlanarRig
 
-        return PlanarRig(rig, scenario.floor, published=scenario.equations == "published", **asked)
+        return PlanarRig(rig, scenario.floor, published=scenario.equations == "published", **options)
     from omnimj.plant.mujoco.twin import RigTwin  # MuJoCo is loaded for the twin only
 
-    return RigTwin(rig, scenario.floors[scenario.floor], **asked)
+    return RigTwin(rig, scenario.floors[scenario.floor], **options)
 
 
 def _make_robot(scenario: Scenario, name: str, seed: int) -> Plant:
-    robot, drive = scenario.constants, scenario.drive
-    assert isinstance(robot, Robot)
-    assert isinstance(drive, Drive)
-    asked: dict[str, Any] = {"faults": scenario.faults, "patches": scenario.patches}
-    asked |= {"seed": seed, "start": drive.start, "floors": scenario.floors}
+    robot, drive = scenario.robot, scenario.robot_drive
+    options: dict[str, Any] = {"faults": scenario.faults, "patches": scenario.patches}
+    options |= {"seed": seed, "start": drive.start, "floors": scenario.floors}
     if name == "planar":
         if scenario.scene is not None:
             found = f"found {scenario.scene.name!r}"
-            raise InputError(f"{scenario.name}: scene", found, "the planar plant knows a flat floor only")
+            raise InputError(f"{scenario.name}: scene", found, "the planar plant has a flat floor only")
         from omnimj.plant.planar import PlanarRobot
 
-        return PlanarRobot(robot, scenario.floor, published=scenario.equations == "published", **asked)
+        return PlanarRobot(robot, scenario.floor, published=scenario.equations == "published", **options)
     from omnimj.plant.mujoco.twin import RobotTwin
 
-    return RobotTwin(robot, floor=scenario.floors[scenario.floor], scene=scenario.scene, **asked)
+    return RobotTwin(robot, floor=scenario.floors[scenario.floor], scene=scenario.scene, **options)
+
+
+def is_link_address(plant: str | None) -> bool:
+    """Whether the name of a plant is the address of a device."""
+    return plant is not None and plant.startswith(_LINK_SCHEMES)
+
+
+@dataclass(frozen=True)
+class LinkOptions:
+    """Options of a link to a device."""
+
+    key_file: Path | None = None
+    """Key that authenticates the frames."""
+    lock_step: bool = False
+    """Lock step: the device waits for each command, as opposed to real time."""
+    mode: LinkMode = LinkMode.DRIVE
+    reset_fault: bool = False
+    """Acknowledges and resets a fault that the device has latched."""
+    log_to: Path | None = None
+    """New file to which every frame is written."""
+
+
+def check_link_scenario(scenario: Scenario, address: str) -> None:
+    """Checks that a scenario can be driven over a link.
+
+    Raises:
+      InputError: An invalid address, or a scenario without a robot that is driven by currents.
+    """
+    parse_address(address, "--plant")
+    if scenario.is_rig or scenario.level == "kinematic":
+        rule = f"{scenario.name} is not driven by currents of the robot"
+        raise InputError("--plant", f"found {address!r}", rule)
+
+
+def make_hardware_plant(scenario: Scenario, address: str, options: LinkOptions) -> HardwarePlant:
+    """Opens the link to the robot at an address; nothing is sent yet.
+
+    Args:
+      scenario: Its model file says how the robot is wired.
+      address: `serial:…` or `udp:…`.
+      options: Of the link.
+
+    Raises:
+      InputError: No [hardware] in the model file, a wrong key file, or a port that cannot be opened.
+    """
+    robot = scenario.robot
+    link = open_link(
+        address,
+        robot,
+        key_file=options.key_file,
+        lock_step=options.lock_step,
+        mode=options.mode,
+        log_to=options.log_to,
+        about={"scenario": scenario.name, "floor": scenario.floor, "robot": str(robot.file)},
+    )
+    assert robot.hardware is not None
+    with contextlib.ExitStack() as on_failure:
+        on_failure.callback(link.close)
+        plant = HardwarePlant(link, robot.hardware, reset_fault=options.reset_fault)
+        on_failure.pop_all()
+    return plant
+
+
+def warm_up(scenario: Scenario, controller: Controller) -> None:
+    """Runs a controller through two faults in a quick simulation, which loads all its compiled code.
+
+    Loading a kernel takes many control periods, and a robot driven in real time does not wait. A controller
+    keeps no state, so that the simulation leaves none behind.
+
+    Args:
+      scenario: A robot scenario.
+      controller: Made for it.
+
+    Raises:
+      KeyboardInterrupt: Ctrl-C ended the simulation.
+    """
+    from omnimj.plant.planar import PlanarRobot  # needed for hardware only
+
+    robot = scenario.robot
+    reference = mission(np.random.default_rng(0), _WARM_UP_TIME, scenario.period)
+    faults = (
+        Fault("motor", 0.3 * _WARM_UP_TIME, wheel=1, numbers={"loss": 0.7}),
+        Fault("slip", 0.6 * _WARM_UP_TIME, wheel=2, numbers={"grip": 0.1}),
+    )
+    plant = PlanarRobot(robot, scenario.floor, faults=faults, floors=scenario.floors)
+    try:
+        trace = drive(plant, controller, reference)
+    finally:
+        plant.close()
+    if trace.about["interrupted"] and not trace.about["failure"]:
+        raise KeyboardInterrupt

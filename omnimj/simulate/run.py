@@ -1,10 +1,8 @@
-"""Runs a scenario: plant, controller and loop put together, metrics taken."""
+"""Runs a scenario: puts plant, detector, controller and loop together, and takes the metrics."""
 
 from __future__ import annotations
 
-import functools
-import time
-from collections.abc import Callable
+import dataclasses
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,18 +16,22 @@ from omnimj.control.fault_tolerant import FaultTolerantController
 from omnimj.control.recovery import Recovery
 from omnimj.errors import InputError
 from omnimj.link.host.plant import HardwarePlant
-from omnimj.parameters import Robot
-from omnimj.plant.interface import Plant
 from omnimj.signals import Array, Trace
 from omnimj.simulate.detectors import make_detector, require_known_method
 from omnimj.simulate.kinematic import drive_kinematic
-from omnimj.simulate.loop import Callbacks, Progress, Rows, Snapshot, drive, drive_rig
-from omnimj.simulate.plants import KINEMATIC, LinkOptions, make_plant, plant_name, warm_up
-from omnimj.simulate.scenario.drive import Drive
-from omnimj.simulate.scenario.scenario import RigInput, Scenario
+from omnimj.simulate.loop import NO_CALLBACKS, Callbacks, Snapshot, drive, drive_rig
+from omnimj.simulate.plants import (
+    KINEMATIC,
+    LinkOptions,
+    make_kinematic_plant,
+    make_plant,
+    plant_name,
+    warm_up,
+)
+from omnimj.simulate.scenario.scenario import Scenario
 from omnimj.simulate.summary import summarize
 
-_FEWEST_ROWS = 2  # a run that ended before is no run
+_FEWEST_ROWS = 2  # a shorter run has no metrics
 
 
 @dataclass(frozen=True)
@@ -46,18 +48,18 @@ class PoseTrack:
 
 @dataclass(frozen=True)
 class RunResult:
-    """A scenario that was driven."""
+    """Result of `run_scenario`."""
 
     scenario: Scenario
     trace: Trace
     metrics: dict[str, Any]
     """The content of `metrics.json`; empty when the run was interrupted before its second row."""
     poses: PoseTrack | None = None
-    """None for plants without poses."""
+    """None for a plant without poses."""
 
     @property
     def interrupted(self) -> bool:
-        """Whether Ctrl-C ended the run."""
+        """Whether Ctrl-C or a failure ended the run."""
         return bool(self.trace.about["interrupted"])
 
 
@@ -65,15 +67,20 @@ class RunResult:
 class _PoseRecorder:
     """Collects snapshots and passes them on."""
 
-    beside: Snapshot | None
+    forward: Snapshot | None
     times: list[float] = field(default_factory=list)
     positions: list[Array] = field(default_factory=list)
 
     def take(self, now: float, pose: Array) -> None:
         self.times.append(now)
         self.positions.append(np.array(pose))
-        if self.beside is not None:
-            self.beside(now, pose)
+        if self.forward is not None:
+            self.forward(now, pose)
+
+    def track(self, plant: Any) -> PoseTrack | None:
+        if not self.times:
+            return None
+        return PoseTrack(getattr(plant, "mj_model", None), np.array(self.times), np.stack(self.positions))
 
 
 def run_scenario(
@@ -81,37 +88,31 @@ def run_scenario(
     plant: str | None = None,
     method: str = "off",
     seed: int = 0,
-    progress: Progress | None = None,
-    snapshot: Snapshot | None = None,
-    on_start: Callable[[Plant], None] | None = None,
-    rows: Rows | None = None,
+    callbacks: Callbacks = NO_CALLBACKS,
     thresholds: Thresholds | None = None,
-    wire: LinkOptions | None = None,
+    link: LinkOptions | None = None,
     truth: Scenario | None = None,
 ) -> RunResult:
     """Drives a scenario once.
 
     Args:
       scenario: From `read_scenario`.
-      plant: `twin`, `planar`, the address of a device; by the scenario's level when None.
-      method: `off` or `published`.
-      seed: Of the sensors' noise.
-      progress: Called now and then with the rows done and the rows in all.
-      snapshot: Called with time and pose at every pose that is recorded, for a live view.
-      on_start: Called with the plant before the first step.
-      rows: Called now and then with the newest rows of the trace, for a live view.
-      thresholds: Of the robust method; the shipped ones when None.
-      wire: How an address is used; as usual when None.
-      truth: The same scenario with other constants or floors: the plant is made of it, while controller and
-        method believe `scenario`. What they believe is the truth when None.
+      plant: `twin`, `planar`, or the address of a device; by the scenario's level when None.
+      method: Diagnosis method: `robust`, `published` or `off`.
+      seed: Seed of the sensor noise.
+      callbacks: For progress and live view.
+      thresholds: Thresholds of the robust method; the shipped ones when None.
+      link: Options of a link to a device; the defaults when None.
+      truth: The same scenario with other constants or floors, of which the plant is made, while controller
+        and detector use the nominal ones of `scenario`; the same as `scenario` when None.
 
     Returns:
-      Trace, metrics and poses; ended early by Ctrl-C or by a failure (`trace.about["failure"]`) with what was
-      recorded until then.
+      Trace, metrics and poses; when Ctrl-C or a failure (`trace.about["failure"]`) ended the run early, with
+      what was recorded until then.
 
     Raises:
-      InputError: A plant or method that this version does not have, or that does not fit the scenario.
-      LinkLost: There is nobody at the address who can be driven.
+      InputError: A plant or method that does not exist or does not fit the scenario.
+      LinkLost: No device that can be driven answers at the address.
     """
     require_known_method(method)
     name = plant_name(scenario, plant)
@@ -125,101 +126,82 @@ def run_scenario(
         "seed": seed,
         "floor": scenario.floor,
     }
-    poses = None
     if name == KINEMATIC:
-        trace = _run_kinematic(scenario, about)
+        feedback, reference = scenario.robot_drive.heading_feedback, scenario.robot_drive.reference
+        kinematic = make_kinematic_plant(scenario)
+        if callbacks.start is not None:
+            callbacks.start(kinematic)
+        trace, poses = drive_kinematic(kinematic, reference, feedback, callbacks, about), None
     else:
-        taken = _PoseRecorder(snapshot)
-        watch = Callbacks(progress, taken.take, rows)
+        detector = make_detector(method, scenario, thresholds)
         made_of = scenario if truth is None else truth
-        plant_of = functools.partial(make_plant, made_of, name, seed, wire)
-        trace, poses = _run_physics(scenario, plant_of, about, watch, taken, on_start, thresholds)
-    told = summarize(scenario, trace) if len(trace["time"]) >= _FEWEST_ROWS else {}
-    return RunResult(scenario, trace, told, poses)
+        driven = make_plant(made_of, name, seed, link)
+        try:
+            recorder = _PoseRecorder(callbacks.snapshot)
+            callbacks = dataclasses.replace(callbacks, snapshot=recorder.take)
+            trace = _drive(scenario, driven, detector, callbacks, about)
+            poses = recorder.track(driven)
+        finally:
+            driven.close()
+    metrics = summarize(scenario, trace) if len(trace["time"]) >= _FEWEST_ROWS else {}
+    return RunResult(scenario, trace, metrics, poses)
 
 
-def _run_physics(
+def _drive(
     scenario: Scenario,
-    plant_of: Callable[[], Plant],
+    plant: Any,
+    detector: FaultDetector | None,
+    callbacks: Callbacks,
     about: dict[str, Any],
-    watch: Callbacks,
-    poses: _PoseRecorder,
-    on_start: Callable[[Plant], None] | None,
-    thresholds: Thresholds | None,
-) -> tuple[Trace, PoseTrack | None]:
-    method = make_detector(about["method"], scenario, thresholds)
-    plant = plant_of()
-    try:
-        if on_start is not None:
-            on_start(plant)
-        if isinstance(scenario.drive, RigInput):
-            current = np.full(round(scenario.duration / plant.period) + 1, scenario.drive.current)
-            trace = drive_rig(plant, current, watch, about, method)
-        else:
-            controller = make_diagnosing_controller(scenario, method)
-            if isinstance(plant, HardwarePlant) and not plant.is_lock_step:
-                warm_up(scenario, controller)
-            trace = drive(plant, controller, scenario.drive.reference, watch, about)
-        if isinstance(plant, HardwarePlant):
-            trace = Trace(trace.columns, {**trace.about, "link": plant.record.as_record()})
-        if not poses.times:
-            return trace, None
-        mj_model = getattr(plant, "mj_model", None)
-        return trace, PoseTrack(mj_model, np.array(poses.times), np.stack(poses.positions))
-    finally:
-        plant.close()
+) -> Trace:
+    if callbacks.start is not None:
+        callbacks.start(plant)
+    if scenario.is_rig:
+        current = np.full(round(scenario.duration / plant.period) + 1, scenario.rig_input.current)
+        return drive_rig(plant, current, callbacks, about, detector)
+    controller = make_diagnosing_controller(scenario, detector)
+    on_hardware = isinstance(plant, HardwarePlant)
+    if on_hardware and not plant.is_lock_step:
+        warm_up(scenario, controller)
+    trace = drive(plant, controller, scenario.robot_drive.reference, callbacks, about)
+    if on_hardware:
+        trace = Trace(trace.columns, {**trace.about, "link": plant.record.as_record()})
+    return trace
 
 
 def make_controller(scenario: Scenario) -> Controller:
-    """The controller of a robot scenario, with the loops its `[drive]` asks for."""
-    robot, asked = scenario.constants, scenario.drive
-    assert isinstance(robot, Robot)
-    assert isinstance(asked, Drive)
+    """Controller of a robot scenario, with the loops that its `[drive]` table switches on."""
+    drive = scenario.robot_drive
     return Controller(
-        robot,
-        yaw_loop=asked.yaw_loop,
-        heading_hold=asked.heading_hold,
-        heading_feedback=asked.heading_feedback,
+        scenario.robot,
+        yaw_loop=drive.yaw_loop,
+        heading_hold=drive.heading_hold,
+        heading_feedback=drive.heading_feedback,
         period=scenario.period,
     )
 
 
 def make_diagnosing_controller(
-    scenario: Scenario, method: FaultDetector | None
+    scenario: Scenario, detector: FaultDetector | None
 ) -> Controller | FaultTolerantController:
-    """The controller with a method beside it, and with recovery where the method leaves that to it.
+    """Controller with a fault detector, and with recovery where the detector leaves that to it.
 
     Args:
-      scenario: Of a robot; its `[diagnosis]` table may switch recovery off.
-      method: From `make_detector`; None: the cascade alone.
+      scenario: A robot scenario; its `[diagnosis]` table may switch recovery off.
+      detector: From `make_detector`; None: the cascade alone.
     """
-    controller, robot, asked = make_controller(scenario), scenario.constants, scenario.drive
-    if method is None:
+    controller = make_controller(scenario)
+    if detector is None:
         return controller
-    assert isinstance(robot, Robot)
-    assert isinstance(asked, Drive)
-    recovery = None
-    choice = scenario.diagnosis
-    if isinstance(method, RobustDetector) and choice.recovery:
+    recovery, options = None, scenario.diagnosis
+    if isinstance(detector, RobustDetector) and options.recovery:
         gains = None if scenario.gains is None else scenario.gains.recovery
         recovery = Recovery(
-            robot, scenario.period, asked.heading_hold, choice.dither, choice.self_test, gains
+            scenario.robot,
+            scenario.period,
+            scenario.robot_drive.heading_hold,
+            options.dither,
+            options.self_test,
+            gains,
         )
-    return FaultTolerantController(controller, method, recovery)
-
-
-def _run_kinematic(scenario: Scenario, about: dict[str, Any]) -> Trace:
-    robot, asked, case = scenario.constants, scenario.drive, scenario.kinematics
-    assert isinstance(robot, Robot)
-    assert isinstance(asked, Drive)
-    assert case is not None
-    begin = time.perf_counter()
-    trace = drive_kinematic(
-        robot,
-        asked.reference,
-        case,
-        yaw_gain=robot.control.yaw_rate_proportional if asked.yaw_loop else 0.0,
-        heading_feedback=asked.heading_feedback,
-    )
-    factor = scenario.duration / max(time.perf_counter() - begin, 1e-9)
-    return Trace(trace.columns, {**about, "interrupted": False, "failure": None, "realtime_factor": factor})
+    return FaultTolerantController(controller, detector, recovery)

@@ -50,7 +50,7 @@ def test_over_a_wire_the_diagnoses_and_the_trace_are_those_of_the_plant(
     behind = make_plant(scenario, plant, 0)
     try:
         with served(behind, link) as address:
-            wired = run_scenario(scenario, address, "robust", wire=LinkOptions(lock_step=True))
+            wired = run_scenario(scenario, address, "robust", link=LinkOptions(lock_step=True))
     finally:
         behind.close()
     assert wired.trace.about["failure"] is None

@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import read_robot
 from omnimj.physics.kinematics import published_jacobian, rolling_matrix, rotation, weighted_inverse
-from omnimj.simulate.kinematic import KinematicCase, drive_kinematic, largest_deviation
+from omnimj.simulate.kinematic import KinematicCase, KinematicPlant, drive_kinematic, largest_deviation
 from omnimj.simulate.scenario.drive import read_drive
 
 ROBOT = read_robot()
@@ -23,18 +23,22 @@ def reference(table, duration, period=1e-3):
     return read_drive(table, "drive", duration, period).reference
 
 
+def driven(reference, case, yaw_gain=0.0, heading_feedback=True):
+    start = (*reference.position[0].tolist(), float(reference.heading[0]))
+    plant = KinematicPlant(ROBOT, case, float(reference.time[1]), start, yaw_gain)
+    return drive_kinematic(plant, reference, heading_feedback)
+
+
 def circle_deviation(plant, weight, free=False):
     case = KinematicCase(plant, (weight, 1.0, 1.0, 1.0), 5.0, 1, 5.0, free)
-    return largest_deviation(drive_kinematic(ROBOT, reference(CIRCLE, 10.0), case))
+    return largest_deviation(driven(reference(CIRCLE, 10.0), case))
 
 
 @pytest.mark.parametrize("plant", ["published", "corrected"])
 @pytest.mark.parametrize("feedback", [True, False])
 def test_a_healthy_robot_is_where_it_should_be(plant, feedback):
     for table, duration in ((CIRCLE, 10.0), (SQUARE, 24.0)):
-        trace = drive_kinematic(
-            ROBOT, reference(table, duration), KinematicCase(plant), heading_feedback=feedback
-        )
+        trace = driven(reference(table, duration), KinematicCase(plant), heading_feedback=feedback)
         assert largest_deviation(trace) < 1e-9
         assert np.abs(trace["heading"]).max() < 1e-12
 
@@ -78,13 +82,13 @@ def independent(weight):
 @pytest.mark.parametrize("weight", [1.0, 100.0])
 def test_path_after_the_loss_is_that_of_an_independent_integration(weight):
     case = KinematicCase("published", (weight, 1.0, 1.0, 1.0), 5.0, 1, 5.0)
-    trace = drive_kinematic(ROBOT, reference(CIRCLE, 10.0), case)
+    trace = driven(reference(CIRCLE, 10.0), case)
     found = [trace[name][-1] for name in ("x", "y", "heading")]
     np.testing.assert_allclose(found, independent(weight), atol=1e-5)
 
 
 def square_deviation(gain, **options):
-    return largest_deviation(drive_kinematic(ROBOT, reference(SQUARE, 24.0), MISALIGNED, gain, **options))
+    return largest_deviation(driven(reference(SQUARE, 24.0), MISALIGNED, gain, **options))
 
 
 def test_square_with_axles_off_strays_twenty_centimetres_open_loop_and_three_with_the_yaw_rate_loop():
@@ -107,7 +111,7 @@ def test_rotating_by_the_measured_heading_removes_what_drift_does_to_the_path():
 
 def test_twist_columns_are_the_motion_and_wheel_speeds_the_demand():
     table = {"kind": "profile", "speed": 0.5, "yaw_rate": 0.4, "direction": 1.0, "heading": 0.3}
-    trace = drive_kinematic(ROBOT, reference(table, 3.0), KinematicCase(), yaw_gain=2.0)
+    trace = driven(reference(table, 3.0), KinematicCase(), yaw_gain=2.0)
     k = 2000
     twist = np.array([trace[f"twist_{axis}"][k] for axis in ("x", "y", "yaw")])
     step = (trace["x"][k + 1] - trace["x"][k], trace["y"][k + 1] - trace["y"][k])
@@ -119,15 +123,13 @@ def test_twist_columns_are_the_motion_and_wheel_speeds_the_demand():
 
 def test_lost_wheel_stands_still_from_its_time_on():
     case = KinematicCase(lost_wheel=3, lost_from=2.0)
-    speed = drive_kinematic(ROBOT, reference(CIRCLE, 10.0), case)["wheel_speed_3"]
+    speed = driven(reference(CIRCLE, 10.0), case)["wheel_speed_3"]
     assert np.all(speed[2000:] == 0.0) and np.all(speed[1:1999] != 0.0)
 
 
 def test_finer_sampling_changes_the_deviation_by_less_than_a_millimetre():
     case = KinematicCase("published", lost_wheel=1, lost_from=5.0)
-    found = [
-        largest_deviation(drive_kinematic(ROBOT, reference(CIRCLE, 10.0, h), case)) for h in (4e-3, 1e-3)
-    ]
+    found = [largest_deviation(driven(reference(CIRCLE, 10.0, h), case)) for h in (4e-3, 1e-3)]
     assert found[0] == pytest.approx(found[1], abs=1e-3)
 
 
@@ -142,4 +144,4 @@ def test_finer_sampling_changes_the_deviation_by_less_than_a_millimetre():
 )
 def test_a_case_that_does_not_fit_the_robot_is_refused(change, kind, message):
     with pytest.raises(kind, match=message):
-        drive_kinematic(ROBOT, reference(CIRCLE, 1.0), dataclasses.replace(KinematicCase(), **change))
+        driven(reference(CIRCLE, 1.0), dataclasses.replace(KinematicCase(), **change))

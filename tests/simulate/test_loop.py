@@ -1,4 +1,4 @@
-"""The loop with a plant made for it: what lands in which row, and how it ends."""
+"""The loop with plants made for it: the content of each row, the order of calls, and how a run ends."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from omnimj.errors import SimulationError
 from omnimj.plant.interface import RIG_CHANNELS, robot_channels
 from omnimj.signals import Array, CurrentCommand, Diagnosis, Measurement, Reference, RigMeasurement, Target
-from omnimj.simulate.loop import TARGET_NAMES, Callbacks, drive, drive_rig
+from omnimj.simulate.loop import TARGET_NAMES, Callbacks, column_names, drive, drive_rig, steps
 
 N = 3
 
@@ -59,7 +59,7 @@ class CountingRobot:
 class Remembered:
     log: Array
     diagnoses: tuple[Diagnosis, ...] = ()
-    pace: float = 1.0
+    time_scaling: float = 1.0
 
 
 class Echo:
@@ -110,7 +110,7 @@ class Halved(Echo):
 
     def step(self, state: Remembered, measurement: Measurement, target: Target):
         command, after = super().step(state, measurement, target)
-        return command, Remembered(after.log, pace=0.5 if after.log[0] >= 3.0 else 1.0)
+        return command, Remembered(after.log, time_scaling=0.5 if after.log[0] >= 3.0 else 1.0)
 
 
 def test_at_half_the_pace_every_sample_of_the_plan_lasts_two_steps_at_half_the_speed():
@@ -171,10 +171,10 @@ def test_an_error_that_is_no_failure_of_the_plant_is_not_swallowed():
 
 def test_poses_are_taken_every_20_ms_and_progress_reaches_the_end():
     taken, reached = [], []
-    watch = Callbacks(
+    callbacks = Callbacks(
         lambda done, rows: reached.append((done, rows)), lambda t, pose: taken.append((t, pose[0]))
     )
-    drive(CountingRobot(), Echo(), reference(250), watch)
+    drive(CountingRobot(), Echo(), reference(250), callbacks)
     assert [pose for _, pose in taken] == [float(k) for k in range(0, 250, 2)]
     assert np.allclose([t for t, _ in taken], 0.01 * np.arange(0, 250, 2))
     assert reached == [(100, 250), (200, 250), (250, 250)]
@@ -222,3 +222,35 @@ def test_the_rig_gets_its_currents_in_order():
         assert np.allclose(trace[name], np.arange(4) + offset), name
     assert trace["current_target"].tolist() == [0.1, 0.2, 0.3, 0.4]
     assert trace["carriage_position"].tolist() == [0.5, 1.5, 2.5, 3.5]
+
+
+class ThreeSteps:
+    """Policy that ends the run itself."""
+
+    names, target_names = ("time",), ("left",)
+
+    def __init__(self):
+        self.left = 3
+
+    def command(self, measurement: RigMeasurement, row: Array) -> CurrentCommand | None:
+        if self.left == 0:
+            return None
+        row[0], row[-1] = measurement.time, self.left
+        self.left -= 1
+        return CurrentCommand(np.array([float(self.left)]))
+
+
+def test_each_row_is_yielded_before_the_plant_steps_and_a_short_table_is_used_again():
+    plant, policy, table = CountingRig(), ThreeSteps(), np.full((2, 3), np.nan)
+    assert column_names(plant, policy) == ("time", "carriage_position", "left")
+    seen = []
+    for done in steps(plant, policy, plant.reset(), table):
+        seen.append((done, len(plant.got), table[(done - 1) % 2].tolist()))
+    assert seen == [(1, 0, [0.0, 0.5, 3.0]), (2, 1, [0.001, 1.5, 2.0]), (3, 2, [0.002, 2.5, 1.0])]
+    assert plant.got == [2.0, 1.0, 0.0]
+
+
+def test_a_limit_ends_the_run_before_the_plant_steps_once_more():
+    plant = CountingRig()
+    assert list(steps(plant, ThreeSteps(), plant.reset(), np.zeros((2, 3)), limit=2)) == [1, 2]
+    assert plant.got == [2.0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import signal
 import socket
@@ -59,7 +60,7 @@ def ends(run: RunResult) -> float:
 
 
 def watched(live: LiveRun, scenario, plant: str | None = None) -> RunResult:
-    return run_scenario(scenario, plant, on_start=live.start, snapshot=live.snapshot, rows=live.rows)
+    return run_scenario(scenario, plant, callbacks=live.callbacks)
 
 
 @pytest.fixture(scope="module")
@@ -113,7 +114,7 @@ def test_what_is_seen_before_the_first_step_is_the_machine_at_its_start(tmp_path
         raise SimulationError("no step is taken")
 
     with pytest.raises(SimulationError):
-        run_scenario(scenario, on_start=stop, snapshot=live.snapshot, rows=live.rows)
+        run_scenario(scenario, callbacks=dataclasses.replace(live.callbacks, start=stop))
     live.close()
     seen = times(spectator.path)
     assert seen["/world/machine/chassis"] == [0.0]
@@ -138,8 +139,7 @@ def test_a_watched_method_shows_its_residuals_while_it_drives(tmp_path, name, me
     scenario = read_scenario(name, ("duration=0.4",))
     spectator = File(tmp_path / "method.rrd")
     live = LiveRun(scenario, {**KNOWN, "method": method}, spectator)
-    hooks = {"on_start": live.start, "snapshot": live.snapshot, "rows": live.rows}
-    run = run_scenario(scenario, "planar", method, **hooks)
+    run = run_scenario(scenario, "planar", method, callbacks=live.callbacks)
     live.finish(run)
     seen = times(spectator.path)
     assert seen[entity][-1] == pytest.approx(run.trace["time"][-1])
@@ -177,7 +177,7 @@ def test_a_viewer_that_is_closed_is_sent_nothing_more_and_the_run_goes_on(tmp_pa
         live.rows(names, table)
         spectator.is_open = float(table[-1, 0]) < 0.35
 
-    run = run_scenario(scenario, on_start=live.start, snapshot=live.snapshot, rows=rows)
+    run = run_scenario(scenario, callbacks=dataclasses.replace(live.callbacks, rows=rows))
     live.finish(run)
     assert run.metrics["duration"] == 0.75
     assert times(spectator.path)["/plots/current"][-1] == pytest.approx(0.399)

@@ -52,7 +52,7 @@ class ControlState:
         return ()
 
     @property
-    def pace(self) -> float:
+    def time_scaling(self) -> float:
         """1: the cascade alone follows the plan as it is."""
         return 1.0
 

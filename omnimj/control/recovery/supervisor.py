@@ -93,7 +93,7 @@ class RecoveryState:
     """Of `dither`."""
 
     @property
-    def pace(self) -> float:
+    def time_scaling(self) -> float:
         """How fast the plan is to run, 1: as planned."""
         return float(self.memory[PACE])
 

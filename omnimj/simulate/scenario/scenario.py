@@ -104,9 +104,38 @@ class Scenario:
     """Of recovery and observer; as shipped when None. Those of the cascade are in `constants`."""
 
     @property
+    def is_rig(self) -> bool:
+        """Whether the test rig is driven, not a robot."""
+        return isinstance(self.constants, Rig)
+
+    @property
     def plant(self) -> str:
         """`uto_robot` or `quarter_rig`."""
-        return "quarter_rig" if isinstance(self.constants, Rig) else "uto_robot"
+        return "quarter_rig" if self.is_rig else "uto_robot"
+
+    @property
+    def robot(self) -> Robot:
+        """Constants of the robot, in a scenario of a robot."""
+        assert isinstance(self.constants, Robot)
+        return self.constants
+
+    @property
+    def robot_drive(self) -> Drive:
+        """Planned motion, in a scenario of a robot."""
+        assert isinstance(self.drive, Drive)
+        return self.drive
+
+    @property
+    def rig(self) -> Rig:
+        """Constants of the rig, in a scenario of the rig."""
+        assert isinstance(self.constants, Rig)
+        return self.constants
+
+    @property
+    def rig_input(self) -> RigInput:
+        """Current, mass and lateral speed, in a scenario of the rig."""
+        assert isinstance(self.drive, RigInput)
+        return self.drive
 
     @property
     def period(self) -> float:
@@ -116,7 +145,7 @@ class Scenario:
     @property
     def wheel_positions(self) -> Array:
         """p_i in the body frame, shape (n, 2) [m]."""
-        return np.zeros((1, 2)) if isinstance(self.constants, Rig) else self.constants.wheel_positions
+        return np.zeros((1, 2)) if self.is_rig else self.robot.wheel_positions
 
     @property
     def metric_units(self) -> dict[str, str]:

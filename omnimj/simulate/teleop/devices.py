@@ -1,4 +1,4 @@
-"""The terminal that keys come from: every key at once and unseen, and left as it was found."""
+"""Input devices of a drive by hand: the terminal for keys, and a gamepad as a Linux event file."""
 
 from __future__ import annotations
 
@@ -20,27 +20,40 @@ try:
 except ImportError:  # not a POSIX system
     termios = None
 
+FIRST_GAMEPAD = Path("/dev/input/js0")
+"""Event file of the first gamepad."""
+GAMEPAD_HELP = "hold the left shoulder button, left stick drives, right stick turns, every other button stops"
+
 _READ_SIZE = 256  # bytes
-_BUFFER_SIZE = 4096  # bytes, typed and not yet asked for: the newest
+_BUFFER_SIZE = 4096  # bytes, the newest that were typed and not read
 _JOIN_TIMEOUT = 0.5  # [s] that the end waits for the thread
 _CLEAR = "\r\x1b[K"
 
+_EVENT = struct.Struct("<IhBB")  # time [ms], value, kind, number
+_BUTTON, _AXIS, _INITIAL_STATE = 1, 2, 0x80  # the last flags the state on opening
+_DEAD_MAN = 4  # left shoulder of the usual pads
+_LEFT_X, _LEFT_Y, _RIGHT_X = 0, 1, 3
+_FULL = 32767.0
+_DEAD_ZONE = 0.12  # of full deflection: sticks do not return to zero exactly
+_EVENT_BYTES = 64 * _EVENT.size
+
 
 class Terminal:
-    """`with Terminal() as terminal: … terminal.read()`.
+    """Terminal in raw mode: `with Terminal() as terminal: … terminal.read()`.
 
-    Ctrl-C still interrupts. Ctrl-Z, Ctrl-\\ and Ctrl-S would hold or end the program with a robot in motion:
-    they become keys like any other.
+    Keys arrive at once and without echo; the settings are restored at the end. Ctrl-C still interrupts.
+    Ctrl-Z, Ctrl-\\ and Ctrl-S would suspend or end the program with a robot in motion, so they become
+    ordinary keys.
 
-    On a busy machine the system may take 0.1 s to say whether a terminal has a key, twice as long as a robot
-    waits for a command. From the first `read` on a thread of its own asks it, and writes.
+    On a busy machine the system may take 0.1 s to poll a terminal, twice as long as a robot waits for a
+    command. From the first `read` on, a thread of its own reads and writes.
     """
 
     def __init__(self, source: int | None = None, sink: int | None = None):
-        """A terminal to read from and one to write to; standard input and error when None.
+        """File descriptors of the terminal to read from and to write to; standard input and error when None.
 
         Raises:
-          InputError: Keys would not come from a terminal.
+          InputError: The source is not a terminal.
         """
         self._source = _descriptor(sys.stdin) if source is None else source
         self._sink = _descriptor(sys.stderr) if sink is None else sink
@@ -50,15 +63,15 @@ class Terminal:
             rule = "keys are read from one, run it there"
             raise InputError("omnimj teleop", "standard input is not a terminal", rule)
         self._shows = self._sink >= 0 and os.isatty(self._sink)
-        self._found: Any = None
+        self._saved: Any = None
         self._lock, self._typed, self._line = threading.Lock(), bytearray(), ""
         self._is_gone, self._is_over = False, False
         self._thread: threading.Thread | None = None
-        self._bell = -1, -1
+        self._pipe = -1, -1
 
     def __enter__(self) -> Terminal:
         assert termios is not None
-        self._found = termios.tcgetattr(self._source)
+        self._saved = termios.tcgetattr(self._source)
         changed = termios.tcgetattr(self._source)
         changed[0] &= ~termios.IXON
         changed[3] &= ~(termios.ICANON | termios.ECHO)
@@ -77,11 +90,11 @@ class Terminal:
         self._end()
         self._write("")
         with contextlib.suppress(termios.error, OSError):  # it may be gone
-            # what was typed last is for the robot, not for the shell
-            termios.tcsetattr(self._source, termios.TCSAFLUSH, self._found)
+            # the last keys were meant for the robot, not for the shell
+            termios.tcsetattr(self._source, termios.TCSAFLUSH, self._saved)
 
     def read(self) -> bytes | None:
-        """What was typed since, without waiting; None when the terminal is gone."""
+        """Bytes typed since the last call, without waiting; None when the terminal is gone."""
         if self._thread is None:
             self._begin()
         with self._lock:
@@ -90,7 +103,7 @@ class Terminal:
             return content or (None if self._is_gone else b"")
 
     def drain(self) -> None:
-        """Forgets what was typed and not read."""
+        """Discards bytes that were typed but not read."""
         assert termios is not None
         with contextlib.suppress(termios.error, OSError):
             termios.tcflush(self._source, termios.TCIFLUSH)
@@ -98,55 +111,53 @@ class Terminal:
             self._typed.clear()
 
     def show(self, line: str) -> None:
-        """Writes one line over the one before; leaves it out where that would have to wait."""
+        """Writes one line over the previous one; skips it where writing would block."""
         if self._thread is None:
             self._write(line)
             return
         self._line = line
-        self._ring()
-
-    # --- the thread
+        self._wake()
 
     def _begin(self) -> None:
-        self._is_over, self._bell = False, os.pipe()
-        for end in self._bell:
+        self._is_over, self._pipe = False, os.pipe()
+        for end in self._pipe:
             os.set_blocking(end, False)
-        self._thread = threading.Thread(target=self._attend, name="terminal", daemon=True)
+        self._thread = threading.Thread(target=self._serve, name="terminal", daemon=True)
         self._thread.start()
 
     def _end(self) -> None:
         if self._thread is None:
             return
         self._is_over = True
-        self._ring()
+        self._wake()
         self._thread.join(_JOIN_TIMEOUT)
-        if not self._thread.is_alive():  # or else the system keeps it, and it needs its bell
-            for end in self._bell:
+        if not self._thread.is_alive():  # a blocked thread still needs its pipe
+            for end in self._pipe:
                 os.close(end)
         self._thread = None
 
-    def _ring(self) -> None:
-        with contextlib.suppress(BlockingIOError):  # it rings already
-            os.write(self._bell[1], b"!")
+    def _wake(self) -> None:
+        with contextlib.suppress(BlockingIOError):  # a wake-up is pending already
+            os.write(self._pipe[1], b"!")
 
-    def _attend(self) -> None:
-        """Keys as they come, the newest line when the bell rings."""
-        bell = self._bell[0]
+    def _serve(self) -> None:
+        """Reads keys as they arrive; writes the newest line after each wake-up."""
+        wake = self._pipe[0]
         while not self._is_over:
-            asked = [bell] if self._is_gone else [bell, self._source]
+            sources = [wake] if self._is_gone else [wake, self._source]
             try:
-                ready = select.select(asked, [], [])[0]
+                ready = select.select(sources, [], [])[0]
             except (OSError, ValueError):  # the terminal's descriptor has been closed
                 self._is_gone = True
                 continue
             if self._source in ready:
-                self._listen()
-            if bell in ready:
-                os.read(bell, _READ_SIZE)
+                self._read_keys()
+            if wake in ready:
+                os.read(wake, _READ_SIZE)
                 if not self._is_over:
                     self._write(self._line)
 
-    def _listen(self) -> None:
+    def _read_keys(self) -> None:
         try:
             content = os.read(self._source, _READ_SIZE)
         except OSError:
@@ -171,23 +182,8 @@ def _descriptor(stream: object) -> int:
         return -1
 
 
-# A gamepad as Linux shows it: events of 8 bytes, read from a file such as /dev/input/js0.
-
-FIRST_GAMEPAD = Path("/dev/input/js0")
-"""Where the first one is."""
-GAMEPAD_HELP = "hold the left shoulder button, left stick drives, right stick turns, every other button stops"
-
-_EVENT = struct.Struct("<IhBB")  # time [ms], value, kind, number
-_BUTTON, _AXIS, _INITIAL_STATE = 1, 2, 0x80  # the last: how things stood when it was opened
-_DEAD_MAN = 4  # left shoulder of the usual pads
-_LEFT_X, _LEFT_Y, _RIGHT_X = 0, 1, 3
-_FULL = 32767.0
-_DEAD_ZONE = 0.12  # of full deflection: sticks do not come back to zero
-_EVENT_BYTES = 64 * _EVENT.size
-
-
 class GamepadReader:
-    """Bytes in, the state of the sticks out; holds less than one event."""
+    """Decodes events of 8 bytes into the state of the sticks; holds less than one event."""
 
     def __init__(self) -> None:
         self._rest = b""
@@ -195,9 +191,9 @@ class GamepadReader:
         self._held = False
 
     def feed(self, content: bytes) -> tuple[StickState, bool]:
-        """How the sticks stand after these events, and whether a button was pressed that stops.
+        """State of the sticks after these events, and whether a stop button was pressed.
 
-        A dead man's button that was down before anybody looked does not count: it must be pressed anew.
+        A dead man's button that was held when the gamepad was opened does not count until it is pressed again.
         """
         content = self._rest + content
         whole = len(content) // _EVENT.size * _EVENT.size
@@ -210,23 +206,23 @@ class GamepadReader:
             elif kind == _BUTTON and value:
                 stops = True
         x, y, turn = (_outside_dead_zone(self._axes[number]) for number in (_LEFT_X, _LEFT_Y, _RIGHT_X))
-        return StickState(-y, -x, -turn, self._held), stops  # pads count to the right and down
+        return StickState(-y, -x, -turn, self._held), stops  # gamepads count to the right and down
 
 
 def _outside_dead_zone(value: float) -> float:
-    """What is left of a deflection beyond the dead zone, −1…1."""
+    """Deflection beyond the dead zone, −1…1."""
     size = min(max(abs(value) - _DEAD_ZONE, 0.0) / (1.0 - _DEAD_ZONE), 1.0)
     return size if value > 0.0 else -size
 
 
 class Gamepad:
-    """The file of a gamepad; reading never waits."""
+    """Event file of a gamepad, read without waiting."""
 
     def __init__(self, path: Path):
-        """Opens it.
+        """Opens the file.
 
         Raises:
-          InputError: It is not there, or may not be read.
+          InputError: The file does not exist or may not be read.
         """
         try:
             self._file = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
@@ -234,7 +230,7 @@ class Gamepad:
             raise InputError(f"--gamepad {path}", f"cannot be read ({error.strerror})") from None
 
     def read(self) -> bytes | None:
-        """What has come; None when the gamepad is gone."""
+        """Bytes since the last call; None when the gamepad is gone."""
         try:
             return os.read(self._file, _EVENT_BYTES) or None
         except BlockingIOError:
@@ -243,5 +239,5 @@ class Gamepad:
             return None
 
     def close(self) -> None:
-        """Lets go of the file."""
+        """Closes the file."""
         os.close(self._file)

@@ -1,4 +1,4 @@
-"""The loop that drives a robot for as long as somebody asks for motion."""
+"""Drives a robot by hand: the loop without a planned end, held to the wall clock in simulation."""
 
 from __future__ import annotations
 
@@ -20,126 +20,144 @@ from omnimj.errors import OmnimjError
 from omnimj.parameters import read_robot
 from omnimj.parameters.floor import all_floors, find_floor
 from omnimj.plant.interface import Plant
-from omnimj.signals import Array, Diagnosis, Measurement, Reference, Target, Trace
-from omnimj.simulate.loop import SNAPSHOT_PERIOD, Controller, Rows, Snapshot, check_truth, fill_row, row_names
+from omnimj.signals import Array, CurrentCommand, Diagnosis, Measurement, Reference, Target, Trace
+from omnimj.simulate.loop import (
+    Controller,
+    ControllerRow,
+    Ending,
+    Rows,
+    Snapshot,
+    column_names,
+    steps,
+    take_snapshot,
+)
 from omnimj.simulate.scenario.drive import Drive
 from omnimj.simulate.scenario.scenario import Scenario
 
 TELEOP_TARGET_NAMES = ("target_heading", "target_velocity_x", "target_velocity_y")
-"""Columns of what was asked for, world frame: rad, m/s, m/s."""
+"""Columns of the target, world frame: rad, m/s, m/s."""
 HEADING_COLUMN = "heading_estimate"
-"""Column of the controller's log that says how the robot is turned."""
+"""Column of the controller's log with its heading estimate [rad]."""
+DEFAULT_FLOOR = "natural_stone"
+"""Floor of a drive by hand."""
 
-_BLOCK = 100  # rows that are handed on together
+_BLOCK = 100  # rows that are passed on together
+_MIN_SLEEP = 0.002  # [s] ahead of time from which on sleeping is worthwhile
+_MAX_LAG = 0.1  # [s] behind time from which on the lag is dropped
 
 
 class TargetSource(Protocol):
-    """Who asks for motion: `Operator`."""
+    """Source of targets: `Operator`."""
 
-    def target(self, heading: float, pace: float) -> Target | None:
-        """The target of the coming control period; None to end.
+    def target(self, heading: float, time_scaling: float) -> Target | None:
+        """Target of the coming control period; None ends the drive.
 
         Args:
-          heading: Of the robot, as the controller believes [rad].
-          pace: Share of the demand that recovery allows, 0…1.
+          heading: The controller's estimate [rad].
+          time_scaling: Share of the demanded speed that recovery allows, 0…1.
         """
         ...
 
 
 @dataclass(frozen=True)
 class TeleopResult:
-    """How it ended; the rows went to those who look on."""
+    """End of a drive; its rows went to the callbacks."""
 
     steps: int
     interrupted: bool
-    """By Ctrl-C."""
+    """Whether Ctrl-C ended it."""
     failure: str | None
-    """When and how the plant failed."""
+    """Time and reason of a failure of the plant."""
     diagnoses: tuple[Diagnosis, ...]
-    """Everything decided since the start."""
+    """All diagnoses since the start."""
 
 
 @dataclass(frozen=True)
 class TeleopCallbacks:
-    """Who looks on while the robot is driven; nothing is kept here."""
+    """Functions that are called while the robot is driven; nothing is kept here."""
 
     rows: tuple[Rows, ...] = ()
-    """Each is called with the columns' names and the newest rows, which it may not keep."""
+    """Each is called with the column names and the newest rows, which are overwritten afterwards."""
     snapshot: Snapshot | None = None
     before_step: Callable[[], object] | None = None
     """Called before every step of the plant, to hold a simulation to the wall clock."""
     diagnosed: Callable[[tuple[Diagnosis, ...]], object] | None = None
-    """Called when what is believed has changed."""
+    """Called with all diagnoses when they have changed."""
 
 
-_NO_TELEOP_CALLBACKS = TeleopCallbacks()
+_NO_CALLBACKS = TeleopCallbacks()
+
+
+class _FollowOperator:
+    """Policy of a controller whose targets come from a person."""
+
+    target_names = TELEOP_TARGET_NAMES
+
+    def __init__(self, controller: Controller, source: TargetSource, measurement: Measurement):
+        self._controller, self._source = controller, source
+        self._row = ControllerRow(len(measurement.current), controller.log_names)
+        self.names = self._row.names
+        self.state = controller.start(measurement)
+        self._heading_at = controller.log_names.index(HEADING_COLUMN)
+        self._heading = wrapped(measurement.yaw) if math.isfinite(measurement.yaw) else 0.0
+
+    def command(self, measurement: Measurement, row: Array) -> CurrentCommand | None:
+        target = self._source.target(self._heading, self.state.time_scaling)
+        if target is None:
+            return None
+        command, self.state = self._controller.step(self.state, measurement, target)
+        self._heading = float(self.state.log[self._heading_at])
+        self._row.fill(row, measurement, command, self.state.log)
+        row[-3:] = target.heading, *target.velocity
+        return command
 
 
 def drive_by_hand(
-    plant: Plant, controller: Controller, asks: TargetSource, watch: TeleopCallbacks = _NO_TELEOP_CALLBACKS
+    plant: Plant, controller: Controller, source: TargetSource, callbacks: TeleopCallbacks = _NO_CALLBACKS
 ) -> TeleopResult:
-    """Drives a robot until nobody asks any more, or Ctrl-C, or the plant fails.
-
-    A failure is a value, as in `loop.drive`: what was recorded is not lost, the outermost call raises.
+    """Drives a robot until the source ends it, Ctrl-C is pressed, or the plant fails.
 
     Args:
-      plant: Reset by this call; the caller closes it, and with that stops a real robot.
+      plant: Reset by this call; the caller closes it, which stops a real robot.
       controller: Gets measurements and targets, never the truth.
-      asks: For every step's target.
-      watch: Gets the rows.
+      source: Asked for the target of every step.
+      callbacks: Get the rows.
+
+    Returns:
+      How the drive ended; a failure is a value, as in `loop.record`, so that what was recorded is kept.
     """
     measurement: Any = plant.reset()
     assert isinstance(measurement, Measurement)
-    state = controller.start(measurement)
-    own = row_names(len(measurement.current), controller.log_names)
-    names = (*own, *plant.truth_names, *TELEOP_TARGET_NAMES)
-    at = controller.log_names.index(HEADING_COLUMN)
+    policy = _FollowOperator(controller, source, measurement)
+    names, done, known = column_names(plant, policy), 0, ()
     block = np.empty((_BLOCK, len(names)))
-    heading = wrapped(measurement.yaw) if math.isfinite(measurement.yaw) else 0.0
-    pose, each = getattr(plant, "pose", None), max(1, round(SNAPSHOT_PERIOD / plant.period))
-    steps, interrupted, failure, known = 0, False, None, ()
-    try:
-        while (target := asks.target(heading, state.pace)) is not None:
-            command, state = controller.step(state, measurement, target)
-            heading = float(state.log[at])
-            row, truth = block[steps % _BLOCK], plant.truth()
-            fill_row(row, measurement, command, state.log)
-            row[len(own) : len(own) + len(truth)] = truth
-            row[-3:] = target.heading, *target.velocity
-            check_truth(plant.truth_names, truth.tolist())
-            if watch.snapshot is not None and pose is not None and steps % each == 0:
-                watch.snapshot(measurement.time, pose())
-            steps += 1
-            if steps % _BLOCK == 0:
-                _flush_rows(watch, names, block)
-            if watch.diagnosed is not None and state.diagnoses is not known:
-                known = state.diagnoses
-                watch.diagnosed(known)
-            if watch.before_step is not None:
-                watch.before_step()
-            measurement = plant.step(command)
-    except KeyboardInterrupt:
-        interrupted = True
-    except (OmnimjError, ArithmeticError) as error:
-        failure = f"after {steps * plant.period:.3f} s: {error}"
-    _flush_rows(watch, names, block[: steps % _BLOCK])
-    return TeleopResult(steps, interrupted, failure, state.diagnoses)
+    snapshot = take_snapshot(plant, callbacks.snapshot)
+    with Ending(OmnimjError, ArithmeticError) as ending:
+        for done in steps(plant, policy, measurement, block):
+            snapshot(done, block[(done - 1) % _BLOCK, 0])
+            if done % _BLOCK == 0:
+                _pass_on(callbacks, names, block)
+            if callbacks.diagnosed is not None and policy.state.diagnoses is not known:
+                known = policy.state.diagnoses
+                callbacks.diagnosed(known)
+            if callbacks.before_step is not None:
+                callbacks.before_step()
+    _pass_on(callbacks, names, block[: done % _BLOCK])
+    failure = None if ending.error is None else f"after {done * plant.period:.3f} s: {ending.error}"
+    return TeleopResult(done, ending.interrupted, failure, policy.state.diagnoses)
 
 
-def _flush_rows(watch: TeleopCallbacks, names: tuple[str, ...], rows: np.ndarray) -> None:
+def _pass_on(callbacks: TeleopCallbacks, names: tuple[str, ...], rows: Array) -> None:
     if len(rows):
-        for take in watch.rows:
+        for take in callbacks.rows:
             take(names, rows)
 
 
-# A simulation held to the wall clock.
-
-_MIN_SLEEP = 0.002  # [s] ahead from which it is worth to sleep
-_MAX_LAG = 0.1  # [s] behind from which it is not caught up
-
-
 class RealTimePacer:
-    """`wait()` before every step; a simulation that cannot keep up loses time instead of racing after it."""
+    """Holds a simulation to the wall clock: `wait()` before every step.
+
+    A simulation that cannot keep up loses time instead of catching up in a rush.
+    """
 
     def __init__(
         self,
@@ -147,23 +165,23 @@ class RealTimePacer:
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], object] = time.sleep,
     ):
-        """Starts with the first `wait`.
+        """A pacer that starts with the first `wait`.
 
         Args:
-          period: Of one step [s].
-          clock: Goes forward only [s].
-          sleep: Waits so many seconds.
+          period: Duration of one step [s].
+          clock: Monotonic clock [s].
+          sleep: Waits for a number of seconds.
         """
         self._period, self._clock, self._sleep = period, clock, sleep
         self._due: float | None = None
         self._begin = self._now = 0.0
         self._steps = 0
         self.lost = 0.0
-        """By how much the simulation has fallen behind for good [s]."""
+        """Time by which the simulation has fallen behind for good [s]."""
 
     @property
     def factor(self) -> float:
-        """Simulated time over wall time since the first step; 1: it keeps up."""
+        """Simulated time over wall time since the first step; 1 when the simulation keeps up."""
         wall = self._now - self._begin
         return self._steps * self._period / wall if wall > 0.0 else 1.0
 
@@ -183,25 +201,22 @@ class RealTimePacer:
             self._due = self._now
 
 
-# The newest minutes of a drive that has no planned end.
-
-
 class RowBuffer:
-    """Keeps blocks of rows, the oldest of which go."""
+    """Keeps the newest rows of a drive without a planned end, in blocks."""
 
     def __init__(self, rows: int):
-        """At least so many of the newest rows are kept; none with 0."""
+        """A buffer for at least this number of rows; with 0 it keeps none."""
         self._most, self._held = rows, 0
         self._names: tuple[str, ...] = ()
         self._blocks: deque[Array] = deque()
 
     @property
     def rows(self) -> int:
-        """That are held now."""
+        """Number of rows held now."""
         return self._held
 
     def add(self, names: tuple[str, ...], block: Array) -> None:
-        """Takes rows, shape (m, columns), which the caller may write over afterwards."""
+        """Copies rows, shape (m, columns)."""
         if self._most == 0:
             return
         self._names = names
@@ -211,33 +226,27 @@ class RowBuffer:
             self._held -= len(self._blocks.popleft())
 
     def trace(self, about: Mapping[str, Any]) -> Trace:
-        """What is held, as a trace; its time is that of the plant."""
+        """The rows held, as a trace; its time is that of the plant."""
         table = np.concatenate(self._blocks) if self._blocks else np.empty((0, len(self._names)))
         columns = np.ascontiguousarray(table.T)
         return Trace(dict(zip(self._names, columns, strict=True)), about)
 
 
-# A flat floor and a robot on it, without a plan: where somebody drives by hand.
-
-DEFAULT_FLOOR = "natural_stone"
-"""Unless told otherwise."""
-
-
 def free_drive(
     floor: str = DEFAULT_FLOOR, model_file: Path | None = None, floors_file: Path | None = None
 ) -> Scenario:
-    """A scenario without plan, end, faults and checks.
+    """Scenario of a robot on a flat floor, without plan, end, faults and checks.
 
-    The heading is held, so that straight is straight; nothing shakes the wheels to ask its motors, since by
-    hand nothing moves that nobody asked for.
+    The heading is held, so that the robot drives straight; detection does not excite the wheels, since a
+    robot driven by hand moves on command only.
 
     Args:
-      floor: A name.
-      model_file: The robot's; the shipped one when None.
-      floors_file: Floors beside the shipped ones, or in their place.
+      floor: Name of the floor.
+      model_file: Model file of the robot; the shipped one when None.
+      floors_file: File with floors that are added to the shipped ones or replace them.
 
     Raises:
-      InputError: A file is wrong.
+      InputError: A file breaks a rule.
       UnknownNameError: No such floor.
     """
     robot, floors = read_robot(model_file), all_floors(floors_file)

@@ -1,4 +1,4 @@
-"""Who drives: terminal and gamepad read once per control step, steering told, a line shown now and then."""
+"""Operator of a drive by hand: reads terminal and gamepad once per control step and shows a status line."""
 
 from __future__ import annotations
 
@@ -11,32 +11,32 @@ from omnimj.simulate.teleop.devices import GamepadReader
 from omnimj.simulate.teleop.steering import DIRECTIONS, Key, KeyReader, Steering
 
 STALE_AFTER = 0.1
-"""Directions that were typed while nobody looked for so long may be old: they do not count [s]."""
+"""Longest time between two reads after which directions typed meanwhile count as old and are ignored [s]."""
 _DISPLAY_PERIOD = 0.1  # [s]
 
 
 class KeyInput(Protocol):
-    """Where bytes of keys come from: `Terminal`."""
+    """Source of key bytes: `Terminal`."""
 
     def read(self) -> bytes | None:
-        """What was typed since; None when it is gone."""
+        """Bytes typed since the last call; None when the terminal is gone."""
         ...
 
     def show(self, line: str) -> None:
-        """Writes one line over the one before."""
+        """Writes one line over the previous one."""
         ...
 
 
 class GamepadInput(Protocol):
-    """Where events of sticks come from: `Gamepad`."""
+    """Source of stick events: `Gamepad`."""
 
     def read(self) -> bytes | None:
-        """What has come; None when it is gone."""
+        """Bytes since the last call; None when the gamepad is gone."""
         ...
 
 
 class Operator:
-    """Asks for the next target; ends with the key for it, and when the terminal is gone."""
+    """Source of targets for `drive_by_hand`; ends it by key, and when the terminal is gone."""
 
     def __init__(
         self,
@@ -45,46 +45,46 @@ class Operator:
         keyboard: KeyInput,
         pad: GamepadInput | None = None,
         clock: Callable[[], float] = time.monotonic,
-        told: Callable[[], str] = str,
+        status: Callable[[], str] = str,
     ):
-        """Who drives.
+        """An operator at a terminal, with a gamepad if there is one.
 
         Args:
-          steering: Makes targets.
+          steering: Makes the targets.
           period: Control period [s].
-          keyboard: Always there.
-          pad: A gamepad, where one is present.
-          clock: Goes forward only [s].
-          told: What else the line is to say.
+          keyboard: Source of keys.
+          pad: Source of stick events, where a gamepad is present.
+          clock: Monotonic clock [s].
+          status: Text appended to the status line.
         """
         self._steering, self._period, self._keyboard, self._pad = steering, period, keyboard, pad
-        self._clock, self._told = clock, told
+        self._clock, self._status = clock, status
         self._keys, self._sticks = KeyReader(), GamepadReader()
-        self._looked = self._shown = clock()
+        self._last_read = self._last_shown = clock()
 
-    def target(self, heading: float, pace: float) -> Target | None:
-        """The target of the coming control period; None when the operator has had enough.
+    def target(self, heading: float, time_scaling: float) -> Target | None:
+        """Target of the coming control period; None when the operator ends the drive.
 
         Args:
-          heading: Of the robot, as the controller believes [rad].
-          pace: Share of the demand that recovery allows, 0…1.
+          heading: The controller's estimate of the robot's heading [rad].
+          time_scaling: Share of the demanded speed that recovery allows, 0…1.
         """
         now = self._clock()
-        if not self._look(now):
+        if not self._read_keys(now):
             return None
         if self._pad is not None:
-            self._feel(now)
-        target = self._steering.target(now, self._period, heading, pace)
-        if now - self._shown >= _DISPLAY_PERIOD:
-            self._shown = now
+            self._read_gamepad(now)
+        target = self._steering.target(now, self._period, heading, time_scaling)
+        if now - self._last_shown >= _DISPLAY_PERIOD:
+            self._last_shown = now
             x, y, turn = self._steering.twist
-            self._keyboard.show(f"{x:+.2f} {y:+.2f} m/s {turn:+.2f} rad/s  {self._told()}")
+            self._keyboard.show(f"{x:+.2f} {y:+.2f} m/s {turn:+.2f} rad/s  {self._status()}")
         return target
 
-    def _look(self, now: float) -> bool:
-        """Reads the keys; False at the end."""
-        content, old = self._keyboard.read(), now - self._looked > STALE_AFTER
-        self._looked = now
+    def _read_keys(self, now: float) -> bool:
+        """Reads the keys; False ends the drive."""
+        content, old = self._keyboard.read(), now - self._last_read > STALE_AFTER
+        self._last_read = now
         if content is None:
             return False
         for key in self._keys.feed(now, content):
@@ -94,8 +94,8 @@ class Operator:
                 self._steering.on_key(now, key)
         return True
 
-    def _feel(self, now: float) -> None:
-        """Reads the gamepad; one that is gone stops the robot."""
+    def _read_gamepad(self, now: float) -> None:
+        """Reads the gamepad; losing it stops the robot."""
         assert self._pad is not None
         content = self._pad.read()
         if content is None:

@@ -1,4 +1,9 @@
-"""What the bytes of a terminal mean to whoever drives."""
+"""Steering by hand: bytes of keys, held keys and sticks become the target of each control step.
+
+Nothing here has a clock or reads a device: the caller passes the time. A demand lasts only a short time after
+the last event that made it, since a terminal signals a held key by repeating it and in no other way; so a
+robot stops soon after its operator, terminal or network is gone.
+"""
 
 from __future__ import annotations
 
@@ -12,9 +17,24 @@ from omnimj.control.cascade.heading import wrapped
 from omnimj.errors import InputError
 from omnimj.signals import Target
 
+KEY_HOLD_TIME = 0.3
+"""Time for which a key counts as held after its last event [s]."""
+LOCKOUT_AFTER_STOP = 0.5
+"""Time after a stop during which directions are ignored [s]."""
+BRAKING_DECELERATION = 1.0
+"""Least deceleration with which a demand returns to zero by itself [m/s²]."""
+TURN_ARM = 0.25
+"""Lever arm from an acceleration limit to one of the yaw rate: distance of the wheels [m]."""
+MAX_HEADING_LEAD = 0.2
+"""Largest difference between planned heading and heading of the robot [rad]."""
+STICK_TIMEOUT = 2.0
+"""Time without events after which a gamepad counts as out of range [s]."""
+MAX_SPEED, MAX_YAW_RATE, MAX_ACCELERATION, MAX_HOLD_TIME = 1.0, 2.0, 1.0, 1.0
+"""Largest admissible limits: m/s, rad/s, m/s², s."""
+
 
 class Key(enum.Enum):
-    """What a key asks for."""
+    """Meaning of a key."""
 
     FORWARD = "forward"
     BACK = "back"
@@ -23,14 +43,14 @@ class Key(enum.Enum):
     TURN_LEFT = "turn left"
     TURN_RIGHT = "turn right"
     STOP = "stop"
-    """Space, and every key that means nothing else: whoever hits a wrong key wants the robot to stand."""
+    """Space, and every key without another meaning: a wrong key stops the robot."""
     END = "end"
 
 
 DIRECTIONS = frozenset(
     (Key.FORWARD, Key.BACK, Key.LEFT, Key.RIGHT, Key.TURN_LEFT, Key.TURN_RIGHT)
 )  # fmt: skip
-"""Keys that ask for motion."""
+"""Keys that demand motion."""
 KEYS_HELP = "w s ahead and back, a d sideways, ← → turn (or j l), space or any other key stops, q ends"
 
 _LETTERS = {
@@ -44,14 +64,24 @@ _LETTERS = {
 }
 _ARROWS = {"A": Key.FORWARD, "B": Key.BACK, "D": Key.TURN_LEFT, "C": Key.TURN_RIGHT}
 _ESCAPE = 0x1B
-_ESCAPE_TIMEOUT = 0.05  # [s] for the rest of an arrow key, which comes in one piece or nearly so
+_ESCAPE_TIMEOUT = 0.05  # [s] for the rest of an arrow key, which arrives in one piece or nearly so
 _LONGEST_SEQUENCE = 8  # bytes of one key
+
+# axis (0: x ahead, 1: y left, 2: yaw, counter-clockwise) and sign
+_KEY_AXES = {
+    Key.FORWARD: (0, 1.0),
+    Key.BACK: (0, -1.0),
+    Key.LEFT: (1, 1.0),
+    Key.RIGHT: (1, -1.0),
+    Key.TURN_LEFT: (2, 1.0),
+    Key.TURN_RIGHT: (2, -1.0),
+}
 
 
 class KeyReader:
-    """Cuts a terminal's bytes into keys; arrow keys are three bytes and may come in pieces.
+    """Splits the bytes of a terminal into keys; arrow keys are three bytes and may arrive in pieces.
 
-    Holds one unfinished key at most, and that only for a short time.
+    Holds at most one unfinished key, and only for a short time.
     """
 
     def __init__(self) -> None:
@@ -59,11 +89,11 @@ class KeyReader:
         self._since = 0.0
 
     def feed(self, now: float, content: bytes) -> list[Key]:
-        """The keys that end in these bytes.
+        """Keys that end in these bytes.
 
         Args:
-          now: On any clock that only goes forward [s].
-          content: What the terminal gave; nothing is a way to say that time has passed.
+          now: Time on a monotonic clock [s].
+          content: Bytes of the terminal; may be empty, to let time pass.
         """
         found = []
         if self._begun and not content and now - self._since > _ESCAPE_TIMEOUT:
@@ -83,7 +113,7 @@ class KeyReader:
 
 
 def _first_key(content: bytes) -> tuple[Key, int]:
-    """The first key and its length; length 0: its end is still to come."""
+    """First key and its length in bytes; length 0 when its end has not arrived yet."""
     if content[0] != _ESCAPE:
         return _LETTERS.get(chr(content[0]).lower(), Key.STOP), 1
     if len(content) == 1:
@@ -96,46 +126,18 @@ def _first_key(content: bytes) -> tuple[Key, int]:
     return (Key.STOP, 0) if len(content) < _LONGEST_SEQUENCE else (Key.STOP, len(content))
 
 
-# From keys and sticks to the target of one control step: held keys, dead man's rule, ramps, limits.
-
-KEY_HOLD_TIME = 0.3
-"""How long a key counts as held after its last event [s]."""
-LOCKOUT_AFTER_STOP = 0.5
-"""After a stop no direction is listened to for this long: what was typed with it is not meant [s]."""
-BRAKING_DECELERATION = 1.0
-"""The least acceleration with which a demand goes to zero by itself [m/s²]."""
-TURN_ARM = 0.25
-"""Length that makes an acceleration of turning of one of driving: where the wheels sit [m]."""
-MAX_HEADING_LEAD = 0.2
-"""By how much the planned heading may part from the robot's [rad]."""
-STICK_TIMEOUT = 2.0
-"""A stick that has sent nothing for so long is taken for one out of reach [s]."""
-MAX_SPEED, MAX_YAW_RATE, MAX_ACCELERATION, MAX_HOLD_TIME = 1.0, 2.0, 1.0, 1.0
-"""Largest limits that may be asked for: m/s, rad/s, m/s², s."""
-
-# x ahead, y left, turn counter-clockwise
-_KEY_AXES = {
-    Key.FORWARD: (0, 1.0),
-    Key.BACK: (0, -1.0),
-    Key.LEFT: (1, 1.0),
-    Key.RIGHT: (1, -1.0),
-    Key.TURN_LEFT: (2, 1.0),
-    Key.TURN_RIGHT: (2, -1.0),
-}
-
-
 @dataclass(frozen=True, slots=True)
 class SteeringLimits:
-    """How fast and how hard a robot may be driven by hand."""
+    """Limits of a drive by hand."""
 
     speed: float = 0.3
     """[m/s]"""
     turn: float = 0.6
     """[rad/s]"""
     acceleration: float = 0.5
-    """[m/s²]; of turning it is this over `TURN_ARM`."""
+    """[m/s²]; divided by `TURN_ARM` for the yaw rate."""
     hold: float = KEY_HOLD_TIME
-    """How long a key counts as held after its last event [s]."""
+    """Time for which a key counts as held after its last event [s]."""
 
     def __post_init__(self) -> None:
         for option, value, most in (
@@ -150,89 +152,93 @@ class SteeringLimits:
 
 @dataclass(frozen=True, slots=True)
 class StickState:
-    """How a gamepad's sticks stand, each −1…1."""
+    """Positions of a gamepad's sticks, each −1…1."""
 
     forward: float = 0.0
     left: float = 0.0
     turn: float = 0.0
     """Counter-clockwise."""
     held: bool = False
-    """The dead man's button."""
+    """Whether the dead man's button is held."""
 
 
 _NEUTRAL_STICK = StickState()
 
 
 class Steering:
-    """`on_key`, `on_stick` and `stop` when something happens; `target` once in every control step."""
+    """Turns events into targets: `on_key`, `on_stick`, `stop` on events, `target` once per control step."""
 
     def __init__(self, limits: SteeringLimits):
         self._limits = limits
         self._events: list[tuple[float, float]] = [(-math.inf, 0.0)] * 3  # time and sign, by axis
         self._stick, self._stick_time = _NEUTRAL_STICK, -math.inf
-        self._deaf_until = -math.inf
-        self._must_let_go = False  # of the dead man's button, after a stop
+        self._ignore_until = -math.inf
+        self._needs_release = False  # of the dead man's button, after a stop
         self._twist = (0.0, 0.0, 0.0)
         self._planned = math.nan
 
     @property
     def twist(self) -> tuple[float, float, float]:
-        """What is asked for now, body frame: m/s ahead, m/s to the left, rad/s counter-clockwise."""
+        """Current demand in the body frame: m/s ahead, m/s to the left, rad/s counter-clockwise."""
         return self._twist
 
     def on_key(self, now: float, key: Key) -> None:
-        """One event of a key; of a direction the newest counts, so back takes forward's place.
+        """Takes one event of a key; the newest direction of an axis counts, so that back replaces forward.
 
         Args:
-          now: On a clock that only goes forward [s].
-          key: What it asks for; `END` stops, too.
+          now: Time on a monotonic clock [s].
+          key: Its meaning; `END` stops, too.
         """
         if key not in DIRECTIONS:
             self.stop(now)
-        elif now >= self._deaf_until:
+        elif now >= self._ignore_until:
             axis, sign = _KEY_AXES[key]
             self._events[axis] = now, sign
 
     def on_stick(self, now: float, stick: StickState) -> None:
-        """A gamepad has said something. Keys that are held go before it.
+        """Takes the state of a gamepad; held keys take precedence.
 
-        After a stop its dead man's button counts when it has been let go and pressed anew.
+        After a stop the dead man's button must be released and pressed again.
+
+        Args:
+          now: Time on the same clock [s].
+          stick: The sticks' positions.
         """
-        self._must_let_go &= stick.held
-        if not self._must_let_go:
+        self._needs_release &= stick.held
+        if not self._needs_release:
             self._stick, self._stick_time = stick, now
 
     def stop(self, now: float) -> None:
-        """Asks for nothing at once, without a ramp, and is deaf to directions for a moment."""
+        """Sets the demand to zero without a ramp, and ignores directions for `LOCKOUT_AFTER_STOP`."""
         self._events = [(-math.inf, 0.0)] * 3
         self._stick, self._stick_time = _NEUTRAL_STICK, -math.inf
-        self._deaf_until, self._must_let_go = now + LOCKOUT_AFTER_STOP, True
+        self._ignore_until, self._needs_release = now + LOCKOUT_AFTER_STOP, True
         self._twist = (0.0, 0.0, 0.0)
 
-    def target(self, now: float, period: float, heading: float, pace: float = 1.0) -> Target:
-        """The target of one control step.
+    def target(self, now: float, period: float, heading: float, time_scaling: float = 1.0) -> Target:
+        """Target of one control step.
 
-        While nothing is asked for, the planned heading is the robot's own, so that nothing turns a robot
-        back that was turned by hand.
+        At zero demand the planned heading is the robot's own, so that a robot that was turned by hand is not
+        turned back.
 
         Args:
-          now: On the same clock as the events [s].
-          period: That the target is held for [s].
-          heading: Of the robot, as the controller believes [rad].
-          pace: Share of the demand that recovery allows, 0…1.
+          now: Time on the same clock as the events [s].
+          period: Time for which the target is held [s].
+          heading: The controller's estimate of the robot's heading [rad].
+          time_scaling: Share of the demanded speed that recovery allows, 0…1.
         """
-        self._ramp(self._wanted(now), period)
-        forward, left, turn = (pace * part for part in self._twist)
+        self._ramp(self._demand(now), period)
+        forward, left, turn = (time_scaling * part for part in self._twist)
         if forward == left == turn == 0.0 or not math.isfinite(self._planned):
             self._planned = heading
-        # within reach of the robot: a plan that has run away would swing it about
+        # bounded lead: a planned heading far ahead would spin the robot
         off = wrapped(self._planned + turn * period - heading)
         self._planned = heading + min(max(off, -MAX_HEADING_LEAD), MAX_HEADING_LEAD)
         c, s = math.cos(heading), math.sin(heading)
         return Target(np.array((c * forward - s * left, s * forward + c * left)), turn, self._planned)
 
-    def _wanted(self, now: float) -> tuple[float, float, float]:
-        """Twist that is asked for at this instant, within the limits."""
+    def _demand(self, now: float) -> tuple[float, float, float]:
+        """Demanded twist at this instant, within the limits."""
         limits = self._limits
         x, y, turn = (sign if now - at <= limits.hold else 0.0 for at, sign in self._events)
         if x == y == turn == 0.0 and self._stick.held and now - self._stick_time <= STICK_TIMEOUT:
@@ -240,17 +246,17 @@ class Steering:
                 min(max(part, -1.0), 1.0)
                 for part in (self._stick.forward, self._stick.left, self._stick.turn)
             )
-        much = limits.speed / max(1.0, math.hypot(x, y))
-        return x * much, y * much, turn * limits.turn
+        scale = limits.speed / max(1.0, math.hypot(x, y))
+        return x * scale, y * scale, turn * limits.turn
 
-    def _ramp(self, wanted: tuple[float, float, float], period: float) -> None:
-        """Moves the twist towards what is wanted; to zero at least as fast as `BRAKING_DECELERATION`."""
-        hard = self._limits.acceleration
-        (x, y, turn), (to_x, to_y, to_turn) = self._twist, wanted
-        rise = hard if to_x or to_y else max(hard, BRAKING_DECELERATION)
-        spin = (hard if to_turn else max(hard, BRAKING_DECELERATION)) / TURN_ARM
-        way = math.hypot(to_x - x, to_y - y)
-        share = min(1.0, rise * period / way) if way > 0.0 else 1.0
+    def _ramp(self, demand: tuple[float, float, float], period: float) -> None:
+        """Moves the twist towards the demand; towards zero at least at `BRAKING_DECELERATION`."""
+        usual = self._limits.acceleration
+        (x, y, turn), (to_x, to_y, to_turn) = self._twist, demand
+        rise = usual if to_x or to_y else max(usual, BRAKING_DECELERATION)
+        spin = (usual if to_turn else max(usual, BRAKING_DECELERATION)) / TURN_ARM
+        change = math.hypot(to_x - x, to_y - y)
+        share = min(1.0, rise * period / change) if change > 0.0 else 1.0
         step = min(max(to_turn - turn, -spin * period), spin * period)
         x, y = (to_x, to_y) if share == 1.0 else (x + share * (to_x - x), y + share * (to_y - y))
         self._twist = x, y, (to_turn if abs(to_turn - turn) <= spin * period else turn + step)

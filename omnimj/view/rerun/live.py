@@ -19,6 +19,7 @@ from omnimj.plant.faults import fault_record
 from omnimj.plant.interface import Plant
 from omnimj.signals import Reference, Trace
 from omnimj.simulate.detectors import make_detector
+from omnimj.simulate.loop import Callbacks
 from omnimj.simulate.run import RunResult
 from omnimj.simulate.scenario.drive import Drive
 from omnimj.simulate.scenario.scenario import Scenario
@@ -70,8 +71,13 @@ class LiveRun:
         self._rows = 0
         self._mj_model: Any = None
 
+    @property
+    def callbacks(self) -> Callbacks:
+        """Callbacks for `run_scenario`."""
+        return Callbacks(snapshot=self.snapshot, rows=self.rows, start=self.start)
+
     def start(self, _plant: Plant) -> None:
-        """Shows the machine in its place before the first step (`on_start`)."""
+        """Shows the machine in its place before the first step (`start`)."""
         self._begin(None if self._plan is None else self._plan.position)
 
     def _begin(self, planned: Array | None) -> None:
@@ -101,9 +107,7 @@ class LiveRun:
     def rows(self, names: tuple[str, ...], table: Array) -> None:
         """Sends the newest rows and the poses of their time (`rows`)."""
         columns = dict(zip(names, table.T, strict=True))
-        first, self._rows = self._rows, self._rows + len(table)
-        if self._plan is not None:
-            columns["target_heading"] = self._plan.heading[first : self._rows]
+        self._rows += len(table)
         if self._spectator.is_open:
             self._run.add(Trace(columns), self._batch())
 

@@ -212,7 +212,7 @@ def test_no_measurement_stops_a_recovery_and_its_currents_stay_within_limits(wro
                 seen = corrupted(seen, part, value, place)
         command, state = controller.step(state, seen, target)
         assert np.all(np.abs(command.current) <= ROBOT.control.current_limit)
-        assert 0.0 <= state.pace <= 1.0
+        assert 0.0 <= state.time_scaling <= 1.0
         assert state.recovery is not None
         assert np.all(np.isfinite(state.recovery.log))
         measurement = plant.step(command)

@@ -27,21 +27,21 @@ class Hands:
     def __init__(self, typed, steps):
         self.steering, self.typed, self.steps, self.k = Steering(SteeringLimits()), typed, steps, 0
 
-    def target(self, heading, pace):
+    def target(self, heading, time_scaling):
         if self.k == self.steps:
             return None
         for key in self.typed.get(self.k, ()):
             self.steering.on_key(self.k * H, key)
         self.k += 1
-        return self.steering.target((self.k - 1) * H, H, heading, pace)
+        return self.steering.target((self.k - 1) * H, H, heading, time_scaling)
 
 
-def by_hand(typed, steps, kept=100_000, floor="natural_stone", **watch):
+def by_hand(typed, steps, kept=100_000, floor="natural_stone", **callbacks):
     scenario = free_drive(floor)
     plant, recent = make_plant(scenario, "planar", 1), RowBuffer(kept)
     controller = make_diagnosing_controller(scenario, make_detector("robust", scenario))
     hands = Hands(typed, steps)
-    driven = drive_by_hand(plant, controller, hands, TeleopCallbacks(rows=(recent.add,), **watch))
+    driven = drive_by_hand(plant, controller, hands, TeleopCallbacks(rows=(recent.add,), **callbacks))
     plant.close()
     return driven, recent.trace({})
 

@@ -141,7 +141,7 @@ def test_recovery_may_slow_everything_down():
     for which in (Key.LEFT, Key.TURN_LEFT):
         steering.on_key(0.0, which)
     for k in range(200):
-        target = steering.target(k * H, H, 0.0, pace=0.5)
+        target = steering.target(k * H, H, 0.0, time_scaling=0.5)
     assert target.velocity == pytest.approx((0.0, 0.5 * steering.twist[1]))
     assert target.yaw_rate == pytest.approx(0.5 * steering.twist[2])
 

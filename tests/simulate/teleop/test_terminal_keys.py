@@ -101,7 +101,7 @@ class Fingers:
 
 def driven_by(fingers, duration, pad=None):
     steering = Steering(SteeringLimits())
-    operator = Operator(steering, 0.001, fingers, pad, clock=lambda: fingers.now, told=lambda: "fine")
+    operator = Operator(steering, 0.001, fingers, pad, clock=lambda: fingers.now, status=lambda: "fine")
     speeds = []
     while fingers.now < duration and operator.target(0.0, 1.0) is not None:
         speeds.append(steering.twist[0])
