@@ -243,9 +243,10 @@ class ThreeSteps:
 def test_each_row_is_yielded_before_the_plant_steps_and_a_short_table_is_used_again():
     plant, policy, table = CountingRig(), ThreeSteps(), np.full((2, 3), np.nan)
     assert column_names(plant, policy) == ("time", "carriage_position", "left")
-    seen = []
-    for done in steps(plant, policy, plant.reset(), table):
-        seen.append((done, len(plant.got), table[(done - 1) % 2].tolist()))
+    seen = [
+        (done, len(plant.got), table[(done - 1) % 2].tolist())
+        for done in steps(plant, policy, plant.reset(), table)
+    ]
     assert seen == [(1, 0, [0.0, 0.5, 3.0]), (2, 1, [0.001, 1.5, 2.0]), (3, 2, [0.002, 2.5, 1.0])]
     assert plant.got == [2.0, 1.0, 0.0]
 

@@ -193,7 +193,7 @@ class GamepadReader:
     def feed(self, content: bytes) -> tuple[StickState, bool]:
         """State of the sticks after these events, and whether a stop button was pressed.
 
-        A dead man's button that was held when the gamepad was opened does not count until it is pressed again.
+        A dead man's button that was held when the gamepad was opened counts only when it is pressed again.
         """
         content = self._rest + content
         whole = len(content) // _EVENT.size * _EVENT.size
