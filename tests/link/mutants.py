@@ -22,15 +22,13 @@ from pathlib import Path
 
 HERE = Path(__file__).parent
 ROOM = HERE.parent.parent / "omnimj" / "link"
-DEVICE = ("test_device_limits.py", "test_device_arming.py", "test_device_commands.py")
+DEVICE = ("device/test_device_limits.py", "device/test_device_arming.py", "device/test_device_commands.py")
 TARGETS = {
-    "device_limits.py": DEVICE,
-    "budget.py": DEVICE,
-    "device.py": (*DEVICE[1:], "test_device_any_order.py"),
-    "voice.py": (*DEVICE[1:], "test_device_any_order.py"),
-    "host.py": ("test_host.py",),
-    "link_quality.py": ("test_host.py", "test_link_quality.py"),
-    "handshake.py": ("test_host.py",),
+    "device/limits.py": DEVICE,
+    "device/state_machine.py": (*DEVICE[1:], "device/test_device_any_order.py"),
+    "device/config.py": ("host/test_host.py",),
+    "host/state_machine.py": ("host/test_host.py",),
+    "quality.py": ("host/test_host.py", "host/test_link_quality.py"),
 }
 LONGEST = 60  # [s]: a mutant that runs for ever has been noticed
 
@@ -153,7 +151,7 @@ def noticed(name: str, source: str, tests: tuple[str, ...]) -> bool:
         try:
             import pytest
 
-            sys.meta_path.insert(0, Overlay(f"omnimj.link.{name[:-3]}", source))
+            sys.meta_path.insert(0, Overlay("omnimj.link." + name[:-3].replace("/", "."), source))
             files = [str(HERE / test) for test in tests]
             quiet = ["-W", "ignore::pytest.PytestAssertRewriteWarning"]  # hypothesis is loaded already
             with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):

@@ -1,4 +1,4 @@
-"""A device on the bench: a host's hand on the wire, a clock that is moved by hand, three wheels."""
+"""Drives a device in a test: the host's frames, a clock that is moved by hand, three wheels."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ CHANNELS = tuple(ChannelKind(Quantity.WHEEL_SPEED, wheel, Raw.VOLTS) for wheel i
 ZERO = (0.0, 0.0, 0.0)
 
 
-class Bench:
+class DeviceDriver:
     """Talks to a device as its host does; every frame that the device says is kept in `said`."""
 
     def __init__(self, lock_step=False, keyed=False, limits=LIMITS, start=0.0, sessions=None):
@@ -92,7 +92,7 @@ class Bench:
         }
         return self.give(Arm(**{**facts, **changed}))
 
-    def armed(self) -> Bench:
+    def armed(self) -> DeviceDriver:
         """Through hello, telemetry, zero command and arm."""
         self.hello()
         self.tick()
@@ -101,7 +101,7 @@ class Bench:
         assert self.device.armed
         return self
 
-    def driving(self, currents=(0.5, -0.25, 0.125), **rest) -> Bench:
+    def driving(self, currents=(0.5, -0.25, 0.125), **rest) -> DeviceDriver:
         """Armed, and currents flow."""
         self.armed()
         assert self.command(currents, **rest) == ()

@@ -1,6 +1,6 @@
 """Writes the generated parts of `PROTOCOL.md` from the table of messages.
 
-Run as `python tests/link/make_protocol_tables.py` after a change of `omnimj/link/codec/layout.py`.
+Run as `python tests/link/codec/make_protocol_tables.py` after a change of `omnimj/link/codec/layout.py`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The bench check on a simulated robot whose wiring is wrong: it says what, and is silent when nothing is."""
+"""The wiring check on a simulated robot: every defect is named, and a robot without one passes."""
 
 from __future__ import annotations
 

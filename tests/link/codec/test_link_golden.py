@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 from cobs import cobs
-from link_frames import KEY, SECRET, told
 from make_golden_frames import PATH, golden
+from sample_frames import KEY, SECRET, told
 
 import omnimj.link
 from omnimj.link.codec.frames import decode

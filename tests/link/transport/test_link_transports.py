@@ -9,7 +9,7 @@ import time
 
 import pytest
 from cobs import cobs
-from link_frames import GOLDEN
+from sample_frames import GOLDEN
 
 from omnimj.errors import InputError
 from omnimj.link.codec.frames import encode

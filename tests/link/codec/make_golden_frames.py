@@ -1,6 +1,6 @@
 """Writes `golden_frames.json` anew: only where the protocol has been changed on purpose.
 
-Run as `PYTHONPATH=. python tests/link/make_golden_frames.py`, then look at what differs.
+Run as `PYTHONPATH=tests/link python tests/link/codec/make_golden_frames.py`, then look at what differs.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-from link_frames import GOLDEN, KEY, SECRET, told
+from sample_frames import GOLDEN, KEY, SECRET, told
 
 from omnimj.link.codec.frames import encode
 from omnimj.link.codec.layout import SCHEMA, SCHEMA_TEXT

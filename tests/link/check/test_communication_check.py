@@ -1,4 +1,4 @@
-"""Rates, silence and stop as the bench check sees them, in simulated time."""
+"""Rates, silence and stop as the link check measures them, in simulated time."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from link_frames import GOLDEN, KEY, LIMITS, ROBOT, frames, told
+from sample_frames import GOLDEN, KEY, LIMITS, ROBOT, frames, told
 
 from omnimj.bench.link import codec_times
 from omnimj.errors import InputError

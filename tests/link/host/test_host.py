@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 import pytest
-from device_bench import CALIBRATION_HASH, CHANNELS, LIMITS, PERIOD, ZERO
+from device_driver import CALIBRATION_HASH, CHANNELS, LIMITS, PERIOD, ZERO
 
 from omnimj.errors import LinkLost, OmnimjError
 from omnimj.link.codec.messages import (

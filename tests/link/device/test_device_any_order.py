@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from device_bench import CALIBRATION_HASH, LIMITS, PERIOD, ZERO, Bench
+from device_driver import CALIBRATION_HASH, LIMITS, PERIOD, ZERO, DeviceDriver
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
@@ -38,37 +38,37 @@ class AnyOrder(RuleBasedStateMachine):
 
     def __init__(self):
         super().__init__()
-        self.bench = Bench()
+        self.driver = DeviceDriver()
         self.asked_to_arm = False  # since the last stop, fault or hello
         self.last = None  # the last command that was taken, and when
         self.stored = []
 
     @property
     def device(self):
-        return self.bench.device
+        return self.driver.device
 
     def send(self, message, **header):
         """Sends and keeps the account."""
         before = self.device.dropped, self.device.refused
-        frame = self.bench.frame(message, **header)
+        frame = self.driver.frame(message, **header)
         self.stored.append(frame)
-        self.account(message, self.bench.deliver(frame), before)
+        self.account(message, self.driver.deliver(frame), before)
 
     def account(self, message, answer, before):
         for said in answer:
             if isinstance(said.message, Fault) and said.message.latched:
                 self.asked_to_arm, self.last = False, None
             if isinstance(said.message, Capabilities) and said.session != 0:
-                self.bench.session = said.session
+                self.driver.session = said.session
                 if said.sequence == 1:
-                    self.bench.sequence, self.asked_to_arm, self.last = 0, False, None
+                    self.driver.sequence, self.asked_to_arm, self.last = 0, False, None
         taken = before == (self.device.dropped, self.device.refused)
         if isinstance(message, Stop):
             self.asked_to_arm, self.last = False, None
         elif isinstance(message, Arm) and taken:
             self.asked_to_arm = True
         elif isinstance(message, Command) and taken:
-            self.last = message, self.bench.now
+            self.last = message, self.driver.now
 
     @rule(nonce=st.integers(1, 3))
     def hello(self, nonce):
@@ -76,8 +76,8 @@ class AnyOrder(RuleBasedStateMachine):
 
     @rule()
     def arm_rightly(self):
-        told = [f.sequence for f in self.bench.said if isinstance(f.message, Telemetry)]
-        self.send(Arm(self.bench.limits_hash, CALIBRATION_HASH, told[-1] if told else 0))
+        told = [f.sequence for f in self.driver.said if isinstance(f.message, Telemetry)]
+        self.send(Arm(self.driver.limits_hash, CALIBRATION_HASH, told[-1] if told else 0))
 
     @rule()
     def drive_as_a_good_host_does(self):
@@ -93,7 +93,7 @@ class AnyOrder(RuleBasedStateMachine):
 
     @rule(limits=st.booleans(), calibration=st.booleans(), telemetry=st.integers(0, 5))
     def arm_somehow(self, limits, calibration, telemetry):
-        self.send(Arm(self.bench.limits_hash ^ limits, CALIBRATION_HASH ^ calibration, telemetry))
+        self.send(Arm(self.driver.limits_hash ^ limits, CALIBRATION_HASH ^ calibration, telemetry))
 
     @rule()
     def zero(self):
@@ -109,7 +109,7 @@ class AnyOrder(RuleBasedStateMachine):
 
     @rule(currents=st.tuples(QUIET, QUIET, QUIET), shift=st.integers(-3, 0))
     def old_command(self, currents, shift):
-        self.send(Command(currents, 0.0625), sequence=max(0, self.bench.sequence + shift))
+        self.send(Command(currents, 0.0625), sequence=max(0, self.driver.sequence + shift))
 
     @rule(currents=st.tuples(QUIET, QUIET, QUIET), session=st.integers(0, 2))
     def foreign_command(self, currents, session):
@@ -119,7 +119,7 @@ class AnyOrder(RuleBasedStateMachine):
     @rule(back=st.integers(1, 12))
     def replay(self, back):
         frame, before = self.stored[-min(back, len(self.stored))], (self.device.dropped, self.device.refused)
-        self.account(frame.message, self.bench.deliver(frame), before)
+        self.account(frame.message, self.driver.deliver(frame), before)
 
     @rule()
     def stop(self):
@@ -140,21 +140,21 @@ class AnyOrder(RuleBasedStateMachine):
 
     @rule()
     def broken(self):
-        self.device.on_invalid_packet(self.bench.now)
+        self.device.on_invalid_packet(self.driver.now)
 
     @rule(periods=st.sampled_from([1, 1, 1, 2, 30, 70]))
     def wait(self, periods):
         for _ in range(periods):
-            self.account(None, self.bench.tick(), (-1, -1))
+            self.account(None, self.driver.tick(), (-1, -1))
 
     @rule(part=st.sampled_from([0.25, 0.5, 1.5]))
     def wait_between_ticks(self, part):
-        self.bench.now += part * PERIOD
+        self.driver.now += part * PERIOD
 
     @rule(speed=st.sampled_from([0.0, 40.0, -41.0, math.nan]))
     def turn(self, speed):
         armed = self.device.armed
-        self.account(None, self.bench.tick((0.0, speed, 0.0)), (-1, -1))
+        self.account(None, self.driver.tick((0.0, speed, 0.0)), (-1, -1))
         assert not (armed and self.device.armed and not abs(speed) <= LIMITS.wheel_speed)
 
     @invariant()
@@ -169,11 +169,11 @@ class AnyOrder(RuleBasedStateMachine):
 
     @invariant()
     def what_flows_after_a_tick_is_valid(self):
-        at_tick = self.bench.said and self.bench.said[-1].time == round(self.bench.now * 1e6)
+        at_tick = self.driver.said and self.driver.said[-1].time == round(self.driver.now * 1e6)
         if at_tick and self.device.armed:
             assert self.last is not None
             command, came = self.last
-            assert self.bench.now - came <= command.valid_for
+            assert self.driver.now - came <= command.valid_for
 
     @invariant()
     def a_latched_fault_means_no_current(self):
@@ -183,8 +183,8 @@ class AnyOrder(RuleBasedStateMachine):
 
     @invariant()
     def telemetry_says_how_it_is(self):
-        if self.bench.said and isinstance(self.bench.said[-1].message, Telemetry):
-            status = self.bench.said[-1].message.status
+        if self.driver.said and isinstance(self.driver.said[-1].message, Telemetry):
+            status = self.driver.said[-1].message.status
             assert (Status.CURRENT_FLOWS in status) <= (Status.ARMED in status)
             assert not (Status.FAULT in status and Status.ARMED in status)
 

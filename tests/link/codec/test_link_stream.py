@@ -6,7 +6,7 @@ import random
 
 from hypothesis import given
 from hypothesis import strategies as st
-from link_frames import GOLDEN, KEY, frames, told
+from sample_frames import GOLDEN, KEY, frames, told
 
 from omnimj.link.codec.frames import encode
 from omnimj.link.codec.layout import DropReason
