@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from omnimj.diagnosis.replay import DiagnosisConfig, RunDiagnosis
     from omnimj.parameters.floor import Floor
     from omnimj.recording.dataset import Dataset
+    from omnimj.view.report.diagnosis import RunSection
 
 HELP = "say what is broken in recorded runs of the robot or the rig, without any plant"
 EXAMPLE = """examples:
@@ -117,7 +118,7 @@ def _recorded(arguments: Any, floors: Mapping[str, Floor]) -> Dataset | None:
     return dataset
 
 
-def _diagnose(arguments: Any, order: DiagnosisConfig) -> tuple[list[RunDiagnosis], list[str], bool]:
+def _diagnose(arguments: Any, order: DiagnosisConfig) -> tuple[list[RunDiagnosis], list[RunSection], bool]:
     """Each run's trace is written as soon as it is there; of the others nothing is kept but what was said."""
     from omnimj.diagnosis.logs import make_detector
     from omnimj.diagnosis.replay import diagnose
@@ -129,7 +130,7 @@ def _diagnose(arguments: Any, order: DiagnosisConfig) -> tuple[list[RunDiagnosis
     out, runs = arguments.out, order.dataset.runs
     names = make_detector(order.method, order.machine, runs[0], order.floors).log_names
     found: list[RunDiagnosis] = []
-    sections: list[str] = []
+    sections: list[RunSection] = []
     try:
         with ProgressBar() as bar:
             for one in diagnose(order, bar.show):

@@ -55,7 +55,7 @@ def write_outputs(
     """
     from omnimj.estimate.gap.files import digest, write_digest
     from omnimj.recording.folder import atomic_file, make_folder
-    from omnimj.view.report.gap.report import write_gap_report
+    from omnimj.view.report.gap import write_gap_report
     from omnimj.view.rerun.before_after import write_before_after
 
     make_folder(folder, force, FILES)
@@ -166,7 +166,7 @@ def _format_gaps(finding: Finding) -> str:
 
 def _format_next(finding: Finding) -> str:
     from omnimj.estimate.gap import sentences
-    from omnimj.view.report.gap.finding_tables import format_conditions
+    from omnimj.view.report.finding_tables import format_conditions
 
     lines = [f"next: {sentences.next_step(finding)}"]
     if finding.next_experiment:

@@ -54,7 +54,7 @@ def plain_views(monkeypatch):
     def touch(path: Path, *_: object) -> None:
         path.touch()
 
-    monkeypatch.setattr("omnimj.view.report.gap.report.write_gap_report", touch)
+    monkeypatch.setattr("omnimj.view.report.gap.write_gap_report", touch)
     monkeypatch.setattr("omnimj.view.rerun.before_after.write_before_after", touch)
 
 

@@ -125,7 +125,7 @@ def test_a_comparison_where_there_is_no_other_method_is_refused(capsys, tmp_path
 def test_a_report_sets_the_methods_side_by_side(capsys, tmp_path):
     assert called(capsys, *QUICK, "--compare", "--out", str(tmp_path / "run"))[0] == 0
     page = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
-    for words in ("With other methods", "What was diagnosed", "Courses", "Paths", "trace_off.parquet"):
+    for words in ("Comparison of methods", "Diagnosis", "Courses", "Paths", "trace_off.parquet"):
         assert words in page
 
 

@@ -17,7 +17,7 @@ from test_report import Page
 from omnimj.estimate.gap.files import digest
 from omnimj.estimate.gap.records import ChannelGap, Finding, MismatchRegime, NamedEffect
 from omnimj.view.plots import candidates, mismatch
-from omnimj.view.report.gap.report import write_gap_report
+from omnimj.view.report.gap import write_gap_report
 
 _NUMBER = re.compile(r"(?<![\w.])[−-]?\d+(?:\.\d+)?(?:e[−-]?\d+)?(?![\w.])")
 
@@ -107,8 +107,8 @@ def test_the_story_goes_from_the_verdict_to_how_it_was_done(pages, name):
     text = page.text
     finding = FINDINGS[name]()
     amount = "How much smaller" if finding.effects else "How large"
-    order = ["Gap of", "Was the data in order?", "Where the gap is", "What is missing"]
-    order += ["Parameters that were uncertain", "How sure", amount, "What next", "How it was done"]
+    order = ["Gap of", "Data check", "Where the gap is", "Missing effects"]
+    order += ["Uncertain parameters", "How sure", amount, "Next step", "Method"]
     places = [text.index(words, 0) if k == 0 else text.rindex(words) for k, words in enumerate(order)]
     assert places == sorted(places)
     for effect in finding.effects:
@@ -190,7 +190,7 @@ def bare(finding: Finding) -> Finding:
 @pytest.mark.parametrize("name", ["named", "no_gap", "unexplained"])
 def test_a_finding_with_next_to_nothing_in_it_has_a_report_too(page_path, name):
     write_gap_report(page_path, bare(FINDINGS[name]()))
-    assert "How it was done" in Page(page_path).text
+    assert "Method" in Page(page_path).text
 
 
 def test_masked_blocks_and_a_silent_channel_do_not_break_the_report(page_path):

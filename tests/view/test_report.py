@@ -127,7 +127,7 @@ def test_a_robots_run_has_all_its_figures_and_the_picture(robot_page):
     assert robot_page.tags.count("img") == 1
     for words in (
         "Path",
-        "Heading and place",
+        "Heading and position",
         "Wheel speeds",
         "Slip velocity",
         "Traction",
@@ -137,6 +137,14 @@ def test_a_robots_run_has_all_its_figures_and_the_picture(robot_page):
     ):
         assert words in robot_page.text
     assert "Rendered by MuJoCo (osmesa)" in robot_page.text
+
+
+def test_without_a_picture_the_report_says_how_to_get_one(
+    page_path, robot_trace, robot_scenario, robot_metrics
+):
+    write_report(page_path, robot_trace, robot_scenario, robot_metrics, Picture(None, "", "the robot"))
+    page = Page(page_path)
+    assert "img" not in page.tags and "MUJOCO_GL=osmesa" in page.text
 
 
 def test_faults_and_diagnoses_are_told_in_words(robot_page):
@@ -151,7 +159,7 @@ def test_a_run_that_was_broken_off_says_so_at_the_top(
     told = {**robot_metrics, "interrupted": True, "failure": failure, "duration": 3.1}
     write_report(page_path, robot_trace, robot_scenario, told)
     words = " ".join(Page(page_path).words)
-    assert f"Broken off: {failure or 'interrupted at 3.1 s'}" in words
+    assert f"Ended early: {failure or 'interrupted at 3.1 s'}" in words
 
 
 def test_the_rigs_report_has_its_own_figures(page_path, rig_trace, rig_scenario, rig_metrics):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import re
 
 import numpy as np
 import pytest
@@ -26,41 +25,41 @@ from omnimj.view.residuals import families
 from omnimj.view.wording import Span, diagnosis_spans, fault_spans, mode_name
 
 
-def words(section: str) -> str:
-    """The text of a part of a page without its figures."""
-    return " ".join(re.sub(r"<svg.*?</svg>|<[^>]*>", " ", section, flags=re.DOTALL).split())
-
-
-def told(trace, scenario, metrics) -> str:
-    return words(diagnosis_section(trace, scenario, metrics, fault_spans(metrics, 10.0)))
+def section_text(trace, scenario, metrics) -> str:
+    """The verdict and the cells of the section."""
+    section = diagnosis_section(trace, scenario, metrics, fault_spans(metrics, 10.0))
+    rows = [] if section.table is None else section.table.rows
+    return " ".join([section.verdict, *(str(cell.text) for row in rows for cell in row if cell.text)])
 
 
 def test_truth_and_diagnosis_stand_in_one_row(robot_trace, robot_scenario, robot_metrics):
-    page = told(with_robust(robot_trace), robot_scenario, robot_metrics)
+    page = section_text(with_robust(robot_trace), robot_scenario, robot_metrics)
     assert "slip, wheel 2 (floor nylon) 3 s – 5 s slip, wheel 2 3.100 s 0.1 s 97 % nothing 5.050 s" in page
-    weak = "motor loss, wheel 3 (loss 57 %) 6.5 s – end motor loss, wheel 3 6.900 s 0.4 s 90 % slip stands"
+    weak = (
+        "motor loss, wheel 3 (loss 57 %) 6.5 s – end motor loss, wheel 3 6.900 s 0.4 s 90 % slip not cleared"
+    )
     assert weak in page
-    assert "First alarm 0.1 s after the first onset. 2 of 2 faults were named" in page
+    assert "First alarm 0.1 s after the first onset. 2 of 2 faults were diagnosed" in page
 
 
 def test_a_false_alarm_has_a_row_of_its_own_and_says_how_often(robot_trace, robot_scenario, robot_metrics):
     wrong = [said(8.0, "slip", 4, cleared=8.1), said(8.5, "slip", 4, cleared=8.6)]
     metrics = {**robot_metrics, "diagnoses": [*robot_metrics["diagnoses"], *wrong], "isolated": False}
-    page = told(with_robust(robot_trace), robot_scenario, metrics)
+    page = section_text(with_robust(robot_trace), robot_scenario, metrics)
     assert "– slip, wheel 4 (2 times) 8.000 s false alarm 98 % nothing 8.600 s" in page
-    assert "2 of 2 faults were named, but not each for itself alone. 2 false alarms." in page
+    assert "2 of 2 faults were diagnosed but not isolated. 2 false alarms." in page
 
 
 @pytest.mark.parametrize(
     ("faults", "diagnoses", "expected"),
     [
-        ([], [], "Nothing was wrong that a diagnosis has a name for, and nothing was diagnosed."),
-        ([], [said(1.0, "slip", 1)], "but there was 1 false alarm."),
+        ([], [], "no fault that the method can diagnose, and nothing was diagnosed."),
+        ([], [said(1.0, "slip", 1)], "but 1 false alarm."),
         ([{"kind": "motor", "wheel": 1, "onset": 1.0, "end": None}], [], "A fault held, and nothing was"),
         (
             [{"kind": "payload", "wheel": None, "onset": 0.0, "end": None}],
             [],
-            "no diagnosis has a name for it",
+            "outside the method's fault classes",
         ),
     ],
 )
@@ -68,14 +67,14 @@ def test_nothing_found_and_nothing_wrong_are_told_in_words(
     robot_trace, robot_scenario, robot_metrics, faults, diagnoses, expected
 ):
     metrics = {**robot_metrics, "faults": faults, "diagnoses": diagnoses, "isolated": None}
-    assert expected in told(with_robust(robot_trace), robot_scenario, metrics)
+    assert expected in section_text(with_robust(robot_trace), robot_scenario, metrics)
 
 
 def test_a_run_without_a_method_has_no_such_section(page_path, robot_trace, robot_scenario, robot_metrics):
     metrics = {**robot_metrics, "method": "off", "diagnoses": []}
     write_report(page_path, robot_trace, robot_scenario, metrics)
     page = page_path.read_text(encoding="utf-8")
-    assert "What was diagnosed" not in page and "Faults given to the plant" in page
+    assert "Diagnosis" not in page and "Faults injected into the plant" in page
 
 
 def test_every_residual_of_every_method_is_in_a_family_that_has_words():
@@ -232,7 +231,7 @@ def test_a_diagnosed_robots_report_has_all_its_figures(
     write_report(page_path, trace, robot_scenario, {**robot_metrics, "method": method})
     page = page_path.read_text(encoding="utf-8")
     assert page.count("<svg") == 8 + {"robust": 6, "published": 4}[method]
-    assert "What was diagnosed" in page and "Truth and belief" in page and "Effectiveness" in page
+    assert "Diagnosis" in page and "Truth and diagnosis" in page and "Effectiveness" in page
 
 
 def test_a_diagnosed_rigs_report_has_its_figures(page_path, rig_trace, rig_scenario, rig_metrics):
@@ -258,7 +257,7 @@ def test_runs_with_other_methods_stand_side_by_side(page_path, robot_trace, robo
     assert "path error rms" in rows
     write_report(page_path, robot_trace, robot_scenario, metrics, None, {"off": robot_trace})
     page = page_path.read_text(encoding="utf-8")
-    for expected in ("With other methods", "Courses", "Paths", "trace_off.parquet"):
+    for expected in ("Comparison of methods", "Courses", "Paths", "trace_off.parquet"):
         assert expected in page
     assert page.count("<svg") == 9 + 2
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import io
 import itertools
 import re
@@ -207,9 +208,9 @@ def svg(figure: Figure, name: str, words: str) -> str:
     Args:
       figure: What to write.
       name: Prefix of the ids within the page.
-      words: What it shows, for readers who cannot see it.
+      words: Description for screen readers.
     """
-    target = io.StringIO()
+    target, label = io.StringIO(), html.escape(words).replace("\\", r"\\")
     with matplotlib.rc_context(_SVG_STYLE):
         figure.savefig(
             target, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None}
@@ -224,7 +225,7 @@ def svg(figure: Figure, name: str, words: str) -> str:
     text = re.sub(r'="[^"]*"', lambda m: re.sub(r"(\d+\.\d{2})\d+", r"\1", m[0]), text)  # not in what is read
     text = re.sub(r"font:\s*([\d.]+px)\s*[^;\"]*", rf"font: \1 {_FONTS}", text)
     text = re.sub(
-        r'^<svg [^>]*?viewBox="([^"]*)"[^>]*>', rf'<svg viewBox="\1" role="img" aria-label="{words}">', text
+        r'^<svg [^>]*?viewBox="([^"]*)"[^>]*>', rf'<svg viewBox="\1" role="img" aria-label="{label}">', text
     )
     return re.sub(r">\s+<", "><", text).strip()
 

@@ -27,7 +27,6 @@ from omnimj.estimate.gap.sentences import format_unit, variable_words
 from omnimj.signals import Array
 from omnimj.view import palette
 from omnimj.view.plots.drawing import MIDDLE, legend, line, new_figure, time_axis, value_axis
-from omnimj.view.report.gap.finding_tables import either_sign
 
 BEFORE, AFTER, MEASURED = palette.ACCENT, palette.MEASURED, palette.INK
 RIVAL, BEATEN = palette.FAULT, "#8A939D"
@@ -204,8 +203,13 @@ def _shade(ax: Axes, finding: Finding, variable: str, place: MismatchRegime, x: 
             ax.axvspan(left, right, facecolor=palette.FAULT, alpha=0.13, linewidth=0, zorder=0)
 
 
+def either_sign(place: MismatchRegime, variable: str) -> bool:
+    """Check that a regime bounds the size of a variable, described as `(either sign)`."""
+    return place.bounds[variable][0] >= 0.0 and f"{variable_words(variable)} (either sign)" in place.regime
+
+
 def spans_of(place: MismatchRegime, variable: str) -> list[tuple[float, float]]:
-    """Where the place lies on the axis of a variable: mirrored too where the words say `(either sign)`."""
+    """Return the intervals of a regime on the axis of a variable, mirrored too for `(either sign)`."""
     low, high = place.bounds[variable]
     return [(-high, -low), (low, high)] if either_sign(place, variable) else [(low, high)]
 

@@ -1,160 +1,151 @@
-"""The part of a run's report that says what was diagnosed: truth beside diagnosis, and the plots."""
+"""The part of a run's report about diagnosis: truth beside diagnosis, and the plots behind it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
-
-from matplotlib.figure import Figure
 
 from omnimj.parameters import Rig
 from omnimj.signals import Trace
 from omnimj.simulate.judging import DiagnosisGroup, DiagnosisMatching, FaultMatch, match_diagnoses
 from omnimj.view import wording
-from omnimj.view.plots import diagnosis as plots_diagnosis
-from omnimj.view.plots.drawing import svg
-from omnimj.view.report import page
+from omnimj.view.plots import diagnosis as plots
+from omnimj.view.report.page import Cell, Figure, Table, plot, table
 from omnimj.view.residuals import families
 from omnimj.view.wording import ScenarioLike, Span
 
-HEADING = "What was diagnosed"
-_HEAD = ("what was wrong", "from – to", "diagnosed", "at", "after", "how sure", "could also be", "cleared")
-_UNKNOWN = "Nobody knows what was wrong with a robot behind a wire; what follows is what the method says."
+_HEAD = ("fault", "from – to", "diagnosed", "at", "delay", "confidence", "could also be", "cleared")
+_NUMBERS = ("from – to", "at", "delay", "cleared")
+_UNKNOWN = "The true faults of a robot on a link are unknown; the table lists the diagnoses of the method."
+
+
+@dataclass(frozen=True)
+class DiagnosisSection:
+    """Content of the section."""
+
+    verdict: str
+    table: Table | None
+    figures: list[Figure]
 
 
 def diagnosis_section(
     trace: Trace, scenario: ScenarioLike, metrics: Mapping[str, Any], spans: Sequence[Span]
-) -> str:
-    """Truth beside diagnosis, and the plots behind it; empty for a run without a method.
+) -> DiagnosisSection:
+    """Set the true faults of a diagnosed run beside its diagnoses.
 
     Args:
-      trace: What was recorded.
-      scenario: What was asked for.
+      trace: Signals of the run.
+      scenario: Scenario of the run.
       metrics: Content of `metrics.json`.
-      spans: When faults held.
+      spans: Intervals in which faults hold.
     """
-    if not wording.is_diagnosed(metrics):
-        return ""
     constants = scenario.constants
     wheels = 1 if isinstance(constants, Rig) else len(constants.wheels)
-    pairing = match_diagnoses(metrics.get("faults") or (), metrics.get("diagnoses") or (), wheels)
+    matching = match_diagnoses(metrics.get("faults") or (), metrics.get("diagnoses") or (), wheels)
     has_truth = bool(metrics.get("truth", True))
-    verdict = _verdict(metrics, pairing) if has_truth else _UNKNOWN
-    content = f"<p>{page.text(verdict)}</p>{_table(pairing, has_truth)}"
-    figures = _figures(trace, scenario, metrics, spans)
-    if figures:
-        content += f"<div class='columns plots'>{''.join(figures)}</div>"
-    return page.section(HEADING, content)
+    verdict = _verdict(metrics, matching) if has_truth else _UNKNOWN
+    return DiagnosisSection(verdict, _table(matching, has_truth), _figures(trace, scenario, metrics, spans))
 
 
-def _verdict(metrics: Mapping[str, Any], pairing: DiagnosisMatching) -> str:
-    """In words: was there something, was it found, was it named alone, was there something false."""
-    there = [one for one in pairing.pairs if one.is_diagnosable]
-    alarms = sum(len(naming.diagnoses) for naming in pairing.false_alarms)
+def _verdict(metrics: Mapping[str, Any], matching: DiagnosisMatching) -> str:
+    """Summarise detection, isolation and false alarms in sentences."""
+    faults = [match for match in matching.pairs if match.is_diagnosable]
+    alarms = sum(len(group.diagnoses) for group in matching.false_alarms)
     false = f"{alarms} false alarm{'s' if alarms > 1 else ''}"
-    if not there:
-        words = "Nothing was wrong that a diagnosis has a name for"
+    if not faults:
         if not alarms:
-            return f"{words}, and nothing was diagnosed."
-        return f"{words}, but there {'were' if alarms > 1 else 'was'} {false}."
-    found = sum(bool(one.groups) for one in there)
-    delay = metrics.get("detection_delay")
+            return "There was no fault that the method can diagnose, and nothing was diagnosed."
+        return f"There was no fault that the method can diagnose, but {false}."
     if not metrics.get("diagnoses"):
-        words = "A fault held" if len(there) == 1 else f"{len(there)} faults held"
-        return f"{words}, and nothing was diagnosed."
-    words = []
-    if delay is not None:
-        words.append(f"First alarm {wording.number(delay, 3)} s after the first onset.")
-    if len(there) == 1:
-        words.append("The fault was named." if found else "The fault was not named.")
+        held = "A fault held" if len(faults) == 1 else f"{len(faults)} faults held"
+        return f"{held}, and nothing was diagnosed."
+    isolated = sum(bool(match.groups) for match in faults)
+    sentences = []
+    if metrics.get("detection_delay") is not None:
+        sentences.append(
+            f"First alarm {wording.number(metrics['detection_delay'], 3)} s after the first onset."
+        )
+    if len(faults) == 1:
+        sentences.append("The fault was diagnosed." if isolated else "The fault was not diagnosed.")
     else:
-        words.append(f"{found} of {len(there)} faults were named.")
-    if found and metrics.get("isolated") is not None:
-        soon = "and from the onset on no wrong name stood for long" if alarms else "and nothing else was"
-        each = "" if len(there) == 1 else "each "
-        alone = soon if metrics["isolated"] else f"but not {each}for itself alone"
-        if found == len(there):
-            words[-1] = f"{words[-1][:-1]}, {alone}."
-    words.append(f"{false[0].upper()}{false[1:]}." if alarms else "No false alarm.")
-    return " ".join(words)
+        sentences.append(f"{isolated} of {len(faults)} faults were diagnosed.")
+    if isolated == len(faults) and metrics.get("isolated") is not None:
+        alone = "and isolated" if metrics["isolated"] else "but not isolated"
+        sentences[-1] = f"{sentences[-1][:-1]} {alone}."
+    sentences.append(f"{false[0].upper()}{false[1:]}." if alarms else "No false alarm.")
+    return " ".join(sentences)
 
 
-def _table(pairing: DiagnosisMatching, has_truth: bool) -> str:
-    rows = [_row(one, k, naming) for one in pairing.pairs for k, naming in enumerate(one.groups or (None,))]
-    unnamed = ("–", "false alarm") if has_truth else ("unknown", "–")
-    rows += [((unnamed[0], "", *_told(naming, unnamed[1]))) for naming in pairing.false_alarms]
+def _table(matching: DiagnosisMatching, has_truth: bool) -> Table | None:
+    rows = [
+        _row(match, k, group) for match in matching.pairs for k, group in enumerate(match.groups or (None,))
+    ]
+    truth, delay = ("–", "false alarm") if has_truth else ("unknown", "–")
+    rows += [(truth, "", *_format_group(group, delay)) for group in matching.false_alarms]
     if not rows:
-        return ""
-    head = "".join(f"<th scope='col'>{page.text(name)}</th>" for name in _HEAD)
-    body = "".join(f"<tr>{''.join(map(_cell, _HEAD, row))}</tr>" for row in rows)
-    table = f"<table class='told'><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
-    return f"<div class='wide'>{table}</div>"
+        return None
+    return table([list(map(_cell, _HEAD, row)) for row in rows], _HEAD, "stacked")
 
 
-def _cell(head: str, words: str) -> str:
-    kinds = ["number"] if head in ("from – to", "at", "after", "cleared") else []
-    kinds += ["none"] if words in ("", "–") or (head, words) == ("could also be", "nothing") else []
-    kind = f" class='{' '.join(kinds)}'" if kinds else ""
-    return f"<td{kind} data-head='{page.text(head)}'>{page.text(words)}</td>"
+def _cell(head: str, text: str) -> Cell:
+    is_empty = text in ("", "–") or (head, text) == ("could also be", "nothing")
+    kinds = ["number"] * (head in _NUMBERS) + ["none"] * is_empty
+    return Cell(text, " ".join(kinds))
 
 
-def _row(one: FaultMatch, k: int, naming: DiagnosisGroup | None) -> tuple[str, ...]:
-    """A fault beside its k-th name; the fault stands in its first row only."""
-    fault, end = one.fault, one.fault.get("end")
+def _row(match: FaultMatch, k: int, group: DiagnosisGroup | None) -> tuple[str, ...]:
+    """Return a fault beside the k-th group of its diagnoses; only the first row describes the fault."""
+    fault, end = match.fault, match.fault.get("end")
     truth, held = "as above", ""
     if k == 0:
         details = wording.fault_details({key: v for key, v in fault.items() if key != "channel"})
         truth = f"{wording.fault_name(fault)}{f' ({details})' if details else ''}"
-        onset = fault["onset"]
-        never, until = onset is None, "end" if end is None else f"{end:g} s"
-        held = "never" if never else f"{onset:g} s – {until}"
-    if naming is None:
-        missed = "nothing" if one.is_diagnosable else "no diagnosis has a name for it"
+        until = "end" if end is None else f"{end:g} s"
+        held = "never" if fault["onset"] is None else f"{fault['onset']:g} s – {until}"
+    if group is None:
+        missed = "nothing" if match.is_diagnosable else "outside the method's fault classes"
         return truth, held, missed, "–", "–", "–", "–", "–"
-    return (truth, held, *_told(naming, f"{wording.number(naming.delay, 3)} s"))
+    return truth, held, *_format_group(group, f"{wording.number(group.delay, 3)} s")
 
 
-def _told(naming: DiagnosisGroup, after: str) -> tuple[str, ...]:
-    first, last, times = naming.first, naming.last, len(naming.diagnoses)
+def _format_group(group: DiagnosisGroup, delay: str) -> tuple[str, ...]:
+    first, last, times = group.first, group.last, len(group.diagnoses)
     name = wording.fault_name(last)
     if last.get("effectiveness") is not None:
         name += f", {100.0 * last['effectiveness']:.0f} % left"
     if times > 1:
         name += f" ({times} times)"
     other = ", ".join(wording.ambiguity_name(text) for text in last.get("ambiguous_with") or ()) or "nothing"
-    sure = last.get("confidence")
+    confidence = last.get("confidence")
     return (
         name,
         f"{first['time']:.3f} s",
-        after,
-        "–" if sure is None else f"{100.0 * sure:.3g} %",
+        delay,
+        "–" if confidence is None else f"{100.0 * confidence:.3g} %",
         other,
-        "stands" if naming.cleared is None else f"{naming.cleared:.3f} s",
+        "not cleared" if group.cleared is None else f"{group.cleared:.3f} s",
     )
 
 
 def _figures(
     trace: Trace, scenario: ScenarioLike, metrics: Mapping[str, Any], spans: Sequence[Span]
-) -> list[str]:
+) -> list[Figure]:
     method, is_rig = str(metrics["method"]), isinstance(scenario.constants, Rig)
-    believed = wording.diagnosis_spans(metrics, float(trace["time"][-1]))
-    drawn: list[tuple[str, str, str, Figure]] = []
-    if spans or believed or "mode" in trace:
-        words = "What was wrong, what the controller believed, and its mode."
-        figure = plots_diagnosis.state_lanes(trace, spans, believed, method, is_rig)
-        drawn.append(("states", "Truth and belief", words, figure))
+    diagnosed = wording.diagnosis_spans(metrics, float(trace["time"][-1]))
+    figures = []
+    if spans or diagnosed or "mode" in trace:
+        words = "True faults, diagnoses, and the mode of the method."
+        drawing = plots.state_lanes(trace, spans, diagnosed, method, is_rig)
+        figures.append(plot(drawing, "states", "Truth and diagnosis", words))
     shaded = " Shaded: a fault holds." if spans else ""
     for family in families(list(trace.columns), method, scenario.diagnosis.printed):
-        figure = plots_diagnosis.residual_family(trace, family, spans)
-        drawn.append((f"residual-{family.name}", family.heading, f"{family.words}{shaded}".strip(), figure))
-    wheels = 0
-    while f"effectiveness_{wheels + 1}" in trace:
-        wheels += 1
+        drawing = plots.residual_family(trace, family, spans)
+        words = f"{family.words}{shaded}".strip()
+        figures.append(plot(drawing, f"residual-{family.name}", family.heading, words))
+    wheels = sum(column.startswith("effectiveness_") for column in trace.columns)
     if wheels:
-        words = f"What is believed to be left of each wheel's drive; 1 is healthy.{shaded}"
-        figure = plots_diagnosis.effectiveness(trace, wheels, spans)
-        drawn.append(("effectiveness", "Effectiveness", words, figure))
-    return [
-        page.figure(svg(figure, name, page.text(heading)), heading, caption)
-        for name, heading, caption, figure in drawn
-    ]
+        words = f"Estimated effectiveness of each wheel's drive; 1 is healthy.{shaded}"
+        drawing = plots.effectiveness(trace, wheels, spans)
+        figures.append(plot(drawing, "effectiveness", "Effectiveness", words))
+    return figures
