@@ -1,1 +1,10 @@
-"""Traces and datasets to and from files."""
+"""Traces and datasets to and from files.
+
+- `traces`: `trace.parquet` of one run, one row per control step.
+- `dataset`: records of a dataset, and the columns that each plant's runs have.
+- `dataset_file`, `read_dataset`, `write_dataset`: a folder of measured runs with its `dataset.toml`.
+- `run_table`: tables in CSV and Parquet files, whole or damaged.
+- `mask`: gaps in time and single-sample spikes, which must not be fitted.
+- `folder`: output folders that are never overwritten by accident, files that are complete or absent.
+- `json_files`: results as JSON files.
+"""

@@ -1,4 +1,4 @@
-"""Which columns a dataset of each plant has, all in SI units."""
+"""Datasets as records: columns of each plant, runs, and the folder that holds them; all in SI units."""
 
 from __future__ import annotations
 
@@ -14,34 +14,34 @@ from numpy.typing import NDArray
 from omnimj.signals import Array, to_frame
 
 ROBOT_WHEELS = 4
-"""Wheels of a robot's logs that do not say how many."""
+"""Number of wheels of a robot whose dataset does not state it."""
 
 
 @dataclass(frozen=True)
 class PlantColumns:
-    """The columns of one plant's runs, and what must be known about each run."""
+    """Columns of the runs of one plant, and the conditions that must be known of each run."""
 
     required: tuple[str, ...]
     """Columns that every run has."""
     optional: tuple[str, ...] = ()
     """Columns that a run may have."""
     zero_if_absent: tuple[str, ...] = ()
-    """Columns that stand for 0 where they are absent."""
+    """Columns that are 0 where they are absent."""
     one_of: tuple[str, ...] = ()
     """Columns of which a run has at least one."""
     angles: tuple[str, ...] = ()
     """Columns in rad that may be wrapped into one turn."""
     conditions: tuple[str, ...] = ()
-    """Keys that hold for every run, by [defaults] or by [runs.NAME]."""
+    """Keys that every run needs, from [defaults] or from [runs.NAME]."""
 
     @property
     def known(self) -> tuple[str, ...]:
-        """Every column that has a meaning."""
+        """All columns with a meaning."""
         return (*self.required, *self.one_of, *self.zero_if_absent, *self.optional)
 
     @property
     def needed(self) -> str:
-        """What a run needs, in words."""
+        """Columns that a run needs, in words."""
         either = f", and {' or '.join(self.one_of)}" if self.one_of else ""
         return ", ".join(self.required) + either
 
@@ -79,11 +79,11 @@ PLANT_COLUMNS: Mapping[str, PlantColumns] = MappingProxyType(
         ),
     }
 )
-"""Columns by plant, the robot's with four wheels. A new plant of recorded data is one entry here."""
+"""Columns by plant, the robot's with four wheels; a new plant of recorded data is one entry here."""
 
 
 def plant_columns(plant: str, wheels: int = ROBOT_WHEELS) -> PlantColumns:
-    """Columns of a plant in `PLANT_COLUMNS`; those of the robot for so many wheels."""
+    """Columns of a plant in `PLANT_COLUMNS`; those of a robot for its number of wheels."""
     return _robot_columns(wheels) if plant == "uto_robot" else PLANT_COLUMNS[plant]
 
 
@@ -99,11 +99,11 @@ class Run:
     columns: Mapping[str, Array]
     """`time` and the plant's columns, each shape (n,); unknown columns are kept."""
     masked: Mapping[str, NDArray[np.bool_]]
-    """Per column the samples that must not be fitted (spikes, edges of gaps), shape (n,); none: absent."""
+    """Per column the samples that must not be fitted (spikes, edges of gaps), shape (n,); absent if none."""
     conditions: Mapping[str, float | str]
-    """`floor`, `mass` and whatever else [defaults] and [runs.NAME] say, `repeat_of` apart."""
+    """`floor`, `mass` and other entries of [defaults] and [runs.NAME], without `repeat_of`."""
     repeat_of: str | None = None
-    """Runs with one value are repeats of one condition."""
+    """Runs with the same value are repeats of one condition."""
 
     @property
     def time(self) -> Array:
@@ -112,7 +112,7 @@ class Run:
 
     @property
     def condition(self) -> str:
-        """What repeats have in common: `repeat_of`, or the run's own name."""
+        """Name of the condition, shared by its repeats: `repeat_of`, or the run's own name."""
         return self.repeat_of or self.name
 
     def to_pandas(self) -> Any:
@@ -129,6 +129,6 @@ class Dataset:
     """`quarter_rig`, `uto_robot` or `linear_axis`."""
     runs: tuple[Run, ...]
     notes: tuple[str, ...] = ()
-    """What a reader should know: gaps and spikes that were masked, one sentence each."""
+    """Gaps and spikes that were masked, one sentence each."""
     wheels: int = ROBOT_WHEELS
-    """Of a robot."""
+    """Number of wheels of a robot."""

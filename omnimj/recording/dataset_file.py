@@ -1,4 +1,4 @@
-"""`dataset.toml`: what was measured on which plant, and what its columns are called."""
+"""`dataset.toml`: the plant, the conditions of each run, and the names of the columns."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from omnimj.recording.run_table import printable
 
 DATASET_FILE = "dataset.toml"
 CONDITION_KEYS = ("floor", "mass", "repeat_of", "description", "date")
-"""What [defaults] and [runs.NAME] may say about a run."""
+"""Keys of [defaults] and [runs.NAME]."""
 
 _TOP = ("plant", "wheels", "description", "defaults", "columns", "runs")
 _POSITIVE = Rule(0.0, math.inf, True)
@@ -30,7 +30,7 @@ _WRITE_COLUMN = 'write { name = "carriage_speed", scale = 0.001 }'
 
 @dataclass(frozen=True)
 class ColumnMapping:
-    """Our column out of theirs: scale × theirs + offset."""
+    """Mapping of a column of the logger: ours = scale × theirs + offset."""
 
     name: str
     scale: float = 1.0
@@ -45,23 +45,23 @@ class DatasetFile:
     path: Path
     plant: str
     wheels: int
-    """Of a robot; 4 unless the file says otherwise."""
+    """Number of wheels of a robot; 4 unless the file states it."""
     defaults: Mapping[str, float | str]
     renamed: Mapping[str, ColumnMapping]
     """By the logger's own column name."""
     runs: Mapping[str, Mapping[str, float | str]]
-    """What each run says for itself, by file stem."""
+    """Conditions of single runs, by file stem."""
 
     @property
     def columns(self) -> PlantColumns:
-        """What its runs have."""
+        """Columns of its runs."""
         return plant_columns(self.plant, self.wheels)
 
     def conditions(self, run: str) -> dict[str, float | str]:
-        """What holds for a run.
+        """Conditions of a run: the defaults and its own.
 
         Raises:
-          InputError: The plant needs a condition that neither [defaults] nor the run states.
+          InputError: Neither [defaults] nor the run states a condition that the plant needs.
         """
         found = {**self.defaults, **self.runs.get(run, {})}
         for key in self.columns.conditions:
@@ -76,10 +76,10 @@ def read_dataset_file(folder: Path, floors: Collection[str] | None = None) -> Da
 
     Args:
       folder: The dataset's folder.
-      floors: Names of the floors there are; those of the shipped `floors.toml` when None.
+      floors: Names of all floors; those of the shipped `floors.toml` when None.
 
     Raises:
-      InputError: The file is missing, is no TOML, or a value breaks its rule.
+      InputError: The file is missing or not TOML, or a value breaks its rule.
       UnknownNameError: A plant, floor, column or key that does not exist; the message lists the choices.
     """
     path = folder / DATASET_FILE
@@ -105,7 +105,7 @@ def read_dataset_file(folder: Path, floors: Collection[str] | None = None) -> Da
     renamed = {}
     for theirs, entry in columns.items():
         if theirs.strip() in renamed:
-            raise InputError(f"{path}: [columns]", f"{theirs.strip()!r} is there twice")
+            raise InputError(f"{path}: [columns]", f"{theirs.strip()!r} occurs twice")
         renamed[theirs.strip()] = _column_mapping(
             f"{path}: columns.{theirs!r}", entry, plant, plant_columns(plant, wheels).known
         )

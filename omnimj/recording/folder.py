@@ -1,4 +1,4 @@
-"""A run's folder: never overwrites by accident, and never holds a half-written file."""
+"""Output folders: never overwritten by accident, never with a half-written file."""
 
 from __future__ import annotations
 
@@ -10,22 +10,26 @@ from pathlib import Path
 from omnimj.errors import InputError
 
 RUN_FILES = ("trace.parquet", "metrics.json", "run.rrd", "report.html")
-"""What a run writes, in this order."""
+"""Files of a run, in the order in which they are written."""
 
 
 def check_folder(folder: Path, force: bool) -> None:
-    """Whether a run may write here; asked before the run, so that no work is lost.
+    """Checks that results may be written here, before the work begins.
+
+    Args:
+      folder: Need not exist.
+      force: Accept a folder that is not empty.
 
     Raises:
-      InputError: The folder is not empty and `force` is not given, the path leads through a file, or it may
-        not be written.
+      InputError: The folder is not empty and `force` is not given, the path leads through a file, or it
+        cannot be written.
     """
     place = f"--out {folder}"
     try:
         folder.stat()
     except (FileNotFoundError, NotADirectoryError):
         pass
-    except OSError as error:  # a name that is too long, say
+    except OSError as error:  # for example a name that is too long
         raise InputError(place, f"cannot be written ({error.strerror})") from None
     nearest = next(path for path in (folder, *folder.absolute().parents) if os.path.lexists(path))
     if not nearest.is_dir():
@@ -48,10 +52,15 @@ def check_folder(folder: Path, force: bool) -> None:
 
 
 def make_folder(folder: Path, force: bool, files: Iterable[str] = RUN_FILES) -> None:
-    """Creates the folder; with `force` takes away the files of an earlier run, and nothing else.
+    """Creates the folder; with `force`, removes the files of an earlier run and nothing else.
+
+    Args:
+      folder: Created with its parents.
+      force: Accept a folder that is not empty.
+      files: Names of the files to remove.
 
     Raises:
-      InputError: As `check_folder`, or the folder cannot be made.
+      InputError: As `check_folder`, or the folder cannot be created.
     """
     check_folder(folder, force)
     try:
@@ -65,9 +74,9 @@ def make_folder(folder: Path, force: bool, files: Iterable[str] = RUN_FILES) -> 
 
 @contextmanager
 def atomic_file(path: Path) -> Iterator[Path]:
-    """A temporary path in the same folder; becomes `path` when the block ends well, vanishes otherwise.
+    """Context with a temporary path in the same folder, renamed to `path` when the block succeeds.
 
-    The ending is kept, since writers choose the format by it.
+    The suffix is kept, since writers choose the format by it; after a failure the file is removed.
     """
     temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
     try:

@@ -1,4 +1,4 @@
-"""A dataset's folder as a `Dataset`: read, renamed, checked, masked. Nothing is written there."""
+"""Reads the folder of a dataset: columns renamed and checked, gaps and spikes masked; writes nothing."""
 
 from __future__ import annotations
 
@@ -13,27 +13,26 @@ from numpy.typing import NDArray
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.recording.dataset import Dataset, PlantColumns, Run
 from omnimj.recording.dataset_file import DATASET_FILE, DatasetFile, read_dataset_file
-from omnimj.recording.mask import Marks, find_gaps, find_spikes, gap_edges
+from omnimj.recording.mask import Mask, find_gaps, find_spikes, gap_edges
 from omnimj.recording.run_table import TABLE_SUFFIXES, RunTable, first_not_finite, printable, read_run_table
 from omnimj.signals import Array
 
 MIN_SAMPLES = 50
-"""Samples that a run has at least."""
+"""Least number of samples of a run."""
 
 
 def read_dataset(path: Path | str, floors: Collection[str] | None = None) -> Dataset:
     """Reads a folder of measured runs.
 
-    Columns come out in SI units under our names: scale × theirs + offset. Gaps and single-sample spikes are
-    marked in `Run.masked` and told in `Dataset.notes`; no number is changed for them.
+    Columns are converted to SI units under our names: scale × theirs + offset. Gaps and single-sample spikes
+    are masked in `Run.masked` and listed in `Dataset.notes`; no number is changed for them.
 
     Args:
       path: A folder with `dataset.toml` and one NAME.csv or NAME.parquet per run.
-      floors: Names of the floors there are; those of the shipped `floors.toml` when None.
+      floors: Names of all floors; those of the shipped `floors.toml` when None.
 
     Raises:
-      InputError: Whatever is not as it should be, in one line: file, row or key, what was found, what is
-        allowed.
+      InputError: Anything that breaks a rule, in one line: file, row or key, what was found, what is allowed.
       UnknownNameError: A plant, floor, column or key that does not exist; the message lists the choices.
     """
     path = Path(path)
@@ -52,14 +51,14 @@ def read_dataset(path: Path | str, floors: Collection[str] | None = None) -> Dat
 
 
 def _files(about: DatasetFile, folder: Path) -> dict[str, Path]:
-    """The run files by stem, in the order of their names."""
+    """Files of the runs by stem, sorted by name."""
     files: dict[str, Path] = {}
     for file in sorted(folder.iterdir()):
         if file.suffix.lower() not in TABLE_SUFFIXES or file.name.startswith(".") or not file.is_file():
             continue
         if file.stem in files:
             raise InputError(
-                folder, f"run {file.stem!r} is there twice, {files[file.stem].name} and {file.name}"
+                folder, f"run {file.stem!r} occurs twice, {files[file.stem].name} and {file.name}"
             )
         files[file.stem] = file
     if not files:
@@ -75,22 +74,22 @@ def _files(about: DatasetFile, folder: Path) -> dict[str, Path]:
 
 
 def _read_run(about: DatasetFile, name: str, file: Path) -> tuple[Run, tuple[str, ...]]:
-    """One run, checked, and the names in its file."""
-    asked = about.columns
+    """One checked run, and the column names in its file."""
+    plant = about.columns
     conditions = about.conditions(name)
-    table = read_run_table(file, {*asked.known, *about.renamed})
+    table = read_run_table(file, {*plant.known, *about.renamed})
     columns = _mapped_columns(about, file, table)
-    missing = [column for column in asked.required if column not in columns]
-    if asked.one_of and not any(column in columns for column in asked.one_of):
-        missing.append(" or ".join(asked.one_of))
+    missing = [column for column in plant.required if column not in columns]
+    if plant.one_of and not any(column in columns for column in plant.one_of):
+        missing.append(" or ".join(plant.one_of))
     if missing:
         what = "columns" if len(missing) > 1 else "column"
         found = f"has no {what} {', '.join(missing)}"
         have = _abbreviated([column for column in table.names if column], 12)
-        rule = f"{about.plant} needs {asked.needed}; the file has {have}"
+        rule = f"{about.plant} needs {plant.needed}; the file has {have}"
         raise InputError(file, found, f"{rule}; other names belong under [columns] of {DATASET_FILE}")
     _require_time(file, columns["time"], table)
-    for column in asked.zero_if_absent:
+    for column in plant.zero_if_absent:
         columns.setdefault(column, np.zeros(len(columns["time"])))
     for values in columns.values():
         values.flags.writeable = False
@@ -106,14 +105,14 @@ def _read_run(about: DatasetFile, name: str, file: Path) -> tuple[Run, tuple[str
 
 
 def _mapped_columns(about: DatasetFile, file: Path, table: RunTable) -> dict[str, Array]:
-    """Columns under our names and in our units."""
+    """Columns under our names and in SI units."""
     columns: dict[str, Array] = {}
     origin: dict[str, str] = {}
     for theirs, values in table.numbers.items():
         renamed = about.renamed.get(theirs)
         name = theirs if renamed is None else renamed.name
         if name in columns:
-            found = f"column {name!r} is there twice, as {origin[name]!r} and as {theirs!r}"
+            found = f"column {name!r} occurs twice, as {origin[name]!r} and as {theirs!r}"
             raise InputError(file, found, f"see [columns] of {DATASET_FILE}")
         if renamed is not None:
             with np.errstate(over="ignore"):
@@ -124,7 +123,7 @@ def _mapped_columns(about: DatasetFile, file: Path, table: RunTable) -> dict[str
     if broken is not None:
         sample, name = broken
         place = f"{file}: row {table.row_of(sample)}, column {name!r}"
-        raise InputError(place, f"is beyond all numbers after [columns] of {DATASET_FILE}", "look at scale")
+        raise InputError(place, f"overflows after [columns] of {DATASET_FILE}", "check its scale")
     return columns
 
 
@@ -139,17 +138,17 @@ def _require_time(file: Path, time: Array, table: RunTable) -> None:
 
 
 def _require_used_renames(about: DatasetFile, runs: Sequence[tuple[Run, tuple[str, ...]]]) -> None:
-    """A name that no file has is a slip of the pen."""
-    there = {name for _, names in runs for name in names if name}
+    """Refuses a renamed column that no file has: it is a typing error."""
+    known = {name for _, names in runs for name in names if name}
     for theirs in about.renamed:
-        if theirs not in there:
+        if theirs not in known:
             kind = "column of any run"
-            choices = [printable(name) for name in sorted(there)[:30]]
+            choices = [printable(name) for name in sorted(known)[:30]]
             raise UnknownNameError(f"{about.path}: [columns]", kind, theirs, choices)
 
 
 def _require_consistent_repeats(about: DatasetFile, runs: Sequence[Run]) -> None:
-    """Repeats of one condition have one floor and one mass."""
+    """Refuses repeats of one condition that differ in floor or mass."""
     first: dict[str, Run] = {}
     for run in runs:
         if run.repeat_of is None:
@@ -163,42 +162,45 @@ def _require_consistent_repeats(about: DatasetFile, runs: Sequence[Run]) -> None
                 raise InputError(f"{about.path}: run {run.name!r}", found, rule)
 
 
-def mask_runs(asked: PlantColumns, runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
-    """The runs with their samples marked that must not be fitted, and what there is to say about it.
+def mask_runs(plant: PlantColumns, runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
+    """Masks samples that must not be fitted.
 
     Args:
-      asked: Columns that the runs have.
-      runs: Without marks, in SI units under our names.
+      plant: Columns of the plant.
+      runs: Without masks, in SI units under our names.
+
+    Returns:
+      The runs with their masks, and one note per gap or column with spikes.
     """
-    channels = [name for name in asked.known if name != "time"]
-    found: list[dict[str, Marks]] = [{} for _ in runs]
+    channels = [name for name in plant.known if name != "time"]
+    found: list[dict[str, Mask]] = [{} for _ in runs]
     for name in channels:
         having = [k for k, run in enumerate(runs) if name in run.columns]
         values = [runs[k].columns[name] for k in having]
-        leaps = find_spikes(values, [runs[k].time for k in having], name in asked.angles) if having else []
-        for k, marks in zip(having, leaps, strict=True):
-            if marks.any():
-                found[k][name] = marks
+        spikes = find_spikes(values, [runs[k].time for k in having], name in plant.angles) if having else []
+        for k, mask in zip(having, spikes, strict=True):
+            if mask.any():
+                found[k][name] = mask
     masked, notes = [], []
     for run, own in zip(runs, found, strict=True):
-        notes.extend(_spike_note(run, name, marks) for name, marks in own.items())
+        notes.extend(_spike_note(run, name, mask) for name, mask in own.items())
         after = find_gaps(run.time)
         if len(after):
             notes.append(_gap_note(run, after))
             beside = gap_edges(after, len(run.time))
             own = {name: own.get(name, False) | beside for name in channels if name in run.columns}
-        for marks in own.values():
-            marks.flags.writeable = False
+        for mask in own.values():
+            mask.flags.writeable = False
         masked.append(_with_mask(run, own))
     return masked, notes
 
 
-def _with_mask(run: Run, masked: Mapping[str, Marks]) -> Run:
+def _with_mask(run: Run, masked: Mapping[str, Mask]) -> Run:
     return Run(run.name, run.columns, MappingProxyType(dict(masked)), run.conditions, run.repeat_of)
 
 
-def _spike_note(run: Run, column: str, marks: Marks) -> str:
-    at = run.time[marks]
+def _spike_note(run: Run, column: str, mask: Mask) -> str:
+    at = run.time[mask]
     many = f"{len(at)} single-sample spikes" if len(at) > 1 else "a single-sample spike"
     return f"run {run.name}: {many} in {column} masked, at {_abbreviated([f'{t:.6g} s' for t in at], 5)}"
 
@@ -207,8 +209,8 @@ def _gap_note(run: Run, after: NDArray[np.int64]) -> str:
     steps = np.diff(run.time)
     longest = after[np.argmax(steps[after])]
     many = f"{len(after)} gaps in time, the longest" if len(after) > 1 else "a gap in time"
-    told = f"of {steps[longest]:.4g} s after {run.time[longest]:.6g} s"
-    return f"run {run.name}: {many} {told} (a step is {np.median(steps):.4g} s), edges masked"
+    size = f"of {steps[longest]:.4g} s after {run.time[longest]:.6g} s"
+    return f"run {run.name}: {many} {size} (a step is {np.median(steps):.4g} s), edges masked"
 
 
 def _abbreviated(names: Sequence[str], most: int = 6) -> str:

@@ -1,4 +1,4 @@
-"""A run's table as it stands in its file, under the logger's own column names."""
+"""Tables of runs in CSV and Parquet files, under the logger's own column names."""
 
 from __future__ import annotations
 
@@ -20,21 +20,23 @@ from omnimj.errors import InputError
 from omnimj.signals import Array
 
 TABLE_SUFFIXES = (".csv", ".parquet")
-"""Kinds of files that hold a run."""
+"""Suffixes of files that hold a run."""
 MAX_NUMBERS = 500_000_000
-"""Numbers in one run: 4 GB. A damaged or hostile file can claim any number of rows."""
+"""Limit on the numbers of one run, 4 GB: a damaged or hostile file can claim any number of rows."""
+
+_NUMBER_NEEDED = "a finite number is needed"
 
 
 @dataclass(frozen=True)
 class RunTable:
-    """Numbers of one file."""
+    """Numeric columns of one file."""
 
     names: tuple[str, ...]
     """All column names, in the file's order."""
     numbers: Mapping[str, Array]
-    """The columns that hold numbers, each shape (n,); the empty cells of those not asked for are NaN."""
+    """Columns that hold numbers, each shape (n,); empty cells of columns that are not needed are NaN."""
     row_of: Callable[[int], int]
-    """The row, as a person counts them in the file, of sample 0, 1, …"""
+    """Row in the file, as a person counts it, of sample 0, 1, …"""
 
 
 def read_run_table(path: Path, needed: Collection[str]) -> RunTable:
@@ -53,16 +55,15 @@ def read_run_table(path: Path, needed: Collection[str]) -> RunTable:
         message names file, row and column.
     """
     if path.suffix.lower() == ".csv":
-        return read_csv(path, needed)
+        return _read_csv(path, needed)
+    return _read_parquet(path, needed)
 
-    return read_parquet(path, needed)
 
-
-def checked_names(path: Path, names: Sequence[str]) -> tuple[str, ...]:
-    """Column names without spaces around them; nameless columns stay, since a comma too many makes them.
+def _checked_names(path: Path, names: Sequence[str]) -> tuple[str, ...]:
+    """Column names without surrounding spaces; nameless columns stay, since one comma too many makes them.
 
     Raises:
-      InputError: A name is there twice, or there is none at all.
+      InputError: A name occurs twice, or there is none at all.
     """
     stripped = tuple(name.strip() for name in names)
     seen: set[str] = set()
@@ -78,7 +79,14 @@ def checked_names(path: Path, names: Sequence[str]) -> tuple[str, ...]:
 
 
 def first_not_finite(columns: Mapping[str, Array]) -> tuple[int, str] | None:
-    """The first sample that is not finite and its column: the earliest sample, then the first column."""
+    """First sample that is not finite, and its column; None when all are finite.
+
+    Args:
+      columns: By name, each shape (n,).
+
+    Returns:
+      The earliest such sample, and the first column that has one there.
+    """
     found = []
     for order, (name, values) in enumerate(columns.items()):
         broken = ~np.isfinite(values)
@@ -91,17 +99,14 @@ def first_not_finite(columns: Mapping[str, Array]) -> tuple[int, str] | None:
 
 
 def printable(name: str) -> str:
-    """A name as it can stand in a line of text: a damaged file may call a column anything."""
+    """Name as it can be printed in one line; a damaged file may hold any column name."""
     return name if name.isprintable() else repr(name)
 
 
-# CSV: the quick way for good files, and a patient one that says where a bad file is bad.
+def _read_csv(path: Path, needed: Collection[str]) -> RunTable:
+    """Reads a CSV file with a header row: commas, any line endings, with or without a byte order mark.
 
-_NUMBER_NEEDED = "a finite number is needed"
-
-
-def read_csv(path: Path, needed: Collection[str]) -> RunTable:
-    """Reads a CSV file with a header row: commas, any line ends, a byte order mark or not.
+    A good file is read fast; a bad one is read again cell by cell, to say where it is bad.
 
     Raises:
       InputError: As `read_run_table`.
@@ -115,12 +120,12 @@ def read_csv(path: Path, needed: Collection[str]) -> RunTable:
 
 
 def _text_of(path: Path) -> TextIO:
-    """The file as text. Bytes that are no UTF-8 come as surrogates: they may stand where nobody looks."""
+    """Opens the file as text; bytes that are not UTF-8 become surrogates, harmless in unused columns."""
     return path.open(encoding="utf-8-sig", errors="surrogateescape", newline="")
 
 
 def _header(path: Path) -> tuple[tuple[str, ...], int]:
-    """Column names, and the lines that they take."""
+    """Column names, and the number of lines of the header."""
     try:
         with _text_of(path) as lines:
             reader = csv.reader(lines)
@@ -137,15 +142,15 @@ def _header(path: Path) -> tuple[tuple[str, ...], int]:
         raise InputError(f"{path}: row 1", "is not UTF-8 text", "save the file as CSV in UTF-8")
     if len(record) == 1 and (";" in record[0] or "\t" in record[0]):
         raise InputError(f"{path}: row 1", f"found {record[0]!r}", "columns are separated by commas")
-    return checked_names(path, record), reader.line_num
+    return _checked_names(path, record), reader.line_num
 
 
 def _read_fast(
     path: Path, names: Sequence[str], header_lines: int, needed: Collection[str]
 ) -> dict[str, Array] | None:
-    """Numbers by column; None where anything at all is not as it should be."""
+    """Numbers by column; None when anything in the file is irregular."""
     keys = [f"{k}" for k in range(len(names))]
-    # a column that nobody asked for is read as text, since whether it holds numbers shows at its end
+    # other columns are read as text: whether they hold numbers only shows at their end
     kinds = {
         key: pa.float64() if name in needed else pa.string() for key, name in zip(keys, names, strict=True)
     }
@@ -175,7 +180,7 @@ def _read_fast(
 
 
 def _numbers_of(column: pa.ChunkedArray) -> Array | None:
-    """A column of text as numbers, NaN for its empty cells; None if there is anything but numbers."""
+    """Column of text as numbers, NaN for empty cells; None if it holds anything else."""
     try:
         text = pa.compute.utf8_trim_whitespace(column)
         empty = pa.compute.equal(text, "")
@@ -186,7 +191,7 @@ def _numbers_of(column: pa.ChunkedArray) -> Array | None:
 
 
 def _records(path: Path, header_lines: int) -> Iterator[tuple[int, list[str]]]:
-    """Row, counted from the header's 1, and cells of every record that is not an empty line."""
+    """Row, counted from 1 for the header, and cells of every record that is not an empty line."""
     with _text_of(path) as lines:
         reader = csv.reader(lines)
         next(reader)
@@ -231,7 +236,7 @@ def _read_by_cell(
 
 
 def _number(cell: str) -> float | None:
-    # Python takes 1_000 and digits of other alphabets for numbers, a measured file does not
+    # Python also accepts 1_000 and digits of other alphabets
     if "_" in cell or not cell.isascii():
         return None
     try:
@@ -248,20 +253,17 @@ def _needed_number(path: Path, row: int, name: str, cell: str) -> float:
     raise InputError(f"{path}: row {row}, column {name!r}", found, _NUMBER_NEEDED)
 
 
-# Parquet files of any writer, whole or damaged.
-
-
-def read_parquet(path: Path, needed: Collection[str]) -> RunTable:
+def _read_parquet(path: Path, needed: Collection[str]) -> RunTable:
     """Reads a Parquet file.
 
     Raises:
       InputError: As `read_run_table`.
     """
     try:
-        # not a data set of Arrow's: a folder's name such as `seed=1` must not become a column
+        # not as an Arrow dataset: a folder name such as `seed=1` must not become a column
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
             schema, rows = file.schema_arrow, file.metadata.num_rows
-            names = checked_names(path, schema.names)
+            names = _checked_names(path, schema.names)
             if rows * len(names) > MAX_NUMBERS:
                 raise InputError(path, f"claims {rows} rows", f"at most {MAX_NUMBERS} numbers are read")
             asked = [
@@ -297,7 +299,32 @@ def _is_number(kind: pa.DataType) -> bool:
 
 
 def _array(column: pa.ChunkedArray) -> Array:
-    """Shape (n,), NaN where there is no value."""
+    """Numbers of a column, NaN where there is no value, shape (n,)."""
     if pa.types.is_decimal(column.type):
         column = column.cast(pa.float64())
     return np.array(column.to_numpy(), dtype=float)
+
+
+def write_parquet(
+    path: Path, columns: Mapping[str, Array], metadata: Mapping[bytes, bytes] | None = None
+) -> None:
+    """Writes columns of doubles to a Parquet file with checksums; every bit is kept.
+
+    Args:
+      path: Overwritten if it exists.
+      columns: By name, each shape (n,).
+      metadata: Goes into the file's schema.
+
+    Raises:
+      OSError: The file cannot be written.
+    """
+    arrays = [pa.array(np.asarray(values, float)) for values in columns.values()]
+    table = pa.table(arrays, names=list(columns)).replace_schema_metadata(metadata)
+    pq.write_table(
+        table,
+        path,
+        compression="zstd",
+        use_dictionary=False,
+        use_byte_stream_split=True,  # transposed bytes of similar doubles compress well, dictionaries do not
+        write_page_checksum=True,
+    )

@@ -1,4 +1,4 @@
-"""`trace.parquet`: one run as columns, one row per control step, and what the run was."""
+"""`trace.parquet`: one run as columns, one row per control step, with its description."""
 
 from __future__ import annotations
 
@@ -12,48 +12,47 @@ import pyarrow.parquet as pq
 
 from omnimj.errors import InputError
 from omnimj.recording.folder import atomic_file
+from omnimj.recording.run_table import write_parquet
 from omnimj.signals import Array, Trace
 
 _ABOUT = b"omnimj"
 
 
 def write_trace(path: Path, trace: Trace) -> None:
-    """Writes a trace; the file is there in full or not at all.
+    """Writes a trace; the file is complete or does not exist.
 
-    Columns keep their bits, `about` travels as JSON in the file's metadata. Pages carry checksums.
+    Columns keep every bit, `about` is stored as JSON in the file's metadata, pages have checksums.
+
+    Args:
+      path: Overwritten if it exists.
+      trace: One run.
 
     Raises:
       InputError: The file cannot be written.
     """
-    arrays = [pa.array(np.asarray(values, float)) for values in trace.columns.values()]
-    about = {_ABOUT: json.dumps(dict(trace.about)).encode()}
-    table = pa.table(arrays, names=list(trace.columns)).replace_schema_metadata(about)
     try:
         with atomic_file(path) as temporary:
-            # the bytes of floats of like size are alike: transposed they pack well, a dictionary never would
-            pq.write_table(
-                table,
-                temporary,
-                compression="zstd",
-                use_dictionary=False,
-                use_byte_stream_split=True,
-                write_page_checksum=True,
-            )
+            write_parquet(temporary, trace.columns, {_ABOUT: json.dumps(dict(trace.about)).encode()})
     except OSError as error:
         raise InputError(path, f"cannot be written ({error.strerror or error})") from None
 
 
 def read_trace(path: Path) -> Trace:
-    """Reads a trace back, bit for bit.
+    """Reads a trace, bit for bit as it was written.
+
+    Args:
+      path: A `trace.parquet`.
+
+    Returns:
+      Columns, each shape (n,), and the description of the run.
 
     Raises:
-      InputError: No such file, not Parquet, damaged, without a `time` column, or with a column that does not
-        hold numbers.
+      InputError: The file does not exist, is damaged, has no `time` column, or a column without numbers.
     """
     if not path.is_file():
         raise InputError(path, "no such file", "a trace.parquet is needed")
     try:
-        # not a data set: a folder's name such as `seed=1` must not become a column
+        # not as an Arrow dataset: a folder name such as `seed=1` must not become a column
         table = pq.ParquetFile(path, page_checksum_verification=True).read()
         names = table.column_names
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:

@@ -1,4 +1,4 @@
-"""Writes datasets, run by run, so that what was finished is kept whatever happens."""
+"""Writes datasets run by run, so that finished runs are kept whatever happens."""
 
 from __future__ import annotations
 
@@ -11,26 +11,24 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv
-import pyarrow.parquet as pq
 
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters.reading import read_toml
 from omnimj.recording.dataset import ROBOT_WHEELS, Run
 from omnimj.recording.dataset_file import DATASET_FILE
 from omnimj.recording.folder import atomic_file, check_folder
-from omnimj.recording.run_table import TABLE_SUFFIXES
+from omnimj.recording.run_table import TABLE_SUFFIXES, write_parquet
 
 FORMATS = ("parquet", "csv")
-"""Kinds of tables that can be written."""
+"""Table formats that can be written."""
 _SIGNATURE = "# written by omnimj"
 _PLAIN_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
 class DatasetWriter:
-    """Writes one run after the other; after each the folder is a whole dataset.
+    """Writes one run after another; after each, the folder is a complete dataset.
 
-    With `force` it goes over a dataset that omnimj wrote. Measured data, which nobody can make again, it
-    never takes away.
+    With `force` it replaces a dataset that omnimj wrote, but never measured data of another origin.
     """
 
     def __init__(
@@ -44,10 +42,10 @@ class DatasetWriter:
         """Checks that the dataset can be written; nothing is written yet.
 
         Args:
-          folder: Where to; it is made if need be.
+          folder: Target folder; created if necessary.
           plant: `quarter_rig`, `uto_robot` or `linear_axis`.
-          defaults: What holds for every run unless the run says otherwise.
-          force: Go over an earlier dataset of omnimj's.
+          defaults: Conditions of every run unless the run states its own.
+          force: Replace an earlier dataset that omnimj wrote.
           table_format: `parquet` or `csv`.
 
         Raises:
@@ -63,14 +61,17 @@ class DatasetWriter:
         self._runs: dict[str, Run] = {}
 
     def add(self, run: Run) -> None:
-        """Writes one run and lists it in `dataset.toml`; what the defaults say is not said again.
+        """Writes one run and lists it in `dataset.toml`, with the conditions that differ from the defaults.
+
+        Args:
+          run: Its name becomes the file's name.
 
         Raises:
-          InputError: The run's name is no file name or is taken, or the file cannot be written.
+          InputError: The name is taken or cannot be a file name, or the file cannot be written.
         """
         _require_file_name(run.name)
         if run.name in self._runs:
-            raise InputError(f"run {run.name!r}", "is there twice")
+            raise InputError(f"run {run.name!r}", "occurs twice")
         try:
             if not self._runs:
                 self._begin()
@@ -86,7 +87,7 @@ class DatasetWriter:
             ) from None
 
     def _begin(self) -> None:
-        """Makes the folder and takes an earlier dataset away, its `dataset.toml` first."""
+        """Creates the folder and removes an earlier dataset, its `dataset.toml` first."""
         self._folder.mkdir(parents=True, exist_ok=True)
         for file in self._old:
             file.unlink(missing_ok=True)
@@ -100,7 +101,15 @@ def write_dataset(
     force: bool = False,
     table_format: str = "parquet",
 ) -> None:
-    """Writes a dataset; every number comes back bit for bit, from Parquet and from CSV.
+    """Writes a dataset; every number is read back bit for bit, from Parquet and from CSV.
+
+    Args:
+      folder: Target folder; created if necessary.
+      plant: `quarter_rig`, `uto_robot` or `linear_axis`.
+      defaults: Conditions of every run unless the run states its own.
+      runs: In the order of `dataset.toml`.
+      force: Replace an earlier dataset that omnimj wrote.
+      table_format: `parquet` or `csv`.
 
     Raises:
       InputError: As `DatasetWriter`.
@@ -111,7 +120,7 @@ def write_dataset(
 
 
 def dataset_text(plant: str, defaults: Mapping[str, float | str], runs: Iterable[Run]) -> str:
-    """The content of `dataset.toml`; what the defaults say of a run is not said again."""
+    """Content of `dataset.toml`, with the conditions of each run that differ from the defaults."""
     runs = list(runs)
     lines = [_SIGNATURE, f"plant = {_value(plant)}"]
     wheels = sum(name.startswith("wheel_speed_") for name in runs[0].columns) if runs else ROBOT_WHEELS
@@ -123,16 +132,16 @@ def dataset_text(plant: str, defaults: Mapping[str, float | str], runs: Iterable
         own = {k: v for k, v in run.conditions.items() if defaults.get(k) != v}
         if run.repeat_of is not None and run.repeat_of != defaults.get("repeat_of"):
             own["repeat_of"] = run.repeat_of
-        told = (f"{key} = {_value(value)}" for key, value in own.items())
-        lines += ["", f"[runs.{_key(run.name)}]", *told]
+        lines_of_run = (f"{key} = {_value(value)}" for key, value in own.items())
+        lines += ["", f"[runs.{_key(run.name)}]", *lines_of_run]
     return "\n".join(lines) + "\n"
 
 
 def _earlier_files(folder: Path) -> list[Path]:
-    """Files of an earlier dataset of ours, its `dataset.toml` first; none for a folder without a dataset.
+    """Files of an earlier dataset that omnimj wrote, its `dataset.toml` first; none without a dataset.
 
     Raises:
-      InputError: There are runs that omnimj did not write.
+      InputError: The folder holds runs that omnimj did not write.
     """
     if not folder.is_dir():
         return []
@@ -141,7 +150,7 @@ def _earlier_files(folder: Path) -> list[Path]:
     ours: Mapping[str, object] = {}
     if about.is_file():
         if not about.read_bytes().startswith(_SIGNATURE.encode()):
-            rule = "--force goes only over what omnimj wrote, choose another folder"
+            rule = "--force replaces only datasets that omnimj wrote, choose another folder"
             raise InputError(f"--out {folder}", f"has a {DATASET_FILE} of another origin", rule)
         runs = read_toml(about).get("runs", {})
         ours = runs if isinstance(runs, Mapping) else {}
@@ -159,25 +168,16 @@ def _require_file_name(name: str) -> None:
 
 
 def write_table(path: Path, run: Run) -> None:
-    """Writes the columns of a run, as `.csv` or `.parquet`."""
-    arrays = [pa.array(np.asarray(values, float)) for values in run.columns.values()]
+    """Writes the columns of a run as `.csv` or `.parquet`, by the suffix of the path."""
     if path.suffix == ".parquet":
-        table = pa.table(arrays, names=list(run.columns))
-        # as in a trace: the bytes of floats of like size pack well when they are transposed
-        pq.write_table(
-            table,
-            path,
-            compression="zstd",
-            use_dictionary=False,
-            use_byte_stream_split=True,
-            write_page_checksum=True,
-        )
+        write_parquet(path, run.columns)
         return
+    arrays = [pa.array(np.asarray(values, float)) for values in run.columns.values()]
     with path.open("w", encoding="utf-8", newline="") as header:
         csv.writer(header, lineterminator="\n").writerow(run.columns)
     table = pa.table(arrays, names=[f"{k}" for k in range(len(arrays))])
     with path.open("ab") as rows:
-        # the shortest text that gives the same double
+        # Arrow writes the shortest text that gives the same double
         pa.csv.write_csv(table, rows, pa.csv.WriteOptions(include_header=False))
 
 
@@ -192,6 +192,6 @@ def _key(name: str) -> str:
 
 
 def _quoted(text: str) -> str:
-    """A basic string of TOML."""
+    """Basic string of TOML."""
     escaped = text.replace("\\", "\\\\").replace('"', '\\"')
     return '"' + "".join(c if c.isprintable() or ord(c) > 0x9F else f"\\u{ord(c):04x}" for c in escaped) + '"'

@@ -312,13 +312,13 @@ def test_a_parquet_file_with_a_column_twice(tmp_path):
         (made.RIG + '[columns]\nv = { name = "current" }\n', "unknown column of any run 'v'"),
         (
             made.RIG + '[columns]\nwheel_speed = { name = "current" }\n',
-            "column 'current' is there twice, as 'current' and as 'wheel_speed'",
+            "column 'current' occurs twice, as 'current' and as 'wheel_speed'",
         ),
         (
             made.RIG + '[columns]\ncurrent = { name = "current", scale = 1e308 }\n'
             "[runs.a]\n"
             'description = "1e308 × 100"\n',
-            "column 'current': is beyond all numbers",
+            "column 'current': overflows",
         ),
         ("[" * 100_000, "is not valid TOML"),
         (made.RIG + "x = 99999999999999999999", "more than 64 bits"),
@@ -356,7 +356,7 @@ def test_a_folder_without_a_dataset_is_told_apart(tmp_path):
 def test_two_files_of_one_run_are_refused(tmp_path):
     folder = made.write_rig(tmp_path, a=GOOD)
     made.write_parquet(folder / "a.parquet", made.rig_columns())
-    assert "run 'a' is there twice, a.csv and a.parquet" in refused(folder)
+    assert "run 'a' occurs twice, a.csv and a.parquet" in refused(folder)
 
 
 def test_a_dataset_toml_that_is_no_text_is_refused(tmp_path):

@@ -85,7 +85,7 @@ def test_after_each_run_the_folder_is_a_whole_dataset(tmp_path):
         writer.add(made_run(name))
         assert [run.name for run in read_dataset(tmp_path / "new").runs] == list("abc")[:count]
         assert names_in(tmp_path / "new") == [*(f"{n}.parquet" for n in "abc"[:count]), "dataset.toml"]
-    with pytest.raises(InputError, match="is there twice"):
+    with pytest.raises(InputError, match="twice"):
         writer.add(made_run("a"))
 
 
