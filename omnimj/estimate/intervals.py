@@ -70,8 +70,6 @@ def _stretches(runs: dict[str, list[slice]]) -> list[slice]:
     return cut
 
 
-# The noise of a block mean, the repeatability floor, and how many samples coloured noise is worth.
-
 TOLERANCE = 0.002
 """Share of a channel's RMS below which no twin is held to be right: its numbers are not known better."""
 

@@ -1,1 +1,9 @@
-"""Where simulation and measurement disagree, the missing effect by name, and the model with it."""
+"""The gap between simulation and measurement: where it is, the missing effect by name, and the new model.
+
+- `find`: the workflow from a dataset's folder to a `Finding`
+- `check`: plausibility of the recorded channels
+- `search`: stepwise selection of effects on held-out runs
+- `verdict`: what the outcome of a search supports, and the run that would separate rivals
+- `locate`: regimes in which the mismatch concentrates
+- `records`, `sentences`, `files`: the finding as records, as text and as files
+"""

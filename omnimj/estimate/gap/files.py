@@ -1,4 +1,4 @@
-"""`gap.json`: a finding as numbers and names, by the schema of the command line's files."""
+"""Files of a finding: `gap.json`, the new model file and the refitted floors."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ from omnimj.recording.json_files import to_jsonable
 def digest(
     finding: Finding, new_model: str | None = None, new_floors: str | None = None, command: str = ""
 ) -> dict[str, Any]:
-    """The content of `gap.json`: every number that the report shows, nothing that JSON cannot hold.
+    """Content of `gap.json`: every number of the report, nothing that JSON cannot hold.
 
     Args:
-      finding: What was found.
-      new_model: File name of the new model, which lies beside; None where there is none.
-      new_floors: File name of the refitted floors, which lie beside; None where there are none.
-      command: What repeats the work.
+      finding: The finding.
+      new_model: File name of the new model in the same folder; None where there is none.
+      new_floors: File name of the refitted floors in the same folder; None where there are none.
+      command: Command that repeats the work.
     """
     content = {
         "verdict": finding.verdict,
@@ -77,7 +77,7 @@ def digest(
 
 
 def write_digest(path: Path, content: Mapping[str, Any]) -> None:
-    """Writes `gap.json`.
+    """Write `gap.json`.
 
     Raises:
       ValueError: A number that JSON does not have.
@@ -166,8 +166,6 @@ def _run(gap: RunGap) -> dict[str, Any]:
     }
 
 
-# The new model file: the old text with named effects and refitted values. And the refitted floors.
-
 _READERS: Mapping[str, Callable[[Path | None], Rig | Robot | Axis]] = {
     "quarter_rig": read_rig,
     "uto_robot": read_robot,
@@ -177,14 +175,15 @@ _UNCHANGED = 1e-9  # of the box
 
 
 def new_model_text(finding: Finding, file: Path | None = None) -> str | None:
-    """The text of the model file with what was found in it.
+    """Text of the model file with the named effects and refitted values.
 
-    What belongs to no quantity of the model file stays out: the numbers of a floor (see `new_floors_text`),
-    the lag of a channel, the scale of the masses that the runs tell.
+    Values that are no quantity of the model file are left out: the numbers of a floor (see
+    `new_floors_text`),
+    the lag of a channel, the scale of the masses given by the runs.
 
     Args:
-      finding: What was found.
-      file: The model file that the search began with; the shipped one when None.
+      finding: The finding.
+      file: Model file from which the search began; the shipped one when None.
 
     Returns:
       None where no effect was named.
@@ -201,11 +200,11 @@ def new_model_text(finding: Finding, file: Path | None = None) -> str | None:
 
 
 def new_floors_text(finding: Finding, floors: Mapping[str, Floor]) -> str | None:
-    """The text of a floors file with the floors that were refitted; None where nothing was named or changed.
+    """Text of a floors file with the refitted floors; None where nothing was named or changed.
 
     Args:
-      finding: What was found.
-      floors: Those that the search began with, by name.
+      finding: The finding.
+      floors: Floors from which the search began, by name.
     """
     scales: dict[str, dict[str, float]] = {}
     for parameter in finding.refitted if finding.effects else ():
@@ -224,11 +223,11 @@ def new_floors_text(finding: Finding, floors: Mapping[str, Floor]) -> str | None
 def effect_tables(
     effects: Iterable[NamedEffect], present: Iterable[str] = ()
 ) -> dict[str, dict[str, float | int | str | FittedValue]]:
-    """Effects by the names of their tables: a second instance is called `sensor_delay_2`.
+    """Effects by the names of their tables; a second instance is called `sensor_delay_2`.
 
     Args:
-      effects: Named ones.
-      present: Tables that the file has already; what was found comes on top of them.
+      effects: Named effects.
+      present: Tables that the file has already; new effects are added to them.
     """
     tables: dict[str, dict[str, float | int | str | FittedValue]] = {}
     taken = set(present)
@@ -257,7 +256,8 @@ def _is_changed(parameter: Refitted) -> bool:
 
 
 def _quantity(parameter: Refitted, machine: Rig | Robot | Axis) -> str | None:
-    """`coulomb` of an axis is `axis.coulomb` in its file; None where the file has no such single number."""
+    """Name of a parameter in the model file (`coulomb` of an axis is `axis.coulomb`); None without such a
+    number."""
     for name in (parameter.name, f"axis.{parameter.name}"):
         table, _, key = name.partition(".")
         if name in machine.provenance and table != "effects":

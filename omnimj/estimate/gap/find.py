@@ -1,4 +1,4 @@
-"""`omnimj gap` from a dataset's folder to a finding: read, check, replay, search."""
+"""The gap workflow from a dataset's folder to a finding: read, check, replay, search, judge, locate."""
 
 from __future__ import annotations
 
@@ -32,14 +32,12 @@ from omnimj.recording.dataset import Dataset, Run
 from omnimj.recording.read_dataset import read_dataset
 from omnimj.signals import Array
 
-# Which conditions the user wants held out.
-
 
 def held_out_conditions(names: Sequence[str], runs: Sequence[Run]) -> tuple[str, ...]:
-    """The conditions of the named runs; a repeat that stayed behind would give the answer away.
+    """Conditions of the named runs; all repeats are held out together, so that none gives the answer away.
 
     Args:
-      names: Of runs or of conditions.
+      names: Names of runs or conditions.
       runs: All runs of the dataset.
 
     Returns:
@@ -61,12 +59,9 @@ def held_out_conditions(names: Sequence[str], runs: Sequence[Run]) -> tuple[str,
     return tuple(dict.fromkeys(run.condition for run in runs if run.condition in wanted))
 
 
-# The workflow from a replay to a finding: search, judge, locate, and say which run comes next.
-
-
 @dataclass(frozen=True)
 class DatasetSummary:
-    """What the finding says of its dataset beside the search itself."""
+    """Facts about the dataset that a finding repeats."""
 
     dataset: str
     notes: tuple[str, ...] = ()
@@ -81,15 +76,16 @@ def analyse_replay(
     seed: int = 0,
     report: Progress | None = None,
 ) -> Finding:
-    """Finds where simulation and measurement disagree and what the model lacks.
+    """Find where simulation and measurement disagree, and what the model lacks.
 
     Args:
       replay: The plant with the measured runs.
-      about: Of the dataset.
-      holdout: Conditions that nothing is fitted to; drawn by the seed when empty.
-      seed: Of what is held out, of folds and decoys.
-      report: Called with a phrase and the share of it that is done; KeyboardInterrupt raised there ends the
-        search with what it has.
+      about: Facts about the dataset.
+      holdout: Conditions excluded from every fit; drawn by the seed when empty.
+      seed: Seed of the held-out draw, the folds and the decoys.
+      report: Called with a phrase and the completed share of it; KeyboardInterrupt raised there ends the
+        search
+        with the result so far.
     """
     began = time.perf_counter()
     counted = _CountingReplay(replay)
@@ -134,7 +130,7 @@ def analyse_replay(
 
 
 class _CountingReplay:
-    """A replay that counts its simulations."""
+    """Replay that counts its simulations."""
 
     def __init__(self, replay: Replay):
         self._replay, self.count = replay, 0
@@ -153,7 +149,7 @@ def _mismatch(problem: Problem, fitted: Fit) -> Array:
 
 
 def parameter_slice(problem: Problem, fitted: Fit, candidate: CandidateEffect) -> slice:
-    """Where the parameters of one effect lie in a fit's vector."""
+    """Place of one effect's parameters in a fit's vector."""
     at = len(problem.replay.base) + problem.has_twin_share
     for one in fitted.effects:
         if one.label == candidate.label:
@@ -220,7 +216,7 @@ def _shrink(found: SearchResult, before: Array, after: Array | None) -> float | 
 
 
 def _next(found: SearchResult, verdict: Verdict):
-    """A run that splits the first effect with rivals."""
+    """Run that separates the first effect from its rivals."""
     if verdict.kind != "ambiguous":
         return None
     for named in found.named:
@@ -279,10 +275,10 @@ _SHIPPED_MODELS = {
 
 
 def read_machine(plant: str, path: Path | None) -> Machine:
-    """The model file of a plant, its effects checked.
+    """Read the model file of a plant and check its effects.
 
     Raises:
-      InputError: The file is of another plant, or wrong in itself.
+      InputError: The file belongs to another plant, or is wrong in itself.
     """
     if path is not None:
         path = model_path(path, _SHIPPED_MODELS[plant])
@@ -295,7 +291,7 @@ def read_machine(plant: str, path: Path | None) -> Machine:
 
 
 def make_replay(dataset: Dataset, machine: Machine, floors: Mapping[str, Floor]) -> Replay:
-    """The dataset as the search sees it.
+    """Prepare the replay of a dataset.
 
     Raises:
       InputError: A run lacks what a replay needs.
@@ -321,20 +317,21 @@ def find_gap(
     seed: int = 0,
     floors_file: Path | None = None,
 ) -> Finding:
-    """Finds where a model and measured runs part, and what the model lacks.
+    """Find where a model and measured runs disagree, and what the model lacks.
 
     Args:
       dataset: Folder of the measured runs.
       model: The plant's model file; the shipped one when None.
       holdout: Runs or conditions to judge by; drawn by the seed when empty.
-      report: Called with a phrase and the share of it that is done; KeyboardInterrupt raised there ends the
-        search with what it has.
-      seed: Of what is held out and of the random curves.
-      floors_file: Floors beside the shipped ones, or in their place where names are alike.
+      report: Called with a phrase and the completed share of it; KeyboardInterrupt raised there ends the
+        search
+        with the result so far.
+      seed: Seed of the held-out draw and of the random curves.
+      floors_file: Floors in addition to the shipped ones; equal names replace them.
 
     Raises:
       InputError: The dataset or the model file is wrong.
-      UnknownNameError: A floor, plant or run that is not known.
+      UnknownNameError: Unknown floor, plant or run.
     """
     floors = all_floors(floors_file)
     read = read_dataset(dataset, floors)

@@ -1,4 +1,4 @@
-"""What the gap workflow finds, as frozen records: the command line writes them, the report draws them."""
+"""Records of the gap workflow; the command line writes them, the report draws them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from omnimj.signals import Array
 
 @dataclass(frozen=True)
 class Interval:
-    """A number with its bounds."""
+    """Number with its bounds."""
 
     value: float
     low: float | None
@@ -23,36 +23,36 @@ class Interval:
 
 @dataclass(frozen=True)
 class NamedEffect:
-    """One effect that was added to the model."""
+    """Effect that was added to the model."""
 
     effect: str
     words: str
-    """What it is, in plain words."""
+    """Description in plain words."""
     parameters: Mapping[str, Interval]
-    """With 90 % intervals."""
+    """Estimates with 90 % intervals."""
     selectors: Mapping[str, str | int]
-    """Which channel or wheel, where the effect has such a choice."""
+    """Channel or wheel, where the effect has such a choice."""
     indistinguishable_from: tuple[str, ...]
-    """Rivals that the data do not beat."""
+    """Ambiguity set: rivals that the data do not beat."""
     gain: Interval
-    """Share of the held-out mismatch (RMS in units of noise) that it takes away, 90 % interval."""
+    """Reduction of the held-out mismatch (RMS in units of noise), with its 90 % interval."""
     p_false: float | None
     """Share of decoys (random curves of the same flexibility) that gain as much."""
 
 
 @dataclass(frozen=True)
 class MismatchRegime:
-    """One channel in one regime and its share of the gap."""
+    """Channel and regime with its share of the gap."""
 
     channel: str
     regime: str
-    """In words: `carriage speed above 0.8 m/s`."""
+    """Description: `carriage speed above 0.8 m/s`."""
     bounds: Mapping[str, tuple[float, float]]
-    """The same as numbers: variable → low, high."""
+    """Variable → low, high."""
     share: float
-    """Of the squared mismatch over all channels, in units of noise."""
+    """Share of the squared mismatch over all channels, in units of noise."""
     before: float
-    """RMS mismatch there [unit of the channel]."""
+    """RMS mismatch in the regime [unit of the channel]."""
     after: float | None = None
 
 
@@ -67,7 +67,7 @@ class ChannelGap:
 
 @dataclass(frozen=True)
 class Refitted:
-    """A parameter declared uncertain and what the data make of it."""
+    """Uncertain parameter and its fitted value."""
 
     name: str
     unit: str
@@ -81,25 +81,25 @@ class Refitted:
 
 @dataclass(frozen=True)
 class CandidateResult:
-    """How one effect did."""
+    """Outcome of one candidate effect."""
 
     label: str
     """Effect, and its selector in brackets: `sensor_delay (wheel_speed)`."""
     screened: float
-    """Share of the mismatch that its sensitivities explain at best."""
+    """Largest share of the mismatch explained by its sensitivities."""
     gain: Interval | None
-    """Held-out gain; None when the screening left it behind."""
+    """Held-out gain; None for candidates excluded by the screening."""
     verdict: str
     """`named`, `rival`, `beaten`, `given up` (it led at first), `screened out`, `below the margin`."""
     words: str = ""
-    """What it is, in plain words."""
+    """Description in plain words."""
     is_sensor: bool = False
-    """Whether it is the measurement and not the machine that would be wrong."""
+    """True for an effect of the measurement, as opposed to the machine."""
 
 
 @dataclass(frozen=True)
 class Stage:
-    """One round of naming: candidates in the order of their gain, and what the decoys gained."""
+    """Round of the selection: candidates in the order of their gain, and gains of the decoys."""
 
     candidates: tuple[CandidateResult, ...]
     decoys: Array
@@ -109,7 +109,7 @@ class Stage:
 
 @dataclass(frozen=True)
 class Overlay:
-    """One run (or window) for pictures: measured, simulated before and after, block means."""
+    """Block means of one run (or window) for plots: measured, simulated before and after."""
 
     run: str
     heldout: bool
@@ -120,28 +120,28 @@ class Overlay:
     after: Array
     """Shape (k, channels)."""
     conditions: Mapping[str, float | str] = field(default_factory=dict)
-    """Of the run: floor, mass, current, …"""
+    """Conditions of the run: floor, mass, current, …"""
     regimes: Mapping[str, Array] = field(default_factory=dict)
     """Regime variable → its value in every block, shape (k,)."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """All that the workflow found; `gap.json` is its digest, `report.html` its story."""
+    """Complete outcome of the gap workflow; `gap.json` is its digest, `report.html` its report."""
 
     dataset: str
     plant: str
     verdict: str
     """`named`, `ambiguous`, `unexplained` or `no_gap`."""
     reason: str
-    """Why this verdict, in one or two sentences with numbers."""
+    """Reason of the verdict, in one or two sentences with numbers."""
     effects: tuple[NamedEffect, ...]
     where: tuple[MismatchRegime, ...]
     train: Mapping[str, ChannelGap]
     heldout: Mapping[str, ChannelGap]
     shrink: float | None
     next_experiment: Mapping[str, Any] | None
-    """`why`, `run` (what to drive), `separates` (names), `parting` (how far the rivals part, in noise)."""
+    """`why`, `run` (its settings), `separates` (names), `parting` (distance in units of noise)."""
     channels: Mapping[str, tuple[str, str]]
     """Channel → unit, words."""
     noise: Mapping[str, float]
@@ -153,30 +153,27 @@ class Finding:
     """Regime variable → share of the remaining held-out mismatch that a free curve of it explains."""
     overlays: tuple[Overlay, ...] = ()
     data_notes: tuple[str, ...] = ()
-    """What the check of the data found: masks, signs, units, delays, biases."""
+    """Notes of the data check: masks, signs, units, delays, biases."""
     samples: int = 0
     effective_samples: float = 0.0
     """N and N_eff of the whitened mismatch."""
     simulations: int = 0
     seconds: float = 0.0
     failure: str = ""
-    """Why the work ended early, empty when it did not."""
+    """Reason of an early end, empty otherwise."""
     regimes: Mapping[str, str] = field(default_factory=dict)
     """Regime variable → its unit."""
 
 
-# The gap run by run: which runs carry it, which of the held-out ones to look at.
-
-
 @dataclass(frozen=True)
 class RunGap:
-    """Mismatch of one run before and after, RMS."""
+    """RMS mismatch of one run before and after."""
 
     run: str
     heldout: bool
-    """Whether it, or a part of it, was held out."""
+    """True where the run, or a part of it, was held out."""
     partly: bool
-    """Whether only some of its windows were held out."""
+    """True where only some of its windows were held out."""
     conditions: Mapping[str, float | str]
     before: Mapping[str, float]
     """Channel → RMS [unit of the channel]."""
@@ -187,19 +184,19 @@ class RunGap:
 
 
 def has_second_model(finding: Finding) -> bool:
-    """Whether there is a second model to compare with."""
+    """True where a finding has a second model to compare with."""
     gaps = [*finding.heldout.values(), *finding.train.values()]
     return any(gap.after is not None for gap in gaps)
 
 
 def noise_row(finding: Finding) -> Array:
-    """Noise of a block mean in the order of the channels, shape (channels,); 1 where none is known."""
+    """Noise of a block mean in the order of the channels, shape (channels,); 1 where unknown."""
     row = np.array([finding.noise.get(name, np.nan) for name in finding.channels], float)
     return np.where(np.isfinite(row) & (row > 0.0), row, 1.0)
 
 
 def overlays_by_run(finding: Finding) -> dict[str, list[Overlay]]:
-    """The overlays by run, windows of one run in the order of time."""
+    """Overlays by run, windows of one run in the order of time."""
     runs: dict[str, list[Overlay]] = {}
     for overlay in finding.overlays:
         runs.setdefault(overlay.run, []).append(overlay)
@@ -207,20 +204,20 @@ def overlays_by_run(finding: Finding) -> dict[str, list[Overlay]]:
 
 
 def run_gaps(finding: Finding) -> tuple[RunGap, ...]:
-    """Every run that has an overlay, the largest mismatch in units of noise first."""
+    """Gaps of all runs with an overlay, the largest mismatch in units of noise first."""
     second = has_second_model(finding)
     found = [_of_run(finding, run, windows, second) for run, windows in overlays_by_run(finding).items()]
     return tuple(sorted(found, key=lambda gap: -gap.total_before))
 
 
 def worst_run(finding: Finding) -> str | None:
-    """The held-out run with the largest mismatch before; a training run where none is held out."""
+    """Held-out run with the largest mismatch before; a training run where none is held out."""
     gaps = _heldout_gaps(finding)
     return gaps[0].run if gaps else None
 
 
 def typical_run(finding: Finding) -> str | None:
-    """The held-out run in the middle of their order; None when that is the worst one too."""
+    """Held-out run in the middle of their order; None when that is the worst one too."""
     gaps = _heldout_gaps(finding)
     return gaps[len(gaps) // 2].run if len(gaps) > 1 else None
 
@@ -252,6 +249,9 @@ def channel_rms(mismatch: Array) -> Array:
 
     Args:
       mismatch: Shape (blocks, channels).
+
+    Returns:
+      Shape (channels,).
     """
     known = np.isfinite(mismatch)
     squares = np.where(known, mismatch, 0.0) ** 2

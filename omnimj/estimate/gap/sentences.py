@@ -1,4 +1,4 @@
-"""What was found, in plain sentences with numbers: for the digest, the report and the terminal alike."""
+"""Text of a finding in plain sentences with numbers, for digest, report and terminal alike."""
 
 from __future__ import annotations
 
@@ -18,53 +18,53 @@ _MACHINES = {"quarter_rig": "test rig", "uto_robot": "robot", "linear_axis": "li
 
 
 def machine_name(plant: str) -> str:
-    """`quarter_rig` → `test rig`."""
+    """Name of a plant in words: `quarter_rig` → `test rig`."""
     return _MACHINES.get(plant, plant.replace("_", " "))
 
 
 def dataset_name(finding: Finding) -> str:
-    """The dataset's folder without the way to it."""
+    """Name of the dataset's folder without its path."""
     return Path(finding.dataset).name or finding.dataset
 
 
 def variable_words(name: str) -> str:
-    """A regime variable as a person says it: `reversal` → `time since a reversal`."""
+    """Regime variable in words: `reversal` → `time since a reversal`."""
     return _VARIABLES.get(name, name.replace("_", " "))
 
 
 def format_percent(share: float) -> str:
-    """`0.583` → `58 %`; small shares keep two digits."""
+    """Format a share: `0.583` → `58 %`; small shares keep two digits."""
     value = 100.0 * share
     return f"{format_number(round(value) if abs(value) >= 9.95 else value, 3 if abs(value) >= 9.95 else 2)} %"
 
 
 def format_number(value: float, number: int = 3) -> str:
-    """A number in that many digits, with a true minus sign; whole below a million where it has more."""
+    """Format a number with a true minus sign; at most `number` significant digits below a million."""
     form = f".{number}g" if abs(value) < 10.0**number or abs(value) >= 1e6 else ".0f"
     return f"{value:{form}}".replace("-", "−")
 
 
 def format_amount(value: float | None, unit: str, number: int = 3) -> str:
-    """A number in that many digits with its unit, a dash where there is none."""
+    """Format a number with its unit; a dash for None."""
     if value is None:
         return "–"
     return f"{format_number(value, number)} {'' if unit == '1' else format_unit(unit)}".rstrip()
 
 
 def format_unit(unit: str) -> str:
-    """`kg.m2` → `kg·m²`."""
+    """Format a unit: `kg.m2` → `kg·m²`."""
     return unit.replace(".", "·").replace("2", "²")
 
 
 def join_words(names: Sequence[str], last: str = "and") -> str:
-    """`a, b and c`."""
+    """Join words: `a, b and c`."""
     if len(names) < 2:
         return "".join(names)
     return f"{', '.join(names[:-1])} {last} {names[-1]}"
 
 
 def effect_label(effect: NamedEffect) -> str:
-    """The effect with its selector in brackets: `torque_constant (wheel 3)`."""
+    """Effect with its selector in brackets: `torque_constant (wheel 3)`."""
     chosen = ", ".join(
         f"{name} {value}" if name == "wheel" else str(value) for name, value in effect.selectors.items()
     )
@@ -72,7 +72,7 @@ def effect_label(effect: NamedEffect) -> str:
 
 
 def headline(finding: Finding) -> str:
-    """The verdict and its names: `Named: lateral_coupling`."""
+    """Verdict with the named effects: `Named: lateral_coupling`."""
     effects = finding.effects
     if len(effects) > 1:
         names = f": {len(effects)} effects"
@@ -84,7 +84,7 @@ def headline(finding: Finding) -> str:
 
 
 def summarize_finding(finding: Finding) -> str:
-    """The verdict as one or two sentences."""
+    """Verdict as one or two sentences."""
     if finding.failure:
         return f"{_unfinished(finding)} {_verdict(finding)}"
     return _verdict(finding)
@@ -92,7 +92,7 @@ def summarize_finding(finding: Finding) -> str:
 
 def _unfinished(finding: Finding) -> str:
     why = "was interrupted" if finding.failure == "interrupted" else f"ended early ({finding.failure})"
-    return f"The search {why}; this is what was found until then."
+    return f"The search {why}; this is the result so far."
 
 
 def _verdict(finding: Finding) -> str:
@@ -102,9 +102,7 @@ def _verdict(finding: Finding) -> str:
         return f"{_list_alternatives(finding)} {_smaller(finding)}".rstrip()
     if finding.verdict == "unexplained":
         return f"Model and measurement disagree{_size(finding)}, and no effect in the library explains it."
-    return (
-        f"The model agrees with the measurement{_size(finding)}: nothing is missing that these data can show."
-    )
+    return f"The model agrees with the measurement{_size(finding)}: these data show no missing effect."
 
 
 def _lacks(finding: Finding) -> str:
@@ -139,7 +137,7 @@ def _list_alternatives(finding: Finding) -> str:
 
 
 def main_channel(finding: Finding) -> str | None:
-    """The channel that carries most of the gap."""
+    """Channel that carries most of the gap."""
     for place in finding.where:
         if place.channel in finding.heldout:
             return place.channel
@@ -172,26 +170,26 @@ def _size(finding: Finding) -> str:
 
 
 def format_in_noise(multiple: float) -> str:
-    """`4.4 times the noise`."""
+    """Format a mismatch in units of noise: `4.4 times the noise`."""
     if 0.8 <= multiple <= 1.25:
         return "about the noise"
     return f"{format_number(multiple, 2)} times the noise"
 
 
 def format_regime(place: MismatchRegime) -> str:
-    """The regime's words without what they say of its density, which stands behind a semicolon."""
+    """Description of a regime without its density, which follows a semicolon."""
     return place.regime.partition(";")[0]
 
 
 def format_chance(effect: NamedEffect) -> tuple[str, str]:
-    """How often chance does as well: the number, and what it counts."""
+    """Share of decoys that do as well: the number, and what it counts."""
     if effect.p_false is None:
         return "not known", "no random curves were tried"
     return f"p = {format_number(effect.p_false, 2)}", "share of random curves that gain as much"
 
 
 def as_sentence(text: str) -> str:
-    """With a capital at its start and a full stop at its end, unless it begins with a name in code."""
+    """Capitalise and end with a full stop, unless the text begins with a name in code."""
     text = text.strip()
     if not text:
         return ""
@@ -200,7 +198,7 @@ def as_sentence(text: str) -> str:
 
 
 def summarize_runs(finding: Finding, number: int, partly: bool) -> str:
-    """`24 runs of the test rig, 4 of them held out`."""
+    """Summary of the runs: `24 runs of the test rig, 4 of them held out`."""
     of = f"of the {machine_name(finding.plant)}"
     held = len(finding.heldout_runs)
     if not number:
@@ -212,27 +210,27 @@ def summarize_runs(finding: Finding, number: int, partly: bool) -> str:
 
 
 def next_step(finding: Finding) -> str:
-    """What to do now."""
+    """Recommended next step."""
     if finding.next_experiment:
         return as_sentence(f"To tell them apart: {finding.next_experiment.get('why', '')}")
     if finding.verdict == "unexplained":
         return _summarize_free_curve(finding)
     if finding.verdict == "no_gap":
-        return "Nothing: drive faster, heavier or longer to look for effects that these runs do not wake."
+        return "Nothing: drive faster, heavier or longer to look for effects that these runs do not excite."
     return f"Use the new model.{_summarize_remainder(finding)}"
 
 
 def format_separation(finding: Finding) -> str:
-    """Which names the next experiment parts: `It parts rail_coulomb from rolling_resistance.`"""
+    """Names that the next experiment separates: `It separates rail_coulomb from rolling_resistance.`"""
     names = [str(name) for name in (finding.next_experiment or {}).get("separates") or ()]
     leader = next((effect_label(e) for e in finding.effects if e.indistinguishable_from), None)
     others = [name for name in names if leader is None or name not in (leader, leader.partition(" ")[0])]
     if not others:
-        return "It parts none of them for certain."
+        return "It separates none of them reliably."
     return (
-        f"It parts {join_words(others)}."
+        f"It separates {join_words(others)}."
         if leader is None
-        else f"It parts {leader} from {join_words(others)}."
+        else f"It separates {leader} from {join_words(others)}."
     )
 
 
@@ -252,6 +250,6 @@ def _summarize_free_curve(finding: Finding) -> str:
         return "No effect in the library explains it."
     variable, share = max(finding.flexible.items(), key=lambda item: item[1])
     return (
-        f"No effect in the library explains it, but a free curve over {variable_words(variable)} takes "
-        f"{format_percent(share)} of the remaining held-out mismatch away: look for what depends on it."
+        f"No effect in the library explains it, but a free curve over {variable_words(variable)} removes "
+        f"{format_percent(share)} of the remaining held-out mismatch: look for a dependence on it."
     )

@@ -1,7 +1,7 @@
-"""The verdict over a search: what may be said, and why.
+"""Verdict on a search with its reason, and the experiment that would separate rivals.
 
-`named` and `ambiguous` need effects that explain most of what can be explained at all; else the gap is
-`unexplained`, and a free curve says how much is there to be found. `no_gap`: the mismatch is the noise's.
+`named` and `ambiguous` need effects that explain most of what can be explained at all; otherwise the gap is
+`unexplained`, and a free curve tells how much there is to explain. `no_gap`: the mismatch is at noise level.
 """
 
 from __future__ import annotations
@@ -21,59 +21,60 @@ from omnimj.estimate.replay.problem import Fit, Problem, fit
 NOISE_LEVEL = 1.5
 """Held-out mismatch in units of noise up to which there is no gap."""
 MIN_EXPLAINED = 0.7
-"""Share of the explainable mismatch (squared, beyond the noise) that named effects must take away."""
+"""Smallest share of the explainable mismatch (squared, beyond the noise) that named effects must remove."""
 MIN_REDUCTION = 0.5
-"""Share of everything above the noise (squared, held out) that they must take away, explainable or not."""
+"""Smallest share of all mismatch above the noise (squared, held out) that they must remove."""
 MIN_HELD_OUT_GAIN = 0.01
-"""Share by which the mismatch of the runs that nothing was fitted to must shrink."""
+"""Smallest reduction of the mismatch of the held-out runs."""
 MAX_RESIDUAL, MAX_SHARE_AT_BOUNDS = 5.0, 0.5
-"""Mismatch left in units of noise, and share of the base at its boxes' ends, beyond which no name holds."""
+"""Remaining mismatch in units of noise, and share of base parameters at bounds, beyond which nothing is
+named."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What may be said."""
+    """Verdict with its reason."""
 
     kind: str
     reason: str
     explained: float | None
-    """Share of the explainable mismatch that the effects take away; None without effects."""
+    """Share of the explainable mismatch that the effects remove; None without effects."""
     flexible: dict[str, float]
     """Variable → gain of a free curve of it beyond the last model."""
 
 
 @dataclass(frozen=True)
 class _Achieved:
-    """What the named effects achieve; squares of mismatch throughout."""
+    """Reduction achieved by the named effects; squares of mismatch throughout."""
 
     explained: float
-    """Share of what can be explained (by them and a free curve) that they take away."""
+    """Share of what can be explained (by them and a free curve) that they remove."""
     above: float
-    """Share of what is above the noise that they take away on runs never used."""
+    """Share of the held-out mismatch above the noise that they remove."""
     was: float
     rest: float
-    """Mismatch before and after on runs never used, in units of noise."""
+    """Held-out mismatch before and after, in units of noise."""
     stretched: float
-    """Share of the base parameters that are needed at the ends of their boxes."""
+    """Share of the base parameters that end at their bounds."""
 
 
 def judge_search(found: SearchResult, split: TrainingSplit) -> Verdict:
-    """Weighs the named effects against what a free curve and the noise say."""
+    """Weigh the named effects against a free curve and the noise."""
     if not found.named:
         return _nothing_named(found)
-    weighed, flexible = _measure_achieved(found, split)
-    refusal = _refusal(weighed)
+    achieved, flexible = _measure_achieved(found, split)
+    refusal = _refusal(achieved)
     if refusal is not None:
-        return Verdict(*refusal, weighed.explained, flexible)
-    words = f"{_format_explained(weighed)}; what is left is {weighed.rest:.2g} × the noise"
+        return Verdict(*refusal, achieved.explained, flexible)
+    words = f"{_format_explained(achieved)}; {achieved.rest:.2g} × the noise remains"
     kind = "ambiguous" if any(n.rivals for n in found.named) else "named"
-    return Verdict(kind, words, weighed.explained, flexible)
+    return Verdict(kind, words, achieved.explained, flexible)
 
 
 def _nothing_named(found: SearchResult) -> Verdict:
     size, flexible = _heldout_rms(found, found.base.residual), found.curves.flexible if found.curves else {}
     if size <= NOISE_LEVEL:
-        reason = f"after refitting what is uncertain the mismatch is {size:.2g} × its noise"
+        reason = f"after refitting the uncertain parameters the mismatch is {size:.2g} × its noise"
         return Verdict("no_gap", reason, None, flexible)
     best = max([0.0, *flexible.values()])
     reason = f"the mismatch is {size:.2g} × its noise, and no effect of the library gains clearly on held-out"
@@ -95,38 +96,37 @@ def _measure_achieved(found: SearchResult, split: TrainingSplit) -> tuple[_Achie
     return _Achieved(explained, above, was, rest, _share_at_bounds(found)), flexible
 
 
-def _format_explained(weighed: _Achieved) -> str:
-    share = 100.0 * weighed.explained
-    return f"the named take away {share:.0f} % of the squared mismatch that can be explained"
+def _format_explained(achieved: _Achieved) -> str:
+    share = 100.0 * achieved.explained
+    return f"the named effects remove {share:.0f} % of the explainable squared mismatch"
 
 
-def _refusal(weighed: _Achieved) -> tuple[str, str] | None:
-    """Why the effects may not be named: another verdict and its reason; None when they may."""
-    rest, was = weighed.rest, weighed.was
-    if weighed.explained < MIN_EXPLAINED:
+def _refusal(achieved: _Achieved) -> tuple[str, str] | None:
+    """Verdict and reason where the effects may not be named; None where they may."""
+    rest, was = achieved.rest, achieved.was
+    if achieved.explained < MIN_EXPLAINED:
         return (
             "unexplained",
-            f"{_format_explained(weighed)}, a free curve takes away more: what is missing is not in "
-            f"the library",
+            f"{_format_explained(achieved)}, a free curve removes more: the effect is not in the library",
         )
     if rest >= (1.0 - MIN_HELD_OUT_GAIN) * was:
         if was <= NOISE_LEVEL:
             return "no_gap", f"the mismatch is {was:.2g} × its noise"
-        return "unexplained", "what gains on the runs in use gains nothing on the others"
-    if rest > NOISE_LEVEL and weighed.above < MIN_REDUCTION:
-        share = f"the best of the library takes away {100.0 * weighed.above:.0f} % of what is above the noise"
-        return "unexplained", f"{share}, {rest:.2g} × the noise is left"
-    if rest > MAX_RESIDUAL and weighed.stretched > MAX_SHARE_AT_BOUNDS:
+        return "unexplained", "the gain on the training runs does not carry over to the held-out runs"
+    if rest > NOISE_LEVEL and achieved.above < MIN_REDUCTION:
+        share = f"the best effects remove {100.0 * achieved.above:.0f} % of the mismatch above the noise"
+        return "unexplained", f"{share}, {rest:.2g} × the noise remains"
+    if rest > MAX_RESIDUAL and achieved.stretched > MAX_SHARE_AT_BOUNDS:
         left = (
-            f"{_format_explained(weighed)}, but {rest:.2g} × the noise is left and most "
-            f"uncertain parameters ran to"
+            f"{_format_explained(achieved)}, but {rest:.2g} × the noise remains and most "
+            f"uncertain parameters end"
         )
-        return "unexplained", f"{left} the ends of their boxes: it stands in for something else"
+        return "unexplained", f"{left} at their bounds: the effects substitute for another one"
     return None
 
 
 def _share_at_bounds(found: SearchResult) -> float:
-    """Share of the base parameters that the last model needs at the ends of their boxes."""
+    """Share of the base parameters that the last model leaves at their bounds."""
     base = found.problem.replay.base
     ends = [
         min(value - b.low, b.high - value) <= 1e-3 * (b.high - b.low)
@@ -142,25 +142,24 @@ def _heldout_rms(found: SearchResult, residual: np.ndarray) -> float:
     return float(np.sqrt((out[valid] ** 2).mean())) if valid.any() else 0.0
 
 
-# Which run would split what the data cannot: from a menu, by how far the rivals' predictions part.
-
 _MIN_SEPARATION = 1.0  # RMS distance in units of noise above which one run tells two models apart
 
 
 def next_experiment(problem: Problem, best: Fit, rivals: Sequence[tuple[str, Fit]]) -> dict[str, Any] | None:
-    """The run of the menu in which the leader and its rivals part most.
+    """Candidate run in which the leader and its rivals differ most.
 
-    Every model is fitted already; each predicts every run of the menu. A run is as good as the rival that it
-    splits least, then as the sum over rivals.
+    Every fitted model predicts every candidate run. A run is ranked by the rival that it separates least,
+    then by
+    the sum over rivals.
 
     Args:
-      problem: Gives the menu and the noise.
+      problem: Gives the candidate runs and the noise.
       best: The leader.
-      rivals: Names and fits of those it does not beat.
+      rivals: Names and fits of the rivals that it does not beat.
 
     Returns:
-      `why`, `run`, `separates`, `parting` (name → RMS distance in units of noise); None when there is no
-      rival or no menu.
+      `why`, `run`, `separates`, `parting` (name → RMS distance in units of noise); None without rivals or
+      candidate runs.
     """
     candidate_experiments = problem.replay.candidate_experiments()
     if not rivals or not candidate_experiments:
@@ -175,10 +174,10 @@ def next_experiment(problem: Problem, best: Fit, rivals: Sequence[tuple[str, Fit
     names = [name for name, _ in rivals]
     split = [name for name, d in zip(names, distances, strict=True) if d >= _MIN_SEPARATION]
     if split:
-        why = f"the predictions part by {max(distances):.2g} × the noise in this run: {experiment.words}"
+        why = f"the predictions differ by {max(distances):.2g} × the noise in this run: {experiment.words}"
     else:
         why = (
-            f"no run of the menu splits them; {experiment.words} parts them most, "
+            f"no candidate run separates them; {experiment.words} separates them most, "
             f"by {max(distances):.2g} × the noise"
         )
     parting = {name: round(d, 3) for name, d in zip(names, distances, strict=True)}

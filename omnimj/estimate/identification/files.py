@@ -55,10 +55,10 @@ def _as_floor(floor: IdentifiedFloor) -> Floor:
     return Floor(floor.floor, words, "lugre", source, floor.numbers, _uncertainty(floor.curve))
 
 
-def write_identification(path: Path, told: dict[str, Any]) -> None:
+def write_identification(path: Path, content: dict[str, Any]) -> None:
     """Writes `identification.json`."""
     with atomic_file(path) as temporary:
-        temporary.write_text(json.dumps(told, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+        temporary.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 def identification_content(identification: Identification, command: str = "") -> dict[str, Any]:
@@ -134,13 +134,10 @@ def _uncertainty(curve: SteadyCurve) -> float:
     return min(max(math.ceil(1000.0 * half) / 1000.0, _LEAST_UNCERTAINTY), 1.0)
 
 
-# `validation.json`: the table and the runs behind it.
-
-
-def write_validation(path: Path, told: dict[str, Any]) -> None:
-    """Writes `validation.json`."""
+def write_validation(path: Path, content: dict[str, Any]) -> None:
+    """Write `validation.json`."""
     with atomic_file(path) as temporary:
-        temporary.write_text(json.dumps(told, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+        temporary.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 def validation_content(validation: Validation, command: str = "") -> dict[str, Any]:
@@ -154,7 +151,7 @@ def validation_content(validation: Validation, command: str = "") -> dict[str, A
         "interrupted": validation.interrupted,
         "notes": list(validation.notes),
         "plants": list(validation.plants),
-        "mean": {plant: _validation_file_number(validation.mean(plant)) for plant in validation.plants},
+        "mean": {plant: _number(validation.mean(plant)) for plant in validation.plants},
         "table": [_cell(cell) for cell in validation.cells],
         "runs": [
             {
@@ -162,10 +159,10 @@ def validation_content(validation: Validation, command: str = "") -> dict[str, A
                 "plant": run.plant,
                 "floor": run.floor,
                 "mass": run.mass,
-                "lateral_speed": _validation_file_number(run.lateral_speed),
-                "current": _validation_file_number(run.current),
-                "carriage_speed_rms": _validation_file_number(run.carriage_rms),
-                "wheel_speed_rms": _validation_file_number(run.wheel_rms),
+                "lateral_speed": _number(run.lateral_speed),
+                "current": _number(run.current),
+                "carriage_speed_rms": _number(run.carriage_rms),
+                "wheel_speed_rms": _number(run.wheel_rms),
             }
             for run in validation.runs
         ],
@@ -173,22 +170,18 @@ def validation_content(validation: Validation, command: str = "") -> dict[str, A
 
 
 def _cell(cell: Cell) -> dict[str, Any]:
-    told: dict[str, Any] = {
+    content: dict[str, Any] = {
         "floor": cell.floor,
         "mass": cell.mass,
         "lateral_speed": cell.lateral_speed,
         "current": cell.current,
         "runs": list(cell.runs),
-        "carriage_speed_rms": {plant: _validation_file_number(value) for plant, value in cell.rms.items()},
-        "wheel_speed_rms": {plant: _validation_file_number(value) for plant, value in cell.wheel_rms.items()},
+        "carriage_speed_rms": {plant: _number(value) for plant, value in cell.rms.items()},
+        "wheel_speed_rms": {plant: _number(value) for plant, value in cell.wheel_rms.items()},
         "published": None,
     }
     if len(cell.published) == 1:
-        told["published"] = {"table_4_2": cell.published[0]}
+        content["published"] = {"table_4_2": cell.published[0]}
     elif cell.published:
-        told["published"] = {"table_4_3": cell.published[0], "table_4_4": cell.published[1]}
-    return told
-
-
-def _validation_file_number(value: float) -> float | None:
-    return float(f"{value:.6g}") if math.isfinite(value) else None
+        content["published"] = {"table_4_3": cell.published[0], "table_4_4": cell.published[1]}
+    return content

@@ -176,8 +176,6 @@ def _profile_bound(fit: FloorFit, index: int, sign: float, threshold: float) -> 
     return None
 
 
-# What the runs of a floor cannot tell, in words and as directions.
-
 _LOOSE = 0.5  # relative spread of a direction that is worth showing
 _SMALL_SHARE = 0.15  # weights below it are not worth a word
 _ROUGH = 2.0  # high over low of an interval beyond which a number is said to be rough

@@ -21,8 +21,6 @@ from omnimj.plant.planar import PlanarRig
 from omnimj.recording.dataset import Dataset, Run
 from omnimj.signals import Array, CurrentCommand
 
-# RMS speed errors that the dissertation prints: Tables 4.2, 4.3 and 4.4 [m/s].
-
 TABLE_4_2_CURRENTS = (0.45, 0.60, 0.75, 0.90, 1.05, 1.20, 1.35, 1.50)
 """[A]"""
 TABLE_4_2: Mapping[tuple[float, str], tuple[float, ...]] = MappingProxyType(
@@ -101,8 +99,6 @@ def _nearest(values, wanted: float, most: float) -> int | None:
     k = min(range(len(values)), key=lambda i: abs(values[i] - wanted))
     return k if abs(values[k] - wanted) <= most else None
 
-
-# Measured currents drive a simulated rig, run by run.
 
 PLANTS = ("twin", "planar")
 """Plants that a measured current can drive."""

@@ -157,8 +157,6 @@ def average_blocks(values: Array, size: int) -> Array:
     return np.asarray(values[: count * size]).reshape(count, size, *values.shape[1:]).mean(axis=1)
 
 
-# Candidates of a plant from the catalogue of effects: every selector's choice is a candidate of its own.
-
 _SPEEDS = (0.02, 0.1, 0.4)  # of the range: where friction near standstill may end
 _PLACES = (0.1, 0.3, 0.5, 0.7, 0.9)
 

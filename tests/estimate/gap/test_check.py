@@ -157,7 +157,7 @@ def test_a_run_that_is_another_one_copied_is_said():
     own = rig_steps(0)
     twice = own.runs[0].__class__("copy", own.runs[0].columns, {}, own.runs[0].conditions)
     check = check_dataset(own.__class__(own.path, own.plant, (*own.runs, twice)))
-    assert check.notes == ("copy is run_0 once more, number by number; it is no repeat",)
+    assert check.notes == ("copy equals run_0 in every number; it is a copy and no repeat",)
 
 
 def test_an_unknown_plant_is_refused():

@@ -1,4 +1,4 @@
-"""A linear axis' channels against each other: velocity against position, force against the motion."""
+"""Relations between the channels of a linear axis: velocity and position, force and motion."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _BEYOND = 3.0  # times the guide's length
 
 
 def axis_suspicions(runs: Sequence[Run], axis: Axis) -> Iterator[Suspicion]:
-    """What an axis' channels say of each other."""
+    """Yield contradictions between the channels of an axis."""
     force = "force" if all("force" in run.columns for run in runs) else "current"
     constant = 1.0 if force == "force" else axis.axis.force_constant
     stretches = []
@@ -62,7 +62,7 @@ def axis_suspicions(runs: Sequence[Run], axis: Axis) -> Iterator[Suspicion]:
 
 
 def _settled(found: Suspicion, runs: Sequence[Run], axis: Axis, force: str) -> Suspicion:
-    """Between force and position the guide's length decides: no carriage leaves it."""
+    """Blame force or position by the length of the guide, which no carriage leaves."""
     if {found.channel, *found.or_channels} != {force, "position"}:
         return found
     far = max(float(np.ptp(fill_masked(run, "position"))) for run in runs)
@@ -70,21 +70,21 @@ def _settled(found: Suspicion, runs: Sequence[Run], axis: Axis, force: str) -> S
     name, other = ("position", force) if is_place else (force, "position")
     size = found.size if name == found.channel else 1.0 / found.size
     size = unit_of(size, name)[0] or size
-    words = f"{name} is {size:.4g} times what {force} and the declared mass ask for"
+    words = f"{name} is {size:.4g} times the value implied by {force} and the declared mass"
     if is_place:
         words += f", and a travel of {far:.4g} m is beyond the guide"
     return replace(found, channel=name, size=size, words=words, or_channels=() if is_place else (other,))
 
 
 class _Motion:
-    """Force of a drive against the motion that the position shows, F = m a + b v + C sgn v + F₀."""
+    """Drive force compared with the measured motion, F = m a + b v + C sgn v + F₀."""
 
     def __init__(self, rows: list[tuple[Array, Array, Array, Array]], masses: list[float]):
         self._rows, self._masses = rows, masses
 
     @classmethod
     def of(cls, runs: Sequence[Run], force: str, constant: float, mass: float) -> _Motion:
-        """Smoothed motion of all runs; of force, speed and acceleration each sample stands for its window."""
+        """Smooth the motion of all runs; each sample represents its smoothing window."""
         rows, masses = [], []
         for run in runs:
             step = float(np.median(np.diff(run.time)))
@@ -102,7 +102,7 @@ class _Motion:
         return cls(rows, masses)
 
     def _fit(self, delay: float) -> tuple[Array, float, float]:
-        """Coefficients for m a, b v, C sgn v; share left open; F-like weight of the acceleration's part."""
+        """Coefficients of m a, b v, C sgn v; unexplained share; weight of the acceleration term."""
         gram, slope, total = np.zeros((4, 4)), np.zeros(4), 0.0
         for time, force, speed, acceleration in self._rows:
             pushed = np.interp(time - delay, time, force)
@@ -120,7 +120,7 @@ class _Motion:
         return whole, left / max(total, 1e-300), weight / max(total, 1e-300)
 
     def links(self, force: str) -> list[Link]:
-        """Force against position: the sign of the mass, and its size over the declared one."""
+        """Link of force and position: sign of the mass, and its size over the declared one."""
         if not self._rows:
             return []
         whole, left, weight = self._fit(0.0)
@@ -133,7 +133,7 @@ class _Motion:
         ]
 
     def late(self, force: str) -> Iterator[Suspicion]:
-        """A position that follows the force late, or a force that is logged late."""
+        """Yield a position that lags behind the force, or a force that is logged late."""
         if not self._rows:
             return
         step = float(np.median(np.diff(self._rows[0][0])))

@@ -1,4 +1,5 @@
-"""What one column alone gives away: frozen, clipped, glitches, jumps of a counter; rows written twice."""
+"""Defects visible in a single column: frozen, clipped, glitches, counter jumps, repeated rows, biases at
+rest."""
 
 from __future__ import annotations
 
@@ -26,7 +27,7 @@ _REPEATED = 0.005  # of the rows
 
 
 def fill_masked(run: Run, name: str) -> Array:
-    """A column with masked samples bridged by straight lines, shape (n,)."""
+    """Bridge the masked samples of a column by straight lines, shape (n,)."""
     values = np.asarray(run.columns[name], float)
     bad = ~np.isfinite(values)
     if name in run.masked:
@@ -37,7 +38,12 @@ def fill_masked(run: Run, name: str) -> Array:
 
 
 def moving_mask(run: Run, names: Sequence[str]) -> NDArray[np.bool_]:
-    """Where some speed is above a twentieth of its largest; a position counts by its change, shape (n,)."""
+    """Mask of samples at which some speed exceeds a twentieth of its largest; positions count by their
+    change.
+
+    Returns:
+      Shape (n,).
+    """
     found = np.zeros(len(run.time), bool)
     for name in names:
         if name in run.columns:
@@ -54,12 +60,12 @@ def moving_mask(run: Run, names: Sequence[str]) -> NDArray[np.bool_]:
 def column_suspicions(
     dataset: Dataset, names: Sequence[str], speeds: Sequence[str], counters: Sequence[str]
 ) -> Iterator[Suspicion]:
-    """Looks at every channel by itself.
+    """Check every channel by itself.
 
     Args:
       dataset: The runs.
-      names: Channels that noise moves, if they are alive.
-      speeds: Those that tell whether the machine moves.
+      names: Channels in which sensor noise is always visible.
+      speeds: Channels that show whether the machine moves.
       counters: Positions and angles, which may jump.
     """
     for name in names:
@@ -78,7 +84,7 @@ def column_suspicions(
 
 
 def constant_stretches(values: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Starts and lengths of stretches of equal values, both shape (stretches,)."""
+    """Starts and lengths of stretches of equal values, both of shape (stretches,)."""
     starts = np.concatenate([[0], np.flatnonzero(np.diff(values) != 0.0) + 1])
     return starts, np.diff(np.concatenate([starts, [len(values)]]))
 
@@ -97,7 +103,7 @@ def _moves(run: Run, names: Sequence[str]) -> bool:
 
 
 def _frozen(runs: Sequence[Run], name: str, speeds: Sequence[str]) -> Iterator[Suspicion]:
-    """The longest stretch of equal values of a channel that else changes all the time while things move."""
+    """Find the longest stretch of equal values in a channel that otherwise changes during motion."""
     worst, words, longest, touched = 0.0, "", 0, []
     for run in runs:
         values = np.asarray(run.columns[name], float)
@@ -121,14 +127,14 @@ def _frozen(runs: Sequence[Run], name: str, speeds: Sequence[str]) -> Iterator[S
         if lengths[k] / allowed > worst:
             worst, longest = float(lengths[k] / allowed), int(lengths[k])
             at = f"{run.time[part.start]:.3f} to {run.time[part.stop - 1]:.3f} s"
-            words = f"{name} stands still at {values[part.start]:.4g} from {at} of {run.name}"
+            words = f"{name} is frozen at {values[part.start]:.4g} from {at} of {run.name}"
     if touched:
-        words += f", and so in {len(touched) - 1} more runs" if len(touched) > 1 else ""
+        words += f", likewise in {len(touched) - 1} more runs" if len(touched) > 1 else ""
         yield Suspicion(name, "frozen", float(longest), worst, words, (), tuple(touched))
 
 
 def _is_stuck(values: Array, part: slice, name: str) -> bool:
-    """Whether equal values are neither a counter at rest nor a channel at the end of its range."""
+    """Test whether equal values are neither a counter at rest nor a channel at the end of its range."""
     value = float(values[part.start])
     if value == 0.0 or name.endswith("position"):
         return _leaps(values, part)
@@ -136,7 +142,7 @@ def _is_stuck(values: Array, part: slice, name: str) -> bool:
 
 
 def _leaps(values: Array, part: slice) -> bool:
-    """Whether a channel comes to a stretch, or leaves it, by a step far beyond its usual ones."""
+    """Test whether a channel enters or leaves a stretch by a step far beyond its usual ones."""
     steps = np.abs(np.diff(values))
     usual = float(np.median(steps[steps > 0.0]))
     ends = [steps[k] for k in (part.start - 1, part.stop - 1) if 0 <= k < len(steps)]
@@ -167,7 +173,7 @@ def _clipped(runs: Sequence[Run], name: str) -> Iterator[Suspicion]:
 
 
 def _glitches(runs: Sequence[Run], name: str) -> Iterator[Suspicion]:
-    """Bursts of up to four samples after which the channel goes on as before."""
+    """Find bursts of up to four samples after which the channel continues as before."""
     count, worst, touched = 0, 0.0, []
     reach = max(float(np.ptp(np.quantile(fill_masked(run, name), (0.01, 0.99)))) for run in runs)
     for run in runs:
@@ -192,7 +198,14 @@ def _glitches(runs: Sequence[Run], name: str) -> Iterator[Suspicion]:
 
 
 def counter_jumps(values: Array) -> tuple[NDArray[np.intp], float]:
-    """Where a counter starts over, and by how much; none: (empty, 0)."""
+    """Places at which a counter starts over, and the size of the jump; (empty, 0) without jumps.
+
+    Args:
+      values: Readings of the counter, shape (n,).
+
+    Returns:
+      Samples before the jumps, shape (jumps,), and the jump's size [unit of the channel].
+    """
     steps = np.diff(values)
     if len(steps) < 20:
         return np.empty(0, np.intp), 0.0
@@ -207,14 +220,14 @@ def counter_jumps(values: Array) -> tuple[NDArray[np.intp], float]:
 
 
 def counter_modulus(size: float, usual: float) -> float:
-    """The modulus of a counter that jumps by about `size`: 2π, 360, a power of two, or the size itself."""
+    """Modulus of a counter that jumps by about `size`: 2π, 360, a power of two, or the size itself."""
     known = (2.0 * np.pi, 360.0, *(2.0**k for k in (8, 10, 12, 14, 15, 16, 24, 32)))
     near = min(known, key=lambda m: abs(m - size))
     return float(near) if abs(near - size) <= max(0.05 * near, 2.0 * usual) else size
 
 
 def unwrap_counter(values: Array) -> Array:
-    """The same without jumps, shape (n,)."""
+    """Remove the jumps of a counter, shape (n,)."""
     at, size = counter_jumps(values)
     if not at.size:
         return values
@@ -233,7 +246,7 @@ def _wraps(runs: Sequence[Run], name: str) -> Iterator[Suspicion]:
             count, size = count + int(at.size), found
             touched.append(run.name)
     if count:
-        words = f"{name} starts over {count} times by {size:.4g}, as a counter that is full"
+        words = f"{name} starts over {count} times by {size:.4g}, as a counter that overflows"
         yield Suspicion(name, "wrap", size, 4.0, words, (), tuple(touched))
 
 
@@ -256,19 +269,17 @@ def _repeated(runs: Sequence[Run], speeds: Sequence[str]) -> Iterator[Suspicion]
 
 
 def repeated_runs(runs: Sequence[Run]) -> list[str]:
-    """Sentences on runs whose columns are the same number by number."""
+    """Sentences on runs whose columns are identical in every number."""
     found, seen = [], {}
     for run in runs:
         key = tuple((name, np.asarray(values).tobytes()) for name, values in sorted(run.columns.items()))
         digest = hash(key)
         if digest in seen:
-            found.append(f"{run.name} is {seen[digest]} once more, number by number; it is no repeat")
+            found.append(f"{run.name} equals {seen[digest]} in every number; it is a copy and no repeat")
         else:
             seen[digest] = run.name
     return found
 
-
-# Biases that show while the machine rests.
 
 _REST = 0.05  # [s] that a rest lasts at least
 _STILL = 0.02  # of the largest speed
@@ -276,11 +287,11 @@ _RUN_BIAS = 0.02  # [m/s²] of a healthy accelerometer, drawn anew in every run
 _ACCELERATION_BIAS = 0.05  # [m/s²]
 _CURRENT_BIAS = 0.015  # [A]
 SLOPE = 1.9
-"""Strength at most of a bias that a slope would give as well: it is never sure."""
+"""Largest strength of a bias that a sloping floor would explain as well: it is never sure."""
 
 
 def rest_mask(run: Run, speeds: Sequence[str]) -> NDArray[np.bool_]:
-    """Where every speed is next to nothing for a while, shape (n,)."""
+    """Mask of samples at which every speed stays near zero for a while, shape (n,)."""
     still = np.ones(len(run.time), bool)
     for name in speeds:
         size = np.abs(fill_masked(run, name))
@@ -297,7 +308,7 @@ def rest_mask(run: Run, speeds: Sequence[str]) -> NDArray[np.bool_]:
 
 
 def acceleration_bias(runs: Sequence[Run], name: str, speeds: Sequence[str]) -> Iterator[Suspicion]:
-    """An accelerometer that reads something at rest, in all runs alike."""
+    """Yield the bias of an accelerometer that reads something at rest in all runs alike."""
     means = [
         float(fill_masked(run, name)[still].mean()) for run in runs if (still := rest_mask(run, speeds)).any()
     ]
@@ -312,16 +323,16 @@ def acceleration_bias(runs: Sequence[Run], name: str, speeds: Sequence[str]) -> 
 
 
 def current_bias(runs: Sequence[Run], name: str, target: str, speeds: Sequence[str]) -> Iterator[Suspicion]:
-    """A current that differs from its set value at rest, while that is held."""
+    """Yield the bias of a current that differs from its constant set value at rest."""
     off = []
     for run in runs:
         if not {name, target} <= set(run.columns):
             continue
-        asked = np.asarray(run.columns[target], float)
-        steady = np.concatenate([np.zeros(20, bool), np.abs(asked[20:] - asked[:-20]) < 1e-3])
+        set_value = np.asarray(run.columns[target], float)
+        steady = np.concatenate([np.zeros(20, bool), np.abs(set_value[20:] - set_value[:-20]) < 1e-3])
         still = rest_mask(run, speeds) & steady
         if still.sum() >= 20:
-            off.append(float(np.mean(fill_masked(run, name)[still] - asked[still])))
+            off.append(float(np.mean(fill_masked(run, name)[still] - set_value[still])))
     if not off:
         return
     bias, spread = float(np.mean(off)), float(np.std(off)) / np.sqrt(len(off))

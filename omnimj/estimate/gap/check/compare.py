@@ -1,6 +1,6 @@
-"""Two channels that say the same thing: by which factor, how late, and with what drift.
+"""Scale, delay and drift between two channels that measure the same quantity, and the order of first motions.
 
-y(t) = c + b t + s x(t − δ), with c and b of every stretch its own. A positive δ: y is late.
+y(t) = c + b t + s x(t − δ), with c and b free in every stretch. δ > 0: y is late.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _FEWEST = 30  # samples of a stretch
 
 @dataclass(frozen=True)
 class Stretch:
-    """Samples of two quantities over one stretch of time, all shape (n,)."""
+    """Samples of two quantities over one stretch of time, all of shape (n,)."""
 
     time: Array
     x: Array
@@ -31,39 +31,47 @@ class Stretch:
 
 @dataclass(frozen=True)
 class Comparison:
-    """How y follows x over all stretches."""
+    """Relation of y to x over all stretches."""
 
     scale: float
-    """s, at the delay found."""
+    """s at the estimated delay."""
     delay: float
     """δ [s]."""
     delay_error: float
-    """Standard error of δ from stretch to stretch; infinite with a single one [s]."""
+    """Standard error of δ from the scatter between stretches; infinite with a single one [s]."""
     correlation: float
-    """Between what c + b t leaves of y and of x(t − δ)."""
+    """Correlation of y and x(t − δ) after removal of c + b t."""
     drift: float
     """Mean of b [unit of y per s]."""
     drift_error: float
-    """Standard error of the same from stretch to stretch."""
+    """Standard error of the drift from the scatter between stretches."""
     scales: Array
     """s of every stretch, shape (stretches,)."""
 
 
 def integral(time: Array, rate: Array) -> Array:
-    """∫ rate dt from the first sample on, by trapezoids, shape (n,)."""
+    """∫ rate dt from the first sample on, by trapezoids.
+
+    Args:
+      time: Shape (n,) [s].
+      rate: Shape (n,) [unit per s].
+
+    Returns:
+      Shape (n,).
+    """
     steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(time)
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def split_stretch(length: int, longest: int) -> list[slice]:
-    """Equal parts of at most `longest` samples."""
+    """Split `length` samples into equal parts of at most `longest` samples."""
     parts = max(1, -(-length // longest))
     ends = np.linspace(0, length, parts + 1).astype(int)
     return [slice(int(a), int(b)) for a, b in itertools.pairwise(ends)]
 
 
 def compare(stretches: Sequence[Stretch]) -> Comparison | None:
-    """Fits s, δ and the drifts.
+    """Fit scale s, delay δ and drifts b.
 
     Returns:
       None where x or y does not move.
@@ -119,7 +127,7 @@ def _detrended(trend: Array, values: Array) -> Array:
 
 
 def _lowest(places: Array, values: Array) -> float:
-    """Place of the lowest value, between the samples by a parabola."""
+    """Place of the lowest value, interpolated by a parabola."""
     k = int(values.argmin())
     if k in (0, len(values) - 1):
         return float(places[k])
@@ -128,8 +136,6 @@ def _lowest(places: Array, values: Array) -> float:
     shift = 0.5 * (a - c) / bend if bend > 0.0 else 0.0
     return float(places[k] + shift * (places[1] - places[0]))
 
-
-# The order in which channels begin to move when a step of current starts a machine that was at rest.
 
 _TOGETHER = 0.15  # [s] between the step and the first motion at most
 _LEVEL = 0.06  # [s] after the step: what a channel has come to
@@ -140,20 +146,20 @@ _SMOOTH = 0.005  # [s] over which an acceleration is averaged
 
 @dataclass(frozen=True)
 class Onsets:
-    """When each channel begins to move, per run."""
+    """Time at which each channel begins to move, per run."""
 
     times: Mapping[str, Array]
-    """Channel → time after the run's start, shape (runs,) [s]; NaN where it could not be told."""
+    """Channel → time after the run's start, shape (runs,) [s]; NaN where it is not determined."""
 
     def lag(self, first: str, second: str) -> float | None:
-        """Median over the runs of second − first [s]; None where it could not be told."""
+        """Median over the runs of second − first [s]; None where it is not determined."""
         apart = self.times[second] - self.times[first]
         apart = apart[np.isfinite(apart)]
         return float(np.median(apart)) if apart.size else None
 
 
 def onsets(runs: Sequence[Run], names: Sequence[str], speeds: Sequence[str]) -> Onsets:
-    """First motion of the first of `names` (the current) and of those that follow it.
+    """First motion of the first of `names` (the current) and of the channels that follow it.
 
     A channel begins where it first reaches 0.3 of its mean size between 30 and 90 ms later, an acceleration
     0.5 of it.

@@ -1,4 +1,4 @@
-"""The data checked first: what the channels of a dataset say of each other, before any model is asked."""
+"""Check of a dataset: consistency of its channels with each other, before any model is fitted."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ _GROSS = np.log(3.0)  # of a factor that is a unit's and no machine's
 
 
 def check_dataset(dataset: Dataset, machine: Rig | Robot | Axis | None = None) -> DataCheck:
-    """Looks for wrong signs, units, delays, biases, swapped, frozen, clipped and repeated channels.
+    """Look for wrong signs, units, delays and biases, and for swapped, frozen, clipped and repeated channels.
 
     No friction is assumed: speeds are compared with integrated accelerations, angles with integrated rates,
     wheels with the body that they carry, currents with the motion that they cause.
 
     Args:
-      dataset: As read.
-      machine: Its wheel radius, gear and geometry; the shipped model when None.
+      dataset: The runs as read.
+      machine: Gives wheel radius, gear and geometry; the shipped model when None.
 
     Raises:
-      UnknownNameError: A plant that is not known.
+      UnknownNameError: Unknown plant.
     """
     found: list[Suspicion] = []
     for s in sorted(_suspicions(dataset, machine), key=lambda s: (-s.strength, s.channel, s.kind)):
@@ -64,9 +64,9 @@ def _suspicions(dataset: Dataset, machine: Rig | Robot | Axis | None) -> Iterato
 
 
 def correct_dataset(dataset: Dataset, check: DataCheck) -> Dataset:
-    """Undoes what is gross and sure: a wrong unit, a counter that starts over.
+    """Correct errors that are gross and sure: a wrong unit, a counter that starts over.
 
-    Signs, small factors, delays and biases stay: the search has them as candidates.
+    Signs, small factors, delays and biases are left alone: they are candidates of the search.
 
     Returns:
       The dataset with a note on every change.
@@ -77,7 +77,7 @@ def correct_dataset(dataset: Dataset, check: DataCheck) -> Dataset:
             continue
         if s.kind == "wrap" and s.channel != "yaw":
             runs = tuple(_changed(r, s.channel, 1.0, True) for r in runs)
-            notes.append(f"{s.channel}: a counter that starts over was joined")
+            notes.append(f"{s.channel}: the jumps of a counter that starts over were removed")
         elif s.kind == "scale" and s.is_sure and abs(np.log(abs(s.size))) > _GROSS:
             runs = tuple(_changed(r, s.channel, 1.0 / s.size, False) for r in runs)
             notes.append(f"{s.channel}: divided by {s.size:.6g}, it was in another unit ({s.words})")

@@ -1,7 +1,8 @@
-"""The rig's channels against each other: speed against integrated acceleration, wheel against rail, onsets.
+"""Relations between the channels of the rig: speed and integrated acceleration, wheel and rail, first
+motions.
 
-Healthy lags that stay below what is suspected: 4 ms of the speed filter, 1.6 ms of the accelerometer, a wheel
-that slips before it drives.
+Healthy lags stay below the limits: 4 ms of the speed filter, 1.6 ms of the accelerometer, a wheel that slips
+before it drives.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ COUNTERS = ("carriage_position", "wheel_angle")
 
 
 def rig_suspicions(runs: Sequence[Run], rig: Rig) -> Iterator[Suspicion]:
-    """What a rig's channels say of each other."""
+    """Yield contradictions between the channels of a rig."""
     found = {pair: _compared(runs, *pair, rig) for pair in _PAIRS}
     links = [link for pair in _PAIRS for link in _link(found[pair], *pair)]
     links += _power_link(runs)
@@ -66,7 +67,7 @@ _INTEGRATED = frozenset(_PAIRS[1:])
 
 
 def _compared(runs: Sequence[Run], x: str, y: str, rig: Rig) -> Comparison | None:
-    """How y follows x, wheel speeds taken at the rim."""
+    """Comparison of y with x, wheel speeds taken at the rim."""
     at_rim = rig.wheel.radius
     stretches = []
     for run in runs:
@@ -93,7 +94,7 @@ def _link(found: Comparison | None, x: str, y: str) -> list[Link]:
 
 
 def _power_link(runs: Sequence[Run]) -> list[Link]:
-    """Current and wheel speed have one sign most of the time: the motor puts work in."""
+    """Link of current and wheel speed, which share their sign most of the time: the motor supplies work."""
     work = drawn = turned = 0.0
     for run in runs:
         if {"current", "wheel_speed"} <= set(run.columns):
@@ -106,7 +107,7 @@ def _power_link(runs: Sequence[Run]) -> list[Link]:
 
 
 def _delays(found: dict[tuple[str, str], Comparison | None], first: Onsets) -> Iterator[Suspicion]:
-    """A late speed, acceleration, wheel speed or current; each spoils comparisons of its own."""
+    """Yield a late speed, acceleration, wheel speed or current; each disturbs its own set of comparisons."""
     pair = found["carriage_acceleration", "carriage_speed"]
     speed = _healthy_off(pair, 0.0, _LAG) if pair else 0.0
     wheel = first.lag("carriage_acceleration", "wheel_speed")
@@ -125,7 +126,7 @@ def _delays(found: dict[tuple[str, str], Comparison | None], first: Onsets) -> I
 
 
 def _healthy_off(pair: Comparison, low: float, high: float) -> float:
-    """By how much a delay lies outside its healthy band; 0 where it is not known better than that [s]."""
+    """Distance of a delay from its healthy band [s]; 0 where the delay is too uncertain."""
     if abs(pair.correlation) < _CLEAR:
         return 0.0
     off = pair.delay - min(max(pair.delay, low), high)
@@ -139,7 +140,7 @@ def _late(channel: str, delay: float, against: str, rivals: tuple[str, ...] = ()
 
 
 def _acceleration_bias(pair: Comparison | None) -> Iterator[Suspicion]:
-    """v − s ∫a dt drifts by minus the bias."""
+    """Yield the accelerometer's bias: v − s ∫a dt drifts by minus the bias."""
     if pair is None or abs(pair.correlation) < _CLEAR:
         return
     count = len(pair.scales)

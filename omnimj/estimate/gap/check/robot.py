@@ -1,7 +1,7 @@
-"""A robot's channels against each other: heading against gyro, wheels against the body that they carry.
+"""Relations between the channels of a robot: heading and gyro, wheels and body motion.
 
-Body speed comes from the accelerometer alone, turned by the gyro: v(t) = Rᵀ(v₀ + ∫R (a − b) dt), with v₀ and
-b of every window free. Healthy: wheels lead by some 25 ms, since they slip before they drive.
+Body speed comes from the accelerometer alone, rotated by the gyro: v(t) = Rᵀ(v₀ + ∫R (a − b) dt), with v₀
+and b free in every window. Wheels of a healthy robot lead by some 25 ms, since they slip before they drive.
 """
 
 from __future__ import annotations
@@ -21,34 +21,32 @@ from omnimj.physics.kinematics import rolling_matrix
 from omnimj.recording.dataset import Run
 from omnimj.signals import Array
 
-# Wheel speeds that a body's accelerometer and gyro ask for, window by window.
-
 _BLOCK = 0.01  # [s] that one row covers
 _ADDED = 0.1  # share of a wheel's motion that the accelerometer must tell beyond the gyro
 
 
 @dataclass(frozen=True)
 class BodyWindow:
-    """A stretch of one run in which the unknown start and the sensors' biases are constant."""
+    """Stretch of one run over which the unknown initial velocity and the sensors' biases are constant."""
 
     wheels: Array
     """Wheel speeds, shape (n, wheels) [rad/s]."""
     yaw_rate: Array
     """Shape (n,) [rad/s]."""
     along: Array
-    """Body speed gained by what x and by what y of the accelerometer say, shape (2, n, 2) [m/s]."""
+    """Body speed gained from the x and the y axis of the accelerometer, shape (2, n, 2) [m/s]."""
     free: Array
-    """Body speeds that start and biases may add, shape (4, n, 2)."""
+    """Body speed contributed by unit initial velocities and biases, shape (4, n, 2)."""
 
 
 def body_windows(runs: Sequence[Run], wheels: int, gyro: float, longest: float) -> list[BodyWindow]:
-    """Cuts runs into windows.
+    """Cut runs into windows.
 
     Args:
-      runs: Of a robot.
-      wheels: How many.
-      gyro: Factor by which the gyro is known to be off.
-      longest: Length of a window at most [s].
+      runs: Runs of a robot.
+      wheels: Number of wheels.
+      gyro: Known scale error of the gyro.
+      longest: Largest length of a window [s].
     """
     found = []
     for run in runs:
@@ -90,23 +88,28 @@ def _window(time: Array, table: Array, wheels: int, gyro: float, size: int) -> B
 
 
 def _required_speed(part: BodyWindow, row: Array, axes: Array) -> tuple[Array, Array]:
-    """What a wheel with a row of the rolling matrix should do, start and biases out, and their basis."""
+    """Speed expected of a wheel with a row of the rolling matrix, initial velocity and biases projected out.
+
+    Returns:
+      The speed, shape (n,), and the basis that was projected out, shape (n, 4).
+    """
     basis = np.linalg.qr((part.free @ row[:2]).T)[0]
-    asked = axes[0] * part.along[0] @ row[:2] + axes[1] * part.along[1] @ row[:2] + row[2] * part.yaw_rate
-    return asked - basis @ (basis.T @ asked), basis
+    expected = axes[0] * part.along[0] @ row[:2] + axes[1] * part.along[1] @ row[:2] + row[2] * part.yaw_rate
+    return expected - basis @ (basis.T @ expected), basis
 
 
 def unexplained_share(
     parts: Sequence[BodyWindow], rolling: Array, order: Sequence[int], signs: Array, axes: Array
 ) -> float:
-    """Share of the wheels' motion that the body leaves open, each wheel with a positive scale of its own.
+    """Share of the wheels' motion that the body motion does not explain, each wheel with its own positive
+    scale.
 
     Args:
       parts: Windows.
       rolling: Rolling speed per body twist over the radius, shape (wheels, 3).
-      order: Which wheel each column is said to be.
-      signs: Of the columns, shape (wheels,).
-      axes: Signs of the accelerometer's x and y, shape (2,).
+      order: Assumed wheel of each column.
+      signs: Assumed sign of each column, shape (wheels,).
+      axes: Assumed signs of the accelerometer's x and y, shape (2,).
     """
     left = total = 0.0
     for k, wheel in enumerate(order):
@@ -122,10 +125,16 @@ def unexplained_share(
 
 
 def wheel_scales(parts: Sequence[BodyWindow], rolling: Array, count: int) -> list[tuple[float, float]]:
-    """Of every wheel: its scale against the accelerometer's axis along which it drives, and how sure it is.
+    """Scale of every wheel against the accelerometer axis along which it drives, and its certainty.
 
-    Gyro and both axes have each a factor of their own, so that the unit of one does not spoil the others. How
-    sure: the correlation with all three, 0 where the axis adds next to nothing.
+    Gyro and both axes have a factor of their own each, so that the unit of one does not disturb the
+    others. The
+    certainty is the correlation with all three, 0 where the axis adds next to nothing.
+
+    Args:
+      parts: Windows.
+      rolling: Rolling speed per body twist over the radius, shape (wheels, 3).
+      count: Number of wheels.
     """
     found = []
     for k in range(count):
@@ -133,16 +142,16 @@ def wheel_scales(parts: Sequence[BodyWindow], rolling: Array, count: int) -> lis
         gram, slope, total = np.zeros((3, 3)), np.zeros(3), 0.0
         for part in parts:
             basis = np.linalg.qr((part.free @ rolling[k, :2]).T)[0]
-            told = np.stack(
+            columns = np.stack(
                 [
                     part.along[own] @ rolling[k, :2],
                     part.along[1 - own] @ rolling[k, :2],
                     rolling[k, 2] * part.yaw_rate,
                 ]
             )
-            told = told - (told @ basis) @ basis.T
+            columns = columns - (columns @ basis) @ basis.T
             y = part.wheels[:, k] - basis @ (basis.T @ part.wheels[:, k])
-            gram, slope, total = gram + told @ told.T, slope + told @ y, total + float(y @ y)
+            gram, slope, total = gram + columns @ columns.T, slope + columns @ y, total + float(y @ y)
         whole, factors = _solved(gram, slope)
         without, _ = _solved(gram[1:, 1:], slope[1:])
         adds = whole - without > _ADDED * total
@@ -153,7 +162,7 @@ def wheel_scales(parts: Sequence[BodyWindow], rolling: Array, count: int) -> lis
 
 
 def _solved(gram: Array, slope: Array) -> tuple[float, Array]:
-    """Least squares from its normal equations: what it explains, and the factors."""
+    """Solve least squares from its normal equations: explained sum of squares, and the factors."""
     size = np.sqrt(np.maximum(np.diagonal(gram), 1e-300))
     factors = np.linalg.lstsq(gram / np.outer(size, size), slope / size, rcond=1e-8)[0] / size
     return float(factors @ slope), factors
@@ -166,20 +175,20 @@ _SLIPPING = np.log(1.5)
 _BODY = np.log(1.25)  # wheel against integrated acceleration
 _DELAY = 0.012  # [s] heading against gyro
 _GYRO_BIAS = 0.006  # [rad/s]
-_FITS = 0.45  # of the misfit at most, to be the better story
-_RIVAL = 1.5  # times the best misfit: as good a story
+_FITS = 0.45  # of the misfit at most, to be the better explanation
+_RIVAL = 1.5  # times the best misfit: as good an explanation
 _MISFIT = 0.1  # share of the wheels' motion that a healthy robot's body leaves open at most
 _DRIVES = 0.25  # share of |current| |speed| that is work, of a motor that drives
 
 
 def noisy(wheels: int) -> tuple[str, ...]:
-    """Channels that noise moves."""
+    """Names of the channels in which sensor noise is always visible."""
     per_wheel = [f"{name}_{i}" for name in ("current", "wheel_speed") for i in range(1, wheels + 1)]
     return (*per_wheel, "acceleration_x", "acceleration_y", "yaw_rate")
 
 
 def robot_suspicions(runs: Sequence[Run], robot: Robot) -> Iterator[Suspicion]:
-    """What a robot's channels say of each other."""
+    """Yield contradictions between the channels of a robot."""
     rolling = rolling_matrix(robot.wheel_positions, robot.drive_directions) / robot.wheel.radius
     count = len(robot.wheels)
     turning = list(_turning(runs, rolling, count))
@@ -202,7 +211,7 @@ def robot_suspicions(runs: Sequence[Run], robot: Robot) -> Iterator[Suspicion]:
 
 
 def _turning(runs: Sequence[Run], rolling: Array, count: int) -> Iterator[Suspicion]:
-    """Heading, gyro and the wheels' own yaw rate."""
+    """Yield contradictions between heading, gyro and the yaw rate of the wheels."""
     inverse = np.linalg.pinv(rolling)[2]
     heading, wheels = [], []
     for run in runs:
@@ -236,7 +245,7 @@ def _turning(runs: Sequence[Run], rolling: Array, count: int) -> Iterator[Suspic
 
 
 def _joined(angle: Array) -> Array:
-    """Heading without jumps, of a converter in radians or in degrees."""
+    """Heading without jumps, for converters in radians or in degrees."""
     turn = (
         360.0 if float(np.ptp(angle)) > 7.0 and float(np.abs(np.diff(angle)).max()) > 180.0 else 2.0 * np.pi
     )
@@ -254,33 +263,33 @@ def _link(found: Comparison | None, x: str, y: str, allowed: float) -> list[Link
 
 
 def _best_explanation(parts: Sequence[BodyWindow], rolling: Array, count: int) -> Iterator[Suspicion]:
-    """One sign turned or two wheels swapped, where that explains the wheels far better than nothing does."""
+    """Yield a wrong sign or two swapped wheels, where that explains the wheels far better."""
     wheels = list(range(count))
     plain = unexplained_share(parts, rolling, wheels, np.ones(count), np.ones(2))
-    stories: list[tuple[float, str, str, tuple[str, ...]]] = []
+    options: list[tuple[float, str, str, tuple[str, ...]]] = []
     for k in wheels:
         signs = np.ones(count)
         signs[k] = -1.0
         name = f"wheel_speed_{k + 1}"
-        stories.append((unexplained_share(parts, rolling, wheels, signs, np.ones(2)), "sign", name, ()))
+        options.append((unexplained_share(parts, rolling, wheels, signs, np.ones(2)), "sign", name, ()))
     for k, name in enumerate(("acceleration_x", "acceleration_y")):
         axes = np.ones(2)
         axes[k] = -1.0
-        stories.append((unexplained_share(parts, rolling, wheels, np.ones(count), axes), "sign", name, ()))
+        options.append((unexplained_share(parts, rolling, wheels, np.ones(count), axes), "sign", name, ()))
     for a, b in itertools.combinations(wheels, 2):
         order = list(wheels)
         order[a], order[b] = b, a
         misfit = unexplained_share(parts, rolling, order, np.ones(count), np.ones(2))
-        stories.append((misfit, "swapped", f"wheel_speed_{a + 1}", (f"wheel_speed_{b + 1}",)))
-    stories.sort(key=lambda s: s[0])
-    best = stories[0]
+        options.append((misfit, "swapped", f"wheel_speed_{a + 1}", (f"wheel_speed_{b + 1}",)))
+    options.sort(key=lambda s: s[0])
+    best = options[0]
     if plain < _MISFIT or best[0] > _FITS * plain:
         return
-    rivals = [s for s in stories[1:] if s[0] < _RIVAL * max(best[0], 0.005)]
+    rivals = [s for s in options[1:] if s[0] < _RIVAL * max(best[0], 0.005)]
     others = tuple(sorted({n for s in rivals for n in (s[2], *s[3])} - {best[2]}))
     what = f"and {best[3][0]} are swapped" if best[3] else "has the wrong sign"
     rest = f"; others explain it as well: {', '.join(others)}" if others else ""
-    left = f"{100 * best[0]:.0f} % of the wheels' motion is then left open, not {100 * plain:.0f} %"
+    left = f"{100 * best[0]:.0f} % of the wheels' motion is then unexplained, not {100 * plain:.0f} %"
     words = f"{best[2]} {what}: {left}{rest}"
     size = float(best[3][0].rsplit("_", 1)[1]) if best[3] else -1.0
     yield Suspicion(best[2], best[1], size, plain / max(best[0], 0.02), words, others)
@@ -297,7 +306,8 @@ def _scales(parts: Sequence[BodyWindow], rolling: Array, count: int) -> Iterator
 
 
 def _currents(runs: Sequence[Run], count: int) -> Iterator[Suspicion]:
-    """Motors put work in: each current goes with its own wheel's speed."""
+    """Yield swapped or reversed currents: a motor supplies work, so each current follows its own wheel's
+    speed."""
     work, drawn, turned = np.zeros((count, count)), np.zeros(count), np.zeros(count)
     for run in runs:
         i = np.stack([fill_masked(run, f"current_{k + 1}") for k in range(count)])

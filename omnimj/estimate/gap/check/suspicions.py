@@ -1,4 +1,4 @@
-"""What the check of the data finds, as frozen records."""
+"""Records of the data check, and the channels to blame when related channels disagree."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 SURE_STRENGTH = 2.0
-"""Strength from which on a suspicion is sure."""
+"""Strength above which a suspicion is sure."""
 
 KINDS = ("sign", "scale", "delay", "bias", "wrap", "glitch", "clipping", "frozen", "swapped", "duplicated")
 """Kinds of suspicions."""
@@ -17,40 +17,39 @@ KINDS = ("sign", "scale", "delay", "bias", "wrap", "glitch", "clipping", "frozen
 
 @dataclass(frozen=True)
 class Suspicion:
-    """Something that is probably wrong with a channel, seen without any model of friction."""
+    """Probable defect of a channel, found without any model of friction."""
 
     channel: str
     kind: str
-    """One of `FAULT_KINDS`."""
+    """One of `KINDS`."""
     size: float
-    """Factor of a scale (that of a known unit where one is near), s of a delay, the channel's unit of a bias,
-    the value where it is cut off, the number of the other wheel, a count; −1 for a sign."""
+    """Factor of a scale (that of a known unit where one is near), delay [s], bias [unit of the channel],
+    clipping
+    value, number of the other wheel, or count; −1 for a sign."""
     strength: float
-    """Times what healthy recordings reach at most; at least 1."""
+    """Ratio to the largest value seen in healthy recordings; at least 1."""
     words: str
     """One sentence."""
     or_channels: tuple[str, ...] = ()
-    """Other channels that would explain the same as well."""
+    """Other channels that would explain the contradiction as well."""
     runs: tuple[str, ...] = ()
-    """The runs where it was seen, where not in all."""
+    """Runs in which it was seen; empty for all."""
 
     @property
     def is_sure(self) -> bool:
-        """Whether chance and a healthy machine are out of the question, and so is another channel."""
+        """True where neither chance nor a healthy machine nor another channel explains it."""
         return self.strength >= SURE_STRENGTH and not self.or_channels
 
 
 @dataclass(frozen=True)
 class DataCheck:
-    """What the data say of themselves before any model is asked."""
+    """Outcome of the data check."""
 
     notes: tuple[str, ...]
-    """One sentence each."""
+    """One sentence per finding."""
     suspicions: tuple[Suspicion, ...]
-    """The strongest first."""
+    """Strongest first."""
 
-
-# Which channel is to blame when channels that say the same thing disagree.
 
 _MOST = 2  # channels that may be wrong at once
 _NEAR = 0.12  # of a factor, to be a unit's
@@ -65,7 +64,7 @@ _ACCELERATIONS = ((1.0 / 9.81, "g"), *_LENGTHS)
 
 
 def units_of(channel: str) -> tuple[tuple[float, str], ...]:
-    """Factors by which a channel is off when it is in another unit."""
+    """Factors by which a channel is wrong when it is recorded in another unit."""
     if channel.startswith(("wheel", "yaw")):
         return _ANGLES
     return _ACCELERATIONS if "acceleration" in channel else _LENGTHS
@@ -73,24 +72,24 @@ def units_of(channel: str) -> tuple[tuple[float, str], ...]:
 
 @dataclass(frozen=True)
 class Link:
-    """What two channels say of each other."""
+    """Relation between two channels."""
 
     x: str
     y: str
     scale: float | None
-    """y over x, where it is known; its sign counts always."""
+    """y over x where it is known; its sign always counts."""
     allowed: float
-    """|log| of a healthy scale at most; infinite where a link says nothing of sizes."""
+    """Largest |log| of a healthy scale; infinite where the link says nothing of sizes."""
     weight: float = 1.0
-    """How sure its sign is: the correlation behind it."""
+    """Certainty of the sign: the correlation behind it."""
 
 
 def unit_of(factor: float, channel: str, more: Iterable[tuple[float, str]] = ()) -> tuple[float, str]:
-    """The known factor next to one that was found, and its words; (0, "") where none is near.
+    """Known factor next to an estimated one, and its name; (0, "") where none is near.
 
     Args:
-      factor: As found.
-      channel: Whose it is.
+      factor: Estimated factor.
+      channel: Name of the channel.
       more: Factors of the machine, such as its gear, for angles.
     """
     own = (*units_of(channel), *(more if channel.startswith("wheel") else ()))
@@ -99,11 +98,11 @@ def unit_of(factor: float, channel: str, more: Iterable[tuple[float, str]] = ())
 
 
 def wrong_signs(links: Sequence[Link]) -> list[Suspicion]:
-    """The fewest channels whose sign must be turned for all links to be positive."""
+    """Smallest set of channels whose sign must be reversed for all links to be positive."""
     signs = {(link.x, link.y): np.sign(link.scale or 0.0) for link in links}
     names = sorted({n for pair in signs for n in pair})
-    spoilt = [link for link in links if signs[link.x, link.y] < 0.0]
-    if not spoilt:
+    violated = [link for link in links if signs[link.x, link.y] < 0.0]
+    if not violated:
         return []
     found = _explanations(
         names,
@@ -111,24 +110,24 @@ def wrong_signs(links: Sequence[Link]) -> list[Suspicion]:
             signs[link.x, link.y] * (-1.0) ** ((link.x in flips) + (link.y in flips)) >= 0.0 for link in links
         ),
     )
-    strength = 4.0 * min(link.weight for link in spoilt)
+    strength = 4.0 * min(link.weight for link in violated)
     return [
-        _named(found, name, "sign", -1.0, strength, "has the wrong sign against the channels beside it")
+        _named(found, name, "sign", -1.0, strength, "has the wrong sign, judged by related channels")
         for name in (found[0] if found else ())
     ]
 
 
 def wrong_scales(links: Sequence[Link], more: Iterable[tuple[float, str]] = ()) -> list[Suspicion]:
-    """The fewest channels whose scale must change for all links to agree."""
+    """Smallest set of channels whose scale must change for all links to agree."""
     logs = {(link.x, link.y): np.log(abs(link.scale)) for link in links if link.scale}
     known = [link for link in links if link.scale and np.isfinite(link.allowed)]
-    spoilt = [link for link in known if abs(logs[link.x, link.y]) > link.allowed]
-    if not spoilt:
+    violated = [link for link in known if abs(logs[link.x, link.y]) > link.allowed]
+    if not violated:
         return []
     names = sorted({n for link in known for n in (link.x, link.y)})
 
     def factor(flips: tuple[str, ...], name: str) -> float | None:
-        """log of the factor that a channel is off by, from its tightest link to a channel held right."""
+        """Logarithm of a channel's scale error, from its tightest link to a channel assumed right."""
         own = [k for k in known if name in (k.x, k.y) and not ({k.x, k.y} - {name}) & set(flips)]
         if not own:
             return None
@@ -149,19 +148,15 @@ def wrong_scales(links: Sequence[Link], more: Iterable[tuple[float, str]] = ()) 
     for name in found[0] if found else ():
         off = factor(found[0], name) or 0.0
         size = float(np.exp(off))
-        allowed = min(k.allowed for k in spoilt if name in (k.x, k.y)) if _contradicts(spoilt, name) else 1.0
+        allowed = min((k.allowed for k in violated if name in (k.x, k.y)), default=1.0)
         factor_of_unit, unit = unit_of(size, name, more)
-        what = f"is {size:.4g} times what the channels beside it say{f' ({unit}?)' if unit else ''}"
+        what = f"is {size:.4g} times the value implied by related channels{f' ({unit}?)' if unit else ''}"
         suspicions.append(_named(found, name, "scale", factor_of_unit or size, abs(off) / allowed, what))
     return suspicions
 
 
-def _contradicts(spoilt: Sequence[Link], name: str) -> bool:
-    return any(name in (k.x, k.y) for k in spoilt)
-
-
 def _explanations(names: Sequence[str], agrees) -> list[tuple[str, ...]]:
-    """The smallest sets of channels with which all links agree."""
+    """Smallest sets of channels with which all links agree."""
     for count in range(1, _MOST + 1):
         found = [flips for flips in itertools.combinations(names, count) if agrees(flips)]
         if found:

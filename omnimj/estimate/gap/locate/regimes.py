@@ -1,7 +1,7 @@
-"""Where twin and measurement disagree: for which channel and in which regime, in words and numbers.
+"""Channels and regimes in which twin and measurement disagree, in words and numbers.
 
-Mismatch counts squared, in units of noise, less the noise's own part. Regimes of one channel do not overlap:
-each is looked for in what the ones before have left.
+The mismatch counts squared, in units of noise, minus the noise's own part. Regimes of one channel do not
+overlap: each is sought in the blocks that the earlier ones leave.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ from omnimj.estimate.replay.interface import Channel, Segment
 from omnimj.signals import Array
 
 EVERYWHERE = "all of it, everywhere alike"
-"""What is said of a clear mismatch that no regime holds."""
+"""Description of a clear mismatch that no regime holds."""
 WEAK = "all of it, no regime stands out"
 """The same where the mismatch is too small to tell."""
 QUIET = "no more than the noise"
-"""What is said of a channel whose mismatch is explained by its noise."""
+"""Description of a channel whose mismatch is explained by its noise."""
 
 _QUIET = 1.3  # mean squared mismatch in units of noise that is still noise
 _CLEAR = 4.0  # … that is no longer weak
@@ -66,7 +66,7 @@ class _Regime:
 
 @dataclass(frozen=True)
 class _Scene:
-    """What holds for all channels."""
+    """Data common to all channels."""
 
     variables: tuple[Variable, ...]
     runs: Variable
@@ -84,19 +84,19 @@ def locate(
     after: Array | None,
     noise: Array,
 ) -> tuple[MismatchRegime, ...]:
-    """Finds where the mismatch concentrates.
+    """Find the regimes in which the mismatch concentrates.
 
     Args:
-      channels: What the columns are.
+      channels: Meaning of the columns.
       segments: Stretches of runs; blocks of one are neighbours in time.
       regimes: Variable → unit and values, shape (blocks,); text for variables without an order; NaN where a
         variable has no value (no reversal yet).
       before: Measured − simulated, shape (blocks, channels), NaN where masked.
       after: The same with the named effects, or None.
-      noise: Of a block mean, shape (channels,).
+      noise: Standard deviation of a block mean, shape (channels,).
 
     Returns:
-      Largest share first; at least one place per channel. Shares do not overlap and add up to 1 at most.
+      Largest share first; at least one regime per channel. Shares do not overlap and add up to at most 1.
     """
     scene = _scene(segments, regimes, len(before))
     relative = before / noise
@@ -146,7 +146,7 @@ def _is_quiet(regimes: Sequence[_Regime]) -> bool:
 
 
 def _regimes_of(scene: _Scene, energy: Array, signed: Array, used: BlockMask) -> list[_Regime]:
-    """Regimes of one channel; one that takes all where none is worth a word."""
+    """Regimes of one channel; a single one over all blocks where none stands out."""
     around = _once_per_turn(scene, signed, used)
     if around is not None:
         return [around]
@@ -173,7 +173,7 @@ def _regimes_of(scene: _Scene, energy: Array, signed: Array, used: BlockMask) ->
 
 
 def _next(scene: _Scene, energy: Array, among: BlockMask, named: frozenset[str]) -> _Regime | None:
-    """The regime that stands out, over variables that no regime before was about."""
+    """Most prominent regime over variables that no earlier regime uses."""
     variables = [v for v in scene.variables if v.name not in named]
     leading = leading_rules(energy, variables, among, scene.slices)
     if not leading:
@@ -189,7 +189,7 @@ def _next(scene: _Scene, energy: Array, among: BlockMask, named: frozenset[str])
 
 
 def _few_runs(scene: _Scene, energy: Array, used: BlockMask) -> _Regime | None:
-    """The runs that hold nearly all, where they are few."""
+    """Runs that hold nearly all of the mismatch, where they are few."""
     held, taken = bin_shares(energy, scene.runs, used)
     members = tuple(int(k) for k in np.flatnonzero(held > _ALONE_DENSITY * taken))
     few = max(1, int(_ALONE * scene.runs.bins))
@@ -221,7 +221,7 @@ def _places(
     before: Array,
     after: Array | None,
 ) -> list[MismatchRegime]:
-    """Places of one channel that holds `part` of the whole mismatch."""
+    """Regimes of one channel that holds the share `part` of the whole mismatch."""
     own = float((energy - 1.0)[used].sum())
     found = []
     for k, regime in enumerate(regimes):
@@ -261,7 +261,7 @@ def _words(scene: _Scene, regime: _Regime, energy: Array, used: BlockMask) -> st
 
 
 def _grows(variable: Variable, energy: Array, used: BlockMask) -> bool:
-    """Whether the mean squared mismatch rises from bin to bin."""
+    """Test whether the mean squared mismatch rises from bin to bin."""
     held, taken = bin_shares(energy, variable, used)
     density = held[taken > 0.0] / taken[taken > 0.0]
     return density.size > 2 and float(np.corrcoef(np.arange(density.size), density)[0, 1]) > _RISES

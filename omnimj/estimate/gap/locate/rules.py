@@ -1,9 +1,8 @@
-"""Where a squared mismatch concentrates: one rule over one variable, and which of many rules is the cause's.
+"""Rules: ranges of one variable that hold most of a squared mismatch, tested against chance and confounding.
 
-A rule is a range of a variable (above, below, between, an arc of a turn, some of its values). It is worth its
-J = (share of the mismatch it holds) − (share of the blocks it takes): 0 where the mismatch is alike
-everywhere.
-Two variables that move together find the same blocks; the one that the other explains away is dropped:
+A rule is a range of a variable (above, below, between, an arc of a turn, some of its values) with the excess
+J = (share of the mismatch it holds) − (share of the blocks it takes), 0 where the mismatch is uniform.
+Variables that move together select the same blocks; a rule that another variable explains is dropped:
 J(v | w) = share held by v's rule − share it would hold if the mismatch depended on w alone.
 """
 
@@ -19,9 +18,9 @@ from numpy.typing import NDArray
 from omnimj.signals import Array
 
 BINS = 24
-"""Most ranges that a variable's values are cut into."""
+"""Largest number of bins of a variable."""
 MIN_EXCESS = 0.12
-"""Least J of a rule that is worth a word: 62 % of the mismatch in half of the blocks."""
+"""Smallest J of a reported rule: 62 % of the mismatch in half of the blocks."""
 _SHUFFLES = 99  # a rule must beat all of them: one in a hundred by chance, whatever the number of variables
 _TWO_SIDED = 0.08  # J that a second bound must add
 _EXPLAINED = 0.35  # share of its J that must be left once another variable is known
@@ -33,7 +32,7 @@ BlockMask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Variable:
-    """One variable of a regime, its values cut into bins."""
+    """Regime variable with its values sorted into bins."""
 
     name: str
     unit: str
@@ -43,35 +42,35 @@ class Variable:
     code: NDArray[np.int64]
     """Bin of every block, shape (blocks,); −1 where it has no value."""
     edges: Array
-    """Between the bins, shape (bins − 1,)."""
+    """Edges between the bins, shape (bins − 1,)."""
     labels: tuple[str, ...] = ()
-    """Names of the values, of a variable without an order."""
+    """Names of the values, for a variable without an order."""
     is_angle: bool = False
-    """Its first bin follows its last."""
+    """True for a periodic variable, whose first bin follows its last."""
     is_size: bool = False
-    """Values are sizes of a quantity that has a sign."""
+    """True for the magnitude of a signed quantity."""
     is_condition: bool = False
-    """Set by who drove the run, as a floor or a load; not a state that the run came to."""
+    """True for a condition of the run, such as floor or load, as opposed to a state reached during it."""
 
     @property
     def bins(self) -> int:
-        """How many."""
+        """Number of bins."""
         return len(self.labels) if self.labels else len(self.edges) + 1
 
 
 @dataclass(frozen=True)
 class Rule:
-    """A range of one variable."""
+    """Range of one variable."""
 
     variable: Variable
     members: tuple[int, ...]
-    """Its bins; those of an arc in their order along it."""
+    """Bins of the range; those of an arc in their order along it."""
     excess: float
     """J."""
 
     @property
     def inside(self) -> BlockMask:
-        """Shape (blocks,)."""
+        """Mask of blocks in the range, shape (blocks,)."""
         return np.isin(self.variable.code, self.members)
 
 
@@ -80,10 +79,10 @@ def bin_edges(values: Array, most: int = BINS) -> Array:
 
     Args:
       values: Shape (n,), NaN left out.
-      most: Bins at most.
+      most: Largest number of bins.
 
     Returns:
-      Increasing, shape (bins − 1,); empty where all values are one.
+      Increasing, shape (bins − 1,); empty where all values are equal.
     """
     ordered = np.sort(values[np.isfinite(values)])
     if len(ordered) < 2 or ordered[-1] <= ordered[0]:
@@ -103,7 +102,7 @@ def bin_edges(values: Array, most: int = BINS) -> Array:
 
 
 def round_between(low: float, high: float) -> float:
-    """The number with the fewest digits in (low, high], nearest to the middle among its like."""
+    """Number with the fewest digits in (low, high], nearest to the middle among those of equal length."""
     middle, width = 0.5 * (low + high), high - low
     if low < 0.0 < high:
         return 0.0
@@ -116,7 +115,16 @@ def round_between(low: float, high: float) -> float:
 
 
 def bin_shares(energy: Array, variable: Variable, among: BlockMask) -> tuple[Array, Array]:
-    """Share of the mismatch and of the blocks in every bin, both shape (bins,)."""
+    """Share of the mismatch and share of the blocks in every bin.
+
+    Args:
+      energy: Squared mismatch in units of noise, shape (blocks,).
+      variable: Variable that defines the bins.
+      among: Blocks to count, shape (blocks,).
+
+    Returns:
+      Both of shape (bins,).
+    """
     used = among & (variable.code >= 0)
     code = variable.code[used]
     held = np.bincount(code, energy[used], variable.bins)
@@ -125,7 +133,7 @@ def bin_shares(energy: Array, variable: Variable, among: BlockMask) -> tuple[Arr
 
 
 def best_bins(density: Array, variable: Variable) -> tuple[tuple[int, ...], float]:
-    """The bins whose summed (share held − share of blocks) is largest, and that J."""
+    """Bins whose summed (share held − share of blocks) is largest, and that J."""
     n = len(density)
     if variable.labels:
         members = tuple(int(k) for k in np.flatnonzero(density > 0.0))
@@ -150,13 +158,13 @@ def best_bins(density: Array, variable: Variable) -> tuple[tuple[int, ...], floa
 
 
 def best_rule(energy: Array, variable: Variable, among: BlockMask) -> Rule:
-    """The rule of one variable that holds most of the mismatch in few of the blocks."""
+    """Rule of one variable that holds most of the mismatch in few of the blocks."""
     held, taken = bin_shares(energy, variable, among)
     return Rule(variable, *best_bins(held - taken, variable))
 
 
 def excess_given(rule: Rule, other: Variable, energy: Array, among: BlockMask) -> float:
-    """J(v | w): what a rule holds beyond what its blocks' values of another variable say."""
+    """J(v | w): excess of a rule beyond that explained by the values of another variable."""
     used = among & (other.code >= 0)
     inside = rule.inside[used]
     code, here = other.code[used], energy[used]
@@ -170,14 +178,15 @@ def excess_given(rule: Rule, other: Variable, energy: Array, among: BlockMask) -
 def leading_rules(
     energy: Array, variables: Sequence[Variable], among: BlockMask, segments: Sequence[slice]
 ) -> list[Rule]:
-    """Rules that chance does not make and that no other variable explains away, best first.
+    """Rules beyond chance that no other variable explains, best first.
 
     Args:
       energy: Squared mismatch in units of noise, shape (blocks,).
-      variables: In the order in which they are preferred where data cannot tell them apart.
-      among: The blocks to look at.
-      segments: Blocks that belong together, in order, all of `among` in them; chance is what comes of giving
-        each segment another one's mismatch, turned round in time.
+      variables: Ordered by preference where the data cannot distinguish them.
+      among: Blocks to look at, shape (blocks,).
+      segments: Blocks that belong together, in order; they cover all of `among`. Chance is simulated by
+        giving
+        each segment the mismatch of another one, shifted in time.
     """
     used = [v for v in variables if np.unique(v.code[among & (v.code >= 0)]).size > 1]
     if not used or float(energy[among].sum()) <= 0.0:
@@ -209,7 +218,7 @@ def _explained_away(k: int, rules: Sequence[Rule], energy: Array, among: BlockMa
 def _beat_chance(
     energy: Array, rules: Sequence[Rule], among: BlockMask, segments: Sequence[slice]
 ) -> NDArray[np.bool_]:
-    """Whether a rule's J lies above all that shuffled mismatches give, in units of their spread."""
+    """Mask of rules whose J exceeds that of all shuffled mismatches, in units of their spread."""
     at = np.flatnonzero(among)
     edges = np.searchsorted(at, [(p.start, p.stop) for p in segments])
     first = edges[edges[:, 1] > edges[:, 0], 0]
@@ -236,8 +245,6 @@ def _beat_chance(
     return (np.array([r.excess for r in rules]) - middle) / spread > highest
 
 
-# Signs and turns: is a mismatch larger at one sign of a motion, does it come once per turn.
-
 _PAIRS = 4  # at least, before a sign is said to matter
 _SURE = 3.0  # standard errors
 _HARMONICS = 4
@@ -246,22 +253,22 @@ _LEAST_TURNING = 0.3  # share of the mismatch that must follow the angle
 
 @dataclass(frozen=True)
 class SignAsymmetry:
-    """Mismatch at one sign of a variable against the other, from segments that are else alike."""
+    """Mismatch at one sign of a variable against the other, from otherwise similar segments."""
 
     sign: str
-    """`negative` or `positive`: where it is larger."""
+    """Sign with the larger mismatch: `negative` or `positive`."""
     ratio: float
-    """RMS mismatch there over that at the other sign."""
+    """RMS mismatch at that sign over that at the other sign."""
     is_sure: bool
-    """Whether it lies beyond three standard errors over the pairs."""
+    """True where it exceeds three standard errors over the pairs."""
 
 
 def sign_asymmetry(
     signed: Variable, others: Sequence[Variable], energy: Array, among: BlockMask, segments: Sequence[slice]
 ) -> SignAsymmetry | None:
-    """Pairs every segment of one sign with the one of the other sign that is most like it.
+    """Pair every segment of one sign with the most similar one of the other sign.
 
-    Like: in the size of the signed variable and in the other variables' means over the segment.
+    Similarity is measured in the magnitude of the signed variable and in the other variables' means.
 
     Returns:
       None where a sign is missing.
@@ -300,10 +307,16 @@ def _mean(values: Array) -> float:
 def turn_harmonic(
     angle: Array, signed: Array, among: BlockMask, segments: Sequence[slice]
 ) -> tuple[int, float] | None:
-    """How often per turn a mismatch comes, and the share of it that follows the angle.
+    """Number of times per turn that a mismatch repeats, and the share of it that follows the angle.
 
     The mismatch is fitted with cos kθ and sin kθ, k = 1 … 4, the mean of each segment removed; the share must
     exceed that of mismatches shifted in time.
+
+    Args:
+      angle: θ, shape (blocks,) [rad].
+      signed: Mismatch in units of noise, shape (blocks,).
+      among: Blocks to look at, shape (blocks,).
+      segments: Blocks that belong together.
 
     Returns:
       None where it does not.

@@ -1,4 +1,4 @@
-"""The variables of a regime: what they are called, which are conditions, how their values are cut."""
+"""Regime variables: names, bins and conditions; rules in words and as bounds."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _WORDS: Mapping[str, str] = {
     "carriage_acceleration": "acceleration",
     "time": "time since start",
 }
-"""Known names in the order in which they are preferred where the data cannot tell them apart."""
+"""Known names, ordered by preference where the data cannot distinguish them."""
 
 _ALIASES: Mapping[str, str] = {
     "time_since_start": "time",
@@ -47,12 +47,12 @@ _FEW = 12  # values at most of a variable whose values are listed
 
 
 def canonical_name(name: str) -> str:
-    """The name under which a variable is known here."""
+    """Canonical name of a regime variable."""
     return _ALIASES.get(name, name)
 
 
 def regime_variables(regimes: Mapping[str, tuple[str, Array]]) -> tuple[Variable, ...]:
-    """Variables with their bins, the preferred first; of a signed one also its size.
+    """Variables with their bins, preferred ones first; a signed one is followed by its magnitude.
 
     Args:
       regimes: Name → unit and values, shape (blocks,); text where values have no order.
@@ -87,7 +87,7 @@ def regime_variables(regimes: Mapping[str, tuple[str, Array]]) -> tuple[Variable
 
 
 def _with_labels(regimes: Mapping[str, tuple[str, Array]]) -> dict[str, tuple[str, Array]]:
-    """The same with flags such as `floor pvc` (1 there, else 0) as one variable, and directions by name."""
+    """Join flags such as `floor pvc` (1 there, else 0) into one variable, and name directions."""
     found, floors = {}, {}
     for name, (unit, values) in regimes.items():
         values = np.asarray(values)
@@ -107,7 +107,7 @@ def _with_labels(regimes: Mapping[str, tuple[str, Array]]) -> dict[str, tuple[st
 
 
 def run_variable(segments: Sequence[Segment], blocks: int) -> Variable:
-    """The run that a block belongs to, as a variable."""
+    """Run of every block, as a variable."""
     values = np.full(blocks, "", dtype=object)
     for segment in segments:
         values[segment.first : segment.last] = segment.run
@@ -151,14 +151,12 @@ def _codes(values: Array, edges: Array) -> np.ndarray:
     return np.where(finite, code, -1)
 
 
-# A regime in words: what a person says of a rule, and its bounds as numbers.
-
 _LISTED = 4  # names in a list before the rest is counted
 _STANDSTILL = 0.12  # of the largest speed
 
 
 def rule_bounds(rule: Rule) -> dict[str, tuple[float, float]]:
-    """Variable → lowest and highest value; nothing for a variable without an order."""
+    """Variable → lowest and highest value; empty for a variable without an order."""
     v = rule.variable
     if v.labels:
         return {}
@@ -176,7 +174,7 @@ def _ends(rule: Rule) -> tuple[float, float]:
 
 
 def describe_rule(rule: Rule) -> str:
-    """As a person says it: `carriage speed above 0.8 m/s`."""
+    """Description of a rule, such as `carriage speed above 0.8 m/s`."""
     v, name = rule.variable, canonical_name(rule.variable.name)
     if v.labels:
         return _labels_in_words(rule)
@@ -224,7 +222,13 @@ def _listed(names: list[str]) -> str:
 def sign_ratio(rule: Rule, energy: np.ndarray, among: BlockMask, signed: np.ndarray) -> tuple[float, str]:
     """RMS mismatch at the rule's sign over that at the other sign, and the sign in words.
 
-    Values of the other sign are those that the rule turned round holds.
+    The other sign is the mirror image of the rule's range.
+
+    Args:
+      rule: Range of a signed variable.
+      energy: Squared mismatch in units of noise, shape (blocks,).
+      among: Blocks to look at, shape (blocks,).
+      signed: Values of the variable, shape (blocks,).
     """
     low, high = _ends(rule)
     own = among & (signed >= low) & (signed <= high)

@@ -1,1 +1,7 @@
-"""Search."""
+"""Search for the effects that a model lacks.
+
+- `search`: refit of the base, forward selection, backward elimination
+- `selection`: one round of the forward selection and its ambiguity set
+- `screening`: first-order gains of candidates, of random curves (decoys) and of free curves
+- `cross_validation`: groups of runs, folds, held-out losses and gains
+"""

@@ -1,4 +1,4 @@
-"""Whole runs held out by condition: folds, held-out losses, and gains with their bounds."""
+"""Cross-validation over whole conditions: folds, held-out losses, and gains with their intervals."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _FOLD_PRIOR = 0.005  # of all runs' information on a parameter, which keeps it n
 
 @dataclass(frozen=True)
 class Groups:
-    """What is held out together: conditions, or stretches of time where there are few."""
+    """Blocks that are held out together: conditions, or stretches of time where there are few."""
 
     of_block: NDArray[np.int_]
     """Group of every block, shape (blocks,)."""
@@ -61,7 +61,7 @@ def make_groups(replay: Replay) -> Groups:
 
 
 def choose_heldout(groups: Groups, seed: int, names: tuple[str, ...] = ()) -> NDArray[np.bool_]:
-    """Groups that nothing is fitted to: the named, or about a quarter drawn by the seed, shape (count,)."""
+    """Mask of groups excluded from every fit: the named, or a quarter drawn by the seed, shape (count,)."""
     out = np.zeros(groups.count, bool)
     if names:
         out[[k for k, name in enumerate(groups.names) if name in names]] = True
@@ -73,7 +73,16 @@ def choose_heldout(groups: Groups, seed: int, names: tuple[str, ...] = ()) -> ND
 
 
 def make_folds(groups: Groups, train: NDArray[np.bool_], seed: int) -> list[NDArray[np.bool_]]:
-    """Masks of the blocks left out in each fold; together they are all blocks of the training groups."""
+    """Masks of the blocks left out in each fold; together they cover the blocks of the training groups.
+
+    Args:
+      groups: All groups.
+      train: Groups to fit to, shape (count,).
+      seed: Seed of the draw.
+
+    Returns:
+      One mask of shape (blocks,) per fold.
+    """
     inside = np.flatnonzero(train)
     order = np.random.default_rng(seed + 1).permutation(inside)
     number = min(_FOLDS, len(order))
@@ -83,9 +92,18 @@ def make_folds(groups: Groups, train: NDArray[np.bool_], seed: int) -> list[NDAr
 def heldout_losses(
     problem: Problem, fitted: Fit, used: NDArray[np.bool_], folds: list[NDArray[np.bool_]]
 ) -> Array:
-    """Loss of every block when its fold was not fitted, shape (blocks,); NaN outside of the folds.
+    """Loss of every block when its fold is not fitted, to first order.
 
-    To first order: a few runs more or less change the parameters little, r + J d needs no simulation.
+    Leaving out a few runs changes the parameters little, so r + J d needs no simulation.
+
+    Args:
+      problem: The data and the scale.
+      fitted: Model fitted to all blocks in use.
+      used: Blocks in use, shape (blocks,).
+      folds: Blocks left out in each fold, shape (blocks,) each.
+
+    Returns:
+      Shape (blocks,); NaN outside of the folds.
     """
     channels = fitted.residual.shape[1]
     low, high = problem.bounds(fitted.effects)
@@ -117,14 +135,14 @@ def sum_by_group(losses: Array, groups: Groups) -> Array:
 
 
 def bootstrap_counts(count: int, seed: int = 0) -> NDArray[np.int64]:
-    """How often each group is drawn in each bootstrap sample, shape (draws, count)."""
+    """Number of draws of each group in each bootstrap sample, shape (samples, count)."""
     return np.random.default_rng(seed).multinomial(
         count, np.full(count, 1.0 / count), size=_BOOTSTRAP_SAMPLES
     )
 
 
 def heldout_gain(before: Array, after: Array) -> Interval:
-    """1 − √(Σ after/Σ before) over groups, with a 90 % interval by drawing whole groups anew.
+    """1 − √(Σ after/Σ before) over groups, with a 90 % interval from a bootstrap over whole groups.
 
     Args:
       before: Held-out loss per group, shape (groups,).
@@ -139,7 +157,12 @@ def heldout_gain(before: Array, after: Array) -> Interval:
 
 
 def paired_t(worse: Array, better: Array) -> float:
-    """t of the paired difference of two models' held-out losses over groups; large: `better` is better."""
+    """t statistic of the paired difference of two models' held-out losses; large: `better` is better.
+
+    Args:
+      worse: Held-out loss per group, shape (groups,).
+      better: The same of the other model.
+    """
     difference = worse - better
     spread = float(difference.std(ddof=1)) if len(difference) > 1 else 0.0
     if spread == 0.0:

@@ -1,8 +1,8 @@
-"""Screening: how much of the mismatch could each effect explain, to first order?
+"""Screening to first order: gains of candidate effects, of random curves (decoys) and of free curves.
 
-Every candidate is switched on a little; the change of the whitened prediction is its sensitivity. Beside the
-base's own sensitivities, all inside their boxes, it explains some share of the squared mismatch. Cheap, and
-only used to leave hopeless candidates behind.
+Every candidate is switched on a little; the change of the whitened prediction is its sensitivity. Together
+with the base's own sensitivities, all inside their boxes, it explains some share of the squared mismatch.
+Held-out gains of curves follow from sums over groups, with the boxes of the base as a prior of equal width.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ _PART = 0.25  # of the typical size: large enough for what has a dead zone, smal
 
 @dataclass(frozen=True)
 class ScreenedCandidate:
-    """A candidate, the share that it explains, and where a fit of it should start."""
+    """Candidate, the share of the mismatch that it explains, and a starting point for its fit."""
 
     candidate: CandidateEffect
     share: float
     start: Array
-    """Of base, α, effects so far and this one, shape (parameters + own,)."""
+    """Base, α, effects so far and this one, shape (parameters + own,)."""
 
 
 def trial_shapes(candidate: CandidateEffect) -> list[dict[int, float]]:
-    """Every combination of the values at which shape parameters are tried: index → value."""
+    """Combinations of the trial values of the shape parameters: index → value."""
     places = [k for k, s in enumerate(candidate.parameters) if s.null_value is None]
     values = [candidate.parameters[k].trials or (candidate.parameters[k].typical,) for k in places]
     shapes = [dict(zip(places, combination, strict=True)) for combination in itertools.product(*values)]
@@ -47,7 +47,7 @@ def trial_shapes(candidate: CandidateEffect) -> list[dict[int, float]]:
 def _vanished_point(
     candidate: CandidateEffect, shape: dict[int, float]
 ) -> tuple[Array, list[tuple[int, float]]]:
-    """The vanished effect in one shape, and the steps of its amplitudes: index, change."""
+    """Parameters of the vanished effect in one shape, and the steps of its amplitudes: index, change."""
     at = np.array([shape.get(k, s.null_value or 0.0) for k, s in enumerate(candidate.parameters)])
     steps = []
     for k, s in enumerate(candidate.parameters):
@@ -63,12 +63,12 @@ def _vanished_point(
 def screen_candidates(
     problem: Problem, current: Fit, candidates: list[CandidateEffect], used: NDArray[np.bool_]
 ) -> list[ScreenedCandidate]:
-    """Every candidate in each of its shapes, best shape only, sorted by share.
+    """Screen every candidate in each of its shapes; best shape only, sorted by share.
 
     Args:
       problem: The data.
       current: The model so far, fitted.
-      candidates: What may be added.
+      candidates: Candidates to add.
       used: Blocks that count, shape (blocks,).
     """
     weight = huber_weights(problem, current.residual, used)
@@ -89,7 +89,7 @@ def screen_candidates(
 
 @dataclass(frozen=True)
 class ScreeningBaseline:
-    """What every candidate is screened against."""
+    """Current model against which candidates are screened."""
 
     current: Fit
     weight: Array
@@ -103,7 +103,7 @@ class ScreeningBaseline:
 def _screen_shape(
     problem: Problem, ground: ScreeningBaseline, candidate: CandidateEffect, shape: dict[int, float]
 ) -> ScreenedCandidate:
-    """One candidate in one shape: the share of the squared mismatch that it explains to first order."""
+    """Share of the squared mismatch that one candidate in one shape explains to first order."""
     current, n = ground.current, len(ground.current.x)
     at, steps = _vanished_point(candidate, shape)
     moved = []
@@ -138,8 +138,6 @@ def _screen_shape(
     return ScreenedCandidate(candidate, 1.0 - float(full @ sums @ full) / whole, start)
 
 
-# Free curves: a force over one variable. Random ones are decoys, fitted ones say what a library lacks.
-
 _DECOYS = 100
 _REACH = 1.5  # knots over which a random curve is alike
 
@@ -155,7 +153,14 @@ class Sensitivities:
 
 
 def sensitivities(problem: Problem, current: Fit, used: NDArray[np.bool_]) -> Sensitivities:
-    """Of the current model and of a free force at the knots of every variable of the plant."""
+    """Sensitivities to the model's parameters and to a free force at the knots of every variable of the
+    plant.
+
+    Args:
+      problem: The data and the scale.
+      current: The fitted model.
+      used: Blocks in use, shape (blocks,).
+    """
     weight = huber_weights(problem, current.residual, used)
     names = tuple(problem.replay.curves)
     curves: list[tuple[str, Array] | None] = [
@@ -186,7 +191,7 @@ def _heldout_squares(sums: Array, own: int, penalty: Array, folds: list[NDArray[
 
     Args:
       sums: Aᵀ A per group, shape (groups, columns + 1, columns + 1).
-      own: Not used columns come after these; all columns but the last are fitted.
+      own: Number of columns that belong to the model.
       penalty: Precision of each column, shape (columns,).
       folds: Groups left out together.
     """
@@ -208,7 +213,7 @@ def groups_of_folds(groups: Groups, folds: list[NDArray[np.bool_]]) -> list[NDAr
 
 @dataclass(frozen=True)
 class CurveGains:
-    """What curves gain on held-out groups."""
+    """Gains of curves on held-out groups."""
 
     decoys: Array
     """Gains of random curves, shape (decoys,)."""

@@ -1,4 +1,4 @@
-"""The search: refit the base, name one effect after another, look back, and judge on runs never used."""
+"""The search: refit the base, add one effect after another, eliminate, and judge on unused runs."""
 
 from __future__ import annotations
 
@@ -51,45 +51,45 @@ _CLOSE = 0.5  # share of the best screened share that a rival must reach
 
 @dataclass(frozen=True)
 class SelectedEffect:
-    """An effect in the model, with what it was chosen over."""
+    """Effect in the model, with the alternatives at its selection."""
 
     candidate: CandidateEffect
     found: SelectionRound
     rivals: tuple[FittedCandidate, ...]
-    """Those that it does not beat, the other effects being in the model."""
+    """Rivals that it does not beat, the other effects being in the model."""
     gain: Interval
-    """Held out, given the other effects."""
+    """Held-out gain, given the other effects."""
     p_false: float | None = None
 
 
 @dataclass(frozen=True)
 class SearchResult:
-    """What the search leaves to be told."""
+    """Outcome of a search."""
 
     problem: Problem
-    """With the noise and the twin's offset of the last model."""
+    """Problem with the noise and the twin correction of the last model."""
     first: Problem
     """The same of the base."""
     groups: Groups
     heldout: NDArray[np.bool_]
-    """Groups never used, shape (groups,)."""
+    """Groups excluded from every fit, shape (groups,)."""
     used: NDArray[np.bool_]
     """Blocks fitted to, shape (blocks,)."""
     base: Fit
     final: Fit
     named: tuple[SelectedEffect, ...]
     rounds: tuple[SelectionRound, ...]
-    """One more than what is named: the last one named nothing."""
+    """One more than the selected effects: the last round selected nothing."""
     interrupted: bool = False
 
     @property
     def curves(self) -> CurveGains | None:
-        """What curves gain beyond the last model that a round has seen."""
+        """Gains of curves beyond the model of the last round."""
         return self.rounds[-1].curves if self.rounds else None
 
 
 def with_twin_correction(problem: Problem, x: Array, effects: ModelEffects) -> Problem:
-    """The problem with the twin asked again at a model: offset = twin − equations there."""
+    """The problem with the twin simulated at a model: offset = twin − equations there."""
     setting, _ = problem.split(x, effects)
     twin = problem.replay.simulate_twin(setting)
     if twin is None:
@@ -99,15 +99,21 @@ def with_twin_correction(problem: Problem, x: Array, effects: ModelEffects) -> P
 
 
 def robust_scale(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) -> Problem:
-    """Mismatch counts linearly beyond three times its own scatter, and never below five times the noise."""
+    """The problem with a Huber scale of three times the scatter of the mismatch, at least five times the
+    noise."""
     middle = float(np.median(np.abs(fitted.residual[used])))
     return replace(problem, huber_scale=max(5.0, 3.0 * 1.4826 * middle))
 
 
 def fit_base(replay: Replay, used: NDArray[np.bool_], report: Progress) -> tuple[Problem, Fit]:
-    """The base inside its boxes, the noise of the data, and the scale on which mismatch is large.
+    """Fit the base inside its boxes; estimate the noise of the data and the Huber scale.
 
-    Three fits: noise is judged by what a fitted model leaves.
+    Three fits, since the noise is estimated from the residual of a fitted model.
+
+    Args:
+      replay: The plant with the measured runs.
+      used: Blocks to fit to, shape (blocks,).
+      report: Called with a phrase and the completed share.
     """
     channels = len(replay.channels)
     problem = Problem(replay, np.ones(channels))
@@ -131,7 +137,7 @@ def fit_base(replay: Replay, used: NDArray[np.bool_], report: Progress) -> tuple
 
 
 def refit(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) -> tuple[Problem, Fit]:
-    """The twin asked again at the new model, noise judged again (it can only shrink), all refitted."""
+    """Refit after simulating the twin at the new model and estimating the noise anew (it can only shrink)."""
     problem = with_twin_correction(problem, fitted.x, fitted.effects)
     (mismatch,) = problem.mismatches([fitted.x], fitted.effects)
     noise = np.minimum(problem.noise, block_noise(problem.replay, mismatch))
@@ -143,10 +149,10 @@ def refit(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) -> tuple[Probl
 def judge_given_others(
     problem: Problem, final: Fit, named: list[SelectedEffect], k: int, split: TrainingSplit
 ) -> tuple[Fit, SelectedEffect]:
-    """One effect again, now that the others are known: against its rivals and against decoys.
+    """Judge one effect given the others: against its rivals and against decoys.
 
     Returns:
-      The model with whoever holds its place best, and that one's gain and decoys.
+      The model with the best candidate in its place, and that candidate with its gain and decoys.
     """
     one = named[k]
     others = tuple(n.candidate for n in named if n is not one)
@@ -176,7 +182,7 @@ def judge_given_others(
 def backward_eliminate(
     problem: Problem, base: Fit, final: Fit, named: list[SelectedEffect], split: TrainingSplit
 ) -> tuple[Problem, Fit, list[SelectedEffect]]:
-    """Judges every effect given the others until all of them clear margin and decoys; who does not, goes."""
+    """Judge every effect given the others and remove the worst until all exceed margin and decoys."""
     while named:
         for k in range(len(named)):
             final, named[k] = judge_given_others(problem, final, named, k, split)
@@ -198,20 +204,20 @@ def backward_eliminate(
 
 
 def _parameter_mask(problem: Problem, fitted: Fit, candidate: CandidateEffect) -> NDArray[np.bool_]:
-    """Which parameters of a model belong to one effect."""
+    """Mask of the parameters that belong to one effect."""
     own = [np.zeros(len(problem.replay.base) + problem.has_twin_share, bool)]
     own += [np.full(len(c.parameters), c.label == candidate.label) for c in fitted.effects]
     return np.concatenate(own)
 
 
 def search(replay: Replay, holdout: tuple[str, ...], seed: int, report: Progress) -> SearchResult:
-    """Finds what the model lacks.
+    """Find the effects that a model lacks.
 
     Args:
-      replay: The data and the plant.
-      holdout: Conditions or runs that nothing is fitted to; drawn by the seed when empty.
-      seed: Of what is held out, of folds and decoys.
-      report: Called with a phrase and the share that is done; may raise KeyboardInterrupt.
+      replay: The plant with the measured runs.
+      holdout: Conditions or runs excluded from every fit; drawn by the seed when empty.
+      seed: Seed of the held-out draw, the folds and the decoys.
+      report: Called with a phrase and the completed share; may raise KeyboardInterrupt.
     """
     groups = make_groups(replay)
     heldout = choose_heldout(groups, seed, holdout)

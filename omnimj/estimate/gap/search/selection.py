@@ -1,4 +1,4 @@
-"""Naming: one round tries the promising candidates on held-out runs and keeps who cannot be told apart."""
+"""Forward selection: one round fits the promising candidates, holds runs out and keeps the ambiguity set."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ from omnimj.estimate.replay.problem import Fit, Problem, fit
 from omnimj.signals import Array
 
 MARGIN = 0.02
-"""Lower bound of the held-out gain below which nothing is named."""
+"""Held-out gain whose lower bound an effect must exceed to be named."""
 MAX_FALSE_RATE = 0.05
-"""Share of decoys that may gain as much as what is named."""
-_MOST = 14  # candidates that go from the screening into fits
-_HOPELESS = 0.1  # share of the best screened share below which a candidate is left behind
-_LEADERS = 4  # of a round, whose fits are carried to the end
-_CLEAR = 3.0  # log-likelihood in effective samples by which a rival must be behind to be beaten
+"""Largest share of decoys that may gain as much as a named effect."""
+_MOST = 14  # candidates fitted after the screening
+_HOPELESS = 0.1  # share of the best screened share below which a candidate is not fitted
+_LEADERS = 4  # candidates of a round whose fits are completed
+_CLEAR = 3.0  # log-likelihood in effective samples by which a beaten rival is behind
 _SURE = 0.95  # and the one-sided level of the paired test over groups
 
 
 def exceeds_margin(gained: Interval) -> bool:
-    """Whether the lower bound of a held-out gain is above the margin."""
+    """True where the lower bound of a held-out gain is above the margin."""
     return gained.low is not None and gained.low > MARGIN
 
 
@@ -57,7 +57,7 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class TrainingSplit:
-    """What every round shares."""
+    """Training blocks, groups and folds shared by all rounds."""
 
     used: NDArray[np.bool_]
     """Blocks of the training groups, shape (blocks,)."""
@@ -68,25 +68,25 @@ class TrainingSplit:
 
 @dataclass(frozen=True)
 class FittedCandidate:
-    """A candidate with its fit and its held-out losses."""
+    """Candidate with its fit and its held-out losses."""
 
     candidate: CandidateEffect
     screened: float
     fit: Fit
     losses: Array
-    """Held-out, per group, shape (groups,)."""
+    """Held-out loss per group, shape (groups,)."""
     gain: Interval
-    """Against the model without it."""
+    """Gain over the model without it."""
 
 
 @dataclass(frozen=True)
 class SelectionRound:
-    """What one round found; the best first."""
+    """Outcome of one round, best candidate first."""
 
     tried: tuple[FittedCandidate, ...]
     screened_out: tuple[ScreenedCandidate, ...]
     rivals: tuple[FittedCandidate, ...]
-    """Those that the best does not beat."""
+    """Candidates that the best does not beat."""
     curves: CurveGains
     before: Array
     """Held-out losses per group without any of them."""
@@ -94,7 +94,7 @@ class SelectionRound:
 
     @property
     def best(self) -> FittedCandidate | None:
-        """The leader, if anything was tried."""
+        """Leading candidate, if any was fitted."""
         return self.tried[0] if self.tried else None
 
     def stage(self, named: tuple[str, ...]) -> Stage:
@@ -106,7 +106,7 @@ class SelectionRound:
                 verdict = "named"
             elif t.gain.low is None or t.gain.low <= MARGIN:
                 verdict = "below the margin"
-            elif t is self.best:  # it led, and was given up when judged beside the others
+            elif t is self.best:  # the leader, eliminated given the other effects
                 verdict = "given up"
             else:
                 verdict = "rival" if t.candidate.label in rivals else "beaten"
@@ -122,7 +122,7 @@ def _row(
 
 
 def shortlist(screened: list[ScreenedCandidate]) -> tuple[list[ScreenedCandidate], list[ScreenedCandidate]]:
-    """Who goes on to a fit, and who is left behind."""
+    """Split screened candidates into those to be fitted and the rest."""
     if not screened:
         return [], []
     limit = max(_HOPELESS * screened[0].share, 1e-4)
@@ -138,7 +138,16 @@ def fit_candidate(
     split: TrainingSplit,
     again: Fit | None = None,
 ) -> FittedCandidate:
-    """Fits the model with one more effect and holds runs out; `again`: its fit so far, to be completed."""
+    """Fit the model with one more effect and cross-validate it.
+
+    Args:
+      problem: The data and the scale.
+      screened: The candidate with its starting point.
+      current: The model so far.
+      before: Held-out losses per group without the candidate, shape (groups,).
+      split: Training blocks, groups and folds.
+      again: First fit of the candidate, to be completed; None for the first fit.
+    """
     effects = (*current.effects, screened.candidate)
     if again is None:
         fitted = fit(problem, effects, screened.start, split.used, 1, current.jacobian)
@@ -156,7 +165,7 @@ def refine_leaders(
     before: Array,
     split: TrainingSplit,
 ) -> list[FittedCandidate]:
-    """The leaders fitted to the end; the others keep their first fit."""
+    """Complete the fits of the leaders; the others keep their first fit."""
     order = sorted(range(len(tried)), key=lambda k: float(tried[k].losses.sum()))
     done = list(tried)
     for k in order[:_LEADERS]:
@@ -165,12 +174,12 @@ def refine_leaders(
 
 
 def information_score(tried: FittedCandidate, effective_share: float) -> float:
-    """Half the held-out loss in effective samples, and one per parameter: the less the better."""
+    """Half the held-out loss in effective samples plus one per parameter; small is good."""
     return 0.5 * float(tried.losses.sum()) * effective_share + len(tried.candidate.parameters)
 
 
 def has_shape_at_bound(tried: FittedCandidate) -> bool:
-    """Whether it fits only by ceasing to be what it is: a sticky place as wide as the guide, say."""
+    """True where a shape parameter is at a bound: a sticky place as wide as the guide is no sticky place."""
     shapes = tried.candidate.parameters
     for shape, value in zip(shapes, tried.fit.x[-len(shapes) :], strict=True):
         edge = 0.01 * (shape.high - shape.low)
@@ -180,7 +189,7 @@ def has_shape_at_bound(tried: FittedCandidate) -> bool:
 
 
 def has_amplitude_at_bound(candidate: CandidateEffect, values: Array) -> bool:
-    """Whether an amplitude has run to the end of what is physical: it stands for something else, then."""
+    """True where an amplitude is at the end of its physical range: it substitutes for another effect."""
     for shape, value in zip(candidate.parameters, values, strict=True):
         edge = 0.01 * (shape.high - shape.low)
         if shape.null_value is None or abs(value - shape.null_value) <= edge:
@@ -191,7 +200,7 @@ def has_amplitude_at_bound(candidate: CandidateEffect, values: Array) -> bool:
 
 
 def ambiguity_set(tried: list[FittedCandidate], effective_share: float) -> tuple[FittedCandidate, ...]:
-    """Those that the first does not beat clearly: in likelihood, and from group to group."""
+    """Candidates that the first does not beat clearly, in likelihood and from group to group."""
     best = tried[0]
     sure = float(student.ppf(_SURE, max(len(best.losses) - 1, 1)))
     rivals = []
@@ -213,14 +222,14 @@ def select_round(
     split: TrainingSplit,
     report: Progress,
 ) -> SelectionRound:
-    """Screens, fits, holds out and ranks.
+    """Screen, fit, cross-validate and rank candidates.
 
     Args:
       problem: The data and the scale.
       current: The model so far, fitted on the training blocks.
-      candidates: What may be added.
+      candidates: Candidates to add.
       split: Training blocks, groups and folds.
-      report: Called with a phrase and the share that is done.
+      report: Called with a phrase and the completed share.
     """
     before = sum_by_group(heldout_losses(problem, current, split.used, split.folds), split.groups)
     screened = screen_candidates(problem, current, candidates, split.used)
