@@ -7,6 +7,7 @@ import math
 import re
 from pathlib import Path
 
+import omnimj
 from omnimj.parameters import Robot, read_robot
 from omnimj.parameters.robot import WheelMount
 from omnimj.resources import models_folder
