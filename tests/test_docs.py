@@ -58,8 +58,8 @@ def test_a_scenario_in_the_documentation_is_one(code, tmp_path):
 @pytest.mark.parametrize("command", commands())
 def test_commands_in_the_documentation_are_commands(command, capsys):
     words = shlex.split(command)[1:]
-    if "-" not in command and not {"run", "link"}.isdisjoint(words[:1]) or len(words) == 1:
-        with pytest.raises(SystemExit, match="^0$"):
+    if ("-" not in command and not {"run", "link"}.isdisjoint(words[:1])) or len(words) == 1:
+        with pytest.raises(SystemExit, match=r"^0$"):
             make_parser().parse_args([*words, "--help"])
     else:
         make_parser().parse_args(words)
