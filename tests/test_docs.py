@@ -48,7 +48,7 @@ def test_python_in_the_documentation_runs(code, capsys):
     assert capsys.readouterr().out
 
 
-@pytest.mark.parametrize("code", [p for p in blocks("toml") if "[checks]" in p.values[0]])
+@pytest.mark.parametrize("code", [p for p in blocks("toml") if "[checks]" in str(p.values[0])])
 def test_a_scenario_in_the_documentation_is_one(code, tmp_path):
     path = tmp_path / "scenario.toml"
     path.write_text(code)
