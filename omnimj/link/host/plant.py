@@ -92,7 +92,7 @@ class HardwarePlant:
         self.period = expected.period
         self.link = link
         self.is_lock_step, self._reset_fault = expected.lock_step, reset_fault
-        self._calibration, self._wheels = Calibration(hardware), WheelMap.of(hardware)
+        self._calibration, self._wheels = Calibration(hardware), WheelMap.from_hardware(hardware)
         self._deadlines, self._is_open = Deadlines(), True
         self._ending = StopAtExit(self.close)
         self._reading: Reading | None = None
@@ -132,7 +132,7 @@ class HardwarePlant:
         Raises:
           LinkLost: The link does not hold; three stops have been sent.
         """
-        currents, brake = self._wheels.told(command)
+        currents, brake = self._wheels.to_device(command)
         if self.is_lock_step:
             host = self.link.host
             self._deadlines.periods += 1
@@ -247,5 +247,5 @@ class HardwarePlant:
 
     def _measure(self, reading: Reading) -> Measurement:
         """In SI, at the time since the run's beginning."""
-        measured = self._calibration.measured(1e-6 * reading.time, reading.telemetry.raw)
+        measured = self._calibration.convert(1e-6 * reading.time, reading.telemetry.raw)
         return dataclasses.replace(measured, time=(reading.time - self._zero_time) / 1e6)
