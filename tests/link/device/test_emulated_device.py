@@ -229,7 +229,7 @@ def test_readings_that_are_too_late_are_dropped_once_the_host_knows_the_clock():
     drive.give(drive.host.ping(0.0))
     drive.wait(40)
     # the first sample is given again and again until it is 20 ms old, give or take the rounding of times
-    last = round(drive.host.reading.came / PERIOD)
+    last = round(drive.host.reading.arrived / PERIOD)
     assert last in (20, 21)
     assert drive.host.dropped == 40 - last
 
