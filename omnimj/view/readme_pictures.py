@@ -202,7 +202,7 @@ PICTURES: Mapping[str, Callable[[Path], None]] = MappingProxyType(
         **{f"{name}.png": functools.partial(_save_figure, draw) for name, draw in CLAIMS.items()},
     }
 )
-"""What makes each file."""
+"""Functions that make the files."""
 
 
 if __name__ == "__main__":
