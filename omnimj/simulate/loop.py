@@ -385,6 +385,23 @@ class _ReplayCurrents:
         return CurrentCommand(self._current[k : k + 1])
 
 
+def require_complete(trace: Trace, name: str) -> None:
+    """Raises what ended a recorded run early.
+
+    Args:
+      trace: From `record`, `drive` or `drive_rig`.
+      name: Name of the run in messages.
+
+    Raises:
+      SimulationError: The plant failed.
+      KeyboardInterrupt: Ctrl-C was pressed.
+    """
+    if trace.about["failure"]:
+        raise SimulationError(f"{name}: {trace.about['failure']}")
+    if trace.about["interrupted"]:
+        raise KeyboardInterrupt
+
+
 def drive_rig(
     plant: Plant,
     current: Array,
