@@ -51,7 +51,7 @@ def read_result(folder: Path, name: str) -> dict[str, Any] | None:
 
 
 def has_result(folder: Path, name: str) -> bool:
-    """Whether a result is there; one that says what broke is tried again."""
+    """True if a result is there; one that says what broke is tried again."""
     found = read_result(folder, name)
     return found is not None and "error" not in found
 

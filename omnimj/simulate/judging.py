@@ -48,7 +48,7 @@ class DiagnosisScore:
     """Time from the first fault's onset to the first alarm of any kind while a fault is active [s]; None
     without one."""
     isolated: bool | None
-    """Whether every fault was named individually and nothing else was, from the first onset on; wrong
+    """True if every fault was named individually and nothing else was, from the first onset on; wrong
     diagnoses that stood for no longer than `GRACE` in total are tolerated. None without a fault."""
     false_alarms: int
     """Number of diagnoses that are not correct."""
@@ -153,7 +153,7 @@ def _is_correct(diagnosis: Record, faults: Sequence[Record], wheels: int) -> boo
 
 
 def _isolates(diagnosis: Record, fault: Record, wheels: int) -> bool:
-    """Whether a correct diagnosis names this fault, without alternatives, while the fault is active.
+    """True if a correct diagnosis names this fault, without alternatives, while the fault is active.
 
     An earlier diagnosis that still stands names a fault of the same kind and wheel that comes back.
     """
@@ -207,7 +207,7 @@ class FaultMatch:
     fault: Record
     """Record of `metrics.json`."""
     is_diagnosable: bool
-    """Whether a diagnosis can name its kind, and it occurred."""
+    """True if a diagnosis can name its kind, and it occurred."""
     groups: tuple[DiagnosisGroup, ...]
     """In the order of time; empty when the fault was missed."""
 

@@ -89,7 +89,7 @@ class Ending:
         """Exceptions of these kinds count as failures of the plant; all others pass through."""
         self._failures = failures
         self.interrupted = False
-        """Whether Ctrl-C ended the run."""
+        """True if Ctrl-C ended the run."""
         self.error: BaseException | None = None
         """The failure that ended the run."""
 
@@ -246,7 +246,7 @@ class _Stopwatch:
 
 
 class ControllerState(Protocol):
-    """What the loop reads of a controller's state."""
+    """State of a controller, as far as the loop reads it."""
 
     @property
     def log(self) -> Array:

@@ -43,7 +43,7 @@ class CheckResult:
 
     @property
     def ok(self) -> bool:
-        """Whether the bound holds; a metric that is missing, not judged or not finite never passes."""
+        """True if the bound holds; a metric that is missing, not judged or not finite never passes."""
         if self.value is None or not self.judged or not math.isfinite(self.value):
             return False
         if self.check.bound == "min":

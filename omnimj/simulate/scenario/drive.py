@@ -55,7 +55,7 @@ class Drive:
     heading_hold: bool
     """Proportional control of the heading."""
     heading_feedback: bool
-    """Whether world demands are rotated by the measured heading, not by the planned one."""
+    """True if world demands are rotated by the measured heading, not by the planned one."""
     start: tuple[float, float, float]
     """x, y [m] and heading [rad] in the world at time 0."""
 

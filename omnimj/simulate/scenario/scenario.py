@@ -105,7 +105,7 @@ class Scenario:
 
     @property
     def is_rig(self) -> bool:
-        """Whether the test rig is driven, not a robot."""
+        """True if the test rig is driven, not a robot."""
         return isinstance(self.constants, Rig)
 
     @property

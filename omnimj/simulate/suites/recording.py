@@ -47,7 +47,7 @@ class RecordingResult:
     planned: int
     samples: int
     interrupted: bool
-    """Whether Ctrl-C ended it."""
+    """True if Ctrl-C ended it."""
 
 
 def record_suite(
@@ -95,15 +95,15 @@ def record_suite(
     return RecordingResult(tuple(written), len(runs), samples, False)
 
 
-def plant_for(suite: Suite, asked: str | None) -> str:
+def plant_for(suite: Suite, choice: str | None) -> str:
     """Kind of plant to record with: the user's choice, or the suite's default.
 
     Raises:
       UnknownNameError: The suite has no such plant.
     """
-    if asked is not None and asked not in suite.plants:
-        raise UnknownNameError("--plant", f"plant of {suite.name}", asked, suite.plants)
-    return asked or suite.plants[0]
+    if choice is not None and choice not in suite.plants:
+        raise UnknownNameError("--plant", f"plant of {suite.name}", choice, suite.plants)
+    return choice or suite.plants[0]
 
 
 def _with_effects(machine: Any, effects: Mapping[str, Mapping[str, Any]]) -> Any:
