@@ -1,4 +1,4 @@
-"""Pictures of a study of sensitivity: what to measure first, and μ* and σ of each result."""
+"""Plots of a sensitivity study: what to measure first, and μ* and σ of each result."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _ROW, _FRAME = 0.27, 1.75  # inches of a row, and of what stands around the rows
 
 
 def rows_shown(ranks: Sequence[FactorRank]) -> int:
-    """Parameters in the picture over all results: those that are worth half a percent or more."""
+    """Return the number of parameters in the plot over all results: those with half a percent or more."""
     return max(1, sum(rank.share >= _SMALLEST for rank in ranks[:_MOST_ROWS]))
 
 
