@@ -7,7 +7,8 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from short_push import Here, scenario_file
+from inline_executor import InlineExecutor
+from short_push import scenario_file
 
 from omnimj.cli.main import main
 from omnimj.control.detection.robust.thresholds import Thresholds, read_thresholds
@@ -18,7 +19,7 @@ from omnimj.studies.tuning import batch, study
 @pytest.fixture
 def push(tmp_path, monkeypatch) -> list[str]:
     """The command over a scenario of half a second, the work done at once."""
-    monkeypatch.setattr(workers, "ProcessPoolExecutor", lambda *given, **named: Here())
+    monkeypatch.setattr(workers, "ProcessPoolExecutor", lambda *given, **named: InlineExecutor())
     argv = [
         "tune",
         scenario_file(tmp_path, faults=""),
@@ -83,11 +84,11 @@ def test_ctrl_c_keeps_what_was_driven_and_the_same_command_ends_as_if_it_had_not
 ):
     drive, left = study.TrialBatch.drive, [2]
 
-    def broken_off(self, candidates, draws, phrase):
+    def broken_off(self, candidates, draws):
         left[0] -= 1
         if left[0] < 0:
             raise KeyboardInterrupt
-        return drive(self, candidates, draws, phrase)
+        return drive(self, candidates, draws)
 
     monkeypatch.setattr(study.TrialBatch, "drive", broken_off)
     assert main(push) == 130
@@ -124,7 +125,7 @@ def test_a_file_that_is_there_is_not_replaced_without_force(push, tmp_path, caps
         (["nylon_patch", "--trials", "0"], "--trials: found '0'"),
         (["nylon_patch", "--only", "gravity"], "--only: unknown gain 'gravity'; choices: control,"),
         (["nylon_patch", "--plant", "real"], "--plant: unknown plant 'real'; choices: planar, twin"),
-        (["nylon_patch", "--plant", "twin", "--twin", "2"], "--twin: found 2; --plant twin judges there"),
+        (["nylon_patch", "--plant", "twin", "--twin", "2"], "--twin: found 2; --plant twin judges on the twin"),
         (["nylon_patch", "--landscape", "1"], "--landscape: found '1'; one point is no picture"),
         (["nylon_patch", "--bound", "recovery.slip_cap=-1:2"], "the least value must be 0 or more"),
         (["nylon_patch", "three_wheel_circle"], "all scenarios are of one robot: give --model"),
@@ -203,7 +204,7 @@ def test_gains_are_driven_with(tmp_path, capsys):
 
 
 def test_an_evaluation_is_told_from_one_with_other_gains(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(workers, "ProcessPoolExecutor", lambda *given, **named: Here())
+    monkeypatch.setattr(workers, "ProcessPoolExecutor", lambda *given, **named: InlineExecutor())
     file = tmp_path / "g.toml"
     file.write_text('[control]\nspeed_proportional = { value = 0.1, unit = "A.s/rad", source = "tuned" }\n')
     argv = ["evaluate", "--suite", "manoeuvres", "--trials", "1", "--faults", "motor", "--out"]

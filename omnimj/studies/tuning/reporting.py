@@ -31,7 +31,7 @@ def _head(outcome: TuningResult) -> Iterator[str]:
 def _gains(outcome: TuningResult) -> Iterator[str]:
     """Those that were tuned, and those of the gains before that are not the model's."""
     tuned = {axis.name: axis for axis in outcome.axes}
-    told = [name for name in GAIN_NAMES if name in tuned or name in outcome.order.changed]
+    told = [name for name in GAIN_NAMES if name in tuned or name in outcome.config.changed]
     for table in GAIN_TABLES:
         own = [name for name in told if name.startswith(f"{table}.")]
         if own:
@@ -47,7 +47,7 @@ def _gains(outcome: TuningResult) -> Iterator[str]:
 
 
 def _origin(outcome: TuningResult, command: str) -> Iterator[str]:
-    order = outcome.order
+    order = outcome.config
     yield f"[{PROVENANCE_TABLE}]"
     yield f"command = {_text(command)}"
     yield f"version = {_text(omnimj.__version__)}"
@@ -60,7 +60,7 @@ def _origin(outcome: TuningResult, command: str) -> Iterator[str]:
     yield f"phase_margin_limit = {order.limits.phase_margin!r}  # degrees"
     yield f"overshoot_limit = {order.limits.overshoot!r}"
     yield f"better = {str(outcome.is_better).lower()}"
-    for verdict in outcome.verdicts:
+    for verdict in outcome.comparisons:
         yield ""
         yield f"[{PROVENANCE_TABLE}.judged_on_{verdict.plant}]"
         yield f"seed = {verdict.seed}"
@@ -112,7 +112,7 @@ def format_verdict(outcome: TuningResult) -> str:
         return "better than the gains before on the judging seeds"
     if all(axis.start == value for axis, value in zip(outcome.axes, outcome.values, strict=True)):
         return "NOT BETTER than the gains before: nothing better was found, they are as they were"
-    places = [f"{v.plant} ({_why(v.before, v.after)})" for v in outcome.verdicts if not v.is_better]
+    places = [f"{v.plant} ({_why(v.before, v.after)})" for v in outcome.comparisons if not v.is_better]
     return f"NOT BETTER than the gains before on the judging seeds: {', '.join(places)}"
 
 
