@@ -27,7 +27,7 @@ from omnimj.studies.workers import WorkerLost, open_executor, parse_scheduler, r
 
 @pytest.fixture(scope="module")
 def cluster():
-    """Two worker processes, without a dashboard."""
+    """Two worker processes."""
     distributed = pytest.importorskip("distributed")
     with (
         warnings.catch_warnings(),
@@ -35,7 +35,7 @@ def cluster():
             n_workers=2,
             threads_per_worker=1,
             processes=True,
-            dashboard_address=None,
+            dashboard_address=":0",  # any free port
             host="127.0.0.1",
             silence_logs=50,
         ) as found,
