@@ -125,7 +125,7 @@ def test_a_file_that_is_there_is_not_replaced_without_force(push, tmp_path, caps
         (["nylon_patch", "--trials", "0"], "--trials: found '0'"),
         (["nylon_patch", "--only", "gravity"], "--only: unknown gain 'gravity'; choices: control,"),
         (["nylon_patch", "--plant", "real"], "--plant: unknown plant 'real'; choices: planar, twin"),
-        (["nylon_patch", "--plant", "twin", "--twin", "2"], "--twin: found 2; --plant twin judges on the twin"),
+        (["nylon_patch", "--plant", "twin", "--twin", "2"], "--twin: found 2; --plant twin judges on it"),
         (["nylon_patch", "--landscape", "1"], "--landscape: found '1'; one point is no picture"),
         (["nylon_patch", "--bound", "recovery.slip_cap=-1:2"], "the least value must be 0 or more"),
         (["nylon_patch", "three_wheel_circle"], "all scenarios are of one robot: give --model"),

@@ -117,7 +117,7 @@ def check_config(config: TuningConfig) -> None:
     if config.plant not in PLANT_NAMES:
         raise UnknownNameError("--plant", "plant", config.plant, PLANT_NAMES)
     if config.twin and config.plant == TWIN:
-        rule = "--plant twin judges on the twin already, with --judging"
+        rule = "--plant twin judges on it already, with --judging"
         raise InputError("--twin", f"found {config.twin}", rule)
     read_tuned_scenarios(config.scenarios, config.model)
     axes_of(config.before, config.names, config.bounds)
