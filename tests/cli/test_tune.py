@@ -39,7 +39,7 @@ def test_the_command_writes_gains_and_a_page_and_its_exit_code_is_the_verdict(pu
     told = tomllib.loads((tmp_path / "g.toml").read_text(encoding="utf-8"))["tuned"]
     assert code == (0 if told["better"] else 1)
     assert told["command"].startswith("omnimj tune ") and "--only control" in told["command"]
-    assert "least phase margin" in out and "judged with seed 100, 1 runs on the planar plant" in out
+    assert "smallest phase margin" in out and "judged with seed 100, 1 runs on the planar plant" in out
     assert "\r" not in err, "a pipe sees no progress bar"
     page = (tmp_path / "g_report.html").read_text(encoding="utf-8")
     assert "The search" in page and "Speed against robustness" in page
@@ -116,7 +116,7 @@ def test_a_file_that_is_there_is_not_replaced_without_force(push, tmp_path, caps
     ("argv", "told"),
     [
         (["nylon_path"], "unknown scenario 'nylon_path'; did you mean 'nylon_patch'"),
-        (["rig_slip"], "SCENARIO rig_slip: cannot be tuned with; a robot's scenario with forces"),
+        (["rig_slip"], "SCENARIO rig_slip: cannot be tuned with; a scenario of a robot with forces"),
         (["nylon_patch", "nylon_patch"], "'nylon_patch' is there twice"),
         (
             ["nylon_patch", "--seed", "100"],
@@ -127,7 +127,7 @@ def test_a_file_that_is_there_is_not_replaced_without_force(push, tmp_path, caps
         (["nylon_patch", "--plant", "real"], "--plant: unknown plant 'real'; choices: planar, twin"),
         (["nylon_patch", "--plant", "twin", "--twin", "2"], "--twin: found 2; --plant twin judges on it"),
         (["nylon_patch", "--landscape", "1"], "--landscape: found '1'; one point is no picture"),
-        (["nylon_patch", "--bound", "recovery.slip_cap=-1:2"], "the least value must be 0 or more"),
+        (["nylon_patch", "--bound", "recovery.slip_cap=-1:2"], "the smallest value must be 0 or more"),
         (["nylon_patch", "three_wheel_circle"], "all scenarios are of one robot: give --model"),
         (["nylon_patch", "--out", "."], "--out .: is a folder; a file is needed"),
         (["nylon_patch", "--saturation", "0"], "--saturation: found '0'; must be above 0"),
@@ -138,13 +138,13 @@ def test_a_file_that_is_there_is_not_replaced_without_force(push, tmp_path, caps
             ["nylon_patch", "--bound", "control.mass=1:"],
             "--bound: unknown gain 'control.mass'; choices: control.",
         ),
-        (["nylon_patch", "--bound", "recovery.slip_cap"], "is of another shape; write NAME=LOW:HIGH"),
-        (["nylon_patch", "--bound", "recovery.slip_cap=a:"], "found 'a:'; two numbers with : between them"),
+        (["nylon_patch", "--bound", "recovery.slip_cap"], "has another form; write NAME=LOW:HIGH"),
+        (["nylon_patch", "--bound", "recovery.slip_cap=a:"], "found 'a:'; two numbers separated by :"),
         (
             ["nylon_patch", "--bound", "recovery.slip_cap=2:1"],
-            "found 2 and 1; the least value must be 0 or more",
+            "found 2 and 1; the smallest value must be 0 or more",
         ),
-        (["nylon_patch", "--bound", "recovery.slip_cap=1:2"], "it begins with 0.2; from 1 to 2"),
+        (["nylon_patch", "--bound", "recovery.slip_cap=1:2"], "the gain before is 0.2; must be from 1 to 2"),
         (
             ["nylon_patch", "--only", "control", "--bound", "recovery.slip_cap=0:2"],
             "--bound recovery.slip_cap: this gain is not tuned",

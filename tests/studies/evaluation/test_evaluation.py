@@ -210,7 +210,7 @@ def test_the_command_prints_tables_or_json_and_writes_a_page(tmp_path, monkeypat
     argv += ["none,motor,slip", "--out", str(tmp_path)]
     assert main(argv) == 0
     said = capsys.readouterr().out
-    assert "Groups that goals are set for" in said and "written to" in said
+    assert "Groups with a goal" in said and "written to" in said
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert page.count("<svg") == 5 and "http" not in page.replace("http-equiv", "")
     assert main([*argv, "--json"]) == 0
