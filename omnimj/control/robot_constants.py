@@ -9,8 +9,6 @@ import numpy as np
 from omnimj.control.gains import ObserverGains
 from omnimj.parameters import Robot
 from omnimj.physics.kinematics import rolling_matrix
-from omnimj.physics.motor import motor_row
-from omnimj.physics.wheel import wheel_row
 from omnimj.signals import Array
 
 BLOCK = 0.01
@@ -72,7 +70,6 @@ def robot_constants(robot: Robot, period: float, gains: ObserverGains | None = N
     same per rad/s [N, N.s]; LOAD: F_N of one wheel at rest [N]; INERTIA: I_eff/r [kg.m].
     """
     own = ObserverGains() if gains is None else gains
-    motor, wheel = motor_row(robot.motor), wheel_row(robot.wheel, robot.bearing, robot.motor)
     n, radius = len(robot.wheels), robot.wheel.radius
     load = robot.body.mass * GRAVITY / n
     through = robot.motor.gear_efficiency * robot.motor.gear_ratio / radius
@@ -83,9 +80,9 @@ def robot_constants(robot: Robot, period: float, gains: ObserverGains | None = N
             robot.body.mass,
             robot.body.yaw_inertia,
             radius,
-            wheel[1] / radius,
+            (robot.wheel.inertia + robot.motor.reflected_inertia) / radius,
             load,
-            motor[0] * through,
+            robot.motor.torque_constant * through,
             robot.motor.no_load_torque * through + bearing,
             robot.motor.viscous * robot.motor.gear_ratio * through,
             robot.motor.gear_efficiency,

@@ -1,4 +1,9 @@
-"""Named pieces of physics that a machine may have on top of its model: the vocabulary of the gap workflow."""
+"""Named pieces of physics that a machine may have on top of its model: the vocabulary of the gap workflow.
+
+`effect` defines effects and the changes they make, `catalogue` finds them by plant and name, `machine` puts
+them into a machine (`with_effects`) and turns them into what plants need (`apply_effects`), `model_writer`
+writes them into model files. Every other module declares effects in a tuple `EFFECTS`.
+"""
 
 from omnimj.effects.catalogue import EFFECTS, base_name, effects_of, find_effect
 from omnimj.effects.effect import (
@@ -17,7 +22,6 @@ from omnimj.effects.machine import (
     check_effects,
     complete_values,
     parse_effect,
-    plant_of,
     with_effects,
 )
 
@@ -39,6 +43,5 @@ __all__ = [
     "effects_of",
     "find_effect",
     "parse_effect",
-    "plant_of",
     "with_effects",
 ]

@@ -1,4 +1,4 @@
-"""Effects on the moving body: its mass, the slope it stands on, the air."""
+"""Effects on the moving body and the floor under it: mass, slope, air, another traction law."""
 
 from __future__ import annotations
 
@@ -6,9 +6,7 @@ import math
 
 from omnimj.effects.effect import RIG, ROBOT, Effect, EffectParameter, MachineChanges, Values
 from omnimj.errors import InputError
-from omnimj.physics.effect_terms import AIR, GRADE
-
-_GRAVITY = 9.81
+from omnimj.parameters.parts import GRAVITY
 
 
 def _payload(changes: MachineChanges, values: Values) -> None:
@@ -29,7 +27,7 @@ def _grade_of_rail(changes: MachineChanges, values: Values) -> None:
     if changes.slope[0] and values["slope"]:
         raise InputError("effects", "found grade twice", "it can act once on a machine")
     changes.slope = (values["slope"], math.pi) if values["slope"] else changes.slope
-    changes.term(GRADE, -_GRAVITY * math.sin(values["slope"]))
+    changes.add_to_term("grade", -GRAVITY * math.sin(values["slope"]))
 
 
 def _grade_of_floor(changes: MachineChanges, values: Values) -> None:
@@ -40,7 +38,26 @@ def _grade_of_floor(changes: MachineChanges, values: Values) -> None:
 
 
 def _air_drag(changes: MachineChanges, values: Values) -> None:
-    changes.term(AIR, values["coefficient"])
+    changes.add_to_term("air", values["coefficient"])
+
+
+_FOLLOWS = {"mu_c": ("mu_c", "mu_s", "D"), "sigma_0": ("sigma_0", "B"), "sigma_2": ("sigma_2",)}
+"""Numbers of a floor that each scale acts on: g(V_r) of LuGre and the height of the Magic Formula as a
+whole; the stiffness of either law."""
+
+
+def _floor_traction(changes: MachineChanges, values: Values) -> None:
+    for name, numbers in _FOLLOWS.items():
+        for number in numbers:
+            changes.floor_scale[number] = changes.floor_scale.get(number, 1.0) * values[name]
+
+
+def _floor_patch(changes: MachineChanges, values: Values) -> None:
+    changes.set_term("patch", values["scale"] - 1.0, patch_start=values["start"], patch_end=values["end"])
+
+
+def _scale(name: str) -> EffectParameter:
+    return EffectParameter(name, "1", 0.05, 10.0, 0.7, 1.0)
 
 
 _PAYLOAD = ("payload", "more or less mass than declared", "body")
@@ -78,5 +95,25 @@ EFFECTS = (
         (RIG, ROBOT),
         (EffectParameter("coefficient", "N.s2/m2", 0.0, 50.0, 2.0),),
         hooks=(_air_drag,),
+    ),
+    Effect(
+        "floor_traction",
+        "the traction parameters are not this floor's",
+        "floor",
+        (RIG, ROBOT),
+        (_scale("mu_c"), _scale("sigma_0"), _scale("sigma_2")),
+        hooks=(_floor_traction,),
+    ),
+    Effect(
+        "floor_patch",
+        "a stretch of floor with another friction",
+        "floor",
+        (RIG, ROBOT),
+        (
+            EffectParameter("scale", "1", 0.0, 5.0, 0.4, 1.0),
+            EffectParameter("start", "m", -20.0, 20.0, 0.3, None),
+            EffectParameter("end", "m", -20.0, 20.0, 0.6, None),
+        ),
+        hooks=(_floor_patch,),
     ),
 )

@@ -1,4 +1,4 @@
-"""All effects there are: every module of this package that has an `EFFECTS` tuple adds to the catalogue.
+"""Catalogue of all effects: every module of this package that has a tuple `EFFECTS` adds to it.
 
 An effect may be declared once for several plants, or under one name with other parameters for each plant.
 """
@@ -31,7 +31,7 @@ def _declared() -> Iterator[Effect]:
 
 
 def _merged(first: Effect, second: Effect) -> Effect:
-    """Two declarations of one effect for different plants."""
+    """Join two declarations of one effect for different plants."""
     if set(first.plants) & set(second.plants):
         raise ValueError(f"effect {first.name!r} is declared twice for one plant")
     known = {p.name for p in first.parameters}, {s.name for s in first.selectors}
@@ -60,7 +60,7 @@ def _catalogue() -> tuple[Mapping[str, Effect], Mapping[str, Mapping[str, Effect
 
 
 def effects_of(plant: str) -> Mapping[str, Effect]:
-    """Effects of one plant by name, with the parameters and choices they have there.
+    """Effects of one plant by name, with their parameters and choices on it.
 
     Raises:
       UnknownNameError: No such plant.
@@ -72,7 +72,7 @@ def effects_of(plant: str) -> Mapping[str, Effect]:
 
 
 def base_name(name: str) -> str:
-    """The effect's name without the number of a second instance: `sensor_delay_2` → `sensor_delay`."""
+    """Name of an effect without the number of a further instance: `sensor_delay_2` → `sensor_delay`."""
     known = _catalogue()[0]
     if name in known:
         return name
@@ -81,7 +81,7 @@ def base_name(name: str) -> str:
 
 
 def find_effect(name: object, plant: str, place: object) -> Effect:
-    """An effect of a plant by name, also by that of a second instance (`sensor_delay_2`).
+    """Look an effect of a plant up by name, also by that of a further instance (`sensor_delay_2`).
 
     Raises:
       UnknownNameError: The plant has no such effect; the message lists those it has.
@@ -93,6 +93,6 @@ def find_effect(name: object, plant: str, place: object) -> Effect:
     return known[base]
 
 
-# last: the package's modules may import the functions above while they are being looked through
+# last: modules of the package may import the functions above while the catalogue is collected
 EFFECTS: Mapping[str, Effect] = _catalogue()[0]
-"""Every effect by name; what it has on different plants is united. For one plant: `effects_of`."""
+"""Every effect by name, with the parameters of all its plants. For one plant: `effects_of`."""

@@ -1,4 +1,4 @@
-"""What an effect is: a named piece of physics with parameters, and what it changes in a machine."""
+"""Effects: named pieces of physics with parameters, and the changes that they make to a machine."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from omnimj.errors import InputError
-from omnimj.parameters.floor import Floor
-from omnimj.physics.effect_terms import CURVES, mark_active, write_curve, zero_terms
-from omnimj.physics.motor import TORQUE_CONSTANT
+from omnimj.parameters import Axis, Floor, Rig, Robot
+from omnimj.physics.effect_terms import CURVES, TERM, mark_active, write_curve, zero_terms
+from omnimj.physics.motor import MotorParameters
 from omnimj.signals import Array
 
-RIG, ROBOT, AXIS = "quarter_rig", "uto_robot", "linear_axis"
+RIG, ROBOT, AXIS = Rig.plant, Robot.plant, Axis.plant
 """The plants, by the names of their folders under `models/`."""
 
 Values = Mapping[str, Any]
 """Parameters (floats) and selectors (text or whole numbers) of one effect by name."""
 
 Hook = Callable[[Any, Values], None]
-"""Writes an effect into `omnimj.effects.effect.MachineChanges`; gets every parameter and selector."""
+"""Writes an effect into `MachineChanges`; gets every parameter and selector."""
 
 
 @dataclass(frozen=True)
 class EffectParameter:
-    """One number of an effect."""
+    """One parameter of an effect."""
 
     name: str
     unit: str
@@ -36,14 +36,14 @@ class EffectParameter:
     high: float
     """Physical bounds, generous."""
     typical: float
-    """A size that is worth noticing."""
+    """A size worth noticing."""
     null_value: float | None = 0.0
     """Value at which the effect is gone; None: a shape (place, width, speed), which takes nothing away."""
 
 
 @dataclass(frozen=True)
 class Selector:
-    """A choice that an effect needs besides numbers, such as a channel or a wheel."""
+    """A choice that an effect needs besides its parameters, such as a channel or a wheel."""
 
     name: str
     choices: tuple[str | int, ...]
@@ -51,11 +51,11 @@ class Selector:
 
 @dataclass(frozen=True)
 class Effect:
-    """A real change of a machine that a gap may be named after."""
+    """A physical change of a machine that may explain a gap between model and measurement."""
 
     name: str
     words: str
-    """What it is, in plain words."""
+    """Description in plain words."""
     where: str
     """`rail`, `wheel`, `motor`, `floor`, `body` or `sensors`."""
     plants: tuple[str, ...]
@@ -63,15 +63,15 @@ class Effect:
     parameters: tuple[EffectParameter, ...]
     selectors: tuple[Selector, ...] = ()
     hooks: tuple[Hook, ...] = ()
-    """What writes it into a machine."""
+    """Functions that write it into a machine."""
 
     @property
     def amplitudes(self) -> tuple[EffectParameter, ...]:
-        """Parameters at whose vanishing values the effect is gone."""
+        """Parameters that switch the effect off at their null values."""
         return tuple(p for p in self.parameters if p.null_value is not None)
 
     def null_values(self) -> dict[str, float]:
-        """Values of all parameters at which the effect is gone; shapes at their typical values."""
+        """Values of all parameters without the effect; shapes at their typical values."""
         return {p.name: p.typical if p.null_value is None else p.null_value for p in self.parameters}
 
     def typical(self) -> dict[str, float]:
@@ -79,11 +79,8 @@ class Effect:
         return {p.name: p.typical for p in self.parameters}
 
 
-# What effects write into: constants, term rows, conditions and channels of a machine.
-
-
 class ChannelEffect(NamedTuple):
-    """What a sensor effect makes of a channel's reading: scale · reading + offset, late by delay."""
+    """A sensor effect on one channel: scale · reading + offset, late by delay."""
 
     scale: float = 1.0
     offset: float = 0.0
@@ -98,7 +95,7 @@ class AppliedEffects:
     machine: Any
     """The same machine with changed constants (its own effects still named in it)."""
     terms: Array
-    """Rows of `physics.effect_terms`, shape (n, TERMS)."""
+    """Packed `physics.effect_terms.EffectTerms` per wheel, shape (n, TERMS)."""
     torque_scale: Array
     """True over nominal torque constant, shape (n,)."""
     radius_scale: Array
@@ -116,7 +113,7 @@ class AppliedEffects:
 
     @property
     def added_mass(self) -> float:
-        """Mass that is on the machine and not in its constants [kg]."""
+        """Mass on the machine beyond its constants [kg]."""
         return self.payload[0]
 
     def floor(self, floor: Floor) -> Floor:
@@ -132,19 +129,21 @@ class AppliedEffects:
             return floors
         return {name: self.floor(floor) for name, floor in floors.items()}
 
-    def motor_rows(self, rows: Array) -> Array:
-        """Motor rows, shape (n, MOTOR_ROW), with the torque constants scaled: a copy."""
-        changed = rows.copy()
-        changed[:, TORQUE_CONSTANT] *= self.torque_scale
-        return changed
+    def motors(self, motors: Sequence[MotorParameters]) -> tuple[MotorParameters, ...]:
+        """The motors of the n wheels with their torque constants scaled."""
+        scales = self.torque_scale.tolist()
+        return tuple(
+            motor._replace(torque_constant=motor.torque_constant * scale)
+            for motor, scale in zip(motors, scales, strict=True)
+        )
 
 
 class MachineChanges:
-    """Collects what the effects of one machine change."""
+    """Collector of the changes that the effects of one machine make."""
 
-    def __init__(self, machine: Any):
-        n = len(getattr(machine, "wheels", (None,)))
-        self.machine = machine
+    def __init__(self, machine: Robot | Rig | Axis):
+        n = machine.wheel_count
+        self.machine: Any = machine
         self.terms: Array = zero_terms(n)
         self.torque_scale, self.radius_scale, self.misalignment = np.ones(n), np.ones(n), np.zeros(n)
         self.payload, self.slope = (0.0, 0.0, 0.0), (0.0, 0.0)
@@ -153,8 +152,8 @@ class MachineChanges:
         self._added: dict[str, dict[str, float]] = {}
         self._curves = 0
 
-    def wheel(self, values: Values) -> slice:
-        """The rows that an effect acts on: its wheel's, or all.
+    def wheel_rows(self, values: Values) -> slice:
+        """Rows that an effect acts on: that of the chosen wheel, or all.
 
         Raises:
           InputError: The machine has no such wheel.
@@ -166,35 +165,35 @@ class MachineChanges:
             raise InputError("wheel", f"found {wheel}", f"the machine has wheels 1 to {count}")
         return slice(wheel - 1, wheel)
 
-    def add(self, table: str, key: str, value: float) -> None:
-        """Adds to a constant of the machine that cannot fall below zero (`wheel`, `roller_dry`)."""
+    def add_to_constant(self, table: str, key: str, value: float) -> None:
+        """Add to a constant of the machine that cannot fall below zero (`wheel`, `roller_dry`)."""
         entries = self._added.setdefault(table, {})
         before = entries[key] if key in entries else float(getattr(getattr(self.machine, table), key))
         entries[key] = max(before + value, 0.0)
 
-    def term(self, column: int, value: float, at: slice = slice(None)) -> None:
-        """Adds to a term."""
-        self.terms[at, column] += value
+    def add_to_term(self, name: str, value: float) -> None:
+        """Add to an effect term of all wheels."""
+        self.terms[:, TERM[name]] += value
 
-    def shaped(self, column: int, value: float, *shape: float) -> None:
-        """Sets a term that stands once only, and its shape in the columns behind it.
+    def set_term(self, name: str, value: float, **shape: float) -> None:
+        """Set an effect term that can act once only, together with the terms of its shape.
 
         Raises:
           InputError: A second instance of the effect.
         """
         if value == 0.0:
             return
-        if self.terms[:, column].any():
+        if self.terms[:, TERM[name]].any():
             raise InputError("effects", "found this effect twice", "it can act once on a machine")
-        self.terms[:, column] = value
-        for k, number in enumerate(shape, start=1):
-            self.terms[:, column + k] = number
+        self.terms[:, TERM[name]] = value
+        for key, number in shape.items():
+            self.terms[:, TERM[key]] = number
 
-    def curve(self, over: str, values: Sequence[float], low: float, high: float) -> None:
-        """A tabulated force, as `effect_terms.write_curve`; two fit beside each other.
+    def add_curve(self, over: str, values: Sequence[float], low: float, high: float) -> None:
+        """Add a tabulated force, as `effect_terms.write_curve`.
 
         Raises:
-          InputError: A third one.
+          InputError: More of them than fit beside each other.
         """
         if not any(values):
             return
@@ -203,8 +202,10 @@ class MachineChanges:
         write_curve(self.terms, self._curves, over, values, low, high)
         self._curves += 1
 
-    def reading(self, channel: str, scale: float = 1.0, offset: float = 0.0, delay: float = 0.0) -> None:
-        """Changes what a channel says: scale · before + offset, later by delay."""
+    def change_channel(
+        self, channel: str, scale: float = 1.0, offset: float = 0.0, delay: float = 0.0
+    ) -> None:
+        """Change the readings of a channel: scale · before + offset, later by delay [s]."""
         if (scale, offset, delay) == (1.0, 0.0, 0.0):
             return
         before = self.channels.get(channel, ChannelEffect())
@@ -212,7 +213,7 @@ class MachineChanges:
             scale * before.scale, scale * before.offset + offset, before.delay + delay
         )
 
-    def done(self) -> AppliedEffects:
+    def finish(self) -> AppliedEffects:
         """All changes together."""
         mark_active(self.terms)
         tables = {

@@ -1,4 +1,4 @@
-"""Effects in a machine: put in, checked, and turned into what plants and replay need."""
+"""Effects of a machine: added to it, checked, read from the command line, applied to its constants."""
 
 from __future__ import annotations
 
@@ -9,37 +9,30 @@ from typing import Any, TypeVar
 
 from omnimj.effects import catalogue
 from omnimj.effects.catalogue import base_name, find_effect
-from omnimj.effects.effect import AXIS, RIG, ROBOT, AppliedEffects, Effect, MachineChanges
+from omnimj.effects.effect import AppliedEffects, Effect, MachineChanges
 from omnimj.errors import InputError, UnknownNameError
-from omnimj.parameters.rig import Rig
-from omnimj.parameters.robot import Robot
+from omnimj.parameters import Axis, Rig, Robot
 
-Machine = TypeVar("Machine")
-
-
-def plant_of(machine: Any) -> str:
-    """The plant's name: `quarter_rig`, `uto_robot` or `linear_axis`."""
-    if isinstance(machine, Rig):
-        return RIG
-    return ROBOT if isinstance(machine, Robot) else AXIS
+Machine = TypeVar("Machine", Robot, Rig, Axis)
 
 
 def complete_values(
     effect: Effect, given: Mapping[str, Any], place: object, partial: bool = True
 ) -> dict[str, float | str | int]:
-    """All parameters and selectors of an effect, those that were not given filled in.
+    """All parameters and selectors of an effect, with missing ones filled in.
 
-    Shapes (a width, a place) get their typical values. Where an amplitude is given, the other amplitudes
-    vanish; where none is, all are typical. A selector must be given unless there is but one choice.
+    Missing shapes (a width, a place) get their typical values. Missing amplitudes get their null values where
+    another amplitude is given, otherwise their typical values. A selector must be given unless it has only
+    one choice.
 
     Args:
-      effect: As `effects_of` has it for the plant.
+      effect: As declared for the plant, from `effects_of`.
       given: Values by name.
-      place: Where they come from, for messages.
+      place: Origin of the values, for messages.
       partial: Whether all amplitudes may be missing.
 
     Raises:
-      InputError: A value that is no number, out of bounds, or missing.
+      InputError: A value that is not a number, is out of bounds or is missing.
       UnknownNameError: An unknown parameter or choice.
     """
     known = [p.name for p in effect.parameters] + [s.name for s in effect.selectors]
@@ -72,59 +65,58 @@ def complete_values(
 
 
 def with_effects(machine: Machine, effects: Mapping[str, Mapping[str, Any]]) -> Machine:
-    """The same machine with effects on top of those it has; one of the same name is replaced.
+    """Copy of a machine with further effects; one of the same name is replaced.
 
     Args:
       machine: `Rig`, `Robot` or `Axis`.
       effects: Name → parameter or selector → value; a second instance of an effect is NAME_2, NAME_3, ….
-        Values that are left out are filled in as `complete_values` says.
+        Missing values are filled in as in `complete_values`.
 
     Raises:
       InputError: A value out of bounds or missing.
       UnknownNameError: An unknown effect, parameter or choice.
     """
-    plant = plant_of(machine)
-    full = dict(getattr(machine, "effects", {}))
+    full = dict(machine.effects)
     for name, values in effects.items():
         place = f"effects.{name}"
-        full[name] = complete_values(find_effect(name, plant, "effects"), values, place)
-    changed = dataclasses.replace(machine, effects=full)  # type: ignore[type-var]
-    apply_effects(changed)  # what cannot be together is refused here
+        full[name] = complete_values(find_effect(name, machine.plant, "effects"), values, place)
+    changed = dataclasses.replace(machine, effects=full)
+    apply_effects(changed)  # refuses effects that exclude each other
     return changed
 
 
-def apply_effects(machine: Any) -> AppliedEffects:
-    """The machine with its effects, ready for plants and for replay.
+def apply_effects(machine: Robot | Rig | Axis) -> AppliedEffects:
+    """Apply a machine's effects to its constants, for plants and for replay.
 
     Raises:
-      InputError: An effect's value is out of bounds or missing, or two effects cannot be together; the
+      InputError: An effect's value is out of bounds or missing, or two effects exclude each other; the
         message names the machine's file.
       UnknownNameError: An unknown effect, parameter or choice.
     """
     changes = MachineChanges(machine)
-    plant = plant_of(machine)
-    for name, given in getattr(machine, "effects", {}).items():
+    for name, given in machine.effects.items():
         place = f"{machine.file}: effects.{name}"
-        effect = find_effect(name, plant, f"{machine.file}: effects")
+        effect = find_effect(name, machine.plant, f"{machine.file}: effects")
         values = complete_values(effect, given, place, partial=False)
         for hook in effect.hooks:
             try:
                 hook(changes, values)
             except InputError as error:
                 raise InputError(place, str(error)) from None
-    return changes.done()
+    return changes.finish()
 
 
-def check_effects(machine: Any) -> None:
-    """Whether the effects of a machine that was read from a file are known, complete and within bounds.
+def check_effects(machine: Robot | Rig | Axis) -> None:
+    """Check the effects of a machine that was read from a file.
 
     Raises:
-      InputError: They are not, or a unit is wrong; the message names file, effect and parameter.
+      InputError: An effect is incomplete, a value out of bounds or a unit wrong; the message names file,
+        effect and parameter.
+      UnknownNameError: An unknown effect, parameter or choice.
     """
-    plant = plant_of(machine)
     apply_effects(machine)
-    for name, given in getattr(machine, "effects", {}).items():
-        for parameter in find_effect(name, plant, machine.file).parameters:
+    for name, given in machine.effects.items():
+        for parameter in find_effect(name, machine.plant, machine.file).parameters:
             origin = machine.provenance.get(f"effects.{name}.{parameter.name}")
             if parameter.name in given and origin is None:
                 shape = f'write {{ value = …, unit = "{parameter.unit}", source = "…" }}'
@@ -138,17 +130,13 @@ def check_effects(machine: Any) -> None:
                 raise InputError(place, f"found {origin.unit!r}", f"the unit is {parameter.unit!r}")
 
 
-# `--effect NAME[:KEY=VALUE,…]`: an effect as it is written on the command line.
-
-
 def parse_effect(text: str, plant: str | None = None) -> tuple[str, dict[str, float | str | int]]:
-    """Name and values of `NAME[:KEY=VALUE,…]`.
+    """Parse an effect of the command line, `NAME[:KEY=VALUE,…]`, into its name and values.
 
     Args:
       text: `rail_viscous`, `rail_stribeck:force=2,velocity=0.1`, `sensor_delay_2:channel=current`, ….
-      plant: With it values are checked and those left out are filled in as `machine.complete_values` says;
-      without
-        it the values are what was written, and `with_effects` fills them in.
+      plant: Checks the values against this plant and fills in missing ones as `complete_values` does; None:
+        the values as written, for `with_effects`.
 
     Raises:
       InputError: Not of this form, or a value out of bounds.

@@ -4,33 +4,33 @@ from __future__ import annotations
 
 from omnimj.effects.effect import RIG, ROBOT, Effect, EffectParameter, MachineChanges, Values
 from omnimj.effects.wheel import WHEEL
-from omnimj.physics.effect_terms import AXLE_VISCOUS, BACKLASH, COGGING, GEAR_LOAD, HEATING, SAG
 
 
 def _torque_constant(changes: MachineChanges, values: Values) -> None:
-    changes.torque_scale[changes.wheel(values)] *= values["scale"]
+    changes.torque_scale[changes.wheel_rows(values)] *= values["scale"]
 
 
 def _gear_loss(changes: MachineChanges, values: Values) -> None:
-    changes.term(AXLE_VISCOUS, values["viscous"])
-    changes.term(GEAR_LOAD, values["load"])
+    changes.add_to_term("axle_viscous", values["viscous"])
+    changes.add_to_term("gear_load", values["load"])
 
 
 def _backlash(changes: MachineChanges, values: Values) -> None:
-    changes.shaped(BACKLASH, values["angle"], changes.machine.motor.reflected_inertia)
+    rotor = changes.machine.motor.reflected_inertia
+    changes.set_term("backlash", values["angle"], rotor_inertia=rotor)
 
 
 def _motor_cogging(changes: MachineChanges, values: Values) -> None:
     ratio = changes.machine.motor.gear_ratio
-    changes.shaped(COGGING, values["amplitude"] * ratio, values["poles"] * ratio)
+    changes.set_term("cogging", values["amplitude"] * ratio, cogging_order=values["poles"] * ratio)
 
 
 def _supply_sag(changes: MachineChanges, values: Values) -> None:
-    changes.term(SAG, values["resistance"])
+    changes.add_to_term("sag", values["resistance"])
 
 
 def _winding_heating(changes: MachineChanges, values: Values) -> None:
-    changes.term(HEATING, values["rate"])
+    changes.add_to_term("heating", values["rate"])
 
 
 _TORQUE = ("torque_constant", "the motor gives another torque per ampere than declared", "motor")

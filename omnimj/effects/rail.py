@@ -1,36 +1,36 @@
-"""Effects at the rig's rail: friction on top of what the model has, cables."""
+"""Effects at the rig's rail: friction beyond that of the model, cables."""
 
 from __future__ import annotations
 
 from omnimj.effects.effect import RIG, Effect, EffectParameter, MachineChanges, Values
-from omnimj.physics.effect_terms import CABLE, CABLE_FORCE, DRY, STICKY, STRIBECK, VISCOUS
 
 
 def _lateral_coupling(changes: MachineChanges, values: Values) -> None:
-    changes.add("wheel", "roller_dry", values["roller_dry"])
-    changes.add("wheel", "roller_viscous", values["roller_viscous"])
-    changes.add("rig", "rail_dry", values["rail_dry"])
+    changes.add_to_constant("wheel", "roller_dry", values["roller_dry"])
+    changes.add_to_constant("wheel", "roller_viscous", values["roller_viscous"])
+    changes.add_to_constant("rig", "rail_dry", values["rail_dry"])
 
 
 def _coulomb(changes: MachineChanges, values: Values) -> None:
-    changes.term(DRY, values["force"])
+    changes.add_to_term("guide_dry", values["force"])
 
 
 def _viscous(changes: MachineChanges, values: Values) -> None:
-    changes.term(VISCOUS, values["coefficient"])
+    changes.add_to_term("guide_viscous", values["coefficient"])
 
 
 def _stribeck(changes: MachineChanges, values: Values) -> None:
-    changes.shaped(STRIBECK, values["force"], values["velocity"])
+    changes.set_term("stribeck", values["force"], stribeck_speed=values["velocity"])
 
 
 def _position(changes: MachineChanges, values: Values) -> None:
-    changes.shaped(STICKY, values["force"], values["position"], values["width"])
+    place, width = values["position"], values["width"]
+    changes.set_term("sticky", values["force"], sticky_place=place, sticky_width=width)
 
 
 def _cable_drag(changes: MachineChanges, values: Values) -> None:
-    changes.term(CABLE, values["stiffness"])
-    changes.term(CABLE_FORCE, values["stiffness"] * values["rest_position"])
+    changes.add_to_term("cable", values["stiffness"])
+    changes.add_to_term("cable_force", values["stiffness"] * values["rest_position"])
 
 
 EFFECTS = (

@@ -19,7 +19,7 @@ _AXES = Selector("channel", ("acceleration_x", "acceleration_y"))
 def _scaled(*channels: str) -> Hook:
     def hook(changes: MachineChanges, values: Values) -> None:
         for channel in (values["channel"],) if "channel" in values else channels:
-            changes.reading(channel, scale=values["scale"])
+            changes.change_channel(channel, scale=values["scale"])
 
     return hook
 
@@ -27,13 +27,13 @@ def _scaled(*channels: str) -> Hook:
 def _shifted(*channels: str) -> Hook:
     def hook(changes: MachineChanges, values: Values) -> None:
         for channel in (values["channel"],) if "channel" in values else channels:
-            changes.reading(channel, offset=values["bias"])
+            changes.change_channel(channel, offset=values["bias"])
 
     return hook
 
 
 def _delayed(changes: MachineChanges, values: Values) -> None:
-    changes.reading(str(values["channel"]), delay=values["delay"])
+    changes.change_channel(str(values["channel"]), delay=values["delay"])
 
 
 def _scale(typical: float) -> tuple[EffectParameter]:

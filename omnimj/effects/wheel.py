@@ -5,39 +5,37 @@ from __future__ import annotations
 import math
 
 from omnimj.effects.effect import RIG, ROBOT, Effect, EffectParameter, MachineChanges, Selector, Values
-from omnimj.physics.effect_terms import AXLE_DRY, AXLE_VISCOUS, RIPPLE
 
 WHEEL = Selector("wheel", (1, 2, 3, 4))
-"""Which wheel of the robot."""
+"""The wheel of the robot that an effect acts on."""
 
 
 def _roller_friction(changes: MachineChanges, values: Values) -> None:
-    changes.add("wheel", "roller_dry", values["roller_dry"])
-    changes.add("wheel", "roller_viscous", values["roller_viscous"])
+    changes.add_to_constant("wheel", "roller_dry", values["roller_dry"])
+    changes.add_to_constant("wheel", "roller_viscous", values["roller_viscous"])
 
 
 def _rolling_resistance(changes: MachineChanges, values: Values) -> None:
-    changes.add("wheel", "rolling_resistance", values["mu_roll"])
+    changes.add_to_constant("wheel", "rolling_resistance", values["mu_roll"])
 
 
 def _bearing_friction(changes: MachineChanges, values: Values) -> None:
-    changes.term(AXLE_DRY, values["torque"])
-    changes.term(AXLE_VISCOUS, values["viscous"])
+    changes.add_to_term("axle_dry", values["torque"])
+    changes.add_to_term("axle_viscous", values["viscous"])
 
 
 def _roller_ripple(changes: MachineChanges, values: Values) -> None:
     # two rows, staggered: a roller takes over twice per pitch
-    changes.shaped(
-        RIPPLE, values["amplitude"], changes.machine.wheel.rows * changes.machine.wheel.rollers_per_row
-    )
+    wheel = changes.machine.wheel
+    changes.set_term("ripple", values["amplitude"], ripple_order=wheel.rows * wheel.rollers_per_row)
 
 
 def _wheel_radius(changes: MachineChanges, values: Values) -> None:
-    changes.radius_scale[changes.wheel(values)] *= values["scale"]
+    changes.radius_scale[changes.wheel_rows(values)] *= values["scale"]
 
 
 def _wheel_misalignment(changes: MachineChanges, values: Values) -> None:
-    changes.misalignment[changes.wheel(values)] += values["angle"]
+    changes.misalignment[changes.wheel_rows(values)] += values["angle"]
 
 
 _RADIUS = ("wheel_radius", "the rolling radius is not as declared", "wheel")

@@ -1,4 +1,4 @@
-"""Quality of a link: offset of the clocks, lost frames, and deadlines in real time."""
+"""How good a link is, counted from what arrived: the two clocks against each other, and what was lost."""
 
 from __future__ import annotations
 
@@ -9,36 +9,29 @@ from dataclasses import dataclass, field
 from typing import Any
 
 LOSS_WINDOW = 20
-"""Number of recent frames among which losses are counted."""
+"""Frames over which losses are counted."""
 _PINGS = 16
-_SHORTEST, _PER_DECADE, _DECADES = 1e-7, 64, 9
 
 
 class ClockOffset:
-    """Offset of the device's clock, from the ping with the shortest round trip among the last 16.
+    """The device's clock less the host's, from the ping with the shortest round trip among the last 16.
 
-    offset = t_device − (t_sent + t_received)/2, accurate to half the round trip.
+    offset = t_device − (t_sent + t_received)/2, known to half the round trip.
     """
 
     def __init__(self):
-        """Start with an unknown offset."""
+        """Nothing is known yet."""
         self.answers = 0
-        """Number of answered pings."""
+        """Pings that came back."""
         self._sent: deque[tuple[int, float]] = deque(maxlen=_PINGS)
         self._found: deque[tuple[float, float]] = deque(maxlen=_PINGS)
 
     def sent(self, nonce: int, now: float) -> None:
-        """Note a ping sent at `now` [s]."""
+        """A ping went out [s]."""
         self._sent.append((nonce, now))
 
     def answered(self, nonce: int, now: float, device_time: float) -> None:
-        """Note the answer to a ping; repeated and unknown ones are ignored.
-
-        Args:
-          nonce: Nonce of the ping.
-          now: Time of arrival on the host's clock [s].
-          device_time: Time of the device's clock in the answer [s].
-        """
+        """A pong came back [s, s]; counted once, and only if the ping is known."""
         for entry in self._sent:
             if entry[0] == nonce:
                 self._sent.remove(entry)
@@ -48,62 +41,67 @@ class ClockOffset:
 
     @property
     def known(self) -> bool:
-        """Whether a ping has been answered."""
+        """Whether a ping has come back."""
         return bool(self._found)
 
     @property
     def offset(self) -> float:
-        """Device's clock minus the host's [s]; NaN while unknown."""
+        """[s]; NaN while nothing is known."""
         return min(self._found)[1] if self._found else math.nan
 
     @property
     def round_trip(self) -> float:
-        """Round trip of the ping that determines the offset [s]; infinite while unknown."""
+        """Of the ping that counts [s]; infinite while nothing is known."""
         return min(self._found)[0] if self._found else math.inf
 
 
 class LossCounter:
-    """Losses among the last 20 frames of a sender; a frame out of order counts as lost."""
+    """Which of the sender's last 20 frames came; what comes late has been lost."""
 
     def __init__(self):
-        """Start without losses."""
+        """As if all had come that were sent before."""
         self.newest = 0
         self.total_lost = 0
-        """Lost frames since the beginning, including those out of order."""
-        self._received = (1 << LOSS_WINDOW) - 1
+        """Since the beginning; what came late is among them."""
+        self._came = (1 << LOSS_WINDOW) - 1
 
     def take(self, sequence: int) -> bool:
-        """Note a frame; False if it is repeated or out of order."""
+        """Notes a frame; False if it is not newer than all before: a repeat, or too late."""
         if sequence <= self.newest:
             return False
         self.total_lost += sequence - self.newest - 1
         gap = min(sequence - self.newest, LOSS_WINDOW)
-        self._received = ((self._received << gap) | 1) & ((1 << LOSS_WINDOW) - 1)
+        self._came = ((self._came << gap) | 1) & ((1 << LOSS_WINDOW) - 1)
         self.newest = sequence
         return True
 
     @property
     def lost(self) -> int:
-        """Lost frames among the last 20."""
-        return LOSS_WINDOW - self._received.bit_count()
+        """Of the last 20."""
+        return LOSS_WINDOW - self._came.bit_count()
+
+
+# How well a link in real time keeps its deadlines, counted as it goes, in memory that does not grow.
+
+_SHORTEST, _PER_DECADE, _DECADES = 1e-7, 64, 9
 
 
 class TimeHistogram:
-    """Quantiles of positive times to 2 % in constant memory (64 bins per decade, 0.1 µs to 100 s)."""
+    """Quantiles of positive times, each known to 2 % (64 bins per decade from 0.1 µs to 100 s)."""
 
     def __init__(self):
         self._bins = [0] * (_PER_DECADE * _DECADES)
         self.count, self.largest = 0, 0.0
 
     def add(self, time: float) -> None:
-        """Add a time [s]; shorter ones count as 0.1 µs."""
+        """One more [s]; what is below 0.1 µs counts as that."""
         where = int(_PER_DECADE * math.log10(time / _SHORTEST)) if time > _SHORTEST else 0
         self._bins[min(where, len(self._bins) - 1)] += 1
         self.count += 1
         self.largest = max(self.largest, time)
 
     def quantile(self, share: float) -> float:
-        """Quantile of the times [s]; 0 if there are none."""
+        """The time that this share of all does not exceed [s]; 0 where there was none."""
         left = share * self.count
         for k, number in enumerate(self._bins):
             left -= number
@@ -112,38 +110,38 @@ class TimeHistogram:
         return 0.0
 
     def as_record(self) -> dict[str, float]:
-        """Quantiles `p50` and `p99`, and `max` [s]."""
+        """`p50`, `p99` and `max` [s]."""
         return {"p50": self.quantile(0.5), "p99": self.quantile(0.99), "max": self.largest}
 
 
 @dataclass
 class Deadlines:
-    """Deadlines of a control loop that answers each reading of the device by a command."""
+    """Of a control loop that answers each reading of the device by a command."""
 
     periods: int = 0
-    """Number of commands."""
+    """Commands that were asked for."""
     missed: int = 0
-    """Commands sent more than a period after their reading arrived."""
+    """Whose command left more than a period after its reading had come."""
     held: int = 0
-    """Periods without a reading in time, in which the controller got the previous one again."""
+    """In which no reading came in time: the controller got the one before once more."""
     skipped: int = 0
-    """Readings that were skipped because a newer one had arrived."""
+    """Of the device, whose reading nobody used, since a newer one had come."""
     response: TimeHistogram = field(default_factory=TimeHistogram)
-    """Time from the arrival of a reading to the sending of its command."""
+    """From a reading's arrival until its command has left."""
     late: TimeHistogram = field(default_factory=TimeHistogram)
-    """Delay of a reading beyond one period after the previous one."""
+    """By how much a reading came later than a period after the one before."""
     command_age: TimeHistogram = field(default_factory=TimeHistogram)
-    """Age of the newest command as reported in each telemetry."""
+    """Of the newest command, as the device says in each telemetry."""
 
     def as_record(self) -> dict[str, Any]:
-        """Record for `metrics.json`; times in [s]."""
-        record = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
-        return {k: v.as_record() if isinstance(v, TimeHistogram) else v for k, v in record.items()}
+        """For `metrics.json`; times in [s]."""
+        told = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        return {k: v.as_record() if isinstance(v, TimeHistogram) else v for k, v in told.items()}
 
 
 @dataclass(frozen=True)
 class LinkRecord:
-    """Summary of a link at its end."""
+    """A link at its end."""
 
     address: str
     mode: str
@@ -152,23 +150,23 @@ class LinkRecord:
     deadlines: Deadlines
     sent: int
     received: int
-    """Numbers of frames."""
+    """Frames."""
     resent: int
-    """Frames that were sent again in lock-step."""
+    """In lock-step: commands that had to be asked for again."""
     lost: int
-    """Frames of the device that were lost or came too late."""
+    """Frames of the device that never came, or too late."""
     dropped: int
-    """Received packets that were dropped."""
+    """Packets that came and did not count."""
     device_dropped: int
-    """Packets that the device dropped, by its own report."""
+    """The same at the device, as it says."""
     device_refused: int
     """Frames that the device refused."""
     round_trip: float | None
-    """Shortest round trip of the last pings [s]; None without one."""
+    """Shortest of the last pings [s]; None without one."""
     ended_by: str
-    """Reason for which the link ended; empty if it was closed."""
+    """Why the link ended; empty: it was closed."""
 
     def as_record(self) -> dict[str, Any]:
-        """Record for `metrics.json`."""
-        record = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
-        return {**record, "deadlines": self.deadlines.as_record()}
+        """For `metrics.json`."""
+        told = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        return {**told, "deadlines": self.deadlines.as_record()}

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
+from typing import ClassVar
 
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters.model_file import EffectValues, read_effects
@@ -103,6 +104,11 @@ class AxisExtras:
 class Axis:
     """All constants of a linear axis."""
 
+    plant: ClassVar[str] = "linear_axis"
+    """Kind of machine, as model files name it."""
+    wheel_count: ClassVar[int] = 1
+    """The drive counts as one."""
+
     axis: AxisBody
     sensors: AxisSensors
     provenance: Mapping[str, Provenance]
@@ -122,8 +128,10 @@ def read_axis(path: Path | None = None) -> Axis:
     """
     path = models_folder() / "linear_axis" / "axis.toml" if path is None else path
     own = read_toml(path)
-    if own.get("plant") != "linear_axis":
-        raise InputError(f"{path}: plant", f"found {own.get('plant')!r}", "this file must say 'linear_axis'")
+    if own.get("plant") != Axis.plant:
+        raise InputError(
+            f"{path}: plant", f"found {own.get('plant')!r}", f"this file must say {Axis.plant!r}"
+        )
     known = ("plant", "axis", "sensors", "effects")
     for key in own:
         if key not in known:

@@ -1,4 +1,4 @@
-"""Floors: a name, a traction law and its numbers."""
+"""Floors: a name, a traction law and its numbers, read from and written as entries of `floors.toml`."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 
@@ -46,13 +47,45 @@ LAWS: Mapping[str, tuple[int, Mapping[str, Rule]]] = MappingProxyType(
     }
 )
 
-ROW = 8
-"""Length of a floor's row of numbers in the kernels."""
+_DIGITS = 6
+FLOOR_UNITS = "# mu_c, mu_s, mu_cap 1; V_s m/s; sigma_0 1/m; sigma_1, sigma_2 s/m."
+"""Comment with the units of a floor's numbers."""
+
+
+class TractionParameters(NamedTuple):
+    """A traction law as the kernels see it; the numbers of the other law are zero."""
+
+    law: float
+    """`LUGRE`, `LUGRE_CAPPED` or `MAGIC_FORMULA`."""
+    mu_c: float = 0.0
+    mu_s: float = 0.0
+    V_s: float = 0.0
+    """[m/s]"""
+    sigma_0: float = 0.0
+    """[1/m]"""
+    sigma_1: float = 0.0
+    """[s/m]"""
+    sigma_2: float = 0.0
+    """[s/m]"""
+    mu_cap: float = np.inf
+    """Largest traction over normal force; infinite without a ceiling."""
+    B: float = 0.0
+    C: float = 0.0
+    D: float = 0.0
+    E: float = 0.0
+    relaxation_length: float = 0.0
+    """[m]"""
+    damping_time: float = 0.0
+    """[s]"""
+
+
+TRACTION_SIZE = len(TractionParameters._fields)
+"""Numbers of a packed traction law."""
 
 
 @dataclass(frozen=True)
 class Floor:
-    """A floor and how wheels grip it."""
+    """A floor and its traction law."""
 
     name: str
     description: str
@@ -62,22 +95,17 @@ class Floor:
     numbers: Mapping[str, float]
     """The law's parameters by their textbook letter."""
     uncertainty: float = 0.0
-    """Half-width of what each number may be, relative to it; 0: taken as known."""
+    """Relative half-width of the interval of each number; 0: taken as known."""
+
+    @property
+    def traction(self) -> TractionParameters:
+        """Parameters of the traction law for the kernels of `physics.traction`."""
+        return TractionParameters(float(LAWS[self.law][0]), **self.numbers)
 
     @property
     def row(self) -> np.ndarray:
-        """`[law, …]` for the kernels of `physics.traction`, shape (ROW,).
-
-        LuGre laws: law, μ_c, μ_s, V_s, σ0, σ1, σ2, μ_cap (∞ without a ceiling).
-        Magic Formula: law, B, C, D, E, relaxation length, damping time, 0.
-        """
-        code, keys = LAWS[self.law]
-        row = np.zeros(ROW)
-        row[0] = code
-        row[1 : 1 + len(keys)] = [self.numbers[key] for key in keys]
-        if code == LUGRE:
-            row[7] = np.inf  # no ceiling
-        return row
+        """The packed `traction`, shape (TRACTION_SIZE,)."""
+        return np.array(self.traction)
 
 
 def _read_floor(place: str, name: str, table: object) -> Floor:
@@ -105,7 +133,7 @@ def _read_floor(place: str, name: str, table: object) -> Floor:
 
 
 def read_floors(path: Path | None = None) -> dict[str, Floor]:
-    """Reads `floors.toml`.
+    """Read a floors file.
 
     Args:
       path: A floors file; the shipped one when None.
@@ -122,7 +150,10 @@ def read_floors(path: Path | None = None) -> dict[str, Floor]:
 
 
 def all_floors(own: Path | None = None) -> dict[str, Floor]:
-    """The shipped floors; those of a file of one's own beside them, or in their place where names are alike.
+    """Shipped floors by name, together with those of another file, which win where names coincide.
+
+    Args:
+      own: A floors file; None: only the shipped floors.
 
     Raises:
       InputError: A value is missing or breaks its rule.
@@ -132,7 +163,12 @@ def all_floors(own: Path | None = None) -> dict[str, Floor]:
 
 
 def find_floor(name: object, place: str, floors: Mapping[str, Floor] | None = None) -> Floor:
-    """A floor by name.
+    """Look a floor up by name.
+
+    Args:
+      name: As a user wrote it.
+      place: Where it is written, for the message.
+      floors: Known floors; the shipped ones when None.
 
     Raises:
       UnknownNameError: No such floor; the message lists the known ones.
@@ -143,23 +179,17 @@ def find_floor(name: object, place: str, floors: Mapping[str, Floor] | None = No
     return floors[name]
 
 
-# Floors as text, in the format of `models/floors.toml`.
-
-_DIGITS = 6
-FLOOR_UNITS = "# mu_c, mu_s, mu_cap 1; V_s m/s; sigma_0 1/m; sigma_1, sigma_2 s/m."
-
-
 def printable_line(words: str) -> str:
-    """What can stand in a comment or a text: a line break would end it, control signs are not TOML."""
+    """Text without line breaks and control characters, fit for a TOML comment or string."""
     return "".join(sign if sign.isprintable() else "?" for sign in words)
 
 
 def format_floor(floor: Floor, remarks: Iterable[str] = ()) -> str:
-    """One entry, which `read_floors` reads.
+    """TOML entry of a floor, as `read_floors` takes it.
 
     Args:
       floor: Its numbers are written with six digits.
-      remarks: Comments above the numbers, a line each.
+      remarks: Comments above the numbers, one line each.
     """
     lines = [f"[{floor.name}]", f"description = {_toml_text(floor.description)}", f'law = "{floor.law}"']
     lines += [f"source = {_toml_text(floor.source)}", f"uncertainty = {floor.uncertainty:.3g}"]

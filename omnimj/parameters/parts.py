@@ -6,6 +6,9 @@ from dataclasses import dataclass
 
 from omnimj.parameters.reading import positive, quantity
 
+GRAVITY = 9.81
+"""[m/s²]"""
+
 
 @dataclass(frozen=True)
 class Wheel:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, ClassVar
 
 from omnimj.errors import InputError
 from omnimj.parameters.model_file import EffectValues, model_path, read_effects, read_model_file
@@ -58,6 +59,12 @@ class RigBody:
 class Rig:
     """All constants of the quarter test rig."""
 
+    plant: ClassVar[str] = "quarter_rig"
+    """Kind of machine, as model files name it."""
+    wheel_count: ClassVar[int] = 1
+    roller_angles: ClassVar[tuple[float, ...]] = (0.5 * math.pi,)
+    """γ of each wheel [rad]."""
+
     wheel: Wheel
     bearing: Bearing
     motor: Motor
@@ -78,7 +85,7 @@ def read_rig(path: Path | None = None) -> Rig:
       InputError: A value is missing or breaks its rule; the message names file, key, value and rule.
     """
     path = model_path(path, "quarter_rig/rig.toml")
-    file = read_model_file(path, "quarter_rig", ("rig", "effects"))
+    file = read_model_file(path, Rig.plant, ("rig", "effects"))
     provenance: dict[str, Provenance] = {}
 
     def table(kind: type, name: str) -> Any:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -86,6 +86,9 @@ class Control:
 class Robot:
     """All constants of a robot with n wheels."""
 
+    plant: ClassVar[str] = "uto_robot"
+    """Kind of machine, as model files name it."""
+
     wheel: Wheel
     bearing: Bearing
     motor: Motor
@@ -102,6 +105,16 @@ class Robot:
     """Effects on top of the model; the names and their parameters are those of `omnimj.effects`."""
     hardware: Hardware | None = None
     """How it is wired; None: the file does not say."""
+
+    @property
+    def wheel_count(self) -> int:
+        """Number of wheels n."""
+        return len(self.wheels)
+
+    @property
+    def roller_angles(self) -> tuple[float, ...]:
+        """γ of each wheel [rad]."""
+        return tuple(mount.roller_angle for mount in self.wheels)
 
     @property
     def wheel_positions(self) -> np.ndarray:
@@ -151,7 +164,7 @@ def read_robot(path: Path | None = None) -> Robot:
       InputError: A value is missing or breaks its rule; the message names file, key, value and rule.
     """
     path = model_path(path, "uto_robot/robot.toml")
-    file = read_model_file(path, "uto_robot", ("body", "wheels", "control", "effects", "hardware"))
+    file = read_model_file(path, Robot.plant, ("body", "wheels", "control", "effects", "hardware"))
     provenance: dict[str, Provenance] = {}
 
     def table(kind: type, name: str) -> Any:

@@ -1,71 +1,128 @@
-"""Added physics of one driven wheel (or carriage) as one row of numbers, for equations and twin alike.
+"""Added physics of one driven wheel (or carriage), shared by the equations and the twin.
 
-The terms come on top of what the model has; a row of zeros adds nothing. Shapes (a speed, a place, a width)
-say where an amplitude acts; without the amplitude they do nothing. On the rig the guide's terms act on the
+The terms come on top of the physics of the model; terms of zero add nothing. Shapes (a speed, a place, a
+width) say where an amplitude acts and do nothing without it. On the rig the guide's terms act on the
 carriage; on a robot the forces act at the hub, along the driving direction of the wheel.
+
+Kernels take `EffectTerms`. Per wheel, and in the memory of a compiled MuJoCo model, they are a packed row of
+`TERMS` numbers, read with `terms_at`.
 """
 
 from __future__ import annotations
 
 import math
+from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from omnimj.physics.motor import RATIO, RESISTANCE, SUPPLY, TORQUE_CONSTANT, achievable_current, stick_or_slip
-from omnimj.physics.native import kernel
+from omnimj.physics.motor import MotorParameters, achievable_current, stick_or_slip
+from omnimj.physics.native import first_numbers, kernel
 
-ACTIVE = 0  # 1 when any amplitude below is not zero: everything else is then worth looking at
-# guide: dry [N], viscous [N.s/m], Stribeck [N] and its speed [m/s], sticky place [N], where and how wide [m]
-DRY, VISCOUS, STRIBECK, STRIBECK_SPEED, STICKY, STICKY_PLACE, STICKY_WIDTH = range(1, 8)
-# cable: stiffness [N/m] and the force at position 0 [N]; air [N.s²/m²]; gravity along the guide [m/s²]
-CABLE, CABLE_FORCE, AIR, GRADE = range(8, 12)
-# ripple on carriage or hub [N] and its periods per turn of the wheel over 2π
-RIPPLE, RIPPLE_ORDER = 12, 13
-# axle: dry [N.m], viscous [N.m.s/rad], share of the motor's torque lost; cogging at the wheel [N.m], order
-AXLE_DRY, AXLE_VISCOUS, GEAR_LOAD, COGGING, COGGING_ORDER = range(14, 19)
-# backlash: width at the wheel [rad], inertia of the rotor seen at the wheel [kg.m2]
-BACKLASH, ROTOR = 19, 20
-# supply's resistance [ohm]; share per second by which torque constant falls and resistance rises [1/s]
-SAG, HEATING = 21, 22
-# stretch of floor: traction scale − 1 [1], start and end [m]
-PATCH, PATCH_START, PATCH_END = 23, 24, 25
-# tabulated forces: over what, first knot, knots per unit, then the values at the knots [N]
+
+class EffectTerms(NamedTuple):
+    """Added physics of one wheel as the kernels see it."""
+
+    active: float
+    """1 when any amplitude below is not zero; otherwise the rest is not worth looking at."""
+    guide_dry: float
+    """Dry friction of the guide [N]."""
+    guide_viscous: float
+    """[N.s/m]"""
+    stribeck: float
+    """Extra dry friction near standstill [N]."""
+    stribeck_speed: float
+    """Speed at which 37 % of it are left [m/s]."""
+    sticky: float
+    """Extra dry friction at one place [N]."""
+    sticky_place: float
+    """[m]"""
+    sticky_width: float
+    """Standard deviation of the place along the guide [m]."""
+    cable: float
+    """Stiffness [N/m]."""
+    cable_force: float
+    """Force of the cable at position 0 [N]."""
+    air: float
+    """Force over squared speed [N.s²/m²]."""
+    grade: float
+    """Gravity along the guide [m/s²]."""
+    ripple: float
+    """Amplitude of a force on carriage or hub [N]."""
+    ripple_order: float
+    """Its periods per turn of the wheel."""
+    axle_dry: float
+    """Dry friction at the axle [N.m]."""
+    axle_viscous: float
+    """[N.m.s/rad]"""
+    gear_load: float
+    """Lost share of the motor's torque."""
+    cogging: float
+    """Amplitude of a torque at the wheel [N.m]."""
+    cogging_order: float
+    """Its periods per turn of the wheel."""
+    backlash: float
+    """Width of the dead zone of the gear at the wheel [rad]."""
+    rotor_inertia: float
+    """Seen at the wheel [kg.m²]."""
+    sag: float
+    """Resistance of the supply [ohm]."""
+    heating: float
+    """Share by which the torque constant falls and the resistance rises [1/s]."""
+    patch: float
+    """Traction scale on a stretch of floor − 1."""
+    patch_start: float
+    """[m]"""
+    patch_end: float
+    """[m]"""
+    curves: NDArray[np.float64]
+    """`CURVES` tabulated forces, each its variable's code, first knot, knots per unit and the values [N]."""
+
+
 KNOTS = 8
-CURVE = 26
-CURVE_SIZE = 3 + KNOTS
+"""Knots of a tabulated force."""
 CURVES = 2
-TERMS = CURVE + CURVES * CURVE_SIZE
+"""Tabulated forces that a wheel may have."""
+_SCALARS = len(EffectTerms._fields) - 1
+_CURVE_SIZE = 3 + KNOTS
+TERMS = _SCALARS + CURVES * _CURVE_SIZE
+"""Length of a packed row."""
+TERM = MappingProxyType({name: k for k, name in enumerate(EffectTerms._fields[:-1])})
+"""Place of each scalar in a packed row by name."""
+ACTIVE = TERM["active"]
+"""Place of the mark that spares kernels a look at the rest."""
 
 CURVE_VARIABLES = ("speed", "position", "time", "lateral_speed", "wheel_angle")
-"""What a tabulated force may depend on: m/s, m, s, m/s, rad (one turn, closed)."""
-_SPEED, _POSITION, _TIME, _LATERAL, _ANGLE = range(1, 6)  # codes in the row; 0: no curve
+"""Variables of a tabulated force: m/s, m, s, m/s, rad (one turn, closed)."""
+_SPEED, _POSITION, _TIME, _LATERAL, _ANGLE = range(1, 6)  # their codes; 0: no curve
 
-AMPLITUDES = (
-    *(DRY, VISCOUS, STRIBECK, STICKY, CABLE, CABLE_FORCE, AIR, GRADE, RIPPLE, AXLE_DRY, AXLE_VISCOUS),
-    *(GEAR_LOAD, COGGING, BACKLASH, SAG, HEATING, PATCH, *(CURVE + k * CURVE_SIZE for k in range(CURVES))),
+_SHAPES = ("active", "stribeck_speed", "sticky_place", "sticky_width", "ripple_order", "cogging_order",
+           "rotor_inertia", "patch_start", "patch_end")  # fmt: skip
+_AMPLITUDES = (
+    *(place for name, place in TERM.items() if name not in _SHAPES),
+    *(_SCALARS + k * _CURVE_SIZE for k in range(CURVES)),
 )
-"""Columns that must not all be zero for the row to do anything."""
 
 PATCH_EDGE = 0.01
-"""A wheel passes from one floor to the next over this length [m]."""
+"""Length over which a wheel passes from one floor to the next [m]."""
 
 BISECTIONS = 30
 """Bisections that find the voltage of a supply that several motors share: to 1e-9 of it."""
 
-_LEAST_WARM = 0.05  # share of the torque constant that no heating takes away
+_LEAST_SHARE = 0.05  # of torque constant and resistance, whatever the heating
 _TURN = 2.0 * math.pi
 
 
 def zero_terms(wheels: int = 1) -> NDArray[np.float64]:
-    """Rows that add nothing, shape (wheels, TERMS)."""
+    """Packed rows that add nothing, shape (wheels, TERMS)."""
     return np.zeros((wheels, TERMS))
 
 
 def write_curve(
     terms: NDArray[np.float64], slot: int, over: str, values: ArrayLike, low: float, high: float
 ) -> None:
-    """Puts a tabulated force into a row (or rows), in place.
+    """Write a tabulated force into a packed row (or rows), in place.
 
     Args:
       terms: Shape (TERMS,) or (n, TERMS).
@@ -73,10 +130,10 @@ def write_curve(
       over: One of `CURVE_VARIABLES`.
       values: Force at `KNOTS` knots from `low` to `high`, straight lines between, constant beyond [N]; over
         the wheel angle the knots divide one turn and the last is joined to the first (`low`, `high` unused).
-      low: First knot.
+      low: First knot, in the unit of the variable.
       high: Last knot.
     """
-    first = CURVE + slot * CURVE_SIZE
+    first = _SCALARS + slot * _CURVE_SIZE
     if over == "wheel_angle":
         low, high = 0.0, _TURN * (KNOTS - 1) / KNOTS
     terms[..., first] = CURVE_VARIABLES.index(over) + 1
@@ -86,48 +143,64 @@ def write_curve(
 
 
 def mark_active(terms: NDArray[np.float64]) -> None:
-    """Sets `ACTIVE` of rows, shape (n, TERMS), in place."""
-    terms[:, ACTIVE] = terms[:, AMPLITUDES].any(axis=1)
+    """Set `active` of packed rows, shape (n, TERMS), in place."""
+    terms[:, ACTIVE] = terms[:, _AMPLITUDES].any(axis=1)
 
 
 @kernel
-def _curve(terms, first, x):
-    """One tabulated force at x [N]."""
-    if terms[first] == _ANGLE:
+def terms_at(row):
+    """`EffectTerms` of a packed row, shape (TERMS,)."""
+    scalars = first_numbers(row, _SCALARS)
+    return EffectTerms(*(scalars + (row[_SCALARS:],)))  # noqa: RUF005 numba joins tuples this way only
+
+
+@kernel
+def _curve(curve, x):
+    """Value of one tabulated force at x [N]."""
+    if curve[0] == _ANGLE:
         place = (x / _TURN - math.floor(x / _TURN)) * KNOTS
         knot = min(int(place), KNOTS - 1)
         after = (knot + 1) % KNOTS
     else:
-        place = min(max((x - terms[first + 1]) * terms[first + 2], 0.0), KNOTS - 1.0)
+        place = min(max((x - curve[1]) * curve[2], 0.0), KNOTS - 1.0)
         knot = min(int(place), KNOTS - 2)
         after = knot + 1
     share = place - knot
-    return (1.0 - share) * terms[first + 3 + knot] + share * terms[first + 3 + after]
+    return (1.0 - share) * curve[3 + knot] + share * curve[3 + after]
 
 
 @kernel
 def curve_force(terms, speed, position, time, lateral_speed, angle):
-    """Sum of the tabulated forces [N]."""
+    """Sum of the tabulated forces [N].
+
+    Args:
+      terms: `EffectTerms`.
+      speed: Along the guide or the driving direction [m/s].
+      position: Along the guide, or world x of the wheel [m].
+      time: Since the start [s].
+      lateral_speed: [m/s]
+      angle: Of the wheel [rad].
+    """
     force = 0.0
     for k in range(CURVES):
-        first = CURVE + k * CURVE_SIZE
-        over = terms[first]
+        curve = terms.curves[k * _CURVE_SIZE : (k + 1) * _CURVE_SIZE]
+        over = curve[0]
         if over == _SPEED:
-            force += _curve(terms, first, speed)
+            force += _curve(curve, speed)
         elif over == _POSITION:
-            force += _curve(terms, first, position)
+            force += _curve(curve, position)
         elif over == _TIME:
-            force += _curve(terms, first, time)
+            force += _curve(curve, time)
         elif over == _LATERAL:
-            force += _curve(terms, first, lateral_speed)
+            force += _curve(curve, lateral_speed)
         elif over == _ANGLE:
-            force += _curve(terms, first, angle)
+            force += _curve(curve, angle)
     return force
 
 
 @kernel
 def mean_ripple(amplitude, order, angle, speed, h):
-    """Mean of A sin(n φ) over h seconds of constant speed: no aliases, however fast the wheel turns."""
+    """Mean of A sin(n φ) over h seconds at constant speed: no aliases, however fast the wheel turns."""
     if amplitude == 0.0:
         return 0.0
     half = 0.5 * order * speed * h
@@ -141,13 +214,13 @@ def guide_dry_friction(terms, speed, position):
 
     F = F_c + F_s exp(−(v/v_s)²) + F_p exp(−½((x − p)/w)²).
     """
-    dry = terms[DRY]
-    if terms[STRIBECK] != 0.0:
-        ratio = speed / terms[STRIBECK_SPEED]
-        dry += terms[STRIBECK] * math.exp(-ratio * ratio)
-    if terms[STICKY] != 0.0:
-        away = (position - terms[STICKY_PLACE]) / terms[STICKY_WIDTH]
-        dry += terms[STICKY] * math.exp(-0.5 * away * away)
+    dry = terms.guide_dry
+    if terms.stribeck != 0.0:
+        ratio = speed / terms.stribeck_speed
+        dry += terms.stribeck * math.exp(-ratio * ratio)
+    if terms.sticky != 0.0:
+        away = (position - terms.sticky_place) / terms.sticky_width
+        dry += terms.sticky * math.exp(-0.5 * away * away)
     return dry
 
 
@@ -155,24 +228,24 @@ def guide_dry_friction(terms, speed, position):
 def guide_force(terms, speed, position, time, lateral_speed, angle, wheel_speed, h):
     """Force added on the carriage besides dry friction and gravity [N].
 
-    F = −d v − k x + F_0 − c v |v| + A sin(n φ) + tabulated.
+    F = −d v − k x + F_0 − c v |v| + A sin(n φ) + tabulated; arguments as for `curve_force`.
     """
-    force = -terms[VISCOUS] * speed - terms[CABLE] * position + terms[CABLE_FORCE]
-    force -= terms[AIR] * speed * abs(speed)
-    force += mean_ripple(terms[RIPPLE], terms[RIPPLE_ORDER], angle, wheel_speed, h)
+    force = -terms.guide_viscous * speed - terms.cable * position + terms.cable_force
+    force -= terms.air * speed * abs(speed)
+    force += mean_ripple(terms.ripple, terms.ripple_order, angle, wheel_speed, h)
     return force + curve_force(terms, speed, position, time, lateral_speed, angle)
 
 
 @kernel
 def hub_force(terms, speed, position, time, lateral_speed, angle, wheel_speed, h):
     """Force added at a robot's wheel along its driving direction: ripple and tabulated [N]."""
-    force = mean_ripple(terms[RIPPLE], terms[RIPPLE_ORDER], angle, wheel_speed, h)
+    force = mean_ripple(terms.ripple, terms.ripple_order, angle, wheel_speed, h)
     return force + curve_force(terms, speed, position, time, lateral_speed, angle)
 
 
 @kernel
 def widen_friction(low, high, dry):
-    """Bounds of set-valued friction with more (or less) of it: never less than none."""
+    """Bounds of set-valued friction with more (or less) of it, never less than none."""
     middle = 0.5 * (low + high)
     half = max(0.5 * (high - low) + dry, 0.0)
     return middle - half, middle + half
@@ -181,69 +254,100 @@ def widen_friction(low, high, dry):
 @kernel
 def axle_dry_friction(terms, motor_low, motor_high):
     """Dry torque added at the axle: bearing, and the gear's share of the motor's torque [N.m]."""
-    return terms[AXLE_DRY] + terms[GEAR_LOAD] * abs(0.5 * (motor_low + motor_high))
+    return terms.axle_dry + terms.gear_load * abs(0.5 * (motor_low + motor_high))
 
 
 @kernel
 def axle_torque(terms, angle, wheel_speed, h):
     """Torque added at the axle besides dry friction: viscous and cogging [N.m]."""
-    cogging = mean_ripple(terms[COGGING], terms[COGGING_ORDER], angle, wheel_speed, h)
-    return cogging - terms[AXLE_VISCOUS] * wheel_speed
+    cogging = mean_ripple(terms.cogging, terms.cogging_order, angle, wheel_speed, h)
+    return cogging - terms.axle_viscous * wheel_speed
 
 
 @kernel
 def traction_scale(terms, position):
-    """Traction at a place over that of the floor: 1 + change between start and end [1]."""
-    if terms[PATCH] == 0.0:
+    """Traction at a place over that of the floor: 1 + change between start and end of the patch [1]."""
+    if terms.patch == 0.0:
         return 1.0
-    inside = min(position - terms[PATCH_START], terms[PATCH_END] - position) / PATCH_EDGE + 0.5
-    return 1.0 + terms[PATCH] * min(max(inside, 0.0), 1.0)
+    inside = min(position - terms.patch_start, terms.patch_end - position) / PATCH_EDGE + 0.5
+    return 1.0 + terms.patch * min(max(inside, 0.0), 1.0)
 
 
 @kernel
 def has_motor_effects(terms):
-    """Whether supply or heat change the motor's numbers."""
-    return terms[SAG] != 0.0 or terms[HEATING] != 0.0
+    """Return whether supply or heat change the motor's parameters."""
+    return terms.sag != 0.0 or terms.heating != 0.0
 
 
 @kernel
-def apply_motor_effects(motor, terms, time, other_current, changed):
-    """Fills `changed` with the motor's numbers at a time and a load of the supply, shape (MOTOR_ROW,).
+def apply_motor_effects(motor, terms, time, other_current):
+    """`MotorParameters` at a time and a load of the supply.
 
     K_t(1 − a t), R(1 + a t); the supply gives V − R_s Σi, where this motor's own current is R_s more
     resistance and the other motors' current less voltage.
 
     Args:
-      motor: `motor.motor_row`.
-      terms: The wheel's row.
+      motor: `MotorParameters`.
+      terms: `EffectTerms`.
       time: Since the start [s].
-      other_current: That the other motors on the supply take [A].
-      changed: Filled.
+      other_current: Drawn by the other motors of the supply [A].
     """
-    for k in range(motor.size):
-        changed[k] = motor[k]
-    heat = terms[HEATING] * time
-    changed[TORQUE_CONSTANT] *= max(1.0 - heat, _LEAST_WARM)
-    changed[RESISTANCE] = motor[RESISTANCE] * max(1.0 + heat, _LEAST_WARM) + terms[SAG]
-    changed[SUPPLY] = max(motor[SUPPLY] - terms[SAG] * other_current, 0.0)
+    heat = terms.heating * time
+    return _with_supply(
+        motor,
+        motor.torque_constant * max(1.0 - heat, _LEAST_SHARE),
+        motor.resistance * max(1.0 + heat, _LEAST_SHARE) + terms.sag,
+        max(motor.supply - terms.sag * other_current, 0.0),
+    )
 
 
 @kernel
-def supply_current(motor, terms, time, voltage, command, wheel_speed, room):
-    """Current that a motor takes from a supply at a voltage [A]; `room`, shape (MOTOR_ROW,), is used up.
+def _with_supply(motor, torque_constant, resistance, supply):
+    m = motor
+    return MotorParameters(torque_constant, resistance, m.no_load_torque, m.viscous, supply, *m[5:])
 
-    |i| where motor voltage and current have one sign; a braking motor takes nothing and feeds nothing back.
+
+@kernel
+def supply_current(motor, terms, time, voltage, command, wheel_speed):
+    """Current that a motor draws from a supply at a voltage [A].
+
+    |i| where motor voltage and current have one sign; a braking motor draws nothing and feeds nothing back.
     """
-    apply_motor_effects(motor, terms, time, 0.0, room)
-    room[RESISTANCE] -= terms[SAG]
-    room[SUPPLY] = voltage
-    current = achievable_current(room, command, wheel_speed)
-    across = room[RESISTANCE] * current + room[TORQUE_CONSTANT] * room[RATIO] * wheel_speed
+    warm = apply_motor_effects(motor, terms, time, 0.0)
+    warm = _with_supply(warm, warm.torque_constant, warm.resistance - terms.sag, voltage)
+    current = achievable_current(warm, command, wheel_speed)
+    across = warm.resistance * current + warm.torque_constant * warm.gear_ratio * wheel_speed
     return abs(current) if current * across > 0.0 else 0.0
 
 
+class Backlash(NamedTuple):
+    """A gear with a dead zone between rotor and wheel."""
+
+    width: float
+    """Of the dead zone, seen at the wheel [rad]."""
+    rotor_inertia: float
+    """J, seen at the wheel [kg.m²]."""
+    angle: float
+    """Rotor's angle relative to the wheel, −width/2 … width/2 [rad]."""
+    rate: float
+    """Rate of that angle [rad/s]."""
+
+
+class AxleTorque(NamedTuple):
+    """Torques on rotor and wheel [N.m]."""
+
+    low: float
+    """Motor's torque at the wheel, turning forward."""
+    high: float
+    """The same turning backward."""
+    dry: float
+    """Dry friction on the wheel's side."""
+    other: float
+    """T_o, all other torque on the wheel."""
+
+
 @kernel
-def step_backlash(terms, lash, rate, low, high, dry, wheel_speed, inertia, other, h):
+def step_backlash(gear, torque, wheel_speed, inertia, h):
     """One step of rotor and wheel with a dead zone between them, impact without rebound.
 
     Touching: I φ̈ = T + T_o with the gear pushing, T − J φ̈ ≥ 0 (or pulling at the other flank). In the gap the
@@ -251,34 +355,31 @@ def step_backlash(terms, lash, rate, low, high, dry, wheel_speed, inertia, other
     their momentum.
 
     Args:
-      terms: The wheel's row: width of the dead zone, J.
-      lash: Rotor's angle over the wheel's, −width/2 … width/2 [rad].
-      rate: Its rate [rad/s].
-      low: Motor's torque at the wheel, turning forward [N.m].
-      high: The same turning backward.
-      dry: Dry friction of the wheel's own side [N.m].
+      gear: `Backlash`.
+      torque: `AxleTorque`.
       wheel_speed: φ̇ [rad/s].
-      inertia: I, rotor included [kg.m2].
-      other: T_o, all other torque on the wheel [N.m].
+      inertia: I, rotor included [kg.m²].
       h: Step [s].
 
     Returns:
-      Mean acceleration of the wheel over the step [rad/s²], next lash, next rate, whether they touched.
+      Mean acceleration of the wheel over the step [rad/s²], next angle and rate of the rotor relative to the
+      wheel [rad, rad/s], whether they touched.
     """
-    half, rotor = 0.5 * terms[BACKLASH], terms[ROTOR]
-    if rate == 0.0 and abs(lash) >= half:
-        torque = stick_or_slip(low - dry, high + dry, wheel_speed, inertia, other, h)
-        change = (torque + other) / inertia
-        passed = min(max(torque, low), high) - rotor * change
-        if (lash > 0.0 and passed >= 0.0) or (lash < 0.0 and passed <= 0.0):
-            return change, lash, 0.0, True
+    half, rotor = 0.5 * gear.width, gear.rotor_inertia
+    low, high, dry, other = torque.low, torque.high, torque.dry, torque.other
+    if gear.rate == 0.0 and abs(gear.angle) >= half:
+        both = stick_or_slip(low - dry, high + dry, wheel_speed, inertia, other, h)
+        change = (both + other) / inertia
+        passed = min(max(both, low), high) - rotor * change
+        if (gear.angle > 0.0 and passed >= 0.0) or (gear.angle < 0.0 and passed <= 0.0):
+            return change, gear.angle, 0.0, True
     own = inertia - rotor
     change = (stick_or_slip(-dry, dry, wheel_speed, own, other, h) + other) / own
-    rotor_speed = wheel_speed + rate
+    rotor_speed = wheel_speed + gear.rate
     rotor_change = stick_or_slip(low, high, rotor_speed, rotor, 0.0, h) / rotor
-    next_rate = rate + h * (rotor_change - change)
-    next_lash = lash + h * next_rate
-    if abs(next_lash) < half:
-        return change, next_lash, next_rate, False
+    next_rate = gear.rate + h * (rotor_change - change)
+    next_angle = gear.angle + h * next_rate
+    if abs(next_angle) < half:
+        return change, next_angle, next_rate, False
     together = (own * (wheel_speed + h * change) + rotor * (rotor_speed + h * rotor_change)) / inertia
-    return (together - wheel_speed) / h, math.copysign(half, next_lash), 0.0, False
+    return (together - wheel_speed) / h, math.copysign(half, next_angle), 0.0, False

@@ -1,34 +1,70 @@
-"""Motor, amplifier and gear of one wheel, Eqs. 3.79-3.85 with the corrections of their signs.
+"""Motor, amplifier and gear of one wheel, Eqs. 3.79-3.85 with their signs corrected.
 
-A motor comes as its row of numbers (`motor_row`), so that every wheel can have its own and a fault can
-change one number.
+Kernels take a motor as `MotorParameters`. Where there are several motors, or in the memory of a compiled
+MuJoCo model, each is a packed row of the same numbers, read with `motor_at`.
 """
 
 from __future__ import annotations
 
 import math
-
-import numpy as np
+from typing import NamedTuple
 
 from omnimj.parameters.parts import Motor
-from omnimj.physics.native import kernel
-
-TORQUE_CONSTANT, RESISTANCE, NO_LOAD, VISCOUS, SUPPLY, LIMIT, RATIO, EFFICIENCY, LOOP = range(9)
-# faults: share of K_t that is left; dry torque on the shaft of a second motor in parallel (0: none);
-# override: 0 obeys, 1 free (open circuit), 2 hard-over; current of the hard-over
-KT_SCALE, PARALLEL_TORQUE, OVERRIDE, OVERRIDE_CURRENT = range(9, 13)
-BRAKE = 13  # dry torque of a brake at the wheel; large: locked
-MEASURED = 14  # 1: the command is a current that was measured; no limit cuts it and no loop delays it
-SHORTED = 15  # 1: a relay takes the motor from its amplifier and shorts its windings: a brake
-MOTOR_ROW = 16
+from omnimj.physics.native import first_numbers, kernel
 
 _NEGLIGIBLE_LAG = 1e-12  # [s] a current loop that has settled long before any step ends
 
+OBEYS, FREE, HARD_OVER = 0.0, 1.0, 2.0
+"""States of the amplifier: it follows the command, its circuit is open, it drives a current of its own."""
 
-def motor_row(motor: Motor) -> np.ndarray:
-    """A healthy motor's numbers for the kernels, shape (MOTOR_ROW,)."""
-    row = np.zeros(MOTOR_ROW)
-    row[:9] = (
+
+class MotorParameters(NamedTuple):
+    """One motor as the kernels see it: its constants and what faults make of them."""
+
+    torque_constant: float
+    """K_t [N.m/A]."""
+    resistance: float
+    """R [ohm]."""
+    no_load_torque: float
+    """T_nl at the shaft [N.m]."""
+    viscous: float
+    """At the shaft [N.m.s/rad]."""
+    supply: float
+    """Supply voltage [V]."""
+    current_limit: float
+    """Largest current of the amplifier [A]."""
+    gear_ratio: float
+    """G_r."""
+    gear_efficiency: float
+    """E."""
+    current_loop: float
+    """Time constant of the amplifier's current loop [s]."""
+    torque_scale: float = 1.0
+    """Remaining share of K_t."""
+    parallel_torque: float = 0.0
+    """Dry torque on the shaft of a second motor in parallel; 0: there is none [N.m]."""
+    override: float = OBEYS
+    """`OBEYS`, `FREE` or `HARD_OVER`."""
+    override_current: float = 0.0
+    """Current of the hard-over [A]."""
+    brake: float = 0.0
+    """Dry torque of a brake at the wheel; large: locked [N.m]."""
+    measured: float = 0.0
+    """1: the command is a measured current, which no limit cuts and no loop delays."""
+    shorted: float = 0.0
+    """1: a relay takes the motor from its amplifier and shorts its windings, which brakes the wheel."""
+
+
+MOTOR_SIZE = len(MotorParameters._fields)
+"""Numbers of a packed motor."""
+TORQUE_SCALE = MotorParameters._fields.index("torque_scale")
+SHORTED = MotorParameters._fields.index("shorted")
+"""Places in a packed motor of what changes within a run."""
+
+
+def motor_parameters(motor: Motor) -> MotorParameters:
+    """Parameters of a healthy motor."""
+    return MotorParameters(
         motor.torque_constant,
         motor.resistance,
         motor.no_load_torque,
@@ -39,89 +75,118 @@ def motor_row(motor: Motor) -> np.ndarray:
         motor.gear_efficiency,
         motor.current_loop,
     )
-    row[KT_SCALE] = 1.0
-    return row
 
 
-def driven_by_measured_current(rows: np.ndarray) -> np.ndarray:
-    """The same motors (shape (MOTOR_ROW,) or (n, MOTOR_ROW)) with the command taken as the true current."""
-    changed = rows.copy()
-    changed[..., MEASURED] = 1.0
-    changed[..., LOOP] = _NEGLIGIBLE_LAG
-    return changed
+def driven_by_measured_current(motor: MotorParameters) -> MotorParameters:
+    """The same motor with the command taken as the true current."""
+    return motor._replace(measured=1.0, current_loop=_NEGLIGIBLE_LAG)
 
 
 @kernel
-def achievable_current(row, command, wheel_speed):
-    """What the amplifier can and will drive: |i| ≤ limit and |R i₁ + K_t ω| ≤ supply [A].
+def motor_at(row):
+    """`MotorParameters` of a packed row, shape (MOTOR_SIZE,)."""
+    return MotorParameters(*first_numbers(row, MOTOR_SIZE))
 
-    i₁ is the wheel's own motor, ω = G_r φ̇ its speed; at the supply's voltage a second motor in parallel
-    takes what it needs on top of it. A shorted motor drives i = −K_t ω/R through itself, whatever its
-    amplifier does.
+
+@kernel
+def achievable_current(motor, command, wheel_speed):
+    """Current that the amplifier settles at: |i| ≤ limit and |R i₁ + K_t ω| ≤ supply [A].
+
+    i₁ is the current of the wheel's own motor and ω = G_r φ̇ its speed; at the full supply voltage a second
+    motor in parallel draws its current on top of it. A shorted motor drives i = −K_t ω/R through itself,
+    whatever its amplifier does.
+
+    Args:
+      motor: `MotorParameters`.
+      command: Commanded current [A].
+      wheel_speed: φ̇ after the gear [rad/s].
     """
-    if row[MEASURED] == 1.0:
+    if motor.measured == 1.0:
         return command
-    if row[SHORTED] == 1.0:
-        return -row[KT_SCALE] * row[TORQUE_CONSTANT] * row[RATIO] * wheel_speed / row[RESISTANCE]
-    if row[OVERRIDE] == 1.0:
+    if motor.shorted == 1.0:
+        return -motor.torque_scale * motor.torque_constant * motor.gear_ratio * wheel_speed / motor.resistance
+    if motor.override == FREE:
         return 0.0
-    if row[OVERRIDE] == 2.0:
-        command = row[OVERRIDE_CURRENT]
-    back_emf = row[TORQUE_CONSTANT] * row[RATIO] * wheel_speed
-    eaten = min(row[SUPPLY] / row[RESISTANCE], row[PARALLEL_TORQUE] / row[TORQUE_CONSTANT])
-    high = (row[SUPPLY] - back_emf) / row[RESISTANCE] + eaten
-    low = (-row[SUPPLY] - back_emf) / row[RESISTANCE] - eaten
-    limited = min(max(command, -row[LIMIT]), row[LIMIT])
+    if motor.override == HARD_OVER:
+        command = motor.override_current
+    back_emf = motor.torque_constant * motor.gear_ratio * wheel_speed
+    bypassed = min(motor.supply / motor.resistance, motor.parallel_torque / motor.torque_constant)
+    high = (motor.supply - back_emf) / motor.resistance + bypassed
+    low = (-motor.supply - back_emf) / motor.resistance - bypassed
+    limited = min(max(command, -motor.current_limit), motor.current_limit)
     return min(max(limited, low), high)
 
 
 @kernel
-def next_current(row, current, command, wheel_speed, h):
-    """Current after h seconds: first-order lag of the current loop, exact for a constant set value [A]."""
-    target = achievable_current(row, command, wheel_speed)
-    return target + (current - target) * math.exp(-h / row[LOOP])
+def next_current(motor, current, command, wheel_speed, h):
+    """Current after h seconds of a first-order current loop, exact for a constant command [A]."""
+    target = achievable_current(motor, command, wheel_speed)
+    return target + (current - target) * math.exp(-h / motor.current_loop)
 
 
 @kernel
-def winding_current(row, current, wheel_speed):
-    """Share of the amplifier's current that flows through this wheel's motor [A].
+def mean_current(motor, current, next_current, command, wheel_speed, h):
+    """Mean current over a step of `next_current`, i∞ + (i − i⁺) τ/h [A]."""
+    target = achievable_current(motor, command, wheel_speed)
+    return target + (current - next_current) * motor.current_loop / h
 
-    With a second motor in parallel (voltage R i₁ + K_t ω common to both) the other one takes
-    V/R while its shaft is held and T/K_t once it turns against its dry torque T.
+
+@kernel
+def winding_current(motor, current, wheel_speed):
+    """Part of the amplifier's current that flows through the wheel's own motor [A].
+
+    With a second motor in parallel (voltage R i₁ + K_t ω common to both) the other one draws V/R while its
+    shaft is held and T/K_t once it turns against its dry torque T.
     """
-    if row[PARALLEL_TORQUE] <= 0.0:
+    if motor.parallel_torque <= 0.0:
         return current
-    eaten = 0.5 * (current + row[TORQUE_CONSTANT] * row[RATIO] * wheel_speed / row[RESISTANCE])
-    most = row[PARALLEL_TORQUE] / row[TORQUE_CONSTANT]
-    return current - min(max(eaten, -most), most)
+    speed = motor.torque_constant * motor.gear_ratio * wheel_speed / motor.resistance
+    bypassed = 0.5 * (current + speed)
+    most = motor.parallel_torque / motor.torque_constant
+    return current - min(max(bypassed, -most), most)
 
 
 @kernel
-def _through_gear(row, shaft_torque, direction):
+def _through_gear(motor, shaft_torque, direction):
     """Torque at the wheel for a shaft torque: times E when the motor drives, over E when it is driven."""
-    efficiency = row[EFFICIENCY]
+    efficiency = motor.gear_efficiency
     if shaft_torque * direction < 0.0:
         efficiency = 1.0 / efficiency
-    return shaft_torque * row[RATIO] * efficiency
+    return shaft_torque * motor.gear_ratio * efficiency
 
 
 @kernel
-def drive_torque_bounds(row, current, wheel_speed):
-    """Torque at the wheel when it turns forward and when it turns backward [N.m].
+def drive_torque_bounds(motor, current, wheel_speed):
+    """Torque at a wheel that turns forward and at one that turns backward [N.m].
 
-    T = (K_t i − T_nl sign(ω) − b ω) G_r E^(±1), friction of brake included. At rest any torque between the
-    two is possible: that is stiction. The first is never above the second.
+    T = (K_t i − T_nl sign(ω) − b ω) G_r E^(±1), friction of the brake included. At rest any torque between
+    the two is possible: that is stiction. The first is never above the second.
+
+    Args:
+      motor: `MotorParameters`.
+      current: Motor current [A].
+      wheel_speed: φ̇ after the gear [rad/s].
     """
-    electric = row[KT_SCALE] * row[TORQUE_CONSTANT] * winding_current(row, current, wheel_speed)
-    electric -= row[VISCOUS] * row[RATIO] * wheel_speed
-    forward = _through_gear(row, electric - row[NO_LOAD], 1.0) - row[BRAKE]
-    backward = _through_gear(row, electric + row[NO_LOAD], -1.0) + row[BRAKE]
+    electric = motor.torque_scale * motor.torque_constant * winding_current(motor, current, wheel_speed)
+    electric -= motor.viscous * motor.gear_ratio * wheel_speed
+    forward = _through_gear(motor, electric - motor.no_load_torque, 1.0) - motor.brake
+    backward = _through_gear(motor, electric + motor.no_load_torque, -1.0) + motor.brake
     return forward, backward
 
 
 @kernel
+def motor_torque_bounds(motor, current, wheel_speed, published):
+    """`drive_torque_bounds`, or as published (K_t i − T_nl) E G_r either way, Eqs. 3.80-3.85 [N.m]."""
+    if not published:
+        return drive_torque_bounds(motor, current, wheel_speed)
+    electric = motor.torque_scale * motor.torque_constant * winding_current(motor, current, wheel_speed)
+    torque = (electric - motor.no_load_torque) * motor.gear_efficiency * motor.gear_ratio
+    return torque - motor.brake, torque + motor.brake
+
+
+@kernel
 def stick_or_slip(low, high, wheel_speed, inertia, other_torque, h):
-    """Set-valued friction: the torque in [low, high] that brings the wheel nearest to rest in h seconds.
+    """Set-valued friction: the torque in [low, high] that brings the wheel nearest to rest within h seconds.
 
     A turning wheel gets `low` (forward) or `high` (backward); one that friction can hold gets exactly what
     stops it, so that it neither creeps nor chatters [N.m].

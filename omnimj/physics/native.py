@@ -22,6 +22,40 @@ from pathlib import Path
 from typing import Any
 
 import numba
+import numba.extending
+from numba.core import cgutils, types
+from numba.core.errors import RequireLiteralValue
+from numba.np.unsafe.ndarray import to_fixed_tuple
+
+# the decorators hide the signatures from type checkers
+first_numbers: Any = to_fixed_tuple
+"""`first_numbers(row, n)`: the first n (a constant) numbers of a row as a tuple, inside kernels."""
+_intrinsic: Any = numba.extending.intrinsic
+
+
+@_intrinsic
+def row_numbers(typingctx, rows, i, count):
+    """`row_numbers(rows, i, n)`: the first n (a constant) numbers of row i as a tuple, inside kernels.
+
+    Unlike `first_numbers(rows[i], n)` it makes no view of the row, which would have to be counted.
+    """
+    if not isinstance(count, types.IntegerLiteral):
+        raise RequireLiteralValue("the number of numbers must be a constant")
+
+    def codegen(context, builder, signature, arguments):
+        array = context.make_array(signature.args[0])(context, builder, value=arguments[0])
+        along, across = cgutils.unpack_tuple(builder, array.strides, 2)
+        first = builder.ptrtoint(array.data, along.type)
+        place = context.cast(builder, arguments[1], signature.args[1], types.intp)
+        first = builder.add(first, builder.mul(place, along))
+        values = []
+        for k in range(signature.return_type.count):
+            address = builder.add(first, builder.mul(along.type(k), across))
+            values.append(builder.load(builder.inttoptr(address, array.data.type)))
+        return context.make_tuple(builder, signature.return_type, values)
+
+    return types.UniTuple(rows.dtype, count.literal_value)(rows, i, count), codegen
+
 
 _PACKAGE = Path(__file__).resolve().parent.parent
 _EQUATIONS = ("parameters/floor.py", "physics")  # every kernel may call these
@@ -172,6 +206,11 @@ def _room(function: Callable) -> str:
 def kernel(function: Callable) -> Any:
     """`numba.njit` with the disk cache, without the GIL; division by zero gives infinity as in IEEE 754."""
     return cached(numba.njit, error_model="numpy", nogil=True)(function)
+
+
+def inlined(function: Callable) -> Any:
+    """As `kernel`, but pasted into its callers: large records need not be passed by value."""
+    return cached(numba.njit, error_model="numpy", nogil=True, inline="always")(function)
 
 
 def _completion_marker(plant: str) -> Path:

@@ -1,67 +1,95 @@
-"""A robot's numbers for the planar kernels: masses, wheels and their static normal forces."""
+"""Planar model of a robot with n omni wheels, Eqs. 3.54-3.85: smooth right-hand side and fixed step.
+
+The state is one row, `PlanarState` names its parts: [z (n) | φ̇ (n) | v_x, v_y, yaw rate | i (n) | roller
+deflection (n) | wheel angle (n) | backlash (n) and its rate (n) | time | x, y, yaw]; twist in the body frame
+at the robot's centre. The first 2n + 3 are the states of Eq. 3.54; `derivative` takes these, or these and the
+motor currents, `step` takes all (`state_size`).
+
+Corrected against the text: Coriolis terms m(ẍ − θ̇ẏ), m(ÿ + θ̇ẋ); sign of T_nl and of the gear's power flow;
+viscous motor friction, bearing friction (Eqs. 4.37-4.38) and rolling resistance (as a torque r μ_rol F_N on
+the wheel). `published` leaves all of these out.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omnimj.errors import InputError
+from omnimj.parameters.floor import TRACTION_SIZE, TractionParameters
+from omnimj.parameters.parts import GRAVITY
 from omnimj.parameters.robot import Robot, roller_sin_cos
-from omnimj.physics.effect_terms import (
-    ACTIVE,
-    AIR,
-    BACKLASH,
-    BISECTIONS,
-    SAG,
-    apply_motor_effects,
-    axle_dry_friction,
-    axle_torque,
-    has_motor_effects,
-    hub_force,
-    step_backlash,
-    supply_current,
-    traction_scale,
+from omnimj.physics.effect_terms import ACTIVE, apply_motor_effects, has_motor_effects, terms_at
+from omnimj.physics.motor import MOTOR_SIZE, MotorParameters, achievable_current
+from omnimj.physics.native import first_numbers, inlined, kernel, row_numbers
+from omnimj.physics.planar_wheel import (
+    PLANAR_WHEEL_SIZE,
+    DrivenWheel,
+    PlanarOutput,
+    PlanarState,
+    PlanarWheel,
+    WheelLoad,
+    contact_force,
+    contact_velocity,
+    step_wheel,
+    supply_currents,
+    wheel_torque_bounds,
+    wheel_velocity,
 )
-from omnimj.physics.motor import LOOP, MOTOR_ROW, SUPPLY, achievable_current, next_current, stick_or_slip
-from omnimj.physics.native import kernel
-from omnimj.physics.traction import exact_step, force_ratio, relaxation_rate
-from omnimj.physics.wheel import (
-    INERTIA,
-    RADIUS,
-    ROLLER_DRY,
-    ROLLER_VISCOUS,
-    ROLLING,
-    WHEEL_ROW,
-    bearing_friction,
-    blend_friction,
-    mean_current,
-    mean_deflection,
-    motor_torque_bounds,
-    roller_friction,
-    wheel_row,
-)
+from omnimj.physics.traction import force_ratio, relaxation_rate
+from omnimj.physics.wheel import WHEEL_SIZE, WheelParameters, blend_friction, packed, wheel_parameters
 
-GRAVITY = 9.81
 
-MASS, COM_X, COM_Y, YAW_INERTIA, SLOPE_X, SLOPE_Y = range(6)
-BODY_ROW = 6
-# columns that the robot appends to a wheel's row; NORMAL_X, _Y: normal force per m/s² of gravity along x, y
-POSITION_X, POSITION_Y, DRIVE_X, DRIVE_Y, GRIP, NORMAL, NORMAL_X, NORMAL_Y = range(WHEEL_ROW, WHEEL_ROW + 8)
-ROLLER_SIN, ROLLER_COS = WHEEL_ROW + 8, WHEEL_ROW + 9  # of the angle from the axle to the roller's axis
-ROBOT_WHEEL_ROW = WHEEL_ROW + 10
+class PlanarBody(NamedTuple):
+    """The robot's body with its payload, on a slope."""
+
+    mass: float
+    """[kg]"""
+    com_x: float
+    """Centre of mass in the body frame [m]."""
+    com_y: float
+    """[m]"""
+    yaw_inertia: float
+    """About the centre of mass [kg.m²]."""
+    slope_x: float
+    """Gravity along the floor in the world [m/s²]."""
+    slope_y: float
+    """[m/s²]"""
+
+
+BODY_SIZE = len(PlanarBody._fields)
+"""Numbers of a packed body."""
+
+
+class PlanarModel(NamedTuple):
+    """A robot with n wheels as the kernels take it, in packed rows."""
+
+    body: NDArray[np.float64]
+    """`PlanarBody`, shape (BODY_SIZE,)."""
+    wheels: NDArray[np.float64]
+    """`PlanarWheel` per wheel, shape (n, PLANAR_WHEEL_SIZE)."""
+    motors: NDArray[np.float64]
+    """`MotorParameters` per wheel, shape (n, MOTOR_SIZE)."""
+    floors: NDArray[np.float64]
+    """`TractionParameters` of the floor under each wheel, shape (n, TRACTION_SIZE)."""
+    terms: NDArray[np.float64]
+    """`EffectTerms` per wheel, shape (n, TERMS)."""
+    published: bool
+    """The equations as printed."""
 
 
 @dataclass(frozen=True)
 class PlanarConstants:
-    """A robot's numbers for the kernels of `physics.planar`."""
+    """Packed body and wheels of a robot, for `PlanarModel`."""
 
     body: NDArray[np.float64]
-    """Mass, centre of mass, yaw inertia about it, gravity along the floor in the world, shape (BODY_ROW,)."""
+    """Shape (BODY_SIZE,)."""
     wheels: NDArray[np.float64]
-    """A row per wheel, shape (n, ROBOT_WHEEL_ROW)."""
+    """Shape (n, PLANAR_WHEEL_SIZE)."""
 
 
 def planar_constants(
@@ -72,216 +100,71 @@ def planar_constants(
     payload: tuple[float, float, float] = (0.0, 0.0, 0.0),
     slope: tuple[float, float] = (0.0, 0.0),
 ) -> PlanarConstants:
-    """A robot's numbers, with what is wrong with it.
+    """Parameters of body and wheels with what is wrong with them.
 
     Args:
       robot: The robot.
-      misalignment: Angle of each axle, counter-clockwise, scalar or (n,) [rad].
-      radius_scale: True over nominal wheel radius, scalar or (n,).
-      grip: Factor on the traction, scalar or (n,).
+      misalignment: Angle of each axle, counter-clockwise, scalar or shape (n,) [rad].
+      radius_scale: True over nominal wheel radius, scalar or shape (n,).
+      grip: Factor on the traction, scalar or shape (n,).
       payload: Mass [kg] and its place x, y in the body frame [m].
       slope: Inclination of the floor and the world direction that points downhill [rad].
 
     Raises:
       InputError: The payload leaves no mass, or lifts a wheel off the floor.
     """
-    body = _body_row(robot, payload, slope)
-    wheels = np.empty((len(robot.wheels), ROBOT_WHEEL_ROW))
-    wheels[:, :WHEEL_ROW] = wheel_row(robot.wheel, robot.bearing, robot.motor)
-    wheels[:, RADIUS] *= np.asarray(radius_scale, float)
-    wheels[:, GRIP] = grip
+    body, n = _body(robot, payload, slope), len(robot.wheels)
+    scale, grips = np.broadcast_to(radius_scale, n), np.broadcast_to(grip, n)
     p, u = robot.wheel_positions, robot.drive_directions
     angle = np.asarray(misalignment, float)
     c, s = np.cos(angle), np.sin(angle)
-    wheels[:, [POSITION_X, POSITION_Y]] = p
-    wheels[:, [ROLLER_SIN, ROLLER_COS]] = [roller_sin_cos(mount.roller_angle) for mount in robot.wheels]
-    wheels[:, DRIVE_X], wheels[:, DRIVE_Y] = c * u[:, 0] - s * u[:, 1], s * u[:, 0] + c * u[:, 1]
+    drive = np.column_stack([c * u[:, 0] - s * u[:, 1], s * u[:, 0] + c * u[:, 1]])
     # static balance Σ F_N = W, Σ p F_N = W r_c in least norm: m g/4 each on four wheels
-    balance = np.vstack([np.ones(len(p)), p.T])
+    balance = np.vstack([np.ones(n), p.T])
     share = np.linalg.pinv(balance)
-    weight = body[MASS] * GRAVITY * math.cos(slope[0])
-    wheels[:, NORMAL] = weight * (share @ [1.0, body[COM_X], body[COM_Y]])
+    normal = body.mass * GRAVITY * math.cos(slope[0]) * (share @ [1.0, body.com_x, body.com_y])
     # a larger wheel compresses its spring, as far as the robot cannot give way by rising and tilting
-    larger = robot.wheel.radius * (np.broadcast_to(radius_scale, len(p)) - 1.0)
+    larger = robot.wheel.radius * (scale - 1.0)
     springs = robot.body.suspension_stiffness * (larger - share @ (balance @ larger))
-    wheels[:, NORMAL] = np.maximum(wheels[:, NORMAL] + springs, np.minimum(wheels[:, NORMAL], 0.0))
-    wheels[:, [NORMAL_X, NORMAL_Y]] = body[MASS] * robot.body.com_height * share[:, 1:]
-    lightest = int(np.argmin(wheels[:, NORMAL]))
-    if wheels[lightest, NORMAL] < 0.0:
-        raise InputError(
-            "payload", f"found (mass, x, y) = {payload}", f"lifts wheel {lightest + 1} off the floor"
+    normal = np.maximum(normal + springs, np.minimum(normal, 0.0))
+    lightest = int(np.argmin(normal))
+    if normal[lightest] < 0.0:
+        found = f"found (mass, x, y) = {payload}"
+        raise InputError("payload", found, f"lifts wheel {lightest + 1} off the floor")
+    tilting = body.mass * robot.body.com_height * share[:, 1:]
+    wheels = [
+        PlanarWheel(
+            wheel_parameters(robot.wheel, robot.bearing, robot.motor, float(scale[i])),
+            float(p[i, 0]),
+            float(p[i, 1]),
+            float(drive[i, 0]),
+            float(drive[i, 1]),
+            float(grips[i]),
+            float(normal[i]),
+            float(tilting[i, 0]),
+            float(tilting[i, 1]),
+            *roller_sin_cos(mount.roller_angle),
         )
-    return PlanarConstants(body, wheels)
+        for i, mount in enumerate(robot.wheels)
+    ]
+    return PlanarConstants(packed(body), np.array([packed(wheel) for wheel in wheels]))
 
 
-def _body_row(
-    robot: Robot, payload: tuple[float, float, float], slope: tuple[float, float]
-) -> NDArray[np.float64]:
-    """Mass, centre of mass and yaw inertia with the payload as a point, and gravity along the floor."""
+def _body(robot: Robot, payload: tuple[float, float, float], slope: tuple[float, float]) -> PlanarBody:
+    """The body with the payload as a point mass."""
     extra, x, y = payload
     mass = robot.body.mass + extra
     if mass <= 0.0:
         rule = f"must leave mass on the robot's {robot.body.mass:g} kg"
         raise InputError("payload.mass", f"found {extra:g}", rule)
-    com = extra * np.array([x, y]) / mass
-    inertia = robot.body.yaw_inertia + extra * (x * x + y * y) - mass * float(com @ com)
+    com_x, com_y = extra * x / mass, extra * y / mass
+    moved = mass * (com_x * com_x + com_y * com_y)
+    inertia = robot.body.yaw_inertia + extra * (x * x + y * y) - moved
     if inertia <= 0.0:
         raise InputError("payload", f"found (mass, x, y) = {payload}", "leaves no yaw inertia")
     downhill = GRAVITY * math.sin(slope[0])
-    return np.array([mass, *com, inertia, downhill * math.cos(slope[1]), downhill * math.sin(slope[1])])
-
-
-# One wheel of the planar robot in one step: bristles, current, speed, angle and the play of its gear.
-
-
-@kernel
-def pose_offset(wheels):
-    """Where x, y and yaw begin in the state of `step` for n wheels."""
-    return 7 * wheels + 4
-
-
-@kernel
-def wheel_velocity(wheel, v_x, v_y, yaw_rate):
-    """Velocity of the wheel's centre along u (V_i, Eqs. 3.50-3.53) and along its axle z × u [m/s]."""
-    x = v_x - yaw_rate * wheel[POSITION_Y]
-    y = v_y + yaw_rate * wheel[POSITION_X]
-    return x * wheel[DRIVE_X] + y * wheel[DRIVE_Y], y * wheel[DRIVE_X] - x * wheel[DRIVE_Y]
-
-
-@kernel
-def contact_velocity(wheel, rim, along, across):
-    """Slip V_r along the roller's axis a and what turns the roller, along z × a [m/s].
-
-    V_r = a·(r φ̇ u − V), the other (z × a)·(V − r φ̇ u), with a = sin γ u + cos γ (z × u). An omni wheel,
-    γ = 90°: r φ̇ − V_i, and the velocity along the axle.
-    """
-    s, c = wheel[ROLLER_SIN], wheel[ROLLER_COS]
-    return s * (rim - along) - c * across, s * across + c * (rim - along)
-
-
-@kernel
-def contact_force(wheel, traction, drag):
-    """Force F a − G (z × a) of the floor on the wheel along u, and against z × u [N].
-
-    Args:
-      wheel: Its row.
-      traction: F [N].
-      drag: G, what the roller's bearing takes [N].
-    """
-    s, c = wheel[ROLLER_SIN], wheel[ROLLER_COS]
-    return s * traction + c * drag, s * drag - c * traction
-
-
-@kernel
-def wheel_torque_bounds(wheel, motor, current, wheel_speed, normal_force, lateral_force, published):
-    """Torque on the wheel but for traction, turning forward and turning backward [N.m]."""
-    low, high = motor_torque_bounds(motor, current, wheel_speed, published)
-    if published:
-        return low, high
-    dry, viscous = bearing_friction(wheel, normal_force, lateral_force)
-    dry += wheel[ROLLING] * normal_force * wheel[RADIUS]
-    return low - dry - viscous * wheel_speed, high + dry - viscous * wheel_speed
-
-
-@kernel
-def _wheel_x(wheel, state, pose):
-    """World x of the wheel's centre [m]."""
-    c, s = math.cos(state[pose + 2]), math.sin(state[pose + 2])
-    return state[pose] + c * wheel[POSITION_X] - s * wheel[POSITION_Y]
-
-
-@kernel
-def _turn_wheel(i, n, state, terms, wheel, motor, driving, normal, aside, ahead, h, published):
-    """Advances speed, angle and play of wheel i under its torques and the floor's force."""
-    wheel_speed, play, rate = state[n + i], state[5 * n + 3 + i], state[6 * n + 3 + i]
-    inertia, angle = wheel[INERTIA], state[4 * n + 3 + i]
-    other = -wheel[RADIUS] * ahead
-    if terms[ACTIVE] == 0.0:
-        low, high = wheel_torque_bounds(wheel, motor, driving, wheel_speed, normal, aside, published)
-        change = (stick_or_slip(low, high, wheel_speed, inertia, other, h) + other) / inertia
-    else:
-        low, high = motor_torque_bounds(motor, driving, wheel_speed + rate, published)
-        dry = axle_dry_friction(terms, low, high)
-        other += axle_torque(terms, angle + play, wheel_speed + rate, h)
-        if not published:
-            bearing, viscous = bearing_friction(wheel, normal, aside)
-            dry += bearing + wheel[ROLLING] * normal * wheel[RADIUS]
-            other -= viscous * wheel_speed
-        dry = max(dry, 0.0)
-        if terms[BACKLASH] != 0.0:
-            change, play, rate, _ = step_backlash(
-                terms, play, rate, low, high, dry, wheel_speed, inertia, other, h
-            )
-            state[5 * n + 3 + i], state[6 * n + 3 + i] = play, rate
-        else:
-            torque = stick_or_slip(low - dry, high + dry, wheel_speed, inertia, other, h)
-            change = (torque + other) / inertia
-    state[n + i] = wheel_speed + h * change
-    state[4 * n + 3 + i] = angle + 0.5 * h * (wheel_speed + state[n + i])
-
-
-@kernel
-def step_wheel(i, state, command, wheel, motor, floor, terms, normal, h, published, output):
-    """Advances all of wheel i; returns its force along u, and against z × u [N]."""
-    n = command.size
-    wheel_speed = state[n + i]
-    along, across = wheel_velocity(wheel, state[2 * n], state[2 * n + 1], state[2 * n + 2])
-    rim = wheel[RADIUS] * wheel_speed
-    slip, sideways = contact_velocity(wheel, rim, along, across)
-    rate = relaxation_rate(floor, slip, max(abs(rim), abs(along)))
-    z = exact_step(state[i], slip, rate, h)
-    mean = mean_deflection(state[i], z, slip, rate, h)
-    traction = normal * wheel[GRIP] * force_ratio(floor, mean, slip, rate)
-    more = 0.0
-    if terms[ACTIVE] != 0.0:
-        place = _wheel_x(wheel, state, pose_offset(n))
-        traction *= traction_scale(terms, place)
-        angle, time = state[4 * n + 3 + i], state[pose_offset(n) - 1]
-        more = hub_force(terms, along, place, time, across, angle, wheel_speed, h)
-    roller, drag = roller_friction(wheel, state[3 * n + 3 + i], sideways, normal, h)
-    ahead, aside = contact_force(wheel, traction, drag)
-    before = state[2 * n + 3 + i]
-    current = next_current(motor, before, command[i], wheel_speed, h)
-    driving = mean_current(motor, before, current, command[i], wheel_speed, h)
-    _turn_wheel(i, n, state, terms, wheel, motor, driving, normal, aside, ahead, h, published)
-    state[i], state[3 * n + 3 + i], state[2 * n + 3 + i] = z, roller, current
-    output[i], output[n + i], output[2 * n + i], output[3 * n + i] = slip, normal, traction, drag
-    output[4 * n + 2 + i] = state[n + i] + state[6 * n + 3 + i]
-    return ahead + more, aside
-
-
-@kernel
-def supply_currents(state, command, motors, terms, room, draws):
-    """Fills `draws` with what the motors take at the voltage that they leave of a sagging supply [A].
-
-    V = V_0 − R_s Σ i_j(V) has one solution, since no current falls with the voltage.
-    """
-    n = command.size
-    time = state[pose_offset(n) - 1]
-    low, high = 0.0, motors[0, SUPPLY]
-    for _ in range(BISECTIONS):
-        voltage, total = 0.5 * (low + high), 0.0
-        for i in range(n):
-            draws[i] = supply_current(motors[i], terms[i], time, voltage, command[i], state[n + i], room)
-            total += draws[i]
-        if voltage > motors[0, SUPPLY] - terms[0, SAG] * total:
-            high = voltage
-        else:
-            low = voltage
-    return total
-
-
-# Planar model of a robot with n omni wheels, Eqs. 3.54-3.85: smooth right-hand side and fixed step.
-
-__all__ = [
-    "PlanarConstants",
-    "derivative",
-    "output_size",
-    "planar_constants",
-    "pose_offset",
-    "state_size",
-    "step",
-]
+    along_x, along_y = downhill * math.cos(slope[1]), downhill * math.sin(slope[1])
+    return PlanarBody(mass, com_x, com_y, inertia, along_x, along_y)
 
 
 def state_size(wheels: int) -> int:
@@ -290,115 +173,179 @@ def state_size(wheels: int) -> int:
 
 
 def output_size(wheels: int) -> int:
-    """Length of the output of `step`: slip, F_N, F, G (n each), acceleration (2), encoders' speeds (n)."""
+    """Length of the output of `step` for n wheels."""
     return 5 * wheels + 2
+
+
+@kernel
+def body_at(row):
+    """`PlanarBody` of a packed row, shape (BODY_SIZE,)."""
+    return PlanarBody(*first_numbers(row, BODY_SIZE))
+
+
+@inlined
+def planar_state(row):
+    """Views into a state, shape (state_size(n),), as `PlanarState`."""
+    n = (row.size - 7) // 7
+    late = 2 * n + 3  # behind the states of Eq. 3.54
+    return PlanarState(
+        row[:n],
+        row[n : 2 * n],
+        row[2 * n : late],
+        row[late : late + n],
+        row[late + n : late + 2 * n],
+        row[late + 2 * n : late + 3 * n],
+        row[late + 3 * n : late + 4 * n],
+        row[late + 4 * n : late + 5 * n],
+        row[late + 5 * n : late + 5 * n + 1],
+        row[late + 5 * n + 1 :],
+    )
+
+
+@inlined
+def planar_output(row):
+    """Views into an output, shape (output_size(n),), as `PlanarOutput`."""
+    n = (row.size - 2) // 5
+    return PlanarOutput(
+        row[:n],
+        row[n : 2 * n],
+        row[2 * n : 3 * n],
+        row[3 * n : 4 * n],
+        row[4 * n : 4 * n + 2],
+        row[4 * n + 2 :],
+    )
+
+
+@inlined
+def driven_wheel(model, i):
+    """`DrivenWheel` i of a `PlanarModel`."""
+    wheel = row_numbers(model.wheels, i, PLANAR_WHEEL_SIZE)
+    return DrivenWheel(
+        PlanarWheel(WheelParameters(*wheel[:WHEEL_SIZE]), *wheel[WHEEL_SIZE:]),
+        MotorParameters(*row_numbers(model.motors, i, MOTOR_SIZE)),
+        TractionParameters(*row_numbers(model.floors, i, TRACTION_SIZE)),
+        model.terms,
+        model.published,
+    )
 
 
 @kernel
 def _gravity(body, yaw):
     """Gravity along the floor in the body frame [m/s²]."""
     c, s = math.cos(yaw), math.sin(yaw)
-    return c * body[SLOPE_X] + s * body[SLOPE_Y], c * body[SLOPE_Y] - s * body[SLOPE_X]
+    return c * body.slope_x + s * body.slope_y, c * body.slope_y - s * body.slope_x
 
 
 @kernel
 def _normal_force(wheel, gravity_x, gravity_y):
     """F_N on the (sloping) floor; a wheel cannot pull [N]."""
-    return max(wheel[NORMAL] + wheel[NORMAL_X] * gravity_x + wheel[NORMAL_Y] * gravity_y, 0.0)
+    return max(wheel.normal + wheel.normal_x * gravity_x + wheel.normal_y * gravity_y, 0.0)
 
 
 @kernel
 def _body_force(wheel, body, ahead, aside):
     """Force of one wheel on the body and its moment about the centre of mass [N, N, N.m]."""
-    x = ahead * wheel[DRIVE_X] + aside * wheel[DRIVE_Y]
-    y = ahead * wheel[DRIVE_Y] - aside * wheel[DRIVE_X]
-    return x, y, (wheel[POSITION_X] - body[COM_X]) * y - (wheel[POSITION_Y] - body[COM_Y]) * x
+    x = ahead * wheel.drive_x + aside * wheel.drive_y
+    y = ahead * wheel.drive_y - aside * wheel.drive_x
+    return x, y, (wheel.position_x - body.com_x) * y - (wheel.position_y - body.com_y) * x
 
 
 @kernel
-def _twist_rate(body, f_x, f_y, moment, v_x, v_y, yaw_rate, published):
-    """d(v_x, v_y, yaw rate)/dt of the robot's centre; the force accelerates the centre of mass."""
-    spin = moment / body[YAW_INERTIA]
-    rate_x = f_x / body[MASS] + spin * body[COM_Y]
-    rate_y = f_y / body[MASS] - spin * body[COM_X]
+def _twist_rate(body, force, twist, published):
+    """d(v_x, v_y, yaw rate)/dt of the robot's centre; the force (N, N, N.m) acts at the centre of mass."""
+    f_x, f_y, moment = force
+    v_x, v_y, yaw_rate = twist
+    spin = moment / body.yaw_inertia
+    rate_x = f_x / body.mass + spin * body.com_y
+    rate_y = f_y / body.mass - spin * body.com_x
     if not published:
-        rate_x += yaw_rate * (v_y + yaw_rate * body[COM_X])
-        rate_y -= yaw_rate * (v_x - yaw_rate * body[COM_Y])
+        rate_x += yaw_rate * (v_y + yaw_rate * body.com_x)
+        rate_y -= yaw_rate * (v_x - yaw_rate * body.com_y)
     return rate_x, rate_y, spin
 
 
 @kernel
-def derivative(state, command, yaw, body, wheels, motors, floors, smoothing, published):
+def derivative(state, command, yaw, model, smoothing):
     """Right-hand side of Eqs. 3.63-3.85 for `scipy.integrate.solve_ivp`, sign(v) as tanh(v/smoothing).
 
     Args:
       state: [z | φ̇ | v_x, v_y, yaw rate], shape (2n+3,); or with the motor currents behind, shape (3n+3,).
-      command: Current set values, shape (n,) [A]; without currents in the state the amplifiers have no lag.
+      command: Commanded currents, shape (n,) [A]; without currents in the state the amplifiers have no lag.
       yaw: Heading, matters on a slope only [rad].
-      body: `PlanarConstants.body`.
-      wheels: `PlanarConstants.wheels`.
-      motors: `motor.motor_row` per wheel, shape (n, MOTOR_ROW).
-      floors: `Floor.row` per wheel, shape (n, ROW).
+      model: `PlanarModel`; effect terms are left out.
       smoothing: Speed over which friction changes its sign, at the rim for wheels [m/s].
-      published: The equations as printed.
 
     Returns:
       d(state)/dt.
     """
-    n = wheels.shape[0]
-    v_x, v_y, yaw_rate = state[2 * n], state[2 * n + 1], state[2 * n + 2]
+    body, published, n = body_at(model.body), model.published, command.size
+    twist = state[2 * n], state[2 * n + 1], state[2 * n + 2]
     g_x, g_y = _gravity(body, yaw)
     change = np.empty_like(state)
-    f_x, f_y, moment = body[MASS] * g_x, body[MASS] * g_y, 0.0
+    f_x, f_y, moment = body.mass * g_x, body.mass * g_y, 0.0
     for i in range(n):
-        wheel, motor, floor, wheel_speed = wheels[i], motors[i], floors[i], state[n + i]
+        driven = driven_wheel(model, i)
+        wheel, motor, floor = driven.wheel, driven.motor, driven.floor
+        wheel_speed = state[n + i]
         normal = _normal_force(wheel, g_x, g_y)
-        along, across = wheel_velocity(wheel, v_x, v_y, yaw_rate)
-        rim = wheel[RADIUS] * wheel_speed
+        along, across = wheel_velocity(wheel, *twist)
+        rim = wheel.wheel.radius * wheel_speed
         slip, sideways = contact_velocity(wheel, rim, along, across)
         rate = relaxation_rate(floor, slip, max(abs(rim), abs(along)))
         change[i] = slip - rate * state[i]
-        traction = normal * wheel[GRIP] * force_ratio(floor, state[i], slip, rate)
-        dry = wheel[ROLLER_DRY] * math.tanh(sideways / smoothing)
-        drag = normal * (dry + wheel[ROLLER_VISCOUS] * sideways)
+        traction = normal * wheel.grip * force_ratio(floor, state[i], slip, rate)
+        dry = wheel.wheel.roller_dry * math.tanh(sideways / smoothing)
+        drag = normal * (dry + wheel.wheel.roller_viscous * sideways)
         ahead, aside = contact_force(wheel, traction, drag)
         current = achievable_current(motor, command[i], wheel_speed)
         if state.size > 2 * n + 3:
-            change[2 * n + 3 + i] = (current - state[2 * n + 3 + i]) / motor[LOOP]
+            change[2 * n + 3 + i] = (current - state[2 * n + 3 + i]) / motor.current_loop
             current = state[2 * n + 3 + i]
-        low, high = wheel_torque_bounds(wheel, motor, current, wheel_speed, normal, aside, published)
+        low, high = wheel_torque_bounds(driven, current, wheel_speed, WheelLoad(normal, ahead, aside))
         torque = blend_friction(low, high, math.tanh(rim / smoothing))
-        change[n + i] = (torque - wheel[RADIUS] * ahead) / wheel[INERTIA]
+        change[n + i] = (torque - wheel.wheel.radius * ahead) / wheel.wheel.inertia
         x, y, z = _body_force(wheel, body, ahead, aside)
         f_x, f_y, moment = f_x + x, f_y + y, moment + z
-    change[2 * n], change[2 * n + 1], change[2 * n + 2] = _twist_rate(
-        body, f_x, f_y, moment, v_x, v_y, yaw_rate, published
-    )
+    rates = _twist_rate(body, (f_x, f_y, moment), twist, published)
+    change[2 * n], change[2 * n + 1], change[2 * n + 2] = rates
     return change
 
 
-@kernel
-def _step_body(n, state, body, f_x, f_y, moment, h, published):
-    """Advances twist and pose: momentum in the body frame turns back by the yaw of the step."""
-    old_x, old_y, old_rate = state[2 * n], state[2 * n + 1], state[2 * n + 2]
-    yaw_rate = old_rate + h * moment / body[YAW_INERTIA]
+@inlined
+def _step_body(state, body, force, h, published):
+    """Advance twist and pose: momentum in the body frame turns back by the yaw of the step.
+
+    Returns:
+      Mean rates of v_x and v_y [m/s²].
+    """
+    f_x, f_y, moment = force
+    old_x, old_y, old_rate = state.twist[0], state.twist[1], state.twist[2]
+    yaw_rate = old_rate + h * moment / body.yaw_inertia
     turn = 0.5 * h * (old_rate + yaw_rate)
-    com_x = old_x - old_rate * body[COM_Y] + h * f_x / body[MASS]
-    com_y = old_y + old_rate * body[COM_X] + h * f_y / body[MASS]
+    com_x = old_x - old_rate * body.com_y + h * f_x / body.mass
+    com_y = old_y + old_rate * body.com_x + h * f_y / body.mass
     if not published:
         c, s = math.cos(turn), math.sin(turn)
         com_x, com_y = c * com_x + s * com_y, c * com_y - s * com_x
-    v_x, v_y = com_x + yaw_rate * body[COM_Y], com_y - yaw_rate * body[COM_X]
-    state[2 * n], state[2 * n + 1], state[2 * n + 2] = v_x, v_y, yaw_rate
-    pose = pose_offset(n)
-    middle = state[pose + 2] + 0.5 * turn
-    state[pose - 1] += h
+    v_x, v_y = com_x + yaw_rate * body.com_y, com_y - yaw_rate * body.com_x
+    state.twist[0], state.twist[1], state.twist[2] = v_x, v_y, yaw_rate
+    middle = state.pose[2] + 0.5 * turn
+    state.clock[0] += h
     c, s = math.cos(middle), math.sin(middle)
     mean_x, mean_y = 0.5 * (old_x + v_x), 0.5 * (old_y + v_y)
-    state[pose] += h * (c * mean_x - s * mean_y)
-    state[pose + 1] += h * (s * mean_x + c * mean_y)
-    state[pose + 2] += turn
+    state.pose[0] += h * (c * mean_x - s * mean_y)
+    state.pose[1] += h * (s * mean_x + c * mean_y)
+    state.pose[2] += turn
     return (v_x - old_x) / h, (v_y - old_y) / h
+
+
+@inlined
+def _motor_now(driven, i, time, other_current):
+    """Motor of a wheel with effects, at a time and a load of the supply."""
+    terms = terms_at(driven.terms[i])
+    if not has_motor_effects(terms):
+        return driven.motor
+    return apply_motor_effects(driven.motor, terms, time, other_current)
 
 
 @kernel
@@ -406,57 +353,50 @@ def _air_drag(body, coefficient, v_x, v_y):
     """Air drag −c |v| v at the robot's centre and its moment about the centre of mass [N, N, N.m]."""
     pull = -coefficient * math.sqrt(v_x * v_x + v_y * v_y)
     x, y = pull * v_x, pull * v_y
-    return x, y, body[COM_Y] * x - body[COM_X] * y
+    return x, y, body.com_y * x - body.com_x * y
 
 
 @kernel
-def step(state, command, body, wheels, motors, floors, terms, h, steps, published, output):
-    """Advances the whole state by `steps` steps of h seconds, in place; stable at any slip speed.
+def step(state, command, model, h, steps, output):
+    """Advance the state by `steps` steps of h seconds, in place; stable at any slip velocity.
 
     Exact for frozen speeds: bristles and currents; set-valued: friction of motor, gear, bearings and brake.
 
     Args:
-      state: All of it, shape (7n+7,); changed in place.
-      command: Current set values, shape (n,) [A].
-      body: `PlanarConstants.body`.
-      wheels: `PlanarConstants.wheels`.
-      motors: `motor.motor_row` per wheel, shape (n, MOTOR_ROW).
-      floors: `Floor.row` per wheel, shape (n, ROW).
-      terms: Effects, a row of `effect_terms` per wheel, shape (n, TERMS); without effects zeros.
+      state: Shape (state_size(n),), changed in place; its parts are those of `PlanarState`.
+      command: Commanded currents, shape (n,) [A].
+      model: `PlanarModel`.
       h: Step [s].
-      steps: How many.
-      published: The equations as printed.
-      output: Filled with slip, F_N, F, G (n each) and what an accelerometer at the centre reads along x and y
-        (acceleration less gravity), of the last step, then the wheel speeds that the motors' encoders see,
-        shape (5n+2,).
+      steps: Number of steps.
+      output: Filled with the result of the last step, shape (output_size(n),); see `PlanarOutput`.
     """
-    n = wheels.shape[0]
-    changed, draws = np.empty(MOTOR_ROW), np.zeros(n)
-    sagging = terms[0, SAG] != 0.0
-    # drag acts on the body as a whole: it stands, shared, in the rows of all wheels
+    now, found, body = planar_state(state), planar_output(output), body_at(model.body)
+    n, published = command.size, model.published
+    draws = np.zeros(n)
+    sagging = terms_at(model.terms[0]).sag != 0.0
+    # drag acts on the body as a whole: it stands, shared, in the terms of all wheels
     drag = 0.0
     for i in range(n):
-        drag += terms[i, AIR] / n
+        drag += terms_at(model.terms[i]).air / n
     for _ in range(steps):
-        g_x, g_y = _gravity(body, state[pose_offset(n) + 2])
-        v_x, v_y, yaw_rate = state[2 * n], state[2 * n + 1], state[2 * n + 2]
-        f_x, f_y, moment = body[MASS] * g_x, body[MASS] * g_y, 0.0
+        g_x, g_y = _gravity(body, now.pose[2])
+        v_x, v_y, yaw_rate = now.twist[0], now.twist[1], now.twist[2]
+        f_x, f_y, moment = body.mass * g_x, body.mass * g_y, 0.0
         if drag != 0.0:
             x, y, z = _air_drag(body, drag, v_x, v_y)
             f_x, f_y, moment = f_x + x, f_y + y, moment + z
-        load = supply_currents(state, command, motors, terms, changed, draws) if sagging else 0.0
+        load = supply_currents(now, command, model.motors, model.terms, draws) if sagging else 0.0
         for i in range(n):
-            wheel, motor = wheels[i], motors[i]
+            driven = driven_wheel(model, i)
+            wheel, floor = driven.wheel, driven.floor
+            if model.terms[i, ACTIVE] != 0.0:
+                motor = _motor_now(driven, i, now.clock[0], load - draws[i])
+                driven = DrivenWheel(wheel, motor, floor, driven.terms, published)
             normal = _normal_force(wheel, g_x, g_y)
-            if has_motor_effects(terms[i]):
-                apply_motor_effects(motor, terms[i], state[pose_offset(n) - 1], load - draws[i], changed)
-                motor = changed
-            ahead, aside = step_wheel(
-                i, state, command, wheel, motor, floors[i], terms[i], normal, h, published, output
-            )
+            ahead, aside = step_wheel(i, now, command[i], driven, normal, h, found)
             x, y, z = _body_force(wheel, body, ahead, aside)
             f_x, f_y, moment = f_x + x, f_y + y, moment + z
-        a_x, a_y = _step_body(n, state, body, f_x, f_y, moment, h, published)
+        a_x, a_y = _step_body(now, body, (f_x, f_y, moment), h, published)
         if not published:
             a_x, a_y = a_x - yaw_rate * v_y, a_y + yaw_rate * v_x
-        output[4 * n], output[4 * n + 1] = a_x - g_x, a_y - g_y
+        found.acceleration[0], found.acceleration[1] = a_x - g_x, a_y - g_y

@@ -1,8 +1,8 @@
 """Model of the quarter test rig, Eqs. 4.27-4.40: smooth right-hand side and fixed step.
 
 State of `derivative`: [carriage speed, wheel speed, z], Eqs. 4.27-4.29; or with the motor current behind.
-`step` has more (`STATE`): what effects depend on and the play of the gear. The lateral speed of the gantry
-(Eq. 4.30) is given, not computed: its own drive holds it.
+`step` has more (`RigState`): variables of the effects and the backlash of the gear. The lateral speed of the
+gantry (Eq. 4.30) is an input: the gantry's own drive holds it.
 
 Corrected against the text: sign of T_nl and of the gear's power flow, viscous motor friction, sign of the
 rolling resistance. `published` is as printed. Both carry the linear guide's measured dry friction, which
@@ -14,16 +14,18 @@ Eq. 4.18 with both rows of rollers on the floor: |F_r1| + |F_r2| = F_N, F_N = m_
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from omnimj.parameters.floor import TractionParameters
+from omnimj.parameters.parts import GRAVITY
 from omnimj.parameters.rig import Rig
 from omnimj.physics.effect_terms import (
-    ACTIVE,
-    BACKLASH,
-    GRADE,
+    AxleTorque,
+    Backlash,
+    EffectTerms,
     apply_motor_effects,
     axle_dry_friction,
     axle_torque,
@@ -31,66 +33,139 @@ from omnimj.physics.effect_terms import (
     guide_force,
     has_motor_effects,
     step_backlash,
+    terms_at,
     traction_scale,
     widen_friction,
 )
-from omnimj.physics.motor import LOOP, achievable_current, stick_or_slip
-from omnimj.physics.native import cached, kernel
-from omnimj.physics.planar import GRAVITY
-from omnimj.physics.traction import exact_step, force_ratio, relaxation_rate
+from omnimj.physics.motor import (
+    MotorParameters,
+    achievable_current,
+    motor_at,
+    motor_torque_bounds,
+    stick_or_slip,
+)
+from omnimj.physics.native import cached, first_numbers, kernel
+from omnimj.physics.traction import (
+    exact_step,
+    force_ratio,
+    mean_deflection,
+    relaxation_rate,
+    traction_at,
+)
 from omnimj.physics.wheel import (
-    INERTIA,
-    RADIUS,
-    ROLLER_DRY,
-    ROLLER_VISCOUS,
-    ROLLING,
-    WHEEL_ROW,
+    WHEEL_SIZE,
+    WheelParameters,
     bearing_friction,
     blend_friction,
-    mean_deflection,
-    motor_torque_bounds,
-    wheel_row,
+    wheel_parameters,
 )
 
-# columns that the rig appends to its wheel's row
-MASS, GRIP, RAIL, RAIL_DRY, RAIL_VISCOUS = range(WHEEL_ROW, WHEEL_ROW + 5)
-HEIGHT, HALF_WIDTH, CONTACT_OFFSET, COM_OFFSET = range(WHEEL_ROW + 5, WHEEL_ROW + 9)
-WEIGHT = WHEEL_ROW + 9
-RIG_ROW = WHEEL_ROW + 10
 
-# state of `step`: m/s, rad/s, m, A; m from the start, rad, s; angle of the rotor over the wheel and its rate
-SPEED, WHEEL_SPEED, BRISTLE, CURRENT, POSITION, ANGLE, TIME, PLAY, PLAY_RATE = range(9)
-STATE = 9
-"""Length of the state of `step`; all zero is a rig at rest at its start."""
+class RigParameters(NamedTuple):
+    """Wheel, carriage and rail of the rig."""
 
-# output of `step`; the last: wheel speed as the motor's encoder has it, with the play of the gear
-SLIP, NORMAL, TRACTION, LATERAL, ACCELERATION, ENCODER = range(6)
-OUTPUT = 6
-"""Length of the output of `step`."""
+    wheel: WheelParameters
+    mass: float
+    """m_T [kg]."""
+    grip: float
+    """Factor on the traction."""
+    rail_friction: float
+    """Measured dry friction of the rail [N]."""
+    rail_dry: float
+    """μ_D,dry of the linear guide."""
+    rail_viscous: float
+    """μ_D,vis [s/m]."""
+    rail_height: float
+    """c, of the rail above the floor [m]."""
+    rail_half_width: float
+    """h [m]."""
+    contact_offset: float
+    """d [m]."""
+    com_offset: float
+    """e [m]."""
+    weight: float
+    """On the floor [N]."""
 
 
-def rig_row(
+RIG_SIZE = WHEEL_SIZE + len(RigParameters._fields) - 1
+"""Numbers of packed rig parameters."""
+
+
+class RigModel(NamedTuple):
+    """Everything that determines the rig's motion."""
+
+    rig: RigParameters
+    motor: MotorParameters
+    floor: TractionParameters
+    terms: EffectTerms
+    published: bool
+    """The equations as printed."""
+
+
+class RigState(NamedTuple):
+    """State of `step`; all zero is a rig at rest at its start."""
+
+    speed: float
+    """Of the carriage [m/s]."""
+    wheel_speed: float
+    """φ̇ after the gear [rad/s]."""
+    bristle: float
+    """z [m]."""
+    current: float
+    """Of the motor [A]."""
+    position: float
+    """Of the carriage from the start [m]."""
+    angle: float
+    """Of the wheel [rad]."""
+    time: float
+    """[s]"""
+    backlash: float
+    """Rotor's angle relative to the wheel inside the gear's dead zone [rad]."""
+    backlash_rate: float
+    """[rad/s]"""
+
+
+class RigOutput(NamedTuple):
+    """Result of the last step."""
+
+    slip: float
+    """V_r [m/s]."""
+    normal: float
+    """F_N [N]."""
+    traction: float
+    """F [N]."""
+    lateral: float
+    """G [N]."""
+    acceleration: float
+    """Reading of an ideal accelerometer along the rail: acceleration less gravity [m/s²]."""
+    encoder_speed: float
+    """Wheel speed as the motor's encoder sees it [rad/s]."""
+
+
+STATE, OUTPUT = len(RigState._fields), len(RigOutput._fields)
+"""Lengths of packed state and output."""
+
+
+def rig_parameters(
     rig: Rig,
     mass: float | None = None,
     radius_scale: float = 1.0,
     grip: float = 1.0,
     slope: float = 0.0,
-) -> NDArray[np.float64]:
-    """The rig's numbers for the kernels, shape (RIG_ROW,).
+) -> RigParameters:
+    """Parameters of the rig for the kernels.
 
     Args:
       rig: The rig.
       mass: m_T [kg]; the first of the rig's masses when None.
       radius_scale: True over nominal wheel radius.
       grip: Factor on the traction.
-      slope: Inclination of rail and floor: it lessens the weight on the floor; what pulls along the rail is
-        the term `effect_terms.GRADE` [rad].
+      slope: Inclination of rail and floor, which lessens the weight on the floor; the pull along the rail is
+        the effect term `grade` [rad].
     """
     mass = rig.rig.masses[0] if mass is None else mass
-    row = np.empty(RIG_ROW)
-    row[:WHEEL_ROW] = wheel_row(rig.wheel, rig.bearing, rig.motor)
-    row[RADIUS] *= radius_scale
-    row[WHEEL_ROW:] = (
+    return RigParameters(
+        wheel_parameters(rig.wheel, rig.bearing, rig.motor, radius_scale),
         mass,
         grip,
         rig.rig.rail_friction,
@@ -102,113 +177,151 @@ def rig_row(
         rig.rig.com_offset,
         mass * GRAVITY * math.cos(slope),
     )
-    return row
 
 
 @kernel
-def lateral_force(row, lateral_speed):
+def rig_at(row):
+    """`RigParameters` of a packed row, shape (RIG_SIZE,)."""
+    numbers = first_numbers(row, RIG_SIZE)
+    return RigParameters(WheelParameters(*numbers[:WHEEL_SIZE]), *numbers[WHEEL_SIZE:])
+
+
+@kernel
+def rig_model_at(rows, published):
+    """`RigModel` of packed rows.
+
+    Args:
+      rows: Rig, motor, floor and effect terms, shapes (RIG_SIZE,), (MOTOR_SIZE,), (TRACTION_SIZE,), (TERMS,).
+      published: The equations as printed.
+    """
+    return RigModel(rig_at(rows[0]), motor_at(rows[1]), traction_at(rows[2]), terms_at(rows[3]), published)
+
+
+@kernel
+def rig_state_at(row):
+    """`RigState` of the first `STATE` numbers of a row."""
+    return RigState(*first_numbers(row, STATE))
+
+
+@kernel
+def lateral_force(rig, lateral_speed):
     """G = [μ_R,dry sgn(ṡ) + μ_R,vis ṡ] F_N, Eqs. 4.14 and 4.18 [N]; on the wheel it points to −ṡ."""
-    ratio = row[ROLLER_VISCOUS] * lateral_speed
+    ratio = rig.wheel.roller_viscous * lateral_speed
     if lateral_speed > 0.0:
-        ratio += row[ROLLER_DRY]
+        ratio += rig.wheel.roller_dry
     elif lateral_speed < 0.0:
-        ratio -= row[ROLLER_DRY]
-    return ratio * row[WEIGHT]
+        ratio -= rig.wheel.roller_dry
+    return ratio * rig.weight
 
 
 @kernel
-def rail_friction(row, lateral):
+def rail_friction(rig, lateral):
     """Dry friction and viscous coefficient of the rail, Eqs. 4.13-4.16 and the measured constant [N, N.s/m].
 
     M_D = F_N d − m_T g e − G c, F_D = −G, F_H,G = (F_D h ∓ M_D)/(2 h).
 
     Args:
-      row: The rig's numbers.
+      rig: `RigParameters`.
       lateral: G [N].
     """
-    weight, h = row[WEIGHT], row[HALF_WIDTH]
-    moment = weight * (row[CONTACT_OFFSET] - row[COM_OFFSET]) - lateral * row[HEIGHT]
+    h = rig.rail_half_width
+    moment = rig.weight * (rig.contact_offset - rig.com_offset) - lateral * rig.rail_height
     load = abs((-lateral * h - moment) / (2.0 * h)) + abs((-lateral * h + moment) / (2.0 * h))
-    return row[RAIL] + row[RAIL_DRY] * load, row[RAIL_VISCOUS] * load
+    return rig.rail_friction + rig.rail_dry * load, rig.rail_viscous * load
 
 
 @kernel
-def carriage_friction_bounds(row, lateral, carriage_speed, published):
+def carriage_friction_bounds(rig, lateral, carriage_speed, published):
     """Resistance as a force on the carriage moving forward and backward, −(F_f + F_rol) of Eq. 4.35 [N].
 
     F_rol = μ_rol m_T g opposes the motion; published: it has no sign, Eq. 4.12.
+
+    Args:
+      rig: `RigParameters`.
+      lateral: G [N].
+      carriage_speed: [m/s]
+      published: The equations as printed.
     """
-    dry, viscous = rail_friction(row, lateral)
-    rolling = row[ROLLING] * row[WEIGHT]
+    dry, viscous = rail_friction(rig, lateral)
+    rolling = rig.wheel.rolling * rig.weight
     if published:
         return -dry - viscous * carriage_speed - rolling, dry - viscous * carriage_speed - rolling
     return -dry - rolling - viscous * carriage_speed, dry + rolling - viscous * carriage_speed
 
 
 @kernel
-def wheel_torque_bounds(row, motor, current, wheel_speed, lateral, published):
-    """T_gear − T_friction of Eqs. 4.39-4.40 turning forward and turning backward [N.m]."""
-    low, high = motor_torque_bounds(motor, current, wheel_speed, published)
-    dry, viscous = bearing_friction(row, row[WEIGHT], lateral)
+def wheel_torque_bounds(model, current, wheel_speed, lateral):
+    """T_gear − T_friction of Eqs. 4.39-4.40 turning forward and turning backward [N.m].
+
+    Args:
+      model: `RigModel`.
+      current: Motor current [A].
+      wheel_speed: φ̇ [rad/s].
+      lateral: G [N].
+    """
+    low, high = motor_torque_bounds(model.motor, current, wheel_speed, model.published)
+    dry, viscous = bearing_friction(model.rig.wheel, model.rig.weight, lateral)
     return low - dry - viscous * wheel_speed, high + dry - viscous * wheel_speed
 
 
 @kernel
-def derivative(state, command, lateral_speed, row, motor, floor, smoothing, published):
+def derivative(state, command, lateral_speed, model, smoothing):
     """Right-hand side of Eqs. 4.32-4.40 for `scipy.integrate.solve_ivp`, sign(v) as tanh(v/smoothing).
 
     Args:
       state: [carriage speed, wheel speed, z], shape (3,); or with the motor current behind, shape (4,).
-      command: Set (or measured) current at this time [A]; what the supply cannot drive is cut off.
+      command: Commanded (or measured) current [A]; what the supply cannot drive is cut off.
       lateral_speed: ṡ_111 of the gantry [m/s].
-      row: `rig_row`.
-      motor: `motor.motor_row`, shape (MOTOR_ROW,).
-      floor: `Floor.row`, shape (ROW,).
+      model: `RigModel`; effect terms are left out.
       smoothing: Speed over which friction changes its sign, at the rim for the wheel [m/s].
-      published: The equations as printed.
 
     Returns:
       d(state)/dt.
     """
+    rig, motor, floor = model.rig, model.motor, model.floor
     speed, wheel_speed, z = state[0], state[1], state[2]
     change = np.empty_like(state)
-    rim = row[RADIUS] * wheel_speed
+    rim = rig.wheel.radius * wheel_speed
     slip = rim - speed
     rate = relaxation_rate(floor, slip, max(abs(rim), abs(speed)))
-    traction = row[WEIGHT] * row[GRIP] * force_ratio(floor, z, slip, rate)
-    lateral = lateral_force(row, lateral_speed)
+    traction = rig.weight * rig.grip * force_ratio(floor, z, slip, rate)
+    lateral = lateral_force(rig, lateral_speed)
     current = achievable_current(motor, command, wheel_speed)
     if state.size > 3:
-        change[3] = (current - state[3]) / motor[LOOP]
+        change[3] = (current - state[3]) / motor.current_loop
         current = state[3]
-    low, high = carriage_friction_bounds(row, lateral, speed, published)
-    change[0] = (traction + blend_friction(low, high, math.tanh(speed / smoothing))) / row[MASS]
-    low, high = wheel_torque_bounds(row, motor, current, wheel_speed, lateral, published)
+    low, high = carriage_friction_bounds(rig, lateral, speed, model.published)
+    change[0] = (traction + blend_friction(low, high, math.tanh(speed / smoothing))) / rig.mass
+    low, high = wheel_torque_bounds(model, current, wheel_speed, lateral)
     torque = blend_friction(low, high, math.tanh(rim / smoothing))
-    change[1] = (torque - row[RADIUS] * traction) / row[INERTIA]
+    change[1] = (torque - rig.wheel.radius * traction) / rig.wheel.inertia
     change[2] = slip - rate * z
     return change
 
 
 def _stepper(active: bool):
-    """`step` for rows with effects, or without: the constant `active` leaves out what is not needed."""
+    """`step` with effects or without: the constant `active` leaves out what is not needed."""
 
     @cached(numba.njit, error_model="numpy", nogil=True, inline="always")
-    def steps_of(state, command, lateral_speed, row, motor, floor, terms, h, steps, published, output):
-        normal, mass, inertia, radius = row[WEIGHT], row[MASS], row[INERTIA], row[RADIUS]
-        lateral = lateral_force(row, lateral_speed)
-        bearing, bearing_viscous = bearing_friction(row, normal, lateral)
-        rail_low, rail_high = carriage_friction_bounds(row, lateral, 0.0, published)
-        rail_viscous = rail_friction(row, lateral)[1]
+    def steps_of(state, command, lateral_speed, model, h, steps):
+        rig, motor, floor, terms, published = (
+            model.rig,
+            model.motor,
+            model.floor,
+            model.terms,
+            model.published,
+        )
+        normal, mass, inertia, radius = rig.weight, rig.mass, rig.wheel.inertia, rig.wheel.radius
+        lateral = lateral_force(rig, lateral_speed)
+        bearing, bearing_viscous = bearing_friction(rig.wheel, normal, lateral)
+        rail_low, rail_high = carriage_friction_bounds(rig, lateral, 0.0, published)
+        rail_viscous = rail_friction(rig, lateral)[1]
         if active and has_motor_effects(terms):
-            changed = np.empty(motor.size)
-            apply_motor_effects(motor, terms, state[TIME], 0.0, changed)
-            motor = changed
-        decay, lag = math.exp(-h / motor[LOOP]), motor[LOOP] / h  # as `next_current` and `mean_current`
-        grip, dry, low_guide, high_guide = row[GRIP], bearing, rail_low, rail_high
-        speed, wheel_speed, z, current, position, angle, time, play, play_rate = (
-            state[0], state[1], state[2], state[3], state[4], state[5], state[6], state[7], state[8]
-        )  # fmt: skip
+            motor = apply_motor_effects(motor, terms, state.time, 0.0)
+        # as in `next_current` and `mean_current`
+        decay, lag = math.exp(-h / motor.current_loop), motor.current_loop / h
+        grip, dry, low_guide, high_guide = rig.grip, bearing, rail_low, rail_high
+        speed, wheel_speed, z, current, position, angle, time, gap, gap_rate = state
         slip, traction, acceleration = 0.0, 0.0, 0.0
         for _ in range(steps):
             rim = radius * wheel_speed
@@ -217,26 +330,25 @@ def _stepper(active: bool):
             z_next = exact_step(z, slip, rate, h)
             mean = mean_deflection(z, z_next, slip, rate, h)
             if active:
-                grip = row[GRIP] * traction_scale(terms, position)
+                grip = rig.grip * traction_scale(terms, position)
             traction = normal * grip * force_ratio(floor, mean, slip, rate)
             target = achievable_current(motor, command, wheel_speed)
             current_next = target + (current - target) * decay
             driving = target + (current - current_next) * lag
-            low, high = motor_torque_bounds(motor, driving, wheel_speed + play_rate, published)
+            low, high = motor_torque_bounds(motor, driving, wheel_speed + gap_rate, published)
             other = -radius * traction - bearing_viscous * wheel_speed
             force = traction - rail_viscous * speed
             if active:
                 dry = max(bearing + axle_dry_friction(terms, low, high), 0.0)
-                other += axle_torque(terms, angle + play, wheel_speed + play_rate, h)
-                low_guide, high_guide = widen_friction(
-                    rail_low, rail_high, guide_dry_friction(terms, speed, position)
-                )
-                force += mass * terms[GRADE]
+                other += axle_torque(terms, angle + gap, wheel_speed + gap_rate, h)
+                added = guide_dry_friction(terms, speed, position)
+                low_guide, high_guide = widen_friction(rail_low, rail_high, added)
+                force += mass * terms.grade
                 force += guide_force(terms, speed, position, time, lateral_speed, angle, wheel_speed, h)
-            if active and terms[BACKLASH] != 0.0:
-                change, play, play_rate, _ = step_backlash(
-                    terms, play, play_rate, low, high, dry, wheel_speed, inertia, other, h
-                )
+            if active and terms.backlash != 0.0:
+                gear = Backlash(terms.backlash, terms.rotor_inertia, gap, gap_rate)
+                torques = AxleTorque(low, high, dry, other)
+                change, gap, gap_rate, _ = step_backlash(gear, torques, wheel_speed, inertia, h)
             else:
                 torque = stick_or_slip(low - dry, high + dry, wheel_speed, inertia, other, h)
                 change = (torque + other) / inertia
@@ -246,10 +358,9 @@ def _stepper(active: bool):
             speed, wheel_speed = speed + h * acceleration, wheel_speed + h * change
             z, current = z_next, current_next
             time += h
-        state[0], state[1], state[2], state[3], state[4] = speed, wheel_speed, z, current, position
-        state[5], state[6], state[7], state[8] = angle, time, play, play_rate
-        output[SLIP], output[NORMAL], output[TRACTION], output[LATERAL] = slip, normal, traction, lateral
-        output[ACCELERATION], output[ENCODER] = acceleration - terms[GRADE], wheel_speed + play_rate
+        after = RigState(speed, wheel_speed, z, current, position, angle, time, gap, gap_rate)
+        felt, seen = acceleration - terms.grade, wheel_speed + gap_rate
+        return after, RigOutput(slip, normal, traction, lateral, felt, seen)
 
     return steps_of
 
@@ -258,27 +369,22 @@ _with_effects, _without_effects = _stepper(True), _stepper(False)
 
 
 @kernel
-def step(state, command, lateral_speed, row, motor, floor, terms, h, steps, published, output):
-    """Advances the state by `steps` steps of h seconds, in place; stable at any slip speed.
+def step(state, command, lateral_speed, model, h, steps):
+    """State and output after `steps` steps of h seconds; stable at any slip velocity.
 
     Exact for frozen speeds: bristle, current; set-valued: friction of motor, gear, bearing, brake, rail.
 
     Args:
-      state: `SPEED` … `PLAY_RATE`, shape (STATE,); changed in place.
-      command: Current set value, or the measured current where the motor's row says so [A].
+      state: `RigState`.
+      command: Commanded current, or the measured one where the motor says so [A].
       lateral_speed: ṡ_111 of the gantry [m/s].
-      row: `rig_row`.
-      motor: `motor.motor_row`, shape (MOTOR_ROW,).
-      floor: `Floor.row`, shape (ROW,).
-      terms: Effects, a row of `effect_terms`, shape (TERMS,); without effects a row of zeros.
+      model: `RigModel`.
       h: Step [s].
-      steps: How many.
-      published: The equations as printed.
-      output: Filled with slip, F_N, F, G, what an accelerometer on the carriage reads along the rail
-        (acceleration less gravity) and the wheel speed that the motor's encoder sees, of the last step, shape
-        (OUTPUT,).
+      steps: Number of steps.
+
+    Returns:
+      `RigState` and `RigOutput` of the last step.
     """
-    if terms[ACTIVE] != 0.0:
-        _with_effects(state, command, lateral_speed, row, motor, floor, terms, h, steps, published, output)
-    else:
-        _without_effects(state, command, lateral_speed, row, motor, floor, terms, h, steps, published, output)
+    if model.terms.active != 0.0:
+        return _with_effects(state, command, lateral_speed, model, h, steps)
+    return _without_effects(state, command, lateral_speed, model, h, steps)

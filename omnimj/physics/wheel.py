@@ -1,38 +1,62 @@
-"""One driven omni wheel, the same on the robot and on the rig: its numbers, bearings and rollers.
-
-A wheel comes as its row of numbers (`wheel_row`); a plant may append columns of its own.
-"""
+"""One driven omni wheel, the same on the robot and on the rig: its parameters, bearings and rollers."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
 from omnimj.parameters.parts import Bearing, Motor, Wheel
-from omnimj.physics.motor import (
-    BRAKE,
-    EFFICIENCY,
-    KT_SCALE,
-    LOOP,
-    NO_LOAD,
-    RATIO,
-    TORQUE_CONSTANT,
-    achievable_current,
-    drive_torque_bounds,
-    winding_current,
-)
 from omnimj.physics.native import kernel
-from omnimj.physics.traction import exact_step
-
-RADIUS, INERTIA, ROLLER_DRY, ROLLER_VISCOUS, ROLLER_STIFFNESS, ROLLER_DAMPING, ROLLING = range(7)
-BEARING_DRY, BEARING_VISCOUS, PITCH_RADIUS, SPACING, OVERHANG = range(7, 12)
-WHEEL_ROW = 12
+from omnimj.physics.traction import exact_step, mean_deflection
 
 
-def wheel_row(wheel: Wheel, bearing: Bearing, motor: Motor) -> np.ndarray:
-    """A wheel's numbers for the kernels, shape (WHEEL_ROW,); inertia is I + (J_r + J_g) E G_r²."""
-    row = np.empty(WHEEL_ROW)
-    row[:] = (
-        wheel.radius,
+class WheelParameters(NamedTuple):
+    """A wheel as the kernels see it."""
+
+    radius: float
+    """Rolling radius r [m]."""
+    inertia: float
+    """About the axle, the rotor's included: I + (J_r + J_g) E G_r² [kg.m²]."""
+    roller_dry: float
+    """μ_R,dry."""
+    roller_viscous: float
+    """μ_R,vis [s/m]."""
+    roller_stiffness: float
+    """Micro-slip stiffness of the rollers' bearings over the normal force [1/m]."""
+    roller_damping: float
+    """Micro-slip damping of the same [s/m]."""
+    rolling: float
+    """Rolling resistance over the normal force μ_rol."""
+    bearing_dry: float
+    """μ_bearing,dry."""
+    bearing_viscous: float
+    """μ_bearing,vis [s/rad]."""
+    pitch_radius: float
+    """Of the bearings [m]."""
+    spacing: float
+    """Between the bearings, a [m]."""
+    overhang: float
+    """From the outer bearing to the wheel's mid plane, b [m]."""
+
+
+WHEEL_SIZE = len(WheelParameters._fields)
+"""Numbers of a packed wheel."""
+
+
+def wheel_parameters(
+    wheel: Wheel, bearing: Bearing, motor: Motor, radius_scale: float = 1.0
+) -> WheelParameters:
+    """Parameters of a wheel with its bearings and its motor's inertia.
+
+    Args:
+      wheel: Its constants.
+      bearing: Its bearings.
+      motor: Gives the reflected rotor inertia.
+      radius_scale: True over nominal rolling radius.
+    """
+    return WheelParameters(
+        wheel.radius * radius_scale,
         wheel.inertia + motor.reflected_inertia,
         wheel.roller_dry,
         wheel.roller_viscous,
@@ -45,48 +69,32 @@ def wheel_row(wheel: Wheel, bearing: Bearing, motor: Motor) -> np.ndarray:
         bearing.spacing,
         bearing.overhang,
     )
-    return row
-
-
-@kernel
-def mean_deflection(z, z_next, slip, rate, h):
-    """Mean of the bristle over an exact step, (V_r h − (z⁺ − z))/(λ h) [m].
-
-    With it σ0 z + σ1 (V_r − λ z) is the mean force of the step, however fast the bristle is.
-    """
-    x = rate * h
-    if x < 1e-3:  # a series, where the difference below would lose its digits
-        return z + (slip - rate * z) * h * (0.5 - x / 6.0 + x * x / 24.0)
-    return (slip * h - (z_next - z)) / x
-
-
-@kernel
-def mean_current(motor, current, next_current, command, wheel_speed, h):
-    """Mean of the motor current over a step of `motor.next_current`, i∞ + (i − i⁺) τ/h [A]."""
-    return achievable_current(motor, command, wheel_speed) + (current - next_current) * motor[LOOP] / h
 
 
 @kernel
 def roller_friction(wheel, z, lateral_speed, normal_force, h):
-    """Next micro-slip deflection of the rollers' bearings and the friction F_f they make, Eqs. 3.32-3.35.
+    """Friction F_f of the rollers' bearings over a step, Eqs. 3.32-3.35.
 
-    A bristle with g = μ_R,dry stands for sign(v): it holds at rest without creeping or chattering and is
-    F_N [μ_R,dry sign(v) + μ_R,vis v] once v has passed μ_R,dry over its stiffness [m, N].
+    A bristle with g = μ_R,dry replaces sign(v): it holds at rest without creeping or chattering and gives
+    F_N [μ_R,dry sign(v) + μ_R,vis v] once v has passed μ_R,dry over its stiffness.
 
     Args:
-      wheel: The wheel's numbers.
-      z: Deflection [m].
-      lateral_speed: Of the wheel's centre along its axle [m/s].
+      wheel: `WheelParameters`.
+      z: Micro-slip deflection of the bearings [m].
+      lateral_speed: Speed at which the rollers turn, v [m/s].
       normal_force: F_N [N].
       h: Step [s].
+
+    Returns:
+      Next deflection [m] and mean friction F_f [N].
     """
-    viscous = wheel[ROLLER_VISCOUS] * lateral_speed
-    if wheel[ROLLER_DRY] <= 0.0:
+    viscous = wheel.roller_viscous * lateral_speed
+    if wheel.roller_dry <= 0.0:
         return 0.0, normal_force * viscous
-    rate = wheel[ROLLER_STIFFNESS] * abs(lateral_speed) / wheel[ROLLER_DRY]
+    rate = wheel.roller_stiffness * abs(lateral_speed) / wheel.roller_dry
     z_next = exact_step(z, lateral_speed, rate, h)
     mean = mean_deflection(z, z_next, lateral_speed, rate, h)
-    ratio = wheel[ROLLER_STIFFNESS] * mean + wheel[ROLLER_DAMPING] * (z_next - z) / h
+    ratio = wheel.roller_stiffness * mean + wheel.roller_damping * (z_next - z) / h
     return z_next, normal_force * (ratio + viscous)
 
 
@@ -96,30 +104,34 @@ def bearing_friction(wheel, normal_force, lateral_force):
 
     F_A = (F_N (a + b) − G r)/a, F_B = (F_N b − G r)/a; G > 0 is the rollers' friction on a wheel that moves
     away from its bearings (outward on the robot, along +z × u).
+
+    Args:
+      wheel: `WheelParameters`.
+      normal_force: F_N [N].
+      lateral_force: G [N].
     """
-    a, b = wheel[SPACING], wheel[OVERHANG]
-    tilting = lateral_force * wheel[RADIUS]
+    a, b = wheel.spacing, wheel.overhang
+    tilting = lateral_force * wheel.radius
     load = abs((normal_force * (a + b) - tilting) / a) + abs((normal_force * b - tilting) / a)
-    return (
-        wheel[BEARING_DRY] * load * wheel[PITCH_RADIUS],
-        wheel[BEARING_VISCOUS] * load * wheel[PITCH_RADIUS],
-    )
-
-
-@kernel
-def motor_torque_bounds(motor, current, wheel_speed, published):
-    """Torque at the wheel turning forward and turning backward, brake included [N.m].
-
-    Corrected: `motor.drive_torque_bounds`. Published: (K_t i − T_nl) E G_r either way, Eqs. 3.80-3.85.
-    """
-    if not published:
-        return drive_torque_bounds(motor, current, wheel_speed)
-    electric = motor[KT_SCALE] * motor[TORQUE_CONSTANT] * winding_current(motor, current, wheel_speed)
-    torque = (electric - motor[NO_LOAD]) * motor[EFFICIENCY] * motor[RATIO]
-    return torque - motor[BRAKE], torque + motor[BRAKE]
+    return wheel.bearing_dry * load * wheel.pitch_radius, wheel.bearing_viscous * load * wheel.pitch_radius
 
 
 @kernel
 def blend_friction(low, high, direction):
-    """`low` for direction 1, `high` for −1, linear between: a smooth stand-in for set-valued friction."""
+    """`low` for direction 1, `high` for −1, linear between: smooth replacement of set-valued friction."""
     return 0.5 * ((1.0 + direction) * low + (1.0 - direction) * high)
+
+
+def packed(parameters: tuple) -> np.ndarray:
+    """Numbers of a (nested) NamedTuple in one row, as kernels that read rows expect them."""
+    flat: list[float] = []
+    for part in parameters:
+        flat += part if isinstance(part, tuple) else (part,)
+    return np.array(flat, dtype=np.float64)
+
+
+@kernel
+def store(values, row):
+    """Write the numbers of a NamedTuple into the first places of a row."""
+    for k in range(len(values)):
+        row[k] = values[k]

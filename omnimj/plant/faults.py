@@ -1,4 +1,4 @@
-"""What is wrong at one time: faults with onset and end, turned into numbers that a plant applies.
+"""Faults with onset and end: as scenarios write them, as metrics record them, and what they do to a plant.
 
 Several faults at once combine: losses, grips and radius scales multiply, braking torques and misalignment
 angles add. Where only one can hold (floor under a wheel, free or hard-over, payload, slope) the one with the
@@ -7,6 +7,8 @@ latest onset wins; at equal onsets the later one in the list.
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -14,18 +16,16 @@ from typing import Any
 
 import numpy as np
 
+from omnimj.effects import AppliedEffects
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters.parts import Motor
 from omnimj.parameters.reading import Rule, check_number
 from omnimj.physics.motor import (
-    BRAKE,
-    KT_SCALE,
-    LIMIT,
-    NO_LOAD,
-    OVERRIDE,
-    OVERRIDE_CURRENT,
-    PARALLEL_TORQUE,
-    motor_row,
+    FREE,
+    HARD_OVER,
+    MotorParameters,
+    driven_by_measured_current,
+    motor_parameters,
 )
 from omnimj.plant.interface import plant_channels
 from omnimj.signals import Array
@@ -33,12 +33,20 @@ from omnimj.signals import Array
 LOCKING_TORQUE = 100.0
 """Brake of a locked wheel [N.m]: ten times beyond the motor (1 N.m) and the floor at top speed (7 N.m)."""
 
-_TIME_TOLERANCE = 1e-9  # [s] a time summed up from steps may lie this much below the onset it stands for
+_TIME_TOLERANCE = 1e-9  # [s] a time summed up from steps may lie this much below the onset
+_ANY = Rule(-1e6, 1e6, False)  # beyond any channel, within what squares and sums can hold
+_GRIP = Rule(0.0, 1.0, False)
+_ANGLE = Rule(-0.5, 0.5, False)
+_OFFSET = Rule(-1.0, 1.0, False)
+# what `size` is: an offset, -, an offset per second, an added rms, a factor (1: healthy)
+_MODES: Mapping[str, Rule | None] = MappingProxyType(
+    {"bias": _ANY, "freeze": None, "drift": _ANY, "noise": Rule(0.0, math.inf, False), "scale": _ANY}
+)
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault of a scenario: the truth that a simulated plant is given and a controller never sees."""
+    """One fault of a scenario: the truth of a simulated plant, which no controller sees."""
 
     kind: str
     """`motor`, `free`, `locked`, `hard_over`, `slip`, `all_wheel_slip`, `misalignment`, `wheel_radius`,
@@ -46,14 +54,14 @@ class Fault:
     onset: float
     """First time at which it holds [s]."""
     end: float | None = None
-    """First time at which it holds no more [s]; None: it stays."""
+    """First time at which it no longer holds [s]; None: it stays."""
     wheel: int | None = None
-    """The wheel 1…n it sits on; None for faults of the whole plant and of its sensors."""
+    """Faulty wheel 1…n; None for faults of the whole plant and of its sensors."""
     numbers: Mapping[str, float | str] = field(default_factory=dict)
     """The kind's own keys: `loss`, `grip`, `angle`, …"""
 
     def holds_at(self, time: float) -> bool:
-        """Whether onset ≤ time < end, to a nanosecond [s]."""
+        """Return whether onset ≤ time < end, to a nanosecond [s]."""
         return time + _TIME_TOLERANCE >= self.onset and (
             self.end is None or time + _TIME_TOLERANCE < self.end
         )
@@ -61,14 +69,14 @@ class Fault:
 
 @dataclass(frozen=True)
 class Conditions:
-    """What holds at one time, for a plant to apply; n wheels."""
+    """State of health and surroundings of a plant with n wheels at one time."""
 
-    motor_rows: Array
-    """Numbers of each wheel's motor for `physics.motor`, shape (n, MOTOR_ROW)."""
+    motors: tuple[MotorParameters, ...]
+    """Motor of each wheel."""
     grip: Array
-    """Factor 0…1 on traction, shape (n,)."""
+    """Factor 0…1 on the traction, shape (n,)."""
     floors: tuple[str | None, ...]
-    """Per wheel the name of the floor that replaces the one it stands on; None: no replacement."""
+    """Per wheel the name of the floor that replaces the floor under it; None: no replacement."""
     misalignment: Array
     """Angle of each axle about the vertical, counter-clockwise, shape (n,) [rad]."""
     radius_scale: Array
@@ -78,16 +86,21 @@ class Conditions:
     slope: tuple[float, float]
     """Inclination of the floor and the world direction that points downhill [rad]."""
 
+    @property
+    def motor_rows(self) -> Array:
+        """Packed motors, shape (n, MOTOR_SIZE)."""
+        return np.array(self.motors)
+
 
 def event_times(faults: Iterable[Fault]) -> tuple[float, ...]:
-    """Times at which conditions change, sorted, each once [s]; sensor faults change none."""
+    """Sorted times at which conditions change [s]; sensor faults change none."""
     acting = [fault for fault in faults if fault.kind != "sensor"]
     onsets = {fault.onset for fault in acting}
     return tuple(sorted(onsets | {fault.end for fault in acting if fault.end is not None}))
 
 
 def conditions_at(faults: Iterable[Fault], time: float, motor: Motor, wheels: int) -> Conditions:
-    """What the faults make of a healthy plant at one time.
+    """Conditions that faults make of a healthy plant at one time.
 
     Args:
       faults: In the order of the scenario; sensor faults are left to the sensors.
@@ -98,7 +111,7 @@ def conditions_at(faults: Iterable[Fault], time: float, motor: Motor, wheels: in
     Returns:
       Fresh arrays; a healthy plant when no fault holds.
     """
-    rows = np.tile(motor_row(motor), (wheels, 1))
+    motors = [motor_parameters(motor)] * wheels
     grip, scale, angle = np.ones(wheels), np.ones(wheels), np.zeros(wheels)
     floors: list[str | None] = [None] * wheels
     payload, slope = (0.0, 0.0, 0.0), (0.0, 0.0)
@@ -106,7 +119,7 @@ def conditions_at(faults: Iterable[Fault], time: float, motor: Motor, wheels: in
         numbers = fault.numbers
         at = slice(None) if fault.wheel is None else slice(fault.wheel - 1, fault.wheel)
         if fault.kind in ("motor", "free", "locked", "hard_over"):
-            _degrade(rows[at], fault)
+            motors[at] = [_degraded(motor, fault) for motor in motors[at]]
         elif fault.kind in ("slip", "all_wheel_slip"):
             grip[at] *= float(numbers.get("grip", 1.0))
             if "floor" in numbers:
@@ -119,41 +132,60 @@ def conditions_at(faults: Iterable[Fault], time: float, motor: Motor, wheels: in
             payload = (float(numbers["mass"]), float(numbers.get("x", 0.0)), float(numbers.get("y", 0.0)))
         elif fault.kind == "slope":
             slope = (float(numbers["angle"]), float(numbers.get("direction", 0.0)))
-    return Conditions(rows, grip, tuple(floors), angle, scale, payload, slope)
+    return Conditions(tuple(motors), grip, tuple(floors), angle, scale, payload, slope)
 
 
-def _degrade(rows: Array, fault: Fault) -> None:
-    """Changes the motor rows, shape (1, MOTOR_ROW), in place."""
+def _degraded(motor: MotorParameters, fault: Fault) -> MotorParameters:
+    """A motor with a fault on top of those it has."""
     numbers = fault.numbers
     if "loss" in numbers:
-        rows[:, KT_SCALE] *= 1.0 - float(numbers["loss"])
+        motor = motor._replace(torque_scale=motor.torque_scale * (1.0 - float(numbers["loss"])))
     if "braking_torque" in numbers:
         # the second motor's shaft also has to overcome its own friction, once
-        rows[:, PARALLEL_TORQUE] = np.maximum(rows[:, PARALLEL_TORQUE], rows[:, NO_LOAD])
-        rows[:, PARALLEL_TORQUE] += float(numbers["braking_torque"])
+        before = max(motor.parallel_torque, motor.no_load_torque)
+        motor = motor._replace(parallel_torque=before + float(numbers["braking_torque"]))
     if fault.kind == "locked":
-        rows[:, BRAKE] = LOCKING_TORQUE
-    elif fault.kind == "free":
-        rows[:, OVERRIDE] = 1.0
-    elif fault.kind == "hard_over":
+        return motor._replace(brake=LOCKING_TORQUE)
+    if fault.kind == "free":
+        return motor._replace(override=FREE)
+    if fault.kind == "hard_over":
         # without a current of its own it runs forward with all that the amplifier gives
-        rows[:, OVERRIDE] = 2.0
-        rows[:, OVERRIDE_CURRENT] = numbers.get("current", rows[0, LIMIT])
+        current = float(numbers.get("current", motor.current_limit))
+        return motor._replace(override=HARD_OVER, override_current=current)
+    return motor
 
 
-# Faults as people write them (one `[[faults]]` table of a scenario) and as metrics record them.
+def conditions_with_effects(
+    now: Conditions, effects: AppliedEffects, measured_current: bool = False
+) -> Conditions:
+    """Conditions that faults and effects make together.
 
-__all__ = ["FAULT_KINDS", "Conditions", "Fault", "conditions_at", "event_times", "fault_record", "read_fault"]
+    Payloads add up as point masses at their common centre; a slope by fault replaces one by effect.
 
-_INF = float("inf")
-_ANY = Rule(-1e6, 1e6, False)  # beyond any channel, within what squares and sums can hold
-_GRIP = Rule(0.0, 1.0, False)
-_ANGLE = Rule(-0.5, 0.5, False)
-_OFFSET = Rule(-1.0, 1.0, False)
-# what `size` is: an offset, -, an offset per second, an added rms, a factor (1: healthy)
-_MODES: Mapping[str, Rule | None] = MappingProxyType(
-    {"bias": _ANY, "freeze": None, "drift": _ANY, "noise": Rule(0.0, _INF, False), "scale": _ANY}
-)
+    Args:
+      now: Conditions from the faults.
+      effects: Of the machine.
+      measured_current: Commands are measured currents, which no limit cuts again.
+    """
+    motors = effects.motors(now.motors)
+    return dataclasses.replace(
+        now,
+        motors=tuple(map(driven_by_measured_current, motors)) if measured_current else motors,
+        misalignment=now.misalignment + effects.misalignment,
+        radius_scale=now.radius_scale * effects.radius_scale,
+        payload=_combined_payload(now.payload, effects.payload),
+        slope=now.slope if now.slope[0] else effects.slope,
+    )
+
+
+def _combined_payload(
+    first: tuple[float, float, float], second: tuple[float, float, float]
+) -> tuple[float, float, float]:
+    mass = first[0] + second[0]
+    if not (first[0] and second[0]) or mass == 0.0:
+        return first if first[0] and mass else second if mass else (0.0, 0.0, 0.0)
+    x, y = ((first[0] * first[k] + second[0] * second[k]) / mass for k in (1, 2))
+    return mass, x, y
 
 
 @dataclass(frozen=True)
@@ -245,7 +277,7 @@ def read_fault(table: Any, place: str, wheels: int, floors: Collection[str], dur
         if key not in known:
             raise UnknownNameError(place, f"key of a '{name}' fault", key, known)
     onset = _number(place, "onset", table, Rule(0.0, duration, False))
-    end = _number(place, "end", table, Rule(onset, _INF, True)) if "end" in table else None
+    end = _number(place, "end", table, Rule(onset, math.inf, True)) if "end" in table else None
     wheel = int(_number(place, "wheel", table, Rule(1, wheels, False), whole=True)) if kind.on_wheel else None
     if name == "sensor":
         return Fault(name, onset, end, wheel, _read_sensor(table, place, plant_channels(wheels)))

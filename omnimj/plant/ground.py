@@ -1,19 +1,19 @@
-"""A stretch of other floor by place: a sheet of nylon, a puddle of oil."""
+"""Floors by place: patches such as a sheet of nylon or a puddle of oil, and the hall around them."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from omnimj.errors import InputError, UnknownNameError
-from omnimj.parameters.floor import ROW, Floor, find_floor
+from omnimj.parameters.floor import TRACTION_SIZE, Floor, find_floor
 from omnimj.parameters.reading import Rule, check_number
-from omnimj.physics.native import kernel
+from omnimj.physics.native import first_numbers, kernel
 from omnimj.signals import Array
 
 PATCH_KEYS = ("floor", "center", "size", "yaw")
@@ -36,7 +36,7 @@ class Patch:
     """Of the patch's x axis, counter-clockwise from the world's [rad]."""
 
     def covers(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Whether points lie on the patch: |R(−yaw)(p − center)| ≤ size/2 in both directions.
+        """Mask of points on the patch: |R(−yaw)(p − center)| ≤ size/2 in both directions.
 
         Args:
           points: One point of shape (2,) or many of shape (..., 2), world frame [m].
@@ -58,7 +58,12 @@ def _pair(place: str, value: Any, rule: Rule) -> tuple[float, float]:
 
 
 def read_patch(table: Any, place: str, floors: Mapping[str, Floor]) -> Patch:
-    """A `[[patches]]` table as a `Patch`.
+    """Read a `[[patches]]` table of a scenario.
+
+    Args:
+      table: As parsed.
+      place: Where it is written, for messages.
+      floors: Known floors by name.
 
     Raises:
       InputError: A key is missing or its value breaks the rule.
@@ -80,16 +85,35 @@ def read_patch(table: Any, place: str, floors: Mapping[str, Floor]) -> Patch:
     )
 
 
-# Which floor each wheel of a planar plant stands on: by fault, by place, or the floor of the hall.
+class _PatchArea(NamedTuple):
+    """A patch as the kernel sees it."""
 
-PATCH_ROW = 6
+    x: float
+    """Centre in the world [m]."""
+    y: float
+    """[m]"""
+    cos: float
+    """Of the yaw."""
+    sin: float
+    half_length: float
+    """[m]"""
+    half_width: float
+    """[m]"""
+
+
+_AREA_SIZE = len(_PatchArea._fields)
 
 
 class Ground:
-    """Floors of the hall as rows for the kernels; of patches that overlap the one listed last is on top."""
+    """Floors of the hall for the kernels; where patches overlap the one listed last is on top."""
 
     def __init__(self, floor: str, patches: Sequence[Patch], floors: Mapping[str, Floor]):
-        """Looks the floors up.
+        """Look the floors up.
+
+        Args:
+          floor: Name of the hall's floor.
+          patches: Stretches of other floor.
+          floors: Known floors by name.
 
         Raises:
           UnknownNameError: A floor that does not exist.
@@ -99,41 +123,52 @@ class Ground:
         places = ["floor", *(f"patches.{k}.floor" for k in range(len(patches)))]
         rows = [self._row(name, place) for name, place in zip(names, places, strict=True)]
         self.rows: Array = np.array(rows)
-        """Row of the hall's floor, then of each patch, shape (1 + patches, ROW)."""
-        self.patches: Array = np.array([_patch_row(patch) for patch in patches]).reshape(-1, PATCH_ROW)
-        """Centre, cosine and sine of the yaw, half length and half width, shape (patches, PATCH_ROW)."""
+        """Packed traction of the hall's floor, then of each patch, shape (1 + patches, TRACTION_SIZE)."""
+        self.patches: Array = np.array([_area(patch) for patch in patches]).reshape(-1, _AREA_SIZE)
+        """Packed areas of the patches, for `floor_at`."""
 
-    def replaced(self, names: Sequence[str | None]) -> tuple[Array, Array]:
+    def replacements(self, names: Sequence[str | None]) -> tuple[Array, Array]:
         """Floors that faults put under the wheels.
 
+        Args:
+          names: Name of a floor or None, per wheel.
+
         Returns:
-          Whether each wheel has one (1 or 0), shape (n,), and its row, shape (n, ROW).
+          Whether each wheel has one (1 or 0), shape (n,), and its packed traction, shape (n, TRACTION_SIZE).
 
         Raises:
           UnknownNameError: A floor that does not exist.
         """
         has = np.array([float(name is not None) for name in names])
-        rows = [np.zeros(ROW) if name is None else self._row(name, "faults: floor") for name in names]
+        rows = [
+            np.zeros(TRACTION_SIZE) if name is None else self._row(name, "faults: floor") for name in names
+        ]
         return has, np.array(rows)
 
     def _row(self, name: str, place: str) -> Array:
         return find_floor(name, place, self._floors).row
 
 
-def _patch_row(patch: Patch) -> tuple[float, ...]:
+def _area(patch: Patch) -> _PatchArea:
     length, width = patch.size
-    return (*patch.center, math.cos(patch.yaw), math.sin(patch.yaw), 0.5 * length, 0.5 * width)
+    return _PatchArea(*patch.center, math.cos(patch.yaw), math.sin(patch.yaw), 0.5 * length, 0.5 * width)
 
 
 @kernel
 def floor_at(patches, x, y):
-    """Index into `Ground.rows` of the floor at a point of the world [m]; a patch's edge belongs to it."""
+    """Index into `Ground.rows` of the floor at a point of the world; the edge of a patch belongs to it.
+
+    Args:
+      patches: `Ground.patches`.
+      x: [m]
+      y: [m]
+    """
     found = 0
     for k in range(patches.shape[0]):
-        patch = patches[k]
-        away_x, away_y = x - patch[0], y - patch[1]
-        along = away_x * patch[2] + away_y * patch[3]
-        across = away_y * patch[2] - away_x * patch[3]
-        if abs(along) <= patch[4] and abs(across) <= patch[5]:
+        area = _PatchArea(*first_numbers(patches[k], _AREA_SIZE))
+        away_x, away_y = x - area.x, y - area.y
+        along = away_x * area.cos + away_y * area.sin
+        across = away_y * area.cos - away_x * area.sin
+        if abs(along) <= area.half_length and abs(across) <= area.half_width:
             found = k + 1
     return found

@@ -1,41 +1,98 @@
 """One sample of every channel: the physical chain, then the sensor faults.
 
-A channel comes as its row of numbers (`CHANNEL_ROW`), a fault as its row (`FAULT_ROW`), so that robot and rig
-share one kernel. Its cost is far below the rest of a control step.
+A channel is described by `ChannelParameters` and carries a `ChannelState` from sample to sample; a sensor
+fault is a `SensorFault`. Packed rows of them let robot and rig share one kernel, whose cost is far below the
+rest of a control step.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from omnimj.physics.native import kernel
+from omnimj.physics.native import first_numbers, kernel
+from omnimj.physics.wheel import store
 
-# laws: what lies between the physical quantity and the number
-IDEAL, MONITOR, ENCODER, FILTERED, HEADING = range(5)
-
-# numbers of a channel. GAIN: input to sensor's own unit; COUNT, HYSTERESIS: of the encoder; NOISE: standard
-# deviation; DECAY: of the first-order filter over one sample; RANGE: ± full scale; STEP: of the sensor's own
-# converter and DAQ_STEP: of the analog input (0: none); UPDATES: renewals per sample of a held value;
-# TURNS: 1 where the reading is an angle in [0, 2π); PERIOD: of the samples; SPREAD: standard deviation of the
-# bias, which is drawn at the start of a run
-LAW, GAIN, COUNT, HYSTERESIS, NOISE, DECAY, RANGE, STEP, DAQ_STEP, UPDATES, TURNS, PERIOD, SPREAD = range(13)
-CHANNEL_ROW = 13
-
-# state of a channel: motor angle; angle behind the dead band; counted angle; filtered value or value held;
-# bias; samples taken; last reading
-ANGLE, BEHIND, COUNTED, FILTER, BIAS, SAMPLES, LAST = range(7)
-STATE_ROW = 7
-
-# a sensor fault
-BIASED, FROZEN, DRIFTING, NOISY, SCALED = range(5)
-CHANNEL, MODE, SIZE, ONSET, END, HELD = range(6)
-FAULT_ROW = 6
+IDEAL, MONITOR, ENCODER, FILTERED, HEADING = 0.0, 1.0, 2.0, 3.0, 4.0
+"""Laws of a channel: the chain between the physical quantity and the number."""
+BIASED, FROZEN, DRIFTING, NOISY, SCALED = 0.0, 1.0, 2.0, 3.0, 4.0
+"""Modes of a sensor fault."""
 
 _TURN = 2.0 * math.pi
 _TIME_TOLERANCE = 1e-9  # [s], and renewals: a sum of many periods may lie this much early
 _MAX_ANGLE_STEP = 1e4  # [rad] per sample: keeps an absurd speed from using up the digits of the angle
+
+
+class ChannelParameters(NamedTuple):
+    """Constants of one channel."""
+
+    law: float
+    """`IDEAL`, `MONITOR`, `ENCODER`, `FILTERED` or `HEADING`."""
+    period: float
+    """Between two samples [s]."""
+    gain: float = 1.0
+    """Sensor's own unit over the physical quantity."""
+    count: float = 0.0
+    """Of the encoder [rad]."""
+    hysteresis: float = 0.0
+    """Of the encoder [rad]."""
+    noise: float = 0.0
+    """Standard deviation."""
+    decay: float = 0.0
+    """Of the first-order filter over one sample, 0 … 1."""
+    full_scale: float = math.inf
+    """Range ±."""
+    step: float = 0.0
+    """Of the sensor's own converter; 0: none."""
+    daq_step: float = 0.0
+    """Of the analog input; 0: none."""
+    updates: float = 0.0
+    """Renewals of a held value per sample."""
+    turns: float = 0.0
+    """1 where the reading is an angle in [0, 2π)."""
+    spread: float = 0.0
+    """Standard deviation of the bias, drawn at the start of a run."""
+
+
+class ChannelState(NamedTuple):
+    """What a channel remembers."""
+
+    angle: float = 0.0
+    """Of the shaft [rad]."""
+    behind: float = 0.0
+    """The same behind the dead band [rad]."""
+    counted: float = 0.0
+    """The same in counts [rad]."""
+    filtered: float = 0.0
+    """Filtered or held value."""
+    bias: float = 0.0
+    samples: float = 0.0
+    """Taken so far."""
+    last: float = math.nan
+    """Last reading."""
+
+
+class SensorFault(NamedTuple):
+    """A fault of one channel."""
+
+    channel: float
+    """Index."""
+    mode: float
+    """`BIASED`, `FROZEN`, `DRIFTING`, `NOISY` or `SCALED`."""
+    size: float
+    onset: float
+    """[s]"""
+    end: float
+    """[s]"""
+    held: float = math.nan
+    """Frozen reading; NaN before the onset."""
+
+
+CHANNEL_SIZE, STATE_SIZE = len(ChannelParameters._fields), len(ChannelState._fields)
+FAULT_SIZE = len(SensorFault._fields)
+_TURNS = ChannelParameters._fields.index("turns")
 
 
 @kernel
@@ -54,103 +111,135 @@ def quantise(value, full_scale, step):
 
 
 @kernel
-def encoder_speed(row, state, speed, noise):
-    """Speed out of an encoder's counts, filtered, in the shaft's unit [rad/s].
+def step_encoder(channel, state, speed, noise):
+    """State after a sample of an encoder; `filtered` is the speed from its counts [rad/s].
 
-    The angle is the sum of speed × period: only its differences matter, so it drifts nowhere.
-    Behind the dead band (play of width h) the angle moves only once the shaft has taken up h.
+    The angle is the sum of speed × period: only its differences matter, so it drifts nowhere. Behind the dead
+    band (play of width h) the angle moves only once the shaft has taken up h.
     """
-    state[ANGLE] += min(max(speed * row[PERIOD], -_MAX_ANGLE_STEP), _MAX_ANGLE_STEP)
-    seen = state[ANGLE] + row[NOISE] * noise
-    half = 0.5 * row[HYSTERESIS]
-    state[BEHIND] = min(max(state[BEHIND], seen - half), seen + half)
-    counted = np.rint(state[BEHIND] / row[COUNT]) * row[COUNT]
-    raw = (counted - state[COUNTED]) / row[PERIOD]
-    state[COUNTED] = counted
-    state[FILTER] = row[DECAY] * state[FILTER] + (1.0 - row[DECAY]) * raw
-    return state[FILTER]
+    angle = state.angle + min(max(speed * channel.period, -_MAX_ANGLE_STEP), _MAX_ANGLE_STEP)
+    seen = angle + channel.noise * noise
+    half = 0.5 * channel.hysteresis
+    behind = min(max(state.behind, seen - half), seen + half)
+    counted = np.rint(behind / channel.count) * channel.count
+    raw = (counted - state.counted) / channel.period
+    filtered = channel.decay * state.filtered + (1.0 - channel.decay) * raw
+    return ChannelState(angle, behind, counted, filtered, state.bias, state.samples, state.last)
 
 
 @kernel
-def held_heading(row, state, yaw):
-    """Heading on the grid of its converter, renewed now and then and held in between, in [0, 2π) [rad]."""
-    now = math.floor(state[SAMPLES] * row[UPDATES] + _TIME_TOLERANCE)
-    before = math.floor((state[SAMPLES] - 1.0) * row[UPDATES] + _TIME_TOLERANCE)
+def hold_heading(channel, state, yaw):
+    """State after a sample of the heading; `filtered` is the angle held on the converter's grid [rad]."""
+    now = math.floor(state.samples * channel.updates + _TIME_TOLERANCE)
+    before = math.floor((state.samples - 1.0) * channel.updates + _TIME_TOLERANCE)
+    held = state.filtered
     if now > before:
-        state[FILTER] = wrap(np.rint(wrap(yaw) / row[STEP]) * row[STEP])
-    state[SAMPLES] += 1.0
-    return state[FILTER]
+        held = wrap(np.rint(wrap(yaw) / channel.step) * channel.step)
+    return _with_filtered(state, held, state.samples + 1.0)
 
 
 @kernel
-def apply_chain(row, state, value, noise):
-    """What the sensor makes of the physical quantity; NaN for a quantity that is not finite.
+def _with_filtered(state, filtered, samples):
+    return ChannelState(state.angle, state.behind, state.counted, filtered, state.bias, samples, state.last)
 
-    The state is left alone by a quantity that is not finite, so that one bad sample spoils one reading.
+
+@kernel
+def apply_chain(channel, state, value, noise):
+    """Reading of a sensor before its faults, and the channel's next state.
+
+    A quantity that is not finite reads as NaN and leaves the state alone, so that one bad sample spoils one
+    reading.
+
+    Args:
+      channel: `ChannelParameters`.
+      state: `ChannelState`.
+      value: Physical quantity.
+      noise: Standard normal number.
     """
     if not math.isfinite(value):
-        return math.nan
-    law = row[LAW]
+        return math.nan, state
+    law = channel.law
     if law == IDEAL:
-        return wrap(value) if row[TURNS] == 1.0 else value
+        return wrap(value) if channel.turns == 1.0 else value, state
     if law == HEADING:
-        return held_heading(row, state, value)
-    x = row[GAIN] * value
+        state = hold_heading(channel, state, value)
+        return state.filtered, state
+    x = channel.gain * value
     if law == ENCODER:
-        x = encoder_speed(row, state, x, noise)
+        state = step_encoder(channel, state, x, noise)
+        x = state.filtered
     elif law == FILTERED:
-        state[FILTER] = row[DECAY] * state[FILTER] + (1.0 - row[DECAY]) * (x + row[NOISE] * noise)
-        x = state[FILTER] + state[BIAS]
+        share = 1.0 - channel.decay
+        x = channel.decay * state.filtered + share * (x + channel.noise * noise)
+        state = _with_filtered(state, x, state.samples)
+        x += state.bias
     else:
-        x += row[NOISE] * noise
-    return quantise(quantise(x, row[RANGE], row[STEP]), row[RANGE], row[DAQ_STEP]) / row[GAIN]
+        x += channel.noise * noise
+    x = quantise(quantise(x, channel.full_scale, channel.step), channel.full_scale, channel.daq_step)
+    return x / channel.gain, state
 
 
 @kernel
 def apply_fault(fault, reading, last, time, noise):
-    """The reading with one sensor fault, Fig. 2.14 [1]: bias, freezing, drift, loss of accuracy, scale."""
-    if time + _TIME_TOLERANCE < fault[ONSET] or time + _TIME_TOLERANCE >= fault[END]:
-        fault[HELD] = math.nan
-        return reading
-    mode = fault[MODE]
+    """Reading with one sensor fault and the held reading, Fig. 2.14.
+
+    Bias, freezing, drift, loss of accuracy or wrong scale.
+
+    Args:
+      fault: `SensorFault`.
+      reading: Of the channel without the fault.
+      last: Reading of the sample before.
+      time: Of the sample [s].
+      noise: Standard normal number.
+    """
+    if time + _TIME_TOLERANCE < fault.onset or time + _TIME_TOLERANCE >= fault.end:
+        return reading, math.nan
+    mode = fault.mode
     if mode == BIASED:
-        return reading + fault[SIZE]
+        return reading + fault.size, fault.held
     if mode == DRIFTING:
-        return reading + fault[SIZE] * (time - fault[ONSET])
+        return reading + fault.size * (time - fault.onset), fault.held
     if mode == NOISY:
-        return reading + fault[SIZE] * noise
+        return reading + fault.size * noise, fault.held
     if mode == SCALED:
-        return reading * fault[SIZE]
-    if math.isnan(fault[HELD]):
-        fault[HELD] = reading if math.isnan(last) else last
-    return fault[HELD]
+        return reading * fault.size, fault.held
+    held = fault.held
+    if math.isnan(held):
+        held = reading if math.isnan(last) else last
+    return held, held
 
 
 @kernel
-def sample_channels(rows, states, faults, noise, column, time, values):
+def sample_channels(channels, states, faults, noise, column, time, values):
     """One reading of every channel.
 
     Args:
-      rows: Channels, shape (c, CHANNEL_ROW).
-      states: Shape (c, STATE_ROW), changed in place.
-      faults: Shape (f, FAULT_ROW), in the order in which they act; what a frozen one holds changes in place.
+      channels: Packed `ChannelParameters`, shape (c, CHANNEL_SIZE).
+      states: Packed `ChannelState`, shape (c, STATE_SIZE), changed in place.
+      faults: Packed `SensorFault`, shape (f, FAULT_SIZE), in the order in which they act; held readings
+        change in place.
       noise: Standard normal numbers, shape (c + f, any).
       column: The column of `noise` to use.
-      time: Time of the sample [s].
-      values: The physical quantities, shape (c,).
+      time: Of the sample [s].
+      values: Physical quantities, shape (c,).
 
     Returns:
       Readings, a fresh array of shape (c,).
     """
-    channels = rows.shape[0]
-    readings = np.empty(channels)
-    for c in range(channels):
-        readings[c] = apply_chain(rows[c], states[c], values[c], noise[c, column])
+    count = channels.shape[0]
+    readings, last = np.empty(count), STATE_SIZE - 1
+    for c in range(count):
+        channel = ChannelParameters(*first_numbers(channels[c], CHANNEL_SIZE))
+        state = ChannelState(*first_numbers(states[c], STATE_SIZE))
+        readings[c], state = apply_chain(channel, state, values[c], noise[c, column])
+        store(state, states[c])
     for f in range(faults.shape[0]):
-        c = int(faults[f, CHANNEL])
-        readings[c] = apply_fault(faults[f], readings[c], states[c, LAST], time, noise[channels + f, column])
-    for c in range(channels):
-        if rows[c, TURNS] == 1.0 and math.isfinite(readings[c]):
+        fault = SensorFault(*first_numbers(faults[f], FAULT_SIZE))
+        c = int(fault.channel)
+        found = apply_fault(fault, readings[c], states[c, last], time, noise[count + f, column])
+        readings[c], faults[f, FAULT_SIZE - 1] = found
+    for c in range(count):
+        if channels[c, _TURNS] == 1.0 and math.isfinite(readings[c]):
             readings[c] = wrap(readings[c])
-        states[c, LAST] = readings[c]
+        states[c, last] = readings[c]
     return readings

@@ -1,4 +1,4 @@
-"""The sensors of robot and rig: what a controller may see, seeded and reproducible bit for bit.
+"""The sensors of robot and rig: all that a controller may see, seeded and reproducible bit for bit.
 
 Wheel speed: encoder on the motor shaft (noise, dead band, counts) → the amplifier's speed (difference over a
 sample, first-order filter) → speed monitor → analog input. Current: noise → monitor → analog input.
@@ -10,95 +10,36 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from omnimj.effects import ChannelEffect
-from omnimj.errors import InputError
+from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters.parts import Motor, Sensors
 from omnimj.plant import sensor_chain as chain
-from omnimj.plant import sensor_rows as row_of
-from omnimj.plant.effects import ChannelEffects
 from omnimj.plant.faults import Fault
 from omnimj.plant.interface import RIG_CHANNELS, robot_channels
+from omnimj.plant.sensor_chain import ChannelParameters, ChannelState, SensorFault
 from omnimj.signals import Array, Measurement, RigMeasurement
+
+MODES = MappingProxyType(
+    {
+        "bias": chain.BIASED,
+        "freeze": chain.FROZEN,
+        "drift": chain.DRIFTING,
+        "noise": chain.NOISY,
+        "scale": chain.SCALED,
+    }
+)
+"""Sensor faults by name, with their codes in the kernel."""
 
 _BLOCK = 512  # samples whose random numbers are drawn at once
 
 
-class _Channels:
-    """Channels with their state and their own random numbers: neither knows of the other channels."""
-
-    def __init__(
-        self,
-        names: Sequence[str],
-        rows: Sequence[Array],
-        seed: int,
-        faults: Sequence[Fault],
-        ideal: bool,
-        changes: Mapping[str, ChannelEffect] | None,
-    ):
-        if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or seed < 0:
-            raise InputError("seed", f"found {seed!r}", "must be a whole number of at least 0")
-        self._seed = int(seed)
-        self._rows = np.array([row_of.ideal(row) if ideal else row for row in rows])
-        acting = sorted((f for f in faults if f.kind == "sensor"), key=lambda f: f.onset)
-        fault_rows = [row_of.fault(f, names) for f in acting]
-        self._fault_rows = np.array(fault_rows).reshape(-1, chain.FAULT_ROW)
-        self._changes = ChannelEffects(names, changes, rows[0][chain.PERIOD]) if changes else None
-        self.values = np.zeros(len(names))
-        self.reset()
-
-    def _streams(self) -> list[np.random.Generator]:
-        """One per channel and one per fault, which depends on its channel and its turn there only."""
-        keys = [(0, c) for c in range(len(self._rows))]
-        seen = [0] * len(self._rows)
-        for c in self._fault_rows[:, chain.CHANNEL].astype(int):
-            seen[c] += 1
-            keys.append((seen[c], int(c)))
-        seeds = (np.random.SeedSequence(self._seed, spawn_key=key) for key in keys)
-        return [np.random.Generator(np.random.PCG64(s)) for s in seeds]
-
-    def reset(self) -> None:
-        """Back to the start of the same run: the same numbers come again."""
-        self._generators = self._streams()
-        self._faults = self._fault_rows.copy()
-        if self._changes is not None:
-            self._changes.reset()
-        self._states = np.zeros((len(self._rows), chain.STATE_ROW))
-        self._states[:, chain.LAST] = np.nan
-        for c, (row, state) in enumerate(zip(self._rows, self._states, strict=True)):
-            first, start = self._generators[c].standard_normal(2)
-            state[chain.BIAS] = row[chain.SPREAD] * first
-            if row[chain.LAW] == chain.ENCODER:
-                # somewhere between two counts, the shaft in the middle of its dead band
-                state[chain.ANGLE] = state[chain.BEHIND] = start * 2.0 * math.pi
-                state[chain.COUNTED] = np.rint(state[chain.BEHIND] / row[chain.COUNT]) * row[chain.COUNT]
-            elif row[chain.LAW] == chain.FILTERED:
-                a = row[chain.DECAY]
-                state[chain.FILTER] = start * row[chain.NOISE] * math.sqrt((1.0 - a) / (1.0 + a))
-        self._noise = np.empty((len(self._generators), _BLOCK))
-        self._column = _BLOCK
-
-    def read(self, time: float) -> Array:
-        """Readings of `values` at a time [s], a fresh array."""
-        if self._column == _BLOCK:
-            for generator, row in zip(self._generators, self._noise, strict=True):
-                generator.standard_normal(out=row)
-            self._column = 0
-        column = self._column
-        self._column = column + 1
-        readings = chain.sample_channels(
-            self._rows, self._states, self._faults, self._noise, column, time, self.values
-        )
-        if self._changes is not None:
-            self._changes.apply(readings)
-        return readings
-
-
 class RobotSensors:
-    """Sensors of a robot with n wheels; each instance is a set of its own."""
+    """Sensors of a robot with n wheels."""
 
     def __init__(
         self,
@@ -117,20 +58,20 @@ class RobotSensors:
           sensors: Constants of the chain.
           motor: Gives the gear between wheel and encoder.
           wheels: Number of wheels n.
-          period: Time between two samples [s].
+          period: Sample period [s].
           seed: The same seed gives the same run bit for bit.
           faults: Those of kind `sensor` act here.
           ideal: No chain: true values, the heading wrapped; faults and effects still act.
-          changes: What effects make of single channels' readings.
+          changes: Sensor effects by channel.
         """
         n = self._wheels = wheels
-        current, speed = row_of.current(sensors, period), row_of.wheel_speed(sensors, motor, period)
-        rows = [current] * n + [speed] * n + [row_of.acceleration(sensors, period)] * 2
-        rows += [row_of.yaw_rate(sensors, period), row_of.yaw(sensors, period)]
-        self._channels = _Channels(robot_channels(n), rows, seed, faults, ideal, changes)
+        current, speed = _current(sensors, period), _wheel_speed(sensors, motor, period)
+        channels = [current] * n + [speed] * n + [_acceleration(sensors, period)] * 2
+        channels += [_yaw_rate(sensors, period), _yaw(sensors, period)]
+        self._channels = _Channels(robot_channels(n), channels, seed, faults, ideal, changes)
 
     def reset(self) -> None:
-        """Back to the start of the same run: the same readings come again."""
+        """Return to the start of the same run: the same readings follow."""
         self._channels.reset()
 
     def measure(
@@ -142,7 +83,7 @@ class RobotSensors:
         yaw_rate: float,
         heading: float,
     ) -> Measurement:
-        """One sample; to be called once per period.
+        """Take one sample; to be called once per period.
 
         Args:
           time: Time of the sample [s].
@@ -153,7 +94,7 @@ class RobotSensors:
           heading: True heading, wrapped or not [rad].
 
         Returns:
-          Fresh arrays; a quantity that is not finite is read as NaN.
+          Fresh arrays; a quantity that is not finite reads as NaN.
         """
         n, values = self._wheels, self._channels.values
         values[:n] = current
@@ -170,8 +111,8 @@ class RobotSensors:
 class RigSensors:
     """Sensors of the test rig: motor encoder and current monitor, measuring wheels, accelerometer.
 
-    Speeds along the rail and of the gantry come from encoders on small measuring wheels that the data
-    acquisition counts itself.
+    Speeds along the rail and of the gantry come from encoders on small measuring wheels, counted by the data
+    acquisition itself.
     """
 
     def __init__(
@@ -185,13 +126,13 @@ class RigSensors:
         changes: Mapping[str, ChannelEffect] | None = None,
     ):
         """Sensors at the start of a run; arguments as for `RobotSensors`."""
-        rail = row_of.rail_speed(sensors, period)
-        rows = [row_of.current(sensors, period), row_of.wheel_speed(sensors, motor, period), rail]
-        rows += [row_of.acceleration(sensors, period), rail]
-        self._channels = _Channels(RIG_CHANNELS, rows, seed, faults, ideal, changes)
+        rail = _rail_speed(sensors, period)
+        channels = [_current(sensors, period), _wheel_speed(sensors, motor, period), rail]
+        channels += [_acceleration(sensors, period), rail]
+        self._channels = _Channels(RIG_CHANNELS, channels, seed, faults, ideal, changes)
 
     def reset(self) -> None:
-        """Back to the start of the same run: the same readings come again."""
+        """Return to the start of the same run: the same readings follow."""
         self._channels.reset()
 
     def measure(
@@ -203,9 +144,234 @@ class RigSensors:
         carriage_acceleration: float,
         lateral_speed: float,
     ) -> RigMeasurement:
-        """One sample; to be called once per period. Units as in `RigMeasurement`."""
+        """Take one sample; to be called once per period. Units as in `RigMeasurement`."""
         values = self._channels.values
         values[0], values[1], values[2] = current, wheel_speed, carriage_speed
         values[3], values[4] = carriage_acceleration, lateral_speed
         time = float(time)  # an integer would make the kernel compile anew
         return RigMeasurement(time, *self._channels.read(time).tolist())
+
+
+class _Channels:
+    """Channels with their states and random numbers, each independent of the other channels."""
+
+    def __init__(
+        self,
+        names: Sequence[str],
+        channels: Sequence[ChannelParameters],
+        seed: int,
+        faults: Sequence[Fault],
+        ideal: bool,
+        changes: Mapping[str, ChannelEffect] | None,
+    ):
+        if not isinstance(seed, int | np.integer) or isinstance(seed, bool) or seed < 0:
+            raise InputError("seed", f"found {seed!r}", "must be a whole number of at least 0")
+        self._seed = int(seed)
+        self._channels = [_ideal(channel) if ideal else channel for channel in channels]
+        acting = sorted((f for f in faults if f.kind == "sensor"), key=lambda f: f.onset)
+        self._faults = [_sensor_fault(f, names) for f in acting]
+        self._rows = np.array(self._channels)
+        self._changes = _ChannelEffects(names, changes, channels[0].period) if changes else None
+        self.values = np.zeros(len(names))
+        self.reset()
+
+    def _streams(self) -> list[np.random.Generator]:
+        """One per channel and one per fault; a fault's depends on its channel and its turn there only."""
+        keys = [(0, c) for c in range(len(self._channels))]
+        seen = [0] * len(self._channels)
+        for fault in self._faults:
+            c = int(fault.channel)
+            seen[c] += 1
+            keys.append((seen[c], c))
+        seeds = (np.random.SeedSequence(self._seed, spawn_key=key) for key in keys)
+        return [np.random.Generator(np.random.PCG64(s)) for s in seeds]
+
+    def reset(self) -> None:
+        """Return to the start of the same run: the same numbers follow."""
+        self._generators = self._streams()
+        self._fault_rows = np.array(self._faults).reshape(-1, chain.FAULT_SIZE)
+        if self._changes is not None:
+            self._changes.reset()
+        streams = zip(self._channels, self._generators, strict=False)
+        self._states = np.array([_start(channel, *g.standard_normal(2)) for channel, g in streams])
+        self._noise = np.empty((len(self._generators), _BLOCK))
+        self._column = _BLOCK
+
+    def read(self, time: float) -> Array:
+        """Readings of `values` at a time [s], a fresh array."""
+        if self._column == _BLOCK:
+            for generator, row in zip(self._generators, self._noise, strict=True):
+                generator.standard_normal(out=row)
+            self._column = 0
+        column = self._column
+        self._column = column + 1
+        readings = chain.sample_channels(
+            self._rows, self._states, self._fault_rows, self._noise, column, time, self.values
+        )
+        if self._changes is not None:
+            self._changes.apply(readings)
+        return readings
+
+
+def _start(channel: ChannelParameters, first: float, second: float) -> ChannelState:
+    """State before the first sample, from two standard normal numbers."""
+    bias = channel.spread * first
+    if channel.law == chain.ENCODER:
+        # somewhere between two counts, the shaft in the middle of its dead band
+        angle = second * 2.0 * math.pi
+        return ChannelState(angle, angle, float(np.rint(angle / channel.count)) * channel.count, bias=bias)
+    if channel.law == chain.FILTERED:
+        a = channel.decay
+        return ChannelState(filtered=second * channel.noise * math.sqrt((1.0 - a) / (1.0 + a)), bias=bias)
+    return ChannelState(bias=bias)
+
+
+class _ChannelEffects:
+    """Scale, offset and pure delay behind the sensor chain; a delay need not be a whole number of samples."""
+
+    def __init__(self, names: Sequence[str], changes: Mapping[str, ChannelEffect], period: float):
+        self._at = [names.index(name) for name in changes]
+        self._turns = [names[c] == "yaw" for c in self._at]
+        self._changes = list(changes.values())
+        self._late = [change.delay / period for change in self._changes]
+        self.reset()
+
+    def reset(self) -> None:
+        """Return to the start: before it every channel read its first value."""
+        self._past: list[list[float]] = [[] for _ in self._at]
+
+    def apply(self, readings: Array) -> None:
+        """Change one sample of all channels, in place."""
+        for k, c in enumerate(self._at):
+            change = self._changes[k]
+            value = change.scale * float(readings[c]) + change.offset
+            readings[c] = chain.wrap(value) if self._turns[k] and math.isfinite(value) else value
+            if self._late[k] > 0.0:
+                readings[c] = self._delayed(k, float(readings[c]))
+
+    def _delayed(self, k: int, value: float) -> float:
+        """Value of `late` samples ago, interpolated between two samples (the short way round)."""
+        past, late = self._past[k], self._late[k]
+        past.append(value)
+        whole = int(late)
+        if len(past) > whole + 2:
+            del past[0]
+        newer = past[max(len(past) - 1 - whole, 0)]
+        older = past[max(len(past) - 2 - whole, 0)]
+        step = older - newer
+        if self._turns[k] and math.isfinite(step):
+            step -= 2.0 * math.pi * float(np.rint(step / (2.0 * math.pi)))
+            return float(chain.wrap(newer + (late - whole) * step))
+        return newer + (late - whole) * step if late > whole else newer
+
+
+def _converter_step(full_scale: float, bits: int) -> float:
+    return 2.0 * full_scale / 2.0**bits
+
+
+def _current(s: Sensors, period: float) -> ChannelParameters:
+    """Current: noise, monitor, analog input."""
+    full_scale = s.current_monitor_range
+    return ChannelParameters(
+        chain.MONITOR,
+        period,
+        noise=s.current_noise,
+        full_scale=full_scale,
+        step=_converter_step(full_scale, s.current_monitor_bits),
+        daq_step=_converter_step(full_scale, s.daq_input_bits),
+    )
+
+
+def _wheel_speed(s: Sensors, motor: Motor, period: float) -> ChannelParameters:
+    """Wheel speed: encoder on the motor shaft, the amplifier's speed, monitor, analog input."""
+    full_scale = s.speed_monitor_range
+    return ChannelParameters(
+        chain.ENCODER,
+        period,
+        gain=motor.gear_ratio,
+        count=2.0 * math.pi / s.encoder_counts,
+        hysteresis=s.encoder_hysteresis,
+        noise=s.encoder_noise,
+        decay=math.exp(-period / s.speed_filter),
+        full_scale=full_scale,
+        step=_converter_step(full_scale, s.speed_monitor_bits),
+        daq_step=_converter_step(full_scale, s.daq_input_bits),
+    )
+
+
+def _rail_speed(s: Sensors, period: float) -> ChannelParameters:
+    """Speed over ground: encoder on a measuring wheel, counted by the data acquisition itself."""
+    return ChannelParameters(
+        chain.ENCODER,
+        period,
+        gain=1.0 / s.carriage_encoder_radius,
+        count=2.0 * math.pi / s.carriage_encoder_counts,
+        hysteresis=s.encoder_hysteresis,
+        noise=s.carriage_encoder_noise,
+        decay=math.exp(-period / s.speed_filter),
+    )
+
+
+def _acceleration(s: Sensors, period: float) -> ChannelParameters:
+    """Acceleration along one axis: noise, bandwidth, bias, range, analog input."""
+    decay = math.exp(-2.0 * math.pi * s.accelerometer_bandwidth * period)
+    return ChannelParameters(
+        chain.FILTERED,
+        period,
+        noise=_noise_before_filter(s.accelerometer_noise, decay),
+        decay=decay,
+        full_scale=s.accelerometer_range,
+        daq_step=_converter_step(s.accelerometer_range, s.daq_input_bits),
+        spread=s.accelerometer_bias,
+    )
+
+
+def _yaw_rate(s: Sensors, period: float) -> ChannelParameters:
+    """Yaw rate of the gyro: the same chain as the accelerometer's."""
+    decay = math.exp(-2.0 * math.pi * s.gyro_bandwidth * period)
+    return ChannelParameters(
+        chain.FILTERED,
+        period,
+        noise=_noise_before_filter(s.gyro_noise, decay),
+        decay=decay,
+        full_scale=s.gyro_range,
+        daq_step=_converter_step(s.gyro_range, s.daq_input_bits),
+        spread=s.gyro_bias,
+    )
+
+
+def _noise_before_filter(rms: float, decay: float) -> float:
+    """RMS of white noise whose RMS behind a first-order filter is the given one."""
+    return rms * math.sqrt((1.0 + decay) / (1.0 - decay))
+
+
+def _yaw(s: Sensors, period: float) -> ChannelParameters:
+    """Heading: renewed at its own rate, on the grid of its converter."""
+    # the analog input is the finer one and has the converter's codes among its own
+    step = 2.0 * math.pi / 2.0 ** min(s.yaw_bits, s.daq_input_bits)
+    return ChannelParameters(chain.HEADING, period, step=step, updates=s.yaw_update_rate * period, turns=1.0)
+
+
+def _ideal(channel: ChannelParameters) -> ChannelParameters:
+    """The same channel without a chain."""
+    return ChannelParameters(chain.IDEAL, channel.period, turns=channel.turns)
+
+
+def _sensor_fault(given: Fault, channels: Sequence[str]) -> SensorFault:
+    """A sensor fault on one of the named channels.
+
+    Raises:
+      UnknownNameError: The plant has no such channel, or there is no such mode.
+    """
+    channel, mode = given.numbers["channel"], given.numbers["mode"]
+    if channel not in channels:
+        raise UnknownNameError("sensor fault", "channel", channel, channels)
+    if mode not in MODES:
+        raise UnknownNameError("sensor fault", "mode", mode, MODES)
+    return SensorFault(
+        channels.index(str(channel)),
+        MODES[str(mode)],
+        float(given.numbers.get("size", 0.0)),
+        given.onset,
+        math.inf if given.end is None else given.end,
+    )

@@ -1,8 +1,7 @@
-"""Fault detectors by method: `robust`, `published` or `off`."""
+"""Which way to diagnose a run."""
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass, field
 
 from omnimj.control.detection.detector import DetectorOptions, FaultDetector
@@ -14,77 +13,78 @@ from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import Floor, Rig, Robot
 from omnimj.simulate.scenario import checks
-from omnimj.simulate.scenario.scenario import Scenario
+from omnimj.simulate.scenario.scenario import RigInput, Scenario
 
 METHODS = checks.METHODS
-"""Diagnosis methods: for missions, as published, none."""
+"""Ways to diagnose: on missions, as published, not at all."""
 
 RIG_METHODS = ("published", "off")
-"""Methods for the test rig, whose single wheel leaves nothing to decouple."""
+"""The same on the test rig, whose one wheel leaves nothing to decouple."""
 
 
 def require_known_method(method: str) -> None:
-    """Refuses an unknown method.
+    """Refuses what this version cannot do.
 
     Raises:
-      UnknownNameError: No such method; the message lists the choices.
+      UnknownNameError: A method that this version does not have.
     """
     if method not in METHODS:
         raise UnknownNameError("--method", "method", method, METHODS)
 
 
 def available_methods(scenario: Scenario) -> tuple[str, ...]:
-    """Methods that a scenario can be driven with.
+    """The methods that a scenario can be driven with; nothing is diagnosed at the kinematic level.
 
-    There is no diagnosis at the kinematic level, and the published method is for one layout of wheels.
+    The published method is for one layout of wheels.
     """
     if scenario.level == "kinematic":
         return ("off",)
-    if scenario.is_rig:
+    if isinstance(scenario.constants, Rig):
         return RIG_METHODS
-    fits = not layout_mismatch(scenario.robot)
+    fits = not layout_mismatch(scenario.constants)
     return tuple(name for name in METHODS if fits or name != "published")
 
 
 def default_method(scenario: Scenario) -> str:
-    """Method of a run that names none."""
+    """The method of a run that asks for none."""
     return available_methods(scenario)[0]
 
 
 @dataclass(frozen=True)
 class DetectorConfig:
-    """Nominal machine and floor that a detector assumes; patches and faults are unknown to it."""
+    """What a method is told of the machine: nothing of patches and faults."""
 
     machine: Robot | Rig
-    """Constants of the model file; its effects are ignored."""
+    """Constants of the model file; its effects are left out."""
     floor: Floor
     mass: float | None = None
-    """Mass of the loaded rig [kg]; the first of its masses when None."""
+    """That the rig was loaded to [kg]; the first of its masses when None."""
     choice: DetectorOptions = field(default_factory=DetectorOptions)
-    """Options of the `[diagnosis]` table."""
+    """The form of the published method."""
     thresholds: Thresholds | None = None
-    """Thresholds of the robust method; the shipped ones when None."""
+    """Of the robust method; the shipped ones when None."""
     observer: ObserverGains | None = None
-    """Observer gains of the robust method; the shipped ones when None."""
+    """Of the robust method; as shipped when None."""
 
 
 def make_detector(
     name: str, scenario: Scenario, thresholds: Thresholds | None = None
 ) -> FaultDetector | None:
-    """Makes the detector of a method for the robot or rig of a scenario; None for `off`.
+    """The method of that name for the robot or rig of a scenario; None for `off`.
 
-    It assumes the constants of the model file and the scenario's floor; patches and faults are unknown to it.
+    It believes in the constants of the model file and in the scenario's floor; of patches and faults it knows
+    nothing.
 
     Args:
-      name: One of `METHODS`.
-      scenario: Its `[diagnosis]` table has the method's options.
-      thresholds: Thresholds of the robust method; the shipped ones when None.
+      name: Of `METHODS`.
+      scenario: Its `[diagnosis]` table chooses the method's form.
+      thresholds: Of the robust method; the shipped ones when None.
 
     Raises:
-      UnknownNameError: No such method.
-      InputError: A robot that does not suit the method, or thresholds of another method.
+      UnknownNameError: A method that this version does not have.
+      InputError: A robot that the method is not for, or thresholds for another method.
     """
-    mass = scenario.rig_input.mass if scenario.is_rig else None
+    mass = scenario.drive.mass if isinstance(scenario.drive, RigInput) else None
     floor = scenario.floors[scenario.floor]
     observer = None if scenario.gains is None else scenario.gains.observer
     return detector_for(
@@ -92,29 +92,24 @@ def make_detector(
     )
 
 
-def detector_for(name: str, config: DetectorConfig) -> FaultDetector | None:
-    """Makes the detector of a method for a machine, with or without a scenario; None for `off`.
+def detector_for(name: str, believed: DetectorConfig) -> FaultDetector | None:
+    """The method of that name for a machine, with or without a scenario; None for `off`.
 
     Raises:
-      UnknownNameError: No such method.
-      InputError: A machine that does not suit the method, or thresholds of another method.
+      UnknownNameError: A method that this version does not have.
+      InputError: A machine that the method is not for, or thresholds for another method.
     """
     require_known_method(name)
-    if config.thresholds is not None and name != "robust":
+    machine, floor, choice = believed.machine, believed.floor, believed.choice
+    if believed.thresholds is not None and name != "robust":
         raise InputError("--thresholds", f"the method is {name!r}", "they are those of 'robust'")
-    return None if name == "off" else _detector(config.machine, name, config)
-
-
-@functools.singledispatch
-def _detector(machine: Robot, name: str, config: DetectorConfig) -> FaultDetector:
+    if name == "off":
+        return None
     if name == "robust":
-        return RobustDetector(machine, thresholds=config.thresholds, gains=config.observer)
-    return PublishedRobotDetector(machine, config.floor, select_thresholds(config.choice), config.choice)
-
-
-@_detector.register
-def _(machine: Rig, name: str, config: DetectorConfig) -> FaultDetector:
-    if name == "robust":
-        raise InputError("--method", f"found {name!r}", "the rig has one wheel", RIG_METHODS)
-    limits = select_thresholds(config.choice)
-    return PublishedRigDetector(machine, config.floor, config.mass, limits, config.choice)
+        if isinstance(machine, Rig):
+            raise InputError("--method", f"found {name!r}", "the rig has one wheel", RIG_METHODS)
+        return RobustDetector(machine, thresholds=believed.thresholds, gains=believed.observer)
+    limits = select_thresholds(choice)
+    if isinstance(machine, Rig):
+        return PublishedRigDetector(machine, floor, believed.mass, limits, choice)
+    return PublishedRobotDetector(machine, floor, limits, choice)

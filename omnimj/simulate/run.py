@@ -59,7 +59,7 @@ class RunResult:
 
     @property
     def interrupted(self) -> bool:
-        """True if Ctrl-C or a failure ended the run."""
+        """Whether Ctrl-C or a failure ended the run."""
         return bool(self.trace.about["interrupted"])
 
 

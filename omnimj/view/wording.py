@@ -1,4 +1,4 @@
-"""Runs in words: faults, diagnoses, recovery, and the command that repeats a run."""
+"""What happened in a run, in words: faults, diagnoses, what was driven and how to repeat it."""
 
 from __future__ import annotations
 
@@ -7,18 +7,17 @@ import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from omnimj.control.detection.detector import DetectorOptions
 from omnimj.control.recovery.modes import MODE_CONSEQUENCES, MODE_NAMES, NORMAL, PIVOTING, indispensable
+from omnimj.control.recovery.modes import MODE_NAMES as NAMES
 from omnimj.control.robot_constants import wheel_geometry
+from omnimj.diagnosis.replay import RunDiagnosis
 from omnimj.parameters import Rig, Robot
 from omnimj.signals import Diagnosis, Trace
-
-if TYPE_CHECKING:
-    from omnimj.diagnosis.replay import RunDiagnosis
 
 FAULT_NAMES: Mapping[str, str] = {
     "motor": "motor loss",
@@ -48,22 +47,20 @@ DETECTOR_MODE_NAMES: Mapping[str, tuple[str, ...]] = {
     "published": ("no fault", "slip", "torque constant is estimated", "torque constant was estimated"),
     "published on the rig": ("no fault", "slip", "motor fault"),
 }
-"""Meanings of the numbers in the column `mode`, by method."""
+"""What the numbers in the column `mode` mean, by method."""
 RECOVERY = "recovery"
-"""Lane of recovery actions."""
+"""Lane of what is done about faults."""
 NOT_DIAGNOSED = "off"
-"""Method of a run without fault detection."""
-NOTHING_FOUND = "nothing found"
-_COUNTS = {3: "three", 4: "four", 5: "five", 6: "six"}
+"""The method of a run in which nobody looks for faults."""
 _PLACE = ("kind", "wheel", "wheels", "onset", "end")
 
 
 class ScenarioLike(Protocol):
-    """The part of a scenario that the view reads."""
+    """What the view needs to know of a scenario."""
 
     @property
     def description(self) -> str:
-        """Description in one line."""
+        """One line for a person."""
         ...
 
     @property
@@ -78,7 +75,7 @@ class ScenarioLike(Protocol):
 
     @property
     def constants(self) -> Robot | Rig:
-        """Constants of the plant, from its model file."""
+        """Of the plant, from its model file."""
         ...
 
     @property
@@ -93,7 +90,7 @@ class ScenarioLike(Protocol):
 
     @property
     def patches(self) -> Sequence[Any]:
-        """Patches of other floors, with `floor`, `center`, `size` and `yaw`."""
+        """Stretches of other floor: each has `floor`, `center`, `size` and `yaw`."""
         ...
 
     @property
@@ -103,20 +100,20 @@ class ScenarioLike(Protocol):
 
     @property
     def diagnosis(self) -> DetectorOptions:
-        """Options of the detection method."""
+        """Which form of a method is used."""
         ...
 
 
 @dataclass(frozen=True)
 class Span:
-    """A fault or diagnosis with its interval."""
+    """One fault or diagnosis and when it held."""
 
     label: str
-    """Label for people: `slip, wheel 2`."""
+    """What it is, for a person: `slip, wheel 2`."""
     lane: str
-    """Affected part: `wheel_2`, or `robot`."""
+    """Whom it concerns: `wheel_2`, or `robot`."""
     state: str
-    """Label without the wheel: `slip`."""
+    """Without the wheel: `slip`."""
     start: float
     """[s]"""
     end: float
@@ -124,7 +121,7 @@ class Span:
 
 
 def fault_spans(metrics: Mapping[str, Any], duration: float) -> list[Span]:
-    """Convert the faults of `metrics.json` to intervals within the run, [0, duration] [s]."""
+    """The faults of `metrics.json` as intervals within the run, [0, duration] [s]."""
     spans = []
     for fault in metrics.get("faults") or ():
         end = fault.get("end")
@@ -135,11 +132,11 @@ def fault_spans(metrics: Mapping[str, Any], duration: float) -> list[Span]:
 
 
 def diagnosis_spans(metrics: Mapping[str, Any], duration: float) -> list[Span]:
-    """Convert the diagnoses of `metrics.json` to one interval per diagnosis and wheel."""
+    """What the controller believed, one interval per diagnosis and wheel."""
     spans: list[Span] = []
     for diagnosis in metrics.get("diagnoses") or ():
         cleared = diagnosis.get("cleared")
-        # `cleared` is the time at which the diagnosis was cleared; anything else means that it holds
+        # `cleared` is the time the diagnosis was taken back; anything else means it stands
         stands = isinstance(cleared, bool) or not isinstance(cleared, int | float)
         end = duration if stands else min(float(cleared), duration)
         state = FAULT_NAMES.get(diagnosis["kind"], diagnosis["kind"])
@@ -151,19 +148,17 @@ def diagnosis_spans(metrics: Mapping[str, Any], duration: float) -> list[Span]:
 
 
 def recovery_spans(trace: Trace) -> list[Span]:
-    """Convert the column `recovery` to intervals, without normal driving."""
+    """What recovery did, from the column `recovery`; driving as planned is left out."""
     if "recovery" not in trace:
         return []
     mode, time = trace["recovery"].astype(int), trace["time"]
     starts = np.concatenate(([0], np.flatnonzero(np.diff(mode)) + 1))
     ends = np.append(time[starts[1:]], time[-1])
-    names = [
-        MODE_NAMES[value] if 0 <= value < len(MODE_NAMES) else f"recovery {value}" for value in mode[starts]
-    ]
+    names = [NAMES[value] if 0 <= value < len(NAMES) else f"recovery {value}" for value in mode[starts]]
     return [
         Span(name, RECOVERY, name, float(time[start]), float(end))
         for name, start, end in zip(names, starts, ends, strict=True)
-        if name != MODE_NAMES[NORMAL]
+        if name != NAMES[NORMAL]
     ]
 
 
@@ -182,12 +177,12 @@ def _state(fault: Mapping[str, Any]) -> str:
 
 
 def is_diagnosed(metrics: Mapping[str, Any]) -> bool:
-    """Check that a detection method was active in this run."""
+    """Whether a method looked for faults in this run."""
     return metrics.get("method", NOT_DIAGNOSED) != NOT_DIAGNOSED
 
 
 def mode_name(method: str, is_rig: bool, mode: int) -> str:
-    """Return the meaning of a number in the column `mode`."""
+    """What the number in the column `mode` means; a number without words stays one."""
     names = DETECTOR_MODE_NAMES.get(f"{method} on the rig" if is_rig else method) or DETECTOR_MODE_NAMES.get(
         method, ()
     )
@@ -195,7 +190,7 @@ def mode_name(method: str, is_rig: bool, mode: int) -> str:
 
 
 def fault_name(record: Mapping[str, Any]) -> str:
-    """Name a fault or a diagnosis: `motor loss, wheel 1`, `slip, wheels 1, 3`, `sensor yaw rate`."""
+    """A fault or a diagnosis: `motor loss, wheel 1`, `slip, wheels 1, 3`, `sensor yaw rate`."""
     kind = FAULT_NAMES.get(record["kind"], str(record["kind"]))
     if record.get("channel"):
         return f"{kind} {str(record['channel']).replace('_', ' ')}"
@@ -206,7 +201,7 @@ def fault_name(record: Mapping[str, Any]) -> str:
 
 
 def ambiguity_name(text: str) -> str:
-    """Name an entry of `ambiguous_with`: `motor 3` becomes `motor loss, wheel 3`."""
+    """One of `ambiguous_with`, `motor 3`, as other diagnoses are named: `motor loss, wheel 3`."""
     kind, _, place = text.partition(" ")
     if place.isdecimal():
         return fault_name({"kind": kind, "wheel": int(place)})
@@ -214,7 +209,7 @@ def ambiguity_name(text: str) -> str:
 
 
 def fault_details(fault: Mapping[str, Any]) -> str:
-    """Format the numbers of a fault: `loss 57 %`, `grip 0.3`, `braking torque 0.02 N·m`."""
+    """The fault's own numbers: `loss 57 %`, `grip 0.3`, `braking torque 0.02 N·m`."""
     words = []
     for key, value in fault.items():
         if key in _PLACE or value is None:
@@ -229,7 +224,7 @@ def fault_details(fault: Mapping[str, Any]) -> str:
 
 
 def number(value: object, digits: int = 4) -> str:
-    """Format a number for a table; a dash for None."""
+    """A number for a table; a dash where there is none."""
     if value is None:
         return "–"
     if isinstance(value, bool) or not isinstance(value, int | float):
@@ -240,7 +235,7 @@ def number(value: object, digits: int = 4) -> str:
 
 
 def measure(value: object, unit: str) -> str:
-    """Format a number with its unit; an angle in degrees too, as in plots."""
+    """A number with its unit; an angle in degrees too, as plots show it."""
     if value is None:
         return number(None)
     shown = f"{number(value)} {unit}".strip()
@@ -250,17 +245,17 @@ def measure(value: object, unit: str) -> str:
 
 
 def title(metrics: Mapping[str, Any]) -> str:
-    """Return the title of a run: `nylon_patch` becomes `Nylon patch`."""
+    """`nylon_patch` → `Nylon patch`."""
     return str(metrics.get("scenario", "run")).replace("_", " ").capitalize()
 
 
 def repeat_command(scenario: ScenarioLike, metrics: Mapping[str, Any]) -> str:
-    """Return the command line that repeats the run."""
+    """The command line that drives the same run again."""
     if metrics.get("command"):
         return str(metrics["command"])
     words = ["omnimj", "run", str(metrics.get("scenario", "SCENARIO"))]
     plant = str(metrics.get("plant", "twin"))
-    if plant not in (scenario.plant, "twin"):  # the twin is the default
+    if plant not in (scenario.plant, "twin"):  # the twin is what runs when nothing is asked for
         words += ["--plant", plant]
     for key in ("method", "seed"):
         if metrics.get(key) is not None:
@@ -270,52 +265,57 @@ def repeat_command(scenario: ScenarioLike, metrics: Mapping[str, Any]) -> str:
     return shlex.join([*words, "--out", "OUT"])
 
 
+# What recovery held in a run and what it gave up, in words.
+
+_COUNTS = {3: "three", 4: "four", 5: "five", 6: "six"}
+
+
 @dataclass(frozen=True)
 class RecoveryPeriod:
-    """A recovery mode with the intervals in which it was active."""
+    """One way in which recovery drove, over all stretches of the run in which it did."""
 
     name: str
     """`turning about wheel 2`."""
     spans: tuple[Span, ...]
-    """Intervals in order of time."""
-    consequence: str
-    """Degrees of freedom that are not controlled in this mode."""
+    """When, in order."""
+    gives_up: str
+    """What cannot be held then."""
 
     @property
-    def duration(self) -> float:
-        """Total duration [s]."""
+    def lasted(self) -> float:
+        """In all [s]."""
         return sum(span.end - span.start for span in self.spans)
 
     @property
     def when(self) -> str:
-        """Interval as `0.85 – 4.5 s`; for several, their number and total duration too."""
+        """`0.85 – 4.5 s`, or how often and how long in all."""
         first, last = self.spans[0].start, self.spans[-1].end
         words = f"{first:.3g} – {last:.3g} s"
         if len(self.spans) == 1:
             return words
-        return f"{words}, {len(self.spans)} times, {self.duration:.3g} s in all"
+        return f"{words}, {len(self.spans)} times, {self.lasted:.3g} s in all"
 
 
 def recovery_periods(trace: Trace, metrics: Mapping[str, Any]) -> list[RecoveryPeriod]:
-    """Return the recovery modes of a run in the order of their first use, without normal driving.
+    """The ways in which recovery drove, in the order in which it first did; none for a run as planned.
 
     Args:
-      trace: Signals of the run.
-      metrics: Content of `metrics.json`, for the diagnosed wheels.
+      trace: What was recorded.
+      metrics: Content of `metrics.json`; its diagnoses say which wheels are believed broken.
     """
     found: dict[tuple[str, str], list[Span]] = {}
     sentences: dict[str, str] = dict(zip(MODE_NAMES, MODE_CONSEQUENCES, strict=True))
     for span in recovery_spans(trace):
-        name, consequence = span.state, sentences.get(span.state, "")
+        name, gives_up = span.state, sentences.get(span.state, "")
         if span.state == MODE_NAMES[PIVOTING]:
             wheel = _pivot_wheel(trace, metrics, span)
             name = span.state if wheel is None else f"turning about wheel {wheel}"
-        found.setdefault((name, consequence), []).append(span)
-    return [RecoveryPeriod(name, tuple(spans), consequence) for (name, consequence), spans in found.items()]
+        found.setdefault((name, gives_up), []).append(span)
+    return [RecoveryPeriod(name, tuple(spans), gives_up) for (name, gives_up), spans in found.items()]
 
 
 def _pivot_wheel(trace: Trace, metrics: Mapping[str, Any], span: Span) -> int | None:
-    """Return the wheel that the robot turns about: the slowest of those diagnosed as faulty."""
+    """The wheel that the robot turns about: of those believed broken then, the one that turns the least."""
     rows = (trace["time"] >= span.start) & (trace["time"] <= span.end)
     broken = {
         int(wheel)
@@ -330,9 +330,9 @@ def _pivot_wheel(trace: Trace, metrics: Mapping[str, Any], span: Span) -> int | 
 
 
 def describe_layout(constants: Robot | Rig) -> str:
-    """Describe the wheels that a robot of this layout cannot lose; empty where any single wheel can be lost.
+    """What a robot of this layout cannot lose; empty where any one wheel can be lost.
 
-    The columns of B without wheel i must have rank 3 to produce any force and moment.
+    Without wheel i the columns of B that are left must have rank 3 for any force and moment.
     """
     if isinstance(constants, Rig):
         return ""
@@ -345,54 +345,59 @@ def describe_layout(constants: Robot | Rig) -> str:
     return f"it cannot lose {which} and be steered and turned at will"
 
 
+# Diagnoses in words: what, when, and how sure.
+
+NOTHING_FOUND = "nothing found"
+
+
 def describe_diagnosis(diagnosis: Diagnosis) -> str:
-    """Describe a diagnosis: `motor 2 is weak: 43 % left`."""
+    """`motor 2 has 43 % of its torque left`."""
     d, wheels = diagnosis, ", ".join(str(wheel) for wheel in diagnosis.wheels)
     if d.kind == "motor":
         left = d.effectiveness
         return f"motor {wheels} is weak" + ("" if left is None else f": {100.0 * left:.0f} % left")
     if d.kind == "sensor":
         return f"sensor {d.channel or wheels} is wrong"
-    words = {
+    said = {
         "slip": f"wheel {wheels} slips",
         "locked": f"wheel {wheels} is locked",
         "free": f"motor {wheels} gives nothing",
         "hard_over": f"motor {wheels} runs away",
         "all_wheel_slip": "all wheels slip",
     }
-    return words.get(d.kind, f"{d.kind.replace('_', ' ')} {wheels}".strip())
+    return said.get(d.kind, f"{d.kind.replace('_', ' ')} {wheels}".strip())
 
 
 def describe_time(diagnosis: Diagnosis) -> str:
-    """Describe the interval of a diagnosis: `from 3.210 s`, or `3.210 … 4.000 s`."""
+    """`from 3.210 s`, or until when it stood."""
     if diagnosis.cleared is None:
         return f"from {diagnosis.time:.3f} s"
     return f"{diagnosis.time:.3f} … {diagnosis.cleared:.3f} s"
 
 
 def describe_confidence(diagnosis: Diagnosis) -> str:
-    """Describe the confidence in a diagnosis: `99 %`, with the alternatives."""
+    """`99 %`, and what else it could be."""
     others = f", or {', '.join(diagnosis.ambiguous_with)}" if diagnosis.ambiguous_with else ""
     return f"{100.0 * diagnosis.confidence:.0f} %{others}"
 
 
 def describe_undiagnosed(run: RunDiagnosis) -> str:
-    """Describe a run without a diagnosis."""
+    """What there is to say of a run without a diagnosis."""
     return NOTHING_FOUND if run.judged > 0.0 else "no usable samples"
 
 
 def describe_unjudged(run: RunDiagnosis) -> str:
-    """Describe for how long no diagnosis was possible; empty if it always was."""
+    """How long the method could not judge; empty where it always could."""
     if run.cannot_judge <= 0.0:
         return ""
     return f"cannot judge {run.cannot_judge:.1f} of {run.judged:.1f} s"
 
 
 def summarize_runs(runs: Sequence[RunDiagnosis]) -> str:
-    """Summarise the diagnoses of all runs in one sentence."""
-    count = sum(len(run.diagnoses) for run in runs)
+    """One sentence over all runs."""
+    said = sum(len(run.diagnoses) for run in runs)
     many = f"{len(runs)} run{'s' if len(runs) != 1 else ''}"
-    if not count:
+    if not said:
         return f"{NOTHING_FOUND} in {many}"
-    concerned = sum(bool(run.diagnoses) for run in runs)
-    return f"{count} diagnos{'es' if count != 1 else 'is'} in {concerned} of {many}"
+    where = sum(bool(run.diagnoses) for run in runs)
+    return f"{said} diagnos{'es' if said != 1 else 'is'} in {where} of {many}"

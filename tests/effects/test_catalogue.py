@@ -13,7 +13,7 @@ from driven_plants import RIG, ROBOT
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omnimj.effects import EFFECTS, base_name, effects_of, parse_effect, plant_of, with_effects
+from omnimj.effects import EFFECTS, base_name, effects_of, parse_effect, with_effects
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.plant.interface import RIG_CHANNELS, robot_channels
 
@@ -134,7 +134,7 @@ def test_any_text_is_an_effect_or_refused(text):
         try:
             name, values = parse_effect(text, plant)
             if plant is not None:
-                assert plant_of(with_effects(MACHINES[plant], {name: values})) == plant
+                assert name in with_effects(MACHINES[plant], {name: values}).effects
         except InputError as error:
             assert str(error).startswith("--effect ")
 
@@ -154,7 +154,7 @@ from omnimj.effects.effect import RIG, Effect, EffectParameter
 
 def _bent(changes, values):
     depth = values["force"]
-    changes.curve("position", [0.0, 0.3 * depth, depth, depth, 0.3 * depth, 0.0, 0.0, 0.0], 0.0, 1.4)
+    changes.add_curve("position", [0.0, 0.3 * depth, depth, depth, 0.3 * depth, 0.0, 0.0, 0.0], 0.0, 1.4)
 
 
 EFFECTS = (
@@ -163,10 +163,10 @@ EFFECTS = (
 )
 """
 USES_IT = """
-from omnimj.effects import applied, parse_effect, with_effects
+from omnimj.effects import apply_effects, parse_effect, with_effects
 from omnimj.parameters import read_rig
 name, values = parse_effect("bent_rail:force=2", "quarter_rig")
-print(name, applied(with_effects(read_rig(), {name: values})).terms[0].max())
+print(name, apply_effects(with_effects(read_rig(), {name: values})).terms[0].max())
 """
 
 

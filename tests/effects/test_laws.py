@@ -15,20 +15,22 @@ from omnimj.effects import with_effects
 from omnimj.errors import InputError
 from omnimj.physics import effect_terms as terms_of
 from omnimj.physics.effect_terms import (
-    BACKLASH,
     CURVES,
     KNOTS,
-    ROTOR,
+    TERM,
+    AxleTorque,
+    Backlash,
     curve_force,
     mark_active,
     mean_ripple,
     step_backlash,
+    terms_at,
     traction_scale,
     write_curve,
     zero_terms,
 )
-from omnimj.physics.motor import motor_row
-from omnimj.physics.rig import OUTPUT, POSITION, SPEED, STATE, rig_row, step
+from omnimj.physics.motor import motor_parameters
+from omnimj.physics.rig import RigModel, RigState, rig_parameters, step
 
 MASS = RIG.rig.masses[0]
 INERTIA = RIG.wheel.inertia + RIG.motor.reflected_inertia
@@ -204,13 +206,11 @@ def test_the_motor_s_encoder_sees_the_play_of_the_gear():
     torque=st.floats(-0.6, 0.6), other=st.floats(-0.6, 0.6),
 )  # fmt: skip
 def test_rotor_and_wheel_keep_their_momentum_through_the_gap(play, rate, speed, torque, other):
-    row, h = zero_terms()[0], 2.5e-4
-    row[BACKLASH], row[ROTOR] = 0.04, RIG.motor.reflected_inertia
-    change, next_play, next_rate, touching = step_backlash(
-        row, play, rate, torque, torque, 0.0, speed, INERTIA, other, h
-    )
-    before = INERTIA * speed + row[ROTOR] * rate
-    after = INERTIA * (speed + h * change) + row[ROTOR] * next_rate
+    gear, h = Backlash(0.04, RIG.motor.reflected_inertia, play, rate), 2.5e-4
+    torques = AxleTorque(torque, torque, 0.0, other)
+    change, next_play, next_rate, touching = step_backlash(gear, torques, speed, INERTIA, h)
+    before = INERTIA * speed + gear.rotor_inertia * rate
+    after = INERTIA * (speed + h * change) + gear.rotor_inertia * next_rate
     assert after - before == pytest.approx(h * (torque + other), abs=1e-12)
     assert abs(next_play) <= 0.02 and (abs(next_play) < 0.02 or next_rate == 0.0)
     assert not touching or next_play == play
@@ -241,29 +241,28 @@ def test_a_tabulated_force_is_straight_between_its_knots(over):
             expected = np.interp(x % (2.0 * math.pi), knots, table)
         else:
             expected = np.interp(x, np.linspace(-1.0, 2.0, KNOTS), values)
-        assert curve_force(rows[0], *numbers) == pytest.approx(expected, abs=1e-9)
+        assert curve_force(terms_at(rows[0]), *numbers) == pytest.approx(expected, abs=1e-9)
 
 
 def test_a_tabulated_force_over_position_works_on_the_carriage():
     rows = zero_terms()
     write_curve(rows, 0, "position", [-0.5 * k for k in range(KNOTS)], 0.0, 0.7)
     mark_active(rows)
-    state, output = np.zeros(STATE), np.zeros(OUTPUT)
-    for _ in range(600):
-        step(
-            state, 0.9, 0.0, rig_row(RIG), motor_row(RIG.motor), STONE.row, rows[0], 2.5e-4, 4, False, output
-        )
+    motor, terms = motor_parameters(RIG.motor), terms_at(rows[0])
+    model, state = RigModel(rig_parameters(RIG), motor, STONE.traction, terms, False), RigState(*[0.0] * 9)
+    state, _ = step(state, 0.9, 0.0, model, 2.5e-4, 2400)
     spring = rig_run(
         with_effects(RIG, {"cable_drag": {"stiffness": 5.0}}), "planar", 600, 0.0, np.full(600, 0.9)
     )
-    assert state[POSITION] < 0.7
-    assert state[SPEED] == pytest.approx(spring[-1, 2], abs=1e-9)  # 0.5 N per 0.1 m
+    assert state.position < 0.7
+    assert state.speed == pytest.approx(spring[-1, 2], abs=1e-9)  # 0.5 N per 0.1 m
 
 
 def test_a_floor_patch_begins_and_ends_within_a_centimetre():
     rows = zero_terms()
-    rows[0, terms_of.PATCH : terms_of.PATCH_END + 1] = -0.6, 0.3, 0.6
-    found = [traction_scale(rows[0], x) for x in (0.0, 0.294, 0.3, 0.306, 0.45, 0.594, 0.6, 0.606, 2.0)]
+    rows[0, [TERM["patch"], TERM["patch_start"], TERM["patch_end"]]] = -0.6, 0.3, 0.6
+    terms = terms_at(rows[0])
+    found = [traction_scale(terms, x) for x in (0.0, 0.294, 0.3, 0.306, 0.45, 0.594, 0.6, 0.606, 2.0)]
     assert found == pytest.approx([1.0, 1.0, 0.7, 0.4, 0.4, 0.4, 0.7, 1.0, 1.0])
 
 

@@ -11,57 +11,52 @@ from scipy.integrate import quad
 
 from omnimj.parameters import read_robot
 from omnimj.physics import motor as m
-from omnimj.physics.wheel import mean_current, motor_torque_bounds
 
 MOTOR = read_robot().motor
 currents = st.floats(-3.0, 3.0)
 speeds = st.floats(-60.0, 60.0)
 
 
-def _row(**changes):
-    row = m.motor_row(MOTOR)
-    for name, value in changes.items():
-        row[getattr(m, name)] = value
-    return row
+def _motor(**changes):
+    return m.motor_parameters(MOTOR)._replace(**changes)
 
 
 def test_a_driving_motor_gives_the_closed_form():
     speed = 10.0
     shaft = MOTOR.torque_constant * 1.0 - MOTOR.no_load_torque - MOTOR.viscous * MOTOR.gear_ratio * speed
-    forward, _ = m.drive_torque_bounds(_row(), 1.0, speed)
+    forward, _ = m.drive_torque_bounds(_motor(), 1.0, speed)
     assert forward == pytest.approx(shaft * MOTOR.gear_ratio * MOTOR.gear_efficiency, rel=1e-14)
 
 
 def test_a_driven_gear_loses_the_other_way_round():
-    forward, _ = m.drive_torque_bounds(_row(VISCOUS=0.0), -1.0, 10.0)
+    forward, _ = m.drive_torque_bounds(_motor(viscous=0.0), -1.0, 10.0)
     shaft = -MOTOR.torque_constant - MOTOR.no_load_torque
     assert forward == pytest.approx(shaft * MOTOR.gear_ratio / MOTOR.gear_efficiency, rel=1e-14)
 
 
 @given(currents, speeds)
 def test_friction_bounds_never_cross(current, speed):
-    low, high = m.drive_torque_bounds(_row(), current, speed)
+    low, high = m.drive_torque_bounds(_motor(), current, speed)
     assert low <= high
 
 
 @given(speeds)
 def test_without_current_the_drive_only_brakes(speed):
-    low, high = m.drive_torque_bounds(_row(), 0.0, speed)
+    low, high = m.drive_torque_bounds(_motor(), 0.0, speed)
     assert (low if speed > 0.0 else high) * speed <= 0.0
     assert low <= 0.0 <= high or speed != 0.0
 
 
 @pytest.mark.parametrize("speed", [0.0, -5.0])
 def test_printed_no_load_torque_drives_a_motor_without_current(speed):
-    low, high = motor_torque_bounds(_row(), 0.0, speed, True)
+    low, high = m.motor_torque_bounds(_motor(), 0.0, speed, True)
     printed = -MOTOR.no_load_torque * MOTOR.gear_efficiency * MOTOR.gear_ratio
     assert low == high == pytest.approx(printed)
 
 
 @given(currents, speeds)
 def test_the_supply_is_never_exceeded(command, speed):
-    row = _row()
-    current = m.achievable_current(row, command, speed)
+    current = m.achievable_current(_motor(), command, speed)
     voltage = MOTOR.resistance * current + MOTOR.torque_constant * MOTOR.gear_ratio * speed
     assert abs(voltage) <= MOTOR.supply + 1e-9
     if abs(MOTOR.torque_constant * MOTOR.gear_ratio * speed) < MOTOR.supply:
@@ -69,37 +64,36 @@ def test_the_supply_is_never_exceeded(command, speed):
 
 
 def test_the_current_lags_by_its_time_constant():
-    current = m.next_current(_row(), 0.0, 1.0, 0.0, MOTOR.current_loop)
+    current = m.next_current(_motor(), 0.0, 1.0, 0.0, MOTOR.current_loop)
     assert current == pytest.approx(1.0 - math.exp(-1.0), rel=1e-14)
     half = 0.5 * MOTOR.current_loop
-    twice = m.next_current(_row(), m.next_current(_row(), 0.0, 1.0, 0.0, half), 1.0, 0.0, half)
+    twice = m.next_current(_motor(), m.next_current(_motor(), 0.0, 1.0, 0.0, half), 1.0, 0.0, half)
     assert twice == pytest.approx(current, rel=1e-14)
 
 
 def test_mean_current_is_the_integral_over_the_step():
-    h, row = 2.5e-4, _row()
-    total, _ = quad(lambda t: m.next_current(row, 0.2, 1.0, 0.0, t), 0.0, h)
-    mean = mean_current(row, 0.2, m.next_current(row, 0.2, 1.0, 0.0, h), 1.0, 0.0, h)
+    h, motor = 2.5e-4, _motor()
+    total, _ = quad(lambda t: m.next_current(motor, 0.2, 1.0, 0.0, t), 0.0, h)
+    mean = m.mean_current(motor, 0.2, m.next_current(motor, 0.2, 1.0, 0.0, h), 1.0, 0.0, h)
     assert mean == pytest.approx(total / h, rel=1e-12)
 
 
 def test_overrides_replace_the_command():
-    assert m.achievable_current(_row(OVERRIDE=1.0), 1.0, 0.0) == 0.0
-    assert (
-        m.achievable_current(_row(OVERRIDE=2.0, OVERRIDE_CURRENT=math.inf), -1.0, 0.0) == MOTOR.current_limit
-    )
-    assert m.achievable_current(_row(OVERRIDE=2.0, OVERRIDE_CURRENT=-0.5), 1.0, 0.0) == -0.5
+    assert m.achievable_current(_motor(override=m.FREE), 1.0, 0.0) == 0.0
+    over = _motor(override=m.HARD_OVER, override_current=math.inf)
+    assert m.achievable_current(over, -1.0, 0.0) == MOTOR.current_limit
+    assert m.achievable_current(_motor(override=m.HARD_OVER, override_current=-0.5), 1.0, 0.0) == -0.5
 
 
 @given(currents, st.floats(0.0, 60.0), st.floats(1e-3, 1.0))
 def test_a_second_motor_never_takes_more_than_its_shaft_holds(current, speed, torque):
-    own = m.winding_current(_row(PARALLEL_TORQUE=torque), current, speed)
+    own = m.winding_current(_motor(parallel_torque=torque), current, speed)
     assert abs(current - own) <= torque / MOTOR.torque_constant + 1e-12
-    assert m.winding_current(_row(), current, speed) == current
+    assert m.winding_current(_motor(), current, speed) == current
 
 
 def test_a_held_second_motor_takes_half_the_current_at_rest():
-    assert m.winding_current(_row(PARALLEL_TORQUE=10.0), 1.0, 0.0) == pytest.approx(0.5)
+    assert m.winding_current(_motor(parallel_torque=10.0), 1.0, 0.0) == pytest.approx(0.5)
 
 
 bounds = st.tuples(st.floats(-5.0, 5.0), st.floats(0.0, 5.0)).map(lambda p: (p[0], p[0] + p[1]))

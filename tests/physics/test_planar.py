@@ -15,20 +15,22 @@ from scipy.integrate import solve_ivp
 from omnimj.parameters import WheelMount, read_floors, read_robot
 from omnimj.physics.effect_terms import zero_terms
 from omnimj.physics.kinematics import rolling_matrix
-from omnimj.physics.motor import NO_LOAD, drive_torque_bounds, motor_row
+from omnimj.physics.motor import MotorParameters, drive_torque_bounds, motor_parameters
 from omnimj.physics.planar import (
-    NORMAL,
+    PlanarModel,
     derivative,
     output_size,
     planar_constants,
-    pose_offset,
+    planar_state,
     state_size,
     step,
 )
+from omnimj.physics.planar_wheel import planar_wheel_at
 from omnimj.physics.traction import force_ratio, relaxation_rate
 
 ROBOT, FLOORS, N = read_robot(), read_floors(), 4
-MOTORS = np.tile(motor_row(ROBOT.motor), (N, 1))
+MOTOR = motor_parameters(ROBOT.motor)
+MOTORS = np.tile(np.array(MOTOR), (N, 1))
 PLAIN = planar_constants(ROBOT)
 BREAKAWAY = ROBOT.motor.no_load_torque / ROBOT.motor.torque_constant
 H = 2.5e-4
@@ -36,6 +38,14 @@ H = 2.5e-4
 
 def _floors(name):
     return np.tile(FLOORS[name].row, (N, 1))
+
+
+def _model(constants, floors, published=False, motors=MOTORS):
+    return PlanarModel(constants.body, constants.wheels, motors, floors, zero_terms(len(floors)), published)
+
+
+def _normal_forces(constants):
+    return np.array([planar_wheel_at(row).normal for row in constants.wheels])
 
 
 def _gliding():
@@ -53,21 +63,9 @@ def _state(twist=(0.0, 0.0, 0.0), wheel_speed=(0.0,) * N):
 def _stepped(state, command, constants, floors, duration, published=False, h=H, motors=MOTORS):
     """States every millisecond, from the given one on (which is left alone), and the outputs."""
     state, output, each = state.copy(), np.zeros(output_size(N)), round(1e-3 / h)
-    states, outputs = [state.copy()], []
+    states, outputs, model = [state.copy()], [], _model(constants, floors, published, motors)
     for _ in range(round(duration * 1000)):
-        step(
-            state,
-            np.asarray(command, float),
-            constants.body,
-            constants.wheels,
-            motors,
-            floors,
-            zero_terms(N),
-            h,
-            each,
-            published,
-            output,
-        )
+        step(state, np.asarray(command, float), model, h, each, output)
         states.append(state.copy())
         outputs.append(output.copy())
     return np.array(states), np.array(outputs)
@@ -76,7 +74,7 @@ def _stepped(state, command, constants, floors, duration, published=False, h=H, 
 def _integrated(state, command, constants, floors, duration, published=False):
     command = np.asarray(command, float)
     time = np.arange(round(duration * 1000) + 1) * 1e-3
-    numbers = (0.0, constants.body, constants.wheels, MOTORS, floors, 1e-4, published)
+    numbers = (0.0, _model(constants, floors, published), 1e-4)
     return solve_ivp(
         lambda _, y: derivative(y, command, *numbers),
         (0.0, time[-1]), state[: 3 * N + 3], method="LSODA", t_eval=time, rtol=1e-9, atol=1e-9,
@@ -151,10 +149,9 @@ def test_power_balance(twist, wheel_speed, z, command, payload):
     """dT/dt = Σ T_i φ̇_i − Σ F_i V_r,i − Σ G_i v_lat,i, written afresh."""
     rolling = 0.01
     robot = dataclasses.replace(ROBOT, wheel=dataclasses.replace(ROBOT.wheel, rolling_resistance=rolling))
-    constants, floor = planar_constants(robot, payload=payload), FLOORS["paperboard"].row
+    constants, floor = planar_constants(robot, payload=payload), FLOORS["paperboard"].traction
     state = np.concatenate([z, wheel_speed, twist])
-    arguments = (np.array(command), 0.0, constants.body, constants.wheels, MOTORS, _floors("paperboard"))
-    rates = derivative(state, *arguments, 1e-4, False)
+    rates = derivative(state, np.array(command), 0.0, _model(constants, _floors("paperboard")), 1e-4)
     r, wheel, motor, bearing = ROBOT.wheel.radius, ROBOT.wheel, ROBOT.motor, ROBOT.bearing
     mass, com_x, com_y, inertia = constants.body[:4]
     v_x, v_y, w = twist
@@ -162,7 +159,7 @@ def test_power_balance(twist, wheel_speed, z, command, payload):
     body = np.array([rates[8] - rates[10] * com_y, rates[9] + rates[10] * com_x])
     axle = wheel.inertia + motor.reflected_inertia
     growth = mass * center @ body + inertia * w * rates[10] + axle * np.dot(wheel_speed, rates[4:8])
-    normal = constants.wheels[:, NORMAL]
+    normal = _normal_forces(constants)
     u = ROBOT.drive_directions
     n = np.column_stack([-u[:, 1], u[:, 0]])
     along = rolling_matrix(ROBOT.wheel_positions, u) @ twist
@@ -178,7 +175,7 @@ def test_power_balance(twist, wheel_speed, z, command, payload):
         drag = bearing.dry * (abs(f_a) + abs(f_b)) * bearing.pitch_diameter / 2 + rolling * normal[i] * r
         back_emf = motor.torque_constant * motor.gear_ratio * wheel_speed[i]
         high, low = [(volt - back_emf) / motor.resistance for volt in (motor.supply, -motor.supply)]
-        forward, backward = drive_torque_bounds(MOTORS[i], max(low, min(high, command[i])), wheel_speed[i])
+        forward, backward = drive_torque_bounds(MOTOR, max(low, min(high, command[i])), wheel_speed[i])
         share = 0.5 * (1.0 + math.tanh(r * wheel_speed[i] / 1e-4))
         power += wheel_speed[i] * (share * (forward - drag) + (1.0 - share) * (backward + drag))
     assert growth == pytest.approx(power, rel=1e-9, abs=1e-9)
@@ -194,7 +191,7 @@ def test_without_current_energy_only_falls(twist, wheel_speed, payload, floor):
     energy = 0.5 * mass * ((v_x - w * com_y) ** 2 + (v_y + w * com_x) ** 2) + 0.5 * inertia * w**2
     axle = ROBOT.wheel.inertia + ROBOT.motor.reflected_inertia
     energy += 0.5 * axle * np.sum(states[:, 4:8] ** 2, axis=1)
-    normal = constants.wheels[:, NORMAL]
+    normal = _normal_forces(constants)
     energy += 0.5 * FLOORS[floor].numbers["sigma_0"] * states[:, :4] ** 2 @ normal
     energy += 0.5 * ROBOT.wheel.roller_bristle_stiffness * states[:, 15:19] ** 2 @ normal
     # back-EMF against the supply cannot drive either: 0 A is within reach below 29.6 rad/s
@@ -209,7 +206,7 @@ def test_stiction_holds_below_breakaway(share):
 
 
 def test_wheels_turn_above_breakaway():
-    drag = 0.01 * PLAIN.wheels[0, NORMAL] * (0.03 + 2 * 0.02) / 0.03 * 0.006  # Eqs. 4.37-4.38 at G = 0
+    drag = 0.01 * _normal_forces(PLAIN)[0] * (0.03 + 2 * 0.02) / 0.03 * 0.006  # Eqs. 4.37-4.38 at G = 0
     motor = ROBOT.motor
     breakaway = BREAKAWAY + drag / (motor.gear_ratio * motor.gear_efficiency * motor.torque_constant)
     for share, turns in ((0.999, False), (1.02, True)):
@@ -244,9 +241,11 @@ def test_printed_no_load_torque_moves_a_robot_without_current():
         states, _ = _stepped(_state(), [0.0] * N, PLAIN, _floors("natural_stone"), 1.0, published)
         assert bool(abs(states[-1, 10]) > 0.1) is published
     quiet = MOTORS.copy()
-    quiet[:, NO_LOAD] = 0.0  # it is this torque and nothing else
+    quiet[:, MotorParameters._fields.index("no_load_torque")] = 0.0  # it is this torque and nothing else
     states, _ = _stepped(_state(), [0.0] * N, PLAIN, _floors("natural_stone"), 1.0, True, motors=quiet)
-    assert np.all(np.delete(states, pose_offset(N) - 1, axis=1) == 0.0)  # but for the time
+    for row in states:
+        planar_state(row).clock[:] = 0.0
+    assert np.all(states == 0.0)
 
 
 def test_roller_friction_settles_at_the_printed_force():
@@ -293,26 +292,15 @@ def test_three_wheels_at_120_degrees_obey_the_same_equations():
     )
     constants = planar_constants(dataclasses.replace(ROBOT, wheels=mounts), payload=(2.0, 0.05, 0.02))
     motors, floors, command = MOTORS[:3], _floors("pvc")[:3], np.array([0.9, -0.6, 0.4])
-    assert constants.wheels[:, NORMAL].sum() == pytest.approx((ROBOT.body.mass + 2.0) * 9.81)
-    numbers = (0.0, constants.body, constants.wheels, motors, floors, 1e-4, False)
+    assert _normal_forces(constants).sum() == pytest.approx((ROBOT.body.mass + 2.0) * 9.81)
+    model = _model(constants, floors, motors=motors)
+    numbers = (0.0, model, 1e-4)
     exact = solve_ivp(
         lambda _, y: derivative(y, command, *numbers),
         (0.0, 1.0), np.zeros(12), method="LSODA", rtol=1e-9, atol=1e-9,
     ).y[:, -1]  # fmt: skip
     state, output = np.zeros(state_size(3)), np.zeros(output_size(3))
-    step(
-        state,
-        command,
-        constants.body,
-        constants.wheels,
-        motors,
-        floors,
-        zero_terms(3),
-        H,
-        4000,
-        False,
-        output,
-    )
+    step(state, command, model, H, 4000, output)
     assert_allclose(state[6:9], exact[6:9], atol=5e-3)
     assert np.abs(exact[6:9]).min() > 0.01
 

@@ -10,28 +10,33 @@ from numpy.testing import assert_allclose
 
 from omnimj.errors import InputError
 from omnimj.parameters import read_robot
-from omnimj.physics.planar import COM_X, COM_Y, MASS, NORMAL, YAW_INERTIA, planar_constants
+from omnimj.physics.planar import body_at, planar_constants
+from omnimj.physics.planar_wheel import planar_wheel_at
 
 ROBOT = read_robot()
 PLAIN = planar_constants(ROBOT)
 
 
+def normal_forces(constants):
+    return np.array([planar_wheel_at(row).normal for row in constants.wheels])
+
+
 @given(st.floats(-3.0, 20.0), st.floats(-0.05, 0.05), st.floats(-0.05, 0.05))
 def test_static_normal_forces_balance_the_weight(mass, x, y):
     constants = planar_constants(ROBOT, payload=(mass, x, y))
-    normal, p = constants.wheels[:, NORMAL], ROBOT.wheel_positions
+    normal, p = normal_forces(constants), ROBOT.wheel_positions
     assert normal.sum() == pytest.approx((ROBOT.body.mass + mass) * 9.81)
     assert_allclose(p.T @ normal, mass * 9.81 * np.array([x, y]), atol=1e-9)
-    assert_allclose(PLAIN.wheels[:, NORMAL], ROBOT.body.mass * 9.81 / 4)
+    assert_allclose(normal_forces(PLAIN), ROBOT.body.mass * 9.81 / 4)
 
 
 @given(st.floats(-3.0, 20.0), st.floats(-0.05, 0.05), st.floats(-0.05, 0.05))
 def test_yaw_inertia_is_that_of_two_bodies_about_their_common_centre(extra, x, y):
     mass, reduced = ROBOT.body.mass, ROBOT.body.mass * extra / (ROBOT.body.mass + extra)
-    body = planar_constants(ROBOT, payload=(extra, x, y)).body
-    assert body[MASS] == pytest.approx(mass + extra)
-    assert body[YAW_INERTIA] == pytest.approx(ROBOT.body.yaw_inertia + reduced * (x * x + y * y))
-    assert_allclose(body[[COM_X, COM_Y]], extra / (mass + extra) * np.array([x, y]))
+    body = body_at(planar_constants(ROBOT, payload=(extra, x, y)).body)
+    assert body.mass == pytest.approx(mass + extra)
+    assert body.yaw_inertia == pytest.approx(ROBOT.body.yaw_inertia + reduced * (x * x + y * y))
+    assert_allclose([body.com_x, body.com_y], extra / (mass + extra) * np.array([x, y]))
 
 
 @pytest.mark.parametrize(

@@ -12,13 +12,12 @@ from rig_reference import integrate, rates
 from scipy.integrate import solve_ivp
 
 from omnimj.parameters import read_floors, read_rig
-from omnimj.physics.effect_terms import zero_terms
-from omnimj.physics.motor import motor_row
-from omnimj.physics.rig import OUTPUT, STATE, derivative, rail_friction, rig_row, step
+from omnimj.physics.effect_terms import terms_at, zero_terms
+from omnimj.physics.motor import motor_parameters
+from omnimj.physics.rig import OUTPUT, RigModel, RigState, derivative, rail_friction, rig_parameters, step
 
 RIG, FLOORS = read_rig(), read_floors()
-MOTOR = motor_row(RIG.motor)
-NONE = zero_terms()[0]
+NONE, REST = terms_at(zero_terms()[0]), RigState(*[0.0] * len(RigState._fields))
 WEIGHT = 3.9593 * 9.81
 WITHOUT_BEARING = dataclasses.replace(RIG, bearing=dataclasses.replace(RIG.bearing, dry=0.0))
 # every term that is zero in the shipped rig has a value here
@@ -30,13 +29,18 @@ EVERYTHING = dataclasses.replace(
 )
 
 
+def _model(rig=RIG, floor="natural_stone", mass=None, published=False):
+    motor, traction = motor_parameters(rig.motor), FLOORS[floor].traction
+    return RigModel(rig_parameters(rig, mass), motor, traction, NONE, published)
+
+
 def _run(current, floor="natural_stone", mass=3.9593, duration=2.0, lateral=0.0, published=False, rig=RIG):
-    state, output, row = np.zeros(STATE), np.zeros(OUTPUT), rig_row(rig, mass)
-    states, outputs = [state.copy()], [output.copy()]
+    state, model = REST, _model(rig, floor, mass, published)
+    states, outputs = [state], [[0.0] * OUTPUT]
     for _ in range(round(duration * 1000)):
-        step(state, current, lateral, row, MOTOR, FLOORS[floor].row, NONE, 2.5e-4, 4, published, output)
-        states.append(state.copy())
-        outputs.append(output.copy())
+        state, output = step(state, current, lateral, model, 2.5e-4, 4)
+        states.append(state)
+        outputs.append(output)
     return np.array(states), np.array(outputs)
 
 
@@ -64,35 +68,35 @@ speeds, wheel_speeds = st.floats(-1.5, 1.5), st.floats(-30.0, 30.0)
 @given(speeds, wheel_speeds, st.floats(-0.002, 0.002), st.floats(-1.5, 1.5), st.floats(-0.7, 0.7))
 def test_right_hand_side_is_the_references(speed, wheel_speed, z, current, lateral):
     state = np.array([speed, wheel_speed, z, 0.3])
-    mine = derivative(state, current, lateral, rig_row(EVERYTHING), MOTOR, FLOORS["pvc"].row, 1e-4, False)
+    mine = derivative(state, current, lateral, _model(EVERYTHING, "pvc"), 1e-4)
     theirs, _ = rates(EVERYTHING, FLOORS["pvc"], RIG.rig.masses[0], current, lateral, state)
     np.testing.assert_allclose(mine, theirs, rtol=1e-9, atol=1e-9)
 
 
 @given(speeds, wheel_speeds, st.floats(-1.5, 1.5))
 def test_without_lag_the_current_is_the_set_one(speed, wheel_speed, current):
-    row, floor = rig_row(RIG), FLOORS["pvc"].row
-    short = derivative(np.array([speed, wheel_speed, 0.0]), current, 0.0, row, MOTOR, floor, 1e-4, False)
+    model = _model(floor="pvc")
+    short = derivative(np.array([speed, wheel_speed, 0.0]), current, 0.0, model, 1e-4)
     emf = RIG.motor.torque_constant * RIG.motor.gear_ratio * wheel_speed
     most, least = (24.0 - emf) / RIG.motor.resistance, (-24.0 - emf) / RIG.motor.resistance
     state = np.array([speed, wheel_speed, 0.0, max(least, min(most, current))])
-    full = derivative(state, current, 0.0, row, MOTOR, floor, 1e-4, False)
+    full = derivative(state, current, 0.0, model, 1e-4)
     np.testing.assert_allclose(short, full[:3], rtol=1e-12, atol=1e-12)
 
 
 def test_a_measured_current_can_drive_the_smooth_model():
     time = np.linspace(0.0, 1.0, 1001)
     measured = 0.9 * np.minimum(time / 0.1, 1.0)
-    row, floor = rig_row(RIG), FLOORS["natural_stone"].row
+    model = _model()
 
     def rate(t, state):
-        return derivative(state, np.interp(t, time, measured), 0.0, row, MOTOR, floor, 1e-4, False)
+        return derivative(state, np.interp(t, time, measured), 0.0, model, 1e-4)
 
     smooth = solve_ivp(rate, (0.0, 1.0), np.zeros(3), method="LSODA", rtol=1e-9, atol=1e-9, max_step=0.01)
-    state, output = np.zeros(STATE), np.zeros(OUTPUT)
-    for current in measured[1:]:
-        step(state, current, 0.0, row, MOTOR, floor, NONE, 2.5e-4, 4, False, output)
-    assert state[0] == pytest.approx(smooth.y[0, -1], abs=2e-3)
+    state = REST
+    for current in measured[1:].tolist():
+        state, _ = step(state, current, 0.0, model, 2.5e-4, 4)
+    assert state.speed == pytest.approx(smooth.y[0, -1], abs=2e-3)
 
 
 def test_published_cruise_current_and_top_speed():
@@ -125,10 +129,10 @@ def test_a_current_of_015_just_moves_but_for_the_wheel_bearing():
 
 
 def test_rail_load_without_offsets_is_the_roller_friction_times_its_leverage():
-    dry, _ = rail_friction(rig_row(RIG), 1.0)
+    dry, _ = rail_friction(rig_parameters(RIG), 1.0)
     c_over_h = RIG.rig.rail_height / RIG.rig.rail_half_width
     assert dry == pytest.approx(0.304 + 0.10 * c_over_h)
-    assert rail_friction(rig_row(RIG), 0.0)[0] == pytest.approx(0.304)
+    assert rail_friction(rig_parameters(RIG), 0.0)[0] == pytest.approx(0.304)
 
 
 @pytest.mark.parametrize("lateral", [0.2, 0.5, -0.2, -0.5])
@@ -156,10 +160,8 @@ def test_resting_rig_is_still_to_the_last_bit():
 
 
 def test_carriage_stops_and_stays():
-    row, output = rig_row(RIG), np.zeros(OUTPUT)
-    state = np.zeros(STATE)
-    state[:2] = 0.5, 10.0
-    for _ in range(6000):
-        step(state, 0.0, 0.0, row, MOTOR, FLOORS["natural_stone"].row, NONE, 2.5e-4, 4, False, output)
-    assert abs(state[0]) < 1e-9
-    assert abs(state[1]) < 1e-9
+    state, model = REST._replace(speed=0.5, wheel_speed=10.0), _model()
+    for _ in range(6):
+        state, _ = step(state, 0.0, 0.0, model, 2.5e-4, 4000)
+    assert abs(state.speed) < 1e-9
+    assert abs(state.wheel_speed) < 1e-9

@@ -16,7 +16,8 @@ from omnimj.errors import InputError
 from omnimj.parameters import read_robot
 from omnimj.parameters.robot import WheelMount, roller_sin_cos
 from omnimj.physics.kinematics import rolling_matrix
-from omnimj.physics.planar import contact_force, contact_velocity, planar_constants, wheel_velocity
+from omnimj.physics.planar import planar_constants
+from omnimj.physics.planar_wheel import contact_force, contact_velocity, planar_wheel_at, wheel_velocity
 from omnimj.plant.planar import PlanarRobot
 from omnimj.signals import CurrentCommand
 
@@ -44,7 +45,8 @@ def test_wheels_that_turn_as_the_rolling_matrix_says_do_not_slip_whatever_the_an
     speeds = rolling_matrix(robot.wheel_positions, robot.rolling_directions) @ (v_x, v_y, turn)
     sides = rolling_matrix(robot.wheel_positions, robot.side_directions) @ (v_x, v_y, turn)
     for row, rim, side in zip(rows, speeds, sides, strict=True):
-        slip, sideways = contact_velocity(row, rim, *wheel_velocity(row, v_x, v_y, turn))
+        wheel = planar_wheel_at(row)
+        slip, sideways = contact_velocity(wheel, rim, *wheel_velocity(wheel, v_x, v_y, turn))
         assert slip == pytest.approx(0.0, abs=1e-12)
         assert sideways == pytest.approx(side, abs=1e-12)
 
@@ -53,9 +55,9 @@ def test_wheels_that_turn_as_the_rolling_matrix_says_do_not_slip_whatever_the_an
 def test_the_floor_takes_as_much_power_from_wheel_and_body_as_slip_and_rollers_waste(
     angle, rim, along, across, traction, drag
 ):
-    row = planar_constants(with_rollers(angle)).wheels[0]
-    ahead, aside = contact_force(row, traction, drag)
-    slip, sideways = contact_velocity(row, rim, along, across)
+    wheel = planar_wheel_at(planar_constants(with_rollers(angle)).wheels[0])
+    ahead, aside = contact_force(wheel, traction, drag)
+    slip, sideways = contact_velocity(wheel, rim, along, across)
     given_up = ahead * along - aside * across - ahead * rim
     assert given_up == pytest.approx(-traction * slip - drag * sideways, abs=1e-12)
 

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad, solve_ivp
 
 from omnimj.parameters import read_floors
-from omnimj.physics.traction import exact_step, force_ratio, relaxation_rate, steady_ratio
-from omnimj.physics.wheel import mean_deflection
+from omnimj.physics.traction import exact_step, force_ratio, mean_deflection, relaxation_rate, steady_ratio
 
 FLOORS = read_floors()
 LUGRE = [name for name, floor in FLOORS.items() if floor.law == "lugre"]
@@ -29,11 +27,11 @@ def _stribeck(floor, slip):
 
 
 def _settled(floor, slip, reference_speed, h=1e-3, time=None):
-    rate = relaxation_rate(floor.row, slip, reference_speed)
+    rate = relaxation_rate(floor.traction, slip, reference_speed)
     z = 0.0
     for _ in range(round((time or 40.0 / rate) / h) + 1):
         z = exact_step(z, slip, rate, h)
-    return force_ratio(floor.row, z, slip, rate)
+    return force_ratio(floor.traction, z, slip, rate)
 
 
 @pytest.mark.parametrize("name", LUGRE)
@@ -42,7 +40,7 @@ def test_steady_traction_is_the_closed_form(name, slip):
     floor = FLOORS[name]
     closed = _stribeck(floor, slip) * math.copysign(1.0, slip) + floor.numbers["sigma_2"] * slip
     assert _settled(floor, slip, 1.0) == pytest.approx(closed, rel=1e-12)
-    assert steady_ratio(floor.row, slip, 1.0) == pytest.approx(closed, rel=1e-12)
+    assert steady_ratio(floor.traction, slip, 1.0) == pytest.approx(closed, rel=1e-12)
 
 
 @pytest.mark.parametrize("name", LUGRE)
@@ -52,7 +50,7 @@ def test_exact_step_agrees_with_an_adaptive_integrator(name, slip):
     solution = solve_ivp(
         lambda _, z: slip - q["sigma_0"] * abs(slip) / g * z, (0.0, 0.05), [0.002], rtol=1e-11, atol=1e-13
     )
-    rate = relaxation_rate(FLOORS[name].row, slip, 1.0)
+    rate = relaxation_rate(FLOORS[name].traction, slip, 1.0)
     assert exact_step(0.002, slip, rate, 0.05) == pytest.approx(solution.y[0, -1], abs=1e-10)
 
 
@@ -67,16 +65,16 @@ def test_two_half_steps_are_one_step(z, slip, rate, h):
 def test_bristle_never_passes_its_largest_deflection(name, history):
     floor, z = FLOORS[name], 0.0
     for slip, h in history:
-        z = exact_step(z, slip, relaxation_rate(floor.row, slip, 3.0), h)
+        z = exact_step(z, slip, relaxation_rate(floor.traction, slip, 3.0), h)
         assert abs(z) <= floor.numbers["mu_s"] / floor.numbers["sigma_0"] * (1.0 + 1e-9)
 
 
 @given(st.sampled_from(sorted(FLOORS)), st.floats(-0.02, 0.02), slips, st.floats(0.01, 3.0))
 def test_traction_is_odd(name, z, slip, reference_speed):
-    row = FLOORS[name].row
-    rate = relaxation_rate(row, slip, reference_speed)
-    assert relaxation_rate(row, -slip, reference_speed) == rate
-    assert force_ratio(row, -z, -slip, rate) == -force_ratio(row, z, slip, rate)
+    floor_law = FLOORS[name].traction
+    rate = relaxation_rate(floor_law, slip, reference_speed)
+    assert relaxation_rate(floor_law, -slip, reference_speed) == rate
+    assert force_ratio(floor_law, -z, -slip, rate) == -force_ratio(floor_law, z, slip, rate)
 
 
 @given(st.floats(-0.02, 0.02), slips, st.floats(1e-3, 1e4), st.floats(1e-5, 0.1))
@@ -93,9 +91,9 @@ def test_mean_deflection_is_the_integral_over_the_step(z, slip, rate, h):
 def test_traction_only_takes_energy_out(name, history):
     floor, z, work = FLOORS[name], 0.0, 0.0
     for slip, h in history:
-        rate = relaxation_rate(floor.row, slip, 3.0)
+        rate = relaxation_rate(floor.traction, slip, 3.0)
         z_next = exact_step(z, slip, rate, h)
-        work += h * slip * force_ratio(floor.row, mean_deflection(z, z_next, slip, rate, h), slip, rate)
+        work += h * slip * force_ratio(floor.traction, mean_deflection(z, z_next, slip, rate, h), slip, rate)
         z = z_next
         stored = 0.5 * floor.numbers["sigma_0"] * z * z  # per newton of normal force
         assert work >= stored - 1e-9
@@ -103,12 +101,11 @@ def test_traction_only_takes_energy_out(name, history):
 
 @given(st.sampled_from(CAPPED), st.floats(-0.02, 0.02), slips)
 def test_a_capped_floor_is_lugre_up_to_its_ceiling(name, z, slip):
-    row = FLOORS[name].row
-    open_row = row.copy()
-    open_row[7] = np.inf
-    rate, cap = relaxation_rate(row, slip, 1.0), FLOORS[name].numbers["mu_cap"]
-    free = force_ratio(open_row, z, slip, rate)
-    assert force_ratio(row, z, slip, rate) == (free if abs(free) <= cap else math.copysign(cap, free))
+    floor_law = FLOORS[name].traction
+    without_cap = floor_law._replace(mu_cap=math.inf)
+    rate, cap = relaxation_rate(floor_law, slip, 1.0), FLOORS[name].numbers["mu_cap"]
+    free = force_ratio(without_cap, z, slip, rate)
+    assert force_ratio(floor_law, z, slip, rate) == (free if abs(free) <= cap else math.copysign(cap, free))
 
 
 @pytest.mark.parametrize(
@@ -117,7 +114,7 @@ def test_a_capped_floor_is_lugre_up_to_its_ceiling(name, z, slip):
     [("dry_asphalt", 0.1, 0.9558), ("ice", -0.25, -0.09715), ("snow", 0.2, 0.29146)],
 )
 def test_magic_formula_at_known_slip_ratios(name, slip_ratio, force):
-    assert steady_ratio(FLOORS[name].row, slip_ratio, 1.0) == pytest.approx(force, abs=1e-4)
+    assert steady_ratio(FLOORS[name].traction, slip_ratio, 1.0) == pytest.approx(force, abs=1e-4)
 
 
 @pytest.mark.parametrize("name", MAGIC)

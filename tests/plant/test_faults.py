@@ -13,14 +13,9 @@ from hypothesis import strategies as st
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import read_floors, read_robot
 from omnimj.physics.motor import (
-    BRAKE,
-    KT_SCALE,
-    OVERRIDE,
-    OVERRIDE_CURRENT,
-    PARALLEL_TORQUE,
     achievable_current,
     drive_torque_bounds,
-    motor_row,
+    motor_parameters,
     stick_or_slip,
     winding_current,
 )
@@ -212,9 +207,9 @@ def test_spoiled_table_is_a_fault_or_an_input_error(parts):
 
 def test_fault_holds_from_onset_until_before_its_end():
     fault = Fault("free", 1.0, 2.0, 1)
-    states = [held(fault, time=t).motor_rows[0, OVERRIDE] for t in (0.0, 0.999, 1.0, 1.5, 1.999, 2.0, 3.0)]
+    states = [held(fault, time=t).motors[0].override for t in (0.0, 0.999, 1.0, 1.5, 1.999, 2.0, 3.0)]
     assert states == [0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0]
-    assert held(Fault("free", 1.0, None, 1), time=1e9).motor_rows[0, OVERRIDE] == 1.0
+    assert held(Fault("free", 1.0, None, 1), time=1e9).motors[0].override == 1.0
 
 
 @pytest.mark.parametrize("steps", [300, 1300])
@@ -248,13 +243,13 @@ def test_events_are_the_sorted_times_between_which_nothing_changes():
 
 def test_without_faults_the_plant_is_healthy_and_arrays_are_fresh():
     healthy = held()
-    assert np.array_equal(healthy.motor_rows, np.tile(motor_row(MOTOR), (4, 1)))
+    assert healthy.motors == (motor_parameters(MOTOR),) * 4
     assert np.array_equal(healthy.grip, np.ones(4)) and np.array_equal(healthy.radius_scale, np.ones(4))
     assert np.array_equal(healthy.misalignment, np.zeros(4))
     assert healthy.floors == (None,) * 4
     assert healthy.payload == (0.0, 0.0, 0.0) and healthy.slope == (0.0, 0.0)
-    healthy.motor_rows[:] = 0.0
-    assert held().motor_rows[0, KT_SCALE] == 1.0
+    healthy.grip[:] = 0.0
+    assert held().grip[0] == 1.0
 
 
 def test_only_the_faulty_wheel_changes():
@@ -269,13 +264,13 @@ def test_only_the_faulty_wheel_changes():
 
 
 def test_each_kind_sets_its_own_conditions():
-    assert held(Fault("motor", 0, None, 2, {"loss": 0.57})).motor_rows[1, KT_SCALE] == pytest.approx(0.43)
-    row = held(Fault("motor", 0, None, 2, {"braking_torque": 0.02})).motor_rows[1]
-    assert row[PARALLEL_TORQUE] == pytest.approx(0.02 + MOTOR.no_load_torque)
-    row = held(Fault("hard_over", 0, None, 1)).motor_rows[0]
-    assert (row[OVERRIDE], row[OVERRIDE_CURRENT]) == (2.0, MOTOR.current_limit)
-    row = held(Fault("hard_over", 0, None, 1, {"current": -0.7})).motor_rows[0]
-    assert (row[OVERRIDE], row[OVERRIDE_CURRENT]) == (2.0, -0.7)
+    assert held(Fault("motor", 0, None, 2, {"loss": 0.57})).motors[1].torque_scale == pytest.approx(0.43)
+    motor = held(Fault("motor", 0, None, 2, {"braking_torque": 0.02})).motors[1]
+    assert motor.parallel_torque == pytest.approx(0.02 + MOTOR.no_load_torque)
+    motor = held(Fault("hard_over", 0, None, 1)).motors[0]
+    assert (motor.override, motor.override_current) == (2.0, MOTOR.current_limit)
+    motor = held(Fault("hard_over", 0, None, 1, {"current": -0.7})).motors[0]
+    assert (motor.override, motor.override_current) == (2.0, -0.7)
     assert held(Fault("slip", 0, None, 3, {"grip": 0.2})).grip.tolist() == [1.0, 1.0, 0.2, 1.0]
     assert held(Fault("slip", 0, None, 3, {"floor": "nylon"})).floors == (None, None, "nylon", None)
     assert held(Fault("all_wheel_slip", 0, None, None, {"grip": 0.2})).grip.tolist() == [0.2] * 4
@@ -288,7 +283,7 @@ def test_each_kind_sets_its_own_conditions():
 
 def test_motor_kernels_do_what_the_faults_say():
     free, over, lost, second, locked = (
-        held(Fault(kind, 0, None, 1, numbers)).motor_rows[0]
+        held(Fault(kind, 0, None, 1, numbers)).motors[0]
         for kind, numbers in (
             ("free", {}),
             ("hard_over", {}),
@@ -324,10 +319,10 @@ def test_faults_at_once_combine():
         Fault("locked", 0.0, None, 1),
         Fault("free", 0.0, None, 1),
     )
-    row = two.motor_rows[0]
-    assert row[KT_SCALE] == pytest.approx(0.4)
-    assert row[PARALLEL_TORQUE] == pytest.approx(0.03 + MOTOR.no_load_torque)
-    assert row[OVERRIDE] == 1.0 and row[BRAKE] > 10.0
+    motor = two.motors[0]
+    assert motor.torque_scale == pytest.approx(0.4)
+    assert motor.parallel_torque == pytest.approx(0.03 + MOTOR.no_load_torque)
+    assert motor.override == 1.0 and motor.brake > 10.0
     assert two.grip == pytest.approx([0.2, 0.4, 0.4, 0.4])
     assert two.misalignment[0] == pytest.approx(-0.2)
     assert two.radius_scale[0] == pytest.approx(0.99)
@@ -344,5 +339,5 @@ def test_of_two_that_exclude_each_other_the_latest_wins_and_the_first_comes_back
     order = faults[::-1] if reverse else faults
     for time, override, floor in ((1.5, 1.0, "oil"), (2.5, 2.0, "nylon"), (3.5, 1.0, "oil")):
         found = held(*order, time=time)
-        assert found.motor_rows[0, OVERRIDE] == override
+        assert found.motors[0].override == override
         assert found.floors == (floor, "oil", "oil", "oil")

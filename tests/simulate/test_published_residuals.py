@@ -21,7 +21,8 @@ from omnimj.diagnosis.published_thresholds import (
 from omnimj.parameters import Rig, Robot
 from omnimj.parameters.robot import read_robot
 from omnimj.physics import planar
-from omnimj.physics.motor import driven_by_measured_current, motor_row
+from omnimj.physics.effect_terms import zero_terms
+from omnimj.physics.motor import driven_by_measured_current, motor_parameters
 from omnimj.physics.planar import planar_constants
 from omnimj.simulate.run import run_scenario
 from omnimj.simulate.scenario.scenario import read_scenario
@@ -68,14 +69,14 @@ def test_the_robot_s_observer_integrates_the_equations_under_the_measured_curren
     robot, current = test.constants, trace.wheels("current")
     assert isinstance(robot, Robot)
     constants, floor = planar_constants(robot), test.floors[test.floor].row
-    motors = driven_by_measured_current(np.tile(motor_row(robot.motor), (4, 1)))
+    motors = np.tile(np.array(driven_by_measured_current(motor_parameters(robot.motor))), (4, 1))
+    floors = np.tile(floor, (4, 1))
+    model = planar.PlanarModel(constants.body, constants.wheels, motors, floors, zero_terms(4), False)
     period, rows = 1e-3, 1500
 
     def rates(time, state):
         now = min(max(math.ceil(time / period - 1e-9), 1), rows)
-        return planar.derivative(
-            state, current[now], 0.0, *_numbers(constants), motors, np.tile(floor, (4, 1)), 1e-3, False
-        )
+        return planar.derivative(state, current[now], 0.0, model, 1e-3)
 
     solved = solve_ivp(
         rates, (0.0, rows * period), np.zeros(11), "LSODA", np.arange(0, rows + 1, 100) * period,
@@ -85,10 +86,6 @@ def test_the_robot_s_observer_integrates_the_equations_under_the_measured_curren
     observed = (measured - residual)[: rows + 1 : 100]
     assert observed == pytest.approx(solved.y[4:8].T, abs=0.02)
     assert np.abs(residual[rows]).max() > 2.0  # and the fault shows
-
-
-def _numbers(constants):
-    return constants.body, constants.wheels
 
 
 def test_the_rig_s_observer_integrates_the_equations_under_the_measured_current():

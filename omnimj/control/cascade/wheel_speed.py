@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from omnimj.parameters import Robot
-from omnimj.physics.motor import LIMIT, achievable_current, motor_row
+from omnimj.physics.motor import achievable_current, motor_at, motor_parameters
 from omnimj.physics.native import kernel
 
 PROPORTIONAL, INTEGRAL = range(2)
@@ -27,9 +27,8 @@ def speed_loop_row(robot: Robot, period: float) -> np.ndarray:
 
 def amplifier_row(robot: Robot) -> np.ndarray:
     """The healthy motor with the controller's own current limit where that is lower, for `speed_loop`."""
-    row = motor_row(robot.motor)
-    row[LIMIT] = min(row[LIMIT], robot.control.current_limit)
-    return row
+    motor = motor_parameters(robot.motor)
+    return np.array(motor._replace(current_limit=min(motor.current_limit, robot.control.current_limit)))
 
 
 @kernel
@@ -47,9 +46,9 @@ def speed_loop(row, amplifier, target, measured, integral, scale=1.0):
       integral: q [A].
       scale: s, 1 over what is left of the torque constant; 0 for a motor that is given up.
     """
-    error = target - measured
+    motor, error = motor_at(amplifier), target - measured
     wanted = scale * (row[PROPORTIONAL] * error + integral)
-    missing = wanted - achievable_current(amplifier, wanted, measured)
+    missing = wanted - achievable_current(motor, wanted, measured)
     if missing * error <= 0.0:
         integral += row[INTEGRAL] * error
-    return wanted, min(max(integral, -amplifier[LIMIT]), amplifier[LIMIT])
+    return wanted, min(max(integral, -motor.current_limit), motor.current_limit)

@@ -1,4 +1,4 @@
-"""Steady traction curve F/F_N over slip: the fitted curve, the covered slip, and the points of Eq. (4.26)."""
+"""F/F_N over slip: the steady curve of a fit, what the runs cover of it, and the points of Eq. (4.26)."""
 
 from __future__ import annotations
 
@@ -22,40 +22,18 @@ _EPSILON = 1e-4
 
 
 def stribeck(shared: Array, slip: Array) -> Array:
-    """g(V_r) [1], Eq. 3.43.
-
-    Args:
-      shared: Logarithms of the parameters, shape (SHARED,).
-      slip: V_r, shape (n,) [m/s].
-
-    Returns:
-      Shape (n,).
-    """
+    """g(V_r) [1] of fitted logarithms, Eq. 3.43."""
     mu_c, mu_s, speed = np.exp(shared[[MU_C, MU_S, V_S]])
     return mu_c + (mu_s - mu_c) * np.exp(-np.sqrt(np.abs(slip) / speed))
 
 
 def steady_curve(shared: Array, slip: Array) -> Array:
-    """F/F_N = g(V_r) sign V_r + σ2 V_r [1].
-
-    Args:
-      shared: Logarithms of the parameters, shape (SHARED,).
-      slip: V_r, shape (n,) [m/s].
-
-    Returns:
-      Shape (n,).
-    """
+    """F/F_N = g(V_r) sign V_r + σ2 V_r [1]."""
     return stribeck(shared, slip) * np.sign(slip) + np.exp(shared[SIGMA_2]) * slip
 
 
 def slope(function, shared: Array, slip: Array) -> Array:
-    """Derivative of a curve with respect to the shared unknowns, shape (slips, SHARED).
-
-    Args:
-      function: `stribeck` or `steady_curve`.
-      shared: Logarithms of the parameters, shape (SHARED,).
-      slip: V_r, shape (slips,) [m/s].
-    """
+    """Derivative of a curve by the shared unknowns, shape (slips, SHARED)."""
     steps = _EPSILON * np.eye(len(shared))
     return np.stack(
         [(function(shared + s, slip) - function(shared - s, slip)) / (2 * _EPSILON) for s in steps], 1
@@ -63,10 +41,10 @@ def slope(function, shared: Array, slip: Array) -> Array:
 
 
 def points(fit: FloorFit) -> Points:
-    """Points of Eq. (4.26) in blocks of all runs, beside the fitted model in the same blocks."""
+    """Eq. (4.26) in blocks of all runs, beside the fitted model in the same blocks."""
     found = []
     for run, blocks in zip(fit.problem.runs, fit.problem.simulated(fit.shared, fit.own), strict=True):
-        radius = run.row[carriage.RADIUS] * np.exp(fit.shared[RADIUS_SCALE])
+        radius = run.parameters.radius * np.exp(fit.shared[RADIUS_SCALE])
         slip, ratio = measured_points(run, radius)
         found.append(np.stack((slip, ratio, blocks[:, carriage.SLIP], blocks[:, carriage.RATIO]), axis=1))
     table = np.concatenate(found)
@@ -78,18 +56,18 @@ def measured_points(run: CarriageRun, radius: float) -> tuple[Array, Array]:
     """V_r = r φ̇ − V [m/s] and F/F_N = (m V̇ + F_rail + F_roll)/(m g) [1] in blocks, NaN where not measured."""
     speed, acceleration = run.measured.T
     wheel = run.wheel_speed.reshape(-1, run.per_block).mean(axis=1)
-    mass, dry, viscous = run.row[[carriage.MASS, carriage.DRY, carriage.VISCOUS]]
+    mass, dry, viscous = run.parameters.mass, run.parameters.dry, run.parameters.viscous
     force = mass * acceleration + dry * np.sign(speed) + viscous * speed
     return radius * wheel - speed, force / (mass * GRAVITY)
 
 
 def start_values(runs: Sequence[CarriageRun]) -> Array:
-    """Initial parameters from a straight line through the sliding points of Eq. (4.26), shape (SHARED,).
+    """Where the fit begins: a straight line through the points of Eq. (4.26) that slide, shape (SHARED,).
 
-    The line is biased where slip is small against its noise, but good enough to start from.
+    The line is biased where slip is small against its noise; it is a start and nothing more.
     """
     shared = np.log([0.1, 0.1, 0.05, 30.0, 0.3, 2.5, 1.0])
-    pairs = [measured_points(run, run.row[carriage.RADIUS]) for run in runs]
+    pairs = [measured_points(run, run.parameters.radius) for run in runs]
     slip = np.concatenate([pair[0] for pair in pairs])
     ratio = np.concatenate([pair[1] for pair in pairs])
     slides = np.isfinite(slip) & np.isfinite(ratio) & (np.abs(slip) > _SLIDES) & (slip * ratio > 0.0)
@@ -102,9 +80,9 @@ def start_values(runs: Sequence[CarriageRun]) -> Array:
 
 
 def covered_slip(fit: FloorFit) -> tuple[float, float] | None:
-    """Slip over which the runs slide with a settled bristle [m/s]; None where they never do.
+    """Slip over which the runs slide with a settled bristle [m/s]; None when they never do.
 
-    While the bristle is still being stretched, F/F_N depends on its stiffness and not on g.
+    Where the bristle is still being stretched, F/F_N says how stiff it is and nothing of g.
     """
     slips = []
     for run, blocks in zip(fit.problem.runs, fit.problem.simulated(fit.shared, fit.own), strict=True):

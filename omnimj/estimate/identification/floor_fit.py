@@ -1,9 +1,9 @@
-"""Least-squares problem of one floor, all runs together: output error with a wheel that turns as measured.
+"""All runs of one floor as one least-squares problem: output error with a wheel that turns as measured.
 
-The unknowns are the logarithms of the six LuGre parameters and of the rolling radius, common to all runs, and
-per run a small deviation of that radius and the accelerometer's bias. Residuals are block means, whitened by
-an autoregression. Only the carriage is simulated, driven by the measured wheel speed: its own speed closes
-the slip, so the noise of two speeds never meets in a regressor, and motor and gear are not needed.
+Unknown are the logarithms of the six LuGre parameters and of the rolling radius, common to all runs, and per
+run a small deviation of that radius and the accelerometer's bias. Residuals are block means, whitened by an
+autoregression. Simulated is the carriage alone, pulled by the measured wheel speed: its own speed closes the
+slip, so the noise of two speeds never meets in a regressor, and motor and gear are not needed.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from omnimj.estimate.identification.runs import CarriageRun, floor_row
+from omnimj.estimate.identification.runs import CarriageRun, lugre
 from omnimj.estimate.least_squares import minimise
 from omnimj.physics import carriage
 from omnimj.signals import Array
@@ -30,8 +30,7 @@ _SHAPE = np.eye(SHARED)
 _SHAPE[MU_S, MU_C] = -1.0
 
 RADIUS_SPREAD = 2e-4
-"""Standard deviation of one run's rolling radius about the common one, from the load and place of the
-rollers."""
+"""Standard deviation of one run's rolling radius about the common one: how rollers load and lie."""
 LAGS = 2
 """Order of the autoregression of the residuals."""
 _STEP, _RADIUS_STEP = 1e-4, 1e-5
@@ -43,17 +42,12 @@ class Whitening:
     """Noise of the block means: scale and autoregression of each channel."""
 
     sigma: tuple[float, float]
-    """Standard deviation of the innovations: speed [m/s], acceleration [m/s²]."""
+    """Of the innovations: speed [m/s], acceleration [m/s²]."""
     lags: Array
     """Coefficients, shape (2, LAGS)."""
 
     def __call__(self, residual: Array, channel: int) -> Array:
-        """Whiten a residual; missing samples must be 0.
-
-        Args:
-          residual: Residual of one channel, shape (m,).
-          channel: 0 for speed, 1 for acceleration.
-        """
+        """Whitened residual; missing ones come as 0."""
         white = residual.copy()
         for lag, share in enumerate(self.lags[channel], start=1):
             white[lag:] -= share * residual[:-lag]
@@ -70,16 +64,16 @@ class RunJacobian:
     shared: Array
     """Shape (n, SHARED)."""
     own: Array
-    """Derivative with respect to the run's own radius, shape (n,)."""
+    """By the run's own radius, shape (n,)."""
 
     def without_own(self) -> Array:
-        """`shared` projected orthogonally to the derivative by the run's own radius, shape (n, SHARED)."""
+        """`shared` with what the run's own radius can do taken out, shape (n, SHARED)."""
         return self.shared - np.outer(self.own, self.own @ self.shared) / (self.own @ self.own)
 
 
 @dataclass(frozen=True)
 class FloorProblem:
-    """Runs of one floor and the noise of their residuals."""
+    """The runs of one floor and the noise of their residuals."""
 
     runs: tuple[CarriageRun, ...]
     bias_spread: float
@@ -88,19 +82,14 @@ class FloorProblem:
 
     def simulated(self, shared: Array, own: Array) -> list[Array]:
         """Block means of every run, shape (m, carriage.BLOCK) each."""
-        row = floor_row(np.exp(shared[:RADIUS_SCALE]))
+        floor = lugre(np.exp(shared[:RADIUS_SCALE]))
         return [
-            run.pull(row, float(np.exp(shared[RADIUS_SCALE] + off)))
+            run.pull(floor, float(np.exp(shared[RADIUS_SCALE] + off)))
             for run, off in zip(self.runs, own, strict=True)
         ]
 
     def residuals(self, shared: Array, own: Array) -> list[Array]:
-        """Whitened residuals of every run, its own radius and bias among them.
-
-        Args:
-          shared: Shared unknowns, shape (SHARED,).
-          own: Radius deviation of each run, shape (runs,).
-        """
+        """Whitened residuals of every run, its own radius and bias among them."""
         return [
             self._whitened(run, blocks, off)
             for run, blocks, off in zip(self.runs, self.simulated(shared, own), own, strict=True)
@@ -132,7 +121,7 @@ class FloorProblem:
         ]
 
     def with_whitening_of(self, shared: Array, own: Array) -> FloorProblem:
-        """The same problem with the noise estimated from the residuals of a fit."""
+        """The same problem with the noise that the residuals of a fit show."""
         errors: tuple[list[Array], list[Array]] = ([], [])
         for run, blocks in zip(self.runs, self.simulated(shared, own), strict=True):
             for channel, found in enumerate(errors):
@@ -150,7 +139,7 @@ class FloorProblem:
 
 
 def prior_residuals(shared: Array) -> Array:
-    """Residuals of the weak prior, shape (SHARED,)."""
+    """Residuals of the weak expectations, shape (SHARED,)."""
     return (_SHAPE @ shared - _CENTRE) / _SPREAD
 
 
@@ -206,7 +195,7 @@ def solve_floor(
     basis: Array | None = None,
     rounds: int = _MOST_ROUNDS,
 ) -> FloorFit:
-    """Fit the floor from one starting point.
+    """Fits the floor from one starting point.
 
     Args:
       problem: The runs.
@@ -294,7 +283,7 @@ class _SolverView:
 
 
 def solve_multistart(problem: FloorProblem, start: Array) -> FloorFit:
-    """Best fit out of several starting values of V_s."""
+    """The best fit out of several starts in V_s."""
     fits = []
     for speed in _STARTS:
         begin = start.copy()
@@ -304,7 +293,7 @@ def solve_multistart(problem: FloorProblem, start: Array) -> FloorFit:
 
 
 def solve_without_stribeck(fit: FloorFit) -> FloorFit:
-    """Fit with μ_s = μ_c, where V_s has no effect."""
+    """The fit with μ_s = μ_c, V_s without effect."""
     start = fit.shared.copy()
     start[MU_S] = start[MU_C]
     basis = np.delete(np.eye(SHARED), (MU_S, V_S), axis=1)
@@ -313,14 +302,7 @@ def solve_without_stribeck(fit: FloorFit) -> FloorFit:
 
 
 def solve_with_fixed(fit: FloorFit, index: int, value: float, start: FloorFit) -> FloorFit:
-    """Fit with one shared unknown held at a value.
-
-    Args:
-      fit: The unrestricted fit.
-      index: Index of the shared unknown.
-      value: Its value.
-      start: Fit that gives the starting point.
-    """
+    """The fit with one of the shared unknowns held at a value, from where another one ended."""
     shared = start.shared.copy()
     shared[index] = value
     basis = np.delete(np.eye(SHARED), index, axis=1)

@@ -11,10 +11,10 @@ from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
 from omnimj.parameters import Rig
-from omnimj.parameters.floor import LUGRE
+from omnimj.parameters.floor import LUGRE, TractionParameters
 from omnimj.physics import carriage
 from omnimj.physics.planar import GRAVITY
-from omnimj.physics.rig import lateral_force, rail_friction, rig_row
+from omnimj.physics.rig import lateral_force, rail_friction, rig_parameters
 from omnimj.recording.dataset import Run
 from omnimj.signals import Array
 
@@ -132,11 +132,11 @@ _FINDS_BACK = 0.2  # … for this long [s], several times the bristle's and the 
 
 @dataclass(frozen=True)
 class CarriageRun:
-    """A run for `physics.simulate_carriage`."""
+    """A run prepared for `physics.carriage.simulate_carriage`."""
 
     run: RigRun
-    row: Array
-    """Shape (PULL_ROW,)."""
+    parameters: carriage.CarriageParameters
+    """Mass, wheel radius and resistances of the run."""
     wheel_speed: Array
     """Cut to whole blocks, shape (k,) [rad/s]."""
     use: Array
@@ -158,31 +158,32 @@ class CarriageRun:
         width = self.per_block * self.run.period
         return width * (np.arange(len(self.measured), dtype=np.float64) + 0.5)
 
-    def pull(self, floor_row: Array, radius_scale: float) -> Array:
+    def pull(self, floor: TractionParameters, radius_scale: float) -> Array:
         """Block means of speed, acceleration, slip, F/F_N for a floor, shape (m, carriage.BLOCK)."""
-        row = self.row.copy()
-        row[carriage.RADIUS] *= radius_scale
+        own = self.parameters._replace(radius=self.parameters.radius * radius_scale)
         blocks = np.empty((len(self.measured), carriage.BLOCK))
         h, per_block = self.run.period, self.per_block
-        carriage.simulate_carriage(
-            row, floor_row, self.wheel_speed, h, self.decay, per_block, self.use, blocks
-        )
+        carriage.simulate_carriage(own, floor, self.wheel_speed, h, self.decay, per_block, self.use, blocks)
         return blocks
 
     def with_known(
         self, rail_friction_added: float = 0.0, mass_added: float = 0.0, wheel_late: float = 0.0
     ) -> CarriageRun:
         """The same run with other numbers for what is taken as known; `wheel_late` in seconds."""
-        row = self.row.copy()
-        row[carriage.DRY] += rail_friction_added
-        row[carriage.MASS] += mass_added
-        row[carriage.DELAY] += wheel_late
-        return replace(self, row=row)
+        own = self.parameters
+        changed = own._replace(
+            dry=own.dry + rail_friction_added, mass=own.mass + mass_added, delay=own.delay + wheel_late
+        )
+        return replace(self, parameters=changed)
 
 
-def floor_row(numbers: Array) -> Array:
-    """A LuGre floor's row for the kernels from μ_c, μ_s, V_s, σ0, σ1, σ2."""
-    return np.concatenate(([float(LUGRE)], numbers, [math.inf]))
+def lugre(numbers: Array) -> TractionParameters:
+    """LuGre law for the kernels.
+
+    Args:
+      numbers: μ_c, μ_s, V_s, σ0, σ1, σ2, shape (6,).
+    """
+    return TractionParameters(float(LUGRE), *numbers)
 
 
 def resistance(rig: Rig, mass: float, lateral_speed: float) -> tuple[float, float]:
@@ -191,8 +192,8 @@ def resistance(rig: Rig, mass: float, lateral_speed: float) -> tuple[float, floa
     The rail's measured friction and rolling resistance; with the gantry moving the load that the rollers'
     friction puts on the rail.
     """
-    row = rig_row(rig, mass)
-    dry, viscous = rail_friction(row, lateral_force(row, lateral_speed))
+    found = rig_parameters(rig, mass)
+    dry, viscous = rail_friction(found, lateral_force(found, lateral_speed))
     return dry + rig.wheel.rolling_resistance * mass * GRAVITY, viscous
 
 
@@ -212,9 +213,9 @@ def carriage_run(rig: Rig, run: RigRun) -> CarriageRun:
     values = np.stack((run.carriage_speed, np.asarray(acceleration)), axis=1)[:count]
     measured = _block_means(values, use, per_block)
     decay = math.exp(-2.0 * math.pi * rig.sensors.accelerometer_bandwidth * h)
-    row = np.array([run.mass, rig.wheel.radius, dry, viscous, start, 0.0])
+    own = carriage.CarriageParameters(float(run.mass), rig.wheel.radius, dry, viscous, start, 0.0)
     wheel_speed = np.ascontiguousarray(run.wheel_speed[:count])
-    return CarriageRun(run, row, wheel_speed, use, per_block, decay, measured)
+    return CarriageRun(run, own, wheel_speed, use, per_block, decay, measured)
 
 
 def _usable(rig: Rig, run: RigRun) -> NDArray[np.bool_]:

@@ -1,9 +1,9 @@
-"""Uncertainty of a floor's fit: jackknife over conditions, uncertain constants, profiles, open parameters.
+"""How sure a fit is: conditions left out, what is taken as known in doubt, walks along one parameter.
 
-The covariance of the unknowns is the jackknife over whole conditions (repeats together), so that coloured
-noise inside a run is accounted for. The uncertainty of constants that the fit takes as known (mass, rail
-friction, timing) adds to it. The friction levels, and any parameter with a wide interval, get the interval of
-their profile instead: held at value after value, all others refitted.
+The spread of the unknowns is the jackknife over whole conditions (repeats together), so that noise of any
+colour inside a run counts as what it is. What the problem takes as known (mass, rail friction, timing) adds
+to it. The friction levels, and any parameter with a wide interval, are walked along instead: held at value
+after value, all others fitted again.
 """
 
 from __future__ import annotations
@@ -39,22 +39,22 @@ _WIDE = 0.25  # half-width in a logarithm beyond which a straight line is no app
 _NARROW = 0.02  # the same for what may be told apart badly from others: μ_c, μ_s, V_s
 _WALK = (0.2, 0.5, 1.0, 2.0, 4.0)  # steps in a logarithm away from the estimate
 FARTHEST = _WALK[-1]
-"""Half-width in a logarithm beyond which a parameter is open: a factor of e⁴ ≈ 55."""
+"""A parameter that may be e⁴ ≈ 55 times larger or smaller is open."""
 
 
 @dataclass(frozen=True)
 class KnownUncertainty:
-    """Standard deviations of the constants that the fit takes as known; 0 for exact ones."""
+    """Standard deviations of what the fit takes as known; 0: it is known."""
 
     rail_friction: float
-    """Rail friction [N]."""
+    """[N]"""
     mass: float
-    """Mass, and with it the normal force [kg]."""
+    """And with it of the normal force [kg]."""
     timing: float = TIMING
 
 
 def known_uncertainty(rig: Rig) -> KnownUncertainty:
-    """Standard deviations from the uncertainties of a model: a box of half-width a gives a/√3."""
+    """From the uncertainties that the model states: half-widths of boxes, hence over √3."""
 
     def stated(name: str) -> float:
         origin = rig.provenance.get(name)
@@ -65,7 +65,7 @@ def known_uncertainty(rig: Rig) -> KnownUncertainty:
 
 @dataclass(frozen=True)
 class FitCovariance:
-    """Covariance of the shared unknowns: `total`, and `naive` for white noise alone."""
+    """Covariance of the shared unknowns; `total` says all, `naive` what white noise alone would make."""
 
     total: Array
     """Shape (SHARED, SHARED)."""
@@ -79,19 +79,12 @@ class FitCovariance:
         return float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, max(self.clusters - 1, 1)))
 
     def half_width(self, direction: Array) -> Array:
-        """Half-width of the interval of linear combinations.
-
-        Args:
-          direction: Coefficients, shape (n, SHARED).
-
-        Returns:
-          Shape (n,).
-        """
+        """Half of the interval of linear combinations, rows of `direction`."""
         return self.quantile * np.sqrt(np.einsum("ij,jk,ik->i", direction, self.total, direction))
 
 
 def fit_covariance(fit: FloorFit, known: KnownUncertainty) -> FitCovariance:
-    """Covariance from the jackknife over conditions plus the uncertainty of known constants."""
+    """Jackknife over conditions, plus what is taken as known."""
     jacobians = fit.problem.jacobians(fit.shared, fit.own)
     scores, normals = _per_cluster(fit, jacobians)
     total = PRIOR_JACOBIAN.T @ PRIOR_JACOBIAN + np.sum(normals, axis=0)
@@ -138,7 +131,7 @@ def _per_cluster(fit: FloorFit, jacobians: Sequence[RunJacobian]) -> tuple[list[
 def _shifts_by_known(
     fit: FloorFit, jacobians: Sequence[RunJacobian], naive: Array, known: KnownUncertainty
 ) -> Array:
-    """Shift of the unknowns by one standard deviation of each known constant, one row for each."""
+    """How far the unknowns move when a known number is off by one standard deviation, a row for each."""
     shifts = []
     for change in (
         {"rail_friction_added": known.rail_friction},
@@ -171,7 +164,7 @@ def confidence_interval(
 
 
 def _profile_bound(fit: FloorFit, index: int, sign: float, threshold: float) -> float | None:
-    """Value at which the runs' cost has risen by the threshold, others refitted; None where it never does."""
+    """Where the runs' cost has grown by the threshold, others fitted again; None when it never does."""
     at, before, last = fit, 0.0, 0.0
     for step in _WALK:
         at = solve_with_fixed(fit, index, fit.shared[index] + sign * step, at)
@@ -196,7 +189,7 @@ _WHY = {
 
 
 def loose_directions(spread: FitCovariance) -> tuple[Direction, ...]:
-    """Combinations of the parameters with a large standard deviation, largest first."""
+    """Combinations of the parameters whose spread is large, loosest first."""
     spreads, vectors = np.linalg.eigh(spread.total[:RADIUS_SCALE, :RADIUS_SCALE])
     found = []
     for variance, vector in zip(spreads[::-1], vectors.T[::-1], strict=True):
@@ -217,16 +210,7 @@ def describe_undetermined(
     covered: tuple[float, float] | None,
     shows_stribeck: bool,
 ) -> tuple[str, ...]:
-    """Describe what the runs leave open, one sentence each.
-
-    Args:
-      floor: Name of the floor.
-      fit: Its fit.
-      spread: Covariance of the fit.
-      estimates: Parameters with intervals.
-      covered: Slip covered by the runs [m/s]; None where they never slide.
-      shows_stribeck: True where the runs show that g depends on slip.
-    """
+    """What cannot be determined, one sentence each."""
     by_name = {estimate.name: estimate for estimate in estimates}
     said = []
     if covered is None:
@@ -245,7 +229,7 @@ def describe_undetermined(
 
 
 def has_stribeck(fit: FloorFit, spread: FitCovariance) -> bool:
-    """True where the runs show that g changes with slip: μ_s = μ_c fits them significantly worse."""
+    """Whether the runs show that g falls (or rises) with slip: μ_s = μ_c fits them significantly worse."""
     constant = solve_without_stribeck(fit)
     inflated = max(1.0, float(np.max(np.diag(spread.total)[:3] / np.diag(spread.naive)[:3])))
     rise = constant.data_cost - fit.data_cost
@@ -288,7 +272,7 @@ def _is_firm(estimate: Estimate) -> bool:
 
 
 def _level(fit: FloorFit, spread: FitCovariance, slip: float) -> str:
-    """Format g at a slip with its interval: `0.1203 ± 0.0010`."""
+    """`0.1203 ± 0.0010`: g at a slip with its interval."""
     at = np.array([slip])
     half = float(spread.half_width(slope(stribeck, fit.shared, at))[0])
     return f"{float(stribeck(fit.shared, at)[0]):.4f} ± {half:.4f}"

@@ -1,7 +1,4 @@
-"""Connection of a host to a transport: sending, receiving, and waiting for answers.
-
-`connect` finds the device, verifies its configuration and waits for telemetry; it does not arm.
-"""
+"""What a link may send."""
 
 from __future__ import annotations
 
@@ -28,25 +25,18 @@ from omnimj.link.transport.serial_port import SerialTransport
 from omnimj.link.transport.udp import UdpTransport
 from omnimj.parameters.robot import Robot
 
-ANSWER_TIMEOUT = 2.0
-"""Time within which a device must answer a request [s]."""
-_REQUEST_INTERVAL = 0.05  # [s] between repeated requests in real time
-_FIRST_RETRY, _LAST_RETRY, _MAX_TRIES = 0.05, 1.0, 10  # [s], [s]: waits for an answer in lock-step
-_PINGS = 8
-_PING_INTERVAL = 0.1  # [s]: clocks that differ by 1e-4 drift apart by 0.01 ms within it
-
 
 class LinkMode(enum.Enum):
-    """Frames that a link may send."""
+    """What a link may send."""
 
     DRIVE = "drive"
     DRY_RUN = "dry run"
-    """Hello, ping and zero commands; the device is never armed."""
+    """Hello, ping, and commands of zero; it is never armed."""
     READONLY = "readonly"
-    """Hello and ping; the device sends its readings to any host that has begun a session."""
+    """Hello and ping: a device tells its readings to whoever began the session."""
 
     def permits(self, frame: Frame) -> bool:
-        """Whether a frame may be sent."""
+        """Whether a frame may leave."""
         if self is LinkMode.DRIVE or isinstance(frame.message, Hello | Ping):
             return True
         return (
@@ -54,8 +44,18 @@ class LinkMode(enum.Enum):
         )
 
 
+# A host at its wire: sends what the host says, gives it what comes, and waits with an eye on the clock.
+
+ANSWER_TIMEOUT = 2.0
+"""How long a device may take to answer what it is asked for the first time [s]."""
+_ASK_AGAIN = 0.05  # [s]
+_AGAIN_FIRST, _AGAIN_LAST, _TIMES = 0.05, 1.0, 10  # [s], [s]: before a frame is sent again in lock-step
+_PINGS = 8
+_PING_EVERY = 0.1  # [s]: two clocks part by 0.01 ms in it, if one is off by 1e-4
+
+
 class Link:
-    """Host on a transport."""
+    """One host, one transport."""
 
     def __init__(
         self,
@@ -68,36 +68,36 @@ class Link:
         name: str = "the device",
         clock: Callable[[], float] = time.monotonic,
     ):
-        """Prepare the link; nothing is sent.
+        """Nothing is sent yet.
 
         Args:
-          host: State machine of the host, keyed if there is a key.
-          transport: Transport, closed by `close`.
-          key: Key of the link.
-          mode: Frames that may be sent.
-          log: Log of all frames, closed by `close`.
-          name: Name of the device in messages.
-          clock: Monotonic clock [s].
+          host: Keyed if there is a key.
+          transport: Closed by `close`.
+          key: Of this link.
+          mode: What may be sent.
+          log: Takes every frame; closed by `close`.
+          name: For messages.
+          clock: Monotonic [s].
         """
         self.host, self.mode, self.name = host, mode, name
         self.drops = DropCounts()
-        """Dropped packets by reason."""
+        """What came and was no frame."""
         self.sent, self.received, self.resent = 0, 0, 0
-        """Numbers of frames."""
+        """Frames."""
         self._transport, self._key, self._log, self._clock = transport, key, log, clock
-        self._has_armed, self._next_ping = False, 0.0
+        self._may_move, self._next_ping = False, 0.0
 
     @property
     def now(self) -> float:
-        """Time of the host's clock [s]."""
+        """Of the host's clock [s]."""
         return self._clock()
 
     @property
     def reading(self) -> Reading:
-        """Newest reading.
+        """The newest.
 
         Raises:
-          LinkLost: There is none yet.
+          LinkLost: There is none.
         """
         if self.host.reading is None:
             raise LinkLost("there is no telemetry yet")
@@ -105,24 +105,26 @@ class Link:
 
     @property
     def capabilities(self) -> Capabilities | None:
-        """Capabilities of the device; None until it has sent them."""
+        """What the device is; None before it has said so."""
         return self.host.capabilities
 
     @property
     def is_keyed(self) -> bool:
-        """Whether frames are authenticated."""
+        """Whether every frame is signed."""
         return self._key is not None
 
-    def send(self, *frames: Frame) -> None:
-        """Send frames that the mode permits.
+    # --- frames out and in
 
-        A stop is sent only if this link has requested arming: the device would obey it even while another
-        host drives.
+    def send(self, *frames: Frame) -> None:
+        """Sends, as far as the mode lets it through.
+
+        A stop that the host sends by itself leaves only if this link has asked for motion: it would be obeyed
+        although another host's robot drives.
         """
         for frame in frames:
-            if not self.mode.permits(frame) or (isinstance(frame.message, Stop) and not self._has_armed):
+            if not self.mode.permits(frame) or (isinstance(frame.message, Stop) and not self._may_move):
                 continue
-            self._has_armed = self._has_armed or isinstance(frame.message, Arm)
+            self._may_move = self._may_move or isinstance(frame.message, Arm)
             packet, now = encode(frame, self._key), self.now
             self._transport.send(packet)
             self.sent += 1
@@ -130,7 +132,7 @@ class Link:
                 self._log.sent(now, packet)
 
     def poll(self) -> None:
-        """Process received packets and send the host's answers."""
+        """Everything that has come; sends what the host says to it."""
         for packet in self._transport.receive():
             now, frame = self.now, decode(packet, self._key)
             if isinstance(frame, DropReason):
@@ -144,10 +146,10 @@ class Link:
             self.send(*self.host.on_frame(now, frame))
 
     def wait(self, until: float, holds: Callable[[], bool] = lambda: False) -> bool:
-        """Process frames until `holds()` or the time `until` [s], and apply the host's time limits.
+        """Takes what comes until something holds or the time is over [s]; the host's rules on time are asked.
 
         Returns:
-          The last value of `holds()`.
+          Whether it holds.
         """
         while True:
             self.poll()
@@ -160,10 +162,10 @@ class Link:
             self._transport.wait(until - now)
 
     def listen(self, until: float, holds: Callable[[], bool]) -> bool:
-        """Process frames until `holds()` or the time `until` [s], even after a stop, without time limits.
+        """Takes what comes until something holds or the time is over [s], also after a stop; asks no rules.
 
         Returns:
-          The last value of `holds()`.
+          Whether it holds.
         """
         self.poll()
         while not holds():
@@ -174,64 +176,65 @@ class Link:
             self.poll()
         return True
 
-    def connect(self) -> Capabilities:
-        """Request a session, check the capabilities, measure the clock offset and wait for telemetry.
+    # --- what may be asked
 
-        In lock-step a zero command is sent, since there is no telemetry without a command.
+    def connect(self) -> Capabilities:
+        """Hello, capabilities, clock and first telemetry; nothing is armed.
+
+        In lock-step there is no telemetry before a command, so a command of zero is sent.
 
         Raises:
-          LinkLost: No answer, another host drives the device, or it is not the expected device.
+          LinkLost: Nobody answers, somebody else drives it, or it is not the device that was expected.
         """
         if self.host.state in (HostState.ARMING, HostState.ARMED):
-            self.stop("a new session was requested")
-        self._has_armed = False
-        # a device with another key does not answer at all
+            self.stop("a new session is asked for")
+        self._may_move = False
+        # a device that has another key than this link says nothing, as one that is not there
         key = "has another key or none" if self.is_keyed else "wants a key"
-        words = f"does not answer: it is not connected, or {key}"
-        self._request(self.host.hello, lambda: self.host.state is HostState.CONNECTED, words)
+        words = f"does not answer: it is not there, or {key}"
+        self._ask(self.host.hello, lambda: self.host.state is HostState.CONNECTED, words)
         if self.host.expected.lock_step:
             self.exchange(self.zero())
         else:
             for k in range(_PINGS):
-                answered = lambda k=k: self.host.clock.answers > k  # noqa: E731
-                self._request(self.host.ping, answered, "does not answer a ping")
-            self._request(None, lambda: self.host.reading is not None, "sends no recent telemetry")
+                self._ask(self.host.ping, lambda k=k: self.host.clock.answers > k, "does not answer a ping")
+            self._ask(None, lambda: self.host.reading is not None, "sends no telemetry that is new enough")
         found = self.host.capabilities
         assert found is not None
         return found
 
     def refresh_clock(self) -> None:
-        """Send a ping if one is due, to track the offset of the clocks; called every period in real time."""
+        """A ping now and then, so that the offset of the clocks stays known; in real time once per period."""
         if self.now >= self._next_ping:
-            self._next_ping = self.now + _PING_INTERVAL
+            self._next_ping = self.now + _PING_EVERY
             self.send(self.host.ping(self.now))
 
     def zero(self) -> Frame:
-        """Command of zero currents."""
+        """A command that asks for nothing."""
         return self.host.command(self.now, (0.0,) * self.host.expected.wheels)
 
     def arm(self) -> Reading:
-        """Send zero commands, arm, and return the first reading of the armed device.
+        """Zero commands, then arm; the first telemetry that says that it is armed.
 
         Raises:
-          LinkLost: The device refuses, or does not report in time that it is armed.
+          LinkLost: The device refuses, with its reason, or does not say that it is armed.
         """
         self.host.require_link()
         if self.host.expected.lock_step:
             self.exchange(self.host.arm(self.now))
             return self.reading
-        begin = next_request = self.now
+        begin = asked = self.now
         while self.host.state is not HostState.ARMED:
-            # frames lost while nobody listened do not count against the link
+            # who did not listen for a while has lost frames, which says nothing about the link from now on
             lost = self.host.arrivals.lost
             if self.now - begin > ANSWER_TIMEOUT:
-                lossy = f"{lost} of the last {LOSS_WINDOW} frames were lost: the link is too bad for arming"
-                self.stop(lossy if lost >= MAX_LOST_FRAMES else "the device does not report that it is armed")
+                few = f"{lost} of the last {LOSS_WINDOW} frames were lost: it is not armed over such a link"
+                self.stop(few if lost >= MAX_LOST_FRAMES else "the device does not say that it is armed")
             self.host.require_link()
             self.send(self.zero())
-            if self.reading.telemetry.acknowledged and lost < MAX_LOST_FRAMES and self.now >= next_request:
+            if self.reading.telemetry.acknowledged and lost < MAX_LOST_FRAMES and self.now >= asked:
                 self.send(self.host.arm(self.now))
-                next_request = self.now + _REQUEST_INTERVAL
+                asked = self.now + _ASK_AGAIN
             before = self.reading
             self.wait(
                 self.now + self.host.expected.period,
@@ -240,64 +243,64 @@ class Link:
         return self.reading
 
     def reset_fault(self) -> None:
-        """Reset the device's latched fault; it stays disarmed.
+        """Says that the device's fault has been seen; nothing moves by that.
 
         Raises:
-          LinkLost: The fault remains.
+          LinkLost: The fault stands.
         """
         if self.host.expected.lock_step:
             self.exchange(self.host.reset_fault(self.now))
         else:
             fault = lambda: self.reading.telemetry.fault == 0  # noqa: E731
-            self._request(self.host.reset_fault, fault, "keeps its fault")
+            self._ask(self.host.reset_fault, fault, "keeps its fault")
 
     def exchange(self, frame: Frame) -> Reading:
-        """Send a frame in lock-step and return the reading that answers it; repeated until it arrives.
+        """Lock-step: one frame, and the telemetry that answers it; asked again as long as that is lost.
 
         Raises:
-          LinkLost: The device refuses or does not answer.
+          LinkLost: The device refuses, or no answer comes.
         """
         host, message = self.host, frame.message
 
         def is_answered() -> bool:
-            reading = host.reading
+            told = host.reading
             if isinstance(message, Command):
-                return reading is not None and reading.telemetry.acknowledged == frame.sequence
+                return told is not None and told.telemetry.acknowledged == frame.sequence
             if isinstance(message, ResetFault):
-                return reading is not None and reading.telemetry.fault == 0
+                return told is not None and told.telemetry.fault == 0
             return host.state is HostState.ARMED
 
-        wait = _FIRST_RETRY
-        for k in range(_MAX_TRIES):
+        wait = _AGAIN_FIRST
+        for k in range(_TIMES):
             self.resent += k > 0
             self.send(frame)
             if self.wait(self.now + wait, is_answered) or host.state is HostState.STOPPED:
                 break
-            wait = min(2.0 * wait, _LAST_RETRY)
+            wait = min(2.0 * wait, _AGAIN_LAST)
         else:
-            self.stop(f"{self.name} does not answer after {_MAX_TRIES} attempts")
+            self.stop(f"{self.name} does not answer, though it was asked {_TIMES} times")
         host.require_link()
         return self.reading
 
-    def stop(self, reason: str = "stop was requested") -> None:
-        """Stop a device that this link drives; allowed at any time and repeatedly."""
+    def stop(self, reason: str = "stop was asked for") -> None:
+        """Ends what this link drives, by three stops; may be asked for at any time, again and again."""
         self.send(*self.host.stop(self.now, reason))
 
     def stop_any_host(self) -> None:
-        """Stop the device even if another host drives it: for a person's key press."""
-        self._has_armed = True
+        """As `stop`, though another host's robot may stop by it: for a person with a finger on a key."""
+        self._may_move = True
         self.stop()
 
     def close(self) -> None:
-        """Stop the device if this link drives it, and close the transport; may be called twice."""
+        """Stops what it drives and lets go of the wire; may be called twice."""
         if self.host.state is not HostState.IDLE:
             self.stop("the link was closed")
         self._transport.close()
         if self._log is not None:
             self._log.close()
 
-    def _request(self, ask: Callable[[float], Frame] | None, holds: Callable[[], bool], words: str) -> None:
-        """Repeat a request until `holds()`."""
+    def _ask(self, ask: Callable[[float], Frame] | None, holds: Callable[[], bool], words: str) -> None:
+        """Asks again and again until something holds."""
         until = self.now + ANSWER_TIMEOUT
         while not holds():
             if self.now >= until:
@@ -306,8 +309,11 @@ class Link:
                 raise LinkLost(words)
             if ask is not None:
                 self.send(ask(self.now))
-            self.wait(min(until, self.now + _REQUEST_INTERVAL), holds)
+            self.wait(min(until, self.now + _ASK_AGAIN), holds)
             self.host.require_link()
+
+
+# From an address to a link.
 
 
 def open_link(
@@ -320,16 +326,16 @@ def open_link(
     log_to: Path | None = None,
     about: dict[str, Any] | None = None,
 ) -> Link:
-    """Link to a device that is wired as the robot's model file says; nothing is sent.
+    """A link to the device at an address, which must be wired as the robot's model file says.
 
     Args:
       address: `serial:DEVICE?baud=N` or `udp:HOST:PORT`.
-      robot: Robot with [hardware].
-      key_file: Key of the link; required beyond this machine.
-      lock_step: Whether time advances by one period per command instead of in real time.
-      mode: Frames that may be sent.
-      log_to: New file for the log of all frames.
-      about: Description in the log, besides the address and the calibration's hash.
+      robot: With [hardware].
+      key_file: Of a link that may leave this machine.
+      lock_step: As opposed to real time.
+      mode: What may be sent.
+      log_to: A new file for every frame.
+      about: What the log says of itself, beside the address and the calibration's hash.
 
     Raises:
       InputError: No [hardware], a wrong address or key file, or a wire that cannot be opened.

@@ -1,4 +1,4 @@
-"""Addresses of devices: `serial:/dev/ttyACM0?baud=921600`, `udp:127.0.0.1:9750`, `udp:[::1]:9750`."""
+"""Where a device is: `serial:/dev/ttyACM0?baud=921600`, `udp:127.0.0.1:9750`, `udp:[::1]:9750`."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from urllib.parse import parse_qsl
 from omnimj.errors import InputError, UnknownNameError
 
 BAUD = 921_600
-"""Default rate [1/s]."""
+"""Where none is given [1/s]."""
 LOOPBACK = "127.0.0.1"
-"""Default host."""
+"""Where no host is given."""
 _FORMS = "serial:DEVICE?baud=N or udp:HOST:PORT, with IPv6 as udp:[::1]:PORT"
 
 
 @dataclass(frozen=True)
 class SerialAddress:
-    """Serial port."""
+    """A serial port."""
 
     path: str
-    """Name of the port, such as `/dev/ttyACM0` or `COM3`."""
+    """As `/dev/ttyACM0` or `COM3`."""
     baud: int = BAUD
-    """Rate [1/s]; USB and pseudo-terminals ignore it."""
+    """Of a port that has such a thing; USB and pseudo-terminals do not mind."""
 
     def __str__(self) -> str:
         return f"serial:{self.path}?baud={self.baud}"
@@ -30,7 +30,7 @@ class SerialAddress:
 
 @dataclass(frozen=True)
 class UdpAddress:
-    """Host and UDP port."""
+    """A host and a UDP port."""
 
     host: str
     port: int
@@ -43,7 +43,7 @@ Address = SerialAddress | UdpAddress
 
 
 def is_loopback(numeric: str) -> bool:
-    """Whether a numeric address is on this machine's loopback."""
+    """Whether an address in digits never leaves this machine."""
     try:
         return ipaddress.ip_address(numeric.partition("%")[0]).is_loopback
     except ValueError:
@@ -51,14 +51,14 @@ def is_loopback(numeric: str) -> bool:
 
 
 def parse_address(text: str, place: object = "address") -> Address:
-    """Parse an address.
+    """The address that is written.
 
     Args:
-      text: Address in one of the forms above.
-      place: Argument or file that holds it, for the error message.
+      text: As in this module's first line.
+      place: What it was given as, for the error.
 
     Raises:
-      InputError: The text has neither form, or a number is out of range.
+      InputError: It is neither form, or a number in it is not allowed.
     """
     kind, colon, rest = text.partition(":")
     if colon and kind == "serial":
@@ -69,7 +69,7 @@ def parse_address(text: str, place: object = "address") -> Address:
 
 
 def _parse_integer(text: str, place: object, name: str, most: int) -> int:
-    # isdecimal alone accepts the digits of other alphabets, int alone "+5", "1_0" and spaces
+    # isdecimal alone would let other alphabets' digits in, and int alone "+5", "1_0" and spaces
     if not (text.isascii() and text.isdecimal() and len(text) <= 10 and 0 < int(text) <= most):
         raise InputError(place, f"{name} '{text}'", f"must be a whole number 1…{most}")
     return int(text)

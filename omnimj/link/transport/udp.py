@@ -1,6 +1,6 @@
-"""UDP transport: one packet per datagram, non-blocking.
+"""Datagrams of the standard library, one packet in each, without waiting.
 
-Beyond loopback a link must have a key, since the sender's address of a datagram can be forged.
+Off loopback a link must have a key: everybody can write a sender's address on a datagram.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from omnimj.link.codec.layout import MAX_FRAME_SIZE
 from omnimj.link.transport.address import UdpAddress, is_loopback
 from omnimj.link.transport.interface import Peer
 
-_MAX_DATAGRAMS = 64  # datagrams per call, so that a flood cannot delay the caller
+_AT_ONCE = 64  # datagrams in one call: a flood must not keep the caller from its period
 _BUFFER = 2048
 
 
 def _resolved(address: UdpAddress, keyed: bool, passive: bool) -> tuple[socket.AddressFamily, tuple]:
-    """Resolve the host name into address family and numeric address.
+    """Family and numeric address.
 
     Raises:
-      InputError: Unknown host, or an address beyond loopback without a key.
+      InputError: There is no such host, or it is not this machine and there is no key.
     """
     flags = socket.AI_PASSIVE if passive else 0
     try:
@@ -35,7 +35,7 @@ def _resolved(address: UdpAddress, keyed: bool, passive: bool) -> tuple[socket.A
 
 
 class _Socket:
-    """Non-blocking socket, common to both ends."""
+    """What both ends have in common."""
 
     def __init__(self, family: socket.AddressFamily):
         self.failures = 0
@@ -44,12 +44,12 @@ class _Socket:
 
     def _received(self) -> list[tuple[bytes, Peer]]:
         found, failed = [], False
-        for _ in range(_MAX_DATAGRAMS):
+        for _ in range(_AT_ONCE):
             try:
                 packet, peer = self._socket.recvfrom(_BUFFER)
             except BlockingIOError:
                 break
-            except OSError:  # port unreachable, network down, or closed
+            except OSError:  # nobody listens there, it says; or the network is gone, or we are closed
                 self.failures += 1
                 if failed:
                     break
@@ -62,28 +62,28 @@ class _Socket:
         return found
 
     def wait(self, longest: float) -> bool:
-        """Whether a packet arrives within this time [s]."""
+        """Whether something has come within this time [s]."""
         if self._socket.fileno() < 0:
             return False
         return bool(select.select([self._socket], [], [], max(0.0, longest))[0])
 
     def close(self) -> None:
-        """Close the socket; may be called twice."""
+        """Lets go of the socket; may be called twice."""
         self._socket.close()
 
 
 class UdpTransport(_Socket):
-    """Host's end: a connected socket, which receives from the device's address only."""
+    """The host's end: connected, so that the system lets in nobody but the device's address."""
 
     def __init__(self, address: UdpAddress, keyed: bool = False):
-        """Open a socket; nothing is sent.
+        """Opens a socket; nothing is sent.
 
         Args:
-          address: Address of the device.
-          keyed: Whether the link has a key.
+          address: The device's.
+          keyed: Whether this link has a key.
 
         Raises:
-          InputError: Unknown host, no route, or an address beyond loopback without a key.
+          InputError: No such host, no way there, or it is off loopback without a key.
         """
         family, numeric = _resolved(address, keyed, passive=False)
         super().__init__(family)
@@ -94,29 +94,29 @@ class UdpTransport(_Socket):
             raise InputError(address, f"cannot be reached ({error.strerror})") from None
 
     def send(self, packet: bytes) -> None:
-        """Send one datagram, or count a failure."""
+        """Sends one datagram, or counts a failure."""
         try:
             self._socket.send(packet)
         except OSError:
             self.failures += 1
 
     def receive(self) -> list[bytes]:
-        """Received datagrams, at most 64."""
+        """The datagrams that have come, at most 64."""
         return [packet for packet, _ in self._received()]
 
 
 class UdpListener(_Socket):
-    """Device's end: accepts datagrams from any sender."""
+    """The device's end: hears everybody who finds it."""
 
     def __init__(self, address: UdpAddress, keyed: bool = False):
-        """Bind a socket.
+        """Binds a socket.
 
         Args:
-          address: Own address; loopback restricts the senders to this machine.
-          keyed: Whether the link has a key.
+          address: Its own; the loopback one lets in this machine only.
+          keyed: Whether this link has a key.
 
         Raises:
-          InputError: The address is not available, or beyond loopback without a key.
+          InputError: Not ours or taken, or it is off loopback without a key.
         """
         family, numeric = _resolved(address, keyed, passive=True)
         super().__init__(family)
@@ -128,16 +128,16 @@ class UdpListener(_Socket):
 
     @property
     def port(self) -> int:
-        """Port to which the socket is bound."""
+        """That it is bound to."""
         return self._socket.getsockname()[1]
 
     def send(self, packet: bytes, peer: Peer) -> None:
-        """Send one datagram, or count a failure."""
+        """Sends one datagram, or counts a failure."""
         try:
             self._socket.sendto(packet, peer)  # type: ignore[arg-type]  # as `receive` gave it
         except (OSError, TypeError):
             self.failures += 1
 
     def receive(self) -> list[tuple[bytes, Peer]]:
-        """Received datagrams with their senders, at most 64."""
+        """The datagrams that have come and from where, at most 64."""
         return self._received()

@@ -11,9 +11,9 @@ import numpy as np
 
 from omnimj.errors import InputError
 from omnimj.parameters import Floor, Rig, Robot, read_floors
-from omnimj.parameters.floor import ROW
+from omnimj.parameters.floor import TRACTION_SIZE
 from omnimj.parameters.robot import roller_sin_cos
-from omnimj.physics.motor import MOTOR_ROW, motor_row
+from omnimj.physics.motor import MOTOR_SIZE, motor_parameters
 from omnimj.plant.ground import Patch
 from omnimj.plant.mujoco import slots
 from omnimj.plant.mujoco.mjcf import (
@@ -32,7 +32,7 @@ from omnimj.signals import Array
 def bind_floor(mj_model: mujoco.MjModel, geom: int, kind: float, floor: Floor) -> None:
     """Makes a geom a floor or a patch with this floor's traction law."""
     mj_model.geom_user[geom, slots.KIND] = kind
-    mj_model.geom_user[geom, slots.FLOOR_ROW : slots.FLOOR_ROW + ROW] = floor.row
+    mj_model.geom_user[geom, slots.TRACTION : slots.TRACTION + TRACTION_SIZE] = floor.row
 
 
 def wheel_slots(machine: Robot | Rig) -> np.ndarray:
@@ -59,7 +59,7 @@ def wheel_slots(machine: Robot | Rig) -> np.ndarray:
         bearing.spacing,
         bearing.overhang,
     )
-    row[slots.MOTOR : slots.MOTOR + MOTOR_ROW] = motor_row(machine.motor)
+    row[slots.MOTOR : slots.MOTOR + MOTOR_SIZE] = motor_parameters(machine.motor)
     return row
 
 
@@ -86,8 +86,7 @@ def bind_wheels(mj_model: mujoco.MjModel, machine: Robot | Rig, wheels: int) -> 
         if not np.array_equal(dofs, np.arange(dofs[0], dofs[0] + len(rollers))):
             raise InputError("MJCF", f"the rollers of wheel {i + 1} are not consecutive bodies")
         row = wheel_slots(machine)
-        if isinstance(machine, Robot):
-            row[[slots.ROLLER_SIN, slots.ROLLER_COS]] = roller_sin_cos(machine.wheels[i].roller_angle)
+        row[[slots.ROLLER_SIN, slots.ROLLER_COS]] = roller_sin_cos(machine.roller_angles[i])
         row[slots.WHEEL_BODY], row[slots.WHEEL_DOF] = axle.bodyid[0], axle.dofadr[0]
         row[slots.FIRST_ROLLER_DOF], row[slots.ROLLER_COUNT] = dofs[0], len(rollers)
         row[slots.SENSOR], row[slots.ANGLE_ADDRESS] = sensor, axle.qposadr[0]
@@ -123,7 +122,7 @@ def bind_effects(mj_model: mujoco.MjModel, terms: Array, measured_current: bool)
 
     Args:
       mj_model: A model that `bind_wheels` has filled.
-      terms: Rows of `physics.effect_terms`, shape (wheels, TERMS).
+      terms: Packed effect terms, shape (wheels, TERMS).
       measured_current: Commands are currents that were measured.
     """
     wheels, columns = terms.shape

@@ -16,8 +16,7 @@ import numba
 from numba import types
 
 from omnimj.errors import OmnimjError
-from omnimj.physics.effect_terms import ACTIVE, BACKLASH
-from omnimj.physics.motor import MOTOR_ROW, next_current
+from omnimj.physics.motor import next_current
 from omnimj.physics.native import cached, kernel
 from omnimj.plant.mujoco import slots
 from omnimj.plant.mujoco.contact import (
@@ -28,19 +27,15 @@ from omnimj.plant.mujoco.contact import (
     wheel_contact_forces,
     wheel_frame_force,
 )
-from omnimj.plant.mujoco.effect_forces import (
-    drive_with_effects,
-    motor_with_effects,
-    step_gear_backlash,
-    terms_of,
-)
 from omnimj.plant.mujoco.forces import (
+    AxleLoad,
     add_contact_forces,
     add_drive_torque,
     add_hub_forces,
     add_rail_friction,
-    axle_resistance,
+    backlash_after,
     coast_rollers,
+    motor_with_effects,
 )
 from omnimj.plant.mujoco.memory import (
     OFFSETS,
@@ -50,6 +45,7 @@ from omnimj.plant.mujoco.memory import (
     load_real,
     stack_reals,
     store_real,
+    terms_of,
 )
 
 _STAGE_VELOCITY = int(mujoco.mjtStage.mjSTAGE_VEL)
@@ -57,7 +53,7 @@ _STAGE_VELOCITY = int(mujoco.mjtStage.mjSTAGE_VEL)
 
 @kernel
 def wheel_count(m):
-    """Number of wheels of a model that is ours, 0 for any other."""
+    """Number of wheels of a model that carries our mark, 0 for any other."""
     if load_pointer(m + OFFSETS.m_nactuator) == 0 or (
         load_pointer(m + OFFSETS.m_nuser_actuator) != slots.ACTUATOR_SLOTS
     ):
@@ -70,7 +66,7 @@ def wheel_count(m):
 
 @kernel
 def add_passive_forces(m, d):
-    """Everything between motor, wheel and floor, added to qfrc_passive."""
+    """Add everything between motor, wheel and floor to qfrc_passive."""
     wheels = wheel_count(m)
     if wheels == 0:
         return
@@ -79,49 +75,45 @@ def add_passive_forces(m, d):
     count = gather_contacts(m, d, -1, found)
     for wheel in range(wheels):
         own = load_pointer(m + OFFSETS.m_actuator_user) + 8 * slots.ACTUATOR_SLOTS * wheel
-        grip = wheel_contact_forces(m, d, wheel, found, count, h)
+        forces = wheel_contact_forces(m, d, wheel, found, count, h)
         rail = numba.int64(load_real(own, slots.RAIL_JOINT))
         rail_dof = -1
         if rail >= 0:
             rail_dof = load_int(load_pointer(m + OFFSETS.m_jnt_dofadr), rail)
         torque, pull = add_contact_forces(m, d, wheel, found, count, rail_dof, h)
         coast_rollers(m, d, own, wheel, found, count, h)
-        ahead, side = wheel_frame_force(own, grip[2], grip[3])
-        rolling = load_real(own, slots.ROLLING_RESISTANCE) * grip[1]
+        act = load_pointer(d + OFFSETS.d_act) + 8 * load_int(
+            load_pointer(m + OFFSETS.m_actuator_actadr), wheel
+        )
+        load = _axle_load(own, act, forces)
         if rail >= 0:  # the rig's equations put rolling resistance on the carriage
-            address = load_int(load_pointer(m + OFFSETS.m_actuator_actadr), wheel)
-            side = load_real(load_pointer(d + OFFSETS.d_act), address + slots.LATERAL_LOAD)
-            add_rail_friction(m, d, own, rail, grip[1], side, grip[4], rolling, pull, h)
-            rolling = 0.0
-        elif terms_of(own)[ACTIVE] != 0.0:
+            rolling = load_real(own, slots.ROLLING_RESISTANCE) * forces.normal
+            on_rail = AxleLoad(load.normal, load.ahead, load.lateral, rolling)
+            add_rail_friction(m, d, own, rail, on_rail, forces.lateral_velocity, pull, h)
+        elif terms_of(own).active != 0.0:
             add_hub_forces(m, d, wheels, own, h)
-        add_drive_torque(m, d, wheel, own, grip[1], ahead, side, rolling, torque, h)
+        add_drive_torque(m, d, wheel, own, load, torque, h)
 
 
 @kernel
-def _set_play_rates(m, d, own, act, rate, motor, wheel_speed, grip, h):
-    """act_dot of the gear's play, from the same numbers as the torque on the axle."""
-    ahead, side = wheel_frame_force(own, grip[2], grip[3])
-    rolling = load_real(own, slots.ROLLING_RESISTANCE) * grip[1]
+def _axle_load(own, act, forces):
+    """`AxleLoad` of a wheel; on the rig the lateral load is low-passed and rolling resistance elsewhere."""
+    ahead, lateral = wheel_frame_force(own, forces.traction, forces.lateral)
     if load_real(own, slots.RAIL_JOINT) >= 0.0:
-        side, rolling = load_real(act, slots.LATERAL_LOAD), 0.0
-    resistance = axle_resistance(own, grip[1], side, rolling, wheel_speed)
-    low, high, dry, more = drive_with_effects(d, own, act, motor, wheel_speed, resistance, h)
-    inertia = load_real(load_pointer(m + OFFSETS.m_dof_M0), numba.int64(load_real(own, slots.WHEEL_DOF)))
-    _, play, play_rate, _ = step_gear_backlash(own, act, low, high, dry, more, wheel_speed, inertia, ahead, h)
-    store_real(rate, slots.PLAY, (play - load_real(act, slots.PLAY)) / h)
-    store_real(rate, slots.PLAY_RATE, (play_rate - load_real(act, slots.PLAY_RATE)) / h)
+        return AxleLoad(forces.normal, ahead, load_real(act, slots.LATERAL_LOAD), 0.0)
+    rolling = load_real(own, slots.ROLLING_RESISTANCE) * forces.normal
+    return AxleLoad(forces.normal, ahead, lateral, rolling)
 
 
 @kernel
 def set_activation_rates(m, d, actuator):
-    """act_dot = (next − now)/h of a wheel's current and bristles: exact for the frozen velocities."""
+    """Write act_dot = (next − now)/h of a wheel's current and bristles: exact for the frozen velocities."""
     if actuator >= wheel_count(m):
         return
     h = load_real(m + OFFSETS.m_timestep, 0)
     found = numba.carray(stack_reals(CONTACT_BUFFER), (MAX_CONTACTS, COLUMNS))
     count = gather_contacts(m, d, actuator, found)
-    grip = wheel_contact_forces(m, d, actuator, found, count, h)
+    forces = wheel_contact_forces(m, d, actuator, found, count, h)
     own = load_pointer(m + OFFSETS.m_actuator_user) + 8 * slots.ACTUATOR_SLOTS * actuator
     address = load_int(load_pointer(m + OFFSETS.m_actuator_actadr), actuator)
     act = load_pointer(d + OFFSETS.d_act) + 8 * address
@@ -130,24 +122,29 @@ def set_activation_rates(m, d, actuator):
         load_pointer(d + OFFSETS.d_ctrl), load_int(load_pointer(m + OFFSETS.m_actuator_ctrladr), actuator)
     )
     wheel_speed = load_real(load_pointer(d + OFFSETS.d_qvel), numba.int64(load_real(own, slots.WHEEL_DOF)))
-    motor = motor_with_effects(m, d, own, actuator, True, numba.carray(stack_reals(MOTOR_ROW), (MOTOR_ROW,)))
+    motor = motor_with_effects(m, d, own, actuator, True)
     now = load_real(act, slots.CURRENT)
     store_real(rate, slots.CURRENT, (next_current(motor, now, command, wheel_speed, h) - now) / h)
-    store_real(rate, slots.BRISTLE, (grip[5] - load_real(act, slots.BRISTLE)) / h)
-    store_real(rate, slots.LATERAL_BRISTLE, (grip[6] - load_real(act, slots.LATERAL_BRISTLE)) / h)
-    if terms_of(own)[BACKLASH] != 0.0:
-        _set_play_rates(m, d, own, act, rate, motor, wheel_speed, grip, h)
+    store_real(rate, slots.BRISTLE, (forces.next_bristle - load_real(act, slots.BRISTLE)) / h)
+    after = forces.next_lateral_bristle
+    store_real(rate, slots.LATERAL_BRISTLE, (after - load_real(act, slots.LATERAL_BRISTLE)) / h)
+    if terms_of(own).backlash != 0.0:
+        gap, gap_rate = backlash_after(m, d, own, act, motor, _axle_load(own, act, forces), h)
+        store_real(rate, slots.BACKLASH, (gap - load_real(act, slots.BACKLASH)) / h)
+        store_real(rate, slots.BACKLASH_RATE, (gap_rate - load_real(act, slots.BACKLASH_RATE)) / h)
     rail = numba.int64(load_real(own, slots.RAIL_JOINT))
     if rail >= 0:
         # the tilting body's inertia carries what alternates with the rollers; the rail feels the rest
         user = load_pointer(m + OFFSETS.m_jnt_user) + 8 * slots.JOINT_SLOTS * rail
         share = -math.expm1(-h / load_real(user, slots.RAIL_LOAD_TIME))
-        store_real(rate, slots.LATERAL_LOAD, share * (grip[3] - load_real(act, slots.LATERAL_LOAD)) / h)
+        store_real(
+            rate, slots.LATERAL_LOAD, share * (forces.lateral - load_real(act, slots.LATERAL_LOAD)) / h
+        )
 
 
 @kernel
 def write_truth(m, d):
-    """Slip, normal, traction and lateral force, lateral velocity of each wheel into its user sensor."""
+    """Write slip, normal, traction and lateral force, lateral velocity of each wheel into its user sensor."""
     wheels = wheel_count(m)
     if wheels == 0:
         return
@@ -157,11 +154,11 @@ def write_truth(m, d):
     sensors = load_pointer(d + OFFSETS.d_sensordata)
     for wheel in range(wheels):
         own = load_pointer(m + OFFSETS.m_actuator_user) + 8 * slots.ACTUATOR_SLOTS * wheel
-        grip = wheel_contact_forces(m, d, wheel, found, count, h)
+        forces = wheel_contact_forces(m, d, wheel, found, count, h)
         address = numba.int64(load_real(own, slots.SENSOR))
         if address >= 0:
             for k in range(5):
-                store_real(sensors, address + k, grip[k])
+                store_real(sensors, address + k, forces[k])
 
 
 @cached(numba.cfunc, types.void(types.int64, types.int64))

@@ -12,9 +12,8 @@ import mujoco
 import numpy as np
 
 from omnimj.effects import AppliedEffects
-from omnimj.physics.motor import MOTOR_ROW
-from omnimj.plant.effects import conditions_with_effects
-from omnimj.plant.faults import Conditions, Fault, conditions_at, event_times
+from omnimj.physics.motor import MOTOR_SIZE
+from omnimj.plant.faults import Conditions, Fault, conditions_at, conditions_with_effects, event_times
 from omnimj.plant.mujoco import slots
 
 _DECK = 0.129  # [m] height of the upper deck above the axles: payload stands on it
@@ -50,7 +49,7 @@ class NominalModel:
         wheels = len(conditions.grip)
         for i in range(wheels):
             row = m.actuator_user[i]
-            row[slots.MOTOR : slots.MOTOR + MOTOR_ROW] = conditions.motor_rows[i]
+            row[slots.MOTOR : slots.MOTOR + MOTOR_SIZE] = conditions.motors[i]
             row[slots.GRIP] = conditions.grip[i]
             floor = conditions.floors[i]
             row[slots.FLOOR_OVERRIDE] = -1 if floor is None else m.geom(f"floor_{floor}").id

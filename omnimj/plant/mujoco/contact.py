@@ -1,4 +1,4 @@
-"""What happens between one wheel and the floor: a pure function of MuJoCo's state and contact list.
+"""Contact between one wheel and the floor: a pure function of MuJoCo's state and contact list.
 
 Per contact: depth d and its rate, slip velocity V_r along the driving direction, lateral velocity v_c of the
 wheel with the roller's own spin taken out. Per wheel: the normal force is that of its deepest roller, shared
@@ -9,16 +9,15 @@ geometry and not a second spring; traction and roller friction follow with one b
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numba
 
-from omnimj.parameters.floor import ROW
 from omnimj.physics.effect_terms import traction_scale
 from omnimj.physics.native import kernel
 from omnimj.physics.traction import exact_step, force_ratio, relaxation_rate
 from omnimj.plant.mujoco import slots
-from omnimj.plant.mujoco.effect_forces import terms_of
-from omnimj.plant.mujoco.memory import OFFSETS, load_int, load_pointer, load_real, real_pointer
+from omnimj.plant.mujoco.memory import OFFSETS, load_int, load_pointer, load_real, terms_of, traction_of
 
 # columns of a contact's row
 WHEEL, ROLLER_BODY, FLOOR_GEOM, FLOOR_BODY, DEPTH, DEPTH_RATE, SLIP, LATERAL = range(8)
@@ -28,6 +27,25 @@ COLUMNS = 23
 MAX_CONTACTS = 64
 CONTACT_BUFFER = MAX_CONTACTS * COLUMNS
 """Doubles that one call's contacts need."""
+
+
+class WheelForces(NamedTuple):
+    """Contact forces of one wheel; the first five are what its sensor reports."""
+
+    slip: float
+    """Mean slip velocity [m/s]."""
+    normal: float
+    """[N]"""
+    traction: float
+    """Along the rollers' axis [N]."""
+    lateral: float
+    """Across it [N]."""
+    lateral_velocity: float
+    """Mean velocity of the carrier across it [m/s]."""
+    next_bristle: float
+    """Bristle deflection after the step [m]."""
+    next_lateral_bristle: float
+    """The same of the rollers' bearings [m]."""
 
 
 @kernel
@@ -47,7 +65,7 @@ def point_velocity(m, d, body, x, y, z):
 
 @kernel
 def floor_under(m, d, wheel_slots, geom, x, y, z):
-    """The geom whose floor parameters hold at a point: the wheel's override, a patch, or the geom itself."""
+    """Geom whose floor parameters hold at a point: the wheel's override, a patch, or the geom itself."""
     override = load_real(wheel_slots, slots.FLOOR_OVERRIDE)
     if override >= 0.0:
         return numba.int64(override)
@@ -70,7 +88,7 @@ def floor_under(m, d, wheel_slots, geom, x, y, z):
 
 @kernel
 def describe_contact(m, d, contact, wheel_slots, roller_geom, floor_geom, sign, row):
-    """Fills a contact's row with its geometry and velocities; False when it does not touch."""
+    """Fill a contact's row with its geometry and velocities; return False when it does not touch."""
     depth = -load_real(contact + OFFSETS.c_dist, 0)
     if depth <= 0.0:
         return False
@@ -116,10 +134,10 @@ def describe_contact(m, d, contact, wheel_slots, roller_geom, floor_geom, sign, 
 
 @kernel
 def gather_contacts(m, d, only, found):
-    """Writes the touching contacts of one wheel (`only`, or all wheels when negative) into `found`.
+    """Write the touching contacts of one wheel (`only`, or all wheels when negative) into `found`.
 
     Returns:
-      How many rows were written.
+      Number of rows written.
     """
     users = load_pointer(m + OFFSETS.m_geom_user)
     width = load_pointer(m + OFFSETS.m_nuser_geom)
@@ -186,9 +204,16 @@ def wheel_contact_forces(m, d, wheel, found, count, h):
     Traction of contact i: N_i f(z, V_r,i) on the floor under it, with one bristle z for the wheel; bearing
     friction of the rollers: N_i (σ0 z_l + σ1 ż_l + μ_vis v_c), g = μ_dry, with one lateral bristle.
 
+    Args:
+      m: Address of mjModel.
+      d: Address of mjData.
+      wheel: Index of the wheel.
+      found: Contact rows of `gather_contacts`, shape (MAX_CONTACTS, COLUMNS).
+      count: Number of them.
+      h: Step [s].
+
     Returns:
-      Mean slip, normal force, traction, lateral force along the axle, mean lateral velocity, next bristle,
-      next lateral bristle.
+      `WheelForces`.
     """
     own = load_pointer(m + OFFSETS.m_actuator_user) + 8 * load_pointer(m + OFFSETS.m_nuser_actuator) * wheel
     act = load_pointer(d + OFFSETS.d_act) + 8 * load_int(load_pointer(m + OFFSETS.m_actuator_actadr), wheel)
@@ -196,7 +221,7 @@ def wheel_contact_forces(m, d, wheel, found, count, h):
         found, count, wheel, load_real(own, slots.STIFFNESS), load_real(own, slots.DAMPING)
     )
     if pressed <= 0.0:  # lifted: the bristles spring back
-        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        return WheelForces(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     users = load_pointer(m + OFFSETS.m_geom_user)
     width = 8 * load_pointer(m + OFFSETS.m_nuser_geom)
     z = load_real(act, slots.BRISTLE)
@@ -210,11 +235,10 @@ def wheel_contact_forces(m, d, wheel, found, count, h):
             continue
         share = found[i, PRESSED] / pressed
         v = found[i, SLIP]
-        floor = users + width * numba.int64(found[i, FLOOR_GEOM]) + 8 * slots.FLOOR_ROW
-        row = numba.carray(real_pointer(floor), (ROW,))
-        rate = relaxation_rate(row, v, max(abs(turning), abs(turning - v)))
+        floor = traction_of(users + width * numba.int64(found[i, FLOOR_GEOM]))
+        rate = relaxation_rate(floor, v, max(abs(turning), abs(turning - v)))
         gripping = grip * traction_scale(terms, found[i, POINT])
-        found[i, FORCE] = gripping * found[i, PRESSED] * force_ratio(row, z, v, rate)
+        found[i, FORCE] = gripping * found[i, PRESSED] * force_ratio(floor, z, v, rate)
         traction += found[i, FORCE]
         slip += share * v
         lateral += share * found[i, LATERAL]
@@ -223,7 +247,7 @@ def wheel_contact_forces(m, d, wheel, found, count, h):
     for i in range(count):
         if found[i, WHEEL] == wheel:
             found[i, DRAG] = -ratio * found[i, PRESSED]
-    return slip, pressed, traction, -ratio * pressed, lateral, z_next, side_next
+    return WheelForces(slip, pressed, traction, -ratio * pressed, lateral, z_next, side_next)
 
 
 @kernel

@@ -1,11 +1,28 @@
-"""Applies what the wheels feel to MuJoCo's passive forces: contacts, rollers, motors, rail."""
+"""Forces of wheels, motors and rail, and of the effects on them, added to MuJoCo's passive forces."""
 
 from __future__ import annotations
 
+import math
+from typing import NamedTuple
+
 import numba
 
-from omnimj.physics.effect_terms import ACTIVE, BACKLASH
-from omnimj.physics.motor import MOTOR_ROW, drive_torque_bounds, stick_or_slip
+from omnimj.physics.effect_terms import (
+    BISECTIONS,
+    AxleTorque,
+    Backlash,
+    apply_motor_effects,
+    axle_dry_friction,
+    axle_torque,
+    guide_dry_friction,
+    guide_force,
+    has_motor_effects,
+    hub_force,
+    step_backlash,
+    supply_current,
+    widen_friction,
+)
+from omnimj.physics.motor import drive_torque_bounds, stick_or_slip
 from omnimj.physics.native import kernel
 from omnimj.plant.mujoco import slots
 from omnimj.plant.mujoco.contact import (
@@ -22,29 +39,53 @@ from omnimj.plant.mujoco.contact import (
     WHEEL,
     point_velocity,
 )
-from omnimj.plant.mujoco.effect_forces import (
-    add_air_drag,
-    drive_with_effects,
-    force_at_hub,
-    guide_with_effects,
-    motor_with_effects,
-    step_gear_backlash,
+from omnimj.plant.mujoco.memory import (
+    OFFSETS,
+    load_int,
+    load_pointer,
+    load_real,
+    motor_of,
+    store_real,
     terms_of,
 )
-from omnimj.plant.mujoco.memory import OFFSETS, load_int, load_pointer, load_real, stack_reals, store_real
+
+
+class AxleLoad(NamedTuple):
+    """Load on a wheel's axle [N]."""
+
+    normal: float
+    """F_N."""
+    ahead: float
+    """Force of the floor along the driving direction."""
+    lateral: float
+    """Force of the floor along the axle."""
+    rolling: float
+    """Rolling resistance at the rim."""
+
+
+# contacts
 
 
 @kernel
-def add_force(m, d, body, x, y, z, fx, fy, fz, watched, second):
-    """Adds a force at a point of a body to qfrc_passive: Jᵀf along the body's chain of joints.
+def add_force(m, d, body, point, force, watched):
+    """Add a force at a point of a body to qfrc_passive: Jᵀf along the body's chain of joints.
+
+    Args:
+      m: Address of mjModel.
+      d: Address of mjData.
+      body: Index of the body.
+      point: x, y, z in the world [m].
+      force: x, y, z in the world [N].
+      watched: Two degrees of freedom, −1: none.
 
     Returns:
-      What it added to the degrees of freedom `watched` and `second`.
+      Generalised forces added to the two watched degrees of freedom.
     """
     dof_number = load_pointer(m + OFFSETS.m_body_dofnum)
     parent = load_pointer(m + OFFSETS.m_body_parentid)
     root = load_int(load_pointer(m + OFFSETS.m_body_rootid), body)
     com = load_pointer(d + OFFSETS.d_subtree_com) + 24 * root
+    (x, y, z), (fx, fy, fz) = point, force
     rx, ry, rz = x - load_real(com, 0), y - load_real(com, 1), z - load_real(com, 2)
     mx, my, mz = ry * fz - rz * fy, rz * fx - rx * fz, rx * fy - ry * fx
     while body > 0 and load_int(dof_number, body) == 0:
@@ -55,23 +96,23 @@ def add_force(m, d, body, x, y, z, fx, fy, fz, watched, second):
     dof_parent = load_pointer(m + OFFSETS.m_dof_parentid)
     axes = load_pointer(d + OFFSETS.d_cdof)
     passive = load_pointer(d + OFFSETS.d_qfrc_passive)
-    on_watched, on_second = 0.0, 0.0
+    on_first, on_second = 0.0, 0.0
     while dof >= 0:
         c = axes + 48 * dof
         q = load_real(c, 0) * mx + load_real(c, 1) * my + load_real(c, 2) * mz
         q += load_real(c, 3) * fx + load_real(c, 4) * fy + load_real(c, 5) * fz
         store_real(passive, dof, load_real(passive, dof) + q)
-        if dof == watched:
-            on_watched = q
-        if dof == second:
+        if dof == watched[0]:
+            on_first = q
+        if dof == watched[1]:
             on_second = q
         dof = load_int(dof_parent, dof)
-    return on_watched, on_second
+    return on_first, on_second
 
 
 @kernel
 def _roller_force(m, d, row, found, count, grip, h):
-    """Lateral force of the floor on a roller, and the roller's dof and lever.
+    """Lateral force of the floor on a roller, and the roller's degree of freedom and lever.
 
     F = F_lat + I(ω* − ω)/(J h), ω* = −v_c/J: what makes the roller roll in this step, bounded by its grip.
     Two contacts of one roller share the change of spin by their normal force.
@@ -103,10 +144,19 @@ def _roller_force(m, d, row, found, count, grip, h):
 
 @kernel
 def add_contact_forces(m, d, wheel, found, count, second, h):
-    """Applies normal force, traction and roller friction of one wheel's contacts.
+    """Apply normal force, traction and roller friction of one wheel's contacts.
+
+    Args:
+      m: Address of mjModel.
+      d: Address of mjData.
+      wheel: Index of the wheel.
+      found: Contact rows, filled by `wheel_contact_forces`.
+      count: Number of them.
+      second: A degree of freedom to watch beside the axle; −1: none.
+      h: Step [s].
 
     Returns:
-      Torque of the floor about the axle, and force on the degree of freedom `second`.
+      Torque of the floor about the axle [N.m], and generalised force on `second`.
     """
     own = load_pointer(m + OFFSETS.m_actuator_user) + 8 * load_pointer(m + OFFSETS.m_nuser_actuator) * wheel
     axle = numba.int64(load_real(own, slots.WHEEL_DOF))
@@ -120,11 +170,11 @@ def add_contact_forces(m, d, wheel, found, count, second, h):
         fx = row[PRESSED] * row[NORMAL] + row[FORCE] * row[AHEAD] + side * row[ASIDE]
         fy = row[PRESSED] * row[NORMAL + 1] + row[FORCE] * row[AHEAD + 1] + side * row[ASIDE + 1]
         fz = row[PRESSED] * row[NORMAL + 2] + row[FORCE] * row[AHEAD + 2] + side * row[ASIDE + 2]
-        x, y, z = row[POINT], row[POINT + 1], row[POINT + 2]
-        about, along = add_force(m, d, numba.int64(row[ROLLER_BODY]), x, y, z, fx, fy, fz, axle, second)
+        point = row[POINT], row[POINT + 1], row[POINT + 2]
+        about, along = add_force(m, d, numba.int64(row[ROLLER_BODY]), point, (fx, fy, fz), (axle, second))
         torque, pull = torque + about, pull + along
         if row[FLOOR_BODY] > 0.0:
-            add_force(m, d, numba.int64(row[FLOOR_BODY]), x, y, z, -fx, -fy, -fz, -1, -1)
+            add_force(m, d, numba.int64(row[FLOOR_BODY]), point, (-fx, -fy, -fz), (-1, -1))
         # the bearing between roller and wheel holds the roller back
         store_real(passive, dof, load_real(passive, dof) - row[DRAG] * lever)
     return torque, pull
@@ -132,7 +182,7 @@ def add_contact_forces(m, d, wheel, found, count, second, h):
 
 @kernel
 def coast_rollers(m, d, own, wheel, found, count, h):
-    """Lifted rollers lose their spin in the bearing's grease: torque −I ω/τ."""
+    """Slow lifted rollers down by the grease of their bearings: torque −I ω/τ."""
     first = numba.int64(load_real(own, slots.FIRST_ROLLER_DOF))
     passive = load_pointer(d + OFFSETS.d_qfrc_passive)
     spin = load_pointer(d + OFFSETS.d_qvel)
@@ -156,90 +206,300 @@ def _is_first_of_its_roller(found, i):
     return True
 
 
+# motor and axle
+
+
 @kernel
-def axle_resistance(own, pressed, lateral_force, rolling, wheel_speed):
+def _elapsed_time(d):
+    """Time since the start of the run [s]."""
+    return load_real(d + OFFSETS.d_time, 0)
+
+
+@kernel
+def _wheel_angle(d, own):
+    """Angle of the wheel [rad]."""
+    return load_real(load_pointer(d + OFFSETS.d_qpos), numba.int64(load_real(own, slots.ANGLE_ADDRESS)))
+
+
+@kernel
+def _wheel_speed(d, own):
+    """Speed of the wheel [rad/s]."""
+    return load_real(load_pointer(d + OFFSETS.d_qvel), numba.int64(load_real(own, slots.WHEEL_DOF)))
+
+
+@kernel
+def _axle_inertia(m, own):
+    """Inertia of wheel and rotor about the axle [kg.m²]."""
+    return load_real(load_pointer(m + OFFSETS.m_dof_M0), numba.int64(load_real(own, slots.WHEEL_DOF)))
+
+
+@kernel
+def _slots_of(m, wheel):
+    """Address of a wheel's slots."""
+    return load_pointer(m + OFFSETS.m_actuator_user) + 8 * slots.ACTUATOR_SLOTS * wheel
+
+
+@kernel
+def _supply_current(m, d, wheel, voltage):
+    """Current that a wheel's motor draws from a supply at a voltage [A]."""
+    own = _slots_of(m, wheel)
+    place = load_int(load_pointer(m + OFFSETS.m_actuator_ctrladr), wheel)
+    command = load_real(load_pointer(d + OFFSETS.d_ctrl), place)
+    time = _elapsed_time(d)
+    return supply_current(motor_of(own), terms_of(own), time, voltage, command, _wheel_speed(d, own))
+
+
+@kernel
+def _current_of_others(m, d, wheel):
+    """Current drawn by the other wheels' motors at the voltage that all leave of a sagging supply [A].
+
+    As `planar_wheel.supply_currents`: V = V_0 − R_s Σ i_j(V) by bisection.
+    """
+    first = _slots_of(m, 0)
+    wheels = numba.int64(load_real(first, slots.WHEELS))
+    sag = terms_of(first).sag
+    if wheels == 1 or sag == 0.0:
+        return 0.0
+    full = motor_of(first).supply
+    low, high, others = 0.0, full, 0.0
+    for _ in range(BISECTIONS):
+        voltage, total = 0.5 * (low + high), 0.0
+        others = 0.0
+        for i in range(wheels):
+            drawn = _supply_current(m, d, i, voltage)
+            total += drawn
+            if i != wheel:
+                others += drawn
+        if voltage > full - sag * total:
+            high = voltage
+        else:
+            low = voltage
+    return others
+
+
+@kernel
+def motor_with_effects(m, d, own, wheel, limited):
+    """`MotorParameters` of a wheel at this time.
+
+    Args:
+      m: Address of mjModel.
+      d: Address of mjData.
+      own: Address of the wheel's slots.
+      wheel: Index of the wheel.
+      limited: Whether the current's limits matter, and with them the supply that motors share.
+    """
+    motor, terms = motor_of(own), terms_of(own)
+    if not has_motor_effects(terms):
+        return motor
+    others = _current_of_others(m, d, wheel) if limited else 0.0
+    return apply_motor_effects(motor, terms, _elapsed_time(d), others)
+
+
+@kernel
+def _axle_resistance(own, load, wheel_speed):
     """Dry torque of bearings and rolling [N.m].
 
     Bearing: (μ_dry + μ_vis |φ̇|)(|F_A| + |F_B|) p_d/2, F_A = (F_N(a + b) − G r)/a, F_B = (F_N b − G r)/a
     (Eqs. 4.37-4.38), G the rollers' resistance to sideways motion.
     """
     a, b = load_real(own, slots.BEARING_SPACING), load_real(own, slots.BEARING_OVERHANG)
-    tilt = -lateral_force * load_real(own, slots.RADIUS)
-    load = (abs(pressed * (a + b) - tilt) + abs(pressed * b - tilt)) / a
+    radius = load_real(own, slots.RADIUS)
+    tilt = -load.lateral * radius
+    pressed = (abs(load.normal * (a + b) - tilt) + abs(load.normal * b - tilt)) / a
     friction = load_real(own, slots.BEARING_DRY) + load_real(own, slots.BEARING_VISCOUS) * abs(wheel_speed)
-    return friction * load * load_real(own, slots.BEARING_RADIUS) + rolling * load_real(own, slots.RADIUS)
+    return friction * pressed * load_real(own, slots.BEARING_RADIUS) + load.rolling * radius
 
 
 @kernel
-def add_drive_torque(m, d, wheel, own, pressed, traction, lateral_force, rolling, floor_torque, h):
-    """Motor through gear, no-load, bearing and rolling friction, brake: one set-valued torque on the axle."""
-    dof = numba.int64(load_real(own, slots.WHEEL_DOF))
-    act = load_pointer(d + OFFSETS.d_act) + 8 * load_int(load_pointer(m + OFFSETS.m_actuator_actadr), wheel)
-    wheel_speed = load_real(load_pointer(d + OFFSETS.d_qvel), dof)
-    motor = motor_with_effects(m, d, own, wheel, False, numba.carray(stack_reals(MOTOR_ROW), (MOTOR_ROW,)))
-    resistance = axle_resistance(own, pressed, lateral_force, rolling, wheel_speed)
-    inertia = load_real(load_pointer(m + OFFSETS.m_dof_M0), dof)
+def _axle_torque_with_effects(d, own, act, motor, resistance, h):
+    """`AxleTorque` of motor, friction and effects; `other` is without the floor's torque.
+
+    Args:
+      d: Address of mjData.
+      own: Address of the wheel's slots.
+      act: Address of its activations.
+      motor: `MotorParameters`.
+      resistance: Dry friction of bearings and rolling in the model [N.m].
+      h: Step [s].
+    """
     terms = terms_of(own)
-    if terms[ACTIVE] == 0.0:
+    gap, rate = load_real(act, slots.BACKLASH), load_real(act, slots.BACKLASH_RATE)
+    rotor_speed = _wheel_speed(d, own) + rate
+    low, high = drive_torque_bounds(motor, load_real(act, slots.CURRENT), rotor_speed)
+    dry = max(resistance + axle_dry_friction(terms, low, high), 0.0)
+    return AxleTorque(low, high, dry, axle_torque(terms, _wheel_angle(d, own) + gap, rotor_speed, h))
+
+
+@kernel
+def _step_backlash(m, d, own, act, torque, ahead, h):
+    """`effect_terms.step_backlash` of a wheel; passive forces and activations must get the same answer.
+
+    Hence the floor's torque is −r F for both, although the passive forces know it more exactly.
+
+    Args:
+      m: Address of mjModel.
+      d: Address of mjData.
+      own: Address of the wheel's slots.
+      act: Address of its activations.
+      torque: From `_axle_torque_with_effects`.
+      ahead: F along the driving direction [N].
+      h: Step [s].
+    """
+    terms = terms_of(own)
+    gap, rate = load_real(act, slots.BACKLASH), load_real(act, slots.BACKLASH_RATE)
+    gear = Backlash(terms.backlash, terms.rotor_inertia, gap, rate)
+    other = torque.other - load_real(own, slots.RADIUS) * ahead
+    torques = AxleTorque(torque.low, torque.high, torque.dry, other)
+    return step_backlash(gear, torques, _wheel_speed(d, own), _axle_inertia(m, own), h)
+
+
+@kernel
+def backlash_after(m, d, own, act, motor, load, h):
+    """Angle and rate of the rotor relative to the wheel after a step [rad, rad/s].
+
+    Args:
+      m: Address of mjModel.
+      d: Address of mjData.
+      own: Address of the wheel's slots.
+      act: Address of its activations.
+      motor: `MotorParameters`.
+      load: `AxleLoad`.
+      h: Step [s].
+    """
+    resistance = _axle_resistance(own, load, _wheel_speed(d, own))
+    torque = _axle_torque_with_effects(d, own, act, motor, resistance, h)
+    _, gap, rate, _ = _step_backlash(m, d, own, act, torque, load.ahead, h)
+    return gap, rate
+
+
+@kernel
+def add_drive_torque(m, d, wheel, own, load, floor_torque, h):
+    """Add motor through gear, no-load, bearing and rolling friction, brake as one set-valued torque.
+
+    Args:
+      m: Address of mjModel.
+      d: Address of mjData.
+      wheel: Index of the wheel.
+      own: Address of its slots.
+      load: `AxleLoad`.
+      floor_torque: Torque of the floor about the axle [N.m].
+      h: Step [s].
+    """
+    act = load_pointer(d + OFFSETS.d_act) + 8 * load_int(load_pointer(m + OFFSETS.m_actuator_actadr), wheel)
+    wheel_speed, inertia = _wheel_speed(d, own), _axle_inertia(m, own)
+    motor = motor_with_effects(m, d, own, wheel, False)
+    resistance = _axle_resistance(own, load, wheel_speed)
+    terms = terms_of(own)
+    if terms.active == 0.0:
         low, high = drive_torque_bounds(motor, load_real(act, slots.CURRENT), wheel_speed)
         torque = stick_or_slip(low - resistance, high + resistance, wheel_speed, inertia, floor_torque, h)
     else:
-        low, high, dry, more = drive_with_effects(d, own, act, motor, wheel_speed, resistance, h)
-        other = floor_torque + more
-        torque = more + stick_or_slip(low - dry, high + dry, wheel_speed, inertia, other, h)
-        if terms[BACKLASH] != 0.0:
-            change, _, _, touching = step_gear_backlash(
-                own, act, low, high, dry, more, wheel_speed, inertia, traction, h
-            )
-            if not touching:  # MuJoCo's axle carries the rotor: what makes the wheel do as if it did not
+        axle = _axle_torque_with_effects(d, own, act, motor, resistance, h)
+        low, high, other = axle.low - axle.dry, axle.high + axle.dry, floor_torque + axle.other
+        torque = axle.other + stick_or_slip(low, high, wheel_speed, inertia, other, h)
+        if terms.backlash != 0.0:
+            change, _, _, touching = _step_backlash(m, d, own, act, axle, load.ahead, h)
+            if not touching:  # MuJoCo's axle carries the rotor: what makes the wheel move as if it did not
                 torque = inertia * change - floor_torque
+    dof = numba.int64(load_real(own, slots.WHEEL_DOF))
     passive = load_pointer(d + OFFSETS.d_qfrc_passive)
     store_real(passive, dof, load_real(passive, dof) + torque)
 
 
+# hub, body and rail
+
+
 @kernel
 def add_hub_forces(m, d, wheels, own, h):
-    """Effects that push a robot's wheel along its driving direction, and its share of the air's drag."""
+    """Add the effects that push a robot's wheel along its driving direction, and its share of the air drag.
+
+    Args:
+      m: Address of mjModel.
+      d: Address of mjData.
+      wheels: Number of wheels.
+      own: Address of the wheel's slots.
+      h: Step [s].
+    """
     body = numba.int64(load_real(own, slots.WHEEL_BODY))
     axes = load_pointer(d + OFFSETS.d_xmat) + 72 * body
     place = load_pointer(d + OFFSETS.d_xpos) + 24 * body
     x, y, z = load_real(place, 0), load_real(place, 1), load_real(place, 2)
-    ahead_x, ahead_y = (
-        load_real(axes, 4),
-        -load_real(axes, 1),
-    )  # axle × vertical; the axle: the wheel's y axis
+    ahead_x, ahead_y = load_real(axes, 4), -load_real(axes, 1)  # axle × vertical; the axle is the wheel's y
     v_x, v_y, _ = point_velocity(m, d, body, x, y, z)
     along, across = v_x * ahead_x + v_y * ahead_y, v_y * ahead_x - v_x * ahead_y
-    force = force_at_hub(m, d, own, along, across, h)
+    time, angle, turning = _elapsed_time(d), _wheel_angle(d, own), _wheel_speed(d, own)
+    force = hub_force(terms_of(own), along, x, time, across, angle, turning, h)
     if force != 0.0:
-        add_force(m, d, body, x, y, z, force * ahead_x, force * ahead_y, 0.0, -1, -1)
-    add_air_drag(m, d, own, wheels)
+        add_force(m, d, body, (x, y, z), (force * ahead_x, force * ahead_y, 0.0), (-1, -1))
+    _add_air_drag(m, d, own, wheels)
 
 
 @kernel
-def add_rail_friction(m, d, own, joint, pressed, lateral_force, lateral_speed, rolling, pull, h):
-    """Friction of the rig's rail and rolling resistance of its wheel, Eqs. 4.12-4.16, with stiction.
+def _add_air_drag(m, d, own, wheels):
+    """Add one wheel's share of −c |v| v to the free body that carries it."""
+    coefficient = terms_of(own).air / wheels
+    if coefficient == 0.0:
+        return
+    body = load_int(load_pointer(m + OFFSETS.m_body_rootid), numba.int64(load_real(own, slots.WHEEL_BODY)))
+    if load_int(load_pointer(m + OFFSETS.m_body_dofnum), body) != 6:
+        return
+    dof = load_int(load_pointer(m + OFFSETS.m_body_dofadr), body)
+    speed = load_pointer(d + OFFSETS.d_qvel)
+    passive = load_pointer(d + OFFSETS.d_qfrc_passive)
+    x, y = load_real(speed, dof), load_real(speed, dof + 1)
+    pull = -coefficient * math.sqrt(x * x + y * y)
+    store_real(passive, dof, load_real(passive, dof) + pull * x)
+    store_real(passive, dof + 1, load_real(passive, dof + 1) + pull * y)
+
+
+@kernel
+def _rail_resistance(rail, load, speed):
+    """Dry friction of the rail and rolling resistance of the wheel [N]; see `add_rail_friction`."""
+    half = load_real(rail, slots.RAIL_HALF_WIDTH)
+    resisting = -load.lateral
+    moment = load.normal * load_real(rail, slots.RAIL_D) - load_real(rail, slots.RAIL_WEIGHT) * load_real(
+        rail, slots.RAIL_E
+    )
+    moment -= resisting * load_real(rail, slots.RAIL_HEIGHT)
+    pressed = (abs(-resisting * half - moment) + abs(-resisting * half + moment)) / (2.0 * half)
+    friction = load_real(rail, slots.RAIL_COULOMB) + load.rolling
+    return friction + (
+        (load_real(rail, slots.RAIL_DRY) + load_real(rail, slots.RAIL_VISCOUS) * abs(speed)) * pressed
+    )
+
+
+@kernel
+def add_rail_friction(m, d, own, joint, load, lateral_speed, pull, h):
+    """Add friction of the rig's rail and rolling resistance of its wheel, Eqs. 4.12-4.16, with stiction.
 
     F = F_0 + F_rol + (μ_D,dry + μ_D,vis |ẋ|)(|F_H| + |F_G|), F_H,G = (F_D h ∓ M_D)/(2h), F_D = −G,
     M_D = F_N d − m_T g e − G c.
+
+    Args:
+      m: Address of mjModel.
+      d: Address of mjData.
+      own: Address of the wheel's slots.
+      joint: Index of the rail's joint.
+      load: `AxleLoad`.
+      lateral_speed: Of the wheel sideways [m/s].
+      pull: Force of the wheel on the carriage [N].
+      h: Step [s].
     """
     rail = load_pointer(m + OFFSETS.m_jnt_user) + 8 * load_pointer(m + OFFSETS.m_nuser_jnt) * joint
     dof = load_int(load_pointer(m + OFFSETS.m_jnt_dofadr), joint)
     speed = load_real(load_pointer(d + OFFSETS.d_qvel), dof)
-    half = load_real(rail, slots.RAIL_HALF_WIDTH)
-    resisting = -lateral_force
-    moment = pressed * load_real(rail, slots.RAIL_D) - load_real(rail, slots.RAIL_WEIGHT) * load_real(
-        rail, slots.RAIL_E
-    )
-    moment -= resisting * load_real(rail, slots.RAIL_HEIGHT)
-    load = (abs(-resisting * half - moment) + abs(-resisting * half + moment)) / (2.0 * half)
-    friction = load_real(rail, slots.RAIL_COULOMB) + rolling
-    friction += (load_real(rail, slots.RAIL_DRY) + load_real(rail, slots.RAIL_VISCOUS) * abs(speed)) * load
-    mass = load_real(load_pointer(m + OFFSETS.m_dof_M0), dof)
-    if terms_of(own)[ACTIVE] == 0.0:
+    friction = _rail_resistance(rail, load, speed)
+    mass, terms = load_real(load_pointer(m + OFFSETS.m_dof_M0), dof), terms_of(own)
+    if terms.active == 0.0:
         force = stick_or_slip(-friction, friction, speed, mass, pull, h)
     else:
-        low, high, added, other = guide_with_effects(d, own, friction, speed, lateral_speed, mass, pull, h)
+        place = numba.int64(load_real(own, slots.POSITION_ADDRESS))
+        position = load_real(load_pointer(d + OFFSETS.d_qpos), place)
+        low, high = widen_friction(-friction, friction, guide_dry_friction(terms, speed, position))
+        time, angle, turning = _elapsed_time(d), _wheel_angle(d, own), _wheel_speed(d, own)
+        added = guide_force(terms, speed, position, time, lateral_speed, angle, turning, h)
+        # MuJoCo's own gravity pulls down the slope; here it matters for sticking only
+        other = pull + added + mass * terms.grade
         force = added + stick_or_slip(low, high, speed, mass, other, h)
     passive = load_pointer(d + OFFSETS.d_qfrc_passive)
     store_real(passive, dof, load_real(passive, dof) + force)

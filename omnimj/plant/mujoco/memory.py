@@ -1,4 +1,4 @@
-"""Where MuJoCo keeps its numbers: byte offsets in mjModel, mjData and mjContact.
+"""Access to MuJoCo's memory inside kernels: byte offsets in mjModel, mjData and mjContact, loads and stores.
 
 The offsets follow from MuJoCo's own description of its structs (`mujoco.introspect`) by the rules of C, and
 are compared with the addresses of the bound arrays before the native contact may use them.
@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import mujoco
+import numba
 import numba.extending
 import numpy as np
 from llvmlite import ir
@@ -19,6 +20,12 @@ from numba import types
 from numba.core import cgutils
 
 from omnimj.errors import NativeLayoutError
+from omnimj.parameters.floor import TRACTION_SIZE
+from omnimj.physics.effect_terms import TERMS, terms_at
+from omnimj.physics.motor import MOTOR_SIZE, motor_at
+from omnimj.physics.native import kernel
+from omnimj.physics.traction import traction_at
+from omnimj.plant.mujoco import slots
 
 _SCALARS = {
     "int": 4,
@@ -34,7 +41,7 @@ _SCALARS = {
 
 
 class Offsets(NamedTuple):
-    """Byte offsets of what the native contact reads and writes."""
+    """Byte offsets of the fields that the native contact reads and writes."""
 
     m_timestep: int
     m_nactuator: int
@@ -193,9 +200,6 @@ def check_offsets(offsets: Offsets) -> None:
 OFFSETS = read_offsets()
 """Of the installed MuJoCo; constants for the kernels, whose disk cache is keyed by MuJoCo's version."""
 
-
-# Reads and writes memory by address inside kernels; addresses are integers.
-
 # the decorator takes the typing context away, which type checkers cannot see
 intrinsic: Any = numba.extending.intrinsic
 
@@ -270,3 +274,21 @@ def stack_reals(typingctx, count):
         return builder.bitcast(room, ir.DoubleType().as_pointer())
 
     return types.CPointer(types.float64)(count), codegen
+
+
+@kernel
+def motor_of(own):
+    """`MotorParameters` of a wheel, given the address of its slots."""
+    return motor_at(numba.carray(real_pointer(own + 8 * slots.MOTOR), (MOTOR_SIZE,)))
+
+
+@kernel
+def terms_of(own):
+    """`EffectTerms` of a wheel, given the address of its slots."""
+    return terms_at(numba.carray(real_pointer(own + 8 * slots.EFFECT_TERMS), (TERMS,)))
+
+
+@kernel
+def traction_of(own):
+    """`TractionParameters` of a floor, given the address of its geom's slots."""
+    return traction_at(numba.carray(real_pointer(own + 8 * slots.TRACTION), (TRACTION_SIZE,)))

@@ -1,4 +1,4 @@
-"""Where the native contact finds its parameters: the `user` arrays of the compiled model.
+"""Places of the native contact's parameters in the `user` arrays of the compiled model.
 
 A floor is a geom with its traction law in `geom_user`; a roller's geom says to which wheel it belongs; a
 wheel is an actuator whose `actuator_user` holds everything about that wheel and its motor. So two models in
@@ -7,15 +7,15 @@ one process differ freely, and copies, batches and saved models carry their para
 
 from __future__ import annotations
 
-from omnimj.parameters.floor import ROW
+from omnimj.parameters.floor import TRACTION_SIZE
 from omnimj.physics.effect_terms import TERMS
-from omnimj.physics.motor import MOTOR_ROW
+from omnimj.physics.motor import MOTOR_SIZE
 
 # geom_user
 KIND = 0
 NOT_OURS, FLOOR, PATCH, ROLLER = 0.0, 1.0, 2.0, 3.0
-FLOOR_ROW = 1  # … 1 + ROW: traction law and its numbers (floors and patches)
-FIRST_PATCH = FLOOR_ROW + ROW  # floors: id of the first patch geom that lies on them
+TRACTION = 1  # … 1 + TRACTION_SIZE: the packed traction law (floors and patches)
+FIRST_PATCH = TRACTION + TRACTION_SIZE  # floors: id of the first patch geom that lies on them
 PATCH_COUNT = FIRST_PATCH + 1
 ROLLER_WHEEL = 1  # rollers: index of the wheel (its actuator)
 GEOM_SLOTS = PATCH_COUNT + 1
@@ -34,10 +34,10 @@ STIFFNESS, DAMPING = 11, 12
 ROLLER_DRY, ROLLER_VISCOUS, ROLLER_SIGMA_0, ROLLER_SIGMA_1, ROLLER_GRIP, ROLLER_COAST = 13, 14, 15, 16, 17, 18
 ROLLING_RESISTANCE = 19
 BEARING_DRY, BEARING_VISCOUS, BEARING_RADIUS, BEARING_SPACING, BEARING_OVERHANG = 20, 21, 22, 23, 24
-MOTOR = 25  # … 25 + MOTOR_ROW
-EFFECT_TERMS = MOTOR + MOTOR_ROW  # … + TERMS: the effects of this wheel
-ANGLE_ADDRESS = EFFECT_TERMS + TERMS  # where in qpos the wheel's angle stands
-POSITION_ADDRESS = ANGLE_ADDRESS + 1  # where in qpos the rig's carriage stands
+MOTOR = 25  # … 25 + MOTOR_SIZE: the packed motor
+EFFECT_TERMS = MOTOR + MOTOR_SIZE  # … + TERMS: the packed effect terms of this wheel
+ANGLE_ADDRESS = EFFECT_TERMS + TERMS  # of the wheel's angle in qpos
+POSITION_ADDRESS = ANGLE_ADDRESS + 1  # of the rig's carriage in qpos
 ROLLER_SIN, ROLLER_COS = (
     POSITION_ADDRESS + 1,
     POSITION_ADDRESS + 2,
@@ -51,7 +51,7 @@ JOINT_SLOTS = 9
 
 # activations of a wheel's actuator
 CURRENT, BRISTLE, LATERAL_BRISTLE = 0, 1, 2
-PLAY, PLAY_RATE = 3, 4  # of the gear: angle of the rotor over the wheel, as seen at the wheel
+BACKLASH, BACKLASH_RATE = 3, 4  # angle of the rotor relative to the wheel, seen at the wheel, and its rate
 ACTIVATIONS = 5
 LATERAL_LOAD = 5  # the rig's only: lateral force of the floor as rail and bearings feel it, low-passed
 

@@ -137,7 +137,7 @@ class RigTwin:
         return self._sensors.measure(
             self._steps * self.period,
             float(self.mj_data.act[slots.CURRENT]),
-            float(speed[self._axle] + self.mj_data.act[slots.PLAY_RATE]),  # the encoder sits on the motor
+            float(speed[self._axle] + self.mj_data.act[slots.BACKLASH_RATE]),  # the encoder sits on the motor
             float(speed[self._rail]),
             float(self.mj_data.qacc[self._rail] - self.mj_model.opt.gravity[0]),
             float(speed[self._gantry]),
@@ -257,7 +257,7 @@ class RobotTwin:
         users = self.mj_model.actuator_user
         self._axles = users[: self._wheels, slots.WHEEL_DOF].astype(int)
         self._currents = self.mj_data.act[slots.CURRENT :: slots.ACTIVATIONS]
-        self._play_rates = self.mj_data.act[slots.PLAY_RATE :: slots.ACTIVATIONS]
+        self._backlash_rates = self.mj_data.act[slots.BACKLASH_RATE :: slots.ACTIVATIONS]
         first = int(users[0, slots.SENSOR])
         block = self.mj_data.sensordata[first : first + 5 * self._wheels]
         self._felt = block.reshape(self._wheels, 5)[:, :3].T  # slip, normal force, traction
@@ -320,7 +320,7 @@ class RobotTwin:
         return self._sensors.measure(
             self._steps * self.period,
             self._currents,
-            self.mj_data.qvel[self._axles] + self._play_rates,  # the encoder sits on the motor
+            self.mj_data.qvel[self._axles] + self._backlash_rates,  # the encoder sits on the motor
             self._acceleration(),
             float(self._gyro[2]),
             self._heading(),

@@ -1,4 +1,4 @@
-"""Planned motion of a scenario: its `[drive]` table as a reference, one sample per control step."""
+"""What a scenario asks of the robot: its `[drive]` table as a reference, one sample per control step."""
 
 from __future__ import annotations
 
@@ -37,39 +37,39 @@ _PATHS: Mapping[str, tuple[tuple[str, ...], Callable[[DriveTable, Array], Array]
     }
 )
 KINDS = (*_FREE, *_PATHS)
-"""Names of the kinds of drive."""
+"""Kinds of drive."""
 DRIVE_KEYS = tuple(
     dict.fromkeys([*_COMMON_KEYS, *(key for keys, _ in (*_FREE.values(), *_PATHS.values()) for key in keys)])
 )
-"""Keys of all kinds of drive."""
+"""All keys that some kind of drive has."""
 
 
 @dataclass(frozen=True)
 class Drive:
-    """A planned motion, its start, and the loops that follow it."""
+    """A planned motion, where it starts, and which loops follow it."""
 
     reference: Reference
     """One sample per control step, the first at time 0, the last at the end of the run."""
     yaw_loop: bool
-    """Proportional control of the yaw rate."""
+    """P on the yaw rate."""
     heading_hold: bool
-    """Proportional control of the heading."""
+    """P on the heading."""
     heading_feedback: bool
-    """True if world demands are rotated by the measured heading, not by the planned one."""
+    """World demands are rotated by the measured heading; by the planned one when false."""
     start: tuple[float, float, float]
     """x, y [m] and heading [rad] in the world at time 0."""
 
 
 def read_drive(table: Any, place: str, duration: float, period: float) -> Drive:
-    """Converts a `[drive]` table to a reference.
+    """A `[drive]` table as a reference.
 
-    Position, velocity and heading are consistent: velocity k, held for one control period, leads from
+    Position, velocity and heading belong together: velocity k, held for one control period, leads from
     position k to position k+1, and the yaw rate likewise.
 
     Args:
       table: `kind` and the kind's own keys, with `start`, `heading`, `yaw_loop`, `heading_hold` and
         `heading_feedback` for all kinds.
-      place: Name of the table in messages.
+      place: What to call the table in messages.
       duration: Length of the run [s].
       period: Control period [s].
 

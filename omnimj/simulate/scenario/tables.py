@@ -1,4 +1,4 @@
-"""Readers of single entries and small tables of a scenario file, each with its rules."""
+"""Entries of a scenario's file, one kind each."""
 
 from __future__ import annotations
 
@@ -14,23 +14,9 @@ from omnimj.parameters.reading import Rule, check_number
 from omnimj.resources import models_folder
 from omnimj.simulate.kinematic import KinematicCase
 
-DIAGNOSIS_KEYS = ("variant", "thresholds", *OPTION_FLAGS)
-KINEMATIC_KEYS = (
-    "plant",
-    "weights",
-    "weights_from",
-    "lost_wheel",
-    "lost_from",
-    "lost_wheel_turns_freely",
-    "misalignment",
-)
-_WEIGHT = Rule(1e-9, 1e9, False)  # beyond, the weighted pseudo-inverse loses its digits
-_TIME = Rule(0.0, math.inf, False)
-_ANGLE = Rule(-0.5, 0.5, False)
-
 
 def text_entry(tree: Mapping, key: str, place: str) -> str:
-    """One line of text of a key."""
+    """One line of text."""
     value = tree.get(key)
     if not isinstance(value, str) or not value or "\n" in value:
         found = "is missing" if value is None else f"found {value!r}"
@@ -39,7 +25,7 @@ def text_entry(tree: Mapping, key: str, place: str) -> str:
 
 
 def number_entry(tree: Mapping, key: str, place: str, rule: Rule, default: float | None = None) -> float:
-    """Number of a key within its bounds, or the default."""
+    """A number within its bounds; `default` where it is not there."""
     if key not in tree and default is None:
         raise InputError(f"{place}: {key}", "is missing", f"a number is needed that {rule}")
     return float(check_number(f"{place}: {key}", tree.get(key, default), rule))
@@ -54,15 +40,18 @@ def table_entries(tree: Mapping, key: str, place: str) -> list[Any]:
     return tables
 
 
+# Which robot or rig a scenario is about, where it is not the usual one.
+
+
 def read_model_key(tree: Mapping, scenario: Path) -> Path | None:
-    """Reads the key `model`: `"three_wheel"` is a shipped model, `"own.toml"` a file beside the scenario.
+    """The `model` of a scenario: `"three_wheel"` is a shipped one, `"own.toml"` lies beside the scenario.
 
     Args:
-      tree: Top level of the scenario.
-      scenario: The scenario's file.
+      tree: The scenario's top level.
+      scenario: Its file.
 
     Returns:
-      A file, or the bare name of a shipped model; None for the plant's default one.
+      A file, or the bare name of a shipped model; None for the plant's usual one.
 
     Raises:
       InputError: Not a text, or no such file.
@@ -81,18 +70,21 @@ def read_model_key(tree: Mapping, scenario: Path) -> Path | None:
     return path
 
 
+# What stands around the robot: another MJCF scene with ramps, thresholds, height fields.
+
+
 def read_scene_key(tree: Mapping, scenario: Path) -> Path | None:
-    """Reads the key `scene`: `"obstacles"` is a shipped scene, `"own.xml"` a file beside the scenario.
+    """The `scene` of a scenario: `"obstacles"` is a file of `models/uto_robot`, `"own.xml"` lies beside it.
 
     Args:
-      tree: Top level of the scenario.
-      scenario: The scenario's file.
+      tree: The scenario's top level.
+      scenario: Its file.
 
     Returns:
       The MJCF file; None for the flat floor.
 
     Raises:
-      InputError: Not a text, no such file, or a kinematic scenario, which has no ground.
+      InputError: Not a text, no such file, or a scenario without ground.
       UnknownNameError: No shipped scene of that name; the message lists them.
     """
     if "scene" not in tree:
@@ -114,14 +106,19 @@ def read_scene_key(tree: Mapping, scenario: Path) -> Path | None:
     return shipped[name]
 
 
-def read_diagnosis(table: Any, place: str) -> DetectorOptions:
-    """Reads the `[diagnosis]` table: options of the diagnosis methods, all optional.
+# The `[diagnosis]` table of a scenario: which form of a method to use.
 
-    `variant` and `thresholds` belong to `--method published`, `self_test` and `dither` to `--method robust`,
-    `recovery` to both.
+DIAGNOSIS_KEYS = ("variant", "thresholds", *OPTION_FLAGS)
+
+
+def read_diagnosis(table: Any, place: str) -> DetectorOptions:
+    """The form of a method; each key may be left out.
+
+    `variant` and `thresholds` are those of `--method published`, `self_test` and `dither` of `--method
+    robust`; `recovery` is for both.
 
     Raises:
-      InputError: Not a table, or a flag that is neither true nor false.
+      InputError: Not a table, or a flag is neither true nor false.
       UnknownNameError: A key, variant or set of thresholds that does not exist.
     """
     if not isinstance(table, Mapping):
@@ -138,14 +135,31 @@ def read_diagnosis(table: Any, place: str) -> DetectorOptions:
     )
 
 
+# The `[kinematics]` table: what a run at the kinematic level has instead of forces, faults and floors.
+
+KINEMATIC_KEYS = (
+    "plant",
+    "weights",
+    "weights_from",
+    "lost_wheel",
+    "lost_from",
+    "lost_wheel_turns_freely",
+    "misalignment",
+)
+
+_WEIGHT = Rule(1e-9, 1e9, False)  # beyond, the weighted pseudo-inverse loses its digits
+_TIME = Rule(0.0, math.inf, False)
+_ANGLE = Rule(-0.5, 0.5, False)
+
+
 def read_kinematics(table: Any, place: str, wheels: int) -> KinematicCase:
-    """Reads the `[kinematics]` table; every key is optional.
+    """The `[kinematics]` table; every key may be left out.
 
     Args:
       table: `plant` (corrected or published), `weights` and `misalignment` with one number per wheel,
         `weights_from`, `lost_wheel`, `lost_from`, `lost_wheel_turns_freely`.
-      place: Name of the table in messages.
-      wheels: Number of wheels n.
+      place: What to call the table in messages.
+      wheels: n.
 
     Raises:
       InputError: A value breaks its rule.
@@ -180,7 +194,7 @@ def read_kinematics(table: Any, place: str, wheels: int) -> KinematicCase:
 
 
 def kinematic_faults(case: KinematicCase) -> list[dict[str, Any]]:
-    """Misaligned axles and a lost demand as fault records of `metrics.json`."""
+    """Misaligned axles and lost demand as `metrics.json` holds faults."""
     records: list[dict[str, Any]] = [
         {"kind": "misalignment", "wheel": wheel, "onset": 0.0, "end": None, "angle": angle}
         for wheel, angle in enumerate(case.misalignment, start=1)

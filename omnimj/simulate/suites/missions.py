@@ -1,4 +1,4 @@
-"""Random missions of the robot, driven by the controller."""
+"""Missions of the robot: drawn at random, driven by the controller."""
 
 from __future__ import annotations
 
@@ -8,28 +8,29 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from omnimj.control.cascade.controller import Controller
+from omnimj.errors import SimulationError
 from omnimj.parameters import Robot
 from omnimj.plant.interface import Plant, robot_channels
 from omnimj.signals import Array, Reference
-from omnimj.simulate.loop import Callbacks, drive, require_complete
+from omnimj.simulate.loop import Callbacks, drive
 from omnimj.simulate.suites.suite import Condition, RunConfig
 
 MISSIONS = 6
 DURATION = 20.0
-"""Duration of a mission [s]."""
+"""Of a mission [s]."""
 
 _FLOORS = ("natural_stone", "pvc", "paperboard")
 _ACCELERATION, _YAW_ACCELERATION = 1.0, 2.0  # [m/s²], [rad/s²]
 _STAND = 0.5  # [s] at the beginning and at the end
-_GROUND_TRUTH = ("x", "y", "heading")  # as a motion-capture system measures it
+_GROUND_TRUTH = ("x", "y", "heading")  # as a camera system would give it
 
 
 def plan_missions(robot: Robot, seed: int) -> list[Condition]:
-    """Six missions of 20 s, two on each floor, drawn by the seed."""
+    """Six missions of 20 s, two on each floor; another seed draws other missions."""
     period = 1.0 / robot.sensors.sample_rate
     found = []
     for k in range(MISSIONS):
-        # a key of two numbers, apart from the seeds of the sensors
+        # apart from the sensors' seeds, which have one number
         draws = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(k, 1)))
         reference = mission(draws, DURATION, period)
         found.append(Condition(f"mission_{k + 1}", {"floor": _FLOORS[k % len(_FLOORS)]}, reference))
@@ -37,27 +38,27 @@ def plan_missions(robot: Robot, seed: int) -> list[Condition]:
 
 
 def mission(draws: np.random.Generator, duration: float, period: float) -> Reference:
-    """Draws a mission: segments at 0.2-1.0 m/s in the world frame with turns, stops and reversals.
+    """A random mission: stretches at 0.2-1.0 m/s in the world with turns, stops and reversals.
 
     Args:
       draws: Random numbers.
       duration: Of the mission [s].
-      period: Control period [s].
+      period: Of the control [s].
 
     Returns:
-      A reference with bounded accelerations that starts and ends at rest.
+      Velocity and yaw rate change at bounded accelerations; the robot stands at both ends.
     """
     rows = round(duration / period) + 1
-    demand = np.zeros((rows, 3))
+    asked = np.zeros((rows, 3))
     row = round(_STAND / period)
     end = rows - round(2.0 / period)  # time to come to a stand
     for seconds, twist in _segments(draws):
         if row >= end:
             break
         until = min(row + round(seconds / period), end)
-        demand[row:until] = twist
+        asked[row:until] = twist
         row = until
-    twist = _rate_limited(demand, period)
+    twist = _rate_limited(asked, period)
     heading = np.concatenate(([0.0], np.cumsum(twist[:-1, 2]) * period))
     position = np.vstack((np.zeros(2), np.cumsum(twist[:-1, :2], axis=0) * period))
     return Reference(
@@ -66,7 +67,7 @@ def mission(draws: np.random.Generator, duration: float, period: float) -> Refer
 
 
 def _segments(draws: np.random.Generator) -> Iterator[tuple[float, tuple[float, float, float]]]:
-    """Endless segments: duration [s], and velocity x, y [m/s] and yaw rate [rad/s] in the world frame."""
+    """Without end: seconds, and velocity x, y [m/s] and yaw rate [rad/s] in the world."""
     direction = draws.uniform(-math.pi, math.pi)
     while True:
         kind = draws.choice(("stop", "reverse", "turn_on", "anew"), p=(0.15, 0.30, 0.15, 0.40))
@@ -83,12 +84,12 @@ def _segments(draws: np.random.Generator) -> Iterator[tuple[float, tuple[float, 
         yield draws.uniform(1.5, 3.0), (speed * math.cos(direction), speed * math.sin(direction), rate)
 
 
-def _rate_limited(demand: Array, period: float) -> Array:
-    """Demand with bounded accelerations, shape (k, 3)."""
-    followed = np.zeros_like(demand)
+def _rate_limited(asked: Array, period: float) -> Array:
+    """The same demand, followed at bounded accelerations, shape (k, 3)."""
+    followed = np.zeros_like(asked)
     now = np.zeros(3)
-    for k in range(1, len(demand)):
-        step = demand[k] - now
+    for k in range(1, len(asked)):
+        step = asked[k] - now
         far = math.hypot(step[0], step[1])
         if far > _ACCELERATION * period:
             step[:2] *= _ACCELERATION * period / far
@@ -98,39 +99,40 @@ def _rate_limited(demand: Array, period: float) -> Array:
     return followed
 
 
-def record_robot(
-    robot: Robot, nominal: Robot, condition: Condition, config: RunConfig
-) -> Mapping[str, Array]:
-    """Records one mission: measurements, set currents, and the true pose of the robot.
+def record_robot(robot: Robot, nominal: Robot, condition: Condition, how: RunConfig) -> Mapping[str, Array]:
+    """One mission: what the sensors said, the set currents, and where the robot really was.
 
     Args:
       robot: With its effects.
-      nominal: Robot that the controller assumes.
+      nominal: The controller believes in this one.
       condition: Its drive is a `Reference`.
-      config: Plant, seed, progress.
+      how: Plant, seed, progress.
 
     Raises:
       SimulationError: The simulation broke down.
-      KeyboardInterrupt: Ctrl-C was pressed.
+      KeyboardInterrupt: The run was broken off.
     """
-    plant = _make_plant(robot, str(condition.conditions["floor"]), config)
+    plant = _make_plant(robot, str(condition.conditions["floor"]), how)
     try:
         trace = drive(
-            plant, Controller(nominal, period=plant.period), condition.drive, Callbacks(config.progress)
+            plant, Controller(nominal, period=plant.period), condition.drive, Callbacks(how.progress)
         )
     finally:
         plant.close()
-    require_complete(trace, f"run {condition.name}")
+    if trace.about["failure"]:
+        raise SimulationError(f"run {condition.name}: {trace.about['failure']}")
+    if trace.about["interrupted"]:
+        raise KeyboardInterrupt
     wheels = len(robot.wheels)
     targets = [f"current_target_{i}" for i in range(1, wheels + 1)]
     return {name: trace[name] for name in ("time", *robot_channels(wheels), *targets, *_GROUND_TRUTH)}
 
 
-def _make_plant(robot: Robot, floor: str, config: RunConfig) -> Plant:
-    if config.plant == "planar":
+def _make_plant(robot: Robot, floor: str, how: RunConfig) -> Plant:
+    if how.plant == "planar":
         from omnimj.plant.planar import PlanarRobot
 
-        return PlanarRobot(robot, floor, seed=config.seed, floors=config.floors)
+        return PlanarRobot(robot, floor, seed=how.seed, floors=how.floors)
     from omnimj.plant.mujoco.twin import RobotTwin  # MuJoCo is loaded for the twin only
 
-    return RobotTwin(robot, floor=config.floors[floor], seed=config.seed, floors=config.floors)
+    return RobotTwin(robot, floor=how.floors[floor], seed=how.seed, floors=how.floors)

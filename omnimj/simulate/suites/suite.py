@@ -1,4 +1,4 @@
-"""Suites: test plans for one plant, run by run."""
+"""What a suite is: a test plan for one plant, run by run."""
 
 from __future__ import annotations
 
@@ -14,38 +14,39 @@ from omnimj.signals import Array
 from omnimj.simulate.loop import Progress
 
 MAX_REPEATS = 26
-"""Repeats have the suffixes a … z."""
+"""Repeats are called a … z."""
 
 
 @dataclass(frozen=True)
 class Condition:
-    """One set of conditions, driven once, or repeatedly for the repeatability floor."""
+    """One set of conditions that is driven once, or more often for the repeatability floor."""
 
     name: str
-    """Name of its runs."""
+    """What its runs are called."""
     conditions: Mapping[str, float | str]
-    """Conditions noted in the dataset: `floor`, `mass`."""
+    """What the logger's owner writes down: `floor`, `mass`."""
     drive: Any
-    """Motion or input, in the form that the suite's `record` takes."""
+    """What the plant is asked to do, as the suite's `record` understands it."""
     repeats: int | None = None
-    """Number of runs unless the user sets it; the suite's number when None."""
+    """How often, unless the user asks for another number; the suite's own number when None."""
 
 
 @dataclass(frozen=True)
 class RunConfig:
-    """Configuration of one recorded run."""
+    """How one run is to be recorded."""
 
     plant: str
     """`twin` or `planar`."""
     seed: int
-    """Seed of the sensor noise of this run."""
+    """Of the sensors' noise in this run alone."""
     progress: Progress | None = None
     floors: Mapping[str, Floor] = field(default_factory=read_floors)
-    """All floors by name."""
+    """Every floor that can be named."""
 
 
 RecordRun = Callable[[Any, Any, Condition, RunConfig], Mapping[str, Array]]
-"""Drives one run of (machine with effects, nominal machine, condition, configuration); returns the log."""
+"""Drives one run: the machine with its effects, the nominal one that the user believes in, condition, how.
+Returns the columns that a logger would have."""
 
 
 @dataclass(frozen=True)
@@ -55,16 +56,16 @@ class Suite:
     name: str
     description: str
     plant: str
-    """Name of the plant in datasets, and of its folder in `models/`."""
+    """Folder of the plant under `models/`, as the dataset names it."""
     read_machine: Callable[[Path | None], Any]
-    """Function that reads a model file; the shipped one when None."""
+    """Reads the model file; the shipped one when None."""
     plan: Callable[[Any, int], Sequence[Condition]]
-    """Function of nominal machine and seed that returns the conditions."""
+    """Conditions from the nominal machine and a seed."""
     record: RecordRun
     repeats: int = 1
-    """Number of runs per condition."""
+    """How often each condition is driven."""
     plants: tuple[str, ...] = ("twin", "planar")
-    """Kinds of simulation it can be recorded with, the default first."""
+    """Kinds of simulation that it can be recorded with, the usual one first."""
 
 
 @dataclass(frozen=True)
@@ -74,19 +75,19 @@ class PlannedRun:
     name: str
     condition: Condition
     repeat_of: str | None
-    """Name of the condition if it has several runs."""
+    """The condition's name where it is driven more than once."""
     seed: int
-    """Seed of its sensor noise."""
+    """Of its sensors' noise."""
 
 
 def planned_runs(suite: Suite, machine: Any, seed: int, repeats: int | None = None) -> list[PlannedRun]:
-    """Runs of a suite in their order; the noise of run k is seeded by `SeedSequence(seed, k)`.
+    """All runs of a suite in their order; run k's noise comes from `SeedSequence(seed, k)`.
 
     Args:
       suite: The test plan.
       machine: The nominal machine.
-      seed: Seed of the dataset.
-      repeats: Runs per condition; the suite's number when None.
+      seed: Of the whole dataset.
+      repeats: Of every condition; as the suite has it when None.
     """
     runs: list[PlannedRun] = []
     for condition in suite.plan(machine, seed):

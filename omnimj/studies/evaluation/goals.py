@@ -1,7 +1,7 @@
-"""Goals of a method beside the measured figures: measure, goal, measured, n, met.
+"""What is asked of a method, beside what an evaluation measured: measure, goal, measured, n, met.
 
-A goal is met or missed by the measured figure; a remark says whether its confidence interval agrees. A goal
-for a time without a statistic applies to both the median and the 95 % quantile.
+A goal is met or missed by the figure that was measured; whether the number of cases carries that is said
+beside it. Where a goal is a time without a statistic, median and 95 % quantile are both held against it.
 """
 
 from __future__ import annotations
@@ -14,37 +14,36 @@ from omnimj.studies.evaluation.summary import Delays, GroupSummary, Ratios, Summ
 from omnimj.studies.statistics import EventRate, Rate
 
 QUIET_HOURS = {"planar": 30.0, "twin": 3.0}
-"""Fault-free time without any false alarm that the goal needs, per plant [h]."""
+"""Fault-free time in which no false alarm is asked for, per plant [h]."""
 MAX_FALSE_ALARMS_PER_HOUR = 0.1
 MAX_RATIO = 1.05
 
 
 @dataclass(frozen=True)
 class GoalResult:
-    """One measure with its goal, if it has one."""
+    """One measure; those without a goal are told for their own sake."""
 
     measure: str
     unit: str
     goal: str
-    """The goal in words; empty without one."""
+    """In words; empty without one."""
     value: float | None
-    """Measured figure; None without a case. Rates are shares, 0 … 1."""
+    """What was measured; None of no case. Rates are shares."""
     low: float | None
-    """Lower 95 % bound, if there is one."""
+    """Bounds of 95 % where there are any."""
     high: float | None
     count: float
-    """Sample size: number of cases or faults, or hours."""
+    """What it is of: cases, faults, hours."""
     counted: str
-    """Unit of the sample size."""
     met: bool | None
-    """Whether the goal is met; None without a goal or a figure."""
+    """None: there is no goal, or nothing to judge it by."""
     sure: bool
-    """Whether the bounds lie on the same side of the goal as the figure."""
+    """Whether the bounds are on the same side of the goal."""
     remark: str = ""
 
 
 def judge_goals(summary: Summary) -> tuple[GoalResult, ...]:
-    """Return every measure of an evaluation, also those without a case."""
+    """Every measure of an evaluation, those that it has no cases for too."""
     group = {one.name: one for one in summary.goals}
     weak, dead, slips, large, small, two = (group[name] for name in group)
     return (
@@ -65,7 +64,7 @@ def judge_goals(summary: Summary) -> tuple[GoalResult, ...]:
 
 
 def _alarms(summary: Summary) -> Iterator[GoalResult]:
-    """Yield the false-alarm rates per plant, since the required hours differ."""
+    """Per plant, since the hours that are asked for differ."""
     if not summary.quiet:
         yield GoalResult(
             "false alarms, fault-free",
@@ -152,7 +151,7 @@ def _switches(summary: Summary) -> GoalResult:
 
 
 def format_goal(one: GoalResult) -> tuple[str, str, str, str, str]:
-    """Format a row of the table of goals: measure, goal, measured, n, met."""
+    """Cells of a table: measure, goal, measured, n, met."""
     return one.measure, one.goal, _measured(one), _count(one), _met(one)
 
 

@@ -1,4 +1,4 @@
-"""Summary of an evaluation from the scores of its cases, each number with its sample size."""
+"""The numbers of an evaluation from the scores of its cases, each with what it is of."""
 
 from __future__ import annotations
 
@@ -15,33 +15,33 @@ HEAVIER, LIGHTER = "heavier", "lighter"
 
 @dataclass(frozen=True)
 class Delays:
-    """Quantiles of times; a case without an alarm counts as ∞."""
+    """Times of some cases; those without an alarm count as ∞."""
 
     count: int
     median: float | None
-    """Median [s]; ∞: at least half of the cases have none."""
+    """[s]; ∞: in half of them there never was one."""
     p95: float | None
-    """95 % quantile [s]."""
+    """[s]."""
 
 
 @dataclass(frozen=True)
 class GroupSummary:
-    """Cases with faults of one kind and size."""
+    """Cases with a fault of one kind and size."""
 
     name: str
     cases: int
     unused: int
-    """Number of these whose faulty part was never in use; they are in no other number of the group."""
+    """Of these, whose faulty part was never asked to work: in no other number of the group."""
     found: Rate
-    """Share with any alarm during a fault."""
+    """Any alarm while a fault stood."""
     isolated: Rate
-    """Share with exactly the true faults diagnosed."""
+    """Exactly the true set, nothing else."""
     delay: Delays
-    """Time from onset to the first alarm."""
+    """From onset to the first alarm."""
     delay_in_use: Delays
-    """Time from first use to the first alarm."""
+    """From first use to the first alarm."""
     named_in_use: Delays
-    """Time from first use to the diagnosis of the fault; per fault, not per case."""
+    """From first use to the fault's own name; of faults, not of cases."""
 
 
 @dataclass(frozen=True)
@@ -53,78 +53,78 @@ class Ratios:
     p95: float | None
     worst: float | None
     worst_case: str
-    """Name of the worst case; empty without any."""
+    """Name of the case; empty without any."""
 
 
 @dataclass(frozen=True)
 class PairSummary:
-    """Cases with two faults at once, grouped by their kinds."""
+    """Cases with two faults at once, of two kinds."""
 
     kinds: str
     """`motor + slip`, `motor + slip of one wheel`."""
     pairs: int
-    """Number of pairs of the eight faults that are of these kinds."""
+    """How many pairs of the eight faults are of these kinds."""
     driven: int
-    """Number of these pairs that cases have, in use or not."""
+    """How many of them there were cases of, in use or not."""
     missed: tuple[str, ...]
-    """Pairs that were in use and not isolated in every case."""
+    """Those that were in use and not told exactly in every case."""
     group: GroupSummary
 
 
 @dataclass(frozen=True)
 class Switches:
-    """Number of diagnoses per slip."""
+    """How often one slip was diagnosed."""
 
     count: int
-    """Number of slips that were diagnosed at all."""
+    """Slips that were named at all."""
     mean: float | None
     worst: int | None
 
 
 @dataclass(frozen=True)
 class FactorSummary:
-    """Cases with the same value of one factor."""
+    """Cases that have one thing in common."""
 
     factor: str
     """`floor`, `payload`, `plant`, `speed`."""
     value: str
     cases: int
     alarms: EventRate
-    """False alarms in fault-free cases."""
+    """Of fault-free cases."""
     isolated: Rate
-    """Share of isolated faults among cases whose faulty part was in use."""
+    """Of cases whose faulty part was in use."""
     delay_in_use: Delays
     heading: Ratios
 
 
 @dataclass(frozen=True)
 class Summary:
-    """All numbers that an evaluation reports."""
+    """All that an evaluation reports."""
 
     cases: int
     hours: float
-    """Driven time, without the comparison runs of each case [h]."""
+    """Driven, without the paired runs [h]."""
     confusion: Mapping[str, Mapping[str, int]]
     """Truth → diagnosed → cases."""
     alarms: EventRate
     """False alarms in fault-free cases."""
     quiet: Mapping[str, EventRate]
-    """False alarms in fault-free cases by plant."""
+    """The same, plant by plant."""
     alarms_before: EventRate
-    """False alarms in fault-free cases and before the first onset of the others."""
+    """The same, with the time before the first onset of the others."""
     cases_with_alarms: Rate
     """Fault-free cases with at least one false alarm."""
     classes: tuple[GroupSummary, ...]
     goals: tuple[GroupSummary, ...]
-    """Groups with a goal."""
+    """The groups that goals are set for."""
     pairs: tuple[PairSummary, ...]
-    """Cases with two faults by their kinds; empty without any."""
+    """Two at once, by kinds; empty without any."""
     estimate: Delays
-    """Absolute error of torque constants after 5 s of use, relative to the nominal one [1]."""
+    """|error| of torque constants after 5 s in use, over the nominal one (a number without unit)."""
     estimates_asked: int
-    """Number of weak motors that an estimate is expected for."""
+    """Weak motors that were in use for 5 s."""
     clearing: Delays
-    """Time from the end of a slip to the end of its diagnosis."""
+    """From a slip's end to the end of its diagnosis."""
     switches: Switches
     heading: Ratios
     path: Ratios
@@ -139,7 +139,7 @@ GOAL_GROUPS: Mapping[str, Callable[[CaseScore], bool]] = {
     "the eight: loss ≥ 20 %, grip ≤ 0.5": lambda s: _is_one_of_eight(s, 0.20, 0.5),
     "two at once": lambda s: s.fault == "two",
 }
-"""Predicates of the groups with a goal: single motor and slip faults by size, and pairs of them."""
+"""Single motor (torque constant) and slip faults by size, and pairs of them."""
 
 
 def _grip(score: CaseScore) -> float:
@@ -153,7 +153,7 @@ def _is_one_of_eight(score: CaseScore, loss: float, grip: float) -> bool:
 
 
 def summarize(scores: Sequence[CaseScore]) -> Summary:
-    """Summarize the scores of all cases."""
+    """The numbers of all cases."""
     healthy = [s for s in scores if s.fault == NONE]
     broken = [s for s in scores if s.fault != NONE]
     asked = [s for s in broken if s.fault == "motor" and s.severity is not None]
@@ -207,7 +207,7 @@ def _alarms(healthy: Sequence[CaseScore]) -> EventRate:
 
 
 def _pairs(scores: Sequence[CaseScore]) -> Iterable[PairSummary]:
-    """Group the cases with two faults by the kinds of both."""
+    """By the kinds of both, each with every pair of them that is possible."""
     possible = Counter(_kinds([f"{kind} {wheel}" for kind, wheel in pair]) for pair in PAIRS)
     for kinds, count in sorted(possible.items()) if scores else ():
         own = [s for s in scores if _kinds([f.label for f in s.faults]) == kinds]
@@ -232,7 +232,7 @@ def _switches(found: Sequence[int]) -> Switches:
 
 
 def delay_quantiles(values: Iterable[float]) -> Delays:
-    """Return median and 95 % quantile of times that may be ∞."""
+    """Median and 95 % quantile; those that never ended count as ∞."""
     found = list(values)
     return Delays(len(found), median(found), quantile(found, 0.95))
 

@@ -17,7 +17,7 @@ from omnimj.effects import RIG, Effect, EffectParameter, effects_of
 from omnimj.estimate.replay.base_parameters import base_parameters
 from omnimj.estimate.replay.interface import BaseParameter
 from omnimj.parameters import read_floors, read_rig
-from omnimj.physics.effect_terms import ACTIVE, CABLE_FORCE, DRY, PATCH, PATCH_END, PATCH_START
+from omnimj.physics.effect_terms import TERM
 from omnimj.signals import Array
 
 # Truths that no effect of the library equals: what the workflow must not give a name to.
@@ -90,18 +90,19 @@ class UnmodelledEffect:
           position: Of the carriage [m].
           speed: Of the carriage [m/s].
         """
-        row[ACTIVE] = 1.0
+        row[TERM["active"]] = 1.0
         if self.kind == "floor_drift":
             warm = 0.5 * run.session + 0.5 * (1.0 - math.exp(-time / self.length))
-            row[PATCH], row[PATCH_START], row[PATCH_END] = -self.amplitude * warm, -_FAR, _FAR
+            stretch = [TERM[name] for name in ("patch", "patch_start", "patch_end")]
+            row[stretch] = -self.amplitude * warm, -_FAR, _FAR
         elif self.kind == "bent_rail":
-            row[CABLE_FORCE] = run.mass * self.force_per_mass(position)
+            row[TERM["cable_force"]] = run.mass * self.force_per_mass(position)
         elif self.kind == "rail_joints":
-            row[CABLE_FORCE] = self.amplitude * self._wave(position)
+            row[TERM["cable_force"]] = self.amplitude * self._wave(position)
         elif self.kind == "drying_rail":
-            row[DRY] = self.amplitude * math.exp(-time / self.length)
+            row[TERM["guide_dry"]] = self.amplitude * math.exp(-time / self.length)
         elif self.kind == "speed_hump":
-            row[DRY] = self.amplitude * math.exp(-(((abs(speed) - self.length) / 0.1) ** 2))
+            row[TERM["guide_dry"]] = self.amplitude * math.exp(-(((abs(speed) - self.length) / 0.1) ** 2))
 
     def force_per_mass(self, position: float) -> float:
         """Gravity along a bent rail [m/s²]; 0 for every other kind."""

@@ -1,6 +1,6 @@
-"""Trial of a tuning: one draw driven with the gains of one candidate, and its metrics.
+"""Drives one draw with one candidate's gains, and what came of it in numbers.
 
-Controller and method are made for the nominal robot without faults; the plant is the true robot.
+Controller and method believe in the nominal robot and in nothing being wrong; the plant is the true robot.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -16,55 +17,56 @@ import numpy as np
 from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.errors import SimulationError
 from omnimj.parameters import Robot
+from omnimj.recording.json_files import run_guarded, to_jsonable
 from omnimj.signals import KINDS_OF_DIAGNOSIS, Array, Trace
 from omnimj.simulate.detectors import make_detector
 from omnimj.simulate.judging import judge_diagnoses
+from omnimj.simulate.loop import drive
 from omnimj.simulate.plants import make_plant
+from omnimj.simulate.run import make_diagnosing_controller
+from omnimj.simulate.scenario.drive import Drive
 from omnimj.simulate.scenario.scenario import Scenario, read_scenario, scenario_gains, with_gains
 from omnimj.simulate.summary import true_faults
 from omnimj.studies.part_use import IN_USE, demanded_traction
-from omnimj.studies.random_truth import drive_on_plant, with_errors
-from omnimj.studies.runner import run_guarded
+from omnimj.studies.random_truth import true_floor, true_robot
 from omnimj.studies.tuning.draws import Draw, apply_draw
 
-METHOD = "robust"
-"""Method that diagnoses the faults; recovery acts on its diagnoses."""
-Uses = Sequence[Sequence[Sequence[float]]]
-"""Per wheel the intervals in which traction is demanded of it, [from, to] each [s]."""
+# What came of one trial in numbers: following, effort, slip, diagnosis, saturation.
+
 MISSED = 2.0
-"""Delay that counts for a fault which is never found, and the largest that counts [s]."""
-_FULL = 0.999  # share of the current limit from which a wheel counts as saturated
+"""Delay that a fault counts which is never found, and the largest that counts [s]."""
+_FULL = 0.999  # of the largest current: a wheel is at its limit
 
 
 @dataclass(frozen=True)
 class TrialMetrics:
-    """Metrics of tracking, effort, slip and diagnosis in one trial."""
+    """Of one trial."""
 
     path: float
-    """RMS distance of the centre from its target [m]."""
+    """RMS distance to where the centre should be at that instant [m]."""
     velocity: float
-    """RMS error of the velocity of the centre [m/s]."""
+    """RMS error of the centre's velocity [m/s]."""
     heading: float
-    """RMS error of the heading [rad]."""
+    """RMS [rad]."""
     current: float
-    """RMS commanded current over time and wheels [A]."""
+    """RMS of the set currents over time and wheels [A]."""
     current_rate: float
-    """RMS change of the commanded currents per control period [A/s]."""
+    """RMS of their changes over the control period [A/s]."""
     slip: float
     """RMS slip velocity over time and wheels [m/s]."""
     delay: float | None
-    """Time from the first use of a faulty part to the first alarm, 0 … `MISSED` [s]; None if unused."""
+    """From the first use of a faulty part to the first alarm, 0 … `MISSED` [s]; None: nothing to find."""
     missed: bool
-    """Whether a fault was in use and not found."""
+    """Whether something was to be found and nothing was."""
     false_alarms: int
     saturation: float
-    """Longest time at the current limit of a wheel without a fault [s]."""
+    """Longest time at the largest current of a wheel that no fault sits on [s]."""
     broke: str | None = None
-    """Failure of the run, with which nothing else is known."""
+    """How the run broke down; then nothing else is known."""
 
 
 def read_metrics(result: Mapping[str, Any]) -> TrialMetrics:
-    """Return the metrics in the stored result of a trial."""
+    """The facts out of a trial's kept result."""
     found = result["facts"]
     if found.get("broke"):
         return TrialMetrics(inf, inf, inf, inf, inf, inf, None, False, 0, inf, found["broke"])
@@ -72,12 +74,12 @@ def read_metrics(result: Mapping[str, Any]) -> TrialMetrics:
 
 
 def measure_trial(trace: Trace, truth: Scenario, uses: Sequence | None) -> TrialMetrics:
-    """Measure a run that was completed.
+    """The facts of a run that came to its end.
 
     Args:
-      trace: Trace with the columns of truth and target.
+      trace: With truth and plan.
       truth: The scenario with its faults and patches.
-      uses: From `drive_healthy`; None for a draw without faults.
+      uses: From `trial.drive_healthy`; None where nothing goes wrong.
     """
     robot = truth.constants
     assert isinstance(robot, Robot)
@@ -121,7 +123,7 @@ def _velocity_error(trace: Trace) -> tuple[Array, Array]:
 
 
 def _longest(holds: np.ndarray) -> int:
-    """Return the largest number of consecutive true rows in any column, shape (k, n)."""
+    """Most rows in a row for which one of the columns holds, shape (k, wheels)."""
     longest = 0
     for column in holds.T:
         edges = np.flatnonzero(np.diff(np.concatenate(([False], column, [False])).astype(int)))
@@ -130,9 +132,9 @@ def _longest(holds: np.ndarray) -> int:
 
 
 def _first_use(records: Sequence[Mapping[str, Any]], uses: Sequence | None) -> float | None:
-    """Return when a faulty part was first in use [s]; None: never.
+    """When a faulty part was first asked to work [s]; None: never.
 
-    A wheel is in use while it has to pull; a sensor and a motor that runs away always are.
+    Wheels are in use while they pull; sensors and motors that run away show themselves.
     """
     times = []
     for record in records:
@@ -149,53 +151,60 @@ def _first_use(records: Sequence[Mapping[str, Any]], uses: Sequence | None) -> f
     return min(times, default=None)
 
 
+METHOD = "robust"
+"""How what goes wrong is diagnosed; recovery acts upon it."""
+Uses = Sequence[Sequence[Sequence[float]]]
+"""Per wheel the stretches of time in which it is asked to pull, [from, to] each [s]."""
+
+
 def drive_healthy(draw: Draw, values: Mapping[str, float]) -> dict[str, Any]:
-    """Find the intervals in which each wheel of a draw is in use, by a run without faults and diagnosis.
+    """When each wheel is in use in a draw, told by the run without faults or diagnosis.
 
     Args:
-      draw: The draw with its truth.
-      values: Gains before the search by name, in place of the model's.
+      draw: With its truth.
+      values: Gains by their names, over those of the model: those before the search.
 
     Returns:
-      `draw`: the truth. `uses`: intervals per wheel. Or `error`: the message of a run that broke down.
+      `draw`: the truth. `uses`: of the wheels. Or `error`: what went wrong.
     """
 
-    def trial() -> dict[str, Any]:
-        nominal = apply_draw(_read(draw, values), draw, False)
-        trace = _run(nominal, draw, "off", nominal)
+    def driven() -> dict[str, Any]:
+        scenario = _read(draw, values)
+        believed = apply_draw(scenario, draw, False)
+        trace = _run(believed, draw, "off", believed)
         if trace.about["failure"]:
             raise SimulationError(f"{draw.name}: {trace.about['failure']}")
-        return {"draw": draw.to_dict(), "uses": _uses(trace)}
+        return to_jsonable({"draw": draw.to_dict(), "uses": _uses(trace)})
 
-    return run_guarded(trial)
+    return run_guarded(driven)
 
 
 def drive_trial(
     draw: Draw, values: Mapping[str, float], uses: Uses | None, thresholds: Thresholds | None = None
 ) -> dict[str, Any]:
-    """Drive one draw with the gains of a candidate.
+    """One draw with a candidate's gains.
 
     Args:
-      draw: The draw with its truth, which controller and method do not get.
-      values: Gains by name, in place of the model's.
-      uses: From `drive_healthy`; None for a draw without faults.
-      thresholds: Thresholds of the method; the shipped ones when None.
+      draw: With its truth, which controller and method do not get.
+      values: Gains by their names, over those of the model.
+      uses: From `drive_healthy`; None where nothing goes wrong.
+      thresholds: Of the method; the shipped ones when None.
 
     Returns:
-      `draw`, `gains`, and `facts` from `measure_trial`; a failed run has the one fact `broke`: gains can
-      cause that. Or `error`: the message of a trial that broke down otherwise.
+      `draw`, `gains`, and `facts` of `trial.measure_trial`; or `error`: what went wrong. A run that broke
+      down is a fact, `broke`, since gains can do that.
     """
 
-    def trial() -> dict[str, Any]:
+    def driven() -> dict[str, Any]:
         scenario = _read(draw, values)
-        nominal, truth = apply_draw(scenario, draw, False), apply_draw(scenario, draw, True)
-        trace = _run(nominal, draw, METHOD, truth, thresholds)
-        facts = {"broke": trace.about["failure"]}
+        believed, truth = apply_draw(scenario, draw, False), apply_draw(scenario, draw, True)
+        trace = _run(believed, draw, METHOD, truth, thresholds)
+        found = {"broke": trace.about["failure"]}
         if not trace.about["failure"]:
-            facts = dataclasses.asdict(measure_trial(trace, truth, uses))
-        return {"draw": draw.to_dict(), "gains": dict(values), "facts": facts}
+            found = dataclasses.asdict(measure_trial(trace, truth, uses))
+        return to_jsonable({"draw": draw.to_dict(), "gains": dict(values), "facts": found})
 
-    return run_guarded(trial)
+    return run_guarded(driven)
 
 
 def _read(draw: Draw, values: Mapping[str, float]) -> Scenario:
@@ -204,16 +213,30 @@ def _read(draw: Draw, values: Mapping[str, float]) -> Scenario:
 
 
 def _run(
-    nominal: Scenario, draw: Draw, method: str, truth: Scenario, thresholds: Thresholds | None = None
+    believed: Scenario, draw: Draw, method: str, truth: Scenario, thresholds: Thresholds | None = None
 ) -> Trace:
-    """Run the nominal scenario on a plant with the true parameters and faults."""
-    detector = make_detector(method, nominal, thresholds)
-    plant = make_plant(with_errors(truth, draw.errors, draw.floor), draw.plant, draw.noise)
-    return drive_on_plant(nominal, plant, detector)
+    """The run of a scenario that knows of nothing wrong on a plant that has the truth."""
+    nominal, asked = believed.constants, believed.drive
+    assert isinstance(nominal, Robot)
+    assert isinstance(asked, Drive)
+    laid = true_floor(believed.floors[draw.floor], draw.errors)
+    real = dataclasses.replace(
+        truth,
+        constants=true_robot(nominal, draw.errors),
+        floors=MappingProxyType({**believed.floors, laid.name: laid}),
+    )
+    plant = make_plant(real, draw.plant, draw.noise)
+    try:
+        controller = make_diagnosing_controller(believed, make_detector(method, believed, thresholds))
+        trace = drive(plant, controller, asked.reference)
+    finally:
+        plant.close()
+    if trace.about["interrupted"] and not trace.about["failure"]:
+        raise KeyboardInterrupt
+    return trace
 
 
 def _uses(healthy: Trace) -> list[list[list[float]]]:
-    """Return the intervals of use of each wheel."""
     time, works = healthy["time"], demanded_traction(healthy) > IN_USE
     found = []
     for wheel in works.T:

@@ -1,4 +1,4 @@
-"""Plots of a robot's or a rig's run; each function returns one figure."""
+"""The plots of a robot's run that are worth looking at; each function returns one figure."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _DASHES = (0, (5, 3))
 
 
 def wheel_count(columns: Container[str]) -> int:
-    """Return the number of wheels in a trace."""
+    """Number of wheels that a trace has columns of."""
     n = 0
     while f"wheel_speed_{n + 1}" in columns:
         n += 1
@@ -43,14 +43,14 @@ def wheel_count(columns: Container[str]) -> int:
 
 
 def planned_position(trace: Trace) -> Array | None:
-    """Return the planned path, shape (k, 2) [m]; None for a run without a plan."""
+    """Planned path, shape (k, 2) [m]; None where the run had none."""
     if "target_x" in trace and "target_y" in trace:
         return np.stack([trace["target_x"], trace["target_y"]], axis=1)
     return None
 
 
 def planned_heading(trace: Trace) -> Array | None:
-    """Return the planned heading, shape (k,) [rad]; None for a run without a plan."""
+    """Planned heading [rad]; None where the run had none."""
     for name in ("target_heading", "target_yaw"):
         if name in trace:
             return trace[name]
@@ -58,7 +58,7 @@ def planned_heading(trace: Trace) -> Array | None:
 
 
 def deviation(trace: Trace, spans: Sequence[Span]) -> Figure:
-    """Plot heading and heading error [degrees], and the distance from the planned position [m]."""
+    """Heading [degrees], how far it is from a plan that turns, and how far the robot is from its plan [m]."""
     time, planned, place = trace["time"], planned_heading(trace), planned_position(trace)
     turns = planned is not None and np.ptp(planned) > 1e-6
     placed = place is not None and "x" in trace
@@ -87,7 +87,7 @@ def deviation(trace: Trace, spans: Sequence[Span]) -> Figure:
 
 
 def _distance(ax: Axes, trace: Trace, place: Array) -> None:
-    """Plot driven − planned position at each instant: both components and the distance."""
+    """Driven − planned position at each instant: both parts and the distance."""
     x, y = trace["x"] - place[:, 0], trace["y"] - place[:, 1]
     line(ax, trace["time"], np.hypot(x, y), color=palette.INK, label="distance", linewidth=1.6)
     line(ax, trace["time"], x, color=palette.MEASURED, label="in x", linestyle=(0, (6, 1.5)))
@@ -96,7 +96,7 @@ def _distance(ax: Axes, trace: Trace, place: Array) -> None:
 
 
 def velocity(trace: Trace, spans: Sequence[Span]) -> Figure:
-    """Plot velocity in the world [m/s] and yaw rate [rad/s], driven and planned."""
+    """Velocity in the world [m/s] and yaw rate [rad/s], driven and planned."""
     figure, axes = new_figure(MIDDLE, rows=2, sharex=True)
     time, c, s = trace["time"], np.cos(trace["heading"]), np.sin(trace["heading"])
     x, y = trace["twist_x"], trace["twist_y"]
@@ -114,7 +114,7 @@ def velocity(trace: Trace, spans: Sequence[Span]) -> Figure:
 
 
 def wheel_speeds(trace: Trace, spans: Sequence[Span]) -> Figure:
-    """Plot each wheel's speed, measured and target, in small plots of one scale."""
+    """Each wheel's speed, measured and target, in small plots of one scale."""
     n, time = wheel_count(trace), trace["time"]
     figure, axes = new_figure(0.9 + 1.15 * n, rows=n, sharex=True, sharey=True)
     for i, ax in enumerate(axes):
@@ -131,7 +131,7 @@ def wheel_speeds(trace: Trace, spans: Sequence[Span]) -> Figure:
 
 
 def per_wheel(trace: Trace, name: str, label: str, spans: Sequence[Span], zero: bool = True) -> Figure:
-    """Plot one quantity of all wheels.
+    """One quantity of all wheels in one plot.
 
     Args:
       trace: The run.
@@ -154,7 +154,7 @@ def per_wheel(trace: Trace, name: str, label: str, spans: Sequence[Span], zero: 
 
 
 def currents(trace: Trace, spans: Sequence[Span]) -> Figure:
-    """Plot measured motor currents and the mean command, a plot per wheel [A]."""
+    """Measured motor currents and the mean of what was commanded, a plot per wheel [A]."""
     n, time = wheel_count(trace), trace["time"]
     figure, axes = new_figure(0.9 + 1.15 * n, rows=n, sharex=True, sharey=True)
     for i, ax in enumerate(axes):
@@ -170,11 +170,13 @@ def currents(trace: Trace, spans: Sequence[Span]) -> Figure:
     return figure
 
 
+# The plot of a robot's path seen from above.
+
 _PROPORTION = 1.15  # width to height of the axes
 
 
 def patch_corners(patch: Any) -> Array:
-    """Return the corners of a floor patch in the world, shape (4, 2) [m]."""
+    """Corners of a stretch of other floor in the world, shape (4, 2) [m]."""
     half = 0.5 * np.asarray(patch.size, float)
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
     c, s = np.cos(patch.yaw), np.sin(patch.yaw)
@@ -184,7 +186,7 @@ def patch_corners(patch: Any) -> Array:
 def path(
     trace: Trace, patches: Sequence[Any], spans: Sequence[Span], constants: Robot | None = None
 ) -> Figure:
-    """Plot driven and planned path from above with equal axes, and the robot at its start and end."""
+    """Driven path against the planned one, seen from above, axes equal; the robot at its start and end."""
     figure, (ax,) = new_figure(TALL)
     planned = planned_position(trace)
     x, y = trace["x"], trace["y"]
@@ -216,7 +218,7 @@ def path(
 
 
 def draw_patch(ax: Axes, patch: Any) -> None:
-    """Draw a floor patch with its name."""
+    """A stretch of other floor with its name."""
     corners = patch_corners(patch)
     style = {"facecolor": palette.DIAGNOSIS, "edgecolor": palette.MUTED, "alpha": 0.35, "hatch": "///"}
     ax.add_patch(Polygon(corners, zorder=1, **style))
@@ -225,7 +227,7 @@ def draw_patch(ax: Axes, patch: Any) -> None:
 
 
 def _outline(ax: Axes, robot: Robot, trace: Trace, row: int) -> None:
-    """Draw the robot's wheels and outline from above where the plot is fine enough to show them."""
+    """The robot's wheels and their rim seen from above, where the plot is not too coarse to show them."""
     reach = float(np.linalg.norm(robot.wheel_positions, axis=1).max())
     if reach < 0.04 * np.ptp(ax.get_xlim()):
         return
@@ -255,7 +257,7 @@ def _outline(ax: Axes, robot: Robot, trace: Trace, row: int) -> None:
 
 
 def equal_with_room(ax: Axes, points: Array) -> None:
-    """Set equal axes in the figure's own proportions, so that a straight path does not flatten the plot."""
+    """Equal axes in the figure's own proportions, so that a straight path does not flatten the plot."""
     low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
     middle, span = 0.5 * (low + high), 1.1 * (high - low) + 0.8  # the robot itself needs room
     width = max(span[0], _PROPORTION * span[1])
@@ -265,7 +267,7 @@ def equal_with_room(ax: Axes, points: Array) -> None:
 
 
 def _heading_arrows(ax: Axes, trace: Trace) -> None:
-    """Draw the direction of the robot's x axis a few times along the path."""
+    """Where the robot's x axis pointed, a few times along the path."""
     k = np.linspace(0, len(trace["time"]) - 1, 9).astype(int)
     heading = trace["heading"][k]
     ax.quiver(
@@ -281,8 +283,11 @@ def _heading_arrows(ax: Axes, trace: Trace) -> None:
     )
 
 
+# The plots of a test rig's run; each function returns one figure.
+
+
 def rig_speeds(trace: Trace, wheel_radius: float, spans: Sequence[Span]) -> Figure:
-    """Plot rim speed r·φ̇ and carriage speed [m/s]."""
+    """Rim speed r·φ̇ against the carriage's speed [m/s]."""
     figure, (ax,) = new_figure(SHORT)
     time = trace["time"]
     line(ax, time, wheel_radius * trace["wheel_speed"], color=palette.ACCENT, label="wheel rim, r·φ̇")
@@ -292,7 +297,7 @@ def rig_speeds(trace: Trace, wheel_radius: float, spans: Sequence[Span]) -> Figu
 
 
 def rig_slip(trace: Trace, wheel_radius: float, spans: Sequence[Span]) -> Figure:
-    """Plot slip velocity V_r = r·φ̇ − V, true where the plant knows it, else from the two encoders [m/s]."""
+    """Slip velocity V_r = r·φ̇ − V, true where the plant knows it, else from the two encoders [m/s]."""
     figure, (ax,) = new_figure(SHORT)
     time = trace["time"]
     measured = wheel_radius * trace["wheel_speed"] - trace["carriage_speed"]
@@ -305,7 +310,7 @@ def rig_slip(trace: Trace, wheel_radius: float, spans: Sequence[Span]) -> Figure
 
 
 def rig_forces(trace: Trace, spans: Sequence[Span]) -> Figure:
-    """Plot traction along the rail and lateral friction at the floor [N]."""
+    """Traction along the rail and lateral friction at the floor [N]."""
     figure, (ax,) = new_figure(SHORT)
     time = trace["time"]
     line(ax, time, trace["traction_force_1"], color=palette.ACCENT, label="traction")
@@ -318,7 +323,7 @@ def rig_forces(trace: Trace, spans: Sequence[Span]) -> Figure:
 
 
 def rig_normal_force(trace: Trace, spans: Sequence[Span]) -> Figure:
-    """Plot the normal force at the floor [N]."""
+    """Normal force at the floor [N]."""
     figure, (ax,) = new_figure(SHORT)
     line(ax, trace["time"], trace["normal_force_1"], color=palette.MEASURED)
     value_axis(ax, "normal force [N]")
@@ -326,7 +331,7 @@ def rig_normal_force(trace: Trace, spans: Sequence[Span]) -> Figure:
 
 
 def rig_current(trace: Trace, spans: Sequence[Span]) -> Figure:
-    """Plot motor current, measured and commanded [A]."""
+    """Motor current, measured and commanded [A]."""
     figure, (ax,) = new_figure(SHORT)
     line(ax, trace["time"], trace["current"], color=palette.MEASURED, linewidth=1.0, label="measured")
     if "current_target" in trace:
@@ -338,7 +343,7 @@ def rig_current(trace: Trace, spans: Sequence[Span]) -> Figure:
 
 
 def rig_lateral_speed(trace: Trace, spans: Sequence[Span]) -> Figure:
-    """Plot the lateral speed of the gantry [m/s]."""
+    """Speed of the gantry sideways [m/s]."""
     figure, (ax,) = new_figure(SHORT)
     line(ax, trace["time"], trace["lateral_speed"], color=palette.HEALTHY, label="gantry")
     ax.axhline(0.0, color=palette.MUTED, linewidth=0.8, zorder=1)

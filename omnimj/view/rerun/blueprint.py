@@ -1,4 +1,4 @@
-"""Layout of a recording in the Rerun viewer: what its scenario is about comes first."""
+"""How the Rerun viewer arranges a recording, so that a stranger understands it at first sight."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ import rerun.blueprint as rrb
 from omnimj.parameters import Rig
 from omnimj.view.rerun.signals import DIAGNOSIS_LANE, FAULT_LANE, MODE_LANE, Plot
 from omnimj.view.wording import ScenarioLike
+
+# What a scenario is about, and hence what its recording shows first.
 
 _MOTORS = frozenset({"motor", "free", "locked", "hard_over"})
 _SLIPS = frozenset({"slip", "all_wheel_slip"})
@@ -27,23 +29,23 @@ _CHANNELS = {
 
 @dataclass(frozen=True)
 class Focus:
-    """The content of a recording to look at first."""
+    """What a spectator is to look at first."""
 
     heading: str = ""
-    """Heading of the first plots, short enough for a tab; empty where no plot stands out."""
+    """Of the plots that come first, short enough for a tab; empty where none is more to the point."""
     plots: tuple[str, ...] = ()
-    """The first plots from top to bottom: names under `plots/`."""
+    """Which these are, from top to bottom: names under `plots/`."""
     wheels: tuple[int, ...] = ()
-    """Wheels 1…n with bold lines; none: all lines are equal."""
+    """Wheels 1…n whose lines are bold in them; none: all are alike."""
     from_above: bool = False
     """Whether the path is shown from above, beside the machine."""
     from_the_side: bool = False
-    """Whether the first camera stands at the side, where slopes are visible."""
+    """Whether the first eye stands at the side, where slopes are seen."""
 
 
 @dataclass(frozen=True)
 class _Rule:
-    """Fault kinds and the plots that show them."""
+    """Faults of some kinds, and the plots that show them."""
 
     kinds: Collection[str]
     heading: str
@@ -63,21 +65,21 @@ _RULES = (
     ),
     _Rule(
         _PUSHES,
-        "External forces",
+        "What pushes the robot",
         ("current", "residual_force"),
     ),
     _Rule(_LENGTHS, "Heading", ("heading", "yaw_rate")),
 )
-"""The first rule that applies gives the heading; the plots of all that apply follow one another."""
+"""From the first that applies the heading is taken; the plots of all that apply follow one another."""
 _RIG = Focus("Current, slip, speed", ("current", "slip_velocity", "speed"))
 
 
 def focus_of(scenario: ScenarioLike, faults: Sequence[Mapping[str, Any]]) -> Focus:
-    """Choose what to show first from the content of a scenario, never from its name.
+    """What a run of the scenario is about.
 
     Args:
-      scenario: Scenario of the run.
-      faults: Faults as in `metrics.json`: `kind`, and `wheel` or `channel` where they have one.
+      scenario: What is asked for.
+      faults: As in `metrics.json`: `kind`, and `wheel` or `channel` where they have one.
     """
     if isinstance(scenario.constants, Rig):
         return _RIG
@@ -85,7 +87,7 @@ def focus_of(scenario: ScenarioLike, faults: Sequence[Mapping[str, Any]]) -> Foc
     headings, plots = [], []
     for fault in faults:
         if fault["kind"] == "sensor":
-            headings.append("Faulty sensor")
+            headings.append("The wrong sensor")
             plots += _of_channel(str(fault.get("channel", "")))
     for rule in _RULES:
         if any(kind in rule.kinds for kind in kinds):
@@ -103,7 +105,7 @@ def focus_of(scenario: ScenarioLike, faults: Sequence[Mapping[str, Any]]) -> Foc
 
 
 def _of_channel(channel: str) -> tuple[str, ...]:
-    """Return the plots of a sensor channel: `wheel_speed_2` is in `wheel_speed`."""
+    """Plots of a sensor's channel: `wheel_speed_2` is in `wheel_speed`."""
     name, _, number = channel.rpartition("_")
     return _CHANNELS.get(channel) or ((name,) if number.isdecimal() else (channel,))
 
@@ -117,14 +119,14 @@ _NEWEST = 20.0  # [s] that are seen of a drive without a planned end
 
 @dataclass(frozen=True)
 class Eye:
-    """The first camera."""
+    """Where a spectator stands at first."""
 
     position: Point
     """[m]"""
     target: Point
-    """Point in the middle of the view [m]."""
+    """What is looked at [m]."""
     follows: str | None = None
-    """Entity that the camera follows; None for a fixed camera."""
+    """Entity to stay with; None to stand still."""
 
 
 def run_blueprint(
@@ -136,17 +138,17 @@ def run_blueprint(
     subject: Focus | None = None,
     above: Eye | None = None,
 ) -> rrb.Blueprint:
-    """Arrange the views: left the machine, below it fault states and a legend; right the signals.
+    """Left the machine, below it the fault states and a legend; right the signals over the same time.
 
-    The focus of the scenario comes first: its plots in the first tab, its path from above.
+    What the scenario is about comes first: its plots in the first tab, its path from above.
 
     Args:
       plots: The time series, from top to bottom.
-      duration: Duration of the whole run [s]; None for a drive without a planned end.
+      duration: Of the whole run [s]; None for a drive without a planned end, whose newest is followed.
       eye: First view of the scene.
-      ranges: Ranges of the value axes, one per plot; None for a run in progress, whose axes grow.
-      lanes: Lanes of the fault states; None for all.
-      subject: Plots and views to show first; None for no preference.
+      ranges: Of the value axes, one per plot; None for a run that goes on, whose axes grow.
+      lanes: Of the fault states; None for all.
+      subject: What the scenario is about; None where nothing is more to the point than all else.
       above: View of the path from above; None to leave it out.
     """
     time_axis = _newest() if duration is None else _whole(duration)
@@ -157,9 +159,9 @@ def run_blueprint(
         scene = rrb.Horizontal(path, scene, column_shares=[1, 1])
     if lanes is None:
         lanes = [f"/{entity}/**" for entity in (FAULT_LANE, DIAGNOSIS_LANE, MODE_LANE)]
-    name = "Faults: truth, and diagnoses of the controller"
+    name = "Faults: what is broken, and what the controller diagnosed"
     states = rrb.StateTimelineView(origin="/", contents=list(lanes), name=name, time_view=time_axis)
-    words = rrb.TextDocumentView(origin="about", name="Legend")
+    words = rrb.TextDocumentView(origin="about", name="What you see")
     values = [None] * len(plots) if ranges is None else ranges
     shown = list(zip(plots, values, strict=True))
     series = _series_views(shown, time_axis, Focus() if subject is None else subject)
@@ -199,7 +201,7 @@ def _scene(name: str, eye: Eye, up: Point) -> rrb.Spatial3DView:
 def _series_views(
     shown: Sequence[tuple[Plot, Range | None]], time_axis: rrb.archetypes.TimeAxis, subject: Focus
 ) -> rrb.Container:
-    """Make tabs: plots in focus, residuals of the method, signals of the machine; no plot twice."""
+    """Tabs: what the scenario is about, what the method saw, what the machine did; no plot twice."""
     names = [f"plots/{name}" for name in subject.plots]
     first = sorted((s for s in shown if s[0].entity in names), key=lambda s: names.index(s[0].entity))
     rest = [s for s in shown if s[0].entity not in names]
@@ -218,7 +220,7 @@ def _stack(
     name: str,
     bold: Sequence[int] = (),
 ) -> rrb.Vertical:
-    """Stack time series; those with a legend are higher, and lines of the wheels `bold` are bold."""
+    """Time series under each other; those with a legend are higher, lines of the wheels `bold` are bold."""
     series = [_series(plot, time_axis, shown, bold) for plot, shown in plots]
     return rrb.Vertical(*series, row_shares=[2.0 if plot.legend else 1.4 for plot, _ in plots], name=name)
 
@@ -244,12 +246,12 @@ def _series(
 
 
 def _whole(duration: float) -> rrb.archetypes.TimeAxis:
-    """Show the whole run."""
+    """The whole run at once."""
     start, end = rrb.TimeRangeBoundary.absolute(seconds=0.0), rrb.TimeRangeBoundary.absolute(seconds=duration)
     return rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=end))
 
 
 def _newest() -> rrb.archetypes.TimeAxis:
-    """Show the newest data."""
+    """What was last."""
     start = rrb.TimeRangeBoundary.cursor_relative(seconds=-_NEWEST)
     return rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=rrb.TimeRangeBoundary.cursor_relative()))

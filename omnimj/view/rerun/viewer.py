@@ -17,46 +17,46 @@ import rerun.blueprint as rrb
 from omnimj.errors import OmnimjError
 
 LOOPBACK = "127.0.0.1"
-"""By default Rerun listens on all interfaces, which would expose the run to the network."""
+"""Rerun listens on all interfaces unless told otherwise; a run is nobody else's business."""
 _PROGRAM = (
     "import sys; from rerun_cli.__main__ import main; sys.exit(main())"  # `-m rerun_cli` loses the exit code
 )
 _START_TIMEOUT = 30.0  # [s] for a viewer that starts on a slow machine
 _OPENING = 0.6  # [s] a viewer whose display does not exist takes connections first and ends then
-_WINDOW_TIMEOUT = 3.0  # [s] a viewer that lives longer has found its window
+_SETTLING = 3.0  # [s] a viewer that lives longer has found its window
 _POLL_INTERVAL = 0.02  # [s]
 _ELSEWHERE = "use --out DIR instead, copy DIR/run.rrd to a computer with a display, run `rerun run.rrd` there"
 
 
 class ViewerError(OmnimjError, RuntimeError):
-    """Error raised when no Rerun viewer could be opened, or it failed."""
+    """No Rerun viewer could be opened, or it broke down."""
 
 
 class Viewer:
-    """A running viewer, which outlives this process."""
+    """A viewer that was started; it lives on when this process ends."""
 
-    def __init__(self, process: subprocess.Popen[bytes], port: int, error_output: IO[bytes]):
-        """Wrap a viewer's process, the port it listens on, and the file with its error output."""
-        self._process, self._port, self._error_output = process, port, error_output
+    def __init__(self, process: subprocess.Popen[bytes], port: int, complaints: IO[bytes]):
+        """A viewer's process, the port it listens on, and the file that it complains into."""
+        self._process, self._port, self._complaints = process, port, complaints
         self._born = time.monotonic()
 
     @property
     def url(self) -> str:
-        """Address of its server."""
+        """Where it takes connections."""
         return f"rerun+http://{LOOPBACK}:{self._port}/proxy"
 
     @property
     def is_open(self) -> bool:
-        """Whether the viewer is still running."""
+        """Whether it still runs."""
         return self._process.poll() is None
 
     def connect(self, stream: rr.RecordingStream, blueprint: rrb.Blueprint) -> None:
-        """Connect a stream to this viewer, with a blueprint for its layout."""
+        """Sends all that is logged to a stream to this viewer, arranged by a blueprint."""
         stream.connect_grpc(self.url)
         stream.send_blueprint(blueprint)  # made active: the viewer may remember an older one of ours
 
     def await_server(self) -> None:
-        """Wait until the viewer accepts connections and has survived opening its display.
+        """Waits until the viewer takes connections and has not ended over its display.
 
         Raises:
           ViewerError: It ended, or it does not answer; it is then ended.
@@ -85,12 +85,12 @@ class Viewer:
         return True
 
     def settle(self) -> None:
-        """Wait until a viewer without a window would have terminated, then detach from it.
+        """Waits until a viewer that finds no window would have ended, then leaves it to itself.
 
         Raises:
-          ViewerError: It terminated with an error; closing its window is no error.
+          ViewerError: It ended with an error; to close its window is none.
         """
-        while self.is_open and time.monotonic() < self._born + _WINDOW_TIMEOUT:
+        while self.is_open and time.monotonic() < self._born + _SETTLING:
             time.sleep(_POLL_INTERVAL)
         try:
             self.check()
@@ -98,31 +98,31 @@ class Viewer:
             self.leave()
 
     def leave(self) -> None:
-        """Close the file with the error output; the viewer keeps running."""
-        self._error_output.close()
+        """Listens to no more complaints; the viewer lives on."""
+        self._complaints.close()
 
     def check(self) -> None:
-        """Raise the error output of a viewer that failed.
+        """Says what a viewer that broke down complained about.
 
         Raises:
-          ViewerError: It terminated with an error.
+          ViewerError: It ended with an error.
         """
         if self._process.poll() in (None, 0):
             return
-        self._error_output.seek(0)
-        said = self._error_output.read().decode(errors="replace").splitlines()
+        self._complaints.seek(0)
+        said = self._complaints.read().decode(errors="replace").splitlines()
         errors = [line for line in said if "error" in line.lower() or "panic" in line.lower()]
         reason = (
             errors[-1].rsplit(": ", 1)[-1].strip() if errors else f"exit status {self._process.returncode}"
         )
-        raise ViewerError(f"--view: the Rerun viewer failed ({reason}); {_ELSEWHERE}")
+        raise ViewerError(f"--view: the Rerun viewer broke down ({reason}); {_ELSEWHERE}")
 
 
 def open_viewer(arguments: Sequence[str] = ()) -> Viewer:
-    """Open a viewer whose server listens on the loopback address only, and wait until it does.
+    """Opens a viewer whose server listens on the loopback address only, and waits until it does.
 
     Args:
-      arguments: More options of the program `rerun`, e.g. `--headless`.
+      arguments: More options of the program `rerun`, as `--headless`.
 
     Raises:
       ViewerError: There is no display, or the viewer did not start; the message says what to do instead.
@@ -132,19 +132,19 @@ def open_viewer(arguments: Sequence[str] = ()) -> Viewer:
     port = _free_port()
     command = [sys.executable, "-c", _PROGRAM, "--bind", LOOPBACK, "--port", str(port)]
     command += ["--hide-welcome-screen", "--expect-data-soon", *arguments]
-    error_output = tempfile.TemporaryFile()  # noqa: SIM115 (a pipe would break the viewer that outlives its reader)
+    complaints = tempfile.TemporaryFile()  # noqa: SIM115 (a pipe would break the viewer that outlives its reader)
     try:
         process = subprocess.Popen(
             command,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
-            stderr=error_output,
+            stderr=complaints,
             start_new_session=True,  # Ctrl-C ends the run, not the viewer
             env={**os.environ, "RERUN_APP_ONLY": "true", "NO_COLOR": "1"},
         )
     except OSError as error:
         raise ViewerError(f"--view: the Rerun viewer did not start ({error}); {_ELSEWHERE}") from error
-    viewer = Viewer(process, port, error_output)
+    viewer = Viewer(process, port, complaints)
     viewer.await_server()
     return viewer
 

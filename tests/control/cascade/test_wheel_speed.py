@@ -9,7 +9,7 @@ import pytest
 from omnimj.control.cascade.limits import limited_current, limits_row
 from omnimj.control.cascade.wheel_speed import amplifier_row, speed_loop, speed_loop_row
 from omnimj.parameters import read_floors, read_robot
-from omnimj.physics.motor import drive_torque_bounds, motor_row, next_current, stick_or_slip
+from omnimj.physics.motor import drive_torque_bounds, motor_parameters, next_current, stick_or_slip
 from omnimj.physics.traction import exact_step, force_ratio, relaxation_rate
 
 ROBOT, FLOORS = read_robot(), read_floors()
@@ -47,7 +47,7 @@ def run(floor, target, noise=NOISE):
     drawn = np.random.default_rng(1).normal(0.0, 1.0, target.size) * noise
     laws = speed_loop_row(ROBOT, H), amplifier_row(ROBOT), limits_row(ROBOT.control, H)
     wheel = MASS, INERTIA, ROBOT.wheel.radius
-    return quarter(FLOORS[floor].row, motor_row(ROBOT.motor), *laws, target, drawn, *wheel).T
+    return quarter(FLOORS[floor].traction, motor_parameters(ROBOT.motor), *laws, target, drawn, *wheel).T
 
 
 TIME = np.arange(4000) * H

@@ -115,5 +115,5 @@ def test_a_place_is_driven_back_slowly_and_only_while_the_robot_is_to_move(e_x, 
 @pytest.mark.parametrize("floor", ["natural_stone", "pvc", "paperboard"])
 @pytest.mark.parametrize("slip", [-0.1, -0.03, 0.03, 0.1])
 def test_the_creep_of_every_measured_floor_is_told_within_two_centimetres_a_second(floor, slip):
-    traction = steady_ratio(read_floors()[floor].row, slip, 0.0) * CONSTANTS[LOAD]
+    traction = steady_ratio(read_floors()[floor].traction, slip, 0.0) * CONSTANTS[LOAD]
     assert steady_creep(CONSTANTS, traction) == pytest.approx(slip, abs=0.025)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from omnimj.errors import InputError
+from omnimj.parameters.floor import TRACTION_SIZE
 from omnimj.plant.ground import Patch
 from omnimj.plant.mujoco import slots
 from omnimj.plant.mujoco.assembly import rig_model, robot_model
@@ -118,7 +119,7 @@ def test_patches_are_geoms_and_later_ones_lie_on_top(robot, floors):
     patches = (Patch("oil", (0.0, 0.0), (4.0, 4.0)), Patch("pvc", (0.0, 0.0), (1.0, 1.0), 0.3))
     m = robot_model(robot, floors["natural_stone"], patches)
     assert m.geom("patch_2").id == m.geom("patch_1").id + 1
-    row = m.geom_user[m.geom("patch_2").id, slots.FLOOR_ROW : slots.FLOOR_ROW + 8]
+    row = m.geom_user[m.geom("patch_2").id, slots.TRACTION : slots.TRACTION + TRACTION_SIZE]
     assert np.array_equal(row, floors["pvc"].row)
 
 

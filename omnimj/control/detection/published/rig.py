@@ -14,8 +14,9 @@ from omnimj.control.detection.published.decision import MOTOR, SLIP, PublishedTh
 from omnimj.control.detection.published.residuals import bounded_time_step, matching_lags
 from omnimj.parameters import Floor, Rig
 from omnimj.physics.effect_terms import zero_terms
-from omnimj.physics.motor import driven_by_measured_current, motor_row
-from omnimj.physics.rig import rig_row
+from omnimj.physics.motor import driven_by_measured_current, motor_parameters
+from omnimj.physics.rig import rig_parameters
+from omnimj.physics.wheel import packed
 from omnimj.signals import Array, Diagnosis, RigMeasurement
 
 _MODES = {None: 0, SLIP: 1, MOTOR: 2}
@@ -73,9 +74,10 @@ class PublishedRigDetector:
         thresholds: PublishedThresholds,
         choice: DetectorOptions,
     ):
-        motor = driven_by_measured_current(motor_row(rig.motor))
+        motor = np.array(driven_by_measured_current(motor_parameters(rig.motor)))
         lags = matching_lags(rig.sensors)
-        self._numbers = rig_row(rig, mass), motor, floor.row, zero_terms()[0], lags, choice.printed
+        machine = packed(rig_parameters(rig, mass)), motor, floor.row, zero_terms()[0]
+        self._numbers = machine, lags, choice.printed
         self._thresholds, self._most_current = thresholds, rig.sensors.current_monitor_range
 
     def start(self, measurement: RigMeasurement) -> PublishedRigState:
@@ -99,7 +101,7 @@ class PublishedRigDetector:
         passed = bounded_time_step(state.time, m.time)
         observer = state.observer.copy()
         current = min(max(m.current, -self._most_current), self._most_current)
-        rig_residuals.update_observer(observer, current, *numbers[1:], passed, *self._numbers)
+        rig_residuals.update_observer(observer, (current, *numbers[1:]), passed, *self._numbers)
         return self._judge(dataclasses.replace(state, time=m.time, observer=observer))
 
     def _judge(self, state: PublishedRigState) -> PublishedRigState:

@@ -16,7 +16,7 @@ from omnimj.control.detection.published.residuals import (
 )
 from omnimj.physics import rig
 from omnimj.physics.native import kernel
-from omnimj.physics.wheel import INERTIA, RADIUS
+from omnimj.physics.wheel import store
 
 STEP = 2.5e-4
 """Largest step of the observer [s]."""
@@ -31,7 +31,7 @@ time | R1, R2."""
 
 
 @kernel
-def force_residual(row, motor, current, wheel_speed, acceleration, speed, s_ddot, lateral, printed):
+def force_residual(model, current, wheel_speed, acceleration, speed, s_ddot, lateral):
     """r2 = F_ts − F_js, Eqs. 5.4-5.6 [N].
 
     F_js = (T_3 − I_3 φ̈)/r with T_3 from the current; F_ts = m_T s̈ + F_rail + F_roll (Eq. 4.26). Repaired:
@@ -39,47 +39,55 @@ def force_residual(row, motor, current, wheel_speed, acceleration, speed, s_ddot
     are those of forward motion, always (erratum 4).
 
     Args:
-      row: `physics.rig.rig_row`.
-      motor: `physics.motor.motor_row`.
+      model: `physics.rig.RigModel`.
       current: Measured [A].
       wheel_speed: φ̇ measured [rad/s].
       acceleration: φ̈ [rad/s²].
       speed: Of the carriage [m/s].
       s_ddot: s̈ measured [m/s²].
       lateral: ṡ of the gantry [m/s].
-      printed: The equations as printed.
     """
-    g = rig.lateral_force(row, lateral)
-    low, high = rig.wheel_torque_bounds(row, motor, current, wheel_speed, g, printed)
-    forward, backward = rig.carriage_friction_bounds(row, g, speed, printed)
-    inertial, radius = row[INERTIA] * acceleration, row[RADIUS]
-    if printed:
-        return row[rig.MASS] * s_ddot - forward - (low - inertial) / radius
+    g = rig.lateral_force(model.rig, lateral)
+    low, high = rig.wheel_torque_bounds(model, current, wheel_speed, g)
+    forward, backward = rig.carriage_friction_bounds(model.rig, g, speed, model.published)
+    inertial, radius = model.rig.wheel.inertia * acceleration, model.rig.wheel.radius
+    inertia = model.rig.mass * s_ddot
+    if model.published:
+        return inertia - forward - (low - inertial) / radius
     low, high = interval_at_speed(low, high, wheel_speed)
     forward, backward = interval_at_speed(forward, backward, speed / radius)
     joint_low, joint_high = (low - inertial) / radius, (high - inertial) / radius
-    inertia = row[rig.MASS] * s_ddot
     return outside_interval(0.0, joint_low - inertia + forward, joint_high - inertia + backward)
 
 
 @kernel
-def update_observer(
-    observer, current, wheel_speed, speed, s_ddot, lateral, time, row, motor, floor, terms, lags, printed
-):
-    """Advances an observer's row by `time` seconds to the newest measurement, in place."""
+def update_observer(observer, measured, time, machine, lags, printed):
+    """Advance an observer's row by `time` seconds to the newest measurement, in place.
+
+    Args:
+      observer: Shape (ROW,).
+      measured: Current [A], wheel speed [rad/s], carriage speed [m/s], its acceleration [m/s²], speed of the
+        gantry [m/s].
+      time: Since the measurement before [s].
+      machine: Packed rig, motor, floor and effect terms, see `physics.rig.rig_model_at`.
+      lags: From `residuals.matching_lags`.
+      printed: The equations as printed.
+    """
+    current, wheel_speed, speed, s_ddot, lateral = measured
     if abs(lateral) < _REST_LATERAL:
         lateral = 0.0
-    output = np.empty(rig.OUTPUT)
     if time > 0.0:
+        model = rig.rig_model_at(machine, printed)
         steps = max(1, int(np.ceil(time / STEP - 1e-6)))
-        rig.step(observer, current, lateral, row, motor, floor, terms, time / steps, steps, printed, output)
+        state, _ = rig.step(rig.rig_state_at(observer), current, lateral, model, time / steps, steps)
+        store(state, observer)
         i = low_pass(observer[LATE_CURRENT], current, time, lags[0])
         a = low_pass(observer[LATE_ACCELERATION], s_ddot, time, lags[1])
         change = (wheel_speed - observer[BEFORE]) / time
-        r2 = force_residual(row, motor, i, wheel_speed, change, speed, a, lateral, printed)
+        r2 = force_residual(model, i, wheel_speed, change, speed, a, lateral)
         observer[FORCE] = low_pass(observer[FORCE], r2, time, RESIDUAL_LAG)
         observer[LATE_CURRENT], observer[LATE_ACCELERATION] = i, a
-    r1 = wheel_speed - observer[rig.WHEEL_SPEED]
+    r1 = wheel_speed - rig.rig_state_at(observer).wheel_speed
     observer[SPEED_SQUARES] += r1 * r1 * time
     observer[FORCE_SQUARES] += observer[FORCE] * observer[FORCE] * time
     observer[SPAN] += time

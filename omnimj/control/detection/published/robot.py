@@ -33,7 +33,7 @@ from omnimj.errors import InputError
 from omnimj.parameters import Floor, Robot
 from omnimj.physics.effect_terms import zero_terms
 from omnimj.physics.kinematics import rolling_matrix
-from omnimj.physics.motor import KT_SCALE, driven_by_measured_current, motor_row
+from omnimj.physics.motor import TORQUE_SCALE, driven_by_measured_current, motor_parameters
 from omnimj.physics.planar import planar_constants
 from omnimj.signals import Array, Diagnosis, Measurement
 
@@ -61,7 +61,7 @@ class PublishedRobotState:
     observer: Array
     """A row of `robot_residuals`."""
     motors: Array
-    """Rows of the motors as they are believed to be, shape (n, MOTOR_ROW)."""
+    """Rows of the motors as they are believed to be, shape (n, MOTOR_SIZE)."""
     log: Array
     """Aligned with `PublishedRobot.log_names`."""
     weights: Array
@@ -114,7 +114,8 @@ class PublishedRobotDetector:
         self._odometry, self._wheels, self._printed = odometry, n, choice.printed
         self._rows = constants.body, constants.wheels
         self._floors, self._terms = np.tile(floor.row, (n, 1)), zero_terms(n)
-        self._healthy = driven_by_measured_current(np.tile(motor_row(robot.motor), (n, 1)))
+        motor = driven_by_measured_current(motor_parameters(robot.motor))
+        self._healthy = np.tile(np.array(motor), (n, 1))
         self._lags = matching_lags(robot.sensors)
         self._most_current = robot.sensors.current_monitor_range
         self._radius, self._thresholds = robot.wheel.radius, thresholds
@@ -148,10 +149,11 @@ class PublishedRobotDetector:
         passed = bounded_time_step(state.time, m.time)
         observer = state.observer.copy()
         current = self._believed(m)
+        measured = (current, m.wheel_speed, m.acceleration)
+        machine = (*self._rows, state.motors, self._floors, self._terms)
         robot_residuals.update_observer(
-            observer, current, m.wheel_speed, m.acceleration, passed, *self._rows, state.motors,
-            self._floors, self._terms, self._odometry, self._lags, self._printed,
-        )  # fmt: skip
+            observer, measured, passed, machine, self._odometry, self._lags, self._printed
+        )
         state = dataclasses.replace(state, time=m.time, observer=observer)
         state = self._estimate(state, m) if state.estimating >= 0 else self._judge(state)
         return dataclasses.replace(state, log=self._log(state))
@@ -200,7 +202,7 @@ class PublishedRobotDetector:
         """The residual is below its threshold again: the slip is over, all weights are as before."""
         told = (*state.diagnoses[:-1], dataclasses.replace(state.diagnoses[-1], cleared=state.time))
         state = dataclasses.replace(state, slipping=-1, diagnoses=told)
-        return self._weigh(state, motor_weights(state.motors[:, KT_SCALE]))
+        return self._weigh(state, motor_weights(state.motors[:, TORQUE_SCALE]))
 
     def _begin_motor(self, state: PublishedRobotState, wheel: int) -> PublishedRobotState:
         """Right half of Fig. 6.9; a motor that is known to be faulty is estimated anew, not told anew."""
@@ -209,7 +211,7 @@ class PublishedRobotDetector:
         told = state.diagnoses
         if not any(d.kind == MOTOR and d.wheels == (wheel + 1,) for d in told):
             told = (*told, Diagnosis(state.time, MOTOR, (wheel + 1,), 1.0))
-        share = float(state.motors[wheel, KT_SCALE])
+        share = float(state.motors[wheel, TORQUE_SCALE])
         return dataclasses.replace(
             state,
             estimating=wheel,
@@ -242,14 +244,14 @@ class PublishedRobotDetector:
         """Eqs. 6.2 and 6.3 for a larger H: the torque constant in the model, the weight of its wheel."""
         share = state.share_before * (1.0 - torque_constant_loss(height, self._printed))
         motors = state.motors.copy()
-        motors[wheel, KT_SCALE] = share
+        motors[wheel, TORQUE_SCALE] = share
         left = min(max(share, 0.0), 1.0)
         told = tuple(
             dataclasses.replace(d, effectiveness=left) if d.kind == MOTOR and d.wheels == (wheel + 1,) else d
             for d in state.diagnoses
         )
         state = dataclasses.replace(state, height=height, motors=motors, diagnoses=told)
-        return self._weigh(state, motor_weights(motors[:, KT_SCALE]))
+        return self._weigh(state, motor_weights(motors[:, TORQUE_SCALE]))
 
     def _weigh(self, state: PublishedRobotState, weights: Array) -> PublishedRobotState:
         if self._kinematics is None or state.reconfiguration is None:
@@ -273,7 +275,7 @@ class PublishedRobotDetector:
         log[: n + 2] = state.observer[at : at + n + 2]
         log[n + 2 : 2 * n + 2] = limits.wheel_speed
         log[2 * n + 2 : 2 * n + 4] = limits.force
-        log[2 * n + 4 : 3 * n + 4] = state.motors[:, KT_SCALE]
+        log[2 * n + 4 : 3 * n + 4] = state.motors[:, TORQUE_SCALE]
         log[3 * n + 4 : 4 * n + 4] = state.weights
         log[4 * n + 4] = self._mode(state)
         return log

@@ -16,17 +16,14 @@ from omnimj.control.detection.published.residuals import (
     root_mean_square,
 )
 from omnimj.physics import planar
-from omnimj.physics.motor import EFFICIENCY, NO_LOAD, RATIO
 from omnimj.physics.native import kernel
-from omnimj.physics.planar import DRIVE_X, DRIVE_Y, MASS, NORMAL, wheel_torque_bounds, wheel_velocity
-from omnimj.physics.wheel import (
-    INERTIA,
-    RADIUS,
-    ROLLER_DRY,
-    ROLLER_VISCOUS,
-    bearing_friction,
-    roller_friction,
+from omnimj.physics.planar_wheel import (
+    WheelLoad,
+    planar_wheel_at,
+    wheel_torque_bounds,
+    wheel_velocity,
 )
+from omnimj.physics.wheel import bearing_friction, roller_friction
 
 STEP = 2.5e-4
 """Largest step of the observer [s]."""
@@ -61,89 +58,104 @@ def roller_force(wheel, deflection, across, normal, time, printed):
     Repaired: with stiction at rest, as in the model. Printed: with the sign of the velocity, always.
     """
     if printed:
-        return 0.0, normal * (wheel[ROLLER_DRY] * np.sign(across) + wheel[ROLLER_VISCOUS] * across)
+        return 0.0, normal * (wheel.roller_dry * np.sign(across) + wheel.roller_viscous * across)
     return roller_friction(wheel, deflection, across, normal, time)
 
 
 @kernel
-def joint_force(wheel, motor, current, wheel_speed, acceleration, normal, lateral, printed):
-    """One wheel's traction force from its joint, as the interval that rest leaves open [N].
+def joint_force(driven, current, wheel_speed, acceleration, normal, lateral):
+    """Traction force of one wheel from its joint, as the interval that rest leaves open [N].
 
     F_i = [(K_t i − T_nl) E G_r − T_friction − (I + (J_r + J_g) E G_r²) φ̈]/r, the terms of Eqs. 5.14-5.15.
     Repaired: T_nl and friction oppose the motion. Printed: friction has no sign; T_nl, which Eqs. 5.14-5.15
     take off the sum of each axis, is not in here.
+
+    Args:
+      driven: `DrivenWheel`.
+      current: Measured [A].
+      wheel_speed: φ̇ [rad/s].
+      acceleration: φ̈ [rad/s²].
+      normal: F_N [N].
+      lateral: Friction of the rollers [N].
     """
-    low, high = wheel_torque_bounds(wheel, motor, current, wheel_speed, normal, lateral, printed)
-    if printed:
+    wheel, motor = driven.wheel.wheel, driven.motor
+    low, high = wheel_torque_bounds(driven, current, wheel_speed, WheelLoad(normal, 0.0, lateral))
+    if driven.published:
         dry, viscous = bearing_friction(wheel, normal, lateral)
-        low += motor[NO_LOAD] * motor[EFFICIENCY] * motor[RATIO] - dry - viscous * wheel_speed
+        low += motor.no_load_torque * motor.gear_efficiency * motor.gear_ratio - dry - viscous * wheel_speed
         high = low
     else:
         low, high = interval_at_speed(low, high, wheel_speed)
-    inertial = wheel[INERTIA] * acceleration
-    return (low - inertial) / wheel[RADIUS], (high - inertial) / wheel[RADIUS]
+    inertial = wheel.inertia * acceleration
+    return (low - inertial) / wheel.radius, (high - inertial) / wheel.radius
 
 
 @kernel
-def force_residuals(
-    rollers, before, current, wheel_speed, acceleration, time, body, wheels, motors, odometry, printed
-):
+def force_residuals(rollers, before, current, wheel_speed, acceleration, time, model, odometry):
     """r7, r8 = F_js − F_ts along x and y, Eqs. 5.14-5.19 [N]; `rollers` (n,) goes on in place.
 
     At rest, where friction may be anything, they are what no friction could explain. Printed: each axis
     loses 2 T_nl E G_r/r whatever the motion (erratum 4).
+
+    Args:
+      rollers: Deflections of the rollers' bearings, shape (n,) [m].
+      before: Wheel speeds one measurement ago, shape (n,) [rad/s].
+      current: Measured, shape (n,) [A].
+      wheel_speed: Measured, shape (n,) [rad/s].
+      acceleration: Measured, shape (2,) [m/s²].
+      time: Since the measurement before [s].
+      model: `planar.PlanarModel`.
+      odometry: Body twist from rolling speeds, shape (3, n).
     """
-    n = wheels.shape[0]
+    n, printed = current.size, model.published
     v = np.zeros(3)
     for i in range(n):
+        radius = planar_wheel_at(model.wheels[i]).wheel.radius
         for axis in range(3):
-            v[axis] += odometry[axis, i] * wheel_speed[i] * wheels[i, RADIUS]
+            v[axis] += odometry[axis, i] * wheel_speed[i] * radius
     low, high = np.zeros(2), np.zeros(2)
-    task = body[MASS] * acceleration
+    task = planar.body_at(model.body).mass * acceleration
     for i in range(n):
-        wheel, motor, normal = wheels[i], motors[i], wheels[i, NORMAL]
+        driven = planar.driven_wheel(model, i)
+        wheel, motor, normal = driven.wheel, driven.motor, driven.wheel.normal
         across = wheel_velocity(wheel, v[0], v[1], v[2])[1]
-        rollers[i], lateral = roller_force(wheel, rollers[i], across, normal, time, printed)
+        rollers[i], lateral = roller_force(wheel.wheel, rollers[i], across, normal, time, printed)
         change = (wheel_speed[i] - before[i]) / time
-        one, other = joint_force(wheel, motor, current[i], wheel_speed[i], change, normal, lateral, printed)
+        one, other = joint_force(driven, current[i], wheel_speed[i], change, normal, lateral)
         for axis in range(2):
-            u = wheel[DRIVE_X] if axis == 0 else wheel[DRIVE_Y]
+            u = wheel.drive_x if axis == 0 else wheel.drive_y
             low[axis] += min(u * one, u * other)
             high[axis] += max(u * one, u * other)
             if printed:
-                unsigned = abs(u) * motor[NO_LOAD] * motor[EFFICIENCY] * motor[RATIO] / wheel[RADIUS]
+                unsigned = abs(u) * motor.no_load_torque * motor.gear_efficiency * motor.gear_ratio
+                unsigned /= wheel.wheel.radius
                 low[axis] -= unsigned
                 high[axis] -= unsigned
         # the rollers push the body along −z × u
-        task[0] -= lateral * wheel[DRIVE_Y]
-        task[1] += lateral * wheel[DRIVE_X]
+        task[0] -= lateral * wheel.drive_y
+        task[1] += lateral * wheel.drive_x
     return outside_interval(0.0, task[0] - high[0], task[0] - low[0]), outside_interval(
         0.0, task[1] - high[1], task[1] - low[1]
     )
 
 
 @kernel
-def update_observer(
-    observer, current, wheel_speed, acceleration, time, body, wheels, motors, floors, terms, odometry,
-    lags, printed,
-):  # fmt: skip
-    """Advances an observer's row by `time` seconds to the newest measurement, in place.
+def update_observer(observer, measured, time, machine, odometry, lags, printed):
+    """Advance an observer's row by `time` seconds to the newest measurement, in place.
 
     Args:
       observer: Its row, shape (row_size(n),).
-      current: Measured, shape (n,) [A].
-      wheel_speed: Measured, shape (n,) [rad/s].
-      acceleration: Measured, shape (2,) [m/s²].
+      measured: Currents (n,) [A], wheel speeds (n,) [rad/s], acceleration (2,) [m/s²].
       time: Since the measurement before [s].
-      body: `PlanarConstants.body`.
-      wheels: `PlanarConstants.wheels`.
-      motors: Driven by measured current, with the torque constants believed in, shape (n, MOTOR_ROW).
-      floors: `Floor.row` per wheel, shape (n, ROW).
-      terms: No effects, shape (n, TERMS).
+      machine: Packed body, wheels, motors (driven by measured current, with their estimated torque
+        constants), floors and effect terms, in the order of `planar.PlanarModel`.
       odometry: Body twist from rolling speeds, shape (3, n).
       lags: From `residuals.matching_lags`.
       printed: The equations as printed.
     """
+    current, wheel_speed, acceleration = measured
+    body, wheels, motors, floors, terms = machine
+    model = planar.PlanarModel(body, wheels, motors, floors, terms, printed)
     n = wheels.shape[0]
     at = previous_speed_index(n)
     before, rollers = observer[at : at + n], observer[at + n : at + 2 * n]
@@ -152,16 +164,12 @@ def update_observer(
     if time > 0.0:
         steps = max(1, int(np.ceil(time / STEP - 1e-6)))
         output = np.empty(5 * n + 2)
-        planar.step(
-            observer[:at], current, body, wheels, motors, floors, terms, time / steps, steps, printed, output
-        )
+        planar.step(observer[:at], current, model, time / steps, steps, output)
         for i in range(n):
             late[i] = low_pass(late[i], current[i], time, lags[0])
         for axis in range(2):
             late[n + axis] = low_pass(late[n + axis], acceleration[axis], time, lags[1])
-        r7, r8 = force_residuals(
-            rollers, before, late[:n], wheel_speed, late[n:], time, body, wheels, motors, odometry, printed
-        )
+        r7, r8 = force_residuals(rollers, before, late[:n], wheel_speed, late[n:], time, model, odometry)
         filtered[0] = low_pass(filtered[0], r7, time, RESIDUAL_LAG)
         filtered[1] = low_pass(filtered[1], r8, time, RESIDUAL_LAG)
     observer[rest + 4] += time

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from omnimj.parameters import Robot
-from omnimj.physics.motor import achievable_current
+from omnimj.physics.motor import achievable_current, motor_at
 from omnimj.physics.native import kernel
 from omnimj.signals import Array
 
@@ -236,7 +236,7 @@ def take_sample(
             # in parallel does not: neither disobeys
             asked, can = (
                 command[i] - current[i],
-                achievable_current(amplifier, command[i], speed[i]) - current[i],
+                achievable_current(motor_at(amplifier), command[i], speed[i]) - current[i],
             )
             wanted[i] += asked if abs(asked) < abs(can) else can
     return sums, line, repeats, wanted, now, is_full(sums, samples)

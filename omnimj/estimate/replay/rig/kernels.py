@@ -7,8 +7,10 @@ import math
 import numpy as np
 
 from omnimj.physics import rig
-from omnimj.physics.motor import achievable_current
+from omnimj.physics.effect_terms import terms_at
+from omnimj.physics.motor import achievable_current, motor_at
 from omnimj.physics.native import kernel
+from omnimj.physics.traction import traction_at
 
 WHEEL, CARRIAGE, ACCELERATION = range(3)
 OUTPUTS = 3
@@ -23,28 +25,27 @@ def replay_runs(current, lateral, first, rows, motor, floors, terms, start, h, s
       current: Measured current of all runs, one behind the other, shape (samples,) [A].
       lateral: Speed of the gantry, shape (samples,) [m/s].
       first: First sample of every run and the end of the last, shape (runs + 1,).
-      rows: `rig.rig_row` of every run, shape (runs, RIG_ROW).
-      motor: `motor.motor_row` that a measured current passes unclipped, shape (MOTOR_ROW,).
-      floors: `Floor.row` of every run, shape (runs, ROW).
-      terms: Row of effect terms, shape (TERMS,).
+      rows: Packed `rig.RigParameters` of every run, shape (runs, RIG_SIZE).
+      motor: Packed motor that a measured current passes unclipped, shape (MOTOR_SIZE,).
+      floors: Packed traction of every run, shape (runs, TRACTION_SIZE).
+      terms: Packed effect terms, shape (TERMS,).
       start: Carriage and wheel speed at the start, shape (runs, 2).
       h: Step [s].
       steps: Steps per sample.
       out: Filled, shape (samples, OUTPUTS).
     """
-    state, output = np.empty(rig.STATE), np.zeros(rig.OUTPUT)
+    driving, effects = motor_at(motor), terms_at(terms)
     for k in range(len(rows)):
-        state[:] = 0.0
-        state[rig.SPEED], state[rig.WHEEL_SPEED] = start[k, 0], start[k, 1]
-        state[rig.CURRENT] = current[first[k]]
+        model = rig.RigModel(rig.rig_at(rows[k]), driving, traction_at(floors[k]), effects, False)
+        state = rig.RigState(start[k, 0], start[k, 1], 0.0, current[first[k]], 0.0, 0.0, 0.0, 0.0, 0.0)
         out[first[k], WHEEL], out[first[k], CARRIAGE] = start[k, 1], start[k, 0]
         out[first[k], ACCELERATION] = 0.0
         for n in range(first[k], first[k + 1] - 1):
             between = 0.5 * (current[n] + current[n + 1])
-            rig.step(state, between, lateral[n], rows[k], motor, floors[k], terms, h, steps, False, output)
-            out[n + 1, WHEEL] = output[rig.ENCODER]
-            out[n + 1, CARRIAGE] = state[rig.SPEED]
-            out[n + 1, ACCELERATION] = output[rig.ACCELERATION]
+            state, output = rig.step(state, between, lateral[n], model, h, steps)
+            out[n + 1, WHEEL] = output.encoder_speed
+            out[n + 1, CARRIAGE] = state.speed
+            out[n + 1, ACCELERATION] = output.acceleration
 
 
 @kernel
@@ -94,7 +95,7 @@ def _running(sums, place, before, after):
 @kernel
 def delivered_current(target, wheel_speed, motor):
     """What the amplifier drives of a set value at a wheel speed, shape (samples,) [A]."""
-    found = np.empty(len(target))
+    found, driving = np.empty(len(target)), motor_at(motor)
     for n in range(len(target)):
-        found[n] = achievable_current(motor, target[n], wheel_speed[n])
+        found[n] = achievable_current(driving, target[n], wheel_speed[n])
     return found

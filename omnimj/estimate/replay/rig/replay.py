@@ -30,9 +30,10 @@ from omnimj.estimate.replay.rig.runs import (
     variable_spans,
 )
 from omnimj.parameters import Floor, Rig
-from omnimj.physics.effect_terms import SAG, mark_active, write_curve
-from omnimj.physics.motor import RESISTANCE, driven_by_measured_current, motor_row
-from omnimj.physics.rig import MASS, WEIGHT, rig_row
+from omnimj.physics.effect_terms import TERM, mark_active, write_curve
+from omnimj.physics.motor import driven_by_measured_current, motor_parameters
+from omnimj.physics.rig import rig_parameters
+from omnimj.physics.wheel import packed
 from omnimj.plant.mujoco.twin import RigTwin
 from omnimj.recording.dataset import Dataset
 from omnimj.signals import Array, CurrentCommand
@@ -91,13 +92,13 @@ def sensor_block_means(
     for c, name in enumerate(CHANNELS):
         observe(c, np.ascontiguousarray(out[:, c]), name, chain[name], lags.get(name, 0.0))
     if runs.target is not None:
-        motor = changed.motor_rows(motor_row(changed.machine.motor)[None, :])[0]
-        motor[RESISTANCE] += changed.terms[0, SAG]
+        (motor,) = changed.motors((motor_parameters(changed.machine.motor),))
+        sagging = motor._replace(resistance=motor.resistance + float(changed.terms[0, TERM["sag"]]))
         wheel = np.ascontiguousarray(out[:, native.WHEEL])
         lag = changed.machine.motor.current_loop
         # the set value may be logged a sample before it acts; the wheel's speed limits it when it does
         asked = _delayed(runs, runs.target, lags.get("current_target", 0.0))
-        observe(len(CHANNELS), native.delivered_current(asked, wheel, motor), "current", lag, 0.0)
+        observe(len(CHANNELS), native.delivered_current(asked, wheel, np.array(sagging)), "current", lag, 0.0)
     return result
 
 
@@ -170,8 +171,8 @@ class RigReplay:
             write_curve(terms, _LAST_CURVE, over, values.tolist(), *self._spans[over])
             mark_active(terms[None, :])
         current = true_current(runs, changed.channels, based.lags) if measured else runs.current
-        motor = changed.motor_rows(motor_row(changed.machine.motor)[None, :])
-        motor = driven_by_measured_current(motor)[0] if measured else motor[0]
+        (motor,) = changed.motors((motor_parameters(changed.machine.motor),))
+        motor = np.array(driven_by_measured_current(motor) if measured else motor)
         rows, floor_rows = _rows(runs, changed, based)
         out = np.empty((len(current), native.OUTPUTS))
         numbers = (rows, motor, floor_rows, terms, runs.start, runs.period / _STEPS, _STEPS, out)
@@ -210,12 +211,11 @@ def _instance(name: str, taken: Mapping[str, object]) -> str:
 
 def _rows(runs: RigRuns, changed: AppliedEffects, based: AdjustedMachine[Rig]) -> tuple[Array, Array]:
     """Rig rows and floor rows of all runs."""
-    row = rig_row(changed.machine, 1.0, float(changed.radius_scale[0]), 1.0, changed.slope[0])
-    rows = np.tile(row, (len(runs.mass), 1))
-    rows[:, MASS] = runs.mass * based.mass_scale + changed.added_mass
-    rows[:, WEIGHT] = row[WEIGHT] * rows[:, MASS]
+    scale, slope = float(changed.radius_scale[0]), changed.slope[0]
+    masses = (runs.mass * based.mass_scale + changed.added_mass).tolist()
+    rows = [packed(rig_parameters(changed.machine, mass, scale, 1.0, slope)) for mass in masses]
     by_name = {name: changed.floor(based.floors[name]).row for name in set(runs.floor)}
-    return rows, np.stack([by_name[name] for name in runs.floor])
+    return np.stack(rows), np.stack([by_name[name] for name in runs.floor])
 
 
 def _drive_twin(based: AdjustedMachine[Rig], runs: RigRuns, k: int, current: Array, out: Array) -> None:

@@ -17,14 +17,7 @@ from omnimj.estimate.replay.robot import kernels as native
 from omnimj.estimate.replay.robot.runs import NAMES, STEP, RobotRuns
 from omnimj.parameters import Robot
 from omnimj.physics.effect_terms import mark_active, write_curve
-from omnimj.physics.motor import (
-    EFFICIENCY,
-    KT_SCALE,
-    RATIO,
-    TORQUE_CONSTANT,
-    driven_by_measured_current,
-    motor_row,
-)
+from omnimj.physics.motor import driven_by_measured_current, motor_parameters
 from omnimj.physics.planar import PlanarConstants, planar_constants
 from omnimj.signals import Array
 
@@ -73,18 +66,18 @@ def kernel_parameters(
     if curve is not None:
         write_curve(terms, _LAST_CURVE, curve.over, curve.force.tolist(), curve.low, curve.high)
         mark_active(terms)
-    motors = changed.motor_rows(np.tile(motor_row(changed.machine.motor), (native.WHEELS, 1)))
-    through = motors[:, TORQUE_CONSTANT] * motors[:, KT_SCALE] * motors[:, RATIO] * motors[:, EFFICIENCY]
+    motors = changed.motors([motor_parameters(changed.machine.motor)] * native.WHEELS)
+    through = [m.torque_constant * m.torque_scale * m.gear_ratio * m.gear_efficiency for m in motors]
     bodies, wheels = _constants(runs, changed, mass_scale)
     by_name = {name: changed.floor(based.floors[name]).row for name in set(runs.floor)}
     return KernelParameters(
         bodies,
         wheels,
-        driven_by_measured_current(motors),
+        np.array([driven_by_measured_current(motor) for motor in motors]),
         np.stack([by_name[name] for name in runs.floor]),
         terms,
         _sensors(changed, based.lags),
-        1.0 / through,
+        1.0 / np.array(through),
     )
 
 

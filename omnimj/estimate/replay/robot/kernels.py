@@ -15,19 +15,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from omnimj.physics.effect_terms import BACKLASH, ROTOR
+from omnimj.physics.effect_terms import TERM, terms_at
 from omnimj.physics.native import kernel
 from omnimj.physics.planar import (
-    DRIVE_X,
-    DRIVE_Y,
-    POSITION_X,
-    POSITION_Y,
+    PlanarModel,
     output_size,
-    pose_offset,
+    planar_output,
+    planar_state,
     state_size,
     step,
 )
-from omnimj.physics.wheel import INERTIA
+from omnimj.physics.planar_wheel import POSITION_X, POSITION_Y, planar_wheel_at
 
 START, END, FIRST_BLOCK = range(3)
 STRETCH = 3
@@ -45,6 +43,7 @@ LOOSE_PARTS = 4
 """Parts of a step in which a robot with play in its gears is followed."""
 
 _STATE, _OUTPUT = state_size(WHEELS), output_size(WHEELS)
+_BACKLASH = TERM["backlash"]
 
 
 @kernel
@@ -66,14 +65,12 @@ def _read(values, sensors, channel, column, place):
 @kernel
 def _impose_wheel_speeds(state, k, speed, sensors, terms):
     """Sets every wheel's speed (the rotor's, inside the play of a gear) to the measured one."""
-    n = WHEELS
-    for i in range(n):
+    for i in range(WHEELS):
         measured = _read(speed, sensors, SPEED + i, i, k)
-        play = 6 * n + 3 + i
-        if terms[i, BACKLASH] != 0.0 and state[play] != 0.0:
-            state[play] = measured - state[n + i]
+        if terms[i, _BACKLASH] != 0.0 and state.backlash_rate[i] != 0.0:
+            state.backlash_rate[i] = measured - state.wheel_speed[i]
         else:
-            state[n + i] = measured
+            state.wheel_speed[i] = measured
 
 
 @kernel
@@ -90,24 +87,24 @@ def _add_missing_currents(
       seen: Encoders' speeds after it.
       missing: Shape (4,).
     """
-    n = WHEELS
-    for i in range(n):
+    for i in range(WHEELS):
         after = _read(speed, sensors, SPEED + i, i, place + ahead)
         behind = _read(speed, sensors, SPEED + i, i, place - ahead)
         measured = _read(speed, sensors, SPEED + i, i, place)
-        inertia = terms[i, ROTOR] if loose[i] else wheels[i, INERTIA]
+        rotor, wheel = terms_at(terms[i]).rotor_inertia, planar_wheel_at(wheels[i]).wheel
+        inertia = rotor if loose[i] else wheel.inertia
         missing[i] += ahead * inertia * (0.5 * (after - behind) - (seen[i] - measured)) / h * unit[i]
-        if terms[i, BACKLASH] == 0.0:
-            state[4 * n + 3 + i] = before[i] + h * measured
+        if terms[i, _BACKLASH] == 0.0:
+            state.angle[i] = before[i] + h * measured
 
 
 @kernel
 def _change_rows(state, wheels, rollers, phase, changed):
     """Puts every wheel where the rollers under it are."""
     for i in range(WHEELS):
-        away = _at_roller_angle(rollers, 0, state[4 * WHEELS + 3 + i] + phase[i])
-        changed[i, POSITION_X] = wheels[i, POSITION_X] - away * wheels[i, DRIVE_Y]
-        changed[i, POSITION_Y] = wheels[i, POSITION_Y] + away * wheels[i, DRIVE_X]
+        away, wheel = _at_roller_angle(rollers, 0, state.angle[i] + phase[i]), planar_wheel_at(wheels[i])
+        changed[i, POSITION_X] = wheel.position_x - away * wheel.drive_y
+        changed[i, POSITION_Y] = wheel.position_y + away * wheel.drive_x
 
 
 @kernel
@@ -122,29 +119,28 @@ def _at_roller_angle(rollers, table, angle):
 
 
 @kernel
-def _start_free_window(state, k, count, current, sensors, numbers, h, window, substeps, begin, free):
+def _start_free_window(state, k, count, current, sensors, model, h, window, substeps, begin, free):
     """Where a window begins: fills its row of `free` with the encoders' speeds under measured currents."""
-    n = WHEELS
-    body, wheels, motors, floors, terms = numbers
     w = 0 if k == 0 else (k + begin) // window
     if (k > 0 and (k + begin) % window > 0) or w >= len(free):
         return
-    alone, output, command = state.copy(), np.empty(_OUTPUT), np.empty(n)
+    alone, output, command = state.copy(), np.empty(_OUTPUT), np.empty(WHEELS)
+    seen = planar_state(alone)
     row, last = k - w * window + begin, min((w + 1) * window, count)
     for j in range(k, last):
-        for i in range(n):
-            free[w, row + j - k, i] = alone[n + i] + alone[6 * n + 3 + i]
+        for i in range(WHEELS):
+            free[w, row + j - k, i] = seen.wheel_speed[i] + seen.backlash_rate[i]
         for part in range(substeps):
-            for i in range(n):
+            for i in range(WHEELS):
                 command[i] = _read(current, sensors, CURRENT + i, i, j + (part + 0.5) / substeps)
-            step(alone, command, body, wheels, motors, floors, terms, h / substeps, 1, False, output)
+            step(alone, command, model, h / substeps, 1, output)
     for early in range(row):
         free[w, early] = free[w, row]
 
 
 @kernel
 def _follow(
-    stretch, start, times, current, speed, yaw, sensors, numbers, rollers, phase, unit, h, window, substeps,
+    stretch, start, times, current, speed, yaw, sensors, model, rollers, phase, unit, h, window, substeps,
     begin, followed, free,
 ):  # fmt: skip
     """One stretch: fills what the follower lacks and does, and the free windows.
@@ -154,44 +150,46 @@ def _follow(
       free: Speeds in the windows, `begin` steps before each window first, shape (windows, begin + window, 4).
     """
     n, count = WHEELS, stretch[END] - stretch[START]
-    body, wheels, motors, floors, terms = numbers
-    state, command, output = np.zeros(_STATE), np.empty(n), np.zeros(_OUTPUT)
+    body, wheels, motors, floors, terms, _ = model
+    row, command, row_out = np.zeros(_STATE), np.empty(n), np.zeros(_OUTPUT)
+    state, output = planar_state(row), planar_output(row_out)
     loose, angle = np.zeros(n), np.empty(n)
     rolls, under = rollers.shape[1] > 0, wheels.copy()
+    on_rollers = PlanarModel(body, under, motors, floors, terms, False)
     # a wheel that is loose in its gear is light: on the floor it comes to rest within two milliseconds
-    parts = LOOSE_PARTS if terms[:, BACKLASH].any() else 1
-    pose = pose_offset(n)
-    state[2 * n : 2 * n + 3] = start
-    state[pose - 1] = times[0]
+    parts = LOOSE_PARTS if terms[:, _BACKLASH].any() else 1
+    state.twist[:] = start
+    state.clock[0] = times[0]
     turned = 0.0
     followed[:, :6] = 0.0
     for k in range(count):
-        state[pose + 2] = _read(yaw, sensors, YAW, 0, k)
-        followed[k, 6], followed[k, 7] = state[2 * n + 2], turned
-        heading = state[pose + 2]
+        heading = _read(yaw, sensors, YAW, 0, k)
+        state.pose[2] = heading
+        followed[k, 6], followed[k, 7] = state.twist[2], turned
         for part in range(parts):
             place = k + part / parts
             _impose_wheel_speeds(state, place, speed, sensors, terms)
             if part == 0 and substeps > 0:
-                _start_free_window(
-                    state, k, count, current, sensors, numbers, h, window, substeps, begin, free
-                )
+                _start_free_window(row, k, count, current, sensors, model, h, window, substeps, begin, free)
             for i in range(n):
                 command[i] = _read(current, sensors, CURRENT + i, i, place)
-                loose[i] = 1.0 if terms[i, BACKLASH] != 0.0 and state[6 * n + 3 + i] != 0.0 else 0.0
-                angle[i] = state[4 * n + 3 + i]
+                free_rotor = terms[i, _BACKLASH] != 0.0 and state.backlash_rate[i] != 0.0
+                loose[i] = 1.0 if free_rotor else 0.0
+                angle[i] = state.angle[i]
             if rolls:
                 _change_rows(state, wheels, rollers, phase, under)
                 for i in range(n):  # the load's push is a torque like any other: stiction may hold it
-                    command[i] += _at_roller_angle(rollers, 1, angle[i] + phase[i]) * output[n + i] * unit[i]
-            step(state, command, body, under, motors, floors, terms, h / parts, 1, False, output)
-            followed[k, 4] += output[4 * n] / parts
-            followed[k, 5] += output[4 * n + 1] / parts
+                    command[i] += (
+                        _at_roller_angle(rollers, 1, angle[i] + phase[i]) * output.normal[i] * unit[i]
+                    )
+            step(row, command, on_rollers, h / parts, 1, row_out)
+            followed[k, 4] += output.acceleration[0] / parts
+            followed[k, 5] += output.acceleration[1] / parts
             _add_missing_currents(
-                state, place, 1.0 / parts, speed, sensors, terms, wheels, angle, loose, output[4 * n + 2 :],
+                state, place, 1.0 / parts, speed, sensors, terms, wheels, angle, loose, output.encoder_speed,
                 h / parts, unit, followed[k],
             )  # fmt: skip
-        turned += state[pose + 2] - heading
+        turned += state.pose[2] - heading
 
 
 @kernel
@@ -250,10 +248,10 @@ def replay(
       yaw: Measured heading, unwrapped, shape (steps, 1) [rad].
       heading: What is measured of it, NaN where masked, shape (blocks,) [rad].
       sensors: Shape (3, CHANNELS).
-      bodies: `PlanarConstants.body` of each stretch, shape (stretches, BODY_ROW).
-      wheels: `PlanarConstants.wheels` of each stretch, shape (stretches, 4, ROBOT_WHEEL_ROW).
-      motors: Driven by measured currents, shape (4, MOTOR_ROW).
-      floors: `Floor.row` of each stretch, shape (stretches, ROW).
+      bodies: `PlanarConstants.body` of each stretch, shape (stretches, BODY_SIZE).
+      wheels: `PlanarConstants.wheels` of each stretch, shape (stretches, 4, PLANAR_WHEEL_SIZE).
+      motors: Driven by measured currents, shape (4, MOTOR_SIZE).
+      floors: `Floor.row` of each stretch, shape (stretches, TRACTION_SIZE).
       terms: Effects, shape (4, TERMS).
       rollers: Tables of `robot_rollers` and in a third row the pitch, shape (3, points); (3, 0): without.
       phases: Angles of the wheels at each start, shape (stretches, 4) [rad].
@@ -270,12 +268,12 @@ def replay(
         four = np.empty((WHEELS, floors.shape[1]))
         for i in range(WHEELS):
             four[i] = floors[s]
-        numbers = (bodies[s], wheels[s], motors, four, terms)
+        model = PlanarModel(bodies[s], wheels[s], motors, four, terms, False)
         followed = np.empty((b - a, 8))
         free = np.zeros(((b - a + window - 1) // window, begin + window, WHEELS))
         log = (current[a:b], speed[a:b], yaw[a:b])
         _follow(
-            stretches[s], start[s], times[a:b], log[0], log[1], log[2], sensors, numbers, rollers, phases[s],
+            stretches[s], start[s], times[a:b], log[0], log[1], log[2], sensors, model, rollers, phases[s],
             unit, h, window, substeps, begin, followed, free,
         )  # fmt: skip
         _block_means(stretches[s], log[0], sensors, followed, free, window, begin, size, blocks)
@@ -290,23 +288,24 @@ def drive(current, body, wheels, motors, floors, terms, h, substeps, said):
       current: Shape (steps, 4) [A].
       body: `PlanarConstants.body`.
       wheels: `PlanarConstants.wheels`.
-      motors: Driven by measured currents, shape (4, MOTOR_ROW).
-      floors: `Floor.row` of each wheel, shape (4, ROW).
+      motors: Driven by measured currents, shape (4, MOTOR_SIZE).
+      floors: `Floor.row` of each wheel, shape (4, TRACTION_SIZE).
       terms: Effects, shape (4, TERMS).
       h: Time of a step [s].
       substeps: Steps of the equations per step.
       said: Filled with the true values of all channels at the middle of each step, shape (steps, CHANNELS).
     """
-    state, output = np.zeros(_STATE), np.zeros(_OUTPUT)
-    n, pose = WHEELS, pose_offset(WHEELS)
+    row, row_out = np.zeros(_STATE), np.zeros(_OUTPUT)
+    state, output = planar_state(row), planar_output(row_out)
+    model = PlanarModel(body, wheels, motors, floors, terms, False)
     for k in range(len(current)):
-        for i in range(n):
+        for i in range(WHEELS):
             said[k, CURRENT + i] = current[k, i]
-            said[k, SPEED + i] = state[n + i] + state[6 * n + 3 + i]
-        said[k, YAW_RATE], said[k, YAW] = state[2 * n + 2], state[pose + 2]
+            said[k, SPEED + i] = state.wheel_speed[i] + state.backlash_rate[i]
+        said[k, YAW_RATE], said[k, YAW] = state.twist[2], state.pose[2]
         before_x, before_y = 0.0, 0.0
         for _ in range(substeps):
-            step(state, current[k], body, wheels, motors, floors, terms, h / substeps, 1, False, output)
-            before_x += output[4 * n] / substeps
-            before_y += output[4 * n + 1] / substeps
+            step(row, current[k], model, h / substeps, 1, row_out)
+            before_x += output.acceleration[0] / substeps
+            before_y += output.acceleration[1] / substeps
         said[k, ACCELERATION], said[k, ACCELERATION + 1] = before_x, before_y
