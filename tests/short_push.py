@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import Executor, Future
 from pathlib import Path
 
 PUSH = """description = "A short push along y"
@@ -32,20 +31,3 @@ def scenario_file(folder: Path, name: str = "push", duration: float = 0.6, fault
     file = folder / f"{name}.toml"
     file.write_text(PUSH.format(duration=duration) + faults, encoding="utf-8")
     return str(file)
-
-
-def quiet(phrase: str, share: float) -> None:
-    """Reports nothing."""
-
-
-class Here(Executor):
-    """Does work at once, and counts it."""
-
-    def __init__(self):
-        self.given = 0
-
-    def submit(self, fn, /, *args, **kwargs) -> Future:
-        self.given += 1
-        future: Future = Future()
-        future.set_result(fn(*args, **kwargs))
-        return future

@@ -161,7 +161,7 @@ class World:
         until = self.wire.now + time
         while self.wire.now < until - 1e-9:
             self.wire.advance(self.wire.now + self.QUANTUM)
-            self.server.turn(0.0)
+            self.server.serve_once(0.0)
             self.flowed.append((self.wire.now, self.moves))
 
     def last_motion(self) -> float:
@@ -188,7 +188,7 @@ class Waiting:
 
     def wait(self, longest: float) -> bool:
         until = self.world.wire.now + longest
-        self.world.server.turn(0.0)
+        self.world.server.serve_once(0.0)
         while not self.end.wait(0.0):
             self.world.advance(self.world.QUANTUM)
             if self.world.wire.now >= until:

@@ -181,9 +181,7 @@ def _serve(
     from omnimj.link.device.server import DeviceServer
 
     server = DeviceServer(emulated, listener, key=key)
-    mode = (
-        "lock-step" if arguments.lock_step else f"real time, {1e3 * emulated.device.commissioned.period:g} ms"
-    )
+    mode = "lock-step" if arguments.lock_step else f"real time, {1e3 * emulated.device.config.period:g} ms"
     where = f"udp:{arguments.udp}" if arguments.udp is not None else f"serial:{arguments.serial}"
     words = f"device ready at {where}, {scenario} on the {arguments.plant}, {mode}"
     print(words + (", keyed" if key is not None else ""), flush=True)
@@ -202,7 +200,7 @@ def _format_served(server: DeviceServer, lock_step: bool) -> str:
     words = f"{server.frames} frames, {device.dropped} dropped, {device.refused} refused{fault}"
     if server.drops.total:
         words += f"; no frames: {server.drops}"
-    return words if lock_step else f"{words}\n{server.kept}"
+    return words if lock_step else f"{words}\n{server.timing}"
 
 
 @contextlib.contextmanager

@@ -59,7 +59,7 @@ def format_recovery(trace: Trace, metrics: Mapping[str, Any], constants: Robot |
     if not ways:
         return ""
     lines = [
-        format_table(("recovery", "when", "what it gives up"), [(w.name, w.when, w.gives_up) for w in ways])
+        format_table(("recovery", "when", "consequence"), [(w.name, w.when, w.consequence) for w in ways])
     ]
     limits = describe_layout(constants)
     return "\n".join([*lines, *([limits] if limits else [])])

@@ -16,6 +16,7 @@ from omnimj.resources import model_display_name
 # The same scenario with the other methods, for `omnimj run --compare`.
 
 if TYPE_CHECKING:
+    from omnimj.simulate.loop import Callbacks
     from omnimj.simulate.run import RunResult
     from omnimj.simulate.scenario.scenario import Scenario
 
@@ -79,11 +80,13 @@ def drive_comparison(
     return Comparison(runs, failures)
 
 
-def _phase(bar: ProgressBar, method: str) -> Any:
+def _phase(bar: ProgressBar, method: str) -> Callbacks:
+    from omnimj.simulate.loop import Callbacks
+
     def show(done: int, total: int) -> None:
         bar.show(done, total, f"method {method}")
 
-    return show
+    return Callbacks(progress=show)
 
 
 def comparison_metrics(beside: Comparison) -> dict[str, Any]:
@@ -110,6 +113,7 @@ def format_comparison(units: dict[str, str], metrics: dict[str, Any]) -> str:
 
 
 if TYPE_CHECKING:
+    from omnimj.simulate.loop import Callbacks
     from omnimj.simulate.run import RunResult
 
 _RESULTS = ("path_error_max", "tracking_error_max", "max_yaw_excursion", "final_speed", "travel")

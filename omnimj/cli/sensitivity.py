@@ -112,7 +112,7 @@ def run(arguments: Any) -> int:
         arguments.force,
     )
     scenario = nominal_scenario(asked)
-    announce_compilation(order.asked.plant, scenario.plant)
+    announce_compilation(order.trial.plant, scenario.plant)
     check_config(order)
     with open_executor(arguments.executor) as executor, ProgressBar() as bar:
         outcome = run_sensitivity(
@@ -121,7 +121,7 @@ def run(arguments: Any) -> int:
             executor,
         )
     if outcome.runs:
-        note_compiled(order.asked.plant, scenario.plant)
+        note_compiled(order.trial.plant, scenario.plant)
     write_sensitivity_files(arguments.out, outcome)
     if arguments.json:
         print((arguments.out / NUMBERS).read_text(encoding="utf-8"), end="")
@@ -145,7 +145,7 @@ def _format_study(outcome: SensitivityResult, folder: Path) -> str:
         for one in (measure_first_table(outcome, _MAX_ROWS), results_table(outcome))
         if one.rows
     ]
-    if outcome.left_out:
+    if outcome.excluded:
         parts.append("\n".join(("Left out", *format_excluded(outcome))))
     parts.append(measure_first_sentence(outcome))
     if outcome.interrupted:

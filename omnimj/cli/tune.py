@@ -201,11 +201,11 @@ def _format_tuning(outcome: TuningResult, report: Path) -> str:
         for axis, value in zip(outcome.axes, outcome.values, strict=True)
     ]
     parts = [format_table(("gain", "before", "tuned", "unit"), rows)]
-    for verdict in outcome.verdicts:
+    for verdict in outcome.comparisons:
         words = f"judged with seed {verdict.seed}, {verdict.draws} runs on the {verdict.plant} plant"
         parts.append(f"{words}\n{format_table(('', 'before', 'tuned'), comparison_rows(verdict))}")
     parts.append(format_verdict(outcome))
-    parts.append(f"written to {outcome.order.out} and {report}")
+    parts.append(f"written to {outcome.config.out} and {report}")
     return "\n\n".join(parts)
 
 
@@ -229,7 +229,7 @@ def _as_plain(outcome: TuningResult) -> dict[str, Any]:
                     "after": dataclasses.asdict(dataclasses.replace(verdict.after, terms={}))
                     | {"terms": verdict.after.terms},
                 }
-                for verdict in outcome.verdicts
+                for verdict in outcome.comparisons
             ],
             "margins": [dataclasses.asdict(margin) for margin in outcome.margins_after],
         }

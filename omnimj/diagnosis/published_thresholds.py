@@ -18,49 +18,47 @@ from omnimj.control.detection.published.decision import PublishedThresholds
 from omnimj.control.detection.published.rig import PublishedRigDetector
 from omnimj.control.detection.published.robot import PublishedRobotDetector
 from omnimj.control.fault_tolerant import FaultTolerantController
-from omnimj.parameters import Rig
 from omnimj.signals import Trace
 from omnimj.simulate.loop import drive, drive_rig
 from omnimj.simulate.plants import make_plant
 from omnimj.simulate.run import make_controller
-from omnimj.simulate.scenario.drive import Drive
-from omnimj.simulate.scenario.scenario import RigInput, Scenario, read_scenario
+from omnimj.simulate.scenario.scenario import Scenario, read_scenario
 
 TRAINING_SEEDS = (1000, 1001)
-"""Runs that thresholds are judged on have others."""
+"""Seeds of the training runs; runs for assessment have others."""
 RIG_CURRENTS = tuple(round(0.15 * k, 2) for k in range(3, 11))
-"""0.45 … 1.50 A, as in section 4.3 [A]."""
+"""Currents of the rig runs, as in section 4.3 [A]."""
 DIRECTIONS = tuple(math.pi / 4.0 * k for k in range(8))
-"""Along x, along y and along both, section 5.3 [rad]."""
+"""Driving directions along x, y and both, section 5.3 [rad]."""
 MANOEUVRE = "kind = 'profile', acceleration = 1.0, start_time = 0.5, cruise_time = 2.0"
-"""The tests of 5 s: at high speed 1 s up, 2 s at 1 m/s, 1 s down."""
+"""Manoeuvre of the tests of 5 s: at high speed 1 s acceleration, 2 s at 1 m/s, 1 s deceleration."""
 TURN = "kind = 'profile', speed = 0.0, yaw_cruise_time = 2.0, start_time = 0.5"
 NYLON = "kind = 'slip', onset = 0.0, floor = 'nylon'"
 
 
 @dataclass(frozen=True)
 class TrainingRun:
-    """One run and what it sets a threshold for."""
+    """One run, and the thresholds that it sets."""
 
     scenario: Scenario
     seed: int
     slips: bool
-    """A run with slip: it counts for the force residuals only, Eqs. 5.8 and 5.21."""
+    """Whether a wheel slips: the run then counts for the force residuals only, Eqs. 5.8 and 5.21."""
 
     @property
     def is_rig(self) -> bool:
         """Whether the rig is driven, not the robot."""
-        return isinstance(self.scenario.constants, Rig)
+        return self.scenario.is_rig
 
 
 def rig_test(current: float, faults: str = "") -> Scenario:
-    """The rig with a constant current on natural stone for 1.2 s."""
+    """Scenario of the rig with a constant current on natural stone for 1.2 s."""
     overrides = (f"current={current}", "duration=1.2", f"faults=[{faults}]", "checks={}")
     return read_scenario("rig_constant_current", overrides)
 
 
 def robot_test(table: str, faults: str = "", *overrides: str) -> Scenario:
-    """The robot on natural stone for 5 s.
+    """Scenario of the robot on natural stone for 5 s.
 
     Args:
       table: Keys of its `[drive]`.
@@ -72,7 +70,7 @@ def robot_test(table: str, faults: str = "", *overrides: str) -> Scenario:
 
 
 def training_runs() -> Iterator[TrainingRun]:
-    """Every run that the shipped thresholds come from."""
+    """Runs on which the shipped thresholds are calibrated."""
     for seed in TRAINING_SEEDS:
         for current in RIG_CURRENTS:
             yield TrainingRun(rig_test(current), seed, False)
@@ -89,26 +87,24 @@ def training_runs() -> Iterator[TrainingRun]:
 
 
 def run_with_residuals(run: TrainingRun, choice: DetectorOptions, plant: str = "twin") -> Trace:
-    """A run with the method beside it that neither judges nor acts: its thresholds are infinite."""
+    """Drives a run with the method as an observer: infinite thresholds, no recovery."""
     scenario, never = run.scenario, PublishedThresholds(*([math.inf] * 4))
     floor, choice = scenario.floors[scenario.floor], dataclasses.replace(choice, recovery=False)
     driven = make_plant(scenario, plant, run.seed)
     try:
-        if isinstance(scenario.constants, Rig):
-            assert isinstance(scenario.drive, RigInput)
-            current = np.full(round(scenario.duration / driven.period) + 1, scenario.drive.current)
-            rig = PublishedRigDetector(scenario.constants, floor, scenario.drive.mass, never, choice)
+        if scenario.is_rig:
+            current = np.full(round(scenario.duration / driven.period) + 1, scenario.rig_input.current)
+            rig = PublishedRigDetector(scenario.rig, floor, scenario.rig_input.mass, never, choice)
             return drive_rig(driven, current, detector=rig)
-        assert isinstance(scenario.drive, Drive)
-        robot = PublishedRobotDetector(scenario.constants, floor, never, choice)
+        robot = PublishedRobotDetector(scenario.robot, floor, never, choice)
         controller = FaultTolerantController(make_controller(scenario), robot)
-        return drive(driven, controller, scenario.drive.reference)
+        return drive(driven, controller, scenario.robot_drive.reference)
     finally:
         driven.close()
 
 
 def largest_residuals(run: TrainingRun, choice: DetectorOptions, plant: str = "twin") -> dict[str, float]:
-    """The largest residuals of a run by the name of their threshold; printed r3 … r6 with their sign."""
+    """Largest residuals of a run by the name of their threshold; r3 … r6 as printed, with their sign."""
     trace, prefix = run_with_residuals(run, choice, plant), "rig_" if run.is_rig else ""
     found = {}
     for kind in ("wheel_speed", "force"):
@@ -121,11 +117,11 @@ def largest_residuals(run: TrainingRun, choice: DetectorOptions, plant: str = "t
 
 
 def fault_free_thresholds(variant: str, plant: str = "twin") -> PublishedThresholds:
-    """Eqs. 5.3, 5.8, 5.13 and 5.21 over `training_runs`.
+    """Thresholds of Eqs. 5.3, 5.8, 5.13 and 5.21 over `training_runs`.
 
     Args:
-      variant: Of `VARIANTS`; each has its own observer and so its own thresholds.
-      plant: What is driven.
+      variant: One of `VARIANTS`; each has its own observer and therefore its own thresholds.
+      plant: `twin` or `planar`.
     """
     largest = {field.name: 0.0 for field in dataclasses.fields(PublishedThresholds)}
     for run in training_runs():

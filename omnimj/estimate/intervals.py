@@ -1,4 +1,4 @@
-"""Intervals of fitted parameters that hold for coloured noise: a sandwich over whole runs."""
+"""Noise of block means, effective number of samples, and intervals that hold for coloured noise."""
 
 from __future__ import annotations
 
@@ -15,24 +15,26 @@ from omnimj.signals import Array
 
 LEVEL = 0.90
 STAND_IN = 2.5
-"""Intervals are so much wider than noise alone makes them: equations stand in for the twin, and one form of
-an effect for another. In the blind benchmark of seed 30 noise alone held 68 % of the true values. This factor
-would have held 91 % there and 89 % with seed 40: chosen on those two, not judged on another seed."""
+"""Widening of intervals beyond noise alone, because the equations substitute for the twin, and one form of an
+effect for another. It was chosen on the blind benchmark with seeds 30 and 40, where it covers 91 % and 89
+% of
+the true values (noise alone: 68 % with seed 30); no further seed confirms it."""
 
 
 def sandwich_deviations(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) -> tuple[Array, float]:
     """Standard deviation of every parameter, and the factor for a 90 % interval.
 
-    C = H⁻¹ (Σ_g s_g s_gᵀ + P) H⁻¹, H = Jᵀ W² J + P, s_g = J_gᵀ W_g² r_g summed over one condition: what is
-    correlated inside a run counts as one. P is the prior of the base.
+    C = H⁻¹ (Σ_g s_g s_gᵀ + P) H⁻¹, H = Jᵀ W² J + P, s_g = J_gᵀ W_g² r_g summed over one run: correlated
+    samples
+    of a run count as one. P is the prior of the base.
 
     Args:
-      problem: The data.
-      fitted: The fit.
-      used: Blocks that it was made from, shape (blocks,).
+      problem: The data and the scale.
+      fitted: The fitted model.
+      used: Blocks that it was fitted to, shape (blocks,).
 
     Returns:
-      Shape (parameters,), in the parameters' own units; STAND_IN times Student's t for as many conditions.
+      Shape (parameters,), in the parameters' own units; STAND_IN times Student's t for as many runs.
     """
     weight = huber_weights(problem, fitted.residual, used)
     a = fitted.jacobian * weight[:, None]
@@ -71,14 +73,14 @@ def _stretches(runs: dict[str, list[slice]]) -> list[slice]:
 
 
 TOLERANCE = 0.002
-"""Share of a channel's RMS below which no twin is held to be right: its numbers are not known better."""
+"""Share of a channel's RMS below which no twin is expected to be right, given its parameters."""
 
 
 def repeatability(replay: Replay, mismatch: Array) -> Array:
     """RMS by which repeats of one condition differ from their own mean, per channel; NaN without repeats.
 
-    The differences are taken between mismatches, so that what the inputs explain is out: for repeats a, b
-    var = Σ (m_a − m_b)²/2n.
+    The differences are taken between mismatches, so that known differences of the inputs cancel: for repeats
+    a, b var = Σ (m_a − m_b)²/2n.
 
     Args:
       replay: Gives segments and conditions.
@@ -108,9 +110,13 @@ def repeatability(replay: Replay, mismatch: Array) -> Array:
 
 
 def neighbour_noise(replay: Replay, mismatch: Array) -> Array:
-    """Noise from what changes between neighbouring blocks only, per channel.
+    """Noise from the second differences of neighbouring blocks, per channel.
 
-    For white noise var(m_(k−1) − 2 m_k + m_(k+1)) = 6 σ²; the median keeps starts and reversals out.
+    For white noise var(m_(k−1) − 2 m_k + m_(k+1)) = 6 σ²; the median is robust to starts and reversals.
+
+    Args:
+      replay: Gives the segments.
+      mismatch: Measured − simulated, shape (blocks, channels).
 
     Returns:
       Shape (channels,).
@@ -129,10 +135,15 @@ def neighbour_noise(replay: Replay, mismatch: Array) -> Array:
 
 
 def block_noise(replay: Replay, mismatch: Array) -> Array:
-    """Standard deviation that a block mean may be off by without anybody wondering, per channel.
+    """Standard deviation of a block mean, per channel.
 
-    The larger of repeatability and scatter, a small share of the channel's own RMS, and what the equations
-    are known to miss of a healthy machine.
+    The larger of repeatability and neighbour noise, combined with a small share of the channel's own RMS
+    and the
+    known error of the equations on a healthy machine.
+
+    Args:
+      replay: Gives segments, measurement and channels.
+      mismatch: Measured − simulated, shape (blocks, channels).
 
     Returns:
       Shape (channels,) [unit of the channel].

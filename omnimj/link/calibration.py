@@ -1,6 +1,6 @@
-"""Raw numbers to physics and back, as `[hardware]` of the model file says: gain, sign, offset, filter, wrap.
+"""Conversion between raw readings and SI units: gain, sign, offset, filter and wrap of `[hardware]`.
 
-Only the host calibrates, so that recordings of raw numbers can be read anew with a better calibration.
+Only the host calibrates, so that recordings of raw readings can be read again with a better calibration.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ _UNUSED = ChannelKind(Quantity.OTHER, 0, Raw.VOLTS)
 
 
 def require_hardware(robot: Robot) -> Hardware:
-    """The robot's wiring.
+    """Wiring of a robot.
 
     Raises:
-      InputError: The model file has none, so nothing can be driven by a wire.
+      InputError: The model file has none, so the robot cannot be driven over a wire.
     """
     if robot.hardware is None:
         raise InputError(robot.file, "there is no [hardware]", "a plant behind a wire needs its tables")
@@ -35,12 +35,12 @@ def require_hardware(robot: Robot) -> Hardware:
 
 
 def channel_kind(channel: HardwareInput) -> ChannelKind:
-    """What the device must say that this channel is."""
+    """Kind that the device must report for a channel."""
     return ChannelKind(Quantity[channel.quantity.upper()], channel.wheel, Raw[channel.raw.upper()])
 
 
 def channel_kinds(hardware: Hardware) -> tuple[ChannelKind, ...]:
-    """Of a device with just these channels; indices that the wiring leaves out are of no use to the host."""
+    """Kinds of all channels of a device; channels that the wiring leaves out are `OTHER`."""
     kinds = [_UNUSED] * (1 + max(channel.channel for channel in hardware.inputs))
     for channel in hardware.inputs:
         kinds[channel.channel] = channel_kind(channel)
@@ -48,7 +48,7 @@ def channel_kinds(hardware: Hardware) -> tuple[ChannelKind, ...]:
 
 
 def rounded_limits(hardware: Hardware) -> Limits:
-    """The device's limits, as float32."""
+    """Limits of the device, rounded to float32."""
     own = hardware.limits
     return round_to_float32(
         Limits(
@@ -64,12 +64,12 @@ def rounded_limits(hardware: Hardware) -> Limits:
 
 
 def canonical_text(hardware: Hardware) -> str:
-    """The calibration as text, equal for equal wirings: the lines below, each ended by a line feed, ASCII.
+    """Calibration as ASCII text, equal for equal wirings; every line ends with a line feed.
 
-    `omnimj calibration 1`, then by rising channel
-    `input NAME QUANTITY RAW CHANNEL SIGN GAIN OFFSET FILTER WRAP`, then by rising wheel
-    `output WHEEL CHANNEL SIGN GAIN UNIT`; one space between words, real numbers as C's `%.17g` writes them,
-    whole ones as `%d`.
+    `omnimj calibration 1`, then by increasing channel
+    `input NAME QUANTITY RAW CHANNEL SIGN GAIN OFFSET FILTER WRAP`, then by increasing wheel
+    `output WHEEL CHANNEL SIGN GAIN UNIT`; one space between words, real numbers as C's `%.17g`, integers as
+    `%d`.
     """
     inputs = [
         f"input {i.name} {i.quantity} {i.raw} {i.channel} {i.sign} "
@@ -84,29 +84,29 @@ def canonical_text(hardware: Hardware) -> str:
 
 
 def calibration_hash(hardware: Hardware) -> int:
-    """First 8 bytes, little endian, of BLAKE2s-256 over `canonical_text`."""
+    """Hash of `canonical_text` that host and device compare."""
     return short_hash(canonical_text(hardware).encode("ascii"))
 
 
 @dataclass(frozen=True)
 class WheelMap:
-    """The host's wheels and the device's: wheel i of the host sits at `channels[i − 1]` of the device."""
+    """Assignment of wheels to channels of the device: the host's wheel i is at `channels[i − 1]`."""
 
     channels: tuple[int, ...]
-    """A permutation of 0…n−1."""
+    """Permutation of 0…n−1."""
     factors: tuple[float, ...]
-    """What the device is told per ampere of the host's wheel i, at that wheel's place [A/A]."""
+    """Current at the device per ampere of the host's wheel i, at index i − 1 [A/A]."""
 
     @classmethod
-    def of(cls, hardware: Hardware) -> WheelMap:
-        """Out of the wiring; behind an analog box the device's currents have the wheels' own order."""
+    def from_hardware(cls, hardware: Hardware) -> WheelMap:
+        """Assignment of a wiring; an analog box takes currents in the order of the wheels."""
         analog = hardware.outputs[0].unit == "V/A"
         channels = [o.wheel - 1 if analog else o.channel for o in hardware.outputs]
         factors = [o.sign * (1.0 if analog else o.gain) for o in hardware.outputs]
         return cls(tuple(channels), tuple(factors))
 
-    def told(self, command: CurrentCommand) -> tuple[tuple[float, ...], int]:
-        """Currents and brake bits for the device."""
+    def to_device(self, command: CurrentCommand) -> tuple[tuple[float, ...], int]:
+        """Currents [A] and brake bits for the device from a command of the host."""
         currents = [0.0] * len(self.channels)
         for channel, factor, current in zip(
             self.channels, self.factors, command.current.tolist(), strict=True
@@ -114,24 +114,24 @@ class WheelMap:
             currents[channel] = factor * current
         return tuple(currents), sum(1 << self.channels[wheel - 1] for wheel in command.brake)
 
-    def meant(self, currents: Sequence[float], brake: int) -> CurrentCommand:
-        """The command that the device was told."""
+    def from_device(self, currents: Sequence[float], brake: int) -> CurrentCommand:
+        """Command of the host from the device's currents [A] and brake bits."""
         own = [
             currents[channel] / factor for channel, factor in zip(self.channels, self.factors, strict=True)
         ]
         wheels = range(1, len(self.channels) + 1)
         return CurrentCommand(np.array(own), tuple(w for w in wheels if brake >> self.channels[w - 1] & 1))
 
-    def own(self, wheel: int) -> int:
-        """The host's wheel 1…n that the device calls so; 0 stays 0."""
+    def host_wheel(self, wheel: int) -> int:
+        """Host's number 1…n of the device's wheel; 0 stays 0."""
         return self.channels.index(wheel - 1) + 1 if wheel else 0
 
 
 class Calibration:
-    """Turns a device's raw readings into measurements; keeps the state of filters and counters."""
+    """Conversion of raw readings into measurements, with the state of filters and counters."""
 
     def __init__(self, hardware: Hardware):
-        """At the start of a run."""
+        """Prepare for a run."""
         inputs = self._inputs = hardware.inputs
         self._wheels = (len(inputs) - 4) // 2
         self._order = np.array([i.channel for i in inputs])
@@ -142,18 +142,18 @@ class Calibration:
         self.reset()
 
     def reset(self) -> None:
-        """Forgets filters and counters; the next sample is the first one."""
+        """Reset filters and counters."""
         self._time = math.nan
-        self._before: dict[int, tuple[float, float]] = {}
+        self._previous: dict[int, tuple[float, float]] = {}
         self._speeds: dict[int, float] = {}
-        self._smooth: dict[int, float] = {}
+        self._filter_state: dict[int, float] = {}
 
-    def measured(self, time: float, raw: Sequence[float]) -> Measurement:
-        """One sample in SI.
+    def convert(self, time: float, raw: Sequence[float]) -> Measurement:
+        """Measurement in SI units from one sample of raw readings.
 
-        Wheel speeds out of angles are differences over the samples' own times, 0 at the first one, since a
-        robot is armed at rest; at a time that does not rise they stay. A reading that is not finite is NaN,
-        and leaves filters and counters alone.
+        A wheel speed from an angle is the difference quotient over the samples' own times; it is 0 at the
+        first sample, since a robot is armed at rest, and unchanged if time does not increase. A reading that
+        is not finite becomes NaN and does not enter filters and counters.
 
         Args:
           time: Time of the sample [s].
@@ -165,7 +165,7 @@ class Calibration:
         if self._angles:
             self._differentiate(time, found, values)
         if self._filtered:
-            self._smoothen(time, values)
+            self._filter(time, values)
         self._time = time
         values[~np.isfinite(values)] = math.nan
         yaw = float(values[2 * n + 3]) % _TURN
@@ -179,26 +179,26 @@ class Calibration:
         )
 
     def _differentiate(self, time: float, found: Array, values: Array) -> None:
-        """Wheel speed = gain · wrapped difference of the raw angle / time between."""
+        """Set wheel speed = gain · wrapped difference of the raw angle / elapsed time."""
         for k in self._angles:
             raw, wrap = float(found[k]), self._inputs[k].wrap
             if not math.isfinite(raw):
                 continue
-            before, then = self._before.get(k, (raw, math.nan))
+            before, then = self._previous.get(k, (raw, math.nan))
             if time > then:
                 turned = raw - before
                 if wrap > 0.0:
                     turned -= wrap * round(turned / wrap)
                 self._speeds[k] = float(self._gain[k]) * turned / (time - then)
             if not time <= then:
-                self._before[k] = raw, time
+                self._previous[k] = raw, time
             values[k] = self._speeds.get(k, 0.0)
 
-    def _smoothen(self, time: float, values: Array) -> None:
-        """y += (1 − e^(−Δt/τ)) (x − y); the heading goes the short way round."""
+    def _filter(self, time: float, values: Array) -> None:
+        """Low-pass filter y += (1 − e^(−Δt/τ)) (x − y); the difference of headings is wrapped to ±π."""
         elapsed = time - self._time
         for k in self._filtered:
-            x, y = float(values[k]), self._smooth.get(k, math.nan)
+            x, y = float(values[k]), self._filter_state.get(k, math.nan)
             if not math.isfinite(x):
                 continue
             if math.isfinite(y):
@@ -206,15 +206,15 @@ class Calibration:
                 if self._inputs[k].quantity == "yaw":
                     away -= _TURN * round(away / _TURN)
                 x = y + (1.0 - math.exp(-max(elapsed, 0.0) / self._inputs[k].filter)) * away
-            self._smooth[k] = values[k] = x
+            self._filter_state[k] = values[k] = x
 
 
 def wheel_speed_decoder(hardware: Hardware) -> WheelSpeedDecoder:
-    """How a device that knows its calibration has its wheel speeds, in its own order of wheels."""
-    calibration, channels = Calibration(hardware), WheelMap.of(hardware).channels
+    """Wheel speeds of a device that knows its calibration, in the device's order of wheels."""
+    calibration, channels = Calibration(hardware), WheelMap.from_hardware(hardware).channels
 
     def speeds(now: float, raw: Sequence[float]) -> tuple[float, ...]:
-        measured = calibration.measured(now, raw).wheel_speed.tolist()
+        measured = calibration.convert(now, raw).wheel_speed.tolist()
         ordered = [0.0] * len(channels)
         for channel, speed in zip(channels, measured, strict=True):
             ordered[channel] = speed
@@ -226,6 +226,13 @@ def wheel_speed_decoder(hardware: Hardware) -> WheelSpeedDecoder:
 def device_config(
     hardware: Hardware, period: float, *, lock_step: bool = False, keyed: bool = False
 ) -> DeviceConfig:
-    """A device that is set up as this wiring says; period between two ticks [s]."""
+    """Configuration of a device with this wiring.
+
+    Args:
+      hardware: Wiring.
+      period: Time between two ticks [s].
+      lock_step: Whether its time advances by one period per command.
+      keyed: Whether it accepts authentic frames only.
+    """
     wheels, kinds, limits = len(hardware.outputs), channel_kinds(hardware), rounded_limits(hardware)
     return DeviceConfig(wheels, period, kinds, limits, calibration_hash(hardware), lock_step, keyed)

@@ -266,14 +266,14 @@ def _read_parquet(path: Path, needed: Collection[str]) -> RunTable:
             names = _checked_names(path, schema.names)
             if rows * len(names) > MAX_NUMBERS:
                 raise InputError(path, f"claims {rows} rows", f"at most {MAX_NUMBERS} numbers are read")
-            asked = [
+            chosen = [
                 k for k, name in enumerate(names) if name in needed or (name and _is_number(schema.types[k]))
             ]
-            for k in asked:
+            for k in chosen:
                 if not _is_number(schema.types[k]):
                     found = f"column {names[k]!r} holds {schema.types[k]}"
                     raise InputError(path, found, "every column of the plant holds numbers")
-            table = file.read(columns=[schema.names[k] for k in asked])
+            table = file.read(columns=[schema.names[k] for k in chosen])
             numbers = {
                 table.column_names[k].strip(): _array(table.column(k)) for k in range(table.num_columns)
             }

@@ -1,7 +1,8 @@
-"""Which way to diagnose a run."""
+"""Fault detectors by method: `robust`, `published` or `off`."""
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, field
 
 from omnimj.control.detection.detector import DetectorOptions, FaultDetector
@@ -13,78 +14,77 @@ from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import Floor, Rig, Robot
 from omnimj.simulate.scenario import checks
-from omnimj.simulate.scenario.scenario import RigInput, Scenario
+from omnimj.simulate.scenario.scenario import Scenario
 
 METHODS = checks.METHODS
-"""Ways to diagnose: on missions, as published, not at all."""
+"""Diagnosis methods: for missions, as published, none."""
 
 RIG_METHODS = ("published", "off")
-"""The same on the test rig, whose one wheel leaves nothing to decouple."""
+"""Methods for the test rig, whose single wheel leaves nothing to decouple."""
 
 
 def require_known_method(method: str) -> None:
-    """Refuses what this version cannot do.
+    """Refuses an unknown method.
 
     Raises:
-      UnknownNameError: A method that this version does not have.
+      UnknownNameError: No such method; the message lists the choices.
     """
     if method not in METHODS:
         raise UnknownNameError("--method", "method", method, METHODS)
 
 
 def available_methods(scenario: Scenario) -> tuple[str, ...]:
-    """The methods that a scenario can be driven with; nothing is diagnosed at the kinematic level.
+    """Methods that a scenario can be driven with.
 
-    The published method is for one layout of wheels.
+    There is no diagnosis at the kinematic level, and the published method is for one layout of wheels.
     """
     if scenario.level == "kinematic":
         return ("off",)
-    if isinstance(scenario.constants, Rig):
+    if scenario.is_rig:
         return RIG_METHODS
-    fits = not layout_mismatch(scenario.constants)
+    fits = not layout_mismatch(scenario.robot)
     return tuple(name for name in METHODS if fits or name != "published")
 
 
 def default_method(scenario: Scenario) -> str:
-    """The method of a run that asks for none."""
+    """Method of a run that names none."""
     return available_methods(scenario)[0]
 
 
 @dataclass(frozen=True)
 class DetectorConfig:
-    """What a method is told of the machine: nothing of patches and faults."""
+    """Nominal machine and floor that a detector assumes; patches and faults are unknown to it."""
 
     machine: Robot | Rig
-    """Constants of the model file; its effects are left out."""
+    """Constants of the model file; its effects are ignored."""
     floor: Floor
     mass: float | None = None
-    """That the rig was loaded to [kg]; the first of its masses when None."""
+    """Mass of the loaded rig [kg]; the first of its masses when None."""
     choice: DetectorOptions = field(default_factory=DetectorOptions)
-    """The form of the published method."""
+    """Options of the `[diagnosis]` table."""
     thresholds: Thresholds | None = None
-    """Of the robust method; the shipped ones when None."""
+    """Thresholds of the robust method; the shipped ones when None."""
     observer: ObserverGains | None = None
-    """Of the robust method; as shipped when None."""
+    """Observer gains of the robust method; the shipped ones when None."""
 
 
 def make_detector(
     name: str, scenario: Scenario, thresholds: Thresholds | None = None
 ) -> FaultDetector | None:
-    """The method of that name for the robot or rig of a scenario; None for `off`.
+    """Makes the detector of a method for the robot or rig of a scenario; None for `off`.
 
-    It believes in the constants of the model file and in the scenario's floor; of patches and faults it knows
-    nothing.
+    It assumes the constants of the model file and the scenario's floor; patches and faults are unknown to it.
 
     Args:
-      name: Of `METHODS`.
-      scenario: Its `[diagnosis]` table chooses the method's form.
-      thresholds: Of the robust method; the shipped ones when None.
+      name: One of `METHODS`.
+      scenario: Its `[diagnosis]` table has the method's options.
+      thresholds: Thresholds of the robust method; the shipped ones when None.
 
     Raises:
-      UnknownNameError: A method that this version does not have.
-      InputError: A robot that the method is not for, or thresholds for another method.
+      UnknownNameError: No such method.
+      InputError: A robot that does not suit the method, or thresholds of another method.
     """
-    mass = scenario.drive.mass if isinstance(scenario.drive, RigInput) else None
+    mass = scenario.rig_input.mass if scenario.is_rig else None
     floor = scenario.floors[scenario.floor]
     observer = None if scenario.gains is None else scenario.gains.observer
     return detector_for(
@@ -92,24 +92,29 @@ def make_detector(
     )
 
 
-def detector_for(name: str, believed: DetectorConfig) -> FaultDetector | None:
-    """The method of that name for a machine, with or without a scenario; None for `off`.
+def detector_for(name: str, config: DetectorConfig) -> FaultDetector | None:
+    """Makes the detector of a method for a machine, with or without a scenario; None for `off`.
 
     Raises:
-      UnknownNameError: A method that this version does not have.
-      InputError: A machine that the method is not for, or thresholds for another method.
+      UnknownNameError: No such method.
+      InputError: A machine that does not suit the method, or thresholds of another method.
     """
     require_known_method(name)
-    machine, floor, choice = believed.machine, believed.floor, believed.choice
-    if believed.thresholds is not None and name != "robust":
+    if config.thresholds is not None and name != "robust":
         raise InputError("--thresholds", f"the method is {name!r}", "they are those of 'robust'")
-    if name == "off":
-        return None
+    return None if name == "off" else _detector(config.machine, name, config)
+
+
+@functools.singledispatch
+def _detector(machine: Robot, name: str, config: DetectorConfig) -> FaultDetector:
     if name == "robust":
-        if isinstance(machine, Rig):
-            raise InputError("--method", f"found {name!r}", "the rig has one wheel", RIG_METHODS)
-        return RobustDetector(machine, thresholds=believed.thresholds, gains=believed.observer)
-    limits = select_thresholds(choice)
-    if isinstance(machine, Rig):
-        return PublishedRigDetector(machine, floor, believed.mass, limits, choice)
-    return PublishedRobotDetector(machine, floor, limits, choice)
+        return RobustDetector(machine, thresholds=config.thresholds, gains=config.observer)
+    return PublishedRobotDetector(machine, config.floor, select_thresholds(config.choice), config.choice)
+
+
+@_detector.register
+def _(machine: Rig, name: str, config: DetectorConfig) -> FaultDetector:
+    if name == "robust":
+        raise InputError("--method", f"found {name!r}", "the rig has one wheel", RIG_METHODS)
+    limits = select_thresholds(config.choice)
+    return PublishedRigDetector(machine, config.floor, config.mass, limits, config.choice)

@@ -36,7 +36,7 @@ class KinematicCase:
     lost_from: float = 0.0
     """[s]."""
     lost_wheel_turns_freely: bool = False
-    """Whether the lost wheel rolls without resistance; otherwise it stands still (V_i = 0) and drags."""
+    """True if the lost wheel rolls without resistance; otherwise it stands still (V_i = 0) and drags."""
     misalignment: tuple[float, ...] = ()
     """Angle by which each wheel is turned about its vertical, counter-clockwise [rad]; empty: 0."""
 

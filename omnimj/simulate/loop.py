@@ -89,7 +89,7 @@ class Ending:
         """Exceptions of these kinds count as failures of the plant; all others pass through."""
         self._failures = failures
         self.interrupted = False
-        """Whether Ctrl-C ended the run."""
+        """True if Ctrl-C ended the run."""
         self.error: BaseException | None = None
         """The failure that ended the run."""
 
@@ -246,7 +246,7 @@ class _Stopwatch:
 
 
 class ControllerState(Protocol):
-    """What the loop reads of a controller's state."""
+    """State of a controller, as far as the loop reads it."""
 
     @property
     def log(self) -> Array:
@@ -383,6 +383,23 @@ class _ReplayCurrents:
             row[7 : len(self.names)] = self.state.log
         self._k += 1
         return CurrentCommand(self._current[k : k + 1])
+
+
+def require_complete(trace: Trace, name: str) -> None:
+    """Raises what ended a recorded run early.
+
+    Args:
+      trace: From `record`, `drive` or `drive_rig`.
+      name: Name of the run in messages.
+
+    Raises:
+      SimulationError: The plant failed.
+      KeyboardInterrupt: Ctrl-C was pressed.
+    """
+    if trace.about["failure"]:
+        raise SimulationError(f"{name}: {trace.about['failure']}")
+    if trace.about["interrupted"]:
+        raise KeyboardInterrupt
 
 
 def drive_rig(

@@ -1,4 +1,4 @@
-"""What a run amounts to in numbers: heading and path errors, speeds, slip, currents."""
+"""Metrics of a run: heading and path errors, speeds, slip, currents."""
 
 from __future__ import annotations
 
@@ -9,14 +9,12 @@ from scipy.spatial import cKDTree
 
 from omnimj.signals import Array, Trace
 
-# How far the centre strays from a planned path.
-
 
 def distance_to_path(points: Array, path: Array) -> Array:
     """Distance of points to a polyline: min over segments ab of |p − a − t (b − a)|, t in [0, 1].
 
-    Looks at the two segments beside the nearest corner, which is exact for a path sampled finely against
-    its own curvature, as a `Reference` is (one sample per control period).
+    Only the two segments beside the nearest corner are evaluated, which is exact for a path sampled finely
+    compared with its curvature, such as a `Reference`.
 
     Args:
       points: Shape (k, 2) [m].
@@ -43,16 +41,17 @@ def _to_segment(p: Array, a: Array, b: Array) -> Array:
 
 
 DIAGNOSIS_UNITS = {"detection_delay": "s", "isolated": "", "false_alarms": ""}
-"""What the diagnoses are worth; `isolated` is 1 where every fault was named for itself and nothing else."""
+"""Metrics of the diagnoses; `isolated` is 1 where exactly the true faults were named."""
+_EXTENSION = 1.0  # [m] of straight path beyond a plan that is still moving
 _SPEED_UNITS = {"final_speed": "m/s", "mean_speed": "m/s", "peak_speed": "m/s"}
 
 
 def metric_units(plant: str, wheels: int, has_path: bool, kinematic: bool) -> dict[str, str]:
-    """Names and units of the metrics that a scenario has; its `[checks]` choose among them.
+    """Names and units of the metrics of a scenario; its `[checks]` choose among them.
 
     Args:
       plant: `uto_robot` or `quarter_rig`.
-      wheels: n.
+      wheels: Number of wheels n.
       has_path: Whether the drive is a path to follow.
       kinematic: Whether the run is at the kinematic level, which has neither currents nor slip.
     """
@@ -69,11 +68,11 @@ def metric_units(plant: str, wheels: int, has_path: bool, kinematic: bool) -> di
 
 
 def compute_metrics(trace: Trace, names: Mapping[str, str]) -> dict[str, float | None]:
-    """The metrics of a run; None for one that the trace has no columns for.
+    """Computes the metrics of a run; None for those whose columns the trace lacks.
 
     Args:
       trace: At least one row, with columns of robot or rig.
-      names: The metrics wanted, from `metric_units`.
+      names: Metrics to return, from `metric_units`.
 
     Returns:
       Metric by name: `max_yaw_excursion` largest |heading − planned heading| [rad]; `path_error_max`, `_rms`
@@ -105,7 +104,7 @@ def _rms(values: Array) -> float:
 
 
 def _heading_metrics(trace: Trace) -> dict[str, float | None]:
-    """The true heading where there is one, the measured one else; either may wrap."""
+    """From the true heading where there is one, otherwise from the measured one; either may wrap."""
     column = "heading" if "heading" in trace else "yaw"
     if column not in trace or "target_heading" not in trace:
         return {}
@@ -129,11 +128,8 @@ def _position_metrics(trace: Trace, has_path: bool) -> dict[str, float | None]:
     return found
 
 
-_EXTENSION = 1.0  # [m]
-
-
 def _extended(planned: Array) -> Array:
-    """A plan that is still under way at its last sample goes on straight: a robot may be ahead of it."""
+    """Planned path, extended straight on if it still moves at its last sample: a robot may be ahead of it."""
     step = planned[-1] - planned[-2] if len(planned) > 1 else np.zeros(2)
     length = float(np.linalg.norm(step))
     if length == 0.0:
@@ -142,7 +138,7 @@ def _extended(planned: Array) -> Array:
 
 
 def _speed_metrics(trace: Trace) -> dict[str, float | None]:
-    """Speed of the centre or the carriage: the truth where there is one, the rig's encoder else."""
+    """Speed of the centre or the carriage: the true one, or the one of the rig's encoder."""
     if "twist_x" in trace:
         speed = np.hypot(trace["twist_x"], trace["twist_y"])
     elif "true_carriage_speed" in trace:
@@ -167,7 +163,7 @@ def _slip_metrics(trace: Trace) -> dict[str, float | None]:
 
 def _current_metrics(trace: Trace) -> dict[str, float | None]:
     if "current" in trace:
-        # the monitor is noisy: the last tenth of a second (a tenth of a short run) is one reading
+        # the current monitor is noisy: averaged over the last tenth of a second, or a tenth of a short run
         tail = max(1, min(len(trace["current"]) // 10, int(np.searchsorted(trace["time"], 0.1))))
         return {
             "rms_current": _rms(trace["current"]),

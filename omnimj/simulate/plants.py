@@ -27,28 +27,28 @@ _LINK_SCHEMES = ("serial:", "udp:")
 _WARM_UP_TIME = 4.0  # [s]
 
 
-def plant_name(scenario: Scenario, asked: str | None) -> str:
+def plant_name(scenario: Scenario, choice: str | None) -> str:
     """Name of the plant to run on: `twin` by default, `kinematic` for a kinematic scenario.
 
     Args:
       scenario: What is to be driven.
-      asked: The user's choice, if any.
+      choice: Name of the plant that the user chose, if any.
 
     Raises:
       InputError: An invalid address, or a plant with forces for a scenario at the kinematic level.
       UnknownNameError: No such plant.
     """
-    if asked is not None and is_link_address(asked):
-        check_link_scenario(scenario, asked)
-        return asked
-    if asked is not None and asked not in PLANT_NAMES:
-        raise UnknownNameError("--plant", "plant", asked, (*PLANT_NAMES, *_ADDRESS_FORMS))
+    if choice is not None and is_link_address(choice):
+        check_link_scenario(scenario, choice)
+        return choice
+    if choice is not None and choice not in PLANT_NAMES:
+        raise UnknownNameError("--plant", "plant", choice, (*PLANT_NAMES, *_ADDRESS_FORMS))
     if scenario.level == "kinematic":
-        if asked is not None:
+        if choice is not None:
             rule = f"{scenario.name} is at the kinematic level, leave --plant out"
-            raise InputError("--plant", f"found {asked!r}", rule)
+            raise InputError("--plant", f"found {choice!r}", rule)
         return KINEMATIC
-    return asked or "twin"
+    return choice or "twin"
 
 
 def make_plant(scenario: Scenario, name: str, seed: int, link: LinkOptions | None = None) -> Plant:
@@ -115,7 +115,7 @@ def _make_robot(scenario: Scenario, name: str, seed: int) -> Plant:
 
 
 def is_link_address(plant: str | None) -> bool:
-    """Whether the name of a plant is the address of a device."""
+    """True if the name of a plant is the address of a device."""
     return plant is not None and plant.startswith(_LINK_SCHEMES)
 
 

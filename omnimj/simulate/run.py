@@ -59,7 +59,7 @@ class RunResult:
 
     @property
     def interrupted(self) -> bool:
-        """Whether Ctrl-C or a failure ended the run."""
+        """True if Ctrl-C or a failure ended the run."""
         return bool(self.trace.about["interrupted"])
 
 

@@ -1,4 +1,4 @@
-"""`metrics.json`: what was driven, what was true, what came out and whether it held."""
+"""`metrics.json`: description, true faults, diagnoses, metrics and checks of a run."""
 
 from __future__ import annotations
 
@@ -19,16 +19,15 @@ from omnimj.simulate.scenario.tables import kinematic_faults
 
 
 def summarize(scenario: Scenario, trace: Trace) -> dict[str, Any]:
-    """The content of `metrics.json`.
+    """Content of `metrics.json`.
 
-    A run that was interrupted has not passed, whatever its checks say. On a robot behind a wire nobody knows
-    the truth: `faults` is empty, `scenario_faults` has what the scenario's file says, which is true only if
-    the device runs the same one; what needs the truth is not judged, neither well nor badly.
+    An interrupted run has not passed, whatever its checks give. On hardware the truth is unknown: `faults` is
+    empty, `scenario_faults` lists the faults of the scenario file, which hold only if the device emulates the
+    same scenario, and checks that need the truth are not judged.
 
     Args:
-      scenario: What was asked for.
-      trace: What was recorded, at least one row; `about` has plant, method, seed, realtime_factor and
-        interrupted.
+      scenario: The scenario that was driven.
+      trace: At least one row; `about` has plant, method, seed, realtime_factor and interrupted.
     """
     about, has_truth = trace.about, "link" not in trace.about
     faults = true_faults(scenario, trace)
@@ -38,8 +37,8 @@ def summarize(scenario: Scenario, trace: Trace) -> dict[str, Any]:
     )
     if not has_truth:
         diagnosed |= {"detection_delay": None, "isolated": None, "false_alarms": 0}
-    worth = {name: None if diagnosed[name] is None else float(diagnosed[name]) for name in DIAGNOSIS_UNITS}
-    known = {**measured, **worth}
+    scores = {name: None if diagnosed[name] is None else float(diagnosed[name]) for name in DIAGNOSIS_UNITS}
+    known = {**measured, **scores}
     unknown = () if has_truth else [name for name in known if known[name] is None or name in DIAGNOSIS_UNITS]
     judgements = evaluate_checks(scenario.checks, known, str(about["method"]), unknown)
     interrupted = bool(about["interrupted"])
@@ -65,7 +64,7 @@ def summarize(scenario: Scenario, trace: Trace) -> dict[str, Any]:
 
 
 def true_faults(scenario: Scenario, trace: Trace) -> list[dict[str, Any]]:
-    """Every fault of the run: those by time, those by place, lost demands; in the order of their onset."""
+    """All faults of the run, by onset: those by time, those by place, and lost demands."""
     records = [fault_record(fault) for fault in scenario.faults]
     records += patch_records(trace, scenario.patches, scenario.floor, scenario.wheel_positions)
     if scenario.kinematics is not None:
@@ -74,7 +73,7 @@ def true_faults(scenario: Scenario, trace: Trace) -> list[dict[str, Any]]:
 
 
 def write_metrics(path: Path, metrics: Mapping[str, Any]) -> None:
-    """Writes `metrics.json`; the file is there in full or not at all."""
+    """Writes `metrics.json`; the file is complete or does not exist."""
     with atomic_file(path) as temporary:
         temporary.write_text(json.dumps(metrics, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
@@ -82,18 +81,18 @@ def write_metrics(path: Path, metrics: Mapping[str, Any]) -> None:
 def _diagnosis(
     faults: Sequence[Mapping[str, Any]], diagnoses: Sequence[Mapping[str, Any]], wheels: int
 ) -> dict[str, Any]:
-    """What was diagnosed and what it is worth; without a method that is nothing."""
-    verdict = judge_diagnoses(faults, diagnoses, wheels)
+    """Diagnoses and their scores; empty without a detector."""
+    score = judge_diagnoses(faults, diagnoses, wheels)
     return {
         "diagnoses": [_plain(diagnosis) for diagnosis in diagnoses],
-        "detection_delay": verdict.detection_delay,
-        "isolated": verdict.isolated,
-        "false_alarms": verdict.false_alarms,
+        "detection_delay": score.detection_delay,
+        "isolated": score.isolated,
+        "false_alarms": score.false_alarms,
     }
 
 
 def _plain(diagnosis: Mapping[str, Any]) -> dict[str, Any]:
-    """With lists where JSON has no tuples."""
+    """Record with lists in place of tuples."""
     return {key: list(value) if isinstance(value, tuple) else value for key, value in diagnosis.items()}
 
 

@@ -1,4 +1,4 @@
-"""The faults that an evaluation's cases have, drawn at random."""
+"""Random truth of a trial: its faults, and the errors of the parameters that the controller assumes."""
 
 from __future__ import annotations
 
@@ -10,23 +10,30 @@ from types import MappingProxyType
 
 import numpy as np
 
+from omnimj.control.detection.detector import FaultDetector
 from omnimj.effects import with_effects
 from omnimj.parameters import Floor, Robot
 from omnimj.plant.faults import Fault
+from omnimj.plant.interface import Plant
+from omnimj.signals import Trace
+from omnimj.simulate.loop import drive
+from omnimj.simulate.run import make_diagnosing_controller
+from omnimj.simulate.scenario.drive import Drive
+from omnimj.simulate.scenario.scenario import Scenario
 
 NONE, TWO = "none", "two"
 CLASSES = (NONE, "motor", "slip", "locked", "free", "hard_over", "all_wheel_slip", "sensor", TWO)
-"""What can be wrong in a case: nothing, one fault of a class, or two of the eight `motor i`, `slip i`."""
+"""Classes of cases: no fault, one fault of a class, or two of the eight `motor i`, `slip i`."""
 WEAK = "weak"
 ALL_CLASSES = (*CLASSES, WEAK)
-"""And what is drawn only when asked for: a motor that lacks a tenth from the beginning, the smallest loss
-that is to be found in a mission."""
+"""All classes; `weak` is drawn only if it is named: a motor with a loss of a tenth from the beginning, the
+smallest that should be found in a mission."""
 WHEEL_FAULTS = tuple((kind, wheel) for kind in ("slip", "motor") for wheel in (1, 2, 3, 4))
-"""f1 … f8 of the source's Table 5.2."""
+"""Faults f1 … f8 of Table 5.2 in the dissertation."""
 PAIRS = tuple(combinations(WHEEL_FAULTS, 2))
-"""All 28 of them."""
+"""All 28 pairs of faults at two wheels, or of two kinds at one."""
 
-_WEIGHT = {"motor": 3.0, "slip": 3.0, "sensor": 3.0, TWO: 2.0}  # how often a class is drawn; 1 else
+_WEIGHT = {"motor": 3.0, "slip": 3.0, "sensor": 3.0, TWO: 2.0}  # of a class when drawn; 1 else
 _BRAKED = 0.25  # share of motor faults that are a second motor in parallel
 _PASSING, _PASSES = 0.5, (1.0, 6.0)  # share of slips that end, and after how long [s]
 _AT_ONCE, _LATER = 0.5, 3.0  # share of pairs that begin together, else within so long [s]
@@ -42,7 +49,13 @@ _SCALES = ((0.3, 0.8), (1.2, 2.0))
 
 
 def draw_class(random: np.random.Generator, classes: Sequence[str], healthy: float) -> str:
-    """One of the classes: nothing in a share `healthy` of the cases (if asked for), else by weight."""
+    """Draw a fault class: none in a share `healthy` of the cases, else one of the others by weight.
+
+    Args:
+      random: Random generator.
+      classes: Classes to draw from; without `none` every case has a fault.
+      healthy: Share of cases without a fault, 0 … 1.
+    """
     broken = [name for name in ALL_CLASSES if name in classes and name != NONE]
     lot, place = random.random(), random.random()
     if NONE in classes and (not broken or lot < healthy):
@@ -58,41 +71,41 @@ def draw_faults(
     passing: bool,
     pair: int | None = None,
 ) -> tuple[Fault, ...]:
-    """The faults of one case.
+    """Draw the faults of one case.
 
     Args:
-      random: Random numbers.
+      random: Random generator.
       kind: One of `ALL_CLASSES`.
       onsets: First and last time at which the first fault may begin [s].
       passing: Whether a slip may end.
-      pair: Which of `PAIRS` two faults at once are; any when None.
+      pair: Index in `PAIRS` of two faults at once; drawn when None.
     """
-    onset = _rounded(random.uniform(*onsets))
+    onset = _to_period(random.uniform(*onsets))
     if kind == NONE:
         return ()
     if kind == TWO:
         two = PAIRS[int(random.integers(len(PAIRS))) if pair is None else pair]
         first, second = two if random.random() < 0.5 else two[::-1]
         at_once, longest = random.random() < _AT_ONCE, max(min(_LATER, onsets[1] - onset), 0.0)
-        then = onset if at_once else _rounded(onset + random.uniform(0.0, longest))
-        return (_on_wheel(random, *first, onset), _on_wheel(random, *second, then))
+        then = onset if at_once else _to_period(onset + random.uniform(0.0, longest))
+        return (_wheel_fault(random, *first, onset), _wheel_fault(random, *second, then))
     if kind == "all_wheel_slip":
         return (Fault(kind, onset, numbers={"grip": float(random.uniform(0.05, 0.4))}),)
     if kind == "sensor":
-        return (_of_sensor(random, onset),)
+        return (_sensor_fault(random, onset),)
     wheel = int(random.integers(1, 5))
     if kind == WEAK:
-        return (Fault("motor", _rounded(onsets[0]), None, wheel, {"loss": _TENTH}),)
+        return (Fault("motor", _to_period(onsets[0]), None, wheel, {"loss": _TENTH}),)
     lot, long = random.random(), random.uniform(*_PASSES)
-    end = _rounded(onset + long) if kind == "slip" and passing and lot < _PASSING else None
-    return (_on_wheel(random, kind, wheel, onset, end),)
+    end = _to_period(onset + long) if kind == "slip" and passing and lot < _PASSING else None
+    return (_wheel_fault(random, kind, wheel, onset, end),)
 
 
-def _rounded(time: float) -> float:
-    return round(float(time), 3)  # the control period
+def _to_period(time: float) -> float:
+    return round(float(time), 3)  # a multiple of the control period of 1 ms
 
 
-def _on_wheel(
+def _wheel_fault(
     random: np.random.Generator, kind: str, wheel: int, onset: float, end: float | None = None
 ) -> Fault:
     numbers: dict[str, float | str] = {}
@@ -107,8 +120,8 @@ def _on_wheel(
     return Fault(kind, onset, end, wheel, numbers)
 
 
-def _of_sensor(random: np.random.Generator, onset: float) -> Fault:
-    """Gyro, accelerometer or encoder, one as likely as the other."""
+def _sensor_fault(random: np.random.Generator, onset: float) -> Fault:
+    """Draw a fault of gyro, accelerometer or encoder, all equally likely."""
     sensor = str(random.choice(tuple(_SIZES)))
     place = {
         "yaw_rate": "",
@@ -125,10 +138,8 @@ def _of_sensor(random: np.random.Generator, onset: float) -> Fault:
     return Fault("sensor", onset, numbers=numbers)
 
 
-# The robot as it really is: its constants off those that the controller believes in, and its payload.
-
 PAYLOAD = 0.20
-"""Half-width of the payload, as a share of the robot's mass; negative: parts were taken off."""
+"""Half-width of the payload as a share of the robot's mass; a negative payload stands for removed parts."""
 BOUNDS: Mapping[str, float] = MappingProxyType(
     {"torque_constant": 0.03, "friction": 0.20, "mass": 0.03, "inertia": 0.05, "floor": 0.20}
 )
@@ -140,20 +151,25 @@ _FLOOR = ("mu", "V_s", "sigma_0", "sigma_1", "sigma_2", "mu_cap")  # mu: both μ
 
 @dataclass(frozen=True)
 class ParameterErrors:
-    """Factors on nominal values."""
+    """True values of parameters as factors on their nominal ones."""
 
     constants: Mapping[str, float]
     """`table.key` of the robot's constants → factor; without the payload."""
     torque_constants: tuple[float, ...]
-    """Factor per motor."""
+    """Factor per motor, n of them."""
     floor: Mapping[str, float]
-    """Letter of the floor's numbers → factor; `mu` is of μ_c and μ_s."""
+    """Symbol of the floor's parameters → factor; `mu` applies to μ_c and μ_s."""
     payload: float
-    """Carried at the centre, as a share of the nominal mass; it may be negative."""
+    """Payload at the centre as a share of the nominal mass; it may be negative."""
 
 
 def draw_parameter_errors(random: np.random.Generator, wheels: int) -> ParameterErrors:
-    """Every factor on its own, evenly inside its bounds."""
+    """Draw every factor independently and uniformly within its bounds.
+
+    Args:
+      random: Random generator.
+      wheels: n.
+    """
 
     def factor(kind: str) -> float:
         return 1.0 + BOUNDS[kind] * float(random.uniform(-1.0, 1.0))
@@ -167,7 +183,7 @@ def draw_parameter_errors(random: np.random.Generator, wheels: int) -> Parameter
 
 
 def true_robot(nominal: Robot, errors: ParameterErrors) -> Robot:
-    """The nominal robot with the errors in it; the payload adds no yaw inertia, it sits at the centre."""
+    """Return the nominal robot with errors; the payload at the centre adds no yaw inertia."""
     changed: dict[str, dict[str, float]] = {}
     for name, factor in errors.constants.items():
         table, _, key = name.partition(".")
@@ -185,9 +201,48 @@ def true_robot(nominal: Robot, errors: ParameterErrors) -> Robot:
 
 
 def true_floor(nominal: Floor, errors: ParameterErrors) -> Floor:
-    """The nominal floor with the errors in it; μ_c and μ_s keep their ratio."""
+    """Return the nominal floor with errors; μ_c and μ_s keep their ratio."""
     numbers = {
         letter: value * errors.floor.get("mu" if letter in ("mu_c", "mu_s") else letter, 1.0)
         for letter, value in nominal.numbers.items()
     }
     return dataclasses.replace(nominal, numbers=MappingProxyType(numbers))
+
+
+def with_errors(scenario: Scenario, errors: ParameterErrors, floor: str) -> Scenario:
+    """Return the scenario with the true robot on the true floor, for a plant to be made of.
+
+    Args:
+      scenario: Scenario of a robot with nominal parameters.
+      errors: Errors of robot and floor.
+      floor: Name of the floor that the errors apply to.
+    """
+    nominal = scenario.constants
+    assert isinstance(nominal, Robot)
+    true = true_floor(scenario.floors[floor], errors)
+    floors = MappingProxyType({**scenario.floors, floor: true})
+    return dataclasses.replace(scenario, constants=true_robot(nominal, errors), floors=floors)
+
+
+def drive_on_plant(scenario: Scenario, plant: Plant, detector: FaultDetector | None) -> Trace:
+    """Drive a robot scenario on a plant whose parameters differ from the controller's; close the plant.
+
+    Args:
+      scenario: Nominal scenario, which the controller is made for.
+      plant: Plant with the true parameters and faults.
+      detector: Fault detector for the nominal robot; the cascade alone when None.
+
+    Returns:
+      The trace; it may have ended early by a failure.
+
+    Raises:
+      KeyboardInterrupt: Ctrl-C ended the run.
+    """
+    assert isinstance(scenario.drive, Drive)
+    try:
+        trace = drive(plant, make_diagnosing_controller(scenario, detector), scenario.drive.reference)
+    finally:
+        plant.close()
+    if trace.about["interrupted"] and not trace.about["failure"]:
+        raise KeyboardInterrupt
+    return trace

@@ -1,4 +1,4 @@
-"""Counts of trials with what they are of and how sure they are."""
+"""Statistics of trials: rates with confidence bounds, quantiles, and tables that show them."""
 
 from __future__ import annotations
 
@@ -6,52 +6,55 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from scipy.stats import chi2
-
-_Z = 1.959964  # of a two-sided 95 % interval
+import numpy as np
+from scipy.stats import binomtest, chi2
 
 
 @dataclass(frozen=True)
 class Rate:
-    """k of n with 95 % bounds."""
+    """Share k/n with its 95 % confidence interval."""
 
     hits: int
     count: int
     value: float | None
+    """None without any trial."""
     low: float
     high: float
 
 
 def wilson(hits: int, count: int) -> Rate:
-    """(p + z²/2n ± z √(p(1 − p)/n + z²/4n²))/(1 + z²/n), Wilson 1927."""
+    """Return k/n with its Wilson score interval (Wilson 1927).
+
+    Args:
+      hits: k.
+      count: n.
+    """
     if count == 0:
         return Rate(0, 0, None, 0.0, 1.0)
-    p, z = hits / count, _Z
-    middle = (p + z * z / (2 * count)) / (1 + z * z / count)
-    half = z * math.sqrt(p * (1 - p) / count + z * z / (4 * count * count)) / (1 + z * z / count)
-    return Rate(hits, count, p, max(middle - half, 0.0), min(middle + half, 1.0))
+    interval = binomtest(hits, count).proportion_ci(0.95, method="wilson")
+    return Rate(hits, count, hits / count, float(interval.low), float(interval.high))
 
 
 def rate(outcomes: Iterable[bool]) -> Rate:
-    """How often it was true."""
+    """Return the share of true outcomes."""
     found = list(outcomes)
     return wilson(sum(found), len(found))
 
 
 @dataclass(frozen=True)
 class EventRate:
-    """Events in a time, and the rate that they speak for."""
+    """Number of events in a time, with the rate and its upper bound."""
 
     events: int
     hours: float
     per_hour: float | None
-    """None without any time."""
+    """None for zero time."""
     upper: float | None
     """One-sided 95 % bound [1/h]."""
 
 
 def event_rate(events: int, hours: float) -> EventRate:
-    """k/T and its bound χ²_0.95(2k + 2)/(2T), exact for a Poisson process (Garwood 1936).
+    """Return k/T and its bound χ²_0.95(2k + 2)/(2T), exact for a Poisson process (Garwood 1936).
 
     Args:
       events: k.
@@ -63,29 +66,32 @@ def event_rate(events: int, hours: float) -> EventRate:
 
 
 def quantile(values: Iterable[float], share: float) -> float | None:
-    """Value below which a share of them lies, on the line between two neighbours; None of none."""
-    found = sorted(v for v in values if not math.isnan(v))
-    if not found:
+    """Return the linearly interpolated quantile of values that may be infinite.
+
+    Args:
+      values: NaN is left out; an interpolation towards ∞ gives ∞.
+      share: 0 … 1.
+
+    Returns:
+      The quantile; None without any value.
+    """
+    found = np.array([value for value in values if not math.isnan(value)])
+    if not len(found):
         return None
-    place = share * (len(found) - 1)
-    below = min(int(place), len(found) - 1)
-    above = min(below + 1, len(found) - 1)
-    if math.isinf(found[above]):
-        return found[above] if place > below else found[below]
-    return found[below] + (place - below) * (found[above] - found[below])
+    above = float(np.quantile(found, share, method="higher"))
+    if math.isinf(above):
+        return above
+    return float(np.quantile(np.minimum(found, above), share))  # linear interpolation needs finite numbers
 
 
 def median(values: Iterable[float]) -> float | None:
-    """The middle one; None of none."""
+    """Return the median; None without any value."""
     return quantile(values, 0.5)
-
-
-# Numbers of many trials as tables for people.
 
 
 @dataclass(frozen=True)
 class Table:
-    """A heading and ready cells."""
+    """Title, head and formatted cells of a table."""
 
     title: str
     head: tuple[str, ...]
@@ -93,21 +99,21 @@ class Table:
 
 
 def format_rate(found: Rate) -> str:
-    """`93 % (84–97, n 60)`."""
+    """Format a rate with its interval: `93 % (84–97, n 60)`."""
     if found.value is None:
         return "–"
     return f"{100 * found.value:.0f} % ({100 * found.low:.0f}–{100 * found.high:.0f}, n {found.count})"
 
 
 def format_number(value: float | None) -> str:
-    """Three digits, or a dash."""
+    """Format a number with three digits; a dash for None."""
     return "–" if value is None else f"{value:.3g}"
 
 
-def format_markdown(heading: str, lines: Sequence[str], found: Sequence[Table]) -> str:
-    """A whole file: heading, what the numbers are of, tables."""
+def format_markdown(heading: str, lines: Sequence[str], tables: Sequence[Table]) -> str:
+    """Format a Markdown file: heading, introductory lines, tables."""
     parts = [f"# {heading}", *lines]
-    for table in found:
+    for table in tables:
         rows = [table.head, tuple("---" for _ in table.head), *table.rows]
         cells = "\n".join("| " + " | ".join(row) + " |" for row in rows)
         parts.append(f"## {table.title}\n\n{cells}")

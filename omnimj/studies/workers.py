@@ -1,6 +1,6 @@
-"""Does many pieces of work in processes of its own, or in any executor of `concurrent.futures`.
+"""Workers of a study: own processes, or any executor of `concurrent.futures` such as a Dask cluster.
 
-Every result is kept as it comes: Ctrl-C and a worker that dies cost what was under way, nothing else.
+Every result is stored as it arrives: Ctrl-C or a worker that dies costs only the trials that were running.
 """
 
 from __future__ import annotations
@@ -25,52 +25,52 @@ from typing import Any
 from omnimj.errors import InputError, OmnimjError, SimulationError
 
 Progress = Callable[[str, float], None]
-"""Called with a phrase and the share that is done; may raise KeyboardInterrupt."""
+"""Called with a phrase and the finished share, 0 … 1; may raise KeyboardInterrupt."""
 
 
 class WorkerPool:
-    """Those who do the work: processes started here, or somebody's executor."""
+    """Executor of a study's trials."""
 
-    def __init__(self, pool: Executor, is_own: bool):
-        self._pool, self._is_own = pool, is_own
+    def __init__(self, executor: Executor, is_own: bool):
+        self._executor, self._is_own = executor, is_own
 
     def run_all(
         self,
         function: Callable[..., Any],
         tasks: Mapping[str, tuple],
-        keep: Callable[[str, Any], None],
+        store: Callable[[str, Any], None],
         phrase: str,
         report: Progress,
     ) -> None:
-        """Does all tasks, each result kept as it comes; what broke down is kept as `{"error": …}`.
+        """Run all tasks and store each result as it arrives; a failed task is stored as `{"error": …}`.
 
-        A worker that dies takes what it was doing with it and nothing else: all the others' work is waited
-        for, where the executor has any left.
+        A worker that dies loses only its current task; the others are completed as far as the executor has
+        workers left.
 
         Args:
-          function: Of a module, since it travels by name.
+          function: Function of a module, since workers import it by name.
           tasks: Name → arguments.
-          keep: Called with the name and what the function returned.
-          phrase: What is being done, for the report.
-          report: Called after each.
+          store: Called with the name and the result.
+          phrase: Activity for the progress report.
+          report: Called after each task.
 
         Raises:
-          SimulationError: Workers died; it says how much is missing.
+          SimulationError: Workers died; the message says how many results are missing.
         """
-        futures = {self._pool.submit(function, *given): name for name, given in tasks.items()}
+        futures = {self._executor.submit(function, *arguments): name for name, arguments in tasks.items()}
         lost = []
         try:
             report(phrase, 0.0)
             for done, future in enumerate(as_completed(futures), start=1):
                 try:
-                    keep(futures[future], future.result())
+                    store(futures[future], future.result())
                 except BrokenExecutor:
                     lost.append(futures[future])
                 except OmnimjError as error:
-                    keep(futures[future], {"error": str(error)})
+                    store(futures[future], {"error": str(error)})
                 report(f"{phrase}: {done} of {len(futures)}", done / len(futures))
         except KeyboardInterrupt:
-            if not self._is_own:  # own processes end with all they have
+            if not self._is_own:  # own processes are terminated anyway
                 for future in futures:
                     future.cancel()
             raise
@@ -81,15 +81,15 @@ class WorkerPool:
 def run_in_workers(
     work: Callable[[WorkerPool], None], workers: int, executor: Executor | None = None
 ) -> bool:
-    """Does work that needs many hands.
+    """Run work on a pool of workers.
 
     Args:
-      work: Called once; what it finished before an interruption is its own to keep.
-      workers: Processes, when they are started here.
-      executor: Used instead, and left open; processes of its own when None.
+      work: Called once with the pool.
+      workers: Number of own processes; none is started before the first task.
+      executor: Used instead of own processes, and left open.
 
     Returns:
-      Whether the work came to its end; False after Ctrl-C.
+      Whether the work was completed; False after Ctrl-C.
 
     Raises:
       SimulationError: A worker died.
@@ -112,18 +112,19 @@ def run_in_workers(
     return finished
 
 
-def _lost_message(names: Sequence[str] = (), of: int = 0) -> str:
-    """What a user is told when workers died."""
-    missing = (
-        f"; {len(names)} of {of} are missing ({names[0]}{', …' if len(names) > 1 else ''})" if names else ""
-    )
-    return f"a worker died{missing}; what was finished is kept, and the same command goes on from there"
+def _lost_message(names: Sequence[str] = (), count: int = 0) -> str:
+    """Return the message after workers died, with the missing results where they are known."""
+    missing = ""
+    if names:
+        missing = f"; {len(names)} of {count} are missing ({names[0]}{', …' if len(names) > 1 else ''})"
+    return f"a worker died{missing}; finished results are kept, and the same command continues from there"
 
 
 def _shut_down(pool: Executor, before: set, finished: bool) -> None:
-    """Ends the workers; at once when the work was broken off.
+    """Shut down own workers; terminate them if the work was interrupted.
 
-    Nothing is cancelled then: the pool's own thread stumbles over cancelled work when its workers vanish.
+    Futures are not cancelled then: the pool's management thread fails on cancelled futures when its workers
+    vanish.
     """
     pool.shutdown(wait=finished)
     if not finished:
@@ -132,7 +133,7 @@ def _shut_down(pool: Executor, before: set, finished: bool) -> None:
 
 
 def _ignore_interrupts() -> None:
-    """Ctrl-C is for the parent, which ends its workers itself; one that is killed takes them along."""
+    """Leave Ctrl-C to the parent, which terminates its workers; end with a parent that is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_exit_with_parent, daemon=True).start()
 
@@ -141,24 +142,22 @@ def _exit_with_parent() -> None:
     parent = multiprocessing.parent_process()
     assert parent is not None  # a worker has one
     parent.join()
-    os._exit(1)  # nobody is left to hand a result to
+    os._exit(1)  # no process is left that could receive a result
 
-
-# Executors by address: `dask:tcp://HOST:PORT`, a cluster's scheduler.
 
 _ADDRESS = re.compile(r"dask:((?:tcp|tls)://(?:[^\s/:\[\]]+|\[[0-9A-Fa-f:]+\]):(\d{1,5}))")
-_CONNECT_TIMEOUT = 10.0  # [s] in which a scheduler says something, or nobody is there
+_CONNECT_TIMEOUT = 10.0  # [s]
 
 
 class WorkerLost(BrokenExecutor):
-    """A piece of work whose worker died, as often as it was tried."""
+    """A task whose workers died on every attempt."""
 
 
 def parse_scheduler(address: str) -> str:
-    """`tcp://HOST:PORT` of `dask:tcp://HOST:PORT`.
+    """Return the scheduler `tcp://HOST:PORT` of `dask:tcp://HOST:PORT`.
 
     Raises:
-      InputError: Any other text.
+      InputError: The address has another form.
     """
     found = _ADDRESS.fullmatch(address)
     if found is None or not 0 < int(found[2]) < 65536:
@@ -167,15 +166,15 @@ def parse_scheduler(address: str) -> str:
 
 
 @contextmanager
-def open_executor(address: str | None, answers: float = _CONNECT_TIMEOUT) -> Iterator[Executor | None]:
-    """The executor at an address, for as long as the block lasts; None without one.
+def open_executor(address: str | None, timeout: float = _CONNECT_TIMEOUT) -> Iterator[Executor | None]:
+    """Open the executor at an address for the duration of the block; None without an address.
 
     Args:
       address: `dask:tcp://HOST:PORT`.
-      answers: Time in which its scheduler must answer [s].
+      timeout: Time in which the scheduler must answer [s].
 
     Raises:
-      InputError: No such address, nobody there, or the library is not installed.
+      InputError: The address has another form, no scheduler answers, or the library is not installed.
     """
     if address is None:
         yield None
@@ -187,10 +186,10 @@ def open_executor(address: str | None, answers: float = _CONNECT_TIMEOUT) -> Ite
     except ImportError:
         raise InputError(place, "distributed is not installed", "pip install 'omnimj[dask]'") from None
     try:
-        client = distributed.Client(scheduler, timeout=answers, set_as_default=False)
+        client = distributed.Client(scheduler, timeout=timeout, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
-        told = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(place, f"nobody answers there ({told})", "is a Dask scheduler running?") from None
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(place, f"no scheduler answers ({reason})", "is a Dask scheduler running?") from None
     try:
         yield DaskExecutor(client, (distributed.KilledWorker,))
     finally:
@@ -198,11 +197,11 @@ def open_executor(address: str | None, answers: float = _CONNECT_TIMEOUT) -> Ite
 
 
 class DaskExecutor(Executor):
-    """A Dask client's executor whose lost work looks like that of any other executor: `WorkerLost`.
+    """Executor of a Dask client that reports lost tasks like every other executor, as `WorkerLost`.
 
     Args:
       client: `distributed.Client`.
-      lost: Errors that say that a worker died, as often as the work was tried.
+      lost: Exceptions by which the client reports that workers died on every attempt.
     """
 
     def __init__(self, client: Any, lost: tuple[type[BaseException], ...]):
@@ -210,14 +209,14 @@ class DaskExecutor(Executor):
         self._lost = lost
 
     def submit(self, fn: Callable, /, *args: Any, **kwargs: Any) -> Future:
-        """As of every executor."""
+        """Submit a task, as in `concurrent.futures.Executor`."""
         theirs, ours = self._inner.submit(fn, *args, **kwargs), Future()
 
-        def passed_on(done: Future) -> None:
+        def forward_result(done: Future) -> None:
             if not ours.set_running_or_notify_cancel():
                 return
             if done.cancelled():
-                ours.set_exception(WorkerLost("the cluster gave the work up"))
+                ours.set_exception(WorkerLost("the cluster cancelled the task"))
                 return
             error = done.exception()
             if error is None:
@@ -227,14 +226,14 @@ class DaskExecutor(Executor):
             else:
                 ours.set_exception(error)
 
-        def given_up(done: Future) -> None:
+        def forward_cancellation(done: Future) -> None:
             if done.cancelled():
                 theirs.cancel()
 
-        ours.add_done_callback(given_up)
-        theirs.add_done_callback(passed_on)
+        ours.add_done_callback(forward_cancellation)
+        theirs.add_done_callback(forward_result)
         return ours
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """As of every executor."""
+        """Shut the executor down, as in `concurrent.futures.Executor`."""
         self._inner.shutdown(wait=wait)

@@ -1,1 +1,11 @@
-"""Rerun recordings, plots, reports."""
+"""Views of runs, gaps and studies: plots, Rerun recordings, HTML reports.
+
+- `plots/`: Matplotlib figures, with `palette` for colours and `residuals` for families of residuals.
+- `rerun/`: recordings `run.rrd` and `before_after.rrd`, and the live view of a run or a drive by hand.
+- `report/`: `report.html` of every command, made from templates.
+- `wording`, `comparison`: runs and comparisons of methods in words, for reports and the terminal.
+- `poses`, `picture`: poses of the visible machine, and its picture rendered by MuJoCo.
+- `readme_pictures`: the pictures of README and docs.
+
+Only the command line imports this package.
+"""

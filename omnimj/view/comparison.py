@@ -1,4 +1,4 @@
-"""One scenario driven with several methods: what came of each, side by side."""
+"""Results of one scenario driven with several methods, side by side."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ _FIRST = ("max_yaw_excursion", "path_error_max", "path_error_rms", "tracking_err
 
 @dataclass(frozen=True)
 class Comparison:
-    """Texts for a table."""
+    """Cells of a table."""
 
     methods: tuple[str, ...]
-    """The one that was asked for first."""
+    """Methods, the commanded one first."""
     rows: tuple[tuple[str, ...], ...]
-    """Name of a result, then its value with each method."""
+    """Name of a result and its value with each method."""
 
 
 def runs_by_method(metrics: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    """The metrics of the run that was asked for and of those beside it, by method; one alone is none."""
+    """Return the metrics of the run and of its comparison runs by method; empty for a run alone."""
     others = metrics.get("compared") or {}
     return {str(metrics["method"]): metrics, **others} if others else {}
 
 
 def compare(units: Mapping[str, str], metrics: Mapping[str, Any]) -> Comparison:
-    """What differs between the methods.
+    """Compare the results of the methods.
 
     Args:
-      units: Of the scenario's metrics.
+      units: Units of the scenario's metrics.
       metrics: Content of `metrics.json`, with `compared`.
     """
     runs = runs_by_method(metrics)
     own = list(runs.values())
-    rows = [("checks that hold", *map(_checks, own))]
+    rows = [("checks passed", *map(_checks, own))]
     if any(run.get("interrupted") for run in own):
         rows.append(("ended early", *(_ended(run) for run in own)))
     rows += [
@@ -66,8 +66,8 @@ def _ended(run: Mapping[str, Any]) -> str:
     return f"at {wording.number(run.get('duration'))} s" if run.get("interrupted") else "no"
 
 
-def _if_diagnosed(run: Mapping[str, Any], told: Any) -> str:
-    return told(run) if wording.is_diagnosed(run) else "–"
+def _if_diagnosed(run: Mapping[str, Any], format_result: Any) -> str:
+    return format_result(run) if wording.is_diagnosed(run) else "–"
 
 
 def _delay(run: Mapping[str, Any]) -> str:

@@ -1,11 +1,11 @@
-"""Colours that a colour-blind reader can tell apart, the same for a wheel in every plot and recording."""
+"""Colours distinguishable by colour-blind readers, the same for a wheel in every plot and recording."""
 
 from __future__ import annotations
 
 WHEELS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8C6D1F", "#666666")
 """Okabe and Ito's palette, in the order of the wheels."""
 WHEEL_LINES = ("-", (0, (6, 1.5)), (0, (3, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
-"""Dashes, so that the wheels also differ in print without colour."""
+"""Dashes that distinguish the wheels in print without colour."""
 PLANNED = "#5A5F66"
 MEASURED = "#0072B2"
 ACCENT = "#D55E00"
@@ -42,43 +42,43 @@ STATES = {
     "torque constant is estimated": "#F0C94A",
     "torque constant was estimated": "#7FB8DA",
 }
-"""Colours of what a machine is in and of what is believed of it; one state has one colour everywhere."""
+"""Colours of true and diagnosed states; one state has one colour everywhere."""
 METHODS: dict[str, tuple[str, str | tuple[int, tuple[float, ...]], float]] = {
     "off": ("#A9B1BA", "-", 3.2),
     "published": ("#D55E00", (0, (6, 1.5)), 1.5),
     "robust": ("#0072B2", "-", 1.3),
 }
-"""Colours, dashes and widths [points] of the runs with different methods; none hides another."""
+"""Colours, dashes and widths [points] of runs with different methods, visible when overlaid."""
 _OTHER_STATES = ("#56B4E9", "#8C6D1F", "#6A5ACD", "#777777", "#B22222", "#2F8F9D")
 
 
 def state_color(state: str) -> str:
-    """Colour of a state; one without a colour of its own gets one by its letters, the same every time."""
+    """Return the colour of a state; an unknown state gets a colour that depends on its name only."""
     return STATES.get(state) or _OTHER_STATES[sum(state.encode()) % len(_OTHER_STATES)]
 
 
 def wheel_color(i: int) -> str:
-    """Colour of wheel i, counted from 0."""
+    """Return the colour of wheel i, counted from 0."""
     return WHEELS[i % len(WHEELS)]
 
 
 def wheel_line(i: int) -> str | tuple[int, tuple[float, ...]]:
-    """Dashes of wheel i, counted from 0."""
+    """Return the dashes of wheel i, counted from 0."""
     return WHEEL_LINES[i % len(WHEEL_LINES)]
 
 
 def rgb(color: str) -> tuple[int, int, int]:
-    """`#RRGGBB` as three numbers from 0 to 255."""
+    """Convert `#RRGGBB` to three numbers from 0 to 255."""
     return int(color[1:3], 16), int(color[3:5], 16), int(color[5:7], 16)
 
 
 def lighter(color: str, share: float = 0.5) -> str:
-    """The colour mixed with white; share 0 leaves it, 1 is white."""
+    """Mix a colour with white; share 0 keeps it, 1 is white."""
     mixed = (round(channel + (255 - channel) * share) for channel in rgb(color))
     return "#" + "".join(f"{channel:02X}" for channel in mixed)
 
 
 def ink_on(color: str) -> str:
-    """Black or white, whichever can be read on a colour."""
+    """Return black or white, whichever is readable on a colour."""
     red, green, blue = rgb(color)
     return INK if 0.299 * red + 0.587 * green + 0.114 * blue > 140 else "#FFFFFF"

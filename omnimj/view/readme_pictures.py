@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import functools
+import subprocess
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -22,7 +23,7 @@ from matplotlib.image import imsave
 from PIL import Image
 
 from omnimj.estimate.gap.find import find_gap
-from omnimj.estimate.gap.records import overlays_by_run, worst_run
+from omnimj.estimate.gap.records import Finding, overlays_by_run, worst_run
 from omnimj.resources import models_folder
 from omnimj.signals import Array
 from omnimj.simulate.run import PoseTrack, run_scenario
@@ -34,6 +35,7 @@ from omnimj.view.picture import Camera, camera_at, frames
 from omnimj.view.plots import comparison, diagnosis, mismatch
 from omnimj.view.plots.drawing import MIDDLE, legend, line, new_figure, time_axis, value_axis
 from omnimj.view.poses import visible_model
+from omnimj.view.report.gap import write_gap_report
 from omnimj.view.residuals import families
 
 _DPI = 110
@@ -42,10 +44,11 @@ _LABELS_AT = 0.9  # [m/s]
 _LABEL: Mapping[str, Any] = MappingProxyType({"textcoords": "offset points", "fontsize": 8})
 _LATERAL_SEED = 5
 _SHOT_SIZE, _COLUMNS, _GAP = (560, 400), 3, 8  # [pixels]
-_EYE_HEIGHT = 0.07  # [m]
+_EYE_HEIGHT = 0.06  # [m]
 _ROBOT_CAMERA = Camera(target=(0.012, -0.016, 0.05), distance=0.77, azimuth=146.0, elevation=-24.0)
-_ROBOT_SIZE, _ANIMATION_SIZE = (1200, 800), (720, 440)  # [pixels]
-_FRAME_RATE = 20  # [1/s]
+_ROBOT_SIZE, _ANIMATION_SIZE = (1200, 800), (560, 360)  # [pixels]
+_FRAME_RATE = 15  # [1/s]
+_BROWSER, _SCREEN = "chromium", "1200,860"  # [pixels]
 _NO_ROLLER_FRICTION = """
 [wheel]
 roller_dry = { value = 0.0, unit = "1", source = "chosen" }
@@ -90,25 +93,48 @@ def recovered_path() -> Figure:
     return comparison.paths(traces, scenario.patches)
 
 
-def gap_before_and_after() -> Figure:
-    """Draw the worst held-out run of a rig moved sideways whose model lacks roller friction."""
+@functools.cache
+def _lateral_gap() -> Finding:
+    """Search for the gap between a rig moved sideways and a model without roller friction."""
     with tempfile.TemporaryDirectory() as folder:
         data, model = Path(folder) / "lateral", Path(folder) / "rig.toml"
         record_suite(find_suite("rig_lateral"), RecordingConfig(data, _LATERAL_SEED))
         text = (models_folder() / "quarter_rig" / "rig.toml").read_text(encoding="utf-8")
         model.write_text(text + _NO_ROLLER_FRICTION, encoding="utf-8")
-        finding = find_gap(data, model)
+        return find_gap(data, model)
+
+
+def gap_before_and_after() -> Figure:
+    """Draw the worst held-out run of a rig moved sideways whose model lacks roller friction."""
+    finding = _lateral_gap()
     run = worst_run(finding)
     assert run is not None  # some are held out
     return mismatch.overlay(finding, overlays_by_run(finding)[run])
 
 
-CLAIMS: Mapping[str, Callable[[], Figure]] = MappingProxyType(
+def make_gap_report(path: Path) -> None:
+    """Take a screenshot of the first screen of a gap report with headless Chromium."""
+    with tempfile.TemporaryDirectory() as folder:
+        page = Path(folder) / "report.html"
+        write_gap_report(page, _lateral_gap(), new_model="rig.toml")
+        options = [
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--hide-scrollbars",
+            f"--window-size={_SCREEN}",
+        ]
+        profile = f"--user-data-dir={folder}/profile"
+        command = [_BROWSER, *options, profile, f"--screenshot={path.resolve()}", page.as_uri()]
+        subprocess.run(command, check=True, capture_output=True, timeout=120)
+
+
+FIGURES: Mapping[str, Callable[[], Figure]] = MappingProxyType(
     {
-        "claim_twin": twin_against_equations,
-        "claim_diagnosis": motor_evidence,
-        "claim_recovery": recovered_path,
-        "claim_gap": gap_before_and_after,
+        "twin": twin_against_equations,
+        "diagnosis": motor_evidence,
+        "recovery": recovered_path,
+        "gap": gap_before_and_after,
     }
 )
 """Figures by file name."""
@@ -121,21 +147,21 @@ class Shot:
     scenario: str
     time: float
     """[s]"""
-    distance: float = 0.8
+    distance: float = 0.62
     """Distance of the camera from the machine [m]."""
     azimuth: float = 140.0
     """[°]"""
-    elevation: float = -24.0
+    elevation: float = -36.0
     """[°]"""
 
 
 GALLERY = (
     Shot("nylon_patch", 0.9),
     Shot("circle_8m_wheel_locked", 30.0, azimuth=118.0),
-    Shot("ramp", 2.6, azimuth=110.0, elevation=-12.0),
+    Shot("ramp", 2.6, distance=0.68, azimuth=112.0, elevation=-22.0),
     Shot("three_wheel_circle", 9.0, azimuth=160.0),
-    Shot("three_wheel_nylon", 0.9, azimuth=120.0),
-    Shot("rig_slip", 0.6, distance=0.85, azimuth=-58.0, elevation=-16.0),
+    Shot("three_wheel_nylon", 0.9, azimuth=160.0),
+    Shot("rig_slip", 0.6, azimuth=-58.0, elevation=-26.0),
 )
 """From left to right, row by row."""
 
@@ -183,7 +209,7 @@ def make_animation(path: Path) -> None:
     shots = []
     for k in np.searchsorted(poses.time, times):
         x, y = poses.position[k, :2]
-        shots.append((poses.position[k], Camera((x, y, _EYE_HEIGHT), 0.95, 146.0, -22.0), trail[: k + 1]))
+        shots.append((poses.position[k], Camera((x, y, _EYE_HEIGHT), 0.7, 146.0, -34.0), trail[: k + 1]))
     images = [Image.fromarray(pixels) for pixels in frames(mj_model, shots, _ANIMATION_SIZE)]
     images[0].save(
         path, save_all=True, append_images=images[1:], duration=1000 // _FRAME_RATE, loop=0, quality=70
@@ -199,10 +225,11 @@ PICTURES: Mapping[str, Callable[[Path], None]] = MappingProxyType(
         "robot.png": make_robot,
         "gallery.png": make_gallery,
         "drive.webp": make_animation,
-        **{f"{name}.png": functools.partial(_save_figure, draw) for name, draw in CLAIMS.items()},
+        "gap_report.png": make_gap_report,
+        **{f"{name}.png": functools.partial(_save_figure, draw) for name, draw in FIGURES.items()},
     }
 )
-"""What makes each file."""
+"""Functions that make the files."""
 
 
 if __name__ == "__main__":

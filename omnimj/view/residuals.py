@@ -1,4 +1,4 @@
-"""Residuals of a run by family: columns of one quantity, their thresholds, and what they mean in words."""
+"""Residual columns grouped by quantity, with thresholds, units and explanations."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ class Residual:
 
     column: str
     threshold: str | None
-    """Column of its threshold; None where nothing is decided by it alone."""
+    """Column of its threshold; None for a residual that decides nothing by itself."""
     label: str
     color: str
     wheel: int | None
-    """0 … n−1; None where it is no wheel's."""
+    """0 … n−1; None for a residual of the whole robot."""
 
 
 @dataclass(frozen=True)
@@ -34,14 +34,14 @@ class Family:
     """`motor`, `slip`, `wheel_speed`, …"""
     heading: str
     quantity: str
-    """For an axis, without the unit."""
+    """Axis label without the unit."""
     unit: str
-    """Empty for one that the view does not know."""
+    """Empty for an unknown quantity."""
     words: str
-    """What it means."""
+    """Explanation for the caption."""
     residuals: tuple[Residual, ...]
     is_signed: bool = False
-    """Whether its size counts, whatever its sign."""
+    """Whether the threshold applies to both signs."""
 
     @property
     def label(self) -> str:
@@ -64,23 +64,23 @@ class _Meaning:
 
 
 _BALANCE = (
-    "What the motors push less what the accelerometer and the gyro feel. "
-    "What differs from the model stays in it: payload, friction, what it holds at rest."
+    "Motor forces less inertial forces from accelerometer and gyro. "
+    "Model errors remain in it: payload, friction, holding forces at rest."
 )
 _ROBUST: Mapping[str, _Meaning] = {
-    "force": _Meaning("Balance of forces", "force left over", "N", _BALANCE, True),
-    "moment": _Meaning("Balance of moments", "moment left over", "N·m", _BALANCE, True),
+    "force": _Meaning("Balance of forces", "unexplained force", "N", _BALANCE, True),
+    "moment": _Meaning("Balance of moments", "unexplained moment", "N·m", _BALANCE, True),
     "motor": _Meaning(
         "Evidence for a weak motor",
         "log likelihood ratio",
         "nat",
-        "How much better a weak motor of this wheel explains the balance than a healthy robot does.",
+        "Likelihood of a weak motor of this wheel, given the balance, against a healthy robot.",
     ),
     "slip": _Meaning(
         "Evidence for slip",
-        "way slipped",
+        "slip distance",
         "m",
-        "Way of the rim beyond the wheel's way over the floor, counted up to 2 mm.",
+        "Travel of the rim less travel of the wheel over the floor, counted up to 2 mm.",
     ),
 }
 _PUBLISHED: Mapping[str, _Meaning] = {
@@ -116,14 +116,14 @@ _MEANINGS: Mapping[str, Mapping[str, _Meaning]] = {"robust": _ROBUST, "published
 
 
 def families(columns: Collection[str], method: str, printed: bool = False) -> list[Family]:
-    """The families of residuals among the columns of a trace, in their order.
+    """Group the residuals among the columns of a trace into families, in their order.
 
-    A residual without words of its own here is shown under the name of its column, so that none is lost.
+    A residual without an explanation here is shown under the name of its column.
 
     Args:
       columns: Names of a trace's columns, or a method's `log_names`.
-      method: Name of the method that made them.
-      printed: Whether it is the published one as printed, which looks at residuals above zero only.
+      method: Name of the detection method.
+      printed: Whether the published method is used as printed, with positive thresholds only.
     """
     meanings = _MEANINGS.get(method, {})
     if meanings is _PUBLISHED and "residual_wheel_speed" in columns:  # one wheel needs no number

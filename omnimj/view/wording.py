@@ -1,4 +1,4 @@
-"""What happened in a run, in words: faults, diagnoses, what was driven and how to repeat it."""
+"""Runs in words: faults, diagnoses, recovery, and the command that repeats a run."""
 
 from __future__ import annotations
 
@@ -7,17 +7,18 @@ import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from omnimj.control.detection.detector import DetectorOptions
 from omnimj.control.recovery.modes import MODE_CONSEQUENCES, MODE_NAMES, NORMAL, PIVOTING, indispensable
-from omnimj.control.recovery.modes import MODE_NAMES as NAMES
 from omnimj.control.robot_constants import wheel_geometry
-from omnimj.diagnosis.replay import RunDiagnosis
 from omnimj.parameters import Rig, Robot
 from omnimj.signals import Diagnosis, Trace
+
+if TYPE_CHECKING:
+    from omnimj.diagnosis.replay import RunDiagnosis
 
 FAULT_NAMES: Mapping[str, str] = {
     "motor": "motor loss",
@@ -47,20 +48,22 @@ DETECTOR_MODE_NAMES: Mapping[str, tuple[str, ...]] = {
     "published": ("no fault", "slip", "torque constant is estimated", "torque constant was estimated"),
     "published on the rig": ("no fault", "slip", "motor fault"),
 }
-"""What the numbers in the column `mode` mean, by method."""
+"""Meanings of the numbers in the column `mode`, by method."""
 RECOVERY = "recovery"
-"""Lane of what is done about faults."""
+"""Lane of recovery actions."""
 NOT_DIAGNOSED = "off"
-"""The method of a run in which nobody looks for faults."""
+"""Method of a run without fault detection."""
+NOTHING_FOUND = "nothing found"
+_COUNTS = {3: "three", 4: "four", 5: "five", 6: "six"}
 _PLACE = ("kind", "wheel", "wheels", "onset", "end")
 
 
 class ScenarioLike(Protocol):
-    """What the view needs to know of a scenario."""
+    """The part of a scenario that the view reads."""
 
     @property
     def description(self) -> str:
-        """One line for a person."""
+        """Description in one line."""
         ...
 
     @property
@@ -75,7 +78,7 @@ class ScenarioLike(Protocol):
 
     @property
     def constants(self) -> Robot | Rig:
-        """Of the plant, from its model file."""
+        """Constants of the plant, from its model file."""
         ...
 
     @property
@@ -90,7 +93,7 @@ class ScenarioLike(Protocol):
 
     @property
     def patches(self) -> Sequence[Any]:
-        """Stretches of other floor: each has `floor`, `center`, `size` and `yaw`."""
+        """Patches of other floors, with `floor`, `center`, `size` and `yaw`."""
         ...
 
     @property
@@ -100,20 +103,20 @@ class ScenarioLike(Protocol):
 
     @property
     def diagnosis(self) -> DetectorOptions:
-        """Which form of a method is used."""
+        """Options of the detection method."""
         ...
 
 
 @dataclass(frozen=True)
 class Span:
-    """One fault or diagnosis and when it held."""
+    """A fault or diagnosis with its interval."""
 
     label: str
-    """What it is, for a person: `slip, wheel 2`."""
+    """Label for people: `slip, wheel 2`."""
     lane: str
-    """Whom it concerns: `wheel_2`, or `robot`."""
+    """Affected part: `wheel_2`, or `robot`."""
     state: str
-    """Without the wheel: `slip`."""
+    """Label without the wheel: `slip`."""
     start: float
     """[s]"""
     end: float
@@ -121,7 +124,7 @@ class Span:
 
 
 def fault_spans(metrics: Mapping[str, Any], duration: float) -> list[Span]:
-    """The faults of `metrics.json` as intervals within the run, [0, duration] [s]."""
+    """Convert the faults of `metrics.json` to intervals within the run, [0, duration] [s]."""
     spans = []
     for fault in metrics.get("faults") or ():
         end = fault.get("end")
@@ -132,11 +135,11 @@ def fault_spans(metrics: Mapping[str, Any], duration: float) -> list[Span]:
 
 
 def diagnosis_spans(metrics: Mapping[str, Any], duration: float) -> list[Span]:
-    """What the controller believed, one interval per diagnosis and wheel."""
+    """Convert the diagnoses of `metrics.json` to one interval per diagnosis and wheel."""
     spans: list[Span] = []
     for diagnosis in metrics.get("diagnoses") or ():
         cleared = diagnosis.get("cleared")
-        # `cleared` is the time the diagnosis was taken back; anything else means it stands
+        # `cleared` is the time at which the diagnosis was cleared; anything else means that it holds
         stands = isinstance(cleared, bool) or not isinstance(cleared, int | float)
         end = duration if stands else min(float(cleared), duration)
         state = FAULT_NAMES.get(diagnosis["kind"], diagnosis["kind"])
@@ -148,17 +151,19 @@ def diagnosis_spans(metrics: Mapping[str, Any], duration: float) -> list[Span]:
 
 
 def recovery_spans(trace: Trace) -> list[Span]:
-    """What recovery did, from the column `recovery`; driving as planned is left out."""
+    """Convert the column `recovery` to intervals, without normal driving."""
     if "recovery" not in trace:
         return []
     mode, time = trace["recovery"].astype(int), trace["time"]
     starts = np.concatenate(([0], np.flatnonzero(np.diff(mode)) + 1))
     ends = np.append(time[starts[1:]], time[-1])
-    names = [NAMES[value] if 0 <= value < len(NAMES) else f"recovery {value}" for value in mode[starts]]
+    names = [
+        MODE_NAMES[value] if 0 <= value < len(MODE_NAMES) else f"recovery {value}" for value in mode[starts]
+    ]
     return [
         Span(name, RECOVERY, name, float(time[start]), float(end))
         for name, start, end in zip(names, starts, ends, strict=True)
-        if name != NAMES[NORMAL]
+        if name != MODE_NAMES[NORMAL]
     ]
 
 
@@ -177,12 +182,12 @@ def _state(fault: Mapping[str, Any]) -> str:
 
 
 def is_diagnosed(metrics: Mapping[str, Any]) -> bool:
-    """Whether a method looked for faults in this run."""
+    """Check that a detection method was active in this run."""
     return metrics.get("method", NOT_DIAGNOSED) != NOT_DIAGNOSED
 
 
 def mode_name(method: str, is_rig: bool, mode: int) -> str:
-    """What the number in the column `mode` means; a number without words stays one."""
+    """Return the meaning of a number in the column `mode`."""
     names = DETECTOR_MODE_NAMES.get(f"{method} on the rig" if is_rig else method) or DETECTOR_MODE_NAMES.get(
         method, ()
     )
@@ -190,7 +195,7 @@ def mode_name(method: str, is_rig: bool, mode: int) -> str:
 
 
 def fault_name(record: Mapping[str, Any]) -> str:
-    """A fault or a diagnosis: `motor loss, wheel 1`, `slip, wheels 1, 3`, `sensor yaw rate`."""
+    """Name a fault or a diagnosis: `motor loss, wheel 1`, `slip, wheels 1, 3`, `sensor yaw rate`."""
     kind = FAULT_NAMES.get(record["kind"], str(record["kind"]))
     if record.get("channel"):
         return f"{kind} {str(record['channel']).replace('_', ' ')}"
@@ -201,7 +206,7 @@ def fault_name(record: Mapping[str, Any]) -> str:
 
 
 def ambiguity_name(text: str) -> str:
-    """One of `ambiguous_with`, `motor 3`, as other diagnoses are named: `motor loss, wheel 3`."""
+    """Name an entry of `ambiguous_with`: `motor 3` becomes `motor loss, wheel 3`."""
     kind, _, place = text.partition(" ")
     if place.isdecimal():
         return fault_name({"kind": kind, "wheel": int(place)})
@@ -209,7 +214,7 @@ def ambiguity_name(text: str) -> str:
 
 
 def fault_details(fault: Mapping[str, Any]) -> str:
-    """The fault's own numbers: `loss 57 %`, `grip 0.3`, `braking torque 0.02 N·m`."""
+    """Format the numbers of a fault: `loss 57 %`, `grip 0.3`, `braking torque 0.02 N·m`."""
     words = []
     for key, value in fault.items():
         if key in _PLACE or value is None:
@@ -224,7 +229,7 @@ def fault_details(fault: Mapping[str, Any]) -> str:
 
 
 def number(value: object, digits: int = 4) -> str:
-    """A number for a table; a dash where there is none."""
+    """Format a number for a table; a dash for None."""
     if value is None:
         return "–"
     if isinstance(value, bool) or not isinstance(value, int | float):
@@ -235,7 +240,7 @@ def number(value: object, digits: int = 4) -> str:
 
 
 def measure(value: object, unit: str) -> str:
-    """A number with its unit; an angle in degrees too, as plots show it."""
+    """Format a number with its unit; an angle in degrees too, as in plots."""
     if value is None:
         return number(None)
     shown = f"{number(value)} {unit}".strip()
@@ -245,17 +250,17 @@ def measure(value: object, unit: str) -> str:
 
 
 def title(metrics: Mapping[str, Any]) -> str:
-    """`nylon_patch` → `Nylon patch`."""
+    """Return the title of a run: `nylon_patch` becomes `Nylon patch`."""
     return str(metrics.get("scenario", "run")).replace("_", " ").capitalize()
 
 
 def repeat_command(scenario: ScenarioLike, metrics: Mapping[str, Any]) -> str:
-    """The command line that drives the same run again."""
+    """Return the command line that repeats the run."""
     if metrics.get("command"):
         return str(metrics["command"])
     words = ["omnimj", "run", str(metrics.get("scenario", "SCENARIO"))]
     plant = str(metrics.get("plant", "twin"))
-    if plant not in (scenario.plant, "twin"):  # the twin is what runs when nothing is asked for
+    if plant not in (scenario.plant, "twin"):  # the twin is the default
         words += ["--plant", plant]
     for key in ("method", "seed"):
         if metrics.get(key) is not None:
@@ -265,57 +270,52 @@ def repeat_command(scenario: ScenarioLike, metrics: Mapping[str, Any]) -> str:
     return shlex.join([*words, "--out", "OUT"])
 
 
-# What recovery held in a run and what it gave up, in words.
-
-_COUNTS = {3: "three", 4: "four", 5: "five", 6: "six"}
-
-
 @dataclass(frozen=True)
 class RecoveryPeriod:
-    """One way in which recovery drove, over all stretches of the run in which it did."""
+    """A recovery mode with the intervals in which it was active."""
 
     name: str
     """`turning about wheel 2`."""
     spans: tuple[Span, ...]
-    """When, in order."""
-    gives_up: str
-    """What cannot be held then."""
+    """Intervals in order of time."""
+    consequence: str
+    """Degrees of freedom that are not controlled in this mode."""
 
     @property
-    def lasted(self) -> float:
-        """In all [s]."""
+    def duration(self) -> float:
+        """Total duration [s]."""
         return sum(span.end - span.start for span in self.spans)
 
     @property
     def when(self) -> str:
-        """`0.85 – 4.5 s`, or how often and how long in all."""
+        """Interval as `0.85 – 4.5 s`; for several, their number and total duration too."""
         first, last = self.spans[0].start, self.spans[-1].end
         words = f"{first:.3g} – {last:.3g} s"
         if len(self.spans) == 1:
             return words
-        return f"{words}, {len(self.spans)} times, {self.lasted:.3g} s in all"
+        return f"{words}, {len(self.spans)} times, {self.duration:.3g} s in all"
 
 
 def recovery_periods(trace: Trace, metrics: Mapping[str, Any]) -> list[RecoveryPeriod]:
-    """The ways in which recovery drove, in the order in which it first did; none for a run as planned.
+    """Return the recovery modes of a run in the order of their first use, without normal driving.
 
     Args:
-      trace: What was recorded.
-      metrics: Content of `metrics.json`; its diagnoses say which wheels are believed broken.
+      trace: Signals of the run.
+      metrics: Content of `metrics.json`, for the diagnosed wheels.
     """
     found: dict[tuple[str, str], list[Span]] = {}
     sentences: dict[str, str] = dict(zip(MODE_NAMES, MODE_CONSEQUENCES, strict=True))
     for span in recovery_spans(trace):
-        name, gives_up = span.state, sentences.get(span.state, "")
+        name, consequence = span.state, sentences.get(span.state, "")
         if span.state == MODE_NAMES[PIVOTING]:
             wheel = _pivot_wheel(trace, metrics, span)
             name = span.state if wheel is None else f"turning about wheel {wheel}"
-        found.setdefault((name, gives_up), []).append(span)
-    return [RecoveryPeriod(name, tuple(spans), gives_up) for (name, gives_up), spans in found.items()]
+        found.setdefault((name, consequence), []).append(span)
+    return [RecoveryPeriod(name, tuple(spans), consequence) for (name, consequence), spans in found.items()]
 
 
 def _pivot_wheel(trace: Trace, metrics: Mapping[str, Any], span: Span) -> int | None:
-    """The wheel that the robot turns about: of those believed broken then, the one that turns the least."""
+    """Return the wheel that the robot turns about: the slowest of those diagnosed as faulty."""
     rows = (trace["time"] >= span.start) & (trace["time"] <= span.end)
     broken = {
         int(wheel)
@@ -330,9 +330,9 @@ def _pivot_wheel(trace: Trace, metrics: Mapping[str, Any], span: Span) -> int | 
 
 
 def describe_layout(constants: Robot | Rig) -> str:
-    """What a robot of this layout cannot lose; empty where any one wheel can be lost.
+    """Describe the wheels that a robot of this layout cannot lose; empty where any single wheel can be lost.
 
-    Without wheel i the columns of B that are left must have rank 3 for any force and moment.
+    The columns of B without wheel i must have rank 3 to produce any force and moment.
     """
     if isinstance(constants, Rig):
         return ""
@@ -345,59 +345,54 @@ def describe_layout(constants: Robot | Rig) -> str:
     return f"it cannot lose {which} and be steered and turned at will"
 
 
-# Diagnoses in words: what, when, and how sure.
-
-NOTHING_FOUND = "nothing found"
-
-
 def describe_diagnosis(diagnosis: Diagnosis) -> str:
-    """`motor 2 has 43 % of its torque left`."""
+    """Describe a diagnosis: `motor 2 is weak: 43 % left`."""
     d, wheels = diagnosis, ", ".join(str(wheel) for wheel in diagnosis.wheels)
     if d.kind == "motor":
         left = d.effectiveness
         return f"motor {wheels} is weak" + ("" if left is None else f": {100.0 * left:.0f} % left")
     if d.kind == "sensor":
         return f"sensor {d.channel or wheels} is wrong"
-    said = {
+    words = {
         "slip": f"wheel {wheels} slips",
         "locked": f"wheel {wheels} is locked",
         "free": f"motor {wheels} gives nothing",
         "hard_over": f"motor {wheels} runs away",
         "all_wheel_slip": "all wheels slip",
     }
-    return said.get(d.kind, f"{d.kind.replace('_', ' ')} {wheels}".strip())
+    return words.get(d.kind, f"{d.kind.replace('_', ' ')} {wheels}".strip())
 
 
 def describe_time(diagnosis: Diagnosis) -> str:
-    """`from 3.210 s`, or until when it stood."""
+    """Describe the interval of a diagnosis: `from 3.210 s`, or `3.210 … 4.000 s`."""
     if diagnosis.cleared is None:
         return f"from {diagnosis.time:.3f} s"
     return f"{diagnosis.time:.3f} … {diagnosis.cleared:.3f} s"
 
 
 def describe_confidence(diagnosis: Diagnosis) -> str:
-    """`99 %`, and what else it could be."""
+    """Describe the confidence in a diagnosis: `99 %`, with the alternatives."""
     others = f", or {', '.join(diagnosis.ambiguous_with)}" if diagnosis.ambiguous_with else ""
     return f"{100.0 * diagnosis.confidence:.0f} %{others}"
 
 
 def describe_undiagnosed(run: RunDiagnosis) -> str:
-    """What there is to say of a run without a diagnosis."""
+    """Describe a run without a diagnosis."""
     return NOTHING_FOUND if run.judged > 0.0 else "no usable samples"
 
 
 def describe_unjudged(run: RunDiagnosis) -> str:
-    """How long the method could not judge; empty where it always could."""
+    """Describe for how long no diagnosis was possible; empty if it always was."""
     if run.cannot_judge <= 0.0:
         return ""
     return f"cannot judge {run.cannot_judge:.1f} of {run.judged:.1f} s"
 
 
 def summarize_runs(runs: Sequence[RunDiagnosis]) -> str:
-    """One sentence over all runs."""
-    said = sum(len(run.diagnoses) for run in runs)
+    """Summarise the diagnoses of all runs in one sentence."""
+    count = sum(len(run.diagnoses) for run in runs)
     many = f"{len(runs)} run{'s' if len(runs) != 1 else ''}"
-    if not said:
+    if not count:
         return f"{NOTHING_FOUND} in {many}"
-    where = sum(bool(run.diagnoses) for run in runs)
-    return f"{said} diagnos{'es' if said != 1 else 'is'} in {where} of {many}"
+    concerned = sum(bool(run.diagnoses) for run in runs)
+    return f"{count} diagnos{'es' if count != 1 else 'is'} in {concerned} of {many}"

@@ -17,7 +17,7 @@ import pytest
         (["--trials", "0"], "--trials: found '0'; must be a whole number, at least 1"),
         (["--seed", "-1"], "--seed: found '-1'"),
         (["--workers", "many"], "--workers: found 'many'"),
-        (["--set", "floor=pvc"], "--set floor: is none of them; cases are drawn"),
+        (["--set", "floor=pvc"], "--set floor: cannot be set here; cases are drawn"),
         (["--set", "diagnosis.variant=best"], "--set diagnosis.variant: unknown variant 'best'"),
         (["--set", "diagnosis.colour=red"], "unknown key"),
         (["--thresholds", "t.toml"], "--thresholds t.toml: the method is 'off'; they are those of 'robust'"),

@@ -10,6 +10,7 @@ import pytest
 
 from omnimj.cli import sensitivity as command
 from omnimj.cli.main import main
+from omnimj.studies import runner
 from omnimj.studies.sensitivity import study
 
 SHORT = ("sensitivity", "rig_constant_current", "--set", "duration=0.2", "--set", "checks={}")
@@ -59,7 +60,7 @@ def test_ctrl_c_exits_with_130_and_keeps_what_there_is(tmp_path, capsys, monkeyp
     def interrupting(work, *_):
         return False  # broken off before anything came back
 
-    monkeypatch.setattr(study, "run_in_workers", interrupting)
+    monkeypatch.setattr(runner, "run_in_workers", interrupting)
     assert main([*SHORT, "--out", str(tmp_path / "out")]) == 130
     told = capsys.readouterr().out
     assert (
@@ -76,7 +77,7 @@ def test_a_run_that_broke_down_exits_with_1_and_says_which(tmp_path, capsys, mon
         (runs / "trajectory_0000_003.json").write_text('{"error": "SimulationError: it flew"}')
         return True
 
-    monkeypatch.setattr(study, "run_in_workers", broken)
+    monkeypatch.setattr(runner, "run_in_workers", broken)
     assert main([*SHORT, "--out", str(tmp_path / "out")]) == 1
     assert "trajectory_0000_003: SimulationError: it flew" in capsys.readouterr().out
 

@@ -7,7 +7,8 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from short_push import Here, scenario_file
+from inline_executor import InlineExecutor
+from short_push import scenario_file
 
 from omnimj.cli.main import main
 from omnimj.control.detection.robust.thresholds import Thresholds, read_thresholds
@@ -18,7 +19,7 @@ from omnimj.studies.tuning import batch, study
 @pytest.fixture
 def push(tmp_path, monkeypatch) -> list[str]:
     """The command over a scenario of half a second, the work done at once."""
-    monkeypatch.setattr(workers, "ProcessPoolExecutor", lambda *given, **named: Here())
+    monkeypatch.setattr(workers, "ProcessPoolExecutor", lambda *given, **named: InlineExecutor())
     argv = [
         "tune",
         scenario_file(tmp_path, faults=""),
@@ -38,7 +39,7 @@ def test_the_command_writes_gains_and_a_page_and_its_exit_code_is_the_verdict(pu
     told = tomllib.loads((tmp_path / "g.toml").read_text(encoding="utf-8"))["tuned"]
     assert code == (0 if told["better"] else 1)
     assert told["command"].startswith("omnimj tune ") and "--only control" in told["command"]
-    assert "least phase margin" in out and "judged with seed 100, 1 runs on the planar plant" in out
+    assert "smallest phase margin" in out and "judged with seed 100, 1 runs on the planar plant" in out
     assert "\r" not in err, "a pipe sees no progress bar"
     page = (tmp_path / "g_report.html").read_text(encoding="utf-8")
     assert "The search" in page and "Speed against robustness" in page
@@ -83,11 +84,11 @@ def test_ctrl_c_keeps_what_was_driven_and_the_same_command_ends_as_if_it_had_not
 ):
     drive, left = study.TrialBatch.drive, [2]
 
-    def broken_off(self, candidates, draws, phrase):
+    def broken_off(self, candidates, draws):
         left[0] -= 1
         if left[0] < 0:
             raise KeyboardInterrupt
-        return drive(self, candidates, draws, phrase)
+        return drive(self, candidates, draws)
 
     monkeypatch.setattr(study.TrialBatch, "drive", broken_off)
     assert main(push) == 130
@@ -115,7 +116,7 @@ def test_a_file_that_is_there_is_not_replaced_without_force(push, tmp_path, caps
     ("argv", "told"),
     [
         (["nylon_path"], "unknown scenario 'nylon_path'; did you mean 'nylon_patch'"),
-        (["rig_slip"], "SCENARIO rig_slip: cannot be tuned with; a robot's scenario with forces"),
+        (["rig_slip"], "SCENARIO rig_slip: cannot be tuned with; a scenario of a robot with forces"),
         (["nylon_patch", "nylon_patch"], "'nylon_patch' is there twice"),
         (
             ["nylon_patch", "--seed", "100"],
@@ -124,10 +125,10 @@ def test_a_file_that_is_there_is_not_replaced_without_force(push, tmp_path, caps
         (["nylon_patch", "--trials", "0"], "--trials: found '0'"),
         (["nylon_patch", "--only", "gravity"], "--only: unknown gain 'gravity'; choices: control,"),
         (["nylon_patch", "--plant", "real"], "--plant: unknown plant 'real'; choices: planar, twin"),
-        (["nylon_patch", "--plant", "twin", "--twin", "2"], "--twin: found 2; --plant twin judges there"),
+        (["nylon_patch", "--plant", "twin", "--twin", "2"], "--twin: found 2; --plant twin judges on it"),
         (["nylon_patch", "--landscape", "1"], "--landscape: found '1'; one point is no picture"),
-        (["nylon_patch", "--bound", "recovery.slip_cap=-1:2"], "the least value must be 0 or more"),
-        (["nylon_patch", "three_wheel_circle"], "all scenarios are of one robot: give --model"),
+        (["nylon_patch", "--bound", "recovery.slip_cap=-1:2"], "the smallest value must be 0 or more"),
+        (["nylon_patch", "three_wheel_circle"], "all scenarios must be of one robot: give --model"),
         (["nylon_patch", "--out", "."], "--out .: is a folder; a file is needed"),
         (["nylon_patch", "--saturation", "0"], "--saturation: found '0'; must be above 0"),
         (["nylon_patch", "--phase-margin", "wide"], "--phase-margin: found 'wide'"),
@@ -137,13 +138,13 @@ def test_a_file_that_is_there_is_not_replaced_without_force(push, tmp_path, caps
             ["nylon_patch", "--bound", "control.mass=1:"],
             "--bound: unknown gain 'control.mass'; choices: control.",
         ),
-        (["nylon_patch", "--bound", "recovery.slip_cap"], "is of another shape; write NAME=LOW:HIGH"),
-        (["nylon_patch", "--bound", "recovery.slip_cap=a:"], "found 'a:'; two numbers with : between them"),
+        (["nylon_patch", "--bound", "recovery.slip_cap"], "has another form; write NAME=LOW:HIGH"),
+        (["nylon_patch", "--bound", "recovery.slip_cap=a:"], "found 'a:'; two numbers separated by :"),
         (
             ["nylon_patch", "--bound", "recovery.slip_cap=2:1"],
-            "found 2 and 1; the least value must be 0 or more",
+            "found 2 and 1; the smallest value must be 0 or more",
         ),
-        (["nylon_patch", "--bound", "recovery.slip_cap=1:2"], "it begins with 0.2; from 1 to 2"),
+        (["nylon_patch", "--bound", "recovery.slip_cap=1:2"], "the gain before is 0.2; must be from 1 to 2"),
         (
             ["nylon_patch", "--only", "control", "--bound", "recovery.slip_cap=0:2"],
             "--bound recovery.slip_cap: this gain is not tuned",
@@ -203,7 +204,7 @@ def test_gains_are_driven_with(tmp_path, capsys):
 
 
 def test_an_evaluation_is_told_from_one_with_other_gains(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(workers, "ProcessPoolExecutor", lambda *given, **named: Here())
+    monkeypatch.setattr(workers, "ProcessPoolExecutor", lambda *given, **named: InlineExecutor())
     file = tmp_path / "g.toml"
     file.write_text('[control]\nspeed_proportional = { value = 0.1, unit = "A.s/rad", source = "tuned" }\n')
     argv = ["evaluate", "--suite", "manoeuvres", "--trials", "1", "--faults", "motor", "--out"]

@@ -46,7 +46,7 @@ class DeviceDriver:
         drawn = itertools.count(1001) if sessions is None else iter(sessions)
         commissioned = DeviceConfig(3, PERIOD, CHANNELS, limits, CALIBRATION_HASH, lock_step, keyed)
         self.device = Device(commissioned, lambda now, raw: tuple(raw), lambda: next(drawn), start)
-        self.limits_hash = limits_hash(self.device.commissioned.limits)
+        self.limits_hash = limits_hash(self.device.config.limits)
         self.sequence, self.session = 0, 0
         self.speeds, self.said = ZERO, []
 

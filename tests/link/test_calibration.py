@@ -73,7 +73,7 @@ def test_inputs_stand_in_the_order_of_the_robots_channels():
 def test_every_channel_is_sign_gain_times_raw_less_offset_at_its_place():
     for k, name in enumerate(robot_channels(4)[:11]):
         wiring = rewired(name, sign=-1, gain=0.25, offset=1.5, channel=14)
-        found = Calibration(wiring).measured(0.125, [0.0] * 14 + [7.5])
+        found = Calibration(wiring).convert(0.125, [0.0] * 14 + [7.5])
         values = [*found.current, *found.wheel_speed, *found.acceleration, found.yaw_rate, found.yaw]
         assert values[k] == -0.25 * (7.5 - 1.5)
         assert found.time == 0.125
@@ -82,20 +82,20 @@ def test_every_channel_is_sign_gain_times_raw_less_offset_at_its_place():
 
 @given(st.floats(-1e6, 1e6))
 def test_the_heading_lies_within_one_turn(volts):
-    yaw = Calibration(WIRING).measured(0.0, raw(yaw=volts)).yaw
+    yaw = Calibration(WIRING).convert(0.0, raw(yaw=volts)).yaw
     assert 0.0 <= yaw < TURN
     assert math.cos(yaw - volts * TURN / 10.0) == pytest.approx(1.0, abs=1e-9)
 
 
 def test_the_end_of_the_turn_is_its_beginning():
     for volts in (10.0, 0.0, -1e-17, math.nextafter(0.0, -1.0)):
-        assert Calibration(WIRING).measured(0.0, raw(yaw=volts)).yaw == 0.0
+        assert Calibration(WIRING).convert(0.0, raw(yaw=volts)).yaw == 0.0
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("name", robot_channels(4))
 def test_a_reading_that_is_not_finite_is_nan_and_spoils_no_other(name, bad):
-    found = Calibration(WIRING).measured(0.0, raw(**{name: bad}))
+    found = Calibration(WIRING).convert(0.0, raw(**{name: bad}))
     values = [*found.current, *found.wheel_speed, *found.acceleration, found.yaw_rate, found.yaw]
     assert [math.isnan(v) for v in values] == [n == name for n in robot_channels(4)]
 
@@ -104,25 +104,25 @@ def test_a_filter_is_of_first_order_over_the_samples_own_times():
     calibration = Calibration(rewired("yaw_rate", filter=0.01, gain=1.0))
     found = []
     for time, volts in ((0.0, 1.0), (0.01, 3.0), (0.01, 9.0), (0.04, math.nan), (0.06, 0.0)):
-        found.append(calibration.measured(time, raw(yaw_rate=volts)).yaw_rate)
+        found.append(calibration.convert(time, raw(yaw_rate=volts)).yaw_rate)
     second = 1.0 + 2.0 * (1.0 - math.exp(-1.0))
     assert found[:3] == pytest.approx([1.0, second, second])
     assert math.isnan(found[3])
     assert found[4] == pytest.approx(second * math.exp(-2.0))
     calibration.reset()
-    assert calibration.measured(0.0, raw(yaw_rate=5.0)).yaw_rate == 5.0
+    assert calibration.convert(0.0, raw(yaw_rate=5.0)).yaw_rate == 5.0
 
 
 def test_time_that_runs_backwards_leaves_a_filter_where_it_is():
     calibration = Calibration(rewired("yaw_rate", filter=0.01, gain=1.0))
-    calibration.measured(1.0, raw(yaw_rate=1.0))
-    assert calibration.measured(0.5, raw(yaw_rate=3.0)).yaw_rate == 1.0
+    calibration.convert(1.0, raw(yaw_rate=1.0))
+    assert calibration.convert(0.5, raw(yaw_rate=3.0)).yaw_rate == 1.0
 
 
 def test_a_filtered_heading_goes_the_short_way_round():
     calibration = Calibration(rewired("yaw", filter=0.01, gain=1.0))
-    calibration.measured(0.0, raw(yaw=6.2))
-    found = calibration.measured(0.01, raw(yaw=0.1)).yaw
+    calibration.convert(0.0, raw(yaw=6.2))
+    found = calibration.convert(0.01, raw(yaw=0.1)).yaw
     expected = 6.2 + (0.1 + TURN - 6.2) * (1.0 - math.exp(-1.0))
     assert found == pytest.approx(expected % TURN)
 
@@ -137,59 +137,59 @@ def angle_wiring(**changed):
 )
 def test_a_wheel_speed_out_of_a_counter_that_wraps_is_its_difference_over_time(turns, start):
     calibration, count, time = Calibration(angle_wiring()), start, 0.0
-    assert calibration.measured(time, raw(wheel_speed_2=start)).wheel_speed[1] == 0.0
+    assert calibration.convert(time, raw(wheel_speed_2=start)).wheel_speed[1] == 0.0
     for turned, elapsed in turns:
         count, then = (count + turned) % 65536, time
         time += elapsed
-        found = calibration.measured(time, raw(wheel_speed_2=count)).wheel_speed[1]
+        found = calibration.convert(time, raw(wheel_speed_2=count)).wheel_speed[1]
         assert found == pytest.approx(-0.001 * turned / (time - then), rel=1e-12)
 
 
 def test_a_counter_of_32_bits_wraps_from_its_largest_to_its_smallest_number():
     calibration = Calibration(angle_wiring(wrap=2.0**32, sign=1))
-    calibration.measured(0.0, raw(wheel_speed_2=2.0**31 - 10))
-    assert calibration.measured(0.5, raw(wheel_speed_2=-(2.0**31) + 10)).wheel_speed[1] == 0.001 * 20 / 0.5
+    calibration.convert(0.0, raw(wheel_speed_2=2.0**31 - 10))
+    assert calibration.convert(0.5, raw(wheel_speed_2=-(2.0**31) + 10)).wheel_speed[1] == 0.001 * 20 / 0.5
 
 
 def test_an_angle_that_never_wraps_is_differenced_as_it_is():
     calibration = Calibration(angle_wiring(wrap=0.0, raw="volts", sign=1))
-    calibration.measured(0.0, raw(wheel_speed_2=-1e6))
-    assert calibration.measured(0.5, raw(wheel_speed_2=1e6)).wheel_speed[1] == 0.001 * 2e6 / 0.5
+    calibration.convert(0.0, raw(wheel_speed_2=-1e6))
+    assert calibration.convert(0.5, raw(wheel_speed_2=1e6)).wheel_speed[1] == 0.001 * 2e6 / 0.5
 
 
 def test_at_a_time_that_does_not_rise_the_speed_stays_and_a_lost_count_is_made_up_for():
     calibration = Calibration(angle_wiring(sign=1))
     speeds = [
-        float(calibration.measured(time, raw(wheel_speed_2=count)).wheel_speed[1])
+        float(calibration.convert(time, raw(wheel_speed_2=count)).wheel_speed[1])
         for time, count in ((0.0, 0), (1.0, 100), (1.0, 900), (0.5, 900), (2.0, math.nan), (3.0, 500))
     ]
     assert speeds[:4] == [0.0, 0.1, 0.1, 0.1]
     assert math.isnan(speeds[4])
     assert speeds[5] == pytest.approx(0.001 * 400 / 2.0)
     calibration.reset()
-    assert calibration.measured(9.0, raw(wheel_speed_2=7)).wheel_speed[1] == 0.0
+    assert calibration.convert(9.0, raw(wheel_speed_2=7)).wheel_speed[1] == 0.0
 
 
 @given(st.lists(st.floats(-1.5, 1.5, width=32), min_size=4, max_size=4), st.sets(st.integers(1, 4)))
 def test_currents_and_brakes_come_back_from_the_device_as_they_went(currents, brake):
-    wheels = WheelMap.of(PERMUTED)
-    told, bits = wheels.told(CurrentCommand(np.array(currents), tuple(sorted(brake))))
-    back = wheels.meant(told, bits)
+    wheels = WheelMap.from_hardware(PERMUTED)
+    told, bits = wheels.to_device(CurrentCommand(np.array(currents), tuple(sorted(brake))))
+    back = wheels.from_device(told, bits)
     assert back.current.tolist() == currents
     assert back.brake == tuple(sorted(brake))
 
 
 def test_each_wheel_has_its_place_sign_and_gain():
-    wheels = WheelMap.of(PERMUTED)
-    told, bits = wheels.told(CurrentCommand(np.array([1.0, 0.5, 0.25, 0.125]), (2, 3)))
+    wheels = WheelMap.from_hardware(PERMUTED)
+    told, bits = wheels.to_device(CurrentCommand(np.array([1.0, 0.5, 0.25, 0.125]), (2, 3)))
     assert told == (-0.25, -0.125, 1.0, 0.5)
     assert bits == 0b1001
-    assert [wheels.own(w) for w in (0, 1, 2, 3, 4)] == [0, 2, 4, 1, 3]
+    assert [wheels.host_wheel(w) for w in (0, 1, 2, 3, 4)] == [0, 2, 4, 1, 3]
 
 
 def test_behind_an_analog_box_the_device_has_the_wheels_in_their_order_and_volts_are_the_boxs():
     outputs = tuple(dataclasses.replace(o, channel=9 - o.wheel, sign=-1) for o in WIRING.outputs)
-    wheels = WheelMap.of(dataclasses.replace(WIRING, outputs=outputs))
+    wheels = WheelMap.from_hardware(dataclasses.replace(WIRING, outputs=outputs))
     assert wheels.channels == (0, 1, 2, 3) and wheels.factors == (-1.0,) * 4
 
 

@@ -12,12 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from short_push import quiet, scenario_file
+from inline_executor import quiet
+from short_push import scenario_file
 
 from omnimj.errors import InputError, SimulationError
-from omnimj.recording.json_files import read_result, result_writer
 from omnimj.studies.evaluation.cases import CasePopulation
 from omnimj.studies.evaluation.study import EvaluationConfig, run_evaluation
+from omnimj.studies.runner import TrialFolder
 from omnimj.studies.sensitivity.trial import TrialConfig, drive_with
 from omnimj.studies.tuning.draws import draw_trial, read_tuned_scenarios
 from omnimj.studies.tuning.trial import drive_trial
@@ -26,7 +27,7 @@ from omnimj.studies.workers import WorkerLost, open_executor, parse_scheduler, r
 
 @pytest.fixture(scope="module")
 def cluster():
-    """Two worker processes, without a dashboard."""
+    """Two worker processes."""
     distributed = pytest.importorskip("distributed")
     with (
         warnings.catch_warnings(),
@@ -34,7 +35,7 @@ def cluster():
             n_workers=2,
             threads_per_worker=1,
             processes=True,
-            dashboard_address=None,
+            dashboard_address=":0",  # any free port
             host="127.0.0.1",
             silence_logs=50,
         ) as found,
@@ -88,7 +89,7 @@ def test_an_evaluation_by_processes_by_a_thread_and_by_a_cluster_is_the_same(tmp
         order = EvaluationConfig(tmp_path / name, choice, "robust", trials=3, workers=1)
         outcome = run_evaluation(order, quiet, executor)
         assert not outcome.interrupted and not outcome.failed
-        found = [dict(read_result(order.out / "cases", f"case_{k:05d}") or {}) for k in range(3)]
+        found = [dict(TrialFolder(order.out / "cases").read(f"case_{k:05d}") or {}) for k in range(3)]
         return str([{key: value for key, value in one.items() if key != "speed"} for one in found])
 
     with ThreadPoolExecutor(1) as thread:
@@ -128,9 +129,9 @@ def test_runs_of_a_sensitivity_study_are_the_same_by_processes_by_a_thread_and_b
 
 def test_work_whose_worker_is_killed_is_done_by_another(tmp_path, dask):
     tasks = {f"task_{k}": (tmp_path / "mark", k) for k in range(8)}
-    keep = result_writer(tmp_path)
-    assert run_in_workers(lambda w: w.run_all(die_once, tasks, keep, "working", quiet), 1, dask)
-    assert [read_result(tmp_path, name) for name in tasks] == [{"number": k} for k in range(8)]
+    trials = TrialFolder(tmp_path)
+    assert run_in_workers(lambda w: w.run_all(die_once, tasks, trials.write, "working", quiet), 1, dask)
+    assert [trials.read(name) for name in tasks] == [{"number": k} for k in range(8)]
 
 
 class Lossy(Executor):
@@ -149,17 +150,17 @@ class Lossy(Executor):
 
 
 def test_lost_work_is_told_when_all_the_rest_is_kept_and_done_when_it_is_repeated(tmp_path):
-    tasks, keep = {f"task_{k}": (k,) for k in range(5)}, result_writer(tmp_path)
+    tasks, trials = {f"task_{k}": (k,) for k in range(5)}, TrialFolder(tmp_path)
 
     def work(workers):
-        left = {name: given for name, given in tasks.items() if read_result(tmp_path, name) is None}
-        workers.run_all(numbered, left, keep, "working", quiet)
+        left = {name: given for name, given in tasks.items() if trials.read(name) is None}
+        workers.run_all(numbered, left, trials.write, "working", quiet)
 
-    with pytest.raises(SimulationError, match=r"a worker died; 1 of 5 are missing \(task_3\); .* goes on"):
+    with pytest.raises(SimulationError, match=r"a worker died; 1 of 5 are missing \(task_3\); .* continues"):
         run_in_workers(work, 1, Lossy(3))
-    assert sum(read_result(tmp_path, name) is not None for name in tasks) == 4
+    assert sum(trials.read(name) is not None for name in tasks) == 4
     assert run_in_workers(work, 1, Lossy(-1))
-    assert read_result(tmp_path, "task_3") == {"number": 3}
+    assert trials.read("task_3") == {"number": 3}
 
 
 def numbered(number: int) -> dict[str, int]:
@@ -174,25 +175,25 @@ def die_last(number: int) -> dict[str, int]:
 
 def test_a_worker_process_of_its_own_that_dies_costs_what_was_under_way_and_nothing_else(tmp_path):
     """One after the other: what was finished before it died is kept, and the rest is done afterwards."""
-    keep = result_writer(tmp_path)
+    trials = TrialFolder(tmp_path)
 
     def work(workers):
         for k in range(3):
-            workers.run_all(die_last, {f"task_{k}": (k,)}, keep, "working", quiet)
+            workers.run_all(die_last, {f"task_{k}": (k,)}, trials.write, "working", quiet)
 
     with pytest.raises(SimulationError, match=r"a worker died; .* are missing"):
         run_in_workers(work, 1)
-    assert [read_result(tmp_path, f"task_{k}") for k in range(3)] == [{"number": 0}, {"number": 1}, None]
-    run_in_workers(lambda w: w.run_all(numbered, {"task_2": (2,)}, keep, "working", quiet), 1)
-    assert read_result(tmp_path, "task_2") == {"number": 2}
+    assert [trials.read(f"task_{k}") for k in range(3)] == [{"number": 0}, {"number": 1}, None]
+    run_in_workers(lambda w: w.run_all(numbered, {"task_2": (2,)}, trials.write, "working", quiet), 1)
+    assert trials.read("task_2") == {"number": 2}
 
 
 def test_work_that_kills_every_worker_is_given_up_and_the_rest_is_done(tmp_path, dask, cluster):
-    tasks, keep = {f"task_{k}": (k,) for k in range(3)}, result_writer(tmp_path)
+    tasks, trials = {f"task_{k}": (k,) for k in range(3)}, TrialFolder(tmp_path)
     cluster.scheduler.allowed_failures = 1
     with pytest.raises(SimulationError, match=r"a worker died; 1 of 3 are missing \(task_0\)"):
-        run_in_workers(lambda w: w.run_all(die_always, tasks, keep, "working", quiet), 1, dask)
-    assert [read_result(tmp_path, f"task_{k}") for k in (1, 2)] == [{"number": 1}, {"number": 2}]
+        run_in_workers(lambda w: w.run_all(die_always, tasks, trials.write, "working", quiet), 1, dask)
+    assert [trials.read(f"task_{k}") for k in (1, 2)] == [{"number": 1}, {"number": 2}]
 
 
 @pytest.mark.parametrize(
@@ -227,8 +228,8 @@ def test_addresses_of_schedulers():
 def test_nobody_at_an_address_is_told_soon():
     pytest.importorskip("distributed")
     with (
-        pytest.raises(InputError, match=r"nobody answers there .*; is a Dask scheduler running") as caught,
-        open_executor("dask:tcp://127.0.0.1:9", answers=0.5),
+        pytest.raises(InputError, match=r"no scheduler answers .*; is a Dask scheduler running") as caught,
+        open_executor("dask:tcp://127.0.0.1:9", timeout=0.5),
     ):
         raise AssertionError("opened")
     assert "\n" not in str(caught.value)

@@ -45,13 +45,13 @@ def test_workers_of_its_own_end_at_once_after_ctrl_c_and_what_was_done_is_kept()
 
 ORPHANS = """
 import time
-from omnimj.studies.workers import with_workers
+from omnimj.studies.workers import run_in_workers
 
 def work(workers):
-    workers.do_all(time.sleep, {"a": (600.0,), "b": (600.0,)}, print, "sleeping", print)
+    workers.run_all(time.sleep, {"a": (600.0,), "b": (600.0,)}, print, "sleeping", print)
 
 if __name__ == "__main__":
-    with_workers(work, 2)
+    run_in_workers(work, 2)
 """
 
 

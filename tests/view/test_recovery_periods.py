@@ -39,8 +39,8 @@ def named(*diagnoses: tuple[float, int]) -> dict:
 
 def test_the_wheel_that_is_turned_about_is_named_with_what_is_given_up():
     (way,) = recovery_periods(made(np.where(TIME < 3.0, NORMAL, PIVOTING)), named((2.9, 2)))
-    assert way.name == "turning about wheel 2" and "heading is given up" in way.gives_up
-    assert way.when == "3 – 9.99 s" and way.lasted == pytest.approx(6.99)
+    assert way.name == "turning about wheel 2" and "heading is given up" in way.consequence
+    assert way.when == "3 – 9.99 s" and way.duration == pytest.approx(6.99)
 
 
 def test_of_two_broken_wheels_it_is_the_one_that_stands_and_a_sound_one_never():
@@ -57,7 +57,7 @@ def test_stretches_of_one_mode_are_one_line_in_the_order_of_the_run():
     slow, stop = recovery_periods(made(modes), named())
     assert (slow.name, stop.name) == (MODE_NAMES[SLOWING], MODE_NAMES[STOPPING])
     assert slow.when == "2 – 6 s, 2 times, 2 s in all"
-    assert "cannot be steered any more" in stop.gives_up
+    assert "cannot be steered any more" in stop.consequence
 
 
 def test_a_run_as_planned_has_nothing_to_tell():
@@ -94,6 +94,6 @@ def test_the_shipped_robots_say_what_they_can_lose():
 def test_the_terminal_tells_it_with_the_layout():
     told = format_recovery(made(np.where(TIME < 3.0, 0, COMPENSATING)), named((2.9, 2)), star(3))
     first, second, last = told.splitlines()
-    assert first.split() == ["recovery", "when", "what", "it", "gives", "up"]
+    assert first.split() == ["recovery", "when", "consequence"]
     assert second.startswith(MODE_NAMES[COMPENSATING]) and MODE_CONSEQUENCES[COMPENSATING] in second
     assert last == "three wheels cannot lose one and be steered and turned at will"

@@ -250,7 +250,7 @@ def test_runs_with_other_methods_stand_side_by_side(page_path, robot_trace, robo
     comparison = compare(robot_scenario.metric_units, metrics)
     rows = {name: values for name, *values in comparison.rows}
     assert comparison.methods == ("robust", "off")
-    assert rows["checks that hold"] == ["1 of 2", "1 of 2"]
+    assert rows["checks passed"] == ["1 of 2", "1 of 2"]
     assert rows["every fault isolated"] == ["yes", "–"]
     assert rows["first alarm after onset"] == ["0.1 s", "–"]
     assert rows["max yaw excursion"] == ["0.0211 rad (1.21°)", "0.05 rad (2.86°)"]

@@ -1,4 +1,4 @@
-"""F/F_N over slip: the steady curve of a fit, what the runs cover of it, and the points of Eq. (4.26)."""
+"""Steady traction curve F/F_N over slip: the fitted curve, the covered slip, and the points of Eq. (4.26)."""
 
 from __future__ import annotations
 
@@ -22,18 +22,40 @@ _EPSILON = 1e-4
 
 
 def stribeck(shared: Array, slip: Array) -> Array:
-    """g(V_r) [1] of fitted logarithms, Eq. 3.43."""
+    """g(V_r) [1], Eq. 3.43.
+
+    Args:
+      shared: Logarithms of the parameters, shape (SHARED,).
+      slip: V_r, shape (n,) [m/s].
+
+    Returns:
+      Shape (n,).
+    """
     mu_c, mu_s, speed = np.exp(shared[[MU_C, MU_S, V_S]])
     return mu_c + (mu_s - mu_c) * np.exp(-np.sqrt(np.abs(slip) / speed))
 
 
 def steady_curve(shared: Array, slip: Array) -> Array:
-    """F/F_N = g(V_r) sign V_r + σ2 V_r [1]."""
+    """F/F_N = g(V_r) sign V_r + σ2 V_r [1].
+
+    Args:
+      shared: Logarithms of the parameters, shape (SHARED,).
+      slip: V_r, shape (n,) [m/s].
+
+    Returns:
+      Shape (n,).
+    """
     return stribeck(shared, slip) * np.sign(slip) + np.exp(shared[SIGMA_2]) * slip
 
 
 def slope(function, shared: Array, slip: Array) -> Array:
-    """Derivative of a curve by the shared unknowns, shape (slips, SHARED)."""
+    """Derivative of a curve with respect to the shared unknowns, shape (slips, SHARED).
+
+    Args:
+      function: `stribeck` or `steady_curve`.
+      shared: Logarithms of the parameters, shape (SHARED,).
+      slip: V_r, shape (slips,) [m/s].
+    """
     steps = _EPSILON * np.eye(len(shared))
     return np.stack(
         [(function(shared + s, slip) - function(shared - s, slip)) / (2 * _EPSILON) for s in steps], 1
@@ -41,7 +63,7 @@ def slope(function, shared: Array, slip: Array) -> Array:
 
 
 def points(fit: FloorFit) -> Points:
-    """Eq. (4.26) in blocks of all runs, beside the fitted model in the same blocks."""
+    """Points of Eq. (4.26) in blocks of all runs, beside the fitted model in the same blocks."""
     found = []
     for run, blocks in zip(fit.problem.runs, fit.problem.simulated(fit.shared, fit.own), strict=True):
         radius = run.parameters.radius * np.exp(fit.shared[RADIUS_SCALE])
@@ -62,9 +84,9 @@ def measured_points(run: CarriageRun, radius: float) -> tuple[Array, Array]:
 
 
 def start_values(runs: Sequence[CarriageRun]) -> Array:
-    """Where the fit begins: a straight line through the points of Eq. (4.26) that slide, shape (SHARED,).
+    """Initial parameters from a straight line through the sliding points of Eq. (4.26), shape (SHARED,).
 
-    The line is biased where slip is small against its noise; it is a start and nothing more.
+    The line is biased where slip is small against its noise, but good enough to start from.
     """
     shared = np.log([0.1, 0.1, 0.05, 30.0, 0.3, 2.5, 1.0])
     pairs = [measured_points(run, run.parameters.radius) for run in runs]
@@ -80,9 +102,9 @@ def start_values(runs: Sequence[CarriageRun]) -> Array:
 
 
 def covered_slip(fit: FloorFit) -> tuple[float, float] | None:
-    """Slip over which the runs slide with a settled bristle [m/s]; None when they never do.
+    """Slip over which the runs slide with a settled bristle [m/s]; None where they never do.
 
-    Where the bristle is still being stretched, F/F_N says how stiff it is and nothing of g.
+    While the bristle is still being stretched, F/F_N depends on its stiffness and not on g.
     """
     slips = []
     for run, blocks in zip(fit.problem.runs, fit.problem.simulated(fit.shared, fit.own), strict=True):

@@ -1,4 +1,4 @@
-"""`floors.toml` and `identification.json`: what was identified, for the twin and for other programs."""
+"""Files of identification and validation: `floors.toml`, `identification.json` and `validation.json`."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ _DIGITS = 6
 
 
 def write_floors(path: Path, identification: Identification) -> None:
-    """Writes one entry per floor in the format of `models/floors.toml`; `parameters.read_floors` reads it."""
+    """Write one entry per floor in the format of `models/floors.toml` (see `parameters.read_floors`)."""
     with atomic_file(path) as temporary:
         temporary.write_text(floors_text(identification), encoding="utf-8", newline="\n")
 
 
 def floors_text(identification: Identification) -> str:
-    """The content of `floors.toml`.
+    """Content of `floors.toml`.
 
-    `uncertainty` is the relative half-width of the curve's band, since that is what the runs determine.
+    `uncertainty` is the relative half-width of the curve's band, since the runs determine the curve.
     """
     head = (
         f"# Floors identified from {printable_line(str(identification.dataset))} by omnimj "
@@ -56,13 +56,13 @@ def _as_floor(floor: IdentifiedFloor) -> Floor:
 
 
 def write_identification(path: Path, content: dict[str, Any]) -> None:
-    """Writes `identification.json`."""
+    """Write `identification.json`."""
     with atomic_file(path) as temporary:
         temporary.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 def identification_content(identification: Identification, command: str = "") -> dict[str, Any]:
-    """The content of `identification.json`; open ends of intervals and what is not a number are null."""
+    """Content of `identification.json`; open ends of intervals and non-finite numbers are null."""
     return {
         "dataset": str(identification.dataset),
         "model": str(identification.model),
@@ -99,7 +99,7 @@ def _floor(floor: IdentifiedFloor) -> dict[str, Any]:
 
 
 def _curve(curve: SteadyCurve) -> dict[str, Any]:
-    """The curve over the covered slip; all of it where nothing is covered."""
+    """Curve over the covered slip; the whole curve where nothing is covered."""
     low = curve.covered[0]
     within = curve.slip >= low if math.isfinite(low) else curve.slip > 0.0
     columns = {
@@ -141,7 +141,7 @@ def write_validation(path: Path, content: dict[str, Any]) -> None:
 
 
 def validation_content(validation: Validation, command: str = "") -> dict[str, Any]:
-    """The content of `validation.json`; all errors in m/s and rad/s, null where nothing was measured."""
+    """Content of `validation.json`; all errors in m/s and rad/s, null where nothing was measured."""
     return {
         "dataset": str(validation.dataset),
         "model": str(validation.model),

@@ -1,9 +1,9 @@
-"""All runs of one floor as one least-squares problem: output error with a wheel that turns as measured.
+"""Least-squares problem of one floor, all runs together: output error with a wheel that turns as measured.
 
-Unknown are the logarithms of the six LuGre parameters and of the rolling radius, common to all runs, and per
-run a small deviation of that radius and the accelerometer's bias. Residuals are block means, whitened by an
-autoregression. Simulated is the carriage alone, pulled by the measured wheel speed: its own speed closes the
-slip, so the noise of two speeds never meets in a regressor, and motor and gear are not needed.
+The unknowns are the logarithms of the six LuGre parameters and of the rolling radius, common to all runs, and
+per run a small deviation of that radius and the accelerometer's bias. Residuals are block means, whitened by
+an autoregression. Only the carriage is simulated, driven by the measured wheel speed: its own speed closes
+the slip, so the noise of two speeds never meets in a regressor, and motor and gear are not needed.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ _SHAPE = np.eye(SHARED)
 _SHAPE[MU_S, MU_C] = -1.0
 
 RADIUS_SPREAD = 2e-4
-"""Standard deviation of one run's rolling radius about the common one: how rollers load and lie."""
+"""Standard deviation of one run's rolling radius about the common one, from the load and place of the
+rollers."""
 LAGS = 2
 """Order of the autoregression of the residuals."""
 _STEP, _RADIUS_STEP = 1e-4, 1e-5
@@ -42,12 +43,17 @@ class Whitening:
     """Noise of the block means: scale and autoregression of each channel."""
 
     sigma: tuple[float, float]
-    """Of the innovations: speed [m/s], acceleration [m/s²]."""
+    """Standard deviation of the innovations: speed [m/s], acceleration [m/s²]."""
     lags: Array
     """Coefficients, shape (2, LAGS)."""
 
     def __call__(self, residual: Array, channel: int) -> Array:
-        """Whitened residual; missing ones come as 0."""
+        """Whiten a residual; missing samples must be 0.
+
+        Args:
+          residual: Residual of one channel, shape (m,).
+          channel: 0 for speed, 1 for acceleration.
+        """
         white = residual.copy()
         for lag, share in enumerate(self.lags[channel], start=1):
             white[lag:] -= share * residual[:-lag]
@@ -64,16 +70,16 @@ class RunJacobian:
     shared: Array
     """Shape (n, SHARED)."""
     own: Array
-    """By the run's own radius, shape (n,)."""
+    """Derivative with respect to the run's own radius, shape (n,)."""
 
     def without_own(self) -> Array:
-        """`shared` with what the run's own radius can do taken out, shape (n, SHARED)."""
+        """`shared` projected orthogonally to the derivative by the run's own radius, shape (n, SHARED)."""
         return self.shared - np.outer(self.own, self.own @ self.shared) / (self.own @ self.own)
 
 
 @dataclass(frozen=True)
 class FloorProblem:
-    """The runs of one floor and the noise of their residuals."""
+    """Runs of one floor and the noise of their residuals."""
 
     runs: tuple[CarriageRun, ...]
     bias_spread: float
@@ -89,7 +95,12 @@ class FloorProblem:
         ]
 
     def residuals(self, shared: Array, own: Array) -> list[Array]:
-        """Whitened residuals of every run, its own radius and bias among them."""
+        """Whitened residuals of every run, its own radius and bias among them.
+
+        Args:
+          shared: Shared unknowns, shape (SHARED,).
+          own: Radius deviation of each run, shape (runs,).
+        """
         return [
             self._whitened(run, blocks, off)
             for run, blocks, off in zip(self.runs, self.simulated(shared, own), own, strict=True)
@@ -121,7 +132,7 @@ class FloorProblem:
         ]
 
     def with_whitening_of(self, shared: Array, own: Array) -> FloorProblem:
-        """The same problem with the noise that the residuals of a fit show."""
+        """The same problem with the noise estimated from the residuals of a fit."""
         errors: tuple[list[Array], list[Array]] = ([], [])
         for run, blocks in zip(self.runs, self.simulated(shared, own), strict=True):
             for channel, found in enumerate(errors):
@@ -139,7 +150,7 @@ class FloorProblem:
 
 
 def prior_residuals(shared: Array) -> Array:
-    """Residuals of the weak expectations, shape (SHARED,)."""
+    """Residuals of the weak prior, shape (SHARED,)."""
     return (_SHAPE @ shared - _CENTRE) / _SPREAD
 
 
@@ -195,7 +206,7 @@ def solve_floor(
     basis: Array | None = None,
     rounds: int = _MOST_ROUNDS,
 ) -> FloorFit:
-    """Fits the floor from one starting point.
+    """Fit the floor from one starting point.
 
     Args:
       problem: The runs.
@@ -283,7 +294,7 @@ class _SolverView:
 
 
 def solve_multistart(problem: FloorProblem, start: Array) -> FloorFit:
-    """The best fit out of several starts in V_s."""
+    """Best fit out of several starting values of V_s."""
     fits = []
     for speed in _STARTS:
         begin = start.copy()
@@ -293,7 +304,7 @@ def solve_multistart(problem: FloorProblem, start: Array) -> FloorFit:
 
 
 def solve_without_stribeck(fit: FloorFit) -> FloorFit:
-    """The fit with μ_s = μ_c, V_s without effect."""
+    """Fit with μ_s = μ_c, where V_s has no effect."""
     start = fit.shared.copy()
     start[MU_S] = start[MU_C]
     basis = np.delete(np.eye(SHARED), (MU_S, V_S), axis=1)
@@ -302,7 +313,14 @@ def solve_without_stribeck(fit: FloorFit) -> FloorFit:
 
 
 def solve_with_fixed(fit: FloorFit, index: int, value: float, start: FloorFit) -> FloorFit:
-    """The fit with one of the shared unknowns held at a value, from where another one ended."""
+    """Fit with one shared unknown held at a value.
+
+    Args:
+      fit: The unrestricted fit.
+      index: Index of the shared unknown.
+      value: Its value.
+      start: Fit that gives the starting point.
+    """
     shared = start.shared.copy()
     shared[index] = value
     basis = np.delete(np.eye(SHARED), index, axis=1)

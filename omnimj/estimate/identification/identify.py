@@ -1,4 +1,4 @@
-"""LuGre parameters of every floor of a dataset, section 4.2 of the dissertation done as one fit per floor."""
+"""LuGre parameters of every floor of a dataset: section 4.2 of the dissertation as one fit per floor."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ Progress = Callable[[int, int], None]
 
 
 def rig_runs(dataset: Dataset, rig: Rig) -> list[RigRun]:
-    """The dataset's runs on the rig's control period.
+    """Runs of a dataset on the rig's control period.
 
     Raises:
       InputError: The dataset is not one of the rig.
@@ -69,14 +69,14 @@ def rig_runs(dataset: Dataset, rig: Rig) -> list[RigRun]:
 
 
 def identify(dataset: Dataset, rig: Rig, progress: Progress | None = None) -> Identification:
-    """Fits the six LuGre parameters to all runs of each floor together.
+    """Fit the six LuGre parameters to all runs of each floor together.
 
-    Ctrl-C keeps the floors that were finished.
+    Ctrl-C keeps the completed floors.
 
     Args:
       dataset: Rig runs; masses and lateral speeds may differ.
       rig: Constants: wheel, rail friction, sensors. Motor and gear do not matter.
-      progress: Called with floors done and floors in all.
+      progress: Called with the completed floors and the number of all floors.
 
     Raises:
       InputError: Not a rig dataset, a model with effects, or a floor on which slip never shows.
@@ -103,7 +103,13 @@ def identify(dataset: Dataset, rig: Rig, progress: Progress | None = None) -> Id
 
 
 def identify_floor(floor: str, runs: Sequence[CarriageRun], rig: Rig, place: Path) -> IdentifiedFloor:
-    """One floor.
+    """Identify one floor.
+
+    Args:
+      floor: Name of the floor.
+      runs: Its runs, prepared for the fit.
+      rig: Constants of the rig.
+      place: Folder of the dataset, for messages.
 
     Raises:
       InputError: Slip shows in no run.
@@ -142,7 +148,7 @@ def identify_floor(floor: str, runs: Sequence[CarriageRun], rig: Rig, place: Pat
 
 
 def fit_runs(problem: FloorProblem) -> FloorFit:
-    """The fit, with the colour of its own residuals' noise."""
+    """Fit with the noise model estimated from its own residuals."""
     fit = solve_multistart(problem, start_values(problem.runs))
     for _ in range(_REFITS):
         problem = problem.with_whitening_of(fit.shared, fit.own)
@@ -151,7 +157,8 @@ def fit_runs(problem: FloorProblem) -> FloorFit:
 
 
 def _estimates(fit: FloorFit, doubt: FitCovariance, shows_stribeck: bool) -> tuple[Estimate, ...]:
-    """With a constant g any of μ_c, μ_s, V_s may be anything, if only another one follows: all are open."""
+    """Estimates with intervals; with a constant g μ_c, μ_s and V_s are open, since they can compensate each
+    other."""
     values = np.exp(fit.shared)
     found = []
     for k, name in enumerate(PARAMETERS):

@@ -1,4 +1,4 @@
-"""What identification and validation find, as frozen records."""
+"""Records of identification and validation."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 from omnimj.signals import Array, to_frame
 
 PARAMETERS = ("mu_c", "mu_s", "V_s", "sigma_0", "sigma_1", "sigma_2")
-"""The LuGre parameters in the order of the fit."""
+"""LuGre parameters in the order of the fit."""
 UNITS: Mapping[str, str] = {
     "mu_c": "1",
     "mu_s": "1",
@@ -20,12 +20,12 @@ UNITS: Mapping[str, str] = {
     "sigma_2": "s/m",
 }
 CONFIDENCE = 0.9
-"""Of every interval and band."""
+"""Level of every interval and band."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """One parameter with its interval; an end that the data leave open is None."""
+    """Parameter with its interval; an end that the data leave open is None."""
 
     name: str
     unit: str
@@ -35,13 +35,13 @@ class Estimate:
 
     @property
     def is_determined(self) -> bool:
-        """Whether the data bound it on both sides."""
+        """True where the data bound it on both sides."""
         return self.low is not None and self.high is not None
 
 
 @dataclass(frozen=True)
 class Direction:
-    """A combination of parameters along which the data say little."""
+    """Poorly determined combination of parameters."""
 
     weights: Mapping[str, float]
     """Parameter → share of a relative change, a unit vector over the logarithms."""
@@ -51,7 +51,7 @@ class Direction:
 
 @dataclass(frozen=True)
 class Points:
-    """Block means of the measurement by Eq. (4.26), for pictures."""
+    """Block means of the measurement by Eq. (4.26), for plots."""
 
     slip: Array
     """V_r = r φ̇ − V, shape (n,) [m/s]."""
@@ -59,12 +59,12 @@ class Points:
     """(m V̇ + F_rail + F_roll)/F_N, shape (n,) [1]."""
     model_slip: Array
     model_ratio: Array
-    """The same two of the fitted model in the same blocks."""
+    """Slip and ratio of the fitted model in the same blocks, shape (n,)."""
 
 
 @dataclass(frozen=True)
 class SteadyCurve:
-    """F/F_N over V_r once the bristle has settled, with its band."""
+    """F/F_N over V_r with a settled bristle, with its band."""
 
     slip: Array
     """Shape (n,) [m/s]."""
@@ -76,7 +76,7 @@ class SteadyCurve:
     level_low: Array
     level_high: Array
     covered: tuple[float, float]
-    """Slip over which the runs slide with a settled bristle [m/s]; the curve says nothing beyond it."""
+    """Slip over which the runs slide with a settled bristle [m/s]; beyond it the curve is not determined."""
 
 
 @dataclass(frozen=True)
@@ -87,19 +87,19 @@ class RunResidual:
     time: Array
     """Block centres, shape (m,) [s]."""
     speed: Array
-    """Of the carriage [m/s], NaN where nothing is fitted."""
+    """Residual of the carriage speed [m/s], NaN where nothing is fitted."""
     acceleration: Array
-    """[m/s²]"""
+    """Residual of the carriage acceleration [m/s²]."""
 
 
 @dataclass(frozen=True)
 class IdentifiedFloor:
-    """One floor's LuGre parameters out of all its runs together."""
+    """LuGre parameters of one floor, from all its runs together."""
 
     floor: str
     estimates: tuple[Estimate, ...]
     undetermined: tuple[str, ...]
-    """One sentence each: what these runs cannot tell."""
+    """One sentence for each aspect that the runs leave open."""
     directions: tuple[Direction, ...]
     curve: SteadyCurve
     points: Points
@@ -107,24 +107,25 @@ class IdentifiedFloor:
     runs: tuple[str, ...]
     masses: tuple[float, ...]
     left_out: tuple[str, ...]
-    """Runs in which the carriage stood, or slip never left its ripple."""
+    """Runs in which the carriage stood, or slip never exceeded its ripple."""
     radius_scale: float
-    """Rolling radius over the nominal one, fitted beside the floor."""
+    """Rolling radius over the nominal one, fitted together with the floor."""
     rms: Mapping[str, float]
-    """`carriage_speed` m/s, `carriage_acceleration` m/s² of block means; `traction_ratio` 1 of Eq. 4.26."""
+    """`carriage_speed` [m/s] and `carriage_acceleration` [m/s²] of block means; `traction_ratio` [1] of Eq.
+    4.26."""
     samples: int
-    """Block means that were fitted."""
+    """Number of fitted block means."""
     effective_samples: float
-    """What they are worth in independent ones."""
+    """Equivalent number of independent samples."""
     clusters: int
-    """Conditions (or stretches of runs) that count as independent."""
+    """Number of conditions (or stretches of runs) that count as independent."""
 
     def __getitem__(self, name: str) -> Estimate:
         return next(e for e in self.estimates if e.name == name)
 
     @property
     def numbers(self) -> dict[str, float]:
-        """The LuGre law's parameters."""
+        """Parameters of the LuGre law."""
         return {e.name: e.value for e in self.estimates}
 
 
@@ -137,7 +138,7 @@ class Identification:
     floors: tuple[IdentifiedFloor, ...]
     notes: tuple[str, ...]
     interrupted: bool = False
-    """Whether Ctrl-C ended it; the floors are those that were finished."""
+    """True where Ctrl-C ended it; the floors are those completed until then."""
 
     def to_pandas(self) -> Any:
         """A `pandas.DataFrame` with a row per floor and parameter: value, ends of the interval, unit."""
@@ -155,7 +156,7 @@ class Identification:
 
 @dataclass(frozen=True)
 class ReplayedRun:
-    """One measured run and what a plant made of its currents, at the control period."""
+    """Measured run and a plant driven by its currents, at the control period."""
 
     run: str
     plant: str
@@ -163,24 +164,24 @@ class ReplayedRun:
     floor: str
     mass: float
     current: float
-    """The run's set value [A]."""
+    """Set value of the run [A]."""
     lateral_speed: float
     time: Array
     measured_speed: Array
     simulated_speed: Array
-    """Of the carriage [m/s]; NaN where it is not measured."""
+    """Carriage speed [m/s]; NaN where it is not measured."""
     measured_rim: Array
     simulated_rim: Array
-    """r φ̇ [m/s]."""
+    """Rim speed r φ̇ [m/s]."""
     carriage_rms: float
-    """[m/s]"""
+    """RMS error of the carriage speed [m/s]."""
     wheel_rms: float
-    """[rad/s]"""
+    """RMS error of the wheel speed [rad/s]."""
 
 
 @dataclass(frozen=True)
 class Cell:
-    """One cell of the table: the runs of one condition."""
+    """Cell of the validation table: the runs of one condition."""
 
     floor: str
     mass: float
@@ -188,21 +189,21 @@ class Cell:
     current: float
     runs: tuple[str, ...]
     rms: Mapping[str, float]
-    """Plant → RMS error of the carriage's speed over the runs [m/s]."""
+    """Plant → RMS error of the carriage speed over the runs [m/s]."""
     wheel_rms: Mapping[str, float]
-    """Plant → RMS error of the wheel's speed [rad/s]."""
+    """Plant → RMS error of the wheel speed [rad/s]."""
     published: tuple[float, ...]
-    """What the dissertation has for it: Table 4.2; or Tables 4.3 and 4.4; empty when it has no such cell."""
+    """Values of the dissertation: Table 4.2, or Tables 4.3 and 4.4; empty without such a cell."""
 
 
 @dataclass(frozen=True)
 class Validation:
-    """The table and the runs behind it."""
+    """Validation table and the runs behind it."""
 
     dataset: Path
     model: Path
     effects: tuple[str, ...]
-    """Effects that the model carries."""
+    """Effects of the model."""
     plants: tuple[str, ...]
     cells: tuple[Cell, ...]
     runs: tuple[ReplayedRun, ...]

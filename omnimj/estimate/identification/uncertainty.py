@@ -1,9 +1,9 @@
-"""How sure a fit is: conditions left out, what is taken as known in doubt, walks along one parameter.
+"""Uncertainty of a floor's fit: jackknife over conditions, uncertain constants, profiles, open parameters.
 
-The spread of the unknowns is the jackknife over whole conditions (repeats together), so that noise of any
-colour inside a run counts as what it is. What the problem takes as known (mass, rail friction, timing) adds
-to it. The friction levels, and any parameter with a wide interval, are walked along instead: held at value
-after value, all others fitted again.
+The covariance of the unknowns is the jackknife over whole conditions (repeats together), so that coloured
+noise inside a run is accounted for. The uncertainty of constants that the fit takes as known (mass, rail
+friction, timing) adds to it. The friction levels, and any parameter with a wide interval, get the interval of
+their profile instead: held at value after value, all others refitted.
 """
 
 from __future__ import annotations
@@ -39,22 +39,22 @@ _WIDE = 0.25  # half-width in a logarithm beyond which a straight line is no app
 _NARROW = 0.02  # the same for what may be told apart badly from others: μ_c, μ_s, V_s
 _WALK = (0.2, 0.5, 1.0, 2.0, 4.0)  # steps in a logarithm away from the estimate
 FARTHEST = _WALK[-1]
-"""A parameter that may be e⁴ ≈ 55 times larger or smaller is open."""
+"""Half-width in a logarithm beyond which a parameter is open: a factor of e⁴ ≈ 55."""
 
 
 @dataclass(frozen=True)
 class KnownUncertainty:
-    """Standard deviations of what the fit takes as known; 0: it is known."""
+    """Standard deviations of the constants that the fit takes as known; 0 for exact ones."""
 
     rail_friction: float
-    """[N]"""
+    """Rail friction [N]."""
     mass: float
-    """And with it of the normal force [kg]."""
+    """Mass, and with it the normal force [kg]."""
     timing: float = TIMING
 
 
 def known_uncertainty(rig: Rig) -> KnownUncertainty:
-    """From the uncertainties that the model states: half-widths of boxes, hence over √3."""
+    """Standard deviations from the uncertainties of a model: a box of half-width a gives a/√3."""
 
     def stated(name: str) -> float:
         origin = rig.provenance.get(name)
@@ -65,7 +65,7 @@ def known_uncertainty(rig: Rig) -> KnownUncertainty:
 
 @dataclass(frozen=True)
 class FitCovariance:
-    """Covariance of the shared unknowns; `total` says all, `naive` what white noise alone would make."""
+    """Covariance of the shared unknowns: `total`, and `naive` for white noise alone."""
 
     total: Array
     """Shape (SHARED, SHARED)."""
@@ -79,12 +79,19 @@ class FitCovariance:
         return float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, max(self.clusters - 1, 1)))
 
     def half_width(self, direction: Array) -> Array:
-        """Half of the interval of linear combinations, rows of `direction`."""
+        """Half-width of the interval of linear combinations.
+
+        Args:
+          direction: Coefficients, shape (n, SHARED).
+
+        Returns:
+          Shape (n,).
+        """
         return self.quantile * np.sqrt(np.einsum("ij,jk,ik->i", direction, self.total, direction))
 
 
 def fit_covariance(fit: FloorFit, known: KnownUncertainty) -> FitCovariance:
-    """Jackknife over conditions, plus what is taken as known."""
+    """Covariance from the jackknife over conditions plus the uncertainty of known constants."""
     jacobians = fit.problem.jacobians(fit.shared, fit.own)
     scores, normals = _per_cluster(fit, jacobians)
     total = PRIOR_JACOBIAN.T @ PRIOR_JACOBIAN + np.sum(normals, axis=0)
@@ -131,7 +138,7 @@ def _per_cluster(fit: FloorFit, jacobians: Sequence[RunJacobian]) -> tuple[list[
 def _shifts_by_known(
     fit: FloorFit, jacobians: Sequence[RunJacobian], naive: Array, known: KnownUncertainty
 ) -> Array:
-    """How far the unknowns move when a known number is off by one standard deviation, a row for each."""
+    """Shift of the unknowns by one standard deviation of each known constant, one row for each."""
     shifts = []
     for change in (
         {"rail_friction_added": known.rail_friction},
@@ -164,7 +171,7 @@ def confidence_interval(
 
 
 def _profile_bound(fit: FloorFit, index: int, sign: float, threshold: float) -> float | None:
-    """Where the runs' cost has grown by the threshold, others fitted again; None when it never does."""
+    """Value at which the runs' cost has risen by the threshold, others refitted; None where it never does."""
     at, before, last = fit, 0.0, 0.0
     for step in _WALK:
         at = solve_with_fixed(fit, index, fit.shared[index] + sign * step, at)
@@ -189,7 +196,7 @@ _WHY = {
 
 
 def loose_directions(spread: FitCovariance) -> tuple[Direction, ...]:
-    """Combinations of the parameters whose spread is large, loosest first."""
+    """Combinations of the parameters with a large standard deviation, largest first."""
     spreads, vectors = np.linalg.eigh(spread.total[:RADIUS_SCALE, :RADIUS_SCALE])
     found = []
     for variance, vector in zip(spreads[::-1], vectors.T[::-1], strict=True):
@@ -210,7 +217,16 @@ def describe_undetermined(
     covered: tuple[float, float] | None,
     shows_stribeck: bool,
 ) -> tuple[str, ...]:
-    """What cannot be determined, one sentence each."""
+    """Describe what the runs leave open, one sentence each.
+
+    Args:
+      floor: Name of the floor.
+      fit: Its fit.
+      spread: Covariance of the fit.
+      estimates: Parameters with intervals.
+      covered: Slip covered by the runs [m/s]; None where they never slide.
+      shows_stribeck: True where the runs show that g depends on slip.
+    """
     by_name = {estimate.name: estimate for estimate in estimates}
     said = []
     if covered is None:
@@ -229,7 +245,7 @@ def describe_undetermined(
 
 
 def has_stribeck(fit: FloorFit, spread: FitCovariance) -> bool:
-    """Whether the runs show that g falls (or rises) with slip: μ_s = μ_c fits them significantly worse."""
+    """True where the runs show that g changes with slip: μ_s = μ_c fits them significantly worse."""
     constant = solve_without_stribeck(fit)
     inflated = max(1.0, float(np.max(np.diag(spread.total)[:3] / np.diag(spread.naive)[:3])))
     rise = constant.data_cost - fit.data_cost
@@ -272,7 +288,7 @@ def _is_firm(estimate: Estimate) -> bool:
 
 
 def _level(fit: FloorFit, spread: FitCovariance, slip: float) -> str:
-    """`0.1203 ± 0.0010`: g at a slip with its interval."""
+    """Format g at a slip with its interval: `0.1203 ± 0.0010`."""
     at = np.array([slip])
     half = float(spread.half_width(slope(stribeck, fit.shared, at))[0])
     return f"{float(stribeck(fit.shared, at)[0]):.4f} ± {half:.4f}"

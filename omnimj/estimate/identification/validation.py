@@ -1,4 +1,4 @@
-"""How well a model drives as the rig did: section 4.3 of the dissertation, a table of RMS speed errors."""
+"""Validation of a rig model driven by measured currents, section 4.3 of the dissertation."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from omnimj.recording.dataset import Dataset, Run
 from omnimj.signals import Array, CurrentCommand
 
 TABLE_4_2_CURRENTS = (0.45, 0.60, 0.75, 0.90, 1.05, 1.20, 1.35, 1.50)
-"""[A]"""
+"""Currents of Table 4.2 [A]."""
 TABLE_4_2: Mapping[tuple[float, str], tuple[float, ...]] = MappingProxyType(
     {
         (3.9593, "natural_stone"): (0.024, 0.016, 0.007, 0.010, 0.012, 0.016, 0.020, 0.012),
@@ -39,7 +39,7 @@ TABLE_4_2: Mapping[tuple[float, str], tuple[float, ...]] = MappingProxyType(
 """Mass [kg] and floor → error per current."""
 
 TABLE_4_3_CURRENTS = (0.6, 0.9, 1.2, 1.5)
-"""[A]"""
+"""Currents of Tables 4.3 and 4.4 [A]."""
 TABLE_4_3_FLOOR, TABLE_4_3_MASS = "natural_stone", 3.9593
 TABLE_4_3: Mapping[float, tuple[float, ...]] = MappingProxyType(
     {
@@ -72,11 +72,11 @@ _MASS, _CURRENT, _LATERAL = 0.02, 0.03, 0.03  # [kg, A, m/s] by which a measured
 
 
 def published_errors(floor: str, mass: float, lateral_speed: float, current: float) -> tuple[float, ...]:
-    """What is printed for a condition [m/s].
+    """RMS speed errors printed in the dissertation for a condition [m/s].
 
     Returns:
       The one number of Table 4.2; with the gantry moving those of Tables 4.3 and 4.4, without and with
-      lateral friction; nothing where there is no such cell.
+      lateral friction; empty where there is no such cell.
     """
     if lateral_speed == 0.0:
         column = _nearest(TABLE_4_2_CURRENTS, current, _CURRENT)
@@ -105,16 +105,16 @@ PLANTS = ("twin", "planar")
 
 
 def replay_run(rig: Rig, floors: Mapping[str, Floor], run: RigRun, plant: str, nominal: float) -> ReplayedRun:
-    """One run: from rest, or from the measured speeds where the data begin in motion.
+    """Simulate one run, from rest or from the measured speeds where the data begin in motion.
 
-    Both speeds of the simulation pass the sensors' speed filter, so that they are late as the measured ones.
+    Both simulated speeds pass the sensors' speed filter, so that they lag as the measured ones do.
 
     Args:
       rig: The model, with its effects.
-      floors: By name.
-      run: On the rig's control period.
+      floors: Floors by name.
+      run: Run on the rig's control period.
       plant: `twin` or `planar`.
-      nominal: The run's set value, to be kept beside it [A].
+      nominal: Set value of the run, for the record [A].
 
     Raises:
       InputError: No such floor, or a mass that the rig cannot have.
@@ -163,7 +163,7 @@ def _plant(rig: Rig, floors: Mapping[str, Floor], run: RigRun, plant: str) -> Pl
 
 
 def _true_current(rig: Rig, run: RigRun) -> Array:
-    """The motor's current: what the monitor said, with the model's effects on the monitor undone [A]."""
+    """Motor current [A]: the monitor's reading with the model's effects on the monitor undone."""
     change = apply_effects(rig).channels.get("current")
     if change is None:
         return run.current
@@ -174,7 +174,7 @@ def _true_current(rig: Rig, run: RigRun) -> Array:
 
 
 def _driven(plant: PlanarRig | RigTwin, run: RigRun, current: Array) -> Array:
-    """Carriage and wheel speed at every sample, shape (k, 2) [m/s, rad/s]."""
+    """Simulated carriage and wheel speed at every sample, shape (k, 2) [m/s, rad/s]."""
     speeds = np.empty((len(current), 2))
     measured = plant.reset()
     if not run.starts_at_rest:
@@ -209,16 +209,16 @@ def validate(
     plants: Sequence[str] = PLANTS,
     progress: Progress | None = None,
 ) -> Validation:
-    """Replays every run on every plant.
+    """Replay every run on every plant.
 
-    Ctrl-C keeps the runs that were finished.
+    Ctrl-C keeps the completed runs.
 
     Args:
       dataset: Rig runs.
       rig: The model, with its effects.
-      floors: By name.
-      plants: Of `PLANTS`.
-      progress: Called with replays done and replays in all.
+      floors: Floors by name.
+      plants: Some of `PLANTS`.
+      progress: Called with the completed replays and the number of all replays.
 
     Raises:
       InputError: Not a rig dataset, a mass that the rig cannot have, or no such floor.
@@ -259,7 +259,7 @@ def validate(
 
 
 def table_cells(replayed: Sequence[ReplayedRun]) -> tuple[Cell, ...]:
-    """The runs by condition, in the order of Table 4.2: mass, floor, lateral speed, current."""
+    """Cells of the runs by condition, in the order of Table 4.2: mass, floor, lateral speed, current."""
     groups: dict[tuple[str, float, float, float], list[ReplayedRun]] = {}
     for run in replayed:
         lateral = _on_grid(run.lateral_speed, _LATERAL_GRID)
@@ -295,7 +295,7 @@ def _pooled_rms(errors: Sequence[float]) -> float:
 
 
 def _set_value(measured: Run, run: RigRun) -> float:
-    """The current that was asked for, most of the time where it changes [A]; from the monitor without it."""
+    """Commanded current [A], the median where it changes; without a record, from the current monitor."""
     target = measured.columns.get("current_target")
     if target is None or not np.any(target):
         return run.nominal_current
@@ -303,6 +303,6 @@ def _set_value(measured: Run, run: RigRun) -> float:
 
 
 def _on_grid(value: float, grid: float) -> float:
-    """A value that is meant to lie on a grid, put there; any other to two digits."""
+    """Round a value to the nearest grid point where it is close to one, to two digits otherwise."""
     nearest = grid * round(value / grid)
     return round(nearest, 6) if abs(value - nearest) <= _NEAR else round(value, 2)

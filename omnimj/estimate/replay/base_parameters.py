@@ -1,4 +1,4 @@
-"""A machine's parameters declared uncertain: constants, floors, mass, and the small lags of its channels."""
+"""Uncertain parameters of a machine: constants, floors, mass, and the small lags of its channels."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _LAG = 0.004  # [s] by which a channel may be late or early before it is called 
 # [s] the same for the current, which drives the replay, and for its set value, which may lead by a sample
 _DRIVE_LAGS = {"current": 0.001, "current_target": 0.002}
 FLOOR_SCALES = {"mu_c": ("mu_c", "mu_s", "D"), "sigma_0": ("sigma_0", "B"), "sigma_2": ("sigma_2",)}
-"""What is scaled together."""
+"""Parameters of a floor that share one scale."""
 
 
 Machine = TypeVar("Machine", Rig, Robot)
@@ -24,12 +24,12 @@ Machine = TypeVar("Machine", Rig, Robot)
 
 @dataclass(frozen=True)
 class AdjustedMachine(Generic[Machine]):
-    """A machine with the values of its uncertain parameters."""
+    """Machine with values of its uncertain parameters."""
 
     machine: Machine
     floors: dict[str, Floor]
     lags: dict[str, float]
-    """Channel → lateness [s]."""
+    """Channel → lag [s]."""
     mass_scale: float
     """True over declared mass of the runs; 1 where the machine's own mass is the parameter."""
 
@@ -37,12 +37,12 @@ class AdjustedMachine(Generic[Machine]):
 def base_parameters(
     machine: Rig | Robot, floors: Mapping[str, Floor], used: Sequence[str], channels: Sequence[str]
 ) -> tuple[BaseParameter, ...]:
-    """Every quantity with an uncertainty, the floors in use, the channels' lags.
+    """Uncertain parameters of the machine, the floors in use, and the lags of channels.
 
     Args:
       machine: The model.
       floors: Floors by name.
-      used: Names of the floors that the runs were driven on.
+      used: Names of the floors of the runs.
       channels: Names of the channels that have a lag.
     """
     found = []
@@ -72,7 +72,14 @@ def _scale(name: str, half: float, words: str) -> BaseParameter:
 def adjust_machine(
     machine: Machine, floors: Mapping[str, Floor], base: Sequence[BaseParameter], values: Array
 ) -> AdjustedMachine[Machine]:
-    """The machine with other values of its uncertain parameters."""
+    """The machine with other values of its uncertain parameters.
+
+    Args:
+      machine: The model.
+      floors: Floors by name.
+      base: Uncertain parameters.
+      values: Their values, shape (len(base),).
+    """
     tables: dict[str, dict[str, float]] = {}
     scales: dict[str, dict[str, float]] = {}
     lags: dict[str, float] = {}
@@ -100,7 +107,7 @@ def adjust_machine(
 
 
 def scale_floor(floor: Floor, scales: Mapping[str, float]) -> Floor:
-    """The floor with its numbers scaled; letter of a base parameter → scale."""
+    """The floor with scaled parameters; key of `FLOOR_SCALES` → scale."""
     if not scales:
         return floor
     numbers = dict(floor.numbers)

@@ -1,7 +1,7 @@
-"""What the search for a missing effect needs to know of a plant: one `Replay` per kind of plant.
+"""Interface between a plant and the search for missing effects: one `Replay` per plant.
 
-A replay drives a plant's equations with the measured inputs of every run and returns block means of what the
-sensors would have said, row beside row with the measured ones. It knows nothing of how the data were made.
+A replay drives a plant's equations with the measured inputs of every run and returns block means of the
+simulated sensors, aligned with the measured ones. It has no access to the origin of the data.
 """
 
 from __future__ import annotations
@@ -19,35 +19,35 @@ from omnimj.signals import Array
 
 @dataclass(frozen=True)
 class Channel:
-    """One measured quantity that is compared."""
+    """Measured quantity that is compared."""
 
     name: str
     unit: str
     words: str
-    """As a person says it: `speed of the carriage`."""
+    """Description: `speed of the carriage`."""
     run_offset_spread: float = 0.0
-    """Standard deviation of an offset that is drawn anew for every run (an accelerometer's bias) [unit]."""
+    """Standard deviation of an offset that differs from run to run (an accelerometer's bias) [unit]."""
     equation_error: float = 0.0
-    """Standard deviation by which block means of the equations are known to miss a healthy machine [unit]."""
+    """Standard deviation of the equations' known error in block means of a healthy machine [unit]."""
 
 
 @dataclass(frozen=True)
 class Segment:
-    """A stretch of one run that is simulated in one go; a window of it where a run is long."""
+    """Part of a run that is simulated in one go; a window where a run is long."""
 
     run: str
     condition: str
-    """What repeats share; data are held out by whole conditions."""
+    """Condition shared by repeats; data are held out by whole conditions."""
     first: int
     last: int
-    """Its rows of blocks: first … last − 1."""
+    """Rows of blocks: first … last − 1."""
     time: Array
     """Block centres, shape (last − first,) [s]."""
 
 
 @dataclass(frozen=True)
 class BaseParameter:
-    """A parameter declared uncertain: refitted inside its box before anything is called missing."""
+    """Uncertain parameter, refitted inside its box before any effect is considered."""
 
     name: str
     unit: str
@@ -59,7 +59,7 @@ class BaseParameter:
 
 @dataclass(frozen=True)
 class CandidateParameter:
-    """One parameter of a candidate."""
+    """Parameter of a candidate effect."""
 
     name: str
     unit: str
@@ -67,14 +67,14 @@ class CandidateParameter:
     high: float
     typical: float
     null_value: float | None
-    """Value at which the effect vanishes; None for a parameter that only shapes it (a place, a width)."""
+    """Value at which the effect vanishes; None for a shape parameter (a place, a width)."""
     trials: tuple[float, ...] = ()
-    """Values tried in the screening; one of a shape parameter each, or none."""
+    """Values of a shape parameter to be tried in the screening."""
 
 
 @dataclass(frozen=True)
 class CandidateEffect:
-    """One effect with its selectors fixed (which channel, which wheel), as the search sees it."""
+    """Effect with its selectors fixed (channel, wheel), as a candidate of the search."""
 
     label: str
     """`rail_viscous`, or with its selector `sensor_delay (wheel_speed)`."""
@@ -83,37 +83,37 @@ class CandidateEffect:
     parameters: tuple[CandidateParameter, ...]
     selectors: Mapping[str, str | int] = field(default_factory=dict)
     is_sensor: bool = False
-    """Whether it is the measurement and not the machine that would be wrong."""
+    """True for an effect of the measurement, as opposed to the machine."""
 
 
 @dataclass(frozen=True)
 class Setting:
-    """One set of numbers that a replay simulates."""
+    """Parameter values of one simulation."""
 
     base: Array
     """Values of the base parameters, shape (len(base),)."""
     effects: Mapping[str, Array] = field(default_factory=dict)
     """Candidate's label → values of its parameters."""
     curve: tuple[str, Array] | None = None
-    """A free force over one variable: its name and the force at the knots, shape (KNOTS,)."""
+    """Free force over one variable: its name and the force at the knots, shape (KNOTS,) [N]."""
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """A run that the user could make."""
+    """Run that a user could make."""
 
     name: str
     words: str
     run: Mapping[str, Any]
-    """The numbers of the run: current, mass, floor, …"""
+    """Settings of the run: current, mass, floor, …"""
 
 
 KNOTS = 8
-"""Knots of a free curve."""
+"""Number of knots of a free curve."""
 
 
 class Replay(Protocol):
-    """A plant as the search sees it; blocks are rows, channels are columns, NaN is masked."""
+    """Replay of a dataset; blocks are rows, channels are columns, NaN is masked."""
 
     plant: str
     channels: tuple[Channel, ...]
@@ -123,31 +123,31 @@ class Replay(Protocol):
     base: tuple[BaseParameter, ...]
     candidates: tuple[CandidateEffect, ...]
     curves: Mapping[str, float]
-    """Variables over which a free curve may be laid → a typical force [N]."""
+    """Variables of free curves → a typical force [N]."""
 
     def simulate(self, settings: Sequence[Setting]) -> list[Array]:
-        """What the sensors would have said, one array of shape (blocks, channels) per setting."""
+        """Simulate the sensors by the equations, one array of shape (blocks, channels) per setting."""
         ...
 
     def simulate_twin(self, setting: Setting) -> Array | None:
-        """The same from the MuJoCo twin; None where there is none."""
+        """Simulate the sensors by the MuJoCo twin; None where there is none."""
         ...
 
     def regimes(self) -> Mapping[str, tuple[str, Array]]:
-        """Variable → unit and its value in every block, shape (blocks,), from the measurement alone."""
+        """Variable → unit and its measured value in every block, shape (blocks,)."""
         ...
 
     def candidate_experiments(self) -> tuple[Experiment, ...]:
-        """Runs that the user could make."""
+        """Runs that a user could make."""
         ...
 
     def predict(self, settings: Sequence[Setting], experiment: Experiment) -> list[Array]:
-        """Block means of the channels in such a run, one array of shape (blocks, channels) per setting."""
+        """Predict block means of such a run, one array of shape (blocks, channels) per setting."""
         ...
 
 
 def average_blocks(values: Array, size: int) -> Array:
-    """Means of `size` consecutive samples, the rest at the end left out; NaN where any sample is NaN.
+    """Means of `size` consecutive samples; a remainder is dropped; NaN where any sample is NaN.
 
     Args:
       values: Shape (n,) or (n, channels).
@@ -164,11 +164,11 @@ _PLACES = (0.1, 0.3, 0.5, 0.7, 0.9)
 def candidate_effects(
     plant: str, spans: Mapping[str, tuple[float, float]], without: tuple[str, ...] = ()
 ) -> tuple[CandidateEffect, ...]:
-    """Every effect of a plant as the search sees it.
+    """Candidate effects of a plant from the catalogue; every choice of a selector is a candidate of its own.
 
     Args:
       plant: Name of the plant.
-      spans: What the runs cover: `speed` and `position` → lowest, highest; shapes are tried inside.
+      spans: Range covered by the runs: `speed` and `position` → lowest, highest; shapes are tried inside.
       without: Labels that cannot show in these data (a channel that was not recorded).
     """
     candidates = []
@@ -196,7 +196,7 @@ def _parameter(p: EffectParameter, spans: Mapping[str, tuple[float, float]]) -> 
 
 
 def _trials(p: EffectParameter, spans: Mapping[str, tuple[float, float]]) -> tuple[float, ...]:
-    """Values at which a shape is tried."""
+    """Values at which a shape parameter is tried."""
     if p.null_value is not None:
         return ()
     low, high = spans.get("position", (0.0, 1.0))

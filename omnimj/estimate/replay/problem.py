@@ -19,16 +19,16 @@ from omnimj.estimate.replay.interface import CandidateEffect, Replay, Setting
 from omnimj.signals import Array
 
 ModelEffects = tuple[CandidateEffect, ...]
-"""The effects that a model has."""
+"""Effects in a model."""
 
 
 @dataclass(frozen=True)
 class Problem:
-    """What is fitted, and on what scale."""
+    """Least-squares problem of a replay: data, noise and robust scale."""
 
     replay: Replay
     noise: Array
-    """Of a block mean, shape (channels,)."""
+    """Standard deviation of a block mean, shape (channels,)."""
     offset: Array | None = None
     """twin(θ₀) − equations(θ₀), shape (blocks, channels)."""
     huber_scale: float = 10.0
@@ -36,13 +36,13 @@ class Problem:
 
     @property
     def has_twin_share(self) -> bool:
-        """Whether α is a parameter."""
+        """True where α is a parameter."""
         return self.offset is not None
 
     def split(
         self, x: Array, effects: ModelEffects, curve: tuple[str, Array] | None = None
     ) -> tuple[Setting, float]:
-        """The setting that a parameter vector stands for, and α."""
+        """Setting of the replay for a parameter vector, and α."""
         n = len(self.replay.base)
         share = float(x[n]) if self.has_twin_share else 0.0
         at = n + self.has_twin_share
@@ -53,7 +53,7 @@ class Problem:
         return Setting(np.asarray(x[:n]), values, curve), share
 
     def bounds(self, effects: ModelEffects) -> tuple[Array, Array]:
-        """Lowest and highest value of every parameter."""
+        """Lowest and highest value of every parameter, shape (n,) each."""
         low = [b.low for b in self.replay.base] + [0.0] * self.has_twin_share
         high = [b.high for b in self.replay.base] + [1.0] * self.has_twin_share
         for candidate in effects:
@@ -62,7 +62,7 @@ class Problem:
         return np.array(low), np.array(high)
 
     def scales(self, effects: ModelEffects) -> Array:
-        """A natural size of a change of every parameter."""
+        """Natural size of a change of every parameter, shape (n,)."""
         sizes = [max(0.5 * (b.high - b.low), 1e-12) for b in self.replay.base] + [1.0] * self.has_twin_share
         for candidate in effects:
             for s in candidate.parameters:
@@ -71,14 +71,16 @@ class Problem:
         return np.array(sizes)
 
     def start(self) -> Array:
-        """The nominal model, shape (base and α,)."""
+        """Parameters of the nominal model, shape (base and α,)."""
         return np.array([b.nominal for b in self.replay.base] + [1.0] * self.has_twin_share)
 
     def prior(self, x: Array, effects: ModelEffects) -> tuple[Array, Array]:
-        """Precision of every parameter in its scale and its distance from nominal in that scale.
+        """Precision of every parameter in its scale and its distance from nominal in that scale, shape (n,)
+        each.
 
-        A box of half-width a has the variance a²/3. It decides only what the data leave open: how much of an
-        effect is the base's own uncertainty.
+        A box of half-width a has the variance a²/3. The prior decides only what the data leave open: the
+        share of an
+        effect that the base's own uncertainty explains.
         """
         n = len(self.replay.base)
         precision, distance = np.zeros(len(x)), np.zeros(len(x))
@@ -93,7 +95,13 @@ class Problem:
         effects: ModelEffects,
         curves: Sequence[tuple[str, Array] | None] | None = None,
     ) -> list[Array]:
-        """Measured − predicted, one array of shape (blocks, channels) per parameter vector."""
+        """Measured − predicted, one array of shape (blocks, channels) per parameter vector.
+
+        Args:
+          xs: Parameter vectors, shape (n,) each.
+          effects: Effects in the model.
+          curves: Free curve of each vector; none when None.
+        """
         curves = [None] * len(xs) if curves is None else curves
         parts = [self.split(x, effects, curve) for x, curve in zip(xs, curves, strict=True)]
         simulated = self.replay.simulate([setting for setting, _ in parts])
@@ -104,9 +112,12 @@ class Problem:
         return found
 
     def whitened(self, mismatch: Array) -> Array:
-        """In units of noise, 0 where masked, an offset drawn anew in every run taken out as far as it may be.
+        """Mismatch in units of noise, 0 where masked, with the offset of each run removed by its prior.
 
         A run's offset with standard deviation w leaves √(σ²/(σ² + n w²)) of the mean of n blocks.
+
+        Args:
+          mismatch: Measured − predicted, shape (blocks, channels), NaN where masked.
         """
         r = np.nan_to_num(mismatch / self.noise)
         for c, channel in enumerate(self.replay.channels):
@@ -171,7 +182,7 @@ def huber_weights(problem: Problem, residual: Array, used: NDArray[np.bool_]) ->
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted model."""
+    """Fitted model."""
 
     effects: ModelEffects
     x: Array
@@ -192,7 +203,7 @@ def fit(
     rounds: int = 3,
     known: Array | None = None,
 ) -> Fit:
-    """Fits base, α and effects to the blocks in use.
+    """Fit base, α and effects to the blocks in use.
 
     Args:
       problem: The data and the scale.

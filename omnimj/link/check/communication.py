@@ -126,4 +126,4 @@ def _apply_test_current(link: Link) -> float:
 def _stop_response(link: Link, begin: float) -> StopResponse:
     told = link.reading
     flows = Status.CURRENT_FLOWS in told.telemetry.status or Status.ARMED in told.telemetry.status
-    return StopResponse(max(told.came - begin, 0.0), told.telemetry.fault, flows)
+    return StopResponse(max(told.arrived - begin, 0.0), told.telemetry.fault, flows)

@@ -1,4 +1,4 @@
-"""The key that host and device share, and the file it lives in: for its owner's eyes, never an argument."""
+"""Secret key of a link and its file, which only its owner may read; a key is never an argument."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from omnimj.errors import InputError
 from omnimj.link.codec.layout import TAG_SIZE, DropReason
 
 KEY_SIZE = 32
-"""Bytes."""
-_LONGEST_FILE = 200
+"""Length of a key [bytes]."""
+_MAX_FILE_SIZE = 200
 _PRIVATE = (0o600, 0o400)
 
 
 class Key:
-    """32 secret bytes that make the tags of a link; they are shown nowhere."""
+    """Secret of 32 bytes that authenticates the frames of a link; never printed."""
 
     __slots__ = ("_keyed",)
 
@@ -29,10 +29,10 @@ class Key:
         self._keyed = hashlib.blake2s(key=secret, digest_size=TAG_SIZE)
 
     def tag(self, content: bytes) -> bytes:
-        """BLAKE2s of the content with the key, 16 bytes."""
-        begun = self._keyed.copy()
-        begun.update(content)
-        return begun.digest()
+        """Authentication tag: keyed BLAKE2s of the content, 16 bytes."""
+        digest = self._keyed.copy()
+        digest.update(content)
+        return digest.digest()
 
     def verify(self, content: bytes, tag: bytes) -> DropReason | None:
         """Reason to reject the tag, or None; the comparison takes constant time."""
@@ -43,21 +43,21 @@ class Key:
 
 
 def read_key(path: str | Path) -> Key:
-    """The key in a file of 64 hexadecimal digits that nobody but its owner may read (mode 0600).
+    """Read a key file: 64 hexadecimal digits, readable by its owner only (mode 0600).
 
     Raises:
-      InputError: no such file, not a plain one, open to others, or no 64 digits. What is in it is never told.
+      InputError: No regular file, readable by others, or not 64 digits; the content is never shown.
     """
     try:
-        # opened without waiting, since a named pipe is no key file, and looked at as it was opened
+        # non-blocking, since a named pipe would wait; checked through the open descriptor
         with os.fdopen(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0)), "rb") as file:
-            about = os.fstat(file.fileno())
-            if not stat.S_ISREG(about.st_mode):
-                raise InputError(path, "no plain file", "a key file is needed")
-            mode = stat.S_IMODE(about.st_mode)
+            status = os.fstat(file.fileno())
+            if not stat.S_ISREG(status.st_mode):
+                raise InputError(path, "no regular file", "a key file is needed")
+            mode = stat.S_IMODE(status.st_mode)
             if os.name == "posix" and mode not in _PRIVATE:
                 raise InputError(path, f"mode {mode:04o}", "a key file must have mode 0600 (chmod 600)")
-            digits = file.read(_LONGEST_FILE).strip()
+            digits = file.read(_MAX_FILE_SIZE).strip()
     except OSError as error:
         raise InputError(path, f"cannot be read ({error.strerror})", "a key file is needed") from None
     if len(digits) != 2 * KEY_SIZE or digits.strip(b"0123456789abcdefABCDEF"):
@@ -66,10 +66,10 @@ def read_key(path: str | Path) -> Key:
 
 
 def make_key_file(path: str | Path) -> None:
-    """Writes a new random key to a new file with mode 0600.
+    """Write a new random key to a new file with mode 0600.
 
     Raises:
-      InputError: there is such a file already, or it cannot be written.
+      InputError: The file exists or cannot be written.
     """
     try:
         with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:

@@ -1,8 +1,8 @@
-"""What travels between host and device: one frozen record per message. Layout on the wire: `PROTOCOL.md`.
+"""Messages between host and device, one frozen record each; their layout on the wire is in `PROTOCOL.md`.
 
-The host is the computer that thinks, the device the one at the amplifiers. Times are of the sender's
-monotonic clock. Currents are in amperes at the amplifier's own sign: what a positive number does to the wheel
-is calibration, which is the host's, like everything else that turns raw numbers into physics.
+The host is the computer that runs the controller, the device the one at the amplifiers. Times are of the
+sender's monotonic clock. Currents are in amperes at the amplifier's own sign: the direction in which a wheel
+turns is a matter of calibration, which is the host's.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 
 class MessageType(enum.IntEnum):
-    """Of a frame."""
+    """Type of a message."""
 
     HELLO = 1
     CAPABILITIES = 2
@@ -27,7 +27,7 @@ class MessageType(enum.IntEnum):
 
 
 class Quantity(enum.IntEnum):
-    """What a channel measures."""
+    """Quantity that a channel measures."""
 
     CURRENT = 0
     WHEEL_SPEED = 1
@@ -38,11 +38,11 @@ class Quantity(enum.IntEnum):
     YAW = 6
     SUPPLY = 7
     OTHER = 8
-    """Nothing that the controller uses."""
+    """Not used by the controller."""
 
 
 class Raw(enum.IntEnum):
-    """How a channel's number travels, four bytes each."""
+    """Format of a channel's reading, four bytes each."""
 
     VOLTS = 0
     """float32."""
@@ -51,25 +51,25 @@ class Raw(enum.IntEnum):
 
 
 class Status(enum.IntFlag):
-    """Bits of the device's state in every telemetry."""
+    """State of the device, as bits in every telemetry."""
 
     ARMED = 1
     FAULT = 2
-    """Latched: nothing moves until reset-fault and arm."""
+    """A fault is latched: no current flows until reset-fault and arm."""
     LOCK_STEP = 4
-    """The device's time goes on by one period per command."""
+    """The device's time advances by one period per command."""
     CURRENT_FLOWS = 8
     BRAKED = 16
     AUTHENTIC = 32
-    """This session is keyed."""
+    """The link is keyed."""
 
 
 class FaultCode(enum.IntEnum):
-    """Why the device does not do what it was told."""
+    """Reason for which the device refuses a frame or stops."""
 
     NONE = 0
     COMMAND_TOO_OLD = 1
-    """The last command outlived its valid-for."""
+    """The newest command is older than its valid_for."""
     NOT_FINITE = 2
     CURRENT = 3
     CURRENT_RATE = 4
@@ -78,162 +78,162 @@ class FaultCode(enum.IntEnum):
     WHEEL_SPEED = 6
     MESSAGE_RATE = 7
     VALID_FOR = 8
-    """A command wants to hold for longer than may be, or not at all."""
+    """A command's valid_for is not positive or above its limit."""
     NOT_ARMED = 9
     ARM_NOT_ZERO = 10
-    """The last command before arming was not zero, or there was none that is still valid."""
+    """The newest command before arming is not zero, or not valid any more."""
     ARM_STALE_TELEMETRY = 11
     ARM_SCHEMA = 12
     ARM_LIMITS = 13
     ARM_CALIBRATION = 14
     ARM_FAULTY = 15
-    """A latched fault must be reset first."""
+    """A latched fault must be reset before arming."""
     MALFORMED = 16
-    """A frame that is whole says something that no message may say."""
+    """A valid frame does not fit this device."""
     SENSOR = 17
-    """A channel that a limit needs is not finite."""
+    """A wheel speed that a limit needs is not finite."""
     BUSY = 18
-    """Another host has the armed device."""
+    """The device is armed by another host."""
 
 
 @dataclass(frozen=True, slots=True)
 class Hello:
-    """Host: who is there? The answer carries the same nonce and begins a session."""
+    """Request of the host for a session; the answer carries the same nonce."""
 
     nonce: int
 
 
 @dataclass(frozen=True, slots=True)
 class ChannelKind:
-    """One channel of the telemetry."""
+    """Kind of a telemetry channel."""
 
     quantity: Quantity
     wheel: int
-    """1…n; 0 where it is of no wheel."""
+    """1…n; 0 if no wheel is concerned."""
     raw: Raw
 
 
 def counts_mask(channels: tuple[ChannelKind, ...]) -> int:
-    """Bit i: channel i travels as counts."""
+    """Bit mask of the channels that travel as counts."""
     return sum(1 << i for i, channel in enumerate(channels) if channel.raw is Raw.COUNTS)
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What the device lets through; all above zero."""
+    """Limits that the device enforces; all above zero."""
 
     current: float
     """Largest current of a wheel [A]."""
     current_rate: float
-    """Largest change of it between two commands, per second of their times of arrival [A/s]."""
+    """Largest rate of change between two commands, by their times of arrival [A/s]."""
     continuous_current: float
-    """Which a motor may carry for ever [A]."""
+    """Current that a motor may carry indefinitely [A]."""
     heating: float
-    """I²t: what ∫(i² − continuous²)dt may reach, never below 0 [A²s]."""
+    """Limit of the motor's I²t, ∫(i² − continuous²)dt, never below 0 [A²s]."""
     wheel_speed: float
-    """At which current is cut [rad/s], after the gear, as the device measures it."""
+    """Speed after the gear above which current is cut [rad/s]."""
     message_rate: float
-    """Frames per second that are answered [1/s]."""
+    """Rate of frames that are answered [1/s]."""
     valid_for: float
-    """Longest valid-for of a command [s]."""
+    """Longest valid_for of a command [s]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Capabilities:
-    """Device: what I am. Begins the session that its header names."""
+    """Answer of the device to a hello: its configuration; begins the session named in the header."""
 
     nonce: int
-    """Of the hello."""
+    """Nonce of the hello."""
     period: float
-    """Between two telemetries [s]."""
+    """Time between two telemetries [s]."""
     lock_step: bool
     wheels: int
     channels: tuple[ChannelKind, ...]
     limits: Limits
     limits_hash: int
     calibration_hash: int
-    """Of the calibration that the device was commissioned with."""
+    """Hash of the calibration with which the device was commissioned."""
 
 
 @dataclass(frozen=True, slots=True)
 class Arm:
-    """Host: currents may flow from now on."""
+    """Request of the host to enable currents."""
 
     limits_hash: int
     calibration_hash: int
     telemetry: int
-    """Sequence of the newest telemetry that the host has seen."""
+    """Sequence of the newest telemetry that the host has received."""
 
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """Host: these currents, for so long."""
+    """Currents from the host, with a lifetime."""
 
     currents: tuple[float, ...]
-    """One per wheel [A]."""
+    """Set values, shape (n,) [A]."""
     valid_for: float
-    """[s]."""
+    """Lifetime from arrival on [s]."""
     brake: int = 0
     """Bit i−1: a relay shorts the motor of wheel i."""
 
 
 @dataclass(frozen=True, slots=True)
 class Telemetry:
-    """Device: raw readings of every channel, and how it is."""
+    """Raw readings of all channels and the state of the device."""
 
     acknowledged: int
-    """Sequence of the newest command that was taken; 0: none in this session."""
+    """Sequence of the newest accepted command; 0: none in this session."""
     command_age: float
-    """Since it came [s]; of a device that has none: infinity."""
+    """Time since it arrived [s]; infinite without one."""
     status: Status
     fault: FaultCode
-    """That is latched."""
+    """Latched fault."""
     refused: int
-    """Frames that were whole, from the right sender, and refused, modulo 2³²."""
+    """Valid frames that were refused, modulo 2³²."""
     dropped: int
-    """Frames that were broken, foreign, old, or not authentic, modulo 2³²."""
+    """Packets that were corrupt, of another session, repeated or not authentic, modulo 2³²."""
     raw: tuple[float, ...]
     """Volts or counts, in the order of `Capabilities.channels`."""
     counts: int = 0
-    """Bit i: `raw[i]` is counts; must be what the capabilities say (`counts_mask`)."""
+    """Bit i: `raw[i]` is counts; must agree with the capabilities (`counts_mask`)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Stop:
-    """Host: zero current now, then disabled. Obeyed from anybody, in any session, at any time."""
+    """Request for zero current and disarming at once; obeyed from any sender, in any session, at any time."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """Device: a frame was refused, or something happened."""
+    """Report of the device: a frame was refused, or a limit was violated."""
 
     code: FaultCode
     wheel: int
-    """1…n; 0 where it is of no wheel."""
+    """1…n; 0 if no wheel is concerned."""
     value: float
-    """What was found."""
+    """Offending value."""
     limit: float
-    """What is allowed."""
+    """Limit that it violates."""
     sequence: int
-    """Of the refused frame; 0: none."""
+    """Sequence of the refused frame; 0: none."""
     latched: bool
 
 
 @dataclass(frozen=True, slots=True)
 class ResetFault:
-    """Host: the fault has been seen; arm is possible again."""
+    """Request of the host to reset the latched fault, so that arming is possible again."""
 
 
 @dataclass(frozen=True, slots=True)
 class Ping:
-    """Host: what is your time? The device's clock is known to half the round trip."""
+    """Request of the host for the device's time, which is then known to half the round trip."""
 
     nonce: int
 
 
 @dataclass(frozen=True, slots=True)
 class Pong:
-    """Device: the nonce back; its time is in the header."""
+    """Answer to a ping; the device's time is in the header."""
 
     nonce: int
 
@@ -247,12 +247,12 @@ class Frame:
 
     message: Message
     session: int
-    """That the device has chosen, 32 bits; 0 in hello and in a stop of nobody's session."""
+    """Chosen by the device, 32 bits; 0 in hello and in a stop outside any session."""
     sequence: int
-    """Of the sender, 1, 2, … in each session, 32 bits."""
+    """Frame number of the sender, 1, 2, … in each session, 32 bits."""
     time: int
-    """Of the sender's monotonic clock [µs], 64 bits."""
+    """Sender's monotonic clock [µs], 64 bits."""
     authentic: bool = False
-    """Whether a key's tag came with it and is right."""
+    """Whether it carried a valid tag."""
     same_schema: bool = True
-    """Whether its sender lays out every payload as we do; false is never armed."""
+    """Whether its sender lays out every payload alike; required for arming."""

@@ -1,7 +1,7 @@
-"""A robot at an analog data-acquisition box, volts in and volts out, under the rules of a device.
+"""Device rules in front of an analog data-acquisition box, volts in and volts out.
 
-An analog set value has no freshness: the box holds its last volts when this program dies. The watchdog must
-then sit behind it, see `PROTOCOL.md`.
+An analog set value does not expire: the box holds its last voltage when this program dies. The watchdog must
+sit behind the box, see `PROTOCOL.md`, section 4.8.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from omnimj.parameters.hardware import Hardware
 
 
 class VoltBox(Protocol):
-    """What a vendor's library must be wrapped into."""
+    """Interface to a vendor's data-acquisition library."""
 
     def read(self) -> Sequence[float]:
-        """Volts at all inputs; OSError when the box does not answer."""
+        """Voltages of all inputs [V]; OSError when the box does not answer."""
         ...
 
     def write(self, volts: Sequence[float]) -> None:
-        """Volts at the outputs from channel 0 on."""
+        """Set the voltages of the outputs from channel 0 on [V]."""
         ...
 
 
 class AnalogDevice:
-    """A box behind a device, for the same frames as any other; without relays, so a brake is zero current."""
+    """Data-acquisition box behind a `Device`; it has no relays, so a brake means zero current."""
 
     def __init__(
         self,
@@ -40,45 +40,45 @@ class AnalogDevice:
         new_session: Callable[[], int],
         now: float = 0.0,
     ):
-        """Zero volts, disarmed.
+        """Start disarmed at zero volts.
 
         Args:
-          box: The data acquisition.
-          hardware: The wiring, with outputs in V/A.
-          period: Between two ticks [s].
-          new_session: 32 random bits, fresh at each call.
+          box: Data-acquisition box.
+          hardware: Wiring, with output gains in V/A.
+          period: Time between two ticks [s].
+          new_session: Returns 32 fresh random bits.
           now: Time [s].
 
         Raises:
-          InputError: The outputs' gains are not in V/A.
+          InputError: The gain of an output is not in V/A.
         """
         if any(output.unit != "V/A" for output in hardware.outputs):
             found = f"found a gain in {hardware.outputs[0].unit}"
             raise InputError("hardware.outputs", found, "an analog box needs V/A")
         self._box, self._outputs = box, hardware.outputs
         self.device = Device(device_config(hardware, period), wheel_speed_decoder(hardware), new_session, now)
-        self._inputs = len(self.device.commissioned.channels)
+        self._inputs = len(self.device.config.channels)
         self._write()
 
     def on_frame(self, now: float, frame: Frame) -> tuple[Frame, ...]:
-        """As `Device.on_frame`; a stop is at the amplifiers before this returns."""
+        """Process a frame as `Device.on_frame`; a stop reaches the amplifiers before this returns."""
         answer = self.device.on_frame(now, frame)
         self._write()
         return answer
 
     def tick(self, now: float) -> tuple[Frame, ...]:
-        """Reads, judges, writes; to be called once per period."""
+        """Read inputs, apply the device's rules and write outputs; to be called once per period."""
         try:
             volts = tuple(self._box.read())[: self._inputs]
         except OSError:
             volts = ()
-        volts += (math.nan,) * (self._inputs - len(volts))  # a box that does not answer knows no speeds
+        volts += (math.nan,) * (self._inputs - len(volts))  # unknown speeds if the box does not answer
         answer = self.device.tick(now, volts)
         self._write()
         return answer
 
     def close(self) -> None:
-        """Zero volts, whatever was; may be called twice."""
+        """Set zero volts; may be called twice."""
         self._box.write([0.0] * self._channels)
 
     @property
@@ -86,7 +86,7 @@ class AnalogDevice:
         return 1 + max(output.channel for output in self._outputs)
 
     def _write(self) -> None:
-        """Volts = sign · gain · current; the device's currents have their signs already."""
+        """Write volts = gain · current; the device's currents include the sign."""
         output, volts = self.device.output, [0.0] * self._channels
         for wheel in self._outputs:
             braked = output.brake >> (wheel.wheel - 1) & 1

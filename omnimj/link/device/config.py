@@ -1,4 +1,4 @@
-"""What a device was set up as, and what it gives to its amplifiers."""
+"""Configuration of a device, the hashes that identify it, and its comparison with what a host expects."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from omnimj.link.codec.messages import Capabilities, ChannelKind, Limits, Quanti
 from omnimj.link.device.limits import round_to_float32
 
 WheelSpeedDecoder = Callable[[float, Sequence[float]], tuple[float, ...]]
-"""Wheel speeds after the gear, shape (n,) [rad/s], out of time [s] and raw readings; called once per tick."""
+"""Wheel speeds after the gear, shape (n,) [rad/s], from time [s] and raw readings; called once per tick."""
 
 
 @dataclass(frozen=True, slots=True)
 class DeviceConfig:
-    """What the device was set up as."""
+    """Configuration with which a device was commissioned."""
 
     wheels: int
     period: float
-    """Between two ticks [s]."""
+    """Time between two ticks [s]."""
     channels: tuple[ChannelKind, ...]
     limits: Limits
     calibration_hash: int
     lock_step: bool = False
     keyed: bool = False
-    """Frames without the key's tag are dropped, but for stop."""
+    """Frames without a valid tag are dropped, except stop."""
 
 
 @dataclass(frozen=True, slots=True)
 class AmplifierOutput:
-    """What the amplifiers get."""
+    """Set values of the amplifiers."""
 
     currents: tuple[float, ...]
     """Shape (n,) [A], at the amplifiers' own signs."""
@@ -40,31 +40,25 @@ class AmplifierOutput:
     """Bit i−1: a relay shorts the motor of wheel i."""
 
 
-# What host and device hold against each other before anything moves: short hashes.
-
-
 def short_hash(content: bytes) -> int:
-    """The first 8 bytes of BLAKE2s-256 (RFC 7693, no key), as a little-endian number of 64 bits."""
+    """First 8 bytes of BLAKE2s-256 (RFC 7693, no key) as a little-endian number."""
     return int.from_bytes(hashlib.blake2s(content).digest()[:8], "little")
 
 
 def limits_hash(limits: Limits) -> int:
-    """Of the seven limits in the order of the record, each as a little-endian float32: 28 bytes."""
+    """Hash of the seven limits in the order of the record, each as a little-endian float32."""
     return short_hash(struct.pack("<7f", *dataclasses.astuple(limits)))
 
 
-# Whether a device is the one that was expected, told in words.
-
-
 def describe_mismatch(expected: DeviceConfig, found: Capabilities) -> str:
-    """The first thing that the device has otherwise; empty where there is none.
+    """First difference between a device and the expected one in words; empty if there is none.
 
-    Channels that the host does not use may be anything, and there may be more of them.
+    Channels that the host does not use may be of any kind, and there may be more of them.
     """
     if found.wheels != expected.wheels:
         return f"it has {found.wheels} wheels, the model {expected.wheels}"
     if found.lock_step != expected.lock_step:
-        return f"it runs in {_clock_mode(found.lock_step)}, asked for is {_clock_mode(expected.lock_step)}"
+        return f"it runs in {_clock_mode(found.lock_step)}, expected is {_clock_mode(expected.lock_step)}"
     if _as_float32(found.period) != _as_float32(expected.period):
         return f"its period is {found.period:g} s, the model's {expected.period:g} s"
     for channel, kind in enumerate(expected.channels):

@@ -1,7 +1,7 @@
-"""A simulated plant behind the device's rules: what most users drive, since most have no robot.
+"""Emulated device: a simulated plant behind the rules of a device.
 
-The plant's physics becomes raw numbers by the inverse of the calibration, float32 as on the wire. Defects of
-the wiring may be put in, which a bench check must find.
+Measurements become raw numbers by the inverse of the calibration, in float32 as on the wire. Defects of the
+wiring can be added, which `omnimj link check` must find.
 """
 
 from __future__ import annotations
@@ -22,32 +22,37 @@ from omnimj.plant.interface import Plant
 from omnimj.signals import Measurement
 
 DEFECT_KINDS = ("sign", "gain", "dead")
-"""Of a channel (`wheel_speed_2`) or a motor (`motor_3`): turned round, scaled by `value`, without effect."""
+"""Defects of a channel (`wheel_speed_2`) or motor (`motor_3`): inverted, scaled by `value`, disconnected."""
 _HALF, _WHOLE = 2.0**31, 2.0**32
 
 
 @dataclass(frozen=True, slots=True)
 class WiringDefect:
-    """Something that is wired wrongly."""
+    """Defect of the wiring."""
 
     kind: str
     """One of `DEFECT_KINDS`."""
     place: str
-    """Channel of the robot, or `motor_1` …"""
+    """Channel of the robot, or `motor_1`, …"""
     value: float = 1.0
-    """Of `gain`: what is measured, or flows, over what should be."""
+    """For `gain`: measured or actual value over the right one."""
 
     @property
     def factor(self) -> float:
-        """What the right number is multiplied by."""
+        """Factor on the right value."""
         return {"sign": -1.0, "gain": self.value, "dead": 0.0}[self.kind]
 
 
 class RawEncoder:
-    """What the device's converters and counters say of a measurement."""
+    """Raw readings of the device's converters and counters for a measurement in SI units."""
 
     def __init__(self, hardware: Hardware, defects: Sequence[WiringDefect] = ()):
-        """Counters at zero."""
+        """Start with counters at zero.
+
+        Args:
+          hardware: Wiring, with the calibration of every channel.
+          defects: Defects of the wiring.
+        """
         self._inputs, self._kinds = hardware.inputs, channel_kinds(hardware)
         named = {i.name: k for k, i in enumerate(hardware.inputs)}
         self._factor = np.ones(len(named))
@@ -60,15 +65,18 @@ class RawEncoder:
         self.reset()
 
     def reset(self) -> None:
-        """Counters at zero again."""
+        """Set counters to zero."""
         self._angle = dict.fromkeys(self._angles, 0.0)
 
-    def of(self, measured: Measurement, elapsed: float) -> tuple[float, ...]:
-        """Raw = sign · SI / gain + offset; a wheel angle is the sum of speed × time, wrapped.
+    def encode(self, measured: Measurement, elapsed: float) -> tuple[float, ...]:
+        """Raw readings: sign · SI / gain + offset; a wheel angle is the wrapped sum of speed × time.
 
         Args:
-          measured: What the plant says.
-          elapsed: Since the measurement before [s].
+          measured: Measurement of the plant.
+          elapsed: Time since the previous measurement [s].
+
+        Returns:
+          Volts or counts of every channel of the device.
         """
         values = np.concatenate(
             (measured.current, measured.wheel_speed, measured.acceleration, (measured.yaw_rate, measured.yaw))
@@ -77,7 +85,7 @@ class RawEncoder:
         for k in self._angles:
             self._angle[k] += float(values[k]) * elapsed if math.isfinite(values[k]) else 0.0
             values[k] = self._angle[k]
-        with np.errstate(over="ignore"):  # what float32 cannot hold is infinite there
+        with np.errstate(over="ignore"):  # numbers beyond float32 become infinite
             raw = (values / self._gain + self._offset).astype(np.float64)
             rounded = raw.astype(np.float32).tolist()
         found = [0.0] * len(self._kinds)
@@ -89,7 +97,7 @@ class RawEncoder:
 
 
 def _wrap_count(value: float, wrap: float) -> int:
-    """The nearest count as a counter of 32 bits shows it, or one that begins anew at `wrap`."""
+    """Nearest count of a counter that wraps at `wrap`, or at 32 bits."""
     if not math.isfinite(value):
         return 0
     count = float(round(value))
@@ -99,11 +107,11 @@ def _wrap_count(value: float, wrap: float) -> int:
 
 
 class EmulatedDevice:
-    """A plant, the device in front of it, and what is wired wrongly between the two.
+    """Simulated plant, the device in front of it, and the defects of the wiring between them.
 
-    Each session begins the plant's run anew. In lock-step, frames are all it needs. In real time, `tick` is
-    called once per period by whoever has the clock, and the run begins once more when the session is armed
-    for the first time: faults of a scenario have their times from there, as the host's clock has.
+    Each session resets the plant. In lock-step, frames alone drive it. In real time, the owner of the clock
+    calls `tick` once per period, and the plant is reset again when the session is armed for the first time:
+    the faults of a scenario have their times from there, as on the host.
     """
 
     def __init__(
@@ -118,21 +126,21 @@ class EmulatedDevice:
         late: int = 0,
         now: float = 0.0,
     ):
-        """The plant at its start, the device after power-up.
+        """Reset the plant and power up the device.
 
         Args:
-          plant: Of a robot; the caller closes it.
-          hardware: The wiring that the device was commissioned with.
-          new_session: 32 random bits, fresh at each call.
+          plant: Plant of a robot; the caller closes it.
+          hardware: Wiring with which the device was config.
+          new_session: Returns 32 fresh random bits.
           lock_step: One period per command instead of one per tick.
-          keyed: Only authentic frames count.
-          defects: What is wired wrongly.
-          late: So many periods old are the readings that are sent, with the time of their sample.
-          now: Clock [s].
+          keyed: Whether only authentic frames are accepted.
+          defects: Defects of the wiring.
+          late: Delay of the readings in periods; telemetry carries the time of their sample.
+          now: Time [s].
 
         Raises:
-          UnknownNameError: A defect of an unknown kind, or somewhere that does not exist.
-          InputError: The plant is no robot with as many wheels as the wiring.
+          UnknownNameError: Unknown kind or place of a defect.
+          InputError: The plant is no robot, or the wiring has another number of wheels.
         """
         n = len(hardware.outputs)
         places = [i.name for i in hardware.inputs] + [f"motor_{i}" for i in range(1, n + 1)]
@@ -141,92 +149,92 @@ class EmulatedDevice:
                 raise UnknownNameError("--defect", "kind", defect.kind, DEFECT_KINDS)
             if defect.place not in places:
                 raise UnknownNameError("--defect", "place", defect.place, places)
-        commissioned = device_config(hardware, plant.period, lock_step=lock_step, keyed=keyed)
-        self.device = Device(commissioned, wheel_speed_decoder(hardware), new_session, now)
-        self._plant, self._readings, self._wheels = (
+        config = device_config(hardware, plant.period, lock_step=lock_step, keyed=keyed)
+        self.device = Device(config, wheel_speed_decoder(hardware), new_session, now)
+        self._plant, self._encoder, self._wheels = (
             plant,
             RawEncoder(hardware, defects),
-            WheelMap.of(hardware),
+            WheelMap.from_hardware(hardware),
         )
         self._motors = np.ones(n)
         for defect in defects:
             if defect.place.startswith("motor_"):
                 self._motors[int(defect.place[6:]) - 1] *= defect.factor
-        self._periods, self._session, self._has_begun = 0, 0, False
-        self._taken: deque[tuple[float, tuple[float, ...]]] = deque(maxlen=late + 1)
-        self._start()
+        self._periods, self._session, self._was_armed = 0, 0, False
+        self._samples: deque[tuple[float, tuple[float, ...]]] = deque(maxlen=late + 1)
+        self._begin_run()
         if len(self._measured.current) != n:
             found = f"found {len(self._measured.current)} wheels"
             raise InputError("plant", found, f"the wiring is for {n}")
 
     def on_frame(self, now: float, frame: Frame) -> tuple[Frame, ...]:
-        """What is to be sent in answer, as by `Device.on_frame`.
+        """Process a frame and return the frames to send, as `Device.on_frame`.
 
         Args:
-          now: Clock [s]; lock-step has its own.
-          frame: From the wire.
+          now: Time [s]; ignored in lock-step, which has its own.
+          frame: Received frame.
         """
-        if not self.device.commissioned.lock_step:
-            return self._on_frame_in_time(now, frame)
+        if not self.device.config.lock_step:
+            return self._on_frame_in_real_time(now, frame)
         answer = self.device.on_frame(self._time, frame)
         if self.device.session != self._session:
             self._session = self.device.session
-            self._start()
-            self._tell(self._time, 0.0)
+            self._begin_run()
+            self._tick_device(self._time, 0.0)
         if self.device.step_due:
             answer += self._step(self._time + self._plant.period)
         return answer
 
-    def _on_frame_in_time(self, now: float, frame: Frame) -> tuple[Frame, ...]:
+    def _on_frame_in_real_time(self, now: float, frame: Frame) -> tuple[Frame, ...]:
         answer = self.device.on_frame(now, frame)
         if self.device.session != self._session:
-            self._session, self._has_begun = self.device.session, False
-            self._start()
-        if self.device.armed and not self._has_begun:
-            self._has_begun = True
-            self._measured = self._begun()  # counters go on
+            self._session, self._was_armed = self.device.session, False
+            self._begin_run()
+        if self.device.armed and not self._was_armed:
+            self._was_armed = True
+            self._measured = self._reset_plant()  # counters keep their values
         return answer
 
     def tick(self, now: float) -> tuple[Frame, ...]:
-        """Real time: one period is over [s]; what is to be sent to the session's host."""
+        """End a period in real time at `now` [s] and return the frames to send to the session's host."""
         return self._step(now)
 
     def time(self, now: float) -> float:
-        """Of the device's clock: `now`, or in lock-step its own [s]."""
-        return self._time if self.device.commissioned.lock_step else now
+        """Time of the device's clock: `now`, or simulated time in lock-step [s]."""
+        return self._time if self.device.config.lock_step else now
 
     @property
     def _time(self) -> float:
-        """Of lock-step, which goes on from session to session [s]."""
+        """Simulated time in lock-step, which continues over sessions [s]."""
         return self._periods * self._plant.period
 
-    def _begun(self) -> Measurement:
-        """The plant at its start."""
+    def _reset_plant(self) -> Measurement:
+        """Reset the plant."""
         measured = self._plant.reset()
         if not isinstance(measured, Measurement):
             raise InputError("plant", "found the test rig", "a robot is needed")
         return measured
 
-    def _start(self) -> None:
-        """The run from its beginning, counters at zero."""
-        self._measured = self._begun()
-        self._readings.reset()
-        self._taken.clear()
+    def _begin_run(self) -> None:
+        """Begin a run, with counters at zero."""
+        self._measured = self._reset_plant()
+        self._encoder.reset()
+        self._samples.clear()
 
     def _step(self, now: float) -> tuple[Frame, ...]:
-        """The plant's next period under what the amplifiers get, then the device's tick."""
+        """Advance the plant by one period under the amplifiers' set values, then tick the device."""
         output = self.device.output
-        command = self._wheels.meant(output.currents, output.brake)
+        command = self._wheels.from_device(output.currents, output.brake)
         measured = self._plant.step(replace(command, current=self._motors * command.current))
         assert isinstance(measured, Measurement)
         self._measured = measured
         self._periods += 1
-        return self._tell(now, self._plant.period)
+        return self._tick_device(now, self._plant.period)
 
-    def _tell(self, now: float, elapsed: float) -> tuple[Frame, ...]:
-        """The device's tick with the readings of now, or of as much earlier as they are late."""
-        self._taken.append((now, self._readings.of(self._measured, elapsed)))
-        time, raw = self._taken[0]
-        said = self.device.tick(now, raw)
+    def _tick_device(self, now: float, elapsed: float) -> tuple[Frame, ...]:
+        """Tick the device with the present readings, or with earlier ones if they are delayed."""
+        self._samples.append((now, self._encoder.encode(self._measured, elapsed)))
+        time, raw = self._samples[0]
+        frames = self.device.tick(now, raw)
         stamp = round(1e6 * time)
-        return tuple(replace(f, time=stamp) if isinstance(f.message, Telemetry) else f for f in said)
+        return tuple(replace(f, time=stamp) if isinstance(f.message, Telemetry) else f for f in frames)

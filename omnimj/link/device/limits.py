@@ -1,10 +1,9 @@
-"""The last gate on the device: what it refuses, as pure functions of plain numbers, to be ported to C.
+"""Limits that the device enforces, as pure functions of plain numbers that can be ported to C.
 
-Nothing is clamped: a frame passes as it came or it is refused, and the refusal says which limit, which wheel,
-which value. **What is equal to its limit passes.** Currents, valid-for and all seven limits travel as
-float32, which a double holds exactly: the device rounds its own limits to float32 first
-(`round_to_float32`), so that
-1.6 A asked for equals a limit of 1.6 A. Products with times (rate, heating, age) are in double precision.
+Nothing is clamped: a frame is accepted unchanged or refused, and the refusal names limit, wheel and value.
+**A value equal to its limit passes.** Currents, valid_for and all seven limits travel as float32, which a
+double represents exactly: the device rounds its own limits to float32 first (`round_to_float32`), so that a
+command of 1.6 A equals a limit of 1.6 A. Products with times (rate, heating, age) are in double precision.
 """
 
 from __future__ import annotations
@@ -18,43 +17,42 @@ from omnimj.errors import InputError
 from omnimj.link.codec.messages import Arm, Command, FaultCode, Limits
 
 BURST_DURATION = 0.05
-"""So many seconds' worth of frames may come at once, since links bunch them."""
-
+"""Frames that may arrive at once, since links bunch them: the message rate over this time [s]."""
 
 MAX_TELEMETRY_AGE = 0.020
-"""Oldest telemetry that a host may arm by [s]."""
+"""Oldest telemetry that a host may refer to when it arms the device [s]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """Which limit was broken, by what."""
+    """Violation of a limit."""
 
     code: FaultCode
     wheel: int
-    """1…n; 0 where it is of no wheel."""
+    """1…n; 0 if no wheel is concerned."""
     value: float
-    """What was found."""
+    """Offending value."""
     limit: float
-    """What is allowed."""
+    """Limit that it violates."""
 
 
 @dataclass(frozen=True, slots=True)
 class AmplifierState:
-    """What the device did until now; n wheels."""
+    """Currents and motor heating up to now; n wheels."""
 
     currents: tuple[float, ...]
-    """That the amplifiers carry since the last tick [A]."""
+    """Set values of the amplifiers since the last tick, shape (n,) [A]."""
     since: float
-    """When the command with these currents came [s]."""
+    """Arrival of the command with these currents [s]."""
     heat: tuple[float, ...]
-    """I²t of each motor [A²s]."""
+    """I²t of each motor, shape (n,) [A²s]."""
 
 
 def round_to_float32(limits: Limits) -> Limits:
-    """The limits as they are after their way through float32.
+    """Limits rounded to the float32 numbers that travel on the wire.
 
     Raises:
-      InputError: One is not a number above zero there.
+      InputError: A limit is not a finite number above zero in float32.
     """
     rounded = []
     for field in dataclasses.fields(limits):
@@ -72,16 +70,14 @@ def round_to_float32(limits: Limits) -> Limits:
 def check_command(
     limits: Limits, period: float, before: AmplifierState, command: Command, now: float
 ) -> Refusal | None:
-    """Why a command may not be carried out; None: it may.
-
-    The first limit that is broken, in the order: finite, valid-for, current, rate, heating.
+    """First limit that a command violates, or None; in the order finite, valid_for, current, rate, heating.
 
     Args:
-      limits: As sent.
-      period: Between two ticks [s].
-      before: Up to now.
-      command: With as many currents as `before` has.
-      now: When it came [s].
+      limits: Limits in float32.
+      period: Time between two ticks [s].
+      before: Currents and heating up to now.
+      command: New command with as many currents as `before`.
+      now: Time of its arrival [s].
     """
     for wheel, current in enumerate(command.currents, start=1):
         if not math.isfinite(current):
@@ -101,9 +97,10 @@ def check_command(
 def _check_current_rate(
     limits: Limits, period: float, before: AmplifierState, command: Command, now: float
 ) -> Refusal | None:
-    """|i − i_before| ≤ rate · (t − t_before), with at least one period between, since links bunch frames.
+    """Require |i − i_before| ≤ rate · (t − t_before), with at least one period for t − t_before.
 
-    Several commands between two ticks are all held against the one that flows. Zero is never too quick.
+    Links bunch frames: several commands between two ticks are all compared with the applied one. A current
+    of zero always passes.
     """
     allowed = limits.current_rate * max(now - before.since, period)
     for wheel, (current, flows) in enumerate(zip(command.currents, before.currents, strict=True), start=1):
@@ -114,16 +111,29 @@ def _check_current_rate(
 
 
 def heat_after(limits: Limits, heat: float, current: float, elapsed: float) -> float:
-    """I²t after a current has flowed: max(0, heat + (i² − i_continuous²) t) [A²s]."""
+    """I²t after a current has flowed: max(0, heat + (i² − i_continuous²) t) [A²s].
+
+    Args:
+      limits: Limits in float32.
+      heat: I²t before [A²s].
+      current: Constant current [A].
+      elapsed: Duration [s].
+    """
     return max(0.0, heat + (current * current - limits.continuous_current**2) * elapsed)
 
 
 def check_heating(
     limits: Limits, period: float, heat: tuple[float, ...], currents: tuple[float, ...]
 ) -> Refusal | None:
-    """Whether one more period of these currents would heat a motor beyond its limit.
+    """Refusal if one more period of these currents would heat a motor beyond its limit.
 
-    A current that its motor may carry for ever is never refused.
+    A current up to the continuous one always passes.
+
+    Args:
+      limits: Limits in float32.
+      period: Time between two ticks [s].
+      heat: I²t of each motor, shape (n,) [A²s].
+      currents: Set values, shape (n,) [A].
     """
     for wheel, (now, current) in enumerate(zip(heat, currents, strict=True), start=1):
         then = heat_after(limits, now, current, period)
@@ -133,7 +143,7 @@ def check_heating(
 
 
 def check_wheel_speeds(limits: Limits, speeds: tuple[float, ...]) -> Refusal | None:
-    """Whether a wheel turns faster than it may, or nobody knows; after the gear, shape (n,) [rad/s]."""
+    """Refusal if a wheel speed after the gear, shape (n,) [rad/s], exceeds its limit or is not finite."""
     for wheel, speed in enumerate(speeds, start=1):
         if not math.isfinite(speed):
             return Refusal(FaultCode.SENSOR, wheel, speed, limits.wheel_speed)
@@ -143,25 +153,22 @@ def check_wheel_speeds(limits: Limits, speeds: tuple[float, ...]) -> Refusal | N
 
 
 def check_command_age(age: float, valid_for: float) -> Refusal | None:
-    """Whether a command has outlived its valid-for [s]."""
+    """Refusal if a command is older than its valid_for [s]."""
     return Refusal(FaultCode.COMMAND_TOO_OLD, 0, age, valid_for) if age > valid_for else None
 
 
 def max_credit(limits: Limits) -> float:
-    """Frames that may come at once: `BURST_DURATION` seconds' worth, one at least."""
+    """Capacity of the token bucket: frames within `BURST_DURATION`, at least one."""
     return max(1.0, BURST_DURATION * limits.message_rate)
 
 
 def credit_after(limits: Limits, credit: float, elapsed: float) -> float:
-    """Frames that may come now, if `credit` could come so many seconds ago and none has since.
-
-    A frame is let through where this is 1 or more, and uses up 1.
-    """
+    """Tokens in the bucket after `elapsed` seconds without a frame; each frame needs one."""
     return min(max_credit(limits), credit + limits.message_rate * max(0.0, elapsed))
 
 
 def is_zero_command(command: Command) -> bool:
-    """Whether it asks for nothing: no current, no brake."""
+    """Whether a command has neither a current nor a brake."""
     return command.brake == 0 and all(current == 0.0 for current in command.currents)
 
 
@@ -174,16 +181,16 @@ def check_arming(
     age: float,
     telemetry_age: float,
 ) -> Refusal | None:
-    """Why the device may not be armed; None: it may. The first reason, in the order of the arguments.
+    """First reason to refuse arming, in the order of the arguments, or None.
 
     Args:
-      arm: What the host says.
-      same_schema: Whether it lays out every payload as the device does.
-      fault: That is latched.
-      hashes: The device's own, of limits and calibration.
-      command: The last one.
-      age: Of the command [s].
-      telemetry_age: Of the telemetry that the host names [s].
+      arm: Request of the host.
+      same_schema: Whether the host lays out every payload as the device does.
+      fault: Latched fault.
+      hashes: The device's own hashes of limits and calibration.
+      command: Newest command.
+      age: Age of that command [s].
+      telemetry_age: Age of the telemetry that the host refers to [s].
     """
     if not same_schema:
         return Refusal(FaultCode.ARM_SCHEMA, 0, 0.0, 0.0)
@@ -200,21 +207,18 @@ def check_arming(
     return None
 
 
-# How many frames a device answers: as many as its message rate allows, a burst at once.
-
-
 class RateLimiter:
-    """Credit of one sender, in frames."""
+    """Token bucket that limits the frames of one sender."""
 
     def __init__(self, limits: Limits, now: float):
-        """Full at first; `now` is the device's clock [s]."""
-        self._limits, self._at = limits, now
+        """Start with a full bucket at the device's time `now` [s]."""
+        self._limits, self._time = limits, now
         self.credit = max_credit(limits)
 
-    def spend(self, now: float) -> bool:
-        """Whether one more frame may be answered now; if so, it is paid for."""
-        self.credit = credit_after(self._limits, self.credit, now - self._at)
-        self._at = max(self._at, now)
+    def allows(self, now: float) -> bool:
+        """Whether a frame at time `now` [s] is within the rate; if so, it takes a token."""
+        self.credit = credit_after(self._limits, self.credit, now - self._time)
+        self._time = max(self._time, now)
         if self.credit < 1.0:
             return False
         self.credit -= 1.0

@@ -1,4 +1,4 @@
-"""The emulated device at its wire: who gets which answer, and the clock of real time."""
+"""Serves an emulated device on a wire: addressing of answers, and periods in real time."""
 
 from __future__ import annotations
 
@@ -16,31 +16,33 @@ from omnimj.link.quality import TimeHistogram
 from omnimj.link.transport.interface import Listener, Peer
 
 SILENT_HOST_TIMEOUT = 5.0
-"""Lock-step: an armed device that has heard nothing for so long [s] takes another host, since its own time,
-by which commands grow old, stands still."""
-_MAX_BACKLOG = 10  # periods behind: then those between are left out
+"""Silence after which an armed device in lock-step accepts another host [s].
+
+Its simulated time, by which commands expire, stands still meanwhile.
+"""
+_MAX_BACKLOG = 10  # periods; beyond this delay the missed ones are skipped
 
 
 @dataclass
 class PeriodStatistics:
-    """How a device in real time kept its periods."""
+    """Timing of the periods of a device in real time."""
 
     periods: int = 0
     missed: int = 0
-    """That began more than a period late."""
+    """Periods that began more than one period late."""
     skipped: int = 0
-    """That were left out, since the device was too far behind."""
+    """Periods that were skipped because the device was too far behind."""
     late: TimeHistogram = field(default_factory=TimeHistogram)
-    """Of the beginning of each period."""
+    """Delay of the beginning of each period."""
 
     def __str__(self) -> str:
-        words = f"{self.periods} periods, {self.missed} missed, {self.skipped} left out"
-        told = {name: f"{1e3 * value:.3g}" for name, value in self.late.as_record().items()}
-        return f"{words}; late by {told['p50']} ms (p50), {told['p99']} ms (p99), {told['max']} ms (max)"
+        words = f"{self.periods} periods, {self.missed} missed, {self.skipped} skipped"
+        late = {name: f"{1e3 * value:.3g}" for name, value in self.late.as_record().items()}
+        return f"{words}; late by {late['p50']} ms (p50), {late['p99']} ms (p99), {late['max']} ms (max)"
 
 
 class DeviceServer:
-    """Frames from a listener to the device and back."""
+    """Passes frames between a listener and an emulated device."""
 
     def __init__(
         self,
@@ -50,49 +52,49 @@ class DeviceServer:
         key: Key | None = None,
         clock: Callable[[], float] = time.monotonic,
     ):
-        """Nothing is heard yet; the caller closes the listener.
+        """Prepare to serve; the caller closes the listener.
 
         Args:
-          emulated: Keyed if there is a key.
+          emulated: Device, keyed if there is a key.
           listener: Its wire.
-          key: Of this link.
-          clock: Monotonic, begins anywhere [s].
+          key: Key of the link.
+          clock: Monotonic clock with any origin [s].
         """
-        self.emulated, self.drops, self.kept = emulated, DropCounts(), PeriodStatistics()
+        self.emulated, self.drops, self.timing = emulated, DropCounts(), PeriodStatistics()
         self.frames = 0
-        """That came."""
+        """Number of received frames."""
         self._listener, self._key, self._clock = listener, key, clock
         self._host: Peer = None
         self._begin = clock()
-        self._heard, self._next = self._begin, self._begin
-        self._commissioned = emulated.device.commissioned
+        self._last_heard, self._next = self._begin, self._begin
+        self._config = emulated.device.config
 
     def run(self, goes_on: Callable[[], bool]) -> None:
-        """Serves as long as something holds, which is asked at least ten times per second."""
+        """Serve as long as `goes_on()` holds, which is evaluated at least ten times per second."""
         gc.collect()
-        gc.freeze()  # to look through all that is there takes as long as many periods
+        gc.freeze()  # a full garbage collection takes as long as many periods
         try:
-            self._next = self._clock() + self._commissioned.period
+            self._next = self._clock() + self._config.period
             while goes_on():
-                self.turn(0.05)
+                self.serve_once(0.05)
         finally:
             gc.unfreeze()
 
-    def turn(self, longest: float) -> None:
-        """What has come, and in real time the period if it is due; waits for either, so long at most [s]."""
+    def serve_once(self, longest: float) -> None:
+        """Process received frames and, in real time, a due period; wait for either at most `longest` [s]."""
         now = self._clock()
-        if self._commissioned.lock_step:
+        if self._config.lock_step:
             self._listener.wait(longest)
-            self._take()
+            self._receive()
             return
-        self._take()
+        self._receive()
         if now >= self._next:
             self._tick(now)
         wait = min(longest, self._next - self._clock())
         if wait > 0.0:
             self._listener.wait(wait)
 
-    def _take(self) -> None:
+    def _receive(self) -> None:
         device = self.emulated.device
         for packet, peer in self._listener.receive():
             now, frame = self._clock(), decode(packet, self._key)
@@ -101,32 +103,32 @@ class DeviceServer:
                 device.on_invalid_packet(self.emulated.time(now - self._begin))
                 continue
             self.frames += 1
-            self._leave_the_silent(now, frame)
+            self._release_silent_host(now, frame)
             session = device.session
             answers = self.emulated.on_frame(now - self._begin, frame)
             if device.session != session:
-                self._host = peer  # who begins a session hears its answers
+                self._host = peer  # the sender of a successful hello receives the answers
             if frame.session == device.session:
-                self._heard = now
+                self._last_heard = now
             self._send(answers, peer)
 
     def _tick(self, now: float) -> None:
-        period, kept = self._commissioned.period, self.kept
+        period, timing = self._config.period, self.timing
         late = now - self._next
-        kept.periods += 1
-        kept.missed += late > period
-        kept.late.add(late)
+        timing.periods += 1
+        timing.missed += late > period
+        timing.late.add(late)
         self._send(self.emulated.tick(now - self._begin), self._host)
         self._next += period
         behind = int((now - self._next) / period)
         if behind > _MAX_BACKLOG:
-            kept.skipped += behind
+            timing.skipped += behind
             self._next += behind * period
 
-    def _leave_the_silent(self, now: float, frame: Frame) -> None:
-        """A host that was killed would keep the device for ever."""
-        is_asked = self._commissioned.lock_step and isinstance(frame.message, Hello)
-        if is_asked and self.emulated.device.armed and now - self._heard > SILENT_HOST_TIMEOUT:
+    def _release_silent_host(self, now: float, frame: Frame) -> None:
+        """Disarm for a new host in lock-step if the armed session has been silent for too long."""
+        is_hello = self._config.lock_step and isinstance(frame.message, Hello)
+        if is_hello and self.emulated.device.armed and now - self._last_heard > SILENT_HOST_TIMEOUT:
             self.emulated.on_frame(0.0, Frame(Stop(), 0, 0, 0))
 
     def _send(self, answers: tuple[Frame, ...], peer: Peer) -> None:

@@ -60,7 +60,7 @@ def read_link_recording(folder: Path, robot: Robot, floor: str | None = None) ->
 
 def _rows(recording: FrameRecording, hardware: Hardware, file: Path) -> Array:
     """Time, channels and the currents taken next, shape (k, 1 + 2 n + 4 + n)."""
-    calibration, wheels, n = Calibration(hardware), WheelMap.of(hardware), len(hardware.outputs)
+    calibration, wheels, n = Calibration(hardware), WheelMap.from_hardware(hardware), len(hardware.outputs)
     most = 1 + max(i.channel for i in hardware.inputs)
     sent: dict[int, tuple[float, ...]] = {}
     kept, width = array("d"), 1 + 3 * n + 4
@@ -75,7 +75,7 @@ def _rows(recording: FrameRecording, hardware: Hardware, file: Path) -> Array:
             raise InputError(file, f"has {len(message.raw)} channels", f"the wiring needs {most}")
         if message.acknowledged != taken and message.acknowledged in sent:
             taken = message.acknowledged
-            current = wheels.meant(sent[taken], 0).current
+            current = wheels.from_device(sent[taken], 0).current
             sent = {number: told for number, told in sent.items() if number > taken}
             if kept:
                 kept[-n:] = array("d", current)  # the row before is the one that this command answered
@@ -83,7 +83,7 @@ def _rows(recording: FrameRecording, hardware: Hardware, file: Path) -> Array:
             began, kept, zero = True, array("d"), math.nan
         zero = frame.time if math.isnan(zero) else zero
         last = frame.time
-        m = calibration.measured(frame.time / 1e6, message.raw)
+        m = calibration.convert(frame.time / 1e6, message.raw)
         kept.append((frame.time - zero) / 1e6)
         for part in (m.current, m.wheel_speed, m.acceleration, (m.yaw_rate, m.yaw), current):
             kept.extend(part)

@@ -1,4 +1,7 @@
-"""What a link may send."""
+"""Connection of a host to a transport: sending, receiving, and waiting for answers.
+
+`connect` finds the device, verifies its configuration and waits for telemetry; it does not arm.
+"""
 
 from __future__ import annotations
 
@@ -25,18 +28,25 @@ from omnimj.link.transport.serial_port import SerialTransport
 from omnimj.link.transport.udp import UdpTransport
 from omnimj.parameters.robot import Robot
 
+ANSWER_TIMEOUT = 2.0
+"""Time within which a device must answer a request [s]."""
+_REQUEST_INTERVAL = 0.05  # [s] between repeated requests in real time
+_FIRST_RETRY, _LAST_RETRY, _MAX_TRIES = 0.05, 1.0, 10  # [s], [s]: waits for an answer in lock-step
+_PINGS = 8
+_PING_INTERVAL = 0.1  # [s]: clocks that differ by 1e-4 drift apart by 0.01 ms within it
+
 
 class LinkMode(enum.Enum):
-    """What a link may send."""
+    """Frames that a link may send."""
 
     DRIVE = "drive"
     DRY_RUN = "dry run"
-    """Hello, ping, and commands of zero; it is never armed."""
+    """Hello, ping and zero commands; the device is never armed."""
     READONLY = "readonly"
-    """Hello and ping: a device tells its readings to whoever began the session."""
+    """Hello and ping; the device sends its readings to any host that has begun a session."""
 
     def permits(self, frame: Frame) -> bool:
-        """Whether a frame may leave."""
+        """Whether a frame may be sent."""
         if self is LinkMode.DRIVE or isinstance(frame.message, Hello | Ping):
             return True
         return (
@@ -44,18 +54,8 @@ class LinkMode(enum.Enum):
         )
 
 
-# A host at its wire: sends what the host says, gives it what comes, and waits with an eye on the clock.
-
-ANSWER_TIMEOUT = 2.0
-"""How long a device may take to answer what it is asked for the first time [s]."""
-_ASK_AGAIN = 0.05  # [s]
-_AGAIN_FIRST, _AGAIN_LAST, _TIMES = 0.05, 1.0, 10  # [s], [s]: before a frame is sent again in lock-step
-_PINGS = 8
-_PING_EVERY = 0.1  # [s]: two clocks part by 0.01 ms in it, if one is off by 1e-4
-
-
 class Link:
-    """One host, one transport."""
+    """Host on a transport."""
 
     def __init__(
         self,
@@ -68,36 +68,36 @@ class Link:
         name: str = "the device",
         clock: Callable[[], float] = time.monotonic,
     ):
-        """Nothing is sent yet.
+        """Prepare the link; nothing is sent.
 
         Args:
-          host: Keyed if there is a key.
-          transport: Closed by `close`.
-          key: Of this link.
-          mode: What may be sent.
-          log: Takes every frame; closed by `close`.
-          name: For messages.
-          clock: Monotonic [s].
+          host: State machine of the host, keyed if there is a key.
+          transport: Transport, closed by `close`.
+          key: Key of the link.
+          mode: Frames that may be sent.
+          log: Log of all frames, closed by `close`.
+          name: Name of the device in messages.
+          clock: Monotonic clock [s].
         """
         self.host, self.mode, self.name = host, mode, name
         self.drops = DropCounts()
-        """What came and was no frame."""
+        """Dropped packets by reason."""
         self.sent, self.received, self.resent = 0, 0, 0
-        """Frames."""
+        """Numbers of frames."""
         self._transport, self._key, self._log, self._clock = transport, key, log, clock
-        self._may_move, self._next_ping = False, 0.0
+        self._has_armed, self._next_ping = False, 0.0
 
     @property
     def now(self) -> float:
-        """Of the host's clock [s]."""
+        """Time of the host's clock [s]."""
         return self._clock()
 
     @property
     def reading(self) -> Reading:
-        """The newest.
+        """Newest reading.
 
         Raises:
-          LinkLost: There is none.
+          LinkLost: There is none yet.
         """
         if self.host.reading is None:
             raise LinkLost("there is no telemetry yet")
@@ -105,26 +105,24 @@ class Link:
 
     @property
     def capabilities(self) -> Capabilities | None:
-        """What the device is; None before it has said so."""
+        """Capabilities of the device; None until it has sent them."""
         return self.host.capabilities
 
     @property
     def is_keyed(self) -> bool:
-        """Whether every frame is signed."""
+        """Whether frames are authenticated."""
         return self._key is not None
 
-    # --- frames out and in
-
     def send(self, *frames: Frame) -> None:
-        """Sends, as far as the mode lets it through.
+        """Send frames that the mode permits.
 
-        A stop that the host sends by itself leaves only if this link has asked for motion: it would be obeyed
-        although another host's robot drives.
+        A stop is sent only if this link has requested arming: the device would obey it even while another
+        host drives.
         """
         for frame in frames:
-            if not self.mode.permits(frame) or (isinstance(frame.message, Stop) and not self._may_move):
+            if not self.mode.permits(frame) or (isinstance(frame.message, Stop) and not self._has_armed):
                 continue
-            self._may_move = self._may_move or isinstance(frame.message, Arm)
+            self._has_armed = self._has_armed or isinstance(frame.message, Arm)
             packet, now = encode(frame, self._key), self.now
             self._transport.send(packet)
             self.sent += 1
@@ -132,7 +130,7 @@ class Link:
                 self._log.sent(now, packet)
 
     def poll(self) -> None:
-        """Everything that has come; sends what the host says to it."""
+        """Process received packets and send the host's answers."""
         for packet in self._transport.receive():
             now, frame = self.now, decode(packet, self._key)
             if isinstance(frame, DropReason):
@@ -146,10 +144,10 @@ class Link:
             self.send(*self.host.on_frame(now, frame))
 
     def wait(self, until: float, holds: Callable[[], bool] = lambda: False) -> bool:
-        """Takes what comes until something holds or the time is over [s]; the host's rules on time are asked.
+        """Process frames until `holds()` or the time `until` [s], and apply the host's time limits.
 
         Returns:
-          Whether it holds.
+          The last value of `holds()`.
         """
         while True:
             self.poll()
@@ -162,10 +160,10 @@ class Link:
             self._transport.wait(until - now)
 
     def listen(self, until: float, holds: Callable[[], bool]) -> bool:
-        """Takes what comes until something holds or the time is over [s], also after a stop; asks no rules.
+        """Process frames until `holds()` or the time `until` [s], even after a stop, without time limits.
 
         Returns:
-          Whether it holds.
+          The last value of `holds()`.
         """
         self.poll()
         while not holds():
@@ -176,65 +174,64 @@ class Link:
             self.poll()
         return True
 
-    # --- what may be asked
-
     def connect(self) -> Capabilities:
-        """Hello, capabilities, clock and first telemetry; nothing is armed.
+        """Request a session, check the capabilities, measure the clock offset and wait for telemetry.
 
-        In lock-step there is no telemetry before a command, so a command of zero is sent.
+        In lock-step a zero command is sent, since there is no telemetry without a command.
 
         Raises:
-          LinkLost: Nobody answers, somebody else drives it, or it is not the device that was expected.
+          LinkLost: No answer, another host drives the device, or it is not the expected device.
         """
         if self.host.state in (HostState.ARMING, HostState.ARMED):
-            self.stop("a new session is asked for")
-        self._may_move = False
-        # a device that has another key than this link says nothing, as one that is not there
+            self.stop("a new session was requested")
+        self._has_armed = False
+        # a device with another key does not answer at all
         key = "has another key or none" if self.is_keyed else "wants a key"
-        words = f"does not answer: it is not there, or {key}"
-        self._ask(self.host.hello, lambda: self.host.state is HostState.CONNECTED, words)
+        words = f"does not answer: it is not connected, or {key}"
+        self._request(self.host.hello, lambda: self.host.state is HostState.CONNECTED, words)
         if self.host.expected.lock_step:
             self.exchange(self.zero())
         else:
             for k in range(_PINGS):
-                self._ask(self.host.ping, lambda k=k: self.host.clock.answers > k, "does not answer a ping")
-            self._ask(None, lambda: self.host.reading is not None, "sends no telemetry that is new enough")
+                answered = lambda k=k: self.host.clock.answers > k  # noqa: E731
+                self._request(self.host.ping, answered, "does not answer a ping")
+            self._request(None, lambda: self.host.reading is not None, "sends no recent telemetry")
         found = self.host.capabilities
         assert found is not None
         return found
 
     def refresh_clock(self) -> None:
-        """A ping now and then, so that the offset of the clocks stays known; in real time once per period."""
+        """Send a ping if one is due, to track the offset of the clocks; called every period in real time."""
         if self.now >= self._next_ping:
-            self._next_ping = self.now + _PING_EVERY
+            self._next_ping = self.now + _PING_INTERVAL
             self.send(self.host.ping(self.now))
 
     def zero(self) -> Frame:
-        """A command that asks for nothing."""
+        """Command of zero currents."""
         return self.host.command(self.now, (0.0,) * self.host.expected.wheels)
 
     def arm(self) -> Reading:
-        """Zero commands, then arm; the first telemetry that says that it is armed.
+        """Send zero commands, arm, and return the first reading of the armed device.
 
         Raises:
-          LinkLost: The device refuses, with its reason, or does not say that it is armed.
+          LinkLost: The device refuses, or does not report in time that it is armed.
         """
         self.host.require_link()
         if self.host.expected.lock_step:
             self.exchange(self.host.arm(self.now))
             return self.reading
-        begin = asked = self.now
+        begin = next_request = self.now
         while self.host.state is not HostState.ARMED:
-            # who did not listen for a while has lost frames, which says nothing about the link from now on
+            # frames lost while nobody listened do not count against the link
             lost = self.host.arrivals.lost
             if self.now - begin > ANSWER_TIMEOUT:
-                few = f"{lost} of the last {LOSS_WINDOW} frames were lost: it is not armed over such a link"
-                self.stop(few if lost >= MAX_LOST_FRAMES else "the device does not say that it is armed")
+                lossy = f"{lost} of the last {LOSS_WINDOW} frames were lost: the link is too bad for arming"
+                self.stop(lossy if lost >= MAX_LOST_FRAMES else "the device does not report that it is armed")
             self.host.require_link()
             self.send(self.zero())
-            if self.reading.telemetry.acknowledged and lost < MAX_LOST_FRAMES and self.now >= asked:
+            if self.reading.telemetry.acknowledged and lost < MAX_LOST_FRAMES and self.now >= next_request:
                 self.send(self.host.arm(self.now))
-                asked = self.now + _ASK_AGAIN
+                next_request = self.now + _REQUEST_INTERVAL
             before = self.reading
             self.wait(
                 self.now + self.host.expected.period,
@@ -243,64 +240,64 @@ class Link:
         return self.reading
 
     def reset_fault(self) -> None:
-        """Says that the device's fault has been seen; nothing moves by that.
+        """Reset the device's latched fault; it stays disarmed.
 
         Raises:
-          LinkLost: The fault stands.
+          LinkLost: The fault remains.
         """
         if self.host.expected.lock_step:
             self.exchange(self.host.reset_fault(self.now))
         else:
             fault = lambda: self.reading.telemetry.fault == 0  # noqa: E731
-            self._ask(self.host.reset_fault, fault, "keeps its fault")
+            self._request(self.host.reset_fault, fault, "keeps its fault")
 
     def exchange(self, frame: Frame) -> Reading:
-        """Lock-step: one frame, and the telemetry that answers it; asked again as long as that is lost.
+        """Send a frame in lock-step and return the reading that answers it; repeated until it arrives.
 
         Raises:
-          LinkLost: The device refuses, or no answer comes.
+          LinkLost: The device refuses or does not answer.
         """
         host, message = self.host, frame.message
 
         def is_answered() -> bool:
-            told = host.reading
+            reading = host.reading
             if isinstance(message, Command):
-                return told is not None and told.telemetry.acknowledged == frame.sequence
+                return reading is not None and reading.telemetry.acknowledged == frame.sequence
             if isinstance(message, ResetFault):
-                return told is not None and told.telemetry.fault == 0
+                return reading is not None and reading.telemetry.fault == 0
             return host.state is HostState.ARMED
 
-        wait = _AGAIN_FIRST
-        for k in range(_TIMES):
+        wait = _FIRST_RETRY
+        for k in range(_MAX_TRIES):
             self.resent += k > 0
             self.send(frame)
             if self.wait(self.now + wait, is_answered) or host.state is HostState.STOPPED:
                 break
-            wait = min(2.0 * wait, _AGAIN_LAST)
+            wait = min(2.0 * wait, _LAST_RETRY)
         else:
-            self.stop(f"{self.name} does not answer, though it was asked {_TIMES} times")
+            self.stop(f"{self.name} does not answer after {_MAX_TRIES} attempts")
         host.require_link()
         return self.reading
 
-    def stop(self, reason: str = "stop was asked for") -> None:
-        """Ends what this link drives, by three stops; may be asked for at any time, again and again."""
+    def stop(self, reason: str = "stop was requested") -> None:
+        """Stop a device that this link drives; allowed at any time and repeatedly."""
         self.send(*self.host.stop(self.now, reason))
 
     def stop_any_host(self) -> None:
-        """As `stop`, though another host's robot may stop by it: for a person with a finger on a key."""
-        self._may_move = True
+        """Stop the device even if another host drives it: for a person's key press."""
+        self._has_armed = True
         self.stop()
 
     def close(self) -> None:
-        """Stops what it drives and lets go of the wire; may be called twice."""
+        """Stop the device if this link drives it, and close the transport; may be called twice."""
         if self.host.state is not HostState.IDLE:
             self.stop("the link was closed")
         self._transport.close()
         if self._log is not None:
             self._log.close()
 
-    def _ask(self, ask: Callable[[float], Frame] | None, holds: Callable[[], bool], words: str) -> None:
-        """Asks again and again until something holds."""
+    def _request(self, ask: Callable[[float], Frame] | None, holds: Callable[[], bool], words: str) -> None:
+        """Repeat a request until `holds()`."""
         until = self.now + ANSWER_TIMEOUT
         while not holds():
             if self.now >= until:
@@ -309,11 +306,8 @@ class Link:
                 raise LinkLost(words)
             if ask is not None:
                 self.send(ask(self.now))
-            self.wait(min(until, self.now + _ASK_AGAIN), holds)
+            self.wait(min(until, self.now + _REQUEST_INTERVAL), holds)
             self.host.require_link()
-
-
-# From an address to a link.
 
 
 def open_link(
@@ -326,16 +320,16 @@ def open_link(
     log_to: Path | None = None,
     about: dict[str, Any] | None = None,
 ) -> Link:
-    """A link to the device at an address, which must be wired as the robot's model file says.
+    """Link to a device that is wired as the robot's model file says; nothing is sent.
 
     Args:
       address: `serial:DEVICE?baud=N` or `udp:HOST:PORT`.
-      robot: With [hardware].
-      key_file: Of a link that may leave this machine.
-      lock_step: As opposed to real time.
-      mode: What may be sent.
-      log_to: A new file for every frame.
-      about: What the log says of itself, beside the address and the calibration's hash.
+      robot: Robot with [hardware].
+      key_file: Key of the link; required beyond this machine.
+      lock_step: Whether time advances by one period per command instead of in real time.
+      mode: Frames that may be sent.
+      log_to: New file for the log of all frames.
+      about: Description in the log, besides the address and the calibration's hash.
 
     Raises:
       InputError: No [hardware], a wrong address or key file, or a wire that cannot be opened.

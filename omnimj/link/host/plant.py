@@ -1,8 +1,8 @@
-"""A robot behind a wire as a plant: the controller cannot tell it from the twin, but for the truth it lacks.
+"""Robot behind a wire as a plant; unlike the twin it has no truth signals.
 
-In lock-step a step is one command and one telemetry; simulated time is the device's. In real time the
-device's telemetry is the clock: each reading is answered by a command, and one that does not come within one
-and a half periods is stood in for by the one before, whose time says so.
+In lock-step a step is one command and one telemetry, in the device's simulated time. In real time the
+device's telemetry is the clock: each reading is answered by a command, and a reading that does not arrive
+within one and a half periods is replaced by the previous one, with that one's time.
 """
 
 from __future__ import annotations
@@ -28,8 +28,6 @@ from omnimj.link.quality import Deadlines, LinkRecord
 from omnimj.parameters.hardware import Hardware
 from omnimj.signals import Array, CurrentCommand, Measurement
 
-# What must happen however a program ends: by its end, Ctrl-C, SIGTERM, or because its terminal is gone.
-
 _SIGNALS = ("SIGTERM", "SIGHUP", "SIGBREAK")
 
 
@@ -38,13 +36,13 @@ def _interrupt(_number: int, _frame: FrameType | None) -> None:
 
 
 class StopAtExit:
-    """Calls `stop` when the program ends; makes SIGTERM and SIGHUP what Ctrl-C is, so that all is kept.
+    """Call `stop` when the program ends; SIGTERM and SIGHUP act like Ctrl-C, so that results are kept.
 
-    Against kill -9, and a computer that hangs, there is only the device's own rule on the age of commands.
+    Against SIGKILL and a computer that hangs, only the device's own limit on the age of commands helps.
     """
 
     def __init__(self, stop: Callable[[], None]):
-        """From now on, until `release`; signals where this is the main thread and nobody else has them."""
+        """Take effect until `release`; signals only in the main thread and only with default handlers."""
         self._stop, self._before = stop, dict[int, Any]()
         atexit.register(stop)
         if threading.current_thread() is not threading.main_thread():
@@ -55,35 +53,35 @@ class StopAtExit:
                 self._before[number] = signal.signal(number, _interrupt)
 
     def release(self) -> None:
-        """The program may end as it likes; may be called twice."""
+        """Undo; may be called twice."""
         atexit.unregister(self._stop)
         for number, before in self._before.items():
-            with contextlib.suppress(ValueError):  # another thread than the one that asked for it
+            with contextlib.suppress(ValueError):  # not in the main thread
                 if signal.getsignal(number) is _interrupt:
                     signal.signal(number, before)
         self._before.clear()
 
 
-_SLACK = 0.5  # of a period: how long a reading may be late
-_SILENCE = 0.5  # [s]: without motion nobody stops a link that is silent, so it is told
+_SLACK = 0.5  # accepted delay of a reading, in periods
+_SILENCE = 0.5  # [s] without telemetry that ends a link that does not drive
 _NO_TRUTH = np.empty(0)
 
 
 class HardwarePlant:
-    """A `Plant` on a link. Its steps raise `LinkLost` once the link does not hold; it is then stopped."""
+    """`Plant` on a link; a step raises `LinkLost` once the link has ended, and the device is then stopped."""
 
     truth_names: tuple[str, ...] = ()
 
     def __init__(self, link: Link, hardware: Hardware, *, reset_fault: bool = False):
-        """Nothing is sent yet.
+        """Prepare the plant; nothing is sent.
 
         Args:
-          link: Not connected; closed by `close`.
-          hardware: The wiring, of the link's robot.
-          reset_fault: Whether a fault that the device has latched has been seen and may be reset.
+          link: Link that is not connected; closed by `close`.
+          hardware: Wiring of the link's robot.
+          reset_fault: Whether to reset a latched fault of the device.
 
         Raises:
-          InputError: A link that may not arm, in lock-step, where time stands still without it.
+          InputError: The link is in lock-step and may not arm, so that time would stand still.
         """
         expected = link.host.expected
         if expected.lock_step and link.mode is not LinkMode.DRIVE:
@@ -92,22 +90,19 @@ class HardwarePlant:
         self.period = expected.period
         self.link = link
         self.is_lock_step, self._reset_fault = expected.lock_step, reset_fault
-        self._calibration, self._wheels = Calibration(hardware), WheelMap.of(hardware)
+        self._calibration, self._wheels = Calibration(hardware), WheelMap.from_hardware(hardware)
         self._deadlines, self._is_open = Deadlines(), True
-        self._ending = StopAtExit(self.close)
+        self._exit_guard = StopAtExit(self.close)
         self._reading: Reading | None = None
 
-    # --- the plant
-
     def reset(self) -> Measurement:
-        """A new session, its first measurement at time 0.
+        """Begin a session and return its first measurement, at time 0.
 
-        In lock-step the device is armed by it. In real time the first step arms, so that a controller that
-        takes its time to begin keeps no armed robot waiting; time 0 is then that of the first reading of the
-        armed device.
+        In lock-step this arms the device. In real time the first step does, so that an armed robot does not
+        wait for a slow start of the controller; time 0 is then the first reading of the armed device.
 
         Raises:
-          LinkLost: The device is not there, not the one that was expected, or does not let itself be armed.
+          LinkLost: The device does not answer, is not the expected one, or refuses to be armed.
         """
         self._calibration.reset()
         self._deadlines = Deadlines()
@@ -117,52 +112,52 @@ class HardwarePlant:
             self.link.reset_fault()
         elif fault and self.link.mode is LinkMode.DRIVE:
             words = fault.name.lower().replace("_", " ")
-            self.link.stop(f"the device has latched {words}; --reset-fault says that it has been seen")
+            self.link.stop(f"the device has latched {words}; --reset-fault resets it")
             self.link.host.require_link()
         reading = self.link.arm() if self.is_lock_step else self.link.reading
-        self._began = self.is_lock_step
-        self._take(reading)
+        self._is_running = self.is_lock_step
+        self._note(reading)
         self._zero_time = reading.time
         self._measured = self._measure(reading)
         return self._measured
 
     def step(self, command: CurrentCommand) -> Measurement:
-        """Sends one command; the reading after it.
+        """Send one command and return the next measurement.
 
         Raises:
-          LinkLost: The link does not hold; three stops have been sent.
+          LinkLost: The link has ended; three stops have been sent.
         """
-        currents, brake = self._wheels.told(command)
+        currents, brake = self._wheels.to_device(command)
         if self.is_lock_step:
             host = self.link.host
             self._deadlines.periods += 1
             reading = self.link.exchange(host.command(self.link.now, currents, brake))
-            self._take(reading)
+            self._note(reading)
             self._measured = self._measure(reading)
             return self._measured
-        self._begin()
+        self._start_running()
         self._command(currents, brake)
         return self._next()
 
     def truth(self) -> Array:
-        """None: nobody knows it."""
+        """Empty: a real robot has no truth signals."""
         return _NO_TRUTH
 
     def close(self) -> None:
-        """Three stops, if this plant has been armed, and the end of the link; may be called twice."""
+        """Stop the device if it has been armed, and close the link; may be called twice."""
         if self._is_open:
             self._is_open = False
             try:
                 self.link.close()
             finally:
-                self._ending.release()
+                self._exit_guard.release()
                 gc.unfreeze()
 
     @property
     def record(self) -> LinkRecord:
-        """How the link was, for `metrics.json`."""
+        """Summary of the link for `metrics.json`."""
         link, host = self.link, self.link.host
-        told = None if host.reading is None else host.reading.telemetry
+        telemetry = None if host.reading is None else host.reading.telemetry
         return LinkRecord(
             address=link.name,
             mode="lock-step" if self.is_lock_step else "real time" if self._drives else link.mode.value,
@@ -173,50 +168,48 @@ class HardwarePlant:
             resent=link.resent,
             lost=host.arrivals.total_lost,
             dropped=link.drops.total + host.dropped,
-            device_dropped=0 if told is None else told.dropped,
-            device_refused=0 if told is None else told.refused,
+            device_dropped=0 if telemetry is None else telemetry.dropped,
+            device_refused=0 if telemetry is None else telemetry.refused,
             round_trip=host.clock.round_trip if host.clock.known else None,
             ended_by=host.reason if host.state is HostState.STOPPED and self._is_open else "",
         )
-
-    # --- in real time
 
     @property
     def _drives(self) -> bool:
         return self.link.mode is LinkMode.DRIVE
 
-    def _begin(self) -> None:
-        """Once: arms, and begins to count time."""
-        if self._began:
+    def _start_running(self) -> None:
+        """Arm and start time at the first step."""
+        if self._is_running:
             return
         gc.collect()
-        gc.freeze()  # what is there by now is not looked through again while the robot drives
+        gc.freeze()  # keeps garbage collections short while the robot drives
         if self._drives:
             reading = self.link.arm()
         else:
-            before = self.link.reading  # what has come since then is old by now
+            before = self.link.reading  # outdated by now
             self.link.wait(self.link.now + _SILENCE, lambda: self.link.reading is not before)
             reading = self.link.reading
-        self._began = True
-        self._take(reading)
+        self._is_running = True
+        self._note(reading)
         self._zero_time = reading.time
         self._measure(reading)
 
     def _command(self, currents: tuple[float, ...], brake: int) -> None:
-        """What the mode lets out of it leaves now."""
+        """Send the command as far as the mode permits."""
         link, deadlines = self.link, self._deadlines
         link.refresh_clock()
         if self._drives:
             link.send(link.host.command(link.now, currents, brake))
         elif link.mode is LinkMode.DRY_RUN:
             link.send(link.zero())
-        response = link.now - self._came
+        response = link.now - self._arrived
         deadlines.periods += 1
         deadlines.missed += response > self.period
         deadlines.response.add(response)
 
     def _next(self) -> Measurement:
-        """The next reading, or the one before once more where none comes in time."""
+        """Next measurement, or the previous one if none arrives in time."""
         link, before = self.link, self._reading
         self._due += self.period
         link.wait(self._due + _SLACK * self.period, lambda: link.host.reading is not before)
@@ -224,28 +217,26 @@ class HardwarePlant:
         reading = link.reading
         if reading is before:
             self._deadlines.held, self._held = self._deadlines.held + 1, self._held + 1
-            self._came = self._due + _SLACK * self.period  # from now on its answer is awaited
-            if link.now - reading.came > _SILENCE:
-                words = f"{link.name} has been silent for {link.now - reading.came:.2f} s"
+            self._arrived = self._due + _SLACK * self.period  # reference for the response time
+            if link.now - reading.arrived > _SILENCE:
+                words = f"{link.name} has been silent for {link.now - reading.arrived:.2f} s"
                 link.stop(words)
                 raise LinkLost(words)
             return self._measured
         assert before is not None
         periods = round((reading.time - before.time) * 1e-6 / self.period)
         self._deadlines.skipped += max(0, periods - 1 - self._held)
-        self._deadlines.late.add(max(0.0, reading.came - self._due))
-        self._take(reading)
+        self._deadlines.late.add(max(0.0, reading.arrived - self._due))
+        self._note(reading)
         self._measured = self._measure(reading)
         return self._measured
 
-    # --- in both
-
-    def _take(self, reading: Reading) -> None:
-        self._reading, self._came, self._due, self._held = reading, reading.came, reading.came, 0
+    def _note(self, reading: Reading) -> None:
+        self._reading, self._arrived, self._due, self._held = reading, reading.arrived, reading.arrived, 0
         if math.isfinite(reading.telemetry.command_age):
             self._deadlines.command_age.add(reading.telemetry.command_age)
 
     def _measure(self, reading: Reading) -> Measurement:
-        """In SI, at the time since the run's beginning."""
-        measured = self._calibration.measured(1e-6 * reading.time, reading.telemetry.raw)
+        """Measurement in SI units, at the time since the beginning of the run."""
+        measured = self._calibration.convert(1e-6 * reading.time, reading.telemetry.raw)
         return dataclasses.replace(measured, time=(reading.time - self._zero_time) / 1e6)

@@ -1,4 +1,4 @@
-"""Where a device is: `serial:/dev/ttyACM0?baud=921600`, `udp:127.0.0.1:9750`, `udp:[::1]:9750`."""
+"""Addresses of devices: `serial:/dev/ttyACM0?baud=921600`, `udp:127.0.0.1:9750`, `udp:[::1]:9750`."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from urllib.parse import parse_qsl
 from omnimj.errors import InputError, UnknownNameError
 
 BAUD = 921_600
-"""Where none is given [1/s]."""
+"""Default rate [1/s]."""
 LOOPBACK = "127.0.0.1"
-"""Where no host is given."""
+"""Default host."""
 _FORMS = "serial:DEVICE?baud=N or udp:HOST:PORT, with IPv6 as udp:[::1]:PORT"
 
 
 @dataclass(frozen=True)
 class SerialAddress:
-    """A serial port."""
+    """Serial port."""
 
     path: str
-    """As `/dev/ttyACM0` or `COM3`."""
+    """Name of the port, such as `/dev/ttyACM0` or `COM3`."""
     baud: int = BAUD
-    """Of a port that has such a thing; USB and pseudo-terminals do not mind."""
+    """Rate [1/s]; USB and pseudo-terminals ignore it."""
 
     def __str__(self) -> str:
         return f"serial:{self.path}?baud={self.baud}"
@@ -30,7 +30,7 @@ class SerialAddress:
 
 @dataclass(frozen=True)
 class UdpAddress:
-    """A host and a UDP port."""
+    """Host and UDP port."""
 
     host: str
     port: int
@@ -43,7 +43,7 @@ Address = SerialAddress | UdpAddress
 
 
 def is_loopback(numeric: str) -> bool:
-    """Whether an address in digits never leaves this machine."""
+    """Whether a numeric address is on this machine's loopback."""
     try:
         return ipaddress.ip_address(numeric.partition("%")[0]).is_loopback
     except ValueError:
@@ -51,14 +51,14 @@ def is_loopback(numeric: str) -> bool:
 
 
 def parse_address(text: str, place: object = "address") -> Address:
-    """The address that is written.
+    """Parse an address.
 
     Args:
-      text: As in this module's first line.
-      place: What it was given as, for the error.
+      text: Address in one of the forms above.
+      place: Argument or file that holds it, for the error message.
 
     Raises:
-      InputError: It is neither form, or a number in it is not allowed.
+      InputError: The text has neither form, or a number is out of range.
     """
     kind, colon, rest = text.partition(":")
     if colon and kind == "serial":
@@ -69,7 +69,7 @@ def parse_address(text: str, place: object = "address") -> Address:
 
 
 def _parse_integer(text: str, place: object, name: str, most: int) -> int:
-    # isdecimal alone would let other alphabets' digits in, and int alone "+5", "1_0" and spaces
+    # isdecimal alone accepts the digits of other alphabets, int alone "+5", "1_0" and spaces
     if not (text.isascii() and text.isdecimal() and len(text) <= 10 and 0 < int(text) <= most):
         raise InputError(place, f"{name} '{text}'", f"must be a whole number 1…{most}")
     return int(text)

@@ -1,6 +1,6 @@
-"""What carries packets; nothing here knows what is in them, waits for an answer, or raises once it is open.
+"""Interfaces of the transports: they carry packets, never wait for an answer, and never raise once open.
 
-A wire that cannot send or is gone is silence, and both sides know what to do about silence.
+A wire that cannot send or is disconnected appears as silence, which both sides handle.
 """
 
 from __future__ import annotations
@@ -9,80 +9,80 @@ from collections.abc import Hashable
 from typing import Protocol
 
 Peer = Hashable
-"""Who a packet came from, where a wire has more than one far end."""
+"""Sender of a packet on a wire with several far ends."""
 
 
 class Transport(Protocol):
-    """One end of a wire with one far end."""
+    """End of a wire with a single far end."""
 
     failures: int
-    """How often the system could not send or receive, or a packet was dropped here."""
+    """Number of failed transmissions and of packets dropped here."""
 
     def send(self, packet: bytes) -> None:
-        """Sends, or counts a failure; never waits."""
+        """Send, or count a failure; never waits."""
         ...
 
     def receive(self) -> list[bytes]:
-        """What has come, oldest first, a bounded number; never waits."""
+        """Received packets, oldest first, at most a fixed number; never waits."""
         ...
 
     def wait(self, longest: float) -> bool:
-        """Whether something has come within this time [s]."""
+        """Whether a packet arrives within this time [s]."""
         ...
 
     def close(self) -> None:
-        """Lets go of the wire; may be called twice."""
+        """Close the wire; may be called twice."""
         ...
 
 
 class Listener(Protocol):
-    """A device's end of a wire: anybody may speak to it."""
+    """Device's end of a wire, which accepts packets from any sender."""
 
     @property
     def failures(self) -> int:
-        """As for a transport."""
+        """Number of failed transmissions and of packets dropped here."""
         ...
 
     def send(self, packet: bytes, peer: Peer) -> None:
-        """Sends to one of those who have spoken."""
+        """Send to a peer from which a packet was received."""
         ...
 
     def receive(self) -> list[tuple[bytes, Peer]]:
-        """What has come, and from whom; a bounded number; never waits."""
+        """Received packets with their senders, at most a fixed number; never waits."""
         ...
 
     def wait(self, longest: float) -> bool:
-        """Whether something has come within this time [s]."""
+        """Whether a packet arrives within this time [s]."""
         ...
 
     def close(self) -> None:
-        """Lets go of the wire; may be called twice."""
+        """Close the wire; may be called twice."""
         ...
 
 
 class SinglePeerListener:
-    """A device's end of a wire that has one far end, such as a serial line."""
+    """Device's end of a wire with a single far end, such as a serial line."""
 
     def __init__(self, transport: Transport):
         self._transport = transport
 
     @property
     def failures(self) -> int:
-        """Of the transport."""
+        """Failures of the transport."""
         return self._transport.failures
 
     def send(self, packet: bytes, peer: Peer = None) -> None:
-        """Sends to the far end."""
+        """Send to the far end."""
         self._transport.send(packet)
 
     def receive(self) -> list[tuple[bytes, Peer]]:
-        """What has come, all of it from the far end."""
+        """Received packets, all from the far end."""
         return [(packet, None) for packet in self._transport.receive()]
 
     def wait(self, longest: float) -> bool:
-        """Whether something has come within this time [s]."""
+        """Whether a packet arrives within this time [s]."""
         return self._transport.wait(longest)
 
     def close(self) -> None:
-        """Lets go of the wire; may be called twice."""
+        """Close the wire; may be called twice."""
         self._transport.close()

@@ -1,6 +1,6 @@
-"""Datagrams of the standard library, one packet in each, without waiting.
+"""UDP transport: one packet per datagram, non-blocking.
 
-Off loopback a link must have a key: everybody can write a sender's address on a datagram.
+Beyond loopback a link must have a key, since the sender's address of a datagram can be forged.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from omnimj.link.codec.layout import MAX_FRAME_SIZE
 from omnimj.link.transport.address import UdpAddress, is_loopback
 from omnimj.link.transport.interface import Peer
 
-_AT_ONCE = 64  # datagrams in one call: a flood must not keep the caller from its period
+_MAX_DATAGRAMS = 64  # datagrams per call, so that a flood cannot delay the caller
 _BUFFER = 2048
 
 
 def _resolved(address: UdpAddress, keyed: bool, passive: bool) -> tuple[socket.AddressFamily, tuple]:
-    """Family and numeric address.
+    """Resolve the host name into address family and numeric address.
 
     Raises:
-      InputError: There is no such host, or it is not this machine and there is no key.
+      InputError: Unknown host, or an address beyond loopback without a key.
     """
     flags = socket.AI_PASSIVE if passive else 0
     try:
@@ -35,7 +35,7 @@ def _resolved(address: UdpAddress, keyed: bool, passive: bool) -> tuple[socket.A
 
 
 class _Socket:
-    """What both ends have in common."""
+    """Non-blocking socket, common to both ends."""
 
     def __init__(self, family: socket.AddressFamily):
         self.failures = 0
@@ -44,12 +44,12 @@ class _Socket:
 
     def _received(self) -> list[tuple[bytes, Peer]]:
         found, failed = [], False
-        for _ in range(_AT_ONCE):
+        for _ in range(_MAX_DATAGRAMS):
             try:
                 packet, peer = self._socket.recvfrom(_BUFFER)
             except BlockingIOError:
                 break
-            except OSError:  # nobody listens there, it says; or the network is gone, or we are closed
+            except OSError:  # port unreachable, network down, or closed
                 self.failures += 1
                 if failed:
                     break
@@ -62,28 +62,28 @@ class _Socket:
         return found
 
     def wait(self, longest: float) -> bool:
-        """Whether something has come within this time [s]."""
+        """Whether a packet arrives within this time [s]."""
         if self._socket.fileno() < 0:
             return False
         return bool(select.select([self._socket], [], [], max(0.0, longest))[0])
 
     def close(self) -> None:
-        """Lets go of the socket; may be called twice."""
+        """Close the socket; may be called twice."""
         self._socket.close()
 
 
 class UdpTransport(_Socket):
-    """The host's end: connected, so that the system lets in nobody but the device's address."""
+    """Host's end: a connected socket, which receives from the device's address only."""
 
     def __init__(self, address: UdpAddress, keyed: bool = False):
-        """Opens a socket; nothing is sent.
+        """Open a socket; nothing is sent.
 
         Args:
-          address: The device's.
-          keyed: Whether this link has a key.
+          address: Address of the device.
+          keyed: Whether the link has a key.
 
         Raises:
-          InputError: No such host, no way there, or it is off loopback without a key.
+          InputError: Unknown host, no route, or an address beyond loopback without a key.
         """
         family, numeric = _resolved(address, keyed, passive=False)
         super().__init__(family)
@@ -94,29 +94,29 @@ class UdpTransport(_Socket):
             raise InputError(address, f"cannot be reached ({error.strerror})") from None
 
     def send(self, packet: bytes) -> None:
-        """Sends one datagram, or counts a failure."""
+        """Send one datagram, or count a failure."""
         try:
             self._socket.send(packet)
         except OSError:
             self.failures += 1
 
     def receive(self) -> list[bytes]:
-        """The datagrams that have come, at most 64."""
+        """Received datagrams, at most 64."""
         return [packet for packet, _ in self._received()]
 
 
 class UdpListener(_Socket):
-    """The device's end: hears everybody who finds it."""
+    """Device's end: accepts datagrams from any sender."""
 
     def __init__(self, address: UdpAddress, keyed: bool = False):
-        """Binds a socket.
+        """Bind a socket.
 
         Args:
-          address: Its own; the loopback one lets in this machine only.
-          keyed: Whether this link has a key.
+          address: Own address; loopback restricts the senders to this machine.
+          keyed: Whether the link has a key.
 
         Raises:
-          InputError: Not ours or taken, or it is off loopback without a key.
+          InputError: The address is not available, or beyond loopback without a key.
         """
         family, numeric = _resolved(address, keyed, passive=True)
         super().__init__(family)
@@ -128,16 +128,16 @@ class UdpListener(_Socket):
 
     @property
     def port(self) -> int:
-        """That it is bound to."""
+        """Port to which the socket is bound."""
         return self._socket.getsockname()[1]
 
     def send(self, packet: bytes, peer: Peer) -> None:
-        """Sends one datagram, or counts a failure."""
+        """Send one datagram, or count a failure."""
         try:
             self._socket.sendto(packet, peer)  # type: ignore[arg-type]  # as `receive` gave it
         except (OSError, TypeError):
             self.failures += 1
 
     def receive(self) -> list[tuple[bytes, Peer]]:
-        """The datagrams that have come and from where, at most 64."""
+        """Received datagrams with their senders, at most 64."""
         return self._received()

@@ -1,4 +1,4 @@
-"""What must hold in a scenario: bounds on its metrics, read from `[checks]` and judged after the run."""
+"""Checks of a scenario: bounds on its metrics, read from `[checks]` and evaluated after the run."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from omnimj.parameters.reading import Rule, check_number
 
 BOUNDS = ("min", "max")
 METHODS = ("robust", "published", "off")
-"""Ways to diagnose; each may have checks of its own."""
+"""Diagnosis methods; each may have checks of its own."""
 
 _ANY = Rule(-math.inf, math.inf, False)
 
@@ -22,28 +22,28 @@ class Check:
     """One bound on one metric."""
 
     name: str
-    """The metric."""
+    """Name of the metric."""
     bound: str
     """`max`: the metric may not be above the limit; `min`: not below."""
     limit: float
     """In the metric's SI unit."""
     method: str | None = None
-    """Judged with this method only; with any when None."""
+    """Method to which the check is limited; any when None."""
 
 
 @dataclass(frozen=True)
 class CheckResult:
-    """A check held against a run."""
+    """A check evaluated for a run."""
 
     check: Check
     value: float | None
-    """The metric; None where the run has none."""
+    """Value of the metric; None where the run has none."""
     judged: bool = True
-    """Whether it can be: a metric that needs the truth has no value where nobody knows that."""
+    """False for a metric that needs the truth where the truth is unknown."""
 
     @property
     def ok(self) -> bool:
-        """Whether the bound holds; a metric that is missing, not judged or not finite never passes."""
+        """True if the bound holds; a metric that is missing, not judged or not finite never passes."""
         if self.value is None or not self.judged or not math.isfinite(self.value):
             return False
         if self.check.bound == "min":
@@ -68,19 +68,19 @@ def _read_bounds(place: str, name: str, entry: Any, method: str | None) -> list[
 def read_checks(
     table: Any, place: str, metrics: tuple[str, ...], method: str | None = None
 ) -> tuple[Check, ...]:
-    """The `[checks]` table: `metric = limit` (largest value), or `metric = { min = …, max = … }`.
+    """Reads the `[checks]` table: `metric = limit` (largest value), or `metric = { min = …, max = … }`.
 
-    A table `[checks.robust]` has what must hold beside it with that method.
+    A table `[checks.robust]` has further checks for that method.
 
     Args:
       table: The parsed TOML table.
       place: File and table, for messages.
-      metrics: Names of the metrics that this scenario has.
-      method: That the table is for; any when None.
+      metrics: Names of the metrics of this scenario.
+      method: Method of the table; any when None.
 
     Raises:
-      InputError: A limit that is no number, or bounds that exclude each other.
-      UnknownNameError: A metric that this scenario does not have.
+      InputError: A limit that is not a number, or bounds that exclude each other.
+      UnknownNameError: A metric that the scenario does not have.
     """
     if not isinstance(table, Mapping):
         raise InputError(place, f"found {table!r}", "a table is needed, e.g. max_yaw_excursion = 0.1")
@@ -101,15 +101,15 @@ def evaluate_checks(
     method: str = "off",
     unknown: Collection[str] = (),
 ) -> tuple[CheckResult, ...]:
-    """Holds every check of the method against the metrics of a run, in the order of the scenario file.
+    """Evaluates the checks of a method for the metrics of a run, in the order of the scenario file.
 
     Args:
-      checks: Of the scenario.
-      metrics: Of the run.
-      method: That diagnosed.
-      unknown: Metrics that need a truth which nobody knows; they are not judged.
+      checks: Checks of the scenario.
+      metrics: Metrics of the run by name.
+      method: Method that diagnosed.
+      unknown: Names of metrics that need the unknown truth; they are not judged.
     """
-    asked = (check for check in checks if check.method in (None, method))
+    own = (check for check in checks if check.method in (None, method))
     return tuple(
-        CheckResult(check, metrics.get(check.name), judged=check.name not in unknown) for check in asked
+        CheckResult(check, metrics.get(check.name), judged=check.name not in unknown) for check in own
     )

@@ -1,4 +1,4 @@
-"""What a scenario asks of the robot: its `[drive]` table as a reference, one sample per control step."""
+"""Planned motion of a scenario: its `[drive]` table as a reference, one sample per control step."""
 
 from __future__ import annotations
 
@@ -37,39 +37,39 @@ _PATHS: Mapping[str, tuple[tuple[str, ...], Callable[[DriveTable, Array], Array]
     }
 )
 KINDS = (*_FREE, *_PATHS)
-"""Kinds of drive."""
+"""Names of the kinds of drive."""
 DRIVE_KEYS = tuple(
     dict.fromkeys([*_COMMON_KEYS, *(key for keys, _ in (*_FREE.values(), *_PATHS.values()) for key in keys)])
 )
-"""All keys that some kind of drive has."""
+"""Keys of all kinds of drive."""
 
 
 @dataclass(frozen=True)
 class Drive:
-    """A planned motion, where it starts, and which loops follow it."""
+    """A planned motion, its start, and the loops that follow it."""
 
     reference: Reference
     """One sample per control step, the first at time 0, the last at the end of the run."""
     yaw_loop: bool
-    """P on the yaw rate."""
+    """Proportional control of the yaw rate."""
     heading_hold: bool
-    """P on the heading."""
+    """Proportional control of the heading."""
     heading_feedback: bool
-    """World demands are rotated by the measured heading; by the planned one when false."""
+    """True if world demands are rotated by the measured heading, not by the planned one."""
     start: tuple[float, float, float]
     """x, y [m] and heading [rad] in the world at time 0."""
 
 
 def read_drive(table: Any, place: str, duration: float, period: float) -> Drive:
-    """A `[drive]` table as a reference.
+    """Converts a `[drive]` table to a reference.
 
-    Position, velocity and heading belong together: velocity k, held for one control period, leads from
+    Position, velocity and heading are consistent: velocity k, held for one control period, leads from
     position k to position k+1, and the yaw rate likewise.
 
     Args:
       table: `kind` and the kind's own keys, with `start`, `heading`, `yaw_loop`, `heading_hold` and
         `heading_feedback` for all kinds.
-      place: What to call the table in messages.
+      place: Name of the table in messages.
       duration: Length of the run [s].
       period: Control period [s].
 

@@ -1,4 +1,4 @@
-"""Which scenarios there are; imports nothing heavy, so that the list is there at once."""
+"""Shipped scenarios; imports nothing heavy, so that they are listed at once."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from omnimj.resources import scenarios_folder
 
 
 def scenario_names() -> list[str]:
-    """Names of the shipped scenarios, sorted."""
+    """Sorted names of the shipped scenarios."""
     return sorted(path.stem for path in scenarios_folder().glob("*.toml"))
 
 
 def list_scenarios() -> dict[str, str]:
-    """Name to one-line description of every shipped scenario, sorted by name.
+    """One-line descriptions of the shipped scenarios by name, sorted.
 
     Raises:
       InputError: A scenario file is not TOML.
@@ -29,12 +29,12 @@ def list_scenarios() -> dict[str, str]:
 
 
 def find_scenario(name_or_path: str | Path) -> Path:
-    """The file of a shipped scenario by name, or any TOML file by path.
+    """Finds the file of a shipped scenario by name, or any TOML file by path.
 
-    A text with a folder or with the ending `.toml` is a path.
+    A text with a folder or with the suffix `.toml` is a path.
 
     Raises:
-      InputError: The path leads nowhere.
+      InputError: No file has this path.
       UnknownNameError: No shipped scenario has this name.
     """
     text = os.fspath(name_or_path)

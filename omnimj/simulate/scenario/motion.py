@@ -1,4 +1,4 @@
-"""How far along a motion one is at a time: trapezoids of speed, in closed form."""
+"""Planned motions of each kind of drive, in closed form: profiles of speed, circles, squares, waypoints."""
 
 from __future__ import annotations
 
@@ -13,60 +13,7 @@ from omnimj.errors import InputError
 from omnimj.parameters.reading import Rule, check_number
 from omnimj.signals import Array
 
-
-@dataclass(frozen=True)
-class Trapezoid:
-    """Speeds up, cruises, slows down to rest."""
-
-    speed: float
-    """Cruising speed, not negative [m/s] (or rad/s)."""
-    acceleration: float
-    """Positive [m/s²]."""
-    deceleration: float
-    """Positive [m/s²]."""
-    cruise_time: float
-    """At constant speed; may be infinite [s]."""
-
-    @property
-    def duration(self) -> float:
-        """From rest to rest [s]."""
-        return self.speed / self.acceleration + self.cruise_time + self.speed / self.deceleration
-
-    def distance_at(self, time: Array) -> Array:
-        """s(t) = ∫ v dt, 0 before the start and constant after the end [m]."""
-        rise, fall = self.speed / self.acceleration, self.speed / self.deceleration
-        up = np.clip(time, 0.0, rise)
-        cruise = np.clip(time - rise, 0.0, self.cruise_time)
-        down = np.clip(time - rise - self.cruise_time, 0.0, fall)
-        return (
-            0.5 * self.acceleration * up**2 + self.speed * (cruise + down) - 0.5 * self.deceleration * down**2
-        )
-
-
-def fastest_trapezoid(distance: float, speed: float, acceleration: float, deceleration: float) -> Trapezoid:
-    """The quickest trapezoid over a distance [m]; a triangle where the speed cannot be reached.
-
-    v²/2 (1/a + 1/d) is the distance of speeding up and slowing down.
-    """
-    both = 0.5 * (1.0 / acceleration + 1.0 / deceleration)
-    speed = min(speed, float(np.sqrt(distance / both)))
-    if speed == 0.0:
-        return Trapezoid(0.0, acceleration, deceleration, 0.0)
-    return Trapezoid(speed, acceleration, deceleration, max(0.0, distance / speed - both * speed))
-
-
-def chained_distance(motions: Sequence[Trapezoid], time: Array) -> Array:
-    """Distance of all motions together, each starting when the one before has ended [m]."""
-    total, start = np.zeros_like(time), 0.0
-    for motion in motions:
-        total += motion.distance_at(time - start)
-        start += motion.duration
-    return total
-
-
-# Reading single keys of a `[drive]` table, each with its rule.
-
-# wide bounds: a reference must stay finite whatever is asked
+# wide bounds that keep every reference finite
 SPEED = Rule(0.0, 10.0, True)  # seven times what the motors reach
 ACCELERATION = Rule(0.0, 100.0, True)
 LENGTH = Rule(0.0, 1e4, True)
@@ -75,88 +22,9 @@ TIME = Rule(0.0, 1e5, False)
 ANGLE = Rule(-1e4, 1e4, False)
 COUNT = Rule(1, 1000, False)
 SPEEDS: Mapping[str, float] = {"low": 0.5, "high": 1.0}
-"""Speeds that have a name in the source's tests [m/s]."""
+"""Named speeds of the tests in the source [m/s]."""
 DEFAULT_ACCELERATION = 1.0
-"""Two wheels with 16 N of peak traction move 15.8 kg at 2 m/s²; this leaves as much again [m/s²]."""
-
-
-@dataclass(frozen=True)
-class DriveTable:
-    """A `[drive]` table and the place to name in messages."""
-
-    content: Mapping[str, Any]
-    place: str
-
-    def __contains__(self, key: str) -> bool:
-        return key in self.content
-
-    def at(self, key: str) -> str:
-        """Place of a key, for messages."""
-        return f"{self.place}.{key}"
-
-    def number(self, key: str, rule: Rule, default: float | None = None) -> float:
-        """A number; required when there is no default."""
-        if key not in self.content:
-            if default is None:
-                raise InputError(self.place, f"'{key}' is missing", f"a number is needed that {rule}")
-            return default
-        return float(check_number(self.at(key), self.content[key], rule))
-
-    def whole(self, key: str, rule: Rule, default: int) -> int:
-        """A whole number."""
-        return int(check_number(self.at(key), self.content.get(key, default), rule, whole=True))
-
-    def flag(self, key: str, default: bool) -> bool:
-        """True or false."""
-        value = self.content.get(key, default)
-        if not isinstance(value, bool):
-            raise InputError(self.at(key), f"found {value!r}", "must be true or false")
-        return value
-
-    def point(self, key: str, default: tuple[float, float] | None = None) -> tuple[float, float]:
-        """Two numbers x, y [m]; required when there is no default."""
-        if key not in self.content:
-            if default is None:
-                raise InputError(self.place, f"'{key}' is missing", "two numbers [x, y] are needed")
-            return default
-        return as_point(self.content[key], self.at(key))
-
-    def speed(self) -> float:
-        """The cruising speed: a positive number or one of the named speeds [m/s]."""
-        value = self.content.get("speed")
-        if isinstance(value, str):
-            if value not in SPEEDS:
-                rule = f"a number is needed that {SPEED}, or a named speed"
-                raise InputError(self.at("speed"), f"found {value!r}", rule, SPEEDS)
-            return SPEEDS[value]
-        return self.number("speed", SPEED)
-
-    def accelerations(self) -> tuple[float, float]:
-        """Acceleration and deceleration, equal unless both are given [m/s²]."""
-        up = self.number("acceleration", ACCELERATION, DEFAULT_ACCELERATION)
-        return up, self.number("deceleration", ACCELERATION, up)
-
-    def at_most_one(self, first: str, second: str) -> None:
-        """Refuses two keys that say the same thing twice."""
-        if first in self and second in self:
-            raise InputError(self.place, f"has both '{first}' and '{second}'", "give one of them")
-
-
-def as_point(value: Any, place: str) -> tuple[float, float]:
-    """Two finite numbers.
-
-    Raises:
-      InputError: Anything else.
-    """
-    if not isinstance(value, list) or len(value) != 2:
-        raise InputError(place, f"found {value!r}", "two numbers [x, y] are needed")
-    return float(check_number(f"{place}[0]", value[0], PLACE)), float(
-        check_number(f"{place}[1]", value[1], PLACE)
-    )
-
-
-# Drives without a path: straight at a trapezoid of speed, turning if asked, or standing still.
-
+"""Half of the 2 m/s² at which two wheels with 16 N of peak traction accelerate 15.8 kg [m/s²]."""
 PROFILE_KEYS = (
     "speed",
     "direction",
@@ -173,19 +41,164 @@ PROFILE_KEYS = (
 _YAW_RATE = Rule(-100.0, 100.0, False)
 DEFAULT_YAW_ACCELERATION = 2.0
 """[rad/s²]."""
+_SPEED_KEYS = ("speed", "acceleration", "deceleration", "start_time")
+CIRCLE_KEYS = (*_SPEED_KEYS, "lap_time", "laps", "diameter", "center", "clockwise", "start_angle")
+SQUARE_KEYS = (*_SPEED_KEYS, "lap_time", "laps", "side", "center", "clockwise")
+WAYPOINT_KEYS = (*_SPEED_KEYS, "points")
+
+
+@dataclass(frozen=True)
+class Trapezoid:
+    """Trapezoid of speed: accelerates from rest, cruises, decelerates to rest."""
+
+    speed: float
+    """Cruising speed, not negative [m/s] (or rad/s)."""
+    acceleration: float
+    """Positive [m/s²]."""
+    deceleration: float
+    """Positive [m/s²]."""
+    cruise_time: float
+    """Time at constant speed; may be infinite [s]."""
+
+    @property
+    def duration(self) -> float:
+        """Duration from rest to rest [s]."""
+        return self.speed / self.acceleration + self.cruise_time + self.speed / self.deceleration
+
+    def distance_at(self, time: Array) -> Array:
+        """s(t) = ∫ v dt, 0 before the start and constant after the end, shape (k,) [m].
+
+        Args:
+          time: From the start, shape (k,) [s].
+        """
+        rise, fall = self.speed / self.acceleration, self.speed / self.deceleration
+        up = np.clip(time, 0.0, rise)
+        cruise = np.clip(time - rise, 0.0, self.cruise_time)
+        down = np.clip(time - rise - self.cruise_time, 0.0, fall)
+        return (
+            0.5 * self.acceleration * up**2 + self.speed * (cruise + down) - 0.5 * self.deceleration * down**2
+        )
+
+
+def fastest_trapezoid(distance: float, speed: float, acceleration: float, deceleration: float) -> Trapezoid:
+    """Fastest trapezoid over a distance [m]; a triangle where the speed cannot be reached.
+
+    Accelerating and decelerating take the distance v²/2 (1/a + 1/d).
+    """
+    both = 0.5 * (1.0 / acceleration + 1.0 / deceleration)
+    speed = min(speed, float(np.sqrt(distance / both)))
+    if speed == 0.0:
+        return Trapezoid(0.0, acceleration, deceleration, 0.0)
+    return Trapezoid(speed, acceleration, deceleration, max(0.0, distance / speed - both * speed))
+
+
+def chained_distance(motions: Sequence[Trapezoid], time: Array) -> Array:
+    """Total distance of consecutive motions, shape (k,) [m].
+
+    Args:
+      motions: Each starts when the previous one has ended.
+      time: From the start of the first, shape (k,) [s].
+    """
+    total, start = np.zeros_like(time), 0.0
+    for motion in motions:
+        total += motion.distance_at(time - start)
+        start += motion.duration
+    return total
+
+
+@dataclass(frozen=True)
+class DriveTable:
+    """A `[drive]` table and its place in messages."""
+
+    content: Mapping[str, Any]
+    place: str
+
+    def __contains__(self, key: str) -> bool:
+        return key in self.content
+
+    def at(self, key: str) -> str:
+        """Place of a key in messages."""
+        return f"{self.place}.{key}"
+
+    def number(self, key: str, rule: Rule, default: float | None = None) -> float:
+        """Number of a key; required when there is no default."""
+        if key not in self.content:
+            if default is None:
+                raise InputError(self.place, f"'{key}' is missing", f"a number is needed that {rule}")
+            return default
+        return float(check_number(self.at(key), self.content[key], rule))
+
+    def whole(self, key: str, rule: Rule, default: int) -> int:
+        """Whole number of a key."""
+        return int(check_number(self.at(key), self.content.get(key, default), rule, whole=True))
+
+    def flag(self, key: str, default: bool) -> bool:
+        """Boolean of a key."""
+        value = self.content.get(key, default)
+        if not isinstance(value, bool):
+            raise InputError(self.at(key), f"found {value!r}", "must be true or false")
+        return value
+
+    def point(self, key: str, default: tuple[float, float] | None = None) -> tuple[float, float]:
+        """Point x, y of a key [m]; required when there is no default."""
+        if key not in self.content:
+            if default is None:
+                raise InputError(self.place, f"'{key}' is missing", "two numbers [x, y] are needed")
+            return default
+        return as_point(self.content[key], self.at(key))
+
+    def speed(self) -> float:
+        """Cruising speed: a positive number or one of the named speeds [m/s]."""
+        value = self.content.get("speed")
+        if isinstance(value, str):
+            if value not in SPEEDS:
+                rule = f"a number is needed that {SPEED}, or a named speed"
+                raise InputError(self.at("speed"), f"found {value!r}", rule, SPEEDS)
+            return SPEEDS[value]
+        return self.number("speed", SPEED)
+
+    def accelerations(self) -> tuple[float, float]:
+        """Acceleration and deceleration, equal unless both are given [m/s²]."""
+        up = self.number("acceleration", ACCELERATION, DEFAULT_ACCELERATION)
+        return up, self.number("deceleration", ACCELERATION, up)
+
+    def at_most_one(self, first: str, second: str) -> None:
+        """Refuses two keys that exclude each other."""
+        if first in self and second in self:
+            raise InputError(self.place, f"has both '{first}' and '{second}'", "give one of them")
+
+
+def as_point(value: Any, place: str) -> tuple[float, float]:
+    """Point from a list of two finite numbers.
+
+    Raises:
+      InputError: Anything else.
+    """
+    if not isinstance(value, list) or len(value) != 2:
+        raise InputError(place, f"found {value!r}", "two numbers [x, y] are needed")
+    return float(check_number(f"{place}[0]", value[0], PLACE)), float(
+        check_number(f"{place}[1]", value[1], PLACE)
+    )
 
 
 def directions(count: int = 24) -> Array:
-    """Evenly spaced driving directions from 0, shape (count,) [rad]."""
+    """Driving directions from 0 at equal angles, shape (count,) [rad]."""
     return np.arange(count, dtype=float) * (2.0 * np.pi / count)
 
 
 def profile(table: DriveTable, time: Array) -> tuple[Array, Array]:
-    """Displacement, shape (k, 2) [m], and turned angle, shape (k,) [rad], of kind `profile`.
+    """Motion of kind `profile`: straight at a trapezoid of speed, with a turn if there is a `yaw_rate`.
 
-    The direction is one of the world, whatever the robot's heading does meanwhile. Without `cruise_time` and
+    The direction is fixed in the world, independent of the heading. Without `cruise_time` and
     `distance` the robot cruises to the end of the run, and so does a turn without `yaw_cruise_time` and
     `turn`.
+
+    Args:
+      table: The `[drive]` table.
+      time: Shape (k,) [s].
+
+    Returns:
+      Displacement, shape (k, 2) [m], and turned angle, shape (k,) [rad].
     """
     begin = table.number("start_time", TIME, 0.0)
     direction = table.number("direction", ANGLE, 0.0)
@@ -215,23 +228,15 @@ def _turn(table: DriveTable, rate: float) -> Trapezoid:
 
 
 def hold(table: DriveTable, time: Array) -> tuple[Array, Array]:
-    """No displacement and no turn: kind `hold`."""
+    """Motion of kind `hold`: no displacement, shape (k, 2), and no turn, shape (k,)."""
     return np.zeros((len(time), 2)), np.zeros_like(time)
 
 
-# Drives along a path: circle, square, waypoints; the heading is held.
-
-_SPEED_KEYS = ("speed", "acceleration", "deceleration", "start_time")
-CIRCLE_KEYS = (*_SPEED_KEYS, "lap_time", "laps", "diameter", "center", "clockwise", "start_angle")
-SQUARE_KEYS = (*_SPEED_KEYS, "lap_time", "laps", "side", "center", "clockwise")
-WAYPOINT_KEYS = (*_SPEED_KEYS, "points")
-
-
 def circle(table: DriveTable, time: Array) -> Array:
-    """Planned positions of kind `circle`, shape (k, 2) [m].
+    """Planned positions of kind `circle`, shape (k, 2) [m], at times of shape (k,) [s].
 
-    Starts at `start` (a point of the circle) or `start_angle` (as seen from its centre, default 0). At
-    constant speed with `lap_time`, else from rest to rest with `speed` and `acceleration` along the path.
+    Starts at `start` (a point of the circle) or `start_angle` (as seen from its centre, default 0). Runs at
+    constant speed with `lap_time`, otherwise from rest to rest with `speed` and `acceleration` on the path.
     """
     radius = 0.5 * table.number("diameter", LENGTH)
     center = np.array(table.point("center", (0.0, 0.0)))
@@ -254,10 +259,10 @@ def _start_angle(table: DriveTable, center: Array, radius: float) -> float:
 
 
 def square(table: DriveTable, time: Array) -> Array:
-    """Planned positions of kind `square`, shape (k, 2) [m].
+    """Planned positions of kind `square`, shape (k, 2) [m], at times of shape (k,) [s].
 
-    Starts at the corner `start` (default: the one at +x, −y). Stops at corners with `speed`; with `lap_time`
-    the whole way is at constant speed.
+    Starts at the corner `start` (default: the one at +x, −y). Stops at corners with `speed`; runs at
+    constant speed with `lap_time`.
     """
     side, center = table.number("side", LENGTH), np.array(table.point("center", (0.0, 0.0)))
     corners = center + 0.5 * side * np.array([(1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)])
@@ -273,9 +278,9 @@ def square(table: DriveTable, time: Array) -> Array:
 
 
 def waypoints(table: DriveTable, time: Array) -> Array:
-    """Planned positions of kind `waypoints`, shape (k, 2) [m]: straight lines, a stop at each point.
+    """Planned positions of kind `waypoints`, shape (k, 2) [m], at times of shape (k,) [s].
 
-    From `start` where given, else from the first point.
+    Straight lines with a stop at each point, from `start` where given, otherwise from the first point.
     """
     found = table.content.get("points")
     if not isinstance(found, list) or not found:
@@ -287,16 +292,18 @@ def waypoints(table: DriveTable, time: Array) -> Array:
 
 
 def _on_polyline(points: Array, table: DriveTable, time: Array, lap: float | None) -> Array:
-    """Positions on a polyline; with a lap length [m] it may be driven at constant speed."""
+    """Positions on a polyline of points (m, 2) [m]; with the length of a lap [m], `lap_time` is allowed."""
     legs = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    walked = _distance_along(table, time, legs.tolist(), lap)
+    travelled = _distance_along(table, time, legs.tolist(), lap)
     marks = np.concatenate([[0.0], np.cumsum(legs)])
-    walked = np.minimum(walked, marks[-1])
-    return np.column_stack([np.interp(walked, marks, points[:, 0]), np.interp(walked, marks, points[:, 1])])
+    travelled = np.minimum(travelled, marks[-1])
+    return np.column_stack(
+        [np.interp(travelled, marks, points[:, 0]), np.interp(travelled, marks, points[:, 1])]
+    )
 
 
 def _distance_along(table: DriveTable, time: Array, legs: Sequence[float], lap: float | None) -> Array:
-    """Distance walked [m]: at constant speed with `lap_time`, else from rest to rest on each leg [m]."""
+    """Distance along the path [m]: at constant speed with `lap_time`, else from rest to rest on each leg."""
     time = time - table.number("start_time", TIME, 0.0)
     if lap is not None and "lap_time" in table:
         for key in ("speed", "acceleration", "deceleration"):

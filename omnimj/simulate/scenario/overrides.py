@@ -1,4 +1,4 @@
-"""`--set KEY=VALUE`: changes values in a scenario's TOML tree before it is validated."""
+"""`--set KEY=VALUE`: changes values of a scenario before it is validated; the keys that exist."""
 
 from __future__ import annotations
 
@@ -17,31 +17,35 @@ from omnimj.simulate.scenario.drive import DRIVE_KEYS
 from omnimj.simulate.scenario.tables import DIAGNOSIS_KEYS, KINEMATIC_KEYS
 
 KnownKeys = Mapping[str, tuple[str, ...]]
-"""Keys that may be set although the file lacks them, by table: `""` top level, `drive`, `faults.*`, …"""
+"""Keys that may be set although the file lacks them, by table (`""` top level, `drive`, `faults.*`, …)."""
+
+_COMMON = ("description", "plant", "model", "floor", "duration", "faults", "checks", "equations", "diagnosis")
+ROBOT_KEYS = (*_COMMON, "level", "drive", "patches", "kinematics", "scene")
+RIG_KEYS = (*_COMMON, "current", "mass", "lateral_speed")
 
 
 @contextmanager
 def attribute_to_overrides(file: str, overrides: Sequence[str]) -> Iterator[None]:
-    """An error in what was set names `--set`, not the file, which is right.
+    """Context in which an error in an overridden value names `--set` instead of the file.
 
     Args:
-      file: Its name, with which errors begin.
+      file: Name of the file, with which errors begin.
       overrides: `KEY=VALUE` texts.
     """
     try:
         yield
     except InputError as error:
-        told = str(error).removeprefix(f"{file}: ")
+        message = str(error).removeprefix(f"{file}: ")
         keys = [text.partition("=")[0].strip() for text in overrides]
-        if any(re.match(rf"{re.escape(key)}\b", told) for key in keys if key):
-            error.args = (f"--set {told}",)
+        if any(re.match(rf"{re.escape(key)}\b", message) for key in keys if key):
+            error.args = (f"--set {message}",)
         raise
 
 
 def split_override(text: str) -> tuple[str, Any]:
-    """`KEY=VALUE` as dotted key and value.
+    """Splits `KEY=VALUE` into dotted key and value.
 
-    The value is a TOML value, or a bare string where it is none: `faults.0.loss=0.57`, `floor=pvc`.
+    The value is a TOML value, otherwise a bare string: `faults.0.loss=0.57`, `floor=pvc`.
 
     Raises:
       InputError: No `=`, or an empty part in the key.
@@ -58,18 +62,18 @@ def _parse(text: str) -> Any:
         parsed = parse_toml(f"value = {text}")
     except (ValueError, RecursionError):  # not TOML, a number too long, nested too deep
         return text
-    # a value with a line break in it could bring more keys along
+    # a value with a line break could add more keys
     return parsed["value"] if set(parsed) == {"value"} else text
 
 
 def apply_override(tree: dict[str, Any], key: str, value: Any, known: KnownKeys) -> None:
     """Sets one dotted key in the tree, in place.
 
-    A key is settable if the file has it or if it is a known key of its table; nothing else is added, so a
-    typing error cannot pass for a setting.
+    A key can be set if the file has it or if it is a known key of its table; nothing else is added, so that
+    a typing error is refused.
 
     Raises:
-      InputError: An index out of range, or a key below something that is no table.
+      InputError: An index out of range, or a key below something that is not a table.
       UnknownNameError: No such key; the message lists the known ones.
     """
     node: Any = tree
@@ -106,7 +110,7 @@ def _index(place: str, name: str, part: str, entries: list[Any]) -> int:
     count = len(entries)
     if not part.isascii() or not part.isdigit():
         raise InputError(place, f"{part!r} is not an index", f"'{name}' is a list of {count}, counted from 0")
-    # a number of thousands of digits is out of range long before it is a number
+    # thousands of digits are out of range, and slow to convert
     index = int(part) if len(part) < 10 else count
     if index >= count:
         rule = f"the last is {name}.{count - 1}" if count else "there is none to change"
@@ -114,17 +118,10 @@ def _index(place: str, name: str, part: str, entries: list[Any]) -> int:
     return index
 
 
-# Keys of a scenario file, by table: what `--set` may add and what a file may hold.
-
-_COMMON = ("description", "plant", "model", "floor", "duration", "faults", "checks", "equations", "diagnosis")
-ROBOT_KEYS = (*_COMMON, "level", "drive", "patches", "kinematics", "scene")
-RIG_KEYS = (*_COMMON, "current", "mass", "lateral_speed")
-
-
 def known_keys(plant: str, wheels: int) -> KnownKeys:
-    """Keys that a scenario of this plant may have: `""` top level, `drive`, `faults.*` each fault, …
+    """Keys that a scenario of this plant may have, by table.
 
-    Wide on purpose: whether a key fits this kind of fault, drive or plant is judged when the table is read.
+    Whether a key suits the kind of fault, drive or plant is checked when the table is read.
     """
     if plant == "quarter_rig":
         metrics = tuple(metric_units(plant, wheels, False, False))

@@ -1,4 +1,4 @@
-"""A scenario: one TOML file that says where, how and with which faults is driven, and what must hold."""
+"""A scenario: one TOML file with plant, floor, drive, faults and checks."""
 
 from __future__ import annotations
 
@@ -49,63 +49,63 @@ LEVELS = ("physics", "kinematic")
 EQUATIONS = ("corrected", "published")
 
 _DURATION = Rule(0.01, 1800.0, False)
-_MAX_STEPS = 2_000_000  # a trace of so many rows is about a gigabyte
+_MAX_STEPS = 2_000_000  # a trace with as many rows takes about a gigabyte
 
 
 @dataclass(frozen=True)
 class RigInput:
-    """What the test rig is asked to do."""
+    """Input of the test rig."""
 
     current: float
     """Constant set value from the start [A]."""
     mass: float
-    """m_T of the quarter body [kg]."""
+    """Mass m_T of the quarter body [kg]."""
     lateral_speed: float
-    """Of the gantry [m/s]."""
+    """Lateral speed of the gantry [m/s]."""
 
 
 @dataclass(frozen=True)
 class Scenario:
-    """One scenario, validated."""
+    """One validated scenario."""
 
     name: str
-    """The file's name without its ending."""
+    """Name of the file without its suffix."""
     description: str
-    """One line for a person."""
+    """One line of text."""
     constants: Robot | Rig
-    """Of the plant, from its model file."""
+    """Constants of the plant, from its model file."""
     floor: str
     """Name in `floors`."""
     floors: Mapping[str, Floor]
-    """Every floor that can be named."""
+    """All floors by name."""
     duration: float
     """Length of the run [s]."""
     level: str
-    """`physics`, or `kinematic` without any forces."""
+    """`physics`, or `kinematic` without forces."""
     drive: Drive | RigInput
-    """What is asked of robot or rig."""
+    """Planned motion of the robot, or input of the rig."""
     faults: tuple[Fault, ...]
-    """The truth, unknown to the controller."""
+    """True faults, unknown to the controller."""
     patches: tuple[Patch, ...]
-    """Stretches of other floor by place."""
+    """Areas with another floor."""
     kinematics: KinematicCase | None
-    """At the kinematic level only."""
+    """Set at the kinematic level only."""
     checks: tuple[Check, ...]
-    """What must hold."""
+    """Bounds on the metrics."""
     equations: str
-    """Of the planar plant: `corrected`, or `published` as printed."""
+    """Equations of the planar plant: `corrected`, or `published` as printed."""
     scene: Path | None
-    """MJCF around the robot (ramps, thresholds, height fields); the flat floor when None."""
+    """MJCF scene around the robot (ramps, thresholds, height fields); a flat floor when None."""
     diagnosis: DetectorOptions
-    """Which form of a diagnosing method is used, where one is asked for."""
+    """Options of the diagnosis methods."""
     overrides: tuple[str, ...]
     """The `KEY=VALUE` texts that were applied."""
     gains: Gains | None = None
-    """Of recovery and observer; as shipped when None. Those of the cascade are in `constants`."""
+    """Gains of recovery and observer; the shipped ones when None. Those of the cascade are in `constants`."""
 
     @property
     def is_rig(self) -> bool:
-        """Whether the test rig is driven, not a robot."""
+        """True if the test rig is driven, not a robot."""
         return isinstance(self.constants, Rig)
 
     @property
@@ -144,12 +144,12 @@ class Scenario:
 
     @property
     def wheel_positions(self) -> Array:
-        """p_i in the body frame, shape (n, 2) [m]."""
+        """Wheel positions p_i in the body frame, shape (n, 2) [m]."""
         return np.zeros((1, 2)) if self.is_rig else self.robot.wheel_positions
 
     @property
     def metric_units(self) -> dict[str, str]:
-        """The metrics that this scenario has, and their units."""
+        """Units of the scenario's metrics by name."""
         wheels, kinematic = len(self.wheel_positions), self.level == "kinematic"
         return metric_units(self.plant, wheels, _has_path(self.drive), kinematic)
 
@@ -166,11 +166,11 @@ def read_scenario(
       name_or_path: `nylon_patch`, or `my/own.toml`.
       overrides: `KEY=VALUE` texts, applied in order before anything is validated.
       model_file: The plant's model file; the shipped one when None.
-      floors_file: Floors beside the shipped ones, or in their place where names are alike.
+      floors_file: File with floors that are added to the shipped ones or, under the same name, replace them.
 
     Raises:
       InputError: A value is missing or breaks its rule; the message names place, value and rule.
-      UnknownNameError: A scenario, key, floor or kind that does not exist; the message lists the known ones.
+      UnknownNameError: No such scenario, key, floor or kind; the message lists the choices.
     """
     path = find_scenario(name_or_path)
     with attribute_to_overrides(path.name, overrides):
@@ -184,7 +184,7 @@ def _read(
     tree = read_toml(path)
     plant = tree.get("plant")
     if plant is None:
-        raise InputError(f"{place}: plant", "is missing", "a scenario says what drives", PLANTS)
+        raise InputError(f"{place}: plant", "is missing", "a scenario has one", PLANTS)
     if plant not in PLANTS:
         raise UnknownNameError(f"{place}: plant", "plant", plant, PLANTS)
     model_file = read_model_key(tree, path) if model_file is None else model_file
@@ -258,7 +258,7 @@ def _read_robot_scenario(
 
 
 def _read_level(tree: Mapping, place: str, level: str, wheels: int) -> KinematicCase | None:
-    """The kinematic level knows no forces: it refuses what could have no effect there."""
+    """Reads `[kinematics]`; refuses tables that have no effect at the scenario's level."""
     if level == "physics":
         if "kinematics" in tree:
             found = "is there at the physics level"
@@ -298,7 +298,7 @@ def _read_faults(
         fault = read_fault(table, f"{place}: faults.{i}", wheels, floors, duration)
         if fault.kind == "payload" and float(fault.numbers["mass"]) <= -sprung:
             found = f"found {fault.numbers['mass']:g}"
-            rule = f"must be above {-sprung:g}, all that can be taken off"
+            rule = f"must be above {-sprung:g}, the whole sprung mass taken off"
             raise InputError(f"{place}: faults.{i}.mass", found, rule)
         faults.append(fault)
     return tuple(faults)
@@ -326,59 +326,51 @@ def _require_few_steps(tree: Mapping, place: str, constants: Robot | Rig) -> Non
         raise InputError(f"{place}: duration", f"found {duration:g}", rule)
 
 
-# A scenario driven with other gains than those of its model file.
-
-
 def scenario_gains(scenario: Scenario) -> Gains:
-    """The gains that a robot's scenario is driven with."""
-    robot = scenario.constants
-    assert isinstance(robot, Robot)
-    return Gains(robot.control) if scenario.gains is None else scenario.gains
+    """Gains of a robot scenario."""
+    return Gains(scenario.robot.control) if scenario.gains is None else scenario.gains
 
 
 def require_cascade(scenario: Scenario) -> None:
-    """Whether gains act on it.
+    """Refuses scenarios that are driven without the cascade, on which gains would have no effect.
 
     Raises:
-      InputError: A scenario of the test rig, or of the kinematic level.
+      InputError: A scenario of the test rig, or at the kinematic level.
     """
-    if not isinstance(scenario.constants, Robot):
+    if scenario.is_rig:
         raise InputError("--gains", f"{scenario.name} is driven on the test rig", "it has no cascade")
     if scenario.level != "physics":
         raise InputError("--gains", f"{scenario.name} is at the kinematic level", "it has no cascade")
 
 
 def with_gains(scenario: Scenario, gains: Gains) -> Scenario:
-    """The same scenario, driven with these gains.
+    """Copy of a scenario with other gains.
 
     Raises:
       InputError: As `require_cascade`.
     """
     require_cascade(scenario)
-    robot = scenario.constants
-    assert isinstance(robot, Robot)
     return dataclasses.replace(
-        scenario, constants=dataclasses.replace(robot, control=gains.control), gains=gains
+        scenario, constants=dataclasses.replace(scenario.robot, control=gains.control), gains=gains
     )
 
 
-# What a scenario consists of, as one short text: alike only where everything that acts on a run is alike.
-
-
 def scenario_digest(text: str, scenario: Scenario) -> str:
-    """Of the scenario's file, the numbers of its machine and its floors; where files lie does not matter.
+    """Hash of a scenario's file, of the numbers of its machine and of its floors, whatever their folders.
+
+    Equal only for scenarios that are equal in everything that acts on a run.
 
     Args:
-      text: Its name or path.
-      scenario: As read from there.
+      text: Name or path of the scenario.
+      scenario: The scenario read from there.
     """
     machine = dataclasses.replace(scenario.constants, file=Path(), provenance={})
     floors = {name: dict(floor.numbers) for name, floor in scenario.floors.items()}
-    told = repr((read_toml(find_scenario(text)), machine, floors))
-    return hashlib.sha256(told.encode()).hexdigest()
+    content = repr((read_toml(find_scenario(text)), machine, floors))
+    return hashlib.sha256(content.encode()).hexdigest()
 
 
 def absolute_scenario(text: str) -> str:
-    """The same scenario for who works in another folder: a path is made absolute, a name stays."""
+    """Name or absolute path of a scenario, for processes that work in another folder."""
     path = find_scenario(text)
     return text if path.stem == text else str(path.absolute())

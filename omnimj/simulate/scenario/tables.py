@@ -1,4 +1,4 @@
-"""Entries of a scenario's file, one kind each."""
+"""Readers of single entries and small tables of a scenario file, each with its rules."""
 
 from __future__ import annotations
 
@@ -14,9 +14,23 @@ from omnimj.parameters.reading import Rule, check_number
 from omnimj.resources import models_folder
 from omnimj.simulate.kinematic import KinematicCase
 
+DIAGNOSIS_KEYS = ("variant", "thresholds", *OPTION_FLAGS)
+KINEMATIC_KEYS = (
+    "plant",
+    "weights",
+    "weights_from",
+    "lost_wheel",
+    "lost_from",
+    "lost_wheel_turns_freely",
+    "misalignment",
+)
+_WEIGHT = Rule(1e-9, 1e9, False)  # beyond, the weighted pseudo-inverse loses its digits
+_TIME = Rule(0.0, math.inf, False)
+_ANGLE = Rule(-0.5, 0.5, False)
+
 
 def text_entry(tree: Mapping, key: str, place: str) -> str:
-    """One line of text."""
+    """One line of text of a key."""
     value = tree.get(key)
     if not isinstance(value, str) or not value or "\n" in value:
         found = "is missing" if value is None else f"found {value!r}"
@@ -25,7 +39,7 @@ def text_entry(tree: Mapping, key: str, place: str) -> str:
 
 
 def number_entry(tree: Mapping, key: str, place: str, rule: Rule, default: float | None = None) -> float:
-    """A number within its bounds; `default` where it is not there."""
+    """Number of a key within its bounds, or the default."""
     if key not in tree and default is None:
         raise InputError(f"{place}: {key}", "is missing", f"a number is needed that {rule}")
     return float(check_number(f"{place}: {key}", tree.get(key, default), rule))
@@ -40,18 +54,15 @@ def table_entries(tree: Mapping, key: str, place: str) -> list[Any]:
     return tables
 
 
-# Which robot or rig a scenario is about, where it is not the usual one.
-
-
 def read_model_key(tree: Mapping, scenario: Path) -> Path | None:
-    """The `model` of a scenario: `"three_wheel"` is a shipped one, `"own.toml"` lies beside the scenario.
+    """Reads the key `model`: `"three_wheel"` is a shipped model, `"own.toml"` a file beside the scenario.
 
     Args:
-      tree: The scenario's top level.
-      scenario: Its file.
+      tree: Top level of the scenario.
+      scenario: The scenario's file.
 
     Returns:
-      A file, or the bare name of a shipped model; None for the plant's usual one.
+      A file, or the bare name of a shipped model; None for the plant's default one.
 
     Raises:
       InputError: Not a text, or no such file.
@@ -70,21 +81,18 @@ def read_model_key(tree: Mapping, scenario: Path) -> Path | None:
     return path
 
 
-# What stands around the robot: another MJCF scene with ramps, thresholds, height fields.
-
-
 def read_scene_key(tree: Mapping, scenario: Path) -> Path | None:
-    """The `scene` of a scenario: `"obstacles"` is a file of `models/uto_robot`, `"own.xml"` lies beside it.
+    """Reads the key `scene`: `"obstacles"` is a shipped scene, `"own.xml"` a file beside the scenario.
 
     Args:
-      tree: The scenario's top level.
-      scenario: Its file.
+      tree: Top level of the scenario.
+      scenario: The scenario's file.
 
     Returns:
       The MJCF file; None for the flat floor.
 
     Raises:
-      InputError: Not a text, no such file, or a scenario without ground.
+      InputError: Not a text, no such file, or a kinematic scenario, which has no ground.
       UnknownNameError: No shipped scene of that name; the message lists them.
     """
     if "scene" not in tree:
@@ -106,19 +114,14 @@ def read_scene_key(tree: Mapping, scenario: Path) -> Path | None:
     return shipped[name]
 
 
-# The `[diagnosis]` table of a scenario: which form of a method to use.
-
-DIAGNOSIS_KEYS = ("variant", "thresholds", *OPTION_FLAGS)
-
-
 def read_diagnosis(table: Any, place: str) -> DetectorOptions:
-    """The form of a method; each key may be left out.
+    """Reads the `[diagnosis]` table: options of the diagnosis methods, all optional.
 
-    `variant` and `thresholds` are those of `--method published`, `self_test` and `dither` of `--method
-    robust`; `recovery` is for both.
+    `variant` and `thresholds` belong to `--method published`, `self_test` and `dither` to `--method robust`,
+    `recovery` to both.
 
     Raises:
-      InputError: Not a table, or a flag is neither true nor false.
+      InputError: Not a table, or a flag that is neither true nor false.
       UnknownNameError: A key, variant or set of thresholds that does not exist.
     """
     if not isinstance(table, Mapping):
@@ -135,31 +138,14 @@ def read_diagnosis(table: Any, place: str) -> DetectorOptions:
     )
 
 
-# The `[kinematics]` table: what a run at the kinematic level has instead of forces, faults and floors.
-
-KINEMATIC_KEYS = (
-    "plant",
-    "weights",
-    "weights_from",
-    "lost_wheel",
-    "lost_from",
-    "lost_wheel_turns_freely",
-    "misalignment",
-)
-
-_WEIGHT = Rule(1e-9, 1e9, False)  # beyond, the weighted pseudo-inverse loses its digits
-_TIME = Rule(0.0, math.inf, False)
-_ANGLE = Rule(-0.5, 0.5, False)
-
-
 def read_kinematics(table: Any, place: str, wheels: int) -> KinematicCase:
-    """The `[kinematics]` table; every key may be left out.
+    """Reads the `[kinematics]` table; every key is optional.
 
     Args:
       table: `plant` (corrected or published), `weights` and `misalignment` with one number per wheel,
         `weights_from`, `lost_wheel`, `lost_from`, `lost_wheel_turns_freely`.
-      place: What to call the table in messages.
-      wheels: n.
+      place: Name of the table in messages.
+      wheels: Number of wheels n.
 
     Raises:
       InputError: A value breaks its rule.
@@ -194,7 +180,7 @@ def read_kinematics(table: Any, place: str, wheels: int) -> KinematicCase:
 
 
 def kinematic_faults(case: KinematicCase) -> list[dict[str, Any]]:
-    """Misaligned axles and lost demand as `metrics.json` holds faults."""
+    """Misaligned axles and a lost demand as fault records of `metrics.json`."""
     records: list[dict[str, Any]] = [
         {"kind": "misalignment", "wheel": wheel, "onset": 0.0, "end": None, "angle": angle}
         for wheel, angle in enumerate(case.misalignment, start=1)

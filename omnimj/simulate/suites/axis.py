@@ -1,4 +1,4 @@
-"""Paths along the guide for a position controller: ladders of speeds, sweeps, crawls with reversals."""
+"""Test plan of the linear axis: closed-loop moves that excite its effects, as measured runs."""
 
 from __future__ import annotations
 
@@ -14,9 +14,15 @@ from omnimj.recording.dataset import Run
 from omnimj.signals import Array
 from omnimj.simulate.suites.suite import Condition, RunConfig
 
-_ROUND = 0.03  # [s] over which an acceleration builds up: what a servo drive's jerk limit makes
+_ROUND = 0.03  # [s] over which an acceleration builds up, as by the jerk limit of a servo drive
 _REST = 0.15  # [s] at either end of a stroke
 _STILL = 0.5  # [s] of rest before and after a sweep, or a quarter of it
+
+PAYLOAD_SHARE = 0.1
+"""Added mass of one move, relative to the mass of the axis."""
+DURATION = 12.0
+"""Duration of one run [s]."""
+_MEASURED = ("time", "force", "position")
 
 
 def highest_speed(axis: Axis) -> float:
@@ -92,12 +98,6 @@ def wander(amplitude: float, top: float, duration: float, period: float) -> Arra
     return path
 
 
-# Test plan of the linear axis: closed-loop moves that excite what an axis may have, as measured runs.
-
-PAYLOAD_SHARE = 0.1
-"""Mass that is put on for one move, over the axis' own."""
-
-
 @dataclass(frozen=True)
 class AxisMove:
     """One condition of the plan."""
@@ -138,9 +138,6 @@ MOVES: tuple[AxisMove, ...] = (
     AxisMove("with_payload", "strokes with known mass on it", _strokes(0.7, (0.8, 0.4), 0.7), PAYLOAD_SHARE),
 )
 """The plan; each move is a condition of its own."""
-
-DURATION = 12.0
-"""Of one run [s]."""
 
 
 def drive_move(
@@ -195,11 +192,6 @@ def axis_moves(
     return runs
 
 
-# The linear axis' test plan as a suite.
-
-_MEASURED = ("time", "force", "position")
-
-
 def plan_moves(axis: Axis, seed: int) -> list[Condition]:
     """Every move of the plan; the mass is declared where it is not that of the model."""
     found = []
@@ -209,17 +201,17 @@ def plan_moves(axis: Axis, seed: int) -> list[Condition]:
     return found
 
 
-def record_axis(axis: Axis, nominal: Axis, condition: Condition, how: RunConfig) -> Mapping[str, Array]:
+def record_axis(axis: Axis, nominal: Axis, condition: Condition, config: RunConfig) -> Mapping[str, Array]:
     """One move under position control: the force of the drive and the position.
 
     Args:
       axis: With its effects.
-      nominal: The controller believes in this one.
+      nominal: Axis that the controller assumes.
       condition: Its drive is an `AxisMove`.
-      how: Its seed; there is but one plant.
+      config: Seed and progress; there is one plant only.
     """
     move: AxisMove = condition.drive
-    columns = drive_move(axis, move, how.seed, declared=nominal)
-    if how.progress is not None:
-        how.progress(1, 1)
+    columns = drive_move(axis, move, config.seed, declared=nominal)
+    if config.progress is not None:
+        config.progress(1, 1)
     return {name: columns[name] for name in _MEASURED}

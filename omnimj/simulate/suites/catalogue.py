@@ -1,4 +1,4 @@
-"""All suites there are. A new one, for whichever plant, is one entry here."""
+"""Catalogue of suites; a new one, for any plant, is one entry here."""
 
 from __future__ import annotations
 
@@ -68,10 +68,10 @@ SUITES: Mapping[str, Suite] = MappingProxyType({suite.name: suite for suite in _
 
 
 def find_suite(name: str) -> Suite:
-    """A suite by name.
+    """Finds a suite by name.
 
     Raises:
-      UnknownNameError: No such suite; the message lists those there are.
+      UnknownNameError: No such suite; the message lists the choices.
     """
     if name not in SUITES:
         raise UnknownNameError("omnimj record", "suite", name, SUITES)

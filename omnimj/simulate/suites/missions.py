@@ -1,4 +1,4 @@
-"""Missions of the robot: drawn at random, driven by the controller."""
+"""Random missions of the robot, driven by the controller."""
 
 from __future__ import annotations
 
@@ -8,29 +8,28 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from omnimj.control.cascade.controller import Controller
-from omnimj.errors import SimulationError
 from omnimj.parameters import Robot
 from omnimj.plant.interface import Plant, robot_channels
 from omnimj.signals import Array, Reference
-from omnimj.simulate.loop import Callbacks, drive
+from omnimj.simulate.loop import Callbacks, drive, require_complete
 from omnimj.simulate.suites.suite import Condition, RunConfig
 
 MISSIONS = 6
 DURATION = 20.0
-"""Of a mission [s]."""
+"""Duration of a mission [s]."""
 
 _FLOORS = ("natural_stone", "pvc", "paperboard")
 _ACCELERATION, _YAW_ACCELERATION = 1.0, 2.0  # [m/s²], [rad/s²]
 _STAND = 0.5  # [s] at the beginning and at the end
-_GROUND_TRUTH = ("x", "y", "heading")  # as a camera system would give it
+_GROUND_TRUTH = ("x", "y", "heading")  # as a motion-capture system measures it
 
 
 def plan_missions(robot: Robot, seed: int) -> list[Condition]:
-    """Six missions of 20 s, two on each floor; another seed draws other missions."""
+    """Six missions of 20 s, two on each floor, drawn by the seed."""
     period = 1.0 / robot.sensors.sample_rate
     found = []
     for k in range(MISSIONS):
-        # apart from the sensors' seeds, which have one number
+        # a key of two numbers, apart from the seeds of the sensors
         draws = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(k, 1)))
         reference = mission(draws, DURATION, period)
         found.append(Condition(f"mission_{k + 1}", {"floor": _FLOORS[k % len(_FLOORS)]}, reference))
@@ -38,27 +37,27 @@ def plan_missions(robot: Robot, seed: int) -> list[Condition]:
 
 
 def mission(draws: np.random.Generator, duration: float, period: float) -> Reference:
-    """A random mission: stretches at 0.2-1.0 m/s in the world with turns, stops and reversals.
+    """Draws a mission: segments at 0.2-1.0 m/s in the world frame with turns, stops and reversals.
 
     Args:
       draws: Random numbers.
       duration: Of the mission [s].
-      period: Of the control [s].
+      period: Control period [s].
 
     Returns:
-      Velocity and yaw rate change at bounded accelerations; the robot stands at both ends.
+      A reference with bounded accelerations that starts and ends at rest.
     """
     rows = round(duration / period) + 1
-    asked = np.zeros((rows, 3))
+    demand = np.zeros((rows, 3))
     row = round(_STAND / period)
     end = rows - round(2.0 / period)  # time to come to a stand
     for seconds, twist in _segments(draws):
         if row >= end:
             break
         until = min(row + round(seconds / period), end)
-        asked[row:until] = twist
+        demand[row:until] = twist
         row = until
-    twist = _rate_limited(asked, period)
+    twist = _rate_limited(demand, period)
     heading = np.concatenate(([0.0], np.cumsum(twist[:-1, 2]) * period))
     position = np.vstack((np.zeros(2), np.cumsum(twist[:-1, :2], axis=0) * period))
     return Reference(
@@ -67,7 +66,7 @@ def mission(draws: np.random.Generator, duration: float, period: float) -> Refer
 
 
 def _segments(draws: np.random.Generator) -> Iterator[tuple[float, tuple[float, float, float]]]:
-    """Without end: seconds, and velocity x, y [m/s] and yaw rate [rad/s] in the world."""
+    """Endless segments: duration [s], and velocity x, y [m/s] and yaw rate [rad/s] in the world frame."""
     direction = draws.uniform(-math.pi, math.pi)
     while True:
         kind = draws.choice(("stop", "reverse", "turn_on", "anew"), p=(0.15, 0.30, 0.15, 0.40))
@@ -84,12 +83,12 @@ def _segments(draws: np.random.Generator) -> Iterator[tuple[float, tuple[float, 
         yield draws.uniform(1.5, 3.0), (speed * math.cos(direction), speed * math.sin(direction), rate)
 
 
-def _rate_limited(asked: Array, period: float) -> Array:
-    """The same demand, followed at bounded accelerations, shape (k, 3)."""
-    followed = np.zeros_like(asked)
+def _rate_limited(demand: Array, period: float) -> Array:
+    """Demand with bounded accelerations, shape (k, 3)."""
+    followed = np.zeros_like(demand)
     now = np.zeros(3)
-    for k in range(1, len(asked)):
-        step = asked[k] - now
+    for k in range(1, len(demand)):
+        step = demand[k] - now
         far = math.hypot(step[0], step[1])
         if far > _ACCELERATION * period:
             step[:2] *= _ACCELERATION * period / far
@@ -99,40 +98,39 @@ def _rate_limited(asked: Array, period: float) -> Array:
     return followed
 
 
-def record_robot(robot: Robot, nominal: Robot, condition: Condition, how: RunConfig) -> Mapping[str, Array]:
-    """One mission: what the sensors said, the set currents, and where the robot really was.
+def record_robot(
+    robot: Robot, nominal: Robot, condition: Condition, config: RunConfig
+) -> Mapping[str, Array]:
+    """Records one mission: measurements, set currents, and the true pose of the robot.
 
     Args:
       robot: With its effects.
-      nominal: The controller believes in this one.
+      nominal: Robot that the controller assumes.
       condition: Its drive is a `Reference`.
-      how: Plant, seed, progress.
+      config: Plant, seed, progress.
 
     Raises:
       SimulationError: The simulation broke down.
-      KeyboardInterrupt: The run was broken off.
+      KeyboardInterrupt: Ctrl-C was pressed.
     """
-    plant = _make_plant(robot, str(condition.conditions["floor"]), how)
+    plant = _make_plant(robot, str(condition.conditions["floor"]), config)
     try:
         trace = drive(
-            plant, Controller(nominal, period=plant.period), condition.drive, Callbacks(how.progress)
+            plant, Controller(nominal, period=plant.period), condition.drive, Callbacks(config.progress)
         )
     finally:
         plant.close()
-    if trace.about["failure"]:
-        raise SimulationError(f"run {condition.name}: {trace.about['failure']}")
-    if trace.about["interrupted"]:
-        raise KeyboardInterrupt
+    require_complete(trace, f"run {condition.name}")
     wheels = len(robot.wheels)
     targets = [f"current_target_{i}" for i in range(1, wheels + 1)]
     return {name: trace[name] for name in ("time", *robot_channels(wheels), *targets, *_GROUND_TRUTH)}
 
 
-def _make_plant(robot: Robot, floor: str, how: RunConfig) -> Plant:
-    if how.plant == "planar":
+def _make_plant(robot: Robot, floor: str, config: RunConfig) -> Plant:
+    if config.plant == "planar":
         from omnimj.plant.planar import PlanarRobot
 
-        return PlanarRobot(robot, floor, seed=how.seed, floors=how.floors)
+        return PlanarRobot(robot, floor, seed=config.seed, floors=config.floors)
     from omnimj.plant.mujoco.twin import RobotTwin  # MuJoCo is loaded for the twin only
 
-    return RobotTwin(robot, floor=how.floors[floor], seed=how.seed, floors=how.floors)
+    return RobotTwin(robot, floor=config.floors[floor], seed=config.seed, floors=config.floors)

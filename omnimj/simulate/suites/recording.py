@@ -15,78 +15,77 @@ from omnimj.recording.write_dataset import DatasetWriter
 from omnimj.simulate.loop import Progress
 from omnimj.simulate.suites.suite import MAX_REPEATS, PlannedRun, RunConfig, Suite, planned_runs
 
-_PROGRESS_PER_RUN = 100  # parts of a run in the progress
+_PROGRESS_PER_RUN = 100  # progress units of one run
 
 
 @dataclass(frozen=True)
 class RecordingConfig:
-    """What is to be recorded, beside the suite itself."""
+    """Configuration of a recording."""
 
     folder: Path
     seed: int = 0
     repeats: int | None = None
-    """Of every condition; as the suite has it when None."""
+    """Runs per condition; the suite's number when None."""
     plant: str | None = None
-    """`twin` or `planar`; the suite's usual one when None."""
+    """`twin` or `planar`; the suite's default when None."""
     model_file: Path | None = None
     """A copy of the plant's model file; the shipped one when None."""
     floors_file: Path | None = None
-    """Floors beside the shipped ones, or in their place where names are alike."""
+    """File with floors that are added to the shipped ones or, under the same name, replace them."""
     effects: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    """What the machine has and its model file lacks, by name. The dataset does not tell."""
+    """Effects of the machine that its model file lacks, by name; the dataset does not mention them."""
     table_format: str = "parquet"
     force: bool = False
 
 
 @dataclass(frozen=True)
 class RecordingResult:
-    """What came of it."""
+    """Result of `record_suite`."""
 
     runs: tuple[str, ...]
-    """Runs that are in the dataset."""
+    """Names of the runs in the dataset."""
     planned: int
     samples: int
     interrupted: bool
-    """Whether Ctrl-C ended it."""
+    """True if Ctrl-C ended it."""
 
 
 def record_suite(
     suite: Suite,
-    order: RecordingConfig,
+    config: RecordingConfig,
     progress: Progress | None = None,
     choose: Callable[[list[PlannedRun]], list[PlannedRun]] | None = None,
 ) -> RecordingResult:
-    """Drives all runs of a suite and writes them as a dataset.
+    """Drives all runs of a suite and writes them as a dataset, each as soon as it is finished.
 
-    The folder gets what a real logger and its owner would know, neither effects nor seeds. Each run is
-    there as soon as it was driven.
+    The folder contains what a real logger would record, neither effects nor seeds.
 
     Args:
       suite: The test plan.
-      order: Where to, and how.
-      progress: Called now and then with the work done and the work in all.
-      choose: Some of the planned runs, for a look or a test; all when None.
+      config: Folder, seed, plant and files.
+      progress: Called with the work done and the work in all.
+      choose: Selects some of the planned runs; all when None.
 
     Raises:
       InputError: The folder cannot be written, or a value breaks its rule.
       UnknownNameError: No such plant, format or effect.
       SimulationError: The simulation broke down; runs finished before are kept.
     """
-    plant = plant_for(suite, order.plant)
-    if order.repeats is not None and not 1 <= order.repeats <= MAX_REPEATS:
+    plant = plant_for(suite, config.plant)
+    if config.repeats is not None and not 1 <= config.repeats <= MAX_REPEATS:
         rule = f"must be at least 1 and at most {MAX_REPEATS}"
-        raise InputError("--repeats", f"found {order.repeats}", rule)
-    nominal = suite.read_machine(order.model_file)
-    machine = _with_effects(nominal, order.effects)
-    runs = planned_runs(suite, nominal, order.seed, order.repeats)
+        raise InputError("--repeats", f"found {config.repeats}", rule)
+    nominal = suite.read_machine(config.model_file)
+    machine = _with_effects(nominal, config.effects)
+    runs = planned_runs(suite, nominal, config.seed, config.repeats)
     runs = runs if choose is None else choose(runs)
-    defaults, floors = _common_conditions(runs), all_floors(order.floors_file)
-    writer = DatasetWriter(order.folder, suite.plant, defaults, order.force, order.table_format)
+    defaults, floors = _common_conditions(runs), all_floors(config.floors_file)
+    writer = DatasetWriter(config.folder, suite.plant, defaults, config.force, config.table_format)
     written, samples = [], 0
     try:
         for k, run in enumerate(runs):
-            how = RunConfig(plant, run.seed, _run_progress(progress, k, len(runs)), floors)
-            columns = suite.record(machine, nominal, run.condition, how)
+            run_config = RunConfig(plant, run.seed, _run_progress(progress, k, len(runs)), floors)
+            columns = suite.record(machine, nominal, run.condition, run_config)
             conditions = MappingProxyType(dict(run.condition.conditions))
             writer.add(Run(run.name, columns, MappingProxyType({}), conditions, run.repeat_of))
             written.append(run.name)
@@ -96,15 +95,15 @@ def record_suite(
     return RecordingResult(tuple(written), len(runs), samples, False)
 
 
-def plant_for(suite: Suite, asked: str | None) -> str:
-    """The kind of plant to record with: the suite's usual one unless asked otherwise.
+def plant_for(suite: Suite, choice: str | None) -> str:
+    """Kind of plant to record with: the user's choice, or the suite's default.
 
     Raises:
       UnknownNameError: The suite has no such plant.
     """
-    if asked is not None and asked not in suite.plants:
-        raise UnknownNameError("--plant", f"plant of {suite.name}", asked, suite.plants)
-    return asked or suite.plants[0]
+    if choice is not None and choice not in suite.plants:
+        raise UnknownNameError("--plant", f"plant of {suite.name}", choice, suite.plants)
+    return choice or suite.plants[0]
 
 
 def _with_effects(machine: Any, effects: Mapping[str, Mapping[str, Any]]) -> Any:
@@ -116,7 +115,7 @@ def _with_effects(machine: Any, effects: Mapping[str, Mapping[str, Any]]) -> Any
 
 
 def _common_conditions(runs: list[PlannedRun]) -> dict[str, float | str]:
-    """What holds for every run."""
+    """Conditions that all runs share."""
     first = dict(runs[0].condition.conditions)
     return {k: v for k, v in first.items() if all(run.condition.conditions.get(k) == v for run in runs)}
 

@@ -1,4 +1,4 @@
-"""What the rig is driven with: currents over time that keep the carriage on its rail."""
+"""Test plans of the rig: the dissertation's three and a compact mixed one, with currents within the rail."""
 
 from __future__ import annotations
 
@@ -8,27 +8,31 @@ from typing import Any
 
 import numpy as np
 
-from omnimj.errors import SimulationError
 from omnimj.parameters import Rig
 from omnimj.plant.interface import RIG_CHANNELS, Plant
 from omnimj.plant.planar import PlanarRig
 from omnimj.signals import Array, CurrentCommand
-from omnimj.simulate.loop import Callbacks, drive_rig
+from omnimj.simulate.loop import Callbacks, drive_rig, require_complete
 from omnimj.simulate.suites.suite import Condition, RunConfig
 
 RAIL_MARGIN = 0.03
-"""A run ends this far before the carriage or the gantry does [m]."""
+"""Distance to the end of rail or gantry at which a run ends [m]."""
 
 _REST = 0.2  # [s] before and after: the accelerometer shows its offset
-_REST_SIDEWAYS = 0.05  # [s] the gantry is under way already and its travel is short
+_REST_SIDEWAYS = 0.05  # [s] the gantry moves already, and its travel is short
 _LONGEST = 2.5  # [s] of a constant current
-_SLOWEST = 3.0  # [s] after which a stroke is given up that gets nowhere
+_SLOWEST = 3.0  # [s] after which a stroke that does not arrive is ended
 _STANDSTILL = 0.02  # [m/s]
+
+FLOORS = ("natural_stone", "pvc", "paperboard")
+"""Floors of the dissertation."""
+LATERAL_SPEEDS = (0.20, 0.35, 0.50, 0.65, -0.20, -0.35, -0.50, -0.65)
+"""Lateral speeds of section 4.4 [m/s]."""
 
 
 @dataclass(frozen=True)
 class RigExcitation:
-    """Current over time, and how fast the gantry moves sideways meanwhile."""
+    """Current over time, and constant lateral speed of the gantry."""
 
     current: Array
     """Set values, one per sample period, shape (k,) [A]."""
@@ -38,16 +42,16 @@ class RigExcitation:
 
 @dataclass(frozen=True)
 class Stroke:
-    """Drive to a place, coast, brake to a stand."""
+    """Drive to a position, coast, brake to standstill."""
 
     current: float
-    """Positive drives away from the rail's start, negative back [A]."""
+    """Positive away from the rail's start, negative back [A]."""
     place: float
-    """Where the current ends, from the start [m]."""
+    """Position at which the current ends, from the start [m]."""
     coast: float = 0.0
     """Time without current [s]."""
     brake: float = 0.0
-    """Size of the current that then stops the carriage [A]; 0: the next stroke begins at once."""
+    """Magnitude of the braking current [A]; 0: the next stroke begins at once."""
 
 
 def constant_current(rig: Rig, current: float, lateral_speed: float = 0.0) -> RigExcitation:
@@ -62,17 +66,16 @@ def constant_current(rig: Rig, current: float, lateral_speed: float = 0.0) -> Ri
 def stroke_currents(
     rig: Rig, floor: str, mass: float, plan: tuple[Stroke, ...], lateral_speed: float = 0.0
 ) -> RigExcitation:
-    """Strokes to and fro as currents over time.
+    """Strokes back and forth as currents over time.
 
-    When to switch is found once with the nominal planar model, as one would find it in a trial run, so that
-    all repeats are driven alike.
+    The switching times come from one trial run of the nominal planar model, so that all repeats are equal.
 
     Args:
       rig: The nominal rig.
       floor: Name of the floor.
       mass: m_T [kg].
-      plan: One stroke after the other.
-      lateral_speed: Of the gantry [m/s].
+      plan: Consecutive strokes.
+      lateral_speed: Lateral speed of the gantry [m/s].
     """
     trial = _TrialRun(rig, floor, mass, lateral_speed)
     trial.hold(0.0, _REST_SIDEWAYS if lateral_speed else _REST)
@@ -87,12 +90,12 @@ def stroke_currents(
 
 
 def samples_on_rail(rig: Rig, position: Array, lateral_position: Array) -> int:
-    """How many samples there are before the carriage or the gantry comes to the end of its travel.
+    """Number of samples before the carriage or the gantry reaches the end of its travel.
 
     Args:
       rig: The rig.
-      position: Of the carriage from its start, shape (n,) [m].
-      lateral_position: Of the gantry from its start, shape (n,) [m].
+      position: Position of the carriage from its start, shape (n,) [m].
+      lateral_position: Position of the gantry from its start, shape (n,) [m].
     """
     body = rig.rig
     low = -max(body.start_position - RAIL_MARGIN, RAIL_MARGIN)
@@ -104,7 +107,7 @@ def samples_on_rail(rig: Rig, position: Array, lateral_position: Array) -> int:
 
 
 class _TrialRun:
-    """Drives the nominal rig and notes the currents."""
+    """Drives the nominal rig and records the currents."""
 
     def __init__(self, rig: Rig, floor: str, mass: float, lateral_speed: float):
         self._plant = PlanarRig(rig, floor, mass=mass, lateral_speed=lateral_speed, ideal_sensors=True)
@@ -114,7 +117,7 @@ class _TrialRun:
     def hold(
         self, current: float, seconds: float, until: Callable[[float, float], bool] | None = None
     ) -> None:
-        """Holds a current until position [m] and speed [m/s] of the carriage say so, or the time is over."""
+        """Holds a current until a condition on position [m] and speed [m/s] is met, or the time is over."""
         command = CurrentCommand(np.array([current]))
         for _ in range(round(seconds / self._plant.period)):
             position, speed = self._plant.truth()[:2].tolist()
@@ -123,13 +126,6 @@ class _TrialRun:
             self.currents.append(current)
             self._plant.step(command)
 
-
-# Test plans of the rig: the dissertation's three, and a compact one with something of everything.
-
-FLOORS = ("natural_stone", "pvc", "paperboard")
-"""Floors of the dissertation."""
-LATERAL_SPEEDS = (0.20, 0.35, 0.50, 0.65, -0.20, -0.35, -0.50, -0.65)
-"""Of section 4.4 [m/s]."""
 
 _CREEP = (
     Stroke(0.34, 0.15, coast=0.5, brake=0.30),
@@ -186,7 +182,7 @@ def plan_lateral(rig: Rig, seed: int) -> list[Condition]:
 def plan_mixed(rig: Rig, seed: int) -> list[Condition]:
     """24 runs with reversals, coasting and braking, slow and fast, straight and sideways.
 
-    Constant currents alone hide what shows at reversal, near standstill or at one place of the rail.
+    Constant currents alone hide effects at reversal, near standstill or at one position of the rail.
     """
     full, middle, least = rig.rig.masses[0], rig.rig.masses[len(rig.rig.masses) // 2], rig.rig.masses[-1]
     found = []
@@ -209,43 +205,40 @@ def plan_mixed(rig: Rig, seed: int) -> list[Condition]:
     return found
 
 
-def record_rig(rig: Rig, nominal: Rig, condition: Condition, how: RunConfig) -> Mapping[str, Array]:
-    """One run: what the sensors said and the set current, until the carriage came to the rail's end.
+def record_rig(rig: Rig, nominal: Rig, condition: Condition, config: RunConfig) -> Mapping[str, Array]:
+    """Records one run: measurements and set current until the carriage reaches the end of the rail.
 
     Args:
       rig: With its effects.
-      nominal: Not needed, nothing is controlled.
+      nominal: Unused, since nothing is controlled.
       condition: Its drive is a `RigExcitation`.
-      how: Plant, seed, progress.
+      config: Plant, seed, progress.
 
     Raises:
       SimulationError: The simulation broke down.
-      KeyboardInterrupt: The run was broken off.
+      KeyboardInterrupt: Ctrl-C was pressed.
     """
     drive: RigExcitation = condition.drive
-    plant = _make_plant(rig, condition, drive, how)
+    plant = _make_plant(rig, condition, drive, config)
     try:
-        trace = drive_rig(plant, drive.current, Callbacks(how.progress))
+        trace = drive_rig(plant, drive.current, Callbacks(config.progress))
     finally:
         plant.close()
-    if trace.about["failure"]:
-        raise SimulationError(f"run {condition.name}: {trace.about['failure']}")
-    if trace.about["interrupted"]:
-        raise KeyboardInterrupt
+    require_complete(trace, f"run {condition.name}")
     rows = samples_on_rail(rig, trace["carriage_position"], trace["lateral_position"])
     return {name: trace[name][:rows] for name in ("time", *RIG_CHANNELS, "current_target")}
 
 
-def _make_plant(rig: Rig, condition: Condition, drive: RigExcitation, how: RunConfig) -> Plant:
+def _make_plant(rig: Rig, condition: Condition, drive: RigExcitation, config: RunConfig) -> Plant:
     floor, mass = str(condition.conditions["floor"]), float(condition.conditions["mass"])
-    asked: dict[str, Any] = {"mass": mass, "lateral_speed": drive.lateral_speed, "seed": how.seed}
-    if how.plant == "planar":
+    options: dict[str, Any] = {"mass": mass, "lateral_speed": drive.lateral_speed, "seed": config.seed}
+    if config.plant == "planar":
         from omnimj.plant.planar import PlanarRig
 
-        return PlanarRig(rig, floor, floors=how.floors, **asked)
+        return PlanarRig(rig, floor, floors=config.floors, **options)
     from omnimj.plant.mujoco.twin import RigTwin  # MuJoCo is loaded for the twin only
 
-    return RigTwin(rig, how.floors[floor], floors=how.floors, **asked)
+    return RigTwin(rig, config.floors[floor], floors=config.floors, **options)
 
 
 def _hundredths(first: int, last: int, step: int) -> Sequence[float]:

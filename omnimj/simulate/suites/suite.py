@@ -1,4 +1,4 @@
-"""What a suite is: a test plan for one plant, run by run."""
+"""Suites: test plans for one plant, run by run."""
 
 from __future__ import annotations
 
@@ -14,39 +14,38 @@ from omnimj.signals import Array
 from omnimj.simulate.loop import Progress
 
 MAX_REPEATS = 26
-"""Repeats are called a … z."""
+"""Repeats have the suffixes a … z."""
 
 
 @dataclass(frozen=True)
 class Condition:
-    """One set of conditions that is driven once, or more often for the repeatability floor."""
+    """One set of conditions, driven once, or repeatedly for the repeatability floor."""
 
     name: str
-    """What its runs are called."""
+    """Name of its runs."""
     conditions: Mapping[str, float | str]
-    """What the logger's owner writes down: `floor`, `mass`."""
+    """Conditions noted in the dataset: `floor`, `mass`."""
     drive: Any
-    """What the plant is asked to do, as the suite's `record` understands it."""
+    """Motion or input, in the form that the suite's `record` takes."""
     repeats: int | None = None
-    """How often, unless the user asks for another number; the suite's own number when None."""
+    """Number of runs unless the user sets it; the suite's number when None."""
 
 
 @dataclass(frozen=True)
 class RunConfig:
-    """How one run is to be recorded."""
+    """Configuration of one recorded run."""
 
     plant: str
     """`twin` or `planar`."""
     seed: int
-    """Of the sensors' noise in this run alone."""
+    """Seed of the sensor noise of this run."""
     progress: Progress | None = None
     floors: Mapping[str, Floor] = field(default_factory=read_floors)
-    """Every floor that can be named."""
+    """All floors by name."""
 
 
 RecordRun = Callable[[Any, Any, Condition, RunConfig], Mapping[str, Array]]
-"""Drives one run: the machine with its effects, the nominal one that the user believes in, condition, how.
-Returns the columns that a logger would have."""
+"""Drives one run of (machine with effects, nominal machine, condition, configuration); returns the log."""
 
 
 @dataclass(frozen=True)
@@ -56,16 +55,16 @@ class Suite:
     name: str
     description: str
     plant: str
-    """Folder of the plant under `models/`, as the dataset names it."""
+    """Name of the plant in datasets, and of its folder in `models/`."""
     read_machine: Callable[[Path | None], Any]
-    """Reads the model file; the shipped one when None."""
+    """Function that reads a model file; the shipped one when None."""
     plan: Callable[[Any, int], Sequence[Condition]]
-    """Conditions from the nominal machine and a seed."""
+    """Function of nominal machine and seed that returns the conditions."""
     record: RecordRun
     repeats: int = 1
-    """How often each condition is driven."""
+    """Number of runs per condition."""
     plants: tuple[str, ...] = ("twin", "planar")
-    """Kinds of simulation that it can be recorded with, the usual one first."""
+    """Kinds of simulation it can be recorded with, the default first."""
 
 
 @dataclass(frozen=True)
@@ -75,19 +74,19 @@ class PlannedRun:
     name: str
     condition: Condition
     repeat_of: str | None
-    """The condition's name where it is driven more than once."""
+    """Name of the condition if it has several runs."""
     seed: int
-    """Of its sensors' noise."""
+    """Seed of its sensor noise."""
 
 
 def planned_runs(suite: Suite, machine: Any, seed: int, repeats: int | None = None) -> list[PlannedRun]:
-    """All runs of a suite in their order; run k's noise comes from `SeedSequence(seed, k)`.
+    """Runs of a suite in their order; the noise of run k is seeded by `SeedSequence(seed, k)`.
 
     Args:
       suite: The test plan.
       machine: The nominal machine.
-      seed: Of the whole dataset.
-      repeats: Of every condition; as the suite has it when None.
+      seed: Seed of the dataset.
+      repeats: Runs per condition; the suite's number when None.
     """
     runs: list[PlannedRun] = []
     for condition in suite.plan(machine, seed):

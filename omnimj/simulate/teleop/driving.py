@@ -65,7 +65,7 @@ class TeleopResult:
 
     steps: int
     interrupted: bool
-    """Whether Ctrl-C ended it."""
+    """True if Ctrl-C ended it."""
     failure: str | None
     """Time and reason of a failure of the plant."""
     diagnoses: tuple[Diagnosis, ...]

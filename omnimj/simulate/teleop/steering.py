@@ -159,7 +159,7 @@ class StickState:
     turn: float = 0.0
     """Counter-clockwise."""
     held: bool = False
-    """Whether the dead man's button is held."""
+    """True if the dead man's button is held."""
 
 
 _NEUTRAL_STICK = StickState()

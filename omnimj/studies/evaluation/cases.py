@@ -1,4 +1,4 @@
-"""What an evaluation drives: cases, each drawn from suite, seed and number alone."""
+"""Cases of an evaluation, each drawn from suite, seed and number alone."""
 
 from __future__ import annotations
 
@@ -33,27 +33,27 @@ FLOORS = ("natural_stone", "pvc", "paperboard", "natural_stone_capped")
 """Floors of the cases."""
 PLANTS = ("planar", "twin")
 TRAINING_SEEDS = range(100)
-"""Seeds of runs that thresholds are set with; nothing is judged by them."""
+"""Seeds of the runs that set thresholds; they do not judge a method."""
 WHEELS = 4
 
 _SPEEDS = ("low", "high")  # by name in `scenario.drive_keys`
 _START, _REST = 0.5, 0.5  # [s] at rest before and after a manoeuvre
 _RISE = {"low": 0.5, "high": 1.0}  # [s] at 1 m/s²
-# what a case draws has a stream of its own: asking for other faults changes nothing else of it
+# one random stream per aspect of a case: other faults change nothing else of it
 _MOTION, _WORLD, _FAULTS, _NOISE, _ORDER, _PAIRS = range(6)
 _MANY = 1024  # cases whose classes are drawn together
 
 
 @dataclass(frozen=True)
 class Suite:
-    """A kind of runs."""
+    """A kind of run."""
 
     name: str
     description: str
     duration: float
-    """Of a run [s]."""
+    """Duration of a run [s]."""
     healthy: float
-    """Share of cases without a fault, unless faults are chosen."""
+    """Share of cases without a fault, if the population has such cases."""
     onsets: tuple[float, float]
     """Shares of the duration between which the first fault begins."""
     passing: bool
@@ -80,12 +80,12 @@ SUITES: Mapping[str, Suite] = MappingProxyType(
         ),
     }
 )
-"""Suites by name, the usual one first."""
+"""Suites by name, the default first."""
 
 
 @dataclass(frozen=True)
 class CasePopulation:
-    """What cases are drawn from."""
+    """Population that cases are drawn from."""
 
     suite: str = "missions"
     seed: int = 0
@@ -93,7 +93,7 @@ class CasePopulation:
     floors: tuple[str, ...] = FLOORS
     faults: tuple[str, ...] = CLASSES
     duration: float | None = None
-    """Of a run [s]; as the suite has it when None."""
+    """Duration of a run [s]; that of the suite when None."""
 
 
 @dataclass(frozen=True)
@@ -110,22 +110,22 @@ class Case:
     duration: float
     """[s]."""
     speed: str
-    """`low` or `high` of a manoeuvre; `mixed` of a mission."""
+    """`low` or `high` for a manoeuvre; `mixed` for a mission."""
     direction: float | None
-    """Of a manoeuvre, in the world [rad]."""
+    """Direction of a manoeuvre in the world [rad]; None for a mission."""
     fault: str
     """One of `random_truth.ALL_CLASSES`."""
     faults: tuple[Fault, ...]
     errors: ParameterErrors
     noise: int
-    """Seed of the sensors."""
+    """Seed of the sensor noise."""
 
     def fault_records(self) -> list[dict[str, Any]]:
-        """The truth as `metrics.json` has it."""
+        """Return the faults as in `metrics.json`."""
         return [fault_record(fault) for fault in self.faults]
 
     def to_dict(self) -> dict[str, Any]:
-        """In JSON's own kinds."""
+        """Return the case in JSON's own types."""
         errors = dataclasses.asdict(dataclasses.replace(self.errors, constants={}, floor={}))
         errors |= {"constants": dict(self.errors.constants), "floor": dict(self.errors.floor)}
         errors["torque_constants"] = list(self.errors.torque_constants)
@@ -136,74 +136,79 @@ class Case:
         }
 
 
-def draw_case(choice: CasePopulation, index: int) -> Case:
-    """Case number `index`; the same suite, seed and number draw the same motion, world, faults and noise.
+def draw_case(population: CasePopulation, index: int) -> Case:
+    """Draw a case; the same suite, seed and number give the same motion, world, faults and noise.
 
     Args:
-      choice: What to draw from; plants, floors and faults that are left out change nothing else of a case.
-      index: From 0.
+      population: Population to draw from; its plants, floors and faults affect nothing else of a case.
+      index: Number of the case, from 0.
     """
-    suite = SUITES[choice.suite]
-    duration = suite.duration if choice.duration is None else choice.duration
-    speed, direction = ("mixed", None) if choice.suite == "missions" else _manoeuvre(choice, index)
-    world = _stream(choice, index, _WORLD)
+    suite = SUITES[population.suite]
+    duration = suite.duration if population.duration is None else population.duration
+    speed, direction = ("mixed", None) if population.suite == "missions" else _manoeuvre(population, index)
+    world = _stream(population, index, _WORLD)
     floor, plant = world.random(), world.random()
-    draws = _stream(choice, index, _FAULTS)
-    fault = draw_class(draws, choice.faults, suite.healthy)
+    draws = _stream(population, index, _FAULTS)
+    fault = draw_class(draws, population.faults, suite.healthy)
     onsets = (suite.onsets[0] * duration, suite.onsets[1] * duration)
     return Case(
         name=f"case_{index:05d}",
-        suite=choice.suite,
-        seed=choice.seed,
+        suite=population.suite,
+        seed=population.seed,
         index=index,
-        plant=choice.plants[int(plant * len(choice.plants))],
-        floor=choice.floors[int(floor * len(choice.floors))],
+        plant=population.plants[int(plant * len(population.plants))],
+        floor=population.floors[int(floor * len(population.floors))],
         duration=duration,
         speed=speed,
         direction=direction,
         fault=fault,
-        faults=draw_faults(draws, fault, onsets, suite.passing, _pair(choice, index, fault)),
+        faults=draw_faults(draws, fault, onsets, suite.passing, _pair(population, index, fault)),
         errors=draw_parameter_errors(world, WHEELS),
-        noise=int(_stream(choice, index, _NOISE).integers(2**62)),
+        noise=int(_stream(population, index, _NOISE).integers(2**62)),
     )
 
 
-def _stream(choice: CasePopulation, index: int, what: int) -> np.random.Generator:
-    key = (list(SUITES).index(choice.suite), index, what)
-    return np.random.default_rng(np.random.SeedSequence(choice.seed, spawn_key=key))
+def _stream(population: CasePopulation, index: int, what: int) -> np.random.Generator:
+    key = (list(SUITES).index(population.suite), index, what)
+    return np.random.default_rng(np.random.SeedSequence(population.seed, spawn_key=key))
 
 
-def _pair(choice: CasePopulation, index: int, fault: str) -> int | None:
-    """Every 28 cases with two faults have each pair once, in random order."""
+def _pair(population: CasePopulation, index: int, fault: str) -> int | None:
+    """Draw the pair of faults: every 28 cases with two faults have each pair once, in random order."""
     if fault != TWO:
         return None
-    number = sum(_classes(choice, block).count(TWO) for block in range(index // _MANY))
-    number += _classes(choice, index // _MANY)[: index % _MANY].count(TWO)
-    order = _stream(choice, number // len(PAIRS), _PAIRS).permutation(len(PAIRS))
+    number = sum(_classes(population, block).count(TWO) for block in range(index // _MANY))
+    number += _classes(population, index // _MANY)[: index % _MANY].count(TWO)
+    order = _stream(population, number // len(PAIRS), _PAIRS).permutation(len(PAIRS))
     return int(order[number % len(PAIRS)])
 
 
 @functools.lru_cache(maxsize=128)
-def _classes(choice: CasePopulation, block: int) -> tuple[str, ...]:
-    """Classes of the cases of a block of `_MANY`, as `draw_case` draws them."""
-    cases, healthy = range(block * _MANY, (block + 1) * _MANY), SUITES[choice.suite].healthy
-    return tuple(draw_class(_stream(choice, k, _FAULTS), choice.faults, healthy) for k in cases)
+def _classes(population: CasePopulation, block: int) -> tuple[str, ...]:
+    """Return the fault classes of a block of `_MANY` cases, as `draw_case` draws them."""
+    cases, healthy = range(block * _MANY, (block + 1) * _MANY), SUITES[population.suite].healthy
+    return tuple(draw_class(_stream(population, k, _FAULTS), population.faults, healthy) for k in cases)
 
 
-def _manoeuvre(choice: CasePopulation, index: int) -> tuple[str, float]:
-    """Every 48 cases have each direction at each speed once, in random order."""
+def _manoeuvre(population: CasePopulation, index: int) -> tuple[str, float]:
+    """Draw speed and direction: every 48 cases have each combination once, in random order."""
     angles = directions()
     both = len(_SPEEDS) * len(angles)
-    order = _stream(choice, index // both, _ORDER).permutation(both)
+    order = _stream(population, index // both, _ORDER).permutation(both)
     place = int(order[index % both])
     return _SPEEDS[place % len(_SPEEDS)], float(angles[place // len(_SPEEDS)])
 
 
 def case_reference(case: Case, period: float) -> Reference:
-    """What the robot is asked to do, one sample per control period [s]."""
+    """Return the commanded motion of a case.
+
+    Args:
+      case: The case.
+      period: Control period, one sample each [s].
+    """
     if case.direction is None:
-        choice = CasePopulation(case.suite, case.seed)
-        return mission(_stream(choice, case.index, _MOTION), case.duration, period)
+        population = CasePopulation(case.suite, case.seed)
+        return mission(_stream(population, case.index, _MOTION), case.duration, period)
     rise = _RISE[case.speed]
     cruise = max(case.duration - _START - _REST - 2.0 * rise, 0.0)
     table = {"kind": "profile", "speed": case.speed, "direction": case.direction}
@@ -212,7 +217,7 @@ def case_reference(case: Case, period: float) -> Reference:
 
 
 def fault_label(record: Mapping[str, Any]) -> str:
-    """A fault or diagnosis in words: `motor 3`, `sensor yaw_rate`, `all_wheel_slip`."""
+    """Return the label of a fault or diagnosis: `motor 3`, `sensor yaw_rate`, `all_wheel_slip`."""
     kind = str(record["kind"])
     if kind == "sensor":
         return f"sensor {record.get('channel') or '?'}"
@@ -221,35 +226,33 @@ def fault_label(record: Mapping[str, Any]) -> str:
 
 
 def is_judging_seed(seed: int) -> bool:
-    """Whether a seed may judge a method."""
+    """Return whether a seed may judge a method."""
     return seed not in TRAINING_SEEDS
 
 
-# What controller and method of a case believe: the nominal robot on the nominal floor, nothing wrong.
-
-_TEMPLATE = "degraded_motor"  # any robot scenario at the physics level: what is a case's own is replaced
+_TEMPLATE = "degraded_motor"  # any robot scenario with forces; case-specific entries are replaced
 _SETTABLE = ("drive.yaw_loop", "drive.heading_hold", "drive.heading_feedback")
 
 
 def check_settings(settings: Iterable[str]) -> None:
-    """Whether these are settings of method or cascade, not of the cases.
+    """Check that these are settings of the method or the cascade, not of the cases.
 
     Raises:
-      InputError: A text that is not KEY=VALUE, a key that is the cases' own, or a value that breaks its rule.
+      InputError: A text is not KEY=VALUE, a key belongs to the cases, or a value breaks its rule.
     """
     for text in settings:
         key = split_override(text)[0]
         if not key.startswith("diagnosis.") and key not in _SETTABLE:
-            rule = "cases are drawn; settings are those of the method and of the cascade's loops"
-            raise InputError(f"--set {key}", "is none of them", rule, ("diagnosis.…", *_SETTABLE))
+            rule = "cases are drawn at random; only method and cascade loops have settings"
+            raise InputError(f"--set {key}", "cannot be set here", rule, ("diagnosis.…", *_SETTABLE))
     read_scenario(_TEMPLATE, ("faults=[]", "checks={}", *settings))
 
 
 def nominal_scenario(case: Case, settings: Iterable[str] = ()) -> Scenario:
-    """The case as a scenario without any fault.
+    """Return the case as the nominal scenario, without faults and parameter errors.
 
     Args:
-      case: Its errors and faults are left out.
+      case: The case.
       settings: `KEY=VALUE` texts for method and cascade, as `check_settings` allows them.
     """
     healthy = ("faults=[]", "checks={}", f"floor={case.floor}", f"duration={case.duration!r}")

@@ -1,7 +1,7 @@
-"""What is asked of a method, beside what an evaluation measured: measure, goal, measured, n, met.
+"""Goals of a method beside the measured figures: measure, goal, measured, n, met.
 
-A goal is met or missed by the figure that was measured; whether the number of cases carries that is said
-beside it. Where a goal is a time without a statistic, median and 95 % quantile are both held against it.
+A goal is met or missed by the measured figure; a remark says whether its confidence interval agrees. A goal
+for a time without a statistic applies to both the median and the 95 % quantile.
 """
 
 from __future__ import annotations
@@ -14,36 +14,37 @@ from omnimj.studies.evaluation.summary import Delays, GroupSummary, Ratios, Summ
 from omnimj.studies.statistics import EventRate, Rate
 
 QUIET_HOURS = {"planar": 30.0, "twin": 3.0}
-"""Fault-free time in which no false alarm is asked for, per plant [h]."""
+"""Fault-free time without any false alarm that the goal needs, per plant [h]."""
 MAX_FALSE_ALARMS_PER_HOUR = 0.1
 MAX_RATIO = 1.05
 
 
 @dataclass(frozen=True)
 class GoalResult:
-    """One measure; those without a goal are told for their own sake."""
+    """One measure with its goal, if it has one."""
 
     measure: str
     unit: str
     goal: str
-    """In words; empty without one."""
+    """The goal in words; empty without one."""
     value: float | None
-    """What was measured; None of no case. Rates are shares."""
+    """Measured figure; None without a case. Rates are shares, 0 … 1."""
     low: float | None
-    """Bounds of 95 % where there are any."""
+    """Lower 95 % bound, if there is one."""
     high: float | None
     count: float
-    """What it is of: cases, faults, hours."""
+    """Sample size: number of cases or faults, or hours."""
     counted: str
+    """Unit of the sample size."""
     met: bool | None
-    """None: there is no goal, or nothing to judge it by."""
+    """Whether the goal is met; None without a goal or a figure."""
     sure: bool
-    """Whether the bounds are on the same side of the goal."""
+    """Whether the bounds lie on the same side of the goal as the figure."""
     remark: str = ""
 
 
 def judge_goals(summary: Summary) -> tuple[GoalResult, ...]:
-    """Every measure of an evaluation, those that it has no cases for too."""
+    """Return every measure of an evaluation, also those without a case."""
     group = {one.name: one for one in summary.goals}
     weak, dead, slips, large, small, two = (group[name] for name in group)
     return (
@@ -64,7 +65,7 @@ def judge_goals(summary: Summary) -> tuple[GoalResult, ...]:
 
 
 def _alarms(summary: Summary) -> Iterator[GoalResult]:
-    """Per plant, since the hours that are asked for differ."""
+    """Yield the false-alarm rates per plant, since the required hours differ."""
     if not summary.quiet:
         yield GoalResult(
             "false alarms, fault-free",
@@ -151,7 +152,7 @@ def _switches(summary: Summary) -> GoalResult:
 
 
 def format_goal(one: GoalResult) -> tuple[str, str, str, str, str]:
-    """Cells of a table: measure, goal, measured, n, met."""
+    """Format a row of the table of goals: measure, goal, measured, n, met."""
     return one.measure, one.goal, _measured(one), _count(one), _met(one)
 
 

@@ -1,4 +1,4 @@
-"""What one case says of a method."""
+"""Scores of single cases."""
 
 from __future__ import annotations
 
@@ -15,32 +15,32 @@ from omnimj.studies.random_truth import ALL_CLASSES, NONE, TWO
 
 AMBIGUOUS, SEVERAL = "ambiguous", "several"
 HEADING_FLOOR = 0.0015
-"""One step of the heading converter: smaller excursions are taken as this large in ratios [rad]."""
+"""Smallest heading excursion in ratios, one step of the heading converter [rad]."""
 PATH_FLOOR = 0.005
-"""Smaller excursions of the path are taken as this large in ratios [m]."""
+"""Smallest path excursion in ratios [m]."""
 
 
 @dataclass(frozen=True)
 class FaultScore:
-    """One fault of a case."""
+    """Score of one fault of a case."""
 
     label: str
     """`motor 3`."""
     in_use: float | None
-    """Since when its part was in use [s]; None: it never was."""
+    """Time at which its part was first in use [s]; None: never."""
     named: bool
-    """Whether it was named for itself."""
+    """Whether this fault was diagnosed."""
     named_delay: float
-    """From onset to its name [s]; ∞: never."""
+    """Time from onset to its diagnosis [s]; ∞: never."""
     named_delay_in_use: float | None
-    """From first use to its name [s], 0 where that came before; None: never in use."""
+    """Time from first use to its diagnosis [s], 0 if diagnosed before; None: never in use."""
     estimate_error: float | None
-    """Estimated − true effectiveness of a weak motor after 5 s in use."""
+    """Estimated − true effectiveness of a weak motor after 5 s of use."""
 
 
 @dataclass(frozen=True)
 class CaseScore:
-    """One case."""
+    """Score of one case."""
 
     name: str
     plant: str
@@ -49,64 +49,71 @@ class CaseScore:
     speed: str
     hours: float
     fault: str
-    """Class of the truth."""
+    """Fault class of the truth."""
     severity: float | None
     """Loss or grip of a single motor or slip fault."""
     truth: str
     """Row of the confusion matrix: `none`, `motor 3`, `two`."""
     diagnosed: str
-    """Its column: the truth's label where the fault was isolated; else a name, `none`, `ambiguous`,
-    `several`."""
+    """Column of the confusion matrix: the true label if the fault was isolated; else the diagnosed one,
+    `none`, `ambiguous` or `several`."""
     isolated: bool | None
-    """By the rule of `scenario.judging`; None without a fault."""
+    """Whether exactly the true faults were diagnosed, see `simulate.judging`; None without a fault."""
     false_alarms: int
     early_alarms: int
-    """Of these, those before the first onset."""
+    """Number of false alarms before the first onset."""
     healthy_hours: float
-    """Time without a fault: until the first onset, or all of it [h]."""
+    """Time until the first onset; the whole run without a fault [h]."""
     delay: float
-    """From the first onset to the first alarm [s]; ∞: none, or no fault."""
+    """Time from the first onset to the first alarm [s]; ∞: no alarm, or no fault."""
     delay_in_use: float | None
-    """From the first use of a faulty part to the first alarm [s], 0 where that came before; None: no faulty
-    part was ever in use."""
+    """Time from the first use of a faulty part to the first alarm [s], 0 if the alarm came before; None: no
+    faulty part was in use."""
     faults: tuple[FaultScore, ...]
     heading: float | None
-    """Excursion with the method [rad]."""
+    """Heading excursion with the method [rad]."""
     heading_off: float | None
+    """Heading excursion without any method [rad]."""
     path: float | None
-    """[m]."""
+    """Path excursion with the method [m]."""
     path_off: float | None
+    """Path excursion without any method [m]."""
     clearing: float | None
-    """From a slip's end to the end of its diagnosis [s]; ∞: never; None: nothing to clear."""
+    """Time from the end of a slip to the end of its diagnosis [s]; ∞: never; None: nothing to clear."""
     switches: int | None
-    """How often a slip that is the only fault was diagnosed; None: no such slip, or it was never named."""
+    """Number of diagnoses of a slip that is the only fault; None: no such slip, or never diagnosed."""
 
     @property
     def heading_ratio(self) -> float | None:
-        """With over without recovery; both at least `HEADING_FLOOR`."""
+        """Heading excursion with recovery over that without, both at least `HEADING_FLOOR`."""
         return _ratio(self.heading, self.heading_off, HEADING_FLOOR)
 
     @property
     def path_ratio(self) -> float | None:
-        """With over without recovery; both at least `PATH_FLOOR`."""
+        """Path excursion with recovery over that without, both at least `PATH_FLOOR`."""
         return _ratio(self.path, self.path_off, PATH_FLOOR)
 
     @property
     def was_in_use(self) -> bool:
-        """Whether every faulty part was asked to work."""
+        """Whether every faulty part was in use."""
         return bool(self.faults) and all(fault.in_use is not None for fault in self.faults)
 
 
 def score_case(case: Case, result: Mapping[str, Any]) -> CaseScore:
-    """Scores what `drive_case` found."""
-    said: Sequence[Mapping[str, Any]] = result["method"]["diagnoses"]
+    """Score a case.
+
+    Args:
+      case: The case with its truth.
+      result: From `trial.drive_case`.
+    """
+    diagnoses: Sequence[Mapping[str, Any]] = result["method"]["diagnoses"]
     truth = case.fault_records()
-    verdict = judge_diagnoses(truth, said)
+    verdict = judge_diagnoses(truth, diagnoses)
     onset = min((fault.onset for fault in case.faults), default=inf)
     used = [use["first"] for use in result["use"] if use["first"] is not None]
     delay = inf if verdict.detection_delay is None else verdict.detection_delay
     off = result["off"] or {"heading": None, "path": None}
-    early = [one for one in said if one["time"] < onset]
+    early = [one for one in diagnoses if one["time"] < onset]
     return CaseScore(
         name=case.name,
         plant=case.plant,
@@ -117,7 +124,7 @@ def score_case(case: Case, result: Mapping[str, Any]) -> CaseScore:
         fault=case.fault,
         severity=_severity(case),
         truth=truth_label(case),
-        diagnosed=diagnosed_label(case, said),
+        diagnosed=diagnosed_label(case, diagnoses),
         isolated=verdict.isolated,
         false_alarms=verdict.false_alarms,
         early_alarms=len(early) if case.faults else 0,
@@ -125,14 +132,15 @@ def score_case(case: Case, result: Mapping[str, Any]) -> CaseScore:
         delay=delay,
         delay_in_use=max(onset + delay - min(used), 0.0) if used else None,
         faults=tuple(
-            _score_fault(case, k, result["use"][k], said, verdict.named[k]) for k in range(len(case.faults))
+            _score_fault(case, k, result["use"][k], diagnoses, verdict.named[k])
+            for k in range(len(case.faults))
         ),
         heading=result["method"]["heading"],
         heading_off=off["heading"],
         path=result["method"]["path"],
         path_off=off["path"],
-        clearing=_clearing(case, said),
-        switches=_switches(case, said),
+        clearing=_clearing(case, diagnoses),
+        switches=_switches(case, diagnoses),
     )
 
 
@@ -143,7 +151,7 @@ def _ratio(with_recovery: float | None, without: float | None, floor: float) -> 
 
 
 def _severity(case: Case) -> float | None:
-    """Of a single fault of the classes motor (by torque constant) and slip."""
+    """Return loss or grip of a single fault of the classes motor (by torque constant) and slip."""
     if case.fault not in ("motor", "slip"):
         return None
     numbers = case.faults[0].numbers
@@ -152,25 +160,25 @@ def _severity(case: Case) -> float | None:
 
 
 def truth_label(case: Case) -> str:
-    """`none`, the fault's label, or `two`."""
+    """Return the true label of a case: `none`, that of its fault, or `two`."""
     if case.fault in (NONE, TWO):
         return case.fault
     return fault_label(case.fault_records()[0])
 
 
-def diagnosed_label(case: Case, said: Sequence[Mapping[str, Any]]) -> str:
-    """What a case was taken for: by what was said since the first onset and not taken back within `GRACE`."""
+def diagnosed_label(case: Case, diagnoses: Sequence[Mapping[str, Any]]) -> str:
+    """Return the diagnosed label of a case, from diagnoses after the onset that last longer than `GRACE`."""
     truth = case.fault_records()
     onset = min((fault.onset for fault in case.faults), default=0.0)
     lasting = [
         one
-        for one in said
+        for one in diagnoses
         if one["time"] >= onset and (one.get("cleared") is None or one["cleared"] - one["time"] > GRACE)
     ]
-    if truth and judge_diagnoses(truth, said).isolated:
+    if truth and judge_diagnoses(truth, diagnoses).isolated:
         return truth_label(case)
-    if not truth and said and not lasting:
-        lasting = list(said)  # without a fault every alarm is one too many
+    if not truth and diagnoses and not lasting:
+        lasting = list(diagnoses)  # without a fault every alarm counts
     if not lasting:
         return NONE
     names = {fault_label(one) for one in lasting if not one.get("ambiguous_with")}
@@ -180,10 +188,10 @@ def diagnosed_label(case: Case, said: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _score_fault(
-    case: Case, k: int, use: Mapping[str, Any], said: Sequence[Mapping[str, Any]], named: bool
+    case: Case, k: int, use: Mapping[str, Any], diagnoses: Sequence[Mapping[str, Any]], named: bool
 ) -> FaultScore:
     fault, truth = case.faults[k], case.fault_records()
-    times = [one["time"] for one in said if judge_diagnoses(truth, [one]).named[k]]
+    times = [one["time"] for one in diagnoses if judge_diagnoses(truth, [one]).named[k]]
     at = max(min(times), fault.onset) if named and times else inf
     return FaultScore(
         label=fault_label(truth[k]),
@@ -196,24 +204,24 @@ def _score_fault(
 
 
 def _estimate_error(case: Case, fault: Fault, estimate: float | None) -> float | None:
-    """Against (1 − loss) × true over nominal torque constant: what is left of the one it believes in."""
+    """Return the estimate − (1 − loss) × true/nominal torque constant, the effectiveness that is left."""
     if estimate is None or fault.wheel is None or "loss" not in fault.numbers:
         return None
     left = (1.0 - float(fault.numbers["loss"])) * case.errors.torque_constants[fault.wheel - 1]
     return estimate - left
 
 
-def _slip_diagnoses(case: Case, said: Sequence[Mapping[str, Any]]) -> Sequence[Mapping[str, Any]]:
-    """The diagnoses that name a slip which is the only fault; none where another fault, or more, is true."""
+def _slip_diagnoses(case: Case, diagnoses: Sequence[Mapping[str, Any]]) -> Sequence[Mapping[str, Any]]:
+    """Return the diagnoses of a slip that is the only fault; none if the truth is another."""
     if len(case.faults) != 1 or case.faults[0].kind != "slip":
         return ()
     truth = case.fault_records()
-    return [one for one in said if judge_diagnoses(truth, [one]).named[0]]
+    return [one for one in diagnoses if judge_diagnoses(truth, [one]).named[0]]
 
 
-def _clearing(case: Case, said: Sequence[Mapping[str, Any]]) -> float | None:
-    """Of the last diagnosis that named a slip which ended."""
-    naming = _slip_diagnoses(case, said)
+def _clearing(case: Case, diagnoses: Sequence[Mapping[str, Any]]) -> float | None:
+    """Return the time from the end of a slip to that of its last diagnosis."""
+    naming = _slip_diagnoses(case, diagnoses)
     end = case.faults[0].end if naming else None
     if end is None or end >= case.duration:
         return None
@@ -221,13 +229,13 @@ def _clearing(case: Case, said: Sequence[Mapping[str, Any]]) -> float | None:
     return max(max(ends) - end, 0.0)
 
 
-def _switches(case: Case, said: Sequence[Mapping[str, Any]]) -> int | None:
-    """Every one that comes after the first was taken back is one more."""
-    return len(_slip_diagnoses(case, said)) or None
+def _switches(case: Case, diagnoses: Sequence[Mapping[str, Any]]) -> int | None:
+    """Return the number of diagnoses of a slip; each one after the first was cleared counts."""
+    return len(_slip_diagnoses(case, diagnoses)) or None
 
 
 def confusion(scores: Sequence[CaseScore]) -> dict[str, dict[str, int]]:
-    """Truth → diagnosed → cases; every row sums to the cases of its truth."""
+    """Return truth → diagnosed → number of cases; every row sums to the cases of its truth."""
     counts: dict[str, dict[str, int]] = defaultdict(lambda: defaultdict(int))
     for score in scores:
         counts[score.truth][score.diagnosed] += 1
@@ -238,6 +246,6 @@ _KINDS = (*ALL_CLASSES, AMBIGUOUS, SEVERAL)
 
 
 def label_sort_key(label: str) -> tuple[int, str]:
-    """Sorts labels as the classes are listed, then by wheel or channel."""
+    """Return the sort key of a label: by class, then by wheel or channel."""
     kind, _, place = label.partition(" ")
     return (_KINDS.index(kind) if kind in _KINDS else len(_KINDS), place)

@@ -1,20 +1,16 @@
-"""`omnimj evaluate`: many randomised cases with a method, judged against their truth.
+"""Evaluation study, `omnimj evaluate`: randomised cases with a diagnosis method, judged by their truth.
 
 The folder:
-  evaluation_plan.json  what was asked
-  cases/case_….json     the truth of a case and what its runs gave
-  recordings/           where asked for, what the sensors said, as a dataset
+  evaluation_plan.json  settings
+  cases/case_….json     truth of a case and facts from its runs
+  recordings/           recorded sensor signals as a dataset, with `--record`
   evaluation.json, evaluation.md
-In JSON a delay without end is null; one since first use is null too where `in_use` of the case's faults is.
-What is there is kept: an evaluation that was broken off goes on where it stood, and one with more trials
-takes up those that were driven.
+In JSON an infinite delay is null; a delay since first use is also null where the case has no `in_use`.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import json
-import shutil
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
@@ -26,8 +22,7 @@ from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.control.gains import GAIN_NAMES, Gains
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import read_robot
-from omnimj.recording.folder import check_folder
-from omnimj.recording.json_files import read_result, result_writer, to_jsonable, write_json, write_text
+from omnimj.recording.json_files import to_jsonable, write_json, write_text
 from omnimj.signals import to_frame
 from omnimj.simulate.detectors import require_known_method
 from omnimj.studies.evaluation.cases import (
@@ -46,122 +41,103 @@ from omnimj.studies.evaluation.summary import Summary, summarize
 from omnimj.studies.evaluation.tables import format_heading, result_tables, summary_sentences
 from omnimj.studies.evaluation.trial import OFF, RECORDINGS, drive_case, is_recorded, write_recordings_index
 from omnimj.studies.random_truth import ALL_CLASSES
+from omnimj.studies.runner import StudyFolder, TrialFolder, run_study
 from omnimj.studies.statistics import Table, format_markdown
-from omnimj.studies.workers import Progress, WorkerPool, run_in_workers
+from omnimj.studies.workers import Progress, WorkerPool
 
 PLAN, NUMBERS, TEXT, CASES = "evaluation_plan.json", "evaluation.json", "evaluation.md", "cases"
 
 
 @dataclass(frozen=True)
 class EvaluationConfig:
-    """What is to be done."""
+    """Settings of an evaluation."""
 
     out: Path
-    choice: CasePopulation = field(default_factory=CasePopulation)
+    population: CasePopulation = field(default_factory=CasePopulation)
     method: str = OFF
     settings: tuple[str, ...] = ()
     """`KEY=VALUE` texts for method and cascade: `diagnosis.variant=printed`."""
     trials: int = 100
     workers: int = 1
     force: bool = False
-    """Whether another evaluation that is in the folder may be replaced."""
+    """Replace another evaluation in the folder."""
     thresholds: Thresholds | None = None
-    """Of the robust method; the shipped ones when None."""
+    """Thresholds of the robust method; the shipped ones when None."""
     records: bool = False
-    """Whether what the sensors said is kept."""
+    """Keep the sensor signals as a dataset."""
     gains: Gains | None = None
-    """Of cascade, recovery and observer; the shipped ones when None."""
+    """Gains of cascade, recovery and observer; the shipped ones when None."""
 
     def plan(self) -> dict[str, Any]:
-        """What must be alike for a folder to be gone on with."""
+        """Return the settings that stored cases depend on."""
         gains = Gains(read_robot().control) if self.gains is None else self.gains
-        own = {
+        return {
+            "method": self.method,
+            "settings": list(self.settings),
+            **dataclasses.asdict(self.population),
             "thresholds": dataclasses.asdict(self.thresholds or Thresholds()),
             "gains": {name: gains.value(name) for name in GAIN_NAMES},
             "version": omnimj.__version__,
         }
-        asked = {"method": self.method, "settings": self.settings, **dataclasses.asdict(self.choice)}
-        return json.loads(json.dumps(asked | own))
 
 
 @dataclass(frozen=True)
 class EvaluationResult:
-    """What came of it."""
+    """Scores, summary and tables of an evaluation."""
 
     heading: str
     summary: Summary
     scores: tuple[CaseScore, ...]
     lines: tuple[str, ...]
-    """What the numbers are of."""
+    """Sentences that say where the numbers come from."""
     tables: tuple[Table, ...]
     interrupted: bool
     failed: int
 
     def to_pandas(self) -> Any:
-        """A `pandas.DataFrame` with a row per case; needs pandas."""
+        """Return a `pandas.DataFrame` with one row per case; requires pandas."""
         cases = [dataclasses.asdict(score) for score in self.scores]
         return to_frame({name: [case[name] for case in cases] for name in (cases[0] if cases else ())})
 
 
 def run_evaluation(
-    order: EvaluationConfig, report: Progress, executor: Executor | None = None
+    config: EvaluationConfig, report: Progress, executor: Executor | None = None
 ) -> EvaluationResult:
-    """Drives the cases that are missing, and judges all that are there.
+    """Run the missing cases and judge all that are finished.
 
     Args:
-      order: What is to be done.
-      report: Called with a phrase and the share that is done; may raise KeyboardInterrupt.
-      executor: Runs the cases, a task each; processes of its own when None.
+      config: Settings.
+      report: Called with a phrase and the finished share; may raise KeyboardInterrupt.
+      executor: Runs the cases, one task each; own processes when None.
 
     Returns:
-      What was found, also after Ctrl-C.
+      The result, also after Ctrl-C.
 
     Raises:
-      InputError: The folder holds something else or another evaluation, or cannot be written; no such
-        method.
-      UnknownNameError: No such suite, plant, floor or class of faults.
-      SimulationError: A worker died; what was finished is kept.
+      InputError: The folder holds something else or another evaluation, or cannot be written; the method is
+        unknown.
+      UnknownNameError: A suite, plant, floor or fault class does not exist.
+      SimulationError: A worker died; finished cases are kept.
     """
-    check_config(order)
-    folder = _prepared(order)
-    cases = [draw_case(order.choice, index) for index in range(order.trials)]
-    own = () if order.thresholds is None else (order.thresholds,)
-    recordings = order.out / RECORDINGS
-    if order.records or order.gains is not None:
-        own = (order.thresholds, recordings if order.records else None)
-    if order.gains is not None:
-        own = (*own, order.gains)
-    missing = {
-        case.name: (case, order.method, order.settings, *own)
-        for case in cases
-        if not _is_driven(folder, case) or (order.records and not is_recorded(recordings, case))
-    }
-
-    def work(workers: WorkerPool) -> None:
-        workers.run_all(drive_case, missing, result_writer(folder), "driving", report)
-
-    finished = run_in_workers(work, order.workers, executor) if missing else True
-    if order.records:
-        write_recordings_index(recordings, cases)
-    return _judged(order, cases, not finished)
+    return run_study(_Evaluation(config), report, executor)
 
 
-def check_config(order: EvaluationConfig) -> None:
-    """Whether the names in it exist.
+def check_config(config: EvaluationConfig) -> None:
+    """Check that all names in the configuration exist.
 
     Raises:
-      UnknownNameError: One does not; the message lists the choices.
-      InputError: A list is empty, a setting is none, or there is no such method.
+      UnknownNameError: A name does not exist; the message lists the choices.
+      InputError: A list is empty, a setting is malformed, or the method is unknown.
     """
-    choice = order.choice
-    require_known_method(order.method)
-    check_settings(order.settings)
-    if choice.suite not in SUITES:
-        raise UnknownNameError("--suite", "suite", choice.suite, SUITES)
+    population = config.population
+    require_known_method(config.method)
+    check_settings(config.settings)
+    if population.suite not in SUITES:
+        raise UnknownNameError("--suite", "suite", population.suite, SUITES)
     for option, kind, names, known in (
-        ("--plant", "plant", choice.plants, PLANTS),
-        ("--floor", "floor of the evaluation", choice.floors, FLOORS),
-        ("--faults", "class of faults", choice.faults, ALL_CLASSES),
+        ("--plant", "plant", population.plants, PLANTS),
+        ("--floor", "floor of the evaluation", population.floors, FLOORS),
+        ("--faults", "class of faults", population.faults, ALL_CLASSES),
     ):
         if not names:
             raise InputError(option, "is empty", "give at least one", known)
@@ -170,79 +146,68 @@ def check_config(order: EvaluationConfig) -> None:
                 raise UnknownNameError(option, kind, name, known)
 
 
-def _prepared(order: EvaluationConfig) -> Path:
-    """The folder of the cases; what it holds belongs to this order."""
-    plan, cases = order.out / PLAN, order.out / CASES
-    if plan.is_file():
-        if read_result(order.out, plan.stem) == order.plan():
-            return cases
-        if not order.force:
-            rule = f"{PLAN} there says which; choose another folder, or --force to replace it"
-            raise InputError(f"--out {order.out}", "holds an evaluation with other settings", rule)
-    check_folder(order.out, order.force)
-    try:
-        if plan.is_file():  # an evaluation's own folder, and nothing else, is emptied
-            for folder in (cases, order.out / RECORDINGS):
-                shutil.rmtree(folder, ignore_errors=True)
-        cases.mkdir(parents=True, exist_ok=True)
-        write_json(plan, order.plan())
-    except OSError as error:
-        raise InputError(f"--out {order.out}", f"cannot be written ({error.strerror})") from None
-    return cases
+class _Evaluation:
+    """An evaluation as the study runner executes it."""
 
+    def __init__(self, config: EvaluationConfig):
+        self.config, self.workers = config, config.workers
+        self._results = TrialFolder(config.out / CASES)
+        self._recordings = config.out / RECORDINGS
+        self._cases: list[Case] = []
 
-def _is_driven(folder: Path, case: Case) -> bool:
-    """Whether a case's result is there; one that says what broke is tried again.
+    def prepare(self) -> None:
+        config = self.config
+        check_config(config)
+        folder = StudyFolder(config.out, PLAN, "an evaluation", (CASES, RECORDINGS))
+        folder.claim(config.plan(), config.force)
+        self._cases = [draw_case(config.population, index) for index in range(config.trials)]
 
-    Raises:
-      InputError: It is there with another truth.
-    """
-    result = read_result(folder, case.name)
-    if result is None or "error" in result:
-        return False
-    if result["case"] != to_jsonable(case.to_dict()):
-        rule = "the library has changed since; choose another folder"
-        raise InputError(f"{folder / case.name}.json", "holds another case than this seed draws", rule)
-    return True
+    def work(self, pool: WorkerPool, report: Progress) -> None:
+        config = self.config
+        recordings = self._recordings if config.records else None
+        arguments = (config.method, config.settings, config.thresholds, recordings, config.gains)
+        tasks = {case.name: (case, *arguments) for case in self._cases if not self._is_finished(case)}
+        pool.run_all(drive_case, tasks, self._results.write, "driving", report)
 
+    def _is_finished(self, case: Case) -> bool:
+        if self._results.finished(case.name, case=case.to_dict()) is None:
+            return False
+        return not self.config.records or is_recorded(self._recordings, case)
 
-def _judged(order: EvaluationConfig, cases: Sequence[Case], interrupted: bool) -> EvaluationResult:
-    """Scores every case that is there, and writes the numbers."""
-    scores, errors = [], {}
-    for case in cases:
-        result = read_result(order.out / CASES, case.name)
-        if result is None:
-            continue
-        if "error" in result:
-            errors[case.name] = result["error"]
-        else:
-            scores.append(score_case(case, result))
-    summary = summarize(scores)
-    found = tuple(result_tables(summary))
-    lines = tuple(summary_sentences(order.choice, summary, len(cases), len(errors)))
-    heading = format_heading(order.choice, order.method, order.settings)
-    write_json(order.out / NUMBERS, to_jsonable(_content(order, summary, scores, errors, interrupted)))
-    write_text(order.out / TEXT, format_markdown(heading, lines, found))
-    return EvaluationResult(heading, summary, tuple(scores), lines, found, interrupted, len(errors))
+    def judge(self, interrupted: bool) -> EvaluationResult:
+        config = self.config
+        if config.records:
+            write_recordings_index(self._recordings, self._cases)
+        by_name = {case.name: case for case in self._cases}
+        results, errors = self._results.collect(by_name)
+        scores = tuple(score_case(by_name[name], result) for name, result in results.items())
+        summary = summarize(scores)
+        tables = tuple(result_tables(summary))
+        lines = tuple(summary_sentences(config.population, summary, len(by_name), len(errors)))
+        heading = format_heading(config.population, config.method, config.settings)
+        write_json(config.out / NUMBERS, to_jsonable(_content(config, summary, scores, errors, interrupted)))
+        write_text(config.out / TEXT, format_markdown(heading, lines, tables))
+        return EvaluationResult(heading, summary, scores, lines, tables, interrupted, len(errors))
 
 
 def _content(
-    order: EvaluationConfig,
+    config: EvaluationConfig,
     summary: Summary,
     scores: Sequence[CaseScore],
     errors: Mapping[str, str],
     interrupted: bool,
 ) -> dict[str, Any]:
+    """Return the content of `evaluation.json`."""
     return {
-        "plan": order.plan() | {"trials": order.trials},
+        "plan": config.plan() | {"trials": config.trials},
         "version": omnimj.__version__,
-        "judged": is_judging_seed(order.choice.seed),
+        "judged": is_judging_seed(config.population.seed),
         "interrupted": interrupted,
-        "goals": [dataclasses.asdict(one) for one in judge_goals(summary)],
+        "goals": [dataclasses.asdict(goal) for goal in judge_goals(summary)],
         "summary": dataclasses.asdict(summary),
         "errors": errors,
         "cases": [
-            dataclasses.asdict(s) | {"heading_ratio": s.heading_ratio, "path_ratio": s.path_ratio}
-            for s in scores
+            dataclasses.asdict(score) | {"heading_ratio": score.heading_ratio, "path_ratio": score.path_ratio}
+            for score in scores
         ],
     }

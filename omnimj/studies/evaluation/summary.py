@@ -1,4 +1,4 @@
-"""The numbers of an evaluation from the scores of its cases, each with what it is of."""
+"""Summary of an evaluation from the scores of its cases, each number with its sample size."""
 
 from __future__ import annotations
 
@@ -15,33 +15,33 @@ HEAVIER, LIGHTER = "heavier", "lighter"
 
 @dataclass(frozen=True)
 class Delays:
-    """Times of some cases; those without an alarm count as ∞."""
+    """Quantiles of times; a case without an alarm counts as ∞."""
 
     count: int
     median: float | None
-    """[s]; ∞: in half of them there never was one."""
+    """Median [s]; ∞: at least half of the cases have none."""
     p95: float | None
-    """[s]."""
+    """95 % quantile [s]."""
 
 
 @dataclass(frozen=True)
 class GroupSummary:
-    """Cases with a fault of one kind and size."""
+    """Cases with faults of one kind and size."""
 
     name: str
     cases: int
     unused: int
-    """Of these, whose faulty part was never asked to work: in no other number of the group."""
+    """Number of these whose faulty part was never in use; they are in no other number of the group."""
     found: Rate
-    """Any alarm while a fault stood."""
+    """Share with any alarm during a fault."""
     isolated: Rate
-    """Exactly the true set, nothing else."""
+    """Share with exactly the true faults diagnosed."""
     delay: Delays
-    """From onset to the first alarm."""
+    """Time from onset to the first alarm."""
     delay_in_use: Delays
-    """From first use to the first alarm."""
+    """Time from first use to the first alarm."""
     named_in_use: Delays
-    """From first use to the fault's own name; of faults, not of cases."""
+    """Time from first use to the diagnosis of the fault; per fault, not per case."""
 
 
 @dataclass(frozen=True)
@@ -53,78 +53,78 @@ class Ratios:
     p95: float | None
     worst: float | None
     worst_case: str
-    """Name of the case; empty without any."""
+    """Name of the worst case; empty without any."""
 
 
 @dataclass(frozen=True)
 class PairSummary:
-    """Cases with two faults at once, of two kinds."""
+    """Cases with two faults at once, grouped by their kinds."""
 
     kinds: str
     """`motor + slip`, `motor + slip of one wheel`."""
     pairs: int
-    """How many pairs of the eight faults are of these kinds."""
+    """Number of pairs of the eight faults that are of these kinds."""
     driven: int
-    """How many of them there were cases of, in use or not."""
+    """Number of these pairs that cases have, in use or not."""
     missed: tuple[str, ...]
-    """Those that were in use and not told exactly in every case."""
+    """Pairs that were in use and not isolated in every case."""
     group: GroupSummary
 
 
 @dataclass(frozen=True)
 class Switches:
-    """How often one slip was diagnosed."""
+    """Number of diagnoses per slip."""
 
     count: int
-    """Slips that were named at all."""
+    """Number of slips that were diagnosed at all."""
     mean: float | None
     worst: int | None
 
 
 @dataclass(frozen=True)
 class FactorSummary:
-    """Cases that have one thing in common."""
+    """Cases with the same value of one factor."""
 
     factor: str
     """`floor`, `payload`, `plant`, `speed`."""
     value: str
     cases: int
     alarms: EventRate
-    """Of fault-free cases."""
+    """False alarms in fault-free cases."""
     isolated: Rate
-    """Of cases whose faulty part was in use."""
+    """Share of isolated faults among cases whose faulty part was in use."""
     delay_in_use: Delays
     heading: Ratios
 
 
 @dataclass(frozen=True)
 class Summary:
-    """All that an evaluation reports."""
+    """All numbers that an evaluation reports."""
 
     cases: int
     hours: float
-    """Driven, without the paired runs [h]."""
+    """Driven time, without the comparison runs of each case [h]."""
     confusion: Mapping[str, Mapping[str, int]]
     """Truth → diagnosed → cases."""
     alarms: EventRate
     """False alarms in fault-free cases."""
     quiet: Mapping[str, EventRate]
-    """The same, plant by plant."""
+    """False alarms in fault-free cases by plant."""
     alarms_before: EventRate
-    """The same, with the time before the first onset of the others."""
+    """False alarms in fault-free cases and before the first onset of the others."""
     cases_with_alarms: Rate
     """Fault-free cases with at least one false alarm."""
     classes: tuple[GroupSummary, ...]
     goals: tuple[GroupSummary, ...]
-    """The groups that goals are set for."""
+    """Groups with a goal."""
     pairs: tuple[PairSummary, ...]
-    """Two at once, by kinds; empty without any."""
+    """Cases with two faults by their kinds; empty without any."""
     estimate: Delays
-    """|error| of torque constants after 5 s in use, over the nominal one (a number without unit)."""
+    """Absolute error of torque constants after 5 s of use, relative to the nominal one [1]."""
     estimates_asked: int
-    """Weak motors that were in use for 5 s."""
+    """Number of weak motors that an estimate is expected for."""
     clearing: Delays
-    """From a slip's end to the end of its diagnosis."""
+    """Time from the end of a slip to the end of its diagnosis."""
     switches: Switches
     heading: Ratios
     path: Ratios
@@ -139,7 +139,7 @@ GOAL_GROUPS: Mapping[str, Callable[[CaseScore], bool]] = {
     "the eight: loss ≥ 20 %, grip ≤ 0.5": lambda s: _is_one_of_eight(s, 0.20, 0.5),
     "two at once": lambda s: s.fault == "two",
 }
-"""Single motor (torque constant) and slip faults by size, and pairs of them."""
+"""Predicates of the groups with a goal: single motor and slip faults by size, and pairs of them."""
 
 
 def _grip(score: CaseScore) -> float:
@@ -153,7 +153,7 @@ def _is_one_of_eight(score: CaseScore, loss: float, grip: float) -> bool:
 
 
 def summarize(scores: Sequence[CaseScore]) -> Summary:
-    """The numbers of all cases."""
+    """Summarize the scores of all cases."""
     healthy = [s for s in scores if s.fault == NONE]
     broken = [s for s in scores if s.fault != NONE]
     asked = [s for s in broken if s.fault == "motor" and s.severity is not None]
@@ -207,7 +207,7 @@ def _alarms(healthy: Sequence[CaseScore]) -> EventRate:
 
 
 def _pairs(scores: Sequence[CaseScore]) -> Iterable[PairSummary]:
-    """By the kinds of both, each with every pair of them that is possible."""
+    """Group the cases with two faults by the kinds of both."""
     possible = Counter(_kinds([f"{kind} {wheel}" for kind, wheel in pair]) for pair in PAIRS)
     for kinds, count in sorted(possible.items()) if scores else ():
         own = [s for s in scores if _kinds([f.label for f in s.faults]) == kinds]
@@ -232,7 +232,7 @@ def _switches(found: Sequence[int]) -> Switches:
 
 
 def delay_quantiles(values: Iterable[float]) -> Delays:
-    """Median and 95 % quantile; those that never ended count as ∞."""
+    """Return median and 95 % quantile of times that may be ∞."""
     found = list(values)
     return Delays(len(found), median(found), quantile(found, 0.95))
 

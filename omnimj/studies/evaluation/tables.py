@@ -1,4 +1,4 @@
-"""An evaluation's numbers as tables for people: Markdown, command line and report alike."""
+"""Tables of an evaluation for Markdown, command line and report."""
 
 from __future__ import annotations
 
@@ -15,52 +15,52 @@ from omnimj.studies.statistics import EventRate, Table, format_rate
 _WRONG_PLACE = "elsewhere"
 
 
-def format_heading(choice: CasePopulation, method: str, settings: Sequence[str] = ()) -> str:
-    """The title of everything that is written."""
+def format_heading(population: CasePopulation, method: str, settings: Sequence[str] = ()) -> str:
+    """Return the title of reports and tables."""
     with_settings = f" with {', '.join(f'`{text}`' for text in settings)}" if settings else ""
-    return f"Evaluation of `{method}`{with_settings} on {choice.suite}"
+    return f"Evaluation of `{method}`{with_settings} on {population.suite}"
 
 
-def summary_sentences(choice: CasePopulation, summary: Summary, planned: int, failed: int) -> list[str]:
-    """What the numbers are of, sentence by sentence."""
+def summary_sentences(population: CasePopulation, summary: Summary, planned: int, failed: int) -> list[str]:
+    """Return the sentences that say where the numbers come from."""
     seed = (
-        f"Seed {choice.seed} was not used to set thresholds (0–99 are for that)."
-        if is_judging_seed(choice.seed)
-        else f"Seed {choice.seed} is one for setting thresholds (0–99): **these numbers do not judge it**."
+        f"Seed {population.seed} was not used to set thresholds (0–99 are for that)."
+        if is_judging_seed(population.seed)
+        else f"Seed {population.seed} is for setting thresholds (0–99): **these numbers do not judge it**."
     )
-    suite = SUITES[choice.suite]
+    suite = SUITES[population.suite]
     lines = [
         seed,
         f"{summary.cases} of {planned} cases, {summary.hours:.3g} h: {suite.name}, {suite.description}; "
-        f"{_drawn(choice)}; "
-        f"plant {', '.join(choice.plants)}; floors {', '.join(choice.floors)}; payload within ±20 % "
-        "of the mass; true constants off the believed ones (torque constants ±3 %, friction ±20 %, "
-        "mass ±3 %, inertias ±5 %, floor numbers ±20 %).",
-        "Rates with Wilson 95 % bounds and what they are of; false alarms with the one-sided Poisson 95 % "
-        "bound. A wheel is in use while more than 2 N of traction (20 ms mean) is asked of it, read off the "
-        "same case driven without fault and without any method. Faults that were never in use are counted "
-        "and left out. A case without an alarm has a delay of ∞ (“never”).",
-        "Excursions count from the fault's onset and are compared with the same case driven without any "
-        f"method; below {HEADING_FLOOR:g} rad and {PATH_FLOOR:g} m they are taken as that much.",
-        "Goals are met or missed by what was measured; “too few to be sure” where the bounds do not say the "
-        "same. What the suite cannot judge (smallest loss, circles and pivots, the step's time) is not here.",
+        f"{_drawn(population)}; "
+        f"plant {', '.join(population.plants)}; floors {', '.join(population.floors)}; payload within ±20 % "
+        "of the mass; true parameters differ from those of the controller (torque constants ±3 %, friction "
+        "±20 %, mass ±3 %, inertias ±5 %, floor ±20 %).",
+        "Rates with Wilson 95 % bounds and sample size; false alarms with the one-sided Poisson 95 % bound. "
+        "A wheel is in use while it needs more than 2 N of traction (20 ms mean), taken from the same case "
+        "driven without fault and without any method. Faults that were never in use are counted and left "
+        "out. A case without an alarm has a delay of ∞ (“never”).",
+        "Excursions count from the onset of the fault and are compared with the same case driven without any "
+        f"method; they are at least {HEADING_FLOOR:g} rad and {PATH_FLOOR:g} m in ratios.",
+        "Goals are met or missed by the measured figures; “too few to be sure” means that the bounds do not "
+        "confirm it. The suite does not judge the smallest loss, circles and pivots, and computing time.",
     ]
     if failed:
         lines.append(f"{failed} cases broke down and are left out: `errors` in evaluation.json.")
     return lines
 
 
-def _drawn(choice: CasePopulation) -> str:
-    """Of which faults the cases are."""
-    broken = [name for name in ALL_CLASSES if name in choice.faults and name != NONE]
+def _drawn(population: CasePopulation) -> str:
+    """Describe the faults that cases are drawn from."""
+    broken = [name for name in ALL_CLASSES if name in population.faults and name != NONE]
     if not broken:
         return "no faults"
-    share = f"{100.0 * SUITES[choice.suite].healthy:.0f} %" if NONE in choice.faults else "none"
+    share = f"{100.0 * SUITES[population.suite].healthy:.0f} %" if NONE in population.faults else "none"
     return f"{share} without a fault, else {', '.join(broken)}"
 
 
 def result_tables(summary: Summary) -> list[Table]:
-    """Goals first, then the confusion by class, the classes and the factors."""
+    """Return the tables: goals, groups, pairs, classes, confusion by class, factors."""
     head = (
         "",
         "cases",
@@ -69,13 +69,11 @@ def result_tables(summary: Summary) -> list[Table]:
         "isolated",
         "delay since onset",
         "in use",
-        "to its name, in use",
+        "to diagnosis, in use",
     )
     found = [
         _goals(summary),
-        Table(
-            "Groups that goals are set for", head, tuple(_group(one) for one in summary.goals if one.cases)
-        ),
+        Table("Groups with a goal", head, tuple(_group(one) for one in summary.goals if one.cases)),
         Table(
             "Two at once, by kinds of pair",
             ("", "pairs driven", *head[1:], "pairs missed"),
@@ -93,20 +91,20 @@ def result_tables(summary: Summary) -> list[Table]:
 
 
 def _goals(summary: Summary) -> Table:
-    """Every goal, and what has none but was measured."""
+    """Return every goal, and measured figures without a goal."""
     rows = [format_goal(one) for one in judge_goals(summary) if one.goal or one.value is not None]
     return Table("Goals", ("measure", "goal", "measured", "n", "met"), tuple(rows))
 
 
 def format_event_rate(found: EventRate) -> str:
-    """`0/h (≤ 0.1, 0 in 30 h)`."""
+    """Format an event rate: `0/h (≤ 0.1, 0 in 30 h)`."""
     if found.per_hour is None or found.upper is None:
         return "–"
     return f"{found.per_hour:.3g}/h (≤ {found.upper:.3g}, {found.events} in {found.hours:.3g} h)"
 
 
 def format_delays(found: Delays, unit: str = " s") -> str:
-    """`0.12 s, 95 % 0.3 s (n 20)`."""
+    """Format quantiles: `0.12 s, 95 % 0.3 s (n 20)`."""
     if found.median is None or found.p95 is None:
         return "–"
     if isinf(found.median):
@@ -149,7 +147,7 @@ def _factor(found: FactorSummary) -> tuple[str, ...]:
 
 
 def confusion_by_class(summary: Summary) -> Table:
-    """Truth × diagnosed, wheels and channels together; the right class at a wrong place is `elsewhere`."""
+    """Return truth × diagnosis by class; the right class at a wrong wheel or channel is `elsewhere`."""
     counts: dict[str, dict[str, int]] = {}
     for truth, row in summary.confusion.items():
         own = counts.setdefault(_class(truth), {})

@@ -20,10 +20,10 @@ from omnimj.estimate.gap.search.search import fit_base, refit
 from omnimj.estimate.replay.interface import CandidateEffect, Replay
 from omnimj.estimate.replay.problem import fit
 from omnimj.parameters import read_floors
-from omnimj.recording.json_files import run_guarded, to_jsonable
 from omnimj.recording.read_dataset import read_dataset
 from omnimj.studies.gap_benchmark.baselines import run_baselines
 from omnimj.studies.gap_benchmark.cases import HiddenEffect
+from omnimj.studies.runner import run_guarded
 
 SEED = 0
 """Of the workflow, as a user has it who gives none; it draws what is held out."""
@@ -49,7 +49,7 @@ def _searched(dataset: Path) -> dict[str, Any]:
         name: {"names": list(picked.names), "heldout": picked.heldout}
         for name, picked in run_baselines(load_replay(dataset), SEED).items()
     }
-    return to_jsonable({"gap": digest(finding), "seconds": seconds, "baselines": baselines})
+    return {"gap": digest(finding), "seconds": seconds, "baselines": baselines}
 
 
 def fit_truth(dataset: str, hidden: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

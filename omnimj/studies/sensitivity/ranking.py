@@ -37,7 +37,7 @@ class ResultSensitivity:
         return tuple(classify_effect(one, self.floor) for one in self.measures)
 
     @property
-    def order(self) -> tuple[int, ...]:
+    def ranked(self) -> tuple[int, ...]:
         """The ranked parameters, the largest μ* first."""
         ranked = [i for i, word in enumerate(self.verdicts) if word == RANKED]
         return tuple(sorted(ranked, key=lambda i: -self.measures[i].mu_star))
@@ -86,7 +86,7 @@ def rank_all(studies: Sequence[ResultSensitivity]) -> tuple[FactorRank, ...]:
     each = np.array([shares(study) for study in heard])
     draws = np.mean([_shares(study.draws, study.floor) for study in heard], axis=0)
     low, high = np.percentile(draws, [2.5, 97.5], axis=0)
-    mean, sure = each.mean(axis=0), {i for study in heard for i in study.order}
+    mean, sure = each.mean(axis=0), {i for study in heard for i in study.ranked}
     most = [heard[int(place)].name for place in each.argmax(axis=0)]
     found = [
         FactorRank(i, float(mean[i]), float(low[i]), float(high[i]), i in sure, most[i])

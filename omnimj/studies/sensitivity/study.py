@@ -1,20 +1,17 @@
-"""`omnimj sensitivity`: which numbers of the model matter to which result of a scenario.
+"""Sensitivity study, `omnimj sensitivity`: which model parameters matter to which result of a scenario.
 
 The folder:
-  sensitivity_plan.json  what was asked, every range included
-  runs/trajectory_….json, runs/noise_….json   what the plant had, and what came of it
+  sensitivity_plan.json  settings, with every range
+  runs/trajectory_….json, runs/noise_….json   parameter values and results of one run
   sensitivity.json, sensitivity.md
-What is there is kept: a study that was broken off goes on where it stood, and one with more trajectories
-takes up those that were driven. All runs have the same noise but those that tell what noise alone does.
+All runs have the same noise except those that measure the effect of noise alone.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
-import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,12 +23,12 @@ import omnimj
 from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters.reading import SOURCES
-from omnimj.recording.folder import check_folder
-from omnimj.recording.json_files import has_result, read_result, result_writer, to_jsonable, write_json
+from omnimj.recording.json_files import to_jsonable, write_json
 from omnimj.signals import Array
 from omnimj.simulate.detectors import make_detector
 from omnimj.simulate.plants import make_plant
 from omnimj.simulate.scenario.scenario import Scenario, scenario_digest
+from omnimj.studies.runner import StudyFolder, TrialFolder, run_study
 from omnimj.studies.sensitivity.elementary_effects import (
     bootstrap_mu_star,
     effect_statistics,
@@ -49,266 +46,232 @@ from omnimj.studies.sensitivity.trial import (
     resolve_method,
     result_units,
 )
-from omnimj.studies.workers import Progress, WorkerPool, run_in_workers
+from omnimj.studies.workers import Progress, WorkerPool
 
-# What a study is asked to do, and the folder that belongs to it.
-
-PLAN, RUNS = "sensitivity_plan.json", "runs"
+PLAN, RUNS, NUMBERS = "sensitivity_plan.json", "runs", "sensitivity.json"
+REPEATS = 20
+"""Number of runs with nominal parameters and different noise."""
+_BOOTSTRAP_STREAM, _NULL_STREAM = 1, 2  # random streams of the study's seed beside those of the trajectories
 
 
 @dataclass(frozen=True)
 class SensitivityConfig:
-    """What is to be done."""
+    """Settings of a sensitivity study."""
 
     out: Path
-    asked: TrialConfig
+    trial: TrialConfig
     trajectories: int = 10
     seed: int = 0
-    """Of the sensors' noise and of the trajectories."""
+    """Seed of the sensor noise and of the trajectories."""
     share: float = DEFAULT_SHARE
-    """Half-width of the ranges that no file states, relative to the value."""
+    """Half-width, relative to the value, of ranges for which the model file states no uncertainty."""
     sources: tuple[str, ...] = (CHOSEN,)
-    """Origins of the numbers that are varied."""
+    """Provenances of the parameters that are varied."""
     workers: int = 1
     force: bool = False
-    """Whether another study that is in the folder may be replaced."""
-
-
-def check_config(order: SensitivityConfig) -> tuple[Scenario, tuple[Factor, ...], tuple[ExcludedFactor, ...]]:
-    """Whether it can be done: the scenario, what is varied in it, and what is not.
-
-    Raises:
-      InputError, UnknownNameError: As `study.run_sensitivity`.
-    """
-    for source in order.sources:
-        if source not in SOURCES:
-            raise UnknownNameError("--source", "source", source, SOURCES)
-    scenario = nominal_scenario(order.asked)
-    varied, left_out = find_factors(scenario, order.sources, order.share)
-    if not varied:
-        found = f"no number of {scenario.constants.file} or of the floors is {' or '.join(order.sources)}"
-        raise InputError("--source", found, "there is nothing to vary", SOURCES)
-    # what the plant or the method cannot do would break every run
-    make_detector(resolve_method(order.asked, scenario), scenario)
-    make_plant(scenario, order.asked.plant, order.seed).close()
-    return scenario, varied, left_out
-
-
-def prepared(order: SensitivityConfig, scenario: Scenario, varied: Sequence[Factor]) -> Path:
-    """The folder of the runs; what it holds belongs to this order.
-
-    Raises:
-      InputError: The folder holds something else or another study, or cannot be written.
-    """
-    asked = _plan(order, scenario, varied)
-    plan, runs = order.out / PLAN, order.out / RUNS
-    if plan.is_file():
-        if read_result(order.out, plan.stem) == asked:
-            return runs
-        if not order.force:
-            rule = f"{PLAN} there says which; choose another folder, or --force to replace it"
-            raise InputError(f"--out {order.out}", "holds a study of something else", rule)
-    check_folder(order.out, order.force)
-    try:
-        if plan.is_file():  # a study's own folder, and nothing else, is emptied
-            shutil.rmtree(runs, ignore_errors=True)
-        runs.mkdir(parents=True, exist_ok=True)
-        write_json(plan, asked)
-    except OSError as error:
-        raise InputError(f"--out {order.out}", f"cannot be written ({error.strerror})") from None
-    return runs
-
-
-def _plan(order: SensitivityConfig, scenario: Scenario, varied: Sequence[Factor]) -> dict[str, Any]:
-    """What must be alike for a folder to be gone on with."""
-    asked = {
-        "scenario": scenario.name,
-        "overrides": list(order.asked.overrides),
-        "plant": order.asked.plant,
-        "method": resolve_method(order.asked, scenario),
-        "seed": order.seed,
-        "sources": list(order.sources),
-        "ranges": [dataclasses.asdict(one) for one in varied],
-        # nominal numbers that are not varied act on every run, too
-        "digest": scenario_digest(order.asked.scenario, scenario),
-        "thresholds": dataclasses.asdict(Thresholds()),
-        "version": omnimj.__version__,
-    }
-    return json.loads(json.dumps(asked))
-
-
-NUMBERS = "sensitivity.json"
-REPEATS = 20
-"""Runs with nominal numbers and other noise."""
-_BOOTSTRAP, _NULL = 1, 2  # streams of the study's seed beside the trajectories' own
+    """Replace another study in the folder."""
 
 
 @dataclass(frozen=True)
 class SensitivityResult:
-    """What came of it."""
+    """Ranking of the parameters, over all results and for each."""
 
     scenario: str
     description: str
     plant: str
     method: str
-    order: SensitivityConfig
-    varied: tuple[Factor, ...]
-    left_out: tuple[ExcludedFactor, ...]
+    config: SensitivityConfig
+    factors: tuple[Factor, ...]
+    excluded: tuple[ExcludedFactor, ...]
     studies: tuple[ResultSensitivity, ...]
-    """Of every result that any run has."""
+    """One per result that at least one run has."""
     ranks: tuple[FactorRank, ...]
     runs: int
-    """Runs of trajectories that came to their end."""
+    """Number of finished runs of trajectories."""
     repeats: int
-    """The same of those that tell what noise does."""
+    """Number of finished runs with different noise only."""
     errors: Mapping[str, str]
-    """What broke, by run."""
+    """Error message by run that broke down."""
     interrupted: bool
 
 
 def run_sensitivity(
-    order: SensitivityConfig, report: Progress, executor: Executor | None = None
+    config: SensitivityConfig, report: Progress, executor: Executor | None = None
 ) -> SensitivityResult:
-    """Drives the runs that are missing, and says what all that are there amount to.
+    """Run the missing points of all trajectories and rank the parameters.
 
     Args:
-      order: What is to be done.
-      report: Called with a phrase and the share that is done; may raise KeyboardInterrupt.
-      executor: Runs the runs, a task each; processes of its own when None.
+      config: Settings.
+      report: Called with a phrase and the finished share; may raise KeyboardInterrupt.
+      executor: Runs the points, one task each; own processes when None.
 
     Returns:
-      What was found, also after Ctrl-C.
+      The result, also after Ctrl-C.
 
     Raises:
-      InputError: The folder holds something else or another study, or cannot be written; the scenario or what
-        is asked of it cannot be; nothing in it is of the origins asked for.
-      UnknownNameError: No such scenario, plant, method or origin.
-      SimulationError: A worker died; what was finished is kept.
+      InputError: The folder holds something else or another study, or cannot be written; the scenario or its
+        settings are not possible; no parameter has one of the given provenances.
+      UnknownNameError: A scenario, plant, method or provenance does not exist.
+      SimulationError: A worker died; finished runs are kept.
     """
-    scenario, varied, left_out = check_config(order)
-    folder = prepared(order, scenario, varied)
-    tasks = _tasks(order, varied)
-    missing = {name: given for name, given in tasks.items() if not has_result(folder, name)}
-
-    def work(workers: WorkerPool) -> None:
-        workers.run_all(drive_with, missing, result_writer(folder), "driving", report)
-
-    finished = run_in_workers(work, order.workers, executor) if missing else True
-    return _judged(order, scenario, varied, left_out, tasks, not finished)
+    return run_study(_Sensitivity(config), report, executor)
 
 
-def _values(order: SensitivityConfig, varied: Sequence[Factor], index: int) -> list[dict[str, float]]:
-    """What the plant has at every point of a trajectory."""
-    points = trajectory(order.seed, index, len(varied))
-    return [{v.name: v.at(x) for v, x in zip(varied, point, strict=True)} for point in points.tolist()]
+def check_config(
+    config: SensitivityConfig,
+) -> tuple[Scenario, tuple[Factor, ...], tuple[ExcludedFactor, ...]]:
+    """Return the scenario, the parameters that are varied in it, and those that are not.
+
+    Raises:
+      InputError, UnknownNameError: As `run_sensitivity`.
+    """
+    for source in config.sources:
+        if source not in SOURCES:
+            raise UnknownNameError("--source", "source", source, SOURCES)
+    scenario = nominal_scenario(config.trial)
+    factors, excluded = find_factors(scenario, config.sources, config.share)
+    if not factors:
+        found = f"no number of {scenario.constants.file} or of the floors is {' or '.join(config.sources)}"
+        raise InputError("--source", found, "there is nothing to vary", SOURCES)
+    # a plant or a method that does not fit the scenario would break every run
+    make_detector(resolve_method(config.trial, scenario), scenario)
+    make_plant(scenario, config.trial.plant, config.seed).close()
+    return scenario, factors, excluded
+
+
+class _Sensitivity:
+    """A sensitivity study as the study runner executes it."""
+
+    def __init__(self, config: SensitivityConfig):
+        self.config, self.workers = config, config.workers
+        self._runs = TrialFolder(config.out / RUNS)
+
+    def prepare(self) -> None:
+        config = self.config
+        self._scenario, self._factors, self._excluded = check_config(config)
+        self._method = resolve_method(config.trial, self._scenario)
+        self._tasks = self._make_tasks()
+        StudyFolder(config.out, PLAN, "a sensitivity study", (RUNS,)).claim(self._plan(), config.force)
+        self._runs.path.mkdir(exist_ok=True)
+
+    def _plan(self) -> dict[str, Any]:
+        """Return the settings that stored runs depend on."""
+        config, trial = self.config, self.config.trial
+        return {
+            "scenario": self._scenario.name,
+            "overrides": list(trial.overrides),
+            "plant": trial.plant,
+            "method": self._method,
+            "seed": config.seed,
+            "sources": list(config.sources),
+            "ranges": [dataclasses.asdict(factor) for factor in self._factors],
+            # nominal parameters that are not varied act on every run, too
+            "digest": scenario_digest(trial.scenario, self._scenario),
+            "thresholds": dataclasses.asdict(Thresholds()),
+            "version": omnimj.__version__,
+        }
+
+    def _make_tasks(self) -> dict[str, tuple]:
+        """Return every run by name: noise first, so that an interrupted study can be judged early."""
+        config = self.config
+        tasks: dict[str, tuple] = {
+            f"noise_{k:02d}": (config.trial, {}, config.seed + k) for k in range(REPEATS)
+        }
+        for index in range(config.trajectories):
+            for point, values in enumerate(self._values(index)):
+                tasks[_point_name(index, point)] = (config.trial, values, config.seed)
+        return tasks
+
+    def _values(self, index: int) -> list[dict[str, float]]:
+        """Return the true parameter values at every point of a trajectory."""
+        points = trajectory(self.config.seed, index, len(self._factors))
+        return [
+            {factor.name: factor.at(x) for factor, x in zip(self._factors, point, strict=True)}
+            for point in points.tolist()
+        ]
+
+    def work(self, pool: WorkerPool, report: Progress) -> None:
+        missing = {name: task for name, task in self._tasks.items() if self._runs.finished(name) is None}
+        pool.run_all(drive_with, missing, self._runs.write, "driving", report)
+
+    def judge(self, interrupted: bool) -> SensitivityResult:
+        config, scenario = self.config, self._scenario
+        found, errors = self._runs.collect(self._tasks)
+        results = {name: run["results"] for name, run in found.items()}
+        units = result_units(scenario, self._method)
+        studies = [self._study(name, unit, results) for name, unit in units.items()]
+        known = tuple(study for study in studies if any(one.count for one in study.measures))
+        result = SensitivityResult(
+            scenario=scenario.name,
+            description=scenario.description,
+            plant=config.trial.plant,
+            method=self._method,
+            config=config,
+            factors=self._factors,
+            excluded=self._excluded,
+            studies=known,
+            ranks=rank_all(known),
+            runs=sum(name.startswith("trajectory") for name in found),
+            repeats=sum(name.startswith("noise") for name in found),
+            errors=errors,
+            interrupted=interrupted,
+        )
+        write_json(config.out / NUMBERS, to_jsonable(_content(result)))
+        return result
+
+    def _study(
+        self, name: str, unit: str, results: Mapping[str, Mapping[str, float | None]]
+    ) -> ResultSensitivity:
+        """Return the effects of all parameters on one result."""
+        config, factors = self.config, self._factors
+
+        def result(run: str) -> float:
+            value = results.get(run, {}).get(name)
+            return math.nan if value is None else value
+
+        rows = []
+        for index in range(config.trajectories):
+            values = self._values(index)
+            places = np.array([[factor.place(at[factor.name]) for factor in factors] for at in values])
+            outputs = np.array([result(_point_name(index, point)) for point in range(len(values))])
+            rows.append(elementary_effects(places, outputs))
+        effects: Array = np.array(rows)
+        draws = bootstrap_mu_star(effects, _stream(config.seed, _BOOTSTRAP_STREAM))
+        repeats = [result(f"noise_{k:02d}") for k in range(REPEATS)]
+        noise = noise_floor(repeats, config.trajectories, len(factors), _stream(config.seed, _NULL_STREAM))
+        floor = max(noise, RESOLUTION.get(unit, 0.0)) if math.isfinite(noise) else math.nan
+        nominal = repeats[0] if math.isfinite(repeats[0]) else None
+        return ResultSensitivity(name, unit, nominal, noise, floor, effect_statistics(effects, draws), draws)
 
 
 def _point_name(index: int, point: int) -> str:
     return f"trajectory_{index:04d}_{point:03d}"
 
 
-def _tasks(order: SensitivityConfig, varied: Sequence[Factor]) -> dict[str, tuple]:
-    """Every run by name: noise first, so that what comes early can be judged early."""
-    tasks: dict[str, tuple] = {f"noise_{k:02d}": (order.asked, {}, order.seed + k) for k in range(REPEATS)}
-    for index in range(order.trajectories):
-        for point, values in enumerate(_values(order, varied, index)):
-            tasks[_point_name(index, point)] = (order.asked, values, order.seed)
-    return tasks
+def _stream(seed: int, stream: int) -> int:
+    return int(np.random.SeedSequence((seed, stream)).generate_state(1)[0])
 
 
-def _judged(
-    order: SensitivityConfig,
-    scenario: Scenario,
-    varied: tuple[Factor, ...],
-    left_out: tuple[ExcludedFactor, ...],
-    tasks: Mapping[str, tuple],
-    interrupted: bool,
-) -> SensitivityResult:
-    """What the runs that are there amount to; writes the numbers."""
-    found: dict[str, Mapping[str, float | None]] = {}
-    errors: dict[str, str] = {}
-    for name in tasks:
-        result = read_result(order.out / RUNS, name)
-        if result is not None and "error" in result:
-            errors[name] = result["error"]
-        elif result is not None:
-            found[name] = result["results"]
-    method = resolve_method(order.asked, scenario)
-    studies = [
-        _study(name, unit, order, varied, found) for name, unit in result_units(scenario, method).items()
-    ]
-    told = tuple(study for study in studies if any(one.count for one in study.measures))
-    outcome = SensitivityResult(
-        scenario=scenario.name,
-        description=scenario.description,
-        plant=order.asked.plant,
-        method=method,
-        order=order,
-        varied=varied,
-        left_out=left_out,
-        studies=told,
-        ranks=rank_all(told),
-        runs=sum(name.startswith("trajectory") for name in found),
-        repeats=sum(name.startswith("noise") for name in found),
-        errors=errors,
-        interrupted=interrupted,
-    )
-    write_json(order.out / NUMBERS, to_jsonable(_content(outcome)))
-    return outcome
-
-
-def _study(
-    name: str,
-    unit: str,
-    order: SensitivityConfig,
-    varied: Sequence[Factor],
-    found: Mapping[str, Mapping[str, float | None]],
-) -> ResultSensitivity:
-    """What the parameters do to one result."""
-
-    def result(run: str) -> float:
-        value = found.get(run, {}).get(name)
-        return math.nan if value is None else value
-
-    rows = []
-    for index in range(order.trajectories):
-        values = _values(order, varied, index)
-        places = np.array([[v.place(at[v.name]) for v in varied] for at in values])
-        results = np.array([result(_point_name(index, point)) for point in range(len(values))])
-        rows.append(elementary_effects(places, results))
-    effects: Array = np.array(rows)
-    draws = bootstrap_mu_star(effects, _stream(order.seed, _BOOTSTRAP))
-    repeats = [result(f"noise_{k:02d}") for k in range(REPEATS)]
-    noise = noise_floor(repeats, order.trajectories, len(varied), _stream(order.seed, _NULL))
-    floor = max(noise, RESOLUTION.get(unit, 0.0)) if math.isfinite(noise) else math.nan
-    nominal = repeats[0] if math.isfinite(repeats[0]) else None
-    return ResultSensitivity(name, unit, nominal, noise, floor, effect_statistics(effects, draws), draws)
-
-
-def _stream(seed: int, what: int) -> int:
-    return int(np.random.SeedSequence((seed, what)).generate_state(1)[0])
-
-
-def _content(outcome: SensitivityResult) -> dict[str, Any]:
-    """`sensitivity.json`."""
-    order, names = outcome.order, [one.name for one in outcome.varied]
+def _content(result: SensitivityResult) -> dict[str, Any]:
+    """Return the content of `sensitivity.json`."""
+    config, names = result.config, [factor.name for factor in result.factors]
     return {
-        "scenario": outcome.scenario,
-        "overrides": order.asked.overrides,
-        "plant": outcome.plant,
-        "method": outcome.method,
-        "seed": order.seed,
-        "trajectories": order.trajectories,
-        "sources": order.sources,
+        "scenario": result.scenario,
+        "overrides": config.trial.overrides,
+        "plant": result.plant,
+        "method": result.method,
+        "seed": config.seed,
+        "trajectories": config.trajectories,
+        "sources": config.sources,
         "version": omnimj.__version__,
-        "interrupted": outcome.interrupted,
-        "runs": outcome.runs,
-        "noise_runs": outcome.repeats,
-        "errors": outcome.errors,
-        "parameters": [dataclasses.asdict(one) for one in outcome.varied],
-        "left_out": [dataclasses.asdict(one) for one in outcome.left_out],
+        "interrupted": result.interrupted,
+        "runs": result.runs,
+        "noise_runs": result.repeats,
+        "errors": result.errors,
+        "parameters": [dataclasses.asdict(factor) for factor in result.factors],
+        "left_out": [dataclasses.asdict(factor) for factor in result.excluded],
         "measure_first": [
-            dataclasses.asdict(rank) | {"parameter": names[rank.parameter]} for rank in outcome.ranks
+            dataclasses.asdict(rank) | {"parameter": names[rank.parameter]} for rank in result.ranks
         ],
         "results": {
             study.name: {
@@ -321,6 +284,6 @@ def _content(outcome: SensitivityResult) -> dict[str, Any]:
                     for name, word, one in zip(names, study.verdicts, study.measures, strict=True)
                 ],
             }
-            for study in outcome.studies
+            for study in result.studies
         },
     }

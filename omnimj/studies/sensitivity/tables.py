@@ -31,7 +31,7 @@ def measure_first_sentence(outcome: SensitivityResult) -> str:
         return f"Nothing that was varied can be told from noise for sure{more}."
     names, share, ranked = [], 0.0, sum(rank.share for rank in sure)
     for rank in sure[:_MOST_FIRST]:
-        names.append(outcome.varied[rank.parameter].name)
+        names.append(outcome.factors[rank.parameter].name)
         share += rank.share
         if share >= _ENOUGH * ranked:
             break
@@ -41,19 +41,19 @@ def measure_first_sentence(outcome: SensitivityResult) -> str:
 
 def summary_sentences(outcome: SensitivityResult) -> Iterator[str]:
     """What the numbers are of."""
-    order = outcome.order
+    order = outcome.config
     yield f"{outcome.scenario}: {outcome.description}."
     yield (
-        f"{len(outcome.varied)} numbers that are {' or '.join(order.sources)}, {order.trajectories} "
+        f"{len(outcome.factors)} numbers that are {' or '.join(order.sources)}, {order.trajectories} "
         f"trajectories: {outcome.runs} runs on plant {outcome.plant}, method {outcome.method}, "
         f"seed {order.seed}; {outcome.repeats} more with other noise only."
     )
-    stated = sum(one.stated for one in outcome.varied)
+    stated = sum(one.stated for one in outcome.factors)
     yield (
         "The plant gets the changed numbers, the controller goes on believing the model file. Ranges: the "
         f"uncertainty that the file states ({stated} numbers), else ±{100 * order.share:g} % of the value."
     )
-    planned = order.trajectories * (len(outcome.varied) + 1)
+    planned = order.trajectories * (len(outcome.factors) + 1)
     if outcome.interrupted or outcome.runs < planned:
         why = "broken off" if outcome.interrupted else "some broke down"
         yield f"Of {planned} runs {outcome.runs} are there ({why}); the same command goes on from here."
@@ -65,7 +65,7 @@ def summary_sentences(outcome: SensitivityResult) -> Iterator[str]:
 def format_excluded(outcome: SensitivityResult) -> tuple[str, ...]:
     """What is not varied, by reason."""
     reasons: dict[str, list[str]] = {}
-    for one in outcome.left_out:
+    for one in outcome.excluded:
         reasons.setdefault(one.reason, []).append(one.name)
     return tuple(f"{', '.join(names)}: {reason}" for reason, names in reasons.items())
 
@@ -86,7 +86,7 @@ def measure_first_table(outcome: SensitivityResult, most: int | None = None) -> 
     """The parameters over all results, the first `most` of them."""
     rows = []
     for place, rank in enumerate(outcome.ranks[:most], start=1):
-        one = outcome.varied[rank.parameter]
+        one = outcome.factors[rank.parameter]
         share = format_share(rank.share, rank.low, rank.high)
         where = rank.most if rank.sure else f"{rank.most}, perhaps"
         rows.append((str(place), one.name, f"{one.nominal:.4g}", format_range(one), share, where))
@@ -100,9 +100,10 @@ def results_table(outcome: SensitivityResult) -> Table:
     rows = []
     for study in outcome.studies:
         top = [
-            f"{outcome.varied[i].name} {format_number(study.measures[i].mu_star)}" for i in study.order[:_TOP]
+            f"{outcome.factors[i].name} {format_number(study.measures[i].mu_star)}"
+            for i in study.ranked[:_TOP]
         ]
-        words = ", ".join(top) or _unsure(study, outcome.varied)
+        words = ", ".join(top) or _unsure(study, outcome.factors)
         rows.append(
             (study.name, format_value(study.nominal, study.unit), format_number(_known(study.floor)), words)
         )
@@ -131,7 +132,7 @@ def _known(value: float) -> float | None:
 def result_table(study: ResultSensitivity, varied: Sequence[Factor]) -> Table:
     """The parameters that are ranked for one result."""
     rows = []
-    for place, i in enumerate(study.order, start=1):
+    for place, i in enumerate(study.ranked, start=1):
         found = study.measures[i]
         interval = f"{format_number(found.low)}–{format_number(found.high)}"
         rows.append(

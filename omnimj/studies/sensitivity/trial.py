@@ -1,4 +1,4 @@
-"""One run of a study: the plant has some numbers other than the controller believes."""
+"""Trial of a sensitivity study: a scenario on a plant whose parameters differ from the controller's."""
 
 from __future__ import annotations
 
@@ -15,24 +15,22 @@ import numpy as np
 
 from omnimj.errors import InputError, SimulationError
 from omnimj.parameters import Floor
-from omnimj.recording.json_files import run_guarded, to_jsonable
 from omnimj.signals import KINDS_OF_DIAGNOSIS
 from omnimj.simulate.detectors import available_methods, default_method, make_detector, require_known_method
 from omnimj.simulate.metrics import DIAGNOSIS_UNITS
 from omnimj.simulate.plants import KINEMATIC, PLANT_NAMES, plant_name
 from omnimj.simulate.run import RunResult, run_scenario
 from omnimj.simulate.scenario.scenario import Scenario, read_scenario
+from omnimj.studies.runner import run_guarded
 from omnimj.studies.sensitivity.factors import FLOOR
-
-# The scenario as it really is: some numbers of machine and floors other than the model files say.
 
 
 def true_scenario(scenario: Scenario, values: Mapping[str, float]) -> Scenario:
-    """The same scenario for a plant to be made of; the controller is made of the one that is given.
+    """Return the scenario with true parameter values, for a plant to be made of.
 
     Args:
-      scenario: As the model files have it.
-      values: New value by name, as in `factors.Factor`.
+      scenario: The nominal scenario, which the controller is made for.
+      values: True value by name of the parameter, as in `factors.Factor`.
     """
     machine: Any = scenario.constants
     floors = dict(scenario.floors)
@@ -69,7 +67,7 @@ def _with_mount(machine: Any, key: str, value: float) -> Any:
 
 
 def _replaced(table: Any, key: str, value: float) -> Any:
-    """The table with one new value; all numbers of a list keep their ratios, its largest gets the value."""
+    """Return the table with one new value; a list is scaled until its largest entry has the value."""
     before = getattr(table, key)
     if isinstance(before, tuple):
         factor = value / max(map(abs, before))
@@ -77,30 +75,28 @@ def _replaced(table: Any, key: str, value: float) -> Any:
     return dataclasses.replace(table, **{key: int(value) if isinstance(before, int) else value})
 
 
-# What a run of a scenario amounts to, as numbers that can be compared between runs.
-
 RESOLUTION: Mapping[str, float] = MappingProxyType(
     {"m": 1e-3, "m/s": 1e-3, "rad": 1e-3, "A": 1e-3, "s": 1e-3}
 )
-"""Changes below it, by unit, are nothing that a robot's sensors or a check could tell: a millimetre, a
-milliradian (the heading converter has steps of 1.5), a milliampere (the monitor: 2.4), one control period."""
+"""Smallest change that the robot's sensors or a check resolve, by unit: a millimetre, a milliradian (the
+heading converter has steps of 1.5), a milliampere (the current monitor: 2.4), one control period."""
 
 _PLACE = {"final_x": "m", "final_y": "m", "final_heading": "rad"}
 _OF_ONE_WHEEL = re.compile(r".*_\d+")
 
 
 def result_units(scenario: Scenario, method: str) -> dict[str, str]:
-    """The results of a scenario and their units.
+    """Return the results of a scenario with their units.
 
-    The metrics of `metrics.json`, of single wheels those alone that the scenario's checks ask for; where it
-    ends; rms of the slip over time and wheels. Without a method there is nothing to say of diagnoses.
+    These are the metrics of `metrics.json` (of single wheels only those that the scenario's checks use; of
+    diagnoses only with a method), the final pose, and the RMS slip velocity over time and wheels.
     """
-    asked = {check.name for check in scenario.checks}
+    checked = {check.name for check in scenario.checks}
     single = len(scenario.wheel_positions) == 1
     units = {
         name: unit
         for name, unit in scenario.metric_units.items()
-        if (single or name in asked or not _OF_ONE_WHEEL.fullmatch(name))
+        if (single or name in checked or not _OF_ONE_WHEEL.fullmatch(name))
         and (method != "off" or name not in DIAGNOSIS_UNITS)
     }
     units["rms_slip"] = "m/s"
@@ -108,12 +104,13 @@ def result_units(scenario: Scenario, method: str) -> dict[str, str]:
 
 
 def read_results(run: RunResult, units: Mapping[str, str]) -> dict[str, float | None]:
-    """The results of a run; None for one that it does not have.
+    """Return the results of a run; None for one that it does not have.
 
-    A fault that was never noticed has a delay until the end of the run: less than it is, and finite.
+    A fault that was never detected counts with the time until the end of the run, a finite lower bound of its
+    detection delay.
 
     Args:
-      run: That came to its end.
+      run: A completed run.
       units: From `result_units`.
     """
     metrics, trace = run.metrics, run.trace
@@ -141,37 +138,37 @@ def _number(value: Any) -> float | None:
 
 @dataclass(frozen=True)
 class TrialConfig:
-    """What is driven; a worker reads it for itself."""
+    """Scenario of the trials, read anew by every worker."""
 
     scenario: str
-    """A shipped scenario's name, or the path of a file."""
+    """Name of a shipped scenario, or path of a file."""
     overrides: tuple[str, ...] = ()
     """`KEY=VALUE` texts."""
     model: Path | None = None
-    """The model file that the controller believes; the shipped one when None."""
+    """Model file of the controller; the shipped one when None."""
     floors: Path | None = None
     plant: str = "planar"
     method: str | None = None
-    """Of diagnosis; the scenario's own when None."""
+    """Diagnosis method; the default of the scenario when None."""
 
 
-def nominal_scenario(asked: TrialConfig) -> Scenario:
-    """The scenario as the controller believes it.
+def nominal_scenario(config: TrialConfig) -> Scenario:
+    """Read the nominal scenario, which the controller is made for.
 
     Raises:
-      InputError: As `read_scenario`; or it has no forces, or the plant is a real one.
-      UnknownNameError: As `read_scenario`, or there is no such plant or method.
+      InputError: As `read_scenario`; or the scenario has no forces, or the plant is hardware.
+      UnknownNameError: As `read_scenario`, or the plant or method does not exist.
     """
-    scenario = read_scenario(asked.scenario, asked.overrides, asked.model, asked.floors)
+    scenario = read_scenario(config.scenario, config.overrides, config.model, config.floors)
     if scenario.level == KINEMATIC:
-        rule = "without forces no number of the model acts"
+        rule = "without forces no parameter of the model has an effect"
         raise InputError(scenario.name, "is at the kinematic level", rule)
-    if plant_name(scenario, asked.plant) not in PLANT_NAMES:
-        rule = "numbers can be changed in a simulation only"
-        raise InputError("--plant", f"found {asked.plant!r}", rule, PLANT_NAMES)
-    method = resolve_method(asked, scenario)
+    if plant_name(scenario, config.plant) not in PLANT_NAMES:
+        rule = "parameters can be changed in a simulation only"
+        raise InputError("--plant", f"found {config.plant!r}", rule, PLANT_NAMES)
+    method = resolve_method(config, scenario)
     require_known_method(method)
-    make_detector(method, scenario)  # one that this robot's wheels are not for is refused
+    make_detector(method, scenario)  # refuses a method that does not fit the wheels of this robot
     if method not in available_methods(scenario):
         raise InputError(
             "--method", f"found {method!r}", "the rig has one wheel", available_methods(scenario)
@@ -179,32 +176,32 @@ def nominal_scenario(asked: TrialConfig) -> Scenario:
     return scenario
 
 
-def resolve_method(asked: TrialConfig, scenario: Scenario) -> str:
-    """The method that is meant."""
-    return default_method(scenario) if asked.method is None else asked.method
+def resolve_method(config: TrialConfig, scenario: Scenario) -> str:
+    """Return the diagnosis method of the trials."""
+    return default_method(scenario) if config.method is None else config.method
 
 
-def drive_with(asked: TrialConfig, values: Mapping[str, float], seed: int) -> dict[str, Any]:
-    """Drives the scenario once.
+def drive_with(config: TrialConfig, values: Mapping[str, float], seed: int) -> dict[str, Any]:
+    """Drive the scenario once.
 
     Args:
-      asked: What is driven; the controller believes it.
-      values: What the plant has instead, by name as in `factors.Factor`.
-      seed: Of the sensors' noise.
+      config: Scenario, which the controller is made for.
+      values: True parameter values of the plant by name, as in `factors.Factor`.
+      seed: Seed of the sensor noise.
 
     Returns:
-      `values`, `seed` and `results` by name; or `error`: what went wrong.
+      `values`, `seed` and `results` by name; or `error`: the message of a run that broke down.
     """
 
-    def driven() -> dict[str, Any]:
-        scenario = nominal_scenario(asked)
-        method = resolve_method(asked, scenario)
-        run = run_scenario(scenario, asked.plant, method, seed, truth=true_scenario(scenario, values))
+    def trial() -> dict[str, Any]:
+        scenario = nominal_scenario(config)
+        method = resolve_method(config, scenario)
+        run = run_scenario(scenario, config.plant, method, seed, truth=true_scenario(scenario, values))
         if run.trace.about["failure"]:
             raise SimulationError(run.trace.about["failure"])
         if run.interrupted:
             raise KeyboardInterrupt
         results = read_results(run, result_units(scenario, method))
-        return to_jsonable({"values": values, "seed": seed, "results": results})
+        return {"values": values, "seed": seed, "results": results}
 
-    return run_guarded(driven)
+    return run_guarded(trial)

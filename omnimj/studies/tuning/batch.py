@@ -1,9 +1,9 @@
-"""Drives candidates over draws, and keeps every trial: what was driven once is never driven again.
+"""Trials of a tuning study: candidates driven over draws, each stored and never repeated.
 
 The folder:
-  tuning_plan.json               what was asked
-  uses_NAME.json                 when wheels are in use in a draw
-  trial_NAME_HASH.json           a draw driven with a candidate, named after its gains
+  tuning_plan.json               settings
+  uses_NAME.json                 intervals of a draw in which wheels are in use
+  trial_NAME_HASH.json           a draw driven with a candidate; the hash is that of its gains
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any
 
 from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.errors import InputError, SimulationError
-from omnimj.recording.json_files import read_result, result_writer, to_jsonable, write_json
+from omnimj.studies.runner import StudyFolder, TrialFolder
 from omnimj.studies.tuning.draws import Draw
 from omnimj.studies.tuning.search import Candidate, GainAxis, values_by_name
 from omnimj.studies.tuning.trial import TrialMetrics, drive_healthy, drive_trial, read_metrics
@@ -26,15 +26,15 @@ PLAN = "tuning_plan.json"
 
 
 class TrialBatch:
-    """Those who drive, and the folder of what they found.
+    """Drives candidates over draws.
 
     Args:
-      folder: From `prepare_folder`.
-      axes: What a candidate's values are of.
-      before: Gains before the search, by their names, where they are not those of the model.
-      thresholds: Of the method; the shipped ones when None.
-      workers: Who drives.
-      report: Called with a phrase and the share that is done of what is under way.
+      folder: From `claim_folder`.
+      axes: Gains that the values of a candidate belong to.
+      before: Gains before the search that differ from those of the model, by name.
+      thresholds: Thresholds of the method; the shipped ones when None.
+      pool: Workers.
+      report: Called with a phrase and the finished share of the current step.
     """
 
     def __init__(
@@ -43,64 +43,54 @@ class TrialBatch:
         axes: Sequence[GainAxis],
         before: Mapping[str, float],
         thresholds: Thresholds | None,
-        workers: WorkerPool,
+        pool: WorkerPool,
         report: Progress,
     ):
-        self._folder, self._axes, self._before = folder, tuple(axes), dict(before)
-        self._thresholds, self._workers, self._report = thresholds, workers, report
+        self._trials, self._axes, self._before = TrialFolder(folder), tuple(axes), dict(before)
+        self._thresholds, self._pool, self._report = thresholds, pool, report
         self._uses: dict[str, Any] = {}
 
-    def drive(
-        self, candidates: Sequence[Candidate], draws: Sequence[Draw], phrase: str
-    ) -> list[tuple[TrialMetrics, ...]]:
-        """Facts of every candidate, one per draw.
+    def drive(self, candidates: Sequence[Candidate], draws: Sequence[Draw]) -> list[tuple[TrialMetrics, ...]]:
+        """Return the metrics of every candidate, one per draw.
 
         Raises:
-          SimulationError: A trial broke down in a way that no gains can be blamed for, or a worker died.
-          InputError: A trial is there with another truth.
+          SimulationError: A trial broke down for a reason other than its gains, or a worker died.
+          InputError: A stored trial has another truth.
         """
         self._find_uses(draws)
+        gains = {one: {**self._before, **values_by_name(self._axes, one)} for one in candidates}
         tasks = {
-            _name(draw, values): (draw, values)
-            for values in map(self._values, dict.fromkeys(candidates))
+            _name(draw, values): (draw, values, self._uses.get(draw.name), self._thresholds)
+            for values in gains.values()
             for draw in draws
         }
-        ready = {
-            name: (*given, self._uses.get(given[0].name), self._thresholds) for name, given in tasks.items()
-        }
-        found = self._done(drive_trial, ready, phrase)
-        return [
-            tuple(read_metrics(found[_name(draw, self._values(one))]) for draw in draws) for one in candidates
-        ]
-
-    def _values(self, candidate: Candidate) -> Mapping[str, float]:
-        """All gains that are not the model's, by their names."""
-        return {**self._before, **values_by_name(self._axes, candidate)}
+        found = self._complete(drive_trial, tasks, "trials")
+        return [tuple(read_metrics(found[_name(draw, gains[one])]) for draw in draws) for one in candidates]
 
     def _find_uses(self, draws: Sequence[Draw]) -> None:
+        """Find the intervals of use of all draws with a fault."""
         tasks = {
             f"uses_{draw.name}": (draw, self._before)
             for draw in draws
             if draw.is_broken and draw.name not in self._uses
         }
-        for result in self._done(drive_healthy, tasks, "driving without faults").items():
-            self._uses[result[0].removeprefix("uses_")] = result[1]["uses"]
+        for name, result in self._complete(drive_healthy, tasks, "driving without faults").items():
+            self._uses[name.removeprefix("uses_")] = result["uses"]
 
-    def _done(
+    def _complete(
         self, function: Callable[..., Any], tasks: Mapping[str, tuple], phrase: str
     ) -> dict[str, dict[str, Any]]:
-        """Results of all tasks by name, those that are kept from before and those that were missing."""
-        found = {name: _stored_result(self._folder, name, given[0]) for name, given in tasks.items()}
-        missing = {name: tasks[name] for name, result in found.items() if result is None}
+        """Return the results of all tasks by name, after running those that are missing."""
+        stored = {name: self._trials.finished(name, draw=task[0].to_dict()) for name, task in tasks.items()}
+        missing = {name: tasks[name] for name, result in stored.items() if result is None}
         if missing:
-            self._workers.run_all(function, missing, result_writer(self._folder), phrase, self._report)
-            found |= {name: read_result(self._folder, name) for name in missing}
-        broken = {name: found[name] for name in missing if "error" in (found[name] or {"error": "vanished"})}
-        if broken:
-            name, result = next(iter(broken.items()))
-            told = "its file vanished" if result is None else result["error"]
-            raise SimulationError(f"{len(broken)} of {len(tasks)} trials broke down; {name}: {told}")
-        return {name: result for name, result in found.items() if result is not None}
+            self._pool.run_all(function, missing, self._trials.write, phrase, self._report)
+        found, errors = self._trials.collect(missing)
+        errors |= {name: "its file vanished" for name in missing if name not in found and name not in errors}
+        if errors:
+            name, error = next(iter(errors.items()))
+            raise SimulationError(f"{len(errors)} of {len(tasks)} trials broke down; {name}: {error}")
+        return {name: found[name] if result is None else result for name, result in stored.items()}
 
 
 def _name(draw: Draw, values: Mapping[str, float]) -> str:
@@ -108,46 +98,14 @@ def _name(draw: Draw, values: Mapping[str, float]) -> str:
     return f"trial_{draw.name}_{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
 
-def _stored_result(folder: Path, name: str, draw: Draw) -> dict[str, Any] | None:
-    """The result that is there; None where it is missing or says what broke.
+def claim_folder(folder: Path, plan: Mapping[str, Any], force: bool) -> None:
+    """Make the folder hold the trials of this plan.
 
     Raises:
-      InputError: It is there with another truth.
+      InputError: It holds trials of another plan and `force` is not given, or something else; or it cannot be
+        written.
     """
-    result = read_result(folder, name)
-    if result is None or "error" in result:
-        return None
-    if result["draw"] != to_jsonable(draw.to_dict()):
-        rule = "the library has changed since; --force begins anew"
-        raise InputError(f"{folder / name}.json", "holds another trial than this seed draws", rule)
-    return result
-
-
-def prepare_folder(folder: Path, plan: Mapping[str, Any], force: bool) -> Path:
-    """The folder of the trials; what it holds belongs to this plan.
-
-    Raises:
-      InputError: It holds the trials of another plan and `force` is not given, or it cannot be written.
-    """
-    file = folder / PLAN
-    asked = to_jsonable(json.loads(json.dumps(plan)))
-    if read_result(folder, file.stem) == asked:
-        return folder
-    if folder.exists() and not folder.is_dir():
-        raise InputError(
-            folder, "is a file", "the trials are kept in a folder of this name; choose another --out"
-        )
-    if folder.exists() and any(folder.iterdir()) and not (force and file.is_file()):
-        rule = f"{PLAN} there says which; choose another --out" + (
-            ", or --force to replace it" if file.is_file() else ""
-        )
-        raise InputError(folder, "holds something else than trials with these settings", rule)
-    try:
-        for pattern in ("trial_*.json", "uses_*.json"):  # of another plan; what else is there stays
-            for old in folder.glob(pattern):
-                old.unlink()
-        folder.mkdir(parents=True, exist_ok=True)
-        write_json(file, asked)
-    except OSError as error:
-        raise InputError(folder, f"cannot be written ({error.strerror})") from None
-    return folder
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / PLAN).is_file():
+        rule = "trials are stored in a folder of this name; choose another --out"
+        raise InputError(folder, "holds something else than trials of a tuning", rule)
+    StudyFolder(folder, PLAN, "a tuning", ("trial_*.json", "uses_*.json")).claim(plan, force)

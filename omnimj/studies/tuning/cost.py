@@ -1,4 +1,4 @@
-"""What a candidate costs: terms relative to the gains before, and hard limits that go before all of them.
+"""Cost of a candidate: terms relative to the gains before, and hard limits with priority over all terms.
 
 Each term is the mean over the draws of (value + floor)/(value before + floor), so that every draw counts
 alike and the gains before cost the sum of the weights, 1. A candidate that breaks a limit is worse than every
@@ -21,12 +21,12 @@ TRACKING, EFFORT, SLIP, DETECTION, MARGINS = "tracking", "effort", "slip", "dete
 
 @dataclass(frozen=True)
 class Term:
-    """One of the cost's terms."""
+    """Term of the cost."""
 
     group: str
     weight: float
     floor: float
-    """Added to the value and to that before, in the value's unit: below it nothing is gained."""
+    """Offset of the value and the value before, in the unit of the value: values far below it do not pay."""
 
 
 TERMS: Mapping[str, Term] = MappingProxyType(
@@ -41,70 +41,70 @@ TERMS: Mapping[str, Term] = MappingProxyType(
         "margin": Term(MARGINS, 0.15, 0.0),
     }
 )
-"""By the names of `TrialMetrics`, and `margin`: least phase margin before over that now."""
-STAYS = 0.002
-"""Weight of the mean square of ln(gain/gain before): what makes no difference stays as it is."""
-_LEAST = 1.0  # [°] margin below which less of it is no worse to the cost: a limit says no to both
+"""Terms by the names of `TrialMetrics`, and `margin`: smallest phase margin before over that now."""
+MOVE_WEIGHT = 0.002
+"""Weight of the mean square of ln(gain/gain before), which keeps gains without effect where they are."""
+_MIN_MARGIN = 1.0  # [°] smallest margin in the cost term; a limit rejects smaller ones anyway
 _BROKE = 10.0  # violation of a run that broke down
-_OUT, _MOST = 1e3, 999.0  # cost of what breaks a limit, and the most that anything else can
+_INFEASIBLE, _MAX_COST = 1e3, 999.0  # fitness from which a limit is violated; largest other cost
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What no candidate may break; no false alarm either."""
+    """Limits of a candidate; a false alarm violates them too."""
 
     saturation: float = 0.5
-    """Longest time at the largest current of a wheel without a fault [s]."""
+    """Longest time at the current limit of a wheel without a fault [s]."""
     phase_margin: float = 40.0
-    """Least of all loops [°]."""
+    """Smallest phase margin of all loops [°]."""
     overshoot: float = 0.3
-    """Largest of a wheel's speed after a step, linear about rest, as a share."""
+    """Largest overshoot of the wheel speed after a step, linear about rest, relative to the step."""
 
 
 @dataclass(frozen=True)
 class Score:
-    """Of one candidate over a batch of draws."""
+    """Score of one candidate over a batch of draws."""
 
     cost: float
     violation: float
-    """0: no limit is broken."""
+    """Violation of the limits; 0: none."""
     terms: Mapping[str, float]
-    """By name, relative to the gains before."""
+    """Terms by name, relative to the gains before."""
     false_alarms: int
     missed: int
     saturation: float
-    """Longest [s]."""
+    """Longest time at the current limit [s]."""
     loops: LoopStability
-    """Least phase margin, largest overshoot."""
+    """Smallest phase margin and largest overshoot."""
     broke: int
-    """Runs that broke down."""
+    """Number of runs that broke down."""
 
     @property
     def fitness(self) -> float:
-        """For an optimiser: the cost, or beyond every cost by the size of the violation."""
-        cost = min(self.cost, _MOST)
-        return cost if self.violation == 0.0 else _OUT * (1.0 + self.violation) + cost
+        """Scalar for the optimiser: the cost, or beyond every cost by the violation."""
+        cost = min(self.cost, _MAX_COST)
+        return cost if self.violation == 0.0 else _INFEASIBLE * (1.0 + self.violation) + cost
 
     def group(self, *names: str) -> float:
-        """Weighted mean of the terms of some groups."""
+        """Return the weighted mean of the terms in some groups."""
         chosen = [name for name, term in TERMS.items() if term.group in names]
         total = sum(TERMS[name].weight for name in chosen)
         return sum(TERMS[name].weight * self.terms[name] for name in chosen) / total
 
     def is_better_than(self, other: Score) -> bool:
-        """First by what limits are broken, then by the cost."""
+        """Compare by the violation first, then by the cost."""
         return (self.violation, self.cost) < (other.violation, other.cost)
 
 
 def stability_violation(loops: LoopStability, limits: Limits) -> float:
-    """By how much phase margin and overshoot miss their limits, as shares of them; 0: they do not."""
+    """Return by how much phase margin and overshoot exceed their limits, relative to these; 0: not at all."""
     missing = max(limits.phase_margin - loops.phase, 0.0) / limits.phase_margin
     return missing + max(loops.overshoot - limits.overshoot, 0.0) / limits.overshoot
 
 
 def score_unstable(loops: LoopStability, limits: Limits) -> Score:
-    """Of a candidate that is not driven, since its loops are not steady enough."""
-    # what it would do beside that is not known: it comes after those whose loops are right
+    """Return the score of a candidate that is not driven, since its loops violate the limits."""
+    # its other violations are unknown: it ranks behind all candidates with stable loops
     violation = _BROKE + stability_violation(loops, limits)
     terms = dict.fromkeys(TERMS, math.inf)
     return Score(math.inf, violation, MappingProxyType(terms), 0, 0, 0.0, loops, 0)
@@ -119,23 +119,23 @@ def score(
     axes: Sequence[GainAxis] = (),
     values: Sequence[float] = (),
 ) -> Score:
-    """A candidate's score.
+    """Score a candidate.
 
     Args:
-      found: Facts, one per draw.
-      before: The same with the gains before; none of them broke down.
-      loops: How steady they are.
-      loops_before: The same with the gains before.
-      limits: What must hold.
-      axes: What is tuned.
-      values: The candidate's values along the axes.
+      found: Metrics of the candidate, one per draw.
+      before: Metrics of the gains before; none of these runs broke down.
+      loops: Stability of the loops with the candidate.
+      loops_before: Stability of the loops with the gains before.
+      limits: Limits.
+      axes: Tuned gains.
+      values: Values of the candidate along the axes.
     """
     broke = sum(one.broke is not None for one in found)
     terms = {name: _term(name, found, before) for name in TERMS if name != "margin"}
-    terms["margin"] = max(loops_before.phase, _LEAST) / max(loops.phase, _LEAST)
+    terms["margin"] = max(loops_before.phase, _MIN_MARGIN) / max(loops.phase, _MIN_MARGIN)
     moved = [axis.place(value) ** 2 for axis, value in zip(axes, values, strict=True)]
     cost = sum(TERMS[name].weight * value for name, value in terms.items())
-    cost += STAYS * sum(moved) / max(len(moved), 1)
+    cost += MOVE_WEIGHT * sum(moved) / max(len(moved), 1)
     over = [
         max(one.saturation - limits.saturation, 0.0) / limits.saturation for one in found if one.broke is None
     ]

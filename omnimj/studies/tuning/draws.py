@@ -1,6 +1,6 @@
-"""What a candidate is driven with: a scenario on a drawn floor, with a drawn payload, errors and fault.
+"""Random draws that candidates are driven over: scenario, floor, payload, parameter errors and fault.
 
-Every candidate gets the same draws (common random numbers), so that what differs is the candidate.
+Every candidate gets the same draws (common random numbers), so that scores differ by the candidate alone.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ from omnimj.studies.random_truth import NONE, ParameterErrors, draw_faults, draw
 
 AS_WRITTEN = "as written"
 FAULTS = (AS_WRITTEN, "motor", NONE, "slip")
-"""What goes wrong in a draw, in turn: what the scenario says, a weak motor, nothing, a slip."""
+"""Faults of the draws, in turn: those of the scenario, a motor fault, none, a slip."""
 JUDGING = 100
-"""Judging seed less training seed: seeds from 100 on are never tuned with, as `omnimj evaluate` has it."""
+"""Judging seed − training seed: seeds from 100 on judge only, as in `omnimj evaluate`."""
 _ONSETS = 0.35, 0.65  # shares of the duration between which a drawn fault begins
 _WORLD, _FAULT, _NOISE = range(3)
 
 
 @dataclass(frozen=True)
 class Draw:
-    """One run's truth."""
+    """Truth of one run."""
 
     name: str
     """`nylon_patch_100_003`: scenario, seed, number."""
     scenario: str
-    """Name or absolute path: a worker may be in another folder."""
+    """Name or absolute path, since a worker may run in another folder."""
     model: Path | None
     """Model file of the robot; the shipped one when None."""
     plant: str
@@ -50,10 +50,10 @@ class Draw:
     faults: tuple[Fault, ...]
     errors: ParameterErrors
     noise: int
-    """Seed of the sensors."""
+    """Seed of the sensor noise."""
 
     def to_dict(self) -> dict[str, Any]:
-        """In JSON's own kinds."""
+        """Return the draw in JSON's own types."""
         return {
             "scenario": Path(self.scenario).stem,
             "plant": self.plant,
@@ -68,20 +68,20 @@ class Draw:
 
     @property
     def is_broken(self) -> bool:
-        """Whether anything goes wrong that can be diagnosed."""
+        """Whether there is a fault that can be diagnosed."""
         return self.fault != NONE
 
 
 def draw_trial(
     text: str, scenario: Scenario, seed: int, index: int, plant: str, model: Path | None = None
 ) -> Draw:
-    """Number `index` of the draws of a scenario; the same scenario, seed and number draw the same.
+    """Draw the truth of one run; the same scenario, seed and number give the same draw.
 
     Args:
-      text: The scenario's name or path, for those who drive it.
-      scenario: As read.
+      text: Name or path of the scenario, from which workers read it.
+      scenario: The scenario.
       seed: Below 100 for tuning, from 100 on for judging.
-      index: From 0; what goes wrong takes turns with it.
+      index: Number of the draw, from 0; faults take turns with it.
       plant: `planar` or `twin`.
       model: Model file of the robot.
     """
@@ -112,27 +112,27 @@ def draw_trial(
 
 
 def _on_a_wheel(fault: Fault, wheels: int) -> Fault:
-    """Drawn for four wheels; a robot with fewer has them in turn."""
+    """Map a fault that was drawn for four wheels to a robot with fewer."""
     wheel = fault.wheel
     return fault if wheel is None else dataclasses.replace(fault, wheel=1 + (wheel - 1) % wheels)
 
 
 def read_tuned_scenarios(texts: tuple[str, ...], model: Path | None) -> Mapping[str, Scenario]:
-    """The scenarios by name or path, each fit for being tuned with.
+    """Read scenarios by name or path and check that each can be tuned with.
 
     Raises:
-      InputError: One of the rig, of another robot, of the kinematic level or with obstacles, or one twice.
-      UnknownNameError: No such scenario.
+      InputError: A scenario is of the rig or another robot, has no forces or has obstacles, or is repeated.
+      UnknownNameError: A scenario does not exist.
     """
     found: dict[str, Scenario] = {}
     for text in texts:
         scenario = read_scenario(text, (), model)
         if scenario.plant != "uto_robot" or scenario.level != "physics" or scenario.scene is not None:
-            rule = "a robot's scenario with forces, on a flat floor, is needed"
+            rule = "a scenario of a robot with forces on a flat floor is needed"
             raise InputError(f"SCENARIO {text}", "cannot be tuned with", rule)
         own = read_robot(model).file
         if scenario.constants.file.resolve() != own.resolve():
-            rule = "all scenarios are of one robot: give --model"
+            rule = "all scenarios must be of one robot: give --model"
             raise InputError(f"SCENARIO {text}", f"is of the robot in {scenario.constants.file}", rule)
         if scenario.name in {known.name for known in found.values()}:
             raise InputError(f"SCENARIO {text}", f"'{scenario.name}' is there twice")
@@ -141,12 +141,12 @@ def read_tuned_scenarios(texts: tuple[str, ...], model: Path | None) -> Mapping[
 
 
 def apply_draw(scenario: Scenario, draw: Draw, with_truth: bool) -> Scenario:
-    """The scenario as it is in a draw.
+    """Return the scenario with the floor of a draw, and with its faults or without.
 
     Args:
-      scenario: As read.
+      scenario: The scenario as read.
       draw: The draw.
-      with_truth: With faults and patches, for plant and judge; without, for the controller.
+      with_truth: With faults and patches for plant and judge; without for the controller.
     """
     as_written = draw.fault == AS_WRITTEN
     return dataclasses.replace(

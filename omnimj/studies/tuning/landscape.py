@@ -1,4 +1,4 @@
-"""The cost around what was found: two gains at a time on a grid, driven at every point."""
+"""Cost landscape around the result: grids over two gains at a time, driven at every point."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from omnimj.studies.tuning.cost import Score
 from omnimj.studies.tuning.search import Candidate, GainAxis
 
 REACH = 1.5
-"""Factor by which a gain is made smaller and larger."""
+"""Factor by which a grid extends either way from the result."""
 _PAIRS = 2
 
 
 @dataclass(frozen=True)
 class Landscape:
-    """One slice."""
+    """Scores on a grid over two gains."""
 
     across: GainAxis
     up: GainAxis
     x: tuple[float, ...]
-    """Values of `across`."""
+    """Values of the gain `across`."""
     y: tuple[float, ...]
-    """Values of `up`."""
+    """Values of the gain `up`."""
     scores: tuple[tuple[Score, ...], ...]
-    """Row by row along `up`."""
+    """Scores, one row per value of `up`."""
     found: tuple[float, float]
-    """Where the result lies."""
+    """Values of both gains in the result."""
 
 
 def survey_landscape(
@@ -39,14 +39,14 @@ def survey_landscape(
     points: int,
     scores_of: Callable[[Sequence[Candidate]], list[Score]],
 ) -> tuple[Landscape, ...]:
-    """Slices through the result along the pairs of gains that matter most.
+    """Survey the cost around the result over the pairs of the most important gains.
 
     Args:
-      axes: What was tuned.
-      values: What was found.
-      tried: All candidates with their scores, which tell what matters.
-      points: Per side.
-      scores_of: Drives candidates.
+      axes: Tuned gains.
+      values: The result.
+      tried: All candidates with their scores, from which the importance follows.
+      points: Grid points per side.
+      scores_of: Returns the scores of candidates.
     """
     slices = [
         (a, b, _around(axes[a], values[a], points), _around(axes[b], values[b], points))
@@ -69,7 +69,7 @@ def survey_landscape(
 
 
 def importance(axes: Sequence[GainAxis], tried: Sequence) -> Array:
-    """How strongly fitness goes with each gain: |Spearman's ρ| over all candidates, shape (axes,)."""
+    """Return |Spearman's ρ| of each gain with the fitness over all candidates, shape (axes,)."""
     if len(tried) < 3:
         return np.zeros(len(axes))
     ranks = _ranks(np.array([one.score.fitness for one in tried]))
@@ -83,7 +83,14 @@ def importance(axes: Sequence[GainAxis], tried: Sequence) -> Array:
 
 
 def most_important_pairs(weights: Array) -> list[tuple[int, int]]:
-    """First and second, third and fourth; of three the first with each of the others."""
+    """Return the pairs of the most important gains.
+
+    Args:
+      weights: Importance, shape (axes,).
+
+    Returns:
+      First and second, third and fourth; of three gains the first with each other one.
+    """
     order = [int(k) for k in np.argsort(-weights, kind="stable")]
     if len(order) == 3:
         return [(order[0], order[1]), (order[0], order[2])]

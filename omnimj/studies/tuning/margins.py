@@ -1,15 +1,15 @@
-"""How far the loops are from swinging: crossover, phase margin and overshoot in closed form.
+"""Stability of the control loops: crossover, phase margin and overshoot in closed form.
 
 A wheel on the floor, linear about rest, with s = iω and F_N the load of one wheel:
   F = Z (r φ̇ − V),  Z = F_N (σ0/s + σ1 + σ2),  (I s + b) φ̇ = K_t E G_r i − r F,
 and the body's speeds at the wheels V = P F/s with P = A M⁻¹ Aᵀ, shape (n, n). All wheels have the same loop,
-so that the eigenvectors of P part them: one loop per eigenvalue p [1/kg], p = 0 where the wheels push
-against each other, and one of a wheel in the air (Z = 0):
+so that the eigenvectors of P decouple them: one loop per eigenvalue p [1/kg], p = 0 where the wheels push
+against each other, and one for a wheel in the air (Z = 0):
   G = K_t E G_r/(I s + b + r²/(1/Z + p/s)).
 Around it the amplifier 1/(1 + τ s), the command held over a period h, and in z = e^(sh) the PI law
 K_P + K_I h/(z − 1) and the encoder's speed, (1 − z⁻¹)/(s h) of the angle's difference through its one-pole
-filter. The yaw-rate loop goes round the wheel loops and the gyro's filter, the heading loop round both.
-The answer of a wheel's speed to a step, T(s) = C G/(1 + L): y(t) = 2/π ∫ Re T(iω) sin(ωt)/ω dω.
+filter. The yaw-rate loop contains the wheel loops and the gyro's filter, the heading loop both.
+The step response of a wheel's speed, T(s) = C G/(1 + L): y(t) = 2/π ∫ Re T(iω) sin(ωt)/ω dω.
 """
 
 from __future__ import annotations
@@ -28,37 +28,37 @@ from omnimj.physics.kinematics import rolling_matrix
 Complex = NDArray[Any]
 
 FLOORS = ("natural_stone", "pvc", "paperboard")
-"""Those that were measured, Table 4.1; the laws of others have no σ."""
+"""Floors of Table 4.1; the friction laws of others have no σ."""
 AIR = "in the air"
 SPEED, YAW_RATE, HEADING = "wheel speed", "yaw rate", "heading"
 _GRAVITY = 9.81
-_LOWEST, _POINTS = 0.02, 800  # [Hz] below which nothing of this robot swings; of the sweep
-_SAME = 1e-9  # of the largest eigenvalue
-_LONGEST, _STEPS = 1.0, 250  # [s] of a step's answer that is looked at; instants
-_FINE = 4000  # points of its integral
+_LOWEST, _POINTS = 0.02, 800  # lowest frequency [Hz] and number of points of the sweep
+_SAME = 1e-9  # relative to the largest eigenvalue
+_LONGEST, _STEPS = 1.0, 250  # duration [s] and number of instants of the step response
+_FINE = 4000  # points of the integral over ω
 
 
 @dataclass(frozen=True)
 class Margin:
-    """Of one loop."""
+    """Phase margin of one loop."""
 
     loop: str
     """`wheel speed`, `yaw rate` or `heading`."""
     where: str
     """`pvc, 2.2 kg per wheel`, `in the air`."""
     crossover: float
-    """Where |L| = 1, of several the one with the least margin [Hz]; 0: it never is."""
+    """Frequency with |L| = 1, of several the one with the smallest margin [Hz]; 0: none."""
     phase: float
-    """180° + arg L there, followed from low frequencies on; 180: as much as there is, or no crossover [°]."""
+    """180° + arg L there, unwrapped from low frequencies; at most 180, also without crossover [°]."""
 
 
 def margins(robot: Robot, control: Control, floors: Iterable[Floor]) -> tuple[Margin, ...]:
-    """Every loop's margin, those of the wheels on every floor and in the air.
+    """Return the margin of every loop; those of the wheels on every floor and in the air.
 
     Args:
-      robot: Everything but the gains.
-      control: The gains.
-      floors: With a LuGre law.
+      robot: Robot, whose own gains are not used.
+      control: Gains.
+      floors: Floors with a LuGre law.
     """
     chain = _LoopModel(robot, control)
     found = [_margin(SPEED, AIR, chain, lambda s: chain.open_loop(s, None, 0.0))]
@@ -76,25 +76,25 @@ def margins(robot: Robot, control: Control, floors: Iterable[Floor]) -> tuple[Ma
 
 @dataclass(frozen=True)
 class LoopStability:
-    """How steady the loops are."""
+    """Stability of all loops together."""
 
     phase: float
-    """Least phase margin [°]."""
+    """Smallest phase margin [°]."""
     overshoot: float
-    """Largest of a wheel's speed after a step, as a share of the step."""
+    """Largest overshoot of the wheel speed, relative to the step."""
 
 
 def loop_stability(robot: Robot, control: Control, floors: Sequence[Floor]) -> LoopStability:
-    """Least phase margin and largest overshoot; arguments as for `margins`."""
+    """Return smallest phase margin and largest overshoot; arguments as for `margins`."""
     phase = smallest_margin(margins(robot, control, floors)).phase
     return LoopStability(phase, max(overshoots(robot, control, floors).values()))
 
 
 def overshoots(robot: Robot, control: Control, floors: Iterable[Floor]) -> dict[str, float]:
-    """By how much a wheel's speed goes beyond a step of its target, as a share, by floor and load.
+    """Return the overshoot of the wheel speed after a step, relative to the step, by floor and load.
 
-    Of a wheel that carries the body along; linear about rest, as the margins are: limits of current and
-    friction make a real step overshoot less.
+    It is that of a wheel that moves the body, linear about rest like the margins: current limit and friction
+    make a real step overshoot less. Arguments as for `margins`.
     """
     chain, time = _LoopModel(robot, control), np.linspace(0.0, _LONGEST, _STEPS + 1)[1:]
     omega = 2.0 * np.pi * np.geomspace(_LOWEST, 0.499 / chain.period, _FINE)
@@ -102,20 +102,20 @@ def overshoots(robot: Robot, control: Control, floors: Iterable[Floor]) -> dict[
     for floor in floors:
         stiff = _impedance(floor, robot)
         for p in _distinct([p for p in chain.mobilities if 1.0 / max(p, 1e-12) < robot.body.mass]):
-            real = chain.step_answer(1j * omega, stiff, p).real
-            # below the sweep T is 1, of which the integral is Si(ω t), ω t itself there
-            answer = [np.trapezoid(real * np.sin(omega * t) / omega, omega) + omega[0] * t for t in time]
-            found[f"{floor.name}, {_mass_words(p)}"] = max(2.0 / np.pi * float(np.max(answer)) - 1.0, 0.0)
+            real = chain.step_response(1j * omega, stiff, p).real
+            # below the sweep T = 1, whose integral is Si(ω t) ≈ ω t
+            response = [np.trapezoid(real * np.sin(omega * t) / omega, omega) + omega[0] * t for t in time]
+            found[f"{floor.name}, {_mass_words(p)}"] = max(2.0 / np.pi * float(np.max(response)) - 1.0, 0.0)
     return found
 
 
 def smallest_margin(found: Sequence[Margin], loop: str | None = None) -> Margin:
-    """The smallest phase margin, of all loops or of those of one name."""
+    """Return the smallest phase margin of all loops, or of those with one name."""
     return min((m for m in found if loop is None or m.loop == loop), key=lambda m: m.phase)
 
 
 def _impedance(floor: Floor, robot: Robot) -> Callable[[Complex], Complex]:
-    """Z(s) of one wheel at rest [N.s/m]."""
+    """Return Z(s) of one wheel at rest [N.s/m]."""
     load = robot.body.mass * _GRAVITY / len(robot.wheels)
     stiffness, damping = floor.numbers["sigma_0"], floor.numbers["sigma_1"] + floor.numbers["sigma_2"]
     return lambda s: load * (stiffness / s + damping)
@@ -134,7 +134,7 @@ def _mass_words(mobility: float) -> str:
 
 
 class _LoopModel:
-    """Loop gains as functions of s = iω, shape (k,), for the robot with its gains."""
+    """Loop gains of the robot as functions of s = iω, shape (k,)."""
 
     def __init__(self, robot: Robot, control: Control):
         motor, sensors = robot.motor, robot.sensors
@@ -150,11 +150,11 @@ class _LoopModel:
         body = np.array([robot.body.mass, robot.body.mass, robot.body.yaw_inertia])
         values, vectors = np.linalg.eigh(a / body @ a.T)
         self.mobilities = [max(float(v), 0.0) for v in values]
-        # yaw acceleration per force of a mode, times how much of a yaw-rate demand falls to it
+        # yaw acceleration per force of a mode, times its share of a yaw-rate demand
         self._yaw_shares = (a[:, 2] @ vectors / body[2]) * (a[:, 2] @ vectors)
 
     def _held(self, s: Complex) -> Complex:
-        """A command that is held over a period."""
+        """Return the zero-order hold over a period."""
         return (1.0 - np.exp(-s * self.period)) / (s * self.period)
 
     def _speed_law(self, s: Complex) -> Complex:
@@ -165,7 +165,7 @@ class _LoopModel:
         return (1.0 - decay) / (1.0 - decay * np.exp(-s * self.period))
 
     def _wheel(self, s: Complex, z: Callable[[Complex], Complex] | None, p: float) -> Complex:
-        """φ̇ per set current."""
+        """Return wheel speed over commanded current."""
         floor = 0.0 if z is None else self._radius**2 / (1.0 / z(s) + p / s)
         return (
             self._torque
@@ -175,27 +175,27 @@ class _LoopModel:
         )
 
     def open_loop(self, s: Complex, z: Callable[[Complex], Complex] | None, p: float) -> Complex:
-        """Of the wheel-speed loop; the encoder's difference over a sample is one more hold."""
+        """Return L of the wheel-speed loop; the encoder's difference over a sample acts as another hold."""
         sensed = self._held(s) * self._filtered(s, self._decay)
         return self._speed_law(s) * self._wheel(s, z, p) * sensed
 
-    def step_answer(self, s: Complex, z: Callable[[Complex], Complex], p: float) -> Complex:
-        """Wheel speed per wanted wheel speed."""
+    def step_response(self, s: Complex, z: Callable[[Complex], Complex], p: float) -> Complex:
+        """Return wheel speed over commanded wheel speed."""
         return self._speed_law(s) * self._wheel(s, z, p) / (1.0 + self.open_loop(s, z, p))
 
     def _turning(self, s: Complex, z: Callable[[Complex], Complex]) -> Complex:
-        """Yaw rate per yaw-rate demand, through the closed wheel loops."""
+        """Return yaw rate over yaw-rate demand, through the closed wheel loops."""
         total = np.zeros_like(s)
         for p, share in zip(self.mobilities, self._yaw_shares, strict=True):
-            total += share / s * self.step_answer(s, z, p) / (1.0 / z(s) + p / s)
+            total += share / s * self.step_response(s, z, p) / (1.0 / z(s) + p / s)
         return total
 
     def yaw_loop(self, s: Complex, z: Callable[[Complex], Complex]) -> Complex:
-        """Of the yaw-rate loop, through the gyro's filter."""
+        """Return L of the yaw-rate loop, through the gyro's filter."""
         return self._control.yaw_rate_proportional * self._turning(s, z) * self._filtered(s, self._gyro_decay)
 
     def heading_loop(self, s: Complex, z: Callable[[Complex], Complex]) -> Complex:
-        """Of the heading loop, the yaw-rate loop closed inside it; the gyro carries the heading."""
+        """Return L of the heading loop around the closed yaw-rate loop; the heading integrates the gyro."""
         gain = self._control.heading_proportional * (1.0 + self._control.yaw_rate_proportional)
         inner = self._turning(s, z) / (1.0 + self.yaw_loop(s, z))
         return gain * inner * self._filtered(s, self._gyro_decay) / s
@@ -210,7 +210,7 @@ def _margin(loop: str, where: str, chain: _LoopModel, gain: Callable[[Complex], 
     for k in crossings:
         share = size[k] / (size[k] - size[k + 1])
         at = float(frequency[k] * (frequency[k + 1] / frequency[k]) ** share)
-        # a loop that leads at its crossover has all the margin there is, not what is left of a turn
+        # a leading loop has the full margin of 180°
         exact = float(np.unwrap([angle[k], np.angle(gain(np.array([2j * np.pi * at]))[0])])[1])
         turned = min(180.0 + math.degrees(exact), 180.0)
         if turned < worst.phase:

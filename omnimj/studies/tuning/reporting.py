@@ -1,4 +1,4 @@
-"""The file of tuned gains, for `omnimj run --gains`: what was found, and where it comes from."""
+"""Results of a tuning as text: the gains file for `omnimj run --gains`, and rows of tables."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from omnimj.studies.tuning.study import Comparison, TuningResult
 
 
 def format_gains_file(outcome: TuningResult, command: str) -> str:
-    """The file's text; the same trials and command give the same text.
+    """Format the gains file; the same trials and command give the same text.
 
     Args:
-      outcome: What was found.
-      command: What was typed.
+      outcome: Result of the tuning.
+      command: Command line that made it.
     """
     return "\n".join((*_head(outcome), *_gains(outcome), *_origin(outcome, command))) + "\n"
 
@@ -24,16 +24,16 @@ def format_gains_file(outcome: TuningResult, command: str) -> str:
 def _head(outcome: TuningResult) -> Iterator[str]:
     yield "# Gains of cascade, recovery and observer: omnimj run SCENARIO --gains THIS_FILE"
     if not outcome.is_better:
-        yield "# NOT BETTER than the gains before on the seeds that it was judged with: see [tuned]."
+        yield "# NOT BETTER than the gains before on the judging seeds: see [tuned]."
     yield ""
 
 
 def _gains(outcome: TuningResult) -> Iterator[str]:
-    """Those that were tuned, and those of the gains before that are not the model's."""
+    """Yield the tuned gains, and those before that differ from the model's."""
     tuned = {axis.name: axis for axis in outcome.axes}
-    told = [name for name in GAIN_NAMES if name in tuned or name in outcome.order.changed]
+    listed = [name for name in GAIN_NAMES if name in tuned or name in outcome.config.changed]
     for table in GAIN_TABLES:
-        own = [name for name in told if name.startswith(f"{table}.")]
+        own = [name for name in listed if name.startswith(f"{table}.")]
         if own:
             yield f"[{table}]"
         for name in own:
@@ -47,20 +47,20 @@ def _gains(outcome: TuningResult) -> Iterator[str]:
 
 
 def _origin(outcome: TuningResult, command: str) -> Iterator[str]:
-    order = outcome.order
+    config = outcome.config
     yield f"[{PROVENANCE_TABLE}]"
     yield f"command = {_text(command)}"
     yield f"version = {_text(omnimj.__version__)}"
-    yield f"scenarios = {json.dumps(list(order.scenarios), ensure_ascii=False)}"
-    yield f"plant = {_text(order.plant)}"
-    yield f"seed = {order.seed}"
-    yield f"trials = {order.trials}  # per scenario and candidate"
+    yield f"scenarios = {json.dumps(list(config.scenarios), ensure_ascii=False)}"
+    yield f"plant = {_text(config.plant)}"
+    yield f"seed = {config.seed}"
+    yield f"trials = {config.trials}  # per scenario and candidate"
     yield f"candidates = {len(outcome.tried)}"
-    yield f"saturation_limit = {order.limits.saturation!r}  # s"
-    yield f"phase_margin_limit = {order.limits.phase_margin!r}  # degrees"
-    yield f"overshoot_limit = {order.limits.overshoot!r}"
+    yield f"saturation_limit = {config.limits.saturation!r}  # s"
+    yield f"phase_margin_limit = {config.limits.phase_margin!r}  # degrees"
+    yield f"overshoot_limit = {config.limits.overshoot!r}"
     yield f"better = {str(outcome.is_better).lower()}"
-    for verdict in outcome.verdicts:
+    for verdict in outcome.comparisons:
         yield ""
         yield f"[{PROVENANCE_TABLE}.judged_on_{verdict.plant}]"
         yield f"seed = {verdict.seed}"
@@ -80,25 +80,22 @@ def _number(value: float) -> str:
 
 
 def _text(words: str) -> str:
-    # a TOML basic string has JSON's escapes, but for what JSON leaves unescaped
+    # a TOML basic string has JSON's escapes, except for DEL
     return json.dumps(words, ensure_ascii=False).replace("\x7f", "\\u007F")
 
 
-# What a tuning found, as rows of words for people.
-
-
 def comparison_rows(verdict: Comparison) -> list[tuple[str, str, str]]:
-    """Before and after on the judging seeds: cost and its terms, and what the limits are on."""
+    """Return rows with cost, its terms and limited quantities before and after, on the judging seeds."""
     before, after = verdict.before, verdict.after
-    rows = [("cost", _tables_number(before.cost), _tables_number(after.cost))]
+    rows = [("cost", _cost_number(before.cost), _cost_number(after.cost))]
     for name, term in TERMS.items():
         label = f"{name.replace('_', ' ')} ({term.group}, weight {term.weight:g})"
-        rows.append((label, _tables_number(before.terms[name]), _tables_number(after.terms[name])))
+        rows.append((label, _cost_number(before.terms[name]), _cost_number(after.terms[name])))
     for label, of in (
         ("false alarms", lambda s: str(s.false_alarms)),
         ("faults not found", lambda s: str(s.missed)),
-        ("longest at the largest current", lambda s: f"{s.saturation:.3f} s"),
-        ("least phase margin", lambda s: f"{s.loops.phase:.1f}°"),
+        ("longest at the current limit", lambda s: f"{s.saturation:.3f} s"),
+        ("smallest phase margin", lambda s: f"{s.loops.phase:.1f}°"),
         ("largest overshoot", lambda s: f"{100.0 * s.loops.overshoot:.0f} %"),
         ("runs that broke down", lambda s: str(s.broke)),
     ):
@@ -107,20 +104,20 @@ def comparison_rows(verdict: Comparison) -> list[tuple[str, str, str]]:
 
 
 def format_verdict(outcome: TuningResult) -> str:
-    """One sentence: whether it is better, and where it is not."""
+    """Say in one sentence whether the tuned gains are better, and where not."""
     if outcome.is_better:
         return "better than the gains before on the judging seeds"
     if all(axis.start == value for axis, value in zip(outcome.axes, outcome.values, strict=True)):
-        return "NOT BETTER than the gains before: nothing better was found, they are as they were"
-    places = [f"{v.plant} ({_why(v.before, v.after)})" for v in outcome.verdicts if not v.is_better]
+        return "NOT BETTER than the gains before: no better candidate was found, they are unchanged"
+    places = [f"{v.plant} ({_why(v.before, v.after)})" for v in outcome.comparisons if not v.is_better]
     return f"NOT BETTER than the gains before on the judging seeds: {', '.join(places)}"
 
 
 def _why(before: Score, after: Score) -> str:
     if after.violation > before.violation:
-        return "it breaks limits that they keep" if before.violation == 0.0 else "it breaks limits by more"
-    return f"it costs {after.cost:.4g} instead of {before.cost:.4g}"
+        return "they violate limits" if before.violation == 0.0 else "they violate limits by more"
+    return f"cost {after.cost:.4g} instead of {before.cost:.4g}"
 
 
-def _tables_number(value: float) -> str:
+def _cost_number(value: float) -> str:
     return f"{value:.4f}"

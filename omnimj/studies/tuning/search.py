@@ -1,4 +1,4 @@
-"""What is searched: each gain on a scale of its own, the logarithm of what it is over what it was."""
+"""Search space and search: CMA-ES (Hansen's library `cma`) over ln(gain/gain before)."""
 
 from __future__ import annotations
 
@@ -14,75 +14,75 @@ from omnimj.errors import InputError, UnknownNameError
 
 WIDEST_FACTOR = 4.0
 """Factor by which a gain may grow or shrink."""
-_DIGITS = 5  # of a gain: a file that is read again gives the same run
+_DIGITS = 5  # of a gain, so that a gains file gives the same run
 
 
 @dataclass(frozen=True)
 class GainAxis:
-    """One gain."""
+    """Axis of one gain."""
 
     name: str
     """One of `control.GAIN_NAMES`."""
     start: float
-    """Before the search."""
+    """Gain before the search."""
     low: float
-    """Least of its values, above 0."""
+    """Smallest value, above 0."""
     high: float
 
     @property
     def unit(self) -> str:
-        """Of the gain."""
+        """Unit of the gain."""
         return unit_of(self.name)
 
     def place(self, value: float) -> float:
-        """ln(value/start)."""
+        """Return ln(value/start)."""
         return math.log(value / self.start)
 
     def value(self, place: float) -> float:
-        """start · e^place, in the digits that a file keeps, within the bounds."""
+        """Return start · e^place within the bounds, rounded to the digits of a gains file."""
         found = float(f"{self.start * math.exp(place):.{_DIGITS}g}")
         return min(max(found, self.low), self.high)
 
 
-def select_gains(asked: Sequence[str]) -> tuple[str, ...]:
-    """Gains by their names or by those of their tables; all of them when none is asked for.
+def select_gains(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the gains with these names or in these tables; all gains without a name.
 
     Raises:
-      UnknownNameError: Neither a gain nor a table.
+      UnknownNameError: A name is neither a gain nor a table.
     """
-    if not asked:
+    if not names:
         return GAIN_NAMES
-    for name in asked:
+    for name in names:
         if name not in GAIN_NAMES and name not in GAIN_TABLES:
             raise UnknownNameError("--only", "gain", name, (*GAIN_TABLES, *GAIN_NAMES))
-    return tuple(name for name in GAIN_NAMES if name in asked or name.partition(".")[0] in asked)
+    return tuple(name for name in GAIN_NAMES if name in names or name.partition(".")[0] in names)
 
 
 Bounds = Mapping[str, tuple[float, float]]
-"""Least and largest value of some gains, by their names."""
+"""Smallest and largest value of some gains, by name."""
 
 
 def parse_bound(text: str) -> tuple[str, tuple[float, float]]:
-    """`control.yaw_rate_proportional=6:9`; either end may be left out.
+    """Parse a bound such as `control.yaw_rate_proportional=6:9`; either end may be omitted.
 
     Raises:
-      InputError: Of another shape, or empty.
-      UnknownNameError: No such gain.
+      InputError: The text has another form, or the range is empty.
+      UnknownNameError: The gain does not exist.
     """
     name, given, ends = text.partition("=")
     low, parted, high = ends.partition(":")
     place = f"--bound {text[:60]}"
     if not (given and parted):
-        raise InputError(place, "is of another shape", "write NAME=LOW:HIGH, e.g. recovery.slip_cap=0.1:")
+        raise InputError(place, "has another form", "write NAME=LOW:HIGH, e.g. recovery.slip_cap=0.1:")
     if name not in GAIN_NAMES:
         raise UnknownNameError("--bound", "gain", name, GAIN_NAMES)
     try:
         found = float(low or 0.0), float(high or math.inf)
     except ValueError:
-        rule = "two numbers with : between them are needed"
+        rule = "two numbers separated by : are needed"
         raise InputError(place, f"found {ends[:40]!r}", rule) from None
     if not 0.0 <= found[0] < found[1]:
-        rule = "the least value must be 0 or more, and below the largest"
+        rule = "the smallest value must be 0 or more, and below the largest"
         raise InputError(place, f"found {found[0]:g} and {found[1]:g}", rule)
     return name, found
 
@@ -90,11 +90,11 @@ def parse_bound(text: str) -> tuple[str, tuple[float, float]]:
 def axes_of(
     gains: Gains, names: Sequence[str], bounds: Bounds = MappingProxyType({})
 ) -> tuple[GainAxis, ...]:
-    """The axes of these gains.
+    """Return the axes of these gains.
 
     Raises:
-      InputError: A gain that is 0: it is switched off, and no factor brings it back. Or one that is not
-        within its bounds, or bounds of a gain that is not tuned.
+      InputError: A gain is 0, that is switched off, or outside its bounds; a bound is for a gain that
+        is not tuned.
     """
     for name in bounds:
         if name not in names:
@@ -103,53 +103,57 @@ def axes_of(
     for name in names:
         start, rule = gains.value(name), rule_of(name)
         if start <= 0.0:
-            rule = "no factor brings it back; name the others with --only"
+            rule = "gains are tuned by factors; name the others with --only"
             raise InputError(name, "the gain is 0 before the search", rule)
         low, high = bounds.get(name, (0.0, math.inf))
         if not low <= start <= high:
-            raise InputError(f"--bound {name}", f"it begins with {start:g}", f"from {low:g} to {high:g}")
+            raise InputError(
+                f"--bound {name}", f"the gain before is {start:g}", f"must be from {low:g} to {high:g}"
+            )
         low, high = max(low, start / WIDEST_FACTOR), min(high, start * WIDEST_FACTOR, rule.high)
         found.append(GainAxis(name, start, low, high))
     return tuple(found)
 
 
 def with_values(gains: Gains, axes: Sequence[GainAxis], values: Sequence[float]) -> Gains:
-    """The gains with a candidate's values."""
+    """Return the gains with the values of a candidate."""
     return gains.changed(values_by_name(axes, values))
 
 
 def values_by_name(axes: Sequence[GainAxis], values: Sequence[float]) -> Mapping[str, float]:
-    """A candidate's values by the gains' names."""
+    """Return the values of a candidate by the names of the gains."""
     return {axis.name: value for axis, value in zip(axes, values, strict=True)}
 
 
-# CMA-ES by Hansen's own library `cma`: asks for candidates, is told what they cost.
-
 INITIAL_STEP = 0.3
-"""First standard deviation of ln(gain): a third up or down."""
+"""Initial standard deviation of ln(gain): a third up or down."""
 
 Candidate = tuple[float, ...]
 """A value per axis."""
 
 
 def generation_size(axes: int) -> int:
-    """λ = 4 + ⌊3 ln n⌋, Hansen 2016; at least 6, so that there are enough to choose from."""
+    """Return λ = 4 + ⌊3 ln n⌋ (Hansen 2016), at least 6.
+
+    Args:
+      axes: n.
+    """
     return max(6, 4 + math.floor(3.0 * math.log(axes)))
 
 
 class Search:
-    """The search over the axes.
+    """CMA-ES over the axes, by ask and tell.
 
     Args:
       axes: At least one.
-      seed: Of everything random in it.
+      seed: Seed of the search.
     """
 
     def __init__(self, axes: Sequence[GainAxis], seed: int):
-        import cma  # takes a while to load
+        import cma  # slow to import
 
         self._axes = tuple(axes)
-        # one dimension more of no effect: CMA-ES is not made for a single one
+        # CMA-ES needs two dimensions: a single axis gets one without effect beside it
         self._hidden = int(len(axes) == 1)
         random = np.random.default_rng(np.random.SeedSequence(seed))
         low = [axis.place(axis.low) for axis in axes] + [-1.0] * self._hidden
@@ -168,22 +172,22 @@ class Search:
         self._asked: list[np.ndarray] = []
 
     def ask(self) -> list[Candidate]:
-        """The next generation."""
+        """Return the candidates of the next generation."""
         self._asked = self._strategy.ask()
         return [self._values(x) for x in self._asked]
 
     def tell(self, costs: Sequence[float]) -> None:
-        """What the candidates that were asked for last cost, in that order."""
+        """Report the costs of the last generation, in its order."""
         self._strategy.tell(self._asked, list(costs))
 
     @property
     def middle(self) -> Candidate:
-        """Where the search stands: the mean of its distribution."""
+        """Mean of the search distribution."""
         return self._values(np.asarray(self._strategy.result.xfavorite))
 
     @property
     def is_over(self) -> bool:
-        """Whether it has nothing left to find."""
+        """Whether a stopping criterion of CMA-ES holds."""
         return bool(self._strategy.stop())
 
     def _values(self, x: np.ndarray) -> Candidate:

@@ -1,4 +1,4 @@
-"""`omnimj tune`: searches gains over a batch of randomised runs and judges what it found on other seeds."""
+"""Tuning study, `omnimj tune`: search gains over randomised runs, then compare them on other seeds."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import Floor, read_floors, read_robot
 from omnimj.simulate.plants import PLANT_NAMES
 from omnimj.simulate.scenario.scenario import scenario_digest
-from omnimj.studies.tuning.batch import TrialBatch, prepare_folder
+from omnimj.studies.runner import run_study
+from omnimj.studies.tuning.batch import TrialBatch, claim_folder
 from omnimj.studies.tuning.cost import Limits, Score, score, score_unstable, stability_violation
 from omnimj.studies.tuning.draws import JUDGING, Draw, draw_trial, read_tuned_scenarios
 from omnimj.studies.tuning.landscape import Landscape, survey_landscape
@@ -30,47 +31,44 @@ from omnimj.studies.tuning.search import (
     generation_size,
     with_values,
 )
-from omnimj.studies.workers import Progress, WorkerPool, run_in_workers
-
-# What `omnimj tune` is asked to do.
+from omnimj.studies.workers import Progress, WorkerPool
 
 TWIN = "twin"
 
 
 @dataclass(frozen=True)
 class TuningConfig:
-    """What is to be done."""
+    """Settings of a tuning."""
 
     out: Path
-    """The gains file."""
+    """The gains file; trials are stored in a folder beside it."""
     scenarios: tuple[str, ...]
     names: tuple[str, ...] = GAIN_NAMES
     """Gains that are tuned."""
     plant: str = "planar"
     seed: int = 0
-    """Below 100."""
+    """Seed of the training draws, below 100."""
     trials: int = 4
-    """Draws per scenario that candidates are driven with; with four everything goes wrong once."""
+    """Training draws per scenario; four draws have every kind of fault once."""
     judging: int = 8
-    """Draws per scenario that the result is judged with."""
+    """Judging draws per scenario."""
     twin: int = 0
-    """The same on the twin, beside those."""
+    """Judging draws per scenario on the twin, in addition."""
     generations: int = 20
     landscape: int = 7
-    """Points per side of the pictures of the cost; 0: none."""
+    """Grid points per side of the cost landscapes; 0: none."""
     limits: Limits = field(default_factory=Limits)
     workers: int = 1
     force: bool = False
-    """Whether the trials of another order may be replaced."""
+    """Replace the trials of another configuration."""
     model: Path | None = None
-    """Of the robot; the shipped one when None."""
+    """Model file of the robot; the shipped one when None."""
     bounds: Bounds = field(default_factory=dict)
-    """Of gains that may go less far than a factor of `search.WIDEST_FACTOR` either way."""
+    """Bounds of gains that may change by less than a factor of `search.WIDEST_FACTOR`."""
     gains: Gains | None = None
-    """Before the search; those of the model and the shipped ones when None."""
-
+    """Gains before the search; those of the model and the shipped ones when None."""
     thresholds: Thresholds | None = None
-    """Of the method; the shipped ones when None."""
+    """Thresholds of the diagnosis method; the shipped ones when None."""
 
     @property
     def before(self) -> Gains:
@@ -79,17 +77,17 @@ class TuningConfig:
 
     @property
     def changed(self) -> dict[str, float]:
-        """Those of them that are not the model's or the shipped ones, by their names."""
+        """Gains before the search that differ from the model's or the shipped ones, by name."""
         usual = gains_by_name(Gains(read_robot(self.model).control))
         return {name: value for name, value in gains_by_name(self.before).items() if value != usual[name]}
 
     @property
     def folder(self) -> Path:
-        """Of the trials."""
+        """Folder of the trials."""
         return self.out.with_name(f"{self.out.stem}_trials")
 
     def plan(self) -> dict[str, Any]:
-        """What must be alike for kept trials to be gone on with; more generations are added to them."""
+        """Return the settings that stored trials depend on; more generations add to them."""
         return {
             "before": gains_by_name(self.before),
             "scenarios": list(self.scenarios),
@@ -109,44 +107,46 @@ class TuningConfig:
         }
 
 
-def check_config(order: TuningConfig) -> None:
-    """Whether what is named in it exists.
+def check_config(config: TuningConfig) -> None:
+    """Check that all names in the configuration exist and that its scenarios can be tuned with.
 
     Raises:
-      UnknownNameError: A plant or scenario that does not exist.
-      InputError: A scenario that cannot be tuned with, a gain that is 0, or the twin asked for twice.
+      UnknownNameError: A plant or scenario does not exist.
+      InputError: A scenario cannot be tuned with, a gain is 0, or the twin would judge twice.
     """
-    if order.plant not in PLANT_NAMES:
-        raise UnknownNameError("--plant", "plant", order.plant, PLANT_NAMES)
-    if order.twin and order.plant == TWIN:
-        raise InputError("--twin", f"found {order.twin}", "--plant twin judges there already, with --judging")
-    read_tuned_scenarios(order.scenarios, order.model)
-    axes_of(order.before, order.names, order.bounds)
+    if config.plant not in PLANT_NAMES:
+        raise UnknownNameError("--plant", "plant", config.plant, PLANT_NAMES)
+    if config.twin and config.plant == TWIN:
+        rule = "--plant twin judges on it already, with --judging"
+        raise InputError("--twin", f"found {config.twin}", rule)
+    read_tuned_scenarios(config.scenarios, config.model)
+    axes_of(config.before, config.names, config.bounds)
 
 
 def gains_by_name(gains: Gains) -> dict[str, float]:
-    """All of them."""
+    """Return all gains by name."""
     return {name: gains.value(name) for name in GAIN_NAMES}
 
 
 def generations_for(evaluations: int, names: Sequence[str]) -> int:
-    """Whole generations that a number of candidates makes, at least one."""
+    """Return the whole generations in a number of evaluated candidates, at least one."""
     return max(1, evaluations // generation_size(len(names)))
 
 
 @dataclass(frozen=True)
 class ScoredCandidate:
-    """A candidate and its score on the training draws."""
+    """A candidate with its score on the training draws."""
 
     generation: int
-    """From 1; 0: the gains before; beyond the last: the middle of the search, and what was put back."""
+    """From 1; 0: the gains before; beyond the last: the mean of the search, and candidates with gains put
+    back."""
     values: Candidate
     score: Score
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """The gains before and those found, on draws that nothing was tuned with."""
+    """Scores of the gains before and after, on draws that were not used for tuning."""
 
     plant: str
     seed: int
@@ -156,174 +156,188 @@ class Comparison:
 
     @property
     def is_better(self) -> bool:
-        """Whether what was found is better."""
+        """Whether the tuned gains are better."""
         return self.after.is_better_than(self.before)
 
 
 @dataclass(frozen=True)
 class TuningResult:
-    """What came of it."""
+    """Tuned gains with all scores on the way."""
 
-    order: TuningConfig
+    config: TuningConfig
     axes: tuple[GainAxis, ...]
     gains: Gains
-    """Those found."""
+    """The tuned gains."""
     values: Candidate
-    """The same along the axes."""
+    """The tuned gains along the axes."""
     tried: tuple[ScoredCandidate, ...]
-    verdicts: tuple[Comparison, ...]
-    """On the order's plant, and on the twin where that was asked for too."""
+    comparisons: tuple[Comparison, ...]
+    """On the configured plant, and on the twin if it judges in addition."""
     landscapes: tuple[Landscape, ...]
     margins_before: tuple[Margin, ...]
     margins_after: tuple[Margin, ...]
 
     @property
     def is_better(self) -> bool:
-        """Whether it is better wherever it was judged."""
-        return all(verdict.is_better for verdict in self.verdicts)
+        """Whether the tuned gains are better in every comparison."""
+        return all(comparison.is_better for comparison in self.comparisons)
 
 
 def run_tuning(
-    order: TuningConfig, report: Progress, executor: Executor | None = None
+    config: TuningConfig, report: Progress, executor: Executor | None = None
 ) -> TuningResult | None:
-    """Searches, judges, and looks around what was found; trials that are kept are not driven again.
+    """Search gains, compare them with those before, and survey the cost around them.
 
     Args:
-      order: What is to be done.
-      report: Called with a phrase and the share that is done; may raise KeyboardInterrupt.
-      executor: Runs the trials; processes of its own when None.
+      config: Settings.
+      report: Called with a phrase and the finished share; may raise KeyboardInterrupt.
+      executor: Runs the trials; own processes when None.
 
     Returns:
-      What was found; None after Ctrl-C, with every finished trial kept.
+      The result; None after Ctrl-C, with every finished trial kept.
 
     Raises:
       InputError: The folder beside the file holds something else, or cannot be written.
-      SimulationError: A worker died, or a trial broke down; what was finished is kept.
+      SimulationError: A worker died, or a trial broke down; finished trials are kept.
     """
-    check_config(order)
-    folder = prepare_folder(order.folder, order.plan(), order.force)
-    found: list[TuningResult] = []
-
-    def work(workers: WorkerPool) -> None:
-        found.append(_Tuning(order, workers, folder, report).run())
-
-    run_in_workers(work, order.workers, executor)
-    return found[0] if found else None
+    return run_study(_Tuning(config), report, executor)
 
 
 class _Tuning:
-    """One order under way."""
+    """A tuning as the study runner executes it."""
 
-    def __init__(self, order: TuningConfig, workers: WorkerPool, folder: Path, report: Progress):
-        self._order, self._report = order, report
-        self._robot = read_robot(order.model)
-        self._before = order.before
-        self.axes = axes_of(self._before, order.names, order.bounds)
+    def __init__(self, config: TuningConfig):
+        self.config, self.workers = config, config.workers
+        self._result: TuningResult | None = None
+
+    def prepare(self) -> None:
+        check_config(self.config)
+        claim_folder(self.config.folder, self.config.plan(), self.config.force)
+
+    def work(self, pool: WorkerPool, report: Progress) -> None:
+        self._result = _Steps(self.config, pool, report).run()
+
+    def judge(self, interrupted: bool) -> TuningResult | None:
+        return None if interrupted else self._result
+
+
+class _Steps:
+    """Steps of a tuning: search, put back gains without effect, compare, survey."""
+
+    def __init__(self, config: TuningConfig, pool: WorkerPool, report: Progress):
+        self._config, self._report = config, report
+        self._robot = read_robot(config.model)
+        self._before = config.before
+        self.axes = axes_of(self._before, config.names, config.bounds)
         self._start: Candidate = tuple(axis.start for axis in self.axes)
-        self._scenarios = read_tuned_scenarios(order.scenarios, order.model)
-        self._bench = TrialBatch(folder, self.axes, order.changed, order.thresholds, workers, self._tell)
+        self._scenarios = read_tuned_scenarios(config.scenarios, config.model)
+        self._batch = TrialBatch(
+            config.folder, self.axes, config.changed, config.thresholds, pool, self._report_step
+        )
         self._floors = _measured_floors()
         self._phrase, self._done, self._share = "", 0.0, 0.0
         self._loops_before = self._loops(self._start)
-        self._draws = self._drawn(order.seed, order.trials, order.plant)
+        self._draws = self._make_draws(config.seed, config.trials, config.plant)
         self.tried: list[ScoredCandidate] = []
 
     def run(self) -> TuningResult:
-        """All of it."""
-        order = self._order
+        config = self._config
         self._search()
-        self._step("what makes no difference", 0.05)
-        best = self._settled(min(self.tried, key=lambda one: (one.score.violation, one.score.cost)))
-        self._step("judging", 0.05)
-        verdicts = [self._judged(best.values, plant, count) for plant, count in self._judges()]
-        self._step("looking around", 0.15)
+        self._begin_step("putting back gains without effect", 0.05)
+        best = self._revert_indifferent(
+            min(self.tried, key=lambda one: (one.score.violation, one.score.cost))
+        )
+        self._begin_step("judging", 0.05)
+        comparisons = [self._compare(best.values, plant, count) for plant, count in self._judges()]
+        self._begin_step("surveying the cost", 0.15)
         landscapes: tuple[Landscape, ...] = ()
-        if order.landscape:
-            landscapes = survey_landscape(self.axes, best.values, self.tried, order.landscape, self._near)
+        if config.landscape:
+            landscapes = survey_landscape(
+                self.axes, best.values, self.tried, config.landscape, self._survey_scores
+            )
         gains = with_values(self._before, self.axes, best.values)
         return TuningResult(
-            order,
+            config,
             self.axes,
             gains,
             best.values,
             tuple(self.tried),
-            tuple(verdicts),
+            tuple(comparisons),
             landscapes,
             margins(self._robot, self._before.control, self._floors),
             margins(self._robot, gains.control, self._floors),
         )
 
     def _search(self) -> None:
-        search, generations = Search(self.axes, self._order.seed), self._order.generations
-        each = 0.75 / (generations + 2)
-        self._step("as it is", each)
-        self.tried = [ScoredCandidate(0, self._start, self._scores([self._start], self._draws)[0])]
-        for plant, count in self._judges():  # what breaks down there does so now, not after hours
-            self._scores([self._start], self._drawn(self._order.seed + JUDGING, count, plant))
+        config = self._config
+        search, generations = Search(self.axes, config.seed), config.generations
+        share = 0.75 / (generations + 2)
+        self._begin_step("gains before", share)
+        self._try([self._start], 0)
+        for plant, count in self._judges():  # what breaks down there should do so now, not after hours
+            self._scores([self._start], self._make_draws(config.seed + JUDGING, count, plant))
         for generation in range(1, generations + 1):
             best = min(one.score.fitness for one in self.tried)
-            self._step(f"{generation} of {generations}, best {best:.3g}", each)
-            asked = search.ask()
-            scores = self._scores(asked, self._draws)
-            self.tried += [ScoredCandidate(generation, *pair) for pair in zip(asked, scores, strict=True)]
-            search.tell([one.fitness for one in scores])
+            self._begin_step(f"{generation} of {generations}, best {best:.3g}", share)
+            search.tell([score.fitness for score in self._try(search.ask(), generation)])
             if search.is_over:
                 break
-        self._step("middle", each)
-        self.tried.append(
-            ScoredCandidate(generations + 1, search.middle, self._scores([search.middle], self._draws)[0])
-        )
+        self._begin_step("mean of the search", share)
+        self._try([search.middle], generations + 1)
 
-    def _settled(self, best: ScoredCandidate) -> ScoredCandidate:
-        """The best one with every gain that makes no difference where it was before the search.
+    def _try(self, candidates: Sequence[Candidate], generation: int) -> list[Score]:
+        """Score candidates on the training draws and note them."""
+        scores = self._scores(candidates, self._draws)
+        self.tried += [ScoredCandidate(generation, *pair) for pair in zip(candidates, scores, strict=True)]
+        return scores
 
-        A gain that these draws do not feel drifts with those that they do; one after the other, that which
-        went least far first, is put back, and stays there if nothing is lost by it.
+    def _revert_indifferent(self, best: ScoredCandidate) -> ScoredCandidate:
+        """Return the best candidate with every gain that has no effect put back to its value before.
+
+        A gain without effect on these draws drifts with the others. Gains are put back one after the other,
+        the least changed first; one stays there unless the score becomes worse.
         """
-        far = [abs(axis.place(value)) for axis, value in zip(self.axes, best.values, strict=True)]
-        for k in sorted(range(len(far)), key=far.__getitem__):
+        distance = [abs(axis.place(value)) for axis, value in zip(self.axes, best.values, strict=True)]
+        for k in sorted(range(len(distance)), key=distance.__getitem__):
             values = tuple(self._start[j] if j == k else value for j, value in enumerate(best.values))
             if values == best.values:
                 continue
-            back = ScoredCandidate(
-                self._order.generations + 1, values, self._scores([values], self._draws)[0]
-            )
-            self.tried.append(back)
-            if not best.score.is_better_than(back.score):
-                best = back
+            self._try([values], self._config.generations + 1)
+            if not best.score.is_better_than(self.tried[-1].score):
+                best = self.tried[-1]
         return best
 
     def _judges(self) -> list[tuple[str, int]]:
-        """Plants to be judged on, and with how many draws per scenario."""
-        order = self._order
-        return [(order.plant, order.judging), *([(TWIN, order.twin)] if order.twin else [])]
+        """Return the plants that judge, with the number of draws per scenario."""
+        config = self._config
+        return [(config.plant, config.judging), *([(TWIN, config.twin)] if config.twin else [])]
 
-    def _judged(self, values: Candidate, plant: str, count: int) -> Comparison:
-        seed = self._order.seed + JUDGING
-        draws = self._drawn(seed, count, plant)
+    def _compare(self, values: Candidate, plant: str, count: int) -> Comparison:
+        seed = self._config.seed + JUDGING
+        draws = self._make_draws(seed, count, plant)
         after, before = self._scores([values, self._start], draws)
         return Comparison(plant, seed, len(draws), before, after)
 
-    def _near(self, candidates: Sequence[Candidate]) -> list[Score]:
-        """Scores on a part of the training draws: those of the two shortest scenarios."""
+    def _survey_scores(self, candidates: Sequence[Candidate]) -> list[Score]:
+        """Return scores on those training draws that belong to the two shortest scenarios."""
         shortest = sorted(self._scenarios, key=lambda text: self._scenarios[text].duration)[:2]
-        return self._scores(candidates, [d for d in self._draws if d.scenario in shortest])
+        return self._scores(candidates, [draw for draw in self._draws if draw.scenario in shortest])
 
     def _scores(self, candidates: Sequence[Candidate], draws: Sequence[Draw]) -> list[Score]:
-        """Score of each; a candidate whose loops are not steady enough is not driven."""
-        limits = self._order.limits
+        """Return the score of each candidate; one whose loops violate the limits is not driven."""
+        limits = self._config.limits
         loops = {one: self._loops(one) for one in candidates}
         driven = [
             one for one in candidates if one == self._start or not stability_violation(loops[one], limits)
         ]
-        facts = dict(zip(driven, self._bench.drive(driven, draws, "trials"), strict=True))
-        before = self._bench.drive([self._start], draws, "trials")[0]
+        metrics = dict(zip(driven, self._batch.drive(driven, draws), strict=True))
+        before = self._batch.drive([self._start], draws)[0]
         broken = [one.broke for one in before if one.broke is not None]
         if broken:
-            raise InputError("omnimj tune", "the gains before broke a run down", broken[0])
+            raise InputError("omnimj tune", "a run with the gains before broke down", broken[0])
         return [
-            score(facts[one], before, loops[one], self._loops_before, limits, self.axes, one)
-            if one in facts
+            score(metrics[one], before, loops[one], self._loops_before, limits, self.axes, one)
+            if one in metrics
             else score_unstable(loops[one], limits)
             for one in candidates
         ]
@@ -332,18 +346,18 @@ class _Tuning:
         gains = with_values(self._before, self.axes, values)
         return loop_stability(self._robot, gains.control, self._floors)
 
-    def _drawn(self, seed: int, count: int, plant: str) -> list[Draw]:
+    def _make_draws(self, seed: int, count: int, plant: str) -> list[Draw]:
         return [
-            draw_trial(text, scenario, seed, index, plant, self._order.model)
+            draw_trial(text, scenario, seed, index, plant, self._config.model)
             for index in range(count)
             for text, scenario in self._scenarios.items()
         ]
 
-    def _step(self, phrase: str, share: float) -> None:
-        """What comes next, and its share of the whole."""
+    def _begin_step(self, phrase: str, share: float) -> None:
+        """Name the next step and its share of the whole."""
         self._phrase, self._done, self._share = phrase, self._done + self._share, share
 
-    def _tell(self, phrase: str, share: float) -> None:
+    def _report_step(self, phrase: str, share: float) -> None:
         self._report(f"{self._phrase}: {phrase}", min(self._done + self._share * share, 1.0))
 
 

@@ -1,6 +1,6 @@
-"""Drives one draw with one candidate's gains, and what came of it in numbers.
+"""Trial of a tuning: one draw driven with the gains of one candidate, and its metrics.
 
-Controller and method believe in the nominal robot and in nothing being wrong; the plant is the true robot.
+Controller and method are made for the nominal robot without faults; the plant is the true robot.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -17,56 +16,55 @@ import numpy as np
 from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.errors import SimulationError
 from omnimj.parameters import Robot
-from omnimj.recording.json_files import run_guarded, to_jsonable
 from omnimj.signals import KINDS_OF_DIAGNOSIS, Array, Trace
 from omnimj.simulate.detectors import make_detector
 from omnimj.simulate.judging import judge_diagnoses
-from omnimj.simulate.loop import drive
 from omnimj.simulate.plants import make_plant
-from omnimj.simulate.run import make_diagnosing_controller
-from omnimj.simulate.scenario.drive import Drive
 from omnimj.simulate.scenario.scenario import Scenario, read_scenario, scenario_gains, with_gains
 from omnimj.simulate.summary import true_faults
 from omnimj.studies.part_use import IN_USE, demanded_traction
-from omnimj.studies.random_truth import true_floor, true_robot
+from omnimj.studies.random_truth import drive_on_plant, with_errors
+from omnimj.studies.runner import run_guarded
 from omnimj.studies.tuning.draws import Draw, apply_draw
 
-# What came of one trial in numbers: following, effort, slip, diagnosis, saturation.
-
+METHOD = "robust"
+"""Method that diagnoses the faults; recovery acts on its diagnoses."""
+Uses = Sequence[Sequence[Sequence[float]]]
+"""Per wheel the intervals in which traction is demanded of it, [from, to] each [s]."""
 MISSED = 2.0
-"""Delay that a fault counts which is never found, and the largest that counts [s]."""
-_FULL = 0.999  # of the largest current: a wheel is at its limit
+"""Delay that counts for a fault which is never found, and the largest that counts [s]."""
+_FULL = 0.999  # share of the current limit from which a wheel counts as saturated
 
 
 @dataclass(frozen=True)
 class TrialMetrics:
-    """Of one trial."""
+    """Metrics of tracking, effort, slip and diagnosis in one trial."""
 
     path: float
-    """RMS distance to where the centre should be at that instant [m]."""
+    """RMS distance of the centre from its target [m]."""
     velocity: float
-    """RMS error of the centre's velocity [m/s]."""
+    """RMS error of the velocity of the centre [m/s]."""
     heading: float
-    """RMS [rad]."""
+    """RMS error of the heading [rad]."""
     current: float
-    """RMS of the set currents over time and wheels [A]."""
+    """RMS commanded current over time and wheels [A]."""
     current_rate: float
-    """RMS of their changes over the control period [A/s]."""
+    """RMS change of the commanded currents per control period [A/s]."""
     slip: float
     """RMS slip velocity over time and wheels [m/s]."""
     delay: float | None
-    """From the first use of a faulty part to the first alarm, 0 … `MISSED` [s]; None: nothing to find."""
+    """Time from the first use of a faulty part to the first alarm, 0 … `MISSED` [s]; None if unused."""
     missed: bool
-    """Whether something was to be found and nothing was."""
+    """Whether a fault was in use and not found."""
     false_alarms: int
     saturation: float
-    """Longest time at the largest current of a wheel that no fault sits on [s]."""
+    """Longest time at the current limit of a wheel without a fault [s]."""
     broke: str | None = None
-    """How the run broke down; then nothing else is known."""
+    """Failure of the run, with which nothing else is known."""
 
 
 def read_metrics(result: Mapping[str, Any]) -> TrialMetrics:
-    """The facts out of a trial's kept result."""
+    """Return the metrics in the stored result of a trial."""
     found = result["facts"]
     if found.get("broke"):
         return TrialMetrics(inf, inf, inf, inf, inf, inf, None, False, 0, inf, found["broke"])
@@ -74,12 +72,12 @@ def read_metrics(result: Mapping[str, Any]) -> TrialMetrics:
 
 
 def measure_trial(trace: Trace, truth: Scenario, uses: Sequence | None) -> TrialMetrics:
-    """The facts of a run that came to its end.
+    """Measure a run that was completed.
 
     Args:
-      trace: With truth and plan.
+      trace: Trace with the columns of truth and target.
       truth: The scenario with its faults and patches.
-      uses: From `trial.drive_healthy`; None where nothing goes wrong.
+      uses: From `drive_healthy`; None for a draw without faults.
     """
     robot = truth.constants
     assert isinstance(robot, Robot)
@@ -123,7 +121,7 @@ def _velocity_error(trace: Trace) -> tuple[Array, Array]:
 
 
 def _longest(holds: np.ndarray) -> int:
-    """Most rows in a row for which one of the columns holds, shape (k, wheels)."""
+    """Return the largest number of consecutive true rows in any column, shape (k, n)."""
     longest = 0
     for column in holds.T:
         edges = np.flatnonzero(np.diff(np.concatenate(([False], column, [False])).astype(int)))
@@ -132,9 +130,9 @@ def _longest(holds: np.ndarray) -> int:
 
 
 def _first_use(records: Sequence[Mapping[str, Any]], uses: Sequence | None) -> float | None:
-    """When a faulty part was first asked to work [s]; None: never.
+    """Return when a faulty part was first in use [s]; None: never.
 
-    Wheels are in use while they pull; sensors and motors that run away show themselves.
+    A wheel is in use while it has to pull; a sensor and a motor that runs away always are.
     """
     times = []
     for record in records:
@@ -151,60 +149,53 @@ def _first_use(records: Sequence[Mapping[str, Any]], uses: Sequence | None) -> f
     return min(times, default=None)
 
 
-METHOD = "robust"
-"""How what goes wrong is diagnosed; recovery acts upon it."""
-Uses = Sequence[Sequence[Sequence[float]]]
-"""Per wheel the stretches of time in which it is asked to pull, [from, to] each [s]."""
-
-
 def drive_healthy(draw: Draw, values: Mapping[str, float]) -> dict[str, Any]:
-    """When each wheel is in use in a draw, told by the run without faults or diagnosis.
+    """Find the intervals in which each wheel of a draw is in use, by a run without faults and diagnosis.
 
     Args:
-      draw: With its truth.
-      values: Gains by their names, over those of the model: those before the search.
+      draw: The draw with its truth.
+      values: Gains before the search by name, in place of the model's.
 
     Returns:
-      `draw`: the truth. `uses`: of the wheels. Or `error`: what went wrong.
+      `draw`: the truth. `uses`: intervals per wheel. Or `error`: the message of a run that broke down.
     """
 
-    def driven() -> dict[str, Any]:
-        scenario = _read(draw, values)
-        believed = apply_draw(scenario, draw, False)
-        trace = _run(believed, draw, "off", believed)
+    def trial() -> dict[str, Any]:
+        nominal = apply_draw(_read(draw, values), draw, False)
+        trace = _run(nominal, draw, "off", nominal)
         if trace.about["failure"]:
             raise SimulationError(f"{draw.name}: {trace.about['failure']}")
-        return to_jsonable({"draw": draw.to_dict(), "uses": _uses(trace)})
+        return {"draw": draw.to_dict(), "uses": _uses(trace)}
 
-    return run_guarded(driven)
+    return run_guarded(trial)
 
 
 def drive_trial(
     draw: Draw, values: Mapping[str, float], uses: Uses | None, thresholds: Thresholds | None = None
 ) -> dict[str, Any]:
-    """One draw with a candidate's gains.
+    """Drive one draw with the gains of a candidate.
 
     Args:
-      draw: With its truth, which controller and method do not get.
-      values: Gains by their names, over those of the model.
-      uses: From `drive_healthy`; None where nothing goes wrong.
-      thresholds: Of the method; the shipped ones when None.
+      draw: The draw with its truth, which controller and method do not get.
+      values: Gains by name, in place of the model's.
+      uses: From `drive_healthy`; None for a draw without faults.
+      thresholds: Thresholds of the method; the shipped ones when None.
 
     Returns:
-      `draw`, `gains`, and `facts` of `trial.measure_trial`; or `error`: what went wrong. A run that broke
-      down is a fact, `broke`, since gains can do that.
+      `draw`, `gains`, and `facts` from `measure_trial`; a failed run has the one fact `broke`: gains can
+      cause that. Or `error`: the message of a trial that broke down otherwise.
     """
 
-    def driven() -> dict[str, Any]:
+    def trial() -> dict[str, Any]:
         scenario = _read(draw, values)
-        believed, truth = apply_draw(scenario, draw, False), apply_draw(scenario, draw, True)
-        trace = _run(believed, draw, METHOD, truth, thresholds)
-        found = {"broke": trace.about["failure"]}
+        nominal, truth = apply_draw(scenario, draw, False), apply_draw(scenario, draw, True)
+        trace = _run(nominal, draw, METHOD, truth, thresholds)
+        facts = {"broke": trace.about["failure"]}
         if not trace.about["failure"]:
-            found = dataclasses.asdict(measure_trial(trace, truth, uses))
-        return to_jsonable({"draw": draw.to_dict(), "gains": dict(values), "facts": found})
+            facts = dataclasses.asdict(measure_trial(trace, truth, uses))
+        return {"draw": draw.to_dict(), "gains": dict(values), "facts": facts}
 
-    return run_guarded(driven)
+    return run_guarded(trial)
 
 
 def _read(draw: Draw, values: Mapping[str, float]) -> Scenario:
@@ -213,30 +204,16 @@ def _read(draw: Draw, values: Mapping[str, float]) -> Scenario:
 
 
 def _run(
-    believed: Scenario, draw: Draw, method: str, truth: Scenario, thresholds: Thresholds | None = None
+    nominal: Scenario, draw: Draw, method: str, truth: Scenario, thresholds: Thresholds | None = None
 ) -> Trace:
-    """The run of a scenario that knows of nothing wrong on a plant that has the truth."""
-    nominal, asked = believed.constants, believed.drive
-    assert isinstance(nominal, Robot)
-    assert isinstance(asked, Drive)
-    laid = true_floor(believed.floors[draw.floor], draw.errors)
-    real = dataclasses.replace(
-        truth,
-        constants=true_robot(nominal, draw.errors),
-        floors=MappingProxyType({**believed.floors, laid.name: laid}),
-    )
-    plant = make_plant(real, draw.plant, draw.noise)
-    try:
-        controller = make_diagnosing_controller(believed, make_detector(method, believed, thresholds))
-        trace = drive(plant, controller, asked.reference)
-    finally:
-        plant.close()
-    if trace.about["interrupted"] and not trace.about["failure"]:
-        raise KeyboardInterrupt
-    return trace
+    """Run the nominal scenario on a plant with the true parameters and faults."""
+    detector = make_detector(method, nominal, thresholds)
+    plant = make_plant(with_errors(truth, draw.errors, draw.floor), draw.plant, draw.noise)
+    return drive_on_plant(nominal, plant, detector)
 
 
 def _uses(healthy: Trace) -> list[list[list[float]]]:
+    """Return the intervals of use of each wheel."""
     time, works = healthy["time"], demanded_traction(healthy) > IN_USE
     found = []
     for wheel in works.T:

@@ -1,4 +1,4 @@
-"""Figures that show how a name was found: the candidates, the decoys, the refitted boxes, the free curves."""
+"""Figures on the naming of effects: candidates, decoys, refitted parameters, free curves."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ _VERDICT_STYLES = {  # verdict → colour, mark, whether it is filled
 
 
 def candidate_gains(stage: Stage) -> Figure:
-    """Held-out gain of every candidate that was tried, with its 90 % interval, the best at the top."""
+    """Plot the held-out gain of every fitted candidate with its 90 % interval, the best at the top."""
     tried = [c for c in stage.candidates if c.gain is not None][:_ROWS]
     labels = [f"{c.label}{' · sensor' if c.is_sensor else ''}" for c in tried]
     figure, ax = row_figure(labels, [c.verdict == "named" for c in tried])
-    told: set[str] = set()
+    labelled: set[str] = set()
     for row, candidate in enumerate(tried):
         gain = candidate.gain
         if gain is None:
@@ -39,8 +39,8 @@ def candidate_gains(stage: Stage) -> Figure:
         high = gain.value if gain.high is None else gain.high
         ax.plot([low, high], [row, row], color=color, linewidth=2.4, alpha=0.75, zorder=2)
         face = color if filled else "white"
-        name = candidate.verdict if candidate.verdict not in told else None
-        told.add(candidate.verdict)
+        name = candidate.verdict if candidate.verdict not in labelled else None
+        labelled.add(candidate.verdict)
         style = {"color": color, "markerfacecolor": face, "markersize": 7, "linestyle": "none", "zorder": 3}
         ax.plot([gain.value], [row], marker=marker, label=name, **style)
     ax.axvline(0.0, color=palette.MUTED, linewidth=0.9, zorder=1)
@@ -52,7 +52,7 @@ def candidate_gains(stage: Stage) -> Figure:
 
 
 def decoy_gains(stage: Stage) -> Figure:
-    """What random curves of the same flexibility gained, and what the best candidate did."""
+    """Plot the gains of random curves of the same flexibility beside that of the best candidate."""
     figure, (ax,) = new_figure(2.6)
     known = stage.decoys[np.isfinite(stage.decoys)]
     best = next((c for c in stage.candidates if c.gain is not None), None)
@@ -78,7 +78,7 @@ def decoy_gains(stage: Stage) -> Figure:
 
 
 def _bins(known: Array, stage: Stage, best: CandidateResult | None) -> list[float]:
-    """Edges of bins that are wide enough to see beside a candidate far away."""
+    """Return the edges of bins wide enough to be visible beside a distant candidate."""
     ends = [float(known.min()), float(known.max()), stage.margin]
     if best is not None and best.gain is not None:
         ends.append(best.gain.value)
@@ -95,7 +95,7 @@ def _percent_axis(ax: Axes) -> None:
 
 
 def refitted_parameters(refitted: tuple[Refitted, ...]) -> Figure:
-    """Every refitted parameter in the box of its stated uncertainty: −1 and 1 are its sides, 0 is nominal."""
+    """Plot refitted parameters in the boxes of their stated uncertainty: ±1 is an edge, 0 is nominal."""
     figure, ax = row_figure([parameter.name for parameter in refitted])
     for row, parameter in enumerate(refitted):
         half = 0.5 * (parameter.high - parameter.low) or 1.0
@@ -122,7 +122,7 @@ def refitted_parameters(refitted: tuple[Refitted, ...]) -> Figure:
 
 
 def free_curves(finding: Finding) -> Figure:
-    """Share of the remaining mismatch that a free curve over each variable takes away."""
+    """Plot the share of the remaining mismatch that a free curve over each variable explains."""
     order = sorted(finding.flexible.items(), key=lambda item: -item[1])
     figure, ax = row_figure([f"over {variable_words(name)}" for name, _ in order])
     shares = [share for _, share in order]

@@ -1,4 +1,4 @@
-"""Runs of one scenario with several methods, laid over each other; each function returns one figure."""
+"""Plots of one scenario driven with several methods, overlaid; each function returns one figure."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ def _style(method: str) -> dict[str, Any]:
 
 
 def courses(traces: Mapping[str, Trace], spans: Sequence[Span]) -> Figure:
-    """Heading and place off the plan, and the speed, of each method's run.
+    """Plot heading error, position error and speed of each method's run.
 
     Args:
-      traces: Of a robot, by method.
+      traces: Traces of a robot by method.
       spans: Faults to shade.
     """
     first = next(iter(traces.values()))
@@ -58,10 +58,10 @@ def courses(traces: Mapping[str, Trace], spans: Sequence[Span]) -> Figure:
 
 
 def paths(traces: Mapping[str, Trace], patches: Sequence[Any]) -> Figure:
-    """The driven paths from above, axes equal.
+    """Plot the driven paths from above with equal axes.
 
     Args:
-      traces: Of a robot, with its place, by method.
+      traces: Traces of a robot with its position, by method.
       patches: Stretches of other floor.
     """
     figure, (ax,) = new_figure(TALL)

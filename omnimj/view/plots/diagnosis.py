@@ -1,4 +1,4 @@
-"""The plots of what a method saw and believed; each function returns one figure."""
+"""Plots of residuals, thresholds, diagnoses and modes; each function returns one figure."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _WIDE = 0.018  # share of the run per letter of a label inside its bar
 
 
 def residual_family(trace: Trace, family: Family, spans: Sequence[Span]) -> Figure:
-    """One family of residuals with its thresholds; wheels in their colours.
+    """Plot one family of residuals with its thresholds; wheels in their colours.
 
     Residuals far beyond their thresholds are on an axis that is logarithmic above them, so that both can be
     read.
@@ -66,14 +66,14 @@ def residual_family(trace: Trace, family: Family, spans: Sequence[Span]) -> Figu
 
 
 def _narrow_legend(ax: Axes) -> None:
-    """Room for four wheels and their threshold in one row above the plot."""
+    """Add a legend with room for four wheels and their threshold in one row above the plot."""
     style = {"fontsize": 8, "handlelength": 1.6, "handletextpad": 0.45, "columnspacing": 0.85}
     place = {"loc": "lower left", "bbox_to_anchor": (-0.02, 1.0), "borderaxespad": 0.2}
     ax.legend(ncols=5, frameon=False, **style, **place)
 
 
 def _thresholds(ax: Axes, trace: Trace, family: Family) -> None:
-    """Thresholds that are alike are one line, named once."""
+    """Draw thresholds; equal ones are one line with one legend entry."""
     time, drawn, named = trace["time"], [], False
     for residual in family.residuals:
         if residual.threshold is None:
@@ -91,7 +91,7 @@ def _thresholds(ax: Axes, trace: Trace, family: Family) -> None:
 
 
 def _axis(ax: Axes, trace: Trace, family: Family) -> None:
-    """Thresholds and residuals both readable; zero on the axis."""
+    """Scale the axis so that thresholds and residuals are both readable, zero included."""
     levels = [float(np.nanmin(np.abs(trace[name]))) for name in family.thresholds]
     level = min(levels, default=0.0)
     largest = max(float(np.nanmax(np.abs(trace[r.column]), initial=0.0)) for r in family.residuals)
@@ -108,7 +108,7 @@ def _axis(ax: Axes, trace: Trace, family: Family) -> None:
 
 
 def effectiveness(trace: Trace, wheels: int, spans: Sequence[Span]) -> Figure:
-    """What is believed to be left of each wheel's drive, 1 when healthy."""
+    """Plot the estimated effectiveness of each wheel's drive, 1 when healthy."""
     figure, (ax,) = new_figure(MIDDLE)
     for i in range(wheels):
         style = {"color": palette.wheel_color(i), "linestyle": palette.wheel_line(i)}
@@ -124,7 +124,7 @@ def effectiveness(trace: Trace, wheels: int, spans: Sequence[Span]) -> Figure:
 def state_lanes(
     trace: Trace, truth: Sequence[Span], believed: Sequence[Span], method: str, is_rig: bool
 ) -> Figure:
-    """What was broken, below it what was diagnosed, a strip per wheel, and the mode at the bottom."""
+    """Plot true faults, below them diagnoses, a strip per wheel, and the mode at the bottom."""
     true, named = _lanes(truth), _lanes(believed)
     rows = [("true", lane) for lane in true or [()]] + [("named", lane) for lane in named or [()]]
     rows += [("done", lane) for lane in _lanes(recovery_spans(trace))]
@@ -151,7 +151,7 @@ def state_lanes(
 
 
 def _lanes(spans: Sequence[Span]) -> list[Sequence[Span]]:
-    """What concerns one wheel or the robot, in a lane; a lane for each state where they overlap."""
+    """Assign the spans of each wheel or the robot to a lane, overlapping states to lanes of their own."""
     lanes: list[Sequence[Span]] = []
     for name in sorted({span.lane for span in spans}):
         own = sorted((span for span in spans if span.lane == name), key=lambda span: span.start)
@@ -163,7 +163,7 @@ def _lanes(spans: Sequence[Span]) -> list[Sequence[Span]]:
 
 
 def _strip(ax: Axes, row: int, spans: Sequence[Span], duration: float, thick: float) -> None:
-    """Bars of one lane, each with its name where it is long enough."""
+    """Draw the bars of one lane, with a label in each bar that is long enough."""
     free = -np.inf  # a label beside a short bar needs the room behind it
     for k, span in enumerate(spans):
         color, width = palette.state_color(span.state), span.end - span.start
@@ -181,7 +181,7 @@ def _strip(ax: Axes, row: int, spans: Sequence[Span], duration: float, thick: fl
 
 
 def _few_changes(time: Array, mode: NDArray[np.int_]) -> tuple[Array, NDArray[np.int_]]:
-    """Modes as they are, or so many as a reader can see; a short one that is not 0 is never lost."""
+    """Thin mode changes to as many as a reader can see, keeping every short mode other than 0."""
     if np.count_nonzero(np.diff(mode)) <= _SEEN:
         return time, mode
     edges = np.linspace(0, len(time), _SEEN + 1).astype(int)
@@ -193,7 +193,7 @@ def _few_changes(time: Array, mode: NDArray[np.int_]) -> tuple[Array, NDArray[np
 
 
 def _modes(ax: Axes, row: int, trace: Trace, method: str, is_rig: bool, thick: float) -> None:
-    """The column `mode` as a strip of colours with a legend above."""
+    """Draw the column `mode` as a strip of colours with a legend above."""
     time, mode = _few_changes(trace["time"], trace["mode"].astype(int))
     starts = np.concatenate(([0], np.flatnonzero(np.diff(mode)) + 1))
     ends = np.append(time[starts[1:]], time[-1])
@@ -215,8 +215,6 @@ def _modes(ax: Axes, row: int, trace: Trace, method: str, is_rig: bool, thick: f
     )
 
 
-# What a diagnosing method looked at, over a run: residuals with their thresholds, and effectiveness.
-
 _RESIDUAL = "residual_"
 _UNITS = {
     "motor": "motor, Λ [nats]",
@@ -230,7 +228,7 @@ _UNITS = {
 
 
 def residual_columns(names: Sequence[str]) -> dict[str, list[str]]:
-    """Residuals by what they are of: those of wheels 1 … n belong together."""
+    """Group residual columns by quantity: those of wheels 1 … n belong together."""
     found: dict[str, list[str]] = {}
     for name in names:
         if name.startswith(_RESIDUAL):
@@ -240,10 +238,10 @@ def residual_columns(names: Sequence[str]) -> dict[str, list[str]]:
 
 
 def recorded_residuals(trace: Trace, names: Sequence[str], spans: Sequence[Span]) -> Figure:
-    """All residuals over time, a plot for each family; thresholds dotted.
+    """Plot all residuals over time, one plot per family; thresholds dotted.
 
     Args:
-      trace: Of a run, with the method's columns.
+      trace: Signals of a run, with the method's columns.
       names: The method's columns.
       spans: Diagnoses to shade.
     """
@@ -267,7 +265,7 @@ def recorded_residuals(trace: Trace, names: Sequence[str], spans: Sequence[Span]
 
 
 def _recorded_thresholds(ax: Axes, trace: Trace, columns: Sequence[str]) -> None:
-    """Of each residual that has one; on both sides where it has both signs."""
+    """Draw the threshold of each residual, on both sides where the residual has both signs."""
     known = set()
     for name in columns:
         threshold = f"threshold_{name.removeprefix(_RESIDUAL)}"
@@ -287,7 +285,7 @@ def _recorded_thresholds(ax: Axes, trace: Trace, columns: Sequence[str]) -> None
 
 
 def recorded_effectiveness(trace: Trace, spans: Sequence[Span]) -> Figure:
-    """What is left of each wheel's drive over time [1]."""
+    """Plot the estimated effectiveness of each wheel's drive over time [1]."""
     figure, (ax,) = new_figure(2.4)
     i = 0
     while f"effectiveness_{i + 1}" in trace:

@@ -1,4 +1,4 @@
-"""Small pieces that all plots share: figures, time axes, fault shading, thinning, SVG for a page."""
+"""Shared parts of all plots: figures, axes, fault shading, thinning, SVG for a page."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _FONTS = "DejaVu Sans, Verdana, Segoe UI, Helvetica, Arial, sans-serif"
 def new_figure(
     height: float, rows: int = 1, sharex: bool = False, sharey: bool = False
 ) -> tuple[Figure, list[Axes]]:
-    """An empty figure of the page's width and its axes, row by row."""
+    """Make an empty figure of the page's width; return it with its axes, row by row."""
     figure = Figure(figsize=(WIDTH, height), layout="constrained")
     FigureCanvasSVG(figure)
     axes = figure.subplots(rows, 1, squeeze=False, sharex=sharex, sharey=sharey)
@@ -52,7 +52,7 @@ def _dress(ax: Axes) -> None:
 
 
 def envelope(time: Array, value: Array, bins: int = _BINS) -> tuple[Array, Array]:
-    """Smallest and largest sample of each bin, in order of time: few points, no lost peak.
+    """Thin a signal to the smallest and largest sample of each bin, which keeps every peak.
 
     Args:
       time: Shape (k,).
@@ -74,12 +74,12 @@ def envelope(time: Array, value: Array, bins: int = _BINS) -> tuple[Array, Array
 
 
 def line(ax: Axes, time: Array, value: Array, **style: object) -> None:
-    """A signal over time with as many points as a reader can see."""
+    """Plot a signal over time, thinned to the visible number of points."""
     ax.plot(*envelope(time, value), **{"linewidth": 1.3, **style})  # pyright: ignore[reportArgumentType]
 
 
 def averaged(time: Array, value: Array) -> tuple[Array, Array, Array, Array]:
-    """Means over `window(time)` and the smallest and largest sample of each: what ripples stays readable.
+    """Average a rippling signal over `window(time)`, with the smallest and largest sample of each window.
 
     Returns:
       Time, mean, smallest, largest, shape (bins,) each; the samples themselves where they are few.
@@ -94,37 +94,37 @@ def averaged(time: Array, value: Array) -> tuple[Array, Array, Array, Array]:
 
 
 def window(time: Array) -> float:
-    """Length of time that one point of an averaged line stands for [s]."""
+    """Return the averaging window of `averaged` [s]."""
     return max(_WINDOW, float(time[-1] - time[0]) / _AVERAGES)
 
 
 def banded(ax: Axes, time: Array, value: Array, color: str, **style: object) -> None:
-    """A rippling signal as the line of its means in a band from its smallest to its largest samples."""
+    """Plot a rippling signal as the line of its means in a band from smallest to largest samples."""
     middle, mean, low, high = averaged(time, value)
     ax.fill_between(middle, low, high, color=color, alpha=0.2, linewidth=0, zorder=1.5)
     ax.plot(middle, mean, **{"color": color, "linewidth": 1.4, **style})  # pyright: ignore[reportArgumentType]
 
 
 def time_axis(ax: Axes, time: Array) -> None:
-    """Labels the time axis and fits it to the run."""
+    """Label the time axis and fit it to the run."""
     ax.set_xlabel("time [s]", fontsize=9)
     if len(time) > 1:
         ax.set_xlim(time[0], time[-1])
 
 
 def value_axis(ax: Axes, label: str) -> None:
-    """Labels the value axis."""
+    """Label the value axis."""
     ax.set_ylabel(label, fontsize=9)
 
 
 def headroom(ax: Axes, share: float = 0.16) -> None:
-    """Leaves room above the signals for labels and legend."""
+    """Leave room above the signals for labels and legend."""
     low, high = ax.get_ylim()
     ax.set_ylim(low, high + share * (high - low))
 
 
 def shade_faults(ax: Axes, spans: Sequence[Span], labelled: bool = True) -> None:
-    """Bands where faults hold, with their names at the top; faults of one interval share a band."""
+    """Shade intervals in which faults hold, labelled at the top; faults of one interval share a band."""
     for row, ((start, end), labels) in enumerate(_together(spans).items()):
         ax.axvspan(start, end, facecolor=palette.FAULT, alpha=0.16, linewidth=0, zorder=0, gid=f"fault-{row}")
         for edge in (start, end):
@@ -134,7 +134,7 @@ def shade_faults(ax: Axes, spans: Sequence[Span], labelled: bool = True) -> None
 
 
 def _together(spans: Sequence[Span]) -> dict[tuple[float, float], list[str]]:
-    """Labels by interval; `slip, wheel 1` and `slip, wheel 3` become `slip, wheels 1, 3`."""
+    """Group labels by interval; `slip, wheel 1` and `slip, wheel 3` become `slip, wheels 1, 3`."""
     found: dict[tuple[float, float], dict[str, list[str]]] = {}
     for span in spans:
         name, _, wheel = span.label.partition(", wheel ")
@@ -152,7 +152,7 @@ def _named(name: str, wheels: list[str]) -> str:
 
 
 def _name_band(ax: Axes, start: float, end: float, label: str, row: int) -> None:
-    """Writes a label under the upper edge, inside the plot also when the band lies at its side."""
+    """Write a label below the upper edge, inside the plot even for a band at its side."""
     left, right = ax.get_xlim()
     middle = 0.5 * (start + end)
     if middle > left + 0.75 * (right - left):
@@ -177,7 +177,7 @@ def _name_band(ax: Axes, start: float, end: float, label: str, row: int) -> None
 
 
 def legend(ax: Axes, columns: int = 4) -> None:
-    """A legend above the plot, where it hides nothing."""
+    """Add a legend above the plot, where it hides nothing."""
     ax.legend(
         loc="lower left",
         bbox_to_anchor=(0.0, 1.0),
@@ -191,7 +191,7 @@ def legend(ax: Axes, columns: int = 4) -> None:
 
 
 def finish(axes: Sequence[Axes], time: Array, spans: Sequence[Span]) -> None:
-    """Time axis below the last plot; faults shaded in all plots, named in the first."""
+    """Add the time axis below the last plot; shade faults in all plots, labelled in the first."""
     for i, ax in enumerate(axes):
         time_axis(ax, time)
         if spans:
@@ -203,10 +203,10 @@ def finish(axes: Sequence[Axes], time: Array, spans: Sequence[Span]) -> None:
 
 
 def svg(figure: Figure, name: str, words: str) -> str:
-    """The figure as an SVG element to stand in a page: no declarations, no links, ids of its own.
+    """Convert a figure to an SVG element for a page: no declarations, no links, unique ids.
 
     Args:
-      figure: What to write.
+      figure: Figure to convert.
       name: Prefix of the ids within the page.
       words: Description for screen readers.
     """
@@ -231,7 +231,7 @@ def svg(figure: Figure, name: str, words: str) -> str:
 
 
 def _own_ids(text: str, name: str) -> str:
-    """Keeps the ids that something in the figure refers to and makes them the figure's own."""
+    """Keep only referenced ids, prefixed with the figure's name."""
     wanted = set(re.findall(r'(?:href="#|url\(#)([^")]+)', text))
     text = re.sub(r'\sid="([^"]*)"', lambda m: f' id="{name}-{m[1]}"' if m[1] in wanted else "", text)
     return text.replace('href="#', f'href="#{name}-').replace("url(#", f"url(#{name}-")

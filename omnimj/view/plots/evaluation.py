@@ -1,4 +1,4 @@
-"""Pictures of an evaluation: what was taken for what, how soon, and what recovery is worth."""
+"""Plots of an evaluation: confusion matrix, detection delays, excursions with and without recovery."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _DEGREES = 180.0 / np.pi
 
 
 def confusion_picture(confusion: Mapping[str, Mapping[str, int]]) -> Figure:
-    """Shares of each truth's cases, as shades; the number of cases in each cell."""
+    """Plot the confusion matrix: numbers of cases, shaded by their share of each truth."""
     rows = list(confusion)
     columns = sorted({name for row in confusion.values() for name in row} | set(rows), key=label_sort_key)
     counts = np.array([[confusion[row].get(name, 0) for name in columns] for row in rows], float)
@@ -51,7 +51,7 @@ def _square(x: float, y: float, style: Mapping):
 
 
 def delay_curves(scores: Sequence[CaseScore], in_use: bool) -> Figure:
-    """Share of the cases of a class that had an alarm within a time, since onset or since first use."""
+    """Plot the share of cases with an alarm within a time since onset or since first use, by fault class."""
     figure, (ax,) = new_figure(MIDDLE)
     used = [s for s in scores if s.was_in_use]
     for k, name in enumerate(sorted({s.fault for s in used}, key=label_sort_key)):
@@ -76,7 +76,7 @@ def _curve(ax: Axes, values: Sequence[float], color: str, name: str) -> None:
 def with_and_without(
     scores: Sequence[CaseScore], of: Callable[[CaseScore], tuple[float | None, float | None]], words: str
 ) -> Figure:
-    """Excursions with recovery over those without, case by case; below the line recovery helps."""
+    """Plot excursions with recovery over those without, case by case; below the line recovery helps."""
     figure, (ax,) = new_figure(MIDDLE)
     values: list[float] = []
     for k, name in enumerate(sorted({s.fault for s in scores}, key=label_sort_key)):
@@ -99,12 +99,12 @@ def with_and_without(
 
 
 def headings(score: CaseScore) -> tuple[float | None, float | None]:
-    """Heading excursion with and without recovery [°]."""
+    """Return the heading excursion with and without recovery [°]."""
     return _degrees(score.heading), _degrees(score.heading_off)
 
 
 def paths(score: CaseScore) -> tuple[float | None, float | None]:
-    """Path excursion with and without recovery [m]."""
+    """Return the path excursion with and without recovery [m]."""
     return score.path, score.path_off
 
 

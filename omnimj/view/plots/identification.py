@@ -1,4 +1,4 @@
-"""Pictures of an identified floor: the curve over its points, and what the fit leaves."""
+"""Plots of an identified floor (curve, friction level, residuals) and of a validation (speed overlays)."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _MM = 1000.0
 
 
 def curve(floor: IdentifiedFloor) -> Figure:
-    """F/F_N over slip: points of Eq. (4.26), the steady curve with its band."""
+    """Plot F/F_N over slip: points of Eq. (4.26), steady curve with its band."""
     figure, (ax,) = new_figure(MIDDLE)
     points, fitted = floor.points, floor.curve
     every = max(1, len(points.slip) // _MOST_POINTS)
@@ -60,7 +60,7 @@ def curve(floor: IdentifiedFloor) -> Figure:
 
 
 def level(floor: IdentifiedFloor) -> Figure:
-    """g(V_r) over the logarithm of slip with its band, the covered range marked."""
+    """Plot g(V_r) over the logarithm of slip with its band, the covered range marked."""
     figure, (ax,) = new_figure(MIDDLE)
     fitted = floor.curve
     low, high = fitted.covered
@@ -82,7 +82,7 @@ def level(floor: IdentifiedFloor) -> Figure:
 
 
 def speed_residuals(floor: IdentifiedFloor) -> Figure:
-    """Measured − fitted speed of every run over time."""
+    """Plot measured − fitted speed of every run over time."""
     figure, (ax,) = new_figure(SHORT)
     for k, run in enumerate(floor.residuals):
         ax.plot(run.time, _MM * run.speed, color=palette.wheel_color(k), linewidth=0.7, alpha=0.8)
@@ -90,7 +90,7 @@ def speed_residuals(floor: IdentifiedFloor) -> Figure:
 
 
 def acceleration_residuals(floor: IdentifiedFloor) -> Figure:
-    """Measured − fitted acceleration of every run over time."""
+    """Plot measured − fitted acceleration of every run over time."""
     figure, (ax,) = new_figure(SHORT)
     for k, run in enumerate(floor.residuals):
         ax.plot(run.time, run.acceleration, color=palette.wheel_color(k), linewidth=0.7, alpha=0.8)
@@ -105,8 +105,6 @@ def _residual_axes(figure: Figure, label: str) -> Figure:
     return figure
 
 
-# Overlays of measured and simulated speeds.
-
 PLANT_STYLE = {
     "twin": {"color": palette.ACCENT, "linestyle": "-"},
     "planar": {"color": palette.HEALTHY, "linestyle": (0, (5, 2))},
@@ -114,7 +112,7 @@ PLANT_STYLE = {
 
 
 def speed_overlay(runs: Sequence[ReplayedRun]) -> Figure:
-    """One measured run and each plant's: speed of the carriage, and simulated − measured.
+    """Overlay a measured run with each plant's simulation: carriage speed, and simulated − measured.
 
     Args:
       runs: The same measured run on each plant.

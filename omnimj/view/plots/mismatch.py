@@ -1,5 +1,4 @@
-"""What the figures of the gap report share: how before, after and measured look, rows with names, fine "
-"marks."""
+"""Figures of the gap report on mismatch: over regimes, by run, by channel, over time and frequency."""
 
 from __future__ import annotations
 
@@ -35,7 +34,7 @@ _ROW, _FRAME = 0.27, 0.95  # inches of a row with a name, and of what lies aroun
 
 
 def row_figure(labels: Sequence[str], strong: Sequence[bool] = (), width: int = 27) -> tuple[Figure, Axes]:
-    """A figure with one named row per label, the first at the top.
+    """Make a figure with one named row per label, the first at the top.
 
     Args:
       labels: Names of the rows.
@@ -55,12 +54,12 @@ def row_figure(labels: Sequence[str], strong: Sequence[bool] = (), width: int = 
 
 
 def baseline_name(second: bool) -> str:
-    """What the model as it was given is called: beside a second one, or alone."""
+    """Return the label of the given model: `before` beside a second one, `simulated` alone."""
     return "before" if second else "simulated"
 
 
 def dumbbells(ax: Axes, before: Sequence[float], after: Sequence[float] | None) -> None:
-    """Per row a ring where it was and a dot where it is now, joined by a line."""
+    """Draw per row a ring (before) and a dot (after), joined by a line."""
     rows = np.arange(len(before))
     if after is not None:
         for row, (start, end) in enumerate(zip(before, after, strict=True)):
@@ -83,8 +82,7 @@ def dumbbells(ax: Axes, before: Sequence[float], after: Sequence[float] | None) 
 
 
 def noise_axis(ax: Axes, values: Sequence[float], words: str) -> None:
-    """An axis in multiples of the noise, logarithmic where the values ask for it, with a mark at the "
-    "noise."""
+    """Scale an axis in multiples of the noise, logarithmic for wide ranges, with a line at the noise."""
     known = [v for v in values if np.isfinite(v) and v > 0.0]
     largest, smallest = max(known, default=1.0), min(known, default=1.0)
     if largest > 12.0 * max(min(smallest, 1.0), 0.2):
@@ -102,17 +100,17 @@ def noise_axis(ax: Axes, values: Sequence[float], words: str) -> None:
 
 
 def reference_line(ax: Axes, place: float, words: str) -> None:
-    """A dotted vertical line that the legend names."""
+    """Draw a dotted vertical line with a legend entry."""
     ax.axvline(place, color=palette.MUTED, linewidth=1.3, linestyle=(0, (2, 2)), zorder=1, label=words)
 
 
 def zero_line(ax: Axes) -> None:
-    """Marks zero on the value axis."""
+    """Mark zero on the value axis."""
     ax.axhline(0.0, color=palette.MUTED, linewidth=0.9, zorder=1)
 
 
 def legend_above(figure: Figure, columns: int = 4) -> None:
-    """A legend over the whole width of the figure, where it hides nothing."""
+    """Add a legend across the top of the figure, where it hides nothing."""
     handles, names = figure.get_axes()[0].get_legend_handles_labels()
     figure.legend(
         handles,
@@ -129,12 +127,12 @@ def legend_above(figure: Figure, columns: int = 4) -> None:
 
 
 def wrapped_label(words: str, unit: str) -> str:
-    """A label for a low plot: short lines, the unit in the last."""
+    """Wrap an axis label for a low plot into short lines, the unit in the last."""
     return "\n".join([*textwrap.wrap(words, 13), f"[{unit}]"])
 
 
 def with_gaps(time: Array, values: Array) -> tuple[Array, Array]:
-    """The same with a NaN wherever time jumps, so that no line is drawn across."""
+    """Insert NaN wherever time jumps, so that no line is drawn across the gap."""
     steps = np.diff(time)
     if len(steps) == 0:
         return time, values
@@ -142,14 +140,11 @@ def with_gaps(time: Array, values: Array) -> tuple[Array, Array]:
     return np.insert(time, jumps, np.nan), np.insert(values, jumps, np.nan)
 
 
-# Figures that show where the gap lies: over a regime variable, run by run, before and after.
-
 _BINS, _DOTS, _RUNS, _PLACES = 14, 700, 14, 4
 
 
 def regime_variables(finding: Finding) -> list[tuple[str, MismatchRegime]]:
-    """The variables that places of the gap are bounded by and the overlays know, each with its first "
-    "place."""
+    """Return the recorded variables that bound regimes of the gap, each with its first regime."""
     known = {
         name
         for overlay in finding.overlays
@@ -165,8 +160,7 @@ def regime_variables(finding: Finding) -> list[tuple[str, MismatchRegime]]:
 
 
 def against_regime(finding: Finding, variable: str, place: MismatchRegime) -> Figure:
-    """Mismatch in the place's channel over a regime variable: every block a dot, averages before and "
-    "after."""
+    """Plot the mismatch of a channel over a regime variable: a dot per block, averages before and after."""
     channel = list(finding.channels).index(place.channel)
     channel_unit, words = finding.channels[place.channel]
     used = [o for o in finding.overlays if variable in o.regimes]
@@ -215,8 +209,7 @@ def spans_of(place: MismatchRegime, variable: str) -> list[tuple[float, float]]:
 
 
 def _averages(ax: Axes, x: Array, y: Array, **style: object) -> None:
-    """Means over bins of the variable with equally many blocks; over each value of one that takes a few "
-    "only."""
+    """Plot means over bins with equally many blocks, or over each value of a variable with few values."""
     known = np.isfinite(x) & np.isfinite(y)
     x, y = x[known], y[known]
     values = np.unique(x)
@@ -230,7 +223,7 @@ def _averages(ax: Axes, x: Array, y: Array, **style: object) -> None:
 
 
 def by_run(gaps: Sequence[RunGap]) -> Figure:
-    """Mismatch of the runs with the largest, over all channels in units of noise; held-out runs in bold."""
+    """Plot the largest mismatches by run, over all channels in units of noise; held-out runs in bold."""
     shown = gaps[:_RUNS]
     labels = [f"{gap.run}{' (held out)' if gap.heldout and not gap.partly else ''}" for gap in shown]
     figure, ax = row_figure(labels, [gap.heldout and not gap.partly for gap in shown])
@@ -244,7 +237,7 @@ def by_run(gaps: Sequence[RunGap]) -> Figure:
 
 
 def shrinkage(finding: Finding) -> Figure:
-    """Held-out mismatch of every channel, then of every place, in units of noise, before and after."""
+    """Plot the held-out mismatch by channel, then by regime, in units of noise, before and after."""
     noise = dict(zip(finding.channels, noise_row(finding).tolist(), strict=True))
     rows = [
         (words, gap.before / noise[name], None if gap.after is None else gap.after / noise[name])
@@ -273,20 +266,18 @@ def shrinkage(finding: Finding) -> Figure:
     return figure
 
 
-# Figures of single runs: both simulations over the measurement, and the spectra of what is left.
-
 _SEGMENT, _SHORTEST = 64, 8  # blocks of one periodogram at most, of a run that has one
 _NO_DETREND: Any = False  # a constant mismatch is a mismatch
 
 
 def largest_mismatch_channels(finding: Finding, windows: Sequence[Overlay], most: int = 2) -> list[int]:
-    """The channels with the largest mismatch before, in units of noise, in the order of the channels."""
+    """Return the channels with the largest mismatch before, in units of noise, in their order."""
     size = channel_rms(np.concatenate([w.measured - w.before for w in windows])) / noise_row(finding)
     return sorted(np.argsort(-np.nan_to_num(size), kind="stable")[:most].tolist())
 
 
 def overlay(finding: Finding, windows: Sequence[Overlay]) -> Figure:
-    """One run: the channels that tell most, measured and simulated, each above its mismatch."""
+    """Plot one run: measured and simulated channels of largest mismatch, with their mismatch below."""
     channels, second = largest_mismatch_channels(finding, windows), has_second_model(finding)
     figure, axes = new_figure(1.0 + 1.75 * len(channels), rows=2 * len(channels), sharex=True)
     time = np.concatenate([w.time for w in windows])
@@ -325,12 +316,12 @@ def _line(ax: Axes, time: Array, values: Array, **style: object) -> None:
 
 
 def has_spectra(finding: Finding) -> bool:
-    """Whether any run is long enough for a spectrum."""
+    """Check that any run is long enough for a spectrum."""
     return any(len(o.time) >= _SHORTEST for o in finding.overlays)
 
 
 def spectra(finding: Finding, channels: Sequence[int]) -> Figure:
-    """Amplitude density of the held-out mismatch before and after, and that of the noise, per channel."""
+    """Plot the amplitude density of the held-out mismatch before and after, and of the noise, per channel."""
     long = [o for o in finding.overlays if len(o.time) >= _SHORTEST]
     runs = [o for o in long if o.heldout] or long
     figure, axes = new_figure(0.9 + 1.35 * len(channels), rows=len(channels), sharex=True)
@@ -359,7 +350,7 @@ def spectra(finding: Finding, channels: Sequence[int]) -> Figure:
 
 
 def _at_least_one_decade(ax: Axes) -> None:
-    """Shows a decade at least, with names at powers of ten only."""
+    """Show at least one decade, with labels at powers of ten only."""
     low, high = ax.get_ylim()
     room = max(0.5 * np.log10(12.0 * low / high), 0.0)
     ax.set_ylim(low / 10.0**room, high * 10.0**room)
@@ -367,7 +358,7 @@ def _at_least_one_decade(ax: Axes) -> None:
 
 
 def _density(parts: Sequence[Array], period: float) -> tuple[Array, Array]:
-    """Root of the mean power density over runs, by Welch's method; what is masked counts as no mismatch.
+    """Average the power density over runs by Welch's method; masked samples count as zero mismatch.
 
     Args:
       parts: Mismatch of each run.

@@ -1,4 +1,4 @@
-"""The plots of a robot's run that are worth looking at; each function returns one figure."""
+"""Plots of a robot's or a rig's run; each function returns one figure."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _DASHES = (0, (5, 3))
 
 
 def wheel_count(columns: Container[str]) -> int:
-    """Number of wheels that a trace has columns of."""
+    """Return the number of wheels in a trace."""
     n = 0
     while f"wheel_speed_{n + 1}" in columns:
         n += 1
@@ -43,14 +43,14 @@ def wheel_count(columns: Container[str]) -> int:
 
 
 def planned_position(trace: Trace) -> Array | None:
-    """Planned path, shape (k, 2) [m]; None where the run had none."""
+    """Return the planned path, shape (k, 2) [m]; None for a run without a plan."""
     if "target_x" in trace and "target_y" in trace:
         return np.stack([trace["target_x"], trace["target_y"]], axis=1)
     return None
 
 
 def planned_heading(trace: Trace) -> Array | None:
-    """Planned heading [rad]; None where the run had none."""
+    """Return the planned heading, shape (k,) [rad]; None for a run without a plan."""
     for name in ("target_heading", "target_yaw"):
         if name in trace:
             return trace[name]
@@ -58,7 +58,7 @@ def planned_heading(trace: Trace) -> Array | None:
 
 
 def deviation(trace: Trace, spans: Sequence[Span]) -> Figure:
-    """Heading [degrees], how far it is from a plan that turns, and how far the robot is from its plan [m]."""
+    """Plot heading and heading error [degrees], and the distance from the planned position [m]."""
     time, planned, place = trace["time"], planned_heading(trace), planned_position(trace)
     turns = planned is not None and np.ptp(planned) > 1e-6
     placed = place is not None and "x" in trace
@@ -87,7 +87,7 @@ def deviation(trace: Trace, spans: Sequence[Span]) -> Figure:
 
 
 def _distance(ax: Axes, trace: Trace, place: Array) -> None:
-    """Driven − planned position at each instant: both parts and the distance."""
+    """Plot driven − planned position at each instant: both components and the distance."""
     x, y = trace["x"] - place[:, 0], trace["y"] - place[:, 1]
     line(ax, trace["time"], np.hypot(x, y), color=palette.INK, label="distance", linewidth=1.6)
     line(ax, trace["time"], x, color=palette.MEASURED, label="in x", linestyle=(0, (6, 1.5)))
@@ -96,7 +96,7 @@ def _distance(ax: Axes, trace: Trace, place: Array) -> None:
 
 
 def velocity(trace: Trace, spans: Sequence[Span]) -> Figure:
-    """Velocity in the world [m/s] and yaw rate [rad/s], driven and planned."""
+    """Plot velocity in the world [m/s] and yaw rate [rad/s], driven and planned."""
     figure, axes = new_figure(MIDDLE, rows=2, sharex=True)
     time, c, s = trace["time"], np.cos(trace["heading"]), np.sin(trace["heading"])
     x, y = trace["twist_x"], trace["twist_y"]
@@ -114,7 +114,7 @@ def velocity(trace: Trace, spans: Sequence[Span]) -> Figure:
 
 
 def wheel_speeds(trace: Trace, spans: Sequence[Span]) -> Figure:
-    """Each wheel's speed, measured and target, in small plots of one scale."""
+    """Plot each wheel's speed, measured and target, in small plots of one scale."""
     n, time = wheel_count(trace), trace["time"]
     figure, axes = new_figure(0.9 + 1.15 * n, rows=n, sharex=True, sharey=True)
     for i, ax in enumerate(axes):
@@ -131,7 +131,7 @@ def wheel_speeds(trace: Trace, spans: Sequence[Span]) -> Figure:
 
 
 def per_wheel(trace: Trace, name: str, label: str, spans: Sequence[Span], zero: bool = True) -> Figure:
-    """One quantity of all wheels in one plot.
+    """Plot one quantity of all wheels.
 
     Args:
       trace: The run.
@@ -154,7 +154,7 @@ def per_wheel(trace: Trace, name: str, label: str, spans: Sequence[Span], zero: 
 
 
 def currents(trace: Trace, spans: Sequence[Span]) -> Figure:
-    """Measured motor currents and the mean of what was commanded, a plot per wheel [A]."""
+    """Plot measured motor currents and the mean command, a plot per wheel [A]."""
     n, time = wheel_count(trace), trace["time"]
     figure, axes = new_figure(0.9 + 1.15 * n, rows=n, sharex=True, sharey=True)
     for i, ax in enumerate(axes):
@@ -170,13 +170,11 @@ def currents(trace: Trace, spans: Sequence[Span]) -> Figure:
     return figure
 
 
-# The plot of a robot's path seen from above.
-
 _PROPORTION = 1.15  # width to height of the axes
 
 
 def patch_corners(patch: Any) -> Array:
-    """Corners of a stretch of other floor in the world, shape (4, 2) [m]."""
+    """Return the corners of a floor patch in the world, shape (4, 2) [m]."""
     half = 0.5 * np.asarray(patch.size, float)
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
     c, s = np.cos(patch.yaw), np.sin(patch.yaw)
@@ -186,7 +184,7 @@ def patch_corners(patch: Any) -> Array:
 def path(
     trace: Trace, patches: Sequence[Any], spans: Sequence[Span], constants: Robot | None = None
 ) -> Figure:
-    """Driven path against the planned one, seen from above, axes equal; the robot at its start and end."""
+    """Plot driven and planned path from above with equal axes, and the robot at its start and end."""
     figure, (ax,) = new_figure(TALL)
     planned = planned_position(trace)
     x, y = trace["x"], trace["y"]
@@ -218,7 +216,7 @@ def path(
 
 
 def draw_patch(ax: Axes, patch: Any) -> None:
-    """A stretch of other floor with its name."""
+    """Draw a floor patch with its name."""
     corners = patch_corners(patch)
     style = {"facecolor": palette.DIAGNOSIS, "edgecolor": palette.MUTED, "alpha": 0.35, "hatch": "///"}
     ax.add_patch(Polygon(corners, zorder=1, **style))
@@ -227,7 +225,7 @@ def draw_patch(ax: Axes, patch: Any) -> None:
 
 
 def _outline(ax: Axes, robot: Robot, trace: Trace, row: int) -> None:
-    """The robot's wheels and their rim seen from above, where the plot is not too coarse to show them."""
+    """Draw the robot's wheels and outline from above where the plot is fine enough to show them."""
     reach = float(np.linalg.norm(robot.wheel_positions, axis=1).max())
     if reach < 0.04 * np.ptp(ax.get_xlim()):
         return
@@ -257,7 +255,7 @@ def _outline(ax: Axes, robot: Robot, trace: Trace, row: int) -> None:
 
 
 def equal_with_room(ax: Axes, points: Array) -> None:
-    """Equal axes in the figure's own proportions, so that a straight path does not flatten the plot."""
+    """Set equal axes in the figure's own proportions, so that a straight path does not flatten the plot."""
     low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
     middle, span = 0.5 * (low + high), 1.1 * (high - low) + 0.8  # the robot itself needs room
     width = max(span[0], _PROPORTION * span[1])
@@ -267,7 +265,7 @@ def equal_with_room(ax: Axes, points: Array) -> None:
 
 
 def _heading_arrows(ax: Axes, trace: Trace) -> None:
-    """Where the robot's x axis pointed, a few times along the path."""
+    """Draw the direction of the robot's x axis a few times along the path."""
     k = np.linspace(0, len(trace["time"]) - 1, 9).astype(int)
     heading = trace["heading"][k]
     ax.quiver(
@@ -283,11 +281,8 @@ def _heading_arrows(ax: Axes, trace: Trace) -> None:
     )
 
 
-# The plots of a test rig's run; each function returns one figure.
-
-
 def rig_speeds(trace: Trace, wheel_radius: float, spans: Sequence[Span]) -> Figure:
-    """Rim speed r·φ̇ against the carriage's speed [m/s]."""
+    """Plot rim speed r·φ̇ and carriage speed [m/s]."""
     figure, (ax,) = new_figure(SHORT)
     time = trace["time"]
     line(ax, time, wheel_radius * trace["wheel_speed"], color=palette.ACCENT, label="wheel rim, r·φ̇")
@@ -297,7 +292,7 @@ def rig_speeds(trace: Trace, wheel_radius: float, spans: Sequence[Span]) -> Figu
 
 
 def rig_slip(trace: Trace, wheel_radius: float, spans: Sequence[Span]) -> Figure:
-    """Slip velocity V_r = r·φ̇ − V, true where the plant knows it, else from the two encoders [m/s]."""
+    """Plot slip velocity V_r = r·φ̇ − V, true where the plant knows it, else from the two encoders [m/s]."""
     figure, (ax,) = new_figure(SHORT)
     time = trace["time"]
     measured = wheel_radius * trace["wheel_speed"] - trace["carriage_speed"]
@@ -310,7 +305,7 @@ def rig_slip(trace: Trace, wheel_radius: float, spans: Sequence[Span]) -> Figure
 
 
 def rig_forces(trace: Trace, spans: Sequence[Span]) -> Figure:
-    """Traction along the rail and lateral friction at the floor [N]."""
+    """Plot traction along the rail and lateral friction at the floor [N]."""
     figure, (ax,) = new_figure(SHORT)
     time = trace["time"]
     line(ax, time, trace["traction_force_1"], color=palette.ACCENT, label="traction")
@@ -323,7 +318,7 @@ def rig_forces(trace: Trace, spans: Sequence[Span]) -> Figure:
 
 
 def rig_normal_force(trace: Trace, spans: Sequence[Span]) -> Figure:
-    """Normal force at the floor [N]."""
+    """Plot the normal force at the floor [N]."""
     figure, (ax,) = new_figure(SHORT)
     line(ax, trace["time"], trace["normal_force_1"], color=palette.MEASURED)
     value_axis(ax, "normal force [N]")
@@ -331,7 +326,7 @@ def rig_normal_force(trace: Trace, spans: Sequence[Span]) -> Figure:
 
 
 def rig_current(trace: Trace, spans: Sequence[Span]) -> Figure:
-    """Motor current, measured and commanded [A]."""
+    """Plot motor current, measured and commanded [A]."""
     figure, (ax,) = new_figure(SHORT)
     line(ax, trace["time"], trace["current"], color=palette.MEASURED, linewidth=1.0, label="measured")
     if "current_target" in trace:
@@ -343,7 +338,7 @@ def rig_current(trace: Trace, spans: Sequence[Span]) -> Figure:
 
 
 def rig_lateral_speed(trace: Trace, spans: Sequence[Span]) -> Figure:
-    """Speed of the gantry sideways [m/s]."""
+    """Plot the lateral speed of the gantry [m/s]."""
     figure, (ax,) = new_figure(SHORT)
     line(ax, trace["time"], trace["lateral_speed"], color=palette.HEALTHY, label="gantry")
     ax.axhline(0.0, color=palette.MUTED, linewidth=0.8, zorder=1)

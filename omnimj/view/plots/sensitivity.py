@@ -1,4 +1,4 @@
-"""Pictures of a study of sensitivity: what to measure first, and μ* and σ of each result."""
+"""Plots of a sensitivity study: what to measure first, and μ* and σ of each result."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _ROW, _FRAME = 0.27, 1.75  # inches of a row, and of what stands around the rows
 
 
 def rows_shown(ranks: Sequence[FactorRank]) -> int:
-    """Parameters in the picture over all results: those that are worth half a percent or more."""
+    """Return the number of parameters in the plot over all results: those with half a percent or more."""
     return max(1, sum(rank.share >= _SMALLEST for rank in ranks[:_MOST_ROWS]))
 
 
@@ -77,7 +77,7 @@ def _bars(ax: Axes, places: np.ndarray, values: np.ndarray, bounds: np.ndarray) 
 def result_bars(study: ResultSensitivity, varied: Sequence[Factor]) -> Figure:
     """μ* of the first parameters with 95 % intervals, and what noise alone would reach."""
     figure, (ax,) = new_figure(MIDDLE)
-    shown = study.order[:_MOST_BARS]
+    shown = study.ranked[:_MOST_BARS]
     places = np.arange(len(shown))
     found = [study.measures[i] for i in shown]
     bounds = np.array([[one.low for one in found], [one.high for one in found]])
@@ -106,18 +106,18 @@ def _in(unit: str) -> str:
 def result_plane(study: ResultSensitivity) -> Figure:
     """σ over μ*: below the line a parameter acts evenly, above it in a curve or together with others."""
     figure, (ax,) = new_figure(MIDDLE)
-    ranked = set(study.order)
+    ranked = set(study.ranked)
     for i, one in enumerate(study.measures):
         if i not in ranked and one.count and not math.isnan(one.sigma) and one.mu_star > 0.0:
             ax.plot(one.mu_star, one.sigma, "o", color=palette.GRID, markersize=4.0, zorder=2)
-    for place, i in enumerate(study.order, start=1):
+    for place, i in enumerate(study.ranked, start=1):
         one = study.measures[i]
         ax.plot(one.mu_star, one.sigma, "o", color=palette.MEASURED, markersize=4.5, zorder=3)
         if place <= _LABELLED:
             offset = {"xytext": (4, 3), "textcoords": "offset points"}
             ax.annotate(str(place), (one.mu_star, one.sigma), fontsize=8.5, color=palette.INK, **offset)
-    high = max((study.measures[i].mu_star for i in study.order), default=1.0)
-    top = max([0.3 * high, *(study.measures[i].sigma for i in study.order)])
+    high = max((study.measures[i].mu_star for i in study.ranked), default=1.0)
+    top = max([0.3 * high, *(study.measures[i].sigma for i in study.ranked)])
     end = 0.95 * min(high, top)
     ax.plot([0.0, end], [0.0, end], color=palette.MUTED, linewidth=0.9, linestyle=(0, (4, 3)), zorder=1)
     ax.annotate("σ = μ*", (end, end), fontsize=8, color=palette.MUTED, ha="left", va="bottom")

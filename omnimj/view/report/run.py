@@ -163,8 +163,8 @@ def _results(scenario: ScenarioLike, metrics: Mapping[str, Any]) -> Table | None
 
 
 def _recovery(trace: Trace, metrics: Mapping[str, Any]) -> Table | None:
-    rows = [(period.name, period.when, period.gives_up) for period in recovery_periods(trace, metrics)]
-    return table(rows, ("recovery", "when", "not controlled")) if rows else None
+    rows = [(period.name, period.when, period.consequence) for period in recovery_periods(trace, metrics)]
+    return table(rows, ("recovery", "when", "consequence")) if rows else None
 
 
 def _faults(metrics: Mapping[str, Any]) -> Table | None:

@@ -44,7 +44,7 @@ def write_sensitivity_files(folder: Path, outcome: SensitivityResult) -> None:
     (folder / PICTURE).unlink(missing_ok=True)
     if outcome.ranks:
         with atomic_file(folder / PICTURE) as temporary:
-            figure = measure_first_picture(outcome.ranks, outcome.studies, outcome.varied)
+            figure = measure_first_picture(outcome.ranks, outcome.studies, outcome.factors)
             figure.savefig(temporary, dpi=_DPI)
 
 
@@ -64,13 +64,13 @@ def write_sensitivity_report(path: Path, outcome: SensitivityResult) -> None:
             (
                 f"{study.name}: {format_value(study.nominal, study.unit)}",
                 _figures(study, outcome),
-                _table(result_table(study, outcome.varied))[1],
-                format_unranked(study, outcome.varied),
+                _table(result_table(study, outcome.factors))[1],
+                format_unranked(study, outcome.factors),
             )
             for study in outcome.studies
-            if study.order
+            if study.ranked
         ],
-        excluded=format_excluded(outcome) if outcome.left_out else [],
+        excluded=format_excluded(outcome) if outcome.excluded else [],
     )
 
 
@@ -84,15 +84,15 @@ def _overview(outcome: SensitivityResult) -> Figure:
         "interval. Right: its share in each single result; the rest to 100 % is below the floor. "
         f"The first {rows_shown(outcome.ranks)} of {len(outcome.ranks)} numbers above a floor."
     )
-    drawing = measure_first_picture(outcome.ranks, outcome.studies, outcome.varied)
+    drawing = measure_first_picture(outcome.ranks, outcome.studies, outcome.factors)
     return plot(drawing, "first", "", words, "broad", label="share of each number in every result")
 
 
 def _figures(study: ResultSensitivity, outcome: SensitivityResult) -> list[Figure]:
     """Plot bars and plane of one result; nothing where too few numbers are ranked."""
-    if len(study.order) < _FEWEST_BARS:
+    if len(study.ranked) < _FEWEST_BARS:
         return []
-    bars, plane = result_bars(study, outcome.varied), result_plane(study)
+    bars, plane = result_bars(study, outcome.factors), result_plane(study)
     words = "mean size μ* and its 95 % interval"
     first = plot(bars, f"bars-{study.name}", "Change across the range", words, label=f"μ* of {study.name}")
     words = "far above the line: nonlinear, or interacting with other numbers"

@@ -24,8 +24,8 @@ def write_tuning_report(path: Path, outcome: TuningResult, command: str) -> None
         "tuning",
         "Tuned gains · omnimj",
         outcome=outcome,
-        order=outcome.order,
-        scenarios=", ".join(Path(text).stem for text in outcome.order.scenarios),
+        order=outcome.config,
+        scenarios=", ".join(Path(text).stem for text in outcome.config.scenarios),
         verdict=verdict[0].upper() + verdict[1:],
         tables=_tables(outcome),
         figures=_figures(outcome),
@@ -39,7 +39,7 @@ def _tables(outcome: TuningResult) -> list[tuple[str, Table]]:
         for axis, value in zip(outcome.axes, outcome.values, strict=True)
     ]
     tables = [("Gains", table(gains, ("gain", "before", "tuned", "unit")))]
-    for verdict in outcome.verdicts:
+    for verdict in outcome.comparisons:
         heading = f"Seed {verdict.seed}, {verdict.draws} runs on the {verdict.plant} plant"
         tables.append((heading, table(comparison_rows(verdict), ("", "before", "tuned"))))
     margins = [

@@ -1,4 +1,4 @@
-"""`before_after.rrd`: both simulations beside the measured motion, a timeline for every run that is shown."""
+"""`before_after.rrd`: both simulations beside the measured motion, with a timeline for every run."""
 
 from __future__ import annotations
 
@@ -29,8 +29,6 @@ from omnimj.view.rerun import dead_reckoning
 from omnimj.view.rerun.dead_reckoning import Motion
 from omnimj.view.rerun.scene import Machine, log_floor, time_column
 
-# The three plants in a recording of before and after: how their machines look, stand and move.
-
 _GREY = "#A7AFB8"  # stands out from the viewer's dark plots and from its light floor
 COLORS: Mapping[str, str] = {"before": BEFORE, "measured": _GREY, "after": AFTER}
 _RUNS = 6
@@ -40,36 +38,36 @@ _SIDES: Mapping[str, float] = {"before": 1.0, "measured": 0.0, "after": -1.0}
 
 @dataclass(frozen=True)
 class Scene:
-    """A kind of plant: how its machines are seen and moved."""
+    """The machines of one kind of plant: appearance, motion and camera."""
 
     spacing: float
-    """Between the machines, sideways [m]."""
+    """Lateral distance between the machines [m]."""
     label: tuple[float, float, float]
-    """Where a machine's name stands, in the frame of `named` [m]."""
+    """Position of a machine's name in the frame of `named` [m]."""
     eye: rrb.EyeControls3D
     log: Callable[[str, Motion, str], None]
-    """Logs where the machine of a kind was in a motion, on a timeline."""
+    """Log the motion of one machine on a timeline."""
     motion: Callable[[Sequence[Overlay]], Motion]
     floor: Array
-    """Corners of what the floor must lie under, shape (k, 2) [m]."""
+    """Points that the floor must extend under, shape (k, 2) [m]."""
     named: str = ""
-    """The body that carries the name; the machine's place when empty."""
+    """Body that carries the name; empty for the machine's base."""
 
 
 def shown_runs(finding: Finding) -> dict[str, list[Overlay]]:
-    """The held-out runs with the largest mismatch, the worst first; training runs where none is held out."""
+    """Return the held-out runs with the largest mismatch, the worst first; else training runs."""
     windows, gaps = overlays_by_run(finding), run_gaps(finding)
     chosen = [gap.run for gap in gaps if gap.heldout] or [gap.run for gap in gaps]
     return {run: windows[run] for run in chosen[:_RUNS]}
 
 
 def offset(scene: Scene, kind: str) -> float:
-    """How far aside the machine of a kind stands [m]."""
+    """Return the lateral offset of a machine [m]."""
     return scene.spacing * _SIDES[kind]
 
 
 def log_place(stream: rr.RecordingStream, scene: Scene, kind: str) -> None:
-    """Moves a machine aside and writes its name over it, or over what of it moves."""
+    """Log the lateral offset of a machine and its name above it."""
     root = f"world/{kind}"
     stream.log(root, rr.Transform3D(translation=[0.0, offset(scene, kind), 0.0]), static=True)
     name = rr.Points3D(
@@ -85,12 +83,12 @@ def log_place(stream: rr.RecordingStream, scene: Scene, kind: str) -> None:
 def make_scene(
     stream: rr.RecordingStream, finding: Finding, kinds: Sequence[str], machine_file: Path | None
 ) -> Scene:
-    """Logs what the machines of a finding's plant look like and says how they move.
+    """Log the meshes of the machines and return how they move.
 
     Args:
-      stream: Where to log.
+      stream: Recording.
       finding: Its overlays are what moves.
-      kinds: Of `COLORS`, those to show.
+      kinds: Keys of `COLORS` to show.
       machine_file: The plant's model file; the shipped one when None.
     """
     channels = list(finding.channels)
@@ -102,7 +100,7 @@ def make_scene(
 
 
 def _floor(finding: Finding) -> Floor:
-    """The floor of the first run, as far as it is one of the shipped ones: here it is only seen."""
+    """Return the floor of the first run if it is a shipped one; it matters for display only."""
     floors = read_floors()
     names = [str(o.conditions["floor"]) for o in finding.overlays if "floor" in o.conditions]
     return next((floors[name] for name in names if name in floors), next(iter(floors.values())))
@@ -162,7 +160,7 @@ def _robot_scene(
 
 
 def _log_path(stream: rr.RecordingStream, entity: str, kind: str, motion: Motion, timeline: str) -> None:
-    """The whole path as a line of its own per window: the eye then sees by how much two paths part."""
+    """Log the whole path as one line per window, to show the distance between two paths."""
     place = motion.coordinates[kind][:, :2]
     lift = 0.004 if kind == "measured" else 0.008
     points = np.column_stack([place, np.full(len(place), lift)]).astype(np.float32)
@@ -221,7 +219,7 @@ _PLOTS = 7
 
 
 def write_before_after(path: Path, finding: Finding, machine_file: Path | None = None) -> None:
-    """Writes the recording: the worst held-out runs, each on its own timeline.
+    """Write the recording: the worst held-out runs, each on its own timeline.
 
     Args:
       path: The `.rrd` file to write.
@@ -255,7 +253,7 @@ def write_before_after(path: Path, finding: Finding, machine_file: Path | None =
 
 
 def _plotted(finding: Finding, shown: Mapping[str, Sequence[Overlay]]) -> list[int]:
-    """The channels that are plotted: all, or those with the largest mismatch where there are many."""
+    """Return the channels to plot: all, or those with the largest mismatch where there are many."""
     names = list(finding.channels)
     size = {
         gap.run: np.array([gap.before[name] for name in names]) / noise_row(finding)
@@ -368,7 +366,7 @@ def _blueprint(
             plot_legend=rrb.PlotLegend(visible=False),
         )
     )
-    words = rrb.TextDocumentView(origin="about", name="What you see")
+    words = rrb.TextDocumentView(origin="about", name="Legend")
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(space, words, row_shares=[3, 1]), rrb.Vertical(*series), column_shares=[3, 2]

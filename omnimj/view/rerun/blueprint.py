@@ -1,4 +1,4 @@
-"""How the Rerun viewer arranges a recording, so that a stranger understands it at first sight."""
+"""Layout of a recording in the Rerun viewer: what its scenario is about comes first."""
 
 from __future__ import annotations
 
@@ -12,8 +12,6 @@ import rerun.blueprint as rrb
 from omnimj.parameters import Rig
 from omnimj.view.rerun.signals import DIAGNOSIS_LANE, FAULT_LANE, MODE_LANE, Plot
 from omnimj.view.wording import ScenarioLike
-
-# What a scenario is about, and hence what its recording shows first.
 
 _MOTORS = frozenset({"motor", "free", "locked", "hard_over"})
 _SLIPS = frozenset({"slip", "all_wheel_slip"})
@@ -29,23 +27,23 @@ _CHANNELS = {
 
 @dataclass(frozen=True)
 class Focus:
-    """What a spectator is to look at first."""
+    """The content of a recording to look at first."""
 
     heading: str = ""
-    """Of the plots that come first, short enough for a tab; empty where none is more to the point."""
+    """Heading of the first plots, short enough for a tab; empty where no plot stands out."""
     plots: tuple[str, ...] = ()
-    """Which these are, from top to bottom: names under `plots/`."""
+    """The first plots from top to bottom: names under `plots/`."""
     wheels: tuple[int, ...] = ()
-    """Wheels 1…n whose lines are bold in them; none: all are alike."""
+    """Wheels 1…n with bold lines; none: all lines are equal."""
     from_above: bool = False
     """Whether the path is shown from above, beside the machine."""
     from_the_side: bool = False
-    """Whether the first eye stands at the side, where slopes are seen."""
+    """Whether the first camera stands at the side, where slopes are visible."""
 
 
 @dataclass(frozen=True)
 class _Rule:
-    """Faults of some kinds, and the plots that show them."""
+    """Fault kinds and the plots that show them."""
 
     kinds: Collection[str]
     heading: str
@@ -65,21 +63,21 @@ _RULES = (
     ),
     _Rule(
         _PUSHES,
-        "What pushes the robot",
+        "External forces",
         ("current", "residual_force"),
     ),
     _Rule(_LENGTHS, "Heading", ("heading", "yaw_rate")),
 )
-"""From the first that applies the heading is taken; the plots of all that apply follow one another."""
+"""The first rule that applies gives the heading; the plots of all that apply follow one another."""
 _RIG = Focus("Current, slip, speed", ("current", "slip_velocity", "speed"))
 
 
 def focus_of(scenario: ScenarioLike, faults: Sequence[Mapping[str, Any]]) -> Focus:
-    """What a run of the scenario is about.
+    """Choose what to show first from the content of a scenario, never from its name.
 
     Args:
-      scenario: What is asked for.
-      faults: As in `metrics.json`: `kind`, and `wheel` or `channel` where they have one.
+      scenario: Scenario of the run.
+      faults: Faults as in `metrics.json`: `kind`, and `wheel` or `channel` where they have one.
     """
     if isinstance(scenario.constants, Rig):
         return _RIG
@@ -87,7 +85,7 @@ def focus_of(scenario: ScenarioLike, faults: Sequence[Mapping[str, Any]]) -> Foc
     headings, plots = [], []
     for fault in faults:
         if fault["kind"] == "sensor":
-            headings.append("The wrong sensor")
+            headings.append("Faulty sensor")
             plots += _of_channel(str(fault.get("channel", "")))
     for rule in _RULES:
         if any(kind in rule.kinds for kind in kinds):
@@ -105,7 +103,7 @@ def focus_of(scenario: ScenarioLike, faults: Sequence[Mapping[str, Any]]) -> Foc
 
 
 def _of_channel(channel: str) -> tuple[str, ...]:
-    """Plots of a sensor's channel: `wheel_speed_2` is in `wheel_speed`."""
+    """Return the plots of a sensor channel: `wheel_speed_2` is in `wheel_speed`."""
     name, _, number = channel.rpartition("_")
     return _CHANNELS.get(channel) or ((name,) if number.isdecimal() else (channel,))
 
@@ -119,14 +117,14 @@ _NEWEST = 20.0  # [s] that are seen of a drive without a planned end
 
 @dataclass(frozen=True)
 class Eye:
-    """Where a spectator stands at first."""
+    """The first camera."""
 
     position: Point
     """[m]"""
     target: Point
-    """What is looked at [m]."""
+    """Point in the middle of the view [m]."""
     follows: str | None = None
-    """Entity to stay with; None to stand still."""
+    """Entity that the camera follows; None for a fixed camera."""
 
 
 def run_blueprint(
@@ -138,17 +136,17 @@ def run_blueprint(
     subject: Focus | None = None,
     above: Eye | None = None,
 ) -> rrb.Blueprint:
-    """Left the machine, below it the fault states and a legend; right the signals over the same time.
+    """Arrange the views: left the machine, below it fault states and a legend; right the signals.
 
-    What the scenario is about comes first: its plots in the first tab, its path from above.
+    The focus of the scenario comes first: its plots in the first tab, its path from above.
 
     Args:
       plots: The time series, from top to bottom.
-      duration: Of the whole run [s]; None for a drive without a planned end, whose newest is followed.
+      duration: Duration of the whole run [s]; None for a drive without a planned end.
       eye: First view of the scene.
-      ranges: Of the value axes, one per plot; None for a run that goes on, whose axes grow.
-      lanes: Of the fault states; None for all.
-      subject: What the scenario is about; None where nothing is more to the point than all else.
+      ranges: Ranges of the value axes, one per plot; None for a run in progress, whose axes grow.
+      lanes: Lanes of the fault states; None for all.
+      subject: Plots and views to show first; None for no preference.
       above: View of the path from above; None to leave it out.
     """
     time_axis = _newest() if duration is None else _whole(duration)
@@ -159,9 +157,9 @@ def run_blueprint(
         scene = rrb.Horizontal(path, scene, column_shares=[1, 1])
     if lanes is None:
         lanes = [f"/{entity}/**" for entity in (FAULT_LANE, DIAGNOSIS_LANE, MODE_LANE)]
-    name = "Faults: what is broken, and what the controller diagnosed"
+    name = "Faults: truth, and diagnoses of the controller"
     states = rrb.StateTimelineView(origin="/", contents=list(lanes), name=name, time_view=time_axis)
-    words = rrb.TextDocumentView(origin="about", name="What you see")
+    words = rrb.TextDocumentView(origin="about", name="Legend")
     values = [None] * len(plots) if ranges is None else ranges
     shown = list(zip(plots, values, strict=True))
     series = _series_views(shown, time_axis, Focus() if subject is None else subject)
@@ -201,7 +199,7 @@ def _scene(name: str, eye: Eye, up: Point) -> rrb.Spatial3DView:
 def _series_views(
     shown: Sequence[tuple[Plot, Range | None]], time_axis: rrb.archetypes.TimeAxis, subject: Focus
 ) -> rrb.Container:
-    """Tabs: what the scenario is about, what the method saw, what the machine did; no plot twice."""
+    """Make tabs: plots in focus, residuals of the method, signals of the machine; no plot twice."""
     names = [f"plots/{name}" for name in subject.plots]
     first = sorted((s for s in shown if s[0].entity in names), key=lambda s: names.index(s[0].entity))
     rest = [s for s in shown if s[0].entity not in names]
@@ -220,7 +218,7 @@ def _stack(
     name: str,
     bold: Sequence[int] = (),
 ) -> rrb.Vertical:
-    """Time series under each other; those with a legend are higher, lines of the wheels `bold` are bold."""
+    """Stack time series; those with a legend are higher, and lines of the wheels `bold` are bold."""
     series = [_series(plot, time_axis, shown, bold) for plot, shown in plots]
     return rrb.Vertical(*series, row_shares=[2.0 if plot.legend else 1.4 for plot, _ in plots], name=name)
 
@@ -246,12 +244,12 @@ def _series(
 
 
 def _whole(duration: float) -> rrb.archetypes.TimeAxis:
-    """The whole run at once."""
+    """Show the whole run."""
     start, end = rrb.TimeRangeBoundary.absolute(seconds=0.0), rrb.TimeRangeBoundary.absolute(seconds=duration)
     return rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=end))
 
 
 def _newest() -> rrb.archetypes.TimeAxis:
-    """What was last."""
+    """Show the newest data."""
     start = rrb.TimeRangeBoundary.cursor_relative(seconds=-_NEWEST)
     return rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=rrb.TimeRangeBoundary.cursor_relative()))

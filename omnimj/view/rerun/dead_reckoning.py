@@ -1,7 +1,7 @@
-"""Where a machine was in a run, from speeds alone: the measured motion and both simulated ones beside it.
+"""Motion of a machine by dead reckoning from its speeds: measured, and simulated before and after.
 
-Windows of a long run are simulated from the measured state each, so both simulations begin every window where
-the measurement is.
+Each window of a long run is simulated from the measured state, so both simulations start every window at the
+measurement.
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ from omnimj.view.poses import wheel_bodies
 
 KINDS = ("measured", "before", "after")
 Rates = Callable[[Overlay, Array, Array], Array]
-"""Window, values of its channels, coordinates at its beginning → rates of the coordinates, shape (k, n)."""
+"""(window, values of its channels, coordinates at its start) → rates of the coordinates, shape (k, n)."""
 
 
 @dataclass(frozen=True)
 class Motion:
-    """One run: coordinates of the machine through time."""
+    """Coordinates of the machine through one run."""
 
     time: Array
     """Shape (k,) [s]."""
     coordinates: Mapping[str, Array]
-    """`measured`, `before`, `after` → coordinates, shape (k, n); what they are is the machine's affair."""
+    """`measured`, `before`, `after` → coordinates, shape (k, n); their meaning depends on the machine."""
     begins: tuple[int, ...]
-    """Rows at which windows begin."""
+    """First rows of the windows."""
 
 
 def rig_motion(rig: Rig, windows: Sequence[Overlay], channels: Sequence[str]) -> Motion:
-    """Carriage and gantry [m] and wheel angle [rad], shape (k, 3).
+    """Integrate carriage and gantry position [m] and wheel angle [rad], shape (k, 3).
 
-    The gantry's own drive holds its speed, so that it moves alike in all three.
+    The gantry's own drive controls its speed, so its motion is the same in all three.
     """
     start = np.array([rig.rig.start_position, 0.0, 0.0])
 
@@ -52,7 +52,7 @@ def rig_motion(rig: Rig, windows: Sequence[Overlay], channels: Sequence[str]) ->
 
 
 def robot_motion(robot: Robot, windows: Sequence[Overlay], channels: Sequence[str]) -> Motion:
-    """x, y [m], heading [rad] and wheel angles [rad], shape (k, 3 + n): dead reckoning by wheels and gyro."""
+    """Integrate x, y [m], heading [rad] and wheel angles [rad], shape (k, 3 + n), from wheels and gyro."""
     wheels = len(robot.wheel_positions)
     backwards = np.linalg.pinv(rolling_matrix(robot.wheel_positions, robot.rolling_directions))
     names = [f"wheel_speed_{i + 1}" for i in range(wheels)]
@@ -70,7 +70,7 @@ def robot_motion(robot: Robot, windows: Sequence[Overlay], channels: Sequence[st
 
 
 def axis_motion(windows: Sequence[Overlay], channels: Sequence[str]) -> Motion:
-    """Position along the guide [m], shape (k, 1)."""
+    """Return the position along the guide [m], shape (k, 1), measured or integrated."""
     if "position" in channels:
         time = np.concatenate([window.time for window in windows])
         columns = {
@@ -86,7 +86,7 @@ def axis_motion(windows: Sequence[Overlay], channels: Sequence[str]) -> Motion:
 
 
 def rig_poses(mj_model: mujoco.MjModel, coordinates: Array) -> Array:
-    """The rig's generalised positions, shape (k, nq), of `rig_motion`'s coordinates."""
+    """Convert the coordinates of `rig_motion` to generalised positions of the rig, shape (k, nq)."""
     qpos = np.tile(mj_model.qpos0, (len(coordinates), 1))
     for column, joint in enumerate(("rail", "gantry", "wheel_1_axle")):
         qpos[:, mj_model.joint(joint).qposadr[0]] = coordinates[:, column]
@@ -94,7 +94,7 @@ def rig_poses(mj_model: mujoco.MjModel, coordinates: Array) -> Array:
 
 
 def robot_poses(mj_model: mujoco.MjModel, coordinates: Array) -> Array:
-    """The robot's generalised positions, shape (k, nq), of `robot_motion`'s coordinates."""
+    """Convert the coordinates of `robot_motion` to generalised positions of the robot, shape (k, nq)."""
     qpos = np.tile(mj_model.qpos0, (len(coordinates), 1))
     half = 0.5 * coordinates[:, 2]
     (free,) = np.flatnonzero(mj_model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)[:1]
@@ -107,14 +107,14 @@ def robot_poses(mj_model: mujoco.MjModel, coordinates: Array) -> Array:
 
 
 def integrated(time: Array, rate: Array) -> Array:
-    """∫ rate dt by the trapezoidal rule from the first time, 0 there; shape of the rate."""
+    """∫ rate dt by the trapezoidal rule, 0 at the first time; shape of the rate."""
     step = np.diff(time).reshape(-1, *([1] * (rate.ndim - 1)))
     parts = 0.5 * step * (rate[1:] + rate[:-1])
     return np.concatenate([np.zeros_like(rate[:1]), np.cumsum(parts, axis=0)])
 
 
 def filled(values: Array) -> Array:
-    """Straight lines over what is masked, zero where nothing is known; shape (k,)."""
+    """Interpolate masked samples linearly, shape (k,); zero where all are masked."""
     known = np.isfinite(values)
     if known.all():
         return values
@@ -125,12 +125,12 @@ def filled(values: Array) -> Array:
 
 
 def _channel(values: Array, channels: Sequence[str], name: str) -> Array:
-    """A channel's column without holes; zero where there is no such channel."""
+    """Return the column of a channel with gaps filled, shape (k,); zero for a missing channel."""
     return filled(values[:, list(channels).index(name)]) if name in channels else np.zeros(len(values))
 
 
 def _driven(windows: Sequence[Overlay], start: Array, rates: Rates) -> Motion:
-    """Goes through the windows; each begins where the measured motion is by then."""
+    """Integrate all windows, each from the measured position at its start."""
     place, end = start, None
     parts: dict[str, list[Array]] = {kind: [] for kind in KINDS}
     for window in windows:

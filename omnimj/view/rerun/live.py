@@ -1,4 +1,4 @@
-"""A run in the Rerun viewer while it goes on."""
+"""A run, or a drive by hand, in the Rerun viewer while it goes on."""
 
 from __future__ import annotations
 
@@ -34,34 +34,34 @@ _FLUSHING = 30.0  # [s] for a viewer on a slow machine to take the rest
 
 
 class RecordingSink(Protocol):
-    """Who looks on: a viewer, or a file."""
+    """Destination of a live recording: a viewer, or a file."""
 
     @property
     def is_open(self) -> bool:
-        """Whether there is still somebody to send to."""
+        """Whether the destination still accepts data."""
         ...
 
     def connect(self, stream: rr.RecordingStream, blueprint: rrb.Blueprint) -> None:
-        """Takes all that is logged to a stream from now on."""
+        """Receive everything logged to a stream from now on."""
         ...
 
     def settle(self) -> None:
-        """Raises `ViewerError` when the spectator broke down."""
+        """Raise `ViewerError` when the viewer failed."""
         ...
 
 
 class LiveRun:
-    """Hooks of `run_scenario` that show a run while it goes on; `finish` adds what is known at its end."""
+    """Callbacks of `run_scenario` that show a run while it goes on; `finish` adds its results."""
 
-    def __init__(self, scenario: Scenario, known: Mapping[str, Any], spectator: RecordingSink):
-        """A run that will be driven.
+    def __init__(self, scenario: Scenario, known: Mapping[str, Any], sink: RecordingSink):
+        """Prepare to show a run.
 
         Args:
-          scenario: What is asked for.
-          known: What `metrics.json` will hold, as far as it is known.
-          spectator: Shows it.
+          scenario: Scenario of the run.
+          known: Content of `metrics.json` that is known before the run.
+          sink: Destination of the recording.
         """
-        self._scenario, self._known, self._spectator = scenario, known, spectator
+        self._scenario, self._known, self._sink = scenario, known, sink
         self._method = str(known.get("method", NOT_DIAGNOSED))
         self._stream = rr.RecordingStream("omnimj")
         self._run = RunStream(self._stream, scenario, scenario.duration)
@@ -77,17 +77,17 @@ class LiveRun:
         return Callbacks(snapshot=self.snapshot, rows=self.rows, start=self.start)
 
     def start(self, _plant: Plant) -> None:
-        """Shows the machine in its place before the first step (`start`)."""
+        """Show the machine at its start before the first step (`start`)."""
         self._begin(None if self._plan is None else self._plan.position)
 
     def _begin(self, planned: Array | None) -> None:
         start = (0.0, 0.0) if planned is None else (float(planned[0, 0]), float(planned[0, 1]))
         method = make_detector(self._method, self._scenario)
         names = () if method is None else tuple(method.log_names)
-        asked = [fault_record(fault) for fault in self._scenario.faults]
+        faults = [fault_record(fault) for fault in self._scenario.faults]
         scenario, duration = self._scenario, self._scenario.duration
-        blueprint = live_blueprint(scenario, duration, start, self._method, names, asked)
-        self._spectator.connect(self._stream, blueprint)
+        blueprint = live_blueprint(scenario, duration, start, self._method, names, faults)
+        self._sink.connect(self._stream, blueprint)
         self._mj_model = visible_model(self._scenario)
         self._run.begin(self._known, planned, self._mj_model)
         self._run.stand(self._first_pose())
@@ -101,18 +101,18 @@ class LiveRun:
         return poses_from_trace(self._mj_model, Trace({name: np.array([at]) for name, at in place.items()}))
 
     def snapshot(self, now: float, pose: Array) -> None:
-        """Keeps a pose for the next batch (`snapshot`)."""
+        """Keep a pose for the next batch (`snapshot`)."""
         self._poses.append((now, np.array(pose)))
 
     def rows(self, names: tuple[str, ...], table: Array) -> None:
-        """Sends the newest rows and the poses of their time (`rows`)."""
+        """Send the newest rows and their poses (`rows`)."""
         columns = dict(zip(names, table.T, strict=True))
         self._rows += len(table)
-        if self._spectator.is_open:
+        if self._sink.is_open:
             self._run.add(Trace(columns), self._batch())
 
     def _batch(self) -> Poses | None:
-        """The poses since the batch before."""
+        """Return the poses since the previous batch."""
         if not self._poses:
             return None
         times, poses = zip(*self._poses, strict=True)
@@ -120,22 +120,22 @@ class LiveRun:
         return Poses(self._mj_model, np.array(times), np.stack(poses))
 
     def finish(self, run: RunResult) -> None:
-        """Sends what is left, the fault states and the checks; the viewer then plays the run.
+        """Send the rest of the data, the fault states and the checks; the viewer then plays the run.
 
         Args:
-          run: What was driven, at least two rows.
+          run: Result of the run, at least two rows.
 
         Raises:
-          ViewerError: The viewer broke down.
+          ViewerError: The viewer failed.
         """
-        if self._spectator.is_open:
+        if self._sink.is_open:
             self._send_rest(run)
             self._stream.flush(timeout_sec=_FLUSHING)
         self.close()
-        self._spectator.settle()
+        self._sink.settle()
 
     def close(self) -> None:
-        """Sends nothing more; a run that broke down stays as far as it was shown."""
+        """Close the stream; a failed run stays visible up to its failure."""
         self._stream.disconnect()
 
     def _send_rest(self, run: RunResult) -> None:
@@ -152,8 +152,6 @@ class LiveRun:
         self._run.end(trace, run.metrics)
 
 
-# A drive by hand in the Rerun viewer: no plan, no end, and never in the way of the loop that drives.
-
 _WAITING = 8  # batches of a tenth of a second; a viewer that is later than that misses some
 _TRAIL = 60.0  # [s] whose path is drawn in full detail
 _REACH = 6.0  # [m] of floor around the start
@@ -161,19 +159,19 @@ _ENDING = 10.0  # [s] for what still waits
 
 
 class LiveDrive:
-    """Hooks of `drive_by_hand`; a thread of its own sends what they are given."""
+    """Callbacks of `drive_by_hand`, which send data from a separate thread so that driving never waits."""
 
-    def __init__(self, scenario: Scenario, known: Mapping[str, Any], spectator: RecordingSink):
-        """A drive that is about to begin.
+    def __init__(self, scenario: Scenario, known: Mapping[str, Any], sink: RecordingSink):
+        """Prepare to show a drive.
 
         Args:
           scenario: From `free_drive`.
           known: Plant, method, seed, floor.
-          spectator: Shows it.
+          sink: Destination of the recording.
         """
         self.missed = 0
-        """Batches that the viewer was too slow for."""
-        self._scenario, self._known, self._spectator = scenario, known, spectator
+        """Number of batches dropped because the viewer was too slow."""
+        self._scenario, self._known, self._sink = scenario, known, sink
         self._stream = rr.RecordingStream("omnimj")
         self._run = RunStream(self._stream, scenario, _TRAIL)
         self._mj_model: Any = None
@@ -186,11 +184,11 @@ class LiveDrive:
         self._reckoning = DeadReckoning(robot)
 
     def start(self) -> None:
-        """Shows the robot in its place before the first step."""
+        """Show the robot at its start before the first step."""
         method = str(self._known["method"])
         made = make_detector(method, self._scenario)
         names = () if made is None else tuple(made.log_names)
-        self._spectator.connect(self._stream, live_blueprint(self._scenario, None, (0.0, 0.0), method, names))
+        self._sink.connect(self._stream, live_blueprint(self._scenario, None, (0.0, 0.0), method, names))
         self._mj_model = visible_model(self._scenario)
         self._run.begin(self._known, None, self._mj_model)
         corners = _REACH * np.array([(-1.0, -1.0), (1.0, 1.0)])
@@ -199,11 +197,11 @@ class LiveDrive:
         self._thread.start()
 
     def snapshot(self, now: float, pose: Array) -> None:
-        """Keeps a pose for the next batch."""
+        """Keep a pose for the next batch."""
         self._poses.append((now, np.array(pose)))
 
     def rows(self, names: tuple[str, ...], table: Array) -> None:
-        """Hands the newest rows and the poses of their time to the thread, or drops them."""
+        """Queue the newest rows and their poses, or drop them when the queue is full."""
         trace = Trace(dict(zip(names, table.T.copy(), strict=True)))
         poses, self._poses = self._poses, []
         try:
@@ -213,11 +211,11 @@ class LiveDrive:
 
     def _send(self) -> None:
         while (batch := self._waiting.get()) is not None:
-            if self._failure is not None or not self._spectator.is_open:
+            if self._failure is not None or not self._sink.is_open:
                 continue
             try:
                 self._show(*batch)
-            except Exception as error:  # a viewer that breaks down must not stop whoever drives
+            except Exception as error:  # a viewer that fails must not stop the drive
                 self._failure = error
 
     def _show(self, trace: Trace, taken: list[tuple[float, Array]]) -> None:
@@ -230,38 +228,38 @@ class LiveDrive:
         self._run.add(trace, moved)
 
     def finish(self) -> None:
-        """Sends what still waits and leaves the viewer to itself.
+        """Send the queued batches and detach from the viewer.
 
         Raises:
-          ViewerError: The viewer broke down.
+          ViewerError: The viewer failed.
         """
         with contextlib.suppress(queue.Full):
             self._waiting.put(None, timeout=_ENDING)
             self._thread.join(_ENDING)
         self._stream.disconnect()
-        self._spectator.settle()
+        self._sink.settle()
         if self._failure is not None:
             raise self._failure
 
 
 class DeadReckoning:
-    """Where a robot is by its wheels and its heading, for one that nobody watches from outside."""
+    """Position of a robot by dead reckoning from wheels and heading, for plants without a true position."""
 
     def __init__(self, robot: Robot):
-        """Begins at the origin."""
+        """Start at the origin."""
         inverse = inverse_kinematics(robot.wheel_positions, robot.rolling_directions)
         self._twist = robot.wheel.radius * np.linalg.pinv(inverse)[:2]
         self._place = np.zeros(2)
         self._turned = np.zeros(len(robot.wheels))
         self._last: float | None = None
         self.turned_before = self._turned
-        """By how much the wheels had turned before the newest rows [rad]."""
+        """Wheel angles before the newest rows, shape (n,) [rad]."""
 
     def placed(self, trace: Trace) -> Trace:
-        """The rows with `x`, `y`, `heading`: the plant's where it tells, else ∫ R(θ) B⁺ r φ̇ dt.
+        """Add `x`, `y`, `heading` to rows without them: ∫ R(θ) B⁺ r φ̇ dt.
 
         Args:
-          trace: Later than all before.
+          trace: Rows later than all before.
         """
         time, wheels = trace["time"], trace.wheels("wheel_speed")
         step = np.diff(time, prepend=time[0] if self._last is None else self._last)[:, None]

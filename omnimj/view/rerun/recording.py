@@ -1,4 +1,4 @@
-"""A run on its way into Rerun: as a whole into `run.rrd`, or in batches while it goes on."""
+"""Rerun recordings of a run: written as `run.rrd`, or streamed in batches while the run goes on."""
 
 from __future__ import annotations
 
@@ -51,14 +51,14 @@ def write_recording(
     metrics: Mapping[str, Any],
     poses: Poses | None = None,
 ) -> None:
-    """Writes a run as a Rerun recording with its blueprint.
+    """Write a run as a Rerun recording with its blueprint.
 
     Args:
       path: The `.rrd` file to write.
-      trace: What was recorded, at least two rows.
-      scenario: What was asked for.
+      trace: Signals of the run, at least two rows.
+      scenario: Scenario of the run.
       metrics: Content of `metrics.json`.
-      poses: What moved; without them the recording holds plots, states and paths.
+      poses: Poses of the machine; without them the recording holds plots, states and paths.
     """
     stream = rr.RecordingStream("omnimj")
     stream.save(path, default_blueprint=whole_blueprint(scenario, trace, metrics, poses is not None))
@@ -70,10 +70,10 @@ def write_recording(
 
 
 class RunStream:
-    """A run sent to a stream: first what stands, then batches of what moves, at last what came of it."""
+    """A run sent to a stream: static content, then batches of signals and poses, finally the results."""
 
     def __init__(self, stream: rr.RecordingStream, scenario: ScenarioLike, duration: float):
-        """A run that lasts at most `duration` [s]."""
+        """Prepare a run that lasts at most `duration` [s]."""
         self._stream, self._scenario, self._duration = stream, scenario, duration
         self._machine: Machine | None = None
         self._signals: Signals | None = None
@@ -85,12 +85,12 @@ class RunStream:
         self._wheels = 1 if isinstance(constants, Rig) else len(constants.wheels)
 
     def begin(self, known: Mapping[str, Any], planned: Array | None, mj_model: mujoco.MjModel | None) -> None:
-        """Sends machine, floor and plan.
+        """Send machine, floor and plan.
 
         Args:
-          known: What `metrics.json` will hold, as far as it is known.
+          known: Content of `metrics.json` that is known before the run.
           planned: Planned path, shape (k, 2) [m].
-          mj_model: The machine with all that is only seen.
+          mj_model: Visible model of the machine.
         """
         stream = self._stream
         stream.send_recording_name(wording.title(known))
@@ -105,18 +105,18 @@ class RunStream:
             self._machine = Machine(stream, mj_model)
 
     def stand(self, poses: Poses) -> None:
-        """Sends the machine at rest and healthy, for whoever looks on before the first batch."""
+        """Send the machine at rest and healthy, to be seen before the first batch."""
         still = Trace({"time": poses.time})
         self.move(poses, still)
         nothing = {**self._known, "faults": (), "diagnoses": ()}
         log_states(self._stream, still, nothing, self._wheels, self._is_rig)
 
     def add(self, trace: Trace, poses: Poses | None) -> None:
-        """Sends the next rows and what moved during them.
+        """Send the next rows and their poses.
 
         Args:
           trace: At least one row, later than all before.
-          poses: Of the machine; None where nothing is known of it.
+          poses: Poses of the machine; None where they are unknown.
         """
         if self._signals is None:
             method = str(self._known.get("method", wording.NOT_DIAGNOSED))
@@ -131,17 +131,17 @@ class RunStream:
             self.move(poses, trace)
 
     def move(self, poses: Poses, trace: Trace) -> None:
-        """Sends where the machine was, and the forces at its wheels.
+        """Send poses of the machine and the forces at its wheels.
 
         Args:
-          poses: At least one.
+          poses: At least one pose.
           trace: Rows over the same time.
         """
         if self._machine is not None:
             self._machine.log_motion(poses, trace)
 
     def end(self, trace: Trace, metrics: Mapping[str, Any]) -> None:
-        """Sends fault states, checks and the floor under all that was driven.
+        """Send fault states, checks and the floor under the whole path.
 
         Args:
           trace: The whole run.
@@ -169,7 +169,7 @@ class RunStream:
 def whole_blueprint(
     scenario: ScenarioLike, trace: Trace, metrics: Mapping[str, Any], has_machine: bool
 ) -> rrb.Blueprint:
-    """The arrangement of a run that is over: it plays, all axes show the whole run."""
+    """Make the blueprint of a finished run: it plays, all axes show the whole run."""
     method, duration = str(metrics.get("method", wording.NOT_DIAGNOSED)), float(trace["time"][-1])
     plots = with_columns(plots_of(scenario, method, list(trace.columns)), trace)
     start = (float(trace["x"][0]), float(trace["y"][0])) if "x" in trace else (0.0, 0.0)
@@ -182,7 +182,7 @@ def whole_blueprint(
 
 
 def _eye_above(trace: Trace) -> Eye:
-    """High above the middle of the path, so that all of it is seen."""
+    """Place a camera high above the middle of the path, with all of it in view."""
     places = [np.column_stack([trace["x"], trace["y"]])]
     planned = planned_position(trace)
     if planned is not None:
@@ -201,15 +201,15 @@ def live_blueprint(
     log_names: Sequence[str] = (),
     faults: Sequence[Mapping[str, Any]] = (),
 ) -> rrb.Blueprint:
-    """The arrangement of a run that goes on: the newest is shown, the value axes grow.
+    """Make the blueprint of a run in progress: the newest data are shown, the value axes grow.
 
     Args:
-      scenario: What is asked for.
-      duration: Of the whole run [s]; None: it has no planned end.
-      start: Where the robot begins [m].
-      method: That looks for faults.
-      log_names: Columns that it will log.
-      faults: As in `metrics.json`, as far as the scenario tells.
+      scenario: Scenario of the run.
+      duration: Duration of the whole run [s]; None without a planned end.
+      start: Start of the robot [m].
+      method: Name of the detection method.
+      log_names: Columns of the method's log.
+      faults: Faults of the scenario, as in `metrics.json`.
     """
     plots, subject = plots_of(scenario, method, log_names), focus_of(scenario, faults)
     eye = first_eye(scenario, start, True, subject.from_the_side)
@@ -219,7 +219,7 @@ def live_blueprint(
 def first_eye(
     scenario: ScenarioLike, start: tuple[float, float], has_machine: bool, from_the_side: bool = False
 ) -> Eye:
-    """Where a spectator stands at first: at the robot, at its side on slopes, at the rig, above the path."""
+    """Place the first camera: near the robot, at its side on slopes, at the rig, above the path."""
     if isinstance(scenario.constants, Rig):
         return Eye((0.1, 1.35, 0.65), (0.75, 0.0, 0.12))
     x, y = start
@@ -245,17 +245,14 @@ def _about(scenario: ScenarioLike, metrics: Mapping[str, Any]) -> str:
     return "\n".join([*lines, "", _FORCES + paths + _ROLLERS])
 
 
-# `run.rrd` of a run: its poses and everything that was logged of it.
-
-
 def poses_of(run: RunResult) -> Poses | None:
-    """Poses of the machine with everything that is seen."""
+    """Return the poses of the visible machine; None where they are unknown."""
     track = run.poses
     return visible_poses(run.scenario, run.trace, *((track.time, track.position) if track else ()))
 
 
 def write_recording_of(path: Path, run: RunResult) -> None:
-    """Writes the Rerun recording of a run, in full or not at all."""
+    """Write the Rerun recording of a run, completely or not at all."""
     poses = poses_of(run)
     with atomic_file(path) as temporary:
         write_recording(temporary, run.trace, run.scenario, run.metrics, poses)

@@ -1,4 +1,4 @@
-"""The time series of a Rerun recording."""
+"""Time series and fault states of a Rerun recording."""
 
 from __future__ import annotations
 
@@ -39,32 +39,32 @@ class Line:
     """One line of a plot."""
 
     column: str
-    """Of the trace."""
+    """Column of the trace."""
     name: str
-    """In the legend."""
+    """Label in the legend."""
     color: str
     scale: float = 1.0
-    """From the column's unit to the plot's."""
+    """Factor from the column's unit to the plot's."""
     width: float = 1.6
     """[points]"""
 
 
 @dataclass(frozen=True)
 class Plot:
-    """One time series view: where it lies, its heading with the unit, its lines."""
+    """One time series view."""
 
     entity: str
     heading: str
     lines: tuple[Line, ...]
     legend: bool = False
-    """Whether it names its lines; wheels have the same colours everywhere and are named once."""
+    """Whether it has a legend; wheels have the same colours everywhere and are named once."""
     of_diagnosis: bool = False
-    """Whether it shows what a method saw, not what the machine did."""
+    """Whether it shows residuals of a method, not signals of the machine."""
     in_view: tuple[float, ...] = ()
-    """Values that its axis always shows."""
+    """Values that its axis always includes."""
 
     def range(self, trace: Trace) -> tuple[float, float]:
-        """Lowest and highest value with some room, for the axis."""
+        """Return the lowest and highest value with some margin, for the axis."""
         values = [line.scale * trace[line.column] for line in self.lines]
         low = min((*(float(np.nanmin(v)) for v in values), *self.in_view), default=0.0)
         high = max((*(float(np.nanmax(v)) for v in values), *self.in_view), default=1.0)
@@ -75,12 +75,12 @@ class Plot:
 def plots_of(
     scenario: ScenarioLike, method: str = NOT_DIAGNOSED, columns: Collection[str] = ()
 ) -> list[Plot]:
-    """All the plots that a run of this scenario can have.
+    """Return all plots that a run of this scenario can have.
 
     Args:
-      scenario: What is asked for.
-      method: That looks for faults.
-      columns: Of the trace, or those that the method will log.
+      scenario: Scenario of the run.
+      method: Name of the detection method.
+      columns: Columns of the trace, or of the method's log.
     """
     constants = scenario.constants
     if isinstance(constants, Rig):
@@ -92,7 +92,7 @@ def plots_of(
 
 
 def _residual_plot(family: Family) -> Plot:
-    """The residuals of one family with their thresholds; those are grey, since most are alike."""
+    """Plot the residuals of one family with their thresholds; those are grey, since most are equal."""
     lines = [Line(r.column, r.label, r.color) for r in family.residuals]
     for r in family.residuals:
         if r.threshold is not None:
@@ -117,7 +117,7 @@ def _effectiveness_plot(columns: Collection[str]) -> list[Plot]:
 
 
 def _robot_plots(n: int) -> list[Plot]:
-    """The plots of a robot with n wheels."""
+    """Return the plots of a robot with n wheels."""
 
     def wheels(column: str) -> tuple[Line, ...]:
         return tuple(Line(f"{column}_{i}", f"wheel {i}", palette.wheel_color(i - 1)) for i in range(1, n + 1))
@@ -159,7 +159,7 @@ def _robot_plots(n: int) -> list[Plot]:
 
 
 def _rig_plots(wheel_radius: float) -> list[Plot]:
-    """The plots of a rig's run."""
+    """Return the plots of a rig."""
     speeds = (
         Line("wheel_speed", "wheel rim r·φ̇", palette.ACCENT, wheel_radius),
         Line("carriage_speed", "carriage", palette.MEASURED),
@@ -191,16 +191,16 @@ def _rig_plots(wheel_radius: float) -> list[Plot]:
 
 
 def with_columns(plots: Sequence[Plot], columns: Container[str]) -> list[Plot]:
-    """The plots and lines for which there are columns."""
+    """Select the plots and lines whose columns exist."""
     kept = [replace(p, lines=tuple(line for line in p.lines if line.column in columns)) for p in plots]
     return [plot for plot in kept if plot.lines]
 
 
 class Signals:
-    """The time series on their way into a stream: one entity per plot, all its lines in each row."""
+    """The time series of a stream: one entity per plot, all its lines in each row."""
 
     def __init__(self, stream: rr.RecordingStream, plots: Sequence[Plot]):
-        """Logs what the lines look like."""
+        """Log the styles of the lines."""
         self._stream, self._plots = stream, plots
         for plot in plots:
             style = rr.SeriesLines(
@@ -211,7 +211,7 @@ class Signals:
             stream.log(plot.entity, style, static=True)
 
     def add(self, trace: Trace) -> None:
-        """Logs the rows of a trace, `RATE` of them per second."""
+        """Log the rows of a trace, `RATE` of them per second."""
         keep = thin(trace["time"], RATE)
         index = time_column(trace["time"][keep])
         for plot in self._plots:
@@ -221,8 +221,6 @@ class Signals:
             self._stream.send_columns(plot.entity, [index], columns.partition(lengths))
 
 
-# The fault states of a Rerun recording: what was broken, what was believed, and the mode over time.
-
 FAULT_LANE, DIAGNOSIS_LANE, MODE_LANE = "fault", "diagnosis", "mode"
 HEALTHY, AS_PLANNED = "healthy", MODE_NAMES[NORMAL]
 
@@ -230,13 +228,13 @@ HEALTHY, AS_PLANNED = "healthy", MODE_NAMES[NORMAL]
 def log_states(
     stream: rr.RecordingStream, trace: Trace, metrics: Mapping[str, Any], wheels: int, is_rig: bool
 ) -> None:
-    """What was broken and what the controller believed, a lane per wheel; the controller's mode.
+    """Log true faults and diagnoses, a lane per wheel, and the mode of the method.
 
     Args:
-      stream: Where to log.
+      stream: Recording.
       trace: The whole run; its first row alone shows that nothing has happened yet.
-      metrics: Content of `metrics.json`, as far as it is known.
-      wheels: n.
+      metrics: Content of `metrics.json` that is known.
+      wheels: Number of wheels.
       is_rig: Whether the machine is the test rig.
     """
     duration = float(trace["time"][-1])
@@ -251,13 +249,13 @@ def log_states(
 
 
 def eventful_lanes(metrics: Mapping[str, Any], duration: float) -> list[str]:
-    """Entities of the lanes in which something happens; all where nothing does.
+    """Return the entities of the lanes with events; all lanes when there are none.
 
-    A wheel with a fault also has its lane of beliefs, empty or not.
+    A wheel with a fault also has a lane of diagnoses, empty or not.
 
     Args:
       metrics: Content of `metrics.json`.
-      duration: Of the run [s].
+      duration: Duration of the run [s].
     """
     true = {span.lane for span in fault_spans(metrics, duration)}
     named = true | {span.lane for span in diagnosis_spans(metrics, duration)}
@@ -275,7 +273,7 @@ def _log_lanes(stream: rr.RecordingStream, entity: str, spans: Sequence[Span], w
 
 
 def log_lane(stream: rr.RecordingStream, entity: str, times: Array, states: list[str]) -> None:
-    """One lane of the state timeline; a state has the same colour in every lane."""
+    """Log one lane of the state timeline; a state has the same colour in every lane."""
     values = sorted(set(states), key=lambda state: (state != HEALTHY, state))
     colors = [(*palette.rgb(palette.state_color(state)), 255) for state in values]
     stream.log(entity, rr.StateConfiguration(values=values, labels=values, colors=colors), static=True)
@@ -283,7 +281,7 @@ def log_lane(stream: rr.RecordingStream, entity: str, times: Array, states: list
 
 
 def lane_states(spans: Sequence[Span]) -> tuple[Array, list[str]]:
-    """Times of change and the state from then on; faults that hold at once are joined by `+`."""
+    """Return the times of change and the state from then on; simultaneous faults are joined by `+`."""
     times = sorted({0.0, *(span.start for span in spans), *(span.end for span in spans)})
     states = []
     for time in times:

@@ -17,46 +17,46 @@ import rerun.blueprint as rrb
 from omnimj.errors import OmnimjError
 
 LOOPBACK = "127.0.0.1"
-"""Rerun listens on all interfaces unless told otherwise; a run is nobody else's business."""
+"""By default Rerun listens on all interfaces, which would expose the run to the network."""
 _PROGRAM = (
     "import sys; from rerun_cli.__main__ import main; sys.exit(main())"  # `-m rerun_cli` loses the exit code
 )
 _START_TIMEOUT = 30.0  # [s] for a viewer that starts on a slow machine
 _OPENING = 0.6  # [s] a viewer whose display does not exist takes connections first and ends then
-_SETTLING = 3.0  # [s] a viewer that lives longer has found its window
+_WINDOW_TIMEOUT = 3.0  # [s] a viewer that lives longer has found its window
 _POLL_INTERVAL = 0.02  # [s]
 _ELSEWHERE = "use --out DIR instead, copy DIR/run.rrd to a computer with a display, run `rerun run.rrd` there"
 
 
 class ViewerError(OmnimjError, RuntimeError):
-    """No Rerun viewer could be opened, or it broke down."""
+    """Error raised when no Rerun viewer could be opened, or it failed."""
 
 
 class Viewer:
-    """A viewer that was started; it lives on when this process ends."""
+    """A running viewer, which outlives this process."""
 
-    def __init__(self, process: subprocess.Popen[bytes], port: int, complaints: IO[bytes]):
-        """A viewer's process, the port it listens on, and the file that it complains into."""
-        self._process, self._port, self._complaints = process, port, complaints
+    def __init__(self, process: subprocess.Popen[bytes], port: int, error_output: IO[bytes]):
+        """Wrap a viewer's process, the port it listens on, and the file with its error output."""
+        self._process, self._port, self._error_output = process, port, error_output
         self._born = time.monotonic()
 
     @property
     def url(self) -> str:
-        """Where it takes connections."""
+        """Address of its server."""
         return f"rerun+http://{LOOPBACK}:{self._port}/proxy"
 
     @property
     def is_open(self) -> bool:
-        """Whether it still runs."""
+        """Whether the viewer is still running."""
         return self._process.poll() is None
 
     def connect(self, stream: rr.RecordingStream, blueprint: rrb.Blueprint) -> None:
-        """Sends all that is logged to a stream to this viewer, arranged by a blueprint."""
+        """Connect a stream to this viewer, with a blueprint for its layout."""
         stream.connect_grpc(self.url)
         stream.send_blueprint(blueprint)  # made active: the viewer may remember an older one of ours
 
     def await_server(self) -> None:
-        """Waits until the viewer takes connections and has not ended over its display.
+        """Wait until the viewer accepts connections and has survived opening its display.
 
         Raises:
           ViewerError: It ended, or it does not answer; it is then ended.
@@ -85,12 +85,12 @@ class Viewer:
         return True
 
     def settle(self) -> None:
-        """Waits until a viewer that finds no window would have ended, then leaves it to itself.
+        """Wait until a viewer without a window would have terminated, then detach from it.
 
         Raises:
-          ViewerError: It ended with an error; to close its window is none.
+          ViewerError: It terminated with an error; closing its window is no error.
         """
-        while self.is_open and time.monotonic() < self._born + _SETTLING:
+        while self.is_open and time.monotonic() < self._born + _WINDOW_TIMEOUT:
             time.sleep(_POLL_INTERVAL)
         try:
             self.check()
@@ -98,31 +98,31 @@ class Viewer:
             self.leave()
 
     def leave(self) -> None:
-        """Listens to no more complaints; the viewer lives on."""
-        self._complaints.close()
+        """Close the file with the error output; the viewer keeps running."""
+        self._error_output.close()
 
     def check(self) -> None:
-        """Says what a viewer that broke down complained about.
+        """Raise the error output of a viewer that failed.
 
         Raises:
-          ViewerError: It ended with an error.
+          ViewerError: It terminated with an error.
         """
         if self._process.poll() in (None, 0):
             return
-        self._complaints.seek(0)
-        said = self._complaints.read().decode(errors="replace").splitlines()
+        self._error_output.seek(0)
+        said = self._error_output.read().decode(errors="replace").splitlines()
         errors = [line for line in said if "error" in line.lower() or "panic" in line.lower()]
         reason = (
             errors[-1].rsplit(": ", 1)[-1].strip() if errors else f"exit status {self._process.returncode}"
         )
-        raise ViewerError(f"--view: the Rerun viewer broke down ({reason}); {_ELSEWHERE}")
+        raise ViewerError(f"--view: the Rerun viewer failed ({reason}); {_ELSEWHERE}")
 
 
 def open_viewer(arguments: Sequence[str] = ()) -> Viewer:
-    """Opens a viewer whose server listens on the loopback address only, and waits until it does.
+    """Open a viewer whose server listens on the loopback address only, and wait until it does.
 
     Args:
-      arguments: More options of the program `rerun`, as `--headless`.
+      arguments: More options of the program `rerun`, e.g. `--headless`.
 
     Raises:
       ViewerError: There is no display, or the viewer did not start; the message says what to do instead.
@@ -132,19 +132,19 @@ def open_viewer(arguments: Sequence[str] = ()) -> Viewer:
     port = _free_port()
     command = [sys.executable, "-c", _PROGRAM, "--bind", LOOPBACK, "--port", str(port)]
     command += ["--hide-welcome-screen", "--expect-data-soon", *arguments]
-    complaints = tempfile.TemporaryFile()  # noqa: SIM115 (a pipe would break the viewer that outlives its reader)
+    error_output = tempfile.TemporaryFile()  # noqa: SIM115 (a pipe would break the viewer that outlives its reader)
     try:
         process = subprocess.Popen(
             command,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
-            stderr=complaints,
+            stderr=error_output,
             start_new_session=True,  # Ctrl-C ends the run, not the viewer
             env={**os.environ, "RERUN_APP_ONLY": "true", "NO_COLOR": "1"},
         )
     except OSError as error:
         raise ViewerError(f"--view: the Rerun viewer did not start ({error}); {_ELSEWHERE}") from error
-    viewer = Viewer(process, port, complaints)
+    viewer = Viewer(process, port, error_output)
     viewer.await_server()
     return viewer
 

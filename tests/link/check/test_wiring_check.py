@@ -53,7 +53,7 @@ class Miswired:
         self._plant.close()
 
     def _seen(self, measured, elapsed):
-        return self._calibration.measured(measured.time, self._raw.of(measured, elapsed))
+        return self._calibration.convert(measured.time, self._raw.encode(measured, elapsed))
 
 
 def checked(defects=(), on_floor=True, seen=None, floor="natural_stone"):

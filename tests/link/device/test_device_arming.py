@@ -373,8 +373,8 @@ def test_telemetry_counts_its_own_sequence_and_carries_the_readings():
 
 
 def test_limits_are_those_that_travel():
-    driver = DeviceDriver(limits=DeviceDriver().device.commissioned.limits)
-    assert driver.device.commissioned.limits == LIMITS
+    driver = DeviceDriver(limits=DeviceDriver().device.config.limits)
+    assert driver.device.config.limits == LIMITS
     with pytest.raises(InputError, match="at least one is needed"):
         Device(DeviceConfig(0, PERIOD, (), LIMITS, 0), lambda now, raw: (), lambda: 1)
     with pytest.raises(InputError, match=r"limits\.current"):

@@ -476,11 +476,11 @@ def test_in_lock_step_there_is_no_message_rate_since_time_stands_still():
 
 
 def test_after_49_days_of_telemetry_a_frame_still_has_a_number_that_its_field_holds():
-    voice = Outbox(keyed=False)
-    voice.begin(5)
-    voice._said = 2**32 - 2  # at 1 kHz nobody waits for it
+    outbox = Outbox(keyed=False)
+    outbox.start_session(5)
+    outbox._sequence = 2**32 - 2
     for _ in range(3):
-        voice.say(0.0, Pong(1))
-    frames = voice.take()
+        outbox.put(0.0, Pong(1))
+    frames = outbox.drain()
     assert [frame.sequence for frame in frames] == [2**32 - 1, 0, 1]
     assert all(encode(frame) for frame in frames)

@@ -55,7 +55,7 @@ class Drive:
             plant(seed=3), wiring, lambda: next(sessions), lock_step=lock_step, **device
         )
         self.host: Any = Host(device_config(wiring, PERIOD, lock_step=lock_step), lambda: next(nonces))
-        self.wheels, self.calibration, self.now = WheelMap.of(wiring), Calibration(wiring), 0.0
+        self.wheels, self.calibration, self.now = WheelMap.from_hardware(wiring), Calibration(wiring), 0.0
         self.give(self.host.hello(0.0))
 
     def give(self, *frames):
@@ -73,7 +73,7 @@ class Drive:
             self.give(*self.host.check(self.now))
 
     def command(self, current):
-        currents, brake = self.wheels.told(CurrentCommand(np.array(current)))
+        currents, brake = self.wheels.to_device(CurrentCommand(np.array(current)))
         self.give(self.host.command(self.now, currents, brake))
 
     def arm(self):
@@ -83,7 +83,7 @@ class Drive:
 
     def measured(self):
         reading = self.host.reading
-        return self.calibration.measured(1e-6 * reading.time, reading.telemetry.raw)
+        return self.calibration.convert(1e-6 * reading.time, reading.telemetry.raw)
 
 
 @given(
@@ -94,7 +94,7 @@ def test_physics_comes_back_from_its_raw_numbers_but_for_quantisation(values, od
     wiring = odd_wiring() if odd else WIRING
     v = np.array(values)
     given_ = Measurement(0.0, v[:4], v[4:8], v[8:10], float(v[10]), float(v[11]) % math.tau)
-    found = Calibration(wiring).measured(0.0, RawEncoder(wiring).of(given_, 0.0))
+    found = Calibration(wiring).convert(0.0, RawEncoder(wiring).encode(given_, 0.0))
     assert found.current == pytest.approx(given_.current, rel=1e-6, abs=1e-6)
     kept = [0, 1, 3] if odd else [0, 1, 2, 3]
     assert found.wheel_speed[kept] == pytest.approx(given_.wheel_speed[kept], rel=1e-6, abs=1e-6)
@@ -106,7 +106,7 @@ def test_physics_comes_back_from_its_raw_numbers_but_for_quantisation(values, od
 def test_volts_are_float32_and_counts_are_whole():
     one = Measurement(0.0, np.full(4, 0.1), np.full(4, 0.1), np.full(2, 0.1), 0.1, 0.1)
     for wiring in (WIRING, odd_wiring()):
-        raw = RawEncoder(wiring).of(one, 1e-3)
+        raw = RawEncoder(wiring).encode(one, 1e-3)
         for i in wiring.inputs:
             value = raw[i.channel]
             assert isinstance(value, int) if i.raw == "counts" else float(np.float32(value)) == value
@@ -114,9 +114,9 @@ def test_volts_are_float32_and_counts_are_whole():
 
 def test_what_is_not_finite_stays_so_in_volts_and_stands_still_in_counts():
     bad = Measurement(0.0, np.full(4, np.nan), np.full(4, np.nan), np.full(2, 1e300), math.inf, math.nan)
-    raw = RawEncoder(WIRING).of(bad, 1e-3)
+    raw = RawEncoder(WIRING).encode(bad, 1e-3)
     assert [math.isfinite(v) for v in raw] == [False] * 12
-    raw = RawEncoder(odd_wiring()).of(bad, 1e-3)
+    raw = RawEncoder(odd_wiring()).encode(bad, 1e-3)
     assert [v for v in raw if math.isfinite(v)] == [0, 0, 0.0]  # speed 3, yaw, and the channel of no use
 
 
@@ -129,7 +129,7 @@ def test_a_wheel_speed_goes_through_a_counter_and_back(wrap):
     speeds = [0.0, 30.0, 30.0, -40.0, -40.0, 0.0] * 300
     for k, speed in enumerate(speeds):
         sample = Measurement(0.0, np.zeros(4), np.full(4, speed), np.zeros(2), 0.0, 0.0)
-        found = calibration.measured(k * 1e-3, readings.of(sample, 1e-3)).wheel_speed[2]
+        found = calibration.convert(k * 1e-3, readings.encode(sample, 1e-3)).wheel_speed[2]
         # one count is 1e-4 rad, so a difference over 1 ms is known to 0.1 rad/s
         assert k == 0 or found == pytest.approx(speed, abs=0.1001)
 
@@ -158,7 +158,7 @@ def test_in_lock_step_the_host_sees_the_plant_itself_but_for_quantisation(odd):
 
 def test_a_repeated_command_moves_the_plant_once():
     drive = Drive().arm()
-    current, _ = drive.wheels.told(CurrentCommand(np.full(4, 0.5)))
+    current, _ = drive.wheels.to_device(CurrentCommand(np.full(4, 0.5)))
     frame = drive.host.command(0.0, current)
     drive.give(frame)
     time, reading = drive.host.reading.time, drive.host.reading
@@ -187,7 +187,7 @@ def test_each_session_in_lock_step_begins_the_run_anew_while_time_goes_on():
 
 def test_a_brake_reaches_the_right_wheel():
     drive = Drive(odd_wiring()).arm()
-    currents, brake = drive.wheels.told(CurrentCommand(np.zeros(4), (3,)))
+    currents, brake = drive.wheels.to_device(CurrentCommand(np.zeros(4), (3,)))
     seen = []
     step = drive.emulated._plant.step
     drive.emulated._plant.step = lambda command: seen.append(command) or step(command)
@@ -229,7 +229,7 @@ def test_readings_that_are_too_late_are_dropped_once_the_host_knows_the_clock():
     drive.give(drive.host.ping(0.0))
     drive.wait(40)
     # the first sample is given again and again until it is 20 ms old, give or take the rounding of times
-    last = round(drive.host.reading.came / PERIOD)
+    last = round(drive.host.reading.arrived / PERIOD)
     assert last in (20, 21)
     assert drive.host.dropped == 40 - last
 
@@ -240,8 +240,8 @@ def test_readings_that_are_too_late_are_dropped_once_the_host_knows_the_clock():
 @pytest.mark.parametrize(("kind", "factor"), [("sign", -1.0), ("gain", 0.5), ("dead", 0.0)])
 def test_a_defect_of_a_channel_shows_there_and_nowhere_else(place, index, kind, factor):
     sample = Measurement(0.0, np.full(4, 0.5), np.full(4, 4.0), np.full(2, 2.0), 1.0, 1.0)
-    right = RawEncoder(WIRING).of(sample, 1e-3)
-    wrong = RawEncoder(WIRING, [WiringDefect(kind, place, 0.5)]).of(sample, 1e-3)
+    right = RawEncoder(WIRING).encode(sample, 1e-3)
+    wrong = RawEncoder(WIRING, [WiringDefect(kind, place, 0.5)]).encode(sample, 1e-3)
     assert wrong[index] == pytest.approx(factor * right[index])
     assert [w == r for w, r in zip(wrong, right, strict=True)].count(False) == 1
 

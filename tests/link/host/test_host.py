@@ -122,8 +122,8 @@ def test_a_device_that_lays_out_its_messages_otherwise_is_not_the_one_that_was_e
     e = other.host.expected
     found = Capabilities(other.nonce, e.period, False, 3, e.channels, e.limits, OWN, e.calibration_hash)
     frames = other.say(found, same_schema=False)
-    words = "its messages otherwise (schema)"
-    expect_stopped(other.host, frames, f"this is not the device that was expected: it lays out {words}")
+    words = "its messages have another layout (schema)"
+    expect_stopped(other.host, frames, f"this is not the device that was expected: {words}")
 
 
 @pytest.mark.parametrize(("raw", "counts"), [(ZERO, 1), (ZERO, 7), (ZERO[:2], 0), ((*ZERO, 0.0), 0)])
@@ -167,7 +167,7 @@ def test_frames_carry_the_session_and_rise():
     ("changed", "words"),
     [
         ({"wheels": 4}, "it has 4 wheels, the model 3"),
-        ({"lock_step": True}, "it runs in lock-step, asked for is real time"),
+        ({"lock_step": True}, "it runs in lock-step, expected is real time"),
         ({"period": 0.5}, "its period is 0.5 s, the model's 0.000976562 s"),
         (
             {"channels": CHANNELS[:2]},
@@ -197,7 +197,7 @@ def test_a_real_time_device_is_not_taken_for_one_in_lock_step():
     other = Other(connected=False, lock_step=True)
     other.nonce = other.host.hello(0.0).message.nonce
     other.capabilities(lock_step=False)
-    assert other.host.reason.endswith("it runs in real time, asked for is lock-step")
+    assert other.host.reason.endswith("it runs in real time, expected is lock-step")
 
 
 def test_a_device_may_have_more_channels_and_anything_where_the_host_uses_none():
@@ -344,7 +344,7 @@ def test_age_is_counted_from_the_sample_once_the_clocks_are_known():
     nonce = host.ping(0.0).message.nonce
     other.say(Pong(nonce), now=0.0, time=5_000_000)  # the device's clock is 5 s ahead
     other.telemetry(0.015625, time=5_000_000)
-    assert (host.reading.sampled, host.reading.came) == (0.0, 0.015625)
+    assert (host.reading.sampled, host.reading.arrived) == (0.0, 0.015625)
     host.arm(0.015625)
     assert host.check(0.02) == ()
     assert host.check(after(0.02)) != ()
@@ -436,7 +436,7 @@ def test_in_lock_step_time_does_not_count_nor_do_losses():
     other.sequence += 30
     other.say(Pong(other.host.ping(0.0).message.nonce), now=0.0, time=0)
     other.telemetry(99.0, Status.ARMED, time=0)
-    assert other.host.reading.came == 99.0
+    assert other.host.reading.arrived == 99.0
     other.host.command(0.0, ZERO)
     assert other.host.check(1e6) == ()
     assert other.host.state is HostState.ARMED
@@ -450,18 +450,18 @@ def test_a_fault_of_the_device_ends_in_stop(armed):
         other.telemetry()
         other.host.arm(0.0)
     answer = other.say(fault)
-    expect_stopped(other.host, answer, "the device says: current rate at wheel 2 (1.25, limit 1)")
+    expect_stopped(other.host, answer, "the device reports: current rate at wheel 2 (1.25, limit 1)")
     assert other.host.fault == fault
 
 
 def test_a_fault_is_told_in_words():
     assert (
         format_fault(Fault(FaultCode.ARM_LIMITS, 0, 0.0, 0.0, 1, False))
-        == "the device says: arm limits (0, limit 0)"
+        == "the device reports: arm limits (0, limit 0)"
     )
     assert (
         format_fault(Fault(FaultCode.SENSOR, 3, math.nan, 4.0, 0, True))
-        == "the device says: sensor at wheel 3"
+        == "the device reports: sensor at wheel 3"
     )
 
 
@@ -495,7 +495,7 @@ def test_stop_may_be_asked_for_at_any_time_and_gives_three_frames_each_time():
         assert host.reason == "enough"
     host = Other().host
     host.stop(0.0)
-    assert host.reason == "stop was asked for"
+    assert host.reason == "stop was requested"
 
 
 def test_after_a_stop_telemetry_is_read_but_nothing_is_sent_and_armed_means_nothing():
@@ -526,7 +526,7 @@ def test_frames_of_another_session_repeats_and_late_ones_are_dropped():
         assert other.host.dropped == dropped + 1
     other.sequence = newest
     other.telemetry(1.0)
-    assert other.host.reading.came == 1.0
+    assert other.host.reading.arrived == 1.0
 
 
 def test_before_there_is_a_session_frames_of_session_zero_are_dropped():

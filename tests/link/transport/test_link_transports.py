@@ -212,7 +212,7 @@ def test_a_port_that_takes_nothing_more_loses_whole_packets_without_waiting(line
         transport.send(PACKET)
     assert time.perf_counter() - begin < 2.0 and transport.failures > 0
     taken = read(far)
-    while transport._unsent:
+    while transport._rest:
         transport.receive()  # finishes what it has begun
         taken += read(far)
     transport.send(OTHER)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import dataclasses
 import html
 import json
-from concurrent.futures import Executor, Future
 from functools import partial
 from pathlib import Path
 
 import pytest
+from inline_executor import InlineExecutor, quiet
 from made_methods import DELAY, crying_wolf, perfect
 
 from omnimj.cli.main import main
@@ -24,23 +24,6 @@ from omnimj.studies.evaluation.study import EvaluationConfig, run_evaluation
 SHORT = CasePopulation("manoeuvres", 100)
 
 
-def quiet(phrase: str, share: float) -> None:
-    pass
-
-
-class Here(Executor):
-    """Does work at once, and notes the cases it was given."""
-
-    def __init__(self):
-        self.given: list[str] = []
-
-    def submit(self, fn, /, *args, **kwargs) -> Future:
-        self.given.append(args[0].name)
-        future: Future = Future()
-        future.set_result(fn(*args, **kwargs))
-        return future
-
-
 @pytest.fixture
 def telling(monkeypatch):
     """Puts a made-up method, which is told the case, in the place of `off` and of every other name."""
@@ -49,7 +32,7 @@ def telling(monkeypatch):
         known = []
         drive_case = trial.drive_case
 
-        def told(case, method, settings):
+        def told(case, method, settings, *_):
             known[:] = [case]
             return drive_case(case, method, settings)
 
@@ -63,6 +46,11 @@ def telling(monkeypatch):
     return use
 
 
+def names(executor: InlineExecutor) -> list[str]:
+    """Cases that were driven."""
+    return [case.name for case, *_ in executor.arguments]
+
+
 def numbers(folder: Path) -> dict:
     found = json.loads((folder / "evaluation.json").read_text(encoding="utf-8"))
     return {key: value for key, value in found.items() if key != "interrupted"}
@@ -70,22 +58,22 @@ def numbers(folder: Path) -> dict:
 
 def test_recordings_are_a_dataset_that_knows_channels_and_floor_and_nothing_else(tmp_path):
     order = EvaluationConfig(tmp_path / "out", SHORT, trials=2, records=True)
-    run_evaluation(order, quiet, Here())
+    run_evaluation(order, quiet, InlineExecutor())
     found = read_dataset(tmp_path / "out" / "recordings")
     assert found.plant == "uto_robot" and [run.name for run in found.runs] == ["case_00000", "case_00001"]
     assert all(set(run.conditions) == {"floor"} for run in found.runs)
     own = {"time", *robot_channels(4), *(f"current_target_{i}" for i in range(1, 5))}
     assert all(set(run.columns) == own for run in found.runs)
-    again = Here()
+    again = InlineExecutor()
     (tmp_path / "out" / "recordings" / "case_00001.parquet").unlink()
     run_evaluation(order, quiet, again)
-    assert again.given == ["case_00001"], "what is missing is driven again"
+    assert names(again) == ["case_00001"], "what is missing is driven again"
 
 
 def test_a_perfect_method_gets_everything_right(tmp_path, telling):
     telling(perfect)
     order = EvaluationConfig(tmp_path / "out", SHORT, "perfect", trials=24)
-    outcome = run_evaluation(order, quiet, Here())
+    outcome = run_evaluation(order, quiet, InlineExecutor())
     summary = outcome.summary
     assert outcome.failed == 0 and summary.cases == 24
     assert summary.alarms.events == summary.alarms_before.events == 0
@@ -103,7 +91,7 @@ def test_a_perfect_estimate_has_no_error(tmp_path, telling, monkeypatch):
     monkeypatch.setattr(trial, "time_after_use", partial(trial.time_after_use, seconds=0.5))
     choice = CasePopulation("missions", 100, faults=("motor",), duration=10.0)
     summary = run_evaluation(
-        EvaluationConfig(tmp_path / "out", choice, "perfect", trials=3), quiet, Here()
+        EvaluationConfig(tmp_path / "out", choice, "perfect", trials=3), quiet, InlineExecutor()
     ).summary
     assert summary.estimate.count > 0
     assert summary.estimate.p95 == pytest.approx(0.0, abs=1e-12)
@@ -112,7 +100,9 @@ def test_a_perfect_estimate_has_no_error(tmp_path, telling, monkeypatch):
 def test_one_that_cries_wolf_is_counted(tmp_path, telling):
     telling(crying_wolf)
     choice = dataclasses.replace(SHORT, faults=("none", "slip"))
-    outcome = run_evaluation(EvaluationConfig(tmp_path / "out", choice, "wolf", trials=12), quiet, Here())
+    outcome = run_evaluation(
+        EvaluationConfig(tmp_path / "out", choice, "wolf", trials=12), quiet, InlineExecutor()
+    )
     summary = outcome.summary
     healthy = sum(summary.confusion["none"].values())
     assert summary.confusion["none"] == {"motor 1": healthy}
@@ -127,7 +117,9 @@ def test_one_that_cries_wolf_is_counted(tmp_path, telling):
 
 def test_rows_of_the_confusion_matrix_sum_to_the_cases(tmp_path, telling):
     telling(crying_wolf)
-    outcome = run_evaluation(EvaluationConfig(tmp_path / "out", SHORT, "wolf", trials=10), quiet, Here())
+    outcome = run_evaluation(
+        EvaluationConfig(tmp_path / "out", SHORT, "wolf", trials=10), quiet, InlineExecutor()
+    )
     rows = outcome.summary.confusion
     assert sum(sum(row.values()) for row in rows.values()) == 10
     for truth, row in rows.items():
@@ -140,39 +132,39 @@ def test_rows_of_the_confusion_matrix_sum_to_the_cases(tmp_path, telling):
 def test_one_that_was_broken_off_goes_on_where_it_stood_and_ends_with_the_same_numbers(tmp_path):
     choice = dataclasses.replace(SHORT, duration=3.0)
     whole = EvaluationConfig(tmp_path / "whole", choice, trials=6)
-    assert not run_evaluation(whole, quiet, Here()).interrupted
+    assert not run_evaluation(whole, quiet, InlineExecutor()).interrupted
 
     def stop(phrase: str, share: float) -> None:
         if phrase == "driving: 2 of 6":
             raise KeyboardInterrupt
 
     order = dataclasses.replace(whole, out=tmp_path / "parts")
-    first = run_evaluation(order, stop, Here())
+    first = run_evaluation(order, stop, InlineExecutor())
     assert first.interrupted and first.summary.cases == 2
     kept = sorted((tmp_path / "parts" / "cases").iterdir())
     kept[0].write_text('{"error": "broke"}', encoding="utf-8")
-    again = Here()
+    again = InlineExecutor()
     assert not run_evaluation(order, quiet, again).interrupted
-    assert sorted(again.given) == [f"case_0000{k}" for k in range(6) if f"case_0000{k}" != kept[1].stem]
+    assert sorted(names(again)) == [f"case_0000{k}" for k in range(6) if f"case_0000{k}" != kept[1].stem]
     assert numbers(tmp_path / "parts") == numbers(tmp_path / "whole")
-    more = Here()
+    more = InlineExecutor()
     run_evaluation(dataclasses.replace(order, trials=7), quiet, more)
-    assert more.given == ["case_00006"]
+    assert names(more) == ["case_00006"]
 
 
 def test_a_folder_with_another_evaluation_is_replaced_with_force_only(tmp_path):
     choice = dataclasses.replace(SHORT, duration=2.5)
-    run_evaluation(EvaluationConfig(tmp_path, choice, trials=1), quiet, Here())
+    run_evaluation(EvaluationConfig(tmp_path, choice, trials=1), quiet, InlineExecutor())
     other = EvaluationConfig(tmp_path, dataclasses.replace(choice, seed=101), trials=1)
     with pytest.raises(InputError, match="other settings"):
-        run_evaluation(other, quiet, Here())
-    forced = Here()
+        run_evaluation(other, quiet, InlineExecutor())
+    forced = InlineExecutor()
     run_evaluation(dataclasses.replace(other, force=True), quiet, forced)
-    assert forced.given == ["case_00000"]
+    assert names(forced) == ["case_00000"]
     file = tmp_path / "cases" / "case_00000.json"
     file.write_text(file.read_text().replace('"payload": ', '"payload": 1'))
     with pytest.raises(InputError, match="another case than this seed draws"):
-        run_evaluation(other, quiet, Here())
+        run_evaluation(other, quiet, InlineExecutor())
 
 
 def test_a_case_that_breaks_is_counted_and_takes_no_other_with_it(tmp_path, monkeypatch):
@@ -184,16 +176,16 @@ def test_a_case_that_breaks_is_counted_and_takes_no_other_with_it(tmp_path, monk
     monkeypatch.setattr(trial, "excursions", broken)
     choice = dataclasses.replace(SHORT, duration=2.5, faults=("none", "slip"))
     order = EvaluationConfig(tmp_path, choice, trials=8)
-    outcome = run_evaluation(order, quiet, Here())
+    outcome = run_evaluation(order, quiet, InlineExecutor())
     assert 0 < outcome.failed < 8 and outcome.failed + outcome.summary.cases == 8
     assert "broke down" in outcome.lines[-1]
     monkeypatch.setattr(trial, "excursions", whole)
-    assert run_evaluation(order, quiet, Here()).failed == 0
+    assert run_evaluation(order, quiet, InlineExecutor()).failed == 0
 
 
 def test_a_training_seed_says_that_it_judges_nothing(tmp_path):
     choice = dataclasses.replace(SHORT, seed=99, duration=2.5, faults=("none",))
-    outcome = run_evaluation(EvaluationConfig(tmp_path, choice, trials=1), quiet, Here())
+    outcome = run_evaluation(EvaluationConfig(tmp_path, choice, trials=1), quiet, InlineExecutor())
     assert "do not judge" in outcome.lines[0]
     assert json.loads((tmp_path / "evaluation.json").read_text())["judged"] is False
     assert "**these numbers do not judge it**" in (tmp_path / "evaluation.md").read_text()
@@ -207,18 +199,18 @@ def test_names_that_do_not_exist_are_refused_with_the_choices(tmp_path):
         (CasePopulation(faults=("gremlins",)), "all_wheel_slip"),
     ):
         with pytest.raises(UnknownNameError, match=told):
-            run_evaluation(EvaluationConfig(tmp_path / "out", choice), quiet, Here())
+            run_evaluation(EvaluationConfig(tmp_path / "out", choice), quiet, InlineExecutor())
     assert not (tmp_path / "out").exists()
 
 
 def test_the_command_prints_tables_or_json_and_writes_a_page(tmp_path, monkeypatch, capsys, telling):
-    monkeypatch.setattr(workers, "ProcessPoolExecutor", lambda *given, **named: Here())
+    monkeypatch.setattr(workers, "ProcessPoolExecutor", lambda *given, **named: InlineExecutor())
     telling(perfect)
     argv = ["evaluate", "--suite", "manoeuvres", "--method", "perfect", "--trials", "6", "--faults"]
     argv += ["none,motor,slip", "--out", str(tmp_path)]
     assert main(argv) == 0
     said = capsys.readouterr().out
-    assert "Groups that goals are set for" in said and "written to" in said
+    assert "Groups with a goal" in said and "written to" in said
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert page.count("<svg") == 5 and "http" not in page.replace("http-equiv", "")
     assert main([*argv, "--json"]) == 0

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from concurrent.futures import Executor, Future
 
 import pytest
 from benchmark_truths import VISCOUS, hiding
+from inline_executor import InlineExecutor, quiet
 from made_findings import rig_unexplained
 
 from omnimj.cli.main import main
@@ -17,23 +17,6 @@ from omnimj.studies.gap_benchmark import study, trial
 from omnimj.studies.gap_benchmark.datasets import make_dataset
 from omnimj.studies.gap_benchmark.scoring import score_case
 from omnimj.studies.gap_benchmark.study import BenchmarkConfig, run_benchmark
-
-
-def quiet(phrase: str, share: float) -> None:
-    pass
-
-
-class Here(Executor):
-    """Does work at once, and notes what it was given."""
-
-    def __init__(self):
-        self.given: list[tuple[str, tuple]] = []
-
-    def submit(self, fn, /, *args, **kwargs) -> Future:
-        self.given.append((fn.__name__, args))
-        future: Future = Future()
-        future.set_result(fn(*args, **kwargs))
-        return future
 
 
 @pytest.fixture
@@ -55,11 +38,11 @@ def searches(monkeypatch):
 
 
 def test_the_workflow_is_told_the_path_alone_and_the_seal_opens_after_the_last_search(tmp_path, searches):
-    executor = Here()
+    executor = InlineExecutor()
     order = BenchmarkConfig(tmp_path / "out", 3, cases=3, made_by="planar", seconds=0.2, conditions=1)
     outcome = run_benchmark(order, quiet, executor)
     folders = [tmp_path / "out" / "datasets" / f"case_00{k}" for k in range(3)]
-    assert [a for n, a in executor.given if n == "search_case"] == [(str(folder),) for folder in folders]
+    assert [a for n, a in executor.calls if n == "search_case"] == [(str(folder),) for folder in folders]
     assert searches[:3] == [("find_gap", (folder,), {}) for folder in folders]
     assert {entry[0] for entry in searches[3:]} == {"open"}
     written = json.loads((tmp_path / "out" / "benchmark.json").read_text(encoding="utf-8"))
@@ -75,46 +58,46 @@ def test_what_was_finished_before_ctrl_c_is_kept_and_the_same_order_goes_on(tmp_
         if phrase == "searching: 2 of 3":
             raise KeyboardInterrupt
 
-    first = run_benchmark(order, stop, Here())
+    first = run_benchmark(order, stop, InlineExecutor())
     assert first.interrupted and len(list((tmp_path / "results").iterdir())) == 2
-    again = Here()
+    again = InlineExecutor()
     assert not run_benchmark(order, quiet, again).interrupted
-    assert [n for n, _ in again.given].count("search_case") == 1
-    assert "make_dataset" not in [n for n, _ in again.given]
+    assert [n for n, _ in again.calls].count("search_case") == 1
+    assert "make_dataset" not in [n for n, _ in again.calls]
     with pytest.raises(InputError, match="other settings"):
-        run_benchmark(dataclasses.replace(order, seed=4), quiet, Here())
+        run_benchmark(dataclasses.replace(order, seed=4), quiet, InlineExecutor())
 
 
 def test_a_search_that_breaks_is_counted_and_tried_again(tmp_path, searches, monkeypatch):
     order = BenchmarkConfig(tmp_path, 3, cases=1, made_by="planar", seconds=0.2, conditions=1)
     whole = trial.find_gap
     monkeypatch.setattr(trial, "find_gap", lambda dataset: 1 / 0)
-    outcome = run_benchmark(order, quiet, Here())
+    outcome = run_benchmark(order, quiet, InlineExecutor())
     assert outcome.failed == 1 and "1 searches or fits broke down" in outcome.lines[-1]
     monkeypatch.setattr(trial, "find_gap", whole)
     monkeypatch.setattr(trial, "true_heldout", lambda replay, effects: 1 / 0)
-    outcome = run_benchmark(order, quiet, Here())
+    outcome = run_benchmark(order, quiet, InlineExecutor())
     assert outcome.failed == 1
     errors = json.loads((tmp_path / "benchmark.json").read_text(encoding="utf-8"))["errors"]
     assert list(errors) == ["case_000, fit of the truth"]
     assert "ZeroDivisionError" in errors["case_000, fit of the truth"]
     monkeypatch.setattr(trial, "true_heldout", lambda replay, effects: {})
-    assert run_benchmark(order, quiet, Here()).failed == 0
+    assert run_benchmark(order, quiet, InlineExecutor()).failed == 0
 
 
 def test_bad_orders_are_refused_in_one_line(tmp_path, capsys):
     with pytest.raises(UnknownNameError, match="planar"):
-        run_benchmark(BenchmarkConfig(tmp_path / "a", made_by="real"), quiet, Here())
+        run_benchmark(BenchmarkConfig(tmp_path / "a", made_by="real"), quiet, InlineExecutor())
     (tmp_path / "b").mkdir()
     (tmp_path / "b" / "mine.txt").touch()
     with pytest.raises(InputError, match="not empty"):
-        run_benchmark(BenchmarkConfig(tmp_path / "b"), quiet, Here())
+        run_benchmark(BenchmarkConfig(tmp_path / "b"), quiet, InlineExecutor())
     assert main(["gap", "data", "--benchmark", "--out", str(tmp_path / "c")]) == 2
     assert "it makes its own data" in capsys.readouterr().err
 
 
 def test_the_command_prints_the_table_and_writes_a_page(tmp_path, searches, monkeypatch, capsys):
-    monkeypatch.setattr(workers, "ProcessPoolExecutor", lambda *given, **named: Here())
+    monkeypatch.setattr(workers, "ProcessPoolExecutor", lambda *given, **named: InlineExecutor())
     argv = ["gap", "--benchmark", "--cases", "1", "--made-by", "planar", "--out", str(tmp_path)]
     assert main(argv) == 0
     assert "false naming, nothing hidden" in capsys.readouterr().out

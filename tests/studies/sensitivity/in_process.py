@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import Executor, Future
 from pathlib import Path
 
 from omnimj.studies.sensitivity.study import SensitivityConfig
@@ -12,22 +11,5 @@ SHORT_RIG = TrialConfig("rig_constant_current", ("duration=0.1", "checks={}"), m
 SHORT_ROBOT = TrialConfig("nylon_patch", ("duration=0.7", "checks={}"), method="off")
 
 
-def quiet(phrase: str, share: float) -> None:
-    pass
-
-
 def order_of(out: Path, asked: TrialConfig = SHORT_RIG, trajectories: int = 2, **more) -> SensitivityConfig:
     return SensitivityConfig(out, asked, trajectories, **more)
-
-
-class Here(Executor):
-    """Does work at once, and notes what it was given."""
-
-    def __init__(self):
-        self.given: list[tuple] = []
-
-    def submit(self, fn, /, *args, **kwargs) -> Future:
-        self.given.append(args)
-        future: Future = Future()
-        future.set_result(fn(*args, **kwargs))
-        return future

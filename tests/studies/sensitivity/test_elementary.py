@@ -200,7 +200,7 @@ def test_shares_are_of_all_that_changes_a_result_and_what_is_below_the_floor_has
     second = study_of("second", random.uniform(0.9, 1.1, (10, 3)) * [0.0, 0.009, 0.001], floor=0.003)
     silent = study_of("silent", random.uniform(0.9, 1.1, (10, 3)), floor=5.0)
     ranks = rank_all([first, second, silent])
-    assert [rank.parameter for rank in ranks] == [1, 0] and silent.order == ()
+    assert [rank.parameter for rank in ranks] == [1, 0] and silent.ranked == ()
     assert [rank.share for rank in ranks] == pytest.approx([(0.25 + 0.9) / 2.0, 0.75 / 2.0], abs=0.02)
     assert [rank.most for rank in ranks] == ["second", "first"]
     assert all(rank.low <= rank.share <= rank.high for rank in ranks)

@@ -9,7 +9,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from in_process import SHORT_RIG, SHORT_ROBOT, Here, order_of, quiet
+from in_process import SHORT_RIG, SHORT_ROBOT, order_of
+from inline_executor import InlineExecutor, quiet
 from scipy.stats import sobol_indices, uniform
 
 from omnimj.errors import InputError, SimulationError, UnknownNameError
@@ -34,27 +35,27 @@ def study_named(outcome: SensitivityResult, name: str):
 
 def mu_star(outcome: SensitivityResult, result: str) -> dict[str, float]:
     study = study_named(outcome, result)
-    return {one.name: m.mu_star for one, m in zip(outcome.varied, study.measures, strict=True)}
+    return {one.name: m.mu_star for one, m in zip(outcome.factors, study.measures, strict=True)}
 
 
 def test_a_study_drives_every_point_once_and_goes_on_where_it_stood(tmp_path):
-    order, first = order_of(tmp_path / "out"), Here()
+    order, first = order_of(tmp_path / "out"), InlineExecutor()
     outcome = run_sensitivity(order, quiet, first)
-    assert len(first.given) == REPEATS + 2 * (RIG + 1) and outcome.runs == 2 * (RIG + 1)
-    assert {seed for _, values, seed in first.given if values} == {0}, "the same noise in all of them"
-    assert sorted(seed for _, values, seed in first.given if not values) == list(range(REPEATS))
+    assert len(first.calls) == REPEATS + 2 * (RIG + 1) and outcome.runs == 2 * (RIG + 1)
+    assert {seed for _, values, seed in first.arguments if values} == {0}, "the same noise in all of them"
+    assert sorted(seed for _, values, seed in first.arguments if not values) == list(range(REPEATS))
     before = numbers(tmp_path / "out")
     (tmp_path / "out" / "runs" / "trajectory_0001_007.json").unlink()
-    again = Here()
+    again = InlineExecutor()
     run_sensitivity(order, quiet, again)
-    assert len(again.given) == 1 and numbers(tmp_path / "out") == before
-    more = Here()
+    assert len(again.calls) == 1 and numbers(tmp_path / "out") == before
+    more = InlineExecutor()
     run_sensitivity(dataclasses.replace(order, trajectories=3), quiet, more)
-    assert len(more.given) == RIG + 1 and numbers(tmp_path / "out")["runs"] == 3 * (RIG + 1)
+    assert len(more.calls) == RIG + 1 and numbers(tmp_path / "out")["runs"] == 3 * (RIG + 1)
 
 
 def test_the_floor_is_what_noise_does_or_what_nobody_could_tell(tmp_path):
-    outcome = run_sensitivity(order_of(tmp_path / "out"), quiet, Here())
+    outcome = run_sensitivity(order_of(tmp_path / "out"), quiet, InlineExecutor())
     travel, current = study_named(outcome, "travel"), study_named(outcome, "rms_current")
     assert (travel.noise, travel.floor) == (0.0, 1e-3)  # currents are given: no sensor acts on what it does
     assert current.noise > 0.0 and current.floor == max(current.noise, 1e-3)
@@ -62,7 +63,7 @@ def test_the_floor_is_what_noise_does_or_what_nobody_could_tell(tmp_path):
 
 
 def test_whoever_does_the_work_the_numbers_are_the_same(tmp_path):
-    run_sensitivity(order_of(tmp_path / "a"), quiet, Here())
+    run_sensitivity(order_of(tmp_path / "a"), quiet, InlineExecutor())
     with ThreadPoolExecutor(2) as executor:
         run_sensitivity(order_of(tmp_path / "b"), quiet, executor)
     assert numbers(tmp_path / "a") == numbers(tmp_path / "b")
@@ -74,20 +75,20 @@ def test_whoever_does_the_work_the_numbers_are_the_same(tmp_path):
         {"seed": 1},
         {"share": 0.1},
         {"sources": ("chosen", "text")},
-        {"asked": dataclasses.replace(SHORT_RIG, overrides=("duration=0.1", "checks={}", "current=1"))},
-        {"asked": dataclasses.replace(SHORT_RIG, method="published")},
+        {"trial": dataclasses.replace(SHORT_RIG, overrides=("duration=0.1", "checks={}", "current=1"))},
+        {"trial": dataclasses.replace(SHORT_RIG, method="published")},
     ],
     ids=lambda other: next(iter(other)),
 )
 def test_another_study_in_the_folder_is_not_mixed_with_this_one(tmp_path, other, monkeypatch):
     monkeypatch.setattr("omnimj.studies.sensitivity.study.drive_with", lambda *_: {"results": {}})
     order = order_of(tmp_path / "out")
-    run_sensitivity(order, quiet, Here())
-    with pytest.raises(InputError, match="holds a study of something else"):
-        run_sensitivity(dataclasses.replace(order, **other), quiet, Here())
-    forced = Here()
+    run_sensitivity(order, quiet, InlineExecutor())
+    with pytest.raises(InputError, match="holds a sensitivity study with other settings"):
+        run_sensitivity(dataclasses.replace(order, **other), quiet, InlineExecutor())
+    forced = InlineExecutor()
     run_sensitivity(dataclasses.replace(order, force=True, **other), quiet, forced)
-    assert len(forced.given) > 2 * RIG
+    assert len(forced.calls) > 2 * RIG
 
 
 def test_a_number_that_is_not_varied_is_part_of_the_study_too(tmp_path, monkeypatch):
@@ -95,16 +96,16 @@ def test_a_number_that_is_not_varied_is_part_of_the_study_too(tmp_path, monkeypa
     model = tmp_path / "rig.toml"
     model.write_text(read_scenario("rig_slip").constants.file.read_text(encoding="utf-8"), encoding="utf-8")
     order = order_of(tmp_path / "out", dataclasses.replace(SHORT_RIG, model=model))
-    run_sensitivity(order, quiet, Here())
+    run_sensitivity(order, quiet, InlineExecutor())
     model.write_text(model.read_text(encoding="utf-8").replace("0.304", "0.4"), encoding="utf-8")
-    with pytest.raises(InputError, match="holds a study of something else"):
-        run_sensitivity(order, quiet, Here())
+    with pytest.raises(InputError, match="holds a sensitivity study with other settings"):
+        run_sensitivity(order, quiet, InlineExecutor())
 
 
 def test_a_folder_with_something_else_is_left_alone(tmp_path):
     (tmp_path / "mine.txt").write_text("precious")
     with pytest.raises(InputError, match="is not empty"):
-        run_sensitivity(order_of(tmp_path), quiet, Here())
+        run_sensitivity(order_of(tmp_path), quiet, InlineExecutor())
 
 
 def test_ctrl_c_keeps_what_was_driven_and_says_so(tmp_path):
@@ -112,12 +113,12 @@ def test_ctrl_c_keeps_what_was_driven_and_says_so(tmp_path):
         if share > 0.5:
             raise KeyboardInterrupt
 
-    outcome = run_sensitivity(order_of(tmp_path / "out"), interrupted, Here())
+    outcome = run_sensitivity(order_of(tmp_path / "out"), interrupted, InlineExecutor())
     assert outcome.interrupted and numbers(tmp_path / "out")["interrupted"]
     assert 0 < outcome.runs < 2 * (RIG + 1) and outcome.studies
-    rest = Here()
+    rest = InlineExecutor()
     assert not run_sensitivity(order_of(tmp_path / "out"), quiet, rest).interrupted
-    assert len(rest.given) == REPEATS + 2 * (RIG + 1) - outcome.runs - outcome.repeats
+    assert len(rest.calls) == REPEATS + 2 * (RIG + 1) - outcome.runs - outcome.repeats
 
 
 def test_a_run_that_breaks_down_costs_its_own_effects_alone_and_is_tried_again(tmp_path, monkeypatch):
@@ -130,11 +131,11 @@ def test_a_run_that_breaks_down_costs_its_own_effects_alone_and_is_tried_again(t
         return drive(asked, values, seed)
 
     monkeypatch.setattr("omnimj.studies.sensitivity.study.drive_with", breaking)
-    outcome = run_sensitivity(order_of(tmp_path / "out"), quiet, Here())
+    outcome = run_sensitivity(order_of(tmp_path / "out"), quiet, InlineExecutor())
     assert list(outcome.errors.values()) == ["SimulationError: it flew away"]
     counts = sorted(one.count for one in study_named(outcome, "travel").measures)
     assert counts == [1] + [2] * (RIG - 1)  # the first point of a trajectory has one neighbour
-    assert not run_sensitivity(order_of(tmp_path / "out"), quiet, Here()).errors
+    assert not run_sensitivity(order_of(tmp_path / "out"), quiet, InlineExecutor()).errors
 
 
 def test_a_simulation_that_fails_is_an_error_and_not_a_result(monkeypatch):
@@ -147,17 +148,17 @@ def test_a_simulation_that_fails_is_an_error_and_not_a_result(monkeypatch):
 
 def test_nothing_of_that_origin_and_no_such_origin_are_refused(tmp_path):
     with pytest.raises(InputError, match="there is nothing to vary"):
-        run_sensitivity(order_of(tmp_path / "out", sources=("identified",)), quiet, Here())
+        run_sensitivity(order_of(tmp_path / "out", sources=("identified",)), quiet, InlineExecutor())
     with pytest.raises(UnknownNameError, match="unknown source 'guessed'"):
-        run_sensitivity(order_of(tmp_path / "out", sources=("guessed",)), quiet, Here())
+        run_sensitivity(order_of(tmp_path / "out", sources=("guessed",)), quiet, InlineExecutor())
     assert not (tmp_path / "out").exists()
 
 
 def test_what_the_planar_robot_does_not_have_changes_exactly_nothing(tmp_path):
-    outcome = run_sensitivity(order_of(tmp_path / "out", SHORT_ROBOT), quiet, Here())
+    outcome = run_sensitivity(order_of(tmp_path / "out", SHORT_ROBOT), quiet, InlineExecutor())
     absent = ("body.suspension_", "contact.", "wheel.mass", "wheel.roller_radius", "sensors.carriage_")
     for study in outcome.studies:
-        for one, found, word in zip(outcome.varied, study.measures, study.verdicts, strict=True):
+        for one, found, word in zip(outcome.factors, study.measures, study.verdicts, strict=True):
             if one.name.startswith(absent):
                 assert found.mu_star == 0.0 and word == NONE, (study.name, one.name)
     assert mu_star(outcome, "mean_speed")["wheel.radius"] > 0.0
@@ -194,7 +195,7 @@ def travel(x):
 def test_the_rig_s_travel_at_constant_current_is_ranked_as_sobol_ranks_its_closed_form(tmp_path):
     settings = (f"duration={TIME}", f"current={CURRENT}", "checks={}")
     asked = dataclasses.replace(SHORT_RIG, overrides=settings)
-    outcome = run_sensitivity(order_of(tmp_path / "out", asked, 3), quiet, Here())
+    outcome = run_sensitivity(order_of(tmp_path / "out", asked, 3), quiet, InlineExecutor())
     found = mu_star(outcome, "travel")
     dists = [uniform(RANGES[name].low, RANGES[name].high - RANGES[name].low) for name in ACTING]
     total = sobol_indices(func=travel, n=2**11, dists=dists, rng=np.random.default_rng(0)).total_order

@@ -6,7 +6,8 @@ import dataclasses
 import re
 
 import pytest
-from short_push import Here, quiet, scenario_file
+from inline_executor import InlineExecutor, quiet
+from short_push import scenario_file
 
 from omnimj.errors import InputError
 from omnimj.parameters import read_robot
@@ -55,8 +56,8 @@ def test_gains_before_that_break_a_judging_run_down_are_told_before_the_search(o
         return found | {"facts": {"broke": "at 0.1 s: x is nan"}} if "_100_" in draw.name else found
 
     monkeypatch.setattr(batch, "drive_trial", fragile)
-    with pytest.raises(InputError, match="the gains before broke a run down"):
-        run_tuning(order, quiet, Here())
+    with pytest.raises(InputError, match="a run with the gains before broke down"):
+        run_tuning(order, quiet, InlineExecutor())
     assert len(driven) == order.trials + order.judging
 
 

@@ -10,12 +10,14 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from short_push import Here, quiet, scenario_file
+from inline_executor import InlineExecutor, quiet
+from short_push import scenario_file
 
 from omnimj.control.gains import GAIN_NAMES, Gains, read_gains
 from omnimj.errors import InputError, SimulationError, UnknownNameError
 from omnimj.parameters import read_robot
-from omnimj.recording.json_files import read_result, write_json
+from omnimj.recording.json_files import write_json
+from omnimj.studies.runner import TrialFolder
 from omnimj.studies.tuning import batch
 from omnimj.studies.tuning.draws import FAULTS, apply_draw, draw_trial, read_tuned_scenarios
 from omnimj.studies.tuning.landscape import importance, most_important_pairs
@@ -30,13 +32,13 @@ CASCADE = ("control.speed_proportional", "control.yaw_rate_proportional")
 
 
 def done(order: TuningConfig, executor=None, report=quiet) -> TuningResult:
-    outcome = run_tuning(order, report, Here() if executor is None else executor)
+    outcome = run_tuning(order, report, InlineExecutor() if executor is None else executor)
     assert outcome is not None
     return outcome
 
 
 def test_a_search_that_was_broken_off_goes_on_and_ends_with_the_identical_file(order, tmp_path):
-    whole = Here()
+    whole = InlineExecutor()
     text = format_gains_file(done(order, whole), "omnimj tune")
     parts = dataclasses.replace(order, out=tmp_path / "parts.toml")
     driven = 0
@@ -47,31 +49,31 @@ def test_a_search_that_was_broken_off_goes_on_and_ends_with_the_identical_file(o
             if left[0] < 0:
                 raise KeyboardInterrupt
 
-        some = Here()
+        some = InlineExecutor()
         assert run_tuning(parts, broken_off, some) is None
-        driven += some.given
+        driven += len(some.calls)
         assert not parts.out.exists()
-    rest = Here()
+    rest = InlineExecutor()
     assert format_gains_file(done(parts, rest), "omnimj tune") == text
     kept = {f.name for f in parts.folder.iterdir()}
     assert kept == {f.name for f in order.folder.iterdir()}
-    again = Here()
+    again = InlineExecutor()
     assert format_gains_file(done(parts, again), "omnimj tune") == text
-    assert again.given == 0, "everything was kept"
+    assert len(again.calls) == 0, "everything was kept"
 
 
 def test_more_generations_are_added_to_those_that_are_there(order):
     first = done(order)
-    more = Here()
+    more = InlineExecutor()
     longer = done(dataclasses.replace(order, generations=3), more)
     searched = [one for one in first.tried if one.generation <= order.generations]
     assert list(longer.tried[: len(searched)]) == searched
-    fresh = Here()
+    fresh = InlineExecutor()
     assert (
         done(dataclasses.replace(order, out=order.out.with_name("fresh.toml"), generations=3), fresh).tried
         == longer.tried
     )
-    assert 0 < more.given <= fresh.given - len(searched)
+    assert 0 < len(more.calls) <= len(fresh.calls) - len(searched)
 
 
 def test_a_thread_finds_what_is_found_at_once(order, tmp_path):
@@ -87,7 +89,7 @@ def test_what_is_found_is_never_worse_than_the_gains_before_on_the_draws_it_was_
     assert first.cost == pytest.approx(1.0) and first.violation == 0.0
     chosen = min(outcome.tried, key=lambda one: one.score.fitness)
     assert outcome.values == chosen.values and chosen.score.fitness <= first.fitness
-    (verdict,) = outcome.verdicts
+    (verdict,) = outcome.comparisons
     assert verdict.seed == 100 and verdict.before.cost == pytest.approx(1.0)
     assert outcome.is_better == verdict.after.is_better_than(verdict.before)
 
@@ -124,7 +126,7 @@ def test_a_search_that_begins_with_the_gains_of_a_file_is_that_of_a_robot_that_h
     outcome = done(begun)
     assert outcome.gains == of_model.gains and outcome.gains.value("control.speed_integral") == 2.0
     assert [one.score for one in outcome.tried] == [one.score for one in of_model.tried]
-    assert outcome.verdicts == of_model.verdicts
+    assert outcome.comparisons == of_model.comparisons
 
 
 @pytest.mark.parametrize("begun", [{}, {"control.speed_integral": 2.0, "observer.memory": 60.0}])
@@ -137,7 +139,7 @@ def test_the_file_is_read_again_as_the_gains_that_were_found_and_says_where_it_c
     assert told["command"] == 'omnimj tune "a b" ü\t' and told["better"] == outcome.is_better
     assert told["judged_on_planar"]["seed"] == 100
     worse = dataclasses.replace(
-        outcome, verdicts=tuple(dataclasses.replace(v, after=v.before) for v in outcome.verdicts)
+        outcome, comparisons=tuple(dataclasses.replace(v, after=v.before) for v in outcome.comparisons)
     )
     assert "NOT BETTER" in format_gains_file(worse, "") and "better = false" in format_gains_file(worse, "")
 
@@ -145,14 +147,14 @@ def test_the_file_is_read_again_as_the_gains_that_were_found_and_says_where_it_c
 def test_trials_of_other_settings_are_replaced_with_force_only_and_strange_folders_never(order):
     done(order)
     other = dataclasses.replace(order, seed=1, generations=1, landscape=0)
-    with pytest.raises(InputError, match="trials with these settings"):
-        run_tuning(other, quiet, Here())
-    assert done(dataclasses.replace(other, force=True)).order.seed == 1
+    with pytest.raises(InputError, match="holds a tuning with other settings"):
+        run_tuning(other, quiet, InlineExecutor())
+    assert done(dataclasses.replace(other, force=True)).config.seed == 1
     strange = dataclasses.replace(order, out=order.out.with_name("strange.toml"), force=True)
     strange.folder.mkdir()
     (strange.folder / "mine.txt").touch()
     with pytest.raises(InputError, match="choose another --out"):
-        run_tuning(strange, quiet, Here())
+        run_tuning(strange, quiet, InlineExecutor())
     assert (strange.folder / "mine.txt").exists()
 
 
@@ -160,14 +162,14 @@ def test_a_kept_trial_of_another_truth_is_refused_and_one_that_broke_is_driven_a
     done(order)
     files = sorted(order.folder.glob("trial_*"))
     write_json(files[0], {"error": "it broke"})
-    again = Here()
+    again = InlineExecutor()
     done(order, again)
-    assert again.given == 1
-    result = read_result(order.folder, files[0].stem)
+    assert len(again.calls) == 1
+    result = TrialFolder(order.folder).read(files[0].stem)
     assert result is not None
     write_json(files[0], result | {"draw": result["draw"] | {"floor": "lava"}})
-    with pytest.raises(InputError, match="holds another trial than this seed draws"):
-        run_tuning(order, quiet, Here())
+    with pytest.raises(InputError, match="holds another draw than this seed draws"):
+        run_tuning(order, quiet, InlineExecutor())
 
 
 def test_a_trial_that_breaks_for_no_fault_of_the_gains_ends_the_search_and_is_told(order, monkeypatch):
@@ -176,7 +178,7 @@ def test_a_trial_that_breaks_for_no_fault_of_the_gains_ends_the_search_and_is_to
 
     monkeypatch.setattr("omnimj.studies.tuning.trial.measure_trial", broken)
     with pytest.raises(SimulationError, match=r"trials broke down; trial_push.*ZeroDivisionError: once"):
-        run_tuning(order, quiet, Here())
+        run_tuning(order, quiet, InlineExecutor())
 
 
 def test_gains_that_break_a_run_down_come_behind_all_that_do_not(order, monkeypatch):
