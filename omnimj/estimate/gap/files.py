@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ import numpy as np
 import omnimj
 from omnimj.effects.model_writer import FittedValue, format_model
 from omnimj.estimate.gap import sentences
+from omnimj.estimate.gap.plants import Machine, find_plant
 from omnimj.estimate.gap.records import (
     CandidateResult,
     ChannelGap,
@@ -26,7 +27,7 @@ from omnimj.estimate.gap.records import (
     run_gaps,
 )
 from omnimj.estimate.replay.base_parameters import FLOOR_SCALES, scale_floor
-from omnimj.parameters import Axis, Floor, Rig, Robot, read_axis, read_rig, read_robot
+from omnimj.parameters import Floor
 from omnimj.parameters.floor import FLOOR_UNITS, format_floor
 from omnimj.recording.json_files import to_jsonable
 
@@ -166,11 +167,6 @@ def _run(gap: RunGap) -> dict[str, Any]:
     }
 
 
-_READERS: Mapping[str, Callable[[Path | None], Rig | Robot | Axis]] = {
-    "quarter_rig": read_rig,
-    "uto_robot": read_robot,
-    "linear_axis": read_axis,
-}
 _UNCHANGED = 1e-9  # of the box
 
 
@@ -193,7 +189,7 @@ def new_model_text(finding: Finding, file: Path | None = None) -> str | None:
     """
     if not finding.effects:
         return None
-    machine = _READERS[finding.plant](file)
+    machine = find_plant(finding.plant).read(file)
     return format_model(
         machine.file, effect_tables(finding.effects, machine.effects), _changed(finding, machine)
     )
@@ -241,7 +237,7 @@ def effect_tables(
     return tables
 
 
-def _changed(finding: Finding, machine: Rig | Robot | Axis) -> dict[str, float]:
+def _changed(finding: Finding, machine: Machine) -> dict[str, float]:
     """Refitted quantities under the names `table.key` of the model file."""
     changed = {}
     for parameter in finding.refitted:
@@ -255,7 +251,7 @@ def _is_changed(parameter: Refitted) -> bool:
     return abs(parameter.fitted - parameter.nominal) > _UNCHANGED * (parameter.high - parameter.low)
 
 
-def _quantity(parameter: Refitted, machine: Rig | Robot | Axis) -> str | None:
+def _quantity(parameter: Refitted, machine: Machine) -> str | None:
     """Name of a parameter in the model file (`coulomb` of an axis is `axis.coulomb`); None without such a
     number."""
     for name in (parameter.name, f"axis.{parameter.name}"):

@@ -11,10 +11,10 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from omnimj.effects import check_effects
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.estimate.gap.check.dataset import check_dataset, correct_dataset
 from omnimj.estimate.gap.locate.regimes import locate
+from omnimj.estimate.gap.plants import find_plant, read_machine
 from omnimj.estimate.gap.records import ChannelGap, Finding, Interval, NamedEffect, Overlay, Refitted
 from omnimj.estimate.gap.search.cross_validation import make_folds
 from omnimj.estimate.gap.search.search import SearchResult, SelectedEffect, search
@@ -23,12 +23,8 @@ from omnimj.estimate.gap.verdict import Verdict, judge_search, next_experiment
 from omnimj.estimate.intervals import effective_samples, repeatability, sandwich_deviations
 from omnimj.estimate.replay.interface import CandidateEffect, Replay
 from omnimj.estimate.replay.problem import Fit, Problem
-from omnimj.estimate.replay.robot.runs import require_layout
-from omnimj.parameters import Axis, Floor, Rig, Robot, read_axis, read_rig, read_robot
 from omnimj.parameters.floor import all_floors
-from omnimj.parameters.model_file import model_path
-from omnimj.parameters.reading import read_toml
-from omnimj.recording.dataset import Dataset, Run
+from omnimj.recording.dataset import Run
 from omnimj.recording.read_dataset import read_dataset
 from omnimj.signals import Array
 
@@ -264,51 +260,6 @@ def _overlays(
     return tuple(overlays)
 
 
-Machine = Rig | Robot | Axis
-
-
-_SHIPPED_MODELS = {
-    "quarter_rig": "quarter_rig/rig.toml",
-    "uto_robot": "uto_robot/robot.toml",
-    "linear_axis": "linear_axis/axis.toml",
-}
-
-
-def read_machine(plant: str, path: Path | None) -> Machine:
-    """Read the model file of a plant and check its effects.
-
-    Raises:
-      InputError: The file belongs to another plant, or is wrong in itself.
-    """
-    if path is not None:
-        path = model_path(path, _SHIPPED_MODELS[plant])
-        found = read_toml(path).get("plant")
-        if found != plant:
-            raise InputError(f"{path}: plant", f"found {found!r}", f"the dataset's plant is {plant!r}")
-    machine = {"quarter_rig": read_rig, "uto_robot": read_robot, "linear_axis": read_axis}[plant](path)
-    check_effects(machine)
-    return machine
-
-
-def make_replay(dataset: Dataset, machine: Machine, floors: Mapping[str, Floor]) -> Replay:
-    """Prepare the replay of a dataset.
-
-    Raises:
-      InputError: A run lacks what a replay needs.
-    """
-    if isinstance(machine, Rig):
-        from omnimj.estimate.replay.rig.replay import RigReplay
-
-        return RigReplay(dataset, machine, floors)
-    if isinstance(machine, Robot):
-        from omnimj.estimate.replay.robot.replay import RobotReplay
-
-        return RobotReplay(dataset, machine, floors)
-    from omnimj.estimate.replay.axis.replay import AxisReplay
-
-    return AxisReplay(machine, dataset.runs)
-
-
 def find_gap(
     dataset: Path,
     model: Path | None = None,
@@ -336,12 +287,12 @@ def find_gap(
     floors = all_floors(floors_file)
     read = read_dataset(dataset, floors)
     machine = read_machine(read.plant, model)
-    if isinstance(machine, Robot):
-        require_layout(read, machine)
+    plant = find_plant(read.plant)
+    plant.require(read, machine)
     conditions = held_out_conditions(holdout, read.runs)
     check = check_dataset(read, machine)
     usable = correct_dataset(read, check)
-    replay = make_replay(usable, machine, floors)
+    replay = plant.make_replay(usable, machine, floors)
     about = DatasetSummary(
         str(dataset), (*read.notes, *check.notes), {run.name: run.conditions for run in usable.runs}
     )

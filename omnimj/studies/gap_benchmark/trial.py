@@ -13,7 +13,8 @@ import numpy as np
 
 from omnimj.estimate.gap.check.dataset import check_dataset, correct_dataset
 from omnimj.estimate.gap.files import digest
-from omnimj.estimate.gap.find import find_gap, make_replay, read_machine
+from omnimj.estimate.gap.find import find_gap
+from omnimj.estimate.gap.plants import find_plant, read_machine
 from omnimj.estimate.gap.records import channel_rms
 from omnimj.estimate.gap.search.cross_validation import choose_heldout, make_groups
 from omnimj.estimate.gap.search.search import fit_base, refit
@@ -70,7 +71,8 @@ def load_replay(dataset: Path) -> Replay:
     """The dataset as the workflow sees it, with the shipped model."""
     read = read_dataset(dataset)
     machine = read_machine(read.plant, None)
-    return make_replay(correct_dataset(read, check_dataset(read, machine)), machine, read_floors())
+    usable = correct_dataset(read, check_dataset(read, machine))
+    return find_plant(read.plant).make_replay(usable, machine, read_floors())
 
 
 def true_heldout(replay: Replay, effects: Sequence[HiddenEffect]) -> dict[str, float]:

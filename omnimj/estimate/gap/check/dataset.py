@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
-from omnimj.errors import UnknownNameError
-from omnimj.estimate.gap.check import axis as check_axis
-from omnimj.estimate.gap.check import rig as check_rig
-from omnimj.estimate.gap.check import robot as check_robot
-from omnimj.estimate.gap.check.columns import column_suspicions, repeated_runs, unwrap_counter
+from omnimj.estimate.gap.check.columns import repeated_runs, unwrap_counter
 from omnimj.estimate.gap.check.suspicions import DataCheck, Suspicion
-from omnimj.parameters import Axis, Rig, Robot, read_axis, read_rig, read_robot
+from omnimj.estimate.gap.plants import Machine, find_plant
 from omnimj.recording.dataset import Dataset, Run
 
 _GROSS = np.log(3.0)  # of a factor that is a unit's and no machine's
 
 
-def check_dataset(dataset: Dataset, machine: Rig | Robot | Axis | None = None) -> DataCheck:
+def check_dataset(dataset: Dataset, machine: Machine | None = None) -> DataCheck:
     """Look for wrong signs, units, delays and biases, and for swapped, frozen, clipped and repeated channels.
 
     No friction is assumed: speeds are compared with integrated accelerations, angles with integrated rates,
@@ -33,34 +28,14 @@ def check_dataset(dataset: Dataset, machine: Rig | Robot | Axis | None = None) -
       UnknownNameError: Unknown plant.
     """
     found: list[Suspicion] = []
-    for s in sorted(_suspicions(dataset, machine), key=lambda s: (-s.strength, s.channel, s.kind)):
+    plant = find_plant(dataset.plant)
+    suspicions = plant.suspicions(dataset, plant.read(None) if machine is None else machine)
+    for s in sorted(suspicions, key=lambda s: (-s.strength, s.channel, s.kind)):
         if not any((s.channel, s.kind) == (other.channel, other.kind) for other in found):
             found.append(s)
     notes = [*repeated_runs(dataset.runs)]
     notes += [f"{'Sure' if s.is_sure else 'Maybe'}: {s.words}" for s in found]
     return DataCheck(tuple(notes), tuple(found))
-
-
-def _suspicions(dataset: Dataset, machine: Rig | Robot | Axis | None) -> Iterator[Suspicion]:
-    runs = dataset.runs
-    if dataset.plant == "quarter_rig":
-        rig = machine if isinstance(machine, Rig) else read_rig()
-        yield from column_suspicions(
-            dataset, (*check_rig.NOISY, *check_rig.COUNTERS), check_rig.SPEEDS, check_rig.COUNTERS
-        )
-        yield from check_rig.rig_suspicions(runs, rig)
-    elif dataset.plant == "uto_robot":
-        robot = machine if isinstance(machine, Robot) else read_robot()
-        wheels = len(robot.wheels)
-        speeds = tuple(f"wheel_speed_{i}" for i in range(1, wheels + 1))
-        yield from column_suspicions(dataset, check_robot.noisy(wheels), speeds, ())
-        yield from check_robot.robot_suspicions(runs, robot)
-    elif dataset.plant == "linear_axis":
-        axis = machine if isinstance(machine, Axis) else read_axis()
-        yield from column_suspicions(dataset, check_axis.NOISY, ("velocity", "position"), ("position",))
-        yield from check_axis.axis_suspicions(runs, axis)
-    else:
-        raise UnknownNameError("plant", "plant", dataset.plant, ("quarter_rig", "uto_robot", "linear_axis"))
 
 
 def correct_dataset(dataset: Dataset, check: DataCheck) -> Dataset:

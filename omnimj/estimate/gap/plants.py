@@ -1,0 +1,114 @@
+"""Plants of the gap workflow: model file, data check and replay of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from omnimj.effects import check_effects
+from omnimj.errors import InputError, UnknownNameError
+from omnimj.estimate.gap.check import axis as axis_check
+from omnimj.estimate.gap.check import rig as rig_check
+from omnimj.estimate.gap.check import robot as robot_check
+from omnimj.estimate.gap.check.columns import column_suspicions
+from omnimj.estimate.gap.check.suspicions import Suspicion
+from omnimj.estimate.replay.interface import Replay
+from omnimj.estimate.replay.robot.runs import require_layout
+from omnimj.parameters import Axis, Floor, Rig, Robot, read_axis, read_rig, read_robot
+from omnimj.parameters.model_file import model_path
+from omnimj.parameters.reading import read_toml
+from omnimj.recording.dataset import Dataset
+
+Machine = Rig | Robot | Axis
+
+
+class GapPlant(NamedTuple):
+    """Plant as the gap workflow uses it; `machine` is what `read` returns."""
+
+    model: str
+    """Shipped model file, below the folder of models."""
+    read: Callable[[Path | None], Any]
+    """Model file → machine; the shipped one for None."""
+    suspicions: Callable[[Dataset, Any], Iterator[Suspicion]]
+    """Dataset, machine → contradictions in the recorded channels."""
+    make_replay: Callable[[Dataset, Any, Mapping[str, Floor]], Replay]
+    """Dataset, machine, floors → replay."""
+    require: Callable[[Dataset, Any], None] = lambda dataset, machine: None
+    """Raises InputError for machines to which the replay's equations do not apply."""
+
+
+def find_plant(name: str) -> GapPlant:
+    """Plant by name.
+
+    Raises:
+      UnknownNameError: No such plant.
+    """
+    if name not in PLANTS:
+        raise UnknownNameError("plant", "plant", name, PLANTS)
+    return PLANTS[name]
+
+
+def read_machine(plant: str, path: Path | None) -> Machine:
+    """Read the model file of a plant and check its effects.
+
+    Raises:
+      InputError: The file belongs to another plant, or is wrong in itself.
+    """
+    kind = find_plant(plant)
+    if path is not None:
+        path = model_path(path, kind.model)
+        found = read_toml(path).get("plant")
+        if found != plant:
+            raise InputError(f"{path}: plant", f"found {found!r}", f"the dataset's plant is {plant!r}")
+    machine = kind.read(path)
+    check_effects(machine)
+    return machine
+
+
+def _rig_suspicions(dataset: Dataset, rig: Rig) -> Iterator[Suspicion]:
+    names = (*rig_check.NOISY, *rig_check.COUNTERS)
+    yield from column_suspicions(dataset, names, rig_check.SPEEDS, rig_check.COUNTERS)
+    yield from rig_check.rig_suspicions(dataset.runs, rig)
+
+
+def _robot_suspicions(dataset: Dataset, robot: Robot) -> Iterator[Suspicion]:
+    wheels = len(robot.wheels)
+    speeds = tuple(f"wheel_speed_{i}" for i in range(1, wheels + 1))
+    yield from column_suspicions(dataset, robot_check.noisy(wheels), speeds, ())
+    yield from robot_check.robot_suspicions(dataset.runs, robot)
+
+
+def _axis_suspicions(dataset: Dataset, axis: Axis) -> Iterator[Suspicion]:
+    yield from column_suspicions(dataset, axis_check.NOISY, ("velocity", "position"), ("position",))
+    yield from axis_check.axis_suspicions(dataset.runs, axis)
+
+
+# replays are imported on use: they load MuJoCo
+
+
+def _rig_replay(dataset: Dataset, rig: Rig, floors: Mapping[str, Floor]) -> Replay:
+    from omnimj.estimate.replay.rig.replay import RigReplay
+
+    return RigReplay(dataset, rig, floors)
+
+
+def _robot_replay(dataset: Dataset, robot: Robot, floors: Mapping[str, Floor]) -> Replay:
+    from omnimj.estimate.replay.robot.replay import RobotReplay
+
+    return RobotReplay(dataset, robot, floors)
+
+
+def _axis_replay(dataset: Dataset, axis: Axis, floors: Mapping[str, Floor]) -> Replay:
+    from omnimj.estimate.replay.axis.replay import AxisReplay
+
+    return AxisReplay(axis, dataset.runs)
+
+
+PLANTS: Mapping[str, GapPlant] = {
+    "quarter_rig": GapPlant("quarter_rig/rig.toml", read_rig, _rig_suspicions, _rig_replay),
+    "uto_robot": GapPlant(
+        "uto_robot/robot.toml", read_robot, _robot_suspicions, _robot_replay, require_layout
+    ),
+    "linear_axis": GapPlant("linear_axis/axis.toml", read_axis, _axis_suspicions, _axis_replay),
+}
