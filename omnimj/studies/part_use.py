@@ -1,4 +1,4 @@
-"""When a faulty part was asked to work, and how far a run strayed: from the truth columns of its trace."""
+"""Use of faulty parts, and excursions of a run, from the truth columns of its trace."""
 
 from __future__ import annotations
 
@@ -11,17 +11,21 @@ from omnimj.plant.faults import Fault
 from omnimj.signals import Array, Trace
 
 IN_USE = 2.0
-"""Traction from which a wheel counts as in use [N]."""
+"""Traction above which a wheel counts as in use [N]."""
 SMOOTHING_TIME = 0.02
-"""Traction is averaged over the time before, since rollers take turns [s]."""
+"""Length of the moving average of traction, since rollers take turns [s]."""
 LONG_USE = 5.0
-"""Time in use after which a torque constant should be known [s]."""
+"""Time of use after which a torque constant should be known [s]."""
 
 
 def demanded_traction(healthy: Trace) -> Array:
-    """|mean of F_i over the last `SMOOTHING_TIME`| of the same case driven without fault, shape (k, n) [N].
+    """Return |mean of F_i over the last `SMOOTHING_TIME`|, the traction that a motion demands of each wheel.
 
-    It stands for what is demanded of each wheel: a faulty run's own traction is what the fault left of it.
+    Args:
+      healthy: Trace of the same case without fault: in a faulty run the fault changes the traction itself.
+
+    Returns:
+      Shape (k, n) [N].
     """
     force, time = healthy.wheels("traction_force"), healthy["time"]
     rows = max(1, round(SMOOTHING_TIME / (time[1] - time[0]))) if len(time) > 1 else 1
@@ -32,15 +36,18 @@ def demanded_traction(healthy: Trace) -> Array:
 
 
 def in_use(fault: Fault, time: Array, traction: Array) -> NDArray[np.bool_]:
-    """Whether the fault holds and its part is asked to work, shape (k,).
+    """Return when a fault is present and its part in use.
 
-    A wheel is in use while more than `IN_USE` of traction is demanded of it; for all wheels, and for sensors
-    of the body and motors that run away, which show themselves, see below.
+    A wheel is in use while more than `IN_USE` of traction is demanded of it; sensors of the body and motors
+    that run away always are.
 
     Args:
       fault: The fault.
       time: Shape (k,) [s].
       traction: From `demanded_traction`, shape (k, n) [N].
+
+    Returns:
+      Mask, shape (k,).
     """
     holds = (time >= fault.onset - 1e-9) & (time < (math.inf if fault.end is None else fault.end))
     works = traction > IN_USE
@@ -48,31 +55,36 @@ def in_use(fault: Fault, time: Array, traction: Array) -> NDArray[np.bool_]:
     if fault.kind == "sensor" and channel.startswith("wheel_speed_"):
         return holds & works[:, int(channel.rpartition("_")[2]) - 1]
     if fault.kind in ("sensor", "hard_over"):
-        return holds  # needs nobody's demand to show
+        return holds
     if fault.wheel is None:
         return holds & works.any(axis=1)
     return holds & works[:, fault.wheel - 1]
 
 
 def first_time(time: Array, holds: NDArray[np.bool_]) -> float | None:
-    """First time at which it holds [s]; None: never."""
+    """Return the first time at which a mask of shape (k,) holds [s]; None: never."""
     return float(time[int(np.argmax(holds))]) if holds.any() else None
 
 
 def time_after_use(time: Array, used: NDArray[np.bool_], seconds: float = LONG_USE) -> float | None:
-    """Time at which a part has been in use for so long in all [s]; None: it never was."""
+    """Return the time at which a part has been in use for so long in total [s]; None: never.
+
+    Args:
+      time: Shape (k,) [s].
+      used: Mask of use, shape (k,).
+      seconds: Total duration of use [s].
+    """
     period = float(time[1] - time[0]) if len(time) > 1 else 0.0
     return first_time(time, np.cumsum(used) * period >= seconds)
 
 
 def excursions(trace: Trace, onset: float) -> tuple[float, float]:
-    """How far heading and place moved away from the plan after a time, beyond where they were at that time.
+    """Return max_t |e(t) − e(t_0)| of heading error [rad] and position error [m].
 
-    max_t |e(t) − e(t_0)| of heading error [rad] and of position error [m]: what drifted before is not the
-    fault's.
+    The error at the onset is subtracted, since it is not caused by the fault.
 
     Args:
-      trace: With truth and plan.
+      trace: Trace with the columns of truth and target.
       onset: t_0 [s].
     """
     first = int(np.searchsorted(trace["time"], onset - 1e-9))

@@ -39,7 +39,7 @@ def test_a_study_writes_its_files_and_goes_on_without_driving_again(tmp_path, ca
     assert main(argv) == 0
     told = capsys.readouterr().out
     assert "Measure first: motor." in told and "nominal" in told and f"written to {tmp_path / 'out'}" in told
-    assert "the controller goes on believing the model file" in told and "it is 0" in told
+    assert "the controller those of the model file" in told and "it is 0" in told
     assert {path.name for path in (tmp_path / "out").iterdir()} == FILES
     found = json.loads((tmp_path / "out" / "sensitivity.json").read_text(encoding="utf-8"))
     runs = 2 * (len(found["parameters"]) + 1)
@@ -64,7 +64,9 @@ def test_ctrl_c_exits_with_130_and_keeps_what_there_is(tmp_path, capsys, monkeyp
     assert main([*SHORT, "--out", str(tmp_path / "out")]) == 130
     told = capsys.readouterr().out
     assert (
-        "interrupted; the same command goes on from here" in told and " runs 0 are there (broken off)" in told
+        "interrupted; the same command goes on from here" in told
+        and "0 of " in told
+        and "finished (interrupted)" in told
     )
     found = json.loads((tmp_path / "out" / "sensitivity.json").read_text(encoding="utf-8"))
     assert found["interrupted"] and found["results"] == {} and found["measure_first"] == []

@@ -55,7 +55,7 @@ def test_the_report_says_what_to_measure_first_and_what_not(tmp_path):
     told = html.unescape(page)
     assert "Measure first: motor.<strong>" in told
     assert "No effect at all (1): motor.<idle>" in told
-    assert "Perhaps; more trajectories would tell (1): motor.<wild>" in told
+    assert "Uncertain; more trajectories are needed (1): motor.<wild>" in told
     assert "Not distinguishable from noise (2): motor.<weak>, motor.<wild>" in told
     assert "bearing.<dry>: it is 0" in told
     assert page.count("<svg") == 3  # a result with one ranked number needs no picture of its own
@@ -68,8 +68,8 @@ def test_the_report_says_what_to_measure_first_and_what_not(tmp_path):
 def test_where_nothing_is_ranked_the_report_says_so_and_an_old_picture_goes(tmp_path, studies):
     (tmp_path / "sensitivity.png").touch()
     write_sensitivity_files(tmp_path, outcome_of(*studies, runs=0, interrupted=True))
-    assert "Nothing that was varied can be told from noise for sure." in page_of(tmp_path)
-    assert "the same command goes on from here" in page_of(tmp_path)
+    assert "No parameter is distinguishable from noise with certainty." in page_of(tmp_path)
+    assert "the same command continues from here" in page_of(tmp_path)
     assert not (tmp_path / "sensitivity.png").exists()
 
 

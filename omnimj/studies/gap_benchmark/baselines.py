@@ -1,7 +1,7 @@
-"""What simpler methods make of the same data: sparse regression on the residual, forward selection by BIC.
+"""Baselines of the benchmark: sparse regression on the residual, forward selection by BIC.
 
-Both see what the workflow's screening sees: the whitened mismatch of the refitted base and the sensitivities
-of the candidates, each in its best shape, the base's own beside them. Everything is linear.
+Both use the data of the workflow's screening: the whitened mismatch of the refitted base, the sensitivities
+of the candidates, each in its best shape, and those of the base. Everything is linear.
 """
 
 from __future__ import annotations
@@ -27,39 +27,47 @@ _MOST = 8  # effects that forward selection may take
 
 @dataclass(frozen=True)
 class BaselineResult:
-    """What a baseline names, and how well its linear model does on the held-out runs."""
+    """Effects that a baseline names, and the mismatch of its linear model on the held-out runs."""
 
     names: tuple[str, ...]
-    """Labels, the first or largest first."""
+    """Labels of the effects, the first or largest first."""
     heldout: dict[str, float]
     """Channel → RMS mismatch [unit of the channel]."""
 
 
 @dataclass(frozen=True)
 class LinearModel:
-    """The linearised data: residual + columns · d, weighted; the base's columns come first."""
+    """Linearised data: weighted residual + columns · d; the columns of the base come first."""
 
     columns: Array
-    """Shape (rows, base + all amplitudes)."""
+    """Sensitivities, shape (rows, base + all amplitudes)."""
     residual: Array
-    """Shape (rows,)."""
+    """Whitened mismatch of the refitted base, shape (rows,)."""
     weight: Array
-    """Shape (rows,); 0 where not fitted."""
+    """Weights, 0 where not fitted, shape (rows,)."""
     fold: NDArray[np.int_]
-    """Fold of every row, −1 outside of the folds, shape (rows,)."""
+    """Fold of every row, −1 outside the folds, shape (rows,)."""
     is_heldout: NDArray[np.bool_]
-    """Rows that nothing is fitted to and that are measured, shape (rows,)."""
+    """Mask of measured rows that are held out, shape (rows,)."""
     count: int
-    """Measured values that are fitted to."""
+    """Number of measured values in the fit."""
     prior: Array
     """Precision of the base's columns, shape (base,)."""
     labels: tuple[str, ...]
-    """Of the columns behind the base's."""
+    """Labels of the columns after those of the base."""
     noise: dict[str, float]
     """Channel → noise of a block mean [unit of the channel]."""
 
     def solve(self, used: list[int], rows: NDArray[np.bool_] | None = None) -> Array:
-        """Ridge solution in some of the amplitudes, the base always free: d, shape (columns,)."""
+        """Solve by ridge regression for some amplitudes and the base.
+
+        Args:
+          used: Indices of the amplitudes.
+          rows: Mask of the rows, shape (rows,); all when None.
+
+        Returns:
+          d, 0 for the others, shape (columns,).
+        """
         base = len(self.prior)
         at = [*range(base), *(base + k for k in used)]
         weight = self.weight if rows is None else self.weight * rows
@@ -71,23 +79,23 @@ class LinearModel:
         return d
 
     def squares(self, d: Array, rows: NDArray[np.bool_] | None = None) -> float:
-        """Weighted sum of squares that is left."""
+        """Return the weighted sum of squares that is left with d, shape (columns,)."""
         left = (self.residual + self.columns @ d) * self.weight
         return float((left**2).sum() if rows is None else (left[rows] ** 2).sum())
 
     def heldout(self, d: Array) -> dict[str, float]:
-        """Channel → RMS on the held-out rows [unit of the channel]."""
+        """Return channel → RMS on the held-out rows [unit of the channel] with d, shape (columns,)."""
         left = np.where(self.is_heldout, self.residual + self.columns @ d, np.nan)
         found = channel_rms(left.reshape(-1, len(self.noise)))
         return {name: float(z * s) for (name, s), z in zip(self.noise.items(), found, strict=True)}
 
 
 def run_baselines(replay: Replay, seed: int = 0) -> dict[str, BaselineResult]:
-    """Refit of the base alone, sparse regression, forward selection by BIC.
+    """Run all baselines: refit of the base alone, sparse regression, forward selection by BIC.
 
     Args:
-      replay: The data.
-      seed: Of what is held out; the workflow's, so that all are judged on the same runs.
+      replay: The dataset with the model.
+      seed: Seed of the hold-out, that of the workflow, so that all are judged on the same runs.
     """
     groups = make_groups(replay)
     out = choose_heldout(groups, seed)
@@ -105,7 +113,14 @@ def run_baselines(replay: Replay, seed: int = 0) -> dict[str, BaselineResult]:
 def linearize(
     problem: Problem, base: Fit, used: NDArray[np.bool_], folds: list[NDArray[np.bool_]]
 ) -> LinearModel:
-    """Sensitivities of every candidate in its best shape, in typical sizes, beside those of the base."""
+    """Return the sensitivities of every candidate in its best shape, in typical sizes, and those of the base.
+
+    Args:
+      problem: The fit problem.
+      base: The refitted base.
+      used: Mask of the training blocks, shape (blocks,).
+      folds: Masks of the folds, shape (blocks,) each.
+    """
     channels = len(problem.replay.channels)
     columns, labels = [base.jacobian], []
     for found in screen_candidates(problem, base, list(problem.replay.candidates), used):
@@ -146,7 +161,7 @@ def linearize(
 
 
 def sparse_regression(linear: LinearModel) -> BaselineResult:
-    """Sequentially thresholded least squares; the threshold with the least loss on left-out folds."""
+    """Fit by sequentially thresholded least squares; the threshold has the smallest cross-validation loss."""
     scores = []
     for threshold in _THRESHOLDS:
         loss = 0.0
@@ -173,7 +188,7 @@ def _thresholded(linear: LinearModel, threshold: float, rows: NDArray[np.bool_] 
 
 
 def forward_selection(linear: LinearModel) -> BaselineResult:
-    """Takes the effect that lowers N ln(RSS/N) + k ln N most, as long as one does."""
+    """Select effects one by one while N ln(RSS/N) + k ln N decreases."""
     names: list[str] = []
 
     def criterion(chosen: list[str]) -> tuple[float, Array]:

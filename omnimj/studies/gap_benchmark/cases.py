@@ -1,6 +1,6 @@
-"""What the benchmark hides: every effect in three sizes, pairs, triples, nothing, and what no library has.
+"""Cases of the benchmark: every effect in three sizes, pairs, triples, none, and effects outside the library.
 
-All is drawn by one seed. The cases are shuffled, so that a case's number says nothing of what is hidden.
+All is drawn from one seed. The cases are shuffled, so that the number of a case does not reveal its truth.
 """
 
 from __future__ import annotations
@@ -20,23 +20,21 @@ from omnimj.parameters import read_floors, read_rig
 from omnimj.physics.effect_terms import TERM
 from omnimj.signals import Array
 
-# Truths that no effect of the library equals: what the workflow must not give a name to.
-
 _GRAVITY = 9.81
-_FAR = 1e3  # [m] a patch that ends here is everywhere
+_FAR = 1e3  # [m] a patch up to here covers the whole rail
 
 
 @dataclass(frozen=True)
 class UnmodelledKind:
-    """One way to be outside of the library."""
+    """Kind of effect that the library lacks and the workflow must not name."""
 
     words: str
     amplitude: float
-    """A size that is worth noticing."""
+    """Size that is worth noticing."""
     unit: str
     shortest: float
     longest: float
-    """Range of its length: metres, seconds or metres per second, as the kind has it."""
+    """Upper end of the range of its length [m, s or m/s, by kind]."""
 
 
 KINDS: Mapping[str, UnmodelledKind] = {
@@ -63,17 +61,17 @@ KINDS: Mapping[str, UnmodelledKind] = {
 
 @dataclass(frozen=True)
 class RunContext:
-    """What a run has of its own."""
+    """Conditions of a run that an effect depends on."""
 
     session: float
-    """Where in the series of runs it is, 0 … 1."""
+    """Position in the series of runs, 0 … 1."""
     mass: float
     """m_T [kg]."""
 
 
 @dataclass(frozen=True)
 class UnmodelledEffect:
-    """One of `FAULT_KINDS` with its numbers."""
+    """Effect of one of `KINDS` with its numbers."""
 
     kind: str
     amplitude: float
@@ -81,14 +79,14 @@ class UnmodelledEffect:
     phase: float
 
     def write_terms(self, row: Array, run: RunContext, time: float, position: float, speed: float) -> None:
-        """Writes what holds during the next sample into a wheel's row of terms, in place.
+        """Write the terms of the next sample into a wheel's row, in place.
 
         Args:
-          row: Of `physics.effect_terms`, shape (TERMS,).
-          run: Which run it is.
-          time: Since the run's start [s].
-          position: Of the carriage [m].
-          speed: Of the carriage [m/s].
+          row: Terms of `physics.effect_terms`, shape (TERMS,).
+          run: Conditions of the run.
+          time: Time since the start of the run [s].
+          position: Position of the carriage [m].
+          speed: Speed of the carriage [m/s].
         """
         row[TERM["active"]] = 1.0
         if self.kind == "floor_drift":
@@ -105,17 +103,17 @@ class UnmodelledEffect:
             row[TERM["guide_dry"]] = self.amplitude * math.exp(-(((abs(speed) - self.length) / 0.1) ** 2))
 
     def force_per_mass(self, position: float) -> float:
-        """Gravity along a bent rail [m/s²]; 0 for every other kind."""
+        """Return gravity along a bent rail [m/s²]; 0 for every other kind."""
         if self.kind != "bent_rail":
             return 0.0
         return -_GRAVITY * math.sin(self.amplitude * self._wave(position))
 
     def bend_readings(self, columns: Mapping[str, Array], position: Array) -> dict[str, Array]:
-        """What the sensors say instead.
+        """Return the sensor readings with this effect.
 
         Args:
-          columns: As the undisturbed sensors gave them.
-          position: True position of the carriage, shape (n,) [m].
+          columns: Readings without it, shape (k,) each.
+          position: True position of the carriage, shape (k,) [m].
         """
         bent = dict(columns)
         if self.kind == "drifting_accelerometer":
@@ -137,8 +135,13 @@ class UnmodelledEffect:
 
 
 def draw_unmodelled(kind: str, size: float, random: np.random.Generator) -> UnmodelledEffect:
-    """One of `FAULT_KINDS` at a size relative to what is worth noticing, its sign drawn where it may have
-    one."""
+    """Draw an effect outside the library.
+
+    Args:
+      kind: One of `KINDS`.
+      size: Amplitude relative to that worth noticing.
+      random: Random generator, which also draws the sign if the kind has one.
+    """
     about = KINDS[kind]
     has_sign = kind in ("drifting_accelerometer", "sideways_crosstalk")
     sign = float(random.choice((-1.0, 1.0))) if has_sign else 1.0
@@ -147,37 +150,37 @@ def draw_unmodelled(kind: str, size: float, random: np.random.Generator) -> Unmo
 
 
 SIZES: Mapping[str, float] = {"faint": 0.25, "clear": 0.7, "obvious": 2.0}
-"""Words for a size → share of what is worth noticing (typical − vanishing)."""
+"""Names of sizes → share of the noticeable amplitude, typical − vanishing."""
 TUNING_SEEDS = range(10)
-"""Seeds that the method was tuned with; nothing is judged by them."""
+"""Seeds that the workflow was tuned with; they do not judge it."""
 FLOORS = ("natural_stone", "pvc", "paperboard")
-"""Floors that the runs are driven on."""
+"""Floors of the runs."""
 
 _NULL, _PAIRS, _TRIPLES = 20, 8, 2  # per trial
-_WITHIN = 0.8  # of the stated half-width that a parameter may really be off
+_WITHIN = 0.8  # share of the stated half-width within which true parameters lie
 _ONLY_MORE = ("lateral_coupling", "rail_coulomb", "rail_stribeck", "rail_position", "bearing_friction")
-"""Dry friction: there is little that could be taken away."""
+"""Effects that only add: there is little dry friction to remove."""
 _ALIKE = (
     frozenset({"torque_constant", "current_scale"}),
     frozenset({"rail_coulomb", "rolling_resistance", "bearing_friction"}),
 )
-"""No data of one kind of run tell these apart: two of them are never hidden together."""
+"""Effects that no data of one kind of run separate: two of a set are never hidden together."""
 _POLES = (1, 2, 3, 4, 6, 8, 12)
 
 
 @dataclass(frozen=True)
 class HiddenEffect:
-    """One effect that the truth has and the model lacks."""
+    """Effect that the truth has and the model lacks."""
 
     effect: str
     values: Mapping[str, float | str]
-    """Parameters and selectors."""
+    """Values of parameters and selectors."""
     size: str
     """One of `SIZES`."""
 
     @property
     def label(self) -> str:
-        """The effect, and its choices in brackets: `sensor_delay (wheel_speed)`."""
+        """Effect with its choices in brackets: `sensor_delay (wheel_speed)`."""
         chosen = [str(v) for v in self.values.values() if isinstance(v, str)]
         return f"{self.effect} ({', '.join(chosen)})" if chosen else self.effect
 
@@ -187,34 +190,34 @@ class Case:
     """One dataset of the benchmark and its truth."""
 
     name: str
-    """Neutral: `case_017`."""
+    """Neutral name: `case_017`."""
     kind: str
     """`null`, `single`, `pair`, `triple` or `outside`."""
     hidden: tuple[HiddenEffect, ...]
     outside: UnmodelledEffect | None
     base: Mapping[str, float]
-    """True values of the parameters declared uncertain."""
+    """True values of the parameters that the model declares uncertain."""
     seed: int
-    """Of the runs and of the sensors' noise."""
+    """Seed of the runs and of the sensor noise."""
 
     def to_dict(self) -> dict[str, Any]:
-        """In JSON's own kinds."""
+        """Return the case in JSON's own types."""
         return dataclasses.asdict(self)
 
 
 def case_from_dict(plain: Mapping[str, Any]) -> Case:
-    """The case that `Case.to_dict` was made of."""
+    """Return the case from the record of `Case.to_dict`."""
     hidden = tuple(HiddenEffect(**one) for one in plain["hidden"])
     outside = None if plain["outside"] is None else UnmodelledEffect(**plain["outside"])
     return Case(plain["name"], plain["kind"], hidden, outside, plain["base"], plain["seed"])
 
 
 def draw_cases(seed: int, trials: int = 1) -> list[Case]:
-    """All cases in the order of their names; per trial every rig effect in three sizes and all the others.
+    """Draw all cases in the order of their names; each trial has every kind of case.
 
     Args:
-      seed: The same seed gives the same cases.
-      trials: How often the whole set is drawn anew.
+      seed: Seed of the cases.
+      trials: Number of times that the whole set is drawn.
     """
     boxes = base_parameters(read_rig(), read_floors(), FLOORS, ())
     wanted: list[tuple[str, tuple[str, ...], str]] = []
@@ -229,15 +232,15 @@ def draw_cases(seed: int, trials: int = 1) -> list[Case]:
         kind, names, size = wanted[place]
         random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1, place)))
         hidden, outside = _draw(kind, names, size, random)
-        base, own = _true_base(boxes, random), int(random.integers(2**62))
-        cases.append(Case(f"case_{k:0{digits}d}", kind, hidden, outside, base, own))
+        base, noise = _true_base(boxes, random), int(random.integers(2**62))
+        cases.append(Case(f"case_{k:0{digits}d}", kind, hidden, outside, base, noise))
     return cases
 
 
 def _draw(
     kind: str, names: Sequence[str], size: str, random: np.random.Generator
 ) -> tuple[tuple[HiddenEffect, ...], UnmodelledEffect | None]:
-    """What is hidden in one case."""
+    """Draw the truth of one case."""
     if kind == "null":
         return (), None
     if kind == "outside":
@@ -249,7 +252,7 @@ def _draw(
 
 
 def _together(count: int, random: np.random.Generator) -> list[str]:
-    """Names of effects that can be hidden together."""
+    """Draw effects that can be hidden together."""
     names = list(effects_of(RIG))
     while True:
         chosen = [str(n) for n in random.choice(names, count, replace=False)]
@@ -258,7 +261,13 @@ def _together(count: int, random: np.random.Generator) -> list[str]:
 
 
 def draw_effect(effect: Effect, size: str, random: np.random.Generator) -> HiddenEffect:
-    """One effect: some of its amplitudes at a size, one sign for all, shapes inside what the runs cover."""
+    """Draw one effect: some amplitudes at a size, one sign for all, shapes within the range of the runs.
+
+    Args:
+      effect: The effect.
+      size: One of `SIZES`.
+      random: Random generator.
+    """
     amplitudes = effect.amplitudes
     chosen = [p for p in amplitudes if random.random() < 0.7] or [random.choice(np.array(amplitudes))]
     values: dict[str, float | str] = {p.name: float(p.null_value or 0.0) for p in amplitudes}
@@ -287,7 +296,7 @@ def _fits(p: EffectParameter, share: float) -> bool:
 
 
 def _shape(effect: Effect, random: np.random.Generator) -> dict[str, float]:
-    """Places, widths and speeds of an effect, where the carriage comes by in most runs."""
+    """Draw places, widths and speeds that most runs of the carriage pass."""
     start = float(random.uniform(0.15, 0.55))
     drawn = {
         "position": float(random.uniform(0.15, 0.9)),
@@ -302,7 +311,7 @@ def _shape(effect: Effect, random: np.random.Generator) -> dict[str, float]:
 
 
 def _true_base(boxes: Sequence[BaseParameter], random: np.random.Generator) -> dict[str, float]:
-    """True values of what the shipped model declares uncertain, inside its boxes."""
+    """Draw true values of the uncertain parameters of the shipped model, inside their boxes."""
     found = {}
     for p in boxes:
         half = 0.5 * _WITHIN * (p.high - p.low)

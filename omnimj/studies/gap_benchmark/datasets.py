@@ -1,10 +1,11 @@
-"""Makes the datasets of the benchmark: a rig with wrong constants and hidden effects, real sensors' readings.
+"""Datasets of the benchmark: recordings of a rig with parameter errors and hidden effects.
 
-A dataset's folder holds what a logger and its owner would know, and nothing of the truth.
+The folder of a dataset holds what a logger and its owner would know, and nothing of the truth.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from omnimj.effects import with_effects
-from omnimj.errors import SimulationError
 from omnimj.estimate.replay.base_parameters import AdjustedMachine, adjust_machine, base_parameters
 from omnimj.parameters import Rig, read_floors, read_rig
 from omnimj.physics.effect_terms import TERMS
@@ -26,30 +26,28 @@ from omnimj.plant.planar import PlanarRig
 from omnimj.recording.dataset import Run
 from omnimj.recording.write_dataset import write_dataset
 from omnimj.signals import Array, CurrentCommand
-from omnimj.simulate.loop import drive_rig
+from omnimj.simulate.loop import drive_rig, require_complete
 from omnimj.simulate.suites.rig import samples_on_rail
 from omnimj.studies.gap_benchmark.cases import FLOORS, Case, RunContext, UnmodelledEffect
 
-# The runs of a benchmark dataset: constant, ramped, pulsed and reversed currents, straight and sideways.
-
-_REST = 0.1  # [s] without current at the start: the accelerometer shows its offset
-_SPREAD = 0.08  # share by which a current is drawn off its nominal value
+_REST = 0.1  # [s] without current at the start, in which the accelerometer shows its offset
+_SPREAD = 0.08  # half-width of the random deviation of a current, relative
 
 
 @dataclass(frozen=True)
 class PlannedRun:
-    """One run; repeats share their condition."""
+    """Planned run; repeats share their condition."""
 
     name: str
     condition: str
     current: Array
-    """Set values, one per sample, shape (k,) [A]."""
+    """Commanded current, one per sample, shape (k,) [A]."""
     floor: str
     mass: float
-    """As declared [kg]."""
+    """Declared mass [kg]."""
     lateral_speed: float
     session: float
-    """Where in the series it is, 0 … 1."""
+    """Position in the series of runs, 0 … 1."""
 
 
 # profile, current [A], index of the mass, floor, lateral speed [m/s], repeats
@@ -70,27 +68,37 @@ _PLAN = (
 
 
 def planned_runs(rig: Rig, seed: int, seconds: float = 1.8, conditions: int = len(_PLAN)) -> list[PlannedRun]:
-    """The runs of one dataset.
+    """Return the planned runs of one dataset.
 
     Args:
-      rig: The nominal rig: masses, rate.
-      seed: Currents differ a little from dataset to dataset.
-      seconds: Length of a run that does not come to the rail's end before.
-      conditions: How many of the twelve, from the first on.
+      rig: Nominal rig with masses and sample rate.
+      seed: Seed of the small differences of currents between datasets.
+      seconds: Duration of a run that does not reach the end of the rail before [s].
+      conditions: Number of conditions, the first of twelve.
     """
     random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0,)))
     runs = []
     for k, (profile, current, mass, floor, lateral, repeats) in enumerate(_PLAN[:conditions]):
         size = current * (1.0 + _SPREAD * float(random.uniform(-1.0, 1.0)))
-        values = profiled(profile, min(size, 1.5), seconds, rig.sensors.sample_rate)
+        values = current_profile(profile, min(size, 1.5), seconds, rig.sensors.sample_rate)
         name, load = f"run_{k:02d}", rig.rig.masses[mass]
         runs += [(f"{name}{letter}", name, values, floor, load, lateral) for letter in "ab"[:repeats]]
     last = max(len(runs) - 1, 1)
     return [PlannedRun(*run, session=k / last) for k, run in enumerate(runs)]
 
 
-def profiled(profile: str, size: float, seconds: float, rate: float) -> Array:
-    """Current over time, shape (seconds · rate + 1,) [A]: rest, then the profile."""
+def current_profile(profile: str, size: float, seconds: float, rate: float) -> Array:
+    """Return a current profile after a rest.
+
+    Args:
+      profile: `reversing`, `pulse`, `ramp` or `constant`.
+      size: Amplitude [A].
+      seconds: Duration [s].
+      rate: Sample rate [1/s].
+
+    Returns:
+      Current, shape (seconds · rate + 1,) [A].
+    """
     time = np.arange(round(seconds * rate) + 1) / rate
     since = time - _REST
     if profile == "reversing":
@@ -105,21 +113,21 @@ def profiled(profile: str, size: float, seconds: float, rate: float) -> Array:
 
 
 MAKERS = ("twin", "planar")
-"""What the datasets are made with, the usual one first."""
+"""Plants that make the datasets, the default first."""
 PLANT = "quarter_rig"
 
 
 def make_dataset(
     case: Case, folder: Path, made_by: str = "twin", seconds: float = 1.8, conditions: int = 12
 ) -> None:
-    """Drives all runs of a case and writes them; the folder is there whole or not at all.
+    """Drive and write all runs of a case; the folder appears in full or not at all.
 
     Args:
-      case: The truth.
-      folder: Where to.
+      case: The case with its truth.
+      folder: Folder of the dataset.
       made_by: One of `MAKERS`.
-      seconds: Length of a run.
-      conditions: How many conditions are driven.
+      seconds: Duration of a run [s].
+      conditions: Number of conditions.
 
     Raises:
       SimulationError: A run broke down.
@@ -138,14 +146,14 @@ def make_dataset(
 
 
 def true_machine(case: Case) -> AdjustedMachine[Rig]:
-    """The rig as it really is: constants off their nominal values, effects on top."""
+    """Return the true rig of a case, with parameter errors and hidden effects."""
     rig, floors = read_rig(), read_floors()
     base = base_parameters(rig, floors, FLOORS, ())
-    based = adjust_machine(rig, floors, base, np.array([case.base[p.name] for p in base]))
+    adjusted = adjust_machine(rig, floors, base, np.array([case.base[p.name] for p in base]))
     if not case.hidden:
-        return based
+        return adjusted
     effects: dict[str, Mapping[str, Any]] = {one.effect: one.values for one in case.hidden}
-    return AdjustedMachine(with_effects(based.machine, effects), based.floors, based.lags, based.mass_scale)
+    return dataclasses.replace(adjusted, machine=with_effects(adjusted.machine, effects))
 
 
 def _recorded(case: Case, truth: AdjustedMachine[Rig], planned: PlannedRun, k: int, made_by: str) -> Run:
@@ -159,10 +167,7 @@ def _recorded(case: Case, truth: AdjustedMachine[Rig], planned: PlannedRun, k: i
         trace = drive_rig(plant, planned.current)
     finally:
         plant.close()
-    if trace.about["failure"]:
-        raise SimulationError(f"{case.name}, {planned.name}: {trace.about['failure']}")
-    if trace.about["interrupted"]:
-        raise KeyboardInterrupt
+    require_complete(trace, f"{case.name}, {planned.name}")
     rows = samples_on_rail(truth.machine, trace["carriage_position"], trace["lateral_position"])
     columns = {name: trace[name][:rows] for name in ("time", *RIG_CHANNELS, "current_target")}
     if case.outside is not None:
@@ -186,7 +191,7 @@ def _plant(truth: AdjustedMachine[Rig], planned: PlannedRun, seed: int, made_by:
 
 
 class DisturbedPlant:
-    """A rig whose effects' row is written anew before every sample; a `Plant`."""
+    """A rig with an effect outside the library, written into its terms before every sample; a `Plant`."""
 
     def __init__(self, plant: Plant, outside: UnmodelledEffect, run: RunContext):
         self._plant, self._outside, self._run = plant, outside, run
@@ -194,14 +199,14 @@ class DisturbedPlant:
         self._steps = 0
 
     def reset(self) -> Any:
-        """The rig at rest."""
+        """Put the rig to rest."""
         self._steps = 0
         measured = self._plant.reset()
         self._disturb()
         return measured
 
     def step(self, command: CurrentCommand) -> Any:
-        """One sample period with what holds at its start."""
+        """Advance one sample period with the terms at its start."""
         self._disturb()
         self._steps += 1
         return self._plant.step(command)
@@ -212,16 +217,16 @@ class DisturbedPlant:
         self._outside.write_terms(_terms(self._plant), self._run, time, position, speed)
 
     def truth(self) -> Array:
-        """Of the rig."""
+        """Return the truth of the rig."""
         return self._plant.truth()
 
     def close(self) -> None:
-        """Closes the rig."""
+        """Close the rig."""
         self._plant.close()
 
 
 def _terms(plant: Plant) -> Array:
-    """The row of terms that a rig's kernels read at every step, shape (TERMS,)."""
+    """Return the row of terms that the rig's kernels read at every step, shape (TERMS,)."""
     if isinstance(plant, RigTwin):
         return plant.mj_model.actuator_user[0, slots.EFFECT_TERMS : slots.EFFECT_TERMS + TERMS]
     assert isinstance(plant, PlanarRig)

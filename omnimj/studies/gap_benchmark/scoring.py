@@ -1,4 +1,4 @@
-"""One case scored: what was hidden beside what was reported."""
+"""Scores of single cases: hidden effects beside the reported ones."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from omnimj.studies.gap_benchmark.cases import FLOORS, KINDS, SIZES, Case, Hidde
 from omnimj.studies.gap_benchmark.datasets import planned_runs
 
 VISIBLE = 1.2
-"""Mismatch of the refitted base in units of noise below which an effect does not show in the data."""
+"""Mismatch of the refitted base, in units of noise, from which an effect counts as visible."""
 
 
 @dataclass(frozen=True)
 class ParameterScore:
-    """One fitted parameter of a rightly named effect."""
+    """Score of one fitted parameter of a correctly named effect."""
 
     name: str
     true: float
-    """Relative to the nominal model, whose own constants are off."""
+    """True value relative to the nominal model, whose own parameters have errors."""
     planted: float
-    """The number that was hidden."""
+    """Hidden value."""
     value: float
     low: float | None
     high: float | None
@@ -36,31 +36,31 @@ class ParameterScore:
 
 @dataclass(frozen=True)
 class MethodScore:
-    """What one method made of one case."""
+    """Score of one method on one case."""
 
     named: tuple[str, ...]
-    """Labels in the order in which they were named."""
+    """Labels of the named effects, in order."""
     covered: tuple[bool, ...]
-    """Per hidden effect: whether a reported set holds it."""
+    """Per hidden effect: whether a reported set contains it."""
     first: tuple[bool, ...]
-    """Per hidden effect: whether it is named itself, among the first names of as many as are hidden."""
+    """Per hidden effect: whether it is among the first names, as many as effects are hidden."""
     set_sizes: tuple[int, ...]
-    """Per reported effect: itself and what it cannot be told from; of a baseline all that it names."""
+    """Per reported effect: size of its ambiguity set; for a baseline the number of its names."""
     wrong: int
-    """Reported sets that hold no hidden effect; of a baseline wrong names."""
+    """Number of reported sets without a hidden effect; for a baseline that of wrong names."""
     ratio: float | None
-    """Held-out mismatch over that of the true model; None without a true model, or where the workflow names
-    nothing."""
+    """Held-out mismatch over that of the true model; None without a true model, or if the workflow names no
+    effect."""
 
 
 @dataclass(frozen=True)
 class CaseScore:
-    """One case."""
+    """Score of one case."""
 
     name: str
     kind: str
     hidden: tuple[str, ...]
-    """Labels; of a truth outside of the library its kind."""
+    """Labels of the hidden effects; for an effect outside the library its kind."""
     sizes: tuple[str, ...]
     visibility: float
     """RMS mismatch of the refitted base in units of noise."""
@@ -72,17 +72,17 @@ class CaseScore:
 
     @property
     def is_visible(self) -> bool:
-        """Whether what is hidden shows in the data at all."""
+        """Whether the hidden effects are visible in the data."""
         return self.visibility >= VISIBLE
 
 
 def score_case(case: Case, result: Mapping[str, Any], truth: Mapping[str, Any] | None) -> CaseScore:
-    """Scores one case.
+    """Score one case.
 
     Args:
-      case: The truth.
-      result: Of `trial.search_case`.
-      truth: Of `trial.fit_truth`; None where there is none.
+      case: The case with its truth.
+      result: From `trial.search_case`.
+      truth: From `trial.fit_truth`; None without a hidden effect.
     """
     gap = result["gap"]
     labels = tuple(one.label for one in case.hidden)
@@ -112,13 +112,13 @@ def score_case(case: Case, result: Mapping[str, Any], truth: Mapping[str, Any] |
 
 
 def rms_over_noise(by_channel: Mapping[str, float | None], noise: Mapping[str, float]) -> float:
-    """RMS over channels in units of noise: √(mean (rms/noise)²)."""
+    """Return the RMS over channels in units of noise: √(mean (rms/noise)²)."""
     squares = [(value / noise[c]) ** 2 for c, value in by_channel.items() if value is not None]
     return math.sqrt(sum(squares) / len(squares)) if squares else math.nan
 
 
 def visibility(gap: Mapping[str, Any]) -> float:
-    """RMS mismatch of the refitted base over all runs in units of noise; runs count alike."""
+    """Return the RMS mismatch of the refitted base in units of noise; all runs have equal weight."""
     runs = gap.get("runs") or []
     if runs:
         return math.sqrt(sum(run["total_before"] ** 2 for run in runs) / len(runs))
@@ -149,7 +149,7 @@ def _method(
 
 
 def _of_baseline(labels: Sequence[str], names: Sequence[str], ratio: float | None) -> MethodScore:
-    """A baseline's one set is all that it names; the first are as many as effects are hidden."""
+    """Score a baseline, whose only set is all its names; as many as effects are hidden count as first."""
     return MethodScore(
         tuple(names),
         tuple(_has(names, label) for label in labels),
@@ -161,7 +161,7 @@ def _of_baseline(labels: Sequence[str], names: Sequence[str], ratio: float | Non
 
 
 def _has(names: Iterable[str], label: str) -> bool:
-    """Whether a set holds an effect; a rival that is told without its choice stands for all of them."""
+    """Return whether a set contains an effect; a name without its choice matches every choice."""
     return any(name in (label, label.partition(" (")[0]) for name in names)
 
 
@@ -173,7 +173,7 @@ def _size_of_outside(case: Case) -> tuple[str, ...]:
 
 
 def _parameters(case: Case, effects: Sequence[Mapping[str, Any]]) -> Iterable[ParameterScore]:
-    """Of every hidden effect that is named itself."""
+    """Yield the parameter scores of every hidden effect that is named."""
     for one in case.hidden:
         found = next((e for e in effects if _label(e) == one.label), None)
         if found is None:
@@ -189,9 +189,10 @@ def _parameters(case: Case, effects: Sequence[Mapping[str, Any]]) -> Iterable[Pa
 
 
 def relative_to_nominal(hidden: HiddenEffect, case: Case) -> dict[str, float]:
-    """What the truth has relative to the nominal model: what was hidden, and the base's own error on top.
+    """Return the true values relative to the nominal model: hidden values plus parameter errors of the base.
 
-    Only where the base has the same quantity: torque constant, wheel radius, rail friction, load, traction.
+    The errors matter where the base has the same quantity: torque constant, wheel radius, rail friction,
+    load, traction.
     """
     rig = read_rig()
     true = {k: float(v) for k, v in hidden.values.items() if not isinstance(v, str)}

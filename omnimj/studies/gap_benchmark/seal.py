@@ -1,7 +1,6 @@
-"""The truth of the benchmark under seal: compressed and under a keystream, the key in a file of its own.
+"""Seal of the benchmark's truth: compressed and encrypted, with the key in a file of its own.
 
-This keeps the workflow, and a person who looks around, from seeing the truth by accident; only scoring
-opens it.
+It keeps the workflow, and people, from seeing the truth by accident; only scoring opens it.
 """
 
 from __future__ import annotations
@@ -22,10 +21,10 @@ _KEY, _TAG = 32, 32  # bytes
 
 
 def seal(folder: Path, labels: Sequence[dict[str, Any]]) -> None:
-    """Writes `labels.sealed` and `labels.key` (readable by its owner alone).
+    """Write `labels.sealed` and `labels.key`, which only its owner can read.
 
     Raises:
-      InputError: The folder cannot be written, or a seal is there already.
+      InputError: The folder cannot be written, or has a seal already.
     """
     sealed, key_file = _files(folder)
     key = secrets.token_bytes(_KEY)
@@ -43,12 +42,12 @@ def seal(folder: Path, labels: Sequence[dict[str, Any]]) -> None:
 
 
 def is_sealed(folder: Path) -> bool:
-    """Whether both files are there."""
+    """Return whether both files exist."""
     return all(file.is_file() for file in _files(folder))
 
 
 def seals_labels(folder: Path, labels: Sequence[dict[str, Any]]) -> bool:
-    """Whether these labels are the sealed ones; the seal stays closed.
+    """Return whether these labels are the sealed ones, without opening the seal.
 
     Raises:
       InputError: A file is missing.
@@ -59,10 +58,10 @@ def seals_labels(folder: Path, labels: Sequence[dict[str, Any]]) -> bool:
 
 
 def open_seal(folder: Path) -> list[dict[str, Any]]:
-    """The labels; for scoring alone.
+    """Return the labels, for scoring only.
 
     Raises:
-      InputError: A file is missing, or was changed.
+      InputError: A file is missing or was changed.
     """
     sealed, key_file = _files(folder)
     key, content = _read(key_file), _read(sealed)

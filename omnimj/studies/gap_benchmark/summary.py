@@ -1,4 +1,4 @@
-"""The benchmark's numbers from the scores of its cases, every rate with its Wilson 95 % bounds."""
+"""Summary of the benchmark and its tables; every rate has Wilson 95 % bounds."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from omnimj.studies.gap_benchmark.scoring import VISIBLE, CaseScore, MethodScore
 from omnimj.studies.statistics import Rate, Table, format_number, format_rate, median, rate
 
 HELD_OUT_GOAL = 1.15
-"""Held-out gap over that of the true model that is good enough."""
+"""Largest good ratio of the held-out gap to that of the true model."""
 
 
 @dataclass(frozen=True)
 class MethodSummary:
-    """One method over all cases."""
+    """Summary of one method over all cases."""
 
     method: str
     covered_where_named: Rate
-    """Hidden effects in a reported set, of the cases in which something is named."""
+    """Share of hidden effects in a reported set, among cases in which an effect is named."""
     covered_visible: Rate
-    """The same of all cases in which the effect shows in the data."""
+    """Share of hidden effects in a reported set, among cases in which they are visible in the data."""
     first_where_named: Rate
     first_visible: Rate
     mean_set: float | None
@@ -31,54 +31,54 @@ class MethodSummary:
     false_on_null: Rate
     false_outside: Rate
     good_heldout: Rate
-    """Held-out gap at most `HELD_OUT_GOAL` × that of the true model, of cases with hidden effects; of the
-    workflow those in which it names."""
+    """Share with a held-out gap of at most `HELD_OUT_GOAL` × that of the true model, among cases with hidden
+    effects; for the workflow among those in which it names an effect."""
     median_heldout: float | None
 
 
 @dataclass(frozen=True)
 class GroupSummary:
-    """The workflow on one group of cases: one size, one effect."""
+    """Summary of the workflow on one group of cases: one size, one effect."""
 
     name: str
     cases: int
     visibility: float | None
-    """Median."""
+    """Median visibility."""
     covered: Rate
-    """Of all hidden effects of the group; an abstention covers nothing."""
+    """Share of hidden effects in a reported set; an abstention covers none."""
     first: Rate
     no_gap: int
     unexplained: int
     inside: Rate
-    """Parameters of rightly named effects in their 90 % intervals."""
+    """Share of parameters of correctly named effects in their 90 % intervals."""
     error: float | None
     """Median parameter error relative to the size."""
     instead: str
-    """What was named most often in the effect's place."""
+    """Effect that was named most often in place of the hidden one."""
 
 
 @dataclass(frozen=True)
 class Summary:
-    """All that the benchmark reports."""
+    """All numbers that the benchmark reports."""
 
     methods: tuple[MethodSummary, ...]
     """The workflow first."""
     abstained_visible: Rate
     inside: Rate
-    """All parameters of rightly named effects, relative to the nominal model."""
+    """Share of parameters of correctly named effects in their intervals, relative to the nominal model."""
     inside_planted: Rate
-    """The same against the numbers as they were planted."""
+    """The same against the hidden values."""
     error: float | None
     seconds: tuple[float, float] | None
     """Median and longest time of the workflow [s]."""
     sizes: tuple[GroupSummary, ...]
     effects: tuple[GroupSummary, ...]
     kinds: tuple[GroupSummary, ...]
-    """null, single, pair, triple, and the kinds outside of the library."""
+    """null, single, pair, triple, and the kinds outside the library."""
 
 
 def summarize(scores: Sequence[CaseScore]) -> Summary:
-    """The numbers of all cases."""
+    """Summarize the scores of all cases."""
     inside = [p for s in scores for p in s.parameters]
     baselines = dict.fromkeys(name for s in scores for name in s.baselines)
     methods = [_method("omnimj gap", scores, lambda s: s.workflow)]
@@ -155,8 +155,6 @@ def _group(name: str, scores: Sequence[CaseScore]) -> GroupSummary:
     )
 
 
-# The benchmark's numbers as a table for people: Markdown, beside `benchmark.json`.
-
 HEADING = "Blind benchmark of `omnimj gap`"
 
 _METHODS = {
@@ -167,7 +165,7 @@ _METHODS = {
 
 
 def result_tables(summary: Summary) -> list[Table]:
-    """Methods beside the goals, then the workflow by size, by effect and by kind of case."""
+    """Return the tables: methods and goals, then the workflow by size, by effect and by kind of case."""
     head = ("size", "cases", "mismatch", "covered", "top-1", "no_gap", "unexplained", "in interval", "error")
     named = ("effect", *head[1:], "named instead")
     return [
@@ -179,8 +177,8 @@ def result_tables(summary: Summary) -> list[Table]:
             tuple((*_cells(g), g.instead or "–") for g in summary.effects),
         ),
         Table(
-            "By kind of case; below `triple` truths outside of the library",
-            ("kind", "cases", "mismatch", "no_gap", "unexplained", "names something", "most often"),
+            "By kind of case; below `triple` effects outside the library",
+            ("kind", "cases", "mismatch", "no_gap", "unexplained", "names an effect", "most often"),
             tuple(
                 (
                     g.name,
@@ -221,7 +219,7 @@ def _methods(summary: Summary) -> Table:
         ("parameters in their 90 % interval", "≥ 85 %", format_rate(summary.inside), *none),
         ("… of the planted numbers", "", format_rate(summary.inside_planted), *none),
         ("parameter error over size, median", "", format_number(summary.error), *none),
-        ("time per dataset, median and longest", "", _benchmark_table_seconds(summary), *none),
+        ("time per dataset, median and longest", "", _format_seconds(summary), *none),
     ]
     return Table("Against the goals", ("", "goal", *names), tuple(rows))
 
@@ -240,23 +238,23 @@ def _cells(group: GroupSummary) -> tuple[str, ...]:
     )
 
 
-def _benchmark_table_seconds(summary: Summary) -> str:
+def _format_seconds(summary: Summary) -> str:
     return "–" if summary.seconds is None else f"{summary.seconds[0]:.0f} s, {summary.seconds[1]:.0f} s"
 
 
 def summary_sentences(seed: int, made_by: str, scored: int, planned: int, failed: int) -> list[str]:
-    """What the numbers are of, sentence by sentence."""
+    """Return the sentences that say where the numbers come from."""
     judged = (
-        f"Seed {seed} is one that the method was tuned with (0–9): **these numbers do not judge it**."
+        f"Seed {seed} was used to tune the method (0–9): **these numbers do not judge it**."
         if seed in TUNING_SEEDS
         else f"Seed {seed} was not used while the method was tuned (0–9 were)."
     )
     lines = [
         judged,
         f"{scored} of {planned} datasets, made by the {made_by} model of the rig through its sensors, its "
-        "constants off their nominal values inside the stated uncertainty.",
-        "Rates with Wilson 95 % bounds and what they are of. Mismatch: of the refitted base, in units of "
-        f"noise; an effect below {VISIBLE} does not show and is not counted as visible.",
+        "parameters within the stated uncertainty of their nominal values.",
+        "Rates with Wilson 95 % bounds and sample size. Mismatch: that of the refitted base, in units of "
+        f"noise; an effect below {VISIBLE} does not count as visible.",
     ]
     if failed:
         lines.append(f"{failed} searches or fits broke down and are left out: `errors` in benchmark.json.")

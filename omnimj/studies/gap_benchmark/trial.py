@@ -1,6 +1,4 @@
-"""What the benchmark's worker processes do: search a dataset knowing its path alone, and, once the seal is
-open, fit the true model to it.
-"""
+"""Trials of the benchmark: search a dataset by its path alone; once the seal is open, fit the true model."""
 
 from __future__ import annotations
 
@@ -27,17 +25,17 @@ from omnimj.studies.gap_benchmark.cases import HiddenEffect
 from omnimj.studies.runner import run_guarded
 
 SEED = 0
-"""Of the workflow, as a user has it who gives none; it draws what is held out."""
+"""Default seed of the workflow, which draws the hold-out."""
 
 
 def search_case(dataset: str) -> dict[str, Any]:
-    """Runs the workflow and the baselines on a dataset; all they are told is where it is.
+    """Run the workflow and the baselines on a dataset, of which they get only the path.
 
     Args:
-      dataset: The folder.
+      dataset: Folder of the dataset.
 
     Returns:
-      `gap`: the content of gap.json; `seconds` of the workflow; `baselines`. Or `error`: what went wrong.
+      `gap`: the content of gap.json; `seconds` of the workflow; `baselines`. Or `error`: the message.
     """
     return run_guarded(lambda: _searched(Path(dataset)))
 
@@ -54,11 +52,11 @@ def _searched(dataset: Path) -> dict[str, Any]:
 
 
 def fit_truth(dataset: str, hidden: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Fits the model that has the right effects: what the best naming could have reached.
+    """Fit the model with the true effects, the best result that naming could reach.
 
     Args:
-      dataset: The folder.
-      hidden: The effects as plain records.
+      dataset: Folder of the dataset.
+      hidden: Hidden effects as records.
 
     Returns:
       `heldout`: channel → RMS mismatch on the held-out runs [unit of the channel]. Or `error`.
@@ -68,7 +66,7 @@ def fit_truth(dataset: str, hidden: Sequence[Mapping[str, Any]]) -> dict[str, An
 
 
 def load_replay(dataset: Path) -> Replay:
-    """The dataset as the workflow sees it, with the shipped model."""
+    """Load the dataset as the workflow does, with the shipped model."""
     read = read_dataset(dataset)
     machine = read_machine(read.plant, None)
     usable = correct_dataset(read, check_dataset(read, machine))
@@ -76,9 +74,11 @@ def load_replay(dataset: Path) -> Replay:
 
 
 def true_heldout(replay: Replay, effects: Sequence[HiddenEffect]) -> dict[str, float]:
-    """RMS per channel on the held-out runs of the true form, fitted like any other.
+    """Return channel → RMS mismatch of the true model on the held-out runs, fitted from the true values.
 
-    The fit starts at the true values.
+    Args:
+      replay: The dataset with the shipped model.
+      effects: The hidden effects.
     """
     groups = make_groups(replay)
     out = choose_heldout(groups, SEED)
@@ -87,7 +87,7 @@ def true_heldout(replay: Replay, effects: Sequence[HiddenEffect]) -> dict[str, f
     form = tuple(hidden_candidate(replay, one) for one in effects)
     own = [float(one.values[s.name]) for one, f in zip(effects, form, strict=True) for s in f.parameters]
     fitted = fit(problem, form, np.concatenate([base.x, own]), used)
-    for _ in range(2):  # the twin asked again where the fit went
+    for _ in range(2):  # linearised again at the fit
         problem, fitted = refit(problem, fitted, used)
     (mismatch,) = problem.mismatches([fitted.x], form)
     names = [channel.name for channel in replay.channels]
@@ -95,7 +95,7 @@ def true_heldout(replay: Replay, effects: Sequence[HiddenEffect]) -> dict[str, f
 
 
 def hidden_candidate(replay: Replay, hidden: HiddenEffect) -> CandidateEffect:
-    """The candidate that is the hidden effect."""
+    """Return the candidate effect that equals the hidden one."""
     for candidate in replay.candidates:
         if candidate.label == hidden.label:
             return candidate

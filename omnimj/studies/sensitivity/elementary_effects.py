@@ -1,9 +1,9 @@
-"""Elementary effects and what they amount to: μ, μ* and σ with intervals, and what noise alone makes of them.
+"""Elementary effects (Morris 1991): trajectories, μ, μ* and σ with intervals, and the floor set by noise.
 
 An elementary effect is the change of a result over the share of its range by which one parameter moved, so it
-is in the result's unit: the change across the whole range. μ is their mean, μ* that of their sizes
-(Campolongo, Cariboni and Saltelli 2007), σ their standard deviation: large where the parameter acts in a
-curve, or together with others.
+has the unit of the result: the change across the whole range. μ is their mean, μ* that of their absolute
+values (Campolongo, Cariboni and Saltelli 2007), σ their standard deviation, which is large where the
+parameter acts nonlinearly or together with others.
 """
 
 from __future__ import annotations
@@ -16,23 +16,21 @@ import numpy as np
 
 from omnimj.signals import Array
 
-# Trajectories through the ranges of all parameters, one parameter at a time (Morris 1991).
-
 LEVELS = 4
-"""p: places of a range that are visited, 0, 1/3, 2/3 and 1."""
+"""p, number of levels per range: 0, 1/3, 2/3 and 1."""
 _JUMP = LEVELS // 2
 STEP = _JUMP / (LEVELS - 1)
-"""Δ = p/(2(p − 1)): with it every place of a range is visited equally often."""
+"""Δ = p/(2(p − 1)), which visits all levels equally often."""
 
 
 def trajectory(seed: int, index: int, parameters: int) -> Array:
-    """Trajectory number `index`: k + 1 points, from each to the next one parameter moves by ±Δ.
+    """Draw a trajectory of k + 1 points; from each point to the next one parameter moves by ±Δ.
 
-    Which one, which way and from where is drawn; each parameter moves once.
+    Order, direction and starting point are random; each parameter moves once.
 
     Args:
-      seed: Of the study.
-      index: From 0; a trajectory does not depend on how many there are.
+      seed: Seed of the study.
+      index: Number of the trajectory, from 0; it does not depend on the number of trajectories.
       parameters: k.
 
     Returns:
@@ -50,32 +48,32 @@ def trajectory(seed: int, index: int, parameters: int) -> Array:
 _DRAWS = 2000
 _TAIL = 2.5  # [%] on either side of an interval
 _NULL_DRAWS = 20_000
-_CHANCE = 0.05  # that noise alone puts any parameter of a result above its floor
+_CHANCE = 0.05  # probability that noise alone puts any parameter of a result above its floor
 
 
 @dataclass(frozen=True)
 class EffectStatistics:
-    """What one parameter does to one result, in the result's unit per range of the parameter."""
+    """Effect of one parameter on one result, in the result's unit per range of the parameter."""
 
     mu: float
-    """Mean of the elementary effects; NaN without any, like all that follow."""
+    """Mean of the elementary effects; like the other statistics NaN without any."""
     mu_star: float
-    """Mean of their sizes."""
+    """Mean of their absolute values."""
     low: float
     """Lower bound of μ*, 95 %, by bootstrap over trajectories."""
     high: float
     sigma: float
-    """Their standard deviation; NaN of one."""
+    """Their standard deviation; NaN for a single one."""
     count: int
-    """Elementary effects that there are."""
+    """Number of elementary effects."""
 
 
 def elementary_effects(places: Array, results: Array) -> Array:
-    """(y_{j+1} − y_j)/(x_{j+1} − x_j) of the parameter that moved, NaN where a run is missing.
+    """Return (y_{j+1} − y_j)/(x_{j+1} − x_j) of the moved parameters, NaN where a run is missing.
 
     Args:
       places: x, one parameter moving at a time, shape (k + 1, k).
-      results: y, NaN where there is none, shape (k + 1,).
+      results: y, NaN for a missing run, shape (k + 1,).
 
     Returns:
       Shape (k,).
@@ -84,17 +82,17 @@ def elementary_effects(places: Array, results: Array) -> Array:
     found = np.full(places.shape[1], np.nan)
     for move, change in zip(moves, changes, strict=True):
         moved = np.flatnonzero(move)
-        if len(moved) == 1:  # a whole number may have been rounded back to where it was
+        if len(moved) == 1:  # an integer may have been rounded back to its value before
             found[moved[0]] = change / move[moved[0]]
     return found
 
 
 def bootstrap_mu_star(effects: Array, seed: int) -> Array:
-    """μ* of `_BOOTSTRAP_SAMPLES` draws of as many trajectories, with replacement.
+    """Return bootstrap samples of μ*, each of r trajectories drawn with replacement.
 
     Args:
-      effects: One row per trajectory, NaN where there is none, shape (r, k).
-      seed: The same seed draws the same trajectories, whatever the result.
+      effects: One row per trajectory, NaN for a missing effect, shape (r, k).
+      seed: Seed of the draws; the same for all results, so that they use the same trajectories.
 
     Returns:
       Shape (draws, k), NaN where a draw has no effect of a parameter.
@@ -107,10 +105,10 @@ def bootstrap_mu_star(effects: Array, seed: int) -> Array:
 
 
 def effect_statistics(effects: Array, draws: Array) -> tuple[EffectStatistics, ...]:
-    """μ, μ* and σ of every parameter.
+    """Return μ, μ* and σ of every parameter.
 
     Args:
-      effects: Shape (r, k), NaN where there is none.
+      effects: Shape (r, k), NaN for a missing effect.
       draws: From `bootstrap_mu_star`.
     """
     return tuple(_measure(effects[:, i], draws[:, i]) for i in range(effects.shape[1]))
@@ -127,18 +125,18 @@ def _measure(effects: Array, draws: Array) -> EffectStatistics:
 
 
 def noise_floor(repeats: Iterable[float], trajectories: int, parameters: int, seed: int) -> float:
-    """μ* that noise alone does not reach: of r differences |y_a − y_b|/Δ between runs that differ in it only.
+    """Return the μ* that the largest of k parameters without effect does not reach, with 95 % probability.
 
-    It is the quantile that even the largest of k parameters without any effect stays below, 95 %.
+    The null distribution is that of the mean of r differences |y_a − y_b|/Δ of runs with different noise.
 
     Args:
       repeats: The result with nominal parameters and different noise; NaN is left out.
       trajectories: r.
       parameters: k.
-      seed: Of the draws.
+      seed: Seed of the draws.
 
     Returns:
-      In the result's unit; 0 where noise changes nothing, NaN with fewer than two repeats.
+      Floor in the unit of the result; 0 if noise has no effect, NaN with fewer than two repeats.
     """
     found = np.array([value for value in repeats if math.isfinite(value)])
     if len(found) < 2:

@@ -1,4 +1,4 @@
-"""Which numbers of a scenario's machine and floors are varied, and between which bounds."""
+"""Factors of a sensitivity study: parameters of a scenario's machine and floors, with their ranges."""
 
 from __future__ import annotations
 
@@ -17,50 +17,50 @@ CHOSEN = "chosen"
 DEFAULT_SHARE = 0.20
 """Half-width of a range, relative to the value, where the file states no uncertainty."""
 FLOOR = "floor"
-"""First part of the names of a floor's numbers: `floor.nylon.mu_c`."""
+"""First part of the names of floor parameters: `floor.nylon.mu_c`."""
 
 _ANY = Rule(-math.inf, math.inf, False)
-_KEPT = 0.01  # of the value: as near as a range comes to a bound that the number may not reach
-_NOT_OF_THE_PLANT = {"control": "a setting of the controller: it is set, not measured"}
+_KEPT = 0.01  # smallest distance of a range to an excluded bound, relative to the value
+_NOT_OF_THE_PLANT = {"control": "a controller setting, not measured"}
 _KEYS_LEFT = {
-    "sensors.sample_rate": "the controller's period: it is set, not measured",
-    "wheel.rows": "the wheel's build: it is counted, not measured",
-    "wheel.rollers_per_row": "the wheel's build: it is counted, not measured",
-    "rig.masses": "the scenario says the mass",
+    "sensors.sample_rate": "the controller's sample rate, not measured",
+    "wheel.rows": "a number of parts, not measured",
+    "wheel.rollers_per_row": "a number of parts, not measured",
+    "rig.masses": "set by the scenario",
 }
 _DIRECTION = "drives_along"
-_ZERO = "it is 0 and the file states no uncertainty: a share of it is nothing"
+_ZERO = "it is 0 and the file states no uncertainty, so it has no range"
 
 
 @dataclass(frozen=True)
 class Factor:
-    """A number and what it may be."""
+    """Parameter with its range."""
 
     name: str
-    """`motor.torque_constant`, `floor.nylon.mu_c`; a list of numbers goes by its largest one."""
+    """`motor.torque_constant`, `floor.nylon.mu_c`; a list is scaled by its largest entry."""
     unit: str
     nominal: float
-    """What the model file says, and the controller believes."""
+    """Value of the model file, which the controller uses."""
     low: float
     high: float
     whole: bool = False
-    """Whether it is a whole number."""
+    """Whether it is an integer."""
     stated: bool = False
-    """Whether the range is the file's own uncertainty."""
+    """Whether the range is the uncertainty stated by the file."""
 
     def at(self, place: float) -> float:
-        """Value at a place of the range, low at 0 and high at 1; whole numbers are rounded."""
+        """Return the value at a place of the range, 0 … 1; integers are rounded."""
         value = self.low + place * (self.high - self.low)
         return float(round(value)) if self.whole else value
 
     def place(self, value: float) -> float:
-        """Where a value lies in the range, 0 … 1."""
+        """Return the place of a value in the range, 0 … 1."""
         return (value - self.low) / (self.high - self.low)
 
 
 @dataclass(frozen=True)
 class ExcludedFactor:
-    """A number of the same origin that is not varied."""
+    """Parameter of the same provenance that is not varied."""
 
     name: str
     reason: str
@@ -69,18 +69,18 @@ class ExcludedFactor:
 def find_factors(
     scenario: Scenario, sources: Sequence[str] = (CHOSEN,), share: float = DEFAULT_SHARE
 ) -> tuple[tuple[Factor, ...], tuple[ExcludedFactor, ...]]:
-    """Every number of machine and floors with one of the given origins.
+    """Find the parameters of machine and floors with one of the given provenances.
 
-    Its range is value ± the uncertainty that its file states, else value ± share · |value|; a whole number
-    moves by one at least. A range that leaves what the number may be is cut off there.
+    The range is value ± the uncertainty stated by the file, else value ± share · |value|, and at least ±1 for
+    an integer; it is clipped to the admissible values.
 
     Args:
-      scenario: Its machine, and every floor that is in it: the hall's, those of patches and of faults.
-      sources: Origins as the files have them.
+      scenario: Scenario with its machine and all its floors, also those of patches and faults.
+      sources: Provenances.
       share: Half-width relative to the value.
 
     Returns:
-      What is varied, in the order of the files, and what is not and why.
+      Varied parameters in the order of the files, and those that are not varied.
     """
     found: list[Factor] = []
     left: list[ExcludedFactor] = []
@@ -110,7 +110,7 @@ def _machine(scenario: Scenario, sources: Sequence[str], share: float) -> Iterat
 
 
 def _entry(machine: Any, table: str, key: str) -> tuple[Any, Rule, bool]:
-    """Value of a number of the machine, what it may be, and whether it is whole."""
+    """Return value and rule of a parameter of the machine, and whether it is an integer."""
     if table == "effects":
         effect, _, parameter = key.partition(".")
         return machine.effects[effect][parameter], _ANY, False
@@ -159,11 +159,11 @@ _UNITS: Mapping[str, str] = {
     "relaxation_length": "m",
     "damping_time": "s",
 }
-_ALWAYS_CHOSEN = ("mu_cap", "relaxation_length", "damping_time")  # no source has them, see floors.toml
+_ALWAYS_CHOSEN = ("mu_cap", "relaxation_length", "damping_time")  # in no publication, see floors.toml
 
 
 def _source_of(floor: Floor, letter: str) -> str:
-    """A floor has one line on where its numbers come from, its first word; some numbers are ours always."""
+    """Return the provenance of a floor parameter: the first word of the floor's source, or `chosen`."""
     if letter in _ALWAYS_CHOSEN and floor.source.startswith("text"):
         return CHOSEN
     words = floor.source.replace(",", " ").replace(":", " ").split()
@@ -171,7 +171,7 @@ def _source_of(floor: Floor, letter: str) -> str:
 
 
 def floors_in(scenario: Scenario) -> tuple[str, ...]:
-    """Floors that are in a scenario, the hall's first."""
+    """Return the floors of a scenario, that of the hall first."""
     names = [scenario.floor, *(patch.floor for patch in scenario.patches)]
     names += [str(fault.numbers["floor"]) for fault in scenario.faults if "floor" in fault.numbers]
     return tuple(dict.fromkeys(names))

@@ -1,4 +1,4 @@
-"""Which parameters matter: to one result, and over all results together."""
+"""Ranking of parameters, for one result and over all results."""
 
 from __future__ import annotations
 
@@ -16,55 +16,55 @@ RANKED, UNSURE, BELOW, NONE, UNKNOWN = "ranked", "unsure", "below the floor", "n
 
 @dataclass(frozen=True)
 class ResultSensitivity:
-    """What the parameters do to one result."""
+    """Sensitivity of one result to all parameters."""
 
     name: str
     unit: str
     nominal: float | None
-    """With the numbers of the model files and the study's own seed; None where that run has none."""
+    """Result with nominal parameters and the seed of the study; None if that run has none."""
     noise: float
-    """μ* that noise alone does not reach; NaN where that is not known."""
+    """μ* that noise alone does not reach; NaN if unknown."""
     floor: float
-    """μ* that is not ranked: what noise alone reaches, or what nobody could tell."""
+    """μ* up to which parameters are not ranked: the larger of noise and resolution."""
     measures: tuple[EffectStatistics, ...]
-    """Of every parameter, in their order."""
+    """Statistics per parameter."""
     draws: Array
-    """Bootstrap of μ*, shape (draws, k)."""
+    """Bootstrap samples of μ*, shape (draws, k)."""
 
     @property
     def verdicts(self) -> tuple[str, ...]:
-        """Of every parameter `RANKED`, `UNSURE`, `BELOW`, `NONE` or `UNKNOWN`."""
+        """Class of every parameter: `RANKED`, `UNSURE`, `BELOW`, `NONE` or `UNKNOWN`."""
         return tuple(classify_effect(one, self.floor) for one in self.measures)
 
     @property
     def ranked(self) -> tuple[int, ...]:
-        """The ranked parameters, the largest μ* first."""
+        """Indices of the ranked parameters, the largest μ* first."""
         ranked = [i for i, word in enumerate(self.verdicts) if word == RANKED]
         return tuple(sorted(ranked, key=lambda i: -self.measures[i].mu_star))
 
 
 @dataclass(frozen=True)
 class FactorRank:
-    """What one parameter is worth over all results."""
+    """Rank of one parameter over all results."""
 
     parameter: int
     share: float
-    """Mean over the results of μ* as a share of the sum over all parameters, 0 … 1; nothing where it is not
-    above the floor."""
+    """Mean over the results of μ* relative to the sum over all parameters, 0 … 1; results in which it is not
+    above the floor count as 0."""
     low: float
-    """Lower bound of it, 95 %, by bootstrap over trajectories."""
+    """Lower 95 % bound of the share, by bootstrap over trajectories."""
     high: float
     sure: bool
-    """Whether it is ranked for any result; otherwise a few trajectories made it, more would tell."""
+    """Whether it is ranked for any result; otherwise more trajectories are needed."""
     most: str
-    """The result where its share is largest."""
+    """Result in which its share is largest."""
 
 
 def classify_effect(found: EffectStatistics, floor: float) -> str:
-    """What can be said of a parameter and a result.
+    """Classify the effect of a parameter on a result.
 
-    `RANKED`: all of μ*'s interval is above the floor of the result. `UNSURE`: μ* alone is; a few trajectories
-    made it, more would tell. `NONE`: exactly nothing happened, ever.
+    `RANKED`: the interval of μ* is above the floor of the result. `UNSURE`: only μ* itself is; more
+    trajectories are needed. `NONE`: every elementary effect is exactly 0.
     """
     if found.mu_star == 0.0:
         return NONE
@@ -76,18 +76,18 @@ def classify_effect(found: EffectStatistics, floor: float) -> str:
 
 
 def rank_all(studies: Sequence[ResultSensitivity]) -> tuple[FactorRank, ...]:
-    """Parameters that are above the floor of any result, the largest mean share first.
+    """Rank the parameters that are above the floor of any result by their mean share.
 
-    Results where nothing is have no say.
+    Results without such a parameter are left out.
     """
-    heard = [study for study in studies if shares(study).any()]
-    if not heard:
+    included = [study for study in studies if shares(study).any()]
+    if not included:
         return ()
-    each = np.array([shares(study) for study in heard])
-    draws = np.mean([_shares(study.draws, study.floor) for study in heard], axis=0)
+    each = np.array([shares(study) for study in included])
+    draws = np.mean([_shares(study.draws, study.floor) for study in included], axis=0)
     low, high = np.percentile(draws, [2.5, 97.5], axis=0)
-    mean, sure = each.mean(axis=0), {i for study in heard for i in study.ranked}
-    most = [heard[int(place)].name for place in each.argmax(axis=0)]
+    mean, sure = each.mean(axis=0), {i for study in included for i in study.ranked}
+    most = [included[int(place)].name for place in each.argmax(axis=0)]
     found = [
         FactorRank(i, float(mean[i]), float(low[i]), float(high[i]), i in sure, most[i])
         for i in np.flatnonzero(mean > 0.0).tolist()
@@ -96,12 +96,12 @@ def rank_all(studies: Sequence[ResultSensitivity]) -> tuple[FactorRank, ...]:
 
 
 def shares(study: ResultSensitivity) -> Array:
-    """μ* of every parameter above the floor as a share of the sum over all, 0 for the others, shape (k,)."""
+    """Return μ* of every parameter above the floor relative to the sum over all, else 0, shape (k,)."""
     return _shares(np.array([[one.mu_star for one in study.measures]]), study.floor)[0]
 
 
 def _shares(mu_star: Array, floor: float) -> Array:
-    """Row by row; a row without anything is all zero."""
+    """Return the shares row by row; a row of zeros stays zero."""
     known = np.where(np.isfinite(mu_star), mu_star, 0.0)
     kept, sums = np.where(known > floor, known, 0.0), known.sum(axis=1, keepdims=True)
     return np.divide(kept, sums, out=np.zeros_like(kept), where=sums > 0.0)

@@ -1,4 +1,4 @@
-"""What a study found, in tables and sentences."""
+"""Results of a sensitivity study in tables and sentences."""
 
 from __future__ import annotations
 
@@ -10,60 +10,57 @@ from omnimj.studies.sensitivity.ranking import BELOW, NONE, UNKNOWN, UNSURE, Res
 from omnimj.studies.sensitivity.study import SensitivityResult
 from omnimj.studies.statistics import Table, format_number
 
-_MOST_FIRST, _ENOUGH = (
-    5,
-    0.8,
-)  # parameters in the first sentence, and the part of what is ranked that is enough
+_MOST_FIRST, _ENOUGH = 5, 0.8  # most parameters in the first sentence, and the sum of shares that ends it
 _TOP = 3  # parameters in a result's line
 _ONE_WAY = 0.95  # |μ|/μ* from which all effects go the same way
 
 
 def format_heading(outcome: SensitivityResult) -> str:
-    """The study in a few words."""
+    """Return the title of the study."""
     return f"What matters in {outcome.scenario}"
 
 
 def measure_first_sentence(outcome: SensitivityResult) -> str:
-    """What to measure first, in one sentence."""
+    """Say in one sentence what to measure first."""
     sure = [rank for rank in outcome.ranks if rank.sure]
     if not sure:
-        more = "; more trajectories would tell of some" if outcome.ranks else ""
-        return f"Nothing that was varied can be told from noise for sure{more}."
+        more = "; more trajectories are needed for some" if outcome.ranks else ""
+        return f"No parameter is distinguishable from noise with certainty{more}."
     names, share, ranked = [], 0.0, sum(rank.share for rank in sure)
     for rank in sure[:_MOST_FIRST]:
         names.append(outcome.factors[rank.parameter].name)
         share += rank.share
         if share >= _ENOUGH * ranked:
             break
-    of_all = f"{100 * share:.0f} % of what the results owe to all that was varied"
+    of_all = f"{100 * share:.0f} % of the effect of all varied parameters"
     return f"Measure first: {', '.join(names)} ({of_all})."
 
 
 def summary_sentences(outcome: SensitivityResult) -> Iterator[str]:
-    """What the numbers are of."""
-    order = outcome.config
+    """Yield the sentences that say where the numbers come from."""
+    config = outcome.config
     yield f"{outcome.scenario}: {outcome.description}."
     yield (
-        f"{len(outcome.factors)} numbers that are {' or '.join(order.sources)}, {order.trajectories} "
-        f"trajectories: {outcome.runs} runs on plant {outcome.plant}, method {outcome.method}, "
-        f"seed {order.seed}; {outcome.repeats} more with other noise only."
+        f"{len(outcome.factors)} parameters with provenance {' or '.join(config.sources)}, "
+        f"{config.trajectories} trajectories: {outcome.runs} runs on plant {outcome.plant}, method {outcome.method}, "
+        f"seed {config.seed}; {outcome.repeats} more with other noise only."
     )
     stated = sum(one.stated for one in outcome.factors)
     yield (
-        "The plant gets the changed numbers, the controller goes on believing the model file. Ranges: the "
-        f"uncertainty that the file states ({stated} numbers), else ±{100 * order.share:g} % of the value."
+        "The plant has the changed parameters, the controller those of the model file. Ranges: the "
+        f"uncertainty stated by the file ({stated} parameters), else ±{100 * config.share:g} % of the value."
     )
-    planned = order.trajectories * (len(outcome.factors) + 1)
+    planned = config.trajectories * (len(outcome.factors) + 1)
     if outcome.interrupted or outcome.runs < planned:
-        why = "broken off" if outcome.interrupted else "some broke down"
-        yield f"Of {planned} runs {outcome.runs} are there ({why}); the same command goes on from here."
+        why = "interrupted" if outcome.interrupted else "some broke down"
+        yield f"{outcome.runs} of {planned} runs are finished ({why}); the same command continues from here."
     if outcome.errors:
         name, error = next(iter(outcome.errors.items()))
         yield f"{len(outcome.errors)} runs broke down; {name}: {error}"
 
 
 def format_excluded(outcome: SensitivityResult) -> tuple[str, ...]:
-    """What is not varied, by reason."""
+    """List the parameters that are not varied, by reason."""
     reasons: dict[str, list[str]] = {}
     for one in outcome.excluded:
         reasons.setdefault(one.reason, []).append(one.name)
@@ -71,19 +68,19 @@ def format_excluded(outcome: SensitivityResult) -> tuple[str, ...]:
 
 
 def format_range(one: Factor) -> str:
-    """`0.0388 … 0.0412 N.m/A (file)`."""
+    """Format a range: `0.0388 … 0.0412 N.m/A (file)`."""
     words = f"{one.low:.4g} … {one.high:.4g} {'' if one.unit == '1' else one.unit}".rstrip()
     return f"{words} (file)" if one.stated else words
 
 
 def format_share(share: float, low: float, high: float) -> str:
-    """`42 % (40–45)`, with a digit more where it is small."""
+    """Format a share: `42 % (40–45)`, with another digit if it is small."""
     digits = 0 if share >= 0.0995 else 1
     return f"{100 * share:.{digits}f} % ({100 * low:.{digits}f}–{100 * high:.{digits}f})"
 
 
 def measure_first_table(outcome: SensitivityResult, most: int | None = None) -> Table:
-    """The parameters over all results, the first `most` of them."""
+    """Return the table of the first `most` parameters over all results."""
     rows = []
     for place, rank in enumerate(outcome.ranks[:most], start=1):
         one = outcome.factors[rank.parameter]
@@ -92,11 +89,11 @@ def measure_first_table(outcome: SensitivityResult, most: int | None = None) -> 
         rows.append((str(place), one.name, f"{one.nominal:.4g}", format_range(one), share, where))
     left = len(outcome.ranks) - len(rows)
     title = f"Measure first ({len(rows)} of {len(outcome.ranks)})" if left else "Measure first"
-    return Table(title, ("", "number", "value", "range", "share (95 %)", "most in"), tuple(rows))
+    return Table(title, ("", "parameter", "value", "range", "share (95 %)", "most in"), tuple(rows))
 
 
 def results_table(outcome: SensitivityResult) -> Table:
-    """A line per result: what it is, what is not ranked, and what changes it most across its range."""
+    """Return a table with one row per result: nominal value, floor, parameters that change it most."""
     rows = []
     for study in outcome.studies:
         top = [
@@ -113,15 +110,15 @@ def results_table(outcome: SensitivityResult) -> Table:
 
 
 def _unsure(study: ResultSensitivity, varied: Sequence[Factor]) -> str:
-    """What may matter to a result for which nothing is ranked."""
+    """List the parameters that may matter to a result without ranked ones."""
     places = [i for i, word in enumerate(study.verdicts) if word == UNSURE]
     places = sorted(places, key=lambda i: -study.measures[i].mu_star)[:_TOP]
     names = [f"{varied[i].name} {format_number(study.measures[i].mu_star)}" for i in places]
-    return f"nothing for sure; perhaps {', '.join(names)}" if names else "nothing above the floor"
+    return f"none for certain; perhaps {', '.join(names)}" if names else "none above the floor"
 
 
 def format_value(value: float | None, unit: str) -> str:
-    """Three digits and the unit."""
+    """Format a value with three digits and its unit; a dash for None."""
     return f"{format_number(value)} {unit}".rstrip() if value is not None else "–"
 
 
@@ -130,7 +127,7 @@ def _known(value: float) -> float | None:
 
 
 def result_table(study: ResultSensitivity, varied: Sequence[Factor]) -> Table:
-    """The parameters that are ranked for one result."""
+    """Return the table of the parameters ranked for one result."""
     rows = []
     for place, i in enumerate(study.ranked, start=1):
         found = study.measures[i]
@@ -145,24 +142,24 @@ def result_table(study: ResultSensitivity, varied: Sequence[Factor]) -> Table:
                 direction(found.mu, found.mu_star),
             )
         )
-    return Table(study.name, ("", "number", "μ*", "95 %", "σ", "as it grows"), tuple(rows))
+    return Table(study.name, ("", "parameter", "μ*", "95 %", "σ", "as it grows"), tuple(rows))
 
 
 def direction(mu: float, mu_star: float) -> str:
-    """What the result does when the parameter grows."""
+    """Say how the result changes when the parameter grows."""
     if abs(mu) < _ONE_WAY * mu_star:
         return "either way"
     return "rises" if mu > 0.0 else "falls"
 
 
 def format_unranked(study: ResultSensitivity, varied: Sequence[Factor]) -> tuple[str, ...]:
-    """The parameters that are not ranked for a result, by verdict."""
-    told = []
+    """List the parameters that are not ranked for a result, by class."""
+    lines = []
     noisy = study.noise > 0.0 and study.noise >= study.floor
-    below = "Not distinguishable from noise" if noisy else "Too small to tell"
-    unsure = "Perhaps; more trajectories would tell"
+    below = "Not distinguishable from noise" if noisy else "Too small to resolve"
+    unsure = "Uncertain; more trajectories are needed"
     for word, said in ((UNSURE, unsure), (BELOW, below), (NONE, "No effect at all"), (UNKNOWN, "Not known")):
         names = [one.name for one, verdict in zip(varied, study.verdicts, strict=True) if verdict == word]
         if names:
-            told.append(f"{said} ({len(names)}): {', '.join(names)}")
-    return tuple(told)
+            lines.append(f"{said} ({len(names)}): {', '.join(names)}")
+    return tuple(lines)
