@@ -40,10 +40,11 @@ def summary_sentences(outcome: SensitivityResult) -> Iterator[str]:
     """Yield the sentences that say where the numbers come from."""
     config = outcome.config
     yield f"{outcome.scenario}: {outcome.description}."
+    sources = " or ".join(config.sources)
     yield (
-        f"{len(outcome.factors)} parameters with provenance {' or '.join(config.sources)}, "
-        f"{config.trajectories} trajectories: {outcome.runs} runs on plant {outcome.plant}, method {outcome.method}, "
-        f"seed {config.seed}; {outcome.repeats} more with other noise only."
+        f"{len(outcome.factors)} parameters with provenance {sources}, {config.trajectories} trajectories: "
+        f"{outcome.runs} runs on plant {outcome.plant}, method {outcome.method}, seed {config.seed}; "
+        f"{outcome.repeats} more with other noise only."
     )
     stated = sum(one.stated for one in outcome.factors)
     yield (
