@@ -1,3 +1,10 @@
-"""Many randomised runs with a diagnosing method: how often it is right, how soon, and
-what its recovery is worth.
+"""Evaluation of a diagnosis method over randomised cases.
+
+`study`    configuration, `run_evaluation`, result
+`cases`    suites of cases, each drawn from suite, seed and number
+`trial`    one case driven with the method, without it and without faults
+`scoring`  score of one case
+`summary`  numbers over all cases
+`goals`    goals beside the measured figures
+`tables`   tables and sentences for Markdown, command line and report
 """

@@ -1,1 +1,11 @@
-"""Gap benchmark."""
+"""Blind benchmark of the gap workflow on datasets with hidden effects.
+
+`study`      configuration, `run_benchmark`, result
+`cases`      hidden effects, and effects outside the library
+`datasets`   recordings of the true rig
+`seal`       the truth under seal until scoring
+`trial`      blind search of a dataset, and the fit of the true model
+`baselines`  sparse regression and forward selection on the same data
+`scoring`    score of one case
+`summary`    numbers over all cases, and their tables
+"""

@@ -1,1 +1,9 @@
-"""Which numbers of the model matter to which result of a scenario: what to measure on a robot first."""
+"""Sensitivity of a scenario's results to model parameters, by elementary effects (Morris 1991).
+
+`study`               configuration, `run_sensitivity`, result
+`factors`             parameters that are varied, with their ranges
+`trial`               one run on a plant with changed parameters
+`elementary_effects`  trajectories, μ, μ* and σ with intervals, noise floor
+`ranking`             classes and ranks of the parameters
+`tables`              tables and sentences for Markdown, command line and report
+"""

@@ -1,1 +1,12 @@
-"""Tuning: gains of cascade, recovery and observer, found over a batch of randomised runs."""
+"""Tuning of the gains of cascade, recovery and observer over randomised runs.
+
+`study`      configuration, `run_tuning`, result
+`draws`      random truth of the runs, the same for all candidates
+`trial`      one draw driven with one candidate, and its metrics
+`batch`      candidates over draws, each trial stored and never repeated
+`cost`       cost terms and hard limits
+`margins`    phase margins and overshoot of the loops in closed form
+`search`     search space and CMA-ES
+`landscape`  cost around the result
+`reporting`  gains file and rows of tables
+"""
