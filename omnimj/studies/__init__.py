@@ -1,6 +1,6 @@
 """Studies: many trials with a plan, resumed where they stopped, and judged together.
 
-`runner`         the steps of every study: claim a folder, run missing trials on an executor, judge the results
+`runner`         the steps of every study: claim a folder, run missing trials, judge the results
 `workers`        own processes or a Dask cluster
 `statistics`     rates with confidence bounds, quantiles, tables
 `random_truth`   random faults and parameter errors, and the drive of a nominal scenario on the true plant
