@@ -1,6 +1,6 @@
-"""What a bench check wants to know of the link itself: rates, what happens in silence, and stop.
+"""Check of the communication with a device: rates, watchdog, and stop.
 
-The current that flows meanwhile is far below what turns a wheel.
+The test current is far below the one that turns a wheel.
 """
 
 from __future__ import annotations
@@ -15,40 +15,44 @@ from omnimj.link.host.link import Link
 from omnimj.link.host.state_machine import COMMAND_VALIDITY
 
 LISTEN_TIME = 1.0
-"""Time for which rates are counted [s]."""
+"""Time over which rates are measured [s]."""
 TEST_CURRENT = 0.05
-"""Current that flows while silence and stop are tried [A]."""
+"""Current during the checks of watchdog and stop [A]."""
 TIME_TOLERANCE = 0.020
-"""By which what must happen may be known later: the wire, and this machine [s]."""
-_FLOWS = 0.05  # [s] before the silence
+"""Tolerance of reaction times, for the delays of wire and operating system [s]."""
+_TEST_TIME = 0.05  # [s] with the test current
 
 
 @dataclass(frozen=True)
 class TelemetryRates:
-    """Of the telemetry."""
+    """Rates of the telemetry."""
 
     received: int
+    """Number of readings."""
     expected: float
+    """Number of readings expected in this time."""
     lost: int
+    """Number of lost readings."""
     longest: float
-    """Between two readings, by the device's clock [s]."""
+    """Longest time between two readings, by the device's clock [s]."""
     round_trip: float
-    """The best that was seen [s]."""
+    """Shortest round trip [s]."""
 
 
 @dataclass(frozen=True)
 class StopResponse:
-    """How motion ended."""
+    """Reaction of a device to silence or a stop."""
 
     after: float
-    """From the last command, or the first stop, to the first telemetry that says so [s]."""
+    """Time from the last command or first stop to the first telemetry that reports the reaction [s]."""
     fault: FaultCode
+    """Latched fault."""
     flows: bool
-    """Whether current still flows."""
+    """Whether current still flows, or may flow."""
 
 
 def measure_rates(link: Link) -> TelemetryRates:
-    """Rates of a connected link; nothing is armed."""
+    """Measure the rates of a connected link, without arming."""
     first = before = link.reading
     begin, lost = link.now, link.host.arrivals.total_lost
     times = [first.time]
@@ -70,10 +74,10 @@ def measure_rates(link: Link) -> TelemetryRates:
 
 
 def check_watchdog(link: Link) -> StopResponse:
-    """A little current, and then nothing more: the device must let go by itself, and say so.
+    """Apply the test current and fall silent: the device must cut the current by itself and report it.
 
     Raises:
-      LinkLost: It could not be armed, or says nothing any more.
+      LinkLost: The device cannot be armed, or sends no more telemetry.
     """
     begin = _apply_test_current(link)
     link.listen(link.now + 10.0 * COMMAND_VALIDITY, lambda: Status.FAULT in link.reading.telemetry.status)
@@ -81,10 +85,10 @@ def check_watchdog(link: Link) -> StopResponse:
 
 
 def check_stop(link: Link) -> StopResponse:
-    """A little current, and stop.
+    """Apply the test current and stop.
 
     Raises:
-      LinkLost: As `check_watchdog`.
+      LinkLost: The device cannot be armed, or sends no more telemetry.
     """
     _apply_test_current(link)
     begin = link.now
@@ -94,10 +98,10 @@ def check_stop(link: Link) -> StopResponse:
 
 
 def is_fault_latched(link: Link) -> bool:
-    """Whether a device that has let go refuses to be armed until its fault is reset.
+    """Whether a device with a latched fault refuses to be armed until the fault is reset.
 
     Raises:
-      LinkLost: It does not answer.
+      LinkLost: The device does not answer.
     """
     link.connect()
     if link.reading.telemetry.fault is FaultCode.NONE:
@@ -111,11 +115,11 @@ def is_fault_latched(link: Link) -> bool:
 
 
 def _apply_test_current(link: Link) -> float:
-    """Arms; current flows for a moment. When the last command was sent [s]."""
+    """Arm, let the test current flow for a moment, and return the time of the last command [s]."""
     link.arm()
     period, wheels = link.host.expected.period, link.host.expected.wheels
     begin, last = link.now, 0.0
-    while (now := link.now) - begin < _FLOWS:
+    while (now := link.now) - begin < _TEST_TIME:
         last = now
         link.send(link.host.command(now, (TEST_CURRENT,) * wheels))
         link.wait(now + period)
@@ -124,6 +128,6 @@ def _apply_test_current(link: Link) -> float:
 
 
 def _stop_response(link: Link, begin: float) -> StopResponse:
-    told = link.reading
-    flows = Status.CURRENT_FLOWS in told.telemetry.status or Status.ARMED in told.telemetry.status
-    return StopResponse(max(told.arrived - begin, 0.0), told.telemetry.fault, flows)
+    reading = link.reading
+    flows = Status.CURRENT_FLOWS in reading.telemetry.status or Status.ARMED in reading.telemetry.status
+    return StopResponse(max(reading.arrived - begin, 0.0), reading.telemetry.fault, flows)

@@ -1,8 +1,8 @@
-"""Everything that can happen to bytes, many times over: what is accepted must be what was sent.
+"""Fuzz test of the codec: every accepted frame must be one that was sent.
 
-Frames are changed in every way that a bad wire changes them, come on a serial line and as datagrams, with
-noise in between. An accepted frame is held against the one that was sent under its sequence, byte for byte,
-so that even a checksum that is right by chance would be found out.
+Frames are corrupted as by a bad wire and arrive on a serial line and as datagrams, mixed with noise. An
+accepted frame is compared byte by byte with the one sent under its sequence number, so that even a checksum
+that is right by chance would be detected.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from omnimj.link.codec.messages import (
 )
 from omnimj.link.codec.stream import DELIMITER, PacketStream, stuff
 
-_WINDOW = 4096  # frames that are remembered; one that is held back comes after some 50
+_WINDOW = 4096  # remembered frames; a delayed one arrives after about 50
 _BLOCK = 65_536
 _PER_ROUND = 1000  # frames between two blocks of noise
 _WARM = 20_000
@@ -43,33 +43,34 @@ _POOL = 4096
 
 @dataclass
 class FuzzReport:
-    """What came of it."""
+    """Result of a fuzz test."""
 
     frames: int = 0
-    """Made and sent, each on a serial line and as a datagram, changed or not."""
+    """Frames sent, each on a serial line and as a datagram, corrupted or not."""
     noise: int = 0
-    """Bytes of noise on the line, and as many in datagrams."""
+    """Bytes of noise on the line; as many in datagrams."""
     whole: int = 0
-    """Frames that stood on the line, or in datagrams, as they were made; duplicates count."""
+    """Frames that arrived unchanged, including duplicates."""
     accepted: int = 0
-    """Of them."""
+    """Accepted frames among them."""
     wrong: int = 0
-    """Accepted, and never sent so."""
+    """Accepted frames that were never sent."""
     seconds: float = 0.0
+    """Duration [s]."""
     peak_growth: float = 0.0
-    """By how much the most memory ever in use rose after the first frames [kB]."""
+    """Growth of the peak memory after the first frames [kB]."""
     blocks_growth: int = 0
-    """More pieces of memory in use at the end than after the first frames."""
+    """Growth of the number of allocated memory blocks after the first frames."""
     drops: DropCounts = field(default_factory=DropCounts)
 
     @property
     def passed(self) -> bool:
-        """All that was whole was accepted, and nothing else."""
+        """Whether exactly the unchanged frames were accepted."""
         return self.wrong == 0 and self.accepted == self.whole
 
 
 def _peak_memory() -> float:
-    """Most memory that this program ever used [kB]; 0 where the system does not tell."""
+    """Peak memory of this process [kB]; 0 where the system does not provide it."""
     try:
         import resource
     except ImportError:
@@ -79,7 +80,7 @@ def _peak_memory() -> float:
 
 
 class _FrameSource:
-    """Frames with numbers that float32 holds."""
+    """Random frames whose numbers are exact in float32."""
 
     def __init__(self, rng: random.Random):
         self._rng, self._sequence = rng, 0
@@ -114,33 +115,33 @@ class _FrameSource:
 
 
 def _flipped(rng: random.Random, content: bytes) -> bytes:
-    spoiled = bytearray(content)
+    corrupted = bytearray(content)
     for bit in rng.sample(range(8 * len(content)), rng.randint(1, 8)):
-        spoiled[bit >> 3] ^= 1 << (bit & 7)
-    return bytes(spoiled)
+        corrupted[bit >> 3] ^= 1 << (bit & 7)
+    return bytes(corrupted)
 
 
-def _lengthened(rng: random.Random, content: bytes) -> bytes:
+def _extended(rng: random.Random, content: bytes) -> bytes:
     at = rng.randint(0, len(content))
     return content[:at] + rng.choice((rng.randbytes, bytes))(rng.randint(1, 20)) + content[at:]
 
 
-def _shortened(rng: random.Random, content: bytes) -> bytes:
+def _truncated(rng: random.Random, content: bytes) -> bytes:
     begin = rng.randrange(len(content))
     return content[:begin] if rng.random() < 0.5 else content[:begin] + content[begin + rng.randint(1, 9) :]
 
 
 _CHANGES: tuple[Callable[[random.Random, bytes], bytes], ...] = (
     _flipped,
-    _lengthened,
-    _shortened,
+    _extended,
+    _truncated,
     lambda rng, content: b"",
     lambda rng, content: content + content,
 )
 
 
 class _FaultyWire:
-    """Does to frames what wires do: some come changed, some later, most as they are."""
+    """Wire that corrupts some frames and delays others."""
 
     def __init__(self, rng: random.Random):
         self._rng = rng
@@ -159,7 +160,7 @@ class _FaultyWire:
 
 
 class _AcceptanceChecker:
-    """Holds what was accepted against what was sent."""
+    """Comparison of accepted frames with those sent."""
 
     def __init__(self, report: FuzzReport, key: Key | None):
         self._report, self._key = report, key
@@ -167,7 +168,7 @@ class _AcceptanceChecker:
         self._stuffed: dict[bytes, int] = {}
         self._line = PacketStream()
         self._line.drops = report.drops
-        self._carry = b""  # what stands on the line after the last zero
+        self._carry = b""  # bytes on the line after the last zero
 
     def sent(self, frame: Frame) -> tuple[bytes, bytes]:
         packet = encode(frame, self._key)
@@ -191,7 +192,7 @@ class _AcceptanceChecker:
             self._accept(packet)
 
     def _named(self, packet: bytes) -> Iterator[tuple[Frame, bytes]]:
-        """What was sent under the sequence that these bytes name, right or wrong."""
+        """Frame sent under the sequence number in these bytes, if any."""
         found = self._sent.get(int.from_bytes(packet[8:12], "little"))
         if found is not None:
             yield found
@@ -210,7 +211,7 @@ class _AcceptanceChecker:
 
 
 def _noise(rng: random.Random, size: int) -> bytes:
-    """Evenly, or with as many zeros as frames have, or of few values."""
+    """Noise: uniform, with about as many zeros as frames have, or of few values."""
     kind = rng.randrange(3)
     if kind == 0:
         return rng.randbytes(size)
@@ -244,7 +245,7 @@ def _send_frames(
 
 
 def _send_noise(rng: random.Random, judge: _AcceptanceChecker, size: int, keyed: bool) -> int:
-    """One block of noise on the line and as datagrams; with a key, some with a right checksum, too."""
+    """Send a block of noise on the line and as datagrams; on a keyed link some with a valid checksum."""
     block = _noise(rng, size)[:size]
     judge.take_bytes(block)
     at = 0
@@ -260,13 +261,13 @@ def _send_noise(rng: random.Random, judge: _AcceptanceChecker, size: int, keyed:
 
 
 def fuzz(frames: int, noise: int, seed: int, progress: Callable[[int], object] | None = None) -> FuzzReport:
-    """Sends frames over bad wires, half of them on a link with a key; see `FuzzReport.passed`.
+    """Send frames over bad wires, half of them on a keyed link.
 
     Args:
-      frames: How many.
+      frames: Number of frames.
       noise: Bytes of noise among them.
-      seed: Of everything that is drawn.
-      progress: Is told how many frames are done.
+      seed: Seed of all random numbers.
+      progress: Called with the number of frames done.
     """
     rng, report = random.Random(seed), FuzzReport()
     keys = (None, Key(rng.randbytes(KEY_SIZE)))
@@ -280,7 +281,7 @@ def fuzz(frames: int, noise: int, seed: int, progress: Callable[[int], object] |
         count = min(_PER_ROUND, frames - report.frames)
         _send_frames(rng, source, judge, wires, count)
         report.frames += count
-        # as far with the noise as with the frames
+        # noise in proportion to the frames
         due = noise if report.frames >= frames else noise * report.frames // max(1, frames)
         while report.noise < due:
             report.noise += _send_noise(rng, judge, min(_BLOCK, due - report.noise), keyed) or 1

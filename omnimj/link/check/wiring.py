@@ -1,9 +1,9 @@
-"""What small motions tell about the wiring: which channel is dead, turned round, or scaled wrongly.
+"""Diagnosis of the wiring from small motions: channels that are dead, inverted, or wrongly scaled.
 
-A motor that turns the other way and a speed channel that reads the other way look alike at the wheel. On the
-floor the body tells them apart: gyro, converter and accelerometer see what the wheel did. The fewest wrong
-signs that explain everything are the answer; where two answers need as many, both are told. Off the floor a
-person has to look.
+An inverted motor and an inverted speed channel cannot be distinguished at the wheel. On the floor the motion
+of the body distinguishes them, through gyro, heading converter and accelerometer. The result is the smallest
+set of wrong signs that explains all observations; equally small sets are reported as alternatives. Off the
+floor a person has to watch the wheels.
 """
 
 from __future__ import annotations
@@ -19,24 +19,25 @@ from omnimj.parameters import Robot
 from omnimj.signals import Array
 
 MIN_WHEEL_SPEED, MIN_YAW_RATE, MIN_ACCELERATION = 0.7, 0.04, 0.08
-"""What counts as motion: wheel [rad/s], yaw rate [rad/s], acceleration [m/s²]."""
+"""Thresholds of motion: wheel speed [rad/s], yaw rate [rad/s], acceleration [m/s²]."""
 MIN_MONITOR_GAIN = 0.2
-"""Measured over asked current below which a monitor says nothing."""
+"""Ratio of measured to commanded current below which a monitor counts as dead."""
 CURRENT_GAIN_TOLERANCE, SPEED_GAIN_TOLERANCE, YAW_GAIN_TOLERANCE = 0.15, 0.2, 0.15
-"""By how much a ratio may be off 1: creep and friction are in it."""
-_CONTRADICTION_COST = 10  # wrong signs that an observation against all of them is worth
+"""Tolerated deviations of a ratio from 1, which include creep and friction."""
+_CONTRADICTION_COST = 10  # cost of an unexplained observation, in wrong signs
 _BODY_CHANNELS = ("yaw_rate", "yaw", "acceleration_x", "acceleration_y")
 
 
 @dataclass(frozen=True)
 class WiringFinding:
-    """One thing that is not as it should be."""
+    """Defect of the wiring."""
 
     place: str
     """`wheel_speed_2`, `motor_3`, or several with `or` between them."""
     kind: str
     """`sign`, `gain`, `dead`, or `other`."""
     words: str
+    """Description for a person."""
 
 
 def judge_wiring(
@@ -46,32 +47,29 @@ def judge_wiring(
     turns: Sequence[Motion],
     seen: Mapping[int, int] | None = None,
 ) -> list[WiringFinding]:
-    """All that is wrong.
+    """Find the defects of the wiring.
 
     Args:
-      robot: What it should be.
-      still: The robot at rest.
+      robot: Robot as it should be.
+      still: Recording at rest.
       single: Motions of one motor each.
-      turns: On the spot; none off the floor.
-      seen: What a person saw of wheels 0…n−1: 1 as it should, −1 the other way.
+      turns: Turns on the spot; empty off the floor.
+      seen: Direction of wheels 0…n−1 as observed by a person: 1 right, −1 inverted.
     """
     every = [still, *single, *turns]
     dead = _constant_channels(len(robot.wheels), every, single, turns)
-    found = [WiringFinding(place, "dead", f"{place} says the same, whatever moves") for place in dead]
+    found = [WiringFinding(place, "dead", f"{place} never changes, whatever moves") for place in dead]
     found += _judge_currents(single, dead)
     found += _judge_signs(robot, still, single, bool(turns), seen or {}, dead)
     if turns and not any(f.kind == "sign" or f.place.startswith("motor") for f in found):
-        found += _judge_gains(
-            robot, still, turns, dead
-        )  # a ratio of wrong signs or of idle wheels says nothing
+        found += _judge_gains(robot, still, turns, dead)  # ratios need right signs and turning wheels
     return _merge_findings(found)
 
 
 def _merge_findings(found: Sequence[WiringFinding]) -> list[WiringFinding]:
-    """One cause, one finding.
+    """Merge findings with a common cause.
 
-    A motor without current has a wheel that stands. A set value that arrives turned round has a monitor that
-    says so.
+    The wheel of a motor without current stands still. An inverted set value also inverts its current monitor.
     """
     idle = {f.place.split(" or ")[0][6:] for f in found if f.kind == "dead" and f.place.startswith("motor_")}
     turned = {f.place[6:] for f in found if f.kind == "sign" and f.place.startswith("motor_")}
@@ -88,7 +86,7 @@ def _merge_findings(found: Sequence[WiringFinding]) -> list[WiringFinding]:
 def _constant_channels(
     n: int, every: Sequence[Motion], single: Sequence[Motion], turns: Sequence[Motion]
 ) -> list[str]:
-    """Channels that never change: of currents and wheels when their own motor is driven."""
+    """Channels that never change; for currents and wheel speeds, while their own motor is driven."""
     dead = []
     for i in range(n):
         own = [m for m in single if m.wheel == i]
@@ -99,7 +97,7 @@ def _constant_channels(
         ]
     values = {
         "yaw_rate": [m.yaw_rate for m in every],
-        "yaw": [m.yaw for m in every] if turns else [],  # it changes only when the body turns
+        "yaw": [m.yaw for m in every] if turns else [],  # changes only while the body turns
         "acceleration_x": [m.acceleration[:, 0] for m in every],
         "acceleration_y": [m.acceleration[:, 1] for m in every],
     }
@@ -109,12 +107,12 @@ def _constant_channels(
 
 
 def _judge_currents(single: Sequence[Motion], dead: Sequence[str]) -> list[WiringFinding]:
-    """Each monitor against what its motor was asked for, and against those of the others."""
+    """Compare each current monitor with the commanded currents of its own and the other motors."""
     found = []
     for wheel in sorted({m.wheel for m in single}):
         own = [m for m in single if m.wheel == wheel]
-        asked = np.concatenate([m.asked for m in own])
-        slopes = np.concatenate([m.current for m in own]).T @ asked / (asked @ asked)
+        commanded = np.concatenate([m.commanded for m in own])
+        slopes = np.concatenate([m.current for m in own]).T @ commanded / (commanded @ commanded)
         name, slope = f"current_{wheel + 1}", float(slopes[wheel])
         other = int(np.argmax(np.abs(slopes)))
         if abs(slope) < MIN_MONITOR_GAIN and abs(slopes[other]) > MIN_MONITOR_GAIN:
@@ -127,22 +125,22 @@ def _judge_currents(single: Sequence[Motion], dead: Sequence[str]) -> list[Wirin
             found.append(WiringFinding(f"motor_{wheel + 1} or {name}", "dead", words))
         else:
             if slope < 0.0:
-                words = f"{name} has the wrong sign: it reads {slope:.2f} A per ampere asked for"
+                words = f"{name} has the wrong sign: it reads {slope:.2f} A per commanded ampere"
                 found.append(WiringFinding(name, "sign", words))
             if abs(abs(slope) - 1.0) > CURRENT_GAIN_TOLERANCE:
-                words = f"{abs(slope):.2f} A per ampere asked for: the amplifier's gain or the monitor's"
+                words = f"{abs(slope):.2f} A per commanded ampere: the amplifier's gain or the monitor's"
                 found.append(WiringFinding(f"motor_{wheel + 1} or {name}", "gain", words))
     return found
 
 
 def _steady_change(motion: Motion, values: Array, rest: Array | float) -> Array:
-    """Mean over the second half of the drive, less what it is at rest."""
+    """Mean over the second half of the drive minus the value at rest."""
     return values[motion.driven // 2 : motion.driven].mean(axis=0) - rest
 
 
 def _observed_signs(robot: Robot, still: Motion, motion: Motion) -> dict[str, int]:
-    """Sign of each channel over what it should be if the current were as asked: 1, −1, or 0 for none."""
-    i, way = motion.wheel, float(np.sign(motion.asked[: motion.driven].sum()))
+    """Sign of each channel relative to its expected sign for the commanded current; 0 without motion."""
+    i, direction = motion.wheel, float(np.sign(motion.commanded[: motion.driven].sum()))
     position, u = robot.wheel_positions[i], robot.rolling_directions[i]
     turn = position[0] * u[1] - position[1] * u[0]
     speed = float(_steady_change(motion, motion.wheel_speed, 0.0)[i])
@@ -151,7 +149,7 @@ def _observed_signs(robot: Robot, still: Motion, motion: Motion) -> dict[str, in
     turned = float(motion.yaw[motion.driven - 1] - motion.yaw[0]) / (motion.driven or 1) * 2000.0
 
     def sign(value: float, expected: float, least: float) -> int:
-        return 0 if abs(value) < least or abs(expected) < 1e-6 else int(np.sign(value * expected * way))
+        return 0 if abs(value) < least or abs(expected) < 1e-6 else int(np.sign(value * expected * direction))
 
     return {
         "wheel_speed": sign(speed, 1.0, MIN_WHEEL_SPEED),
@@ -170,12 +168,12 @@ def _judge_signs(
     seen: Mapping[int, int],
     dead: Sequence[str],
 ) -> list[WiringFinding]:
-    """The fewest wrong signs that explain what was observed."""
+    """Find the smallest sets of wrong signs that explain the observations."""
     observed = [(m.wheel, _observed_signs(robot, still, m)) for m in single]
     found = []
     for wheel in range(len(robot.wheels)):
         own = [o for w, o in observed if w == wheel]
-        if all(o["wheel_speed"] == 0 for o in own) and f"wheel_speed_{wheel + 1}" not in dead:  # or held
+        if all(o["wheel_speed"] == 0 for o in own) and f"wheel_speed_{wheel + 1}" not in dead:  # or blocked
             words = f"wheel {wheel + 1} hardly turned: is motor {wheel + 1} connected, and is the wheel free?"
             found.append(WiringFinding(f"motor_{wheel + 1}", "dead", words))
     body = [name for name in _BODY_CHANNELS if name not in dead] if on_floor else []
@@ -197,7 +195,7 @@ def _judge_signs(
 def _fewest_wheel_signs(
     n: int, observed: Sequence[tuple[int, dict[str, int]]], body: Mapping[str, int], seen: Mapping[int, int]
 ) -> tuple[list[tuple[str, ...]], int]:
-    """Wrong signs of motors and wheels when those of the body are given; all that are equally good."""
+    """Smallest sets of wrong signs of motors and wheel speeds for given signs of the body's channels."""
     answers: list[tuple[str, ...]] = [()]
     total = 0
     for i in range(n):
@@ -206,7 +204,7 @@ def _fewest_wheel_signs(
             own = [o for w, o in observed if w == i]
             against = sum(o[name] * sign * motor < 0 for o in own for name, sign in body.items())
             against += i in seen and seen[i] != motor
-            turned = sum(o["wheel_speed"] for o in own) * motor < 0  # then the channel is wrong as well
+            turned = sum(o["wheel_speed"] for o in own) * motor < 0  # then the channel is inverted as well
             names = (f"motor_{i + 1}",) * (motor < 0) + (f"wheel_speed_{i + 1}",) * turned
             costs[names] = _CONTRADICTION_COST * against + len(names)
         least = min(costs.values())
@@ -216,13 +214,13 @@ def _fewest_wheel_signs(
 
 
 def _sign_findings(best: Sequence[tuple[str, ...]]) -> list[WiringFinding]:
-    """What all answers share, and what they do not."""
+    """Findings common to all alternatives, and one finding for their differences."""
     sure = [name for name in (best[0] if best else ()) if all(name in one for one in best)]
     found = [WiringFinding(name, "sign", f"{name} has the wrong sign") for name in sure]
     doubtful = {tuple(name for name in one if name not in sure) for one in best}
     if len(doubtful) > 1:
         either = " or ".join(sorted({" and ".join(names) for names in doubtful if names}))
-        words = f"one has the wrong sign: {either}; look which way the wheel turns, or check on the floor"
+        words = f"one has the wrong sign: {either}; watch which way the wheel turns, or check on the floor"
         found.append(WiringFinding(either, "sign", words))
     return found
 
@@ -230,7 +228,7 @@ def _sign_findings(best: Sequence[tuple[str, ...]]) -> list[WiringFinding]:
 def _judge_gains(
     robot: Robot, still: Motion, turns: Sequence[Motion], dead: Sequence[str]
 ) -> list[WiringFinding]:
-    """Coasting wheels roll: r φ̇ against l ω, wheel by wheel; the gyro's way against the converter's."""
+    """Compare r φ̇ with l ω of each coasting wheel, and the integrated gyro with the heading converter."""
     p, u = robot.wheel_positions, robot.rolling_directions
     arm = (p[:, 0] * u[:, 1] - p[:, 1] * u[:, 0]) / robot.wheel.radius
     bias, found = float(still.yaw_rate.mean()), []
@@ -240,7 +238,7 @@ def _judge_gains(
     usual = float(np.median(by_wheel))
     for i, ratio in enumerate(by_wheel / usual if usual > 0.0 else ()):
         if abs(ratio - 1.0) > SPEED_GAIN_TOLERANCE and f"wheel_speed_{i + 1}" not in dead:
-            words = f"wheel {i + 1} reads {ratio:.2f} of what the other wheels do while the robot turns"
+            words = f"wheel {i + 1} reads {ratio:.2f} of the other wheels' speed while the robot turns"
             found.append(WiringFinding(f"wheel_speed_{i + 1}", "gain", words))
     if "yaw_rate" in dead or "yaw" in dead:
         return found
@@ -250,7 +248,7 @@ def _judge_gains(
 
 
 def _judge_gyro(ratio: float, by_wheels: float) -> list[WiringFinding]:
-    """Gyro over converter where they differ: the one that the wheels contradict."""
+    """Finding for a ratio of gyro to converter other than 1: the one that contradicts the wheels."""
     if abs(ratio - 1.0) < YAW_GAIN_TOLERANCE:
         return []
     gyro, converter = (
@@ -258,5 +256,5 @@ def _judge_gyro(ratio: float, by_wheels: float) -> list[WiringFinding]:
         abs(by_wheels - 1.0) < SPEED_GAIN_TOLERANCE,
     )
     place = "yaw_rate" if gyro and not converter else "yaw" if converter and not gyro else "yaw_rate or yaw"
-    words = f"the gyro's way is {ratio:.2f} of the converter's; the wheels say it is {place}"
+    words = f"the gyro's angle is {ratio:.2f} of the converter's; by the wheels the wrong one is {place}"
     return [WiringFinding(place, "gain", words)]

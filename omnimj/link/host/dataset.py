@@ -1,4 +1,4 @@
-"""A link's recording as a dataset of one run: raw numbers calibrated anew, commands as they were taken."""
+"""Recording of a link as a dataset of one run: raw readings calibrated again, commands as accepted."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ from omnimj.signals import Array
 
 
 def is_link_recording(folder: Path) -> bool:
-    """Whether a folder holds a recording of frames, and no dataset of tables."""
+    """Whether a folder holds a log of frames and no dataset."""
     return (folder / FRAMES_FILE).is_file() and not (folder / DATASET_FILE).exists()
 
 
 def read_link_recording(folder: Path, robot: Robot, floor: str | None = None) -> Dataset:
-    """The run that was driven, or listened to, over a link.
+    """Read a run that was driven or observed over a link.
 
-    Time 0 is the first telemetry of an armed device; without one, the first telemetry. Row k has what was
-    measured, and the command that the device took next, as a run's trace does.
+    Time 0 is the first telemetry of the armed device, or the first telemetry if it never was. Row k holds the
+    measurement and the next command that the device accepted, as in a trace.
 
     Args:
-      folder: With `frames.bin`.
-      robot: Whose [hardware] the raw numbers are read with.
-      floor: Of the run; what the recording says when None.
+      folder: Folder with `frames.bin`.
+      robot: Robot whose [hardware] calibrates the raw readings.
+      floor: Floor of the run; the recording's if None.
 
     Raises:
-      InputError: No recording, too few samples, or other channels than the wiring's.
+      InputError: No recording, too few samples, or fewer channels than the wiring has.
     """
     file, hardware = folder / FRAMES_FILE, require_hardware(robot)
     recording = FrameRecording(file)
@@ -59,35 +59,35 @@ def read_link_recording(folder: Path, robot: Robot, floor: str | None = None) ->
 
 
 def _rows(recording: FrameRecording, hardware: Hardware, file: Path) -> Array:
-    """Time, channels and the currents taken next, shape (k, 1 + 2 n + 4 + n)."""
+    """Time [s], channels and the next accepted currents [A], shape (k, 1 + 2 n + 4 + n)."""
     calibration, wheels, n = Calibration(hardware), WheelMap.from_hardware(hardware), len(hardware.outputs)
-    most = 1 + max(i.channel for i in hardware.inputs)
+    channels = 1 + max(i.channel for i in hardware.inputs)
     sent: dict[int, tuple[float, ...]] = {}
-    kept, width = array("d"), 1 + 3 * n + 4
-    current, zero, last, began, taken = np.zeros(n), math.nan, -math.inf, False, 0
+    rows, width = array("d"), 1 + 3 * n + 4
+    current, zero, last_time, was_armed, accepted = np.zeros(n), math.nan, -math.inf, False, 0
     for logged in recording:
         frame, message = logged.frame, logged.frame.message
         if logged.is_sent and isinstance(message, Command) and len(message.currents) == n:
             sent[frame.sequence] = message.currents
-        if not isinstance(message, Telemetry) or frame.time <= last:
+        if not isinstance(message, Telemetry) or frame.time <= last_time:
             continue
-        if len(message.raw) < most:
-            raise InputError(file, f"has {len(message.raw)} channels", f"the wiring needs {most}")
-        if message.acknowledged != taken and message.acknowledged in sent:
-            taken = message.acknowledged
-            current = wheels.from_device(sent[taken], 0).current
-            sent = {number: told for number, told in sent.items() if number > taken}
-            if kept:
-                kept[-n:] = array("d", current)  # the row before is the one that this command answered
-        if Status.ARMED in message.status and not began:
-            began, kept, zero = True, array("d"), math.nan
+        if len(message.raw) < channels:
+            raise InputError(file, f"has {len(message.raw)} channels", f"the wiring needs {channels}")
+        if message.acknowledged != accepted and message.acknowledged in sent:
+            accepted = message.acknowledged
+            current = wheels.from_device(sent[accepted], 0).current
+            sent = {number: currents for number, currents in sent.items() if number > accepted}
+            if rows:
+                rows[-n:] = array("d", current)  # the command answered the previous row
+        if Status.ARMED in message.status and not was_armed:
+            was_armed, rows, zero = True, array("d"), math.nan
         zero = frame.time if math.isnan(zero) else zero
-        last = frame.time
+        last_time = frame.time
         m = calibration.convert(frame.time / 1e6, message.raw)
-        kept.append((frame.time - zero) / 1e6)
+        rows.append((frame.time - zero) / 1e6)
         for part in (m.current, m.wheel_speed, m.acceleration, (m.yaw_rate, m.yaw), current):
-            kept.extend(part)
-    return np.array(kept).reshape(-1, width)
+            rows.extend(part)
+    return np.array(rows).reshape(-1, width)
 
 
 def _columns(rows: Array, wheels: int) -> dict[str, Array]:
@@ -108,9 +108,9 @@ def _name(about: Mapping[str, object]) -> str:
 def _notes(recording: FrameRecording, hardware: Hardware, broken: int) -> list[str]:
     found = []
     if recording.about.get("calibration_hash") != f"{calibration_hash(hardware):016x}":
-        found.append("calibrated with another [hardware] than the one it was driven with")
+        found.append("calibrated with another [hardware] than the run was driven with")
     if not recording.is_whole:
         found.append("the recording breaks off within a frame")
     if broken:
-        found.append(f"{broken} samples left out, since a reading is not finite")
+        found.append(f"{broken} samples omitted, since a reading is not finite")
     return found

@@ -1,1 +1,7 @@
-"""Transport."""
+"""Transports of the link: they carry packets, never wait for an answer, and never raise once open.
+
+- `interface`: transport (one far end) and listener (any sender).
+- `address`: `serial:DEVICE?baud=N` and `udp:HOST:PORT`.
+- `serial_port`, `udp`: the real ones.
+- `simulated`: both ends of a wire with loss, delay and other disturbances, in simulated time.
+"""

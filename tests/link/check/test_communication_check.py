@@ -64,7 +64,7 @@ def test_a_stop_ends_the_current_within_two_periods(world):
 def test_a_device_that_does_not_let_go_is_found_out(world, monkeypatch):
     """Its watchdog is taken out."""
     world.link.connect()
-    monkeypatch.setattr(Device, "_advance", lambda self, now: None)
+    monkeypatch.setattr(Device, "_advance_time", lambda self, now: None)
     trip = check_watchdog(world.link)
     assert trip.flows and trip.fault is FaultCode.NONE
 
