@@ -1,15 +1,17 @@
-"""Writes model files: a copy of one, its own text kept, with changed values and effects on top."""
+"""Model files: copies that keep the text of the original, with changed values and effects on top."""
 
 from __future__ import annotations
 
-import json
 import math
 import os
-import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import tomlkit
+from tomlkit.exceptions import TOMLKitError
+from tomlkit.items import InlineTable, Table
 
 from omnimj.effects.catalogue import effects_of, find_effect
 from omnimj.effects.effect import AXIS, Effect
@@ -19,14 +21,10 @@ from omnimj.parameters.model_file import SHARED_TABLES
 from omnimj.parameters.reading import parse_toml, read_toml
 from omnimj.resources import models_folder
 
-_HEADER = re.compile(r"\s*\[")
-_VALUE = re.compile(r"value\s*=\s*(\[[^\]]*\]|[^,}\s]+)")
-_SOURCE = re.compile(r'source\s*=\s*("[^"]*"|\'[^\']*\')')
-
 
 @dataclass(frozen=True)
 class FittedValue:
-    """A fitted number and its interval."""
+    """An estimate and its interval."""
 
     value: float
     low: float | None = None
@@ -40,36 +38,39 @@ EffectEstimates = Mapping[str, Mapping[str, "float | int | str | FittedValue"]]
 def format_model(
     file: Path, effects: EffectEstimates, changed: Mapping[str, float | Iterable[float]] | None = None
 ) -> str:
-    """The text of a model file with changed values and effects.
+    """Text of a model file with changed values and effects.
 
-    Comments and everything else of its own text stay; changed values get the source "identified"; a value
-    that stands in the parts file gets an entry here, which goes before. A table `[effects.NAME]` that the
-    file has already is replaced where `effects` has the same name, and kept elsewhere.
+    Comments, order and everything else of the original stay. Changed values get the source "identified"; a
+    value of the parts file gets an entry here, which overrides it. A table `[effects.NAME]` of the original
+    is replaced where `effects` has the same name, and kept otherwise.
 
     Args:
       file: The model file to start from.
-      effects: What to put on top.
+      effects: Effects to put on top.
       changed: `table.key` → new value, such as `motor.torque_constant`.
 
     Raises:
-      InputError: A value out of bounds, or a file whose text cannot be changed line by line.
+      InputError: A value out of bounds, or a file that cannot be edited.
       UnknownNameError: An effect, parameter or key that the model does not have.
     """
     tree = read_toml(file)
     plant = str(tree.get("plant"))
     known = effects_of(plant)
-    lines = file.read_text(encoding="utf-8-sig").splitlines()
-    lines = _resolve_parts_path(lines, tree, file)
-    parts = _parts_of(tree, file)
-    for name, value in (changed or {}).items():
-        lines = _replace_value(lines, name, value, tree, parts, file)
-    for name in effects:
-        if name in tree.get("effects", {}):
-            lines = _remove_table(lines, f"effects.{name}")
-    for name, values in effects.items():
-        effect = find_effect(name, plant, file)
-        lines += ["", *_effect_table(name, known[effect.name], values, file)]
-    text = "\n".join(lines) + "\n"
+    parts_file = _parts_path(tree, file)
+    has_parts = plant != AXIS and parts_file.is_file()
+    parts = read_toml(parts_file) if has_parts else {}
+    try:
+        document = tomlkit.parse(file.read_text(encoding="utf-8-sig"))
+        if has_parts and parts_file.parent != models_folder():
+            document["parts"] = parts_file.absolute().as_posix()  # a copy elsewhere must find them, too
+        for name, value in (changed or {}).items():
+            _replace_value(document, name, value, parts, file)
+        for name, values in effects.items():
+            effect = find_effect(name, plant, file)
+            _replace_effect(document, name, _effect_table(name, known[effect.name], values, file))
+        text = tomlkit.dumps(document)
+    except TOMLKitError as error:
+        raise InputError(file, f"its text cannot be changed ({error})") from None
     _verify_written(text, effects, changed or {}, file)
     return text
 
@@ -80,7 +81,7 @@ def write_model(
     effects: EffectEstimates,
     changed: Mapping[str, float | Iterable[float]] | None = None,
 ) -> None:
-    """Writes `format_model` as a file: whole, or not at all.
+    """Write `format_model` to a file: whole, or not at all.
 
     Raises:
       InputError: As `format_model`, or the file cannot be written.
@@ -103,118 +104,85 @@ def _parts_path(tree: Mapping[str, Any], file: Path) -> Path:
     return beside if beside.is_file() else models_folder() / name
 
 
-def _parts_of(tree: Mapping[str, Any], file: Path) -> Mapping[str, Any]:
-    path = _parts_path(tree, file)
-    return read_toml(path) if tree.get("plant") != AXIS and path.is_file() else {}
-
-
-def _resolve_parts_path(lines: list[str], tree: Mapping[str, Any], file: Path) -> list[str]:
-    """A copy in another folder must find the parts that lie beside the original."""
-    path = _parts_path(tree, file)
-    if tree.get("plant") == AXIS or not path.is_file() or path.parent == models_folder():
-        return lines
-    entry = f"parts = {json.dumps(path.absolute().as_posix())}"
-    for k, line in enumerate(lines):
-        if re.match(r"\s*parts\s*=", line):
-            return [*lines[:k], entry, *lines[k + 1 :]]
-        if _HEADER.match(line):
-            return [*lines[:k], entry, *lines[k:]]
-    return [*lines, entry]
-
-
-def _table_at(lines: list[str], name: str) -> tuple[int, int] | None:
-    """First line below the header of a table and the line after its last."""
-    header = re.compile(rf"\s*\[\s*{re.escape(name)}\s*\]\s*(#.*)?$")
-    for k, line in enumerate(lines):
-        if header.match(line):
-            end = next((j for j in range(k + 1, len(lines)) if _HEADER.match(lines[j])), len(lines))
-            return k + 1, end
-    return None
-
-
-def _remove_table(lines: list[str], name: str) -> list[str]:
-    found = _table_at(lines, name)
-    return lines if found is None else lines[: found[0] - 1] + lines[found[1] :]
-
-
 def _replace_value(
-    lines: list[str],
+    document: tomlkit.TOMLDocument,
     name: str,
     value: float | Iterable[float],
-    tree: Mapping[str, Any],
     parts: Mapping[str, Any],
     file: Path,
-) -> list[str]:
-    """The lines with one quantity's value replaced, or with an entry that overrides the parts."""
+) -> None:
+    """Replace the value of a quantity, or add an entry that overrides the parts."""
     table, _, key = name.partition(".")
-    own = tree.get(table, {})
+    own: Any = document.get(table, {})
     shared = parts.get(table, {}) if table in SHARED_TABLES else {}
     if not isinstance(own, Mapping) or not (key in own or key in shared):
-        known = [
-            f"{t}.{k}"
-            for where in (tree, parts)
-            for t, e in where.items()
-            if isinstance(e, Mapping)
-            for k in e
-        ]
-        raise UnknownNameError(f"{file}: changed value", "quantity", name, dict.fromkeys(known))
-    number = _number(value)
-    found = _table_at(lines, table)
-    if key in own and found is not None:
-        entry = re.compile(rf"\s*{re.escape(key)}\s*=")
-        for k in range(*found):
-            if entry.match(lines[k]):
-                line = _VALUE.sub(f"value = {number}", lines[k], count=1)
-                line = _SOURCE.sub('source = "identified"', line, count=1)
-                return [*lines[:k], line, *lines[k + 1 :]]
-    old = {**shared, **own}[key]
-    more = f", uncertainty = {old['uncertainty']!r}" if "uncertainty" in old else ""
-    line = f'{key} = {{ value = {number}, unit = {json.dumps(old["unit"])}, source = "identified"{more} }}'
-    if found is None:
-        return [*lines, "", f"[{table}]", line]
-    return [*lines[: found[0]], line, *lines[found[0] :]]
+        tables = [(t, e) for where in (document, parts) for t, e in where.items() if isinstance(e, Mapping)]
+        known = dict.fromkeys(f"{t}.{k}" for t, entries in tables for k in entries)
+        raise UnknownNameError(f"{file}: changed value", "quantity", name, known)
+    if key in own:
+        own[key]["value"], own[key]["source"] = _plain(value), "identified"
+        return
+    old = shared[key]
+    entry = tomlkit.inline_table()
+    entry.update({"value": _plain(value), "unit": old["unit"], "source": "identified"})
+    if "uncertainty" in old:
+        entry["uncertainty"] = old["uncertainty"]
+    if table not in document:
+        document[table] = tomlkit.table()
+    table_of: Any = document[table]
+    table_of[key] = entry
 
 
-def _number(value: float | Iterable[float]) -> str:
-    return (
-        "[" + ", ".join(repr(float(v)) for v in value) + "]"
-        if isinstance(value, Iterable)
-        else repr(float(value))
-    )
+def _plain(value: float | Iterable[float]) -> float | list[float]:
+    return [float(v) for v in value] if isinstance(value, Iterable) else float(value)
 
 
-def _effect_table(name: str, effect: Effect, values: Mapping[str, Any], file: Path) -> list[str]:
-    """Lines of one `[effects.NAME]` table, every parameter written out."""
+def _replace_effect(document: tomlkit.TOMLDocument, name: str, table: Table) -> None:
+    """Put a table `[effects.NAME]` behind the others, in the place of one of the same name."""
+    if "effects" not in document:
+        document["effects"] = tomlkit.table(is_super_table=True)
+    effects: Any = document["effects"]
+    effects.pop(name, None)
+    effects[name] = table
+
+
+def _effect_table(name: str, effect: Effect, values: Mapping[str, Any], file: Path) -> Table:
+    """Table `[effects.NAME]` with every parameter written out."""
     plain = {key: v.value if isinstance(v, FittedValue) else v for key, v in values.items()}
     full = complete_values(effect, plain, f"{file}: effects.{name}", partial=False)
-    lines = [f"[effects.{name}] # {effect.words}"]
-    lines += [f"{selector.name} = {json.dumps(full[selector.name])}" for selector in effect.selectors]
+    table = tomlkit.table()
+    table.comment(effect.words)
+    for selector in effect.selectors:
+        table[selector.name] = full[selector.name]
     for parameter in effect.parameters:
-        given = values.get(parameter.name)
-        entry = f"value = {float(full[parameter.name])!r}, unit = {json.dumps(parameter.unit)}"
-        entry += ', source = "identified"'
-        if isinstance(given, FittedValue):
-            for bound in ("low", "high"):
-                limit = getattr(given, bound)
-                if limit is not None and math.isfinite(limit):
-                    entry += f", {bound} = {float(limit)!r}"
-        lines.append(f"{parameter.name} = {{ {entry} }}")
-    return lines
+        table[parameter.name] = _effect_entry(
+            float(full[parameter.name]), parameter.unit, values.get(parameter.name)
+        )
+    return table
+
+
+def _effect_entry(value: float, unit: str, given: object) -> InlineTable:
+    entry = tomlkit.inline_table()
+    entry.update({"value": value, "unit": unit, "source": "identified"})
+    if isinstance(given, FittedValue):
+        for bound in ("low", "high"):
+            limit = getattr(given, bound)
+            if limit is not None and math.isfinite(limit):
+                entry[bound] = float(limit)
+    return entry
 
 
 def _verify_written(
     text: str, effects: EffectEstimates, changed: Mapping[str, float | Iterable[float]], file: Path
 ) -> None:
-    """Reads the text again: TOML can be laid out in ways that a change line by line does not reach."""
+    """Read the text again: what was to be written must be there."""
     try:
         tree = parse_toml(text)
         for name in effects:
             tree["effects"][name]
         for name, value in changed.items():
             table, _, key = name.partition(".")
-            found = tree[table][key]["value"]
-            if found != (list(map(float, value)) if isinstance(value, Iterable) else float(value)):
-                raise ValueError(name)
-    except (ValueError, KeyError, TypeError) as error:
-        rule = "write its tables as [name] with one entry a line"
-        raise InputError(file, f"its text cannot be changed ({error})", rule) from None
+            if tree[table][key]["value"] != _plain(value):
+                raise KeyError(name)
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(file, f"its text cannot be changed ({error})") from None

@@ -91,12 +91,24 @@ def test_what_cannot_be_written_is_refused(tmp_path):
         format_model(RIG_FILE, {"grade": {"slope": 9.0}})
     with pytest.raises(InputError, match="cannot be written"):
         write_model(tmp_path / "no" / "mine.toml", RIG_FILE, {})
-    odd = tmp_path / "odd.toml"
-    text = re.sub(r"(?s)\[rig\]\n", "", RIG_FILE.read_text(encoding="utf-8"))
-    odd.write_text(re.sub(r"(?m)^(\w+) = \{", r"rig.\1 = {", text), encoding="utf-8")
-    assert read_rig(odd).rig == RIG.rig  # dotted keys are TOML, too
-    with pytest.raises(InputError, match="its text cannot be changed"):
-        format_model(odd, {}, {"rig.rail_friction": 0.35})
+
+
+def test_a_file_of_any_layout_can_be_changed_and_keeps_its_comments(tmp_path):
+    own = RIG_FILE.read_text(encoding="utf-8")
+    dotted = re.sub(r"(?m)^(\w+) = \{", r"rig.\1 = {", own.replace("[rig]\n", ""))
+    spread = (
+        own
+        + "\n[effects.grade] # measured\nslope.value = 0.01\nslope.unit = 'rad'\nslope.source = 'chosen'\n"
+    )
+    for name, text in (("dotted", dotted), ("spread", spread), ("crlf", own.replace("\n", "\r\n"))):
+        file, written = tmp_path / f"{name}.toml", tmp_path / f"{name}_changed.toml"
+        file.write_bytes(text.encode("utf-8"))
+        write_model(written, file, {"payload": {"mass": 0.2}}, {"rig.rail_friction": 0.35})
+        read = read_rig(written)
+        assert read.rig == dataclasses.replace(RIG.rig, rail_friction=0.35)
+        assert read.effects["payload"] == {"mass": 0.2} and ("grade" in read.effects) == (name == "spread")
+        comments = re.findall("#[^\r\n]*", text)
+        assert set(comments) <= set(re.findall("#[^\r\n]*", written.read_text(encoding="utf-8")))
 
 
 GOOD = '[effects.rail_viscous]\ncoefficient = { value = 2.0, unit = "N.s/m", source = "identified" }\n'
