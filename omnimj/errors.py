@@ -1,7 +1,7 @@
-"""What can go wrong, as one family of exceptions.
+"""The exceptions of omnimj, one family.
 
-Loaders and constructors raise; inside the control loop bad data is a value that the limits turn into
-zero current.
+Loaders and constructors raise; inside the control loop bad data is a value, which the limits turn into zero
+current.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
-_LONGEST = 200  # what was found may be a whole table or a file's worth of text
+_LONGEST = 200  # a finding may be a whole table or all the text of a file
 
 
 class OmnimjError(Exception):
@@ -33,7 +33,7 @@ class InputError(OmnimjError, ValueError):
 
 
 class UnknownNameError(InputError, LookupError):
-    """A name that is not in the list it should come from; the message lists the choices."""
+    """A name outside its list of choices; the message gives the choices."""
 
     def __init__(self, place: object, kind: str, name: object, choices: Iterable[str]):
         names = list(choices)
@@ -47,8 +47,8 @@ class NativeLayoutError(OmnimjError, RuntimeError):
 
 
 class SimulationError(OmnimjError, RuntimeError):
-    """The simulation left the numbers it can stand for (not finite, or MuJoCo warned)."""
+    """The state of a simulation is no longer valid: not finite, or MuJoCo warned."""
 
 
 class LinkLost(OmnimjError, ConnectionError):
-    """The link to the robot does not hold what motion needs; the robot has been told to stop."""
+    """The link to the robot is too poor for motion; a stop was commanded."""

@@ -1,4 +1,4 @@
-"""Where the shipped models and scenarios lie: in the package when installed, in the checkout otherwise."""
+"""Folders of the shipped models and scenarios: in the package when installed, in the checkout otherwise."""
 
 from __future__ import annotations
 
@@ -24,5 +24,5 @@ def scenarios_folder() -> Path:
 
 
 def model_display_name(file: Path) -> str:
-    """A machine by its model file: a shipped one by its name, any other by the file's."""
+    """Name of a machine for people: of a shipped one its folder's, of any other the model file's."""
     return file.parent.name if models_folder() in file.parents else file.name

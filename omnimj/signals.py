@@ -15,6 +15,19 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
+RIG_CHANNELS = ("current", "wheel_speed", "carriage_speed", "carriage_acceleration", "lateral_speed")
+"""Measured channels of the test rig, as recordings and sensor faults name them: A, rad/s, m/s, m/s², m/s."""
+
+
+def robot_channels(wheels: int) -> tuple[str, ...]:
+    """Measured channels of a robot with n wheels, as recordings and sensor faults name them.
+
+    Currents (n) [A], wheel speeds (n) [rad/s], acceleration x and y [m/s²], yaw rate [rad/s], yaw [rad].
+    """
+    per_wheel = [f"{name}_{i}" for name in ("current", "wheel_speed") for i in range(1, wheels + 1)]
+    return (*per_wheel, "acceleration_x", "acceleration_y", "yaw_rate", "yaw")
+
+
 @dataclass(frozen=True, slots=True)
 class Measurement:
     """What the robot's sensors say at one instant; all a controller may see."""

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
+from omnimj import signals
 from omnimj.effects.effect import RIG, ROBOT, Effect, EffectParameter, Hook, MachineChanges, Selector, Values
 
-RIG_CHANNELS = ("current", "wheel_speed", "carriage_speed", "carriage_acceleration")
-"""Measured channels of the rig; the gantry's speed is set, not answered."""
-ROBOT_CHANNELS = (
-    *(f"current_{i}" for i in range(1, 5)),
-    *(f"wheel_speed_{i}" for i in range(1, 5)),
-    *("acceleration_x", "acceleration_y", "yaw_rate", "yaw"),
-)
+RIG_CHANNELS = signals.RIG_CHANNELS[:-1]
+"""Measured channels of the rig; the gantry's speed is commanded."""
+ROBOT_CHANNELS = signals.robot_channels(4)
 """Measured channels of the robot."""
 
 _AXES = Selector("channel", ("acceleration_x", "acceleration_y"))

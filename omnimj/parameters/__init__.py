@@ -1,4 +1,9 @@
-"""What stays: the constants of robot, rig and floors, read from `models/*.toml`, validated once."""
+"""Constants of robot, rig, axis and floors as frozen dataclasses, read from `models/*.toml` and checked once.
+
+`robot`, `rig` and `axis` are the machines, `parts` what robot and rig have in common, `floor` the floors and
+their traction laws, `hardware` the wiring. `reading` checks TOML tables of quantities and keeps where each
+number comes from; `model_file` joins a machine's file with the parts that machines share.
+"""
 
 from omnimj.parameters.axis import Axis, AxisBody, AxisSensors, read_axis
 from omnimj.parameters.floor import Floor, read_floors

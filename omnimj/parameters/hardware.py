@@ -1,6 +1,6 @@
-"""How the robot is wired: the tables `[hardware]` of a model file, which raw number is which quantity.
+"""Wiring of a robot: the tables `[hardware]` of a model file, which raw number is which quantity.
 
-Input: SI = sign · gain · (raw − offset), raw in volts or counts. Output: what the amplifier is told =
+Input: SI = sign · gain · (raw − offset), raw in volts or counts. Output: command to the amplifier =
 sign · gain · current, in A/A over a wire, in V/A at an analog box.
 """
 
@@ -14,6 +14,7 @@ from typing import Any
 
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters.reading import Provenance, Rule, check_number, positive, read_provenance, read_table
+from omnimj.signals import robot_channels
 
 RAW_UNITS = {"volts": "V", "counts": "count"}
 """Kinds of raw numbers and their units."""
@@ -26,10 +27,10 @@ UNITS = {
     "yaw_rate": "rad/s",
     "yaw": "rad",
 }
-"""Quantities that an input may measure, and their units."""
+"""Quantities of inputs and their units."""
 OUTPUT_UNITS = ("A/A", "V/A")
 MAX_CHANNELS = 16
-"""That one telemetry holds."""
+"""Channels of one telemetry message."""
 
 _FINITE = Rule(-math.inf, math.inf, False)
 _ABOVE_ZERO = Rule(0.0, math.inf, True)
@@ -40,20 +41,20 @@ _COUNTER = 2.0**32  # a count travels in 32 bits
 
 @dataclass(frozen=True)
 class HardwareLimits:
-    """What the device is commissioned to let through; the meaning of each is that of `hardware.messages`."""
+    """Limits that the device is configured with; the link's messages explain each."""
 
     current: float = positive("A")
     """Largest current of a wheel."""
     current_rate: float = positive("A/s")
     """Largest change of it; above the controller's own, since commands come with jitter."""
     continuous_current: float = positive("A")
-    """Which a motor may carry for ever."""
+    """Current that a motor may carry for ever."""
     heating: float = positive("A2.s")
     """Largest I²t above it."""
     wheel_speed: float = positive("rad/s")
-    """At which current is cut, after the gear."""
+    """Wheel speed, after the gear, at which the current is cut."""
     message_rate: float = positive("1/s")
-    """Frames that are answered."""
+    """Largest rate of frames that get an answer."""
     valid_for: float = positive("s", 0.2)
     """Longest time for which a command may hold."""
 
@@ -65,9 +66,9 @@ class HardwareInput:
     name: str
     """Channel of the robot, as `current_1`."""
     quantity: str
-    """What the raw number is of: as the name says, or `wheel_angle` where the host differentiates."""
+    """Quantity behind the raw number: as the name says, or `wheel_angle` where the host differentiates."""
     wheel: int
-    """1…n; 0 where it is of no wheel."""
+    """1…n; 0: belongs to no wheel."""
     raw: str
     """`volts` or `counts`."""
     channel: int
@@ -80,7 +81,7 @@ class HardwareInput:
     filter: float
     """Time constant of the host's first-order filter; 0: none [s]."""
     wrap: float
-    """Of a wheel angle: after so much the raw number begins anew; 0: never [V or count]."""
+    """Period after which the raw number of a wheel angle starts again; 0: never [V or count]."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +113,12 @@ class Hardware:
 
 
 def read_hardware(tree: Mapping[str, Any], path: Path, wheels: int) -> Hardware | None:
-    """The `[hardware]` tables of a parsed model file; None where it has none.
+    """Read the tables `[hardware]` of a parsed model file; None where it has none.
+
+    Args:
+      tree: The whole file as parsed.
+      path: The file, for messages.
+      wheels: Number of wheels n.
 
     Raises:
       InputError: A table or key is missing or breaks its rule.
@@ -132,7 +138,7 @@ def read_hardware(tree: Mapping[str, Any], path: Path, wheels: int) -> Hardware 
     outputs = [
         _output(f"{place}.outputs", entry, wheels, provenance) for entry in _entries(place, own, "outputs")
     ]
-    names = _channel_names(wheels)
+    names = robot_channels(wheels)
     _require_each_once(f"{place}.inputs", "name", [i.name for i in inputs], names)
     _require_each_once(f"{place}.inputs", "channel", [i.channel for i in inputs])
     _require_each_once(f"{place}.outputs", "wheel", [o.wheel for o in outputs], range(1, wheels + 1))
@@ -143,11 +149,6 @@ def read_hardware(tree: Mapping[str, Any], path: Path, wheels: int) -> Hardware 
     _require_each_once(f"{place}.outputs", "channel", channels, range(wheels) if on_wire else None)
     ordered = tuple(sorted(inputs, key=lambda i: names.index(i.name)))
     return Hardware(limits, ordered, tuple(sorted(outputs, key=lambda o: o.wheel)), provenance)
-
-
-def _channel_names(wheels: int) -> tuple[str, ...]:
-    per_wheel = [f"{name}_{i}" for name in ("current", "wheel_speed") for i in range(1, wheels + 1)]
-    return (*per_wheel, "acceleration_x", "acceleration_y", "yaw_rate", "yaw")
 
 
 def _entries(place: str, own: Mapping[str, Any], name: str) -> list[Mapping[str, Any]]:
@@ -198,7 +199,7 @@ def _input(
 ) -> HardwareInput:
     optional = ("quantity", "sign", "offset", "filter", "wrap")
     _require_keys(place, entry, ("name", "raw", "channel", "gain"), optional)
-    name = _text(place, entry, "name", _channel_names(wheels))
+    name = _text(place, entry, "name", robot_channels(wheels))
     place = f"{place}.{name}"
     stem, _, last = name.rpartition("_")
     of_name, wheel = (stem, int(last)) if last.isdigit() else (name, 0)

@@ -1,4 +1,8 @@
-"""A model file: one plant's TOML over the file of the parts that plants share."""
+"""Model files: the TOML of one plant over the file of the parts that plants share, and its effects.
+
+Of the tables `[effects.NAME]` only the form is checked here; the effects, their units and bounds are known to
+`omnimj.effects`, which checks them when a machine is built (`check_effects`).
+"""
 
 from __future__ import annotations
 
@@ -12,13 +16,18 @@ from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters.reading import Provenance, Rule, check_number, read_provenance, read_table, read_toml
 from omnimj.resources import models_folder
 
+EffectValues = Mapping[str, Mapping[str, float | str | int]]
+"""Effect → parameter or selector → value."""
+
+_FINITE = Rule(-math.inf, math.inf, False)
+
 SHARED_TABLES = ("wheel", "bearing", "motor", "contact", "sensors")
-"""What robot and rig have in common; the parts file holds these tables, a model file may override them."""
+"""Tables of the parts file, common to robot and rig; a model file may override their entries."""
 
 
 @dataclass(frozen=True)
 class ModelFile:
-    """Both files as parsed; an entry of the plant's own file goes before the same entry of the parts."""
+    """Model file and parts file as parsed; an entry of the model file overrides that of the parts."""
 
     path: Path
     """The plant's own file."""
@@ -27,7 +36,12 @@ class ModelFile:
     parts: Mapping[str, Any]
 
     def table(self, kind: type, name: str, provenance: dict[str, Provenance]) -> Any:
-        """A table of quantities as an instance of the dataclass `kind`.
+        """Read a table of quantities into the dataclass `kind`.
+
+        Args:
+          kind: Dataclass whose fields come from `quantity` and `positive`.
+          name: The table's name in the file.
+          provenance: Gets `name.key` → unit and source.
 
         Raises:
           InputError: A key is missing or its value breaks the rule; the message names the file it stands in.
@@ -50,33 +64,33 @@ class ModelFile:
         return read_table(kind, entries, home, provenance, name)
 
 
-def model_path(asked: Path | None, usual: str) -> Path:
-    """Where a model file is: a path as it is, or the name of a shipped model, such as `three_wheel`.
+def model_path(given: Path | None, default: str) -> Path:
+    """Path of a model file, given a path or the name of a shipped model, such as `three_wheel`.
 
     Args:
-      asked: What was asked for; the usual one when None.
-      usual: Path of the plant's usual model file inside the shipped models.
+      given: Path or name; None: the default.
+      default: Path of the plant's default model file inside the shipped models.
 
     Raises:
       UnknownNameError: A bare name that is neither a file nor a shipped model of this plant.
     """
-    folder, file = models_folder(), Path(usual).name
-    if asked is None:
-        return folder / usual
-    if len(asked.parts) != 1 or asked.suffix or asked.exists():
-        return asked
-    if not (folder / asked / file).is_file():
+    folder, file = models_folder(), Path(default).name
+    if given is None:
+        return folder / default
+    if len(given.parts) != 1 or given.suffix or given.exists():
+        return given
+    if not (folder / given / file).is_file():
         shipped = sorted(p.parent.name for p in folder.glob(f"*/{file}"))
-        raise UnknownNameError("--model", f"shipped {file}", str(asked), (*shipped, "the path of a file"))
-    return folder / asked / file
+        raise UnknownNameError("--model", f"shipped {file}", str(given), (*shipped, "the path of a file"))
+    return folder / given / file
 
 
 def read_model_file(path: Path, plant: str, own_tables: tuple[str, ...]) -> ModelFile:
-    """Reads a plant's TOML and the parts it names: a file beside it, or else one of the shipped models.
+    """Read a plant's TOML and the parts that it names: a file beside it, or else a shipped one.
 
     Args:
       path: The model file.
-      plant: What it must be a model of.
+      plant: Plant that it must be a model of.
       own_tables: Tables of this plant alone.
 
     Raises:
@@ -107,18 +121,10 @@ def _require_known(path: Path, tree: Mapping[str, Any], known: tuple[str, ...]) 
             raise UnknownNameError(path, "table", key, known)
 
 
-# The tables `[effects.NAME]` of a model file: what lies on top of the model's constants.
-
-EffectValues = Mapping[str, Mapping[str, float | str | int]]
-"""Effect → parameter or selector → value."""
-
-_FINITE = Rule(-math.inf, math.inf, False)
-
-
 def read_effects(
     tree: Mapping[str, Any], path: Path, provenance: dict[str, Provenance]
 ) -> dict[str, dict[str, float | str | int]]:
-    """Values of all `[effects.NAME]` tables of a parsed model file.
+    """Read the values of all tables `[effects.NAME]` of a parsed model file.
 
     A parameter is `{ value, unit, source }` with optional `low`, `high` (its interval) and `uncertainty`; a
     selector is a plain text or whole number.

@@ -1,4 +1,4 @@
-"""Parts that robot and rig share: wheel, bearing, motor, contact, sensors."""
+"""Parts common to robot and rig: wheel, bearing, motor, contact, sensors."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ class Contact:
 
 @dataclass(frozen=True)
 class Sensors:
-    """The sensor chain between the physical quantity and the number a controller sees."""
+    """Constants of the sensor chain from the physical quantity to the controller's number."""
 
     sample_rate: float = quantity("Hz", 100.0, 10_000.0)
     """Rate of the data acquisition, of the controller and of the twin's steps: beyond 10 kHz traces outgrow

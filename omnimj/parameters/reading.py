@@ -1,4 +1,4 @@
-"""Reads TOML tables of quantities into frozen dataclasses and keeps where each number comes from.
+"""TOML files and their tables of quantities, read into frozen dataclasses with the source of each number.
 
 A quantity is `name = { value = …, unit = "…", source = "text | datasheet | chosen | …" }`; `SOURCES` are all.
 """
@@ -18,12 +18,12 @@ SOURCES = ("text", "datasheet", "chosen", "measured", "identified", "tuned")
 
 
 class Provenance(NamedTuple):
-    """Where a number comes from."""
+    """Origin of a number."""
 
     unit: str
     source: str
     uncertainty: float = 0.0
-    """Half-width of what it may be, in the same unit; 0: taken as known."""
+    """Half-width of its interval, in the same unit; 0: taken as known."""
 
 
 class Rule(NamedTuple):
@@ -34,7 +34,7 @@ class Rule(NamedTuple):
     open_low: bool
 
     def broken_by(self, value: float) -> bool:
-        """Whether a single number breaks the rule."""
+        """Return whether a number breaks the rule."""
         below = value <= self.low if self.open_low else value < self.low
         return not math.isfinite(value) or below or value > self.high
 
@@ -47,6 +47,7 @@ class Rule(NamedTuple):
 
 
 _NOT_NEGATIVE = Rule(0.0, math.inf, False)
+_INTEGERS = range(-(2**63), 2**63)
 _NEEDED = ("value", "unit", "source")
 
 
@@ -58,17 +59,23 @@ def quantity(
     open_low: bool = False,
     default: Any = dataclasses.MISSING,
 ) -> Any:
-    """Declares a dataclass field with its unit, its bounds and perhaps the value that it usually has."""
+    """Declare a dataclass field with its unit, its bounds and an optional default."""
     return dataclasses.field(default=default, metadata={"unit": unit, "rule": Rule(low, high, open_low)})
 
 
 def positive(unit: str, high: float = math.inf, *, default: Any = dataclasses.MISSING) -> Any:
-    """A quantity above zero."""
+    """Declare a quantity above zero."""
     return quantity(unit, 0.0, high, open_low=True, default=default)
 
 
 def check_number(place: str, value: Any, rule: Rule, whole: bool = False) -> float | int:
-    """Checks one number against its rule.
+    """Check one number against its rule.
+
+    Args:
+      place: Where it is written, for messages.
+      value: The number as parsed.
+      rule: Its bounds.
+      whole: Whether it must be a whole number.
 
     Raises:
       InputError: Not a number, not whole where whole is needed, or outside the bounds.
@@ -88,7 +95,7 @@ def check_number(place: str, value: Any, rule: Rule, whole: bool = False) -> flo
 
 
 def read_quantity(place: str, entry: Any, spec: dataclasses.Field) -> tuple[Any, Provenance]:
-    """One `{ value, unit, source }` entry, perhaps with `uncertainty`, checked against its field."""
+    """Read one entry `{ value, unit, source }`, perhaps with `uncertainty`, by the rule of its field."""
     unit, rule = spec.metadata["unit"], spec.metadata["rule"]
     origin = read_provenance(place, entry, unit)
     value = entry["value"]
@@ -103,13 +110,13 @@ def read_quantity(place: str, entry: Any, spec: dataclasses.Field) -> tuple[Any,
 
 
 def read_provenance(place: str, entry: Any, unit: str | None, more: tuple[str, ...] = ()) -> Provenance:
-    """Unit, source and uncertainty of one entry; its value is left to the caller.
+    """Read unit, source and uncertainty of one entry; its value is left to the caller.
 
     Args:
-      place: Where it stands, for messages.
+      place: Where it is written, for messages.
       entry: The entry as parsed.
-      unit: What its unit must be; None: any text.
-      more: Further keys that it may have.
+      unit: Its required unit; None: any text.
+      more: Further allowed keys.
 
     Raises:
       InputError: No table, or a key is missing or wrong.
@@ -138,16 +145,16 @@ def read_provenance(place: str, entry: Any, unit: str | None, more: tuple[str, .
 def read_table(
     kind: type,
     table: Any,
-    home: Callable[[str], Path],
+    file_of: Callable[[str], Path],
     provenance: dict[str, Provenance],
     prefix: str,
 ) -> Any:
-    """A table of quantities as an instance of the dataclass `kind`.
+    """Read a table of quantities into the dataclass `kind`.
 
     Args:
       kind: Dataclass whose fields come from `quantity` and `positive`.
       table: The parsed TOML table.
-      home: The file that a key stands in, for messages.
+      file_of: File in which a key is written, for messages.
       provenance: Gets `prefix.key` → unit and source.
       prefix: The table's name in the file.
 
@@ -157,29 +164,27 @@ def read_table(
     """
     fields = {f.name: f for f in dataclasses.fields(kind)}
     if not isinstance(table, Mapping):
-        raise InputError(home(""), f"[{prefix}] is not a table")
+        raise InputError(file_of(""), f"[{prefix}] is not a table")
     for key in table:
         if key not in fields:
-            raise UnknownNameError(f"{home(key)}: [{prefix}]", "key", key, fields)
+            raise UnknownNameError(f"{file_of(key)}: [{prefix}]", "key", key, fields)
     values = {}
     for name, spec in fields.items():
         if name not in table and spec.default is not dataclasses.MISSING:
             continue
         if name not in table:
-            raise InputError(f"{home(name)}: [{prefix}]", f"'{name}' is missing")
+            raise InputError(f"{file_of(name)}: [{prefix}]", f"'{name}' is missing")
         values[name], provenance[f"{prefix}.{name}"] = read_quantity(
-            f"{home(name)}: {prefix}.{name}", table[name], spec
+            f"{file_of(name)}: {prefix}.{name}", table[name], spec
         )
     return kind(**values)
 
 
-# Reads a TOML file, or says in one line why it cannot be read.
-
-_INTEGERS = range(-(2**63), 2**63)
-
-
 def read_toml(path: Path) -> dict[str, Any]:
-    """Parses a TOML file.
+    """Parse a TOML file.
+
+    Args:
+      path: The file; a byte order mark, as some editors write it, is skipped.
 
     Raises:
       InputError: The file is missing, cannot be read or is not TOML; the message names file and line.
@@ -204,7 +209,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """Parses TOML text; whole numbers are bound to 64 bits as TOML 1.0 has it, which Python's parser is not.
+    """Parse TOML text; unlike Python's parser it keeps to the 64 bits that TOML 1.0 gives whole numbers.
 
     Raises:
       ValueError: It is not TOML.

@@ -1,4 +1,4 @@
-"""The test rig's constants."""
+"""Constants of the quarter test rig."""
 
 from __future__ import annotations
 
@@ -79,7 +79,10 @@ class Rig:
 
 
 def read_rig(path: Path | None = None) -> Rig:
-    """Reads `rig.toml`, or a copy of it with changed values.
+    """Read `rig.toml`, or a copy of it with changed values.
+
+    Args:
+      path: The model file, or the name of a shipped one; the shipped rig when None.
 
     Raises:
       InputError: A value is missing or breaks its rule; the message names file, key, value and rule.
@@ -107,7 +110,7 @@ def read_rig(path: Path | None = None) -> Rig:
 
 
 def _require_consistent(rig: Rig) -> None:
-    """Rules that no single number can break alone."""
+    """Check the rules that relate several numbers."""
     body = rig.rig
     if rig.wheel.mass >= min(body.masses):
         raise InputError(

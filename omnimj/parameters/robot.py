@@ -1,4 +1,4 @@
-"""The robot's constants."""
+"""Constants of a robot with n wheels."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class RobotBody:
 
 @dataclass(frozen=True)
 class WheelMount:
-    """Where one wheel sits and which way it drives, in the body frame."""
+    """Place and driving direction of one wheel in the body frame."""
 
     position: tuple[float, ...] = quantity("m", -10.0, 10.0)
     """x, y of the wheel's centre."""
@@ -58,7 +58,7 @@ class WheelMount:
 
 
 def roller_sin_cos(angle: float) -> tuple[float, float]:
-    """sin γ and cos γ, exactly 1 and 0 of an omni wheel."""
+    """sin γ and cos γ, exactly 1 and 0 for an omni wheel."""
     return math.sin(angle), math.sin(math.pi / 2.0 - angle)
 
 
@@ -73,7 +73,7 @@ class Control:
     yaw_rate_proportional: float = quantity("1", 0.0)
     """P of the yaw-rate loop, on top of the yaw-rate demand."""
     heading_proportional: float = quantity("1/s", 0.0)
-    """P of the heading hold, where a scenario asks for it."""
+    """P of the heading hold, where a scenario uses it."""
     current_limit: float = positive("A")
     """Last gate: largest current command."""
     current_rate_limit: float = positive("A/s")
@@ -104,7 +104,7 @@ class Robot:
     effects: EffectValues = field(default_factory=dict)
     """Effects on top of the model; the names and their parameters are those of `omnimj.effects`."""
     hardware: Hardware | None = None
-    """How it is wired; None: the file does not say."""
+    """Wiring; None: not in the file."""
 
     @property
     def wheel_count(self) -> int:
@@ -118,7 +118,7 @@ class Robot:
 
     @property
     def wheel_positions(self) -> np.ndarray:
-        """Shape (n, 2) [m]."""
+        """Wheel centres in the body frame, shape (n, 2) [m]."""
         return np.array([w.position for w in self.wheels])
 
     @property
@@ -128,12 +128,12 @@ class Robot:
 
     @property
     def rolling_directions(self) -> np.ndarray:
-        """a_i/(a_i·u_i): a wheel that rolls has r φ̇_i = (that)·v, and pushes along it, shape (n, 2)."""
+        """Directions d_i = a_i/(a_i·u_i) of rolling, r φ̇_i = d_i·v, and of traction, shape (n, 2)."""
         return np.array([np.array(w.roller_axis) / math.sin(w.roller_angle) for w in self.wheels])
 
     @property
     def side_directions(self) -> np.ndarray:
-        """z × u_i / sin γ_i: the rollers of a rolling wheel turn with (that)·v and drag along it, (n, 2)."""
+        """Directions z × u_i / sin γ_i along which a rolling wheel turns its rollers, shape (n, 2)."""
         u, angles = self.drive_directions, np.array([w.roller_angle for w in self.wheels])
         return np.column_stack((-u[:, 1], u[:, 0])) / np.sin(angles)[:, None]
 
@@ -155,7 +155,7 @@ def _read_mounts(entries: Any, path: Path, provenance: dict[str, Provenance]) ->
 
 
 def read_robot(path: Path | None = None) -> Robot:
-    """Reads `robot.toml`, or a copy of it with changed values.
+    """Read `robot.toml`, or a copy of it with changed values.
 
     Args:
       path: The model file, or the name of a shipped one; the robot of the source when None.
@@ -190,7 +190,7 @@ def read_robot(path: Path | None = None) -> Robot:
 
 
 def _require_consistent(robot: Robot) -> None:
-    """Rules that no single number can break alone."""
+    """Check the rules that relate several numbers."""
     body, wheel, corners = robot.body, robot.wheel, robot.body.unsprung_mass * len(robot.wheels)
     if corners >= body.mass:
         raise InputError(

@@ -1,4 +1,4 @@
-"""Kinematics of n omni wheels in both scales: the law of rigid rolling and the published matrix.
+"""Kinematics of n omni wheels: the law of rigid rolling and the published matrix.
 
 A (n×3) maps the body twist (v_x, v_y, yaw rate) to rolling speeds: V = A·twist, Eqs. 3.50-3.53.
 """
@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 
 def rolling_matrix(positions: ArrayLike, directions: ArrayLike) -> Array:
-    """A with rows (d_x, d_y, x d_y − y d_x): rolling speed r φ̇ of each wheel per body twist.
+    """Rolling speed r φ̇ of each wheel per body twist: A with rows (d_x, d_y, x d_y − y d_x).
 
     Source: Eqs. 3.48-3.53, V_i = d_i · (v + ω × p_i), for wheels at any place. An omni wheel rolls along its
     driving direction, d = u. Where the rollers' axes a are turned (mecanum), the floor holds the wheel along
@@ -30,17 +30,17 @@ def rolling_matrix(positions: ArrayLike, directions: ArrayLike) -> Array:
 
 
 def published_jacobian(yaw: float, wheel_distance: float) -> Array:
-    """J of Eq. 3.5 as printed, shape (3, 4): world twist = J V.
+    """Published forward map J of Eq. 3.5, shape (3, 4): world twist = J V.
 
     The true forward map is diag(½, ½, ¼)·J: as printed, the robot drives at half the linear and a quarter
-    of the angular speed asked for.
+    of the commanded angular speed.
     """
     s, c, k = np.sin(yaw), np.cos(yaw), -1.0 / wheel_distance
     return np.array([[s, -c, -s, c], [-c, -s, c, s], [k, k, k, k]])
 
 
 def weighted_inverse(jacobian: ArrayLike, weights: ArrayLike) -> Array:
-    """W⁻¹Jᵀ(J W⁻¹ Jᵀ)⁻¹, Eq. 3.10: rolling speeds from a twist, shape (n, 3).
+    """Weighted inverse W⁻¹Jᵀ(J W⁻¹ Jᵀ)⁻¹ of Eq. 3.10: rolling speeds from a twist, shape (n, 3).
 
     Args:
       jacobian: Forward map, shape (3, n).
@@ -52,6 +52,6 @@ def weighted_inverse(jacobian: ArrayLike, weights: ArrayLike) -> Array:
 
 
 def rotation(yaw: float) -> Array:
-    """Body to world, for a twist, shape (3, 3)."""
+    """Rotation of a twist from the body frame to the world, shape (3, 3)."""
     s, c = np.sin(yaw), np.cos(yaw)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -205,7 +205,7 @@ def rig_state_at(row):
 
 @kernel
 def lateral_force(rig, lateral_speed):
-    """G = [μ_R,dry sgn(ṡ) + μ_R,vis ṡ] F_N, Eqs. 4.14 and 4.18 [N]; on the wheel it points to −ṡ."""
+    """Friction of the rollers G = [μ_R,dry sgn(ṡ) + μ_R,vis ṡ] F_N, Eqs. 4.14 and 4.18 [N]."""
     ratio = rig.wheel.roller_viscous * lateral_speed
     if lateral_speed > 0.0:
         ratio += rig.wheel.roller_dry
@@ -300,7 +300,7 @@ def derivative(state, command, lateral_speed, model, smoothing):
 
 
 def _stepper(active: bool):
-    """`step` with effects or without: the constant `active` leaves out what is not needed."""
+    """Compile `step` with effects or without; the constant `active` removes unneeded code."""
 
     @cached(numba.njit, error_model="numpy", nogil=True, inline="always")
     def steps_of(state, command, lateral_speed, model, h, steps):

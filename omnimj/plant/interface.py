@@ -1,17 +1,17 @@
-"""What a plant is: the one interface that the twin, the planar model and the robot share."""
+"""The interface that the twin, the planar model and the real robot share, and their column names."""
 
 from __future__ import annotations
 
 from typing import Protocol
 
-from omnimj.signals import Array, CurrentCommand, Measurement, RigMeasurement
+from omnimj.signals import RIG_CHANNELS, Array, CurrentCommand, Measurement, RigMeasurement, robot_channels
 
 
 class Plant(Protocol):
-    """Takes current commands, gives measurements, one control period at a time.
+    """A plant: takes current commands and gives measurements, one control period at a time.
 
-    `Measurement` for a robot, `RigMeasurement` for the test rig. Truth is what a simulation knows and a
-    controller may not; a real robot has none (`truth_names` is empty).
+    `Measurement` for a robot, `RigMeasurement` for the test rig. Truth is known to a simulation and
+    hidden from controllers; a real robot has none (`truth_names` is empty).
     """
 
     period: float
@@ -20,11 +20,11 @@ class Plant(Protocol):
     """Column names of `truth()`."""
 
     def reset(self) -> Measurement | RigMeasurement:
-        """Puts the plant at its start and returns the first measurement (time 0)."""
+        """Put the plant at its start and return the first measurement (time 0)."""
         ...
 
     def step(self, command: CurrentCommand) -> Measurement | RigMeasurement:
-        """Holds the command for one period and returns the measurement at its end."""
+        """Hold the command for one period and return the measurement at its end."""
         ...
 
     def truth(self) -> Array:
@@ -32,7 +32,7 @@ class Plant(Protocol):
         ...
 
     def close(self) -> None:
-        """Lets go of what the plant holds; may be called twice."""
+        """Release the resources of the plant; may be called twice."""
         ...
 
 
@@ -64,21 +64,6 @@ RIG_TRUTH_NAMES: tuple[str, ...] = (
 """Truth columns of a simulated rig: m, m/s, rad/s, m, rad, m/s, N, N, N."""
 
 
-# Names and order of the measured channels; columns of recordings and sensor faults use the same names.
-
-RIG_CHANNELS = ("current", "wheel_speed", "carriage_speed", "carriage_acceleration", "lateral_speed")
-"""Channels of the test rig: A, rad/s, m/s, m/s², m/s."""
-
-
-def robot_channels(wheels: int) -> tuple[str, ...]:
-    """Channels of a robot with n wheels: n currents [A], n wheel speeds [rad/s], then the body's.
-
-    The body's are acceleration x and y [m/s²], yaw rate [rad/s] and yaw [rad]; 2 n + 4 in all.
-    """
-    per_wheel = [f"{name}_{i}" for name in ("current", "wheel_speed") for i in range(1, wheels + 1)]
-    return (*per_wheel, "acceleration_x", "acceleration_y", "yaw_rate", "yaw")
-
-
 def plant_channels(wheels: int) -> tuple[str, ...]:
-    """Channels of the plant with n wheels: with a single one it is the test rig."""
+    """Channels of the plant with n wheels; with a single wheel it is the test rig."""
     return RIG_CHANNELS if wheels == 1 else robot_channels(wheels)

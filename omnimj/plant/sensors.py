@@ -314,35 +314,29 @@ def _rail_speed(s: Sensors, period: float) -> ChannelParameters:
 
 def _acceleration(s: Sensors, period: float) -> ChannelParameters:
     """Acceleration along one axis: noise, bandwidth, bias, range, analog input."""
-    decay = math.exp(-2.0 * math.pi * s.accelerometer_bandwidth * period)
-    return ChannelParameters(
-        chain.FILTERED,
-        period,
-        noise=_noise_before_filter(s.accelerometer_noise, decay),
-        decay=decay,
-        full_scale=s.accelerometer_range,
-        daq_step=_converter_step(s.accelerometer_range, s.daq_input_bits),
-        spread=s.accelerometer_bias,
-    )
+    chain_of = (s.accelerometer_noise, s.accelerometer_bandwidth, s.accelerometer_bias)
+    return _filtered(*chain_of, s.accelerometer_range, s.daq_input_bits, period)
 
 
 def _yaw_rate(s: Sensors, period: float) -> ChannelParameters:
     """Yaw rate of the gyro: the same chain as the accelerometer's."""
-    decay = math.exp(-2.0 * math.pi * s.gyro_bandwidth * period)
+    return _filtered(s.gyro_noise, s.gyro_bandwidth, s.gyro_bias, s.gyro_range, s.daq_input_bits, period)
+
+
+def _filtered(
+    noise: float, bandwidth: float, bias: float, full_scale: float, bits: int, period: float
+) -> ChannelParameters:
+    decay = math.exp(-2.0 * math.pi * bandwidth * period)
     return ChannelParameters(
         chain.FILTERED,
         period,
-        noise=_noise_before_filter(s.gyro_noise, decay),
+        # white noise in front of the filter, of such a size that its rms behind it is `noise`
+        noise=noise * math.sqrt((1.0 + decay) / (1.0 - decay)),
         decay=decay,
-        full_scale=s.gyro_range,
-        daq_step=_converter_step(s.gyro_range, s.daq_input_bits),
-        spread=s.gyro_bias,
+        full_scale=full_scale,
+        daq_step=_converter_step(full_scale, bits),
+        spread=bias,
     )
-
-
-def _noise_before_filter(rms: float, decay: float) -> float:
-    """RMS of white noise whose RMS behind a first-order filter is the given one."""
-    return rms * math.sqrt((1.0 + decay) / (1.0 - decay))
 
 
 def _yaw(s: Sensors, period: float) -> ChannelParameters:

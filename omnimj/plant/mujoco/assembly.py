@@ -1,4 +1,4 @@
-"""Writes the parameters of floors, wheels and rail into the `user` arrays of a compiled model."""
+"""Compiled MuJoCo models of robot and rig: MJCF for the shape, TOML for the numbers, floors as geoms."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 from omnimj.errors import InputError
 from omnimj.parameters import Floor, Rig, Robot, read_floors
 from omnimj.parameters.floor import TRACTION_SIZE
+from omnimj.parameters.parts import GRAVITY
 from omnimj.parameters.robot import roller_sin_cos
 from omnimj.physics.motor import MOTOR_SIZE, motor_parameters
 from omnimj.plant.ground import Patch
@@ -28,15 +29,21 @@ from omnimj.plant.mujoco.mjcf import (
 from omnimj.resources import models_folder
 from omnimj.signals import Array
 
+_PATCH_COLOURS = {"nylon": (0.93, 0.95, 1.0, 1.0), "oil": (0.16, 0.13, 0.08, 1.0)}
+_PATCH_COLOUR = (0.45, 0.58, 0.50, 1.0)
+_VISUAL_GROUP = 2
+_MAX_PAIRED_FLOORS = 6  # with more, MuJoCo's broad phase is faster
+_FLOOR_STORE = (0.0, 0.0, -9.0)  # where geoms lie that only hold a floor's numbers
+
 
 def bind_floor(mj_model: mujoco.MjModel, geom: int, kind: float, floor: Floor) -> None:
-    """Makes a geom a floor or a patch with this floor's traction law."""
+    """Make a geom a floor or a patch with this floor's traction law."""
     mj_model.geom_user[geom, slots.KIND] = kind
     mj_model.geom_user[geom, slots.TRACTION : slots.TRACTION + TRACTION_SIZE] = floor.row
 
 
 def wheel_slots(machine: Robot | Rig) -> np.ndarray:
-    """A healthy wheel's numbers as they stand in `actuator_user`, shape (ACTUATOR_SLOTS,)."""
+    """Numbers of a healthy wheel for `actuator_user`, shape (ACTUATOR_SLOTS,)."""
     row = np.zeros(slots.ACTUATOR_SLOTS)
     wheel, bearing, contact = machine.wheel, machine.bearing, machine.contact
     row[slots.RAIL_JOINT] = row[slots.FLOOR_OVERRIDE] = row[slots.SENSOR] = -1
@@ -64,7 +71,7 @@ def wheel_slots(machine: Robot | Rig) -> np.ndarray:
 
 
 def bind_wheels(mj_model: mujoco.MjModel, machine: Robot | Rig, wheels: int) -> None:
-    """Marks the model as ours and fills the actuators `motor_1 … motor_n` and the rollers' geoms.
+    """Mark the model as ours and fill the actuators `motor_1 … motor_n` and the rollers' geoms.
 
     Raises:
       InputError: The MJCF lacks a part, or its actuators are not in the order of the wheels.
@@ -100,7 +107,7 @@ def bind_wheels(mj_model: mujoco.MjModel, machine: Robot | Rig, wheels: int) -> 
 
 
 def bind_rail(mj_model: mujoco.MjModel, rig: Rig, weight: float) -> None:
-    """Puts the rail's friction into its joint and tells the wheel where it is."""
+    """Write the rail's friction into its joint and the joint's place into the wheel's slots."""
     body, rail = rig.rig, mj_model.joint("rail").id
     mj_model.jnt_user[rail] = (
         body.rail_friction,
@@ -118,12 +125,12 @@ def bind_rail(mj_model: mujoco.MjModel, rig: Rig, weight: float) -> None:
 
 
 def bind_effects(mj_model: mujoco.MjModel, terms: Array, measured_current: bool) -> None:
-    """Puts effects into the wheels' slots, and takes the limits off commands that were measured.
+    """Write effects into the wheels' slots and lift the limits off measured commands.
 
     Args:
       mj_model: A model that `bind_wheels` has filled.
       terms: Packed effect terms, shape (wheels, TERMS).
-      measured_current: Commands are currents that were measured.
+      measured_current: Commands are measured currents.
     """
     wheels, columns = terms.shape
     mj_model.actuator_user[:wheels, slots.EFFECT_TERMS : slots.EFFECT_TERMS + columns] = terms
@@ -131,18 +138,8 @@ def bind_effects(mj_model: mujoco.MjModel, terms: Array, measured_current: bool)
         mj_model.actuator_ctrllimited[:wheels] = 0
 
 
-# Builds the compiled MuJoCo models: MJCF for the shape, TOML for the numbers, floors as geoms.
-
-GRAVITY = 9.81
-_PATCH_COLOURS = {"nylon": (0.93, 0.95, 1.0, 1.0), "oil": (0.16, 0.13, 0.08, 1.0)}
-_PATCH_COLOUR = (0.45, 0.58, 0.50, 1.0)
-_VISUAL_GROUP = 2
-_MAX_PAIRED_FLOORS = 6  # with more, MuJoCo's broad phase is faster
-_FLOOR_STORE = (0.0, 0.0, -9.0)  # where geoms lie that only hold a floor's numbers
-
-
 def _add_floors(spec: mujoco.MjSpec, patches: Sequence[Patch], extra: Iterable[str]) -> None:
-    """Patches as flat geoms in the order given; hidden geoms that hold a floor for `slip` faults."""
+    """Add patches as flat geoms in their order, and hidden geoms with the floors of `slip` faults."""
     spec.nuser_geom, spec.nuser_actuator = slots.GEOM_SLOTS, slots.ACTUATOR_SLOTS
     spec.nuser_jnt = slots.JOINT_SLOTS
     for k, patch in enumerate(patches, start=1):
@@ -171,7 +168,7 @@ def _add_floors(spec: mujoco.MjSpec, patches: Sequence[Patch], extra: Iterable[s
 
 
 def _remove_visual_parts(spec: mujoco.MjSpec) -> None:
-    """Leaves out what a step does not need; together it is half of a step's time.
+    """Remove what a step does not need; together it is half of a step's time.
 
     Geoms that are only seen are three of four. MuJoCo's broad phase sorts 72 rollers in every step; the few
     roller-floor pairs are tested faster one by one. The accelerometer makes MuJoCo compute the accelerations
@@ -230,7 +227,7 @@ def rest_depth(robot: Robot) -> float:
 
 
 def _write_body(spec: mujoco.MjSpec, robot: Robot) -> None:
-    """Masses, corners and suspension of the robot."""
+    """Write masses, corners and suspension of the robot."""
     body, count = robot.body, len(robot.wheels)
     corners = [b.name for b in spec.bodies if b.name.startswith("corner_")]
     if len(corners) != count:
@@ -277,16 +274,16 @@ def robot_model(
     scene: Path | None = None,
     lean: bool = False,
 ) -> mujoco.MjModel:
-    """The robot on a floor, compiled, with every parameter in place.
+    """Compile the robot on a floor, with every parameter in place.
 
     Args:
       robot: The constants.
-      floor: What lies everywhere but on the patches.
+      floor: The floor outside the patches.
       patches: Stretches of other floor; where they overlap the later one is on top.
       extra_floors: Names of floors that a fault may put under a wheel.
       floors: Where names are looked up; the shipped floors when None.
       scene: Another MJCF scene (ramps, thresholds, height fields) that includes the robot.
-      lean: For fast steps with the same result: without what is only seen, without the accelerometer
+      lean: For fast steps with the same result: without visual parts, without the accelerometer
         (the twin reads accelerations from `qacc`), contacts looked for pair by pair.
 
     Raises:
@@ -314,11 +311,11 @@ def rig_model(
     lean: bool = False,
     floors: Mapping[str, Floor] | None = None,
 ) -> mujoco.MjModel:
-    """The quarter test rig on a floor, compiled, with every parameter in place.
+    """Compile the quarter test rig on a floor, with every parameter in place.
 
     Args:
       rig: The constants.
-      floor: What lies everywhere.
+      floor: The floor outside the patches.
       mass: m_T of the quarter body [kg]; the rig's first mass when None.
       extra_floors: Names of floors that a fault may put under the wheel.
       patches: Stretches of other floor.

@@ -189,7 +189,7 @@ _CALLBACKS = {
 
 
 def install() -> None:
-    """Installs the native callbacks in this process; a second call does nothing.
+    """Install the native callbacks in this process; a second call does nothing.
 
     Raises:
       NativeLayoutError: The installed MuJoCo keeps its data elsewhere than expected.
@@ -209,7 +209,7 @@ def install() -> None:
 
 @kernel
 def repeat_callbacks(m, d, times):
-    """Calls on one frozen state what one step calls, again and again: for measuring its cost only."""
+    """Repeat the callbacks of one step on a frozen state, to measure their cost."""
     for _ in range(times):
         add_passive_forces(m, d)
         for wheel in range(wheel_count(m)):

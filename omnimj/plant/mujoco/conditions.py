@@ -1,6 +1,6 @@
-"""Applies what is wrong at one time to a compiled model, and takes it back.
+"""Faults and effects over time, written into a compiled model and removed from it again.
 
-Every change starts from the healthy model's own numbers, so that conditions never pile up.
+Every change starts from the numbers of the nominal model, so that conditions never pile up.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _FIELDS = (
 
 
 class NominalModel:
-    """The healthy model's arrays, kept to build every condition from."""
+    """Arrays of the nominal model, from which every condition is built."""
 
     def __init__(self, mj_model: mujoco.MjModel, carrier: str):
         self._mj_model = mj_model
@@ -42,7 +42,7 @@ class NominalModel:
         self._gravity = mj_model.opt.gravity.copy()
 
     def apply(self, conditions: Conditions) -> None:
-        """Writes the conditions into the model; the state is not touched."""
+        """Write conditions into the model; the state is not touched."""
         m = self._mj_model
         for name, array in self._arrays.items():
             getattr(m, name)[:] = array
@@ -68,12 +68,12 @@ class NominalModel:
         )
 
     def _turn_wheel(self, body: int, angle: float) -> None:
-        """The axle leaves its direction by an angle about the vertical."""
+        """Turn an axle about the vertical [rad]."""
         turn = np.array([math.cos(0.5 * angle), 0.0, 0.0, math.sin(0.5 * angle)])
         mujoco.mju_mulQuat(self._mj_model.body_quat[body], turn, self._arrays["body_quat"][body])
 
     def _scale_wheel(self, wheel: int, scale: float) -> None:
-        """A larger or smaller wheel with the same rollers: they sit further out and are a little longer."""
+        """Scale a wheel with the same rollers, which sit further out and become a little longer."""
         m = self._mj_model
         row = m.actuator_user[wheel]
         row[slots.RADIUS] *= scale
@@ -88,7 +88,7 @@ class NominalModel:
             m.geom_size[geom, 0] = m.geom_rbound[geom] = m.geom_aabb[geom, 3] = half
 
     def _load(self, mass: float, x: float, y: float) -> None:
-        """Adds a point mass on the deck to the carrier: mass, centre and inertia tensor."""
+        """Add a point mass on the deck to the carrier: mass, centre and inertia tensor."""
         m, body = self._mj_model, self._carrier
         old_mass, old_centre = m.body_mass[body], m.body_ipos[body].copy()
         turn = np.zeros(9)
@@ -107,32 +107,29 @@ class NominalModel:
         mujoco.mju_mat2Quat(m.body_iquat[body], axes.ravel())
 
 
-# What holds at which time in a twin: faults over effects, written into the compiled model.
-
-
 def fault_floors(faults: Sequence[Fault]) -> tuple[str, ...]:
-    """Names of the floors that faults may put under a wheel."""
+    """Names of the floors that faults put under wheels."""
     return tuple(str(f.numbers["floor"]) for f in faults if "floor" in f.numbers)
 
 
 class ConditionSchedule:
-    """Conditions by time: the next change is one comparison away from every step."""
+    """Conditions of a run over time; a step only compares its time with `next_change`."""
 
     def __init__(
-        self, faults: Sequence[Fault], effects: AppliedEffects, measured_current: bool, healthy: NominalModel
+        self, faults: Sequence[Fault], effects: AppliedEffects, measured_current: bool, nominal: NominalModel
     ):
         self._faults, self._effects, self._measured = faults, effects, measured_current
-        self._healthy, self._times = healthy, event_times(faults)
+        self._nominal, self._times = nominal, event_times(faults)
         self.next_change = math.inf
 
     def start(self) -> None:
-        """Applies what holds at time 0."""
+        """Apply the conditions at time 0."""
         self.apply(0.0)
 
     def apply(self, time: float) -> None:
-        """Applies what holds at a time and notes when that changes."""
+        """Apply the conditions at a time [s] and note when they change next."""
         effects = self._effects
         now = conditions_at(self._faults, time, effects.machine.motor, len(effects.terms))
-        self._healthy.apply(conditions_with_effects(now, effects, self._measured))
+        self._nominal.apply(conditions_with_effects(now, effects, self._measured))
         later = [t for t in self._times if t > time + 1e-9]
         self.next_change = min(later, default=math.inf)

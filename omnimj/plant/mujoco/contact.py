@@ -50,7 +50,7 @@ class WheelForces(NamedTuple):
 
 @kernel
 def point_velocity(m, d, body, x, y, z):
-    """Velocity of the point (x, y, z) as part of a body, world frame [m/s]."""
+    """Velocity of the point (x, y, z) moving with a body, world frame [m/s]."""
     root = load_int(load_pointer(m + OFFSETS.m_body_rootid), body)
     com = load_pointer(d + OFFSETS.d_subtree_com) + 24 * root
     c = load_pointer(d + OFFSETS.d_cvel) + 48 * body
@@ -171,9 +171,10 @@ def gather_contacts(m, d, only, found):
 
 @kernel
 def share_normal_force(found, count, wheel, stiffness, damping):
-    """N_i = w_i (k d_max + c ḋ_i), w_i = d_i/Σ d_j over rollers whose normals agree; never negative [N].
+    """Share a wheel's normal force among its contacts [N].
 
-    Contacts with normals 60° apart are separate springs; parallel ones share a single spring.
+    N_i = w_i (k d_max + c ḋ_i) ≥ 0, w_i = d_i/Σ d_j over rollers whose normals agree. Contacts
+    with normals 60° apart are separate springs; parallel ones share a single spring.
 
     Returns:
       The wheel's normal force.
@@ -252,7 +253,7 @@ def wheel_contact_forces(m, d, wheel, found, count, h):
 
 @kernel
 def wheel_frame_force(own, traction, lateral):
-    """Force F a + L b of the floor on a wheel, a the rollers' axis, b = n × a: along u and the axle [N]."""
+    """Components along u and the axle of the floor's force F a + L b, a the rollers' axis, b = n × a [N]."""
     s, c = load_real(own, slots.ROLLER_SIN), load_real(own, slots.ROLLER_COS)
     return s * traction - c * lateral, c * traction + s * lateral
 

@@ -115,7 +115,7 @@ def _struct(fields: Iterable[Any]) -> tuple[dict[str, int], int, int]:
 
 
 def read_offsets() -> Offsets:
-    """Offsets by the rules of C from MuJoCo's description of its structs.
+    """Compute offsets by the rules of C from MuJoCo's description of its structs.
 
     Raises:
       NativeLayoutError: The installed MuJoCo lacks a field that the native contact needs.
@@ -159,7 +159,7 @@ def _pointer(address: int) -> int:
 
 
 def check_offsets(offsets: Offsets) -> None:
-    """Compares every offset with what the bindings say, on a small model in contact.
+    """Compare every offset with the addresses in the bindings, on a small model in contact.
 
     Raises:
       NativeLayoutError: An offset is wrong; the message names the field and the MuJoCo version.
@@ -211,7 +211,7 @@ def _element(builder, address, index, element, width):
 
 @intrinsic
 def load_pointer(typingctx, address):
-    """The pointer stored at `address`."""
+    """Load the pointer stored at `address`."""
 
     def codegen(context, builder, signature, arguments):
         return builder.load(builder.inttoptr(arguments[0], ir.IntType(64).as_pointer()))
@@ -221,7 +221,7 @@ def load_pointer(typingctx, address):
 
 @intrinsic
 def load_real(typingctx, address, index):
-    """Element `index` of an array of doubles at `address`."""
+    """Load element `index` of an array of doubles at `address`."""
 
     def codegen(context, builder, signature, arguments):
         return builder.load(_element(builder, arguments[0], arguments[1], ir.DoubleType(), 8))
@@ -231,7 +231,7 @@ def load_real(typingctx, address, index):
 
 @intrinsic
 def load_int(typingctx, address, index):
-    """Element `index` of an array of 32-bit integers at `address`, as a 64-bit integer."""
+    """Load element `index` of an array of 32-bit integers at `address`, as a 64-bit integer."""
 
     def codegen(context, builder, signature, arguments):
         found = builder.load(_element(builder, arguments[0], arguments[1], ir.IntType(32), 4))
@@ -242,7 +242,7 @@ def load_int(typingctx, address, index):
 
 @intrinsic
 def store_real(typingctx, address, index, value):
-    """Writes a double to element `index` of an array at `address`."""
+    """Store a double in element `index` of an array at `address`."""
 
     def codegen(context, builder, signature, arguments):
         target = _element(builder, arguments[0], arguments[1], ir.DoubleType(), 8)
@@ -254,7 +254,7 @@ def store_real(typingctx, address, index, value):
 
 @intrinsic
 def real_pointer(typingctx, address):
-    """`address` as a pointer to doubles, for `numba.carray`."""
+    """Convert `address` to a pointer to doubles, for `numba.carray`."""
 
     def codegen(context, builder, signature, arguments):
         return builder.inttoptr(arguments[0], ir.DoubleType().as_pointer())
@@ -264,7 +264,7 @@ def real_pointer(typingctx, address):
 
 @intrinsic
 def stack_reals(typingctx, count):
-    """Room for `count` doubles (a constant) on the stack of the calling kernel, valid until it returns."""
+    """Allocate `count` doubles (a constant) on the stack of the calling kernel, valid until it returns."""
     literal = count.literal_value if isinstance(count, types.Literal) else None
     if literal is None:
         return None

@@ -1,4 +1,4 @@
-"""Reads MJCF and finds its parts by name; whatever is wrong there is one line for the user."""
+"""MJCF of robot and rig: read, multiplied to the wheels of the model file, filled with their numbers."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ def _one_line(error: ValueError) -> str:
     return " ".join(str(error).split())
 
 
-def load_spec(path: Path, instead: Mapping[str, bytes] | None = None) -> mujoco.MjSpec:
-    """Parses an MJCF file.
+def load_spec(path: Path, includes: Mapping[str, bytes] | None = None) -> mujoco.MjSpec:
+    """Parse an MJCF file.
 
     Args:
       path: The file.
-      instead: Contents that stand in for files which it includes, by their names.
+      includes: Contents that replace included files, by their names.
 
     Raises:
       InputError: MuJoCo cannot read it; the message is MuJoCo's own.
     """
     try:
         return mujoco.MjSpec.from_file(
-            str(path.resolve()), include=instead
+            str(path.resolve()), include=includes
         )  # includes of a relative path go astray
     except ValueError as error:
         raise InputError(path, _NOT_READ, _one_line(error)) from None
 
 
 def compile_spec(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
-    """Compiles a parsed model.
+    """Compile a parsed model.
 
     Raises:
       InputError: MuJoCo cannot compile it; the message is MuJoCo's own.
@@ -53,7 +53,7 @@ def compile_spec(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
 
 
 def part(spec: mujoco.MjSpec, kind: str, name: str) -> Any:
-    """A body, joint, geom, site, mesh or actuator by name.
+    """Find a body, joint, geom, site, mesh or actuator by name.
 
     Raises:
       InputError: The MJCF has no such part.
@@ -64,22 +64,20 @@ def part(spec: mujoco.MjSpec, kind: str, name: str) -> Any:
     return found
 
 
-# The robot's MJCF with a corner for each wheel of its model file: copies of the first in `uto_robot.xml`.
-
 ROBOT_FILE = "uto_robot.xml"
 _ARM = 0.25  # [m] at which the file's wheels and the frames beside them stand
 _OF_A_WHEEL = re.compile(r"(corner|guide|motor)_1\b|wheel_1(?=_)")
 
 
 def robot_mjcf(robot: Robot, path: Path) -> bytes:
-    """The MJCF of a robot with as many wheels as its model file has, to stand in for `uto_robot.xml`.
+    """MJCF of a robot with the wheels of its model file, in place of `uto_robot.xml`.
 
     Corners, motors and contact sensors are those of wheel 1 under other numbers; where they stand and what
     they weigh is written into the parsed model later, as for the file itself.
 
     Args:
       robot: The constants.
-      path: `uto_robot.xml`; what is no XML is handed on as it is, for MuJoCo to say what is wrong with it.
+      path: `uto_robot.xml`; a file that is not XML is passed on as it is, for MuJoCo to report.
 
     Raises:
       InputError: It lacks a part that is to be copied.
@@ -107,7 +105,7 @@ def _found(root: ET.Element, path: str) -> ET.Element:
 
 
 def _replicate(parent: ET.Element, first: str, kind: str, count: int) -> None:
-    """In the place of all children of a kind: copies of the first, numbered 1 … count, behind the others."""
+    """Replace all children of a kind by copies of the first, numbered 1 … count, behind the others."""
     text = ET.tostring(_found(parent, f"*[@name='{first}']"), encoding="unicode")
     for child in [c for c in parent if re.fullmatch(kind, c.get("name", ""))]:
         parent.remove(child)
@@ -116,7 +114,7 @@ def _replicate(parent: ET.Element, first: str, kind: str, count: int) -> None:
 
 
 def _set_frames(chassis: ET.Element, mounts: Iterable[WheelMount]) -> None:
-    """What the chassis carries beside each wheel, which is only seen, stands beside each wheel there is."""
+    """Put the visual parts that the chassis carries beside a wheel beside every wheel."""
     around = _found(chassis, "replicate")
     at = list(chassis).index(around)
     chassis.remove(around)
@@ -129,8 +127,6 @@ def _set_frames(chassis: ET.Element, mounts: Iterable[WheelMount]) -> None:
         chassis.insert(at + k, frame)
 
 
-# Writes the numbers of a wheel into the bodies that `uto_wheel.xml` attached.
-
 _FILE_ROW_OFFSET = 0.011  # [m] `uto_wheel.xml` shifts its second row by twice this
 _FILE_HALF_LENGTH = math.sqrt(0.050 * 0.009)  # [m] the roller mesh is made for these
 _FILE_ROLLER_RADIUS = 0.009  # [m]
@@ -139,7 +135,7 @@ _CUT = 0.0125 / _FILE_HALF_LENGTH  # a barrel's half length over the ellipsoid's
 
 
 def roller_half_length(wheel: Wheel, angle: float = _STRAIGHT) -> float:
-    """√(R b)/sin γ: with it the rollers' outline has the curvature of the wheel along their axes [m].
+    """Half length √(R b)/sin γ of a roller whose outline has the wheel's curvature along its axis [m].
 
     Along a direction that is turned by γ from the axle a cylinder of radius R has the curvature sin²γ/R.
     """
@@ -154,7 +150,7 @@ def roller_inertia(wheel: Wheel, angle: float) -> tuple[float, float]:
 
 
 def _about_axle(wheel: Wheel, angle: float) -> float:
-    """Of one roller about an axis through its centre and along the axle [kg.m2]."""
+    """Inertia of one roller about an axis through its centre along the axle [kg.m2]."""
     spin, across = roller_inertia(wheel, angle)
     return across + (spin - across) * math.cos(angle) ** 2
 
@@ -178,7 +174,7 @@ def hub_inertia(wheel: Wheel, angle: float = _STRAIGHT) -> float:
 
 
 def vertical_inertia(wheel: Wheel, angle: float = _STRAIGHT) -> float:
-    """Of one wheel about the vertical through its centre, the mean over its turns [kg.m2]."""
+    """Inertia of one wheel about the vertical through its centre, averaged over a turn [kg.m2]."""
     count = wheel.rows * wheel.rollers_per_row
     spin, across = roller_inertia(wheel, angle)
     ring = wheel.roller_mass * (0.5 * (wheel.radius - wheel.roller_radius) ** 2 + wheel.row_offset**2)
@@ -190,7 +186,7 @@ def vertical_inertia(wheel: Wheel, angle: float = _STRAIGHT) -> float:
 def write_wheel(
     spec: mujoco.MjSpec, prefix: str, wheel: Wheel, motor: Motor, angle: float = _STRAIGHT
 ) -> None:
-    """Mass, inertia, rollers and reflected rotor inertia of one attached wheel.
+    """Write mass, inertia, rollers and reflected rotor inertia of one attached wheel.
 
     Args:
       spec: The model.

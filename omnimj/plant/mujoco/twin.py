@@ -1,4 +1,4 @@
-"""The MuJoCo twin of the test rig as a plant."""
+"""The MuJoCo twins of robot and test rig as plants."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ from omnimj.plant.mujoco.conditions import ConditionSchedule, NominalModel, faul
 from omnimj.plant.sensors import RigSensors, RobotSensors
 from omnimj.signals import Array, CurrentCommand, Measurement, RigMeasurement
 
+_GUIDE_SHARE = 0.4  # share of the suspension's travel to either side that a larger wheel may start with
 _SETTLING_TIME = 0.3  # [s] that the gantry moves sideways before a rig run begins
 
 
@@ -48,20 +49,20 @@ class RigTwin:
         measured_current: bool = False,
         floors: Mapping[str, Floor] | None = None,
     ):
-        """Builds the twin.
+        """Build the twin.
 
         Args:
           rig: The constants, with effects.
-          floor: What lies everywhere.
+          floor: The floor outside the patches.
           mass: m_T [kg]; the rig's first mass when None.
           lateral_speed: Commanded speed of the gantry [m/s].
-          faults: The truth that a diagnosis does not see.
+          faults: Faults of the run, hidden from controllers.
           patches: Stretches of other floor.
           seed: Of the sensors' noise.
           ideal_sensors: Neither noise nor quantisation nor filters.
           timestep: Of the simulation [s]; one sample period when None.
-          measured_current: Commands are currents that were measured: neither limits nor the current loop act.
-          floors: Where patches and faults look up names; the shipped floors when None.
+          measured_current: Commands are measured currents: neither limits nor the current loop act.
+          floors: Floors of patches and faults by name; the shipped ones when None.
         """
         install()
         effects = apply_effects(rig)
@@ -82,19 +83,19 @@ class RigTwin:
         )
         # the payload is in the mass already
         without_load = dataclasses.replace(effects, payload=(0.0, 0.0, 0.0))
-        healthy = NominalModel(self.mj_model, "carriage")
-        self._schedule = ConditionSchedule(faults, without_load, measured_current, healthy)
+        nominal = NominalModel(self.mj_model, "carriage")
+        self._schedule = ConditionSchedule(faults, without_load, measured_current, nominal)
         m = self.mj_model
         self._rail, self._lift, self._tilt, self._gantry, self._axle = (
             int(m.joint(name).qposadr[0]) for name in ("rail", "lift", "tilt", "gantry", "wheel_1_axle")
         )
-        self._felt = self.mj_data.sensor("wheel_1_contact").data
+        self._sensed = self.mj_data.sensor("wheel_1_contact").data
         self._steps = 0
         weight = -m.opt.gravity[2] * float(m.body_subtreemass[m.body("carriage").id])
         self._rest = rig.wheel.radius * (effects.radius_scale[0] - 1.0) - weight / rig.contact.stiffness
 
     def reset(self) -> RigMeasurement:
-        """Carriage at its start, gantry already at its speed, time 0."""
+        """Put the carriage at its start, the gantry already at its speed, time 0."""
         d = self.mj_data
         mujoco.mj_resetData(self.mj_model, d)
         self._schedule.start()
@@ -108,7 +109,7 @@ class RigTwin:
             side = 0.0
             for _ in range(steps):
                 mujoco.mj_step(self.mj_model, d)
-                side += self._felt[slots.SENSOR_FIELDS.index("lateral_force")] / steps
+                side += self._sensed[slots.SENSOR_FIELDS.index("lateral_force")] / steps
             d.act[slots.LATERAL_LOAD] = side
             d.qpos[self._gantry], d.time = 0.0, 0.0
         mujoco.mj_forward(self.mj_model, d)
@@ -117,13 +118,13 @@ class RigTwin:
         return self._measure()
 
     def set_speeds(self, carriage_speed: float, wheel_speed: float) -> None:
-        """Sets the speeds of carriage [m/s] and wheel [rad/s], for a run that begins in motion."""
+        """Set the speeds of carriage [m/s] and wheel [rad/s], for a run that begins in motion."""
         for joint, speed in (("rail", carriage_speed), ("wheel_1_axle", wheel_speed)):
             self.mj_data.qvel[int(self.mj_model.joint(joint).dofadr[0])] = speed
         mujoco.mj_forward(self.mj_model, self.mj_data)
 
     def step(self, command: CurrentCommand) -> RigMeasurement:
-        """One sample period."""
+        """Hold the command for one sample period and return the measurement at its end."""
         if self.mj_data.time + 0.5 * self.mj_model.opt.timestep >= self._schedule.next_change:
             self._schedule.apply(self._steps * self.period)
         self.mj_data.ctrl[0] = command.current[0]
@@ -144,7 +145,7 @@ class RigTwin:
         )
 
     def truth(self) -> Array:
-        """Aligned with `RIG_TRUTH_NAMES`."""
+        """Truth aligned with `RIG_TRUTH_NAMES`, shape (9,)."""
         place, speed = self.mj_data.qpos, self.mj_data.qvel
         return np.array(
             [
@@ -153,7 +154,7 @@ class RigTwin:
                 speed[self._axle],
                 place[self._gantry],
                 place[self._tilt],
-                *self._felt[:4],
+                *self._sensed[:4],
             ]
         )
 
@@ -162,14 +163,7 @@ class RigTwin:
         return self.mj_data.qpos.copy()
 
     def close(self) -> None:
-        """Nothing to let go of."""
-
-
-# The MuJoCo twins of robot and rig as plants.
-
-__all__ = ["RigTwin", "RobotTwin"]
-
-_GUIDE_SHARE = 0.4  # share of the suspension's travel to either side that a larger wheel may start with
+        """Do nothing: there is nothing to release."""
 
 
 class RobotTwin:
@@ -193,20 +187,20 @@ class RobotTwin:
         measured_current: bool = False,
         floors: Mapping[str, Floor] | None = None,
     ):
-        """Builds the twin.
+        """Build the twin.
 
         Args:
           robot: The constants, with effects.
-          floor: What lies everywhere but on patches.
-          faults: The truth that the controller does not see.
+          floor: The floor outside the patches.
+          faults: Faults of the run, hidden from controllers.
           patches: Stretches of other floor.
           seed: Of the sensors' noise.
           start: x, y [m], heading [rad].
           ideal_sensors: Neither noise nor quantisation nor filters.
           timestep: Of the simulation [s]; one control period when None.
           scene: Another MJCF scene that includes the robot.
-          measured_current: Commands are currents that were measured: neither limits nor the current loop act.
-          floors: Where patches and faults look up names; the shipped floors when None.
+          measured_current: Commands are measured currents: neither limits nor the current loop act.
+          floors: Floors of patches and faults by name; the shipped ones when None.
         """
         install()
         effects = apply_effects(robot)
@@ -239,8 +233,8 @@ class RobotTwin:
             ideal_sensors,
             effects.channels,
         )
-        healthy = NominalModel(self.mj_model, "chassis")
-        self._schedule = ConditionSchedule(faults, effects, measured_current, healthy)
+        nominal = NominalModel(self.mj_model, "chassis")
+        self._schedule = ConditionSchedule(faults, effects, measured_current, nominal)
         # a larger wheel lifts its corner; what the suspension does not take lifts the robot
         larger, travel = robot.wheel.radius * (effects.radius_scale - 1.0), robot.body.suspension_travel
         self._guides = np.clip(larger, -_GUIDE_SHARE * travel, _GUIDE_SHARE * travel)
@@ -250,7 +244,7 @@ class RobotTwin:
         self._steps, self._turns, self._last_heading = 0, 0.0, start[2]
 
     def _find_places(self) -> None:
-        """Views into MuJoCo's arrays, found once: a step copies from them without a search."""
+        """Find the views into MuJoCo's arrays once, so that a step copies without a search."""
         self._guides_at = [
             int(self.mj_model.joint(f"guide_{i}").qposadr[0]) for i in range(1, self._wheels + 1)
         ]
@@ -260,14 +254,14 @@ class RobotTwin:
         self._backlash_rates = self.mj_data.act[slots.BACKLASH_RATE :: slots.ACTIVATIONS]
         first = int(users[0, slots.SENSOR])
         block = self.mj_data.sensordata[first : first + 5 * self._wheels]
-        self._felt = block.reshape(self._wheels, 5)[:, :3].T  # slip, normal force, traction
-        self._felt_size = 3 * self._wheels
+        self._sensed = block.reshape(self._wheels, 5)[:, :3].T  # slip, normal force, traction
+        self._sensed_size = 3 * self._wheels
         self._gravity = self.mj_model.opt.gravity
         self._axes = self.mj_data.xmat[self.mj_model.body("chassis").id].reshape(3, 3)
         self._gyro = self.mj_data.sensor("gyro").data
 
     def reset(self) -> Measurement:
-        """Robot at rest at its start, time 0."""
+        """Put the robot at rest at its start, time 0."""
         mujoco.mj_resetData(self.mj_model, self.mj_data)
         self._schedule.start()
         self._braked = ()
@@ -281,7 +275,7 @@ class RobotTwin:
         return self._measure()
 
     def step(self, command: CurrentCommand) -> Measurement:
-        """One control period."""
+        """Hold the command for one control period and return the measurement at its end."""
         if self.mj_data.time + 0.5 * self.mj_model.opt.timestep >= self._schedule.next_change:
             self._schedule.apply(self._steps * self.period)
             self._braked = ()  # the schedule writes whole motors
@@ -309,7 +303,7 @@ class RobotTwin:
         return self._last_heading
 
     def _acceleration(self) -> Array:
-        """What an accelerometer at the centre reads along the body's x and y: Rᵀ(a − g) [m/s²].
+        """Ideal accelerometer reading at the centre along the body's x and y, Rᵀ(a − g) [m/s²].
 
         The chassis is a free joint at the centre, its first accelerations are those of the centre.
         """
@@ -327,14 +321,14 @@ class RobotTwin:
         )
 
     def truth(self) -> Array:
-        """Pose, body twist, and per wheel slip, normal force, traction; aligned with `truth_names`."""
-        row = np.empty(6 + self._felt_size)
+        """Pose, body twist, then per wheel slip, normal force, traction; aligned with `truth_names`."""
+        row = np.empty(6 + self._sensed_size)
         x, y = self.mj_data.qpos[:2].tolist()
         vx, vy = self.mj_data.qvel[:2].tolist()
         heading = self._last_heading
         c, s = math.cos(heading), math.sin(heading)
         row[:6] = (x, y, heading, c * vx + s * vy, c * vy - s * vx, self.mj_data.qvel[5])
-        row[6:] = self._felt.ravel()
+        row[6:] = self._sensed.ravel()
         return row
 
     def pose(self) -> Array:
@@ -342,4 +336,4 @@ class RobotTwin:
         return self.mj_data.qpos.copy()
 
     def close(self) -> None:
-        """Nothing to let go of."""
+        """Do nothing: there is nothing to release."""
