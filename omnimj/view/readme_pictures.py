@@ -44,7 +44,6 @@ _LABELS_AT = 0.9  # [m/s]
 _LABEL: Mapping[str, Any] = MappingProxyType({"textcoords": "offset points", "fontsize": 8})
 _LATERAL_SEED = 5
 _SHOT_SIZE, _COLUMNS, _GAP = (560, 400), 3, 8  # [pixels]
-_EYE_HEIGHT = 0.06  # [m]
 _ROBOT_CAMERA = Camera(target=(0.012, -0.016, 0.05), distance=0.77, azimuth=146.0, elevation=-24.0)
 _ROBOT_SIZE, _ANIMATION_SIZE = (1200, 800), (560, 360)  # [pixels]
 _FRAME_RATE = 15  # [1/s]
@@ -147,21 +146,23 @@ class Shot:
     scenario: str
     time: float
     """[s]"""
-    distance: float = 0.62
+    distance: float = 0.72
     """Distance of the camera from the machine [m]."""
     azimuth: float = 140.0
     """[°]"""
-    elevation: float = -36.0
+    elevation: float = -34.0
     """[°]"""
+    height: float = 0.045
+    """Height of the point in the middle of the picture [m]."""
 
 
 GALLERY = (
     Shot("nylon_patch", 0.9),
     Shot("circle_8m_wheel_locked", 30.0, azimuth=118.0),
-    Shot("ramp", 2.6, distance=0.68, azimuth=112.0, elevation=-22.0),
+    Shot("ramp", 2.6, azimuth=112.0, elevation=-24.0, height=0.07),
     Shot("three_wheel_circle", 9.0, azimuth=160.0),
     Shot("three_wheel_nylon", 0.9, azimuth=160.0),
-    Shot("rig_slip", 0.6, azimuth=-58.0, elevation=-26.0),
+    Shot("rig_slip", 0.6, azimuth=-58.0, elevation=-26.0, height=0.13),
 )
 """From left to right, row by row."""
 
@@ -187,7 +188,7 @@ def make_gallery(path: Path) -> None:
         mj_model, poses, trail = _drive(shot.scenario)
         k = int(np.argmin(np.abs(poses.time - shot.time)))
         x, y, _ = camera_at(mj_model, poses.position[k]).target
-        camera = Camera((x, y, _EYE_HEIGHT), shot.distance, shot.azimuth, shot.elevation)
+        camera = Camera((x, y, shot.height), shot.distance, shot.azimuth, shot.elevation)
         (pixels,) = frames(mj_model, [(poses.position[k], camera, trail[: k + 1])], _SHOT_SIZE)
         row, column = divmod(number, _COLUMNS)
         top, left = row * (height + _GAP), column * (width + _GAP)
@@ -209,10 +210,10 @@ def make_animation(path: Path) -> None:
     shots = []
     for k in np.searchsorted(poses.time, times):
         x, y = poses.position[k, :2]
-        shots.append((poses.position[k], Camera((x, y, _EYE_HEIGHT), 0.7, 146.0, -34.0), trail[: k + 1]))
+        shots.append((poses.position[k], Camera((x, y, 0.045), 0.78, 146.0, -33.0), trail[: k + 1]))
     images = [Image.fromarray(pixels) for pixels in frames(mj_model, shots, _ANIMATION_SIZE)]
     images[0].save(
-        path, save_all=True, append_images=images[1:], duration=1000 // _FRAME_RATE, loop=0, quality=70
+        path, save_all=True, append_images=images[1:], duration=1000 // _FRAME_RATE, loop=0, quality=60
     )
 
 

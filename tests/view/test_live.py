@@ -224,7 +224,7 @@ def test_a_viewer_that_ends_before_it_answers_is_told_with_its_complaint(tmp_pat
     with (tmp_path / "complaints").open("w+b") as complaints:
         process = subprocess.Popen([sys.executable, "-c", said], stderr=complaints)
         viewer = Viewer(process, viewer_room._free_port(), complaints)
-        with pytest.raises(ViewerError, match=r"broke down \(no adapter found\).*--out DIR"):
+        with pytest.raises(ViewerError, match=r"failed \(no adapter found\).*--out DIR"):
             viewer.await_server()
 
 
@@ -232,7 +232,7 @@ def test_a_viewer_that_ends_before_it_answers_is_told_with_its_complaint(tmp_pat
 def test_a_display_that_does_not_exist_is_told_before_anything_is_driven(monkeypatch):
     monkeypatch.setenv("DISPLAY", ":no-such-display")
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    with pytest.raises(ViewerError, match=r"^--view: the Rerun viewer broke down \(.+\); use --out DIR"):
+    with pytest.raises(ViewerError, match=r"^--view: the Rerun viewer failed \(.+\); use --out DIR"):
         open_viewer()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -67,7 +68,7 @@ def write_report(
         comparison_figures=_comparison_figures(trace, others or {}, scenario, metrics, spans),
         method=metrics.get("method", "–"),
         is_rig=isinstance(scenario.constants, Rig),
-        figures=_figures(trace, scenario, spans),
+        figures=_figures(scenario.constants, trace, scenario.patches, spans),
         compared_methods=list(metrics.get("compared") or ()),
     )
 
@@ -214,14 +215,16 @@ def _comparison_figures(
     return figures
 
 
-def _figures(trace: Trace, scenario: ScenarioLike, spans: Sequence[Span]) -> list[Figure]:
-    if isinstance(scenario.constants, Rig):
-        return _rig_figures(trace, scenario.constants.wheel.radius, spans)
-    figures = _robot_figures(trace, scenario.constants, scenario.patches, spans)
-    return figures + _truth_figures(trace, spans)
+@functools.singledispatch
+def _figures(
+    constants: Robot | Rig, trace: Trace, patches: Sequence[Any], spans: Sequence[Span]
+) -> list[Figure]:
+    """Plot the signals of a run, by kind of machine."""
+    raise TypeError(constants)
 
 
-def _robot_figures(trace: Trace, robot: Robot, patches: Sequence[Any], spans: Sequence[Span]) -> list[Figure]:
+@_figures.register(Robot)
+def _robot_figures(robot: Robot, trace: Trace, patches: Sequence[Any], spans: Sequence[Span]) -> list[Figure]:
     shaded = " Shaded: a fault holds." if spans else ""
     has_currents = "current_1" in trace
     figures = []
@@ -236,7 +239,7 @@ def _robot_figures(trace: Trace, robot: Robot, patches: Sequence[Any], spans: Se
     if has_currents:
         words = "Motor currents reported by the amplifiers, and commands." + shaded
         figures.append(plot(plots.currents(trace, spans), "currents", "Currents", words))
-    return figures
+    return figures + _truth_figures(trace, spans)
 
 
 _TRUE_SIGNALS = (
@@ -266,7 +269,9 @@ def _truth_figures(trace: Trace, spans: Sequence[Span]) -> list[Figure]:
     return figures
 
 
-def _rig_figures(trace: Trace, radius: float, spans: Sequence[Span]) -> list[Figure]:
+@_figures.register(Rig)
+def _rig_figures(rig: Rig, trace: Trace, patches: Sequence[Any], spans: Sequence[Span]) -> list[Figure]:
+    radius = rig.wheel.radius
     words = f"Rim speed with r = {radius:g} m; the gap between the lines is slip."
     figures = [
         plot(plots.rig_speeds(trace, radius, spans), "speeds", "Wheel and carriage", words),

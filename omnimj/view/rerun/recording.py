@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from omnimj.parameters import Rig
+from omnimj.parameters import Rig, Robot
 from omnimj.recording.folder import atomic_file
 from omnimj.signals import Trace
 from omnimj.simulate.run import RunResult
@@ -160,10 +161,20 @@ class RunStream:
         points = [np.zeros((1, 2)), driven]
         if self._planned is not None:
             points.append(self._planned)
-        if isinstance(self._scenario.constants, Rig):
-            reach = self._scenario.constants.rig
-            points += [reach.rail_length * np.eye(2)[:1], reach.lateral_travel * np.array([[0, -1], [0, 1]])]
+        points.append(_reach(self._scenario.constants))
         log_floor(self._stream, np.concatenate(points), self._scenario.patches, self._scenario.floor)
+
+
+@functools.singledispatch
+def _reach(constants: Robot | Rig) -> Array:
+    """Return the points on the floor that a machine can always reach, shape (k, 2) [m]."""
+    return np.empty((0, 2))
+
+
+@_reach.register(Rig)
+def _rig_reach(rig: Rig) -> Array:
+    along, across = rig.rig.rail_length, rig.rig.lateral_travel
+    return np.array([[along, 0.0], [0.0, -across], [0.0, across]])
 
 
 def whole_blueprint(

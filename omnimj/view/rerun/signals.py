@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Collection, Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -11,7 +12,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from omnimj.control.recovery.modes import MODE_NAMES, NORMAL
-from omnimj.parameters import Rig
+from omnimj.parameters import Rig, Robot
 from omnimj.signals import Trace
 from omnimj.view import palette
 from omnimj.view.poses import thin
@@ -82,13 +83,8 @@ def plots_of(
       method: Name of the detection method.
       columns: Columns of the trace, or of the method's log.
     """
-    constants = scenario.constants
-    if isinstance(constants, Rig):
-        plots = _rig_plots(constants.wheel.radius)
-    else:
-        plots = _robot_plots(len(constants.wheels))
     found = families(columns, method, scenario.diagnosis.printed)
-    return [*plots, *map(_residual_plot, found), *_effectiveness_plot(columns)]
+    return [*_machine_plots(scenario.constants), *map(_residual_plot, found), *_effectiveness_plot(columns)]
 
 
 def _residual_plot(family: Family) -> Plot:
@@ -116,8 +112,15 @@ def _effectiveness_plot(columns: Collection[str]) -> list[Plot]:
     return [Plot("plots/effectiveness", heading, tuple(lines), True, True, (0.0, 1.0))] if lines else []
 
 
-def _robot_plots(n: int) -> list[Plot]:
-    """Return the plots of a robot with n wheels."""
+@functools.singledispatch
+def _machine_plots(constants: Robot | Rig) -> list[Plot]:
+    """Return the plots of the signals of a machine."""
+    raise TypeError(constants)
+
+
+@_machine_plots.register(Robot)
+def _robot_plots(robot: Robot) -> list[Plot]:
+    n = len(robot.wheels)
 
     def wheels(column: str) -> tuple[Line, ...]:
         return tuple(Line(f"{column}_{i}", f"wheel {i}", palette.wheel_color(i - 1)) for i in range(1, n + 1))
@@ -154,14 +157,14 @@ def _robot_plots(n: int) -> list[Plot]:
         Plot("plots/current", "Current [A]", wheels("current")),
         Plot("plots/heading", "Heading [degrees]", heading, True),
         Plot("plots/yaw_rate", "Yaw rate [rad/s]", gyro, True),
-        Plot("plots/acceleration", "Acceleration that is measured [m/s²]", accelerometer, True),
+        Plot("plots/acceleration", "Measured acceleration [m/s²]", accelerometer, True),
     ]
 
 
-def _rig_plots(wheel_radius: float) -> list[Plot]:
-    """Return the plots of a rig."""
+@_machine_plots.register(Rig)
+def _rig_plots(rig: Rig) -> list[Plot]:
     speeds = (
-        Line("wheel_speed", "wheel rim r·φ̇", palette.ACCENT, wheel_radius),
+        Line("wheel_speed", "wheel rim r·φ̇", palette.ACCENT, rig.wheel.radius),
         Line("carriage_speed", "carriage", palette.MEASURED),
     )
     forces = (

@@ -110,8 +110,8 @@ class Viewer:
         if self._process.poll() in (None, 0):
             return
         self._error_output.seek(0)
-        said = self._error_output.read().decode(errors="replace").splitlines()
-        errors = [line for line in said if "error" in line.lower() or "panic" in line.lower()]
+        lines = self._error_output.read().decode(errors="replace").splitlines()
+        errors = [line for line in lines if "error" in line.lower() or "panic" in line.lower()]
         reason = (
             errors[-1].rsplit(": ", 1)[-1].strip() if errors else f"exit status {self._process.returncode}"
         )
