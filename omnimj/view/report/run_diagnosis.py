@@ -40,8 +40,7 @@ def diagnosis_section(
       metrics: Content of `metrics.json`.
       spans: Intervals in which faults hold.
     """
-    constants = scenario.constants
-    wheels = 1 if isinstance(constants, Rig) else len(constants.wheels)
+    wheels = scenario.constants.wheel_count
     matching = match_diagnoses(metrics.get("faults") or (), metrics.get("diagnoses") or (), wheels)
     has_truth = bool(metrics.get("truth", True))
     verdict = _verdict(metrics, matching) if has_truth else _UNKNOWN

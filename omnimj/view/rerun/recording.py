@@ -83,7 +83,7 @@ class RunStream:
         self._known: Mapping[str, Any] = {}
         constants = scenario.constants
         self._is_rig = isinstance(constants, Rig)
-        self._wheels = 1 if isinstance(constants, Rig) else len(constants.wheels)
+        self._wheels = constants.wheel_count
 
     def begin(self, known: Mapping[str, Any], planned: Array | None, mj_model: mujoco.MjModel | None) -> None:
         """Send machine, floor and plan.
