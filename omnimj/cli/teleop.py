@@ -239,7 +239,7 @@ class _Session:
 
     def _warm_up(self, controller: Any) -> None:
         """Compiles before keys count, on a simulation: nothing is asked of a real robot for it."""
-        from omnimj.simulate.plants import warm_up
+        from omnimj.simulate.run import warm_up
 
         warm_up(self._scenario, controller)
         if self._pace is not None:

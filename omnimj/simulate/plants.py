@@ -3,28 +3,24 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.link.host.link import LinkMode, open_link
 from omnimj.link.host.plant import HardwarePlant
 from omnimj.link.transport.address import parse_address
-from omnimj.plant.faults import Fault
+from omnimj.parameters import Floor, Rig, Robot
 from omnimj.plant.interface import Plant
 from omnimj.simulate.kinematic import KinematicPlant
-from omnimj.simulate.loop import Controller, drive
 from omnimj.simulate.scenario.scenario import Scenario
-from omnimj.simulate.suites.missions import mission
 
 PLANT_NAMES = ("twin", "planar")
 KINEMATIC = "kinematic"
 _ADDRESS_FORMS = ("serial:DEVICE?baud=N", "udp:HOST:PORT")
 _LINK_SCHEMES = ("serial:", "udp:")
-_WARM_UP_TIME = 4.0  # [s]
 
 
 def plant_name(scenario: Scenario, choice: str | None) -> str:
@@ -86,32 +82,65 @@ def make_kinematic_plant(scenario: Scenario) -> KinematicPlant:
 
 
 def _make_rig(scenario: Scenario, name: str, seed: int) -> Plant:
-    rig, drive = scenario.rig, scenario.rig_input
+    drive = scenario.rig_input
     options: dict[str, Any] = {"mass": drive.mass, "lateral_speed": drive.lateral_speed}
-    options |= {"faults": scenario.faults, "seed": seed, "floors": scenario.floors}
+    options |= {"faults": scenario.faults, "seed": seed}
     if name == "planar":
-        from omnimj.plant.planar import PlanarRig
-
-        return PlanarRig(rig, scenario.floor, published=scenario.equations == "published", **options)
-    from omnimj.plant.mujoco.twin import RigTwin  # MuJoCo is loaded for the twin only
-
-    return RigTwin(rig, scenario.floors[scenario.floor], **options)
+        options["published"] = scenario.equations == "published"
+    return make_rig_plant(name, scenario.rig, scenario.floor, scenario.floors, **options)
 
 
 def _make_robot(scenario: Scenario, name: str, seed: int) -> Plant:
-    robot, drive = scenario.robot, scenario.robot_drive
     options: dict[str, Any] = {"faults": scenario.faults, "patches": scenario.patches}
-    options |= {"seed": seed, "start": drive.start, "floors": scenario.floors}
+    options |= {"seed": seed, "start": scenario.robot_drive.start}
     if name == "planar":
         if scenario.scene is not None:
             found = f"found {scenario.scene.name!r}"
             raise InputError(f"{scenario.name}: scene", found, "the planar plant has a flat floor only")
+        options["published"] = scenario.equations == "published"
+    else:
+        options["scene"] = scenario.scene
+    return make_robot_plant(name, scenario.robot, scenario.floor, scenario.floors, **options)
+
+
+def make_robot_plant(
+    kind: str, robot: Robot, floor: str, floors: Mapping[str, Floor], **options: Any
+) -> Plant:
+    """Makes a simulated robot; MuJoCo is loaded for the twin only.
+
+    Args:
+      kind: `twin` or `planar`.
+      robot: True constants, with effects.
+      floor: Name in `floors`.
+      floors: All floors by name.
+      options: Further arguments of `RobotTwin` or `PlanarRobot`.
+    """
+    if kind == "planar":
         from omnimj.plant.planar import PlanarRobot
 
-        return PlanarRobot(robot, scenario.floor, published=scenario.equations == "published", **options)
+        return PlanarRobot(robot, floor, floors=floors, **options)
     from omnimj.plant.mujoco.twin import RobotTwin
 
-    return RobotTwin(robot, floor=scenario.floors[scenario.floor], scene=scenario.scene, **options)
+    return RobotTwin(robot, floor=floors[floor], floors=floors, **options)
+
+
+def make_rig_plant(kind: str, rig: Rig, floor: str, floors: Mapping[str, Floor], **options: Any) -> Plant:
+    """Makes a simulated rig; MuJoCo is loaded for the twin only.
+
+    Args:
+      kind: `twin` or `planar`.
+      rig: True constants, with effects.
+      floor: Name in `floors`.
+      floors: All floors by name.
+      options: Further arguments of `RigTwin` or `PlanarRig`.
+    """
+    if kind == "planar":
+        from omnimj.plant.planar import PlanarRig
+
+        return PlanarRig(rig, floor, floors=floors, **options)
+    from omnimj.plant.mujoco.twin import RigTwin
+
+    return RigTwin(rig, floors[floor], floors=floors, **options)
 
 
 def is_link_address(plant: str | None) -> bool:
@@ -173,33 +202,3 @@ def make_hardware_plant(scenario: Scenario, address: str, options: LinkOptions) 
         plant = HardwarePlant(link, robot.hardware, reset_fault=options.reset_fault)
         on_failure.pop_all()
     return plant
-
-
-def warm_up(scenario: Scenario, controller: Controller) -> None:
-    """Runs a controller through two faults in a quick simulation, which loads all its compiled code.
-
-    Loading a kernel takes many control periods, and a robot driven in real time does not wait. A controller
-    keeps no state, so that the simulation leaves none behind.
-
-    Args:
-      scenario: A robot scenario.
-      controller: Made for it.
-
-    Raises:
-      KeyboardInterrupt: Ctrl-C ended the simulation.
-    """
-    from omnimj.plant.planar import PlanarRobot  # needed for hardware only
-
-    robot = scenario.robot
-    reference = mission(np.random.default_rng(0), _WARM_UP_TIME, scenario.period)
-    faults = (
-        Fault("motor", 0.3 * _WARM_UP_TIME, wheel=1, numbers={"loss": 0.7}),
-        Fault("slip", 0.6 * _WARM_UP_TIME, wheel=2, numbers={"grip": 0.1}),
-    )
-    plant = PlanarRobot(robot, scenario.floor, faults=faults, floors=scenario.floors)
-    try:
-        trace = drive(plant, controller, reference)
-    finally:
-        plant.close()
-    if trace.about["interrupted"] and not trace.about["failure"]:
-        raise KeyboardInterrupt

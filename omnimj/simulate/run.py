@@ -16,22 +16,26 @@ from omnimj.control.fault_tolerant import FaultTolerantController
 from omnimj.control.recovery import Recovery
 from omnimj.errors import InputError
 from omnimj.link.host.plant import HardwarePlant
+from omnimj.plant.faults import Fault
 from omnimj.signals import Array, Trace
 from omnimj.simulate.detectors import make_detector, require_known_method
 from omnimj.simulate.kinematic import drive_kinematic
 from omnimj.simulate.loop import NO_CALLBACKS, Callbacks, Snapshot, drive, drive_rig
+from omnimj.simulate.loop import Controller as LoopController
 from omnimj.simulate.plants import (
     KINEMATIC,
     LinkOptions,
     make_kinematic_plant,
     make_plant,
+    make_robot_plant,
     plant_name,
-    warm_up,
 )
 from omnimj.simulate.scenario.scenario import Scenario
+from omnimj.simulate.suites.missions import mission
 from omnimj.simulate.summary import summarize
 
 _FEWEST_ROWS = 2  # a shorter run has no metrics
+_WARM_UP_TIME = 4.0  # [s]
 
 
 @dataclass(frozen=True)
@@ -205,3 +209,30 @@ def make_diagnosing_controller(
             gains,
         )
     return FaultTolerantController(controller, detector, recovery)
+
+
+def warm_up(scenario: Scenario, controller: LoopController) -> None:
+    """Runs a controller through two faults in a quick simulation, which loads all its compiled code.
+
+    Loading a kernel takes many control periods, and a robot driven in real time does not wait. A controller
+    keeps no state, so that the simulation leaves none behind.
+
+    Args:
+      scenario: A robot scenario.
+      controller: Made for it.
+
+    Raises:
+      KeyboardInterrupt: Ctrl-C ended the simulation.
+    """
+    reference = mission(np.random.default_rng(0), _WARM_UP_TIME, scenario.period)
+    faults = (
+        Fault("motor", 0.3 * _WARM_UP_TIME, wheel=1, numbers={"loss": 0.7}),
+        Fault("slip", 0.6 * _WARM_UP_TIME, wheel=2, numbers={"grip": 0.1}),
+    )
+    plant = make_robot_plant("planar", scenario.robot, scenario.floor, scenario.floors, faults=faults)
+    try:
+        trace = drive(plant, controller, reference)
+    finally:
+        plant.close()
+    if trace.about["interrupted"] and not trace.about["failure"]:
+        raise KeyboardInterrupt

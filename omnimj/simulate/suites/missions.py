@@ -9,9 +9,10 @@ import numpy as np
 
 from omnimj.control.cascade.controller import Controller
 from omnimj.parameters import Robot
-from omnimj.plant.interface import Plant, robot_channels
+from omnimj.plant.interface import robot_channels
 from omnimj.signals import Array, Reference
 from omnimj.simulate.loop import Callbacks, drive, require_complete
+from omnimj.simulate.plants import make_robot_plant
 from omnimj.simulate.suites.suite import Condition, RunConfig
 
 MISSIONS = 6
@@ -113,7 +114,8 @@ def record_robot(
       SimulationError: The simulation broke down.
       KeyboardInterrupt: Ctrl-C was pressed.
     """
-    plant = _make_plant(robot, str(condition.conditions["floor"]), config)
+    floor = str(condition.conditions["floor"])
+    plant = make_robot_plant(config.plant, robot, floor, config.floors, seed=config.seed)
     try:
         trace = drive(
             plant, Controller(nominal, period=plant.period), condition.drive, Callbacks(config.progress)
@@ -124,13 +126,3 @@ def record_robot(
     wheels = len(robot.wheels)
     targets = [f"current_target_{i}" for i in range(1, wheels + 1)]
     return {name: trace[name] for name in ("time", *robot_channels(wheels), *targets, *_GROUND_TRUTH)}
-
-
-def _make_plant(robot: Robot, floor: str, config: RunConfig) -> Plant:
-    if config.plant == "planar":
-        from omnimj.plant.planar import PlanarRobot
-
-        return PlanarRobot(robot, floor, seed=config.seed, floors=config.floors)
-    from omnimj.plant.mujoco.twin import RobotTwin  # MuJoCo is loaded for the twin only
-
-    return RobotTwin(robot, floor=config.floors[floor], seed=config.seed, floors=config.floors)

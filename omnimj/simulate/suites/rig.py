@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from omnimj.parameters import Rig
-from omnimj.plant.interface import RIG_CHANNELS, Plant
+from omnimj.plant.interface import RIG_CHANNELS
 from omnimj.plant.planar import PlanarRig
 from omnimj.signals import Array, CurrentCommand
 from omnimj.simulate.loop import Callbacks, drive_rig, require_complete
+from omnimj.simulate.plants import make_rig_plant
 from omnimj.simulate.suites.suite import Condition, RunConfig
 
 RAIL_MARGIN = 0.03
@@ -219,7 +219,9 @@ def record_rig(rig: Rig, nominal: Rig, condition: Condition, config: RunConfig) 
       KeyboardInterrupt: Ctrl-C was pressed.
     """
     drive: RigExcitation = condition.drive
-    plant = _make_plant(rig, condition, drive, config)
+    floor, mass = str(condition.conditions["floor"]), float(condition.conditions["mass"])
+    options = {"mass": mass, "lateral_speed": drive.lateral_speed, "seed": config.seed}
+    plant = make_rig_plant(config.plant, rig, floor, config.floors, **options)
     try:
         trace = drive_rig(plant, drive.current, Callbacks(config.progress))
     finally:
@@ -227,18 +229,6 @@ def record_rig(rig: Rig, nominal: Rig, condition: Condition, config: RunConfig) 
     require_complete(trace, f"run {condition.name}")
     rows = samples_on_rail(rig, trace["carriage_position"], trace["lateral_position"])
     return {name: trace[name][:rows] for name in ("time", *RIG_CHANNELS, "current_target")}
-
-
-def _make_plant(rig: Rig, condition: Condition, drive: RigExcitation, config: RunConfig) -> Plant:
-    floor, mass = str(condition.conditions["floor"]), float(condition.conditions["mass"])
-    options: dict[str, Any] = {"mass": mass, "lateral_speed": drive.lateral_speed, "seed": config.seed}
-    if config.plant == "planar":
-        from omnimj.plant.planar import PlanarRig
-
-        return PlanarRig(rig, floor, floors=config.floors, **options)
-    from omnimj.plant.mujoco.twin import RigTwin  # MuJoCo is loaded for the twin only
-
-    return RigTwin(rig, config.floors[floor], floors=config.floors, **options)
 
 
 def _hundredths(first: int, last: int, step: int) -> Sequence[float]:
