@@ -71,8 +71,10 @@ def test_a_scenario_passes_its_checks_on_the_twin(name):
         ("nylon_patch", "patches.0.floor=natural_stone", "peak_slip_1"),
         ("degraded_motor", "faults.0.loss=0.01", "rms_current_1"),
         ("circle_8m", "drive.heading_hold=false", "max_yaw_excursion"),
-        ("square_path", "drive.yaw_loop=false", "path_error_max"),
-        ("square_path_open_loop", "drive.yaw_loop=true", "path_error_max"),
+        pytest.param("square_path", "drive.yaw_loop=false", "path_error_max", marks=pytest.mark.slow),
+        pytest.param(
+            "square_path_open_loop", "drive.yaw_loop=true", "path_error_max", marks=pytest.mark.slow
+        ),
         ("square_path_kinematic_open_loop", "drive.yaw_loop=true", "tracking_error_max"),
         ("circle_8m_kinematic", "kinematics.weights.0=1.0", "tracking_error_max"),
         ("rig_lateral", "lateral_speed=0.0", "final_current"),
