@@ -1,9 +1,12 @@
-"""Kinds of arguments that several sub-commands take."""
+"""What commands are made of: the `Command` record, and the arguments that several of them share."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping
+import math
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,27 +14,62 @@ from omnimj.errors import InputError
 
 if TYPE_CHECKING:
     from omnimj.control.gains import Gains, ObserverGains
+    from omnimj.simulate.plants import LinkOptions
 
 
+@dataclass(frozen=True)
+class Command:
+    """A sub-command of `omnimj`."""
+
+    name: str
+    help: str
+    """One line in lower case, without a full stop."""
+    epilog: str
+    """Examples, and notes below them."""
+    add_arguments: Callable[[argparse.ArgumentParser], None]
+    run: Callable[[Any], int]
+    """Called with the parsed arguments; returns the exit code."""
+
+    def add_to(self, commands: Any, key: str = "run") -> None:
+        """Adds the command to a parser's sub-commands.
+
+        Args:
+          commands: Result of `ArgumentParser.add_subparsers`.
+          key: Name under which the parsed arguments hold `run`.
+        """
+        parser = commands.add_parser(
+            self.name,
+            help=self.help,
+            description=self.help[0].upper() + self.help[1:] + ".",
+            epilog=self.epilog,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+            allow_abbrev=False,
+        )
+        self.add_arguments(parser)
+        options = [name for action in parser._actions for name in action.option_strings]
+        parser.set_defaults(**{key: self.run}, options=options)
+
+
+ADDRESS = "serial:DEVICE?baud=N or udp:HOST:PORT"
 ROBOT_MODEL = "a shipped robot by name (three_wheel), or a copy of robot.toml with changed values"
 MODEL = "a shipped robot by name (three_wheel), or a copy of robot.toml or rig.toml with changed values"
-"""What `--model` takes, without and with the test rig."""
+"""Values of `--model`, without and with the test rig."""
 
 
 def add_floors(parser: argparse.ArgumentParser) -> None:
-    """`--floors FILE`."""
+    """Adds `--floors FILE`."""
     words = "floors beside the shipped ones, or in their place, e.g. from omnimj identify"
     parser.add_argument("--floors", metavar="FILE", type=Path, help=words)
 
 
 def add_thresholds(parser: argparse.ArgumentParser) -> None:
-    """`--thresholds FILE`."""
-    words = "of the robust method, from omnimj calibrate (default: the shipped ones)"
+    """Adds `--thresholds FILE`."""
+    words = "thresholds of the robust method, from omnimj calibrate (default: the shipped ones)"
     parser.add_argument("--thresholds", metavar="FILE", type=Path, help=words)
 
 
 def read_thresholds(file: Path | None, method: str) -> Any:
-    """What `--thresholds` names; None without it.
+    """Reads the file that `--thresholds` names; returns None without it.
 
     Raises:
       InputError: It is for another method, or the file is wrong.
@@ -46,13 +84,13 @@ def read_thresholds(file: Path | None, method: str) -> Any:
 
 
 def add_gains(parser: argparse.ArgumentParser) -> None:
-    """`--gains FILE`."""
-    words = "of cascade, recovery and observer, from omnimj tune (default: the model's and the shipped ones)"
+    """Adds `--gains FILE`."""
+    words = "gains of cascade, recovery and observer, from omnimj tune (default: model and shipped ones)"
     parser.add_argument("--gains", metavar="FILE", type=Path, help=words)
 
 
 def read_gains_file(file: Path | None, model: Path | None = None) -> Gains | None:
-    """The gains in a file, over those of a model; None without one.
+    """Reads the gains in a file, with those of the model for the rest; returns None without a file.
 
     Raises:
       InputError, UnknownNameError: As `control.gains.read_gains` and `read_robot`.
@@ -66,13 +104,13 @@ def read_gains_file(file: Path | None, model: Path | None = None) -> Gains | Non
 
 
 def add_observer_gains(parser: argparse.ArgumentParser) -> None:
-    """`--gains FILE` of commands that drive nothing."""
-    words = "what the robust method's observer weighs with, from omnimj tune (default: as shipped)"
+    """Adds `--gains FILE` to a command that drives nothing."""
+    words = "gains of the robust method's observer, from omnimj tune (default: the shipped ones)"
     parser.add_argument("--gains", metavar="FILE", type=Path, help=words)
 
 
 def read_observer_gains(file: Path | None, method: str) -> ObserverGains | None:
-    """The observer's gains in a file; None without one.
+    """Reads the observer's gains in a file; returns None without a file.
 
     Raises:
       InputError: It is for another method, or as `control.gains.read_gains`.
@@ -85,14 +123,16 @@ def read_observer_gains(file: Path | None, method: str) -> ObserverGains | None:
     return None if gains is None else gains.observer
 
 
-def add_executor(parser: argparse.ArgumentParser) -> None:
-    """`--executor URL`."""
+def add_workers(parser: argparse.ArgumentParser) -> None:
+    """Adds `--workers N` and `--executor URL`."""
+    words = "number of processes (default 1)"
+    parser.add_argument("--workers", metavar="N", type=whole_number(1, 256), default=1, help=words)
     words = "hand the work to a Dask cluster: dask:tcp://HOST:PORT of its scheduler (needs omnimj[dask])"
     parser.add_argument("--executor", metavar="URL", help=words)
 
 
 def parse_names(text: str) -> tuple[str, ...]:
-    """A kind for argparse: names with commas between them."""
+    """Parses names separated by commas, for argparse."""
     found = tuple(name.strip() for name in text.split(","))
     if not all(found):
         raise argparse.ArgumentTypeError(f"found {text[:40]!r}; names with commas between them are needed")
@@ -100,7 +140,7 @@ def parse_names(text: str) -> tuple[str, ...]:
 
 
 def whole_number(low: int, high: int) -> Callable[[str], int]:
-    """A kind for argparse: a whole number in plain digits, low … high."""
+    """Makes a parser of whole numbers in plain digits, low … high, for argparse."""
 
     def read(text: str) -> int:
         plain = text.isascii() and text.isdigit() and len(text) < 20
@@ -112,46 +152,111 @@ def whole_number(low: int, high: int) -> Callable[[str], int]:
     return read
 
 
-# Arguments of the sub-commands that use a link, and what they say about it.
+def positive_number(most: float) -> Callable[[str], float]:
+    """Makes a parser of numbers above 0 and up to `most`, for argparse."""
 
-if TYPE_CHECKING:
-    from omnimj.simulate.plants import LinkOptions
+    def read(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not 0.0 < value <= most:
+            raise argparse.ArgumentTypeError(f"found {text[:40]!r}; must be above 0 and at most {most:g}")
+        return value
 
-ADDRESS = "serial:DEVICE?baud=N or udp:HOST:PORT"
+    return read
+
+
+def add_seed(parser: argparse.ArgumentParser, words: str, most: int = 2**63 - 1, default: int = 0) -> None:
+    """Adds `--seed N`, from 0 to `most`; `words` say what is drawn from it."""
+    parser.add_argument(
+        "--seed",
+        metavar="N",
+        type=whole_number(0, most),
+        default=default,
+        help=f"{words} (default {default})",
+    )
+
+
+def add_overrides(parser: argparse.ArgumentParser, example: str) -> None:
+    """Adds `--set KEY=VALUE` as `overrides`."""
+    words = f"change a value of the scenario file, e.g. {example}; repeatable"
+    parser.add_argument(
+        "--set", metavar="KEY=VALUE", action="append", default=[], dest="overrides", help=words
+    )
+
+
+def add_results(parser: argparse.ArgumentParser, json_file: str, replaced: str = "") -> None:
+    """Adds `--out DIR`, `--force` and `--json` to a command that writes a folder.
+
+    Args:
+      parser: Parser of the command.
+      json_file: File of the folder that `--json` prints.
+      replaced: Kind of work that `--force` replaces, for its help.
+    """
+    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="folder for the results")
+    words = "write into --out although it is not empty"
+    if replaced:
+        words += f"; another {replaced} there is replaced"
+    parser.add_argument("--force", action="store_true", help=words)
+    parser.add_argument("--json", action="store_true", help=f"print {json_file} instead of tables")
+
+
+def require_writable(file: Path, force: bool) -> None:
+    """Checks before the work that `--out FILE` may be written; missing folders are made later.
+
+    Raises:
+      InputError: The file exists and `force` is not given, or it cannot be written.
+    """
+    place = f"--out {file}"
+    if file.is_dir() or not file.name:
+        raise InputError(place, "is a folder", "a file is needed")
+    if os.path.lexists(file) and not force:
+        raise InputError(place, "exists already", "choose another file, or --force to replace it")
+    nearest = next(one for one in file.absolute().parents if os.path.lexists(one))
+    if not nearest.is_dir():
+        raise InputError(place, f"cannot be made, {nearest} is a file", "a folder is needed")
+    if not os.access(nearest, os.W_OK | os.X_OK):
+        raise InputError(place, f"cannot be written, {nearest} is read-only", "choose another folder")
 
 
 def add_key(parser: argparse.ArgumentParser) -> None:
-    """`--key-file FILE`."""
+    """Adds `--key-file FILE`."""
     words = "key of the link, 64 hexadecimal digits, mode 0600; needed off this machine"
     parser.add_argument("--key-file", metavar="FILE", type=Path, help=words)
 
 
 def add_clock(parser: argparse.ArgumentParser) -> None:
-    """`--lock-step` and `--real-time`."""
+    """Adds `--lock-step` and `--real-time`."""
     clock = parser.add_mutually_exclusive_group()
-    words = "simulated time, which goes on by one period per command: fast and reproducible, never for motors"
+    words = "simulated time, one period per command: fast and reproducible, never for real motors"
     clock.add_argument("--lock-step", action="store_true", help=words)
-    clock.add_argument("--real-time", action="store_true", help="by the clock (default)")
+    clock.add_argument("--real-time", action="store_true", help="wall-clock time (default)")
 
 
 def add_wire(parser: argparse.ArgumentParser) -> None:
-    """What `omnimj run` takes for a plant behind a wire."""
+    """Adds the arguments of `omnimj run` for a plant behind a wire."""
     add_key(parser)
     add_clock(parser)
     mode = parser.add_mutually_exclusive_group()
-    words = "with a wire: send nothing but hello and ping; what the controller would do is logged"
+    words = "with a wire: send nothing but hello and ping; the controller's commands are only logged"
     mode.add_argument("--readonly", action="store_true", help=words)
-    words = "with a wire: send commands of zero and never arm; what the controller would do is logged"
+    words = "with a wire: send zero commands and never arm; the controller's commands are only logged"
     mode.add_argument("--dry-run", action="store_true", help=words)
-    words = "with a wire: the fault that the device has latched has been seen and may be reset"
+    add_reset_fault(parser)
+
+
+def add_reset_fault(parser: argparse.ArgumentParser) -> None:
+    """Adds `--reset-fault`."""
+    words = "with a wire: reset the fault that the device has latched; its cause has been looked into"
     parser.add_argument("--reset-fault", action="store_true", help=words)
 
 
 def read_wire(arguments: Any, log_to: Path | None) -> LinkOptions | None:
-    """How the link is to be used; None for a plant that has none.
+    """Reads the options of the link; returns None for a plant without one.
 
     Raises:
-      InputError: An option of links, and no wire.
+      InputError: An option of links was given, and there is no wire.
     """
     names = ("key_file", "lock_step", "real_time", "readonly", "dry_run", "reset_fault")
     given = [f"--{name.replace('_', '-')}" for name in names if getattr(arguments, name)]
@@ -167,27 +272,3 @@ def read_wire(arguments: Any, log_to: Path | None) -> LinkOptions | None:
         LinkMode.READONLY if arguments.readonly else LinkMode.DRY_RUN if arguments.dry_run else LinkMode.DRIVE
     )
     return LinkOptions(arguments.key_file, arguments.lock_step, mode, arguments.reset_fault, log_to)
-
-
-def format_link(link: Mapping[str, Any]) -> str:
-    """A link's record of `metrics.json` in a few lines."""
-    kept, keyed = link["deadlines"], ", keyed" if link["is_keyed"] else ""
-    lines = [
-        f"link: {link['address']}, {link['mode']}{keyed}; {link['sent']} frames "
-        f"sent, {link['received']} received, {link['lost']} lost, {link['dropped']} dropped; "
-        f"the device dropped {link['device_dropped']} and refused {link['device_refused']}"
-    ]
-    if link["mode"] == "lock-step":
-        return f"{lines[0]}; {link['resent']} asked again"
-    lines.append(
-        f"deadlines: {kept['missed']} of {kept['periods']} missed, "
-        f"{kept['held']} readings not there in time, {kept['skipped']} not used"
-    )
-    words = {"response": "command after reading", "late": "reading late by", "command_age": "command's age"}
-    spreads = (f"{words[name]} {_format_spread(kept[name])}" for name in words if kept[name]["max"] > 0.0)
-    lines.append("; ".join(spreads) + " (p50 / p99 / max)")
-    return "\n".join(lines)
-
-
-def _format_spread(record: Mapping[str, float]) -> str:
-    return " / ".join(f"{1e3 * record[name]:.3g}" for name in ("p50", "p99", "max")) + " ms"

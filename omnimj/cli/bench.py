@@ -1,4 +1,4 @@
-"""`omnimj bench`: how fast the parts are, each as a ratio or a time within one run on this machine."""
+"""`omnimj bench`: speed of the parts on this machine, as ratios or times within one run."""
 
 from __future__ import annotations
 
@@ -7,35 +7,31 @@ import json
 from dataclasses import dataclass
 from typing import Any
 
+from omnimj.cli.arguments import Command
 from omnimj.cli.terminal import announce_compilation, format_table, note_compiled
-
-HELP = "measure speed: twin, callback, batch, control, recording, link"
-EXAMPLE = """examples:
-  omnimj bench
-  omnimj bench --json"""
 
 
 @dataclass(frozen=True)
 class Effort:
-    """How long everything is measured."""
+    """Size of each measurement."""
 
     steps: int = 2000
-    """Of the twin in a round."""
+    """Steps of the twin in a round."""
     rounds: int = 7
     run: float = 10.0
-    """Of the scenario [s]."""
+    """Duration of the scenario [s]."""
     missions: int = 15
-    """That the controller is timed over."""
+    """Missions over which the controller is timed."""
     mission: float = 12.0
-    """Of these and of those over which memory is looked at [s]."""
+    """Duration of a mission [s]."""
     hours: float = 1.0
-    """Robot time over which the controller's memory is looked at [h]."""
+    """Robot time over which the controller's memory is measured [h]."""
     longest: float = 60.0
-    """Wall time for that: what is left of the hours is extrapolated [s]."""
+    """Wall time for that; the rest of the hours is extrapolated [s]."""
     frames: int = 10_000
-    """In a round of the codec."""
+    """Frames in a round of the codec."""
     trips: int = 5000
-    """There and back over each wire."""
+    """Round trips over each wire."""
 
 
 EFFORT = Effort()
@@ -52,7 +48,7 @@ _MEANING = {
     "control_step_median_us": "control step with diagnosis and recovery, median [µs] (goal ≤ 50)",
     "control_step_p999_us": "the same, 99.9 % [µs] (goal ≤ 200)",
     "control_growth_kb_per_hour": "memory of Python and numpy that an hour of control adds [kB] (goal: none)",
-    "control_growth_hours": "time over which that was looked at; the rest is extrapolated [h]",
+    "control_growth_hours": "time over which that was measured; the rest is extrapolated [h]",
     "control_pages_kb_per_hour": "the same in pages of the process, native code too [kB] (a few are chance)",
     "codec_encode_us": "record to bytes, the slowest frame on UDP or serial [µs] (goal ≤ 5)",
     "codec_decode_us": "bytes to record, the same [µs] (goal ≤ 5)",
@@ -76,15 +72,15 @@ _MEANING = {
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the sub-command."""
+    """Adds the arguments of `omnimj bench`."""
     parser.add_argument("--json", action="store_true", help="print the numbers as JSON")
 
 
 def run(arguments: Any) -> int:
-    """Measures and prints.
+    """Measures every part; speed is reported, not judged.
 
     Returns:
-      0; speed is reported, not judged.
+      0.
     """
     from omnimj.bench.control import measure_control
     from omnimj.bench.link import measure_link
@@ -104,3 +100,14 @@ def run(arguments: Any) -> int:
         rows = [(name, f"{found[name]:.4g}", words) for name, words in meaning.items()]
         print(format_table(("measure", "value", "meaning"), rows))
     return 0
+
+
+BENCH = Command(
+    "bench",
+    "measure speed: twin, callback, batch, control, recording, link",
+    """examples:
+  omnimj bench
+  omnimj bench --json""",
+    add_arguments,
+    run,
+)

@@ -1,4 +1,4 @@
-"""`omnimj completion`: a script that lets a shell complete commands, options, names and files."""
+"""`omnimj completion`: shell scripts that complete commands, options, names and files."""
 
 from __future__ import annotations
 
@@ -8,14 +8,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-HELP = "print a script for your shell that completes commands, options, scenarios and files"
-EXAMPLE = """examples:
-  omnimj completion bash > ~/.local/share/bash-completion/completions/omnimj
-  omnimj completion zsh > ~/.zfunc/_omnimj
-  omnimj completion fish > ~/.config/fish/completions/omnimj.fish
+from omnimj.cli.arguments import Command
 
-A new shell then completes `omnimj run nyl` to nylon_patch with the tabulator. For bash without the package
-bash-completion: `source` the file in ~/.bashrc. For zsh: `fpath+=~/.zfunc` before `compinit` in ~/.zshrc."""
 SHELLS = ("bash", "zsh", "fish")
 
 _TOML = ("model", "floors", "thresholds", "gains")  # options whose file is TOML, whatever is called FILE else
@@ -23,9 +17,9 @@ _SCENARIO, _FILES = "_omnimj_scenario_or_file", "*.toml"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the sub-command."""
+    """Adds the arguments of `omnimj completion`."""
     own = Path(os.environ.get("SHELL", "")).name
-    words = f"{', '.join(SHELLS)} (default: the one that you are in)"
+    words = f"{', '.join(SHELLS)} (default: your shell)"
     parser.add_argument(
         "shell",
         metavar="SHELL",
@@ -45,10 +39,10 @@ def run(arguments: Any) -> int:
 
 
 def completion_script(parser: argparse.ArgumentParser, shell: str) -> str:
-    """The script for a shell.
+    """Makes the script for a shell.
 
     Args:
-      parser: Of `omnimj`, new: what completes its arguments is noted in it, so that it can parse no more.
+      parser: A new parser of `omnimj`; the completions are noted in it, so that it can no longer parse.
       shell: One of `SHELLS`.
     """
     import shtab
@@ -59,7 +53,7 @@ def completion_script(parser: argparse.ArgumentParser, shell: str) -> str:
 
 
 def _actions(parser: argparse.ArgumentParser, command: str = "") -> Iterator[tuple[str, argparse.Action]]:
-    """Every argument with a value, and its command: `run`, `link check`."""
+    """Yields every argument with a value, and its command, such as `link check`."""
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
             for name, one in action.choices.items():
@@ -69,7 +63,7 @@ def _actions(parser: argparse.ArgumentParser, command: str = "") -> Iterator[tup
 
 
 def _complete(command: str, action: Any) -> None:
-    """Notes what completes an argument; what nobody can know beforehand stays free."""
+    """Notes the completions of an argument; arguments without known values stay free."""
     import shtab
 
     if action.choices is not None:
@@ -88,7 +82,7 @@ def _complete(command: str, action: Any) -> None:
 
 
 def _words(command: str, argument: str) -> tuple[str, ...]:
-    """The names that an argument may have; none where it is no name."""
+    """Lists the names that an argument may take; none where it is not a name."""
     from omnimj.parameters import read_floors
     from omnimj.parameters.reading import SOURCES
     from omnimj.simulate.detectors import METHODS
@@ -110,7 +104,7 @@ def _words(command: str, argument: str) -> tuple[str, ...]:
 
 
 def _scenarios() -> dict[str, Any]:
-    """A shipped scenario by name, or any TOML file."""
+    """Completion of a scenario: shipped ones by name, or any TOML file."""
     from omnimj.simulate.scenario.listing import scenario_names
 
     names = " ".join(scenario_names())
@@ -139,3 +133,18 @@ end"""
         "fish": f"({_SCENARIO})",
         "preamble": {"bash": bash, "zsh": zsh, "fish": fish},
     }
+
+
+COMPLETION = Command(
+    "completion",
+    "print a script for your shell that completes commands, options, scenarios and files",
+    """examples:
+  omnimj completion bash > ~/.local/share/bash-completion/completions/omnimj
+  omnimj completion zsh > ~/.zfunc/_omnimj
+  omnimj completion fish > ~/.config/fish/completions/omnimj.fish
+
+A new shell then completes `omnimj run nyl` to nylon_patch with the tabulator. For bash without the package
+bash-completion: `source` the file in ~/.bashrc. For zsh: `fpath+=~/.zfunc` before `compinit` in ~/.zshrc.""",
+    add_arguments,
+    run,
+)

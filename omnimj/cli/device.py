@@ -1,4 +1,4 @@
-"""`omnimj device`: the robot emulated behind a wire, with the rules of a firmware."""
+"""`omnimj device`: an emulated robot behind a wire, with the rules of a firmware."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import ROBOT_MODEL, add_clock, add_floors, add_key, whole_number
+from omnimj.cli.arguments import ROBOT_MODEL, Command, add_clock, add_floors, add_key, add_overrides, add_seed
 from omnimj.cli.terminal import announce_compilation, note_compiled
 from omnimj.errors import InputError, UnknownNameError
 
@@ -23,42 +23,28 @@ if TYPE_CHECKING:
     from omnimj.plant.interface import Plant
     from omnimj.simulate.scenario.scenario import Scenario
 
-HELP = "emulate the robot behind a wire, with the rules of a firmware"
-EXAMPLE = """examples:
-  omnimj device --udp 127.0.0.1:9750 --scenario nylon_patch --lock-step
-  omnimj run nylon_patch --plant udp:127.0.0.1:9750 --lock-step
-  omnimj device --serial /dev/ttyGS0 --scenario degraded_motor
-  omnimj device --udp 9750 --defect sign:wheel_speed_2 --defect gain:motor_3:0.5
-
-The second one is for another terminal. The scenario's floor, patches and faults are the device's; a host
-cannot know them. Each session puts the robot back to its start; in real time the scenario's time counts from
-when it is first armed."""
 DEFAULT = "circle_8m"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the sub-command."""
+    """Adds the arguments of `omnimj device`."""
     where = parser.add_mutually_exclusive_group(required=True)
-    words = "listen here; 127.0.0.1 where only a port is given, and off loopback only with a key"
+    words = "address to listen at; 127.0.0.1 if only a port is given; other hosts need a key"
     where.add_argument("--udp", metavar="HOST:PORT", help=words)
-    words = "listen here; ?baud=N behind it for a port that has such a thing"
+    words = "port to listen at; append ?baud=N where it has a baud rate"
     where.add_argument("--serial", metavar="DEVICE", help=words)
     add_key(parser)
     add_clock(parser)
-    words = f"floor, patches and faults of this scenario (default: those of {DEFAULT}, which has no faults)"
+    words = f"scenario with the floor, patches and faults (default {DEFAULT}, which has no faults)"
     parser.add_argument("--scenario", metavar="S", default=DEFAULT, help=words)
     parser.add_argument("--plant", metavar="P", default="twin", help="twin (default) or planar")
     parser.add_argument("--floor", metavar="NAME", help="the same as --set floor=NAME")
-    words = "change a value of the scenario file, e.g. faults.0.wheel=3; may be given many times"
-    parser.add_argument(
-        "--set", metavar="KEY=VALUE", action="append", default=[], dest="overrides", help=words
-    )
-    words = f"{ROBOT_MODEL}; its [hardware] is what the device is wired as"
+    add_overrides(parser, "faults.0.wheel=3")
+    words = f"{ROBOT_MODEL}; its [hardware] is the wiring of the device"
     parser.add_argument("--model", metavar="FILE", type=Path, help=words)
     add_floors(parser)
-    words = "of the sensors' noise (default 0)"
-    parser.add_argument("--seed", metavar="N", type=whole_number(0, 2**63 - 1), default=0, help=words)
-    words = "wire something wrongly: sign, gain or dead of a channel or a motor; may be given many times"
+    add_seed(parser, "seed of the sensors' noise")
+    words = "a wiring error: sign, gain or dead, of a channel or a motor; repeatable"
     parser.add_argument("--defect", metavar="KIND:PLACE[:VALUE]", action="append", default=[], help=words)
 
 
@@ -66,10 +52,10 @@ def run(arguments: Any) -> int:
     """Serves until Ctrl-C or SIGTERM.
 
     Returns:
-      130: there is no other end.
+      130, since only a signal ends it.
 
     Raises:
-      InputError: Something that is asked for is not there, or the wire cannot be opened.
+      InputError: A name is unknown, or the wire cannot be opened.
     """
     from omnimj.link.codec.key import read_key
     from omnimj.simulate.plants import make_plant
@@ -110,7 +96,7 @@ def _require_robot(scenario: Scenario, plant: str) -> None:
 
 
 def _defect(text: str) -> WiringDefect:
-    """`KIND:PLACE` or `gain:PLACE:VALUE`; names are looked at by the device."""
+    """Parses `KIND:PLACE` or `gain:PLACE:VALUE`; the device checks the names."""
     from omnimj.link.device.emulated import DEFECT_KINDS, WiringDefect
 
     kind, _, rest = text.partition(":")
@@ -163,7 +149,7 @@ def _emulated(
 
 
 def _warm_up(plant: Plant) -> None:
-    """The first step may compile, and no host waits for that."""
+    """Compiles the plant's step, which a host would not wait for."""
     import numpy as np
 
     from omnimj.signals import CurrentCommand, Measurement
@@ -205,7 +191,7 @@ def _format_served(server: DeviceServer, lock_step: bool) -> str:
 
 @contextlib.contextmanager
 def _ended_by_signals() -> Iterator[None]:
-    """SIGTERM ends it as Ctrl-C does."""
+    """Turns SIGTERM into KeyboardInterrupt."""
 
     def interrupt(_number: int, _frame: Any) -> None:
         raise KeyboardInterrupt
@@ -215,3 +201,20 @@ def _ended_by_signals() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+DEVICE = Command(
+    "device",
+    "emulate the robot behind a wire, with the rules of a firmware",
+    """examples:
+  omnimj device --udp 127.0.0.1:9750 --scenario nylon_patch --lock-step
+  omnimj run nylon_patch --plant udp:127.0.0.1:9750 --lock-step
+  omnimj device --serial /dev/ttyGS0 --scenario degraded_motor
+  omnimj device --udp 9750 --defect sign:wheel_speed_2 --defect gain:motor_3:0.5
+
+Run the second one in another terminal. Floor, patches and faults belong to the device; a host cannot know
+them. Each session puts the robot back to its start; in real time the scenario's clock starts when it is first
+armed.""",
+    add_arguments,
+    run,
+)

@@ -1,10 +1,11 @@
-"""`omnimj diagnose`: what a method says of recorded runs, without any plant."""
+"""`omnimj diagnose`: diagnosis of recorded runs; `omnimj calibrate`: thresholds from fault-free ones."""
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
 import json
+import math
 import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -12,35 +13,37 @@ from typing import TYPE_CHECKING, Any
 
 from omnimj.cli.arguments import (
     MODEL,
+    ROBOT_MODEL,
+    Command,
     add_floors,
     add_observer_gains,
+    add_results,
     add_thresholds,
     read_observer_gains,
     read_thresholds,
+    require_writable,
 )
 from omnimj.cli.terminal import ProgressBar, announce_compilation, format_table, note_compiled
+from omnimj.errors import InputError
 
 if TYPE_CHECKING:
+    from omnimj.diagnosis.calibration import Calibration
     from omnimj.diagnosis.replay import DiagnosisConfig, RunDiagnosis
     from omnimj.parameters.floor import Floor
     from omnimj.recording.dataset import Dataset
     from omnimj.view.report.diagnosis import RunSection
 
-HELP = "say what is broken in recorded runs of the robot or the rig, without any plant"
-EXAMPLE = """examples:
-  omnimj record robot_missions --out data/missions
-  omnimj diagnose data/missions --out out/diagnosis
-  omnimj diagnose data/missions --method published --out out/published"""
 
-FILES = ("diagnoses.json", "report.html")
+_LOWEST, _HIGHEST = 1e-6, 3600.0  # false-alarm rates that can be asked for [1/h]
+DIAGNOSE_FILES = ("diagnoses.json", "report.html")
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the sub-command."""
+def add_diagnose_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of `omnimj diagnose`."""
     parser.add_argument(
         "dataset",
         type=Path,
-        help="a folder of recorded runs with dataset.toml, or of a run over a link, with frames.bin",
+        help="folder of recorded runs with dataset.toml, or of a run over a link with frames.bin",
     )
     words = "robust (default on the robot) or published (default on the rig)"
     parser.add_argument("--method", metavar="M", help=words)
@@ -48,25 +51,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_floors(parser)
     add_thresholds(parser)
     add_observer_gains(parser)
-    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="where the results go")
-    parser.add_argument("--force", action="store_true", help="write into --out although it is not empty")
-    parser.add_argument("--json", action="store_true", help="print diagnoses.json instead of the table")
+    add_results(parser, "diagnoses.json")
 
 
-def run(arguments: Any) -> int:
-    """Reads, replays, writes run by run, prints.
+def run_diagnose(arguments: Any) -> int:
+    """Diagnoses run by run, writing each trace as soon as it is finished.
 
     Returns:
-      0, whatever was found; 130 after Ctrl-C with the runs that were finished.
+      0 whatever the diagnoses, 130 after Ctrl-C with every finished run kept.
 
     Raises:
-      InputError: Bad data, a method that is not for them, or a folder that cannot be written.
+      InputError: The data are wrong, the method is not for them, or the folder cannot be written.
     """
     from omnimj.diagnosis.replay import check_config, require_other_folder
     from omnimj.recording.folder import check_folder
 
     check_folder(arguments.out, arguments.force)
-    order = _order(arguments)
+    order = _diagnosis_config(arguments)
     require_other_folder(order.dataset, arguments.out)
     check_config(order)
     announce_compilation(order.method, order.dataset.plant, "method")
@@ -79,18 +80,18 @@ def run(arguments: Any) -> int:
     from omnimj.view.report.diagnosis import write_diagnosis_report
 
     command = shlex.join(["omnimj", *arguments.given])
-    told = diagnoses_json(order, found, command, interrupted)
-    write_diagnoses(arguments.out / FILES[0], told)
-    with atomic_file(arguments.out / FILES[1]) as temporary:
+    content = diagnoses_json(order, found, command, interrupted)
+    write_diagnoses(arguments.out / DIAGNOSE_FILES[0], content)
+    with atomic_file(arguments.out / DIAGNOSE_FILES[1]) as temporary:
         write_diagnosis_report(temporary, order, found, sections, command, interrupted)
     if arguments.json:
-        print(json.dumps(told, indent=2, ensure_ascii=False))
+        print(json.dumps(content, indent=2, ensure_ascii=False))
     else:
         print(_format_diagnosis(order, found, interrupted, arguments.out))
     return 130 if interrupted else 0
 
 
-def _order(arguments: Any) -> DiagnosisConfig:
+def _diagnosis_config(arguments: Any) -> DiagnosisConfig:
     from omnimj.diagnosis.logs import read_machine, resolve_method
     from omnimj.diagnosis.replay import DiagnosisConfig
     from omnimj.parameters.floor import all_floors
@@ -106,7 +107,7 @@ def _order(arguments: Any) -> DiagnosisConfig:
 
 
 def _recorded(arguments: Any, floors: Mapping[str, Floor]) -> Dataset | None:
-    """The frames of a run over a link as a dataset; None for any other folder."""
+    """Reads the frames of a run over a link as a dataset; returns None for any other folder."""
     from omnimj.link.host.dataset import is_link_recording, read_link_recording
     from omnimj.parameters import read_robot
     from omnimj.parameters.floor import find_floor
@@ -119,7 +120,7 @@ def _recorded(arguments: Any, floors: Mapping[str, Floor]) -> Dataset | None:
 
 
 def _diagnose(arguments: Any, order: DiagnosisConfig) -> tuple[list[RunDiagnosis], list[RunSection], bool]:
-    """Each run's trace is written as soon as it is there; of the others nothing is kept but what was said."""
+    """Writes each run's trace at once and keeps its diagnoses and report section only, to save memory."""
     from omnimj.diagnosis.logs import make_detector
     from omnimj.diagnosis.replay import diagnose
     from omnimj.recording.folder import make_folder
@@ -135,7 +136,9 @@ def _diagnose(arguments: Any, order: DiagnosisConfig) -> tuple[list[RunDiagnosis
         with ProgressBar() as bar:
             for one in diagnose(order, bar.show):
                 if not found:
-                    make_folder(out, arguments.force, (*FILES, *(f"{run.name}.parquet" for run in runs)))
+                    make_folder(
+                        out, arguments.force, (*DIAGNOSE_FILES, *(f"{run.name}.parquet" for run in runs))
+                    )
                 about = {"dataset": str(order.dataset.path), "run": one.name, "method": order.method}
                 said = [dataclasses.asdict(d) for d in one.diagnoses]
                 trace = Trace(one.trace.columns, {**about, "diagnoses": said})
@@ -168,10 +171,126 @@ def _format_diagnosis(
             (one.name, describe_diagnosis(d), describe_time(d), describe_confidence(d)) for d in one.diagnoses
         ]
     lines = [*order.dataset.notes, *(note for one in found for note in one.notes)]
-    lines += [format_table(("run", "what", "when", "how sure"), rows), ""]
+    lines += [format_table(("run", "what", "when", "confidence"), rows), ""]
     seconds = sum(one.judged for one in found)
     lines.append(f"{summarize_runs(found)}, method {order.method}, {seconds:.4g} s of data")
     if interrupted:
         lines.append("interrupted")
     lines.append(f"written to {out}")
     return "\n".join(lines)
+
+
+def add_calibrate_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of `omnimj calibrate`."""
+    words = "folder of recorded runs of the robot, all of them fault-free"
+    parser.add_argument("dataset", type=Path, help=words)
+    words = "rate of false alarms per hour of motion, all thresholds together"
+    parser.add_argument(
+        "--false-alarms-per-hour", metavar="X", type=_rate, required=True, dest="rate", help=words
+    )
+    parser.add_argument("--model", metavar="FILE", type=Path, help=ROBOT_MODEL)
+    add_floors(parser)
+    add_observer_gains(parser)
+    parser.add_argument("--out", metavar="FILE", type=Path, required=True, help="file to write")
+    parser.add_argument("--force", action="store_true", help="replace --out")
+    parser.add_argument("--json", action="store_true", help="print the result as JSON")
+
+
+def _rate(text: str) -> float:
+    try:
+        rate = float(text) if text.isascii() and "_" not in text else math.nan
+    except ValueError:
+        rate = math.nan
+    if not _LOWEST <= rate <= _HIGHEST:
+        rule = f"must be a number, at least {_LOWEST:g} and at most {_HIGHEST:g}"
+        raise argparse.ArgumentTypeError(f"found {text[:40]!r}; {rule}")
+    return rate
+
+
+def run_calibrate(arguments: Any) -> int:
+    """Sets the thresholds, and diagnoses the recordings with them once more.
+
+    Raises:
+      InputError: The data are wrong or not of the robot, or the file cannot be written.
+    """
+    require_writable(arguments.out, arguments.force)
+    order = _calibration_config(arguments)
+    from omnimj.diagnosis.calibration import calibrate
+    from omnimj.diagnosis.files import calibration_json, thresholds_toml, write_thresholds
+    from omnimj.diagnosis.replay import check_config, require_other_folder
+
+    require_other_folder(order.dataset, arguments.out.parent)
+    check_config(order)
+    announce_compilation(order.method, order.dataset.plant, "method")
+    with ProgressBar() as bar:
+        found = calibrate(order, arguments.rate, bar.show)
+    note_compiled(order.method, order.dataset.plant)
+    command = shlex.join(["omnimj", *arguments.given])
+    write_thresholds(arguments.out, thresholds_toml(found, order.dataset, command))
+    if arguments.json:
+        print(json.dumps(calibration_json(found, order.dataset, command), indent=2, ensure_ascii=False))
+    else:
+        print(_format_calibration(found, order, arguments.out))
+    return 0
+
+
+def _calibration_config(arguments: Any) -> DiagnosisConfig:
+    from omnimj.diagnosis.logs import read_machine
+    from omnimj.diagnosis.replay import DiagnosisConfig
+    from omnimj.parameters.floor import all_floors
+    from omnimj.recording.read_dataset import read_dataset
+
+    floors = all_floors(arguments.floors)
+    dataset = read_dataset(arguments.dataset, floors)
+    if dataset.plant != "uto_robot":
+        rule = "the robust method, whose thresholds these are, is for the robot"
+        raise InputError(arguments.dataset, f"plant is {dataset.plant!r}", rule, ("uto_robot",))
+    observer = read_observer_gains(arguments.gains, "robust")
+    return DiagnosisConfig(
+        dataset, read_machine(dataset, arguments.model), "robust", floors, observer=observer
+    )
+
+
+def _format_calibration(found: Calibration, order: DiagnosisConfig, out: Path) -> str:
+    from omnimj.control.detection.robust.thresholds import THRESHOLD_UNITS, Thresholds
+    from omnimj.diagnosis.files import format_calibration
+
+    usual, rows = Thresholds(), []
+    for one in found.set:
+        by = "lower bound" if one.value == one.floor else "tail"
+        numbers = [f"{x:.4g}" for x in (one.value, one.tail.largest, getattr(usual, one.name))]
+        rows.append((one.name, *numbers, THRESHOLD_UNITS[one.name], by))
+    head = ("threshold", "value", "largest seen", "shipped", "unit", "set by")
+    lines = [
+        *order.dataset.notes,
+        *format_calibration(found),
+        "",
+        format_table(head, rows),
+        "",
+        f"written to {out}",
+    ]
+    return "\n".join(lines)
+
+
+DIAGNOSE = Command(
+    "diagnose",
+    "diagnose recorded runs of the robot or the rig, without any plant",
+    """examples:
+  omnimj record robot_missions --out data/missions
+  omnimj diagnose data/missions --out out/diagnosis
+  omnimj diagnose data/missions --method published --out out/published""",
+    add_diagnose_arguments,
+    run_diagnose,
+)
+
+
+CALIBRATE = Command(
+    "calibrate",
+    "set the thresholds of the robust method from fault-free recordings, for a rate of false alarms",
+    """examples:
+  omnimj record robot_missions --repeats 20 --out data/healthy
+  omnimj calibrate data/healthy --false-alarms-per-hour 0.1 --out thresholds.toml
+  omnimj diagnose data/missions --thresholds thresholds.toml --out out/diagnosis""",
+    add_calibrate_arguments,
+    run_calibrate,
+)

@@ -1,4 +1,4 @@
-"""`omnimj gap`: finds where simulation and measurement part, names what is missing, adds it, shows it."""
+"""`omnimj gap`: search for the physics that a model lacks, and the benchmark of that search."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import add_floors, parse_names, whole_number
-from omnimj.cli.terminal import ProgressBar, format_table
+from omnimj.cli.arguments import Command, add_floors, add_results, add_seed, parse_names, whole_number
+from omnimj.cli.terminal import ProgressBar, format_study, format_table
 from omnimj.errors import InputError, SimulationError
-
-# What `omnimj gap` leaves behind: the files of its folder, and the tables on the terminal.
 
 if TYPE_CHECKING:
     from omnimj.estimate.gap.records import Finding
+    from omnimj.studies.gap_benchmark.study import BenchmarkResult
 
+_INTERRUPTED = "interrupted"
 MODEL, FLOORS, DIGEST, REPORT, RECORDING = FILES = (
     "model.toml",
     "floors.toml",
@@ -26,7 +26,102 @@ MODEL, FLOORS, DIGEST, REPORT, RECORDING = FILES = (
     "report.html",
     "before_after.rrd",
 )
-"""What a search writes, in this order."""
+"""Files of a search, in the order of writing."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of `omnimj gap`."""
+    parser.add_argument("dataset", type=Path, nargs="?", help="folder of the measured runs")
+    parser.add_argument(
+        "--model", metavar="FILE", type=Path, help="model file of the plant (default: the shipped one)"
+    )
+    add_floors(parser)
+    parser.add_argument(
+        "--holdout",
+        metavar="NAMES",
+        type=parse_names,
+        default=(),
+        help="runs or conditions to hold out for judging, comma separated (default: drawn by the seed)",
+    )
+    add_results(parser, "gap.json")
+    add_seed(parser, "seed of the held-out runs and of the random curves, or of the benchmark")
+    add_benchmark_arguments(parser)
+
+
+def run(arguments: Any) -> int:
+    """Searches for the gap and writes the result.
+
+    Returns:
+      0 whatever the verdict, 130 after Ctrl-C with everything found until then.
+
+    Raises:
+      InputError: The dataset, the model file or a name is wrong, or the folder cannot be written.
+      SimulationError: The search broke down; everything found until then is written.
+    """
+    # the matrices are too small for the threads of a linear algebra library
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from omnimj.recording.folder import check_folder
+
+    if arguments.benchmark:
+        return run_gap_benchmark(arguments)
+    check_folder(arguments.out, arguments.force)
+    _require_no_folders(arguments.out)
+    if arguments.dataset is None:
+        raise InputError("omnimj gap", "DATASET is missing", "see omnimj gap --help")
+    finding = _search(arguments)
+    return _write_and_print(arguments, finding)
+
+
+def _require_no_folders(folder: Path) -> None:
+    """Checks before the search, so that no work is lost, that no folder is in the way of a file."""
+    for name in FILES:
+        if (folder / name).is_dir():
+            raise InputError(f"--out {folder}", f"has a folder {name}", "a file will go there")
+
+
+def _search(arguments: Any) -> Finding:
+    from omnimj.estimate.gap.find import find_gap
+
+    with ProgressBar() as bar:
+        return find_gap(
+            arguments.dataset,
+            arguments.model,
+            arguments.holdout,
+            bar.show_share,
+            arguments.seed,
+            arguments.floors,
+        )
+
+
+def _new_texts(arguments: Any, finding: Finding) -> tuple[dict[str, str], InputError | None]:
+    """Texts of the new model and floors; or an error, to be raised once the other files are written."""
+    from omnimj.estimate.gap.files import new_floors_text, new_model_text
+    from omnimj.parameters.floor import all_floors
+
+    try:
+        texts = {
+            MODEL: new_model_text(finding, arguments.model),
+            FLOORS: new_floors_text(finding, all_floors(arguments.floors)),
+        }
+    except InputError as error:
+        return {}, error
+    return {name: text for name, text in texts.items() if text is not None}, None
+
+
+def _write_and_print(arguments: Any, finding: Finding) -> int:
+    """Writes and prints the finding, however the search ended."""
+    command = shlex.join(["omnimj", *arguments.given])
+    texts, refused = _new_texts(arguments, finding)
+    content = write_outputs(arguments.out, arguments.force, finding, arguments.model, command, texts)
+    if refused is not None:
+        raise refused
+    if finding.failure and finding.failure != _INTERRUPTED:
+        raise SimulationError(f"{finding.failure}; everything found until then is in {arguments.out}")
+    if arguments.json:
+        print(json.dumps(content, indent=2, ensure_ascii=False))
+    else:
+        print(format_finding(finding, arguments.out, content))
+    return 130 if finding.failure else 0
 
 
 def write_outputs(
@@ -42,13 +137,13 @@ def write_outputs(
     Args:
       folder: Created if needed.
       force: Whether the files of an earlier search may be replaced.
-      finding: What was found.
-      machine_file: The model file that was given; None for the shipped one.
-      command: What repeats the work.
-      texts: Contents of `MODEL` and `FLOORS`; empty where nothing was added or refitted.
+      finding: Result of the search.
+      machine_file: Model file that the search began with; None for the shipped one.
+      command: Command line that repeats the search.
+      texts: Contents of `MODEL` and `FLOORS`, where something was added or refitted.
 
     Returns:
-      The content of `gap.json`.
+      Content of `gap.json`.
 
     Raises:
       InputError: The folder is not empty and `force` is not given, or it cannot be written.
@@ -78,7 +173,7 @@ def write_outputs(
 
 
 def format_finding(finding: Finding, folder: Path, content: Mapping[str, Any]) -> str:
-    """The verdict, where the gap is, what is missing, how much smaller it is, what next."""
+    """Verdict, location of the gap, missing effects, reduction of the gap and next step, for the terminal."""
     from omnimj.estimate.gap import sentences
 
     new = [f"the new model is {folder / content['model']}"] if content["model"] else []
@@ -138,7 +233,7 @@ def _format_effects(finding: Finding) -> str:
             rows.append((*(first if k == 0 else ("", "", "")), *shown))
         if effect.indistinguishable_from:
             rivals = join_words(effect.indistinguishable_from, "or")
-            notes.append(f"{effect_label(effect)} cannot be told from {rivals} by these data")
+            notes.append(f"{effect_label(effect)} cannot be distinguished from {rivals} with these data")
     head = ("effect", "gain", "p_false", "parameter", "value", "90 %")
     return "\n".join(part for part in (_format_titled("what is missing", head, rows), *notes) if part)
 
@@ -179,45 +274,41 @@ def _format_titled(title: str, head: Sequence[str], rows: Sequence[Sequence[str]
     return f"{title}\n{format_table(head, rows)}" if rows else ""
 
 
-# `omnimj gap --benchmark`: how often effects that were hidden by a seed are found.
-
-if TYPE_CHECKING:
-    from omnimj.studies.gap_benchmark.study import BenchmarkResult
-
-BENCHMARK_REPORT = "report.html"
-
-
 def add_benchmark_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options that mean something with `--benchmark` alone."""
-    group = parser.add_argument_group("benchmark", "made-up datasets with sealed truths; no DATASET is given")
-    words = "hide effects drawn by --seed, search blind, score; an --out that was broken off goes on"
+    """Adds the options that belong to `--benchmark`."""
+    group = parser.add_argument_group(
+        "benchmark", "synthetic datasets with hidden truths; no DATASET is given"
+    )
+    words = "hide effects drawn by --seed, search blind, score; an interrupted --out is resumed"
     group.add_argument("--benchmark", action="store_true", help=words)
     count, cpus = whole_number(1, 1000), whole_number(1, 256)
-    words = "how often the whole set of 130 cases is drawn (default 1)"
+    words = "repetitions of the set of 130 cases (default 1)"
     group.add_argument("--trials", metavar="N", type=count, default=1, help=words)
     words = "only the first N cases, which are in random order"
     group.add_argument("--cases", metavar="N", type=whole_number(1, 10**6), help=words)
-    group.add_argument("--workers", metavar="N", type=cpus, default=1, help="processes (default 1)")
-    words = "what makes the data: twin (default), or planar, which is quicker"
+    group.add_argument("--workers", metavar="N", type=cpus, default=1, help="number of processes (default 1)")
+    words = "plant that makes the data: twin (default), or planar, which is faster"
     group.add_argument("--made-by", metavar="M", default="twin", help=words)
-    words = "plant of the datasets (default and only one: quarter_rig)"
+    words = "machine of the datasets (default and only one: quarter_rig)"
     group.add_argument("--plant", metavar="P", default="quarter_rig", help=words)
 
 
 def run_gap_benchmark(arguments: Any) -> int:
-    """Makes, searches, scores, writes, prints.
+    """Runs the benchmark of the search.
 
     Returns:
-      0, whatever the numbers say; 130 after Ctrl-C with what was finished; 1 when a dataset broke the search.
+      0 whatever the numbers say, 1 when a search broke down, 130 after Ctrl-C with every finished case kept.
 
     Raises:
-      InputError: An option that has no meaning here, or a folder that holds something else.
+      InputError: An option does not belong to the benchmark, or the folder holds something else.
       UnknownNameError: No such maker or plant.
     """
     given = {"DATASET": arguments.dataset, "--model": arguments.model, "--holdout": arguments.holdout}
     for name, value in given.items():
         if value:
-            raise InputError("--benchmark", f"found {name}", "it makes its own data for the shipped model")
+            raise InputError(
+                "--benchmark", f"found {name}", "the benchmark makes its own data for the shipped model"
+            )
     from omnimj.recording.folder import atomic_file
     from omnimj.studies.gap_benchmark.study import NUMBERS, BenchmarkConfig, run_benchmark
     from omnimj.view.report.evaluation import write_benchmark_report
@@ -232,10 +323,8 @@ def run_gap_benchmark(arguments: Any) -> int:
         arguments.plant,
     )
     with ProgressBar() as bar:
-        outcome = run_benchmark(
-            order, lambda phrase, share: bar.show(round(_FINE * min(max(share, 0.0), 1.0)), _FINE, phrase)
-        )
-    with atomic_file(arguments.out / BENCHMARK_REPORT) as temporary:
+        outcome = run_benchmark(order, bar.show_share)
+    with atomic_file(arguments.out / REPORT) as temporary:
         write_benchmark_report(temporary, outcome.lines, outcome.tables)
     if arguments.json:
         print((arguments.out / NUMBERS).read_text(encoding="utf-8"), end="")
@@ -245,131 +334,18 @@ def run_gap_benchmark(arguments: Any) -> int:
 
 
 def _format_benchmark(outcome: BenchmarkResult, folder: Path) -> str:
-    parts = ["\n".join(line.replace("**", "") for line in outcome.lines)]
-    parts += [f"{one.title}\n{format_table(one.head, one.rows)}" for one in outcome.tables if one.rows]
-    if outcome.interrupted:
-        parts.append("interrupted; the same command goes on from here")
-    parts.append(f"written to {folder}")
-    return "\n\n".join(parts)
+    head = "\n".join(line.replace("**", "") for line in outcome.lines)
+    return format_study([head], outcome.tables, (), outcome.interrupted, folder)
 
 
-if TYPE_CHECKING:
-    from omnimj.estimate.gap.records import Finding
-
-HELP = "find what the model lacks: where it parts from measured runs, by which effect, and how sure that is"
-EXAMPLE = """examples:
+GAP = Command(
+    "gap",
+    "find what a model lacks: where it disagrees with measured runs, and which effect explains it",
+    """examples:
   omnimj gap data/lateral --out out/lateral
   omnimj gap data/axis --model my_axis.toml --holdout sine_07,slow --out out/axis
   omnimj validate data/lateral --model out/lateral/model.toml --out out/after
-  omnimj gap --benchmark --seed 100 --workers 2 --out out/benchmark"""
-_INTERRUPTED = "interrupted"
-_FINE = 1000  # steps of the progress bar
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the sub-command."""
-    parser.add_argument("dataset", type=Path, nargs="?", help="the folder with the measured runs")
-    parser.add_argument(
-        "--model", metavar="FILE", type=Path, help="the plant's model file; the shipped one by default"
-    )
-    add_floors(parser)
-    parser.add_argument(
-        "--holdout",
-        metavar="NAMES",
-        type=parse_names,
-        default=(),
-        help="runs or conditions to judge by, comma separated; drawn by the seed by default",
-    )
-    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="where the result goes")
-    parser.add_argument("--force", action="store_true", help="write into --out although it is not empty")
-    parser.add_argument("--json", action="store_true", help="print gap.json instead of the tables")
-    parser.add_argument(
-        "--seed",
-        metavar="N",
-        type=whole_number(0, 2**63 - 1),
-        default=0,
-        help="of what is held out and of the random curves, or of the benchmark (default 0)",
-    )
-    add_benchmark_arguments(parser)
-
-
-def run(arguments: Any) -> int:
-    """Searches, writes, prints.
-
-    Returns:
-      0 whatever the verdict, 130 after Ctrl-C with what was found until then.
-
-    Raises:
-      InputError: The dataset, the model file or a name is wrong, or the folder cannot be written.
-      SimulationError: The search broke down; what was found until then is written.
-    """
-    # the matrices are small: a library's threads would only wait for each other
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from omnimj.recording.folder import check_folder
-
-    if arguments.benchmark:
-        return run_gap_benchmark(arguments)
-    check_folder(arguments.out, arguments.force)
-    _require_no_folders(arguments.out)
-    if arguments.dataset is None:
-        raise InputError("omnimj gap", "DATASET is missing", "see omnimj gap --help")
-    finding = _search(arguments)
-    return _write_and_print(arguments, finding)
-
-
-def _require_no_folders(folder: Path) -> None:
-    """Asked before the search, so that no work is lost."""
-
-    for name in FILES:
-        if (folder / name).is_dir():
-            raise InputError(f"--out {folder}", f"has a folder {name}", "a file will go there")
-
-
-def _report_to(bar: ProgressBar):
-    return lambda phase, share: bar.show(round(_FINE * min(max(share, 0.0), 1.0)), _FINE, phase)
-
-
-def _search(arguments: Any) -> Finding:
-    from omnimj.estimate.gap.find import find_gap
-
-    with ProgressBar() as bar:
-        return find_gap(
-            arguments.dataset,
-            arguments.model,
-            arguments.holdout,
-            _report_to(bar),
-            arguments.seed,
-            arguments.floors,
-        )
-
-
-def _new_texts(arguments: Any, finding: Finding) -> tuple[dict[str, str], InputError | None]:
-    """The new model and the refitted floors; or why there are none, to be said when all else is written."""
-    from omnimj.estimate.gap.files import new_floors_text, new_model_text
-    from omnimj.parameters.floor import all_floors
-
-    try:
-        texts = {
-            MODEL: new_model_text(finding, arguments.model),
-            FLOORS: new_floors_text(finding, all_floors(arguments.floors)),
-        }
-    except InputError as error:
-        return {}, error
-    return {name: text for name, text in texts.items() if text is not None}, None
-
-
-def _write_and_print(arguments: Any, finding: Finding) -> int:
-    """Writes and prints what was found, whatever ended the search."""
-
-    command = shlex.join(["omnimj", *arguments.given])
-    texts, refused = _new_texts(arguments, finding)
-    content = write_outputs(arguments.out, arguments.force, finding, arguments.model, command, texts)
-    if refused is not None:
-        raise refused
-    if finding.failure and finding.failure != _INTERRUPTED:
-        raise SimulationError(f"{finding.failure}; what was found until then is in {arguments.out}")
-    if arguments.json:
-        print(json.dumps(content, indent=2, ensure_ascii=False))
-    else:
-        print(format_finding(finding, arguments.out, content))
-    return 130 if finding.failure else 0
+  omnimj gap --benchmark --seed 100 --workers 2 --out out/benchmark""",
+    add_arguments,
+    run,
+)

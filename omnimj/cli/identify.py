@@ -1,4 +1,4 @@
-"""`omnimj identify`: LuGre parameters per floor from rig runs, with intervals."""
+"""`omnimj identify`: floors from rig runs; `omnimj validate`: the model compared with measured speeds."""
 
 from __future__ import annotations
 
@@ -8,39 +8,38 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.terminal import ProgressBar, format_table
+from omnimj.cli.arguments import Command, add_floors, add_results
+from omnimj.cli.terminal import ProgressBar, announce_compilation, format_table, note_compiled
+from omnimj.errors import UnknownNameError
 
 if TYPE_CHECKING:
-    from omnimj.estimate.identification.records import Estimate, Identification, IdentifiedFloor
-
-HELP = "LuGre parameters of each floor from rig runs, with intervals and what the runs cannot tell"
-EXAMPLE = """writes floors.toml (for omnimj validate --floors), identification.json, report.html
-
-examples:
-  omnimj record rig_currents --out data/currents
-  omnimj identify data/currents --out out/floors
-  omnimj validate data/validation --floors out/floors/floors.toml --out out/validation"""
-
-FILES = ("floors.toml", "identification.json", "report.html")
+    from omnimj.estimate.identification.records import (
+        Cell,
+        Estimate,
+        Identification,
+        IdentifiedFloor,
+        Validation,
+    )
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the sub-command."""
-    parser.add_argument("dataset", type=Path, help="a folder of rig runs with dataset.toml")
+IDENTIFY_FILES = ("floors.toml", "identification.json", "report.html")
+
+
+def add_identify_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of `omnimj identify`."""
+    parser.add_argument("dataset", type=Path, help="folder of rig runs with dataset.toml")
     parser.add_argument("--model", metavar="FILE", type=Path, help="a copy of rig.toml with changed values")
-    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="where the results go")
-    parser.add_argument("--force", action="store_true", help="write into --out although it is not empty")
-    parser.add_argument("--json", action="store_true", help="print identification.json instead of the table")
+    add_results(parser, "identification.json")
 
 
-def run(arguments: Any) -> int:
-    """Reads, fits, prints, writes.
+def run_identify(arguments: Any) -> int:
+    """Identifies every floor of the dataset and writes the results.
 
     Returns:
-      0, or 130 after Ctrl-C with the floors that were finished.
+      0, or 130 after Ctrl-C with every finished floor kept.
 
     Raises:
-      InputError: Bad data, a folder that cannot be written, or data in which nothing moves.
+      InputError: The data are wrong, nothing moves in them, or the folder cannot be written.
     """
     from omnimj.recording.folder import check_folder
 
@@ -55,26 +54,26 @@ def run(arguments: Any) -> int:
         found = identify(dataset, rig, bar.show)
     if found.interrupted and not found.floors:
         return 130
-    told = identification_content(found, shlex.join(["omnimj", *arguments.given]))
-    _write(arguments, found, told)
+    content = identification_content(found, shlex.join(["omnimj", *arguments.given]))
+    _write_identification(arguments, found, content)
     print(
-        json.dumps(told, indent=2, ensure_ascii=False)
+        json.dumps(content, indent=2, ensure_ascii=False)
         if arguments.json
         else _format_identification(found, arguments.out)
     )
     return 130 if found.interrupted else 0
 
 
-def _write(arguments: Any, found: Identification, told: dict[str, Any]) -> None:
+def _write_identification(arguments: Any, found: Identification, content: dict[str, Any]) -> None:
     from omnimj.estimate.identification.files import write_floors, write_identification
     from omnimj.recording.folder import atomic_file, make_folder
     from omnimj.view.report.identification import write_identification_report
 
-    make_folder(arguments.out, arguments.force, FILES)
-    write_floors(arguments.out / FILES[0], found)
-    write_identification(arguments.out / FILES[1], told)
-    with atomic_file(arguments.out / FILES[2]) as temporary:
-        write_identification_report(temporary, found, told["command"])
+    make_folder(arguments.out, arguments.force, IDENTIFY_FILES)
+    write_floors(arguments.out / IDENTIFY_FILES[0], found)
+    write_identification(arguments.out / IDENTIFY_FILES[1], content)
+    with atomic_file(arguments.out / IDENTIFY_FILES[2]) as temporary:
+        write_identification_report(temporary, found, content["command"])
 
 
 def _format_identification(found: Identification, out: Path) -> str:
@@ -94,12 +93,12 @@ def _format_floor(floor: IdentifiedFloor) -> list[str]:
         lines.append(f"curve F/F_N over {1000 * low:.3g} … {1000 * high:.3g} mm/s of slip")
     lines += [f"- {said}" for said in floor.undetermined]
     if floor.left_out:
-        lines.append(f"- not fitted, since slip never shows in them: {', '.join(floor.left_out)}")
+        lines.append(f"- not fitted, since they show no slip: {', '.join(floor.left_out)}")
     return lines
 
 
 def format_interval(estimate: Estimate) -> str:
-    """`0.118 … 0.122`, or which end is open."""
+    """Formats an interval as `0.118 … 0.122`, or says which end is open."""
     if estimate.low is None and estimate.high is None:
         return "not determined"
     if estimate.low is None:
@@ -107,3 +106,119 @@ def format_interval(estimate: Estimate) -> str:
     if estimate.high is None:
         return f"≥ {estimate.low:.4g}, open above"
     return f"{estimate.low:.4g} … {estimate.high:.4g}"
+
+
+VALIDATE_FILES = ("validation.json", "report.html")
+CHOICES = ("twin", "planar", "both")
+
+
+def add_validate_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of `omnimj validate`."""
+    parser.add_argument("dataset", type=Path, help="folder of rig runs with dataset.toml")
+    parser.add_argument(
+        "--model", metavar="FILE", type=Path, help="a copy of rig.toml with changed values or effects"
+    )
+    add_floors(parser)
+    parser.add_argument("--plant", metavar="P", default="both", help="twin, planar or both (default)")
+    add_results(parser, "validation.json")
+
+
+def run_validate(arguments: Any) -> int:
+    """Replays every run and writes the comparison.
+
+    Returns:
+      0, or 130 after Ctrl-C with every finished run kept.
+
+    Raises:
+      InputError: The data or the model are wrong, or the folder cannot be written.
+      SimulationError: A simulation broke down.
+    """
+    from omnimj.recording.folder import check_folder
+
+    if arguments.plant not in CHOICES:
+        raise UnknownNameError("--plant", "plant", arguments.plant, CHOICES)
+    plants = ("twin", "planar") if arguments.plant == "both" else (arguments.plant,)
+    check_folder(arguments.out, arguments.force)
+    from omnimj.parameters import read_rig
+    from omnimj.parameters.floor import all_floors
+    from omnimj.recording.read_dataset import read_dataset
+
+    rig, floors = read_rig(arguments.model), all_floors(arguments.floors)
+    dataset = read_dataset(arguments.dataset, floors)
+    for plant in plants:
+        announce_compilation(plant, "quarter_rig")
+    from omnimj.estimate.identification.files import validation_content
+    from omnimj.estimate.identification.validation import validate
+
+    with ProgressBar() as bar:
+        found = validate(dataset, rig, floors, plants, bar.show)
+    if not found.runs:
+        return 130
+    for plant in plants:
+        note_compiled(plant, "quarter_rig")
+    content = validation_content(found, shlex.join(["omnimj", *arguments.given]))
+    _write_validation(arguments, found, content)
+    print(
+        json.dumps(content, indent=2, ensure_ascii=False)
+        if arguments.json
+        else _format_validation(found, arguments.out)
+    )
+    return 130 if found.interrupted else 0
+
+
+def _write_validation(arguments: Any, found: Validation, content: dict[str, Any]) -> None:
+    from omnimj.estimate.identification.files import write_validation
+    from omnimj.recording.folder import atomic_file, make_folder
+    from omnimj.view.report.validation import write_validation_report
+
+    make_folder(arguments.out, arguments.force, VALIDATE_FILES)
+    write_validation(arguments.out / VALIDATE_FILES[0], content)
+    with atomic_file(arguments.out / VALIDATE_FILES[1]) as temporary:
+        write_validation_report(temporary, found, content["command"])
+
+
+def _format_validation(found: Validation, out: Path) -> str:
+    sideways = any(cell.lateral_speed for cell in found.cells)
+    head = ["mass kg", "floor", *(["lateral m/s"] if sideways else []), "current A"]
+    head += [f"{plant} m/s" for plant in found.plants] + ["published m/s"]
+    lines = [*found.notes, format_table(head, [_row(cell, found.plants, sideways) for cell in found.cells])]
+    means = ", ".join(f"{plant} {found.mean(plant):.4f}" for plant in found.plants)
+    lines.append(f"RMS error of the carriage's speed, mean over {len(found.cells)} conditions: {means} m/s")
+    if found.effects:
+        lines.append(f"effects of the model: {', '.join(found.effects)}")
+    if found.interrupted:
+        lines.append("interrupted")
+    lines.append(f"written to {out}")
+    return "\n".join(lines)
+
+
+def _row(cell: Cell, plants: tuple[str, ...], sideways: bool) -> list[str]:
+    row = [f"{cell.mass:g}", cell.floor, *([f"{cell.lateral_speed:+.2f}"] if sideways else [])]
+    row += [f"{cell.current:.2f}", *(f"{cell.rms[plant]:.4f}" for plant in plants)]
+    return [*row, " → ".join(f"{value:.3f}" for value in cell.published) or "–"]
+
+
+IDENTIFY = Command(
+    "identify",
+    "identify the LuGre parameters of each floor from rig runs, with confidence intervals",
+    """writes floors.toml (for omnimj validate --floors), identification.json, report.html
+
+examples:
+  omnimj record rig_currents --out data/currents
+  omnimj identify data/currents --out out/floors
+  omnimj validate data/validation --floors out/floors/floors.toml --out out/validation""",
+    add_identify_arguments,
+    run_identify,
+)
+
+
+VALIDATE = Command(
+    "validate",
+    "drive the model with measured currents and compare its speed errors with the published table",
+    """examples:
+  omnimj record rig_validation --out data/validation
+  omnimj validate data/validation --out out/validation
+  omnimj validate data/validation --model out/gap/model.toml --plant twin --out out/after""",
+    add_validate_arguments,
+    run_validate,
+)

@@ -5,33 +5,29 @@ from __future__ import annotations
 import argparse
 import re
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NoReturn
 
 from omnimj import __version__
-from omnimj.cli import calibrate as calibrate_command
-from omnimj.cli import completion as completion_command
-from omnimj.cli import device as device_command
-from omnimj.cli import diagnose as diagnose_command
-from omnimj.cli import evaluate as evaluate_command
-from omnimj.cli import gap as gap_command
-from omnimj.cli import identify as identify_command
-from omnimj.cli import link as link_command
-from omnimj.cli import record as record_command
-from omnimj.cli import run as run_command
-from omnimj.cli import scenarios as scenarios_command
-from omnimj.cli import sensitivity as sensitivity_command
-from omnimj.cli import teleop as teleop_command
-from omnimj.cli import tune as tune_command
-from omnimj.cli import validate as validate_command
+from omnimj.cli.arguments import Command
+from omnimj.cli.bench import BENCH
+from omnimj.cli.completion import COMPLETION
+from omnimj.cli.device import DEVICE
+from omnimj.cli.diagnose import CALIBRATE, DIAGNOSE
+from omnimj.cli.gap import GAP
+from omnimj.cli.identify import IDENTIFY, VALIDATE
+from omnimj.cli.link import LINK
+from omnimj.cli.record import RECORD
+from omnimj.cli.run import RUN, SCENARIOS
+from omnimj.cli.studies import EVALUATE, SENSITIVITY
+from omnimj.cli.teleop import TELEOP
 from omnimj.cli.terminal import drop_output, flush_output, prepare_streams
+from omnimj.cli.tune import TUNE
 from omnimj.errors import InputError, OmnimjError, UnknownNameError
 
-# What `omnimj` says of itself: the first meeting, and the list of sub-commands by what they are for.
-
 WELCOME = f"""omnimj {__version__}: a MuJoCo twin of a four-wheel omni robot and of its test rig,
-with faults and their diagnosis, and a way from measured runs to what the model
-lacks.
+with faults and their diagnosis, and a search for the physics that the model
+lacks compared with measured runs.
 
   omnimj run nylon_patch --out out/nylon
       drives a scenario and judges it; open out/nylon/report.html, or add --view
@@ -39,131 +35,76 @@ lacks.
   omnimj scenarios
       lists what else can be driven
   omnimj gap DATASET --out out/gap
-      says where the model parts from measured runs, and by which effect;
+      finds where model and measurement disagree, and which effect explains it;
       without a robot, `omnimj record rig_mixed --out DATASET` makes such runs
 
 All commands: omnimj --help. One of them, with examples: omnimj run --help.
 """
 
-Groups = Mapping[str, tuple[str, ...]]
-"""What commands are for → their names."""
+FAILED, BAD_INPUT, INTERRUPTED, NO_READER = 1, 2, 130, 141
+GROUPS: Mapping[str, tuple[Command, ...]] = {
+    "Simulate": (SCENARIOS, RUN, TELEOP),
+    "Bring model and measurement together": (RECORD, IDENTIFY, VALIDATE, GAP, SENSITIVITY),
+    "Diagnose and judge": (DIAGNOSE, CALIBRATE, EVALUATE, TUNE),
+    "Robot on a wire": (LINK, DEVICE),
+    "This machine": (BENCH, COMPLETION),
+}
+"""Sub-commands by purpose, as the help lists them."""
 
 
 class GroupedHelp(argparse.RawDescriptionHelpFormatter):
-    """Lists the sub-commands of a parser under headings; one without a heading comes last."""
-
-    def __init__(self, prog: str, groups: Groups):
-        super().__init__(prog)
-        self._groups = groups
+    """Help that lists the sub-commands under the headings of `GROUPS`."""
 
     def _format_action(self, action: argparse.Action) -> str:
         if not isinstance(action, argparse._SubParsersAction):
             return super()._format_action(action)
         self._action_max_length += self._indent_increment  # the headings indent once more
-        return "\n".join(self._blocks({one.dest: one for one in action._get_subactions()}))
+        listed = {one.dest: one for one in action._get_subactions()}
+        return "\n".join(
+            self._block(title, [listed[one.name] for one in group]) for title, group in GROUPS.items()
+        )
 
-    def _blocks(self, listed: dict[str, argparse.Action]) -> Iterator[str]:
-        for title, names in (*self._groups.items(), ("Other", tuple(listed))):
-            found = [listed.pop(name) for name in names if name in listed]
-            if not found:
-                continue
-            self._indent()
-            lines = "".join(super(GroupedHelp, self)._format_action(one) for one in found)
-            self._dedent()
-            yield f"{' ' * self._current_indent}{title}\n{lines}"
-
-
-FAILED, BAD_INPUT, INTERRUPTED, NO_READER = 1, 2, 130, 141
-GROUPS = {
-    "Simulate": ("scenarios", "run", "teleop"),
-    "Bring model and measurement together": ("record", "identify", "validate", "gap", "sensitivity"),
-    "Diagnose and judge": ("diagnose", "calibrate", "evaluate", "tune"),
-    "Robot on a wire": ("link", "device"),
-    "This machine": ("bench", "completion"),
-}
-"""Sub-commands by what they are for, as the help lists them."""
+    def _block(self, title: str, listed: Sequence[argparse.Action]) -> str:
+        self._indent()
+        lines = "".join(super(GroupedHelp, self)._format_action(one) for one in listed)
+        self._dedent()
+        return f"{' ' * self._current_indent}{title}\n{lines}"
 
 
 class Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line, without the usage above it."""
+    """Parser that reports an error in one line, without the usage above it."""
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
-        """A name out of a list is told like every other; argparse would cut the list."""
+        """Reports an unknown name with all choices; argparse would cut the list."""
         if action.choices is not None and value not in action.choices:
             kind = str(action.metavar or action.dest).lower()
             raise UnknownNameError(self.prog, kind, value, map(str, action.choices))
 
     def error(self, message: str) -> NoReturn:
-        """Ends with the exit code of bad input."""
+        """Raises instead of exiting, so that the exit code is that of bad input."""
         raise InputError(self.prog, message, f"see {self.prog} --help")
 
 
-def _bench_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--json", action="store_true", help="print the result as JSON")
-
-
-def _run_bench(arguments: Any) -> int:
-    from omnimj.cli.bench import run
-
-    return run(arguments)
-
-
 def make_parser() -> Parser:
-    """The parser of `omnimj` with all its sub-commands; imports nothing that takes time."""
+    """Makes the parser of `omnimj` with all its sub-commands; imports nothing that takes time."""
     parser = Parser(
         prog="omnimj",
         description="A MuJoCo twin of a four-wheel omni robot and of its one-wheel test rig.",
         epilog="example:\n  omnimj run nylon_patch --out out/nylon\n\nmore: omnimj COMMAND --help",
-        formatter_class=lambda prog: GroupedHelp(prog, GROUPS),
+        formatter_class=GroupedHelp,
         allow_abbrev=False,
     )
     parser.add_argument("--version", action="version", version=f"omnimj {__version__}")
     commands = parser.add_subparsers(title="commands", dest="command", metavar="COMMAND", required=True)
 
-    def add(
-        name: str,
-        description: str,
-        example: str,
-        add_arguments: Callable[[argparse.ArgumentParser], None],
-        run: Callable[[Any], int],
-    ) -> None:
-        one = commands.add_parser(
-            name,
-            help=description,
-            description=description[0].upper() + description[1:] + ".",
-            epilog=example,
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-            allow_abbrev=False,
-        )
-        add_arguments(one)
-        options = [name for action in one._actions for name in action.option_strings]
-        one.set_defaults(run=run, options=options)
-
-    for name, module in (
-        ("scenarios", scenarios_command),
-        ("run", run_command),
-        ("teleop", teleop_command),
-        ("record", record_command),
-        ("identify", identify_command),
-        ("validate", validate_command),
-        ("gap", gap_command),
-        ("diagnose", diagnose_command),
-        ("calibrate", calibrate_command),
-        ("evaluate", evaluate_command),
-        ("sensitivity", sensitivity_command),
-        ("tune", tune_command),
-        ("link", link_command),
-        ("device", device_command),
-        ("completion", completion_command),
-    ):
-        add(name, module.HELP, module.EXAMPLE, module.add_arguments, module.run)
-    bench = "measure speed: steps per second, times real time, overhead of the callback, batch scaling"
-    add("bench", bench, "example:\n  omnimj bench --json", _bench_arguments, _run_bench)
+    for group in GROUPS.values():
+        for command in group:
+            command.add_to(commands)
     return parser
 
 
 def _parse(parser: Parser, given: list[str]) -> argparse.Namespace:
-    """The arguments of one sub-command.
+    """Parses the arguments of one sub-command.
 
     Raises:
       InputError: No sub-command, or an argument that it does not have.
@@ -178,7 +119,7 @@ def _parse(parser: Parser, given: list[str]) -> argparse.Namespace:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs one sub-command; without any argument says where to begin.
+    """Runs one sub-command; without any argument it prints where to begin.
 
     Args:
       argv: Arguments without the program's name; those of the process when None.

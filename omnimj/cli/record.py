@@ -1,4 +1,4 @@
-"""`omnimj record`: makes a dataset with a simulated plant, as a logger would."""
+"""`omnimj record`: datasets of a simulated plant, as a data logger would write them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import add_floors, whole_number
+from omnimj.cli.arguments import Command, add_floors, add_seed, whole_number
 from omnimj.cli.terminal import ProgressBar, announce_compilation, note_compiled
 from omnimj.errors import InputError
 
@@ -16,66 +16,47 @@ if TYPE_CHECKING:
     from omnimj.simulate.suites.recording import RecordingResult
     from omnimj.simulate.suites.suite import Suite
 
-HELP = "make a dataset with the twin: a test plan through the sensor chain, with hidden effects if asked"
-EXAMPLE = """suites:
-  rig_currents    identification: 0.15 … 1.5 A on three floors, full mass
-  rig_validation  validation: 0.45 … 1.5 A on three floors with three masses
-  rig_lateral     sideways motion: four currents at eight lateral speeds on natural stone
-  rig_mixed       for the gap: reversals, coasting, braking, slow and fast, straight and sideways
-  robot_missions  six random missions of 20 s with the controller, on three floors
-  axis_moves      the linear axis: strokes, reversals, crawl and sweep under position control
-
-examples:
-  omnimj record rig_currents --out data/currents
-  omnimj record rig_mixed --effect rail_viscous:coefficient=2 --seed 7 --out data/hidden"""
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the sub-command."""
-    parser.add_argument("suite", help="the test plan, see below")
+    """Adds the arguments of `omnimj record`."""
+    parser.add_argument("suite", help="test plan, see below")
     parser.add_argument(
         "--effect",
         metavar="NAME[:KEY=VALUE,…]",
         action="append",
         default=[],
         dest="effects",
-        help="physics that the model lacks; the dataset does not tell; may be given many times",
+        help="physics that the model lacks, hidden in the data; repeatable",
     )
-    parser.add_argument(
-        "--seed",
-        metavar="N",
-        type=whole_number(0, 2**63 - 1),
-        default=0,
-        help="of the sensors' noise, and of what is drawn at random (default 0)",
-    )
+    add_seed(parser, "seed of the sensors' noise and of random conditions")
     parser.add_argument("--model", metavar="FILE", type=Path, help="a copy of the plant's model file")
     add_floors(parser)
     parser.add_argument(
         "--repeats",
         metavar="N",
         type=whole_number(1, 26),
-        help="of every condition; they give the repeatability floor (default: the suite's own)",
+        help="repeats of every condition, which give the repeatability (default: as in the suite)",
     )
     parser.add_argument(
         "--format", metavar="F", default="parquet", dest="table_format", help="parquet (default) or csv"
     )
-    parser.add_argument("--plant", metavar="P", help="twin (default) or planar; the axis has planar alone")
-    parser.add_argument("--out", metavar="DATASET", type=Path, required=True, help="the dataset's folder")
+    parser.add_argument("--plant", metavar="P", help="twin (default) or planar; the axis has only planar")
+    parser.add_argument("--out", metavar="DATASET", type=Path, required=True, help="folder of the dataset")
     parser.add_argument(
-        "--force", action="store_true", help="go over an earlier dataset that omnimj wrote to --out"
+        "--force", action="store_true", help="replace an earlier dataset that omnimj wrote to --out"
     )
-    parser.add_argument("--json", action="store_true", help="print what was recorded as JSON")
+    parser.add_argument("--json", action="store_true", help="print a summary as JSON")
 
 
 def run(arguments: Any) -> int:
     """Drives the suite's runs and writes the dataset.
 
     Returns:
-      0, or 130 after Ctrl-C with the runs finished until then.
+      0, or 130 after Ctrl-C with every finished run kept.
 
     Raises:
-      InputError: A suite, effect, plant or format that does not exist, or a folder that cannot be written.
-      SimulationError: The simulation broke down; the runs finished before are kept.
+      InputError: No such suite, effect, plant or format, or the folder cannot be written.
+      SimulationError: The simulation broke down; finished runs are kept.
     """
     from omnimj.simulate.suites.catalogue import find_suite
 
@@ -96,7 +77,7 @@ def _effects(texts: list[str], plant: str) -> dict[str, Any]:
         name, values = parse_effect(text, plant)
         if name in effects:
             rule = f"a second one is called {name}_2"
-            raise InputError(f"--effect {text}", f"{name!r} is there twice", rule)
+            raise InputError(f"--effect {text}", f"{name!r} is given twice", rule)
         effects[name] = values
     return effects
 
@@ -127,7 +108,7 @@ def _record(arguments: Any, suite: Suite, effects: dict[str, Any]) -> RecordingR
 
 
 def _json(arguments: Any, recorded: RecordingResult) -> str:
-    told = {
+    summary = {
         "suite": arguments.suite,
         "plant": arguments.plant,
         "seed": arguments.seed,
@@ -139,7 +120,7 @@ def _json(arguments: Any, recorded: RecordingResult) -> str:
         "interrupted": recorded.interrupted,
         "command": shlex.join(["omnimj", *arguments.given]),
     }
-    return json.dumps(told, indent=2, ensure_ascii=False)
+    return json.dumps(summary, indent=2, ensure_ascii=False)
 
 
 def _format_recorded(arguments: Any, suite: Suite, recorded: RecordingResult) -> str:
@@ -152,5 +133,24 @@ def _format_recorded(arguments: Any, suite: Suite, recorded: RecordingResult) ->
     if recorded.interrupted:
         lines.append("interrupted")
     if recorded.runs:
-        lines.append(f"written to {arguments.out}; neither effects nor seed are told there")
+        lines.append(f"written to {arguments.out}; it names neither effects nor seed")
     return "\n".join(lines)
+
+
+RECORD = Command(
+    "record",
+    "record a test plan with the twin as a dataset, optionally with hidden effects",
+    """suites:
+  rig_currents    identification: 0.15 … 1.5 A on three floors, full mass
+  rig_validation  validation: 0.45 … 1.5 A on three floors with three masses
+  rig_lateral     sideways motion: four currents at eight lateral speeds on natural stone
+  rig_mixed       for the gap: reversals, coasting, braking, slow and fast, straight and sideways
+  robot_missions  six random missions of 20 s with the controller, on three floors
+  axis_moves      the linear axis: strokes, reversals, crawl and sweep under position control
+
+examples:
+  omnimj record rig_currents --out data/currents
+  omnimj record rig_mixed --effect rail_viscous:coefficient=2 --seed 7 --out data/hidden""",
+    add_arguments,
+    run,
+)

@@ -1,4 +1,4 @@
-"""`omnimj run`: drives one scenario, prints its checks, writes its folder."""
+"""`omnimj run` drives a scenario and writes its folder; `omnimj scenarios` lists what can be driven."""
 
 from __future__ import annotations
 
@@ -6,28 +6,23 @@ import argparse
 import dataclasses
 import json
 import shlex
+import sys
 import tempfile
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omnimj.cli.arguments import (
     ADDRESS,
     MODEL,
+    Command,
     add_floors,
     add_gains,
     add_thresholds,
     add_wire,
     read_thresholds,
     read_wire,
-)
-from omnimj.cli.run_summary import (
-    Comparison,
-    comparison_metrics,
-    drive_comparison,
-    format_run,
-    other_methods,
-    print_failures,
 )
 from omnimj.cli.terminal import ProgressBar, announce_compilation, note_compiled
 from omnimj.errors import InputError, SimulationError
@@ -37,28 +32,41 @@ from omnimj.resources import models_folder
 if TYPE_CHECKING:
     from omnimj.simulate.plants import LinkOptions
     from omnimj.simulate.run import RunResult
+    from omnimj.simulate.scenario.scenario import Scenario
+    from omnimj.view.picture import Picture
     from omnimj.view.rerun.live import LiveRun
 
+
+def add_scenarios_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of `omnimj scenarios`."""
+    parser.add_argument("--json", action="store_true", help="print a JSON object, name to description")
+
+
+def run_scenarios(arguments: Any) -> int:
+    """Prints the list; imports no heavy library."""
+    from omnimj.simulate.scenario.listing import list_scenarios
+
+    described = list_scenarios()
+    if arguments.json:
+        print(json.dumps(described, indent=2, ensure_ascii=False))
+        return 0
+    width = max(map(len, described), default=0)
+    for name, description in described.items():
+        print(f"{name:{width}}  {description}")
+    return 0
+
+
 INTERRUPTED = 130
-HELP = "drive one scenario and judge it by its checks"
-EXAMPLE = """examples:
-  omnimj run nylon_patch
-  omnimj run nylon_patch --set floor=pvc --set drive.speed=0.8 --out out/nylon
-  omnimj run degraded_motor --plant planar --seed 3 --json
-  omnimj run degraded_motor --method published --set diagnosis.thresholds=printed
-  omnimj run circle_8m --compare --out out/circle
-  omnimj run circle_8m --gains tuned_gains.toml
-  omnimj run nylon_patch --plant udp:127.0.0.1:9750 --lock-step --out out/wire"""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the sub-command."""
+def add_run_arguments(parser: argparse.ArgumentParser) -> None:
+    """Adds the arguments of `omnimj run`."""
     parser.add_argument("scenario", help="a name from `omnimj scenarios`, or a path to a TOML file")
     parser.add_argument("--plant", metavar="P", help=f"twin (default), planar, or {ADDRESS}")
-    words = "diagnosis: robust (default), published (default on the rig) or off"
+    words = "fault detection: robust (default), published (default on the rig) or off"
     parser.add_argument("--method", metavar="M", help=words)
     parser.add_argument(
-        "--seed", metavar="N", type=_seed, default=0, help="of the sensors' noise (default 0)"
+        "--seed", metavar="N", type=_seed, default=0, help="seed of the sensors' noise (default 0)"
     )
     parser.add_argument(
         "--set",
@@ -83,7 +91,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out", metavar="DIR", type=Path, help="write trace, metrics, recording and report here"
     )
     parser.add_argument("--force", action="store_true", help="write into --out although it is not empty")
-    words = "drive it with the other methods too and set them side by side"
+    words = "drive it with the other methods too and compare them"
     parser.add_argument("--compare", action="store_true", help=words)
     parser.add_argument("--view", action="store_true", help="watch the run in the Rerun viewer")
     parser.add_argument("--json", action="store_true", help="print metrics.json instead of the table")
@@ -97,14 +105,14 @@ def _seed(text: str) -> int:
     return int(text)
 
 
-def run(arguments: Any) -> int:
-    """Drives, prints, writes.
+def run_run(arguments: Any) -> int:
+    """Drives the scenario, writes its folder, prints the verdict.
 
     Returns:
-      0 when every check holds, 1 when one does not, 130 after Ctrl-C with what was recorded until then.
+      0 when every check passes, 1 when one fails, 130 after Ctrl-C with everything recorded until then.
 
     Raises:
-      SimulationError: The simulation broke down; what was recorded until then is written.
+      SimulationError: The simulation broke down; everything recorded until then is written.
     """
     from omnimj.recording.folder import check_folder
     from omnimj.simulate.scenario.scenario import read_scenario
@@ -146,7 +154,7 @@ def _method(arguments: Any, scenario: Any) -> str:
 
 
 def _wire(arguments: Any, scenario: Any) -> LinkOptions | None:
-    """How a link is used; the run's folder is made at once, since every frame goes there as it comes."""
+    """Options of the link, None without one; the run's folder is made now, since frames are logged there."""
     if read_wire(arguments, None) is None:
         return None
     from omnimj.link.host.frame_log import FRAMES_FILE
@@ -164,28 +172,30 @@ def _wire(arguments: Any, scenario: Any) -> LinkOptions | None:
 
 
 def _write_and_print(arguments: Any, finished: RunResult, live: LiveRun | None, others: Comparison) -> None:
-    """Writes, prints and shows a run of two rows or more, whatever ended it."""
+    """Delivers a run of two rows or more, however it ended."""
     failure = finished.trace.about["failure"]
     finished.metrics["failure"] = failure
     finished.metrics["command"] = shlex.join(["omnimj", *arguments.given])
     if others.runs:
         finished.metrics["compared"] = comparison_metrics(others)
     if arguments.out is not None:
-        # a link's frames lie there already
+        # a link's frames are in the folder already
         write_outputs(arguments.out, arguments.force or "link" in finished.metrics, finished, others.runs)
     if not failure:
+        from omnimj.cli.run_summary import format_run
+
         print(
             json.dumps(finished.metrics, indent=2) if arguments.json else format_run(finished, arguments.out)
         )
     print_failures(others)
     if live is not None:
-        finish_live(finished, live)
+        live.finish(finished)
 
 
 def _exit_code(finished: RunResult, out: Path | None) -> int:
     failure = finished.trace.about["failure"]
     if failure:
-        written = f"; what was recorded until then is in {out}" if out and finished.metrics else ""
+        written = f"; everything recorded until then is in {out}" if out and finished.metrics else ""
         raise SimulationError(f"{failure}{written}")
     if finished.interrupted:
         return INTERRUPTED
@@ -224,13 +234,84 @@ def _drive(
     return finished, live
 
 
-# What a run leaves behind: the files of its folder, and the live view.
+def other_methods(scenario: Scenario, method: str) -> tuple[str, ...]:
+    """Lists the methods that a run with `method` can be compared with.
 
-if TYPE_CHECKING:
-    from omnimj.simulate.run import RunResult
-    from omnimj.simulate.scenario.scenario import Scenario
-    from omnimj.view.picture import Picture
-    from omnimj.view.rerun.live import LiveRun
+    Raises:
+      InputError: There is none, or one of them is not for this robot; raised before anything is driven.
+    """
+    from omnimj.simulate.detectors import available_methods, make_detector
+
+    others = tuple(name for name in available_methods(scenario) if name != method)
+    if not others:
+        rule = f"{scenario.name} is at the kinematic level, where there is nothing to diagnose from"
+        raise InputError("--compare", "there is no other method", rule)
+    for name in others:
+        make_detector(name, scenario)
+    return others
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Runs of the same scenario with other methods."""
+
+    runs: dict[str, RunResult] = field(default_factory=dict)
+    """Method to run, for runs of two rows or more."""
+    failures: dict[str, str] = field(default_factory=dict)
+    """Method to time and reason of a breakdown."""
+    interrupted: bool = False
+    """Whether Ctrl-C ended the last run; those before it are complete."""
+
+
+def drive_comparison(
+    scenario: Scenario, plant: str | None, methods: tuple[str, ...], seed: int
+) -> Comparison:
+    """Drives the scenario once with each method.
+
+    Args:
+      scenario: The scenario of the main run.
+      plant: As for `run_scenario`.
+      methods: From `other_methods`.
+      seed: Seed of the sensors' noise, the same for all.
+    """
+    from omnimj.simulate.run import run_scenario
+
+    runs: dict[str, RunResult] = {}
+    failures: dict[str, str] = {}
+    try:
+        for method in methods:
+            with ProgressBar() as bar:
+                run = run_scenario(scenario, plant, method, seed, _phase(bar, method))
+            if run.metrics:
+                runs[method] = run
+            if run.trace.about["failure"]:
+                failures[method] = run.trace.about["failure"]
+            elif run.interrupted:
+                return Comparison(runs, failures, True)
+    except KeyboardInterrupt:  # between two runs: the finished ones are kept
+        return Comparison(runs, failures, True)
+    return Comparison(runs, failures)
+
+
+def _phase(bar: ProgressBar, method: str) -> Any:
+    def show(done: int, total: int) -> None:
+        bar.show(done, total, f"method {method}")
+
+    return show
+
+
+def comparison_metrics(comparison: Comparison) -> dict[str, Any]:
+    """Content of `compared` in `metrics.json`."""
+    return {
+        method: {**run.metrics, "failure": comparison.failures.get(method)}
+        for method, run in comparison.runs.items()
+    }
+
+
+def print_failures(comparison: Comparison) -> None:
+    """Prints one line on stderr for each run that broke down."""
+    for method, failure in comparison.failures.items():
+        print(f"omnimj: method {method}: {failure}", file=sys.stderr)
 
 
 def write_outputs(
@@ -238,13 +319,13 @@ def write_outputs(
 ) -> None:
     """Writes `trace.parquet`, `metrics.json`, `run.rrd` and `report.html`, each in full or not at all.
 
-    Runs beside it have a trace each, `trace_off.parquet` and so on, and are told in `report.html`.
+    Runs with other methods have a trace each, `trace_off.parquet` and so on, and are shown in `report.html`.
 
     Args:
       folder: Created if needed.
       force: Whether the files of an earlier run may be replaced.
-      run: What was driven.
-      others: The same scenario with other methods, by method.
+      run: The main run.
+      others: Method to run of the same scenario.
 
     Raises:
       InputError: The folder is not empty and `force` is not given, or it cannot be written.
@@ -268,7 +349,7 @@ def write_outputs(
 
 
 def _comparison_trace(method: str) -> str:
-    """File of a run that was driven for comparison."""
+    """Name of the trace file of a run with another method."""
     return f"trace_{method}.parquet"
 
 
@@ -281,14 +362,11 @@ def _picture_of(run: RunResult, folder: Path) -> Picture | None:
 
 
 def open_live(scenario: Scenario, known: Mapping[str, Any]) -> LiveRun:
-    """Opens the Rerun viewer for a run that will be driven.
-
-    Where no viewer can be opened nothing is driven: the run would not be what was asked for, and to leave out
-    `--view` is easier than to wait for its end.
+    """Opens the Rerun viewer before a run; where that fails nothing is driven.
 
     Args:
-      scenario: What is asked for.
-      known: What `metrics.json` will hold, as far as it is known.
+      scenario: The scenario that will be driven.
+      known: The entries of `metrics.json` that are known beforehand.
 
     Raises:
       ViewerError: No viewer could be opened.
@@ -299,14 +377,26 @@ def open_live(scenario: Scenario, known: Mapping[str, Any]) -> LiveRun:
     return LiveRun(scenario, known, open_viewer())
 
 
-def finish_live(run: RunResult, live: LiveRun) -> None:
-    """Completes the run in the viewer and leaves the viewer to itself.
+SCENARIOS = Command(
+    "scenarios",
+    "list the scenarios with their one-line descriptions",
+    "example:\n  omnimj scenarios",
+    add_scenarios_arguments,
+    run_scenarios,
+)
 
-    Args:
-      run: What was driven; its results are written and printed by now.
-      live: From `open_live`.
 
-    Raises:
-      ViewerError: The viewer broke down.
-    """
-    live.finish(run)
+RUN = Command(
+    "run",
+    "drive one scenario and judge it by its checks",
+    """examples:
+  omnimj run nylon_patch
+  omnimj run nylon_patch --set floor=pvc --set drive.speed=0.8 --out out/nylon
+  omnimj run degraded_motor --plant planar --seed 3 --json
+  omnimj run degraded_motor --method published --set diagnosis.thresholds=printed
+  omnimj run circle_8m --compare --out out/circle
+  omnimj run circle_8m --gains tuned_gains.toml
+  omnimj run nylon_patch --plant udp:127.0.0.1:9750 --lock-step --out out/wire""",
+    add_run_arguments,
+    run_run,
+)

@@ -1,109 +1,32 @@
-"""What a run comes to, in words for the terminal."""
+"""Summary of a run for the terminal: checks, diagnoses beside the truth, recovery, comparison, link."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import format_link
-from omnimj.cli.terminal import ProgressBar, format_table, format_value
-from omnimj.errors import InputError
+from omnimj.cli.terminal import format_table, format_value
+from omnimj.parameters import Rig, Robot
 from omnimj.resources import model_display_name
-
-# The same scenario with the other methods, for `omnimj run --compare`.
+from omnimj.signals import Trace
+from omnimj.simulate.judging import DiagnosisGroup, FaultMatch, match_diagnoses
+from omnimj.view.wording import (
+    ambiguity_name,
+    describe_layout,
+    fault_details,
+    fault_name,
+    is_diagnosed,
+    number,
+    recovery_periods,
+)
 
 if TYPE_CHECKING:
-    from omnimj.simulate.loop import Callbacks
     from omnimj.simulate.run import RunResult
-    from omnimj.simulate.scenario.scenario import Scenario
-
-
-def other_methods(scenario: Scenario, method: str) -> tuple[str, ...]:
-    """The methods that a run with `method` can be compared with.
-
-    Raises:
-      InputError: There is none, or one of them is not for this robot; told before anything is driven.
-    """
-    from omnimj.simulate.detectors import available_methods, make_detector
-
-    others = tuple(name for name in available_methods(scenario) if name != method)
-    if not others:
-        rule = f"{scenario.name} is at the kinematic level, where there is nothing to diagnose from"
-        raise InputError("--compare", "there is no other method", rule)
-    for name in others:
-        make_detector(name, scenario)
-    return others
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """What was driven for comparison."""
-
-    runs: dict[str, RunResult] = field(default_factory=dict)
-    """Those of two rows or more, by method."""
-    failures: dict[str, str] = field(default_factory=dict)
-    """When and how a run broke down, by method."""
-    interrupted: bool = False
-    """Whether Ctrl-C ended the last one; those before it are whole."""
-
-
-def drive_comparison(
-    scenario: Scenario, plant: str | None, methods: tuple[str, ...], seed: int
-) -> Comparison:
-    """Drives the scenario once with each method.
-
-    Args:
-      scenario: What was asked for.
-      plant: As for `run_scenario`.
-      methods: From `other_methods`.
-      seed: The same for all.
-    """
-    from omnimj.simulate.run import run_scenario
-
-    runs: dict[str, RunResult] = {}
-    failures: dict[str, str] = {}
-    try:
-        for method in methods:
-            with ProgressBar() as bar:
-                run = run_scenario(scenario, plant, method, seed, _phase(bar, method))
-            if run.metrics:
-                runs[method] = run
-            if run.trace.about["failure"]:
-                failures[method] = run.trace.about["failure"]
-            elif run.interrupted:
-                return Comparison(runs, failures, True)
-    except KeyboardInterrupt:  # between two runs: what was driven is kept
-        return Comparison(runs, failures, True)
-    return Comparison(runs, failures)
-
-
-def _phase(bar: ProgressBar, method: str) -> Callbacks:
-    from omnimj.simulate.loop import Callbacks
-
-    def show(done: int, total: int) -> None:
-        bar.show(done, total, f"method {method}")
-
-    return Callbacks(progress=show)
-
-
-def comparison_metrics(beside: Comparison) -> dict[str, Any]:
-    """Content of `compared` in `metrics.json`."""
-    return {
-        method: {**run.metrics, "failure": beside.failures.get(method)} for method, run in beside.runs.items()
-    }
-
-
-def print_failures(beside: Comparison) -> None:
-    """One line on stderr for each run that broke down."""
-    for method, failure in beside.failures.items():
-        print(f"omnimj: method {method}: {failure}", file=sys.stderr)
 
 
 def format_comparison(units: dict[str, str], metrics: dict[str, Any]) -> str:
-    """The methods side by side; empty when there is only one."""
+    """Table of the methods side by side; empty when there is only one."""
     from omnimj.view.comparison import compare
 
     if not metrics.get("compared"):
@@ -112,10 +35,7 @@ def format_comparison(units: dict[str, str], metrics: dict[str, Any]) -> str:
     return format_table(("", *comparison.methods), comparison.rows)
 
 
-if TYPE_CHECKING:
-    from omnimj.simulate.loop import Callbacks
-    from omnimj.simulate.run import RunResult
-
+_MAX_ROWS = 12  # of diagnoses: many false alarms must not push the checks off the screen
 _RESULTS = ("path_error_max", "tracking_error_max", "max_yaw_excursion", "final_speed", "travel")
 
 
@@ -124,16 +44,16 @@ def _verdict(checks: Sequence[Mapping[str, Any]]) -> str:
     if not checks:
         return "not judged: there is nothing to check"
     failed = sum(not check["ok"] for check in checks) - unjudged
-    beside = f"; {unjudged} not judged, since they need a truth that nobody knows" if unjudged else ""
+    beside = f"; {unjudged} not judged, since the true state is unknown" if unjudged else ""
     if failed:
         return f"failed: {failed} of {len(checks)} checks{beside}"
     if unjudged == len(checks) > 0:
-        return f"not judged: all {unjudged} checks need a truth that nobody knows"
+        return f"not judged: all {unjudged} checks need the true state, which is unknown"
     return f"passed{beside}"
 
 
 def _format_results(metrics: Mapping[str, Any], units: Mapping[str, str]) -> str:
-    """What a run without checks comes to all the same."""
+    """Main results of a run without checks."""
     found = [
         (name, format_value(metrics[name], units[name])) for name in _RESULTS if metrics.get(name) is not None
     ]
@@ -141,9 +61,7 @@ def _format_results(metrics: Mapping[str, Any], units: Mapping[str, str]) -> str
 
 
 def format_run(finished: RunResult, out: Path | None) -> str:
-    """What was driven, the table of checks, what was diagnosed, the verdict."""
-    from omnimj.cli.run_diagnoses import format_diagnoses, format_recovery
-
+    """Scenario, table of checks, diagnoses and verdict of a run, as text for the terminal."""
     metrics, units = finished.metrics, finished.scenario.metric_units
     scenario = finished.scenario
     set_ = f", with {', '.join(scenario.overrides)}" if scenario.overrides else ""
@@ -177,3 +95,119 @@ def format_run(finished: RunResult, out: Path | None) -> str:
     if out is not None:
         lines.append(f"written to {out}")
     return "\n".join(lines)
+
+
+def format_diagnoses(metrics: Mapping[str, Any], wheels: int) -> str:
+    """Table of true faults and diagnoses, or one line; empty for a run without a method.
+
+    Args:
+      metrics: Content of `metrics.json`.
+      wheels: Number of wheels of the plant.
+    """
+    if not is_diagnosed(metrics):
+        return ""
+    if not metrics.get("truth", True):
+        return _format_without_truth(metrics)
+    found = match_diagnoses(metrics["faults"], metrics["diagnoses"], wheels)
+    if not found.pairs and not found.false_alarms:
+        return "diagnosis: no fault, and none was diagnosed"
+    if not metrics["diagnoses"]:
+        wrong = "; ".join(_format_fault(one) for one in found.pairs)
+        return f"diagnosis: none; true faults: {wrong}"
+    rows = []
+    for one in found.pairs:
+        for k, naming in enumerate(one.groups or (None,)):
+            rows.append((_format_fault(one) if k == 0 else "", *_format_naming(one, naming)))
+    rows += [
+        ("–", _format_diagnosis(naming), _format_time(naming), "false alarm") for naming in found.false_alarms
+    ]
+    left = len(rows) - _MAX_ROWS
+    lines = [format_table(("true fault", "diagnosed", "at", "delay"), rows[:_MAX_ROWS])]
+    if left > 0:
+        lines.append(f"and {left} more, in metrics.json")
+    return "\n".join(lines)
+
+
+def format_recovery(trace: Trace, metrics: Mapping[str, Any], constants: Robot | Rig) -> str:
+    """Table of recovery's modes: when, and what each one sacrifices; empty for a run as planned."""
+    ways = recovery_periods(trace, metrics)
+    if not ways:
+        return ""
+    lines = [
+        format_table(("recovery", "when", "consequence"), [(w.name, w.when, w.consequence) for w in ways])
+    ]
+    limits = describe_layout(constants)
+    return "\n".join([*lines, *([limits] if limits else [])])
+
+
+def _format_without_truth(metrics: Mapping[str, Any]) -> str:
+    """Diagnoses of a robot whose true faults are unknown."""
+    expected = len(metrics["scenario_faults"])
+    note = f"the {expected} of the scenario's file hold only if the device runs it too"
+    words = "diagnosis: the true faults of a robot behind a wire are unknown" + (
+        f"; {note}" if expected else ""
+    )
+    found = match_diagnoses((), metrics["diagnoses"], 1).false_alarms
+    if not found:
+        return f"{words}\nno fault was diagnosed"
+    lines = [
+        words,
+        format_table(
+            ("diagnosed", "at"), [(_format_diagnosis(one), _format_time(one)) for one in found[:_MAX_ROWS]]
+        ),
+    ]
+    if len(found) > _MAX_ROWS:
+        lines.append(f"and {len(found) - _MAX_ROWS} more, in metrics.json")
+    return "\n".join(lines)
+
+
+def _format_fault(one: FaultMatch) -> str:
+    fault = one.fault
+    details = fault_details({key: value for key, value in fault.items() if key != "channel"})
+    onset = "never" if fault["onset"] is None else f"from {fault['onset']:g} s"
+    return f"{fault_name(fault)}{f' ({details})' if details else ''} {onset}"
+
+
+def _format_naming(one: FaultMatch, naming: DiagnosisGroup | None) -> tuple[str, str, str]:
+    if naming is None:
+        return ("nothing" if one.is_diagnosable else "not diagnosable"), "–", "–"
+    return _format_diagnosis(naming), _format_time(naming), f"{number(naming.delay, 3)} s"
+
+
+def _format_diagnosis(naming: DiagnosisGroup) -> str:
+    times = len(naming.diagnoses)
+    also = " or ".join(ambiguity_name(text) for text in naming.last.get("ambiguous_with") or ())
+    name = fault_name(naming.last) + (f" or {also}" if also else "")
+    return f"{name} ({times} times)" if times > 1 else name
+
+
+def _format_time(naming: DiagnosisGroup) -> str:
+    return f"{naming.first['time']:.3f} s"
+
+
+def format_link(link: Mapping[str, Any]) -> str:
+    """Summary of the entry `link` in `metrics.json`."""
+    kept, keyed = link["deadlines"], ", keyed" if link["is_keyed"] else ""
+    lines = [
+        f"link: {link['address']}, {link['mode']}{keyed}; {link['sent']} frames "
+        f"sent, {link['received']} received, {link['lost']} lost, {link['dropped']} dropped; "
+        f"the device dropped {link['device_dropped']} and refused {link['device_refused']}"
+    ]
+    if link["mode"] == "lock-step":
+        return f"{lines[0]}; {link['resent']} requested again"
+    lines.append(
+        f"deadlines: {kept['missed']} of {kept['periods']} missed, "
+        f"{kept['held']} readings late, {kept['skipped']} skipped"
+    )
+    words = {
+        "response": "command after reading",
+        "late": "delay of the reading",
+        "command_age": "age of the command",
+    }
+    spreads = (f"{words[name]} {_format_spread(kept[name])}" for name in words if kept[name]["max"] > 0.0)
+    lines.append("; ".join(spreads) + " (p50 / p99 / max)")
+    return "\n".join(lines)
+
+
+def _format_spread(record: Mapping[str, float]) -> str:
+    return " / ".join(f"{1e3 * record[name]:.3g}" for name in ("p50", "p99", "max")) + " ms"

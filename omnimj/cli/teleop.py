@@ -1,4 +1,4 @@
-"""`omnimj teleop`: keyboard and gamepad drive the robot, through the controller that drives everything."""
+"""`omnimj teleop`: driving by keyboard or gamepad, through the usual controller."""
 
 from __future__ import annotations
 
@@ -11,7 +11,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import ROBOT_MODEL, add_floors, add_key, whole_number
+from omnimj.cli.arguments import (
+    ROBOT_MODEL,
+    Command,
+    add_floors,
+    add_key,
+    add_reset_fault,
+    add_seed,
+    whole_number,
+)
 from omnimj.cli.terminal import announce_compilation, note_compiled
 from omnimj.errors import InputError, SimulationError, UnknownNameError
 
@@ -25,39 +33,32 @@ if TYPE_CHECKING:
     from omnimj.view.rerun.live import LiveDrive
 
 INTERRUPTED = 130
-HELP = "drive the robot by keyboard or gamepad"
-EXAMPLE = """examples:
-  omnimj teleop
-  omnimj teleop --plant planar --floor pvc --speed 0.5 --out out/by_hand
-  omnimj teleop --view"""
 _MINUTES, _MOST_MINUTES = 5, 30
 _WARMING, _CREEP = 200, 0.1  # steps of a drive that only compiles, and its speed [m/s]
 _SLOW = 0.98  # × real time below which a simulation is said not to keep up
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the sub-command."""
+    """Adds the arguments of `omnimj teleop`."""
     words = "twin (default), planar, udp:HOST:PORT or serial:DEVICE?baud=N"
     parser.add_argument("--plant", metavar="P", default="twin", help=words)
-    words = "diagnosis: robust (default), published or off"
+    words = "fault detection: robust (default), published or off"
     parser.add_argument("--method", metavar="M", default="robust", help=words)
-    parser.add_argument("--floor", metavar="NAME", help="of a simulation (default natural_stone)")
+    parser.add_argument("--floor", metavar="NAME", help="floor of a simulation (default natural_stone)")
     add_floors(parser)
     parser.add_argument("--model", metavar="FILE", type=Path, help=ROBOT_MODEL)
     for option, unit, words in (
-        ("--speed", "M/S", "fastest, ahead and sideways (default 0.3, at most 1)"),
-        ("--turn", "RAD/S", "fastest turning (default 0.6, at most 2)"),
-        ("--acceleration", "M/S²", "hardest (default 0.5, at most 1)"),
+        ("--speed", "M/S", "largest speed, ahead and sideways (default 0.3, at most 1)"),
+        ("--turn", "RAD/S", "largest yaw rate (default 0.6, at most 2)"),
+        ("--acceleration", "M/S²", "largest acceleration (default 0.5, at most 1)"),
         ("--hold", "S", "how long a key counts as held after its last event (default 0.3, at most 1)"),
     ):
         parser.add_argument(option, metavar=unit, type=_number, help=words)
-    words = "file of a gamepad, or none (default /dev/input/js0 where there is one)"
+    words = "device file of a gamepad, or none (default /dev/input/js0 if it exists)"
     parser.add_argument("--gamepad", metavar="FILE", help=words)
-    seed = whole_number(0, 2**63 - 1)
-    parser.add_argument("--seed", metavar="N", type=seed, default=0, help="of the sensors' noise (default 0)")
+    add_seed(parser, "seed of the sensors' noise")
     add_key(parser)
-    words = "with a wire: the fault that the device has latched has been seen and may be reset"
-    parser.add_argument("--reset-fault", action="store_true", help=words)
+    add_reset_fault(parser)
     parser.add_argument("--view", action="store_true", help="watch the drive in the Rerun viewer")
     parser.add_argument("--out", metavar="DIR", type=Path, help="write trace.parquet here")
     parser.add_argument("--force", action="store_true", help="write into --out although it is not empty")
@@ -66,7 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="MINUTES",
         type=whole_number(1, _MOST_MINUTES),
         default=_MINUTES,
-        help=f"the newest minutes go into the trace (default {_MINUTES}, at most {_MOST_MINUTES})",
+        help=f"minutes kept in the trace, the newest ones (default {_MINUTES}, at most {_MOST_MINUTES})",
     )
 
 
@@ -78,14 +79,14 @@ def _number(text: str) -> float:
 
 
 def run(arguments: Any) -> int:
-    """Drives until it is ended, writes, says what was.
+    """Drives until a key, a signal or the plant ends it, and writes the trace.
 
     Returns:
-      0 when it was ended by key, 130 after Ctrl-C or when the terminal went.
+      0 when it was ended by key, 130 after Ctrl-C or when the terminal hung up.
 
     Raises:
-      InputError: No terminal, or something asked for that there is not.
-      SimulationError: The plant failed; what was recorded until then is written.
+      InputError: There is no terminal, or a name is unknown.
+      SimulationError: The plant failed; everything recorded until then is written.
     """
     from omnimj.recording.folder import check_folder
     from omnimj.simulate.detectors import require_known_method
@@ -146,7 +147,7 @@ def _plant(arguments: Any, scenario: Scenario) -> Plant:
 
 
 def _gamepad(asked: str | None) -> Gamepad | None:
-    """The one that is asked for; the first there is when none is, if it can be read."""
+    """Opens the given gamepad, or else the first one if there is one that can be read."""
     from omnimj.simulate.teleop.devices import FIRST_GAMEPAD, Gamepad
 
     if asked == "none" or (asked is None and not FIRST_GAMEPAD.exists()):
@@ -162,7 +163,7 @@ def _gamepad(asked: str | None) -> Gamepad | None:
 
 @contextlib.contextmanager
 def _ends_on_signals() -> Iterator[None]:
-    """A terminal that hangs up, or a kill, ends the drive as Ctrl-C does: with everything put in order."""
+    """Ends the drive on SIGTERM and SIGHUP as on Ctrl-C, so that everything is closed in order."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -190,7 +191,7 @@ def _drive_warm_up(plant: Plant, controller: Any) -> None:
 
 
 class _Session:
-    """One drive: who looks on, and what is said and written at its end."""
+    """One drive: its observers, and what is printed and written at its end."""
 
     def __init__(self, arguments: Any, scenario: Scenario, limits: SteeringLimits, plant: Plant):
         from omnimj.simulate.plants import is_link_address
@@ -200,8 +201,8 @@ class _Session:
         kept = round(60.0 * arguments.keep / plant.period) if arguments.out is not None else 0
         self._recent: RowBuffer = RowBuffer(kept)
         simulated = not is_link_address(arguments.plant)
-        self._pace: RealTimePacer | None = RealTimePacer(plant.period) if simulated else None
-        self._believed = ""
+        self._clock: RealTimePacer | None = RealTimePacer(plant.period) if simulated else None
+        self._diagnosed = ""
         self._about = {"scenario": scenario.name, "plant": arguments.plant, "method": arguments.method}
         self._about |= {"seed": arguments.seed, "floor": scenario.floor}
 
@@ -222,8 +223,8 @@ class _Session:
         watch = TeleopCallbacks(
             rows=(self._recent.add, *shown),
             snapshot=None if live is None else live.snapshot,
-            before_step=None if self._pace is None else self._pace.wait,
-            diagnosed=self._hear,
+            before_step=None if self._clock is None else self._clock.wait,
+            diagnosed=self._note_diagnoses,
         )
         print(f"keys: {KEYS}", file=sys.stderr)
         if pad is not None:
@@ -238,11 +239,11 @@ class _Session:
         return self._end(driven, live)
 
     def _warm_up(self, controller: Any) -> None:
-        """Compiles before keys count, on a simulation: nothing is asked of a real robot for it."""
+        """Compiles before keys count; a real robot is not moved for it."""
         from omnimj.simulate.run import warm_up
 
         warm_up(self._scenario, controller)
-        if self._pace is not None:
+        if self._clock is not None:
             _drive_warm_up(self._plant, controller)
             note_compiled(self._arguments.plant, self._scenario.plant)
 
@@ -256,20 +257,20 @@ class _Session:
         live.start()
         return live
 
-    def _hear(self, diagnoses: tuple[Diagnosis, ...]) -> None:
+    def _note_diagnoses(self, diagnoses: tuple[Diagnosis, ...]) -> None:
         standing = [d for d in diagnoses if d.cleared is None]
-        self._believed = ", ".join(" ".join((d.kind, d.channel, *map(str, d.wheels))) for d in standing)
+        self._diagnosed = ", ".join(" ".join((d.kind, d.channel, *map(str, d.wheels))) for d in standing)
 
     def _status(self) -> str:
-        pace = "" if self._pace is None else f"{self._pace.factor:.2f} × real time  "
-        return f"{pace}{self._believed}"
+        pace = "" if self._clock is None else f"{self._clock.factor:.2f} × real time  "
+        return f"{pace}{self._diagnosed}"
 
     def _end(self, driven: TeleopResult, live: LiveDrive | None) -> int:
         seconds = driven.steps * self._plant.period
         words = f"{seconds:.1f} s driven by hand, plant {self._arguments.plant}"
-        if self._pace is not None:
-            words += f", {self._pace.factor:.2f} × real time"
-            if self._pace.factor < _SLOW:
+        if self._clock is not None:
+            words += f", {self._clock.factor:.2f} × real time"
+            if self._clock.factor < _SLOW:
                 words += ": this machine cannot keep up"
         written = self._write(driven)
         print(f"{words}{written}")
@@ -282,7 +283,7 @@ class _Session:
         return INTERRUPTED if driven.interrupted else 0
 
     def _write(self, driven: TeleopResult) -> str:
-        """Writes the trace; says where it is."""
+        """Writes the trace and returns a phrase that says where it is."""
         folder = self._arguments.out
         if folder is None or self._recent.rows == 0:
             return ""
@@ -293,8 +294,20 @@ class _Session:
 
         make_folder(folder, self._arguments.force)
         about = {**self._about, "interrupted": driven.interrupted, "failure": driven.failure}
-        about["realtime_factor"] = 1.0 if self._pace is None else self._pace.factor
+        about["realtime_factor"] = 1.0 if self._clock is None else self._clock.factor
         about["diagnoses"] = [dataclasses.asdict(d) for d in driven.diagnoses]
         write_trace(folder / "trace.parquet", self._recent.trace(about))
         kept = self._recent.rows * self._plant.period
         return f"; the last {kept:.1f} s of it are in {folder / 'trace.parquet'}"
+
+
+TELEOP = Command(
+    "teleop",
+    "drive the robot by keyboard or gamepad",
+    """examples:
+  omnimj teleop
+  omnimj teleop --plant planar --floor pvc --speed 0.5 --out out/by_hand
+  omnimj teleop --view""",
+    add_arguments,
+    run,
+)

@@ -1,4 +1,4 @@
-"""Makes the standard streams safe to write to: any encoding, a full disk, a reader that has gone."""
+"""Output for terminals and pipes: robust streams, a progress bar, plain-text tables, notices."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ import codecs
 import io
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from pathlib import Path
 from types import TracebackType
-from typing import TextIO
+from typing import Any, TextIO
 
 _ASCII_EQUIVALENTS = {
     "≥": ">=",
@@ -22,7 +23,9 @@ _ASCII_EQUIVALENTS = {
     "█": "#",
     "·": ".",
 }
-_ERROR_HANDLER = "omnimj-plainly"
+_ERROR_HANDLER = "omnimj-ascii"
+_BAR_WIDTH, _PHASE_WIDTH = 32, 38  # with the percentage 80 columns
+_BAR_STEPS = 1000
 
 
 def _replace_unencodable(error: UnicodeError) -> tuple[str, int]:
@@ -33,7 +36,7 @@ def _replace_unencodable(error: UnicodeError) -> tuple[str, int]:
 
 
 def prepare_streams() -> None:
-    """Lets a terminal that has no "≥" show ">=" instead of a traceback."""
+    """Makes terminals without "≥" show ">=" instead of a traceback."""
     codecs.register_error(_ERROR_HANDLER, _replace_unencodable)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
@@ -41,30 +44,28 @@ def prepare_streams() -> None:
 
 
 def flush_output() -> None:
-    """Passes on what was printed; nothing to do for a process that was started without stdout.
+    """Flushes stdout; does nothing in a process that was started without it.
 
     Raises:
-      OSError: Nobody takes it.
+      OSError: The disk is full, or the reader of the pipe has gone.
     """
     if sys.stdout is not None:
         sys.stdout.flush()
 
 
 def drop_output() -> None:
-    """Throws away what stdout still holds if nobody takes it, or Python would complain at its end."""
+    """Discards buffered output that cannot be written; Python would report it at exit."""
     try:
         flush_output()
     except OSError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-# A progress bar on a terminal, nothing in a pipe.
-
-_WIDTH, _PHASE = 32, 38  # columns of the bar, and of what is being done: 80 with the number
-
-
 class ProgressBar:
-    """`with ProgressBar() as bar: …bar.show(done, total)`; the line vanishes at the end."""
+    """Progress bar on a terminal, nothing in a pipe.
+
+    `with ProgressBar() as bar: …bar.show(done, total)`; the line vanishes at the end.
+    """
 
     def __init__(self, stream: TextIO | None = None):
         self._stream = sys.stderr if stream is None else stream
@@ -81,26 +82,27 @@ class ProgressBar:
             self._write("\r\x1b[K")
 
     def show(self, done: int, total: int, phase: str = "") -> None:
-        """Draws the bar when the percentage has changed, or what is being done."""
+        """Draws the bar when the percentage or the phase has changed."""
         percent = 100 * done // total
         if not self._on_terminal or (percent, phase) == self._shown:
             return
         self._shown = (percent, phase)
-        filled = _WIDTH * done // total
-        # the end of a longer phase would stay behind a shorter one
-        words = f"  {phase[:_PHASE]}\x1b[K" if phase else ""
-        self._write(f"\r{'█' * filled}{'·' * (_WIDTH - filled)} {percent:3d} %{words}")
+        filled = _BAR_WIDTH * done // total
+        # clears the rest of the line, where a longer phase may have been
+        words = f"  {phase[:_PHASE_WIDTH]}\x1b[K" if phase else ""
+        self._write(f"\r{'█' * filled}{'·' * (_BAR_WIDTH - filled)} {percent:3d} %{words}")
+
+    def show_share(self, phase: str, share: float) -> None:
+        """Draws the bar for a share of the work, 0 … 1."""
+        self.show(round(_BAR_STEPS * min(max(share, 0.0), 1.0)), _BAR_STEPS, phase)
 
     def _write(self, text: str) -> None:
         self._stream.write(text)
         self._stream.flush()
 
 
-# Plain-text tables, for eyes and for pipes.
-
-
 def format_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Left-aligned columns two spaces apart, without a space at the ends of lines."""
+    """Formats left-aligned columns two spaces apart, without trailing spaces."""
     lines = [list(header), *(list(row) for row in rows)]
     widths = [max(len(line[k]) for line in lines) for k in range(len(header))]
     return "\n".join(
@@ -109,19 +111,33 @@ def format_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     )
 
 
+def format_study(
+    parts: Iterable[str], tables: Iterable[Any], notes: Iterable[str], interrupted: bool, folder: Path
+) -> str:
+    """Joins what a study prints: its sentences, its titled tables, notes, and where the files are.
+
+    Args:
+      parts: Paragraphs before the tables.
+      tables: Records with `title`, `head` and `rows`; empty ones are left out.
+      notes: Paragraphs after the tables.
+      interrupted: Whether Ctrl-C ended the study.
+      folder: Folder of its files.
+    """
+    shown = [f"{one.title}\n{format_table(one.head, one.rows)}" for one in tables if one.rows]
+    resumed = ["interrupted; the same command resumes it"] if interrupted else []
+    return "\n\n".join((*parts, *shown, *notes, *resumed, f"written to {folder}"))
+
+
 def format_value(value: float | None, unit: str = "") -> str:
-    """A number in four digits with its unit; a dash where there is none."""
+    """Formats a number with four digits and its unit; None is a dash."""
     return "–" if value is None else f"{value:.4g} {unit}".rstrip()
 
 
-# Says before the first run on a kind of plant that native code is compiled, and never again.
-
-
 def announce_compilation(plant: str, machine: str, kind: str = "plant") -> None:
-    """One line on stderr before the wait, if there will be one.
+    """Prints one line on stderr if native code must be compiled first, which is the case once.
 
     Args:
-      plant: `twin` or `planar`, or a method.
+      plant: `twin` or `planar`, or the name of a method.
       machine: `uto_robot` or `quarter_rig`.
       kind: `plant` or `method`.
     """
@@ -136,7 +152,7 @@ def announce_compilation(plant: str, machine: str, kind: str = "plant") -> None:
 
 
 def note_compiled(plant: str, machine: str) -> None:
-    """Remembers that a run on this kind of plant got beyond its first step."""
+    """Remembers that the native code for this kind of plant is compiled."""
     from omnimj.physics.native import mark_compiled
 
     mark_compiled(f"{plant}-{machine}")

@@ -1,23 +1,25 @@
-"""`omnimj tune`: gains of cascade, recovery and observer over a batch of randomised runs."""
+"""`omnimj tune`: search of the gains of cascade, recovery and observer over random runs."""
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
 import json
-import math
-import os
 import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omnimj.cli.arguments import (
     ROBOT_MODEL,
-    add_executor,
+    Command,
+    add_seed,
     add_thresholds,
+    add_workers,
     parse_names,
+    positive_number,
     read_gains_file,
     read_thresholds,
+    require_writable,
     whole_number,
 )
 from omnimj.cli.terminal import ProgressBar, announce_compilation, format_table, note_compiled
@@ -27,21 +29,10 @@ if TYPE_CHECKING:
     from omnimj.studies.tuning.study import TuningConfig, TuningResult
 
 INTERRUPTED = 130
-HELP = "search the gains of cascade, recovery and observer over randomised runs and judge them on other seeds"
-EXAMPLE = """examples:
-  omnimj tune nylon_patch degraded_motor circle_8m square_path --out tuned_gains.toml
-  omnimj tune circle_8m --only control --trials 8 --generations 30 --workers 2 --out circle_gains.toml
-  omnimj tune degraded_motor --executor dask:tcp://127.0.0.1:8786 --out gains.toml
-  omnimj run circle_8m --gains tuned_gains.toml
-
-Candidates are driven with seed N, 0 to 99; the result is judged with seed 100 + N, which nothing is tuned
-with: exit code 0 when it is better there, 1 when it is not, and FILE says so.
-Trials are kept in a folder beside FILE: the same command goes on where it was broken off."""
-_FINE = 1000  # steps of the progress bar
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the sub-command."""
+    """Adds the arguments of `omnimj tune`."""
     words = "names from `omnimj scenarios`, or paths to TOML files; of a robot on a flat floor"
     parser.add_argument("scenarios", metavar="SCENARIO", nargs="+", help=words)
     parser.add_argument("--out", metavar="FILE", type=Path, required=True, help="the gains file to write")
@@ -52,35 +43,33 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     words = "least and largest value of a gain, NAME=LOW:HIGH (default: a factor of 4 either way); repeatable"
     parser.add_argument("--bound", metavar="TEXT", action="append", default=[], dest="bounds", help=words)
     parser.add_argument("--plant", metavar="P", default="planar", help="planar (default) or twin")
-    words = "of draws and search, 0 to 99 (default 0); judged with 100 more"
-    parser.add_argument("--seed", metavar="N", type=whole_number(0, 99), default=0, help=words)
-    words = "randomised runs per scenario that each candidate is driven with (default 4)"
+    add_seed(parser, "seed of draws and search, 0 to 99; the result is judged with 100 more", 99)
+    words = "random runs per scenario for each candidate (default 4)"
     parser.add_argument("--trials", metavar="N", type=whole_number(1, 1000), default=4, help=words)
     many = parser.add_mutually_exclusive_group()
-    words = "of the search (default 20)"
+    words = "generations of the search (default 20)"
     many.add_argument("--generations", metavar="N", type=whole_number(1, 10**4), default=20, help=words)
     words = "the same as a number of candidates, in whole generations"
     many.add_argument("--evaluations", metavar="N", type=whole_number(1, 10**6), help=words)
-    words = "randomised runs per scenario that the result is judged with (default 8)"
+    words = "random runs per scenario to judge the result with (default 8)"
     parser.add_argument("--judging", metavar="N", type=whole_number(1, 1000), default=8, help=words)
-    words = "the same on the twin, beside those (default 0)"
+    words = "further judging runs per scenario on the twin (default 0)"
     parser.add_argument("--twin", metavar="N", type=whole_number(0, 1000), default=0, help=words)
-    words = "points per side of the pictures of the cost around the result (default 7; 0: none)"
+    words = "grid points per side of the plots of the cost around the result (default 7; 0: none)"
     parser.add_argument("--landscape", metavar="N", type=_points, default=7, help=words)
-    words = "no sound wheel may be at its largest current for longer (default 0.5)"
-    parser.add_argument("--saturation", metavar="SECONDS", type=_positive, default=0.5, help=words)
-    words = "least of all loops (default 40)"
-    parser.add_argument("--phase-margin", metavar="DEGREES", type=_positive, default=40.0, help=words)
-    words = "most by which a wheel may go beyond a step of its speed, as a share (default 0.3)"
-    parser.add_argument("--overshoot", metavar="SHARE", type=_positive, default=0.3, help=words)
+    limit = positive_number(1e3)
+    words = "longest time at the largest current for a healthy wheel (default 0.5)"
+    parser.add_argument("--saturation", metavar="SECONDS", type=limit, default=0.5, help=words)
+    words = "smallest phase margin of any loop (default 40)"
+    parser.add_argument("--phase-margin", metavar="DEGREES", type=limit, default=40.0, help=words)
+    words = "largest overshoot of a step in wheel speed, as a share (default 0.3)"
+    parser.add_argument("--overshoot", metavar="SHARE", type=limit, default=0.3, help=words)
     words = f"{ROBOT_MODEL} (default: uto_robot)"
     parser.add_argument("--model", metavar="FILE", type=Path, help=words)
-    words = "gains to begin with, as tune writes them (default: the model's and the shipped ones)"
+    words = "initial gains, in a file as tune writes it (default: the model's and the shipped ones)"
     parser.add_argument("--gains", metavar="FILE", type=Path, help=words)
     add_thresholds(parser)
-    words = "processes (default 1)"
-    parser.add_argument("--workers", metavar="N", type=whole_number(1, 256), default=1, help=words)
-    add_executor(parser)
+    add_workers(parser)
     parser.add_argument("--force", action="store_true", help="replace FILE, and trials with other settings")
     words = "print the result as JSON instead of the table"
     parser.add_argument("--json", action="store_true", help=words)
@@ -89,30 +78,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def _points(text: str) -> int:
     found = whole_number(0, 99)(text)
     if found == 1:
-        raise argparse.ArgumentTypeError("found '1'; one point is no picture: 0, or at least 2")
+        raise argparse.ArgumentTypeError("found '1'; must be 0, or at least 2")
     return found
 
 
-def _positive(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0.0 < value <= 1e3:
-        raise argparse.ArgumentTypeError(f"found {text[:40]!r}; must be above 0 and at most 1000")
-    return value
-
-
 def run(arguments: Any) -> int:
-    """Searches, judges, writes, prints.
+    """Searches the gains, judges them, writes gains file and report.
 
     Returns:
       0 when the result is better on the judging seeds, 1 when it is not, 130 after Ctrl-C with every finished
       trial kept.
 
     Raises:
-      InputError: An option out of its range, or an --out that may not be written.
-      SimulationError: A worker died or a trial broke down; what was finished is kept.
+      InputError: An option is out of its range, or --out may not be written.
+      SimulationError: A worker died or a trial broke down; finished trials are kept.
     """
     from omnimj.recording.folder import atomic_file
     from omnimj.studies.tuning.reporting import format_gains_file
@@ -120,24 +99,26 @@ def run(arguments: Any) -> int:
     from omnimj.studies.workers import open_executor
     from omnimj.view.report.tuning import write_tuning_report
 
-    order = _order(arguments)
-    require_writable(order.out, arguments.force)
-    report = order.out.with_name(f"{order.out.stem}_report.html")
+    config = _config(arguments)
+    require_writable(config.out, arguments.force)
+    if not config.out.parent.is_dir():
+        raise InputError(f"--out {config.out}", f"cannot be made, there is no folder {config.out.parent}")
+    report = config.out.with_name(f"{config.out.stem}_report.html")
     require_writable(report, arguments.force)
-    check_config(order)
-    for plant in (order.plant, *(("twin",) if order.twin else ())):
+    check_config(config)
+    for plant in (config.plant, *(("twin",) if config.twin else ())):
         announce_compilation(plant, "uto_robot")
     with open_executor(arguments.executor) as executor, ProgressBar() as bar:
         outcome = run_tuning(
-            order,
-            lambda phrase, share: bar.show(round(_FINE * min(max(share, 0.0), 1.0)), _FINE, phrase),
+            config,
+            bar.show_share,
             executor,
         )
     if outcome is None:
         return INTERRUPTED
-    note_compiled(order.plant, "uto_robot")
+    note_compiled(config.plant, "uto_robot")
     command = shlex.join(["omnimj", *arguments.given])
-    with atomic_file(order.out) as temporary:
+    with atomic_file(config.out) as temporary:
         temporary.write_text(format_gains_file(outcome, command), encoding="utf-8")
     with atomic_file(report) as temporary:
         write_tuning_report(temporary, outcome, command)
@@ -145,7 +126,7 @@ def run(arguments: Any) -> int:
     return 0 if outcome.is_better else 1
 
 
-def _order(arguments: Any) -> TuningConfig:
+def _config(arguments: Any) -> TuningConfig:
     from omnimj.studies.tuning.cost import Limits
     from omnimj.studies.tuning.search import parse_bound, select_gains
     from omnimj.studies.tuning.study import TuningConfig, generations_for
@@ -175,25 +156,8 @@ def _order(arguments: Any) -> TuningConfig:
     )
 
 
-def require_writable(file: Path, force: bool) -> None:
-    """Whether a file may be written; asked before the work.
-
-    Raises:
-      InputError: It is there and `force` is not given, or its folder is not there or read-only.
-    """
-    place = f"--out {file}"
-    if file.is_dir() or not file.name:
-        raise InputError(place, "is a folder", "a file is needed")
-    if os.path.lexists(file) and not force:
-        raise InputError(place, "is there", "choose another name, or --force to replace it")
-    if not file.parent.is_dir():
-        raise InputError(place, f"cannot be made, there is no folder {file.parent}")
-    if not os.access(file.parent, os.W_OK | os.X_OK):
-        raise InputError(place, f"cannot be written, {file.parent.absolute()} is read-only")
-
-
 def _format_tuning(outcome: TuningResult, report: Path) -> str:
-    """Gains before and after, what they are worth on the judging seeds, the verdict."""
+    """Gains before and after, their scores on the judging seeds, and the verdict."""
     from omnimj.studies.tuning.reporting import comparison_rows, format_verdict
 
     rows = [
@@ -234,3 +198,20 @@ def _as_plain(outcome: TuningResult) -> dict[str, Any]:
             "margins": [dataclasses.asdict(margin) for margin in outcome.margins_after],
         }
     )
+
+
+TUNE = Command(
+    "tune",
+    "search the gains of cascade, recovery and observer over random runs, and judge them on other seeds",
+    """examples:
+  omnimj tune nylon_patch degraded_motor circle_8m square_path --out tuned_gains.toml
+  omnimj tune circle_8m --only control --trials 8 --generations 30 --workers 2 --out circle_gains.toml
+  omnimj tune degraded_motor --executor dask:tcp://127.0.0.1:8786 --out gains.toml
+  omnimj run circle_8m --gains tuned_gains.toml
+
+Candidates are driven with seed N, 0 to 99; the result is judged with seed 100 + N, which is never tuned with.
+The exit code is 0 when the result is better there, 1 when it is not; FILE says which.
+Trials are kept in a folder beside FILE: the same command resumes an interrupted search.""",
+    add_arguments,
+    run,
+)

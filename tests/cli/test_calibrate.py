@@ -197,7 +197,7 @@ def test_bad_flags_are_one_line(refused, folder, files, tmp_path):
     assert "required: --out" in refused("calibrate", str(folder), *rate)
     assert "required: --false-alarms-per-hour" in refused("calibrate", str(folder), "--out", "t.toml")
     assert "no such folder" in refused("calibrate", "nowhere", *rate, "--out", "t.toml")
-    assert "is there already" in refused("calibrate", str(folder), *rate, "--out", str(files[0.1]))
+    assert "exists already" in refused("calibrate", str(folder), *rate, "--out", str(files[0.1]))
     assert "is a folder" in refused("calibrate", str(folder), *rate, "--out", str(tmp_path))
     assert "is a dataset's folder" in refused(
         "calibrate", str(folder), *rate, "--out", str(folder / "t.toml")

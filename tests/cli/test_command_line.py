@@ -200,8 +200,10 @@ def test_a_terminal_without_the_signs_shows_others():
     assert done.returncode == 0 and b"<= 0.0168 m" in done.stdout and b">= 0.016 m" in done.stdout
 
 
-@pytest.mark.parametrize(("sink", "code"), [("/dev/full", 2), (None, 0)], ids=["full disk", "closed pipe"])
-def test_output_that_nobody_takes_is_no_traceback(sink, code):
+@pytest.mark.parametrize(
+    ("sink", "codes"), [("/dev/full", (2,)), (None, (0, 141))], ids=["full disk", "closed pipe"]
+)
+def test_output_that_nobody_takes_is_no_traceback(sink, codes):
     if sink and not Path(sink).exists():
         pytest.skip("this system has no /dev/full")
     read_end, write_end = os.pipe() if sink is None else (None, os.open(str(sink), os.O_WRONLY))
@@ -212,7 +214,7 @@ def test_output_that_nobody_takes_is_no_traceback(sink, code):
         [sys.executable, "-c", script], stdout=write_end, stderr=subprocess.PIPE, check=False
     )
     os.close(write_end)
-    assert done.returncode == code and done.stderr.count(b"\n") == (1 if sink else 0)
+    assert done.returncode in codes and done.stderr.count(b"\n") == (1 if sink else 0)
     assert b"Traceback" not in done.stderr
 
 

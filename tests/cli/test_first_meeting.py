@@ -41,9 +41,17 @@ def test_the_help_lists_every_command_once_under_what_it_is_for(capsys):
     assert [heading for heading in headings if heading in GROUPS] == list(GROUPS)
 
 
-def test_every_command_has_its_group():
-    grouped = [name for names in GROUPS.values() for name in names]
-    assert len(grouped) == len(set(grouped)) and set(commands()) <= set(grouped)
+def test_every_command_is_in_one_group():
+    grouped = [command.name for group in GROUPS.values() for command in group]
+    assert len(grouped) == len(set(grouped)) and set(commands()) == set(grouped)
+
+
+@pytest.mark.parametrize("command", [command for group in GROUPS.values() for command in group])
+def test_every_example_of_a_command_is_one_of_its_own_and_parses(command):
+    examples = [line for line in command.epilog.splitlines() if line.startswith("  omnimj ")]
+    assert any(shlex.split(line)[1] == command.name for line in examples)
+    for line in examples:
+        make_parser().parse_args(shlex.split(line.partition(" > ")[0])[1:])
 
 
 @pytest.mark.parametrize("argv", ["[]", "['--help']"])

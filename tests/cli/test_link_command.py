@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json
-import shlex
 
 import pytest
 
-from omnimj.cli import link, link_fuzz
-from omnimj.cli.main import main, make_parser
+from omnimj.cli import link
+from omnimj.cli.main import main
 from omnimj.link.check import fuzz as fuzzing
 
 SHORT = ("link", "fuzz", "--frames", "2000", "--noise", "100000", "--seed", "4")
@@ -33,7 +32,7 @@ def test_a_decoder_that_believes_anything_exits_with_1(capsys, monkeypatch):
 
 
 def test_growing_memory_exits_with_1(capsys, monkeypatch):
-    monkeypatch.setattr(link_fuzz, "_MAX_GROWTH", -1.0)
+    monkeypatch.setattr(link, "_MAX_GROWTH", -1.0)
     assert main([*SHORT, "--json"]) == 1
     assert json.loads(capsys.readouterr().out)["passed"] is False
 
@@ -52,11 +51,3 @@ def test_what_cannot_be_is_one_clear_line(capsys, argv, said):
     assert main(argv) == 2
     out, err = capsys.readouterr()
     assert out == "" and err.count("\n") == 1 and said in err and err.startswith("omnimj link")
-
-
-def test_every_example_is_right():
-    lines = link.EXAMPLE.splitlines()[1:]
-    assert len(lines) == 4
-    for line in lines:
-        program, *argv = shlex.split(line)
-        assert program == "omnimj" and make_parser().parse_args(argv).command == "link"

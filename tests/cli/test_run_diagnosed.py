@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from omnimj.cli.main import main
-from omnimj.cli.run_diagnoses import format_diagnoses
+from omnimj.cli.run_summary import format_diagnoses
 from omnimj.plant.planar import PlanarRobot
 from omnimj.recording.traces import read_trace
 
@@ -59,8 +59,8 @@ def test_false_alarms_and_doubts_are_told():
 
 
 def test_nothing_is_told_in_words():
-    assert told() == "diagnosis: nothing was wrong, and nothing was diagnosed"
-    expected = "diagnosis: nothing was diagnosed; true: motor loss, wheel 1 (loss 57 %) from 0.8 s"
+    assert told() == "diagnosis: no fault, and none was diagnosed"
+    expected = "diagnosis: none; true faults: motor loss, wheel 1 (loss 57 %) from 0.8 s"
     assert told([WEAK]) == expected
     assert told([WEAK], method="off") == ""
 

@@ -64,7 +64,7 @@ def test_ctrl_c_exits_with_130_and_keeps_what_there_is(tmp_path, capsys, monkeyp
     assert main([*SHORT, "--out", str(tmp_path / "out")]) == 130
     told = capsys.readouterr().out
     assert (
-        "interrupted; the same command goes on from here" in told
+        "interrupted; the same command resumes it" in told
         and "0 of " in told
         and "finished (interrupted)" in told
     )

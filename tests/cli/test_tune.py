@@ -108,7 +108,7 @@ def test_ctrl_c_keeps_what_was_driven_and_the_same_command_ends_as_if_it_had_not
 def test_a_file_that_is_there_is_not_replaced_without_force(push, tmp_path, capsys):
     (tmp_path / "g.toml").write_text("mine")
     assert main(push) == 2
-    assert "is there; choose another name, or --force to replace it" in capsys.readouterr().err
+    assert "exists already; choose another file, or --force to replace it" in capsys.readouterr().err
     assert (tmp_path / "g.toml").read_text() == "mine"
 
 

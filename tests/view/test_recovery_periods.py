@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from other_robots import mecanum, star
 
-from omnimj.cli.run_diagnoses import format_recovery
+from omnimj.cli.run_summary import format_recovery
 from omnimj.control.recovery.modes import (
     COMPENSATING,
     MODE_CONSEQUENCES,
