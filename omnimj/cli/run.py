@@ -30,6 +30,7 @@ from omnimj.recording.folder import atomic_file
 from omnimj.resources import models_folder
 
 if TYPE_CHECKING:
+    from omnimj.simulate.loop import Progress
     from omnimj.simulate.plants import LinkOptions
     from omnimj.simulate.run import RunResult
     from omnimj.simulate.scenario.scenario import Scenario
@@ -274,6 +275,7 @@ def drive_comparison(
       methods: From `other_methods`.
       seed: Seed of the sensors' noise, the same for all.
     """
+    from omnimj.simulate.loop import Callbacks
     from omnimj.simulate.run import run_scenario
 
     runs: dict[str, RunResult] = {}
@@ -281,7 +283,7 @@ def drive_comparison(
     try:
         for method in methods:
             with ProgressBar() as bar:
-                run = run_scenario(scenario, plant, method, seed, _phase(bar, method))
+                run = run_scenario(scenario, plant, method, seed, Callbacks(_progress(bar, method)))
             if run.metrics:
                 runs[method] = run
             if run.trace.about["failure"]:
@@ -293,7 +295,7 @@ def drive_comparison(
     return Comparison(runs, failures)
 
 
-def _phase(bar: ProgressBar, method: str) -> Any:
+def _progress(bar: ProgressBar, method: str) -> Progress:
     def show(done: int, total: int) -> None:
         bar.show(done, total, f"method {method}")
 
