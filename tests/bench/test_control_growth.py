@@ -27,6 +27,7 @@ def slipping():
     return record_mission(ROBOT, 10.0, PASSING_SLIP)
 
 
+@pytest.mark.slow
 def test_memory_after_forty_thousand_steps_is_memory_after_twenty_thousand(slipping, monkeypatch):
     monkeypatch.setattr(verdict, "HISTORY_LENGTH", 1)  # an hour's diagnoses in a minute
     monkeypatch.setattr(control_speed, "WARM_UP_MISSIONS", 2)

@@ -100,6 +100,7 @@ def test_it_says_how_far_it_had_to_extrapolate(folder, files, tmp_path, capsys):
     assert read_thresholds(file) == read_thresholds(files[0.1])
 
 
+@pytest.mark.slow
 def test_diagnose_run_and_evaluate_take_them(files, folder, tmp_path, capsys):
     given = ("--thresholds", str(files[0.1]))
     assert main(["diagnose", str(folder), *given, "--json", "--out", str(tmp_path / "d")]) == 0
@@ -114,6 +115,7 @@ def test_diagnose_run_and_evaluate_take_them(files, folder, tmp_path, capsys):
     assert plan["thresholds"]["motor"] == read_thresholds(files[0.1]).motor
 
 
+@pytest.mark.slow
 def test_the_observer_of_a_gains_file_is_the_one_that_is_calibrated_and_that_diagnoses(
     folder, files, tmp_path, capsys
 ):

@@ -35,6 +35,7 @@ def test_healthy_mecanum_wheels_drive_a_circle_and_nothing_is_named(tmp_path):
     assert told["diagnoses"] == []
 
 
+@pytest.mark.slow
 def test_twisted_axles_on_mecanum_wheels_are_no_weak_motor(tmp_path):
     """No number of the robot is what they do; a loss that is learnt for it is not sure enough to be named."""
     told = metrics(tmp_path, "square_path", "twin", "checks={}")

@@ -83,6 +83,7 @@ def driven_by_all(function: Callable[..., Any], tasks: Mapping[str, tuple], dask
     return here
 
 
+@pytest.mark.slow
 def test_an_evaluation_by_processes_by_a_thread_and_by_a_cluster_is_the_same(tmp_path, dask):
     def evaluated(name: str, executor: Executor | None) -> str:
         choice = CasePopulation("manoeuvres", 100, duration=2.5)
@@ -116,6 +117,7 @@ def test_trials_of_a_tuning_are_the_same_by_processes_by_a_thread_and_by_a_clust
     assert here["0_1.0"] != here["0_4.0"] and "facts" in str(here["0_1.0"])
 
 
+@pytest.mark.slow
 def test_runs_of_a_sensitivity_study_are_the_same_by_processes_by_a_thread_and_by_a_cluster(tmp_path, dask):
     file = Path(scenario_file(tmp_path, faults=""))
     tasks = {str(mass): (TrialConfig(str(file)), {"body.mass": mass}, 3) for mass in (20.0, 30.0)}

@@ -218,6 +218,7 @@ def test_no_measurement_stops_a_recovery_and_its_currents_stay_within_limits(wro
         measurement = plant.step(command)
 
 
+@pytest.mark.slow
 def test_the_heading_is_held_as_it_was_when_a_motor_broke():
     """Over five missions, since one may have its largest excursion before anything is known."""
 

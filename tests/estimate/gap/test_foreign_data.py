@@ -83,12 +83,14 @@ def test_rolling_resistance_is_named_with_its_size(tmp_path):
     assert found.value == pytest.approx(0.02, rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_weaker_motor_is_among_those_that_the_data_cannot_tell_apart(tmp_path):
     weak = replace(RIG.motor, torque_constant=0.92 * RIG.motor.torque_constant)
     (effect,) = searched(tmp_path, replace(RIG, motor=weak)).effects
     assert "torque_constant" in (effect.effect, *effect.indistinguishable_from)
 
 
+@pytest.mark.slow
 def test_a_current_that_contradicts_the_motion_is_not_explained_away(tmp_path):
     """The motor is weak, the recorded current that of a strong one: no machine is like that."""
     weak = replace(RIG.motor, torque_constant=0.92 * RIG.motor.torque_constant)

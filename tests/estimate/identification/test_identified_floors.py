@@ -64,6 +64,7 @@ def test_the_curve_s_band_holds_the_truth_over_the_covered_slip(identified, floo
     assert half.max() < 0.1  # a band that holds everything says nothing
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth_about_as_often_as_they_say(rig, floors, measured):
     inside, total = 0, 0
     for floor in FLOORS:

@@ -70,6 +70,7 @@ def test_recordings_are_a_dataset_that_knows_channels_and_floor_and_nothing_else
     assert names(again) == ["case_00001"], "what is missing is driven again"
 
 
+@pytest.mark.slow
 def test_a_perfect_method_gets_everything_right(tmp_path, telling):
     telling(perfect)
     order = EvaluationConfig(tmp_path / "out", SHORT, "perfect", trials=24)

@@ -37,6 +37,7 @@ def done(order: TuningConfig, executor=None, report=quiet) -> TuningResult:
     return outcome
 
 
+@pytest.mark.slow
 def test_a_search_that_was_broken_off_goes_on_and_ends_with_the_identical_file(order, tmp_path):
     whole = InlineExecutor()
     text = format_gains_file(done(order, whole), "omnimj tune")
@@ -62,6 +63,7 @@ def test_a_search_that_was_broken_off_goes_on_and_ends_with_the_identical_file(o
     assert len(again.calls) == 0, "everything was kept"
 
 
+@pytest.mark.slow
 def test_more_generations_are_added_to_those_that_are_there(order):
     first = done(order)
     more = InlineExecutor()
@@ -76,6 +78,7 @@ def test_more_generations_are_added_to_those_that_are_there(order):
     assert 0 < len(more.calls) <= len(fresh.calls) - len(searched)
 
 
+@pytest.mark.slow
 def test_a_thread_finds_what_is_found_at_once(order, tmp_path):
     text = format_gains_file(done(order), "omnimj tune")
     with ThreadPoolExecutor(2) as executor:
@@ -104,6 +107,7 @@ def test_a_gain_that_makes_no_difference_stays_where_it_was(order):
     assert outcome.gains.value(CASCADE[0]) != before.value(CASCADE[0])
 
 
+@pytest.mark.slow
 def test_no_candidate_leaves_the_bounds_that_were_set(order):
     bounds = {"control.speed_proportional": (0.2, 0.35)}
     tried = [one.values[0] for one in done(dataclasses.replace(order, bounds=bounds)).tried]
@@ -114,6 +118,7 @@ def test_no_candidate_leaves_the_bounds_that_were_set(order):
     )
 
 
+@pytest.mark.slow
 def test_a_search_that_begins_with_the_gains_of_a_file_is_that_of_a_robot_that_has_them(order, tmp_path):
     file, model = tmp_path / "first.toml", tmp_path / "robot.toml"
     entry = '[control]\nspeed_integral = { value = 2.0, unit = "A/rad", source = "chosen" }\n'
@@ -144,6 +149,7 @@ def test_the_file_is_read_again_as_the_gains_that_were_found_and_says_where_it_c
     assert "NOT BETTER" in format_gains_file(worse, "") and "better = false" in format_gains_file(worse, "")
 
 
+@pytest.mark.slow
 def test_trials_of_other_settings_are_replaced_with_force_only_and_strange_folders_never(order):
     done(order)
     other = dataclasses.replace(order, seed=1, generations=1, landscape=0)
@@ -158,6 +164,7 @@ def test_trials_of_other_settings_are_replaced_with_force_only_and_strange_folde
     assert (strange.folder / "mine.txt").exists()
 
 
+@pytest.mark.slow
 def test_a_kept_trial_of_another_truth_is_refused_and_one_that_broke_is_driven_again(order):
     done(order)
     files = sorted(order.folder.glob("trial_*"))
