@@ -93,7 +93,7 @@ def test_an_earlier_dataset_is_kept_without_force(two_runs, tmp_path, capsys):
         (["rig_currents", "--out", "x", "--effect", "wheel_misalignment"], "unknown effect of quarter_rig"),
         (
             ["rig_currents", "--out", "x", "--effect", "grade", "--effect", "grade"],
-            "'grade' is there twice; a second one is called grade_2",
+            "'grade' is given twice; a second one is called grade_2",
         ),
         (["rig_currents", "--out", "x", "--model", "no.toml"], "no.toml: no such file"),
         (["rig_currents", "--outt", "x"], "required: --out"),

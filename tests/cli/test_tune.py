@@ -126,7 +126,7 @@ def test_a_file_that_is_there_is_not_replaced_without_force(push, tmp_path, caps
         (["nylon_patch", "--only", "gravity"], "--only: unknown gain 'gravity'; choices: control,"),
         (["nylon_patch", "--plant", "real"], "--plant: unknown plant 'real'; choices: planar, twin"),
         (["nylon_patch", "--plant", "twin", "--twin", "2"], "--twin: found 2; --plant twin judges on it"),
-        (["nylon_patch", "--landscape", "1"], "--landscape: found '1'; one point is no picture"),
+        (["nylon_patch", "--landscape", "1"], "--landscape: found '1'; must be 0, or at least 2"),
         (["nylon_patch", "--bound", "recovery.slip_cap=-1:2"], "the smallest value must be 0 or more"),
         (["nylon_patch", "three_wheel_circle"], "all scenarios must be of one robot: give --model"),
         (["nylon_patch", "--out", "."], "--out .: is a folder; a file is needed"),

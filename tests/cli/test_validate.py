@@ -60,7 +60,7 @@ def test_a_model_with_effects_is_taken_and_differs(folder, tmp_path, capsys):
     model.write_text(shipped + EFFECT, encoding="utf-8")
     arguments = ["validate", str(folder), "--plant", "planar", "--model", str(model)]
     assert main([*arguments, "--out", str(tmp_path / "out")]) == 0
-    assert "the model carries rail_viscous" in capsys.readouterr().out
+    assert "effects of the model: rail_viscous" in capsys.readouterr().out
     told = json.loads((tmp_path / "out" / "validation.json").read_text())
     assert told["effects"] == ["rail_viscous"] and told["mean"]["planar"] > 0.03
 
