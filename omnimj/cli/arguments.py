@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import os
+import shlex
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -54,6 +55,11 @@ ADDRESS = "serial:DEVICE?baud=N or udp:HOST:PORT"
 ROBOT_MODEL = "a shipped robot by name (three_wheel), or a copy of robot.toml with changed values"
 MODEL = "a shipped robot by name (three_wheel), or a copy of robot.toml or rig.toml with changed values"
 """Values of `--model`, without and with the test rig."""
+
+
+def command_line(arguments: Any) -> str:
+    """The command line that repeats the work, as reports and files quote it."""
+    return shlex.join(["omnimj", *arguments.given])
 
 
 def add_floors(parser: argparse.ArgumentParser) -> None:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import json
 import math
-import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,11 +17,12 @@ from omnimj.cli.arguments import (
     add_observer_gains,
     add_results,
     add_thresholds,
+    command_line,
     read_observer_gains,
     read_thresholds,
     require_writable,
 )
-from omnimj.cli.terminal import ProgressBar, announce_compilation, format_table, note_compiled
+from omnimj.cli.terminal import ProgressBar, announce_compilation, format_json, format_table, note_compiled
 from omnimj.errors import InputError
 
 if TYPE_CHECKING:
@@ -79,13 +78,13 @@ def run_diagnose(arguments: Any) -> int:
     from omnimj.recording.folder import atomic_file
     from omnimj.view.report.diagnosis import write_diagnosis_report
 
-    command = shlex.join(["omnimj", *arguments.given])
+    command = command_line(arguments)
     content = diagnoses_json(order, found, command, interrupted)
     write_diagnoses(arguments.out / DIAGNOSE_FILES[0], content)
     with atomic_file(arguments.out / DIAGNOSE_FILES[1]) as temporary:
         write_diagnosis_report(temporary, order, found, sections, command, interrupted)
     if arguments.json:
-        print(json.dumps(content, indent=2, ensure_ascii=False))
+        print(format_json(content))
     else:
         print(_format_diagnosis(order, found, interrupted, arguments.out))
     return 130 if interrupted else 0
@@ -225,10 +224,10 @@ def run_calibrate(arguments: Any) -> int:
     with ProgressBar() as bar:
         found = calibrate(order, arguments.rate, bar.show)
     note_compiled(order.method, order.dataset.plant)
-    command = shlex.join(["omnimj", *arguments.given])
+    command = command_line(arguments)
     write_thresholds(arguments.out, thresholds_toml(found, order.dataset, command))
     if arguments.json:
-        print(json.dumps(calibration_json(found, order.dataset, command), indent=2, ensure_ascii=False))
+        print(format_json(calibration_json(found, order.dataset, command)))
     else:
         print(_format_calibration(found, order, arguments.out))
     return 0

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
-import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import Command, add_floors, add_results, add_seed, parse_names, whole_number
-from omnimj.cli.terminal import ProgressBar, format_study, format_table
+from omnimj.cli.arguments import (
+    Command,
+    add_floors,
+    add_results,
+    add_seed,
+    command_line,
+    parse_names,
+    whole_number,
+)
+from omnimj.cli.terminal import ProgressBar, format_json, format_study, format_table
 from omnimj.errors import InputError, SimulationError
 
 if TYPE_CHECKING:
@@ -110,7 +116,7 @@ def _new_texts(arguments: Any, finding: Finding) -> tuple[dict[str, str], InputE
 
 def _write_and_print(arguments: Any, finding: Finding) -> int:
     """Writes and prints the finding, however the search ended."""
-    command = shlex.join(["omnimj", *arguments.given])
+    command = command_line(arguments)
     texts, refused = _new_texts(arguments, finding)
     content = write_outputs(arguments.out, arguments.force, finding, arguments.model, command, texts)
     if refused is not None:
@@ -118,7 +124,7 @@ def _write_and_print(arguments: Any, finding: Finding) -> int:
     if finding.failure and finding.failure != _INTERRUPTED:
         raise SimulationError(f"{finding.failure}; everything found until then is in {arguments.out}")
     if arguments.json:
-        print(json.dumps(content, indent=2, ensure_ascii=False))
+        print(format_json(content))
     else:
         print(format_finding(finding, arguments.out, content))
     return 130 if finding.failure else 0

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import json
-import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import Command, add_floors, add_results
-from omnimj.cli.terminal import ProgressBar, announce_compilation, format_table, note_compiled
+from omnimj.cli.arguments import Command, add_floors, add_results, command_line
+from omnimj.cli.terminal import ProgressBar, announce_compilation, format_json, format_table, note_compiled
 from omnimj.errors import UnknownNameError
 
 if TYPE_CHECKING:
@@ -54,13 +52,9 @@ def run_identify(arguments: Any) -> int:
         found = identify(dataset, rig, bar.show)
     if found.interrupted and not found.floors:
         return 130
-    content = identification_content(found, shlex.join(["omnimj", *arguments.given]))
+    content = identification_content(found, command_line(arguments))
     _write_identification(arguments, found, content)
-    print(
-        json.dumps(content, indent=2, ensure_ascii=False)
-        if arguments.json
-        else _format_identification(found, arguments.out)
-    )
+    print(format_json(content) if arguments.json else _format_identification(found, arguments.out))
     return 130 if found.interrupted else 0
 
 
@@ -156,13 +150,9 @@ def run_validate(arguments: Any) -> int:
         return 130
     for plant in plants:
         note_compiled(plant, "quarter_rig")
-    content = validation_content(found, shlex.join(["omnimj", *arguments.given]))
+    content = validation_content(found, command_line(arguments))
     _write_validation(arguments, found, content)
-    print(
-        json.dumps(content, indent=2, ensure_ascii=False)
-        if arguments.json
-        else _format_validation(found, arguments.out)
-    )
+    print(format_json(content) if arguments.json else _format_validation(found, arguments.out))
     return 130 if found.interrupted else 0
 
 

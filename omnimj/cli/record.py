@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import json
-import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import Command, add_floors, add_seed, whole_number
-from omnimj.cli.terminal import ProgressBar, announce_compilation, note_compiled
+from omnimj.cli.arguments import Command, add_floors, add_seed, command_line, whole_number
+from omnimj.cli.terminal import ProgressBar, announce_compilation, format_json, note_compiled
 from omnimj.errors import InputError
 
 if TYPE_CHECKING:
@@ -118,9 +116,9 @@ def _json(arguments: Any, recorded: RecordingResult) -> str:
         "planned": recorded.planned,
         "samples": recorded.samples,
         "interrupted": recorded.interrupted,
-        "command": shlex.join(["omnimj", *arguments.given]),
+        "command": command_line(arguments),
     }
-    return json.dumps(summary, indent=2, ensure_ascii=False)
+    return format_json(summary)
 
 
 def _format_recorded(arguments: Any, suite: Suite, recorded: RecordingResult) -> str:

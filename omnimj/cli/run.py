@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
-import shlex
 import sys
 import tempfile
 from collections.abc import Mapping
@@ -21,10 +20,11 @@ from omnimj.cli.arguments import (
     add_gains,
     add_thresholds,
     add_wire,
+    command_line,
     read_thresholds,
     read_wire,
 )
-from omnimj.cli.terminal import ProgressBar, announce_compilation, note_compiled
+from omnimj.cli.terminal import ProgressBar, announce_compilation, format_json, note_compiled
 from omnimj.errors import InputError, SimulationError
 from omnimj.recording.folder import atomic_file
 from omnimj.resources import models_folder
@@ -49,7 +49,7 @@ def run_scenarios(arguments: Any) -> int:
 
     described = list_scenarios()
     if arguments.json:
-        print(json.dumps(described, indent=2, ensure_ascii=False))
+        print(format_json(described))
         return 0
     width = max(map(len, described), default=0)
     for name, description in described.items():
@@ -176,7 +176,7 @@ def _write_and_print(arguments: Any, finished: RunResult, live: LiveRun | None, 
     """Delivers a run of two rows or more, however it ended."""
     failure = finished.trace.about["failure"]
     finished.metrics["failure"] = failure
-    finished.metrics["command"] = shlex.join(["omnimj", *arguments.given])
+    finished.metrics["command"] = command_line(arguments)
     if others.runs:
         finished.metrics["compared"] = comparison_metrics(others)
     if arguments.out is not None:

@@ -105,11 +105,7 @@ def run_evaluate(arguments: Any) -> int:
     for plant in choice.plants:
         announce_compilation(plant, "uto_robot")
     with open_executor(arguments.executor) as executor, ProgressBar() as bar:
-        outcome = run_evaluation(
-            order,
-            bar.show_share,
-            executor,
-        )
+        outcome = run_evaluation(order, bar.show_share, executor)
     for plant in {score.plant for score in outcome.scores}:
         note_compiled(plant, "uto_robot")
     with atomic_file(arguments.out / REPORT) as temporary:
@@ -197,11 +193,7 @@ def run_sensitivity(arguments: Any) -> int:
     announce_compilation(order.trial.plant, scenario.plant)
     check_config(order)
     with open_executor(arguments.executor) as executor, ProgressBar() as bar:
-        outcome = run_sensitivity(
-            order,
-            bar.show_share,
-            executor,
-        )
+        outcome = run_sensitivity(order, bar.show_share, executor)
     if outcome.runs:
         note_compiled(order.trial.plant, scenario.plant)
     write_sensitivity_files(arguments.out, outcome)

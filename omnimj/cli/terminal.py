@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import io
+import json
 import os
 import sys
 from collections.abc import Iterable, Sequence
@@ -109,6 +110,11 @@ def format_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
         "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
         for line in lines
     )
+
+
+def format_json(content: Any) -> str:
+    """Formats a JSON value for people: indented, with signs such as µ as they are."""
+    return json.dumps(content, indent=2, ensure_ascii=False)
 
 
 def format_study(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import json
-import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +14,7 @@ from omnimj.cli.arguments import (
     add_seed,
     add_thresholds,
     add_workers,
+    command_line,
     parse_names,
     positive_number,
     read_gains_file,
@@ -117,7 +117,7 @@ def run(arguments: Any) -> int:
     if outcome is None:
         return INTERRUPTED
     note_compiled(config.plant, "uto_robot")
-    command = shlex.join(["omnimj", *arguments.given])
+    command = command_line(arguments)
     with atomic_file(config.out) as temporary:
         temporary.write_text(format_gains_file(outcome, command), encoding="utf-8")
     with atomic_file(report) as temporary:

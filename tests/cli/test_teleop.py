@@ -25,8 +25,9 @@ termios = pytest.importorskip("termios")
 
 
 _PROGRAM = """
-import fcntl, sys, termios
+import fcntl, signal, sys, termios
 fcntl.ioctl(0, termios.TIOCSCTTY, 0)  # Ctrl-C and hang-ups come from this terminal
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where the tests run in the background
 from omnimj.cli.main import main
 sys.exit(main(sys.argv[1:]))
 """
