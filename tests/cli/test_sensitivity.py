@@ -8,7 +8,6 @@ import re
 
 import pytest
 
-from omnimj.cli import sensitivity as command
 from omnimj.cli.main import main
 from omnimj.studies import runner
 from omnimj.studies.sensitivity import study
@@ -115,7 +114,3 @@ def test_bad_flags_are_one_line(refused, argv, told):
 def test_out_must_be_empty(refused, tmp_path):
     (tmp_path / "mine.txt").touch()
     assert "is not empty" in refused("sensitivity", "nylon_patch", "--out", str(tmp_path))
-
-
-def test_the_help_says_who_gets_the_changed_numbers():
-    assert "The PLANT gets" in command.EXAMPLE and "believing the model file" in command.EXAMPLE
