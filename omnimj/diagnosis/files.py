@@ -1,10 +1,9 @@
-"""`diagnoses.json`: what a method says of each run of a dataset."""
+"""Files of diagnosis and calibration: `diagnoses.json`, `thresholds.toml` and the sentences beside it."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -14,32 +13,32 @@ from omnimj.control.detection.robust.thresholds import THRESHOLD_UNITS
 from omnimj.diagnosis.calibration import ADVISED_HOURS, Calibration
 from omnimj.diagnosis.replay import DiagnosisConfig, RunDiagnosis
 from omnimj.recording.dataset import Dataset
-from omnimj.recording.folder import atomic_file
+from omnimj.recording.json_files import to_jsonable, write_json, write_text
 from omnimj.signals import Diagnosis
 
 
 def diagnoses_json(
-    order: DiagnosisConfig, found: Sequence[RunDiagnosis], command: str, interrupted: bool
+    config: DiagnosisConfig, found: Sequence[RunDiagnosis], command: str, interrupted: bool
 ) -> dict[str, Any]:
-    """The content of `diagnoses.json`.
+    """Return the content of `diagnoses.json`.
 
     Args:
-      order: What was asked for.
-      found: Runs that were finished.
-      command: The command line that makes it again.
+      config: Settings of the diagnosis.
+      found: Finished runs.
+      command: Command line that repeats it.
       interrupted: Whether runs are missing.
     """
     return {
-        "dataset": str(order.dataset.path),
-        "plant": order.dataset.plant,
-        "model": str(order.machine.constants.file),
-        "method": order.method,
-        "thresholds": None if order.thresholds is None else dataclasses.asdict(order.thresholds),
-        "observer": None if order.observer is None else dataclasses.asdict(order.observer),
+        "dataset": str(config.dataset.path),
+        "plant": config.dataset.plant,
+        "model": str(config.machine.constants.file),
+        "method": config.method,
+        "thresholds": None if config.thresholds is None else dataclasses.asdict(config.thresholds),
+        "observer": None if config.observer is None else dataclasses.asdict(config.observer),
         "version": omnimj.__version__,
         "command": command,
         "interrupted": interrupted,
-        "notes": list(order.dataset.notes),
+        "notes": list(config.dataset.notes),
         "runs": {
             one.name: {
                 "diagnoses": [diagnosis_record(diagnosis) for diagnosis in one.diagnoses],
@@ -53,34 +52,17 @@ def diagnoses_json(
 
 
 def diagnosis_record(diagnosis: Diagnosis) -> dict[str, Any]:
-    """One diagnosis with lists where JSON has no tuples, and null where it has no NaN."""
-    plain = dataclasses.asdict(diagnosis)
-    return {key: _plain(value) for key, value in plain.items()}
+    """Return a diagnosis in JSON's own types, with null for NaN."""
+    return to_jsonable(dataclasses.asdict(diagnosis))
 
 
-def _plain(value: Any) -> Any:
-    if isinstance(value, tuple):
-        return [_plain(one) for one in value]
-    if isinstance(value, str) or value is None:
-        return value
-    if isinstance(value, int) and not isinstance(value, bool):
-        return int(value)
-    return float(value) if math.isfinite(value) else None
-
-
-def write_diagnoses(path: Path, told: dict[str, Any]) -> None:
-    """Writes `diagnoses.json`, in full or not at all."""
-    with atomic_file(path) as temporary:
-        temporary.write_text(
-            json.dumps(told, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8"
-        )
-
-
-# A calibration as `thresholds.toml`, as JSON, and in words.
+def write_diagnoses(path: Path, content: dict[str, Any]) -> None:
+    """Write `diagnoses.json`, in full or not at all."""
+    write_json(path, content)
 
 
 def calibration_json(found: Calibration, dataset: Dataset, command: str) -> dict[str, Any]:
-    """What `--json` prints."""
+    """Return the calibration as `--json` prints it."""
     return {
         "dataset": str(dataset.path),
         "false_alarms_per_hour": found.rate,
@@ -106,8 +88,8 @@ def calibration_json(found: Calibration, dataset: Dataset, command: str) -> dict
 
 
 def thresholds_toml(found: Calibration, dataset: Dataset, command: str) -> str:
-    """The content of `thresholds.toml`; every number comes back bit for bit."""
-    lines = ["# Thresholds of the robust method from fault-free recordings; what is not here is as shipped."]
+    """Return the content of `thresholds.toml`; every number is read back exactly."""
+    lines = ["# Thresholds of the robust method from fault-free recordings; the others are as shipped."]
     lines += [f"# {words}" for words in format_calibration(found)]
     lines += ["", "[thresholds]"]
     for one in found.set:
@@ -132,40 +114,37 @@ def thresholds_toml(found: Calibration, dataset: Dataset, command: str) -> str:
 
 
 def _quoted(text: str) -> str:
-    """A basic string of TOML; JSON's escapes are among TOML's."""
+    """Return a basic TOML string, whose escapes include those of JSON."""
     return json.dumps(text).replace("\x7f", "\\u007f")
 
 
 def format_calibration(found: Calibration) -> list[str]:
-    """How far these thresholds may be trusted."""
+    """Say how far these thresholds can be trusted."""
     once = f"one in {1.0 / found.rate:.3g} h"
     if found.extrapolated <= 1.0:
         reach = "the recordings are longer than that"
     else:
         reach = f"extrapolated {found.extrapolated:.3g}-fold along exponential tails"
-    where = (
-        f"they hold for what was recorded, here on {', '.join(found.floors)}, and promise nothing elsewhere"
-    )
-    asked = f"{found.rate:g} false alarms per hour of motion ({once})"
-    return [f"{asked} from {found.hours:.3g} h of motion: {reach}", where, *calibration_warnings(found)]
+    where = f"they hold for conditions like the recorded ones, here on {', '.join(found.floors)}, not beyond"
+    goal = f"{found.rate:g} false alarms per hour of motion ({once})"
+    return [f"{goal} from {found.hours:.3g} h of motion: {reach}", where, *calibration_warnings(found)]
 
 
 def calibration_warnings(found: Calibration) -> list[str]:
-    """What a reader must know, one sentence each."""
-    said = []
+    """Return the warnings of a calibration, one sentence each."""
+    sentences = []
     if found.hours < ADVISED_HOURS:
-        said.append(
+        sentences.append(
             f"warning: {found.hours:.3g} h of motion are less than {ADVISED_HOURS:g} h; "
-            "record longer before these thresholds are relied on"
+            "record longer before relying on these thresholds"
         )
     for name, many in found.told:
         diagnoses = "diagnosis" if many == 1 else "diagnoses"
-        said.append(f"warning: in run {name} there would still be {many} {diagnoses}: is it free of faults?")
-    return said
+        sentences.append(f"warning: run {name} still has {many} {diagnoses}: is it free of faults?")
+    return sentences
 
 
 def write_thresholds(path: Path, text: str) -> None:
-    """Writes the file, in full or not at all."""
+    """Write the file with its folder, in full or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_file(path) as temporary:
-        temporary.write_text(text, encoding="utf-8", newline="\n")
+    write_text(path, text)

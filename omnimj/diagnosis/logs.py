@@ -1,4 +1,4 @@
-"""What the logs of each machine hold for a method, and the method for each run."""
+"""Logs of each machine for a fault detector: channels, detector, samples at the controller's rate."""
 
 from __future__ import annotations
 
@@ -27,41 +27,41 @@ PLANTS = ("uto_robot", "quarter_rig")
 
 @dataclass(frozen=True)
 class Machine:
-    """A machine as a method believes it to be, and how its logs become measurements."""
+    """Nominal machine of a detector, and how its logs become measurements."""
 
     constants: Robot | Rig
     channels: tuple[str, ...]
-    """Columns that a method gets, in this order."""
+    """Columns that the detector gets, in this order."""
     targets: tuple[str, ...]
-    """Columns of set currents."""
+    """Columns of commanded currents."""
     angles: tuple[str, ...]
-    """Channels that may be wrapped into one turn."""
+    """Channels in rad that may be wrapped to one turn."""
     measurement: Callable[[float, Array], Measurement | RigMeasurement]
-    """Time [s] and a row of channels as a measurement."""
+    """Converts time [s] and a row of channels, shape (channels,), to a measurement."""
 
     @property
     def period(self) -> float:
-        """Of the controller [s]."""
+        """Control period [s]."""
         return 1.0 / self.constants.sensors.sample_rate
 
     @property
     def has_gyro(self) -> bool:
-        """Whether a gyro's bias is to be found."""
+        """Whether the machine has a gyro, whose bias is estimated."""
         return "yaw_rate" in self.channels
 
 
 def read_machine(dataset: Dataset, model: Path | None = None) -> Machine:
-    """The machine of a dataset.
+    """Read the machine of a dataset.
 
     Raises:
-      InputError: Nothing can be diagnosed on it, or its model file breaks a rule.
+      InputError: No method diagnoses this machine, or its model file breaks a rule.
     """
     if dataset.plant == "quarter_rig":
         rig = read_rig(model)
         return Machine(rig, RIG_CHANNELS, ("current_target",), (), _rig_measurement)
     if dataset.plant != "uto_robot":
         found = f"plant is {dataset.plant!r}"
-        raise InputError(dataset.path, found, "only wheels can be diagnosed", PLANTS)
+        raise InputError(dataset.path, found, "only machines with wheels can be diagnosed", PLANTS)
     robot, n = read_robot(model), dataset.wheels
     if len(robot.wheels) != n:
         found = f"has {len(robot.wheels)} [[wheels]]"
@@ -72,23 +72,23 @@ def read_machine(dataset: Dataset, model: Path | None = None) -> Machine:
     return Machine(robot, robot_channels(n), targets, ("yaw",), _robot_measurement)
 
 
-def resolve_method(asked: str | None, machine: Machine) -> str:
-    """The method that was asked for, or the usual one.
+def resolve_method(name: str | None, machine: Machine) -> str:
+    """Return the name of the method, by default the first one for this machine.
 
     Raises:
-      UnknownNameError: No such method.
-      InputError: It diagnoses nothing, or not this machine.
+      UnknownNameError: The method does not exist.
+      InputError: The method does not diagnose, or not this machine.
     """
     is_rig = isinstance(machine.constants, Rig)
-    names = tuple(name for name in (RIG_METHODS if is_rig else METHODS) if name != "off")
-    if asked is None:
+    names = tuple(one for one in (RIG_METHODS if is_rig else METHODS) if one != "off")
+    if name is None:
         return names[0]
-    if asked in names:
-        return asked
-    if asked not in METHODS:
-        raise UnknownNameError("--method", "method", asked, names)
-    rule = "it diagnoses nothing" if asked == "off" else "the rig has one wheel"
-    raise InputError("--method", f"found {asked!r}", rule, names)
+    if name in names:
+        return name
+    if name not in METHODS:
+        raise UnknownNameError("--method", "method", name, names)
+    rule = "it diagnoses nothing" if name == "off" else "the rig has one wheel"
+    raise InputError("--method", f"found {name!r}", rule, names)
 
 
 def make_detector(
@@ -99,10 +99,10 @@ def make_detector(
     thresholds: Thresholds | None = None,
     observer: ObserverGains | None = None,
 ) -> FaultDetector:
-    """The method for one run: on its floor, with its mass where it states one.
+    """Make the detector of one run, for its floor and, where stated, its mass.
 
     Raises:
-      UnknownNameError: No such method.
+      UnknownNameError: The method does not exist.
       InputError: The method is not for this machine, or the thresholds are not for the method.
     """
     constants, mass = machine.constants, run.conditions.get("mass")
@@ -111,11 +111,11 @@ def make_detector(
         constants = dataclasses.replace(constants, body=body)
     load = None if mass is None else float(mass)
     floor = floors[str(run.conditions["floor"])]
-    believed = DetectorConfig(constants, floor, load, thresholds=thresholds, observer=observer)
-    method = detector_for(name, believed)
-    if method is None:
+    config = DetectorConfig(constants, floor, load, thresholds=thresholds, observer=observer)
+    detector = detector_for(name, config)
+    if detector is None:
         raise InputError("--method", f"found {name!r}", "it diagnoses nothing")
-    return method
+    return detector
 
 
 def _robot_measurement(time: float, row: Array) -> Measurement:
@@ -134,131 +134,131 @@ def _rig_measurement(time: float, row: Array) -> RigMeasurement:
     return RigMeasurement(time, *row.tolist())
 
 
-# A recorded run as the controller would have sampled it: masked rows left out, pieces between gaps.
-
 MIN_RATE = 100.0
-"""Samples per second that a log has at least: a block of the robust method is 10 ms."""
+"""Lowest sample rate of a log, one sample per block of the robust method [1/s]."""
 MIN_COMMAND_RATE = 500.0
-"""Samples per second from which logged set currents tell what the amplifiers had to follow [Hz]: between two
-slower samples a speed loop changes its mind many times."""
+"""Lowest sample rate at which logged commanded currents are used, since the wheel-speed loop changes them
+between slower samples [1/s]."""
 LONGEST_BRIDGE = 0.02
-"""The longest gap that is interpolated across [s]."""
+"""Longest gap that is interpolated [s]."""
 MAX_VALUE = 1e4
-"""Beyond any sensor of such machines, in whatever unit: larger numbers are limited to it."""
-_ALIKE = 0.005  # of the period: a log at the controller's own rate
-_UNEVEN = 0.5  # of the period
-_QUARTER = 0.25  # of the period: how far a logger's clock may be off the controller's
-_ROUNDING = 1e-6  # [s] of times that were written with few digits
+"""Limit of all channels in their units, beyond any sensor of such machines."""
+_ALIKE = 0.005  # largest deviation of a log at the controller's own rate, relative to the period
+_UNEVEN = 0.5  # largest jitter of a step, relative to the period
+_QUARTER = 0.25  # largest offset of the logger's clock to the controller's, relative to the period
+_ROUNDING = 1e-6  # rounding error of logged times [s]
 
 
 @dataclass(frozen=True)
 class Segment:
-    """A stretch of a run without a gap, at the controller's rate, k samples."""
+    """Segment of a run without a gap, with k samples at the controller's rate."""
 
     time: Array
     """Shape (k,) [s]."""
     columns: Array
-    """The channels, shape (k, channels)."""
+    """Channels, shape (k, channels)."""
     command: Array | None
-    """Set currents of the period that each sample ends, shape (k, n) [A]; None where nobody knows."""
+    """Commanded currents of the period that each sample ends, shape (k, n) [A]; None if unknown."""
 
 
 @dataclass(frozen=True)
 class SampledRun:
-    """A whole run."""
+    """Run at the controller's rate, split at its gaps."""
 
     pieces: tuple[Segment, ...]
     notes: tuple[str, ...]
-    """What a reader should know, one sentence each."""
+    """Notes for the reader, one sentence each."""
 
     @property
     def samples(self) -> int:
-        """All pieces together."""
-        return sum(len(piece.time) for piece in self.pieces)
+        """Number of samples in all segments."""
+        return sum(len(segment.time) for segment in self.pieces)
 
 
 def sample_rate(run: Run) -> float:
-    """Samples per second, by the median step."""
+    """Return the sample rate of a run by its median step [1/s]."""
     return 1.0 / float(np.median(np.diff(run.time)))
 
 
 def require_rates(dataset: Dataset) -> None:
-    """Whether every run is sampled often enough.
+    """Check that every run is sampled fast enough.
 
     Raises:
-      InputError: One is not.
+      InputError: A run is not.
     """
     for run in dataset.runs:
         rate = sample_rate(run)
         if rate < MIN_RATE * (1.0 - _ALIKE):
-            rule = f"at least {MIN_RATE:g} samples per second are needed to diagnose from"
+            rule = f"diagnosis needs at least {MIN_RATE:g} samples per second"
             raise InputError(f"{dataset.path}: run {run.name!r}", f"has {rate:.4g} per second", rule)
 
 
 def resample(
     run: Run, channels: Sequence[str], targets: Sequence[str], period: float, angles: Sequence[str] = ()
 ) -> SampledRun:
-    """A run at the controller's rate.
+    """Sample a run at the controller's rate: masked rows are left out, short gaps interpolated.
 
     Args:
-      run: At least `MIN_RATE` samples per second.
-      channels: Columns that the method gets; a row with a masked one is left out.
-      targets: Columns of the set currents; they count when the run has all of them.
-      period: Of the controller [s].
-      angles: Channels in rad that may be wrapped into one turn.
+      run: Run with at least `MIN_RATE` samples per second.
+      channels: Columns for the detector; a row with a masked entry is left out.
+      targets: Columns of the commanded currents, used if the run has all of them.
+      period: Control period [s].
+      angles: Channels in rad that may be wrapped to one turn.
     """
     keep = ~np.any([run.masked.get(name, np.zeros(len(run.time), bool)) for name in channels], axis=0)
     time = run.time[keep]
     values = np.column_stack([_unwrapped(run, name, angles)[keep] for name in channels])
-    asked, notes = _asked(run, targets)
+    commands, notes = _commands(run, targets)
     wild = [name for name, column in zip(channels, values.T, strict=True) if np.abs(column).max() > MAX_VALUE]
     if wild:
-        notes.append(f"run {run.name}: {', '.join(wild)} beyond ±{MAX_VALUE:g} was limited to that")
+        notes.append(f"run {run.name}: {', '.join(wild)} beyond ±{MAX_VALUE:g} clipped")
         values = np.clip(values, -MAX_VALUE, MAX_VALUE)
     breaks = np.flatnonzero(np.diff(time) > LONGEST_BRIDGE + _ROUNDING) + 1
-    pieces, made, rate = [], False, sample_rate(run)
+    segments, made, rate = [], False, sample_rate(run)
     for rows in np.split(np.arange(len(time)), breaks):
         if len(rows) < 2:
             continue
-        piece, interpolated = _piece(time[rows], values[rows], period)
+        segment, interpolated = _segment(time[rows], values[rows], period)
         made = made or interpolated
-        command = None if asked is None else _held(run.time, asked, piece.time - (1.0 - _QUARTER) * period)
+        command = (
+            None if commands is None else _held(run.time, commands, segment.time - (1.0 - _QUARTER) * period)
+        )
         for k, name in enumerate(channels):
             if name in angles:
-                piece.columns[:, k] %= 2.0 * math.pi
-        pieces.append(Segment(piece.time, piece.columns, command))
+                segment.columns[:, k] %= 2.0 * math.pi
+        segments.append(Segment(segment.time, segment.columns, command))
     lost = int((~keep).sum())
     if lost:
-        notes.append(f"run {run.name}: {lost} of {len(keep)} rows are masked and were left out")
+        notes.append(f"run {run.name}: {lost} of {len(keep)} rows are masked and left out")
     if made and abs(rate * period - 1.0) > _ALIKE:
         rates = f"from {rate:.4g} to {1.0 / period:.4g} samples per second"
         notes.append(f"run {run.name}: interpolated linearly {rates}")
     elif made:
         words = f"gaps of up to {1000.0 * LONGEST_BRIDGE:g} ms"
-        notes.append(f"run {run.name}: {words} were interpolated across")
-    return SampledRun(tuple(pieces), tuple(notes))
+        notes.append(f"run {run.name}: {words} interpolated")
+    return SampledRun(tuple(segments), tuple(notes))
 
 
 def _unwrapped(run: Run, name: str, angles: Sequence[str]) -> Array:
     if name not in angles:
         return run.columns[name]
-    # an angle may be counted on over many turns
+    # an angle may also be logged unwrapped, over many turns
     whole = np.unwrap(run.columns[name])
     return whole - 2.0 * math.pi * np.round(whole[0] / (2.0 * math.pi))
 
 
-def _asked(run: Run, targets: Sequence[str]) -> tuple[Array | None, list[str]]:
-    """Set currents by row, shape (k, n), and what there is to say about them."""
+def _commands(run: Run, targets: Sequence[str]) -> tuple[Array | None, list[str]]:
+    """Return the commanded currents of all rows, shape (k, n), with notes; None if they are not used."""
     if not targets or not all(name in run.columns for name in targets):
         return None, []
     if sample_rate(run) < MIN_COMMAND_RATE * (1.0 - _ALIKE):
-        words = f"below {MIN_COMMAND_RATE:g} samples per second set currents tell nothing and are not used"
+        words = f"commanded currents are not used below {MIN_COMMAND_RATE:g} samples per second"
         return None, [f"run {run.name}: {words}"]
     return np.column_stack([run.columns[name] for name in targets]), []
 
 
-def _piece(time: Array, values: Array, period: float) -> tuple[Segment, bool]:
-    """The rows as they are at the controller's rate, else interpolated; and whether they were."""
+def _segment(time: Array, values: Array, period: float) -> tuple[Segment, bool]:
+    """Return the rows as a segment, and whether they were interpolated to the controller's rate."""
     steps = np.diff(time)
     is_alike = abs(steps.mean() - period) <= _ALIKE * period and steps.max() <= (1.0 + _UNEVEN) * period
     if is_alike:
@@ -268,12 +268,20 @@ def _piece(time: Array, values: Array, period: float) -> tuple[Segment, bool]:
     return Segment(grid, columns, None), True
 
 
-def _held(time: Array, asked: Array, at: Array) -> Array:
-    """The set currents that held at given times; before the first row those of the first."""
+def _held(time: Array, commands: Array, at: Array) -> Array:
+    """Return the commanded currents that held at given times; before the first row those of the first."""
     rows = np.searchsorted(time, at, side="right")
-    return np.ascontiguousarray(asked[np.maximum(rows - 1, 0)])
+    return np.ascontiguousarray(commands[np.maximum(rows - 1, 0)])
 
 
 def rows_at(sampled_time: Array, time: Array) -> NDArray[np.int64]:
-    """For each of the log's rows the newest sample until then, 0 before the first, shape (k,)."""
+    """Return the index of the newest sample at each row of the log, 0 before the first.
+
+    Args:
+      sampled_time: Times of the samples, shape (m,) [s].
+      time: Times of the rows, shape (k,) [s].
+
+    Returns:
+      Shape (k,).
+    """
     return np.maximum(np.searchsorted(sampled_time, time + _ROUNDING, side="right") - 1, 0)

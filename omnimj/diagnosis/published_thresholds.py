@@ -1,7 +1,7 @@
-"""Set the published method's thresholds from twin runs: `python -m omnimj.diagnosis.published_thresholds`.
+"""Thresholds of the published method from twin runs: `python -m omnimj.diagnosis.published_thresholds`.
 
-Prints the content of `models/published_thresholds.toml`. As in sections 5.2 and 5.3: the largest residual of
-fault-free runs, for the force residuals of runs with slip too, on natural stone, with training seeds.
+Prints the content of `models/published_thresholds.toml`. A threshold is the largest residual of fault-free
+runs, for force residuals also of runs with slip, on natural stone with training seeds (sections 5.2 and 5.3).
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class TrainingRun:
 
     @property
     def is_rig(self) -> bool:
-        """Whether the rig is driven, not the robot."""
+        """Whether the run is one of the rig."""
         return self.scenario.is_rig
 
 
@@ -131,7 +131,7 @@ def fault_free_thresholds(variant: str, plant: str = "twin") -> PublishedThresho
 
 
 def as_toml(variant: str, thresholds: PublishedThresholds) -> str:
-    """One table of `published_thresholds.toml`."""
+    """Return one table of `published_thresholds.toml`."""
     lines = [f"[{variant}]"]
     for field in dataclasses.fields(PublishedThresholds):
         value, unit = getattr(thresholds, field.name), field.metadata["unit"]
