@@ -99,10 +99,10 @@ def make_detector(
     thresholds: Thresholds | None = None,
     observer: ObserverGains | None = None,
 ) -> FaultDetector:
-    """Make the detector of one run, for its floor and, where stated, its mass.
+    """The method for one run: on its floor, with its mass where it states one.
 
     Raises:
-      UnknownNameError: The method does not exist.
+      UnknownNameError: No such method.
       InputError: The method is not for this machine, or the thresholds are not for the method.
     """
     constants, mass = machine.constants, run.conditions.get("mass")

@@ -237,7 +237,7 @@ def test_hostile_data_are_one_line(mission, refused, tmp_path):
     axis = {"time": np.arange(60.0), "position": np.arange(60.0), "force": np.zeros(60)}
     DatasetWriter(tmp_path / "axis", "linear_axis", {}).add(Run("one", axis, {}, {}))
     told = refused("diagnose", str(tmp_path / "axis"), "--out", "out")
-    assert "plant is 'linear_axis'; only wheels can be diagnosed; choices: quarter_rig, uto_robot" in told
+    assert "plant is 'linear_axis'; only machines with wheels can be diagnosed; choices: quarter_rig, uto_robot" in told
     (tmp_path / "nothing").mkdir()
     assert "has no dataset.toml" in refused("diagnose", str(tmp_path / "nothing"), "--out", "out")
 
@@ -256,4 +256,4 @@ def test_a_failed_sensor_in_a_log_is_named_and_wild_numbers_break_nothing(tmp_pa
     said = [(d["kind"], d.get("channel")) for d in told["frozen"]["diagnoses"]]
     assert ("sensor", "yaw_rate") in said
     assert all(d["wheels"] == [3] for d in told["wild"]["diagnoses"]) and told["wild"]["diagnoses"]
-    assert told["wild"]["notes"] == ["run wild: current_3 beyond ±10000 was limited to that"]
+    assert told["wild"]["notes"] == ["run wild: current_3 beyond ±10000 clipped"]

@@ -54,7 +54,7 @@ def test_a_set_current_ends_the_period_after_its_row():
 def test_set_currents_of_slow_logs_are_not_used_and_that_is_said():
     time = at_rate(200.0)
     found = resample(run_of(time, a=time, u=time), ("a",), ("u",), PERIOD)
-    assert found.pieces[0].command is None and "set currents" in found.notes[0]
+    assert found.pieces[0].command is None and "commanded currents" in found.notes[0]
 
 
 def test_an_angle_is_interpolated_through_its_wrap():
