@@ -90,7 +90,7 @@ def test_below_100_samples_per_second_is_refused():
         return Dataset(__file__, "uto_robot", (run_of(at_rate(rate, 2.0)),))  # pyright: ignore[reportArgumentType]
 
     require_rates(data(100.0))
-    with pytest.raises(InputError, match=r"run 'one': has 99 per second; at least 100"):
+    with pytest.raises(InputError, match=r"run 'one': has 99 per second; diagnosis needs at least 100"):
         require_rates(data(99.0))
 
 
