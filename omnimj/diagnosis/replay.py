@@ -67,9 +67,11 @@ def start_state(method: Any, machine: Any, measurement: Any, bias: float) -> Any
         return state
     if isinstance(method, PublishedRigDetector):
         observer = state.observer.copy()
-        observer[rig.SPEED] = measurement.carriage_speed
-        observer[rig.WHEEL_SPEED] = observer[BEFORE] = measurement.wheel_speed
-        observer[rig.CURRENT] = measurement.current
+        m = measurement
+        moving = rig.RigState(*observer[: rig.STATE].tolist())._replace(
+            speed=m.carriage_speed, wheel_speed=m.wheel_speed, current=m.current
+        )
+        observer[: rig.STATE], observer[BEFORE] = moving, m.wheel_speed
         return dataclasses.replace(state, observer=observer)
     if isinstance(method, RobustDetector):
         return _moving(state, machine, measurement, bias)

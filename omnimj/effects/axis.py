@@ -29,7 +29,7 @@ def _change(changes: MachineChanges, **entries: float) -> None:
 
 
 def _body(name: str, parameter: str) -> Hook:
-    """Adds to a constant that cannot fall below zero; some mass is always left."""
+    """Add to a constant that cannot fall below zero; some mass always remains."""
 
     def hook(changes: MachineChanges, values: Values) -> None:
         body = changes.machine.axis

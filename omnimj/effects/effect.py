@@ -23,7 +23,7 @@ Values = Mapping[str, Any]
 """Parameters (floats) and selectors (text or whole numbers) of one effect by name."""
 
 Hook = Callable[[Any, Values], None]
-"""Writes an effect into `MachineChanges`; gets every parameter and selector."""
+"""Function that writes an effect into `MachineChanges`, given every parameter and selector."""
 
 
 @dataclass(frozen=True)

@@ -58,7 +58,7 @@ class AxisSensors:
 
 @dataclass(frozen=True)
 class AxisExtras:
-    """What an ordinary model of an axis lacks; effects set it, a model file has no table for it."""
+    """Physics beyond an ordinary model of an axis, set by effects; model files have no table for it."""
 
     asymmetric_coulomb: float = 0.0
     """Dry friction moving forward − moving backward [N]."""
@@ -71,13 +71,13 @@ class AxisExtras:
     place_force: float = 0.0
     """Extra dry friction at the sticky place [N]."""
     place: float = 0.0
-    """Where it is [m]."""
+    """Position of that place [m]."""
     place_width: float = 0.03
     """Its standard deviation along the guide [m]."""
     offset: float = 0.0
     """Constant force [N]."""
     slope: float = 0.0
-    """Of the guide, upward [rad]."""
+    """Inclination of the guide, upward [rad]."""
     cable_stiffness: float = 0.0
     """[N/m]"""
     cable_rest: float = 0.0
@@ -121,7 +121,7 @@ class Axis:
 
 
 def read_axis(path: Path | None = None) -> Axis:
-    """Reads `axis.toml`, or a copy of it with changed values.
+    """Read `axis.toml`, or a copy of it with changed values.
 
     Raises:
       InputError: A value is missing or breaks its rule; the message names file, key, value and rule.

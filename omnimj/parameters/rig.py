@@ -44,7 +44,7 @@ class RigBody:
     com_height: float = positive("m")
     """Height of the quarter body's centre of mass."""
     tilt_inertia: float = positive("kg.m2")
-    """Of the quarter body about the rail direction, at its centre of mass."""
+    """Inertia of the quarter body about the rail direction, at its centre of mass."""
     tilt_limit: float = positive("rad")
     """Clearance of the rail wheels (±)."""
     gantry_mass: float = positive("kg")
@@ -52,7 +52,7 @@ class RigBody:
     gantry_gain: float = positive("N.s/m")
     """Speed loop of the gantry's own drive."""
     start_position: float = quantity("m", 0.0)
-    """Of the wheel, from the rail's end."""
+    """Position of the wheel from the rail's end."""
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ AXIS_ROW = 28
 
 # state of the axis
 POSITION, SPEED, GAP, DRIVE_SPEED, CHANGE = range(5)
-"""Of the carriage; drive − carriage, within ± half the play; the drive's speed; the last change of speed."""
+"""Carriage position and speed; drive − carriage, within ± half the play; drive speed; last speed change."""
 AXIS_STATE = 5
 
 # a free curve: what it is laid over, the range of its knots, then the force at each knot
@@ -84,7 +84,7 @@ def on_curve(curve, at):
 
 @kernel
 def curve_force(curve, position, speed, time):
-    """Force that the curve adds, and what it adds to dry friction [N, N]."""
+    """Added force and added dry friction of the curve [N, N]."""
     kind = curve[KIND]
     if kind == NO_CURVE:
         return 0.0, 0.0

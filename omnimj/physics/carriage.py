@@ -36,7 +36,7 @@ class CarriageParameters(NamedTuple):
     viscous: float
     """Viscous resistance [N.s/m]."""
     start_speed: float
-    """Of the carriage [m/s]."""
+    """Initial speed of the carriage [m/s]."""
     delay: float
     """By which the measured wheel speed lags the carriage speed [s]."""
 

@@ -324,7 +324,7 @@ class Backlash(NamedTuple):
     """A gear with a dead zone between rotor and wheel."""
 
     width: float
-    """Of the dead zone, seen at the wheel [rad]."""
+    """Width of the dead zone, seen at the wheel [rad]."""
     rotor_inertia: float
     """J, seen at the wheel [kg.m²]."""
     angle: float

@@ -214,7 +214,7 @@ def inlined(function: Callable) -> Any:
 
 
 def _completion_marker(plant: str) -> Path:
-    """File whose presence says that every kernel of a plant is compiled; any edit changes its name."""
+    """File that marks every kernel of a plant as compiled; any edit of a source changes its name."""
     everything = "".join(fingerprint(room) for room in ROOMS)
     return (
         cache_folder(_DEFAULT_ROOM)

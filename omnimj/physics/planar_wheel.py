@@ -39,9 +39,9 @@ class PlanarWheel(NamedTuple):
 
     wheel: WheelParameters
     position_x: float
-    """Of the centre in the body frame [m]."""
+    """x of the centre in the body frame [m]."""
     position_y: float
-    """[m]"""
+    """y of the centre [m]."""
     drive_x: float
     """Driving direction u."""
     drive_y: float
@@ -65,7 +65,7 @@ POSITION_X, POSITION_Y = WHEEL_SIZE, WHEEL_SIZE + 1
 
 
 class DrivenWheel(NamedTuple):
-    """What determines the motion of one wheel."""
+    """One wheel with its motor, the floor under it and its effects."""
 
     wheel: PlanarWheel
     motor: MotorParameters
@@ -101,7 +101,7 @@ class PlanarState(NamedTuple):
     roller: np.ndarray
     """Micro-slip deflection of the rollers' bearings, shape (n,) [m]."""
     angle: np.ndarray
-    """Of the wheels, shape (n,) [rad]."""
+    """Wheel angles, shape (n,) [rad]."""
     backlash: np.ndarray
     """Rotor's angle relative to the wheel inside the gear's dead zone, shape (n,) [rad]."""
     backlash_rate: np.ndarray

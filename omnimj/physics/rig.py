@@ -106,17 +106,17 @@ class RigState(NamedTuple):
     """State of `step`; all zero is a rig at rest at its start."""
 
     speed: float
-    """Of the carriage [m/s]."""
+    """Carriage speed [m/s]."""
     wheel_speed: float
     """φ̇ after the gear [rad/s]."""
     bristle: float
     """z [m]."""
     current: float
-    """Of the motor [A]."""
+    """Motor current [A]."""
     position: float
-    """Of the carriage from the start [m]."""
+    """Carriage position from the start [m]."""
     angle: float
-    """Of the wheel [rad]."""
+    """Wheel angle [rad]."""
     time: float
     """[s]"""
     backlash: float

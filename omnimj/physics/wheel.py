@@ -33,7 +33,7 @@ class WheelParameters(NamedTuple):
     bearing_viscous: float
     """μ_bearing,vis [s/rad]."""
     pitch_radius: float
-    """Of the bearings [m]."""
+    """Half the pitch diameter of the bearings [m]."""
     spacing: float
     """Between the bearings, a [m]."""
     overhang: float

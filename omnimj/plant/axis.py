@@ -67,7 +67,7 @@ def _late(truth, column, k, delay, period):
 
 @kernel
 def read_sensors(row, sensors, truth, k, noise, column, period, reading):
-    """What force monitor, encoder and tachometer say at sample k.
+    """Read force monitor, encoder and tachometer at sample k.
 
     Args:
       row: `axis_row`, with effects.
@@ -155,7 +155,7 @@ _FAR = 1e3  # travels: nothing that is held gets there
 
 @dataclass(frozen=True)
 class AxisMeasurement:
-    """What the axis' sensors say at one instant."""
+    """Readings of the axis' sensors at one instant."""
 
     time: float
     """[s]"""

@@ -190,10 +190,10 @@ def _combined_payload(
 
 @dataclass(frozen=True)
 class FaultKind:
-    """Which keys one kind of fault takes."""
+    """Keys of one kind of fault."""
 
     on_wheel: bool
-    """Whether it sits on one wheel."""
+    """True for a fault of one wheel."""
     numbers: Mapping[str, Rule] = field(default_factory=dict)
     """Its numbers and their bounds."""
     names: tuple[str, ...] = ()

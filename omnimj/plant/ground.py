@@ -24,7 +24,7 @@ _POSITIVE = Rule(0.0, math.inf, True)
 
 @dataclass(frozen=True)
 class Patch:
-    """A rectangle of other floor that lies in the world."""
+    """A rectangle of other floor, fixed in the world."""
 
     floor: str
     """Name in `floors.toml`."""
@@ -33,7 +33,7 @@ class Patch:
     size: tuple[float, float]
     """Length along the patch's own x, width along its y [m]."""
     yaw: float = 0.0
-    """Of the patch's x axis, counter-clockwise from the world's [rad]."""
+    """Angle of the patch's x axis, counter-clockwise from the world's [rad]."""
 
     def covers(self, points: ArrayLike) -> NDArray[np.bool_]:
         """Mask of points on the patch: |R(−yaw)(p − center)| ≤ size/2 in both directions.
@@ -93,7 +93,7 @@ class _PatchArea(NamedTuple):
     y: float
     """[m]"""
     cos: float
-    """Of the yaw."""
+    """Cosine of the yaw."""
     sin: float
     half_length: float
     """[m]"""

@@ -334,9 +334,9 @@ class PlanarRig:
         return self._measure()
 
     def set_speeds(self, carriage_speed: float, wheel_speed: float) -> None:
-        """Sets the speeds of carriage [m/s] and wheel [rad/s], for a run that begins in motion."""
-        self._state[rig.SPEED] = carriage_speed
-        self._state[rig.WHEEL_SPEED] = wheel_speed
+        """Set the speeds of carriage [m/s] and wheel [rad/s], for a run that begins in motion."""
+        state = rig.RigState(*self._state.tolist())
+        self._state[:] = state._replace(speed=carriage_speed, wheel_speed=wheel_speed)
 
     def step(self, command: CurrentCommand) -> RigMeasurement:
         """Hold the command for one period and return the measurement at its end.

@@ -35,19 +35,19 @@ class ChannelParameters(NamedTuple):
     gain: float = 1.0
     """Sensor's own unit over the physical quantity."""
     count: float = 0.0
-    """Of the encoder [rad]."""
+    """One count of the encoder [rad]."""
     hysteresis: float = 0.0
-    """Of the encoder [rad]."""
+    """Dead band of the encoder [rad]."""
     noise: float = 0.0
     """Standard deviation."""
     decay: float = 0.0
-    """Of the first-order filter over one sample, 0 … 1."""
+    """Decay of the first-order filter over one sample, 0 … 1."""
     full_scale: float = math.inf
     """Range ±."""
     step: float = 0.0
-    """Of the sensor's own converter; 0: none."""
+    """Step of the sensor's own converter; 0: none."""
     daq_step: float = 0.0
-    """Of the analog input; 0: none."""
+    """Step of the analog input; 0: none."""
     updates: float = 0.0
     """Renewals of a held value per sample."""
     turns: float = 0.0
@@ -57,10 +57,10 @@ class ChannelParameters(NamedTuple):
 
 
 class ChannelState(NamedTuple):
-    """What a channel remembers."""
+    """Memory of a channel between samples."""
 
     angle: float = 0.0
-    """Of the shaft [rad]."""
+    """Shaft angle [rad]."""
     behind: float = 0.0
     """The same behind the dead band [rad]."""
     counted: float = 0.0

@@ -244,6 +244,18 @@ def test_the_rig_follows_the_independent_reference(lateral):
     assert measured[0].lateral_speed == lateral
 
 
+def test_a_rig_that_begins_in_motion_has_its_speeds():
+    plant = PlanarRig(RIG, "pvc", ideal_sensors=True)
+    plant.reset()
+    plant.set_speeds(0.5, 10.0)
+    measured, truth = (
+        plant.step(CurrentCommand(np.zeros(1))),
+        dict(zip(plant.truth_names, plant.truth(), strict=True)),
+    )
+    assert measured.carriage_speed == truth["true_carriage_speed"] == pytest.approx(0.5, abs=0.02)
+    assert 5.0 < measured.wheel_speed < 10.0  # the floor and the motor's friction take it down
+
+
 def test_the_rig_slips_on_oil_by_fault():
     _, truth = _drive(_rig(_fault("slip", wheel=1, onset=0.3, floor="oil")), (1.5,), 0.6)
     assert truth["traction_force_1"][310:].max() <= 0.04 * truth["normal_force_1"][0] + 1e-9

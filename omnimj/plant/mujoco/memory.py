@@ -198,7 +198,7 @@ def check_offsets(offsets: Offsets) -> None:
 
 
 OFFSETS = read_offsets()
-"""Of the installed MuJoCo; constants for the kernels, whose disk cache is keyed by MuJoCo's version."""
+"""Offsets of the installed MuJoCo, constants for the kernels, whose disk cache is keyed by its version."""
 
 # the decorator takes the typing context away, which type checkers cannot see
 intrinsic: Any = numba.extending.intrinsic
