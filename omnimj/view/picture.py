@@ -69,7 +69,12 @@ class Picture:
 
 
 def camera_at(mj_model: mujoco.MjModel, qpos: Array) -> Camera:
-    """Choose a camera with the machine in view: the robot from its front left, the rig from its side."""
+    """Choose a camera with the machine in view: the robot from its front left, the rig from its side.
+
+    Args:
+      mj_model: Compiled model.
+      qpos: Generalised positions, shape (nq,).
+    """
     mj_data = mujoco.MjData(mj_model)
     mj_data.qpos[:] = qpos
     mujoco.mj_kinematics(mj_model, mj_data)

@@ -36,13 +36,21 @@ class Poses:
     """Shape (k, nq)."""
 
     def thinned(self, rate: float) -> Poses:
-        """At most `rate` poses per second, the first and the last among them."""
+        """Select at most `rate` poses per second, the first and the last among them."""
         keep = thin(self.time, rate)
         return Poses(self.mj_model, self.time[keep], self.qpos[keep])
 
 
 def thin(time: Array, rate: float) -> NDArray[np.int64]:
-    """Indices of at most `rate` samples per second, the first and the last among them."""
+    """Select at most `rate` samples per second, the first and the last among them.
+
+    Args:
+      time: Increasing times, shape (k,) [s].
+      rate: Samples per second.
+
+    Returns:
+      Indices, shape (m,).
+    """
     if len(time) < 3:
         return np.arange(len(time))
     number = min(len(time), int(np.ceil((time[-1] - time[0]) * rate)) + 1)

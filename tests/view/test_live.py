@@ -29,7 +29,7 @@ SHORT = ("duration=0.75", "checks.tracking_error_max=9.0")
 
 
 class File:
-    """A spectator that writes down what it is sent."""
+    """A destination that writes down what it is sent."""
 
     def __init__(self, path: Path):
         self.path, self.is_open, self.settled = path, True, False
@@ -65,17 +65,17 @@ def watched(live: LiveRun, scenario, plant: str | None = None) -> RunResult:
 
 @pytest.fixture(scope="module")
 def nylon(tmp_path_factory) -> tuple[File, RunResult]:
-    spectator = File(tmp_path_factory.mktemp("live") / "live.rrd")
+    sink = File(tmp_path_factory.mktemp("live") / "live.rrd")
     scenario = read_scenario("nylon_patch", SHORT)
-    live = LiveRun(scenario, KNOWN, spectator)
+    live = LiveRun(scenario, KNOWN, sink)
     run = watched(live, scenario)
     live.finish(run)
-    return spectator, run
+    return sink, run
 
 
 def test_every_pose_and_every_signal_of_a_watched_run_arrives_in_order_of_time(nylon):
-    spectator, run = nylon
-    seen = times(spectator.path)
+    sink, run = nylon
+    seen = times(sink.path)
     for entity in ("/world/machine/chassis", "/world/machine/wheel_2/rollers"):
         at = sorted(set(seen[entity]))
         np.testing.assert_allclose(at, run.poses.time, atol=1e-9)
@@ -89,8 +89,8 @@ def test_every_pose_and_every_signal_of_a_watched_run_arrives_in_order_of_time(n
 
 
 def test_a_watched_run_ends_with_its_faults_and_checks(nylon):
-    spectator, run = nylon
-    chunks = RrdReader(spectator.path).stream().to_chunks()
+    sink, run = nylon
+    chunks = RrdReader(sink.path).stream().to_chunks()
     words, states = [], []
     for chunk in chunks:
         batch = chunk.to_record_batch()
@@ -101,13 +101,13 @@ def test_a_watched_run_ends_with_its_faults_and_checks(nylon):
     assert "peak slip 1" not in words[0] and "peak slip 1" in words[-1]
     assert run.metrics["faults"][0]["kind"] == "slip"
     assert "slip" in states
-    assert spectator.settled
+    assert sink.settled
 
 
 def test_what_is_seen_before_the_first_step_is_the_machine_at_its_start(tmp_path):
     scenario = read_scenario("square_path", ("duration=1.0",))
-    spectator = File(tmp_path / "start.rrd")
-    live = LiveRun(scenario, KNOWN, spectator)
+    sink = File(tmp_path / "start.rrd")
+    live = LiveRun(scenario, KNOWN, sink)
 
     def stop(plant) -> None:
         live.start(plant)
@@ -116,10 +116,10 @@ def test_what_is_seen_before_the_first_step_is_the_machine_at_its_start(tmp_path
     with pytest.raises(SimulationError):
         run_scenario(scenario, callbacks=dataclasses.replace(live.callbacks, start=stop))
     live.close()
-    seen = times(spectator.path)
+    seen = times(sink.path)
     assert seen["/world/machine/chassis"] == [0.0]
     assert {"/world/path/planned", "/world/floor/natural_stone", "/about", "/fault/wheel_4"} <= set(seen)
-    for chunk in RrdReader(spectator.path).stream().to_chunks():
+    for chunk in RrdReader(sink.path).stream().to_chunks():
         if chunk.entity_path == "/world/machine/chassis":
             batch = chunk.to_record_batch()
             if "Transform3D:translation" in batch.schema.names:
@@ -137,11 +137,11 @@ def test_what_is_seen_before_the_first_step_is_the_machine_at_its_start(tmp_path
 )
 def test_a_watched_method_shows_its_residuals_while_it_drives(tmp_path, name, method, entity):
     scenario = read_scenario(name, ("duration=0.4",))
-    spectator = File(tmp_path / "method.rrd")
-    live = LiveRun(scenario, {**KNOWN, "method": method}, spectator)
+    sink = File(tmp_path / "method.rrd")
+    live = LiveRun(scenario, {**KNOWN, "method": method}, sink)
     run = run_scenario(scenario, "planar", method, callbacks=live.callbacks)
     live.finish(run)
-    seen = times(spectator.path)
+    seen = times(sink.path)
     assert seen[entity][-1] == pytest.approx(run.trace["time"][-1])
     assert np.all(np.diff(seen[entity]) > 0)
     assert {"/mode", "/diagnosis/wheel_1"} <= set(seen)
@@ -150,20 +150,20 @@ def test_a_watched_method_shows_its_residuals_while_it_drives(tmp_path, name, me
 @pytest.mark.parametrize("name, plant", [("circle_8m", "planar"), ("circle_8m_kinematic", None)])
 def test_plants_without_poses_are_shown_with_the_robot_on_its_path(tmp_path, name, plant):
     scenario = read_scenario(name, () if plant is None else ("duration=0.6",))
-    live = LiveRun(scenario, KNOWN, spectator := File(tmp_path / "planar.rrd"))
+    live = LiveRun(scenario, KNOWN, sink := File(tmp_path / "planar.rrd"))
     run = watched(live, scenario, plant)
     live.finish(run)
-    seen = times(spectator.path)
+    seen = times(sink.path)
     assert seen["/world/machine/chassis"][-1] == pytest.approx(run.trace["time"][-1])
     assert seen["/plots/wheel_speed"][-1] == pytest.approx(run.trace["time"][-1])
 
 
 def test_the_rig_is_shown_while_it_drives(tmp_path):
     scenario = read_scenario("rig_lateral", ("duration=0.3",))
-    live = LiveRun(scenario, KNOWN, spectator := File(tmp_path / "rig.rrd"))
+    live = LiveRun(scenario, KNOWN, sink := File(tmp_path / "rig.rrd"))
     run = watched(live, scenario)
     live.finish(run)
-    seen = times(spectator.path)
+    seen = times(sink.path)
     for entity in ("/world/machine/gantry", "/world/machine/carriage", "/world/machine/wheel_1"):
         np.testing.assert_allclose(sorted(set(seen[entity])), 0.02 * np.arange(16), atol=1e-9)
         assert seen[entity][-1] == pytest.approx(ends(run))
@@ -171,16 +171,16 @@ def test_the_rig_is_shown_while_it_drives(tmp_path):
 
 def test_a_viewer_that_is_closed_is_sent_nothing_more_and_the_run_goes_on(tmp_path):
     scenario = read_scenario("nylon_patch", SHORT)
-    live = LiveRun(scenario, KNOWN, spectator := File(tmp_path / "closed.rrd"))
+    live = LiveRun(scenario, KNOWN, sink := File(tmp_path / "closed.rrd"))
 
     def rows(names, table):
         live.rows(names, table)
-        spectator.is_open = float(table[-1, 0]) < 0.35
+        sink.is_open = float(table[-1, 0]) < 0.35
 
     run = run_scenario(scenario, callbacks=dataclasses.replace(live.callbacks, rows=rows))
     live.finish(run)
     assert run.metrics["duration"] == 0.75
-    assert times(spectator.path)["/plots/current"][-1] == pytest.approx(0.399)
+    assert times(sink.path)["/plots/current"][-1] == pytest.approx(0.399)
 
 
 @pytest.fixture

@@ -22,7 +22,8 @@ from omnimj.control.recovery.modes import (
 from omnimj.control.robot_constants import wheel_geometry
 from omnimj.parameters import read_rig, read_robot
 from omnimj.signals import Trace
-from omnimj.view.wording import describe_layout, recovery_periods
+from omnimj.view.plots.diagnosis import state_lanes
+from omnimj.view.wording import RECOVERY, describe_layout, recovery_periods, recovery_spans
 
 TIME = np.arange(0.0, 10.0, 0.01)
 
@@ -97,3 +98,21 @@ def test_the_terminal_tells_it_with_the_layout():
     assert first.split() == ["recovery", "when", "consequence"]
     assert second.startswith(MODE_NAMES[COMPENSATING]) and MODE_CONSEQUENCES[COMPENSATING] in second
     assert last == "three wheels cannot lose one and be steered and turned at will"
+
+
+LANES = made(np.where(TIME < 3.0, NORMAL, np.where(TIME < 5.0, COMPENSATING, PIVOTING)))
+
+
+def test_every_period_of_recovery_is_a_span_and_normal_driving_is_none():
+    first, second = recovery_spans(LANES)
+    assert (first.state, second.state) == (MODE_NAMES[COMPENSATING], MODE_NAMES[PIVOTING])
+    assert np.allclose((first.start, first.end, second.start, second.end), (3.0, 5.0, 5.0, 9.99))
+    assert first.lane == second.lane == RECOVERY
+    assert recovery_spans(Trace({"time": TIME})) == []
+    assert recovery_spans(made(0.0 * TIME)) == []
+
+
+def test_the_report_has_a_strip_for_recovery():
+    (axis,) = state_lanes(LANES, [], [], "robust", False).axes
+    assert "done: recovery" in [label.get_text() for label in axis.get_yticklabels()]
+    assert MODE_NAMES[PIVOTING] in {text.get_text() for text in axis.texts}

@@ -122,10 +122,10 @@ def effectiveness(trace: Trace, wheels: int, spans: Sequence[Span]) -> Figure:
 
 
 def state_lanes(
-    trace: Trace, truth: Sequence[Span], believed: Sequence[Span], method: str, is_rig: bool
+    trace: Trace, truth: Sequence[Span], diagnosed: Sequence[Span], method: str, is_rig: bool
 ) -> Figure:
     """Plot true faults, below them diagnoses, a strip per wheel, and the mode at the bottom."""
-    true, named = _lanes(truth), _lanes(believed)
+    true, named = _lanes(truth), _lanes(diagnosed)
     rows = [("true", lane) for lane in true or [()]] + [("named", lane) for lane in named or [()]]
     rows += [("done", lane) for lane in _lanes(recovery_spans(trace))]
     count = len(rows) + int("mode" in trace)

@@ -74,7 +74,7 @@ def envelope(time: Array, value: Array, bins: int = _BINS) -> tuple[Array, Array
 
 
 def line(ax: Axes, time: Array, value: Array, **style: object) -> None:
-    """Plot a signal over time, thinned to the visible number of points."""
+    """Plot a signal, shape (k,), over time, shape (k,) [s], thinned to the visible number of points."""
     ax.plot(*envelope(time, value), **{"linewidth": 1.3, **style})  # pyright: ignore[reportArgumentType]
 
 
@@ -94,19 +94,27 @@ def averaged(time: Array, value: Array) -> tuple[Array, Array, Array, Array]:
 
 
 def window(time: Array) -> float:
-    """Return the averaging window of `averaged` [s]."""
+    """Return the averaging window of `averaged` [s] for times of shape (k,) [s]."""
     return max(_WINDOW, float(time[-1] - time[0]) / _AVERAGES)
 
 
 def banded(ax: Axes, time: Array, value: Array, color: str, **style: object) -> None:
-    """Plot a rippling signal as the line of its means in a band from smallest to largest samples."""
+    """Plot a rippling signal as the line of its means in a band from smallest to largest samples.
+
+    Args:
+      ax: Axes.
+      time: Shape (k,) [s].
+      value: Shape (k,).
+      color: Colour of line and band.
+      **style: Style of the line.
+    """
     middle, mean, low, high = averaged(time, value)
     ax.fill_between(middle, low, high, color=color, alpha=0.2, linewidth=0, zorder=1.5)
     ax.plot(middle, mean, **{"color": color, "linewidth": 1.4, **style})  # pyright: ignore[reportArgumentType]
 
 
 def time_axis(ax: Axes, time: Array) -> None:
-    """Label the time axis and fit it to the run."""
+    """Label the time axis and fit it to the times of the run, shape (k,) [s]."""
     ax.set_xlabel("time [s]", fontsize=9)
     if len(time) > 1:
         ax.set_xlim(time[0], time[-1])
@@ -191,7 +199,13 @@ def legend(ax: Axes, columns: int = 4) -> None:
 
 
 def finish(axes: Sequence[Axes], time: Array, spans: Sequence[Span]) -> None:
-    """Add the time axis below the last plot; shade faults in all plots, labelled in the first."""
+    """Add the time axis below the last plot; shade faults in all plots, labelled in the first.
+
+    Args:
+      axes: Axes from top to bottom.
+      time: Shape (k,) [s].
+      spans: Faults to shade.
+    """
     for i, ax in enumerate(axes):
         time_axis(ax, time)
         if spans:

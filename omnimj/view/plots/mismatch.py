@@ -132,7 +132,7 @@ def wrapped_label(words: str, unit: str) -> str:
 
 
 def with_gaps(time: Array, values: Array) -> tuple[Array, Array]:
-    """Insert NaN wherever time jumps, so that no line is drawn across the gap."""
+    """Insert NaN into values, shape (k,), wherever time, shape (k,) [s], jumps."""
     steps = np.diff(time)
     if len(steps) == 0:
         return time, values

@@ -255,7 +255,7 @@ def _outline(ax: Axes, robot: Robot, trace: Trace, row: int) -> None:
 
 
 def equal_with_room(ax: Axes, points: Array) -> None:
-    """Set equal axes in the figure's own proportions, so that a straight path does not flatten the plot."""
+    """Set equal axes around points, shape (k, 2) [m], in the figure's own proportions."""
     low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
     middle, span = 0.5 * (low + high), 1.1 * (high - low) + 0.8  # the robot itself needs room
     width = max(span[0], _PROPORTION * span[1])

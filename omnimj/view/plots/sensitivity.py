@@ -28,7 +28,7 @@ def rows_shown(ranks: Sequence[FactorRank]) -> int:
 def measure_first_picture(
     ranks: Sequence[FactorRank], studies: Sequence[ResultSensitivity], varied: Sequence[Factor]
 ) -> Figure:
-    """Left the share of each parameter over all results, right its share of every single one."""
+    """Plot the share of each parameter over all results (left) and in every single one (right)."""
     shown = list(ranks[: rows_shown(ranks)])
     heard = [study for study in studies if shares(study).any()]
     figure = Figure(figsize=(2.0 * WIDTH, _FRAME + _ROW * len(shown)), layout="constrained")
@@ -61,7 +61,7 @@ def measure_first_picture(
 
 
 def _bars(ax: Axes, places: np.ndarray, values: np.ndarray, bounds: np.ndarray) -> None:
-    """Horizontal bars with their intervals; row 0 is at the top once the axis is turned."""
+    """Draw horizontal bars with their intervals; row 0 is at the top after the axis is inverted."""
     ax.barh(places, values, height=0.62, color=palette.lighter(palette.MEASURED, 0.45), zorder=2)
     ax.hlines(places, bounds[0], bounds[1], color=palette.INK, linewidth=1.3, zorder=3)
     ax.grid(True, axis="x", color=palette.GRID, linewidth=0.7)
@@ -75,7 +75,7 @@ def _bars(ax: Axes, places: np.ndarray, values: np.ndarray, bounds: np.ndarray) 
 
 
 def result_bars(study: ResultSensitivity, varied: Sequence[Factor]) -> Figure:
-    """μ* of the first parameters with 95 % intervals, and what noise alone would reach."""
+    """Plot μ* of the first parameters with 95 % intervals, and the μ* of noise alone."""
     figure, (ax,) = new_figure(MIDDLE)
     shown = study.ranked[:_MOST_BARS]
     places = np.arange(len(shown))
@@ -90,7 +90,7 @@ def result_bars(study: ResultSensitivity, varied: Sequence[Factor]) -> Figure:
 
 
 def _floor(ax: Axes, study: ResultSensitivity) -> None:
-    """The line below which nothing is ranked."""
+    """Draw the line below which no parameter is ranked."""
     if not study.floor > 0.0:
         return
     ax.axvline(study.floor, color=palette.ACCENT, linewidth=1.0, linestyle=(0, (4, 3)), zorder=4)
@@ -104,7 +104,7 @@ def _in(unit: str) -> str:
 
 
 def result_plane(study: ResultSensitivity) -> Figure:
-    """σ over μ*: below the line a parameter acts evenly, above it in a curve or together with others."""
+    """Plot σ over μ*: below the line a parameter acts linearly, above it nonlinearly or with others."""
     figure, (ax,) = new_figure(MIDDLE)
     ranked = set(study.ranked)
     for i, one in enumerate(study.measures):

@@ -1,4 +1,4 @@
-"""Pictures of a tuning: how the search went, the cost around what it found, speed against robustness."""
+"""Plots of a tuning: search, cost around the result, speed against robustness."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _DOTS = {"linestyle": "none", "marker": "o", "markersize": 3.4, "markeredgewidth
 
 
 def convergence(outcome: TuningResult) -> Figure:
-    """Cost of every candidate that breaks no limit, and the best so far."""
+    """Plot the cost of every candidate that violates no limit, and the best so far."""
     figure, (ax,) = new_figure(MIDDLE)
     cost = [_cost(one) for one in outcome.tried]
     number = np.arange(len(cost))
@@ -43,7 +43,7 @@ def _cost(one: ScoredCandidate) -> float:
 
 
 def landscape_picture(found: Landscape) -> Figure:
-    """Every point as it was driven, none between them; what breaks a limit is crossed out."""
+    """Plot the cost of every driven point without interpolation; violations of a limit are crossed out."""
     figure, (ax,) = new_figure(TALL)
     cost = np.array([[score.cost for score in row] for row in found.scores])
     broken = np.array([[score.violation > 0.0 for score in row] for row in found.scores])
@@ -82,7 +82,7 @@ _NARROWEST = 1e-4  # of a cell, on the logarithmic axis
 
 
 def _edges(values: Sequence[float]) -> np.ndarray:
-    """Borders of cells around values that lie evenly on a logarithmic axis."""
+    """Return the borders of cells around values evenly spaced on a logarithmic axis."""
     logs = np.log(values)
     half = max(0.5 * (logs[1] - logs[0]), _NARROWEST)
     return np.exp(np.append(logs - half, logs[-1] + half))
@@ -98,7 +98,7 @@ def _plain_ticks(ax: Axes, found: Landscape) -> None:
 
 
 def pareto(outcome: TuningResult) -> Figure:
-    """Following and detection against the least phase margin: who gives up one for the other."""
+    """Plot tracking and detection terms against the least phase margin, with the Pareto front."""
     figure, (ax,) = new_figure(MIDDLE)
     kept = [one for one in outcome.tried if one.score.violation == 0.0]
     points = np.array([speed_and_robustness(one) for one in kept]).reshape(-1, 2)
@@ -123,12 +123,12 @@ def pareto(outcome: TuningResult) -> Figure:
 
 
 def speed_and_robustness(one: ScoredCandidate) -> tuple[float, float]:
-    """Terms of following and detection, small is fast, and the least phase margin [°]."""
+    """Return the terms of tracking and detection (small is fast) and the least phase margin [°]."""
     return one.score.group(TRACKING, DETECTION), one.score.loops.phase
 
 
 def front_of(points: np.ndarray) -> np.ndarray:
-    """Rows that no other beats in both, by rising robustness; first column small, second large is good."""
+    """Return the Pareto-optimal rows, shape (k, 2), by rising robustness; small speed terms are good."""
     order = np.lexsort((points[:, 0], -points[:, 1]))
     front, best = [], np.inf
     for k in order:  # from the most robust one down, each must be faster than all before

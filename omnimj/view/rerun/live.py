@@ -101,11 +101,11 @@ class LiveRun:
         return poses_from_trace(self._mj_model, Trace({name: np.array([at]) for name, at in place.items()}))
 
     def snapshot(self, now: float, pose: Array) -> None:
-        """Keep a pose for the next batch (`snapshot`)."""
+        """Keep a pose, shape (nq,), for the next batch (`snapshot`)."""
         self._poses.append((now, np.array(pose)))
 
     def rows(self, names: tuple[str, ...], table: Array) -> None:
-        """Send the newest rows and their poses (`rows`)."""
+        """Send the newest rows, shape (k, len(names)), and their poses (`rows`)."""
         columns = dict(zip(names, table.T, strict=True))
         self._rows += len(table)
         if self._sink.is_open:
@@ -197,11 +197,11 @@ class LiveDrive:
         self._thread.start()
 
     def snapshot(self, now: float, pose: Array) -> None:
-        """Keep a pose for the next batch."""
+        """Keep a pose, shape (nq,), for the next batch."""
         self._poses.append((now, np.array(pose)))
 
     def rows(self, names: tuple[str, ...], table: Array) -> None:
-        """Queue the newest rows and their poses, or drop them when the queue is full."""
+        """Queue the newest rows, shape (k, len(names)), and their poses; drop them if the queue is full."""
         trace = Trace(dict(zip(names, table.T.copy(), strict=True)))
         poses, self._poses = self._poses, []
         try:

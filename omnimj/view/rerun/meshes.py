@@ -211,7 +211,7 @@ def appearance_key(mj_model: mujoco.MjModel, body: int) -> bytes:
 
 
 def striped(base: Appearance, axis: Array) -> Appearance:
-    """Darken a sector about the axis so that the rotation of a body of revolution is visible."""
+    """Darken a sector about an axis, shape (3,), to make the rotation of a body of revolution visible."""
     axis = axis / np.linalg.norm(axis)
     first = np.cross(axis, [0.0, 0.0, 1.0] if abs(axis[2]) < 0.9 else [1.0, 0.0, 0.0])
     second = np.cross(axis, first)

@@ -276,7 +276,7 @@ def _log_lanes(stream: rr.RecordingStream, entity: str, spans: Sequence[Span], w
 
 
 def log_lane(stream: rr.RecordingStream, entity: str, times: Array, states: list[str]) -> None:
-    """Log one lane of the state timeline; a state has the same colour in every lane."""
+    """Log states from their times, shape (k,) [s], on; a state has the same colour in every lane."""
     values = sorted(set(states), key=lambda state: (state != HEALTHY, state))
     colors = [(*palette.rgb(palette.state_color(state)), 255) for state in values]
     stream.log(entity, rr.StateConfiguration(values=values, labels=values, colors=colors), static=True)
@@ -284,7 +284,7 @@ def log_lane(stream: rr.RecordingStream, entity: str, times: Array, states: list
 
 
 def lane_states(spans: Sequence[Span]) -> tuple[Array, list[str]]:
-    """Return the times of change and the state from then on; simultaneous faults are joined by `+`."""
+    """Return times of change, shape (k,) [s], and states; simultaneous faults are joined by `+`."""
     times = sorted({0.0, *(span.start for span in spans), *(span.end for span in spans)})
     states = []
     for time in times:
