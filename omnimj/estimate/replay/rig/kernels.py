@@ -1,71 +1,117 @@
-"""Replays of rig runs in compiled code: equations driven by measured currents, and what sensors say."""
+"""Compiled replay of rig runs: equations driven by measured currents, and block means of the sensors."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omnimj.physics import rig
 from omnimj.physics.effect_terms import terms_at
 from omnimj.physics.motor import achievable_current, motor_at
 from omnimj.physics.native import kernel
 from omnimj.physics.traction import traction_at
+from omnimj.signals import Array
 
 WHEEL, CARRIAGE, ACCELERATION = range(3)
 OUTPUTS = 3
 """Columns of a replay: wheel speed [rad/s], carriage speed [m/s], its acceleration [m/s²]."""
 
 
+class Log(NamedTuple):
+    """Inputs of all runs, one behind the other."""
+
+    current: Array
+    """Motor current, shape (samples,) [A]."""
+    lateral: Array
+    """Speed of the gantry, shape (samples,) [m/s]."""
+    first: NDArray[np.int_]
+    """First sample of every run and the end of the last, shape (runs + 1,)."""
+    start: Array
+    """Carriage [m/s] and wheel speed [rad/s] at the start, shape (runs, 2)."""
+
+
+class KernelParameters(NamedTuple):
+    """Rig with its effects and floors, for every run."""
+
+    rigs: Array
+    """Packed `rig.RigParameters`, shape (runs, RIG_SIZE)."""
+    motor: Array
+    """Packed motor, shape (MOTOR_SIZE,)."""
+    floors: Array
+    """Packed traction, shape (runs, TRACTION_SIZE)."""
+    terms: Array
+    """Packed effect terms, shape (TERMS,)."""
+
+
+class BlockLayout(NamedTuple):
+    """Samples and blocks of all runs."""
+
+    first: NDArray[np.int_]
+    """First sample of every run and the end of the last, shape (runs + 1,)."""
+    blocks_first: NDArray[np.int_]
+    """First block of every run and the end of the last, shape (runs + 1,)."""
+    size: int
+    """Samples per block."""
+
+
+class SensorModel(NamedTuple):
+    """y(t) = scale · x_f(t − delay) + offset, ẋ_f = (x − x_f)/lag."""
+
+    lag: float
+    """[samples]"""
+    delay: float
+    """[samples]; a negative one reads ahead."""
+    scale: float
+    offset: float
+    """[unit of the channel]"""
+
+
 @kernel
-def replay_runs(current, lateral, first, rows, motor, floors, terms, start, h, steps, out):
-    """Drives every run from its start with the current that the next sample shows.
+def replay_runs(log, parameters, h, steps, out):
+    """Drives every run from its start; the current is linear between samples.
 
     Args:
-      current: Measured current of all runs, one behind the other, shape (samples,) [A].
-      lateral: Speed of the gantry, shape (samples,) [m/s].
-      first: First sample of every run and the end of the last, shape (runs + 1,).
-      rows: Packed `rig.RigParameters` of every run, shape (runs, RIG_SIZE).
-      motor: Packed motor that a measured current passes unclipped, shape (MOTOR_SIZE,).
-      floors: Packed traction of every run, shape (runs, TRACTION_SIZE).
-      terms: Packed effect terms, shape (TERMS,).
-      start: Carriage and wheel speed at the start, shape (runs, 2).
+      log: `Log`.
+      parameters: `KernelParameters`.
       h: Step [s].
       steps: Steps per sample.
       out: Filled, shape (samples, OUTPUTS).
     """
-    driving, effects = motor_at(motor), terms_at(terms)
-    for k in range(len(rows)):
-        model = rig.RigModel(rig.rig_at(rows[k]), driving, traction_at(floors[k]), effects, False)
+    current, first, start = log.current, log.first, log.start
+    driving, effects = motor_at(parameters.motor), terms_at(parameters.terms)
+    for k in range(len(start)):
+        model = rig.RigModel(
+            rig.rig_at(parameters.rigs[k]), driving, traction_at(parameters.floors[k]), effects, False
+        )
         state = rig.RigState(start[k, 0], start[k, 1], 0.0, current[first[k]], 0.0, 0.0, 0.0, 0.0, 0.0)
         out[first[k], WHEEL], out[first[k], CARRIAGE] = start[k, 1], start[k, 0]
         out[first[k], ACCELERATION] = 0.0
         for n in range(first[k], first[k + 1] - 1):
             between = 0.5 * (current[n] + current[n + 1])
-            state, output = rig.step(state, between, lateral[n], model, h, steps)
+            state, output = rig.step(state, between, log.lateral[n], model, h, steps)
             out[n + 1, WHEEL] = output.encoder_speed
             out[n + 1, CARRIAGE] = state.speed
             out[n + 1, ACCELERATION] = output.acceleration
 
 
 @kernel
-def observe(series, first, blocks_first, size, lag, delay, scale, offset, result):
-    """Block means of what a sensor says: first-order lag, pure delay, scale, offset.
+def observe(series, layout, sensor, result):
+    """Block means of a simulated sensor.
 
-    y(t) = scale · x_f(t − delay) + offset, ẋ_f = (x − x_f)/lag; a block's mean comes from the running sum,
-    straight between samples, so that a delay need not be a whole number of samples.
+    A block's mean comes from the running sum, linear between samples, so that a delay need not be a whole
+    number of samples.
 
     Args:
       series: x of all runs, shape (samples,).
-      first: First sample of every run and the end of the last, shape (runs + 1,).
-      blocks_first: First block of every run and the end of the last, shape (runs + 1,).
-      size: Samples per block.
-      lag: In samples.
-      delay: In samples; a negative one reads ahead.
-      scale: Factor.
-      offset: In the unit of the channel.
+      layout: `BlockLayout`.
+      sensor: `SensorModel`.
       result: Filled, shape (blocks,).
     """
+    first, blocks_first, size = layout.first, layout.blocks_first, layout.size
+    lag, delay = sensor.lag, sensor.delay
     keep = math.exp(-1.0 / lag) if lag > 0.0 else 0.0
     for k in range(len(first) - 1):
         begin, count = first[k], first[k + 1] - first[k]
@@ -77,12 +123,12 @@ def observe(series, first, blocks_first, size, lag, delay, scale, offset, result
         for b in range(blocks_first[k + 1] - blocks_first[k]):
             low = _running(sums, b * size - delay, series[begin], filtered)
             high = _running(sums, (b + 1) * size - delay, series[begin], filtered)
-            result[blocks_first[k] + b] = scale * (high - low) / size + offset
+            result[blocks_first[k] + b] = sensor.scale * (high - low) / size + sensor.offset
 
 
 @kernel
 def _running(sums, place, before, after):
-    """The running sum at a place between samples; constant values before the start and behind the end."""
+    """Running sum at a place between samples; values are constant before the start and after the end."""
     last = len(sums) - 1
     if place <= 0.0:
         return place * before
@@ -94,7 +140,13 @@ def _running(sums, place, before, after):
 
 @kernel
 def delivered_current(target, wheel_speed, motor):
-    """What the amplifier drives of a set value at a wheel speed, shape (samples,) [A]."""
+    """Current that the amplifier delivers for a set value at a wheel speed, shape (samples,) [A].
+
+    Args:
+      target: Set value, shape (samples,) [A].
+      wheel_speed: Shape (samples,) [rad/s].
+      motor: Packed motor, shape (MOTOR_SIZE,).
+    """
     found, driving = np.empty(len(target)), motor_at(motor)
     for n in range(len(target)):
         found[n] = achievable_current(driving, target[n], wheel_speed[n])

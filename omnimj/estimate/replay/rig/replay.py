@@ -85,8 +85,8 @@ def sensor_block_means(
         change = changed.channels.get(name, ChannelEffect())
         delay = (change.delay + late) / h
         means = np.empty(len(result))
-        place = (runs.first, runs.blocks_first, runs.size, lag / h, delay)
-        native.observe(series, *place, float(change.scale), float(change.offset), means)
+        sensor = native.SensorModel(lag / h, delay, float(change.scale), float(change.offset))
+        native.observe(series, native.BlockLayout(runs.first, runs.blocks_first, runs.size), sensor, means)
         result[:, column] = means
 
     for c, name in enumerate(CHANNELS):
@@ -175,8 +175,9 @@ class RigReplay:
         motor = np.array(driven_by_measured_current(motor) if measured else motor)
         rows, floor_rows = _rows(runs, changed, based)
         out = np.empty((len(current), native.OUTPUTS))
-        numbers = (rows, motor, floor_rows, terms, runs.start, runs.period / _STEPS, _STEPS, out)
-        native.replay_runs(current, runs.lateral, runs.first, *numbers)
+        log = native.Log(current, runs.lateral, runs.first, runs.start)
+        parameters = native.KernelParameters(rows, motor, floor_rows, terms)
+        native.replay_runs(log, parameters, runs.period / _STEPS, _STEPS, out)
         return sensor_block_means(out, runs, changed, based.lags)
 
     def simulate_twin(self, setting: Setting) -> Array:

@@ -27,20 +27,6 @@ _SHARES = (1.0, 0.7, 0.4, 0.0)  # of a payload's distance from the centre, until
 
 
 @dataclass(frozen=True)
-class KernelParameters:
-    """What `kernels.replay` needs beside the log."""
-
-    bodies: Array
-    wheels: Array
-    motors: Array
-    floors: Array
-    terms: Array
-    sensors: Array
-    per_torque: Array
-    """Current per torque at each wheel, shape (4,) [A/(N.m)]."""
-
-
-@dataclass(frozen=True)
 class FreeCurve:
     """A free force over one variable."""
 
@@ -52,7 +38,7 @@ class FreeCurve:
 
 def kernel_parameters(
     based: AdjustedMachine[Robot], runs: RobotRuns, mass_scale: float, curve: FreeCurve | None
-) -> KernelParameters:
+) -> native.KernelParameters:
     """All numbers of a robot.
 
     Args:
@@ -70,7 +56,7 @@ def kernel_parameters(
     through = [m.torque_constant * m.torque_scale * m.gear_ratio * m.gear_efficiency for m in motors]
     bodies, wheels = _constants(runs, changed, mass_scale)
     by_name = {name: changed.floor(based.floors[name]).row for name in set(runs.floor)}
-    return KernelParameters(
+    return native.KernelParameters(
         bodies,
         wheels,
         np.array([driven_by_measured_current(motor) for motor in motors]),

@@ -1,19 +1,22 @@
-"""Replays of a robot's missions: equations that follow the measured wheels, and windows left to themselves.
+"""Compiled replay of a robot's missions: a follower of the measured wheels, and free windows.
 
-Following: the wheels turn as measured, traction pulls the body along (with a time constant m/(2 σ₂ F_N) of
-0.1 s, so that nothing drifts and the body's velocity need not be measured), and the torque balance of every
-wheel says which current it lacks,
+Follower: the wheels turn as measured, traction drives the body (with a time constant m/(2 σ₂ F_N) of 0.1 s,
+so that nothing drifts and the body's velocity need not be measured), and inverse dynamics give the current
+missing at every wheel,
   Δi_k = I (Δφ̇_k/h − φ̈(i_k, slip, friction))/(K_t G_r E).
-Friction sticks and slips as it would: a wheel at rest inside its stiction lacks nothing.
+Friction sticks and slips: a wheel at rest inside its stiction needs no current.
 
-Left to itself: a window starts from the follower's state and is driven by the measured currents alone.
+Free window: it starts from the follower's state and is driven by the measured currents alone.
 
 Step k is the bin of the log around t_k: currents and speeds are means over it, forces those at its middle.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from omnimj.physics.effect_terms import TERM, terms_at
 from omnimj.physics.native import kernel
@@ -26,29 +29,128 @@ from omnimj.physics.planar import (
     step,
 )
 from omnimj.physics.planar_wheel import POSITION_X, POSITION_Y, planar_wheel_at
+from omnimj.signals import Array
 
 START, END, FIRST_BLOCK = range(3)
 STRETCH = 3
-"""Numbers of a stretch without gaps: steps start … end − 1 and its first row of blocks."""
+"""Columns of the table of stretches without gaps: steps start … end − 1, and the first row of blocks."""
 
 WHEELS = 4
 CURRENT, SPEED, ACCELERATION, YAW_RATE, YAW = 0, 4, 8, 10, 11
 CHANNELS = 12
-"""Columns of the blocks: those of `plant.channels.robot_channels`."""
+"""Columns of the blocks, in the order of the robot's channels."""
 
 LATE, SCALE, OFFSET = range(3)
-"""What a channel makes of the truth: late by so many steps, scale · truth + offset; shape (3, CHANNELS)."""
+"""Rows of the sensor table: delay [steps], scale and offset of every channel; shape (3, CHANNELS)."""
 
 LOOSE_PARTS = 4
-"""Parts of a step in which a robot with play in its gears is followed."""
+"""Substeps of the follower of a robot with backlash."""
 
 _STATE, _OUTPUT = state_size(WHEELS), output_size(WHEELS)
 _BACKLASH = TERM["backlash"]
 
 
+class Log(NamedTuple):
+    """Measured missions, all stretches one behind the other."""
+
+    stretches: NDArray[np.int64]
+    """Shape (stretches, STRETCH)."""
+    start: Array
+    """Body twist at each start, shape (stretches, 3)."""
+    times: Array
+    """Time since the start of the run, shape (steps,) [s]."""
+    current: Array
+    """Shape (steps, 4) [A]."""
+    speed: Array
+    """Wheel speeds, shape (steps, 4) [rad/s]."""
+    yaw: Array
+    """Heading, unwrapped, shape (steps, 1) [rad]."""
+    heading: Array
+    """Measured heading of every block, NaN where masked, shape (blocks,) [rad]."""
+
+
+class KernelParameters(NamedTuple):
+    """Robot with its effects and floors, for every stretch of a log."""
+
+    bodies: Array
+    """Packed body of each stretch, shape (stretches, BODY_SIZE)."""
+    wheels: Array
+    """Packed wheels of each stretch, shape (stretches, 4, PLANAR_WHEEL_SIZE)."""
+    motors: Array
+    """Packed motors that measured currents pass unclipped, shape (4, MOTOR_SIZE)."""
+    floors: Array
+    """Packed traction of each stretch, shape (stretches, TRACTION_SIZE)."""
+    terms: Array
+    """Packed effect terms, shape (4, TERMS)."""
+    sensors: Array
+    """Delay [steps], scale and offset of every channel, shape (3, CHANNELS)."""
+    current_per_torque: Array
+    """Current per torque at each wheel, shape (4,) [A/(N.m)]."""
+
+
+class Rollers(NamedTuple):
+    """Rows of rollers under the wheels."""
+
+    table: Array
+    """`RollerTables.table`, shape (3, points); (3, 0) for wheels without rollers."""
+    phases: Array
+    """Angle of each wheel at the start of each stretch, shape (stretches, 4) [rad]."""
+
+
+class Sampling(NamedTuple):
+    """Time grid of a replay."""
+
+    step: float
+    """Time of a step [s]."""
+    block: int
+    """Steps per block."""
+    window: int
+    """Steps of a free window, a multiple of `block`."""
+    substeps: int
+    """Steps of the free equations per step; 0 for no free windows."""
+
+
+class _Stretch(NamedTuple):
+    """Log of one stretch, from its first step on."""
+
+    block: int
+    """First row of blocks."""
+    start: Array
+    times: Array
+    current: Array
+    speed: Array
+    yaw: Array
+
+
+class _Follower(NamedTuple):
+    """Robot on one stretch."""
+
+    model: PlanarModel
+    sensors: Array
+    current_per_torque: Array
+    rollers: Array
+    phase: Array
+    """Angle of the rollers at the start, shape (4,) [rad]."""
+
+
+class _Part(NamedTuple):
+    """Part of a step, over which the wheels are followed."""
+
+    place: float
+    """Place in the log [steps]."""
+    share: float
+    """Length of the part [steps]."""
+    h: float
+    """The same [s]."""
+    angle: Array
+    """Angles of the wheels at its start, shape (4,) [rad]."""
+    loose: Array
+    """1 for a rotor inside its play at the start, shape (4,)."""
+
+
 @kernel
 def value_at(values, column, place):
-    """Linear between rows, constant beyond them."""
+    """Linear interpolation between rows, constant beyond them."""
     place = min(max(place, 0.0), float(len(values) - 1))
     below = min(int(place), max(len(values) - 2, 0))
     share = place - below
@@ -56,17 +158,17 @@ def value_at(values, column, place):
 
 
 @kernel
-def _read(values, sensors, channel, column, place):
-    """Truth behind a channel at a step: what was logged later, scale and offset undone."""
-    said = value_at(values, column, place + sensors[LATE, channel])
-    return (said - sensors[OFFSET, channel]) / sensors[SCALE, channel]
+def _true_value(values, sensors, channel, column, place):
+    """True value behind a channel at a step: delay, scale and offset of the sensor undone."""
+    logged = value_at(values, column, place + sensors[LATE, channel])
+    return (logged - sensors[OFFSET, channel]) / sensors[SCALE, channel]
 
 
 @kernel
-def _impose_wheel_speeds(state, k, speed, sensors, terms):
+def _impose_wheel_speeds(state, place, speed, sensors, terms):
     """Sets every wheel's speed (the rotor's, inside the play of a gear) to the measured one."""
     for i in range(WHEELS):
-        measured = _read(speed, sensors, SPEED + i, i, k)
+        measured = _true_value(speed, sensors, SPEED + i, i, place)
         if terms[i, _BACKLASH] != 0.0 and state.backlash_rate[i] != 0.0:
             state.backlash_rate[i] = measured - state.wheel_speed[i]
         else:
@@ -74,53 +176,71 @@ def _impose_wheel_speeds(state, k, speed, sensors, terms):
 
 
 @kernel
-def _add_missing_currents(
-    state, place, ahead, speed, sensors, terms, wheels, before, loose, seen, h, unit, missing
-):
-    """Adds the current that each wheel lacks in a step of h seconds [A]; puts the wheels' angles right.
+def _add_missing_currents(state, encoder_speed, part, speed, follower, missing):
+    """Adds the current missing at each wheel over a part of a step [A]; corrects the angles of the wheels.
 
     Args:
-      place: Where the log is, in steps of the log.
-      ahead: How much of such a step h is.
-      before: Angles before the step.
-      loose: Which rotors were inside their play before it.
-      seen: Encoders' speeds after it.
-      missing: Shape (4,).
+      state: Planar state at the end of the part.
+      encoder_speed: Simulated encoder speeds at the end of the part, shape (4,) [rad/s].
+      part: The part of a step.
+      speed: Measured wheel speeds, shape (steps, 4) [rad/s].
+      follower: The robot.
+      missing: Added to, shape (4,) [A].
+    """
+    model, sensors = follower.model, follower.sensors
+    for i in range(WHEELS):
+        after = _true_value(speed, sensors, SPEED + i, i, part.place + part.share)
+        behind = _true_value(speed, sensors, SPEED + i, i, part.place - part.share)
+        measured = _true_value(speed, sensors, SPEED + i, i, part.place)
+        rotor, wheel = terms_at(model.terms[i]).rotor_inertia, planar_wheel_at(model.wheels[i]).wheel
+        inertia = rotor if part.loose[i] else wheel.inertia
+        lacking = 0.5 * (after - behind) - (encoder_speed[i] - measured)
+        missing[i] += part.share * inertia * lacking / part.h * follower.current_per_torque[i]
+        if model.terms[i, _BACKLASH] == 0.0:
+            state.angle[i] = part.angle[i] + part.h * measured
+
+
+@kernel
+def _place_wheels(state, follower, wheels):
+    """Moves the contact of every wheel to the rollers that carry it.
+
+    Args:
+      state: Planar state.
+      follower: The robot.
+      wheels: Packed wheels, changed in place, shape (4, PLANAR_WHEEL_SIZE).
     """
     for i in range(WHEELS):
-        after = _read(speed, sensors, SPEED + i, i, place + ahead)
-        behind = _read(speed, sensors, SPEED + i, i, place - ahead)
-        measured = _read(speed, sensors, SPEED + i, i, place)
-        rotor, wheel = terms_at(terms[i]).rotor_inertia, planar_wheel_at(wheels[i]).wheel
-        inertia = rotor if loose[i] else wheel.inertia
-        missing[i] += ahead * inertia * (0.5 * (after - behind) - (seen[i] - measured)) / h * unit[i]
-        if terms[i, _BACKLASH] == 0.0:
-            state.angle[i] = before[i] + h * measured
+        away = _at_roller_angle(follower.rollers, 0, state.angle[i] + follower.phase[i])
+        wheel = planar_wheel_at(follower.model.wheels[i])
+        wheels[i, POSITION_X] = wheel.position_x - away * wheel.drive_y
+        wheels[i, POSITION_Y] = wheel.position_y + away * wheel.drive_x
 
 
 @kernel
-def _change_rows(state, wheels, rollers, phase, changed):
-    """Puts every wheel where the rollers under it are."""
-    for i in range(WHEELS):
-        away, wheel = _at_roller_angle(rollers, 0, state.angle[i] + phase[i]), planar_wheel_at(wheels[i])
-        changed[i, POSITION_X] = wheel.position_x - away * wheel.drive_y
-        changed[i, POSITION_Y] = wheel.position_y + away * wheel.drive_x
-
-
-@kernel
-def _at_roller_angle(rollers, table, angle):
-    """A table of the rollers at an angle [rad] of the wheel; rollers[2, 0] is the pitch."""
+def _at_roller_angle(rollers, row, angle):
+    """Row of the roller table at an angle of the wheel [rad]; rollers[2, 0] is the pitch."""
     points = rollers.shape[1]
     place = angle / rollers[2, 0]
     place = (place - np.floor(place)) * points
     below = min(int(place), points - 1)
     share = place - below
-    return (1.0 - share) * rollers[table, below] + share * rollers[table, (below + 1) % points]
+    return (1.0 - share) * rollers[row, below] + share * rollers[row, (below + 1) % points]
 
 
 @kernel
-def _start_free_window(state, k, count, current, sensors, model, h, window, substeps, begin, free):
-    """Where a window begins: fills its row of `free` with the encoders' speeds under measured currents."""
+def _run_free_window(state, k, stretch, follower, sampling, begin, free):
+    """Runs the free window that starts at step k, if one does.
+
+    Args:
+      state: Packed planar state of the follower, shape (state_size,).
+      k: Step of the stretch.
+      stretch: The log.
+      follower: The robot.
+      sampling: The time grid.
+      begin: Steps before each window that are filled, too.
+      free: Encoder speeds under measured currents, shape (windows, begin + window, 4) [rad/s].
+    """
+    count, window, substeps = len(stretch.times), sampling.window, sampling.substeps
     w = 0 if k == 0 else (k + begin) // window
     if (k > 0 and (k + begin) % window > 0) or w >= len(free):
         return
@@ -132,78 +252,86 @@ def _start_free_window(state, k, count, current, sensors, model, h, window, subs
             free[w, row + j - k, i] = seen.wheel_speed[i] + seen.backlash_rate[i]
         for part in range(substeps):
             for i in range(WHEELS):
-                command[i] = _read(current, sensors, CURRENT + i, i, j + (part + 0.5) / substeps)
-            step(alone, command, model, h / substeps, 1, output)
+                place = j + (part + 0.5) / substeps
+                command[i] = _true_value(stretch.current, follower.sensors, CURRENT + i, i, place)
+            step(alone, command, follower.model, sampling.step / substeps, 1, output)
     for early in range(row):
         free[w, early] = free[w, row]
 
 
 @kernel
-def _follow(
-    stretch, start, times, current, speed, yaw, sensors, model, rollers, phase, unit, h, window, substeps,
-    begin, followed, free,
-):  # fmt: skip
-    """One stretch: fills what the follower lacks and does, and the free windows.
+def _follow(stretch, follower, sampling, begin, followed, free):
+    """Follows the measured wheels over one stretch and runs its free windows.
 
     Args:
-      followed: Lacking currents (4), accelerations (2), yaw rate, turn since the start, shape (steps, 8).
-      free: Speeds in the windows, `begin` steps before each window first, shape (windows, begin + window, 4).
+      stretch: The log.
+      follower: The robot.
+      sampling: The time grid.
+      begin: Steps before each free window that are filled, too.
+      followed: Filled with missing currents (4), accelerations (2), yaw rate and turn since the start, shape
+        (steps, 8).
+      free: Filled with the encoder speeds of the free windows, shape (windows, begin + window, 4) [rad/s].
     """
-    n, count = WHEELS, stretch[END] - stretch[START]
-    body, wheels, motors, floors, terms, _ = model
+    n, model, sensors = WHEELS, follower.model, follower.sensors
     row, command, row_out = np.zeros(_STATE), np.empty(n), np.zeros(_OUTPUT)
     state, output = planar_state(row), planar_output(row_out)
     loose, angle = np.zeros(n), np.empty(n)
-    rolls, under = rollers.shape[1] > 0, wheels.copy()
-    on_rollers = PlanarModel(body, under, motors, floors, terms, False)
+    has_rollers, under = follower.rollers.shape[1] > 0, model.wheels.copy()
+    on_rollers = PlanarModel(model.body, under, model.motors, model.floors, model.terms, False)
     # a wheel that is loose in its gear is light: on the floor it comes to rest within two milliseconds
-    parts = LOOSE_PARTS if terms[:, _BACKLASH].any() else 1
-    state.twist[:] = start
-    state.clock[0] = times[0]
+    parts = LOOSE_PARTS if model.terms[:, _BACKLASH].any() else 1
+    state.twist[:] = stretch.start
+    state.clock[0] = stretch.times[0]
     turned = 0.0
     followed[:, :6] = 0.0
-    for k in range(count):
-        heading = _read(yaw, sensors, YAW, 0, k)
+    for k in range(len(stretch.times)):
+        heading = _true_value(stretch.yaw, sensors, YAW, 0, k)
         state.pose[2] = heading
         followed[k, 6], followed[k, 7] = state.twist[2], turned
-        for part in range(parts):
-            place = k + part / parts
-            _impose_wheel_speeds(state, place, speed, sensors, terms)
-            if part == 0 and substeps > 0:
-                _start_free_window(row, k, count, current, sensors, model, h, window, substeps, begin, free)
+        for j in range(parts):
+            part = _Part(k + j / parts, 1.0 / parts, sampling.step / parts, angle, loose)
+            _impose_wheel_speeds(state, part.place, stretch.speed, sensors, model.terms)
+            if j == 0 and sampling.substeps > 0:
+                _run_free_window(row, k, stretch, follower, sampling, begin, free)
             for i in range(n):
-                command[i] = _read(current, sensors, CURRENT + i, i, place)
-                free_rotor = terms[i, _BACKLASH] != 0.0 and state.backlash_rate[i] != 0.0
-                loose[i] = 1.0 if free_rotor else 0.0
+                command[i] = _true_value(stretch.current, sensors, CURRENT + i, i, part.place)
+                is_loose = model.terms[i, _BACKLASH] != 0.0 and state.backlash_rate[i] != 0.0
+                loose[i] = 1.0 if is_loose else 0.0
                 angle[i] = state.angle[i]
-            if rolls:
-                _change_rows(state, wheels, rollers, phase, under)
-                for i in range(n):  # the load's push is a torque like any other: stiction may hold it
-                    command[i] += (
-                        _at_roller_angle(rollers, 1, angle[i] + phase[i]) * output.normal[i] * unit[i]
-                    )
-            step(row, command, on_rollers, h / parts, 1, row_out)
+            if has_rollers:
+                _place_wheels(state, follower, under)
+                for i in range(n):  # the torque of the load acts like any other: stiction may hold it
+                    torque = _at_roller_angle(follower.rollers, 1, angle[i] + follower.phase[i])
+                    command[i] += torque * output.normal[i] * follower.current_per_torque[i]
+            step(row, command, on_rollers, part.h, 1, row_out)
             followed[k, 4] += output.acceleration[0] / parts
             followed[k, 5] += output.acceleration[1] / parts
-            _add_missing_currents(
-                state, place, 1.0 / parts, speed, sensors, terms, wheels, angle, loose, output.encoder_speed,
-                h / parts, unit, followed[k],
-            )  # fmt: skip
+            _add_missing_currents(state, output.encoder_speed, part, stretch.speed, follower, followed[k])
         turned += state.pose[2] - heading
 
 
 @kernel
-def _block_means(stretch, current, sensors, followed, free, window, begin, size, blocks):
-    """Block means of what the sensors would have said."""
-    count = stretch[END] - stretch[START]
-    row = stretch[FIRST_BLOCK]
+def _block_means(stretch, sensors, followed, free, begin, sampling, blocks):
+    """Block means of the simulated sensors of one stretch, from the results of `_follow`.
+
+    Args:
+      stretch: The log.
+      sensors: Delay [steps], scale and offset of every channel, shape (3, CHANNELS).
+      followed: Shape (steps, 8).
+      free: Shape (windows, begin + window, 4).
+      begin: Steps before each free window that are filled, too.
+      sampling: The time grid.
+      blocks: Rows of the stretch are filled, shape (blocks, CHANNELS).
+    """
+    count, size, window = len(stretch.times), sampling.block, sampling.window
+    row = stretch.block
     for first in range(0, count - size + 1, size):
         w = first // window
         for c in range(CHANNELS):
             total, late = 0.0, sensors[LATE, c]
             for k in range(first, first + size):
                 if c < SPEED:
-                    total += current[k, c] + sensors[SCALE, c] * value_at(followed, c, k - late)
+                    total += stretch.current[k, c] + sensors[SCALE, c] * value_at(followed, c, k - late)
                 elif c < ACCELERATION:
                     place = min(k - late, float(min((w + 1) * window, count) - 1)) - w * window + begin
                     total += sensors[SCALE, c] * value_at(free[w], c - SPEED, place) + sensors[OFFSET, c]
@@ -215,7 +343,15 @@ def _block_means(stretch, current, sensors, followed, free, window, begin, size,
 
 @kernel
 def turns_in_windows(stretches, window, size, measured, turned):
-    """Takes each window's mean, over the blocks in which `measured` is known, out of `turned`, (blocks,)."""
+    """Subtracts the mean over each window from the turned angle.
+
+    Args:
+      stretches: Table of stretches, shape (stretches, STRETCH).
+      window: Steps per window.
+      size: Steps per block.
+      measured: Measured heading, NaN where masked, shape (blocks,) [rad]; masked blocks do not count.
+      turned: Angle, changed in place, shape (blocks,) [rad].
+    """
     per = window // size
     for s in range(len(stretches)):
         count = (stretches[s, END] - stretches[s, START]) // size
@@ -233,79 +369,63 @@ def turns_in_windows(stretches, window, size, measured, turned):
 
 
 @kernel
-def replay(
-    stretches, start, times, current, speed, yaw, heading, sensors, bodies, wheels, motors, floors, terms,
-    rollers, phases, unit, h, size, window, substeps, blocks,
-):  # fmt: skip
-    """All stretches of all runs under one setting.
+def replay(log, parameters, rollers, sampling, blocks):
+    """Replays all stretches of all runs under one setting.
 
     Args:
-      stretches: Shape (stretches, STRETCH).
-      start: Body twist at each start, shape (stretches, 3).
-      times: Time since the run's start of every step [s].
-      current: Measured currents, shape (steps, 4) [A].
-      speed: Measured wheel speeds, shape (steps, 4) [rad/s].
-      yaw: Measured heading, unwrapped, shape (steps, 1) [rad].
-      heading: What is measured of it, NaN where masked, shape (blocks,) [rad].
-      sensors: Shape (3, CHANNELS).
-      bodies: `PlanarConstants.body` of each stretch, shape (stretches, BODY_SIZE).
-      wheels: `PlanarConstants.wheels` of each stretch, shape (stretches, 4, PLANAR_WHEEL_SIZE).
-      motors: Driven by measured currents, shape (4, MOTOR_SIZE).
-      floors: `Floor.row` of each stretch, shape (stretches, TRACTION_SIZE).
-      terms: Effects, shape (4, TERMS).
-      rollers: Tables of `robot_rollers` and in a third row the pitch, shape (3, points); (3, 0): without.
-      phases: Angles of the wheels at each start, shape (stretches, 4) [rad].
-      unit: Current per torque at each wheel, shape (4,) [A/(N.m)].
-      h: Time of a step [s].
-      size: Steps per block.
-      window: Steps that a window is left to itself, a multiple of `size`.
-      substeps: Steps of the free equations per step; 0: no window is left to itself.
-      blocks: Filled, shape (blocks, CHANNELS).
+      log: `Log`.
+      parameters: `KernelParameters`.
+      rollers: `Rollers`.
+      sampling: `Sampling`.
+      blocks: Filled with block means, shape (blocks, CHANNELS).
     """
+    sensors, window = parameters.sensors, sampling.window
     begin = min(max(int(np.ceil(sensors[LATE, SPEED:ACCELERATION].max())), 0), window - 1)
-    for s in range(len(stretches)):
-        a, b = stretches[s, START], stretches[s, END]
-        four = np.empty((WHEELS, floors.shape[1]))
+    for s in range(len(log.stretches)):
+        a, b = log.stretches[s, START], log.stretches[s, END]
+        floors = np.empty((WHEELS, parameters.floors.shape[1]))
         for i in range(WHEELS):
-            four[i] = floors[s]
-        model = PlanarModel(bodies[s], wheels[s], motors, four, terms, False)
+            floors[i] = parameters.floors[s]
+        model = PlanarModel(
+            parameters.bodies[s], parameters.wheels[s], parameters.motors, floors, parameters.terms, False
+        )
+        follower = _Follower(model, sensors, parameters.current_per_torque, rollers.table, rollers.phases[s])
+        stretch = _Stretch(
+            log.stretches[s, FIRST_BLOCK],
+            log.start[s],
+            log.times[a:b],
+            log.current[a:b],
+            log.speed[a:b],
+            log.yaw[a:b],
+        )
         followed = np.empty((b - a, 8))
         free = np.zeros(((b - a + window - 1) // window, begin + window, WHEELS))
-        log = (current[a:b], speed[a:b], yaw[a:b])
-        _follow(
-            stretches[s], start[s], times[a:b], log[0], log[1], log[2], sensors, model, rollers, phases[s],
-            unit, h, window, substeps, begin, followed, free,
-        )  # fmt: skip
-        _block_means(stretches[s], log[0], sensors, followed, free, window, begin, size, blocks)
-    turns_in_windows(stretches, window, size, heading, blocks[:, YAW])
+        _follow(stretch, follower, sampling, begin, followed, free)
+        _block_means(stretch, sensors, followed, free, begin, sampling, blocks)
+    turns_in_windows(log.stretches, window, sampling.block, log.heading, blocks[:, YAW])
 
 
 @kernel
-def drive(current, body, wheels, motors, floors, terms, h, substeps, said):
+def drive(current, model, h, substeps, truth):
     """Drives the robot from rest by given currents.
 
     Args:
       current: Shape (steps, 4) [A].
-      body: `PlanarConstants.body`.
-      wheels: `PlanarConstants.wheels`.
-      motors: Driven by measured currents, shape (4, MOTOR_SIZE).
-      floors: `Floor.row` of each wheel, shape (4, TRACTION_SIZE).
-      terms: Effects, shape (4, TERMS).
+      model: `PlanarModel`, motors driven by measured currents.
       h: Time of a step [s].
       substeps: Steps of the equations per step.
-      said: Filled with the true values of all channels at the middle of each step, shape (steps, CHANNELS).
+      truth: Filled with the true values of all channels at each step, shape (steps, CHANNELS).
     """
     row, row_out = np.zeros(_STATE), np.zeros(_OUTPUT)
     state, output = planar_state(row), planar_output(row_out)
-    model = PlanarModel(body, wheels, motors, floors, terms, False)
     for k in range(len(current)):
         for i in range(WHEELS):
-            said[k, CURRENT + i] = current[k, i]
-            said[k, SPEED + i] = state.wheel_speed[i] + state.backlash_rate[i]
-        said[k, YAW_RATE], said[k, YAW] = state.twist[2], state.pose[2]
+            truth[k, CURRENT + i] = current[k, i]
+            truth[k, SPEED + i] = state.wheel_speed[i] + state.backlash_rate[i]
+        truth[k, YAW_RATE], truth[k, YAW] = state.twist[2], state.pose[2]
         before_x, before_y = 0.0, 0.0
         for _ in range(substeps):
             step(row, current[k], model, h / substeps, 1, row_out)
             before_x += output.acceleration[0] / substeps
             before_y += output.acceleration[1] / substeps
-        said[k, ACCELERATION], said[k, ACCELERATION + 1] = before_x, before_y
+        truth[k, ACCELERATION], truth[k, ACCELERATION + 1] = before_x, before_y

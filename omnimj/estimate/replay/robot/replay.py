@@ -30,7 +30,6 @@ from omnimj.estimate.replay.interface import (
 from omnimj.estimate.replay.robot import kernels as native
 from omnimj.estimate.replay.robot.kernel_parameters import (
     FreeCurve,
-    KernelParameters,
     kernel_parameters,
     lean_shares,
     roller_tables,
@@ -48,6 +47,7 @@ from omnimj.estimate.replay.robot.runs import (
 )
 from omnimj.parameters import Floor, Robot
 from omnimj.parameters.parts import Sensors
+from omnimj.physics.planar import PlanarModel
 from omnimj.recording.dataset import Dataset
 from omnimj.signals import Array
 
@@ -191,7 +191,9 @@ class RobotReplay:
         chosen = [(self._by_label[label], values) for label, values in setting.effects.items()]
         return dataclasses.replace(based, machine=self._with(based.machine, chosen))
 
-    def _numbers(self, setting: Setting, runs: RobotRuns) -> tuple[KernelParameters, AdjustedMachine[Robot]]:
+    def _kernel_parameters(
+        self, setting: Setting, runs: RobotRuns
+    ) -> tuple[native.KernelParameters, AdjustedMachine[Robot]]:
         based, curve = self.based(setting), None
         if setting.curve is not None:
             over, force = setting.curve
@@ -202,15 +204,13 @@ class RobotReplay:
     def _replay(
         self, setting: Setting, runs: RobotRuns, tables: Array = _FLAT, phases: Array | None = None
     ) -> Array:
-        """Block means by the equations; with tables of the rollers also what these do at the given phases."""
-        own, _ = self._numbers(setting, runs)
+        """Block means by the equations, with rollers where their tables and phases are given."""
+        own, _ = self._kernel_parameters(setting, runs)
         if phases is None:
             phases = np.zeros((len(runs.stretches), native.WHEELS))
         blocks = np.empty((len(runs.measured), native.CHANNELS))
-        log = (runs.stretches, runs.start, runs.times, runs.current, runs.speed, runs.yaw)
-        machine = (own.bodies, own.wheels, own.motors, own.floors, own.terms, tables, phases, own.per_torque)
-        sizes = (STEP, runs.size, runs.window, self._substeps)
-        native.replay(*log, runs.measured[:, native.YAW], own.sensors, *machine, *sizes, blocks)
+        sampling = native.Sampling(STEP, runs.size, runs.window, self._substeps)
+        native.replay(runs.log, own, native.Rollers(tables, phases), sampling, blocks)
         return blocks[:, self._columns]
 
     def simulate_twin(self, setting: Setting) -> Array:
@@ -259,24 +259,24 @@ class RobotReplay:
 
     def predict(self, settings: Sequence[Setting], experiment: Experiment) -> list[Array]:
         """Block means that a replay of such a run would give, if the first setting were the truth."""
-        runs = self._made(settings[0], experiment)
+        runs = self._experiment_runs(settings[0], experiment)
         return self._each(lambda s: self._replay(s, runs), settings)
 
-    def _made(self, setting: Setting, experiment: Experiment) -> RobotRuns:
-        """The run of a menu under one setting, driven from rest by given currents."""
+    def _experiment_runs(self, setting: Setting, experiment: Experiment) -> RobotRuns:
+        """Candidate run under one setting, driven from rest by given currents."""
         mass = self._robot.body.mass + float(experiment.run["added_mass"])
         floor, current = str(experiment.run["floor"]), experiment_currents(self._robot, experiment)
-        said = np.zeros((len(current), native.CHANNELS))
-        runs = synthetic_run(said, floor, mass, self._runs)
-        own, based = self._numbers(setting, runs)
+        values = np.zeros((len(current), native.CHANNELS))
+        runs = synthetic_run(values, floor, mass, self._runs)
+        own, based = self._kernel_parameters(setting, runs)
         floors = np.repeat(own.floors, native.WHEELS, axis=0)
-        machine = (own.bodies[0], own.wheels[0], own.motors, floors, own.terms)
-        native.drive(current, *machine, STEP, 2 * _SUBSTEPS, said)
+        model = PlanarModel(own.bodies[0], own.wheels[0], own.motors, floors, own.terms, False)
+        native.drive(current, model, STEP, 2 * _SUBSTEPS, values)
         delay, scale, offset = sensor_readings(apply_effects(based.machine))
-        places = np.arange(len(said))
+        places = np.arange(len(values))
         for c in range(native.CHANNELS):
-            said[:, c] = scale[c] * np.interp(places - delay[c] / STEP, places, said[:, c]) + offset[c]
-        return synthetic_run(said, floor, mass, self._runs)
+            values[:, c] = scale[c] * np.interp(places - delay[c] / STEP, places, values[:, c]) + offset[c]
+        return synthetic_run(values, floor, mass, self._runs)
 
 
 def _is_free(column: int) -> bool:

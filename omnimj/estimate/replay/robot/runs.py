@@ -20,6 +20,7 @@ from omnimj.estimate.replay.robot.kernels import (
     WHEELS,
     YAW,
     YAW_RATE,
+    Log,
     turns_in_windows,
 )
 from omnimj.parameters import Floor, Robot
@@ -71,6 +72,12 @@ class RobotRuns:
     """Block means of `NAMES`, NaN where masked, the yaw less its mean over the window, shape (blocks, 12)."""
     segments: tuple[Segment, ...]
     """One per stretch."""
+
+    @property
+    def log(self) -> Log:
+        """The log for the kernels."""
+        heading = self.measured[:, YAW]
+        return Log(self.stretches, self.start, self.times, self.current, self.speed, self.yaw, heading)
 
 
 @dataclass(frozen=True)
