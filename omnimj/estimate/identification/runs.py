@@ -1,4 +1,4 @@
-"""A measured rig run on an even time grid, with what must not be fitted left out."""
+"""Measured rig runs on an even time grid, and prepared for the fit of a floor."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from omnimj.recording.dataset import Run
 from omnimj.signals import Array
 
 AT_REST = 5e-3
-"""A carriage slower than this stands [m/s]."""
+"""Speed below which the carriage stands [m/s]."""
 _TURNING = 3.0  # [rad/s] mean of a wheel that does not start from rest
 _LATERAL_REST = 0.01  # [m/s] below it the gantry stands and its speed has no sign
 _STEP = 1.5  # × median time step: farther apart, what lies between two samples is not measured
@@ -29,11 +29,11 @@ _GRID = 1e-3  # × period: a clock that keeps the grid this well needs no interp
 
 @dataclass(frozen=True)
 class RigRun:
-    """One run at a constant period; arrays have shape (k,)."""
+    """Run at a constant period; arrays have shape (k,)."""
 
     name: str
     condition: str
-    """What repeats share."""
+    """Condition shared by repeats."""
     floor: str
     mass: float
     """m_T [kg]."""
@@ -52,29 +52,29 @@ class RigRun:
     carriage_acceleration: Array
     """[m/s²]"""
     measured: NDArray[np.bool_]
-    """Where current, wheel speed, carriage speed, acceleration are measured, shape (k, 4)."""
+    """Mask of measured samples of current, wheel speed, carriage speed and acceleration, shape (k, 4)."""
 
     @property
     def starts_at_rest(self) -> bool:
-        """Whether carriage and wheel stand at the first samples."""
+        """True where carriage and wheel stand at the first samples."""
         first = max(1, round(_BEGIN / self.period))
         turning = abs(self.wheel_speed[:first].mean()) > _TURNING
         return bool(abs(self.carriage_speed[:first].mean()) < 4.0 * AT_REST and not turning)
 
     @property
     def nominal_current(self) -> float:
-        """The set value of a constant-current run: the 90 % quantile of |i| with the sign of its mean [A]."""
+        """Set value of a constant-current run [A]: the 90 % quantile of |i| with the sign of its mean."""
         return float(np.copysign(np.quantile(np.abs(self.current), 0.9), self.current.mean()))
 
 
 def rig_run(run: Run, period: float) -> RigRun:
-    """A run of a dataset on an even grid.
+    """Resample a run of a dataset to an even grid.
 
-    Masked samples are bridged by straight lines, so that an input has no holes, and marked as not measured.
+    Masked samples are bridged by straight lines, so that inputs have no holes, and marked as not measured.
 
     Args:
       run: With columns of the rig, `floor` and `mass` among its conditions.
-      period: Of the grid [s].
+      period: Period of the grid [s].
     """
     time = run.time - run.time[0]
     count = int(np.floor(time[-1] / period + 1e-6)) + 1
@@ -100,7 +100,7 @@ def rig_run(run: Run, period: float) -> RigRun:
 def _on_grid(
     time: Array, values: Array, masked: NDArray[np.bool_] | None, grid: Array, period: float
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Values on the grid, and where they lie beside measured samples."""
+    """Values on the grid, and the mask of those beside measured samples."""
     good = np.isfinite(values) if masked is None else np.isfinite(values) & ~masked
     if not good.any():
         return np.zeros(len(grid)), np.zeros(len(grid), dtype=bool)
@@ -118,8 +118,6 @@ def longest_stretches(measured: NDArray[np.bool_], least: int) -> list[tuple[int
     edges = np.flatnonzero(np.diff(np.concatenate(([False], ~measured, [False])).astype(int)))
     return [(a, b) for a, b in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True) if b - a >= least]
 
-
-# One run as the fit sees it: numbers for the kernel, measured block means, what counts.
 
 BLOCK = 0.01
 """Length of a block [s]: a roller passes in about this time at top speed."""
@@ -140,16 +138,16 @@ class CarriageRun:
     wheel_speed: Array
     """Cut to whole blocks, shape (k,) [rad/s]."""
     use: Array
-    """Shape (k, 2): samples that count for speed and acceleration."""
+    """Samples that count for speed and acceleration, shape (k, 2)."""
     per_block: int
     decay: float
-    """Of the accelerometer's bandwidth over one sample."""
+    """Decay of the accelerometer's low-pass filter over one sample."""
     measured: Array
     """Block means of speed and acceleration, NaN where nothing counts, shape (m, 2)."""
 
     @property
     def blocks(self) -> int:
-        """How many block means count."""
+        """Number of block means that count."""
         return int(np.isfinite(self.measured).sum())
 
     @property
@@ -169,7 +167,7 @@ class CarriageRun:
     def with_known(
         self, rail_friction_added: float = 0.0, mass_added: float = 0.0, wheel_late: float = 0.0
     ) -> CarriageRun:
-        """The same run with other numbers for what is taken as known; `wheel_late` in seconds."""
+        """The same run with changed constants; `wheel_late` in seconds."""
         own = self.parameters
         changed = own._replace(
             dry=own.dry + rail_friction_added, mass=own.mass + mass_added, delay=own.delay + wheel_late
@@ -198,7 +196,7 @@ def resistance(rig: Rig, mass: float, lateral_speed: float) -> tuple[float, floa
 
 
 def carriage_run(rig: Rig, run: RigRun) -> CarriageRun:
-    """Prepares a run: cuts it into blocks and leaves out what the sensors cannot have seen."""
+    """Prepare a run: cut it into blocks and exclude samples that the sensors cannot resolve."""
     h = run.period
     per_block = max(1, round(BLOCK / h))
     count = len(run.time) // per_block * per_block
@@ -219,7 +217,7 @@ def carriage_run(rig: Rig, run: RigRun) -> CarriageRun:
 
 
 def _usable(rig: Rig, run: RigRun) -> NDArray[np.bool_]:
-    """Samples of speed and acceleration that count, shape (k, 2)."""
+    """Mask of samples of speed and acceleration that count, shape (k, 2)."""
     h = run.period
     use = run.measured[:, 2:4].copy()
     use &= (_has_travelled(rig, run) & _slips_clearly(rig, run))[:, None]
@@ -232,10 +230,11 @@ def _usable(rig: Rig, run: RigRun) -> NDArray[np.bool_]:
 
 
 def _slips_clearly(rig: Rig, run: RigRun) -> NDArray[np.bool_]:
-    """Where measured slip is well above its own ripple and noise in a short window.
+    """Mask of samples whose slip is well above its own ripple and noise in a short window.
 
-    The bristle relaxes with |V_r|: what rollers and encoders add to a small slip does not average out in it,
-    and the speed filter hides part of it.
+    The bristle relaxes with |V_r|: ripple of rollers and encoders on a small slip does not average out in
+    it, and
+    the speed filter hides part of it.
     """
     slip = rig.wheel.radius * run.wheel_speed - run.carriage_speed
     window = max(3, round(_WINDOW / run.period))
@@ -245,7 +244,8 @@ def _slips_clearly(rig: Rig, run: RigRun) -> NDArray[np.bool_]:
 
 
 def _has_travelled(rig: Rig, run: RigRun) -> NDArray[np.bool_]:
-    """Whether the carriage has left the dead band of its encoder since it last stood or turned back."""
+    """Mask of samples at which the carriage has left the dead band of its encoder since it last stood or
+    reversed."""
     s = rig.sensors
     least = _DEAD_BANDS * s.encoder_hysteresis * s.carriage_encoder_radius
     moving = np.where(np.abs(run.carriage_speed) > AT_REST, np.sign(run.carriage_speed), 0.0)

@@ -36,8 +36,6 @@ from omnimj.physics.axis import (
 )
 from omnimj.signals import Array
 
-# What a linear axis' logs span, and candidates whose sizes and places suit them.
-
 _NOTICED = 0.1  # of the measured force, RMS
 _SLOW = 0.4  # of the highest speed: friction that ends above it is not friction near standstill
 

@@ -1,4 +1,4 @@
-"""The rig as the search sees it: equations with effects, driven by measured currents; the twin as anchor."""
+"""Replay of rig runs: equations with effects, driven by measured currents; the MuJoCo twin as reference."""
 
 from __future__ import annotations
 
@@ -38,13 +38,17 @@ from omnimj.plant.mujoco.twin import RigTwin
 from omnimj.recording.dataset import Dataset
 from omnimj.signals import Array, CurrentCommand
 
-# What the rig's sensors make of a replay, and what their effects hide from it.
-
 _LEAST_SCALE = 1e-3
 
 
 def true_current(runs: RigRuns, channels: Mapping[str, ChannelEffect], lags: Mapping[str, float]) -> Array:
-    """The current that flowed: what the monitor says without its scale, offset and delay [A]."""
+    """Motor current [A]: the monitor's reading without its scale, offset and delay, shape (samples,).
+
+    Args:
+      runs: The runs.
+      channels: Effects on the sensors, by channel.
+      lags: Small lag of each channel [s].
+    """
     change = channels.get("current", ChannelEffect())
     scale = math.copysign(max(abs(change.scale), _LEAST_SCALE), change.scale)
     current = (runs.current - change.offset) / scale
@@ -52,7 +56,7 @@ def true_current(runs: RigRuns, channels: Mapping[str, ChannelEffect], lags: Map
 
 
 def _delayed(runs: RigRuns, series: Array, late: float) -> Array:
-    """A series of all runs, later by some time, straight between samples."""
+    """Delay a series of all runs, with linear interpolation between samples."""
     if late == 0.0:
         return series
     moved = np.empty_like(series)
@@ -65,13 +69,13 @@ def _delayed(runs: RigRuns, series: Array, late: float) -> Array:
 def sensor_block_means(
     out: Array, runs: RigRuns, changed: AppliedEffects, lags: Mapping[str, float]
 ) -> Array:
-    """Block means of what the sensors say of a replay, shape (blocks, channels).
+    """Block means of the simulated sensors, shape (blocks, channels).
 
     Args:
-      out: Of `kernels.replay_runs`, shape (samples, OUTPUTS).
-      runs: What was replayed.
+      out: Result of `kernels.replay_runs`, shape (samples, OUTPUTS).
+      runs: The replayed runs.
       changed: The machine with its effects.
-      lags: Small lateness of each channel [s].
+      lags: Small lag of each channel [s].
     """
     sensors, h = changed.machine.sensors, runs.period
     chain = {
@@ -109,12 +113,12 @@ _LAST_CURVE = 1  # the model file's own tabulated force has the first place
 
 
 class RigReplay:
-    """A dataset of rig runs; see `gap.replay.Replay`."""
+    """Replay of a dataset of rig runs; implements `replay.interface.Replay`."""
 
     plant = "quarter_rig"
 
     def __init__(self, dataset: Dataset, rig: Rig, floors: Mapping[str, Floor]):
-        """Prepares the runs.
+        """Prepare the runs.
 
         Args:
           dataset: The measured runs.
@@ -123,7 +127,7 @@ class RigReplay:
 
         Raises:
           InputError: A run without floor.
-          UnknownNameError: A floor that is not known.
+          UnknownNameError: Unknown floor.
         """
         self._rig, self._floors = rig, dict(floors)
         self._runs = rig_runs(dataset, rig, self._floors)
@@ -146,7 +150,7 @@ class RigReplay:
             return list(pool.map(self._one, settings))
 
     def based(self, setting: Setting) -> AdjustedMachine[Rig]:
-        """Constants with the effects of a setting."""
+        """Rig with the base parameters and effects of a setting."""
         based = adjust_machine(self._rig, self._floors, self.base, setting.base)
         effects: dict[str, dict] = {}
         for label, values in setting.effects.items():
@@ -181,7 +185,7 @@ class RigReplay:
         return sensor_block_means(out, runs, changed, based.lags)
 
     def simulate_twin(self, setting: Setting) -> Array:
-        """The same from the MuJoCo twin, every run from its start."""
+        """Block means by the MuJoCo twin, every run from its start."""
         based = self.based(setting)
         changed = apply_effects(based.machine)
         current = true_current(self._runs, changed.channels, based.lags)
@@ -192,7 +196,7 @@ class RigReplay:
         return sensor_block_means(out, self._runs, changed, based.lags)
 
     def regimes(self) -> Mapping[str, tuple[str, Array]]:
-        """What the measurement says of every block: variable → unit, values."""
+        """Variable → unit and its measured value in every block."""
         return regimes(self._runs)
 
     def candidate_experiments(self) -> tuple[Experiment, ...]:
@@ -200,18 +204,19 @@ class RigReplay:
         return rig_experiments(self._rig, self._runs.floor)
 
     def predict(self, settings: Sequence[Setting], experiment: Experiment) -> list[Array]:
-        """Block means in such a run; the current is set, the amplifier drives what the supply allows."""
+        """Predict block means of such a run; the amplifier delivers the set current as far as the supply
+        allows."""
         runs = experiment_runs(experiment, self._runs)
         return [self._equations(s, runs, measured=False) for s in settings]
 
 
 def _instance(name: str, taken: Mapping[str, object]) -> str:
-    """A free name for one more instance of an effect."""
+    """Free name for one more instance of an effect."""
     return next(c for c in (name, *(f"{name}_{k}" for k in range(2, 10))) if c not in taken)
 
 
 def _rows(runs: RigRuns, changed: AppliedEffects, based: AdjustedMachine[Rig]) -> tuple[Array, Array]:
-    """Rig rows and floor rows of all runs."""
+    """Packed rigs and packed floors of all runs."""
     scale, slope = float(changed.radius_scale[0]), changed.slope[0]
     masses = (runs.mass * based.mass_scale + changed.added_mass).tolist()
     rows = [packed(rig_parameters(changed.machine, mass, scale, 1.0, slope)) for mass in masses]
@@ -220,7 +225,7 @@ def _rows(runs: RigRuns, changed: AppliedEffects, based: AdjustedMachine[Rig]) -
 
 
 def _drive_twin(based: AdjustedMachine[Rig], runs: RigRuns, k: int, current: Array, out: Array) -> None:
-    """One run on the twin, with ideal sensors."""
+    """Drive one run on the twin, with ideal sensors."""
     motor = dataclasses.replace(based.machine.motor, supply=_UNCLIPPED, current_limit=_UNCLIPPED)
     lateral = float(np.median(runs.lateral[runs.first[k] : runs.first[k + 1]]))
     mass = float(runs.mass[k] * based.mass_scale)

@@ -1,4 +1,4 @@
-"""Measured rig runs on a common clock: what drives the replay, and block means to compare it with."""
+"""Measured rig runs on a common clock: inputs, block means, regimes and candidate experiments."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class RigRuns:
     first: NDArray[np.int_]
     """First sample of every run and the end of the last, shape (runs + 1,)."""
     blocks_first: NDArray[np.int_]
-    """The same for blocks."""
+    """First block of every run and the end of the last, shape (runs + 1,)."""
     size: int
     """Samples per block."""
     current: Array
@@ -38,7 +38,7 @@ class RigRuns:
     """Current set value where it was recorded, shape (samples,) [A]."""
     lateral: Array
     start: Array
-    """Carriage and wheel speed at the start, shape (runs, 2)."""
+    """Carriage [m/s] and wheel speed [rad/s] at the start, shape (runs, 2)."""
     mass: Array
     floor: tuple[str, ...]
     measured: Array
@@ -47,11 +47,16 @@ class RigRuns:
 
 
 def rig_runs(dataset: Dataset, rig: Rig, floors: dict[str, Floor]) -> RigRuns:
-    """Resamples, smooths the gantry's speed, takes block means.
+    """Resample the runs, smooth the gantry's speed, and take block means.
+
+    Args:
+      dataset: The measured runs.
+      rig: Gives the sample rate and the default mass.
+      floors: Floors by name.
 
     Raises:
       InputError: A run without floor.
-      UnknownNameError: A floor that is not known.
+      UnknownNameError: Unknown floor.
     """
     period = 1.0 / rig.sensors.sample_rate
     total = sum(float(run.time[-1] - run.time[0]) for run in dataset.runs)
@@ -94,7 +99,7 @@ def rig_runs(dataset: Dataset, rig: Rig, floors: dict[str, Floor]) -> RigRuns:
 
 
 def _resampled(run: Run, name: str, clock: Array, fill: bool = False) -> Array:
-    """A column on the clock; masked samples are NaN, or bridged where the value drives the replay."""
+    """Resample a column; masked samples are NaN, or bridged where the value drives the replay."""
     values = run.columns.get(name)
     if values is None:  # only the gantry's speed may be missing: it stands
         return np.zeros(len(clock))
@@ -109,9 +114,10 @@ def _resampled(run: Run, name: str, clock: Array, fill: bool = False) -> Array:
 
 
 def denoise_current(current: Array) -> Array:
-    """The current without the noise of its monitor, its steps kept: means of neighbours within 4 σ.
+    """Remove the noise of the current monitor but keep steps: means of neighbours within 4 σ, shape
+    (samples,).
 
-    What drives the replay must not be noisy: near standstill friction rectifies noise, and a noisy current
+    The input of the replay must not be noisy: near standstill friction rectifies noise, and a noisy current
     breaks away where the true one sticks.
     """
     sigma = float(np.median(np.abs(np.diff(current)))) / 0.6745 / np.sqrt(2.0)
@@ -128,7 +134,7 @@ def denoise_current(current: Array) -> Array:
 
 
 def _steady(lateral: Array, period: float) -> Array:
-    """The gantry's speed without the noise of its sensor, exactly 0 while it stands."""
+    """Smooth the gantry's speed; exactly 0 while it stands."""
     smooth = uniform_filter1d(lateral, max(1, round(0.05 / period)), mode="nearest")
     middle = float(np.median(smooth))
     if abs(smooth - middle).max() < _STILL:  # constant: the mean is the best there is
@@ -152,13 +158,11 @@ def _floor(dataset: Dataset, run: Run, floors: dict[str, Floor]) -> str:
     return str(name)
 
 
-# What the measurement says of every block of a rig run: speed, load, place, time since the reversal, …
-
 _STANDING = 0.01  # [m/s]
 
 
 def travelled(runs: RigRuns) -> Array:
-    """Path along the rail from the measured speed, from 0 at each run's start, per block [m]."""
+    """Path along the rail from the measured speed, from 0 at each run's start, shape (blocks,) [m]."""
     parts = []
     for p in runs.segments:
         speed = np.nan_to_num(runs.measured[p.first : p.last, 1])
@@ -167,7 +171,7 @@ def travelled(runs: RigRuns) -> Array:
 
 
 def variable_spans(runs: RigRuns) -> dict[str, tuple[float, float]]:
-    """Variable → lowest and highest value that the runs cover."""
+    """Range of each regime variable: variable → lowest and highest value."""
     speed, position = runs.measured[:, 1], travelled(runs)
     ends = {
         "speed": (float(np.nanmin(speed)), float(np.nanmax(speed))),
@@ -179,7 +183,7 @@ def variable_spans(runs: RigRuns) -> dict[str, tuple[float, float]]:
 
 
 def regimes(runs: RigRuns) -> dict[str, tuple[str, Array]]:
-    """Variable → unit and value per block; those that do not vary are left out."""
+    """Regime variables: name → unit and value per block; constant ones are left out."""
     speed, turned = np.nan_to_num(runs.measured[:, 1]), []
     lateral, current, since = [], [], []
     for k, p in enumerate(runs.segments):
@@ -207,7 +211,7 @@ def regimes(runs: RigRuns) -> dict[str, tuple[str, Array]]:
 
 
 def _since_reversal(speed: Array, time: Array) -> Array:
-    """Time since the direction last changed [s]."""
+    """Time since the direction last changed, shape (blocks,) [s]."""
     sign = np.sign(np.where(abs(speed) < _STANDING, 0.0, speed))
     since, last, direction = np.empty(len(speed)), 0.0, 0.0
     for k, s in enumerate(sign):
@@ -216,8 +220,6 @@ def _since_reversal(speed: Array, time: Array) -> Array:
         since[k] = time[k] - last
     return since
 
-
-# Runs that a user can make on the rig, to be told which of them would split two rivals.
 
 _SECONDS = 2.0
 _PROFILES = {
@@ -229,7 +231,7 @@ _PROFILES = {
 
 
 def rig_experiments(rig: Rig, floors: tuple[str, ...]) -> tuple[Experiment, ...]:
-    """Profiles × currents × masses × sideways speeds × floors that the rig has, about a hundred."""
+    """Candidate runs: profiles × currents × masses × lateral speeds × floors, about a hundred."""
     masses = (rig.rig.masses[0], rig.rig.masses[-1])
     found = []
     for floor in dict.fromkeys((*floors, "natural_stone", "pvc")):
@@ -262,7 +264,7 @@ def _experiment(
 
 
 def experiment_runs(experiment: Experiment, like: RigRuns) -> RigRuns:
-    """One run of the menu as if it had been measured; nothing was, so `measured` is NaN."""
+    """Candidate run in the form of measured ones; `measured` is NaN."""
     run, period = experiment.run, like.period
     time = np.arange(0.0, float(run["duration"]), period)
     set_value = float(run["current"]) * _shape(str(run["profile"]), time)
@@ -286,7 +288,7 @@ def experiment_runs(experiment: Experiment, like: RigRuns) -> RigRuns:
 
 
 def _shape(profile: str, time: Array) -> Array:
-    """The set value over time, at most 1."""
+    """Set value over time, at most 1."""
     if profile == "reversing":
         return np.where(np.floor(time / 0.5) % 2 == 0, 1.0, -1.0)
     if profile == "pulse":

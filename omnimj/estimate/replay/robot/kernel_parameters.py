@@ -1,4 +1,4 @@
-"""The kernels' numbers of a robot with its effects, for every stretch of a log."""
+"""Robot with its effects in the form of the kernels, for every stretch of a log; geometry of the rollers."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _SHARES = (1.0, 0.7, 0.4, 0.0)  # of a payload's distance from the centre, until
 
 @dataclass(frozen=True)
 class FreeCurve:
-    """A free force over one variable."""
+    """Free force over one variable."""
 
     over: str
     force: Array
@@ -39,13 +39,13 @@ class FreeCurve:
 def kernel_parameters(
     based: AdjustedMachine[Robot], runs: RobotRuns, mass_scale: float, curve: FreeCurve | None
 ) -> native.KernelParameters:
-    """All numbers of a robot.
+    """Kernel parameters of a robot.
 
     Args:
       based: The robot with its effects, its floors, its channels' lags.
       runs: Gives the declared mass and the floor of each stretch.
       mass_scale: True over declared mass.
-      curve: A free force at every wheel.
+      curve: Free force at every wheel.
     """
     changed = apply_effects(based.machine)
     terms = changed.terms.copy()
@@ -68,14 +68,14 @@ def kernel_parameters(
 
 
 def _constants(runs: RobotRuns, changed: AppliedEffects, mass_scale: float) -> tuple[Array, Array]:
-    """Body and wheel rows of all stretches; the declared mass may differ from run to run."""
+    """Packed bodies and wheels of all stretches; the declared mass may differ from run to run."""
     made = {mass: _with_payload(changed, mass * mass_scale) for mass in set(runs.mass.tolist())}
     rows = [made[mass] for mass in runs.mass.tolist()]
     return np.stack([r.body for r in rows]), np.stack([r.wheels for r in rows])
 
 
 def _with_payload(changed: AppliedEffects, mass: float) -> PlanarConstants:
-    """The robot with its payload; one so far out that a wheel would lift is moved inward."""
+    """Robot with its payload; one so far out that a wheel would lift is moved inward."""
     robot = dataclasses.replace(changed.machine, body=dataclasses.replace(changed.machine.body, mass=mass))
     extra, x, y = changed.payload
     for share in _SHARES:
@@ -91,14 +91,14 @@ def _with_payload(changed: AppliedEffects, mass: float) -> PlanarConstants:
 
 
 def sensor_readings(changed: AppliedEffects) -> tuple[Array, Array, Array]:
-    """What sensor effects make of every channel: delay [s], scale and offset, shape (12,) each."""
+    """Delay [s], scale and offset of every channel by its sensor effects, shape (12,) each."""
     table = [changed.channels.get(name, Reading()) for name in NAMES]
     scale = [math.copysign(max(abs(change.scale), _LEAST_SCALE), change.scale) for change in table]
     return np.array([c.delay for c in table]), np.array(scale), np.array([c.offset for c in table])
 
 
 def _sensors(changed: AppliedEffects, lags: Mapping[str, float]) -> Array:
-    """Lateness in steps, scale and offset of every channel, shape (3, 12)."""
+    """Delay [steps], scale and offset of every channel, shape (3, 12)."""
     late, scale, offset = sensor_readings(changed)
     late[native.SPEED : native.ACCELERATION] += lags["wheel_speed"]
     late[native.ACCELERATION : native.YAW_RATE] += lags["acceleration"]
@@ -107,16 +107,14 @@ def _sensors(changed: AppliedEffects, lags: Mapping[str, float]) -> Array:
     return np.stack([late / STEP, scale, offset])
 
 
-# What the planar equations do not know: rows of rollers under a wheel, and a body that leans on its springs.
-
 _GRAVITY = 9.81
 POINTS = 96
-"""Points of the tables over one pitch."""
+"""Points of the roller tables over one pitch."""
 
 
 @dataclass(frozen=True)
 class RollerTables:
-    """Tables over one pitch of a row, from a roller of the first row being lowest."""
+    """Roller tables over one pitch of a row, starting with a roller of the first row at the lowest point."""
 
     pitch: float
     """Angle between two rollers of a row [rad]."""
@@ -126,7 +124,7 @@ class RollerTables:
 
 
 def roller_tables(robot: Robot) -> RollerTables:
-    """Tables of a robot's wheels under their static load."""
+    """Roller tables of a robot's wheels under their static load."""
     wheel = robot.wheel
     pitch = 2.0 * np.pi / wheel.rollers_per_row
     angle = np.arange(POINTS) / POINTS * pitch
@@ -149,7 +147,7 @@ def roller_tables(robot: Robot) -> RollerTables:
 
 
 def lean_shares(robot: Robot) -> tuple[float, float]:
-    """Share by which an accelerometer on the springs reads too much along x and y: m g h/(k Σ p²).
+    """Relative error of an accelerometer on the springs along x and y: m g h/(k Σ p²).
 
     An accelerating body leans back and its accelerometer sees some of gravity.
     """

@@ -1,9 +1,10 @@
-"""The robot as the search sees it: missions replayed by the planar equations, without knowing where it was.
+"""Replay of a robot's missions by the planar equations, without knowledge of the pose.
 
-`current_i`: the wheels turn as measured, and the current that their motion needs stands beside the measured
-one; in a closed loop that is where a gap shows. The same replay says what accelerometer and gyro should have
-read. `yaw`: turned by the equations, each window from a first heading of its own. `wheel_speed_i`, where they
-are asked for: windows that start from there are driven by the measured currents alone.
+`current_i`: the wheels turn as measured, and the current needed by their motion is compared with the measured
+one; in a closed loop that is where a gap shows. The same replay gives accelerometer and gyro. `yaw`:
+integrated
+by the equations, each window from its own initial heading. `wheel_speed_i`, optional: free windows driven by
+the measured currents alone.
 """
 
 from __future__ import annotations
@@ -51,8 +52,6 @@ from omnimj.physics.planar import PlanarModel
 from omnimj.recording.dataset import Dataset
 from omnimj.signals import Array
 
-# Where a stretch of floor may begin and end: the interval that explains most, out of all there are.
-
 _WIDTH, _MOST = 0.1, 80  # [m] of a strip, and how many there may be
 _PART = 0.3  # of the friction taken away in a strip
 
@@ -63,10 +62,11 @@ def likely_patch(
     """Start and end of the stretch of floor that explains most of the mismatch [m].
 
     Args:
-      span: Lowest and highest place that a wheel has been to [m].
-      noise: Of each channel, shape (channels,).
+      span: Lowest and highest place visited by a wheel [m].
+      noise: Noise of each channel, shape (channels,).
       mismatch: Measured − simulated, shape (blocks, channels).
-      moved: Predictions' changes by patches (scale, start, end), shape (strips, 3) → (blocks, channels) each.
+      moved: Changes of the prediction by patches (scale, start, end), shape (strips, 3) → (blocks,
+        channels) each.
     """
     count = int(np.clip((span[1] - span[0]) / _WIDTH, 3, _MOST))
     edges = np.linspace(*span, count + 1)
@@ -87,15 +87,16 @@ def likely_patch(
 _SUBSTEPS = 2  # of what is left to itself: 2 ms, half of a wheel's time constant on the floor
 _PHASES = 12  # tried angles over a pitch
 _FLAT = np.zeros((3, 0))
-"""Tables of wheels without rollers."""
+"""Roller tables of wheels without rollers."""
 _LAGS = ("wheel_speed", "acceleration", "yaw_rate", "yaw")
-"""Kinds of channels whose clock may be off that of the currents."""
+"""Kinds of channels whose clock may differ from that of the currents."""
 _HIDDEN = ("supply_sag",)
-"""What measured currents have in them already."""
+"""Effects already contained in measured currents."""
 
 
 class RobotReplay:
-    """A dataset of missions; see `gap.replay.Replay`. Ground truth in the logs is not looked at."""
+    """Replay of a dataset of missions; implements `replay.interface.Replay`. Ground truth in the logs is
+    ignored."""
 
     plant = ROBOT
 
@@ -108,18 +109,18 @@ class RobotReplay:
         windows: bool = False,
         threads: int | None = None,
     ):
-        """Prepares the runs.
+        """Prepare the runs.
 
         Args:
           dataset: The measured runs.
           robot: The model file's constants and the effects that it has already.
           floors: Floors by name.
-          windows: Whether wheel speeds of windows left to themselves are channels, too.
-          threads: For several settings at once; the machine's cores when None.
+          windows: True to compare the wheel speeds of free windows, too.
+          threads: Threads for several settings at once; the machine's cores when None.
 
         Raises:
           InputError: A run without floor, or none that is long enough.
-          UnknownNameError: A floor that is not known.
+          UnknownNameError: Unknown floor.
         """
         self._robot, self._floors = robot, dict(floors)
         self._threads = threads or os.cpu_count() or 1
@@ -138,7 +139,7 @@ class RobotReplay:
         self.candidates: tuple[CandidateEffect, ...] = tuple(self._with_place(f) for f in possible)
 
     def _fits(self, candidate: CandidateEffect) -> bool:
-        """Whether the model can have this effect beside those it has."""
+        """True where the model can have this effect beside those it has."""
         try:
             self._with(self._robot, [(candidate, np.array([s.typical for s in candidate.parameters]))])
         except InputError:
@@ -146,7 +147,8 @@ class RobotReplay:
         return True
 
     def _with_place(self, candidate: CandidateEffect) -> CandidateEffect:
-        """A stretch of floor is tried where it explains most: its edges are found from nearby only."""
+        """Candidate with trial values of its place: the edges of a stretch of floor converge from nearby
+        only."""
         if candidate.effect != "floor_patch":
             return candidate
         base = np.array([b.nominal for b in self.base])
@@ -179,14 +181,14 @@ class RobotReplay:
         return self._each(lambda s: self._replay(s, self._runs), settings)
 
     def _each(self, function: Callable[[Any], Array], arguments: Sequence) -> list[Array]:
-        """A function of many arguments on all cores; kernels let go of the interpreter."""
+        """Map a function on all cores; kernels release the interpreter lock."""
         if len(arguments) < 2 or self._threads < 2:
             return [function(a) for a in arguments]
         with ThreadPoolExecutor(min(self._threads, len(arguments))) as pool:
             return list(pool.map(function, arguments))
 
     def based(self, setting: Setting) -> AdjustedMachine[Robot]:
-        """Constants with the effects of a setting."""
+        """Robot with the base parameters and effects of a setting."""
         based = adjust_machine(self._robot, self._floors, self.base, setting.base)
         chosen = [(self._by_label[label], values) for label, values in setting.effects.items()]
         return dataclasses.replace(based, machine=self._with(based.machine, chosen))
@@ -214,11 +216,13 @@ class RobotReplay:
         return blocks[:, self._columns]
 
     def simulate_twin(self, setting: Setting) -> Array:
-        """The same with what the twin has beyond the planar equations: rows of rollers, and springs.
+        """Block means with the twin's additions to the planar equations: rows of rollers, and springs.
 
-        The twin itself cannot be restarted in the middle of a mission, and open loop it drifts away. What its
-        rollers do to a wheel is geometry (`robot_rollers`); at which angle a roller was lowest when a log
-        began is found where the measured currents fit best.
+        The twin itself cannot be restarted in the middle of a mission, and open loop it drifts away. The
+        action of its
+        rollers on a wheel is geometry (`roller_tables`); the angle at which a roller was lowest when a log
+        began is
+        found where the measured currents fit best.
         """
         if not self._phases.size:
             self._phases = self._find_phases(setting)
@@ -230,7 +234,7 @@ class RobotReplay:
         return found
 
     def _find_phases(self, setting: Setting) -> Array:
-        """The rollers' phase of every wheel at every stretch's start, shape (stretches, 4) [rad]."""
+        """Phase of the rollers of every wheel at the start of every stretch, shape (stretches, 4) [rad]."""
         shape = (len(self._runs.stretches), native.WHEELS)
         step = self._rollers.pitch / _PHASES
         wheels = [self._columns.index(native.CURRENT + i) for i in range(native.WHEELS)]
@@ -250,7 +254,7 @@ class RobotReplay:
         return (best + 0.5 * (near(-1) - near(1)) / np.maximum(bend, 1e-30)) * step
 
     def regimes(self) -> Mapping[str, tuple[str, Array]]:
-        """What the measurement says of every block: variable → unit, values."""
+        """Variable → unit and its measured value in every block."""
         return regimes(self._runs, self._robot)
 
     def candidate_experiments(self) -> tuple[Experiment, ...]:
@@ -258,7 +262,7 @@ class RobotReplay:
         return robot_experiments(self._runs.floor)
 
     def predict(self, settings: Sequence[Setting], experiment: Experiment) -> list[Array]:
-        """Block means that a replay of such a run would give, if the first setting were the truth."""
+        """Predict block means of such a run, if the first setting were the truth."""
         runs = self._experiment_runs(settings[0], experiment)
         return self._each(lambda s: self._replay(s, runs), settings)
 
@@ -284,12 +288,12 @@ def _is_free(column: int) -> bool:
 
 
 def _instance(name: str, taken: Mapping[str, object]) -> str:
-    """A free name for one more instance of an effect."""
+    """Free name for one more instance of an effect."""
     return next(c for c in (name, *(f"{name}_{k}" for k in range(2, 10))) if c not in taken)
 
 
 def _channels(sensors: Sensors) -> tuple[Channel, ...]:
-    """Roughness: RMS over 20 ms by which the equations miss a healthy twin, its sensors' noise apart."""
+    """Channels; equation errors are RMS over 20 ms on a healthy twin, without its sensors' noise."""
     wheels = range(1, native.WHEELS + 1)
     bias, drift = sensors.accelerometer_bias, sensors.gyro_bias
     return (

@@ -1,4 +1,4 @@
-"""Measured missions on one clock: what drives the replay, and block means of what it is compared with."""
+"""Measured missions on a common clock: inputs, block means, regimes and candidate experiments."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from omnimj.signals import Array
 STEP = 0.004
 """Step of the replay [s]."""
 WINDOW = 1.0
-"""Time that a window is left to itself [s]."""
+"""Length of a free window [s]."""
 NAMES = robot_channels(WHEELS)
 _BLOCK = 5  # steps of a block at least
 _MOST_BLOCKS = 6000
@@ -53,21 +53,21 @@ class RobotRuns:
     window: int
     """Steps per window, a multiple of `size`."""
     stretches: NDArray[np.int64]
-    """See `kernels.STRETCH`."""
+    """Table of stretches, see `kernels.STRETCH`."""
     start: Array
     """Body twist at each start, shape (stretches, 3)."""
     times: Array
-    """Since the run's start, shape (steps,) [s]."""
+    """Time since the run's start, shape (steps,) [s]."""
     current: Array
     """Shape (steps, 4) [A]."""
     speed: Array
-    """Of the wheels, shape (steps, 4) [rad/s]."""
+    """Wheel speeds, shape (steps, 4) [rad/s]."""
     yaw: Array
-    """Unwrapped, shape (steps, 1) [rad]."""
+    """Heading, unwrapped, shape (steps, 1) [rad]."""
     mass: Array
-    """Declared, shape (stretches,) [kg]."""
+    """Declared mass, shape (stretches,) [kg]."""
     floor: tuple[str, ...]
-    """Of each stretch."""
+    """Floor of each stretch."""
     measured: Array
     """Block means of `NAMES`, NaN where masked, the yaw less its mean over the window, shape (blocks, 12)."""
     segments: tuple[Segment, ...]
@@ -82,7 +82,7 @@ class RobotRuns:
 
 @dataclass(frozen=True)
 class _Stretch:
-    """A part of a run without gaps."""
+    """Part of a run without gaps."""
 
     run: Run
     times: Array
@@ -91,15 +91,20 @@ class _Stretch:
     masked: NDArray[np.bool_]
     """Shape (steps, 12)."""
     twist: Array
-    """At the start, shape (3,)."""
+    """Body twist at the start, shape (3,)."""
 
 
 def robot_runs(dataset: Dataset, robot: Robot, floors: dict[str, Floor]) -> RobotRuns:
-    """Cuts the runs at their gaps and takes means.
+    """Cut the runs at their gaps and take means.
+
+    Args:
+      dataset: The measured runs.
+      robot: Gives geometry, sensors and the default mass.
+      floors: Floors by name.
 
     Raises:
       InputError: A run without floor, or no run that is long enough.
-      UnknownNameError: A floor that is not known.
+      UnknownNameError: Unknown floor.
     """
     rolling = rolling_matrix(robot.wheel_positions, robot.drive_directions)
     inverse: Array = np.asarray(robot.wheel.radius * np.linalg.pinv(rolling), float)
@@ -119,8 +124,8 @@ def robot_runs(dataset: Dataset, robot: Robot, floors: dict[str, Floor]) -> Robo
         row, first = row + count, first + count * size
     steps = np.concatenate([p.steps[: len(p.steps) // size * size] for p in parts])
     window = size * max(2, round(WINDOW / (size * STEP)))
-    stretches, said = np.array(table, np.int64).reshape(-1, STRETCH), np.concatenate(measured)
-    turns_in_windows(stretches, window, size, said[:, YAW].copy(), said[:, YAW])
+    stretches, values = np.array(table, np.int64).reshape(-1, STRETCH), np.concatenate(measured)
+    turns_in_windows(stretches, window, size, values[:, YAW].copy(), values[:, YAW])
     return RobotRuns(
         size,
         window,
@@ -132,24 +137,24 @@ def robot_runs(dataset: Dataset, robot: Robot, floors: dict[str, Floor]) -> Robo
         np.ascontiguousarray(steps[:, -1:]),
         np.array([float(p.run.conditions.get("mass", robot.body.mass)) for p in parts]),
         tuple(_floor(dataset, p.run, floors) for p in parts),
-        said,
+        values,
         tuple(segments),
     )
 
 
-def synthetic_run(said: Array, floor: str, mass: float, like: RobotRuns) -> RobotRuns:
-    """One run as if it had been measured.
+def synthetic_run(values: Array, floor: str, mass: float, like: RobotRuns) -> RobotRuns:
+    """Simulated run in the form of measured ones.
 
     Args:
-      said: Of every channel at each step, shape (steps, 12).
+      values: Values of every channel at each step, shape (steps, 12).
       floor: Its floor.
-      mass: The declared mass [kg].
+      mass: Declared mass [kg].
       like: Gives sizes of blocks and windows.
     """
-    count = len(said) // like.size
-    said = said[: count * like.size]
-    times: Array = STEP * (np.arange(len(said), dtype=float) + 0.5)
-    stretches, measured = np.array([[0, len(said), 0]], np.int64), average_blocks(said, like.size)
+    count = len(values) // like.size
+    values = values[: count * like.size]
+    times: Array = STEP * (np.arange(len(values), dtype=float) + 0.5)
+    stretches, measured = np.array([[0, len(values), 0]], np.int64), average_blocks(values, like.size)
     turns_in_windows(stretches, like.window, like.size, measured[:, YAW].copy(), measured[:, YAW])
     return RobotRuns(
         like.size,
@@ -157,9 +162,9 @@ def synthetic_run(said: Array, floor: str, mass: float, like: RobotRuns) -> Robo
         stretches,
         np.zeros((1, 3)),
         times,
-        np.ascontiguousarray(said[:, :WHEELS]),
-        np.ascontiguousarray(said[:, WHEELS : 2 * WHEELS]),
-        np.ascontiguousarray(said[:, -1:]),
+        np.ascontiguousarray(values[:, :WHEELS]),
+        np.ascontiguousarray(values[:, WHEELS : 2 * WHEELS]),
+        np.ascontiguousarray(values[:, -1:]),
         np.array([mass]),
         (floor,),
         measured,
@@ -178,10 +183,11 @@ def _floor(dataset: Dataset, run: Run, floors: dict[str, Floor]) -> str:
 
 
 def _filter_constants(robot: Robot) -> Array:
-    """Time constants that make every channel as slow as the wheels' speed, shape (12,) [s].
+    """Time constants that make every channel as slow as the wheel speeds, shape (12,) [s].
 
-    The equations are linear but for friction: filtered currents move wheels that read filtered speeds, where
-    speeds set right by an advance would lack what the filter took away.
+    The equations are linear but for friction, so filtered currents move wheels that read filtered speeds.
+    Advancing
+    the speeds instead would not restore what the filter removed.
     """
     slowest, sensors = robot.sensors.speed_filter, robot.sensors
     chain = np.full(len(NAMES), slowest)
@@ -193,7 +199,7 @@ def _filter_constants(robot: Robot) -> Array:
 
 
 def _low_passed(time: Array, values: Array, constant: float) -> Array:
-    """Behind a filter of the first order, exact for values that hold until the next sample."""
+    """Filter of the first order, exact for values that hold until the next sample."""
     if constant <= 0.0 or len(time) < 2:
         return values
     step = np.diff(time)
@@ -244,7 +250,8 @@ def _stretch(run: Run, part: slice, inverse: Array, chain: Array) -> _Stretch:
 def _means(
     time: Array, values: Array, bad: NDArray[np.bool_] | None, edges: Array, constant: float
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Means between edges behind a filter, masked samples bridged; and between which edges any was masked."""
+    """Means between edges behind a filter, masked samples bridged; and the mask of intervals with masked
+    samples."""
     masked = np.zeros(len(edges) - 1, bool)
     if bad is not None and bad.any() and not bad.all():
         place = np.clip(((time[bad] - edges[0]) / STEP).astype(int), 0, len(masked) - 1)
@@ -259,13 +266,12 @@ def _means(
     return np.diff(integral) / STEP, masked
 
 
-# Which robots the gap workflow is for: four wheels whose rollers roll along the axle.
-
 _ACROSS = 1e-6  # [rad] off the right angle between driving direction and roller axis
 
 
 def require_layout(dataset: Dataset, robot: Robot) -> None:
-    """Refuses what the replay's equations are not for.
+    """Refuse robots for which the replay's equations do not hold: four wheels with rollers along the axle
+    only.
 
     Raises:
       InputError: The model or the dataset has another number of wheels, or a wheel has turned rollers.
@@ -281,13 +287,11 @@ def require_layout(dataset: Dataset, robot: Robot) -> None:
         raise InputError(dataset.path, f"has the columns of {dataset.wheels} wheels", rule)
 
 
-# What the measurement says of every block of a mission: speed, direction, turning, place, time, …
-
 _STANDING = 0.03  # [m/s]
 
 
 def body_twist(runs: RobotRuns, robot: Robot) -> Array:
-    """Twist of rigid rolling, least squares over the measured wheel speeds, per step, shape (steps, 3)."""
+    """Twist of rigid rolling, least squares over the measured wheel speeds, shape (steps, 3)."""
     rolling = rolling_matrix(robot.wheel_positions, robot.drive_directions)
     return robot.wheel.radius * runs.speed @ np.linalg.pinv(rolling).T
 
@@ -303,13 +307,13 @@ def _along(runs: RobotRuns, rates: Array) -> Array:
 
 
 def _world(runs: RobotRuns, twist: Array) -> Array:
-    """Velocity in the world, shape (steps, 2) [m/s]."""
+    """Velocity in the world frame, shape (steps, 2) [m/s]."""
     c, s = np.cos(runs.yaw[:, 0]), np.sin(runs.yaw[:, 0])
     return np.stack([c * twist[:, 0] - s * twist[:, 1], s * twist[:, 0] + c * twist[:, 1]], axis=1)
 
 
 def variable_spans(runs: RobotRuns, robot: Robot) -> dict[str, tuple[float, float]]:
-    """Variable → lowest and highest value that the runs cover; speeds are those of a wheel's hub."""
+    """Lowest and highest value of each regime variable; speeds are those of a wheel's hub."""
     twist = body_twist(runs, robot)
     rim = robot.wheel.radius * runs.speed
     place = _along(runs, _world(runs, twist))[:, 0]
@@ -324,7 +328,7 @@ def variable_spans(runs: RobotRuns, robot: Robot) -> dict[str, tuple[float, floa
 
 
 def regimes(runs: RobotRuns, robot: Robot) -> dict[str, tuple[str, Array]]:
-    """Variable → unit and value per block; those that do not vary are left out."""
+    """Regime variables: name → unit and value per block; constant ones are left out."""
     steps = body_twist(runs, robot)
     twist = _per_block(runs, steps)
     speed = np.hypot(twist[:, 0], twist[:, 1])
@@ -360,7 +364,7 @@ def _rows(runs: RobotRuns):
 
 
 def _since_reversal(velocity: Array, speed: Array, time: Array) -> Array:
-    """Time since the robot last turned back or set off [s]."""
+    """Time since the robot last reversed or started, shape (blocks,) [s]."""
     since, last, direction = np.empty(len(time)), float(time[0]), np.zeros(2)
     for k in range(len(time)):
         if speed[k] > _STANDING:
@@ -371,14 +375,12 @@ def _since_reversal(velocity: Array, speed: Array, time: Array) -> Array:
     return since
 
 
-# Runs that a user can make with the robot, to be told which of them would split two rivals.
-
 _PAYLOAD = 2.0
-"""Mass that a user can weigh and put on the middle [kg]."""
+"""Known mass that a user puts on the middle [kg]."""
 _SECONDS = 6.0
 _LEGS = 1.5  # [s] of driving, coasting, driving back, coasting
 _CURRENTS = {"slow": 0.3, "fast": 0.7}
-"""Amplitude at the wheels that drive [A]."""
+"""Amplitude at the driving wheels [A]."""
 _MOVES = {
     "ahead": ("straight ahead and back", (1.0, 0.0, 0.0)),
     "left": ("sideways to and fro", (0.0, 1.0, 0.0)),
@@ -389,7 +391,7 @@ _MOVES = {
 
 
 def robot_experiments(floors: tuple[str, ...]) -> tuple[Experiment, ...]:
-    """Moves × speeds × with and without a known mass on the robot × floors."""
+    """Candidate runs: moves × speeds × with and without a known mass on the robot × floors."""
     found = []
     for floor in dict.fromkeys((*floors, "natural_stone")):
         for move, (words, _) in _MOVES.items():
@@ -404,7 +406,7 @@ def robot_experiments(floors: tuple[str, ...]) -> tuple[Experiment, ...]:
 
 
 def experiment_currents(robot: Robot, experiment: Experiment) -> Array:
-    """Currents of such a run, shape (steps, 4) [A]: on, off, on the other way, off."""
+    """Currents of a candidate run: forward, off, backward, off; shape (steps, 4) [A]."""
     direction = np.array(_MOVES[str(experiment.run["move"])][1])
     rolling = rolling_matrix(robot.wheel_positions, robot.drive_directions)
     per_wheel = rolling @ (direction / np.array([1.0, 1.0, np.hypot(*robot.wheel_positions[0])]))
