@@ -252,8 +252,7 @@ def _is_changed(parameter: Refitted) -> bool:
 
 
 def _quantity(parameter: Refitted, machine: Machine) -> str | None:
-    """Name of a parameter in the model file (`coulomb` of an axis is `axis.coulomb`); None without such a
-    number."""
+    """Name of a parameter in the model file, `axis.coulomb` for `coulomb` of an axis; None where it has none."""
     for name in (parameter.name, f"axis.{parameter.name}"):
         table, _, key = name.partition(".")
         if name in machine.provenance and table != "effects":

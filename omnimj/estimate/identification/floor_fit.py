@@ -87,7 +87,12 @@ class FloorProblem:
     whitening: Whitening = FIRST_WHITENING
 
     def simulated(self, shared: Array, own: Array) -> list[Array]:
-        """Block means of every run, shape (m, carriage.BLOCK) each."""
+        """Simulate every run; block means of shape (m, carriage.BLOCK) each.
+
+        Args:
+          shared: Shared unknowns, shape (SHARED,).
+          own: Radius deviation of each run, shape (runs,).
+        """
         floor = lugre(np.exp(shared[:RADIUS_SCALE]))
         return [
             run.pull(floor, float(np.exp(shared[RADIUS_SCALE] + off)))

@@ -157,8 +157,7 @@ def fit_runs(problem: FloorProblem) -> FloorFit:
 
 
 def _estimates(fit: FloorFit, doubt: FitCovariance, shows_stribeck: bool) -> tuple[Estimate, ...]:
-    """Estimates with intervals; with a constant g μ_c, μ_s and V_s are open, since they can compensate each
-    other."""
+    """Estimates with intervals; with a constant g μ_c, μ_s and V_s compensate each other and are open."""
     values = np.exp(fit.shared)
     found = []
     for k, name in enumerate(PARAMETERS):

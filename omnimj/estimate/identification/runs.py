@@ -244,8 +244,7 @@ def _slips_clearly(rig: Rig, run: RigRun) -> NDArray[np.bool_]:
 
 
 def _has_travelled(rig: Rig, run: RigRun) -> NDArray[np.bool_]:
-    """Mask of samples at which the carriage has left the dead band of its encoder since it last stood or
-    reversed."""
+    """Mask of samples beyond the dead band of the carriage's encoder since the last stop or reversal."""
     s = rig.sensors
     least = _DEAD_BANDS * s.encoder_hysteresis * s.carriage_encoder_radius
     moving = np.where(np.abs(run.carriage_speed) > AT_REST, np.sign(run.carriage_speed), 0.0)

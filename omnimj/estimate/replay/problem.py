@@ -75,8 +75,7 @@ class Problem:
         return np.array([b.nominal for b in self.replay.base] + [1.0] * self.has_twin_share)
 
     def prior(self, x: Array, effects: ModelEffects) -> tuple[Array, Array]:
-        """Precision of every parameter in its scale and its distance from nominal in that scale, shape (n,)
-        each.
+        """Precision of every parameter and its distance from nominal, both in its scale, shape (n,).
 
         A box of half-width a has the variance a²/3. The prior decides only what the data leave open: the
         share of an

@@ -1,5 +1,4 @@
-"""Defects visible in a single column: frozen, clipped, glitches, counter jumps, repeated rows, biases at
-rest."""
+"""Defects visible in a single column: frozen, clipped, glitches, repeated rows, biases at rest."""
 
 from __future__ import annotations
 
@@ -38,8 +37,7 @@ def fill_masked(run: Run, name: str) -> Array:
 
 
 def moving_mask(run: Run, names: Sequence[str]) -> NDArray[np.bool_]:
-    """Mask of samples at which some speed exceeds a twentieth of its largest; positions count by their
-    change.
+    """Mask of samples in motion: some speed, or change of a position, exceeds a twentieth of its largest.
 
     Returns:
       Shape (n,).

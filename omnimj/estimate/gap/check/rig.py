@@ -1,5 +1,4 @@
-"""Relations between the channels of the rig: speed and integrated acceleration, wheel and rail, first
-motions.
+"""Relations between the channels of the rig: speed, integrated acceleration, wheel and rail.
 
 Healthy lags stay below the limits: 4 ms of the speed filter, 1.6 ms of the accelerometer, a wheel that slips
 before it drives.

@@ -101,8 +101,9 @@ def _required_speed(part: BodyWindow, row: Array, axes: Array) -> tuple[Array, A
 def unexplained_share(
     parts: Sequence[BodyWindow], rolling: Array, order: Sequence[int], signs: Array, axes: Array
 ) -> float:
-    """Share of the wheels' motion that the body motion does not explain, each wheel with its own positive
-    scale.
+    """Share of the wheels' motion that the body motion does not explain.
+
+    Each wheel has a positive scale of its own.
 
     Args:
       parts: Windows.
@@ -306,8 +307,7 @@ def _scales(parts: Sequence[BodyWindow], rolling: Array, count: int) -> Iterator
 
 
 def _currents(runs: Sequence[Run], count: int) -> Iterator[Suspicion]:
-    """Yield swapped or reversed currents: a motor supplies work, so each current follows its own wheel's
-    speed."""
+    """Yield swapped or reversed currents: a motor supplies work to its own wheel."""
     work, drawn, turned = np.zeros((count, count)), np.zeros(count), np.zeros(count)
     for run in runs:
         i = np.stack([fill_masked(run, f"current_{k + 1}") for k in range(count)])

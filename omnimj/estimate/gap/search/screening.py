@@ -153,8 +153,7 @@ class Sensitivities:
 
 
 def sensitivities(problem: Problem, current: Fit, used: NDArray[np.bool_]) -> Sensitivities:
-    """Sensitivities to the model's parameters and to a free force at the knots of every variable of the
-    plant.
+    """Sensitivities to the model's parameters and to free forces at the knots of the plant's variables.
 
     Args:
       problem: The data and the scale.

@@ -99,8 +99,7 @@ def with_twin_correction(problem: Problem, x: Array, effects: ModelEffects) -> P
 
 
 def robust_scale(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) -> Problem:
-    """The problem with a Huber scale of three times the scatter of the mismatch, at least five times the
-    noise."""
+    """The problem with a Huber scale of three times the scatter, at least five times the noise."""
     middle = float(np.median(np.abs(fitted.residual[used])))
     return replace(problem, huber_scale=max(5.0, 3.0 * 1.4826 * middle))
 

@@ -204,8 +204,7 @@ class RigReplay:
         return rig_experiments(self._rig, self._runs.floor)
 
     def predict(self, settings: Sequence[Setting], experiment: Experiment) -> list[Array]:
-        """Predict block means of such a run; the amplifier delivers the set current as far as the supply
-        allows."""
+        """Predict block means of such a run; the supply limits the delivered current."""
         runs = experiment_runs(experiment, self._runs)
         return [self._equations(s, runs, measured=False) for s in settings]
 

@@ -114,11 +114,13 @@ def _resampled(run: Run, name: str, clock: Array, fill: bool = False) -> Array:
 
 
 def denoise_current(current: Array) -> Array:
-    """Remove the noise of the current monitor but keep steps: means of neighbours within 4 σ, shape
-    (samples,).
+    """Remove the noise of the current monitor but keep steps: means of neighbours within 4 σ.
 
     The input of the replay must not be noisy: near standstill friction rectifies noise, and a noisy current
     breaks away where the true one sticks.
+
+    Args:
+      current: Shape (samples,) [A].
     """
     sigma = float(np.median(np.abs(np.diff(current)))) / 0.6745 / np.sqrt(2.0)
     if sigma == 0.0:

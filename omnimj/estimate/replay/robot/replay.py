@@ -95,8 +95,7 @@ _HIDDEN = ("supply_sag",)
 
 
 class RobotReplay:
-    """Replay of a dataset of missions; implements `replay.interface.Replay`. Ground truth in the logs is
-    ignored."""
+    """Replay of a dataset of missions; ground truth in the logs is ignored."""
 
     plant = ROBOT
 
@@ -147,8 +146,7 @@ class RobotReplay:
         return True
 
     def _with_place(self, candidate: CandidateEffect) -> CandidateEffect:
-        """Candidate with trial values of its place: the edges of a stretch of floor converge from nearby
-        only."""
+        """Candidate with trial values of its place, since the edges of a patch converge from nearby only."""
         if candidate.effect != "floor_patch":
             return candidate
         base = np.array([b.nominal for b in self.base])

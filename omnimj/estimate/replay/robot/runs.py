@@ -250,8 +250,7 @@ def _stretch(run: Run, part: slice, inverse: Array, chain: Array) -> _Stretch:
 def _means(
     time: Array, values: Array, bad: NDArray[np.bool_] | None, edges: Array, constant: float
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Means between edges behind a filter, masked samples bridged; and the mask of intervals with masked
-    samples."""
+    """Means between edges behind a filter, masked samples bridged, and the mask of affected intervals."""
     masked = np.zeros(len(edges) - 1, bool)
     if bad is not None and bad.any() and not bad.all():
         place = np.clip(((time[bad] - edges[0]) / STEP).astype(int), 0, len(masked) - 1)
@@ -270,8 +269,7 @@ _ACROSS = 1e-6  # [rad] off the right angle between driving direction and roller
 
 
 def require_layout(dataset: Dataset, robot: Robot) -> None:
-    """Refuse robots for which the replay's equations do not hold: four wheels with rollers along the axle
-    only.
+    """Refuse robots other than those with four wheels and rollers along the axle.
 
     Raises:
       InputError: The model or the dataset has another number of wheels, or a wheel has turned rollers.
