@@ -19,6 +19,8 @@ STAND_IN = 2.5
 effect for another. It was chosen on the blind benchmark with seeds 30 and 40, where it covers 91 % and 89
 % of
 the true values (noise alone: 68 % with seed 30); no further seed confirms it."""
+TOLERANCE = 0.002
+"""Share of a channel's RMS below which no twin is expected to be right, given its parameters."""
 
 
 def sandwich_deviations(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) -> tuple[Array, float]:
@@ -70,10 +72,6 @@ def _stretches(runs: dict[str, list[slice]]) -> list[slice]:
         edges = np.linspace(part.start, part.stop, 9).astype(int)
         cut += [slice(a, b) for a, b in itertools.pairwise(edges)]
     return cut
-
-
-TOLERANCE = 0.002
-"""Share of a channel's RMS below which no twin is expected to be right, given its parameters."""
 
 
 def repeatability(replay: Replay, mismatch: Array) -> Array:

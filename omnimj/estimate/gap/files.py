@@ -31,6 +31,8 @@ from omnimj.parameters import Floor
 from omnimj.parameters.floor import FLOOR_UNITS, format_floor
 from omnimj.recording.json_files import to_jsonable
 
+_UNCHANGED = 1e-9  # of the box
+
 
 def digest(
     finding: Finding, new_model: str | None = None, new_floors: str | None = None, command: str = ""
@@ -167,9 +169,6 @@ def _run(gap: RunGap) -> dict[str, Any]:
     }
 
 
-_UNCHANGED = 1e-9  # of the box
-
-
 def new_model_text(finding: Finding, file: Path | None = None) -> str | None:
     """Text of the model file with the named effects and refitted values.
 
@@ -252,7 +251,7 @@ def _is_changed(parameter: Refitted) -> bool:
 
 
 def _quantity(parameter: Refitted, machine: Machine) -> str | None:
-    """Name of a parameter in the model file, `axis.coulomb` for `coulomb` of an axis; None where it has none."""
+    """Name of a parameter in the model file (`axis.coulomb` for `coulomb`); None where it has none."""
     for name in (parameter.name, f"axis.{parameter.name}"):
         table, _, key = name.partition(".")
         if name in machine.provenance and table != "effects":

@@ -29,6 +29,7 @@ MIN_HELD_OUT_GAIN = 0.01
 MAX_RESIDUAL, MAX_SHARE_AT_BOUNDS = 5.0, 0.5
 """Remaining mismatch in units of noise, and share of base parameters at bounds, beyond which nothing is
 named."""
+_MIN_SEPARATION = 1.0  # RMS distance in units of noise above which a run separates two models
 
 
 @dataclass(frozen=True)
@@ -140,9 +141,6 @@ def _heldout_rms(found: SearchResult, residual: np.ndarray) -> float:
     out = residual[~found.used]
     valid = np.isfinite(found.problem.replay.measured[~found.used])
     return float(np.sqrt((out[valid] ** 2).mean())) if valid.any() else 0.0
-
-
-_MIN_SEPARATION = 1.0  # RMS distance in units of noise above which one run tells two models apart
 
 
 def next_experiment(problem: Problem, best: Fit, rivals: Sequence[tuple[str, Fit]]) -> dict[str, Any] | None:

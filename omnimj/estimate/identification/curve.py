@@ -17,7 +17,7 @@ _SETTLED = 0.75  # share of its final deflection that a settled bristle has at l
 _BEYOND = 1.5  # … and at most
 _EDGES = (0.05, 0.98)  # quantiles of the slip of settled blocks: the covered range
 _FEWEST = 5  # settled blocks
-_SLIDES = 0.02  # [m/s] of slip that a starting value needs
+_SLIDES = 0.02  # [m/s] smallest slip of the points for the starting values
 _EPSILON = 1e-4
 
 

@@ -22,8 +22,8 @@ SHARED = 7
 """ln of μ_c, μ_s, V_s, σ0, σ1, σ2 and of the radius scale."""
 MU_C, MU_S, V_S, SIGMA_0, SIGMA_1, SIGMA_2, RADIUS_SCALE = range(SHARED)
 
-# weak expectations: centre and spread of ln μ_c, ln μ_s/μ_c, ln V_s, ln σ0, ln σ1, ln σ2 and ln of
-# the radius scale; they only keep what the runs leave open near what is usual
+# weak prior: centre and spread of ln μ_c, ln μ_s/μ_c, ln V_s, ln σ0, ln σ1, ln σ2 and ln of the radius
+# scale; it keeps parameters that the runs leave open near usual values
 _CENTRE = np.array([np.log(0.1), 0.0, np.log(0.1), np.log(30.0), np.log(0.3), np.log(2.5), 0.0])
 _SPREAD = np.array([1.0, 0.5, 2.0, 2.0, 2.0, 1.5, 3e-3])
 _SHAPE = np.eye(SHARED)
@@ -35,7 +35,14 @@ rollers."""
 LAGS = 2
 """Order of the autoregression of the residuals."""
 _STEP, _RADIUS_STEP = 1e-4, 1e-5
-_FIRST_SIGMA = (1e-3, 0.06)  # [m/s, m/s²] of a block mean, until the residuals say it
+_FIRST_SIGMA = (1e-3, 0.06)  # [m/s, m/s²] of a block mean, before it is estimated from residuals
+PRIOR_JACOBIAN: Array = _SHAPE / _SPREAD[:, None]
+"""Derivative of `prior_residuals`, shape (SHARED, SHARED)."""
+_LONGEST = 1.0  # longest step in a logarithm
+_MOST_ROUNDS = 40
+_FEW_ROUNDS = 24  # along a profile, where each fit starts at the end of the one before
+_SETTLED = 1e-6  # relative change of the cost
+_STARTS = (3e-3, 0.05, 0.5)  # [m/s] of V_s: the cost has more than one valley along it
 
 
 @dataclass(frozen=True)
@@ -159,10 +166,6 @@ def prior_residuals(shared: Array) -> Array:
     return (_SHAPE @ shared - _CENTRE) / _SPREAD
 
 
-PRIOR_JACOBIAN: Array = _SHAPE / _SPREAD[:, None]
-"""Derivative of `prior_residuals`, shape (SHARED, SHARED)."""
-
-
 def _autoregression(errors: Sequence[Array]) -> tuple[float, Array]:
     """Scale of the innovations and coefficients, from the runs' pooled autocovariance (Yule and Walker)."""
     moments = np.zeros(LAGS + 1)
@@ -175,13 +178,6 @@ def _autoregression(errors: Sequence[Array]) -> tuple[float, Array]:
     table = moments[np.abs(np.subtract.outer(np.arange(LAGS), np.arange(LAGS)))]
     lags = np.linalg.solve(table + 1e-9 * moments[0] * np.eye(LAGS), moments[1:])
     return float(np.sqrt(max(moments[0] - lags @ moments[1:], 1e-6 * moments[0]))), lags
-
-
-_LONGEST = 1.0  # step in a logarithm
-_MOST_ROUNDS = 40
-_FEW_ROUNDS = 24  # along a profile, where each fit starts at the end of the one before
-_SETTLED = 1e-6  # relative change of the cost
-_STARTS = (3e-3, 0.05, 0.5)  # [m/s] of V_s: the cost has more than one valley along it
 
 
 @dataclass(frozen=True)

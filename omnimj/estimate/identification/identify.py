@@ -46,11 +46,11 @@ from omnimj.estimate.identification.uncertainty import (
 from omnimj.parameters import Rig
 from omnimj.recording.dataset import Dataset
 
-_REFITS = 2  # the noise's colour is estimated from the fit before
+_REFITS = 2  # with the noise model estimated from the fit before
 _FEWEST_BLOCKS = 20  # of a run in which the carriage moved
 _CURVE_POINTS = 60
-_LEAST_SLIP = 5e-4  # [m/s] where the curve's picture begins
-_MOST_SLIP = 0.1  # [m/s] where it ends when no run slides
+_LEAST_SLIP = 5e-4  # [m/s] start of the plotted curve
+_MOST_SLIP = 0.1  # [m/s] its end when no run slides
 
 Progress = Callable[[int, int], None]
 

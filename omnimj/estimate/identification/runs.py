@@ -22,9 +22,16 @@ AT_REST = 5e-3
 """Speed below which the carriage stands [m/s]."""
 _TURNING = 3.0  # [rad/s] mean of a wheel that does not start from rest
 _LATERAL_REST = 0.01  # [m/s] below it the gantry stands and its speed has no sign
-_STEP = 1.5  # × median time step: farther apart, what lies between two samples is not measured
-_BEGIN = 0.02  # [s] that say how a run begins
+_STEP = 1.5  # × median time step: nothing is measured between samples farther apart
+_BEGIN = 0.02  # [s] at the start of a run that decide whether it begins at rest
 _GRID = 1e-3  # × period: a clock that keeps the grid this well needs no interpolation
+BLOCK = 0.01
+"""Length of a block [s]: a roller passes in about this time at top speed."""
+_DEAD_BANDS = 2.0  # × the encoder's dead band that the carriage must travel before its speed counts
+_WINDOW = 0.05  # [s] over which slip is compared with its own ripple
+_CLEAR = 2.0  # × its ripple that slip must be
+_LOST = 0.02  # [s] without wheel speed, after which a run is uncertain …
+_FINDS_BACK = 0.2  # … for this long [s], several times the bristle's and the carriage's time constants
 
 
 @dataclass(frozen=True)
@@ -119,15 +126,6 @@ def longest_stretches(measured: NDArray[np.bool_], least: int) -> list[tuple[int
     return [(a, b) for a, b in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True) if b - a >= least]
 
 
-BLOCK = 0.01
-"""Length of a block [s]: a roller passes in about this time at top speed."""
-_DEAD_BANDS = 2.0  # × the encoder's dead band that the carriage must travel before its speed is believed
-_WINDOW = 0.05  # [s] over which slip is compared with its own ripple
-_CLEAR = 2.0  # × its ripple that slip must be
-_LOST = 0.02  # [s] without wheel speed: what follows is not known well …
-_FINDS_BACK = 0.2  # … for this long [s], several times the bristle's and the carriage's time constants
-
-
 @dataclass(frozen=True)
 class CarriageRun:
     """A run prepared for `physics.carriage.simulate_carriage`."""
@@ -204,7 +202,7 @@ def carriage_run(rig: Rig, run: RigRun) -> CarriageRun:
     first = run.carriage_speed[: max(1, round(BLOCK / h))].mean()
     start = 0.0 if run.starts_at_rest else float(first)
     use = _usable(rig, run)[:count].astype(float)
-    # the speeds are late by their filter, the acceleration by its bandwidth: both get both
+    # the speeds lag by their filter, the acceleration by its bandwidth: both pass both
     lag = math.exp(-h / rig.sensors.speed_filter)
     begin = [lag * run.carriage_acceleration[0]]
     acceleration = lfilter([1.0 - lag], [1.0, -lag], run.carriage_acceleration, zi=begin)[0]
@@ -222,7 +220,7 @@ def _usable(rig: Rig, run: RigRun) -> NDArray[np.bool_]:
     use = run.measured[:, 2:4].copy()
     use &= (_has_travelled(rig, run) & _slips_clearly(rig, run))[:, None]
     finds_back = round(_FINDS_BACK / h)
-    if not run.starts_at_rest:  # how far the bristle is deflected is not known
+    if not run.starts_at_rest:  # the deflection of the bristle is unknown
         use[:finds_back] = False
     for first, last in longest_stretches(run.measured[:, 1], max(2, round(_LOST / h))):
         use[first : last + finds_back] = False

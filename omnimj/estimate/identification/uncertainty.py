@@ -36,10 +36,19 @@ TIMING = 5e-4
 _FEWEST_CLUSTERS = 5
 _STRETCHES = 4  # of one run, where there are too few conditions
 _WIDE = 0.25  # half-width in a logarithm beyond which a straight line is no approximation
-_NARROW = 0.02  # the same for what may be told apart badly from others: μ_c, μ_s, V_s
+_NARROW = 0.02  # the same for parameters that are hard to separate: μ_c, μ_s, V_s
 _WALK = (0.2, 0.5, 1.0, 2.0, 4.0)  # steps in a logarithm away from the estimate
 FARTHEST = _WALK[-1]
 """Half-width in a logarithm beyond which a parameter is open: a factor of e⁴ ≈ 55."""
+_LOOSE = 0.5  # smallest relative spread of a reported direction
+_SMALL_SHARE = 0.15  # smallest reported weight
+_ROUGH = 2.0  # high over low of an interval above which a number is rough
+_FRICTION = ("mu_c", "mu_s", "V_s")
+_WHY = {
+    "sigma_0": "the bristle's stiffness shows while the wheel begins to slide",
+    "sigma_1": "the bristle's damping shows in the first hundredths of a second only",
+    "sigma_2": "the runs do not slide over a wide enough range of slip",
+}
 
 
 @dataclass(frozen=True)
@@ -183,18 +192,6 @@ def _profile_bound(fit: FloorFit, index: int, sign: float, threshold: float) -> 
     return None
 
 
-_LOOSE = 0.5  # relative spread of a direction that is worth showing
-_SMALL_SHARE = 0.15  # weights below it are not worth a word
-_ROUGH = 2.0  # high over low of an interval beyond which a number is said to be rough
-_FRICTION = ("mu_c", "mu_s", "V_s")
-
-_WHY = {
-    "sigma_0": "the bristle's stiffness shows while the wheel begins to slide",
-    "sigma_1": "the bristle's damping shows in the first hundredths of a second only",
-    "sigma_2": "the runs do not slide over a wide enough range of slip",
-}
-
-
 def loose_directions(spread: FitCovariance) -> tuple[Direction, ...]:
     """Combinations of the parameters with a large standard deviation, largest first."""
     spreads, vectors = np.linalg.eigh(spread.total[:RADIUS_SCALE, :RADIUS_SCALE])
@@ -228,20 +225,20 @@ def describe_undetermined(
       shows_stribeck: True where the runs show that g depends on slip.
     """
     by_name = {estimate.name: estimate for estimate in estimates}
-    said = []
+    sentences = []
     if covered is None:
-        said.append(
+        sentences.append(
             f"on {floor} the wheel never slides with a settled bristle: "
             "the steady curve is not determined, only the stiffness sigma_0 is"
         )
     if shows_stribeck:
-        said += _about_friction(floor, fit, spread, by_name, covered or (1e-3, 1e-2))
+        sentences += _about_friction(floor, fit, spread, by_name, covered or (1e-3, 1e-2))
     else:
-        said += _constant(floor, fit, spread, covered or (1e-3, 1e-2))
-    said += [
+        sentences += _constant(floor, fit, spread, covered or (1e-3, 1e-2))
+    sentences += [
         _open(floor, by_name[name], why) for name, why in _WHY.items() if not by_name[name].is_determined
     ]
-    return tuple(said)
+    return tuple(sentences)
 
 
 def has_stribeck(fit: FloorFit, spread: FitCovariance) -> bool:

@@ -69,6 +69,12 @@ TABLE_4_4: Mapping[float, tuple[float, ...]] = MappingProxyType(
 """The same with lateral friction in the model."""
 
 _MASS, _CURRENT, _LATERAL = 0.02, 0.03, 0.03  # [kg, A, m/s] by which a measured condition may be off
+PLANTS = ("twin", "planar")
+"""Plants that a measured current can drive."""
+Progress = Callable[[int, int], None]
+_SET_VALUE_GRID, _LATERAL_GRID = 0.05, 0.05  # [A, m/s] grid of test plans …
+_NEAR = 0.015  # … and largest distance of a measured value from it
+_FLOOR_ORDER = ("natural_stone", "pvc", "paperboard")
 
 
 def published_errors(floor: str, mass: float, lateral_speed: float, current: float) -> tuple[float, ...]:
@@ -98,10 +104,6 @@ def published_errors(floor: str, mass: float, lateral_speed: float, current: flo
 def _nearest(values, wanted: float, most: float) -> int | None:
     k = min(range(len(values)), key=lambda i: abs(values[i] - wanted))
     return k if abs(values[k] - wanted) <= most else None
-
-
-PLANTS = ("twin", "planar")
-"""Plants that a measured current can drive."""
 
 
 def replay_run(rig: Rig, floors: Mapping[str, Floor], run: RigRun, plant: str, nominal: float) -> ReplayedRun:
@@ -155,11 +157,11 @@ def _plant(rig: Rig, floors: Mapping[str, Floor], run: RigRun, plant: str) -> Pl
     if run.mass <= rig.wheel.mass:
         rule = f"must be above wheel.mass, {rig.wheel.mass:g}"
         raise InputError(f"run {run.name}: mass", f"found {run.mass:g}", rule)
-    asked: dict[str, Any] = {"mass": run.mass, "lateral_speed": run.lateral_speed}
-    asked |= {"ideal_sensors": True, "measured_current": True}
+    options: dict[str, Any] = {"mass": run.mass, "lateral_speed": run.lateral_speed}
+    options |= {"ideal_sensors": True, "measured_current": True}
     if plant == "planar":
-        return PlanarRig(rig, floor.name, floors=floors, **asked)
-    return RigTwin(rig, floor, **asked)
+        return PlanarRig(rig, floor.name, floors=floors, **options)
+    return RigTwin(rig, floor, **options)
 
 
 def _true_current(rig: Rig, run: RigRun) -> Array:
@@ -184,7 +186,7 @@ def _driven(plant: PlanarRig | RigTwin, run: RigRun, current: Array) -> Array:
     else:
         speeds[0] = measured.carriage_speed, measured.wheel_speed
     for k in range(1, len(current)):
-        # the sample at the period's end: the loop is quicker than a period, that current flowed most of it
+        # the sample at the period's end: the current loop is faster than a period
         measured = plant.step(CurrentCommand(current[k : k + 1]))
         speeds[k] = measured.carriage_speed, measured.wheel_speed
     return speeds
@@ -193,13 +195,6 @@ def _driven(plant: PlanarRig | RigTwin, run: RigRun, current: Array) -> Array:
 def _rms(error: Array) -> float:
     counted = error[np.isfinite(error)]
     return float(np.sqrt(np.mean(counted**2))) if len(counted) else math.nan
-
-
-Progress = Callable[[int, int], None]
-
-_SET_VALUE_GRID, _LATERAL_GRID = 0.05, 0.05  # [A, m/s] that test plans are written on …
-_NEAR = 0.015  # … and how near to it a measured value must be to belong to it
-_FLOOR_ORDER = ("natural_stone", "pvc", "paperboard")
 
 
 def validate(
@@ -226,7 +221,6 @@ def validate(
       SimulationError: The simulation left finite numbers.
     """
     if dataset.plant != "quarter_rig":
-        # robot and axis come in here, each with a replay and a table of its own
         rule = "this version validates rig runs, plant 'quarter_rig'"
         raise InputError(f"{dataset.path}: plant", f"found {dataset.plant!r}", rule)
     for plant in plants:

@@ -12,7 +12,7 @@ from omnimj.estimate.replay.interface import BaseParameter
 from omnimj.parameters import Floor, Rig, Robot
 from omnimj.signals import Array
 
-_LAG = 0.004  # [s] by which a channel may be late or early before it is called a delay
+_LAG = 0.004  # [s] largest lag of a channel that is no delay
 # [s] the same for the current, which drives the replay, and for its set value, which may lead by a sample
 _DRIVE_LAGS = {"current": 0.001, "current_target": 0.002}
 FLOOR_SCALES = {"mu_c": ("mu_c", "mu_s", "D"), "sigma_0": ("sigma_0", "B"), "sigma_2": ("sigma_2",)}

@@ -16,6 +16,11 @@ import numpy as np
 from omnimj.effects import Effect, EffectParameter, effects_of
 from omnimj.signals import Array
 
+KNOTS = 8
+"""Number of knots of a free curve."""
+_SPEEDS = (0.02, 0.1, 0.4)  # of the speed range: ends of friction near standstill
+_PLACES = (0.1, 0.3, 0.5, 0.7, 0.9)
+
 
 @dataclass(frozen=True)
 class Channel:
@@ -108,10 +113,6 @@ class Experiment:
     """Settings of the run: current, mass, floor, …"""
 
 
-KNOTS = 8
-"""Number of knots of a free curve."""
-
-
 class Replay(Protocol):
     """Replay of a dataset; blocks are rows, channels are columns, NaN is masked."""
 
@@ -155,10 +156,6 @@ def average_blocks(values: Array, size: int) -> Array:
     """
     count = len(values) // size
     return np.asarray(values[: count * size]).reshape(count, size, *values.shape[1:]).mean(axis=1)
-
-
-_SPEEDS = (0.02, 0.1, 0.4)  # of the range: where friction near standstill may end
-_PLACES = (0.1, 0.3, 0.5, 0.7, 0.9)
 
 
 def candidate_effects(

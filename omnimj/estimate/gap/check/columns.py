@@ -11,11 +11,11 @@ from omnimj.estimate.gap.check.suspicions import Suspicion
 from omnimj.recording.dataset import Dataset, Run
 from omnimj.signals import Array
 
-_LIVELY = 0.5  # share of samples that differ from the one before, of a channel that noise moves
-_LONGER = 8.0  # times the channel's usual pause
+_LIVELY = 0.5  # share of samples that differ from the one before, in a channel with visible noise
+_LONGER = 8.0  # times the usual constant stretch of the channel
 _FROZEN_TIME = 0.03  # [s]
 _CLIPPED_SHARE = 0.01
-_CLIPPED_PAUSE = 6  # samples at the same end value, of a channel that noise moves
+_CLIPPED_PAUSE = 6  # samples at the same end value, in a channel with visible noise
 _GLITCH = 15.0  # times the scatter about the median of neighbours
 _GLITCH_SIZE = 0.2  # of the channel's range
 _GLITCHES = 3  # in a dataset
@@ -23,6 +23,13 @@ _LEAP = 4.0  # times the usual step, with which a channel leaves a stretch in wh
 _JUMP = 20.0  # times the largest usual step
 _FALL = 0.85  # of the range
 _REPEATED = 0.005  # of the rows
+_REST = 0.05  # [s] that a rest lasts at least
+_STILL = 0.02  # of the largest speed
+_RUN_BIAS = 0.02  # [m/s²] of a healthy accelerometer, drawn anew in every run
+_ACCELERATION_BIAS = 0.05  # [m/s²]
+_CURRENT_BIAS = 0.015  # [A]
+SLOPE = 1.9
+"""Largest strength of a bias that a sloping floor would explain as well: it is never sure."""
 
 
 def fill_masked(run: Run, name: str) -> Array:
@@ -277,15 +284,6 @@ def repeated_runs(runs: Sequence[Run]) -> list[str]:
         else:
             seen[digest] = run.name
     return found
-
-
-_REST = 0.05  # [s] that a rest lasts at least
-_STILL = 0.02  # of the largest speed
-_RUN_BIAS = 0.02  # [m/s²] of a healthy accelerometer, drawn anew in every run
-_ACCELERATION_BIAS = 0.05  # [m/s²]
-_CURRENT_BIAS = 0.015  # [A]
-SLOPE = 1.9
-"""Largest strength of a bias that a sloping floor would explain as well: it is never sure."""
 
 
 def rest_mask(run: Run, speeds: Sequence[str]) -> NDArray[np.bool_]:

@@ -18,6 +18,11 @@ from omnimj.signals import Array
 
 _FARTHEST = 0.08  # [s] delays looked for
 _FEWEST = 30  # samples of a stretch
+_TOGETHER = 0.15  # [s] between the step and the first motion at most
+_LEVEL = 0.06  # [s] after the step: what a channel has come to
+_STEEP = 0.006  # [s] in which a step is over
+_COARSE = 0.004  # [s] longest sampling period that resolves an order
+_SMOOTH = 0.005  # [s] over which an acceleration is averaged
 
 
 @dataclass(frozen=True)
@@ -135,13 +140,6 @@ def _lowest(places: Array, values: Array) -> float:
     bend = a - 2.0 * b + c
     shift = 0.5 * (a - c) / bend if bend > 0.0 else 0.0
     return float(places[k] + shift * (places[1] - places[0]))
-
-
-_TOGETHER = 0.15  # [s] between the step and the first motion at most
-_LEVEL = 0.06  # [s] after the step: what a channel has come to
-_STEEP = 0.006  # [s] in which a step is over
-_COARSE = 0.004  # [s] longest sampling period for which an order can be told
-_SMOOTH = 0.005  # [s] over which an acceleration is averaged
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from omnimj.estimate.gap.check.suspicions import DataCheck, Suspicion
 from omnimj.estimate.gap.plants import Machine, find_plant
 from omnimj.recording.dataset import Dataset, Run
 
-_GROSS = np.log(3.0)  # of a factor that is a unit's and no machine's
+_GROSS = np.log(3.0)  # |log| of a factor beyond that of any machine: a unit
 
 
 def check_dataset(dataset: Dataset, machine: Machine | None = None) -> DataCheck:

@@ -36,6 +36,14 @@ _RUN_BIAS = 0.02  # [m/s²] of one run
 NOISY = ("current", "wheel_speed", "carriage_speed", "carriage_acceleration")
 SPEEDS = ("wheel_speed", "carriage_speed")
 COUNTERS = ("carriage_position", "wheel_angle")
+_PAIRS = (
+    ("wheel_speed", "carriage_speed"),
+    ("carriage_acceleration", "carriage_speed"),
+    ("carriage_speed", "carriage_position"),
+    ("wheel_speed", "wheel_angle"),
+    ("carriage_acceleration", "wheel_speed"),
+)
+_INTEGRATED = frozenset(_PAIRS[1:])
 
 
 def rig_suspicions(runs: Sequence[Run], rig: Rig) -> Iterator[Suspicion]:
@@ -53,16 +61,6 @@ def rig_suspicions(runs: Sequence[Run], rig: Rig) -> Iterator[Suspicion]:
     if not (signs or {"carriage_speed", "carriage_acceleration"} & set(spoilt)):
         yield from _acceleration_bias(found["carriage_acceleration", "carriage_speed"])
     yield from current_bias(runs, "current", "current_target", SPEEDS)
-
-
-_PAIRS = (
-    ("wheel_speed", "carriage_speed"),
-    ("carriage_acceleration", "carriage_speed"),
-    ("carriage_speed", "carriage_position"),
-    ("wheel_speed", "wheel_angle"),
-    ("carriage_acceleration", "wheel_speed"),
-)
-_INTEGRATED = frozenset(_PAIRS[1:])
 
 
 def _compared(runs: Sequence[Run], x: str, y: str, rig: Rig) -> Comparison | None:

@@ -22,7 +22,18 @@ from omnimj.recording.dataset import Run
 from omnimj.signals import Array
 
 _BLOCK = 0.01  # [s] that one row covers
-_ADDED = 0.1  # share of a wheel's motion that the accelerometer must tell beyond the gyro
+_ADDED = 0.1  # share of a wheel's motion that the accelerometer must explain beyond the gyro
+_WINDOW = 4.0  # [s]
+_CLEAR = 0.6
+_TIGHT = np.log(1.05)
+_SLIPPING = np.log(1.5)
+_BODY = np.log(1.25)  # wheel against integrated acceleration
+_DELAY = 0.012  # [s] heading against gyro
+_GYRO_BIAS = 0.006  # [rad/s]
+_FITS = 0.45  # of the misfit at most, to be the better explanation
+_RIVAL = 1.5  # times the best misfit: as good an explanation
+_MISFIT = 0.1  # largest unexplained share of the wheels' motion of a healthy robot
+_DRIVES = 0.25  # share of |current| |speed| that is work, of a motor that drives
 
 
 @dataclass(frozen=True)
@@ -169,19 +180,6 @@ def _solved(gram: Array, slope: Array) -> tuple[float, Array]:
     return float(factors @ slope), factors
 
 
-_WINDOW = 4.0  # [s]
-_CLEAR = 0.6
-_TIGHT = np.log(1.05)
-_SLIPPING = np.log(1.5)
-_BODY = np.log(1.25)  # wheel against integrated acceleration
-_DELAY = 0.012  # [s] heading against gyro
-_GYRO_BIAS = 0.006  # [rad/s]
-_FITS = 0.45  # of the misfit at most, to be the better explanation
-_RIVAL = 1.5  # times the best misfit: as good an explanation
-_MISFIT = 0.1  # share of the wheels' motion that a healthy robot's body leaves open at most
-_DRIVES = 0.25  # share of |current| |speed| that is work, of a motor that drives
-
-
 def noisy(wheels: int) -> tuple[str, ...]:
     """Names of the channels in which sensor noise is always visible."""
     per_wheel = [f"{name}_{i}" for name in ("current", "wheel_speed") for i in range(1, wheels + 1)]
@@ -198,7 +196,7 @@ def robot_suspicions(runs: Sequence[Run], robot: Robot) -> Iterator[Suspicion]:
     wheels = list(_best_explanation(parts, rolling, count)) if parts else []
     if parts and not wheels:
         wheels = list(_scales(parts, rolling, count))
-    # one wheel that is wrong spoils what all wheels say of the yaw rate, and what its current does to it
+    # a wrong wheel disturbs the yaw rate of all wheels and the work of its current
     is_wheel = any(s.channel.startswith("wheel_speed") and s.is_sure for s in wheels)
     yield from wheels
     yield from (s for s in turning if not (is_wheel and s.channel == "wheel_speed"))

@@ -13,6 +13,15 @@ SURE_STRENGTH = 2.0
 
 KINDS = ("sign", "scale", "delay", "bias", "wrap", "glitch", "clipping", "frozen", "swapped", "duplicated")
 """Kinds of suspicions."""
+_MOST = 2  # largest number of channels that are wrong at once
+_NEAR = 0.12  # |log| distance from the factor of a unit
+_LENGTHS = ((1000.0, "thousandths"), (100.0, "hundredths"), (1e6, "millionths"), (0.001, "thousands"))
+_ANGLES = (
+    (180.0 / np.pi, "degrees"),
+    (1.0 / (2.0 * np.pi), "turns"),
+    (60.0 / (2.0 * np.pi), "turns per minute"),
+)
+_ACCELERATIONS = ((1.0 / 9.81, "g"), *_LENGTHS)
 
 
 @dataclass(frozen=True)
@@ -49,18 +58,6 @@ class DataCheck:
     """One sentence per finding."""
     suspicions: tuple[Suspicion, ...]
     """Strongest first."""
-
-
-_MOST = 2  # channels that may be wrong at once
-_NEAR = 0.12  # of a factor, to be a unit's
-
-_LENGTHS = ((1000.0, "thousandths"), (100.0, "hundredths"), (1e6, "millionths"), (0.001, "thousands"))
-_ANGLES = (
-    (180.0 / np.pi, "degrees"),
-    (1.0 / (2.0 * np.pi), "turns"),
-    (60.0 / (2.0 * np.pi), "turns per minute"),
-)
-_ACCELERATIONS = ((1.0 / 9.81, "g"), *_LENGTHS)
 
 
 def units_of(channel: str) -> tuple[tuple[float, str], ...]:

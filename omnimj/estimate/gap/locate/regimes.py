@@ -40,21 +40,21 @@ WEAK = "all of it, no regime stands out"
 QUIET = "no more than the noise"
 """Description of a channel whose mismatch is explained by its noise."""
 
-_QUIET = 1.3  # mean squared mismatch in units of noise that is still noise
-_CLEAR = 4.0  # … that is no longer weak
-_REGIMES = 3  # of one channel
+_QUIET = 1.3  # mean squared mismatch in units of noise at noise level
+_CLEAR = 4.0  # … above which it is clear
+_REGIMES = 3  # largest number of regimes of one channel
 _LEAST_SHARE = 0.15  # of a channel's mismatch that a regime after the first must hold
 _DENSER = 1.3  # times the channel's mean squared mismatch that a regime must have
 _KEPT = 0.6  # of a regime's mismatch that a second variable must leave in it
-_ALONE = 0.15  # of the runs at most that are named one by one
+_ALONE = 0.15  # largest share of runs that are listed by name
 _ALONE_SHARE = 0.7  # of the mismatch that they must hold
 _ALONE_DENSITY = 2.0  # times the mean that each must have
-_OTHER_SIGN = 1.25  # times the mismatch at the other sign from which on a direction is said
-_BARELY = 1.05  # times the mismatch at the other sign: sure, yet next to nothing
+_OTHER_SIGN = 1.25  # times the mismatch at the other sign, above which a direction is reported
+_BARELY = 1.05  # times the mismatch at the other sign: significant, yet next to nothing
 _SIDEWAYS = 0.95  # of the blocks
-_CREEP = 0.02  # [m/s] sideways that is none
-_RISES = 0.7  # correlation of mismatch with time from which on it grows
-_MATCHED = frozenset({"mass", "load", "floor", "current"})  # in which segments of both signs must be alike
+_CREEP = 0.02  # [m/s] lateral speed that does not count as sideways motion
+_RISES = 0.7  # correlation of mismatch with time above which it grows
+_MATCHED = frozenset({"mass", "load", "floor", "current"})  # segments of both signs must agree in these
 
 
 @dataclass(frozen=True)

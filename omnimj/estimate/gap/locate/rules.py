@@ -28,6 +28,10 @@ _TIE = 0.03  # of J
 _TURN = 2.0 * math.pi
 
 BlockMask = NDArray[np.bool_]
+_PAIRS = 4  # fewest pairs for a significant sign
+_SURE = 3.0  # standard errors
+_HARMONICS = 4
+_LEAST_TURNING = 0.3  # share of the mismatch that must follow the angle
 
 
 @dataclass(frozen=True)
@@ -243,12 +247,6 @@ def _beat_chance(
     middle, spread = found.mean(axis=0), np.maximum(found.std(axis=0), 1e-3)
     highest = float(((found - middle) / spread).max())
     return (np.array([r.excess for r in rules]) - middle) / spread > highest
-
-
-_PAIRS = 4  # at least, before a sign is said to matter
-_SURE = 3.0  # standard errors
-_HARMONICS = 4
-_LEAST_TURNING = 0.3  # share of the mismatch that must follow the angle
 
 
 @dataclass(frozen=True)

@@ -44,6 +44,8 @@ _ANGLES = frozenset({"wheel_angle", "motor_angle"})
 _FLOOR_FLAG = "floor "
 _DIRECTIONS = ("backward", "at rest", "forward")  # of −1, 0, 1
 _FEW = 12  # values at most of a variable whose values are listed
+_LISTED = 4  # names in a list before the rest is counted
+_STANDSTILL = 0.12  # of the largest speed
 
 
 def canonical_name(name: str) -> str:
@@ -149,10 +151,6 @@ def _codes(values: Array, edges: Array) -> np.ndarray:
     finite = np.isfinite(values)
     code = np.searchsorted(edges, np.where(finite, values, 0.0), side="right").astype(np.int64)
     return np.where(finite, code, -1)
-
-
-_LISTED = 4  # names in a list before the rest is counted
-_STANDSTILL = 0.12  # of the largest speed
 
 
 def rule_bounds(rule: Rule) -> dict[str, tuple[float, float]]:

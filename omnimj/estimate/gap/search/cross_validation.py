@@ -17,7 +17,7 @@ _FEWEST_CONDITIONS = 4  # conditions below which a run is cut in time
 _TIME_PARTS = 6
 _FOLDS = 6
 _BOOTSTRAP_SAMPLES = 1000
-_FOLD_PRIOR = 0.005  # of all runs' information on a parameter, which keeps it near their fit
+_FOLD_PRIOR = 0.005  # share of all runs' information on a parameter that holds it near their fit
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ def make_groups(replay: Replay) -> Groups:
         end = max(float(p.time[-1]) for p in segments) * (1.0 + 1e-9)
         names += [f"{condition}, part {k + 1} of {_TIME_PARTS}" for k in range(_TIME_PARTS)]
         for p in segments:
-            # a window belongs to the stretch of its middle; a run of one segment is cut where its blocks lie
+            # a window belongs to the part that holds its middle; a run of one segment is cut at its blocks
             whole = len(segments) >= 2 * _TIME_PARTS
             at = np.full(p.last - p.first, float(np.median(p.time))) if whole else p.time
             of_block[p.first : p.last] = first + np.minimum(at / end * _TIME_PARTS, _TIME_PARTS - 1).astype(
@@ -115,7 +115,7 @@ def heldout_losses(
     flat = fitted.residual.ravel()
     sums = [normal_equations(fitted.jacobian[rows], flat[rows], weight[rows]) for rows in parts]
     total = np.sum(sums, axis=0)
-    # what a fold leaves open (a place that only one run passes) stays where all runs put it
+    # what a fold leaves open (a place that only one run passes) stays at the fit of all runs
     held = np.zeros_like(total)
     held[np.diag_indices(len(total) - 1)] = _FOLD_PRIOR * total.diagonal()[:-1]
     losses = np.full(len(used), np.nan)

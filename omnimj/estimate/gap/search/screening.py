@@ -19,7 +19,9 @@ from omnimj.estimate.replay.interface import KNOTS, CandidateEffect
 from omnimj.estimate.replay.problem import Fit, Problem, huber_weights
 from omnimj.signals import Array
 
-_PART = 0.25  # of the typical size: large enough for what has a dead zone, small enough to be a derivative
+_PART = 0.25  # of the typical size: beyond dead zones, yet small enough for a derivative
+_DECOYS = 100
+_REACH = 1.5  # correlation length of a random curve, in knots
 
 
 @dataclass(frozen=True)
@@ -136,10 +138,6 @@ def _screen_shape(
     start = np.concatenate([current.x + problem.scales(current.effects) * d[:n], own])
     whole = max(float(ground.sums[-1, -1]), 1e-30)
     return ScreenedCandidate(candidate, 1.0 - float(full @ sums @ full) / whole, start)
-
-
-_DECOYS = 100
-_REACH = 1.5  # knots over which a random curve is alike
 
 
 @dataclass(frozen=True)

@@ -45,7 +45,7 @@ from omnimj.estimate.replay.problem import Fit, ModelEffects, Problem, fit, reev
 from omnimj.signals import Array
 
 MOST_EFFECTS = 3
-_SWAPS = 6  # rivals that may take the place of an effect, the others being known
+_SWAPS = 6  # rivals that may replace an effect, given the others
 _CLOSE = 0.5  # share of the best screened share that a rival must reach
 
 
@@ -127,7 +127,7 @@ def fit_base(replay: Replay, used: NDArray[np.bool_], report: Progress) -> tuple
         report("refitting the base", k / 3)
         problem = robust_scale(problem, fitted, used)
         fitted = fit(problem, (), fitted.x, used)
-        # the twin parts from the equations by something else where the base is something else
+        # the difference between twin and equations depends on the base
         problem = with_twin_correction(problem, fitted.x, ())
         (mismatch,) = problem.mismatches([fitted.x], ())
         problem = replace(problem, noise=block_noise(replay, mismatch))
@@ -233,7 +233,7 @@ def search(replay: Replay, holdout: tuple[str, ...], seed: int, report: Progress
             left = [c for c in replay.candidates if c.label not in taken]
             found = select_round(problem, current, left, split, report)
             rounds.append(found)
-            # effects that hide each other gain little alone: whoever helps comes in, and is judged at the end
+            # effects that mask each other gain little alone: any gain admits one, all are judged at the end
             if found.best is None or found.best.gain.value <= MARGIN:
                 break
             named.append(SelectedEffect(found.best.candidate, found, found.rivals, found.best.gain))

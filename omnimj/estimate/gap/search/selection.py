@@ -38,6 +38,7 @@ _HOPELESS = 0.1  # share of the best screened share below which a candidate is n
 _LEADERS = 4  # candidates of a round whose fits are completed
 _CLEAR = 3.0  # log-likelihood in effective samples by which a beaten rival is behind
 _SURE = 0.95  # and the one-sided level of the paired test over groups
+Progress = Callable[[str, float], None]
 
 
 def exceeds_margin(gained: Interval) -> bool:
@@ -50,9 +51,6 @@ def decoy_p_value(decoys: Array, gained: Interval) -> float | None:
     if not len(decoys):
         return None
     return (1 + int(np.count_nonzero(decoys >= gained.value))) / (1 + len(decoys))
-
-
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)

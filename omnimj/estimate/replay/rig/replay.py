@@ -39,6 +39,10 @@ from omnimj.recording.dataset import Dataset
 from omnimj.signals import Array, CurrentCommand
 
 _LEAST_SCALE = 1e-3
+_STEPS = 2  # per sample: 0.5 ms
+_THREADS = 2
+_UNCLIPPED = 1e6  # V and A: a measured current has passed its amplifier already
+_LAST_CURVE = 1  # the model file's own tabulated force has the first place
 
 
 def true_current(runs: RigRuns, channels: Mapping[str, ChannelEffect], lags: Mapping[str, float]) -> Array:
@@ -101,15 +105,11 @@ def sensor_block_means(
         wheel = np.ascontiguousarray(out[:, native.WHEEL])
         lag = changed.machine.motor.current_loop
         # the set value may be logged a sample before it acts; the wheel's speed limits it when it does
-        asked = _delayed(runs, runs.target, lags.get("current_target", 0.0))
-        observe(len(CHANNELS), native.delivered_current(asked, wheel, np.array(sagging)), "current", lag, 0.0)
+        target = _delayed(runs, runs.target, lags.get("current_target", 0.0))
+        observe(
+            len(CHANNELS), native.delivered_current(target, wheel, np.array(sagging)), "current", lag, 0.0
+        )
     return result
-
-
-_STEPS = 2  # per sample: 0.5 ms
-_THREADS = 2
-_UNCLIPPED = 1e6  # V and A: a measured current has passed its amplifier already
-_LAST_CURVE = 1  # the model file's own tabulated force has the first place
 
 
 class RigReplay:
@@ -236,8 +236,8 @@ def _drive_twin(based: AdjustedMachine[Rig], runs: RigRuns, k: int, current: Arr
     twin = RigTwin(rig, floor, mass, lateral, ideal_sensors=True)
     twin.reset()
     for n in range(len(current) - 1):
-        said = twin.step(CurrentCommand(current[n + 1 : n + 2]))
-        out[n + 1] = said.wheel_speed, said.carriage_speed, said.carriage_acceleration
+        measured = twin.step(CurrentCommand(current[n + 1 : n + 2]))
+        out[n + 1] = measured.wheel_speed, measured.carriage_speed, measured.carriage_acceleration
     twin.close()
 
 

@@ -20,6 +20,14 @@ _MOST_BLOCKS = 6000
 _STILL = 0.03  # [m/s] mean lateral speed below which the gantry stands
 _NEIGHBOURS = 10  # samples on either side over which the current is averaged
 _REST = 0.02  # [m/s] carriage speed below which a run begins at rest
+_STANDING = 0.01  # [m/s]
+_SECONDS = 2.0
+_PROFILES = {
+    "constant": "constant current",
+    "reversing": "current to and fro, 0.5 s each way",
+    "pulse": "0.7 s of current, then coasting at 0 A",
+    "crawl": "current rising slowly from 0",
+}
 
 
 @dataclass(frozen=True)
@@ -101,7 +109,7 @@ def rig_runs(dataset: Dataset, rig: Rig, floors: dict[str, Floor]) -> RigRuns:
 def _resampled(run: Run, name: str, clock: Array, fill: bool = False) -> Array:
     """Resample a column; masked samples are NaN, or bridged where the value drives the replay."""
     values = run.columns.get(name)
-    if values is None:  # only the gantry's speed may be missing: it stands
+    if values is None:  # only the gantry's speed may be missing: it stands still
         return np.zeros(len(clock))
     bad = run.masked.get(name)
     if bad is None or not bad.any():
@@ -158,9 +166,6 @@ def _floor(dataset: Dataset, run: Run, floors: dict[str, Floor]) -> str:
     if name not in floors:
         raise UnknownNameError(f"{place}: runs.{run.name}.floor", "floor", name, floors)
     return str(name)
-
-
-_STANDING = 0.01  # [m/s]
 
 
 def travelled(runs: RigRuns) -> Array:
@@ -221,15 +226,6 @@ def _since_reversal(speed: Array, time: Array) -> Array:
             last, direction = time[k], s
         since[k] = time[k] - last
     return since
-
-
-_SECONDS = 2.0
-_PROFILES = {
-    "constant": "constant current",
-    "reversing": "current to and fro, 0.5 s each way",
-    "pulse": "0.7 s of current, then coasting at 0 A",
-    "crawl": "current rising slowly from 0",
-}
 
 
 def rig_experiments(rig: Rig, floors: tuple[str, ...]) -> tuple[Experiment, ...]:

@@ -24,6 +24,9 @@ from omnimj.signals import Array
 _LAST_CURVE = 1  # the model file's own tabulated force has the first place
 _LEAST_SCALE = 1e-3
 _SHARES = (1.0, 0.7, 0.4, 0.0)  # of a payload's distance from the centre, until the robot can carry it
+_GRAVITY = 9.81
+POINTS = 96
+"""Points of the roller tables over one pitch."""
 
 
 @dataclass(frozen=True)
@@ -105,11 +108,6 @@ def _sensors(changed: AppliedEffects, lags: Mapping[str, float]) -> Array:
     late[native.YAW_RATE] += lags["yaw_rate"]
     late[native.YAW] += lags["yaw"]
     return np.stack([late / STEP, scale, offset])
-
-
-_GRAVITY = 9.81
-POINTS = 96
-"""Points of the roller tables over one pitch."""
 
 
 @dataclass(frozen=True)

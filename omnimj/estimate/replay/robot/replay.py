@@ -52,8 +52,16 @@ from omnimj.physics.planar import PlanarModel
 from omnimj.recording.dataset import Dataset
 from omnimj.signals import Array
 
-_WIDTH, _MOST = 0.1, 80  # [m] of a strip, and how many there may be
-_PART = 0.3  # of the friction taken away in a strip
+_WIDTH, _MOST = 0.1, 80  # [m] of a strip, and largest number of strips
+_PART = 0.3  # share of the friction removed in a strip
+_SUBSTEPS = 2  # of a free window: 2 ms, half of a wheel's time constant on the floor
+_PHASES = 12  # trial angles over a pitch
+_FLAT = np.zeros((3, 0))
+"""Roller tables of wheels without rollers."""
+_LAGS = ("wheel_speed", "acceleration", "yaw_rate", "yaw")
+"""Kinds of channels whose clock may differ from that of the currents."""
+_HIDDEN = ("supply_sag",)
+"""Effects already contained in measured currents."""
 
 
 def likely_patch(
@@ -82,16 +90,6 @@ def likely_patch(
     gain = (above[last] - above[first]) ** 2 / np.maximum(size, 1e-9 * max(float(gram.max()), 1e-30))
     best = int(np.argmax(gain))
     return float(edges[first[best]]), float(edges[last[best]])
-
-
-_SUBSTEPS = 2  # of what is left to itself: 2 ms, half of a wheel's time constant on the floor
-_PHASES = 12  # tried angles over a pitch
-_FLAT = np.zeros((3, 0))
-"""Roller tables of wheels without rollers."""
-_LAGS = ("wheel_speed", "acceleration", "yaw_rate", "yaw")
-"""Kinds of channels whose clock may differ from that of the currents."""
-_HIDDEN = ("supply_sag",)
-"""Effects already contained in measured currents."""
 
 
 class RobotReplay:

@@ -40,8 +40,23 @@ _SMOOTH = 1  # steps over which every channel is smoothed alike
 _GAP = 0.02  # [s] and five periods: a longer time without samples ends a stretch
 _GAP_PERIODS = 5.0
 _SHORTEST = 0.5  # [s] of a stretch
-_SETTLING = 0.4  # [s] in which the body finds its velocity where a stretch begins on the move
+_SETTLING = 0.4  # [s] in which the body's velocity settles where a stretch begins in motion
 _REST_SPEED, _REST_YAW_RATE = 0.3, 0.03  # [rad/s] below which a robot stands
+_ACROSS = 1e-6  # [rad] off the right angle between driving direction and roller axis
+_STANDING = 0.03  # [m/s]
+_PAYLOAD = 2.0
+"""Known mass that a user puts on the middle [kg]."""
+_SECONDS = 6.0
+_LEGS = 1.5  # [s] of driving, coasting, driving back, coasting
+_CURRENTS = {"slow": 0.3, "fast": 0.7}
+"""Amplitude at the driving wheels [A]."""
+_MOVES = {
+    "ahead": ("straight ahead and back", (1.0, 0.0, 0.0)),
+    "left": ("sideways to and fro", (0.0, 1.0, 0.0)),
+    "diagonal": ("diagonally to and fro", (1.0, 1.0, 0.0)),
+    "spin": ("turning on the spot, both ways", (0.0, 0.0, 0.5)),  # light: it soon turns fast
+    "arc": ("ahead and back in a curve", (1.0, 0.0, 0.5)),
+}
 
 
 @dataclass(frozen=True)
@@ -265,9 +280,6 @@ def _means(
     return np.diff(integral) / STEP, masked
 
 
-_ACROSS = 1e-6  # [rad] off the right angle between driving direction and roller axis
-
-
 def require_layout(dataset: Dataset, robot: Robot) -> None:
     """Refuse robots other than those with four wheels and rollers along the axle.
 
@@ -283,9 +295,6 @@ def require_layout(dataset: Dataset, robot: Robot) -> None:
             raise InputError(place, f"found {wheel.roller_angle:g} rad", rule)
     if dataset.wheels != WHEELS:
         raise InputError(dataset.path, f"has the columns of {dataset.wheels} wheels", rule)
-
-
-_STANDING = 0.03  # [m/s]
 
 
 def body_twist(runs: RobotRuns, robot: Robot) -> Array:
@@ -371,21 +380,6 @@ def _since_reversal(velocity: Array, speed: Array, time: Array) -> Array:
                 last, direction = float(time[k]), ahead
         since[k] = time[k] - last
     return since
-
-
-_PAYLOAD = 2.0
-"""Known mass that a user puts on the middle [kg]."""
-_SECONDS = 6.0
-_LEGS = 1.5  # [s] of driving, coasting, driving back, coasting
-_CURRENTS = {"slow": 0.3, "fast": 0.7}
-"""Amplitude at the driving wheels [A]."""
-_MOVES = {
-    "ahead": ("straight ahead and back", (1.0, 0.0, 0.0)),
-    "left": ("sideways to and fro", (0.0, 1.0, 0.0)),
-    "diagonal": ("diagonally to and fro", (1.0, 1.0, 0.0)),
-    "spin": ("turning on the spot, both ways", (0.0, 0.0, 0.5)),  # light: it soon turns fast
-    "arc": ("ahead and back in a curve", (1.0, 0.0, 0.5)),
-}
 
 
 def robot_experiments(floors: tuple[str, ...]) -> tuple[Experiment, ...]:
