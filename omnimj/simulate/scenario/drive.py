@@ -59,6 +59,11 @@ class Drive:
     start: tuple[float, float, float]
     """x, y [m] and heading [rad] in the world at time 0."""
 
+    @property
+    def has_path(self) -> bool:
+        """True if the motion is a path to follow."""
+        return self.reference.is_path
+
 
 def read_drive(table: Any, place: str, duration: float, period: float) -> Drive:
     """Converts a `[drive]` table to a reference.

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -44,7 +44,7 @@ from omnimj.simulate.scenario.tables import (
     text_entry,
 )
 
-PLANTS = ("uto_robot", "quarter_rig")
+PLANTS = (Robot.plant, Rig.plant)
 LEVELS = ("physics", "kinematic")
 EQUATIONS = ("corrected", "published")
 
@@ -62,6 +62,8 @@ class RigInput:
     """Mass m_T of the quarter body [kg]."""
     lateral_speed: float
     """Lateral speed of the gantry [m/s]."""
+    has_path: ClassVar[bool] = False
+    """A rig has no path to follow."""
 
 
 @dataclass(frozen=True)
@@ -106,12 +108,12 @@ class Scenario:
     @property
     def is_rig(self) -> bool:
         """True if the test rig is driven, not a robot."""
-        return isinstance(self.constants, Rig)
+        return self.plant == Rig.plant
 
     @property
     def plant(self) -> str:
         """`uto_robot` or `quarter_rig`."""
-        return "quarter_rig" if self.is_rig else "uto_robot"
+        return self.constants.plant
 
     @property
     def robot(self) -> Robot:
@@ -150,8 +152,8 @@ class Scenario:
     @property
     def metric_units(self) -> dict[str, str]:
         """Units of the scenario's metrics by name."""
-        wheels, kinematic = len(self.wheel_positions), self.level == "kinematic"
-        return metric_units(self.plant, wheels, _has_path(self.drive), kinematic)
+        wheels, kinematic = self.constants.wheel_count, self.level == "kinematic"
+        return metric_units(self.plant, wheels, self.drive.has_path, kinematic)
 
 
 def read_scenario(
@@ -188,19 +190,16 @@ def _read(
     if plant not in PLANTS:
         raise UnknownNameError(f"{place}: plant", "plant", plant, PLANTS)
     model_file = read_model_key(tree, path) if model_file is None else model_file
-    constants = read_rig(model_file) if plant == "quarter_rig" else read_robot(model_file)
+    read_machine, read_own = _READERS[plant]
+    constants = read_machine(model_file)
     check_effects(constants)
-    known = known_keys(plant, 1 if isinstance(constants, Rig) else len(constants.wheels))
+    known = known_keys(plant, constants.wheel_count)
     _apply_overrides(tree, overrides, known)
     for key in tree:
         if key not in known[""]:
             raise UnknownNameError(place, f"key of a {plant} scenario", key, known[""])
     _require_few_steps(tree, place, constants)
     floors = all_floors(floors_file)
-    if isinstance(constants, Rig):
-        own = _read_rig_scenario(tree, place, constants, floors)
-    else:
-        own = _read_robot_scenario(tree, place, constants, floors)
     return Scenario(
         name=path.stem,
         description=text_entry(tree, "description", place),
@@ -212,7 +211,7 @@ def _read(
         scene=read_scene_key(tree, path),
         diagnosis=read_diagnosis(tree.get("diagnosis", {}), f"{place}: diagnosis"),
         overrides=tuple(overrides),
-        **own,
+        **read_own(tree, place, constants, floors),
     )
 
 
@@ -241,7 +240,7 @@ def _read_robot_scenario(
         raise InputError(
             f"{place}: drive.heading_hold", "is not there at the kinematic level", "leave it out"
         )
-    units = metric_units("uto_robot", wheels, _has_path(drive), level == "kinematic")
+    units = metric_units("uto_robot", wheels, drive.has_path, level == "kinematic")
     return {
         "level": level,
         "drive": drive,
@@ -315,15 +314,16 @@ def _equations(tree: Mapping, place: str) -> str:
     return found
 
 
-def _has_path(drive: Drive | RigInput) -> bool:
-    return not isinstance(drive, RigInput) and drive.reference.is_path
-
-
 def _require_few_steps(tree: Mapping, place: str, constants: Robot | Rig) -> None:
     duration, rate = number_entry(tree, "duration", place, _DURATION), constants.sensors.sample_rate
     if duration * rate > _MAX_STEPS:
         rule = f"at most {_MAX_STEPS / rate:g} s at a sample rate of {rate:g} Hz"
         raise InputError(f"{place}: duration", f"found {duration:g}", rule)
+
+
+_READERS: Mapping[str, tuple[Callable, Callable]] = MappingProxyType(
+    {Robot.plant: (read_robot, _read_robot_scenario), Rig.plant: (read_rig, _read_rig_scenario)}
+)  # by plant: reader of the model file, reader of the plant's own part of a scenario
 
 
 def scenario_gains(scenario: Scenario) -> Gains:

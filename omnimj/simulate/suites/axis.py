@@ -159,19 +159,19 @@ def axis_moves(
     velocity: bool = False,
     declared: Axis | None = None,
 ) -> list[Run]:
-    """Every move of the plan, repeated, as a logger would have it.
+    """Drives every move of the plan, repeated, as a logger records it.
 
     Args:
-      axis: As it is, with its effects.
-      seed: Of the sensors' noise; each run has a seed of its own.
+      axis: The true axis, with its effects.
+      seed: Seed of the sensor noise; each run derives its own.
       repeats: Runs per move.
-      duration: Of one run [s].
+      duration: Duration of one run [s].
       current: Whether the log has `current` instead of `force`.
       velocity: Whether the axis has a tachometer.
-      declared: As its model file has it: what controller and log go by; `axis` without effects when None.
+      declared: The axis of the model file, used by controller and log; `axis` without effects when None.
 
     Returns:
-      Runs with `repeat_of` set; the mass is declared where it is not that of the model.
+      Runs with `repeat_of` set; the mass is declared where it differs from that of the model.
     """
     known = axis if declared is None else declared
     runs = []
@@ -193,7 +193,7 @@ def axis_moves(
 
 
 def plan_moves(axis: Axis, seed: int) -> list[Condition]:
-    """Every move of the plan; the mass is declared where it is not that of the model."""
+    """Conditions of all moves; the mass is declared where it differs from that of the model."""
     found = []
     for move in MOVES:
         mass = round(axis.axis.mass * (1.0 + move.payload_share), 6)
@@ -202,7 +202,7 @@ def plan_moves(axis: Axis, seed: int) -> list[Condition]:
 
 
 def record_axis(axis: Axis, nominal: Axis, condition: Condition, config: RunConfig) -> Mapping[str, Array]:
-    """One move under position control: the force of the drive and the position.
+    """Records one move under position control: force of the drive and position.
 
     Args:
       axis: With its effects.
