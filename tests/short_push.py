@@ -1,4 +1,4 @@
-"""A scenario of half a second, and an executor that works at once."""
+"""A scenario of half a second for tests."""
 
 from __future__ import annotations
 

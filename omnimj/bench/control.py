@@ -1,4 +1,4 @@
-"""What a robot's sensors say on a mission, kept so that its controller can be driven without the plant."""
+"""Time and memory of the control step, measured on a recorded mission that is replayed without the plant."""
 
 from __future__ import annotations
 
@@ -22,38 +22,43 @@ from omnimj.plant.faults import Fault
 from omnimj.plant.planar import PlanarRobot
 from omnimj.signals import CurrentCommand, Measurement, Target
 from omnimj.simulate.loop import drive
-from omnimj.simulate.suites.missions import mission
+from omnimj.simulate.suites.missions import mission as make_mission
 
 FLOOR = "natural_stone"
 SEED = 7
 PASSING_SLIP = (Fault("slip", 4.0, 6.0, 1, {"grip": 0.1}),)
-"""It comes and goes, so that a mission that follows on begins in health."""
+"""Ends within the mission, so that a repeated mission begins without a fault."""
 SLIP_AND_WEAK_MOTOR = (*PASSING_SLIP, Fault("motor", 8.0, None, 2, {"loss": 0.57}))
+HOUR = 3600.0
+WARM_UP_MISSIONS = 5
+"""Missions before memory is measured, in which caches and windows fill."""
+_PAGES = Path("/proc/self/smaps_rollup")  # exact, unlike statm
+_KB = 1024.0
 
 
 @dataclass(frozen=True)
 class RecordedMission:
-    """A mission from rest to rest, a measurement and a target per control step."""
+    """Mission from rest to rest with one measurement and target per control step."""
 
     robot: Robot
     measurements: tuple[Measurement, ...]
     targets: tuple[Target, ...]
     last: FaultTolerantState
-    """Of the controller that drove."""
+    """Final state of the controller that drove it."""
 
     @property
     def duration(self) -> float:
-        """Between the first and the last measurement [s]."""
+        """Time from the first to the last measurement [s]."""
         return self.measurements[-1].time - self.measurements[0].time
 
     @property
     def turned(self) -> float:
-        """From the first heading to the last [rad]."""
+        """Change of heading from the first to the last measurement [rad]."""
         return self.measurements[-1].yaw - self.measurements[0].yaw
 
 
 class _RecordingController:
-    """The controller, with what it was given."""
+    """Controller that records its inputs."""
 
     def __init__(self, controller: FaultTolerantController):
         self._controller, self.log_names = controller, controller.log_names
@@ -72,41 +77,47 @@ class _RecordingController:
 
 
 def full_controller(robot: Robot) -> FaultTolerantController:
-    """All that runs on a robot: cascade, diagnosis, recovery."""
+    """Controller as on a robot: cascade, fault detection and recovery."""
     return FaultTolerantController(Controller(robot), RobustDetector(robot), Recovery(robot))
 
 
 def record_mission(robot: Robot, duration: float, faults: tuple[Fault, ...] = ()) -> RecordedMission:
-    """Drives the planar robot, with all sensors, and keeps what the controller was given.
+    """Drive the planar robot with all sensors and record the inputs of its controller.
 
     Args:
       robot: The robot.
-      duration: Of the mission [s].
-      faults: What breaks.
+      duration: Duration of the mission [s].
+      faults: Faults during the mission.
     """
     plant = PlanarRobot(robot, FLOOR, faults=faults, seed=SEED)
-    keeping = _RecordingController(full_controller(robot))
-    drive(plant, keeping, mission(np.random.default_rng(SEED), duration, plant.period))
-    return RecordedMission(robot, tuple(keeping.measurements), tuple(keeping.targets), keeping.last)
+    recorder = _RecordingController(full_controller(robot))
+    drive(plant, recorder, make_mission(np.random.default_rng(SEED), duration, plant.period))
+    return RecordedMission(robot, tuple(recorder.measurements), tuple(recorder.targets), recorder.last)
 
 
 def replay_mission(
-    controller: FaultTolerantController, state: FaultTolerantState, driven: RecordedMission, number: int
+    controller: FaultTolerantController, state: FaultTolerantState, mission: RecordedMission, number: int
 ) -> FaultTolerantState:
-    """The state after the mission was driven with it as number 0, 1, 2, …: each where the last one ended.
+    """Replay a mission as number 0, 1, 2, … of a sequence and return the controller's state after it.
 
-    Time goes on, and headings and demands are turned by what the missions before turned the robot. Method and
-    recovery keep everything; the cascade begins each mission as it began the first, since an integral that is
-    not the recorded one would never come home with measurements that do not answer it.
+    Time continues, and headings and targets are rotated by the preceding missions. Detector and recovery keep
+    their state; the cascade starts each mission anew, since its integrators cannot converge on measurements
+    that do not react to it.
+
+    Args:
+      controller: Controller to replay to.
+      state: Its state before the mission.
+      mission: Recorded inputs.
+      number: Index of the mission in the sequence.
     """
-    count = len(driven.measurements)
-    late = number * driven.duration * count / (count - 1)  # the first comes one period after the last
-    turned = number * driven.turned
+    count = len(mission.measurements)
+    offset = number * mission.duration * count / (count - 1)  # one period between two missions
+    turned = number * mission.turned
     c, s = math.cos(turned), math.sin(turned)
     turn = np.array([[c, -s], [s, c]])
-    for k, (m, t) in enumerate(zip(driven.measurements, driven.targets, strict=True)):
+    for k, (m, t) in enumerate(zip(mission.measurements, mission.targets, strict=True)):
         yaw = (m.yaw + turned) % (2.0 * math.pi)
-        measured = Measurement(m.time + late, m.current, m.wheel_speed, m.acceleration, m.yaw_rate, yaw)
+        measured = Measurement(m.time + offset, m.current, m.wheel_speed, m.acceleration, m.yaw_rate, yaw)
         if k == 0:
             state = replace(state, control=controller.start(measured).control)
         target = Target(turn @ t.velocity, t.yaw_rate, t.heading + turned)
@@ -114,24 +125,12 @@ def replay_mission(
     return state
 
 
-# How long one control step takes, all of it, and what memory an hour of them takes.
-
-HOUR = 3600.0
-WARM_UP_MISSIONS = 5
-"""Missions before memory is looked at: caches and windows fill."""
-_PAGES = Path("/proc/self/smaps_rollup")  # counted one by one; the figures of statm are off by some pages
-_KB = 1024.0
-
-
-def step_times(driven: RecordedMission) -> np.ndarray:
-    """Time of each step from measurement to command, over the mission that was driven, shape (k,) [s].
-
-    The plant is not there: what it gave is replayed, and the commands are those of the drive.
-    """
-    controller = full_controller(driven.robot)
-    state = controller.start(driven.measurements[0])
-    times = np.empty(len(driven.measurements))
-    for k, (measurement, target) in enumerate(zip(driven.measurements, driven.targets, strict=True)):
+def step_times(mission: RecordedMission) -> np.ndarray:
+    """Time of each control step, from measurement to command, over a replayed mission, shape (k,) [s]."""
+    controller = full_controller(mission.robot)
+    state = controller.start(mission.measurements[0])
+    times = np.empty(len(mission.measurements))
+    for k, (measurement, target) in enumerate(zip(mission.measurements, mission.targets, strict=True)):
         begin = time.perf_counter()
         _, state = controller.step(state, measurement, target)
         times[k] = time.perf_counter() - begin
@@ -140,84 +139,84 @@ def step_times(driven: RecordedMission) -> np.ndarray:
 
 @dataclass(frozen=True)
 class MemoryGrowth:
-    """Memory over many steps."""
+    """Growth of memory over many control steps."""
 
     seconds: float
-    """Of robot time between both looks at memory [s]."""
+    """Robot time between the two measurements of memory [s]."""
     grown: float
-    """By how much memory was more at the later one [kB]."""
+    """Growth between them [kB]."""
     diagnoses: int
-    """That were told in the end."""
+    """Number of diagnoses at the end."""
 
     @property
     def per_hour(self) -> float:
-        """In proportion [kB]."""
+        """Growth per hour of robot time [kB]."""
         return self.grown * HOUR / self.seconds
 
 
 def memory_growth(
-    driven: RecordedMission,
+    mission: RecordedMission,
     passes: int,
     longest: float = float("inf"),
     memory: Callable[[], float] | None = None,
 ) -> MemoryGrowth:
-    """Drives a mission again and again with one controller, and looks at memory.
+    """Replay a mission repeatedly with one controller and measure the growth of memory.
 
-    Every diagnosis that is remembered takes 0.2 kB, of up to `verdict.HISTORY_LENGTH`: in health nothing
-    may grow.
+    Each of up to `verdict.HISTORY_LENGTH` remembered diagnoses takes 0.2 kB; without faults memory must not
+    grow.
 
     Args:
-      driven: A mission that begins and ends in health.
-      passes: How often, after `WARM_UP_MISSIONS` that are not counted.
-      longest: Wall time after which it ends with the pass that is being driven [s].
-      memory: What is looked at [kB]; what Python and numpy have allocated when None.
+      mission: Mission that begins and ends without a fault.
+      passes: Number of replays, after `WARM_UP_MISSIONS` uncounted ones.
+      longest: Wall time after which the present replay is the last [s].
+      memory: Measures memory [kB]; None: allocations of Python and numpy.
     """
-    look = _allocated_memory if memory is None else memory
+    measure = _allocated_memory if memory is None else memory
     if memory is None:
         tracemalloc.start()
     try:
-        controller = full_controller(driven.robot)
-        state = controller.start(driven.measurements[0])
+        controller = full_controller(mission.robot)
+        state = controller.start(mission.measurements[0])
         for number in range(WARM_UP_MISSIONS):
-            state = replay_mission(controller, state, driven, number)
-        before, done, begin = look(), 0, time.perf_counter()
+            state = replay_mission(controller, state, mission, number)
+        before, done, begin = measure(), 0, time.perf_counter()
         while done < passes and (done == 0 or time.perf_counter() - begin < longest):
-            state = replay_mission(controller, state, driven, WARM_UP_MISSIONS + done)
+            state = replay_mission(controller, state, mission, WARM_UP_MISSIONS + done)
             done += 1
-        return MemoryGrowth(done * driven.duration, look() - before, len(state.diagnoses))
+        return MemoryGrowth(done * mission.duration, measure() - before, len(state.diagnoses))
     finally:
         if memory is None:
             tracemalloc.stop()
 
 
 def _allocated_memory() -> float:
-    """In whole kB: looking itself takes some bytes."""
+    """Memory allocated by Python and numpy [kB], rounded since measuring allocates as well."""
     gc.collect()
     return float(round(tracemalloc.get_traced_memory()[0] / _KB))
 
 
 def resident_memory() -> float:
-    """Memory of this process, native code's too, in pages that the heap has touched [kB]; Linux only."""
+    """Anonymous memory of this process including native code [kB]; Linux only."""
     gc.collect()
     (line,) = (line for line in _PAGES.read_text().splitlines() if line.startswith("Anonymous:"))
     return float(line.split()[1])
 
 
 def measure_control(rounds: int, duration: float, hours: float, longest: float) -> dict[str, float]:
-    """One control step [µs], and what an hour of them adds to memory [kB].
+    """Measure the time of a control step [µs] and the growth of memory per hour [kB].
 
     Args:
-      rounds: How often the mission is timed. Every step counts by its median over them, since the same step
-        does the same work: what others do on the machine meanwhile is left out.
-      duration: Of the mission [s].
-      hours: Robot time over which memory is looked at [h].
+      rounds: Number of timed replays; each step counts by its median over them, which excludes other load
+        on the machine.
+      duration: Duration of the mission [s].
+      hours: Robot time over which memory is measured [h].
       longest: Wall time after which that ends [s].
     """
     robot = read_robot()
-    driven = record_mission(robot, duration, SLIP_AND_WEAK_MOTOR)
-    times = 1e6 * np.median([step_times(driven) for _ in range(rounds)], axis=0)
-    calm, passes = record_mission(robot, duration), max(1, round(hours * HOUR / duration))
-    growth = memory_growth(calm, passes, 0.5 * longest)
+    faulty = record_mission(robot, duration, SLIP_AND_WEAK_MOTOR)
+    times = 1e6 * np.median([step_times(faulty) for _ in range(rounds)], axis=0)
+    healthy, passes = record_mission(robot, duration), max(1, round(hours * HOUR / duration))
+    growth = memory_growth(healthy, passes, 0.5 * longest)
     found = {
         "control_step_median_us": float(np.median(times)),
         "control_step_p999_us": float(np.quantile(times, 0.999)),
@@ -226,6 +225,6 @@ def measure_control(rounds: int, duration: float, hours: float, longest: float) 
     }
     if _PAGES.exists():
         found["control_pages_kb_per_hour"] = memory_growth(
-            calm, passes, 0.5 * longest, resident_memory
+            healthy, passes, 0.5 * longest, resident_memory
         ).per_hour
     return found

@@ -1,4 +1,4 @@
-"""How long frames take through the codec, and there and back over a wire, beside bare bytes of their size."""
+"""Times of the codec, and round trips of frames over a wire compared with bare bytes of the same size."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from omnimj.bench.link_echo import ANSWERED_SIZE, ASKED_SIZE, command
+from omnimj.bench.link_echo import TELEMETRY_SIZE, COMMAND_SIZE, command
 from omnimj.errors import OmnimjError
 from omnimj.link.codec.frames import decode, encode
 from omnimj.link.codec.key import KEY_SIZE, Key
@@ -27,18 +27,19 @@ from omnimj.link.transport.interface import Transport
 from omnimj.link.transport.serial_port import SerialTransport
 from omnimj.link.transport.udp import UdpTransport
 
-# How long frames take to and from bytes.
-
 _SEED = 1
 _CHANNELS = 12
+_TIMEOUT = 5.0  # [s] for one answer
+_PART = 200  # round trips of one kind in turn, so that both kinds see the same machine
+_WARM_UP_TRIPS = 100
 
 
 @dataclass(frozen=True)
 class CodecTime:
-    """Of one kind of frame on one kind of link."""
+    """Times of the codec for one kind of frame and link."""
 
     name: str
-    """As `telemetry serial keyed`."""
+    """Frame and link, such as `telemetry serial keyed`."""
     encode: float
     """From record to bytes [s]."""
     decode: float
@@ -60,7 +61,7 @@ def _codec_frames() -> dict[str, Frame]:
 
 
 def _min_mean_time(work: Callable[[], object], times: int, rounds: int) -> float:
-    """Mean over `times`, the least of some rounds: what else the machine does is not the codec's [s]."""
+    """Mean time over `times` calls, the shortest of several rounds, which excludes other load [s]."""
     means = []
     for _ in range(rounds):
         begin = time.perf_counter()
@@ -71,28 +72,28 @@ def _min_mean_time(work: Callable[[], object], times: int, rounds: int) -> float
 
 
 def codec_times(times: int = 10_000, rounds: int = 5) -> tuple[CodecTime, ...]:
-    """Times of telemetry of 12 channels and of a command of 4 currents, on serial and UDP, keyed and not.
+    """Measure the codec with telemetry of 12 channels and commands of 4 currents on every kind of link.
 
     Args:
-      times: Frames in a round.
-      rounds: The least mean counts.
+      times: Frames per round.
+      rounds: Number of rounds; the shortest mean counts.
     """
     found = []
     for name, frame in _codec_frames().items():
         for key in (None, Key(bytes(range(KEY_SIZE)))):
-            papers = " keyed" if key else ""
+            keyed = " keyed" if key else ""
             packet = encode(frame, key)
             stuffed = stuff(packet)[:-1]
             found.append(
                 CodecTime(
-                    f"{name} udp{papers}",
+                    f"{name} udp{keyed}",
                     _min_mean_time(lambda f=frame, k=key: encode(f, k), times, rounds),
                     _min_mean_time(lambda p=packet, k=key: decode(p, k), times, rounds),
                 )
             )
             found.append(
                 CodecTime(
-                    f"{name} serial{papers}",
+                    f"{name} serial{keyed}",
                     _min_mean_time(lambda f=frame, k=key: stuff(encode(f, k)), times, rounds),
                     _min_mean_time(lambda s=stuffed, k=key: decode(unstuff(s) or b"", k), times, rounds),
                 )
@@ -100,21 +101,16 @@ def codec_times(times: int = 10_000, rounds: int = 5) -> tuple[CodecTime, ...]:
     return tuple(found)
 
 
-_PATIENCE = 5.0  # [s] for one answer
-_PART = 200  # round trips of one kind, before the other's turn: both see the same machine
-_WARM_UP_TRIPS = 100
-
-
 class EchoLost(OmnimjError, ConnectionError):
     """The far end of a round trip does not answer."""
 
 
 def measure_link(times: int, trips: int) -> dict[str, float]:
-    """Codec times and round trips [µs].
+    """Measure codec times and round trips [µs].
 
     Args:
-      times: Frames in a round of the codec; the worst of all kinds of frames counts.
-      trips: Round trips over each wire, command there and telemetry back, and as many of bare bytes.
+      times: Frames per round of the codec; the slowest kind of frame counts.
+      trips: Round trips over each wire, command and telemetry, and as many of bare bytes.
 
     Raises:
       EchoLost: The far end does not answer.
@@ -145,7 +141,7 @@ def _figures(wire: str, framed: np.ndarray, bare: np.ndarray) -> dict[str, float
 def _time_alternately(
     framed: Callable[[int], object], bare: Callable[[], object], trips: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Times of round trips of both kinds [s], in turns."""
+    """Times of alternating round trips of both kinds, each of shape (trips,) or slightly longer [s]."""
     times: tuple[list[float], list[float]] = [], []
     sequence = 0
     while len(times[0]) < trips + _WARM_UP_TRIPS:
@@ -162,11 +158,11 @@ def _time_alternately(
 
 
 def _frame_round_trip(transport: Transport) -> Callable[[int], object]:
-    """One round trip: record, bytes, wire, bytes, record."""
+    """Round trip of a frame from record to record."""
 
     def ask(sequence: int) -> None:
         transport.send(encode(command(sequence)))
-        while transport.wait(_PATIENCE):
+        while transport.wait(_TIMEOUT):
             for packet in transport.receive():
                 found = decode(packet)
                 if not isinstance(found, DropReason) and found.sequence == sequence:
@@ -178,7 +174,7 @@ def _frame_round_trip(transport: Transport) -> Callable[[int], object]:
 
 @contextlib.contextmanager
 def _echo_process(*arguments: Any, files: tuple[int, ...] = ()) -> Iterator[str]:
-    """The process at the other end; gives the line that it says when it is ready."""
+    """Process at the far end; yields the line that it prints when it is ready."""
     program = [sys.executable, "-m", "omnimj.bench.link_echo", *map(str, arguments)]
     with subprocess.Popen(program, stdout=subprocess.PIPE, pass_fds=files, text=True) as process:
         try:
@@ -188,8 +184,8 @@ def _echo_process(*arguments: Any, files: tuple[int, ...] = ()) -> Iterator[str]
             process.kill()
 
 
-def _first_line(said: IO[str]) -> str:
-    line = said.readline()
+def _first_line(output: IO[str]) -> str:
+    line = output.readline()
     if not line:
         raise EchoLost("bench: the far end did not start")
     return line
@@ -203,11 +199,11 @@ def _udp_trips(trips: int) -> tuple[np.ndarray, np.ndarray]:
         port, bare_port = map(int, line.split())
         transport = UdpTransport(UdpAddress(LOOPBACK, port))
         plain.connect((LOOPBACK, bare_port))
-        plain.settimeout(_PATIENCE)
-        asked = bytes(ASKED_SIZE)
+        plain.settimeout(_TIMEOUT)
+        request = bytes(COMMAND_SIZE)
 
         def bare() -> None:
-            plain.send(asked)
+            plain.send(request)
             plain.recv(2048)
 
         try:
@@ -224,13 +220,13 @@ def _serial_trips(trips: int) -> tuple[np.ndarray, np.ndarray]:
     try:
         tty.setraw(bare_near)
         transport = SerialTransport(SerialAddress(os.ttyname(near)))
-        asked, back = bytes(ASKED_SIZE + 2), ANSWERED_SIZE + 2
+        request, back = bytes(COMMAND_SIZE + 2), TELEMETRY_SIZE + 2
 
         def bare() -> None:
-            os.write(bare_near, asked)
-            had = 0
-            while had < back:
-                had += len(os.read(bare_near, 4096))
+            os.write(bare_near, request)
+            received = 0
+            while received < back:
+                received += len(os.read(bare_near, 4096))
 
         try:
             with _echo_process("serial", far, bare_far, files=(far, bare_far)):

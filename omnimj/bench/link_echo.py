@@ -1,4 +1,4 @@
-"""The far end of the round trips, in a process of its own: answers frames, and beside it bare bytes."""
+"""Far end of the round trips, a process of its own: answers frames and, for comparison, bare bytes."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from omnimj.link.transport.address import LOOPBACK, UdpAddress
 from omnimj.link.transport.udp import UdpListener
 
 RAW = (0.1, -0.2, 0.3, -0.4, 1.0, 2.0, 3.0, 4.0, 0.5, 0.6, 0.7, 1234)
-"""Of the twelve channels, the last one counts."""
+"""Readings of twelve channels; the last one is in counts."""
 _COUNTS = 1 << 11
-_IDLE = 30.0  # [s] without a frame after which nobody is there any more
-_AT_ONCE = 4096
+_IDLE_TIMEOUT = 30.0  # [s] without a frame after which the process ends
+_CHUNK = 4096
 
 
 def command(sequence: int) -> Frame:
-    """What is asked."""
+    """Command with this sequence number."""
     return Frame(Command((0.3, -0.8, 0.1, 0.7), 0.05), 7, sequence, 1000 * sequence)
 
 
 def telemetry(sequence: int) -> Frame:
-    """What is answered to that."""
-    said = Telemetry(sequence, 0.0006, Status.ARMED, FaultCode.NONE, 0, 0, RAW, _COUNTS)
-    return Frame(said, 7, sequence, 1000 * sequence)
+    """Telemetry that answers it."""
+    message = Telemetry(sequence, 0.0006, Status.ARMED, FaultCode.NONE, 0, 0, RAW, _COUNTS)
+    return Frame(message, 7, sequence, 1000 * sequence)
 
 
-ASKED_SIZE, ANSWERED_SIZE = len(encode(command(1))), len(encode(telemetry(1)))
-"""Of a datagram; on a serial line two bytes more."""
+COMMAND_SIZE, TELEMETRY_SIZE = len(encode(command(1))), len(encode(telemetry(1)))
+"""Sizes of the datagrams [bytes]; two bytes more on a serial line."""
 
 
 def _answer(packet: bytes) -> bytes | None:
@@ -46,11 +46,11 @@ def _answer(packet: bytes) -> bytes | None:
 def _echo_udp() -> None:
     bare = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     bare.bind((LOOPBACK, 0))
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asked:
-        asked.bind((LOOPBACK, 0))
-        port = asked.getsockname()[1]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind((LOOPBACK, 0))
+        port = free.getsockname()[1]
     listener = UdpListener(UdpAddress(LOOPBACK, port))
-    reply = bytes(ANSWERED_SIZE)
+    reply = bytes(TELEMETRY_SIZE)
 
     def echo() -> None:
         while True:
@@ -58,7 +58,7 @@ def _echo_udp() -> None:
             bare.sendto(reply, peer)
 
     _begin(echo, f"{port} {bare.getsockname()[1]}")
-    while listener.wait(_IDLE):
+    while listener.wait(_IDLE_TIMEOUT):
         for packet, peer in listener.receive():
             answer = _answer(packet)
             if answer is not None:
@@ -66,20 +66,20 @@ def _echo_udp() -> None:
 
 
 def _echo_serial(framed: int, bare: int) -> None:
-    """Both are far ends of pseudo-terminals."""
-    stream, reply = PacketStream(), bytes(ANSWERED_SIZE + 2)
+    """Serve the far ends of two pseudo-terminals, given as file descriptors."""
+    stream, reply = PacketStream(), bytes(TELEMETRY_SIZE + 2)
 
     def echo() -> None:
-        had = 0
+        received = 0
         while True:
-            had += len(os.read(bare, _AT_ONCE))
-            if had >= ASKED_SIZE + 2:
-                had = 0
+            received += len(os.read(bare, _CHUNK))
+            if received >= COMMAND_SIZE + 2:
+                received = 0
                 os.write(bare, reply)
 
     _begin(echo, "ready")
-    while select.select([framed], [], [], _IDLE)[0]:
-        for packet in stream.feed(os.read(framed, _AT_ONCE)):
+    while select.select([framed], [], [], _IDLE_TIMEOUT)[0]:
+        for packet in stream.feed(os.read(framed, _CHUNK)):
             answer = _answer(packet)
             if answer is not None:
                 os.write(framed, stuff(answer))

@@ -1,4 +1,4 @@
-"""How fast the twin is, as ratios within one run on this machine."""
+"""Speed of the twin and of whole scenario runs, as ratios within one run on this machine."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ _CURRENTS = (0.3, -0.8, 0.1, 0.7)
 
 
 def wall_time(work: Callable[[], object]) -> float:
-    """Wall time of one piece of work [s]."""
+    """Wall time of one call [s]."""
     begin = time.perf_counter()
     work()
     return time.perf_counter() - begin
 
 
 def _interleaved(rounds: int, *works: Callable[[], object]) -> np.ndarray:
-    """Least time of each piece of work over rounds taken in turn, so that all meet the same noise [s]."""
+    """Shortest time of each call over interleaved rounds, shape (len(works),) [s]."""
     return np.array([[wall_time(work) for work in works] for _ in range(rounds)]).min(axis=0)
 
 
@@ -35,7 +35,7 @@ def _moving(mj_model: Any) -> Any:
 
 
 def _with_solver_contact(mj_model: Any, friction: bool) -> Any:
-    """The same robot in the same state of motion with MuJoCo's own contact and none of ours."""
+    """Same robot in the same state of motion with MuJoCo's own contact."""
     import mujoco
 
     from omnimj.plant.mujoco import slots
@@ -51,11 +51,11 @@ def _with_solver_contact(mj_model: Any, friction: bool) -> Any:
 
 
 def measure_twin(steps: int, rounds: int) -> dict[str, float]:
-    """Steps per second, ratio to solver contact, share of the callback, scaling of a batch.
+    """Measure steps per second, ratio to solver contact, share of the callback, and batch scaling.
 
     Args:
-      steps: Of 1 ms in a round.
-      rounds: How often each is timed; the least time counts.
+      steps: Steps of 1 ms per round.
+      rounds: Number of timed rounds; the shortest counts.
     """
     import mujoco
     import mujoco.batch
@@ -76,7 +76,7 @@ def measure_twin(steps: int, rounds: int) -> dict[str, float]:
         batch.step(nstep=300)
     repeat_callbacks(mj_model._address, frozen._address, 1)
 
-    def glide_rough() -> None:  # its rollers and motors do not drive: push it again and again
+    def glide_rough() -> None:  # without traction it must be pushed repeatedly
         rough_data.qvel[0] = 0.5
         mujoco.mj_step(rough, rough_data, steps // 10)
 
@@ -98,14 +98,11 @@ def measure_twin(steps: int, rounds: int) -> dict[str, float]:
     }
 
 
-# How fast a scenario is driven with everything that belongs to it, and what its recording costs.
-
-
 def measure_run(duration: float) -> dict[str, float]:
-    """Real-time factor of a scenario with control, sensors and recording; share and size of the recording.
+    """Measure the real-time factor of a scenario with its trace, and cost and size of its Rerun recording.
 
     Args:
-      duration: Of the scenario [s].
+      duration: Duration of the scenario [s].
     """
     from omnimj.recording.traces import write_trace
     from omnimj.simulate.run import run_scenario

@@ -48,7 +48,7 @@ class ClockOffset:
 
     @property
     def known(self) -> bool:
-        """Whether a ping has been answered."""
+        """True if a ping has been answered."""
         return bool(self._found)
 
     @property

@@ -48,7 +48,7 @@ class StopResponse:
     fault: FaultCode
     """Latched fault."""
     flows: bool
-    """Whether current still flows, or may flow."""
+    """True if current still flows, or may flow."""
 
 
 def measure_rates(link: Link) -> TelemetryRates:
@@ -98,7 +98,7 @@ def check_stop(link: Link) -> StopResponse:
 
 
 def is_fault_latched(link: Link) -> bool:
-    """Whether a device with a latched fault refuses to be armed until the fault is reset.
+    """True if a device with a latched fault refuses to be armed until the fault is reset.
 
     Raises:
       LinkLost: The device does not answer.

@@ -65,7 +65,7 @@ class FuzzReport:
 
     @property
     def passed(self) -> bool:
-        """Whether exactly the unchanged frames were accepted."""
+        """True if exactly the unchanged frames were accepted."""
         return self.wrong == 0 and self.accepted == self.whole
 
 

@@ -253,6 +253,6 @@ class Frame:
     time: int
     """Sender's monotonic clock [µs], 64 bits."""
     authentic: bool = False
-    """Whether it carried a valid tag."""
+    """True if it carried a valid tag."""
     same_schema: bool = True
-    """Whether its sender lays out every payload alike; required for arming."""
+    """True if its sender lays out every payload alike; required for arming."""

@@ -168,7 +168,7 @@ def credit_after(limits: Limits, credit: float, elapsed: float) -> float:
 
 
 def is_zero_command(command: Command) -> bool:
-    """Whether a command has neither a current nor a brake."""
+    """True if a command has neither a current nor a brake."""
     return command.brake == 0 and all(current == 0.0 for current in command.currents)
 
 
@@ -216,7 +216,7 @@ class RateLimiter:
         self.credit = max_credit(limits)
 
     def allows(self, now: float) -> bool:
-        """Whether a frame at time `now` [s] is within the rate; if so, it takes a token."""
+        """True if a frame at time `now` [s] is within the rate; if so, it takes a token."""
         self.credit = credit_after(self._limits, self.credit, now - self._time)
         self._time = max(self._time, now)
         if self.credit < 1.0:

@@ -24,7 +24,7 @@ from omnimj.signals import Array
 
 
 def is_link_recording(folder: Path) -> bool:
-    """Whether a folder holds a log of frames and no dataset."""
+    """True if a folder holds a log of frames and no dataset."""
     return (folder / FRAMES_FILE).is_file() and not (folder / DATASET_FILE).exists()
 
 

@@ -127,7 +127,7 @@ class LoggedFrame:
     time: float
     """Time of the host's clock [s]."""
     is_sent: bool
-    """Whether the host sent it; otherwise it was received."""
+    """True if the host sent it; otherwise it was received."""
     frame: Frame
 
 
@@ -156,7 +156,7 @@ class FrameRecording:
         self.dropped = 0
         """Packets read so far that are no frames."""
         self.is_whole = True
-        """Whether the file ends with a complete record; a killed program may leave a partial one."""
+        """True if the file ends with a complete record; a killed program may leave a partial one."""
 
     def __iter__(self) -> Iterator[LoggedFrame]:
         """Iterate over the frames in the order of time."""

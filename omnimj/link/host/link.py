@@ -46,7 +46,7 @@ class LinkMode(enum.Enum):
     """Hello and ping; the device sends its readings to any host that has begun a session."""
 
     def permits(self, frame: Frame) -> bool:
-        """Whether a frame may be sent."""
+        """True if a frame may be sent."""
         if self is LinkMode.DRIVE or isinstance(frame.message, Hello | Ping):
             return True
         return (
@@ -110,7 +110,7 @@ class Link:
 
     @property
     def is_keyed(self) -> bool:
-        """Whether frames are authenticated."""
+        """True if frames are authenticated."""
         return self._key is not None
 
     def send(self, *frames: Frame) -> None:

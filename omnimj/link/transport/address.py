@@ -43,7 +43,7 @@ Address = SerialAddress | UdpAddress
 
 
 def is_loopback(numeric: str) -> bool:
-    """Whether a numeric address is on this machine's loopback."""
+    """True if a numeric address is on this machine's loopback."""
     try:
         return ipaddress.ip_address(numeric.partition("%")[0]).is_loopback
     except ValueError:

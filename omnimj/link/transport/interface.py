@@ -27,7 +27,7 @@ class Transport(Protocol):
         ...
 
     def wait(self, longest: float) -> bool:
-        """Whether a packet arrives within this time [s]."""
+        """True if a packet arrives within this time [s]."""
         ...
 
     def close(self) -> None:
@@ -52,7 +52,7 @@ class Listener(Protocol):
         ...
 
     def wait(self, longest: float) -> bool:
-        """Whether a packet arrives within this time [s]."""
+        """True if a packet arrives within this time [s]."""
         ...
 
     def close(self) -> None:
@@ -80,7 +80,7 @@ class SinglePeerListener:
         return [(packet, None) for packet in self._transport.receive()]
 
     def wait(self, longest: float) -> bool:
-        """Whether a packet arrives within this time [s]."""
+        """True if a packet arrives within this time [s]."""
         return self._transport.wait(longest)
 
     def close(self) -> None:

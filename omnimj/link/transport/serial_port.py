@@ -80,7 +80,7 @@ class SerialTransport:
         return self._stream.feed(chunk) if chunk else []
 
     def wait(self, longest: float) -> bool:
-        """Whether bytes arrive within this time [s]."""
+        """True if bytes arrive within this time [s]."""
         if not self._port.is_open:
             return False
         try:

@@ -27,7 +27,7 @@ class WireFaults:
     """Intervals of interruption; packets sent or arriving within them are lost [s]."""
 
     def is_cut(self, time: float) -> bool:
-        """Whether the wire is interrupted at a time [s]."""
+        """True if the wire is interrupted at a time [s]."""
         return any(begin <= time < end for begin, end in self.cuts)
 
 
@@ -98,7 +98,7 @@ class SimulatedTransport:
         return self._incoming.arrived(self._wire.now) if self._open else []
 
     def wait(self, longest: float) -> bool:
-        """Whether a packet has arrived by now; simulated time does not advance while waiting."""
+        """True if a packet has arrived by now; simulated time does not advance while waiting."""
         return self._open and self._incoming.is_due(self._wire.now)
 
     def close(self) -> None:

@@ -62,7 +62,7 @@ class _Socket:
         return found
 
     def wait(self, longest: float) -> bool:
-        """Whether a packet arrives within this time [s]."""
+        """True if a packet arrives within this time [s]."""
         if self._socket.fileno() < 0:
             return False
         return bool(select.select([self._socket], [], [], max(0.0, longest))[0])
