@@ -15,7 +15,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from omnimj.bench.link_echo import TELEMETRY_SIZE, COMMAND_SIZE, command
+from omnimj.bench.link_echo import COMMAND_SIZE, TELEMETRY_SIZE, command
 from omnimj.errors import OmnimjError
 from omnimj.link.codec.frames import decode, encode
 from omnimj.link.codec.key import KEY_SIZE, Key
@@ -41,9 +41,9 @@ class CodecTime:
     name: str
     """Frame and link, such as `telemetry serial keyed`."""
     encode: float
-    """From record to bytes [s]."""
+    """Time from record to bytes [s]."""
     decode: float
-    """From bytes to record [s]."""
+    """Time from bytes to record [s]."""
 
 
 def _codec_frames() -> dict[str, Frame]:

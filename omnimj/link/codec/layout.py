@@ -51,7 +51,7 @@ _FLOAT32_UNDERFLOW = 2.0**-150  # largest number whose nearest float32 is zero
 
 
 class DropReason(enum.IntEnum):
-    """Why a packet was dropped, in the order of the checks."""
+    """Reason for which a packet is dropped, in the order of the checks."""
 
     TOO_SHORT = 1
     TOO_LONG = 2
@@ -131,7 +131,7 @@ Rule = Callable[[Any], tuple[str, str] | None]
 
 @dataclass(frozen=True)
 class Layout:
-    """A payload: fixed fields, then items that are repeated as often as one of the fixed fields says."""
+    """Payload: fixed fields, then items whose number is one of the fixed fields."""
 
     record: type
     sender: str

@@ -35,7 +35,7 @@ class WiringDefect:
     place: str
     """Channel of the robot, or `motor_1`, …"""
     value: float = 1.0
-    """For `gain`: measured or actual value over the right one."""
+    """Ratio of the measured or actual value to the right one, for kind `gain`."""
 
     @property
     def factor(self) -> float:

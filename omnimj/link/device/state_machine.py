@@ -54,7 +54,7 @@ class Outbox:
         self.start_session(0)
 
     def start_session(self, session: int) -> None:
-        """Number frames anew in a session; 0: none."""
+        """Begin a session (0: none), with frame numbers from 1."""
         self.session, self._sequence = session, 0
         self._telemetry_times: deque[tuple[int, float]] = deque(maxlen=_REMEMBERED)
 
@@ -142,7 +142,7 @@ class Device:
         self.dropped = 0
         """Packets that were dropped since power-up."""
         self.step_due = False
-        """In lock-step: a command is waiting for its period."""
+        """True if a command is waiting for its period, in lock-step."""
         self._time = now
         self._heat, self._raw = self._zero, ()
         self._limiter, self._hello_limiter = RateLimiter(self._limits, now), RateLimiter(self._limits, now)

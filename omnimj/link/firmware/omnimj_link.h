@@ -1,4 +1,4 @@
-/* The link between host and device, for firmware: frames, COBS, CRC-32, BLAKE2s. PROTOCOL.md says what they mean.
+/* The link between host and device, for firmware: frames, COBS, CRC-32, BLAKE2s. PROTOCOL.md describes it.
  *
  * C99, freestanding, one header, no memory of its own: include it wherever it is needed. Numbers are as on the
  * wire (names with _us are microseconds), `float` must be IEEE 754 single. Nothing here has side effects but on what is
@@ -86,7 +86,7 @@ enum omj_fault_code {
 };
 #define OMJ_FAULT_CODES 19u
 
-/* Why bytes are not a frame; in this order it is looked for. */
+/* Reason to drop a packet, in the order of the checks. */
 enum omj_drop {
     OMJ_RIGHT = 0,
     OMJ_TOO_SHORT = 1,
@@ -153,8 +153,8 @@ typedef struct {
 
 typedef struct {
     uint8_t type;
-    uint8_t authentic;   /* decoded with a key, and its tag is right */
-    uint8_t same_schema; /* its sender lays out payloads as we do */
+    uint8_t authentic;   /* decoded with a key and a valid tag */
+    uint8_t same_schema; /* its sender has the same payload layouts */
     uint32_t session, sequence;
     uint64_t time_us;
     union {
@@ -201,7 +201,7 @@ static inline float omj_get_float(const uint8_t *from)
     return number.volts;
 }
 
-/* Finite and above zero, also under compilers that believe in no infinity. */
+/* Finite and above zero, also under compilers that assume finite arithmetic. */
 static inline int omj_is_above_zero(float value)
 {
     omj_reading number;

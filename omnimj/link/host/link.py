@@ -320,7 +320,7 @@ def open_link(
     log_to: Path | None = None,
     about: dict[str, Any] | None = None,
 ) -> Link:
-    """Link to a device that is wired as the robot's model file says; nothing is sent.
+    """Open a link to a device with the wiring of the robot's model file; nothing is sent.
 
     Args:
       address: `serial:DEVICE?baud=N` or `udp:HOST:PORT`.

@@ -1,7 +1,7 @@
 """The host's side of the link as a state machine without clock and wire.
 
 Motion takes three requests: hello, arm, command. A violation of any rule ends in `STOPPED` with its reason;
-the robot does not move again until all three are requested anew.
+all three must then be requested again.
 """
 
 from __future__ import annotations
