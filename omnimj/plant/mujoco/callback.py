@@ -43,9 +43,11 @@ from omnimj.plant.mujoco.memory import (
     load_int,
     load_pointer,
     load_real,
+    slots_of,
     stack_reals,
     store_real,
     terms_of,
+    wheel_speed_of,
 )
 
 _STAGE_VELOCITY = int(mujoco.mjtStage.mjSTAGE_VEL)
@@ -74,7 +76,7 @@ def add_passive_forces(m, d):
     found = numba.carray(stack_reals(CONTACT_BUFFER), (MAX_CONTACTS, COLUMNS))
     count = gather_contacts(m, d, -1, found)
     for wheel in range(wheels):
-        own = load_pointer(m + OFFSETS.m_actuator_user) + 8 * slots.ACTUATOR_SLOTS * wheel
+        own = slots_of(m, wheel)
         forces = wheel_contact_forces(m, d, wheel, found, count, h)
         rail = numba.int64(load_real(own, slots.RAIL_JOINT))
         rail_dof = -1
@@ -114,14 +116,14 @@ def set_activation_rates(m, d, actuator):
     found = numba.carray(stack_reals(CONTACT_BUFFER), (MAX_CONTACTS, COLUMNS))
     count = gather_contacts(m, d, actuator, found)
     forces = wheel_contact_forces(m, d, actuator, found, count, h)
-    own = load_pointer(m + OFFSETS.m_actuator_user) + 8 * slots.ACTUATOR_SLOTS * actuator
+    own = slots_of(m, actuator)
     address = load_int(load_pointer(m + OFFSETS.m_actuator_actadr), actuator)
     act = load_pointer(d + OFFSETS.d_act) + 8 * address
     rate = load_pointer(d + OFFSETS.d_act_dot) + 8 * address
     command = load_real(
         load_pointer(d + OFFSETS.d_ctrl), load_int(load_pointer(m + OFFSETS.m_actuator_ctrladr), actuator)
     )
-    wheel_speed = load_real(load_pointer(d + OFFSETS.d_qvel), numba.int64(load_real(own, slots.WHEEL_DOF)))
+    wheel_speed = wheel_speed_of(d, own)
     motor = motor_with_effects(m, d, own, actuator, True)
     now = load_real(act, slots.CURRENT)
     store_real(rate, slots.CURRENT, (next_current(motor, now, command, wheel_speed, h) - now) / h)
@@ -153,7 +155,7 @@ def write_truth(m, d):
     count = gather_contacts(m, d, -1, found)
     sensors = load_pointer(d + OFFSETS.d_sensordata)
     for wheel in range(wheels):
-        own = load_pointer(m + OFFSETS.m_actuator_user) + 8 * slots.ACTUATOR_SLOTS * wheel
+        own = slots_of(m, wheel)
         forces = wheel_contact_forces(m, d, wheel, found, count, h)
         address = numba.int64(load_real(own, slots.SENSOR))
         if address >= 0:

@@ -17,7 +17,16 @@ from omnimj.physics.effect_terms import traction_scale
 from omnimj.physics.native import kernel
 from omnimj.physics.traction import exact_step, force_ratio, relaxation_rate
 from omnimj.plant.mujoco import slots
-from omnimj.plant.mujoco.memory import OFFSETS, load_int, load_pointer, load_real, terms_of, traction_of
+from omnimj.plant.mujoco.memory import (
+    OFFSETS,
+    load_int,
+    load_pointer,
+    load_real,
+    slots_of,
+    terms_of,
+    traction_of,
+    wheel_speed_of,
+)
 
 # columns of a contact's row
 WHEEL, ROLLER_BODY, FLOOR_GEOM, FLOOR_BODY, DEPTH, DEPTH_RATE, SLIP, LATERAL = range(8)
@@ -216,7 +225,7 @@ def wheel_contact_forces(m, d, wheel, found, count, h):
     Returns:
       `WheelForces`.
     """
-    own = load_pointer(m + OFFSETS.m_actuator_user) + 8 * load_pointer(m + OFFSETS.m_nuser_actuator) * wheel
+    own = slots_of(m, wheel)
     act = load_pointer(d + OFFSETS.d_act) + 8 * load_int(load_pointer(m + OFFSETS.m_actuator_actadr), wheel)
     pressed = share_normal_force(
         found, count, wheel, load_real(own, slots.STIFFNESS), load_real(own, slots.DAMPING)
@@ -226,9 +235,7 @@ def wheel_contact_forces(m, d, wheel, found, count, h):
     users = load_pointer(m + OFFSETS.m_geom_user)
     width = 8 * load_pointer(m + OFFSETS.m_nuser_geom)
     z = load_real(act, slots.BRISTLE)
-    turning = load_real(own, slots.RADIUS) * load_real(
-        load_pointer(d + OFFSETS.d_qvel), numba.int64(load_real(own, slots.WHEEL_DOF))
-    )
+    turning = load_real(own, slots.RADIUS) * wheel_speed_of(d, own)
     terms, grip = terms_of(own), load_real(own, slots.GRIP)
     slip, lateral, traction, z_next = 0.0, 0.0, 0.0, 0.0
     for i in range(count):

@@ -41,12 +41,17 @@ from omnimj.plant.mujoco.contact import (
 )
 from omnimj.plant.mujoco.memory import (
     OFFSETS,
+    axle_inertia,
+    elapsed_time,
     load_int,
     load_pointer,
     load_real,
     motor_of,
+    slots_of,
     store_real,
     terms_of,
+    wheel_angle,
+    wheel_speed_of,
 )
 
 
@@ -158,7 +163,7 @@ def add_contact_forces(m, d, wheel, found, count, second, h):
     Returns:
       Torque of the floor about the axle [N.m], and generalised force on `second`.
     """
-    own = load_pointer(m + OFFSETS.m_actuator_user) + 8 * load_pointer(m + OFFSETS.m_nuser_actuator) * wheel
+    own = slots_of(m, wheel)
     axle = numba.int64(load_real(own, slots.WHEEL_DOF))
     passive = load_pointer(d + OFFSETS.d_qfrc_passive)
     torque, pull = 0.0, 0.0
@@ -210,43 +215,13 @@ def _is_first_of_its_roller(found, i):
 
 
 @kernel
-def _elapsed_time(d):
-    """Time since the start of the run [s]."""
-    return load_real(d + OFFSETS.d_time, 0)
-
-
-@kernel
-def _wheel_angle(d, own):
-    """Angle of the wheel [rad]."""
-    return load_real(load_pointer(d + OFFSETS.d_qpos), numba.int64(load_real(own, slots.ANGLE_ADDRESS)))
-
-
-@kernel
-def _wheel_speed(d, own):
-    """Speed of the wheel [rad/s]."""
-    return load_real(load_pointer(d + OFFSETS.d_qvel), numba.int64(load_real(own, slots.WHEEL_DOF)))
-
-
-@kernel
-def _axle_inertia(m, own):
-    """Inertia of wheel and rotor about the axle [kg.m²]."""
-    return load_real(load_pointer(m + OFFSETS.m_dof_M0), numba.int64(load_real(own, slots.WHEEL_DOF)))
-
-
-@kernel
-def _slots_of(m, wheel):
-    """Address of a wheel's slots."""
-    return load_pointer(m + OFFSETS.m_actuator_user) + 8 * slots.ACTUATOR_SLOTS * wheel
-
-
-@kernel
 def _supply_current(m, d, wheel, voltage):
     """Current that a wheel's motor draws from a supply at a voltage [A]."""
-    own = _slots_of(m, wheel)
+    own = slots_of(m, wheel)
     place = load_int(load_pointer(m + OFFSETS.m_actuator_ctrladr), wheel)
     command = load_real(load_pointer(d + OFFSETS.d_ctrl), place)
-    time = _elapsed_time(d)
-    return supply_current(motor_of(own), terms_of(own), time, voltage, command, _wheel_speed(d, own))
+    time = elapsed_time(d)
+    return supply_current(motor_of(own), terms_of(own), time, voltage, command, wheel_speed_of(d, own))
 
 
 @kernel
@@ -255,7 +230,7 @@ def _current_of_others(m, d, wheel):
 
     As `planar_wheel.supply_currents`: V = V_0 − R_s Σ i_j(V) by bisection.
     """
-    first = _slots_of(m, 0)
+    first = slots_of(m, 0)
     wheels = numba.int64(load_real(first, slots.WHEELS))
     sag = terms_of(first).sag
     if wheels == 1 or sag == 0.0:
@@ -292,7 +267,7 @@ def motor_with_effects(m, d, own, wheel, limited):
     if not has_motor_effects(terms):
         return motor
     others = _current_of_others(m, d, wheel) if limited else 0.0
-    return apply_motor_effects(motor, terms, _elapsed_time(d), others)
+    return apply_motor_effects(motor, terms, elapsed_time(d), others)
 
 
 @kernel
@@ -324,10 +299,10 @@ def _axle_torque_with_effects(d, own, act, motor, resistance, h):
     """
     terms = terms_of(own)
     gap, rate = load_real(act, slots.BACKLASH), load_real(act, slots.BACKLASH_RATE)
-    rotor_speed = _wheel_speed(d, own) + rate
+    rotor_speed = wheel_speed_of(d, own) + rate
     low, high = drive_torque_bounds(motor, load_real(act, slots.CURRENT), rotor_speed)
     dry = max(resistance + axle_dry_friction(terms, low, high), 0.0)
-    return AxleTorque(low, high, dry, axle_torque(terms, _wheel_angle(d, own) + gap, rotor_speed, h))
+    return AxleTorque(low, high, dry, axle_torque(terms, wheel_angle(d, own) + gap, rotor_speed, h))
 
 
 @kernel
@@ -350,7 +325,7 @@ def _step_backlash(m, d, own, act, torque, ahead, h):
     gear = Backlash(terms.backlash, terms.rotor_inertia, gap, rate)
     other = torque.other - load_real(own, slots.RADIUS) * ahead
     torques = AxleTorque(torque.low, torque.high, torque.dry, other)
-    return step_backlash(gear, torques, _wheel_speed(d, own), _axle_inertia(m, own), h)
+    return step_backlash(gear, torques, wheel_speed_of(d, own), axle_inertia(m, own), h)
 
 
 @kernel
@@ -366,7 +341,7 @@ def backlash_after(m, d, own, act, motor, load, h):
       load: `AxleLoad`.
       h: Step [s].
     """
-    resistance = _axle_resistance(own, load, _wheel_speed(d, own))
+    resistance = _axle_resistance(own, load, wheel_speed_of(d, own))
     torque = _axle_torque_with_effects(d, own, act, motor, resistance, h)
     _, gap, rate, _ = _step_backlash(m, d, own, act, torque, load.ahead, h)
     return gap, rate
@@ -386,7 +361,7 @@ def add_drive_torque(m, d, wheel, own, load, floor_torque, h):
       h: Step [s].
     """
     act = load_pointer(d + OFFSETS.d_act) + 8 * load_int(load_pointer(m + OFFSETS.m_actuator_actadr), wheel)
-    wheel_speed, inertia = _wheel_speed(d, own), _axle_inertia(m, own)
+    wheel_speed, inertia = wheel_speed_of(d, own), axle_inertia(m, own)
     motor = motor_with_effects(m, d, own, wheel, False)
     resistance = _axle_resistance(own, load, wheel_speed)
     terms = terms_of(own)
@@ -427,7 +402,7 @@ def add_hub_forces(m, d, wheels, own, h):
     ahead_x, ahead_y = load_real(axes, 4), -load_real(axes, 1)  # axle × vertical; the axle is the wheel's y
     v_x, v_y, _ = point_velocity(m, d, body, x, y, z)
     along, across = v_x * ahead_x + v_y * ahead_y, v_y * ahead_x - v_x * ahead_y
-    time, angle, turning = _elapsed_time(d), _wheel_angle(d, own), _wheel_speed(d, own)
+    time, angle, turning = elapsed_time(d), wheel_angle(d, own), wheel_speed_of(d, own)
     force = hub_force(terms_of(own), along, x, time, across, angle, turning, h)
     if force != 0.0:
         add_force(m, d, body, (x, y, z), (force * ahead_x, force * ahead_y, 0.0), (-1, -1))
@@ -496,7 +471,7 @@ def add_rail_friction(m, d, own, joint, load, lateral_speed, pull, h):
         place = numba.int64(load_real(own, slots.POSITION_ADDRESS))
         position = load_real(load_pointer(d + OFFSETS.d_qpos), place)
         low, high = widen_friction(-friction, friction, guide_dry_friction(terms, speed, position))
-        time, angle, turning = _elapsed_time(d), _wheel_angle(d, own), _wheel_speed(d, own)
+        time, angle, turning = elapsed_time(d), wheel_angle(d, own), wheel_speed_of(d, own)
         added = guide_force(terms, speed, position, time, lateral_speed, angle, turning, h)
         # MuJoCo's own gravity pulls down the slope; here it matters for sticking only
         other = pull + added + mass * terms.grade

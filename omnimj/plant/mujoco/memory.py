@@ -292,3 +292,33 @@ def terms_of(own):
 def traction_of(own):
     """`TractionParameters` of a floor, given the address of its geom's slots."""
     return traction_at(numba.carray(real_pointer(own + 8 * slots.TRACTION), (TRACTION_SIZE,)))
+
+
+@kernel
+def elapsed_time(d):
+    """Time since the start of the run [s]."""
+    return load_real(d + OFFSETS.d_time, 0)
+
+
+@kernel
+def wheel_angle(d, own):
+    """Angle of the wheel [rad]."""
+    return load_real(load_pointer(d + OFFSETS.d_qpos), numba.int64(load_real(own, slots.ANGLE_ADDRESS)))
+
+
+@kernel
+def wheel_speed_of(d, own):
+    """Speed of the wheel [rad/s]."""
+    return load_real(load_pointer(d + OFFSETS.d_qvel), numba.int64(load_real(own, slots.WHEEL_DOF)))
+
+
+@kernel
+def axle_inertia(m, own):
+    """Inertia of wheel and rotor about the axle [kg.m²]."""
+    return load_real(load_pointer(m + OFFSETS.m_dof_M0), numba.int64(load_real(own, slots.WHEEL_DOF)))
+
+
+@kernel
+def slots_of(m, wheel):
+    """Address of a wheel's slots."""
+    return load_pointer(m + OFFSETS.m_actuator_user) + 8 * slots.ACTUATOR_SLOTS * wheel
