@@ -176,7 +176,7 @@ def test_a_value_that_cannot_be_set_at_the_kinematic_level(refused: Refused, tex
 @pytest.mark.parametrize(
     ("content", "told"),
     [
-        (b"", "plant: is missing; a scenario says what drives; choices: quarter_rig, uto_robot"),
+        (b"", "plant: is missing; a scenario has one; choices: quarter_rig, uto_robot"),
         (b"plant = ", "is not valid TOML"),
         (bytes(range(256)), "is not valid TOML; 'utf-8' codec"),
         (NYLON.encode("utf-16"), "is not valid TOML"),
