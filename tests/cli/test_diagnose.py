@@ -92,7 +92,7 @@ def test_the_report_says_it_in_words_and_works_offline(done):
 def test_the_terminal_gets_a_table_and_json_is_what_is_written(folder, tmp_path, capsys):
     assert main(["diagnose", str(folder), "--out", str(tmp_path / "a")]) == 0
     said = capsys.readouterr().out
-    assert re.search(r"run +what +when +how sure", said)
+    assert re.search(r"run +what +when +confidence", said)
     assert re.search(r"healthy +nothing found +cannot judge", said) and "motor 2 is weak" in said
     assert "1 diagnosis in 1 of 2 runs" in said
     assert main(["diagnose", str(folder), "--json", "--out", str(tmp_path / "b")]) == 0
