@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import poisson
 
-from omnimj.studies.statistics import event_rate, median, quantile
+from omnimj.studies.statistics import event_rate, median, quantile, wilson
 
 
 def test_no_event_in_t_hours_speaks_for_less_than_three_over_t():
@@ -37,3 +37,15 @@ def test_what_never_ended_is_infinite_in_median_and_quantile():
     assert quantile([0.1] * 10 + [math.inf], 0.95) == math.inf
     assert quantile([0.1] * 39 + [math.inf], 0.95) == pytest.approx(0.1)
     assert median([]) is None
+
+
+@given(st.integers(0, 200), st.integers(1, 200))
+def test_the_bounds_of_a_rate_solve_the_score_equation(hits, count):
+    """At either bound p̂ − p = ∓z √(p(1 − p)/n), Wilson 1927."""
+    hits = min(hits, count)
+    found = wilson(hits, count)
+    for bound in (found.low, found.high):
+        if 0.0 < bound < 1.0:
+            distance = abs(hits / count - bound)
+            assert distance == pytest.approx(1.959964 * math.sqrt(bound * (1.0 - bound) / count), rel=1e-6)
+    assert found.low <= hits / count <= found.high and wilson(0, 0).value is None
