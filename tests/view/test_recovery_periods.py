@@ -114,5 +114,5 @@ def test_every_period_of_recovery_is_a_span_and_normal_driving_is_none():
 
 def test_the_report_has_a_strip_for_recovery():
     (axis,) = state_lanes(LANES, [], [], "robust", False).axes
-    assert "done: recovery" in [label.get_text() for label in axis.get_yticklabels()]
+    assert "active: recovery" in [label.get_text() for label in axis.get_yticklabels()]
     assert MODE_NAMES[PIVOTING] in {text.get_text() for text in axis.texts}

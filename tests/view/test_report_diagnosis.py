@@ -154,14 +154,14 @@ def test_modes_and_faults_are_strips_at_their_times(robot_trace, robot_metrics):
     truth, believed = fault_spans(robot_metrics, 10.0), diagnosis_spans(robot_metrics, 10.0)
     (ax,) = plots_diagnosis.state_lanes(trace, truth, believed, "robust", False).get_axes()
     names = [label.get_text() for label in ax.get_yticklabels()]
-    assert names == ["true: wheel 2", "true: wheel 3", "named: wheel 2", "named: wheel 3", "mode"]
+    assert names == ["true: wheel 2", "true: wheel 3", "diagnosed: wheel 2", "diagnosed: wheel 3", "mode"]
     bars = {}
     for bar in ax.patches:
         if bar.get_gid() is None:  # the shades have one
             row = round(bar.get_y() + 0.5 * bar.get_height())
             bars.setdefault(names[row], []).append((bar.get_x(), bar.get_x() + bar.get_width()))
     np.testing.assert_allclose(bars["true: wheel 2"], [(3.0, 5.0)])
-    np.testing.assert_allclose(bars["named: wheel 3"], [(6.9, 10.0)])
+    np.testing.assert_allclose(bars["diagnosed: wheel 3"], [(6.9, 10.0)])
     np.testing.assert_allclose(np.ravel(bars["mode"])[::2], [0.0, 0.5, 3.1, 5.05, 6.8, 6.9], atol=2e-3)
     assert ax.get_legend() is not None
 
@@ -184,12 +184,12 @@ def test_beliefs_that_overlap_have_strips_of_their_own(robot_trace):
     ]
     (ax,) = plots_diagnosis.state_lanes(with_robust(robot_trace), [], spans, "robust", False).get_axes()
     names = [label.get_text() for label in ax.get_yticklabels()]
-    assert names == ["true: nothing", "named: robot", "named: robot", "mode"]
+    assert names == ["true: nothing", "diagnosed: robot", "diagnosed: robot", "mode"]
 
 
 def test_strips_without_anything_say_so(robot_trace):
     (ax,) = plots_diagnosis.state_lanes(with_robust(robot_trace), [], [], "robust", False).get_axes()
-    assert [t.get_text() for t in ax.get_yticklabels()][:2] == ["true: nothing", "named: nothing"]
+    assert [t.get_text() for t in ax.get_yticklabels()][:2] == ["true: nothing", "diagnosed: nothing"]
 
 
 def test_a_diagnosis_of_one_step_can_still_be_seen(robot_trace):

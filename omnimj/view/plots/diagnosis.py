@@ -125,9 +125,9 @@ def state_lanes(
     trace: Trace, truth: Sequence[Span], diagnosed: Sequence[Span], method: str, is_rig: bool
 ) -> Figure:
     """Plot true faults, below them diagnoses, a strip per wheel, and the mode at the bottom."""
-    true, named = _lanes(truth), _lanes(diagnosed)
-    rows = [("true", lane) for lane in true or [()]] + [("named", lane) for lane in named or [()]]
-    rows += [("done", lane) for lane in _lanes(recovery_spans(trace))]
+    true, found = _lanes(truth), _lanes(diagnosed)
+    rows = [("true", lane) for lane in true or [()]] + [("diagnosed", lane) for lane in found or [()]]
+    rows += [("active", lane) for lane in _lanes(recovery_spans(trace))]
     count = len(rows) + int("mode" in trace)
     height = max(MIDDLE, _AROUND + _LANE * count)
     figure, (ax,) = new_figure(height)
