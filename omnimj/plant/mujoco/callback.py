@@ -40,6 +40,7 @@ from omnimj.plant.mujoco.forces import (
 from omnimj.plant.mujoco.memory import (
     OFFSETS,
     check_offsets,
+    is_active,
     load_int,
     load_pointer,
     load_real,
@@ -92,7 +93,7 @@ def add_passive_forces(m, d):
             rolling = load_real(own, slots.ROLLING_RESISTANCE) * forces.normal
             on_rail = AxleLoad(load.normal, load.ahead, load.lateral, rolling)
             add_rail_friction(m, d, own, rail, on_rail, forces.lateral_velocity, pull, h)
-        elif terms_of(own).active != 0.0:
+        elif is_active(own):
             add_hub_forces(m, d, wheels, own, h)
         add_drive_torque(m, d, wheel, own, load, torque, h)
 
@@ -130,7 +131,7 @@ def set_activation_rates(m, d, actuator):
     store_real(rate, slots.BRISTLE, (forces.next_bristle - load_real(act, slots.BRISTLE)) / h)
     after = forces.next_lateral_bristle
     store_real(rate, slots.LATERAL_BRISTLE, (after - load_real(act, slots.LATERAL_BRISTLE)) / h)
-    if terms_of(own).backlash != 0.0:
+    if is_active(own) and terms_of(own).backlash != 0.0:
         gap, gap_rate = backlash_after(m, d, own, act, motor, _axle_load(own, act, forces), h)
         store_real(rate, slots.BACKLASH, (gap - load_real(act, slots.BACKLASH)) / h)
         store_real(rate, slots.BACKLASH_RATE, (gap_rate - load_real(act, slots.BACKLASH_RATE)) / h)

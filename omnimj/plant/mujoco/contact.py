@@ -19,6 +19,7 @@ from omnimj.physics.traction import exact_step, force_ratio, relaxation_rate
 from omnimj.plant.mujoco import slots
 from omnimj.plant.mujoco.memory import (
     OFFSETS,
+    is_active,
     load_int,
     load_pointer,
     load_real,
@@ -236,7 +237,7 @@ def wheel_contact_forces(m, d, wheel, found, count, h):
     width = 8 * load_pointer(m + OFFSETS.m_nuser_geom)
     z = load_real(act, slots.BRISTLE)
     turning = load_real(own, slots.RADIUS) * wheel_speed_of(d, own)
-    terms, grip = terms_of(own), load_real(own, slots.GRIP)
+    grip, active = load_real(own, slots.GRIP), is_active(own)
     slip, lateral, traction, z_next = 0.0, 0.0, 0.0, 0.0
     for i in range(count):
         if found[i, WHEEL] != wheel:
@@ -245,7 +246,7 @@ def wheel_contact_forces(m, d, wheel, found, count, h):
         v = found[i, SLIP]
         floor = traction_of(users + width * numba.int64(found[i, FLOOR_GEOM]))
         rate = relaxation_rate(floor, v, max(abs(turning), abs(turning - v)))
-        gripping = grip * traction_scale(terms, found[i, POINT])
+        gripping = grip * traction_scale(terms_of(own), found[i, POINT]) if active else grip
         found[i, FORCE] = gripping * found[i, PRESSED] * force_ratio(floor, z, v, rate)
         traction += found[i, FORCE]
         slip += share * v

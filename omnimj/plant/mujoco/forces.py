@@ -43,6 +43,7 @@ from omnimj.plant.mujoco.memory import (
     OFFSETS,
     axle_inertia,
     elapsed_time,
+    is_active,
     load_int,
     load_pointer,
     load_real,
@@ -263,7 +264,10 @@ def motor_with_effects(m, d, own, wheel, limited):
       wheel: Index of the wheel.
       limited: Whether the current's limits matter, and with them the supply that motors share.
     """
-    motor, terms = motor_of(own), terms_of(own)
+    motor = motor_of(own)
+    if not is_active(own):
+        return motor
+    terms = terms_of(own)
     if not has_motor_effects(terms):
         return motor
     others = _current_of_others(m, d, wheel) if limited else 0.0
@@ -364,15 +368,14 @@ def add_drive_torque(m, d, wheel, own, load, floor_torque, h):
     wheel_speed, inertia = wheel_speed_of(d, own), axle_inertia(m, own)
     motor = motor_with_effects(m, d, own, wheel, False)
     resistance = _axle_resistance(own, load, wheel_speed)
-    terms = terms_of(own)
-    if terms.active == 0.0:
+    if not is_active(own):
         low, high = drive_torque_bounds(motor, load_real(act, slots.CURRENT), wheel_speed)
         torque = stick_or_slip(low - resistance, high + resistance, wheel_speed, inertia, floor_torque, h)
     else:
         axle = _axle_torque_with_effects(d, own, act, motor, resistance, h)
         low, high, other = axle.low - axle.dry, axle.high + axle.dry, floor_torque + axle.other
         torque = axle.other + stick_or_slip(low, high, wheel_speed, inertia, other, h)
-        if terms.backlash != 0.0:
+        if terms_of(own).backlash != 0.0:
             change, _, _, touching = _step_backlash(m, d, own, act, axle, load.ahead, h)
             if not touching:  # MuJoCo's axle carries the rotor: what makes the wheel move as if it did not
                 torque = inertia * change - floor_torque
@@ -464,10 +467,11 @@ def add_rail_friction(m, d, own, joint, load, lateral_speed, pull, h):
     dof = load_int(load_pointer(m + OFFSETS.m_jnt_dofadr), joint)
     speed = load_real(load_pointer(d + OFFSETS.d_qvel), dof)
     friction = _rail_resistance(rail, load, speed)
-    mass, terms = load_real(load_pointer(m + OFFSETS.m_dof_M0), dof), terms_of(own)
-    if terms.active == 0.0:
+    mass = load_real(load_pointer(m + OFFSETS.m_dof_M0), dof)
+    if not is_active(own):
         force = stick_or_slip(-friction, friction, speed, mass, pull, h)
     else:
+        terms = terms_of(own)
         place = numba.int64(load_real(own, slots.POSITION_ADDRESS))
         position = load_real(load_pointer(d + OFFSETS.d_qpos), place)
         low, high = widen_friction(-friction, friction, guide_dry_friction(terms, speed, position))

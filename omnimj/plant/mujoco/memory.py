@@ -21,7 +21,7 @@ from numba.core import cgutils
 
 from omnimj.errors import NativeLayoutError
 from omnimj.parameters.floor import TRACTION_SIZE
-from omnimj.physics.effect_terms import TERMS, terms_at
+from omnimj.physics.effect_terms import ACTIVE, TERMS, terms_at
 from omnimj.physics.motor import MOTOR_SIZE, motor_at
 from omnimj.physics.native import kernel
 from omnimj.physics.traction import traction_at
@@ -280,6 +280,12 @@ def stack_reals(typingctx, count):
 def motor_of(own):
     """`MotorParameters` of a wheel, given the address of its slots."""
     return motor_at(numba.carray(real_pointer(own + 8 * slots.MOTOR), (MOTOR_SIZE,)))
+
+
+@kernel
+def is_active(own):
+    """Return whether a wheel has effect terms at all, given the address of its slots."""
+    return load_real(own, slots.EFFECT_TERMS + ACTIVE) != 0.0
 
 
 @kernel
