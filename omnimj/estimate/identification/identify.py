@@ -33,7 +33,7 @@ from omnimj.estimate.identification.records import (
     RunResidual,
     SteadyCurve,
 )
-from omnimj.estimate.identification.runs import CarriageRun, RigRun, carriage_run, rig_run
+from omnimj.estimate.identification.runs import CarriageRun, RigRun, carriage_run, finite_rms, rig_run
 from omnimj.estimate.identification.uncertainty import (
     FitCovariance,
     confidence_interval,
@@ -137,9 +137,9 @@ def identify_floor(floor: str, runs: Sequence[CarriageRun], rig: Rig, place: Pat
         left_out=tuple(run.run.name for run in runs if run not in moving),
         radius_scale=float(np.exp(fit.shared[RADIUS_SCALE])),
         rms={
-            "carriage_speed": _rms(np.concatenate([r.speed for r in residuals])),
-            "carriage_acceleration": _rms(np.concatenate([r.acceleration for r in residuals])),
-            "traction_ratio": _rms(seen.ratio - seen.model_ratio),
+            "carriage_speed": finite_rms(np.concatenate([r.speed for r in residuals])),
+            "carriage_acceleration": finite_rms(np.concatenate([r.acceleration for r in residuals])),
+            "traction_ratio": finite_rms(seen.ratio - seen.model_ratio),
         },
         samples=sum(run.blocks for run in moving),
         effective_samples=doubt.effective_samples,
@@ -190,8 +190,3 @@ def _residuals(fit: FloorFit) -> tuple[RunResidual, ...]:
         bias = counted.mean() if len(counted) else 0.0  # of the accelerometer, fitted per run
         found.append(RunResidual(run.run.name, run.time, off[:, 0], off[:, 1] - bias))
     return tuple(found)
-
-
-def _rms(values: np.ndarray) -> float:
-    counted = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(counted**2))) if len(counted) else float("nan")

@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 from omnimj.effects import apply_effects
 from omnimj.errors import InputError, SimulationError, UnknownNameError
 from omnimj.estimate.identification.records import Cell, ReplayedRun, Validation
-from omnimj.estimate.identification.runs import RigRun, rig_run
+from omnimj.estimate.identification.runs import RigRun, finite_rms, rig_run
 from omnimj.parameters import Floor, Rig
 from omnimj.parameters.floor import find_floor
 from omnimj.plant.mujoco.twin import RigTwin
@@ -147,8 +147,8 @@ def replay_run(rig: Rig, floors: Mapping[str, Floor], run: RigRun, plant: str, n
         simulated_speed=late[:, 0],
         measured_rim=radius * wheel,
         simulated_rim=radius * late[:, 1],
-        carriage_rms=_rms(late[:, 0] - carriage),
-        wheel_rms=_rms(late[:, 1] - wheel),
+        carriage_rms=finite_rms(late[:, 0] - carriage),
+        wheel_rms=finite_rms(late[:, 1] - wheel),
     )
 
 
@@ -190,11 +190,6 @@ def _driven(plant: PlanarRig | RigTwin, run: RigRun, current: Array) -> Array:
         measured = plant.step(CurrentCommand(current[k : k + 1]))
         speeds[k] = measured.carriage_speed, measured.wheel_speed
     return speeds
-
-
-def _rms(error: Array) -> float:
-    counted = error[np.isfinite(error)]
-    return float(np.sqrt(np.mean(counted**2))) if len(counted) else math.nan
 
 
 def validate(

@@ -1,15 +1,18 @@
-"""Uncertain parameters of a machine: constants, floors, mass, and the small lags of its channels."""
+"""Uncertain parameters of a machine (constants, floors, mass, lags), and machines with further effects."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
-from omnimj.estimate.replay.interface import BaseParameter
+from omnimj.effects import with_effects
+from omnimj.errors import InputError, UnknownNameError
+from omnimj.estimate.replay.interface import BaseParameter, CandidateEffect
 from omnimj.parameters import Floor, Rig, Robot
+from omnimj.recording.dataset import Dataset, Run
 from omnimj.signals import Array
 
 _LAG = 0.004  # [s] largest lag of a channel that is no delay
@@ -116,3 +119,39 @@ def scale_floor(floor: Floor, scales: Mapping[str, float]) -> Floor:
             if key in numbers:
                 numbers[key] *= scale
     return dataclasses.replace(floor, numbers=MappingProxyType(numbers))
+
+
+def add_effects(machine: Machine, chosen: Iterable[tuple[CandidateEffect, Array]]) -> Machine:
+    """The machine with further effects.
+
+    Args:
+      machine: Machine with the effects of its model file.
+      chosen: Candidates with the values of their parameters.
+    """
+    effects: dict[str, dict[str, Any]] = {}
+    for candidate, values in chosen:
+        entry = {s.name: float(v) for s, v in zip(candidate.parameters, values, strict=True)}
+        name = _free_name(candidate.effect, {*machine.effects, *effects})
+        effects[name] = {**entry, **candidate.selectors}
+    return with_effects(machine, effects) if effects else machine
+
+
+def _free_name(name: str, taken: set[str]) -> str:
+    """Name for one more instance of an effect."""
+    return next(c for c in (name, *(f"{name}_{k}" for k in range(2, 10))) if c not in taken)
+
+
+def floor_name(dataset: Dataset, run: Run, floors: Mapping[str, Floor]) -> str:
+    """Floor of a run.
+
+    Raises:
+      InputError: The run has none.
+      UnknownNameError: Unknown floor.
+    """
+    name = run.conditions.get("floor")
+    place = dataset.path / "dataset.toml"
+    if name is None:
+        raise InputError(f"{place}: runs.{run.name}", "'floor' is missing", "say which floor", floors)
+    if name not in floors:
+        raise UnknownNameError(f"{place}: runs.{run.name}.floor", "floor", name, floors)
+    return str(name)

@@ -117,7 +117,7 @@ def fit_base(replay: Replay, used: NDArray[np.bool_], report: Progress) -> tuple
     channels = len(replay.channels)
     problem = Problem(replay, np.ones(channels))
     nominal = np.array([b.nominal for b in replay.base])
-    report("asking the twin", 0.0)
+    report("simulating the twin", 0.0)
     problem = with_twin_correction(problem, nominal, ())
     (mismatch,) = problem.mismatches([problem.start()], ())
     problem = replace(problem, noise=block_noise(replay, mismatch))

@@ -9,8 +9,13 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from omnimj.effects import RIG, AppliedEffects, ChannelEffect, apply_effects, find_effect, with_effects
-from omnimj.estimate.replay.base_parameters import AdjustedMachine, adjust_machine, base_parameters
+from omnimj.effects import RIG, AppliedEffects, ChannelEffect, apply_effects, find_effect
+from omnimj.estimate.replay.base_parameters import (
+    AdjustedMachine,
+    add_effects,
+    adjust_machine,
+    base_parameters,
+)
 from omnimj.estimate.replay.interface import (
     BaseParameter,
     CandidateEffect,
@@ -152,15 +157,8 @@ class RigReplay:
     def based(self, setting: Setting) -> AdjustedMachine[Rig]:
         """Rig with the base parameters and effects of a setting."""
         based = adjust_machine(self._rig, self._floors, self.base, setting.base)
-        effects: dict[str, dict] = {}
-        for label, values in setting.effects.items():
-            candidate = self._by_label[label]
-            entry = {s.name: float(v) for s, v in zip(candidate.parameters, values, strict=True)}
-            effects[_instance(candidate.effect, {**based.machine.effects, **effects})] = {
-                **entry,
-                **candidate.selectors,
-            }
-        return dataclasses.replace(based, machine=with_effects(based.machine, effects)) if effects else based
+        chosen = [(self._by_label[label], values) for label, values in setting.effects.items()]
+        return dataclasses.replace(based, machine=add_effects(based.machine, chosen))
 
     def _one(self, setting: Setting) -> Array:
         return self._equations(setting, self._runs, measured=True)
@@ -207,11 +205,6 @@ class RigReplay:
         """Predict block means of such a run; the supply limits the delivered current."""
         runs = experiment_runs(experiment, self._runs)
         return [self._equations(s, runs, measured=False) for s in settings]
-
-
-def _instance(name: str, taken: Mapping[str, object]) -> str:
-    """Free name for one more instance of an effect."""
-    return next(c for c in (name, *(f"{name}_{k}" for k in range(2, 10))) if c not in taken)
 
 
 def _rows(runs: RigRuns, changed: AppliedEffects, based: AdjustedMachine[Rig]) -> tuple[Array, Array]:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from omnimj.errors import InputError, UnknownNameError
+from omnimj.estimate.replay.base_parameters import floor_name
 from omnimj.estimate.replay.interface import Experiment, Segment, average_blocks
 from omnimj.parameters import Floor, Rig
 from omnimj.recording.dataset import Dataset, Run
@@ -85,7 +85,7 @@ def rig_runs(dataset: Dataset, rig: Rig, floors: dict[str, Floor]) -> RigRuns:
         parts["measured"].append(average_blocks(stack, size))
         start.append(_start(stack))
         mass.append(float(run.conditions.get("mass", rig.rig.masses[0])))
-        names.append(_floor(dataset, run, floors))
+        names.append(floor_name(dataset, run, floors))
         time = average_blocks(clock - clock[0], size)
         segments.append(Segment(run.name, run.condition, blocks_first[-1], blocks_first[-1] + count, time))
         first.append(first[-1] + len(clock))
@@ -156,16 +156,6 @@ def _start(stack: Array) -> tuple[float, float]:
     """Carriage and wheel speed at the first samples; 0 for a run that begins at rest."""
     wheel, carriage = np.nanmedian(stack[:5, 0]), np.nanmedian(stack[:5, 1])
     return (0.0, 0.0) if abs(carriage) < _REST else (float(carriage), float(wheel))
-
-
-def _floor(dataset: Dataset, run: Run, floors: dict[str, Floor]) -> str:
-    name = run.conditions.get("floor")
-    place = dataset.path / "dataset.toml"
-    if name is None:
-        raise InputError(f"{place}: runs.{run.name}", "'floor' is missing", "say which floor", floors)
-    if name not in floors:
-        raise UnknownNameError(f"{place}: runs.{run.name}.floor", "floor", name, floors)
-    return str(name)
 
 
 def travelled(runs: RigRuns) -> Array:

@@ -17,9 +17,14 @@ from typing import Any
 
 import numpy as np
 
-from omnimj.effects import ROBOT, apply_effects, with_effects
+from omnimj.effects import ROBOT, apply_effects
 from omnimj.errors import InputError
-from omnimj.estimate.replay.base_parameters import AdjustedMachine, adjust_machine, base_parameters
+from omnimj.estimate.replay.base_parameters import (
+    AdjustedMachine,
+    add_effects,
+    adjust_machine,
+    base_parameters,
+)
 from omnimj.estimate.replay.interface import (
     BaseParameter,
     CandidateEffect,
@@ -138,7 +143,7 @@ class RobotReplay:
     def _fits(self, candidate: CandidateEffect) -> bool:
         """True where the model can have this effect beside those it has."""
         try:
-            self._with(self._robot, [(candidate, np.array([s.typical for s in candidate.parameters]))])
+            add_effects(self._robot, [(candidate, np.array([s.typical for s in candidate.parameters]))])
         except InputError:
             return False
         return True
@@ -161,17 +166,6 @@ class RobotReplay:
         )
         return dataclasses.replace(candidate, parameters=shapes)
 
-    @staticmethod
-    def _with(robot: Robot, chosen: Sequence[tuple[CandidateEffect, Array]]) -> Robot:
-        effects: dict[str, dict[str, Any]] = {}
-        for candidate, values in chosen:
-            entry = {s.name: float(v) for s, v in zip(candidate.parameters, values, strict=True)}
-            effects[_instance(candidate.effect, {**robot.effects, **effects})] = {
-                **entry,
-                **candidate.selectors,
-            }
-        return with_effects(robot, effects) if effects else robot
-
     def simulate(self, settings: Sequence[Setting]) -> list[Array]:
         """Block means of the channels by the equations, shape (blocks, channels) per setting."""
         return self._each(lambda s: self._replay(s, self._runs), settings)
@@ -187,7 +181,7 @@ class RobotReplay:
         """Robot with the base parameters and effects of a setting."""
         based = adjust_machine(self._robot, self._floors, self.base, setting.base)
         chosen = [(self._by_label[label], values) for label, values in setting.effects.items()]
-        return dataclasses.replace(based, machine=self._with(based.machine, chosen))
+        return dataclasses.replace(based, machine=add_effects(based.machine, chosen))
 
     def _kernel_parameters(
         self, setting: Setting, runs: RobotRuns
@@ -281,11 +275,6 @@ class RobotReplay:
 
 def _is_free(column: int) -> bool:
     return native.SPEED <= column < native.ACCELERATION
-
-
-def _instance(name: str, taken: Mapping[str, object]) -> str:
-    """Free name for one more instance of an effect."""
-    return next(c for c in (name, *(f"{name}_{k}" for k in range(2, 10))) if c not in taken)
 
 
 def _channels(sensors: Sensors) -> tuple[Channel, ...]:

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
-from omnimj.errors import InputError, UnknownNameError
+from omnimj.errors import InputError
+from omnimj.estimate.replay.base_parameters import floor_name
 from omnimj.estimate.replay.interface import Experiment, Segment, average_blocks
 from omnimj.estimate.replay.robot.kernels import (
     ACCELERATION,
@@ -151,7 +152,7 @@ def robot_runs(dataset: Dataset, robot: Robot, floors: dict[str, Floor]) -> Robo
         np.ascontiguousarray(steps[:, WHEELS : 2 * WHEELS]),
         np.ascontiguousarray(steps[:, -1:]),
         np.array([float(p.run.conditions.get("mass", robot.body.mass)) for p in parts]),
-        tuple(_floor(dataset, p.run, floors) for p in parts),
+        tuple(floor_name(dataset, p.run, floors) for p in parts),
         values,
         tuple(segments),
     )
@@ -185,16 +186,6 @@ def synthetic_run(values: Array, floor: str, mass: float, like: RobotRuns) -> Ro
         measured,
         (Segment("made", "made", 0, count, average_blocks(times, like.size)),),
     )
-
-
-def _floor(dataset: Dataset, run: Run, floors: dict[str, Floor]) -> str:
-    name = run.conditions.get("floor")
-    place = dataset.path / "dataset.toml"
-    if name is None:
-        raise InputError(f"{place}: runs.{run.name}", "'floor' is missing", "say which floor", floors)
-    if name not in floors:
-        raise UnknownNameError(f"{place}: runs.{run.name}.floor", "floor", name, floors)
-    return str(name)
 
 
 def _filter_constants(robot: Robot) -> Array:
