@@ -43,15 +43,15 @@ class LeastSquares(Protocol[J]):
         ...
 
     def loss(self, x: Array, residual: Array) -> float:
-        """Value to be minimised, prior included."""
+        """Value to be minimised at x, shape (n,), prior included."""
         ...
 
     def jacobian(self, x: Array, known: J | None) -> J:
-        """d(residual)/d(x/scale); `known` spares the columns that it holds already."""
+        """d(residual)/d(x/scale) at x, shape (n,); `known` holds leading columns at hand."""
         ...
 
     def update(self, jacobian: J, residual: Array, moved: Array, step: Array) -> J:
-        """The Jacobian after a step [scales] that moved the residual; a problem may keep the old one."""
+        """Update the Jacobian after a step [scales], shape (n,); a problem may keep the old one."""
         ...
 
     def normal_equations(self, jacobian: J, residual: Array) -> Array:

@@ -75,7 +75,15 @@ def points(fit: FloorFit) -> Points:
 
 
 def measured_points(run: CarriageRun, radius: float) -> tuple[Array, Array]:
-    """V_r = r φ̇ − V [m/s] and F/F_N = (m V̇ + F_rail + F_roll)/(m g) [1] in blocks, NaN where not measured."""
+    """Points of Eq. (4.26): V_r = r φ̇ − V [m/s] and F/F_N = (m V̇ + F_rail + F_roll)/(m g) [1].
+
+    Args:
+      run: The run.
+      radius: Rolling radius [m].
+
+    Returns:
+      Both in blocks, shape (m,); NaN where not measured.
+    """
     speed, acceleration = run.measured.T
     wheel = run.wheel_speed.reshape(-1, run.per_block).mean(axis=1)
     mass, dry, viscous = run.parameters.mass, run.parameters.dry, run.parameters.viscous

@@ -129,7 +129,12 @@ class FloorProblem:
         return np.concatenate((speed, felt - ones * bias, [bias / self.bias_spread, off / RADIUS_SPREAD]))
 
     def jacobians(self, shared: Array, own: Array) -> list[RunJacobian]:
-        """Central differences of `residuals`."""
+        """Central differences of `residuals`, one Jacobian per run.
+
+        Args:
+          shared: Shared unknowns, shape (SHARED,).
+          own: Radius deviation of each run, shape (runs,).
+        """
         columns = []
         for k in range(SHARED):
             step = np.zeros(SHARED)
@@ -144,7 +149,12 @@ class FloorProblem:
         ]
 
     def with_whitening_of(self, shared: Array, own: Array) -> FloorProblem:
-        """The same problem with the noise estimated from the residuals of a fit."""
+        """The same problem with the noise estimated from the residuals of a fit.
+
+        Args:
+          shared: Fitted shared unknowns, shape (SHARED,).
+          own: Fitted radius deviation of each run, shape (runs,).
+        """
         errors: tuple[list[Array], list[Array]] = ([], [])
         for run, blocks in zip(self.runs, self.simulated(shared, own), strict=True):
             for channel, found in enumerate(errors):
@@ -295,7 +305,12 @@ class _SolverView:
 
 
 def solve_multistart(problem: FloorProblem, start: Array) -> FloorFit:
-    """Best fit out of several starting values of V_s."""
+    """Best fit out of several starting values of V_s.
+
+    Args:
+      problem: The runs.
+      start: Initial shared unknowns, shape (SHARED,).
+    """
     fits = []
     for speed in _STARTS:
         begin = start.copy()

@@ -121,7 +121,12 @@ def _on_grid(
 
 
 def longest_stretches(measured: NDArray[np.bool_], least: int) -> list[tuple[int, int]]:
-    """Stretches of at least `least` samples that are not measured, as first and past-the-last sample."""
+    """Stretches of at least `least` samples that are not measured, as first and past-the-last sample.
+
+    Args:
+      measured: Mask of measured samples, shape (k,).
+      least: Smallest number of samples.
+    """
     edges = np.flatnonzero(np.diff(np.concatenate(([False], ~measured, [False])).astype(int)))
     return [(a, b) for a, b in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True) if b - a >= least]
 
@@ -150,7 +155,7 @@ class CarriageRun:
 
     @property
     def time(self) -> Array:
-        """Block centres [s]."""
+        """Block centres, shape (m,) [s]."""
         width = self.per_block * self.run.period
         return width * (np.arange(len(self.measured), dtype=np.float64) + 0.5)
 
@@ -262,6 +267,6 @@ def _block_means(values: Array, use: Array, per_block: int) -> Array:
 
 
 def finite_rms(values: Array) -> float:
-    """√(mean of squares) of the finite values; NaN without any."""
+    """√(mean of squares) of the finite values, of any shape; NaN without any."""
     counted = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(counted**2))) if len(counted) else math.nan

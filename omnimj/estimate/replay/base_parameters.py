@@ -126,7 +126,7 @@ def add_effects(machine: Machine, chosen: Iterable[tuple[CandidateEffect, Array]
 
     Args:
       machine: Machine with the effects of its model file.
-      chosen: Candidates with the values of their parameters.
+      chosen: Candidates with the values of their parameters, shape (parameters,) each.
     """
     effects: dict[str, dict[str, Any]] = {}
     for candidate, values in chosen:

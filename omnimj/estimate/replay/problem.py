@@ -42,7 +42,13 @@ class Problem:
     def split(
         self, x: Array, effects: ModelEffects, curve: tuple[str, Array] | None = None
     ) -> tuple[Setting, float]:
-        """Setting of the replay for a parameter vector, and α."""
+        """Setting of the replay for a parameter vector, and α.
+
+        Args:
+          x: Parameters, shape (n,).
+          effects: Effects in the model.
+          curve: Variable and force at the knots of a free curve, shape (KNOTS,); none when None.
+        """
         n = len(self.replay.base)
         share = float(x[n]) if self.has_twin_share else 0.0
         at = n + self.has_twin_share

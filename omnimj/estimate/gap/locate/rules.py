@@ -137,7 +137,12 @@ def bin_shares(energy: Array, variable: Variable, among: BlockMask) -> tuple[Arr
 
 
 def best_bins(density: Array, variable: Variable) -> tuple[tuple[int, ...], float]:
-    """Bins whose summed (share held − share of blocks) is largest, and that J."""
+    """Bins whose summed excess (share held − share of blocks) is largest, and that J.
+
+    Args:
+      density: Excess of each bin, shape (bins,).
+      variable: Variable that defines the bins.
+    """
     n = len(density)
     if variable.labels:
         members = tuple(int(k) for k in np.flatnonzero(density > 0.0))
@@ -162,13 +167,26 @@ def best_bins(density: Array, variable: Variable) -> tuple[tuple[int, ...], floa
 
 
 def best_rule(energy: Array, variable: Variable, among: BlockMask) -> Rule:
-    """Rule of one variable that holds most of the mismatch in few of the blocks."""
+    """Rule of one variable that holds most of the mismatch in few of the blocks.
+
+    Args:
+      energy: Squared mismatch in units of noise, shape (blocks,).
+      variable: The variable.
+      among: Blocks to look at, shape (blocks,).
+    """
     held, taken = bin_shares(energy, variable, among)
     return Rule(variable, *best_bins(held - taken, variable))
 
 
 def excess_given(rule: Rule, other: Variable, energy: Array, among: BlockMask) -> float:
-    """J(v | w): excess of a rule beyond that explained by the values of another variable."""
+    """J(v | w): excess of a rule beyond that explained by the values of another variable.
+
+    Args:
+      rule: Rule over v.
+      other: w.
+      energy: Squared mismatch in units of noise, shape (blocks,).
+      among: Blocks to look at, shape (blocks,).
+    """
     used = among & (other.code >= 0)
     inside = rule.inside[used]
     code, here = other.code[used], energy[used]
@@ -267,6 +285,13 @@ def sign_asymmetry(
     """Pair every segment of one sign with the most similar one of the other sign.
 
     Similarity is measured in the magnitude of the signed variable and in the other variables' means.
+
+    Args:
+      signed: Variable whose signs are compared.
+      others: Variables in which paired segments should agree.
+      energy: Squared mismatch in units of noise, shape (blocks,).
+      among: Blocks to look at, shape (blocks,).
+      segments: Blocks that belong together.
 
     Returns:
       None where a sign is missing.

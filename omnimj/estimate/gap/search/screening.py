@@ -204,7 +204,7 @@ def _heldout_squares(sums: Array, own: int, penalty: Array, folds: list[NDArray[
 
 
 def groups_of_folds(groups: Groups, folds: list[NDArray[np.bool_]]) -> list[NDArray[np.int_]]:
-    """Groups that each fold leaves out."""
+    """Groups that each fold leaves out, from the folds' masks of shape (blocks,)."""
     return [np.unique(groups.of_block[out]) for out in folds]
 
 
@@ -225,7 +225,15 @@ def curve_gains(
     folds: list[NDArray[np.bool_]],
     seed: int,
 ) -> CurveGains:
-    """Held-out gains 1 − √(after/before) of random one-parameter curves and of free ones."""
+    """Held-out gains 1 − √(after/before) of random one-parameter curves and of free ones.
+
+    Args:
+      problem: Gives the number of channels.
+      found: Sensitivities of the model and of free forces.
+      groups: Groups of blocks.
+      folds: Blocks left out in each fold, shape (blocks,) each.
+      seed: Seed of the random curves.
+    """
     outs, n = groups_of_folds(groups, folds), len(found.prior)
     sums = _group_sums(found.columns, groups, len(problem.replay.channels))
     last = sums.shape[1] - 1

@@ -89,7 +89,13 @@ class SearchResult:
 
 
 def with_twin_correction(problem: Problem, x: Array, effects: ModelEffects) -> Problem:
-    """The problem with the twin simulated at a model: offset = twin − equations there."""
+    """The problem with the twin simulated at a model: offset = twin − equations there.
+
+    Args:
+      problem: The data and the scale.
+      x: Parameters of the model, shape (n,).
+      effects: Effects in the model.
+    """
     setting, _ = problem.split(x, effects)
     twin = problem.replay.simulate_twin(setting)
     if twin is None:
@@ -99,7 +105,13 @@ def with_twin_correction(problem: Problem, x: Array, effects: ModelEffects) -> P
 
 
 def robust_scale(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) -> Problem:
-    """The problem with a Huber scale of three times the scatter, at least five times the noise."""
+    """The problem with a Huber scale of three times the scatter, at least five times the noise.
+
+    Args:
+      problem: The data and the scale.
+      fitted: Model whose residual gives the scatter.
+      used: Blocks that count, shape (blocks,).
+    """
     middle = float(np.median(np.abs(fitted.residual[used])))
     return replace(problem, huber_scale=max(5.0, 3.0 * 1.4826 * middle))
 
@@ -136,7 +148,13 @@ def fit_base(replay: Replay, used: NDArray[np.bool_], report: Progress) -> tuple
 
 
 def refit(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) -> tuple[Problem, Fit]:
-    """Refit after simulating the twin at the new model and estimating the noise anew (it can only shrink)."""
+    """Refit after simulating the twin at the new model and estimating the noise anew (it can only shrink).
+
+    Args:
+      problem: The data and the scale.
+      fitted: The new model.
+      used: Blocks to fit to, shape (blocks,).
+    """
     problem = with_twin_correction(problem, fitted.x, fitted.effects)
     (mismatch,) = problem.mismatches([fitted.x], fitted.effects)
     noise = np.minimum(problem.noise, block_noise(problem.replay, mismatch))

@@ -47,7 +47,12 @@ def exceeds_margin(gained: Interval) -> bool:
 
 
 def decoy_p_value(decoys: Array, gained: Interval) -> float | None:
-    """Share of decoys that gain at least as much, (1 + n)/(1 + N); None without decoys."""
+    """Share of decoys that gain at least as much, (1 + n)/(1 + N); None without decoys.
+
+    Args:
+      decoys: Held-out gains of the decoys, shape (N,).
+      gained: Held-out gain of the candidate.
+    """
     if not len(decoys):
         return None
     return (1 + int(np.count_nonzero(decoys >= gained.value))) / (1 + len(decoys))
@@ -163,7 +168,16 @@ def refine_leaders(
     before: Array,
     split: TrainingSplit,
 ) -> list[FittedCandidate]:
-    """Complete the fits of the leaders; the others keep their first fit."""
+    """Complete the fits of the leaders; the others keep their first fit.
+
+    Args:
+      problem: The data and the scale.
+      tried: Candidates with their first fit.
+      screened: The same candidates after the screening.
+      current: The model so far.
+      before: Held-out losses per group without a candidate, shape (groups,).
+      split: Training blocks, groups and folds.
+    """
     order = sorted(range(len(tried)), key=lambda k: float(tried[k].losses.sum()))
     done = list(tried)
     for k in order[:_LEADERS]:
@@ -187,7 +201,12 @@ def has_shape_at_bound(tried: FittedCandidate) -> bool:
 
 
 def has_amplitude_at_bound(candidate: CandidateEffect, values: Array) -> bool:
-    """True where an amplitude is at the end of its physical range: it substitutes for another effect."""
+    """True where an amplitude is at the end of its physical range: it substitutes for another effect.
+
+    Args:
+      candidate: The effect.
+      values: Its parameters, shape (parameters,).
+    """
     for shape, value in zip(candidate.parameters, values, strict=True):
         edge = 0.01 * (shape.high - shape.low)
         if shape.null_value is None or abs(value - shape.null_value) <= edge:

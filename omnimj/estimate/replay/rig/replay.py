@@ -183,7 +183,7 @@ class RigReplay:
         return sensor_block_means(out, runs, changed, based.lags)
 
     def simulate_twin(self, setting: Setting) -> Array:
-        """Block means by the MuJoCo twin, every run from its start."""
+        """Block means by the MuJoCo twin, every run from its start, shape (blocks, channels)."""
         based = self.based(setting)
         changed = apply_effects(based.machine)
         current = true_current(self._runs, changed.channels, based.lags)
@@ -194,7 +194,7 @@ class RigReplay:
         return sensor_block_means(out, self._runs, changed, based.lags)
 
     def regimes(self) -> Mapping[str, tuple[str, Array]]:
-        """Variable → unit and its measured value in every block."""
+        """Variable → unit and its measured value in every block, shape (blocks,)."""
         return regimes(self._runs)
 
     def candidate_experiments(self) -> tuple[Experiment, ...]:
@@ -202,7 +202,7 @@ class RigReplay:
         return rig_experiments(self._rig, self._runs.floor)
 
     def predict(self, settings: Sequence[Setting], experiment: Experiment) -> list[Array]:
-        """Predict block means of such a run; the supply limits the delivered current."""
+        """Predict block means of such a run within the limits of the supply, shape (blocks, channels)."""
         runs = experiment_runs(experiment, self._runs)
         return [self._equations(s, runs, measured=False) for s in settings]
 

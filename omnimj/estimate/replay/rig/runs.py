@@ -180,7 +180,7 @@ def variable_spans(runs: RigRuns) -> dict[str, tuple[float, float]]:
 
 
 def regimes(runs: RigRuns) -> dict[str, tuple[str, Array]]:
-    """Regime variables: name → unit and value per block; constant ones are left out."""
+    """Regime variables: name → unit and values, shape (blocks,); constant ones are left out."""
     speed, turned = np.nan_to_num(runs.measured[:, 1]), []
     lateral, current, since = [], [], []
     for k, p in enumerate(runs.segments):

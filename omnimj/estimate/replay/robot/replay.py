@@ -213,6 +213,9 @@ class RobotReplay:
         rollers on a wheel is geometry (`roller_tables`); the angle at which a roller was lowest when a log
         began is
         found where the measured currents fit best.
+
+        Returns:
+          Shape (blocks, channels).
         """
         if not self._phases.size:
             self._phases = self._find_phases(setting)
@@ -244,7 +247,7 @@ class RobotReplay:
         return (best + 0.5 * (near(-1) - near(1)) / np.maximum(bend, 1e-30)) * step
 
     def regimes(self) -> Mapping[str, tuple[str, Array]]:
-        """Variable → unit and its measured value in every block."""
+        """Variable → unit and its measured value in every block, shape (blocks,)."""
         return regimes(self._runs, self._robot)
 
     def candidate_experiments(self) -> tuple[Experiment, ...]:
@@ -252,7 +255,7 @@ class RobotReplay:
         return robot_experiments(self._runs.floor)
 
     def predict(self, settings: Sequence[Setting], experiment: Experiment) -> list[Array]:
-        """Predict block means of such a run, if the first setting were the truth."""
+        """Predict block means of such a run if the first setting were the truth, shape (blocks, channels)."""
         runs = self._experiment_runs(settings[0], experiment)
         return self._each(lambda s: self._replay(s, runs), settings)
 

@@ -326,7 +326,7 @@ def variable_spans(runs: RobotRuns, robot: Robot) -> dict[str, tuple[float, floa
 
 
 def regimes(runs: RobotRuns, robot: Robot) -> dict[str, tuple[str, Array]]:
-    """Regime variables: name → unit and value per block; constant ones are left out."""
+    """Regime variables: name → unit and values, shape (blocks,); constant ones are left out."""
     steps = body_twist(runs, robot)
     twist = _per_block(runs, steps)
     speed = np.hypot(twist[:, 0], twist[:, 1])
