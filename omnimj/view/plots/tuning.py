@@ -18,14 +18,14 @@ from omnimj.view.plots.drawing import MIDDLE, TALL, legend, new_figure, value_ax
 _DOTS = {"linestyle": "none", "marker": "o", "markersize": 3.4, "markeredgewidth": 0, "alpha": 0.65}
 
 
-def convergence(outcome: TuningResult) -> Figure:
+def convergence(result: TuningResult) -> Figure:
     """Plot the cost of every candidate that violates no limit, and the best so far."""
     figure, (ax,) = new_figure(MIDDLE)
-    cost = [_cost(one) for one in outcome.tried]
+    cost = [_cost(one) for one in result.tried]
     number = np.arange(len(cost))
     best = np.fmin.accumulate(cost)
     ax.plot(number, cost, color=palette.MEASURED, label="candidate", **_DOTS)
-    out = [k for k, one in enumerate(outcome.tried) if one.score.violation > 0.0]
+    out = [k for k, one in enumerate(result.tried) if one.score.violation > 0.0]
     if out:
         top = np.nanmax(cost) if np.isfinite(cost).any() else 1.0
         style = {"linestyle": "none", "marker": "x", "markersize": 3.4, "alpha": 0.6}
@@ -97,10 +97,10 @@ def _plain_ticks(ax: Axes, found: Landscape) -> None:
         axis.set_label_text(words, fontsize=9)
 
 
-def pareto(outcome: TuningResult) -> Figure:
+def pareto(result: TuningResult) -> Figure:
     """Plot tracking and detection terms against the least phase margin, with the Pareto front."""
     figure, (ax,) = new_figure(MIDDLE)
-    kept = [one for one in outcome.tried if one.score.violation == 0.0]
+    kept = [one for one in result.tried if one.score.violation == 0.0]
     points = np.array([speed_and_robustness(one) for one in kept]).reshape(-1, 2)
     if not len(kept):
         value_axis(ax, "no candidate keeps the limits")
@@ -109,7 +109,7 @@ def pareto(outcome: TuningResult) -> Figure:
     ax.plot(points[:, 1], points[:, 0], color=palette.MEASURED, label="candidate", **_DOTS)
     ax.plot(points[front, 1], points[front, 0], color=palette.INK, linewidth=1.2, label="front")
     for one, marker, color, words in (
-        (outcome.tried[0], "D", palette.INK, "before"),
+        (result.tried[0], "D", palette.INK, "before"),
         (min(kept, key=lambda t: t.score.cost), "*", palette.ACCENT, "found"),
     ):
         if one.score.violation == 0.0:

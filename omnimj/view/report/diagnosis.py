@@ -75,7 +75,7 @@ def _figures(run: RunDiagnosis, names: Sequence[str]) -> list[Figure]:
 
 def write_diagnosis_report(
     path: Path,
-    order: DiagnosisConfig,
+    config: DiagnosisConfig,
     runs: Sequence[RunDiagnosis],
     sections: Sequence[RunSection],
     command: str = "",
@@ -85,31 +85,31 @@ def write_diagnosis_report(
 
     Args:
       path: HTML file to write.
-      order: Configuration of the diagnosis.
+      config: Configuration of the diagnosis.
       runs: Finished runs; their traces are not needed.
       sections: Results of `run_section`.
       command: Command line that repeats the diagnosis.
       interrupted: Whether runs are missing.
     """
-    name = order.dataset.path.resolve().name
+    name = config.dataset.path.resolve().name
     write_page(
         path,
         "diagnosis",
         f"Diagnosis of {name} · omnimj",
         name=name,
-        method=order.method,
+        method=config.method,
         runs=len(runs),
-        model=model_display_name(order.machine.constants.file),
+        model=model_display_name(config.machine.constants.file),
         seconds=sum(run.judged for run in runs),
         is_bad=any(run.diagnoses for run in runs),
         verdict=summarize_runs(runs).capitalize(),
         interrupted=interrupted,
-        notes=order.dataset.notes,
+        notes=config.dataset.notes,
         overview=_overview(runs),
         sections=sections,
         command=command,
-        model_file=order.machine.constants.file,
-        has_thresholds=order.thresholds is not None,
+        model_file=config.machine.constants.file,
+        has_thresholds=config.thresholds is not None,
     )
 
 

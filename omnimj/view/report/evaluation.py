@@ -12,15 +12,15 @@ from omnimj.view.plots.evaluation import confusion_picture, delay_curves, headin
 from omnimj.view.report.page import Figure, plot, table, write_page
 
 
-def write_evaluation_report(path: Path, outcome: EvaluationResult) -> None:
+def write_evaluation_report(path: Path, result: EvaluationResult) -> None:
     """Write the report of an evaluation.
 
     Args:
       path: HTML file to write.
-      outcome: Result of the evaluation.
+      result: Result of the evaluation.
     """
     files = "evaluation.json and cases/"
-    _write_tables(path, outcome.heading, outcome.lines, outcome.tables, files, _figures(outcome))
+    _write_tables(path, result.heading, result.lines, result.tables, files, _figures(result))
 
 
 def write_benchmark_report(path: Path, lines: Sequence[str], tables: Sequence[Table]) -> None:
@@ -55,14 +55,14 @@ def _write_tables(
     )
 
 
-def _figures(outcome: EvaluationResult) -> list[list[Figure]]:
+def _figures(result: EvaluationResult) -> list[list[Figure]]:
     """Return rows of figures: confusion matrix, delays, excursions."""
-    if not outcome.scores:
+    if not result.scores:
         return []
     words = "rows: truth; shades: share of its cases; numbers: cases; green boxes: correct diagnoses"
-    drawing = confusion_picture(outcome.summary.confusion)
+    drawing = confusion_picture(result.summary.confusion)
     rows = [[plot(drawing, "confusion", "Confusion matrix", words, "broad")]]
-    faulty = [score for score in outcome.scores if score.fault != NONE]
+    faulty = [score for score in result.scores if score.fault != NONE]
     if any(score.was_in_use for score in faulty):
         words = "share of cases with an alarm within that time"
         rows.append(

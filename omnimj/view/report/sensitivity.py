@@ -29,48 +29,48 @@ _DPI = 160
 _FEWEST_BARS = 2
 
 
-def write_sensitivity_files(folder: Path, outcome: SensitivityResult) -> None:
+def write_sensitivity_files(folder: Path, result: SensitivityResult) -> None:
     """Write report, picture and text, each completely or not at all.
 
     Args:
       folder: Folder of the study.
-      outcome: Result of the study; there is a picture only where something is ranked.
+      result: Result of the study; there is a picture only where something is ranked.
     """
-    tables = [one for one in (measure_first_table(outcome), results_table(outcome)) if one.rows]
-    lines = [measure_first_sentence(outcome), *summary_sentences(outcome)]
-    write_text(folder / TEXT, format_markdown(format_heading(outcome), lines, tables))
+    tables = [one for one in (measure_first_table(result), results_table(result)) if one.rows]
+    lines = [measure_first_sentence(result), *summary_sentences(result)]
+    write_text(folder / TEXT, format_markdown(format_heading(result), lines, tables))
     with atomic_file(folder / REPORT) as temporary:
-        write_sensitivity_report(temporary, outcome)
+        write_sensitivity_report(temporary, result)
     (folder / PICTURE).unlink(missing_ok=True)
-    if outcome.ranks:
+    if result.ranks:
         with atomic_file(folder / PICTURE) as temporary:
-            figure = measure_first_picture(outcome.ranks, outcome.studies, outcome.factors)
+            figure = measure_first_picture(result.ranks, result.studies, result.factors)
             figure.savefig(temporary, dpi=_DPI)
 
 
-def write_sensitivity_report(path: Path, outcome: SensitivityResult) -> None:
+def write_sensitivity_report(path: Path, result: SensitivityResult) -> None:
     """Write the report of a sensitivity study to an HTML file."""
     write_page(
         path,
         "sensitivity",
-        format_heading(outcome),
-        lead=measure_first_sentence(outcome),
-        lines=summary_sentences(outcome),
-        overview=_overview(outcome) if outcome.ranks else None,
-        measure_first=_table(measure_first_table(outcome)) if outcome.ranks else None,
-        has_unsure=not all(rank.sure for rank in outcome.ranks),
-        results=_table(results_table(outcome)) if outcome.studies else None,
+        format_heading(result),
+        lead=measure_first_sentence(result),
+        lines=summary_sentences(result),
+        overview=_overview(result) if result.ranks else None,
+        measure_first=_table(measure_first_table(result)) if result.ranks else None,
+        has_unsure=not all(rank.sure for rank in result.ranks),
+        results=_table(results_table(result)) if result.studies else None,
         sections=[
             (
                 f"{study.name}: {format_value(study.nominal, study.unit)}",
-                _figures(study, outcome),
-                _table(result_table(study, outcome.factors))[1],
-                format_unranked(study, outcome.factors),
+                _figures(study, result),
+                _table(result_table(study, result.factors))[1],
+                format_unranked(study, result.factors),
             )
-            for study in outcome.studies
+            for study in result.studies
             if study.ranked
         ],
-        excluded=format_excluded(outcome) if outcome.excluded else [],
+        excluded=format_excluded(result) if result.excluded else [],
     )
 
 
@@ -78,21 +78,21 @@ def _table(found: TextTable) -> tuple[str, Table]:
     return found.title, table(found.rows, found.head)
 
 
-def _overview(outcome: SensitivityResult) -> Figure:
+def _overview(result: SensitivityResult) -> Figure:
     words = (
         "Left: the share of each number in the changes of the results, mean over all results with its 95 % "
         "interval. Right: its share in each single result; the rest to 100 % is below the floor. "
-        f"The first {rows_shown(outcome.ranks)} of {len(outcome.ranks)} numbers above a floor."
+        f"The first {rows_shown(result.ranks)} of {len(result.ranks)} numbers above a floor."
     )
-    drawing = measure_first_picture(outcome.ranks, outcome.studies, outcome.factors)
+    drawing = measure_first_picture(result.ranks, result.studies, result.factors)
     return plot(drawing, "first", "", words, "broad", label="share of each number in every result")
 
 
-def _figures(study: ResultSensitivity, outcome: SensitivityResult) -> list[Figure]:
+def _figures(study: ResultSensitivity, result: SensitivityResult) -> list[Figure]:
     """Plot bars and plane of one result; nothing where too few numbers are ranked."""
     if len(study.ranked) < _FEWEST_BARS:
         return []
-    bars, plane = result_bars(study, outcome.factors), result_plane(study)
+    bars, plane = result_bars(study, result.factors), result_plane(study)
     words = "mean size μ* and its 95 % interval"
     first = plot(bars, f"bars-{study.name}", "Change across the range", words, label=f"μ* of {study.name}")
     words = "far above the line: nonlinear, or interacting with other numbers"

@@ -10,36 +10,36 @@ from omnimj.view.plots.tuning import convergence, landscape_picture, pareto
 from omnimj.view.report.page import Figure, Table, plot, table, write_page
 
 
-def write_tuning_report(path: Path, outcome: TuningResult, command: str) -> None:
+def write_tuning_report(path: Path, result: TuningResult, command: str) -> None:
     """Write the report of a tuning.
 
     Args:
       path: HTML file to write.
-      outcome: Result of the search.
+      result: Result of the search.
       command: Command line that repeats the tuning.
     """
-    verdict = format_verdict(outcome)
+    verdict = format_verdict(result)
     write_page(
         path,
         "tuning",
         "Tuned gains · omnimj",
-        outcome=outcome,
-        order=outcome.config,
-        scenarios=", ".join(Path(text).stem for text in outcome.config.scenarios),
+        result=result,
+        config=result.config,
+        scenarios=", ".join(Path(text).stem for text in result.config.scenarios),
         verdict=verdict[0].upper() + verdict[1:],
-        tables=_tables(outcome),
-        figures=_figures(outcome),
+        tables=_tables(result),
+        figures=_figures(result),
         command=command,
     )
 
 
-def _tables(outcome: TuningResult) -> list[tuple[str, Table]]:
+def _tables(result: TuningResult) -> list[tuple[str, Table]]:
     gains = [
         (axis.name, f"{axis.start:g}", f"{value:g}", axis.unit)
-        for axis, value in zip(outcome.axes, outcome.values, strict=True)
+        for axis, value in zip(result.axes, result.values, strict=True)
     ]
     tables = [("Gains", table(gains, ("gain", "before", "tuned", "unit")))]
-    for verdict in outcome.comparisons:
+    for verdict in result.comparisons:
         heading = f"Seed {verdict.seed}, {verdict.draws} runs on the {verdict.plant} plant"
         tables.append((heading, table(comparison_rows(verdict), ("", "before", "tuned"))))
     margins = [
@@ -49,7 +49,7 @@ def _tables(outcome: TuningResult) -> list[tuple[str, Table]]:
             _format_margin(before.crossover, before.phase),
             _format_margin(after.crossover, after.phase),
         )
-        for before, after in zip(outcome.margins_before, outcome.margins_after, strict=True)
+        for before, after in zip(result.margins_before, result.margins_after, strict=True)
     ]
     heading = "Crossover and phase margin of every loop, in closed form"
     return [*tables, (heading, table(margins, ("loop", "where", "before", "tuned")))]
@@ -59,12 +59,12 @@ def _format_margin(crossover: float, phase: float) -> str:
     return "no crossover" if crossover == 0.0 else f"{crossover:.2f} Hz, {phase:.0f}°"
 
 
-def _figures(outcome: TuningResult) -> list[Figure]:
+def _figures(result: TuningResult) -> list[Figure]:
     words = "on the training draws, which are the same for every candidate"
-    figures = [plot(convergence(outcome), "convergence", "The search", words, label="cost by candidate")]
+    figures = [plot(convergence(result), "convergence", "The search", words, label="cost by candidate")]
     words = "all candidates that violate no limit; along the front one property is traded for the other"
-    figures.append(plot(pareto(outcome), "pareto", "Speed against robustness", words))
-    for k, found in enumerate(outcome.landscapes):
+    figures.append(plot(pareto(result), "pareto", "Speed against robustness", words))
+    for k, found in enumerate(result.landscapes):
         words = "each cell is driven on part of the training draws; a white cell violates a limit"
         name = " and ".join(a.name.partition(".")[2].replace("_", " ") for a in (found.across, found.up))
         heading = f"Cost around the result: {name}"
