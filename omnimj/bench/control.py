@@ -7,7 +7,7 @@ import math
 import time
 import tracemalloc
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -119,7 +119,7 @@ def replay_mission(
         yaw = (m.yaw + turned) % (2.0 * math.pi)
         measured = Measurement(m.time + offset, m.current, m.wheel_speed, m.acceleration, m.yaw_rate, yaw)
         if k == 0:
-            state = replace(state, control=controller.start(measured).control)
+            state = state._replace(control=controller.start(measured).control)
         target = Target(turn @ t.velocity, t.yaw_rate, t.heading + turned)
         _, state = controller.step(state, measured, target)
     return state

@@ -1,4 +1,14 @@
-"""Control of a robot from what it measures: heading, allocation, wheel-speed loops, limits."""
+"""Control of a robot from its measurements.
+
+- `cascade/`: heading → inverse kinematics → wheel-speed PI → limits
+- `detection/`: fault detectors beside the cascade, the published one and the robust one
+- `recovery/`: target and reconfiguration of the cascade after a fault
+- `fault_tolerant`: the three together, used like the cascade alone
+- `gains`: all gains as one set and as a TOML file
+- `robot_constants`: constants that detection and recovery share
+
+numpy, scipy and numba are enough to run all of it, on a robot's small computer too.
+"""
 
 from omnimj.control.cascade.controller import Controller, ControlState
 from omnimj.control.cascade.limits import Reason

@@ -1,96 +1,97 @@
-"""The cascade with a diagnosing method beside it: first what has happened, then what to do."""
+"""Fault-tolerant control: the cascade with a fault detector and a recovery beside it.
+ In each step the detector takes the measurement first; recovery then turns its fault estimate into a target
+and a reconfiguration for the cascade.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from omnimj.control.cascade.controller import Controller, ControlState
-from omnimj.control.cascade.heading import BIAS
+from omnimj.control.cascade.controller import Controller, ControlState, is_good
 from omnimj.control.detection.detector import DetectorState, FaultDetector
 from omnimj.control.recovery import Recovery, RecoveryState
 from omnimj.signals import Array, CurrentCommand, Diagnosis, Measurement, Target
 
 
-@dataclass(frozen=True, slots=True)
-class FaultTolerantState:
-    """Of cascade, method and recovery."""
+class FaultTolerantState(NamedTuple):
+    """States of cascade, detector and recovery."""
 
     control: ControlState
-    method: DetectorState
+    detector: DetectorState
     recovery: RecoveryState | None
 
     @property
     def log(self) -> Array:
-        """Numbers of the last step, aligned with `DiagnosingController.log_names`."""
+        """Signals of the last step, aligned with `FaultTolerantController.log_names`."""
         if self.recovery is None:
-            return np.concatenate((self.control.log, self.method.log))
-        return np.concatenate((self.control.log, self.method.log, self.recovery.log))
+            return np.concatenate((self.control.log, self.detector.log))
+        return np.concatenate((self.control.log, self.detector.log, self.recovery.log))
 
     @property
     def time_scaling(self) -> float:
-        """How fast the plan is to run, 1: as planned."""
+        """Speed of the plan, 1: as planned."""
         return 1.0 if self.recovery is None else self.recovery.time_scaling
 
     @property
     def diagnoses(self) -> tuple[Diagnosis, ...]:
         """Everything decided since the start."""
-        return self.method.diagnoses
+        return self.detector.diagnoses
 
 
 class FaultTolerantController:
-    """A controller like `Controller`, which believes its method about what is broken.
+    """Controller that detects faults and reconfigures itself; used like `Controller`.
 
     Args:
-      cascade: Does the driving.
-      method: Does the thinking.
-      recovery: Does something about it, for a method that says what it believes; None: the method's own
-        advice.
+      cascade: Drives the robot.
+      detector: Gets every good measurement; its `reconfiguration` is applied where there is no recovery.
+      recovery: Acts upon the detector's fault estimate; none when None.
     """
 
-    def __init__(self, cascade: Controller, method: FaultDetector, recovery: Recovery | None = None):
-        self._cascade, self._method, self._recovery = cascade, method, recovery
+    def __init__(self, cascade: Controller, detector: FaultDetector, recovery: Recovery | None = None):
+        self._cascade, self._detector, self._recovery = cascade, detector, recovery
         added = () if recovery is None else recovery.log_names
-        self.log_names = cascade.log_names + tuple(method.log_names) + added
+        self.log_names = cascade.log_names + tuple(detector.log_names) + added
 
     def start(self, measurement: Measurement) -> FaultTolerantState:
-        """The state before the first step."""
+        """State before the first step."""
         recovery = None if self._recovery is None else self._recovery.start()
-        return FaultTolerantState(self._cascade.start(measurement), self._method.start(measurement), recovery)
+        return FaultTolerantState(
+            self._cascade.start(measurement), self._detector.start(measurement), recovery
+        )
 
     def step(
         self, state: FaultTolerantState, measurement: Measurement, target: Target
     ) -> tuple[CurrentCommand, FaultTolerantState]:
-        """Currents for the next period."""
-        control = state.control
-        bias = float(control.rest[BIAS])
-        asked = _commanded_current(control.current, state.recovery, measurement)
-        method: Any = self._method.step(state.method, measurement, asked, bias)
-        recovery, reconfiguration, fault_estimate = (
-            state.recovery,
-            method.reconfiguration,
-            method.fault_estimate,
-        )
-        if self._recovery is not None and recovery is not None and fault_estimate is not None:
-            if self._cascade.is_good(measurement):  # from any other no current follows
-                turning = self._cascade.turning(measurement, control, fault_estimate.trusts_gyro)
+        """Currents for the next period; zero current for bad data, never an exception."""
+        control, detected, recovery = state.control, state.detector, state.recovery
+        good = is_good(measurement, self._cascade.wheels)
+        if good:
+            commanded = _commanded_current(control.current, recovery, measurement)
+            detected = self._detector.step(detected, measurement, commanded, control.gyro_bias.bias)
+        reconfiguration, brake = detected.reconfiguration, ()
+        if self._recovery is not None and recovery is not None:
+            estimate: Any = detected.fault_estimate
+            if estimate is not None and good:
+                yaw_rate = self._cascade.yaw_rate(measurement, control, estimate.trusts_gyro)
                 recovery = self._recovery.step(
-                    recovery, fault_estimate, measurement, control.heading, turning, target
+                    recovery, estimate, measurement, control.heading, yaw_rate, target
                 )
                 target = recovery.target
-            reconfiguration = recovery.reconfiguration
-        command, control = self._cascade.step(control, measurement, target, reconfiguration)
-        return command, FaultTolerantState(control, method, recovery)
+            if estimate is not None:
+                reconfiguration, brake = recovery.reconfiguration, recovery.brake
+        command, control = self._cascade.step(control, measurement, target, reconfiguration, good)
+        if brake:
+            command = CurrentCommand(command.current, brake)
+        return command, FaultTolerantState(control, detected, recovery)
 
 
 def _commanded_current(current: Array, recovery: RecoveryState | None, measurement: Measurement) -> Array:
-    """Set currents of the last period; what a shorted motor drives through itself is as good as asked for."""
-    if recovery is None or recovery.reconfiguration is None or not recovery.reconfiguration.brake:
+    """Set currents of the last period; a shorted motor has no set current, so its measured one is taken."""
+    if recovery is None or not recovery.brake:
         return current
-    asked, own = current.copy(), measurement.current
-    for wheel in recovery.reconfiguration.brake:
-        if wheel <= len(own):
-            asked[wheel - 1] = own[wheel - 1]
-    return asked
+    commanded = current.copy()
+    for wheel in recovery.brake:
+        commanded[wheel - 1] = measurement.current[wheel - 1]
+    return commanded

@@ -1,4 +1,14 @@
-"""What recovery feeds back with, and how far it may go."""
+"""Gains of cascade, recovery and observer as one set, and the TOML file that keeps one.
+
+```
+[control]
+speed_proportional = { value = 0.31, unit = "A.s/rad", source = "tuned" }
+[recovery]
+place_proportional = { value = 2.7, unit = "1/s", source = "tuned" }
+[tuned]  # provenance; not read
+```
+A gain that a file leaves out keeps its value.
+"""
 
 from __future__ import annotations
 
@@ -12,53 +22,44 @@ from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import Control
 from omnimj.parameters.reading import Rule, positive, read_quantity, read_toml
 
+CASCADE_GAINS = ("speed_proportional", "speed_integral", "yaw_rate_proportional", "heading_proportional")
+"""The gains among the fields of `Control`; the others are limits."""
+PROVENANCE_TABLE = "tuned"
+"""Table of a gains file that records the provenance."""
+
 
 @dataclass(frozen=True)
 class RecoveryGains:
     """Gains of recovery; `omnimj tune` changes them together with those of cascade and observer."""
 
     place_proportional: float = positive("1/s", 100.0, default=3.0)
-    """K with which a place error is driven back."""
+    """Proportional gain on the position error."""
     place_speed: float = positive("m/s", 2.0, default=0.2)
-    """Largest speed for that."""
+    """Largest speed of the position correction."""
     slip_cap: float = positive("m/s", 5.0, default=0.2)
-    """By how much a slipping wheel may be faster or slower than the floor below it. Wheels follow speeds that
-    fit together and do not run away; a tighter bound takes traction from every floor that gives more the more
-    a wheel slips: with 0.05 the heading strays a fifth further than with 0.2, and the place 6 % instead of
-    0."""
+    """Largest slip velocity of a slipping wheel. Its wheel speed fits those of the others and does not run
+    away; a tighter bound takes traction from every floor that gives more the more a wheel slips: with 0.05
+    the heading strays a fifth further than with 0.2, and the place 6 % instead of 0."""
     grip_share: float = positive("1", 1.0, default=0.5)
-    """Of the grip of a floor that gives way under all wheels, what the plan may use; the rest holds the robot
-    on it."""
-
-
-# What the robust method's observer weighs its sensors with.
+    """Share of the grip that the plan may use on a floor that gives way under all wheels; the rest holds the
+    robot on its path."""
 
 
 @dataclass(frozen=True)
 class ObserverGains:
-    """Gains of the observer: noises of its filters, as standard deviations, and how long it remembers.
+    """Gains of the observer: standard deviations of its filters' noise, and their memory.
 
-    When a suspicion becomes a decision is another matter: `thresholds.Thresholds` are calibrated against
-    false
-    alarms, not tuned.
+    The thresholds of the decisions (`thresholds.Thresholds`) are calibrated against false alarms, not tuned.
     """
 
     wheel_noise: float = positive("m/s", 1.0, default=0.004)
-    """Of a rolling wheel's word about the body's velocity."""
+    """Noise of the velocity measured by a rolling wheel."""
     creep_noise: float = positive("1", 10.0, default=0.35)
-    """The same per m/s of its creep."""
+    """The same per m/s of the wheel's creep."""
     acceleration_noise: float = positive("m/s2", 10.0, default=0.04)
-    """Of a block's mean of the accelerometer: noise, and gravity while the body pitches on its springs."""
+    """Noise of the accelerometer's mean over a block, and gravity while the body pitches on its springs."""
     memory: float = positive("s", 1e5, default=120.0)
-    """Time in which a number that was learnt of the healthy robot may wander by its own prior."""
-
-
-# Gains of cascade, recovery and observer as one set, and the TOML file that keeps one.
-
-CASCADE_GAINS = ("speed_proportional", "speed_integral", "yaw_rate_proportional", "heading_proportional")
-"""The gains among the numbers of `Control`; its limits are none."""
-PROVENANCE_TABLE = "tuned"
-"""Table of a gains file that says where it comes from."""
+    """Time in which a parameter of the healthy robot may wander by its own prior deviation."""
 
 
 def _fields() -> dict[str, dataclasses.Field]:
@@ -90,20 +91,24 @@ def rule_of(name: str) -> Rule:
 
 @dataclass(frozen=True)
 class Gains:
-    """Everything that feeds back."""
+    """Gains of cascade, recovery and observer."""
 
     control: Control
-    """Of the cascade; its limits are not gains."""
+    """Gains of the cascade, and its limits."""
     recovery: RecoveryGains = field(default_factory=RecoveryGains)
     observer: ObserverGains = field(default_factory=ObserverGains)
 
     def value(self, name: str) -> float:
-        """The gain of that name, one of `GAIN_NAMES`."""
+        """Value of the gain with a name of `GAIN_NAMES`."""
         table, _, key = name.partition(".")
         return float(getattr(getattr(self, table), key))
 
     def changed(self, values: Mapping[str, float]) -> Gains:
-        """The same with other values of some gains, by their names."""
+        """Copy with other values of some gains.
+
+        Args:
+          values: New values by names of `GAIN_NAMES`.
+        """
         tables = {
             table: dataclasses.replace(
                 getattr(self, table),
@@ -115,11 +120,11 @@ class Gains:
 
 
 def read_gains(path: Path, control: Control) -> Gains:
-    """Reads a gains file.
+    """Read a gains file.
 
     Args:
       path: The file.
-      control: The cascade's numbers as the robot has them; the file's take their place.
+      control: Gains and limits of the robot; the gains in the file replace its own.
 
     Raises:
       InputError: The file cannot be read, or a gain breaks its rule.

@@ -1,96 +1,71 @@
-"""What the kernels of the robust method need of a robot, as arrays."""
+"""Constants of a robot and of ordinary floors that the kernels of detection and recovery share."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from omnimj.control.gains import ObserverGains
 from omnimj.parameters import Robot
 from omnimj.physics.kinematics import rolling_matrix
 from omnimj.signals import Array
 
-BLOCK = 0.01
-"""Time over which samples are averaged before anything is judged [s]."""
-
-(
-    MASS,
-    YAW_INERTIA,
-    RADIUS,
-    INERTIA,
-    LOAD,
-    TORQUE,
-    DRY,
-    VISCOUS,
-    EFFICIENCY,
-    ROLLER_DRY,
-    ROLLER_VISCOUS,
-    TIME,
-    WHEEL_NOISE,
-    CREEP_NOISE,
-    ACCELERATION_NOISE,
-) = range(15)
-
 GRAVITY = 9.81
+"""[m/s²]"""
+CREEP_SLOPE = 2.5
+"""Traction per normal force and creep, σ: nearly the same on every floor that was measured [s/m]."""
 
 
-def samples_per_block(period: float) -> int:
-    """How many samples come nearest to `BLOCK`; one where they come slower.
+class RobotConstants(NamedTuple):
+    """Nominal constants of a robot with n wheels, as the controller assumes them."""
 
-    Args:
-      period: From sample to sample [s].
-    """
-    return max(1, round(BLOCK / period))
-
-
-@dataclass(frozen=True)
-class WheelGeometry:
-    """Of n wheels."""
-
+    mass: float
+    """[kg]"""
+    yaw_inertia: float
+    """[kg.m²]"""
+    radius: float
+    """Rolling radius r of a wheel [m]."""
+    inertia: float
+    """Inertia at the wheel over its radius, I_eff/r [kg.m]."""
+    load: float
+    """Normal force of one wheel at rest, F_N [N]."""
+    torque: float
+    """Traction per ampere, K_t E G_r/r [N/A]."""
+    dry: float
+    """Traction lost to the no-load torque and to the bearings' dry friction [N]."""
+    viscous: float
+    """Traction lost per wheel speed [N.s]."""
+    efficiency: float
+    """Gear efficiency E [1]."""
+    roller_dry: float
+    """Dry friction of the rollers over the normal force [1]."""
+    roller_viscous: float
+    """Viscous friction of the rollers over the normal force [s/m]."""
     forces: Array
-    """Column i is the force and moment of wheel i per newton of torque over radius, shape (3, n): B = Aᵀ."""
+    """Force and moment on the body per traction of each wheel, B = Aᵀ, shape (3, n)."""
     across: Array
-    """Row i: speed at which rollers turn for a body twist, of omni wheels along the axle, shape (n, 3)."""
+    """Roller speed per body twist of each wheel, of omni wheels along the axle, shape (n, 3)."""
 
 
-def wheel_geometry(robot: Robot) -> WheelGeometry:
-    """B and the lateral directions of the robot's wheels."""
-    p = robot.wheel_positions
-    return WheelGeometry(
-        np.ascontiguousarray(rolling_matrix(p, robot.rolling_directions).T),
-        rolling_matrix(p, robot.side_directions),
-    )
-
-
-def robot_constants(robot: Robot, period: float, gains: ObserverGains | None = None) -> Array:
-    """The scalars, in the order of the names above; the last three are of `gains`, as shipped when None.
-
-    TORQUE: traction per ampere K_t E G_r/r [N/A]; DRY: what T_nl and the bearings take of it, VISCOUS: the
-    same per rad/s [N, N.s]; LOAD: F_N of one wheel at rest [N]; INERTIA: I_eff/r [kg.m].
-    """
-    own = ObserverGains() if gains is None else gains
-    n, radius = len(robot.wheels), robot.wheel.radius
+def robot_constants(robot: Robot) -> RobotConstants:
+    """Constants of a robot from its parameters."""
+    n, radius, positions = len(robot.wheels), robot.wheel.radius, robot.wheel_positions
     load = robot.body.mass * GRAVITY / n
     through = robot.motor.gear_efficiency * robot.motor.gear_ratio / radius
     a, b = robot.bearing.spacing, robot.bearing.overhang
     bearing = robot.bearing.dry * 0.5 * robot.bearing.pitch_diameter * load * (a + 2.0 * b) / a / radius
-    return np.array(
-        (
-            robot.body.mass,
-            robot.body.yaw_inertia,
-            radius,
-            (robot.wheel.inertia + robot.motor.reflected_inertia) / radius,
-            load,
-            robot.motor.torque_constant * through,
-            robot.motor.no_load_torque * through + bearing,
-            robot.motor.viscous * robot.motor.gear_ratio * through,
-            robot.motor.gear_efficiency,
-            robot.wheel.roller_dry,
-            robot.wheel.roller_viscous,
-            samples_per_block(period) * period,
-            own.wheel_noise,
-            own.creep_noise,
-            own.acceleration_noise,
-        )
+    return RobotConstants(
+        mass=float(robot.body.mass),
+        yaw_inertia=float(robot.body.yaw_inertia),
+        radius=float(radius),
+        inertia=float((robot.wheel.inertia + robot.motor.reflected_inertia) / radius),
+        load=float(load),
+        torque=float(robot.motor.torque_constant * through),
+        dry=float(robot.motor.no_load_torque * through + bearing),
+        viscous=float(robot.motor.viscous * robot.motor.gear_ratio * through),
+        efficiency=float(robot.motor.gear_efficiency),
+        roller_dry=float(robot.wheel.roller_dry),
+        roller_viscous=float(robot.wheel.roller_viscous),
+        forces=np.ascontiguousarray(rolling_matrix(positions, robot.rolling_directions).T),
+        across=np.ascontiguousarray(rolling_matrix(positions, robot.side_directions)),
     )

@@ -16,12 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import exp1, gammaincinv, stdtrit
 
+from omnimj.control.detection.robust.blocks import BLOCK, samples_per_block
 from omnimj.control.detection.robust.detector import BLIND, RobustState
-from omnimj.control.detection.robust.glr import LIKELIHOOD
-from omnimj.control.detection.robust.parameter_filter import significant_losses
 from omnimj.control.detection.robust.thresholds import THRESHOLD_UNITS, Thresholds
-from omnimj.control.detection.robust.wheel_monitors import SLIPPING
-from omnimj.control.robot_constants import BLOCK, samples_per_block
 from omnimj.diagnosis.replay import DatasetProgress, DiagnosisConfig, RunDiagnosis, replay, sample_run
 from omnimj.errors import InputError
 from omnimj.signals import Array
@@ -227,9 +224,8 @@ def lower_bounds(rate: float, wheels: int) -> dict[str, float]:
 class StretchMaxima:
     """Watches a method: the largest of each statistic in every stretch of motion, and what a run taught."""
 
-    def __init__(self, wheels: int, period: float):
-        self._wheels, self._period = wheels, period * samples_per_block(period)
-        self._evidence: object = None
+    def __init__(self, period: float):
+        self._period, self._block = period * samples_per_block(period), -1
         self._now, self._moved = np.zeros(STATISTICS), 0.0
         self.found: list[np.ndarray] = []
         self.learnt: list[float] = []
@@ -241,15 +237,11 @@ class StretchMaxima:
 
     def __call__(self, state: RobustState) -> None:
         """Takes a state; only a new block says something."""
-        evidence, n = state.evidence, self._wheels
-        if evidence is self._evidence:
+        if state.blocks == self._block:
             return
-        self._evidence = evidence
-        likely = evidence.found[:, LIKELIHOOD]
-        parts = (likely[:n], likely[n : 2 * n], likely[2 * n :], evidence.counters[:, SLIPPING])
-        known = significant_losses(evidence.theta, evidence.cov, n)
-        self.learnt[-1] = max(self.learnt[-1], float(known.max()))
-        self._now = np.maximum(self._now, [part.max() for part in parts])
+        self._block, seen = state.blocks, state.statistics
+        self.learnt[-1] = max(self.learnt[-1], seen.worn)
+        self._now = np.maximum(self._now, seen[:STATISTICS])
         if state.log[-1] == BLIND:
             return
         self.moved += self._period
@@ -265,7 +257,7 @@ def _maxima(order: DiagnosisConfig, progress: DatasetProgress | None) -> Stretch
     Raises:
       InputError: A sensor stands still while the robot drives.
     """
-    seen = StretchMaxima(_wheels(order), order.machine.period)
+    seen = StretchMaxima(order.machine.period)
     for one in _passes(dataclasses.replace(order, thresholds=DISABLED), progress, "measuring", seen):
         for d in one.diagnoses:
             place = f"{order.dataset.path}: run {one.name!r}"

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from omnimj.control.detection.detector import FaultDetector
+from omnimj.control.detection.detector import RecordingDetector
 from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.control.gains import ObserverGains
 from omnimj.errors import InputError, UnknownNameError
@@ -98,7 +98,7 @@ def make_detector(
     floors: Mapping[str, Floor],
     thresholds: Thresholds | None = None,
     observer: ObserverGains | None = None,
-) -> FaultDetector:
+) -> RecordingDetector:
     """The method for one run: on its floor, with its mass where it states one.
 
     Raises:

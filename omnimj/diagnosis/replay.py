@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,25 +10,18 @@ from typing import Any
 
 import numpy as np
 
+from omnimj.control.cascade.controller import is_good
 from omnimj.control.cascade.heading import (
-    AVERAGED,
-    BIAS,
     LARGEST_BIAS,
     REST_WHEEL_SPEED,
     REST_YAW_RATE,
     SETTLING_TIME,
-    initial_gyro_bias,
+    GyroBias,
     update_gyro_bias,
     yaw_rate_row,
 )
-from omnimj.control.detection.detector import FaultDetector
-from omnimj.control.detection.published.rig import PublishedRigDetector
-from omnimj.control.detection.published.rig_residuals import BEFORE
-from omnimj.control.detection.robust import RobustDetector, RobustState
-from omnimj.control.detection.robust.detector import BLIND
-from omnimj.control.detection.robust.evidence import initial_evidence
+from omnimj.control.detection.detector import RecordingDetector
 from omnimj.control.detection.robust.thresholds import Thresholds
-from omnimj.control.detection.robust.wheel_monitors import GRIP
 from omnimj.control.gains import ObserverGains
 from omnimj.diagnosis.logs import (
     Machine,
@@ -42,95 +34,8 @@ from omnimj.diagnosis.logs import (
 )
 from omnimj.errors import InputError, SimulationError
 from omnimj.parameters import Floor, Robot
-from omnimj.physics import rig
-from omnimj.physics.kinematics import rolling_matrix
 from omnimj.recording.dataset import Dataset, Run
-from omnimj.signals import Array, Diagnosis, Measurement, Trace
-
-# Where a method begins in a log: often in the middle of a motion, where a controller starts at rest.
-
-_DOUBT = 0.05
-"""Standard deviation of a velocity that only wheels know, which may slip [m/s]."""
-
-
-def start_state(method: Any, machine: Any, measurement: Any, bias: float) -> Any:
-    """The state before the first sample of a log, or of what comes after a long gap.
-
-    Args:
-      method: Any.
-      machine: That it believes in.
-      measurement: The first.
-      bias: Of the gyro [rad/s].
-    """
-    state = method.start(measurement)
-    if np.abs(measurement.wheel_speed).max() <= REST_WHEEL_SPEED:
-        return state
-    if isinstance(method, PublishedRigDetector):
-        observer = state.observer.copy()
-        m = measurement
-        moving = rig.RigState(*observer[: rig.STATE].tolist())._replace(
-            speed=m.carriage_speed, wheel_speed=m.wheel_speed, current=m.current
-        )
-        observer[: rig.STATE], observer[BEFORE] = moving, m.wheel_speed
-        return dataclasses.replace(state, observer=observer)
-    if isinstance(method, RobustDetector):
-        return _moving(state, machine, measurement, bias)
-    return state
-
-
-def resume_state(method: Any, machine: Any, state: Any, measurement: Any, bias: float, is_long: bool) -> Any:
-    """The state after a gap.
-
-    The published methods know how much time has passed; after a long gap they begin anew. The robust method
-    keeps what it has learnt and decided, since a gap repairs nothing; what reaches over the gap begins anew:
-    sums, windows and velocities.
-
-    Args:
-      method: Any.
-      machine: That it believes in.
-      state: Before the gap.
-      measurement: The first after it.
-      bias: Of the gyro [rad/s].
-      is_long: Whether the gap is too long to go on from.
-    """
-    if not isinstance(method, RobustDetector):
-        return start_state(method, machine, measurement, bias) if is_long else state
-    fresh, evidence, empty = method.start(measurement), state.evidence.copy(), initial_evidence(method.wheels)
-    evidence.counters[:, :GRIP] = empty.counters[:, :GRIP]
-    evidence.heading[:] = empty.heading
-    if is_long:
-        evidence.cursor[:], evidence.found[:] = empty.cursor, empty.found
-    after = dataclasses.replace(
-        fresh,
-        evidence=evidence,
-        verdict=dataclasses.replace(state.verdict, suspected=math.nan),
-        accepted=state.accepted,
-        fresh=state.fresh,
-        fault_estimate=state.fault_estimate,
-        log=state.log,
-        past=state.past,
-    )
-    return _moving(after, machine, measurement, bias)
-
-
-def _moving(state: RobustState, robot: Robot, measurement: Measurement, bias: float) -> RobustState:
-    """The body's velocity by the wheels: each filter without its own, none by a diagnosed one."""
-    a, rolled = rolling_matrix(robot.wheel_positions, robot.rolling_directions), robot.wheel.radius
-    said: Array = rolled * measurement.wheel_speed - a[:, 2] * (measurement.yaw_rate - bias)
-    doubted = {w - 1 for d in state.diagnoses if d.cleared is None for w in d.wheels}
-    n = len(said)
-    evidence = state.evidence.copy()
-    for q in range(n + 1):
-        asked = [i for i in range(n) if i != q and i not in doubted]
-        if np.linalg.matrix_rank(a[asked, :2]) < 2:
-            asked = [i for i in range(n) if i != q]
-        evidence.velocity[q, :2] = np.linalg.lstsq(a[asked, :2], said[asked], rcond=None)[0]
-        evidence.spread[q, :2, :] = evidence.spread[q, :, :2] = 0.0
-        evidence.spread[q, 0, 0] = evidence.spread[q, 1, 1] = _DOUBT**2
-    return dataclasses.replace(state, evidence=evidence)
-
-
-# The gyro's bias in a log, from rests that the wheels show: no log says when nothing was asked for.
+from omnimj.signals import Array, Diagnosis, Trace
 
 SHORTEST_REST = 0.3
 """Rests that count [s]."""
@@ -141,15 +46,16 @@ def is_still(wheel_speed: Array, yaw_rate: float, bias: float) -> bool:
     return bool(np.abs(wheel_speed).max() < REST_WHEEL_SPEED and abs(yaw_rate - bias) < REST_YAW_RATE)
 
 
-def first_bias(wheel_speed: Array, yaw_rate: Array, period: float) -> Array:
-    """What the first rest of a run says of its bias, as a state of `gyro_bias`; 0 without any rest.
+def first_bias(wheel_speed: Array, yaw_rate: Array, period: float) -> GyroBias:
+    """Gyro bias by the first rest of a run, as the wheels show it; 0 without any rest.
+
+    No log says when the demand was zero.
 
     Args:
       wheel_speed: Shape (k, n) [rad/s].
       yaw_rate: Shape (k,) [rad/s].
       period: Of the samples [s].
     """
-    rest = initial_gyro_bias()
     still = np.abs(wheel_speed).max(axis=1) < REST_WHEEL_SPEED
     edges = np.flatnonzero(np.diff(np.concatenate(([False], still, [False])).astype(int)))
     for first, last in edges.reshape(-1, 2):
@@ -157,9 +63,8 @@ def first_bias(wheel_speed: Array, yaw_rate: Array, period: float) -> Array:
             continue
         settled = yaw_rate[first + round(SETTLING_TIME / period) : last]
         if abs(settled.mean()) <= LARGEST_BIAS:
-            rest[BIAS], rest[AVERAGED] = settled.mean(), len(settled) * period
-            break
-    return rest
+            return GyroBias(bias=float(settled.mean()), averaged=len(settled) * period)
+    return GyroBias()
 
 
 LONGEST_GAP = 0.1
@@ -196,7 +101,7 @@ def replay(
     run: Run,
     samples: SampledRun,
     machine: Machine,
-    method: FaultDetector,
+    method: RecordingDetector,
     progress: SampleProgress | None = None,
     watch: Watch | None = None,
 ) -> RunDiagnosis:
@@ -225,9 +130,7 @@ def replay(
         last = piece.time[-1]
     if state is not None:
         told = _joined(told, state.diagnoses)
-    blind = (
-        float((logs[:, -1] == BLIND).sum()) * machine.period if isinstance(method, RobustDetector) else 0.0
-    )
+    blind = float(loop.blind) * machine.period
     notes = samples.notes
     if gaps:
         many = f"{len(gaps)} gaps" if len(gaps) > 1 else "a gap"
@@ -243,7 +146,7 @@ class _Loop:
         self,
         name: str,
         machine: Machine,
-        method: FaultDetector,
+        method: RecordingDetector,
         samples: SampledRun,
         logs: Array,
         progress: SampleProgress | None,
@@ -251,9 +154,10 @@ class _Loop:
     ):
         self._name, self._machine, self._method, self._logs = name, machine, method, logs
         self._progress, self._watch, self._done = progress, watch, 0
-        self._rest, self._turn, self._speeds = initial_gyro_bias(), np.empty(0), slice(0)
+        self._rest, self._turn, self._speeds = GyroBias(), np.empty(0), slice(0)
+        self._wheels, self.blind = 0, 0
         if isinstance(machine.constants, Robot) and samples.pieces:
-            n = len(machine.constants.wheels)
+            n = self._wheels = len(machine.constants.wheels)
             self._speeds, self._turn = slice(n, 2 * n), yaw_rate_row(machine.constants)
             rows = np.concatenate([piece.columns for piece in samples.pieces])
             gyro = rows[:, machine.channels.index("yaw_rate")]
@@ -262,22 +166,21 @@ class _Loop:
     def over(self, piece: Segment, state: Any, is_long: bool) -> Any:
         """The state after a piece, from the one before it and a gap; None: the method begins."""
         machine, method = self._machine, self._method
-        bias = float(self._rest[BIAS])
+        bias = self._rest.bias
         first = machine.measurement(float(piece.time[0]), piece.columns[0])
-        if state is None:
-            state = start_state(method, machine.constants, first, bias)
-        else:
-            state = resume_state(method, machine.constants, state, first, bias, is_long)
+        state = method.begin(first, bias) if state is None else method.resume(state, first, bias, is_long)
         for k, now in enumerate(piece.time.tolist()):
             row = piece.columns[k]
-            measured = machine.measurement(now, row)
+            measured: Any = machine.measurement(now, row)
             command = None if piece.command is None else piece.command[k]
             try:
-                state = method.step(state, measured, command, float(self._rest[BIAS]))
+                if not self._wheels or is_good(measured, self._wheels):
+                    state = method.step(state, measured, command, self._rest.bias)
             except (ArithmeticError, np.linalg.LinAlgError) as error:
                 found = f"the method breaks down at {now:.6g} s ({error})"
                 raise SimulationError(f"run {self._name!r}: {found}") from None
             self._logs[self._done] = state.log
+            self.blind += method.cannot_judge(state)
             self._note_rest(measured)
             self._done += 1
             if self._watch is not None:
@@ -290,7 +193,7 @@ class _Loop:
         if not self._machine.has_gyro:
             return
         speed, rate = measured.wheel_speed, measured.yaw_rate
-        still = is_still(speed, rate, float(self._rest[BIAS]))
+        still = is_still(speed, rate, self._rest.bias)
         self._rest = update_gyro_bias(self._rest, self._turn, still, rate, speed, self._machine.period)
 
 
@@ -336,7 +239,7 @@ class DiagnosisConfig:
     observer: ObserverGains | None = None
     """Of the robust method; the shipped ones when None."""
 
-    def method_for(self, run: Run) -> FaultDetector:
+    def method_for(self, run: Run) -> RecordingDetector:
         """The method for one run.
 
         Raises:

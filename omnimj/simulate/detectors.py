@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from dataclasses import dataclass, field
 
-from omnimj.control.detection.detector import DetectorOptions, FaultDetector
+from omnimj.control.detection.detector import DetectorOptions, RecordingDetector
 from omnimj.control.detection.published.decision import layout_mismatch, select_thresholds
 from omnimj.control.detection.published.rig import PublishedRigDetector
 from omnimj.control.detection.published.robot import PublishedRobotDetector
@@ -70,7 +70,7 @@ class DetectorConfig:
 
 def make_detector(
     name: str, scenario: Scenario, thresholds: Thresholds | None = None
-) -> FaultDetector | None:
+) -> RecordingDetector | None:
     """Makes the detector of a method for the robot or rig of a scenario; None for `off`.
 
     It assumes the constants of the model file and the scenario's floor; patches and faults are unknown to it.
@@ -92,7 +92,7 @@ def make_detector(
     )
 
 
-def detector_for(name: str, config: DetectorConfig) -> FaultDetector | None:
+def detector_for(name: str, config: DetectorConfig) -> RecordingDetector | None:
     """Makes the detector of a method for a machine, with or without a scenario; None for `off`.
 
     Raises:
@@ -106,14 +106,14 @@ def detector_for(name: str, config: DetectorConfig) -> FaultDetector | None:
 
 
 @functools.singledispatch
-def _detector(machine: Robot, name: str, config: DetectorConfig) -> FaultDetector:
+def _detector(machine: Robot, name: str, config: DetectorConfig) -> RecordingDetector:
     if name == "robust":
         return RobustDetector(machine, thresholds=config.thresholds, gains=config.observer)
     return PublishedRobotDetector(machine, config.floor, select_thresholds(config.choice), config.choice)
 
 
 @_detector.register
-def _(machine: Rig, name: str, config: DetectorConfig) -> FaultDetector:
+def _(machine: Rig, name: str, config: DetectorConfig) -> RecordingDetector:
     if name == "robust":
         raise InputError("--method", f"found {name!r}", "the rig has one wheel", RIG_METHODS)
     limits = select_thresholds(config.choice)

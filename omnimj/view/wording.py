@@ -13,7 +13,7 @@ import numpy as np
 
 from omnimj.control.detection.detector import DetectorOptions
 from omnimj.control.recovery.modes import MODE_CONSEQUENCES, MODE_NAMES, NORMAL, PIVOTING, indispensable
-from omnimj.control.robot_constants import wheel_geometry
+from omnimj.control.robot_constants import robot_constants
 from omnimj.parameters import Rig, Robot
 from omnimj.signals import Diagnosis, Trace
 
@@ -336,7 +336,7 @@ def describe_layout(constants: Robot | Rig) -> str:
     """
     if isinstance(constants, Rig):
         return ""
-    n, needed = len(constants.wheels), indispensable(wheel_geometry(constants).forces)
+    n, needed = len(constants.wheels), indispensable(robot_constants(constants).forces)
     if not needed:
         return ""
     if len(needed) == n:

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 from omnimj.control.gains import GAIN_NAMES, GAIN_TABLES, Gains, read_gains, rule_of, unit_of
-from omnimj.control.recovery.demand import place_correction, time_scaling_on_slippery_floor
-from omnimj.control.recovery.tracking import NUMBERS, PLACE_X
 from omnimj.errors import InputError
 from omnimj.parameters import read_robot
 from omnimj.simulate.run import run_scenario
@@ -121,17 +119,6 @@ def test_every_gain_of_recovery_reaches_a_run_that_needs_it(name, scenario, chan
     scenario = read_scenario(scenario, (*changes, "checks={}"))
     gains = scenario_gains(scenario).changed({name: 0.25 * GAINS.value(name)})
     assert not alike(columns(scenario), columns(with_gains(scenario, gains)))
-
-
-def test_gains_of_recovery_are_those_of_its_laws():
-    x = np.zeros(NUMBERS)
-    x[PLACE_X] = 0.04
-    assert place_correction(x, 1.0, 0.0) == place_correction(x, 1.0, 0.0, 3.0, 0.2) == (0.12, 0.0)
-    assert place_correction(x, 1.0, 0.0, 5.0, 0.15)[0] == pytest.approx(0.15)
-    assert time_scaling_on_slippery_floor(0.1, 1.0, 9.81) == time_scaling_on_slippery_floor(
-        0.1, 1.0, 9.81, 0.5
-    )
-    assert time_scaling_on_slippery_floor(0.1, 1.0, 9.81, 0.25)[1] == pytest.approx(0.25 * 0.981)
 
 
 def test_a_model_file_may_say_that_a_gain_was_tuned_and_the_shipped_one_does():

@@ -112,10 +112,10 @@ def test_the_bias_of_the_gyro_is_what_it_reads_at_rest():
     moving = np.full((1000, 4), 5.0)
     gyro = np.concatenate((np.full(1000, 0.3), np.full(2000, 0.02)))
     rest = first_bias(np.concatenate((moving, still)), gyro, 1e-3)
-    assert rest[0] == pytest.approx(0.02)
-    assert first_bias(moving, gyro[:1000], 1e-3)[0] == 0.0
-    assert first_bias(still[:250], gyro[1000:1250], 1e-3)[0] == 0.0
-    assert first_bias(still, np.full(2000, 0.2), 1e-3)[0] == 0.0
+    assert rest.bias == pytest.approx(0.02)
+    assert first_bias(moving, gyro[:1000], 1e-3).bias == 0.0
+    assert first_bias(still[:250], gyro[1000:1250], 1e-3).bias == 0.0
+    assert first_bias(still, np.full(2000, 0.2), 1e-3).bias == 0.0
 
 
 def test_a_biased_gyro_is_no_fault():

@@ -19,7 +19,7 @@ from omnimj.control.recovery.modes import (
     STOPPING,
     indispensable,
 )
-from omnimj.control.robot_constants import wheel_geometry
+from omnimj.control.robot_constants import robot_constants
 from omnimj.parameters import read_rig, read_robot
 from omnimj.signals import Trace
 from omnimj.view.plots.diagnosis import state_lanes
@@ -74,7 +74,7 @@ def test_every_mode_but_driving_as_planned_says_what_it_gives_up():
 
 @pytest.mark.parametrize("count", [3, 4, 5, 6])
 def test_three_wheels_need_each_and_more_of_them_need_none(count):
-    forces = wheel_geometry(star(count)).forces
+    forces = robot_constants(star(count)).forces
     ranks = [np.linalg.matrix_rank(np.delete(forces, i, axis=1)) for i in range(count)]
     assert indispensable(forces) == tuple(i + 1 for i in range(count) if ranks[i] < 3)
     words = "three wheels cannot lose one and be steered and turned at will"

@@ -1,17 +1,16 @@
-"""The cascade: heading → allocation → wheel-speed PI → limits. State goes in and comes out."""
+"""The cascade: heading → inverse kinematics → wheel-speed PI → limits. State goes in and comes out."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from omnimj.control.cascade.allocation import inverse_kinematics, wheel_speed_target
 from omnimj.control.cascade.heading import (
-    BIAS,
-    initial_gyro_bias,
+    GyroBias,
     is_standing,
     to_body,
     update_gyro_bias,
@@ -20,10 +19,11 @@ from omnimj.control.cascade.heading import (
     yaw_rate_demand,
     yaw_rate_row,
 )
-from omnimj.control.cascade.limits import limit_all, limits_row
-from omnimj.control.cascade.wheel_speed import amplifier_row, speed_loop, speed_loop_row
-from omnimj.control.detection.detector import Reconfiguration, nominal_reconfiguration
+from omnimj.control.cascade.limits import CurrentLimits, current_limits, limit_all
+from omnimj.control.cascade.wheel_speed import SpeedGains, amplifier_parameters, speed_gains, speed_loop
+from omnimj.control.records import Record, packed, packed_like
 from omnimj.parameters import Robot
+from omnimj.physics.motor import MotorParameters
 from omnimj.physics.native import kernel
 from omnimj.signals import Array, CurrentCommand, Diagnosis, Measurement, Target
 
@@ -31,29 +31,132 @@ _BODY_LOG = ("target_twist_x", "target_twist_y", "target_yaw_rate", "heading_est
 _WHEEL_LOG = ("target_wheel_speed", "limit_reason")
 
 
-@dataclass(frozen=True, slots=True)
-class ControlState:
-    """What the controller carries from one step to the next."""
+class Reconfiguration(NamedTuple):
+    """Changes of the cascade by a recovery: φ̇_target = clip(B·twist/r + offset, lowest, highest)."""
+
+    speed_per_twist: Array
+    """Inverse kinematics B/r, shape (n, 3)."""
+    current_scale: Array
+    """Factor on every set current, the inverse of the remaining share of the torque constant; 0 gives the
+    motor no command. Shape (n,)."""
+    offset: Array
+    """Added to the wheel-speed targets, shape (n,) [rad/s]."""
+    lowest: Array
+    """Lower bounds of the wheel-speed targets, shape (n,) [rad/s]."""
+    highest: Array
+    """Upper bounds of the wheel-speed targets, shape (n,) [rad/s]."""
+    trusts_gyro: bool = True
+    """False: the yaw rate is taken from the wheels, since the gyro is faulty."""
+    holds_heading: bool = False
+    """Whether the heading is held even if the scenario does not ask for it."""
+
+
+def nominal_reconfiguration(speed_per_twist: Array) -> Reconfiguration:
+    """Inverse kinematics B/r, shape (n, 3), without any other change."""
+    n = len(speed_per_twist)
+    endless = np.full(n, np.inf)
+    return Reconfiguration(speed_per_twist, np.ones(n), np.zeros(n), -endless, endless)
+
+
+class CascadeParameters(NamedTuple):
+    """Constants of a cascade."""
+
+    yaw_rate_gain: float
+    """P gain of the yaw-rate loop, 0 without it [1]."""
+    heading_gain: float
+    """P gain of the heading hold [1/s]."""
+    holds_heading: bool
+    """Whether the heading is held without a reconfiguration."""
+    uses_heading: bool
+    """Whether world demands are rotated by the estimated heading; else by the planned one."""
+    gyro_range: float
+    """Largest reading of the gyro [rad/s]."""
+    period: float
+    """Control period [s]."""
+    turn: Array
+    """From `yaw_rate_row`, shape (n,)."""
+    speed: SpeedGains
+    amplifier: MotorParameters
+    """From `amplifier_parameters`."""
+    limits: CurrentLimits
+
+
+class CascadeInput(NamedTuple):
+    """Measurement and target of one step."""
+
+    good: bool
+    """Whether the measurement may be acted upon."""
+    wheel_speed: Array
+    """Measured, shape (n,) [rad/s]."""
+    measured_yaw_rate: float
+    """Gyro [rad/s]."""
+    yaw: float
+    """Heading converter [rad]."""
+    velocity_x: float
+    """World demand [m/s]."""
+    velocity_y: float
+    """World demand [m/s]."""
+    yaw_rate: float
+    """Demand [rad/s]."""
+    heading: float
+    """Planned heading [rad]."""
+
+
+class _CascadeState(NamedTuple):
+    """Fields of the record behind `ControlState`."""
 
     heading: float
-    """Estimate, unwrapped [rad]."""
-    rest: Array
-    """Of `gyro_bias`, shape (4,): the bias and what was averaged for it."""
+    gyro_bias: GyroBias
     integral: Array
-    """q of the wheel-speed loops, shape (n,) [A]."""
     current: Array
-    """Last command, shape (n,) [A]."""
     log: Array
-    """What was asked in the last step, aligned with `Controller.log_names`."""
+
+
+class ControlState:
+    """State of the cascade between two steps.
+
+    Args:
+      record: Packed state, for `cascade_step`.
+    """
+
+    __slots__ = ("record",)
+
+    def __init__(self, record: Record):
+        self.record = record
+
+    @property
+    def heading(self) -> float:
+        """Estimate, unwrapped [rad]."""
+        return float(self.record["heading"][0])
+
+    @property
+    def gyro_bias(self) -> GyroBias:
+        """Estimate of the gyro's bias."""
+        return GyroBias(*self.record["gyro_bias"].item())
+
+    @property
+    def integral(self) -> Array:
+        """Integrals q of the wheel-speed loops, shape (n,) [A]."""
+        return self.record["integral"][0]
+
+    @property
+    def current(self) -> Array:
+        """Last command, shape (n,) [A]."""
+        return self.record["current"][0]
+
+    @property
+    def log(self) -> Array:
+        """Signals of the last step, aligned with `Controller.log_names`."""
+        return self.record["log"][0]
 
     @property
     def diagnoses(self) -> tuple[Diagnosis, ...]:
-        """None: the cascade alone diagnoses nothing."""
+        """Always empty: the cascade alone diagnoses nothing."""
         return ()
 
     @property
     def time_scaling(self) -> float:
-        """1: the cascade alone follows the plan as it is."""
+        """Always 1: the cascade alone follows the plan at its own speed."""
         return 1.0
 
 
@@ -66,8 +169,7 @@ def _all_finite(values):
 
 
 @kernel
-def is_good(wheels, time, current, wheel_speed, acceleration, yaw_rate, yaw):
-    """Whether a measurement is complete and finite; any other is not acted upon."""
+def _is_good(wheels, time, current, wheel_speed, acceleration, yaw_rate, yaw):
     complete = current.size == wheels and wheel_speed.size == wheels and acceleration.size == 2
     scalars = math.isfinite(time) and math.isfinite(yaw_rate) and math.isfinite(yaw)
     return (
@@ -79,76 +181,71 @@ def is_good(wheels, time, current, wheel_speed, acceleration, yaw_rate, yaw):
     )
 
 
-@kernel
-def demanded_twist(loops, heading, error, turns_at, velocity_x, velocity_y, yaw_rate, target_heading):
-    """World demand → body twist (v_x, v_y [m/s], yaw rate [rad/s]), Fig. 3.3 upper level.
+def is_good(measurement: Measurement, wheels: int) -> bool:
+    """Whether a measurement of a robot with that many wheels is complete and finite.
 
-    Args:
-      loops: [yaw-rate gain, heading gain, 1 to rotate by the measured heading or 0 by the planned one, …].
-      heading: Estimate [rad].
-      error: What the heading hold corrects [rad].
-      turns_at: Gyro less its bias [rad/s].
-      velocity_x: World demand [m/s].
-      velocity_y: World demand [m/s].
-      yaw_rate: Demand [rad/s].
-      target_heading: Planned [rad].
+    Any other measurement must not be acted upon. A controller asks once per measurement and gives only good
+    ones to its detector and its recovery.
     """
-    frame = heading if loops[2] != 0.0 else target_heading
-    twist_x, twist_y = to_body(velocity_x, velocity_y, frame)
-    return twist_x, twist_y, yaw_rate_demand(yaw_rate, turns_at, error, loops[0], loops[1])
+    m = measurement
+    return bool(_is_good(wheels, m.time, m.current, m.wheel_speed, m.acceleration, m.yaw_rate, m.yaw))
 
 
 @kernel
-def cascade_step(
-    loops, turn, speed_row, amplifier, limits, speed_per_twist, current_scale, offset, lowest, highest,
-    heading, rest, integral, last,
-    good, wheel_speed, measured_yaw_rate, yaw,
-    velocity_x, velocity_y, yaw_rate, target_heading,
-):  # fmt: skip
-    """One step of the whole controller: heading, gyro's rest, integrals [A], currents [A] and the log.
+def cascade_step(parameters, reconfiguration, before, now):
+    """One step of the whole cascade.
 
-    A measurement that is not good changes nothing but the command, which is zero, and empties the integrals;
-    it also ends the rest.
+    A measurement that is not good sets the command to zero, empties the integrals and ends the rest; heading
+    and gyro bias stay as they are.
 
     Args:
-      loops: And all up to `limits`: rows of the laws.
-      speed_per_twist: And all up to `highest`: of `Reconfiguration`.
-      heading: And all up to `last`: of `ControlState`.
-      good: Whether the measurement may be acted upon.
-      wheel_speed: Measured, shape (n,) [rad/s].
-      measured_yaw_rate: Gyro [rad/s].
-      yaw: Converter [rad].
-      velocity_x: And all behind it: of `Target`.
+      parameters: Record of `CascadeParameters`.
+      reconfiguration: Record of `Reconfiguration`.
+      before: Record of the state one step ago; left unchanged.
+      now: `CascadeInput`.
+
+    Returns:
+      Record of the next state.
     """
-    n = speed_per_twist.shape[0]
-    log = np.empty(5 + 2 * n)
+    p, changed, after = parameters[0], reconfiguration[0], before.copy()
+    state, last, wheel_speed, good = after[0], before[0].current, now.wheel_speed, now.good
+    n = p.turn.size
+    log, currents, integral, wanted = state.log, state.current, state.integral, np.empty(n)
     targets, reasons = log[5 : 5 + n], log[5 + n :]
-    currents, wanted, integrals = np.empty(n), np.empty(n), np.zeros(n)
+    heading_gain = p.heading_gain if p.holds_heading or changed.holds_heading else 0.0
 
-    turns_at = measured_yaw_rate - rest[BIAS]
+    bias = state.gyro_bias
+    heading, yaw_rate = state.heading, now.measured_yaw_rate - bias.bias
     if good:
-        heading = update_heading(heading, yaw, turns_at, loops[3], loops[4])
-    error = wrapped(target_heading - heading) if loops[1] > 0.0 else 0.0
-    standing = is_standing(velocity_x, velocity_y, yaw_rate, error, turns_at, wheel_speed)
-    rest = update_gyro_bias(rest, turn, good and standing, measured_yaw_rate, wheel_speed, loops[4])
-    twist = (0.0, 0.0, 0.0)
+        heading = update_heading(heading, now.yaw, yaw_rate, p.gyro_range, p.period)
+    error = wrapped(now.heading - heading) if heading_gain > 0.0 else 0.0
+    standing = is_standing(now.velocity_x, now.velocity_y, now.yaw_rate, error, yaw_rate, wheel_speed)
+    bias.bias, bias.still, bias.turned, bias.averaged = update_gyro_bias(
+        GyroBias(bias.bias, bias.still, bias.turned, bias.averaged),
+        p.turn,
+        good and standing,
+        now.measured_yaw_rate,
+        wheel_speed,
+        p.period,
+    )
+    x = y = turn = 0.0
     if not standing:
-        twist = demanded_twist(
-            loops, heading, error, turns_at, velocity_x, velocity_y, yaw_rate, target_heading
-        )
+        x, y = to_body(now.velocity_x, now.velocity_y, heading if p.uses_heading else now.heading)
+        turn = yaw_rate_demand(now.yaw_rate, yaw_rate, error, p.yaw_rate_gain, heading_gain)
     for i in range(n):
-        asked = wheel_speed_target(speed_per_twist, i, twist[0], twist[1], twist[2]) + offset[i]
-        targets[i] = min(max(asked, lowest[i]), highest[i])
+        speed = wheel_speed_target(changed.speed_per_twist, i, x, y, turn) + changed.offset[i]
+        targets[i] = min(max(speed, changed.lowest[i]), changed.highest[i])
+        wanted[i] = 0.0
         if good:
-            wanted[i], integrals[i] = speed_loop(
-                speed_row, amplifier, targets[i], wheel_speed[i], integral[i], current_scale[i]
+            wanted[i], integral[i] = speed_loop(
+                p.speed, p.amplifier, targets[i], wheel_speed[i], integral[i], changed.current_scale[i]
             )
-    limit_all(limits, wanted, last, wheel_speed, good, currents, reasons)
+    limit_all(p.limits, wanted, last, wheel_speed, good, currents, reasons)
     if not (good and _all_finite(wanted)):
-        integrals[:] = 0.0
-
-    log[0], log[1], log[2], log[3], log[4] = twist[0], twist[1], twist[2], heading, rest[BIAS]
-    return heading, rest, integrals, currents, log
+        integral[:] = 0.0
+    state.heading = heading
+    log[0], log[1], log[2], log[3], log[4] = x, y, turn, heading, bias.bias
+    return after
 
 
 class Controller:
@@ -185,50 +282,37 @@ class Controller:
     ):
         self.period = 1.0 / robot.sensors.sample_rate if period is None else period
         gains, n = robot.control, len(robot.wheels)
-        loops = (
-            gains.yaw_rate_proportional if yaw_loop else 0.0,
-            gains.heading_proportional if heading_hold else 0.0,
-            float(heading_feedback),
-            robot.sensors.gyro_range,
-            self.period,
-        )
         inverse = inverse_kinematics(robot.wheel_positions, robot.rolling_directions, scale, weights)
-        self._turn = yaw_rate_row(robot)
-        self._asked_loops = np.array(loops)
-        self._holding_loops = self._asked_loops.copy()
-        self._holding_loops[1] = gains.heading_proportional
-        self._laws = (
-            self._turn,
-            speed_loop_row(robot, self.period),
-            amplifier_row(robot),
-            limits_row(gains, self.period),
+        parameters = CascadeParameters(
+            yaw_rate_gain=gains.yaw_rate_proportional if yaw_loop else 0.0,
+            heading_gain=gains.heading_proportional,
+            holds_heading=heading_hold,
+            uses_heading=heading_feedback,
+            gyro_range=robot.sensors.gyro_range,
+            period=self.period,
+            turn=yaw_rate_row(robot),
+            speed=speed_gains(robot, self.period),
+            amplifier=amplifier_parameters(robot),
+            limits=current_limits(gains, self.period),
         )
-        self._usual = nominal_reconfiguration(np.ascontiguousarray(inverse / robot.wheel.radius))
+        self._turn, self._parameters = parameters.turn, packed(parameters)
+        self._nominal = packed(nominal_reconfiguration(inverse / robot.wheel.radius))
         self.wheels = n
         self.log_names = _BODY_LOG + tuple(f"{name}_{i}" for name in _WHEEL_LOG for i in range(1, n + 1))
 
-    def is_good(self, measurement: Measurement) -> bool:
-        """Whether a measurement is complete and finite; any other is not acted upon."""
-        m = measurement
-        return bool(is_good(self.wheels, m.time, m.current, m.wheel_speed, m.acceleration, m.yaw_rate, m.yaw))
-
-    def turning(self, measurement: Measurement, state: ControlState, trusts_gyro: bool = True) -> float:
-        """How fast the robot turns by a good measurement: gyro less its bias, or by its wheels [rad/s]."""
+    def yaw_rate(self, measurement: Measurement, state: ControlState, trusts_gyro: bool = True) -> float:
+        """Yaw rate by a good measurement: gyro less its bias, or by the wheels [rad/s]."""
         if trusts_gyro:
-            return float(measurement.yaw_rate - state.rest[BIAS])
+            return float(measurement.yaw_rate - state.gyro_bias.bias)
         return float(self._turn @ measurement.wheel_speed)
 
-    def _loops(self, reconfiguration: Reconfiguration) -> Array:
-        return self._holding_loops if reconfiguration.holds_heading else self._asked_loops
-
     def start(self, measurement: Measurement) -> ControlState:
-        """The state before the first step: heading as measured, within ±π, no current, no bias known."""
+        """State before the first step: heading as measured, within ±π, no current, gyro bias unknown."""
         yaw = measurement.yaw
         heading = wrapped(yaw) if math.isfinite(yaw) else 0.0
         n = self.wheels
-        return ControlState(
-            heading, initial_gyro_bias(), np.zeros(n), np.zeros(n), np.zeros(len(self.log_names))
-        )
+        log = np.zeros(len(self.log_names))
+        return ControlState(packed(_CascadeState(heading, GyroBias(), np.zeros(n), np.zeros(n), log)))
 
     def step(
         self,
@@ -236,28 +320,26 @@ class Controller:
         measurement: Measurement,
         target: Target,
         reconfiguration: Reconfiguration | None = None,
+        good: bool | None = None,
     ) -> tuple[CurrentCommand, ControlState]:
-        """Currents for the next period. Bad data gives zero current, never an exception.
+        """Currents for the next period; zero current for bad data, never an exception.
 
         Args:
           state: From the step before.
           measurement: The newest.
-          target: What is asked for.
-          advice: What a recovery changes; nothing when None.
+          target: Demanded motion.
+          reconfiguration: Changes by a recovery; none when None.
+          good: Result of `is_good` where the caller has asked already.
         """
-        reconfiguration = self._usual if reconfiguration is None else reconfiguration
-        loops, laws = self._loops(reconfiguration), self._laws
-        m, velocity, good = measurement, target.velocity, self.is_good(measurement)
-        turns = m.yaw_rate
-        if good and not reconfiguration.trusts_gyro:
-            turns = self.turning(m, state, False) + state.rest[BIAS]
-        heading, rest, integral, current, log = cascade_step(
-            loops, *laws, reconfiguration.speed_per_twist, reconfiguration.current_scale,
-            reconfiguration.offset, reconfiguration.lowest,
-            reconfiguration.highest, state.heading, state.rest, state.integral, state.current, good,
-            m.wheel_speed,
-            turns, m.yaw, velocity[0], velocity[1], target.yaw_rate, target.heading,
-        )  # fmt: skip
-        return CurrentCommand(current, reconfiguration.brake), ControlState(
-            heading, rest, integral, current, log
+        m, velocity, changed = measurement, target.velocity, self._nominal
+        good = is_good(m, self.wheels) if good is None else good
+        yaw_rate = m.yaw_rate
+        if reconfiguration is not None:
+            changed = packed_like(changed, reconfiguration)
+            if good and not reconfiguration.trusts_gyro:
+                yaw_rate = self.yaw_rate(m, state, False) + state.gyro_bias.bias
+        now = CascadeInput(
+            good, m.wheel_speed, yaw_rate, m.yaw, velocity[0], velocity[1], target.yaw_rate, target.heading
         )
+        after = ControlState(cascade_step(self._parameters, changed, state.record, now))
+        return CurrentCommand(after.current), after

@@ -1,4 +1,4 @@
-"""The last gate on current commands: independent of how they were computed, and says why it acted.
+"""The last gate on current commands: independent of how they were computed, with a reason for every change.
 
 Nothing here knows targets or gains. A gate that must close does so at once: the rate limit never delays zero.
 """
@@ -7,15 +7,15 @@ from __future__ import annotations
 
 import enum
 import math
-
-import numpy as np
+from typing import NamedTuple
 
 from omnimj.parameters.robot import Control
 from omnimj.physics.native import kernel
 
 
 class Reason(enum.IntEnum):
-    """Why a current differs from what was wanted; where several apply, the last one in this list."""
+    """Cause of the difference between limited and wanted current; where several apply, the last one
+    listed."""
 
     NONE = 0
     """Passed unchanged."""
@@ -35,43 +35,56 @@ RANGE, RATE, OVERSPEED = int(Reason.RANGE), int(Reason.RATE), int(Reason.OVERSPE
 COMMAND_NOT_FINITE, BAD_MEASUREMENT = int(Reason.COMMAND_NOT_FINITE), int(Reason.BAD_MEASUREMENT)
 
 
-def limits_row(control: Control, period: float) -> np.ndarray:
-    """[largest current [A], largest change per step [A], wheel-speed limit [rad/s]] for the kernels."""
-    return np.array([control.current_limit, control.current_rate_limit * period, control.wheel_speed_limit])
+class CurrentLimits(NamedTuple):
+    """Bounds of the gate, the same for every wheel."""
+
+    current: float
+    """Largest current [A]."""
+    change: float
+    """Largest change per step [A]."""
+    wheel_speed: float
+    """Wheel speed beyond which a current may only brake [rad/s]."""
+
+
+def current_limits(control: Control, period: float) -> CurrentLimits:
+    """Bounds at a control period [s]."""
+    return CurrentLimits(
+        control.current_limit, control.current_rate_limit * period, control.wheel_speed_limit
+    )
 
 
 @kernel
-def limited_current(row, wanted, last, wheel_speed):
+def limited_current(limits, wanted, last, wheel_speed):
     """One wheel's current within range, rate and wheel speed [A], and the reason.
 
     Args:
-      row: From `limits_row`.
-      wanted: Current asked for, finite [A].
+      limits: `CurrentLimits`.
+      wanted: Wanted current, finite [A].
       last: Current commanded one step ago, within range [A].
       wheel_speed: Measured, finite [rad/s].
     """
     current, reason = wanted, 0
-    if abs(current) > row[0]:
-        current, reason = math.copysign(row[0], current), RANGE
-    if abs(current - last) > row[1]:
-        current, reason = last + math.copysign(row[1], current - last), RATE
-    if abs(wheel_speed) > row[2] and current * wheel_speed > 0.0:
+    if abs(current) > limits.current:
+        current, reason = math.copysign(limits.current, current), RANGE
+    if abs(current - last) > limits.change:
+        current, reason = last + math.copysign(limits.change, current - last), RATE
+    if abs(wheel_speed) > limits.wheel_speed and current * wheel_speed > 0.0:
         current, reason = 0.0, OVERSPEED
     return current, reason
 
 
 @kernel
-def limit_all(row, wanted, last, wheel_speed, measurement_is_good, current, reason):
-    """Fills `current` [A] and `reason`, shape (n,): limited, or all zero if anything is not finite.
+def limit_all(limits, wanted, last, wheel_speed, measurement_is_good, current, reason):
+    """Fill `current` [A] and `reason`, shape (n,): limited, or all zero if anything is not finite.
 
     Args:
-      row: From `limits_row`.
-      wanted: Currents asked for, shape (n,) [A].
+      limits: `CurrentLimits`.
+      wanted: Wanted currents, shape (n,) [A].
       last: Currents commanded one step ago, shape (n,) [A].
-      wheel_speed: Measured, shape (n,) [rad/s]; not looked at when the measurement is bad.
+      wheel_speed: Measured, shape (n,) [rad/s]; ignored when the measurement is bad.
       measurement_is_good: Whether all sensor values are there and finite.
-      current: Output [A].
-      reason: Output, numbers of `Reason`.
+      current: Output, shape (n,) [A].
+      reason: Output, shape (n,), numbers of `Reason`.
     """
     closed = 0 if measurement_is_good else BAD_MEASUREMENT
     if closed == 0:
@@ -82,4 +95,4 @@ def limit_all(row, wanted, last, wheel_speed, measurement_is_good, current, reas
         if closed:
             current[i], reason[i] = 0.0, closed
         else:
-            current[i], reason[i] = limited_current(row, wanted[i], last[i], wheel_speed[i])
+            current[i], reason[i] = limited_current(limits, wanted[i], last[i], wheel_speed[i])

@@ -1,6 +1,6 @@
-"""What a way to diagnose gives and gets: it rides beside the cascade and may change what that does.
-
-A method sees measurements only, so the same object runs in a controller, over recorded logs and on hardware.
+"""Interface of a fault detector: its options, its state, and the fault estimate that recovery acts upon.
+ A detector sees measurements only, so the same object runs in a controller, over recorded logs and on
+hardware.
 """
 
 from __future__ import annotations
@@ -12,66 +12,42 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from omnimj.control.cascade.controller import Reconfiguration
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.signals import Array, Diagnosis
 
-
-@dataclass(frozen=True, slots=True)
-class Reconfiguration:
-    """What recovery changes in the cascade: φ̇_target = clip(B·twist/r + offset, lowest, highest)."""
-
-    speed_per_twist: Array
-    """B/r, shape (n, 3): the inverse kinematics in use."""
-    current_scale: Array
-    """Factor on every set current, shape (n,): 1/(what is left of the torque constant); 0 gives a motor
-    up."""
-    offset: Array
-    """Shape (n,) [rad/s]."""
-    lowest: Array
-    """Shape (n,) [rad/s]."""
-    highest: Array
-    """Shape (n,) [rad/s]."""
-    trusts_gyro: bool = True
-    """False: the wheels say how fast the robot turns, since the gyro lies."""
-    holds_heading: bool = False
-    """The heading is held, whether the scenario asked for it or not."""
-    brake: tuple[int, ...] = ()
-    """Wheels 1…n whose motors are shorted."""
-
-
-def nominal_reconfiguration(speed_per_twist: Array) -> Reconfiguration:
-    """Nothing but an inverse kinematics B/r, shape (n, 3)."""
-    n = len(speed_per_twist)
-    endless = np.full(n, np.inf)
-    return Reconfiguration(speed_per_twist, np.ones(n), np.zeros(n), -endless, endless)
+VARIANTS = ("repaired", "printed")
+THRESHOLD_SETS = ("fault_free", "printed")
+OPTION_FLAGS = ("recovery", "self_test", "dither")
+"""Names of the options that are true or false."""
 
 
 @dataclass(frozen=True, slots=True)
 class FaultEstimate:
-    """What a method holds for true of the robot now, for recovery to act upon; n wheels."""
+    """Present faults of a robot with n wheels, for recovery to act upon."""
 
     losses: Array
-    """Share of the torque constant that is gone, of motors that are diagnosed; 0 of others. Shape (n,)."""
+    """Lost share of the torque constant of diagnosed motors; 0 for others. Shape (n,)."""
     dead: NDArray[np.bool_]
-    """Motors that give nothing, shape (n,)."""
+    """Motors without torque, shape (n,)."""
     runaway: NDArray[np.bool_]
-    """Motors that push as they please, shape (n,)."""
+    """Motors that do not follow their set currents, shape (n,)."""
     held: NDArray[np.bool_]
     """Wheels that do not turn, shape (n,)."""
     slipping: NDArray[np.bool_]
-    """Shape (n,); all of them when the whole floor gives way."""
+    """Slipping wheels, shape (n,); all of them when the whole floor gives way."""
     velocity: Array
-    """Of the body, in the body frame, shape (2,) [m/s]."""
+    """Body velocity in the body frame, shape (2,) [m/s]."""
     force: Array
-    """Traction of the wheels as their motors tell, shape (n,) [N]."""
+    """Traction of the wheels from their motors, shape (n,) [N]."""
     decided: float
     """Time of the newest decision [s]; −∞: none."""
     trusts_gyro: bool = True
-    """False: the gyro lies."""
+    """False: the gyro is faulty."""
 
     @property
     def available(self) -> NDArray[np.bool_]:
-        """Wheels whose motors can be counted upon, shape (n,)."""
+        """Mask of the wheels whose motors follow their set currents, shape (n,)."""
         return ~(self.dead | self.runaway | self.held)
 
     @property
@@ -81,7 +57,7 @@ class FaultEstimate:
         return self.trusts_gyro and not wrong.any()
 
     def same_faults_as(self, other: FaultEstimate) -> bool:
-        """Whether both hold the same parts for broken in the same way, whatever the sizes."""
+        """Whether the same parts have the same kinds of faults, whatever their sizes."""
         return bool(
             self.trusts_gyro == other.trusts_gyro
             and np.array_equal(self.dead, other.dead)
@@ -93,31 +69,31 @@ class FaultEstimate:
 
 
 class DetectorState(Protocol):
-    """What a method carries from one step to the next."""
+    """State of a detector between two steps."""
 
     @property
     def log(self) -> Array:
-        """Numbers of the last step, aligned with the method's `log_names`."""
+        """Signals of the last step, aligned with the detector's `log_names`."""
         ...
 
     @property
     def diagnoses(self) -> tuple[Diagnosis, ...]:
-        """Everything decided since the start, in that order; what was taken back has its `cleared`."""
+        """Everything decided since the start, in that order; a withdrawn diagnosis has its `cleared`."""
         ...
 
     @property
     def reconfiguration(self) -> Reconfiguration | None:
-        """For the cascade's next command, of a method that recovers by itself."""
+        """For the cascade's next command, by a detector that recovers by itself."""
         ...
 
     @property
     def fault_estimate(self) -> FaultEstimate | None:
-        """For a recovery beside the method; None: the method leaves nothing to it."""
+        """For a recovery beside the detector; None: the detector leaves nothing to it."""
         ...
 
 
 class FaultDetector(Protocol):
-    """State goes in and comes out; never an exception, whatever the sensors say."""
+    """Detector beside a controller: state goes in and comes out; no good measurement raises an exception."""
 
     @property
     def log_names(self) -> tuple[str, ...]:
@@ -128,7 +104,11 @@ class FaultDetector(Protocol):
         ...
 
     def start(self, measurement: Any) -> Any:
-        """The state before the first step; `measurement` is the first one."""
+        """State before the first step of a machine at rest.
+
+        Args:
+          measurement: The first; it may be bad.
+        """
         ...
 
     def step(
@@ -138,39 +118,62 @@ class FaultDetector(Protocol):
         command: Array | None = None,
         bias: float = 0.0,
     ) -> Any:
-        """The state after a measurement.
+        """State after a measurement.
 
         Args:
           state: From the step before.
-          measurement: The newest: `Measurement` of a robot, `RigMeasurement` of the rig.
-          command: Set currents of the period that it ends, shape (n,) [A]; None where nobody knows.
-          bias: What the gyro is believed to read at rest [rad/s].
+          measurement: The newest: a `Measurement` of a robot, checked by `is_good`, or a `RigMeasurement`.
+          command: Set currents of the period that it ends, shape (n,) [A]; None: unknown.
+          bias: Reading of the gyro at rest [rad/s].
         """
         ...
 
 
-# Which form of a method: equations and thresholds of the published one, what the robust one may do.
+class RecordingDetector(FaultDetector, Protocol):
+    """Detector that also runs over recordings, which begin in motion and have gaps."""
 
-VARIANTS = ("repaired", "printed")
-THRESHOLD_SETS = ("fault_free", "printed")
+    def begin(self, measurement: Any, bias: float = 0.0) -> Any:
+        """State before the first step of a machine that may already be moving.
+
+        Args:
+          measurement: The first, good.
+          bias: Reading of the gyro at rest [rad/s].
+        """
+        ...
+
+    def resume(self, state: Any, measurement: Any, bias: float, is_long: bool) -> Any:
+        """State after a gap in the recording.
+
+        Args:
+          state: Before the gap.
+          measurement: The first after it, good.
+          bias: Reading of the gyro at rest [rad/s].
+          is_long: Whether the gap is too long for filters to reach across it.
+        """
+        ...
+
+    def cannot_judge(self, state: Any) -> bool:
+        """Whether the last measurements reveal nothing about faults."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
 class DetectorOptions:
-    """The form of a method."""
+    """Form of a detector and of its recovery."""
 
     variant: str = VARIANTS[0]
-    """`repaired`, or `printed`: with the signs as in the text."""
+    """Published detector: `repaired`, or `printed` with the signs as in the text."""
     thresholds: str = THRESHOLD_SETS[0]
-    """`fault_free`, from runs of the twin, or `printed`: those of the author's machines."""
-
+    """Published detector: `fault_free`, from runs of the twin, or `printed`, those of the author's
+    machines."""
     recovery: bool = True
-    """Whether anything is done about a fault: the weights of chapter 6, or `control.recovery`. Without it the
-    method only watches, as in the tests of chapter 5."""
+    """Whether the robot recovers from faults: by the weights of chapter 6, or by `control.recovery`. Without
+    it the detector only watches, as in the tests of chapter 5."""
     self_test: bool = False
-    """Robust: wheels are driven against each other before the plan begins, which waits for it."""
+    """Robust detector: wheels are driven against each other before the plan begins, which waits for it."""
     dither: bool = True
-    """Robust: the same, less, while a slow robot tells nothing about its motors."""
+    """Robust detector: wheels are driven against each other, less, while a slow robot excites its motors too
+    little."""
 
     @property
     def printed(self) -> bool:
@@ -178,20 +181,16 @@ class DetectorOptions:
         return self.variant == "printed"
 
 
-OPTION_FLAGS = ("recovery", "self_test", "dither")
-"""Keys that are true or false."""
-
-
 def checked_options(
     variant: object, thresholds: object, flags: Mapping[str, object], place: str
 ) -> DetectorOptions:
-    """A choice as a file has it.
+    """Validate options read from a file.
 
     Args:
-      variant: Of `VARIANTS`.
-      thresholds: Of `THRESHOLD_SETS`.
+      variant: One of `VARIANTS`.
+      thresholds: One of `THRESHOLD_SETS`.
       flags: Some of `OPTION_FLAGS`.
-      place: Where they stand, for messages.
+      place: Table of the file, for messages.
 
     Raises:
       UnknownNameError: No such variant or set of thresholds.

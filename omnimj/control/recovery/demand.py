@@ -1,4 +1,8 @@
-"""From what was asked for to what the cascade is asked for: demand, offsets and bounds of the wheels."""
+"""Demands that a faulty robot can follow: position correction, turning about a wheel, slip cap, time scaling.
+ At a time scaling p the robot drives the same path with p v and p² a. When the whole floor gives way, p =
+√(a_grip/a_plan): the hardest demand of the plan then fits the grip. Turning about a held wheel demands more
+of wheels and floor: the plan's speed is kept below what both can do.
+"""
 
 from __future__ import annotations
 
@@ -6,42 +10,35 @@ import math
 
 import numpy as np
 
-from omnimj.control.cascade.heading import to_body
-from omnimj.control.detection.robust.slip import CREEP_SLOPE
-from omnimj.control.gains import RecoveryGains
-from omnimj.control.recovery.force_allocation import allocate_forces, required_wrench
-from omnimj.control.recovery.tracking import FORWARD_X, FORWARD_Y, PLACE_X, PLACE_Y, SPIN
-from omnimj.control.robot_constants import LOAD, MASS, RADIUS, ROLLER_DRY, ROLLER_VISCOUS, YAW_INERTIA
 from omnimj.physics.native import kernel
 
-USUAL_GRIP = 0.09
-"""μ of an ordinary floor [1]."""
-_USUAL = RecoveryGains()
-_BACK, _FASTEST = _USUAL.place_proportional, _USUAL.place_speed
-_GIVES_WAY = 0.15  # [m/s]
-_STANDS = 0.01  # [m/s] a robot that is to stand is not moved for its place
+LEAST_TIME_SCALING = 0.15
+"""Least time scaling while the robot is to go on."""
+PIVOT_SPEED = 0.65
+"""Largest speed of the centre while the robot turns about a wheel [m/s]: its yaw rate is up to this over the
+wheel's arm, and swinging round takes a moment of I (v/l)²/2."""
+_GIVES_WAY = 0.15  # [m/s] speed of a braked wheel beyond which it holds nothing
+_STANDING = 0.01  # [m/s] below this demand the position is not corrected
+_BRAKING, _STARTING = 0.5, 0.25  # [m/s²] at which time scaling takes speed away and gives it back
+_HARDEST = 0.3  # [m/s²] acceleration to be expected of any plan
+_SLOW = 0.1  # [m/s] below this speed of the plan its time scaling may change at once
 
 
 @kernel
-def steady_creep(c, force):
-    """Creep of an ordinary floor under a lasting traction, (|F|/F_N − μ)/σ sign F [m/s]."""
-    return math.copysign(max(abs(force) / c[LOAD] - USUAL_GRIP, 0.0) / CREEP_SLOPE, force)
-
-
-@kernel
-def place_correction(x, target_x, target_y, gain=_BACK, fastest=_FASTEST):
-    """K e, bounded, while the robot is to move [m/s].
+def place_correction(place_x, place_y, demand_x, demand_y, gain, fastest):
+    """Velocity K e, bounded, that drives a position error back; 0 while the robot is to stand [m/s].
 
     Args:
-      x: Of `memory`.
-      target_x: World demand [m/s].
-      target_y: World demand [m/s].
+      place_x: Position error e, world frame [m].
+      place_y: Position error e, world frame [m].
+      demand_x: World demand [m/s].
+      demand_y: World demand [m/s].
       gain: K [1/s].
-      fastest: Its bound [m/s].
+      fastest: Bound [m/s].
     """
-    if math.hypot(target_x, target_y) < _STANDS:
+    if math.hypot(demand_x, demand_y) < _STANDING:
         return 0.0, 0.0
-    back_x, back_y = gain * x[PLACE_X], gain * x[PLACE_Y]
+    back_x, back_y = gain * place_x, gain * place_y
     size = math.hypot(back_x, back_y)
     if size > fastest:
         back_x, back_y = back_x * fastest / size, back_y * fastest / size
@@ -49,114 +46,85 @@ def place_correction(x, target_x, target_y, gain=_BACK, fastest=_FASTEST):
 
 
 @kernel
-def pivot_yaw_rate(forces, radius, pivot, speed, velocity_x, velocity_y):
-    """ω of a robot that turns about wheel b: u_b·v + B_3b ω = r φ̇_b [rad/s]; 0 while it is to stand.
+def pivot_yaw_rate(robot, pivot, wheel_speed, velocity_x, velocity_y):
+    """Yaw rate of a robot that turns about wheel b: u_b·v + B_3b ω = r φ̇_b [rad/s]; 0 while it is to stand.
 
-    A wheel that gives way faster than `_GIVES_WAY` holds nothing: it must not drive what is asked for.
+    The speed of a wheel that gives way faster than `_GIVES_WAY` is clipped: it must not drive the demand.
 
     Args:
-      forces: B, shape (3, n).
-      radius: r [m].
+      robot: `RobotConstants`.
       pivot: b.
-      speed: φ̇_b of a shorted motor, which gives way; 0 of a wheel that is held [rad/s].
-      velocity_x: Of the centre, body frame [m/s].
-      velocity_y: Of the centre, body frame [m/s].
+      wheel_speed: φ̇_b of a shorted motor, which gives way; 0 of a held wheel [rad/s].
+      velocity_x: Velocity of the centre, body frame [m/s].
+      velocity_y: Velocity of the centre, body frame [m/s].
     """
-    if math.hypot(velocity_x, velocity_y) < _STANDS:
+    if math.hypot(velocity_x, velocity_y) < _STANDING:
         return 0.0
-    way = min(max(radius * speed, -_GIVES_WAY), _GIVES_WAY)
-    along = forces[0, pivot] * velocity_x + forces[1, pivot] * velocity_y
-    return (way - along) / forces[2, pivot]
+    way = min(max(robot.radius * wheel_speed, -_GIVES_WAY), _GIVES_WAY)
+    along = robot.forces[0, pivot] * velocity_x + robot.forces[1, pivot] * velocity_y
+    return (way - along) / robot.forces[2, pivot]
 
 
 @kernel
-def creep_offsets(c, forces, across, arm, x, heading, twist, most, used, pivot, felt, offset):
-    """Adds creep(f*_i)/r to the wheels that obey, in place; returns f*, shape (n,) [N].
+def slip_bounds(robot, velocity, yaw_rate, slipping, cap):
+    """Bounds of the wheel speeds: the floor's speed ± `cap` for slipping wheels, infinite for others.
 
     Args:
-      c: `robust.robot_constants`.
-      forces: B, shape (3, n).
-      across: Shape (n, 3).
-      arm: [m].
-      x: Of `memory`.
-      heading: [rad].
-      twist: Demanded, body frame, shape (3,).
-      most: Largest traction of each wheel, shape (n,) [N].
-      used: Wheels that obey, and the one that is turned about, shape (n,).
-      pivot: That one, or −1.
-      felt: Traction of the wheels as their motors tell, shape (n,) [N].
-      offset: Output, shape (n,) [rad/s].
+      robot: `RobotConstants`.
+      velocity: Estimated body velocity, shape (2,) [m/s].
+      yaw_rate: [rad/s].
+      slipping: Mask of the slipping wheels, shape (n,).
+      cap: Largest slip velocity [m/s].
+
+    Returns:
+      Lower and upper bounds, shape (n,) each [rad/s].
     """
-    n = used.size
-    side = across @ twist
-    # the acceleration of the demand, felt in the frame that turns with the body, is its world one, turned
-    a_x, a_y = to_body(x[FORWARD_X], x[FORWARD_Y], heading)
-    friction = c[LOAD] * np.array((c[ROLLER_DRY], c[ROLLER_VISCOUS]))
-    wrench = required_wrench(
-        c[MASS], c[YAW_INERTIA], friction, forces, across, used, felt, np.array((a_x, a_y)), x[SPIN], side
-    )
-    share = allocate_forces(forces, arm, wrench, most, used)
-    for i in range(n):
-        if used[i] and i != pivot:
-            wide = math.hypot(forces[0, i], forces[1, i])  # 1/sin γ of its rollers
-            offset[i] += wide * steady_creep(c, wide * share[i]) / c[RADIUS]
-    return share
-
-
-@kernel
-def cap_slip(c, forces, velocity, turning, slipping, cap, lowest, highest):
-    """Bounds of wheels that slip: the floor's speed ± `cap` [m/s], in place [rad/s]."""
+    lowest, highest = np.full(slipping.size, -np.inf), np.full(slipping.size, np.inf)
     for i in range(slipping.size):
         if slipping[i]:
-            below = forces[0, i] * velocity[0] + forces[1, i] * velocity[1] + forces[2, i] * turning
-            lowest[i], highest[i] = (below - cap) / c[RADIUS], (below + cap) / c[RADIUS]
-
-
-# How fast the plan runs: at the pace p the robot drives the same path with p v and p² a.
-
-LEAST_TIME_SCALING = 0.15
-"""Least pace while the robot is to go on."""
-PIVOT_SPEED = 0.65
-"""Of the centre while the robot turns about a wheel [m/s]: its yaw rate is up to this over the wheel's arm,
-and swinging round asks I (v/l)²/2 of moment."""
-_BRAKING, _STARTING = 0.5, 0.25  # [m/s²] with which the pace takes speed away and gives it back
-_SHARE = RecoveryGains().grip_share
-_HARDEST = 0.3  # [m/s²] any plan will ask for so much some time
-_SLOW = 0.1  # [m/s] below which a pace may change at once
+            floor = robot.forces[0, i] * velocity[0] + robot.forces[1, i] * velocity[1]
+            floor += robot.forces[2, i] * yaw_rate
+            lowest[i], highest[i] = (floor - cap) / robot.radius, (floor + cap) / robot.radius
+    return lowest, highest
 
 
 @kernel
-def next_time_scaling(pace, h, goal, speed, most):
-    """p one step on, toward its goal as fast as floor and plan allow.
+def next_time_scaling(scaling, h, goal, speed, most):
+    """Time scaling p one step on, toward its goal as fast as floor and plan allow.
 
     Args:
-      pace: p.
+      scaling: p.
       h: Control period [s].
-      goal: p that is wanted.
-      speed: Of the plan at pace p [m/s].
+      goal: Wanted p.
+      speed: Speed of the plan at time scaling p [m/s].
       most: Acceleration that the floor allows [m/s²].
     """
-    plan = max(speed / max(pace, 1e-3), _SLOW)
+    plan = max(speed / max(scaling, 1e-3), _SLOW)
     down, up = min(_BRAKING, most) * h / plan, min(_STARTING, most) * h / plan
-    return min(max(goal, pace - down), pace + up)
+    return min(max(goal, scaling - down), scaling + up)
 
 
 @kernel
-def time_scaling_on_slippery_floor(grip, hardest, gravity, share=_SHARE):
-    """Goal of p when all wheels slip, and what the floor allows [m/s²].
+def time_scaling_on_slippery_floor(grip, hardest, gravity, share):
+    """Wanted time scaling when all wheels slip, and the acceleration that the floor allows [m/s²].
 
     Args:
-      grip: A coefficient of friction [1].
+      grip: Coefficient of friction [1].
       hardest: Hardest acceleration of the plan so far [m/s²].
       gravity: [m/s²].
-      share: Of the grip that is for the plan [1].
+      share: Share of the grip that the plan may use [1].
     """
     allowed = share * grip * gravity
     return min(max(math.sqrt(allowed / max(hardest, _HARDEST)), LEAST_TIME_SCALING), 1.0), allowed
 
 
 @kernel
-def time_scaling_of_pivot(pace, speed):
-    """Goal of p with which the centre is not faster than `PIVOT_SPEED`."""
-    plan = speed / max(pace, 1e-3)
+def time_scaling_of_pivot(scaling, speed):
+    """Wanted time scaling that keeps the centre at or below `PIVOT_SPEED`.
+
+    Args:
+      scaling: Present time scaling.
+      speed: Speed of the plan at it [m/s].
+    """
+    plan = speed / max(scaling, 1e-3)
     return min(1.0, PIVOT_SPEED / max(plan, 1e-3))

@@ -1,4 +1,4 @@
-"""Allocation in force space: which wheel is to pull how much, within grip and torque.
+"""Allocation in force space: how the wheels share the wrench that a motion needs, within grip and torque.
 
   f* = argmin ‖W_v (B f − w)‖² + γ ‖f‖²,  |f_i| ≤ most_i
 
@@ -8,56 +8,81 @@ says by how much each wheel will creep under its share, and that is added to its
 
 from __future__ import annotations
 
+import math
+from typing import NamedTuple
+
 import numpy as np
 
+from omnimj.control.robot_constants import CREEP_SLOPE
 from omnimj.physics.native import kernel
 
 REGULARISATION = 1e-3
 """γ: four wheels share a load that three could carry [1]."""
+USUAL_GRIP = 0.09
+"""μ of an ordinary floor [1]."""
+_SIDEWAYS = 0.01  # [m/s] width of the sign of the rollers' dry friction
+
+
+class BodyMotion(NamedTuple):
+    """Demanded motion of the body in its own frame."""
+
+    velocity_x: float
+    """[m/s]"""
+    velocity_y: float
+    """[m/s]"""
+    yaw_rate: float
+    """[rad/s]"""
+    acceleration_x: float
+    """[m/s²]"""
+    acceleration_y: float
+    """[m/s²]"""
+    yaw_acceleration: float
+    """[rad/s²]"""
 
 
 @kernel
-def required_wrench(mass, yaw_inertia, friction, forces, across, used, force, acceleration, spin, side):
-    """w of a motion: M a, what the rollers take, less what wheels that do not obey give, shape (3,).
+def required_wrench(robot, motion, available, traction):
+    """Force and moment for a motion: M a, the rollers' drag, less the traction of unavailable wheels.
 
     Args:
-      mass: [kg].
-      yaw_inertia: [kg.m²].
-      friction: Of a wheel's rollers: dry [N] and viscous [N.s/m].
-      forces: B, shape (3, n).
-      across: Speeds along the axles per twist, shape (n, 3).
-      used: Wheels that obey, shape (n,).
-      force: Traction that the others give, shape (n,) [N].
-      acceleration: Demanded, body frame, shape (2,) [m/s²].
-      spin: Demanded [rad/s²].
-      side: Speeds along the axles, shape (n,) [m/s].
+      robot: `RobotConstants`.
+      motion: `BodyMotion`.
+      available: Mask of the wheels that are allocated, shape (n,).
+      traction: Traction of the others, shape (n,) [N].
+
+    Returns:
+      w, shape (3,) [N, N, N.m].
     """
     w = np.empty(3)
-    w[0], w[1], w[2] = mass * acceleration[0], mass * acceleration[1], yaw_inertia * spin
-    for i in range(used.size):
-        drag = friction[0] * np.tanh(side[i] / 0.01) + friction[1] * side[i]
+    w[0], w[1] = robot.mass * motion.acceleration_x, robot.mass * motion.acceleration_y
+    w[2] = robot.yaw_inertia * motion.yaw_acceleration
+    dry, viscous = robot.load * robot.roller_dry, robot.load * robot.roller_viscous
+    side = robot.across @ np.array((motion.velocity_x, motion.velocity_y, motion.yaw_rate))
+    for i in range(available.size):
+        drag = dry * np.tanh(side[i] / _SIDEWAYS) + viscous * side[i]
         for k in range(3):
-            w[k] += across[i, k] * drag
-            if not used[i]:
-                w[k] -= forces[k, i] * force[i]
+            w[k] += robot.across[i, k] * drag
+            if not available[i]:
+                w[k] -= robot.forces[k, i] * traction[i]
     return w
 
 
 @kernel
-def allocate_forces(forces, arm, wrench, most, used):
-    """f*, shape (n,) [N]; 0 of wheels that are not used.
+def allocate_forces(forces, arm, wrench, most, available):
+    """Bounded least-squares shares f* of a wrench, shape (n,) [N]; 0 for unavailable wheels.
 
-    Bounds one after the other: the worst offender is held at its bound, the rest share what is left.
+    Bounds are met one after the other: the wheel that exceeds its bound the most is held at it, and the
+    others share what is left.
 
     Args:
       forces: B, shape (3, n).
       arm: Length that turns a moment into a force, for W_v = diag(1, 1, 1/arm) [m].
-      wrench: w, shape (3,).
+      wrench: w, shape (3,) [N, N, N.m].
       most: Largest |f_i|, shape (n,) [N].
-      used: Shape (n,).
+      available: Mask of the wheels, shape (n,).
     """
     n = forces.shape[1]
-    f, fixed = np.zeros(n), ~used
+    f, fixed = np.zeros(n), ~available
     scale = np.array((1.0, 1.0, 1.0 / arm))
     for _ in range(n):
         left = wrench.copy()
@@ -89,3 +114,40 @@ def allocate_forces(forces, arm, wrench, most, used):
         f[worst] = min(max(f[worst], -most[worst]), most[worst])
         fixed[worst] = True
     return f
+
+
+@kernel
+def steady_creep(load, force):
+    """Creep of an ordinary floor under a lasting traction, (|F|/F_N − μ)/σ sign F [m/s].
+
+    Args:
+      load: F_N [N].
+      force: F [N].
+    """
+    return math.copysign(max(abs(force) / load - USUAL_GRIP, 0.0) / CREEP_SLOPE, force)
+
+
+@kernel
+def creep_offsets(robot, arm, motion, available, pivot, most, traction):
+    """Wheel-speed offsets creep(f*_i)/r that make up for the creep of the available wheels.
+
+    Args:
+      robot: `RobotConstants`.
+      arm: Length that turns a moment into a force [m].
+      motion: `BodyMotion`.
+      available: Mask of the wheels that are allocated, the pivot included, shape (n,).
+      pivot: Wheel that the robot turns about, which gets no offset; −1: none.
+      most: Largest traction of each wheel, shape (n,) [N].
+      traction: Estimated traction of the wheels, shape (n,) [N].
+
+    Returns:
+      Offsets, shape (n,) [rad/s].
+    """
+    wrench = required_wrench(robot, motion, available, traction)
+    share = allocate_forces(robot.forces, arm, wrench, most, available)
+    offset = np.zeros(available.size)
+    for i in range(available.size):
+        if available[i] and i != pivot:
+            ratio = math.hypot(robot.forces[0, i], robot.forces[1, i])  # 1/sin γ of its rollers
+            offset[i] = ratio * steady_creep(robot.load, ratio * share[i]) / robot.radius
+    return offset

@@ -1,37 +1,41 @@
-"""Recovery: target and beliefs in, a target that can be followed and advice for the cascade out."""
+"""Supervisor of recovery: from target and fault estimate to a target and a reconfiguration for the
+cascade."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from omnimj.control.cascade.allocation import inverse_kinematics
+from omnimj.control.cascade.controller import Reconfiguration, nominal_reconfiguration
 from omnimj.control.cascade.heading import to_body, wrapped
-from omnimj.control.detection.detector import FaultEstimate, Reconfiguration, nominal_reconfiguration
+from omnimj.control.detection.detector import FaultEstimate
 from omnimj.control.gains import RecoveryGains
+from omnimj.control.records import Record, packed
 from omnimj.control.recovery.demand import (
-    cap_slip,
-    creep_offsets,
     next_time_scaling,
     pivot_yaw_rate,
     place_correction,
+    slip_bounds,
     time_scaling_of_pivot,
     time_scaling_on_slippery_floor,
 )
 from omnimj.control.recovery.dither import (
     DITHER_SPEED,
+    SELF_TEST,
     SELF_TEST_SPEED,
-    TEST_LEFT,
-    initial_dither,
+    Dither,
     next_dither,
     next_self_test,
     null_space_speeds,
 )
+from omnimj.control.recovery.force_allocation import BodyMotion, creep_offsets
 from omnimj.control.recovery.modes import (
     CAPPING,
     COMPENSATING,
+    NO_ACTION,
     NORMAL,
     PIVOTING,
     REVERTED,
@@ -40,82 +44,75 @@ from omnimj.control.recovery.modes import (
     RecoveryAction,
     choose_action,
 )
-from omnimj.control.recovery.tracking import (
-    CORRECTION,
-    ERROR,
-    ERROR_BEFORE,
-    FLOOR_GRIP,
-    FORWARD_X,
-    FORWARD_Y,
-    HARDEST,
-    NUMBERS,
-    PACE,
-    PLACE_X,
-    PLACE_Y,
-    SPIN,
-    TURNED,
-    USUAL_ERROR,
-    update_tracking,
-)
-from omnimj.control.robot_constants import DRY, GRAVITY, LOAD, RADIUS, TORQUE, robot_constants, wheel_geometry
+from omnimj.control.recovery.tracking import Tracking, TrackingInput, update_tracking
+from omnimj.control.robot_constants import GRAVITY, robot_constants
 from omnimj.parameters import Robot
 from omnimj.signals import Array, Measurement, Target
 
 LEAST_EFFECTIVENESS = 0.3
-"""Current is scaled by at most 1/0.3: a dead motor gets none the wiser for more."""
+"""Currents are scaled by at most 1/0.3: more does not help a dead motor."""
 _JUDGED = 0.3  # [s] after a decision until its recovery is judged
-_WORSE, _MARGIN = 2.0, 0.06  # a recovery that follows so much worse is taken back [1, m/s]
-_BLAMED = 0.05  # [m/s] by which speeds must be moved for the help to be to blame
-_FADES = 0.5  # [1/s] of the friction that was felt on a slippery floor
-_FILTER = 0.03  # [s] for the traction of wheels that do not obey
+_WORSE, _MARGIN = (
+    2.0,
+    0.06,
+)  # tracking error from which a recovery is reverted: factor on that before, [m/s] more
+_BLAMED = 0.05  # [m/s] by which a recovery must change speeds to be held responsible
+_GRIP_FADES = 0.5  # [1/s] rate at which the grip of a slippery floor is forgotten
+_FILTER = 0.03  # [s] filter of the wheels' traction
 
 
-@dataclass(frozen=True, slots=True)
-class RecoveryState:
-    """What recovery carries from one step to the next."""
+class RecoveryState(NamedTuple):
+    """State of the recovery between two steps, and its answer to the last measurement."""
 
-    memory: Array
-    """Of `memory`."""
-    felt: Array
-    """Traction of the wheels as their motors tell, low-passed, shape (n,) [N]."""
-    fault_estimate: FaultEstimate | None
-    """What `means` answer to."""
-    means: RecoveryAction
-    decided: float
-    """Time of the decision that `means` answer to [s]."""
-    reverted: bool
-    """Whether what was done about it is taken back."""
     target: Target
     """For the cascade."""
-    reconfiguration: Reconfiguration | None
-    """For the cascade; None: drive as ever."""
-    dither: Array
-    """Of `dither`."""
-
-    @property
-    def time_scaling(self) -> float:
-        """How fast the plan is to run, 1: as planned."""
-        return float(self.memory[PACE])
+    tracking: Tracking
+    tracking_record: Record
+    """The same packed, for `update_tracking`."""
+    traction: Array
+    """Low-passed traction of the wheels, shape (n,) [N]."""
+    dither: Record
+    """Packed `Dither`."""
+    test_left: float = 0.0
+    """Remaining time of the self-test [s]."""
+    time_scaling: float = 1.0
+    """Speed of the plan, 1: as planned."""
+    fault_estimate: FaultEstimate | None = None
+    """Estimate that `action` answers to."""
+    action: RecoveryAction = NO_ACTION
+    decided: float = -math.inf
+    """Time of the detector's newest decision [s]."""
+    error_before: float = 0.0
+    """Tracking error at that time [m/s]."""
+    reverted: bool = False
+    """Whether the action is reverted since it made tracking worse."""
+    correction: float = 0.0
+    """Largest change of a speed by the recovery [m/s]."""
+    grip: float = 0.0
+    """Friction coefficient felt on a slippery floor [1]."""
+    reconfiguration: Reconfiguration | None = None
+    """For the cascade; None: nominal."""
+    brake: tuple[int, ...] = ()
+    """Wheels 1…n whose motors are shorted."""
 
     @property
     def log(self) -> Array:
-        """Aligned with `Recovery.log_names`."""
-        x = self.memory
-        mode = REVERTED if self.reverted else self.means.mode
-        return np.array((float(mode), x[PACE], x[PLACE_X], x[PLACE_Y]))
+        """Signals of the last step, aligned with `Recovery.log_names`."""
+        mode = REVERTED if self.reverted else self.action.mode
+        return np.array((float(mode), self.time_scaling, self.tracking.place_x, self.tracking.place_y))
 
 
 class Recovery:
-    """Of a robot with n wheels.
+    """Recovery of a robot with n wheels.
 
     Args:
-      robot: What the controller believes the robot to be.
+      robot: Nominal robot.
       period: Control period [s]; that of the robot's sensors when None.
-      holds_heading: Whether the cascade holds the planned heading anyway; else recovery holds the robot as it
-        was turned when it broke.
-      dithers: Whether motors are asked what they can do while nothing else tells it.
-      self_test: Whether they are asked before the first drive.
-      gains: What it feeds back with; as shipped when None.
+      holds_heading: Whether the cascade holds the planned heading anyway; else recovery holds the heading
+        offset that the robot had when the fault occurred.
+      dithers: Whether the motors are excited while the drive reveals nothing about them.
+      self_test: Whether they are excited before the first drive.
+      gains: As shipped when None.
     """
 
     log_names = ("recovery", "pace", "place_error_x", "place_error_y")
@@ -131,184 +128,214 @@ class Recovery:
     ):
         self.period = 1.0 / robot.sensors.sample_rate if period is None else period
         self.wheels, self._holds_heading = len(robot.wheels), holds_heading
-        own = RecoveryGains() if gains is None else gains
-        self._place = own.place_proportional, own.place_speed
-        self._cap, self._share = own.slip_cap, own.grip_share
-        shape = wheel_geometry(robot)
-        self._forces, self._across = shape.forces, np.ascontiguousarray(shape.across)
-        self._numbers = robot_constants(robot, self.period)
-        self._arm = float(np.abs(shape.forces[2]).max())
+        self._gains = RecoveryGains() if gains is None else gains
+        self._robot = robot_constants(robot)
+        self._arm = float(np.abs(self._robot.forces[2]).max())
         limit = min(robot.motor.current_limit, robot.control.current_limit)
-        self._strongest = self._numbers[TORQUE] * limit
+        self._strongest = self._robot.torque * limit
         self._dithers, self._self_test = dithers, self_test
         self._rolling = np.ascontiguousarray(
             inverse_kinematics(robot.wheel_positions, robot.rolling_directions) / robot.wheel.radius
         )
-        self._usual = nominal_reconfiguration(self._rolling)
-        self._against = null_space_speeds(shape.forces) / robot.wheel.radius
+        self._nominal = nominal_reconfiguration(self._rolling)
+        self._null_space = null_space_speeds(self._robot.forces) / robot.wheel.radius
 
-    def start(self, target: Target | None = None) -> RecoveryState:
-        """A healthy robot at rest."""
-        x = np.zeros(NUMBERS)
-        x[PACE] = float(not self._self_test)
-        asked = Target(np.zeros(2), 0.0, 0.0) if target is None else target
+    def start(self) -> RecoveryState:
+        """State of a healthy robot at rest."""
+        standing = Target(np.zeros(2), 0.0, 0.0)
+        tracking, test = Tracking(), SELF_TEST if self._self_test else 0.0
         return RecoveryState(
-            x,
+            standing,
+            tracking,
+            packed(tracking),
             np.zeros(self.wheels),
-            None,
-            RecoveryAction(),
-            -math.inf,
-            False,
-            asked,
-            None,
-            initial_dither(self._self_test),
+            packed(Dither()),
+            test,
+            time_scaling=float(not self._self_test),
         )
 
     def step(
         self,
         state: RecoveryState,
-        fault_estimate: FaultEstimate,
+        estimate: FaultEstimate,
         measurement: Measurement,
         heading: float,
-        turning: float,
+        yaw_rate: float,
         target: Target,
     ) -> RecoveryState:
-        """The state after a good measurement.
+        """State after a good measurement.
 
         Args:
           state: From the step before.
-          beliefs: Of the method.
+          estimate: From the detector.
           measurement: The newest.
           heading: Estimate [rad].
-          turning: Gyro less its bias [rad/s].
-          target: As planned, at the pace of the step before.
+          yaw_rate: Gyro less its bias [rad/s].
+          target: As planned, at the time scaling of the step before.
         """
-        x, means, last = state.memory.copy(), state.means, state.fault_estimate
-        if fault_estimate is not last and (last is None or not fault_estimate.same_faults_as(last)):
-            means = choose_action(fault_estimate, self._forces, means)
-        felt = state.felt + min(self.period / _FILTER, 1.0) * (fault_estimate.force - state.felt)
-        healthy, v_x, v_y = means.mode == NORMAL, float(target.velocity[0]), float(target.velocity[1])
-        update_tracking(
-            x, self.period, self._arm, healthy, means.mode != SLOWING, fault_estimate.velocity, heading,
-            turning,
-            v_x, v_y, float(target.yaw_rate), float(target.heading),
-        )  # fmt: skip
-        decided, reverted = _judge_recovery(state, x, means, fault_estimate.decided, float(measurement.time))
-        dither, reconfiguration = self._dither(state.dither, x, healthy, math.hypot(v_x, v_y), felt)
-        if dither[TEST_LEFT] <= 0.0:
-            self._set_pace(x, means.mode, felt, math.hypot(v_x, v_y))
+        action, last = state.action, state.fault_estimate
+        if estimate is not last and (last is None or not estimate.same_faults_as(last)):
+            action = choose_action(estimate, self._robot.forces, action)
+        traction = state.traction + min(self.period / _FILTER, 1.0) * (estimate.force - state.traction)
+        healthy, velocity = action.mode == NORMAL, estimate.velocity
+        v_x, v_y = float(target.velocity[0]), float(target.velocity[1])
+        now = TrackingInput(
+            velocity[0], velocity[1], heading, yaw_rate, v_x, v_y, target.yaw_rate, target.heading
+        )
+        record = update_tracking(
+            state.tracking_record, now, self.period, self._arm, healthy, action.mode != SLOWING
+        )
+        tracking = Tracking._make(record.item())
+        decided, error_before, reverted = _judge_recovery(
+            state, tracking, action, estimate.decided, float(measurement.time)
+        )
+        speed = math.hypot(v_x, v_y)
+        wave, test_left = next_self_test(state.test_left, self.period)
+        dither, scaling, grip = state.dither, state.time_scaling, state.grip
+        wave *= SELF_TEST_SPEED
+        if not wave:
+            wave, dither = self._dither(dither, tracking, healthy, speed, traction)
+        reconfiguration = self._nominal._replace(offset=wave * self._null_space) if wave else None
+        if test_left <= 0.0:
+            scaling, grip = self._next_time_scaling(state, tracking, action.mode, traction, speed)
+        correction, brake = state.correction, ()
         if (
             healthy and reconfiguration is not None
-        ):  # shaken bristles hold nothing: the robot would fall behind
-            back = place_correction(x, v_x, v_y, *self._place)
-            velocity = np.array((v_x + back[0], v_y + back[1]))
-            target = Target(velocity, target.yaw_rate, target.heading)
+        ):  # dither loosens the bristles: the robot would fall behind
+            back = self._place_correction(tracking, v_x, v_y)
+            target = Target(np.array((v_x + back[0], v_y + back[1])), target.yaw_rate, target.heading)
         elif not healthy:
-            mode = REVERTED if reverted else means.mode
-            target = self._demand(x, mode, means, measurement.wheel_speed, heading, target)
-            reconfiguration = self._advice(x, mode, means, fault_estimate, felt, heading, turning, target)
+            action_now = RecoveryAction(REVERTED) if reverted else action
+            target, correction = self._demand(
+                tracking, action_now, measurement.wheel_speed, heading, target, correction
+            )
+            reconfiguration, correction = self._reconfigure(
+                tracking, action_now, estimate, traction, now, target, correction
+            )
+            brake = action_now.brake
         return RecoveryState(
-            x, felt, fault_estimate, means, decided, reverted, target, reconfiguration, dither
+            target, tracking, record, traction, dither, test_left, scaling, estimate, action, decided,
+            error_before, reverted, correction, grip, reconfiguration, brake,
+        )  # fmt: skip
+
+    def _place_correction(self, tracking: Tracking, v_x: float, v_y: float) -> tuple[float, float]:
+        gains = self._gains
+        return place_correction(
+            tracking.place_x, tracking.place_y, v_x, v_y, gains.place_proportional, gains.place_speed
         )
 
     def _dither(
-        self, before: Array, x: Array, healthy: bool, speed: float, felt: Array
-    ) -> tuple[Array, Reconfiguration | None]:
-        """The numbers of `dither`, and what it adds to the wheels."""
-        d = before.copy()
-        wave = next_self_test(d, self.period)
-        if wave:
-            return d, replace(self._usual, offset=wave * SELF_TEST_SPEED * self._against)
-        hard = math.hypot(x[FORWARD_X], x[FORWARD_Y]) + abs(x[SPIN]) * self._arm
-        wave = next_dither(d, self.period, healthy and self._dithers, speed, hard, np.abs(felt).max())
-        return d, replace(self._usual, offset=wave * DITHER_SPEED * self._against) if wave else None
+        self, dither: Record, tracking: Tracking, healthy: bool, speed: float, traction: Array
+    ) -> tuple[float, Record]:
+        """Speed of the square wave [m/s], and the next state of the excitation."""
+        acceleration = math.hypot(tracking.acceleration_x, tracking.acceleration_y)
+        acceleration += abs(tracking.yaw_acceleration) * self._arm
+        may = healthy and self._dithers
+        sign, dither = next_dither(dither, self.period, may, speed, acceleration, traction)
+        return sign * DITHER_SPEED, dither
 
-    def _set_pace(self, x: Array, mode: int, felt: Array, speed: float) -> None:
-        goal, most = 1.0, GRAVITY
+    def _next_time_scaling(
+        self, state: RecoveryState, tracking: Tracking, mode: int, traction: Array, speed: float
+    ) -> tuple[float, float]:
+        """Time scaling and the grip felt on a slippery floor."""
+        scaling, grip, goal, most = state.time_scaling, 0.0, 1.0, GRAVITY
         if mode == SLOWING:
-            share = float(np.abs(felt).max()) / self._numbers[LOAD]
-            x[FLOOR_GRIP] = max(share, x[FLOOR_GRIP] * (1.0 - _FADES * self.period))
-            goal, most = time_scaling_on_slippery_floor(x[FLOOR_GRIP], x[HARDEST], GRAVITY, self._share)
-        else:
-            x[FLOOR_GRIP] = 0.0
+            share = float(np.abs(traction).max()) / self._robot.load
+            grip = max(share, state.grip * (1.0 - _GRIP_FADES * self.period))
+            goal, most = time_scaling_on_slippery_floor(
+                grip, tracking.hardest, GRAVITY, self._gains.grip_share
+            )
         if mode == PIVOTING:
-            goal = time_scaling_of_pivot(x[PACE], speed)
+            goal = time_scaling_of_pivot(scaling, speed)
         elif mode == STOPPING:
             goal = 0.0
-        if goal != x[PACE]:
-            x[PACE] = next_time_scaling(x[PACE], self.period, goal, speed, most)
+        if goal != scaling:
+            scaling = next_time_scaling(scaling, self.period, goal, speed, most)
+        return scaling, grip
 
     def _demand(
-        self, x: Array, mode: int, means: RecoveryAction, wheel_speed: Array, heading: float, target: Target
-    ) -> Target:
-        """The demand with the place corrected, and the heading that can be held."""
-        if mode == STOPPING:
-            return Target(target.velocity, 0.0, heading)
-        v_x, v_y = float(target.velocity[0]), float(target.velocity[1])
-        drives_back = mode in (COMPENSATING, PIVOTING)
-        back = place_correction(x, v_x, v_y, *self._place) if drives_back else (0.0, 0.0)
-        x[CORRECTION] = math.hypot(*back)
-        velocity = np.array((v_x + back[0], v_y + back[1]))
-        if mode != PIVOTING:
-            held = target.heading if self._holds_heading else wrapped(target.heading + x[TURNED])
-            return Target(velocity, target.yaw_rate, held)
-        b_x, b_y = to_body(velocity[0], velocity[1], heading)
-        way = float(wheel_speed[means.pivot]) if means.pivot + 1 in means.brake else 0.0
-        yaw_rate = pivot_yaw_rate(self._forces, self._numbers[RADIUS], means.pivot, way, b_x, b_y)
-        return Target(velocity, float(yaw_rate), heading)
-
-    def _advice(
         self,
-        x: Array,
-        mode: int,
-        means: RecoveryAction,
-        fault_estimate: FaultEstimate,
-        felt: Array,
+        tracking: Tracking,
+        action: RecoveryAction,
+        wheel_speed: Array,
         heading: float,
-        turning: float,
-        asked: Target,
-    ) -> Reconfiguration:
-        """For the cascade: scaled currents, creep of the shares f*, bounds of wheels that slip, brakes."""
-        n, gyro = self.wheels, fault_estimate.trusts_gyro
-        offset, lowest, highest = np.zeros(n), np.full(n, -np.inf), np.full(n, np.inf)
-        if mode == REVERTED:
-            return Reconfiguration(self._rolling, np.ones(n), offset, lowest, highest, gyro)
-        scale = np.where(
-            fault_estimate.held, 0.0, 1.0 / np.maximum(1.0 - fault_estimate.losses, LEAST_EFFECTIVENESS)
+        target: Target,
+        correction: float,
+    ) -> tuple[Target, float]:
+        """Target with the position corrected and a heading that can be held, and the change of speed
+        [m/s]."""
+        if action.mode == STOPPING:
+            return Target(target.velocity, 0.0, heading), correction
+        v_x, v_y = float(target.velocity[0]), float(target.velocity[1])
+        corrects = action.mode in (COMPENSATING, PIVOTING)
+        back = self._place_correction(tracking, v_x, v_y) if corrects else (0.0, 0.0)
+        velocity = np.array((v_x + back[0], v_y + back[1]))
+        if action.mode == PIVOTING:
+            b_x, b_y = to_body(velocity[0], velocity[1], heading)
+            way = float(wheel_speed[action.pivot]) if action.pivot + 1 in action.brake else 0.0
+            target = Target(
+                velocity, float(pivot_yaw_rate(self._robot, action.pivot, way, b_x, b_y)), heading
+            )
+        else:
+            held = (
+                target.heading if self._holds_heading else wrapped(target.heading + tracking.heading_offset)
+            )
+            target = Target(velocity, target.yaw_rate, held)
+        return target, math.hypot(*back)
+
+    def _reconfigure(
+        self,
+        tracking: Tracking,
+        action: RecoveryAction,
+        estimate: FaultEstimate,
+        traction: Array,
+        now: TrackingInput,
+        target: Target,
+        correction: float,
+    ) -> tuple[Reconfiguration, float]:
+        """Scaled currents, creep of the shares f* and bounds of slipping wheels; the change of speed
+        [m/s]."""
+        changed = self._nominal._replace(trusts_gyro=estimate.trusts_gyro)
+        if action.mode == REVERTED:
+            return changed, correction
+        radius = self._robot.radius
+        left = np.maximum(1.0 - estimate.losses, LEAST_EFFECTIVENESS)
+        changed = changed._replace(
+            current_scale=np.where(estimate.held, 0.0, 1.0 / left),
+            holds_heading=action.mode not in (PIVOTING, STOPPING),
         )
-        if mode == CAPPING:
-            cap_slip(
-                self._numbers, self._forces, fault_estimate.velocity, turning, fault_estimate.slipping,
-                self._cap,
-                lowest, highest,
-            )  # fmt: skip
-            asks = self._rolling @ (*to_body(asked.velocity[0], asked.velocity[1], heading), asked.yaw_rate)
-            x[CORRECTION] = self._numbers[RADIUS] * max(0.0, (lowest - asks).max(), (asks - highest).max())
-        elif mode in (COMPENSATING, PIVOTING) and (asked.velocity.any() or asked.yaw_rate != 0.0):
-            v_x, v_y = to_body(asked.velocity[0], asked.velocity[1], heading)
-            used = fault_estimate.available & ~fault_estimate.slipping
-            if means.pivot >= 0:
-                used[means.pivot] = True
-            most = np.maximum(self._strongest * (1.0 - fault_estimate.losses) - self._numbers[DRY], 0.0)
-            creep_offsets(
-                self._numbers, self._forces, self._across, self._arm, x, heading,
-                np.array((v_x, v_y, asked.yaw_rate)), most, used, means.pivot, felt, offset,
-            )  # fmt: skip
-            x[CORRECTION] += self._numbers[RADIUS] * np.abs(offset).max()
-        holds = mode not in (PIVOTING, STOPPING)
-        return Reconfiguration(self._rolling, scale, offset, lowest, highest, gyro, holds, means.brake)
+        v_x, v_y = to_body(target.velocity[0], target.velocity[1], now.heading)
+        if action.mode == CAPPING:
+            lowest, highest = slip_bounds(
+                self._robot, estimate.velocity, now.yaw_rate, estimate.slipping, self._gains.slip_cap
+            )
+            speeds = self._rolling @ (v_x, v_y, target.yaw_rate)
+            correction = radius * max(0.0, (lowest - speeds).max(), (speeds - highest).max())
+            return changed._replace(lowest=lowest, highest=highest), correction
+        if action.mode in (COMPENSATING, PIVOTING) and (target.velocity.any() or target.yaw_rate != 0.0):
+            available = estimate.available & ~estimate.slipping
+            if action.pivot >= 0:
+                available[action.pivot] = True
+            most = np.maximum(self._strongest * (1.0 - estimate.losses) - self._robot.dry, 0.0)
+            # demanded acceleration in the frame that turns with the body: the world one, turned
+            a_x, a_y = to_body(tracking.acceleration_x, tracking.acceleration_y, now.heading)
+            motion = BodyMotion(v_x, v_y, float(target.yaw_rate), a_x, a_y, tracking.yaw_acceleration)
+            offset = creep_offsets(self._robot, self._arm, motion, available, action.pivot, most, traction)
+            return changed._replace(offset=offset), correction + radius * np.abs(offset).max()
+        return changed, correction
 
 
 def _judge_recovery(
-    state: RecoveryState, x: Array, means: RecoveryAction, decided: float, time: float
-) -> tuple[float, bool]:
-    """Time of the decision that is answered, and whether the answer is taken back: it made following worse.
+    state: RecoveryState, tracking: Tracking, action: RecoveryAction, decided: float, time: float
+) -> tuple[float, float, bool]:
+    """Time of the decision, tracking error at that time, and whether its recovery is reverted.
 
-    A fault makes following worse by itself; only help that moves speeds by more than `_BLAMED` is to blame.
+    A fault makes tracking worse by itself; only a recovery that changes speeds by more than `_BLAMED` is
+    blamed.
     """
     if decided > state.decided:
-        x[ERROR_BEFORE] = max(x[ERROR], x[USUAL_ERROR])
-        return decided, False
-    helps = means.mode in (COMPENSATING, CAPPING)
-    worse = x[CORRECTION] > _BLAMED and x[ERROR] > _WORSE * x[ERROR_BEFORE] + _MARGIN
-    return state.decided, helps and (state.reverted or (worse and time > state.decided + _JUDGED))
+        return decided, max(tracking.error, tracking.usual_error), False
+    active = action.mode in (COMPENSATING, CAPPING)
+    worse = state.correction > _BLAMED and tracking.error > _WORSE * state.error_before + _MARGIN
+    reverted = active and (state.reverted or (worse and time > state.decided + _JUDGED))
+    return state.decided, state.error_before, reverted

@@ -1,48 +1,73 @@
-"""What recovery remembers: where the robot should be by now, how it was turned, how well it follows.
-
-Place: the way that was asked for less the way that the wheels tell, ∫ v_d − R(θ) v̂ dt [m]. A healthy robot
-forgets it within a second; a faulty one drives it back.
+"""Tracking of the plan: position error, heading offset, and how well the robot follows its demands.
+ The position error is the demanded way less the estimated one, ∫ v_d − R(θ) v̂ dt [m]. It fades within a
+second while the robot is healthy; recovery drives it back after a fault.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from omnimj.control.cascade.heading import wrapped
 from omnimj.physics.native import kernel
 
-(
-    PLACE_X,
-    PLACE_Y,
-    TURNED,
-    PACE,
-    ERROR,
-    ERROR_BEFORE,
-    USUAL_ERROR,
-    HARDEST,
-    ASKED_X,
-    ASKED_Y,
-    ASKED_TURN,
-    FORWARD_X,
-    FORWARD_Y,
-    SPIN,
-    FLOOR_GRIP,
-    CORRECTION,
-) = range(16)
-"""Place error, world [m]; usual heading error [rad]; pace of the plan; low-passed error of the twist, the
-same at the last decision, its usual size [m/s]; hardest acceleration that the plan had so far [m/s²];
-velocity [m/s] and yaw rate [rad/s] that were asked for last; demanded acceleration, world [m/s²], and its
-spin [rad/s²], low-passed; friction that was felt on a slippery floor [1]; how far recovery moves
-speeds away from what was asked for [m/s]."""
-NUMBERS = 16
+_PLACE_FADES = 1.0  # [s] time constant of a healthy robot's position error
+_OFFSET_SETTLES = 3.0  # [s] in which a heading error becomes the usual one
+_LARGEST_PLACE = 0.5  # [m] beyond which a position error grows no more
+_SHORT = 0.3  # [s] over which the tracking error is averaged
+_LONG = 10.0  # [s] over which a healthy robot's largest tracking error is remembered
+_SMOOTH = 0.02  # [s] filter of demanded accelerations
+_LARGEST = 5.0  # [m/s², rad/s² times an arm] larger demanded accelerations are clipped: steps of the demand
 
-_FORGETS = 1.0  # [s] of a healthy robot's place
-_SETTLES = 3.0  # [s] in which a heading error becomes the usual one
-_FAR = 0.5  # [m] beyond which a place error grows no more
-_SHORT = 0.3  # [s] over which following is judged
-_LONG = 10.0  # [s] over which it is remembered how well a healthy robot follows
-_SMOOTH = 0.02  # [s] for demanded accelerations
-_LARGEST = 5.0  # [m/s², rad/s² times an arm] no robot is asked for more; a step of the demand is cut
+
+class Tracking(NamedTuple):
+    """State of the tracking filters."""
+
+    place_x: float = 0.0
+    """Position error, world frame [m]."""
+    place_y: float = 0.0
+    """Position error, world frame [m]."""
+    heading_offset: float = 0.0
+    """Usual heading error of the healthy robot [rad]."""
+    error: float = 0.0
+    """Low-passed tracking error of the twist [m/s]."""
+    usual_error: float = 0.0
+    """Largest recent tracking error of the healthy robot [m/s]."""
+    hardest: float = 0.0
+    """Hardest demanded acceleration of the healthy robot so far [m/s²]."""
+    demand_x: float = 0.0
+    """Last world demand [m/s]."""
+    demand_y: float = 0.0
+    """Last world demand [m/s]."""
+    demand_yaw_rate: float = 0.0
+    """Last demand [rad/s]."""
+    acceleration_x: float = 0.0
+    """Low-passed demanded acceleration, world frame [m/s²]."""
+    acceleration_y: float = 0.0
+    """Low-passed demanded acceleration, world frame [m/s²]."""
+    yaw_acceleration: float = 0.0
+    """Low-passed demanded yaw acceleration [rad/s²]."""
+
+
+class TrackingInput(NamedTuple):
+    """Estimated and demanded motion of one step."""
+
+    velocity_x: float
+    """Estimated body velocity, body frame [m/s]."""
+    velocity_y: float
+    """Estimated body velocity, body frame [m/s]."""
+    heading: float
+    """Estimate [rad]."""
+    yaw_rate: float
+    """Gyro less its bias [rad/s]."""
+    demand_x: float
+    """World demand [m/s]."""
+    demand_y: float
+    """World demand [m/s]."""
+    demand_yaw_rate: float
+    """[rad/s]"""
+    demand_heading: float
+    """Planned heading [rad]."""
 
 
 @kernel
@@ -51,48 +76,52 @@ def _low_pass(old, new, h, time):
 
 
 @kernel
-def update_tracking(
-    x, h, arm, healthy, sure, velocity, heading, turning, target_x, target_y, target_turn, target_heading
-):
-    """One step into the memory, in place.
+def _acceleration(before, last, now, h, largest):
+    """Low-passed derivative of a demand, clipped before the filter."""
+    return _low_pass(before, min(max((now - last) / h, -largest), largest), h, _SMOOTH)
+
+
+@kernel
+def update_tracking(before, now, h, arm, healthy, integrates):
+    """Tracking after one step.
 
     Args:
-      x: The numbers above.
+      before: Record of `Tracking` one step ago; left unchanged.
+      now: `TrackingInput`.
       h: Control period [s].
       arm: Length that turns a yaw rate into a speed [m].
-      healthy: Whether nothing is wrong.
-      sure: Whether the body's velocity is known.
-      velocity: v̂, body frame, shape (2,) [m/s].
-      heading: Estimate [rad].
-      turning: Gyro less its bias [rad/s].
-      target_x: World demand [m/s].
-      target_y: World demand [m/s].
-      target_turn: Demand [rad/s].
-      target_heading: Planned [rad].
+      healthy: Whether no fault stands.
+      integrates: Whether the body velocity is known well enough to integrate the position error.
+
+    Returns:
+      Record of the next `Tracking`.
     """
-    c, s = math.cos(heading), math.sin(heading)
-    off_x = target_x - (c * velocity[0] - s * velocity[1])
-    off_y = target_y - (s * velocity[0] + c * velocity[1])
-    if sure:
-        x[PLACE_X], x[PLACE_Y] = x[PLACE_X] + h * off_x, x[PLACE_Y] + h * off_y
+    after = before.copy()
+    x = after[0]
+    c, s = math.cos(now.heading), math.sin(now.heading)
+    off_x = now.demand_x - (c * now.velocity_x - s * now.velocity_y)
+    off_y = now.demand_y - (s * now.velocity_x + c * now.velocity_y)
+    place_x, place_y = x.place_x, x.place_y
+    if integrates:
+        place_x, place_y = place_x + h * off_x, place_y + h * off_y
     if healthy:
-        x[PLACE_X], x[PLACE_Y] = (
-            _low_pass(x[PLACE_X], 0.0, h, _FORGETS),
-            _low_pass(x[PLACE_Y], 0.0, h, _FORGETS),
-        )
-        x[TURNED] += min(h / _SETTLES, 1.0) * wrapped(heading - target_heading - x[TURNED])
-    far = math.hypot(x[PLACE_X], x[PLACE_Y])
-    if far > _FAR:
-        x[PLACE_X], x[PLACE_Y] = x[PLACE_X] * _FAR / far, x[PLACE_Y] * _FAR / far
-    x[ERROR] = _low_pass(x[ERROR], math.hypot(off_x, off_y) + arm * abs(target_turn - turning), h, _SHORT)
+        place_x, place_y = _low_pass(place_x, 0.0, h, _PLACE_FADES), _low_pass(place_y, 0.0, h, _PLACE_FADES)
+        error = wrapped(now.heading - now.demand_heading - x.heading_offset)
+        x.heading_offset += min(h / _OFFSET_SETTLES, 1.0) * error
+    far = math.hypot(place_x, place_y)
+    if far > _LARGEST_PLACE:
+        place_x, place_y = place_x * _LARGEST_PLACE / far, place_y * _LARGEST_PLACE / far
+    x.place_x, x.place_y = place_x, place_y
+    off = math.hypot(off_x, off_y) + arm * abs(now.demand_yaw_rate - now.yaw_rate)
+    x.error = _low_pass(x.error, off, h, _SHORT)
     if healthy:
-        x[USUAL_ERROR] = max(x[ERROR], _low_pass(x[USUAL_ERROR], 0.0, h, _LONG))
-    forward_x = min(max((target_x - x[ASKED_X]) / h, -_LARGEST), _LARGEST)
-    forward_y = min(max((target_y - x[ASKED_Y]) / h, -_LARGEST), _LARGEST)
-    x[FORWARD_X] = _low_pass(x[FORWARD_X], forward_x, h, _SMOOTH)
-    x[FORWARD_Y] = _low_pass(x[FORWARD_Y], forward_y, h, _SMOOTH)
-    spin = min(max((target_turn - x[ASKED_TURN]) / h, -_LARGEST / arm), _LARGEST / arm)
-    x[SPIN] = _low_pass(x[SPIN], spin, h, _SMOOTH)
-    x[ASKED_X], x[ASKED_Y], x[ASKED_TURN] = target_x, target_y, target_turn
+        x.usual_error = max(x.error, _low_pass(x.usual_error, 0.0, h, _LONG))
+    x.acceleration_x = _acceleration(x.acceleration_x, x.demand_x, now.demand_x, h, _LARGEST)
+    x.acceleration_y = _acceleration(x.acceleration_y, x.demand_y, now.demand_y, h, _LARGEST)
+    x.yaw_acceleration = _acceleration(
+        x.yaw_acceleration, x.demand_yaw_rate, now.demand_yaw_rate, h, _LARGEST / arm
+    )
+    x.demand_x, x.demand_y, x.demand_yaw_rate = now.demand_x, now.demand_y, now.demand_yaw_rate
     if healthy:
-        x[HARDEST] = max(x[HARDEST], math.hypot(x[FORWARD_X], x[FORWARD_Y]))
+        x.hardest = max(x.hardest, math.hypot(x.acceleration_x, x.acceleration_y))
+    return after

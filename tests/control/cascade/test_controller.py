@@ -97,10 +97,10 @@ def test_state_in_is_untouched_and_the_same_input_gives_the_same_output():
     state = controller.start(measured())
     for _ in range(5):
         _, state = controller.step(state, measured(), target(x=0.3))
-    before = [state.heading, *(a.copy() for a in (state.rest, state.integral, state.current, state.log))]
+    before = [state.heading, state.gyro_bias, *(a.copy() for a in (state.integral, state.current, state.log))]
     outputs = [controller.step(state, measured(), target(x=0.3))[0].current for _ in range(2)]
     np.testing.assert_array_equal(outputs[0], outputs[1])
-    now = (state.heading, state.rest, state.integral, state.current, state.log)
+    now = (state.heading, state.gyro_bias, state.integral, state.current, state.log)
     for old, new in zip(before, now, strict=True):
         np.testing.assert_array_equal(old, new)
 
@@ -159,7 +159,7 @@ def test_random_corruption_never_raises_and_never_leaves_the_limits(steps, headi
         assert np.all(np.abs(command.current) <= LIMIT)
         assert np.all((np.abs(command.current - last) <= RATE + 1e-12) | (command.current == 0.0))
         assert math.isfinite(state.heading) and np.all(np.isfinite(state.integral))
-        assert np.all(np.isfinite(state.rest)) and abs(state.rest[0]) <= LARGEST_BIAS
+        assert np.all(np.isfinite(state.gyro_bias)) and abs(state.gyro_bias.bias) <= LARGEST_BIAS
     # once the data is good again the robot drives again
     for _ in range(3):
         command, state = controller.step(state, measured(), target(x=0.5))

@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from omnimj.control.cascade import limits
-from omnimj.control.cascade.limits import Reason, limit_all, limited_current, limits_row
+from omnimj.control.cascade.limits import CurrentLimits, Reason, current_limits, limit_all, limited_current
 from omnimj.parameters import read_robot
 
-ROW = np.array([1.5, 1.0, 40.0])
+LIMITS = CurrentLimits(1.5, 1.0, 40.0)
 FORMS = pytest.mark.parametrize("form", ["compiled", "python"])
 
 
@@ -22,21 +22,21 @@ def around(value):
 
 
 def one(form, *arguments):
-    current, reason = (limited_current if form == "compiled" else limited_current.py_func)(ROW, *arguments)
+    current, reason = (limited_current if form == "compiled" else limited_current.py_func)(LIMITS, *arguments)
     return current, Reason(int(reason))
 
 
 def everything(form, wanted, last, speed, good):
     current, reason = np.full(len(wanted), 99.0), np.full(len(wanted), 99.0)
     function = limit_all if form == "compiled" else limit_all.py_func
-    function(ROW, np.array(wanted), np.array(last), np.array(speed), good, current, reason)
+    function(LIMITS, np.array(wanted), np.array(last), np.array(speed), good, current, reason)
     return current, [Reason(int(r)) for r in reason]
 
 
-def test_row_holds_the_change_per_step():
+def test_limits_hold_the_change_per_step():
     control = read_robot().control
-    expected = [control.current_limit, control.current_rate_limit * 1e-3, control.wheel_speed_limit]
-    assert limits_row(control, 1e-3).tolist() == expected
+    expected = (control.current_limit, control.current_rate_limit * 1e-3, control.wheel_speed_limit)
+    assert current_limits(control, 1e-3) == expected
 
 
 @FORMS

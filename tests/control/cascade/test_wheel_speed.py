@@ -6,8 +6,8 @@ import numba
 import numpy as np
 import pytest
 
-from omnimj.control.cascade.limits import limited_current, limits_row
-from omnimj.control.cascade.wheel_speed import amplifier_row, speed_loop, speed_loop_row
+from omnimj.control.cascade.limits import current_limits, limited_current
+from omnimj.control.cascade.wheel_speed import amplifier_parameters, speed_gains, speed_loop
 from omnimj.parameters import read_floors, read_robot
 from omnimj.physics.motor import drive_torque_bounds, motor_parameters, next_current, stick_or_slip
 from omnimj.physics.traction import exact_step, force_ratio, relaxation_rate
@@ -45,7 +45,7 @@ def quarter(floor, motor, row, amplifier, limits, target, noise, mass, inertia, 
 
 def run(floor, target, noise=NOISE):
     drawn = np.random.default_rng(1).normal(0.0, 1.0, target.size) * noise
-    laws = speed_loop_row(ROBOT, H), amplifier_row(ROBOT), limits_row(ROBOT.control, H)
+    laws = speed_gains(ROBOT, H), amplifier_parameters(ROBOT), current_limits(ROBOT.control, H)
     wheel = MASS, INERTIA, ROBOT.wheel.radius
     return quarter(FLOORS[floor].traction, motor_parameters(ROBOT.motor), *laws, target, drawn, *wheel).T
 
@@ -92,7 +92,7 @@ def test_a_wheel_without_grip_does_not_oscillate():
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_integral_rests_while_the_amplifier_is_at_its_limit_and_leaves_it_at_once(sign):
-    row, amplifier = speed_loop_row(ROBOT, H), amplifier_row(ROBOT)
+    row, amplifier = speed_gains(ROBOT, H), amplifier_parameters(ROBOT)
     _, held = speed_loop(row, amplifier, sign * 20.0, 0.0, sign * 0.3)
     assert held == sign * 0.3
     _, back = speed_loop(row, amplifier, -sign * 20.0, 0.0, sign * 0.3)
@@ -110,7 +110,7 @@ def test_long_saturation_leaves_no_windup():
 
 
 def test_speed_loop_is_odd_in_its_signals():
-    row, amplifier = speed_loop_row(ROBOT, H), amplifier_row(ROBOT)
+    row, amplifier = speed_gains(ROBOT, H), amplifier_parameters(ROBOT)
     for target, measured, integral in ((3.0, 1.0, 0.2), (30.0, 2.0, 0.5), (-1.0, 0.3, 0.0)):
         plus = np.array(speed_loop(row, amplifier, target, measured, integral))
         minus = np.array(speed_loop(row, amplifier, -target, -measured, -integral))

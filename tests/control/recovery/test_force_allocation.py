@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
 from omnimj.control.recovery.force_allocation import REGULARISATION, allocate_forces
-from omnimj.control.robot_constants import wheel_geometry
+from omnimj.control.robot_constants import robot_constants
 from omnimj.parameters import read_robot
 
-FORCES = wheel_geometry(read_robot()).forces
+FORCES = robot_constants(read_robot()).forces
 ARM = 0.25
 ALL = np.ones(4, bool)
 forces = st.floats(-15.0, 15.0)

@@ -19,11 +19,11 @@ from omnimj.control.recovery.modes import (
     RecoveryAction,
     choose_action,
 )
-from omnimj.control.robot_constants import wheel_geometry
+from omnimj.control.robot_constants import robot_constants
 from omnimj.parameters import read_robot
 
 ROBOT = read_robot()
-FORCES = wheel_geometry(ROBOT).forces
+FORCES = robot_constants(ROBOT).forces
 NONE = np.zeros(4, bool)
 WELL = FaultEstimate(np.zeros(4), NONE, NONE, NONE, NONE, np.zeros(2), np.zeros(4), -np.inf)
 

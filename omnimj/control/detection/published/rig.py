@@ -8,11 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from omnimj.control.cascade.heading import REST_WHEEL_SPEED
 from omnimj.control.detection.detector import DetectorOptions
 from omnimj.control.detection.published import rig_residuals
 from omnimj.control.detection.published.decision import MOTOR, SLIP, PublishedThresholds, isolate_rig_fault
 from omnimj.control.detection.published.residuals import bounded_time_step, matching_lags
 from omnimj.parameters import Floor, Rig
+from omnimj.physics import rig as physics_rig
 from omnimj.physics.effect_terms import zero_terms
 from omnimj.physics.motor import driven_by_measured_current, motor_parameters
 from omnimj.physics.rig import rig_parameters
@@ -84,6 +86,35 @@ class PublishedRigDetector:
         """The state before the first step: a rig at rest."""
         time = measurement.time if math.isfinite(measurement.time) else 0.0
         return PublishedRigState(time, rig_residuals.initial_observer(), np.zeros(len(self.log_names)))
+
+    def begin(self, measurement: RigMeasurement, bias: float = 0.0) -> PublishedRigState:
+        """State of a rig that may already be moving.
+
+        Args:
+          measurement: The first, good.
+          bias: Not used.
+        """
+        state = self.start(measurement)
+        if abs(measurement.wheel_speed) <= REST_WHEEL_SPEED:
+            return state
+        observer = state.observer.copy()
+        moving = physics_rig.RigState(*observer[: physics_rig.STATE].tolist())._replace(
+            speed=measurement.carriage_speed,
+            wheel_speed=measurement.wheel_speed,
+            current=measurement.current,
+        )
+        observer[: physics_rig.STATE], observer[rig_residuals.BEFORE] = moving, measurement.wheel_speed
+        return dataclasses.replace(state, observer=observer)
+
+    def resume(
+        self, state: PublishedRigState, measurement: RigMeasurement, bias: float, is_long: bool
+    ) -> PublishedRigState:
+        """State after a gap: the next step bridges a short one; after a long one the detector starts anew."""
+        return self.begin(measurement) if is_long else state
+
+    def cannot_judge(self, state: PublishedRigState) -> bool:
+        """Always False: the published method judges every measurement."""
+        return False
 
     def step(
         self,

@@ -26,8 +26,8 @@ _REST_LATERAL = 0.01  # [m/s] a gantry that is slower stands: its sign would be 
 BEFORE, LATE_CURRENT, LATE_ACCELERATION, FORCE = range(rig.STATE, rig.STATE + 4)
 SPEED_SQUARES, FORCE_SQUARES, SPAN, R1, R2 = range(rig.STATE + 4, rig.STATE + 9)
 ROW = rig.STATE + 9
-"""Length of an observer's row: model | last φ̇ | i and s̈ as late as φ̇ | r2 behind its filter | ∫ r1², ∫ r2² |
-time | R1, R2."""
+"""Length of an observer's row: model | last φ̇ | i and s̈ as late as φ̇ | r2 behind its filter | ∫ r1², ∫ r2²
+| time | R1, R2."""
 
 
 @kernel

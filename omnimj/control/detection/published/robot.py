@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from omnimj.control.cascade.controller import is_good
+from omnimj.control.cascade.controller import Reconfiguration, is_good
 from omnimj.control.cascade.heading import REST_WHEEL_SPEED
-from omnimj.control.detection.detector import DetectorOptions, Reconfiguration
+from omnimj.control.detection.detector import DetectorOptions
 from omnimj.control.detection.published import robot_residuals
 from omnimj.control.detection.published.decision import (
     LAYOUT_RULE,
@@ -127,13 +127,27 @@ class PublishedRobotDetector:
     def start(self, measurement: Measurement) -> PublishedRobotState:
         """The state before the first step: model and residuals begin where the wheels say the robot is."""
         observer = np.zeros(robot_residuals.row_size(self._wheels))
-        if self._is_good(measurement):
+        if is_good(measurement, self._wheels) and _is_bounded(measurement):
             self._align(observer, measurement)
         time = measurement.time if math.isfinite(measurement.time) else 0.0
         healthy = None if self._kinematics is None else self._kinematics.healthy
         log = np.zeros(len(self.log_names))
         state = PublishedRobotState(time, observer, self._healthy, log, np.ones(self._wheels), healthy)
         return dataclasses.replace(state, log=self._log(state))
+
+    def begin(self, measurement: Measurement, bias: float = 0.0) -> PublishedRobotState:
+        """State of a robot that may already be moving: as `start`, which takes the wheels' speeds."""
+        return self.start(measurement)
+
+    def resume(
+        self, state: PublishedRobotState, measurement: Measurement, bias: float, is_long: bool
+    ) -> PublishedRobotState:
+        """State after a gap: the next step bridges a short one; after a long one the detector starts anew."""
+        return self.start(measurement) if is_long else state
+
+    def cannot_judge(self, state: PublishedRobotState) -> bool:
+        """Always False: the published method judges every measurement."""
+        return False
 
     def step(
         self,
@@ -142,9 +156,9 @@ class PublishedRobotDetector:
         command: Array | None = None,
         bias: float = 0.0,
     ) -> PublishedRobotState:
-        """The state after a measurement; one that is not good changes nothing."""
+        """State after a good measurement."""
         m = measurement
-        if not self._is_good(m):
+        if not _is_bounded(m):
             return state
         passed = bounded_time_step(state.time, m.time)
         observer = state.observer.copy()
@@ -157,11 +171,6 @@ class PublishedRobotDetector:
         state = dataclasses.replace(state, time=m.time, observer=observer)
         state = self._estimate(state, m) if state.estimating >= 0 else self._judge(state)
         return dataclasses.replace(state, log=self._log(state))
-
-    def _is_good(self, m: Measurement) -> bool:
-        good = is_good(self._wheels, m.time, m.current, m.wheel_speed, m.acceleration, m.yaw_rate, m.yaw)
-        # beyond any machine: squares of it must still be numbers
-        return bool(good) and np.abs(m.wheel_speed).max() < 1e6 and np.abs(m.acceleration).max() < 1e6
 
     def _believed(self, measurement: Measurement) -> Array:
         """Currents within what their monitors can say, shape (n,) [A]."""
@@ -286,6 +295,12 @@ class PublishedRobotDetector:
         if state.estimating >= 0:
             return ESTIMATING
         return RECOVERED if state.motors is not self._healthy else NORMAL
+
+
+def _is_bounded(measurement: Measurement) -> bool:
+    """Whether the residuals' squares will be finite: speeds and accelerations not beyond any machine."""
+    m = measurement
+    return bool(np.abs(m.wheel_speed).max() < 1e6 and np.abs(m.acceleration).max() < 1e6)
 
 
 def _is_recent(slip: Diagnosis, state: PublishedRobotState) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from omnimj.control.cascade.allocation import published_map
-from omnimj.control.detection.detector import Reconfiguration, nominal_reconfiguration
+from omnimj.control.cascade.controller import Reconfiguration, nominal_reconfiguration
 from omnimj.parameters import Robot
 from omnimj.physics.kinematics import rolling_matrix, weighted_inverse
 from omnimj.signals import Array

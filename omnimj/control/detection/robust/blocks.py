@@ -1,45 +1,122 @@
-"""Samples into blocks: means, and the changes of speeds from one block's end to the next."""
+"""Samples into blocks: alignment of the channels, means, accelerations, and channels that have failed.
+ Channels are ordered currents (n) | wheel speeds (n) | acceleration (2) | yaw rate; all arrays over channels
+have the shape (2n+3,).
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
+from omnimj.control.cascade.wheel_speed import amplifier_parameters
+from omnimj.control.records import Record, packed
 from omnimj.parameters import Robot
-from omnimj.physics.motor import achievable_current, motor_at
+from omnimj.physics.motor import MotorParameters, achievable_current
 from omnimj.physics.native import kernel
 from omnimj.signals import Array
 
+BLOCK = 0.01
+"""Time over which samples are averaged [s]."""
 ROUGH = (1.0, 0.45, 0.45, 0.04)
-"""Steps of currents [A], wheel speeds [rad/s], acceleration [m/s²] and yaw rate [rad/s] at 1 kHz that are
-noise: five times those of working sensors at least."""
+"""Root mean square steps of currents [A], wheel speeds [rad/s], acceleration [m/s²] and yaw rate [rad/s] at 1
+kHz that are noise of a failed sensor: at least five times those of working ones."""
 SMOOTHED, MOST_STEP = 100.0, 5.0
-"""Samples over which squares of steps are averaged, and how much one counts, in units of the limit: a single
+"""Samples over which squares of steps are averaged, and the largest square, in units of the limit's: a single
 jump is no noise."""
 REPEATED = 60
-"""Samples of one and the same value that no working sensor gives while the robot drives."""
-COUNT = 0
-"""First of the sums; behind it currents (n), wheel speeds (n), acceleration (2), yaw rate, then where the
-block began: wheel speeds (n), yaw rate."""
-
-
+"""Equal samples in a row that no working sensor gives while the robot drives."""
 LINE = 12
 """Samples that are kept for the alignment of the channels."""
 
 
+class SamplingParameters(NamedTuple):
+    """Constants of the sampling of a robot with n wheels."""
+
+    waits: Array
+    """Delay of each channel, from `alignment_delays`."""
+    ranges: Array
+    """Largest readings, from `channel_ranges`; a reading beyond them is clipped."""
+    amplifier: MotorParameters
+    """From `amplifier_parameters`."""
+
+
+class Sample(NamedTuple):
+    """One measurement and the command before it."""
+
+    current: Array
+    """Shape (n,) [A]."""
+    wheel_speed: Array
+    """Shape (n,) [rad/s]."""
+    acceleration: Array
+    """Shape (2,) [m/s²]."""
+    yaw_rate: float
+    """Gyro [rad/s]."""
+    bias: float
+    """Reading of the gyro at rest [rad/s]."""
+    commanded: bool
+    """Whether set currents are known."""
+    command: Array
+    """Set currents of the period that the sample ends, shape (n,) [A]; anything where unknown."""
+
+
+class Samples(NamedTuple):
+    """Sums over the block that is not full yet, and the memory of the alignment."""
+
+    number: float
+    """Samples in the block."""
+    total: Array
+    """Sums of the aligned channels."""
+    begin: Array
+    """Wheel speeds [rad/s] and yaw rate [rad/s] at the block's beginning, shape (n+1,)."""
+    aligned: Array
+    """Newest values of all channels at the same instant."""
+    line: Array
+    """Last samples of all channels, newest first, shape (LINE, 2n+3)."""
+    steps: Array
+    """Last value, how often it came in a row, and mean square of the steps, shape (3, 2n+3)."""
+    missing: Array
+    """Sum over the block of the current that the amplifiers owe, shape (n,) [A]."""
+
+
+class Block(NamedTuple):
+    """Means over one block and changes from its beginning to its end."""
+
+    current: Array
+    """Shape (n,) [A]."""
+    wheel_speed: Array
+    """Shape (n,) [rad/s]."""
+    acceleration: Array
+    """Shape (2,) [m/s²]."""
+    yaw_rate: float
+    """Gyro less its bias [rad/s]."""
+    wheel_acceleration: Array
+    """Shape (n,) [rad/s²]."""
+    yaw_acceleration: float
+    """[rad/s²]"""
+    commanded: Array
+    """Current that the amplifiers should have given, shape (n,) [A]."""
+
+
+def samples_per_block(period: float) -> int:
+    """Number of samples nearest to `BLOCK`; one where they come more slowly.
+
+    Args:
+      period: From sample to sample [s].
+    """
+    return max(1, round(BLOCK / period))
+
+
 def alignment_delays(robot: Robot, period: float) -> Array:
-    """Samples by which each channel waits for the slowest one, in the order of `initial_repeats`, shape
-    (2n+3,).
+    """Samples by which each channel waits for the slowest one, shape (2n+3,).
 
     Wheel speeds come through a filter (and half a sample of counting), accelerometer and gyro through their
     bandwidths, currents at once: unaligned, a torque that the yaw loop makes of the gyro's noise looks like
     inertia.
     """
     n, sensors = len(robot.wheels), robot.sensors
-    slow = sensors.speed_filter + period
-    late = [0.0] * n + [slow] * n
+    late = [0.0] * n + [sensors.speed_filter + period] * n
     late += [1.0 / (2.0 * math.pi * sensors.accelerometer_bandwidth)] * 2
     late += [1.0 / (2.0 * math.pi * sensors.gyro_bandwidth)]
     waits = np.rint((max(late) - np.array(late)) / period)
@@ -47,59 +124,60 @@ def alignment_delays(robot: Robot, period: float) -> Array:
 
 
 def channel_ranges(robot: Robot) -> Array:
-    """Largest reading of each channel, shape (2n+3,): beyond it a sensor says nothing."""
+    """Largest reading of each channel, shape (2n+3,)."""
     n, sensors = len(robot.wheels), robot.sensors
     speed = sensors.speed_monitor_range / robot.motor.gear_ratio
     each = [sensors.current_monitor_range] * n + [speed] * n
     return np.array([*each, *([sensors.accelerometer_range] * 2), sensors.gyro_range])
 
 
-def initial_line(wheels: int) -> Array:
-    """The last samples of all channels, newest first, shape (LINE, 2n+3)."""
-    return np.zeros((LINE, 2 * wheels + 3))
+def sampling_parameters(robot: Robot, period: float) -> Record:
+    """Record of the constants of the sampling at a control period [s]."""
+    return packed(
+        SamplingParameters(
+            alignment_delays(robot, period), channel_ranges(robot), amplifier_parameters(robot)
+        )
+    )
+
+
+def initial_samples(wheels: int) -> Record:
+    """Record of the state before the first sample."""
+    channels = 2 * wheels + 3
+    return packed(
+        Samples(
+            number=0.0,
+            total=np.zeros(channels),
+            begin=np.zeros(wheels + 1),
+            aligned=np.zeros(channels),
+            line=np.zeros((LINE, channels)),
+            steps=np.zeros((3, channels)),
+            missing=np.zeros(wheels),
+        )
+    )
 
 
 @kernel
-def align(line, waits, current, speed, acceleration, turning, first, out):
-    """One sample into the line, in place; `out` is what all said of the same instant, shape (2n+3,)."""
-    n = current.size
+def align(line, waits, values, first, aligned):
+    """Take one sample into the line, in place, and fill `aligned` with all channels at the same instant.
+
+    Args:
+      line: Last samples, newest first, shape (LINE, 2n+3).
+      waits: From `alignment_delays`.
+      values: Newest sample, shape (2n+3,).
+      first: Whether the line holds no sample yet.
+      aligned: Output, shape (2n+3,).
+    """
     line[1:] = line[:-1].copy()
-    line[0, :n], line[0, n : 2 * n] = current, speed
-    line[0, 2 * n : 2 * n + 2], line[0, 2 * n + 2] = acceleration, turning
+    line[0] = values
     if first:
         line[1:] = line[0]
     for k in range(waits.size):
-        out[k] = line[int(waits[k]), k]
-
-
-def initial_repeats(wheels: int) -> Array:
-    """Last sample, how often it came, and the mean square of its steps: currents, wheel speeds, acceleration,
-    yaw rate, shape (3, 2n+3)."""
-    return np.zeros((3, 2 * wheels + 3))
+        aligned[k] = line[int(waits[k]), k]
 
 
 @kernel
-def count_repeats(repeats, current, speed, acceleration, turning):
-    """One sample into the counts of equal values and the squares of steps, in place."""
-    n = current.size
-    for k in range(2 * n + 3):
-        if k < n:
-            value = current[k]
-        elif k < 2 * n:
-            value = speed[k - n]
-        elif k < 2 * n + 2:
-            value = acceleration[k - 2 * n]
-        else:
-            value = turning
-        step = value - repeats[0, k]
-        repeats[1, k] = repeats[1, k] + 1.0 if step == 0.0 else 0.0
-        repeats[2, k] += (min(step * step, MOST_STEP * equation_error(k, n) ** 2) - repeats[2, k]) / SMOOTHED
-        repeats[0, k] = value
-
-
-@kernel
-def equation_error(k, wheels):
-    """Root mean square of channel k's steps from sample to sample that no working sensor has."""
+def roughness(k, wheels):
+    """Root mean square of channel k's steps from sample to sample that no working sensor exceeds."""
     if k < wheels:
         return ROUGH[0]
     if k < 2 * wheels:
@@ -108,144 +186,114 @@ def equation_error(k, wheels):
 
 
 @kernel
-def is_rough(repeats, k, wheels):
-    """Whether channel k has become noisier than any working sensor."""
-    return repeats[2, k] > equation_error(k, wheels) ** 2
-
-
-@kernel
-def is_frozen(repeats, k, wheels, speed):
-    """Whether channel k says the same for too long while the robot drives; a wheel at rest may."""
-    if repeats[1, k] < REPEATED or np.abs(speed).max() < 1.0:
-        return False
-    return not wheels <= k < 2 * wheels or abs(speed[k - wheels]) > 0.5
-
-
-def initial_sums(wheels: int) -> Array:
-    """Sums before the first sample, shape (3n+5,)."""
-    return np.zeros(3 * wheels + 5)
-
-
-@kernel
-def add_sample(sums, current, speed, acceleration, turning):
-    """One sample into the sums; the first one only says where the first block begins."""
-    n = current.size
-    begin = 2 * n + 4
-    if sums[COUNT] == 0.0 and sums[begin + n] == 0.0 and not sums[begin : begin + n].any():
-        sums[begin : begin + n], sums[begin + n] = speed, turning
-    sums[COUNT] += 1.0
-    sums[1 : n + 1] += current
-    sums[n + 1 : 2 * n + 1] += speed
-    sums[2 * n + 1 : 2 * n + 3] += acceleration
-    sums[2 * n + 3] += turning
-
-
-@kernel
-def is_full(sums, samples):
-    """Whether the block has as many samples as it takes."""
-    return sums[COUNT] >= samples
-
-
-@kernel
-def take_block(sums, period, speed, turning, out):
-    """Fills `out` with the block and empties the sums.
+def count_repeats(steps, values):
+    """Take one sample into the counts of equal values and the squares of steps, in place.
 
     Args:
-      sums: Changed: the next block begins here.
-      period: Of a block [s].
-      speed: Of the last sample, shape (n,) [rad/s].
-      turning: Of the last sample [rad/s].
-      out: [currents (n) | wheel speeds (n) | acceleration (2) | yaw rate | wheel accelerations (n) | yaw
-        acceleration], shape (3n+4,).
+      steps: Of `Samples`, shape (3, 2n+3).
+      values: Newest sample, shape (2n+3,).
     """
-    n = speed.size
-    begin = 2 * n + 4
-    out[: 2 * n + 3] = sums[1:begin] / sums[COUNT]
-    for i in range(n):
-        out[2 * n + 3 + i] = (speed[i] - sums[begin + i]) / period
-    out[3 * n + 3] = (turning - sums[begin + n]) / period
-    sums[:begin] = 0.0
-    sums[begin : begin + n], sums[begin + n] = speed, turning
-
-
-# Between two blocks: one sample into what is gathered, everything in one kernel.
-
-
-@dataclass(frozen=True, slots=True)
-class Samples:
-    """What is gathered of the block that is not full yet, n wheels."""
-
-    sums: Array
-    """Of `blocks`."""
-    line: Array
-    """Of `blocks`: the last samples."""
-    repeats: Array
-    """Of `blocks`: equal values in a row and squares of steps."""
-    wanted: Array
-    """Sum of what the amplifiers should have given in this block beyond what they gave, shape (n,) [A]."""
-
-
-def initial_samples(wheels: int) -> Samples:
-    """Before the first one."""
-    return Samples(initial_sums(wheels), initial_line(wheels), initial_repeats(wheels), np.zeros(wheels))
+    n = (values.size - 3) // 2
+    for k in range(values.size):
+        step = values[k] - steps[0, k]
+        steps[1, k] = steps[1, k] + 1.0 if step == 0.0 else 0.0
+        steps[2, k] += (min(step * step, MOST_STEP * roughness(k, n) ** 2) - steps[2, k]) / SMOOTHED
+        steps[0, k] = values[k]
 
 
 @kernel
-def take_sample(
-    waits, ranges, amplifier, samples, sums, line, repeats, wanted, first,
-    current, speed, acceleration, turning, bias, commanded, command,
-):  # fmt: skip
-    """One sample into copies of the first four arrays of `Samples`.
+def failed_channels(steps, wheel_speed):
+    """Mask of the channels that are frozen while the robot drives, or too noisy, shape (2n+3,).
+
+    A wheel at rest may repeat its speed.
 
     Args:
-      waits: From `blocks.alignment_delays`.
-      ranges: From `blocks.channel_ranges`: a reading beyond it is cut.
-      amplifier: From `wheel_speed.amplifier_row`.
-      samples: Of a block.
-      sums: And the next three: of `Samples`, left as they are.
-      line: Shape (LINE, 2n+3).
-      repeats: Shape (3, 2n+3).
-      wanted: Shape (n,) [A].
-      first: Whether nothing was judged before.
-      current: Shape (n,) [A].
-      speed: Shape (n,) [rad/s].
-      acceleration: Shape (2,) [m/s²].
-      turning: Gyro [rad/s].
-      bias: Of the gyro [rad/s].
-      commanded: Whether set currents are known.
-      command: Set currents of the period that the sample ends, shape (n,) [A]; anything where not known.
+      steps: Of `Samples`, shape (3, 2n+3).
+      wheel_speed: Shape (n,) [rad/s].
+    """
+    n, fastest = wheel_speed.size, np.abs(wheel_speed).max()
+    failed = np.empty(steps.shape[1], np.bool_)
+    for k in range(failed.size):
+        rests = n <= k < 2 * n and abs(wheel_speed[k - n]) <= 0.5
+        frozen = steps[1, k] >= REPEATED and fastest >= 1.0 and not rests
+        failed[k] = frozen or steps[2, k] > roughness(k, n) ** 2
+    return failed
+
+
+@kernel
+def _missing_current(amplifier, command, current, wheel_speed):
+    """Current that an amplifier owes [A].
+
+    Near the supply's voltage a healthy motor gets less than its set current, one with another motor in
+    parallel does not: neither disobeys.
+    """
+    commanded = command - current
+    possible = achievable_current(amplifier, command, wheel_speed) - current
+    return commanded if abs(commanded) < abs(possible) else possible
+
+
+@kernel
+def take_sample(parameters, before, sample, first):
+    """Add one sample to the block.
+
+    Args:
+      parameters: Record of `SamplingParameters`.
+      before: Record of `Samples` one step ago; left unchanged.
+      sample: `Sample`.
+      first: Whether no block has been judged yet.
 
     Returns:
-      The four arrays after it, what all channels said of the same instant, shape (2n+3,), and whether the
-      block is full.
+      Record of the next `Samples`.
     """
-    n = current.size
-    said, now = np.empty(2 * n + 3), np.empty(2 * n + 3)
-    said[:n], said[n : 2 * n] = current, speed
-    said[2 * n : 2 * n + 2], said[2 * n + 2] = acceleration, turning
-    for k in range(said.size):
-        said[k] = min(max(said[k], -ranges[k]), ranges[k])
-    current, speed, acceleration = said[:n], said[n : 2 * n], said[2 * n : 2 * n + 2]
-    sums, line, repeats, wanted = sums.copy(), line.copy(), repeats.copy(), wanted.copy()
-    count_repeats(repeats, current, speed, acceleration, said[2 * n + 2])
-    align(line, waits, current, speed, acceleration, said[2 * n + 2] - bias, first, now)
-    add_sample(sums, now[:n], now[n : 2 * n], now[2 * n : 2 * n + 2], now[2 * n + 2])
-    if commanded:
+    p, after = parameters[0], before.copy()
+    block, n = after[0], sample.current.size
+    values, aligned, begin = np.empty(2 * n + 3), block.aligned, block.begin
+    values[:n], values[n : 2 * n] = sample.current, sample.wheel_speed
+    values[2 * n : 2 * n + 2], values[2 * n + 2] = sample.acceleration, sample.yaw_rate
+    for k in range(values.size):
+        values[k] = min(max(values[k], -p.ranges[k]), p.ranges[k])
+    count_repeats(block.steps, values)
+    values[2 * n + 2] -= sample.bias
+    align(block.line, p.waits, values, first, aligned)
+    if block.number == 0.0 and not begin.any():
+        begin[:n], begin[n] = aligned[n : 2 * n], aligned[2 * n + 2]
+    block.number += 1.0
+    total, missing = block.total, block.missing
+    for k in range(values.size):
+        total[k] += aligned[k]
+    if sample.commanded:
         for i in range(n):
-            # near the supply's voltage a healthy motor gets less than is asked for, one with another motor
-            # in parallel does not: neither disobeys
-            asked, can = (
-                command[i] - current[i],
-                achievable_current(motor_at(amplifier), command[i], speed[i]) - current[i],
-            )
-            wanted[i] += asked if abs(asked) < abs(can) else can
-    return sums, line, repeats, wanted, now, is_full(sums, samples)
+            missing[i] += _missing_current(p.amplifier, sample.command[i], values[i], values[n + i])
+    return after
 
 
 @kernel
-def broken_channels(repeats, speed):
-    """Which channels say the same for too long, or are too rough, shape (2n+3,)."""
-    broken = np.empty(repeats.shape[1], np.bool_)
-    for k in range(broken.size):
-        broken[k] = is_frozen(repeats, k, speed.size, speed) or is_rough(repeats, k, speed.size)
-    return broken
+def take_block(samples, period):
+    """Take the means of a full block and begin an empty one, in place.
+
+    Args:
+      samples: Record of `Samples`.
+      period: Duration of a block [s].
+
+    Returns:
+      `Block`.
+    """
+    s = samples[0]
+    n, end = s.missing.size, s.aligned
+    mean, change, begin = s.total / s.number, np.empty(n), s.begin
+    for i in range(n):
+        change[i] = (end[n + i] - begin[i]) / period
+    block = Block(
+        mean[:n].copy(),
+        mean[n : 2 * n].copy(),
+        mean[2 * n : 2 * n + 2].copy(),
+        mean[2 * n + 2],
+        change,
+        (end[2 * n + 2] - begin[n]) / period,
+        mean[:n] + s.missing / s.number,
+    )
+    begin[:n], begin[n] = end[n : 2 * n], end[2 * n + 2]
+    s.number = 0.0
+    s.total[:] = 0.0
+    s.missing[:] = 0.0
+    return block

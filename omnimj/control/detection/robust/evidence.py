@@ -1,275 +1,315 @@
-"""One block of evidence: everything that the decisions look at, brought up to date.
-
-`Evidence` is the memory of the method; `update_evidence` changes the arrays of a copy in place.
-"""
+"""Memory of the force channel and the slip channel, and its update by one block."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from omnimj.control.cascade.heading import wrapped
-from omnimj.control.detection.robust.force_balance import balance, columns, lasting, wheel_force, whiten
-from omnimj.control.detection.robust.glr import LIKELIHOOD, LONGEST_WINDOW, SCORE, likelihood_ratios
-from omnimj.control.detection.robust.parameter_filter import prior_deviation, update_parameters
-from omnimj.control.detection.robust.slip import STATE, correct_velocity, predict_velocity
+from omnimj.control.cascade.heading import wrapped, yaw_rate_row
+from omnimj.control.detection.robust.blocks import samples_per_block
+from omnimj.control.detection.robust.force_balance import (
+    balance,
+    columns,
+    lasting,
+    mass_column,
+    wheel_force,
+    whiten,
+)
+from omnimj.control.detection.robust.glr import (
+    FILLED,
+    HEAD,
+    WINDOWS,
+    BlockHistory,
+    JumpScores,
+    initial_history,
+    likelihood_ratios,
+    no_scores,
+)
+from omnimj.control.detection.robust.parameter_filter import (
+    ParameterModel,
+    parameter_model,
+    prior_deviation,
+    update_parameters,
+)
+from omnimj.control.detection.robust.slip import STATE, VelocityNoise, correct_velocity, predict_velocity
 from omnimj.control.detection.robust.wheel_monitors import (
-    INITIAL_MONITORS,
-    OPPOSED,
+    Traction,
+    WheelMonitors,
     expected_creep,
+    initial_monitors,
     update_wheel_monitors,
 )
-from omnimj.control.robot_constants import LOAD
+from omnimj.control.gains import ObserverGains
+from omnimj.control.robot_constants import RobotConstants, robot_constants
+from omnimj.parameters import Robot
 from omnimj.physics.native import kernel
 from omnimj.signals import Array
 
 RECENT = 10
-"""Blocks of a tenth of a second: how long a wheel that was slow is still called slow."""
-FILLED, HEAD, ROW = range(3)
-"""Cursor: blocks in the ring, its newest row, row of `recent`."""
+"""Blocks of a tenth of a second, for which a wheel that was slow counts as slow."""
 MOVING_SPEED = 1.0
-"""A robot whose wheels all turn slower tells nothing about its motors [rad/s]."""
+"""Wheel speed from which a robot moves; below it nothing is learnt about its motors [rad/s]."""
 QUIET_LIKELIHOOD = 12.0
-"""Λ up to which blocks are learnt from: no fault is half believed [nats]."""
+"""Λ up to which blocks are learnt from: above it a fault is too likely [nats]."""
 LIGHTEST, HEAVIEST = 0.75, 1.3
-"""Of the robot's mass, as far as it is believed."""
+"""Bounds of the robot's estimated mass over the nominal one."""
 SLOPE_STEP = 0.05
-"""Standard deviation that the accelerometer's bias gains per block where a slope begins or ends [m/s²]."""
+"""Deviation that the accelerometer's bias gains per block where a slope begins or ends [m/s²]."""
 COMPARISON_TIME = 1.0
 """Time over which converter, wheels and gyro are compared [s]."""
 
 
-@dataclass(frozen=True, slots=True)
-class Evidence:
-    """What is remembered from block to block, n wheels, p numbers θ."""
+class RobustParameters(NamedTuple):
+    """Constants of the robust detector."""
 
-    ring: Array
-    """Whitened blocks of the last second, shape (LONGEST, 3 (p+1))."""
-    cursor: Array
-    """FILLED, HEAD, ROW."""
-    recent: Array
-    """|φ̇_i| and |speed along axle i| of the last blocks, shape (RECENT, 2n)."""
+    robot: RobotConstants
+    noise: VelocityNoise
+    model: ParameterModel
+    turn: Array
+    """From `yaw_rate_row`, shape (n,)."""
+    period: float
+    """Duration of a block [s]."""
+
+
+class YawComparison(NamedTuple):
+    """Turns of converter and wheels beyond the gyro's over about a second."""
+
+    yaw: float = np.nan
+    """Heading at the end of the last block; NaN before the first [rad]."""
+    converter: float = 0.0
+    """Turn by the converter beyond the gyro's [rad]."""
+    wheels: float = 0.0
+    """Turn by the wheels beyond the gyro's [rad]."""
+
+
+class Evidence(NamedTuple):
+    """Memory from block to block, n wheels, p parameters θ."""
+
     theta: Array
     """Mean of θ as learnt, shape (p,)."""
     cov: Array
     """Its covariance, shape (p, p)."""
-    velocity: Array
-    """Filters without wheel 1 … n, and with all: shape (n+1, STATE)."""
-    spread: Array
-    """Their covariances, shape (n+1, STATE, STATE)."""
-    counters: Array
-    """Of `counters`, shape (n, COUNTERS)."""
-    found: Array
-    """Scores of `glr.likelihood_ratios`, shape (2n+2, SCORE)."""
+    history: BlockHistory
+    scores: JumpScores
+    misfit: Array
+    """Variance of the noise per window, in units of the expected one, shape (windows,)."""
+    residual: Array
+    """ρ of the last block, shape (3,) [N, N, N.m]."""
+    recent: Array
+    """|φ̇_i| [rad/s] and |roller speed of i| [m/s] of the last blocks, shape (RECENT, 2n)."""
+    recent_row: Array
+    """Row of `recent` that is written next, shape (1,), integer."""
     force: Array
     """F̂ of the last block, shape (n,) [N]."""
-    rho: Array
-    """ρ of the last block, shape (3,)."""
-    heading: Array
-    """Heading at the end of the block before, NaN before the first, and how far converter and wheels have
-    turned beyond the gyro in about a second, shape (3,) [rad]."""
-    misfit: Array
-    """Size of the noise per window, in units of what is expected."""
+    velocity: Array
+    """States of the filters without wheel 1 … n, and with all: shape (n+1, STATE)."""
+    velocity_cov: Array
+    """Their covariances, shape (n+1, STATE, STATE)."""
+    monitors: WheelMonitors
+    yaw: YawComparison
 
     def copy(self) -> Evidence:
-        """A copy whose arrays may be changed."""
-        return Evidence(*[getattr(self, name).copy() for name in _NAMES])
+        """Copy whose arrays may be changed."""
+        return _copied(self)
 
 
-_NAMES = tuple(one.name for one in fields(Evidence))
+def _copied(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return value.copy()
+    return type(value)(*map(_copied, value)) if isinstance(value, tuple) else value
+
+
+def robust_parameters(robot: Robot, period: float, gains: ObserverGains | None = None) -> RobustParameters:
+    """Constants of a robot's detector.
+
+    Args:
+      robot: Nominal robot.
+      period: Control period [s].
+      gains: Of the observer; as shipped when None.
+    """
+    own = ObserverGains() if gains is None else gains
+    block = samples_per_block(period) * period
+    return RobustParameters(
+        robot_constants(robot),
+        VelocityNoise(float(own.wheel_noise), float(own.creep_noise), float(own.acceleration_noise)),
+        parameter_model(len(robot.wheels), block, own.memory),
+        yaw_rate_row(robot),
+        block,
+    )
 
 
 def initial_evidence(wheels: int) -> Evidence:
-    """Before the first block: a healthy robot at rest."""
+    """Memory before the first block of a healthy robot at rest."""
     p = columns(wheels)
-    start = np.diag([1e-6, 1e-6, 4e-4, 4e-4])
     return Evidence(
-        ring=np.zeros((LONGEST_WINDOW, 3 * (p + 1))),
-        cursor=np.array([0, -1, 0]),
-        recent=np.zeros((RECENT, 2 * wheels)),
         theta=np.zeros(p),
         cov=np.diag(prior_deviation(wheels) ** 2),
-        velocity=np.zeros((wheels + 1, STATE)),
-        spread=np.tile(start, (wheels + 1, 1, 1)),
-        counters=np.tile(INITIAL_MONITORS, (wheels, 1)),
-        found=np.zeros((2 * wheels + 2, SCORE)),
+        history=initial_history(p),
+        scores=no_scores(wheels),
+        misfit=np.zeros(len(WINDOWS)),
+        residual=np.zeros(3),
+        recent=np.zeros((RECENT, 2 * wheels)),
+        recent_row=np.array([0]),
         force=np.zeros(wheels),
-        rho=np.zeros(3),
-        heading=np.array([np.nan, 0.0, 0.0]),
-        misfit=np.zeros(5),
+        velocity=np.zeros((wheels + 1, STATE)),
+        velocity_cov=np.tile(np.diag([1e-6, 1e-6, 4e-4, 4e-4]), (wheels + 1, 1, 1)),
+        monitors=initial_monitors(wheels),
+        yaw=YawComparison(),
     )
 
 
 @kernel
-def compare_yaw_rates(heading, turn, period, yaw, speed, turning):
-    """One block into the comparison of converter, wheels and gyro, in place.
+def compare_yaw_rates(before, parameters, block, yaw):
+    """Comparison of converter, wheels and gyro after a block.
 
     Args:
-      heading: Of `Evidence`.
-      turn: Yaw rate per wheel speed, shape (n,).
-      period: Of a block [s].
+      before: `YawComparison`.
+      parameters: `RobustParameters`.
+      block: `Block`.
       yaw: Heading at the block's end [rad].
-      speed: Shape (n,) [rad/s].
-      turning: Gyro's mean [rad/s].
+
+    Returns:
+      The next `YawComparison`.
     """
+    period, converter, wheels = parameters.period, before.converter, before.wheels
     keep = 1.0 - period / COMPARISON_TIME
     by_wheels = 0.0
-    for i in range(speed.size):
-        by_wheels += turn[i] * speed[i]
-    if heading[0] == heading[0]:
-        heading[1] = keep * heading[1] + wrapped(yaw - heading[0]) - period * turning
-        heading[2] = keep * heading[2] + period * (by_wheels - turning)
-    heading[0] = yaw
+    for i in range(parameters.turn.size):
+        by_wheels += parameters.turn[i] * block.wheel_speed[i]
+    if before.yaw == before.yaw:  # not NaN
+        converter = keep * converter + wrapped(yaw - before.yaw) - period * block.yaw_rate
+        wheels = keep * wheels + period * (by_wheels - block.yaw_rate)
+    return YawComparison(yaw, converter, wheels)
 
 
 @kernel
-def _push_block(ring, cursor, theta, cov, walk, lasts, x, rho, learning):
-    """The block into the ring; the one that it pushes out is learnt from."""
-    p = theta.size
-    if cursor[FILLED] == ring.shape[0] and learning:
-        old = ring[(cursor[HEAD] + 1) % ring.shape[0]]
-        update_parameters(theta, cov, walk, lasts, old[: 3 * p].copy().reshape(3, p), old[3 * p :])
-    cursor[HEAD] = (cursor[HEAD] + 1) % ring.shape[0]
-    cursor[FILLED] = min(cursor[FILLED] + 1, ring.shape[0])
+def _push_block(evidence, walk, x, rho, learning):
+    """Push a whitened block into the history; θ learns from the one that drops out."""
+    theta, ring, cursor = evidence.theta, evidence.history.ring, evidence.history.cursor
+    p, rows = theta.size, ring.shape[0]
+    if cursor[FILLED] == rows and learning:
+        old = ring[(cursor[HEAD] + 1) % rows]
+        regressors = old[: 3 * p].copy().reshape(3, p)
+        update_parameters(theta, evidence.cov, walk, _lasting(theta), regressors, old[3 * p :])
+    cursor[HEAD] = (cursor[HEAD] + 1) % rows
+    cursor[FILLED] = min(cursor[FILLED] + 1, rows)
     ring[cursor[HEAD], : 3 * p] = x.copy().reshape(3 * p)
     ring[cursor[HEAD], 3 * p :] = rho
 
 
 @kernel
-def _is_quiet(found, weak):
-    """Whether no fault is half believed in; that a weak motor is a little weaker is learnt, not doubted."""
-    n = weak.size
-    for h in range(found.shape[0]):
-        known = h < 2 * n and weak[h % n] != 0.0
-        if not known and found[h, LIKELIHOOD] >= QUIET_LIKELIHOOD:
+def _lasting(theta):
+    return lasting((theta.size - 5) // 4)
+
+
+@kernel
+def _is_quiet(scores, degraded):
+    """Whether no fault is likely; a degraded motor that becomes a little weaker is learnt, not doubted."""
+    n = degraded.size
+    for h in range(scores.likelihood.size):
+        known = h < 2 * n and degraded[h % n]
+        if not known and scores.likelihood[h] >= QUIET_LIKELIHOOD:
             return False
     return True
 
 
 @kernel
-def _recent_minima(recent, cursor, speed, side):
-    """The block into `recent`; least |φ̇| and speed along the axle of the last blocks, shape (n,) each."""
-    n, row = speed.size, cursor[ROW]
-    recent[row, :n], recent[row, n:] = np.abs(speed), np.abs(side)
-    cursor[ROW] = (row + 1) % recent.shape[0]
-    slowest, sideways = np.empty(n), np.empty(n)
+def _recent_minima(evidence, wheel_speed, sideways):
+    """Smallest |φ̇| [rad/s] and roller speed [m/s] of the last blocks, shape (n,) each."""
+    n, recent, row = wheel_speed.size, evidence.recent, evidence.recent_row[0]
+    recent[row, :n], recent[row, n:] = np.abs(wheel_speed), np.abs(sideways)
+    evidence.recent_row[0] = (row + 1) % recent.shape[0]
+    slowest, slowest_sideways = np.empty(n), np.empty(n)
     for i in range(n):
-        slowest[i], sideways[i] = recent[:, i].min(), recent[:, n + i].min()
-    return slowest, sideways
+        slowest[i], slowest_sideways[i] = recent[:, i].min(), recent[:, n + i].min()
+    return slowest, slowest_sideways
 
 
 @kernel
-def _release_bias_on_slope(forces, believed, counters, spread):
-    """Lets the accelerometer's bias go along an axis where every wheel contradicts the velocity, in place.
+def _release_bias_on_slope(robot, included, monitors, velocity_cov):
+    """Release the accelerometer's bias along an axis where every wheel contradicts the velocity, in place.
 
     Uphill the accelerometer reads gravity as motion, so that all wheels seem to be too slow while they push:
     no slip does that. Oil is the other way round, wheels run away in the direction of their force.
     """
     for k in range(2):
         wheels, opposed = 0, 0.0
-        for i in range(believed.size):
-            if believed[i] != 0.0 and abs(forces[k, i]) > 0.5:
+        for i in range(included.size):
+            if included[i] and abs(robot.forces[k, i]) > 0.5:
                 wheels += 1
-                opposed += np.sign(counters[i, OPPOSED] * forces[k, i])
+                opposed += np.sign(monitors.opposed[i] * robot.forces[k, i])
         if wheels >= 2 and abs(opposed) == wheels:
-            for q in range(spread.shape[0]):
-                spread[q, 2 + k, 2 + k] += SLOPE_STEP * SLOPE_STEP
+            for q in range(velocity_cov.shape[0]):
+                velocity_cov[q, 2 + k, 2 + k] += SLOPE_STEP * SLOPE_STEP
 
 
 @kernel
-def _update_force_channel(
-    c, forces, across, walk, loose, low, high, current, speed, acceleration, turning, rate, spin,
-    unknown, deaf, weak, accepted, fresh, ring, cursor, recent, theta, cov, found, force, rho, misfit,
-):  # fmt: skip
-    """The force channel's part of `update_evidence`; whether the robot moves enough to be judged."""
-    n = speed.size
-    x, raw, side = np.zeros((3, theta.size)), np.empty(3), np.empty(n)
-    balance(
-        c, forces, across, current, speed, rate, acceleration, turning, spin, accepted, x, raw, force, side
-    )
-    rho[:] = raw
-    for i in range(n):  # with what was learnt of the motors
-        force[i], _ = wheel_force(c, current[i], speed[i], rate[i], accepted[i] + theta[i], theta[n + i])
-    slowest, sideways = _recent_minima(recent, cursor, speed, side)
-    moving = np.abs(speed).max() > MOVING_SPEED
+def _update_force_channel(parameters, block, accommodation, evidence):
+    """Force channel of `update_evidence`; whether the robot moves enough to be judged."""
+    robot, model, theta, cov = parameters.robot, parameters.model, evidence.theta, evidence.cov
+    n, losses = block.wheel_speed.size, accommodation.losses
+    x, rho, sideways = np.zeros((3, theta.size)), np.empty(3), np.empty(n)
+    balance(robot, block, losses, x, rho, evidence.force, sideways)
+    evidence.residual[:] = rho
+    for i in range(n):  # with the learnt parameters of the motors
+        evidence.force[i], _ = wheel_force(
+            robot,
+            block.current[i],
+            block.wheel_speed[i],
+            block.wheel_acceleration[i],
+            losses[i] + theta[i],
+            theta[n + i],
+        )
+    slowest, slowest_sideways = _recent_minima(evidence, block.wheel_speed, sideways)
+    moving = np.abs(block.wheel_speed).max() > MOVING_SPEED
     if moving:
-        whiten(c, forces, across, current, slowest, sideways, unknown, deaf, weak, x, raw)
-        if fresh:
-            update_parameters(theta, cov, walk, lasting(n), x, raw)
-        learning = not fresh and _is_quiet(found, weak)
-        _push_block(ring, cursor, theta, cov, walk, lasting(n), x, raw, learning)
-        known = np.linalg.inv(cov + np.diag(loose))
-        misfit[:] = likelihood_ratios(ring, cursor[FILLED], cursor[HEAD], theta, known, low, high, found)
+        whiten(robot, block.current, slowest, slowest_sideways, accommodation, x, rho)
+        if accommodation.relearning:
+            update_parameters(theta, cov, model.walk, lasting(n), x, rho)
+        quiet = _is_quiet(evidence.scores, accommodation.degraded)
+        _push_block(evidence, model.walk, x, rho, quiet and not accommodation.relearning)
+        precision = np.linalg.inv(cov + np.diag(model.short_term))
+        evidence.misfit[:] = likelihood_ratios(evidence.history, theta, precision, model, evidence.scores)
     return moving
 
 
 @kernel
-def _update_slip_channel(
-    c, forces, load, current, speed, acceleration, turning, wanted, believed, deaf, moving,
-    velocity, spread, counters, force,
-):  # fmt: skip
-    """The slip channel's part of `update_evidence`."""
-    n = speed.size
+def _update_slip_channel(parameters, block, accommodation, evidence, moving):
+    """Slip channel of `update_evidence`."""
+    robot, included, monitors = parameters.robot, accommodation.included, evidence.monitors
+    n, velocity, velocity_cov = included.size, evidence.velocity, evidence.velocity_cov
+    mass = min(max(1.0 + evidence.theta[mass_column(n)], LIGHTEST), HEAVIEST)  # with its payload
+    load = robot.load * mass
     for q in range(n + 1):
-        predict_velocity(c, velocity[q], spread[q], acceleration, deaf, turning)
-    creep = np.empty((n, 2))
-    expected_creep(c, forces, load, force, counters, creep)
+        predict_velocity(parameters, block, accommodation.excluded_axes, velocity[q], velocity_cov[q])
+    creep = expected_creep(parameters, load, evidence.force, monitors)
+    traction = Traction(load, evidence.force, creep, moving)
     for i in range(n):
         update_wheel_monitors(
-            c, forces, speed, current, wanted, turning, load, force, creep, believed,
-            velocity[i], spread[i], moving, counters[i], i,
-        )  # fmt: skip
-    _release_bias_on_slope(forces, believed, counters, spread)
-    for q in range(n + 1):
-        correct_velocity(
-            c, forces, speed, turning, creep, believed, q if q < n else -1, velocity[q], spread[q]
+            parameters, block, included, traction, velocity[i], velocity_cov[i], monitors, i
         )
-    if np.abs(speed).max() < 0.1 * MOVING_SPEED and abs(turning) < 0.02:
-        velocity[:, :2] *= 0.9  # a robot at rest has no speed that wheels would have to correct
+    _release_bias_on_slope(robot, included, monitors, velocity_cov)
+    for q in range(n + 1):
+        left_out = q if q < n else -1
+        correct_velocity(parameters, block, creep, included, left_out, velocity[q], velocity_cov[q])
+    if np.abs(block.wheel_speed).max() < 0.1 * MOVING_SPEED and abs(block.yaw_rate) < 0.02:
+        velocity[:, :2] *= 0.9  # the velocity of a robot at rest has nothing to correct it
 
 
 @kernel
-def update_evidence(
-    c, forces, across, walk, loose, low, high,
-    current, speed, acceleration, turning, rate, spin, wanted, believed, unknown, deaf, weak, accepted, fresh,
-    ring, cursor, recent, theta, cov, velocity, spread, counters, found, force, rho, misfit,
-):  # fmt: skip
-    """One block into the evidence, in place.
+def update_evidence(parameters, block, accommodation, evidence):
+    """Update both channels by one block, in place.
 
     Args:
-      c: `robot_constants.robot_constants`.
-      forces: B, shape (3, n).
-      across: Shape (n, 3).
-      walk: Variance that θ gains per block, shape (p,).
-      loose: Variance of what θ differs by from window to window, shape (p,).
-      low: Least size of a jump per hypothesis, shape (2n+2,).
-      high: Largest.
-      current: Means of the block, shape (n,) [A].
-      speed: Shape (n,) [rad/s].
-      acceleration: Shape (2,) [m/s²].
-      turning: Yaw rate less its bias [rad/s].
-      rate: φ̈, shape (n,) [rad/s²].
-      spin: Yaw acceleration [rad/s²].
-      wanted: What the amplifiers should give, shape (n,) [A].
-      believed: 1 for wheels that have a say about the velocity, shape (n,).
-      unknown: 1 for wheels whose force nobody knows (locked), shape (n,).
-      deaf: 1 for axes along which the accelerometer lies, shape (2,).
-      weak: 1 for wheels whose motor is known to be broken, shape (n,).
-      accepted: Losses that were diagnosed, shape (n,): θ holds what comes on top.
-      fresh: Whether blocks are learnt from at once: just after a loss was accepted.
-      ring: And all behind it: of `Evidence`.
+      parameters: `RobustParameters`.
+      block: `Block`.
+      accommodation: `Accommodation`.
+      evidence: `Evidence`; its yaw comparison is left to `compare_yaw_rates`.
 
     Returns:
       Whether the robot moves enough to be judged.
     """
-    moving = _update_force_channel(
-        c, forces, across, walk, loose, low, high, current, speed, acceleration, turning, rate, spin,
-        unknown, deaf, weak, accepted, fresh, ring, cursor, recent, theta, cov, found, force, rho, misfit,
-    )  # fmt: skip
-    load = c[LOAD] * min(max(1.0 + theta[2 * speed.size + 3], LIGHTEST), HEAVIEST)  # with what it carries
-    _update_slip_channel(
-        c, forces, load, current, speed, acceleration, turning, wanted, believed, deaf, moving,
-        velocity, spread, counters, force,
-    )  # fmt: skip
+    moving = _update_force_channel(parameters, block, accommodation, evidence)
+    _update_slip_channel(parameters, block, accommodation, evidence, moving)
     return moving

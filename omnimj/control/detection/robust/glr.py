@@ -1,82 +1,122 @@
-"""Sudden changes of the force channel: likelihood ratios over the last 0.05 … 1 s.
-
-Over the last second of whitened blocks ρ = X θ + noise with θ ~ N(θ̂, P) as learnt before it. One more number
-d along column j of X (a jump of δ_j, ν_j or β_j), x_j in the newest blocks, the window, and 0 before it, is
-found and weighed with everything else free:
+"""Sudden changes of the force channel: generalised likelihood ratios (GLR) over the last 0.05 … 1 s.
+ Over the last second of whitened blocks ρ = X θ + noise with θ ~ N(θ̂, P) as learnt before it. A jump d of
+one parameter along column j of X (δ_j, ν_j or β_j), x_j in the newest blocks, the window, and 0 before it, is
+estimated and weighed with everything else free:
   S = x_jᵀ V⁻¹ (ρ − X θ̂),  N = x_jᵀ V⁻¹ x_j,  V = I + X P Xᵀ;  d̂ = S/N,  2 Λ = d̂ (2 S − d̂ N),
-by Woodbury's identity from the sums XᵀX and Xᵀ(ρ − X θ̂) of the second and of the windows alone. So the blocks
-before a window tell what the robot was like a moment ago: without them an unknown payload would pass for most
-of a weak motor. What the jump leaves unexplained tells how large the noise of its window was: Λ is divided by
+by Woodbury's identity from the sums XᵀX and Xᵀ(ρ − X θ̂) of the second and of the windows alone. So the
+blocks before a window show the robot as it was a moment ago: without them an unknown payload would pass for
+most of a weak motor. The misfit that the jump leaves in its window estimates the noise there: Λ is divided by
 it where it is above 1.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from omnimj.physics.native import kernel
+from omnimj.signals import Array
 
 WINDOWS = (5, 10, 20, 50, 100)
 """Lengths [blocks]."""
 LONGEST_WINDOW = WINDOWS[-1]
 _LENGTHS = np.array(WINDOWS)
+FILLED, HEAD = range(2)
+"""Places of `BlockHistory.cursor`."""
 
-LIKELIHOOD, SIZE, DEVIATION, WINDOW = range(4)
-"""Of one hypothesis: Λ [nats], d̂, its standard deviation, length of the window that says it [blocks]."""
-SCORE = 4
+
+class BlockHistory(NamedTuple):
+    """Whitened blocks of the last second."""
+
+    ring: Array
+    """Rows of [X (3 p) | ρ (3)], shape (LONGEST_WINDOW, 3 (p + 1))."""
+    cursor: Array
+    """Number of blocks in the ring and row of the newest one, shape (2,), integers."""
+
+
+class JumpScores(NamedTuple):
+    """Best window of every hypothesis δ, ν, β, all of shape (2n+2,)."""
+
+    likelihood: Array
+    """Λ [nats]."""
+    size: Array
+    """d̂ [1, 1, m/s²]."""
+    deviation: Array
+    """Standard deviation of d̂."""
+    window: Array
+    """Length of the window [blocks]."""
+
+
+class _WindowSums(NamedTuple):
+    """Sums over each window and, last, over the whole second; r = ρ − X θ̂."""
+
+    gram: Array
+    """XᵀX below the diagonal, shape (windows+1, p, p)."""
+    pull: Array
+    """Xᵀ r, shape (windows+1, p)."""
+    squares: Array
+    """rᵀ r, shape (windows+1,)."""
+
+
+def initial_history(columns: int) -> BlockHistory:
+    """Empty history for θ of length p."""
+    return BlockHistory(np.zeros((LONGEST_WINDOW, 3 * (columns + 1))), np.array([0, -1]))
+
+
+def no_scores(wheels: int) -> JumpScores:
+    """Scores of n wheels before the first block."""
+    h = 2 * wheels + 2
+    return JumpScores(np.zeros(h), np.zeros(h), np.zeros(h), np.zeros(h))
 
 
 @kernel
-def likelihood_ratios(ring, filled, head, theta, precision, low, high, found):
-    """Fills `found`, shape (2n+2, SCORE), with the best window of each jump: δ, ν, β.
+def likelihood_ratios(history, theta, precision, model, scores):
+    """Fill the scores with the best window of each jump.
 
     Args:
-      ring: Whitened blocks, rows of [X (3 p) | ρ (3)], shape (LONGEST, 3 (p + 1)).
-      filled: Blocks in it.
-      head: Row of the newest block.
+      history: `BlockHistory`.
       theta: θ̂ before the window, shape (p,).
       precision: P⁻¹, shape (p, p).
-      low: Least d per hypothesis, shape (2n+2,).
-      high: Largest d, shape (2n+2,).
-      found: Output.
+      model: `ParameterModel`, whose smallest and largest jumps bound d̂.
+      scores: `JumpScores`, filled in place.
 
     Returns:
-      Σ of squares of ρ − X θ̂ over the longest window and over each, shape (windows,), per its 3 m numbers.
+      Σ of squares of ρ − X θ̂ over each window per its 3 m numbers, shape (windows,).
     """
     p, windows = theta.size, len(_LENGTHS)
-    grams, pulls, squares = np.zeros((windows + 1, p, p)), np.zeros((windows + 1, p)), np.zeros(windows + 1)
-    found[:, :] = 0.0
-    ended = _window_sums(ring, filled, head, theta, grams, pulls, squares)
+    sums = _WindowSums(np.zeros((windows + 1, p, p)), np.zeros((windows + 1, p)), np.zeros(windows + 1))
+    scores.likelihood[:] = 0.0
+    scores.size[:] = 0.0
+    scores.deviation[:] = 0.0
+    scores.window[:] = 0.0
+    ended = _sum_windows(history, theta, sums)
     whole, solved = precision.copy(), np.empty(p)
     for j in range(p):
         for q in range(j + 1):
-            whole[j, q] += grams[windows, j, q]
+            whole[j, q] += sums.gram[windows, j, q]
             whole[q, j] = whole[j, q]
     chol = np.linalg.cholesky(whole)
-    solve_lower(chol, pulls[windows], solved)
+    solve_lower(chol, sums.pull[windows], solved)
     for w in range(ended):
-        _window_ratios(grams[w], pulls[w], squares[w], chol, solved, low, high, _LENGTHS[w], found)
-    return squares[:windows] / (3.0 * _LENGTHS)
+        _score_window(sums, w, chol, solved, model, scores)
+    return sums.squares[:windows] / (3.0 * _LENGTHS)
 
 
 @kernel
-def _window_sums(ring, filled, head, theta, grams, pulls, squares):
-    """Fills XᵀX (below the diagonal), Xᵀ r and rᵀ r, r = ρ − X θ̂, of each window and, last, of all.
-
-    Returns:
-      How many windows end.
-    """
+def _sum_windows(history, theta, sums):
+    """Fill the sums of each window and of the whole second; the number of windows that are full."""
     p, window, last = theta.size, 0, len(_LENGTHS)
-    gram, pulled = grams[last], pulls[last]
-    row = head
-    for m in range(filled):
+    ring, row = history.ring, history.cursor[HEAD]
+    gram, pulled = sums.gram[last], sums.pull[last]
+    for m in range(history.cursor[FILLED]):
         block = ring[row]
         for k in range(3):
             away = block[3 * p + k]
             x = block[k * p : (k + 1) * p]
             for j in range(p):
                 away -= x[j] * theta[j]
-            squares[last] += away * away
+            sums.squares[last] += away * away
             for j in range(p):
                 if x[j] != 0.0:
                     pulled[j] += x[j] * away
@@ -84,28 +124,27 @@ def _window_sums(ring, filled, head, theta, grams, pulls, squares):
                         gram[j, q] += x[j] * x[q]
         row = row - 1 if row > 0 else ring.shape[0] - 1
         if window < last and m + 1 == _LENGTHS[window]:
-            grams[window], pulls[window], squares[window] = gram, pulled, squares[last]
+            sums.gram[window], sums.pull[window], sums.squares[window] = gram, pulled, sums.squares[last]
             window += 1
     return window
 
 
 @kernel
-def _window_ratios(gram, pulled, squares, chol, solved, low, high, blocks, found):
-    """Every hypothesis at one window; keeps the better of this and what was found at shorter ones.
+def _score_window(sums, window, chol, solved, model, scores):
+    """Score every hypothesis at one window; keeps the better of it and of shorter windows.
 
     Args:
-      gram: XᵀX of the window, below the diagonal, shape (p, p).
-      pulled: Xᵀ r of it, shape (p,).
-      squares: rᵀ r of it.
-      chol: Factor L of P⁻¹ + XᵀX of the whole second.
-      solved: L⁻¹ Xᵀ r of the whole second.
-      low: And `high`, of `likelihood_ratios`.
-      blocks: Length of the window.
-      found: Of `likelihood_ratios`.
+      sums: `_WindowSums`.
+      window: Index of the window.
+      chol: Factor L of P⁻¹ + XᵀX of the whole second, shape (p, p).
+      solved: L⁻¹ Xᵀ r of the whole second, shape (p,).
+      model: `ParameterModel`.
+      scores: `JumpScores`, changed in place.
     """
-    p, length = pulled.size, float(blocks)
+    gram, pulled, squares = sums.gram[window], sums.pull[window], sums.squares[window]
+    p, length = pulled.size, float(_LENGTHS[window])
     beside, side, shift = np.empty(p), np.empty(p), np.empty(p)
-    for h in range(low.size):
+    for h in range(scores.size.size):
         column, score = gram[h, h], pulled[h]
         for j in range(p):
             beside[j] = gram[h, j] if j <= h else gram[j, h]
@@ -115,9 +154,9 @@ def _window_ratios(gram, pulled, squares, chol, solved, low, high, blocks, found
             column -= side[j] * side[j]
         if column <= 1e-6:
             continue
-        size = min(max(score / column, low[h]), high[h])
+        size = min(max(score / column, model.smallest[h]), model.largest[h])
         likelihood = 0.5 * size * (2.0 * score - size * column)
-        if likelihood <= found[h, LIKELIHOOD]:
+        if likelihood <= scores.likelihood[h]:
             continue
         for j in range(p):
             shift[j] = solved[j] - size * side[j]
@@ -130,14 +169,19 @@ def _window_ratios(gram, pulled, squares, chol, solved, low, high, blocks, found
             along = 2.0 * along + gram[j, j] * shift[j]
             left += shift[j] * (along - 2.0 * (pulled[j] - size * beside[j]))
         likelihood /= max(1.0, left / (3.0 * length))
-        if likelihood > found[h, LIKELIHOOD]:
-            found[h, LIKELIHOOD], found[h, SIZE] = likelihood, size
-            found[h, DEVIATION], found[h, WINDOW] = column**-0.5, length
+        if likelihood > scores.likelihood[h]:
+            scores.likelihood[h], scores.size[h] = likelihood, size
+            scores.deviation[h], scores.window[h] = column**-0.5, length
 
 
 @kernel
 def solve_lower_transposed(chol, right):
-    """Lᵀ y = b by substitution, in place."""
+    """Solve Lᵀ y = b by substitution, in place.
+
+    Args:
+      chol: L, shape (p, p).
+      right: b, replaced by y, shape (p,).
+    """
     for j in range(right.size - 1, -1, -1):
         value = right[j]
         for q in range(j + 1, right.size):
@@ -147,7 +191,13 @@ def solve_lower_transposed(chol, right):
 
 @kernel
 def solve_lower(chol, right, out):
-    """L y = b by substitution; `out` may be `right`."""
+    """Solve L y = b by substitution.
+
+    Args:
+      chol: L, shape (p, p).
+      right: b, shape (p,).
+      out: Output y, shape (p,); may be `right`.
+    """
     for j in range(right.size):
         value = right[j]
         for q in range(j):

@@ -1,58 +1,113 @@
-"""What is learnt of a healthy robot over minutes: θ of the force channel, block by block.
+"""Parameters of the force channel learnt over minutes: a Kalman filter of θ under a random walk.
 
-A Kalman filter of a slow random walk; its prior is what parts and payload of a healthy robot may be.
+The prior is the spread of parts and payload of healthy robots.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from omnimj.physics.native import kernel
 from omnimj.signals import Array
 
 LOSS, FRICTION, BIAS, ROLLERS, LOADED, INERTIA = 0.02, 0.13, 0.02, 0.15, 0.12, 0.1
 """Standard deviations in health: δ, ν, β [m/s²], λ, μ, ι."""
-INFORMATIVE = 0.9
-"""Share of the prior deviation of δ below which a drive has told something of it."""
-SIGNIFICANT = 4.0
-"""Standard deviations by which a learnt loss must differ from none: most of what wanders is below them."""
 STICTION = 0.6
-"""The same of h and k: anything between −1 and 1."""
+"""Standard deviation of h and k: anything between −1 and 1."""
 STICTION_LEARNING = 6.0
-"""The same while learning: what stands holds the same for seconds, and nothing may be learnt from that."""
+"""The same while learning: a wheel at rest holds the same friction for seconds, from which nothing may be
+learnt."""
+INFORMATIVE = 0.9
+"""Share of the prior deviation of δ below which a drive has been informative about it."""
+SIGNIFICANT = 4.0
+"""Standard deviations by which a learnt loss must differ from 0: most wandering estimates are below them."""
 LOSS_VARIES, FRICTION_VARIES = 0.01, 0.1
 """Standard deviations of δ and ν from one window to the next."""
 FAULTY_LOSS_VARIES, FAULTY_FRICTION_VARIES = 0.05, 0.5
-"""The same of a motor that is known to be broken."""
+"""The same of a motor that is known to be degraded."""
 FAULTY_LOSS_WALK = 0.1
-"""By which δ of a motor that is known to be broken may wander in a minute, as standard deviation."""
+"""Random walk of δ of a motor that is known to be degraded in a minute, as standard deviation."""
+
+
+class ParameterModel(NamedTuple):
+    """Random walk of θ and the sizes of its jumps."""
+
+    walk: Array
+    """Variance that θ gains per block, shape (p,)."""
+    short_term: Array
+    """Variance of θ from window to window, shape (p,)."""
+    smallest: Array
+    """Smallest jump per hypothesis δ, ν, β, shape (2n+2,)."""
+    largest: Array
+    """Largest jump per hypothesis, shape (2n+2,)."""
+
+
+def parameter_model(wheels: int, period: float, memory: float) -> ParameterModel:
+    """Model of a healthy robot.
+
+    Args:
+      wheels: n.
+      period: Duration of a block [s].
+      memory: Time in which a parameter may wander by its own prior deviation [s].
+    """
+    return ParameterModel(
+        walk=prior_deviation(wheels) ** 2 * (period / memory),
+        short_term=short_term_deviation(wheels) ** 2,
+        smallest=np.array([0.03] * wheels + [0.3] * wheels + [-5.0] * 2),
+        largest=np.array([1.0] * wheels + [40.0] * wheels + [5.0] * 2),
+    )
+
+
+def with_degraded_motors(model: ParameterModel, degraded: NDArray[np.bool_], period: float) -> ParameterModel:
+    """Model with degraded motors: their laws are known less well and change faster, and a loss may come back.
+
+    Args:
+      model: Of the healthy robot.
+      degraded: Mask of the degraded motors, shape (n,).
+      period: Duration of a block [s].
+    """
+    n = degraded.size
+    walk, short_term, smallest = model.walk.copy(), model.short_term.copy(), model.smallest.copy()
+    walk[:n] += degraded * (FAULTY_LOSS_WALK**2 * period / 60.0)
+    short_term[:n] += degraded * FAULTY_LOSS_VARIES**2
+    short_term[n : 2 * n] += degraded * FAULTY_FRICTION_VARIES**2
+    smallest[:n][degraded] = -1.0
+    return ParameterModel(walk, short_term, smallest, model.largest)
 
 
 def significant_losses(theta: Array, cov: Array, wheels: int) -> Array:
-    """δ of the motors of which the drive has told enough, shape (n,); 0 of the others.
+    """Losses δ of the motors about which the drive has been informative, shape (n,); 0 for the others.
 
-    A steady drive tells nothing: mass, friction and torque constants trade with each other, and δ wanders
-    while its deviation grows. Only what is known better than before anything was known counts, and only a
-    loss beyond `SIGNIFICANT` of its standard deviations: the rest may be what no law of the robot tells, like
-    twisted axles, taken for the next best thing.
+    A steady drive is not informative: mass, friction and torque constants trade with each other, and δ
+    wanders while its deviation grows. Only an estimate that is better than the prior counts, and only a loss
+    beyond `SIGNIFICANT` standard deviations: anything smaller may be a misfit of the robot, like twisted
+    axles, that the law explains by the next best parameter.
+
+    Args:
+      theta: θ, shape (p,).
+      cov: Its covariance, shape (p, p).
+      wheels: n.
     """
     own = np.arange(wheels)
     variance, loss = cov[own, own], theta[:wheels]
-    told = variance < (INFORMATIVE * LOSS) ** 2
-    return np.where(told & (loss > 0.0) & (loss**2 > SIGNIFICANT**2 * variance), loss, 0.0)
+    informative = variance < (INFORMATIVE * LOSS) ** 2
+    return np.where(informative & (loss > 0.0) & (loss**2 > SIGNIFICANT**2 * variance), loss, 0.0)
 
 
 def prior_deviation(wheels: int) -> Array:
-    """Standard deviations of θ before anything is known, shape (p,)."""
+    """Standard deviations of θ before the first drive, shape (p,)."""
     each = [LOSS] * wheels + [FRICTION] * wheels
     return np.array([*each, BIAS, BIAS, ROLLERS, LOADED, INERTIA, *([STICTION] * (2 * wheels))])
 
 
 def short_term_deviation(wheels: int) -> Array:
-    """Standard deviations of what θ is off for a second or two, whatever was learnt before, shape (p,).
+    """Standard deviations of θ over a second or two, however well it was learnt before, shape (p,).
 
-    Friction is not the same at every speed and load, nor is the gear's efficiency; what a law with constant
-    numbers leaves of that lasts as long as a manoeuvre, and no window may take it for a fault.
+    Friction is not the same at every speed and load, nor is the gear's efficiency; the misfit of a law with
+    constant parameters lasts as long as a manoeuvre, and no window may take it for a fault.
     """
     each = [LOSS_VARIES] * wheels + [FRICTION_VARIES] * wheels
     return np.array([*each, 0.01, 0.01, 0.05, 0.03, 0.05, *([0.0] * (2 * wheels))])
@@ -60,14 +115,14 @@ def short_term_deviation(wheels: int) -> Array:
 
 @kernel
 def update_parameters(theta, cov, walk, lasts, x, rho):
-    """One block into mean θ, shape (p,), and covariance, shape (p, p), both changed in place.
+    """Kalman update of mean and covariance of θ by one block, in place.
 
     Args:
-      theta: Mean.
-      cov: Covariance.
-      walk: Variance that every number gains per block, shape (p,).
-      lasts: How many of the numbers last; the others are forgotten after the block.
-      x: Whitened columns, shape (3, p).
+      theta: Mean, shape (p,).
+      cov: Covariance, shape (p, p).
+      walk: Variance that every parameter gains per block, shape (p,).
+      lasts: Number of the leading parameters that last; the others are reset after the block.
+      x: Whitened regressors, shape (3, p).
       rho: Whitened ρ, shape (3,).
     """
     p = theta.size
@@ -75,18 +130,18 @@ def update_parameters(theta, cov, walk, lasts, x, rho):
     for j in range(p):
         cov[j, j] = cov[j, j] + walk[j] if j < lasts else STICTION_LEARNING * STICTION_LEARNING
     for k in range(3):
-        size, away = 1.0, rho[k]
+        innovation_variance, innovation = 1.0, rho[k]
         for j in range(p):
             total = 0.0
             for q in range(p):
                 total += cov[j, q] * x[k, q]
             gain[j] = total
-            size += x[k, j] * total
-            away -= x[k, j] * theta[j]
+            innovation_variance += x[k, j] * total
+            innovation -= x[k, j] * theta[j]
         for j in range(p):
-            theta[j] += gain[j] * away / size
+            theta[j] += gain[j] * innovation / innovation_variance
             for q in range(j + 1):
-                cov[j, q] -= gain[j] * gain[q] / size
+                cov[j, q] -= gain[j] * gain[q] / innovation_variance
                 cov[q, j] = cov[j, q]
     for j in range(lasts, p):
         theta[j] = 0.0

@@ -1,16 +1,17 @@
-"""What each wheel has been up to: slip, rolling under load, standing, disobeying.
-
-Slip counts by its way: the creep beyond what a healthy wheel may show, summed while it lasts, so that a large
-slip is seen at once and a small one soon, and a spike of noise never. Health after it counts by likelihood:
-how much less the wheel slips than it would under this traction with the grip that it had lost.
+"""Monitors of every wheel: slip, rolling under load, standing, disobeying.
+ Slip counts by its way: the creep beyond that of a healthy wheel, summed while it lasts, so that a large slip
+is seen at once and a small one soon, and a spike of noise never. Recovered grip counts by likelihood: how
+much less the wheel slips than it would under this traction with the grip that it had lost.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
+
+import numpy as np
 
 from omnimj.control.detection.robust.slip import (
-    CREEP_SLOPE,
     SOFT_FLOOR,
     STIFF_FLOOR,
     healthy_creep_bounds,
@@ -19,139 +20,209 @@ from omnimj.control.detection.robust.slip import (
     speed_deviation,
     wheel_slip,
 )
-from omnimj.control.robot_constants import TIME
+from omnimj.control.robot_constants import CREEP_SLOPE
 from omnimj.physics.native import kernel
-
-(
-    SLIPPING,
-    HEALTH,
-    AGAINST,
-    STUCK,
-    STILL,
-    TURNS,
-    SILENT,
-    RUNAWAY,
-    OPPOSED,
-    SHORT,
-    GRIP,
-) = range(11)
-"""Numbers of a wheel: way slipped beyond what is allowed [m]; likelihood that its grip is back [nats]; blocks
-in a row of a speed that no slip explains, of standing while the floor passes, of standing under a motor that
-should turn the wheel, of turning, of a motor without the current that was asked for, of one with another
-current; how far it is ahead of a velocity against its force, or behind it with its force (below 0) [m/s]; the
-last creep beyond health [m/s], the grip that it told of [1]; then the bristles of `healthy_creep_bounds`,
-those of a
-soft and a stiff floor, and of a floor with that grip [m]."""
-BRISTLES, GIVEN, HELD, LOST, MONITORS = 11, 15, 16, 17, 18
-INITIAL_MONITORS = (0.0,) * GRIP + (1.0,) + (0.0,) * (MONITORS - GRIP - 1)
-"""Before the first block."""
+from omnimj.signals import Array
 
 ALLOWED, ALLOWED_TURNING = 0.02, 0.015
 """Creep beyond health that the velocity's error may make [m/s]; more per rad/s of yaw rate, since rows of
-rollers take turns at two distances from the centre [m]."""
+rollers alternate at two distances from the centre [m]."""
 MOST = 0.002
-"""Way that is counted at most: a slip that has ended is soon forgotten [m]."""
+"""Largest way that is counted: a slip that has ended is soon forgotten [m]."""
 LOADED = 1.5
 """Traction from which a wheel is under load [N]."""
 AGREES = -0.75
 """Traction along the slip from which it may be one: a wheel is never slower than its force for long [N]."""
 NO_SLIP = 0.12
-"""A wheel off by this against its load, or without any, does not slip: its speed is read wrongly [m/s]."""
-_FADES = 0.9  # per block of what was slipped, once the wheel pulls the other way
-_SPREADS = 4.0  # wheels 120 degrees apart have 2
-_SIGMAS = 2.0  # of the body's velocity, given to the wheel
-_DRIFTS = 3.0  # factor on it where only the accelerometer tells it: its errors are not white
-_HOLDS = 0.08  # μ of a usual floor
-_FORCE, _LITTLE = 0.7, 0.3  # [N] by which F̂ may be off, and what is added of it to a lost grip
-_LEAST_GRIP, _NEWEST = 0.02, 0.1
-_TOLD = 0.015  # [m/s] of slip that the lost grip would make at this load: less is no sign of health
-_SPREAD, _COLOUR = 0.02, 6.0  # [m/s] of a slip, and blocks in which its error stays alike
-_AT_ONCE = 0.6  # [nats] of one block
-_ROLLS, _LIES = 2.5, 0.08  # [rad/s], [m/s]
+"""Slip against the load, or without any, from which the wheel's speed is read wrongly [m/s]."""
+_FADES = 0.9  # factor per block on the counted way, once the wheel pulls the other way
+_SPREADS = (
+    4.0  # variance ratio beyond which the other wheels leave dead reckoning; wheels 120 degrees apart: 2
+)
+_SIGMAS = 2.0  # standard deviations of the body's velocity by which a wheel may be off
+_DRIFTS = 3.0  # factor on it under dead reckoning: errors of the accelerometer are not white
+_GRIP = 0.08  # μ of a usual floor
+_FORCE, _LITTLE = 0.7, 0.3  # [N] error of F̂, and what is added to it for a lost grip
+_LEAST_GRIP, _NEWEST = 0.02, 0.1  # bounds of a lost grip, weight of its newest value
+_SHOWS = 0.015  # [m/s] slip that the lost grip would make at this load: less is no sign of health
+_SPREAD, _COLOUR = 0.02, 6.0  # [m/s] error of a slip, and blocks over which it is correlated
+_AT_ONCE = 0.6  # [nats] largest likelihood of one block
+_ROLLS, _OPPOSES = 2.5, 0.08  # [rad/s], [m/s]
 _STANDS, _PASSES, _PUSHED = 0.4, 0.05, 0.4  # [rad/s] of a locked wheel, [m/s] of the floor below it, [A]
 _WOULD, _TURNING = 0.08, 1.5  # [m/s] that a motor would make of its wheel, [rad/s] of one that is not locked
-_OBEYED, _ASKED, _SILENT = 0.25, 0.15, 0.03  # [A]
+_OBEYED, _COMMANDED, _SILENT = 0.25, 0.15, 0.03  # [A]
+
+
+class WheelMonitors(NamedTuple):
+    """Monitors of n wheels; counts are blocks in a row."""
+
+    slipped: Array
+    """Way slipped beyond the allowed creep, shape (n,) [m]."""
+    regained: Array
+    """Log-likelihood that the lost grip is back, shape (n,) [nats]."""
+    implausible: Array
+    """Count of speeds that no slip explains, shape (n,)."""
+    stuck: Array
+    """Count of standing while the floor passes, shape (n,)."""
+    stalled: Array
+    """Count of standing under a motor that should turn the wheel, shape (n,)."""
+    turning: Array
+    """Count of turning, shape (n,)."""
+    silent: Array
+    """Count of a motor without its commanded current, shape (n,)."""
+    disobeying: Array
+    """Count of a motor with another current, shape (n,)."""
+    opposed: Array
+    """Speed ahead of the velocity against the wheel's force, or behind it with its force (below 0), shape
+    (n,) [m/s]."""
+    excess: Array
+    """Last creep beyond health, shape (n,) [m/s]."""
+    grip: Array
+    """Grip of the last slip, 1 before any, shape (n,) [1]."""
+    healthy_bristles: Array
+    """Deflections of `healthy_creep_bounds`, shape (n, 4) [m]."""
+    soft_bristle: Array
+    """Deflection on a soft floor, shape (n,) [m]."""
+    stiff_bristle: Array
+    """Deflection on a stiff floor, shape (n,) [m]."""
+    lost_bristle: Array
+    """Deflection on a floor with the grip of the last slip, shape (n,) [m]."""
+
+
+class Traction(NamedTuple):
+    """Load, force and creep of n wheels in one block."""
+
+    load: float
+    """Normal force of a wheel, F_N [N]."""
+    force: Array
+    """F̂, shape (n,) [N]."""
+    creep: Array
+    """Expected creep and its uncertainty, shape (n, 2) [m/s]."""
+    moving: bool
+    """Whether any wheel turns: the velocity of a robot at rest is only its filters' error."""
+
+
+def initial_monitors(wheels: int) -> WheelMonitors:
+    """Monitors before the first block."""
+    zeros = {name: np.zeros(wheels) for name in WheelMonitors._fields}
+    return WheelMonitors(**zeros | {"grip": np.ones(wheels), "healthy_bristles": np.zeros((wheels, 4))})
+
+
+def restarted_monitors(before: WheelMonitors) -> WheelMonitors:
+    """Monitors after a gap in the measurements: counts start anew, grip and bristles stay."""
+    return initial_monitors(len(before.grip))._replace(
+        grip=before.grip,
+        healthy_bristles=before.healthy_bristles,
+        soft_bristle=before.soft_bristle,
+        stiff_bristle=before.stiff_bristle,
+        lost_bristle=before.lost_bristle,
+    )
 
 
 @kernel
-def roller_ratio(forces, i):
-    """1/sin γ of wheel i: floor's force over motor's, wheel's slip over the contact's; 1 of an omni wheel."""
-    return math.hypot(forces[0, i], forces[1, i])
-
-
-@kernel
-def expected_creep(c, forces, load, force, counters, creep):
-    """Fills what each wheel creeps under its traction and how doubtful that is, shape (n, 2) [m/s].
+def roller_ratio(robot, i):
+    """Ratio 1/sin γ of wheel i: floor's force over motor's, wheel's slip over the contact's; 1 of an omni
+    wheel.
 
     Args:
-      c: `robot_constants.robot_constants`.
-      forces: B, shape (3, n).
+      robot: `RobotConstants`.
+      i: Wheel.
+    """
+    return math.hypot(robot.forces[0, i], robot.forces[1, i])
+
+
+@kernel
+def expected_creep(parameters, load, force, monitors):
+    """Creep of each wheel under its traction and its uncertainty, shape (n, 2) [m/s].
+
+    Args:
+      parameters: `RobustParameters`.
       load: F_N of a wheel [N].
       force: F̂, shape (n,) [N].
-      counters: GIVEN and HELD are brought up to date, shape (n, COUNTERS).
-      creep: Output.
+      monitors: `WheelMonitors`, whose soft and stiff bristles are updated in place.
     """
+    t, creep = parameters.period, np.empty((force.size, 2))
+    softs, stiffs = monitors.soft_bristle, monitors.stiff_bristle
     for i in range(force.size):
-        row, wide = counters[i], roller_ratio(forces, i)
-        share = force[i] * wide / load
-        soft, row[GIVEN] = next_creep(share, row[GIVEN], SOFT_FLOOR[0], SOFT_FLOOR[1], c[TIME])
-        stiff, row[HELD] = next_creep(share, row[HELD], STIFF_FLOOR[0], STIFF_FLOOR[1], c[TIME])
-        creep[i, 0], creep[i, 1] = 0.5 * wide * (soft + stiff), 0.5 * wide * abs(soft - stiff)
+        ratio = roller_ratio(parameters.robot, i)
+        share = force[i] * ratio / load
+        soft, softs[i] = next_creep(share, softs[i], SOFT_FLOOR[0], SOFT_FLOOR[1], t)
+        stiff, stiffs[i] = next_creep(share, stiffs[i], STIFF_FLOOR[0], STIFF_FLOOR[1], t)
+        creep[i, 0], creep[i, 1] = 0.5 * ratio * (soft + stiff), 0.5 * ratio * abs(soft - stiff)
+    return creep
 
 
 @kernel
-def _count_consecutive(row, counter, so):
-    row[counter] = row[counter] + 1.0 if so else 0.0
+def _count(counter, i, condition):
+    """Count blocks in a row, in place."""
+    counter[i] = counter[i] + 1.0 if condition else 0.0
+
+
+class ContactSlip(NamedTuple):
+    """Slip of one wheel at its contact."""
+
+    load: float
+    """F_N [N]."""
+    force: float
+    """F̂ [N]."""
+    slip: float
+    """s [m/s]."""
+    deviation: float
+    """Standard deviation of s [m/s]."""
 
 
 @kernel
-def update_slip_monitor(c, load, force, slip, doubt, turning, moving, row):
-    """SLIPPING, HEALTH, SHORT, GRIP and the bristles of one wheel, in place.
+def update_slip_monitor(period, contact, yaw_rate, moving, monitors, i):
+    """Slip and grip of wheel i after a block, in place.
 
     Args:
-      c: `robot_constants.robot_constants`.
-      load: F_N [N].
-      force: F̂ [N].
-      slip: s [m/s].
-      doubt: Standard deviation of s [m/s].
-      turning: Yaw rate [rad/s].
-      moving: Whether any wheel turns: a robot at rest only thinks that it moves.
-      row: Its numbers, shape (COUNTERS,).
+      period: Duration of a block [s].
+      contact: `ContactSlip`.
+      yaw_rate: [rad/s].
+      moving: Whether any wheel turns.
+      monitors: `WheelMonitors`.
+      i: Wheel.
     """
-    least, most = healthy_creep_bounds(force / load, row[BRISTLES : BRISTLES + 4], c[TIME])
+    load, force, slip, deviation = contact
+    least, most = healthy_creep_bounds(force / load, monitors.healthy_bristles[i], period)
     beyond = max(slip - most, least - slip)
     pull = force if slip - most > least - slip else -force
-    short = beyond - _SIGMAS * doubt
-    allowed = ALLOWED + ALLOWED_TURNING * abs(turning)
+    excess = beyond - _SIGMAS * deviation
+    allowed = ALLOWED + ALLOWED_TURNING * abs(yaw_rate)
     if moving and pull > AGREES:
-        row[SLIPPING] = min(max(row[SLIPPING] + c[TIME] * (short - allowed), 0.0), MOST)
+        monitors.slipped[i] = min(max(monitors.slipped[i] + period * (excess - allowed), 0.0), MOST)
     else:
-        row[SLIPPING] *= _FADES
-    row[SHORT], row[OPPOSED] = short, 0.0
-    if moving and short > allowed and pull < AGREES:
-        row[OPPOSED] = short if slip > most else -short
-    if short > allowed and row[SLIPPING] > 0.0:
-        row[HEALTH] = 0.0
-        grip = (abs(force) + _LITTLE) / (load * (_HOLDS + CREEP_SLOPE * abs(slip)))
+        monitors.slipped[i] *= _FADES
+    monitors.excess[i], monitors.opposed[i] = excess, 0.0
+    if moving and excess > allowed and pull < AGREES:
+        monitors.opposed[i] = excess if slip > most else -excess
+    if excess > allowed and monitors.slipped[i] > 0.0:
+        monitors.regained[i] = 0.0
+        grip = (abs(force) + _LITTLE) / (load * (_GRIP + CREEP_SLOPE * abs(slip)))
         grip = min(max(grip, _LEAST_GRIP), 1.0)
-        row[GRIP] = grip if row[GRIP] == 1.0 else (1.0 - _NEWEST) * row[GRIP] + _NEWEST * grip
-    share = math.copysign(max(abs(force) - _FORCE, 0.0), force) / (load * row[GRIP])
-    lost, row[LOST] = next_creep(share, row[LOST], SOFT_FLOOR[0], SOFT_FLOOR[1], c[TIME])
+        known = monitors.grip[i]
+        monitors.grip[i] = grip if known == 1.0 else (1.0 - _NEWEST) * known + _NEWEST * grip
+    share = math.copysign(max(abs(force) - _FORCE, 0.0), force) / (load * monitors.grip[i])
+    lost, monitors.lost_bristle[i] = next_creep(
+        share, monitors.lost_bristle[i], SOFT_FLOOR[0], SOFT_FLOOR[1], period
+    )
     would, shows = (lost - most, slip - most) if force > 0.0 else (least - lost, least - slip)
-    if would > _TOLD:
-        likely = would * (0.5 * would - max(shows, 0.0)) / (_COLOUR * (_SPREAD * _SPREAD + doubt * doubt))
-        row[HEALTH] = max(row[HEALTH] + min(likely, _AT_ONCE), 0.0)
+    if would > _SHOWS:
+        variance = _COLOUR * (_SPREAD * _SPREAD + deviation * deviation)
+        likelihood = would * (0.5 * would - max(shows, 0.0)) / variance
+        monitors.regained[i] = max(monitors.regained[i] + min(likelihood, _AT_ONCE), 0.0)
 
 
 @kernel
-def _is_alone(forces, believed, i):
-    """Whether the other wheels that are believed tell little of the velocity along wheel i: dead reckoning.
+def _is_dead_reckoning(robot, included, i):
+    """Whether the other included wheels say little about the velocity along wheel i.
 
     Little is a variance dᵀ(Σ d_j d_jᵀ)⁻¹d beyond `_SPREADS` times that of one wheel that drives along d.
     """
+    forces = robot.forces
     xx = xy = yy = 0.0
-    for j in range(believed.size):
-        if j != i and believed[j] != 0.0:
+    for j in range(included.size):
+        if j != i and included[j]:
             xx, xy, yy = (
                 xx + forces[0, j] * forces[0, j],
                 xy + forces[0, j] * forces[1, j],
@@ -164,47 +235,44 @@ def _is_alone(forces, believed, i):
 
 
 @kernel
-def update_wheel_monitors(
-    c, forces, speed, current, wanted, turning, load, force, creep, believed, x, cov, moving, row, i
-):
-    """All numbers of wheel i, in place.
+def update_wheel_monitors(parameters, block, included, traction, x, cov, monitors, i):
+    """All monitors of wheel i after a block, in place.
 
     Args:
-      c: `robot_constants.robot_constants`.
-      forces: B, shape (3, n).
-      speed: Shape (n,) [rad/s].
-      current: Shape (n,) [A].
-      wanted: What the amplifiers should give, shape (n,) [A].
-      turning: Yaw rate [rad/s].
-      load: F_N of a wheel [N].
-      force: F̂, shape (n,) [N].
-      creep: Of `expected_creep`.
-      believed: 1 for wheels that have a say about the velocity, shape (n,).
-      x: State of the velocity filter without this wheel.
-      cov: Its covariance.
-      moving: Whether any wheel turns.
-      row: The wheel's numbers, shape (COUNTERS,).
-      i: The wheel.
+      parameters: `RobustParameters`.
+      block: `Block`.
+      included: Mask of the wheels used by the velocity estimate, shape (n,).
+      traction: `Traction`.
+      x: State of the velocity filter without this wheel, shape (STATE,).
+      cov: Its covariance, shape (STATE, STATE).
+      monitors: `WheelMonitors`.
+      i: Wheel.
     """
-    doubt = speed_deviation(cov, forces[0, i], forces[1, i])
-    if _is_alone(forces, believed, i):
-        doubt *= _DRIFTS
-    wide, slip = roller_ratio(forces, i), wheel_slip(c, forces, speed, turning, x, i)
-    update_slip_monitor(c, load / wide, force[i], slip / wide, doubt / wide, turning, moving, row)
-    away, usual = slip_residual(c, forces, speed, turning, creep, x, i), abs(creep[i, 0])
-    ahead = away if force[i] >= 0.0 else -away
-    idle = abs(force[i]) <= LOADED
-    odd = ahead < -NO_SLIP - usual or (idle and abs(away) > NO_SLIP)
-    turns = abs(speed[i]) > _ROLLS  # or else its motor would not be judged, which may be weak instead
-    _count_consecutive(row, AGAINST, odd or (turns and abs(row[OPPOSED]) > _LIES))
-    below = forces[0, i] * x[0] + forces[1, i] * x[1] + forces[2, i] * turning
-    pushed, doubt = math.copysign(1.0, current[i]), _SIGMAS * doubt
-    stands = abs(speed[i]) < _STANDS and abs(current[i]) > _PUSHED
-    _count_consecutive(row, STUCK, stands and pushed * below > _PASSES + doubt)
+    robot, yaw_rate, force = parameters.robot, block.yaw_rate, traction.force[i]
+    speed, current, commanded = block.wheel_speed[i], block.current[i], block.commanded[i]
+    deviation = speed_deviation(cov, robot.forces[0, i], robot.forces[1, i])
+    if _is_dead_reckoning(robot, included, i):
+        deviation *= _DRIFTS
+    ratio, slip = roller_ratio(robot, i), wheel_slip(robot, block, x, i)
+    contact = ContactSlip(traction.load / ratio, force, slip / ratio, deviation / ratio)
+    update_slip_monitor(parameters.period, contact, yaw_rate, traction.moving, monitors, i)
+
+    residual, usual = slip_residual(robot, block, traction.creep, x, i), abs(traction.creep[i, 0])
+    ahead = residual if force >= 0.0 else -residual
+    idle = abs(force) <= LOADED
+    odd = ahead < -NO_SLIP - usual or (idle and abs(residual) > NO_SLIP)
+    turns = abs(speed) > _ROLLS  # or else its motor would not be judged, which may be degraded instead
+    _count(monitors.implausible, i, odd or (turns and abs(monitors.opposed[i]) > _OPPOSES))
+
+    floor = robot.forces[0, i] * x[0] + robot.forces[1, i] * x[1] + robot.forces[2, i] * yaw_rate
+    pushed, margin = math.copysign(1.0, current), _SIGMAS * deviation
+    stands = abs(speed) < _STANDS and abs(current) > _PUSHED
+    _count(monitors.stuck, i, stands and pushed * floor > _PASSES + margin)
     # what its motor would make of it, if it could turn: the floor's speed, and creep under this force
-    _count_consecutive(row, STILL, stands and pushed * (below + creep[i, 0]) > _WOULD + doubt)
-    _count_consecutive(row, TURNS, abs(speed[i]) > _TURNING)
-    silent = abs(current[i]) < _SILENT
-    lacks = abs(current[i] - wanted[i]) > _OBEYED or (silent and abs(wanted[i]) > _ASKED)
-    _count_consecutive(row, SILENT, lacks and silent)
-    _count_consecutive(row, RUNAWAY, lacks and not silent)
+    _count(monitors.stalled, i, stands and pushed * (floor + traction.creep[i, 0]) > _WOULD + margin)
+    _count(monitors.turning, i, abs(speed) > _TURNING)
+
+    silent = abs(current) < _SILENT
+    lacks = abs(current - commanded) > _OBEYED or (silent and abs(commanded) > _COMMANDED)
+    _count(monitors.silent, i, lacks and silent)
+    _count(monitors.disobeying, i, lacks and not silent)

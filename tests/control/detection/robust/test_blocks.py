@@ -5,33 +5,31 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from omnimj.control.cascade.wheel_speed import amplifier_row
-from omnimj.control.detection.robust import RobustDetector
+from omnimj.control.detection.robust import RobustDetector, RobustState
 from omnimj.control.detection.robust.blocks import (
-    alignment_delays,
-    channel_ranges,
+    Sample,
+    Samples,
     initial_samples,
+    samples_per_block,
+    sampling_parameters,
+    take_block,
     take_sample,
 )
-from omnimj.control.robot_constants import samples_per_block
 from omnimj.parameters import read_robot
 from omnimj.signals import Measurement
 
 ROBOT = read_robot()
 BLOCK = samples_per_block(1e-3)
-WAITS, RANGES, AMPLIFIER = alignment_delays(ROBOT, 1e-3), channel_ranges(ROBOT), amplifier_row(ROBOT)
+PARAMETERS = sampling_parameters(ROBOT, 1e-3)
 
 
 def gathered(current, speed, acceleration, turning, command, bias=0.0):
     """Rows of samples into an empty block."""
-    held = initial_samples(4)
-    arrays, now, full = (held.sums, held.line, held.repeats, held.wanted), None, False
+    samples = initial_samples(4)
     for k in range(len(current)):
-        *arrays, now, full = take_sample(
-            WAITS, RANGES, AMPLIFIER, BLOCK, *arrays, k == 0,
-            current[k], speed[k], acceleration[k], turning[k], bias, True, command,
-        )  # fmt: skip
-    return arrays, now, full
+        sample = Sample(current[k], speed[k], acceleration[k], float(turning[k]), bias, True, command)
+        samples = take_sample(PARAMETERS, samples, sample, k == 0)
+    return samples, Samples._make(samples[0].copy())
 
 
 def test_a_block_lasts_10_ms_whatever_the_rate_and_one_sample_where_they_come_slower():
@@ -43,19 +41,26 @@ def test_a_block_holds_the_sums_of_aligned_samples_and_what_the_amplifiers_still
     current, speed = rng.normal(size=(BLOCK, 4)), rng.normal(size=(BLOCK, 4))
     acceleration, turning = rng.normal(size=(BLOCK, 2)), 0.1 * rng.normal(size=BLOCK)
     command = np.array([0.3, -0.2, 0.1, 0.5])
-    (sums, _, _, wanted), now, full = gathered(current, speed, acceleration, turning, command, bias=0.02)
-    said = np.column_stack((current, speed, acceleration, turning - 0.02))
-    late = np.array([[said[max(k - int(w), 0), c] for c, w in enumerate(WAITS)] for k in range(BLOCK)])
-    assert full and sums[0] == BLOCK
-    assert sums[1:12] == pytest.approx(late.sum(axis=0)) and now == pytest.approx(late[-1])
-    assert wanted == pytest.approx((command - current).sum(axis=0))
+    record, samples = gathered(current, speed, acceleration, turning, command, bias=0.02)
+    read = np.column_stack((current, speed, acceleration, turning - 0.02))
+    late = np.array(
+        [[read[max(k - int(w), 0), c] for c, w in enumerate(PARAMETERS["waits"][0])] for k in range(BLOCK)]
+    )
+    assert samples.number == BLOCK
+    assert samples.total == pytest.approx(late.sum(axis=0)) and samples.aligned == pytest.approx(late[-1])
+    assert samples.missing == pytest.approx((command - current).sum(axis=0))
+    block, empty = take_block(record, 1e-3 * BLOCK), Samples._make(record[0])
+    assert block.current == pytest.approx(late[:, :4].mean(axis=0))
+    assert block.commanded == pytest.approx(block.current + (command - current).mean(axis=0))
+    assert block.wheel_acceleration == pytest.approx((late[-1, 4:8] - late[0, 4:8]) / (1e-3 * BLOCK))
+    assert empty.number == 0 and not empty.total.any() and not empty.missing.any()
 
 
-def test_a_reading_beyond_the_range_of_its_sensor_is_cut():
+def test_a_reading_beyond_the_range_of_its_sensor_is_clipped():
     wild = np.full((1, 4), 1e6)
-    (sums, _, _, _), _, full = gathered(wild, -wild, 1e6 * np.ones((1, 2)), [-1e6], np.zeros(4))
+    _, samples = gathered(wild, -wild, 1e6 * np.ones((1, 2)), [-1e6], np.zeros(4))
     signs = np.array([1.0] * 4 + [-1.0] * 4 + [1.0, 1.0, -1.0])
-    assert not full and sums[1:12] == pytest.approx(signs * RANGES)
+    assert samples.number == 1 and samples.total == pytest.approx(signs * PARAMETERS["ranges"][0])
 
 
 def test_a_step_leaves_the_state_before_it_as_it_was():
@@ -74,7 +79,12 @@ def said(time, noise):
     return Measurement(time, noise[:4], 5.0 + noise[4:8], noise[8:10], 0.1 * noise[10], 0.0)
 
 
-def arrays_of(state):
-    held, evidence = state.samples, state.evidence
-    own = (held.sums, held.line, held.repeats, held.wanted, state.accepted, state.log)
-    return (*own, *(getattr(evidence, name) for name in evidence.__slots__))
+def arrays_of(value):
+    """Every array within nested tuples and a state."""
+    if isinstance(value, np.ndarray):
+        return [value]
+    if isinstance(value, tuple):
+        return [array for part in value for array in arrays_of(part)]
+    if isinstance(value, RobustState):
+        return arrays_of((value.samples, value.evidence, value.losses, value.log))
+    return []

@@ -8,44 +8,68 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.stats import norm
 
-from omnimj.control.detection.robust.force_balance import NOISE, balance, columns, rolling_twist, whiten
+from omnimj.control.detection.robust.accommodation import Accommodation
+from omnimj.control.detection.robust.blocks import Block
+from omnimj.control.detection.robust.force_balance import NOISE, balance, columns, rolling_velocity, whiten
 from omnimj.control.detection.robust.glr import (
-    DEVIATION,
-    LIKELIHOOD,
     LONGEST_WINDOW,
-    SCORE,
-    SIZE,
     WINDOWS,
+    BlockHistory,
+    JumpScores,
     likelihood_ratios,
+    no_scores,
 )
 from omnimj.control.detection.robust.parameter_filter import (
     LOSS,
+    parameter_model,
     prior_deviation,
     significant_losses,
     update_parameters,
 )
-from omnimj.control.robot_constants import DRY, robot_constants, wheel_geometry
+from omnimj.control.robot_constants import robot_constants
 from omnimj.parameters import read_robot
 from omnimj.physics.kinematics import rolling_matrix
 
 ROBOT = read_robot()
 N, P = 4, columns(4)
-C, SHAPE = robot_constants(ROBOT, 1e-3), wheel_geometry(ROBOT)
+C = robot_constants(ROBOT)
+NONE = np.zeros(N, bool)
+HEALTHY = Accommodation(~NONE, NONE, np.zeros(2, bool), NONE, np.zeros(N), False)
+ANY_JUMP = parameter_model(N, 0.01, 120.0)._replace(
+    smallest=np.full(2 * N + 2, -50.0), largest=np.full(2 * N + 2, 50.0)
+)
 
 
 def balanced(current, speed, acceleration=(0.3, -0.2), turning=0.1, spin=0.5, loss=None):
     """X and ρ of one block."""
     x, rho, force, side = np.zeros((3, P)), np.zeros(3), np.zeros(N), np.zeros(N)
-    loss = np.zeros(N) if loss is None else loss
-    balance(
-        C, SHAPE.forces, SHAPE.across, np.asarray(current, float), np.asarray(speed, float), np.zeros(N),
-        np.asarray(acceleration, float), turning, spin, loss, x, rho, force, side,
-    )  # fmt: skip
+    current = np.asarray(current, float)
+    block = Block(
+        current,
+        np.asarray(speed, float),
+        np.asarray(acceleration, float),
+        turning,
+        np.zeros(N),
+        spin,
+        current,
+    )
+    balance(C, block, np.zeros(N) if loss is None else loss, x, rho, force, side)
     return x, rho
 
 
+def scored(x, rho, theta, cov) -> JumpScores:
+    """Scores of some whitened blocks."""
+    length = len(x)
+    ring = np.zeros((LONGEST_WINDOW, 3 * (P + 1)))
+    ring[:length] = np.concatenate((x.reshape(length, -1), rho), axis=1)
+    found = no_scores(N)
+    history = BlockHistory(ring, np.array([length, length - 1]))
+    likelihood_ratios(history, theta, np.linalg.inv(cov), ANY_JUMP, found)
+    return found
+
+
 def test_forces_are_the_transpose_of_rolling():
-    assert SHAPE.forces == pytest.approx(rolling_matrix(ROBOT.wheel_positions, ROBOT.drive_directions).T)
+    assert C.forces == pytest.approx(rolling_matrix(ROBOT.wheel_positions, ROBOT.drive_directions).T)
 
 
 @pytest.mark.parametrize("current", [(0.5, 0.3, -0.4, 0.6), (-0.5, 0.3, 0.9, -0.6)])
@@ -63,58 +87,41 @@ def test_an_accelerometer_bias_changes_the_balance_by_its_column():
     assert after - before == pytest.approx(0.05 * x[:, 2 * N] - 0.07 * x[:, 2 * N + 1])
 
 
-def test_wheels_that_roll_tell_the_twist():
+def test_wheels_that_roll_measure_the_velocity():
     twist = np.array([0.4, -0.7, 0.3])
-    speed = SHAPE.forces.T @ twist / ROBOT.wheel.radius
-    assert rolling_twist(C, SHAPE.forces, speed, twist[2]) == pytest.approx(twist[:2])
+    speed = C.forces.T @ twist / ROBOT.wheel.radius
+    assert rolling_velocity(C, speed, twist[2]) == pytest.approx(twist[:2])
 
 
 def test_whitened_noise_has_the_size_one():
     rng = np.random.default_rng(0)
-    slowest, sideways, unknown = (
-        np.array([0.1, 9, 9, 9.0]),
-        np.array([1.0, 1, 0.01, 1]),
-        np.array([0, 0, 0, 1.0]),
-    )
-    rows = np.eye(3)
+    slowest, sideways = np.array([0.1, 9, 9, 9.0]), np.array([1.0, 1, 0.01, 1])
+    unknown = HEALTHY._replace(unknown_force=np.array([False, False, False, True]))
     x, rho = np.zeros((3, P)), np.zeros(3)
-    x[:, 2 * N + 2 : 2 * N + 5] = rows
-    whiten(
-        C,
-        SHAPE.forces,
-        SHAPE.across,
-        np.zeros(N),
-        slowest,
-        sideways,
-        unknown,
-        np.zeros(2),
-        np.zeros(N),
-        x,
-        rho,
-    )
+    x[:, 2 * N + 2 : 2 * N + 5] = np.eye(3)
+    whiten(C, np.zeros(N), slowest, sideways, unknown, x, rho)
     factor = x[:, 2 * N + 2 : 2 * N + 5]  # L⁻¹
     cov = np.linalg.inv(factor) @ np.linalg.inv(factor).T
     sample = factor @ np.linalg.cholesky(cov) @ rng.standard_normal((3, 20000))
     assert np.cov(sample) == pytest.approx(np.eye(3), abs=0.05)
-    # nobody knows the force of wheel 4, which drives along x: nothing is left of that direction
-    assert np.linalg.norm(factor @ SHAPE.forces[:, 3]) < 0.05 * np.linalg.norm(factor @ SHAPE.forces[:, 1])
+    # the force of wheel 4, which drives along x, is unknown: nothing is left of that direction
+    assert np.linalg.norm(factor @ C.forces[:, 3]) < 0.05 * np.linalg.norm(factor @ C.forces[:, 1])
 
 
 @pytest.mark.parametrize(
-    ("current", "weak", "judged"), [(1.5, 1.0, True), (1.5, 0.0, False), (0.3, 1.0, False)]
+    ("current", "weak", "judged"), [(1.5, True, True), (1.5, False, False), (0.3, True, False)]
 )
 def test_a_slow_wheel_tells_of_its_motor_only_when_that_is_known_to_be_weak_and_is_given_much(
     current, weak, judged
 ):
     currents, slow = np.array([current, 0.0, 0.0, 0.0]), np.array([0.1, 9.0, 9.0, 9.0])
     x, rho = balanced(currents, (0.0, 9.0, -9.0, 9.0))
-    rows, known = x.copy(), np.array([weak, 0.0, 0.0, 0.0])
-    zero = np.zeros(N)
-    whiten(C, SHAPE.forces, SHAPE.across, currents, slow, np.ones(N), zero, np.zeros(2), known, x, rho)
+    rows, known = x.copy(), HEALTHY._replace(degraded=np.array([weak, False, False, False]))
+    whiten(C, currents, slow, np.ones(N), known, x, rho)
     assert bool(x[:, 0].any()) is judged
     if judged:  # of the same balance as the others, with any friction that the wheel may hold
         assert x[:, 2 * N + 5].tolist() == [0.0] * 3
-        spread = np.outer(SHAPE.forces[:, 0], SHAPE.forces[:, 0]) * C[DRY] ** 2
+        spread = np.outer(C.forces[:, 0], C.forces[:, 0]) * C.dry**2
         low = np.linalg.cholesky(np.diag(np.square(NOISE)) + spread)
         assert low @ x[:, 0] == pytest.approx(rows[:, 0])
 
@@ -144,11 +151,7 @@ def test_the_score_of_a_window_is_that_of_the_whole_covariance_of_the_second_aro
     theta = rng.normal(0.0, 0.05, P)
     x, rho = blocks(rng, theta + np.eye(P)[1] * 0.6, length)
     cov = np.diag(prior_deviation(N) ** 2)
-    ring = np.zeros((LONGEST_WINDOW, 3 * (P + 1)))
-    ring[:length] = np.concatenate((x.reshape(length, -1), rho), axis=1)
-    found = np.zeros((2 * N + 2, SCORE))
-    low, high = np.full(2 * N + 2, -50.0), np.full(2 * N + 2, 50.0)
-    likelihood_ratios(ring, length, length - 1, theta, np.linalg.inv(cov), low, high, found)
+    found = scored(x, rho, theta, cov)
     best = {}
     for window in (w for w in WINDOWS if w <= length):
         rows, away, inside = x.reshape(-1, P), (rho - x @ theta).reshape(-1), 3 * (length - window)
@@ -166,23 +169,19 @@ def test_the_score_of_a_window_is_that_of_the_whole_covariance_of_the_second_aro
             if likelihood > best.get(h, (0.0,))[0]:
                 best[h] = (likelihood, size, information**-0.5)
     for h, (likelihood, size, deviation) in best.items():
-        assert found[h, LIKELIHOOD] == pytest.approx(likelihood, rel=1e-6)
-        assert found[h, SIZE] == pytest.approx(size, rel=1e-6)
-        assert found[h, DEVIATION] == pytest.approx(deviation, rel=1e-6)
+        assert found.likelihood[h] == pytest.approx(likelihood, rel=1e-6)
+        assert found.size[h] == pytest.approx(size, rel=1e-6)
+        assert found.deviation[h] == pytest.approx(deviation, rel=1e-6)
 
 
 def test_without_a_jump_twice_the_score_is_as_rare_as_a_chi_square_says():
     rng = np.random.default_rng(3)
     cov, theta = np.diag(prior_deviation(N) ** 2), np.zeros(P)
-    low, high = np.full(2 * N + 2, -50.0), np.full(2 * N + 2, 50.0)
     over = []
     for _ in range(400):
         x, rho = blocks(rng, rng.normal(0.0, prior_deviation(N)), 5)
-        ring = np.zeros((LONGEST_WINDOW, 3 * (P + 1)))
-        ring[:5] = np.concatenate((x.reshape(5, -1), rho), axis=1)
-        found = np.zeros((2 * N + 2, SCORE))
-        likelihood_ratios(ring, 5, 4, theta, np.linalg.inv(cov), low, high, found)
-        over.append(2.0 * found[0, LIKELIHOOD] > norm.ppf(0.975) ** 2)
+        found = scored(x, rho, theta, cov)
+        over.append(2.0 * found.likelihood[0] > norm.ppf(0.975) ** 2)
     assert np.mean(over) <= 0.08  # 5 %, and three standard deviations
 
 

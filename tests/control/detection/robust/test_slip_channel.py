@@ -1,4 +1,4 @@
-"""The slip channel: velocity, bristles and counters against closed forms and other integrations."""
+"""The slip channel: velocity, bristles and monitors against closed forms and other integrations."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import pytest
 from other_robots import mecanum, star
 from scipy.integrate import solve_ivp
 
-from omnimj.control.detection.robust.blocks import LINE, align, alignment_delays, initial_line
+from omnimj.control.detection.robust.blocks import LINE, Block, align, alignment_delays
+from omnimj.control.detection.robust.evidence import robust_parameters
 from omnimj.control.detection.robust.slip import (
-    CREEP_SLOPE,
     SOFT_FLOOR,
     STATE,
     STIFF_FLOOR,
@@ -25,53 +25,65 @@ from omnimj.control.detection.robust.slip import (
 from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.control.detection.robust.wheel_monitors import (
     ALLOWED,
-    GRIP,
-    HEALTH,
-    INITIAL_MONITORS,
-    MONITORS,
     MOST,
-    SLIPPING,
-    _is_alone,
+    ContactSlip,
+    WheelMonitors,
+    _is_dead_reckoning,
+    initial_monitors,
     update_slip_monitor,
 )
-from omnimj.control.robot_constants import LOAD, TIME, robot_constants, wheel_geometry
+from omnimj.control.robot_constants import CREEP_SLOPE, robot_constants
 from omnimj.parameters import read_robot
 
 ROBOT = read_robot()
-C, SHAPE = robot_constants(ROBOT, 1e-3), wheel_geometry(ROBOT)
+PARAMETERS = robust_parameters(ROBOT, 1e-3)
+PERIOD, FORCES, LOAD = PARAMETERS.period, PARAMETERS.robot.forces, PARAMETERS.robot.load
+ALL, NO_AXIS, NO_CREEP = np.ones(4, bool), np.zeros(2, bool), np.zeros((4, 2))
+
+
+def block(speed=(0.0,) * 4, yaw_rate=0.0):
+    """A block without currents and accelerations."""
+    zero = np.zeros(4)
+    return Block(zero, np.array(speed, float), np.zeros(2), yaw_rate, zero, 0.0, zero)
 
 
 def test_a_body_that_coasts_while_it_turns_keeps_its_velocity_in_the_world():
     x, cov, turning = np.array([0.6, 0.2, 0.0, 0.0]), np.eye(STATE) * 1e-4, 0.8
     steps = 200
     for _ in range(steps):
-        predict_velocity(C, x, cov, np.zeros(2), np.zeros(2), turning)
-    angle = turning * steps * C[TIME]
+        predict_velocity(PARAMETERS, block(yaw_rate=turning), NO_AXIS, x, cov)
+    angle = turning * steps * PERIOD
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     assert turn @ x[:2] == pytest.approx([0.6, 0.2], abs=0.01)
 
 
-def test_rolling_wheels_bring_the_velocity_home_whatever_it_was():
+def test_an_axis_with_a_failed_accelerometer_is_predicted_without_it_and_its_variance_grows_faster():
+    x, cov = np.zeros(STATE), np.eye(STATE) * 1e-6
+    pushed = block()._replace(acceleration=np.array([1.0, 1.0]))
+    predict_velocity(PARAMETERS, pushed, np.array([True, False]), x, cov)
+    assert x[:2] == pytest.approx([0.0, PERIOD]) and cov[0, 0] > 10.0 * cov[1, 1]
+
+
+def test_rolling_wheels_correct_any_velocity():
     twist = np.array([0.5, -0.3, 0.2])
-    speed = SHAPE.forces.T @ twist / ROBOT.wheel.radius
+    rolling = block(FORCES.T @ twist / ROBOT.wheel.radius, twist[2])
     x, cov = np.zeros(STATE), np.eye(STATE) * 0.05
     for _ in range(100):
-        correct_velocity(C, SHAPE.forces, speed, twist[2], np.zeros((4, 2)), np.ones(4), -1, x, cov)
+        correct_velocity(PARAMETERS, rolling, NO_CREEP, ALL, -1, x, cov)
     assert x[:2] == pytest.approx(twist[:2], abs=2e-3)
 
 
-def test_a_wheel_that_is_left_out_has_no_say():
-    speed = np.array([100.0, 0.0, 0.0, 0.0])
+def test_a_wheel_that_is_left_out_does_not_change_the_velocity():
     x, cov = np.zeros(STATE), np.eye(STATE) * 0.05
     for _ in range(50):
-        correct_velocity(C, SHAPE.forces, speed, 0.0, np.zeros((4, 2)), np.ones(4), 0, x, cov)
+        correct_velocity(PARAMETERS, block((100.0, 0.0, 0.0, 0.0)), NO_CREEP, ALL, 0, x, cov)
     assert x[:2] == pytest.approx([0.0, 0.0], abs=1e-9)
 
 
-def test_two_wheels_leave_the_velocity_along_one_axis_as_doubtful_as_it_was():
+def test_two_wheels_leave_the_velocity_along_one_axis_as_uncertain_as_it_was():
     x, cov = np.zeros(STATE), np.eye(STATE) * 0.05
-    believed = np.array([0.0, 1.0, 0.0, 1.0])  # wheels 2 and 4 drive along x
-    correct_velocity(C, SHAPE.forces, np.zeros(4), 0.0, np.zeros((4, 2)), believed, -1, x, cov)
+    along_x = np.array([False, True, False, True])
+    correct_velocity(PARAMETERS, block(), NO_CREEP, along_x, -1, x, cov)
     assert speed_deviation(cov, 1.0, 0.0) < 0.02 < speed_deviation(cov, 0.0, 1.0) == pytest.approx(0.05**0.5)
 
 
@@ -108,46 +120,45 @@ def test_bounds_of_healthy_creep_are_odd_in_force():
     for force in (2.0, 8.0, 15.0):
         up, down = np.zeros(4), np.zeros(4)
         for _ in range(50):
-            least, most = healthy_creep_bounds(force / C[LOAD], up, 0.01)
-            assert healthy_creep_bounds(-force / C[LOAD], down, 0.01) == pytest.approx((-most, -least))
+            least, most = healthy_creep_bounds(force / LOAD, up, 0.01)
+            assert healthy_creep_bounds(-force / LOAD, down, 0.01) == pytest.approx((-most, -least))
             assert least <= most
 
 
-def counted(force, slip, blocks, row=None):
-    row = np.array(INITIAL_MONITORS) if row is None else row
-    assert len(row) == MONITORS
+def counted(force, slip, blocks, before: WheelMonitors | None = None) -> WheelMonitors:
+    """Monitors of one wheel after some equal blocks."""
+    monitors = WheelMonitors(*(a.copy() for a in (initial_monitors(1) if before is None else before)))
     for _ in range(blocks):
-        update_slip_monitor(C, C[LOAD], force, slip, 0.0, 0.0, True, row)
-    return row
+        update_slip_monitor(PERIOD, ContactSlip(LOAD, force, slip, 0.0), 0.0, True, monitors, 0)
+    return monitors
 
 
-@pytest.mark.parametrize("holds", [0.05, 0.12])
-def test_a_wheel_that_pulls_as_its_slip_says_never_slips(holds):
+@pytest.mark.parametrize("friction", [0.05, 0.12])
+def test_a_wheel_that_pulls_as_its_slip_says_never_slips(friction):
     for slip in (0.02, 0.05, 0.2):
-        assert counted(C[LOAD] * (holds + 2.45 * slip), slip, 200)[SLIPPING] == 0.0
+        assert counted(LOAD * (friction + 2.45 * slip), slip, 200).slipped[0] == 0.0
 
 
 def test_a_wheel_that_pulls_a_third_of_it_slips_by_its_way():
-    slip, blocks = 0.2, 1
-    force = 0.3 * C[LOAD] * (0.12 + 2.45 * slip)
-    row = counted(force, slip, blocks)
-    assert 0.3 * slip * 0.01 < row[SLIPPING] < slip * 0.01
-    row = counted(force, slip, 20)
-    assert row[SLIPPING] == MOST and row[GRIP] == pytest.approx(0.3, abs=0.08)
+    slip = 0.2
+    force = 0.3 * LOAD * (0.12 + 2.45 * slip)
+    assert 0.3 * slip * PERIOD < counted(force, slip, 1).slipped[0] < slip * PERIOD
+    late = counted(force, slip, 20)
+    assert late.slipped[0] == MOST and late.grip[0] == pytest.approx(0.3, abs=0.08)
 
 
-def test_a_slip_is_healed_by_pulling_without_slipping_and_by_nothing_else():
-    row = counted(6.0, 0.25, 20)
-    assert row[HEALTH] == 0.0
-    assert counted(0.5, 0.0, 50, row=row.copy())[HEALTH] == 0.0  # hardly a load: says nothing
-    assert counted(6.0, 0.25, 50, row=row.copy())[HEALTH] == 0.0  # still slips
-    assert counted(10.0, 0.02, 50, row=row.copy())[HEALTH] > Thresholds().healthy
+def test_a_slip_ends_by_pulling_without_slipping_and_by_nothing_else():
+    slipping = counted(6.0, 0.25, 20)
+    assert slipping.regained[0] == 0.0
+    assert counted(0.5, 0.0, 50, slipping).regained[0] == 0.0  # hardly a load: says nothing
+    assert counted(6.0, 0.25, 50, slipping).regained[0] == 0.0  # still slips
+    assert counted(10.0, 0.02, 50, slipping).regained[0] > Thresholds().healthy
 
 
-def test_slip_within_what_a_healthy_wheel_may_show_is_forgotten():
-    row = counted(2.0, 0.3, 10)
-    assert row[SLIPPING] > 0.0
-    assert counted(8.0, ALLOWED, 400, row=row)[SLIPPING] == pytest.approx(0.0, abs=1e-9)
+def test_slip_within_the_creep_of_a_healthy_wheel_is_forgotten():
+    slipping = counted(2.0, 0.3, 10)
+    assert slipping.slipped[0] > 0.0
+    assert counted(8.0, ALLOWED, 400, slipping).slipped[0] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_channels_are_aligned_to_the_slowest():
@@ -155,14 +166,14 @@ def test_channels_are_aligned_to_the_slowest():
     assert waits[:4] == pytest.approx(5.0) and waits[4:8] == pytest.approx(
         0.0
     )  # 4 ms of filter, 1 ms of counting
-    line, out = initial_line(4), np.zeros(11)
+    line, out = np.zeros((LINE, 11)), np.zeros(11)
     for k in range(2 * LINE):
-        align(line, waits, np.full(4, k), np.full(4, k), np.full(2, k), float(k), k == 0, out)
+        align(line, waits, np.full(11, float(k)), k == 0, out)
     assert 2 * LINE - 1 - out == pytest.approx(waits)
 
 
 @pytest.mark.parametrize(
-    ("layout", "believed", "alone"),
+    ("layout", "included", "alone"),
     [
         (read_robot(), (1, 1, 1, 1), False),
         (read_robot(), (1, 1, 0, 1), True),
@@ -175,6 +186,5 @@ def test_channels_are_aligned_to_the_slowest():
         (mecanum(), (1, 1, 0, 1), True),
     ],
 )
-def test_a_wheel_is_alone_where_the_others_do_not_tell_its_velocity(layout, believed, alone):
-    forces = wheel_geometry(layout).forces
-    assert _is_alone(forces, np.array(believed, float), 0) == alone
+def test_velocity_along_a_wheel_is_dead_reckoning_where_the_others_do_not_measure_it(layout, included, alone):
+    assert _is_dead_reckoning(robot_constants(layout), np.array(included, bool), 0) == alone

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-from omnimj.control.detection.robust import verdict as past
-from omnimj.control.detection.robust.thresholds import Verdict, with_diagnosis
-from omnimj.control.detection.robust.verdict import LOOKBACK, all_diagnoses, archive_cleared
+from omnimj.control.detection.robust.verdict import (
+    HISTORY_LENGTH,
+    LOOKBACK,
+    Verdict,
+    all_diagnoses,
+    archive_cleared,
+    with_diagnosis,
+)
 from omnimj.signals import Diagnosis
 
 WEAK = Diagnosis(0.5, "motor", (2,), 0.99)
@@ -35,10 +40,10 @@ def test_what_is_decided_by_stays_as_short_as_what_happened_lately():
 
 
 def test_of_very_many_the_oldest_are_forgotten_and_what_stands_never():
-    verdict, before, _ = hours_of_slips(past.HISTORY_LENGTH + 200)
-    assert len(before) == past.HISTORY_LENGTH
+    verdict, before, _ = hours_of_slips(HISTORY_LENGTH + 200)
+    assert len(before) == HISTORY_LENGTH
     told = all_diagnoses(verdict, before)
-    assert told[0] is WEAK and told[1].time > 100.0 and told[-1].time == past.HISTORY_LENGTH + 200
+    assert told[0] is WEAK and told[1].time > 100.0 and told[-1].time == HISTORY_LENGTH + 200
 
 
 def test_nothing_changes_while_nothing_is_old():

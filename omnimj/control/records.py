@@ -1,0 +1,52 @@
+"""Records for kernels that run at every control step: NamedTuples packed into structured arrays.
+ Numba takes NamedTuples as arguments, but examines each of their fields at every call and makes a Python
+object of each array that it returns. A structured array of one record costs as little as any other array,
+keeps the names (`record.period`, `record.limits.change`), nested tuples and arrays included, and has room for
+many records: one per trial of a batch.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Record = NDArray[np.void]
+"""Structured array of one record, shape (1,)."""
+
+
+def _field_type(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return np.dtype([(name, _field_type(field)) for name, field in _fields(value)], align=True)
+    return (value.dtype, value.shape) if isinstance(value, np.ndarray) else np.dtype(type(value))
+
+
+def _fields(value: Any) -> list[tuple[str, Any]]:
+    return list(zip(value._fields, value, strict=True))
+
+
+def packed(value: Any) -> Record:
+    """Pack a NamedTuple of numbers, truth values, arrays and NamedTuples into a record.
+
+    A kernel reads the fields of `record[0]` by the same names. Shapes of arrays are part of the record's
+    type.
+    """
+    record: Any = np.zeros(1, _field_type(value))
+    _fill(record, value)
+    return record
+
+
+def packed_like(record: Record, value: Any) -> Record:
+    """Pack a NamedTuple into a record of the same type as another one: quicker than `packed`."""
+    after = record.copy()
+    _fill(after, value)
+    return after
+
+
+def _fill(record: Any, value: Any) -> None:
+    for name, field in _fields(value):
+        if isinstance(field, tuple):
+            _fill(record[name], field)
+        else:
+            record[name] = field
