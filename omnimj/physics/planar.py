@@ -23,7 +23,7 @@ from omnimj.errors import InputError
 from omnimj.parameters.floor import TRACTION_SIZE, TractionParameters
 from omnimj.parameters.parts import GRAVITY
 from omnimj.parameters.robot import Robot, roller_sin_cos
-from omnimj.physics.effect_terms import ACTIVE, apply_motor_effects, has_motor_effects, terms_at
+from omnimj.physics.effect_terms import ACTIVE, TERM, apply_motor_effects, has_motor_effects, terms_at
 from omnimj.physics.motor import MOTOR_SIZE, MotorParameters, achievable_current
 from omnimj.physics.native import first_numbers, inlined, kernel, row_numbers
 from omnimj.physics.planar_wheel import (
@@ -63,6 +63,7 @@ class PlanarBody(NamedTuple):
 
 BODY_SIZE = len(PlanarBody._fields)
 """Numbers of a packed body."""
+_AIR, _SAG = TERM["air"], TERM["sag"]
 
 
 class PlanarModel(NamedTuple):
@@ -373,11 +374,11 @@ def step(state, command, model, h, steps, output):
     now, found, body = planar_state(state), planar_output(output), body_at(model.body)
     n, published = command.size, model.published
     draws = np.zeros(n)
-    sagging = terms_at(model.terms[0]).sag != 0.0
+    sagging = model.terms[0, _SAG] != 0.0
     # drag acts on the body as a whole: it stands, shared, in the terms of all wheels
     drag = 0.0
     for i in range(n):
-        drag += terms_at(model.terms[i]).air / n
+        drag += model.terms[i, _AIR] / n
     for _ in range(steps):
         g_x, g_y = _gravity(body, now.pose[2])
         v_x, v_y, yaw_rate = now.twist[0], now.twist[1], now.twist[2]

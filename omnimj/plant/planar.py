@@ -15,7 +15,7 @@ from omnimj.parameters.floor import TRACTION_SIZE
 from omnimj.physics import planar, rig
 from omnimj.physics.motor import SHORTED
 from omnimj.physics.native import kernel
-from omnimj.physics.planar_wheel import planar_wheel_at
+from omnimj.physics.planar_wheel import POSITION_X, POSITION_Y
 from omnimj.physics.wheel import packed, store
 from omnimj.plant.faults import Conditions, Fault, conditions_at, conditions_with_effects, event_times
 from omnimj.plant.ground import Ground, Patch, floor_at
@@ -63,8 +63,7 @@ def _find_floors(pose, wheels, ground, floors):
     x, y = pose[0], pose[1]
     c, s = math.cos(pose[2]), math.sin(pose[2])
     for i in range(wheels.shape[0]):
-        wheel = planar_wheel_at(wheels[i])
-        p_x, p_y = wheel.position_x, wheel.position_y
+        p_x, p_y = wheels[i, POSITION_X], wheels[i, POSITION_Y]
         if replaced[i] > 0.0:
             floors[i, :] = replacements[i]
         else:
