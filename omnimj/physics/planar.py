@@ -225,7 +225,6 @@ def driven_wheel(model, i):
         PlanarWheel(WheelParameters(*wheel[:WHEEL_SIZE]), *wheel[WHEEL_SIZE:]),
         MotorParameters(*row_numbers(model.motors, i, MOTOR_SIZE)),
         TractionParameters(*row_numbers(model.floors, i, TRACTION_SIZE)),
-        model.terms,
         model.published,
     )
 
@@ -341,12 +340,12 @@ def _step_body(state, body, force, h, published):
 
 
 @inlined
-def _motor_now(driven, i, time, other_current):
+def _motor_now(motor, packed_terms, time, other_current):
     """Motor of a wheel with effects, at a time and a load of the supply."""
-    terms = terms_at(driven.terms[i])
+    terms = terms_at(packed_terms)
     if not has_motor_effects(terms):
-        return driven.motor
-    return apply_motor_effects(driven.motor, terms, time, other_current)
+        return motor
+    return apply_motor_effects(motor, terms, time, other_current)
 
 
 @kernel
@@ -391,10 +390,10 @@ def step(state, command, model, h, steps, output):
             driven = driven_wheel(model, i)
             wheel, floor = driven.wheel, driven.floor
             if model.terms[i, ACTIVE] != 0.0:
-                motor = _motor_now(driven, i, now.clock[0], load - draws[i])
-                driven = DrivenWheel(wheel, motor, floor, driven.terms, published)
+                motor = _motor_now(driven.motor, model.terms[i], now.clock[0], load - draws[i])
+                driven = DrivenWheel(wheel, motor, floor, published)
             normal = _normal_force(wheel, g_x, g_y)
-            ahead, aside = step_wheel(i, now, command[i], driven, normal, h, found)
+            ahead, aside = step_wheel(i, now, command[i], driven, model.terms, normal, h, found)
             x, y, z = _body_force(wheel, body, ahead, aside)
             f_x, f_y, moment = f_x + x, f_y + y, moment + z
         a_x, a_y = _step_body(now, body, (f_x, f_y, moment), h, published)

@@ -70,8 +70,6 @@ class DrivenWheel(NamedTuple):
     wheel: PlanarWheel
     motor: MotorParameters
     floor: TractionParameters
-    terms: np.ndarray
-    """Packed `EffectTerms` of all wheels, unpacked only where they are active, shape (n, TERMS)."""
     published: bool
     """The equations as printed."""
 
@@ -200,16 +198,16 @@ def _world_x(wheel, pose):
 
 
 @inlined
-def _turn_wheel(i, state, driven, current, load, h):
+def _turn_wheel(i, state, driven, packed_terms, current, load, h):
     """Advance speed, angle and backlash of wheel i under its torques and the floor's force."""
     wheel = driven.wheel.wheel
     wheel_speed, gap, rate = state.wheel_speed[i], state.backlash[i], state.backlash_rate[i]
     other = -wheel.radius * load.ahead
-    if driven.terms[i, ACTIVE] == 0.0:
+    if packed_terms[i, ACTIVE] == 0.0:
         low, high = wheel_torque_bounds(driven, current, wheel_speed, load)
         change = (stick_or_slip(low, high, wheel_speed, wheel.inertia, other, h) + other) / wheel.inertia
     else:
-        terms = terms_at(driven.terms[i])
+        terms = terms_at(packed_terms[i])
         low, high = motor_torque_bounds(driven.motor, current, wheel_speed + rate, driven.published)
         dry = axle_dry_friction(terms, low, high)
         other += axle_torque(terms, state.angle[i] + gap, wheel_speed + rate, h)
@@ -231,7 +229,7 @@ def _turn_wheel(i, state, driven, current, load, h):
 
 
 @inlined
-def step_wheel(i, state, command, driven, normal, h, output):
+def step_wheel(i, state, command, driven, packed_terms, normal, h, output):
     """Advance all of wheel i; return its force along u, and against z × u [N].
 
     Args:
@@ -239,6 +237,7 @@ def step_wheel(i, state, command, driven, normal, h, output):
       state: `PlanarState`, changed in place.
       command: Commanded current [A].
       driven: `DrivenWheel`.
+      packed_terms: `EffectTerms` of all wheels, read only where they are active, shape (n, TERMS).
       normal: F_N [N].
       h: Step [s].
       output: `PlanarOutput`, filled.
@@ -252,8 +251,8 @@ def step_wheel(i, state, command, driven, normal, h, output):
     mean = mean_deflection(state.bristle[i], z, slip, rate, h)
     traction = normal * wheel.grip * force_ratio(driven.floor, mean, slip, rate)
     added = 0.0
-    if driven.terms[i, ACTIVE] != 0.0:
-        terms = terms_at(driven.terms[i])
+    if packed_terms[i, ACTIVE] != 0.0:
+        terms = terms_at(packed_terms[i])
         place, time = _world_x(wheel, state.pose), state.clock[0]
         traction *= traction_scale(terms, place)
         added = hub_force(terms, along, place, time, across, state.angle[i], wheel_speed, h)
@@ -262,7 +261,7 @@ def step_wheel(i, state, command, driven, normal, h, output):
     before = state.current[i]
     current = next_current(driven.motor, before, command, wheel_speed, h)
     mean = mean_current(driven.motor, before, current, command, wheel_speed, h)
-    _turn_wheel(i, state, driven, mean, WheelLoad(normal, ahead, aside), h)
+    _turn_wheel(i, state, driven, packed_terms, mean, WheelLoad(normal, ahead, aside), h)
     state.bristle[i], state.roller[i], state.current[i] = z, roller, current
     output.slip[i], output.normal[i], output.traction[i], output.drag[i] = slip, normal, traction, drag
     output.encoder_speed[i] = state.wheel_speed[i] + state.backlash_rate[i]
