@@ -122,11 +122,12 @@ def _velocity_error(trace: Trace) -> tuple[Array, Array]:
 
 def _longest(holds: np.ndarray) -> int:
     """Return the largest number of consecutive true rows in any column, shape (k, n)."""
-    longest = 0
-    for column in holds.T:
-        edges = np.flatnonzero(np.diff(np.concatenate(([False], column, [False])).astype(int)))
-        longest = max([longest, *(int(b - a) for a, b in edges.reshape(-1, 2))])
-    return longest
+    return max((int(end - start) for column in holds.T for start, end in _true_intervals(column)), default=0)
+
+
+def _true_intervals(mask: np.ndarray) -> np.ndarray:
+    """Return first row and row after the last of each interval in which a mask holds, shape (m, 2)."""
+    return np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(int))).reshape(-1, 2)
 
 
 def _first_use(records: Sequence[Mapping[str, Any]], uses: Sequence | None) -> float | None:
@@ -215,8 +216,8 @@ def _run(
 def _uses(healthy: Trace) -> list[list[list[float]]]:
     """Return the intervals of use of each wheel."""
     time, works = healthy["time"], demanded_traction(healthy) > IN_USE
-    found = []
-    for wheel in works.T:
-        edges = np.flatnonzero(np.diff(np.concatenate(([False], wheel, [False])).astype(int)))
-        found.append([[float(time[a]), float(time[min(b, len(time) - 1)])] for a, b in edges.reshape(-1, 2)])
-    return found
+    last = len(time) - 1
+    return [
+        [[float(time[start]), float(time[min(end, last)])] for start, end in _true_intervals(wheel)]
+        for wheel in works.T
+    ]
