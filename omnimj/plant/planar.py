@@ -306,8 +306,10 @@ class PlanarRig:
         self.period = 1.0 / constants.sensors.sample_rate
         self._lateral_speed, self._published = float(lateral_speed), published
         self._ground = Ground(floor, (), effects.floors(read_floors() if floors is None else floors))
+        self.effect_terms: Array = effects.terms[0]
+        """Packed effect terms of the wheel, which every step reads, shape (TERMS,)."""
         self._stages = [
-            self._stage(constants, mass, effects.terms[0], begin, now)
+            self._stage(constants, mass, self.effect_terms, begin, now)
             for begin, now in _timeline(constants, faults, effects, measured_current)
         ]
         self._sensors = RigSensors(

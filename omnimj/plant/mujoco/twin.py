@@ -74,6 +74,9 @@ class RigTwin:
             rig, effects.floor(floor), mass, fault_floors(faults), patches, lean=True, floors=floors
         )
         bind_effects(self.mj_model, effects.terms, measured_current)
+        own = slice(slots.EFFECT_TERMS, slots.EFFECT_TERMS + effects.terms.shape[1])
+        self.effect_terms: Array = self.mj_model.actuator_user[0, own]
+        """Packed effect terms of the wheel in the model, which every step reads, shape (TERMS,)."""
         self.mj_model.opt.timestep = self.period if timestep is None else timestep
         self._substeps = max(1, round(self.period / self.mj_model.opt.timestep))
         self.mj_data = mujoco.MjData(self.mj_model)

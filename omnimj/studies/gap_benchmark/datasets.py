@@ -18,9 +18,7 @@ import numpy as np
 from omnimj.effects import with_effects
 from omnimj.estimate.replay.base_parameters import AdjustedMachine, adjust_machine, base_parameters
 from omnimj.parameters import Rig, read_floors, read_rig
-from omnimj.physics.effect_terms import TERMS
 from omnimj.plant.interface import RIG_CHANNELS, Plant
-from omnimj.plant.mujoco import slots
 from omnimj.plant.mujoco.twin import RigTwin
 from omnimj.plant.planar import PlanarRig
 from omnimj.recording.dataset import Run
@@ -158,10 +156,11 @@ def true_machine(case: Case) -> AdjustedMachine[Rig]:
 
 def _recorded(case: Case, truth: AdjustedMachine[Rig], planned: PlannedRun, k: int, made_by: str) -> Run:
     seed = int(np.random.SeedSequence(case.seed, spawn_key=(1, k)).generate_state(1, np.uint64)[0])
-    plant = _plant(truth, planned, seed, made_by)
+    rig = _plant(truth, planned, seed, made_by)
+    plant: Plant = rig
     if case.outside is not None:
         plant = DisturbedPlant(
-            plant, case.outside, RunContext(planned.session, planned.mass * truth.mass_scale)
+            rig, case.outside, RunContext(planned.session, planned.mass * truth.mass_scale)
         )
     try:
         trace = drive_rig(plant, planned.current)
@@ -176,7 +175,7 @@ def _recorded(case: Case, truth: AdjustedMachine[Rig], planned: PlannedRun, k: i
     return Run(planned.name, columns, MappingProxyType({}), conditions, planned.condition)
 
 
-def _plant(truth: AdjustedMachine[Rig], planned: PlannedRun, seed: int, made_by: str) -> Plant:
+def _plant(truth: AdjustedMachine[Rig], planned: PlannedRun, seed: int, made_by: str) -> PlanarRig | RigTwin:
     mass = planned.mass * truth.mass_scale
     if made_by == "planar":
         return PlanarRig(
@@ -193,7 +192,7 @@ def _plant(truth: AdjustedMachine[Rig], planned: PlannedRun, seed: int, made_by:
 class DisturbedPlant:
     """A rig with an effect outside the library, written into its terms before every sample; a `Plant`."""
 
-    def __init__(self, plant: Plant, outside: UnmodelledEffect, run: RunContext):
+    def __init__(self, plant: PlanarRig | RigTwin, outside: UnmodelledEffect, run: RunContext):
         self._plant, self._outside, self._run = plant, outside, run
         self.period, self.truth_names = plant.period, plant.truth_names
         self._steps = 0
@@ -214,7 +213,7 @@ class DisturbedPlant:
     def _disturb(self) -> None:
         position, speed = self._plant.truth()[:2].tolist()
         time = self._steps * self.period
-        self._outside.write_terms(_terms(self._plant), self._run, time, position, speed)
+        self._outside.write_terms(self._plant.effect_terms, self._run, time, position, speed)
 
     def truth(self) -> Array:
         """Return the truth of the rig."""
@@ -223,11 +222,3 @@ class DisturbedPlant:
     def close(self) -> None:
         """Close the rig."""
         self._plant.close()
-
-
-def _terms(plant: Plant) -> Array:
-    """Return the row of terms that the rig's kernels read at every step, shape (TERMS,)."""
-    if isinstance(plant, RigTwin):
-        return plant.mj_model.actuator_user[0, slots.EFFECT_TERMS : slots.EFFECT_TERMS + TERMS]
-    assert isinstance(plant, PlanarRig)
-    return plant._terms
