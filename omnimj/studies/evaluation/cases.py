@@ -14,7 +14,7 @@ import numpy as np
 from omnimj.errors import InputError
 from omnimj.plant.faults import Fault, fault_record
 from omnimj.signals import Reference
-from omnimj.simulate.scenario.drive import Drive, read_drive
+from omnimj.simulate.scenario.drive import read_drive
 from omnimj.simulate.scenario.motion import directions
 from omnimj.simulate.scenario.overrides import split_override
 from omnimj.simulate.scenario.scenario import Scenario, read_scenario
@@ -257,8 +257,7 @@ def nominal_scenario(case: Case, settings: Iterable[str] = ()) -> Scenario:
     """
     healthy = ("faults=[]", "checks={}", f"floor={case.floor}", f"duration={case.duration!r}")
     scenario = read_scenario(_TEMPLATE, (*healthy, *settings))
-    assert isinstance(scenario.drive, Drive)
     drive = dataclasses.replace(
-        scenario.drive, reference=case_reference(case, scenario.period), start=(0.0, 0.0, 0.0)
+        scenario.robot_drive, reference=case_reference(case, scenario.period), start=(0.0, 0.0, 0.0)
     )
     return dataclasses.replace(scenario, name=case.name, description=case.suite, drive=drive)

@@ -15,7 +15,6 @@ import numpy as np
 
 from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.errors import SimulationError
-from omnimj.parameters import Robot
 from omnimj.signals import KINDS_OF_DIAGNOSIS, Array, Trace
 from omnimj.simulate.detectors import make_detector
 from omnimj.simulate.judging import judge_diagnoses
@@ -79,8 +78,7 @@ def measure_trial(trace: Trace, truth: Scenario, uses: Sequence | None) -> Trial
       truth: The scenario with its faults and patches.
       uses: From `drive_healthy`; None for a draw without faults.
     """
-    robot = truth.constants
-    assert isinstance(robot, Robot)
+    robot = truth.robot
     command = trace.wheels("current_target")
     records = [r for r in true_faults(truth, trace) if r["kind"] in KINDS_OF_DIAGNOSIS]
     verdict = judge_diagnoses(records, trace.about["diagnoses"], len(robot.wheels))
