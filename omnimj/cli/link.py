@@ -216,7 +216,7 @@ class _Check:
         turns = [pulses.turn(sign) for sign in (1.0, -1.0)] if self._arguments.on_floor else []
         self._findings = judge_wiring(self._robot, still, single, turns, seen)
         for finding in self._findings:
-            self._add(finding.place, finding.words, False)
+            self._add(finding.place, finding.description, False)
         if not self._findings:
             self._add("wiring", "every channel and motor has the right sign, and gains agree", True)
         if not turns:
@@ -242,7 +242,7 @@ class _Check:
         wrong = sum(is_right is False for *_, is_right in self._rows)
         if self._arguments.json:
             steps = [{"step": n, "found": f, "ok": ok} for n, f, ok in self._rows]
-            wiring = [{"place": f.place, "kind": f.kind, "words": f.words} for f in self._findings]
+            wiring = [{"place": f.place, "kind": f.kind, "words": f.description} for f in self._findings]
             print(json.dumps({"passed": not wrong, "steps": steps, "wiring": wiring}, indent=2))
         else:
             marks = {True: "ok", False: "WRONG", None: ""}

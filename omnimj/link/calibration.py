@@ -210,7 +210,7 @@ class Calibration:
 
 
 def wheel_speed_decoder(hardware: Hardware) -> WheelSpeedDecoder:
-    """Wheel speeds of a device that knows its calibration, in the device's order of wheels."""
+    """Function that gives a device its wheel speeds from raw readings, in the device's order of wheels."""
     calibration, channels = Calibration(hardware), WheelMap.from_hardware(hardware).channels
 
     def speeds(now: float, raw: Sequence[float]) -> tuple[float, ...]:

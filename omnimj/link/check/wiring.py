@@ -36,7 +36,7 @@ class WiringFinding:
     """`wheel_speed_2`, `motor_3`, or several with `or` between them."""
     kind: str
     """`sign`, `gain`, `dead`, or `other`."""
-    words: str
+    description: str
     """Description for a person."""
 
 
@@ -116,20 +116,20 @@ def _judge_currents(single: Sequence[Motion], dead: Sequence[str]) -> list[Wirin
         name, slope = f"current_{wheel + 1}", float(slopes[wheel])
         other = int(np.argmax(np.abs(slopes)))
         if abs(slope) < MIN_MONITOR_GAIN and abs(slopes[other]) > MIN_MONITOR_GAIN:
-            words = f"current for motor {wheel + 1} shows in current_{other + 1}: the two are swapped"
-            found.append(WiringFinding(name, "other", words))
+            text = f"current for motor {wheel + 1} shows in current_{other + 1}: the two are swapped"
+            found.append(WiringFinding(name, "other", text))
         elif name in dead:
             continue
         elif abs(slope) < MIN_MONITOR_GAIN:
-            words = f"motor {wheel + 1} takes no current: its amplifier is off, or its monitor is not wired"
-            found.append(WiringFinding(f"motor_{wheel + 1} or {name}", "dead", words))
+            text = f"motor {wheel + 1} takes no current: its amplifier is off, or its monitor is not wired"
+            found.append(WiringFinding(f"motor_{wheel + 1} or {name}", "dead", text))
         else:
             if slope < 0.0:
-                words = f"{name} has the wrong sign: it reads {slope:.2f} A per commanded ampere"
-                found.append(WiringFinding(name, "sign", words))
+                text = f"{name} has the wrong sign: it reads {slope:.2f} A per commanded ampere"
+                found.append(WiringFinding(name, "sign", text))
             if abs(abs(slope) - 1.0) > CURRENT_GAIN_TOLERANCE:
-                words = f"{abs(slope):.2f} A per commanded ampere: the amplifier's gain or the monitor's"
-                found.append(WiringFinding(f"motor_{wheel + 1} or {name}", "gain", words))
+                text = f"{abs(slope):.2f} A per commanded ampere: the amplifier's gain or the monitor's"
+                found.append(WiringFinding(f"motor_{wheel + 1} or {name}", "gain", text))
     return found
 
 
@@ -174,8 +174,8 @@ def _judge_signs(
     for wheel in range(len(robot.wheels)):
         own = [o for w, o in observed if w == wheel]
         if all(o["wheel_speed"] == 0 for o in own) and f"wheel_speed_{wheel + 1}" not in dead:  # or blocked
-            words = f"wheel {wheel + 1} hardly turned: is motor {wheel + 1} connected, and is the wheel free?"
-            found.append(WiringFinding(f"motor_{wheel + 1}", "dead", words))
+            text = f"wheel {wheel + 1} hardly turned: is motor {wheel + 1} connected, and is the wheel free?"
+            found.append(WiringFinding(f"motor_{wheel + 1}", "dead", text))
     body = [name for name in _BODY_CHANNELS if name not in dead] if on_floor else []
     best: list[tuple[str, ...]] = []
     least = np.inf
@@ -220,8 +220,8 @@ def _sign_findings(best: Sequence[tuple[str, ...]]) -> list[WiringFinding]:
     doubtful = {tuple(name for name in one if name not in sure) for one in best}
     if len(doubtful) > 1:
         either = " or ".join(sorted({" and ".join(names) for names in doubtful if names}))
-        words = f"one has the wrong sign: {either}; watch which way the wheel turns, or check on the floor"
-        found.append(WiringFinding(either, "sign", words))
+        text = f"one has the wrong sign: {either}; watch which way the wheel turns, or check on the floor"
+        found.append(WiringFinding(either, "sign", text))
     return found
 
 
@@ -238,8 +238,8 @@ def _judge_gains(
     usual = float(np.median(by_wheel))
     for i, ratio in enumerate(by_wheel / usual if usual > 0.0 else ()):
         if abs(ratio - 1.0) > SPEED_GAIN_TOLERANCE and f"wheel_speed_{i + 1}" not in dead:
-            words = f"wheel {i + 1} reads {ratio:.2f} of the other wheels' speed while the robot turns"
-            found.append(WiringFinding(f"wheel_speed_{i + 1}", "gain", words))
+            text = f"wheel {i + 1} reads {ratio:.2f} of the other wheels' speed while the robot turns"
+            found.append(WiringFinding(f"wheel_speed_{i + 1}", "gain", text))
     if "yaw_rate" in dead or "yaw" in dead:
         return found
     swept = np.array([m.period * float((m.yaw_rate - bias).sum()) for m in turns])
@@ -256,5 +256,5 @@ def _judge_gyro(ratio: float, by_wheels: float) -> list[WiringFinding]:
         abs(by_wheels - 1.0) < SPEED_GAIN_TOLERANCE,
     )
     place = "yaw_rate" if gyro and not converter else "yaw" if converter and not gyro else "yaw_rate or yaw"
-    words = f"the gyro's angle is {ratio:.2f} of the converter's; by the wheels the wrong one is {place}"
-    return [WiringFinding(place, "gain", words)]
+    text = f"the gyro's angle is {ratio:.2f} of the converter's; by the wheels the wrong one is {place}"
+    return [WiringFinding(place, "gain", text)]

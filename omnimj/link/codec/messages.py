@@ -255,4 +255,4 @@ class Frame:
     authentic: bool = False
     """True if it carried a valid tag."""
     same_schema: bool = True
-    """True if its sender lays out every payload alike; required for arming."""
+    """True if its sender uses the same layouts of all payloads; required for arming."""

@@ -36,9 +36,9 @@ class PeriodStatistics:
     """Delay of the beginning of each period."""
 
     def __str__(self) -> str:
-        words = f"{self.periods} periods, {self.missed} missed, {self.skipped} skipped"
+        counts = f"{self.periods} periods, {self.missed} missed, {self.skipped} skipped"
         late = {name: f"{1e3 * value:.3g}" for name, value in self.late.as_record().items()}
-        return f"{words}; late by {late['p50']} ms (p50), {late['p99']} ms (p99), {late['max']} ms (max)"
+        return f"{counts}; late by {late['p50']} ms (p50), {late['p99']} ms (p99), {late['max']} ms (max)"
 
 
 class DeviceServer:

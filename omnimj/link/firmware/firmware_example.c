@@ -1,4 +1,4 @@
-/* A firmware in full, but for the six functions of the board: the rules of PROTOCOL.md, section 4, in their order.
+/* A complete firmware except for the six functions of the board: the rules of PROTOCOL.md, section 4, in order.
  *
  * For a robot of four wheels on a serial line at 500 Hz. Where frames come as UDP datagrams, hand them to on_packet
  * and leave the stuffing out. There is no lock-step here: that is for emulators.
@@ -10,10 +10,10 @@
 #define PERIOD_US 2000u
 
 uint64_t board_now_us(void);                        /* monotonic */
-uint32_t board_random(void);                        /* from a true source */
+uint32_t board_random(void);                        /* true random bits */
 void board_read(omj_reading *raw, float *speed);    /* all channels at one instant; rad/s after the gear */
 void board_amplifiers(const float *current, uint8_t brake, int enable); /* the watchdog line toggles in here */
-int board_receive(uint8_t *byte);                   /* 0: nothing there */
+int board_receive(uint8_t *byte);                   /* 0: no byte available */
 void board_send(const uint8_t *bytes, size_t size);
 
 void firmware_begin(void);
@@ -107,7 +107,7 @@ static float heat_after(size_t i, float current, float time)
     return then > 0.0f ? then : 0.0f;
 }
 
-/* Whether one more period of these currents would heat a motor beyond its limit; then it is latched. */
+/* Latch a fault if one more period of these currents would heat a motor beyond its limit. */
 static int is_too_hot(const float *current, uint32_t of)
 {
     uint8_t i;
@@ -297,7 +297,7 @@ static void on_packet(const uint8_t *packet, size_t size)
     }
 }
 
-/* What time alone does: motors warm up and cool down, a command grows too old. */
+/* Update the heating of the motors and check the age of the command. */
 static void advance(void)
 {
     uint64_t now = board_now_us();
@@ -364,11 +364,11 @@ void firmware_begin(void)
     bucket = most_frames();
 }
 
-/* Call for ever, from the main loop. */
+/* Call repeatedly from the main loop. */
 void firmware_turn(void)
 {
     uint8_t byte;
-    unsigned most = 256; /* a babbling line must not starve what follows */
+    unsigned most = 256; /* noise on the line must not delay what follows */
     while (most-- && board_receive(&byte)) {
         size_t size = omj_stream_take(&line, byte);
         if (size) {

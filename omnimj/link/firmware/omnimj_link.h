@@ -1,8 +1,8 @@
 /* The link between host and device, for firmware: frames, COBS, CRC-32, BLAKE2s. PROTOCOL.md describes it.
  *
  * C99, freestanding, one header, no memory of its own: include it wherever it is needed. Numbers are as on the
- * wire (names with _us are microseconds), `float` must be IEEE 754 single. Nothing here has side effects but on what is
- * handed in.
+ * wire (names with _us are microseconds), `float` must be IEEE 754 single. Functions change
+ * nothing but their arguments.
  */
 #ifndef OMNIMJ_LINK_H
 #define OMNIMJ_LINK_H
@@ -216,7 +216,7 @@ static inline int omj_is_finite(float value)
     return (number.bits & 0x7F800000u) != 0x7F800000u;
 }
 
-/* ---- CRC-32 of zlib, PNG and Ethernet: polynomial 0xEDB88320, begun with and ended by all ones ------------ */
+/* ---- CRC-32 of zlib, PNG and Ethernet: polynomial 0xEDB88320, initial value and final XOR all ones ------------ */
 
 static inline uint32_t omj_crc32(const uint8_t *bytes, size_t size)
 {
@@ -293,7 +293,7 @@ static inline void omj_blake2s_block(uint32_t *h, const uint8_t *block, uint64_t
     }
 }
 
-/* Digest of `length` (1-32) bytes; the key has key_size (0-32) bytes and may be NULL where that is 0. */
+/* Digest of `length` (1-32) bytes; the key has key_size (0-32) bytes and may be NULL if that is 0. */
 static inline void omj_blake2s(uint8_t *digest, size_t length, const uint8_t *key, size_t key_size,
                                const uint8_t *bytes, size_t size)
 {
@@ -367,7 +367,7 @@ static inline size_t omj_cobs_encode(const uint8_t *packet, size_t size, uint8_t
     return at;
 }
 
-/* Unstuffs what stood before a zero; `to` may be `stuffed` itself. Returns the size, 0 where it is no packet. */
+/* Unstuffs the bytes before a zero; `to` may be `stuffed` itself. Returns the size, 0 if they are no packet. */
 static inline size_t omj_cobs_decode(const uint8_t *stuffed, size_t size, uint8_t *to)
 {
     size_t i = 0, at = 0, k;
@@ -390,15 +390,15 @@ static inline size_t omj_cobs_decode(const uint8_t *stuffed, size_t size, uint8_
     return at;
 }
 
-/* A serial line, byte by byte. Begin with all zeros. */
+/* State of a serial line, read byte by byte. Initialise with zeros. */
 typedef struct {
     uint8_t bytes[OMJ_LONGEST_STUFFED];
     size_t size;
-    uint8_t lost;     /* too long already: waits for the next zero */
-    uint32_t dropped; /* pieces that were no packet */
+    uint8_t lost;     /* piece is too long: wait for the next zero */
+    uint32_t dropped; /* pieces that are no packet */
 } omj_stream;
 
-/* Takes one byte. Returns the size of a packet, which then lies in stream->bytes until the next call, or 0. */
+/* Takes one byte. Returns the size of a packet, which is in stream->bytes until the next call, or 0. */
 static inline size_t omj_stream_take(omj_stream *stream, uint8_t byte)
 {
     size_t size = stream->size;
@@ -488,8 +488,8 @@ static inline size_t omj_put_fault(uint8_t *to, const omj_fault *from)
     return 16;
 }
 
-/* Writes a frame to OMJ_LONGEST_FRAME bytes; with a key (32 bytes) it gets a tag. Returns the size, 0 where more
- * wheels or channels are asked for than a frame holds. */
+/* Writes a frame to OMJ_LONGEST_FRAME bytes; with a key (32 bytes) it gets a tag. Returns the size, 0 if there
+ * are more wheels or channels than a frame holds. */
 static inline size_t omj_encode(const omj_frame *frame, const uint8_t *key, uint8_t *to)
 {
     size_t size = OMJ_HEADER_SIZE;
@@ -674,7 +674,7 @@ static inline enum omj_drop omj_get_payload(const uint8_t *from, size_t size, om
     }
 }
 
-/* What is wrong with the tag at `end`; the comparison takes the same time wherever the difference is. */
+/* Reason to reject the tag at `end`, if any; the comparison takes constant time. */
 static inline enum omj_drop omj_check_tag(const uint8_t *packet, size_t end, const uint8_t *key)
 {
     uint8_t tag[OMJ_TAG_SIZE];
@@ -687,8 +687,8 @@ static inline enum omj_drop omj_check_tag(const uint8_t *packet, size_t end, con
     return difference ? OMJ_WRONG_TAG : OMJ_RIGHT;
 }
 
-/* Reads a packet. Only after OMJ_RIGHT may `frame` be believed. Without a key, frames with a tag are dropped; with
- * one, those without or with a wrong one are; a stop comes through either way. */
+/* Reads a packet; `frame` is valid only after OMJ_RIGHT. Without a key, tagged frames are dropped; with a key, frames
+ * with a wrong tag or none. A stop passes in any case. */
 static inline enum omj_drop omj_decode(const uint8_t *packet, size_t size, const uint8_t *key, omj_frame *frame)
 {
     enum omj_drop wrong = key ? OMJ_NO_TAG : OMJ_RIGHT;

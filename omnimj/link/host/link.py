@@ -187,8 +187,8 @@ class Link:
         self._has_armed = False
         # a device with another key does not answer at all
         key = "has another key or none" if self.is_keyed else "wants a key"
-        words = f"does not answer: it is not connected, or {key}"
-        self._request(self.host.hello, lambda: self.host.state is HostState.CONNECTED, words)
+        failure = f"does not answer: it is not connected, or {key}"
+        self._request(self.host.hello, lambda: self.host.state is HostState.CONNECTED, failure)
         if self.host.expected.lock_step:
             self.exchange(self.zero())
         else:
@@ -222,7 +222,7 @@ class Link:
             return self.reading
         begin = next_request = self.now
         while self.host.state is not HostState.ARMED:
-            # frames lost while nobody listened do not count against the link
+            # frames lost while the host was busy do not count against the link
             lost = self.host.arrivals.lost
             if self.now - begin > ANSWER_TIMEOUT:
                 lossy = f"{lost} of the last {LOSS_WINDOW} frames were lost: the link is too bad for arming"
@@ -296,14 +296,14 @@ class Link:
         if self._log is not None:
             self._log.close()
 
-    def _request(self, ask: Callable[[float], Frame] | None, holds: Callable[[], bool], words: str) -> None:
+    def _request(self, ask: Callable[[float], Frame] | None, holds: Callable[[], bool], failure: str) -> None:
         """Repeat a request until `holds()`."""
         until = self.now + ANSWER_TIMEOUT
         while not holds():
             if self.now >= until:
-                words = f"{self.name} {words}"
-                self.stop(words)
-                raise LinkLost(words)
+                reason = f"{self.name} {failure}"
+                self.stop(reason)
+                raise LinkLost(reason)
             if ask is not None:
                 self.send(ask(self.now))
             self.wait(min(until, self.now + _REQUEST_INTERVAL), holds)

@@ -111,8 +111,8 @@ class HardwarePlant:
         if fault and self._reset_fault:
             self.link.reset_fault()
         elif fault and self.link.mode is LinkMode.DRIVE:
-            words = fault.name.lower().replace("_", " ")
-            self.link.stop(f"the device has latched {words}; --reset-fault resets it")
+            name = fault.name.lower().replace("_", " ")
+            self.link.stop(f"the device has latched {name}; --reset-fault resets it")
             self.link.host.require_link()
         reading = self.link.arm() if self.is_lock_step else self.link.reading
         self._is_running = self.is_lock_step
@@ -219,9 +219,9 @@ class HardwarePlant:
             self._deadlines.held, self._held = self._deadlines.held + 1, self._held + 1
             self._arrived = self._due + _SLACK * self.period  # reference for the response time
             if link.now - reading.arrived > _SILENCE:
-                words = f"{link.name} has been silent for {link.now - reading.arrived:.2f} s"
-                link.stop(words)
-                raise LinkLost(words)
+                reason = f"{link.name} has been silent for {link.now - reading.arrived:.2f} s"
+                link.stop(reason)
+                raise LinkLost(reason)
             return self._measured
         assert before is not None
         periods = round((reading.time - before.time) * 1e-6 / self.period)
