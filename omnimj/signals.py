@@ -1,4 +1,4 @@
-"""What travels between plant and controller: frozen records, arrays of n wheels, SI units.
+"""Signals between plant and controller: frozen records, arrays of n wheels, SI units.
 
 Wheels are numbered 1…n in files and messages, 0…n−1 in arrays.
 """
@@ -30,7 +30,7 @@ def robot_channels(wheels: int) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """What the robot's sensors say at one instant; all a controller may see."""
+    """Readings of the robot's sensors at one instant; a controller sees nothing else."""
 
     time: float
     """Time of the sample [s]."""
@@ -48,7 +48,7 @@ class Measurement:
 
 @dataclass(frozen=True, slots=True)
 class RigMeasurement:
-    """What the test rig's sensors say at one instant."""
+    """Readings of the test rig's sensors at one instant."""
 
     time: float
     """Time of the sample [s]."""
@@ -75,34 +75,34 @@ class CurrentCommand:
 
 
 KINDS_OF_DIAGNOSIS = ("slip", "motor", "locked", "free", "hard_over", "all_wheel_slip", "sensor")
-"""What a diagnosis can be of."""
+"""Kinds of faults that a diagnosis can name."""
 
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """What a controller believes has happened: one fault, since it was decided."""
+    """One diagnosed fault, since its decision."""
 
     time: float
-    """When it was decided [s]."""
+    """Time of the decision [s]."""
     kind: str
     """One of `KINDS_OF_DIAGNOSIS`."""
     wheels: tuple[int, ...]
-    """The wheels 1…n it sits on; empty for sensors of the body and for all wheels at once."""
+    """Its wheels 1…n; empty for sensors of the body and for all wheels at once."""
     confidence: float
-    """0…1; how it is counted is the method's own."""
+    """0…1; its scale is the method's own."""
     ambiguous_with: tuple[str, ...] = ()
-    """What else it could be, as `motor 3`."""
+    """Other faults with the same evidence, as `motor 3`."""
     effectiveness: float | None = None
-    """Share 0…1 of the wheel's drive or grip that is left; None where nothing says."""
+    """Share 0…1 of the wheel's drive or grip that is left; None: unknown."""
     cleared: float | None = None
-    """When it was taken back [s]; None: it stands."""
+    """Time of its withdrawal [s]; None: active."""
     channel: str = ""
     """The sensor channel, for kind `sensor`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """What the robot is asked to do, sampled at every control step (k samples).
+    """Planned motion, sampled at every control step (k samples).
 
     Velocities and positions are in the world frame, since a person plans there.
     """
@@ -128,7 +128,7 @@ class Trace:
     columns: Mapping[str, Array]
     """Column name to array of shape (k,)."""
     about: Mapping[str, Any] = field(default_factory=dict)
-    """What the run was: scenario, plant, method, seed, floor, realtime_factor, …"""
+    """Description of the run: scenario, plant, method, seed, floor, realtime_factor, …"""
 
     def __getitem__(self, name: str) -> Array:
         return self.columns[name]
@@ -166,9 +166,6 @@ def to_frame(columns: Mapping[str, Any]) -> Any:
     return frame.set_index("time") if "time" in frame else frame
 
 
-# What the controller is asked for in one step.
-
-
 @dataclass(frozen=True, slots=True)
 class Target:
     """Demanded motion in the world frame, held for one control step."""
@@ -182,7 +179,7 @@ class Target:
 
 
 def target_at(reference: Reference, step: int) -> Target:
-    """The reference's sample of one control step; past its end the robot is asked to stand still.
+    """Sample of the reference for one control step; past its end the target is to stand still.
 
     Args:
       reference: The planned motion, k samples.

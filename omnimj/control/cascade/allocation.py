@@ -36,7 +36,7 @@ def inverse_kinematics(
 
     `corrected`: B = A, the only rolling speeds without slip on a rigid base; weights do not enter.
     `published`: B = W⁻¹Jᵀ(J W⁻¹ Jᵀ)⁻¹ with the printed J, Eqs. 3.10-3.15: half the linear and a quarter of
-    the angular speed asked for.
+    the demanded angular speed.
 
     Args:
       positions: Wheel centres p_i, shape (n, 2) [m].

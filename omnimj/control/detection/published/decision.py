@@ -66,8 +66,6 @@ def first_to_cross(first: int, is_over: Sequence[bool], residuals: Sequence[floa
     return max((i for i, above in enumerate(is_over) if above), key=lambda i: abs(residuals[i]))
 
 
-# The one layout of wheels that the published method knows.
-
 LAYOUT_RULE = (
     "Table 5.2 is for four omni wheels of which 1 and 3 drive along y, 2 and 4 along x, or the other way"
 )
@@ -76,7 +74,7 @@ WHEELS = 4
 
 
 def layout_mismatch(robot: Robot) -> str:
-    """What of a robot's wheels the published method is not for; empty where it fits."""
+    """Reason why the published method does not suit a robot's wheels; empty where it does."""
     u, n = robot.drive_directions, len(robot.wheels)
     if n != WHEELS:
         return f"found {n} wheels"
@@ -90,12 +88,9 @@ def layout_mismatch(robot: Robot) -> str:
     return ""
 
 
-# Thresholds of the residuals, Eqs. 5.3, 5.8, 5.13 and 5.21: printed, or from runs of the twin.
-
-
 @dataclass(frozen=True, slots=True)
 class PublishedThresholds:
-    """Above it a residual counts as 1 in Tables 5.1 and 5.2."""
+    """Thresholds above which a residual counts as 1 in Tables 5.1 and 5.2; Eqs. 5.3, 5.8, 5.13 and 5.21."""
 
     rig_wheel_speed: float = positive("rad/s")
     """Threshold 1, of R1: fault-free runs of the rig, Eq. 5.3."""

@@ -1,4 +1,5 @@
-"""What both machines share: a wheel's force from its joint, what rest leaves open, RMS since the start."""
+"""Filters and intervals of the residuals on both machines: stiction at rest, low-pass, RMS since the
+start."""
 
 from __future__ import annotations
 
@@ -30,7 +31,7 @@ def matching_lags(sensors: Sensors) -> np.ndarray:
 
 @kernel
 def interval_at_speed(low, high, wheel_speed):
-    """A set-valued quantity once the direction is known, as the interval that it may lie in.
+    """Interval of a set-valued quantity such as friction at a wheel speed.
 
     `low` belongs to turning forward and `high` to turning backward; at rest it may be anything between.
 
@@ -48,7 +49,7 @@ def interval_at_speed(low, high, wheel_speed):
 
 @kernel
 def outside_interval(value, low, high):
-    """How far a value lies outside an interval: 0 inside, else with its sign."""
+    """Signed distance of a value from an interval: 0 inside."""
     return max(value - high, 0.0) + min(value - low, 0.0)
 
 
@@ -65,6 +66,6 @@ def root_mean_square(squares, span):
 
 
 def bounded_time_step(before: float, now: float) -> float:
-    """Time between two samples as far as it may be believed [s]; 0 where it is too little to divide by."""
+    """Time between two samples, at most `LONGEST_GAP` [s]; 0 where it is too short to divide by."""
     passed = min(now - before, LONGEST_GAP)
     return passed if passed >= SHORTEST_GAP else 0.0

@@ -26,10 +26,10 @@ _MODES = {None: 0, SLIP: 1, MOTOR: 2}
 
 @dataclass(frozen=True, slots=True)
 class PublishedRigState:
-    """What the method carries from one step to the next."""
+    """State of the detector between two steps."""
 
     time: float
-    """Of the last good measurement [s]."""
+    """Time of the last good measurement [s]."""
     observer: Array
     """A row of `rig_residuals`."""
     log: Array
@@ -53,11 +53,11 @@ class PublishedRigDetector:
     """Table 5.1 beside a test with given currents.
 
     Args:
-      rig: What the rig is believed to be; effects of its model file are left out.
-      floor: What its wheel is believed to stand on.
+      rig: Nominal rig; effects of its model file are left out.
+      floor: Nominal floor.
       mass: m_T that it was loaded to [kg]; the first of the rig's masses when None.
-      thresholds: Above them a residual counts.
-      choice: As printed or repaired.
+      thresholds: Thresholds of the residuals.
+      choice: Variant, printed or repaired.
     """
 
     log_names = (
@@ -83,7 +83,7 @@ class PublishedRigDetector:
         self._thresholds, self._most_current = thresholds, rig.sensors.current_monitor_range
 
     def start(self, measurement: RigMeasurement) -> PublishedRigState:
-        """The state before the first step: a rig at rest."""
+        """State before the first step of a rig at rest."""
         time = measurement.time if math.isfinite(measurement.time) else 0.0
         return PublishedRigState(time, rig_residuals.initial_observer(), np.zeros(len(self.log_names)))
 
@@ -123,7 +123,7 @@ class PublishedRigDetector:
         command: Array | None = None,
         bias: float = 0.0,
     ) -> PublishedRigState:
-        """The state after a measurement; one that is not good changes nothing."""
+        """State after a measurement; one that is not good changes nothing."""
         m = measurement
         numbers = (m.current, m.wheel_speed, m.carriage_speed, m.carriage_acceleration, m.lateral_speed)
         # beyond any machine: squares of it must still be numbers
@@ -140,12 +140,12 @@ class PublishedRigDetector:
         limits = self._thresholds
         speed, force = float(state.observer[rig_residuals.R1]), float(state.observer[rig_residuals.R2])
         found = isolate_rig_fault(speed > limits.rig_wheel_speed, force > limits.rig_force)
-        told = state.diagnoses
+        diagnoses = state.diagnoses
         if state.fault != MOTOR and found != state.fault:
             if state.fault == SLIP:
-                told = (*told[:-1], dataclasses.replace(told[-1], cleared=state.time))
+                diagnoses = (*diagnoses[:-1], dataclasses.replace(diagnoses[-1], cleared=state.time))
             if found is not None:
-                told = (*told, Diagnosis(state.time, found, (1,), 1.0))
+                diagnoses = (*diagnoses, Diagnosis(state.time, found, (1,), 1.0))
         fault = MOTOR if state.fault == MOTOR else found
         log = np.array([speed, force, limits.rig_wheel_speed, limits.rig_force, _MODES[fault]])
-        return dataclasses.replace(state, log=log, diagnoses=told, fault=fault)
+        return dataclasses.replace(state, log=log, diagnoses=diagnoses, fault=fault)

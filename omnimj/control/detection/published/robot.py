@@ -46,7 +46,7 @@ GROWTH = 0.01
 
 SAME_SLIP = 0.2
 """The weights switch with every crossing, up to a thousand times a second; a slip that comes back within this
-time [s] is told as one."""
+time [s] is the same diagnosis."""
 
 NORMAL, SLIPPING, ESTIMATING, RECOVERED = range(4)
 """Modes, Fig. 6.9: no fault; weights for a slipping wheel; a torque constant is being found; it has been."""
@@ -54,14 +54,14 @@ NORMAL, SLIPPING, ESTIMATING, RECOVERED = range(4)
 
 @dataclass(frozen=True, slots=True)
 class PublishedRobotState:
-    """What the method carries from one step to the next."""
+    """State of the detector between two steps."""
 
     time: float
-    """Of the last good measurement [s]."""
+    """Time of the last good measurement [s]."""
     observer: Array
     """A row of `robot_residuals`."""
     motors: Array
-    """Rows of the motors as they are believed to be, shape (n, MOTOR_SIZE)."""
+    """Rows of the motors with their estimated torque constants, shape (n, MOTOR_SIZE)."""
     log: Array
     """Aligned with `PublishedRobot.log_names`."""
     weights: Array
@@ -88,17 +88,17 @@ class PublishedRobotState:
     grown_to: float = 0.0
     """What it was then [N]."""
     share_before: float = 1.0
-    """K_t of Eq. 6.2 over the nominal one: what was believed before this fault."""
+    """K_t of Eq. 6.2 over the nominal one: its estimate before this fault."""
 
 
 class PublishedRobotDetector:
     """Chapters 5 and 6 beside the cascade.
 
     Args:
-      robot: What the robot is believed to be; effects of its model file are left out.
-      floor: What it is believed to drive on.
-      thresholds: Above them a residual counts.
-      choice: As printed or repaired.
+      robot: Nominal robot; effects of its model file are left out.
+      floor: Nominal floor.
+      thresholds: Thresholds of the residuals.
+      choice: Variant, printed or repaired.
 
     Raises:
       InputError: Another layout than the four wheels of Table 5.2.
@@ -125,7 +125,7 @@ class PublishedRobotDetector:
         self.log_names = _log_names(n)
 
     def start(self, measurement: Measurement) -> PublishedRobotState:
-        """The state before the first step: model and residuals begin where the wheels say the robot is."""
+        """State before the first step: model and residuals begin at the measured wheel speeds."""
         observer = np.zeros(robot_residuals.row_size(self._wheels))
         if is_good(measurement, self._wheels) and _is_bounded(measurement):
             self._align(observer, measurement)
@@ -162,7 +162,7 @@ class PublishedRobotDetector:
             return state
         passed = bounded_time_step(state.time, m.time)
         observer = state.observer.copy()
-        current = self._believed(m)
+        current = self._clipped_currents(m)
         measured = (current, m.wheel_speed, m.acceleration)
         machine = (*self._rows, state.motors, self._floors, self._terms)
         robot_residuals.update_observer(
@@ -172,7 +172,7 @@ class PublishedRobotDetector:
         state = self._estimate(state, m) if state.estimating >= 0 else self._judge(state)
         return dataclasses.replace(state, log=self._log(state))
 
-    def _believed(self, measurement: Measurement) -> Array:
+    def _clipped_currents(self, measurement: Measurement) -> Array:
         """Currents within what their monitors can say, shape (n,) [A]."""
         return np.clip(measurement.current, -self._most_current, self._most_current)
 
@@ -200,26 +200,27 @@ class PublishedRobotDetector:
 
     def _begin_slip(self, state: PublishedRobotState, wheel: int) -> PublishedRobotState:
         """A slip of the same wheel that comes back within `SAME_SLIP` is the one before."""
-        last, told = state.diagnoses[-1:], state.diagnoses
+        last, diagnoses = state.diagnoses[-1:], state.diagnoses
         if last and last[0].kind == SLIP and last[0].wheels == (wheel + 1,) and _is_recent(last[0], state):
-            told = (*told[:-1], dataclasses.replace(last[0], cleared=None))
+            diagnoses = (*diagnoses[:-1], dataclasses.replace(last[0], cleared=None))
         else:
-            told = (*told, Diagnosis(state.time, SLIP, (wheel + 1,), 1.0))
-        return dataclasses.replace(state, slipping=wheel, diagnoses=told)
+            diagnoses = (*diagnoses, Diagnosis(state.time, SLIP, (wheel + 1,), 1.0))
+        return dataclasses.replace(state, slipping=wheel, diagnoses=diagnoses)
 
     def _end_slip(self, state: PublishedRobotState) -> PublishedRobotState:
         """The residual is below its threshold again: the slip is over, all weights are as before."""
-        told = (*state.diagnoses[:-1], dataclasses.replace(state.diagnoses[-1], cleared=state.time))
-        state = dataclasses.replace(state, slipping=-1, diagnoses=told)
+        diagnoses = (*state.diagnoses[:-1], dataclasses.replace(state.diagnoses[-1], cleared=state.time))
+        state = dataclasses.replace(state, slipping=-1, diagnoses=diagnoses)
         return self._weigh(state, motor_weights(state.motors[:, TORQUE_SCALE]))
 
     def _begin_motor(self, state: PublishedRobotState, wheel: int) -> PublishedRobotState:
-        """Right half of Fig. 6.9; a motor that is known to be faulty is estimated anew, not told anew."""
+        """Right half of Fig. 6.9; a motor that is known to be faulty is estimated again without a new
+        diagnosis."""
         if state.slipping >= 0:
             state = self._end_slip(state)
-        told = state.diagnoses
-        if not any(d.kind == MOTOR and d.wheels == (wheel + 1,) for d in told):
-            told = (*told, Diagnosis(state.time, MOTOR, (wheel + 1,), 1.0))
+        diagnoses = state.diagnoses
+        if not any(d.kind == MOTOR and d.wheels == (wheel + 1,) for d in diagnoses):
+            diagnoses = (*diagnoses, Diagnosis(state.time, MOTOR, (wheel + 1,), 1.0))
         share = float(state.motors[wheel, TORQUE_SCALE])
         return dataclasses.replace(
             state,
@@ -228,7 +229,7 @@ class PublishedRobotDetector:
             grown=state.time,
             grown_to=0.0,
             share_before=share,
-            diagnoses=told,
+            diagnoses=diagnoses,
         )
 
     def _estimate(self, state: PublishedRobotState, measurement: Measurement) -> PublishedRobotState:
@@ -255,11 +256,11 @@ class PublishedRobotDetector:
         motors = state.motors.copy()
         motors[wheel, TORQUE_SCALE] = share
         left = min(max(share, 0.0), 1.0)
-        told = tuple(
+        diagnoses = tuple(
             dataclasses.replace(d, effectiveness=left) if d.kind == MOTOR and d.wheels == (wheel + 1,) else d
             for d in state.diagnoses
         )
-        state = dataclasses.replace(state, height=height, motors=motors, diagnoses=told)
+        state = dataclasses.replace(state, height=height, motors=motors, diagnoses=diagnoses)
         return self._weigh(state, motor_weights(motors[:, TORQUE_SCALE]))
 
     def _weigh(self, state: PublishedRobotState, weights: Array) -> PublishedRobotState:
@@ -273,7 +274,10 @@ class PublishedRobotDetector:
         n, speeds = self._wheels, measurement.wheel_speed
         at = robot_residuals.previous_speed_index(n)
         observer[at : at + n] = speeds
-        observer[at + 2 * n : at + 3 * n + 2] = *self._believed(measurement), *measurement.acceleration
+        observer[at + 2 * n : at + 3 * n + 2] = (
+            *self._clipped_currents(measurement),
+            *measurement.acceleration,
+        )
         if np.abs(speeds).max() > REST_WHEEL_SPEED:
             observer[n : 2 * n] = speeds
             observer[2 * n : 2 * n + 3] = self._odometry @ speeds * self._radius

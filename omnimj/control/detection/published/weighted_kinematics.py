@@ -61,7 +61,7 @@ class WeightedKinematics:
     """Eq. 3.10 with weights, for the cascade.
 
     Printed: the forward map is J of Eq. 3.5, so that the robot drives at half the linear and a quarter of the
-    angular speed asked for (erratum 1), with or without a fault. Repaired: the true map, diag(½, ½, ¼)·J.
+    demanded angular speed (erratum 1), with or without a fault. Repaired: the true map, diag(½, ½, ¼)·J.
     """
 
     def __init__(self, robot: Robot, printed: bool):

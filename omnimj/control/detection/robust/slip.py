@@ -6,7 +6,8 @@ is slip beyond what the traction explains. A healthy floor creeps under its trac
   s = (F̂/F_N − σ_0 z)/σ,   ż = s − σ_0 |s|/μ z:
 every floor that was measured has a σ near 2.5 s/m. Stone is soft: its bristles give way for 0.2 s after every
 change of traction; PVC and paperboard are stiff. creep_i is the mean of both, uncertain by their difference.
- So slip is told from health by traction: the creep of a healthy wheel under F̂ lies between that of a weak
+ So slip is distinguished from health by traction: the creep of a healthy wheel under F̂ lies between that of
+ a weak
 floor, soft or slick, and that of a strong one; a wheel that moves beyond them in the direction of its force
 has lost grip. No velocity enters the bounds, so that its error counts once and never grows.
 """
