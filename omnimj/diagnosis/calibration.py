@@ -1,9 +1,9 @@
 """Thresholds of the robust method from fault-free recordings, at a stated rate of false alarms.
 
-The method runs over the recordings with its decisions switched off; of each statistic the largest value in
-every 10 s of motion is kept, and its tail (`tails`) says which level is exceeded as often as may be. Of what
-is learnt about the motors the largest of every run is kept, and its spread from run to run says it. A last
-pass with the new thresholds says what would still be diagnosed in the same recordings.
+The detector runs over the recordings with its decisions switched off. The maxima of each statistic over 10 s
+of motion have a tail, from which follows the level that is exceeded at the stated rate. The estimated losses
+of the motors differ from run to run only; their threshold follows from the spread of the maxima per run. A
+last pass with the new thresholds counts the diagnoses that remain in the same recordings.
 """
 
 from __future__ import annotations
@@ -23,35 +23,33 @@ from omnimj.diagnosis.replay import DatasetProgress, DiagnosisConfig, RunDiagnos
 from omnimj.errors import InputError
 from omnimj.signals import Array
 
-# How high a statistic comes by chance.
-
-_DOUBT = 0.1  # that β is above its bound
+_RISK = 0.1  # probability that β is above its bound
 
 
 @dataclass(frozen=True)
 class Tail:
-    """Of one statistic."""
+    """Exponential tail of a statistic without a fault."""
 
     start: float
     """u, the median of the maxima."""
     often: float
-    """How often per hour it is exceeded [1/h]."""
+    """Rate at which u is exceeded [1/h]."""
     slope: float
     """Upper bound of β, in the unit of the statistic."""
     largest: float
-    """The largest value that was seen."""
+    """Largest observed value."""
 
     def level(self, rate: float) -> float:
-        """What is exceeded `rate` times per hour."""
+        """Return the level that is exceeded `rate` times per hour."""
         return self.start + self.slope * max(math.log(max(self.often, 1e-300) / rate), 0.0)
 
 
 def fit_tail(maxima: Array, stretch: float) -> Tail:
-    """The tail of a statistic.
+    """Fit the tail of a statistic.
 
     Args:
-      maxima: Over one stretch each, shape (m,).
-      stretch: Length of a stretch [s].
+      maxima: Maxima over one stretch each, shape (m,).
+      stretch: Duration of a stretch [s].
     """
     start = float(np.median(maxima))
     excess = maxima[maxima > start] - start
@@ -60,30 +58,31 @@ def fit_tail(maxima: Array, stretch: float) -> Tail:
         return Tail(start, 0.0, 0.0, float(maxima.max()))
     often = -math.log1p(-k / len(maxima))
     usual = (np.euler_gamma + math.log(often) + float(exp1(often))) / (k / len(maxima))
-    slope = float(excess.mean()) / usual * k / float(gammaincinv(k, _DOUBT))
+    slope = float(excess.mean()) / usual * k / float(gammaincinv(k, _RISK))
     return Tail(start, often * 3600.0 / stretch, slope, float(maxima.max()))
 
 
 @dataclass(frozen=True)
 class Spread:
-    """Of a number that is learnt, the same for a whole run: it differs from robot to robot, not with time.
+    """Spread of an estimate between runs: it differs from robot to robot, not with time.
 
-    It is the sum of many small errors, taken as normal: the next of k runs exceeds
+    The estimate is assumed normal. After k runs the next one exceeds
       m + s √(1 + 1/k) t_{k−1}(1 − p)
-    with probability p, Student's t since m and s are estimates themselves.
+    with probability p; Student's t, since m and s are estimated.
     """
 
     mean: float
+    """m, in the unit of the estimate."""
     slope: float
-    """s: standard deviation, in the unit of the statistic."""
+    """s, the standard deviation."""
     runs: int
     hours: float
-    """Of one run [h]."""
+    """Mean duration of a run [h]."""
     largest: float
-    """The largest value that was seen."""
+    """Largest observed value."""
 
     def level(self, rate: float) -> float:
-        """What is exceeded `rate` times per hour."""
+        """Return the level that is exceeded `rate` times per hour."""
         if self.runs < 2:
             return math.inf
         far = float(stdtrit(self.runs - 1, 1.0 - min(rate * self.hours, 0.5)))
@@ -91,11 +90,11 @@ class Spread:
 
 
 def fit_spread(maxima: Array, hours: float) -> Spread:
-    """The spread of a learnt number.
+    """Fit the spread of an estimate.
 
     Args:
-      maxima: Of one run each, shape (k,).
-      hours: Of all runs together [h].
+      maxima: Maxima over one run each, shape (k,).
+      hours: Duration of all runs together [h].
     """
     k = len(maxima)
     deviation = float(maxima.std(ddof=1)) if k > 1 else 0.0
@@ -103,18 +102,17 @@ def fit_spread(maxima: Array, hours: float) -> Spread:
 
 
 STRETCH = 10.0
-"""Of motion: longer than the method's longest window of 1 s, so that maxima do not know of each other [s]."""
+"""Duration of motion per maximum, longer than any window of 1 s, so that maxima are independent [s]."""
 TOLERANCE = 0.03
-"""By which the torque constant of a healthy motor may be off."""
+"""Tolerance of the torque constant of a healthy motor, relative."""
 STATISTICS = len(THRESHOLD_UNITS) - 1
-"""Those of `THRESHOLD_UNITS` whose maxima over stretches are taken; the last, a learnt loss, is one number
-of a run."""
+"""Number of statistics with maxima over stretches; the last of `THRESHOLD_UNITS`, a loss, has one per run."""
 UPPER_BOUNDS = {"worn": 1.0}
-"""What a threshold cannot rise above: more than all of a motor is not lost."""
+"""Upper bounds of thresholds: a motor cannot lose more than all of its effectiveness."""
 MIN_STRETCHES = 6
-"""Stretches that there must be at least: a minute of motion."""
+"""Smallest number of stretches, a minute of motion."""
 ADVISED_HOURS = 1.0
-"""Hours of motion below which a calibration is warned about [h]."""
+"""Duration of motion below which a calibration has a warning [h]."""
 
 _NEVER = 10**9  # blocks
 DISABLED = Thresholds(
@@ -128,65 +126,65 @@ DISABLED = Thresholds(
     stuck=_NEVER,
     odd=_NEVER,
 )
-"""With them nothing is decided."""
+"""Thresholds with which the detector makes no decision."""
 
 
 @dataclass(frozen=True)
 class CalibratedThreshold:
-    """One that was set."""
+    """Calibrated threshold."""
 
     name: str
     value: float
     tail: Tail | Spread
     floor: float
-    """What it may not fall below."""
+    """Lower bound of the threshold."""
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """What came of it."""
+    """Result of a calibration."""
 
     rate: float
-    """False alarms that may be, all thresholds together [1/h of motion]."""
+    """Permitted rate of false alarms, all thresholds together [1/h of motion]."""
     hours: float
-    """Of motion in the recordings."""
+    """Duration of motion in the recordings [h]."""
     runs: int
     floors: tuple[str, ...]
-    """That were driven on."""
+    """Floors in the recordings."""
     set: tuple[CalibratedThreshold, ...]
-    told: tuple[tuple[str, int], ...]
-    """Runs in which the method still diagnoses something with these thresholds, and how much."""
+    remaining: tuple[tuple[str, int], ...]
+    """Runs that still have diagnoses with these thresholds, and how many."""
 
     @property
     def thresholds(self) -> Thresholds:
-        """For the method."""
+        """Thresholds of the robust method."""
         return dataclasses.replace(Thresholds(), **{one.name: one.value for one in self.set})
 
     @property
     def extrapolated(self) -> float:
-        """Hours per false alarm that were asked for, over the hours that there are."""
+        """Required hours per false alarm over the recorded hours."""
         return 1.0 / (self.rate * self.hours)
 
 
-def calibrate(order: DiagnosisConfig, rate: float, progress: DatasetProgress | None = None) -> Calibration:
-    """Sets the thresholds.
+def calibrate(config: DiagnosisConfig, rate: float, progress: DatasetProgress | None = None) -> Calibration:
+    """Calibrate the thresholds of the robust method.
 
     Args:
-      order: Recordings of a robot without any fault, checked by `check_config`; method `robust`.
-      rate: False alarms per hour of motion that may be, above 0.
-      progress: For a progress bar.
+      config: Recordings of a robot without any fault, checked by `check_config`; method `robust`.
+      rate: Permitted false alarms per hour of motion, above 0.
+      progress: Progress callback.
 
     Raises:
       InputError: There is too little motion, or a sensor has obviously failed.
     """
-    seen = _maxima(order, progress)
+    seen = _maxima(config, progress)
     if len(seen.found) < MIN_STRETCHES:
         found = f"has {seen.moved:.3g} s of motion"
-        raise InputError(order.dataset.path, found, f"at least {MIN_STRETCHES * STRETCH:g} s are needed")
-    floors, share = lower_bounds(rate, _wheels(order)), rate / len(THRESHOLD_UNITS)
+        raise InputError(config.dataset.path, found, f"at least {MIN_STRETCHES * STRETCH:g} s are needed")
+    floors, share = lower_bounds(rate, _wheels(config)), rate / len(THRESHOLD_UNITS)
     maxima, hours = np.array(seen.found), seen.moved / 3600.0
     tails: list[Tail | Spread] = [fit_tail(maxima[:, k], STRETCH) for k in range(STATISTICS)]
-    tails.append(fit_spread(np.array(seen.learnt), hours))
+    tails.append(fit_spread(np.array(seen.losses), hours))
     found = [
         CalibratedThreshold(
             name,
@@ -196,24 +194,26 @@ def calibrate(order: DiagnosisConfig, rate: float, progress: DatasetProgress | N
         )
         for name, tail in zip(THRESHOLD_UNITS, tails, strict=True)
     ]
-    runs = order.dataset.runs
+    runs = config.dataset.runs
     driven = tuple(sorted({str(run.conditions["floor"]) for run in runs}))
     bare = Calibration(rate, hours, len(runs), driven, tuple(found), ())
-    checked = dataclasses.replace(order, thresholds=bare.thresholds)
-    told = [(one.name, len(one.diagnoses)) for one in _passes(checked, progress, "checking") if one.diagnoses]
-    return dataclasses.replace(bare, told=tuple(told))
+    checked = dataclasses.replace(config, thresholds=bare.thresholds)
+    remaining = [
+        (one.name, len(one.diagnoses)) for one in _passes(checked, progress, "checking") if one.diagnoses
+    ]
+    return dataclasses.replace(bare, remaining=tuple(remaining))
 
 
 def lower_bounds(rate: float, wheels: int) -> dict[str, float]:
-    """What each threshold may not fall below.
+    """Return the lower bounds of the thresholds.
 
-    Of Λ: h = ln(blocks per false alarm × tests), since by chance alone Λ > h in a block with at most e^{−h}.
-    Of the way slipped: the shipped one, below which health was never tried. Of a learnt loss: what motors may
-    have from the beginning.
+    For Λ: h = ln(blocks per false alarm × tests), since without a fault Λ > h in a block with a probability
+    of at most e^{−h}. For the slipped distance: the shipped threshold. For a loss: the tolerance of healthy
+    motors.
 
     Args:
-      rate: False alarms per hour.
-      wheels: n, which makes 2n+2 tests.
+      rate: Permitted false alarms per hour [1/h].
+      wheels: n, which gives 2n + 2 tests.
     """
     usual = Thresholds()
     per_alarm = 3600.0 / rate / BLOCK
@@ -222,25 +222,25 @@ def lower_bounds(rate: float, wheels: int) -> dict[str, float]:
 
 
 class StretchMaxima:
-    """Watches a method: the largest of each statistic in every stretch of motion, and what a run taught."""
+    """Collects the maxima of each statistic over stretches of motion, and those of the losses per run."""
 
     def __init__(self, period: float):
         self._period, self._block = period * samples_per_block(period), -1
         self._now, self._moved = np.zeros(STATISTICS), 0.0
         self.found: list[np.ndarray] = []
-        self.learnt: list[float] = []
+        self.losses: list[float] = []
         self.moved = 0.0
 
     def next_run(self) -> None:
-        """A run begins."""
-        self.learnt.append(0.0)
+        """Begin a run."""
+        self.losses.append(0.0)
 
     def __call__(self, state: RobustState) -> None:
-        """Takes a state; only a new block says something."""
+        """Take a state of the detector; statistics change with blocks only."""
         if state.blocks == self._block:
             return
         self._block, seen = state.blocks, state.statistics
-        self.learnt[-1] = max(self.learnt[-1], seen.worn)
+        self.losses[-1] = max(self.losses[-1], seen.worn)
         self._now = np.maximum(self._now, seen[:STATISTICS])
         if state.log[-1] == BLIND:
             return
@@ -251,42 +251,42 @@ class StretchMaxima:
             self._now, self._moved = np.zeros(STATISTICS), 0.0
 
 
-def _maxima(order: DiagnosisConfig, progress: DatasetProgress | None) -> StretchMaxima:
-    """What is seen of healthy runs while nothing is decided.
+def _maxima(config: DiagnosisConfig, progress: DatasetProgress | None) -> StretchMaxima:
+    """Return the maxima of healthy runs without decisions.
 
     Raises:
-      InputError: A sensor stands still while the robot drives.
+      InputError: A sensor is frozen while the robot drives.
     """
-    seen = StretchMaxima(order.machine.period)
-    for one in _passes(dataclasses.replace(order, thresholds=DISABLED), progress, "measuring", seen):
+    seen = StretchMaxima(config.machine.period)
+    for one in _passes(dataclasses.replace(config, thresholds=DISABLED), progress, "measuring", seen):
         for d in one.diagnoses:
-            place = f"{order.dataset.path}: run {one.name!r}"
+            place = f"{config.dataset.path}: run {one.name!r}"
             what = f"{d.kind} {d.channel or ', '.join(map(str, d.wheels))}".strip()
             found = f"{what} has failed at {d.time:.4g} s"
-            raise InputError(place, found, "thresholds are set with fault-free recordings")
+            raise InputError(place, found, "calibration needs fault-free recordings")
     return seen
 
 
-def _wheels(order: DiagnosisConfig) -> int:
-    return len(order.machine.targets)
+def _wheels(config: DiagnosisConfig) -> int:
+    return len(config.machine.targets)
 
 
 def _passes(
-    order: DiagnosisConfig,
+    config: DiagnosisConfig,
     progress: DatasetProgress | None,
     phase: str,
     watch: StretchMaxima | None = None,
 ) -> Sequence[RunDiagnosis]:
-    """Every run through the method."""
-    runs, found, before = order.dataset.runs, [], 0
+    """Replay every run."""
+    runs, found, before = config.dataset.runs, [], 0
     total = sum(len(run.time) for run in runs)
     for run in runs:
         if progress is not None:
             progress(before, total, f"{phase} {run.name}")
-        samples = sample_run(run, order.machine)
+        samples = sample_run(run, config.machine)
         if watch is not None:
             watch.next_run()
-        one = replay(run, samples, order.machine, order.method_for(run), watch=watch)
+        one = replay(run, samples, config.machine, config.detector_for(run), watch=watch)
         found.append(dataclasses.replace(one, trace=dataclasses.replace(one.trace, columns={})))
         before += len(run.time)
     return found

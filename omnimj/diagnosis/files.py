@@ -80,7 +80,7 @@ def calibration_json(found: Calibration, dataset: Dataset, command: str) -> dict
             }
             for one in found.set
         },
-        "still_diagnosed": dict(found.told),
+        "still_diagnosed": dict(found.remaining),
         "warnings": calibration_warnings(found),
         "version": omnimj.__version__,
         "command": command,
@@ -138,7 +138,7 @@ def calibration_warnings(found: Calibration) -> list[str]:
             f"warning: {found.hours:.3g} h of motion are less than {ADVISED_HOURS:g} h; "
             "record longer before relying on these thresholds"
         )
-    for name, many in found.told:
+    for name, many in found.remaining:
         diagnoses = "diagnosis" if many == 1 else "diagnoses"
         sentences.append(f"warning: run {name} still has {many} {diagnoses}: is it free of faults?")
     return sentences

@@ -99,10 +99,10 @@ def make_detector(
     thresholds: Thresholds | None = None,
     observer: ObserverGains | None = None,
 ) -> RecordingDetector:
-    """The method for one run: on its floor, with its mass where it states one.
+    """Make the detector of one run, for its floor and, where stated, its mass.
 
     Raises:
-      UnknownNameError: No such method.
+      UnknownNameError: The method does not exist.
       InputError: The method is not for this machine, or the thresholds are not for the method.
     """
     constants, mass = machine.constants, run.conditions.get("mass")
@@ -165,14 +165,14 @@ class Segment:
 class SampledRun:
     """Run at the controller's rate, split at its gaps."""
 
-    pieces: tuple[Segment, ...]
+    segments: tuple[Segment, ...]
     notes: tuple[str, ...]
     """Notes for the reader, one sentence each."""
 
     @property
     def samples(self) -> int:
         """Number of samples in all segments."""
-        return sum(len(segment.time) for segment in self.pieces)
+        return sum(len(segment.time) for segment in self.segments)
 
 
 def sample_rate(run: Run) -> float:

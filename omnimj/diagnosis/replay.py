@@ -1,4 +1,4 @@
-"""One recorded run through a method, sample by sample, as a controller would have called it."""
+"""Replay of recorded runs through a fault detector, sample by sample, as a controller would call it."""
 
 from __future__ import annotations
 
@@ -38,23 +38,29 @@ from omnimj.recording.dataset import Dataset, Run
 from omnimj.signals import Array, Diagnosis, Trace
 
 SHORTEST_REST = 0.3
-"""Rests that count [s]."""
+"""Shortest rest that counts [s]."""
 
 
 def is_still(wheel_speed: Array, yaw_rate: float, bias: float) -> bool:
-    """Whether no wheel turns and the gyro says nothing but bias and noise."""
+    """Return whether no wheel turns and the gyro shows only bias and noise.
+
+    Args:
+      wheel_speed: φ̇, shape (n,) [rad/s].
+      yaw_rate: Reading of the gyro [rad/s].
+      bias: Estimated bias of the gyro [rad/s].
+    """
     return bool(np.abs(wheel_speed).max() < REST_WHEEL_SPEED and abs(yaw_rate - bias) < REST_YAW_RATE)
 
 
 def first_bias(wheel_speed: Array, yaw_rate: Array, period: float) -> GyroBias:
-    """Gyro bias by the first rest of a run, as the wheels show it; 0 without any rest.
+    """Estimate the gyro bias from the first rest of a run, as the wheels show it; 0 without any rest.
 
-    No log says when the demand was zero.
+    Logs do not state when the demand was zero.
 
     Args:
-      wheel_speed: Shape (k, n) [rad/s].
-      yaw_rate: Shape (k,) [rad/s].
-      period: Of the samples [s].
+      wheel_speed: φ̇, shape (k, n) [rad/s].
+      yaw_rate: Readings of the gyro, shape (k,) [rad/s].
+      period: Sample period [s].
     """
     still = np.abs(wheel_speed).max(axis=1) < REST_WHEEL_SPEED
     edges = np.flatnonzero(np.diff(np.concatenate(([False], still, [False])).astype(int)))
@@ -68,32 +74,33 @@ def first_bias(wheel_speed: Array, yaw_rate: Array, period: float) -> GyroBias:
 
 
 LONGEST_GAP = 0.1
-"""After a longer gap no window and no observer reaches back; what was diagnosed stays listed [s]."""
+"""Longest gap over which observers and windows continue; diagnoses stay listed over longer ones [s]."""
 _REPORT_EVERY = 500  # samples
 
 SampleProgress = Callable[[int], None]
-"""Called now and then with the samples done."""
+"""Called regularly with the number of finished samples."""
 Watch = Callable[[Any], None]
-"""Called with the method's state after every sample."""
+"""Called with the state of the detector after every sample."""
 
 
 @dataclass(frozen=True)
 class RunDiagnosis:
-    """What a method made of a run."""
+    """Diagnosis of one run."""
 
     name: str
     diagnoses: tuple[Diagnosis, ...]
     cannot_judge: float
-    """Time in which the method said that it cannot judge [s]."""
+    """Time in which the detector could not judge [s]."""
     judged: float
-    """Time that the method was given [s]."""
+    """Duration of the samples [s]."""
     trace: Trace
-    """The log's rows and columns, and the method's beside them: what it held at each row."""
+    """Rows and columns of the log, with the columns of the detector beside them."""
     notes: tuple[str, ...]
+    """Notes for the reader, one sentence each."""
 
 
 def sample_run(run: Run, machine: Machine) -> SampledRun:
-    """A run at the controller's rate."""
+    """Sample a run at the controller's rate, with the channels of its machine."""
     return resample(run, machine.channels, machine.targets, machine.period, machine.angles)
 
 
@@ -101,87 +108,89 @@ def replay(
     run: Run,
     samples: SampledRun,
     machine: Machine,
-    method: RecordingDetector,
+    detector: RecordingDetector,
     progress: SampleProgress | None = None,
     watch: Watch | None = None,
 ) -> RunDiagnosis:
-    """Drives a method over a run.
+    """Replay a run through a detector.
 
     Args:
-      run: As recorded.
+      run: The recorded run.
       samples: From `sample_run`.
-      machine: That the method believes in.
-      method: Any.
-      progress: For a progress bar.
-      watch: For who needs more than the method's log.
+      machine: Nominal machine of the detector.
+      detector: The detector.
+      progress: Progress callback.
+      watch: Observer of the detector's states.
     """
-    logs = np.empty((samples.samples, len(method.log_names)))
-    times = np.concatenate([piece.time for piece in samples.pieces]) if samples.pieces else np.empty(0)
-    loop = _Loop(run.name, machine, method, samples, logs, progress, watch)
-    told, gaps = (), []
+    logs = np.empty((samples.samples, len(detector.log_names)))
+    times = (
+        np.concatenate([segment.time for segment in samples.segments]) if samples.segments else np.empty(0)
+    )
+    loop = _Loop(run.name, machine, detector, samples, logs, progress, watch)
+    diagnoses, gaps = (), []
     state, last = None, -np.inf
-    for piece in samples.pieces:
-        gap = piece.time[0] - last
+    for segment in samples.segments:
+        gap = segment.time[0] - last
         is_long = gap > LONGEST_GAP
         if state is not None and is_long:
-            told = _joined(told, state.diagnoses)
+            diagnoses = _joined(diagnoses, state.diagnoses)
             gaps.append(gap)
-        state = loop.over(piece, state, is_long)
-        last = piece.time[-1]
+        state = loop.over(segment, state, is_long)
+        last = segment.time[-1]
     if state is not None:
-        told = _joined(told, state.diagnoses)
+        diagnoses = _joined(diagnoses, state.diagnoses)
     blind = float(loop.blind) * machine.period
     notes = samples.notes
     if gaps:
         many = f"{len(gaps)} gaps" if len(gaps) > 1 else "a gap"
-        notes = (*notes, f"run {run.name}: begun anew after {many} of up to {max(gaps):.3g} s")
-    trace = _trace(run, times, method.log_names, logs)
-    return RunDiagnosis(run.name, told, blind, samples.samples * machine.period, trace, notes)
+        notes = (*notes, f"run {run.name}: restarted after {many} of up to {max(gaps):.3g} s")
+    trace = _trace(run, times, detector.log_names, logs)
+    return RunDiagnosis(run.name, diagnoses, blind, samples.samples * machine.period, trace, notes)
 
 
 class _Loop:
-    """Steps a method through pieces; keeps the gyro's bias and fills the rows of the log."""
+    """Steps a detector through segments, estimates the gyro bias and fills the rows of the log."""
 
     def __init__(
         self,
         name: str,
         machine: Machine,
-        method: RecordingDetector,
+        detector: RecordingDetector,
         samples: SampledRun,
         logs: Array,
         progress: SampleProgress | None,
         watch: Watch | None,
     ):
-        self._name, self._machine, self._method, self._logs = name, machine, method, logs
+        self._name, self._machine, self._detector, self._logs = name, machine, detector, logs
         self._progress, self._watch, self._done = progress, watch, 0
         self._rest, self._turn, self._speeds = GyroBias(), np.empty(0), slice(0)
         self._wheels, self.blind = 0, 0
-        if isinstance(machine.constants, Robot) and samples.pieces:
+        if isinstance(machine.constants, Robot) and samples.segments:
             n = self._wheels = len(machine.constants.wheels)
             self._speeds, self._turn = slice(n, 2 * n), yaw_rate_row(machine.constants)
-            rows = np.concatenate([piece.columns for piece in samples.pieces])
+            rows = np.concatenate([segment.columns for segment in samples.segments])
             gyro = rows[:, machine.channels.index("yaw_rate")]
             self._rest = first_bias(rows[:, self._speeds], gyro, machine.period)
 
-    def over(self, piece: Segment, state: Any, is_long: bool) -> Any:
-        """The state after a piece, from the one before it and a gap; None: the method begins."""
-        machine, method = self._machine, self._method
+    def over(self, segment: Segment, state: Any, is_long: bool) -> Any:
+        """Return the state after a segment, from the one before it and a gap; None: the detector begins."""
+        machine, detector = self._machine, self._detector
         bias = self._rest.bias
-        first = machine.measurement(float(piece.time[0]), piece.columns[0])
-        state = method.begin(first, bias) if state is None else method.resume(state, first, bias, is_long)
-        for k, now in enumerate(piece.time.tolist()):
-            row = piece.columns[k]
+        first = machine.measurement(float(segment.time[0]), segment.columns[0])
+        state = detector.begin(first, bias) if state is None else detector.resume(state, first, bias, is_long)
+        for k, now in enumerate(segment.time.tolist()):
+            row = segment.columns[k]
             measured: Any = machine.measurement(now, row)
-            command = None if piece.command is None else piece.command[k]
+            command = None if segment.command is None else segment.command[k]
             try:
                 if not self._wheels or is_good(measured, self._wheels):
-                    state = method.step(state, measured, command, self._rest.bias)
+                    state = detector.step(state, measured, command, self._rest.bias)
             except (ArithmeticError, np.linalg.LinAlgError) as error:
-                found = f"the method breaks down at {now:.6g} s ({error})"
+                found = f"the method fails at {now:.6g} s ({error})"
                 raise SimulationError(f"run {self._name!r}: {found}") from None
             self._logs[self._done] = state.log
-            self.blind += method.cannot_judge(state)
-            self._note_rest(measured)
+            self.blind += detector.cannot_judge(state)
+            self._update_bias(measured)
             self._done += 1
             if self._watch is not None:
                 self._watch(state)
@@ -189,7 +198,7 @@ class _Loop:
                 self._progress(self._done)
         return state
 
-    def _note_rest(self, measured: Any) -> None:
+    def _update_bias(self, measured: Any) -> None:
         if not self._machine.has_gyro:
             return
         speed, rate = measured.wheel_speed, measured.yaw_rate
@@ -198,7 +207,7 @@ class _Loop:
 
 
 def _joined(before: Sequence[Diagnosis], after: Sequence[Diagnosis]) -> tuple[Diagnosis, ...]:
-    """Diagnoses before and after a gap; one that stood and is made again is the one before."""
+    """Join the diagnoses before and after a gap; one that was active and recurs is the same."""
     joined = list(before)
     for new in after:
         for k, old in enumerate(before):
@@ -212,7 +221,7 @@ def _joined(before: Sequence[Diagnosis], after: Sequence[Diagnosis]) -> tuple[Di
 
 
 def _trace(run: Run, times: Array, names: Sequence[str], logs: Array) -> Trace:
-    """Columns of the log, and of the method: at each row what it had said until then."""
+    """Return the columns of the log, and those of the detector at the newest sample of each row."""
     columns = dict(run.columns)
     if len(times):
         held = logs[rows_at(times, run.time)]
@@ -220,74 +229,77 @@ def _trace(run: Run, times: Array, names: Sequence[str], logs: Array) -> Trace:
     return Trace(columns)
 
 
-# A method over all runs of a dataset, one after the other.
-
 DatasetProgress = Callable[[int, int, str], None]
-"""Called now and then with the work done, the work in all, and the run."""
+"""Called regularly with finished rows, all rows, and the name of the run."""
 
 
 @dataclass(frozen=True)
 class DiagnosisConfig:
-    """What is to be done."""
+    """Settings of a diagnosis over a dataset."""
 
     dataset: Dataset
     machine: Machine
     method: str
     floors: Mapping[str, Floor]
     thresholds: Thresholds | None = None
-    """Of the robust method; the shipped ones when None."""
+    """Thresholds of the robust method; the shipped ones when None."""
     observer: ObserverGains | None = None
-    """Of the robust method; the shipped ones when None."""
+    """Observer gains of the robust method; the shipped ones when None."""
 
-    def method_for(self, run: Run) -> RecordingDetector:
-        """The method for one run.
+    def detector_for(self, run: Run) -> RecordingDetector:
+        """Make the detector of one run.
 
         Raises:
-          UnknownNameError: No such method.
+          UnknownNameError: The method does not exist.
           InputError: The method is not for this machine.
         """
         return make_detector(self.method, self.machine, run, self.floors, self.thresholds, self.observer)
 
 
-def check_config(order: DiagnosisConfig) -> None:
-    """Whether the runs can be diagnosed with the method; asked before anything is written.
+def check_config(config: DiagnosisConfig) -> None:
+    """Check that the method can diagnose the runs, before anything is written.
 
     Raises:
-      UnknownNameError: No such method.
+      UnknownNameError: The method does not exist.
       InputError: The method is not for this machine, or a run is sampled too slowly.
     """
-    order.method_for(order.dataset.runs[0])
-    require_rates(order.dataset)
+    config.detector_for(config.dataset.runs[0])
+    require_rates(config.dataset)
 
 
-def diagnose(order: DiagnosisConfig, progress: DatasetProgress | None = None) -> Iterator[RunDiagnosis]:
-    """What the method says of each run, run by run.
+def diagnose(config: DiagnosisConfig, progress: DatasetProgress | None = None) -> Iterator[RunDiagnosis]:
+    """Diagnose the runs of a dataset one after the other.
 
     Args:
-      order: Checked by `check_config`.
-      progress: For a progress bar.
+      config: Settings, checked by `check_config`.
+      progress: Progress callback.
+
+    Yields:
+      The diagnosis of each run.
     """
-    runs = order.dataset.runs
+    runs = config.dataset.runs
     total, before = sum(len(run.time) for run in runs), 0
     for run in runs:
-        samples = sample_run(run, order.machine)
-        method = order.method_for(run)
+        samples = sample_run(run, config.machine)
+        detector = config.detector_for(run)
 
         def report(done: int, name: str = run.name, rows: int = len(run.time), first: int = before) -> None:
             if progress is not None:
                 progress(min(first + done, first + rows), total, name)
 
         report(0)
-        yield replay(run, samples, order.machine, method, report)
+        yield replay(run, samples, config.machine, detector, report)
         before += len(run.time)
 
 
 def require_other_folder(dataset: Dataset, out: Path) -> None:
-    """Nothing is written into a dataset's folder.
+    """Check that results are not written into the folder of a dataset.
 
     Raises:
-      InputError: `out` lies there, or is a dataset's folder itself.
+      InputError: `out` lies in the folder of the dataset, or is that of another.
     """
     home, there = dataset.path.resolve(), out.resolve()
     if there == home or home in there.parents or (out / "dataset.toml").exists():
-        raise InputError(f"--out {out}", "is a dataset's folder", "choose another one, data stay as they are")
+        raise InputError(
+            f"--out {out}", "is a dataset's folder", "choose another one, datasets are not changed"
+        )

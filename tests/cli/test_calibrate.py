@@ -170,7 +170,7 @@ def test_recordings_with_a_failed_sensor_or_little_motion_are_refused(mission, r
     rate = ("--false-alarms-per-hour", "1", "--out", "t.toml")
     told = refused("calibrate", str(tmp_path / "frozen"), *rate)
     assert "run 'frozen': sensor yaw_rate has failed at" in told
-    assert "thresholds are set with fault-free recordings" in told
+    assert "calibration needs fault-free recordings" in told
     write_dataset(tmp_path / "short", "uto_robot", FLOOR, [as_run(driven())])
     told = refused("calibrate", str(tmp_path / "short"), *rate)
     assert "s of motion; at least 60 s are needed" in told

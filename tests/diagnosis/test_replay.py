@@ -80,7 +80,7 @@ def test_a_gap_in_the_middle_of_a_motion_is_silent(lost):
     run = without(as_run(driven()), first_fast_row(), lost)
     found = said_of(run)
     assert not found.diagnoses
-    assert any("begun anew" in note for note in found.notes) == (lost > 100)
+    assert any("restarted after" in note for note in found.notes) == (lost > 100)
     assert found.judged == pytest.approx(12.001 - (lost * 1e-3 if lost > 20 else 0.0), abs=2e-3)
 
 

@@ -25,7 +25,7 @@ def at_rate(rate: float, seconds: float = 1.0, start: float = 0.0):
 def test_rows_at_the_controllers_own_rate_are_taken_as_they_are():
     time = at_rate(1000.0) + 1e-4 * np.random.default_rng(1).uniform(-1.0, 1.0, 1001)
     noise = np.random.default_rng(2).normal(size=1001)
-    (piece,) = resample(run_of(time, a=noise), ("a",), (), PERIOD).pieces
+    (piece,) = resample(run_of(time, a=noise), ("a",), (), PERIOD).segments
     assert np.array_equal(piece.columns[:, 0], noise) and np.array_equal(piece.time, time)
 
 
@@ -34,7 +34,7 @@ def test_rows_at_the_controllers_own_rate_are_taken_as_they_are():
 def test_other_rates_are_interpolated_and_lines_stay_lines(rate, start):
     time = at_rate(rate, start=start)
     found = resample(run_of(time, a=3.0 * (time - start) - 1.0), ("a",), (), PERIOD)
-    (piece,) = found.pieces
+    (piece,) = found.segments
     assert len(piece.time) == pytest.approx(1001, abs=1)
     assert np.allclose(piece.columns[:, 0], 3.0 * (piece.time - start) - 1.0, atol=1e-5)
     assert "interpolated linearly" in found.notes[0]
@@ -42,11 +42,11 @@ def test_other_rates_are_interpolated_and_lines_stay_lines(rate, start):
 
 def test_a_set_current_ends_the_period_after_its_row():
     time, asked = at_rate(1000.0), np.arange(1001.0)
-    (piece,) = resample(run_of(time, a=asked, u=asked), ("a",), ("u",), PERIOD).pieces
+    (piece,) = resample(run_of(time, a=asked, u=asked), ("a",), ("u",), PERIOD).segments
     assert piece.command is not None and np.array_equal(piece.command[1:, 0], asked[:-1])
     (piece,) = resample(
         run_of(at_rate(2000.0), a=np.arange(2001.0), u=np.arange(2001.0)), ("a",), ("u",), PERIOD
-    ).pieces
+    ).segments
     assert piece.command is not None
     assert set(np.round(2000.0 * piece.time[1:] - piece.command[1:, 0])) <= {1.0, 2.0}
 
@@ -54,13 +54,13 @@ def test_a_set_current_ends_the_period_after_its_row():
 def test_set_currents_of_slow_logs_are_not_used_and_that_is_said():
     time = at_rate(200.0)
     found = resample(run_of(time, a=time, u=time), ("a",), ("u",), PERIOD)
-    assert found.pieces[0].command is None and "commanded currents" in found.notes[0]
+    assert found.segments[0].command is None and "commanded currents" in found.notes[0]
 
 
 def test_an_angle_is_interpolated_through_its_wrap():
     time = at_rate(100.0)
     true = 6.0 + time
-    (piece,) = resample(run_of(time, yaw=true % (2.0 * math.pi)), ("yaw",), (), PERIOD, ("yaw",)).pieces
+    (piece,) = resample(run_of(time, yaw=true % (2.0 * math.pi)), ("yaw",), (), PERIOD, ("yaw",)).segments
     apart = (piece.columns[:, 0] - 6.0 - piece.time + math.pi) % (2.0 * math.pi) - math.pi
     assert np.abs(apart).max() < 1e-9
     assert piece.columns.min() >= 0.0 and piece.columns.max() < 2.0 * math.pi
@@ -73,8 +73,8 @@ def test_masked_rows_are_left_out_and_long_gaps_split(lost, pieces):
     masked[400 : 400 + lost] = True
     values = np.where(masked, 1e6, time)
     found = resample(run_of(time, {"a": masked}, a=values), ("a",), (), PERIOD)
-    assert len(found.pieces) == pieces
-    assert max(piece.columns.max() for piece in found.pieces) <= 1.0
+    assert len(found.segments) == pieces
+    assert max(piece.columns.max() for piece in found.segments) <= 1.0
     assert found.samples == 1001 - (lost if pieces == 2 else 0)
     assert f"{lost} of 1001 rows are masked" in found.notes[0]
 
