@@ -93,7 +93,7 @@ def test_bad_orders_are_refused_in_one_line(tmp_path, capsys):
     with pytest.raises(InputError, match="not empty"):
         run_benchmark(BenchmarkConfig(tmp_path / "b"), quiet, InlineExecutor())
     assert main(["gap", "data", "--benchmark", "--out", str(tmp_path / "c")]) == 2
-    assert "it makes its own data" in capsys.readouterr().err
+    assert "makes its own data" in capsys.readouterr().err
 
 
 def test_the_command_prints_the_table_and_writes_a_page(tmp_path, searches, monkeypatch, capsys):
