@@ -38,7 +38,7 @@ STATES = {
     "slowed down": "#B87A00",
     "turning about a wheel": "#8A2BE2",
     "stopping": "#B22222",
-    "help taken back": "#777777",
+    "recovery reverted": "#777777",
     "torque constant is estimated": "#F0C94A",
     "torque constant was estimated": "#7FB8DA",
 }

@@ -40,7 +40,7 @@ def named(*diagnoses: tuple[float, int]) -> dict:
 
 def test_the_wheel_that_is_turned_about_is_named_with_what_is_given_up():
     (way,) = recovery_periods(made(np.where(TIME < 3.0, NORMAL, PIVOTING)), named((2.9, 2)))
-    assert way.name == "turning about wheel 2" and "heading is given up" in way.consequence
+    assert way.name == "turning about wheel 2" and "heading is lost" in way.consequence
     assert way.when == "3 – 9.99 s" and way.duration == pytest.approx(6.99)
 
 
