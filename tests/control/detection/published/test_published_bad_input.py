@@ -10,14 +10,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from omnimj.control.cascade.controller import Controller, is_good
 from omnimj.control.detection.detector import VARIANTS, DetectorOptions
 from omnimj.control.detection.published.decision import PRINTED_THRESHOLDS
 from omnimj.control.detection.published.rig import PublishedRigDetector
 from omnimj.control.detection.published.robot import PublishedRobotDetector
+from omnimj.control.fault_tolerant import FaultTolerantController
 from omnimj.errors import InputError
 from omnimj.parameters import read_floors, read_rig, read_robot
 from omnimj.parameters.robot import WheelMount
-from omnimj.signals import Measurement, RigMeasurement
+from omnimj.signals import Measurement, RigMeasurement, Target
 
 STONE = read_floors()["natural_stone"]
 ROBOT, RIG = read_robot(), read_rig()
@@ -47,7 +49,8 @@ def test_no_measurement_stops_the_robot_s_method(variant, found):
     method = PublishedRobotDetector(ROBOT, STONE, PRINTED_THRESHOLDS, DetectorOptions(variant))
     state = method.start(found[0])
     for measurement in found:
-        state = method.step(state, measurement)
+        if is_good(measurement, 4):
+            state = method.step(state, measurement)
         assert state.log.shape == (len(method.log_names),)
         assert state.reconfiguration is not None
         assert np.all(np.isfinite(state.reconfiguration.speed_per_twist))
@@ -66,12 +69,17 @@ def test_no_measurement_stops_the_rig_s_method(variant, found):
         assert np.all(np.isfinite(state.observer))
 
 
-def test_a_bad_measurement_changes_nothing():
-    method = PublishedRobotDetector(ROBOT, STONE, PRINTED_THRESHOLDS, DetectorOptions())
-    good = Measurement(0.0, np.zeros(4), np.zeros(4), np.zeros(2), 0.0, 0.0)
-    state = method.step(method.start(good), good)
+def test_a_bad_measurement_never_reaches_the_detector():
+    detector = PublishedRobotDetector(ROBOT, STONE, PRINTED_THRESHOLDS, DetectorOptions())
+    controller = FaultTolerantController(Controller(ROBOT), detector)
+    good, still = (
+        Measurement(0.0, np.zeros(4), np.zeros(4), np.zeros(2), 0.0, 0.0),
+        Target(np.zeros(2), 0.0, 0.0),
+    )
+    _, state = controller.step(controller.start(good), good, still)
     bad = dataclasses.replace(good, time=0.001, current=np.array([0.0, math.nan, 0.0, 0.0]))
-    assert method.step(state, bad) is state
+    command, after = controller.step(state, bad, still)
+    assert after.detector is state.detector and not command.current.any()
 
 
 def test_a_wheel_that_drives_askew_has_no_row_in_table_5_2():
