@@ -1,7 +1,7 @@
-"""Speed benchmark of `omnimj bench`: ratios and times measured within one run on this machine.
+"""Speed benchmark of `omnimj bench`: times, and ratios of times, measured in one session on one machine.
 
 - `control`: time and memory of the control step, on a recorded mission replayed without the plant.
-- `twin`: steps of the twin against MuJoCo's own contact, batches, and whole scenario runs.
+- `twin`: steps of the twin compared with MuJoCo's own contact, batches, and whole scenario runs.
 - `link`: the codec of the link, and round trips over UDP and a pseudo-terminal.
-- `link_echo`: the far end of these round trips, in a process of its own.
+- `link_echo`: the far end of these round trips, in a separate process.
 """

@@ -27,11 +27,11 @@ from omnimj.simulate.suites.missions import mission as make_mission
 FLOOR = "natural_stone"
 SEED = 7
 PASSING_SLIP = (Fault("slip", 4.0, 6.0, 1, {"grip": 0.1}),)
-"""Ends within the mission, so that a repeated mission begins without a fault."""
+"""Slip fault that ends within the mission, so that a repeated mission begins without a fault."""
 SLIP_AND_WEAK_MOTOR = (*PASSING_SLIP, Fault("motor", 8.0, None, 2, {"loss": 0.57}))
 HOUR = 3600.0
 WARM_UP_MISSIONS = 5
-"""Missions before memory is measured, in which caches and windows fill."""
+"""Missions driven before memory is measured, to fill caches and windows."""
 _PAGES = Path("/proc/self/smaps_rollup")  # exact, unlike statm
 _KB = 1024.0
 
@@ -44,7 +44,7 @@ class RecordedMission:
     measurements: tuple[Measurement, ...]
     targets: tuple[Target, ...]
     last: FaultTolerantState
-    """Final state of the controller that drove it."""
+    """Final state of the controller that drove the mission."""
 
     @property
     def duration(self) -> float:
@@ -58,7 +58,7 @@ class RecordedMission:
 
 
 class _RecordingController:
-    """Controller that records its inputs."""
+    """Wrapper of a controller that records its inputs."""
 
     def __init__(self, controller: FaultTolerantController):
         self._controller, self.log_names = controller, controller.log_names
@@ -77,7 +77,7 @@ class _RecordingController:
 
 
 def full_controller(robot: Robot) -> FaultTolerantController:
-    """Controller as on a robot: cascade, fault detection and recovery."""
+    """Make the complete controller of a robot: cascade, fault detection and recovery."""
     return FaultTolerantController(Controller(robot), RobustDetector(robot), Recovery(robot))
 
 
@@ -85,7 +85,7 @@ def record_mission(robot: Robot, duration: float, faults: tuple[Fault, ...] = ()
     """Drive the planar robot with all sensors and record the inputs of its controller.
 
     Args:
-      robot: The robot.
+      robot: Robot to drive.
       duration: Duration of the mission [s].
       faults: Faults during the mission.
     """
@@ -101,11 +101,11 @@ def replay_mission(
     """Replay a mission as number 0, 1, 2, … of a sequence and return the controller's state after it.
 
     Time continues, and headings and targets are rotated by the preceding missions. Detector and recovery keep
-    their state; the cascade starts each mission anew, since its integrators cannot converge on measurements
-    that do not react to it.
+    their state; the cascade is reset for each mission, since its integrators cannot converge on recorded
+    measurements, which do not react to its commands.
 
     Args:
-      controller: Controller to replay to.
+      controller: Controller that receives the recorded inputs.
       state: Its state before the mission.
       mission: Recorded inputs.
       number: Index of the mission in the sequence.
@@ -126,7 +126,7 @@ def replay_mission(
 
 
 def step_times(mission: RecordedMission) -> np.ndarray:
-    """Time of each control step, from measurement to command, over a replayed mission, shape (k,) [s]."""
+    """Measure each control step of a replayed mission, from measurement to command, shape (k,) [s]."""
     controller = full_controller(mission.robot)
     state = controller.start(mission.measurements[0])
     times = np.empty(len(mission.measurements))
@@ -139,12 +139,12 @@ def step_times(mission: RecordedMission) -> np.ndarray:
 
 @dataclass(frozen=True)
 class MemoryGrowth:
-    """Growth of memory over many control steps."""
+    """Growth of memory use over many control steps."""
 
     seconds: float
     """Robot time between the two measurements of memory [s]."""
     grown: float
-    """Growth between them [kB]."""
+    """Growth between the two measurements [kB]."""
     diagnoses: int
     """Number of diagnoses at the end."""
 
@@ -162,14 +162,14 @@ def memory_growth(
 ) -> MemoryGrowth:
     """Replay a mission repeatedly with one controller and measure the growth of memory.
 
-    Each of up to `verdict.HISTORY_LENGTH` remembered diagnoses takes 0.2 kB; without faults memory must not
+    Each of the up to `verdict.HISTORY_LENGTH` stored diagnoses takes 0.2 kB; without faults, memory must not
     grow.
 
     Args:
       mission: Mission that begins and ends without a fault.
       passes: Number of replays, after `WARM_UP_MISSIONS` uncounted ones.
-      longest: Wall time after which the present replay is the last [s].
-      memory: Measures memory [kB]; None: allocations of Python and numpy.
+      longest: Wall time [s] after which no further replay begins.
+      memory: Function that returns memory use [kB]; None counts the allocations of Python and numpy.
     """
     measure = _allocated_memory if memory is None else memory
     if memory is None:
@@ -190,13 +190,13 @@ def memory_growth(
 
 
 def _allocated_memory() -> float:
-    """Memory allocated by Python and numpy [kB], rounded since measuring allocates as well."""
+    """Return the memory allocated by Python and numpy [kB], rounded since measuring allocates as well."""
     gc.collect()
     return float(round(tracemalloc.get_traced_memory()[0] / _KB))
 
 
 def resident_memory() -> float:
-    """Anonymous memory of this process including native code [kB]; Linux only."""
+    """Return the anonymous memory of this process, native code included [kB]; Linux only."""
     gc.collect()
     (line,) = (line for line in _PAGES.read_text().splitlines() if line.startswith("Anonymous:"))
     return float(line.split()[1])
@@ -206,11 +206,11 @@ def measure_control(rounds: int, duration: float, hours: float, longest: float) 
     """Measure the time of a control step [µs] and the growth of memory per hour [kB].
 
     Args:
-      rounds: Number of timed replays; each step counts by its median over them, which excludes other load
-        on the machine.
+      rounds: Number of timed replays; the median over them is taken for each step, which excludes other
+        load on the machine.
       duration: Duration of the mission [s].
       hours: Robot time over which memory is measured [h].
-      longest: Wall time after which that ends [s].
+      longest: Limit on the wall time of the memory measurement [s].
     """
     robot = read_robot()
     faulty = record_mission(robot, duration, SLIP_AND_WEAK_MOTOR)

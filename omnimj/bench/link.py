@@ -1,4 +1,4 @@
-"""Times of the codec, and round trips of frames over a wire compared with bare bytes of the same size."""
+"""Codec times, and round-trip times of frames compared with bare bytes of the same size."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ from omnimj.link.transport.udp import UdpTransport
 
 _SEED = 1
 _CHANNELS = 12
-_TIMEOUT = 5.0  # [s] for one answer
+_TIMEOUT = 5.0  # [s] to wait for one answer
 _PART = 200  # round trips of one kind in turn, so that both kinds see the same machine
 _WARM_UP_TRIPS = 100
 
 
 @dataclass(frozen=True)
 class CodecTime:
-    """Times of the codec for one kind of frame and link."""
+    """Encoding and decoding time of one kind of frame on one kind of link."""
 
     name: str
     """Frame and link, such as `telemetry serial keyed`."""
@@ -61,7 +61,7 @@ def _codec_frames() -> dict[str, Frame]:
 
 
 def _min_mean_time(work: Callable[[], object], times: int, rounds: int) -> float:
-    """Mean time over `times` calls, the shortest of several rounds, which excludes other load [s]."""
+    """Return the shortest mean time of a call [s] over several rounds, which excludes other load."""
     means = []
     for _ in range(rounds):
         begin = time.perf_counter()
@@ -76,7 +76,7 @@ def codec_times(times: int = 10_000, rounds: int = 5) -> tuple[CodecTime, ...]:
 
     Args:
       times: Frames per round.
-      rounds: Number of rounds; the shortest mean counts.
+      rounds: Number of rounds; the shortest mean is reported.
     """
     found = []
     for name, frame in _codec_frames().items():
@@ -102,15 +102,15 @@ def codec_times(times: int = 10_000, rounds: int = 5) -> tuple[CodecTime, ...]:
 
 
 class EchoLost(OmnimjError, ConnectionError):
-    """The far end of a round trip does not answer."""
+    """Error raised when the far end of a round trip does not answer."""
 
 
 def measure_link(times: int, trips: int) -> dict[str, float]:
     """Measure codec times and round trips [µs].
 
     Args:
-      times: Frames per round of the codec; the slowest kind of frame counts.
-      trips: Round trips over each wire, command and telemetry, and as many of bare bytes.
+      times: Frames per round of the codec; the slowest kind of frame is reported.
+      trips: Round trips of command and telemetry per connection, and as many of bare bytes.
 
     Raises:
       EchoLost: The far end does not answer.
@@ -141,7 +141,7 @@ def _figures(wire: str, framed: np.ndarray, bare: np.ndarray) -> dict[str, float
 def _time_alternately(
     framed: Callable[[int], object], bare: Callable[[], object], trips: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Times of alternating round trips of both kinds, each of shape (trips,) or slightly longer [s]."""
+    """Measure alternating round trips of both kinds, each of shape (trips,) or slightly longer [s]."""
     times: tuple[list[float], list[float]] = [], []
     sequence = 0
     while len(times[0]) < trips + _WARM_UP_TRIPS:
@@ -158,7 +158,7 @@ def _time_alternately(
 
 
 def _frame_round_trip(transport: Transport) -> Callable[[int], object]:
-    """Round trip of a frame from record to record."""
+    """Return a function that sends a command and waits for its telemetry, from record to record."""
 
     def ask(sequence: int) -> None:
         transport.send(encode(command(sequence)))
@@ -174,7 +174,7 @@ def _frame_round_trip(transport: Transport) -> Callable[[int], object]:
 
 @contextlib.contextmanager
 def _echo_process(*arguments: Any, files: tuple[int, ...] = ()) -> Iterator[str]:
-    """Process at the far end; yields the line that it prints when it is ready."""
+    """Context with the process at the far end; yields the line that it prints when ready."""
     program = [sys.executable, "-m", "omnimj.bench.link_echo", *map(str, arguments)]
     with subprocess.Popen(program, stdout=subprocess.PIPE, pass_fds=files, text=True) as process:
         try:

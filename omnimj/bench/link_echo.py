@@ -1,4 +1,4 @@
-"""Far end of the round trips, a process of its own: answers frames and, for comparison, bare bytes."""
+"""Far end of the round trips, a separate process that answers frames and, for comparison, bare bytes."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from omnimj.link.transport.udp import UdpListener
 RAW = (0.1, -0.2, 0.3, -0.4, 1.0, 2.0, 3.0, 4.0, 0.5, 0.6, 0.7, 1234)
 """Readings of twelve channels; the last one is in counts."""
 _COUNTS = 1 << 11
-_IDLE_TIMEOUT = 30.0  # [s] without a frame after which the process ends
+_IDLE_TIMEOUT = 30.0  # [s] without a frame before the process ends
 _CHUNK = 4096
 
 
 def command(sequence: int) -> Frame:
-    """Command with this sequence number."""
+    """Make a command frame with the given sequence number."""
     return Frame(Command((0.3, -0.8, 0.1, 0.7), 0.05), 7, sequence, 1000 * sequence)
 
 
 def telemetry(sequence: int) -> Frame:
-    """Telemetry that answers it."""
+    """Make the telemetry frame that answers the command with this sequence number."""
     message = Telemetry(sequence, 0.0006, Status.ARMED, FaultCode.NONE, 0, 0, RAW, _COUNTS)
     return Frame(message, 7, sequence, 1000 * sequence)
 

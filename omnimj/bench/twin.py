@@ -1,4 +1,4 @@
-"""Speed of the twin and of whole scenario runs, as ratios within one run on this machine."""
+"""Speed of the twin and of whole scenario runs, as ratios measured in one session on one machine."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ _CURRENTS = (0.3, -0.8, 0.1, 0.7)
 
 
 def wall_time(work: Callable[[], object]) -> float:
-    """Wall time of one call [s]."""
+    """Return the wall time of one call [s]."""
     begin = time.perf_counter()
     work()
     return time.perf_counter() - begin
 
 
 def _interleaved(rounds: int, *works: Callable[[], object]) -> np.ndarray:
-    """Shortest time of each call over interleaved rounds, shape (len(works),) [s]."""
+    """Return the shortest time of each call over interleaved rounds, shape (len(works),) [s]."""
     return np.array([[wall_time(work) for work in works] for _ in range(rounds)]).min(axis=0)
 
 
@@ -35,7 +35,7 @@ def _moving(mj_model: Any) -> Any:
 
 
 def _with_solver_contact(mj_model: Any, friction: bool) -> Any:
-    """Same robot in the same state of motion with MuJoCo's own contact."""
+    """Copy a model to use MuJoCo's own contact; return it with the robot in the same state of motion."""
     import mujoco
 
     from omnimj.plant.mujoco import slots
@@ -55,7 +55,7 @@ def measure_twin(steps: int, rounds: int) -> dict[str, float]:
 
     Args:
       steps: Steps of 1 ms per round.
-      rounds: Number of timed rounds; the shortest counts.
+      rounds: Number of timed rounds; the shortest time is reported.
     """
     import mujoco
     import mujoco.batch
@@ -76,7 +76,7 @@ def measure_twin(steps: int, rounds: int) -> dict[str, float]:
         batch.step(nstep=300)
     repeat_callbacks(mj_model._address, frozen._address, 1)
 
-    def glide_rough() -> None:  # without traction it must be pushed repeatedly
+    def glide_rough() -> None:  # without traction the robot must be set in motion repeatedly
         rough_data.qvel[0] = 0.5
         mujoco.mj_step(rough, rough_data, steps // 10)
 
@@ -99,7 +99,7 @@ def measure_twin(steps: int, rounds: int) -> dict[str, float]:
 
 
 def measure_run(duration: float) -> dict[str, float]:
-    """Measure the real-time factor of a scenario with its trace, and cost and size of its Rerun recording.
+    """Measure the real-time factor of a scenario run, and the cost and size of its Rerun recording.
 
     Args:
       duration: Duration of the scenario [s].

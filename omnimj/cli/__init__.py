@@ -9,5 +9,5 @@
 - `link` (`link check`, `link fuzz`); `device`
 - `bench`, `completion`
 
-Modules import their libraries inside functions, so that `omnimj --help` takes no time.
+Modules import their libraries inside functions, so that `omnimj --help` starts at once.
 """

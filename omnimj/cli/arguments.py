@@ -1,4 +1,4 @@
-"""What commands are made of: the `Command` record, and the arguments that several of them share."""
+"""Building blocks of the commands: the `Command` record, and arguments shared by several commands."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ class Command:
 
     name: str
     help: str
-    """One line in lower case, without a full stop."""
+    """Help text: one line in lower case, without a full stop."""
     epilog: str
-    """Examples, and notes below them."""
+    """Text below the options in the help: examples, then notes."""
     add_arguments: Callable[[argparse.ArgumentParser], None]
     run: Callable[[Any], int]
-    """Called with the parsed arguments; returns the exit code."""
+    """Function of the parsed arguments that does the work and returns the exit code."""
 
     def add_to(self, commands: Any, key: str = "run") -> None:
-        """Adds the command to a parser's sub-commands.
+        """Add the command to a parser's sub-commands.
 
         Args:
           commands: Result of `ArgumentParser.add_subparsers`.
-          key: Name under which the parsed arguments hold `run`.
+          key: Attribute of the parsed arguments that holds `run`.
         """
         parser = commands.add_parser(
             self.name,
@@ -54,31 +54,31 @@ class Command:
 ADDRESS = "serial:DEVICE?baud=N or udp:HOST:PORT"
 ROBOT_MODEL = "a shipped robot by name (three_wheel), or a copy of robot.toml with changed values"
 MODEL = "a shipped robot by name (three_wheel), or a copy of robot.toml or rig.toml with changed values"
-"""Values of `--model`, without and with the test rig."""
+"""Help texts of `--model`, without and with the test rig."""
 
 
 def command_line(arguments: Any) -> str:
-    """The command line that repeats the work, as reports and files quote it."""
+    """Return the command line that repeats the work, as quoted in reports and files."""
     return shlex.join(["omnimj", *arguments.given])
 
 
 def add_floors(parser: argparse.ArgumentParser) -> None:
-    """Adds `--floors FILE`."""
+    """Add `--floors FILE`."""
     words = "floors beside the shipped ones, or in their place, e.g. from omnimj identify"
     parser.add_argument("--floors", metavar="FILE", type=Path, help=words)
 
 
 def add_thresholds(parser: argparse.ArgumentParser) -> None:
-    """Adds `--thresholds FILE`."""
+    """Add `--thresholds FILE`."""
     words = "thresholds of the robust method, from omnimj calibrate (default: the shipped ones)"
     parser.add_argument("--thresholds", metavar="FILE", type=Path, help=words)
 
 
 def read_thresholds(file: Path | None, method: str) -> Any:
-    """Reads the file that `--thresholds` names; returns None without it.
+    """Read the file given by `--thresholds`; return None without the option.
 
     Raises:
-      InputError: It is for another method, or the file is wrong.
+      InputError: The file is invalid or for another method.
     """
     if file is None:
         return None
@@ -90,16 +90,16 @@ def read_thresholds(file: Path | None, method: str) -> Any:
 
 
 def add_gains(parser: argparse.ArgumentParser) -> None:
-    """Adds `--gains FILE`."""
+    """Add `--gains FILE`."""
     words = "gains of cascade, recovery and observer, from omnimj tune (default: model and shipped ones)"
     parser.add_argument("--gains", metavar="FILE", type=Path, help=words)
 
 
 def read_gains_file(file: Path | None, model: Path | None = None) -> Gains | None:
-    """Reads the gains in a file, with those of the model for the rest; returns None without a file.
+    """Read the gains in a file, completed by the model's; return None without a file.
 
     Raises:
-      InputError, UnknownNameError: As `control.gains.read_gains` and `read_robot`.
+      InputError, UnknownNameError: As in `control.gains.read_gains` and `read_robot`.
     """
     if file is None:
         return None
@@ -110,16 +110,16 @@ def read_gains_file(file: Path | None, model: Path | None = None) -> Gains | Non
 
 
 def add_observer_gains(parser: argparse.ArgumentParser) -> None:
-    """Adds `--gains FILE` to a command that drives nothing."""
+    """Add `--gains FILE` to a command that drives nothing."""
     words = "gains of the robust method's observer, from omnimj tune (default: the shipped ones)"
     parser.add_argument("--gains", metavar="FILE", type=Path, help=words)
 
 
 def read_observer_gains(file: Path | None, method: str) -> ObserverGains | None:
-    """Reads the observer's gains in a file; returns None without a file.
+    """Read the observer's gains in a file; return None without a file.
 
     Raises:
-      InputError: It is for another method, or as `control.gains.read_gains`.
+      InputError: The file is for another method, or as in `control.gains.read_gains`.
     """
     if file is None:
         return None
@@ -130,7 +130,7 @@ def read_observer_gains(file: Path | None, method: str) -> ObserverGains | None:
 
 
 def add_workers(parser: argparse.ArgumentParser) -> None:
-    """Adds `--workers N` and `--executor URL`."""
+    """Add `--workers N` and `--executor URL`."""
     words = "number of processes (default 1)"
     parser.add_argument("--workers", metavar="N", type=whole_number(1, 256), default=1, help=words)
     words = "hand the work to a Dask cluster: dask:tcp://HOST:PORT of its scheduler (needs omnimj[dask])"
@@ -138,7 +138,7 @@ def add_workers(parser: argparse.ArgumentParser) -> None:
 
 
 def parse_names(text: str) -> tuple[str, ...]:
-    """Parses names separated by commas, for argparse."""
+    """Parse names separated by commas, for argparse."""
     found = tuple(name.strip() for name in text.split(","))
     if not all(found):
         raise argparse.ArgumentTypeError(f"found {text[:40]!r}; names with commas between them are needed")
@@ -146,7 +146,7 @@ def parse_names(text: str) -> tuple[str, ...]:
 
 
 def whole_number(low: int, high: int) -> Callable[[str], int]:
-    """Makes a parser of whole numbers in plain digits, low … high, for argparse."""
+    """Make an argparse type for whole numbers in plain digits from `low` to `high`."""
 
     def read(text: str) -> int:
         plain = text.isascii() and text.isdigit() and len(text) < 20
@@ -159,7 +159,7 @@ def whole_number(low: int, high: int) -> Callable[[str], int]:
 
 
 def positive_number(most: float) -> Callable[[str], float]:
-    """Makes a parser of numbers above 0 and up to `most`, for argparse."""
+    """Make an argparse type for numbers above 0 and up to `most`."""
 
     def read(text: str) -> float:
         try:
@@ -174,7 +174,7 @@ def positive_number(most: float) -> Callable[[str], float]:
 
 
 def add_seed(parser: argparse.ArgumentParser, words: str, most: int = 2**63 - 1, default: int = 0) -> None:
-    """Adds `--seed N`, from 0 to `most`; `words` say what is drawn from it."""
+    """Add `--seed N`, from 0 to `most`; `words` describes what is drawn from it."""
     parser.add_argument(
         "--seed",
         metavar="N",
@@ -185,7 +185,7 @@ def add_seed(parser: argparse.ArgumentParser, words: str, most: int = 2**63 - 1,
 
 
 def add_overrides(parser: argparse.ArgumentParser, example: str) -> None:
-    """Adds `--set KEY=VALUE` as `overrides`."""
+    """Add `--set KEY=VALUE` as `overrides`."""
     words = f"change a value of the scenario file, e.g. {example}; repeatable"
     parser.add_argument(
         "--set", metavar="KEY=VALUE", action="append", default=[], dest="overrides", help=words
@@ -193,11 +193,11 @@ def add_overrides(parser: argparse.ArgumentParser, example: str) -> None:
 
 
 def add_results(parser: argparse.ArgumentParser, json_file: str, replaced: str = "") -> None:
-    """Adds `--out DIR`, `--force` and `--json` to a command that writes a folder.
+    """Add `--out DIR`, `--force` and `--json` to a command that writes a folder.
 
     Args:
       parser: Parser of the command.
-      json_file: File of the folder that `--json` prints.
+      json_file: File in the folder that `--json` prints.
       replaced: Kind of work that `--force` replaces, for its help.
     """
     parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="folder for the results")
@@ -209,10 +209,10 @@ def add_results(parser: argparse.ArgumentParser, json_file: str, replaced: str =
 
 
 def require_writable(file: Path, force: bool) -> None:
-    """Checks before the work that `--out FILE` may be written; missing folders are made later.
+    """Check before the work that `--out FILE` can be written; missing folders are created later.
 
     Raises:
-      InputError: The file exists and `force` is not given, or it cannot be written.
+      InputError: The file exists and `force` is false, or it cannot be written.
     """
     place = f"--out {file}"
     if file.is_dir() or not file.name:
@@ -227,13 +227,13 @@ def require_writable(file: Path, force: bool) -> None:
 
 
 def add_key(parser: argparse.ArgumentParser) -> None:
-    """Adds `--key-file FILE`."""
+    """Add `--key-file FILE`."""
     words = "key of the link, 64 hexadecimal digits, mode 0600; needed off this machine"
     parser.add_argument("--key-file", metavar="FILE", type=Path, help=words)
 
 
 def add_clock(parser: argparse.ArgumentParser) -> None:
-    """Adds `--lock-step` and `--real-time`."""
+    """Add `--lock-step` and `--real-time`."""
     clock = parser.add_mutually_exclusive_group()
     words = "simulated time, one period per command: fast and reproducible, never for real motors"
     clock.add_argument("--lock-step", action="store_true", help=words)
@@ -241,7 +241,7 @@ def add_clock(parser: argparse.ArgumentParser) -> None:
 
 
 def add_wire(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of `omnimj run` for a plant behind a wire."""
+    """Add the arguments of `omnimj run` for a plant connected by a link."""
     add_key(parser)
     add_clock(parser)
     mode = parser.add_mutually_exclusive_group()
@@ -253,16 +253,16 @@ def add_wire(parser: argparse.ArgumentParser) -> None:
 
 
 def add_reset_fault(parser: argparse.ArgumentParser) -> None:
-    """Adds `--reset-fault`."""
+    """Add `--reset-fault`."""
     words = "with a wire: reset the fault that the device has latched; its cause has been looked into"
     parser.add_argument("--reset-fault", action="store_true", help=words)
 
 
 def read_wire(arguments: Any, log_to: Path | None) -> LinkOptions | None:
-    """Reads the options of the link; returns None for a plant without one.
+    """Read the options of the link; return None for a plant without one.
 
     Raises:
-      InputError: An option of links was given, and there is no wire.
+      InputError: A link option was given for a plant without a link.
     """
     names = ("key_file", "lock_step", "real_time", "readonly", "dry_run", "reset_fault")
     given = [f"--{name.replace('_', '-')}" for name in names if getattr(arguments, name)]

@@ -16,7 +16,7 @@ class Effort:
     """Size of each measurement."""
 
     steps: int = 2000
-    """Steps of the twin in a round."""
+    """Steps of the twin per round."""
     rounds: int = 7
     run: float = 10.0
     """Duration of the scenario [s]."""
@@ -27,9 +27,9 @@ class Effort:
     hours: float = 1.0
     """Robot time over which the controller's memory is measured [h]."""
     longest: float = 60.0
-    """Wall time for that; the rest of the hours is extrapolated [s]."""
+    """Limit on the wall time of the memory measurement [s]; the remaining hours are extrapolated."""
     frames: int = 10_000
-    """Frames in a round of the codec."""
+    """Frames per round of the codec."""
     trips: int = 5000
     """Round trips over each wire."""
 
@@ -72,15 +72,15 @@ _MEANING = {
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of `omnimj bench`."""
+    """Add the arguments of `omnimj bench`."""
     parser.add_argument("--json", action="store_true", help="print the numbers as JSON")
 
 
 def run(arguments: Any) -> int:
-    """Measures every part; speed is reported, not judged.
+    """Measure every part; speed is reported, not judged.
 
     Returns:
-      0.
+      0 always.
     """
     from omnimj.bench.control import measure_control
     from omnimj.bench.link import measure_link

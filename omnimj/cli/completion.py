@@ -12,12 +12,12 @@ from omnimj.cli.arguments import Command
 
 SHELLS = ("bash", "zsh", "fish")
 
-_TOML = ("model", "floors", "thresholds", "gains")  # options whose file is TOML, whatever is called FILE else
+_TOML = ("model", "floors", "thresholds", "gains")  # options whose file is TOML
 _SCENARIO, _FILES = "_omnimj_scenario_or_file", "*.toml"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of `omnimj completion`."""
+    """Add the arguments of `omnimj completion`."""
     own = Path(os.environ.get("SHELL", "")).name
     words = f"{', '.join(SHELLS)} (default: your shell)"
     parser.add_argument(
@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: Any) -> int:
-    """Prints the script."""
+    """Print the completion script."""
     from omnimj.cli.main import make_parser
 
     print(completion_script(make_parser(), arguments.shell))
@@ -39,10 +39,10 @@ def run(arguments: Any) -> int:
 
 
 def completion_script(parser: argparse.ArgumentParser, shell: str) -> str:
-    """Makes the script for a shell.
+    """Make the completion script for a shell.
 
     Args:
-      parser: A new parser of `omnimj`; the completions are noted in it, so that it can no longer parse.
+      parser: A new parser of `omnimj`; it is annotated with completions and can no longer parse.
       shell: One of `SHELLS`.
     """
     import shtab
@@ -53,7 +53,7 @@ def completion_script(parser: argparse.ArgumentParser, shell: str) -> str:
 
 
 def _actions(parser: argparse.ArgumentParser, command: str = "") -> Iterator[tuple[str, argparse.Action]]:
-    """Yields every argument with a value, and its command, such as `link check`."""
+    """Yield every argument that takes a value, with its command, such as `link check`."""
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
             for name, one in action.choices.items():
@@ -63,7 +63,7 @@ def _actions(parser: argparse.ArgumentParser, command: str = "") -> Iterator[tup
 
 
 def _complete(command: str, action: Any) -> None:
-    """Notes the completions of an argument; arguments without known values stay free."""
+    """Annotate an argument with its completions; one without known values is left as it is."""
     import shtab
 
     if action.choices is not None:
@@ -82,7 +82,7 @@ def _complete(command: str, action: Any) -> None:
 
 
 def _words(command: str, argument: str) -> tuple[str, ...]:
-    """Lists the names that an argument may take; none where it is not a name."""
+    """List the names that an argument accepts; empty for an argument that is not a name."""
     from omnimj.parameters import read_floors
     from omnimj.parameters.reading import SOURCES
     from omnimj.simulate.detectors import METHODS
@@ -104,7 +104,7 @@ def _words(command: str, argument: str) -> tuple[str, ...]:
 
 
 def _scenarios() -> dict[str, Any]:
-    """Completion of a scenario: shipped ones by name, or any TOML file."""
+    """Return the completion of a scenario: a shipped name, or any TOML file."""
     from omnimj.simulate.scenario.listing import scenario_names
 
     names = " ".join(scenario_names())

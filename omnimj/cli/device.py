@@ -1,4 +1,4 @@
-"""`omnimj device`: an emulated robot behind a wire, with the rules of a firmware."""
+"""`omnimj device`: an emulated robot at the far end of a link, which behaves as its firmware would."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ DEFAULT = "circle_8m"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of `omnimj device`."""
+    """Add the arguments of `omnimj device`."""
     where = parser.add_mutually_exclusive_group(required=True)
     words = "address to listen at; 127.0.0.1 if only a port is given; other hosts need a key"
     where.add_argument("--udp", metavar="HOST:PORT", help=words)
@@ -49,13 +49,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: Any) -> int:
-    """Serves until Ctrl-C or SIGTERM.
+    """Serve until Ctrl-C or SIGTERM.
 
     Returns:
-      130, since only a signal ends it.
+      130 always, since only a signal ends the emulation.
 
     Raises:
-      InputError: A name is unknown, or the wire cannot be opened.
+      InputError: A name is unknown, or the connection cannot be opened.
     """
     from omnimj.link.codec.key import read_key
     from omnimj.simulate.plants import make_plant
@@ -96,7 +96,7 @@ def _require_robot(scenario: Scenario, plant: str) -> None:
 
 
 def _defect(text: str) -> WiringDefect:
-    """Parses `KIND:PLACE` or `gain:PLACE:VALUE`; the device checks the names."""
+    """Parse `KIND:PLACE` or `gain:PLACE:VALUE`; names are checked by the device."""
     from omnimj.link.device.emulated import DEFECT_KINDS, WiringDefect
 
     kind, _, rest = text.partition(":")
@@ -149,7 +149,7 @@ def _emulated(
 
 
 def _warm_up(plant: Plant) -> None:
-    """Compiles the plant's step, which a host would not wait for."""
+    """Compile the plant's step in advance; a connected host would time out meanwhile."""
     import numpy as np
 
     from omnimj.signals import CurrentCommand, Measurement
@@ -191,7 +191,7 @@ def _format_served(server: DeviceServer, lock_step: bool) -> str:
 
 @contextlib.contextmanager
 def _ended_by_signals() -> Iterator[None]:
-    """Turns SIGTERM into KeyboardInterrupt."""
+    """Raise KeyboardInterrupt on SIGTERM."""
 
     def interrupt(_number: int, _frame: Any) -> None:
         raise KeyboardInterrupt

@@ -33,12 +33,12 @@ if TYPE_CHECKING:
     from omnimj.view.report.diagnosis import RunSection
 
 
-_LOWEST, _HIGHEST = 1e-6, 3600.0  # false-alarm rates that can be asked for [1/h]
+_LOWEST, _HIGHEST = 1e-6, 3600.0  # limits of the requested false-alarm rate [1/h]
 DIAGNOSE_FILES = ("diagnoses.json", "report.html")
 
 
 def add_diagnose_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of `omnimj diagnose`."""
+    """Add the arguments of `omnimj diagnose`."""
     parser.add_argument(
         "dataset",
         type=Path,
@@ -54,13 +54,13 @@ def add_diagnose_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_diagnose(arguments: Any) -> int:
-    """Diagnoses run by run, writing each trace as soon as it is finished.
+    """Diagnose each recorded run and write its trace as soon as it is finished.
 
     Returns:
-      0 whatever the diagnoses, 130 after Ctrl-C with every finished run kept.
+      0 regardless of the diagnoses; 130 after Ctrl-C, with all finished runs kept.
 
     Raises:
-      InputError: The data are wrong, the method is not for them, or the folder cannot be written.
+      InputError: The data are invalid or unsuitable for the method, or the folder cannot be written.
     """
     from omnimj.diagnosis.replay import check_config, require_other_folder
     from omnimj.recording.folder import check_folder
@@ -106,7 +106,7 @@ def _diagnosis_config(arguments: Any) -> DiagnosisConfig:
 
 
 def _recorded(arguments: Any, floors: Mapping[str, Floor]) -> Dataset | None:
-    """Reads the frames of a run over a link as a dataset; returns None for any other folder."""
+    """Read the logged frames of a run over a link as a dataset; return None for any other folder."""
     from omnimj.link.host.dataset import is_link_recording, read_link_recording
     from omnimj.parameters import read_robot
     from omnimj.parameters.floor import find_floor
@@ -119,7 +119,7 @@ def _recorded(arguments: Any, floors: Mapping[str, Floor]) -> Dataset | None:
 
 
 def _diagnose(arguments: Any, order: DiagnosisConfig) -> tuple[list[RunDiagnosis], list[RunSection], bool]:
-    """Writes each run's trace at once and keeps its diagnoses and report section only, to save memory."""
+    """Diagnose all runs; write each trace at once and keep only its diagnoses and report section."""
     from omnimj.diagnosis.logs import make_detector
     from omnimj.diagnosis.replay import diagnose
     from omnimj.recording.folder import make_folder
@@ -180,7 +180,7 @@ def _format_diagnosis(
 
 
 def add_calibrate_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of `omnimj calibrate`."""
+    """Add the arguments of `omnimj calibrate`."""
     words = "folder of recorded runs of the robot, all of them fault-free"
     parser.add_argument("dataset", type=Path, help=words)
     words = "rate of false alarms per hour of motion, all thresholds together"
@@ -207,10 +207,10 @@ def _rate(text: str) -> float:
 
 
 def run_calibrate(arguments: Any) -> int:
-    """Sets the thresholds, and diagnoses the recordings with them once more.
+    """Calibrate the thresholds on the recordings, then diagnose these once more with the result.
 
     Raises:
-      InputError: The data are wrong or not of the robot, or the file cannot be written.
+      InputError: The data are invalid or not from a robot, or the file cannot be written.
     """
     require_writable(arguments.out, arguments.force)
     order = _calibration_config(arguments)

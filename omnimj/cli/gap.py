@@ -32,11 +32,11 @@ MODEL, FLOORS, DIGEST, REPORT, RECORDING = FILES = (
     "report.html",
     "before_after.rrd",
 )
-"""Files of a search, in the order of writing."""
+"""Files of a search, in the order in which they are written."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of `omnimj gap`."""
+    """Add the arguments of `omnimj gap`."""
     parser.add_argument("dataset", type=Path, nargs="?", help="folder of the measured runs")
     parser.add_argument(
         "--model", metavar="FILE", type=Path, help="model file of the plant (default: the shipped one)"
@@ -55,16 +55,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: Any) -> int:
-    """Searches for the gap and writes the result.
+    """Search for the gap between model and measurement and write the result.
 
     Returns:
-      0 whatever the verdict, 130 after Ctrl-C with everything found until then.
+      0 regardless of the verdict; 130 after Ctrl-C, with everything found so far written.
 
     Raises:
       InputError: The dataset, the model file or a name is wrong, or the folder cannot be written.
-      SimulationError: The search broke down; everything found until then is written.
+      SimulationError: The search broke down; everything found so far is written.
     """
-    # the matrices are too small for the threads of a linear algebra library
+    # the matrices are too small to benefit from multithreaded linear algebra
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from omnimj.recording.folder import check_folder
 
@@ -79,7 +79,7 @@ def run(arguments: Any) -> int:
 
 
 def _require_no_folders(folder: Path) -> None:
-    """Checks before the search, so that no work is lost, that no folder is in the way of a file."""
+    """Check before the search that no folder occupies the name of an output file."""
     for name in FILES:
         if (folder / name).is_dir():
             raise InputError(f"--out {folder}", f"has a folder {name}", "a file will go there")
@@ -100,7 +100,7 @@ def _search(arguments: Any) -> Finding:
 
 
 def _new_texts(arguments: Any, finding: Finding) -> tuple[dict[str, str], InputError | None]:
-    """Texts of the new model and floors; or an error, to be raised once the other files are written."""
+    """Return the texts of new model and floors, or an error to raise once the other files are written."""
     from omnimj.estimate.gap.files import new_floors_text, new_model_text
     from omnimj.parameters.floor import all_floors
 
@@ -115,7 +115,7 @@ def _new_texts(arguments: Any, finding: Finding) -> tuple[dict[str, str], InputE
 
 
 def _write_and_print(arguments: Any, finding: Finding) -> int:
-    """Writes and prints the finding, however the search ended."""
+    """Write and print the finding, also that of an interrupted search."""
     command = command_line(arguments)
     texts, refused = _new_texts(arguments, finding)
     content = write_outputs(arguments.out, arguments.force, finding, arguments.model, command, texts)
@@ -138,10 +138,10 @@ def write_outputs(
     command: str,
     texts: Mapping[str, str],
 ) -> dict[str, Any]:
-    """Writes new model and floors, `gap.json`, `report.html`, `before_after.rrd`, each whole or not at all.
+    """Write model, floors, `gap.json`, `report.html` and `before_after.rrd`, each in full or not at all.
 
     Args:
-      folder: Created if needed.
+      folder: Output folder; created if needed.
       force: Whether the files of an earlier search may be replaced.
       finding: Result of the search.
       machine_file: Model file that the search began with; None for the shipped one.
@@ -152,7 +152,7 @@ def write_outputs(
       Content of `gap.json`.
 
     Raises:
-      InputError: The folder is not empty and `force` is not given, or it cannot be written.
+      InputError: The folder is not empty and `force` is false, or it cannot be written.
     """
     from omnimj.estimate.gap.files import digest, write_digest
     from omnimj.recording.folder import atomic_file, make_folder
@@ -179,7 +179,7 @@ def write_outputs(
 
 
 def format_finding(finding: Finding, folder: Path, content: Mapping[str, Any]) -> str:
-    """Verdict, location of the gap, missing effects, reduction of the gap and next step, for the terminal."""
+    """Format verdict, location and reduction of the gap, missing effects and next step for the terminal."""
     from omnimj.estimate.gap import sentences
 
     new = [f"the new model is {folder / content['model']}"] if content["model"] else []
@@ -281,7 +281,7 @@ def _format_titled(title: str, head: Sequence[str], rows: Sequence[Sequence[str]
 
 
 def add_benchmark_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the options that belong to `--benchmark`."""
+    """Add the options of `--benchmark`."""
     group = parser.add_argument_group(
         "benchmark", "synthetic datasets with hidden truths; no DATASET is given"
     )
@@ -300,14 +300,14 @@ def add_benchmark_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_gap_benchmark(arguments: Any) -> int:
-    """Runs the benchmark of the search.
+    """Run the benchmark of the search.
 
     Returns:
-      0 whatever the numbers say, 1 when a search broke down, 130 after Ctrl-C with every finished case kept.
+      0 regardless of the scores; 1 if a search broke down; 130 after Ctrl-C, with all finished cases kept.
 
     Raises:
-      InputError: An option does not belong to the benchmark, or the folder holds something else.
-      UnknownNameError: No such maker or plant.
+      InputError: An option is not one of the benchmark, or the folder holds other files.
+      UnknownNameError: The maker or plant does not exist.
     """
     given = {"DATASET": arguments.dataset, "--model": arguments.model, "--holdout": arguments.holdout}
     for name, value in given.items():

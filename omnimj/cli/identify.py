@@ -24,20 +24,20 @@ IDENTIFY_FILES = ("floors.toml", "identification.json", "report.html")
 
 
 def add_identify_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of `omnimj identify`."""
+    """Add the arguments of `omnimj identify`."""
     parser.add_argument("dataset", type=Path, help="folder of rig runs with dataset.toml")
     parser.add_argument("--model", metavar="FILE", type=Path, help="a copy of rig.toml with changed values")
     add_results(parser, "identification.json")
 
 
 def run_identify(arguments: Any) -> int:
-    """Identifies every floor of the dataset and writes the results.
+    """Identify every floor of the dataset and write the results.
 
     Returns:
-      0, or 130 after Ctrl-C with every finished floor kept.
+      0; 130 after Ctrl-C, with all finished floors kept.
 
     Raises:
-      InputError: The data are wrong, nothing moves in them, or the folder cannot be written.
+      InputError: The data are invalid or contain no motion, or the folder cannot be written.
     """
     from omnimj.recording.folder import check_folder
 
@@ -92,7 +92,7 @@ def _format_floor(floor: IdentifiedFloor) -> list[str]:
 
 
 def format_interval(estimate: Estimate) -> str:
-    """Formats an interval as `0.118 … 0.122`, or says which end is open."""
+    """Format an interval as `0.118 … 0.122`, or in words if one end is open."""
     if estimate.low is None and estimate.high is None:
         return "not determined"
     if estimate.low is None:
@@ -107,7 +107,7 @@ CHOICES = ("twin", "planar", "both")
 
 
 def add_validate_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of `omnimj validate`."""
+    """Add the arguments of `omnimj validate`."""
     parser.add_argument("dataset", type=Path, help="folder of rig runs with dataset.toml")
     parser.add_argument(
         "--model", metavar="FILE", type=Path, help="a copy of rig.toml with changed values or effects"
@@ -118,13 +118,13 @@ def add_validate_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_validate(arguments: Any) -> int:
-    """Replays every run and writes the comparison.
+    """Simulate every measured run again and write the comparison.
 
     Returns:
-      0, or 130 after Ctrl-C with every finished run kept.
+      0; 130 after Ctrl-C, with all finished runs kept.
 
     Raises:
-      InputError: The data or the model are wrong, or the folder cannot be written.
+      InputError: The data or the model are invalid, or the folder cannot be written.
       SimulationError: A simulation broke down.
     """
     from omnimj.recording.folder import check_folder

@@ -32,11 +32,11 @@ if TYPE_CHECKING:
 
 DEFAULT_CURRENT = 0.8
 """Default largest current of the test motions [A]."""
-_REST = 0.5  # before the motions [s]
+_REST = 0.5  # rest before the motions [s]
 
 
 def add_check_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of `omnimj link check`."""
+    """Add the arguments of `omnimj link check`."""
     parser.add_argument("--plant", metavar="P", required=True, help=ADDRESS)
     add_key(parser)
     add_clock(parser)
@@ -54,13 +54,14 @@ def add_check_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_check(arguments: Any) -> int:
-    """Checks the robot step by step, the riskiest step last.
+    """Check link and robot step by step, the riskiest step last.
 
     Returns:
-      0 when every step passes, else 1.
+      0 if every step passes, else 1.
 
     Raises:
-      InputError: There is no link at that address, no [hardware], or no terminal for questions.
+      InputError: The plant is not a link address, the model has no [hardware], or the operator does not
+        confirm that the robot may move.
     """
     from omnimj.parameters import read_robot
     from omnimj.simulate.plants import is_link_address
@@ -79,10 +80,10 @@ def run_check(arguments: Any) -> int:
 
 
 def _require_ready(on_floor: bool) -> None:
-    """Asks whether the robot is ready to be moved.
+    """Ask the operator to confirm that the robot may move.
 
     Raises:
-      InputError: It is not, or there is no terminal for the question.
+      InputError: The operator does not confirm, or there is no terminal to ask on.
     """
     if not sys.stdin.isatty():
         raise InputError(
@@ -99,7 +100,7 @@ def _prompt(question: str) -> str:
 
 
 class _Check:
-    """The steps of the check; a row is the step, its finding, and whether it passed (None: not judged)."""
+    """Steps of the check and their results: rows of step, finding, and pass or fail (None: not judged)."""
 
     def __init__(self, arguments: Any, robot: Robot):
         from omnimj.link.calibration import require_hardware
@@ -115,11 +116,11 @@ class _Check:
         self._plant: HardwarePlant = HardwarePlant(self._link, self._hardware)
 
     def close(self) -> None:
-        """Stops and ends the link."""
+        """Stop the robot and close the link."""
         self._plant.close()
 
     def all(self) -> None:
-        """Runs every step; a failing one ends the check, since the next ones rely on it."""
+        """Run the steps in order; a lost link ends the check, since later steps depend on earlier ones."""
         steps = (self._session, self._rates, self._stop, self._silence, self._wiring)
         for step in steps:
             try:
@@ -224,7 +225,7 @@ class _Check:
         self._add("gain of the accelerometer", "not judged", None)
 
     def _seen_direction(self, wheel: int) -> int | None:
-        """Asks a person which way the wheel turned; the robot is stopped meanwhile."""
+        """Stop the robot and ask the operator which way the wheel turned: 1, −1, or None if not seen."""
         where = _direction(*self._robot.wheels[wheel].drives_along)
         self._plant.link.stop("waiting for an answer")
         answer = _prompt(
@@ -234,7 +235,7 @@ class _Check:
         return {"y": 1, "n": -1}.get(answer)
 
     def print_result(self) -> int:
-        """Prints the result.
+        """Print the result of the check.
 
         Returns:
           The exit code.
@@ -252,7 +253,7 @@ class _Check:
 
 
 def _direction(x: float, y: float) -> str:
-    """Name of a direction in the body frame."""
+    """Return the name of a direction given in the body frame."""
     names = ("ahead", "to the left", "back", "to the right")
     quarter = math.atan2(y, x) / (0.5 * math.pi)
     if abs(quarter - round(quarter)) < 0.1:
@@ -262,11 +263,11 @@ def _direction(x: float, y: float) -> str:
 
 _FRAMES, _NOISE = 100_000, 10_000_000
 _MAX_COUNT = 10**12
-_MAX_GROWTH = 16 * 1024.0  # [kB] allocators give memory back late; a leak is far larger
+_MAX_GROWTH = 16 * 1024.0  # [kB] allocators release memory late; a leak is far larger
 
 
 def add_fuzz_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of `omnimj link fuzz`."""
+    """Add the arguments of `omnimj link fuzz`."""
     parser.add_argument(
         "--frames",
         metavar="N",
@@ -286,10 +287,10 @@ def add_fuzz_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_fuzz(arguments: Any) -> int:
-    """Sends frames over a damaging wire and counts what is accepted.
+    """Send frames over a link that damages some of them, and count the accepted ones.
 
     Returns:
-      0 when every intact frame is accepted, nothing else is, and memory does not grow; else 1.
+      0 if all intact frames and no others are accepted and memory does not grow, else 1.
     """
     from omnimj.link.check.fuzz import fuzz
 

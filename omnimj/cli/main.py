@@ -58,7 +58,7 @@ class GroupedHelp(argparse.RawDescriptionHelpFormatter):
     def _format_action(self, action: argparse.Action) -> str:
         if not isinstance(action, argparse._SubParsersAction):
             return super()._format_action(action)
-        self._action_max_length += self._indent_increment  # the headings indent once more
+        self._action_max_length += self._indent_increment  # the headings add one level of indentation
         listed = {one.dest: one for one in action._get_subactions()}
         return "\n".join(
             self._block(title, [listed[one.name] for one in group]) for title, group in GROUPS.items()
@@ -72,21 +72,21 @@ class GroupedHelp(argparse.RawDescriptionHelpFormatter):
 
 
 class Parser(argparse.ArgumentParser):
-    """Parser that reports an error in one line, without the usage above it."""
+    """Parser that reports an error in one line, without the usage text."""
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
-        """Reports an unknown name with all choices; argparse would cut the list."""
+        """Report an unknown name with all choices; argparse would abridge the list."""
         if action.choices is not None and value not in action.choices:
             kind = str(action.metavar or action.dest).lower()
             raise UnknownNameError(self.prog, kind, value, map(str, action.choices))
 
     def error(self, message: str) -> NoReturn:
-        """Raises instead of exiting, so that the exit code is that of bad input."""
+        """Raise instead of exiting, so that the exit code is that of invalid input."""
         raise InputError(self.prog, message, f"see {self.prog} --help")
 
 
 def make_parser() -> Parser:
-    """Makes the parser of `omnimj` with all its sub-commands; imports nothing that takes time."""
+    """Make the parser of `omnimj` with all sub-commands, without slow imports."""
     parser = Parser(
         prog="omnimj",
         description="A MuJoCo twin of a four-wheel omni robot and of its one-wheel test rig.",
@@ -104,10 +104,10 @@ def make_parser() -> Parser:
 
 
 def _parse(parser: Parser, given: list[str]) -> argparse.Namespace:
-    """Parses the arguments of one sub-command.
+    """Parse the arguments of one sub-command.
 
     Raises:
-      InputError: No sub-command, or an argument that it does not have.
+      InputError: The sub-command is missing, or an argument is invalid.
     """
     arguments, unknown = parser.parse_known_args(given)
     if unknown:
@@ -119,14 +119,14 @@ def _parse(parser: Parser, given: list[str]) -> argparse.Namespace:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs one sub-command; without any argument it prints where to begin.
+    """Run one sub-command; without arguments, print how to begin.
 
     Args:
       argv: Arguments without the program's name; those of the process when None.
 
     Returns:
-      0 on success, 1 when a check failed or a simulation broke down, 2 on bad input, 130 on Ctrl-C, 141 when
-      the reader of its output left before the work was done.
+      0 on success; 1 if a check failed or a simulation broke down; 2 on invalid input; 130 on Ctrl-C; 141 if
+      the reader of the output closed the pipe early.
     """
     given = list(sys.argv[1:] if argv is None else argv)
     prepare_streams()
@@ -141,10 +141,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _print_error(error, FAILED)
     except KeyboardInterrupt:
         return INTERRUPTED
-    except BrokenPipeError:  # the reader of a pipe, such as head, has read enough
+    except BrokenPipeError:  # the reader of the pipe, such as head, has closed it
         drop_output()
         return code
-    except OSError as error:  # a file that may not be read, a disk that is full
+    except OSError as error:  # for example an unreadable file or a full disk
         drop_output()
         return _print_error(InputError(error.filename or "omnimj", error.strerror or str(error)), BAD_INPUT)
 

@@ -1,4 +1,4 @@
-"""`omnimj record`: datasets of a simulated plant, as a data logger would write them."""
+"""`omnimj record`: datasets of a simulated plant in the form that a data logger writes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of `omnimj record`."""
+    """Add the arguments of `omnimj record`."""
     parser.add_argument("suite", help="test plan, see below")
     parser.add_argument(
         "--effect",
@@ -47,13 +47,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: Any) -> int:
-    """Drives the suite's runs and writes the dataset.
+    """Simulate the runs of the suite and write the dataset.
 
     Returns:
-      0, or 130 after Ctrl-C with every finished run kept.
+      0; 130 after Ctrl-C, with all finished runs kept.
 
     Raises:
-      InputError: No such suite, effect, plant or format, or the folder cannot be written.
+      InputError: Suite, effect, plant or format is unknown, or the folder cannot be written.
       SimulationError: The simulation broke down; finished runs are kept.
     """
     from omnimj.simulate.suites.catalogue import find_suite

@@ -1,4 +1,4 @@
-"""`omnimj run` drives a scenario and writes its folder; `omnimj scenarios` lists what can be driven."""
+"""`omnimj run` drives a scenario and writes its folder; `omnimj scenarios` lists the scenarios."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ if TYPE_CHECKING:
 
 
 def add_scenarios_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of `omnimj scenarios`."""
+    """Add the arguments of `omnimj scenarios`."""
     parser.add_argument("--json", action="store_true", help="print a JSON object, name to description")
 
 
 def run_scenarios(arguments: Any) -> int:
-    """Prints the list; imports no heavy library."""
+    """Print the list of scenarios, without slow imports."""
     from omnimj.simulate.scenario.listing import list_scenarios
 
     described = list_scenarios()
@@ -61,7 +61,7 @@ INTERRUPTED = 130
 
 
 def add_run_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of `omnimj run`."""
+    """Add the arguments of `omnimj run`."""
     parser.add_argument("scenario", help="a name from `omnimj scenarios`, or a path to a TOML file")
     parser.add_argument("--plant", metavar="P", help=f"twin (default), planar, or {ADDRESS}")
     words = "fault detection: robust (default), published (default on the rig) or off"
@@ -99,7 +99,7 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _seed(text: str) -> int:
-    # metrics.json and the trace carry it: 64 bits are what other readers hold
+    # the seed is stored in metrics.json and the trace, whose other readers have 64-bit integers
     if not (text.isascii() and text.isdigit() and len(text) < 20 and int(text) < 2**63):
         rule = f"must be a whole number, at least 0 and below {2**63}"
         raise argparse.ArgumentTypeError(f"found {text[:40]!r}; {rule}")
@@ -107,13 +107,13 @@ def _seed(text: str) -> int:
 
 
 def run_run(arguments: Any) -> int:
-    """Drives the scenario, writes its folder, prints the verdict.
+    """Drive the scenario, write its folder and print the verdict.
 
     Returns:
-      0 when every check passes, 1 when one fails, 130 after Ctrl-C with everything recorded until then.
+      0 if every check passes; 1 if one fails; 130 after Ctrl-C, with everything recorded so far written.
 
     Raises:
-      SimulationError: The simulation broke down; everything recorded until then is written.
+      SimulationError: The simulation broke down; everything recorded so far is written.
     """
     from omnimj.recording.folder import check_folder
     from omnimj.simulate.scenario.scenario import read_scenario
@@ -155,7 +155,7 @@ def _method(arguments: Any, scenario: Any) -> str:
 
 
 def _wire(arguments: Any, scenario: Any) -> LinkOptions | None:
-    """Options of the link, None without one; the run's folder is made now, since frames are logged there."""
+    """Return the link options, None without a link; create the run's folder, where frames are logged."""
     if read_wire(arguments, None) is None:
         return None
     from omnimj.link.host.frame_log import FRAMES_FILE
@@ -173,14 +173,14 @@ def _wire(arguments: Any, scenario: Any) -> LinkOptions | None:
 
 
 def _write_and_print(arguments: Any, finished: RunResult, live: LiveRun | None, others: Comparison) -> None:
-    """Delivers a run of two rows or more, however it ended."""
+    """Write and print a run of at least two rows, complete or not."""
     failure = finished.trace.about["failure"]
     finished.metrics["failure"] = failure
     finished.metrics["command"] = command_line(arguments)
     if others.runs:
         finished.metrics["compared"] = comparison_metrics(others)
     if arguments.out is not None:
-        # a link's frames are in the folder already
+        # the folder already holds the frames of the link
         write_outputs(arguments.out, arguments.force or "link" in finished.metrics, finished, others.runs)
     if not failure:
         from omnimj.cli.run_summary import format_run
@@ -236,10 +236,10 @@ def _drive(
 
 
 def other_methods(scenario: Scenario, method: str) -> tuple[str, ...]:
-    """Lists the methods that a run with `method` can be compared with.
+    """List the methods that a run with `method` can be compared with.
 
     Raises:
-      InputError: There is none, or one of them is not for this robot; raised before anything is driven.
+      InputError: There is none, or one does not suit this robot; raised before anything is driven.
     """
     from omnimj.simulate.detectors import available_methods, make_detector
 
@@ -257,23 +257,23 @@ class Comparison:
     """Runs of the same scenario with other methods."""
 
     runs: dict[str, RunResult] = field(default_factory=dict)
-    """Method to run, for runs of two rows or more."""
+    """Runs of at least two rows, by method."""
     failures: dict[str, str] = field(default_factory=dict)
-    """Method to time and reason of a breakdown."""
+    """Time and reason of breakdowns, by method."""
     interrupted: bool = False
-    """Whether Ctrl-C ended the last run; those before it are complete."""
+    """True if Ctrl-C ended the last run; earlier runs are complete."""
 
 
 def drive_comparison(
     scenario: Scenario, plant: str | None, methods: tuple[str, ...], seed: int
 ) -> Comparison:
-    """Drives the scenario once with each method.
+    """Drive the scenario once with each method.
 
     Args:
       scenario: The scenario of the main run.
-      plant: As for `run_scenario`.
-      methods: From `other_methods`.
-      seed: Seed of the sensors' noise, the same for all.
+      plant: As in `run_scenario`.
+      methods: Methods to drive with, from `other_methods`.
+      seed: Seed of the sensor noise, the same for all methods.
     """
     from omnimj.simulate.loop import Callbacks
     from omnimj.simulate.run import run_scenario
@@ -303,7 +303,7 @@ def _progress(bar: ProgressBar, method: str) -> Progress:
 
 
 def comparison_metrics(comparison: Comparison) -> dict[str, Any]:
-    """Content of `compared` in `metrics.json`."""
+    """Return the entry `compared` of `metrics.json`."""
     return {
         method: {**run.metrics, "failure": comparison.failures.get(method)}
         for method, run in comparison.runs.items()
@@ -311,7 +311,7 @@ def comparison_metrics(comparison: Comparison) -> dict[str, Any]:
 
 
 def print_failures(comparison: Comparison) -> None:
-    """Prints one line on stderr for each run that broke down."""
+    """Print one line on stderr for each run that broke down."""
     for method, failure in comparison.failures.items():
         print(f"omnimj: method {method}: {failure}", file=sys.stderr)
 
@@ -319,18 +319,18 @@ def print_failures(comparison: Comparison) -> None:
 def write_outputs(
     folder: Path, force: bool, run: RunResult, others: Mapping[str, RunResult] | None = None
 ) -> None:
-    """Writes `trace.parquet`, `metrics.json`, `run.rrd` and `report.html`, each in full or not at all.
+    """Write `trace.parquet`, `metrics.json`, `run.rrd` and `report.html`, each in full or not at all.
 
     Runs with other methods have a trace each, `trace_off.parquet` and so on, and are shown in `report.html`.
 
     Args:
-      folder: Created if needed.
+      folder: Output folder; created if needed.
       force: Whether the files of an earlier run may be replaced.
       run: The main run.
-      others: Method to run of the same scenario.
+      others: Runs of the same scenario with other methods, by method.
 
     Raises:
-      InputError: The folder is not empty and `force` is not given, or it cannot be written.
+      InputError: The folder is not empty and `force` is false, or it cannot be written.
     """
     from omnimj.recording.folder import RUN_FILES, make_folder
     from omnimj.recording.traces import write_trace
@@ -351,7 +351,7 @@ def write_outputs(
 
 
 def _comparison_trace(method: str) -> str:
-    """Name of the trace file of a run with another method."""
+    """Return the name of the trace file of a run with another method."""
     return f"trace_{method}.parquet"
 
 
@@ -364,11 +364,11 @@ def _picture_of(run: RunResult, folder: Path) -> Picture | None:
 
 
 def open_live(scenario: Scenario, known: Mapping[str, Any]) -> LiveRun:
-    """Opens the Rerun viewer before a run; where that fails nothing is driven.
+    """Open the Rerun viewer before a run; a failure prevents the run.
 
     Args:
       scenario: The scenario that will be driven.
-      known: The entries of `metrics.json` that are known beforehand.
+      known: Entries of `metrics.json` that are known before the run.
 
     Raises:
       ViewerError: No viewer could be opened.

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 def format_comparison(units: dict[str, str], metrics: dict[str, Any]) -> str:
-    """Table of the methods side by side; empty when there is only one."""
+    """Format a table of all methods side by side; empty if there is only one."""
     from omnimj.view.comparison import compare
 
     if not metrics.get("compared"):
@@ -35,7 +35,7 @@ def format_comparison(units: dict[str, str], metrics: dict[str, Any]) -> str:
     return format_table(("", *comparison.methods), comparison.rows)
 
 
-_MAX_ROWS = 12  # of diagnoses: many false alarms must not push the checks off the screen
+_MAX_ROWS = 12  # rows of diagnoses, so that many false alarms do not push the checks off the screen
 _RESULTS = ("path_error_max", "tracking_error_max", "max_yaw_excursion", "final_speed", "travel")
 
 
@@ -53,7 +53,7 @@ def _verdict(checks: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _format_results(metrics: Mapping[str, Any], units: Mapping[str, str]) -> str:
-    """Main results of a run without checks."""
+    """Format the main results of a run without checks."""
     found = [
         (name, format_value(metrics[name], units[name])) for name in _RESULTS if metrics.get(name) is not None
     ]
@@ -61,7 +61,7 @@ def _format_results(metrics: Mapping[str, Any], units: Mapping[str, str]) -> str
 
 
 def format_run(finished: RunResult, out: Path | None) -> str:
-    """Scenario, table of checks, diagnoses and verdict of a run, as text for the terminal."""
+    """Format scenario, table of checks, diagnoses and verdict of a run for the terminal."""
     metrics, units = finished.metrics, finished.scenario.metric_units
     scenario = finished.scenario
     set_ = f", with {', '.join(scenario.overrides)}" if scenario.overrides else ""
@@ -98,7 +98,7 @@ def format_run(finished: RunResult, out: Path | None) -> str:
 
 
 def format_diagnoses(metrics: Mapping[str, Any], wheels: int) -> str:
-    """Table of true faults and diagnoses, or one line; empty for a run without a method.
+    """Format a table of true faults and diagnoses, or one line; empty for a run without fault detection.
 
     Args:
       metrics: Content of `metrics.json`.
@@ -129,7 +129,7 @@ def format_diagnoses(metrics: Mapping[str, Any], wheels: int) -> str:
 
 
 def format_recovery(trace: Trace, metrics: Mapping[str, Any], constants: Robot | Rig) -> str:
-    """Table of recovery's modes: when, and what each one sacrifices; empty for a run as planned."""
+    """Format a table of recovery modes, their times and sacrificed degrees of freedom; empty without any."""
     ways = recovery_periods(trace, metrics)
     if not ways:
         return ""
@@ -141,7 +141,7 @@ def format_recovery(trace: Trace, metrics: Mapping[str, Any], constants: Robot |
 
 
 def _format_without_truth(metrics: Mapping[str, Any]) -> str:
-    """Diagnoses of a robot whose true faults are unknown."""
+    """Format the diagnoses of a robot whose true faults are unknown."""
     expected = len(metrics["scenario_faults"])
     note = f"the {expected} of the scenario's file hold only if the device runs it too"
     words = "diagnosis: the true faults of a robot behind a wire are unknown" + (
@@ -186,7 +186,7 @@ def _format_time(naming: DiagnosisGroup) -> str:
 
 
 def format_link(link: Mapping[str, Any]) -> str:
-    """Summary of the entry `link` in `metrics.json`."""
+    """Format a summary of the entry `link` in `metrics.json`."""
     kept, keyed = link["deadlines"], ", keyed" if link["is_keyed"] else ""
     lines = [
         f"link: {link['address']}, {link['mode']}{keyed}; {link['sent']} frames "

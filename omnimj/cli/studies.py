@@ -1,4 +1,4 @@
-"""`omnimj evaluate` judges a method over random runs; `omnimj sensitivity` ranks uncertain parameters."""
+"""`omnimj evaluate` scores a method over random runs; `omnimj sensitivity` ranks uncertain parameters."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ REPORT = "report.html"
 
 
 def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of `omnimj evaluate`."""
+    """Add the arguments of `omnimj evaluate`."""
     words = "missions (default; 60 s of random legs), manoeuvres (5 s, 24 directions, two speeds)"
     parser.add_argument("--suite", metavar="S", default="missions", help=words)
     parser.add_argument(
@@ -63,10 +63,10 @@ def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_evaluate(arguments: Any) -> int:
-    """Drives the cases, judges them, writes the results.
+    """Drive the cases, score them and write the results.
 
     Returns:
-      0 whatever the numbers say, 1 when a case broke down, 130 after Ctrl-C with every finished case kept.
+      0 regardless of the scores; 1 if a case broke down; 130 after Ctrl-C, with all finished cases kept.
 
     Raises:
       InputError: An option is out of its range, or the folder holds something else.
@@ -123,12 +123,12 @@ def _format_evaluation(outcome: EvaluationResult, folder: Path) -> str:
     return format_study([head], outcome.tables, (), outcome.interrupted, folder)
 
 
-_MAX_ROWS = 12  # parameters in the terminal's table
+_MAX_ROWS = 12  # rows of the table in the terminal
 _MAX_SHARE = 0.9  # largest --range
 
 
 def add_sensitivity_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of `omnimj sensitivity`."""
+    """Add the arguments of `omnimj sensitivity`."""
     parser.add_argument("scenario", help="a name from `omnimj scenarios`, or a path to a TOML file")
     words = "number of trajectories; each one changes every parameter once (default 10)"
     parser.add_argument("--trajectories", metavar="N", type=whole_number(2, 1000), default=10, help=words)
@@ -151,15 +151,15 @@ def add_sensitivity_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _absolute(file: Path | None) -> Path | None:
-    """Path that holds in a worker with another working directory."""
+    """Return an absolute path, valid in workers with another working directory."""
     return None if file is None else file.absolute()
 
 
 def run_sensitivity(arguments: Any) -> int:
-    """Drives the trajectories, ranks the parameters, writes the results.
+    """Drive the trajectories of the study, rank the parameters and write the results.
 
     Returns:
-      0 whatever the numbers say, 1 when a run broke down, 130 after Ctrl-C with every finished run kept.
+      0 regardless of the ranking; 1 if a run broke down; 130 after Ctrl-C, with all finished runs kept.
 
     Raises:
       InputError: An option is out of its range, or the folder holds something else.

@@ -1,4 +1,4 @@
-"""`omnimj teleop`: driving by keyboard or gamepad, through the usual controller."""
+"""`omnimj teleop`: drive by keyboard or gamepad, through the same controller as in a run."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ if TYPE_CHECKING:
 
 INTERRUPTED = 130
 _MINUTES, _MOST_MINUTES = 5, 30
-_WARMING, _CREEP = 200, 0.1  # steps of a drive that only compiles, and its speed [m/s]
-_SLOW = 0.98  # × real time below which a simulation is said not to keep up
+_WARMING, _CREEP = 200, 0.1  # steps of the drive that triggers compilation, and its speed [m/s]
+_SLOW = 0.98  # × real time below which a simulation is reported as too slow
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of `omnimj teleop`."""
+    """Add the arguments of `omnimj teleop`."""
     words = "twin (default), planar, udp:HOST:PORT or serial:DEVICE?baud=N"
     parser.add_argument("--plant", metavar="P", default="twin", help=words)
     words = "fault detection: robust (default), published or off"
@@ -79,14 +79,14 @@ def _number(text: str) -> float:
 
 
 def run(arguments: Any) -> int:
-    """Drives until a key, a signal or the plant ends it, and writes the trace.
+    """Drive until a key, a signal or the plant ends the drive, then write the trace.
 
     Returns:
-      0 when it was ended by key, 130 after Ctrl-C or when the terminal hung up.
+      0 if ended by a key; 130 after Ctrl-C or when the terminal hung up.
 
     Raises:
       InputError: There is no terminal, or a name is unknown.
-      SimulationError: The plant failed; everything recorded until then is written.
+      SimulationError: The plant failed; everything recorded so far is written.
     """
     from omnimj.recording.folder import check_folder
     from omnimj.simulate.detectors import require_known_method
@@ -147,7 +147,7 @@ def _plant(arguments: Any, scenario: Scenario) -> Plant:
 
 
 def _gamepad(asked: str | None) -> Gamepad | None:
-    """Opens the given gamepad, or else the first one if there is one that can be read."""
+    """Open the given gamepad, or else the first readable one; return None without any."""
     from omnimj.simulate.teleop.devices import FIRST_GAMEPAD, Gamepad
 
     if asked == "none" or (asked is None and not FIRST_GAMEPAD.exists()):
@@ -163,7 +163,7 @@ def _gamepad(asked: str | None) -> Gamepad | None:
 
 @contextlib.contextmanager
 def _ends_on_signals() -> Iterator[None]:
-    """Ends the drive on SIGTERM and SIGHUP as on Ctrl-C, so that everything is closed in order."""
+    """Treat SIGTERM and SIGHUP like Ctrl-C, so that everything is closed in order."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -191,7 +191,7 @@ def _drive_warm_up(plant: Plant, controller: Any) -> None:
 
 
 class _Session:
-    """One drive: its observers, and what is printed and written at its end."""
+    """One drive with its observers, its printed summary and its files."""
 
     def __init__(self, arguments: Any, scenario: Scenario, limits: SteeringLimits, plant: Plant):
         from omnimj.simulate.plants import is_link_address
@@ -235,11 +235,11 @@ class _Session:
             steering = Steering(self._limits)
             operator = Operator(steering, self._plant.period, terminal, pad, status=self._status)
             driven = drive_by_hand(self._plant, controller, operator, watch)
-        self._plant.close()  # a robot stops before anything is written
+        self._plant.close()  # stop the robot before writing anything
         return self._end(driven, live)
 
     def _warm_up(self, controller: Any) -> None:
-        """Compiles before keys count; a real robot is not moved for it."""
+        """Compile before keys are read, without moving a real robot."""
         from omnimj.simulate.run import warm_up
 
         warm_up(self._scenario, controller)
@@ -283,7 +283,7 @@ class _Session:
         return INTERRUPTED if driven.interrupted else 0
 
     def _write(self, driven: TeleopResult) -> str:
-        """Writes the trace and returns a phrase that says where it is."""
+        """Write the trace and return a phrase with its location."""
         folder = self._arguments.out
         if folder is None or self._recent.rows == 0:
             return ""

@@ -25,7 +25,7 @@ _ASCII_EQUIVALENTS = {
     "·": ".",
 }
 _ERROR_HANDLER = "omnimj-ascii"
-_BAR_WIDTH, _PHASE_WIDTH = 32, 38  # with the percentage 80 columns
+_BAR_WIDTH, _PHASE_WIDTH = 32, 38  # 80 columns together with the percentage
 _BAR_STEPS = 1000
 
 
@@ -37,7 +37,7 @@ def _replace_unencodable(error: UnicodeError) -> tuple[str, int]:
 
 
 def prepare_streams() -> None:
-    """Makes terminals without "≥" show ">=" instead of a traceback."""
+    """Prepare the output streams: replace signs that a terminal lacks, "≥" by ">=", instead of failing."""
     codecs.register_error(_ERROR_HANDLER, _replace_unencodable)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
@@ -45,17 +45,17 @@ def prepare_streams() -> None:
 
 
 def flush_output() -> None:
-    """Flushes stdout; does nothing in a process that was started without it.
+    """Flush stdout; do nothing in a process without it.
 
     Raises:
-      OSError: The disk is full, or the reader of the pipe has gone.
+      OSError: The disk is full, or the reader of the pipe has closed it.
     """
     if sys.stdout is not None:
         sys.stdout.flush()
 
 
 def drop_output() -> None:
-    """Discards buffered output that cannot be written; Python would report it at exit."""
+    """Discard buffered output that cannot be written and that Python would report at exit."""
     try:
         flush_output()
     except OSError:
@@ -63,9 +63,9 @@ def drop_output() -> None:
 
 
 class ProgressBar:
-    """Progress bar on a terminal, nothing in a pipe.
+    """Progress bar on a terminal; no output in a pipe.
 
-    `with ProgressBar() as bar: …bar.show(done, total)`; the line vanishes at the end.
+    `with ProgressBar() as bar: …bar.show(done, total)`; the line is erased at the end.
     """
 
     def __init__(self, stream: TextIO | None = None):
@@ -83,18 +83,18 @@ class ProgressBar:
             self._write("\r\x1b[K")
 
     def show(self, done: int, total: int, phase: str = "") -> None:
-        """Draws the bar when the percentage or the phase has changed."""
+        """Redraw the bar if the percentage or the phase has changed."""
         percent = 100 * done // total
         if not self._on_terminal or (percent, phase) == self._shown:
             return
         self._shown = (percent, phase)
         filled = _BAR_WIDTH * done // total
-        # clears the rest of the line, where a longer phase may have been
+        # clears the rest of the line, which may hold a longer phase
         words = f"  {phase[:_PHASE_WIDTH]}\x1b[K" if phase else ""
         self._write(f"\r{'█' * filled}{'·' * (_BAR_WIDTH - filled)} {percent:3d} %{words}")
 
     def show_share(self, phase: str, share: float) -> None:
-        """Draws the bar for a share of the work, 0 … 1."""
+        """Redraw the bar for a share of the work, 0 … 1."""
         self.show(round(_BAR_STEPS * min(max(share, 0.0), 1.0)), _BAR_STEPS, phase)
 
     def _write(self, text: str) -> None:
@@ -103,7 +103,7 @@ class ProgressBar:
 
 
 def format_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Formats left-aligned columns two spaces apart, without trailing spaces."""
+    """Format a table of left-aligned columns two spaces apart, without trailing spaces."""
     lines = [list(header), *(list(row) for row in rows)]
     widths = [max(len(line[k]) for line in lines) for k in range(len(header))]
     return "\n".join(
@@ -113,14 +113,14 @@ def format_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def format_json(content: Any) -> str:
-    """Formats a JSON value for people: indented, with signs such as µ as they are."""
+    """Format a JSON value for reading: indented, with signs such as µ unescaped."""
     return json.dumps(content, indent=2, ensure_ascii=False)
 
 
 def format_study(
     parts: Iterable[str], tables: Iterable[Any], notes: Iterable[str], interrupted: bool, folder: Path
 ) -> str:
-    """Joins what a study prints: its sentences, its titled tables, notes, and where the files are.
+    """Join the printed parts of a study: paragraphs, titled tables, notes, and the location of its files.
 
     Args:
       parts: Paragraphs before the tables.
@@ -135,12 +135,12 @@ def format_study(
 
 
 def format_value(value: float | None, unit: str = "") -> str:
-    """Formats a number with four digits and its unit; None is a dash."""
+    """Format a number with four digits and its unit; None as a dash."""
     return "–" if value is None else f"{value:.4g} {unit}".rstrip()
 
 
 def announce_compilation(plant: str, machine: str, kind: str = "plant") -> None:
-    """Prints one line on stderr if native code must be compiled first, which is the case once.
+    """Print one line on stderr if native code must be compiled first; the result is cached.
 
     Args:
       plant: `twin` or `planar`, or the name of a method.
@@ -158,7 +158,7 @@ def announce_compilation(plant: str, machine: str, kind: str = "plant") -> None:
 
 
 def note_compiled(plant: str, machine: str) -> None:
-    """Remembers that the native code for this kind of plant is compiled."""
+    """Record that the native code for this kind of plant is compiled."""
     from omnimj.physics.native import mark_compiled
 
     mark_compiled(f"{plant}-{machine}")

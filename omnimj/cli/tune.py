@@ -1,4 +1,4 @@
-"""`omnimj tune`: search of the gains of cascade, recovery and observer over random runs."""
+"""`omnimj tune`: search for the gains of cascade, recovery and observer over random runs."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ INTERRUPTED = 130
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Adds the arguments of `omnimj tune`."""
+    """Add the arguments of `omnimj tune`."""
     words = "names from `omnimj scenarios`, or paths to TOML files; of a robot on a flat floor"
     parser.add_argument("scenarios", metavar="SCENARIO", nargs="+", help=words)
     parser.add_argument("--out", metavar="FILE", type=Path, required=True, help="the gains file to write")
@@ -83,14 +83,14 @@ def _points(text: str) -> int:
 
 
 def run(arguments: Any) -> int:
-    """Searches the gains, judges them, writes gains file and report.
+    """Search for gains, judge them on other seeds, and write gains file and report.
 
     Returns:
-      0 when the result is better on the judging seeds, 1 when it is not, 130 after Ctrl-C with every finished
-      trial kept.
+      0 if the result is better on the judging seeds, 1 if not; 130 after Ctrl-C, with all finished trials
+      kept.
 
     Raises:
-      InputError: An option is out of its range, or --out may not be written.
+      InputError: An option is out of its range, or --out cannot be written.
       SimulationError: A worker died or a trial broke down; finished trials are kept.
     """
     from omnimj.recording.folder import atomic_file
@@ -157,7 +157,7 @@ def _config(arguments: Any) -> TuningConfig:
 
 
 def _format_tuning(outcome: TuningResult, report: Path) -> str:
-    """Gains before and after, their scores on the judging seeds, and the verdict."""
+    """Format gains before and after, their scores on the judging seeds, and the verdict."""
     from omnimj.studies.tuning.reporting import comparison_rows, format_verdict
 
     rows = [

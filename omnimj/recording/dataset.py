@@ -1,4 +1,4 @@
-"""Datasets as records: columns of each plant, runs, and the folder that holds them; all in SI units."""
+"""Datasets as records, in SI units: columns of each plant, measured runs, and their dataset."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ ROBOT_WHEELS = 4
 
 @dataclass(frozen=True)
 class PlantColumns:
-    """Columns of the runs of one plant, and the conditions that must be known of each run."""
+    """Columns in the runs of one plant, and conditions that must be stated for each run."""
 
     required: tuple[str, ...]
     """Columns that every run has."""
     optional: tuple[str, ...] = ()
     """Columns that a run may have."""
     zero_if_absent: tuple[str, ...] = ()
-    """Columns that are 0 where they are absent."""
+    """Columns taken as 0 if absent."""
     one_of: tuple[str, ...] = ()
-    """Columns of which a run has at least one."""
+    """Columns of which every run has at least one."""
     angles: tuple[str, ...] = ()
-    """Columns in rad that may be wrapped into one turn."""
+    """Columns in rad that may be wrapped to one turn."""
     conditions: tuple[str, ...] = ()
-    """Keys that every run needs, from [defaults] or from [runs.NAME]."""
+    """Keys that must be set for every run, in [defaults] or [runs.NAME]."""
 
     @property
     def known(self) -> tuple[str, ...]:
@@ -79,31 +79,31 @@ PLANT_COLUMNS: Mapping[str, PlantColumns] = MappingProxyType(
         ),
     }
 )
-"""Columns by plant, the robot's with four wheels; a new plant of recorded data is one entry here."""
+"""Columns by plant, for a robot with four wheels; a new recorded plant needs one entry here."""
 
 
 def plant_columns(plant: str, wheels: int = ROBOT_WHEELS) -> PlantColumns:
-    """Columns of a plant in `PLANT_COLUMNS`; those of a robot for its number of wheels."""
+    """Return the columns of a plant; those of a robot are adapted to its number of wheels."""
     return _robot_columns(wheels) if plant == "uto_robot" else PLANT_COLUMNS[plant]
 
 
-# Measured data as records: what a dataset's folder holds once it is read and checked.
+# Measured data as records: the content of a dataset folder once read and checked.
 
 
 @dataclass(frozen=True)
 class Run:
-    """One measured run, columns in SI units under our names."""
+    """One measured run, in SI units under the column names of omnimj."""
 
     name: str
-    """The file's stem."""
+    """Stem of the file name."""
     columns: Mapping[str, Array]
     """`time` and the plant's columns, each shape (n,); unknown columns are kept."""
     masked: Mapping[str, NDArray[np.bool_]]
-    """Per column the samples that must not be fitted (spikes, edges of gaps), shape (n,); absent if none."""
+    """Masks by column of samples that must not be fitted (spikes, edges of gaps), shape (n,)."""
     conditions: Mapping[str, float | str]
     """`floor`, `mass` and other entries of [defaults] and [runs.NAME], without `repeat_of`."""
     repeat_of: str | None = None
-    """Runs with the same value are repeats of one condition."""
+    """Name of the condition that this run repeats, shared by all its repeats."""
 
     @property
     def time(self) -> Array:
@@ -112,11 +112,11 @@ class Run:
 
     @property
     def condition(self) -> str:
-        """Name of the condition, shared by its repeats: `repeat_of`, or the run's own name."""
+        """Name of the condition: `repeat_of`, or else the name of the run."""
         return self.repeat_of or self.name
 
     def to_pandas(self) -> Any:
-        """A `pandas.DataFrame` of the columns, indexed by `time`; needs pandas."""
+        """Convert the columns to a `pandas.DataFrame` indexed by `time`; needs pandas."""
         return to_frame(self.columns)
 
 
@@ -129,6 +129,6 @@ class Dataset:
     """`quarter_rig`, `uto_robot` or `linear_axis`."""
     runs: tuple[Run, ...]
     notes: tuple[str, ...] = ()
-    """Gaps and spikes that were masked, one sentence each."""
+    """Sentences on the masked gaps and spikes, one each."""
     wheels: int = ROBOT_WHEELS
     """Number of wheels of a robot."""

@@ -1,4 +1,4 @@
-"""`dataset.toml`: the plant, the conditions of each run, and the names of the columns."""
+"""`dataset.toml`: plant, conditions of each run, and names of the columns."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from omnimj.recording.run_table import printable
 
 DATASET_FILE = "dataset.toml"
 CONDITION_KEYS = ("floor", "mass", "repeat_of", "description", "date")
-"""Keys of [defaults] and [runs.NAME]."""
+"""Keys allowed in [defaults] and [runs.NAME]."""
 
 _TOP = ("plant", "wheels", "description", "defaults", "columns", "runs")
 _POSITIVE = Rule(0.0, math.inf, True)
@@ -30,17 +30,17 @@ _WRITE_COLUMN = 'write { name = "carriage_speed", scale = 0.001 }'
 
 @dataclass(frozen=True)
 class ColumnMapping:
-    """Mapping of a column of the logger: ours = scale × theirs + offset."""
+    """Conversion of a logger's column to a column of omnimj: value = scale × logged value + offset."""
 
     name: str
     scale: float = 1.0
     offset: float = 0.0
-    """In our unit."""
+    """Offset in the SI unit of the column."""
 
 
 @dataclass(frozen=True)
 class DatasetFile:
-    """The content of `dataset.toml`, checked."""
+    """Checked content of `dataset.toml`."""
 
     path: Path
     plant: str
@@ -48,20 +48,20 @@ class DatasetFile:
     """Number of wheels of a robot; 4 unless the file states it."""
     defaults: Mapping[str, float | str]
     renamed: Mapping[str, ColumnMapping]
-    """By the logger's own column name."""
+    """Conversions by the logger's column name."""
     runs: Mapping[str, Mapping[str, float | str]]
-    """Conditions of single runs, by file stem."""
+    """Conditions of individual runs, by file stem."""
 
     @property
     def columns(self) -> PlantColumns:
-        """Columns of its runs."""
+        """Columns of the runs."""
         return plant_columns(self.plant, self.wheels)
 
     def conditions(self, run: str) -> dict[str, float | str]:
-        """Conditions of a run: the defaults and its own.
+        """Return the conditions of a run: the defaults, overridden by its own.
 
         Raises:
-          InputError: Neither [defaults] nor the run states a condition that the plant needs.
+          InputError: A condition that the plant needs is set neither in [defaults] nor for the run.
         """
         found = {**self.defaults, **self.runs.get(run, {})}
         for key in self.columns.conditions:
@@ -72,15 +72,15 @@ class DatasetFile:
 
 
 def read_dataset_file(folder: Path, floors: Collection[str] | None = None) -> DatasetFile:
-    """Reads the `dataset.toml` of a folder.
+    """Read the `dataset.toml` of a folder.
 
     Args:
       folder: The dataset's folder.
-      floors: Names of all floors; those of the shipped `floors.toml` when None.
+      floors: Names of all floors; None for those of the shipped `floors.toml`.
 
     Raises:
       InputError: The file is missing or not TOML, or a value breaks its rule.
-      UnknownNameError: A plant, floor, column or key that does not exist; the message lists the choices.
+      UnknownNameError: A plant, floor, column or key does not exist; the message lists the choices.
     """
     path = folder / DATASET_FILE
     tree = read_toml(path)

@@ -14,14 +14,14 @@ RUN_FILES = ("trace.parquet", "metrics.json", "run.rrd", "report.html")
 
 
 def check_folder(folder: Path, force: bool) -> None:
-    """Checks that results may be written here, before the work begins.
+    """Check before the work that results can be written to a folder.
 
     Args:
-      folder: Need not exist.
+      folder: Output folder; need not exist.
       force: Accept a folder that is not empty.
 
     Raises:
-      InputError: The folder is not empty and `force` is not given, the path leads through a file, or it
+      InputError: The folder is not empty and `force` is false, the path leads through a file, or the folder
         cannot be written.
     """
     place = f"--out {folder}"
@@ -29,7 +29,7 @@ def check_folder(folder: Path, force: bool) -> None:
         folder.stat()
     except (FileNotFoundError, NotADirectoryError):
         pass
-    except OSError as error:  # for example a name that is too long
+    except OSError as error:  # for example a name too long
         raise InputError(place, f"cannot be written ({error.strerror})") from None
     nearest = next(path for path in (folder, *folder.absolute().parents) if os.path.lexists(path))
     if not nearest.is_dir():
@@ -52,15 +52,15 @@ def check_folder(folder: Path, force: bool) -> None:
 
 
 def make_folder(folder: Path, force: bool, files: Iterable[str] = RUN_FILES) -> None:
-    """Creates the folder; with `force`, removes the files of an earlier run and nothing else.
+    """Create a folder; with `force`, remove the files of an earlier run and nothing else.
 
     Args:
-      folder: Created with its parents.
+      folder: Folder to create, with its parents.
       force: Accept a folder that is not empty.
       files: Names of the files to remove.
 
     Raises:
-      InputError: As `check_folder`, or the folder cannot be created.
+      InputError: As in `check_folder`, or the folder cannot be created.
     """
     check_folder(folder, force)
     try:
@@ -76,7 +76,7 @@ def make_folder(folder: Path, force: bool, files: Iterable[str] = RUN_FILES) -> 
 def atomic_file(path: Path) -> Iterator[Path]:
     """Context with a temporary path in the same folder, renamed to `path` when the block succeeds.
 
-    The suffix is kept, since writers choose the format by it; after a failure the file is removed.
+    The suffix is kept, since it determines the format; after a failure the file is removed.
     """
     temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
     try:

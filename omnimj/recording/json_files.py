@@ -14,7 +14,7 @@ from omnimj.recording.folder import atomic_file
 
 
 def to_jsonable(value: Any) -> Any:
-    """Convert a value to JSON's own types; numbers that are not finite become null."""
+    """Convert a value to JSON types; numbers that are not finite become null."""
     if isinstance(value, Mapping):
         return {str(key): to_jsonable(entry) for key, entry in value.items()}
     if isinstance(value, np.ndarray):
@@ -29,11 +29,11 @@ def to_jsonable(value: Any) -> Any:
 
 
 def write_json(path: Path, content: Any) -> None:
-    """Write a value as JSON; the file appears in full or not at all."""
+    """Write a value as JSON, in full or not at all."""
     write_text(path, json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False) + "\n")
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text; the file appears in full or not at all."""
+    """Write a text file, in full or not at all."""
     with atomic_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8")

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from omnimj.signals import Array
 
 Mask = NDArray[np.bool_]
-"""True for the samples to leave out, shape (n,)."""
+"""Mask of samples, True where a sample must not be fitted, shape (n,)."""
 
 _GAP = 1.75  # × median time step: one dropped sample makes 2, a clock in whole milliseconds 3 : 2
 _SCATTERS = 10.0  # × robust scatter: a logger without a steady rate has no gap at every long step
@@ -18,23 +18,23 @@ _NEAR_STEPS = 10  # time steps on each side: after a change of rate, longer step
 _NEAR = 25  # samples on each side that define the usual deviation
 _LOCAL = 8.0  # × the upper quartile of their deviations
 _ALONE = 3.0  # × the largest of them, other candidates left out
-_OTHERS = 2  # candidates nearby at most: repeated deviations belong to the signal
-_RETURN = 0.35  # × the deviation: largest distance of the neighbours from each other beyond the trend
+_OTHERS = 2  # most candidates nearby: repeated deviations belong to the signal
+_RETURN = 0.35  # × the deviation: largest distance between the neighbours beyond the trend
 _MIRRORED = 0.5  # × the deviation that a spike causes in its neighbours: a corner causes none
-_QUANTUM = 8.0  # × the smallest difference in the data: one encoder count is no spike
+_QUANTUM = 8.0  # × the smallest difference in the data: one encoder count is not a spike
 _ROUNDING = 1e-9  # × the largest number
 _USUAL = 5.0  # × the 95th percentile of all runs together
 _FEWEST = 7  # samples, for neighbours and their neighbours
-_SOME = 0.01  # of the samples: more frequent deviations belong to the signal
+_SOME = 0.01  # share of the samples: more frequent deviations belong to the signal
 
 
 def find_gaps(time: Array) -> NDArray[np.int64]:
-    """Finds gaps: time steps well above the median of the run and of the steps nearby.
+    """Find gaps: time steps well above the median over the run and over neighbouring steps.
 
-    A sample rate that varies makes no gap.
+    A varying sample rate is not a gap.
 
     Args:
-      time: Strictly increasing, shape (n,) [s].
+      time: Strictly increasing times, shape (n,) [s].
 
     Returns:
       Indices of the samples before each gap, shape (g,).
@@ -51,14 +51,14 @@ def find_gaps(time: Array) -> NDArray[np.int64]:
 
 
 def gap_edges(after: NDArray[np.int64], count: int) -> Mask:
-    """Masks the samples on both sides of each gap.
+    """Mask the samples on both sides of each gap.
 
     Args:
-      after: Indices from `find_gaps`, shape (g,).
+      after: Indices of the samples before each gap, from `find_gaps`, shape (g,).
       count: Number of samples n.
 
     Returns:
-      Shape (n,).
+      Mask, shape (n,).
     """
     mask = np.zeros(count, dtype=bool)
     mask[after] = mask[after + 1] = True
@@ -66,24 +66,24 @@ def gap_edges(after: NDArray[np.int64], count: int) -> Mask:
 
 
 def find_spikes(columns: Sequence[Array], times: Sequence[Array], angle: bool = False) -> list[Mask]:
-    """Finds single-sample spikes in one channel.
+    """Find single-sample spikes in one channel.
 
     Sample k deviates by r = x_k − (line through its neighbours at t_k). It is a spike when |r| is far above
-    all other deviations nearby and far above the usual ones of all runs together, and when the neighbours lie
-    as if it were not there. Steps, corners and impacts do not return to the line; quantised or rattling
+    all other deviations nearby and far above those usual over all runs, and when the neighbours continue the
+    trend as if it were absent. Steps, corners and impacts do not return to the line; quantised or rattling
     signals have a large scatter; a channel with frequent deviations has no spikes.
 
-    A spike of 20 times the largest noise sample is always found, and in Gaussian noise of standard deviation
-    σ all but about one in a thousand of 20 σ; one of 8 σ is not: missing a small spike costs a fit little,
-    whereas removing real data could hide an effect.
+    A spike of 20 times the largest noise sample is always found. In Gaussian noise of standard deviation σ,
+    all but about one in a thousand spikes of 20 σ are found, and those of 8 σ are not: a missed small spike
+    hardly affects a fit, whereas removing real data could hide an effect.
 
     Args:
-      columns: The channel in each run, shapes (n,).
-      times: Times of the samples, shapes (n,) [s].
+      columns: Samples of the channel, by run, each shape (n,).
+      times: Times of the samples, by run, each shape (n,) [s].
       angle: Whether the channel is an angle [rad] that may be wrapped.
 
     Returns:
-      Per run the mask of its spikes, shape (n,).
+      Masks of the spikes, by run, each shape (n,).
     """
     deviations, returns = [], []
     for values, time in zip(columns, times, strict=True):
@@ -98,16 +98,16 @@ def find_spikes(columns: Sequence[Array], times: Sequence[Array], angle: bool = 
 
 
 def _deviation(x: Array, time: Array) -> tuple[Array, Array]:
-    """Deviation of each sample from its neighbours' line, and distance of the neighbours beyond the trend.
+    """Return each sample's deviation from its neighbours' line, and their distance beyond the trend.
 
     The trend is that of the neighbours' own neighbours. At the ends and beside gaps both are 0.
 
     Args:
-      x: One run of the channel, shape (n,).
-      time: Shape (n,) [s].
+      x: Channel in one run, shape (n,).
+      time: Times, shape (n,) [s].
 
     Returns:
-      Deviation and distance, each shape (n,).
+      Deviation and distance, each shape (n,), in the unit of the channel.
     """
     deviation, apart = np.zeros(len(x)), np.zeros(len(x))
     if len(x) < _FEWEST:
@@ -125,7 +125,7 @@ def _deviation(x: Array, time: Array) -> tuple[Array, Array]:
 
 
 def _mirrored(deviation: Array, time: Array) -> Mask:
-    """Mask of samples whose neighbours deviate to the other side, as they do beside a spike, shape (n,).
+    """Mask the samples whose neighbours deviate to the other side, as they do beside a spike, shape (n,).
 
     A spike of size r makes the sample before it deviate by −r (t₋₁ − t₋₂)/(t − t₋₂), and likewise the one
     after it.
@@ -133,7 +133,7 @@ def _mirrored(deviation: Array, time: Array) -> Mask:
     mask = np.ones(len(deviation), dtype=bool)
     if len(deviation) < _FEWEST:
         return mask
-    share = (time[1:-1] - time[:-2]) / (time[2:] - time[:-2])  # of the later neighbour in each line
+    share = (time[1:-1] - time[:-2]) / (time[2:] - time[:-2])  # weight of the later neighbour in each line
     size = np.abs(deviation)
     against = -np.sign(deviation)
     mask[2:] &= against[2:] * deviation[1:-1] >= _MIRRORED * share * size[2:]
@@ -142,7 +142,7 @@ def _mirrored(deviation: Array, time: Array) -> Mask:
 
 
 def _usual_deviation(deviations: Sequence[Array], columns: Sequence[Array]) -> float:
-    """Largest deviation that is usual in these runs."""
+    """Return the largest deviation that is usual in these runs."""
     sizes = np.concatenate(deviations)
     with np.errstate(over="ignore"):
         differences = [np.abs(np.diff(values)) for values in columns]
@@ -152,7 +152,7 @@ def _usual_deviation(deviations: Sequence[Array], columns: Sequence[Array]) -> f
 
 
 def _isolated(size: Array, found: NDArray[np.int64]) -> Mask:
-    """Mask of the candidates `found` that stand out of the deviations nearby, shape (n,)."""
+    """Mask the candidates `found` that stand out from the deviations nearby, shape (n,)."""
     mask = np.zeros(len(size), dtype=bool)
     if not len(found) or len(found) > max(_OTHERS + 1, _SOME * len(size)):
         return mask

@@ -1,4 +1,4 @@
-"""Reads the folder of a dataset: columns renamed and checked, gaps and spikes masked; writes nothing."""
+"""Dataset folders as checked records: columns renamed and converted, gaps and spikes masked."""
 
 from __future__ import annotations
 
@@ -18,22 +18,23 @@ from omnimj.recording.run_table import TABLE_SUFFIXES, RunTable, first_not_finit
 from omnimj.signals import Array
 
 MIN_SAMPLES = 50
-"""Least number of samples of a run."""
+"""Smallest number of samples of a run."""
 
 
 def read_dataset(path: Path | str, floors: Collection[str] | None = None) -> Dataset:
-    """Reads a folder of measured runs.
+    """Read a folder of measured runs.
 
-    Columns are converted to SI units under our names: scale × theirs + offset. Gaps and single-sample spikes
-    are masked in `Run.masked` and listed in `Dataset.notes`; no number is changed for them.
+    Columns are converted to SI units (scale × logged value + offset) and to the names of omnimj. Gaps and
+    single-sample spikes are masked in `Run.masked` and listed in `Dataset.notes`; their numbers are kept.
 
     Args:
-      path: A folder with `dataset.toml` and one NAME.csv or NAME.parquet per run.
-      floors: Names of all floors; those of the shipped `floors.toml` when None.
+      path: Folder with `dataset.toml` and one NAME.csv or NAME.parquet per run.
+      floors: Names of all floors; None for those of the shipped `floors.toml`.
 
     Raises:
-      InputError: Anything that breaks a rule, in one line: file, row or key, what was found, what is allowed.
-      UnknownNameError: A plant, floor, column or key that does not exist; the message lists the choices.
+      InputError: The data break a rule; the message is one line with file, row or key, the value found, and
+        the allowed values.
+      UnknownNameError: A plant, floor, column or key does not exist; the message lists the choices.
     """
     path = Path(path)
     if not path.is_dir():
@@ -51,7 +52,7 @@ def read_dataset(path: Path | str, floors: Collection[str] | None = None) -> Dat
 
 
 def _files(about: DatasetFile, folder: Path) -> dict[str, Path]:
-    """Files of the runs by stem, sorted by name."""
+    """Return the files of the runs by stem, sorted by name."""
     files: dict[str, Path] = {}
     for file in sorted(folder.iterdir()):
         if file.suffix.lower() not in TABLE_SUFFIXES or file.name.startswith(".") or not file.is_file():
@@ -74,7 +75,7 @@ def _files(about: DatasetFile, folder: Path) -> dict[str, Path]:
 
 
 def _read_run(about: DatasetFile, name: str, file: Path) -> tuple[Run, tuple[str, ...]]:
-    """One checked run, and the column names in its file."""
+    """Read and check one run; return it with the column names in its file."""
     plant = about.columns
     conditions = about.conditions(name)
     table = read_run_table(file, {*plant.known, *about.renamed})
@@ -105,7 +106,7 @@ def _read_run(about: DatasetFile, name: str, file: Path) -> tuple[Run, tuple[str
 
 
 def _mapped_columns(about: DatasetFile, file: Path, table: RunTable) -> dict[str, Array]:
-    """Columns under our names and in SI units."""
+    """Convert columns to the names of omnimj and to SI units."""
     columns: dict[str, Array] = {}
     origin: dict[str, str] = {}
     for theirs, values in table.numbers.items():
@@ -138,7 +139,7 @@ def _require_time(file: Path, time: Array, table: RunTable) -> None:
 
 
 def _require_used_renames(about: DatasetFile, runs: Sequence[tuple[Run, tuple[str, ...]]]) -> None:
-    """Refuses a renamed column that no file has: it is a typing error."""
+    """Refuse a renamed column that is in no file, since it must be a typing error."""
     known = {name for _, names in runs for name in names if name}
     for theirs in about.renamed:
         if theirs not in known:
@@ -148,7 +149,7 @@ def _require_used_renames(about: DatasetFile, runs: Sequence[tuple[Run, tuple[st
 
 
 def _require_consistent_repeats(about: DatasetFile, runs: Sequence[Run]) -> None:
-    """Refuses repeats of one condition that differ in floor or mass."""
+    """Refuse repeats of one condition that differ in floor or mass."""
     first: dict[str, Run] = {}
     for run in runs:
         if run.repeat_of is None:
@@ -163,14 +164,14 @@ def _require_consistent_repeats(about: DatasetFile, runs: Sequence[Run]) -> None
 
 
 def mask_runs(plant: PlantColumns, runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
-    """Masks samples that must not be fitted.
+    """Mask samples that must not be fitted: spikes, and samples beside gaps.
 
     Args:
       plant: Columns of the plant.
-      runs: Without masks, in SI units under our names.
+      runs: Runs without masks, in SI units under the names of omnimj.
 
     Returns:
-      The runs with their masks, and one note per gap or column with spikes.
+      Runs with masks, and one note per gap or column with spikes.
     """
     channels = [name for name in plant.known if name != "time"]
     found: list[dict[str, Mask]] = [{} for _ in runs]

@@ -1,4 +1,4 @@
-"""Tables of runs in CSV and Parquet files, under the logger's own column names."""
+"""Tables of runs in CSV and Parquet files, under the column names of the logger."""
 
 from __future__ import annotations
 
@@ -36,22 +36,22 @@ class RunTable:
     numbers: Mapping[str, Array]
     """Columns that hold numbers, each shape (n,); empty cells of columns that are not needed are NaN."""
     row_of: Callable[[int], int]
-    """Row in the file, as a person counts it, of sample 0, 1, …"""
+    """Function from the index of a sample to the row in its file, counted as in `read_run_table`."""
 
 
 def read_run_table(path: Path, needed: Collection[str]) -> RunTable:
-    """Reads a CSV or Parquet file.
+    """Read a CSV or Parquet file.
 
-    Rows are counted as a person counts them: in CSV the header is row 1 and empty lines count; in Parquet,
-    where there is no header, the first sample is row 1.
+    Messages count rows from 1: in CSV the header is row 1, and empty lines count; in Parquet, which has no
+    header, the first sample is row 1.
 
     Args:
-      path: Ends with one of `TABLE_SUFFIXES`.
-      needed: Columns that must hold finite numbers if they are there. A column that is not among them may
-        hold anything; it is in `numbers` if it holds numbers.
+      path: File with a suffix of `TABLE_SUFFIXES`.
+      needed: Columns that must hold finite numbers if present. Any other column may hold anything; it is in
+        `numbers` if it holds numbers.
 
     Raises:
-      InputError: The file cannot be read, or a needed column holds something else than finite numbers; the
+      InputError: The file cannot be read, or a needed column holds anything other than finite numbers; the
         message names file, row and column.
     """
     if path.suffix.lower() == ".csv":
@@ -60,10 +60,10 @@ def read_run_table(path: Path, needed: Collection[str]) -> RunTable:
 
 
 def _checked_names(path: Path, names: Sequence[str]) -> tuple[str, ...]:
-    """Column names without surrounding spaces; nameless columns stay, since one comma too many makes them.
+    """Strip column names of spaces; keep empty names, which result from a trailing comma.
 
     Raises:
-      InputError: A name occurs twice, or there is none at all.
+      InputError: A name occurs twice, or there is none.
     """
     stripped = tuple(name.strip() for name in names)
     seen: set[str] = set()
@@ -79,13 +79,13 @@ def _checked_names(path: Path, names: Sequence[str]) -> tuple[str, ...]:
 
 
 def first_not_finite(columns: Mapping[str, Array]) -> tuple[int, str] | None:
-    """First sample that is not finite, and its column; None when all are finite.
+    """Find the first sample that is not finite and its column; None if all are finite.
 
     Args:
-      columns: By name, each shape (n,).
+      columns: Columns by name, each shape (n,).
 
     Returns:
-      The earliest such sample, and the first column that has one there.
+      Index of the earliest such sample, and name of the first column with one there.
     """
     found = []
     for order, (name, values) in enumerate(columns.items()):
@@ -99,14 +99,14 @@ def first_not_finite(columns: Mapping[str, Array]) -> tuple[int, str] | None:
 
 
 def printable(name: str) -> str:
-    """Name as it can be printed in one line; a damaged file may hold any column name."""
+    """Make a column name printable in one line; a damaged file may hold any name."""
     return name if name.isprintable() else repr(name)
 
 
 def _read_csv(path: Path, needed: Collection[str]) -> RunTable:
-    """Reads a CSV file with a header row: commas, any line endings, with or without a byte order mark.
+    """Read a comma-separated file with a header row, any line endings and an optional byte order mark.
 
-    A good file is read fast; a bad one is read again cell by cell, to say where it is bad.
+    An irregular file is read again cell by cell, to report the place of the error.
 
     Raises:
       InputError: As `read_run_table`.
@@ -120,12 +120,12 @@ def _read_csv(path: Path, needed: Collection[str]) -> RunTable:
 
 
 def _text_of(path: Path) -> TextIO:
-    """Opens the file as text; bytes that are not UTF-8 become surrogates, harmless in unused columns."""
+    """Open the file as text; bytes that are not UTF-8 become surrogates, harmless in unused columns."""
     return path.open(encoding="utf-8-sig", errors="surrogateescape", newline="")
 
 
 def _header(path: Path) -> tuple[tuple[str, ...], int]:
-    """Column names, and the number of lines of the header."""
+    """Read the header; return the column names and the number of its lines."""
     try:
         with _text_of(path) as lines:
             reader = csv.reader(lines)
@@ -148,9 +148,9 @@ def _header(path: Path) -> tuple[tuple[str, ...], int]:
 def _read_fast(
     path: Path, names: Sequence[str], header_lines: int, needed: Collection[str]
 ) -> dict[str, Array] | None:
-    """Numbers by column; None when anything in the file is irregular."""
+    """Read the numbers by column; None if anything in the file is irregular."""
     keys = [f"{k}" for k in range(len(names))]
-    # other columns are read as text: whether they hold numbers only shows at their end
+    # other columns are read as text, since only their last cell shows whether all are numbers
     kinds = {
         key: pa.float64() if name in needed else pa.string() for key, name in zip(keys, names, strict=True)
     }
@@ -180,7 +180,7 @@ def _read_fast(
 
 
 def _numbers_of(column: pa.ChunkedArray) -> Array | None:
-    """Column of text as numbers, NaN for empty cells; None if it holds anything else."""
+    """Convert a column of text to numbers, NaN for empty cells; None if it holds anything else."""
     try:
         text = pa.compute.utf8_trim_whitespace(column)
         empty = pa.compute.equal(text, "")
@@ -191,7 +191,7 @@ def _numbers_of(column: pa.ChunkedArray) -> Array | None:
 
 
 def _records(path: Path, header_lines: int) -> Iterator[tuple[int, list[str]]]:
-    """Row, counted from 1 for the header, and cells of every record that is not an empty line."""
+    """Yield row number (1 for the header) and cells of every record, without empty lines."""
     with _text_of(path) as lines:
         reader = csv.reader(lines)
         next(reader)
@@ -212,10 +212,10 @@ def _row_of(path: Path, header_lines: int, sample: int) -> int:
 def _read_by_cell(
     path: Path, names: Sequence[str], header_lines: int, needed: Collection[str]
 ) -> dict[str, Array]:
-    """Numbers by column, cell by cell.
+    """Read the numbers by column, cell by cell.
 
     Raises:
-      InputError: At the first row with too few or too many cells, or without a number where one is needed.
+      InputError: A row has too few or too many cells, or no number where one is needed.
     """
     places = [(k, name) for k, name in enumerate(names) if name in needed]
     others: dict[int, str] = {k: name for k, name in enumerate(names) if name and name not in needed}
@@ -254,7 +254,7 @@ def _needed_number(path: Path, row: int, name: str, cell: str) -> float:
 
 
 def _read_parquet(path: Path, needed: Collection[str]) -> RunTable:
-    """Reads a Parquet file.
+    """Read a Parquet file.
 
     Raises:
       InputError: As `read_run_table`.
@@ -299,7 +299,7 @@ def _is_number(kind: pa.DataType) -> bool:
 
 
 def _array(column: pa.ChunkedArray) -> Array:
-    """Numbers of a column, NaN where there is no value, shape (n,)."""
+    """Return the numbers of a column, NaN where there is no value, shape (n,)."""
     if pa.types.is_decimal(column.type):
         column = column.cast(pa.float64())
     return np.array(column.to_numpy(), dtype=float)
@@ -308,12 +308,12 @@ def _array(column: pa.ChunkedArray) -> Array:
 def write_parquet(
     path: Path, columns: Mapping[str, Array], metadata: Mapping[bytes, bytes] | None = None
 ) -> None:
-    """Writes columns of doubles to a Parquet file with checksums; every bit is kept.
+    """Write columns of doubles to a Parquet file with checksums; all bits are kept.
 
     Args:
-      path: Overwritten if it exists.
-      columns: By name, each shape (n,).
-      metadata: Goes into the file's schema.
+      path: File to write; overwritten if it exists.
+      columns: Columns by name, each shape (n,).
+      metadata: Entries of the schema's metadata.
 
     Raises:
       OSError: The file cannot be written.

@@ -1,4 +1,4 @@
-"""`trace.parquet`: one run as columns, one row per control step, with its description."""
+"""Trace files `trace.parquet`: signals of one run, a row per control step, with its description."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ _ABOUT = b"omnimj"
 
 
 def write_trace(path: Path, trace: Trace) -> None:
-    """Writes a trace; the file is complete or does not exist.
+    """Write a trace, in full or not at all.
 
-    Columns keep every bit, `about` is stored as JSON in the file's metadata, pages have checksums.
+    Columns keep all bits, `about` is stored as JSON in the metadata of the file, and pages have checksums.
 
     Args:
-      path: Overwritten if it exists.
-      trace: One run.
+      path: File to write; overwritten if it exists.
+      trace: Trace of one run.
 
     Raises:
       InputError: The file cannot be written.
@@ -38,16 +38,16 @@ def write_trace(path: Path, trace: Trace) -> None:
 
 
 def read_trace(path: Path) -> Trace:
-    """Reads a trace, bit for bit as it was written.
+    """Read a trace, bit for bit as it was written.
 
     Args:
-      path: A `trace.parquet`.
+      path: Trace file.
 
     Returns:
-      Columns, each shape (n,), and the description of the run.
+      Trace: columns, each shape (n,), and the description of the run.
 
     Raises:
-      InputError: The file does not exist, is damaged, has no `time` column, or a column without numbers.
+      InputError: The file is missing or damaged, has no column `time`, or has a column without numbers.
     """
     if not path.is_file():
         raise InputError(path, "no such file", "a trace.parquet is needed")

@@ -1,4 +1,4 @@
-"""Writes datasets run by run, so that finished runs are kept whatever happens."""
+"""Dataset folders written run by run, so that finished runs survive a failure."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from omnimj.recording.folder import atomic_file, check_folder
 from omnimj.recording.run_table import TABLE_SUFFIXES, write_parquet
 
 FORMATS = ("parquet", "csv")
-"""Table formats that can be written."""
+"""Formats of the tables."""
 _SIGNATURE = "# written by omnimj"
 _PLAIN_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
 class DatasetWriter:
-    """Writes one run after another; after each, the folder is a complete dataset.
+    """Writer of a dataset, run by run; after each run the folder is a complete dataset.
 
-    With `force` it replaces a dataset that omnimj wrote, but never measured data of another origin.
+    With `force`, it replaces a dataset written by omnimj, but never measured data of another origin.
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class DatasetWriter:
         force: bool = False,
         table_format: str = "parquet",
     ):
-        """Checks that the dataset can be written; nothing is written yet.
+        """Check that the dataset can be written, without writing anything yet.
 
         Args:
           folder: Target folder; created if necessary.
@@ -50,7 +50,7 @@ class DatasetWriter:
 
         Raises:
           InputError: The folder is not empty, holds runs of another origin, or cannot be written.
-          UnknownNameError: No such format.
+          UnknownNameError: The format does not exist.
         """
         if table_format not in FORMATS:
             raise UnknownNameError("--format", "format", table_format, FORMATS)
@@ -61,13 +61,13 @@ class DatasetWriter:
         self._runs: dict[str, Run] = {}
 
     def add(self, run: Run) -> None:
-        """Writes one run and lists it in `dataset.toml`, with the conditions that differ from the defaults.
+        """Write one run and list it in `dataset.toml`, with its conditions that differ from the defaults.
 
         Args:
-          run: Its name becomes the file's name.
+          run: Run to write; its name becomes the stem of the file name.
 
         Raises:
-          InputError: The name is taken or cannot be a file name, or the file cannot be written.
+          InputError: The name is taken or not valid as a file name, or the file cannot be written.
         """
         _require_file_name(run.name)
         if run.name in self._runs:
@@ -87,7 +87,7 @@ class DatasetWriter:
             ) from None
 
     def _begin(self) -> None:
-        """Creates the folder and removes an earlier dataset, its `dataset.toml` first."""
+        """Create the folder and remove an earlier dataset, its `dataset.toml` first."""
         self._folder.mkdir(parents=True, exist_ok=True)
         for file in self._old:
             file.unlink(missing_ok=True)
@@ -101,18 +101,18 @@ def write_dataset(
     force: bool = False,
     table_format: str = "parquet",
 ) -> None:
-    """Writes a dataset; every number is read back bit for bit, from Parquet and from CSV.
+    """Write a dataset; numbers are read back bit for bit, from Parquet and from CSV.
 
     Args:
       folder: Target folder; created if necessary.
       plant: `quarter_rig`, `uto_robot` or `linear_axis`.
       defaults: Conditions of every run unless the run states its own.
-      runs: In the order of `dataset.toml`.
+      runs: Runs, in the order of `dataset.toml`.
       force: Replace an earlier dataset that omnimj wrote.
       table_format: `parquet` or `csv`.
 
     Raises:
-      InputError: As `DatasetWriter`.
+      InputError: As in `DatasetWriter`.
     """
     writer = DatasetWriter(folder, plant, defaults, force, table_format)
     for run in runs:
@@ -120,7 +120,7 @@ def write_dataset(
 
 
 def dataset_text(plant: str, defaults: Mapping[str, float | str], runs: Iterable[Run]) -> str:
-    """Content of `dataset.toml`, with the conditions of each run that differ from the defaults."""
+    """Return the text of `dataset.toml`, with the conditions of each run that differ from the defaults."""
     runs = list(runs)
     lines = [_SIGNATURE, f"plant = {_value(plant)}"]
     wheels = sum(name.startswith("wheel_speed_") for name in runs[0].columns) if runs else ROBOT_WHEELS
@@ -138,10 +138,10 @@ def dataset_text(plant: str, defaults: Mapping[str, float | str], runs: Iterable
 
 
 def _earlier_files(folder: Path) -> list[Path]:
-    """Files of an earlier dataset that omnimj wrote, its `dataset.toml` first; none without a dataset.
+    """List the files of an earlier dataset written by omnimj, its `dataset.toml` first; empty if none.
 
     Raises:
-      InputError: The folder holds runs that omnimj did not write.
+      InputError: The folder holds runs not written by omnimj.
     """
     if not folder.is_dir():
         return []
@@ -168,7 +168,7 @@ def _require_file_name(name: str) -> None:
 
 
 def write_table(path: Path, run: Run) -> None:
-    """Writes the columns of a run as `.csv` or `.parquet`, by the suffix of the path."""
+    """Write the columns of a run as CSV or Parquet, depending on the suffix of the path."""
     if path.suffix == ".parquet":
         write_parquet(path, run.columns)
         return
@@ -177,7 +177,7 @@ def write_table(path: Path, run: Run) -> None:
         csv.writer(header, lineterminator="\n").writerow(run.columns)
     table = pa.table(arrays, names=[f"{k}" for k in range(len(arrays))])
     with path.open("ab") as rows:
-        # Arrow writes the shortest text that gives the same double
+        # Arrow writes the shortest text that reads back as the same double
         pa.csv.write_csv(table, rows, pa.csv.WriteOptions(include_header=False))
 
 
@@ -192,6 +192,6 @@ def _key(name: str) -> str:
 
 
 def _quoted(text: str) -> str:
-    """Basic string of TOML."""
+    """Format a text as a basic string of TOML."""
     escaped = text.replace("\\", "\\\\").replace('"', '\\"')
     return '"' + "".join(c if c.isprintable() or ord(c) > 0x9F else f"\\u{ord(c):04x}" for c in escaped) + '"'
