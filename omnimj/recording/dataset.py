@@ -99,7 +99,7 @@ class Run:
     columns: Mapping[str, Array]
     """`time` and the plant's columns, each shape (n,); unknown columns are kept."""
     masked: Mapping[str, NDArray[np.bool_]]
-    """Masks by column of samples that must not be fitted (spikes, edges of gaps), shape (n,)."""
+    """Masks by column of samples that must not be fitted (spikes, edges of gaps), shape (n,); or absent."""
     conditions: Mapping[str, float | str]
     """`floor`, `mass` and other entries of [defaults] and [runs.NAME], without `repeat_of`."""
     repeat_of: str | None = None

@@ -14,16 +14,16 @@ _FIRST = ("max_yaw_excursion", "path_error_max", "path_error_rms", "tracking_err
 
 @dataclass(frozen=True)
 class Comparison:
-    """Cells of a table."""
+    """Table of results: a row per result, a column per method."""
 
     methods: tuple[str, ...]
-    """Methods, the commanded one first."""
+    """Methods, that of the main run first."""
     rows: tuple[tuple[str, ...], ...]
-    """Name of a result and its value with each method."""
+    """Rows: name of a result, then its value with each method."""
 
 
 def runs_by_method(metrics: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    """Return the metrics of the run and of its comparison runs by method; empty for a run alone."""
+    """Return the metrics of a run and its comparison runs by method; empty without comparison runs."""
     others = metrics.get("compared") or {}
     return {str(metrics["method"]): metrics, **others} if others else {}
 

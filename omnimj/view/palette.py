@@ -1,11 +1,11 @@
-"""Colours distinguishable by colour-blind readers, the same for a wheel in every plot and recording."""
+"""Colours that colour-blind readers can distinguish; each wheel has the same one in all plots."""
 
 from __future__ import annotations
 
 WHEELS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8C6D1F", "#666666")
-"""Okabe and Ito's palette, in the order of the wheels."""
+"""Colours of the wheels in their order, from the palette of Okabe and Ito."""
 WHEEL_LINES = ("-", (0, (6, 1.5)), (0, (3, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
-"""Dashes that distinguish the wheels in print without colour."""
+"""Dash patterns that distinguish the wheels in print without colour."""
 PLANNED = "#5A5F66"
 MEASURED = "#0072B2"
 ACCENT = "#D55E00"
@@ -42,18 +42,18 @@ STATES = {
     "torque constant is estimated": "#F0C94A",
     "torque constant was estimated": "#7FB8DA",
 }
-"""Colours of true and diagnosed states; one state has one colour everywhere."""
+"""Colours of true and diagnosed states, the same in all views."""
 METHODS: dict[str, tuple[str, str | tuple[int, tuple[float, ...]], float]] = {
     "off": ("#A9B1BA", "-", 3.2),
     "published": ("#D55E00", (0, (6, 1.5)), 1.5),
     "robust": ("#0072B2", "-", 1.3),
 }
-"""Colours, dashes and widths [points] of runs with different methods, visible when overlaid."""
+"""Colour, dash pattern and line width [points] by method, distinguishable when overlaid."""
 _OTHER_STATES = ("#56B4E9", "#8C6D1F", "#6A5ACD", "#777777", "#B22222", "#2F8F9D")
 
 
 def state_color(state: str) -> str:
-    """Return the colour of a state; an unknown state gets a colour that depends on its name only."""
+    """Return the colour of a state; that of an unknown state depends only on its name."""
     return STATES.get(state) or _OTHER_STATES[sum(state.encode()) % len(_OTHER_STATES)]
 
 
@@ -63,7 +63,7 @@ def wheel_color(i: int) -> str:
 
 
 def wheel_line(i: int) -> str | tuple[int, tuple[float, ...]]:
-    """Return the dashes of wheel i, counted from 0."""
+    """Return the dash pattern of wheel i, counted from 0."""
     return WHEEL_LINES[i % len(WHEEL_LINES)]
 
 

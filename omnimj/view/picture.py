@@ -1,7 +1,7 @@
-"""A picture of robot or rig, rendered by MuJoCo in a process of its own.
+"""Pictures of robot or rig, rendered by MuJoCo in a separate process.
 
 A missing or broken OpenGL library can terminate a process without a message, so the run itself never loads
-one. Without OpenGL there is no picture, and its caption says how to get one.
+one. Without OpenGL the caption explains how to enable the picture.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from omnimj.view.wording import Span, fault_spans
 
 Array = NDArray[np.float64]
 BACKENDS = ("osmesa", "egl")
-_SUPERSAMPLING = 2  # per direction: multisampling alone leaves the edges of shadows rough
-_TIMEOUT = 90.0  # [s] for a software renderer on a slow machine
+_SUPERSAMPLING = 2  # samples per pixel and direction: multisampling alone leaves shadow edges rough
+_TIMEOUT = 90.0  # [s], enough for a software renderer on a slow machine
 HOW_TO_RENDER = (
     "No picture: MuJoCo found no OpenGL library to render with. For software rendering install libosmesa6 "
     "(Debian, Ubuntu: apt install libosmesa6), then run again with MUJOCO_GL=osmesa."
@@ -37,39 +37,39 @@ HOW_TO_RENDER = (
 
 @dataclass(frozen=True)
 class Camera:
-    """An orbiting camera."""
+    """Orbiting camera."""
 
     target: tuple[float, float, float] = (0.0, 0.0, 0.05)
-    """The point in the middle of the picture [m]."""
+    """Point in the middle of the picture [m]."""
     distance: float = 0.92
-    """[m]"""
+    """Distance from the target [m]."""
     azimuth: float = 140.0
-    """Degrees, MuJoCo's convention."""
+    """Azimuth in MuJoCo's convention [°]."""
     elevation: float = -27.0
-    """Degrees, negative looks down."""
+    """Elevation [°]; negative: looking down."""
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture of a machine, or the fact that there is no OpenGL to render it with."""
+    """Picture of a machine, possibly missing for lack of OpenGL."""
 
     path: Path | None
-    """PNG file; None when nothing could be rendered."""
+    """PNG file; None if rendering failed."""
     backend: str
-    """`osmesa` or `egl`; empty when nothing could be rendered."""
+    """Backend, `osmesa` or `egl`; empty if rendering failed."""
     subject: str
     """Content of the picture in words."""
 
     @property
     def caption(self) -> str:
-        """Source of the picture, or how to get one."""
+        """Text below the picture: its renderer, or instructions to enable rendering."""
         if self.path is None:
             return HOW_TO_RENDER
         return f"Rendered by MuJoCo ({self.backend}) from the simulated state."
 
 
 def camera_at(mj_model: mujoco.MjModel, qpos: Array) -> Camera:
-    """Choose a camera with the machine in view: the robot from its front left, the rig from its side.
+    """Choose a camera that shows the machine: the robot from its front left, the rig from its side.
 
     Args:
       mj_model: Compiled model.
@@ -95,20 +95,20 @@ def render(
     size: tuple[int, int] = (1280, 860),
     backends: Sequence[str] = BACKENDS,
 ) -> Picture:
-    """Render a model in one pose to a PNG; a missing OpenGL is no error.
+    """Render a model in one pose to a PNG file; missing OpenGL is not an error.
 
     Args:
       mj_model: Compiled model, with floor and lights.
       qpos: Generalised positions, shape (nq,).
-      path: The PNG to write.
+      path: PNG file to write.
       subject: Content of the picture in words, for captions.
-      camera: Camera; by default one that has the machine in view.
+      camera: Camera; None for that of `camera_at`.
       trail: Points of a path to draw on the floor, shape (k, 2) [m].
       size: Width and height [pixels].
       backends: Values of MUJOCO_GL to try in turn.
 
     Returns:
-      The picture; without a path when no backend could render it.
+      Picture; its path is None if no backend could render it.
     """
     camera = camera_at(mj_model, qpos) if camera is None else camera
     points = np.empty((0, 2)) if trail is None else np.asarray(trail, float)
@@ -131,13 +131,13 @@ def picture_of_run(
     path: Path,
     backends: Sequence[str] = BACKENDS,
 ) -> Picture:
-    """Render the machine half-way along the path driven with its first fault, else along the whole path.
+    """Render the machine half-way along the path driven during its first fault, else along the whole path.
 
     Args:
       poses: Poses of the machine.
-      trace: Signals, for the driven path on the floor where it is known.
+      trace: Signals of the run, for the driven path on the floor where known.
       metrics: Content of `metrics.json`, for the faults.
-      path: The PNG to write.
+      path: PNG file to write.
       backends: As in `render`.
     """
     spans = fault_spans(metrics, float(trace["time"][-1]))
@@ -155,14 +155,14 @@ def _half_way(poses: Poses, span: Span | None) -> int:
     held = np.flatnonzero((poses.time >= start) & (poses.time <= end))
     if not len(held):
         return int(np.argmin(np.abs(poses.time - start)))
-    # the first two coordinates are a place on the floor: x and y of the robot, gantry and rail of the rig
+    # the first two coordinates are a position on the floor: x and y of the robot, gantry and rail of the rig
     steps = np.linalg.norm(np.diff(poses.qpos[held, :2], axis=0), axis=1)
     distance = np.concatenate([[0.0], np.cumsum(steps)])
     return int(held[np.searchsorted(distance, 0.5 * distance[-1])])
 
 
 def _render_in_process(job: Path, backend: str) -> bool:
-    """Render a job in a process with this MUJOCO_GL; return whether it succeeded."""
+    """Render a job in a separate process with the given MUJOCO_GL; return True on success."""
     command = [sys.executable, "-m", "omnimj.view.picture", str(job)]
     environment = {**os.environ, "MUJOCO_GL": backend}
     if backend == "osmesa":
@@ -191,8 +191,9 @@ def frames(
     """Render poses of a model in this process, with the OpenGL that MUJOCO_GL selects.
 
     Args:
-      mj_model: Compiled model; its lamps follow the camera.
-      shots: Generalised positions, shape (nq,), camera, and points of a path on the floor, shape (k, 2) [m].
+      mj_model: Compiled model; its lights follow the camera.
+      shots: Per frame: generalised positions, shape (nq,), camera, and points of a path on the floor, shape
+        (k, 2) [m].
       size: Width and height [pixels].
 
     Yields:

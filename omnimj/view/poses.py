@@ -1,7 +1,7 @@
-"""Poses of a machine's visible model through a run: recorded ones, or those of a driven path.
+"""Poses of the visible model of a machine over a run: recorded, or computed from the driven path.
 
-The twin steps a lean model without the geoms that are for display only. The visible model has the same joints
-in the same order, so poses of one are poses of the other.
+The twin simulates a reduced model without the geoms for display only. The visible model has the same joints
+in the same order, so the same poses apply to both.
 """
 
 from __future__ import annotations
@@ -22,34 +22,34 @@ from omnimj.simulate.scenario.scenario import RigInput, Scenario
 
 Array = NDArray[np.float64]
 WHEEL_BODY = re.compile(r"^wheel_(\d+)")
-_FIRST_HIDDEN_GROUP = 3  # MuJoCo's own viewer shows groups 0 to 2; colliders live in 3
+_FIRST_HIDDEN_GROUP = 3  # MuJoCo's viewer shows groups 0 to 2; collision geoms are in group 3
 
 
 @dataclass(frozen=True)
 class Poses:
-    """A model and its generalised positions through time."""
+    """Model and its generalised positions over time."""
 
     mj_model: mujoco.MjModel
     time: Array
-    """Shape (k,) [s]."""
+    """Times, shape (k,) [s]."""
     qpos: Array
-    """Shape (k, nq)."""
+    """Generalised positions, shape (k, nq)."""
 
     def thinned(self, rate: float) -> Poses:
-        """Select at most `rate` poses per second, the first and the last among them."""
+        """Select at most `rate` poses per second, including the first and the last."""
         keep = thin(self.time, rate)
         return Poses(self.mj_model, self.time[keep], self.qpos[keep])
 
 
 def thin(time: Array, rate: float) -> NDArray[np.int64]:
-    """Select at most `rate` samples per second, the first and the last among them.
+    """Select at most `rate` samples per second, including the first and the last.
 
     Args:
       time: Increasing times, shape (k,) [s].
       rate: Samples per second.
 
     Returns:
-      Indices, shape (m,).
+      Indices of the selected samples, shape (m,).
     """
     if len(time) < 3:
         return np.arange(len(time))
@@ -60,18 +60,18 @@ def thin(time: Array, rate: float) -> NDArray[np.int64]:
 
 @dataclass(frozen=True)
 class BodyFrames:
-    """World poses of all bodies through time."""
+    """World poses of all bodies over time."""
 
     time: Array
-    """Shape (k,) [s]."""
+    """Times, shape (k,) [s]."""
     position: Array
-    """Shape (k, nbody, 3) [m]."""
+    """Positions, shape (k, nbody, 3) [m]."""
     quaternion: Array
-    """w, x, y, z, shape (k, nbody, 4)."""
+    """Orientations as unit quaternions w, x, y, z, shape (k, nbody, 4)."""
 
 
 def body_frames(poses: Poses) -> BodyFrames:
-    """World poses of every body by `mj_kinematics`; no dynamics, no callback."""
+    """Compute the world poses of every body by `mj_kinematics`, without dynamics or callbacks."""
     mj_model, mj_data = poses.mj_model, mujoco.MjData(poses.mj_model)
     position = np.empty((len(poses.time), mj_model.nbody, 3))
     quaternion = np.empty((len(poses.time), mj_model.nbody, 4))
@@ -83,12 +83,12 @@ def body_frames(poses: Poses) -> BodyFrames:
 
 
 def is_visible(mj_model: mujoco.MjModel, geom: int) -> bool:
-    """Check that a geom is meant for display and not fully transparent."""
+    """Check that a geom is for display and not fully transparent."""
     return bool(mj_model.geom_group[geom] < _FIRST_HIDDEN_GROUP and geom_rgba(mj_model, geom)[3] > 0.0)
 
 
 def geom_rgba(mj_model: mujoco.MjModel, geom: int) -> Array:
-    """Return the colour of a geom's material, else its own, RGBA, shape (4,)."""
+    """Return the RGBA colour of a geom, from its material if it has one, shape (4,)."""
     material = mj_model.geom_matid[geom]
     return mj_model.mat_rgba[material] if material >= 0 else mj_model.geom_rgba[geom]
 
@@ -120,7 +120,7 @@ def identical_bodies(mj_model: mujoco.MjModel) -> list[list[int]]:
 
 
 def hinge_axis(mj_model: mujoco.MjModel, body: int) -> Array | None:
-    """Axis of the body's first hinge in the body's frame, shape (3,)."""
+    """Return the axis of the body's first hinge in the body frame, shape (3,); None without a hinge."""
     first, number = mj_model.body_jntadr[body], mj_model.body_jntnum[body]
     for joint in range(first, first + number):
         if mj_model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE:
@@ -134,8 +134,8 @@ def wheel_bodies(mj_model: mujoco.MjModel, groups: list[list[int]] | None = None
     A wheel is a body with rollers: two or more identical children.
 
     Args:
-      mj_model: A visible model.
-      groups: Result of `identical_bodies`, to save computing it again.
+      mj_model: Visible model.
+      groups: Result of `identical_bodies`; computed if None.
     """
     groups = identical_bodies(mj_model) if groups is None else groups
     parents = {int(mj_model.body_parentid[group[0]]) for group in groups}
@@ -148,7 +148,7 @@ def _wheel_number(mj_model: mujoco.MjModel, body: int) -> tuple[int, int]:
 
 
 def wheel_axles(poses: Poses, frames: BodyFrames, bodies: list[int]) -> Array:
-    """World direction of the wheels' axles through time, shape (k, n, 3)."""
+    """Return the unit vectors of the wheel axles in the world over time, shape (k, n, 3)."""
     axles = np.empty((len(frames.time), len(bodies), 3))
     for i, body in enumerate(bodies):
         axis = hinge_axis(poses.mj_model, body)
@@ -157,14 +157,22 @@ def wheel_axles(poses: Poses, frames: BodyFrames, bodies: list[int]) -> Array:
 
 
 def rotated(quaternion: Array, vector: Array) -> Array:
-    """v + 2 w (q × v) + 2 q × (q × v): a vector rotated by unit quaternions (k, 4), shape (k, 3)."""
+    """Rotate a vector by unit quaternions: v + 2 w (q × v) + 2 q × (q × v).
+
+    Args:
+      quaternion: Unit quaternions w, x, y, z, shape (k, 4).
+      vector: Vector, shape (3,).
+
+    Returns:
+      Rotated vectors, shape (k, 3).
+    """
     w, q = quaternion[:, :1], quaternion[:, 1:]
     cross = np.cross(q, np.broadcast_to(vector, q.shape))
     return vector + 2.0 * (w * cross + np.cross(q, cross))
 
 
 def relative_frames(frames: BodyFrames, bodies: list[int], parent: int) -> tuple[Array, Array]:
-    """Express poses of bodies in one parent's frame through time.
+    """Express the poses of bodies over time in the frame of one parent body.
 
     Returns:
       Positions, shape (k, m, 3) [m], and quaternions w, x, y, z, shape (k, m, 4).
@@ -181,12 +189,12 @@ def relative_frames(frames: BodyFrames, bodies: list[int], parent: int) -> tuple
             np.concatenate([-z, y, -x, w], axis=2),
         ],
         axis=1,
-    )  # left multiplication by the conjugate
+    )  # left multiplication by the conjugate quaternion
     return position, frames.quaternion[:, bodies] @ left.transpose(0, 2, 1)
 
 
 def _matrices(quaternion: Array) -> Array:
-    """Rotation matrices of unit quaternions, shape (k, 3, 3)."""
+    """Return the rotation matrices of unit quaternions, shape (k, 4), as shape (k, 3, 3)."""
     w, x, y, z = quaternion.T
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -199,14 +207,14 @@ def _matrices(quaternion: Array) -> Array:
 def poses_from_trace(
     mj_model: mujoco.MjModel, trace: Trace, rate: float = 50.0, turned: Array | None = None
 ) -> Poses:
-    """Make poses for a run without recorded ones (planar model, hardware): the robot on its driven path.
+    """Compute poses from the driven path, for runs without recorded poses (planar model, hardware).
 
     The free joint follows `x`, `y`, `heading`; wheel hinges turn by the integral of `wheel_speed_i`; all
     other joints keep the model's reference position.
 
     Args:
-      mj_model: The robot's model.
-      trace: A robot's trace with `x`, `y`, `heading`.
+      mj_model: Model of the robot.
+      trace: Trace of a robot with `x`, `y`, `heading`.
       rate: Poses per second.
       turned: Wheel angles at the start of the trace, shape (n,) [rad].
     """
@@ -232,7 +240,7 @@ def poses_from_trace(
 
 
 def visible_model(scenario: Scenario) -> mujoco.MjModel:
-    """Compile the scenario's machine on its floor, display geoms included."""
+    """Compile the machine of a scenario on its floor, including geoms for display."""
     floor = find_floor(scenario.floor, scenario.name)
     if isinstance(scenario.constants, Rig):
         mass = scenario.drive.mass if isinstance(scenario.drive, RigInput) else None
@@ -247,15 +255,15 @@ def visible_poses(
 
     Args:
       scenario: Scenario of the run.
-      trace: Signals; a robot without recorded poses follows its `x`, `y`, `heading` and wheel speeds.
+      trace: Signals of the run; without recorded poses, a robot follows `x`, `y`, `heading` and wheel speeds.
       time: Times of the recorded poses, shape (k,) [s].
       qpos: Recorded poses, shape (k, nq).
 
     Returns:
-      The poses; None where the motion of the machine is unknown.
+      Poses; None if the motion of the machine is unknown.
 
     Raises:
-      ValueError: The poses do not belong to the scenario's machine.
+      ValueError: The poses are not those of the machine in the scenario.
     """
     if time is None or qpos is None:
         known = {"x", "y", "heading", "wheel_speed_1"} <= set(trace.columns)

@@ -1,7 +1,7 @@
-"""The pictures of README and docs.
+"""Pictures of README and docs.
 
-`MUJOCO_GL=osmesa python -m omnimj.view.readme_pictures omnimj/docs/pictures` drives and draws them again. The
-sensitivity and tuning studies make their own.
+`MUJOCO_GL=osmesa python -m omnimj.view.readme_pictures omnimj/docs/pictures` generates them. Those of
+sensitivity and tuning are files of the studies themselves.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ roller_viscous = { value = 0.0, unit = "s/m", source = "chosen" }
 
 
 def twin_against_equations() -> Figure:
-    """Compare the twin with the source's equations: the rig at constant currents on natural stone."""
+    """Plot the twin against the equations of the dissertation: rig at constant currents on natural stone."""
     figure, (ax,) = new_figure(MIDDLE)
     time = np.zeros(0)
     for current in _CURRENTS:
@@ -78,7 +78,7 @@ def twin_against_equations() -> Figure:
 
 
 def motor_evidence() -> Figure:
-    """Draw the likelihood of a weak motor in `degraded_motor`, wheel by wheel, with its threshold."""
+    """Plot the evidence for a weak motor in `degraded_motor`, by wheel, with its threshold."""
     run = run_scenario(read_scenario("degraded_motor"), "twin", "robust")
     spans = wording.fault_spans(run.metrics, float(run.trace["time"][-1]))
     by_name = {family.name: family for family in families(run.trace.columns, "robust")}
@@ -86,7 +86,7 @@ def motor_evidence() -> Figure:
 
 
 def recovered_path() -> Figure:
-    """Draw `two_motors_lost` from above: planned, without and with recovery."""
+    """Plot the path of `two_motors_lost` from above: planned, and driven without and with recovery."""
     scenario = read_scenario("two_motors_lost")
     traces = {method: run_scenario(scenario, "twin", method).trace for method in ("robust", "off")}
     return comparison.paths(traces, scenario.patches)
@@ -94,7 +94,7 @@ def recovered_path() -> Figure:
 
 @functools.cache
 def _lateral_gap() -> Finding:
-    """Search for the gap between a rig moved sideways and a model without roller friction."""
+    """Search for the gap between a rig driven sideways and a model without roller friction."""
     with tempfile.TemporaryDirectory() as folder:
         data, model = Path(folder) / "lateral", Path(folder) / "rig.toml"
         record_suite(find_suite("rig_lateral"), RecordingConfig(data, _LATERAL_SEED))
@@ -104,7 +104,7 @@ def _lateral_gap() -> Finding:
 
 
 def gap_before_and_after() -> Figure:
-    """Draw the worst held-out run of a rig moved sideways whose model lacks roller friction."""
+    """Plot the worst held-out run of a rig driven sideways, whose model lacks roller friction."""
     finding = _lateral_gap()
     run = worst_run(finding)
     assert run is not None  # some are held out
@@ -112,7 +112,7 @@ def gap_before_and_after() -> Figure:
 
 
 def make_gap_report(path: Path) -> None:
-    """Take a screenshot of the first screen of a gap report with headless Chromium."""
+    """Take a screenshot of the top of a gap report in headless Chromium."""
     with tempfile.TemporaryDirectory() as folder:
         page = Path(folder) / "report.html"
         write_gap_report(page, _lateral_gap(), new_model="rig.toml")
@@ -136,22 +136,22 @@ FIGURES: Mapping[str, Callable[[], Figure]] = MappingProxyType(
         "gap": gap_before_and_after,
     }
 )
-"""Figures by file name."""
+"""Functions that make the figures, by file name."""
 
 
 @dataclass(frozen=True)
 class Shot:
-    """A scenario at one time, seen from a place near the machine."""
+    """View of a scenario at one time, from near the machine."""
 
     scenario: str
     time: float
-    """[s]"""
+    """Time in the scenario [s]."""
     distance: float = 0.72
     """Distance of the camera from the machine [m]."""
     azimuth: float = 140.0
-    """[°]"""
+    """Azimuth of the camera [°]."""
     elevation: float = -34.0
-    """[°]"""
+    """Elevation of the camera [°]; negative: looking down."""
     height: float = 0.045
     """Height of the point in the middle of the picture [m]."""
 
@@ -164,7 +164,7 @@ GALLERY = (
     Shot("three_wheel_nylon", 0.9, azimuth=160.0),
     Shot("rig_slip", 0.6, azimuth=-58.0, elevation=-26.0, height=0.13),
 )
-"""From left to right, row by row."""
+"""Pictures of the gallery, from left to right, row by row."""
 
 
 def _drive(name: str) -> tuple[mujoco.MjModel, PoseTrack, Array]:
@@ -180,7 +180,7 @@ def _drive(name: str) -> tuple[mujoco.MjModel, PoseTrack, Array]:
 
 
 def make_gallery(path: Path) -> None:
-    """Render six scenarios, machines close up, on one sheet."""
+    """Render six scenarios in close-up on one sheet."""
     width, height = _SHOT_SIZE
     rows = -(-len(GALLERY) // _COLUMNS)
     sheet = np.full((rows * (height + _GAP) - _GAP, _COLUMNS * (width + _GAP) - _GAP, 3), 255, np.uint8)
@@ -230,7 +230,7 @@ PICTURES: Mapping[str, Callable[[Path], None]] = MappingProxyType(
         **{f"{name}.png": functools.partial(_save_figure, draw) for name, draw in FIGURES.items()},
     }
 )
-"""Functions that make the files."""
+"""Functions that make the pictures, by file name."""
 
 
 if __name__ == "__main__":

@@ -15,37 +15,37 @@ _AXES: Mapping[str, str] = {"x": palette.MEASURED, "y": palette.ACCENT}
 
 @dataclass(frozen=True)
 class Residual:
-    """One column with its threshold."""
+    """Column of a residual with its threshold."""
 
     column: str
     threshold: str | None
-    """Column of its threshold; None for a residual that decides nothing by itself."""
+    """Column of the threshold; None for a residual without a decision of its own."""
     label: str
     color: str
     wheel: int | None
-    """0 … n−1; None for a residual of the whole robot."""
+    """Index of the wheel, 0 … n−1; None for a residual of the whole robot."""
 
 
 @dataclass(frozen=True)
 class Family:
-    """Residuals of one quantity."""
+    """Residuals of one quantity, shown in one plot."""
 
     name: str
-    """`motor`, `slip`, `wheel_speed`, …"""
+    """Name of the family, such as `motor`, `slip` or `wheel_speed`."""
     heading: str
     quantity: str
     """Axis label without the unit."""
     unit: str
-    """Empty for an unknown quantity."""
+    """Unit; empty for an unknown quantity."""
     words: str
     """Explanation for the caption."""
     residuals: tuple[Residual, ...]
     is_signed: bool = False
-    """Whether the threshold applies to both signs."""
+    """True if the threshold applies to both signs."""
 
     @property
     def label(self) -> str:
-        """Quantity and unit."""
+        """Axis label: quantity and unit."""
         return f"{self.quantity} [{self.unit}]" if self.unit else self.quantity
 
     @property
@@ -116,14 +116,14 @@ _MEANINGS: Mapping[str, Mapping[str, _Meaning]] = {"robust": _ROBUST, "published
 
 
 def families(columns: Collection[str], method: str, printed: bool = False) -> list[Family]:
-    """Group the residuals among the columns of a trace into families, in their order.
+    """Group the residual columns of a trace into families, in their order.
 
-    A residual without an explanation here is shown under the name of its column.
+    A residual without an explanation in this module is shown under the name of its column.
 
     Args:
       columns: Names of a trace's columns, or a method's `log_names`.
       method: Name of the detection method.
-      printed: Whether the published method is used as printed, with positive thresholds only.
+      printed: True for the published method as printed, with positive thresholds only.
     """
     meanings = _MEANINGS.get(method, {})
     if meanings is _PUBLISHED and "residual_wheel_speed" in columns:  # one wheel needs no number

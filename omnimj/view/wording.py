@@ -1,4 +1,4 @@
-"""Runs in words: faults, diagnoses, recovery, and the command that repeats a run."""
+"""Descriptions of runs in words: faults, diagnoses, recovery, and the command that repeats a run."""
 
 from __future__ import annotations
 
@@ -48,18 +48,18 @@ DETECTOR_MODE_NAMES: Mapping[str, tuple[str, ...]] = {
     "published": ("no fault", "slip", "torque constant is estimated", "torque constant was estimated"),
     "published on the rig": ("no fault", "slip", "motor fault"),
 }
-"""Meanings of the numbers in the column `mode`, by method."""
+"""Names of the modes by method; the column `mode` holds their index."""
 RECOVERY = "recovery"
-"""Lane of recovery actions."""
+"""Name of the lane of recovery actions."""
 NOT_DIAGNOSED = "off"
-"""Method of a run without fault detection."""
+"""Name of the method of a run without fault detection."""
 NOTHING_FOUND = "nothing found"
 _COUNTS = {3: "three", 4: "four", 5: "five", 6: "six"}
 _PLACE = ("kind", "wheel", "wheels", "onset", "end")
 
 
 class ScenarioLike(Protocol):
-    """The part of a scenario that the view reads."""
+    """Part of a scenario that the views read."""
 
     @property
     def description(self) -> str:
@@ -68,7 +68,7 @@ class ScenarioLike(Protocol):
 
     @property
     def plant(self) -> str:
-        """`uto_robot` or `quarter_rig`."""
+        """Name of the plant, `uto_robot` or `quarter_rig`."""
         ...
 
     @property
@@ -83,12 +83,12 @@ class ScenarioLike(Protocol):
 
     @property
     def metric_units(self) -> Mapping[str, str]:
-        """The metrics of this scenario and their units."""
+        """Units of the scenario's metrics, by metric."""
         ...
 
     @property
     def overrides(self) -> Sequence[str]:
-        """`KEY=VALUE` texts given on the command line."""
+        """Overrides `KEY=VALUE` given on the command line."""
         ...
 
     @property
@@ -98,7 +98,7 @@ class ScenarioLike(Protocol):
 
     @property
     def scene(self) -> Path | None:
-        """MJCF around the robot: ramps, thresholds; None on a flat floor."""
+        """MJCF file of the obstacles around the robot, such as ramps; None for a flat floor."""
         ...
 
     @property
@@ -109,18 +109,18 @@ class ScenarioLike(Protocol):
 
 @dataclass(frozen=True)
 class Span:
-    """A fault or diagnosis with its interval."""
+    """Fault or diagnosis with its interval."""
 
     label: str
-    """Label for people: `slip, wheel 2`."""
+    """Label such as `slip, wheel 2`."""
     lane: str
     """Affected part: `wheel_2`, or `robot`."""
     state: str
     """Label without the wheel: `slip`."""
     start: float
-    """[s]"""
+    """Start [s]."""
     end: float
-    """[s]"""
+    """End [s]."""
 
 
 def fault_spans(metrics: Mapping[str, Any], duration: float) -> list[Span]:
@@ -139,7 +139,7 @@ def diagnosis_spans(metrics: Mapping[str, Any], duration: float) -> list[Span]:
     spans: list[Span] = []
     for diagnosis in metrics.get("diagnoses") or ():
         cleared = diagnosis.get("cleared")
-        # `cleared` is the time at which the diagnosis was cleared; anything else means that it holds
+        # `cleared` is the time at which the diagnosis was cleared; otherwise it still holds
         stands = isinstance(cleared, bool) or not isinstance(cleared, int | float)
         end = duration if stands else min(float(cleared), duration)
         state = FAULT_NAMES.get(diagnosis["kind"], diagnosis["kind"])
@@ -151,7 +151,7 @@ def diagnosis_spans(metrics: Mapping[str, Any], duration: float) -> list[Span]:
 
 
 def recovery_spans(trace: Trace) -> list[Span]:
-    """Convert the column `recovery` to intervals, without normal driving."""
+    """Convert the column `recovery` to intervals of each mode other than normal driving."""
     if "recovery" not in trace:
         return []
     mode, time = trace["recovery"].astype(int), trace["time"]
@@ -182,7 +182,7 @@ def _state(fault: Mapping[str, Any]) -> str:
 
 
 def is_diagnosed(metrics: Mapping[str, Any]) -> bool:
-    """Check that a detection method was active in this run."""
+    """Check that a fault-detection method was active in a run."""
     return metrics.get("method", NOT_DIAGNOSED) != NOT_DIAGNOSED
 
 
@@ -240,7 +240,7 @@ def number(value: object, digits: int = 4) -> str:
 
 
 def measure(value: object, unit: str) -> str:
-    """Format a number with its unit; an angle in degrees too, as in plots."""
+    """Format a number with its unit, an angle also in degrees as in plots."""
     if value is None:
         return number(None)
     shown = f"{number(value)} {unit}".strip()
@@ -272,14 +272,14 @@ def repeat_command(scenario: ScenarioLike, metrics: Mapping[str, Any]) -> str:
 
 @dataclass(frozen=True)
 class RecoveryPeriod:
-    """A recovery mode with the intervals in which it was active."""
+    """Recovery mode with the intervals in which it was active."""
 
     name: str
-    """`turning about wheel 2`."""
+    """Name of the mode, such as `turning about wheel 2`."""
     spans: tuple[Span, ...]
-    """Intervals in order of time."""
+    """Intervals of the mode in order of time."""
     consequence: str
-    """Degrees of freedom that are not controlled in this mode."""
+    """Degrees of freedom left uncontrolled in this mode."""
 
     @property
     def duration(self) -> float:
@@ -288,7 +288,7 @@ class RecoveryPeriod:
 
     @property
     def when(self) -> str:
-        """Interval as `0.85 – 4.5 s`; for several, their number and total duration too."""
+        """Interval as `0.85 – 4.5 s`, or for several also their number and total duration."""
         first, last = self.spans[0].start, self.spans[-1].end
         words = f"{first:.3g} – {last:.3g} s"
         if len(self.spans) == 1:
@@ -315,7 +315,7 @@ def recovery_periods(trace: Trace, metrics: Mapping[str, Any]) -> list[RecoveryP
 
 
 def _pivot_wheel(trace: Trace, metrics: Mapping[str, Any], span: Span) -> int | None:
-    """Return the wheel that the robot turns about: the slowest of those diagnosed as faulty."""
+    """Return the wheel about which the robot turns, the slowest of those diagnosed as faulty."""
     rows = (trace["time"] >= span.start) & (trace["time"] <= span.end)
     broken = {
         int(wheel)
@@ -382,7 +382,7 @@ def describe_undiagnosed(run: RunDiagnosis) -> str:
 
 
 def describe_unjudged(run: RunDiagnosis) -> str:
-    """Describe for how long no diagnosis was possible; empty if it always was."""
+    """Describe the total time without a possible diagnosis; empty if there was none."""
     if run.cannot_judge <= 0.0:
         return ""
     return f"cannot judge {run.cannot_judge:.1f} of {run.judged:.1f} s"

@@ -1,4 +1,4 @@
-"""Figures on the naming of effects: candidates, decoys, refitted parameters, free curves."""
+"""Plots of the search for missing effects: candidates, decoys, refitted parameters, free curves."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from omnimj.view.plots.drawing import new_figure, value_axis
 from omnimj.view.plots.mismatch import AFTER, BEATEN, RIVAL, legend_above, reference_line, row_figure
 
 _ROWS, _BINS = 12, 50
-_VERDICT_STYLES = {  # verdict → colour, mark, whether it is filled
+_VERDICT_STYLES = {  # verdict → colour, marker, filled or not
     "named": (AFTER, "o", True),
     "rival": (RIVAL, "D", True),
     "beaten": (BEATEN, "s", True),
@@ -52,7 +52,7 @@ def candidate_gains(stage: Stage) -> Figure:
 
 
 def decoy_gains(stage: Stage) -> Figure:
-    """Plot the gains of random curves of the same flexibility beside that of the best candidate."""
+    """Plot the gains of decoys (random curves of equal flexibility) beside that of the best candidate."""
     figure, (ax,) = new_figure(2.6)
     known = stage.decoys[np.isfinite(stage.decoys)]
     best = next((c for c in stage.candidates if c.gain is not None), None)
@@ -78,7 +78,7 @@ def decoy_gains(stage: Stage) -> Figure:
 
 
 def _bins(known: Array, stage: Stage, best: CandidateResult | None) -> list[float]:
-    """Return the edges of bins wide enough to be visible beside a distant candidate."""
+    """Return the edges of bins over the decoys, wide enough to be visible beside a distant candidate."""
     ends = [float(known.min()), float(known.max()), stage.margin]
     if best is not None and best.gain is not None:
         ends.append(best.gain.value)
@@ -95,7 +95,7 @@ def _percent_axis(ax: Axes) -> None:
 
 
 def refitted_parameters(refitted: tuple[Refitted, ...]) -> Figure:
-    """Plot refitted parameters in the boxes of their stated uncertainty: ±1 is an edge, 0 is nominal."""
+    """Plot refitted parameters relative to their stated uncertainty: 0 is nominal, ±1 the limits."""
     figure, ax = row_figure([parameter.name for parameter in refitted])
     for row, parameter in enumerate(refitted):
         half = 0.5 * (parameter.high - parameter.low) or 1.0

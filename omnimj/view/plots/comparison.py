@@ -19,7 +19,7 @@ _DEGREES = 180.0 / np.pi
 
 def _style(method: str) -> dict[str, Any]:
     color, dashes, width = palette.METHODS.get(method, (palette.INK, "-", 1.3))
-    order = 3.0 - 0.1 * width  # the wide ones below
+    order = 3.0 - 0.1 * width  # wide lines below narrow ones
     return {"color": color, "linestyle": dashes, "linewidth": width, "label": method, "zorder": order}
 
 
@@ -62,7 +62,7 @@ def paths(traces: Mapping[str, Trace], patches: Sequence[Any]) -> Figure:
 
     Args:
       traces: Traces of a robot with its position, by method.
-      patches: Stretches of other floor.
+      patches: Patches of other floors.
     """
     figure, (ax,) = new_figure(TALL)
     for patch in patches:

@@ -32,18 +32,18 @@ from omnimj.view.wording import Span, mode_name, recovery_spans
 
 Array = NDArray[np.float64]
 _LOG_SCALE_BEYOND = (
-    15.0  # a residual that grows so many times beyond its threshold would hide it on a linear axis
+    15.0  # × threshold: beyond this, a residual on a linear axis would hide its threshold from the reader
 )
-_LANE, _BAR, _AROUND = 0.27, 0.22, 0.95  # inches: of a lane at least, of its bar at most, of all the rest
-_SEEN = 400  # changes of mode that can be told apart
-_WIDE = 0.018  # share of the run per letter of a label inside its bar
+_LANE, _BAR, _AROUND = 0.27, 0.22, 0.95  # [inches] least lane, largest bar, all other heights
+_SEEN = 400  # most changes of mode that can be distinguished
+_WIDE = 0.018  # share of the duration needed per letter of a label inside its bar
 
 
 def residual_family(trace: Trace, family: Family, spans: Sequence[Span]) -> Figure:
-    """Plot one family of residuals with its thresholds; wheels in their colours.
+    """Plot one family of residuals with its thresholds, wheels in their colours.
 
-    Residuals far beyond their thresholds are on an axis that is logarithmic above them, so that both can be
-    read.
+    For residuals far beyond their thresholds, the axis is logarithmic above the thresholds, so that both are
+    readable.
     """
     figure, (ax,) = new_figure(MIDDLE)
     time = trace["time"]
@@ -73,7 +73,7 @@ def _narrow_legend(ax: Axes) -> None:
 
 
 def _thresholds(ax: Axes, trace: Trace, family: Family) -> None:
-    """Draw thresholds; equal ones are one line with one legend entry."""
+    """Draw the thresholds; equal ones share a line and a legend entry."""
     time, drawn, named = trace["time"], [], False
     for residual in family.residuals:
         if residual.threshold is None:
@@ -124,7 +124,7 @@ def effectiveness(trace: Trace, wheels: int, spans: Sequence[Span]) -> Figure:
 def state_lanes(
     trace: Trace, truth: Sequence[Span], diagnosed: Sequence[Span], method: str, is_rig: bool
 ) -> Figure:
-    """Plot true faults, below them diagnoses, a strip per wheel, and the mode at the bottom."""
+    """Plot strips over time: true faults, below them diagnoses per wheel, and the mode at the bottom."""
     true, found = _lanes(truth), _lanes(diagnosed)
     rows = [("true", lane) for lane in true or [()]] + [("diagnosed", lane) for lane in found or [()]]
     rows += [("active", lane) for lane in _lanes(recovery_spans(trace))]
@@ -151,7 +151,7 @@ def state_lanes(
 
 
 def _lanes(spans: Sequence[Span]) -> list[Sequence[Span]]:
-    """Assign the spans of each wheel or the robot to a lane, overlapping states to lanes of their own."""
+    """Assign the spans to lanes by wheel or robot, overlapping states to separate lanes."""
     lanes: list[Sequence[Span]] = []
     for name in sorted({span.lane for span in spans}):
         own = sorted((span for span in spans if span.lane == name), key=lambda span: span.start)
@@ -164,10 +164,10 @@ def _lanes(spans: Sequence[Span]) -> list[Sequence[Span]]:
 
 def _strip(ax: Axes, row: int, spans: Sequence[Span], duration: float, thick: float) -> None:
     """Draw the bars of one lane, with a label in each bar that is long enough."""
-    free = -np.inf  # a label beside a short bar needs the room behind it
+    free = -np.inf  # a label beside a short bar needs the space after it
     for k, span in enumerate(spans):
         color, width = palette.state_color(span.state), span.end - span.start
-        # a diagnosis of a single step is still to be seen
+        # keeps a diagnosis of a single step visible
         ax.barh(row, max(width, 0.004 * duration), left=span.start, height=thick, color=color, linewidth=0)
         room, ahead = len(span.state) * _WIDE * duration, spans[k + 1].start if k + 1 < len(spans) else np.inf
         style = {"fontsize": 8, "va": "center", "color": palette.INK}
@@ -181,7 +181,7 @@ def _strip(ax: Axes, row: int, spans: Sequence[Span], duration: float, thick: fl
 
 
 def _few_changes(time: Array, mode: NDArray[np.int_]) -> tuple[Array, NDArray[np.int_]]:
-    """Thin mode changes to as many as a reader can see, keeping every short mode other than 0."""
+    """Thin mode changes to a visible number, keeping every short mode other than 0."""
     if np.count_nonzero(np.diff(mode)) <= _SEEN:
         return time, mode
     edges = np.linspace(0, len(time), _SEEN + 1).astype(int)
@@ -228,7 +228,7 @@ _UNITS = {
 
 
 def residual_columns(names: Sequence[str]) -> dict[str, list[str]]:
-    """Group residual columns by quantity: those of wheels 1 … n belong together."""
+    """Group residual columns by quantity, those of wheels 1 … n together."""
     found: dict[str, list[str]] = {}
     for name in names:
         if name.startswith(_RESIDUAL):
@@ -238,11 +238,11 @@ def residual_columns(names: Sequence[str]) -> dict[str, list[str]]:
 
 
 def recorded_residuals(trace: Trace, names: Sequence[str], spans: Sequence[Span]) -> Figure:
-    """Plot all residuals over time, one plot per family; thresholds dotted.
+    """Plot all residuals over time, one plot per family, with dotted thresholds.
 
     Args:
       trace: Signals of a run, with the method's columns.
-      names: The method's columns.
+      names: Columns of the method.
       spans: Diagnoses to shade.
     """
     own = residual_columns(names)
@@ -265,7 +265,7 @@ def recorded_residuals(trace: Trace, names: Sequence[str], spans: Sequence[Span]
 
 
 def _recorded_thresholds(ax: Axes, trace: Trace, columns: Sequence[str]) -> None:
-    """Draw the threshold of each residual, on both sides where the residual has both signs."""
+    """Draw the threshold of each residual, on both sides of zero for a signed residual."""
     known = set()
     for name in columns:
         threshold = f"threshold_{name.removeprefix(_RESIDUAL)}"
@@ -279,7 +279,7 @@ def _recorded_thresholds(ax: Axes, trace: Trace, columns: Sequence[str]) -> None
                 ax.axhline(side, label=None if known else "threshold", **style)  # pyright: ignore[reportArgumentType]
                 known.add(side)
     if known and min(known) > 0.0:
-        # residuals that stay at zero would leave an axis on which the threshold is not seen
+        # an axis scaled to residuals near zero would not include the threshold
         top = 1.15 * max(*known, *(float(np.nanmax(trace[name])) for name in columns))
         ax.set_ylim(-0.05 * top, top)
 

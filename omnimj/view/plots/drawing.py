@@ -20,10 +20,10 @@ from omnimj.view import palette
 from omnimj.view.wording import Span
 
 Array = NDArray[np.float64]
-WIDTH = 4.8  # inches: half of a desktop page, and still readable when shrunk to a phone
-SHORT, MIDDLE, TALL = 2.9, 3.3, 4.6  # inches: figures side by side have one height
+WIDTH = 4.8  # [inches] half a desktop page, and still readable when scaled to a phone
+SHORT, MIDDLE, TALL = 2.9, 3.3, 4.6  # [inches] figures side by side have equal heights
 _BINS = 420
-_AVERAGES, _WINDOW = 210, 0.05  # points of an averaged line at most; [s] longer than rollers take to pass
+_AVERAGES, _WINDOW = 210, 0.05  # most points of a mean line; window [s], longer than the passage of a roller
 _SVG_STYLE: Any = {"svg.fonttype": "none", "svg.hashsalt": "omnimj", "path.simplify": True}
 _FONTS = "DejaVu Sans, Verdana, Segoe UI, Helvetica, Arial, sans-serif"
 
@@ -31,7 +31,7 @@ _FONTS = "DejaVu Sans, Verdana, Segoe UI, Helvetica, Arial, sans-serif"
 def new_figure(
     height: float, rows: int = 1, sharex: bool = False, sharey: bool = False
 ) -> tuple[Figure, list[Axes]]:
-    """Make an empty figure of the page's width; return it with its axes, row by row."""
+    """Make an empty figure of the width of the page; return it with its axes, row by row."""
     figure = Figure(figsize=(WIDTH, height), layout="constrained")
     FigureCanvasSVG(figure)
     axes = figure.subplots(rows, 1, squeeze=False, sharex=sharex, sharey=sharey)
@@ -55,9 +55,12 @@ def envelope(time: Array, value: Array, bins: int = _BINS) -> tuple[Array, Array
     """Thin a signal to the smallest and largest sample of each bin, which keeps every peak.
 
     Args:
-      time: Shape (k,).
-      value: Shape (k,).
-      bins: Number of bins; short signals come back whole.
+      time: Times, shape (k,) [s].
+      value: Signal, shape (k,).
+      bins: Number of bins.
+
+    Returns:
+      Times and values, each shape (m,); the signal itself if it is short.
     """
     if len(time) <= 2 * bins:
         return time, value
@@ -82,7 +85,7 @@ def averaged(time: Array, value: Array) -> tuple[Array, Array, Array, Array]:
     """Average a rippling signal over `window(time)`, with the smallest and largest sample of each window.
 
     Returns:
-      Time, mean, smallest, largest, shape (bins,) each; the samples themselves where they are few.
+      Time, mean, smallest and largest value, each shape (bins,); the samples themselves if they are few.
     """
     bins = int((time[-1] - time[0]) / window(time)) if len(time) > 1 else 1
     if len(time) < 4 * bins:
@@ -99,12 +102,12 @@ def window(time: Array) -> float:
 
 
 def banded(ax: Axes, time: Array, value: Array, color: str, **style: object) -> None:
-    """Plot a rippling signal as the line of its means in a band from smallest to largest samples.
+    """Plot a rippling signal as a line of means in a band from smallest to largest sample.
 
     Args:
       ax: Axes.
-      time: Shape (k,) [s].
-      value: Shape (k,).
+      time: Times, shape (k,) [s].
+      value: Signal, shape (k,).
       color: Colour of line and band.
       **style: Style of the line.
     """
@@ -132,7 +135,7 @@ def headroom(ax: Axes, share: float = 0.16) -> None:
 
 
 def shade_faults(ax: Axes, spans: Sequence[Span], labelled: bool = True) -> None:
-    """Shade intervals in which faults hold, labelled at the top; faults of one interval share a band."""
+    """Shade intervals of active faults, labelled at the top; faults of one interval share a band."""
     for row, ((start, end), labels) in enumerate(_together(spans).items()):
         ax.axvspan(start, end, facecolor=palette.FAULT, alpha=0.16, linewidth=0, zorder=0, gid=f"fault-{row}")
         for edge in (start, end):
@@ -160,7 +163,7 @@ def _named(name: str, wheels: list[str]) -> str:
 
 
 def _name_band(ax: Axes, start: float, end: float, label: str, row: int) -> None:
-    """Write a label below the upper edge, inside the plot even for a band at its side."""
+    """Write the label of a band below the upper edge, inside the plot even for a band at its side."""
     left, right = ax.get_xlim()
     middle = 0.5 * (start + end)
     if middle > left + 0.75 * (right - left):
@@ -185,7 +188,7 @@ def _name_band(ax: Axes, start: float, end: float, label: str, row: int) -> None
 
 
 def legend(ax: Axes, columns: int = 4) -> None:
-    """Add a legend above the plot, where it hides nothing."""
+    """Add a legend above the plot, where it covers no data."""
     ax.legend(
         loc="lower left",
         bbox_to_anchor=(0.0, 1.0),
@@ -203,7 +206,7 @@ def finish(axes: Sequence[Axes], time: Array, spans: Sequence[Span]) -> None:
 
     Args:
       axes: Axes from top to bottom.
-      time: Shape (k,) [s].
+      time: Times, shape (k,) [s].
       spans: Faults to shade.
     """
     for i, ax in enumerate(axes):
@@ -236,7 +239,7 @@ def svg(figure: Figure, name: str, words: str) -> str:
     text = re.sub(r'\sxmlns(:\w+)?="[^"]*"', "", text)
     text = text.replace("xlink:href", "href")
     text = _own_ids(text, name)
-    text = re.sub(r'="[^"]*"', lambda m: re.sub(r"(\d+\.\d{2})\d+", r"\1", m[0]), text)  # not in what is read
+    text = re.sub(r'="[^"]*"', lambda m: re.sub(r"(\d+\.\d{2})\d+", r"\1", m[0]), text)  # not in text
     text = re.sub(r"font:\s*([\d.]+px)\s*[^;\"]*", rf"font: \1 {_FONTS}", text)
     text = re.sub(
         r'^<svg [^>]*?viewBox="([^"]*)"[^>]*>', rf'<svg viewBox="\1" role="img" aria-label="{label}">', text

@@ -13,12 +13,12 @@ from omnimj.studies.evaluation.scoring import CaseScore, label_sort_key
 from omnimj.view import palette
 from omnimj.view.plots.drawing import MIDDLE, WIDTH, legend, new_figure, value_axis
 
-_SHORTEST, _LONGEST = 0.01, 60.0  # of the delays' axis [s]
+_SHORTEST, _LONGEST = 0.01, 60.0  # limits of the axis of delays [s]
 _DEGREES = 180.0 / np.pi
 
 
 def confusion_picture(confusion: Mapping[str, Mapping[str, int]]) -> Figure:
-    """Plot the confusion matrix: numbers of cases, shaded by their share of each truth."""
+    """Plot the confusion matrix: numbers of cases, shaded by their share of the true class."""
     rows = list(confusion)
     columns = sorted({name for row in confusion.values() for name in row} | set(rows), key=label_sort_key)
     counts = np.array([[confusion[row].get(name, 0) for name in columns] for row in rows], float)
@@ -51,7 +51,7 @@ def _square(x: float, y: float, style: Mapping):
 
 
 def delay_curves(scores: Sequence[CaseScore], in_use: bool) -> Figure:
-    """Plot the share of cases with an alarm within a time since onset or since first use, by fault class."""
+    """Plot the share of cases with an alarm over the time since onset, or since first use, by fault class."""
     figure, (ax,) = new_figure(MIDDLE)
     used = [s for s in scores if s.was_in_use]
     for k, name in enumerate(sorted({s.fault for s in used}, key=label_sort_key)):
@@ -76,7 +76,7 @@ def _curve(ax: Axes, values: Sequence[float], color: str, name: str) -> None:
 def with_and_without(
     scores: Sequence[CaseScore], of: Callable[[CaseScore], tuple[float | None, float | None]], words: str
 ) -> Figure:
-    """Plot excursions with recovery over those without, case by case; below the line recovery helps."""
+    """Plot excursions with recovery over those without, case by case; points below the line are improved."""
     figure, (ax,) = new_figure(MIDDLE)
     values: list[float] = []
     for k, name in enumerate(sorted({s.fault for s in scores}, key=label_sort_key)):

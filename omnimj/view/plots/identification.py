@@ -27,7 +27,7 @@ _MM = 1000.0
 
 
 def curve(floor: IdentifiedFloor) -> Figure:
-    """Plot F/F_N over slip: points of Eq. (4.26), steady curve with its band."""
+    """Plot F/F_N over slip velocity: points of Eq. (4.26), and the steady-state curve with its band."""
     figure, (ax,) = new_figure(MIDDLE)
     points, fitted = floor.points, floor.curve
     every = max(1, len(points.slip) // _MOST_POINTS)
@@ -60,7 +60,7 @@ def curve(floor: IdentifiedFloor) -> Figure:
 
 
 def level(floor: IdentifiedFloor) -> Figure:
-    """Plot g(V_r) over the logarithm of slip with its band, the covered range marked."""
+    """Plot g(V_r) over slip velocity (logarithmic) with its band; the range covered by data is marked."""
     figure, (ax,) = new_figure(MIDDLE)
     fitted = floor.curve
     low, high = fitted.covered

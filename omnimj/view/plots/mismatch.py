@@ -1,4 +1,4 @@
-"""Figures of the gap report on mismatch: over regimes, by run, by channel, over time and frequency."""
+"""Plots of mismatch for the gap report: over regimes, by run, by channel, over time and frequency."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from omnimj.view.plots.drawing import MIDDLE, legend, line, new_figure, time_axi
 BEFORE, AFTER, MEASURED = palette.ACCENT, palette.MEASURED, palette.INK
 RIVAL, BEATEN = palette.FAULT, "#8A939D"
 BEFORE_LINE, AFTER_LINE = (0, (5, 1.8)), "-"
-_ROW, _FRAME = 0.27, 0.95  # inches of a row with a name, and of what lies around the rows
+_ROW, _FRAME = 0.27, 0.95  # [inches] height of a row, and of everything around the rows
 
 
 def row_figure(labels: Sequence[str], strong: Sequence[bool] = (), width: int = 27) -> tuple[Figure, Axes]:
@@ -38,8 +38,8 @@ def row_figure(labels: Sequence[str], strong: Sequence[bool] = (), width: int = 
 
     Args:
       labels: Names of the rows.
-      strong: Which of them are set in bold; none when empty.
-      width: Letters of a line of a name at most.
+      strong: True for labels in bold; empty for none.
+      width: Most letters per line of a label.
     """
     wrapped = ["\n".join(textwrap.wrap(label, width)) or " " for label in labels]
     highest = max((1 + 0.55 * label.count("\n") for label in wrapped), default=1.0)
@@ -54,12 +54,12 @@ def row_figure(labels: Sequence[str], strong: Sequence[bool] = (), width: int = 
 
 
 def baseline_name(second: bool) -> str:
-    """Return the label of the given model: `before` beside a second one, `simulated` alone."""
+    """Return the label of the given model: `before` beside a second model, else `simulated`."""
     return "before" if second else "simulated"
 
 
 def dumbbells(ax: Axes, before: Sequence[float], after: Sequence[float] | None) -> None:
-    """Draw per row a ring (before) and a dot (after), joined by a line."""
+    """Draw in each row a ring (before) and a dot (after), joined by a line."""
     rows = np.arange(len(before))
     if after is not None:
         for row, (start, end) in enumerate(zip(before, after, strict=True)):
@@ -82,7 +82,7 @@ def dumbbells(ax: Axes, before: Sequence[float], after: Sequence[float] | None) 
 
 
 def noise_axis(ax: Axes, values: Sequence[float], words: str) -> None:
-    """Scale an axis in multiples of the noise, logarithmic for wide ranges, with a line at the noise."""
+    """Scale an axis in multiples of the noise, logarithmic for wide ranges, with a line at 1."""
     known = [v for v in values if np.isfinite(v) and v > 0.0]
     largest, smallest = max(known, default=1.0), min(known, default=1.0)
     if largest > 12.0 * max(min(smallest, 1.0), 0.2):
@@ -110,7 +110,7 @@ def zero_line(ax: Axes) -> None:
 
 
 def legend_above(figure: Figure, columns: int = 4) -> None:
-    """Add a legend across the top of the figure, where it hides nothing."""
+    """Add a legend across the top of the figure, where it covers no data."""
     handles, names = figure.get_axes()[0].get_legend_handles_labels()
     figure.legend(
         handles,
@@ -127,7 +127,7 @@ def legend_above(figure: Figure, columns: int = 4) -> None:
 
 
 def wrapped_label(words: str, unit: str) -> str:
-    """Wrap an axis label for a low plot into short lines, the unit in the last."""
+    """Wrap the axis label of a low plot into short lines, the unit in the last one."""
     return "\n".join([*textwrap.wrap(words, 13), f"[{unit}]"])
 
 
@@ -191,14 +191,14 @@ def _shade(ax: Axes, finding: Finding, variable: str, place: MismatchRegime, x: 
     room = 0.03 * (most - least) or 1.0
     ax.set_xlim(least - room, most + room)
     for start, end in spans_of(place, variable):
-        if start > least or end < most:  # the whole range is no place
+        if start > least or end < most:  # a regime over the whole range does not localise the gap
             left = start if start > least else least - room
             right = end if end < most else most + room
             ax.axvspan(left, right, facecolor=palette.FAULT, alpha=0.13, linewidth=0, zorder=0)
 
 
 def either_sign(place: MismatchRegime, variable: str) -> bool:
-    """Check that a regime bounds the size of a variable, described as `(either sign)`."""
+    """Check that a regime bounds the absolute value of a variable, described as `(either sign)`."""
     return place.bounds[variable][0] >= 0.0 and f"{variable_words(variable)} (either sign)" in place.regime
 
 
@@ -209,7 +209,7 @@ def spans_of(place: MismatchRegime, variable: str) -> list[tuple[float, float]]:
 
 
 def _averages(ax: Axes, x: Array, y: Array, **style: object) -> None:
-    """Plot means over bins with equally many blocks, or over each value of a variable with few values."""
+    """Plot means over bins of equally many blocks, or over each value of a variable with few values."""
     known = np.isfinite(x) & np.isfinite(y)
     x, y = x[known], y[known]
     values = np.unique(x)
@@ -223,7 +223,7 @@ def _averages(ax: Axes, x: Array, y: Array, **style: object) -> None:
 
 
 def by_run(gaps: Sequence[RunGap]) -> Figure:
-    """Plot the largest mismatches by run, over all channels in units of noise; held-out runs in bold."""
+    """Plot the largest mismatches by run over all channels, in units of the noise; held-out runs in bold."""
     shown = gaps[:_RUNS]
     labels = [f"{gap.run}{' (held out)' if gap.heldout and not gap.partly else ''}" for gap in shown]
     figure, ax = row_figure(labels, [gap.heldout and not gap.partly for gap in shown])
@@ -237,7 +237,7 @@ def by_run(gaps: Sequence[RunGap]) -> Figure:
 
 
 def shrinkage(finding: Finding) -> Figure:
-    """Plot the held-out mismatch by channel, then by regime, in units of noise, before and after."""
+    """Plot the held-out mismatch before and after, by channel and by regime, in units of the noise."""
     noise = dict(zip(finding.channels, noise_row(finding).tolist(), strict=True))
     rows = [
         (words, gap.before / noise[name], None if gap.after is None else gap.after / noise[name])
@@ -266,18 +266,18 @@ def shrinkage(finding: Finding) -> Figure:
     return figure
 
 
-_SEGMENT, _SHORTEST = 64, 8  # blocks of one periodogram at most, of a run that has one
-_NO_DETREND: Any = False  # a constant mismatch is a mismatch
+_SEGMENT, _SHORTEST = 64, 8  # most blocks of one periodogram, least blocks of a run with a spectrum
+_NO_DETREND: Any = False  # keeps a constant mismatch
 
 
 def largest_mismatch_channels(finding: Finding, windows: Sequence[Overlay], most: int = 2) -> list[int]:
-    """Return the channels with the largest mismatch before, in units of noise, in their order."""
+    """Return the sorted indices of the channels with the largest mismatch before, in units of the noise."""
     size = channel_rms(np.concatenate([w.measured - w.before for w in windows])) / noise_row(finding)
     return sorted(np.argsort(-np.nan_to_num(size), kind="stable")[:most].tolist())
 
 
 def overlay(finding: Finding, windows: Sequence[Overlay]) -> Figure:
-    """Plot one run: measured and simulated channels of largest mismatch, with their mismatch below."""
+    """Plot one run: channels of largest mismatch, measured and simulated, with the mismatch below."""
     channels, second = largest_mismatch_channels(finding, windows), has_second_model(finding)
     figure, axes = new_figure(1.0 + 1.75 * len(channels), rows=2 * len(channels), sharex=True)
     time = np.concatenate([w.time for w in windows])
@@ -316,7 +316,7 @@ def _line(ax: Axes, time: Array, values: Array, **style: object) -> None:
 
 
 def has_spectra(finding: Finding) -> bool:
-    """Check that any run is long enough for a spectrum."""
+    """Check that at least one run is long enough for a spectrum."""
     return any(len(o.time) >= _SHORTEST for o in finding.overlays)
 
 
@@ -337,7 +337,7 @@ def spectra(finding: Finding, channels: Sequence[int]) -> Figure:
             frequency, density = _density([(o.measured - getattr(o, name))[:, c] for o in runs], period)
             ax.loglog(frequency, density, color=color, linestyle=dashes, linewidth=1.6, label=label)
         noise = float(noise_row(finding)[c])
-        # white noise of a block mean has its whole variance below half the rate of the blocks
+        # white noise of block means has its variance spread over 0 … half the block rate
         style = {"color": palette.MUTED, "linewidth": 1.1, "linestyle": (0, (2, 2)), "label": "noise"}
         ax.axhline(noise * np.sqrt(2.0 * period), **style)
         _at_least_one_decade(ax)
@@ -362,7 +362,7 @@ def _density(parts: Sequence[Array], period: float) -> tuple[Array, Array]:
 
     Args:
       parts: Mismatch of each run.
-      period: Between blocks [s].
+      period: Interval between blocks [s].
 
     Returns:
       Frequencies above zero [Hz] and amplitude density [unit/√Hz].
@@ -375,7 +375,7 @@ def _density(parts: Sequence[Array], period: float) -> tuple[Array, Array]:
         whole = np.nan_to_num(part)
         if len(whole) < length:
             whole = np.pad(whole, (0, length - len(whole)))
-        scale = length / min(len(part), length)  # zeros that were added carry no power
+        scale = length / min(len(part), length)  # padded zeros carry no power
         _, power = welch(whole, 1.0 / period, nperseg=length, detrend=_NO_DETREND)
         powers.append(scale * power)
         weights.append(len(part))

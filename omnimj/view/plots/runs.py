@@ -1,4 +1,4 @@
-"""Plots of a robot's or a rig's run; each function returns one figure."""
+"""Plots of a run of robot or rig; each function returns one figure."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def deviation(trace: Trace, spans: Sequence[Span]) -> Figure:
 
 
 def _distance(ax: Axes, trace: Trace, place: Array) -> None:
-    """Plot driven − planned position at each instant: both components and the distance."""
+    """Plot driven − planned position over time: both components and the distance."""
     x, y = trace["x"] - place[:, 0], trace["y"] - place[:, 1]
     line(ax, trace["time"], np.hypot(x, y), color=palette.INK, label="distance", linewidth=1.6)
     line(ax, trace["time"], x, color=palette.MEASURED, label="in x", linestyle=(0, (6, 1.5)))
@@ -114,7 +114,7 @@ def velocity(trace: Trace, spans: Sequence[Span]) -> Figure:
 
 
 def wheel_speeds(trace: Trace, spans: Sequence[Span]) -> Figure:
-    """Plot each wheel's speed, measured and target, in small plots of one scale."""
+    """Plot measured and target speed of each wheel, in small plots of equal scale."""
     n, time = wheel_count(trace), trace["time"]
     figure, axes = new_figure(0.9 + 1.15 * n, rows=n, sharex=True, sharey=True)
     for i, ax in enumerate(axes):
@@ -154,7 +154,7 @@ def per_wheel(trace: Trace, name: str, label: str, spans: Sequence[Span], zero: 
 
 
 def currents(trace: Trace, spans: Sequence[Span]) -> Figure:
-    """Plot measured motor currents and the mean command, a plot per wheel [A]."""
+    """Plot measured motor current and mean command [A], one plot per wheel."""
     n, time = wheel_count(trace), trace["time"]
     figure, axes = new_figure(0.9 + 1.15 * n, rows=n, sharex=True, sharey=True)
     for i, ax in enumerate(axes):
@@ -170,7 +170,7 @@ def currents(trace: Trace, spans: Sequence[Span]) -> Figure:
     return figure
 
 
-_PROPORTION = 1.15  # width to height of the axes
+_PROPORTION = 1.15  # width of the axes / height
 
 
 def patch_corners(patch: Any) -> Array:
@@ -255,9 +255,9 @@ def _outline(ax: Axes, robot: Robot, trace: Trace, row: int) -> None:
 
 
 def equal_with_room(ax: Axes, points: Array) -> None:
-    """Set equal axes around points, shape (k, 2) [m], in the figure's own proportions."""
+    """Set equal scales around points, shape (k, 2) [m], in the proportions of the figure."""
     low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
-    middle, span = 0.5 * (low + high), 1.1 * (high - low) + 0.8  # the robot itself needs room
+    middle, span = 0.5 * (low + high), 1.1 * (high - low) + 0.8  # includes the size of the robot
     width = max(span[0], _PROPORTION * span[1])
     ax.set_xlim(middle[0] - width / 2, middle[0] + width / 2)
     ax.set_ylim(middle[1] - width / _PROPORTION / 2, middle[1] + width / _PROPORTION / 2)
@@ -265,7 +265,7 @@ def equal_with_room(ax: Axes, points: Array) -> None:
 
 
 def _heading_arrows(ax: Axes, trace: Trace) -> None:
-    """Draw the direction of the robot's x axis a few times along the path."""
+    """Draw arrows along the x axis of the robot at a few points of the path."""
     k = np.linspace(0, len(trace["time"]) - 1, 9).astype(int)
     heading = trace["heading"][k]
     ax.quiver(
@@ -292,7 +292,7 @@ def rig_speeds(trace: Trace, wheel_radius: float, spans: Sequence[Span]) -> Figu
 
 
 def rig_slip(trace: Trace, wheel_radius: float, spans: Sequence[Span]) -> Figure:
-    """Plot slip velocity V_r = r·φ̇ − V, true where the plant knows it, else from the two encoders [m/s]."""
+    """Plot slip velocity V_r = r·φ̇ − V, the true one if recorded, else from the two encoders [m/s]."""
     figure, (ax,) = new_figure(SHORT)
     time = trace["time"]
     measured = wheel_radius * trace["wheel_speed"] - trace["carriage_speed"]

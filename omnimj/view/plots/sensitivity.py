@@ -1,4 +1,4 @@
-"""Plots of a sensitivity study: what to measure first, and μ* and σ of each result."""
+"""Plots of a sensitivity study: parameters to measure first, and μ* and σ for each result."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from omnimj.studies.sensitivity.ranking import FactorRank, ResultSensitivity, sh
 from omnimj.view import palette
 from omnimj.view.plots.drawing import MIDDLE, WIDTH, new_figure, value_axis
 
-_MOST_ROWS, _SMALLEST = 14, 0.005  # parameters in the picture over all results, and the share of the last
+_MOST_ROWS, _SMALLEST = 14, 0.005  # most parameters in the plot over all results, and their least share
 _MOST_BARS, _LABELLED = 10, 6
-_ROW, _FRAME = 0.27, 1.75  # inches of a row, and of what stands around the rows
+_ROW, _FRAME = 0.27, 1.75  # [inches] height of a row, and of everything around the rows
 
 
 def rows_shown(ranks: Sequence[FactorRank]) -> int:
@@ -28,7 +28,7 @@ def rows_shown(ranks: Sequence[FactorRank]) -> int:
 def measure_first_picture(
     ranks: Sequence[FactorRank], studies: Sequence[ResultSensitivity], varied: Sequence[Factor]
 ) -> Figure:
-    """Plot the share of each parameter over all results (left) and in every single one (right)."""
+    """Plot the share of each parameter over all results (left) and in each result (right)."""
     shown = list(ranks[: rows_shown(ranks)])
     heard = [study for study in studies if shares(study).any()]
     figure = Figure(figsize=(2.0 * WIDTH, _FRAME + _ROW * len(shown)), layout="constrained")
@@ -75,7 +75,7 @@ def _bars(ax: Axes, places: np.ndarray, values: np.ndarray, bounds: np.ndarray) 
 
 
 def result_bars(study: ResultSensitivity, varied: Sequence[Factor]) -> Figure:
-    """Plot μ* of the first parameters with 95 % intervals, and the μ* of noise alone."""
+    """Plot μ* of the highest-ranked parameters with 95 % intervals, and the μ* of noise alone."""
     figure, (ax,) = new_figure(MIDDLE)
     shown = study.ranked[:_MOST_BARS]
     places = np.arange(len(shown))
@@ -90,7 +90,7 @@ def result_bars(study: ResultSensitivity, varied: Sequence[Factor]) -> Figure:
 
 
 def _floor(ax: Axes, study: ResultSensitivity) -> None:
-    """Draw the line below which no parameter is ranked."""
+    """Draw the smallest μ* at which a parameter is ranked."""
     if not study.floor > 0.0:
         return
     ax.axvline(study.floor, color=palette.ACCENT, linewidth=1.0, linestyle=(0, (4, 3)), zorder=4)
@@ -104,7 +104,7 @@ def _in(unit: str) -> str:
 
 
 def result_plane(study: ResultSensitivity) -> Figure:
-    """Plot σ over μ*: below the line a parameter acts linearly, above it nonlinearly or with others."""
+    """Plot σ over μ*: parameters below the line act linearly, those above nonlinearly or by interaction."""
     figure, (ax,) = new_figure(MIDDLE)
     ranked = set(study.ranked)
     for i, one in enumerate(study.measures):

@@ -1,4 +1,4 @@
-"""Plots of a tuning: search, cost around the result, speed against robustness."""
+"""Plots of a gain tuning: search, cost around the result, speed against robustness."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _DOTS = {"linestyle": "none", "marker": "o", "markersize": 3.4, "markeredgewidth
 
 
 def convergence(result: TuningResult) -> Figure:
-    """Plot the cost of every candidate that violates no limit, and the best so far."""
+    """Plot the cost of every candidate within all limits, and the best so far."""
     figure, (ax,) = new_figure(MIDDLE)
     cost = [_cost(one) for one in result.tried]
     number = np.arange(len(cost))
@@ -43,7 +43,7 @@ def _cost(one: ScoredCandidate) -> float:
 
 
 def landscape_picture(found: Landscape) -> Figure:
-    """Plot the cost of every driven point without interpolation; violations of a limit are crossed out."""
+    """Plot the cost at every evaluated point, not interpolated; violations of a limit are crossed out."""
     figure, (ax,) = new_figure(TALL)
     cost = np.array([[score.cost for score in row] for row in found.scores])
     broken = np.array([[score.violation > 0.0 for score in row] for row in found.scores])
@@ -78,7 +78,7 @@ def landscape_picture(found: Landscape) -> Figure:
     return figure
 
 
-_NARROWEST = 1e-4  # of a cell, on the logarithmic axis
+_NARROWEST = 1e-4  # least width of a cell on the logarithmic axis
 
 
 def _edges(values: Sequence[float]) -> np.ndarray:
@@ -123,15 +123,19 @@ def pareto(result: TuningResult) -> Figure:
 
 
 def speed_and_robustness(one: ScoredCandidate) -> tuple[float, float]:
-    """Return the terms of tracking and detection (small is fast) and the least phase margin [°]."""
+    """Return the cost terms of tracking and detection (small: fast) and the least phase margin [°]."""
     return one.score.group(TRACKING, DETECTION), one.score.loops.phase
 
 
 def front_of(points: np.ndarray) -> np.ndarray:
-    """Return the Pareto-optimal rows, shape (k, 2), by rising robustness; small speed terms are good."""
+    """Return the indices of the Pareto-optimal points, shape (m,), by increasing robustness.
+
+    Args:
+      points: Speed term (small: fast) and robustness of each candidate, shape (n, 2).
+    """
     order = np.lexsort((points[:, 0], -points[:, 1]))
     front, best = [], np.inf
-    for k in order:  # from the most robust one down, each must be faster than all before
+    for k in order:  # from the most robust down, each must be faster than all before it
         if points[k, 0] < best:
             front.append(int(k))
             best = points[k, 0]

@@ -1,4 +1,4 @@
-"""`report.html` of a diagnosis of recorded runs: a table of all runs, then each run with its residuals."""
+"""`report.html` of a diagnosis of recorded runs: table of all runs, then each run with its residuals."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from omnimj.view.wording import (
 )
 
 MOST_FIGURES = 40
-"""Number of runs with plots, so that a browser can open the page."""
+"""Largest number of runs with plots, which keeps the page small enough for a browser."""
 
 
 @dataclass(frozen=True)
 class RunSection:
-    """The part of the page about one run."""
+    """Part of the page about one run."""
 
     name: str
     lines: list[str]
@@ -41,7 +41,7 @@ def run_section(run: RunDiagnosis, method_names: Sequence[str], drawn: bool = Tr
     Args:
       run: Diagnosis of the run, with its trace.
       method_names: Columns of the method's log.
-      drawn: Whether to draw plots.
+      drawn: True to draw plots.
     """
     lines, found = [f"{describe_undiagnosed(run).capitalize()}."], None
     if run.diagnoses:
@@ -86,10 +86,10 @@ def write_diagnosis_report(
     Args:
       path: HTML file to write.
       config: Configuration of the diagnosis.
-      runs: Finished runs; their traces are not needed.
+      runs: Diagnoses of the finished runs; traces are not needed.
       sections: Results of `run_section`.
       command: Command line that repeats the diagnosis.
-      interrupted: Whether runs are missing.
+      interrupted: True if runs are missing because of Ctrl-C.
     """
     name = config.dataset.path.resolve().name
     write_page(

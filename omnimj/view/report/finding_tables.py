@@ -1,4 +1,4 @@
-"""The tables of the gap report; every number in them is in `gap.json`."""
+"""Tables of the gap report; all their numbers are also in `gap.json`."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _UNITS = {
 
 
 def mismatch_locations(finding: Finding) -> Table:
-    """List share, channel, regime in words and as bounds, RMS before and after."""
+    """List regimes of mismatch: share, channel, regime in words and as bounds, RMS before and after."""
     second = any(place.after is not None for place in finding.where)
     rows = []
     for k, place in enumerate(finding.where, start=1):
@@ -54,10 +54,10 @@ def mismatch_locations(finding: Finding) -> Table:
 
 
 def format_bounds(name: str, low: float, high: float, unit: str, is_size: bool = False) -> str:
-    """Format an interval as `0.25 ≤ position < 0.35 m`; an open side is left out."""
+    """Format an interval as `0.25 ≤ position < 0.35 m`; an open side is omitted."""
     variable = f"|{variable_words(name)}|" if is_size else variable_words(name)
     if is_size and low < 1e-6 * high:
-        low = -math.inf  # no size lies below
+        low = -math.inf  # zero is no bound of an absolute value
     below, above = low == -math.inf, high == math.inf
     if below and above:
         return f"any {variable}"
@@ -84,7 +84,7 @@ def worst_runs(finding: Finding, gaps: Sequence[RunGap]) -> Table:
 
 
 def held_out_suffix(gap: RunGap) -> str:
-    """Return the mark behind the name of a run that was held out, or partly held out."""
+    """Return the suffix of the name of a run that was held out, wholly or in part."""
     if gap.partly:
         return " · held out in part"
     return " · held out" if gap.heldout else ""
@@ -97,7 +97,7 @@ def format_conditions(values: Mapping[str, float | str]) -> str:
 
 
 def format_setting(name: str, value: object) -> str:
-    """Format a setting of a run: a number with the unit implied by its name, or a word."""
+    """Format a setting of a run: a number with the unit known from its name, or a word."""
     if isinstance(value, bool) or not isinstance(value, float | int):
         return str(value).replace("_", " ")
     return format_amount(value, _UNITS.get(name, ""), 5)
@@ -117,7 +117,7 @@ def fitted_parameters(effect: NamedEffect) -> Table:
 
 
 def digits_for_interval(value: Interval) -> int:
-    """Return the digits that resolve an interval to two figures, between 3 and 7."""
+    """Return the number of digits, 3 to 7, that resolves the width of an interval to two digits."""
     if value.low is None or value.high is None or not value.low < value.high:
         return 3
     size = max(abs(value.value), abs(value.low), abs(value.high))
@@ -134,7 +134,7 @@ def format_interval(value: Interval) -> str:
 
 
 def refitted_parameters(finding: Finding) -> Table:
-    """List the parameters that the model declares as uncertain."""
+    """List the refitted parameters, which the model declares as uncertain."""
     rows = [
         (
             p.name,
@@ -148,7 +148,7 @@ def refitted_parameters(finding: Finding) -> Table:
 
 
 def channel_mismatches(finding: Finding) -> Table:
-    """List RMS of every channel on held-out and training runs, before and after, floor and noise."""
+    """List RMS mismatch by channel on held-out and training runs, before and after, with floor and noise."""
     second = has_second_model(finding)
     rows = []
     for name, (unit, words) in finding.channels.items():
@@ -164,7 +164,7 @@ def channel_mismatches(finding: Finding) -> Table:
 
 
 def candidate_gains(stage: Stage) -> Table:
-    """List all candidates of one round: upper limit from screening, held-out gain, verdict."""
+    """List all candidate effects of one round: upper limit from screening, held-out gain, verdict."""
     rows = [
         (
             f"{c.label}{' · sensor' if c.is_sensor else ''}",
@@ -186,7 +186,7 @@ def format_percent_interval(gain: Interval) -> str:
 
 
 def rival_separation(distances: object) -> Table | None:
-    """List the distances between the rivals' predictions for the next run, in multiples of the noise."""
+    """List distances between predictions of rival effects for the next run, in multiples of the noise."""
     if isinstance(distances, float | int):
         distances = {"the rivals": distances}
     if not isinstance(distances, Mapping) or not distances:

@@ -1,4 +1,4 @@
-"""`report.html` of the gap workflow: missing effects, where, how sure, how much smaller, next step."""
+"""`report.html` of the gap workflow: missing effects, location, certainty, reduction, next step."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from omnimj.view.report import finding_tables as tables
 from omnimj.view.report.page import Figure, Table, number, plot, table, write_page
 
 _SPECTRA = 3
-_NEGLIGIBLE = 0.01  # share of the mismatch below which a free curve is not drawn
+_NEGLIGIBLE = 0.01  # share of the mismatch below which no free curve is plotted
 _VERDICT_CLASSES = {"named": "good", "ambiguous": "ambiguous", "unexplained": "bad", "no_gap": "good"}
 _SIGNS = {"named": "✓", "ambiguous": "?", "unexplained": "✗", "no_gap": "✓"}
 _COMMANDS = {
@@ -95,7 +95,7 @@ def write_gap_report(
 
 
 def _verdict(finding: Finding) -> tuple[str, str]:
-    """Return CSS class and words of the verdict."""
+    """Return CSS class and text of the verdict."""
     words = f"{_SIGNS[finding.verdict]} {sentences.headline(finding)}"
     if finding.failure:
         return "plain", f"Not finished. So far: {words}"
@@ -103,7 +103,7 @@ def _verdict(finding: Finding) -> tuple[str, str]:
 
 
 def _tiles(finding: Finding) -> list[tuple[str, str, str]]:
-    """Return name, value and comment of the most important numbers."""
+    """Return name, value and comment of each key figure."""
     tiles = []
     channel = sentences.main_channel(finding)
     if channel is not None:
@@ -163,7 +163,7 @@ def _regime_figure(finding: Finding, k: int, variable: str, place: MismatchRegim
 
 
 def _free_curves(finding: Finding) -> tuple[Figure, Table] | None:
-    """Plot the explanatory power of free curves; None where it is negligible."""
+    """Plot the explanatory power of free curves; None if negligible."""
     if not finding.flexible or max(finding.flexible.values()) < _NEGLIGIBLE:
         return None
     caption = (
@@ -208,7 +208,7 @@ def _round_caption(finding: Finding, k: int) -> str:
 
 
 def _leader(stage: Stage) -> CandidateResult | None:
-    """Return the first candidate that was fitted on held-out runs."""
+    """Return the first candidate with a held-out gain; None without any."""
     return next((c for c in stage.candidates if c.gain is not None), None)
 
 
@@ -221,7 +221,7 @@ def _refitted_figures(finding: Finding) -> list[Figure]:
 
 
 def _certainty(finding: Finding) -> list[str]:
-    """Return sentences on gain, margin, chance, rivals and the information in the data."""
+    """Return sentences on gain, margin, chance, rivals and information in the data."""
     lines = []
     margin = finding.stages[0].margin if finding.stages else None
     for effect in finding.effects:
@@ -272,7 +272,7 @@ def _decoy_figures(finding: Finding) -> list[Figure]:
 
 
 def _size_figures(finding: Finding) -> list[Figure]:
-    """Plot the mismatch channel by channel, of two runs, and over frequency."""
+    """Plot the mismatch by channel, of two runs over time, and over frequency."""
     figures = []
     if finding.heldout:
         caption = "Held-out runs: every channel in bold, then the regimes of the gap by their numbers above."

@@ -20,32 +20,32 @@ import omnimj
 from omnimj.view.plots.drawing import svg
 
 _MEDIA_TYPES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".svg": "image/svg+xml"}
-_MANY, _SENTENCE = 4, 40  # columns, and letters of a cell, from which rows are stacked on a phone
-_WIDE = 5  # columns from which rows are stacked for any content
+_MANY, _SENTENCE = 4, 40  # columns, and letters in a cell, from which rows are stacked on a phone
+_WIDE = 5  # columns from which rows are always stacked on a phone
 
 
 @dataclass(frozen=True)
 class Cell:
-    """A cell of a table."""
+    """Cell of a table."""
 
     text: object
     kind: str = ""
-    """CSS classes, e.g. `number`."""
+    """CSS classes, such as `number`."""
     title: str = ""
-    """Bold text above."""
+    """Bold text above the text."""
     note: str = ""
-    """Small text below."""
+    """Small text below the text."""
     bar: int | None = None
-    """Length of a bar below [%]."""
+    """Length of a bar below the text [%]; None for no bar."""
 
 
 def number(text: object, note: str = "") -> Cell:
-    """Make a cell of a number, which is not broken into lines."""
+    """Make a cell for a number, which is kept on one line."""
     return Cell(text, "number", note=note)
 
 
 def check_state(ok: bool, judged: bool = True) -> Cell:
-    """Make a cell for the result of a check: a sign and a word, not colour alone."""
+    """Make a cell for the result of a check: a sign and a word, readable without colour."""
     if not judged:
         return Cell("– not judged", "state")
     return Cell("✓ ok", "state good") if ok else Cell("✗ failed", "state bad")
@@ -53,14 +53,14 @@ def check_state(ok: bool, judged: bool = True) -> Cell:
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of cells below column headings."""
+    """Table of an HTML page: rows of cells below column headings."""
 
     rows: Sequence[Sequence[Cell]]
     head: Sequence[str] = ()
     kind: str = ""
     """CSS class; `stacked` turns each row into a list on a narrow page."""
     row_headings: bool = False
-    """Whether the first cell of each row is its heading."""
+    """True if the first cell of each row is its heading."""
 
 
 def table(
@@ -69,13 +69,13 @@ def table(
     kind: str = "",
     row_headings: bool = False,
 ) -> Table:
-    """Make a table, stacked on a narrow page where it has many columns or sentences in its cells.
+    """Make a table; one with many columns or long texts is stacked on a narrow page.
 
     Args:
-      rows: Cells, or texts.
-      head: Column headings; without them the first cell of each row is its heading.
+      rows: Cells or texts, row by row.
+      head: Column headings; if empty, the first cell of each row is its heading.
       kind: CSS class other than `stacked`.
-      row_headings: Whether the first cell of each row is its heading in a table with column headings too.
+      row_headings: True if the first cell of each row is its heading in addition to column headings.
     """
     cells = [[one if isinstance(one, Cell) else Cell(one) for one in row] for row in rows]
     has_sentence = any(len(f"{c.title}{c.text}{c.note}") > _SENTENCE for row in cells for c in row)
@@ -86,13 +86,13 @@ def table(
 
 @dataclass(frozen=True)
 class Figure:
-    """A plot or picture with heading and caption."""
+    """Plot or picture with heading and caption."""
 
     content: Markup
     heading: str
     caption: str
     kind: str = ""
-    """`picture`, `broad` for a plot as wide as the page, or empty."""
+    """CSS class: `picture`, `broad` for a plot as wide as the page, or empty."""
 
 
 def plot(drawing: Drawing, name: str, heading: str, caption: str, kind: str = "", label: str = "") -> Figure:
@@ -100,11 +100,11 @@ def plot(drawing: Drawing, name: str, heading: str, caption: str, kind: str = ""
 
     Args:
       drawing: The figure.
-      name: Prefix of its ids, unique within the page.
+      name: Prefix of the ids, unique within the page.
       heading: Heading above the plot.
-      caption: How to read it.
+      caption: Explanation below the plot.
       kind: As in `Figure`.
-      label: Description for screen readers; the heading by default.
+      label: Description for screen readers; if empty, the heading.
     """
     return Figure(Markup(svg(drawing, name, label or heading)), heading, caption, kind)
 
@@ -117,13 +117,13 @@ def picture(file: Path, label: str, heading: str, caption: str) -> Figure:
 
 
 def command_line(command: str) -> Markup:
-    """Format a command line for copying, with breaks between words but not inside `--option`."""
+    """Format a command line for copying, with line breaks between words but not inside `--option`."""
     words = re.sub(r"(?<!\S)--?[\w-]+", r"<span class='option'>\g<0></span>", str(escape(command)))
     return Markup(f"<pre><code>{words}</code></pre>")
 
 
 def write_page(path: Path, template: str, title: str, **content: Any) -> None:
-    """Render a report.
+    """Render a report from a template.
 
     Args:
       path: HTML file to write.

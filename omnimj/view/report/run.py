@@ -23,7 +23,7 @@ from omnimj.view.report.page import Figure, Table, check_state, number, plot, ta
 from omnimj.view.report.run_diagnosis import diagnosis_section
 from omnimj.view.wording import ScenarioLike, Span, describe_layout, recovery_periods
 
-_MOVES = 0.01  # [m/s] of a gantry that is not at rest
+_MOVES = 0.01  # [m/s] above which the gantry counts as moving
 
 
 def write_report(
@@ -41,9 +41,9 @@ def write_report(
       trace: Signals of the run.
       scenario: Scenario of the run.
       metrics: Content of `metrics.json`.
-      picture: Rendered picture of the machine; None for a run without poses.
-      others: Traces of the same scenario with other methods, by method; `metrics["compared"]` has their
-        metrics.
+      picture: Picture of the machine; None for a run without poses.
+      others: Traces of the same scenario with other methods, by method; their metrics are in
+        `metrics["compared"]`.
     """
     spans = wording.fault_spans(metrics, float(trace["time"][-1]))
     is_diagnosed = wording.is_diagnosed(metrics)
@@ -74,7 +74,7 @@ def write_report(
 
 
 def _verdict(metrics: Mapping[str, Any]) -> tuple[str, str]:
-    """Return CSS class and words of the verdict over all checks."""
+    """Return CSS class and text of the verdict over all checks."""
     checks = metrics.get("checks") or ()
     unjudged = sum(not check.get("judged", True) for check in checks)
     failed = sum(not check["ok"] for check in checks) - unjudged
@@ -92,7 +92,7 @@ def _verdict(metrics: Mapping[str, Any]) -> tuple[str, str]:
 
 
 def _ended_early(metrics: Mapping[str, Any]) -> str:
-    """Return the reason why the run ended early; empty for a complete run."""
+    """Return the reason for an early end of the run; empty for a complete run."""
     if not metrics.get("interrupted"):
         return ""
     return metrics.get("failure") or f"interrupted at {wording.number(metrics.get('duration'))} s"
@@ -125,7 +125,7 @@ def _setup(scenario: ScenarioLike, metrics: Mapping[str, Any]) -> Table:
 
 
 def _layout(constants: Robot | Rig) -> list[tuple[str, str]]:
-    """Return the number of wheels and which of them are indispensable; nothing for the rig."""
+    """Return rows on the number of wheels and the indispensable ones; empty for the rig."""
     if isinstance(constants, Rig):
         return []
     limits = describe_layout(constants)
@@ -183,7 +183,7 @@ def _faults(metrics: Mapping[str, Any]) -> Table | None:
 
 
 def _comparison(scenario: ScenarioLike, metrics: Mapping[str, Any]) -> Table | None:
-    """Return the results of all methods side by side; None for a run with one method."""
+    """Tabulate the results of all methods side by side; None for a run with one method."""
     if not metrics.get("compared"):
         return None
     found = compare(scenario.metric_units, metrics)
@@ -198,7 +198,7 @@ def _comparison_figures(
     metrics: Mapping[str, Any],
     spans: Sequence[Span],
 ) -> list[Figure]:
-    """Overlay the runs of all methods; the rig's currents are given, so no method changes its motion."""
+    """Overlay the runs of all methods; none for the rig, whose prescribed currents no method changes."""
     if not metrics.get("compared") or isinstance(scenario.constants, Rig):
         return []
     method = str(metrics["method"])
@@ -219,7 +219,7 @@ def _comparison_figures(
 def _figures(
     constants: Robot | Rig, trace: Trace, patches: Sequence[Any], spans: Sequence[Span]
 ) -> list[Figure]:
-    """Plot the signals of a run, by kind of machine."""
+    """Plot the signals of a run, depending on the machine."""
     raise TypeError(constants)
 
 
@@ -252,11 +252,11 @@ _TRUE_SIGNALS = (
         "It ripples as one roller after another takes the load.",
     ),
 )
-"""Column, heading, axis and caption of signals that only a simulation knows."""
+"""Column, heading, axis label and caption of signals known only in simulation."""
 
 
 def _truth_figures(trace: Trace, spans: Sequence[Span]) -> list[Figure]:
-    """Plot the signals that only a simulation knows."""
+    """Plot the signals known only in simulation."""
     averaged = f"Lines: means over {1000 * window(trace['time']):.0f} ms; bands: smallest and largest."
     figures = []
     for column, heading, label, words in _TRUE_SIGNALS:

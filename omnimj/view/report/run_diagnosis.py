@@ -1,4 +1,4 @@
-"""The part of a run's report about diagnosis: truth beside diagnosis, and the plots behind it."""
+"""Diagnosis section of the report of a run: true faults beside diagnoses, and supporting plots."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _UNKNOWN = "The true faults of a robot on a link are unknown; the table lists th
 
 @dataclass(frozen=True)
 class DiagnosisSection:
-    """Content of the section."""
+    """Content of the diagnosis section."""
 
     verdict: str
     table: Table | None
@@ -32,13 +32,13 @@ class DiagnosisSection:
 def diagnosis_section(
     trace: Trace, scenario: ScenarioLike, metrics: Mapping[str, Any], spans: Sequence[Span]
 ) -> DiagnosisSection:
-    """Set the true faults of a diagnosed run beside its diagnoses.
+    """Compare the true faults of a run with its diagnoses.
 
     Args:
       trace: Signals of the run.
       scenario: Scenario of the run.
       metrics: Content of `metrics.json`.
-      spans: Intervals in which faults hold.
+      spans: Intervals of the true faults.
     """
     wheels = scenario.constants.wheel_count
     matching = match_diagnoses(metrics.get("faults") or (), metrics.get("diagnoses") or (), wheels)
@@ -94,7 +94,7 @@ def _cell(head: str, text: str) -> Cell:
 
 
 def _row(match: FaultMatch, k: int, group: DiagnosisGroup | None) -> tuple[str, ...]:
-    """Return a fault beside the k-th group of its diagnoses; only the first row describes the fault."""
+    """Return a table row: a fault and the k-th group of its diagnoses; only row 0 describes the fault."""
     fault, end = match.fault, match.fault.get("end")
     truth, held = "as above", ""
     if k == 0:

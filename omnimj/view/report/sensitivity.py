@@ -1,4 +1,4 @@
-"""`report.html` of a sensitivity study, its picture and its text."""
+"""Files of a sensitivity study: `report.html`, picture and text."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ _FEWEST_BARS = 2
 
 
 def write_sensitivity_files(folder: Path, result: SensitivityResult) -> None:
-    """Write report, picture and text, each completely or not at all.
+    """Write report, picture and text, each in full or not at all.
 
     Args:
       folder: Folder of the study.
-      result: Result of the study; there is a picture only where something is ranked.
+      result: Result of the study; without ranked parameters there is no picture.
     """
     tables = [one for one in (measure_first_table(result), results_table(result)) if one.rows]
     lines = [measure_first_sentence(result), *summary_sentences(result)]
@@ -89,7 +89,7 @@ def _overview(result: SensitivityResult) -> Figure:
 
 
 def _figures(study: ResultSensitivity, result: SensitivityResult) -> list[Figure]:
-    """Plot bars and plane of one result; nothing where too few numbers are ranked."""
+    """Plot bars and μ*–σ plane of one result; none if too few parameters are ranked."""
     if len(study.ranked) < _FEWEST_BARS:
         return []
     bars, plane = result_bars(study, result.factors), result_plane(study)

@@ -1,4 +1,4 @@
-"""`report.html` of a tuning: gains, their performance on the judging seeds, and the search."""
+"""`report.html` of a gain tuning: gains, their performance on the judging seeds, and the search."""
 
 from __future__ import annotations
 

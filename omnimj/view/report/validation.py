@@ -18,7 +18,7 @@ def write_validation_report(path: Path, found: Validation, command: str = "") ->
 
     Args:
       path: HTML file to write.
-      found: Errors by condition, and runs.
+      found: Errors by condition, and replayed runs.
       command: Command line that repeats the validation.
     """
     straight = [cell for cell in found.cells if not cell.lateral_speed]
@@ -42,7 +42,7 @@ def write_validation_report(path: Path, found: Validation, command: str = "") ->
 
 
 def _straight(cells: Sequence[Condition], plants: Sequence[str]) -> Table:
-    """Arrange errors by mass and floor (rows) and current (columns)."""
+    """Tabulate errors of straight runs by mass and floor (rows) and current (columns)."""
     currents = sorted({cell.current for cell in cells})
     by_row: dict[tuple[float, str], dict[float, Condition]] = {}
     for cell in cells:
@@ -55,7 +55,7 @@ def _straight(cells: Sequence[Condition], plants: Sequence[str]) -> Table:
 
 
 def _lateral(cells: Sequence[Condition], plants: Sequence[str]) -> list[tuple[str, Table]]:
-    """Arrange errors by lateral speed (rows) and current (columns), a table for each floor and mass."""
+    """Tabulate errors of lateral runs by lateral speed (rows) and current (columns), per floor and mass."""
     tables = []
     for floor, mass in dict.fromkeys((cell.floor, cell.mass) for cell in cells):
         own = [cell for cell in cells if (cell.floor, cell.mass) == (floor, mass)]

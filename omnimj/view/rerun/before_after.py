@@ -1,4 +1,4 @@
-"""`before_after.rrd`: both simulations beside the measured motion, with a timeline for every run."""
+"""`before_after.rrd`: simulations before and after beside the measured motion, a timeline per run."""
 
 from __future__ import annotations
 
@@ -29,45 +29,45 @@ from omnimj.view.rerun import dead_reckoning
 from omnimj.view.rerun.dead_reckoning import Motion
 from omnimj.view.rerun.scene import Machine, log_floor, time_column
 
-_GREY = "#A7AFB8"  # stands out from the viewer's dark plots and from its light floor
+_GREY = "#A7AFB8"  # visible on dark plots and on the light floor
 COLORS: Mapping[str, str] = {"before": BEFORE, "measured": _GREY, "after": AFTER}
 _RUNS = 6
-_LIGHTER = 0.55  # names stand on dark plates
+_LIGHTER = 0.55  # for names on dark plates
 _SIDES: Mapping[str, float] = {"before": 1.0, "measured": 0.0, "after": -1.0}
 
 
 @dataclass(frozen=True)
 class Scene:
-    """The machines of one kind of plant: appearance, motion and camera."""
+    """Machines of one kind of plant: appearance, motion and camera."""
 
     spacing: float
     """Lateral distance between the machines [m]."""
     label: tuple[float, float, float]
-    """Position of a machine's name in the frame of `named` [m]."""
+    """Position of the machine's name in the frame of the body `named` [m]."""
     eye: rrb.EyeControls3D
     log: Callable[[str, Motion, str], None]
-    """Log the motion of one machine on a timeline."""
+    """Function that logs the motion of one machine on a timeline."""
     motion: Callable[[Sequence[Overlay]], Motion]
     floor: Array
-    """Points that the floor must extend under, shape (k, 2) [m]."""
+    """Points that the floor must cover, shape (k, 2) [m]."""
     named: str = ""
     """Body that carries the name; empty for the machine's base."""
 
 
 def shown_runs(finding: Finding) -> dict[str, list[Overlay]]:
-    """Return the held-out runs with the largest mismatch, the worst first; else training runs."""
+    """Return the held-out runs with the largest mismatch, worst first; training runs if none is held out."""
     windows, gaps = overlays_by_run(finding), run_gaps(finding)
     chosen = [gap.run for gap in gaps if gap.heldout] or [gap.run for gap in gaps]
     return {run: windows[run] for run in chosen[:_RUNS]}
 
 
 def offset(scene: Scene, kind: str) -> float:
-    """Return the lateral offset of a machine [m]."""
+    """Return the lateral offset of a machine in the scene [m]."""
     return scene.spacing * _SIDES[kind]
 
 
 def log_place(stream: rr.RecordingStream, scene: Scene, kind: str) -> None:
-    """Log the lateral offset of a machine and its name above it."""
+    """Log the lateral offset of a machine and the name above it."""
     root = f"world/{kind}"
     stream.log(root, rr.Transform3D(translation=[0.0, offset(scene, kind), 0.0]), static=True)
     name = rr.Points3D(
@@ -83,13 +83,13 @@ def log_place(stream: rr.RecordingStream, scene: Scene, kind: str) -> None:
 def make_scene(
     stream: rr.RecordingStream, finding: Finding, kinds: Sequence[str], machine_file: Path | None
 ) -> Scene:
-    """Log the meshes of the machines and return how they move.
+    """Log the meshes of the machines and return the scene, which logs their motion.
 
     Args:
       stream: Recording.
-      finding: Its overlays are what moves.
+      finding: Result of the search; its overlays contain the motion.
       kinds: Keys of `COLORS` to show.
-      machine_file: The plant's model file; the shipped one when None.
+      machine_file: Model file of the plant; None for the shipped one.
     """
     channels = list(finding.channels)
     if finding.plant == "quarter_rig":
@@ -100,7 +100,7 @@ def make_scene(
 
 
 def _floor(finding: Finding) -> Floor:
-    """Return the floor of the first run if it is a shipped one; it matters for display only."""
+    """Return the first shipped floor of a run, else a default; for display only."""
     floors = read_floors()
     names = [str(o.conditions["floor"]) for o in finding.overlays if "floor" in o.conditions]
     return next((floors[name] for name in names if name in floors), next(iter(floors.values())))
@@ -160,7 +160,7 @@ def _robot_scene(
 
 
 def _log_path(stream: rr.RecordingStream, entity: str, kind: str, motion: Motion, timeline: str) -> None:
-    """Log the whole path as one line per window, to show the distance between two paths."""
+    """Log the whole path as one line per window, which shows the distance between paths."""
     place = motion.coordinates[kind][:, :2]
     lift = 0.004 if kind == "measured" else 0.008
     points = np.column_stack([place, np.full(len(place), lift)]).astype(np.float32)
@@ -222,11 +222,11 @@ def write_before_after(path: Path, finding: Finding, machine_file: Path | None =
     """Write the recording: the worst held-out runs, each on its own timeline.
 
     Args:
-      path: The `.rrd` file to write.
-      finding: With overlays of at least one run.
-      machine_file: The plant's model file, for what it looks like; the shipped one when None.
+      path: `.rrd` file to write.
+      finding: Result of the search, with overlays of at least one run.
+      machine_file: Model file of the plant, for its appearance; None for the shipped one.
     """
-    # an application of its own: the viewer keeps one arrangement per application, and runs are its timelines
+    # a separate application id, since the viewer keeps one layout per application
     stream = rr.RecordingStream(f"omnimj_gap_{sentences.dataset_name(finding)}")
     stream.save(path)
     shown = shown_runs(finding)
@@ -253,7 +253,7 @@ def write_before_after(path: Path, finding: Finding, machine_file: Path | None =
 
 
 def _plotted(finding: Finding, shown: Mapping[str, Sequence[Overlay]]) -> list[int]:
-    """Return the channels to plot: all, or those with the largest mismatch where there are many."""
+    """Return the channels to plot: all, or if many, those with the largest mismatch."""
     names = list(finding.channels)
     size = {
         gap.run: np.array([gap.before[name] for name in names]) / noise_row(finding)

@@ -1,4 +1,4 @@
-"""Layout of a recording in the Rerun viewer: what its scenario is about comes first."""
+"""Layout of a recording in the Rerun viewer, the subject of its scenario first."""
 
 from __future__ import annotations
 
@@ -27,23 +27,23 @@ _CHANNELS = {
 
 @dataclass(frozen=True)
 class Focus:
-    """The content of a recording to look at first."""
+    """Content of a recording to show first."""
 
     heading: str = ""
-    """Heading of the first plots, short enough for a tab; empty where no plot stands out."""
+    """Heading of the first plots, short enough for a tab; empty if no plot comes first."""
     plots: tuple[str, ...] = ()
-    """The first plots from top to bottom: names under `plots/`."""
+    """First plots from top to bottom, as names under `plots/`."""
     wheels: tuple[int, ...] = ()
-    """Wheels 1…n with bold lines; none: all lines are equal."""
+    """Wheels 1 … n with bold lines; empty if all lines are equal."""
     from_above: bool = False
-    """Whether the path is shown from above, beside the machine."""
+    """True to show the path from above, beside the machine."""
     from_the_side: bool = False
-    """Whether the first camera stands at the side, where slopes are visible."""
+    """True for a first camera at the side, where slopes are visible."""
 
 
 @dataclass(frozen=True)
 class _Rule:
-    """Fault kinds and the plots that show them."""
+    """Kinds of faults and the plots that show them."""
 
     kinds: Collection[str]
     heading: str
@@ -68,12 +68,12 @@ _RULES = (
     ),
     _Rule(_LENGTHS, "Heading", ("heading", "yaw_rate")),
 )
-"""The first rule that applies gives the heading; the plots of all that apply follow one another."""
+"""Rules: the first that applies gives the heading, and all that apply give the plots in their order."""
 _RIG = Focus("Current, slip, speed", ("current", "slip_velocity", "speed"))
 
 
 def focus_of(scenario: ScenarioLike, faults: Sequence[Mapping[str, Any]]) -> Focus:
-    """Choose what to show first from the content of a scenario, never from its name.
+    """Choose the content to show first from the content of a scenario, not from its name.
 
     Args:
       scenario: Scenario of the run.
@@ -103,24 +103,24 @@ def focus_of(scenario: ScenarioLike, faults: Sequence[Mapping[str, Any]]) -> Foc
 
 
 def _of_channel(channel: str) -> tuple[str, ...]:
-    """Return the plots of a sensor channel: `wheel_speed_2` is in `wheel_speed`."""
+    """Return the plots of a sensor channel, such as `wheel_speed` for `wheel_speed_2`."""
     name, _, number = channel.rpartition("_")
     return _CHANNELS.get(channel) or ((name,) if number.isdecimal() else (channel,))
 
 
 Point = tuple[float, float, float]
 Range = tuple[float, float]
-_BOLD = 3.2  # points of the line of a wheel that the scenario is about
-_THIN = 1.0  # points of targets and thresholds, which stay thin
-_NEWEST = 20.0  # [s] that are seen of a drive without a planned end
+_BOLD = 3.2  # [points] lines of wheels in focus
+_THIN = 1.0  # [points] lines of targets and thresholds
+_NEWEST = 20.0  # [s] visible of a drive without a planned end
 
 
 @dataclass(frozen=True)
 class Eye:
-    """The first camera."""
+    """Camera of a 3D view."""
 
     position: Point
-    """[m]"""
+    """Position of the camera [m]."""
     target: Point
     """Point in the middle of the view [m]."""
     follows: str | None = None
@@ -136,12 +136,12 @@ def run_blueprint(
     subject: Focus | None = None,
     above: Eye | None = None,
 ) -> rrb.Blueprint:
-    """Arrange the views: left the machine, below it fault states and a legend; right the signals.
+    """Arrange the views: machine on the left, fault states and legend below it, signals on the right.
 
-    The focus of the scenario comes first: its plots in the first tab, its path from above.
+    The plots in focus are in the first tab.
 
     Args:
-      plots: The time series, from top to bottom.
+      plots: Time series, from top to bottom.
       duration: Duration of the whole run [s]; None for a drive without a planned end.
       eye: First view of the scene.
       ranges: Ranges of the value axes, one per plot; None for a run in progress, whose axes grow.
@@ -199,7 +199,7 @@ def _scene(name: str, eye: Eye, up: Point) -> rrb.Spatial3DView:
 def _series_views(
     shown: Sequence[tuple[Plot, Range | None]], time_axis: rrb.archetypes.TimeAxis, subject: Focus
 ) -> rrb.Container:
-    """Make tabs: plots in focus, residuals of the method, signals of the machine; no plot twice."""
+    """Make tabs for plots in focus, residuals of the method and signals of the machine, each plot once."""
     names = [f"plots/{name}" for name in subject.plots]
     first = sorted((s for s in shown if s[0].entity in names), key=lambda s: names.index(s[0].entity))
     rest = [s for s in shown if s[0].entity not in names]
@@ -218,7 +218,7 @@ def _stack(
     name: str,
     bold: Sequence[int] = (),
 ) -> rrb.Vertical:
-    """Stack time series; those with a legend are higher, and lines of the wheels `bold` are bold."""
+    """Stack time series; those with a legend are taller, and lines of the wheels `bold` are bold."""
     series = [_series(plot, time_axis, shown, bold) for plot, shown in plots]
     return rrb.Vertical(*series, row_shares=[2.0 if plot.legend else 1.4 for plot, _ in plots], name=name)
 
@@ -244,12 +244,12 @@ def _series(
 
 
 def _whole(duration: float) -> rrb.archetypes.TimeAxis:
-    """Show the whole run."""
+    """Make a time axis over the whole run."""
     start, end = rrb.TimeRangeBoundary.absolute(seconds=0.0), rrb.TimeRangeBoundary.absolute(seconds=duration)
     return rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=end))
 
 
 def _newest() -> rrb.archetypes.TimeAxis:
-    """Show the newest data."""
+    """Make a time axis that follows the newest data."""
     start = rrb.TimeRangeBoundary.cursor_relative(seconds=-_NEWEST)
     return rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=rrb.TimeRangeBoundary.cursor_relative()))

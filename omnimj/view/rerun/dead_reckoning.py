@@ -1,7 +1,7 @@
 """Motion of a machine by dead reckoning from its speeds: measured, and simulated before and after.
 
-Each window of a long run is simulated from the measured state, so both simulations start every window at the
-measurement.
+Each window of a long run is simulated from the measured state, so both simulations start every window at
+the measured position.
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ from omnimj.view.poses import wheel_bodies
 
 KINDS = ("measured", "before", "after")
 Rates = Callable[[Overlay, Array, Array], Array]
-"""(window, values of its channels, coordinates at its start) → rates of the coordinates, shape (k, n)."""
+"""Function (window, channel values, initial coordinates) → rates of the coordinates, shape (k, n)."""
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Coordinates of the machine through one run."""
+    """Coordinates of the machine over one run."""
 
     time: Array
-    """Shape (k,) [s]."""
+    """Times, shape (k,) [s]."""
     coordinates: Mapping[str, Array]
-    """`measured`, `before`, `after` → coordinates, shape (k, n); their meaning depends on the machine."""
+    """Coordinates, shape (k, n), by `measured`, `before`, `after`; their meaning depends on the machine."""
     begins: tuple[int, ...]
-    """First rows of the windows."""
+    """Index of the first row of each window."""
 
 
 def rig_motion(rig: Rig, windows: Sequence[Overlay], channels: Sequence[str]) -> Motion:
     """Integrate carriage and gantry position [m] and wheel angle [rad], shape (k, 3).
 
-    The gantry's own drive controls its speed, so its motion is the same in all three.
+    The drive of the gantry controls its speed, so its motion is the same in all three.
     """
     start = np.array([rig.rig.start_position, 0.0, 0.0])
 
@@ -107,7 +107,15 @@ def robot_poses(mj_model: mujoco.MjModel, coordinates: Array) -> Array:
 
 
 def integrated(time: Array, rate: Array) -> Array:
-    """∫ rate dt by the trapezoidal rule, 0 at the first time; shape of the rate."""
+    """Integrate over time by the trapezoidal rule, from 0 at the first time.
+
+    Args:
+      time: Times, shape (k,) [s].
+      rate: Rates, shape (k, …) [unit/s].
+
+    Returns:
+      Integral, in the shape of the rates.
+    """
     step = np.diff(time).reshape(-1, *([1] * (rate.ndim - 1)))
     parts = 0.5 * step * (rate[1:] + rate[:-1])
     return np.concatenate([np.zeros_like(rate[:1]), np.cumsum(parts, axis=0)])
@@ -125,7 +133,7 @@ def filled(values: Array) -> Array:
 
 
 def _channel(values: Array, channels: Sequence[str], name: str) -> Array:
-    """Return the column of a channel with gaps filled, shape (k,); zero for a missing channel."""
+    """Return the values of a channel with gaps filled, shape (k,); zero for a missing channel."""
     return filled(values[:, list(channels).index(name)]) if name in channels else np.zeros(len(values))
 
 

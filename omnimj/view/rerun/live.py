@@ -1,4 +1,4 @@
-"""A run, or a drive by hand, in the Rerun viewer while it goes on."""
+"""Live view of a run or a drive by hand in the Rerun viewer."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from omnimj.view.rerun.scene import log_floor
 from omnimj.view.wording import NOT_DIAGNOSED
 
 Array = NDArray[np.float64]
-_FLUSHING = 30.0  # [s] for a viewer on a slow machine to take the rest
+_FLUSHING = 30.0  # [s] for a viewer on a slow machine to receive the remaining data
 
 
 class RecordingSink(Protocol):
@@ -38,20 +38,20 @@ class RecordingSink(Protocol):
 
     @property
     def is_open(self) -> bool:
-        """Whether the destination still accepts data."""
+        """True if the destination still accepts data."""
         ...
 
     def connect(self, stream: rr.RecordingStream, blueprint: rrb.Blueprint) -> None:
-        """Receive everything logged to a stream from now on."""
+        """Connect to a stream: receive everything logged to it from now on."""
         ...
 
     def settle(self) -> None:
-        """Raise `ViewerError` when the viewer failed."""
+        """Raise `ViewerError` if the viewer failed."""
         ...
 
 
 class LiveRun:
-    """Callbacks of `run_scenario` that show a run while it goes on; `finish` adds its results."""
+    """Callbacks of `run_scenario` that show a run in progress; `finish` adds the results."""
 
     def __init__(self, scenario: Scenario, known: Mapping[str, Any], sink: RecordingSink):
         """Prepare to show a run.
@@ -73,11 +73,11 @@ class LiveRun:
 
     @property
     def callbacks(self) -> Callbacks:
-        """Callbacks for `run_scenario`."""
+        """Callbacks to pass to `run_scenario`."""
         return Callbacks(snapshot=self.snapshot, rows=self.rows, start=self.start)
 
     def start(self, _plant: Plant) -> None:
-        """Show the machine at its start before the first step (`start`)."""
+        """Show the machine at its start; callback before the first step."""
         self._begin(None if self._plan is None else self._plan.position)
 
     def _begin(self, planned: Array | None) -> None:
@@ -101,18 +101,18 @@ class LiveRun:
         return poses_from_trace(self._mj_model, Trace({name: np.array([at]) for name, at in place.items()}))
 
     def snapshot(self, now: float, pose: Array) -> None:
-        """Keep a pose, shape (nq,), for the next batch (`snapshot`)."""
+        """Store a pose, shape (nq,), for the next batch; callback at time `now` [s]."""
         self._poses.append((now, np.array(pose)))
 
     def rows(self, names: tuple[str, ...], table: Array) -> None:
-        """Send the newest rows, shape (k, len(names)), and their poses (`rows`)."""
+        """Send the newest rows, shape (k, len(names)), and their poses; callback per batch."""
         columns = dict(zip(names, table.T, strict=True))
         self._rows += len(table)
         if self._sink.is_open:
             self._run.add(Trace(columns), self._batch())
 
     def _batch(self) -> Poses | None:
-        """Return the poses since the previous batch."""
+        """Return the poses stored since the previous batch; None without any."""
         if not self._poses:
             return None
         times, poses = zip(*self._poses, strict=True)
@@ -140,33 +140,33 @@ class LiveRun:
 
     def _send_rest(self, run: RunResult) -> None:
         trace, track = run.trace, run.poses
-        if self._mj_model is None:  # a level without steps: nothing was shown yet
+        if self._mj_model is None:  # the kinematic level has no steps: nothing has been shown yet
             self._begin(planned_position(trace))
         rest = {name: values[self._rows :] for name, values in trace.columns.items()}
         if self._rows < len(trace["time"]):
             self._run.add(Trace(rest, trace.about), self._batch())
-        if track is None:  # a plant without poses follows its path
+        if track is None:  # without recorded poses, the machine follows its path
             poses = visible_poses(self._scenario, trace)
             if poses is not None:
                 self._run.move(poses, trace)
         self._run.end(trace, run.metrics)
 
 
-_WAITING = 8  # batches of a tenth of a second; a viewer that is later than that misses some
-_TRAIL = 60.0  # [s] whose path is drawn in full detail
+_WAITING = 8  # queued batches of 0.1 s; a slower viewer misses some
+_TRAIL = 60.0  # [s] of path drawn in full detail
 _REACH = 6.0  # [m] of floor around the start
-_ENDING = 10.0  # [s] for what still waits
+_ENDING = 10.0  # [s] to send the queued batches
 
 
 class LiveDrive:
-    """Callbacks of `drive_by_hand`, which send data from a separate thread so that driving never waits."""
+    """Callbacks of `drive_by_hand` that send data from a separate thread, so that driving never waits."""
 
     def __init__(self, scenario: Scenario, known: Mapping[str, Any], sink: RecordingSink):
         """Prepare to show a drive.
 
         Args:
-          scenario: From `free_drive`.
-          known: Plant, method, seed, floor.
+          scenario: Scenario from `free_drive`.
+          known: Plant, method, seed and floor, for display.
           sink: Destination of the recording.
         """
         self.missed = 0
@@ -197,7 +197,7 @@ class LiveDrive:
         self._thread.start()
 
     def snapshot(self, now: float, pose: Array) -> None:
-        """Keep a pose, shape (nq,), for the next batch."""
+        """Store a pose, shape (nq,), at time `now` [s] for the next batch."""
         self._poses.append((now, np.array(pose)))
 
     def rows(self, names: tuple[str, ...], table: Array) -> None:
@@ -215,7 +215,7 @@ class LiveDrive:
                 continue
             try:
                 self._show(*batch)
-            except Exception as error:  # a viewer that fails must not stop the drive
+            except Exception as error:  # a failing viewer must not stop the drive
                 self._failure = error
 
     def _show(self, trace: Trace, taken: list[tuple[float, Array]]) -> None:
@@ -243,10 +243,10 @@ class LiveDrive:
 
 
 class DeadReckoning:
-    """Position of a robot by dead reckoning from wheels and heading, for plants without a true position."""
+    """Dead reckoning of a robot from wheel speeds and heading, for plants without a true position."""
 
     def __init__(self, robot: Robot):
-        """Start at the origin."""
+        """Begin at the origin with all wheel angles zero."""
         inverse = inverse_kinematics(robot.wheel_positions, robot.rolling_directions)
         self._twist = robot.wheel.radius * np.linalg.pinv(inverse)[:2]
         self._place = np.zeros(2)
@@ -256,7 +256,7 @@ class DeadReckoning:
         """Wheel angles before the newest rows, shape (n,) [rad]."""
 
     def placed(self, trace: Trace) -> Trace:
-        """Add `x`, `y`, `heading` to rows without them: ∫ R(θ) B⁺ r φ̇ dt.
+        """Add `x`, `y`, `heading` to rows without them, by ∫ R(θ) B⁺ r φ̇ dt.
 
         Args:
           trace: Rows later than all before.

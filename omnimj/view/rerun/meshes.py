@@ -1,4 +1,4 @@
-"""MuJoCo geoms and bodies as coloured triangle meshes, for viewers that do not read MuJoCo models."""
+"""Triangle meshes with colours from MuJoCo geoms and bodies, for viewers that cannot read MuJoCo models."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from omnimj.view.poses import geom_rgba, visible_geoms
 
 Array = NDArray[np.float64]
 ROUND = 28
-"""Corners of a circle."""
+"""Number of corners that approximate a circle."""
 _STRIPE = 0.45
 """Brightness of the stripe that shows the rotation of a body of revolution, relative to its colour."""
 _CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
@@ -22,10 +22,10 @@ _BOX_FACES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [
 
 @dataclass(frozen=True)
 class Surface:
-    """A shaded triangle mesh."""
+    """Triangle mesh with normals."""
 
     vertices: Array
-    """Shape (v, 3) [m]."""
+    """Vertices, shape (v, 3) [m]."""
     normals: Array
     """Unit normals, shape (v, 3)."""
     triangles: NDArray[np.int64]
@@ -63,9 +63,9 @@ def revolved(profile: Array, normals: Array, corners: int = ROUND) -> Surface:
     """Revolve a profile about z, from the bottom to the top.
 
     Args:
-      profile: Radii and heights [m], shape (k, 2).
+      profile: Radii and heights of the points, shape (k, 2) [m].
       normals: Radial and vertical components of the normal at each point, shape (k, 2).
-      corners: Points around the circle.
+      corners: Number of points around the circle.
     """
     angle = np.linspace(0.0, 2.0 * np.pi, corners + 1)
     ring = np.column_stack([np.cos(angle), np.sin(angle)])
@@ -111,7 +111,7 @@ def capsule(radius: float, half_length: float, corners: int = 10) -> Surface:
 
 
 def mesh(mj_model: mujoco.MjModel, number: int) -> Surface:
-    """Return one of the model's meshes with a separate vertex per triangle corner."""
+    """Return a mesh of the model with a separate vertex per triangle corner."""
     faces = slice(
         mj_model.mesh_faceadr[number], mj_model.mesh_faceadr[number] + mj_model.mesh_facenum[number]
     )
@@ -122,7 +122,7 @@ def mesh(mj_model: mujoco.MjModel, number: int) -> Surface:
 
 
 def height_field(mj_model: mujoco.MjModel, number: int) -> Surface:
-    """Return the top surface of one of the model's height fields."""
+    """Return the top surface of a height field of the model."""
     rows, columns = int(mj_model.hfield_nrow[number]), int(mj_model.hfield_ncol[number])
     half_x, half_y, top, _ = mj_model.hfield_size[number]
     first = mj_model.hfield_adr[number]
@@ -147,7 +147,7 @@ def geom_surface(mj_model: mujoco.MjModel, geom: int) -> Surface | None:
     return _primitive(kind, *mj_model.geom_size[geom].tolist())
 
 
-@functools.lru_cache(maxsize=256)  # a wheel has its forks and pins eighteen times
+@functools.lru_cache(maxsize=256)  # a wheel repeats its forks and pins eighteen times
 def _primitive(kind: mujoco.mjtGeom, first: float, second: float, third: float) -> Surface | None:
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
         return box(np.array([first, second, third]))
@@ -164,15 +164,15 @@ def _primitive(kind: mujoco.mjtGeom, first: float, second: float, third: float) 
 
 @dataclass(frozen=True)
 class Appearance:
-    """The visible surface of a body in the body's frame, with a colour per vertex."""
+    """Visible surface of a body in the body frame, with a colour per vertex."""
 
     surface: Surface
     colors: NDArray[np.uint8]
-    """Shape (v, 4)."""
+    """RGBA colours of the vertices, shape (v, 4)."""
 
 
 def body_appearance(mj_model: mujoco.MjModel, body: int) -> Appearance | None:
-    """Return the surface and colours of a body; None when it has no visible geom."""
+    """Return the surface and colours of a body; None without a visible geom."""
     return _appearance(mj_model, visible_geoms(mj_model, body))
 
 
@@ -197,7 +197,7 @@ def _appearance(mj_model: mujoco.MjModel, geoms: list[int]) -> Appearance | None
 
 
 def appearance_key(mj_model: mujoco.MjModel, body: int) -> bytes:
-    """Return a key shared by bodies whose `body_appearance` is equal."""
+    """Return a key that is equal for bodies of equal `body_appearance`."""
     geoms = visible_geoms(mj_model, body)
     colors = np.array([geom_rgba(mj_model, geom) for geom in geoms])
     numbers = (
@@ -215,7 +215,7 @@ def striped(base: Appearance, axis: Array) -> Appearance:
     axis = axis / np.linalg.norm(axis)
     first = np.cross(axis, [0.0, 0.0, 1.0] if abs(axis[2]) < 0.9 else [1.0, 0.0, 0.0])
     second = np.cross(axis, first)
-    # by vertex, not by triangle: the viewer blends the edge of the stripe, triangles would leave saw teeth
+    # by vertex, so that the viewer blends the edge of the stripe; whole triangles would leave saw teeth
     angle = np.arctan2(base.surface.vertices @ second, base.surface.vertices @ first)
     dark = angle % np.pi < 0.3 * np.pi
     colors = base.colors.copy()

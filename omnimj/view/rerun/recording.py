@@ -1,4 +1,4 @@
-"""Rerun recordings of a run: written as `run.rrd`, or streamed in batches while the run goes on."""
+"""Rerun recordings of a run: written as `run.rrd`, or streamed in batches during the run."""
 
 from __future__ import annotations
 
@@ -55,11 +55,11 @@ def write_recording(
     """Write a run as a Rerun recording with its blueprint.
 
     Args:
-      path: The `.rrd` file to write.
+      path: `.rrd` file to write.
       trace: Signals of the run, at least two rows.
       scenario: Scenario of the run.
       metrics: Content of `metrics.json`.
-      poses: Poses of the machine; without them the recording holds plots, states and paths.
+      poses: Poses of the machine; None for a recording of plots, states and paths only.
     """
     stream = rr.RecordingStream("omnimj")
     stream.save(path, default_blueprint=whole_blueprint(scenario, trace, metrics, poses is not None))
@@ -71,10 +71,10 @@ def write_recording(
 
 
 class RunStream:
-    """A run sent to a stream: static content, then batches of signals and poses, finally the results."""
+    """Run sent to a stream: static content, then batches of signals and poses, finally the results."""
 
     def __init__(self, stream: rr.RecordingStream, scenario: ScenarioLike, duration: float):
-        """Prepare a run that lasts at most `duration` [s]."""
+        """Prepare the stream of a run that lasts at most `duration` [s]."""
         self._stream, self._scenario, self._duration = stream, scenario, duration
         self._machine: Machine | None = None
         self._signals: Signals | None = None
@@ -106,7 +106,7 @@ class RunStream:
             self._machine = Machine(stream, mj_model)
 
     def stand(self, poses: Poses) -> None:
-        """Send the machine at rest and healthy, to be seen before the first batch."""
+        """Send the machine at rest and healthy, visible until the first batch."""
         still = Trace({"time": poses.time})
         self.move(poses, still)
         nothing = {**self._known, "faults": (), "diagnoses": ()}
@@ -180,7 +180,7 @@ def _rig_reach(rig: Rig) -> Array:
 def whole_blueprint(
     scenario: ScenarioLike, trace: Trace, metrics: Mapping[str, Any], has_machine: bool
 ) -> rrb.Blueprint:
-    """Make the blueprint of a finished run: it plays, all axes show the whole run."""
+    """Make the blueprint of a finished run: playback starts, and all axes cover the whole run."""
     method, duration = str(metrics.get("method", wording.NOT_DIAGNOSED)), float(trace["time"][-1])
     plots = with_columns(plots_of(scenario, method, list(trace.columns)), trace)
     start = (float(trace["x"][0]), float(trace["y"][0])) if "x" in trace else (0.0, 0.0)
@@ -193,7 +193,7 @@ def whole_blueprint(
 
 
 def _eye_above(trace: Trace) -> Eye:
-    """Place a camera high above the middle of the path, with all of it in view."""
+    """Place a camera above the middle of the path, high enough to show all of it."""
     places = [np.column_stack([trace["x"], trace["y"]])]
     planned = planned_position(trace)
     if planned is not None:
@@ -212,7 +212,7 @@ def live_blueprint(
     log_names: Sequence[str] = (),
     faults: Sequence[Mapping[str, Any]] = (),
 ) -> rrb.Blueprint:
-    """Make the blueprint of a run in progress: the newest data are shown, the value axes grow.
+    """Make the blueprint of a run in progress: it follows the newest data, and value axes grow.
 
     Args:
       scenario: Scenario of the run.
@@ -263,7 +263,7 @@ def poses_of(run: RunResult) -> Poses | None:
 
 
 def write_recording_of(path: Path, run: RunResult) -> None:
-    """Write the Rerun recording of a run, completely or not at all."""
+    """Write the Rerun recording of a run, in full or not at all."""
     poses = poses_of(run)
     with atomic_file(path) as temporary:
         write_recording(temporary, run.trace, run.scenario, run.metrics, poses)

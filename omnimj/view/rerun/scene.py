@@ -1,4 +1,4 @@
-"""The scene of a Rerun recording: machine with its contact forces, floor, planned and driven path."""
+"""Scene of a Rerun recording: machine with contact forces, floor, planned and driven path."""
 
 from __future__ import annotations
 
@@ -36,38 +36,38 @@ Array = NDArray[np.float64]
 RATE = 50.0
 """Poses per second in the recording."""
 TRACTION_SCALE, NORMAL_SCALE = 0.02, 0.005
-"""Length of a force arrow [m/N]; traction is the smaller force and lies on the floor."""
+"""Lengths of force arrows [m/N], larger for traction, which is the smaller force."""
 MACHINE, FORCES, OBSTACLES = "world/machine", "world/forces", "world/obstacles"
 AROUND = "around"
-"""Entity below a free body: invisible points around it that set the zoom of a camera following it."""
+"""Entity of invisible points around a free body, which set the zoom of a camera that follows it."""
 _REACH = np.array([0.42, 0.42, 0.17])  # [m]
 _ARROW_RADIUS = 0.007
 _UP = np.array([0.0, 0.0, 1.0])
 FLOOR, PATH = "world/floor", "world/path"
 _TRAIL_STEPS, _TRAIL_POINTS = 120, 240
 _TILE = 0.25  # [m]
-_MOST_TILES = 512  # along a side: a run that diverged may end anywhere
-_MARGIN = 0.6  # [m] of floor around what moves
+_MOST_TILES = 512  # tiles along a side: a run that diverged may end anywhere
+_MARGIN = 0.6  # [m] of floor around all motion
 
 
 def time_column(time: Array, timeline: str = "time") -> rr.TimeColumn:
-    """Make the time index of rows.
+    """Make the time index of logged rows.
 
     Args:
       time: Simulated time, shape (k,) [s].
-      timeline: Name of the timeline; a recording of several runs has one for each.
+      timeline: Name of the timeline; a recording of several runs has one per run.
     """
-    whole = np.round(1e9 * np.asarray(time)).astype("timedelta64[ns]")  # a float would be cut off, 4.0999…
+    whole = np.round(1e9 * np.asarray(time)).astype("timedelta64[ns]")  # else 4.0999… is truncated
     return rr.TimeColumn(timeline, duration=whole)
 
 
 def body_entity(name: str, root: str = MACHINE) -> str:
-    """Return the entity of a body: `wheel_1_wheel` → `world/machine/wheel_1`."""
+    """Return the entity of a body: `world/machine/wheel_1` for `wheel_1_wheel`."""
     return f"{root}/{name.removesuffix('_wheel')}"
 
 
 class Machine:
-    """The visible bodies of a model; identical rollers of a wheel are instances of one mesh."""
+    """Visible bodies of a model; identical rollers of a wheel are instances of one mesh."""
 
     def __init__(self, stream: rr.RecordingStream, mj_model: mujoco.MjModel, root: str = MACHINE):
         """Log the meshes of the bodies, without poses.
@@ -75,14 +75,14 @@ class Machine:
         Args:
           stream: Recording.
           mj_model: Visible model of the machine.
-          root: Parent entity of its bodies; different for each machine in the scene.
+          root: Parent entity of the bodies, unique to each machine in the scene.
         """
         self._stream, self._mj_model, self._root = stream, mj_model, root
         self._groups = identical_bodies(mj_model)
         self._wheels = wheel_bodies(mj_model, self._groups)
         grouped = {body for bodies in self._groups for body in bodies}
         self._bodies: list[int] = []
-        looks: dict[bytes, Appearance | None] = {}  # all corners are identical, and so are all wheels
+        looks: dict[bytes, Appearance | None] = {}  # identical corners and wheels share a mesh
         for body in sorted(set(range(1, mj_model.nbody)) - grouped):
             key = appearance_key(mj_model, body)
             look = looks[key] if key in looks else looks.setdefault(key, body_appearance(mj_model, body))
@@ -99,7 +99,7 @@ class Machine:
         for body in self._bodies:
             first = mj_model.body_jntadr[body]
             if first >= 0 and mj_model.jnt_type[first] == mujoco.mjtJoint.mjJNT_FREE:
-                # the viewer zooms in until the entity it follows fills the picture
+                # the viewer zooms in until the followed entity fills the view
                 unseen = rr.Points3D([-_REACH, _REACH], radii=[0.0], colors=[(0, 0, 0, 0)])
                 stream.log(f"{self._entity(body)}/{AROUND}", unseen, static=True)
 
@@ -126,8 +126,8 @@ class Machine:
         Args:
           poses: At least one pose of this machine.
           timeline: Name of the timeline.
-          rollers_turn: Whether roller angles are known; otherwise rollers are logged once,
-            at rest in their wheel.
+          rollers_turn: True if roller angles are known; otherwise rollers are logged once, at rest in their
+            wheel.
 
         Returns:
           World poses of all bodies.
@@ -163,7 +163,7 @@ class Machine:
         rows = np.clip(np.searchsorted(trace["time"], frames.time - 1e-9), 0, len(trace["time"]) - 1)
         traction = trace.wheels("traction_force")[rows, : len(wheels), None] * ahead
         normal = trace.wheels("normal_force")[rows, : len(wheels), None] * _UP
-        standing = frames.position[:1, wheels, 2:]  # a wheel's height over the floor, which may rise
+        standing = frames.position[:1, wheels, 2:]  # height of a wheel above the floor, which may slope
         foot = frames.position[:, wheels] - (standing - _ARROW_RADIUS) * _UP
         self._log_arrows("traction", frames.time, foot, TRACTION_SCALE * traction, palette.TRACTION)
         self._log_arrows("normal", frames.time, foot, NORMAL_SCALE * normal, palette.NORMAL)
@@ -205,7 +205,7 @@ def log_floor(stream: rr.RecordingStream, points: Array, patches: Sequence[Any],
 
     Args:
       stream: Recording.
-      points: Points that the floor must extend under, shape (k, 2) [m].
+      points: Points that the floor must cover, shape (k, 2) [m].
       patches: Patches with `floor`, `center`, `size` and `yaw`.
       floor: Name of the floor.
     """
@@ -235,7 +235,7 @@ def _log_patch(stream: rr.RecordingStream, entity: str, patch: Any) -> None:
         albedo_factor=(143, 196, 228, 255),
     )
     stream.log(entity, mesh, static=True)
-    # at the far edge, where the machine that starts on it does not stand in front
+    # at the far edge, where a machine that starts on the patch does not cover the name
     name = rr.Points3D(
         [corners[2:].mean(axis=0)],
         radii=[0.004],
@@ -256,10 +256,10 @@ def log_planned(stream: rr.RecordingStream, planned: Array) -> None:
 
 
 class Trail:
-    """The driven path as it grows: at each step the whole line so far."""
+    """Growing line of the driven path, logged as a whole at each step."""
 
     def __init__(self, stream: rr.RecordingStream, duration: float):
-        """Start the path of a run that lasts at most `duration` [s]."""
+        """Begin the path of a run that lasts at most `duration` [s]."""
         self._stream, self._duration = stream, duration
         self._points = np.empty((0, 2))
         self._last = -1.0
@@ -276,7 +276,7 @@ class Trail:
         ]
         columns = rr.LineStrips3D.columns(strips=strips)
         self._stream.send_columns(f"{PATH}/driven", [time_column(time[ends])], columns)
-        # a drive by hand is unlimited, its trail is not
+        # a drive by hand has no time limit, but the trail is limited
         self._points = np.vstack([self._points, place[kept]])[-2 * _TRAIL_POINTS :]
         self._last = float(time[-1])
 

@@ -37,7 +37,7 @@ RATE = 200.0
 
 @dataclass(frozen=True)
 class Line:
-    """One line of a plot."""
+    """Line of a plot."""
 
     column: str
     """Column of the trace."""
@@ -47,22 +47,22 @@ class Line:
     scale: float = 1.0
     """Factor from the column's unit to the plot's."""
     width: float = 1.6
-    """[points]"""
+    """Width of the line [points]."""
 
 
 @dataclass(frozen=True)
 class Plot:
-    """One time series view."""
+    """Time series view."""
 
     entity: str
     heading: str
     lines: tuple[Line, ...]
     legend: bool = False
-    """Whether it has a legend; wheels have the same colours everywhere and are named once."""
+    """True for a legend; plots by wheel need none, since a common legend names the wheels."""
     of_diagnosis: bool = False
-    """Whether it shows residuals of a method, not signals of the machine."""
+    """True for residuals of a method, False for signals of the machine."""
     in_view: tuple[float, ...] = ()
-    """Values that its axis always includes."""
+    """Values that the value axis always includes."""
 
     def range(self, trace: Trace) -> tuple[float, float]:
         """Return the lowest and highest value with some margin, for the axis."""
@@ -76,7 +76,7 @@ class Plot:
 def plots_of(
     scenario: ScenarioLike, method: str = NOT_DIAGNOSED, columns: Collection[str] = ()
 ) -> list[Plot]:
-    """Return all plots that a run of this scenario can have.
+    """Return all plots possible for a run of a scenario.
 
     Args:
       scenario: Scenario of the run.
@@ -88,7 +88,7 @@ def plots_of(
 
 
 def _residual_plot(family: Family) -> Plot:
-    """Plot the residuals of one family with their thresholds; those are grey, since most are equal."""
+    """Make the plot of one family of residuals with their thresholds, which are grey since most are equal."""
     lines = [Line(r.column, r.label, r.color) for r in family.residuals]
     for r in family.residuals:
         if r.threshold is not None:
@@ -98,7 +98,7 @@ def _residual_plot(family: Family) -> Plot:
                 lines.append(Line(r.threshold, f"− {name}", grey, -1.0, 1.0))
     unit = f" [{family.unit}]" if family.unit else ""
     heading = f"{family.heading}{', grey: threshold' if family.thresholds else ''}{unit}"
-    # wheels have the same colours everywhere; other residuals need their names
+    # wheels are known by their colours; other residuals need a legend
     named = any(r.wheel is None for r in family.residuals) and len(lines) > 1
     return Plot(f"plots/residual_{family.name}", heading, tuple(lines), named, True)
 
@@ -200,7 +200,7 @@ def with_columns(plots: Sequence[Plot], columns: Container[str]) -> list[Plot]:
 
 
 class Signals:
-    """The time series of a stream: one entity per plot, all its lines in each row."""
+    """Time series of a stream: one entity per plot, with all its lines in each row."""
 
     def __init__(self, stream: rr.RecordingStream, plots: Sequence[Plot]):
         """Log the styles of the lines."""
@@ -214,7 +214,7 @@ class Signals:
             stream.log(plot.entity, style, static=True)
 
     def add(self, trace: Trace) -> None:
-        """Log the rows of a trace, `RATE` of them per second."""
+        """Log the rows of a trace, thinned to `RATE` per second."""
         keep = thin(trace["time"], RATE)
         index = time_column(trace["time"][keep])
         for plot in self._plots:
@@ -235,10 +235,10 @@ def log_states(
 
     Args:
       stream: Recording.
-      trace: The whole run; its first row alone shows that nothing has happened yet.
-      metrics: Content of `metrics.json` that is known.
+      trace: Whole run, or its first row alone for the state at the start.
+      metrics: Known content of `metrics.json`.
       wheels: Number of wheels.
-      is_rig: Whether the machine is the test rig.
+      is_rig: True if the machine is the test rig.
     """
     duration = float(trace["time"][-1])
     _log_lanes(stream, FAULT_LANE, fault_spans(metrics, duration), wheels)
@@ -252,9 +252,9 @@ def log_states(
 
 
 def eventful_lanes(metrics: Mapping[str, Any], duration: float) -> list[str]:
-    """Return the entities of the lanes with events; all lanes when there are none.
+    """Return the entities of the lanes with events; all lanes if there are no events.
 
-    A wheel with a fault also has a lane of diagnoses, empty or not.
+    A wheel with a fault also gets a lane of diagnoses, even if empty.
 
     Args:
       metrics: Content of `metrics.json`.
@@ -276,7 +276,7 @@ def _log_lanes(stream: rr.RecordingStream, entity: str, spans: Sequence[Span], w
 
 
 def log_lane(stream: rr.RecordingStream, entity: str, times: Array, states: list[str]) -> None:
-    """Log states from their times, shape (k,) [s], on; a state has the same colour in every lane."""
+    """Log states that begin at the given times, shape (k,) [s]; a state has one colour in all lanes."""
     values = sorted(set(states), key=lambda state: (state != HEALTHY, state))
     colors = [(*palette.rgb(palette.state_color(state)), 255) for state in values]
     stream.log(entity, rr.StateConfiguration(values=values, labels=values, colors=colors), static=True)

@@ -1,4 +1,4 @@
-"""A Rerun viewer in a process of its own."""
+"""Rerun viewer in a separate process."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ import rerun.blueprint as rrb
 from omnimj.errors import OmnimjError
 
 LOOPBACK = "127.0.0.1"
-"""By default Rerun listens on all interfaces, which would expose the run to the network."""
+"""Address of the viewer's server; Rerun's default of all interfaces would expose the run to the network."""
 _PROGRAM = (
     "import sys; from rerun_cli.__main__ import main; sys.exit(main())"  # `-m rerun_cli` loses the exit code
 )
-_START_TIMEOUT = 30.0  # [s] for a viewer that starts on a slow machine
-_OPENING = 0.6  # [s] a viewer whose display does not exist takes connections first and ends then
-_WINDOW_TIMEOUT = 3.0  # [s] a viewer that lives longer has found its window
+_START_TIMEOUT = 30.0  # [s] for a viewer to start on a slow machine
+_OPENING = 0.6  # [s] a viewer without a display accepts connections before it ends
+_WINDOW_TIMEOUT = 3.0  # [s] a viewer that runs longer has opened its window
 _POLL_INTERVAL = 0.02  # [s]
 _ELSEWHERE = "use --out DIR instead, copy DIR/run.rrd to a computer with a display, run `rerun run.rrd` there"
 
 
 class ViewerError(OmnimjError, RuntimeError):
-    """Error raised when no Rerun viewer could be opened, or it failed."""
+    """Error raised when a Rerun viewer could not be opened or failed."""
 
 
 class Viewer:
-    """A running viewer, which outlives this process."""
+    """Running viewer, which outlives this process."""
 
     def __init__(self, process: subprocess.Popen[bytes], port: int, error_output: IO[bytes]):
         """Wrap a viewer's process, the port it listens on, and the file with its error output."""
@@ -42,24 +42,24 @@ class Viewer:
 
     @property
     def url(self) -> str:
-        """Address of its server."""
+        """Address of the viewer's server."""
         return f"rerun+http://{LOOPBACK}:{self._port}/proxy"
 
     @property
     def is_open(self) -> bool:
-        """Whether the viewer is still running."""
+        """True while the viewer is running."""
         return self._process.poll() is None
 
     def connect(self, stream: rr.RecordingStream, blueprint: rrb.Blueprint) -> None:
         """Connect a stream to this viewer, with a blueprint for its layout."""
         stream.connect_grpc(self.url)
-        stream.send_blueprint(blueprint)  # made active: the viewer may remember an older one of ours
+        stream.send_blueprint(blueprint)  # made active, since the viewer may remember an older one
 
     def await_server(self) -> None:
         """Wait until the viewer accepts connections and has survived opening its display.
 
         Raises:
-          ViewerError: It ended, or it does not answer; it is then ended.
+          ViewerError: The viewer ended or does not answer; it is then terminated.
         """
         answers = False
         while self.is_open and not (answers and time.monotonic() > self._born + _OPENING):
@@ -88,7 +88,7 @@ class Viewer:
         """Wait until a viewer without a window would have terminated, then detach from it.
 
         Raises:
-          ViewerError: It terminated with an error; closing its window is no error.
+          ViewerError: The viewer ended with an error; closing its window is not an error.
         """
         while self.is_open and time.monotonic() < self._born + _WINDOW_TIMEOUT:
             time.sleep(_POLL_INTERVAL)
@@ -102,10 +102,10 @@ class Viewer:
         self._error_output.close()
 
     def check(self) -> None:
-        """Raise the error output of a viewer that failed.
+        """Raise an error with the output of the viewer if it failed.
 
         Raises:
-          ViewerError: It terminated with an error.
+          ViewerError: The viewer ended with an error.
         """
         if self._process.poll() in (None, 0):
             return
@@ -119,13 +119,13 @@ class Viewer:
 
 
 def open_viewer(arguments: Sequence[str] = ()) -> Viewer:
-    """Open a viewer whose server listens on the loopback address only, and wait until it does.
+    """Open a viewer whose server listens on the loopback address only, and wait until it is ready.
 
     Args:
-      arguments: More options of the program `rerun`, e.g. `--headless`.
+      arguments: Further options of the program `rerun`, such as `--headless`.
 
     Raises:
-      ViewerError: There is no display, or the viewer did not start; the message says what to do instead.
+      ViewerError: There is no display, or the viewer did not start; the message suggests an alternative.
     """
     if "--headless" not in arguments and not _has_display():
         raise ViewerError(f"--view: no display to open the Rerun viewer on; {_ELSEWHERE}")
