@@ -1,7 +1,7 @@
 """Thresholds of the robust method from fault-free recordings, at a stated rate of false alarms.
 
 The detector runs over the recordings with its decisions switched off. The maxima of each statistic over 10 s
-of motion have a tail, from which follows the level that is exceeded at the stated rate. The estimated losses
+of motion have an exponential tail, which gives the level exceeded at the stated rate. The estimated losses
 of the motors differ from run to run only; their threshold follows from the spread of the maxima per run. A
 last pass with the new thresholds counts the diagnoses that remain in the same recordings.
 """
@@ -102,7 +102,7 @@ def fit_spread(maxima: Array, hours: float) -> Spread:
 
 
 STRETCH = 10.0
-"""Duration of motion per maximum, longer than any window of 1 s, so that maxima are independent [s]."""
+"""Duration of motion per maximum [s]; longer than the windows of 1 s, so that maxima are independent."""
 TOLERANCE = 0.03
 """Tolerance of the torque constant of a healthy motor, relative."""
 STATISTICS = len(THRESHOLD_UNITS) - 1
@@ -110,9 +110,9 @@ STATISTICS = len(THRESHOLD_UNITS) - 1
 UPPER_BOUNDS = {"worn": 1.0}
 """Upper bounds of thresholds: a motor cannot lose more than all of its effectiveness."""
 MIN_STRETCHES = 6
-"""Smallest number of stretches, a minute of motion."""
+"""Smallest number of stretches for a calibration, a minute of motion."""
 ADVISED_HOURS = 1.0
-"""Duration of motion below which a calibration has a warning [h]."""
+"""Duration of motion below which a warning is given [h]."""
 
 _NEVER = 10**9  # blocks
 DISABLED = Thresholds(
@@ -222,7 +222,7 @@ def lower_bounds(rate: float, wheels: int) -> dict[str, float]:
 
 
 class StretchMaxima:
-    """Collects the maxima of each statistic over stretches of motion, and those of the losses per run."""
+    """Collector of the maxima of each statistic over stretches of motion, and of the losses per run."""
 
     def __init__(self, period: float):
         self._period, self._block = period * samples_per_block(period), -1
@@ -236,7 +236,7 @@ class StretchMaxima:
         self.losses.append(0.0)
 
     def __call__(self, state: RobustState) -> None:
-        """Take a state of the detector; statistics change with blocks only."""
+        """Update the maxima with a state of the detector; statistics change with blocks only."""
         if state.blocks == self._block:
             return
         self._block, seen = state.blocks, state.statistics

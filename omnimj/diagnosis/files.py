@@ -25,8 +25,8 @@ def diagnoses_json(
     Args:
       config: Settings of the diagnosis.
       found: Finished runs.
-      command: Command line that repeats it.
-      interrupted: Whether runs are missing.
+      command: Command line that repeats the diagnosis.
+      interrupted: True if runs are missing.
     """
     return {
         "dataset": str(config.dataset.path),
@@ -52,7 +52,7 @@ def diagnoses_json(
 
 
 def diagnosis_record(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Return a diagnosis in JSON's own types, with null for NaN."""
+    """Return a diagnosis as JSON-compatible values, with None for NaN."""
     return to_jsonable(dataclasses.asdict(diagnosis))
 
 
@@ -119,7 +119,7 @@ def _quoted(text: str) -> str:
 
 
 def format_calibration(found: Calibration) -> list[str]:
-    """Say how far these thresholds can be trusted."""
+    """Describe the reliability of calibrated thresholds, one sentence each."""
     once = f"one in {1.0 / found.rate:.3g} h"
     if found.extrapolated <= 1.0:
         reach = "the recordings are longer than that"

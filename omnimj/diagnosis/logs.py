@@ -31,7 +31,7 @@ class Machine:
 
     constants: Robot | Rig
     channels: tuple[str, ...]
-    """Columns that the detector gets, in this order."""
+    """Columns passed to the detector, in this order."""
     targets: tuple[str, ...]
     """Columns of commanded currents."""
     angles: tuple[str, ...]
@@ -46,7 +46,7 @@ class Machine:
 
     @property
     def has_gyro(self) -> bool:
-        """Whether the machine has a gyro, whose bias is estimated."""
+        """True if the machine has a gyro, whose bias is estimated."""
         return "yaw_rate" in self.channels
 
 
@@ -77,7 +77,7 @@ def resolve_method(name: str | None, machine: Machine) -> str:
 
     Raises:
       UnknownNameError: The method does not exist.
-      InputError: The method does not diagnose, or not this machine.
+      InputError: The method is not a diagnosis method, or not for this machine.
     """
     is_rig = isinstance(machine.constants, Rig)
     names = tuple(one for one in (RIG_METHODS if is_rig else METHODS) if one != "off")
@@ -137,12 +137,12 @@ def _rig_measurement(time: float, row: Array) -> RigMeasurement:
 MIN_RATE = 100.0
 """Lowest sample rate of a log, one sample per block of the robust method [1/s]."""
 MIN_COMMAND_RATE = 500.0
-"""Lowest sample rate at which logged commanded currents are used, since the wheel-speed loop changes them
-between slower samples [1/s]."""
+"""Lowest sample rate at which logged commanded currents are used [1/s]; at lower rates they change too much
+between samples, by the wheel-speed loop."""
 LONGEST_BRIDGE = 0.02
 """Longest gap that is interpolated [s]."""
 MAX_VALUE = 1e4
-"""Limit of all channels in their units, beyond any sensor of such machines."""
+"""Largest plausible magnitude of any channel in its unit."""
 _ALIKE = 0.005  # largest deviation of a log at the controller's own rate, relative to the period
 _UNEVEN = 0.5  # largest jitter of a step, relative to the period
 _QUARTER = 0.25  # largest offset of the logger's clock to the controller's, relative to the period
@@ -154,7 +154,7 @@ class Segment:
     """Segment of a run without a gap, with k samples at the controller's rate."""
 
     time: Array
-    """Shape (k,) [s]."""
+    """Sample times, shape (k,) [s]."""
     columns: Array
     """Channels, shape (k, channels)."""
     command: Array | None
@@ -269,7 +269,7 @@ def _segment(time: Array, values: Array, period: float) -> tuple[Segment, bool]:
 
 
 def _held(time: Array, commands: Array, at: Array) -> Array:
-    """Return the commanded currents that held at given times; before the first row those of the first."""
+    """Return the commanded currents in effect at given times; before the first row, those of the first."""
     rows = np.searchsorted(time, at, side="right")
     return np.ascontiguousarray(commands[np.maximum(rows - 1, 0)])
 

@@ -25,9 +25,9 @@ from omnimj.simulate.run import make_controller
 from omnimj.simulate.scenario.scenario import Scenario, read_scenario
 
 TRAINING_SEEDS = (1000, 1001)
-"""Seeds of the training runs; runs for assessment have others."""
+"""Seeds of the training runs; evaluation uses other seeds."""
 RIG_CURRENTS = tuple(round(0.15 * k, 2) for k in range(3, 11))
-"""Currents of the rig runs, as in section 4.3 [A]."""
+"""Motor currents of the rig runs, as in section 4.3 [A]."""
 DIRECTIONS = tuple(math.pi / 4.0 * k for k in range(8))
 """Driving directions along x, y and both, section 5.3 [rad]."""
 MANOEUVRE = "kind = 'profile', acceleration = 1.0, start_time = 0.5, cruise_time = 2.0"
@@ -38,16 +38,16 @@ NYLON = "kind = 'slip', onset = 0.0, floor = 'nylon'"
 
 @dataclass(frozen=True)
 class TrainingRun:
-    """One run, and the thresholds that it sets."""
+    """Training run, with the residuals for which it counts."""
 
     scenario: Scenario
     seed: int
     slips: bool
-    """Whether a wheel slips: the run then counts for the force residuals only, Eqs. 5.8 and 5.21."""
+    """True if a wheel slips: the run then counts for the force residuals only, Eqs. 5.8 and 5.21."""
 
     @property
     def is_rig(self) -> bool:
-        """Whether the run is one of the rig."""
+        """True for a run of the rig, False for one of the robot."""
         return self.scenario.is_rig
 
 
@@ -70,7 +70,7 @@ def robot_test(table: str, faults: str = "", *overrides: str) -> Scenario:
 
 
 def training_runs() -> Iterator[TrainingRun]:
-    """Runs on which the shipped thresholds are calibrated."""
+    """Yield the runs on which the shipped thresholds are calibrated."""
     for seed in TRAINING_SEEDS:
         for current in RIG_CURRENTS:
             yield TrainingRun(rig_test(current), seed, False)
@@ -87,7 +87,7 @@ def training_runs() -> Iterator[TrainingRun]:
 
 
 def run_with_residuals(run: TrainingRun, choice: DetectorOptions, plant: str = "twin") -> Trace:
-    """Drives a run with the method as an observer: infinite thresholds, no recovery."""
+    """Drive a run with the method as an observer: infinite thresholds, no recovery."""
     scenario, never = run.scenario, PublishedThresholds(*([math.inf] * 4))
     floor, choice = scenario.floors[scenario.floor], dataclasses.replace(choice, recovery=False)
     driven = make_plant(scenario, plant, run.seed)
@@ -104,7 +104,7 @@ def run_with_residuals(run: TrainingRun, choice: DetectorOptions, plant: str = "
 
 
 def largest_residuals(run: TrainingRun, choice: DetectorOptions, plant: str = "twin") -> dict[str, float]:
-    """Largest residuals of a run by the name of their threshold; r3 … r6 as printed, with their sign."""
+    """Largest residuals of a run by name of their threshold; r3 … r6 signed, as in the dissertation."""
     trace, prefix = run_with_residuals(run, choice, plant), "rig_" if run.is_rig else ""
     found = {}
     for kind in ("wheel_speed", "force"):

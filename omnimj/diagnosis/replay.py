@@ -55,7 +55,7 @@ def is_still(wheel_speed: Array, yaw_rate: float, bias: float) -> bool:
 def first_bias(wheel_speed: Array, yaw_rate: Array, period: float) -> GyroBias:
     """Estimate the gyro bias from the first rest of a run, as the wheels show it; 0 without any rest.
 
-    Logs do not state when the demand was zero.
+    Logs do not show when the commanded motion was zero.
 
     Args:
       wheel_speed: φ̇, shape (k, n) [rad/s].
@@ -74,7 +74,7 @@ def first_bias(wheel_speed: Array, yaw_rate: Array, period: float) -> GyroBias:
 
 
 LONGEST_GAP = 0.1
-"""Longest gap over which observers and windows continue; diagnoses stay listed over longer ones [s]."""
+"""Longest gap over which observers and windows continue [s]; diagnoses persist over longer ones, too."""
 _REPORT_EVERY = 500  # samples
 
 SampleProgress = Callable[[int], None]
@@ -85,7 +85,7 @@ Watch = Callable[[Any], None]
 
 @dataclass(frozen=True)
 class RunDiagnosis:
-    """Diagnosis of one run."""
+    """Result of the diagnosis of one run."""
 
     name: str
     diagnoses: tuple[Diagnosis, ...]
@@ -94,7 +94,7 @@ class RunDiagnosis:
     judged: float
     """Duration of the samples [s]."""
     trace: Trace
-    """Rows and columns of the log, with the columns of the detector beside them."""
+    """Columns of the log, with those of the detector appended."""
     notes: tuple[str, ...]
     """Notes for the reader, one sentence each."""
 
@@ -149,7 +149,7 @@ def replay(
 
 
 class _Loop:
-    """Steps a detector through segments, estimates the gyro bias and fills the rows of the log."""
+    """Loop that steps a detector through segments, estimates the gyro bias and fills the rows of the log."""
 
     def __init__(
         self,
@@ -173,7 +173,7 @@ class _Loop:
             self._rest = first_bias(rows[:, self._speeds], gyro, machine.period)
 
     def over(self, segment: Segment, state: Any, is_long: bool) -> Any:
-        """Return the state after a segment, from the one before it and a gap; None: the detector begins."""
+        """Return the state after a segment, given that before it; None begins, else the detector resumes."""
         machine, detector = self._machine, self._detector
         bias = self._rest.bias
         first = machine.measurement(float(segment.time[0]), segment.columns[0])
@@ -207,7 +207,7 @@ class _Loop:
 
 
 def _joined(before: Sequence[Diagnosis], after: Sequence[Diagnosis]) -> tuple[Diagnosis, ...]:
-    """Join the diagnoses before and after a gap; one that was active and recurs is the same."""
+    """Join the diagnoses before and after a gap; one that was active before and recurs counts as the same."""
     joined = list(before)
     for new in after:
         for k, old in enumerate(before):

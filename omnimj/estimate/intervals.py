@@ -15,20 +15,18 @@ from omnimj.signals import Array
 
 LEVEL = 0.90
 STAND_IN = 2.5
-"""Widening of intervals beyond noise alone, because the equations substitute for the twin, and one form of an
-effect for another. It was chosen on the blind benchmark with seeds 30 and 40, where it covers 91 % and 89
-% of
-the true values (noise alone: 68 % with seed 30); no further seed confirms it."""
+"""Widening of intervals beyond noise alone, for errors of the equations and of the assumed form of an effect.
+Chosen on the blind benchmark with seeds 30 and 40, where it covers 91 % and 89 % of the true values
+(noise alone: 68 % with seed 30); no further seed confirms it."""
 TOLERANCE = 0.002
-"""Share of a channel's RMS below which no twin is expected to be right, given its parameters."""
+"""Accuracy expected of the best twin, as a share of a channel's RMS."""
 
 
 def sandwich_deviations(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) -> tuple[Array, float]:
     """Standard deviation of every parameter, and the factor for a 90 % interval.
 
     C = H⁻¹ (Σ_g s_g s_gᵀ + P) H⁻¹, H = Jᵀ W² J + P, s_g = J_gᵀ W_g² r_g summed over one run: correlated
-    samples
-    of a run count as one. P is the prior of the base.
+    samples of a run count as one. P is the prior of the base.
 
     Args:
       problem: The data and the scale.
@@ -57,7 +55,7 @@ def sandwich_deviations(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) 
     count = len(runs)
     free = max(count - 1, 1)
     covariance = inverse @ meat @ inverse * count / free
-    # never narrower than white noise of the stated size would make it
+    # at least the standard deviation under white noise of the stated size
     spread = np.sqrt(np.maximum(covariance.diagonal(), inverse.diagonal()))
     factor = STAND_IN * float(student.ppf(0.5 * (1.0 + LEVEL), free))
     return spread * problem.scales(fitted.effects), factor
@@ -75,7 +73,7 @@ def _stretches(runs: dict[str, list[slice]]) -> list[slice]:
 
 
 def repeatability(replay: Replay, mismatch: Array) -> Array:
-    """RMS by which repeats of one condition differ from their own mean, per channel; NaN without repeats.
+    """RMS difference of repeats of one condition from their mean, per channel; NaN without repeats.
 
     The differences are taken between mismatches, so that known differences of the inputs cancel: for repeats
     a, b var = Σ (m_a − m_b)²/2n.
@@ -136,8 +134,7 @@ def block_noise(replay: Replay, mismatch: Array) -> Array:
     """Standard deviation of a block mean, per channel.
 
     The larger of repeatability and neighbour noise, combined with a small share of the channel's own RMS
-    and the
-    known error of the equations on a healthy machine.
+    and the known error of the equations on a healthy machine.
 
     Args:
       replay: Gives segments, measurement and channels.
@@ -154,11 +151,16 @@ def block_noise(replay: Replay, mismatch: Array) -> Array:
 
 
 def effective_samples(replay: Replay, whitened: Array) -> float:
-    """N_eff = N/(1 + 2 Σ ρ_k), the sum until the autocorrelation first falls below 0.05.
+    """Effective number of independent samples, N_eff = N/(1 + 2 Σ ρ_k).
+
+    The sum ends where the autocorrelation ρ_k first falls below 0.05.
 
     Args:
-      replay: Gives the segments; correlation does not reach from one into the next.
+      replay: Gives the segments; different segments are taken as uncorrelated.
       whitened: Mismatch in units of noise, shape (blocks, channels), 0 where masked.
+
+    Returns:
+      N_eff, summed over the channels.
     """
     total = 0.0
     for c in range(whitened.shape[1]):

@@ -1,7 +1,7 @@
-"""Bounded, damped Gauss-Newton: the one solver behind the search for a gap and the identification of floors.
+"""Bounded, damped Gauss-Newton solver for the search for a gap and for the identification of floors.
 
-A problem supplies residuals, their Jacobian and its normal equations; the solver never looks into a Jacobian,
-so a problem may keep it in the sparse form that suits it. In each round a few steps share one Jacobian.
+A problem supplies residuals, their Jacobian and the normal equations; the solver never reads the Jacobian
+itself, so a problem may store it in any sparse form. In each round a few steps share one Jacobian.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from omnimj.physics.native import kernel
 from omnimj.signals import Array
 
 _STEPS_PER_JACOBIAN = 4
-_STEP_LENGTHS = (1.0, 0.35)  # of the Gauss-Newton step, evaluated together
+_STEP_LENGTHS = (1.0, 0.35)  # step lengths relative to the Gauss-Newton step, evaluated together
 _FIRST_DAMPING, _LEAST_DAMPING = 1e-4, 1e-6
 
 J = TypeVar("J")
 
 
 class LeastSquares(Protocol[J]):
-    """A least-squares problem in n parameters, as the solver sees it."""
+    """Least-squares problem in n parameters."""
 
     def bounds(self) -> tuple[Array, Array]:
         """Lowest and highest value of each parameter, both of shape (n,)."""
@@ -47,15 +47,15 @@ class LeastSquares(Protocol[J]):
         ...
 
     def jacobian(self, x: Array, known: J | None) -> J:
-        """d(residual)/d(x/scale) at x, shape (n,); `known` holds leading columns at hand."""
+        """d(residual)/d(x/scale) at x, shape (n,); `known` holds leading columns already computed."""
         ...
 
     def update(self, jacobian: J, residual: Array, moved: Array, step: Array) -> J:
-        """Update the Jacobian after a step [scales], shape (n,); a problem may keep the old one."""
+        """Update the Jacobian after a step in units of `scales`, shape (n,), or return the old one."""
         ...
 
     def normal_equations(self, jacobian: J, residual: Array) -> Array:
-        """[J r]ᵀ W² [J r], shape (n + 1, n + 1)."""
+        """Normal equations [J r]ᵀ W² [J r], shape (n + 1, n + 1)."""
         ...
 
 
@@ -79,16 +79,22 @@ def minimise(
     longest: float = np.inf,
     ridge: float = 1e-9,
 ) -> Minimum[J]:
-    """Minimises the loss of a problem.
+    """Minimise the loss of a problem.
 
     Args:
       problem: The problem.
       start: Initial point, shape (n,).
       rounds: Largest number of Jacobians.
-      known: Jacobian of the leading parameters near the start, where one is at hand.
+      known: Jacobian of the leading parameters near the start, if already computed.
       tolerance: Relative decrease of the loss below which the minimisation ends.
       longest: Longest step of a parameter.
       ridge: Share of the largest squared column added to all; keeps singular problems solvable.
+
+    Returns:
+      The point with the smallest loss found.
+
+    Raises:
+      ValueError: `rounds` is 0.
     """
     low, high = problem.bounds()
     x = np.clip(start, low, high)
@@ -111,7 +117,7 @@ def minimise(
 def _descend(
     problem: LeastSquares[J], at: Minimum[J], tolerance: float, longest: float, ridge: float
 ) -> tuple[Array, Array, float, J]:
-    """Steps with one Jacobian until they gain little: x, residual, loss, Jacobian."""
+    """Take steps with one Jacobian until they gain little; return x, residual, loss and Jacobian."""
     low, high = problem.bounds()
     scales, damping = problem.scales(), _FIRST_DAMPING
     x, residual, jacobian, loss = at.x, at.residual, at.jacobian, at.loss
@@ -142,7 +148,7 @@ def bounded_step(
     damping: float,
     ridge: float = 1e-9,
 ) -> Array:
-    """argmin |W (r + J d)|² + p (d + e)² + damping Σ |W J_k|² d_k² inside the bounds, shape (n,).
+    """Step d that minimises |W (r + J d)|² + p (d + e)² + damping Σ |W J_k|² d_k² inside the bounds.
 
     Args:
       sums: Normal equations [J r]ᵀ W² [J r], shape (n + 1, n + 1).
@@ -150,6 +156,9 @@ def bounded_step(
       prior: Precision p and distance e from the nominal value, both of shape (n,).
       damping: Levenberg-Marquardt damping relative to the squared columns.
       ridge: Share of the largest squared column added to all.
+
+    Returns:
+      d, shape (n,).
     """
     low, high = bounds
     gram, slope = sums[:-1, :-1].copy(), sums[:-1, -1] + prior[0] * prior[1]
@@ -165,7 +174,7 @@ def bounded_step(
 
 
 def normal_equations(jacobian: Array, residual: Array, weight: Array) -> Array:
-    """[J r]ᵀ W² [J r], shape (n + 1, n + 1).
+    """Normal equations [J r]ᵀ W² [J r], shape (n + 1, n + 1).
 
     Args:
       jacobian: J, shape (rows, n).
@@ -177,7 +186,7 @@ def normal_equations(jacobian: Array, residual: Array, weight: Array) -> Array:
 
 @kernel
 def weighted_gram(jacobian, residual, weight):
-    """[J r]ᵀ W² [J r], compiled: for tall, narrow tables the threads of a BLAS library only wait.
+    """Compute [J r]ᵀ W² [J r]; for tall, narrow matrices faster than a multithreaded BLAS.
 
     Args:
       jacobian: J, shape (rows, n).

@@ -1,4 +1,4 @@
-"""Studies: many trials with a plan, resumed where they stopped, and judged together.
+"""Studies: many trials by one plan, resumed after an interruption and evaluated together.
 
 `runner`         the steps of every study: claim a folder, run missing trials, judge the results
 `workers`        own processes or a Dask cluster

@@ -15,7 +15,7 @@ IN_USE = 2.0
 SMOOTHING_TIME = 0.02
 """Length of the moving average of traction, since rollers take turns [s]."""
 LONG_USE = 5.0
-"""Time of use after which a torque constant should be known [s]."""
+"""Time of use after which the estimate of a torque constant should be settled [s]."""
 
 
 def demanded_traction(healthy: Trace) -> Array:
@@ -36,7 +36,7 @@ def demanded_traction(healthy: Trace) -> Array:
 
 
 def in_use(fault: Fault, time: Array, traction: Array) -> NDArray[np.bool_]:
-    """Return when a fault is present and its part in use.
+    """Return a mask of samples at which a fault is present and its part in use.
 
     A wheel is in use while more than `IN_USE` of traction is demanded of it; sensors of the body and motors
     that run away always are.
@@ -67,7 +67,7 @@ def first_time(time: Array, holds: NDArray[np.bool_]) -> float | None:
 
 
 def time_after_use(time: Array, used: NDArray[np.bool_], seconds: float = LONG_USE) -> float | None:
-    """Return the time at which a part has been in use for so long in total [s]; None: never.
+    """Return the time at which the total time of use reaches a duration [s]; None: never.
 
     Args:
       time: Shape (k,) [s].

@@ -26,17 +26,17 @@ CLASSES = (NONE, "motor", "slip", "locked", "free", "hard_over", "all_wheel_slip
 """Classes of cases: no fault, one fault of a class, or two of the eight `motor i`, `slip i`."""
 WEAK = "weak"
 ALL_CLASSES = (*CLASSES, WEAK)
-"""All classes; `weak` is drawn only if it is named: a motor with a loss of a tenth from the beginning, the
+"""All classes; `weak` is drawn only on request: a motor with a loss of a tenth from the beginning, the
 smallest that should be found in a mission."""
 WHEEL_FAULTS = tuple((kind, wheel) for kind in ("slip", "motor") for wheel in (1, 2, 3, 4))
 """Faults f1 … f8 of Table 5.2 in the dissertation."""
 PAIRS = tuple(combinations(WHEEL_FAULTS, 2))
 """All 28 pairs of faults at two wheels, or of two kinds at one."""
 
-_WEIGHT = {"motor": 3.0, "slip": 3.0, "sensor": 3.0, TWO: 2.0}  # of a class when drawn; 1 else
+_WEIGHT = {"motor": 3.0, "slip": 3.0, "sensor": 3.0, TWO: 2.0}  # weights of classes in the draw, else 1
 _BRAKED = 0.25  # share of motor faults that are a second motor in parallel
 _PASSING, _PASSES = 0.5, (1.0, 6.0)  # share of slips that end, and after how long [s]
-_AT_ONCE, _LATER = 0.5, 3.0  # share of pairs that begin together, else within so long [s]
+_AT_ONCE, _LATER = 0.5, 3.0  # share of pairs that begin together; largest delay of the second fault else [s]
 _TENTH = 0.1
 _MODES = ("bias", "freeze", "drift", "noise", "scale")
 _SIZES: dict[str, dict[str, tuple[float, float]]] = {
@@ -77,7 +77,7 @@ def draw_faults(
       random: Random generator.
       kind: One of `ALL_CLASSES`.
       onsets: First and last time at which the first fault may begin [s].
-      passing: Whether a slip may end.
+      passing: True if a slip may end.
       pair: Index in `PAIRS` of two faults at once; drawn when None.
     """
     onset = _to_period(random.uniform(*onsets))
@@ -139,7 +139,7 @@ def _sensor_fault(random: np.random.Generator, onset: float) -> Fault:
 
 
 PAYLOAD = 0.20
-"""Half-width of the payload as a share of the robot's mass; a negative payload stands for removed parts."""
+"""Half-width of the payload as a share of the robot's mass; negative: parts removed."""
 BOUNDS: Mapping[str, float] = MappingProxyType(
     {"torque_constant": 0.03, "friction": 0.20, "mass": 0.03, "inertia": 0.05, "floor": 0.20}
 )
@@ -210,7 +210,7 @@ def true_floor(nominal: Floor, errors: ParameterErrors) -> Floor:
 
 
 def with_errors(scenario: Scenario, errors: ParameterErrors, floor: str) -> Scenario:
-    """Return the scenario with the true robot on the true floor, for a plant to be made of.
+    """Return the scenario with the true robot on the true floor, from which a plant is made.
 
     Args:
       scenario: Scenario of a robot with nominal parameters.

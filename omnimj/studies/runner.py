@@ -1,4 +1,4 @@
-"""Study runner: claim a folder for a plan, run the missing trials on an executor, judge what is there.
+"""Study runner: claim a folder for a plan, run the missing trials on an executor, evaluate the results.
 
 A study is a folder with its plan in one JSON file and the result of every trial in another. Results are
 written as they arrive, so that an interrupted study continues where it stopped, and one with more trials adds
@@ -74,7 +74,7 @@ class StudyFolder:
     contents: tuple[str, ...]
     """Glob patterns of everything that another plan replaces."""
     can_replace: bool = True
-    """Whether the command has `--force`."""
+    """True if the command has `--force` to replace another plan's results."""
 
     def claim(self, plan: Mapping[str, Any], force: bool = False) -> bool:
         """Make the folder hold this plan.
@@ -84,7 +84,7 @@ class StudyFolder:
           force: Replace the results of another plan.
 
         Returns:
-          Whether the folder held this plan already.
+          True if the folder held this plan already.
 
         Raises:
           InputError: The folder holds another plan or something else, or cannot be written.
@@ -118,7 +118,7 @@ class StudyFolder:
 
 @dataclass(frozen=True)
 class TrialFolder:
-    """Results of trials by name, one JSON file each; a trial that broke down has the one key `error`."""
+    """Folder of trial results, one JSON file per trial; that of a trial that broke down has only `error`."""
 
     path: Path
 
@@ -133,7 +133,7 @@ class TrialFolder:
             write_json(self.path / f"{name}.json", result)
 
     def finished(self, name: str, **truth: Any) -> dict[str, Any] | None:
-        """Return the result of a trial that needs no further run; None if it is missing or broke down.
+        """Return the result of a completed trial; None if it is missing or broke down.
 
         Args:
           name: Name of the trial.
@@ -170,7 +170,7 @@ def read_json(path: Path) -> dict[str, Any] | None:
 def run_guarded(trial: Callable[[], Mapping[str, Any]]) -> dict[str, Any]:
     """Return the JSON result of a trial; an exception becomes `{"error": …}` with its place in the code.
 
-    One trial that breaks down must not end a study of hours: it is counted and shown.
+    A failed trial is counted and reported, so that it does not end a study of hours.
     """
     try:
         return to_jsonable(trial())

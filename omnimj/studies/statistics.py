@@ -1,4 +1,4 @@
-"""Statistics of trials: rates with confidence bounds, quantiles, and tables that show them."""
+"""Statistics of trials: rates with confidence bounds, quantiles, and tables of results."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Rate:
     hits: int
     count: int
     value: float | None
-    """None without any trial."""
+    """k/n; None without any trial."""
     low: float
     high: float
 
@@ -48,9 +48,9 @@ class EventRate:
     events: int
     hours: float
     per_hour: float | None
-    """None for zero time."""
+    """Rate k/T [1/h]; None for zero time."""
     upper: float | None
-    """One-sided 95 % bound [1/h]."""
+    """One-sided upper 95 % bound [1/h]; None for zero time."""
 
 
 def event_rate(events: int, hours: float) -> EventRate:
@@ -70,7 +70,7 @@ def quantile(values: Iterable[float], share: float) -> float | None:
 
     Args:
       values: NaN is left out; an interpolation towards ∞ gives ∞.
-      share: 0 … 1.
+      share: Probability of the quantile, 0 … 1.
 
     Returns:
       The quantile; None without any value.

@@ -1,4 +1,4 @@
-"""Workers of a study: own processes, or any executor of `concurrent.futures` such as a Dask cluster.
+"""Workers of a study: own processes, or any `concurrent.futures` executor such as that of a Dask cluster.
 
 Every result is stored as it arrives: Ctrl-C or a worker that dies costs only the trials that were running.
 """
@@ -42,7 +42,7 @@ class WorkerPool:
         phrase: str,
         report: Progress,
     ) -> None:
-        """Run all tasks and store each result as it arrives; a failed task is stored as `{"error": …}`.
+        """Run all tasks and store each result as it arrives; store a failed one as `{"error": …}`.
 
         A worker that dies loses only its current task; the others are completed as far as the executor has
         workers left.
@@ -89,7 +89,7 @@ def run_in_workers(
       executor: Used instead of own processes, and left open.
 
     Returns:
-      Whether the work was completed; False after Ctrl-C.
+      True if the work was completed; False after Ctrl-C.
 
     Raises:
       SimulationError: A worker died.
@@ -133,14 +133,14 @@ def _shut_down(pool: Executor, before: set, finished: bool) -> None:
 
 
 def _ignore_interrupts() -> None:
-    """Leave Ctrl-C to the parent, which terminates its workers; end with a parent that is killed."""
+    """Ignore Ctrl-C, since the parent terminates its workers; exit if the parent is killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_exit_with_parent, daemon=True).start()
 
 
 def _exit_with_parent() -> None:
     parent = multiprocessing.parent_process()
-    assert parent is not None  # a worker has one
+    assert parent is not None  # every worker has a parent
     parent.join()
     os._exit(1)  # no process is left that could receive a result
 

@@ -1,4 +1,4 @@
-"""The gap between simulation and measurement: where it is, the missing effect by name, and the new model.
+"""Gap between simulation and measurement: its location, the missing effects by name, and the new model.
 
 - `find`: the workflow from a dataset's folder to a `Finding`
 - `plants`: model file, data check and replay of each plant

@@ -173,8 +173,7 @@ def new_model_text(finding: Finding, file: Path | None = None) -> str | None:
     """Text of the model file with the named effects and refitted values.
 
     Values that are no quantity of the model file are left out: the numbers of a floor (see
-    `new_floors_text`),
-    the lag of a channel, the scale of the masses given by the runs.
+    `new_floors_text`), the lag of a channel, the scale of the masses given by the runs.
 
     Args:
       finding: The finding.

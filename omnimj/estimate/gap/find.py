@@ -30,7 +30,7 @@ from omnimj.signals import Array
 
 
 def held_out_conditions(names: Sequence[str], runs: Sequence[Run]) -> tuple[str, ...]:
-    """Conditions of the named runs; all repeats are held out together, so that none gives the answer away.
+    """Conditions of the named runs; all repeats of a condition are held out together.
 
     Args:
       names: Names of runs or conditions.
@@ -57,7 +57,7 @@ def held_out_conditions(names: Sequence[str], runs: Sequence[Run]) -> tuple[str,
 
 @dataclass(frozen=True)
 class DatasetSummary:
-    """Facts about the dataset that a finding repeats."""
+    """Facts about the dataset that become part of the finding."""
 
     dataset: str
     notes: tuple[str, ...] = ()
@@ -80,8 +80,7 @@ def analyse_replay(
       holdout: Conditions excluded from every fit; drawn by the seed when empty.
       seed: Seed of the held-out draw, the folds and the decoys.
       report: Called with a phrase and the completed share of it; KeyboardInterrupt raised there ends the
-        search
-        with the result so far.
+        search with the result so far.
     """
     began = time.perf_counter()
     counted = _CountingReplay(replay)
@@ -145,7 +144,7 @@ def _mismatch(problem: Problem, fitted: Fit) -> Array:
 
 
 def parameter_slice(problem: Problem, fitted: Fit, candidate: CandidateEffect) -> slice:
-    """Place of one effect's parameters in a fit's vector."""
+    """Slice of one effect's parameters in the parameter vector of a fit."""
     at = len(problem.replay.base) + problem.has_twin_share
     for one in fitted.effects:
         if one.label == candidate.label:
@@ -275,8 +274,7 @@ def find_gap(
       model: The plant's model file; the shipped one when None.
       holdout: Runs or conditions to judge by; drawn by the seed when empty.
       report: Called with a phrase and the completed share of it; KeyboardInterrupt raised there ends the
-        search
-        with the result so far.
+        search with the result so far.
       seed: Seed of the held-out draw and of the random curves.
       floors_file: Floors in addition to the shipped ones; equal names replace them.
 

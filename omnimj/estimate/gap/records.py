@@ -1,4 +1,4 @@
-"""Records of the gap workflow; the command line writes them, the report draws them."""
+"""Records of the gap workflow, shared by command line and report."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class Refitted:
     nominal: float
     low: float
     high: float
-    """The stated uncertainty: nominal ± half-width."""
+    """`low` and `high` bound the stated uncertainty: nominal ± half-width."""
     fitted: float
     at_bound: bool = False
 
@@ -90,7 +90,8 @@ class CandidateResult:
     gain: Interval | None
     """Held-out gain; None for candidates excluded by the screening."""
     verdict: str
-    """`named`, `rival`, `beaten`, `given up` (it led at first), `screened out`, `below the margin`."""
+    """`named`, `rival`, `beaten`, `given up` (best at first, eliminated later), `screened out` or
+    `below the margin`."""
     words: str = ""
     """Description in plain words."""
     is_sensor: bool = False
@@ -204,7 +205,7 @@ def overlays_by_run(finding: Finding) -> dict[str, list[Overlay]]:
 
 
 def run_gaps(finding: Finding) -> tuple[RunGap, ...]:
-    """Gaps of all runs with an overlay, the largest mismatch in units of noise first."""
+    """List the gap of every run with an overlay, the largest mismatch in units of noise first."""
     second = has_second_model(finding)
     found = [_of_run(finding, run, windows, second) for run, windows in overlays_by_run(finding).items()]
     return tuple(sorted(found, key=lambda gap: -gap.total_before))

@@ -1,7 +1,7 @@
 """Verdict on a search with its reason, and the experiment that would separate rivals.
 
 `named` and `ambiguous` need effects that explain most of what can be explained at all; otherwise the gap is
-`unexplained`, and a free curve tells how much there is to explain. `no_gap`: the mismatch is at noise level.
+`unexplained`, and a free curve shows how much there is to explain. `no_gap`: the mismatch is at noise level.
 """
 
 from __future__ import annotations
@@ -147,8 +147,7 @@ def next_experiment(problem: Problem, best: Fit, rivals: Sequence[tuple[str, Fit
     """Candidate run in which the leader and its rivals differ most.
 
     Every fitted model predicts every candidate run. A run is ranked by the rival that it separates least,
-    then by
-    the sum over rivals.
+    then by the sum over rivals.
 
     Args:
       problem: Gives the candidate runs and the noise.

@@ -63,7 +63,7 @@ def slope(function, shared: Array, slip: Array) -> Array:
 
 
 def points(fit: FloorFit) -> Points:
-    """Points of Eq. (4.26) in blocks of all runs, beside the fitted model in the same blocks."""
+    """Block means of all runs by Eq. (4.26), with the fitted model in the same blocks."""
     found = []
     for run, blocks in zip(fit.problem.runs, fit.problem.simulated(fit.shared, fit.own), strict=True):
         radius = run.parameters.radius * np.exp(fit.shared[RADIUS_SCALE])
@@ -75,14 +75,14 @@ def points(fit: FloorFit) -> Points:
 
 
 def measured_points(run: CarriageRun, radius: float) -> tuple[Array, Array]:
-    """Points of Eq. (4.26): V_r = r φ̇ − V [m/s] and F/F_N = (m V̇ + F_rail + F_roll)/(m g) [1].
+    """Block means by Eq. (4.26): V_r = r φ̇ − V [m/s] and F/F_N = (m V̇ + F_rail + F_roll)/(m g) [1].
 
     Args:
       run: The run.
       radius: Rolling radius [m].
 
     Returns:
-      Both in blocks, shape (m,); NaN where not measured.
+      V_r and F/F_N in blocks, each of shape (m,); NaN where not measured.
     """
     speed, acceleration = run.measured.T
     wheel = run.wheel_speed.reshape(-1, run.per_block).mean(axis=1)
@@ -110,7 +110,7 @@ def start_values(runs: Sequence[CarriageRun]) -> Array:
 
 
 def covered_slip(fit: FloorFit) -> tuple[float, float] | None:
-    """Slip over which the runs slide with a settled bristle [m/s]; None where they never do.
+    """Range of slip over which the runs slide with a settled bristle [m/s]; None if they never do.
 
     While the bristle is still being stretched, F/F_N depends on its stiffness and not on g.
     """

@@ -86,7 +86,7 @@ class RunJacobian:
 
 @dataclass(frozen=True)
 class FloorProblem:
-    """Runs of one floor and the noise of their residuals."""
+    """Least-squares problem of one floor: its runs and the noise of their residuals."""
 
     runs: tuple[CarriageRun, ...]
     bias_spread: float
@@ -239,7 +239,7 @@ def solve_floor(
 
 @dataclass(frozen=True)
 class _SolverView:
-    """One floor as `least_squares.minimise` sees it: x = (free shared directions, radius of each run).
+    """Problem of one floor for `least_squares.minimise`: x = (free shared directions, radius of each run).
 
     The normal equations have the shape of an arrow: runs share nothing but the shared unknowns. The prior of
     the shared unknowns is part of the residuals.

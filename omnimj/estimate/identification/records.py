@@ -25,7 +25,7 @@ CONFIDENCE = 0.9
 
 @dataclass(frozen=True)
 class Estimate:
-    """Parameter with its interval; an end that the data leave open is None."""
+    """Parameter with its interval; an end is None if the data do not bound it."""
 
     name: str
     unit: str
@@ -111,8 +111,8 @@ class IdentifiedFloor:
     radius_scale: float
     """Rolling radius over the nominal one, fitted together with the floor."""
     rms: Mapping[str, float]
-    """`carriage_speed` [m/s] and `carriage_acceleration` [m/s²] of block means; `traction_ratio` [1] of Eq.
-    4.26."""
+    """RMS residual of the block means of `carriage_speed` [m/s], `carriage_acceleration` [m/s²] and
+    `traction_ratio` [1], the last by Eq. (4.26)."""
     samples: int
     """Number of fitted block means."""
     effective_samples: float

@@ -47,17 +47,17 @@ class RigRun:
     lateral_speed: float
     """Mean of the gantry's speed, 0 when it stands [m/s]."""
     period: float
-    """[s]"""
+    """Sample period [s]."""
     time: Array
-    """From 0 on [s]."""
+    """Time since the start of the run [s]."""
     current: Array
-    """[A]"""
+    """Motor current [A]."""
     wheel_speed: Array
-    """[rad/s]"""
+    """Measured wheel speed φ̇ [rad/s]."""
     carriage_speed: Array
-    """[m/s]"""
+    """Measured carriage speed V [m/s]."""
     carriage_acceleration: Array
-    """[m/s²]"""
+    """Measured carriage acceleration V̇ [m/s²]."""
     measured: NDArray[np.bool_]
     """Mask of measured samples of current, wheel speed, carriage speed and acceleration, shape (k, 4)."""
 
@@ -80,7 +80,7 @@ def rig_run(run: Run, period: float) -> RigRun:
     Masked samples are bridged by straight lines, so that inputs have no holes, and marked as not measured.
 
     Args:
-      run: With columns of the rig, `floor` and `mass` among its conditions.
+      run: Run with the columns of the rig, and `floor` and `mass` among its conditions.
       period: Period of the grid [s].
     """
     time = run.time - run.time[0]
@@ -121,7 +121,7 @@ def _on_grid(
 
 
 def longest_stretches(measured: NDArray[np.bool_], least: int) -> list[tuple[int, int]]:
-    """Stretches of at least `least` samples that are not measured, as first and past-the-last sample.
+    """Find stretches of at least `least` unmeasured samples, as (first, last + 1).
 
     Args:
       measured: Mask of measured samples, shape (k,).
@@ -133,13 +133,13 @@ def longest_stretches(measured: NDArray[np.bool_], least: int) -> list[tuple[int
 
 @dataclass(frozen=True)
 class CarriageRun:
-    """A run prepared for `physics.carriage.simulate_carriage`."""
+    """Run prepared for `physics.carriage.simulate_carriage`."""
 
     run: RigRun
     parameters: carriage.CarriageParameters
     """Mass, wheel radius and resistances of the run."""
     wheel_speed: Array
-    """Cut to whole blocks, shape (k,) [rad/s]."""
+    """Wheel speed, cut to whole blocks, shape (k,) [rad/s]."""
     use: Array
     """Samples that count for speed and acceleration, shape (k, 2)."""
     per_block: int
@@ -190,8 +190,8 @@ def lugre(numbers: Array) -> TractionParameters:
 def resistance(rig: Rig, mass: float, lateral_speed: float) -> tuple[float, float]:
     """Dry and viscous resistance of the carriage, Eqs. 4.12-4.18 [N, N.s/m].
 
-    The rail's measured friction and rolling resistance; with the gantry moving the load that the rollers'
-    friction puts on the rail.
+    The measured friction of the rail, the rolling resistance and, while the gantry moves, the additional load
+    of the rail from the friction of the rollers.
     """
     found = rig_parameters(rig, mass)
     dry, viscous = rail_friction(found, lateral_force(found, lateral_speed))
@@ -207,7 +207,7 @@ def carriage_run(rig: Rig, run: RigRun) -> CarriageRun:
     first = run.carriage_speed[: max(1, round(BLOCK / h))].mean()
     start = 0.0 if run.starts_at_rest else float(first)
     use = _usable(rig, run)[:count].astype(float)
-    # the speeds lag by their filter, the acceleration by its bandwidth: both pass both
+    # both filters apply to both: that of the speeds, and that of the accelerometer
     lag = math.exp(-h / rig.sensors.speed_filter)
     begin = [lag * run.carriage_acceleration[0]]
     acceleration = lfilter([1.0 - lag], [1.0, -lag], run.carriage_acceleration, zi=begin)[0]
@@ -236,8 +236,7 @@ def _slips_clearly(rig: Rig, run: RigRun) -> NDArray[np.bool_]:
     """Mask of samples whose slip is well above its own ripple and noise in a short window.
 
     The bristle relaxes with |V_r|: ripple of rollers and encoders on a small slip does not average out in
-    it, and
-    the speed filter hides part of it.
+    it, and the speed filter hides part of it.
     """
     slip = rig.wheel.radius * run.wheel_speed - run.carriage_speed
     window = max(3, round(_WINDOW / run.period))
@@ -258,7 +257,7 @@ def _has_travelled(rig: Rig, run: RigRun) -> NDArray[np.bool_]:
 
 
 def _block_means(values: Array, use: Array, per_block: int) -> Array:
-    """Means of the samples that count; NaN where fewer than half do."""
+    """Average the samples that count over blocks; NaN where fewer than half do."""
     shape = (-1, per_block, values.shape[1])
     counted = use.reshape(shape).sum(axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -168,7 +168,7 @@ def _shifts_by_known(
 def confidence_interval(
     fit: FloorFit, spread_: FitCovariance, index: int
 ) -> tuple[float | None, float | None]:
-    """Ends of the interval of exp(unknown); an end is None where the runs do not bound it."""
+    """Confidence interval of exp(unknown); an end is None if the runs do not bound it."""
     half = float(spread_.half_width(np.eye(len(fit.shared))[index : index + 1])[0])
     value = fit.shared[index]
     if half < (_WIDE if index > V_S else _NARROW):
@@ -180,7 +180,7 @@ def confidence_interval(
 
 
 def _profile_bound(fit: FloorFit, index: int, sign: float, threshold: float) -> float | None:
-    """Value at which the runs' cost has risen by the threshold, others refitted; None where it never does."""
+    """Value at which the cost has risen by the threshold, the others refitted; None if it never does."""
     at, before, last = fit, 0.0, 0.0
     for step in _WALK:
         at = solve_with_fixed(fit, index, fit.shared[index] + sign * step, at)

@@ -22,7 +22,7 @@ from omnimj.recording.dataset import Dataset, Run
 from omnimj.signals import Array, CurrentCommand
 
 TABLE_4_2_CURRENTS = (0.45, 0.60, 0.75, 0.90, 1.05, 1.20, 1.35, 1.50)
-"""Currents of Table 4.2 [A]."""
+"""Currents in Table 4.2 [A]."""
 TABLE_4_2: Mapping[tuple[float, str], tuple[float, ...]] = MappingProxyType(
     {
         (3.9593, "natural_stone"): (0.024, 0.016, 0.007, 0.010, 0.012, 0.016, 0.020, 0.012),

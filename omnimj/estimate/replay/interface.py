@@ -45,7 +45,7 @@ class Segment:
     """Condition shared by repeats; data are held out by whole conditions."""
     first: int
     last: int
-    """Rows of blocks: first … last − 1."""
+    """The segment comprises the rows of blocks first … last − 1."""
     time: Array
     """Block centres, shape (last − first,) [s]."""
 
@@ -74,7 +74,7 @@ class CandidateParameter:
     null_value: float | None
     """Value at which the effect vanishes; None for a shape parameter (a place, a width)."""
     trials: tuple[float, ...] = ()
-    """Values of a shape parameter to be tried in the screening."""
+    """Trial values of a shape parameter for the screening."""
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ class Replay(Protocol):
     base: tuple[BaseParameter, ...]
     candidates: tuple[CandidateEffect, ...]
     curves: Mapping[str, float]
-    """Variables of free curves → a typical force [N]."""
+    """Variable of each free curve → typical force [N]."""
 
     def simulate(self, settings: Sequence[Setting]) -> list[Array]:
         """Simulate the sensors by the equations, one array of shape (blocks, channels) per setting."""
@@ -143,12 +143,12 @@ class Replay(Protocol):
         ...
 
     def predict(self, settings: Sequence[Setting], experiment: Experiment) -> list[Array]:
-        """Predict block means of such a run, one array of shape (blocks, channels) per setting."""
+        """Predict block means of a candidate run, one array of shape (blocks, channels) per setting."""
         ...
 
 
 def average_blocks(values: Array, size: int) -> Array:
-    """Means of `size` consecutive samples; a remainder is dropped; NaN where any sample is NaN.
+    """Average `size` consecutive samples at a time; drop a remainder; NaN where any sample is NaN.
 
     Args:
       values: Shape (n,) or (n, channels).
@@ -193,7 +193,7 @@ def _parameter(p: EffectParameter, spans: Mapping[str, tuple[float, float]]) -> 
 
 
 def _trials(p: EffectParameter, spans: Mapping[str, tuple[float, float]]) -> tuple[float, ...]:
-    """Values at which a shape parameter is tried."""
+    """Trial values of a shape parameter."""
     if p.null_value is not None:
         return ()
     low, high = spans.get("position", (0.0, 1.0))

@@ -84,8 +84,7 @@ class Problem:
         """Precision of every parameter and its distance from nominal, both in its scale, shape (n,).
 
         A box of half-width a has the variance a²/3. The prior decides only what the data leave open: the
-        share of an
-        effect that the base's own uncertainty explains.
+        share of an effect that the base's own uncertainty explains.
         """
         n = len(self.replay.base)
         precision, distance = np.zeros(len(x)), np.zeros(len(x))
@@ -151,7 +150,7 @@ class Problem:
         return (2.0 * d * d * (np.sqrt(1.0 + (residual / d) ** 2) - 1.0)).sum(axis=1)
 
     def jacobian(self, x: Array, effects: ModelEffects, columns: Sequence[int] | None = None) -> Array:
-        """d(residual)/d(parameter/scale) by differences into the box, shape (blocks × channels, columns)."""
+        """d(residual)/d(parameter/scale) by finite differences, shape (blocks × channels, columns)."""
         low, high = self.bounds(effects)
         scales = self.scales(effects)
         columns = range(len(x)) if columns is None else columns
@@ -216,8 +215,8 @@ def fit(
       start: Initial parameters, shape (n,).
       used: Blocks that count, shape (blocks,).
       rounds: Largest number of Jacobians.
-      known: Jacobian of the leading parameters near the start, shape (blocks × channels, some), where one is
-        at hand.
+      known: Jacobian of the leading parameters near the start, shape (blocks × channels, some), if already
+        computed.
     """
     found = minimise(_FitProblem(problem, effects, used), start, rounds=rounds, known=known)
     return Fit(effects, found.x, found.residual, found.jacobian, found.loss)
@@ -231,7 +230,7 @@ def reevaluate(fitted: Fit, problem: Problem) -> Fit:
 
 @dataclass(frozen=True)
 class _FitProblem:
-    """One model on the blocks in use, as `least_squares.minimise` sees it."""
+    """Fit of one model to the blocks in use, a problem for `least_squares.minimise`."""
 
     problem: Problem
     effects: ModelEffects

@@ -1,4 +1,4 @@
-"""Cases of an evaluation, each drawn from suite, seed and number alone."""
+"""Cases of an evaluation, each determined by suite, seed and case number alone."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ from omnimj.studies.random_truth import (
 )
 
 FLOORS = ("natural_stone", "pvc", "paperboard", "natural_stone_capped")
-"""Floors of the cases."""
+"""Names of the floors from which cases are drawn."""
 PLANTS = ("planar", "twin")
 TRAINING_SEEDS = range(100)
-"""Seeds of the runs that set thresholds; they do not judge a method."""
+"""Seeds of the runs on which thresholds were set; not used to evaluate a method."""
 WHEELS = 4
 
 _SPEEDS = ("low", "high")  # by name in `scenario.drive_keys`
@@ -46,7 +46,7 @@ _MANY = 1024  # cases whose classes are drawn together
 
 @dataclass(frozen=True)
 class Suite:
-    """A kind of run."""
+    """Kind of run."""
 
     name: str
     description: str
@@ -55,9 +55,9 @@ class Suite:
     healthy: float
     """Share of cases without a fault, if the population has such cases."""
     onsets: tuple[float, float]
-    """Shares of the duration between which the first fault begins."""
+    """Earliest and latest onset of the first fault, as shares of the duration."""
     passing: bool
-    """Whether a slip may end before the run does."""
+    """True if a slip may end before the run does."""
 
 
 SUITES: Mapping[str, Suite] = MappingProxyType(
@@ -85,7 +85,7 @@ SUITES: Mapping[str, Suite] = MappingProxyType(
 
 @dataclass(frozen=True)
 class CasePopulation:
-    """Population that cases are drawn from."""
+    """Population from which cases are drawn."""
 
     suite: str = "missions"
     seed: int = 0
@@ -98,17 +98,17 @@ class CasePopulation:
 
 @dataclass(frozen=True)
 class Case:
-    """One case and its truth."""
+    """Case with its truth."""
 
     name: str
-    """`case_00017`."""
+    """Name such as `case_00017`."""
     suite: str
     seed: int
     index: int
     plant: str
     floor: str
     duration: float
-    """[s]."""
+    """Duration of the run [s]."""
     speed: str
     """`low` or `high` for a manoeuvre; `mixed` for a mission."""
     direction: float | None
@@ -125,7 +125,7 @@ class Case:
         return [fault_record(fault) for fault in self.faults]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the case in JSON's own types."""
+        """Return the case as JSON-compatible values."""
         errors = dataclasses.asdict(dataclasses.replace(self.errors, constants={}, floor={}))
         errors |= {"constants": dict(self.errors.constants), "floor": dict(self.errors.floor)}
         errors["torque_constants"] = list(self.errors.torque_constants)
@@ -226,7 +226,7 @@ def fault_label(record: Mapping[str, Any]) -> str:
 
 
 def is_judging_seed(seed: int) -> bool:
-    """Return whether a seed may judge a method."""
+    """Return whether a seed may be used to evaluate a method."""
     return seed not in TRAINING_SEEDS
 
 

@@ -1,4 +1,4 @@
-"""Goals of a method beside the measured figures: measure, goal, measured, n, met.
+"""Comparison of the measured figures of a method with its goals: measure, goal, measured, n, met.
 
 A goal is met or missed by the measured figure; a remark says whether its confidence interval agrees. A goal
 for a time without a statistic applies to both the median and the 95 % quantile.
@@ -14,14 +14,14 @@ from omnimj.studies.evaluation.summary import Delays, GroupSummary, Ratios, Summ
 from omnimj.studies.statistics import EventRate, Rate
 
 QUIET_HOURS = {"planar": 30.0, "twin": 3.0}
-"""Fault-free time without any false alarm that the goal needs, per plant [h]."""
+"""Fault-free time without any false alarm that the goal requires, per plant [h]."""
 MAX_FALSE_ALARMS_PER_HOUR = 0.1
 MAX_RATIO = 1.05
 
 
 @dataclass(frozen=True)
 class GoalResult:
-    """One measure with its goal, if it has one."""
+    """Measured figure with its goal, if it has one."""
 
     measure: str
     unit: str
@@ -37,9 +37,9 @@ class GoalResult:
     counted: str
     """Unit of the sample size."""
     met: bool | None
-    """Whether the goal is met; None without a goal or a figure."""
+    """True if the goal is met; None without a goal or a figure."""
     sure: bool
-    """Whether the bounds lie on the same side of the goal as the figure."""
+    """True if the confidence bounds lie on the same side of the goal as the figure."""
     remark: str = ""
 
 

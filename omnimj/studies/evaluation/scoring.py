@@ -15,9 +15,9 @@ from omnimj.studies.random_truth import ALL_CLASSES, NONE, TWO
 
 AMBIGUOUS, SEVERAL = "ambiguous", "several"
 HEADING_FLOOR = 0.0015
-"""Smallest heading excursion in ratios, one step of the heading converter [rad]."""
+"""Lower limit of a heading excursion in ratios, one step of the heading converter [rad]."""
 PATH_FLOOR = 0.005
-"""Smallest path excursion in ratios [m]."""
+"""Lower limit of a path excursion in ratios [m]."""
 
 
 @dataclass(frozen=True)
@@ -25,11 +25,11 @@ class FaultScore:
     """Score of one fault of a case."""
 
     label: str
-    """`motor 3`."""
+    """Label such as `motor 3`."""
     in_use: float | None
     """Time at which its part was first in use [s]; None: never."""
     named: bool
-    """Whether this fault was diagnosed."""
+    """True if this fault was diagnosed."""
     named_delay: float
     """Time from onset to its diagnosis [s]; ∞: never."""
     named_delay_in_use: float | None
@@ -58,7 +58,7 @@ class CaseScore:
     """Column of the confusion matrix: the true label if the fault was isolated; else the diagnosed one,
     `none`, `ambiguous` or `several`."""
     isolated: bool | None
-    """Whether exactly the true faults were diagnosed, see `simulate.judging`; None without a fault."""
+    """True if exactly the true faults were diagnosed, see `simulate.judging`; None without a fault."""
     false_alarms: int
     early_alarms: int
     """Number of false alarms before the first onset."""
@@ -81,7 +81,7 @@ class CaseScore:
     clearing: float | None
     """Time from the end of a slip to the end of its diagnosis [s]; ∞: never; None: nothing to clear."""
     switches: int | None
-    """Number of diagnoses of a slip that is the only fault; None: no such slip, or never diagnosed."""
+    """Number of times that a slip, the only fault, was diagnosed; None: no such slip, or never diagnosed."""
 
     @property
     def heading_ratio(self) -> float | None:
@@ -95,7 +95,7 @@ class CaseScore:
 
     @property
     def was_in_use(self) -> bool:
-        """Whether every faulty part was in use."""
+        """True if every faulty part was in use."""
         return bool(self.faults) and all(fault.in_use is not None for fault in self.faults)
 
 
@@ -204,7 +204,7 @@ def _score_fault(
 
 
 def _estimate_error(case: Case, fault: Fault, estimate: float | None) -> float | None:
-    """Return the estimate − (1 − loss) × true/nominal torque constant, the effectiveness that is left."""
+    """Return estimated − true effectiveness, the latter (1 − loss) × true/nominal torque constant."""
     if estimate is None or fault.wheel is None or "loss" not in fault.numbers:
         return None
     left = (1.0 - float(fault.numbers["loss"])) * case.errors.torque_constants[fault.wheel - 1]

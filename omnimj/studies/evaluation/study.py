@@ -1,4 +1,4 @@
-"""Evaluation study, `omnimj evaluate`: randomised cases with a diagnosis method, judged by their truth.
+"""Evaluation study, `omnimj evaluate`: a diagnosis method on randomised cases, compared with their truth.
 
 The folder:
   evaluation_plan.json  settings
@@ -89,7 +89,7 @@ class EvaluationResult:
     summary: Summary
     scores: tuple[CaseScore, ...]
     lines: tuple[str, ...]
-    """Sentences that say where the numbers come from."""
+    """Sentences on the origin of the numbers."""
     tables: tuple[Table, ...]
     interrupted: bool
     failed: int
@@ -103,7 +103,7 @@ class EvaluationResult:
 def run_evaluation(
     config: EvaluationConfig, report: Progress, executor: Executor | None = None
 ) -> EvaluationResult:
-    """Run the missing cases and judge all that are finished.
+    """Run the missing cases and evaluate all that are finished.
 
     Args:
       config: Settings.
@@ -147,7 +147,7 @@ def check_config(config: EvaluationConfig) -> None:
 
 
 class _Evaluation:
-    """An evaluation as the study runner executes it."""
+    """Steps of an evaluation for the study runner."""
 
     def __init__(self, config: EvaluationConfig):
         self.config, self.workers = config, config.workers

@@ -19,7 +19,7 @@ class Delays:
 
     count: int
     median: float | None
-    """Median [s]; ∞: at least half of the cases have none."""
+    """Median [s]; ∞: at least half of the cases have no alarm."""
     p95: float | None
     """95 % quantile [s]."""
 
@@ -31,7 +31,7 @@ class GroupSummary:
     name: str
     cases: int
     unused: int
-    """Number of these whose faulty part was never in use; they are in no other number of the group."""
+    """Number of cases whose faulty part was never in use; excluded from all other numbers of the group."""
     found: Rate
     """Share with any alarm during a fault."""
     isolated: Rate
@@ -46,7 +46,7 @@ class GroupSummary:
 
 @dataclass(frozen=True)
 class Ratios:
-    """With recovery over without."""
+    """Ratios of an excursion with recovery to that without."""
 
     count: int
     median: float | None
@@ -63,9 +63,9 @@ class PairSummary:
     kinds: str
     """`motor + slip`, `motor + slip of one wheel`."""
     pairs: int
-    """Number of pairs of the eight faults that are of these kinds."""
+    """Number of possible pairs of these kinds among the eight faults."""
     driven: int
-    """Number of these pairs that cases have, in use or not."""
+    """Number of these pairs that occur in the cases, in use or not."""
     missed: tuple[str, ...]
     """Pairs that were in use and not isolated in every case."""
     group: GroupSummary
@@ -103,7 +103,7 @@ class Summary:
 
     cases: int
     hours: float
-    """Driven time, without the comparison runs of each case [h]."""
+    """Simulated time, without the comparison runs of each case [h]."""
     confusion: Mapping[str, Mapping[str, int]]
     """Truth → diagnosed → cases."""
     alarms: EventRate
@@ -122,7 +122,7 @@ class Summary:
     estimate: Delays
     """Absolute error of torque constants after 5 s of use, relative to the nominal one [1]."""
     estimates_asked: int
-    """Number of weak motors that an estimate is expected for."""
+    """Number of weak motors for which an estimate is expected."""
     clearing: Delays
     """Time from the end of a slip to the end of its diagnosis."""
     switches: Switches

@@ -22,7 +22,7 @@ def format_heading(population: CasePopulation, method: str, settings: Sequence[s
 
 
 def summary_sentences(population: CasePopulation, summary: Summary, planned: int, failed: int) -> list[str]:
-    """Return the sentences that say where the numbers come from."""
+    """Return sentences on the origin of the numbers."""
     seed = (
         f"Seed {population.seed} was not used to set thresholds (0–99 are for that)."
         if is_judging_seed(population.seed)
@@ -51,7 +51,7 @@ def summary_sentences(population: CasePopulation, summary: Summary, planned: int
 
 
 def _drawn(population: CasePopulation) -> str:
-    """Describe the faults that cases are drawn from."""
+    """Describe the faults from which cases are drawn."""
     broken = [name for name in ALL_CLASSES if name in population.faults and name != NONE]
     if not broken:
         return "no faults"
@@ -91,7 +91,7 @@ def result_tables(summary: Summary) -> list[Table]:
 
 
 def _goals(summary: Summary) -> Table:
-    """Return every goal, and measured figures without a goal."""
+    """Return the table of goals; it includes measured figures without a goal."""
     rows = [format_goal(one) for one in judge_goals(summary) if one.goal or one.value is not None]
     return Table("Goals", ("measure", "goal", "measured", "n", "met"), tuple(rows))
 

@@ -1,4 +1,4 @@
-"""Trial of an evaluation: one case driven with the method; with a fault also without either.
+"""Trial of an evaluation: one case with the method; if it has a fault, also without method and without fault.
 
 Controller and method are made for the nominal robot and floor, the plant for the true ones.
 """
@@ -48,7 +48,7 @@ def drive_case(
     """Drive all runs of a case.
 
     Args:
-      case: The case with its truth, which the method does not get.
+      case: The case with its truth, which is hidden from the method.
       method: Name of the diagnosis method.
       settings: `KEY=VALUE` texts for method and cascade.
       thresholds: Thresholds of the robust method; the shipped ones when None.
@@ -106,7 +106,7 @@ def _run(
     method: str,
     thresholds: Thresholds | None = None,
 ) -> Trace:
-    """Drive one run; the method gets the nominal scenario without any fault."""
+    """Drive one run; the method is given the nominal scenario without any fault."""
     detector = make_detector(method, scenario, thresholds)
     trace = drive_on_plant(scenario, make_true_plant(case, scenario, faults), detector)
     if trace.about["failure"]:
@@ -119,7 +119,7 @@ def make_true_plant(case: Case, scenario: Scenario, faults: Sequence[Fault]) -> 
 
     Args:
       case: Parameter errors, kind of plant and noise.
-      scenario: Nominal robot and floors, which the errors are relative to.
+      scenario: Nominal robot and floors, to which the errors are relative.
       faults: The faults of the case, or none.
     """
     truth = with_errors(scenario, case.errors, case.floor)
@@ -132,7 +132,7 @@ def _summarize_run(trace: Trace, onset: float | None) -> dict[str, Any]:
 
 
 def _use(fault: Fault, healthy: Trace, diagnosed: Trace) -> dict[str, float | None]:
-    """Return when a faulty part was in use, and the estimate after long use."""
+    """Return the first time of use of a faulty part, and the estimate after long use."""
     time = healthy["time"]
     used = in_use(fault, time, demanded_traction(healthy))
     late = time_after_use(time, used)

@@ -79,7 +79,7 @@ class LinearModel:
         return d
 
     def squares(self, d: Array, rows: NDArray[np.bool_] | None = None) -> float:
-        """Return the weighted sum of squares that is left with d, shape (columns,)."""
+        """Return the weighted residual sum of squares for d, shape (columns,)."""
         left = (self.residual + self.columns @ d) * self.weight
         return float((left**2).sum() if rows is None else (left[rows] ** 2).sum())
 

@@ -1,6 +1,6 @@
 """Cases of the benchmark: every effect in three sizes, pairs, triples, none, and effects outside the library.
 
-All is drawn from one seed. The cases are shuffled, so that the number of a case does not reveal its truth.
+All cases are drawn from one seed and shuffled, so that the number of a case does not reveal its truth.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ _FAR = 1e3  # [m] a patch up to here covers the whole rail
 
 @dataclass(frozen=True)
 class UnmodelledKind:
-    """Kind of effect that the library lacks and the workflow must not name."""
+    """Kind of effect outside the library, for which the workflow must not name any effect."""
 
     words: str
     amplitude: float
-    """Size that is worth noticing."""
+    """Noticeable amplitude, the unit of sizes."""
     unit: str
     shortest: float
     longest: float
@@ -139,7 +139,7 @@ def draw_unmodelled(kind: str, size: float, random: np.random.Generator) -> Unmo
 
     Args:
       kind: One of `KINDS`.
-      size: Amplitude relative to that worth noticing.
+      size: Amplitude relative to the noticeable one.
       random: Random generator, which also draws the sign if the kind has one.
     """
     about = KINDS[kind]
@@ -152,25 +152,25 @@ def draw_unmodelled(kind: str, size: float, random: np.random.Generator) -> Unmo
 SIZES: Mapping[str, float] = {"faint": 0.25, "clear": 0.7, "obvious": 2.0}
 """Names of sizes → share of the noticeable amplitude, typical − vanishing."""
 TUNING_SEEDS = range(10)
-"""Seeds that the workflow was tuned with; they do not judge it."""
+"""Seeds with which the workflow was tuned; not used to evaluate it."""
 FLOORS = ("natural_stone", "pvc", "paperboard")
 """Floors of the runs."""
 
 _NULL, _PAIRS, _TRIPLES = 20, 8, 2  # per trial
 _WITHIN = 0.8  # share of the stated half-width within which true parameters lie
 _ONLY_MORE = ("lateral_coupling", "rail_coulomb", "rail_stribeck", "rail_position", "bearing_friction")
-"""Effects that only add: there is little dry friction to remove."""
+"""Effects that only add friction: the nominal rig has little that could be removed."""
 _ALIKE = (
     frozenset({"torque_constant", "current_scale"}),
     frozenset({"rail_coulomb", "rolling_resistance", "bearing_friction"}),
 )
-"""Effects that no data of one kind of run separate: two of a set are never hidden together."""
+"""Effects that runs of one kind cannot separate: two of a set are never hidden together."""
 _POLES = (1, 2, 3, 4, 6, 8, 12)
 
 
 @dataclass(frozen=True)
 class HiddenEffect:
-    """Effect that the truth has and the model lacks."""
+    """Effect of the true machine that the model lacks."""
 
     effect: str
     values: Mapping[str, float | str]
@@ -201,7 +201,7 @@ class Case:
     """Seed of the runs and of the sensor noise."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the case in JSON's own types."""
+        """Return the case as JSON-compatible values."""
         return dataclasses.asdict(self)
 
 

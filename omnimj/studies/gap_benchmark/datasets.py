@@ -1,6 +1,6 @@
 """Datasets of the benchmark: recordings of a rig with parameter errors and hidden effects.
 
-The folder of a dataset holds what a logger and its owner would know, and nothing of the truth.
+The folder of a dataset holds what a data logger and its user would know; the truth is stored elsewhere.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def planned_runs(rig: Rig, seed: int, seconds: float = 1.8, conditions: int = le
 
 
 def current_profile(profile: str, size: float, seconds: float, rate: float) -> Array:
-    """Return a current profile after a rest.
+    """Return a current profile that begins with a rest.
 
     Args:
       profile: `reversing`, `pulse`, `ramp` or `constant`.

@@ -1,4 +1,4 @@
-"""Scores of single cases: hidden effects beside the reported ones."""
+"""Scores of single cases: hidden effects compared with the reported ones."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class ParameterScore:
     error: float | None
     """|value − true| over the size of the effect; None for a shape."""
     inside: bool | None
-    """Whether the true value lies in the stated 90 % interval; None without one."""
+    """True if the true value lies in the stated 90 % interval; None without one."""
 
 
 @dataclass(frozen=True)
@@ -41,9 +41,9 @@ class MethodScore:
     named: tuple[str, ...]
     """Labels of the named effects, in order."""
     covered: tuple[bool, ...]
-    """Per hidden effect: whether a reported set contains it."""
+    """Per hidden effect: True if a reported set contains it."""
     first: tuple[bool, ...]
-    """Per hidden effect: whether it is among the first names, as many as effects are hidden."""
+    """Per hidden effect: True if it is among the first names, as many as effects are hidden."""
     set_sizes: tuple[int, ...]
     """Per reported effect: size of its ambiguity set; for a baseline the number of its names."""
     wrong: int
@@ -72,7 +72,7 @@ class CaseScore:
 
     @property
     def is_visible(self) -> bool:
-        """Whether the hidden effects are visible in the data."""
+        """True if the hidden effects are visible in the data."""
         return self.visibility >= VISIBLE
 
 
@@ -161,7 +161,7 @@ def _of_baseline(labels: Sequence[str], names: Sequence[str], ratio: float | Non
 
 
 def _has(names: Iterable[str], label: str) -> bool:
-    """Return whether a set contains an effect; a name without its choice matches every choice."""
+    """Return whether a set contains an effect; a name without a selector matches every selector."""
     return any(name in (label, label.partition(" (")[0]) for name in names)
 
 

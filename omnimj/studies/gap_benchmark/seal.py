@@ -1,6 +1,6 @@
 """Seal of the benchmark's truth: compressed and encrypted, with the key in a file of its own.
 
-It keeps the workflow, and people, from seeing the truth by accident; only scoring opens it.
+It prevents workflow and users from seeing the truth by accident; only scoring opens it.
 """
 
 from __future__ import annotations

@@ -42,7 +42,7 @@ class BenchmarkConfig:
     trials: int = 1
     """Number of times that the whole set of cases is drawn."""
     cases: int | None = None
-    """Use only the first so many cases, which are in random order; all when None."""
+    """Number of cases to run, the first in a random order; all when None."""
     made_by: str = "twin"
     """Plant that makes the datasets, one of `datasets.MAKERS`."""
     workers: int = 1
@@ -64,7 +64,7 @@ class BenchmarkResult:
 
     summary: Summary
     lines: tuple[str, ...]
-    """Sentences that say where the numbers come from."""
+    """Sentences on the origin of the numbers."""
     tables: tuple[Table, ...]
     interrupted: bool
     failed: int
@@ -92,7 +92,7 @@ def run_benchmark(
 
 
 class _Benchmark:
-    """A benchmark as the study runner executes it."""
+    """Steps of a benchmark for the study runner."""
 
     def __init__(self, config: BenchmarkConfig):
         self.config, self.workers = config, config.workers

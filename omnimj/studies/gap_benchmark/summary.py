@@ -11,7 +11,7 @@ from omnimj.studies.gap_benchmark.scoring import VISIBLE, CaseScore, MethodScore
 from omnimj.studies.statistics import Rate, Table, format_number, format_rate, median, rate
 
 HELD_OUT_GOAL = 1.15
-"""Largest good ratio of the held-out gap to that of the true model."""
+"""Largest acceptable ratio of the held-out gap to that of the true model."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Summary:
     inside: Rate
     """Share of parameters of correctly named effects in their intervals, relative to the nominal model."""
     inside_planted: Rate
-    """The same against the hidden values."""
+    """Share of these parameters in their intervals, compared with the hidden values."""
     error: float | None
     seconds: tuple[float, float] | None
     """Median and longest time of the workflow [s]."""
@@ -243,7 +243,7 @@ def _format_seconds(summary: Summary) -> str:
 
 
 def summary_sentences(seed: int, made_by: str, scored: int, planned: int, failed: int) -> list[str]:
-    """Return the sentences that say where the numbers come from."""
+    """Return sentences on the origin of the numbers."""
     judged = (
         f"Seed {seed} was used to tune the method (0–9): **these numbers do not judge it**."
         if seed in TUNING_SEEDS

@@ -29,7 +29,7 @@ SEED = 0
 
 
 def search_case(dataset: str) -> dict[str, Any]:
-    """Run the workflow and the baselines on a dataset, of which they get only the path.
+    """Run the workflow and the baselines on a dataset, given its path only.
 
     Args:
       dataset: Folder of the dataset.
@@ -52,7 +52,7 @@ def _searched(dataset: Path) -> dict[str, Any]:
 
 
 def fit_truth(dataset: str, hidden: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Fit the model with the true effects, the best result that naming could reach.
+    """Fit the model with the true effects, the best result that the search could reach.
 
     Args:
       dataset: Folder of the dataset.

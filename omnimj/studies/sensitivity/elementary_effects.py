@@ -17,10 +17,10 @@ import numpy as np
 from omnimj.signals import Array
 
 LEVELS = 4
-"""p, number of levels per range: 0, 1/3, 2/3 and 1."""
+"""Number p of levels per range: 0, 1/3, 2/3 and 1."""
 _JUMP = LEVELS // 2
 STEP = _JUMP / (LEVELS - 1)
-"""Δ = p/(2(p − 1)), which visits all levels equally often."""
+"""Step Δ = p/(2(p − 1)), with which all levels are visited equally often."""
 
 
 def trajectory(seed: int, index: int, parameters: int) -> Array:
@@ -125,7 +125,7 @@ def _measure(effects: Array, draws: Array) -> EffectStatistics:
 
 
 def noise_floor(repeats: Iterable[float], trajectories: int, parameters: int, seed: int) -> float:
-    """Return the μ* that the largest of k parameters without effect does not reach, with 95 % probability.
+    """Return the 95 % quantile of the largest μ* of k parameters without effect.
 
     The null distribution is that of the mean of r differences |y_a − y_b|/Δ of runs with different noise.
 

@@ -44,9 +44,9 @@ class Factor:
     low: float
     high: float
     whole: bool = False
-    """Whether it is an integer."""
+    """True if the parameter is an integer."""
     stated: bool = False
-    """Whether the range is the uncertainty stated by the file."""
+    """True if the range is the uncertainty stated in the model file."""
 
     def at(self, place: float) -> float:
         """Return the value at a place of the range, 0 … 1; integers are rounded."""
@@ -60,7 +60,7 @@ class Factor:
 
 @dataclass(frozen=True)
 class ExcludedFactor:
-    """Parameter of the same provenance that is not varied."""
+    """Parameter of a selected provenance that is nevertheless not varied."""
 
     name: str
     reason: str
@@ -159,7 +159,7 @@ _UNITS: Mapping[str, str] = {
     "relaxation_length": "m",
     "damping_time": "s",
 }
-_ALWAYS_CHOSEN = ("mu_cap", "relaxation_length", "damping_time")  # in no publication, see floors.toml
+_ALWAYS_CHOSEN = ("mu_cap", "relaxation_length", "damping_time")  # not published, see floors.toml
 
 
 def _source_of(floor: Floor, letter: str) -> str:

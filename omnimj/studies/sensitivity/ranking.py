@@ -23,9 +23,9 @@ class ResultSensitivity:
     nominal: float | None
     """Result with nominal parameters and the seed of the study; None if that run has none."""
     noise: float
-    """μ* that noise alone does not reach; NaN if unknown."""
+    """Upper limit of μ* by noise alone; NaN if unknown."""
     floor: float
-    """μ* up to which parameters are not ranked: the larger of noise and resolution."""
+    """Lower limit of μ* for ranking: the larger of noise and resolution."""
     measures: tuple[EffectStatistics, ...]
     """Statistics per parameter."""
     draws: Array
@@ -55,7 +55,7 @@ class FactorRank:
     """Lower 95 % bound of the share, by bootstrap over trajectories."""
     high: float
     sure: bool
-    """Whether it is ranked for any result; otherwise more trajectories are needed."""
+    """True if the parameter is ranked for any result; otherwise more trajectories are needed."""
     most: str
     """Result in which its share is largest."""
 

@@ -1,4 +1,4 @@
-"""Sensitivity study, `omnimj sensitivity`: which model parameters matter to which result of a scenario.
+"""Sensitivity study, `omnimj sensitivity`: the effect of model parameters on the results of a scenario.
 
 The folder:
   sensitivity_plan.json  settings, with every range
@@ -66,7 +66,7 @@ class SensitivityConfig:
     share: float = DEFAULT_SHARE
     """Half-width, relative to the value, of ranges for which the model file states no uncertainty."""
     sources: tuple[str, ...] = (CHOSEN,)
-    """Provenances of the parameters that are varied."""
+    """Provenances of the parameters to vary."""
     workers: int = 1
     force: bool = False
     """Replace another study in the folder."""
@@ -133,14 +133,14 @@ def check_config(
     if not factors:
         found = f"no number of {scenario.constants.file} or of the floors is {' or '.join(config.sources)}"
         raise InputError("--source", found, "there is nothing to vary", SOURCES)
-    # a plant or a method that does not fit the scenario would break every run
+    # a plant or method that does not suit the scenario would fail in every run
     make_detector(resolve_method(config.trial, scenario), scenario)
     make_plant(scenario, config.trial.plant, config.seed).close()
     return scenario, factors, excluded
 
 
 class _Sensitivity:
-    """A sensitivity study as the study runner executes it."""
+    """Steps of a sensitivity study for the study runner."""
 
     def __init__(self, config: SensitivityConfig):
         self.config, self.workers = config, config.workers
@@ -165,14 +165,14 @@ class _Sensitivity:
             "seed": config.seed,
             "sources": list(config.sources),
             "ranges": [dataclasses.asdict(factor) for factor in self._factors],
-            # nominal parameters that are not varied act on every run, too
+            # the parameters that are not varied affect every run, too
             "digest": scenario_digest(trial.scenario, self._scenario),
             "thresholds": dataclasses.asdict(Thresholds()),
             "version": omnimj.__version__,
         }
 
     def _make_tasks(self) -> dict[str, tuple]:
-        """Return every run by name: noise first, so that an interrupted study can be judged early."""
+        """Return every run by name, noise first, so that an interrupted study can be evaluated."""
         config = self.config
         tasks: dict[str, tuple] = {
             f"noise_{k:02d}": (config.trial, {}, config.seed + k) for k in range(REPEATS)

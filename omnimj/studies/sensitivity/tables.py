@@ -21,7 +21,7 @@ def format_heading(outcome: SensitivityResult) -> str:
 
 
 def measure_first_sentence(outcome: SensitivityResult) -> str:
-    """Say in one sentence what to measure first."""
+    """Name the parameters to measure first, in one sentence."""
     sure = [rank for rank in outcome.ranks if rank.sure]
     if not sure:
         more = "; more trajectories are needed for some" if outcome.ranks else ""
@@ -37,7 +37,7 @@ def measure_first_sentence(outcome: SensitivityResult) -> str:
 
 
 def summary_sentences(outcome: SensitivityResult) -> Iterator[str]:
-    """Yield the sentences that say where the numbers come from."""
+    """Yield sentences on the origin of the numbers."""
     config = outcome.config
     yield f"{outcome.scenario}: {outcome.description}."
     sources = " or ".join(config.sources)
@@ -147,7 +147,7 @@ def result_table(study: ResultSensitivity, varied: Sequence[Factor]) -> Table:
 
 
 def direction(mu: float, mu_star: float) -> str:
-    """Say how the result changes when the parameter grows."""
+    """Describe the change of the result when the parameter grows."""
     if abs(mu) < _ONE_WAY * mu_star:
         return "either way"
     return "rises" if mu > 0.0 else "falls"

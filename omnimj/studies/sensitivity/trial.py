@@ -26,7 +26,7 @@ from omnimj.studies.sensitivity.factors import FLOOR
 
 
 def true_scenario(scenario: Scenario, values: Mapping[str, float]) -> Scenario:
-    """Return the scenario with true parameter values, for a plant to be made of.
+    """Return the scenario with true parameter values, from which a plant is made.
 
     Args:
       scenario: The nominal scenario, which the controller is made for.
@@ -78,8 +78,8 @@ def _replaced(table: Any, key: str, value: float) -> Any:
 RESOLUTION: Mapping[str, float] = MappingProxyType(
     {"m": 1e-3, "m/s": 1e-3, "rad": 1e-3, "A": 1e-3, "s": 1e-3}
 )
-"""Smallest change that the robot's sensors or a check resolve, by unit: a millimetre, a milliradian (the
-heading converter has steps of 1.5), a milliampere (the current monitor: 2.4), one control period."""
+"""Resolution of results by unit: a millimetre, a milliradian (the heading converter resolves 1.5), a
+milliampere (the current monitor: 2.4), one control period."""
 
 _PLACE = {"final_x": "m", "final_y": "m", "final_heading": "rad"}
 _OF_ONE_WHEEL = re.compile(r".*_\d+")
@@ -168,7 +168,7 @@ def nominal_scenario(config: TrialConfig) -> Scenario:
         raise InputError("--plant", f"found {config.plant!r}", rule, PLANT_NAMES)
     method = resolve_method(config, scenario)
     require_known_method(method)
-    make_detector(method, scenario)  # refuses a method that does not fit the wheels of this robot
+    make_detector(method, scenario)  # raises for a method that does not suit the wheels of this robot
     if method not in available_methods(scenario):
         raise InputError(
             "--method", f"found {method!r}", "the rig has one wheel", available_methods(scenario)

@@ -1,4 +1,4 @@
-"""Trials of a tuning study: candidates driven over draws, each stored and never repeated.
+"""Trials of a tuning study: candidates driven over draws, each trial stored and run only once.
 
 The folder:
   tuning_plan.json               settings
@@ -26,7 +26,7 @@ PLAN = "tuning_plan.json"
 
 
 class TrialBatch:
-    """Drives candidates over draws.
+    """Batch of trials: candidates driven over draws.
 
     Args:
       folder: From `claim_folder`.

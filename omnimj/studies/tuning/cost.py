@@ -26,7 +26,7 @@ class Term:
     group: str
     weight: float
     floor: float
-    """Offset of the value and the value before, in the unit of the value: values far below it do not pay."""
+    """Offset of both values, in their unit; improvements of values far below it count little."""
 
 
 TERMS: Mapping[str, Term] = MappingProxyType(
@@ -77,11 +77,11 @@ class Score:
     loops: LoopStability
     """Smallest phase margin and largest overshoot."""
     broke: int
-    """Number of runs that broke down."""
+    """Number of runs that failed."""
 
     @property
     def fitness(self) -> float:
-        """Scalar for the optimiser: the cost, or beyond every cost by the violation."""
+        """Scalar for the optimiser: the cost; with a violation, larger than every cost by the violation."""
         cost = min(self.cost, _MAX_COST)
         return cost if self.violation == 0.0 else _INFEASIBLE * (1.0 + self.violation) + cost
 
@@ -97,14 +97,14 @@ class Score:
 
 
 def stability_violation(loops: LoopStability, limits: Limits) -> float:
-    """Return by how much phase margin and overshoot exceed their limits, relative to these; 0: not at all."""
+    """Return the violation of the limits of phase margin and overshoot, relative to the limits; 0: none."""
     missing = max(limits.phase_margin - loops.phase, 0.0) / limits.phase_margin
     return missing + max(loops.overshoot - limits.overshoot, 0.0) / limits.overshoot
 
 
 def score_unstable(loops: LoopStability, limits: Limits) -> Score:
     """Return the score of a candidate that is not driven, since its loops violate the limits."""
-    # its other violations are unknown: it ranks behind all candidates with stable loops
+    # its other violations are unknown, so it ranks behind all candidates with stable loops
     violation = _BROKE + stability_violation(loops, limits)
     terms = dict.fromkeys(TERMS, math.inf)
     return Score(math.inf, violation, MappingProxyType(terms), 0, 0, 0.0, loops, 0)

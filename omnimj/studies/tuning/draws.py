@@ -1,4 +1,4 @@
-"""Random draws that candidates are driven over: scenario, floor, payload, parameter errors and fault.
+"""Random draws over which candidates are driven: scenario, floor, payload, parameter errors and fault.
 
 Every candidate gets the same draws (common random numbers), so that scores differ by the candidate alone.
 """
@@ -25,9 +25,9 @@ from omnimj.studies.random_truth import NONE, ParameterErrors, draw_faults, draw
 
 AS_WRITTEN = "as written"
 FAULTS = (AS_WRITTEN, "motor", NONE, "slip")
-"""Faults of the draws, in turn: those of the scenario, a motor fault, none, a slip."""
+"""Faults of successive draws, cyclically: those of the scenario, a motor fault, none, a slip."""
 JUDGING = 100
-"""Judging seed − training seed: seeds from 100 on judge only, as in `omnimj evaluate`."""
+"""Judging seed − training seed: seeds from 100 on are for evaluation only, as in `omnimj evaluate`."""
 _ONSETS = 0.35, 0.65  # shares of the duration between which a drawn fault begins
 _WORLD, _FAULT, _NOISE = range(3)
 
@@ -37,7 +37,7 @@ class Draw:
     """Truth of one run."""
 
     name: str
-    """`nylon_patch_100_003`: scenario, seed, number."""
+    """Name of scenario, seed and number: `nylon_patch_100_003`."""
     scenario: str
     """Name or absolute path, since a worker may run in another folder."""
     model: Path | None
@@ -53,7 +53,7 @@ class Draw:
     """Seed of the sensor noise."""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the draw in JSON's own types."""
+        """Return the draw as JSON-compatible values."""
         return {
             "scenario": Path(self.scenario).stem,
             "plant": self.plant,
@@ -68,7 +68,7 @@ class Draw:
 
     @property
     def is_broken(self) -> bool:
-        """Whether there is a fault that can be diagnosed."""
+        """True if there is a fault that can be diagnosed."""
         return self.fault != NONE
 
 
@@ -80,7 +80,7 @@ def draw_trial(
     Args:
       text: Name or path of the scenario, from which workers read it.
       scenario: The scenario.
-      seed: Below 100 for tuning, from 100 on for judging.
+      seed: Below 100 for tuning, from 100 on for evaluation.
       index: Number of the draw, from 0; faults take turns with it.
       plant: `planar` or `twin`.
       model: Model file of the robot.
@@ -118,7 +118,7 @@ def _on_a_wheel(fault: Fault, wheels: int) -> Fault:
 
 
 def read_tuned_scenarios(texts: tuple[str, ...], model: Path | None) -> Mapping[str, Scenario]:
-    """Read scenarios by name or path and check that each can be tuned with.
+    """Read scenarios by name or path and check that each is suitable for tuning.
 
     Raises:
       InputError: A scenario is of the rig or another robot, has no forces or has obstacles, or is repeated.

@@ -12,7 +12,7 @@ from omnimj.studies.tuning.cost import Score
 from omnimj.studies.tuning.search import Candidate, GainAxis
 
 REACH = 1.5
-"""Factor by which a grid extends either way from the result."""
+"""Factor by which a grid extends above and below the result."""
 _PAIRS = 2
 
 
@@ -44,7 +44,7 @@ def survey_landscape(
     Args:
       axes: Tuned gains.
       values: The result.
-      tried: All candidates with their scores, from which the importance follows.
+      tried: All candidates with their scores; they determine the importance of the gains.
       points: Grid points per side.
       scores_of: Returns the scores of candidates.
     """
@@ -89,7 +89,7 @@ def most_important_pairs(weights: Array) -> list[tuple[int, int]]:
       weights: Importance, shape (axes,).
 
     Returns:
-      First and second, third and fourth; of three gains the first with each other one.
+      The first with the second and the third with the fourth; of three gains, the first with both others.
     """
     order = [int(k) for k in np.argsort(-weights, kind="stable")]
     if len(order) == 3:

@@ -47,9 +47,9 @@ class Margin:
     where: str
     """`pvc, 2.2 kg per wheel`, `in the air`."""
     crossover: float
-    """Frequency with |L| = 1, of several the one with the smallest margin [Hz]; 0: none."""
+    """Crossover frequency |L| = 1 [Hz]; of several, that with the smallest margin; 0: none."""
     phase: float
-    """180° + arg L there, unwrapped from low frequencies; at most 180, also without crossover [°]."""
+    """Phase margin 180° + arg L, unwrapped from low frequencies, at most 180; 180 without crossover [°]."""
 
 
 def margins(robot: Robot, control: Control, floors: Iterable[Floor]) -> tuple[Margin, ...]:
@@ -93,8 +93,8 @@ def loop_stability(robot: Robot, control: Control, floors: Sequence[Floor]) -> L
 def overshoots(robot: Robot, control: Control, floors: Iterable[Floor]) -> dict[str, float]:
     """Return the overshoot of the wheel speed after a step, relative to the step, by floor and load.
 
-    It is that of a wheel that moves the body, linear about rest like the margins: current limit and friction
-    make a real step overshoot less. Arguments as for `margins`.
+    It applies to a wheel that moves the body, linearised about rest like the margins; current limit and
+    friction reduce the overshoot of a real step. Arguments as for `margins`.
     """
     chain, time = _LoopModel(robot, control), np.linspace(0.0, _LONGEST, _STEPS + 1)[1:]
     omega = 2.0 * np.pi * np.geomspace(_LOWEST, 0.499 / chain.period, _FINE)

@@ -14,7 +14,7 @@ from omnimj.errors import InputError, UnknownNameError
 
 WIDEST_FACTOR = 4.0
 """Factor by which a gain may grow or shrink."""
-_DIGITS = 5  # of a gain, so that a gains file gives the same run
+_DIGITS = 5  # significant digits of a gain, so that a gains file reproduces a run exactly
 
 
 @dataclass(frozen=True)
@@ -126,10 +126,10 @@ def values_by_name(axes: Sequence[GainAxis], values: Sequence[float]) -> Mapping
 
 
 INITIAL_STEP = 0.3
-"""Initial standard deviation of ln(gain): a third up or down."""
+"""Initial standard deviation of ln(gain), about a third up or down."""
 
 Candidate = tuple[float, ...]
-"""A value per axis."""
+"""Values of a candidate, one per axis."""
 
 
 def generation_size(axes: int) -> int:
@@ -153,7 +153,7 @@ class Search:
         import cma  # slow to import
 
         self._axes = tuple(axes)
-        # CMA-ES needs two dimensions: a single axis gets one without effect beside it
+        # CMA-ES needs two dimensions: a single axis is complemented by one without effect
         self._hidden = int(len(axes) == 1)
         random = np.random.default_rng(np.random.SeedSequence(seed))
         low = [axis.place(axis.low) for axis in axes] + [-1.0] * self._hidden
@@ -177,7 +177,7 @@ class Search:
         return [self._values(x) for x in self._asked]
 
     def tell(self, costs: Sequence[float]) -> None:
-        """Report the costs of the last generation, in its order."""
+        """Pass the costs of the last generation to CMA-ES, in the order of its candidates."""
         self._strategy.tell(self._asked, list(costs))
 
     @property
@@ -187,7 +187,7 @@ class Search:
 
     @property
     def is_over(self) -> bool:
-        """Whether a stopping criterion of CMA-ES holds."""
+        """True if a stopping criterion of CMA-ES holds."""
         return bool(self._strategy.stop())
 
     def _values(self, x: np.ndarray) -> Candidate:

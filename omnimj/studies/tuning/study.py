@@ -44,12 +44,12 @@ class TuningConfig:
     """The gains file; trials are stored in a folder beside it."""
     scenarios: tuple[str, ...]
     names: tuple[str, ...] = GAIN_NAMES
-    """Gains that are tuned."""
+    """Names of the gains to tune."""
     plant: str = "planar"
     seed: int = 0
     """Seed of the training draws, below 100."""
     trials: int = 4
-    """Training draws per scenario; four draws have every kind of fault once."""
+    """Training draws per scenario; every four of them contain each kind of fault once."""
     judging: int = 8
     """Judging draws per scenario."""
     twin: int = 0
@@ -64,7 +64,7 @@ class TuningConfig:
     model: Path | None = None
     """Model file of the robot; the shipped one when None."""
     bounds: Bounds = field(default_factory=dict)
-    """Bounds of gains that may change by less than a factor of `search.WIDEST_FACTOR`."""
+    """Bounds of gains that are limited more tightly than by the factor `search.WIDEST_FACTOR`."""
     gains: Gains | None = None
     """Gains before the search; those of the model and the shipped ones when None."""
     thresholds: Thresholds | None = None
@@ -108,11 +108,11 @@ class TuningConfig:
 
 
 def check_config(config: TuningConfig) -> None:
-    """Check that all names in the configuration exist and that its scenarios can be tuned with.
+    """Check that all names in the configuration exist and that its scenarios are suitable for tuning.
 
     Raises:
       UnknownNameError: A plant or scenario does not exist.
-      InputError: A scenario cannot be tuned with, a gain is 0, or the twin would judge twice.
+      InputError: A scenario is not suitable for tuning, a gain is 0, or the twin would be evaluated twice.
     """
     if config.plant not in PLANT_NAMES:
         raise UnknownNameError("--plant", "plant", config.plant, PLANT_NAMES)
@@ -129,17 +129,17 @@ def gains_by_name(gains: Gains) -> dict[str, float]:
 
 
 def generations_for(evaluations: int, names: Sequence[str]) -> int:
-    """Return the whole generations in a number of evaluated candidates, at least one."""
+    """Return the number of complete generations for a number of candidates, at least one."""
     return max(1, evaluations // generation_size(len(names)))
 
 
 @dataclass(frozen=True)
 class ScoredCandidate:
-    """A candidate with its score on the training draws."""
+    """Candidate with its score on the training draws."""
 
     generation: int
-    """From 1; 0: the gains before; beyond the last: the mean of the search, and candidates with gains put
-    back."""
+    """Generation from 1 on; 0: the gains before; after the last: the mean of the search distribution, and
+    candidates with gains reset."""
     values: Candidate
     score: Score
 
@@ -156,7 +156,7 @@ class Comparison:
 
     @property
     def is_better(self) -> bool:
-        """Whether the tuned gains are better."""
+        """True if the tuned gains are better than those before."""
         return self.after.is_better_than(self.before)
 
 
@@ -172,14 +172,14 @@ class TuningResult:
     """The tuned gains along the axes."""
     tried: tuple[ScoredCandidate, ...]
     comparisons: tuple[Comparison, ...]
-    """On the configured plant, and on the twin if it judges in addition."""
+    """Comparison on the configured plant and, if requested, on the twin."""
     landscapes: tuple[Landscape, ...]
     margins_before: tuple[Margin, ...]
     margins_after: tuple[Margin, ...]
 
     @property
     def is_better(self) -> bool:
-        """Whether the tuned gains are better in every comparison."""
+        """True if the tuned gains are better in every comparison."""
         return all(comparison.is_better for comparison in self.comparisons)
 
 
@@ -204,7 +204,7 @@ def run_tuning(
 
 
 class _Tuning:
-    """A tuning as the study runner executes it."""
+    """Steps of a tuning for the study runner."""
 
     def __init__(self, config: TuningConfig):
         self.config, self.workers = config, config.workers
@@ -222,7 +222,7 @@ class _Tuning:
 
 
 class _Steps:
-    """Steps of a tuning: search, put back gains without effect, compare, survey."""
+    """Sequence of a tuning: search, reset of gains without effect, comparison, survey of the cost."""
 
     def __init__(self, config: TuningConfig, pool: WorkerPool, report: Progress):
         self._config, self._report = config, report
@@ -274,7 +274,7 @@ class _Steps:
         share = 0.75 / (generations + 2)
         self._begin_step("gains before", share)
         self._try([self._start], 0)
-        for plant, count in self._judges():  # what breaks down there should do so now, not after hours
+        for plant, count in self._judges():  # a failure there should show now, not after hours
             self._scores([self._start], self._make_draws(config.seed + JUDGING, count, plant))
         for generation in range(1, generations + 1):
             best = min(one.score.fitness for one in self.tried)
@@ -286,16 +286,16 @@ class _Steps:
         self._try([search.middle], generations + 1)
 
     def _try(self, candidates: Sequence[Candidate], generation: int) -> list[Score]:
-        """Score candidates on the training draws and note them."""
+        """Score candidates on the training draws and record them."""
         scores = self._scores(candidates, self._draws)
         self.tried += [ScoredCandidate(generation, *pair) for pair in zip(candidates, scores, strict=True)]
         return scores
 
     def _revert_indifferent(self, best: ScoredCandidate) -> ScoredCandidate:
-        """Return the best candidate with every gain that has no effect put back to its value before.
+        """Return the best candidate with every gain without effect reset to its value before.
 
-        A gain without effect on these draws drifts with the others. Gains are put back one after the other,
-        the least changed first; one stays there unless the score becomes worse.
+        A gain without effect on these draws drifts with the others. Gains are reset one after the other, the
+        least changed first; a reset is kept unless the score becomes worse.
         """
         distance = [abs(axis.place(value)) for axis, value in zip(self.axes, best.values, strict=True)]
         for k in sorted(range(len(distance)), key=distance.__getitem__):
@@ -308,7 +308,7 @@ class _Steps:
         return best
 
     def _judges(self) -> list[tuple[str, int]]:
-        """Return the plants that judge, with the number of draws per scenario."""
+        """Return the plants for the comparison, with the number of draws per scenario."""
         config = self._config
         return [(config.plant, config.judging), *([(TWIN, config.twin)] if config.twin else [])]
 

@@ -27,11 +27,11 @@ from omnimj.studies.runner import run_guarded
 from omnimj.studies.tuning.draws import Draw, apply_draw
 
 METHOD = "robust"
-"""Method that diagnoses the faults; recovery acts on its diagnoses."""
+"""Diagnosis method whose diagnoses trigger the recovery."""
 Uses = Sequence[Sequence[Sequence[float]]]
-"""Per wheel the intervals in which traction is demanded of it, [from, to] each [s]."""
+"""Intervals [start, end] in which traction is demanded of each wheel [s]."""
 MISSED = 2.0
-"""Delay that counts for a fault which is never found, and the largest that counts [s]."""
+"""Upper limit of a detection delay, also used for a fault that is never found [s]."""
 _FULL = 0.999  # share of the current limit from which a wheel counts as saturated
 
 
@@ -54,12 +54,12 @@ class TrialMetrics:
     delay: float | None
     """Time from the first use of a faulty part to the first alarm, 0 … `MISSED` [s]; None if unused."""
     missed: bool
-    """Whether a fault was in use and not found."""
+    """True if a fault was in use and not found."""
     false_alarms: int
     saturation: float
     """Longest time at the current limit of a wheel without a fault [s]."""
     broke: str | None = None
-    """Failure of the run, with which nothing else is known."""
+    """Reason of a failed run, for which all other metrics are unknown; None for a completed run."""
 
 
 def read_metrics(result: Mapping[str, Any]) -> TrialMetrics:
@@ -71,7 +71,7 @@ def read_metrics(result: Mapping[str, Any]) -> TrialMetrics:
 
 
 def measure_trial(trace: Trace, truth: Scenario, uses: Sequence | None) -> TrialMetrics:
-    """Measure a run that was completed.
+    """Compute the metrics of a completed run.
 
     Args:
       trace: Trace with the columns of truth and target.
@@ -129,9 +129,9 @@ def _true_intervals(mask: np.ndarray) -> np.ndarray:
 
 
 def _first_use(records: Sequence[Mapping[str, Any]], uses: Sequence | None) -> float | None:
-    """Return when a faulty part was first in use [s]; None: never.
+    """Return the first time at which a faulty part was in use [s]; None: never.
 
-    A wheel is in use while it has to pull; a sensor and a motor that runs away always are.
+    A wheel is in use while traction is demanded of it; a sensor and a motor that runs away always are.
     """
     times = []
     for record in records:
@@ -175,7 +175,7 @@ def drive_trial(
     """Drive one draw with the gains of a candidate.
 
     Args:
-      draw: The draw with its truth, which controller and method do not get.
+      draw: The draw with its truth, which is hidden from controller and method.
       values: Gains by name, in place of the model's.
       uses: From `drive_healthy`; None for a draw without faults.
       thresholds: Thresholds of the method; the shipped ones when None.

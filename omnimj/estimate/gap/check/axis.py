@@ -62,7 +62,7 @@ def axis_suspicions(runs: Sequence[Run], axis: Axis) -> Iterator[Suspicion]:
 
 
 def _settled(found: Suspicion, runs: Sequence[Run], axis: Axis, force: str) -> Suspicion:
-    """Blame force or position by the length of the guide, which no carriage leaves."""
+    """Blame the position if its range exceeds the length of the guide, else the force."""
     if {found.channel, *found.or_channels} != {force, "position"}:
         return found
     far = max(float(np.ptp(fill_masked(run, "position"))) for run in runs)
@@ -102,7 +102,7 @@ class _Motion:
         return cls(rows, masses)
 
     def _fit(self, delay: float) -> tuple[Array, float, float]:
-        """Coefficients of m a, b v, C sgn v; unexplained share; weight of the acceleration term."""
+        """Return the fitted m, b, C and F₀, the unexplained share and the weight of the acceleration term."""
         gram, slope, total = np.zeros((4, 4)), np.zeros(4), 0.0
         for time, force, speed, acceleration in self._rows:
             pushed = np.interp(time - delay, time, force)
@@ -120,7 +120,7 @@ class _Motion:
         return whole, left / max(total, 1e-300), weight / max(total, 1e-300)
 
     def links(self, force: str) -> list[Link]:
-        """Link of force and position: sign of the mass, and its size over the declared one."""
+        """Return the link of force and position: declared over fitted mass, with its sign."""
         if not self._rows:
             return []
         whole, left, weight = self._fit(0.0)

@@ -29,7 +29,7 @@ _RUN_BIAS = 0.02  # [m/s²] of a healthy accelerometer, drawn anew in every run
 _ACCELERATION_BIAS = 0.05  # [m/s²]
 _CURRENT_BIAS = 0.015  # [A]
 SLOPE = 1.9
-"""Largest strength of a bias that a sloping floor would explain as well: it is never sure."""
+"""Upper limit of the strength of a bias that a sloping floor would explain as well; below `SURE_STRENGTH`."""
 
 
 def fill_masked(run: Run, name: str) -> Array:
@@ -89,7 +89,7 @@ def column_suspicions(
 
 
 def constant_stretches(values: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Starts and lengths of stretches of equal values, both of shape (stretches,)."""
+    """Find stretches of equal values: their first samples and lengths, both of shape (stretches,)."""
     starts = np.concatenate([[0], np.flatnonzero(np.diff(values) != 0.0) + 1])
     return starts, np.diff(np.concatenate([starts, [len(values)]]))
 
@@ -203,7 +203,7 @@ def _glitches(runs: Sequence[Run], name: str) -> Iterator[Suspicion]:
 
 
 def counter_jumps(values: Array) -> tuple[NDArray[np.intp], float]:
-    """Places at which a counter starts over, and the size of the jump; (empty, 0) without jumps.
+    """Find the samples at which a counter wraps around, and the size of the jump; (empty, 0) without jumps.
 
     Args:
       values: Readings of the counter, shape (n,).
@@ -274,7 +274,7 @@ def _repeated(runs: Sequence[Run], speeds: Sequence[str]) -> Iterator[Suspicion]
 
 
 def repeated_runs(runs: Sequence[Run]) -> list[str]:
-    """Sentences on runs whose columns are identical in every number."""
+    """List runs whose columns are identical in every number, one sentence each."""
     found, seen = [], {}
     for run in runs:
         key = tuple((name, np.asarray(values).tobytes()) for name, values in sorted(run.columns.items()))
@@ -295,7 +295,7 @@ def rest_mask(run: Run, speeds: Sequence[str]) -> NDArray[np.bool_]:
     least = max(3, round(_REST / max(float(np.median(np.diff(run.time))), 1e-6)))
     edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
     for first, last in zip(edges[::2], edges[1::2], strict=True):
-        # the machine comes to rest and leaves it at the ends
+        # the machine is still slowing down, or already starting, at the ends
         still[first : first + (least // 4 if first > 0 else 0)] = False
         still[last - (least // 4 if last < len(still) else 0) : last] = False
         if last - first < least:
@@ -304,7 +304,7 @@ def rest_mask(run: Run, speeds: Sequence[str]) -> NDArray[np.bool_]:
 
 
 def acceleration_bias(runs: Sequence[Run], name: str, speeds: Sequence[str]) -> Iterator[Suspicion]:
-    """Yield the bias of an accelerometer that reads something at rest in all runs alike."""
+    """Yield the bias of an accelerometer whose reading at rest is the same, and not zero, in all runs."""
     means = [
         float(fill_masked(run, name)[still].mean()) for run in runs if (still := rest_mask(run, speeds)).any()
     ]

@@ -16,10 +16,10 @@ from omnimj.estimate.gap.check.columns import fill_masked
 from omnimj.recording.dataset import Run
 from omnimj.signals import Array
 
-_FARTHEST = 0.08  # [s] delays looked for
+_FARTHEST = 0.08  # [s] largest delay in the search
 _FEWEST = 30  # samples of a stretch
-_TOGETHER = 0.15  # [s] between the step and the first motion at most
-_LEVEL = 0.06  # [s] after the step: what a channel has come to
+_TOGETHER = 0.15  # [s] longest time between the step and the first motion
+_LEVEL = 0.06  # [s] after the step at which the level of a channel is read
 _STEEP = 0.006  # [s] in which a step is over
 _COARSE = 0.004  # [s] longest sampling period that resolves an order
 _SMOOTH = 0.005  # [s] over which an acceleration is averaged
@@ -27,7 +27,7 @@ _SMOOTH = 0.005  # [s] over which an acceleration is averaged
 
 @dataclass(frozen=True)
 class Stretch:
-    """Samples of two quantities over one stretch of time, all of shape (n,)."""
+    """Two quantities over one stretch of time: time [s], x and y, all of shape (n,)."""
 
     time: Array
     x: Array
@@ -132,7 +132,7 @@ def _detrended(trend: Array, values: Array) -> Array:
 
 
 def _lowest(places: Array, values: Array) -> float:
-    """Place of the lowest value, interpolated by a parabola."""
+    """Interpolate the place of the lowest value by a parabola."""
     k = int(values.argmin())
     if k in (0, len(values) - 1):
         return float(places[k])

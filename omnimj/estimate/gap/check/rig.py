@@ -137,7 +137,7 @@ def _late(channel: str, delay: float, against: str, rivals: tuple[str, ...] = ()
 
 
 def _acceleration_bias(pair: Comparison | None) -> Iterator[Suspicion]:
-    """Yield the accelerometer's bias: v − s ∫a dt drifts by minus the bias."""
+    """Yield the accelerometer's bias, which is minus the drift of v − s ∫a dt."""
     if pair is None or abs(pair.correlation) < _CLEAR:
         return
     count = len(pair.scales)

@@ -140,8 +140,7 @@ def wheel_scales(parts: Sequence[BodyWindow], rolling: Array, count: int) -> lis
     """Scale of every wheel against the accelerometer axis along which it drives, and its certainty.
 
     Gyro and both axes have a factor of their own each, so that the unit of one does not disturb the
-    others. The
-    certainty is the correlation with all three, 0 where the axis adds next to nothing.
+    others. The certainty is the correlation with all three, 0 where the axis adds next to nothing.
 
     Args:
       parts: Windows.
@@ -174,14 +173,14 @@ def wheel_scales(parts: Sequence[BodyWindow], rolling: Array, count: int) -> lis
 
 
 def _solved(gram: Array, slope: Array) -> tuple[float, Array]:
-    """Solve least squares from its normal equations: explained sum of squares, and the factors."""
+    """Solve the normal equations; return the explained sum of squares and the factors."""
     size = np.sqrt(np.maximum(np.diagonal(gram), 1e-300))
     factors = np.linalg.lstsq(gram / np.outer(size, size), slope / size, rcond=1e-8)[0] / size
     return float(factors @ slope), factors
 
 
 def noisy(wheels: int) -> tuple[str, ...]:
-    """Names of the channels in which sensor noise is always visible."""
+    """Names of the channels whose sensor noise is always visible."""
     per_wheel = [f"{name}_{i}" for name in ("current", "wheel_speed") for i in range(1, wheels + 1)]
     return (*per_wheel, "acceleration_x", "acceleration_y", "yaw_rate")
 

@@ -12,7 +12,7 @@ SURE_STRENGTH = 2.0
 """Strength above which a suspicion is sure."""
 
 KINDS = ("sign", "scale", "delay", "bias", "wrap", "glitch", "clipping", "frozen", "swapped", "duplicated")
-"""Kinds of suspicions."""
+"""Kinds of defects."""
 _MOST = 2  # largest number of channels that are wrong at once
 _NEAR = 0.12  # |log| distance from the factor of a unit
 _LENGTHS = ((1000.0, "thousandths"), (100.0, "hundredths"), (1e6, "millionths"), (0.001, "thousands"))
@@ -33,8 +33,7 @@ class Suspicion:
     """One of `KINDS`."""
     size: float
     """Factor of a scale (that of a known unit where one is near), delay [s], bias [unit of the channel],
-    clipping
-    value, number of the other wheel, or count; −1 for a sign."""
+    clipping value, number of the other wheel, or count; −1 for a sign."""
     strength: float
     """Ratio to the largest value seen in healthy recordings; at least 1."""
     words: str
@@ -46,7 +45,7 @@ class Suspicion:
 
     @property
     def is_sure(self) -> bool:
-        """True where neither chance nor a healthy machine nor another channel explains it."""
+        """True if neither chance nor a healthy machine nor another channel would explain the observation."""
         return self.strength >= SURE_STRENGTH and not self.or_channels
 
 
@@ -76,7 +75,7 @@ class Link:
     scale: float | None
     """y over x where it is known; its sign always counts."""
     allowed: float
-    """Largest |log| of a healthy scale; infinite where the link says nothing of sizes."""
+    """Largest |log| of a healthy scale; infinite for a link that relates signs only."""
     weight: float = 1.0
     """Certainty of the sign: the correlation behind it."""
 

@@ -36,7 +36,7 @@ from omnimj.signals import Array
 EVERYWHERE = "all of it, everywhere alike"
 """Description of a clear mismatch that no regime holds."""
 WEAK = "all of it, no regime stands out"
-"""The same where the mismatch is too small to tell."""
+"""Description of a mismatch that is too small to be located."""
 QUIET = "no more than the noise"
 """Description of a channel whose mismatch is explained by its noise."""
 
@@ -146,7 +146,7 @@ def _is_quiet(regimes: Sequence[_Regime]) -> bool:
 
 
 def _regimes_of(scene: _Scene, energy: Array, signed: Array, used: BlockMask) -> list[_Regime]:
-    """Regimes of one channel; a single one over all blocks where none stands out."""
+    """Find the regimes of one channel; a single one over all blocks if none stands out."""
     around = _once_per_turn(scene, signed, used)
     if around is not None:
         return [around]
@@ -189,7 +189,7 @@ def _next(scene: _Scene, energy: Array, among: BlockMask, named: frozenset[str])
 
 
 def _few_runs(scene: _Scene, energy: Array, used: BlockMask) -> _Regime | None:
-    """Runs that hold nearly all of the mismatch, where they are few."""
+    """Regime of the few runs that hold nearly all of the mismatch; None if there is none."""
     held, taken = bin_shares(energy, scene.runs, used)
     members = tuple(int(k) for k in np.flatnonzero(held > _ALONE_DENSITY * taken))
     few = max(1, int(_ALONE * scene.runs.bins))
@@ -221,7 +221,7 @@ def _places(
     before: Array,
     after: Array | None,
 ) -> list[MismatchRegime]:
-    """Regimes of one channel that holds the share `part` of the whole mismatch."""
+    """Describe the regimes of one channel, which holds the share `part` of the whole mismatch."""
     own = float((energy - 1.0)[used].sum())
     found = []
     for k, regime in enumerate(regimes):

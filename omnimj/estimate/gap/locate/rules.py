@@ -106,7 +106,7 @@ def bin_edges(values: Array, most: int = BINS) -> Array:
 
 
 def round_between(low: float, high: float) -> float:
-    """Number with the fewest digits in (low, high], nearest to the middle among those of equal length."""
+    """Number in (low, high] with the fewest digits; of several, the one nearest to the middle."""
     middle, width = 0.5 * (low + high), high - low
     if low < 0.0 < high:
         return 0.0
@@ -207,8 +207,7 @@ def leading_rules(
       variables: Ordered by preference where the data cannot distinguish them.
       among: Blocks to look at, shape (blocks,).
       segments: Blocks that belong together, in order; they cover all of `among`. Chance is simulated by
-        giving
-        each segment the mismatch of another one, shifted in time.
+        giving each segment the mismatch of another one, shifted in time.
     """
     used = [v for v in variables if np.unique(v.code[among & (v.code >= 0)]).size > 1]
     if not used or float(energy[among].sum()) <= 0.0:

@@ -42,8 +42,8 @@ _ALIASES: Mapping[str, str] = {
 _CONDITIONS = frozenset({"lateral_speed", "floor", "direction", "wheel", "mass", "load"})
 _ANGLES = frozenset({"wheel_angle", "motor_angle"})
 _FLOOR_FLAG = "floor "
-_DIRECTIONS = ("backward", "at rest", "forward")  # of −1, 0, 1
-_FEW = 12  # values at most of a variable whose values are listed
+_DIRECTIONS = ("backward", "at rest", "forward")  # names of −1, 0, 1
+_FEW = 12  # largest number of values of a variable whose values are listed
 _LISTED = 4  # names in a list before the rest is counted
 _STANDSTILL = 0.12  # of the largest speed
 

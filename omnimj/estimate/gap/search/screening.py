@@ -35,7 +35,7 @@ class ScreenedCandidate:
 
 
 def trial_shapes(candidate: CandidateEffect) -> list[dict[int, float]]:
-    """Combinations of the trial values of the shape parameters: index → value."""
+    """All combinations of the trial values of the shape parameters, as index → value."""
     places = [k for k, s in enumerate(candidate.parameters) if s.null_value is None]
     values = [candidate.parameters[k].trials or (candidate.parameters[k].typical,) for k in places]
     shapes = [dict(zip(places, combination, strict=True)) for combination in itertools.product(*values)]
@@ -49,7 +49,7 @@ def trial_shapes(candidate: CandidateEffect) -> list[dict[int, float]]:
 def _vanished_point(
     candidate: CandidateEffect, shape: dict[int, float]
 ) -> tuple[Array, list[tuple[int, float]]]:
-    """Parameters of the vanished effect in one shape, and the steps of its amplitudes: index, change."""
+    """Parameters of an effect with zero amplitudes in one shape, and trial steps (index, change) of these."""
     at = np.array([shape.get(k, s.null_value or 0.0) for k, s in enumerate(candidate.parameters)])
     steps = []
     for k, s in enumerate(candidate.parameters):
@@ -99,7 +99,7 @@ class ScreeningBaseline:
     known: Array
     """W [J r], shape (rows, parameters + 1)."""
     sums: Array
-    """Its normal equations."""
+    """Normal equations of `known`."""
 
 
 def _screen_shape(

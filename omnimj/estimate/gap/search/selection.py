@@ -89,7 +89,7 @@ class SelectionRound:
     tried: tuple[FittedCandidate, ...]
     screened_out: tuple[ScreenedCandidate, ...]
     rivals: tuple[FittedCandidate, ...]
-    """Candidates that the best does not beat."""
+    """Candidates that the best one does not beat clearly."""
     curves: CurveGains
     before: Array
     """Held-out losses per group without any of them."""
@@ -186,12 +186,12 @@ def refine_leaders(
 
 
 def information_score(tried: FittedCandidate, effective_share: float) -> float:
-    """Half the held-out loss in effective samples plus one per parameter; small is good."""
+    """Information criterion: half the held-out loss in effective samples plus one per parameter."""
     return 0.5 * float(tried.losses.sum()) * effective_share + len(tried.candidate.parameters)
 
 
 def has_shape_at_bound(tried: FittedCandidate) -> bool:
-    """True where a shape parameter is at a bound: a sticky place as wide as the guide is no sticky place."""
+    """True if a shape parameter is at a bound: a sticky place as wide as the guide is none."""
     shapes = tried.candidate.parameters
     for shape, value in zip(shapes, tried.fit.x[-len(shapes) :], strict=True):
         edge = 0.01 * (shape.high - shape.low)
@@ -201,7 +201,7 @@ def has_shape_at_bound(tried: FittedCandidate) -> bool:
 
 
 def has_amplitude_at_bound(candidate: CandidateEffect, values: Array) -> bool:
-    """True where an amplitude is at the end of its physical range: it substitutes for another effect.
+    """True if an amplitude is at the end of its physical range, as when it compensates for another effect.
 
     Args:
       candidate: The effect.
@@ -217,7 +217,7 @@ def has_amplitude_at_bound(candidate: CandidateEffect, values: Array) -> bool:
 
 
 def ambiguity_set(tried: list[FittedCandidate], effective_share: float) -> tuple[FittedCandidate, ...]:
-    """Candidates that the first does not beat clearly, in likelihood and from group to group."""
+    """Candidates that the first does not beat clearly, in likelihood and in the paired test over groups."""
     best = tried[0]
     sure = float(student.ppf(_SURE, max(len(best.losses) - 1, 1)))
     rivals = []

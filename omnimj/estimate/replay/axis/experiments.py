@@ -1,4 +1,4 @@
-"""Runs that a user of a linear axis could make, and what the equations predict of them."""
+"""Candidate experiments on a linear axis, and their simulation by the equations."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from omnimj.signals import Array
 from omnimj.simulate.suites.axis import MOVES, AxisMove
 
 _SHORT, _LONG = 8.0, 60.0  # [s]
-_LOAD = 0.3  # mass that is put on, over the axis' own: what weighs and what does not must part
+_LOAD = 0.3  # added mass over the axis' own: separates effects that scale with mass from those that do not
 
 
 def axis_experiments(axis: Axis) -> tuple[Experiment, ...]:
-    """Every move of the plan, some with mass added, and a long one."""
+    """Candidate experiments: every move of the test plan without and with added mass, and one long run."""
     found = []
     added = round(_LOAD * axis.axis.mass, 3)
     for move in MOVES:
@@ -35,16 +35,16 @@ def _move(name: object) -> AxisMove:
 
 
 def drive(axis: Axis, row: Array, curve: Array, experiment: Experiment) -> tuple[Array, float]:
-    """The run under a servo drive that knows the declared axis, without noise.
+    """Simulate a candidate run without sensor noise, under a servo drive tuned to the declared axis.
 
     Args:
-      axis: As declared.
-      row: The kernels' numbers of the axis that is meant, without the mass that the run adds.
-      curve: A free curve.
-      experiment: Of `axis_experiments`.
+      axis: Declared axis, for which the servo drive is tuned.
+      row: Simulated axis, shape (AXIS_ROW,).
+      curve: Free curve, shape (CURVE_ROW,).
+      experiment: One of `axis_experiments`.
 
     Returns:
-      Columns of `plant.axis.follow_target`, shape (n, 6), and the period [s].
+      Columns of `plant.axis.follow_target`, shape (n, 6), and the sample period [s].
     """
     period = 1.0 / axis.sensors.sample_rate
     target = _move(experiment.run["move"]).target(axis, float(experiment.run["duration"]), period)

@@ -1,11 +1,14 @@
-"""Replays of a linear axis' logs: the twin that follows the measured position, and windows left alone.
+"""Compiled replay of a linear axis' logs: a follower of the measured position, and free windows.
 
-Following: the axis is driven by the measured force and a correction m ω² e, e = measured − simulated
-position, while its position is drawn along by √2 ω e. The correction is the force that the equations lack,
-low-passed by ω²/(s² + √2 ω s + ω²): no derivative of the measured position is taken, friction sticks and
-slips as it would, and where both stand still within the friction there is nothing to correct.
-ω² = σ_F/(m σ_x) makes it the steady Kalman filter of a mass under white force noise.
-The clock is that of the force; delays of the other channels count against it.
+Follower: an observer of the axis, driven by the measured force plus a correction m ω² e, where e = measured −
+simulated position; its position is corrected at the rate √2 ω e. The correction is the force missing from the
+equations, low-passed by ω²/(s² + √2 ω s + ω²). No derivative of the measured position is taken, friction
+sticks and slips as in the equations, and an axis at rest within its stiction needs no correction.
+With ω² = σ_F/(m σ_x) this is the steady-state Kalman filter of a mass under white force noise.
+
+Free window: it starts from the measured state and is driven by the measured force alone.
+
+Time is that of the force channel; delays of the other channels are relative to it.
 """
 
 from __future__ import annotations
@@ -40,20 +43,21 @@ from omnimj.physics.native import kernel
 
 START, END, FIRST_WINDOW, WINDOWS, PERIOD, SUBSTEPS = range(6)
 STRETCH = 6
-"""Numbers of a stretch without gaps: samples start … end − 1, its windows, time per sample [s], substeps."""
+"""Columns of the table of stretches without gaps: samples start … end − 1, its first window and number of
+windows, sample period [s], substeps per sample."""
 
 FIRST, LAST, FIRST_BLOCK = range(3)
 WINDOW = 3
-"""Numbers of a window: samples first … last − 1 and its first row of blocks."""
+"""Columns of the table of free windows: samples first … last − 1, and the first row of blocks."""
 
 FORCE_COLUMN, POSITION_COLUMN, VELOCITY_COLUMN = range(3)
 
-_FIRST_MOTION = 5.0  # plays that a stretch moves before it has shown on which side it began
+_FIRST_MOTION = 5.0  # travel, in plays, over which the initial side of the play is determined
 
 
 @kernel
 def value_at(values, place, first, last):
-    """Linear between samples first … last − 1, constant beyond them."""
+    """Interpolate linearly between samples first … last − 1; constant beyond them."""
     place = min(max(place, float(first)), float(last - 1))
     below = min(int(place), last - 2)
     share = place - below
@@ -62,14 +66,14 @@ def value_at(values, place, first, last):
 
 @kernel
 def _meet(row, gap, position, speed):
-    """State in which the encoder reads this, with the play in this place."""
+    """State with a given encoder position and speed and a given gap of the play [m, m/s, m]."""
     place = position - (gap if row[ENCODER] == 1.0 else 0.0)
     return place, speed, gap, speed, 0.0
 
 
 @kernel
 def _drive(row, curve, state, before, after, nudge, time, h, substeps):
-    """State after one sample's time under a declared force that goes from `before` to `after`."""
+    """Integrate the state over one sample period; the force changes linearly from `before` to `after` [N]."""
     if substeps == 1:
         return step(row, curve, state, 0.5 * (before + after), nudge, time, h)
     part = h / substeps
@@ -81,7 +85,7 @@ def _drive(row, curve, state, before, after, nudge, time, h, substeps):
 
 @kernel
 def _follow(row, curve, stretch, times, force, position, rate, start, last, correction, followed, gap):
-    """`follow_position` from a given state up to sample `last`; returns Σ correction² [N²]."""
+    """Run the follower from a given state up to sample `last`; return Σ correction² [N²]."""
     first, end, h, substeps = int(stretch[START]), int(stretch[END]), stretch[PERIOD], int(stretch[SUBSTEPS])
     late = (row[POSITION_DELAY] - row[FORCE_DELAY]) / h
     drawn, pushed = h * math.sqrt(2.0) * rate, row[MASS] * rate * rate
@@ -90,7 +94,7 @@ def _follow(row, curve, stretch, times, force, position, rate, start, last, corr
     declared = (force[first] - row[MONITOR_BIAS]) / row[MONITOR_SCALE]
     for k in range(first, last):
         error = 0.0
-        if first <= k + late <= end - 1:  # beyond its ends a late channel has nothing to follow
+        if first <= k + late <= end - 1:  # a delayed channel has no samples beyond its ends
             measured = value_at(position, k + late, first, end) / row[POSITION_SCALE]
             error = measured - encoder_position(row, state)
         nudge = pushed * error
@@ -107,23 +111,23 @@ def _follow(row, curve, stretch, times, force, position, rate, start, last, corr
 
 @kernel
 def follow_position(row, curve, stretch, times, force, position, speed, rate, correction, followed, gap):
-    """Follows the measured position over one stretch.
+    """Follow the measured position over one stretch.
 
-    On which side of the play a stretch begins is not measured: it is the one for which its first motion needs
+    The initial side of the play is not measured; the follower takes the side for which the first motion needs
     the smaller correction.
 
     Args:
-      row: `axis_row`, with effects.
-      curve: A free curve.
-      stretch: Shape (STRETCH,).
-      times: Time since the run's start of every sample [s].
-      force: Declared force of every sample [N].
-      position: Measured position of every sample [m].
-      speed: Smoothed measured speed of every sample [m/s].
-      rate: ω [rad/s].
-      correction: Filled with the missing force at every sample, in the monitor's scale [N].
-      followed: Filled with the speed of the encoder's body at every sample [m/s].
-      gap: Filled with the play's state at every sample [m].
+      row: Axis with its effects, the numbers of `axis_row`.
+      curve: Free curve, CURVE_ROW numbers.
+      stretch: Row of the table of stretches, shape (STRETCH,).
+      times: Time since the start of the run, shape (n,) [s].
+      force: Force reported by the drive, shape (n,) [N].
+      position: Measured position, shape (n,) [m].
+      speed: Smoothed measured speed, shape (n,) [m/s].
+      rate: Bandwidth ω of the follower [rad/s].
+      correction: Filled with the missing force in the scale of the force channel, shape (n,) [N].
+      followed: Filled with the speed of the encoder's body, shape (n,) [m/s].
+      gap: Filled with the gap of the play, shape (n,) [m].
     """
     first, last = int(stretch[START]), int(stretch[END])
     late = (row[POSITION_DELAY] - row[FORCE_DELAY]) / stretch[PERIOD]
@@ -148,19 +152,19 @@ def follow_position(row, curve, stretch, times, force, position, speed, rate, co
 
 @kernel
 def free_window(row, curve, stretch, window, times, force, smooth, gap, size, blocks):
-    """A window of a stretch from its smoothed start, driven by the measured force alone.
+    """Run a free window from the smoothed measured state, driven by the measured force alone.
 
     Args:
-      row: `axis_row`, with effects.
-      curve: A free curve.
-      stretch: Shape (STRETCH,).
-      window: Shape (WINDOW,).
-      times: Time since the run's start of every sample [s].
-      force: Declared force of every sample [N].
-      smooth: Smoothed position, speed and acceleration of every sample, shape (n, 3).
-      gap: The play's state at every sample [m].
+      row: Axis with its effects, the numbers of `axis_row`.
+      curve: Free curve, CURVE_ROW numbers.
+      stretch: Row of the table of stretches, shape (STRETCH,).
+      window: Row of the table of windows, shape (WINDOW,).
+      times: Time since the start of the run, shape (n,) [s].
+      force: Force reported by the drive, shape (n,) [N].
+      smooth: Smoothed position, speed and acceleration, shape (n, 3) [m, m/s, m/s²].
+      gap: Gap of the play, shape (n,) [m].
       size: Samples per block.
-      blocks: Its position column is filled from the window's first row on.
+      blocks: Position column filled with block means from the window's first row on, shape (blocks, 3).
     """
     first, last, h, substeps = window[FIRST], window[LAST], stretch[PERIOD], int(stretch[SUBSTEPS])
     late = row[POSITION_DELAY] - row[FORCE_DELAY]
@@ -185,21 +189,21 @@ def free_window(row, curve, stretch, window, times, force, smooth, gap, size, bl
 
 @kernel
 def replay(rows, curve, stretches, windows, times, force, position, smooth, rate, size, free, blocks):
-    """All stretches of all runs under one setting.
+    """Replay all stretches of all runs under one setting.
 
     Args:
-      rows: `axis_row` of every stretch, with effects, shape (stretches, AXIS_ROW).
-      curve: A free curve.
-      stretches: Shape (stretches, STRETCH).
-      windows: Shape (windows, WINDOW).
-      times: Time since the run's start of every sample [s].
-      force: Declared force, monitor included [N].
-      position: Measured position [m].
-      smooth: Smoothed position, speed and acceleration, shape (n, 3).
-      rate: ω of the follower [rad/s].
+      rows: Axis with its effects for every stretch, shape (stretches, AXIS_ROW).
+      curve: Free curve, CURVE_ROW numbers.
+      stretches: Table of stretches, shape (stretches, STRETCH).
+      windows: Table of windows, shape (windows, WINDOW).
+      times: Time since the start of the run, shape (n,) [s].
+      force: Force reported by the drive, shape (n,) [N].
+      position: Measured position, shape (n,) [m].
+      smooth: Smoothed position, speed and acceleration, shape (n, 3) [m, m/s, m/s²].
+      rate: Bandwidth ω of the follower [rad/s].
       size: Samples per block.
-      free: Whether windows are let go too.
-      blocks: Filled: force, position, velocity, shape (blocks, 3).
+      free: True to run the free windows, too.
+      blocks: Filled with block means of force, position and velocity, shape (blocks, 3) [N, m, m/s].
     """
     count = len(times)
     correction, followed, gap = np.empty(count), np.empty(count), np.empty(count)

@@ -1,4 +1,4 @@
-"""A linear axis' runs made ready for replay: one clock, gaps cut out, position smoothed, noise measured."""
+"""Preparation of a linear axis' runs for replay: common clock, gaps cut out, smoothing, noise estimates."""
 
 from __future__ import annotations
 
@@ -17,49 +17,56 @@ from omnimj.recording.dataset import Run
 from omnimj.signals import Array
 
 BLOCK = 0.02
-"""Time that one block mean covers [s]."""
-_GAP = 3.5  # periods without a sample that make a gap
+"""Length of a block [s]."""
+_GAP = 3.5  # sample periods between two samples from which on a gap is assumed
 _STEP = 1e-3  # [s] longest step of the equations
 _FEWEST = 16  # samples that a local cubic and third differences need
-_DRIFT = 5e-5  # [m] that an error of the smoothed speed may carry a window away
+_DRIFT = 5e-5  # [m] permitted drift of a free window from the noise of its initial speed
 
 
 @dataclass(frozen=True)
 class AxisLog:
-    """All runs of a dataset on one clock, their stretches one behind the other."""
+    """All runs of a dataset on a common clock, their stretches concatenated."""
 
     period: float
-    """[s]"""
+    """Sample period [s]."""
     size: int
     """Samples per block."""
     stretches: Array
-    """See `kernels.STRETCH`."""
+    """Table of stretches, see `kernels.STRETCH`, shape (stretches, STRETCH)."""
     windows: NDArray[np.int64]
-    """See `kernels.WINDOW`."""
+    """Table of free windows, see `kernels.WINDOW`, shape (windows, WINDOW)."""
     run_of_stretch: tuple[int, ...]
     times: Array
-    """Since the run's start, shape (n,) [s]."""
+    """Time since the start of the run, shape (n,) [s]."""
     force: Array
     position: Array
     velocity: Array
-    """NaN where a run has none."""
+    """Measured velocity, shape (n,) [m/s]; NaN for runs without it."""
     smooth: Array
-    """Position, speed, acceleration, shape (n, 3)."""
+    """Smoothed position, speed and acceleration, shape (n, 3) [m, m/s, m/s²]."""
     masked: NDArray[np.bool_]
-    """Force, position, velocity, shape (n, 3)."""
+    """Mask of bad samples of force, position and velocity, shape (n, 3)."""
     force_noise: float
-    """Standard deviation of what changes from sample to sample [N]."""
+    """Standard deviation of the white noise of the force [N]."""
     position_noise: float
-    """The same, counting steps included [m]."""
+    """Standard deviation of the position noise, quantisation included [m]."""
 
     @property
     def blocks(self) -> int:
-        """Rows of block means."""
+        """Number of blocks."""
         return int(self.windows[-1, 2] + (self.windows[-1, 1] - self.windows[-1, 0]) // self.size)
 
 
 def force_column(run: Run, force_constant: float) -> tuple[str, Array]:
-    """What the drive was told to push, and the column it comes from [N].
+    """Name of the column from which the drive force is taken, and that force.
+
+    Args:
+      run: A run of a linear axis.
+      force_constant: Force over current [N/A].
+
+    Returns:
+      `force` or `current`, and the force, shape (n,) [N].
 
     Raises:
       InputError: The run has neither force nor current.
@@ -72,7 +79,7 @@ def force_column(run: Run, force_constant: float) -> tuple[str, Array]:
 
 
 def _noise(values: Sequence[Array]) -> float:
-    """Standard deviation of white noise from third differences, or of counting where that is more."""
+    """Standard deviation of white noise from third differences; that of quantisation where it is larger."""
     changes = np.concatenate([np.diff(v, 3) for v in values])
     spread = float(np.median(np.abs(changes - np.median(changes)))) / 0.6745 / np.sqrt(20.0)
     steps = np.concatenate([np.abs(np.diff(v)) for v in values])
@@ -83,14 +90,14 @@ def _noise(values: Sequence[Array]) -> float:
 
 
 def _split(run: Run, period: float) -> list[slice]:
-    """Stretches without gaps."""
+    """Split a run at its gaps."""
     cuts = np.flatnonzero(np.diff(run.time) > _GAP * period) + 1
     edges = [0, *cuts.tolist(), len(run.time)]
     return [slice(a, b) for a, b in itertools.pairwise(edges)]
 
 
 def _clean(run: Run, name: str, values: Array, part: slice, clock: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """One column on the clock, what is masked drawn straight, and which samples are near what is masked."""
+    """Resample a column, masked samples bridged by straight lines; and the mask of affected samples."""
     time, bad = run.time[part], np.asarray(run.masked.get(name, np.zeros(len(run.time), bool)))[part]
     bad = bad | ~np.isfinite(values[part])
     if bad.all():
@@ -100,7 +107,7 @@ def _clean(run: Run, name: str, values: Array, part: slice, clock: Array) -> tup
 
 
 def _smoothed(position: Array, period: float, noise: float, horizon: float) -> Array:
-    """Local cubics: the narrowest whose speed, left to itself for a window, drifts off by little enough."""
+    """Smooth by local cubics: the narrowest filter whose speed noise drifts by less than `_DRIFT`."""
     width = 5
     for half in (0.01, 0.02, 0.04, 0.08):
         width = max(2 * round(half / period) + 1, 5)
@@ -117,17 +124,17 @@ def _smoothed(position: Array, period: float, noise: float, horizon: float) -> A
 
 @dataclass(frozen=True)
 class _Stretch:
-    """One stretch without gaps on the common clock."""
+    """Stretch without gaps, on the common clock."""
 
     run: int
     columns: tuple[Array, ...]
-    """Time since the run's start, force, position, velocity, shape (n,)."""
+    """Time since the start of the run, force, position and velocity, each of shape (n,) [s, N, m, m/s]."""
     masked: NDArray[np.bool_]
-    """Shape (n, 3)."""
+    """Mask of bad samples of force, position and velocity, shape (n, 3)."""
 
 
 def _stretches(index: int, run: Run, force_constant: float, period: float) -> Iterator[_Stretch]:
-    """Stretches of a run on a clock of this period."""
+    """Yield the stretches of a run, resampled to a clock of the given period [s]."""
     name, force = force_column(run, force_constant)
     nothing = np.full(len(run.time), np.nan)
     named = ((name, force), ("position", run.columns["position"]))
@@ -144,7 +151,7 @@ def _stretches(index: int, run: Run, force_constant: float, period: float) -> It
 def _cut(
     stretches: Sequence[_Stretch], size: int, length: int, period: float
 ) -> tuple[Array, NDArray[np.int64]]:
-    """Tables of stretches and windows; what is left at an end and is no half window belongs to none."""
+    """Tables of stretches and windows; a remainder shorter than half a window is left out."""
     substeps = max(1, int(np.ceil(period / _STEP - 1e-9)))
     table, windows, at, row = [], [], 0, 0
     for stretch in stretches:
@@ -159,16 +166,16 @@ def _cut(
 
 
 def read_axis_log(runs: Sequence[Run], force_constant: float, window: float, block: float = BLOCK) -> AxisLog:
-    """Puts all runs on one clock and cuts them into stretches, windows and blocks.
+    """Resample all runs to a common clock and cut them into stretches, windows and blocks.
 
     Args:
-      runs: Of a linear axis.
+      runs: Runs of a linear axis.
       force_constant: Force over current [N/A].
-      window: Length of a window [s].
+      window: Length of a free window [s].
       block: Length of a block [s].
 
     Raises:
-      InputError: A run without force and current, or no run of half a window.
+      InputError: A run has neither force nor current, or no run is as long as half a window.
     """
     period = min(float(np.median(np.diff(run.time))) for run in runs)
     size = max(1, round(block / period))
@@ -199,9 +206,10 @@ def read_axis_log(runs: Sequence[Run], force_constant: float, window: float, blo
 
 
 def force_sign(log: AxisLog) -> float:
-    """−1 where the force pushes against the acceleration that it makes, 1 otherwise.
+    """Sign of the recorded force: −1 where it is opposite to the motion that it causes, else 1.
 
-    F = m a + b v + C sgn(v) + F_0 fitted to the log: no axis has a negative mass and negative friction.
+    The sign follows from a fit of F = m a + b v + C sgn(v) + F_0 to the log: no axis has negative mass and
+    negative friction.
     """
     speed, acceleration = log.smooth[:, 1], log.smooth[:, 2]
     columns = np.stack([acceleration, speed, np.sign(speed), np.ones(len(speed))], axis=1)
@@ -213,13 +221,13 @@ def force_sign(log: AxisLog) -> float:
 
 @kernel
 def block_means(values, windows, size, means):
-    """Means of every block, NaN where a sample is NaN.
+    """Average the samples of every block; NaN where a sample is NaN.
 
     Args:
-      values: Shape (n, columns).
-      windows: Shape (windows, WINDOW).
+      values: Samples, shape (n, columns).
+      windows: Table of windows, shape (windows, WINDOW).
       size: Samples per block.
-      means: Filled, shape (blocks, columns).
+      means: Filled with the block means, shape (blocks, columns).
     """
     for w in range(len(windows)):
         row = windows[w, 2]

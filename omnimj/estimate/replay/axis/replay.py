@@ -1,8 +1,9 @@
-"""The linear axis as the search for a missing effect sees it.
+"""Replay of a linear axis' logs for the search for missing effects.
 
-Two routes through every log. `force`: the twin follows the measured position, and the force it needs stands
-beside the measured one; in a closed loop that is where a gap shows. `position`: windows that start from the
-measured state are driven by the measured force alone. A measured `velocity` stands beside the follower's.
+`force`: the equations follow the measured position, and the force needed by that motion is compared with the
+measured one; in a closed loop that is where a gap shows. `position`: free windows start from the measured
+state and are driven by the measured force alone. `velocity`, where measured: compared with the speed of the
+follower.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ from omnimj.recording.dataset import Run
 from omnimj.signals import Array
 
 WINDOW = 1.0
-"""Time that a window is left to itself [s]."""
+"""Length of a free window [s]."""
 
 _ONCE = ("stribeck", "position_friction", "cable_drag")
 _CHANNELS = {
@@ -60,7 +61,7 @@ _REST = 3.0  # standard deviations of the smoothed speed below which the axis re
 
 
 class AxisReplay:
-    """A `Replay` of a linear axis."""
+    """Replay of a dataset of a linear axis; implements `replay.interface.Replay`."""
 
     plant = AXIS
 
@@ -73,24 +74,24 @@ class AxisReplay:
         channels: Sequence[str] | None = None,
         threads: int | None = None,
     ):
-        """Prepares the logs.
+        """Prepare the logs.
 
         Args:
-          axis: As declared, with the effects it has already.
-          runs: Logs of it.
-          window: Time that a window is left to itself [s].
-          channels: Which to compare; force, position and what else was measured when None.
-          threads: For several settings at once; the machine's cores when None.
+          axis: The model file's constants and the effects that it has already.
+          runs: Measured runs of the axis.
+          window: Length of a free window [s].
+          channels: Names of the channels to compare; all that were measured when None.
+          threads: Threads for several settings at once; the machine's cores when None.
 
         Raises:
-          InputError: A run without force and current, or none that is long enough.
-          UnknownNameError: A channel that there is not.
+          InputError: A run has neither force nor current, or none is long enough.
+          UnknownNameError: A channel does not exist.
         """
         self._axis, self._runs, self._threads = axis, tuple(runs), threads or os.cpu_count() or 1
         self._force_name = force_column(runs[0], axis.axis.force_constant)[0]
         self._log = log = read_axis_log(runs, axis.axis.force_constant, window)
         self.notes: tuple[str, ...] = ()
-        """What the check of the data found."""
+        """Notes of the data check, one sentence each."""
         if force_sign(log) < 0.0:
             self.notes = (_REVERSED.format(name=self._force_name),)
             self._log = log = dataclasses.replace(log, force=-log.force)
@@ -104,7 +105,7 @@ class AxisReplay:
         self.channels = tuple(_CHANNELS[name][1] for name in chosen)
         wanted = np.sqrt(log.force_noise / (axis.axis.mass * log.position_noise))
         self.rate = float(np.clip(wanted, _SLOWEST, min(_FASTEST, 0.25 / log.period)))
-        """ω of the follower [rad/s]: σ_F/(m σ_x) balances noise of the monitor and of the encoder."""
+        """Bandwidth ω of the follower [rad/s]: ω² = σ_F/(m σ_x) balances the noise of force and position."""
         self.segments = self._make_pieces()
         self.measured = self._measured()
         self.base = base_parameters(axis, self._force_name, log.period)
@@ -114,18 +115,18 @@ class AxisReplay:
         self._by_label = {c.label: c for c in self.candidates}
 
     def simulate(self, settings: Sequence[Setting]) -> list[Array]:
-        """What the sensors would have said, one array of shape (blocks, channels) per setting."""
+        """Block means of the channels by the equations, shape (blocks, channels) per setting."""
         if len(settings) < 2 or self._threads < 2:
             return [self._simulate(setting) for setting in settings]
         with ThreadPoolExecutor(min(self._threads, len(settings))) as pool:
             return list(pool.map(self._simulate, settings))
 
     def simulate_twin(self, setting: Setting) -> None:
-        """There is no roller-level twin of an axis: MuJoCo would solve the same equation."""
+        """Return None: an axis has no roller-level twin, since MuJoCo would solve the same equation."""
         return
 
     def regimes(self) -> Mapping[str, tuple[str, Array]]:
-        """Variable → unit and its value in every block, from the measurement alone."""
+        """Variable → unit and its measured value in every block, shape (blocks,)."""
         log = self._log
         position, speed, acceleration = log.smooth.T
         resting = np.abs(speed) < _REST * self._speed_noise()
@@ -153,15 +154,23 @@ class AxisReplay:
         return found
 
     def candidate_experiments(self) -> tuple[Experiment, ...]:
-        """Runs that the user could make."""
+        """Runs that a user could make."""
         return experiments.axis_experiments(self._axis)
 
     def predict(self, settings: Sequence[Setting], experiment: Experiment) -> list[Array]:
-        """Block means of the channels in such a run under a servo drive that knows the declared axis."""
+        """Predict block means of a candidate run under a servo drive tuned to the declared axis.
+
+        Args:
+          settings: Parameter values, one simulation each.
+          experiment: One of `candidate_experiments`.
+
+        Returns:
+          One array of shape (blocks, channels) per setting.
+        """
         return [self._predict(setting, experiment) for setting in settings]
 
     def row(self, setting: Setting) -> Array:
-        """The kernels' numbers under a setting, for a run with the declared mass."""
+        """Parameters of the kernels under a setting, with the declared mass, shape (AXIS_ROW,)."""
         return setting_row(self._axis, self.base, self._by_label, setting)
 
     def _simulate(self, setting: Setting) -> Array:
@@ -187,7 +196,7 @@ class AxisReplay:
         )
 
     def _mass_of(self, stretch: int) -> float:
-        """What moves in a stretch's run as its log declares it [kg]."""
+        """Moving mass declared for the run of a stretch [kg]."""
         run = self._runs[self._log.run_of_stretch[stretch]]
         return float(run.conditions.get("mass", self._axis.axis.mass))
 
@@ -200,7 +209,7 @@ class AxisReplay:
         log = self._log
         columns = np.stack([log.force, log.position, log.velocity], axis=1)
         columns[log.masked] = np.nan
-        columns[log.masked[:, 1], FORCE_COLUMN] = np.nan  # the follower has nothing to follow there
+        columns[log.masked[:, 1], FORCE_COLUMN] = np.nan  # the follower lacks a position there
         settling = max(1, round(_SETTLING / (self.rate * log.period)))
         for stretch in log.stretches:
             first = int(stretch[START])
@@ -219,7 +228,7 @@ class AxisReplay:
         return tuple(segments)
 
     def _candidates(self, has_velocity: bool) -> tuple[CandidateEffect, ...]:
-        """Those that can show in these logs."""
+        """Candidate effects that can show in these logs."""
         other = "current" if self._force_name == "force" else "force"
         without = [f"sensor_delay ({other})"]
         if not has_velocity:
@@ -234,7 +243,7 @@ class AxisReplay:
 
 @kernel
 def _since_reversal(direction):
-    """Samples since the axis last turned round or set off; since the start before that."""
+    """Samples since the axis last reversed, or since the start of the stretch, shape (n,)."""
     found, last, count = np.empty(direction.size), 0.0, 0.0
     for k in range(direction.size):
         if direction[k] != 0.0 and direction[k] != last:

@@ -1,4 +1,4 @@
-"""Settings of a linear axis' replay as the kernels' numbers: base, effects, free curve."""
+"""Base parameters, candidate effects and free curves of a linear axis, in the form of the kernels."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ from omnimj.physics.axis import (
 )
 from omnimj.signals import Array
 
-_NOTICED = 0.1  # of the measured force, RMS
-_SLOW = 0.4  # of the highest speed: friction that ends above it is not friction near standstill
+_NOTICED = 0.1  # share of the RMS measured force that an effect of typical size has
+_SLOW = 0.4  # share of the top speed up to which friction counts as friction near standstill
 
 Spans = Mapping[str, tuple[float, float]]
 """Variable → lowest and highest value."""
@@ -57,12 +57,12 @@ def spans_of(log: AxisLog) -> Spans:
 
 
 def sized_candidates(axis: Axis, spans: Spans, without: tuple[str, ...]) -> tuple[CandidateEffect, ...]:
-    """Every effect of an axis as the search sees it.
+    """Candidate effects of an axis, with amplitudes and shapes scaled to the logs.
 
     Args:
       axis: Gives mass and force constant.
-      spans: See `spans_of`.
-      without: Labels that cannot show in these logs.
+      spans: Range of each variable, from `spans_of`.
+      without: Labels of effects that cannot show in these logs.
     """
     found = []
     for candidate in candidate_effects(AXIS, spans, without):
@@ -75,7 +75,7 @@ def sized_candidates(axis: Axis, spans: Spans, without: tuple[str, ...]) -> tupl
 
 
 def _sized(shape: CandidateParameter, axis: Axis, spans: Spans) -> CandidateParameter:
-    """An amplitude: its typical size takes a tenth of the measured force."""
+    """Scale the typical size of an amplitude to a tenth of the measured force."""
     force = _NOTICED * spans["force"][1]
     speed, reach = 0.5 * spans["speed"][1], 0.5 * (spans["position"][1] - spans["position"][0])
     typical = {
@@ -90,12 +90,12 @@ def _sized(shape: CandidateParameter, axis: Axis, spans: Spans) -> CandidatePara
 
 
 def _placed(shape: CandidateParameter, spans: Spans) -> CandidateParameter:
-    """A place, a width or a speed: inside what was measured."""
+    """Limit a place, a width or a speed to the measured range."""
     low, high = spans["position"]
     reach, top = high - low, spans["speed"][1]
     bounds = {
         "position": (low, high, 0.5 * (low + high)),
-        # a cable that is slack far outside the travel is a constant force, which has its own name
+        # with its rest position far outside the travel a cable is a constant force, an effect of its own
         "rest_position": (low - reach, high + reach, 0.5 * (low + high)),
         "width": (0.01 * reach, 0.5 * reach, 0.1 * reach),
         "velocity": (0.003 * top, _SLOW * top, 0.05 * top),
@@ -108,7 +108,7 @@ def _placed(shape: CandidateParameter, spans: Spans) -> CandidateParameter:
 
 
 TIMING = "timing"
-"""Base parameter: by which the clock of the position is behind that of the force, below a sample [s]."""
+"""Base parameter: lag of the position's clock behind that of the force, less than a sample period [s]."""
 
 _BODY = ("mass", "drive_mass", "coulomb", "viscous", "force_constant")
 _WORDS: Mapping[str, str] = MappingProxyType(
@@ -130,16 +130,16 @@ CURVES: Mapping[str, int] = MappingProxyType(
         "friction_over_time": DRY_OVER_TIME,
     }
 )
-"""Variables over which a free force, or a free dry friction, may be laid."""
+"""Variables of the free curves, for a force or a dry friction → kind of curve in the kernels."""
 
 
 def base_parameters(axis: Axis, force_name: str, period: float) -> tuple[BaseParameter, ...]:
-    """What the model file declares uncertain, and the part of a sample that lies between two clocks.
+    """Uncertain parameters of the model file, and the offset between the clocks of force and position.
 
     Args:
-      axis: As declared.
-      force_name: The column that the force comes from.
-      period: Of the log [s].
+      axis: Declared axis with its uncertainties.
+      force_name: Column from which the force is taken, `force` or `current`.
+      period: Sample period of the log [s].
     """
     found = []
     for name in _BODY:
@@ -158,13 +158,16 @@ def base_parameters(axis: Axis, force_name: str, period: float) -> tuple[BasePar
 def setting_row(
     axis: Axis, base: Sequence[BaseParameter], candidates: Mapping[str, CandidateEffect], setting: Setting
 ) -> Array:
-    """The kernels' numbers under a setting, shape (AXIS_ROW,), for a run with the declared mass.
+    """Parameters of the kernels under a setting, with the declared mass.
 
     Args:
-      axis: As declared, with the effects it has already.
-      base: Of the replay.
-      candidates: Candidates by label.
-      setting: Their values.
+      axis: Declared axis with the effects that it has already.
+      base: Base parameters of the replay.
+      candidates: Candidate effects by label.
+      setting: Values of base parameters and effects.
+
+    Returns:
+      Shape (AXIS_ROW,).
     """
     body, clock, gain = axis.axis, 0.0, 1.0
     for parameter, value in zip(base, np.asarray(setting.base, float), strict=True):
@@ -188,7 +191,7 @@ def setting_row(
 
 
 def setting_curve(setting: Setting, spans: Spans) -> Array:
-    """The setting's free curve over what the logs span, shape (CURVE_ROW,)."""
+    """Free curve of a setting over the range of the logs, shape (CURVE_ROW,)."""
     if setting.curve is None:
         return no_curve()
     name, values = setting.curve

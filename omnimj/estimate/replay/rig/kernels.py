@@ -21,7 +21,7 @@ OUTPUTS = 3
 
 
 class Log(NamedTuple):
-    """Inputs of all runs, one behind the other."""
+    """Inputs of all runs, concatenated."""
 
     current: Array
     """Motor current, shape (samples,) [A]."""
@@ -61,24 +61,24 @@ class SensorModel(NamedTuple):
     """y(t) = scale · x_f(t − delay) + offset, ẋ_f = (x − x_f)/lag."""
 
     lag: float
-    """[samples]"""
+    """Time constant of the filter [samples]."""
     delay: float
-    """[samples]; a negative one reads ahead."""
+    """Delay [samples]; negative for a channel that leads."""
     scale: float
     offset: float
-    """[unit of the channel]"""
+    """Offset [unit of the channel]."""
 
 
 @kernel
 def replay_runs(log, parameters, h, steps, out):
-    """Drives every run from its start; the current is linear between samples.
+    """Simulate every run from its start; the current is interpolated linearly between samples.
 
     Args:
-      log: `Log`.
-      parameters: `KernelParameters`.
-      h: Step [s].
+      log: Inputs of all runs, a `Log`.
+      parameters: Rig, effects and floors, `KernelParameters`.
+      h: Step of the integration [s].
       steps: Steps per sample.
-      out: Filled, shape (samples, OUTPUTS).
+      out: Filled with wheel speed, carriage speed and acceleration, shape (samples, OUTPUTS).
     """
     current, first, start = log.current, log.first, log.start
     driving, effects = motor_at(parameters.motor), terms_at(parameters.terms)
@@ -99,16 +99,16 @@ def replay_runs(log, parameters, h, steps, out):
 
 @kernel
 def observe(series, layout, sensor, result):
-    """Block means of a simulated sensor.
+    """Average a simulated sensor over blocks.
 
-    A block's mean comes from the running sum, linear between samples, so that a delay need not be a whole
-    number of samples.
+    A block's mean comes from the running sum, interpolated linearly between samples, so that a delay need not
+    be a whole number of samples.
 
     Args:
       series: x of all runs, shape (samples,).
-      layout: `BlockLayout`.
-      sensor: `SensorModel`.
-      result: Filled, shape (blocks,).
+      layout: Samples and blocks of all runs, a `BlockLayout`.
+      sensor: Lag, delay, scale and offset, a `SensorModel`.
+      result: Filled with the block means, shape (blocks,).
     """
     first, blocks_first, size = layout.first, layout.blocks_first, layout.size
     lag, delay = sensor.lag, sensor.delay

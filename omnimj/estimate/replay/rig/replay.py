@@ -202,7 +202,7 @@ class RigReplay:
         return rig_experiments(self._rig, self._runs.floor)
 
     def predict(self, settings: Sequence[Setting], experiment: Experiment) -> list[Array]:
-        """Predict block means of such a run within the limits of the supply, shape (blocks, channels)."""
+        """Predict block means of a candidate run within the supply limits, shape (blocks, channels) each."""
         runs = experiment_runs(experiment, self._runs)
         return [self._equations(s, runs, measured=False) for s in settings]
 
@@ -217,7 +217,7 @@ def _rows(runs: RigRuns, changed: AppliedEffects, based: AdjustedMachine[Rig]) -
 
 
 def _drive_twin(based: AdjustedMachine[Rig], runs: RigRuns, k: int, current: Array, out: Array) -> None:
-    """Drive one run on the twin, with ideal sensors."""
+    """Drive one run on the twin with ideal sensors."""
     motor = dataclasses.replace(based.machine.motor, supply=_UNCLIPPED, current_limit=_UNCLIPPED)
     lateral = float(np.median(runs.lateral[runs.first[k] : runs.first[k + 1]]))
     mass = float(runs.mass[k] * based.mass_scale)

@@ -32,7 +32,7 @@ _PROFILES = {
 
 @dataclass(frozen=True)
 class RigRuns:
-    """All runs one behind the other, resampled to the period of the sensors."""
+    """All runs concatenated, resampled to the period of the sensors."""
 
     period: float
     first: NDArray[np.int_]
@@ -147,7 +147,7 @@ def _steady(lateral: Array, period: float) -> Array:
     """Smooth the gantry's speed; exactly 0 while it stands."""
     smooth = uniform_filter1d(lateral, max(1, round(0.05 / period)), mode="nearest")
     middle = float(np.median(smooth))
-    if abs(smooth - middle).max() < _STILL:  # constant: the mean is the best there is
+    if abs(smooth - middle).max() < _STILL:  # constant speed: the mean is the best estimate
         smooth = np.full(len(lateral), float(lateral.mean()))
     return np.where(abs(smooth) < _STILL, 0.0, smooth)
 

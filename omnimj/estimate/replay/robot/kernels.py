@@ -1,4 +1,4 @@
-"""Compiled replay of a robot's missions: a follower of the measured wheels, and free windows.
+"""Compiled replay of a robot's missions: a follower of the measured wheel speeds, and free windows.
 
 Follower: the wheels turn as measured, traction drives the body (with a time constant m/(2 σ₂ F_N) of 0.1 s,
 so that nothing drifts and the body's velocity need not be measured), and inverse dynamics give the current
@@ -51,7 +51,7 @@ _BACKLASH = TERM["backlash"]
 
 
 class Log(NamedTuple):
-    """Measured missions, all stretches one behind the other."""
+    """Measured missions, all stretches concatenated."""
 
     stretches: NDArray[np.int64]
     """Shape (stretches, STRETCH)."""
@@ -111,7 +111,7 @@ class Sampling(NamedTuple):
 
 
 class _Stretch(NamedTuple):
-    """Log of one stretch, from its first step on."""
+    """Log of one stretch, beginning at its first step."""
 
     block: int
     """First row of blocks."""
@@ -150,7 +150,7 @@ class _Part(NamedTuple):
 
 @kernel
 def value_at(values, column, place):
-    """Linear interpolation between rows, constant beyond them."""
+    """Interpolate a column linearly between rows; constant beyond them."""
     place = min(max(place, 0.0), float(len(values) - 1))
     below = min(int(place), max(len(values) - 2, 0))
     share = place - below
@@ -166,7 +166,7 @@ def _true_value(values, sensors, channel, column, place):
 
 @kernel
 def _impose_wheel_speeds(state, place, speed, sensors, terms):
-    """Sets every wheel's speed (the rotor's, inside the play of a gear) to the measured one."""
+    """Set every wheel's speed (the rotor's, inside the play of a gear) to the measured one."""
     for i in range(WHEELS):
         measured = _true_value(speed, sensors, SPEED + i, i, place)
         if terms[i, _BACKLASH] != 0.0 and state.backlash_rate[i] != 0.0:
@@ -177,7 +177,7 @@ def _impose_wheel_speeds(state, place, speed, sensors, terms):
 
 @kernel
 def _add_missing_currents(state, encoder_speed, part, speed, follower, missing):
-    """Adds the current missing at each wheel over a part of a step [A]; corrects the angles of the wheels.
+    """Add the current missing at each wheel over a part of a step; correct the angles of the wheels.
 
     Args:
       state: Planar state at the end of the part.
@@ -202,7 +202,7 @@ def _add_missing_currents(state, encoder_speed, part, speed, follower, missing):
 
 @kernel
 def _place_wheels(state, follower, wheels):
-    """Moves the contact of every wheel to the rollers that carry it.
+    """Move the contact of every wheel to the roller that carries it.
 
     Args:
       state: Planar state.
@@ -229,7 +229,7 @@ def _at_roller_angle(rollers, row, angle):
 
 @kernel
 def _run_free_window(state, k, stretch, follower, sampling, begin, free):
-    """Runs the free window that starts at step k, if one does.
+    """Run the free window that starts at step k, if there is one.
 
     Args:
       state: Packed planar state of the follower, shape (state_size,).
@@ -261,7 +261,7 @@ def _run_free_window(state, k, stretch, follower, sampling, begin, free):
 
 @kernel
 def _follow(stretch, follower, sampling, begin, followed, free):
-    """Follows the measured wheels over one stretch and runs its free windows.
+    """Follow the measured wheel speeds over one stretch and run its free windows.
 
     Args:
       stretch: The log.
@@ -278,7 +278,7 @@ def _follow(stretch, follower, sampling, begin, followed, free):
     loose, angle = np.zeros(n), np.empty(n)
     has_rollers, under = follower.rollers.shape[1] > 0, model.wheels.copy()
     on_rollers = PlanarModel(model.body, under, model.motors, model.floors, model.terms, False)
-    # a wheel that is loose in its gear is light: on the floor it comes to rest within two milliseconds
+    # a wheel inside the play of its gear has little inertia: it comes to rest on the floor within 2 ms
     parts = LOOSE_PARTS if model.terms[:, _BACKLASH].any() else 1
     state.twist[:] = stretch.start
     state.clock[0] = stretch.times[0]
@@ -312,7 +312,7 @@ def _follow(stretch, follower, sampling, begin, followed, free):
 
 @kernel
 def _block_means(stretch, sensors, followed, free, begin, sampling, blocks):
-    """Block means of the simulated sensors of one stretch, from the results of `_follow`.
+    """Average the simulated sensors of one stretch over blocks, from the results of `_follow`.
 
     Args:
       stretch: The log.
@@ -343,7 +343,7 @@ def _block_means(stretch, sensors, followed, free, begin, sampling, blocks):
 
 @kernel
 def turns_in_windows(stretches, window, size, measured, turned):
-    """Subtracts the mean over each window from the turned angle.
+    """Subtract the mean over each window from the angle turned.
 
     Args:
       stretches: Table of stretches, shape (stretches, STRETCH).
@@ -370,13 +370,13 @@ def turns_in_windows(stretches, window, size, measured, turned):
 
 @kernel
 def replay(log, parameters, rollers, sampling, blocks):
-    """Replays all stretches of all runs under one setting.
+    """Replay all stretches of all runs under one setting.
 
     Args:
-      log: `Log`.
-      parameters: `KernelParameters`.
-      rollers: `Rollers`.
-      sampling: `Sampling`.
+      log: Measured missions, a `Log`.
+      parameters: Robot, effects and floors, `KernelParameters`.
+      rollers: Roller tables and phases, `Rollers`.
+      sampling: Time grid, a `Sampling`.
       blocks: Filled with block means, shape (blocks, CHANNELS).
     """
     sensors, window = parameters.sensors, sampling.window
@@ -407,7 +407,7 @@ def replay(log, parameters, rollers, sampling, blocks):
 
 @kernel
 def drive(current, model, h, substeps, truth):
-    """Drives the robot from rest by given currents.
+    """Drive the robot from rest by given currents.
 
     Args:
       current: Shape (steps, 4) [A].

@@ -2,9 +2,8 @@
 
 `current_i`: the wheels turn as measured, and the current needed by their motion is compared with the measured
 one; in a closed loop that is where a gap shows. The same replay gives accelerometer and gyro. `yaw`:
-integrated
-by the equations, each window from its own initial heading. `wheel_speed_i`, optional: free windows driven by
-the measured currents alone.
+integrated by the equations, each window from its own initial heading. `wheel_speed_i`, optional: free windows
+driven by the measured currents alone.
 """
 
 from __future__ import annotations
@@ -64,9 +63,9 @@ _PHASES = 12  # trial angles over a pitch
 _FLAT = np.zeros((3, 0))
 """Roller tables of wheels without rollers."""
 _LAGS = ("wheel_speed", "acceleration", "yaw_rate", "yaw")
-"""Kinds of channels whose clock may differ from that of the currents."""
+"""Kinds of channels that may lag behind the currents."""
 _HIDDEN = ("supply_sag",)
-"""Effects already contained in measured currents."""
+"""Effects whose consequences the measured currents already contain."""
 
 
 def likely_patch(
@@ -171,7 +170,7 @@ class RobotReplay:
         return self._each(lambda s: self._replay(s, self._runs), settings)
 
     def _each(self, function: Callable[[Any], Array], arguments: Sequence) -> list[Array]:
-        """Map a function on all cores; kernels release the interpreter lock."""
+        """Map a function over arguments in threads; the kernels release the interpreter lock."""
         if len(arguments) < 2 or self._threads < 2:
             return [function(a) for a in arguments]
         with ThreadPoolExecutor(min(self._threads, len(arguments))) as pool:
@@ -209,10 +208,8 @@ class RobotReplay:
         """Block means with the twin's additions to the planar equations: rows of rollers, and springs.
 
         The twin itself cannot be restarted in the middle of a mission, and open loop it drifts away. The
-        action of its
-        rollers on a wheel is geometry (`roller_tables`); the angle at which a roller was lowest when a log
-        began is
-        found where the measured currents fit best.
+        action of its rollers on a wheel is geometry (`roller_tables`); the angle at which a roller was lowest
+        when a log began is found where the measured currents fit best.
 
         Returns:
           Shape (blocks, channels).
@@ -255,7 +252,7 @@ class RobotReplay:
         return robot_experiments(self._runs.floor)
 
     def predict(self, settings: Sequence[Setting], experiment: Experiment) -> list[Array]:
-        """Predict block means of such a run if the first setting were the truth, shape (blocks, channels)."""
+        """Predict block means of a run driven under the first setting, shape (blocks, channels) each."""
         runs = self._experiment_runs(settings[0], experiment)
         return self._each(lambda s: self._replay(s, runs), settings)
 

@@ -46,7 +46,7 @@ _REST_SPEED, _REST_YAW_RATE = 0.3, 0.03  # [rad/s] below which a robot stands
 _ACROSS = 1e-6  # [rad] off the right angle between driving direction and roller axis
 _STANDING = 0.03  # [m/s]
 _PAYLOAD = 2.0
-"""Known mass that a user puts on the middle [kg]."""
+"""Known mass placed at the centre of the robot [kg]."""
 _SECONDS = 6.0
 _LEGS = 1.5  # [s] of driving, coasting, driving back, coasting
 _CURRENTS = {"slow": 0.3, "fast": 0.7}
@@ -62,7 +62,7 @@ _MOVES = {
 
 @dataclass(frozen=True)
 class RobotRuns:
-    """All stretches one behind the other; a step is the mean of the log over `STEP`."""
+    """All stretches concatenated; each step holds the mean of the log over `STEP`."""
 
     size: int
     """Steps per block."""
@@ -192,8 +192,7 @@ def _filter_constants(robot: Robot) -> Array:
     """Time constants that make every channel as slow as the wheel speeds, shape (12,) [s].
 
     The equations are linear but for friction, so filtered currents move wheels that read filtered speeds.
-    Advancing
-    the speeds instead would not restore what the filter removed.
+    Advancing the speeds instead would not restore what the filter removed.
     """
     slowest, sensors = robot.sensors.speed_filter, robot.sensors
     chain = np.full(len(NAMES), slowest)
@@ -205,7 +204,7 @@ def _filter_constants(robot: Robot) -> Array:
 
 
 def _low_passed(time: Array, values: Array, constant: float) -> Array:
-    """Filter of the first order, exact for values that hold until the next sample."""
+    """Apply a first-order low-pass filter, exact for values held until the next sample."""
     if constant <= 0.0 or len(time) < 2:
         return values
     step = np.diff(time)
@@ -220,7 +219,7 @@ def _low_passed(time: Array, values: Array, constant: float) -> Array:
 
 
 def _stretches(run: Run, inverse: Array, chain: Array) -> list[_Stretch]:
-    """Parts of a run between its gaps that are long enough."""
+    """Split a run at its gaps into stretches that are long enough."""
     step = np.diff(run.time)
     longest = max(_GAP, _GAP_PERIODS * float(np.median(step)))
     cuts = [0, *(np.flatnonzero(step > longest) + 1).tolist(), len(run.time)]
@@ -263,7 +262,7 @@ def _means(
         masked[place] = True
         time, values = time[~bad], values[~bad]
     values = _low_passed(time, values, constant)
-    # the integral of straight lines between samples
+    # integral of the linear interpolation between samples
     whole = np.concatenate(([0.0], np.cumsum(0.5 * np.diff(time) * (values[1:] + values[:-1]))))
     at = np.interp(edges, time, values)
     k = np.clip(np.searchsorted(time, edges, side="right") - 1, 0, len(time) - 1)
@@ -299,13 +298,13 @@ def _per_block(runs: RobotRuns, values: Array) -> Array:
 
 
 def _along(runs: RobotRuns, rates: Array) -> Array:
-    """Integrals from 0 at each stretch's start."""
+    """Integrate rates over time, from 0 at the start of each stretch; same shape as the rates."""
     parts = [np.cumsum(rates[a:b], axis=0) * STEP for a, b, _ in runs.stretches]
     return np.concatenate(parts)
 
 
 def _world(runs: RobotRuns, twist: Array) -> Array:
-    """Velocity in the world frame, shape (steps, 2) [m/s]."""
+    """Rotate the body velocity into the world frame, shape (steps, 2) [m/s]."""
     c, s = np.cos(runs.yaw[:, 0]), np.sin(runs.yaw[:, 0])
     return np.stack([c * twist[:, 0] - s * twist[:, 1], s * twist[:, 0] + c * twist[:, 1]], axis=1)
 
