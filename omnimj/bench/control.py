@@ -32,7 +32,7 @@ SLIP_AND_WEAK_MOTOR = (*PASSING_SLIP, Fault("motor", 8.0, None, 2, {"loss": 0.57
 HOUR = 3600.0
 WARM_UP_MISSIONS = 5
 """Missions driven before memory is measured, to fill caches and windows."""
-_PAGES = Path("/proc/self/smaps_rollup")  # exact, unlike statm
+_PAGES = Path("/proc/self/smaps_rollup")  # exact, unlike /proc/self/statm
 _KB = 1024.0
 
 

@@ -30,7 +30,7 @@ from omnimj.link.transport.udp import UdpTransport
 _SEED = 1
 _CHANNELS = 12
 _TIMEOUT = 5.0  # [s] to wait for one answer
-_PART = 200  # round trips of one kind in turn, so that both kinds see the same machine
+_PART = 200  # round trips of one kind before the other, so that both run under the same load
 _WARM_UP_TRIPS = 100
 
 

@@ -1,4 +1,4 @@
-"""The command line `omnimj`: one file per command or family of commands.
+"""Command line `omnimj`: one file per command or family of commands.
 
 `main` holds the parser, exit codes and one-line errors; `terminal` robust streams, progress bar, tables;
 `arguments` the `Command` record and shared options. The commands:

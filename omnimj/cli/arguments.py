@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Command:
-    """A sub-command of `omnimj`."""
+    """Sub-command of `omnimj`."""
 
     name: str
     help: str

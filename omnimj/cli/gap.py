@@ -164,7 +164,7 @@ def write_outputs(
         if name in texts:
             with atomic_file(folder / name) as temporary:
                 temporary.write_text(texts[name], encoding="utf-8")
-        else:  # of an earlier search, which `force` replaces
+        else:  # a file of an earlier search, which `force` replaces
             (folder / name).unlink(missing_ok=True)
     model, floors = (name if name in texts else None for name in (MODEL, FLOORS))
     content = digest(finding, model, floors, command)

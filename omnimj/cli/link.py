@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 DEFAULT_CURRENT = 0.8
 """Default largest current of the test motions [A]."""
-_REST = 0.5  # rest before the motions [s]
+_REST = 0.5  # [s] of rest before the motions
 
 
 def add_check_arguments(parser: argparse.ArgumentParser) -> None:

@@ -1,4 +1,4 @@
-"""The command `omnimj`: sub-commands, exit codes, errors in one line."""
+"""Entry point `omnimj`: sub-commands, exit codes, errors in one line."""
 
 from __future__ import annotations
 

@@ -290,7 +290,7 @@ def drive_comparison(
                 failures[method] = run.trace.about["failure"]
             elif run.interrupted:
                 return Comparison(runs, failures, True)
-    except KeyboardInterrupt:  # between two runs: the finished ones are kept
+    except KeyboardInterrupt:  # between two runs; finished runs are kept
         return Comparison(runs, failures, True)
     return Comparison(runs, failures)
 

@@ -124,7 +124,7 @@ def _format_evaluation(outcome: EvaluationResult, folder: Path) -> str:
 
 
 _MAX_ROWS = 12  # rows of the table in the terminal
-_MAX_SHARE = 0.9  # largest --range
+_MAX_SHARE = 0.9  # largest value of --range
 
 
 def add_sensitivity_arguments(parser: argparse.ArgumentParser) -> None:

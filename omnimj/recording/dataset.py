@@ -122,7 +122,7 @@ class Run:
 
 @dataclass(frozen=True)
 class Dataset:
-    """A folder of measured runs of one plant."""
+    """Checked content of a folder of measured runs of one plant."""
 
     path: Path
     plant: str

@@ -16,15 +16,15 @@ _GAP = 1.75  # × median time step: one dropped sample makes 2, a clock in whole
 _SCATTERS = 10.0  # × robust scatter: a logger without a steady rate has no gap at every long step
 _NEAR_STEPS = 10  # time steps on each side: after a change of rate, longer steps are no gaps
 _NEAR = 25  # samples on each side that define the usual deviation
-_LOCAL = 8.0  # × the upper quartile of their deviations
-_ALONE = 3.0  # × the largest of them, other candidates left out
+_LOCAL = 8.0  # × the upper quartile of the nearby deviations: least size of a spike
+_ALONE = 3.0  # × the largest nearby deviation, without other candidates: least size of a spike
 _OTHERS = 2  # most candidates nearby: repeated deviations belong to the signal
 _RETURN = 0.35  # × the deviation: largest distance between the neighbours beyond the trend
 _MIRRORED = 0.5  # × the deviation that a spike causes in its neighbours: a corner causes none
 _QUANTUM = 8.0  # × the smallest difference in the data: one encoder count is not a spike
-_ROUNDING = 1e-9  # × the largest number
-_USUAL = 5.0  # × the 95th percentile of all runs together
-_FEWEST = 7  # samples, for neighbours and their neighbours
+_ROUNDING = 1e-9  # × the largest number in the data: rounding error
+_USUAL = 5.0  # × the 95th percentile of the deviations over all runs: least size of a spike
+_FEWEST = 7  # least samples of a run, for neighbours and their neighbours
 _SOME = 0.01  # share of the samples: more frequent deviations belong to the signal
 
 
@@ -157,7 +157,7 @@ def _isolated(size: Array, found: NDArray[np.int64]) -> Mask:
     if not len(found) or len(found) > max(_OTHERS + 1, _SOME * len(size)):
         return mask
     calm = size.copy()
-    for k in (-1, 0, 1):  # a spike makes its neighbours deviate, too
+    for k in (-1, 0, 1):  # a spike makes its neighbours deviate as well
         calm[np.clip(found + k, 0, len(size) - 1)] = 0.0
     offsets = np.concatenate((np.arange(-_NEAR, -1), np.arange(2, _NEAR + 1)))
     around = np.clip(found[:, None] + offsets, 0, len(size) - 1)

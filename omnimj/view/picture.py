@@ -220,7 +220,7 @@ def frames(
 
 
 def _add_trail(scene: mujoco.MjvScene, points: Array, radius: float = 0.004) -> None:
-    """Add a path on the floor as thin capsules, within the capacity of the scene."""
+    """Add a path on the floor, shape (k, 2) [m], as thin capsules within the capacity of the scene."""
     room = min(len(points) - 1, scene.maxgeom - scene.ngeom, 400)
     if room < 1:
         return

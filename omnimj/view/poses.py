@@ -179,7 +179,7 @@ def relative_frames(frames: BodyFrames, bodies: list[int], parent: int) -> tuple
     """
     turn = frames.quaternion[:, parent]
     place = frames.position[:, bodies] - frames.position[:, parent, None]
-    position = place @ _matrices(turn)  # rows times R: the inverse rotation
+    position = place @ _matrices(turn)  # row vectors times R: the inverse rotation
     w, x, y, z = (turn[:, i, None, None] for i in range(4))
     left = np.concatenate(
         [

@@ -39,8 +39,8 @@ from omnimj.view.report.gap import write_gap_report
 from omnimj.view.residuals import families
 
 _DPI = 110
-_CURRENTS = (0.45, 0.6, 0.9, 1.35)  # [A]
-_LABELS_AT = 0.9  # [m/s]
+_CURRENTS = (0.45, 0.6, 0.9, 1.35)  # [A] motor currents of the rig
+_LABELS_AT = 0.9  # [m/s] speed at which curves are labelled
 _LABEL: Mapping[str, Any] = MappingProxyType({"textcoords": "offset points", "fontsize": 8})
 _LATERAL_SEED = 5
 _SHOT_SIZE, _COLUMNS, _GAP = (560, 400), 3, 8  # [pixels]
@@ -107,7 +107,7 @@ def gap_before_and_after() -> Figure:
     """Plot the worst held-out run of a rig driven sideways, whose model lacks roller friction."""
     finding = _lateral_gap()
     run = worst_run(finding)
-    assert run is not None  # some are held out
+    assert run is not None  # some runs are held out
     return mismatch.overlay(finding, overlays_by_run(finding)[run])
 
 
@@ -172,7 +172,7 @@ def _drive(name: str) -> tuple[mujoco.MjModel, PoseTrack, Array]:
     scenario = read_scenario(name)
     result = run_scenario(scenario, "twin", "robust" if scenario.plant == "uto_robot" else "off")
     trace, poses = result.trace, result.poses
-    assert poses is not None  # the twin records them
+    assert poses is not None  # the twin records poses
     path = np.column_stack([trace["x"], trace["y"]]) if "x" in trace else np.empty((0, 2))
     if len(path):
         path = path[np.searchsorted(trace["time"], poses.time - 1e-9)]

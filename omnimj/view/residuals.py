@@ -126,7 +126,7 @@ def families(columns: Collection[str], method: str, printed: bool = False) -> li
       printed: True for the published method as printed, with positive thresholds only.
     """
     meanings = _MEANINGS.get(method, {})
-    if meanings is _PUBLISHED and "residual_wheel_speed" in columns:  # one wheel needs no number
+    if meanings is _PUBLISHED and "residual_wheel_speed" in columns:  # a rig has one wheel, without a number
         meanings = _PUBLISHED_RIG
     found: dict[str, list[Residual]] = {}
     for column in columns:

@@ -32,7 +32,7 @@ from omnimj.view.wording import Span, mode_name, recovery_spans
 
 Array = NDArray[np.float64]
 _LOG_SCALE_BEYOND = (
-    15.0  # × threshold: beyond this, a residual on a linear axis would hide its threshold from the reader
+    15.0  # × threshold: on a linear axis, larger residuals would make the threshold indistinguishable from 0
 )
 _LANE, _BAR, _AROUND = 0.27, 0.22, 0.95  # [inches] least lane, largest bar, all other heights
 _SEEN = 400  # most changes of mode that can be distinguished
@@ -181,7 +181,7 @@ def _strip(ax: Axes, row: int, spans: Sequence[Span], duration: float, thick: fl
 
 
 def _few_changes(time: Array, mode: NDArray[np.int_]) -> tuple[Array, NDArray[np.int_]]:
-    """Thin mode changes to a visible number, keeping every short mode other than 0."""
+    """Thin mode changes, shape (k,), to a visible number, keeping every short mode other than 0."""
     if np.count_nonzero(np.diff(mode)) <= _SEEN:
         return time, mode
     edges = np.linspace(0, len(time), _SEEN + 1).astype(int)

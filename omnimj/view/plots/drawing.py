@@ -239,7 +239,7 @@ def svg(figure: Figure, name: str, words: str) -> str:
     text = re.sub(r'\sxmlns(:\w+)?="[^"]*"', "", text)
     text = text.replace("xlink:href", "href")
     text = _own_ids(text, name)
-    text = re.sub(r'="[^"]*"', lambda m: re.sub(r"(\d+\.\d{2})\d+", r"\1", m[0]), text)  # not in text
+    text = re.sub(r'="[^"]*"', lambda m: re.sub(r"(\d+\.\d{2})\d+", r"\1", m[0]), text)  # only in attributes
     text = re.sub(r"font:\s*([\d.]+px)\s*[^;\"]*", rf"font: \1 {_FONTS}", text)
     text = re.sub(
         r'^<svg [^>]*?viewBox="([^"]*)"[^>]*>', rf'<svg viewBox="\1" role="img" aria-label="{label}">', text

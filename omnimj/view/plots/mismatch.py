@@ -361,7 +361,7 @@ def _density(parts: Sequence[Array], period: float) -> tuple[Array, Array]:
     """Average the power density over runs by Welch's method; masked samples count as zero mismatch.
 
     Args:
-      parts: Mismatch of each run.
+      parts: Mismatch of each run, shapes (k,).
       period: Interval between blocks [s].
 
     Returns:

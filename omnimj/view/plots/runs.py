@@ -87,7 +87,7 @@ def deviation(trace: Trace, spans: Sequence[Span]) -> Figure:
 
 
 def _distance(ax: Axes, trace: Trace, place: Array) -> None:
-    """Plot driven − planned position over time: both components and the distance."""
+    """Plot driven − planned position over time, by component and as distance; `place` is (k, 2) [m]."""
     x, y = trace["x"] - place[:, 0], trace["y"] - place[:, 1]
     line(ax, trace["time"], np.hypot(x, y), color=palette.INK, label="distance", linewidth=1.6)
     line(ax, trace["time"], x, color=palette.MEASURED, label="in x", linestyle=(0, (6, 1.5)))

@@ -61,7 +61,7 @@ def measure_first_picture(
 
 
 def _bars(ax: Axes, places: np.ndarray, values: np.ndarray, bounds: np.ndarray) -> None:
-    """Draw horizontal bars with their intervals; row 0 is at the top after the axis is inverted."""
+    """Draw horizontal bars with their intervals; row 0 is at the top once the axis is inverted."""
     ax.barh(places, values, height=0.62, color=palette.lighter(palette.MEASURED, 0.45), zorder=2)
     ax.hlines(places, bounds[0], bounds[1], color=palette.INK, linewidth=1.3, zorder=3)
     ax.grid(True, axis="x", color=palette.GRID, linewidth=0.7)

@@ -82,7 +82,7 @@ _NARROWEST = 1e-4  # least width of a cell on the logarithmic axis
 
 
 def _edges(values: Sequence[float]) -> np.ndarray:
-    """Return the borders of cells around values evenly spaced on a logarithmic axis."""
+    """Return the borders of cells, shape (n + 1,), around n values evenly spaced on a logarithmic axis."""
     logs = np.log(values)
     half = max(0.5 * (logs[1] - logs[0]), _NARROWEST)
     return np.exp(np.append(logs - half, logs[-1] + half))

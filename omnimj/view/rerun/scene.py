@@ -40,12 +40,12 @@ TRACTION_SCALE, NORMAL_SCALE = 0.02, 0.005
 MACHINE, FORCES, OBSTACLES = "world/machine", "world/forces", "world/obstacles"
 AROUND = "around"
 """Entity of invisible points around a free body, which set the zoom of a camera that follows it."""
-_REACH = np.array([0.42, 0.42, 0.17])  # [m]
+_REACH = np.array([0.42, 0.42, 0.17])  # [m] extent of these points
 _ARROW_RADIUS = 0.007
 _UP = np.array([0.0, 0.0, 1.0])
 FLOOR, PATH = "world/floor", "world/path"
 _TRAIL_STEPS, _TRAIL_POINTS = 120, 240
-_TILE = 0.25  # [m]
+_TILE = 0.25  # [m] width of a tile
 _MOST_TILES = 512  # tiles along a side: a run that diverged may end anywhere
 _MARGIN = 0.6  # [m] of floor around all motion
 
@@ -281,7 +281,7 @@ class Trail:
         self._last = float(time[-1])
 
     def _crossed(self, time: Array, parts: int) -> NDArray[np.int64]:
-        """Return the rows at which another of `parts` equal parts of the run begins."""
+        """Return the rows at which the next of `parts` equal parts of the run begins, shape (m,)."""
         part = np.floor(np.concatenate([[self._last], time]) * parts / self._duration + 1e-9)
         return np.flatnonzero(np.diff(part) > 0)
 
