@@ -1,8 +1,8 @@
-"""Named pieces of physics that a machine may have on top of its model: the vocabulary of the gap workflow.
+"""Effects: named physics that a machine may have beyond its model, the candidates of the gap workflow.
 
-`effect` defines effects and the changes they make, `catalogue` finds them by plant and name, `machine` puts
-them into a machine (`with_effects`) and turns them into what plants need (`apply_effects`), `model_writer`
-writes them into model files. Every other module declares effects in a tuple `EFFECTS`.
+`effect` defines effects and the changes they make, `catalogue` finds them by plant and name, `machine` adds
+them to a machine (`with_effects`) and applies them to its constants (`apply_effects`), `model_writer` writes
+them into model files. Every other module declares effects in a tuple `EFFECTS`.
 """
 
 from omnimj.effects.catalogue import EFFECTS, base_name, effects_of, find_effect

@@ -1,5 +1,6 @@
-"""Effects of the linear axis: they change its own constants or its `extras`, of which `physics.axis.axis_row`
-makes the kernels' numbers.
+"""Effects of the linear axis, which change its constants or its `extras`.
+
+`physics.axis.axis_row` packs both for the kernels.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ DELAYS: Mapping[str, str] = MappingProxyType(
         "current": "force_delay",
     }
 )
-"""Channels that may be late; a log has either force or current."""
+"""Delay parameter of each channel; a log has either force or current."""
 
 
 def _change(changes: MachineChanges, **entries: float) -> None:
@@ -29,7 +30,7 @@ def _change(changes: MachineChanges, **entries: float) -> None:
 
 
 def _body(name: str, parameter: str) -> Hook:
-    """Add to a constant that cannot fall below zero; some mass always remains."""
+    """Hook that adds to a constant, which cannot fall below zero, or for the mass below a tenth of it."""
 
     def hook(changes: MachineChanges, values: Values) -> None:
         body = changes.machine.axis
@@ -55,7 +56,7 @@ def _times(name: str) -> Hook:
 
 
 def _once(amplitude: str, parameter: str, **shape: str) -> Hook:
-    """An amplitude that stands once only, with its shape."""
+    """Hook that sets an amplitude and its shape; the effect may act only once on a machine."""
 
     def hook(changes: MachineChanges, values: Values) -> None:
         if values[parameter] == 0.0:
@@ -68,7 +69,7 @@ def _once(amplitude: str, parameter: str, **shape: str) -> Hook:
 
 
 def _bias(changes: MachineChanges, values: Values) -> None:
-    # behind a wrong gain, so that the order of the two does not matter
+    # added after the gain, so that the order of the two effects does not matter
     bias = changes.machine.axis.force_constant * values["bias"]
     _change(changes, monitor_bias=changes.machine.extras.monitor_bias + bias)
 
@@ -227,4 +228,4 @@ EFFECTS: tuple[Effect, ...] = (
         [Selector("channel", tuple(DELAYS))],
     ),
 )
-"""Effects of the linear axis; those that other plants have too keep their names."""
+"""Effects of the linear axis; those shared with other plants have the same names."""

@@ -42,8 +42,8 @@ def _air_drag(changes: MachineChanges, values: Values) -> None:
 
 
 _FOLLOWS = {"mu_c": ("mu_c", "mu_s", "D"), "sigma_0": ("sigma_0", "B"), "sigma_2": ("sigma_2",)}
-"""Numbers of a floor that each scale acts on: g(V_r) of LuGre and the height of the Magic Formula as a
-whole; the stiffness of either law."""
+"""Floor parameters multiplied by each scale: `mu_c` scales all of g(V_r) of LuGre and the peak of the Magic
+Formula, `sigma_0` the stiffness of either law."""
 
 
 def _floor_traction(changes: MachineChanges, values: Values) -> None:

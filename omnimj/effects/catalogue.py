@@ -1,6 +1,6 @@
 """Catalogue of all effects: every module of this package that has a tuple `EFFECTS` adds to it.
 
-An effect may be declared once for several plants, or under one name with other parameters for each plant.
+An effect may be declared once for several plants, or under one name with different parameters for each plant.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from omnimj.effects.effect import AXIS, RIG, ROBOT, Effect
 from omnimj.errors import UnknownNameError
 
 PLANTS = (RIG, ROBOT, AXIS)
-"""Plants that effects act on."""
+"""Plants for which effects exist."""
 
 _INSTANCE = re.compile(r"(.+)_([2-9])")
 
@@ -81,7 +81,7 @@ def base_name(name: str) -> str:
 
 
 def find_effect(name: object, plant: str, place: object) -> Effect:
-    """Look an effect of a plant up by name, also by that of a further instance (`sensor_delay_2`).
+    """Look up an effect of a plant by name, also by that of a further instance (`sensor_delay_2`).
 
     Raises:
       UnknownNameError: The plant has no such effect; the message lists those it has.
@@ -95,4 +95,4 @@ def find_effect(name: object, plant: str, place: object) -> Effect:
 
 # last: modules of the package may import the functions above while the catalogue is collected
 EFFECTS: Mapping[str, Effect] = _catalogue()[0]
-"""Every effect by name, with the parameters of all its plants. For one plant: `effects_of`."""
+"""All effects by name, each with the parameters of all its plants; `effects_of` selects one plant."""

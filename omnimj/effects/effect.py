@@ -23,7 +23,7 @@ Values = Mapping[str, Any]
 """Parameters (floats) and selectors (text or whole numbers) of one effect by name."""
 
 Hook = Callable[[Any, Values], None]
-"""Function that writes an effect into `MachineChanges`, given every parameter and selector."""
+"""Function that adds an effect to `MachineChanges`, given all its parameters and selectors."""
 
 
 @dataclass(frozen=True)
@@ -34,16 +34,16 @@ class EffectParameter:
     unit: str
     low: float
     high: float
-    """Physical bounds, generous."""
+    """Generous physical bounds."""
     typical: float
-    """A size worth noticing."""
+    """Value of a noticeable effect."""
     null_value: float | None = 0.0
-    """Value at which the effect is gone; None: a shape (place, width, speed), which takes nothing away."""
+    """Value at which the effect vanishes; None for a shape (position, width, speed) without such a value."""
 
 
 @dataclass(frozen=True)
 class Selector:
-    """A choice that an effect needs besides its parameters, such as a channel or a wheel."""
+    """Choice that an effect requires besides its parameters, such as a channel or a wheel."""
 
     name: str
     choices: tuple[str | int, ...]
@@ -51,7 +51,7 @@ class Selector:
 
 @dataclass(frozen=True)
 class Effect:
-    """A physical change of a machine that may explain a gap between model and measurement."""
+    """Physical change of a machine, a candidate explanation of a gap between model and measurement."""
 
     name: str
     words: str
@@ -59,19 +59,19 @@ class Effect:
     where: str
     """`rail`, `wheel`, `motor`, `floor`, `body` or `sensors`."""
     plants: tuple[str, ...]
-    """Machines that it can act on."""
+    """Plants on which the effect can act."""
     parameters: tuple[EffectParameter, ...]
     selectors: tuple[Selector, ...] = ()
     hooks: tuple[Hook, ...] = ()
-    """Functions that write it into a machine."""
+    """Functions that add the effect to a machine."""
 
     @property
     def amplitudes(self) -> tuple[EffectParameter, ...]:
-        """Parameters that switch the effect off at their null values."""
+        """Parameters that turn the effect off at their null values."""
         return tuple(p for p in self.parameters if p.null_value is not None)
 
     def null_values(self) -> dict[str, float]:
-        """Values of all parameters without the effect; shapes at their typical values."""
+        """Parameter values at which the effect vanishes; shapes have their typical values."""
         return {p.name: p.typical if p.null_value is None else p.null_value for p in self.parameters}
 
     def typical(self) -> dict[str, float]:
@@ -80,57 +80,57 @@ class Effect:
 
 
 class ChannelEffect(NamedTuple):
-    """A sensor effect on one channel: scale · reading + offset, late by delay."""
+    """Effect on one measured channel: scale · reading + offset, delayed."""
 
     scale: float = 1.0
     offset: float = 0.0
     delay: float = 0.0
-    """[s]"""
+    """Delay [s]."""
 
 
 @dataclass(frozen=True)
 class AppliedEffects:
-    """A machine with its effects, ready for plants and for replay; n wheels, the rig and an axis have one."""
+    """Machine with its effects applied, for plants and replay; n wheels, one for the rig and the axis."""
 
     machine: Any
-    """The same machine with changed constants (its own effects still named in it)."""
+    """Machine with changed constants; it still lists its effects."""
     terms: Array
     """Packed `physics.effect_terms.EffectTerms` per wheel, shape (n, TERMS)."""
     torque_scale: Array
-    """True over nominal torque constant, shape (n,)."""
+    """Ratio of true to nominal torque constant, shape (n,)."""
     radius_scale: Array
-    """True over nominal rolling radius, shape (n,)."""
+    """Ratio of true to nominal rolling radius, shape (n,)."""
     misalignment: Array
     """Angle of each axle about the vertical, counter-clockwise, shape (n,) [rad]."""
     payload: tuple[float, float, float]
-    """Mass [kg] and its place x, y in the body frame [m]; on rig and axis the mass alone matters."""
+    """Payload mass [kg] and its position x, y in the body frame [m]; rig and axis use the mass only."""
     slope: tuple[float, float]
-    """Inclination of floor or rail and the world direction that points downhill [rad]."""
+    """Inclination of floor or rail and downhill direction in the world frame [rad]."""
     floor_scale: Mapping[str, float]
-    """Factors on a floor's numbers, by letter; empty: none."""
+    """Factors on the parameters of a floor, by letter; empty: none."""
     channels: Mapping[str, ChannelEffect]
-    """Channels whose readings change."""
+    """Changes of the readings, by channel."""
 
     @property
     def added_mass(self) -> float:
-        """Mass on the machine beyond its constants [kg]."""
+        """Mass of the machine beyond that of its constants [kg]."""
         return self.payload[0]
 
     def floor(self, floor: Floor) -> Floor:
-        """The floor with its numbers scaled (μ_s with μ_c; D of the Magic Formula with μ_c)."""
+        """Floor with scaled parameters; the factor of μ_c also scales μ_s and D of the Magic Formula."""
         if not self.floor_scale:
             return floor
         numbers = {key: value * self.floor_scale.get(key, 1.0) for key, value in floor.numbers.items()}
         return dataclasses.replace(floor, numbers=MappingProxyType(numbers))
 
     def floors(self, floors: Mapping[str, Floor]) -> Mapping[str, Floor]:
-        """All floors with their numbers scaled."""
+        """All floors with scaled parameters."""
         if not self.floor_scale:
             return floors
         return {name: self.floor(floor) for name, floor in floors.items()}
 
     def motors(self, motors: Sequence[MotorParameters]) -> tuple[MotorParameters, ...]:
-        """The motors of the n wheels with their torque constants scaled."""
+        """Motors of the n wheels with scaled torque constants."""
         scales = self.torque_scale.tolist()
         return tuple(
             motor._replace(torque_constant=motor.torque_constant * scale)
@@ -139,7 +139,7 @@ class AppliedEffects:
 
 
 class MachineChanges:
-    """Collector of the changes that the effects of one machine make."""
+    """Collector of the changes that the effects of a machine make."""
 
     def __init__(self, machine: Robot | Rig | Axis):
         n = machine.wheel_count
@@ -153,7 +153,7 @@ class MachineChanges:
         self._curves = 0
 
     def wheel_rows(self, values: Values) -> slice:
-        """Rows that an effect acts on: that of the chosen wheel, or all.
+        """Rows of `terms` on which an effect acts: that of the selected wheel, or all.
 
         Raises:
           InputError: The machine has no such wheel.
@@ -176,7 +176,7 @@ class MachineChanges:
         self.terms[:, TERM[name]] += value
 
     def set_term(self, name: str, value: float, **shape: float) -> None:
-        """Set an effect term that can act once only, together with the terms of its shape.
+        """Set an effect term that can act only once, together with the terms of its shape.
 
         Raises:
           InputError: A second instance of the effect.
@@ -193,7 +193,7 @@ class MachineChanges:
         """Add a tabulated force, as `effect_terms.write_curve`.
 
         Raises:
-          InputError: More of them than fit beside each other.
+          InputError: There are more tabulated forces than the kernels can hold.
         """
         if not any(values):
             return
@@ -205,7 +205,7 @@ class MachineChanges:
     def change_channel(
         self, channel: str, scale: float = 1.0, offset: float = 0.0, delay: float = 0.0
     ) -> None:
-        """Change the readings of a channel: scale · before + offset, later by delay [s]."""
+        """Change the readings of a channel: scale · reading + offset, delayed further by `delay` [s]."""
         if (scale, offset, delay) == (1.0, 0.0, 0.0):
             return
         before = self.channels.get(channel, ChannelEffect())
@@ -214,7 +214,7 @@ class MachineChanges:
         )
 
     def finish(self) -> AppliedEffects:
-        """All changes together."""
+        """Combine all changes."""
         mark_active(self.terms)
         tables = {
             name: dataclasses.replace(getattr(self.machine, name), **entries)

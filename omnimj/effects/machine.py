@@ -1,4 +1,4 @@
-"""Effects of a machine: added to it, checked, read from the command line, applied to its constants."""
+"""Effects of a machine: add, check, parse from the command line, apply to its constants."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ Machine = TypeVar("Machine", Robot, Rig, Axis)
 def complete_values(
     effect: Effect, given: Mapping[str, Any], place: object, partial: bool = True
 ) -> dict[str, float | str | int]:
-    """All parameters and selectors of an effect, with missing ones filled in.
+    """Complete the parameters and selectors of an effect.
 
-    Missing shapes (a width, a place) get their typical values. Missing amplitudes get their null values where
+    Missing shapes (a width, a position) get their typical values. Missing amplitudes get their null values if
     another amplitude is given, otherwise their typical values. A selector must be given unless it has only
     one choice.
 
     Args:
-      effect: As declared for the plant, from `effects_of`.
+      effect: Effect as declared for the plant, from `effects_of`.
       given: Values by name.
       place: Origin of the values, for messages.
       partial: Whether all amplitudes may be missing.
@@ -65,11 +65,11 @@ def complete_values(
 
 
 def with_effects(machine: Machine, effects: Mapping[str, Mapping[str, Any]]) -> Machine:
-    """Copy of a machine with further effects; one of the same name is replaced.
+    """Copy of a machine with further effects; an effect of the same name is replaced.
 
     Args:
       machine: `Rig`, `Robot` or `Axis`.
-      effects: Name → parameter or selector → value; a second instance of an effect is NAME_2, NAME_3, ….
+      effects: Name → parameter or selector → value; further instances of an effect are NAME_2, NAME_3, ….
         Missing values are filled in as in `complete_values`.
 
     Raises:
@@ -135,8 +135,8 @@ def parse_effect(text: str, plant: str | None = None) -> tuple[str, dict[str, fl
 
     Args:
       text: `rail_viscous`, `rail_stribeck:force=2,velocity=0.1`, `sensor_delay_2:channel=current`, ….
-      plant: Checks the values against this plant and fills in missing ones as `complete_values` does; None:
-        the values as written, for `with_effects`.
+      plant: Plant for which values are checked and missing ones filled in as in `complete_values`; None:
+        values are returned as written, for `with_effects`.
 
     Raises:
       InputError: Not of this form, or a value out of bounds.

@@ -1,4 +1,4 @@
-"""Model files: copies that keep the text of the original, with changed values and effects on top."""
+"""Copies of model files that keep the text of the original, with changed values and added effects."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from omnimj.resources import models_folder
 
 @dataclass(frozen=True)
 class FittedValue:
-    """An estimate and its interval."""
+    """Estimate and its interval."""
 
     value: float
     low: float | None = None
@@ -40,13 +40,13 @@ def format_model(
 ) -> str:
     """Text of a model file with changed values and effects.
 
-    Comments, order and everything else of the original stay. Changed values get the source "identified"; a
-    value of the parts file gets an entry here, which overrides it. A table `[effects.NAME]` of the original
+    Comments, order and all else of the original are kept. Changed values get the source "identified"; for a
+    value of the parts file an overriding entry is added. A table `[effects.NAME]` of the original
     is replaced where `effects` has the same name, and kept otherwise.
 
     Args:
       file: The model file to start from.
-      effects: Effects to put on top.
+      effects: Effects to add.
       changed: `table.key` → new value, such as `motor.torque_constant`.
 
     Raises:
@@ -62,7 +62,7 @@ def format_model(
     try:
         document = tomlkit.parse(file.read_text(encoding="utf-8-sig"))
         if has_parts and parts_file.parent != models_folder():
-            document["parts"] = parts_file.absolute().as_posix()  # a copy elsewhere must find them, too
+            document["parts"] = parts_file.absolute().as_posix()  # found from any folder
         for name, value in (changed or {}).items():
             _replace_value(document, name, value, parts, file)
         for name, values in effects.items():
@@ -81,11 +81,11 @@ def write_model(
     effects: EffectEstimates,
     changed: Mapping[str, float | Iterable[float]] | None = None,
 ) -> None:
-    """Write `format_model` to a file: whole, or not at all.
+    """Write the text of `format_model` to a file; the file is complete or unchanged.
 
     Raises:
-      InputError: As `format_model`, or the file cannot be written.
-      UnknownNameError: As `format_model`.
+      InputError: As for `format_model`, or the file cannot be written.
+      UnknownNameError: As for `format_model`.
     """
     text = format_model(file, effects, changed)
     temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
@@ -138,7 +138,7 @@ def _plain(value: float | Iterable[float]) -> float | list[float]:
 
 
 def _replace_effect(document: tomlkit.TOMLDocument, name: str, table: Table) -> None:
-    """Put a table `[effects.NAME]` behind the others, in the place of one of the same name."""
+    """Append a table `[effects.NAME]`, replacing one of the same name."""
     if "effects" not in document:
         document["effects"] = tomlkit.table(is_super_table=True)
     effects: Any = document["effects"]
@@ -175,7 +175,7 @@ def _effect_entry(value: float, unit: str, given: object) -> InlineTable:
 def _verify_written(
     text: str, effects: EffectEstimates, changed: Mapping[str, float | Iterable[float]], file: Path
 ) -> None:
-    """Read the text again: what was to be written must be there."""
+    """Parse the text again and check that it contains the values to be written."""
     try:
         tree = parse_toml(text)
         for name in effects:

@@ -1,4 +1,4 @@
-"""Effects at the rig's rail: friction beyond that of the model, cables."""
+"""Effects at the rail of the rig: additional friction and cables."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Effects of the sensors: offsets, scales, delays; a stored sign is a scale of −1."""
+"""Effects of the sensors: offsets, scales, delays; an inverted sign is a scale of −1."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from omnimj import signals
 from omnimj.effects.effect import RIG, ROBOT, Effect, EffectParameter, Hook, MachineChanges, Selector, Values
 
 RIG_CHANNELS = signals.RIG_CHANNELS[:-1]
-"""Measured channels of the rig; the gantry's speed is commanded."""
+"""Measured channels of the rig; the gantry speed is commanded, not measured."""
 ROBOT_CHANNELS = signals.robot_channels(4)
 """Measured channels of the robot."""
 

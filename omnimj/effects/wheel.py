@@ -7,7 +7,7 @@ import math
 from omnimj.effects.effect import RIG, ROBOT, Effect, EffectParameter, MachineChanges, Selector, Values
 
 WHEEL = Selector("wheel", (1, 2, 3, 4))
-"""The wheel of the robot that an effect acts on."""
+"""Selector of the robot wheel on which an effect acts."""
 
 
 def _roller_friction(changes: MachineChanges, values: Values) -> None:
@@ -25,7 +25,7 @@ def _bearing_friction(changes: MachineChanges, values: Values) -> None:
 
 
 def _roller_ripple(changes: MachineChanges, values: Values) -> None:
-    # two rows, staggered: a roller takes over twice per pitch
+    # two staggered rows: the contact changes rollers twice per pitch
     wheel = changes.machine.wheel
     changes.set_term("ripple", values["amplitude"], ripple_order=wheel.rows * wheel.rollers_per_row)
 

@@ -1,8 +1,8 @@
 """Constants of robot, rig, axis and floors as frozen dataclasses, read from `models/*.toml` and checked once.
 
-`robot`, `rig` and `axis` are the machines, `parts` what robot and rig have in common, `floor` the floors and
-their traction laws, `hardware` the wiring. `reading` checks TOML tables of quantities and keeps where each
-number comes from; `model_file` joins a machine's file with the parts that machines share.
+`robot`, `rig` and `axis` are the machines, `parts` the parts common to robot and rig, `floor` the floors and
+their traction laws, `hardware` the wiring. `reading` checks TOML tables of quantities and records the source
+of each number; `model_file` joins the file of a machine with that of the shared parts.
 """
 
 from omnimj.parameters.axis import Axis, AxisBody, AxisSensors, read_axis

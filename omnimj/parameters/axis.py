@@ -1,4 +1,4 @@
-"""The linear axis' constants."""
+"""Constants of the linear axis."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from omnimj.resources import models_folder
 
 @dataclass(frozen=True)
 class AxisBody:
-    """Carriage, guide, drive; motor and gear count as mass that moves along."""
+    """Carriage, guide and drive; motor and gear are included as equivalent moving mass."""
 
     mass: float = positive("kg")
-    """All that moves, motor and screw reflected."""
+    """Total moving mass, including the reflected inertia of motor and screw."""
     drive_mass: float = quantity("kg", 0.0)
-    """The share of it that sits before the play of the drive train."""
+    """Part of that mass on the motor side of the play in the drive train."""
     coulomb: float = quantity("N", 0.0)
-    """Dry friction."""
+    """Coulomb friction."""
     viscous: float = quantity("N.s/m", 0.0)
-    """Friction in proportion to speed."""
+    """Viscous friction."""
     force_constant: float = positive("N/A")
-    """Force at the carriage over motor current."""
+    """Force at the carriage per motor current."""
     force_limit: float = positive("N")
     """Largest force of the drive."""
     force_loop: float = quantity("s", 0.0, 0.1)
-    """Time constant of the amplifier."""
+    """Time constant of the amplifier's force (current) loop."""
     travel: float = positive("m")
-    """To either side of the middle of the guide."""
+    """Travel to either side of the middle of the guide."""
 
 
 @dataclass(frozen=True)
@@ -43,59 +43,59 @@ class AxisSensors:
     sample_rate: float = quantity("Hz", 10.0, 100_000.0)
     """Rate of controller and log."""
     position_resolution: float = quantity("m", 0.0)
-    """One count of the encoder."""
+    """Distance of one encoder count."""
     position_noise: float = quantity("m", 0.0)
-    """RMS before counting."""
+    """RMS noise of the position, before rounding to counts."""
     velocity_noise: float = quantity("m/s", 0.0)
-    """RMS."""
+    """RMS noise of the tachometer."""
     force_noise: float = quantity("N", 0.0)
-    """RMS of the monitor."""
+    """RMS noise of the force monitor."""
     force_resolution: float = quantity("N", 0.0)
-    """One step of the monitor."""
+    """Resolution of the force monitor."""
     encoder_at_drive: int = quantity("1", 0, 1)
-    """1: the encoder turns with the motor, 0: it sits on the carriage."""
+    """1: the encoder is on the motor, 0: it is on the carriage."""
 
 
 @dataclass(frozen=True)
 class AxisExtras:
-    """Physics beyond an ordinary model of an axis, set by effects; model files have no table for it."""
+    """Physics beyond the usual model of an axis; set by effects only, without a table in model files."""
 
     asymmetric_coulomb: float = 0.0
-    """Dry friction moving forward − moving backward [N]."""
+    """Coulomb friction when moving forward minus that when moving backward [N]."""
     asymmetric_viscous: float = 0.0
-    """Viscous friction moving forward − moving backward [N.s/m]."""
+    """Viscous friction when moving forward minus that when moving backward [N.s/m]."""
     stribeck_force: float = 0.0
-    """Extra dry friction at standstill [N]."""
+    """Additional dry friction at standstill [N]."""
     stribeck_velocity: float = 0.01
-    """Speed at which 37 % of it are left [m/s]."""
+    """Speed at which 37 % of the Stribeck force remain [m/s]."""
     place_force: float = 0.0
-    """Extra dry friction at the sticky place [N]."""
+    """Largest additional dry friction around one position [N]."""
     place: float = 0.0
-    """Position of that place [m]."""
+    """Position of the largest additional friction [m]."""
     place_width: float = 0.03
-    """Its standard deviation along the guide [m]."""
+    """Width of the additional friction along the guide, as a standard deviation [m]."""
     offset: float = 0.0
     """Constant force [N]."""
     slope: float = 0.0
     """Inclination of the guide, upward [rad]."""
     cable_stiffness: float = 0.0
-    """[N/m]"""
+    """Stiffness of the cable [N/m]."""
     cable_rest: float = 0.0
-    """Position at which the cable does not pull [m]."""
+    """Position at which the cable exerts no force [m]."""
     air: float = 0.0
-    """Force over squared speed [N.s2/m2]."""
+    """Air drag per squared speed [N.s2/m2]."""
     force_scale: float = 1.0
-    """True over declared force of the drive."""
+    """Ratio of true to declared force of the drive."""
     play: float = 0.0
     """Dead zone between drive and carriage [m]."""
     position_scale: float = 1.0
-    """Reading over true value; so the next two."""
+    """Ratio of reading to true value; likewise the next two."""
     velocity_scale: float = 1.0
     monitor_scale: float = 1.0
     monitor_bias: float = 0.0
     """Offset of the force monitor [N]."""
     position_delay: float = 0.0
-    """By which a reading is late [s]; so the next two."""
+    """Delay of the reading [s]; likewise the next two."""
     velocity_delay: float = 0.0
     force_delay: float = 0.0
 
@@ -105,19 +105,19 @@ class Axis:
     """All constants of a linear axis."""
 
     plant: ClassVar[str] = "linear_axis"
-    """Kind of machine, as model files name it."""
+    """Kind of machine, as named in model files."""
     wheel_count: ClassVar[int] = 1
-    """The drive counts as one."""
+    """Number of driven elements; the drive counts as one wheel."""
 
     axis: AxisBody
     sensors: AxisSensors
     provenance: Mapping[str, Provenance]
     file: Path
-    """The model file these constants were read from."""
+    """Model file from which these constants were read."""
     effects: EffectValues = field(default_factory=dict)
-    """Effects on top of the model; the names and their parameters are those of `omnimj.effects`."""
+    """Effects added to the model, with names and parameters as in `omnimj.effects`."""
     extras: AxisExtras = field(default_factory=AxisExtras)
-    """Sum of all effects, from `omnimj.effects.apply_effects`; none in an axis that was just read."""
+    """Combined effects, set by `omnimj.effects.apply_effects`; neutral in an axis read from a file."""
 
 
 def read_axis(path: Path | None = None) -> Axis:

@@ -1,4 +1,4 @@
-"""Floors: a name, a traction law and its numbers, read from and written as entries of `floors.toml`."""
+"""Floors: a name, a traction law and its parameters, read from and written as entries of `floors.toml`."""
 
 from __future__ import annotations
 
@@ -49,38 +49,38 @@ LAWS: Mapping[str, tuple[int, Mapping[str, Rule]]] = MappingProxyType(
 
 _DIGITS = 6
 FLOOR_UNITS = "# mu_c, mu_s, mu_cap 1; V_s m/s; sigma_0 1/m; sigma_1, sigma_2 s/m."
-"""Comment with the units of a floor's numbers."""
+"""Comment with the units of the parameters of a floor."""
 
 
 class TractionParameters(NamedTuple):
-    """A traction law as the kernels see it; the numbers of the other law are zero."""
+    """Traction law as packed for the kernels; the parameters of the other law are zero."""
 
     law: float
     """`LUGRE`, `LUGRE_CAPPED` or `MAGIC_FORMULA`."""
     mu_c: float = 0.0
     mu_s: float = 0.0
     V_s: float = 0.0
-    """[m/s]"""
+    """Stribeck velocity [m/s]."""
     sigma_0: float = 0.0
-    """[1/m]"""
+    """Bristle stiffness over normal force [1/m]."""
     sigma_1: float = 0.0
-    """[s/m]"""
+    """Bristle damping over normal force [s/m]."""
     sigma_2: float = 0.0
-    """[s/m]"""
+    """Viscous coefficient over normal force [s/m]."""
     mu_cap: float = np.inf
-    """Largest traction over normal force; infinite without a ceiling."""
+    """Largest traction over normal force; infinite if not capped."""
     B: float = 0.0
     C: float = 0.0
     D: float = 0.0
     E: float = 0.0
     relaxation_length: float = 0.0
-    """[m]"""
+    """Relaxation length [m]."""
     damping_time: float = 0.0
-    """[s]"""
+    """Damping time [s]."""
 
 
 TRACTION_SIZE = len(TractionParameters._fields)
-"""Numbers of a packed traction law."""
+"""Length of a packed traction law."""
 
 
 @dataclass(frozen=True)
@@ -93,18 +93,18 @@ class Floor:
     """`lugre`, `lugre_capped` or `magic_formula`."""
     source: str
     numbers: Mapping[str, float]
-    """The law's parameters by their textbook letter."""
+    """Parameters of the law by their textbook letters."""
     uncertainty: float = 0.0
-    """Relative half-width of the interval of each number; 0: taken as known."""
+    """Relative half-width of the interval of each parameter; 0: taken as exact."""
 
     @property
     def traction(self) -> TractionParameters:
-        """Parameters of the traction law for the kernels of `physics.traction`."""
+        """Traction law as the kernels of `physics.traction` take it."""
         return TractionParameters(float(LAWS[self.law][0]), **self.numbers)
 
     @property
     def row(self) -> np.ndarray:
-        """The packed `traction`, shape (TRACTION_SIZE,)."""
+        """Packed `traction`, shape (TRACTION_SIZE,)."""
         return np.array(self.traction)
 
 
@@ -150,7 +150,7 @@ def read_floors(path: Path | None = None) -> dict[str, Floor]:
 
 
 def all_floors(own: Path | None = None) -> dict[str, Floor]:
-    """Shipped floors by name, together with those of another file, which win where names coincide.
+    """Shipped floors by name, together with those of another file, which replace floors of the same name.
 
     Args:
       own: A floors file; None: only the shipped floors.
@@ -163,11 +163,11 @@ def all_floors(own: Path | None = None) -> dict[str, Floor]:
 
 
 def find_floor(name: object, place: str, floors: Mapping[str, Floor] | None = None) -> Floor:
-    """Look a floor up by name.
+    """Look up a floor by name.
 
     Args:
-      name: As a user wrote it.
-      place: Where it is written, for the message.
+      name: Name as written by the user.
+      place: Origin of the name, for the message.
       floors: Known floors; the shipped ones when None.
 
     Raises:
@@ -180,16 +180,16 @@ def find_floor(name: object, place: str, floors: Mapping[str, Floor] | None = No
 
 
 def printable_line(words: str) -> str:
-    """Text without line breaks and control characters, fit for a TOML comment or string."""
+    """Remove line breaks and control characters, so that the text fits a TOML comment or string."""
     return "".join(sign if sign.isprintable() else "?" for sign in words)
 
 
 def format_floor(floor: Floor, remarks: Iterable[str] = ()) -> str:
-    """TOML entry of a floor, as `read_floors` takes it.
+    """Format a floor as a TOML entry that `read_floors` accepts.
 
     Args:
-      floor: Its numbers are written with six digits.
-      remarks: Comments above the numbers, one line each.
+      floor: Floor, whose parameters are written with six digits.
+      remarks: Comments above the parameters, one line each.
     """
     lines = [f"[{floor.name}]", f"description = {_toml_text(floor.description)}", f'law = "{floor.law}"']
     lines += [f"source = {_toml_text(floor.source)}", f"uncertainty = {floor.uncertainty:.3g}"]

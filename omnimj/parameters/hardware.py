@@ -1,4 +1,4 @@
-"""Wiring of a robot: the tables `[hardware]` of a model file, which raw number is which quantity.
+"""Wiring of a robot: the tables `[hardware]` of a model file, which assign quantities to raw readings.
 
 Input: SI = sign · gain · (raw − offset), raw in volts or counts. Output: command to the amplifier =
 sign · gain · current, in A/A over a wire, in V/A at an analog box.
@@ -17,7 +17,7 @@ from omnimj.parameters.reading import Provenance, Rule, check_number, positive, 
 from omnimj.signals import robot_channels
 
 RAW_UNITS = {"volts": "V", "counts": "count"}
-"""Kinds of raw numbers and their units."""
+"""Kinds of raw readings and their units."""
 UNITS = {
     "current": "A",
     "wheel_speed": "rad/s",
@@ -27,36 +27,36 @@ UNITS = {
     "yaw_rate": "rad/s",
     "yaw": "rad",
 }
-"""Quantities of inputs and their units."""
+"""Quantities that inputs measure, and their units."""
 OUTPUT_UNITS = ("A/A", "V/A")
 MAX_CHANNELS = 16
-"""Channels of one telemetry message."""
+"""Largest number of channels in one telemetry message."""
 
 _FINITE = Rule(-math.inf, math.inf, False)
 _ABOVE_ZERO = Rule(0.0, math.inf, True)
 _NOT_NEGATIVE = Rule(0.0, math.inf, False)
 _CHANNEL = Rule(0.0, MAX_CHANNELS - 1, False)
-_COUNTER = 2.0**32  # a count travels in 32 bits
+_COUNTER = 2.0**32  # a count is transmitted in 32 bits
 
 
 @dataclass(frozen=True)
 class HardwareLimits:
-    """Limits that the device is configured with; the link's messages explain each."""
+    """Limits with which the device is configured; see `omnimj.link.codec.messages.Limits`."""
 
     current: float = positive("A")
     """Largest current of a wheel."""
     current_rate: float = positive("A/s")
-    """Largest change of it; above the controller's own, since commands come with jitter."""
+    """Largest rate of change of a current; above the controller's, since commands arrive with jitter."""
     continuous_current: float = positive("A")
-    """Current that a motor may carry for ever."""
+    """Current that a motor may carry indefinitely."""
     heating: float = positive("A2.s")
-    """Largest I²t above it."""
+    """Largest I²t above the continuous current."""
     wheel_speed: float = positive("rad/s")
-    """Wheel speed, after the gear, at which the current is cut."""
+    """Wheel speed, after the gear, above which the current is cut."""
     message_rate: float = positive("1/s")
-    """Largest rate of frames that get an answer."""
+    """Largest rate of frames that are answered."""
     valid_for: float = positive("s", 0.2)
-    """Longest time for which a command may hold."""
+    """Longest lifetime of a command."""
 
 
 @dataclass(frozen=True)
@@ -64,60 +64,60 @@ class HardwareInput:
     """One measured channel."""
 
     name: str
-    """Channel of the robot, as `current_1`."""
+    """Channel of the robot, such as `current_1`."""
     quantity: str
-    """Quantity behind the raw number: as the name says, or `wheel_angle` where the host differentiates."""
+    """Measured quantity: that of the name, or `wheel_angle` if the host differentiates it to a speed."""
     wheel: int
-    """1…n; 0: belongs to no wheel."""
+    """Wheel 1…n; 0: no wheel is concerned."""
     raw: str
     """`volts` or `counts`."""
     channel: int
-    """Index on the device or on the analog box, from 0."""
+    """Index on the device or analog box, from 0."""
     sign: int
     gain: float
-    """Above zero [unit of the quantity per V or count]."""
+    """Gain, positive [unit of the quantity per V or count]."""
     offset: float
-    """Raw reading at zero [V or count]."""
+    """Raw reading at zero of the quantity [V or count]."""
     filter: float
     """Time constant of the host's first-order filter; 0: none [s]."""
     wrap: float
-    """Period after which the raw number of a wheel angle starts again; 0: never [V or count]."""
+    """Range after which the raw reading of a wheel angle wraps; 0: never [V or count]."""
 
 
 @dataclass(frozen=True)
 class HardwareOutput:
-    """The amplifier of one wheel."""
+    """Amplifier of one wheel."""
 
     wheel: int
-    """1…n."""
+    """Wheel 1…n."""
     channel: int
-    """Index among the device's currents or of the analog box's outputs, from 0."""
+    """Index among the currents of the device or the outputs of the analog box, from 0."""
     sign: int
     gain: float
-    """Above zero [unit]."""
+    """Gain, positive, in `unit`."""
     unit: str
     """`A/A` or `V/A`."""
 
 
 @dataclass(frozen=True)
 class Hardware:
-    """The wiring of a robot with n wheels."""
+    """Wiring of a robot with n wheels."""
 
     limits: HardwareLimits
     inputs: tuple[HardwareInput, ...]
-    """In the order of the robot's channels, 2 n + 4."""
+    """Inputs in the order of the robot's channels, length 2 n + 4."""
     outputs: tuple[HardwareOutput, ...]
-    """In the order of the wheels."""
+    """Outputs in the order of the wheels, length n."""
     provenance: Mapping[str, Provenance]
     """`hardware.inputs.current_1.gain` → unit and source."""
 
 
 def read_hardware(tree: Mapping[str, Any], path: Path, wheels: int) -> Hardware | None:
-    """Read the tables `[hardware]` of a parsed model file; None where it has none.
+    """Read the tables `[hardware]` of a parsed model file; None if it has none.
 
     Args:
-      tree: The whole file as parsed.
-      path: The file, for messages.
+      tree: Whole parsed file.
+      path: Path of the file, for messages.
       wheels: Number of wheels n.
 
     Raises:

@@ -1,7 +1,7 @@
-"""Model files: the TOML of one plant over the file of the parts that plants share, and its effects.
+"""Model files: the TOML file of a plant, which overrides that of the shared parts, and its effects.
 
-Of the tables `[effects.NAME]` only the form is checked here; the effects, their units and bounds are known to
-`omnimj.effects`, which checks them when a machine is built (`check_effects`).
+Only the form of the tables `[effects.NAME]` is checked here; `omnimj.effects` checks names, units and bounds
+when a machine is built (`check_effects`).
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ SHARED_TABLES = ("wheel", "bearing", "motor", "contact", "sensors")
 
 @dataclass(frozen=True)
 class ModelFile:
-    """Model file and parts file as parsed; an entry of the model file overrides that of the parts."""
+    """Parsed model file and parts file; an entry of the model file overrides that of the parts."""
 
     path: Path
-    """The plant's own file."""
+    """Path of the model file."""
     parts_path: Path
     own: Mapping[str, Any]
     parts: Mapping[str, Any]
@@ -40,11 +40,11 @@ class ModelFile:
 
         Args:
           kind: Dataclass whose fields come from `quantity` and `positive`.
-          name: The table's name in the file.
-          provenance: Gets `name.key` → unit and source.
+          name: Name of the table in the file.
+          provenance: Mapping to which `name.key` → unit and source is added.
 
         Raises:
-          InputError: A key is missing or its value breaks the rule; the message names the file it stands in.
+          InputError: A key is missing or its value breaks the rule; the message names its file.
           UnknownNameError: A key that `kind` does not have.
         """
         own, parts = self.own.get(name), self.parts.get(name)
@@ -68,7 +68,7 @@ def model_path(given: Path | None, default: str) -> Path:
     """Path of a model file, given a path or the name of a shipped model, such as `three_wheel`.
 
     Args:
-      given: Path or name; None: the default.
+      given: Path or name; None for the default.
       default: Path of the plant's default model file inside the shipped models.
 
     Raises:
@@ -86,12 +86,12 @@ def model_path(given: Path | None, default: str) -> Path:
 
 
 def read_model_file(path: Path, plant: str, own_tables: tuple[str, ...]) -> ModelFile:
-    """Read a plant's TOML and the parts that it names: a file beside it, or else a shipped one.
+    """Read the model file of a plant and the parts file that it names, beside it or else shipped.
 
     Args:
       path: The model file.
-      plant: Plant that it must be a model of.
-      own_tables: Tables of this plant alone.
+      plant: Kind of plant that the file must describe.
+      own_tables: Tables specific to this plant.
 
     Raises:
       InputError: Wrong plant, or a parts file that does not exist.
@@ -130,13 +130,13 @@ def read_effects(
     selector is a plain text or whole number.
 
     Args:
-      tree: The whole file as parsed.
-      path: The file, for messages.
-      provenance: Gets `effects.NAME.PARAMETER` → unit and source.
+      tree: Whole parsed file.
+      path: Path of the file, for messages.
+      provenance: Mapping to which `effects.NAME.PARAMETER` → unit and source is added.
 
     Raises:
-      InputError: A table or entry has another form, or an interval that does not hold its value.
-      UnknownNameError: An entry's key or source is unknown.
+      InputError: A table or entry has a wrong form, or an interval does not contain its value.
+      UnknownNameError: The key or source of an entry is unknown.
     """
     effects = tree.get("effects", {})
     if not isinstance(effects, Mapping):

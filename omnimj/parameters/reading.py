@@ -1,6 +1,6 @@
 """TOML files and their tables of quantities, read into frozen dataclasses with the source of each number.
 
-A quantity is `name = { value = …, unit = "…", source = "text | datasheet | chosen | …" }`; `SOURCES` are all.
+A quantity is `name = { value = …, unit = "…", source = "text | datasheet | chosen | …" }`, from `SOURCES`.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ SOURCES = ("text", "datasheet", "chosen", "measured", "identified", "tuned")
 
 
 class Provenance(NamedTuple):
-    """Origin of a number."""
+    """Unit, source and uncertainty of a number."""
 
     unit: str
     source: str
     uncertainty: float = 0.0
-    """Half-width of its interval, in the same unit; 0: taken as known."""
+    """Half-width of the interval, in the same unit; 0: taken as exact."""
 
 
 class Rule(NamedTuple):
-    """The bounds of a quantity; `open_low` excludes the lower one."""
+    """Bounds of a quantity; `open_low` excludes the lower bound."""
 
     low: float
     high: float
     open_low: bool
 
     def broken_by(self, value: float) -> bool:
-        """Return whether a number breaks the rule."""
+        """True if a number breaks the rule."""
         below = value <= self.low if self.open_low else value < self.low
         return not math.isfinite(value) or below or value > self.high
 
@@ -72,13 +72,13 @@ def check_number(place: str, value: Any, rule: Rule, whole: bool = False) -> flo
     """Check one number against its rule.
 
     Args:
-      place: Where it is written, for messages.
-      value: The number as parsed.
-      rule: Its bounds.
+      place: File and key, for messages.
+      value: Parsed number.
+      rule: Bounds of the number.
       whole: Whether it must be a whole number.
 
     Raises:
-      InputError: Not a number, not whole where whole is needed, or outside the bounds.
+      InputError: Not a number, not whole although required, or outside the bounds.
     """
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise InputError(place, f"found {value!r}", f"a number is needed that {rule}")
@@ -95,7 +95,7 @@ def check_number(place: str, value: Any, rule: Rule, whole: bool = False) -> flo
 
 
 def read_quantity(place: str, entry: Any, spec: dataclasses.Field) -> tuple[Any, Provenance]:
-    """Read one entry `{ value, unit, source }`, perhaps with `uncertainty`, by the rule of its field."""
+    """Read one entry `{ value, unit, source }`, optionally with `uncertainty`, by the rule of its field."""
     unit, rule = spec.metadata["unit"], spec.metadata["rule"]
     origin = read_provenance(place, entry, unit)
     value = entry["value"]
@@ -110,12 +110,12 @@ def read_quantity(place: str, entry: Any, spec: dataclasses.Field) -> tuple[Any,
 
 
 def read_provenance(place: str, entry: Any, unit: str | None, more: tuple[str, ...] = ()) -> Provenance:
-    """Read unit, source and uncertainty of one entry; its value is left to the caller.
+    """Read unit, source and uncertainty of one entry; the caller reads its value.
 
     Args:
-      place: Where it is written, for messages.
-      entry: The entry as parsed.
-      unit: Its required unit; None: any text.
+      place: File and key, for messages.
+      entry: Parsed entry.
+      unit: Required unit; None: any text.
       more: Further allowed keys.
 
     Raises:
@@ -154,9 +154,9 @@ def read_table(
     Args:
       kind: Dataclass whose fields come from `quantity` and `positive`.
       table: The parsed TOML table.
-      file_of: File in which a key is written, for messages.
-      provenance: Gets `prefix.key` → unit and source.
-      prefix: The table's name in the file.
+      file_of: Function that returns the file in which a key is written, for messages.
+      provenance: Mapping to which `prefix.key` → unit and source is added.
+      prefix: Name of the table in the file.
 
     Raises:
       InputError: A key is missing or its value breaks the rule.
@@ -184,7 +184,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     """Parse a TOML file.
 
     Args:
-      path: The file; a byte order mark, as some editors write it, is skipped.
+      path: Path of the file; a byte order mark, as some editors write it, is skipped.
 
     Raises:
       InputError: The file is missing, cannot be read or is not TOML; the message names file and line.
@@ -209,11 +209,11 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """Parse TOML text; unlike Python's parser it keeps to the 64 bits that TOML 1.0 gives whole numbers.
+    """Parse TOML text; unlike Python's parser, reject integers beyond the 64 bits of TOML 1.0.
 
     Raises:
-      ValueError: It is not TOML.
-      RecursionError: It is nested too deeply.
+      ValueError: The text is not TOML.
+      RecursionError: The text is nested too deeply.
     """
     tree = tomllib.loads(text)
     waiting: list[Any] = [tree]
@@ -224,6 +224,6 @@ def parse_toml(text: str) -> dict[str, Any]:
         elif isinstance(node, list):
             waiting.extend(node)
         elif isinstance(node, int) and node not in _INTEGERS:
-            # it may be too large for a float, and even for being printed
+            # it may be too large for a float, and even to be printed
             raise ValueError("a whole number has more than 64 bits")
     return tree

@@ -17,42 +17,43 @@ from omnimj.parameters.reading import Provenance, positive, quantity
 
 @dataclass(frozen=True)
 class RigBody:
-    """Gantry, rail and quarter body, section 4.1; letters are those of Figs. 4.3-4.6."""
+    """Gantry, rail and quarter body, section 4.1; symbols as in Figs. 4.3-4.6."""
 
     masses: tuple[float, ...] = positive("kg")
-    """m_T: the masses that the quarter body can be loaded to; the first is the default."""
+    """Masses m_T to which the quarter body can be loaded; the first is the default."""
     rail_friction: float = quantity("N", 0.0)
-    """Measured friction of the linear guide."""
+    """Constant friction of the linear guide, as measured."""
     rail_length: float = positive("m")
     """Usable travel along the rail."""
     lateral_travel: float = positive("m")
     """Usable travel of the gantry."""
     rail_height: float = positive("m")
-    """c: height of the rail above the floor."""
+    """Height c of the rail above the floor."""
     rail_half_width: float = positive("m")
-    """h: the two rail wheels sit ±h about the rail."""
+    """Distance h of either rail wheel from the rail."""
     contact_offset: float = quantity("m")
-    """d: lateral offset of the wheel's contact from the rail."""
+    """Lateral offset d of the wheel contact from the rail."""
     com_offset: float = quantity("m")
-    """e: lateral offset of the centre of mass from the rail."""
+    """Lateral offset e of the centre of mass from the rail."""
     rail_dry: float = quantity("1", 0.0)
-    """μ_D,dry."""
+    """Dry friction coefficient μ_D,dry of the rail wheels."""
     rail_viscous: float = quantity("s/m", 0.0)
-    """μ_D,vis."""
+    """Viscous friction coefficient μ_D,vis of the rail wheels."""
     rail_load_time: float = positive("s")
-    """Time over which the rail feels lateral force; the tilting body's inertia takes what is faster."""
+    """Time constant with which lateral force reaches the rail; the inertia of the tilting body absorbs faster
+    changes."""
     com_height: float = positive("m")
     """Height of the quarter body's centre of mass."""
     tilt_inertia: float = positive("kg.m2")
-    """Inertia of the quarter body about the rail direction, at its centre of mass."""
+    """Inertia of the quarter body about the rail direction through its centre of mass."""
     tilt_limit: float = positive("rad")
-    """Clearance of the rail wheels (±)."""
+    """Largest tilt (±) within the clearance of the rail wheels."""
     gantry_mass: float = positive("kg")
-    """Link 11."""
+    """Mass of the gantry (link 11)."""
     gantry_gain: float = positive("N.s/m")
-    """Speed loop of the gantry's own drive."""
+    """Gain of the speed loop of the gantry drive."""
     start_position: float = quantity("m", 0.0)
-    """Position of the wheel from the rail's end."""
+    """Initial position of the wheel from the end of the rail."""
 
 
 @dataclass(frozen=True)
@@ -60,10 +61,10 @@ class Rig:
     """All constants of the quarter test rig."""
 
     plant: ClassVar[str] = "quarter_rig"
-    """Kind of machine, as model files name it."""
+    """Kind of machine, as named in model files."""
     wheel_count: ClassVar[int] = 1
     roller_angles: ClassVar[tuple[float, ...]] = (0.5 * math.pi,)
-    """γ of each wheel [rad]."""
+    """Roller angle γ of each wheel [rad]."""
 
     wheel: Wheel
     bearing: Bearing
@@ -73,16 +74,16 @@ class Rig:
     rig: RigBody
     provenance: Mapping[str, Provenance]
     file: Path
-    """The model file these constants were read from."""
+    """Model file from which these constants were read."""
     effects: EffectValues = field(default_factory=dict)
-    """Effects on top of the model; the names and their parameters are those of `omnimj.effects`."""
+    """Effects added to the model, with names and parameters as in `omnimj.effects`."""
 
 
 def read_rig(path: Path | None = None) -> Rig:
     """Read `rig.toml`, or a copy of it with changed values.
 
     Args:
-      path: The model file, or the name of a shipped one; the shipped rig when None.
+      path: Model file, or the name of a shipped one; the shipped rig when None.
 
     Raises:
       InputError: A value is missing or breaks its rule; the message names file, key, value and rule.
@@ -110,7 +111,7 @@ def read_rig(path: Path | None = None) -> Rig:
 
 
 def _require_consistent(rig: Rig) -> None:
-    """Check the rules that relate several numbers."""
+    """Check rules that involve several numbers."""
     body = rig.rig
     if rig.wheel.mass >= min(body.masses):
         raise InputError(

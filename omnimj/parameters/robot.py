@@ -20,45 +20,45 @@ from omnimj.parameters.reading import Provenance, positive, quantity, read_table
 
 @dataclass(frozen=True)
 class RobotBody:
-    """Masses and suspension."""
+    """Masses and suspension of the robot."""
 
     mass: float = positive("kg")
-    """Everything included."""
+    """Total mass."""
     yaw_inertia: float = positive("kg.m2")
-    """About the vertical through the centre, everything included."""
+    """Total inertia about the vertical through the centre."""
     com_height: float = positive("m")
-    """Height of the whole robot's centre of mass above the floor."""
+    """Height of the centre of mass of the whole robot above the floor."""
     suspension_stiffness: float = positive("N/m")
-    """Per wheel."""
+    """Stiffness of the suspension of each wheel."""
     suspension_damping: float = quantity("N.s/m", 0.0)
-    """Per wheel."""
+    """Damping of the suspension of each wheel."""
     suspension_travel: float = positive("m")
-    """Between the stops."""
+    """Travel of the suspension between the stops."""
     unsprung_mass: float = positive("kg")
-    """Per corner: wheel, motor, carriage; part of the mass."""
+    """Unsprung mass of each corner (wheel, motor, carriage), part of the total mass."""
 
 
 @dataclass(frozen=True)
 class WheelMount:
-    """Place and driving direction of one wheel in the body frame."""
+    """Position and driving direction of one wheel in the body frame."""
 
     position: tuple[float, ...] = quantity("m", -10.0, 10.0)
-    """x, y of the wheel's centre."""
+    """Position x, y of the wheel centre."""
     drives_along: tuple[float, ...] = quantity("1", -1.0, 1.0)
-    """Unit vector u: a positive wheel speed drives the robot along it."""
+    """Unit vector u along which a positive wheel speed drives the robot."""
     roller_angle: float = quantity("rad", math.pi / 9.0, 8.0 * math.pi / 9.0, default=math.pi / 2.0)
-    """γ, from the axle z × u to the axis of the roller on the floor, towards u: π/2 of an omni wheel, π/4 or
-    3π/4 of a mecanum wheel. The floor holds the wheel along that axis and lets it roll across."""
+    """Angle γ from the axle z × u to the axis of the roller on the floor, towards u: π/2 for an omni wheel,
+    π/4 or 3π/4 for a mecanum wheel. Traction acts along that axis; the roller turns freely across it."""
 
     @property
     def roller_axis(self) -> tuple[float, float]:
-        """a = sin γ u + cos γ (z × u), a unit vector in the body frame."""
+        """Roller axis a = sin γ u + cos γ (z × u), a unit vector in the body frame."""
         u, (s, c) = self.drives_along, roller_sin_cos(self.roller_angle)
         return s * u[0] - c * u[1], s * u[1] + c * u[0]
 
 
 def roller_sin_cos(angle: float) -> tuple[float, float]:
-    """sin γ and cos γ, exactly 1 and 0 for an omni wheel."""
+    """Sine and cosine of γ, exactly 1 and 0 for an omni wheel."""
     return math.sin(angle), math.sin(math.pi / 2.0 - angle)
 
 
@@ -67,19 +67,19 @@ class Control:
     """Gains and limits of the cascade."""
 
     speed_proportional: float = quantity("A.s/rad", 0.0)
-    """P of the wheel-speed loop."""
+    """Proportional gain of the wheel-speed loop."""
     speed_integral: float = quantity("A/rad", 0.0)
-    """I of the wheel-speed loop."""
+    """Integral gain of the wheel-speed loop."""
     yaw_rate_proportional: float = quantity("1", 0.0)
-    """P of the yaw-rate loop, on top of the yaw-rate demand."""
+    """Proportional gain of the yaw-rate loop, added to the yaw-rate demand."""
     heading_proportional: float = quantity("1/s", 0.0)
-    """P of the heading hold, where a scenario uses it."""
+    """Proportional gain of the heading hold, if the scenario uses it."""
     current_limit: float = positive("A")
-    """Last gate: largest current command."""
+    """Final limit: largest current command."""
     current_rate_limit: float = positive("A/s")
-    """Last gate: largest change of the current command."""
+    """Final limit: largest rate of change of the current command."""
     wheel_speed_limit: float = positive("rad/s")
-    """Last gate: beyond this wheel speed no current may drive the wheel faster."""
+    """Final limit: above this wheel speed no current may accelerate the wheel further."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class Robot:
     """All constants of a robot with n wheels."""
 
     plant: ClassVar[str] = "uto_robot"
-    """Kind of machine, as model files name it."""
+    """Kind of machine, as named in model files."""
 
     wheel: Wheel
     bearing: Bearing
@@ -98,13 +98,13 @@ class Robot:
     wheels: tuple[WheelMount, ...]
     control: Control
     provenance: Mapping[str, Provenance]
-    """`motor.torque_constant` → unit and source."""
+    """Unit and source of each number, under keys such as `motor.torque_constant`."""
     file: Path
-    """The model file these constants were read from."""
+    """Model file from which these constants were read."""
     effects: EffectValues = field(default_factory=dict)
-    """Effects on top of the model; the names and their parameters are those of `omnimj.effects`."""
+    """Effects added to the model, with names and parameters as in `omnimj.effects`."""
     hardware: Hardware | None = None
-    """Wiring; None: not in the file."""
+    """Wiring; None if the model file has none."""
 
     @property
     def wheel_count(self) -> int:
@@ -113,7 +113,7 @@ class Robot:
 
     @property
     def roller_angles(self) -> tuple[float, ...]:
-        """γ of each wheel [rad]."""
+        """Roller angle γ of each wheel, length n [rad]."""
         return tuple(mount.roller_angle for mount in self.wheels)
 
     @property
@@ -123,7 +123,7 @@ class Robot:
 
     @property
     def drive_directions(self) -> np.ndarray:
-        """Unit vectors u_i, shape (n, 2)."""
+        """Unit vectors u_i of the driving directions, shape (n, 2)."""
         return np.array([w.drives_along for w in self.wheels])
 
     @property
@@ -158,7 +158,7 @@ def read_robot(path: Path | None = None) -> Robot:
     """Read `robot.toml`, or a copy of it with changed values.
 
     Args:
-      path: The model file, or the name of a shipped one; the robot of the source when None.
+      path: Model file, or the name of a shipped one; the robot of the source when None.
 
     Raises:
       InputError: A value is missing or breaks its rule; the message names file, key, value and rule.
@@ -190,7 +190,7 @@ def read_robot(path: Path | None = None) -> Robot:
 
 
 def _require_consistent(robot: Robot) -> None:
-    """Check the rules that relate several numbers."""
+    """Check rules that involve several numbers."""
     body, wheel, corners = robot.body, robot.wheel, robot.body.unsprung_mass * len(robot.wheels)
     if corners >= body.mass:
         raise InputError(

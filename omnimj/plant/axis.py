@@ -1,4 +1,4 @@
-"""Kernels of the linear axis as a plant: amplifier, sensors, a run under position control."""
+"""The linear axis as a plant: amplifier, sensors, and runs under position control."""
 
 from __future__ import annotations
 
@@ -36,17 +36,17 @@ from omnimj.signals import Array
 
 POSITION_NOISE, POSITION_STEP, VELOCITY_NOISE, FORCE_NOISE, FORCE_STEP = range(5)
 SENSOR_ROW = 5
-"""Numbers of the sensors."""
+"""Length of the sensors' packed constants, indexed by the names above."""
 
 STIFFNESS, GAIN, FEED_MASS, FEED_VISCOUS, FEED_COULOMB, FEED_SPEED, SPEED_FILTER = range(7)
-"""Numbers of the controller."""
+"""Indices of the controller's packed constants (`AxisController.row`)."""
 
 READ_FORCE, READ_POSITION, READ_VELOCITY, TRUE_FORCE, TRUE_POSITION, TRUE_SPEED = range(6)
 COLUMNS = 6
-"""Columns of a run."""
+"""Number of columns of a run, indexed by the names above."""
 
 TRUE_COLUMNS = 3
-"""Declared force of the drive, position and speed of what the encoder sits on."""
+"""Number of true columns: declared drive force, position and speed at the encoder."""
 
 
 @kernel
@@ -56,7 +56,7 @@ def _stepped(value, size):
 
 @kernel
 def _late(truth, column, k, delay, period):
-    """A true value as it was `delay` before sample k; before the run it was as at its start."""
+    """True value `delay` [s] before sample k, interpolated; the first value for times before the run."""
     place = min(max(k - delay / period, 0.0), float(k))
     below = min(int(place), max(k - 1, 0))
     share = place - below
@@ -70,14 +70,15 @@ def read_sensors(row, sensors, truth, k, noise, column, period, reading):
     """Read force monitor, encoder and tachometer at sample k.
 
     Args:
-      row: `axis_row`, with effects.
-      sensors: `sensor_row`.
-      truth: Declared force, encoder's position and speed so far, shape (more than k, TRUE_COLUMNS).
-      k: Sample.
+      row: Packed constants of the axis with effects, from `axis_row`.
+      sensors: Packed constants of the sensors, from `sensor_row`.
+      truth: Declared force [N], position [m] and speed [m/s] at the encoder up to sample k at least, shape
+        (any, TRUE_COLUMNS).
+      k: Index of the sample.
       noise: Standard normal numbers, shape (3, any).
-      column: The column of `noise` to use.
-      period: [s]
-      reading: Filled: force, position, velocity, shape (3,).
+      column: Column of `noise` to use.
+      period: Sample period [s].
+      reading: Array to fill with force [N], position [m] and velocity [m/s], shape (3,).
     """
     force = row[MONITOR_SCALE] * _late(truth, 0, k, row[FORCE_DELAY], period) + row[MONITOR_BIAS]
     position = row[POSITION_SCALE] * _late(truth, 1, k, row[POSITION_DELAY], period)
@@ -89,7 +90,21 @@ def read_sensors(row, sensors, truth, k, noise, column, period, reading):
 
 @kernel
 def one_period(row, curve, state, force, command, time, period, substeps):
-    """State and the drive's declared force [N] a period later; the amplifier lags behind the command."""
+    """Advance the axis by one period under a commanded force, behind which the amplifier lags.
+
+    Args:
+      row: Packed constants of the axis, from `frozen`.
+      curve: Tabulated force, from `frozen`.
+      state: State of the axis.
+      force: Declared force of the drive at the beginning [N].
+      command: Commanded force, held for the period [N].
+      time: Time at the beginning [s].
+      period: Duration [s].
+      substeps: Number of integration steps.
+
+    Returns:
+      State, and declared force of the drive [N], at the end of the period.
+    """
     h = period / substeps
     target = min(max(command, -row[LIMIT]), row[LIMIT])
     keep = math.exp(-h / row[LOOP]) if row[LOOP] > 0.0 else 0.0
@@ -103,25 +118,26 @@ def one_period(row, curve, state, force, command, time, period, substeps):
 
 @kernel
 def at_rest(row, position):
-    """State at rest with the encoder at this position, drive pressing forward."""
+    """State at rest with the encoder at a position [m] and the drive in contact on its forward side."""
     gap = 0.5 * row[PLAY]
     return position - (gap if row[ENCODER] == 1.0 else 0.0), 0.0, gap, 0.0, 0.0
 
 
 @kernel
 def follow_target(row, curve, target, gains, sensors, noise, period, substeps, columns):
-    """One run under position control.
+    """Simulate one run under position control.
 
     Args:
-      row: `axis_row`, with effects.
-      curve: A free curve.
-      target: Position, speed, acceleration at every sample, shape (n, 3).
-      gains: `AxisController.row`.
-      sensors: `sensor_row`.
+      row: Packed constants of the axis with effects, from `axis_row`.
+      curve: Tabulated force; `no_curve()` for none.
+      target: Position [m], speed [m/s], acceleration [m/s²] at every sample, shape (n, 3).
+      gains: Packed constants of the controller, `AxisController.row`.
+      sensors: Packed constants of the sensors, from `sensor_row`.
       noise: Standard normal numbers, shape (3, n).
-      period: Of controller and log [s].
-      substeps: Steps of the equations per period.
-      columns: Filled: force, position, velocity as read; the same as they are, shape (n, 6).
+      period: Period of controller and log [s].
+      substeps: Number of integration steps per period.
+      columns: Array to fill with measured force [N], position [m] and velocity [m/s], then the true ones,
+        shape (n, COLUMNS).
     """
     reading = np.zeros(3)
     numbers, table = frozen(row, curve)
@@ -144,10 +160,10 @@ def follow_target(row, curve, target, gains, sensors, noise, period, substeps, c
         state, force = one_period(numbers, table, state, force, command, k * period, period, substeps)
 
 
-# The linear axis as a plant: equations, amplifier, encoder, tachometer and force monitor.
+# Plant and controller around the kernels above.
 
 SUBSTEPS = 2
-"""Steps of the equations per period of 1 ms; a longer period gets more."""
+"""Number of integration steps per 1 ms of a period."""
 
 
 _FAR = 1e3  # travels: nothing that is held gets there
@@ -155,16 +171,16 @@ _FAR = 1e3  # travels: nothing that is held gets there
 
 @dataclass(frozen=True)
 class AxisMeasurement:
-    """Readings of the axis' sensors at one instant."""
+    """Readings of the axis sensors at one instant."""
 
     time: float
-    """[s]"""
+    """Time of the sample [s]."""
     force: float
-    """Force monitor [N]."""
+    """Reading of the force monitor [N]."""
     position: float
-    """Encoder [m]."""
+    """Reading of the encoder [m]."""
     velocity: float
-    """Tachometer [m/s]."""
+    """Reading of the tachometer [m/s]."""
 
 
 @dataclass(frozen=True)
@@ -172,34 +188,34 @@ class AxisController:
     """Position control of a servo drive: F = m̂ a_d + b̂ v_d + Ĉ tanh(v_d/v_0) + k e + d ė, ė low-passed."""
 
     stiffness: float
-    """k [N/m]."""
+    """Position gain k [N/m]."""
     damping: float
-    """d [N.s/m]."""
+    """Speed gain d [N.s/m]."""
     mass: float
-    """m̂ [kg]."""
+    """Mass m̂ for the acceleration feedforward [kg]."""
     viscous: float = 0.0
-    """b̂ [N.s/m]."""
+    """Coefficient b̂ of the viscous feedforward [N.s/m]."""
     coulomb: float = 0.0
-    """Ĉ [N]."""
+    """Force Ĉ of the Coulomb feedforward [N]."""
     smoothing: float = 0.01
-    """v_0 [m/s]."""
+    """Speed v_0 over which the Coulomb feedforward changes sign [m/s]."""
     speed_filter: float = 0.005
-    """Time constant of the measured speed [s]."""
+    """Time constant of the low-pass filter on the measured speed [s]."""
 
     @property
     def row(self) -> Array:
-        """Its numbers for the kernel."""
+        """Packed constants for the kernels, shape (7,)."""
         numbers = (self.stiffness, self.damping, self.mass, self.viscous, self.coulomb)
         return np.array((*numbers, self.smoothing, self.speed_filter))
 
 
 def servo(axis: Axis, bandwidth: float = 40.0, feed_friction: bool = True) -> AxisController:
-    """A well-damped controller for the axis as declared.
+    """Critically damped controller for the nominal axis: k = m ω², d = 2 m ω.
 
     Args:
-      axis: Its own constants, without effects, are what the controller knows.
-      bandwidth: ω of m ω² and 2 m ω [rad/s].
-      feed_friction: Whether declared friction is fed forward.
+      axis: Axis whose constants are used, without its effects.
+      bandwidth: ω [rad/s].
+      feed_friction: Whether the nominal friction is fed forward.
     """
     body, share = axis.axis, 1.0 if feed_friction else 0.0
     gains = (body.mass * bandwidth**2, 2.0 * body.mass * bandwidth, body.mass)
@@ -207,19 +223,19 @@ def servo(axis: Axis, bandwidth: float = 40.0, feed_friction: bool = True) -> Ax
 
 
 def sensor_row(axis: Axis, ideal: bool = False) -> Array:
-    """Noise and steps of the sensors for the kernel."""
+    """Packed noise and resolution of the sensors, shape (SENSOR_ROW,); all zero for ideal sensors."""
     s = axis.sensors
     steps = (s.position_noise, s.position_resolution, s.velocity_noise, s.force_noise, s.force_resolution)
     return np.zeros(SENSOR_ROW) if ideal else np.array(steps)
 
 
 def axis_noise(seed: int, samples: int) -> Array:
-    """Standard normal numbers of the channels force, position, velocity, shape (3, samples)."""
+    """Standard normal numbers for force, position and velocity, shape (3, samples)."""
     return np.stack([np.random.default_rng([seed, c]).standard_normal(samples) for c in range(3)])
 
 
 def substeps_of(period: float) -> int:
-    """Steps of the equations in one period."""
+    """Number of integration steps in one period [s]."""
     return SUBSTEPS * max(1, math.ceil(period / 1e-3 - 1e-9))
 
 
@@ -232,22 +248,22 @@ def drive_axis(
     seed: int = 0,
     ideal_sensors: bool = False,
 ) -> dict[str, Array]:
-    """A run along a target under position control.
+    """Simulate a run along a target under position control.
 
     Args:
-      axis: With its effects.
+      axis: Axis, with its effects.
       target: Position, speed, acceleration at every sample, shape (n, 3) [m, m/s, m/s²].
-      controller: Of the drive.
-      payload: Mass that the run adds [kg].
-      seed: Of the sensors' noise.
-      ideal_sensors: Without noise and steps; scales and delays that effects bring still act.
+      controller: Position control of the drive.
+      payload: Mass added in this run [kg].
+      seed: Seed of the sensor noise.
+      ideal_sensors: Whether to omit noise and resolution; scales and delays due to effects still act.
 
     Returns:
-      Columns `time`, `force`, `position`, `velocity` as read, and `true_position`, `true_velocity` of what
-      the encoder sits on, shape (n,).
+      Columns of shape (n,): `time` [s], the measured `force` [N], `position` [m] and `velocity` [m/s], and
+      `true_position`, `true_velocity` at the encoder.
 
     Raises:
-      InputError: The axis left the numbers it can stand for (a controller that is not stable).
+      InputError: The motion diverges, since the controller does not stabilize the axis.
     """
     period = 1.0 / axis.sensors.sample_rate
     row = axis_row(apply_effects(axis).machine, payload)
@@ -263,7 +279,7 @@ def drive_axis(
 
 
 class AxisPlant:
-    """The axis one period at a time."""
+    """Linear axis as a plant that is advanced one period at a time."""
 
     def __init__(
         self,
@@ -274,14 +290,14 @@ class AxisPlant:
         seed: int = 0,
         ideal_sensors: bool = False,
     ):
-        """The axis at rest.
+        """Place the axis at rest.
 
         Args:
-          axis: With its effects.
-          payload: Mass that the run adds [kg].
-          start: Position [m].
-          seed: Of the sensors' noise.
-          ideal_sensors: Without noise and steps.
+          axis: Axis, with its effects.
+          payload: Mass added in this run [kg].
+          start: Position at the start [m].
+          seed: Seed of the sensor noise.
+          ideal_sensors: Whether to omit noise and resolution.
         """
         self.period = 1.0 / axis.sensors.sample_rate
         self._row, self._curve = frozen(axis_row(apply_effects(axis).machine, payload), no_curve())
@@ -293,14 +309,14 @@ class AxisPlant:
         self._steps = 0
 
     def reset(self) -> AxisMeasurement:
-        """At rest at the start; the same noise comes again."""
+        """Put the axis at rest at its start and return the first measurement; the noise is repeated."""
         self._steps, self._force = 0, 0.0
         self._generators = [np.random.default_rng([self._seed, c]) for c in range(3)]
         self._state = at_rest(self._row, self._start)
         return self._measure()
 
     def step(self, force: float) -> AxisMeasurement:
-        """Holds the commanded force [N] for one period and returns the measurement at its end.
+        """Hold the commanded force [N] for one period and return the measurement at its end.
 
         Raises:
           InputError: A force that is not finite.
@@ -314,11 +330,11 @@ class AxisPlant:
         return self._measure()
 
     def truth(self) -> Array:
-        """Declared force of the drive, position and speed of the carriage [N, m, m/s]."""
+        """Declared force of the drive, position and speed of the carriage, shape (3,) [N, m, m/s]."""
         return np.array((self._force, self._state[POSITION], self._state[SPEED]))
 
     def close(self) -> None:
-        """Nothing to let go of."""
+        """Do nothing: there is nothing to release."""
 
     def _measure(self) -> AxisMeasurement:
         k = self._steps

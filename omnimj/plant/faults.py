@@ -1,8 +1,8 @@
-"""Faults with onset and end: as scenarios write them, as metrics record them, and what they do to a plant.
+"""Faults with onset and end: their tables in scenarios, their records in metrics, their action on a plant.
 
-Several faults at once combine: losses, grips and radius scales multiply, braking torques and misalignment
-angles add. Where only one can hold (floor under a wheel, free or hard-over, payload, slope) the one with the
-latest onset wins; at equal onsets the later one in the list.
+Simultaneous faults combine: losses, grips and radius scales multiply, braking torques and misalignment angles
+add. Where only one can act (floor under a wheel, free or hard-over, payload, slope) the one with the latest
+onset does; at equal onsets, the later one in the list.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ from omnimj.plant.interface import plant_channels
 from omnimj.signals import Array
 
 LOCKING_TORQUE = 100.0
-"""Brake of a locked wheel [N.m]: ten times beyond the motor (1 N.m) and the floor at top speed (7 N.m)."""
+"""Brake torque of a locked wheel [N.m], far above that of the motor (1 N.m) and the floor (7 N.m)."""
 
-_TIME_TOLERANCE = 1e-9  # [s] a time summed up from steps may lie this much below the onset
-_ANY = Rule(-1e6, 1e6, False)  # beyond any channel, within what squares and sums can hold
+_TIME_TOLERANCE = 1e-9  # [s] by which a time accumulated over steps may fall short of the onset
+_ANY = Rule(-1e6, 1e6, False)  # beyond the range of any channel, yet its square does not overflow
 _GRIP = Rule(0.0, 1.0, False)
 _ANGLE = Rule(-0.5, 0.5, False)
 _OFFSET = Rule(-1.0, 1.0, False)
-# what `size` is: an offset, -, an offset per second, an added rms, a factor (1: healthy)
+# meaning of `size`: offset, none, offset per second, added RMS noise, factor (1: healthy)
 _MODES: Mapping[str, Rule | None] = MappingProxyType(
     {"bias": _ANY, "freeze": None, "drift": _ANY, "noise": Rule(0.0, math.inf, False), "scale": _ANY}
 )
@@ -46,22 +46,22 @@ _MODES: Mapping[str, Rule | None] = MappingProxyType(
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault of a scenario: the truth of a simulated plant, which no controller sees."""
+    """Fault of a scenario, part of the truth of a simulated plant and hidden from controllers."""
 
     kind: str
     """`motor`, `free`, `locked`, `hard_over`, `slip`, `all_wheel_slip`, `misalignment`, `wheel_radius`,
     `payload`, `slope` or `sensor`."""
     onset: float
-    """First time at which it holds [s]."""
+    """Time from which the fault acts [s]."""
     end: float | None = None
-    """First time at which it no longer holds [s]; None: it stays."""
+    """Time from which the fault no longer acts [s]; None: it is permanent."""
     wheel: int | None = None
-    """Faulty wheel 1…n; None for faults of the whole plant and of its sensors."""
+    """Faulty wheel 1…n; None for faults of the whole plant or of a sensor."""
     numbers: Mapping[str, float | str] = field(default_factory=dict)
-    """The kind's own keys: `loss`, `grip`, `angle`, …"""
+    """Values specific to the kind of fault: `loss`, `grip`, `angle`, …"""
 
     def holds_at(self, time: float) -> bool:
-        """Return whether onset ≤ time < end, to a nanosecond [s]."""
+        """True if onset ≤ time < end, to within a nanosecond."""
         return time + _TIME_TOLERANCE >= self.onset and (
             self.end is None or time + _TIME_TOLERANCE < self.end
         )
@@ -69,47 +69,47 @@ class Fault:
 
 @dataclass(frozen=True)
 class Conditions:
-    """State of health and surroundings of a plant with n wheels at one time."""
+    """Health and environment of a plant with n wheels at one instant."""
 
     motors: tuple[MotorParameters, ...]
-    """Motor of each wheel."""
+    """Motor of each wheel, shape (n,)."""
     grip: Array
-    """Factor 0…1 on the traction, shape (n,)."""
+    """Factor 0…1 on the traction of each wheel, shape (n,)."""
     floors: tuple[str | None, ...]
-    """Per wheel the name of the floor that replaces the floor under it; None: no replacement."""
+    """Name of the floor that replaces the one under each wheel, shape (n,); None: no replacement."""
     misalignment: Array
     """Angle of each axle about the vertical, counter-clockwise, shape (n,) [rad]."""
     radius_scale: Array
     """True rolling radius over the nominal one, shape (n,)."""
     payload: tuple[float, float, float]
-    """Mass [kg] and its place x, y in the body frame [m]."""
+    """Payload mass [kg] and its position x, y in the body frame [m]."""
     slope: tuple[float, float]
-    """Inclination of the floor and the world direction that points downhill [rad]."""
+    """Inclination of the floor and downhill direction in the world frame [rad]."""
 
     @property
     def motor_rows(self) -> Array:
-        """Packed motors, shape (n, MOTOR_SIZE)."""
+        """Packed motor parameters, shape (n, MOTOR_SIZE)."""
         return np.array(self.motors)
 
 
 def event_times(faults: Iterable[Fault]) -> tuple[float, ...]:
-    """Sorted times at which conditions change [s]; sensor faults change none."""
+    """Sorted times at which conditions change [s]; sensor faults do not change conditions."""
     acting = [fault for fault in faults if fault.kind != "sensor"]
     onsets = {fault.onset for fault in acting}
     return tuple(sorted(onsets | {fault.end for fault in acting if fault.end is not None}))
 
 
 def conditions_at(faults: Iterable[Fault], time: float, motor: Motor, wheels: int) -> Conditions:
-    """Conditions that faults make of a healthy plant at one time.
+    """Conditions of an otherwise healthy plant with faults at one instant.
 
     Args:
-      faults: In the order of the scenario; sensor faults are left to the sensors.
+      faults: Faults in the order of the scenario; sensor faults are ignored here, since the sensors add them.
       time: Time [s].
-      motor: The healthy motor.
+      motor: Constants of the healthy motor.
       wheels: Number of wheels n.
 
     Returns:
-      Fresh arrays; a healthy plant when no fault holds.
+      Conditions in new arrays; those of a healthy plant if no fault acts.
     """
     motors = [motor_parameters(motor)] * wheels
     grip, scale, angle = np.ones(wheels), np.ones(wheels), np.zeros(wheels)
@@ -136,7 +136,7 @@ def conditions_at(faults: Iterable[Fault], time: float, motor: Motor, wheels: in
 
 
 def _degraded(motor: MotorParameters, fault: Fault) -> MotorParameters:
-    """A motor with a fault on top of those it has."""
+    """Add a fault to a motor that may already have others."""
     numbers = fault.numbers
     if "loss" in numbers:
         motor = motor._replace(torque_scale=motor.torque_scale * (1.0 - float(numbers["loss"])))
@@ -149,7 +149,7 @@ def _degraded(motor: MotorParameters, fault: Fault) -> MotorParameters:
     if fault.kind == "free":
         return motor._replace(override=FREE)
     if fault.kind == "hard_over":
-        # without a current of its own it runs forward with all that the amplifier gives
+        # without a given current it runs forward at the limit of the amplifier
         current = float(numbers.get("current", motor.current_limit))
         return motor._replace(override=HARD_OVER, override_current=current)
     return motor
@@ -158,14 +158,14 @@ def _degraded(motor: MotorParameters, fault: Fault) -> MotorParameters:
 def conditions_with_effects(
     now: Conditions, effects: AppliedEffects, measured_current: bool = False
 ) -> Conditions:
-    """Conditions that faults and effects make together.
+    """Combine the conditions due to faults with the effects of the machine.
 
-    Payloads add up as point masses at their common centre; a slope by fault replaces one by effect.
+    Payloads combine to a point mass at their common centre; a slope by a fault replaces one by an effect.
 
     Args:
-      now: Conditions from the faults.
-      effects: Of the machine.
-      measured_current: Commands are measured currents, which no limit cuts again.
+      now: Conditions due to the faults.
+      effects: Effects of the machine.
+      measured_current: Whether commands are measured currents, to which no limit applies again.
     """
     motors = effects.motors(now.motors)
     return dataclasses.replace(
@@ -190,24 +190,24 @@ def _combined_payload(
 
 @dataclass(frozen=True)
 class FaultKind:
-    """Keys of one kind of fault."""
+    """Keys of one kind of fault in a `[[faults]]` table."""
 
     on_wheel: bool
-    """True for a fault of one wheel."""
+    """True for a fault of a single wheel."""
     numbers: Mapping[str, Rule] = field(default_factory=dict)
-    """Its numbers and their bounds."""
+    """Numeric keys and their bounds."""
     names: tuple[str, ...] = ()
-    """Its keys that hold a name instead."""
+    """Keys whose value is a name."""
     one_of: tuple[str, ...] = ()
-    """Keys of which a table has exactly one."""
+    """Keys of which a table must have exactly one."""
     defaults: Mapping[str, float] = field(default_factory=dict)
-    """Values of numbers that may be left out."""
+    """Default values of optional numbers."""
     optional: tuple[str, ...] = ()
-    """Keys that may be left out and then have no value."""
+    """Optional keys without a default."""
 
     @property
     def own_keys(self) -> tuple[str, ...]:
-        """Every key of its own, beside kind, wheel, onset and end."""
+        """All keys specific to this kind, besides kind, wheel, onset and end."""
         return (*self.names, *self.numbers)
 
 
@@ -240,11 +240,11 @@ FAULT_KINDS: Mapping[str, FaultKind] = MappingProxyType(
         ),
     }
 )
-"""Every kind of fault and the keys it takes."""
+"""Kinds of fault and the keys of each."""
 
 
 def fault_record(fault: Fault) -> dict[str, Any]:
-    """The fault as `metrics.json` holds it: kind, wheel, onset, end and the kind's own keys."""
+    """Record of a fault in `metrics.json`: kind, wheel, onset, end and the keys specific to the kind."""
     return {
         "kind": fault.kind,
         "wheel": fault.wheel,
@@ -255,14 +255,14 @@ def fault_record(fault: Fault) -> dict[str, Any]:
 
 
 def read_fault(table: Any, place: str, wheels: int, floors: Collection[str], duration: float) -> Fault:
-    """One `[[faults]]` table of a scenario as a fault.
+    """Read a `[[faults]]` table of a scenario.
 
     Args:
-      table: `{kind, wheel, onset, end, …}`; `end` may be left out, `wheel` belongs to faults of one wheel.
-      place: Where the table stands, for messages: file and key.
-      wheels: Number of wheels n of the plant; 1 is the test rig, which has channels of its own.
+      table: `{kind, wheel, onset, end, …}`; `end` is optional, `wheel` is for faults of a single wheel.
+      place: File and key of the table, for messages.
+      wheels: Number of wheels n of the plant; 1 means the test rig, whose channels differ.
       floors: Names of the known floors.
-      duration: Length of the run [s]; a fault has to begin before it is over.
+      duration: Duration of the run [s], within which the fault must begin.
 
     Raises:
       UnknownNameError: Unknown kind, key, floor, channel or mode; the message lists the choices.
@@ -285,7 +285,7 @@ def read_fault(table: Any, place: str, wheels: int, floors: Collection[str], dur
 
 
 def _read_own(table: Mapping, place: str, kind: FaultKind, floors: Collection[str]) -> dict[str, float | str]:
-    """The kind's own keys, checked."""
+    """Read and check the keys specific to a kind of fault."""
     given = [key for key in kind.one_of if key in table]
     if kind.one_of and len(given) != 1:
         found = f"found {' and '.join(given) or 'none of them'}"
@@ -304,7 +304,7 @@ def _read_own(table: Mapping, place: str, kind: FaultKind, floors: Collection[st
 
 
 def _read_sensor(table: Mapping, place: str, channels: Collection[str]) -> dict[str, float | str]:
-    """Channel, mode and, for all but freeze, the size: its rule depends on the mode."""
+    """Read channel, mode and, except for freeze, the size, whose bounds depend on the mode."""
     channel = _name(place, "channel", table, channels)
     mode = _name(place, "mode", table, _MODES)
     rule = _MODES[mode]

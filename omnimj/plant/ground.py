@@ -24,14 +24,14 @@ _POSITIVE = Rule(0.0, math.inf, True)
 
 @dataclass(frozen=True)
 class Patch:
-    """A rectangle of other floor, fixed in the world."""
+    """Rectangle of a different floor, fixed in the world."""
 
     floor: str
-    """Name in `floors.toml`."""
+    """Name of the floor of the patch."""
     center: tuple[float, float]
-    """World x, y [m]."""
+    """Centre x, y in the world [m]."""
     size: tuple[float, float]
-    """Length along the patch's own x, width along its y [m]."""
+    """Length along the x axis of the patch, width along its y axis [m]."""
     yaw: float = 0.0
     """Angle of the patch's x axis, counter-clockwise from the world's [rad]."""
 
@@ -42,7 +42,7 @@ class Patch:
           points: One point of shape (2,) or many of shape (..., 2), world frame [m].
 
         Returns:
-          Shape (...); the edge belongs to the patch.
+          Mask of shape (...); the edge belongs to the patch.
         """
         away = np.asarray(points, float) - np.asarray(self.center)
         c, s = math.cos(self.yaw), math.sin(self.yaw)
@@ -61,8 +61,8 @@ def read_patch(table: Any, place: str, floors: Mapping[str, Floor]) -> Patch:
     """Read a `[[patches]]` table of a scenario.
 
     Args:
-      table: As parsed.
-      place: Where it is written, for messages.
+      table: Parsed TOML table.
+      place: File and key of the table, for messages.
       floors: Known floors by name.
 
     Raises:
@@ -86,33 +86,33 @@ def read_patch(table: Any, place: str, floors: Mapping[str, Floor]) -> Patch:
 
 
 class _PatchArea(NamedTuple):
-    """A patch as the kernel sees it."""
+    """Packed geometry of a patch for the kernel."""
 
     x: float
-    """Centre in the world [m]."""
+    """Centre, x in the world [m]."""
     y: float
-    """[m]"""
+    """Centre, y in the world [m]."""
     cos: float
     """Cosine of the yaw."""
     sin: float
     half_length: float
-    """[m]"""
+    """Half the length [m]."""
     half_width: float
-    """[m]"""
+    """Half the width [m]."""
 
 
 _AREA_SIZE = len(_PatchArea._fields)
 
 
 class Ground:
-    """Floors of the hall for the kernels; where patches overlap the one listed last is on top."""
+    """Floor of the hall and patches, packed for the kernels; where patches overlap, the last is on top."""
 
     def __init__(self, floor: str, patches: Sequence[Patch], floors: Mapping[str, Floor]):
-        """Look the floors up.
+        """Look up the floors by name.
 
         Args:
           floor: Name of the hall's floor.
-          patches: Stretches of other floor.
+          patches: Patches of other floors.
           floors: Known floors by name.
 
         Raises:
@@ -123,18 +123,19 @@ class Ground:
         places = ["floor", *(f"patches.{k}.floor" for k in range(len(patches)))]
         rows = [self._row(name, place) for name, place in zip(names, places, strict=True)]
         self.rows: Array = np.array(rows)
-        """Packed traction of the hall's floor, then of each patch, shape (1 + patches, TRACTION_SIZE)."""
+        """Packed traction law of the hall's floor, then of each patch, shape (1 + patches, TRACTION_SIZE)."""
         self.patches: Array = np.array([_area(patch) for patch in patches]).reshape(-1, _AREA_SIZE)
-        """Packed areas of the patches, for `floor_at`."""
+        """Packed geometry of the patches for `floor_at`, shape (patches, 6)."""
 
     def replacements(self, names: Sequence[str | None]) -> tuple[Array, Array]:
-        """Floors that faults put under the wheels.
+        """Pack the floors that faults put under the wheels.
 
         Args:
-          names: Name of a floor or None, per wheel.
+          names: Name of a floor or None for each wheel, length n.
 
         Returns:
-          Whether each wheel has one (1 or 0), shape (n,), and its packed traction, shape (n, TRACTION_SIZE).
+          Mask of the wheels with such a floor (1 or 0), shape (n,), and its packed traction law, shape
+          (n, TRACTION_SIZE).
 
         Raises:
           UnknownNameError: A floor that does not exist.
@@ -159,9 +160,9 @@ def floor_at(patches, x, y):
     """Index into `Ground.rows` of the floor at a point of the world; the edge of a patch belongs to it.
 
     Args:
-      patches: `Ground.patches`.
-      x: [m]
-      y: [m]
+      patches: Packed patches, `Ground.patches`.
+      x: World coordinate [m].
+      y: World coordinate [m].
     """
     found = 0
     for k in range(patches.shape[0]):

@@ -1,4 +1,4 @@
-"""The interface that the twin, the planar model and the real robot share, and their column names."""
+"""Interface common to the twin, the planar model and the real robot, and the column names of the truth."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from omnimj.signals import RIG_CHANNELS, Array, CurrentCommand, Measurement, Rig
 
 
 class Plant(Protocol):
-    """A plant: takes current commands and gives measurements, one control period at a time.
+    """Plant that takes current commands and returns measurements, one control period at a time.
 
-    `Measurement` for a robot, `RigMeasurement` for the test rig. Truth is known to a simulation and
-    hidden from controllers; a real robot has none (`truth_names` is empty).
+    A robot returns `Measurement`, the test rig `RigMeasurement`. A simulation also provides the truth, which
+    is hidden from controllers; a real robot has none (`truth_names` is empty).
     """
 
     period: float
@@ -28,7 +28,7 @@ class Plant(Protocol):
         ...
 
     def truth(self) -> Array:
-        """Truth at the time of the last measurement, aligned with `truth_names`."""
+        """True values at the time of the last measurement, aligned with `truth_names`."""
         ...
 
     def close(self) -> None:
@@ -37,7 +37,7 @@ class Plant(Protocol):
 
 
 def robot_truth_names(wheels: int) -> tuple[str, ...]:
-    """Truth columns of a simulated robot with n wheels.
+    """Names of the truth columns of a simulated robot with n wheels.
 
     `x`, `y` [m] and `heading` [rad] in the world; `twist_x`, `twist_y` [m/s] and `twist_yaw` [rad/s] in the
     body frame; per wheel slip velocity [m/s], normal and traction force [N].
@@ -61,9 +61,9 @@ RIG_TRUTH_NAMES: tuple[str, ...] = (
     "traction_force_1",
     "lateral_force_1",
 )
-"""Truth columns of a simulated rig: m, m/s, rad/s, m, rad, m/s, N, N, N."""
+"""Names of the truth columns of a simulated rig; units m, m/s, rad/s, m, rad, m/s, N, N, N."""
 
 
 def plant_channels(wheels: int) -> tuple[str, ...]:
-    """Channels of the plant with n wheels; with a single wheel it is the test rig."""
+    """Measured channels of a plant with n wheels; a single wheel means the test rig."""
     return RIG_CHANNELS if wheels == 1 else robot_channels(wheels)

@@ -24,18 +24,18 @@ from omnimj.plant.sensors import RigSensors, RobotSensors
 from omnimj.signals import Array, CurrentCommand, Measurement, RigMeasurement
 
 SUBSTEPS = 4
-"""Steps of the model per control period: 0.25 ms, a twelfth of a wheel's time constant on the floor."""
+"""Number of integration steps per control period; 0.25 ms is a twelfth of a wheel's time constant."""
 
 RIG_FAULTS = ("motor", "free", "locked", "hard_over", "slip", "all_wheel_slip", "wheel_radius", "sensor")
-"""Kinds of faults that the rig can have: it has one wheel on a straight rail."""
+"""Kinds of faults that apply to the rig, which has one wheel on a straight rail."""
 
-_TIME_TOLERANCE = 1e-9  # [s] a time summed up from steps may lie this much below the event
+_TIME_TOLERANCE = 1e-9  # [s] by which a time accumulated over steps may fall short of the event
 
 
 def _timeline(
     machine: Robot | Rig, faults: Sequence[Fault], effects: AppliedEffects, measured_current: bool
 ) -> list[tuple[float, Conditions]]:
-    """Conditions and the time from which each holds [s]."""
+    """Conditions of the run, each with the time from which it holds [s]."""
     found = []
     for begin in (0.0, *event_times(faults)):
         by_faults = conditions_at(faults, begin, machine.motor, machine.wheel_count)
@@ -45,15 +45,15 @@ def _timeline(
 
 @dataclass(frozen=True)
 class _RobotStage:
-    """Robot and floors from one time on."""
+    """Packed robot and floors while the conditions stay constant."""
 
     begin: float
-    """[s]"""
+    """Time of the beginning [s]."""
     constants: planar.PlanarConstants
     motors: Array
     """Packed motors, shape (n, MOTOR_SIZE)."""
     replacements: tuple[Array, Array]
-    """Floors by fault, from `Ground.replacements`."""
+    """Floors due to faults, from `Ground.replacements`."""
 
 
 @kernel
@@ -72,17 +72,17 @@ def _find_floors(pose, wheels, ground, floors):
 
 @kernel
 def _drive_robot(state, command, machine, ground, published, h, steps, output):
-    """One control period of the robot, in place.
+    """Advance the robot by one control period, in place.
 
     Args:
-      state: `planar.PlanarState` in one row, shape (state_size(n),).
-      command: Shape (n,) [A].
+      state: Packed `planar.PlanarState`, shape (state_size(n),).
+      command: Commanded currents, shape (n,) [A].
       machine: Packed body, wheels, motors, floors (filled here) and effect terms.
-      ground: Mask of replaced floors, their traction, patches, traction of hall and patches.
-      published: The equations as printed.
+      ground: Mask of replaced floors, their traction laws, patches, traction laws of hall and patches.
+      published: Whether to use the equations as printed.
       h: Step [s].
       steps: Number of steps.
-      output: `planar.PlanarOutput` in one row, shape (output_size(n),).
+      output: Packed `planar.PlanarOutput`, shape (output_size(n),).
     """
     body, wheels, motors, floors, terms = machine
     _find_floors(state[-3:], wheels, ground, floors)
@@ -91,7 +91,7 @@ def _drive_robot(state, command, machine, ground, published, h, steps, output):
 
 
 class PlanarRobot:
-    """The planar robot model as a `Plant`."""
+    """Planar model of the robot as a `Plant`."""
 
     def __init__(
         self,
@@ -107,19 +107,19 @@ class PlanarRobot:
         floors: Mapping[str, Floor] | None = None,
         measured_current: bool = False,
     ):
-        """The robot at rest.
+        """Place the robot at rest at its start.
 
         Args:
-          robot: Its constants, with its effects.
+          robot: Constants of the robot, with its effects.
           floor: Name of the hall's floor.
           faults: Faults of the run.
-          patches: Stretches of other floor; the centre of a wheel decides where it stands.
+          patches: Patches of other floors; the centre of a wheel determines the floor under it.
           start: x, y [m] and heading [rad] in the world.
-          seed: Of the sensors' noise.
-          published: The equations as printed instead of the corrected ones.
-          ideal_sensors: True values without noise, filters and quantisation.
+          seed: Seed of the sensor noise.
+          published: Whether to use the equations as printed instead of the corrected ones.
+          ideal_sensors: Whether sensors return true values, without noise, filters and quantisation.
           floors: Floors by name; the shipped ones when None.
-          measured_current: Commands are measured currents: neither limits nor the current loop act.
+          measured_current: Whether commands are measured currents, exempt from limits and current loop.
 
         Raises:
           UnknownNameError: A floor that does not exist.
@@ -155,7 +155,7 @@ class PlanarRobot:
         return _RobotStage(begin, constants, now.motor_rows, self._ground.replacements(now.floors))
 
     def reset(self) -> Measurement:
-        """Put the robot at rest at its start; the same noise follows."""
+        """Put the robot at rest at its start and return the first measurement; the noise is repeated."""
         self._steps, self._at = 0, 0
         self._command[:] = 0.0
         self._row[:] = 0.0
@@ -184,7 +184,7 @@ class PlanarRobot:
         return self._measure()
 
     def truth(self) -> Array:
-        """Pose, twist, slip velocity, normal and traction force, aligned with `truth_names`."""
+        """True pose, twist, slip velocity, normal and traction force, aligned with `truth_names`."""
         n = self._wheels
         return np.concatenate((self._state.pose, self._state.twist, self._output_row[: 3 * n]))
 
@@ -228,24 +228,24 @@ class PlanarRobot:
 
 @dataclass(frozen=True)
 class _RigStage:
-    """Rig and floor from one time on."""
+    """Packed rig and floor while the conditions stay constant."""
 
     begin: float
-    """[s]"""
+    """Time of the beginning [s]."""
     machine: tuple[Array, Array, Array, Array]
     """Packed rig, motor, floor and effect terms."""
 
 
 @kernel
 def _drive_rig(state, current, lateral_speed, machine, published, h, steps, output):
-    """One control period of the rig, in place.
+    """Advance the rig by one control period, in place.
 
     Args:
       state: Packed `rig.RigState`.
       current: Commanded current [A].
-      lateral_speed: Of the gantry [m/s].
+      lateral_speed: Lateral speed of the gantry [m/s].
       machine: Packed rig, motor, floor and effect terms.
-      published: The equations as printed.
+      published: Whether to use the equations as printed.
       h: Step [s].
       steps: Number of steps.
       output: Packed `rig.RigOutput`.
@@ -257,7 +257,7 @@ def _drive_rig(state, current, lateral_speed, machine, published, h, steps, outp
 
 
 class PlanarRig:
-    """The rig model as a `Plant`; its rail has no ends, its gantry moves at the commanded speed at once."""
+    """Model of the rig as a `Plant`; the rail has no ends, the gantry has its commanded speed at once."""
 
     truth_names = RIG_TRUTH_NAMES
 
@@ -275,22 +275,22 @@ class PlanarRig:
         floors: Mapping[str, Floor] | None = None,
         measured_current: bool = False,
     ):
-        """The rig at rest.
+        """Place the rig at rest at the start of the rail.
 
         Args:
-          constants: Of the rig, with its effects.
+          constants: Constants of the rig, with its effects.
           floor: Name of the floor.
-          mass: m_T [kg]; the first of the rig's masses when None.
-          lateral_speed: Of the gantry [m/s].
+          mass: Mass m_T of the quarter body [kg]; the first of the rig's masses when None.
+          lateral_speed: Lateral speed of the gantry [m/s].
           faults: Faults of the run.
-          seed: Of the sensors' noise.
-          published: The equations as printed instead of the corrected ones.
-          ideal_sensors: True values without noise, filters and quantisation.
+          seed: Seed of the sensor noise.
+          published: Whether to use the equations as printed instead of the corrected ones.
+          ideal_sensors: Whether sensors return true values, without noise, filters and quantisation.
           floors: Floors by name; the shipped ones when None.
-          measured_current: Commands are measured currents: neither limits nor the current loop act.
+          measured_current: Whether commands are measured currents, exempt from limits and current loop.
 
         Raises:
-          UnknownNameError: A floor that does not exist, or a fault that the rig cannot have.
+          UnknownNameError: A floor that does not exist, or a fault that does not apply to the rig.
           InputError: A mass that is not positive, a lateral speed that is not finite, or an invalid effect.
         """
         effects = apply_effects(constants)
@@ -326,7 +326,7 @@ class PlanarRig:
         return _RigStage(begin, (own, now.motor_rows[0], floor, terms))
 
     def reset(self) -> RigMeasurement:
-        """Put the rig at rest at the rail's start, the gantry moving; the same noise follows."""
+        """Put the rig at rest at the start of the rail, with the gantry moving; the noise is repeated."""
         self._steps, self._at = 0, 0
         self._state[:] = 0.0
         self._enter_stage()
@@ -343,7 +343,7 @@ class PlanarRig:
         """Hold the command for one period and return the measurement at its end.
 
         Raises:
-          InputError: A command of more or less than one current.
+          InputError: A command that is not exactly one current.
         """
         if len(command.current) != 1:
             raise InputError("command", f"found {len(command.current)} currents", "one is needed")
@@ -353,9 +353,9 @@ class PlanarRig:
         return self._measure()
 
     def truth(self) -> Array:
-        """Truth aligned with `truth_names`: positions count from the start, the body does not tilt.
+        """True values aligned with `truth_names`; positions count from the start, the body does not tilt.
 
-        The lateral force is the one on the wheel, along the gantry's direction: −G of Eq. 4.18.
+        The lateral force is that on the wheel, along the direction of the gantry: −G of Eq. 4.18.
         """
         state, output = rig.RigState(*self._state.tolist()), rig.RigOutput(*self._output.tolist())
         lateral_position = self._lateral_speed * self._steps * self.period

@@ -16,13 +16,13 @@ from omnimj.physics.native import first_numbers, kernel
 from omnimj.physics.wheel import store
 
 IDEAL, MONITOR, ENCODER, FILTERED, HEADING = 0.0, 1.0, 2.0, 3.0, 4.0
-"""Laws of a channel: the chain between the physical quantity and the number."""
+"""Types of channel: the chain from the physical quantity to the reading."""
 BIASED, FROZEN, DRIFTING, NOISY, SCALED = 0.0, 1.0, 2.0, 3.0, 4.0
 """Modes of a sensor fault."""
 
 _TURN = 2.0 * math.pi
-_TIME_TOLERANCE = 1e-9  # [s], and renewals: a sum of many periods may lie this much early
-_MAX_ANGLE_STEP = 1e4  # [rad] per sample: keeps an absurd speed from using up the digits of the angle
+_TIME_TOLERANCE = 1e-9  # [s] and updates by which a sum of many periods may fall short
+_MAX_ANGLE_STEP = 1e4  # [rad] per sample, so that an absurd speed does not exhaust the precision of the angle
 
 
 class ChannelParameters(NamedTuple):
@@ -31,27 +31,27 @@ class ChannelParameters(NamedTuple):
     law: float
     """`IDEAL`, `MONITOR`, `ENCODER`, `FILTERED` or `HEADING`."""
     period: float
-    """Between two samples [s]."""
+    """Sample period [s]."""
     gain: float = 1.0
-    """Sensor's own unit over the physical quantity."""
+    """Sensor unit per unit of the physical quantity."""
     count: float = 0.0
-    """One count of the encoder [rad]."""
+    """Angle of one count of the encoder [rad]."""
     hysteresis: float = 0.0
     """Dead band of the encoder [rad]."""
     noise: float = 0.0
-    """Standard deviation."""
+    """Standard deviation of the noise, in the sensor unit."""
     decay: float = 0.0
-    """Decay of the first-order filter over one sample, 0 … 1."""
+    """Decay factor of the first-order filter over one sample, 0…1."""
     full_scale: float = math.inf
-    """Range ±."""
+    """Range (±), in the sensor unit."""
     step: float = 0.0
-    """Step of the sensor's own converter; 0: none."""
+    """Resolution of the sensor's converter; 0: none."""
     daq_step: float = 0.0
-    """Step of the analog input; 0: none."""
+    """Resolution of the analog input; 0: none."""
     updates: float = 0.0
-    """Renewals of a held value per sample."""
+    """Number of updates of a held value per sample."""
     turns: float = 0.0
-    """1 where the reading is an angle in [0, 2π)."""
+    """1 if the reading is an angle in [0, 2π), otherwise 0."""
     spread: float = 0.0
     """Standard deviation of the bias, drawn at the start of a run."""
 
@@ -62,14 +62,14 @@ class ChannelState(NamedTuple):
     angle: float = 0.0
     """Shaft angle [rad]."""
     behind: float = 0.0
-    """The same behind the dead band [rad]."""
+    """Shaft angle behind the dead band [rad]."""
     counted: float = 0.0
-    """The same in counts [rad]."""
+    """Shaft angle rounded to counts [rad]."""
     filtered: float = 0.0
     """Filtered or held value."""
     bias: float = 0.0
     samples: float = 0.0
-    """Taken so far."""
+    """Number of samples taken so far."""
     last: float = math.nan
     """Last reading."""
 
@@ -78,14 +78,14 @@ class SensorFault(NamedTuple):
     """A fault of one channel."""
 
     channel: float
-    """Index."""
+    """Index of the channel."""
     mode: float
     """`BIASED`, `FROZEN`, `DRIFTING`, `NOISY` or `SCALED`."""
     size: float
     onset: float
-    """[s]"""
+    """Time of the onset [s]."""
     end: float
-    """[s]"""
+    """Time of the end [s]."""
     held: float = math.nan
     """Frozen reading; NaN before the onset."""
 
@@ -97,14 +97,14 @@ _TURNS = ChannelParameters._fields.index("turns")
 
 @kernel
 def wrap(angle):
-    """The same angle in [0, 2π)."""
+    """Wrap an angle to [0, 2π) [rad]."""
     turned = angle - _TURN * math.floor(angle / _TURN)
     return 0.0 if turned >= _TURN else max(turned, 0.0)
 
 
 @kernel
 def quantise(value, full_scale, step):
-    """Nearest code of a two's complement converter: −range … range − step; clipped at the ends."""
+    """Round to the nearest code of a two's complement converter, clipped to −range … range − step."""
     if step > 0.0:
         return min(max(np.rint(value / step) * step, -full_scale), full_scale - step)
     return min(max(value, -full_scale), full_scale)
@@ -114,8 +114,8 @@ def quantise(value, full_scale, step):
 def step_encoder(channel, state, speed, noise):
     """State after a sample of an encoder; `filtered` is the speed from its counts [rad/s].
 
-    The angle is the sum of speed × period: only its differences matter, so it drifts nowhere. Behind the dead
-    band (play of width h) the angle moves only once the shaft has taken up h.
+    The angle is the sum of speed × period; its drift is irrelevant, since only differences are used. Behind
+    the dead band (play of width h) the angle moves only once the shaft has taken up h.
     """
     angle = state.angle + min(max(speed * channel.period, -_MAX_ANGLE_STEP), _MAX_ANGLE_STEP)
     seen = angle + channel.noise * noise
@@ -129,7 +129,7 @@ def step_encoder(channel, state, speed, noise):
 
 @kernel
 def hold_heading(channel, state, yaw):
-    """State after a sample of the heading; `filtered` is the angle held on the converter's grid [rad]."""
+    """State after a sample of the heading; `filtered` is the held angle, rounded by the converter [rad]."""
     now = math.floor(state.samples * channel.updates + _TIME_TOLERANCE)
     before = math.floor((state.samples - 1.0) * channel.updates + _TIME_TOLERANCE)
     held = state.filtered
@@ -147,8 +147,8 @@ def _with_filtered(state, filtered, samples):
 def apply_chain(channel, state, value, noise):
     """Reading of a sensor before its faults, and the channel's next state.
 
-    A quantity that is not finite reads as NaN and leaves the state alone, so that one bad sample spoils one
-    reading.
+    A quantity that is not finite yields NaN and leaves the state unchanged, so that it affects one reading
+    only.
 
     Args:
       channel: `ChannelParameters`.
@@ -181,15 +181,13 @@ def apply_chain(channel, state, value, noise):
 
 @kernel
 def apply_fault(fault, reading, last, time, noise):
-    """Reading with one sensor fault and the held reading, Fig. 2.14.
-
-    Bias, freezing, drift, loss of accuracy or wrong scale.
+    """Apply a sensor fault, Fig. 2.14: bias, freezing, drift, loss of accuracy, or wrong scale.
 
     Args:
       fault: `SensorFault`.
-      reading: Of the channel without the fault.
-      last: Reading of the sample before.
-      time: Of the sample [s].
+      reading: Reading of the channel without the fault.
+      last: Reading of the previous sample.
+      time: Time of the sample [s].
       noise: Standard normal number.
     """
     if time + _TIME_TOLERANCE < fault.onset or time + _TIME_TOLERANCE >= fault.end:
@@ -211,20 +209,20 @@ def apply_fault(fault, reading, last, time, noise):
 
 @kernel
 def sample_channels(channels, states, faults, noise, column, time, values):
-    """One reading of every channel.
+    """Take one reading of every channel.
 
     Args:
       channels: Packed `ChannelParameters`, shape (c, CHANNEL_SIZE).
       states: Packed `ChannelState`, shape (c, STATE_SIZE), changed in place.
-      faults: Packed `SensorFault`, shape (f, FAULT_SIZE), in the order in which they act; held readings
-        change in place.
+      faults: Packed `SensorFault`, shape (f, FAULT_SIZE), in the order in which they act; held
+        readings change in place.
       noise: Standard normal numbers, shape (c + f, any).
-      column: The column of `noise` to use.
-      time: Of the sample [s].
+      column: Column of `noise` to use.
+      time: Time of the sample [s].
       values: Physical quantities, shape (c,).
 
     Returns:
-      Readings, a fresh array of shape (c,).
+      Readings, a new array of shape (c,).
     """
     count = channels.shape[0]
     readings, last = np.empty(count), STATE_SIZE - 1

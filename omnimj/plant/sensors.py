@@ -1,8 +1,8 @@
-"""The sensors of robot and rig: all that a controller may see, seeded and reproducible bit for bit.
+"""Sensors of robot and rig, the only inputs of a controller; seeded and reproducible bit for bit.
 
 Wheel speed: encoder on the motor shaft (noise, dead band, counts) → the amplifier's speed (difference over a
 sample, first-order filter) → speed monitor → analog input. Current: noise → monitor → analog input.
-Accelerometer and gyro: noise → first-order bandwidth → bias → range → analog input. Heading: renewed at its
+Accelerometer and gyro: noise → first-order bandwidth → bias → range → analog input. Heading: updated at its
 own rate → converter over one turn. Then the sensor faults, then the effects of the machine's sensors.
 """
 
@@ -33,9 +33,9 @@ MODES = MappingProxyType(
         "scale": chain.SCALED,
     }
 )
-"""Sensor faults by name, with their codes in the kernel."""
+"""Modes of sensor faults by name, with their codes in the kernel."""
 
-_BLOCK = 512  # samples whose random numbers are drawn at once
+_BLOCK = 512  # number of samples whose random numbers are drawn at once
 
 
 class RobotSensors:
@@ -52,16 +52,16 @@ class RobotSensors:
         ideal: bool = False,
         changes: Mapping[str, ChannelEffect] | None = None,
     ):
-        """Sensors at the start of a run.
+        """Prepare the sensors for the start of a run.
 
         Args:
           sensors: Constants of the chain.
-          motor: Gives the gear between wheel and encoder.
+          motor: Motor, for the gear between wheel and encoder.
           wheels: Number of wheels n.
           period: Sample period [s].
-          seed: The same seed gives the same run bit for bit.
-          faults: Those of kind `sensor` act here.
-          ideal: No chain: true values, the heading wrapped; faults and effects still act.
+          seed: Seed of the noise; equal seeds give equal runs bit for bit.
+          faults: Faults of the run, of which those of kind `sensor` act here.
+          ideal: Whether to return true values, with the heading wrapped; faults and effects still act.
           changes: Sensor effects by channel.
         """
         n = self._wheels = wheels
@@ -71,7 +71,7 @@ class RobotSensors:
         self._channels = _Channels(robot_channels(n), channels, seed, faults, ideal, changes)
 
     def reset(self) -> None:
-        """Return to the start of the same run: the same readings follow."""
+        """Return to the start of the run, so that the noise is repeated."""
         self._channels.reset()
 
     def measure(
@@ -94,7 +94,7 @@ class RobotSensors:
           heading: True heading, wrapped or not [rad].
 
         Returns:
-          Fresh arrays; a quantity that is not finite reads as NaN.
+          Measurement in new arrays; a quantity that is not finite yields NaN.
         """
         n, values = self._wheels, self._channels.values
         values[:n] = current
@@ -102,7 +102,7 @@ class RobotSensors:
         values[2 * n : 2 * n + 2] = acceleration
         values[2 * n + 2] = yaw_rate
         values[2 * n + 3] = heading
-        time = float(time)  # an integer would make the kernel compile anew
+        time = float(time)  # an integer would make the kernel compile again
         r = self._channels.read(time)
         yaw_rate, yaw = r[2 * n + 2 :].tolist()
         return Measurement(time, r[:n], r[n : 2 * n], r[2 * n : 2 * n + 2], yaw_rate, yaw)
@@ -125,14 +125,14 @@ class RigSensors:
         ideal: bool = False,
         changes: Mapping[str, ChannelEffect] | None = None,
     ):
-        """Sensors at the start of a run; arguments as for `RobotSensors`."""
+        """Prepare the sensors for the start of a run; arguments as for `RobotSensors`."""
         rail = _rail_speed(sensors, period)
         channels = [_current(sensors, period), _wheel_speed(sensors, motor, period), rail]
         channels += [_acceleration(sensors, period), rail]
         self._channels = _Channels(RIG_CHANNELS, channels, seed, faults, ideal, changes)
 
     def reset(self) -> None:
-        """Return to the start of the same run: the same readings follow."""
+        """Return to the start of the run, so that the noise is repeated."""
         self._channels.reset()
 
     def measure(
@@ -148,7 +148,7 @@ class RigSensors:
         values = self._channels.values
         values[0], values[1], values[2] = current, wheel_speed, carriage_speed
         values[3], values[4] = carriage_acceleration, lateral_speed
-        time = float(time)  # an integer would make the kernel compile anew
+        time = float(time)  # an integer would make the kernel compile again
         return RigMeasurement(time, *self._channels.read(time).tolist())
 
 
@@ -176,7 +176,7 @@ class _Channels:
         self.reset()
 
     def _streams(self) -> list[np.random.Generator]:
-        """One per channel and one per fault; a fault's depends on its channel and its turn there only."""
+        """One random generator per channel and fault; a fault's depends on channel and rank there."""
         keys = [(0, c) for c in range(len(self._channels))]
         seen = [0] * len(self._channels)
         for fault in self._faults:
@@ -187,7 +187,7 @@ class _Channels:
         return [np.random.Generator(np.random.PCG64(s)) for s in seeds]
 
     def reset(self) -> None:
-        """Return to the start of the same run: the same numbers follow."""
+        """Return to the start of the run, so that the random numbers are repeated."""
         self._generators = self._streams()
         self._fault_rows = np.array(self._faults).reshape(-1, chain.FAULT_SIZE)
         if self._changes is not None:
@@ -198,7 +198,7 @@ class _Channels:
         self._column = _BLOCK
 
     def read(self, time: float) -> Array:
-        """Readings of `values` at a time [s], a fresh array."""
+        """Readings of `values` at a time [s], a new array of shape (c,)."""
         if self._column == _BLOCK:
             for generator, row in zip(self._generators, self._noise, strict=True):
                 generator.standard_normal(out=row)
@@ -237,11 +237,11 @@ class _ChannelEffects:
         self.reset()
 
     def reset(self) -> None:
-        """Return to the start: before it every channel read its first value."""
+        """Return to the start, before which every channel is taken to have read its first value."""
         self._past: list[list[float]] = [[] for _ in self._at]
 
     def apply(self, readings: Array) -> None:
-        """Change one sample of all channels, in place."""
+        """Apply the effects to one sample of all channels in place, shape (c,)."""
         for k, c in enumerate(self._at):
             change = self._changes[k]
             value = change.scale * float(readings[c]) + change.offset
@@ -250,7 +250,7 @@ class _ChannelEffects:
                 readings[c] = self._delayed(k, float(readings[c]))
 
     def _delayed(self, k: int, value: float) -> float:
-        """Value of `late` samples ago, interpolated between two samples (the short way round)."""
+        """Delayed value, interpolated between two samples; an angle is interpolated along the shorter arc."""
         past, late = self._past[k], self._late[k]
         past.append(value)
         whole = int(late)
@@ -330,7 +330,7 @@ def _filtered(
     return ChannelParameters(
         chain.FILTERED,
         period,
-        # white noise in front of the filter, of such a size that its rms behind it is `noise`
+        # white noise ahead of the filter, scaled so that its RMS behind the filter is `noise`
         noise=noise * math.sqrt((1.0 + decay) / (1.0 - decay)),
         decay=decay,
         full_scale=full_scale,
@@ -340,19 +340,19 @@ def _filtered(
 
 
 def _yaw(s: Sensors, period: float) -> ChannelParameters:
-    """Heading: renewed at its own rate, on the grid of its converter."""
-    # the analog input is the finer one and has the converter's codes among its own
+    """Heading: updated at its own rate, rounded by its converter."""
+    # the analog input resolves more finely, and every code of the converter is one of its codes
     step = 2.0 * math.pi / 2.0 ** min(s.yaw_bits, s.daq_input_bits)
     return ChannelParameters(chain.HEADING, period, step=step, updates=s.yaw_update_rate * period, turns=1.0)
 
 
 def _ideal(channel: ChannelParameters) -> ChannelParameters:
-    """The same channel without a chain."""
+    """Channel that returns the true value."""
     return ChannelParameters(chain.IDEAL, channel.period, turns=channel.turns)
 
 
 def _sensor_fault(given: Fault, channels: Sequence[str]) -> SensorFault:
-    """A sensor fault on one of the named channels.
+    """Convert a sensor fault on one of the named channels for the kernel.
 
     Raises:
       UnknownNameError: The plant has no such channel, or there is no such mode.

@@ -17,14 +17,14 @@ from omnimj.simulate.scenario import checks
 from omnimj.simulate.scenario.scenario import Scenario
 
 METHODS = checks.METHODS
-"""Diagnosis methods: for missions, as published, none."""
+"""Diagnosis methods: the robust one for missions, the published one, and none."""
 
 RIG_METHODS = ("published", "off")
-"""Methods for the test rig, whose single wheel leaves nothing to decouple."""
+"""Methods for the test rig; its single wheel offers no redundancy to the robust method."""
 
 
 def require_known_method(method: str) -> None:
-    """Refuses an unknown method.
+    """Refuse an unknown method.
 
     Raises:
       UnknownNameError: No such method; the message lists the choices.
@@ -34,7 +34,7 @@ def require_known_method(method: str) -> None:
 
 
 def available_methods(scenario: Scenario) -> tuple[str, ...]:
-    """Methods that a scenario can be driven with.
+    """Methods available for a scenario, the default one first.
 
     There is no diagnosis at the kinematic level, and the published method is for one layout of wheels.
     """
@@ -47,13 +47,13 @@ def available_methods(scenario: Scenario) -> tuple[str, ...]:
 
 
 def default_method(scenario: Scenario) -> str:
-    """Method of a run that names none."""
+    """Method used when the user chooses none."""
     return available_methods(scenario)[0]
 
 
 @dataclass(frozen=True)
 class DetectorConfig:
-    """Nominal machine and floor that a detector assumes; patches and faults are unknown to it."""
+    """Nominal machine and floor that a detector assumes, and its options."""
 
     machine: Robot | Rig
     """Constants of the model file; its effects are ignored."""
@@ -71,13 +71,13 @@ class DetectorConfig:
 def make_detector(
     name: str, scenario: Scenario, thresholds: Thresholds | None = None
 ) -> RecordingDetector | None:
-    """Makes the detector of a method for the robot or rig of a scenario; None for `off`.
+    """Make the detector of a method for the robot or rig of a scenario; None for `off`.
 
-    It assumes the constants of the model file and the scenario's floor; patches and faults are unknown to it.
+    The detector assumes the constants of the model file and the scenario's floor, without patches and faults.
 
     Args:
       name: One of `METHODS`.
-      scenario: Its `[diagnosis]` table has the method's options.
+      scenario: Scenario, whose `[diagnosis]` table holds the method's options.
       thresholds: Thresholds of the robust method; the shipped ones when None.
 
     Raises:
@@ -93,7 +93,7 @@ def make_detector(
 
 
 def detector_for(name: str, config: DetectorConfig) -> RecordingDetector | None:
-    """Makes the detector of a method for a machine, with or without a scenario; None for `off`.
+    """Make the detector of a method for a machine, with or without a scenario; None for `off`.
 
     Raises:
       UnknownNameError: No such method.

@@ -1,4 +1,4 @@
-"""Judges the diagnoses of a run against the true faults: one rule for metrics and evaluation.
+"""Assessment of a run's diagnoses against the true faults: one rule for metrics and evaluation.
 
 A fault is active from its onset until `GRACE` after its end. Only kinds that a diagnosis can name count
 (`KINDS_OF_DIAGNOSIS`); payload, slope, misaligned axles, a different wheel radius and lost demands are not
@@ -30,9 +30,10 @@ from omnimj.plant.ground import Patch
 from omnimj.signals import KINDS_OF_DIAGNOSIS, Array, Trace
 
 GRACE = 0.5
-"""Time after its end in which a fault may be named, and total time that wrong diagnoses may stand [s]."""
+"""Time after the end of a fault in which it may still be named, and total time for which wrong diagnoses
+are tolerated [s]."""
 FREE_EQUIVALENT_LOSS = 0.95
-"""Loss of torque constant from which on a motor is indistinguishable from a free wheel."""
+"""Relative loss of torque constant above which a motor is indistinguishable from a free wheel."""
 
 Record = Mapping[str, Any]
 """A fault or a diagnosis as `metrics.json` holds it."""
@@ -49,7 +50,7 @@ class DiagnosisScore:
     without one."""
     isolated: bool | None
     """True if every fault was named individually and nothing else was, from the first onset on; wrong
-    diagnoses that stood for no longer than `GRACE` in total are tolerated. None without a fault."""
+    diagnoses are tolerated for a total time of `GRACE`. None without a fault."""
     false_alarms: int
     """Number of diagnoses that are not correct."""
     named: tuple[bool, ...] = ()
@@ -57,7 +58,7 @@ class DiagnosisScore:
 
 
 def judge_diagnoses(faults: Iterable[Record], diagnoses: Sequence[Record], wheels: int = 4) -> DiagnosisScore:
-    """Scores diagnoses against the true faults.
+    """Score diagnoses against the true faults.
 
     Args:
       faults: Records of `metrics.json`: kind, wheel, onset, end and the kind's own keys; one whose onset is
@@ -127,7 +128,7 @@ def _fault_labels(fault: Record, wheels: int) -> set[_Label]:
 
 
 def _diagnosis_labels(diagnosis: Record) -> set[_Label]:
-    """Labels that a diagnosis claims together."""
+    """Labels that a diagnosis claims jointly."""
     kind = diagnosis["kind"]
     if kind == "sensor":
         return {(kind, diagnosis.get("channel"))}
@@ -155,7 +156,7 @@ def _is_correct(diagnosis: Record, faults: Sequence[Record], wheels: int) -> boo
 def _isolates(diagnosis: Record, fault: Record, wheels: int) -> bool:
     """True if a correct diagnosis names this fault, without alternatives, while the fault is active.
 
-    An earlier diagnosis that still stands names a fault of the same kind and wheel that comes back.
+    A diagnosis that has not been cleared also names a fault of the same kind and wheel that recurs.
     """
     if diagnosis.get("ambiguous_with"):
         return False
@@ -174,7 +175,7 @@ class DiagnosisGroup:
     """Diagnoses of one kind, wheel and channel that match the same fault, or none."""
 
     diagnoses: tuple[Record, ...]
-    """In the order in which they were made; at least one."""
+    """Diagnoses in the order in which they were made; at least one."""
     onset: float | None
     """Onset of the fault that they name [s]; None for a false alarm."""
 
@@ -190,7 +191,7 @@ class DiagnosisGroup:
 
     @property
     def cleared(self) -> float | None:
-        """Time at which the last of them was cleared [s]; None while one stands."""
+        """Time at which the last of them was cleared [s]; None if one was never cleared."""
         ends = [inf if d.get("cleared") is None else float(d["cleared"]) for d in self.diagnoses]
         return None if max(ends) == inf else max(ends)
 
@@ -207,9 +208,9 @@ class FaultMatch:
     fault: Record
     """Record of `metrics.json`."""
     is_diagnosable: bool
-    """True if a diagnosis can name its kind, and it occurred."""
+    """True if the fault occurred and is of a kind that a diagnosis can name."""
     groups: tuple[DiagnosisGroup, ...]
-    """In the order of time; empty when the fault was missed."""
+    """Groups in the order of time; empty if the fault was missed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,7 +226,7 @@ class DiagnosisMatching:
 def match_diagnoses(
     faults: Iterable[Record], diagnoses: Sequence[Record], wheels: int = 4
 ) -> DiagnosisMatching:
-    """Matches each diagnosis to the faults that it names; one of several wheels may name several faults.
+    """Match each diagnosis to the faults that it names; one of several wheels may name several faults.
 
     Args:
       faults: As for `judge_diagnoses`.
@@ -246,7 +247,7 @@ def match_diagnoses(
 
 def _matches(diagnosis: Record, fault: Record, wheels: int) -> bool:
     if _end_of(diagnosis, "cleared") >= fault["onset"]:
-        # an earlier diagnosis that still stands names a fault of the same kind and wheel that comes back
+        # a diagnosis that has not been cleared also names a fault of the same kind and wheel that recurs
         diagnosis = {**diagnosis, "time": max(diagnosis["time"], fault["onset"])}
     parts = _single_wheel_parts(diagnosis, wheels)
     return any(judge_diagnoses([fault], [part], wheels).false_alarms == 0 for part in parts)
@@ -272,14 +273,14 @@ def _grouped(diagnoses: Sequence[Record], onset: float | None) -> tuple[Diagnosi
 def patch_records(
     trace: Trace, patches: Sequence[Patch], floor: str, wheel_positions: Array
 ) -> list[dict[str, Any]]:
-    """Records the intervals in which a wheel stood on a patch of another floor, as slip faults.
+    """Record the intervals in which a wheel stood on a patch of another floor, as slip faults.
 
     The contact of wheel i lies at (x, y) + R(heading) p_i. Where patches overlap, the last one counts.
 
     Args:
-      trace: With the truth columns `x`, `y`, `heading`; without them there are no records.
+      trace: Trace with the true `x`, `y`, `heading`; without these columns there are no records.
       patches: Patches of the scenario.
-      floor: The scenario's own floor; a patch of the same floor is no fault.
+      floor: Floor outside the patches; a patch of the same floor is no fault.
       wheel_positions: p_i, shape (n, 2) [m].
 
     Returns:

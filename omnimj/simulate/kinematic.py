@@ -1,7 +1,7 @@
 """The kinematic level of section 6.1: wheels follow their speeds at once, the body follows by a matrix.
 
-Inverse kinematics, the response of the wheels and the forward map are all linear, so that the whole robot is
-one 3×3 matrix from demanded to actual body twist; only its heading makes the path curved.
+Inverse kinematics, the response of the wheels and the forward map are all linear, so the whole robot is one
+3×3 matrix from demanded to actual body twist; only its heading makes the path curved.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ class KinematicCase:
     plant: str = "corrected"
     """`published`: twist = J V with J of Eq. 3.5 as printed; `corrected`: least squares of V = A·twist."""
     weights: tuple[float, ...] = ()
-    """W_i of Eq. 3.11 from `weights_from` on, all 1 before; empty: 1."""
+    """W_i of Eq. 3.11 from `weights_from` on, shape (n,); all are 1 before, and always if empty."""
     weights_from: float = 0.0
-    """[s]."""
+    """Time from which the weights apply [s]."""
     lost_wheel: int | None = None
-    """The wheel 1…n whose demand is lost."""
+    """Wheel 1…n whose demand is lost; None: no wheel."""
     lost_from: float = 0.0
-    """[s]."""
+    """Time from which the demand is lost [s]."""
     lost_wheel_turns_freely: bool = False
     """True if the lost wheel rolls without resistance; otherwise it stands still (V_i = 0) and drags."""
     misalignment: tuple[float, ...] = ()
-    """Angle by which each wheel is turned about its vertical, counter-clockwise [rad]; empty: 0."""
+    """Angle of each wheel about the vertical, counter-clockwise, shape (n,) [rad]; empty: 0."""
 
 
 class KinematicCommand(NamedTuple):
@@ -51,7 +51,7 @@ class KinematicCommand(NamedTuple):
     yaw_rate: float
     """[rad/s]."""
     frame: float | None
-    """Heading by which the velocity is rotated into the body frame [rad]; the robot's own when None."""
+    """Heading by which the velocity is rotated into the body frame [rad]; None: that of the robot."""
 
 
 class KinematicState(NamedTuple):
@@ -89,15 +89,15 @@ class KinematicPlant:
         start: tuple[float, float, float] = (0.0, 0.0, 0.0),
         yaw_gain: float = 0.0,
     ):
-        """A robot at its start.
+        """Put a robot at its start.
 
         Args:
           robot: Geometry.
           case: Kinematics, weights, faults.
           period: Control period [s].
           start: x, y [m] and heading [rad].
-          yaw_gain: K of the yaw-rate loop ω_c = ω_d + K (ω_d − ω) [1], which is at its fixed point since
-            nothing here has a lag; 0 is open loop.
+          yaw_gain: Gain K of the yaw-rate loop ω_c = ω_d + K (ω_d − ω) [1]; the loop is at its fixed point,
+            since nothing here has a lag. 0 is open loop.
 
         Raises:
           UnknownNameError: Unknown kinematics.
@@ -110,12 +110,12 @@ class KinematicPlant:
         self._pose, self._k = start, 0
 
     def reset(self) -> Any:
-        """Puts the robot at its start."""
+        """Put the robot at its start and return the first measurement."""
         self._pose, self._k = self._start, 0
         return KinematicState(0.0, self._pose[2])
 
     def step(self, command: Any) -> Any:
-        """Holds a `KinematicCommand` for one period."""
+        """Hold a `KinematicCommand` for one period and return the measurement at its end."""
         body, h, (x, y, heading) = self._bodies[self._key()], self.period, self._pose
         a = _rate(heading, command, body)
         b = _rate(heading + 0.5 * h * a[2], command, body)
@@ -128,7 +128,7 @@ class KinematicPlant:
         return KinematicState(self._k * h, self._pose[2])
 
     def truth(self) -> Array:
-        """x, y [m] and heading [rad]."""
+        """True x, y [m] and heading [rad], shape (3,)."""
         return np.array(self._pose)
 
     def response(self, command: KinematicCommand) -> Array:
@@ -141,7 +141,7 @@ class KinematicPlant:
         return np.concatenate([phase.body @ demand, phase.wheels @ demand / self._radius])
 
     def close(self) -> None:
-        """Holds nothing."""
+        """Do nothing: there is nothing to release."""
 
     def _key(self) -> tuple[bool, bool]:
         now = self._k * self.period + 1e-9
@@ -149,7 +149,7 @@ class KinematicPlant:
 
 
 class _FollowTwists:
-    """Policy that gives the samples of a reference one after the other."""
+    """Policy that commands the samples of a reference in turn."""
 
     names = ("time",)
 
@@ -178,18 +178,18 @@ def drive_kinematic(
     callbacks: Callbacks = NO_CALLBACKS,
     about: Mapping[str, Any] | None = None,
 ) -> Trace:
-    """Drives a reference at the kinematic level.
+    """Drive a robot along a reference at the kinematic level.
 
     Args:
       plant: Reset by this call, to the first sample of the reference.
       reference: Planned motion, sampled at the plant's period.
-      heading_feedback: Whether demands are rotated by the robot's own heading, not by the planned one.
-      callbacks: For progress and live view.
+      heading_feedback: Whether demands are rotated by the robot's heading instead of the planned one.
+      callbacks: Callbacks for progress and live view.
       about: Description of the run.
 
     Returns:
       Columns time, x, y, heading, twist_x, twist_y, twist_yaw, wheel_speed_i and `TARGET_NAMES`; described as
-      by `loop.record`.
+      in `loop.record`.
     """
     policy = _FollowTwists(plant, reference, heading_feedback)
     return record(plant, policy, plant.reset(), len(reference.time), callbacks, about)

@@ -1,4 +1,4 @@
-"""Drives a plant step by step: one generator for recorded runs, the test rig, driving by hand and hardware.
+"""Loop that steps a plant: one generator for recorded runs, the test rig, driving by hand and hardware.
 
 A policy decides the command of every control period from the measurement; the plant, a simulation or
 hardware, holds it for one period. Row k of a recording holds what was measured at t_k, the set currents, the
@@ -25,15 +25,15 @@ from omnimj.signals import Array, CurrentCommand, Diagnosis, Measurement, Refere
 SNAPSHOT_PERIOD = 0.02
 """Time between two poses of the 3-D recording [s]."""
 LARGEST_TRUTH = 1e10
-"""Bound on every number of the truth, whatever its unit: MuJoCo, too, stops beyond it."""
+"""Largest magnitude of every true value, in any unit; MuJoCo stops beyond it as well."""
 TARGET_NAMES = ("target_x", "target_y", "target_heading", "target_velocity_x", "target_velocity_y")
-"""Columns of the reference, world frame: m, m, rad, m/s, m/s; the yaw-rate target is in the log."""
+"""Column names of the reference, world frame: m, m, rad, m/s, m/s; the yaw-rate target is in the log."""
 
 _PROGRESS_EVERY = 100  # [rows]
-_LONG_STEP = 0.1  # [s]; in a longer step code is compiled, or the machine is suspended
+_LONG_STEP = 0.1  # [s]; a longer step means that code was compiled or the machine suspended
 
 Progress = Callable[[int, int], None]
-"""Called with the number of finished rows and of all rows."""
+"""Called with the number of finished rows and the total number of rows."""
 Snapshot = Callable[[float, Array], None]
 """Called every `SNAPSHOT_PERIOD` with the time [s] and the plant's pose (the twin's qpos)."""
 Rows = Callable[[tuple[str, ...], Array], None]
@@ -57,36 +57,36 @@ NO_CALLBACKS = Callbacks()
 
 
 class Policy(Protocol):
-    """Decides the command of every control period and fills its part of the row.
+    """Source of the command of every control period, which also fills its part of each row.
 
-    A row is `names`, the plant's truth, `target_names`.
+    A row consists of `names`, the plant's truth and `target_names`.
     """
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Columns before the plant's truth, beginning with `time`."""
+        """Column names before the plant's truth, beginning with `time`."""
         ...
 
     @property
     def target_names(self) -> tuple[str, ...]:
-        """Columns after the plant's truth."""
+        """Column names after the plant's truth."""
         ...
 
     def command(self, measurement: Any, row: Array) -> CurrentCommand | None:
         """Command for the coming period; None ends the run.
 
         Args:
-          measurement: The newest one of the plant.
-          row: Filled with the columns of `names` at its beginning and of `target_names` at its end.
+          measurement: Newest measurement of the plant.
+          row: Row to fill: the columns of `names` at its beginning, those of `target_names` at its end.
         """
         ...
 
 
 class Ending:
-    """Context manager that makes values of Ctrl-C and failures of the plant, so that all rows are kept."""
+    """Context manager that keeps Ctrl-C and failures of the plant as values, so that no row is lost."""
 
     def __init__(self, *failures: type[Exception]):
-        """Exceptions of these kinds count as failures of the plant; all others pass through."""
+        """Treat exceptions of these types as failures of the plant; all others propagate."""
         self._failures = failures
         self.interrupted = False
         """True if Ctrl-C ended the run."""
@@ -106,7 +106,7 @@ class Ending:
 
 
 def column_names(plant: Plant, policy: Policy) -> tuple[str, ...]:
-    """Columns of a row.
+    """Column names of a row: the policy's, those of the plant's truth, the policy's targets.
 
     Raises:
       ValueError: Two columns share a name.
@@ -120,23 +120,23 @@ def column_names(plant: Plant, policy: Policy) -> tuple[str, ...]:
 def steps(
     plant: Plant, policy: Policy, measurement: Any, table: Array, limit: int | None = None
 ) -> Iterator[int]:
-    """Steps a plant under a policy, one row per control period.
+    """Step a plant under a policy, one row per control period.
 
     Row k goes to `table[k % len(table)]`, so that a short table serves a run without a planned end. Each row
-    is yielded before the plant takes the next step, so that the caller may wait, look or stop.
+    is yielded before the plant takes the next step, so that the caller may wait, inspect it or stop.
 
     Args:
-      plant: Has been reset.
-      policy: Gives the commands.
-      measurement: The plant's first one.
-      table: Written in place, shape (rows, columns) with the columns of `column_names`.
+      plant: Plant that has been reset.
+      policy: Source of the commands.
+      measurement: First measurement of the plant.
+      table: Filled in place, shape (rows, columns), with the columns of `column_names`.
       limit: Number of rows after which the run ends; when None, the policy ends it.
 
     Yields:
       The number of rows so far.
 
     Raises:
-      SimulationError: The truth is not finite or beyond `LARGEST_TRUTH`; errors of the plant pass through.
+      SimulationError: The truth is not finite or beyond `LARGEST_TRUTH`; errors of the plant propagate.
     """
     truth_names, first = plant.truth_names, len(policy.names)
     last, done = first + len(truth_names), 0
@@ -152,7 +152,7 @@ def steps(
 
 
 def _check_truth(names: tuple[str, ...], truth: list[float]) -> None:
-    """Refuses numbers that are not finite or beyond `LARGEST_TRUTH`; plain floats are fastest for so few."""
+    """Refuse numbers that are not finite or beyond `LARGEST_TRUTH`; plain floats are fastest for so few."""
     if (
         math.isfinite(sum(truth))
         and max(truth, default=0.0) <= LARGEST_TRUTH
@@ -168,7 +168,7 @@ def _check_truth(names: tuple[str, ...], truth: list[float]) -> None:
 
 
 def take_snapshot(plant: Plant, snapshot: Snapshot | None) -> Callable[[int, float], None]:
-    """Function of (rows so far, time [s]) that passes on the plant's pose every `SNAPSHOT_PERIOD`."""
+    """Function of (rows so far, time [s]) that calls `snapshot` with the pose every `SNAPSHOT_PERIOD`."""
     pose, every = getattr(plant, "pose", None), max(1, round(SNAPSHOT_PERIOD / plant.period))
     if snapshot is None or pose is None:
         return lambda done, now: None
@@ -188,18 +188,18 @@ def record(
     callbacks: Callbacks = NO_CALLBACKS,
     about: Mapping[str, Any] | None = None,
 ) -> Trace:
-    """Runs a policy for a number of control periods and returns what was recorded.
+    """Run a policy for a number of control periods and return the recorded trace.
 
-    Whatever ends the run early keeps the rows before it: `about["interrupted"]` is then true. When the plant
-    failed, `about["failure"]` says when and why; otherwise it is None.
+    A run that ends early keeps its rows, and `about["interrupted"]` is then true. If the plant failed,
+    `about["failure"]` holds time and reason; otherwise it is None.
 
     Args:
-      plant: Has been reset; the caller closes it.
-      policy: Gives the commands.
-      measurement: The plant's first one.
-      rows: Control periods.
-      callbacks: For progress and live view.
-      about: Description of the run; the trace has it beside `realtime_factor`, `interrupted`, `failure`.
+      plant: Plant that has been reset; the caller closes it.
+      policy: Source of the commands.
+      measurement: First measurement of the plant.
+      rows: Number of control periods.
+      callbacks: Callbacks for progress and live view.
+      about: Description of the run, to which `realtime_factor`, `interrupted` and `failure` are added.
     """
     names = column_names(plant, policy)
     # filled before the clock runs: the first touch of lazily allocated memory takes up to 8 ms in a row
@@ -230,7 +230,7 @@ def _report(callbacks: Callbacks, names: tuple[str, ...], table: Array, done: in
 
 
 class _Stopwatch:
-    """Wall time without the steps in which code was compiled."""
+    """Wall time, excluding the steps in which code was compiled."""
 
     def __init__(self) -> None:
         self._begin = self._last = time.perf_counter()
@@ -246,11 +246,11 @@ class _Stopwatch:
 
 
 class ControllerState(Protocol):
-    """State of a controller, as far as the loop reads it."""
+    """Part of a controller's state that the loop reads."""
 
     @property
     def log(self) -> Array:
-        """Numbers of the last step, aligned with the controller's `log_names`."""
+        """Logged values of the last step, aligned with the controller's `log_names`."""
         ...
 
     @property
@@ -260,12 +260,12 @@ class ControllerState(Protocol):
 
     @property
     def time_scaling(self) -> float:
-        """Rate at which the plan runs from now on, 1: as planned, 0: stopped."""
+        """Rate at which the plan proceeds from now on; 1: as planned, 0: stopped."""
         ...
 
 
 class Controller(Protocol):
-    """A controller as a pure function: state goes in and comes out, the loop keeps it."""
+    """A controller as a pure function: the loop keeps its state and passes it to every step."""
 
     @property
     def log_names(self) -> tuple[str, ...]:
@@ -277,21 +277,21 @@ class Controller(Protocol):
         ...
 
     def step(self, state: Any, measurement: Measurement, target: Target) -> tuple[CurrentCommand, Any]:
-        """Command for the coming period, and the state after it."""
+        """Command for the coming period, and the state after the step."""
         ...
 
 
 class ControllerRow:
-    """Columns of a robot under a controller: time, measured channels, set currents, the controller's log."""
+    """Row of a robot under a controller: time, measured channels, set currents, the controller's log."""
 
     def __init__(self, wheels: int, log_names: tuple[str, ...]):
-        """Rows of a robot with so many wheels."""
+        """Name the columns for this number of wheels."""
         targets = (f"current_target_{i}" for i in range(1, wheels + 1))
         self.names = ("time", *robot_channels(wheels), *targets, *log_names)
         self._wheels, self._first, self._end = wheels, 3 * wheels + 5, 3 * wheels + 5 + len(log_names)
 
     def fill(self, row: Array, measured: Measurement, command: CurrentCommand, log: Array) -> None:
-        """Writes the columns of `names` into the beginning of a row."""
+        """Write the columns of `names` into the beginning of a row."""
         n = self._wheels
         row[0] = measured.time
         row[1 : n + 1] = measured.current
@@ -304,7 +304,7 @@ class ControllerRow:
 
 
 class _FollowReference:
-    """Policy of a controller that follows a reference at the time scaling that it asks for."""
+    """Policy in which a controller follows a reference at the time scaling that it requests."""
 
     target_names = TARGET_NAMES
 
@@ -338,16 +338,16 @@ def drive(
     callbacks: Callbacks = NO_CALLBACKS,
     about: Mapping[str, Any] | None = None,
 ) -> Trace:
-    """Drives a robot along a reference, one control period per sample.
+    """Drive a robot along a reference, one control period per sample.
 
-    The plan runs at the time scaling that the controller asks for: at one half the robot gets every sample
-    for two steps, at half the speed.
+    The plan proceeds at the time scaling that the controller requests: at 0.5 the robot gets every sample for
+    two steps, at half the speed.
 
     Args:
       plant: Reset by this call; the caller closes it.
-      controller: Gets measurements and targets, never the truth.
-      reference: Sampled at the plant's period.
-      callbacks: For progress and live view.
+      controller: Receives measurements and targets, never the truth.
+      reference: Reference sampled at the plant's period.
+      callbacks: Callbacks for progress and live view.
       about: Description of the run.
 
     Returns:
@@ -363,7 +363,7 @@ def drive(
 
 
 class _ReplayCurrents:
-    """Policy that gives a rig its set currents one after the other, with a fault detector beside it."""
+    """Policy that applies set currents to a rig in turn while a fault detector observes it."""
 
     target_names = ()
 
@@ -386,10 +386,10 @@ class _ReplayCurrents:
 
 
 def require_complete(trace: Trace, name: str) -> None:
-    """Raises what ended a recorded run early.
+    """Raise the failure or interruption that ended a recorded run early.
 
     Args:
-      trace: From `record`, `drive` or `drive_rig`.
+      trace: Trace from `record`, `drive` or `drive_rig`.
       name: Name of the run in messages.
 
     Raises:
@@ -409,14 +409,14 @@ def drive_rig(
     about: Mapping[str, Any] | None = None,
     detector: FaultDetector | None = None,
 ) -> Trace:
-    """Drives the test rig with given currents, as the identification tests do.
+    """Drive the test rig with given currents, as the identification tests do.
 
     Args:
       plant: Reset by this call; the caller closes it.
       current: Set value per control period, shape (k,) [A].
-      callbacks: For progress and live view.
+      callbacks: Callbacks for progress and live view.
       about: Description of the run.
-      detector: Diagnoses the run without acting on it.
+      detector: Fault detector that diagnoses the run without acting on it.
 
     Returns:
       Columns of the measured channels, `current_target`, the detector's log and the plant's truth; described

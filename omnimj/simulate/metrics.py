@@ -33,7 +33,7 @@ def distance_to_path(points: Array, path: Array) -> Array:
 
 
 def _to_segment(p: Array, a: Array, b: Array) -> Array:
-    """Distance of each p to its own segment ab; a segment of length 0 is its point."""
+    """Distance of each p to its own segment ab, shape (k,) [m]; a segment may have length 0."""
     ab, ap = b - a, p - a
     length2 = np.sum(ab * ab, axis=1)
     t = np.clip(np.sum(ap * ab, axis=1) / np.where(length2 > 0.0, length2, 1.0), 0.0, 1.0)
@@ -41,13 +41,13 @@ def _to_segment(p: Array, a: Array, b: Array) -> Array:
 
 
 DIAGNOSIS_UNITS = {"detection_delay": "s", "isolated": "", "false_alarms": ""}
-"""Metrics of the diagnoses; `isolated` is 1 where exactly the true faults were named."""
+"""Metrics of the diagnoses; `isolated` is 1 if exactly the true faults were named."""
 _EXTENSION = 1.0  # [m] of straight path beyond a plan that is still moving
 _SPEED_UNITS = {"final_speed": "m/s", "mean_speed": "m/s", "peak_speed": "m/s"}
 
 
 def metric_units(plant: str, wheels: int, has_path: bool, kinematic: bool) -> dict[str, str]:
-    """Names and units of the metrics of a scenario; its `[checks]` choose among them.
+    """Names and units of the metrics of a scenario, which its `[checks]` may bound.
 
     Args:
       plant: `uto_robot` or `quarter_rig`.
@@ -68,10 +68,10 @@ def metric_units(plant: str, wheels: int, has_path: bool, kinematic: bool) -> di
 
 
 def compute_metrics(trace: Trace, names: Mapping[str, str]) -> dict[str, float | None]:
-    """Computes the metrics of a run; None for those whose columns the trace lacks.
+    """Compute the metrics of a run; a metric is None if the trace lacks its columns.
 
     Args:
-      trace: At least one row, with columns of robot or rig.
+      trace: Trace of a robot or rig with at least one row.
       names: Metrics to return, from `metric_units`.
 
     Returns:
@@ -104,7 +104,7 @@ def _rms(values: Array) -> float:
 
 
 def _heading_metrics(trace: Trace) -> dict[str, float | None]:
-    """From the true heading where there is one, otherwise from the measured one; either may wrap."""
+    """Metrics of the true heading where there is one, otherwise of the measured one; either may wrap."""
     column = "heading" if "heading" in trace else "yaw"
     if column not in trace or "target_heading" not in trace:
         return {}
@@ -138,7 +138,7 @@ def _extended(planned: Array) -> Array:
 
 
 def _speed_metrics(trace: Trace) -> dict[str, float | None]:
-    """Speed of the centre or the carriage: the true one, or the one of the rig's encoder."""
+    """Metrics of the speed of centre or carriage: the true speed, or that of the rig's encoder."""
     if "twist_x" in trace:
         speed = np.hypot(trace["twist_x"], trace["twist_y"])
     elif "true_carriage_speed" in trace:

@@ -27,8 +27,8 @@ def plant_name(scenario: Scenario, choice: str | None) -> str:
     """Name of the plant to run on: `twin` by default, `kinematic` for a kinematic scenario.
 
     Args:
-      scenario: What is to be driven.
-      choice: Name of the plant that the user chose, if any.
+      scenario: Scenario to drive.
+      choice: Name of the plant that the user chose; None for the default.
 
     Raises:
       InputError: An invalid address, or a plant with forces for a scenario at the kinematic level.
@@ -48,12 +48,12 @@ def plant_name(scenario: Scenario, choice: str | None) -> str:
 
 
 def make_plant(scenario: Scenario, name: str, seed: int, link: LinkOptions | None = None) -> Plant:
-    """Makes the plant of a scenario at the physics level, with its floor, faults and patches.
+    """Make the plant of a scenario at the physics level, with its floor, faults and patches.
 
-    On hardware, floor, faults and patches are those of the real robot, whatever the scenario says.
+    On hardware, floor, faults and patches are those of the real robot, not those of the scenario.
 
     Args:
-      scenario: Its constants come from its model file.
+      scenario: Scenario, with the constants of its model file.
       name: `twin`, `planar`, or the address of a device.
       seed: Seed of the sensor noise.
       link: Options of a link to a device; the defaults when None.
@@ -73,7 +73,7 @@ def make_plant(scenario: Scenario, name: str, seed: int, link: LinkOptions | Non
 
 
 def make_kinematic_plant(scenario: Scenario) -> KinematicPlant:
-    """Plant of a robot scenario at the kinematic level, at the first sample of its reference."""
+    """Make the kinematic plant of a robot scenario, at the first sample of its reference."""
     robot, drive = scenario.robot, scenario.robot_drive
     assert scenario.kinematics is not None
     start = (*drive.reference.position[0].tolist(), float(drive.reference.heading[0]))
@@ -106,7 +106,7 @@ def _make_robot(scenario: Scenario, name: str, seed: int) -> Plant:
 def make_robot_plant(
     kind: str, robot: Robot, floor: str, floors: Mapping[str, Floor], **options: Any
 ) -> Plant:
-    """Makes a simulated robot; MuJoCo is loaded for the twin only.
+    """Make a simulated robot; MuJoCo is loaded for the twin only.
 
     Args:
       kind: `twin` or `planar`.
@@ -125,7 +125,7 @@ def make_robot_plant(
 
 
 def make_rig_plant(kind: str, rig: Rig, floor: str, floors: Mapping[str, Floor], **options: Any) -> Plant:
-    """Makes a simulated rig; MuJoCo is loaded for the twin only.
+    """Make a simulated rig; MuJoCo is loaded for the twin only.
 
     Args:
       kind: `twin` or `planar`.
@@ -153,18 +153,18 @@ class LinkOptions:
     """Options of a link to a device."""
 
     key_file: Path | None = None
-    """Key that authenticates the frames."""
+    """File with the key that authenticates the frames; None for a link without a key."""
     lock_step: bool = False
-    """Lock step: the device waits for each command, as opposed to real time."""
+    """True if the device waits for each command (lock step); False for real time."""
     mode: LinkMode = LinkMode.DRIVE
     reset_fault: bool = False
-    """Acknowledges and resets a fault that the device has latched."""
+    """True to reset a fault that the device has latched."""
     log_to: Path | None = None
-    """New file to which every frame is written."""
+    """New file for the log of all frames; None for no log."""
 
 
 def check_link_scenario(scenario: Scenario, address: str) -> None:
-    """Checks that a scenario can be driven over a link.
+    """Check that a scenario can be driven over a link.
 
     Raises:
       InputError: An invalid address, or a scenario without a robot that is driven by currents.
@@ -176,12 +176,12 @@ def check_link_scenario(scenario: Scenario, address: str) -> None:
 
 
 def make_hardware_plant(scenario: Scenario, address: str, options: LinkOptions) -> HardwarePlant:
-    """Opens the link to the robot at an address; nothing is sent yet.
+    """Open the link to the robot at an address; nothing is sent yet.
 
     Args:
-      scenario: Its model file says how the robot is wired.
+      scenario: Scenario whose model file describes the wiring of the robot.
       address: `serial:…` or `udp:…`.
-      options: Of the link.
+      options: Options of the link.
 
     Raises:
       InputError: No [hardware] in the model file, a wrong key file, or a port that cannot be opened.

@@ -1,4 +1,4 @@
-"""Runs a scenario: puts plant, detector, controller and loop together, and takes the metrics."""
+"""Run a scenario: build plant, detector and controller, drive them in the loop, compute the metrics."""
 
 from __future__ import annotations
 
@@ -40,14 +40,14 @@ _WARM_UP_TIME = 4.0  # [s]
 
 @dataclass(frozen=True)
 class PoseTrack:
-    """Poses of the twin through a run, for the 3-D recording."""
+    """Poses of the twin during a run, for the 3-D recording."""
 
     mj_model: Any
     """The twin's compiled model."""
     time: Array
     """Shape (m,) [s]."""
     position: Array
-    """Generalised positions, shape (m, nq)."""
+    """Generalised positions qpos of MuJoCo, shape (m, nq)."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class RunResult:
 
 @dataclass
 class _PoseRecorder:
-    """Collects snapshots and passes them on."""
+    """Collector of the plant's poses, which also passes them on."""
 
     forward: Snapshot | None
     times: list[float] = field(default_factory=list)
@@ -97,22 +97,22 @@ def run_scenario(
     link: LinkOptions | None = None,
     truth: Scenario | None = None,
 ) -> RunResult:
-    """Drives a scenario once.
+    """Drive a scenario once and compute its metrics.
 
     Args:
-      scenario: From `read_scenario`.
-      plant: `twin`, `planar`, or the address of a device; by the scenario's level when None.
+      scenario: Scenario from `read_scenario`.
+      plant: `twin`, `planar`, or the address of a device; chosen by the scenario's level when None.
       method: Diagnosis method: `robust`, `published` or `off`.
       seed: Seed of the sensor noise.
       callbacks: For progress and live view.
       thresholds: Thresholds of the robust method; the shipped ones when None.
       link: Options of a link to a device; the defaults when None.
-      truth: The same scenario with other constants or floors, of which the plant is made, while controller
-        and detector use the nominal ones of `scenario`; the same as `scenario` when None.
+      truth: Same scenario with other constants or floors for the plant, while controller and detector
+        assume the nominal ones of `scenario`; None: `scenario` itself.
 
     Returns:
-      Trace, metrics and poses; when Ctrl-C or a failure (`trace.about["failure"]`) ended the run early, with
-      what was recorded until then.
+      Trace, metrics and poses; if Ctrl-C or a failure (`trace.about["failure"]`) ended the run early, they
+      cover the rows recorded until then.
 
     Raises:
       InputError: A plant or method that does not exist or does not fit the scenario.
@@ -174,7 +174,7 @@ def _drive(
 
 
 def make_controller(scenario: Scenario) -> Controller:
-    """Controller of a robot scenario, with the loops that its `[drive]` table switches on."""
+    """Make the controller of a robot scenario, with the loops that its `[drive]` table switches on."""
     drive = scenario.robot_drive
     return Controller(
         scenario.robot,
@@ -188,11 +188,11 @@ def make_controller(scenario: Scenario) -> Controller:
 def make_diagnosing_controller(
     scenario: Scenario, detector: FaultDetector | None
 ) -> Controller | FaultTolerantController:
-    """Controller with a fault detector, and with recovery where the detector leaves that to it.
+    """Make a controller with a fault detector and, for the robust method, with recovery.
 
     Args:
       scenario: A robot scenario; its `[diagnosis]` table may switch recovery off.
-      detector: From `make_detector`; None: the cascade alone.
+      detector: Detector from `make_detector`; None: the cascade alone.
     """
     controller = make_controller(scenario)
     if detector is None:
@@ -212,14 +212,14 @@ def make_diagnosing_controller(
 
 
 def warm_up(scenario: Scenario, controller: LoopController) -> None:
-    """Runs a controller through two faults in a quick simulation, which loads all its compiled code.
+    """Run a controller through two faults in a short simulation, to load all its compiled code.
 
     Loading a kernel takes many control periods, and a robot driven in real time does not wait. A controller
-    keeps no state, so that the simulation leaves none behind.
+    keeps no state, so the simulation leaves no trace in it.
 
     Args:
       scenario: A robot scenario.
-      controller: Made for it.
+      controller: Controller of that scenario.
 
     Raises:
       KeyboardInterrupt: Ctrl-C ended the simulation.

@@ -21,13 +21,13 @@ from omnimj.simulate.scenario.tables import kinematic_faults
 def summarize(scenario: Scenario, trace: Trace) -> dict[str, Any]:
     """Content of `metrics.json`.
 
-    An interrupted run has not passed, whatever its checks give. On hardware the truth is unknown: `faults` is
+    An interrupted run never passes, whatever its checks yield. On hardware the truth is unknown: `faults` is
     empty, `scenario_faults` lists the faults of the scenario file, which hold only if the device emulates the
     same scenario, and checks that need the truth are not judged.
 
     Args:
       scenario: The scenario that was driven.
-      trace: At least one row; `about` has plant, method, seed, realtime_factor and interrupted.
+      trace: Trace of at least one row; its `about` has plant, method, seed, realtime_factor and interrupted.
     """
     about, has_truth = trace.about, "link" not in trace.about
     faults = true_faults(scenario, trace)
@@ -64,7 +64,7 @@ def summarize(scenario: Scenario, trace: Trace) -> dict[str, Any]:
 
 
 def true_faults(scenario: Scenario, trace: Trace) -> list[dict[str, Any]]:
-    """All faults of the run, by onset: those by time, those by place, and lost demands."""
+    """Faults of the run in the order of onset: scheduled ones, slip on patches, and lost demands."""
     records = [fault_record(fault) for fault in scenario.faults]
     records += patch_records(trace, scenario.patches, scenario.floor, scenario.wheel_positions)
     if scenario.kinematics is not None:
@@ -73,7 +73,7 @@ def true_faults(scenario: Scenario, trace: Trace) -> list[dict[str, Any]]:
 
 
 def write_metrics(path: Path, metrics: Mapping[str, Any]) -> None:
-    """Writes `metrics.json`; the file is complete or does not exist."""
+    """Write `metrics.json`; the file is complete or does not exist."""
     with atomic_file(path) as temporary:
         temporary.write_text(json.dumps(metrics, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
@@ -81,7 +81,7 @@ def write_metrics(path: Path, metrics: Mapping[str, Any]) -> None:
 def _diagnosis(
     faults: Sequence[Mapping[str, Any]], diagnoses: Sequence[Mapping[str, Any]], wheels: int
 ) -> dict[str, Any]:
-    """Diagnoses and their scores; empty without a detector."""
+    """Entries for the diagnoses and their scores; empty without a detector."""
     score = judge_diagnoses(faults, diagnoses, wheels)
     return {
         "diagnoses": [_plain(diagnosis) for diagnosis in diagnoses],

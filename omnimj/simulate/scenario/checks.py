@@ -12,7 +12,7 @@ from omnimj.parameters.reading import Rule, check_number
 
 BOUNDS = ("min", "max")
 METHODS = ("robust", "published", "off")
-"""Diagnosis methods; each may have checks of its own."""
+"""Diagnosis methods; each may have its own checks."""
 
 _ANY = Rule(-math.inf, math.inf, False)
 
@@ -26,7 +26,7 @@ class Check:
     bound: str
     """`max`: the metric may not be above the limit; `min`: not below."""
     limit: float
-    """In the metric's SI unit."""
+    """Limit in the metric's SI unit."""
     method: str | None = None
     """Method to which the check is limited; any when None."""
 
@@ -39,7 +39,7 @@ class CheckResult:
     value: float | None
     """Value of the metric; None where the run has none."""
     judged: bool = True
-    """False for a metric that needs the truth where the truth is unknown."""
+    """False if the metric needs the truth and the truth is unknown."""
 
     @property
     def ok(self) -> bool:
@@ -68,7 +68,7 @@ def _read_bounds(place: str, name: str, entry: Any, method: str | None) -> list[
 def read_checks(
     table: Any, place: str, metrics: tuple[str, ...], method: str | None = None
 ) -> tuple[Check, ...]:
-    """Reads the `[checks]` table: `metric = limit` (largest value), or `metric = { min = …, max = … }`.
+    """Read the `[checks]` table: `metric = limit` (largest value), or `metric = { min = …, max = … }`.
 
     A table `[checks.robust]` has further checks for that method.
 
@@ -101,12 +101,12 @@ def evaluate_checks(
     method: str = "off",
     unknown: Collection[str] = (),
 ) -> tuple[CheckResult, ...]:
-    """Evaluates the checks of a method for the metrics of a run, in the order of the scenario file.
+    """Evaluate the checks of a method for the metrics of a run, in the order of the scenario file.
 
     Args:
       checks: Checks of the scenario.
       metrics: Metrics of the run by name.
-      method: Method that diagnosed.
+      method: Diagnosis method of the run.
       unknown: Names of metrics that need the unknown truth; they are not judged.
     """
     own = (check for check in checks if check.method in (None, method))

@@ -37,16 +37,16 @@ _PATHS: Mapping[str, tuple[tuple[str, ...], Callable[[DriveTable, Array], Array]
     }
 )
 KINDS = (*_FREE, *_PATHS)
-"""Names of the kinds of drive."""
+"""Kinds of drive."""
 DRIVE_KEYS = tuple(
     dict.fromkeys([*_COMMON_KEYS, *(key for keys, _ in (*_FREE.values(), *_PATHS.values()) for key in keys)])
 )
-"""Keys of all kinds of drive."""
+"""Keys of the `[drive]` table over all kinds of drive."""
 
 
 @dataclass(frozen=True)
 class Drive:
-    """A planned motion, its start, and the loops that follow it."""
+    """Planned motion, start, and the control loops that are switched on."""
 
     reference: Reference
     """One sample per control step, the first at time 0, the last at the end of the run."""
@@ -66,7 +66,7 @@ class Drive:
 
 
 def read_drive(table: Any, place: str, duration: float, period: float) -> Drive:
-    """Converts a `[drive]` table to a reference.
+    """Convert a `[drive]` table to a reference.
 
     Position, velocity and heading are consistent: velocity k, held for one control period, leads from
     position k to position k+1, and the yaw rate likewise.

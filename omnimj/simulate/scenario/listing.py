@@ -1,4 +1,4 @@
-"""Shipped scenarios; imports nothing heavy, so that they are listed at once."""
+"""Shipped scenarios; a module without slow imports, so that they are listed at once."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ def list_scenarios() -> dict[str, str]:
 
 
 def find_scenario(name_or_path: str | Path) -> Path:
-    """Finds the file of a shipped scenario by name, or any TOML file by path.
+    """Find the file of a shipped scenario by name, or any TOML file by path.
 
-    A text with a folder or with the suffix `.toml` is a path.
+    A text that contains a folder or ends in `.toml` is a path.
 
     Raises:
       InputError: No file has this path.

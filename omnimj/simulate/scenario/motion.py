@@ -49,14 +49,14 @@ WAYPOINT_KEYS = (*_SPEED_KEYS, "points")
 
 @dataclass(frozen=True)
 class Trapezoid:
-    """Trapezoid of speed: accelerates from rest, cruises, decelerates to rest."""
+    """Trapezoidal speed profile: acceleration from rest, cruise, deceleration to rest."""
 
     speed: float
     """Cruising speed, not negative [m/s] (or rad/s)."""
     acceleration: float
-    """Positive [m/s²]."""
+    """Magnitude, positive [m/s²]."""
     deceleration: float
-    """Positive [m/s²]."""
+    """Magnitude, positive [m/s²]."""
     cruise_time: float
     """Time at constant speed; may be infinite [s]."""
 
@@ -66,10 +66,10 @@ class Trapezoid:
         return self.speed / self.acceleration + self.cruise_time + self.speed / self.deceleration
 
     def distance_at(self, time: Array) -> Array:
-        """s(t) = ∫ v dt, 0 before the start and constant after the end, shape (k,) [m].
+        """Distance s(t) = ∫ v dt, 0 before the start and constant after the end, shape (k,) [m].
 
         Args:
-          time: From the start, shape (k,) [s].
+          time: Time from the start, shape (k,) [s].
         """
         rise, fall = self.speed / self.acceleration, self.speed / self.deceleration
         up = np.clip(time, 0.0, rise)
@@ -96,8 +96,8 @@ def chained_distance(motions: Sequence[Trapezoid], time: Array) -> Array:
     """Total distance of consecutive motions, shape (k,) [m].
 
     Args:
-      motions: Each starts when the previous one has ended.
-      time: From the start of the first, shape (k,) [s].
+      motions: Motions, each of which starts when the previous one has ended.
+      time: Time from the start of the first motion, shape (k,) [s].
     """
     total, start = np.zeros_like(time), 0.0
     for motion in motions:
@@ -163,7 +163,7 @@ class DriveTable:
         return up, self.number("deceleration", ACCELERATION, up)
 
     def at_most_one(self, first: str, second: str) -> None:
-        """Refuses two keys that exclude each other."""
+        """Refuse two keys that exclude each other."""
         if first in self and second in self:
             raise InputError(self.place, f"has both '{first}' and '{second}'", "give one of them")
 
@@ -187,7 +187,7 @@ def directions(count: int = 24) -> Array:
 
 
 def profile(table: DriveTable, time: Array) -> tuple[Array, Array]:
-    """Motion of kind `profile`: straight at a trapezoid of speed, with a turn if there is a `yaw_rate`.
+    """Motion of kind `profile`: a straight line at a trapezoidal speed, with a turn if there is a `yaw_rate`.
 
     The direction is fixed in the world, independent of the heading. Without `cruise_time` and
     `distance` the robot cruises to the end of the run, and so does a turn without `yaw_cruise_time` and
@@ -235,8 +235,9 @@ def hold(table: DriveTable, time: Array) -> tuple[Array, Array]:
 def circle(table: DriveTable, time: Array) -> Array:
     """Planned positions of kind `circle`, shape (k, 2) [m], at times of shape (k,) [s].
 
-    Starts at `start` (a point of the circle) or `start_angle` (as seen from its centre, default 0). Runs at
-    constant speed with `lap_time`, otherwise from rest to rest with `speed` and `acceleration` on the path.
+    The motion starts at `start` (a point of the circle) or `start_angle` (as seen from its centre, default
+    0). It has constant speed with `lap_time`; otherwise it goes from rest to rest with `speed` and
+    `acceleration` on the path.
     """
     radius = 0.5 * table.number("diameter", LENGTH)
     center = np.array(table.point("center", (0.0, 0.0)))
@@ -261,8 +262,8 @@ def _start_angle(table: DriveTable, center: Array, radius: float) -> float:
 def square(table: DriveTable, time: Array) -> Array:
     """Planned positions of kind `square`, shape (k, 2) [m], at times of shape (k,) [s].
 
-    Starts at the corner `start` (default: the one at +x, −y). Stops at corners with `speed`; runs at
-    constant speed with `lap_time`.
+    The motion starts at the corner `start` (default: the one at +x, −y). With `speed` it stops at every
+    corner; with `lap_time` it has constant speed.
     """
     side, center = table.number("side", LENGTH), np.array(table.point("center", (0.0, 0.0)))
     corners = center + 0.5 * side * np.array([(1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)])
@@ -280,7 +281,8 @@ def square(table: DriveTable, time: Array) -> Array:
 def waypoints(table: DriveTable, time: Array) -> Array:
     """Planned positions of kind `waypoints`, shape (k, 2) [m], at times of shape (k,) [s].
 
-    Straight lines with a stop at each point, from `start` where given, otherwise from the first point.
+    The path consists of straight lines with a stop at each point and begins at `start` where given, otherwise
+    at the first point.
     """
     found = table.content.get("points")
     if not isinstance(found, list) or not found:

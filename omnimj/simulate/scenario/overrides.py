@@ -1,4 +1,4 @@
-"""`--set KEY=VALUE`: changes values of a scenario before it is validated; the keys that exist."""
+"""Overrides `--set KEY=VALUE`, applied to a scenario before it is validated, and the keys that exist."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def attribute_to_overrides(file: str, overrides: Sequence[str]) -> Iterator[None
     """Context in which an error in an overridden value names `--set` instead of the file.
 
     Args:
-      file: Name of the file, with which errors begin.
+      file: Name of the file, with which its error messages begin.
       overrides: `KEY=VALUE` texts.
     """
     try:
@@ -43,7 +43,7 @@ def attribute_to_overrides(file: str, overrides: Sequence[str]) -> Iterator[None
 
 
 def split_override(text: str) -> tuple[str, Any]:
-    """Splits `KEY=VALUE` into dotted key and value.
+    """Split `KEY=VALUE` into dotted key and value.
 
     The value is a TOML value, otherwise a bare string: `faults.0.loss=0.57`, `floor=pvc`.
 
@@ -67,10 +67,10 @@ def _parse(text: str) -> Any:
 
 
 def apply_override(tree: dict[str, Any], key: str, value: Any, known: KnownKeys) -> None:
-    """Sets one dotted key in the tree, in place.
+    """Set one dotted key in the tree, in place.
 
-    A key can be set if the file has it or if it is a known key of its table; nothing else is added, so that
-    a typing error is refused.
+    A key can be set if the file has it or if it is a known key of its table; any other key is refused, as it
+    would be a typing error.
 
     Raises:
       InputError: An index out of range, or a key below something that is not a table.
@@ -119,7 +119,7 @@ def _index(place: str, name: str, part: str, entries: list[Any]) -> int:
 
 
 def known_keys(plant: str, wheels: int) -> KnownKeys:
-    """Keys that a scenario of this plant may have, by table.
+    """Keys that a scenario of this plant may have, grouped by table.
 
     Whether a key suits the kind of fault, drive or plant is checked when the table is read.
     """

@@ -63,7 +63,7 @@ class RigInput:
     lateral_speed: float
     """Lateral speed of the gantry [m/s]."""
     has_path: ClassVar[bool] = False
-    """A rig has no path to follow."""
+    """False, since a rig has no path to follow."""
 
 
 @dataclass(frozen=True)
@@ -77,13 +77,13 @@ class Scenario:
     constants: Robot | Rig
     """Constants of the plant, from its model file."""
     floor: str
-    """Name in `floors`."""
+    """Name of the floor outside the patches, a key of `floors`."""
     floors: Mapping[str, Floor]
     """All floors by name."""
     duration: float
     """Length of the run [s]."""
     level: str
-    """`physics`, or `kinematic` without forces."""
+    """`physics`, or `kinematic` (without forces)."""
     drive: Drive | RigInput
     """Planned motion of the robot, or input of the rig."""
     faults: tuple[Fault, ...]
@@ -91,7 +91,7 @@ class Scenario:
     patches: tuple[Patch, ...]
     """Areas with another floor."""
     kinematics: KinematicCase | None
-    """Set at the kinematic level only."""
+    """Kinematics and kinematic faults; None at the level `physics`."""
     checks: tuple[Check, ...]
     """Bounds on the metrics."""
     equations: str
@@ -103,7 +103,7 @@ class Scenario:
     overrides: tuple[str, ...]
     """The `KEY=VALUE` texts that were applied."""
     gains: Gains | None = None
-    """Gains of recovery and observer; the shipped ones when None. Those of the cascade are in `constants`."""
+    """Gains of recovery and observer; the shipped ones when None. The cascade's gains are in `constants`."""
 
     @property
     def is_rig(self) -> bool:
@@ -117,25 +117,25 @@ class Scenario:
 
     @property
     def robot(self) -> Robot:
-        """Constants of the robot, in a scenario of a robot."""
+        """Constants of the robot; only for a robot scenario."""
         assert isinstance(self.constants, Robot)
         return self.constants
 
     @property
     def robot_drive(self) -> Drive:
-        """Planned motion, in a scenario of a robot."""
+        """Planned motion; only for a robot scenario."""
         assert isinstance(self.drive, Drive)
         return self.drive
 
     @property
     def rig(self) -> Rig:
-        """Constants of the rig, in a scenario of the rig."""
+        """Constants of the rig; only for a rig scenario."""
         assert isinstance(self.constants, Rig)
         return self.constants
 
     @property
     def rig_input(self) -> RigInput:
-        """Current, mass and lateral speed, in a scenario of the rig."""
+        """Current, mass and lateral speed; only for a rig scenario."""
         assert isinstance(self.drive, RigInput)
         return self.drive
 
@@ -151,7 +151,7 @@ class Scenario:
 
     @property
     def metric_units(self) -> dict[str, str]:
-        """Units of the scenario's metrics by name."""
+        """Names of the scenario's metrics and their units."""
         wheels, kinematic = self.constants.wheel_count, self.level == "kinematic"
         return metric_units(self.plant, wheels, self.drive.has_path, kinematic)
 
@@ -162,7 +162,7 @@ def read_scenario(
     model_file: Path | None = None,
     floors_file: Path | None = None,
 ) -> Scenario:
-    """Reads a shipped scenario by name, or any scenario file by path.
+    """Read a shipped scenario by name, or any scenario file by path.
 
     Args:
       name_or_path: `nylon_patch`, or `my/own.toml`.
@@ -257,7 +257,7 @@ def _read_robot_scenario(
 
 
 def _read_level(tree: Mapping, place: str, level: str, wheels: int) -> KinematicCase | None:
-    """Reads `[kinematics]`; refuses tables that have no effect at the scenario's level."""
+    """Read `[kinematics]`, and refuse tables that have no effect at the scenario's level."""
     if level == "physics":
         if "kinematics" in tree:
             found = "is there at the physics level"
@@ -332,7 +332,7 @@ def scenario_gains(scenario: Scenario) -> Gains:
 
 
 def require_cascade(scenario: Scenario) -> None:
-    """Refuses scenarios that are driven without the cascade, on which gains would have no effect.
+    """Refuse a scenario that is driven without the cascade, where gains have no effect.
 
     Raises:
       InputError: A scenario of the test rig, or at the kinematic level.
@@ -347,7 +347,7 @@ def with_gains(scenario: Scenario, gains: Gains) -> Scenario:
     """Copy of a scenario with other gains.
 
     Raises:
-      InputError: As `require_cascade`.
+      InputError: As for `require_cascade`.
     """
     require_cascade(scenario)
     return dataclasses.replace(
@@ -356,9 +356,9 @@ def with_gains(scenario: Scenario, gains: Gains) -> Scenario:
 
 
 def scenario_digest(text: str, scenario: Scenario) -> str:
-    """Hash of a scenario's file, of the numbers of its machine and of its floors, whatever their folders.
+    """Hash of a scenario's file and of the numbers of its machine and floors, independent of their folders.
 
-    Equal only for scenarios that are equal in everything that acts on a run.
+    Equal hashes mean scenarios that are equal in everything that affects a run.
 
     Args:
       text: Name or path of the scenario.

@@ -24,13 +24,13 @@ KINEMATIC_KEYS = (
     "lost_wheel_turns_freely",
     "misalignment",
 )
-_WEIGHT = Rule(1e-9, 1e9, False)  # beyond, the weighted pseudo-inverse loses its digits
+_WEIGHT = Rule(1e-9, 1e9, False)  # beyond it the weighted pseudo-inverse loses its precision
 _TIME = Rule(0.0, math.inf, False)
 _ANGLE = Rule(-0.5, 0.5, False)
 
 
 def text_entry(tree: Mapping, key: str, place: str) -> str:
-    """One line of text of a key."""
+    """Text of a key, which must be a single line."""
     value = tree.get(key)
     if not isinstance(value, str) or not value or "\n" in value:
         found = "is missing" if value is None else f"found {value!r}"
@@ -39,14 +39,14 @@ def text_entry(tree: Mapping, key: str, place: str) -> str:
 
 
 def number_entry(tree: Mapping, key: str, place: str, rule: Rule, default: float | None = None) -> float:
-    """Number of a key within its bounds, or the default."""
+    """Number of a key, checked against its rule, or the default."""
     if key not in tree and default is None:
         raise InputError(f"{place}: {key}", "is missing", f"a number is needed that {rule}")
     return float(check_number(f"{place}: {key}", tree.get(key, default), rule))
 
 
 def table_entries(tree: Mapping, key: str, place: str) -> list[Any]:
-    """Tables under [[key]]."""
+    """List of tables `[[key]]`; empty if there are none."""
     tables = tree.get(key, [])
     if not isinstance(tables, list):
         rule = f"write [[{key}]], with two brackets on each side"
@@ -55,14 +55,14 @@ def table_entries(tree: Mapping, key: str, place: str) -> list[Any]:
 
 
 def read_model_key(tree: Mapping, scenario: Path) -> Path | None:
-    """Reads the key `model`: `"three_wheel"` is a shipped model, `"own.toml"` a file beside the scenario.
+    """Read the key `model`: `"three_wheel"` is a shipped model, `"own.toml"` a file beside the scenario.
 
     Args:
       tree: Top level of the scenario.
       scenario: The scenario's file.
 
     Returns:
-      A file, or the bare name of a shipped model; None for the plant's default one.
+      Path of a file, or the bare name of a shipped model; None for the plant's default one.
 
     Raises:
       InputError: Not a text, or no such file.
@@ -82,7 +82,7 @@ def read_model_key(tree: Mapping, scenario: Path) -> Path | None:
 
 
 def read_scene_key(tree: Mapping, scenario: Path) -> Path | None:
-    """Reads the key `scene`: `"obstacles"` is a shipped scene, `"own.xml"` a file beside the scenario.
+    """Read the key `scene`: `"obstacles"` is a shipped scene, `"own.xml"` a file beside the scenario.
 
     Args:
       tree: Top level of the scenario.
@@ -93,7 +93,7 @@ def read_scene_key(tree: Mapping, scenario: Path) -> Path | None:
 
     Raises:
       InputError: Not a text, no such file, or a kinematic scenario, which has no ground.
-      UnknownNameError: No shipped scene of that name; the message lists them.
+      UnknownNameError: No such shipped scene; the message lists them.
     """
     if "scene" not in tree:
         return None
@@ -115,7 +115,7 @@ def read_scene_key(tree: Mapping, scenario: Path) -> Path | None:
 
 
 def read_diagnosis(table: Any, place: str) -> DetectorOptions:
-    """Reads the `[diagnosis]` table: options of the diagnosis methods, all optional.
+    """Read the `[diagnosis]` table: options of the diagnosis methods, all optional.
 
     `variant` and `thresholds` belong to `--method published`, `self_test` and `dither` to `--method robust`,
     `recovery` to both.
@@ -139,7 +139,7 @@ def read_diagnosis(table: Any, place: str) -> DetectorOptions:
 
 
 def read_kinematics(table: Any, place: str, wheels: int) -> KinematicCase:
-    """Reads the `[kinematics]` table; every key is optional.
+    """Read the `[kinematics]` table; every key is optional.
 
     Args:
       table: `plant` (corrected or published), `weights` and `misalignment` with one number per wheel,

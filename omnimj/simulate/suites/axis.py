@@ -1,4 +1,4 @@
-"""Test plan of the linear axis: closed-loop moves that excite its effects, as measured runs."""
+"""Test plan of the linear axis: closed-loop moves that excite its effects, recorded as measured runs."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ _REST = 0.15  # [s] at either end of a stroke
 _STILL = 0.5  # [s] of rest before and after a sweep, or a quarter of it
 
 PAYLOAD_SHARE = 0.1
-"""Added mass of one move, relative to the mass of the axis."""
+"""Added mass of one move relative to the mass of the axis."""
 DURATION = 12.0
 """Duration of one run [s]."""
 _MEASURED = ("time", "force", "position")
 
 
 def highest_speed(axis: Axis) -> float:
-    """Speed that suits travel and force of an axis [m/s]."""
+    """Highest speed of the test plan, limited by travel and force of the axis [m/s]."""
     body = axis.axis
     return min(1.4 * body.travel, np.sqrt(highest_acceleration(axis) * body.travel))
 
 
 def highest_acceleration(axis: Axis) -> float:
-    """Acceleration for which a quarter of the force is enough [m/s²]."""
+    """Highest acceleration of the test plan, which takes a quarter of the force limit [m/s²]."""
     return 0.25 * axis.axis.force_limit / axis.axis.mass
 
 
 def _from_speed(start: float, speed: Array, period: float) -> Array:
-    """Position, speed and acceleration of a path that begins at rest, rounded, shape (n, 3)."""
+    """Position [m], speed [m/s] and acceleration [m/s²] from a speed that is smoothed here, shape (n, 3)."""
     width = max(round(_ROUND / period), 1)
     smooth = np.convolve(np.concatenate([np.zeros(width), speed]), np.full(width, 1.0 / width))
     smooth = smooth[width : width + len(speed)]
@@ -46,21 +46,32 @@ def _from_speed(start: float, speed: Array, period: float) -> Array:
 
 
 def _stroke(distance: float, speed: float, acceleration: float, period: float) -> Array:
-    """Speeds of one stroke with a rest behind it."""
+    """Speeds of one stroke followed by a rest, shape (k,) [m/s]."""
     way = abs(distance)
     top = min(speed, np.sqrt(way * acceleration))
     rise, cruise = top / acceleration, way / top - top / acceleration
     t = np.arange(0.0, 2.0 * rise + cruise + _REST, period)
     shape = np.minimum(np.minimum(t * acceleration, top), (2.0 * rise + cruise - t) * acceleration)
     found = np.maximum(shape, 0.0)
-    # samples do not hit the corners: the distance is met all the same
+    # samples miss the corners of the profile: scale it to the exact distance
     return np.sign(distance) * found * way / max(found.sum() * period, 1e-12)
 
 
 def strokes(
     amplitude: float, speeds: Sequence[float], acceleration: float, duration: float, period: float
 ) -> Array:
-    """To and fro between ± amplitude at one speed after the other, again and again, shape (n, 3)."""
+    """Back-and-forth strokes between ± amplitude, each there and back at the next of the speeds.
+
+    Args:
+      amplitude: Half the stroke [m].
+      speeds: Cruising speeds, repeated cyclically [m/s].
+      acceleration: Magnitude of acceleration and deceleration [m/s²].
+      duration: Duration of the path [s].
+      period: Sample period [s].
+
+    Returns:
+      Position [m], speed [m/s] and acceleration [m/s²], shape (n, 3).
+    """
     parts, place = [np.zeros(round(_REST / period))], -amplitude
     length, total = len(parts[0]), round(duration / period)
     for speed in itertools.cycle(np.repeat(speeds, 2)):
@@ -72,7 +83,19 @@ def strokes(
 
 
 def sweep(amplitude: float, slow: float, fast: float, top: float, duration: float, period: float) -> Array:
-    """Sine of rising frequency [Hz], its amplitude held so that speed stays below `top`, shape (n, 3)."""
+    """Sine sweep of rising frequency, its amplitude limited so that the speed stays below `top`.
+
+    Args:
+      amplitude: Amplitude at low frequency [m].
+      slow: First frequency [Hz].
+      fast: Last frequency [Hz].
+      top: Largest speed [m/s].
+      duration: Duration of the path [s].
+      period: Sample period [s].
+
+    Returns:
+      Position [m], speed [m/s] and acceleration [m/s²], shape (n, 3).
+    """
     t = np.arange(round(duration / period)) * period
     still = min(_STILL, 0.25 * duration)
     length = duration - 2.0 * still
@@ -86,7 +109,17 @@ def sweep(amplitude: float, slow: float, fast: float, top: float, duration: floa
 
 
 def wander(amplitude: float, top: float, duration: float, period: float) -> Array:
-    """Sum of slow sines that do not repeat, its speed below `top`, shape (n, 3)."""
+    """Sum of slow sines without a common period.
+
+    Args:
+      amplitude: Largest distance from the middle [m].
+      top: Largest speed [m/s].
+      duration: Duration of the path [s].
+      period: Sample period [s].
+
+    Returns:
+      Position [m], speed [m/s] and acceleration [m/s²], shape (n, 3).
+    """
     t = np.arange(round(duration / period)) * period
     speed = sum(np.sin(2.0 * np.pi * f * t + p) for f, p in ((0.31, 0.0), (0.73, 1.0), (1.27, 2.0)))
     speed = speed * np.clip(t / 0.3, 0.0, 1.0) * np.clip((duration - t) / 0.3, 0.0, 1.0)
@@ -105,9 +138,9 @@ class AxisMove:
     name: str
     words: str
     target: Callable[[Axis, float, float], Array]
-    """Path out of axis, duration and period, shape (n, 3)."""
+    """Function of axis, duration [s] and period [s] that returns the path as `strokes` does, shape (n, 3)."""
     payload_share: float = 0.0
-    """Added mass, declared in the log, over the axis' own."""
+    """Added mass relative to that of the axis; the log declares it."""
 
 
 def _strokes(reach: float, speeds: tuple[float, ...], pull: float) -> Callable[[Axis, float, float], Array]:
@@ -143,7 +176,7 @@ MOVES: tuple[AxisMove, ...] = (
 def drive_move(
     axis: Axis, move: AxisMove, seed: int, duration: float = DURATION, declared: Axis | None = None
 ) -> dict[str, Array]:
-    """Columns of one move, see `omnimj.plant.axis.drive_axis` and `axis_moves`."""
+    """Drive one move and return its columns as `omnimj.plant.axis.drive_axis`; arguments as `axis_moves`."""
     known = axis if declared is None else declared
     path = move.target(known, duration, 1.0 / axis.sensors.sample_rate)
     return drive_axis(axis, path, servo(known), payload=move.payload_share * known.axis.mass, seed=seed)
@@ -159,16 +192,16 @@ def axis_moves(
     velocity: bool = False,
     declared: Axis | None = None,
 ) -> list[Run]:
-    """Drives every move of the plan, repeated, as a logger records it.
+    """Drive every move of the plan repeatedly and return the runs as a logger would record them.
 
     Args:
-      axis: The true axis, with its effects.
+      axis: True axis, with its effects.
       seed: Seed of the sensor noise; each run derives its own.
       repeats: Runs per move.
       duration: Duration of one run [s].
       current: Whether the log has `current` instead of `force`.
       velocity: Whether the axis has a tachometer.
-      declared: The axis of the model file, used by controller and log; `axis` without effects when None.
+      declared: Axis of the model file, assumed by controller and log; `axis` without effects when None.
 
     Returns:
       Runs with `repeat_of` set; the mass is declared where it differs from that of the model.
@@ -193,7 +226,7 @@ def axis_moves(
 
 
 def plan_moves(axis: Axis, seed: int) -> list[Condition]:
-    """Conditions of all moves; the mass is declared where it differs from that of the model."""
+    """Conditions of all moves; `mass` is declared where it differs from that of the model."""
     found = []
     for move in MOVES:
         mass = round(axis.axis.mass * (1.0 + move.payload_share), 6)
@@ -202,12 +235,12 @@ def plan_moves(axis: Axis, seed: int) -> list[Condition]:
 
 
 def record_axis(axis: Axis, nominal: Axis, condition: Condition, config: RunConfig) -> Mapping[str, Array]:
-    """Records one move under position control: force of the drive and position.
+    """Record one move under position control: force of the drive and position.
 
     Args:
-      axis: With its effects.
+      axis: True axis, with its effects.
       nominal: Axis that the controller assumes.
-      condition: Its drive is an `AxisMove`.
+      condition: Condition whose drive is an `AxisMove`.
       config: Seed and progress; there is one plant only.
     """
     move: AxisMove = condition.drive

@@ -68,7 +68,7 @@ SUITES: Mapping[str, Suite] = MappingProxyType({suite.name: suite for suite in _
 
 
 def find_suite(name: str) -> Suite:
-    """Finds a suite by name.
+    """Find a suite by name.
 
     Raises:
       UnknownNameError: No such suite; the message lists the choices.

@@ -26,11 +26,11 @@ _GROUND_TRUTH = ("x", "y", "heading")  # as a motion-capture system measures it
 
 
 def plan_missions(robot: Robot, seed: int) -> list[Condition]:
-    """Six missions of 20 s, two on each floor, drawn by the seed."""
+    """Six random missions of 20 s, two on each floor; the seed determines them."""
     period = 1.0 / robot.sensors.sample_rate
     found = []
     for k in range(MISSIONS):
-        # a key of two numbers, apart from the seeds of the sensors
+        # a key of two numbers, distinct from the seeds of the sensors
         draws = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(k, 1)))
         reference = mission(draws, DURATION, period)
         found.append(Condition(f"mission_{k + 1}", {"floor": _FLOORS[k % len(_FLOORS)]}, reference))
@@ -38,11 +38,11 @@ def plan_missions(robot: Robot, seed: int) -> list[Condition]:
 
 
 def mission(draws: np.random.Generator, duration: float, period: float) -> Reference:
-    """Draws a mission: segments at 0.2-1.0 m/s in the world frame with turns, stops and reversals.
+    """Draw a random mission: segments at 0.2-1.0 m/s in the world frame with turns, stops and reversals.
 
     Args:
-      draws: Random numbers.
-      duration: Of the mission [s].
+      draws: Random number generator.
+      duration: Duration of the mission [s].
       period: Control period [s].
 
     Returns:
@@ -51,7 +51,7 @@ def mission(draws: np.random.Generator, duration: float, period: float) -> Refer
     rows = round(duration / period) + 1
     demand = np.zeros((rows, 3))
     row = round(_STAND / period)
-    end = rows - round(2.0 / period)  # time to come to a stand
+    end = rows - round(2.0 / period)  # time to come to rest
     for seconds, twist in _segments(draws):
         if row >= end:
             break
@@ -102,13 +102,13 @@ def _rate_limited(demand: Array, period: float) -> Array:
 def record_robot(
     robot: Robot, nominal: Robot, condition: Condition, config: RunConfig
 ) -> Mapping[str, Array]:
-    """Records one mission: measurements, set currents, and the true pose of the robot.
+    """Record one mission: measurements, set currents, and the true pose of the robot.
 
     Args:
-      robot: With its effects.
+      robot: True robot, with its effects.
       nominal: Robot that the controller assumes.
-      condition: Its drive is a `Reference`.
-      config: Plant, seed, progress.
+      condition: Condition whose drive is a `Reference`.
+      config: Plant, seed and progress callback.
 
     Raises:
       SimulationError: The simulation broke down.

@@ -1,4 +1,4 @@
-"""Records a suite into a dataset, run by run."""
+"""Recording of a suite as a dataset, run by run."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ class RecordingConfig:
     plant: str | None = None
     """`twin` or `planar`; the suite's default when None."""
     model_file: Path | None = None
-    """A copy of the plant's model file; the shipped one when None."""
+    """Model file of the plant; the shipped one when None."""
     floors_file: Path | None = None
     """File with floors that are added to the shipped ones or, under the same name, replace them."""
     effects: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    """Effects of the machine that its model file lacks, by name; the dataset does not mention them."""
+    """Effects added to the true machine, by name; its model file and the dataset do not mention them."""
     table_format: str = "parquet"
     force: bool = False
 
@@ -47,7 +47,7 @@ class RecordingResult:
     planned: int
     samples: int
     interrupted: bool
-    """True if Ctrl-C ended it."""
+    """True if Ctrl-C ended the recording."""
 
 
 def record_suite(
@@ -56,15 +56,15 @@ def record_suite(
     progress: Progress | None = None,
     choose: Callable[[list[PlannedRun]], list[PlannedRun]] | None = None,
 ) -> RecordingResult:
-    """Drives all runs of a suite and writes them as a dataset, each as soon as it is finished.
+    """Drive all runs of a suite and write them as a dataset, each as soon as it is finished.
 
-    The folder contains what a real logger would record, neither effects nor seeds.
+    The folder contains only what a real logger would record: neither effects nor seeds.
 
     Args:
       suite: The test plan.
       config: Folder, seed, plant and files.
-      progress: Called with the work done and the work in all.
-      choose: Selects some of the planned runs; all when None.
+      progress: Called with the work done and the total work.
+      choose: Function that selects some of the planned runs; all when None.
 
     Raises:
       InputError: The folder cannot be written, or a value breaks its rule.
@@ -96,7 +96,7 @@ def record_suite(
 
 
 def plant_for(suite: Suite, choice: str | None) -> str:
-    """Kind of plant to record with: the user's choice, or the suite's default.
+    """Plant to record with: the user's choice, or the suite's default.
 
     Raises:
       UnknownNameError: The suite has no such plant.

@@ -1,4 +1,4 @@
-"""Test plans of the rig: the dissertation's three and a compact mixed one, with currents within the rail."""
+"""Test plans of the rig: the dissertation's three and a compact mixed one; no run overshoots the rail."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from omnimj.simulate.suites.suite import Condition, RunConfig
 RAIL_MARGIN = 0.03
 """Distance to the end of rail or gantry at which a run ends [m]."""
 
-_REST = 0.2  # [s] before and after: the accelerometer shows its offset
-_REST_SIDEWAYS = 0.05  # [s] the gantry moves already, and its travel is short
+_REST = 0.2  # [s] of rest before and after, in which the accelerometer shows its offset
+_REST_SIDEWAYS = 0.05  # [s] the same for a moving gantry, whose travel is short
 _LONGEST = 2.5  # [s] of a constant current
-_SLOWEST = 3.0  # [s] after which a stroke that does not arrive is ended
+_SLOWEST = 3.0  # [s] after which a stroke that does not reach its position is ended
 _STANDSTILL = 0.02  # [m/s]
 
 FLOORS = ("natural_stone", "pvc", "paperboard")
@@ -35,17 +35,17 @@ class RigExcitation:
     """Current over time, and constant lateral speed of the gantry."""
 
     current: Array
-    """Set values, one per sample period, shape (k,) [A]."""
+    """Set values of the current, one per sample period, shape (k,) [A]."""
     lateral_speed: float = 0.0
-    """[m/s]."""
+    """Lateral speed of the gantry [m/s]."""
 
 
 @dataclass(frozen=True)
 class Stroke:
-    """Drive to a position, coast, brake to standstill."""
+    """Stroke of the carriage: drive to a position, coast, brake to standstill."""
 
     current: float
-    """Positive away from the rail's start, negative back [A]."""
+    """Driving current, positive away from the rail's start, negative back [A]."""
     place: float
     """Position at which the current ends, from the start [m]."""
     coast: float = 0.0
@@ -55,7 +55,7 @@ class Stroke:
 
 
 def constant_current(rig: Rig, current: float, lateral_speed: float = 0.0) -> RigExcitation:
-    """Rest, then a constant current until the rail ends, as in sections 4.2-4.4."""
+    """Excitation of rest, then a constant current until the rail ends, as in sections 4.2-4.4."""
     rest = _REST_SIDEWAYS if lateral_speed else _REST
     rate = rig.sensors.sample_rate
     values = np.zeros(round((rest + _LONGEST) * rate) + 1)
@@ -66,14 +66,14 @@ def constant_current(rig: Rig, current: float, lateral_speed: float = 0.0) -> Ri
 def stroke_currents(
     rig: Rig, floor: str, mass: float, plan: tuple[Stroke, ...], lateral_speed: float = 0.0
 ) -> RigExcitation:
-    """Strokes back and forth as currents over time.
+    """Convert strokes back and forth to currents over time.
 
     The switching times come from one trial run of the nominal planar model, so that all repeats are equal.
 
     Args:
       rig: The nominal rig.
       floor: Name of the floor.
-      mass: m_T [kg].
+      mass: Mass m_T of the quarter body [kg].
       plan: Consecutive strokes.
       lateral_speed: Lateral speed of the gantry [m/s].
     """
@@ -107,7 +107,7 @@ def samples_on_rail(rig: Rig, position: Array, lateral_position: Array) -> int:
 
 
 class _TrialRun:
-    """Drives the nominal rig and records the currents."""
+    """Trial run of the nominal rig that records the currents."""
 
     def __init__(self, rig: Rig, floor: str, mass: float, lateral_speed: float):
         self._plant = PlanarRig(rig, floor, mass=mass, lateral_speed=lateral_speed, ideal_sensors=True)
@@ -117,7 +117,7 @@ class _TrialRun:
     def hold(
         self, current: float, seconds: float, until: Callable[[float, float], bool] | None = None
     ) -> None:
-        """Holds a current until a condition on position [m] and speed [m/s] is met, or the time is over."""
+        """Hold a current until a condition on position [m] and speed [m/s] is met, or the time is over."""
         command = CurrentCommand(np.array([current]))
         for _ in range(round(seconds / self._plant.period)):
             position, speed = self._plant.truth()[:2].tolist()
@@ -152,7 +152,7 @@ _LONG = (Stroke(1.05, 1.10, coast=0.1, brake=1.35), Stroke(-0.70, 0.60, coast=0.
 
 
 def plan_currents(rig: Rig, seed: int) -> list[Condition]:
-    """Identification, section 4.2: 0.15 … 1.5 A on three floors with the full mass."""
+    """Identification plan, section 4.2: 0.15 … 1.5 A on three floors with the full mass."""
     return [
         _constant(rig, floor, rig.rig.masses[0], current)
         for floor in FLOORS
@@ -161,7 +161,7 @@ def plan_currents(rig: Rig, seed: int) -> list[Condition]:
 
 
 def plan_validation(rig: Rig, seed: int) -> list[Condition]:
-    """Validation, section 4.3: 0.45 … 1.5 A on three floors with every mass."""
+    """Validation plan, section 4.3: 0.45 … 1.5 A on three floors with every mass."""
     return [
         _constant(rig, floor, mass, current)
         for mass in rig.rig.masses
@@ -171,7 +171,7 @@ def plan_validation(rig: Rig, seed: int) -> list[Condition]:
 
 
 def plan_lateral(rig: Rig, seed: int) -> list[Condition]:
-    """Sideways motion, section 4.4: four currents at eight lateral speeds on natural stone."""
+    """Plan of sideways motion, section 4.4: four currents at eight lateral speeds on natural stone."""
     return [
         _constant(rig, FLOORS[0], rig.rig.masses[0], current, lateral)
         for lateral in LATERAL_SPEEDS
@@ -180,7 +180,7 @@ def plan_lateral(rig: Rig, seed: int) -> list[Condition]:
 
 
 def plan_mixed(rig: Rig, seed: int) -> list[Condition]:
-    """24 runs with reversals, coasting and braking, slow and fast, straight and sideways.
+    """Plan of 24 runs with reversals, coasting and braking, slow and fast, straight and sideways.
 
     Constant currents alone hide effects at reversal, near standstill or at one position of the rail.
     """
@@ -206,13 +206,13 @@ def plan_mixed(rig: Rig, seed: int) -> list[Condition]:
 
 
 def record_rig(rig: Rig, nominal: Rig, condition: Condition, config: RunConfig) -> Mapping[str, Array]:
-    """Records one run: measurements and set current until the carriage reaches the end of the rail.
+    """Record one run: measurements and set current until the carriage reaches the end of the rail.
 
     Args:
-      rig: With its effects.
+      rig: True rig, with its effects.
       nominal: Unused, since nothing is controlled.
-      condition: Its drive is a `RigExcitation`.
-      config: Plant, seed, progress.
+      condition: Condition whose drive is a `RigExcitation`.
+      config: Plant, seed and progress callback.
 
     Raises:
       SimulationError: The simulation broke down.
@@ -236,7 +236,7 @@ def _hundredths(first: int, last: int, step: int) -> Sequence[float]:
 
 
 def _name(rig: Rig, floor: str, mass: float, kind: str, lateral: float) -> str:
-    """`stone_060`, `stone_2959g_060`, `stone_060_p35`: floor, mass unless it is the full one, kind, side."""
+    """Name such as `stone_2959g_060_p35`: floor, mass unless full, kind, lateral speed if any."""
     parts = [floor.removeprefix("natural_")]
     if mass != rig.rig.masses[0]:
         parts.append(f"{1000.0 * mass:.0f}g")

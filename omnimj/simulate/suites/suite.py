@@ -14,7 +14,7 @@ from omnimj.signals import Array
 from omnimj.simulate.loop import Progress
 
 MAX_REPEATS = 26
-"""Repeats have the suffixes a … z."""
+"""Largest number of repeats, since they have the suffixes a … z."""
 
 
 @dataclass(frozen=True)
@@ -22,9 +22,9 @@ class Condition:
     """One set of conditions, driven once, or repeatedly for the repeatability floor."""
 
     name: str
-    """Name of its runs."""
+    """Name of the runs, without the suffix of a repeat."""
     conditions: Mapping[str, float | str]
-    """Conditions noted in the dataset: `floor`, `mass`."""
+    """Conditions recorded in the dataset, such as `floor` and `mass`."""
     drive: Any
     """Motion or input, in the form that the suite's `record` takes."""
     repeats: int | None = None
@@ -45,7 +45,8 @@ class RunConfig:
 
 
 RecordRun = Callable[[Any, Any, Condition, RunConfig], Mapping[str, Array]]
-"""Drives one run of (machine with effects, nominal machine, condition, configuration); returns the log."""
+"""Function of (machine with effects, nominal machine, condition, configuration) that drives one run and
+returns its log."""
 
 
 @dataclass(frozen=True)
@@ -57,14 +58,14 @@ class Suite:
     plant: str
     """Name of the plant in datasets, and of its folder in `models/`."""
     read_machine: Callable[[Path | None], Any]
-    """Function that reads a model file; the shipped one when None."""
+    """Function that reads a model file, or the shipped one for None."""
     plan: Callable[[Any, int], Sequence[Condition]]
     """Function of nominal machine and seed that returns the conditions."""
     record: RecordRun
     repeats: int = 1
     """Number of runs per condition."""
     plants: tuple[str, ...] = ("twin", "planar")
-    """Kinds of simulation it can be recorded with, the default first."""
+    """Simulated plants with which the suite can be recorded, the default first."""
 
 
 @dataclass(frozen=True)
@@ -74,13 +75,13 @@ class PlannedRun:
     name: str
     condition: Condition
     repeat_of: str | None
-    """Name of the condition if it has several runs."""
+    """Name of the condition if it has several runs, otherwise None."""
     seed: int
-    """Seed of its sensor noise."""
+    """Seed of the run's sensor noise."""
 
 
 def planned_runs(suite: Suite, machine: Any, seed: int, repeats: int | None = None) -> list[PlannedRun]:
-    """Runs of a suite in their order; the noise of run k is seeded by `SeedSequence(seed, k)`.
+    """List the runs of a suite in order; the noise of run k is seeded by `SeedSequence(seed, k)`.
 
     Args:
       suite: The test plan.

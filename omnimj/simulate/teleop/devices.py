@@ -25,8 +25,8 @@ FIRST_GAMEPAD = Path("/dev/input/js0")
 GAMEPAD_HELP = "hold the left shoulder button, left stick drives, right stick turns, every other button stops"
 
 _READ_SIZE = 256  # bytes
-_BUFFER_SIZE = 4096  # bytes, the newest that were typed and not read
-_JOIN_TIMEOUT = 0.5  # [s] that the end waits for the thread
+_BUFFER_SIZE = 4096  # bytes; the newest of those typed but not read are kept
+_JOIN_TIMEOUT = 0.5  # [s] for which the end waits for the thread
 _CLEAR = "\r\x1b[K"
 
 _EVENT = struct.Struct("<IhBB")  # time [ms], value, kind, number
@@ -50,7 +50,7 @@ class Terminal:
     """
 
     def __init__(self, source: int | None = None, sink: int | None = None):
-        """File descriptors of the terminal to read from and to write to; standard input and error when None.
+        """Use these file descriptors to read and to write; standard input and error when None.
 
         Raises:
           InputError: The source is not a terminal.
@@ -103,7 +103,7 @@ class Terminal:
             return content or (None if self._is_gone else b"")
 
     def drain(self) -> None:
-        """Discards bytes that were typed but not read."""
+        """Discard bytes that were typed but not read."""
         assert termios is not None
         with contextlib.suppress(termios.error, OSError):
             termios.tcflush(self._source, termios.TCIFLUSH)
@@ -111,7 +111,7 @@ class Terminal:
             self._typed.clear()
 
     def show(self, line: str) -> None:
-        """Writes one line over the previous one; skips it where writing would block."""
+        """Write one line over the previous one, unless writing would block."""
         if self._thread is None:
             self._write(line)
             return
@@ -141,7 +141,7 @@ class Terminal:
             os.write(self._pipe[1], b"!")
 
     def _serve(self) -> None:
-        """Reads keys as they arrive; writes the newest line after each wake-up."""
+        """Read keys as they arrive, and write the newest line after each wake-up."""
         wake = self._pipe[0]
         while not self._is_over:
             sources = [wake] if self._is_gone else [wake, self._source]
@@ -183,7 +183,7 @@ def _descriptor(stream: object) -> int:
 
 
 class GamepadReader:
-    """Decodes events of 8 bytes into the state of the sticks; holds less than one event."""
+    """Decoder of gamepad events (8 bytes each) into the state of the sticks."""
 
     def __init__(self) -> None:
         self._rest = b""
@@ -193,7 +193,7 @@ class GamepadReader:
     def feed(self, content: bytes) -> tuple[StickState, bool]:
         """State of the sticks after these events, and whether a stop button was pressed.
 
-        A dead man's button that was held when the gamepad was opened counts only when it is pressed again.
+        A dead man's button held while the gamepad is opened counts only once it is pressed again.
         """
         content = self._rest + content
         whole = len(content) // _EVENT.size * _EVENT.size
@@ -210,7 +210,7 @@ class GamepadReader:
 
 
 def _outside_dead_zone(value: float) -> float:
-    """Deflection beyond the dead zone, −1…1."""
+    """Deflection beyond the dead zone, rescaled to −1…1."""
     size = min(max(abs(value) - _DEAD_ZONE, 0.0) / (1.0 - _DEAD_ZONE), 1.0)
     return size if value > 0.0 else -size
 
@@ -219,7 +219,7 @@ class Gamepad:
     """Event file of a gamepad, read without waiting."""
 
     def __init__(self, path: Path):
-        """Opens the file.
+        """Open the file.
 
         Raises:
           InputError: The file does not exist or may not be read.
@@ -239,5 +239,5 @@ class Gamepad:
             return None
 
     def close(self) -> None:
-        """Closes the file."""
+        """Close the file."""
         os.close(self._file)

@@ -1,4 +1,4 @@
-"""Drives a robot by hand: the loop without a planned end, held to the wall clock in simulation."""
+"""Drive a robot by hand: the loop without a planned end, held to the wall clock in simulation."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ from omnimj.simulate.scenario.drive import Drive
 from omnimj.simulate.scenario.scenario import Scenario
 
 TELEOP_TARGET_NAMES = ("target_heading", "target_velocity_x", "target_velocity_y")
-"""Columns of the target, world frame: rad, m/s, m/s."""
+"""Column names of the target, world frame: rad, m/s, m/s."""
 HEADING_COLUMN = "heading_estimate"
 """Column of the controller's log with its heading estimate [rad]."""
 DEFAULT_FLOOR = "natural_stone"
 """Floor of a drive by hand."""
 
-_BLOCK = 100  # rows that are passed on together
+_BLOCK = 100  # number of rows that are passed on together
 _MIN_SLEEP = 0.002  # [s] ahead of time from which on sleeping is worthwhile
 _MAX_LAG = 0.1  # [s] behind time from which on the lag is dropped
 
@@ -61,20 +61,20 @@ class TargetSource(Protocol):
 
 @dataclass(frozen=True)
 class TeleopResult:
-    """End of a drive; its rows went to the callbacks."""
+    """Result of a drive; its rows have gone to the callbacks."""
 
     steps: int
     interrupted: bool
-    """True if Ctrl-C ended it."""
+    """True if Ctrl-C ended the drive."""
     failure: str | None
-    """Time and reason of a failure of the plant."""
+    """Time and reason of a failure of the plant; None without one."""
     diagnoses: tuple[Diagnosis, ...]
     """All diagnoses since the start."""
 
 
 @dataclass(frozen=True)
 class TeleopCallbacks:
-    """Functions that are called while the robot is driven; nothing is kept here."""
+    """Functions that are called while the robot is driven."""
 
     rows: tuple[Rows, ...] = ()
     """Each is called with the column names and the newest rows, which are overwritten afterwards."""
@@ -82,7 +82,7 @@ class TeleopCallbacks:
     before_step: Callable[[], object] | None = None
     """Called before every step of the plant, to hold a simulation to the wall clock."""
     diagnosed: Callable[[tuple[Diagnosis, ...]], object] | None = None
-    """Called with all diagnoses when they have changed."""
+    """Called with all diagnoses whenever they change."""
 
 
 _NO_CALLBACKS = TeleopCallbacks()
@@ -115,16 +115,16 @@ class _FollowOperator:
 def drive_by_hand(
     plant: Plant, controller: Controller, source: TargetSource, callbacks: TeleopCallbacks = _NO_CALLBACKS
 ) -> TeleopResult:
-    """Drives a robot until the source ends it, Ctrl-C is pressed, or the plant fails.
+    """Drive a robot until the source ends it, Ctrl-C is pressed, or the plant fails.
 
     Args:
       plant: Reset by this call; the caller closes it, which stops a real robot.
-      controller: Gets measurements and targets, never the truth.
-      source: Asked for the target of every step.
-      callbacks: Get the rows.
+      controller: Receives measurements and targets, never the truth.
+      source: Source of the target of every step.
+      callbacks: Functions that receive rows and diagnoses.
 
     Returns:
-      How the drive ended; a failure is a value, as in `loop.record`, so that what was recorded is kept.
+      Result of the drive; a failure is a value, as in `loop.record`, so that the rows are kept.
     """
     measurement: Any = plant.reset()
     assert isinstance(measurement, Measurement)
@@ -154,9 +154,9 @@ def _pass_on(callbacks: TeleopCallbacks, names: tuple[str, ...], rows: Array) ->
 
 
 class RealTimePacer:
-    """Holds a simulation to the wall clock: `wait()` before every step.
+    """Pacer that holds a simulation to the wall clock; `wait()` is called before every step.
 
-    A simulation that cannot keep up loses time instead of catching up in a rush.
+    A simulation that cannot keep up loses time instead of catching up later.
     """
 
     def __init__(
@@ -165,19 +165,19 @@ class RealTimePacer:
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], object] = time.sleep,
     ):
-        """A pacer that starts with the first `wait`.
+        """Prepare a pacer that starts with the first `wait`.
 
         Args:
           period: Duration of one step [s].
           clock: Monotonic clock [s].
-          sleep: Waits for a number of seconds.
+          sleep: Function that waits for a number of seconds.
         """
         self._period, self._clock, self._sleep = period, clock, sleep
         self._due: float | None = None
         self._begin = self._now = 0.0
         self._steps = 0
         self.lost = 0.0
-        """Time by which the simulation has fallen behind for good [s]."""
+        """Time by which the simulation has fallen behind and which it does not catch up [s]."""
 
     @property
     def factor(self) -> float:
@@ -186,7 +186,7 @@ class RealTimePacer:
         return self._steps * self._period / wall if wall > 0.0 else 1.0
 
     def wait(self) -> None:
-        """Waits until the next step is due."""
+        """Wait until the next step is due."""
         self._now = self._clock()
         if self._due is None:
             self._due = self._begin = self._now
@@ -202,10 +202,10 @@ class RealTimePacer:
 
 
 class RowBuffer:
-    """Keeps the newest rows of a drive without a planned end, in blocks."""
+    """Buffer of the newest rows of a drive without a planned end, in blocks."""
 
     def __init__(self, rows: int):
-        """A buffer for at least this number of rows; with 0 it keeps none."""
+        """Prepare a buffer for at least this number of rows; with 0 it keeps none."""
         self._most, self._held = rows, 0
         self._names: tuple[str, ...] = ()
         self._blocks: deque[Array] = deque()
@@ -216,7 +216,7 @@ class RowBuffer:
         return self._held
 
     def add(self, names: tuple[str, ...], block: Array) -> None:
-        """Copies rows, shape (m, columns)."""
+        """Append a copy of rows, shape (m, columns)."""
         if self._most == 0:
             return
         self._names = names
@@ -226,7 +226,7 @@ class RowBuffer:
             self._held -= len(self._blocks.popleft())
 
     def trace(self, about: Mapping[str, Any]) -> Trace:
-        """The rows held, as a trace; its time is that of the plant."""
+        """Trace of the rows held now; its time is that of the plant."""
         table = np.concatenate(self._blocks) if self._blocks else np.empty((0, len(self._names)))
         columns = np.ascontiguousarray(table.T)
         return Trace(dict(zip(self._names, columns, strict=True)), about)
@@ -237,8 +237,8 @@ def free_drive(
 ) -> Scenario:
     """Scenario of a robot on a flat floor, without plan, end, faults and checks.
 
-    The heading is held, so that the robot drives straight; detection does not excite the wheels, since a
-    robot driven by hand moves on command only.
+    The heading is held, so that the robot drives straight. Detection does not excite the wheels, since the
+    robot must move on command only.
 
     Args:
       floor: Name of the floor.

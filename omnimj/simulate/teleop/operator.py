@@ -1,4 +1,4 @@
-"""Operator of a drive by hand: reads terminal and gamepad once per control step and shows a status line."""
+"""Operator of a drive by hand: terminal and gamepad, read once per control step, and a status line."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from omnimj.simulate.teleop.devices import GamepadReader
 from omnimj.simulate.teleop.steering import DIRECTIONS, Key, KeyReader, Steering
 
 STALE_AFTER = 0.1
-"""Longest time between two reads after which directions typed meanwhile count as old and are ignored [s]."""
+"""Time between two reads beyond which directions typed meanwhile are outdated and ignored [s]."""
 _DISPLAY_PERIOD = 0.1  # [s]
 
 
@@ -23,7 +23,7 @@ class KeyInput(Protocol):
         ...
 
     def show(self, line: str) -> None:
-        """Writes one line over the previous one."""
+        """Write one line over the previous one."""
         ...
 
 
@@ -36,7 +36,7 @@ class GamepadInput(Protocol):
 
 
 class Operator:
-    """Source of targets for `drive_by_hand`; ends it by key, and when the terminal is gone."""
+    """Source of targets for `drive_by_hand`, which ends on a key or when the terminal is gone."""
 
     def __init__(
         self,
@@ -47,15 +47,15 @@ class Operator:
         clock: Callable[[], float] = time.monotonic,
         status: Callable[[], str] = str,
     ):
-        """An operator at a terminal, with a gamepad if there is one.
+        """Connect an operator at a terminal, with a gamepad if there is one.
 
         Args:
-          steering: Makes the targets.
+          steering: Steering that makes the targets.
           period: Control period [s].
           keyboard: Source of keys.
-          pad: Source of stick events, where a gamepad is present.
+          pad: Source of stick events; None without a gamepad.
           clock: Monotonic clock [s].
-          status: Text appended to the status line.
+          status: Function that returns text to append to the status line.
         """
         self._steering, self._period, self._keyboard, self._pad = steering, period, keyboard, pad
         self._clock, self._status = clock, status
@@ -82,7 +82,7 @@ class Operator:
         return target
 
     def _read_keys(self, now: float) -> bool:
-        """Reads the keys; False ends the drive."""
+        """Process typed keys; False ends the drive."""
         content, old = self._keyboard.read(), now - self._last_read > STALE_AFTER
         self._last_read = now
         if content is None:
@@ -95,7 +95,7 @@ class Operator:
         return True
 
     def _read_gamepad(self, now: float) -> None:
-        """Reads the gamepad; losing it stops the robot."""
+        """Process gamepad events; losing the gamepad stops the robot."""
         assert self._pad is not None
         content = self._pad.read()
         if content is None:

@@ -1,8 +1,8 @@
-"""Steering by hand: bytes of keys, held keys and sticks become the target of each control step.
+"""Steering by hand: held keys and stick positions become the target of each control step.
 
 Nothing here has a clock or reads a device: the caller passes the time. A demand lasts only a short time after
-the last event that made it, since a terminal signals a held key by repeating it and in no other way; so a
-robot stops soon after its operator, terminal or network is gone.
+its last event, since a terminal signals a held key only by repeating it; a robot therefore stops soon after
+its operator, terminal or network is gone.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ KEY_HOLD_TIME = 0.3
 LOCKOUT_AFTER_STOP = 0.5
 """Time after a stop during which directions are ignored [s]."""
 BRAKING_DECELERATION = 1.0
-"""Least deceleration with which a demand returns to zero by itself [m/s²]."""
+"""Smallest deceleration with which a demand without events returns to zero [m/s²]."""
 TURN_ARM = 0.25
-"""Lever arm from an acceleration limit to one of the yaw rate: distance of the wheels [m]."""
+"""Lever arm that converts an acceleration limit to one of the yaw rate: distance of the wheels [m]."""
 MAX_HEADING_LEAD = 0.2
 """Largest difference between planned heading and heading of the robot [rad]."""
 STICK_TIMEOUT = 2.0
@@ -43,7 +43,7 @@ class Key(enum.Enum):
     TURN_LEFT = "turn left"
     TURN_RIGHT = "turn right"
     STOP = "stop"
-    """Space, and every key without another meaning: a wrong key stops the robot."""
+    """Space bar, and every key without another meaning, so that a wrong key stops the robot."""
     END = "end"
 
 
@@ -79,9 +79,9 @@ _KEY_AXES = {
 
 
 class KeyReader:
-    """Splits the bytes of a terminal into keys; arrow keys are three bytes and may arrive in pieces.
+    """Decoder of a terminal's bytes into keys; arrow keys are three bytes and may arrive in pieces.
 
-    Holds at most one unfinished key, and only for a short time.
+    It buffers at most one unfinished key, and only for a short time.
     """
 
     def __init__(self) -> None:
@@ -89,7 +89,7 @@ class KeyReader:
         self._since = 0.0
 
     def feed(self, now: float, content: bytes) -> list[Key]:
-        """Keys that end in these bytes.
+        """Keys completed by these bytes.
 
         Args:
           now: Time on a monotonic clock [s].
@@ -97,7 +97,7 @@ class KeyReader:
         """
         found = []
         if self._begun and not content and now - self._since > _ESCAPE_TIMEOUT:
-            found.append(Key.STOP)  # the escape key alone, or half of something
+            found.append(Key.STOP)  # the escape key alone, or an incomplete sequence
             self._begun = b""
         if content and not self._begun:
             self._since = now
@@ -131,11 +131,11 @@ class SteeringLimits:
     """Limits of a drive by hand."""
 
     speed: float = 0.3
-    """[m/s]"""
+    """Largest speed [m/s]."""
     turn: float = 0.6
-    """[rad/s]"""
+    """Largest yaw rate [rad/s]."""
     acceleration: float = 0.5
-    """[m/s²]; divided by `TURN_ARM` for the yaw rate."""
+    """Largest acceleration [m/s²]; divided by `TURN_ARM`, that of the yaw rate [rad/s²]."""
     hold: float = KEY_HOLD_TIME
     """Time for which a key counts as held after its last event [s]."""
 
@@ -157,7 +157,7 @@ class StickState:
     forward: float = 0.0
     left: float = 0.0
     turn: float = 0.0
-    """Counter-clockwise."""
+    """Yaw demand, counter-clockwise positive."""
     held: bool = False
     """True if the dead man's button is held."""
 
@@ -166,14 +166,14 @@ _NEUTRAL_STICK = StickState()
 
 
 class Steering:
-    """Turns events into targets: `on_key`, `on_stick`, `stop` on events, `target` once per control step."""
+    """Conversion of events (`on_key`, `on_stick`, `stop`) into a `target`, made once per control step."""
 
     def __init__(self, limits: SteeringLimits):
         self._limits = limits
         self._events: list[tuple[float, float]] = [(-math.inf, 0.0)] * 3  # time and sign, by axis
         self._stick, self._stick_time = _NEUTRAL_STICK, -math.inf
         self._ignore_until = -math.inf
-        self._needs_release = False  # of the dead man's button, after a stop
+        self._needs_release = False  # release of the dead man's button, required after a stop
         self._twist = (0.0, 0.0, 0.0)
         self._planned = math.nan
 
@@ -183,11 +183,11 @@ class Steering:
         return self._twist
 
     def on_key(self, now: float, key: Key) -> None:
-        """Takes one event of a key; the newest direction of an axis counts, so that back replaces forward.
+        """Process a key event; the newest direction of an axis counts, so that back replaces forward.
 
         Args:
           now: Time on a monotonic clock [s].
-          key: Its meaning; `END` stops, too.
+          key: Meaning of the key; `END` also stops.
         """
         if key not in DIRECTIONS:
             self.stop(now)
@@ -196,20 +196,20 @@ class Steering:
             self._events[axis] = now, sign
 
     def on_stick(self, now: float, stick: StickState) -> None:
-        """Takes the state of a gamepad; held keys take precedence.
+        """Process the state of a gamepad; held keys take precedence.
 
         After a stop the dead man's button must be released and pressed again.
 
         Args:
           now: Time on the same clock [s].
-          stick: The sticks' positions.
+          stick: Positions of the sticks.
         """
         self._needs_release &= stick.held
         if not self._needs_release:
             self._stick, self._stick_time = stick, now
 
     def stop(self, now: float) -> None:
-        """Sets the demand to zero without a ramp, and ignores directions for `LOCKOUT_AFTER_STOP`."""
+        """Set the demand to zero without a ramp, and ignore directions for `LOCKOUT_AFTER_STOP`."""
         self._events = [(-math.inf, 0.0)] * 3
         self._stick, self._stick_time = _NEUTRAL_STICK, -math.inf
         self._ignore_until, self._needs_release = now + LOCKOUT_AFTER_STOP, True
@@ -218,8 +218,8 @@ class Steering:
     def target(self, now: float, period: float, heading: float, time_scaling: float = 1.0) -> Target:
         """Target of one control step.
 
-        At zero demand the planned heading is the robot's own, so that a robot that was turned by hand is not
-        turned back.
+        At zero demand the planned heading is that of the robot, so that a robot turned by a person does not
+        turn back.
 
         Args:
           now: Time on the same clock as the events [s].
@@ -250,7 +250,7 @@ class Steering:
         return x * scale, y * scale, turn * limits.turn
 
     def _ramp(self, demand: tuple[float, float, float], period: float) -> None:
-        """Moves the twist towards the demand; towards zero at least at `BRAKING_DECELERATION`."""
+        """Move the twist towards the demand at the acceleration limit, or faster when braking."""
         usual = self._limits.acceleration
         (x, y, turn), (to_x, to_y, to_turn) = self._twist, demand
         rise = usual if to_x or to_y else max(usual, BRAKING_DECELERATION)
