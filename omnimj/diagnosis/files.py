@@ -1,4 +1,4 @@
-"""Files of diagnosis and calibration: `diagnoses.json`, `thresholds.toml` and the sentences beside it."""
+"""Files of diagnosis and calibration: `diagnoses.json`, `thresholds.toml` and sentences on both."""
 
 from __future__ import annotations
 

@@ -90,7 +90,7 @@ class RunDiagnosis:
     name: str
     diagnoses: tuple[Diagnosis, ...]
     cannot_judge: float
-    """Time in which the detector could not judge [s]."""
+    """Total time in which the detector could not make a decision [s]."""
     judged: float
     """Duration of the samples [s]."""
     trace: Trace

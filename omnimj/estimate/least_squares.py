@@ -64,7 +64,9 @@ class Minimum(Generic[J]):
     """Point at which a minimisation ended."""
 
     x: Array
+    """Parameters, shape (n,)."""
     residual: Array
+    """Weighted or whitened residual at x, as the problem returns it."""
     jacobian: J
     loss: float
 

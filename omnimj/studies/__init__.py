@@ -1,6 +1,6 @@
 """Studies: many trials by one plan, resumed after an interruption and evaluated together.
 
-`runner`         the steps of every study: claim a folder, run missing trials, judge the results
+`runner`         the steps of every study: claim a folder, run missing trials, evaluate the results
 `workers`        own processes or a Dask cluster
 `statistics`     rates with confidence bounds, quantiles, tables
 `random_truth`   random faults and parameter errors, and the drive of a nominal scenario on the true plant
@@ -9,6 +9,6 @@
 Clients of the runner:
 `evaluation`     `omnimj evaluate`: how well a method diagnoses, and what its recovery gains
 `tuning`         `omnimj tune`: gains of cascade, recovery and observer by CMA-ES
-`sensitivity`    `omnimj sensitivity`: which model parameters matter to which result
+`sensitivity`    `omnimj sensitivity`: the effect of model parameters on the results
 `gap_benchmark`  `omnimj gap --benchmark`: the gap workflow on datasets with hidden effects
 """

@@ -44,7 +44,7 @@ class Study(Protocol[Result_co]):
 
 
 def run_study(study: Study[Result_co], report: Progress, executor: Executor | None = None) -> Result_co:
-    """Prepare a study, run its missing trials and judge the results.
+    """Prepare a study, run its missing trials and evaluate the results.
 
     Args:
       study: The study.

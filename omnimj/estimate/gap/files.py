@@ -41,8 +41,8 @@ def digest(
 
     Args:
       finding: The finding.
-      new_model: File name of the new model in the same folder; None where there is none.
-      new_floors: File name of the refitted floors in the same folder; None where there are none.
+      new_model: File name of the new model in the same folder; None if there is none.
+      new_floors: File name of the refitted floors in the same folder; None if there are none.
       command: Command that repeats the work.
     """
     content = {
@@ -250,7 +250,7 @@ def _is_changed(parameter: Refitted) -> bool:
 
 
 def _quantity(parameter: Refitted, machine: Machine) -> str | None:
-    """Name of a parameter in the model file (`axis.coulomb` for `coulomb`); None where it has none."""
+    """Name of a parameter in the model file (`axis.coulomb` for `coulomb`); None if it has none."""
     for name in (parameter.name, f"axis.{parameter.name}"):
         table, _, key = name.partition(".")
         if name in machine.provenance and table != "effects":

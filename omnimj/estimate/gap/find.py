@@ -1,4 +1,4 @@
-"""The gap workflow from a dataset's folder to a finding: read, check, replay, search, judge, locate."""
+"""Gap workflow from a dataset's folder to a finding: read, check, replay, search, verdict, location."""
 
 from __future__ import annotations
 
@@ -272,7 +272,7 @@ def find_gap(
     Args:
       dataset: Folder of the measured runs.
       model: The plant's model file; the shipped one when None.
-      holdout: Runs or conditions to judge by; drawn by the seed when empty.
+      holdout: Runs or conditions to hold out; drawn by the seed when empty.
       report: Called with a phrase and the completed share of it; KeyboardInterrupt raised there ends the
         search with the result so far.
       seed: Seed of the held-out draw and of the random curves.

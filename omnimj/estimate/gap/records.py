@@ -115,11 +115,13 @@ class Overlay:
     run: str
     heldout: bool
     time: Array
-    """Block centres [s], shape (k,)."""
+    """Block centres, shape (k,) [s]."""
     measured: Array
+    """Measured block means, shape (k, channels) [unit of the channel]."""
     before: Array
+    """Simulated block means without the named effects, shape (k, channels)."""
     after: Array
-    """Shape (k, channels)."""
+    """Simulated block means with the named effects, shape (k, channels)."""
     conditions: Mapping[str, float | str] = field(default_factory=dict)
     """Conditions of the run: floor, mass, current, …"""
     regimes: Mapping[str, Array] = field(default_factory=dict)
@@ -212,7 +214,7 @@ def run_gaps(finding: Finding) -> tuple[RunGap, ...]:
 
 
 def worst_run(finding: Finding) -> str | None:
-    """Held-out run with the largest mismatch before; a training run where none is held out."""
+    """Held-out run with the largest mismatch before; a training run if none is held out."""
     gaps = _heldout_gaps(finding)
     return gaps[0].run if gaps else None
 

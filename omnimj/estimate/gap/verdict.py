@@ -103,7 +103,7 @@ def _format_explained(achieved: _Achieved) -> str:
 
 
 def _refusal(achieved: _Achieved) -> tuple[str, str] | None:
-    """Verdict and reason where the effects may not be named; None where they may."""
+    """Verdict and reason if the effects must not be named; None if they may be."""
     rest, was = achieved.rest, achieved.was
     if achieved.explained < MIN_EXPLAINED:
         return (

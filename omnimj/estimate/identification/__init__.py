@@ -5,6 +5,6 @@
 - `floor_fit`: the least-squares problem of one floor and its solutions
 - `curve`: the steady traction curve, and the slip covered by the runs
 - `uncertainty`: covariance, confidence intervals, and parameters that the runs leave open
-- `validation`: tables of RMS speed errors, beside those of the dissertation
+- `validation`: tables of RMS speed errors, compared with those of the dissertation
 - `records`, `files`: results as records and as files
 """

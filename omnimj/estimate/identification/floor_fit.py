@@ -172,7 +172,7 @@ class FloorProblem:
 
 
 def prior_residuals(shared: Array) -> Array:
-    """Residuals of the weak prior, shape (SHARED,)."""
+    """Residuals of the weak prior at the shared unknowns of shape (SHARED,), same shape."""
     return (_SHAPE @ shared - _CENTRE) / _SPREAD
 
 
@@ -196,11 +196,11 @@ class FloorFit:
 
     problem: FloorProblem
     shared: Array
-    """Shape (SHARED,)."""
+    """Fitted shared unknowns, shape (SHARED,)."""
     own: Array
     """Deviation of each run's radius, shape (runs,)."""
     residuals: tuple[Array, ...]
-    """Whitened residuals of each run."""
+    """Whitened residuals of each run, shape (n,) each."""
     cost: float
     """Sum of squares, prior included."""
 

@@ -75,7 +75,7 @@ def identify(dataset: Dataset, rig: Rig, progress: Progress | None = None) -> Id
 
     Args:
       dataset: Rig runs; masses and lateral speeds may differ.
-      rig: Constants: wheel, rail friction, sensors. Motor and gear do not matter.
+      rig: Constants: wheel, rail friction, sensors. Motor and gear are not used.
       progress: Called with the completed floors and the number of all floors.
 
     Raises:

@@ -58,21 +58,23 @@ class Points:
     ratio: Array
     """(m V̇ + F_rail + F_roll)/F_N, shape (n,) [1]."""
     model_slip: Array
+    """Slip V_r of the fitted model in the same blocks, shape (n,) [m/s]."""
     model_ratio: Array
-    """Slip and ratio of the fitted model in the same blocks, shape (n,)."""
+    """F/F_N of the fitted model in the same blocks, shape (n,) [1]."""
 
 
 @dataclass(frozen=True)
 class SteadyCurve:
-    """F/F_N over V_r with a settled bristle, with its band."""
+    """F/F_N over V_r with a settled bristle, with its band; all arrays have shape (n,)."""
 
     slip: Array
-    """Shape (n,) [m/s]."""
+    """V_r [m/s]."""
     ratio: Array
+    """F/F_N [1]; `low` and `high` bound its band."""
     low: Array
     high: Array
     level: Array
-    """g(V_r), the curve without its viscous part, with its band [1]."""
+    """g(V_r) [1], the curve without its viscous part; `level_low` and `level_high` bound its band."""
     level_low: Array
     level_high: Array
     covered: tuple[float, float]
@@ -87,9 +89,9 @@ class RunResidual:
     time: Array
     """Block centres, shape (m,) [s]."""
     speed: Array
-    """Residual of the carriage speed [m/s], NaN where nothing is fitted."""
+    """Residual of the carriage speed, shape (m,) [m/s]; NaN where nothing is fitted."""
     acceleration: Array
-    """Residual of the carriage acceleration [m/s²]."""
+    """Residual of the carriage acceleration, shape (m,) [m/s²]; NaN where nothing is fitted."""
 
 
 @dataclass(frozen=True)
@@ -167,12 +169,15 @@ class ReplayedRun:
     """Set value of the run [A]."""
     lateral_speed: float
     time: Array
+    """Sample times, shape (k,) [s]."""
     measured_speed: Array
+    """Measured carriage speed, shape (k,) [m/s]; NaN where masked."""
     simulated_speed: Array
-    """Carriage speed [m/s]; NaN where it is not measured."""
+    """Simulated carriage speed, shape (k,) [m/s]."""
     measured_rim: Array
+    """Measured rim speed r φ̇, shape (k,) [m/s]; NaN where masked."""
     simulated_rim: Array
-    """Rim speed r φ̇ [m/s]."""
+    """Simulated rim speed r φ̇, shape (k,) [m/s]."""
     carriage_rms: float
     """RMS error of the carriage speed [m/s]."""
     wheel_rms: float

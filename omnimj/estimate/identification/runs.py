@@ -36,7 +36,7 @@ _FINDS_BACK = 0.2  # … for this long [s], several times the bristle's and the 
 
 @dataclass(frozen=True)
 class RigRun:
-    """Run at a constant period; arrays have shape (k,)."""
+    """Run at a constant period; arrays have shape (k,) unless stated otherwise."""
 
     name: str
     condition: str
@@ -107,7 +107,7 @@ def rig_run(run: Run, period: float) -> RigRun:
 def _on_grid(
     time: Array, values: Array, masked: NDArray[np.bool_] | None, grid: Array, period: float
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Values on the grid, and the mask of those beside measured samples."""
+    """Values on the grid, and the mask of those next to measured samples."""
     good = np.isfinite(values) if masked is None else np.isfinite(values) & ~masked
     if not good.any():
         return np.zeros(len(grid)), np.zeros(len(grid), dtype=bool)

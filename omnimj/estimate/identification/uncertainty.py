@@ -2,8 +2,8 @@
 
 The covariance of the unknowns is the jackknife over whole conditions (repeats together), so that coloured
 noise inside a run is accounted for. The uncertainty of constants that the fit takes as known (mass, rail
-friction, timing) adds to it. The friction levels, and any parameter with a wide interval, get the interval of
-their profile instead: held at value after value, all others refitted.
+friction, timing) adds to it. The friction levels, and any parameter with a wide interval, have a profile
+interval instead: the parameter is fixed at successive values and all others are refitted.
 """
 
 from __future__ import annotations
@@ -74,11 +74,12 @@ def known_uncertainty(rig: Rig) -> KnownUncertainty:
 
 @dataclass(frozen=True)
 class FitCovariance:
-    """Covariance of the shared unknowns: `total`, and `naive` for white noise alone."""
+    """Covariance of the shared unknowns."""
 
     total: Array
-    """Shape (SHARED, SHARED)."""
+    """Covariance with coloured noise and uncertain constants, shape (SHARED, SHARED)."""
     naive: Array
+    """Covariance for white noise alone, shape (SHARED, SHARED)."""
     clusters: int
     effective_samples: float
 

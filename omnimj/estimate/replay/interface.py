@@ -131,7 +131,7 @@ class Replay(Protocol):
         ...
 
     def simulate_twin(self, setting: Setting) -> Array | None:
-        """Simulate the sensors by the MuJoCo twin, shape (blocks, channels); None where there is none."""
+        """Simulate the sensors by the MuJoCo twin, shape (blocks, channels); None without a twin."""
         ...
 
     def regimes(self) -> Mapping[str, tuple[str, Array]]:

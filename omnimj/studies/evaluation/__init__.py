@@ -5,6 +5,6 @@
 `trial`    one case driven with the method, without it and without faults
 `scoring`  score of one case
 `summary`  numbers over all cases
-`goals`    goals beside the measured figures
+`goals`    comparison of the measured figures with the goals
 `tables`   tables and sentences for Markdown, command line and report
 """

@@ -43,7 +43,7 @@ TERMS: Mapping[str, Term] = MappingProxyType(
 )
 """Terms by the names of `TrialMetrics`, and `margin`: smallest phase margin before over that now."""
 MOVE_WEIGHT = 0.002
-"""Weight of the mean square of ln(gain/gain before), which keeps gains without effect where they are."""
+"""Weight of the mean square of ln(gain/gain before), which keeps gains without effect unchanged."""
 _MIN_MARGIN = 1.0  # [°] smallest margin in the cost term; a limit rejects smaller ones anyway
 _BROKE = 10.0  # violation of a run that broke down
 _INFEASIBLE, _MAX_COST = 1e3, 999.0  # fitness from which a limit is violated; largest other cost

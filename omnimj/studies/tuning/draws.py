@@ -1,6 +1,6 @@
 """Random draws over which candidates are driven: scenario, floor, payload, parameter errors and fault.
 
-Every candidate gets the same draws (common random numbers), so that scores differ by the candidate alone.
+All candidates share the same draws (common random numbers), so that scores differ by the candidate alone.
 """
 
 from __future__ import annotations
@@ -146,7 +146,7 @@ def apply_draw(scenario: Scenario, draw: Draw, with_truth: bool) -> Scenario:
     Args:
       scenario: The scenario as read.
       draw: The draw.
-      with_truth: With faults and patches for plant and judge; without for the controller.
+      with_truth: True to include faults and patches, for the plant; False for the controller.
     """
     as_written = draw.fault == AS_WRITTEN
     return dataclasses.replace(

@@ -41,7 +41,7 @@ class TuningConfig:
     """Settings of a tuning."""
 
     out: Path
-    """The gains file; trials are stored in a folder beside it."""
+    """Path of the gains file; trials are stored in a folder next to it."""
     scenarios: tuple[str, ...]
     names: tuple[str, ...] = GAIN_NAMES
     """Names of the gains to tune."""
@@ -197,7 +197,7 @@ def run_tuning(
       The result; None after Ctrl-C, with every finished trial kept.
 
     Raises:
-      InputError: The folder beside the file holds something else, or cannot be written.
+      InputError: The folder next to the file holds something else, or cannot be written.
       SimulationError: A worker died, or a trial broke down; finished trials are kept.
     """
     return run_study(_Tuning(config), report, executor)

@@ -89,7 +89,14 @@ def column_suspicions(
 
 
 def constant_stretches(values: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Find stretches of equal values: their first samples and lengths, both of shape (stretches,)."""
+    """Find stretches of equal values in a channel.
+
+    Args:
+      values: Samples of the channel, shape (n,).
+
+    Returns:
+      First samples and lengths of the stretches, both of shape (stretches,).
+    """
     starts = np.concatenate([[0], np.flatnonzero(np.diff(values) != 0.0) + 1])
     return starts, np.diff(np.concatenate([starts, [len(values)]]))
 
@@ -232,7 +239,14 @@ def counter_modulus(size: float, usual: float) -> float:
 
 
 def unwrap_counter(values: Array) -> Array:
-    """Remove the jumps of a counter, shape (n,)."""
+    """Remove the jumps of a counter.
+
+    Args:
+      values: Readings of the counter, shape (n,).
+
+    Returns:
+      Continuous readings, shape (n,) [unit of the channel].
+    """
     at, size = counter_jumps(values)
     if not at.size:
         return values

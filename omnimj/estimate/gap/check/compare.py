@@ -27,7 +27,7 @@ _SMOOTH = 0.005  # [s] over which an acceleration is averaged
 
 @dataclass(frozen=True)
 class Stretch:
-    """Two quantities over one stretch of time: time [s], x and y, all of shape (n,)."""
+    """Samples of two quantities over one stretch of time; time [s], x and y all have shape (n,)."""
 
     time: Array
     x: Array
@@ -147,10 +147,10 @@ class Onsets:
     """Time at which each channel begins to move, per run."""
 
     times: Mapping[str, Array]
-    """Channel → time after the run's start, shape (runs,) [s]; NaN where it is not determined."""
+    """Channel → time after the run's start, shape (runs,) [s]; NaN if not determined."""
 
     def lag(self, first: str, second: str) -> float | None:
-        """Median over the runs of second − first [s]; None where it is not determined."""
+        """Median over the runs of second − first [s]; None if not determined."""
         apart = self.times[second] - self.times[first]
         apart = apart[np.isfinite(apart)]
         return float(np.median(apart)) if apart.size else None

@@ -41,7 +41,7 @@ def check_dataset(dataset: Dataset, machine: Machine | None = None) -> DataCheck
 def correct_dataset(dataset: Dataset, check: DataCheck) -> Dataset:
     """Correct errors that are gross and sure: a wrong unit, a counter that starts over.
 
-    Signs, small factors, delays and biases are left alone: they are candidates of the search.
+    Signs, small factors, delays and biases are left unchanged, since they are candidates of the search.
 
     Returns:
       The dataset with a note on every change.

@@ -140,7 +140,7 @@ def wheel_scales(parts: Sequence[BodyWindow], rolling: Array, count: int) -> lis
     """Scale of every wheel against the accelerometer axis along which it drives, and its certainty.
 
     Gyro and both axes have a factor of their own each, so that the unit of one does not disturb the
-    others. The certainty is the correlation with all three, 0 where the axis adds next to nothing.
+    others. The certainty is the correlation with all three, 0 where the axis contributes little.
 
     Args:
       parts: Windows.

@@ -81,7 +81,7 @@ class Link:
 
 
 def unit_of(factor: float, channel: str, more: Iterable[tuple[float, str]] = ()) -> tuple[float, str]:
-    """Known factor next to an estimated one, and its name; (0, "") where none is near.
+    """Known factor next to an estimated one, and its name; (0, "") if none is near.
 
     Args:
       factor: Estimated factor.

@@ -42,9 +42,9 @@ class Variable:
     unit: str
     words: str
     values: Array
-    """Shape (blocks,); codes of `labels` where it has any; NaN where it has no value."""
+    """Shape (blocks,); values, or codes of `labels`; NaN in blocks without a value."""
     code: NDArray[np.int64]
-    """Bin of every block, shape (blocks,); −1 where it has no value."""
+    """Bin of every block, shape (blocks,); −1 without a value."""
     edges: Array
     """Edges between the bins, shape (bins − 1,)."""
     labels: tuple[str, ...] = ()
@@ -172,7 +172,7 @@ def best_rule(energy: Array, variable: Variable, among: BlockMask) -> Rule:
     Args:
       energy: Squared mismatch in units of noise, shape (blocks,).
       variable: The variable.
-      among: Blocks to look at, shape (blocks,).
+      among: Mask of the blocks to use, shape (blocks,).
     """
     held, taken = bin_shares(energy, variable, among)
     return Rule(variable, *best_bins(held - taken, variable))
@@ -185,7 +185,7 @@ def excess_given(rule: Rule, other: Variable, energy: Array, among: BlockMask) -
       rule: Rule over v.
       other: w.
       energy: Squared mismatch in units of noise, shape (blocks,).
-      among: Blocks to look at, shape (blocks,).
+      among: Mask of the blocks to use, shape (blocks,).
     """
     used = among & (other.code >= 0)
     inside = rule.inside[used]
@@ -205,7 +205,7 @@ def leading_rules(
     Args:
       energy: Squared mismatch in units of noise, shape (blocks,).
       variables: Ordered by preference where the data cannot distinguish them.
-      among: Blocks to look at, shape (blocks,).
+      among: Mask of the blocks to use, shape (blocks,).
       segments: Blocks that belong together, in order; they cover all of `among`. Chance is simulated by
         giving each segment the mismatch of another one, shifted in time.
     """
@@ -275,7 +275,7 @@ class SignAsymmetry:
     ratio: float
     """RMS mismatch at that sign over that at the other sign."""
     is_sure: bool
-    """True where it exceeds three standard errors over the pairs."""
+    """True if the difference exceeds three standard errors over the pairs."""
 
 
 def sign_asymmetry(
@@ -289,7 +289,7 @@ def sign_asymmetry(
       signed: Variable whose signs are compared.
       others: Variables in which paired segments should agree.
       energy: Squared mismatch in units of noise, shape (blocks,).
-      among: Blocks to look at, shape (blocks,).
+      among: Mask of the blocks to use, shape (blocks,).
       segments: Blocks that belong together.
 
     Returns:
@@ -337,11 +337,11 @@ def turn_harmonic(
     Args:
       angle: θ, shape (blocks,) [rad].
       signed: Mismatch in units of noise, shape (blocks,).
-      among: Blocks to look at, shape (blocks,).
+      among: Mask of the blocks to use, shape (blocks,).
       segments: Blocks that belong together.
 
     Returns:
-      None where it does not.
+      None if the mismatch does not follow the angle.
     """
     groups = [np.flatnonzero((among & np.isfinite(angle))[p]) + p.start for p in segments]
     groups = [g for g in groups if g.size > 4 * _HARMONICS]

@@ -225,7 +225,7 @@ def sign_ratio(rule: Rule, energy: np.ndarray, among: BlockMask, signed: np.ndar
     Args:
       rule: Range of a signed variable.
       energy: Squared mismatch in units of noise, shape (blocks,).
-      among: Blocks to look at, shape (blocks,).
+      among: Mask of the blocks to use, shape (blocks,).
       signed: Values of the variable, shape (blocks,).
     """
     low, high = _ends(rule)

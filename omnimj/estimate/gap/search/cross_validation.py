@@ -22,7 +22,7 @@ _FOLD_PRIOR = 0.005  # share of all runs' information on a parameter that holds 
 
 @dataclass(frozen=True)
 class Groups:
-    """Blocks that are held out together: conditions, or stretches of time where there are few."""
+    """Blocks that are held out together: conditions, or stretches of time if there are few conditions."""
 
     of_block: NDArray[np.int_]
     """Group of every block, shape (blocks,)."""
@@ -127,7 +127,7 @@ def heldout_losses(
 
 
 def sum_by_group(losses: Array, groups: Groups) -> Array:
-    """Sums of block losses per group that has any, shape (groups with losses,)."""
+    """Sum block losses of shape (blocks,) over each group; groups without losses are left out."""
     valid = np.isfinite(losses)
     sums = np.bincount(groups.of_block[valid], losses[valid], minlength=groups.count).astype(float)
     present = np.bincount(groups.of_block[valid], minlength=groups.count) > 0

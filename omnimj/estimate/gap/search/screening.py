@@ -31,7 +31,7 @@ class ScreenedCandidate:
     candidate: CandidateEffect
     share: float
     start: Array
-    """Base, α, effects so far and this one, shape (parameters + own,)."""
+    """Starting values of base, α, present effects and this effect, shape (parameters + own,)."""
 
 
 def trial_shapes(candidate: CandidateEffect) -> list[dict[int, float]]:
@@ -95,11 +95,13 @@ class ScreeningBaseline:
 
     current: Fit
     weight: Array
+    """Diagonal of the weight matrix W, shape (rows,)."""
     box: tuple[Array, Array]
+    """Lowest and highest step of each parameter in its scale, both of shape (parameters,)."""
     known: Array
     """W [J r], shape (rows, parameters + 1)."""
     sums: Array
-    """Normal equations of `known`."""
+    """Normal equations of `known`, shape (parameters + 1, parameters + 1)."""
 
 
 def _screen_shape(
@@ -142,9 +144,10 @@ def _screen_shape(
 
 @dataclass(frozen=True)
 class Sensitivities:
-    """Weighted columns [parameters, knots of every variable, residual], ready for sums over groups."""
+    """Weighted sensitivities to parameters and free forces, with the residual."""
 
     columns: Array
+    """Columns [parameters, knots of every variable, residual], shape (rows, columns)."""
     prior: Array
     """Precision of each parameter in units of its column, shape (parameters,)."""
     variables: tuple[str, ...]
@@ -204,7 +207,7 @@ def _heldout_squares(sums: Array, own: int, penalty: Array, folds: list[NDArray[
 
 
 def groups_of_folds(groups: Groups, folds: list[NDArray[np.bool_]]) -> list[NDArray[np.int_]]:
-    """Groups that each fold leaves out, from the folds' masks of shape (blocks,)."""
+    """Groups left out by each fold, given as masks of shape (blocks,)."""
     return [np.unique(groups.of_block[out]) for out in folds]
 
 

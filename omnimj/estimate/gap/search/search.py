@@ -1,4 +1,4 @@
-"""The search: refit the base, add one effect after another, eliminate, and judge on unused runs."""
+"""Search: refit the base, add effects one by one, eliminate, and evaluate on held-out runs."""
 
 from __future__ import annotations
 

@@ -66,6 +66,7 @@ class TrainingSplit:
     """Blocks of the training groups, shape (blocks,)."""
     groups: Groups
     folds: list[NDArray[np.bool_]]
+    """Masks of the blocks left out in each fold, shape (blocks,) each."""
     seed: int
 
 
@@ -92,7 +93,7 @@ class SelectionRound:
     """Candidates that the best one does not beat clearly."""
     curves: CurveGains
     before: Array
-    """Held-out losses per group without any of them."""
+    """Held-out loss per group without any candidate, shape (groups,)."""
     effective: float
 
     @property

@@ -40,7 +40,9 @@ class AxisLog:
     times: Array
     """Time since the start of the run, shape (n,) [s]."""
     force: Array
+    """Force reported by the drive, shape (n,) [N]."""
     position: Array
+    """Measured position, shape (n,) [m]."""
     velocity: Array
     """Measured velocity, shape (n,) [m/s]; NaN for runs without it."""
     smooth: Array

@@ -42,13 +42,17 @@ class RigRuns:
     size: int
     """Samples per block."""
     current: Array
+    """Measured motor current, denoised, shape (samples,) [A]."""
     target: Array | None
     """Current set value where it was recorded, shape (samples,) [A]."""
     lateral: Array
+    """Speed of the gantry, shape (samples,) [m/s]."""
     start: Array
     """Carriage [m/s] and wheel speed [rad/s] at the start, shape (runs, 2)."""
     mass: Array
+    """Declared mass of each run, shape (runs,) [kg]."""
     floor: tuple[str, ...]
+    """Floor of each run."""
     measured: Array
     """Block means of `CHANNELS` and, with a set value, of the current, shape (blocks, channels)."""
     segments: tuple[Segment, ...]

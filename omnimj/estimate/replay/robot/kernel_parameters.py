@@ -34,8 +34,11 @@ class FreeCurve:
     """Free force over one variable."""
 
     over: str
+    """Name of the variable."""
     force: Array
+    """Force at the knots, shape (KNOTS,) [N]."""
     low: float
+    """Value of the variable at the first knot; `high` is that at the last."""
     high: float
 
 
@@ -78,7 +81,7 @@ def _constants(runs: RobotRuns, changed: AppliedEffects, mass_scale: float) -> t
 
 
 def _with_payload(changed: AppliedEffects, mass: float) -> PlanarConstants:
-    """Robot with its payload; one so far out that a wheel would lift is moved inward."""
+    """Robot with its payload, which is moved inward if a wheel would lift off."""
     robot = dataclasses.replace(changed.machine, body=dataclasses.replace(changed.machine.body, mass=mass))
     extra, x, y = changed.payload
     for share in _SHARES:

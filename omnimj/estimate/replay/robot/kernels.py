@@ -116,10 +116,15 @@ class _Stretch(NamedTuple):
     block: int
     """First row of blocks."""
     start: Array
+    """Body twist at the start, shape (3,)."""
     times: Array
+    """Time since the start of the run, shape (steps,) [s]."""
     current: Array
+    """Shape (steps, 4) [A]."""
     speed: Array
+    """Wheel speeds, shape (steps, 4) [rad/s]."""
     yaw: Array
+    """Heading, unwrapped, shape (steps, 1) [rad]."""
 
 
 class _Follower(NamedTuple):

@@ -140,7 +140,7 @@ class RobotReplay:
         self.candidates: tuple[CandidateEffect, ...] = tuple(self._with_place(f) for f in possible)
 
     def _fits(self, candidate: CandidateEffect) -> bool:
-        """True where the model can have this effect beside those it has."""
+        """True if this effect can be added to those of the model."""
         try:
             add_effects(self._robot, [(candidate, np.array([s.typical for s in candidate.parameters]))])
         except InputError:

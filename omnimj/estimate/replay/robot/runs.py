@@ -69,7 +69,7 @@ class RobotRuns:
     window: int
     """Steps per window, a multiple of `size`."""
     stretches: NDArray[np.int64]
-    """Table of stretches, see `kernels.STRETCH`."""
+    """Table of stretches, see `kernels.STRETCH`, shape (stretches, STRETCH)."""
     start: Array
     """Body twist at each start, shape (stretches, 3)."""
     times: Array
@@ -102,6 +102,7 @@ class _Stretch:
 
     run: Run
     times: Array
+    """Time since the start of the run, shape (steps,) [s]."""
     steps: Array
     """Means of `NAMES`, masked samples bridged, shape (steps, 12)."""
     masked: NDArray[np.bool_]
