@@ -174,9 +174,9 @@ class RunGap:
 
     run: str
     heldout: bool
-    """True where the run, or a part of it, was held out."""
+    """True if the run, or a part of it, was held out."""
     partly: bool
-    """True where only some of its windows were held out."""
+    """True if only some of its windows were held out."""
     conditions: Mapping[str, float | str]
     before: Mapping[str, float]
     """Channel → RMS [unit of the channel]."""
@@ -187,7 +187,7 @@ class RunGap:
 
 
 def has_second_model(finding: Finding) -> bool:
-    """True where a finding has a second model to compare with."""
+    """True if a finding has a second model to compare with."""
     gaps = [*finding.heldout.values(), *finding.train.values()]
     return any(gap.after is not None for gap in gaps)
 

@@ -75,7 +75,7 @@ class RunJacobian:
     """Derivatives of one run's residuals."""
 
     shared: Array
-    """Shape (n, SHARED)."""
+    """Derivatives with respect to the shared unknowns, shape (n, SHARED)."""
     own: Array
     """Derivative with respect to the run's own radius, shape (n,)."""
 
@@ -149,7 +149,7 @@ class FloorProblem:
         ]
 
     def with_whitening_of(self, shared: Array, own: Array) -> FloorProblem:
-        """The same problem with the noise estimated from the residuals of a fit.
+        """Return the problem with the noise estimated from the residuals of a fit.
 
         Args:
           shared: Fitted shared unknowns, shape (SHARED,).
@@ -249,7 +249,7 @@ class _SolverView:
     origin: Array
     """Shared unknowns at x = 0, shape (SHARED,)."""
     basis: Array
-    """Shape (SHARED, p)."""
+    """Directions along which the shared unknowns may move, shape (SHARED, p)."""
 
     def unpack(self, x: Array) -> tuple[Array, Array]:
         """Shared unknowns, shape (SHARED,), and radius deviations, shape (runs,)."""

@@ -35,7 +35,7 @@ class Estimate:
 
     @property
     def is_determined(self) -> bool:
-        """True where the data bound it on both sides."""
+        """True if the data bound the parameter on both sides."""
         return self.low is not None and self.high is not None
 
 
@@ -140,7 +140,7 @@ class Identification:
     floors: tuple[IdentifiedFloor, ...]
     notes: tuple[str, ...]
     interrupted: bool = False
-    """True where Ctrl-C ended it; the floors are those completed until then."""
+    """True if Ctrl-C ended the identification; `floors` are those completed until then."""
 
     def to_pandas(self) -> Any:
         """A `pandas.DataFrame` with a row per floor and parameter: value, ends of the interval, unit."""

@@ -63,7 +63,7 @@ class RigRun:
 
     @property
     def starts_at_rest(self) -> bool:
-        """True where carriage and wheel stand at the first samples."""
+        """True if carriage and wheel stand at the first samples."""
         first = max(1, round(_BEGIN / self.period))
         turning = abs(self.wheel_speed[:first].mean()) > _TURNING
         return bool(abs(self.carriage_speed[:first].mean()) < 4.0 * AT_REST and not turning)
@@ -170,7 +170,13 @@ class CarriageRun:
     def with_known(
         self, rail_friction_added: float = 0.0, mass_added: float = 0.0, wheel_late: float = 0.0
     ) -> CarriageRun:
-        """The same run with changed constants; `wheel_late` in seconds."""
+        """Return the run with changed constants.
+
+        Args:
+          rail_friction_added: Added rail friction [N].
+          mass_added: Added mass [kg].
+          wheel_late: Added delay of the wheel speed [s].
+        """
         own = self.parameters
         changed = own._replace(
             dry=own.dry + rail_friction_added, mass=own.mass + mass_added, delay=own.delay + wheel_late

@@ -223,7 +223,7 @@ def describe_undetermined(
       spread: Covariance of the fit.
       estimates: Parameters with intervals.
       covered: Slip covered by the runs [m/s]; None where they never slide.
-      shows_stribeck: True where the runs show that g depends on slip.
+      shows_stribeck: True if the runs show that g depends on slip.
     """
     by_name = {estimate.name: estimate for estimate in estimates}
     sentences = []
@@ -243,7 +243,7 @@ def describe_undetermined(
 
 
 def has_stribeck(fit: FloorFit, spread: FitCovariance) -> bool:
-    """True where the runs show that g changes with slip: μ_s = μ_c fits them significantly worse."""
+    """True if the runs show that g changes with slip: μ_s = μ_c fits them significantly worse."""
     constant = solve_without_stribeck(fit)
     inflated = max(1.0, float(np.max(np.diag(spread.total)[:3] / np.diag(spread.naive)[:3])))
     rise = constant.data_cost - fit.data_cost

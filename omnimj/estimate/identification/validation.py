@@ -66,11 +66,11 @@ TABLE_4_4: Mapping[float, tuple[float, ...]] = MappingProxyType(
         -0.65: (0.047, 0.018, 0.014, 0.024),
     }
 )
-"""The same with lateral friction in the model."""
+"""Lateral speed [m/s] → error per current, with lateral friction in the model."""
 
-_MASS, _CURRENT, _LATERAL = 0.02, 0.03, 0.03  # [kg, A, m/s] by which a measured condition may be off
+_MASS, _CURRENT, _LATERAL = 0.02, 0.03, 0.03  # [kg, A, m/s] tolerance of a measured condition
 PLANTS = ("twin", "planar")
-"""Plants that a measured current can drive."""
+"""Plants for the replay of measured currents."""
 Progress = Callable[[int, int], None]
 _SET_VALUE_GRID, _LATERAL_GRID = 0.05, 0.05  # [A, m/s] grid of test plans …
 _NEAR = 0.015  # … and largest distance of a measured value from it

@@ -36,7 +36,7 @@ class Problem:
 
     @property
     def has_twin_share(self) -> bool:
-        """True where α is a parameter."""
+        """True if the share α of the roller-level dynamics is a parameter."""
         return self.offset is not None
 
     def split(
@@ -223,7 +223,7 @@ def fit(
 
 
 def reevaluate(fitted: Fit, problem: Problem) -> Fit:
-    """The same fit with residual and Jacobian of a problem with another noise or offset."""
+    """Evaluate residual and Jacobian of a fit anew, for a problem with another noise or offset."""
     (residual,) = problem.residuals([fitted.x], fitted.effects)
     return replace(fitted, residual=residual, jacobian=problem.jacobian(fitted.x, fitted.effects))
 

@@ -62,7 +62,7 @@ class Summary:
     """All numbers that the benchmark reports."""
 
     methods: tuple[MethodSummary, ...]
-    """The workflow first."""
+    """Summaries of the workflow, first, and of the baselines."""
     abstained_visible: Rate
     inside: Rate
     """Share of parameters of correctly named effects in their intervals, relative to the nominal model."""
@@ -74,7 +74,7 @@ class Summary:
     sizes: tuple[GroupSummary, ...]
     effects: tuple[GroupSummary, ...]
     kinds: tuple[GroupSummary, ...]
-    """null, single, pair, triple, and the kinds outside the library."""
+    """Summaries by kind of case: null, single, pair, triple, and the kinds outside the library."""
 
 
 def summarize(scores: Sequence[CaseScore]) -> Summary:

@@ -56,14 +56,14 @@ class EffectStatistics:
     """Effect of one parameter on one result, in the result's unit per range of the parameter."""
 
     mu: float
-    """Mean of the elementary effects; like the other statistics NaN without any."""
+    """Mean μ of the elementary effects; NaN without any, like the other statistics."""
     mu_star: float
-    """Mean of their absolute values."""
+    """Mean μ* of the absolute values of the elementary effects."""
     low: float
-    """Lower bound of μ*, 95 %, by bootstrap over trajectories."""
+    """Lower 95 % bound of μ*, by bootstrap over trajectories; `high` is the upper one."""
     high: float
     sigma: float
-    """Their standard deviation; NaN for a single one."""
+    """Standard deviation σ of the elementary effects; NaN for a single one."""
     count: int
     """Number of elementary effects."""
 

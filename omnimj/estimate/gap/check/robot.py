@@ -43,7 +43,7 @@ class BodyWindow:
     wheels: Array
     """Wheel speeds, shape (n, wheels) [rad/s]."""
     yaw_rate: Array
-    """Shape (n,) [rad/s]."""
+    """Yaw rate by the gyro, shape (n,) [rad/s]."""
     along: Array
     """Body speed gained from the x and the y axis of the accelerometer, shape (2, n, 2) [m/s]."""
     free: Array

@@ -42,7 +42,7 @@ class Variable:
     unit: str
     words: str
     values: Array
-    """Shape (blocks,); values, or codes of `labels`; NaN in blocks without a value."""
+    """Values, or codes of `labels`, shape (blocks,); NaN in blocks without a value."""
     code: NDArray[np.int64]
     """Bin of every block, shape (blocks,); −1 without a value."""
     edges: Array

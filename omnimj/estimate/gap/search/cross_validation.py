@@ -146,7 +146,7 @@ def heldout_gain(before: Array, after: Array) -> Interval:
 
     Args:
       before: Held-out loss per group, shape (groups,).
-      after: The same of the other model.
+      after: Held-out loss per group of the other model, shape (groups,).
     """
     value = 1.0 - np.sqrt(after.sum() / before.sum())
     times = bootstrap_counts(len(before))
@@ -161,7 +161,7 @@ def paired_t(worse: Array, better: Array) -> float:
 
     Args:
       worse: Held-out loss per group, shape (groups,).
-      better: The same of the other model.
+      better: Held-out loss per group of the other model, shape (groups,).
     """
     difference = worse - better
     spread = float(difference.std(ddof=1)) if len(difference) > 1 else 0.0

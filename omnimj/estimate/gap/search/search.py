@@ -69,7 +69,7 @@ class SearchResult:
     problem: Problem
     """Problem with the noise and the twin correction of the last model."""
     first: Problem
-    """The same of the base."""
+    """Problem with the noise and the twin correction of the base."""
     groups: Groups
     heldout: NDArray[np.bool_]
     """Groups excluded from every fit, shape (groups,)."""

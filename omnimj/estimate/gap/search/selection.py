@@ -42,7 +42,7 @@ Progress = Callable[[str, float], None]
 
 
 def exceeds_margin(gained: Interval) -> bool:
-    """True where the lower bound of a held-out gain is above the margin."""
+    """True if the lower bound of a held-out gain is above the margin."""
     return gained.low is not None and gained.low > MARGIN
 
 

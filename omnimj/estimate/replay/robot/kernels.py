@@ -54,13 +54,13 @@ class Log(NamedTuple):
     """Measured missions, all stretches concatenated."""
 
     stretches: NDArray[np.int64]
-    """Shape (stretches, STRETCH)."""
+    """Table of stretches, shape (stretches, STRETCH)."""
     start: Array
     """Body twist at each start, shape (stretches, 3)."""
     times: Array
     """Time since the start of the run, shape (steps,) [s]."""
     current: Array
-    """Shape (steps, 4) [A]."""
+    """Measured currents, shape (steps, 4) [A]."""
     speed: Array
     """Wheel speeds, shape (steps, 4) [rad/s]."""
     yaw: Array
@@ -120,7 +120,7 @@ class _Stretch(NamedTuple):
     times: Array
     """Time since the start of the run, shape (steps,) [s]."""
     current: Array
-    """Shape (steps, 4) [A]."""
+    """Measured currents, shape (steps, 4) [A]."""
     speed: Array
     """Wheel speeds, shape (steps, 4) [rad/s]."""
     yaw: Array
@@ -146,9 +146,9 @@ class _Part(NamedTuple):
     share: float
     """Length of the part [steps]."""
     h: float
-    """The same [s]."""
+    """Length of the part [s]."""
     angle: Array
-    """Angles of the wheels at its start, shape (4,) [rad]."""
+    """Angles of the wheels at the start of the part, shape (4,) [rad]."""
     loose: Array
     """1 for a rotor inside its play at the start, shape (4,)."""
 

@@ -75,7 +75,7 @@ class RobotRuns:
     times: Array
     """Time since the run's start, shape (steps,) [s]."""
     current: Array
-    """Shape (steps, 4) [A]."""
+    """Measured currents, shape (steps, 4) [A]."""
     speed: Array
     """Wheel speeds, shape (steps, 4) [rad/s]."""
     yaw: Array
@@ -106,7 +106,7 @@ class _Stretch:
     steps: Array
     """Means of `NAMES`, masked samples bridged, shape (steps, 12)."""
     masked: NDArray[np.bool_]
-    """Shape (steps, 12)."""
+    """Mask of bad steps of each channel, shape (steps, 12)."""
     twist: Array
     """Body twist at the start, shape (3,)."""
 
