@@ -24,10 +24,10 @@ _UNUSED = ChannelKind(Quantity.OTHER, 0, Raw.VOLTS)
 
 
 def require_hardware(robot: Robot) -> Hardware:
-    """Wiring of a robot.
+    """Wiring of a robot, which must have one.
 
     Raises:
-      InputError: The model file has none, so the robot cannot be driven over a wire.
+      InputError: The model file has no wiring, so the robot cannot be driven over a link.
     """
     if robot.hardware is None:
         raise InputError(robot.file, "there is no [hardware]", "a plant behind a wire needs its tables")
@@ -40,7 +40,7 @@ def channel_kind(channel: HardwareInput) -> ChannelKind:
 
 
 def channel_kinds(hardware: Hardware) -> tuple[ChannelKind, ...]:
-    """Kinds of all channels of a device; channels that the wiring leaves out are `OTHER`."""
+    """Kinds of all channels of a device; channels unused by the wiring are `OTHER`."""
     kinds = [_UNUSED] * (1 + max(channel.channel for channel in hardware.inputs))
     for channel in hardware.inputs:
         kinds[channel.channel] = channel_kind(channel)
@@ -64,7 +64,7 @@ def rounded_limits(hardware: Hardware) -> Limits:
 
 
 def canonical_text(hardware: Hardware) -> str:
-    """Calibration as ASCII text, equal for equal wirings; every line ends with a line feed.
+    """Format the calibration as ASCII text, equal for equal wirings; every line ends with a line feed.
 
     `omnimj calibration 1`, then by increasing channel
     `input NAME QUANTITY RAW CHANNEL SIGN GAIN OFFSET FILTER WRAP`, then by increasing wheel
@@ -90,7 +90,7 @@ def calibration_hash(hardware: Hardware) -> int:
 
 @dataclass(frozen=True)
 class WheelMap:
-    """Assignment of wheels to channels of the device: the host's wheel i is at `channels[i − 1]`."""
+    """Assignment of wheels to channels of the device: the host's wheel i is channel `channels[i − 1]`."""
 
     channels: tuple[int, ...]
     """Permutation of 0…n−1."""
@@ -99,14 +99,14 @@ class WheelMap:
 
     @classmethod
     def from_hardware(cls, hardware: Hardware) -> WheelMap:
-        """Assignment of a wiring; an analog box takes currents in the order of the wheels."""
+        """Build the assignment of a wiring; an analog box takes currents in the order of the wheels."""
         analog = hardware.outputs[0].unit == "V/A"
         channels = [o.wheel - 1 if analog else o.channel for o in hardware.outputs]
         factors = [o.sign * (1.0 if analog else o.gain) for o in hardware.outputs]
         return cls(tuple(channels), tuple(factors))
 
     def to_device(self, command: CurrentCommand) -> tuple[tuple[float, ...], int]:
-        """Currents [A] and brake bits for the device from a command of the host."""
+        """Convert a command of the host to the device's currents, shape (n,) [A], and brake bits."""
         currents = [0.0] * len(self.channels)
         for channel, factor, current in zip(
             self.channels, self.factors, command.current.tolist(), strict=True
@@ -115,7 +115,7 @@ class WheelMap:
         return tuple(currents), sum(1 << self.channels[wheel - 1] for wheel in command.brake)
 
     def from_device(self, currents: Sequence[float], brake: int) -> CurrentCommand:
-        """Command of the host from the device's currents [A] and brake bits."""
+        """Convert the device's currents, shape (n,) [A], and brake bits to a command of the host."""
         own = [
             currents[channel] / factor for channel, factor in zip(self.channels, self.factors, strict=True)
         ]
@@ -149,7 +149,7 @@ class Calibration:
         self._filter_state: dict[int, float] = {}
 
     def convert(self, time: float, raw: Sequence[float]) -> Measurement:
-        """Measurement in SI units from one sample of raw readings.
+        """Convert one sample of raw readings to a measurement in SI units.
 
         A wheel speed from an angle is the difference quotient over the samples' own times; it is 0 at the
         first sample, since a robot is armed at rest, and unchanged if time does not increase. A reading that
@@ -157,7 +157,7 @@ class Calibration:
 
         Args:
           time: Time of the sample [s].
-          raw: Volts or counts of all channels.
+          raw: Volts or counts of all channels of the device.
         """
         found = np.asarray(raw, dtype=float)[self._order]
         values = self._gain * (found - self._offset)
@@ -210,7 +210,7 @@ class Calibration:
 
 
 def wheel_speed_decoder(hardware: Hardware) -> WheelSpeedDecoder:
-    """Function that gives a device its wheel speeds from raw readings, in the device's order of wheels."""
+    """Function by which a device computes its wheel speeds from raw readings, in its own order of wheels."""
     calibration, channels = Calibration(hardware), WheelMap.from_hardware(hardware).channels
 
     def speeds(now: float, raw: Sequence[float]) -> tuple[float, ...]:

@@ -63,7 +63,7 @@ class ClockOffset:
 
 
 class LossCounter:
-    """Losses among the last 20 frames of a sender; a frame out of order counts as lost."""
+    """Counter of losses among the last 20 frames of a sender; a frame out of order counts as lost."""
 
     def __init__(self):
         """Start without losses."""
@@ -89,7 +89,7 @@ class LossCounter:
 
 
 class TimeHistogram:
-    """Quantiles of positive times to 2 % in constant memory (64 bins per decade, 0.1 µs to 100 s)."""
+    """Histogram of positive times in constant memory (64 bins per decade, 0.1 µs to 100 s)."""
 
     def __init__(self):
         self._bins = [0] * (_PER_DECADE * _DECADES)
@@ -103,7 +103,7 @@ class TimeHistogram:
         self.largest = max(self.largest, time)
 
     def quantile(self, share: float) -> float:
-        """Quantile of the times [s]; 0 if there are none."""
+        """Quantile of the times, accurate to 2 % [s]; 0 if there are none."""
         left = share * self.count
         for k, number in enumerate(self._bins):
             left -= number
@@ -118,14 +118,14 @@ class TimeHistogram:
 
 @dataclass
 class Deadlines:
-    """Deadlines of a control loop that answers each reading of the device by a command."""
+    """Statistics of the deadlines of a control loop that answers each reading with a command."""
 
     periods: int = 0
     """Number of commands."""
     missed: int = 0
     """Commands sent more than a period after their reading arrived."""
     held: int = 0
-    """Periods without a reading in time, in which the controller got the previous one again."""
+    """Periods without a reading in time, in which the controller received the previous one again."""
     skipped: int = 0
     """Readings that were skipped because a newer one had arrived."""
     response: TimeHistogram = field(default_factory=TimeHistogram)
@@ -136,7 +136,7 @@ class Deadlines:
     """Age of the newest command as reported in each telemetry."""
 
     def as_record(self) -> dict[str, Any]:
-        """Record for `metrics.json`; times in [s]."""
+        """Record for `metrics.json`, with times in [s]."""
         record = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         return {k: v.as_record() if isinstance(v, TimeHistogram) else v for k, v in record.items()}
 
@@ -152,11 +152,11 @@ class LinkRecord:
     deadlines: Deadlines
     sent: int
     received: int
-    """Numbers of frames."""
+    """Numbers of sent and received frames."""
     resent: int
     """Frames that were sent again in lock-step."""
     lost: int
-    """Frames of the device that were lost or came too late."""
+    """Frames of the device that were lost or arrived too late."""
     dropped: int
     """Received packets that were dropped."""
     device_dropped: int

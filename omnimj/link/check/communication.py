@@ -25,7 +25,7 @@ _TEST_TIME = 0.05  # [s] with the test current
 
 @dataclass(frozen=True)
 class TelemetryRates:
-    """Rates of the telemetry."""
+    """Statistics of the telemetry."""
 
     received: int
     """Number of readings."""
@@ -48,7 +48,7 @@ class StopResponse:
     fault: FaultCode
     """Latched fault."""
     flows: bool
-    """True if current still flows, or may flow."""
+    """True if current still flows or may flow."""
 
 
 def measure_rates(link: Link) -> TelemetryRates:

@@ -48,11 +48,11 @@ class FuzzReport:
     frames: int = 0
     """Frames sent, each on a serial line and as a datagram, corrupted or not."""
     noise: int = 0
-    """Bytes of noise on the line; as many in datagrams."""
+    """Number of noise bytes on the line, and again in datagrams."""
     whole: int = 0
     """Frames that arrived unchanged, including duplicates."""
     accepted: int = 0
-    """Accepted frames among them."""
+    """Frames accepted among those that arrived unchanged."""
     wrong: int = 0
     """Accepted frames that were never sent."""
     seconds: float = 0.0

@@ -20,7 +20,7 @@ CURRENT_RATE = 1.0
 WHEEL_SPEED_REACHED, YAW_RATE_REACHED = 2.0, 0.5
 """Wheel speed [rad/s] and yaw rate [rad/s] at which a motion is large enough."""
 HOLD_TIME = 0.08
-"""Time for which the motion continues then [s]."""
+"""Time for which the motion then continues [s]."""
 COAST_TIME, REST_TIME = 0.3, 0.4
 """Recorded time without current after a turn, and pause between two motions [s]."""
 
@@ -50,7 +50,7 @@ class Motion:
 
 
 class MotionSequence:
-    """Moves a robot and records its measurements."""
+    """Sequence of small motions of a robot, whose measurements are recorded."""
 
     def __init__(self, plant: Plant, max_current: float, report: Callable[[str], None] = lambda phrase: None):
         """Prepare the motions.

@@ -54,7 +54,7 @@ def judge_wiring(
       still: Recording at rest.
       single: Motions of one motor each.
       turns: Turns on the spot; empty off the floor.
-      seen: Direction of wheels 0…n−1 as observed by a person: 1 right, −1 inverted.
+      seen: Direction of wheels 0…n−1 as observed by a person: 1 correct, −1 inverted.
     """
     every = [still, *single, *turns]
     dead = _constant_channels(len(robot.wheels), every, single, turns)
@@ -62,14 +62,14 @@ def judge_wiring(
     found += _judge_currents(single, dead)
     found += _judge_signs(robot, still, single, bool(turns), seen or {}, dead)
     if turns and not any(f.kind == "sign" or f.place.startswith("motor") for f in found):
-        found += _judge_gains(robot, still, turns, dead)  # ratios need right signs and turning wheels
+        found += _judge_gains(robot, still, turns, dead)  # ratios require correct signs and turning wheels
     return _merge_findings(found)
 
 
 def _merge_findings(found: Sequence[WiringFinding]) -> list[WiringFinding]:
     """Merge findings with a common cause.
 
-    The wheel of a motor without current stands still. An inverted set value also inverts its current monitor.
+    A motor without current leaves its wheel at rest; an inverted set value also inverts its current monitor.
     """
     idle = {f.place.split(" or ")[0][6:] for f in found if f.kind == "dead" and f.place.startswith("motor_")}
     turned = {f.place[6:] for f in found if f.kind == "sign" and f.place.startswith("motor_")}

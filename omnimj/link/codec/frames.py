@@ -44,7 +44,7 @@ _FLOATS = tuple(struct.Struct(f"<{n}f") for n in range(MAX_CHANNELS + 1))
 
 
 def encode(frame: Frame, key: Key | None = None) -> bytes:
-    """Packet of a frame; numbers beyond the range of float32 become infinite.
+    """Encode a frame as a packet; numbers beyond the range of float32 become infinite.
 
     Args:
       frame: Frame to send; `authentic` and `same_schema` concern received frames only.
@@ -67,10 +67,10 @@ def encode(frame: Frame, key: Key | None = None) -> bytes:
 
 
 def decode(packet: bytes, key: Key | None = None) -> Frame | DropReason:
-    """Frame of a packet, or the reason to drop it; never raises, whatever the bytes.
+    """Decode a packet to a frame, or to the reason to drop it; never raises, whatever the bytes.
 
-    Without a key, tagged frames are dropped; with a key, frames with a wrong tag or none. A stop passes in
-    any case, `authentic` or not: anybody may stop a robot.
+    Without a key, tagged frames are dropped; with a key, frames with a wrong tag or none. A stop always
+    passes, `authentic` or not, since any sender may stop a robot.
 
     Args:
       packet: Received bytes.
@@ -112,7 +112,7 @@ def decode(packet: bytes, key: Key | None = None) -> Frame | DropReason:
 
 
 class _RecordCodec:
-    """Fixed fields of one kind of record."""
+    """Codec of the fixed fields of one kind of record."""
 
     def __init__(self, record: type, fields: tuple[Field, ...], count: str = "", items: str = ""):
         """Prepare the conversions.
@@ -143,7 +143,7 @@ class _RecordCodec:
         return len(attributes) + len(self._nested) - 1
 
     def pack(self, record: object) -> bytes:
-        """Bytes of the fixed fields."""
+        """Encode the fixed fields of a record."""
         numbers = [write(record) for write in self._writers]
         for i, allowed in self._allowed:
             if numbers[i] not in allowed:
@@ -157,7 +157,7 @@ class _RecordCodec:
             return self.struct.pack(*numbers)
 
     def build(self, numbers: tuple[Any, ...], *items: object) -> Any:
-        """Record of the unpacked numbers, or None where one is not allowed."""
+        """Record built from the unpacked numbers, or None if one of them is not allowed."""
         values = [*numbers, *items]
         for i, allowed in self._allowed:
             value = allowed.get(values[i])
@@ -172,7 +172,7 @@ class _RecordCodec:
 
 
 class _PayloadCodec:
-    """Payload of one message type."""
+    """Codec of the payload of one message type."""
 
     def __init__(self, layout: Layout):
         self._fixed = _RecordCodec(layout.record, layout.fields, layout.count, layout.attribute)
@@ -189,7 +189,7 @@ class _PayloadCodec:
                 self._item = _RecordCodec(layout.item_record, layout.items)
 
     def encode(self, message: Any) -> bytes:
-        """Bytes of the payload.
+        """Encode the payload.
 
         Raises:
           InputError: The message breaks a rule of its layout.
@@ -206,7 +206,7 @@ class _PayloadCodec:
         return fixed + _pack_numbers(items, 0 if self._mask is None else message.counts)
 
     def decode(self, packet: bytes, begin: int, end: int) -> Any:
-        """Message in `packet[begin:end]`, or the reason to drop it."""
+        """Decode the message in `packet[begin:end]`, or return the reason to drop it."""
         first = begin + self._size
         if end < first or (end > first and not self._has_items):
             return DropReason.LENGTH
@@ -243,7 +243,7 @@ def _attributes_of(record: type) -> list[tuple[str, type]]:
 
 
 def _writer(field: Field) -> Callable[[Any], Any]:
-    """Number on the wire from a record."""
+    """Function that returns the number on the wire for a record."""
     attribute, write = _attribute(field), field.write
     if not attribute:
         return lambda record: 0

@@ -1,7 +1,7 @@
-"""The layout of every message on the wire, and the reasons for which a packet is dropped.
+"""Layout of every message on the wire, and the reasons for which a packet is dropped.
 
-`MESSAGES` is the only description: the codec, the schema that both sides compare, and the tables of
-`PROTOCOL.md` are made from it. Numbers are little endian and without padding.
+`MESSAGES` is the single description: the codec, the schema that both sides compare, and the tables of
+`PROTOCOL.md` are generated from it. Numbers are little endian, without padding.
 """
 
 from __future__ import annotations
@@ -103,13 +103,13 @@ class DropCounts:
 
 @dataclass(frozen=True)
 class Field:
-    """One number in a header or payload."""
+    """Number in a header or payload."""
 
     name: str
     type: str
     """`u8`, `u16`, `u32`, `u64`, `f32`, or `f32_or_i32` (by channel)."""
     meaning: str = ""
-    """Text of `PROTOCOL.md`."""
+    """Description in `PROTOCOL.md`."""
     attribute: str | None = None
     """Attribute of the record, such as `limits.current`; the field's name if None, no attribute if empty."""
     values: Mapping[int, Any] | None = None
@@ -121,7 +121,7 @@ class Field:
 
     @property
     def size(self) -> int:
-        """Bytes."""
+        """Size in bytes."""
         return struct.calcsize(_CODES[self.type])
 
 
@@ -131,7 +131,7 @@ Rule = Callable[[Any], tuple[str, str] | None]
 
 @dataclass(frozen=True)
 class Layout:
-    """Payload: fixed fields, then items whose number is one of the fixed fields."""
+    """Layout of a payload: fixed fields, one of which counts the items that follow."""
 
     record: type
     sender: str
@@ -150,7 +150,7 @@ class Layout:
 
     @property
     def text(self) -> str:
-        """The payload's line in the schema, without the name."""
+        """Line of the payload in the schema, without the name."""
         fixed, items = _field_text(self.fields), _field_text(self.items)
         return f"{fixed} {self.count}*({items})" if items else fixed
 

@@ -1,8 +1,8 @@
 """Messages between host and device, one frozen record each; their layout on the wire is in `PROTOCOL.md`.
 
-The host is the computer that runs the controller, the device the one at the amplifiers. Times are of the
-sender's monotonic clock. Currents are in amperes at the amplifier's own sign: the direction in which a wheel
-turns is a matter of calibration, which is the host's.
+The host is the computer that runs the controller, the device the one at the amplifiers. Times refer to the
+sender's monotonic clock. Currents are in amperes with the amplifier's own sign; the host's calibration
+relates this sign to the direction in which the wheel turns.
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ class Raw(enum.IntEnum):
     """Format of a channel's reading, four bytes each."""
 
     VOLTS = 0
-    """float32."""
+    """Volts as float32."""
     COUNTS = 1
-    """int32, which may wrap."""
+    """Counts as int32, which may wrap."""
 
 
 class Status(enum.IntFlag):
@@ -74,7 +74,7 @@ class FaultCode(enum.IntEnum):
     CURRENT = 3
     CURRENT_RATE = 4
     HEATING = 5
-    """I²t."""
+    """The I²t limit of a motor is exceeded."""
     WHEEL_SPEED = 6
     MESSAGE_RATE = 7
     VALID_FOR = 8
@@ -109,7 +109,7 @@ class ChannelKind:
 
     quantity: Quantity
     wheel: int
-    """1…n; 0 if no wheel is concerned."""
+    """Wheel 1…n; 0 if no wheel is concerned."""
     raw: Raw
 
 
@@ -184,7 +184,7 @@ class Telemetry:
     acknowledged: int
     """Sequence of the newest accepted command; 0: none in this session."""
     command_age: float
-    """Time since it arrived [s]; infinite without one."""
+    """Time since the newest accepted command arrived [s]; infinite without one."""
     status: Status
     fault: FaultCode
     """Latched fault."""
@@ -209,7 +209,7 @@ class Fault:
 
     code: FaultCode
     wheel: int
-    """1…n; 0 if no wheel is concerned."""
+    """Wheel 1…n; 0 if no wheel is concerned."""
     value: float
     """Offending value."""
     limit: float
@@ -226,7 +226,7 @@ class ResetFault:
 
 @dataclass(frozen=True, slots=True)
 class Ping:
-    """Request of the host for the device's time, which is then known to half the round trip."""
+    """Request of the host for the device's time, which the answer gives to within half the round trip."""
 
     nonce: int
 
@@ -247,12 +247,12 @@ class Frame:
 
     message: Message
     session: int
-    """Chosen by the device, 32 bits; 0 in hello and in a stop outside any session."""
+    """Session number chosen by the device, 32 bits; 0 in hello and in a stop outside any session."""
     sequence: int
     """Frame number of the sender, 1, 2, … in each session, 32 bits."""
     time: int
     """Sender's monotonic clock [µs], 64 bits."""
     authentic: bool = False
-    """True if it carried a valid tag."""
+    """True if the frame carried a valid tag."""
     same_schema: bool = True
-    """True if its sender uses the same layouts of all payloads; required for arming."""
+    """True if the sender uses the same layouts of all payloads, which arming requires."""

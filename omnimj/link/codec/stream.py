@@ -33,9 +33,9 @@ def unstuff(piece: bytes) -> bytes | None:
 
 
 class PacketStream:
-    """Split a stream at its zeros and unstuff the pieces; every zero resynchronises it.
+    """Splitter of a stream at its zeros, which unstuffs the pieces; every zero resynchronises it.
 
-    At most one packet's bytes are kept, however long the line continues without a zero.
+    At most the bytes of one packet are kept, however long the line continues without a zero.
     """
 
     def __init__(self) -> None:
@@ -44,7 +44,7 @@ class PacketStream:
         self._overlong = False  # the current piece is too long: skip to the next zero
 
     def feed(self, chunk: bytes) -> list[bytes]:
-        """Packets that end in this chunk; checksums are not verified. Never raises."""
+        """Packets completed by this chunk; checksums are not verified. Never raises."""
         pieces = chunk.split(DELIMITER)
         pieces[0] = self._rest + pieces[0]
         last = pieces.pop()
@@ -87,7 +87,7 @@ class FrameStream:
         self.drops = self._packets.drops
 
     def feed(self, chunk: bytes) -> list[Frame]:
-        """Frames that end in this chunk. Never raises."""
+        """Frames completed by this chunk. Never raises."""
         found = []
         for packet in self._packets.feed(chunk):
             frame = decode(packet, self._key)

@@ -1,7 +1,7 @@
 """Device rules in front of an analog data-acquisition box, volts in and volts out.
 
-An analog set value does not expire: the box holds its last voltage when this program dies. The watchdog must
-sit behind the box, see `PROTOCOL.md`, section 4.8.
+An analog set value does not expire: the box holds its last voltage if this program ends unexpectedly. The
+watchdog must therefore be behind the box, see `PROTOCOL.md`, section 4.8.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ class VoltBox(Protocol):
     """Interface to a vendor's data-acquisition library."""
 
     def read(self) -> Sequence[float]:
-        """Voltages of all inputs [V]; OSError when the box does not answer."""
+        """Voltages of all inputs [V]; raises OSError if the box does not answer."""
         ...
 
     def write(self, volts: Sequence[float]) -> None:
@@ -61,7 +61,7 @@ class AnalogDevice:
         self._write()
 
     def on_frame(self, now: float, frame: Frame) -> tuple[Frame, ...]:
-        """Process a frame as `Device.on_frame`; a stop reaches the amplifiers before this returns."""
+        """Process a frame as `Device.on_frame` does; a stop reaches the amplifiers before this returns."""
         answer = self.device.on_frame(now, frame)
         self._write()
         return answer

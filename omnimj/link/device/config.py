@@ -27,7 +27,7 @@ class DeviceConfig:
     calibration_hash: int
     lock_step: bool = False
     keyed: bool = False
-    """Frames without a valid tag are dropped, except stop."""
+    """True if frames without a valid tag are dropped, except stop."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ class AmplifierOutput:
     """Set values of the amplifiers."""
 
     currents: tuple[float, ...]
-    """Shape (n,) [A], at the amplifiers' own signs."""
+    """Currents with the amplifiers' own signs, shape (n,) [A]."""
     brake: int
     """Bit i−1: a relay shorts the motor of wheel i."""
 
@@ -51,7 +51,7 @@ def limits_hash(limits: Limits) -> int:
 
 
 def describe_mismatch(expected: DeviceConfig, found: Capabilities) -> str:
-    """First difference between a device and the expected one in words; empty if there is none.
+    """Describe the first difference between a device and the expected one; empty text if there is none.
 
     Channels that the host does not use may be of any kind, and there may be more of them.
     """

@@ -1,7 +1,7 @@
 """Emulated device: a simulated plant behind the rules of a device.
 
-Measurements become raw numbers by the inverse of the calibration, in float32 as on the wire. Defects of the
-wiring can be added, which `omnimj link check` must find.
+The inverse of the calibration converts measurements to raw readings, in float32 as on the wire. Defects of
+the wiring can be added, which `omnimj link check` must find.
 """
 
 from __future__ import annotations
@@ -35,16 +35,16 @@ class WiringDefect:
     place: str
     """Channel of the robot, or `motor_1`, …"""
     value: float = 1.0
-    """Ratio of the measured or actual value to the right one, for kind `gain`."""
+    """Ratio of the measured or actual value to the correct one, for kind `gain`."""
 
     @property
     def factor(self) -> float:
-        """Factor on the right value."""
+        """Factor on the correct value."""
         return {"sign": -1.0, "gain": self.value, "dead": 0.0}[self.kind]
 
 
 class RawEncoder:
-    """Raw readings of the device's converters and counters for a measurement in SI units."""
+    """Encoder of measurements in SI units as raw readings of the device's converters and counters."""
 
     def __init__(self, hardware: Hardware, defects: Sequence[WiringDefect] = ()):
         """Start with counters at zero.
@@ -69,7 +69,7 @@ class RawEncoder:
         self._angle = dict.fromkeys(self._angles, 0.0)
 
     def encode(self, measured: Measurement, elapsed: float) -> tuple[float, ...]:
-        """Raw readings: sign · SI / gain + offset; a wheel angle is the wrapped sum of speed × time.
+        """Encode a measurement: sign · SI / gain + offset; a wheel angle is the wrapped sum of speed × time.
 
         Args:
           measured: Measurement of the plant.
@@ -111,7 +111,7 @@ class EmulatedDevice:
 
     Each session resets the plant. In lock-step, frames alone drive it. In real time, the owner of the clock
     calls `tick` once per period, and the plant is reset again when the session is armed for the first time:
-    the faults of a scenario have their times from there, as on the host.
+    the onset times of the faults of a scenario count from there, as on the host.
     """
 
     def __init__(
@@ -130,9 +130,9 @@ class EmulatedDevice:
 
         Args:
           plant: Plant of a robot; the caller closes it.
-          hardware: Wiring with which the device was config.
+          hardware: Wiring with which the device is configured.
           new_session: Returns 32 fresh random bits.
-          lock_step: One period per command instead of one per tick.
+          lock_step: Whether time advances by one period per command instead of per tick.
           keyed: Whether only authentic frames are accepted.
           defects: Defects of the wiring.
           late: Delay of the readings in periods; telemetry carries the time of their sample.

@@ -29,7 +29,7 @@ class Refusal:
 
     code: FaultCode
     wheel: int
-    """1…n; 0 if no wheel is concerned."""
+    """Wheel 1…n; 0 if no wheel is concerned."""
     value: float
     """Offending value."""
     limit: float
@@ -38,12 +38,12 @@ class Refusal:
 
 @dataclass(frozen=True, slots=True)
 class AmplifierState:
-    """Currents and motor heating up to now; n wheels."""
+    """Currents and motor heating of the amplifiers of n wheels up to now."""
 
     currents: tuple[float, ...]
     """Set values of the amplifiers since the last tick, shape (n,) [A]."""
     since: float
-    """Arrival of the command with these currents [s]."""
+    """Time of arrival of the command with these currents [s]."""
     heat: tuple[float, ...]
     """I²t of each motor, shape (n,) [A²s]."""
 

@@ -1,4 +1,4 @@
-"""Serves an emulated device on a wire: addressing of answers, and periods in real time."""
+"""Server of an emulated device on a wire: addressing of answers, and periods in real time."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from omnimj.link.transport.interface import Listener, Peer
 SILENT_HOST_TIMEOUT = 5.0
 """Silence after which an armed device in lock-step accepts another host [s].
 
-Its simulated time, by which commands expire, stands still meanwhile.
+Simulated time, in which commands expire, does not advance meanwhile.
 """
 _MAX_BACKLOG = 10  # periods; beyond this delay the missed ones are skipped
 
@@ -42,7 +42,7 @@ class PeriodStatistics:
 
 
 class DeviceServer:
-    """Passes frames between a listener and an emulated device."""
+    """Server that passes frames between a listener and an emulated device."""
 
     def __init__(
         self,
@@ -70,7 +70,7 @@ class DeviceServer:
         self._config = emulated.device.config
 
     def run(self, goes_on: Callable[[], bool]) -> None:
-        """Serve as long as `goes_on()` holds, which is evaluated at least ten times per second."""
+        """Serve as long as `goes_on()` is true, which is evaluated at least ten times per second."""
         gc.collect()
         gc.freeze()  # a full garbage collection takes as long as many periods
         try:

@@ -1,7 +1,7 @@
-"""The device as a state machine without clock and wire: the rules that a firmware implements.
+"""Device as a state machine without clock and wire: the rules that a firmware implements.
 
-Frames and times go in, frames and currents come out. `now` is the device's own monotonic clock; in lock-step
-it is the plant's simulated time, which advances by one period per command.
+Its inputs are frames and times, its outputs frames and currents. `now` is the device's own monotonic clock;
+in lock-step it is the plant's simulated time, which advances by one period per command.
 
 Current flows only while the device is armed, and only by a command that is still valid. Any violation of
 `limits` disarms at once and is latched: no current flows until reset-fault, a zero command, and arm.
@@ -41,7 +41,7 @@ _REMEMBERED = 256  # telemetries: more than 20 ms at 10 kHz
 
 
 class Outbox:
-    """Frames to be sent: numbered within the session, with the times of recent telemetries."""
+    """Queue of frames to send, numbered within the session, with the times of recent telemetries."""
 
     def __init__(self, keyed: bool):
         """Start without a session, in which nothing is sent.
@@ -100,7 +100,7 @@ class Outbox:
 
 
 class Device:
-    """Device between the wire and the amplifiers of n wheels.
+    """State machine between the wire and the amplifiers of n wheels.
 
     In real time, call `tick` once per period with the current readings, then write `output`. In lock-step,
     when `step_due`, advance the plant by one period under `output`, then call `tick`. In both, write `output`
@@ -133,7 +133,7 @@ class Device:
         self._speeds, self._new_session = speeds, new_session
         self._counts = counts_mask(config.channels)
         self._zero = (0.0,) * config.wheels
-        self._expired_command = Command(self._zero, -1.0)  # too old from the start
+        self._expired_command = Command(self._zero, -1.0)  # too old until a command arrives
         self.armed = False
         self.fault = FaultCode.NONE
         """Latched fault."""
@@ -142,7 +142,7 @@ class Device:
         self.dropped = 0
         """Packets that were dropped since power-up."""
         self.step_due = False
-        """True if a command is waiting for its period, in lock-step."""
+        """True if, in lock-step, a command is waiting for its period."""
         self._time = now
         self._heat, self._raw = self._zero, ()
         self._limiter, self._hello_limiter = RateLimiter(self._limits, now), RateLimiter(self._limits, now)
@@ -270,7 +270,7 @@ class Device:
         return gate.check_arming(arm, same_schema, self.fault, hashes, self._command, age, telemetry_age)
 
     def _on_hello(self, now: float, hello: Hello) -> None:
-        """Begin a session, or answer that an armed device is busy; hellos have a rate limit of their own."""
+        """Begin a session, or answer that an armed device is busy; hellos have their own rate limit."""
         if not self.config.lock_step and not self._hello_limiter.allows(now):
             self.dropped += 1
             return
@@ -290,7 +290,7 @@ class Device:
         self._outbox.put(now, Capabilities(hello.nonce, *facts))
 
     def _start_session(self, nonce: int) -> None:
-        """Reset the state of a session; heat, fault and counters belong to the device and stay."""
+        """Reset the state of a session; heat, fault and counters belong to the device and are kept."""
         self._nonce, self._last_sequence = nonce, 0
         self._acknowledged, self._accepted_at = 0, 0.0
         self._was_armed = False

@@ -91,7 +91,7 @@ class FrameLog:
             self._last_write = now
 
     def flush(self) -> None:
-        """Pass the pending records to the thread; never waits."""
+        """Hand the pending records to the thread without waiting."""
         if self._pending and not self.failed:
             try:
                 self._queue.put_nowait(bytes(self._pending))

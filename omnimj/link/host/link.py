@@ -83,7 +83,7 @@ class Link:
         self.drops = DropCounts()
         """Dropped packets by reason."""
         self.sent, self.received, self.resent = 0, 0, 0
-        """Numbers of frames."""
+        """Numbers of sent, received and repeated frames."""
         self._transport, self._key, self._log, self._clock = transport, key, log, clock
         self._has_armed, self._next_ping = False, 0.0
 
@@ -105,7 +105,7 @@ class Link:
 
     @property
     def capabilities(self) -> Capabilities | None:
-        """Capabilities of the device; None until it has sent them."""
+        """Capabilities of the device; None before it has sent them."""
         return self.host.capabilities
 
     @property
@@ -144,7 +144,7 @@ class Link:
             self.send(*self.host.on_frame(now, frame))
 
     def wait(self, until: float, holds: Callable[[], bool] = lambda: False) -> bool:
-        """Process frames until `holds()` or the time `until` [s], and apply the host's time limits.
+        """Process frames until `holds()` is true or the time `until` [s], applying the host's time limits.
 
         Returns:
           The last value of `holds()`.
@@ -280,7 +280,7 @@ class Link:
         return self.reading
 
     def stop(self, reason: str = "stop was requested") -> None:
-        """Stop a device that this link drives; allowed at any time and repeatedly."""
+        """Stop a device that this link drives; may be called at any time and repeatedly."""
         self.send(*self.host.stop(self.now, reason))
 
     def stop_any_host(self) -> None:
@@ -297,7 +297,7 @@ class Link:
             self._log.close()
 
     def _request(self, ask: Callable[[float], Frame] | None, holds: Callable[[], bool], failure: str) -> None:
-        """Repeat a request until `holds()`."""
+        """Repeat a request until `holds()` is true."""
         until = self.now + ANSWER_TIMEOUT
         while not holds():
             if self.now >= until:
@@ -326,7 +326,7 @@ def open_link(
       address: `serial:DEVICE?baud=N` or `udp:HOST:PORT`.
       robot: Robot with [hardware].
       key_file: Key of the link; required beyond this machine.
-      lock_step: Whether time advances by one period per command instead of in real time.
+      lock_step: Whether the device's time advances by one period per command instead of in real time.
       mode: Frames that may be sent.
       log_to: New file for the log of all frames.
       about: Description in the log, besides the address and the calibration's hash.

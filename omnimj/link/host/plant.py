@@ -2,7 +2,7 @@
 
 In lock-step a step is one command and one telemetry, in the device's simulated time. In real time the
 device's telemetry is the clock: each reading is answered by a command, and a reading that does not arrive
-within one and a half periods is replaced by the previous one, with that one's time.
+within one and a half periods is replaced by the previous one, with its time.
 """
 
 from __future__ import annotations
@@ -36,9 +36,10 @@ def _interrupt(_number: int, _frame: FrameType | None) -> None:
 
 
 class StopAtExit:
-    """Call `stop` when the program ends; SIGTERM and SIGHUP act like Ctrl-C, so that results are kept.
+    """Guard that calls `stop` when the program ends; SIGTERM and SIGHUP act like Ctrl-C to keep the results.
 
-    Against SIGKILL and a computer that hangs, only the device's own limit on the age of commands helps.
+    If the program is killed by SIGKILL or the computer hangs, only the device's limit on the age of commands
+    stops the robot.
     """
 
     def __init__(self, stop: Callable[[], None]):
@@ -53,7 +54,7 @@ class StopAtExit:
                 self._before[number] = signal.signal(number, _interrupt)
 
     def release(self) -> None:
-        """Undo; may be called twice."""
+        """Restore the signal handlers; may be called twice."""
         atexit.unregister(self._stop)
         for number, before in self._before.items():
             with contextlib.suppress(ValueError):  # not in the main thread
@@ -63,12 +64,12 @@ class StopAtExit:
 
 
 _SLACK = 0.5  # accepted delay of a reading, in periods
-_SILENCE = 0.5  # [s] without telemetry that ends a link that does not drive
+_SILENCE = 0.5  # [s] without telemetry after which a link that does not drive ends
 _NO_TRUTH = np.empty(0)
 
 
 class HardwarePlant:
-    """`Plant` on a link; a step raises `LinkLost` once the link has ended, and the device is then stopped."""
+    """`Plant` on a link; once the link has ended, a step raises `LinkLost` and the device is stopped."""
 
     truth_names: tuple[str, ...] = ()
 
@@ -237,6 +238,6 @@ class HardwarePlant:
             self._deadlines.command_age.add(reading.telemetry.command_age)
 
     def _measure(self, reading: Reading) -> Measurement:
-        """Measurement in SI units, at the time since the beginning of the run."""
+        """Convert a reading to SI units, with the time since the beginning of the run."""
         measured = self._calibration.convert(1e-6 * reading.time, reading.telemetry.raw)
         return dataclasses.replace(measured, time=(reading.time - self._zero_time) / 1e6)

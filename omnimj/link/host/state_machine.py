@@ -1,4 +1,4 @@
-"""The host's side of the link as a state machine without clock and wire.
+"""Host side of the link as a state machine without clock and wire.
 
 Motion takes three requests: hello, arm, command. A violation of any rule ends in `STOPPED` with its reason;
 all three must then be requested again.
@@ -35,13 +35,13 @@ from omnimj.link.device.limits import MAX_TELEMETRY_AGE, round_to_float32
 from omnimj.link.quality import LOSS_WINDOW, ClockOffset, LossCounter
 
 MAX_LOST_FRAMES = 5
-"""Lost frames among the last 20 of the device at which the host stops."""
+"""Number of lost frames among the last 20 of the device at which the host stops."""
 ACKNOWLEDGE_TIMEOUT = 0.040
 """Age of the oldest unacknowledged command at which the host stops [s]; later ones acknowledge it too."""
 COMMAND_VALIDITY = 0.050
 """Default lifetime of a command [s]."""
 STOP_REPEATS = 3
-"""Copies of a stop that are sent."""
+"""Number of copies in which a stop is sent."""
 _MAX_PENDING = 1024  # commands that wait for an acknowledgement
 
 
@@ -75,7 +75,7 @@ class Reading:
 
 
 class Host:
-    """Host of one device; its methods return the frames to send."""
+    """State machine for one device; its methods return the frames to send."""
 
     def __init__(self, expected: DeviceConfig, new_nonce: Callable[[], int]):
         """Start idle.
@@ -89,7 +89,7 @@ class Host:
         self.fault: Fault | None = None
         """Last fault that the device reported."""
         self.dropped = 0
-        """Frames of another session, repeated, outdated or not authentic."""
+        """Number of frames that were of another session, repeated, outdated or not authentic."""
         self._hashes = limits_hash(round_to_float32(expected.limits)), expected.calibration_hash
         self._nonce = 0
         self._start_session(0)
@@ -174,7 +174,7 @@ class Host:
         """Check that the link has not ended.
 
         Raises:
-          LinkLost: It has; with the reason.
+          LinkLost: The link has ended; the message contains the reason.
         """
         if self.state is HostState.STOPPED:
             raise LinkLost(self.reason)
@@ -273,7 +273,7 @@ class Host:
 
 
 def format_fault(fault: Fault) -> str:
-    """Fault of a device in mismatch."""
+    """Describe a fault of the device in words."""
     where = f" at wheel {fault.wheel}" if fault.wheel else ""
     numbers = "" if math.isnan(fault.value) else f" ({fault.value:g}, limit {fault.limit:g})"
     return f"the device reports: {_format_fault_code(fault.code)}{where}{numbers}"

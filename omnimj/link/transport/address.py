@@ -9,9 +9,9 @@ from urllib.parse import parse_qsl
 from omnimj.errors import InputError, UnknownNameError
 
 BAUD = 921_600
-"""Default rate [1/s]."""
+"""Default rate of a serial port [1/s]."""
 LOOPBACK = "127.0.0.1"
-"""Default host."""
+"""Default host of a UDP address."""
 _FORMS = "serial:DEVICE?baud=N or udp:HOST:PORT, with IPv6 as udp:[::1]:PORT"
 
 

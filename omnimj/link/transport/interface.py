@@ -68,7 +68,7 @@ class SinglePeerListener:
 
     @property
     def failures(self) -> int:
-        """Failures of the transport."""
+        """Number of failures of the transport."""
         return self._transport.failures
 
     def send(self, packet: bytes, peer: Peer = None) -> None:

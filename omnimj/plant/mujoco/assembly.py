@@ -1,4 +1,4 @@
-"""Compiled MuJoCo models of robot and rig: MJCF for the shape, TOML for the numbers, floors as geoms."""
+"""Compiled MuJoCo models of robot and rig: shape from MJCF, constants from TOML, floors as geoms."""
 
 from __future__ import annotations
 
@@ -33,17 +33,17 @@ _PATCH_COLOURS = {"nylon": (0.93, 0.95, 1.0, 1.0), "oil": (0.16, 0.13, 0.08, 1.0
 _PATCH_COLOUR = (0.45, 0.58, 0.50, 1.0)
 _VISUAL_GROUP = 2
 _MAX_PAIRED_FLOORS = 6  # with more, MuJoCo's broad phase is faster
-_FLOOR_STORE = (0.0, 0.0, -9.0)  # where geoms lie that only hold a floor's numbers
+_FLOOR_STORE = (0.0, 0.0, -9.0)  # position of hidden geoms that only hold the parameters of a floor
 
 
 def bind_floor(mj_model: mujoco.MjModel, geom: int, kind: float, floor: Floor) -> None:
-    """Make a geom a floor or a patch with this floor's traction law."""
+    """Turn a geom into a floor or patch with the traction law of `floor`."""
     mj_model.geom_user[geom, slots.KIND] = kind
     mj_model.geom_user[geom, slots.TRACTION : slots.TRACTION + TRACTION_SIZE] = floor.row
 
 
 def wheel_slots(machine: Robot | Rig) -> np.ndarray:
-    """Numbers of a healthy wheel for `actuator_user`, shape (ACTUATOR_SLOTS,)."""
+    """Constants of a healthy wheel for `actuator_user`, shape (ACTUATOR_SLOTS,)."""
     row = np.zeros(slots.ACTUATOR_SLOTS)
     wheel, bearing, contact = machine.wheel, machine.bearing, machine.contact
     row[slots.RAIL_JOINT] = row[slots.FLOOR_OVERRIDE] = row[slots.SENSOR] = -1
@@ -71,7 +71,7 @@ def wheel_slots(machine: Robot | Rig) -> np.ndarray:
 
 
 def bind_wheels(mj_model: mujoco.MjModel, machine: Robot | Rig, wheels: int) -> None:
-    """Mark the model as ours and fill the actuators `motor_1 … motor_n` and the rollers' geoms.
+    """Mark the model for the native contact; fill the actuators `motor_1 … motor_n` and the rollers' geoms.
 
     Raises:
       InputError: The MJCF lacks a part, or its actuators are not in the order of the wheels.
@@ -107,7 +107,7 @@ def bind_wheels(mj_model: mujoco.MjModel, machine: Robot | Rig, wheels: int) -> 
 
 
 def bind_rail(mj_model: mujoco.MjModel, rig: Rig, weight: float) -> None:
-    """Write the rail's friction into its joint and the joint's place into the wheel's slots."""
+    """Write the friction of the rail into its joint, and the index of the joint into the wheel's slots."""
     body, rail = rig.rig, mj_model.joint("rail").id
     mj_model.jnt_user[rail] = (
         body.rail_friction,
@@ -125,12 +125,12 @@ def bind_rail(mj_model: mujoco.MjModel, rig: Rig, weight: float) -> None:
 
 
 def bind_effects(mj_model: mujoco.MjModel, terms: Array, measured_current: bool) -> None:
-    """Write effects into the wheels' slots and lift the limits off measured commands.
+    """Write effects into the wheels' slots, and remove the limits if commands are measured currents.
 
     Args:
-      mj_model: A model that `bind_wheels` has filled.
+      mj_model: Model that `bind_wheels` has filled.
       terms: Packed effect terms, shape (wheels, TERMS).
-      measured_current: Commands are measured currents.
+      measured_current: Whether commands are measured currents.
     """
     wheels, columns = terms.shape
     mj_model.actuator_user[:wheels, slots.EFFECT_TERMS : slots.EFFECT_TERMS + columns] = terms
@@ -148,7 +148,7 @@ def _add_floors(spec: mujoco.MjSpec, patches: Sequence[Patch], extra: Iterable[s
             name=f"patch_{k}",
             type=mujoco.mjtGeom.mjGEOM_BOX,
             size=half,
-            pos=(*patch.center, -0.0004 + 1e-5 * k),  # a hair above the floor, or the two would flicker
+            pos=(*patch.center, -0.0004 + 1e-5 * k),  # slightly above the floor, against flicker
             euler=(0.0, 0.0, math.degrees(patch.yaw) if spec.compiler.degree else patch.yaw),
             rgba=_PATCH_COLOURS.get(patch.floor, _PATCH_COLOUR),
             contype=0,
@@ -168,9 +168,9 @@ def _add_floors(spec: mujoco.MjSpec, patches: Sequence[Patch], extra: Iterable[s
 
 
 def _remove_visual_parts(spec: mujoco.MjSpec) -> None:
-    """Remove what a step does not need; together it is half of a step's time.
+    """Remove the parts that a step does not need, which take half of its time.
 
-    Geoms that are only seen are three of four. MuJoCo's broad phase sorts 72 rollers in every step; the few
+    Three of four geoms are visual only. MuJoCo's broad phase sorts 72 rollers in every step; the few
     roller-floor pairs are tested faster one by one. The accelerometer makes MuJoCo compute the accelerations
     of all bodies.
     """
@@ -200,7 +200,7 @@ def _compile(
     lean: bool,
     path: Path,
 ) -> mujoco.MjModel:
-    floor_geoms = [g for g in spec.geoms if int(g.conaffinity) & 2]  # what rollers may touch
+    floor_geoms = [g for g in spec.geoms if int(g.conaffinity) & 2]  # geoms that rollers may touch
     for k, geom in enumerate(floor_geoms):
         geom.name = geom.name or f"unnamed_floor_{k}"
     floor_names = [g.name for g in floor_geoms]
@@ -222,7 +222,7 @@ def _compile(
 
 
 def rest_depth(robot: Robot) -> float:
-    """Depth of a wheel's contact under the robot's weight, m g/(n k) [m]."""
+    """Depth of each wheel contact under the weight of the robot, m g/(n k) [m]."""
     return robot.body.mass * GRAVITY / len(robot.wheels) / robot.contact.stiffness
 
 
@@ -274,17 +274,17 @@ def robot_model(
     scene: Path | None = None,
     lean: bool = False,
 ) -> mujoco.MjModel:
-    """Compile the robot on a floor, with every parameter in place.
+    """Compile the robot on a floor, with all its parameters.
 
     Args:
-      robot: The constants.
-      floor: The floor outside the patches.
-      patches: Stretches of other floor; where they overlap the later one is on top.
+      robot: Constants of the robot.
+      floor: Floor outside the patches.
+      patches: Patches of other floors; where they overlap, the later one is on top.
       extra_floors: Names of floors that a fault may put under a wheel.
-      floors: Where names are looked up; the shipped floors when None.
+      floors: Floors by name; the shipped ones when None.
       scene: Another MJCF scene (ramps, thresholds, height fields) that includes the robot.
-      lean: For fast steps with the same result: without visual parts, without the accelerometer
-        (the twin reads accelerations from `qacc`), contacts looked for pair by pair.
+      lean: Whether to speed up steps at the same result: no visual parts, no accelerometer (the twin reads
+        accelerations from `qacc`), contacts tested pair by pair.
 
     Raises:
       InputError: The MJCF cannot be read, or the constants do not fit it.
@@ -311,16 +311,16 @@ def rig_model(
     lean: bool = False,
     floors: Mapping[str, Floor] | None = None,
 ) -> mujoco.MjModel:
-    """Compile the quarter test rig on a floor, with every parameter in place.
+    """Compile the quarter test rig on a floor, with all its parameters.
 
     Args:
-      rig: The constants.
-      floor: The floor outside the patches.
-      mass: m_T of the quarter body [kg]; the rig's first mass when None.
+      rig: Constants of the rig.
+      floor: Floor outside the patches.
+      mass: Mass m_T of the quarter body [kg]; the first of the rig's masses when None.
       extra_floors: Names of floors that a fault may put under the wheel.
-      patches: Stretches of other floor.
-      lean: For fast steps, as in `robot_model`.
-      floors: Where names are looked up; the shipped floors when None.
+      patches: Patches of other floors.
+      lean: Whether to speed up steps, as in `robot_model`.
+      floors: Floors by name; the shipped ones when None.
 
     Raises:
       InputError: The mass leaves nothing for the body, or the MJCF cannot be read.

@@ -1,9 +1,9 @@
 """The native callbacks that MuJoCo calls inside its step, and their installation.
 
 Three C functions compiled by numba, free of the interpreter: passive forces, activation rates of the wheel
-actuators (motor current, bristles), truth sensors. They act on models that carry our mark and on no other,
-are pure functions of mjModel and mjData, and allocate nothing that outlives the call; hence `mj_forward` has
-no side effect and a batch on many threads equals a serial loop bit for bit.
+actuators (motor current, bristles), truth sensors. They act only on models that carry the mark of
+this package, are pure functions of mjModel and mjData, and allocate nothing that outlives the call; hence
+`mj_forward` has no side effect and a batch on many threads equals a serial loop bit for bit.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ _STAGE_VELOCITY = int(mujoco.mjtStage.mjSTAGE_VEL)
 
 @kernel
 def wheel_count(m):
-    """Number of wheels of a model that carries our mark, 0 for any other."""
+    """Number of wheels of a model that carries the mark of this package, 0 for any other."""
     if load_pointer(m + OFFSETS.m_nactuator) == 0 or (
         load_pointer(m + OFFSETS.m_nuser_actuator) != slots.ACTUATOR_SLOTS
     ):
@@ -69,7 +69,7 @@ def wheel_count(m):
 
 @kernel
 def add_passive_forces(m, d):
-    """Add everything between motor, wheel and floor to qfrc_passive."""
+    """Add all forces of motors, wheels and floor to qfrc_passive."""
     wheels = wheel_count(m)
     if wheels == 0:
         return
@@ -89,7 +89,7 @@ def add_passive_forces(m, d):
             load_pointer(m + OFFSETS.m_actuator_actadr), wheel
         )
         load = _axle_load(own, act, forces)
-        if rail >= 0:  # the rig's equations put rolling resistance on the carriage
+        if rail >= 0:  # in the equations of the rig, rolling resistance acts on the carriage
             rolling = load_real(own, slots.ROLLING_RESISTANCE) * forces.normal
             on_rail = AxleLoad(load.normal, load.ahead, load.lateral, rolling)
             add_rail_friction(m, d, own, rail, on_rail, forces.lateral_velocity, pull, h)
@@ -100,7 +100,7 @@ def add_passive_forces(m, d):
 
 @kernel
 def _axle_load(own, act, forces):
-    """`AxleLoad` of a wheel; on the rig the lateral load is low-passed and rolling resistance elsewhere."""
+    """`AxleLoad` of a wheel; on the rig its lateral load is low-passed and its rolling resistance is zero."""
     ahead, lateral = wheel_frame_force(own, forces.traction, forces.lateral)
     if load_real(own, slots.RAIL_JOINT) >= 0.0:
         return AxleLoad(forces.normal, ahead, load_real(act, slots.LATERAL_LOAD), 0.0)
@@ -110,7 +110,7 @@ def _axle_load(own, act, forces):
 
 @kernel
 def set_activation_rates(m, d, actuator):
-    """Write act_dot = (next − now)/h of a wheel's current and bristles: exact for the frozen velocities."""
+    """Write act_dot = (next − now)/h of a wheel's current and bristles, exact for constant velocities."""
     if actuator >= wheel_count(m):
         return
     h = load_real(m + OFFSETS.m_timestep, 0)
@@ -137,7 +137,7 @@ def set_activation_rates(m, d, actuator):
         store_real(rate, slots.BACKLASH_RATE, (gap_rate - load_real(act, slots.BACKLASH_RATE)) / h)
     rail = numba.int64(load_real(own, slots.RAIL_JOINT))
     if rail >= 0:
-        # the tilting body's inertia carries what alternates with the rollers; the rail feels the rest
+        # the inertia of the tilting body absorbs the alternation between rollers; the rail carries the rest
         user = load_pointer(m + OFFSETS.m_jnt_user) + 8 * slots.JOINT_SLOTS * rail
         share = -math.expm1(-h / load_real(user, slots.RAIL_LOAD_TIME))
         store_real(
@@ -196,7 +196,7 @@ def install() -> None:
 
     Raises:
       NativeLayoutError: The installed MuJoCo keeps its data elsewhere than expected.
-      OmnimjError: Another library's callback is installed already; ours would silence it.
+      OmnimjError: A callback of another library is installed already, which ours would replace.
     """
     for name, function in _CALLBACKS.items():
         present = getattr(mujoco, f"get_mjcb_{name}")()

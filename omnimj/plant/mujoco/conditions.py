@@ -1,6 +1,6 @@
 """Faults and effects over time, written into a compiled model and removed from it again.
 
-Every change starts from the numbers of the nominal model, so that conditions never pile up.
+Every change starts from the nominal model, so that conditions never accumulate.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from omnimj.physics.motor import MOTOR_SIZE
 from omnimj.plant.faults import Conditions, Fault, conditions_at, conditions_with_effects, event_times
 from omnimj.plant.mujoco import slots
 
-_DECK = 0.129  # [m] height of the upper deck above the axles: payload stands on it
+_DECK = 0.129  # [m] height above the axles of the upper deck, which carries the payload
 _FIELDS = (
     "actuator_user",
     "body_mass",
@@ -42,7 +42,7 @@ class NominalModel:
         self._gravity = mj_model.opt.gravity.copy()
 
     def apply(self, conditions: Conditions) -> None:
-        """Write conditions into the model; the state is not touched."""
+        """Write conditions into the model without changing the state."""
         m = self._mj_model
         for name, array in self._arrays.items():
             getattr(m, name)[:] = array
@@ -73,7 +73,7 @@ class NominalModel:
         mujoco.mju_mulQuat(self._mj_model.body_quat[body], turn, self._arrays["body_quat"][body])
 
     def _scale_wheel(self, wheel: int, scale: float) -> None:
-        """Scale a wheel with the same rollers, which sit further out and become a little longer."""
+        """Scale a wheel and keep its rollers, which move outward and become slightly longer."""
         m = self._mj_model
         row = m.actuator_user[wheel]
         row[slots.RADIUS] *= scale
@@ -113,7 +113,7 @@ def fault_floors(faults: Sequence[Fault]) -> tuple[str, ...]:
 
 
 class ConditionSchedule:
-    """Conditions of a run over time; a step only compares its time with `next_change`."""
+    """Conditions of a run over time; `next_change` is the time of the next change."""
 
     def __init__(
         self, faults: Sequence[Fault], effects: AppliedEffects, measured_current: bool, nominal: NominalModel

@@ -1,9 +1,9 @@
 """Contact between one wheel and the floor: a pure function of MuJoCo's state and contact list.
 
 Per contact: depth d and its rate, slip velocity V_r along the driving direction, lateral velocity v_c of the
-wheel with the roller's own spin taken out. Per wheel: the normal force is that of its deepest roller, shared
-among rollers whose normals agree in proportion to their depth, so that a hand-over between rollers shows the
-geometry and not a second spring; traction and roller friction follow with one bristle each.
+wheel, without the spin of the roller. Per wheel: the normal force is that of its deepest roller, shared among
+rollers with similar normals in proportion to their depth, so that a change of roller reflects the geometry
+and not a second spring; traction and roller friction follow with one bristle each.
 """
 
 from __future__ import annotations
@@ -36,31 +36,31 @@ FORCE, PRESSED, DRAG = 20, 21, 22  # traction, normal force, bearing friction of
 COLUMNS = 23
 MAX_CONTACTS = 64
 CONTACT_BUFFER = MAX_CONTACTS * COLUMNS
-"""Doubles that one call's contacts need."""
+"""Number of doubles for the contacts of one call."""
 
 
 class WheelForces(NamedTuple):
-    """Contact forces of one wheel; the first five are what its sensor reports."""
+    """Contact forces of one wheel; its sensor reports the first five."""
 
     slip: float
     """Mean slip velocity [m/s]."""
     normal: float
-    """[N]"""
+    """Normal force [N]."""
     traction: float
-    """Along the rollers' axis [N]."""
+    """Force along the roller axis [N]."""
     lateral: float
-    """Across it [N]."""
+    """Force across the roller axis [N]."""
     lateral_velocity: float
-    """Mean velocity of the carrier across it [m/s]."""
+    """Mean velocity of the carrier across the roller axis [m/s]."""
     next_bristle: float
-    """Bristle deflection after the step [m]."""
+    """Bristle deflection of the traction after the step [m]."""
     next_lateral_bristle: float
-    """The same of the rollers' bearings [m]."""
+    """Bristle deflection of the roller bearings after the step [m]."""
 
 
 @kernel
 def point_velocity(m, d, body, x, y, z):
-    """Velocity of the point (x, y, z) moving with a body, world frame [m/s]."""
+    """Velocity of the point (x, y, z) [m] fixed to a body, world frame [m/s]."""
     root = load_int(load_pointer(m + OFFSETS.m_body_rootid), body)
     com = load_pointer(d + OFFSETS.d_subtree_com) + 24 * root
     c = load_pointer(d + OFFSETS.d_cvel) + 48 * body
@@ -75,14 +75,14 @@ def point_velocity(m, d, body, x, y, z):
 
 @kernel
 def floor_under(m, d, wheel_slots, geom, x, y, z):
-    """Geom whose floor parameters hold at a point: the wheel's override, a patch, or the geom itself."""
+    """Geom whose floor parameters apply at a point: the wheel's override, a patch, or the geom itself."""
     override = load_real(wheel_slots, slots.FLOOR_OVERRIDE)
     if override >= 0.0:
         return numba.int64(override)
     users = load_pointer(m + OFFSETS.m_geom_user)
     width = 8 * load_pointer(m + OFFSETS.m_nuser_geom)
     own = users + width * geom
-    # patches lie in the order of the scenario: the last one on top
+    # patches are in the order of the scenario, the last one on top
     for k in range(numba.int64(load_real(own, slots.PATCH_COUNT)) - 1, -1, -1):
         patch = numba.int64(load_real(own, slots.FIRST_PATCH)) + k
         place = load_pointer(d + OFFSETS.d_geom_xpos) + 24 * patch
@@ -98,13 +98,13 @@ def floor_under(m, d, wheel_slots, geom, x, y, z):
 
 @kernel
 def describe_contact(m, d, contact, wheel_slots, roller_geom, floor_geom, sign, row):
-    """Fill a contact's row with its geometry and velocities; return False when it does not touch."""
+    """Fill the row of a contact with its geometry and velocities; return False if it does not touch."""
     depth = -load_real(contact + OFFSETS.c_dist, 0)
     if depth <= 0.0:
         return False
     frame, pos = contact + OFFSETS.c_frame, contact + OFFSETS.c_pos
     nx, ny, nz = sign * load_real(frame, 0), sign * load_real(frame, 1), sign * load_real(frame, 2)
-    # the roller's own surface point, so that the rolling radius is the wheel's and not less the depth
+    # surface point of the roller, so that the rolling radius is not reduced by the depth
     x = load_real(pos, 0) - 0.5 * depth * nx
     y = load_real(pos, 1) - 0.5 * depth * ny
     z = load_real(pos, 2) - 0.5 * depth * nz
@@ -113,11 +113,11 @@ def describe_contact(m, d, contact, wheel_slots, roller_geom, floor_geom, sign, 
     ax, ay, az = load_real(axes, 1), load_real(axes, 4), load_real(axes, 7)  # axle: the wheel's y axis
     tx, ty, tz = ay * nz - az * ny, az * nx - ax * nz, ax * ny - ay * nx
     length = math.sqrt(tx * tx + ty * ty + tz * tz)
-    if length < 1e-6:  # lying on its side: no driving direction
+    if length < 1e-6:  # the wheel lies on its side: no driving direction
         return False
     tx, ty, tz = tx / length, ty / length, tz / length
     sx, sy, sz = ny * tz - nz * ty, nz * tx - nx * tz, nx * ty - ny * tx
-    # the floor holds along the roller's axis and lets roll across it: on an omni wheel these are t and s
+    # traction acts along the roller axis, rolling across it: t and s on an omni wheel
     sin, cos = load_real(wheel_slots, slots.ROLLER_SIN), load_real(wheel_slots, slots.ROLLER_COS)
     ux, uy, uz = sin * tx + cos * sx, sin * ty + cos * sy, sin * tz + cos * sz
     sx, sy, sz = sin * sx - cos * tx, sin * sy - cos * ty, sin * sz - cos * tz
@@ -183,11 +183,11 @@ def gather_contacts(m, d, only, found):
 def share_normal_force(found, count, wheel, stiffness, damping):
     """Share a wheel's normal force among its contacts [N].
 
-    N_i = w_i (k d_max + c ḋ_i) ≥ 0, w_i = d_i/Σ d_j over rollers whose normals agree. Contacts
+    N_i = w_i (k d_max + c ḋ_i) ≥ 0, w_i = d_i/Σ d_j over rollers with similar normals. Contacts
     with normals 60° apart are separate springs; parallel ones share a single spring.
 
     Returns:
-      The wheel's normal force.
+      Normal force of the wheel [N].
     """
     total = 0.0
     for i in range(count):
@@ -210,7 +210,7 @@ def share_normal_force(found, count, wheel, stiffness, damping):
 
 @kernel
 def wheel_contact_forces(m, d, wheel, found, count, h):
-    """Normal force, traction and roller friction of one wheel; fills FORCE, PRESSED, DRAG of its contacts.
+    """Compute the contact forces of one wheel; fill columns FORCE, PRESSED and DRAG of its contacts.
 
     Traction of contact i: N_i f(z, V_r,i) on the floor under it, with one bristle z for the wheel; bearing
     friction of the rollers: N_i (σ0 z_l + σ1 ż_l + μ_vis v_c), g = μ_dry, with one lateral bristle.
@@ -220,7 +220,7 @@ def wheel_contact_forces(m, d, wheel, found, count, h):
       d: Address of mjData.
       wheel: Index of the wheel.
       found: Contact rows of `gather_contacts`, shape (MAX_CONTACTS, COLUMNS).
-      count: Number of them.
+      count: Number of contacts.
       h: Step [s].
 
     Returns:
@@ -231,7 +231,7 @@ def wheel_contact_forces(m, d, wheel, found, count, h):
     pressed = share_normal_force(
         found, count, wheel, load_real(own, slots.STIFFNESS), load_real(own, slots.DAMPING)
     )
-    if pressed <= 0.0:  # lifted: the bristles spring back
+    if pressed <= 0.0:  # lifted: the bristles relax
         return WheelForces(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     users = load_pointer(m + OFFSETS.m_geom_user)
     width = 8 * load_pointer(m + OFFSETS.m_nuser_geom)
@@ -261,20 +261,20 @@ def wheel_contact_forces(m, d, wheel, found, count, h):
 
 @kernel
 def wheel_frame_force(own, traction, lateral):
-    """Components along u and the axle of the floor's force F a + L b, a the rollers' axis, b = n × a [N]."""
+    """Components along u and the axle of the floor force F a + L b; a: roller axis, b = n × a [N]."""
     s, c = load_real(own, slots.ROLLER_SIN), load_real(own, slots.ROLLER_COS)
     return s * traction - c * lateral, c * traction + s * lateral
 
 
 @kernel
 def _roller_friction(own, z, velocity, h):
-    """Bearing friction of the rollers over normal force and its next bristle deflection."""
+    """Bearing friction of the rollers over normal force, and the next deflection of its bristle [m]."""
     dry = load_real(own, slots.ROLLER_DRY)
     viscous = load_real(own, slots.ROLLER_VISCOUS) * velocity
     if dry <= 0.0:
         return viscous, 0.0
     stiffness = load_real(own, slots.ROLLER_SIGMA_0)
     z_next = exact_step(z, velocity, stiffness * abs(velocity) / dry, h)
-    # the mean rate over the step: bounded however stiff the bristle is
+    # mean rate over the step, bounded for any bristle stiffness
     ratio = stiffness * z + load_real(own, slots.ROLLER_SIGMA_1) * (z_next - z) / h + viscous
     return ratio, z_next

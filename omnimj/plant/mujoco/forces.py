@@ -1,4 +1,4 @@
-"""Forces of wheels, motors and rail, and of the effects on them, added to MuJoCo's passive forces."""
+"""Forces of wheels, motors and rail, including effects, added to MuJoCo's passive forces."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class AxleLoad(NamedTuple):
     """Load on a wheel's axle [N]."""
 
     normal: float
-    """F_N."""
+    """Normal force F_N."""
     ahead: float
     """Force of the floor along the driving direction."""
     lateral: float
@@ -82,7 +82,7 @@ def add_force(m, d, body, point, force, watched):
       body: Index of the body.
       point: x, y, z in the world [m].
       force: x, y, z in the world [N].
-      watched: Two degrees of freedom, −1: none.
+      watched: Indices of two degrees of freedom; −1: none.
 
     Returns:
       Generalised forces added to the two watched degrees of freedom.
@@ -120,8 +120,8 @@ def add_force(m, d, body, point, force, watched):
 def _roller_force(m, d, row, found, count, grip, h):
     """Lateral force of the floor on a roller, and the roller's degree of freedom and lever.
 
-    F = F_lat + I(ω* − ω)/(J h), ω* = −v_c/J: what makes the roller roll in this step, bounded by its grip.
-    Two contacts of one roller share the change of spin by their normal force.
+    F = F_lat + I(ω* − ω)/(J h), ω* = −v_c/J, makes the roller roll within this step, bounded by its grip.
+    Two contacts of one roller share the change of spin in proportion to their normal force.
     """
     body = numba.int64(row[ROLLER_BODY])
     dof = load_int(load_pointer(m + OFFSETS.m_body_dofadr), body)
@@ -134,7 +134,7 @@ def _roller_force(m, d, row, found, count, grip, h):
     lever = row[ASIDE] * (ay * rz - az * ry)
     lever += row[ASIDE + 1] * (az * rx - ax * rz)
     lever += row[ASIDE + 2] * (ax * ry - ay * rx)
-    if abs(lever) < 1e-4:  # touching with its end: it cannot roll there
+    if abs(lever) < 1e-4:  # contact at the end of the roller, where it cannot roll
         return row[DRAG], dof, 0.0
     on_roller = 0.0
     for j in range(count):
@@ -157,8 +157,8 @@ def add_contact_forces(m, d, wheel, found, count, second, h):
       d: Address of mjData.
       wheel: Index of the wheel.
       found: Contact rows, filled by `wheel_contact_forces`.
-      count: Number of them.
-      second: A degree of freedom to watch beside the axle; −1: none.
+      count: Number of contacts.
+      second: Index of a further degree of freedom to report besides the axle; −1: none.
       h: Step [s].
 
     Returns:
@@ -181,7 +181,7 @@ def add_contact_forces(m, d, wheel, found, count, second, h):
         torque, pull = torque + about, pull + along
         if row[FLOOR_BODY] > 0.0:
             add_force(m, d, numba.int64(row[FLOOR_BODY]), point, (-fx, -fy, -fz), (-1, -1))
-        # the bearing between roller and wheel holds the roller back
+        # the bearing between roller and wheel brakes the roller
         store_real(passive, dof, load_real(passive, dof) - row[DRAG] * lever)
     return torque, pull
 
@@ -197,7 +197,7 @@ def coast_rollers(m, d, own, wheel, found, count, h):
     for dof in range(first, first + numba.int64(load_real(own, slots.ROLLER_COUNT))):
         drag = load_real(inertia, dof) * load_real(spin, dof) * rate
         store_real(passive, dof, load_real(passive, dof) - drag)
-    for i in range(count):  # rollers on the floor roll instead: give them their drag back, once each
+    for i in range(count):  # rollers on the floor roll instead: undo their drag, once each
         if found[i, WHEEL] == wheel and _is_first_of_its_roller(found, i):
             dof = load_int(load_pointer(m + OFFSETS.m_body_dofadr), numba.int64(found[i, ROLLER_BODY]))
             drag = load_real(inertia, dof) * load_real(spin, dof) * rate
@@ -217,7 +217,7 @@ def _is_first_of_its_roller(found, i):
 
 @kernel
 def _supply_current(m, d, wheel, voltage):
-    """Current that a wheel's motor draws from a supply at a voltage [A]."""
+    """Current that the motor of a wheel draws from the supply at a given voltage [A]."""
     own = slots_of(m, wheel)
     place = load_int(load_pointer(m + OFFSETS.m_actuator_ctrladr), wheel)
     command = load_real(load_pointer(d + OFFSETS.d_ctrl), place)
@@ -227,9 +227,9 @@ def _supply_current(m, d, wheel, voltage):
 
 @kernel
 def _current_of_others(m, d, wheel):
-    """Current drawn by the other wheels' motors at the voltage that all leave of a sagging supply [A].
+    """Current drawn by the motors of the other wheels at the common voltage of a sagging supply [A].
 
-    As `planar_wheel.supply_currents`: V = V_0 − R_s Σ i_j(V) by bisection.
+    As in `planar_wheel.supply_currents`, V = V_0 − R_s Σ i_j(V) is solved by bisection.
     """
     first = slots_of(m, 0)
     wheels = numba.int64(load_real(first, slots.WHEELS))
@@ -262,7 +262,7 @@ def motor_with_effects(m, d, own, wheel, limited):
       d: Address of mjData.
       own: Address of the wheel's slots.
       wheel: Index of the wheel.
-      limited: Whether the current's limits matter, and with them the supply that motors share.
+      limited: Whether current limits, and hence the supply shared by the motors, matter.
     """
     motor = motor_of(own)
     if not is_active(own):
@@ -291,7 +291,7 @@ def _axle_resistance(own, load, wheel_speed):
 
 @kernel
 def _axle_torque_with_effects(d, own, act, motor, resistance, h):
-    """`AxleTorque` of motor, friction and effects; `other` is without the floor's torque.
+    """`AxleTorque` of motor, friction and effects; its `other` excludes the torque of the floor.
 
     Args:
       d: Address of mjData.
@@ -311,17 +311,17 @@ def _axle_torque_with_effects(d, own, act, motor, resistance, h):
 
 @kernel
 def _step_backlash(m, d, own, act, torque, ahead, h):
-    """`effect_terms.step_backlash` of a wheel; passive forces and activations must get the same answer.
+    """`effect_terms.step_backlash` of a wheel, which must agree between passive forces and activations.
 
-    Hence the floor's torque is −r F for both, although the passive forces know it more exactly.
+    Both therefore use −r F as the torque of the floor, although the passive forces have a more exact value.
 
     Args:
       m: Address of mjModel.
       d: Address of mjData.
       own: Address of the wheel's slots.
       act: Address of its activations.
-      torque: From `_axle_torque_with_effects`.
-      ahead: F along the driving direction [N].
+      torque: Torque from `_axle_torque_with_effects`.
+      ahead: Force F of the floor along the driving direction [N].
       h: Step [s].
     """
     terms = terms_of(own)
@@ -353,13 +353,13 @@ def backlash_after(m, d, own, act, motor, load, h):
 
 @kernel
 def add_drive_torque(m, d, wheel, own, load, floor_torque, h):
-    """Add motor through gear, no-load, bearing and rolling friction, brake as one set-valued torque.
+    """Add motor and gear, no-load, bearing and rolling friction, and brake as one set-valued torque.
 
     Args:
       m: Address of mjModel.
       d: Address of mjData.
       wheel: Index of the wheel.
-      own: Address of its slots.
+      own: Address of the wheel's slots.
       load: `AxleLoad`.
       floor_torque: Torque of the floor about the axle [N.m].
       h: Step [s].
@@ -377,7 +377,7 @@ def add_drive_torque(m, d, wheel, own, load, floor_torque, h):
         torque = axle.other + stick_or_slip(low, high, wheel_speed, inertia, other, h)
         if terms_of(own).backlash != 0.0:
             change, _, _, touching = _step_backlash(m, d, own, act, axle, load.ahead, h)
-            if not touching:  # MuJoCo's axle carries the rotor: what makes the wheel move as if it did not
+            if not touching:  # MuJoCo's axle includes the rotor: the wheel must move as without it
                 torque = inertia * change - floor_torque
     dof = numba.int64(load_real(own, slots.WHEEL_DOF))
     passive = load_pointer(d + OFFSETS.d_qfrc_passive)
@@ -389,7 +389,7 @@ def add_drive_torque(m, d, wheel, own, load, floor_torque, h):
 
 @kernel
 def add_hub_forces(m, d, wheels, own, h):
-    """Add the effects that push a robot's wheel along its driving direction, and its share of the air drag.
+    """Add the effects that act along the driving direction of a wheel, and its share of the air drag.
 
     Args:
       m: Address of mjModel.
@@ -459,7 +459,7 @@ def add_rail_friction(m, d, own, joint, load, lateral_speed, pull, h):
       own: Address of the wheel's slots.
       joint: Index of the rail's joint.
       load: `AxleLoad`.
-      lateral_speed: Of the wheel sideways [m/s].
+      lateral_speed: Lateral speed of the wheel [m/s].
       pull: Force of the wheel on the carriage [N].
       h: Step [s].
     """
@@ -477,7 +477,7 @@ def add_rail_friction(m, d, own, joint, load, lateral_speed, pull, h):
         low, high = widen_friction(-friction, friction, guide_dry_friction(terms, speed, position))
         time, angle, turning = elapsed_time(d), wheel_angle(d, own), wheel_speed_of(d, own)
         added = guide_force(terms, speed, position, time, lateral_speed, angle, turning, h)
-        # MuJoCo's own gravity pulls down the slope; here it matters for sticking only
+        # gravity along the slope is part of MuJoCo; here it matters only for stiction
         other = pull + added + mass * terms.grade
         force = added + stick_or_slip(low, high, speed, mass, other, h)
     passive = load_pointer(d + OFFSETS.d_qfrc_passive)

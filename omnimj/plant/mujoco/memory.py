@@ -1,7 +1,7 @@
 """Access to MuJoCo's memory inside kernels: byte offsets in mjModel, mjData and mjContact, loads and stores.
 
-The offsets follow from MuJoCo's own description of its structs (`mujoco.introspect`) by the rules of C, and
-are compared with the addresses of the bound arrays before the native contact may use them.
+The offsets follow from MuJoCo's description of its structs (`mujoco.introspect`) by the rules of C, and are
+compared with the addresses of the bound arrays before the native contact may use them.
 """
 
 from __future__ import annotations
@@ -198,9 +198,9 @@ def check_offsets(offsets: Offsets) -> None:
 
 
 OFFSETS = read_offsets()
-"""Offsets of the installed MuJoCo, constants for the kernels, whose disk cache is keyed by its version."""
+"""Offsets of the installed MuJoCo: constants of the kernels, whose disk cache is keyed by its version."""
 
-# the decorator takes the typing context away, which type checkers cannot see
+# the decorator removes the argument for the typing context, unseen by type checkers
 intrinsic: Any = numba.extending.intrinsic
 
 
@@ -284,7 +284,7 @@ def motor_of(own):
 
 @kernel
 def is_active(own):
-    """Return whether a wheel has effect terms at all, given the address of its slots."""
+    """True if a wheel has any effect terms, given the address of its slots."""
     return load_real(own, slots.EFFECT_TERMS + ACTIVE) != 0.0
 
 
@@ -308,13 +308,13 @@ def elapsed_time(d):
 
 @kernel
 def wheel_angle(d, own):
-    """Angle of the wheel [rad]."""
+    """Angle of a wheel [rad]."""
     return load_real(load_pointer(d + OFFSETS.d_qpos), numba.int64(load_real(own, slots.ANGLE_ADDRESS)))
 
 
 @kernel
 def wheel_speed_of(d, own):
-    """Speed of the wheel [rad/s]."""
+    """Speed of a wheel [rad/s]."""
     return load_real(load_pointer(d + OFFSETS.d_qvel), numba.int64(load_real(own, slots.WHEEL_DOF)))
 
 

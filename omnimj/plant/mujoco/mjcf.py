@@ -1,4 +1,4 @@
-"""MJCF of robot and rig: read, multiplied to the wheels of the model file, filled with their numbers."""
+"""MJCF of robot and rig: read, replicated for the wheels of the model file, filled with their constants."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ def load_spec(path: Path, includes: Mapping[str, bytes] | None = None) -> mujoco
     """Parse an MJCF file.
 
     Args:
-      path: The file.
-      includes: Contents that replace included files, by their names.
+      path: MJCF file.
+      includes: Contents that replace included files, by file name.
 
     Raises:
-      InputError: MuJoCo cannot read it; the message is MuJoCo's own.
+      InputError: MuJoCo cannot read the file; the message is that of MuJoCo.
     """
     try:
         return mujoco.MjSpec.from_file(
             str(path.resolve()), include=includes
-        )  # includes of a relative path go astray
+        )  # includes relative to a relative path are not found
     except ValueError as error:
         raise InputError(path, _NOT_READ, _one_line(error)) from None
 
@@ -44,7 +44,7 @@ def compile_spec(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
     """Compile a parsed model.
 
     Raises:
-      InputError: MuJoCo cannot compile it; the message is MuJoCo's own.
+      InputError: MuJoCo cannot compile the model; the message is that of MuJoCo.
     """
     try:
         return spec.compile()
@@ -65,22 +65,22 @@ def part(spec: mujoco.MjSpec, kind: str, name: str) -> Any:
 
 
 ROBOT_FILE = "uto_robot.xml"
-_ARM = 0.25  # [m] at which the file's wheels and the frames beside them stand
+_ARM = 0.25  # [m] from the centre to the wheels of the file and the frames beside them
 _OF_A_WHEEL = re.compile(r"(corner|guide|motor)_1\b|wheel_1(?=_)")
 
 
 def robot_mjcf(robot: Robot, path: Path) -> bytes:
     """MJCF of a robot with the wheels of its model file, in place of `uto_robot.xml`.
 
-    Corners, motors and contact sensors are those of wheel 1 under other numbers; where they stand and what
-    they weigh is written into the parsed model later, as for the file itself.
+    Corners, motors and contact sensors are copies of those of wheel 1; positions and masses are written into
+    the parsed model later.
 
     Args:
-      robot: The constants.
-      path: `uto_robot.xml`; a file that is not XML is passed on as it is, for MuJoCo to report.
+      robot: Constants of the robot.
+      path: `uto_robot.xml`; a file that is not XML is returned unchanged, for MuJoCo to report.
 
     Raises:
-      InputError: It lacks a part that is to be copied.
+      InputError: The file lacks a part that is to be copied.
     """
     content, count = path.read_bytes(), len(robot.wheels)
     try:
@@ -105,7 +105,7 @@ def _found(root: ET.Element, path: str) -> ET.Element:
 
 
 def _replicate(parent: ET.Element, first: str, kind: str, count: int) -> None:
-    """Replace all children of a kind by copies of the first, numbered 1 … count, behind the others."""
+    """Replace all children of a kind by copies of the first, numbered 1 … count, after the others."""
     text = ET.tostring(_found(parent, f"*[@name='{first}']"), encoding="unicode")
     for child in [c for c in parent if re.fullmatch(kind, c.get("name", ""))]:
         parent.remove(child)
@@ -114,7 +114,7 @@ def _replicate(parent: ET.Element, first: str, kind: str, count: int) -> None:
 
 
 def _set_frames(chassis: ET.Element, mounts: Iterable[WheelMount]) -> None:
-    """Put the visual parts that the chassis carries beside a wheel beside every wheel."""
+    """Copy the visual parts that the chassis carries beside a wheel to every wheel."""
     around = _found(chassis, "replicate")
     at = list(chassis).index(around)
     chassis.remove(around)
@@ -128,7 +128,7 @@ def _set_frames(chassis: ET.Element, mounts: Iterable[WheelMount]) -> None:
 
 
 _FILE_ROW_OFFSET = 0.011  # [m] `uto_wheel.xml` shifts its second row by twice this
-_FILE_HALF_LENGTH = math.sqrt(0.050 * 0.009)  # [m] the roller mesh is made for these
+_FILE_HALF_LENGTH = math.sqrt(0.050 * 0.009)  # [m] radii for which the roller mesh is made
 _FILE_ROLLER_RADIUS = 0.009  # [m]
 _STRAIGHT = 0.5 * math.pi  # rollers of an omni wheel lie across its axle
 _CUT = 0.0125 / _FILE_HALF_LENGTH  # a barrel's half length over the ellipsoid's
@@ -137,13 +137,13 @@ _CUT = 0.0125 / _FILE_HALF_LENGTH  # a barrel's half length over the ellipsoid's
 def roller_half_length(wheel: Wheel, angle: float = _STRAIGHT) -> float:
     """Half length √(R b)/sin γ of a roller whose outline has the wheel's curvature along its axis [m].
 
-    Along a direction that is turned by γ from the axle a cylinder of radius R has the curvature sin²γ/R.
+    In a direction at an angle γ to the axle, a cylinder of radius R has the curvature sin²γ/R.
     """
     return math.sqrt(wheel.radius * wheel.roller_radius) / math.sin(angle)
 
 
 def roller_inertia(wheel: Wheel, angle: float) -> tuple[float, float]:
-    """Spin ½ m b² and transverse m(3b² + L²)/12 of a roller of length L [kg.m2]."""
+    """Spin inertia ½ m b² and transverse inertia m(3b² + L²)/12 of a roller of length L [kg.m2]."""
     length = 2.0 * _CUT * roller_half_length(wheel, angle)
     m, b = wheel.roller_mass, wheel.roller_radius
     return 0.5 * m * b**2, m * (3.0 * b**2 + length**2) / 12.0
@@ -156,10 +156,10 @@ def _about_axle(wheel: Wheel, angle: float) -> float:
 
 
 def hub_inertia(wheel: Wheel, angle: float = _STRAIGHT) -> float:
-    """Wheel inertia about the axle less that of its rollers [kg.m2].
+    """Inertia of a wheel about the axle without that of its rollers [kg.m2].
 
     Raises:
-      InputError: The rollers alone have more.
+      InputError: The rollers alone exceed the inertia of the wheel.
     """
     count = wheel.rows * wheel.rollers_per_row
     ring = wheel.roller_mass * (wheel.radius - wheel.roller_radius) ** 2
@@ -189,14 +189,14 @@ def write_wheel(
     """Write mass, inertia, rollers and reflected rotor inertia of one attached wheel.
 
     Args:
-      spec: The model.
-      prefix: Of the wheel's names.
-      wheel: Its numbers.
-      motor: Its motor's.
-      angle: γ of its rollers [rad].
+      spec: Model to change.
+      prefix: Prefix of the wheel's names.
+      wheel: Constants of the wheel.
+      motor: Constants of its motor.
+      angle: Roller angle γ [rad].
 
     Raises:
-      InputError: Other rows or rollers than the file has, or a wheel lighter than its rollers.
+      InputError: Rows or rollers differ from those of the file, or the wheel is lighter than its rollers.
     """
     rollers = [b for b in spec.bodies if b.name.startswith(f"{prefix}roller_")]
     if (wheel.rows, wheel.rows * wheel.rollers_per_row) != (2, len(rollers)):

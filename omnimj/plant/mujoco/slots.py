@@ -1,8 +1,8 @@
-"""Places of the native contact's parameters in the `user` arrays of the compiled model.
+"""Indices of the native contact's parameters in the `user` arrays of the compiled model.
 
-A floor is a geom with its traction law in `geom_user`; a roller's geom says to which wheel it belongs; a
-wheel is an actuator whose `actuator_user` holds everything about that wheel and its motor. So two models in
-one process differ freely, and copies, batches and saved models carry their parameters with them.
+A floor is a geom with its traction law in `geom_user`; the geom of a roller holds the index of its wheel; a
+wheel is an actuator whose `actuator_user` holds all constants of that wheel and its motor. Models in one
+process may therefore differ, and copies, batches and saved models contain their parameters.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ GEOM_SLOTS = PATCH_COUNT + 1
 
 # actuator_user
 MAGIC = 0
-MAGIC_NUMBER = 20.25e6  # in slot 0 of actuator 0: this model's contacts are ours
+MAGIC_NUMBER = 20.25e6  # mark in slot 0 of actuator 0: the native contact handles this model
 WHEELS = 1  # number of wheels
 WHEEL_BODY, WHEEL_DOF, FIRST_ROLLER_DOF, ROLLER_COUNT = 2, 3, 4, 5
 SENSOR = 6  # address of this wheel's block in sensordata
 RAIL_JOINT = 7  # joint that carries the rig's rail friction, -1: none
-FLOOR_OVERRIDE = 8  # geom whose floor this wheel sees wherever it is, -1: none
+FLOOR_OVERRIDE = 8  # geom whose floor applies under this wheel at every position, -1: none
 GRIP = 9  # factor on the traction of this wheel
 RADIUS = 10
 STIFFNESS, DAMPING = 11, 12
@@ -51,9 +51,9 @@ JOINT_SLOTS = 9
 
 # activations of a wheel's actuator
 CURRENT, BRISTLE, LATERAL_BRISTLE = 0, 1, 2
-BACKLASH, BACKLASH_RATE = 3, 4  # angle of the rotor relative to the wheel, seen at the wheel, and its rate
+BACKLASH, BACKLASH_RATE = 3, 4  # angle of the rotor relative to the wheel, after the gear, and its rate
 ACTIVATIONS = 5
-LATERAL_LOAD = 5  # the rig's only: lateral force of the floor as rail and bearings feel it, low-passed
+LATERAL_LOAD = 5  # rig only: low-passed lateral force of the floor on rail and bearings
 
 # a wheel's block in sensordata
 SENSOR_FIELDS = ("slip_velocity", "normal_force", "traction_force", "lateral_force", "lateral_velocity")

@@ -23,14 +23,14 @@ from omnimj.plant.mujoco.conditions import ConditionSchedule, NominalModel, faul
 from omnimj.plant.sensors import RigSensors, RobotSensors
 from omnimj.signals import Array, CurrentCommand, Measurement, RigMeasurement
 
-_GUIDE_SHARE = 0.4  # share of the suspension's travel to either side that a larger wheel may start with
-_SETTLING_TIME = 0.3  # [s] that the gantry moves sideways before a rig run begins
+_GUIDE_SHARE = 0.4  # share of the suspension travel to either side that a larger wheel may take
+_SETTLING_TIME = 0.3  # [s] for which the gantry moves sideways before a rig run begins
 
 
 class RigTwin:
-    """The quarter test rig in MuJoCo; a `Plant` with one wheel.
+    """Quarter test rig in MuJoCo, a `Plant` with one wheel.
 
-    The gantry moves sideways at its commanded speed from the start.
+    The gantry has its commanded lateral speed from the start.
     """
 
     truth_names = RIG_TRUTH_NAMES
@@ -52,16 +52,16 @@ class RigTwin:
         """Build the twin.
 
         Args:
-          rig: The constants, with effects.
-          floor: The floor outside the patches.
-          mass: m_T [kg]; the rig's first mass when None.
+          rig: Constants of the rig, with effects.
+          floor: Floor outside the patches.
+          mass: Mass m_T of the quarter body [kg]; the first of the rig's masses when None.
           lateral_speed: Commanded speed of the gantry [m/s].
           faults: Faults of the run, hidden from controllers.
-          patches: Stretches of other floor.
-          seed: Of the sensors' noise.
-          ideal_sensors: Neither noise nor quantisation nor filters.
-          timestep: Of the simulation [s]; one sample period when None.
-          measured_current: Commands are measured currents: neither limits nor the current loop act.
+          patches: Patches of other floors.
+          seed: Seed of the sensor noise.
+          ideal_sensors: Whether sensors return true values, without noise, filters and quantisation.
+          timestep: Step of the simulation [s]; one sample period when None.
+          measured_current: Whether commands are measured currents, exempt from limits and current loop.
           floors: Floors of patches and faults by name; the shipped ones when None.
         """
         install()
@@ -84,7 +84,7 @@ class RigTwin:
         self._sensors = RigSensors(
             rig.sensors, rig.motor, self.period, seed, faults, ideal_sensors, effects.channels
         )
-        # the payload is in the mass already
+        # the mass already includes the payload
         without_load = dataclasses.replace(effects, payload=(0.0, 0.0, 0.0))
         nominal = NominalModel(self.mj_model, "carriage")
         self._schedule = ConditionSchedule(faults, without_load, measured_current, nominal)
@@ -98,13 +98,13 @@ class RigTwin:
         self._rest = rig.wheel.radius * (effects.radius_scale[0] - 1.0) - weight / rig.contact.stiffness
 
     def reset(self) -> RigMeasurement:
-        """Put the carriage at its start, the gantry already at its speed, time 0."""
+        """Put the carriage at its start, with the gantry moving, and return the measurement at time 0."""
         d = self.mj_data
         mujoco.mj_resetData(self.mj_model, d)
         self._schedule.start()
         d.qpos[self._lift] = self._rest
         if self._lateral_speed:
-            # as on the rig: first the gantry comes to its speed, then the wheel is driven
+            # as on the rig, the gantry reaches its speed before the wheel is driven
             d.qvel[self._gantry] = d.ctrl[1] = self._lateral_speed
             d.qpos[self._gantry] = -_SETTLING_TIME * self._lateral_speed
             steps = round(0.5 * _SETTLING_TIME / self.mj_model.opt.timestep)
@@ -148,7 +148,7 @@ class RigTwin:
         )
 
     def truth(self) -> Array:
-        """Truth aligned with `RIG_TRUTH_NAMES`, shape (9,)."""
+        """True values aligned with `RIG_TRUTH_NAMES`, shape (9,)."""
         place, speed = self.mj_data.qpos, self.mj_data.qvel
         return np.array(
             [
@@ -162,7 +162,7 @@ class RigTwin:
         )
 
     def pose(self) -> Array:
-        """MuJoCo's generalized positions, for a picture or a recording."""
+        """Generalised positions qpos of MuJoCo, for a picture or a recording, shape (nq,)."""
         return self.mj_data.qpos.copy()
 
     def close(self) -> None:
@@ -170,10 +170,10 @@ class RigTwin:
 
 
 class RobotTwin:
-    """The robot with rollers, suspension, motors and sensors in MuJoCo; a `Plant`.
+    """Robot with rollers, suspension, motors and sensors in MuJoCo, a `Plant`.
 
-    Accelerations, slip and forces are those at the start of the last simulation step (one step before the
-    positions and speeds beside them), as MuJoCo computes them.
+    Accelerations, slip and forces refer to the start of the last simulation step, as MuJoCo computes them;
+    positions and speeds refer to its end.
     """
 
     def __init__(
@@ -193,16 +193,16 @@ class RobotTwin:
         """Build the twin.
 
         Args:
-          robot: The constants, with effects.
-          floor: The floor outside the patches.
+          robot: Constants of the robot, with effects.
+          floor: Floor outside the patches.
           faults: Faults of the run, hidden from controllers.
-          patches: Stretches of other floor.
-          seed: Of the sensors' noise.
-          start: x, y [m], heading [rad].
-          ideal_sensors: Neither noise nor quantisation nor filters.
-          timestep: Of the simulation [s]; one control period when None.
+          patches: Patches of other floors.
+          seed: Seed of the sensor noise.
+          start: x, y [m] and heading [rad] in the world.
+          ideal_sensors: Whether sensors return true values, without noise, filters and quantisation.
+          timestep: Step of the simulation [s]; one control period when None.
           scene: Another MJCF scene that includes the robot.
-          measured_current: Commands are measured currents: neither limits nor the current loop act.
+          measured_current: Whether commands are measured currents, exempt from limits and current loop.
           floors: Floors of patches and faults by name; the shipped ones when None.
         """
         install()
@@ -238,7 +238,7 @@ class RobotTwin:
         )
         nominal = NominalModel(self.mj_model, "chassis")
         self._schedule = ConditionSchedule(faults, effects, measured_current, nominal)
-        # a larger wheel lifts its corner; what the suspension does not take lifts the robot
+        # a larger wheel lifts its corner; the part that the suspension does not absorb lifts the robot
         larger, travel = robot.wheel.radius * (effects.radius_scale - 1.0), robot.body.suspension_travel
         self._guides = np.clip(larger, -_GUIDE_SHARE * travel, _GUIDE_SHARE * travel)
         self._rest_height += float(np.max(larger - self._guides, initial=0.0))
@@ -247,7 +247,7 @@ class RobotTwin:
         self._steps, self._turns, self._last_heading = 0, 0.0, start[2]
 
     def _find_places(self) -> None:
-        """Find the views into MuJoCo's arrays once, so that a step copies without a search."""
+        """Find the views into MuJoCo's arrays once, so that a step needs no search."""
         self._guides_at = [
             int(self.mj_model.joint(f"guide_{i}").qposadr[0]) for i in range(1, self._wheels + 1)
         ]
@@ -264,7 +264,7 @@ class RobotTwin:
         self._gyro = self.mj_data.sensor("gyro").data
 
     def reset(self) -> Measurement:
-        """Put the robot at rest at its start, time 0."""
+        """Put the robot at rest at its start and return the measurement at time 0."""
         mujoco.mj_resetData(self.mj_model, self.mj_data)
         self._schedule.start()
         self._braked = ()
@@ -281,7 +281,7 @@ class RobotTwin:
         """Hold the command for one control period and return the measurement at its end."""
         if self.mj_data.time + 0.5 * self.mj_model.opt.timestep >= self._schedule.next_change:
             self._schedule.apply(self._steps * self.period)
-            self._braked = ()  # the schedule writes whole motors
+            self._braked = ()  # the schedule overwrites whole motors
         if command.brake != self._braked:
             self._brake(command.brake)
         self.mj_data.ctrl[:] = command.current
@@ -296,11 +296,11 @@ class RobotTwin:
         self._braked = wheels
 
     def _heading(self) -> float:
-        """Heading, unwrapped [rad]."""
+        """Unwrapped heading [rad]."""
         w, x, y, z = self.mj_data.qpos[3:7].tolist()
         heading = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
         turn = heading + self._turns - self._last_heading
-        if math.isfinite(turn):  # a diverged state is the loop's to report
+        if math.isfinite(turn):  # a diverged state is reported by the loop
             self._turns -= 2.0 * math.pi * round(turn / (2.0 * math.pi))
         self._last_heading = heading + self._turns
         return self._last_heading
@@ -308,7 +308,7 @@ class RobotTwin:
     def _acceleration(self) -> Array:
         """Ideal accelerometer reading at the centre along the body's x and y, Rᵀ(a − g) [m/s²].
 
-        The chassis is a free joint at the centre, its first accelerations are those of the centre.
+        The chassis is a free joint at the centre, whose first three accelerations are those of the centre.
         """
         felt = self.mj_data.qacc[:3] - self._gravity
         return felt @ self._axes[:, :2]
@@ -324,7 +324,7 @@ class RobotTwin:
         )
 
     def truth(self) -> Array:
-        """Pose, body twist, then per wheel slip, normal force, traction; aligned with `truth_names`."""
+        """True pose, body twist, and per wheel slip, normal force, traction, aligned with `truth_names`."""
         row = np.empty(6 + self._sensed_size)
         x, y = self.mj_data.qpos[:2].tolist()
         vx, vy = self.mj_data.qvel[:2].tolist()
@@ -335,7 +335,7 @@ class RobotTwin:
         return row
 
     def pose(self) -> Array:
-        """MuJoCo's generalized positions, for a picture or a recording."""
+        """Generalised positions qpos of MuJoCo, for a picture or a recording, shape (nq,)."""
         return self.mj_data.qpos.copy()
 
     def close(self) -> None:
