@@ -31,7 +31,7 @@ from omnimj.parameters import Floor
 from omnimj.parameters.floor import FLOOR_UNITS, format_floor
 from omnimj.recording.json_files import to_jsonable
 
-_UNCHANGED = 1e-9  # of the box
+_UNCHANGED = 1e-9  # change as a share of the box, up to which a value is unchanged
 
 
 def digest(

@@ -13,10 +13,10 @@ from omnimj.physics import carriage
 from omnimj.physics.planar import GRAVITY
 from omnimj.signals import Array
 
-_SETTLED = 0.75  # share of its final deflection that a settled bristle has at least …
-_BEYOND = 1.5  # … and at most
+_SETTLED = 0.75  # smallest deflection of a settled bristle relative to its final one
+_BEYOND = 1.5  # largest deflection of a settled bristle relative to its final one
 _EDGES = (0.05, 0.98)  # quantiles of the slip of settled blocks: the covered range
-_FEWEST = 5  # settled blocks
+_FEWEST = 5  # smallest number of settled blocks for a covered range
 _SLIDES = 0.02  # [m/s] smallest slip of the points for the starting values
 _EPSILON = 1e-4
 

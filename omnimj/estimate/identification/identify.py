@@ -46,8 +46,8 @@ from omnimj.estimate.identification.uncertainty import (
 from omnimj.parameters import Rig
 from omnimj.recording.dataset import Dataset
 
-_REFITS = 2  # with the noise model estimated from the fit before
-_FEWEST_BLOCKS = 20  # of a run in which the carriage moved
+_REFITS = 2  # number of refits with the noise model from the previous fit
+_FEWEST_BLOCKS = 20  # smallest number of blocks of a run in which the carriage moved
 _CURVE_POINTS = 60
 _LEAST_SLIP = 5e-4  # [m/s] start of the plotted curve
 _MOST_SLIP = 0.1  # [m/s] its end when no run slides
@@ -187,6 +187,6 @@ def _residuals(fit: FloorFit) -> tuple[RunResidual, ...]:
     for run, blocks in zip(fit.problem.runs, fit.problem.simulated(fit.shared, fit.own), strict=True):
         off = run.measured - blocks[:, :2]
         counted = off[np.isfinite(off[:, 1]), 1]
-        bias = counted.mean() if len(counted) else 0.0  # of the accelerometer, fitted per run
+        bias = counted.mean() if len(counted) else 0.0  # accelerometer bias, fitted per run
         found.append(RunResidual(run.run.name, run.time, off[:, 0], off[:, 1] - bias))
     return tuple(found)

@@ -34,9 +34,9 @@ TIMING = 5e-4
 """Standard deviation of the time between the samples of the two speeds [s]: half a sample period."""
 
 _FEWEST_CLUSTERS = 5
-_STRETCHES = 4  # of one run, where there are too few conditions
+_STRETCHES = 4  # number of stretches of one run, if there are too few conditions
 _WIDE = 0.25  # half-width in a logarithm beyond which a straight line is no approximation
-_NARROW = 0.02  # the same for parameters that are hard to separate: μ_c, μ_s, V_s
+_NARROW = 0.02  # the same limit for parameters that are hard to separate: μ_c, μ_s, V_s
 _WALK = (0.2, 0.5, 1.0, 2.0, 4.0)  # steps in a logarithm away from the estimate
 FARTHEST = _WALK[-1]
 """Half-width in a logarithm beyond which a parameter is open: a factor of e⁴ ≈ 55."""

@@ -18,7 +18,7 @@ from omnimj.signals import Array
 
 KNOTS = 8
 """Number of knots of a free curve."""
-_SPEEDS = (0.02, 0.1, 0.4)  # of the speed range: ends of friction near standstill
+_SPEEDS = (0.02, 0.1, 0.4)  # trial ends of friction near standstill, as shares of the speed range
 _PLACES = (0.1, 0.3, 0.5, 0.7, 0.9)
 
 

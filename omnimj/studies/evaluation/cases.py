@@ -39,7 +39,7 @@ WHEELS = 4
 _SPEEDS = ("low", "high")  # by name in `scenario.drive_keys`
 _START, _REST = 0.5, 0.5  # [s] at rest before and after a manoeuvre
 _RISE = {"low": 0.5, "high": 1.0}  # [s] at 1 m/s²
-# one random stream per aspect of a case: other faults change nothing else of it
+# one random stream per aspect of a case, so that other faults leave all other aspects unchanged
 _MOTION, _WORLD, _FAULTS, _NOISE, _ORDER, _PAIRS = range(6)
 _MANY = 1024  # cases whose classes are drawn together
 

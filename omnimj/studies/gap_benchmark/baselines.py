@@ -19,7 +19,7 @@ from omnimj.estimate.replay.interface import Replay
 from omnimj.estimate.replay.problem import Fit, Problem, huber_weights
 from omnimj.signals import Array
 
-_STEP = 0.25  # of the typical size, as in the screening
+_STEP = 0.25  # trial step as a share of the typical size, as in the screening
 _THRESHOLDS = (0.05, 0.1, 0.2, 0.4, 0.8)  # in typical sizes
 _RIDGE = 1e-3
 _MOST = 8  # effects that forward selection may take

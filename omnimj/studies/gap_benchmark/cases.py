@@ -156,7 +156,7 @@ TUNING_SEEDS = range(10)
 FLOORS = ("natural_stone", "pvc", "paperboard")
 """Floors of the runs."""
 
-_NULL, _PAIRS, _TRIPLES = 20, 8, 2  # per trial
+_NULL, _PAIRS, _TRIPLES = 20, 8, 2  # numbers of cases per trial
 _WITHIN = 0.8  # share of the stated half-width within which true parameters lie
 _ONLY_MORE = ("lateral_coupling", "rail_coulomb", "rail_stribeck", "rail_position", "bearing_friction")
 """Effects that only add friction: the nominal rig has little that could be removed."""

@@ -17,16 +17,16 @@ from omnimj.signals import Array
 
 NOISY = ("force", "current", "velocity", "position")
 
-_WINDOW = 4.0  # [s]
+_WINDOW = 4.0  # [s] longest stretch of one comparison
 _CLEAR = 0.6
 _TIGHT = np.log(1.04)
-_DELAY = 0.004  # [s] velocity against position
-_FORCE_DELAY = 0.008  # [s] motion against force
-_SMOOTH = 0.03  # [s] over which a position is differentiated
-_MASS = np.log(3.0)  # implied over declared
+_DELAY = 0.004  # [s] largest healthy delay between velocity and position
+_FORCE_DELAY = 0.008  # [s] largest healthy delay between motion and force
+_SMOOTH = 0.03  # [s] filter length for differentiating a position
+_MASS = np.log(3.0)  # permitted |log| of implied over declared mass
 _DRIVES = 0.2
-_FAR = 0.05  # [s]
-_BEYOND = 3.0  # times the guide's length
+_FAR = 0.05  # [s] largest delay in the search
+_BEYOND = 3.0  # range of a position in guide lengths, above which the position is wrong
 
 
 def axis_suspicions(runs: Sequence[Run], axis: Axis) -> Iterator[Suspicion]:

@@ -26,12 +26,12 @@ from omnimj.recording.dataset import Run
 
 _WINDOW = 4.0  # [s] longest stretch of one comparison
 _CLEAR = 0.6  # correlation from which on a link counts
-_TIGHT = np.log(1.06)  # two encoders, or an encoder and an integrated accelerometer
-_SLIPPING = np.log(2.0)  # wheel against rail
-_DELAY = 0.005  # [s] beyond what is healthy
+_TIGHT = np.log(1.06)  # permitted |log| of a scale between two encoders, or encoder and accelerometer
+_SLIPPING = np.log(2.0)  # permitted |log| of the scale between wheel and rail, because of slip
+_DELAY = 0.005  # [s] delay beyond the healthy band from which on it is reported
 _LAG = 0.004  # [s] by which an encoder's speed may lag behind an accelerometer
-_BIAS = 0.03  # [m/s²] of an accelerometer over many runs
-_RUN_BIAS = 0.02  # [m/s²] of one run
+_BIAS = 0.03  # [m/s²] permitted bias of an accelerometer over many runs
+_RUN_BIAS = 0.02  # [m/s²] bias of a healthy accelerometer in one run
 
 NOISY = ("current", "wheel_speed", "carriage_speed", "carriage_acceleration")
 SPEEDS = ("wheel_speed", "carriage_speed")

@@ -27,13 +27,13 @@ _WINDOW = 4.0  # [s]
 _CLEAR = 0.6
 _TIGHT = np.log(1.05)
 _SLIPPING = np.log(1.5)
-_BODY = np.log(1.25)  # wheel against integrated acceleration
-_DELAY = 0.012  # [s] heading against gyro
+_BODY = np.log(1.25)  # permitted |log| of the scale between a wheel and integrated acceleration
+_DELAY = 0.012  # [s] permitted delay between heading and gyro
 _GYRO_BIAS = 0.006  # [rad/s]
-_FITS = 0.45  # of the misfit at most, to be the better explanation
-_RIVAL = 1.5  # times the best misfit: as good an explanation
+_FITS = 0.45  # largest share of the misfit that a better explanation leaves
+_RIVAL = 1.5  # misfit relative to the best, up to which an explanation is as good
 _MISFIT = 0.1  # largest unexplained share of the wheels' motion of a healthy robot
-_DRIVES = 0.25  # share of |current| |speed| that is work, of a motor that drives
+_DRIVES = 0.25  # smallest share of |current| |speed| that is work, for a driving motor
 
 
 @dataclass(frozen=True)

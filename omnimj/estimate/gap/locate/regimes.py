@@ -41,17 +41,17 @@ QUIET = "no more than the noise"
 """Description of a channel whose mismatch is explained by its noise."""
 
 _QUIET = 1.3  # mean squared mismatch in units of noise at noise level
-_CLEAR = 4.0  # … above which it is clear
+_CLEAR = 4.0  # mean squared mismatch in units of noise above which it is clear
 _REGIMES = 3  # largest number of regimes of one channel
-_LEAST_SHARE = 0.15  # of a channel's mismatch that a regime after the first must hold
-_DENSER = 1.3  # times the channel's mean squared mismatch that a regime must have
-_KEPT = 0.6  # of a regime's mismatch that a second variable must leave in it
+_LEAST_SHARE = 0.15  # smallest share of a channel's mismatch in a regime after the first
+_DENSER = 1.3  # smallest mean squared mismatch of a regime relative to its channel
+_KEPT = 0.6  # smallest share of a regime's mismatch that remains after restriction by a second variable
 _ALONE = 0.15  # largest share of runs that are listed by name
-_ALONE_SHARE = 0.7  # of the mismatch that they must hold
-_ALONE_DENSITY = 2.0  # times the mean that each must have
-_OTHER_SIGN = 1.25  # times the mismatch at the other sign, above which a direction is reported
-_BARELY = 1.05  # times the mismatch at the other sign: significant, yet next to nothing
-_SIDEWAYS = 0.95  # of the blocks
+_ALONE_SHARE = 0.7  # smallest share of the mismatch in these runs
+_ALONE_DENSITY = 2.0  # smallest mismatch of each of these runs relative to the mean
+_OTHER_SIGN = 1.25  # mismatch relative to the other sign, above which a direction is reported
+_BARELY = 1.05  # mismatch relative to the other sign, below which a significant difference is small
+_SIDEWAYS = 0.95  # smallest share of blocks in sideways motion
 _CREEP = 0.02  # [m/s] lateral speed that does not count as sideways motion
 _RISES = 0.7  # correlation of mismatch with time above which it grows
 _MATCHED = frozenset({"mass", "load", "floor", "current"})  # segments of both signs must agree in these

@@ -21,15 +21,15 @@ BINS = 24
 """Largest number of bins of a variable."""
 MIN_EXCESS = 0.12
 """Smallest J of a reported rule: 62 % of the mismatch in half of the blocks."""
-_SHUFFLES = 99  # a rule must beat all of them: one in a hundred by chance, whatever the number of variables
-_TWO_SIDED = 0.08  # J that a second bound must add
-_EXPLAINED = 0.35  # share of its J that must be left once another variable is known
-_TIE = 0.03  # of J
+_SHUFFLES = 99  # a rule must exceed all of them: 1 % by chance, for any number of variables
+_TWO_SIDED = 0.08  # smallest gain in J from a second bound
+_EXPLAINED = 0.35  # smallest share of J that another variable leaves unexplained
+_TIE = 0.03  # difference in J up to which two rules are equally good
 _TURN = 2.0 * math.pi
 
 BlockMask = NDArray[np.bool_]
 _PAIRS = 4  # fewest pairs for a significant sign
-_SURE = 3.0  # standard errors
+_SURE = 3.0  # standard errors of a significant sign
 _HARMONICS = 4
 _LEAST_TURNING = 0.3  # share of the mismatch that must follow the angle
 

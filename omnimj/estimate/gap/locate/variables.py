@@ -45,7 +45,7 @@ _FLOOR_FLAG = "floor "
 _DIRECTIONS = ("backward", "at rest", "forward")  # names of −1, 0, 1
 _FEW = 12  # largest number of values of a variable whose values are listed
 _LISTED = 4  # names in a list before the rest is counted
-_STANDSTILL = 0.12  # of the largest speed
+_STANDSTILL = 0.12  # share of the largest speed up to which a range is near standstill
 
 
 def canonical_name(name: str) -> str:

@@ -19,7 +19,7 @@ from omnimj.estimate.replay.interface import KNOTS, CandidateEffect
 from omnimj.estimate.replay.problem import Fit, Problem, huber_weights
 from omnimj.signals import Array
 
-_PART = 0.25  # of the typical size: beyond dead zones, yet small enough for a derivative
+_PART = 0.25  # trial step as a share of the typical size: beyond dead zones, small enough for a derivative
 _DECOYS = 100
 _REACH = 1.5  # correlation length of a random curve, in knots
 

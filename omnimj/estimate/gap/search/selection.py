@@ -36,8 +36,8 @@ MAX_FALSE_RATE = 0.05
 _MOST = 14  # candidates fitted after the screening
 _HOPELESS = 0.1  # share of the best screened share below which a candidate is not fitted
 _LEADERS = 4  # candidates of a round whose fits are completed
-_CLEAR = 3.0  # log-likelihood in effective samples by which a beaten rival is behind
-_SURE = 0.95  # and the one-sided level of the paired test over groups
+_CLEAR = 3.0  # smallest deficit in log-likelihood (effective samples) of a beaten rival
+_SURE = 0.95  # one-sided level of the paired test over groups, which must be significant, too
 Progress = Callable[[str, float], None]
 
 

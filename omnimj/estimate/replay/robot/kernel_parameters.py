@@ -23,7 +23,7 @@ from omnimj.signals import Array
 
 _LAST_CURVE = 1  # the model file's own tabulated force has the first place
 _LEAST_SCALE = 1e-3
-_SHARES = (1.0, 0.7, 0.4, 0.0)  # of a payload's distance from the centre, until the robot can carry it
+_SHARES = (1.0, 0.7, 0.4, 0.0)  # trial shares of a payload's distance from the centre
 _GRAVITY = 9.81
 POINTS = 96
 """Points of the roller tables over one pitch."""

@@ -58,7 +58,7 @@ from omnimj.signals import Array
 
 _WIDTH, _MOST = 0.1, 80  # [m] of a strip, and largest number of strips
 _PART = 0.3  # share of the friction removed in a strip
-_SUBSTEPS = 2  # of a free window: 2 ms, half of a wheel's time constant on the floor
+_SUBSTEPS = 2  # substeps of a free window: 2 ms, half of a wheel's time constant on the floor
 _PHASES = 12  # trial angles over a pitch
 _FLAT = np.zeros((3, 0))
 """Roller tables of wheels without rollers."""
