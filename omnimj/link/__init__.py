@@ -11,5 +11,5 @@
 - `calibration`: raw readings to SI units and commands to the device's currents, for both sides.
 - `quality`: clock offset, lost frames and deadlines of a link.
 
-Imports go check > host > calibration > device.config > device.limits > codec; transports know packets only.
+Imports go check > host > calibration > device.config > device.limits > codec; transports handle packets only.
 """

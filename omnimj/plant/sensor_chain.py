@@ -71,7 +71,7 @@ class ChannelState(NamedTuple):
     samples: float = 0.0
     """Number of samples taken so far."""
     last: float = math.nan
-    """Last reading."""
+    """Last reading; NaN before the first sample."""
 
 
 class SensorFault(NamedTuple):

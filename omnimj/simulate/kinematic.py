@@ -45,11 +45,11 @@ class KinematicCommand(NamedTuple):
     """Demanded motion, held for one period."""
 
     velocity_x: float
-    """World frame [m/s]."""
+    """Velocity along the world's x axis [m/s]."""
     velocity_y: float
-    """World frame [m/s]."""
+    """Velocity along the world's y axis [m/s]."""
     yaw_rate: float
-    """[rad/s]."""
+    """Yaw rate [rad/s]."""
     frame: float | None
     """Heading by which the velocity is rotated into the body frame [rad]; None: that of the robot."""
 
@@ -58,9 +58,9 @@ class KinematicState(NamedTuple):
     """Measurement of the kinematic plant."""
 
     time: float
-    """[s]."""
+    """Time of the measurement [s]."""
     heading: float
-    """[rad]."""
+    """Heading in the world frame [rad]."""
 
 
 @dataclass(frozen=True)

@@ -129,7 +129,7 @@ def steps(
       plant: Plant that has been reset.
       policy: Source of the commands.
       measurement: First measurement of the plant.
-      table: Filled in place, shape (rows, columns), with the columns of `column_names`.
+      table: Array to fill, shape (rows, columns), with the columns of `column_names`.
       limit: Number of rows after which the run ends; when None, the policy ends it.
 
     Yields:

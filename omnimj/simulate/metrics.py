@@ -17,11 +17,11 @@ def distance_to_path(points: Array, path: Array) -> Array:
     compared with its curvature, such as a `Reference`.
 
     Args:
-      points: Shape (k, 2) [m].
+      points: Points, shape (k, 2) [m].
       path: Corners of the polyline in order, shape (m, 2), m ≥ 1 [m]; repeated corners are allowed.
 
     Returns:
-      Shape (k,) [m].
+      Distances, shape (k,) [m].
     """
     moved = np.any(np.diff(path, axis=0) != 0.0, axis=1)
     corners = path[np.concatenate([[True], moved])]

@@ -104,7 +104,7 @@ def run_scenario(
       plant: `twin`, `planar`, or the address of a device; chosen by the scenario's level when None.
       method: Diagnosis method: `robust`, `published` or `off`.
       seed: Seed of the sensor noise.
-      callbacks: For progress and live view.
+      callbacks: Callbacks for progress and live view.
       thresholds: Thresholds of the robust method; the shipped ones when None.
       link: Options of a link to a device; the defaults when None.
       truth: Same scenario with other constants or floors for the plant, while controller and detector

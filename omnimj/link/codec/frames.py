@@ -119,7 +119,7 @@ class _RecordCodec:
 
         Args:
           record: Dataclass to build.
-          fields: Its numbers on the wire.
+          fields: Layout of its numbers on the wire.
           count: Name of the field that counts the items.
           items: Attribute that holds the items, which `build` gets as an additional last value.
         """

@@ -56,7 +56,7 @@ class DeviceServer:
 
         Args:
           emulated: Device, keyed if there is a key.
-          listener: Its wire.
+          listener: Listener on the wire of the device.
           key: Key of the link.
           clock: Monotonic clock with any origin [s].
         """

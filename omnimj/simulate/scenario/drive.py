@@ -57,7 +57,7 @@ class Drive:
     heading_feedback: bool
     """True if world demands are rotated by the measured heading, not by the planned one."""
     start: tuple[float, float, float]
-    """x, y [m] and heading [rad] in the world at time 0."""
+    """Initial x, y [m] and heading [rad] in the world."""
 
     @property
     def has_path(self) -> bool:

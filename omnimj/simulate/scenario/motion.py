@@ -24,7 +24,7 @@ COUNT = Rule(1, 1000, False)
 SPEEDS: Mapping[str, float] = {"low": 0.5, "high": 1.0}
 """Named speeds of the tests in the source [m/s]."""
 DEFAULT_ACCELERATION = 1.0
-"""Half of the 2 m/s² at which two wheels with 16 N of peak traction accelerate 15.8 kg [m/s²]."""
+"""Default acceleration [m/s²], half of that of 15.8 kg on two wheels with 16 N of peak traction each."""
 PROFILE_KEYS = (
     "speed",
     "direction",
@@ -40,7 +40,7 @@ PROFILE_KEYS = (
 )
 _YAW_RATE = Rule(-100.0, 100.0, False)
 DEFAULT_YAW_ACCELERATION = 2.0
-"""[rad/s²]."""
+"""Default yaw acceleration [rad/s²]."""
 _SPEED_KEYS = ("speed", "acceleration", "deceleration", "start_time")
 CIRCLE_KEYS = (*_SPEED_KEYS, "lap_time", "laps", "diameter", "center", "clockwise", "start_angle")
 SQUARE_KEYS = (*_SPEED_KEYS, "lap_time", "laps", "side", "center", "clockwise")
@@ -195,7 +195,7 @@ def profile(table: DriveTable, time: Array) -> tuple[Array, Array]:
 
     Args:
       table: The `[drive]` table.
-      time: Shape (k,) [s].
+      time: Times from the start, shape (k,) [s].
 
     Returns:
       Displacement, shape (k, 2) [m], and turned angle, shape (k,) [rad].

@@ -25,7 +25,7 @@ class RecordingConfig:
     folder: Path
     seed: int = 0
     repeats: int | None = None
-    """Runs per condition; the suite's number when None."""
+    """Number of runs per condition; that of the suite when None."""
     plant: str | None = None
     """`twin` or `planar`; the suite's default when None."""
     model_file: Path | None = None
