@@ -48,7 +48,7 @@ class Reconfiguration(NamedTuple):
     trusts_gyro: bool = True
     """False: the yaw rate is taken from the wheels, since the gyro is faulty."""
     holds_heading: bool = False
-    """Whether the heading is held even if the scenario does not ask for it."""
+    """True if the heading is held even if the scenario does not ask for it."""
 
 
 def nominal_reconfiguration(speed_per_twist: Array) -> Reconfiguration:
@@ -66,9 +66,9 @@ class CascadeParameters(NamedTuple):
     heading_gain: float
     """P gain of the heading hold [1/s]."""
     holds_heading: bool
-    """Whether the heading is held without a reconfiguration."""
+    """True if the heading is held without a reconfiguration."""
     uses_heading: bool
-    """Whether world demands are rotated by the estimated heading; else by the planned one."""
+    """True if world demands are rotated by the estimated heading; else by the planned one."""
     gyro_range: float
     """Largest reading of the gyro [rad/s]."""
     period: float
@@ -85,7 +85,7 @@ class CascadeInput(NamedTuple):
     """Measurement and target of one step."""
 
     good: bool
-    """Whether the measurement may be acted upon."""
+    """True if the measurement may be acted upon."""
     wheel_speed: Array
     """Measured, shape (n,) [rad/s]."""
     measured_yaw_rate: float
@@ -182,7 +182,7 @@ def _is_good(wheels, time, current, wheel_speed, acceleration, yaw_rate, yaw):
 
 
 def is_good(measurement: Measurement, wheels: int) -> bool:
-    """Whether a measurement of a robot with that many wheels is complete and finite.
+    """True if a measurement of a robot with that many wheels is complete and finite.
 
     Any other measurement must not be acted upon. A controller asks once per measurement and gives only good
     ones to its detector and its recovery.

@@ -96,7 +96,7 @@ def yaw_rate_demand(yaw_rate, measured_yaw_rate, heading_error, gain, heading_ga
 
 @kernel
 def is_standing(velocity_x, velocity_y, yaw_rate, heading_error, measured_yaw_rate, wheel_speed):
-    """Whether the demand is zero and nothing moves by more than the sensors' noise.
+    """True if the demand is zero and nothing moves by more than the sensors' noise.
 
     Args:
       velocity_x: Demand [m/s].

@@ -52,12 +52,12 @@ class FaultEstimate:
 
     @property
     def is_healthy(self) -> bool:
-        """Whether there is nothing to recover from."""
+        """True if there is nothing to recover from."""
         wrong = self.dead | self.runaway | self.held | self.slipping | (self.losses != 0.0)
         return self.trusts_gyro and not wrong.any()
 
     def same_faults_as(self, other: FaultEstimate) -> bool:
-        """Whether the same parts have the same kinds of faults, whatever their sizes."""
+        """True if the same parts have the same kinds of faults, whatever their sizes."""
         return bool(
             self.trusts_gyro == other.trusts_gyro
             and np.array_equal(self.dead, other.dead)
@@ -153,7 +153,7 @@ class RecordingDetector(FaultDetector, Protocol):
         ...
 
     def cannot_judge(self, state: Any) -> bool:
-        """Whether the last measurements reveal nothing about faults."""
+        """True if the last measurements reveal nothing about faults."""
         ...
 
 
@@ -167,7 +167,7 @@ class DetectorOptions:
     """Published detector: `fault_free`, from runs of the twin, or `printed`, those of the author's
     machines."""
     recovery: bool = True
-    """Whether the robot recovers from faults: by the weights of chapter 6, or by `control.recovery`. Without
+    """True if the robot recovers from faults: by the weights of chapter 6, or by `control.recovery`. Without
     it the detector only watches, as in the tests of chapter 5."""
     self_test: bool = False
     """Robust detector: wheels are driven against each other before the plan begins, which waits for it."""
@@ -177,7 +177,7 @@ class DetectorOptions:
 
     @property
     def printed(self) -> bool:
-        """Whether the equations are as printed."""
+        """True if the equations are as printed."""
         return self.variant == "printed"
 
 

@@ -85,7 +85,7 @@ class RecoveryState(NamedTuple):
     error_before: float = 0.0
     """Tracking error at that time [m/s]."""
     reverted: bool = False
-    """Whether the action is reverted since it made tracking worse."""
+    """True if the action is reverted since it made tracking worse."""
     correction: float = 0.0
     """Largest change of a speed by the recovery [m/s]."""
     grip: float = 0.0

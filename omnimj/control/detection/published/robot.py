@@ -86,7 +86,7 @@ class PublishedRobotState:
     grown: float = 0.0
     """When H grew last [s]."""
     grown_to: float = 0.0
-    """What it was then [N]."""
+    """Value of the residual at that time [N]."""
     share_before: float = 1.0
     """K_t of Eq. 6.2 over the nominal one: its estimate before this fault."""
 
@@ -302,7 +302,7 @@ class PublishedRobotDetector:
 
 
 def _is_bounded(measurement: Measurement) -> bool:
-    """Whether the residuals' squares will be finite: speeds and accelerations not beyond any machine."""
+    """True if the residuals' squares will be finite: speeds and accelerations not beyond any machine."""
     m = measurement
     return bool(np.abs(m.wheel_speed).max() < 1e6 and np.abs(m.acceleration).max() < 1e6)
 

@@ -37,7 +37,7 @@ class Accommodation(NamedTuple):
     losses: Array
     """Diagnosed losses of the torque constants, shape (n,) [1]: θ holds the rest."""
     relearning: bool
-    """Whether a new loss is still being measured: blocks are learnt from at once."""
+    """True if a new loss is still being measured: blocks are learnt from at once."""
 
 
 def accommodation_for(verdict: Verdict, losses: Array, relearning: bool) -> Accommodation:

@@ -56,7 +56,7 @@ class Sample(NamedTuple):
     bias: float
     """Reading of the gyro at rest [rad/s]."""
     commanded: bool
-    """Whether set currents are known."""
+    """True if set currents are known."""
     command: Array
     """Set currents of the period that the sample ends, shape (n,) [A]; anything where unknown."""
 

@@ -105,7 +105,7 @@ def _judge_yaw_sensors(evidence: Evidence, thresholds: Thresholds, verdict: Verd
 
 
 def _is_yaw_ambiguous(evidence: Evidence, thresholds: Thresholds, verdict: Verdict) -> bool:
-    """Whether gyro and converter begin to differ: wheels that follow a faulty one would look like slip."""
+    """True if gyro and converter begin to differ: wheels that follow a faulty one would look like slip."""
     return not _has_yaw_fault(verdict) and abs(evidence.yaw.converter) > 0.4 * thresholds.turning
 
 
@@ -270,7 +270,7 @@ def _judge_slip(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, ti
 
 
 def _may_slip(verdict: Verdict, wheel: int) -> bool:
-    """Whether no active diagnosis explains the slip of a wheel or is slip itself."""
+    """True if no active diagnosis explains the slip of a wheel or is slip itself."""
     return all(is_degraded(d) for d in verdict.diagnoses if d.cleared is None and wheel in d.wheels)
 
 

@@ -192,7 +192,7 @@ class RobustDetector:
         return self._rolling(state, measurement, bias)
 
     def cannot_judge(self, state: RobustState) -> bool:
-        """Whether the robot moves too slowly for the last block to reveal anything about its motors."""
+        """True if the robot moves too slowly for the last block to reveal anything about its motors."""
         return bool(state.log[-1] == BLIND)
 
     def step(

@@ -205,7 +205,7 @@ def _lasting(theta):
 
 @kernel
 def _is_quiet(scores, degraded):
-    """Whether no fault is likely; a degraded motor that becomes a little weaker is learnt, not doubted."""
+    """True if no fault is likely; a degraded motor that becomes a little weaker is learnt, not doubted."""
     n = degraded.size
     for h in range(scores.likelihood.size):
         known = h < 2 * n and degraded[h % n]

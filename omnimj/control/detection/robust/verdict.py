@@ -29,7 +29,7 @@ class Verdict:
     """Wheel 1…n of a known degraded motor whose loss has jumped again in this block; 0: none."""
 
     def has_active(self) -> bool:
-        """Whether any diagnosis is active."""
+        """True if any diagnosis is active."""
         return any(d.cleared is None for d in self.diagnoses)
 
     def active_on(self, wheel: int, kinds: Collection[str] = KINDS_OF_DIAGNOSIS) -> Diagnosis | None:
@@ -40,22 +40,22 @@ class Verdict:
         return None
 
     def has_sensor_fault(self, channel: str) -> bool:
-        """Whether a sensor channel is diagnosed."""
+        """True if a sensor channel is diagnosed."""
         return any(d.channel == channel and d.cleared is None for d in self.diagnoses)
 
 
 def is_stalled(diagnosis: Diagnosis) -> bool:
-    """Whether a diagnosis says that a wheel stands, locked or for lack of torque."""
+    """True if a diagnosis says that a wheel stands, locked or for lack of torque."""
     return diagnosis.kind == "motor" and diagnosis.ambiguous_with == (f"locked {diagnosis.wheels[0]}",)
 
 
 def is_degraded(diagnosis: Diagnosis) -> bool:
-    """Whether a diagnosis says that a motor has lost torque only: its wheel may slip as well."""
+    """True if a diagnosis says that a motor has lost torque only: its wheel may slip as well."""
     return diagnosis.kind == "motor" and not is_stalled(diagnosis)
 
 
 def _can_coexist(known: Diagnosis, new: Diagnosis) -> bool:
-    """Whether a known diagnosis stays active beside a new one on the same wheel."""
+    """True if a known diagnosis stays active beside a new one on the same wheel."""
     two_sensors = known.kind == new.kind == "sensor" and known.channel != new.channel
     return two_sensors or (is_degraded(known) and new.kind == "slip")
 

@@ -99,7 +99,7 @@ class Traction(NamedTuple):
     creep: Array
     """Expected creep and its uncertainty, shape (n, 2) [m/s]."""
     moving: bool
-    """Whether any wheel turns: the velocity of a robot at rest is only its filters' error."""
+    """True if any wheel turns: the velocity of a robot at rest is only its filters' error."""
 
 
 def initial_monitors(wheels: int) -> WheelMonitors:
@@ -215,7 +215,7 @@ def update_slip_monitor(period, contact, yaw_rate, moving, monitors, i):
 
 @kernel
 def _is_dead_reckoning(robot, included, i):
-    """Whether the other included wheels say little about the velocity along wheel i.
+    """True if the other included wheels say little about the velocity along wheel i.
 
     Little is a variance dᵀ(Σ d_j d_jᵀ)⁻¹d beyond `_SPREADS` times that of one wheel that drives along d.
     """
