@@ -103,7 +103,7 @@ class PublishedThresholds:
 
 
 PRINTED_THRESHOLDS = PublishedThresholds(2.07, 1.32, 3.9, 3.5)
-"""Of the author's machines."""
+"""Thresholds printed in the dissertation, for its own machines."""
 
 
 def shipped_thresholds_file() -> Path:

@@ -86,7 +86,7 @@ class PublishedRobotState:
     grown: float = 0.0
     """When H grew last [s]."""
     grown_to: float = 0.0
-    """Value of the residual at that time [N]."""
+    """Value of H at that time [N]."""
     share_before: float = 1.0
     """K_t of Eq. 6.2 over the nominal one: its estimate before this fault."""
 
