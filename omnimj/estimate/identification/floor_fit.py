@@ -40,7 +40,6 @@ PRIOR_JACOBIAN: Array = _SHAPE / _SPREAD[:, None]
 """Derivative of `prior_residuals`, shape (SHARED, SHARED)."""
 _LONGEST = 1.0  # longest step in a logarithm
 _MOST_ROUNDS = 40
-_FEW_ROUNDS = 24  # along a profile, where each fit starts at the end of the one before
 _SETTLED = 1e-6  # relative change of the cost
 _STARTS = (3e-3, 0.05, 0.5)  # [m/s] of V_s: the cost has more than one valley along it
 
@@ -215,7 +214,6 @@ def solve_floor(
     start: Array,
     own: Array | None = None,
     basis: Array | None = None,
-    rounds: int = _MOST_ROUNDS,
 ) -> FloorFit:
     """Fit the floor from one starting point.
 
@@ -224,13 +222,12 @@ def solve_floor(
       start: Initial shared unknowns, shape (SHARED,).
       own: Initial deviations of the radius, shape (runs,); zero when None.
       basis: Directions along which the shared unknowns may move, shape (SHARED, p); all when None.
-      rounds: Largest number of Jacobians.
     """
     basis = np.eye(SHARED) if basis is None else basis
     own = np.zeros(len(problem.runs)) if own is None else own
     seen = _SolverView(problem, start, basis)
     first = np.concatenate((np.zeros(basis.shape[1]), own))
-    found = minimise(seen, first, rounds=rounds, tolerance=_SETTLED, longest=_LONGEST, ridge=0.0)
+    found = minimise(seen, first, rounds=_MOST_ROUNDS, tolerance=_SETTLED, longest=_LONGEST, ridge=0.0)
     shared, own = seen.unpack(found.x)
     ends = np.cumsum([len(run.own) for run in found.jacobian])
     residuals = tuple(np.split(found.residual[:-SHARED], ends[:-1]))
@@ -340,4 +337,4 @@ def solve_with_fixed(fit: FloorFit, index: int, value: float, start: FloorFit) -
     shared = start.shared.copy()
     shared[index] = value
     basis = np.delete(np.eye(SHARED), index, axis=1)
-    return solve_floor(fit.problem, shared, start.own, basis, _FEW_ROUNDS)
+    return solve_floor(fit.problem, shared, start.own, basis)

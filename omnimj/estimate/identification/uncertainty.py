@@ -8,12 +8,15 @@ interval instead: the parameter is fixed at successive values and all others are
 
 from __future__ import annotations
 
+import functools
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
+from scipy.optimize import root_scalar
 
 from omnimj.estimate.identification.curve import slope, stribeck
 from omnimj.estimate.identification.floor_fit import (
@@ -40,6 +43,7 @@ _NARROW = 0.02  # the same limit for parameters that are hard to separate: μ_c,
 _WALK = (0.2, 0.5, 1.0, 2.0, 4.0)  # steps in a logarithm away from the estimate
 FARTHEST = _WALK[-1]
 """Half-width in a logarithm beyond which a parameter is open: a factor of e⁴ ≈ 55."""
+_END = 0.01  # accuracy of the end of a profile interval relative to the step beyond it
 _LOOSE = 0.5  # smallest relative spread of a reported direction
 _SMALL_SHARE = 0.15  # smallest reported weight
 _ROUGH = 2.0  # high over low of an interval above which a number is rough
@@ -182,14 +186,19 @@ def confidence_interval(
 
 def _profile_bound(fit: FloorFit, index: int, sign: float, threshold: float) -> float | None:
     """Value at which the cost has risen by the threshold, the others refitted; None if it never does."""
-    at, before, last = fit, 0.0, 0.0
-    for step in _WALK:
-        at = solve_with_fixed(fit, index, fit.shared[index] + sign * step, at)
-        rise = max(at.data_cost - fit.data_cost, 0.0)
-        if rise >= threshold:
-            share = (threshold**0.5 - last**0.5) / max(rise**0.5 - last**0.5, 1e-12)
-            return float(np.exp(fit.shared[index] + sign * (before + share * (step - before))))
-        before, last = step, max(last, rise)
+    at = fit
+
+    @functools.cache
+    def excess(step: float) -> float:
+        """√rise − √threshold at a distance in the logarithm: nearly a straight line."""
+        nonlocal at
+        at = solve_with_fixed(fit, index, fit.shared[index] + sign * step, at) if step else fit
+        return math.sqrt(max(at.data_cost - fit.data_cost, 0.0)) - math.sqrt(threshold)
+
+    for inside, outside in itertools.pairwise((0.0, *_WALK)):
+        if excess(outside) >= 0.0:
+            step = root_scalar(excess, bracket=(inside, outside), xtol=_END * outside).root
+            return float(np.exp(fit.shared[index] + sign * step))
     return None
 
 

@@ -14,8 +14,10 @@ from omnimj.effects import with_effects
 from omnimj.errors import InputError
 from omnimj.estimate.identification.curve import measured_points
 from omnimj.estimate.identification.files import identification_content, write_floors
-from omnimj.estimate.identification.identify import identify
+from omnimj.estimate.identification.floor_fit import SIGMA_1, FloorProblem, solve_with_fixed
+from omnimj.estimate.identification.identify import fit_runs, identify
 from omnimj.estimate.identification.runs import carriage_run, rig_run
+from omnimj.estimate.identification.uncertainty import fit_covariance, known_uncertainty
 from omnimj.parameters import read_floors
 from omnimj.plant.mujoco.twin import RigTwin
 from omnimj.recording.dataset import Run
@@ -85,6 +87,28 @@ def test_stiffness_damping_and_viscous_part_are_determined(identified):
         for name, most in (("sigma_0", 1.2), ("sigma_1", 2.1), ("sigma_2", 1.2)):
             estimate = found[name]
             assert estimate.high / estimate.low < most, (floor, name)
+
+
+def test_at_both_ends_of_a_profile_interval_chi_square_has_risen_by_its_threshold(
+    rig, floors, identified, measured
+):
+    """The damping on paperboard: its half-width of 0.37 in a logarithm is too wide for a straight line.
+
+    The fits here start at the optimum, those of the interval at one another: both must end in one valley.
+    """
+    runs = [reference_run(rig, floors["paperboard"], i, seed) for seed, i in enumerate(CURRENTS)]
+    prepared = (carriage_run(rig, rig_run(run, 1e-3)) for run in runs)
+    moving = tuple(run for run in prepared if run.blocks >= 20)
+    fit = fit_runs(FloorProblem(moving, rig.sensors.accelerometer_bias))
+    covariance = fit_covariance(fit, known_uncertainty(rig))
+    inflation = covariance.total[SIGMA_1, SIGMA_1] / covariance.naive[SIGMA_1, SIGMA_1]
+    threshold = covariance.quantile**2 * inflation
+    found = identified("independent integrator", "paperboard").floors[0]["sigma_1"]
+    for end in (found.low, found.high):
+        there = solve_with_fixed(fit, SIGMA_1, math.log(end), fit)
+        off = abs((there.data_cost - fit.data_cost) / threshold - 1.0)
+        measured("rise of chi-square at the end of a profile interval over its threshold − 1 [1]", off, 0.02)
+        assert off <= 0.02
 
 
 def test_on_stone_it_is_said_that_mu_s_and_mu_c_cannot_be_told_apart(identified):
