@@ -1,19 +1,19 @@
 """MuJoCo twin of a four-wheel omni robot and its test rig, with faults, diagnosis and the gap to measurement.
 
-The names below are the public door; they load on first use, so that `import omnimj` takes no time.
+The names below are the public interface; they load on first use, so that `import omnimj` takes no time.
 
     import omnimj
 
     result = omnimj.run("nylon_patch")                # drive a scenario on the twin and judge it
     result.trace["time"], result.metrics["passed"]
 
-    finding = omnimj.find_gap("data/lateral")         # what does the model lack, by measured runs?
+    finding = omnimj.find_gap("data/lateral")         # what does the model lack, given measured runs?
     finding.verdict, finding.effects
 
     twin = omnimj.RobotTwin(omnimj.read_robot(), omnimj.read_floors()["pvc"])    # or step it yourself
     measurement = twin.reset()
 
-What each room of the package holds, and how a step travels through them, is in `omnimj/docs/architecture.md`.
+The packages, and what happens in one control step, are described in `omnimj/docs/architecture.md`.
 Every error that omnimj raises on purpose is an `OmnimjError`. Units are SI throughout.
 """
 
@@ -104,7 +104,7 @@ __all__ = ["__version__", *_HOME]  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> Any:
-    """Loads a public name from its module on first use."""
+    """Load a public name from its module on first use."""
     if name not in _HOME:
         raise AttributeError(f"module 'omnimj' has no attribute {name!r}")
     found = getattr(import_module(_HOME[name]), name)
@@ -113,5 +113,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """Lists the public names for completion, loaded or not."""
+    """List the public names for completion, loaded or not."""
     return sorted({*globals(), *__all__})

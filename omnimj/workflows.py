@@ -1,7 +1,7 @@
-"""The main jobs as functions: what the commands of the same names do, without files and terminal.
+"""Functions for the main jobs: they do what the commands of the same names do, without files and terminal.
 
-Each takes names or paths, reads the files behind them, and returns a record. Options that few need are in the
-rooms where the work is done.
+Each takes names or paths, reads the files, and returns a record. Less common options are offered by the
+packages that do the work.
 """
 
 from __future__ import annotations

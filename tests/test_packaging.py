@@ -1,4 +1,4 @@
-"""Content of a built wheel and imports of the rooms, tested without building one."""
+"""Content of a built wheel and imports of its packages, tested without building one."""
 
 from __future__ import annotations
 
@@ -117,10 +117,10 @@ class Absent:
         if name.split(".")[0] in self.names:
             raise ModuleNotFoundError(f"{name} is not there", name=name)
 sys.meta_path.insert(0, Absent())
-for room in ("control", "physics", "parameters", "plant"):
-    package = importlib.import_module(f"omnimj.{room}")
-    find = pkgutil.iter_modules if room == "plant" else pkgutil.walk_packages
-    for module in find(package.__path__, f"omnimj.{room}."):
+for name in ("control", "physics", "parameters", "plant"):
+    package = importlib.import_module(f"omnimj.{name}")
+    find = pkgutil.iter_modules if name == "plant" else pkgutil.walk_packages
+    for module in find(package.__path__, f"omnimj.{name}."):
         print(importlib.import_module(module.name).__name__)
 """
     said = said_by(script, ROOT).split()

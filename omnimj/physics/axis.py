@@ -1,11 +1,12 @@
-"""A carriage on a guide, driven by a force: one mass, or drive and carriage with play between them.
+"""Carriage on a guide, driven by a force: one mass, or drive and carriage with play between them.
 
   m v' = k F − D(v) − b(v) v − c v |v| + F_0 − m g sin(slope) − K (x − x_0) + free curve
-D is dry friction, set-valued at rest; it and b may differ with the direction, D may grow near standstill and
-at one place of the guide. With play the drive's share of the mass crosses the gap alone and lands without
+D is dry friction, set-valued at rest; D and b may depend on the direction, and D may grow near standstill and
+at one place on the guide. With play the drive's share of the mass crosses the gap alone and lands without
 rebound; dry and viscous friction act on the carriage.
 
-The axis comes as its row of numbers; effects change columns of it. A free curve is a table over one variable.
+Kernels take the axis as a row of numbers, whose columns effects change. A free curve is a table over one
+variable.
 """
 
 from __future__ import annotations
@@ -44,11 +45,11 @@ CURVE_ROW = KNOT + 8
 
 
 def axis_row(axis: Axis, payload: float = 0.0) -> Array:
-    """The axis' numbers for the kernels, shape (AXIS_ROW,).
+    """Constants of an axis in the order of the kernels, shape (AXIS_ROW,).
 
     Args:
       axis: The axis.
-      payload: Mass that a run adds [kg].
+      payload: Additional mass during a run [kg].
     """
     row = np.zeros(AXIS_ROW)
     body = axis.axis
@@ -61,19 +62,19 @@ def axis_row(axis: Axis, payload: float = 0.0) -> Array:
 
 
 def no_curve() -> Array:
-    """The curve of an axis that has none, shape (CURVE_ROW,)."""
+    """Free curve that adds no force, shape (CURVE_ROW,)."""
     return np.zeros(CURVE_ROW)
 
 
 @kernel
 def frozen(row, curve):
-    """Both as tuples: the kernels below are six times as quick with them as with arrays."""
+    """Convert both to tuples, with which the kernels below are six times as fast as with arrays."""
     return to_fixed_tuple(row, AXIS_ROW), to_fixed_tuple(curve, CURVE_ROW)  # type: ignore[reportCallIssue]
 
 
 @kernel
 def on_curve(curve, at):
-    """The curve between its knots, constant beyond them [N]."""
+    """Linear interpolation of a curve between its knots, constant beyond them [N]."""
     last = CURVE_ROW - KNOT - 1
     place = (at - curve[FIRST_KNOT]) / (curve[LAST_KNOT] - curve[FIRST_KNOT]) * last
     place = min(max(place, 0.0), float(last))
@@ -84,7 +85,7 @@ def on_curve(curve, at):
 
 @kernel
 def curve_force(curve, position, speed, time):
-    """Added force and added dry friction of the curve [N, N]."""
+    """Force and dry friction added by a curve [N, N]."""
     kind = curve[KIND]
     if kind == NO_CURVE:
         return 0.0, 0.0
@@ -101,7 +102,7 @@ def curve_force(curve, position, speed, time):
 
 @kernel
 def dry_friction(row, position, speed, extra):
-    """Dry friction moving forward and moving backward, both ≥ 0 [N].
+    """Dry friction in forward and in backward motion, both ≥ 0 [N].
 
     D± = C ± ΔC/2 + S exp(−(v/v_s)²) + P exp(−((x − x_P)/w)²/2)
     """
@@ -116,7 +117,7 @@ def dry_friction(row, position, speed, extra):
 
 @kernel
 def damping(row, speed):
-    """b(v) + c |v|: what multiplies the speed [N.s/m]."""
+    """Damping coefficient b(v) + c |v| [N.s/m]."""
     half = 0.5 * row[ASYMMETRIC_VISCOUS]
     viscous = row[VISCOUS] + (half if speed > 0.0 else (-half if speed < 0.0 else 0.0))
     return viscous + row[AIR] * abs(speed)
@@ -124,7 +125,7 @@ def damping(row, speed):
 
 @kernel
 def steady_force(row, position):
-    """Forces on the carriage that have nothing to do with its speed [N]."""
+    """Sum of the forces on the carriage that do not depend on its speed [N]."""
     force = row[OFFSET] - row[CABLE_STIFFNESS] * (position - row[CABLE_REST])
     if row[SLOPE] != 0.0:
         force -= row[MASS] * GRAVITY * math.sin(row[SLOPE])
@@ -157,15 +158,15 @@ def next_speed(row, curve, mass, push, position, speed, change, time, h):
 
 @kernel
 def step(row, curve, state, force, nudge, time, h):
-    """The state h seconds later.
+    """State after a step of h seconds.
 
     Args:
-      row: `axis_row`, with effects, as `frozen` makes it.
-      curve: A free curve, or `no_curve`, as `frozen` makes it.
+      row: `axis_row` with effects, as a tuple (see `frozen`).
+      curve: Free curve or `no_curve`, as a tuple (see `frozen`).
       state: Tuple of AXIS_STATE numbers.
       force: Mean declared force of the drive over the step [N].
-      nudge: A further force on the body that carries the encoder [N].
-      time: At the start of the step [s].
+      nudge: Additional force on the body that carries the encoder [N].
+      time: Time at the start of the step [s].
       h: Step [s].
     """
     if row[PLAY] > 0.0 and row[DRIVE_MASS] > 0.0:
@@ -203,13 +204,13 @@ def _step_with_play(row, curve, state, force, nudge, time, h):
 
 @kernel
 def encoder_position(row, state):
-    """Position of what the encoder sits on [m]."""
+    """Position of the body that carries the encoder [m]."""
     return state[POSITION] + (state[GAP] if row[ENCODER] == 1.0 else 0.0)
 
 
 @kernel
 def encoder_speed(row, state):
-    """Speed of what the encoder sits on [m/s]."""
+    """Speed of the body that carries the encoder [m/s]."""
     return state[DRIVE_SPEED] if row[ENCODER] == 1.0 else state[SPEED]
 
 

@@ -1,4 +1,4 @@
-"""The rig's carriage, pulled by a wheel of given speed: the part of the rig that depends on the floor only.
+"""Carriage of the rig, pulled by a wheel of given speed: the part of the rig that depends on the floor only.
 
 m V̇ = F_N f(z, V_r) − F_rail − F_roll with V_r = r φ̇ − V (Eqs. 4.26, 4.32-4.35). It contains neither motor nor
 gear, so that their modelling errors cannot end up in the floor's parameters.
@@ -25,12 +25,12 @@ BLOCK = 4
 
 
 class CarriageParameters(NamedTuple):
-    """A run of the carriage."""
+    """Parameters of one run of the carriage."""
 
     mass: float
     """m_T [kg]."""
     radius: float
-    """r of the wheel [m]."""
+    """Wheel radius r [m]."""
     dry: float
     """Dry resistance [N]."""
     viscous: float
@@ -38,12 +38,12 @@ class CarriageParameters(NamedTuple):
     start_speed: float
     """Initial speed of the carriage [m/s]."""
     delay: float
-    """By which the measured wheel speed lags the carriage speed [s]."""
+    """Delay of the measured wheel speed relative to the carriage speed [s]."""
 
 
 @kernel
 def interpolate_samples(values, place):
-    """Linear interpolation at a place counted in samples; constant beyond the ends."""
+    """Linear interpolation at a fractional sample index; constant beyond the ends."""
     place = min(max(place, 0.0), values.size - 1.0)
     k = min(int(place), values.size - 2)
     return values[k] + (values[k + 1] - values[k]) * (place - k)
@@ -58,7 +58,7 @@ def simulate_carriage(run, floor, wheel_speed, h, decay, per_block, use, blocks)
       floor: `TractionParameters`.
       wheel_speed: φ̇ at every sample, shape (k,) [rad/s].
       h: Sample period [s].
-      decay: Of the accelerometer's first-order filter over one sample, 0 … 1.
+      decay: Decay of the accelerometer's first-order filter over one sample, 0 … 1.
       per_block: Samples per block.
       use: 1 for samples that count for speed and acceleration, otherwise 0, shape (k, 2).
       blocks: Filled with the means, shape (k // per_block, BLOCK); NaN where no sample counts.

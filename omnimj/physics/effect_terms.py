@@ -1,7 +1,7 @@
 """Added physics of one driven wheel (or carriage), shared by the equations and the twin.
 
-The terms come on top of the physics of the model; terms of zero add nothing. Shapes (a speed, a place, a
-width) say where an amplitude acts and do nothing without it. On the rig the guide's terms act on the
+The terms are added to the physics of the model; zero terms add nothing. Shapes (a speed, a place, a width)
+determine where an amplitude acts and have no effect without it. On the rig the guide's terms act on the
 carriage; on a robot the forces act at the hub, along the driving direction of the wheel.
 
 Kernels take `EffectTerms`. Per wheel, and in the memory of a compiled MuJoCo model, they are a packed row of
@@ -22,10 +22,10 @@ from omnimj.physics.native import first_numbers, kernel
 
 
 class EffectTerms(NamedTuple):
-    """Added physics of one wheel as the kernels see it."""
+    """Added physics of one wheel, in the form used by the kernels."""
 
     active: float
-    """1 when any amplitude below is not zero; otherwise the rest is not worth looking at."""
+    """1 when any amplitude below is not zero; otherwise the rest is ignored."""
     guide_dry: float
     """Dry friction of the guide [N]."""
     guide_viscous: float
@@ -33,7 +33,7 @@ class EffectTerms(NamedTuple):
     stribeck: float
     """Extra dry friction near standstill [N]."""
     stribeck_speed: float
-    """Speed at which 37 % of it are left [m/s]."""
+    """Speed at which 37 % of it is left [m/s]."""
     sticky: float
     """Extra dry friction at one place [N]."""
     sticky_place: float
@@ -65,7 +65,7 @@ class EffectTerms(NamedTuple):
     backlash: float
     """Width of the dead zone of the gear at the wheel [rad]."""
     rotor_inertia: float
-    """Seen at the wheel [kg.m²]."""
+    """Rotor inertia reflected to the wheel [kg.m²]."""
     sag: float
     """Resistance of the supply [ohm]."""
     heating: float
@@ -175,11 +175,11 @@ def curve_force(terms, speed, position, time, lateral_speed, angle):
 
     Args:
       terms: `EffectTerms`.
-      speed: Along the guide or the driving direction [m/s].
-      position: Along the guide, or world x of the wheel [m].
-      time: Since the start [s].
-      lateral_speed: [m/s]
-      angle: Of the wheel [rad].
+      speed: Speed along the guide or the driving direction [m/s].
+      position: Position along the guide, or world x of the wheel [m].
+      time: Time since the start [s].
+      lateral_speed: Lateral speed [m/s].
+      angle: Wheel angle [rad].
     """
     force = 0.0
     for k in range(CURVES):
@@ -210,7 +210,7 @@ def mean_ripple(amplitude, order, angle, speed, h):
 
 @kernel
 def guide_dry_friction(terms, speed, position):
-    """Dry friction added on the guide: constant, near standstill, at a place [N].
+    """Dry friction added on the guide: constant, near standstill, and at one place [N].
 
     F = F_c + F_s exp(−(v/v_s)²) + F_p exp(−½((x − p)/w)²).
     """
@@ -238,14 +238,14 @@ def guide_force(terms, speed, position, time, lateral_speed, angle, wheel_speed,
 
 @kernel
 def hub_force(terms, speed, position, time, lateral_speed, angle, wheel_speed, h):
-    """Force added at a robot's wheel along its driving direction: ripple and tabulated [N]."""
+    """Force added at a robot's wheel along its driving direction: ripple and tabulated forces [N]."""
     force = mean_ripple(terms.ripple, terms.ripple_order, angle, wheel_speed, h)
     return force + curve_force(terms, speed, position, time, lateral_speed, angle)
 
 
 @kernel
 def widen_friction(low, high, dry):
-    """Bounds of set-valued friction with more (or less) of it, never less than none."""
+    """Bounds of set-valued friction widened by `dry`, which may be negative; they never cross."""
     middle = 0.5 * (low + high)
     half = max(0.5 * (high - low) + dry, 0.0)
     return middle - half, middle + half
@@ -259,14 +259,14 @@ def axle_dry_friction(terms, motor_low, motor_high):
 
 @kernel
 def axle_torque(terms, angle, wheel_speed, h):
-    """Torque added at the axle besides dry friction: viscous and cogging [N.m]."""
+    """Torque added at the axle besides dry friction: viscous and cogging torque [N.m]."""
     cogging = mean_ripple(terms.cogging, terms.cogging_order, angle, wheel_speed, h)
     return cogging - terms.axle_viscous * wheel_speed
 
 
 @kernel
 def traction_scale(terms, position):
-    """Traction at a place over that of the floor: 1 + change between start and end of the patch [1]."""
+    """Ratio of the traction at a place to that of the floor: 1, plus a change within the patch [1]."""
     if terms.patch == 0.0:
         return 1.0
     inside = min(position - terms.patch_start, terms.patch_end - position) / PATCH_EDGE + 0.5
@@ -275,22 +275,22 @@ def traction_scale(terms, position):
 
 @kernel
 def has_motor_effects(terms):
-    """Return whether supply or heat change the motor's parameters."""
+    """Return whether supply or heating changes the motor's parameters."""
     return terms.sag != 0.0 or terms.heating != 0.0
 
 
 @kernel
 def apply_motor_effects(motor, terms, time, other_current):
-    """`MotorParameters` at a time and a load of the supply.
+    """`MotorParameters` at a given time and load of the supply.
 
-    K_t(1 − a t), R(1 + a t); the supply gives V − R_s Σi, where this motor's own current is R_s more
-    resistance and the other motors' current less voltage.
+    K_t (1 − a t), R (1 + a t); the supply delivers V − R_s Σi: this motor's own current sees the additional
+    resistance R_s, and the other motors' currents lower the voltage.
 
     Args:
       motor: `MotorParameters`.
       terms: `EffectTerms`.
-      time: Since the start [s].
-      other_current: Drawn by the other motors of the supply [A].
+      time: Time since the start [s].
+      other_current: Current drawn from the supply by the other motors [A].
     """
     heat = terms.heating * time
     return _with_supply(
@@ -309,9 +309,9 @@ def _with_supply(motor, torque_constant, resistance, supply):
 
 @kernel
 def supply_current(motor, terms, time, voltage, command, wheel_speed):
-    """Current that a motor draws from a supply at a voltage [A].
+    """Current that a motor draws from a supply at a given voltage [A].
 
-    |i| where motor voltage and current have one sign; a braking motor draws nothing and feeds nothing back.
+    |i| where motor voltage and current have the same sign; a braking motor draws and feeds back nothing.
     """
     warm = apply_motor_effects(motor, terms, time, 0.0)
     warm = _with_supply(warm, warm.torque_constant, warm.resistance - terms.sag, voltage)
@@ -321,12 +321,12 @@ def supply_current(motor, terms, time, voltage, command, wheel_speed):
 
 
 class Backlash(NamedTuple):
-    """A gear with a dead zone between rotor and wheel."""
+    """Gear with a dead zone between rotor and wheel."""
 
     width: float
-    """Width of the dead zone, seen at the wheel [rad]."""
+    """Width of the dead zone, reflected to the wheel [rad]."""
     rotor_inertia: float
-    """J, seen at the wheel [kg.m²]."""
+    """J, reflected to the wheel [kg.m²]."""
     angle: float
     """Rotor's angle relative to the wheel, −width/2 … width/2 [rad]."""
     rate: float
@@ -337,9 +337,9 @@ class AxleTorque(NamedTuple):
     """Torques on rotor and wheel [N.m]."""
 
     low: float
-    """Motor's torque at the wheel, turning forward."""
+    """Motor torque at a wheel that turns forward."""
     high: float
-    """The same turning backward."""
+    """Motor torque at a wheel that turns backward."""
     dry: float
     """Dry friction on the wheel's side."""
     other: float
@@ -348,11 +348,11 @@ class AxleTorque(NamedTuple):
 
 @kernel
 def step_backlash(gear, torque, wheel_speed, inertia, h):
-    """One step of rotor and wheel with a dead zone between them, impact without rebound.
+    """Advance rotor and wheel, with a dead zone between them, by one step; impact without rebound.
 
-    Touching: I φ̈ = T + T_o with the gear pushing, T − J φ̈ ≥ 0 (or pulling at the other flank). In the gap the
-    rotor runs alone, J ρ̇ = T, and the wheel (I − J) φ̈ = T_o; at the end of the gap both go on together with
-    their momentum.
+    In contact: I φ̈ = T + T_o with the gear pushing, T − J φ̈ ≥ 0 (or pulling at the other flank). In the gap
+    the rotor runs alone, J ρ̇ = T, and the wheel (I − J) φ̈ = T_o; at the end of the gap both continue together
+    with their common momentum.
 
     Args:
       gear: `Backlash`.

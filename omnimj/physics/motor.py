@@ -15,11 +15,11 @@ from omnimj.physics.native import first_numbers, kernel
 _NEGLIGIBLE_LAG = 1e-12  # [s] a current loop that has settled long before any step ends
 
 OBEYS, FREE, HARD_OVER = 0.0, 1.0, 2.0
-"""States of the amplifier: it follows the command, its circuit is open, it drives a current of its own."""
+"""States of the amplifier: it follows the command, its circuit is open, or it drives `override_current`."""
 
 
 class MotorParameters(NamedTuple):
-    """One motor as the kernels see it: its constants and what faults make of them."""
+    """One motor, in the form used by the kernels: its constants and its faults."""
 
     torque_constant: float
     """K_t [N.m/A]."""
@@ -28,7 +28,7 @@ class MotorParameters(NamedTuple):
     no_load_torque: float
     """T_nl at the shaft [N.m]."""
     viscous: float
-    """At the shaft [N.m.s/rad]."""
+    """Viscous friction at the shaft [N.m.s/rad]."""
     supply: float
     """Supply voltage [V]."""
     current_limit: float
@@ -78,7 +78,7 @@ def motor_parameters(motor: Motor) -> MotorParameters:
 
 
 def driven_by_measured_current(motor: MotorParameters) -> MotorParameters:
-    """The same motor with the command taken as the true current."""
+    """Copy of a motor whose command is taken as the true current."""
     return motor._replace(measured=1.0, current_loop=_NEGLIGIBLE_LAG)
 
 
@@ -90,7 +90,7 @@ def motor_at(row):
 
 @kernel
 def achievable_current(motor, command, wheel_speed):
-    """Current that the amplifier settles at: |i| ≤ limit and |R i₁ + K_t ω| ≤ supply [A].
+    """Current at which the amplifier settles: |i| ≤ limit and |R i₁ + K_t ω| ≤ supply [A].
 
     i₁ is the current of the wheel's own motor and ω = G_r φ̇ its speed; at the full supply voltage a second
     motor in parallel draws its current on top of it. A shorted motor drives i = −K_t ω/R through itself,
@@ -160,7 +160,7 @@ def drive_torque_bounds(motor, current, wheel_speed):
     """Torque at a wheel that turns forward and at one that turns backward [N.m].
 
     T = (K_t i − T_nl sign(ω) − b ω) G_r E^(±1), friction of the brake included. At rest any torque between
-    the two is possible: that is stiction. The first is never above the second.
+    the two is possible (stiction). The first is never above the second.
 
     Args:
       motor: `MotorParameters`.
@@ -176,7 +176,7 @@ def drive_torque_bounds(motor, current, wheel_speed):
 
 @kernel
 def motor_torque_bounds(motor, current, wheel_speed, published):
-    """`drive_torque_bounds`, or as published (K_t i − T_nl) E G_r either way, Eqs. 3.80-3.85 [N.m]."""
+    """`drive_torque_bounds`, or as published (K_t i − T_nl) E G_r for both, Eqs. 3.80-3.85 [N.m]."""
     if not published:
         return drive_torque_bounds(motor, current, wheel_speed)
     electric = motor.torque_scale * motor.torque_constant * winding_current(motor, current, wheel_speed)
@@ -188,8 +188,8 @@ def motor_torque_bounds(motor, current, wheel_speed, published):
 def stick_or_slip(low, high, wheel_speed, inertia, other_torque, h):
     """Set-valued friction: the torque in [low, high] that brings the wheel nearest to rest within h seconds.
 
-    A turning wheel gets `low` (forward) or `high` (backward); one that friction can hold gets exactly what
-    stops it, so that it neither creeps nor chatters [N.m].
+    It is `low` for a wheel that turns forward, `high` for one that turns backward, and exactly the stopping
+    torque for one that friction can hold, which therefore neither creeps nor chatters [N.m].
     """
     needed = -inertia * wheel_speed / h - other_torque
     return min(max(needed, low), high)

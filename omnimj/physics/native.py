@@ -1,4 +1,4 @@
-"""Just-in-time compilation of kernels with a cache on disk, keyed to every source they are compiled from.
+"""Just-in-time compilation of kernels with a cache on disk, keyed by every source they are compiled from.
 
 numba's own cache checks only the file of the outermost function. Here the name of the cache folder carries a
 fingerprint of the libraries and of all sources that the kernels of a package may call, so that an edit leads
@@ -29,13 +29,13 @@ from numba.np.unsafe.ndarray import to_fixed_tuple
 
 # the decorators hide the signatures from type checkers
 first_numbers: Any = to_fixed_tuple
-"""`first_numbers(row, n)`: the first n (a constant) numbers of a row as a tuple, inside kernels."""
+"""`first_numbers(row, n)`: the first n numbers of a row as a tuple, inside kernels; n is a constant."""
 _intrinsic: Any = numba.extending.intrinsic
 
 
 @_intrinsic
 def row_numbers(typingctx, rows, i, count):
-    """`row_numbers(rows, i, n)`: the first n (a constant) numbers of row i as a tuple, inside kernels.
+    """`row_numbers(rows, i, n)`: the first n numbers of row i as a tuple, inside kernels; n is a constant.
 
     Unlike `first_numbers(rows[i], n)` it makes no view of the row, which would have to be counted.
     """
@@ -60,7 +60,7 @@ def row_numbers(typingctx, rows, i, count):
 _PACKAGE = Path(__file__).resolve().parent.parent
 _EQUATIONS = ("parameters/floor.py", "physics")  # every kernel may call these
 # package → packages and files whose kernels and constants its kernels may use, as the import order allows
-_CALLED_ROOMS = {
+_CALLED_PACKAGES = {
     "physics": _EQUATIONS,
     "plant": (*_EQUATIONS, "plant"),
     "control": (*_EQUATIONS, "control"),
@@ -68,9 +68,9 @@ _CALLED_ROOMS = {
     "estimate": (*_EQUATIONS, "plant", "control", "estimate"),
 }
 # of these packages only files with kernels count; the others change often
-_GUEST_ROOMS = ("estimate",)
-_DEFAULT_ROOM = "estimate"  # of kernels elsewhere, as in tests, which may call any of them
-ROOMS = tuple(_CALLED_ROOMS)
+_GUEST_PACKAGES = ("estimate",)
+_DEFAULT_PACKAGE = "estimate"  # of kernels elsewhere, as in tests, which may call any of them
+KERNEL_PACKAGES = tuple(_CALLED_PACKAGES)
 _DAMAGED = (EOFError, pickle.UnpicklingError, ValueError, KeyError, IndexError, AttributeError, RuntimeError)
 """Raised by cache files that were cut off or overwritten."""
 _KEEP = 30 * 86400.0  # [s] folders of older versions go after a month
@@ -84,20 +84,20 @@ def _version(library: str) -> str:
 
 
 @functools.cache
-def fingerprint(room: str) -> str:
-    """Sixteen hex digits of a hash over the sources of a package's kernels and the versions of the libraries.
+def fingerprint(package: str) -> str:
+    """Return 16 hexadecimal digits of a hash over the kernel sources of a package and the library versions.
 
     Args:
-      room: One of `ROOMS`.
+      package: One of `KERNEL_PACKAGES`.
     """
     digest = hashlib.sha256()
     for library in ("numba", "llvmlite", "mujoco"):
         digest.update(f"{library}={_version(library)};".encode())
-    for below in _CALLED_ROOMS[room]:
+    for below in _CALLED_PACKAGES[package]:
         path = _PACKAGE / below
         for source in [path] if path.is_file() else sorted(path.rglob("*.py")):
             content = source.read_bytes()
-            if below not in _GUEST_ROOMS or b"@kernel" in content:
+            if below not in _GUEST_PACKAGES or b"@kernel" in content:
                 digest.update(source.relative_to(_PACKAGE).as_posix().encode() + content)
     return digest.hexdigest()[:16]
 
@@ -115,7 +115,7 @@ def _own_roots() -> Iterator[Path]:
 
 
 def _temporary_roots() -> Iterator[Path]:
-    """A folder below the shared temporary one that belongs to the user alone: loading a kernel runs it."""
+    """Folder below the shared temporary one that only this user can write, since loading a kernel runs it."""
     user = os.getuid() if hasattr(os, "getuid") else None
     root = Path(tempfile.gettempdir()) / ("omnimj" if user is None else f"omnimj-{user}")
     with contextlib.suppress(OSError):
@@ -125,10 +125,10 @@ def _temporary_roots() -> Iterator[Path]:
 
 
 @functools.cache
-def cache_folder(room: str) -> Path:
+def cache_folder(package: str) -> Path:
     """Folder of a package's compiled kernels; below the temporary folder where home is read-only."""
     for root in itertools.chain(_own_roots(), _temporary_roots()):
-        folder = root / f"native-{room}-{fingerprint(room)}"
+        folder = root / f"native-{package}-{fingerprint(package)}"
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError:
@@ -140,7 +140,7 @@ def cache_folder(room: str) -> Path:
 
 
 def _remove_old_caches(root: Path) -> None:
-    current = {f"native-{room}-{fingerprint(room)}" for room in ROOMS}
+    current = {f"native-{package}-{fingerprint(package)}" for package in KERNEL_PACKAGES}
     for folder in root.glob("native-*"):
         with contextlib.suppress(OSError):  # another process may have been quicker
             if folder.name not in current and time.time() - folder.stat().st_mtime > _KEEP:
@@ -148,17 +148,17 @@ def _remove_old_caches(root: Path) -> None:
 
 
 def cached(decorator: Callable[..., Any], *arguments: Any, **options: Any) -> Callable[[Callable], Any]:
-    """Applies a numba decorator with its disk cache in the folder of the function's package.
+    """Apply a numba decorator with its disk cache in the folder of the function's package.
 
     Args:
       decorator: `numba.njit` or `numba.cfunc`.
-      arguments: Of the decorator.
-      options: Of the decorator.
+      arguments: Positional arguments of the decorator.
+      options: Keyword arguments of the decorator.
     """
 
     def wrap(function: Callable) -> Any:
         before = numba.config.CACHE_DIR
-        folder = cache_folder(_room(function))
+        folder = cache_folder(_package_of(function))
         numba.config.CACHE_DIR = str(folder)
         try:
             try:
@@ -180,7 +180,7 @@ def _remove_files(folder: Path, function: Callable) -> None:
 
 
 def _recompile_damaged(compiled: Any) -> None:
-    """Make a kernel whose cache files are damaged compile anew instead of failing at its first call."""
+    """Recompile a kernel whose cache files are damaged instead of failing at its first call."""
     cache = compiled._cache
     load = getattr(cache, "load_overload", None)
     if load is None:  # compilation is switched off
@@ -196,11 +196,10 @@ def _recompile_damaged(compiled: Any) -> None:
     cache.load_overload = load_or_forget
 
 
-def _room(function: Callable) -> str:
-    parts = function.__module__.split(".")
-    return (
-        parts[1] if parts[0] == "omnimj" and len(parts) > 1 and parts[1] in _CALLED_ROOMS else _DEFAULT_ROOM
-    )
+def _package_of(function: Callable) -> str:
+    root, _, path = function.__module__.partition(".")
+    package = path.partition(".")[0]
+    return package if root == "omnimj" and package in _CALLED_PACKAGES else _DEFAULT_PACKAGE
 
 
 def kernel(function: Callable) -> Any:
@@ -209,15 +208,15 @@ def kernel(function: Callable) -> Any:
 
 
 def inlined(function: Callable) -> Any:
-    """As `kernel`, but pasted into its callers: large records need not be passed by value."""
+    """As `kernel`, but inlined into its callers, so that large records are not passed by value."""
     return cached(numba.njit, error_model="numpy", nogil=True, inline="always")(function)
 
 
 def _completion_marker(plant: str) -> Path:
     """File that marks every kernel of a plant as compiled; any edit of a source changes its name."""
-    everything = "".join(fingerprint(room) for room in ROOMS)
+    everything = "".join(fingerprint(package) for package in KERNEL_PACKAGES)
     return (
-        cache_folder(_DEFAULT_ROOM)
+        cache_folder(_DEFAULT_PACKAGE)
         / f"complete-{plant}-{hashlib.sha256(everything.encode()).hexdigest()[:16]}"
     )
 

@@ -5,7 +5,7 @@ deflection (n) | wheel angle (n) | backlash (n) and its rate (n) | time | x, y, 
 at the robot's centre. The first 2n + 3 are the states of Eq. 3.54; `derivative` takes these, or these and the
 motor currents, `step` takes all (`state_size`).
 
-Corrected against the text: Coriolis terms m(ẍ − θ̇ẏ), m(ÿ + θ̇ẋ); sign of T_nl and of the gear's power flow;
+Corrections to the text: Coriolis terms m(ẍ − θ̇ẏ), m(ÿ + θ̇ẋ); sign of T_nl and of the gear's power flow;
 viscous motor friction, bearing friction (Eqs. 4.37-4.38) and rolling resistance (as a torque r μ_rol F_N on
 the wheel). `published` leaves all of these out.
 """
@@ -45,7 +45,7 @@ from omnimj.physics.wheel import WHEEL_SIZE, WheelParameters, blend_friction, pa
 
 
 class PlanarBody(NamedTuple):
-    """The robot's body with its payload, on a slope."""
+    """Body of the robot with its payload, on a slope."""
 
     mass: float
     """[kg]"""
@@ -67,7 +67,7 @@ _AIR, _SAG = TERM["air"], TERM["sag"]
 
 
 class PlanarModel(NamedTuple):
-    """A robot with n wheels as the kernels take it, in packed rows."""
+    """Robot with n wheels, in packed rows as used by the kernels."""
 
     body: NDArray[np.float64]
     """`PlanarBody`, shape (BODY_SIZE,)."""
@@ -101,14 +101,14 @@ def planar_constants(
     payload: tuple[float, float, float] = (0.0, 0.0, 0.0),
     slope: tuple[float, float] = (0.0, 0.0),
 ) -> PlanarConstants:
-    """Parameters of body and wheels with what is wrong with them.
+    """Parameters of body and wheels, including misaligned axles, wrong radii, payload and slope.
 
     Args:
       robot: The robot.
       misalignment: Angle of each axle, counter-clockwise, scalar or shape (n,) [rad].
       radius_scale: True over nominal wheel radius, scalar or shape (n,).
       grip: Factor on the traction, scalar or shape (n,).
-      payload: Mass [kg] and its place x, y in the body frame [m].
+      payload: Mass [kg] and its position x, y in the body frame [m].
       slope: Inclination of the floor and the world direction that points downhill [rad].
 
     Raises:
@@ -152,7 +152,7 @@ def planar_constants(
 
 
 def _body(robot: Robot, payload: tuple[float, float, float], slope: tuple[float, float]) -> PlanarBody:
-    """The body with the payload as a point mass."""
+    """Body with the payload as a point mass."""
     extra, x, y = payload
     mass = robot.body.mass + extra
     if mass <= 0.0:
@@ -269,9 +269,9 @@ def derivative(state, command, yaw, model, smoothing):
     """Right-hand side of Eqs. 3.63-3.85 for `scipy.integrate.solve_ivp`, sign(v) as tanh(v/smoothing).
 
     Args:
-      state: [z | φ̇ | v_x, v_y, yaw rate], shape (2n+3,); or with the motor currents behind, shape (3n+3,).
+      state: [z | φ̇ | v_x, v_y, yaw rate], shape (2n+3,); or followed by the motor currents, shape (3n+3,).
       command: Commanded currents, shape (n,) [A]; without currents in the state the amplifiers have no lag.
-      yaw: Heading, matters on a slope only [rad].
+      yaw: Heading, which matters on a slope only [rad].
       model: `PlanarModel`; effect terms are left out.
       smoothing: Speed over which friction changes its sign, at the rim for wheels [m/s].
 
@@ -341,7 +341,7 @@ def _step_body(state, body, force, h, published):
 
 @inlined
 def _motor_now(motor, packed_terms, time, other_current):
-    """Motor of a wheel with effects, at a time and a load of the supply."""
+    """Motor of a wheel with effects, at a given time and load of the supply."""
     terms = terms_at(packed_terms)
     if not has_motor_effects(terms):
         return motor

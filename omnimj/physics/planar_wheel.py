@@ -35,7 +35,7 @@ from omnimj.physics.wheel import WHEEL_SIZE, WheelParameters, bearing_friction, 
 
 
 class PlanarWheel(NamedTuple):
-    """A wheel of the planar robot: its parameters, its place and its static load."""
+    """Wheel of the planar robot: its parameters, its position and its static load."""
 
     wheel: WheelParameters
     position_x: float
@@ -54,7 +54,7 @@ class PlanarWheel(NamedTuple):
     normal_y: float
     """[kg]"""
     roller_sin: float
-    """sin γ, the angle from the axle to the roller's axis."""
+    """sin γ, with γ the angle from the axle to the roller's axis."""
     roller_cos: float
 
 
@@ -65,7 +65,7 @@ POSITION_X, POSITION_Y = WHEEL_SIZE, WHEEL_SIZE + 1
 
 
 class DrivenWheel(NamedTuple):
-    """One wheel with its motor, the floor under it and its effects."""
+    """Wheel with its motor and the floor under it."""
 
     wheel: PlanarWheel
     motor: MotorParameters
@@ -80,9 +80,9 @@ class WheelLoad(NamedTuple):
     normal: float
     """F_N."""
     ahead: float
-    """On the wheel along its driving direction u."""
+    """Force on the wheel along its driving direction u."""
     aside: float
-    """On the wheel against its axle z × u."""
+    """Force on the wheel against its axle z × u."""
 
 
 class PlanarState(NamedTuple):
@@ -101,7 +101,7 @@ class PlanarState(NamedTuple):
     angle: np.ndarray
     """Wheel angles, shape (n,) [rad]."""
     backlash: np.ndarray
-    """Rotor's angle relative to the wheel inside the gear's dead zone, shape (n,) [rad]."""
+    """Angle of the rotor relative to the wheel within the gear's dead zone, shape (n,) [rad]."""
     backlash_rate: np.ndarray
     """Its rate, shape (n,) [rad/s]."""
     clock: np.ndarray
@@ -124,7 +124,7 @@ class PlanarOutput(NamedTuple):
     acceleration: np.ndarray
     """Reading of an ideal accelerometer at the centre, shape (2,) [m/s²]."""
     encoder_speed: np.ndarray
-    """Wheel speeds as the motors' encoders see them, shape (n,) [rad/s]."""
+    """Wheel speeds measured by the motors' encoders, shape (n,) [rad/s]."""
 
 
 @kernel
@@ -146,14 +146,14 @@ def wheel_velocity(wheel, v_x, v_y, yaw_rate):
 def contact_velocity(wheel, rim, along, across):
     """Slip V_r along the roller's axis a, and the velocity along z × a that turns the roller [m/s].
 
-    V_r = a·(r φ̇ u − V), the other (z × a)·(V − r φ̇ u), with a = sin γ u + cos γ (z × u). An omni wheel,
-    γ = 90°: r φ̇ − V_i, and the velocity along the axle.
+    V_r = a·(r φ̇ u − V), the other (z × a)·(V − r φ̇ u), with a = sin γ u + cos γ (z × u). For an omni wheel,
+    γ = 90°, these are r φ̇ − V_i and the velocity along the axle.
 
     Args:
       wheel: `PlanarWheel`.
       rim: r φ̇ [m/s].
       along: Velocity of the centre along u [m/s].
-      across: The same along the axle z × u [m/s].
+      across: Velocity of the centre along the axle z × u [m/s].
     """
     s, c = wheel.roller_sin, wheel.roller_cos
     return s * (rim - along) - c * across, s * across + c * (rim - along)
@@ -230,7 +230,7 @@ def _turn_wheel(i, state, driven, packed_terms, current, load, h):
 
 @inlined
 def step_wheel(i, state, command, driven, packed_terms, normal, h, output):
-    """Advance all of wheel i; return its force along u, and against z × u [N].
+    """Advance the whole state of wheel i; return its force along u, and against z × u [N].
 
     Args:
       i: Index of the wheel.
@@ -240,7 +240,7 @@ def step_wheel(i, state, command, driven, packed_terms, normal, h, output):
       packed_terms: `EffectTerms` of all wheels, read only where they are active, shape (n, TERMS).
       normal: F_N [N].
       h: Step [s].
-      output: `PlanarOutput`, filled.
+      output: `PlanarOutput`, filled in place.
     """
     wheel, wheel_speed = driven.wheel, state.wheel_speed[i]
     along, across = wheel_velocity(wheel, state.twist[0], state.twist[1], state.twist[2])
@@ -270,7 +270,7 @@ def step_wheel(i, state, command, driven, packed_terms, normal, h, output):
 
 @kernel
 def supply_currents(state, command, motors, terms, draws):
-    """Currents drawn by the motors at the voltage that they leave of a sagging supply, and their sum [A].
+    """Currents drawn by the motors from a sagging supply at the voltage that results, and their sum [A].
 
     V = V_0 − R_s Σ i_j(V) has one solution, since no current falls with the voltage.
 

@@ -1,12 +1,12 @@
 """Model of the quarter test rig, Eqs. 4.27-4.40: smooth right-hand side and fixed step.
 
-State of `derivative`: [carriage speed, wheel speed, z], Eqs. 4.27-4.29; or with the motor current behind.
-`step` has more (`RigState`): variables of the effects and the backlash of the gear. The lateral speed of the
-gantry (Eq. 4.30) is an input: the gantry's own drive holds it.
+State of `derivative`: [carriage speed, wheel speed, z], Eqs. 4.27-4.29; or followed by the motor current.
+The state of `step` (`RigState`) also has variables of the effects and the backlash of the gear. The lateral
+speed of the gantry (Eq. 4.30) is an input, since the gantry's own drive holds it.
 
-Corrected against the text: sign of T_nl and of the gear's power flow, viscous motor friction, sign of the
-rolling resistance. `published` is as printed. Both carry the linear guide's measured dry friction, which
-Eq. 4.16 leaves out (it is zero without lateral motion), and the amplifier's supply limit.
+Corrections to the text: sign of T_nl and of the gear's power flow, viscous motor friction, sign of the
+rolling resistance; `published` is as printed. Both include the linear guide's measured dry friction, which
+Eq. 4.16 leaves out (there it is zero without lateral motion), and the amplifier's supply limit.
 
 Eq. 4.18 with both rows of rollers on the floor: |F_r1| + |F_r2| = F_N, F_N = m_T g.
 """
@@ -76,7 +76,7 @@ class RigParameters(NamedTuple):
     rail_viscous: float
     """μ_D,vis [s/m]."""
     rail_height: float
-    """c, of the rail above the floor [m]."""
+    """Height c of the rail above the floor [m]."""
     rail_half_width: float
     """h [m]."""
     contact_offset: float
@@ -84,7 +84,7 @@ class RigParameters(NamedTuple):
     com_offset: float
     """e [m]."""
     weight: float
-    """On the floor [N]."""
+    """Weight on the floor [N]."""
 
 
 RIG_SIZE = WHEEL_SIZE + len(RigParameters._fields) - 1
@@ -92,7 +92,7 @@ RIG_SIZE = WHEEL_SIZE + len(RigParameters._fields) - 1
 
 
 class RigModel(NamedTuple):
-    """Everything that determines the rig's motion."""
+    """Parameters that determine the rig's motion."""
 
     rig: RigParameters
     motor: MotorParameters
@@ -120,7 +120,7 @@ class RigState(NamedTuple):
     time: float
     """[s]"""
     backlash: float
-    """Rotor's angle relative to the wheel inside the gear's dead zone [rad]."""
+    """Angle of the rotor relative to the wheel within the gear's dead zone [rad]."""
     backlash_rate: float
     """[rad/s]"""
 
@@ -137,9 +137,9 @@ class RigOutput(NamedTuple):
     lateral: float
     """G [N]."""
     acceleration: float
-    """Reading of an ideal accelerometer along the rail: acceleration less gravity [m/s²]."""
+    """Reading of an ideal accelerometer along the rail: acceleration minus gravity [m/s²]."""
     encoder_speed: float
-    """Wheel speed as the motor's encoder sees it [rad/s]."""
+    """Wheel speed measured by the motor's encoder [rad/s]."""
 
 
 STATE, OUTPUT = len(RigState._fields), len(RigOutput._fields)
@@ -160,8 +160,8 @@ def rig_parameters(
       mass: m_T [kg]; the first of the rig's masses when None.
       radius_scale: True over nominal wheel radius.
       grip: Factor on the traction.
-      slope: Inclination of rail and floor, which lessens the weight on the floor; the pull along the rail is
-        the effect term `grade` [rad].
+      slope: Inclination of rail and floor [rad], which reduces the weight on the floor; the force along the
+        rail is the effect term `grade`.
     """
     mass = rig.rig.masses[0] if mass is None else mass
     return RigParameters(
@@ -251,7 +251,7 @@ def carriage_friction_bounds(rig, lateral, carriage_speed, published):
 
 @kernel
 def wheel_torque_bounds(model, current, wheel_speed, lateral):
-    """T_gear − T_friction of Eqs. 4.39-4.40 turning forward and turning backward [N.m].
+    """T_gear − T_friction of Eqs. 4.39-4.40 for a wheel turning forward and turning backward [N.m].
 
     Args:
       model: `RigModel`.
@@ -269,8 +269,8 @@ def derivative(state, command, lateral_speed, model, smoothing):
     """Right-hand side of Eqs. 4.32-4.40 for `scipy.integrate.solve_ivp`, sign(v) as tanh(v/smoothing).
 
     Args:
-      state: [carriage speed, wheel speed, z], shape (3,); or with the motor current behind, shape (4,).
-      command: Commanded (or measured) current [A]; what the supply cannot drive is cut off.
+      state: [carriage speed, wheel speed, z], shape (3,); or followed by the motor current, shape (4,).
+      command: Commanded (or measured) current [A], limited to what the supply can drive.
       lateral_speed: ṡ_111 of the gantry [m/s].
       model: `RigModel`; effect terms are left out.
       smoothing: Speed over which friction changes its sign, at the rim for the wheel [m/s].
@@ -376,7 +376,7 @@ def step(state, command, lateral_speed, model, h, steps):
 
     Args:
       state: `RigState`.
-      command: Commanded current, or the measured one where the motor says so [A].
+      command: Commanded current, or the measured one if `motor.measured` is 1 [A].
       lateral_speed: ṡ_111 of the gantry [m/s].
       model: `RigModel`.
       h: Step [s].

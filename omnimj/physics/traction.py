@@ -4,7 +4,7 @@ All laws share one internal state z per wheel with ż = V_r − λ z, where λ �
 and a force over the normal force f(z, ż, V_r). For frozen slip the state is stepped exactly, hence stable at
 any slip velocity: z⁺ = z e^(−λh) + V_r (1 − e^(−λh))/λ.
 
-A floor comes as `parameters.floor.TractionParameters`; packed rows are read with `traction_at`.
+Kernels take a floor as `parameters.floor.TractionParameters`; packed rows are read with `traction_at`.
 """
 
 from __future__ import annotations
@@ -64,11 +64,11 @@ def exact_step(z, slip, rate, h):
 def mean_deflection(z, z_next, slip, rate, h):
     """Mean bristle deflection over an exact step, (V_r h − (z⁺ − z))/(λ h) [m].
 
-    With it σ0 z + σ1 (V_r − λ z) is the mean force of the step, however fast the bristle is.
+    With this z, σ0 z + σ1 (V_r − λ z) is the mean force of the step, however fast the bristle is.
 
     Args:
       z: Deflection before the step [m].
-      z_next: After it, from `exact_step` [m].
+      z_next: Deflection after the step, from `exact_step` [m].
       slip: V_r [m/s].
       rate: λ [1/s].
       h: Step [s].

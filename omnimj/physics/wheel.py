@@ -12,12 +12,12 @@ from omnimj.physics.traction import exact_step, mean_deflection
 
 
 class WheelParameters(NamedTuple):
-    """A wheel as the kernels see it."""
+    """Parameters of a wheel, in the form used by the kernels."""
 
     radius: float
     """Rolling radius r [m]."""
     inertia: float
-    """About the axle, the rotor's included: I + (J_r + J_g) E G_r² [kg.m²]."""
+    """Inertia about the axle, rotor included: I + (J_r + J_g) E G_r² [kg.m²]."""
     roller_dry: float
     """μ_R,dry."""
     roller_viscous: float
@@ -35,9 +35,9 @@ class WheelParameters(NamedTuple):
     pitch_radius: float
     """Half the pitch diameter of the bearings [m]."""
     spacing: float
-    """Between the bearings, a [m]."""
+    """Distance a between the bearings [m]."""
     overhang: float
-    """From the outer bearing to the wheel's mid plane, b [m]."""
+    """Distance b from the outer bearing to the wheel's mid-plane [m]."""
 
 
 WHEEL_SIZE = len(WheelParameters._fields)
@@ -52,7 +52,7 @@ def wheel_parameters(
     Args:
       wheel: Its constants.
       bearing: Its bearings.
-      motor: Gives the reflected rotor inertia.
+      motor: Its motor, for the reflected rotor inertia.
       radius_scale: True over nominal rolling radius.
     """
     return WheelParameters(
@@ -118,7 +118,7 @@ def bearing_friction(wheel, normal_force, lateral_force):
 
 @kernel
 def blend_friction(low, high, direction):
-    """`low` for direction 1, `high` for −1, linear between: smooth replacement of set-valued friction."""
+    """Smooth replacement of set-valued friction: `low` for direction 1, `high` for −1, linear between."""
     return 0.5 * ((1.0 + direction) * low + (1.0 - direction) * high)
 
 

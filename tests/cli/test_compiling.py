@@ -24,7 +24,7 @@ def cache(monkeypatch, tmp_path) -> Path:
     """An empty cache; this process has compiled already, so that only what is said about it is new."""
     folder = tmp_path / "cache"
     folder.mkdir()
-    monkeypatch.setattr(native, "cache_folder", lambda room: folder)
+    monkeypatch.setattr(native, "cache_folder", lambda package: folder)
     return folder
 
 
@@ -140,16 +140,16 @@ def test_a_temporary_folder_of_somebody_else_is_left_alone(monkeypatch, tmp_path
     assert chosen_folder().name.startswith("omnimj-native-")  # made for this run alone
 
 
-def test_an_edit_makes_the_kernels_of_its_room_and_of_those_above_anew_and_no_others(monkeypatch, tmp_path):
-    rooms = native.ROOMS
-    for room in rooms:
-        (tmp_path / room).mkdir()
-        (tmp_path / room / "a.py").write_text("@kernel\ndef f(): return 1\n")
+def test_an_edit_recompiles_the_kernels_of_its_package_and_of_those_above_only(monkeypatch, tmp_path):
+    packages = native.KERNEL_PACKAGES
+    for package in packages:
+        (tmp_path / package).mkdir()
+        (tmp_path / package / "a.py").write_text("@kernel\ndef f(): return 1\n")
     monkeypatch.setattr(native, "_PACKAGE", tmp_path)
-    before = {room: native.fingerprint.__wrapped__(room) for room in rooms}
-    assert len(set(before.values())) == len(rooms)
+    before = {package: native.fingerprint.__wrapped__(package) for package in packages}
+    assert len(set(before.values())) == len(packages)
     (tmp_path / "control" / "a.py").write_text("@kernel\ndef f(): return 2\n")
-    after = {room: native.fingerprint.__wrapped__(room) for room in rooms}
-    assert {room for room in rooms if before[room] != after[room]} == {"control", "estimate"}
+    after = {package: native.fingerprint.__wrapped__(package) for package in packages}
+    assert {package for package in packages if before[package] != after[package]} == {"control", "estimate"}
     (tmp_path / "physics" / "a.py").write_text("@kernel\ndef f(): return 2\n")
-    assert all(native.fingerprint.__wrapped__(room) != after[room] for room in rooms)
+    assert all(native.fingerprint.__wrapped__(package) != after[package] for package in packages)

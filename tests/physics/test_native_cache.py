@@ -28,7 +28,7 @@ def load(monkeypatch, tmp_path):
     """Imports a fresh module with one kernel and one C callback, cached in `tmp_path / "cache"`."""
     (tmp_path / "cache").mkdir()
     (tmp_path / "two_kernels.py").write_text(SOURCE)
-    monkeypatch.setattr(native, "cache_folder", lambda room: tmp_path / "cache")
+    monkeypatch.setattr(native, "cache_folder", lambda package: tmp_path / "cache")
 
     def fresh():
         spec = importlib.util.spec_from_file_location("two_kernels", tmp_path / "two_kernels.py")

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from omnimj.estimate.gap.locate.rules import BINS, BlockMask, Rule, Variable, bin_edges
+from omnimj.estimate.gap.sentences import format_amount, format_number
 from omnimj.estimate.replay.interface import Segment
 from omnimj.signals import Array
 
@@ -177,26 +178,27 @@ def describe_rule(rule: Rule) -> str:
     if v.labels:
         return _labels_in_words(rule)
     low, high = _ends(rule)
+    low_number, low_amount = format_number(low), format_amount(low, v.unit)
+    high_amount = format_amount(high, v.unit)
     is_below, is_above = rule.members[0] == 0, rule.members[-1] == v.bins - 1
-    unit = f" {v.unit}" if v.unit not in ("", "1") else ""
     if v.is_angle:
-        return f"once per turn, {v.words} from {low:.3g} to {high:.3g}{unit}"
+        return f"once per turn, {v.words} from {low_number} to {high_amount}"
     if name == "reversal" and is_below:
-        return f"within {high:.3g}{unit} after a reversal"
+        return f"within {high_amount} after a reversal"
     if name == "time" and is_above:
-        return f"time since start, after {low:.3g}{unit}"
+        return f"time since start, after {low_amount}"
     if name == "time" and is_below:
-        return f"early, in the first {high:.3g}{unit}"
+        return f"early, in the first {high_amount}"
     if name.endswith("position") and not (is_below or is_above):
-        return f"around {v.words} {low:.3g} … {high:.3g}{unit}"
+        return f"around {v.words} {low_number} … {high_amount}"
     words = f"{v.words} (either sign)" if v.is_size else v.words
     if is_below:
-        text = f"{words} below {high:.3g}{unit}"
+        text = f"{words} below {high_amount}"
         slow = name.endswith("speed") and high <= _STANDSTILL * float(np.nanmax(np.abs(v.values)))
-        return f"near standstill, {words} below {high:.3g}{unit}" if slow and high > 0.0 else text
+        return f"near standstill, {text}" if slow and high > 0.0 else text
     if is_above:
-        return f"{words} above {low:.3g}{unit}"
-    return f"{words} between {low:.3g} and {high:.3g}{unit}"
+        return f"{words} above {low_amount}"
+    return f"{words} between {low_number} and {high_amount}"
 
 
 def _labels_in_words(rule: Rule) -> str:

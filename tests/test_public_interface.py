@@ -1,4 +1,4 @@
-"""The public door: what `import omnimj` offers, what it costs, and that type checkers see the same names."""
+"""The public interface: what `import omnimj` offers and costs, and that type checkers see the same names."""
 
 from __future__ import annotations
 
@@ -56,9 +56,9 @@ def test_type_checkers_see_the_same_names_in_the_same_places():
     assert (Path(omnimj.__file__).parent / "py.typed").exists()
 
 
-def test_help_describes_the_door_and_every_name():
+def test_help_describes_the_interface_and_every_name():
     told = pydoc.render_doc(omnimj, renderer=pydoc.plaintext)
-    assert "public door" in told and "find_gap(" in told
+    assert "public interface" in told and "find_gap(" in told
     for name in omnimj.__all__:
         assert name in told
 
