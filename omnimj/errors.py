@@ -42,6 +42,10 @@ class UnknownNameError(InputError, LookupError):
         super().__init__(place, f"unknown {kind} {name!r}", hint, names)
 
 
+class OutputError(InputError):
+    """A file or folder cannot be written, for lack of rights or of space on the disk."""
+
+
 class NativeLayoutError(OmnimjError, RuntimeError):
     """The installed MuJoCo does not have the memory layout that the native contact needs."""
 
@@ -52,3 +56,7 @@ class SimulationError(OmnimjError, RuntimeError):
 
 class LinkLost(OmnimjError, ConnectionError):
     """The link to the robot is too poor for motion; a stop was commanded."""
+
+
+class NoAnswer(LinkLost):
+    """The machine on the wire does not answer a request."""

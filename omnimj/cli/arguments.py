@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.errors import InputError
+from omnimj.errors import InputError, OutputError
 
 if TYPE_CHECKING:
     from omnimj.control.gains import Gains, ObserverGains
@@ -55,6 +55,15 @@ ADDRESS = "serial:DEVICE?baud=N or udp:HOST:PORT"
 ROBOT_MODEL = "a shipped robot by name (three_wheel), or a copy of robot.toml with changed values"
 MODEL = "a shipped robot by name (three_wheel), or a copy of robot.toml or rig.toml with changed values"
 """Help texts of `--model`, without and with the test rig."""
+
+
+FAILED, INTERRUPTED = 1, 130
+"""Exit codes after a failed check or a failed simulation, and after Ctrl-C."""
+
+
+def exit_code(interrupted: object, failed: object = False) -> int:
+    """Return the exit code of finished work; an interruption takes precedence over a failure."""
+    return INTERRUPTED if interrupted else FAILED if failed else 0
 
 
 def command_line(arguments: Any) -> str:
@@ -223,7 +232,7 @@ def require_writable(file: Path, force: bool) -> None:
     if not nearest.is_dir():
         raise InputError(place, f"cannot be made, {nearest} is a file", "a folder is needed")
     if not os.access(nearest, os.W_OK | os.X_OK):
-        raise InputError(place, f"cannot be written, {nearest} is read-only", "choose another folder")
+        raise OutputError(place, f"cannot be written, {nearest} is read-only", "choose another folder")
 
 
 def add_key(parser: argparse.ArgumentParser) -> None:

@@ -11,7 +11,16 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import ROBOT_MODEL, Command, add_clock, add_floors, add_key, add_overrides, add_seed
+from omnimj.cli.arguments import (
+    INTERRUPTED,
+    ROBOT_MODEL,
+    Command,
+    add_clock,
+    add_floors,
+    add_key,
+    add_overrides,
+    add_seed,
+)
 from omnimj.cli.terminal import announce_compilation, note_compiled
 from omnimj.errors import InputError, UnknownNameError
 
@@ -79,7 +88,7 @@ def run(arguments: Any) -> int:
         listener.close()
         if plant is not None:
             plant.close()
-    return 130
+    return INTERRUPTED
 
 
 def _require_robot(scenario: Scenario, plant: str) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omnimj.cli.arguments import (
+    INTERRUPTED,
     MODEL,
     ROBOT_MODEL,
     Command,
@@ -18,6 +19,7 @@ from omnimj.cli.arguments import (
     add_results,
     add_thresholds,
     command_line,
+    exit_code,
     read_observer_gains,
     read_thresholds,
     require_writable,
@@ -72,7 +74,7 @@ def run_diagnose(arguments: Any) -> int:
     announce_compilation(order.method, order.dataset.plant, "method")
     found, sections, interrupted = _diagnose(arguments, order)
     if not found:
-        return 130
+        return INTERRUPTED
     note_compiled(order.method, order.dataset.plant)
     from omnimj.diagnosis.files import diagnoses_json, write_diagnoses
     from omnimj.recording.folder import atomic_file
@@ -87,7 +89,7 @@ def run_diagnose(arguments: Any) -> int:
         print(format_json(content))
     else:
         print(_format_diagnosis(order, found, interrupted, arguments.out))
-    return 130 if interrupted else 0
+    return exit_code(interrupted)
 
 
 def _diagnosis_config(arguments: Any) -> DiagnosisConfig:

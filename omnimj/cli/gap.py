@@ -14,17 +14,18 @@ from omnimj.cli.arguments import (
     add_results,
     add_seed,
     command_line,
+    exit_code,
     parse_names,
     whole_number,
 )
-from omnimj.cli.terminal import ProgressBar, format_json, format_study, format_table
+from omnimj.cli.terminal import ProgressBar, format_json, format_study, format_table, print_study
 from omnimj.errors import InputError, SimulationError
 
 if TYPE_CHECKING:
     from omnimj.estimate.gap.records import Finding
     from omnimj.studies.gap_benchmark.study import BenchmarkResult
 
-_INTERRUPTED = "interrupted"
+_BY_CTRL_C = "interrupted"
 MODEL, FLOORS, DIGEST, REPORT, RECORDING = FILES = (
     "model.toml",
     "floors.toml",
@@ -121,13 +122,13 @@ def _write_and_print(arguments: Any, finding: Finding) -> int:
     content = write_outputs(arguments.out, arguments.force, finding, arguments.model, command, texts)
     if refused is not None:
         raise refused
-    if finding.failure and finding.failure != _INTERRUPTED:
+    if finding.failure and finding.failure != _BY_CTRL_C:
         raise SimulationError(f"{finding.failure}; everything found until then is in {arguments.out}")
     if arguments.json:
         print(format_json(content))
     else:
         print(format_finding(finding, arguments.out, content))
-    return 130 if finding.failure else 0
+    return exit_code(finding.failure)
 
 
 def write_outputs(
@@ -332,11 +333,8 @@ def run_gap_benchmark(arguments: Any) -> int:
         outcome = run_benchmark(order, bar.show_share)
     with atomic_file(arguments.out / REPORT) as temporary:
         write_benchmark_report(temporary, outcome.lines, outcome.tables)
-    if arguments.json:
-        print((arguments.out / NUMBERS).read_text(encoding="utf-8"), end="")
-    else:
-        print(_format_benchmark(outcome, arguments.out))
-    return 130 if outcome.interrupted else 1 if outcome.failed else 0
+    print_study(arguments.out, NUMBERS, lambda: _format_benchmark(outcome, arguments.out), arguments.json)
+    return exit_code(outcome.interrupted, outcome.failed)
 
 
 def _format_benchmark(outcome: BenchmarkResult, folder: Path) -> str:

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import Command, add_floors, add_results, command_line
+from omnimj.cli.arguments import INTERRUPTED, Command, add_floors, add_results, command_line, exit_code
 from omnimj.cli.terminal import ProgressBar, announce_compilation, format_json, format_table, note_compiled
 from omnimj.errors import UnknownNameError
 
@@ -51,11 +51,11 @@ def run_identify(arguments: Any) -> int:
     with ProgressBar() as bar:
         found = identify(dataset, rig, bar.show)
     if found.interrupted and not found.floors:
-        return 130
+        return INTERRUPTED
     content = identification_content(found, command_line(arguments))
     _write_identification(arguments, found, content)
     print(format_json(content) if arguments.json else _format_identification(found, arguments.out))
-    return 130 if found.interrupted else 0
+    return exit_code(found.interrupted)
 
 
 def _write_identification(arguments: Any, found: Identification, content: dict[str, Any]) -> None:
@@ -147,13 +147,13 @@ def run_validate(arguments: Any) -> int:
     with ProgressBar() as bar:
         found = validate(dataset, rig, floors, plants, bar.show)
     if not found.runs:
-        return 130
+        return INTERRUPTED
     for plant in plants:
         note_compiled(plant, "quarter_rig")
     content = validation_content(found, command_line(arguments))
     _write_validation(arguments, found, content)
     print(format_json(content) if arguments.json else _format_validation(found, arguments.out))
-    return 130 if found.interrupted else 0
+    return exit_code(found.interrupted)
 
 
 def _write_validation(arguments: Any, found: Validation, content: dict[str, Any]) -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import re
 import sys
 from collections.abc import Mapping, Sequence
 from typing import Any, NoReturn
 
 from omnimj import __version__
-from omnimj.cli.arguments import Command
+from omnimj.cli.arguments import FAILED, INTERRUPTED, Command
 from omnimj.cli.bench import BENCH
 from omnimj.cli.completion import COMPLETION
 from omnimj.cli.device import DEVICE
@@ -23,7 +24,7 @@ from omnimj.cli.studies import EVALUATE, SENSITIVITY
 from omnimj.cli.teleop import TELEOP
 from omnimj.cli.terminal import drop_output, flush_output, prepare_streams
 from omnimj.cli.tune import TUNE
-from omnimj.errors import InputError, OmnimjError, UnknownNameError
+from omnimj.errors import InputError, NoAnswer, OmnimjError, OutputError, UnknownNameError
 
 WELCOME = f"""omnimj {__version__}: a MuJoCo twin of a four-wheel omni robot and of its test rig,
 with faults and their diagnosis, and a search for the physics that the model
@@ -41,7 +42,8 @@ lacks compared with measured runs.
 All commands: omnimj --help. One of them, with examples: omnimj run --help.
 """
 
-FAILED, BAD_INPUT, INTERRUPTED, NO_READER = 1, 2, 130, 141
+BAD_INPUT, NO_ANSWER, NO_READER = 2, 3, 141
+_UNWRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM)  # no space, no right
 GROUPS: Mapping[str, tuple[Command, ...]] = {
     "Simulate": (SCENARIOS, RUN, TELEOP),
     "Bring model and measurement together": (RECORD, IDENTIFY, VALIDATE, GAP, SENSITIVITY),
@@ -125,8 +127,9 @@ def main(argv: Sequence[str] | None = None) -> int:
       argv: Arguments without the program's name; those of the process when None.
 
     Returns:
-      0 on success; 1 if a check failed or a simulation broke down; 2 on invalid input; 130 on Ctrl-C; 141 if
-      the reader of the output closed the pipe early.
+      0 on success; 1 if a check or a simulation failed, or a file cannot be written; 2 on invalid input;
+      3 if a robot behind a link does not answer; 130 on Ctrl-C; 141 if the reader of the output closed the
+      pipe.
     """
     given = list(sys.argv[1:] if argv is None else argv)
     prepare_streams()
@@ -135,6 +138,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         code = _run(given)
         flush_output()
         return code
+    except NoAnswer as error:
+        return _print_error(error, NO_ANSWER)
+    except OutputError as error:
+        return _print_error(error, FAILED)
     except InputError as error:
         return _print_error(error, BAD_INPUT)
     except OmnimjError as error:
@@ -144,9 +151,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of the pipe, such as head, has closed it
         drop_output()
         return code
-    except OSError as error:  # for example an unreadable file or a full disk
+    except OSError as error:
         drop_output()
-        return _print_error(InputError(error.filename or "omnimj", error.strerror or str(error)), BAD_INPUT)
+        code = FAILED if error.errno in _UNWRITABLE else BAD_INPUT
+        return _print_error(InputError(error.filename or "omnimj", error.strerror or str(error)), code)
 
 
 def _run(given: list[str]) -> int:

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import Command, add_floors, add_seed, command_line, whole_number
+from omnimj.cli.arguments import Command, add_floors, add_seed, command_line, exit_code, whole_number
 from omnimj.cli.terminal import ProgressBar, announce_compilation, format_json, note_compiled
 from omnimj.errors import InputError
 
@@ -62,7 +62,7 @@ def run(arguments: Any) -> int:
     effects = _effects(arguments.effects, suite.plant)
     recorded = _record(arguments, suite, effects)
     print(_json(arguments, recorded) if arguments.json else _format_recorded(arguments, suite, recorded))
-    return 130 if recorded.interrupted else 0
+    return exit_code(recorded.interrupted)
 
 
 def _effects(texts: list[str], plant: str) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from omnimj.cli.arguments import (
     ADDRESS,
+    INTERRUPTED,
     MODEL,
     Command,
     add_floors,
@@ -55,9 +56,6 @@ def run_scenarios(arguments: Any) -> int:
     for name, description in described.items():
         print(f"{name:{width}}  {description}")
     return 0
-
-
-INTERRUPTED = 130
 
 
 def add_run_arguments(parser: argparse.ArgumentParser) -> None:

@@ -16,13 +16,14 @@ from omnimj.cli.arguments import (
     add_seed,
     add_thresholds,
     add_workers,
+    exit_code,
     parse_names,
     positive_number,
     read_gains_file,
     read_thresholds,
     whole_number,
 )
-from omnimj.cli.terminal import ProgressBar, announce_compilation, format_study, note_compiled
+from omnimj.cli.terminal import ProgressBar, announce_compilation, format_study, note_compiled, print_study
 from omnimj.errors import InputError
 
 if TYPE_CHECKING:
@@ -110,11 +111,8 @@ def run_evaluate(arguments: Any) -> int:
         note_compiled(plant, "uto_robot")
     with atomic_file(arguments.out / REPORT) as temporary:
         write_evaluation_report(temporary, outcome)
-    if arguments.json:
-        print((arguments.out / NUMBERS).read_text(encoding="utf-8"), end="")
-    else:
-        print(_format_evaluation(outcome, arguments.out))
-    return 130 if outcome.interrupted else 1 if outcome.failed else 0
+    print_study(arguments.out, NUMBERS, lambda: _format_evaluation(outcome, arguments.out), arguments.json)
+    return exit_code(outcome.interrupted, outcome.failed)
 
 
 def _format_evaluation(outcome: EvaluationResult, folder: Path) -> str:
@@ -197,11 +195,8 @@ def run_sensitivity(arguments: Any) -> int:
     if outcome.runs:
         note_compiled(order.trial.plant, scenario.plant)
     write_sensitivity_files(arguments.out, outcome)
-    if arguments.json:
-        print((arguments.out / NUMBERS).read_text(encoding="utf-8"), end="")
-    else:
-        print(_format_study(outcome, arguments.out))
-    return 130 if outcome.interrupted else 1 if outcome.errors else 0
+    print_study(arguments.out, NUMBERS, lambda: _format_study(outcome, arguments.out), arguments.json)
+    return exit_code(outcome.interrupted, outcome.errors)
 
 
 def _format_study(outcome: SensitivityResult, folder: Path) -> str:

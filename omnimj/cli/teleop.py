@@ -18,6 +18,7 @@ from omnimj.cli.arguments import (
     add_key,
     add_reset_fault,
     add_seed,
+    exit_code,
     whole_number,
 )
 from omnimj.cli.terminal import announce_compilation, note_compiled
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
     from omnimj.simulate.teleop.steering import SteeringLimits
     from omnimj.view.rerun.live import LiveDrive
 
-INTERRUPTED = 130
 _MINUTES, _MOST_MINUTES = 5, 30
 _WARMING, _CREEP = 200, 0.1  # steps of the drive that triggers compilation, and its speed [m/s]
 _SLOW = 0.98  # × real time below which a simulation is reported as too slow
@@ -280,7 +280,7 @@ class _Session:
             live.finish()
         if driven.failure is not None:
             raise SimulationError(f"{driven.failure}{written}")
-        return INTERRUPTED if driven.interrupted else 0
+        return exit_code(driven.interrupted)
 
     def _write(self, driven: TeleopResult) -> str:
         """Write the trace and return a phrase with its location."""

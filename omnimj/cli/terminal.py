@@ -7,7 +7,7 @@ import io
 import json
 import os
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, TextIO
@@ -132,6 +132,14 @@ def format_study(
     shown = [f"{one.title}\n{format_table(one.head, one.rows)}" for one in tables if one.rows]
     resumed = ["interrupted; the same command resumes it"] if interrupted else []
     return "\n\n".join((*parts, *shown, *notes, *resumed, f"written to {folder}"))
+
+
+def print_study(folder: Path, json_file: str, text: Callable[[], str], as_json: bool) -> None:
+    """Print a study: the JSON file in its folder with `--json`, else the text made by `text`."""
+    if as_json:
+        print((folder / json_file).read_text(encoding="utf-8"), end="")
+    else:
+        print(text())
 
 
 def format_value(value: float | None, unit: str = "") -> str:

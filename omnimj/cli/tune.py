@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omnimj.cli.arguments import (
+    INTERRUPTED,
     ROBOT_MODEL,
     Command,
     add_seed,
@@ -27,8 +28,6 @@ from omnimj.errors import InputError
 
 if TYPE_CHECKING:
     from omnimj.studies.tuning.study import TuningConfig, TuningResult
-
-INTERRUPTED = 130
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -16,7 +16,7 @@ from tomlkit.items import InlineTable, Table
 from omnimj.effects.catalogue import effects_of, find_effect
 from omnimj.effects.effect import AXIS, Effect
 from omnimj.effects.machine import complete_values
-from omnimj.errors import InputError, UnknownNameError
+from omnimj.errors import InputError, OutputError, UnknownNameError
 from omnimj.parameters.model_file import SHARED_TABLES
 from omnimj.parameters.reading import parse_toml, read_toml
 from omnimj.resources import models_folder
@@ -93,7 +93,7 @@ def write_model(
         temporary.write_text(text, encoding="utf-8")
         temporary.replace(path)
     except OSError as error:
-        raise InputError(path, f"cannot be written ({error.strerror})") from None
+        raise OutputError(path, f"cannot be written ({error.strerror})") from None
     finally:
         temporary.unlink(missing_ok=True)
 

@@ -5,6 +5,7 @@ Only the host calibrates, so that recordings of raw readings can be read again w
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -49,18 +50,7 @@ def channel_kinds(hardware: Hardware) -> tuple[ChannelKind, ...]:
 
 def rounded_limits(hardware: Hardware) -> Limits:
     """Limits of the device, rounded to float32."""
-    own = hardware.limits
-    return round_to_float32(
-        Limits(
-            own.current,
-            own.current_rate,
-            own.continuous_current,
-            own.heating,
-            own.wheel_speed,
-            own.message_rate,
-            own.valid_for,
-        )
-    )
+    return round_to_float32(Limits(**dataclasses.asdict(hardware.limits)))
 
 
 def canonical_text(hardware: Hardware) -> str:

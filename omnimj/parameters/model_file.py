@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from omnimj.errors import InputError, UnknownNameError
+from omnimj.parameters.parts import Bearing, Contact, Motor, Sensors, Wheel
 from omnimj.parameters.reading import Provenance, Rule, check_number, read_provenance, read_table, read_toml
 from omnimj.resources import models_folder
 
@@ -21,8 +22,8 @@ EffectValues = Mapping[str, Mapping[str, float | str | int]]
 
 _FINITE = Rule(-math.inf, math.inf, False)
 
-SHARED_TABLES = ("wheel", "bearing", "motor", "contact", "sensors")
-"""Tables of the parts file, common to robot and rig; a model file may override their entries."""
+SHARED_TABLES = {"wheel": Wheel, "bearing": Bearing, "motor": Motor, "contact": Contact, "sensors": Sensors}
+"""Tables of the parts file, common to robot and rig, and their records; a model file may override entries."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +63,10 @@ class ModelFile:
             )
 
         return read_table(kind, entries, home, provenance, name)
+
+    def shared_parts(self, provenance: dict[str, Provenance]) -> dict[str, Any]:
+        """Read all tables of `SHARED_TABLES`: name → record; arguments and errors as for `table`."""
+        return {name: self.table(kind, name, provenance) for name, kind in SHARED_TABLES.items()}
 
 
 def model_path(given: Path | None, default: str) -> Path:
@@ -111,7 +116,7 @@ def read_model_file(path: Path, plant: str, own_tables: tuple[str, ...]) -> Mode
         raise InputError(f"{path}: parts", f"found {name!r}", rule)
     parts = read_toml(parts_path)
     _require_known(path, own, ("plant", "parts", *own_tables, *SHARED_TABLES))
-    _require_known(parts_path, parts, SHARED_TABLES)
+    _require_known(parts_path, parts, tuple(SHARED_TABLES))
     return ModelFile(path, parts_path, own, parts)
 
 

@@ -202,6 +202,9 @@ def read_toml(path: Path) -> dict[str, Any]:
     try:
         # a TOML file has no byte order mark, but some editors write one
         return parse_toml(content.decode("utf-8-sig"))
+    except UnicodeDecodeError as error:
+        rule = f"it is not UTF-8 text, at byte {error.start}"
+        raise InputError(path, "is not valid TOML", rule) from None
     except RecursionError:
         raise InputError(path, "is not valid TOML", "it is nested too deeply") from None
     except ValueError as error:

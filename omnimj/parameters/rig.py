@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from omnimj.errors import InputError
 from omnimj.parameters.model_file import EffectValues, model_path, read_effects, read_model_file
@@ -91,17 +91,9 @@ def read_rig(path: Path | None = None) -> Rig:
     path = model_path(path, "quarter_rig/rig.toml")
     file = read_model_file(path, Rig.plant, ("rig", "effects"))
     provenance: dict[str, Provenance] = {}
-
-    def table(kind: type, name: str) -> Any:
-        return file.table(kind, name, provenance)
-
     rig = Rig(
-        wheel=table(Wheel, "wheel"),
-        bearing=table(Bearing, "bearing"),
-        motor=table(Motor, "motor"),
-        contact=table(Contact, "contact"),
-        sensors=table(Sensors, "sensors"),
-        rig=table(RigBody, "rig"),
+        **file.shared_parts(provenance),
+        rig=file.table(RigBody, "rig", provenance),
         provenance=MappingProxyType(provenance),
         file=path,
         effects=read_effects(file.own, path, provenance),

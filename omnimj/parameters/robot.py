@@ -166,20 +166,12 @@ def read_robot(path: Path | None = None) -> Robot:
     path = model_path(path, "uto_robot/robot.toml")
     file = read_model_file(path, Robot.plant, ("body", "wheels", "control", "effects", "hardware"))
     provenance: dict[str, Provenance] = {}
-
-    def table(kind: type, name: str) -> Any:
-        return file.table(kind, name, provenance)
-
     mounts = _read_mounts(file.own.get("wheels"), path, provenance)
     robot = Robot(
-        wheel=table(Wheel, "wheel"),
-        bearing=table(Bearing, "bearing"),
-        motor=table(Motor, "motor"),
-        contact=table(Contact, "contact"),
-        sensors=table(Sensors, "sensors"),
-        body=table(RobotBody, "body"),
+        **file.shared_parts(provenance),
+        body=file.table(RobotBody, "body", provenance),
         wheels=mounts,
-        control=table(Control, "control"),
+        control=file.table(Control, "control", provenance),
         provenance=MappingProxyType(provenance),
         file=path,
         effects=read_effects(file.own, path, provenance),

@@ -23,11 +23,11 @@ def refused(capsys, monkeypatch, tmp_path):
     monkeypatch.setattr(PlanarRobot, "reset", driven)
     monkeypatch.setattr(PlanarRig, "reset", driven)
 
-    def call(*argv: str) -> str:
-        code = main(list(argv))
+    def call(*argv: str, code: int = 2) -> str:
+        returned = main(list(argv))
         out, err = capsys.readouterr()
         lines = [line for line in err.splitlines() if not line.startswith("compiling native code")]
-        assert (code, out, len(lines)) == (2, "", 1), (code, out, err)
+        assert (returned, out, len(lines)) == (code, "", 1), (returned, out, err)
         assert lines[0].startswith("omnimj") and not lines[0].startswith("omnimj: omnimj")
         assert not list(empty.iterdir())
         return lines[0]

@@ -241,7 +241,7 @@ def _summarize_remainder(finding: Finding) -> str:
     after, noise = finding.heldout[channel].after, finding.noise.get(channel)
     if after is None or not noise:
         return ""
-    left = f" In the {finding.channels[channel][1]} {format_in_noise(after / noise)} is left"
+    left = f" A mismatch of {format_in_noise(after / noise)} is left in the {finding.channels[channel][1]}"
     return f"{left}; no further effect in the library gains enough to be named."
 
 

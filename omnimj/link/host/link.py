@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from omnimj.errors import LinkLost
+from omnimj.errors import LinkLost, NoAnswer
 from omnimj.link.calibration import device_config, require_hardware
 from omnimj.link.codec.frames import decode, encode
 from omnimj.link.codec.key import Key, read_key
@@ -180,7 +180,8 @@ class Link:
         In lock-step a zero command is sent, since there is no telemetry without a command.
 
         Raises:
-          LinkLost: No answer, another host drives the device, or it is not the expected device.
+          NoAnswer: The device does not answer.
+          LinkLost: Another host drives the device, or it is not the expected device.
         """
         if self.host.state in (HostState.ARMING, HostState.ARMED):
             self.stop("a new session was requested")
@@ -249,7 +250,7 @@ class Link:
             self.exchange(self.host.reset_fault(self.now))
         else:
             fault = lambda: self.reading.telemetry.fault == 0  # noqa: E731
-            self._request(self.host.reset_fault, fault, "keeps its fault")
+            self._request(self.host.reset_fault, fault, "keeps its fault", LinkLost)
 
     def exchange(self, frame: Frame) -> Reading:
         """Send a frame in lock-step and return the reading that answers it; repeated until it arrives.
@@ -296,14 +297,20 @@ class Link:
         if self._log is not None:
             self._log.close()
 
-    def _request(self, ask: Callable[[float], Frame] | None, holds: Callable[[], bool], failure: str) -> None:
-        """Repeat a request until `holds()` is true."""
+    def _request(
+        self,
+        ask: Callable[[float], Frame] | None,
+        holds: Callable[[], bool],
+        failure: str,
+        error: type[LinkLost] = NoAnswer,
+    ) -> None:
+        """Repeat a request until `holds()` is true; after `ANSWER_TIMEOUT` stop and raise `error`."""
         until = self.now + ANSWER_TIMEOUT
         while not holds():
             if self.now >= until:
                 reason = f"{self.name} {failure}"
                 self.stop(reason)
-                raise LinkLost(reason)
+                raise error(reason)
             if ask is not None:
                 self.send(ask(self.now))
             self.wait(min(until, self.now + _REQUEST_INTERVAL), holds)

@@ -245,7 +245,7 @@ def test_with_the_same_key_a_run_is_driven_and_with_another_one_refused(keys, ca
         assert main([*short, "--key-file", str(right)]) in (0, 1)
         assert f"udp:127.0.0.1:{port}, lock-step, keyed; " in capsys.readouterr().out
         for given in (["--key-file", str(wrong)], []):
-            assert main([*short, *given]) == 1
+            assert main([*short, *given]) == 3
             out, err = capsys.readouterr()
             lines = [line for line in err.splitlines() if not line.startswith("compiling")]
             assert not out and len(lines) == 1 and "does not answer" in lines[0] and "key" in lines[0], err
