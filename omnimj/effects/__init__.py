@@ -8,6 +8,7 @@ them into model files. Every other module declares effects in a tuple `EFFECTS`.
 from omnimj.effects.catalogue import EFFECTS, base_name, effects_of, find_effect
 from omnimj.effects.effect import (
     AXIS,
+    FLOOR_SCALES,
     RIG,
     ROBOT,
     AppliedEffects,
@@ -16,6 +17,7 @@ from omnimj.effects.effect import (
     EffectParameter,
     MachineChanges,
     Selector,
+    scale_floor,
 )
 from omnimj.effects.machine import (
     apply_effects,
@@ -28,6 +30,7 @@ from omnimj.effects.machine import (
 __all__ = [
     "AXIS",
     "EFFECTS",
+    "FLOOR_SCALES",
     "RIG",
     "ROBOT",
     "AppliedEffects",
@@ -43,5 +46,6 @@ __all__ = [
     "effects_of",
     "find_effect",
     "parse_effect",
+    "scale_floor",
     "with_effects",
 ]

@@ -4,7 +4,16 @@ from __future__ import annotations
 
 import math
 
-from omnimj.effects.effect import RIG, ROBOT, Effect, EffectParameter, MachineChanges, Values
+from omnimj.effects.effect import (
+    FLOOR_SCALES,
+    RIG,
+    ROBOT,
+    Effect,
+    EffectParameter,
+    MachineChanges,
+    Values,
+    adds_to_term,
+)
 from omnimj.errors import InputError
 from omnimj.parameters.parts import GRAVITY
 
@@ -37,27 +46,13 @@ def _grade_of_floor(changes: MachineChanges, values: Values) -> None:
         changes.slope = (values["slope"], values["direction"] + math.pi)
 
 
-def _air_drag(changes: MachineChanges, values: Values) -> None:
-    changes.add_to_term("air", values["coefficient"])
-
-
-_FOLLOWS = {"mu_c": ("mu_c", "mu_s", "D"), "sigma_0": ("sigma_0", "B"), "sigma_2": ("sigma_2",)}
-"""Floor parameters multiplied by each scale: `mu_c` scales all of g(V_r) of LuGre and the peak of the Magic
-Formula, `sigma_0` the stiffness of either law."""
-
-
 def _floor_traction(changes: MachineChanges, values: Values) -> None:
-    for name, numbers in _FOLLOWS.items():
-        for number in numbers:
-            changes.floor_scale[number] = changes.floor_scale.get(number, 1.0) * values[name]
+    for name in FLOOR_SCALES:
+        changes.floor_scale[name] = changes.floor_scale.get(name, 1.0) * values[name]
 
 
 def _floor_patch(changes: MachineChanges, values: Values) -> None:
     changes.set_term("patch", values["scale"] - 1.0, patch_start=values["start"], patch_end=values["end"])
-
-
-def _scale(name: str) -> EffectParameter:
-    return EffectParameter(name, "1", 0.05, 10.0, 0.7, 1.0)
 
 
 _PAYLOAD = ("payload", "more or less mass than declared", "body")
@@ -94,14 +89,14 @@ EFFECTS = (
         "body",
         (RIG, ROBOT),
         (EffectParameter("coefficient", "N.s2/m2", 0.0, 50.0, 2.0),),
-        hooks=(_air_drag,),
+        hooks=(adds_to_term("air", "coefficient"),),
     ),
     Effect(
         "floor_traction",
         "the traction parameters are not this floor's",
         "floor",
         (RIG, ROBOT),
-        (_scale("mu_c"), _scale("sigma_0"), _scale("sigma_2")),
+        tuple(EffectParameter(name, "1", 0.05, 10.0, 0.7, 1.0) for name in FLOOR_SCALES),
         hooks=(_floor_traction,),
     ),
     Effect(

@@ -25,6 +25,22 @@ Values = Mapping[str, Any]
 Hook = Callable[[Any, Values], None]
 """Function that adds an effect to `MachineChanges`, given all its parameters and selectors."""
 
+FLOOR_SCALES = {"mu_c": ("mu_c", "mu_s", "D"), "sigma_0": ("sigma_0", "B"), "sigma_2": ("sigma_2",)}
+"""Floor parameters multiplied by each scale: `mu_c` scales all of g(V_r) of LuGre and the peak of the Magic
+Formula, `sigma_0` the stiffness of either law."""
+
+
+def scale_floor(floor: Floor, scales: Mapping[str, float]) -> Floor:
+    """The floor with scaled parameters; key of `FLOOR_SCALES` → scale."""
+    if not scales:
+        return floor
+    numbers = dict(floor.numbers)
+    for name, scale in scales.items():
+        for key in FLOOR_SCALES[name]:
+            if key in numbers:
+                numbers[key] *= scale
+    return dataclasses.replace(floor, numbers=MappingProxyType(numbers))
+
 
 @dataclass(frozen=True)
 class EffectParameter:
@@ -107,7 +123,7 @@ class AppliedEffects:
     slope: tuple[float, float]
     """Inclination of floor or rail and downhill direction in the world frame [rad]."""
     floor_scale: Mapping[str, float]
-    """Factors on the parameters of a floor, by letter; empty: none."""
+    """Scales of a floor by keys of `FLOOR_SCALES`; empty: none."""
     channels: Mapping[str, ChannelEffect]
     """Changes of the readings, by channel."""
 
@@ -117,16 +133,11 @@ class AppliedEffects:
         return self.payload[0]
 
     def floor(self, floor: Floor) -> Floor:
-        """Floor with scaled parameters; the factor of μ_c also scales μ_s and D of the Magic Formula."""
-        if not self.floor_scale:
-            return floor
-        numbers = {key: value * self.floor_scale.get(key, 1.0) for key, value in floor.numbers.items()}
-        return dataclasses.replace(floor, numbers=MappingProxyType(numbers))
+        """Floor with scaled parameters."""
+        return scale_floor(floor, self.floor_scale)
 
     def floors(self, floors: Mapping[str, Floor]) -> Mapping[str, Floor]:
         """All floors with scaled parameters."""
-        if not self.floor_scale:
-            return floors
         return {name: self.floor(floor) for name, floor in floors.items()}
 
     def motors(self, motors: Sequence[MotorParameters]) -> tuple[MotorParameters, ...]:
@@ -136,6 +147,24 @@ class AppliedEffects:
             motor._replace(torque_constant=motor.torque_constant * scale)
             for motor, scale in zip(motors, scales, strict=True)
         )
+
+
+def adds_to_term(term: str, parameter: str) -> Hook:
+    """Hook that adds a parameter of an effect to an effect term of all wheels."""
+
+    def hook(changes: MachineChanges, values: Values) -> None:
+        changes.add_to_term(term, values[parameter])
+
+    return hook
+
+
+def adds_to_constant(table: str, key: str, parameter: str) -> Hook:
+    """Hook that adds a parameter of an effect to a constant of the machine."""
+
+    def hook(changes: MachineChanges, values: Values) -> None:
+        changes.add_to_constant(table, key, values[parameter])
+
+    return hook
 
 
 class MachineChanges:

@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from omnimj.effects.effect import RIG, ROBOT, Effect, EffectParameter, MachineChanges, Values
+from omnimj.effects.effect import RIG, ROBOT, Effect, EffectParameter, MachineChanges, Values, adds_to_term
 from omnimj.effects.wheel import WHEEL
 
 
 def _torque_constant(changes: MachineChanges, values: Values) -> None:
     changes.torque_scale[changes.wheel_rows(values)] *= values["scale"]
-
-
-def _gear_loss(changes: MachineChanges, values: Values) -> None:
-    changes.add_to_term("axle_viscous", values["viscous"])
-    changes.add_to_term("gear_load", values["load"])
 
 
 def _backlash(changes: MachineChanges, values: Values) -> None:
@@ -23,14 +18,6 @@ def _backlash(changes: MachineChanges, values: Values) -> None:
 def _motor_cogging(changes: MachineChanges, values: Values) -> None:
     ratio = changes.machine.motor.gear_ratio
     changes.set_term("cogging", values["amplitude"] * ratio, cogging_order=values["poles"] * ratio)
-
-
-def _supply_sag(changes: MachineChanges, values: Values) -> None:
-    changes.add_to_term("sag", values["resistance"])
-
-
-def _winding_heating(changes: MachineChanges, values: Values) -> None:
-    changes.add_to_term("heating", values["rate"])
 
 
 _TORQUE = ("torque_constant", "the motor gives another torque per ampere than declared", "motor")
@@ -48,7 +35,7 @@ EFFECTS = (
             EffectParameter("viscous", "N.m.s/rad", 0.0, 0.05, 0.002),
             EffectParameter("load", "1", 0.0, 0.8, 0.1),
         ),
-        hooks=(_gear_loss,),
+        hooks=(adds_to_term("axle_viscous", "viscous"), adds_to_term("gear_load", "load")),
     ),
     Effect(
         "backlash",
@@ -75,7 +62,7 @@ EFFECTS = (
         "motor",
         (RIG, ROBOT),
         (EffectParameter("resistance", "ohm", 0.0, 20.0, 2.0),),
-        hooks=(_supply_sag,),
+        hooks=(adds_to_term("sag", "resistance"),),
     ),
     Effect(
         "winding_heating",
@@ -83,6 +70,6 @@ EFFECTS = (
         "motor",
         (RIG, ROBOT),
         (EffectParameter("rate", "1/s", -0.5, 0.5, 0.04),),
-        hooks=(_winding_heating,),
+        hooks=(adds_to_term("heating", "rate"),),
     ),
 )

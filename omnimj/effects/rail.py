@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from omnimj.effects.effect import RIG, Effect, EffectParameter, MachineChanges, Values
-
-
-def _lateral_coupling(changes: MachineChanges, values: Values) -> None:
-    changes.add_to_constant("wheel", "roller_dry", values["roller_dry"])
-    changes.add_to_constant("wheel", "roller_viscous", values["roller_viscous"])
-    changes.add_to_constant("rig", "rail_dry", values["rail_dry"])
-
-
-def _coulomb(changes: MachineChanges, values: Values) -> None:
-    changes.add_to_term("guide_dry", values["force"])
-
-
-def _viscous(changes: MachineChanges, values: Values) -> None:
-    changes.add_to_term("guide_viscous", values["coefficient"])
+from omnimj.effects.effect import (
+    RIG,
+    Effect,
+    EffectParameter,
+    MachineChanges,
+    Values,
+    adds_to_constant,
+    adds_to_term,
+)
+from omnimj.effects.wheel import ROLLER_FRICTION
 
 
 def _stribeck(changes: MachineChanges, values: Values) -> None:
@@ -44,7 +39,7 @@ EFFECTS = (
             EffectParameter("roller_viscous", "s/m", -0.5, 0.5, 0.02),
             EffectParameter("rail_dry", "1", -0.5, 0.5, 0.1),
         ),
-        hooks=(_lateral_coupling,),
+        hooks=(*ROLLER_FRICTION, adds_to_constant("rig", "rail_dry", "rail_dry")),
     ),
     Effect(
         "rail_coulomb",
@@ -52,7 +47,7 @@ EFFECTS = (
         "rail",
         (RIG,),
         (EffectParameter("force", "N", -2.0, 10.0, 1.0),),
-        hooks=(_coulomb,),
+        hooks=(adds_to_term("guide_dry", "force"),),
     ),
     Effect(
         "rail_viscous",
@@ -60,7 +55,7 @@ EFFECTS = (
         "rail",
         (RIG,),
         (EffectParameter("coefficient", "N.s/m", 0.0, 20.0, 1.5),),
-        hooks=(_viscous,),
+        hooks=(adds_to_term("guide_viscous", "coefficient"),),
     ),
     Effect(
         "rail_stribeck",

@@ -4,24 +4,27 @@ from __future__ import annotations
 
 import math
 
-from omnimj.effects.effect import RIG, ROBOT, Effect, EffectParameter, MachineChanges, Selector, Values
+from omnimj.effects.effect import (
+    RIG,
+    ROBOT,
+    Effect,
+    EffectParameter,
+    MachineChanges,
+    Selector,
+    Values,
+    adds_to_constant,
+    adds_to_term,
+)
 
 WHEEL = Selector("wheel", (1, 2, 3, 4))
 """Selector of the robot wheel on which an effect acts."""
 
 
-def _roller_friction(changes: MachineChanges, values: Values) -> None:
-    changes.add_to_constant("wheel", "roller_dry", values["roller_dry"])
-    changes.add_to_constant("wheel", "roller_viscous", values["roller_viscous"])
-
-
-def _rolling_resistance(changes: MachineChanges, values: Values) -> None:
-    changes.add_to_constant("wheel", "rolling_resistance", values["mu_roll"])
-
-
-def _bearing_friction(changes: MachineChanges, values: Values) -> None:
-    changes.add_to_term("axle_dry", values["torque"])
-    changes.add_to_term("axle_viscous", values["viscous"])
+ROLLER_FRICTION = (
+    adds_to_constant("wheel", "roller_dry", "roller_dry"),
+    adds_to_constant("wheel", "roller_viscous", "roller_viscous"),
+)
+"""Hooks of the parameters `roller_dry` and `roller_viscous`."""
 
 
 def _roller_ripple(changes: MachineChanges, values: Values) -> None:
@@ -51,7 +54,7 @@ EFFECTS = (
             EffectParameter("roller_dry", "1", -0.2, 0.2, 0.03),
             EffectParameter("roller_viscous", "s/m", -0.5, 0.5, 0.03),
         ),
-        hooks=(_roller_friction,),
+        hooks=ROLLER_FRICTION,
     ),
     Effect(
         "rolling_resistance",
@@ -59,7 +62,7 @@ EFFECTS = (
         "wheel",
         (RIG, ROBOT),
         (EffectParameter("mu_roll", "1", 0.0, 0.2, 0.025),),
-        hooks=(_rolling_resistance,),
+        hooks=(adds_to_constant("wheel", "rolling_resistance", "mu_roll"),),
     ),
     Effect(
         "bearing_friction",
@@ -70,7 +73,7 @@ EFFECTS = (
             EffectParameter("torque", "N.m", -0.1, 0.5, 0.03),
             EffectParameter("viscous", "N.m.s/rad", 0.0, 0.05, 0.001),
         ),
-        hooks=(_bearing_friction,),
+        hooks=(adds_to_term("axle_dry", "torque"), adds_to_term("axle_viscous", "viscous")),
     ),
     Effect(
         "roller_ripple",

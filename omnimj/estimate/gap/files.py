@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 import omnimj
+from omnimj.effects import FLOOR_SCALES, scale_floor
 from omnimj.effects.model_writer import FittedValue, format_model
 from omnimj.estimate.gap import sentences
 from omnimj.estimate.gap.plants import Machine, find_plant
@@ -26,7 +27,6 @@ from omnimj.estimate.gap.records import (
     Stage,
     run_gaps,
 )
-from omnimj.estimate.replay.base_parameters import FLOOR_SCALES, scale_floor
 from omnimj.parameters import Floor
 from omnimj.parameters.floor import FLOOR_UNITS, format_floor
 from omnimj.recording.json_files import to_jsonable

@@ -5,10 +5,9 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any, Generic, TypeVar
 
-from omnimj.effects import with_effects
+from omnimj.effects import FLOOR_SCALES, scale_floor, with_effects
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.estimate.replay.interface import BaseParameter, CandidateEffect
 from omnimj.parameters import Floor, Rig, Robot
@@ -18,9 +17,6 @@ from omnimj.signals import Array
 _LAG = 0.004  # [s] largest lag of a channel that is no delay
 # [s] the same for the current, which drives the replay, and for its set value, which may lead by a sample
 _DRIVE_LAGS = {"current": 0.001, "current_target": 0.002}
-FLOOR_SCALES = {"mu_c": ("mu_c", "mu_s", "D"), "sigma_0": ("sigma_0", "B"), "sigma_2": ("sigma_2",)}
-"""Parameters of a floor that share one scale."""
-
 
 Machine = TypeVar("Machine", Rig, Robot)
 
@@ -107,18 +103,6 @@ def adjust_machine(
         lags,
         mass_scale,
     )
-
-
-def scale_floor(floor: Floor, scales: Mapping[str, float]) -> Floor:
-    """The floor with scaled parameters; key of `FLOOR_SCALES` → scale."""
-    if not scales:
-        return floor
-    numbers = dict(floor.numbers)
-    for letter, scale in scales.items():
-        for key in FLOOR_SCALES[letter]:
-            if key in numbers:
-                numbers[key] *= scale
-    return dataclasses.replace(floor, numbers=MappingProxyType(numbers))
 
 
 def add_effects(machine: Machine, chosen: Iterable[tuple[CandidateEffect, Array]]) -> Machine:

@@ -7,7 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from omnimj.estimate.replay.base_parameters import FLOOR_SCALES, adjust_machine, base_parameters, scale_floor
+from omnimj.effects import FLOOR_SCALES, scale_floor
+from omnimj.estimate.replay.base_parameters import adjust_machine, base_parameters
 from omnimj.parameters import read_floors, read_rig, read_robot
 
 MACHINES = {"rig": read_rig, "robot": read_robot}
