@@ -33,7 +33,7 @@ from omnimj.estimate.identification.records import (
     RunResidual,
     SteadyCurve,
 )
-from omnimj.estimate.identification.runs import CarriageRun, RigRun, carriage_run, finite_rms, rig_run
+from omnimj.estimate.identification.runs import CarriageRun, carriage_run, finite_rms
 from omnimj.estimate.identification.uncertainty import (
     FitCovariance,
     confidence_interval,
@@ -43,6 +43,7 @@ from omnimj.estimate.identification.uncertainty import (
     known_uncertainty,
     loose_directions,
 )
+from omnimj.estimate.rig_runs import RigRun, rig_run
 from omnimj.parameters import Rig
 from omnimj.recording.dataset import Dataset
 

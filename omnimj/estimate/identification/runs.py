@@ -1,4 +1,4 @@
-"""Measured rig runs on an even time grid, and prepared for the fit of a floor."""
+"""Rig runs prepared for the fit of a floor."""
 
 from __future__ import annotations
 
@@ -10,21 +10,14 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
+from omnimj.estimate.rig_runs import ACCELERATION, AT_REST, CARRIAGE, WHEEL, RigRun
 from omnimj.parameters import Rig
 from omnimj.parameters.floor import LUGRE, TractionParameters
 from omnimj.physics import carriage
 from omnimj.physics.planar import GRAVITY
 from omnimj.physics.rig import lateral_force, rail_friction, rig_parameters
-from omnimj.recording.dataset import Run
 from omnimj.signals import Array
 
-AT_REST = 5e-3
-"""Speed below which the carriage stands [m/s]."""
-_TURNING = 3.0  # [rad/s] mean of a wheel that does not start from rest
-_LATERAL_REST = 0.01  # [m/s] below it the gantry stands and its speed has no sign
-_STEP = 1.5  # × median time step: nothing is measured between samples farther apart
-_BEGIN = 0.02  # [s] at the start of a run that decide whether it begins at rest
-_GRID = 1e-3  # × period: a clock that keeps the grid this well needs no interpolation
 BLOCK = 0.01
 """Length of a block [s]: a roller passes in about this time at top speed."""
 _DEAD_BANDS = 2.0  # × the encoder's dead band that the carriage must travel before its speed counts
@@ -32,92 +25,6 @@ _WINDOW = 0.05  # [s] over which slip is compared with its own ripple
 _CLEAR = 2.0  # × its ripple that slip must be
 _LOST = 0.02  # [s] without wheel speed, after which a run is uncertain …
 _FINDS_BACK = 0.2  # … for this long [s], several times the bristle's and the carriage's time constants
-
-
-@dataclass(frozen=True)
-class RigRun:
-    """Run at a constant period; arrays have shape (k,) unless stated otherwise."""
-
-    name: str
-    condition: str
-    """Condition shared by repeats."""
-    floor: str
-    mass: float
-    """m_T [kg]."""
-    lateral_speed: float
-    """Mean of the gantry's speed, 0 when it stands [m/s]."""
-    period: float
-    """Sample period [s]."""
-    time: Array
-    """Time since the start of the run [s]."""
-    current: Array
-    """Motor current [A]."""
-    wheel_speed: Array
-    """Measured wheel speed φ̇ [rad/s]."""
-    carriage_speed: Array
-    """Measured carriage speed V [m/s]."""
-    carriage_acceleration: Array
-    """Measured carriage acceleration V̇ [m/s²]."""
-    measured: NDArray[np.bool_]
-    """Mask of measured samples of current, wheel speed, carriage speed and acceleration, shape (k, 4)."""
-
-    @property
-    def starts_at_rest(self) -> bool:
-        """True if carriage and wheel stand at the first samples."""
-        first = max(1, round(_BEGIN / self.period))
-        turning = abs(self.wheel_speed[:first].mean()) > _TURNING
-        return bool(abs(self.carriage_speed[:first].mean()) < 4.0 * AT_REST and not turning)
-
-    @property
-    def nominal_current(self) -> float:
-        """Set value of a constant-current run [A]: the 90 % quantile of |i| with the sign of its mean."""
-        return float(np.copysign(np.quantile(np.abs(self.current), 0.9), self.current.mean()))
-
-
-def rig_run(run: Run, period: float) -> RigRun:
-    """Resample a run of a dataset to an even grid.
-
-    Masked samples are bridged by straight lines, so that inputs have no holes, and marked as not measured.
-
-    Args:
-      run: Run with the columns of the rig, and `floor` and `mass` among its conditions.
-      period: Period of the grid [s].
-    """
-    time = run.time - run.time[0]
-    count = int(np.floor(time[-1] / period + 1e-6)) + 1
-    grid = period * np.arange(count, dtype=np.float64)
-    names = ("current", "wheel_speed", "carriage_speed", "carriage_acceleration")
-    columns, measured = {}, np.empty((count, len(names)), dtype=bool)
-    for c, name in enumerate(names):
-        columns[name], measured[:, c] = _on_grid(time, run.columns[name], run.masked.get(name), grid, period)
-    lateral = float(np.mean(run.columns["lateral_speed"])) if "lateral_speed" in run.columns else 0.0
-    return RigRun(
-        name=run.name,
-        condition=run.condition,
-        floor=str(run.conditions["floor"]),
-        mass=float(run.conditions["mass"]),
-        lateral_speed=lateral if abs(lateral) > _LATERAL_REST else 0.0,
-        period=period,
-        time=grid,
-        measured=measured,
-        **columns,
-    )
-
-
-def _on_grid(
-    time: Array, values: Array, masked: NDArray[np.bool_] | None, grid: Array, period: float
-) -> tuple[Array, NDArray[np.bool_]]:
-    """Values on the grid, and the mask of those next to measured samples."""
-    good = np.isfinite(values) if masked is None else np.isfinite(values) & ~masked
-    if not good.any():
-        return np.zeros(len(grid)), np.zeros(len(grid), dtype=bool)
-    if len(time) >= len(grid) and np.abs(time[: len(grid)] - grid).max() < _GRID * period:
-        time = time.copy()
-        time[: len(grid)] = grid
-    known, step = time[good], np.median(np.diff(time))
-    right = np.clip(np.searchsorted(known, grid), 0, len(known) - 1)
-    left = np.clip(np.searchsorted(known, grid, side="right") - 1, 0, len(known) - 1)
-    return np.interp(grid, known, values[good]), known[right] - known[left] <= _STEP * step
 
 
 def longest_stretches(measured: NDArray[np.bool_], least: int) -> list[tuple[int, int]]:
@@ -210,30 +117,29 @@ def carriage_run(rig: Rig, run: RigRun) -> CarriageRun:
     per_block = max(1, round(BLOCK / h))
     count = len(run.time) // per_block * per_block
     dry, viscous = resistance(rig, run.mass, run.lateral_speed)
-    first = run.carriage_speed[: max(1, round(BLOCK / h))].mean()
-    start = 0.0 if run.starts_at_rest else float(first)
+    start, _ = run.start_speeds
     use = _usable(rig, run)[:count].astype(float)
     # both filters apply to both: that of the speeds, and that of the accelerometer
     lag = math.exp(-h / rig.sensors.speed_filter)
-    begin = [lag * run.carriage_acceleration[0]]
-    acceleration = lfilter([1.0 - lag], [1.0, -lag], run.carriage_acceleration, zi=begin)[0]
-    values = np.stack((run.carriage_speed, np.asarray(acceleration)), axis=1)[:count]
+    felt = run.values[:, ACCELERATION]
+    acceleration = lfilter([1.0 - lag], [1.0, -lag], felt, zi=[lag * felt[0]])[0]
+    values = np.stack((run.values[:, CARRIAGE], np.asarray(acceleration)), axis=1)[:count]
     measured = _block_means(values, use, per_block)
     decay = math.exp(-2.0 * math.pi * rig.sensors.accelerometer_bandwidth * h)
     own = carriage.CarriageParameters(float(run.mass), rig.wheel.radius, dry, viscous, start, 0.0)
-    wheel_speed = np.ascontiguousarray(run.wheel_speed[:count])
+    wheel_speed = np.ascontiguousarray(run.values[:count, WHEEL])
     return CarriageRun(run, own, wheel_speed, use, per_block, decay, measured)
 
 
 def _usable(rig: Rig, run: RigRun) -> NDArray[np.bool_]:
     """Mask of samples of speed and acceleration that count, shape (k, 2)."""
     h = run.period
-    use = run.measured[:, 2:4].copy()
+    use = run.measured[:, [CARRIAGE, ACCELERATION]]
     use &= (_has_travelled(rig, run) & _slips_clearly(rig, run))[:, None]
     finds_back = round(_FINDS_BACK / h)
     if not run.starts_at_rest:  # the deflection of the bristle is unknown
         use[:finds_back] = False
-    for first, last in longest_stretches(run.measured[:, 1], max(2, round(_LOST / h))):
+    for first, last in longest_stretches(run.measured[:, WHEEL], max(2, round(_LOST / h))):
         use[first : last + finds_back] = False
     return use
 
@@ -244,7 +150,7 @@ def _slips_clearly(rig: Rig, run: RigRun) -> NDArray[np.bool_]:
     The bristle relaxes with |V_r|: ripple of rollers and encoders on a small slip does not average out in
     it, and the speed filter hides part of it.
     """
-    slip = rig.wheel.radius * run.wheel_speed - run.carriage_speed
+    slip = rig.wheel.radius * run.values[:, WHEEL] - run.values[:, CARRIAGE]
     window = max(3, round(_WINDOW / run.period))
     mean = uniform_filter1d(slip, window, mode="nearest")
     ripple = np.sqrt(uniform_filter1d(np.square(slip - mean), window, mode="nearest").clip(0.0))
@@ -255,8 +161,9 @@ def _has_travelled(rig: Rig, run: RigRun) -> NDArray[np.bool_]:
     """Mask of samples beyond the dead band of the carriage's encoder since the last stop or reversal."""
     s = rig.sensors
     least = _DEAD_BANDS * s.encoder_hysteresis * s.carriage_encoder_radius
-    moving = np.where(np.abs(run.carriage_speed) > AT_REST, np.sign(run.carriage_speed), 0.0)
-    way = np.cumsum(np.abs(run.carriage_speed)) * run.period
+    speed = run.values[:, CARRIAGE]
+    moving = np.where(np.abs(speed) > AT_REST, np.sign(speed), 0.0)
+    way = np.cumsum(np.abs(speed)) * run.period
     begins = np.concatenate(([True], moving[1:] != moving[:-1])) | (moving == 0.0)
     since = np.maximum.accumulate(np.where(begins, way, 0.0))
     return way - since >= least

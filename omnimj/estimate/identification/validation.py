@@ -13,13 +13,14 @@ from scipy.signal import lfilter
 from omnimj.effects import apply_effects
 from omnimj.errors import InputError, SimulationError, UnknownNameError
 from omnimj.estimate.identification.records import Cell, ReplayedRun, Validation
-from omnimj.estimate.identification.runs import RigRun, finite_rms, rig_run
+from omnimj.estimate.identification.runs import finite_rms
+from omnimj.estimate.rig_runs import CARRIAGE, CURRENT, WHEEL, RigRun, drive_rig, rig_run
 from omnimj.parameters import Floor, Rig
 from omnimj.parameters.floor import find_floor
 from omnimj.plant.mujoco.twin import RigTwin
 from omnimj.plant.planar import PlanarRig
-from omnimj.recording.dataset import Dataset, Run
-from omnimj.signals import Array, CurrentCommand
+from omnimj.recording.dataset import Dataset
+from omnimj.signals import Array
 
 TABLE_4_2_CURRENTS = (0.45, 0.60, 0.75, 0.90, 1.05, 1.20, 1.35, 1.50)
 """Currents in Table 4.2 [A]."""
@@ -106,7 +107,7 @@ def _nearest(values, wanted: float, most: float) -> int | None:
     return k if abs(values[k] - wanted) <= most else None
 
 
-def replay_run(rig: Rig, floors: Mapping[str, Floor], run: RigRun, plant: str, nominal: float) -> ReplayedRun:
+def replay_run(rig: Rig, floors: Mapping[str, Floor], run: RigRun, plant: str) -> ReplayedRun:
     """Simulate one run, from rest or from the measured speeds where the data begin in motion.
 
     Both simulated speeds pass the sensors' speed filter, so that they lag as the measured ones do.
@@ -116,7 +117,6 @@ def replay_run(rig: Rig, floors: Mapping[str, Floor], run: RigRun, plant: str, n
       floors: Floors by name.
       run: Run on the rig's control period.
       plant: `twin` or `planar`.
-      nominal: Set value of the run, for the record [A].
 
     Raises:
       InputError: No such floor, or a mass that the rig cannot have.
@@ -124,7 +124,7 @@ def replay_run(rig: Rig, floors: Mapping[str, Floor], run: RigRun, plant: str, n
     """
     simulated = _plant(rig, floors, run, plant)
     try:
-        speeds = _driven(simulated, run, _true_current(rig, run))
+        speeds = drive_rig(simulated, _true_current(rig, run), run.start_speeds)[:, :2]
     finally:
         simulated.close()
     if not np.isfinite(speeds).all():
@@ -132,23 +132,22 @@ def replay_run(rig: Rig, floors: Mapping[str, Floor], run: RigRun, plant: str, n
     lag = math.exp(-run.period / rig.sensors.speed_filter)
     late, _ = lfilter([1.0 - lag], [1.0, -lag], speeds, axis=0, zi=lag * speeds[:1])
     late = np.asarray(late)
-    radius, measured = rig.wheel.radius, run.measured
-    carriage = np.where(measured[:, 2], run.carriage_speed, np.nan)
-    wheel = np.where(measured[:, 1], run.wheel_speed, np.nan)
+    radius = rig.wheel.radius
+    wheel, carriage, *_ = run.readings.T
     return ReplayedRun(
         run=run.name,
         plant=plant,
         floor=run.floor,
         mass=run.mass,
-        current=nominal,
+        current=run.nominal_current,
         lateral_speed=run.lateral_speed,
         time=run.time,
         measured_speed=carriage,
-        simulated_speed=late[:, 0],
+        simulated_speed=late[:, CARRIAGE],
         measured_rim=radius * wheel,
-        simulated_rim=radius * late[:, 1],
-        carriage_rms=finite_rms(late[:, 0] - carriage),
-        wheel_rms=finite_rms(late[:, 1] - wheel),
+        simulated_rim=radius * late[:, WHEEL],
+        carriage_rms=finite_rms(late[:, CARRIAGE] - carriage),
+        wheel_rms=finite_rms(late[:, WHEEL] - wheel),
     )
 
 
@@ -166,30 +165,13 @@ def _plant(rig: Rig, floors: Mapping[str, Floor], run: RigRun, plant: str) -> Pl
 
 def _true_current(rig: Rig, run: RigRun) -> Array:
     """Motor current [A]: the monitor's reading with the model's effects on the monitor undone."""
-    change = apply_effects(rig).channels.get("current")
+    current, change = run.values[:, CURRENT], apply_effects(rig).channels.get("current")
     if change is None:
-        return run.current
+        return current
     if change.scale == 0.0:
         raise InputError(f"{rig.file}: effects", "the current monitor has no gain", "its scale must not be 0")
-    on_time = np.interp(run.time + change.delay, run.time, run.current)
+    on_time = np.interp(run.time + change.delay, run.time, current)
     return (on_time - change.offset) / change.scale
-
-
-def _driven(plant: PlanarRig | RigTwin, run: RigRun, current: Array) -> Array:
-    """Simulated carriage and wheel speed at every sample, shape (k, 2) [m/s, rad/s]."""
-    speeds = np.empty((len(current), 2))
-    measured = plant.reset()
-    if not run.starts_at_rest:
-        begin = slice(0, max(1, round(0.005 / run.period)))
-        plant.set_speeds(float(run.carriage_speed[begin].mean()), float(run.wheel_speed[begin].mean()))
-        speeds[0] = run.carriage_speed[begin].mean(), run.wheel_speed[begin].mean()
-    else:
-        speeds[0] = measured.carriage_speed, measured.wheel_speed
-    for k in range(1, len(current)):
-        # the sample at the period's end: the current loop is faster than a period
-        measured = plant.step(CurrentCommand(current[k : k + 1]))
-        speeds[k] = measured.carriage_speed, measured.wheel_speed
-    return speeds
 
 
 def validate(
@@ -226,8 +208,7 @@ def validate(
     try:
         for measured in dataset.runs:
             run = rig_run(measured, 1.0 / rig.sensors.sample_rate)
-            nominal = _set_value(measured, run)
-            done = [replay_run(rig, floors, run, plant, nominal) for plant in plants]
+            done = [replay_run(rig, floors, run, plant) for plant in plants]
             replayed.extend(done)
             if progress is not None:
                 progress(len(replayed), total)
@@ -281,14 +262,6 @@ def _cell(floor: str, mass: float, lateral: float, current: float, runs: Sequenc
 
 def _pooled_rms(errors: Sequence[float]) -> float:
     return float(np.sqrt(np.mean(np.square(errors))))
-
-
-def _set_value(measured: Run, run: RigRun) -> float:
-    """Commanded current [A], the median where it changes; without a record, from the current monitor."""
-    target = measured.columns.get("current_target")
-    if target is None or not np.any(target):
-        return run.nominal_current
-    return float(np.copysign(np.median(np.abs(target[target != 0.0])), np.mean(target)))
 
 
 def _on_grid(value: float, grid: float) -> float:

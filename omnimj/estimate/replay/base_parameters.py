@@ -9,7 +9,7 @@ from typing import Any, Generic, TypeVar
 
 from omnimj.effects import FLOOR_SCALES, scale_floor, with_effects
 from omnimj.errors import InputError, UnknownNameError
-from omnimj.estimate.replay.interface import BaseParameter, CandidateEffect
+from omnimj.estimate.replay.interface import BaseParameter, CandidateEffect, Setting
 from omnimj.parameters import Floor, Rig, Robot
 from omnimj.recording.dataset import Dataset, Run
 from omnimj.signals import Array
@@ -118,6 +118,27 @@ def add_effects(machine: Machine, chosen: Iterable[tuple[CandidateEffect, Array]
         name = _free_name(candidate.effect, {*machine.effects, *effects})
         effects[name] = {**entry, **candidate.selectors}
     return with_effects(machine, effects) if effects else machine
+
+
+def adjusted_machine(
+    machine: Machine,
+    floors: Mapping[str, Floor],
+    base: Sequence[BaseParameter],
+    candidates: Mapping[str, CandidateEffect],
+    setting: Setting,
+) -> AdjustedMachine[Machine]:
+    """The machine with the base parameters and effects of a setting.
+
+    Args:
+      machine: The model.
+      floors: Floors by name.
+      base: Uncertain parameters.
+      candidates: Candidate effects by label.
+      setting: Values of both.
+    """
+    adjusted = adjust_machine(machine, floors, base, setting.base)
+    chosen = [(candidates[label], values) for label, values in setting.effects.items()]
+    return dataclasses.replace(adjusted, machine=add_effects(adjusted.machine, chosen))
 
 
 def _free_name(name: str, taken: set[str]) -> str:

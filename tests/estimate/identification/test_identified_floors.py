@@ -16,8 +16,9 @@ from omnimj.estimate.identification.curve import measured_points
 from omnimj.estimate.identification.files import identification_content, write_floors
 from omnimj.estimate.identification.floor_fit import SIGMA_1, FloorProblem, solve_with_fixed
 from omnimj.estimate.identification.identify import fit_runs, identify
-from omnimj.estimate.identification.runs import carriage_run, rig_run
+from omnimj.estimate.identification.runs import carriage_run
 from omnimj.estimate.identification.uncertainty import fit_covariance, known_uncertainty
+from omnimj.estimate.rig_runs import rig_run
 from omnimj.parameters import read_floors
 from omnimj.plant.mujoco.twin import RigTwin
 from omnimj.recording.dataset import Run

@@ -179,16 +179,6 @@ def test_a_stretch_of_floor_is_looked_for_where_it_is(replayed):
     assert tried["end"] == (pytest.approx(end, abs=0.15),)
 
 
-def test_windows_left_to_themselves_stay_near_the_measured_wheels(healthy, replayed):
-    replay = replay_of(healthy, windows=True)
-    names = [c.name for c in replay.channels]
-    assert names[4:8] == [f"wheel_speed_{i}" for i in range(1, 5)]
-    assert (misfit(replay)[4:8] < 0.1).all()
-    kept = [c for c in range(12) if not 4 <= c < 8]
-    (free,), (plain,) = replay.simulate([setting(replay)]), replayed.simulate([setting(replayed)])
-    assert np.array_equal(free[:, kept], plain)
-
-
 def test_a_gap_in_time_begins_a_new_piece(healthy):
     time = healthy["time"]
     kept = (time < 3.0) | (time > 3.5)

@@ -11,7 +11,6 @@ from __future__ import annotations
 import dataclasses
 import os
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
@@ -35,6 +34,7 @@ from omnimj.estimate.replay.interface import (
     Segment,
     Setting,
     average_blocks,
+    map_in_threads,
 )
 from omnimj.parameters.axis import Axis
 from omnimj.physics.axis import MASS
@@ -116,10 +116,7 @@ class AxisReplay:
 
     def simulate(self, settings: Sequence[Setting]) -> list[Array]:
         """Block means of the channels by the equations, shape (blocks, channels) per setting."""
-        if len(settings) < 2 or self._threads < 2:
-            return [self._simulate(setting) for setting in settings]
-        with ThreadPoolExecutor(min(self._threads, len(settings))) as pool:
-            return list(pool.map(self._simulate, settings))
+        return map_in_threads(self._simulate, settings, self._threads)
 
     def simulate_twin(self, setting: Setting) -> None:
         """Return None: an axis has no roller-level twin, since MuJoCo would solve the same equation."""

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
+import os
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
 from omnimj.effects import RIG, AppliedEffects, ChannelEffect, apply_effects, find_effect
 from omnimj.estimate.replay.base_parameters import (
     AdjustedMachine,
-    add_effects,
-    adjust_machine,
+    adjusted_machine,
     base_parameters,
 )
 from omnimj.estimate.replay.interface import (
@@ -23,10 +23,10 @@ from omnimj.estimate.replay.interface import (
     Experiment,
     Setting,
     candidate_effects,
+    map_in_threads,
 )
 from omnimj.estimate.replay.rig import kernels as native
 from omnimj.estimate.replay.rig.runs import (
-    CHANNELS,
     RigRuns,
     experiment_runs,
     regimes,
@@ -34,6 +34,7 @@ from omnimj.estimate.replay.rig.runs import (
     rig_runs,
     variable_spans,
 )
+from omnimj.estimate.rig_runs import CHANNELS, drive_rig
 from omnimj.parameters import Floor, Rig
 from omnimj.physics.effect_terms import TERM, mark_active, write_curve
 from omnimj.physics.motor import driven_by_measured_current, motor_parameters
@@ -41,11 +42,11 @@ from omnimj.physics.rig import rig_parameters
 from omnimj.physics.wheel import packed
 from omnimj.plant.mujoco.twin import RigTwin
 from omnimj.recording.dataset import Dataset
-from omnimj.signals import Array, CurrentCommand
+from omnimj.signals import Array
 
 _LEAST_SCALE = 1e-3
+_SIMULATED = CHANNELS[: native.OUTPUTS]
 _STEPS = 2  # per sample: 0.5 ms
-_THREADS = 2
 _UNCLIPPED = 1e6  # V and A: a measured current has passed its amplifier already
 _LAST_CURVE = 1  # the model file's own tabulated force has the first place
 
@@ -102,7 +103,7 @@ def sensor_block_means(
         native.observe(series, native.BlockLayout(runs.first, runs.blocks_first, runs.size), sensor, means)
         result[:, column] = means
 
-    for c, name in enumerate(CHANNELS):
+    for c, name in enumerate(_SIMULATED):
         observe(c, np.ascontiguousarray(out[:, c]), name, chain[name], lags.get(name, 0.0))
     if runs.target is not None:
         (motor,) = changed.motors((motor_parameters(changed.machine.motor),))
@@ -112,7 +113,7 @@ def sensor_block_means(
         # the set value may be logged a sample before it acts; the wheel's speed limits it when it does
         target = _delayed(runs, runs.target, lags.get("current_target", 0.0))
         observe(
-            len(CHANNELS), native.delivered_current(target, wheel, np.array(sagging)), "current", lag, 0.0
+            len(_SIMULATED), native.delivered_current(target, wheel, np.array(sagging)), "current", lag, 0.0
         )
     return result
 
@@ -136,7 +137,7 @@ class RigReplay:
         """
         self._rig, self._floors = rig, dict(floors)
         self._runs = rig_runs(dataset, rig, self._floors)
-        lagging = (*CHANNELS, "current", *(("current_target",) if self._runs.target is not None else ()))
+        lagging = (*_SIMULATED, "current", *(("current_target",) if self._runs.target is not None else ()))
         self.base: tuple[BaseParameter, ...] = base_parameters(rig, self._floors, self._runs.floor, lagging)
         self.segments, self.measured = self._runs.segments, self._runs.measured
         self.channels = _channels(rig, self._runs.target is not None)
@@ -149,19 +150,13 @@ class RigReplay:
 
     def simulate(self, settings: Sequence[Setting]) -> list[Array]:
         """Block means of the channels by the equations, shape (blocks, channels) per setting."""
-        if len(settings) < 2:
-            return [self._one(s) for s in settings]
-        with ThreadPoolExecutor(_THREADS) as pool:
-            return list(pool.map(self._one, settings))
+        return map_in_threads(
+            lambda s: self._equations(s, self._runs, measured=True), settings, os.cpu_count() or 1
+        )
 
     def based(self, setting: Setting) -> AdjustedMachine[Rig]:
         """Rig with the base parameters and effects of a setting."""
-        based = adjust_machine(self._rig, self._floors, self.base, setting.base)
-        chosen = [(self._by_label[label], values) for label, values in setting.effects.items()]
-        return dataclasses.replace(based, machine=add_effects(based.machine, chosen))
-
-    def _one(self, setting: Setting) -> Array:
-        return self._equations(setting, self._runs, measured=True)
+        return adjusted_machine(self._rig, self._floors, self.base, self._by_label, setting)
 
     def _equations(self, setting: Setting, runs: RigRuns, measured: bool) -> Array:
         """Block means by the equations, driven by a measured current or by a set value."""
@@ -187,11 +182,9 @@ class RigReplay:
         based = self.based(setting)
         changed = apply_effects(based.machine)
         current = true_current(self._runs, changed.channels, based.lags)
-        out = np.zeros((len(current), native.OUTPUTS))
-        edges = zip(self._runs.first[:-1], self._runs.first[1:], strict=True)
-        for k, (begin, end) in enumerate(edges):
-            _drive_twin(based, self._runs, k, current[begin:end], out[begin:end])
-        return sensor_block_means(out, self._runs, changed, based.lags)
+        edges = itertools.pairwise(self._runs.first.tolist())
+        driven = [_drive_twin(based, self._runs, k, current[slice(*ends)]) for k, ends in enumerate(edges)]
+        return sensor_block_means(np.concatenate(driven), self._runs, changed, based.lags)
 
     def regimes(self) -> Mapping[str, tuple[str, Array]]:
         """Variable → unit and its measured value in every block, shape (blocks,)."""
@@ -216,8 +209,8 @@ def _rows(runs: RigRuns, changed: AppliedEffects, based: AdjustedMachine[Rig]) -
     return np.stack(rows), np.stack([by_name[name] for name in runs.floor])
 
 
-def _drive_twin(based: AdjustedMachine[Rig], runs: RigRuns, k: int, current: Array, out: Array) -> None:
-    """Drive one run on the twin with ideal sensors."""
+def _drive_twin(based: AdjustedMachine[Rig], runs: RigRuns, k: int, current: Array) -> Array:
+    """Drive one run on the twin with ideal sensors, shape (samples, OUTPUTS)."""
     motor = dataclasses.replace(based.machine.motor, supply=_UNCLIPPED, current_limit=_UNCLIPPED)
     lateral = float(np.median(runs.lateral[runs.first[k] : runs.first[k + 1]]))
     mass = float(runs.mass[k] * based.mass_scale)
@@ -227,11 +220,8 @@ def _drive_twin(based: AdjustedMachine[Rig], runs: RigRuns, k: int, current: Arr
     }
     rig = dataclasses.replace(based.machine, motor=motor, effects=plain)
     twin = RigTwin(rig, floor, mass, lateral, ideal_sensors=True)
-    twin.reset()
-    for n in range(len(current) - 1):
-        measured = twin.step(CurrentCommand(current[n + 1 : n + 2]))
-        out[n + 1] = measured.wheel_speed, measured.carriage_speed, measured.carriage_acceleration
-    twin.close()
+    carriage, wheel = runs.start[k].tolist()
+    return drive_rig(twin, current, (carriage, wheel))
 
 
 def _channels(rig: Rig, has_target: bool) -> tuple[Channel, ...]:

@@ -1,25 +1,23 @@
-"""Measured rig runs on a common clock: inputs, block means, regimes and candidate experiments."""
+"""All rig runs of a dataset together: inputs, block means, regimes and candidate experiments."""
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
 
 from omnimj.estimate.replay.base_parameters import floor_name
 from omnimj.estimate.replay.interface import Experiment, Segment, average_blocks
+from omnimj.estimate.rig_runs import CURRENT, rig_run
 from omnimj.parameters import Floor, Rig
-from omnimj.recording.dataset import Dataset, Run
+from omnimj.recording.dataset import Dataset
 from omnimj.signals import Array
 
-CHANNELS = ("wheel_speed", "carriage_speed", "carriage_acceleration")
 _SHORTEST = 0.02  # [s] of a block
 _MOST_BLOCKS = 6000
-_STILL = 0.03  # [m/s] mean lateral speed below which the gantry stands
 _NEIGHBOURS = 10  # samples on either side over which the current is averaged
-_REST = 0.02  # [m/s] carriage speed below which a run begins at rest
 _STANDING = 0.01  # [m/s]
 _SECONDS = 2.0
 _PROFILES = {
@@ -54,75 +52,49 @@ class RigRuns:
     floor: tuple[str, ...]
     """Floor of each run."""
     measured: Array
-    """Block means of `CHANNELS` and, with a set value, of the current, shape (blocks, channels)."""
+    """Block means of `rig_runs.CHANNELS`, of the current only where its set value was recorded, shape
+    (blocks, channels)."""
     segments: tuple[Segment, ...]
 
 
 def rig_runs(dataset: Dataset, rig: Rig, floors: dict[str, Floor]) -> RigRuns:
-    """Resample the runs, smooth the gantry's speed, and take block means.
+    """Resample the runs and take block means.
 
     Args:
       dataset: The measured runs.
-      rig: Gives the sample rate and the default mass.
+      rig: Gives the sample rate.
       floors: Floors by name.
 
     Raises:
       InputError: A run without floor.
       UnknownNameError: Unknown floor.
     """
+    names = tuple(floor_name(dataset, run, floors) for run in dataset.runs)
     period = 1.0 / rig.sensors.sample_rate
-    total = sum(float(run.time[-1] - run.time[0]) for run in dataset.runs)
-    size = max(round(_SHORTEST / period), int(np.ceil(total / period / _MOST_BLOCKS)))
-    has_target = all("current_target" in run.columns for run in dataset.runs)
-    first, blocks_first, segments = [0], [0], []
-    parts: dict[str, list[Array]] = {"current": [], "target": [], "lateral": [], "measured": []}
-    start, mass, names = [], [], []
-    for run in dataset.runs:
-        clock = np.arange(run.time[0], run.time[-1] + 0.5 * period, period)
-        count = len(clock) // size
-        parts["current"].append(denoise_current(_resampled(run, "current", clock, fill=True)))
-        if has_target:
-            parts["target"].append(_resampled(run, "current_target", clock, fill=True))
-        parts["lateral"].append(_steady(_resampled(run, "lateral_speed", clock, fill=True), period))
-        columns = [*CHANNELS, "current"] if has_target else CHANNELS
-        stack = np.stack([_resampled(run, name, clock) for name in columns], axis=1)
-        parts["measured"].append(average_blocks(stack, size))
-        start.append(_start(stack))
-        mass.append(float(run.conditions.get("mass", rig.rig.masses[0])))
-        names.append(floor_name(dataset, run, floors))
-        time = average_blocks(clock - clock[0], size)
-        segments.append(Segment(run.name, run.condition, blocks_first[-1], blocks_first[-1] + count, time))
-        first.append(first[-1] + len(clock))
-        blocks_first.append(blocks_first[-1] + count)
+    runs = [rig_run(run, period) for run in dataset.runs]
+    total = sum(len(run.time) - 1 for run in runs)
+    size = max(round(_SHORTEST / period), int(np.ceil(total / _MOST_BLOCKS)))
+    targets = [run.target for run in runs if run.target is not None]
+    has_target = len(targets) == len(runs)
+    first = np.cumsum([0, *(len(run.time) for run in runs)])
+    blocks_first = np.cumsum([0, *(len(run.time) // size for run in runs)])
     return RigRuns(
         period,
-        np.array(first),
-        np.array(blocks_first),
+        first,
+        blocks_first,
         size,
-        np.concatenate(parts["current"]),
-        np.concatenate(parts["target"]) if has_target else None,
-        np.concatenate(parts["lateral"]),
-        np.array(start),
-        np.array(mass),
-        tuple(names),
-        np.concatenate(parts["measured"]),
-        tuple(segments),
+        np.concatenate([denoise_current(run.values[:, CURRENT]) for run in runs]),
+        np.concatenate(targets) if has_target else None,
+        np.concatenate([run.gantry_speed for run in runs]),
+        np.array([run.start_speeds for run in runs]),
+        np.array([run.mass for run in runs]),
+        names,
+        np.concatenate([average_blocks(run.readings, size) for run in runs])[:, : 4 if has_target else 3],
+        tuple(
+            Segment(run.name, run.condition, a, b, average_blocks(run.time, size))
+            for run, (a, b) in zip(runs, itertools.pairwise(blocks_first.tolist()), strict=True)
+        ),
     )
-
-
-def _resampled(run: Run, name: str, clock: Array, fill: bool = False) -> Array:
-    """Resample a column; masked samples are NaN, or bridged where the value drives the replay."""
-    values = run.columns.get(name)
-    if values is None:  # only the gantry's speed may be missing: it stands still
-        return np.zeros(len(clock))
-    bad = run.masked.get(name)
-    if bad is None or not bad.any():
-        return np.interp(clock, run.time, values)
-    good = np.interp(clock, run.time[~bad], values[~bad])
-    if fill:
-        return good
-    nearest = np.clip(np.searchsorted(run.time, clock), 0, len(bad) - 1)
-    return np.where(bad[nearest] | bad[np.maximum(nearest - 1, 0)], np.nan, good)
 
 
 def denoise_current(current: Array) -> Array:
@@ -145,21 +117,6 @@ def denoise_current(current: Array) -> Array:
         count[shift:] += near
         count[:-shift] += near
     return total / count
-
-
-def _steady(lateral: Array, period: float) -> Array:
-    """Smooth the gantry's speed; exactly 0 while it stands."""
-    smooth = uniform_filter1d(lateral, max(1, round(0.05 / period)), mode="nearest")
-    middle = float(np.median(smooth))
-    if abs(smooth - middle).max() < _STILL:  # constant speed: the mean is the best estimate
-        smooth = np.full(len(lateral), float(lateral.mean()))
-    return np.where(abs(smooth) < _STILL, 0.0, smooth)
-
-
-def _start(stack: Array) -> tuple[float, float]:
-    """Carriage and wheel speed at the first samples; 0 for a run that begins at rest."""
-    wheel, carriage = np.nanmedian(stack[:5, 0]), np.nanmedian(stack[:5, 1])
-    return (0.0, 0.0) if abs(carriage) < _REST else (float(carriage), float(wheel))
 
 
 def travelled(runs: RigRuns) -> Array:

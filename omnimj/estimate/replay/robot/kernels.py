@@ -1,12 +1,10 @@
-"""Compiled replay of a robot's missions: a follower of the measured wheel speeds, and free windows.
+"""Compiled replay of a robot's missions: a follower of the measured wheel speeds.
 
-Follower: the wheels turn as measured, traction drives the body (with a time constant m/(2 σ₂ F_N) of 0.1 s,
+The wheels turn as measured, traction drives the body (with a time constant m/(2 σ₂ F_N) of 0.1 s,
 so that nothing drifts and the body's velocity need not be measured), and inverse dynamics give the current
 missing at every wheel,
   Δi_k = I (Δφ̇_k/h − φ̈(i_k, slip, friction))/(K_t G_r E).
 Friction sticks and slips: a wheel at rest inside its stiction needs no current.
-
-Free window: it starts from the follower's state and is driven by the measured currents alone.
 
 Step k is the bin of the log around t_k: currents and speeds are means over it, forces those at its middle.
 """
@@ -105,9 +103,7 @@ class Sampling(NamedTuple):
     block: int
     """Steps per block."""
     window: int
-    """Steps of a free window, a multiple of `block`."""
-    substeps: int
-    """Steps of the free equations per step; 0 for no free windows."""
+    """Steps of a window of the heading, a multiple of `block`."""
 
 
 class _Stretch(NamedTuple):
@@ -233,49 +229,15 @@ def _at_roller_angle(rollers, row, angle):
 
 
 @kernel
-def _run_free_window(state, k, stretch, follower, sampling, begin, free):
-    """Run the free window that starts at step k, if there is one.
-
-    Args:
-      state: Packed planar state of the follower, shape (state_size,).
-      k: Step of the stretch.
-      stretch: The log.
-      follower: The robot.
-      sampling: The time grid.
-      begin: Steps before each window that are filled, too.
-      free: Encoder speeds under measured currents, shape (windows, begin + window, 4) [rad/s].
-    """
-    count, window, substeps = len(stretch.times), sampling.window, sampling.substeps
-    w = 0 if k == 0 else (k + begin) // window
-    if (k > 0 and (k + begin) % window > 0) or w >= len(free):
-        return
-    alone, output, command = state.copy(), np.empty(_OUTPUT), np.empty(WHEELS)
-    seen = planar_state(alone)
-    row, last = k - w * window + begin, min((w + 1) * window, count)
-    for j in range(k, last):
-        for i in range(WHEELS):
-            free[w, row + j - k, i] = seen.wheel_speed[i] + seen.backlash_rate[i]
-        for part in range(substeps):
-            for i in range(WHEELS):
-                place = j + (part + 0.5) / substeps
-                command[i] = _true_value(stretch.current, follower.sensors, CURRENT + i, i, place)
-            step(alone, command, follower.model, sampling.step / substeps, 1, output)
-    for early in range(row):
-        free[w, early] = free[w, row]
-
-
-@kernel
-def _follow(stretch, follower, sampling, begin, followed, free):
-    """Follow the measured wheel speeds over one stretch and run its free windows.
+def _follow(stretch, follower, period, followed):
+    """Follow the measured wheel speeds over one stretch.
 
     Args:
       stretch: The log.
       follower: The robot.
-      sampling: The time grid.
-      begin: Steps before each free window that are filled, too.
+      period: Time of a step [s].
       followed: Filled with missing currents (4), accelerations (2), yaw rate and turn since the start, shape
         (steps, 8).
-      free: Filled with the encoder speeds of the free windows, shape (windows, begin + window, 4) [rad/s].
     """
     n, model, sensors = WHEELS, follower.model, follower.sensors
     row, command, row_out = np.zeros(_STATE), np.empty(n), np.zeros(_OUTPUT)
@@ -294,10 +256,8 @@ def _follow(stretch, follower, sampling, begin, followed, free):
         state.pose[2] = heading
         followed[k, 6], followed[k, 7] = state.twist[2], turned
         for j in range(parts):
-            part = _Part(k + j / parts, 1.0 / parts, sampling.step / parts, angle, loose)
+            part = _Part(k + j / parts, 1.0 / parts, period / parts, angle, loose)
             _impose_wheel_speeds(state, part.place, stretch.speed, sensors, model.terms)
-            if j == 0 and sampling.substeps > 0:
-                _run_free_window(row, k, stretch, follower, sampling, begin, free)
             for i in range(n):
                 command[i] = _true_value(stretch.current, sensors, CURRENT + i, i, part.place)
                 is_loose = model.terms[i, _BACKLASH] != 0.0 and state.backlash_rate[i] != 0.0
@@ -316,30 +276,27 @@ def _follow(stretch, follower, sampling, begin, followed, free):
 
 
 @kernel
-def _block_means(stretch, sensors, followed, free, begin, sampling, blocks):
+def _block_means(stretch, sensors, followed, size, blocks):
     """Average the simulated sensors of one stretch over blocks, from the results of `_follow`.
+
+    The wheel speeds are those measured and stay out.
 
     Args:
       stretch: The log.
       sensors: Delay [steps], scale and offset of every channel, shape (3, CHANNELS).
       followed: Shape (steps, 8).
-      free: Shape (windows, begin + window, 4).
-      begin: Steps before each free window that are filled, too.
-      sampling: The time grid.
+      size: Steps per block.
       blocks: Rows of the stretch are filled, shape (blocks, CHANNELS).
     """
-    count, size, window = len(stretch.times), sampling.block, sampling.window
     row = stretch.block
-    for first in range(0, count - size + 1, size):
-        w = first // window
+    for first in range(0, len(stretch.times) - size + 1, size):
         for c in range(CHANNELS):
+            if SPEED <= c < ACCELERATION:
+                continue
             total, late = 0.0, sensors[LATE, c]
             for k in range(first, first + size):
                 if c < SPEED:
                     total += stretch.current[k, c] + sensors[SCALE, c] * value_at(followed, c, k - late)
-                elif c < ACCELERATION:
-                    place = min(k - late, float(min((w + 1) * window, count) - 1)) - w * window + begin
-                    total += sensors[SCALE, c] * value_at(free[w], c - SPEED, place) + sensors[OFFSET, c]
                 else:
                     total += sensors[SCALE, c] * value_at(followed, c - 4, k - late) + sensors[OFFSET, c]
             blocks[row, c] = total / size
@@ -382,10 +339,9 @@ def replay(log, parameters, rollers, sampling, blocks):
       parameters: Robot, effects and floors, `KernelParameters`.
       rollers: Roller tables and phases, `Rollers`.
       sampling: Time grid, a `Sampling`.
-      blocks: Filled with block means, shape (blocks, CHANNELS).
+      blocks: Filled with block means except of the wheel speeds, shape (blocks, CHANNELS).
     """
-    sensors, window = parameters.sensors, sampling.window
-    begin = min(max(int(np.ceil(sensors[LATE, SPEED:ACCELERATION].max())), 0), window - 1)
+    sensors = parameters.sensors
     for s in range(len(log.stretches)):
         a, b = log.stretches[s, START], log.stretches[s, END]
         floors = np.empty((WHEELS, parameters.floors.shape[1]))
@@ -404,10 +360,9 @@ def replay(log, parameters, rollers, sampling, blocks):
             log.yaw[a:b],
         )
         followed = np.empty((b - a, 8))
-        free = np.zeros(((b - a + window - 1) // window, begin + window, WHEELS))
-        _follow(stretch, follower, sampling, begin, followed, free)
-        _block_means(stretch, sensors, followed, free, begin, sampling, blocks)
-    turns_in_windows(log.stretches, window, sampling.block, log.heading, blocks[:, YAW])
+        _follow(stretch, follower, sampling.step, followed)
+        _block_means(stretch, sensors, followed, sampling.block, blocks)
+    turns_in_windows(log.stretches, sampling.window, sampling.block, log.heading, blocks[:, YAW])
 
 
 @kernel

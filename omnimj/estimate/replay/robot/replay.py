@@ -2,8 +2,7 @@
 
 `current_i`: the wheels turn as measured, and the current needed by their motion is compared with the measured
 one; in a closed loop that is where a gap shows. The same replay gives accelerometer and gyro. `yaw`:
-integrated by the equations, each window from its own initial heading. `wheel_speed_i`, optional: free windows
-driven by the measured currents alone.
+integrated by the equations, each window from its own initial heading.
 """
 
 from __future__ import annotations
@@ -11,8 +10,6 @@ from __future__ import annotations
 import dataclasses
 import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +18,7 @@ from omnimj.errors import InputError
 from omnimj.estimate.replay.base_parameters import (
     AdjustedMachine,
     add_effects,
-    adjust_machine,
+    adjusted_machine,
     base_parameters,
 )
 from omnimj.estimate.replay.interface import (
@@ -31,6 +28,7 @@ from omnimj.estimate.replay.interface import (
     Experiment,
     Setting,
     candidate_effects,
+    map_in_threads,
 )
 from omnimj.estimate.replay.robot import kernels as native
 from omnimj.estimate.replay.robot.kernel_parameters import (
@@ -58,7 +56,9 @@ from omnimj.signals import Array
 
 _WIDTH, _MOST = 0.1, 80  # [m] of a strip, and largest number of strips
 _PART = 0.3  # share of the friction removed in a strip
-_SUBSTEPS = 2  # substeps of a free window: 2 ms, half of a wheel's time constant on the floor
+_SUBSTEPS = 4  # substeps of a candidate run: 1 ms, a quarter of a wheel's time constant on the floor
+_COMPARED = [c for c in range(native.CHANNELS) if not native.SPEED <= c < native.ACCELERATION]
+"""Columns of the blocks that are compared: the wheels turn as measured."""
 _PHASES = 12  # trial angles over a pitch
 _FLAT = np.zeros((3, 0))
 """Roller tables of wheels without rollers."""
@@ -107,7 +107,6 @@ class RobotReplay:
         robot: Robot,
         floors: Mapping[str, Floor],
         *,
-        windows: bool = False,
         threads: int | None = None,
     ):
         """Prepare the runs.
@@ -116,7 +115,6 @@ class RobotReplay:
           dataset: The measured runs.
           robot: The model file's constants and the effects that it has already.
           floors: Floors by name.
-          windows: True to compare the wheel speeds of free windows, too.
           threads: Threads for several settings at once; the machine's cores when None.
 
         Raises:
@@ -126,10 +124,8 @@ class RobotReplay:
         self._robot, self._floors = robot, dict(floors)
         self._threads = threads or os.cpu_count() or 1
         self._runs = robot_runs(dataset, robot, self._floors)
-        self._substeps = _SUBSTEPS if windows else 0
-        self._columns = [c for c in range(native.CHANNELS) if windows or not _is_free(c)]
-        self.channels = tuple(_channels(robot.sensors)[c] for c in self._columns)
-        self.segments, self.measured = self._runs.segments, self._runs.measured[:, self._columns]
+        self.channels = _channels(robot.sensors)
+        self.segments, self.measured = self._runs.segments, self._runs.measured[:, _COMPARED]
         self.base: tuple[BaseParameter, ...] = base_parameters(robot, self._floors, self._runs.floor, _LAGS)
         self._spans = variable_spans(self._runs, robot)
         self.curves: Mapping[str, float] = dict.fromkeys((*self._spans, "wheel_angle"), 1.0)
@@ -167,20 +163,11 @@ class RobotReplay:
 
     def simulate(self, settings: Sequence[Setting]) -> list[Array]:
         """Block means of the channels by the equations, shape (blocks, channels) per setting."""
-        return self._each(lambda s: self._replay(s, self._runs), settings)
-
-    def _each(self, function: Callable[[Any], Array], arguments: Sequence) -> list[Array]:
-        """Map a function over arguments in threads; the kernels release the interpreter lock."""
-        if len(arguments) < 2 or self._threads < 2:
-            return [function(a) for a in arguments]
-        with ThreadPoolExecutor(min(self._threads, len(arguments))) as pool:
-            return list(pool.map(function, arguments))
+        return map_in_threads(lambda s: self._replay(s, self._runs), settings, self._threads)
 
     def based(self, setting: Setting) -> AdjustedMachine[Robot]:
         """Robot with the base parameters and effects of a setting."""
-        based = adjust_machine(self._robot, self._floors, self.base, setting.base)
-        chosen = [(self._by_label[label], values) for label, values in setting.effects.items()]
-        return dataclasses.replace(based, machine=add_effects(based.machine, chosen))
+        return adjusted_machine(self._robot, self._floors, self.base, self._by_label, setting)
 
     def _kernel_parameters(
         self, setting: Setting, runs: RobotRuns
@@ -200,9 +187,9 @@ class RobotReplay:
         if phases is None:
             phases = np.zeros((len(runs.stretches), native.WHEELS))
         blocks = np.empty((len(runs.measured), native.CHANNELS))
-        sampling = native.Sampling(STEP, runs.size, runs.window, self._substeps)
+        sampling = native.Sampling(STEP, runs.size, runs.window)
         native.replay(runs.log, own, native.Rollers(tables, phases), sampling, blocks)
-        return blocks[:, self._columns]
+        return blocks[:, _COMPARED]
 
     def simulate_twin(self, setting: Setting) -> Array:
         """Block means with the twin's additions to the planar equations: rows of rollers, and springs.
@@ -220,21 +207,21 @@ class RobotReplay:
         for c, lean in zip(
             (native.ACCELERATION, native.ACCELERATION + 1), lean_shares(self._robot), strict=True
         ):
-            found[:, self._columns.index(c)] *= 1.0 + lean
+            found[:, _COMPARED.index(c)] *= 1.0 + lean
         return found
 
     def _find_phases(self, setting: Setting) -> Array:
         """Phase of the rollers of every wheel at the start of every stretch, shape (stretches, 4) [rad]."""
         shape = (len(self._runs.stretches), native.WHEELS)
         step = self._rollers.pitch / _PHASES
-        wheels = [self._columns.index(native.CURRENT + i) for i in range(native.WHEELS)]
+        wheels = [_COMPARED.index(native.CURRENT + i) for i in range(native.WHEELS)]
 
         def misfit(turn: int) -> Array:
             phases = np.full(shape, turn * step)
             off = self._replay(setting, self._runs, self._rollers.table, phases) - self.measured
             return np.stack([np.nansum(off[p.first : p.last, wheels] ** 2, axis=0) for p in self.segments])
 
-        sums = np.stack(self._each(misfit, range(_PHASES)))
+        sums = np.stack(map_in_threads(misfit, range(_PHASES), self._threads))
         best = sums.argmin(axis=0)
 
         def near(k: int) -> Array:
@@ -254,7 +241,7 @@ class RobotReplay:
     def predict(self, settings: Sequence[Setting], experiment: Experiment) -> list[Array]:
         """Predict block means of a run driven under the first setting, shape (blocks, channels) each."""
         runs = self._experiment_runs(settings[0], experiment)
-        return self._each(lambda s: self._replay(s, runs), settings)
+        return map_in_threads(lambda s: self._replay(s, runs), settings, self._threads)
 
     def _experiment_runs(self, setting: Setting, experiment: Experiment) -> RobotRuns:
         """Candidate run under one setting, driven from rest by given currents."""
@@ -265,16 +252,12 @@ class RobotReplay:
         own, based = self._kernel_parameters(setting, runs)
         floors = np.repeat(own.floors, native.WHEELS, axis=0)
         model = PlanarModel(own.bodies[0], own.wheels[0], own.motors, floors, own.terms, False)
-        native.drive(current, model, STEP, 2 * _SUBSTEPS, values)
+        native.drive(current, model, STEP, _SUBSTEPS, values)
         delay, scale, offset = sensor_readings(apply_effects(based.machine))
         places = np.arange(len(values))
         for c in range(native.CHANNELS):
             values[:, c] = scale[c] * np.interp(places - delay[c] / STEP, places, values[:, c]) + offset[c]
         return synthetic_run(values, floor, mass, self._runs)
-
-
-def _is_free(column: int) -> bool:
-    return native.SPEED <= column < native.ACCELERATION
 
 
 def _channels(sensors: Sensors) -> tuple[Channel, ...]:
@@ -283,10 +266,6 @@ def _channels(sensors: Sensors) -> tuple[Channel, ...]:
     bias, drift = sensors.accelerometer_bias, sensors.gyro_bias
     return (
         *(Channel(f"current_{i}", "A", f"current that wheel {i} needs", 0.0, 0.018) for i in wheels),
-        *(
-            Channel(f"wheel_speed_{i}", "rad/s", f"speed of wheel {i} after a window", 0.0, 0.1)
-            for i in wheels
-        ),
         Channel("acceleration_x", "m/s2", "acceleration ahead", bias, 0.03),
         Channel("acceleration_y", "m/s2", "acceleration to the left", bias, 0.03),
         Channel("yaw_rate", "rad/s", "yaw rate", drift, 0.002),

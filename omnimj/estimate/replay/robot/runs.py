@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
 from scipy.signal import lfilter
 
 from omnimj.errors import InputError
@@ -33,11 +32,10 @@ from omnimj.signals import Array
 STEP = 0.004
 """Step of the replay [s]."""
 WINDOW = 1.0
-"""Length of a free window [s]."""
+"""Length of a window of the heading [s]."""
 NAMES = robot_channels(WHEELS)
 _BLOCK = 5  # steps of a block at least
 _MOST_BLOCKS = 6000
-_SMOOTH = 1  # steps over which every channel is smoothed alike
 _GAP = 0.02  # [s] and five periods: a longer time without samples ends a stretch
 _GAP_PERIODS = 5.0
 _SHORTEST = 0.5  # [s] of a stretch
@@ -243,7 +241,6 @@ def _stretch(run: Run, part: slice, inverse: Array, chain: Array) -> _Stretch:
         bad = run.masked.get(name)
         bad = None if bad is None else bad[part]
         steps[:, c], masked[:, c] = _means(time, values, bad, edges, float(chain[c]))
-    steps = uniform_filter1d(steps, _SMOOTH, axis=0, mode="nearest")
     first = max(1, round(0.02 / STEP))
     wheels, yaw_rate = steps[:first, WHEELS : 2 * WHEELS].mean(axis=0), steps[:first, -2].mean()
     rests = bool((abs(wheels) < _REST_SPEED).all() and abs(yaw_rate) < _REST_YAW_RATE)

@@ -1,0 +1,168 @@
+"""Measured rig runs on an even time grid, for the identification of floors and the search for a gap."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+from omnimj.plant.mujoco.twin import RigTwin
+from omnimj.plant.planar import PlanarRig
+from omnimj.recording.dataset import Run
+from omnimj.signals import Array, CurrentCommand
+
+CHANNELS = ("wheel_speed", "carriage_speed", "carriage_acceleration", "current")
+"""Measured channels: [rad/s], [m/s], [m/s²], [A]."""
+WHEEL, CARRIAGE, ACCELERATION, CURRENT = range(len(CHANNELS))
+AT_REST = 5e-3
+"""Speed below which the carriage stands [m/s]."""
+_TURNING = 3.0  # [rad/s] mean of a wheel that does not start from rest
+_LATERAL_REST = 0.03  # [m/s] below it the gantry stands
+_LATERAL_WINDOW = 0.05  # [s] over which the gantry's speed is smoothed
+_STEP = 1.5  # × median time step: nothing is measured between samples farther apart
+_BEGIN = 0.02  # [s] at the start of a run that decide whether it begins at rest
+_FIRST = 0.005  # [s] at the start of a run whose means are its first speeds
+_GRID = 1e-3  # × period: a clock that keeps the grid this well needs no interpolation
+
+
+@dataclass(frozen=True)
+class RigRun:
+    """Run at a constant period, k samples."""
+
+    name: str
+    condition: str
+    """Condition shared by repeats."""
+    floor: str
+    mass: float
+    """m_T [kg]."""
+    period: float
+    """Sample period [s]."""
+    time: Array
+    """Time since the start of the run, shape (k,) [s]."""
+    values: Array
+    """Readings of `CHANNELS`; unmeasured ones are bridged by straight lines, shape (k, 4)."""
+    measured: NDArray[np.bool_]
+    """Mask of measured samples of `CHANNELS`, shape (k, 4)."""
+    target: Array | None
+    """Set value of the current where it was recorded, shape (k,) [A]."""
+    gantry_speed: Array
+    """Smoothed speed of the gantry, exactly 0 while it stands, shape (k,) [m/s]."""
+
+    @property
+    def readings(self) -> Array:
+        """Readings of `CHANNELS`, NaN where not measured, shape (k, 4)."""
+        return np.where(self.measured, self.values, np.nan)
+
+    @property
+    def lateral_speed(self) -> float:
+        """Mean of the gantry's speed, 0 when it stands [m/s]."""
+        return float(self.gantry_speed.mean())
+
+    @property
+    def starts_at_rest(self) -> bool:
+        """True if carriage and wheel stand at the first samples."""
+        wheel, carriage = np.abs(self._first_means(_BEGIN))
+        return bool(carriage < 4.0 * AT_REST and wheel <= _TURNING)
+
+    @property
+    def start_speeds(self) -> tuple[float, float]:
+        """Speeds of carriage [m/s] and wheel [rad/s] at the start; 0 for a run that begins at rest."""
+        if self.starts_at_rest:
+            return 0.0, 0.0
+        wheel, carriage = self._first_means(_FIRST).tolist()
+        return carriage, wheel
+
+    def _first_means(self, duration: float) -> Array:
+        """Means of wheel and carriage speed over the first samples, shape (2,)."""
+        return self.values[: max(1, round(duration / self.period)), :ACCELERATION].mean(axis=0)
+
+    @property
+    def nominal_current(self) -> float:
+        """Set value [A], the median where it changes; without a record, the 90 % quantile of |i|."""
+        if self.target is not None and self.target.any():
+            size, sign = np.median(np.abs(self.target[self.target != 0.0])), self.target.mean()
+        else:
+            size, sign = np.quantile(np.abs(self.values[:, CURRENT]), 0.9), self.values[:, CURRENT].mean()
+        return float(np.copysign(size, sign))
+
+
+def rig_run(run: Run, period: float) -> RigRun:
+    """Resample a run of a dataset to an even grid.
+
+    Masked samples are bridged by straight lines, so that inputs have no holes, and marked as not measured.
+
+    Args:
+      run: Run with the columns of the rig, and `floor` and `mass` among its conditions.
+      period: Period of the grid [s].
+    """
+    time = run.time - run.time[0]
+    grid = period * np.arange(int(np.floor(time[-1] / period + 1e-6)) + 1, dtype=np.float64)
+
+    def column(name: str) -> tuple[Array, NDArray[np.bool_]]:
+        return _on_grid(time, run.columns[name], run.masked.get(name), grid, period)
+
+    values, measured = zip(*map(column, CHANNELS), strict=True)
+    gantry = column("lateral_speed")[0] if "lateral_speed" in run.columns else np.zeros(len(grid))
+    return RigRun(
+        name=run.name,
+        condition=run.condition,
+        floor=str(run.conditions["floor"]),
+        mass=float(run.conditions["mass"]),
+        period=period,
+        time=grid,
+        values=np.stack(values, axis=1),
+        measured=np.stack(measured, axis=1),
+        target=column("current_target")[0] if "current_target" in run.columns else None,
+        gantry_speed=_steady(gantry, period),
+    )
+
+
+def _on_grid(
+    time: Array, values: Array, masked: NDArray[np.bool_] | None, grid: Array, period: float
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Values on the grid, and the mask of those next to measured samples."""
+    good = np.isfinite(values) if masked is None else np.isfinite(values) & ~masked
+    if not good.any():
+        return np.zeros(len(grid)), np.zeros(len(grid), dtype=bool)
+    if len(time) >= len(grid) and np.abs(time[: len(grid)] - grid).max() < _GRID * period:
+        time = time.copy()
+        time[: len(grid)] = grid
+    known, step = time[good], np.median(np.diff(time))
+    right = np.clip(np.searchsorted(known, grid), 0, len(known) - 1)
+    left = np.clip(np.searchsorted(known, grid, side="right") - 1, 0, len(known) - 1)
+    return np.interp(grid, known, values[good]), known[right] - known[left] <= _STEP * step
+
+
+def _steady(speed: Array, period: float) -> Array:
+    """Smooth the gantry's speed; exactly 0 while it stands."""
+    smooth = uniform_filter1d(speed, max(1, round(_LATERAL_WINDOW / period)), mode="nearest")
+    middle = float(np.median(smooth))
+    if np.abs(smooth - middle).max() < _LATERAL_REST:  # constant speed: the mean is the best estimate
+        smooth = np.full(len(speed), float(speed.mean()))
+    return np.where(np.abs(smooth) < _LATERAL_REST, 0.0, smooth)
+
+
+def drive_rig(plant: PlanarRig | RigTwin, current: Array, start_speeds: tuple[float, float]) -> Array:
+    """Drive a plant with measured currents.
+
+    Args:
+      plant: Rig with ideal sensors.
+      current: Motor current at every sample, shape (k,) [A].
+      start_speeds: Speeds of carriage [m/s] and wheel [rad/s] at the start; both 0 for a start from rest.
+
+    Returns:
+      Wheel speed [rad/s], carriage speed [m/s] and its acceleration [m/s²] at every sample, shape (k, 3).
+    """
+    driven = np.empty((len(current), ACCELERATION + 1))
+    measured = plant.reset()
+    driven[0] = measured.wheel_speed, measured.carriage_speed, measured.carriage_acceleration
+    if any(start_speeds):
+        plant.set_speeds(*start_speeds)
+        driven[0, [CARRIAGE, WHEEL]] = start_speeds
+    for k in range(1, len(current)):
+        # the sample at the period's end: the current loop is faster than a period
+        measured = plant.step(CurrentCommand(current[k : k + 1]))
+        driven[k] = measured.wheel_speed, measured.carriage_speed, measured.carriage_acceleration
+    return driven
