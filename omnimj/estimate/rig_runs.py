@@ -22,8 +22,7 @@ _TURNING = 3.0  # [rad/s] mean of a wheel that does not start from rest
 _LATERAL_REST = 0.03  # [m/s] below it the gantry stands
 _LATERAL_WINDOW = 0.05  # [s] over which the gantry's speed is smoothed
 _STEP = 1.5  # × median time step: nothing is measured between samples farther apart
-_BEGIN = 0.02  # [s] at the start of a run that decide whether it begins at rest
-_FIRST = 0.005  # [s] at the start of a run whose means are its first speeds
+_BEGIN = 0.005  # [s] at the start of a run whose mean speeds are those that it begins with
 _GRID = 1e-3  # × period: a clock that keeps the grid this well needs no interpolation
 
 
@@ -63,20 +62,18 @@ class RigRun:
     @property
     def starts_at_rest(self) -> bool:
         """True if carriage and wheel stand at the first samples."""
-        wheel, carriage = np.abs(self._first_means(_BEGIN))
-        return bool(carriage < 4.0 * AT_REST and wheel <= _TURNING)
+        carriage, wheel = self._first_speeds
+        return abs(carriage) < 4.0 * AT_REST and abs(wheel) <= _TURNING
 
     @property
     def start_speeds(self) -> tuple[float, float]:
         """Speeds of carriage [m/s] and wheel [rad/s] at the start; 0 for a run that begins at rest."""
-        if self.starts_at_rest:
-            return 0.0, 0.0
-        wheel, carriage = self._first_means(_FIRST).tolist()
-        return carriage, wheel
+        return (0.0, 0.0) if self.starts_at_rest else self._first_speeds
 
-    def _first_means(self, duration: float) -> Array:
-        """Means of wheel and carriage speed over the first samples, shape (2,)."""
-        return self.values[: max(1, round(duration / self.period)), :ACCELERATION].mean(axis=0)
+    @property
+    def _first_speeds(self) -> tuple[float, float]:
+        first = self.values[: max(1, round(_BEGIN / self.period))].mean(axis=0)
+        return float(first[CARRIAGE]), float(first[WHEEL])
 
     @property
     def nominal_current(self) -> float:
