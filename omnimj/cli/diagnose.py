@@ -144,7 +144,7 @@ def _diagnose(arguments: Any, order: DiagnosisConfig) -> tuple[list[RunDiagnosis
                 said = [dataclasses.asdict(d) for d in one.diagnoses]
                 trace = Trace(one.trace.columns, {**about, "diagnoses": said})
                 write_trace(out / f"{one.name}.parquet", trace)
-                section = run_section(one, names, len(found) < MOST_FIGURES)
+                section = run_section(one, order.method, names, len(found) < MOST_FIGURES)
                 found.append(dataclasses.replace(one, trace=Trace({})))
                 sections.append(section)
     except KeyboardInterrupt:

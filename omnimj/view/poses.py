@@ -14,11 +14,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from omnimj.parameters import Rig
 from omnimj.parameters.floor import find_floor
 from omnimj.plant.mujoco.assembly import rig_model, robot_model
 from omnimj.signals import Trace
-from omnimj.simulate.scenario.scenario import RigInput, Scenario
+from omnimj.simulate.scenario.scenario import Scenario
 
 Array = NDArray[np.float64]
 WHEEL_BODY = re.compile(r"^wheel_(\d+)")
@@ -242,10 +241,9 @@ def poses_from_trace(
 def visible_model(scenario: Scenario) -> mujoco.MjModel:
     """Compile the machine of a scenario on its floor, including geoms for display."""
     floor = find_floor(scenario.floor, scenario.name)
-    if isinstance(scenario.constants, Rig):
-        mass = scenario.drive.mass if isinstance(scenario.drive, RigInput) else None
-        return rig_model(scenario.constants, floor, mass, patches=scenario.patches)
-    return robot_model(scenario.constants, floor, scenario.patches, scene=scenario.scene)
+    if scenario.is_rig:
+        return rig_model(scenario.rig, floor, scenario.rig_input.mass, patches=scenario.patches)
+    return robot_model(scenario.robot, floor, scenario.patches, scene=scenario.scene)
 
 
 def visible_poses(

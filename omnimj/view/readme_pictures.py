@@ -82,7 +82,7 @@ def motor_evidence() -> Figure:
     run = run_scenario(read_scenario("degraded_motor"), "twin", "robust")
     spans = wording.fault_spans(run.metrics, float(run.trace["time"][-1]))
     by_name = {family.name: family for family in families(run.trace.columns, "robust")}
-    return diagnosis.residual_family(run.trace, by_name["motor"], spans)
+    return diagnosis.residual_families(run.trace, [by_name["motor"]], spans)
 
 
 def recovered_path() -> Figure:

@@ -6,12 +6,10 @@ import math
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from omnimj.control.detection.detector import DetectorOptions
 from omnimj.control.recovery.modes import MODE_CONSEQUENCES, MODE_NAMES, NORMAL, PIVOTING, indispensable
 from omnimj.control.robot_constants import robot_constants
 from omnimj.parameters import Rig, Robot
@@ -19,6 +17,7 @@ from omnimj.signals import Diagnosis, Trace
 
 if TYPE_CHECKING:
     from omnimj.diagnosis.replay import RunDiagnosis
+    from omnimj.simulate.scenario.scenario import Scenario
 
 FAULT_NAMES: Mapping[str, str] = {
     "motor": "motor loss",
@@ -56,55 +55,6 @@ NOT_DIAGNOSED = "off"
 NOTHING_FOUND = "nothing found"
 _COUNTS = {3: "three", 4: "four", 5: "five", 6: "six"}
 _PLACE = ("kind", "wheel", "wheels", "onset", "end")
-
-
-class ScenarioLike(Protocol):
-    """Part of a scenario that the views read."""
-
-    @property
-    def description(self) -> str:
-        """Description in one line."""
-        ...
-
-    @property
-    def plant(self) -> str:
-        """Name of the plant, `uto_robot` or `quarter_rig`."""
-        ...
-
-    @property
-    def floor(self) -> str:
-        """Name of the floor."""
-        ...
-
-    @property
-    def constants(self) -> Robot | Rig:
-        """Constants of the plant, from its model file."""
-        ...
-
-    @property
-    def metric_units(self) -> Mapping[str, str]:
-        """Units of the scenario's metrics, by metric."""
-        ...
-
-    @property
-    def overrides(self) -> Sequence[str]:
-        """Overrides `KEY=VALUE` given on the command line."""
-        ...
-
-    @property
-    def patches(self) -> Sequence[Any]:
-        """Patches of other floors, with `floor`, `center`, `size` and `yaw`."""
-        ...
-
-    @property
-    def scene(self) -> Path | None:
-        """MJCF file of the obstacles around the robot, such as ramps; None for a flat floor."""
-        ...
-
-    @property
-    def diagnosis(self) -> DetectorOptions:
-        """Options of the detection method."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -254,7 +204,7 @@ def title(metrics: Mapping[str, Any]) -> str:
     return str(metrics.get("scenario", "run")).replace("_", " ").capitalize()
 
 
-def repeat_command(scenario: ScenarioLike, metrics: Mapping[str, Any]) -> str:
+def repeat_command(scenario: Scenario, metrics: Mapping[str, Any]) -> str:
     """Return the command line that repeats the run."""
     if metrics.get("command"):
         return str(metrics["command"])

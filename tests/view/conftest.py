@@ -42,7 +42,17 @@ class MadeScenario:
 
     @property
     def plant(self) -> str:
-        return "quarter_rig" if isinstance(self.constants, Rig) else "uto_robot"
+        return self.constants.plant
+
+    @property
+    def is_rig(self) -> bool:
+        return self.plant == Rig.plant
+
+    @property
+    def rig(self) -> Robot | Rig:
+        return self.constants
+
+    robot = rig
 
 
 def made_robot_trace(duration: float = 10.0, seed: int = 1) -> Trace:

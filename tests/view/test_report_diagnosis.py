@@ -108,7 +108,7 @@ def test_residuals_have_their_wheels_colours_and_one_threshold_line(robot_trace)
     trace = with_robust(robot_trace)
     found = {family.name: family for family in families(list(trace.columns), "robust")}
     assert set(found) == {"force", "moment", "motor", "slip"}
-    figure = plots_diagnosis.residual_family(trace, found["motor"], ())
+    figure = plots_diagnosis.residual_families(trace, [found["motor"]], ())
     colors = {line.get_label(): line.get_color() for line in lines(figure)}
     assert all(colors[f"wheel {i}"] == palette.wheel_color(i - 1) for i in (1, 2, 3, 4))
     (threshold,) = lines(figure, "threshold")
@@ -119,7 +119,7 @@ def test_thresholds_of_both_signs_are_drawn_unless_the_method_looks_above_zero_o
     trace = with_published(robot_trace)
     for printed, expected in ((False, {1.85, -1.85}), (True, {1.85})):
         family = families(list(trace.columns), "published", printed)[0]
-        drawn = lines(plots_diagnosis.residual_family(trace, family, ()), "threshold")
+        drawn = lines(plots_diagnosis.residual_families(trace, [family], ()), "threshold")
         assert {float(np.asarray(line.get_ydata())[0]) for line in drawn} == expected
 
 
@@ -128,7 +128,8 @@ def test_thresholds_that_differ_are_drawn_each_in_its_wheels_colour(robot_trace)
     columns = {**trace.columns, "threshold_motor_2": 2.0 * trace["threshold_motor_2"]}
     family = families(list(columns), "robust")[2]
     drawn = lines(
-        plots_diagnosis.residual_family(dataclasses.replace(trace, columns=columns), family, ()), "threshold"
+        plots_diagnosis.residual_families(dataclasses.replace(trace, columns=columns), [family], ()),
+        "threshold",
     )
     assert [line.get_color() for line in drawn] == [palette.wheel_color(0), palette.wheel_color(1)]
 
@@ -136,14 +137,14 @@ def test_thresholds_that_differ_are_drawn_each_in_its_wheels_colour(robot_trace)
 def test_the_rigs_residuals_are_never_negative_and_have_no_threshold_below_zero(rig_trace):
     trace = with_published_rig(rig_trace)
     for family in families(list(trace.columns), "published"):
-        (threshold,) = lines(plots_diagnosis.residual_family(trace, family, ()), "threshold")
+        (threshold,) = lines(plots_diagnosis.residual_families(trace, [family], ()), "threshold")
         assert float(np.asarray(threshold.get_ydata())[0]) > 0.0 and "RMS" in family.words
 
 
 def test_a_small_threshold_can_be_read_beside_a_large_residual(robot_trace):
     trace = with_robust(robot_trace)
     slip = next(family for family in families(list(trace.columns), "robust") if family.name == "slip")
-    (ax,) = plots_diagnosis.residual_family(trace, slip, ()).get_axes()
+    (ax,) = plots_diagnosis.residual_families(trace, [slip], ()).get_axes()
     low, level, high = ax.transData.transform([(0.0, 0.0), (0.0, 0.001), (0.0, 0.08)])[:, 1]
     assert 0.1 < (level - low) / (high - low) < 0.6
     assert "logarithmic" in ax.get_ylabel()

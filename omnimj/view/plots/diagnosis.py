@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -17,7 +16,6 @@ from omnimj.signals import Trace
 from omnimj.view import palette
 from omnimj.view.plots.drawing import (
     MIDDLE,
-    banded,
     envelope,
     finish,
     legend,
@@ -34,18 +32,35 @@ Array = NDArray[np.float64]
 _LOG_SCALE_BEYOND = (
     15.0  # × threshold: on a linear axis, larger residuals would make the threshold indistinguishable from 0
 )
+_ROW = 2.4  # [inches] height of one of several families of residuals
 _LANE, _BAR, _AROUND = 0.27, 0.22, 0.95  # [inches] least lane, largest bar, all other heights
 _SEEN = 400  # most changes of mode that can be distinguished
 _WIDE = 0.018  # share of the duration needed per letter of a label inside its bar
 
 
-def residual_family(trace: Trace, family: Family, spans: Sequence[Span]) -> Figure:
-    """Plot one family of residuals with its thresholds, wheels in their colours.
+def residual_families(trace: Trace, families: Sequence[Family], spans: Sequence[Span]) -> Figure:
+    """Plot families of residuals with their thresholds, one below the other, wheels in their colours.
 
     For residuals far beyond their thresholds, the axis is logarithmic above the thresholds, so that both are
     readable.
+
+    Args:
+      trace: Signals of a run, with the residuals.
+      families: At least one family of residuals.
+      spans: Faults or diagnoses to shade.
     """
-    figure, (ax,) = new_figure(MIDDLE)
+    rows = len(families)
+    figure, axes = new_figure(max(MIDDLE, _ROW * rows), rows=rows, sharex=True)
+    for ax, family in zip(axes, families, strict=True):
+        _draw_family(ax, trace, family)
+    finish(axes, trace["time"], spans)
+    for ax, family in zip(axes, families, strict=True):
+        if family.thresholds or len(family.residuals) > 1:
+            _narrow_legend(ax)
+    return figure
+
+
+def _draw_family(ax: Axes, trace: Trace, family: Family) -> None:
     time = trace["time"]
     if family.is_signed or not family.thresholds:
         ax.axhline(0.0, color=palette.MUTED, linewidth=0.8, zorder=1)
@@ -59,10 +74,6 @@ def residual_family(trace: Trace, family: Family, spans: Sequence[Span]) -> Figu
     _thresholds(ax, trace, family)
     value_axis(ax, family.label)
     _axis(ax, trace, family)
-    finish([ax], time, spans)
-    if family.thresholds or len(family.residuals) > 1:
-        _narrow_legend(ax)
-    return figure
 
 
 def _narrow_legend(ax: Axes) -> None:
@@ -107,9 +118,10 @@ def _axis(ax: Axes, trace: Trace, family: Family) -> None:
         ax.set_ylim(0.0, 1.08 * max(largest, *levels))
 
 
-def effectiveness(trace: Trace, wheels: int, spans: Sequence[Span]) -> Figure:
+def effectiveness(trace: Trace, spans: Sequence[Span]) -> Figure:
     """Plot the estimated effectiveness of each wheel's drive, 1 when healthy."""
     figure, (ax,) = new_figure(MIDDLE)
+    wheels = sum(column.startswith("effectiveness_") for column in trace.columns)
     for i in range(wheels):
         style = {"color": palette.wheel_color(i), "linestyle": palette.wheel_line(i)}
         line(ax, trace["time"], trace[f"effectiveness_{i + 1}"], label=f"wheel {i + 1}", **style)
@@ -213,87 +225,3 @@ def _modes(ax: Axes, row: int, trace: Trace, method: str, is_rig: bool, thick: f
         columnspacing=1.1,
         borderaxespad=0.2,
     )
-
-
-_RESIDUAL = "residual_"
-_UNITS = {
-    "motor": "motor, Λ [nats]",
-    "slip": "slip [m]",
-    "force_x": "force x [N]",
-    "force_y": "force y [N]",
-    "force": "force [N]",
-    "moment": "moment [N·m]",
-    "wheel_speed": "wheel speed\n[rad/s]",
-}
-
-
-def residual_columns(names: Sequence[str]) -> dict[str, list[str]]:
-    """Group residual columns by quantity, those of wheels 1 … n together."""
-    found: dict[str, list[str]] = {}
-    for name in names:
-        if name.startswith(_RESIDUAL):
-            stem = re.sub(r"_\d+$", "", name.removeprefix(_RESIDUAL))
-            found.setdefault(stem, []).append(name)
-    return found
-
-
-def recorded_residuals(trace: Trace, names: Sequence[str], spans: Sequence[Span]) -> Figure:
-    """Plot all residuals over time, one plot per family, with dotted thresholds.
-
-    Args:
-      trace: Signals of a run, with the method's columns.
-      names: Columns of the method.
-      spans: Diagnoses to shade.
-    """
-    own = residual_columns(names)
-    figure, axes = new_figure(0.7 + 1.35 * len(own), rows=len(own), sharex=True)
-    wheels = 0
-    for ax, (stem, columns) in zip(axes, own.items(), strict=True):
-        for i, name in enumerate(columns):
-            color, style = palette.wheel_color(i), {"linestyle": palette.wheel_line(i)}
-            if len(columns) == 1:
-                color, style = palette.INK, {}
-            banded(ax, trace["time"], trace[name], color, label=f"wheel {i + 1}", **style)
-        _recorded_thresholds(ax, trace, columns)
-        value_axis(ax, _UNITS.get(stem, stem.replace("_", " ")))
-        wheels = max(wheels, len(columns))
-    finish(axes, trace["time"], spans)
-    widest = max(own, key=lambda stem: len(own[stem]))
-    if wheels > 1:
-        legend(axes[list(own).index(widest)])
-    return figure
-
-
-def _recorded_thresholds(ax: Axes, trace: Trace, columns: Sequence[str]) -> None:
-    """Draw the threshold of each residual, on both sides of zero for a signed residual."""
-    known = set()
-    for name in columns:
-        threshold = f"threshold_{name.removeprefix(_RESIDUAL)}"
-        if threshold not in trace:
-            continue
-        limit = float(trace[threshold][-1])
-        sides = (limit, -limit) if float(np.min(trace[name])) < -0.05 * limit else (limit,)
-        for side in sides:
-            if np.isfinite(side) and side not in known:
-                style = {"color": palette.INK, "linewidth": 1.1, "linestyle": (0, (2, 1.6)), "zorder": 4}
-                ax.axhline(side, label=None if known else "threshold", **style)  # pyright: ignore[reportArgumentType]
-                known.add(side)
-    if known and min(known) > 0.0:
-        # an axis scaled to residuals near zero would not include the threshold
-        top = 1.15 * max(*known, *(float(np.nanmax(trace[name])) for name in columns))
-        ax.set_ylim(-0.05 * top, top)
-
-
-def recorded_effectiveness(trace: Trace, spans: Sequence[Span]) -> Figure:
-    """Plot the estimated effectiveness of each wheel's drive over time [1]."""
-    figure, (ax,) = new_figure(2.4)
-    i = 0
-    while f"effectiveness_{i + 1}" in trace:
-        style = {"linestyle": palette.wheel_line(i), "label": f"wheel {i + 1}"}
-        banded(ax, trace["time"], trace[f"effectiveness_{i + 1}"], palette.wheel_color(i), **style)
-        i += 1
-    ax.set_ylim(min(-0.05, ax.get_ylim()[0]), max(1.1, ax.get_ylim()[1]))
-    value_axis(ax, "what is left [1]")
-    finish([ax], trace["time"], spans)
-    legend(ax)
-    return figure

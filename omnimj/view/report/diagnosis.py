@@ -11,6 +11,7 @@ from omnimj.diagnosis.replay import DiagnosisConfig, RunDiagnosis
 from omnimj.resources import model_display_name
 from omnimj.view.plots import diagnosis as plots
 from omnimj.view.report.page import Figure, Table, number, plot, table, write_page
+from omnimj.view.residuals import families
 from omnimj.view.wording import (
     describe_confidence,
     describe_diagnosis,
@@ -35,11 +36,14 @@ class RunSection:
     figures: list[Figure]
 
 
-def run_section(run: RunDiagnosis, method_names: Sequence[str], drawn: bool = True) -> RunSection:
+def run_section(
+    run: RunDiagnosis, method: str, method_names: Sequence[str], drawn: bool = True
+) -> RunSection:
     """Make the part of the page about one run.
 
     Args:
       run: Diagnosis of the run, with its trace.
+      method: Name of the detection method.
       method_names: Columns of the method's log.
       drawn: True to draw plots.
     """
@@ -53,10 +57,12 @@ def run_section(run: RunDiagnosis, method_names: Sequence[str], drawn: bool = Tr
         lines.append(
             f"For {run.cannot_judge:.1f} of {run.judged:.1f} s the wheels turn too slowly for a diagnosis."
         )
-    return RunSection(run.name, [*lines, *run.notes], found, _figures(run, method_names) if drawn else [])
+    return RunSection(
+        run.name, [*lines, *run.notes], found, _figures(run, method, method_names) if drawn else []
+    )
 
 
-def _figures(run: RunDiagnosis, names: Sequence[str]) -> list[Figure]:
+def _figures(run: RunDiagnosis, method: str, names: Sequence[str]) -> list[Figure]:
     if len(run.trace["time"]) < 2 or not names or names[0] not in run.trace:
         return []
     diagnoses = {"diagnoses": [dataclasses.asdict(d) for d in run.diagnoses]}
@@ -64,11 +70,11 @@ def _figures(run: RunDiagnosis, names: Sequence[str]) -> list[Figure]:
     shaded = " Shaded: a diagnosis holds." if spans else ""
     key = "".join(c if c.isascii() and c.isalnum() else f"-{ord(c):x}-" for c in run.name)
     words = f"Dotted: the threshold, where there is one.{shaded}"
-    drawing = plots.recorded_residuals(run.trace, names, spans)
+    drawing = plots.residual_families(run.trace, families(names, method), spans)
     figures = [plot(drawing, f"r-{key}", "Residuals", words)]
     if "effectiveness_1" in names:
         words = f"Estimated effectiveness of each wheel's drive.{shaded}"
-        drawing = plots.recorded_effectiveness(run.trace, spans)
+        drawing = plots.effectiveness(run.trace, spans)
         figures.append(plot(drawing, f"e-{key}", "Effectiveness", words))
     return figures
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ import numpy as np
 import omnimj
 from omnimj.parameters import Rig, Robot
 from omnimj.signals import Trace
+from omnimj.simulate.scenario.scenario import Scenario
 from omnimj.view import wording
 from omnimj.view.comparison import compare
 from omnimj.view.picture import Picture
@@ -21,7 +21,7 @@ from omnimj.view.plots.drawing import window
 from omnimj.view.report import page
 from omnimj.view.report.page import Figure, Table, check_state, number, plot, table
 from omnimj.view.report.run_diagnosis import diagnosis_section
-from omnimj.view.wording import ScenarioLike, Span, describe_layout, recovery_periods
+from omnimj.view.wording import Span, describe_layout, recovery_periods
 
 _MOVES = 0.01  # [m/s] above which the gantry counts as moving
 
@@ -29,7 +29,7 @@ _MOVES = 0.01  # [m/s] above which the gantry counts as moving
 def write_report(
     path: Path,
     trace: Trace,
-    scenario: ScenarioLike,
+    scenario: Scenario,
     metrics: Mapping[str, Any],
     picture: Picture | None = None,
     others: Mapping[str, Trace] | None = None,
@@ -67,8 +67,12 @@ def write_report(
         comparison=_comparison(scenario, metrics),
         comparison_figures=_comparison_figures(trace, others or {}, scenario, metrics, spans),
         method=metrics.get("method", "–"),
-        is_rig=isinstance(scenario.constants, Rig),
-        figures=_figures(scenario.constants, trace, scenario.patches, spans),
+        is_rig=scenario.is_rig,
+        figures=(
+            _rig_figures(scenario.rig, trace, spans)
+            if scenario.is_rig
+            else _robot_figures(scenario.robot, trace, scenario.patches, spans)
+        ),
         compared_methods=list(metrics.get("compared") or ()),
     )
 
@@ -105,7 +109,7 @@ def _picture(picture: Picture | None, metrics: Mapping[str, Any]) -> Figure | No
     return page.picture(picture.path, label, picture.subject.capitalize(), picture.caption)
 
 
-def _setup(scenario: ScenarioLike, metrics: Mapping[str, Any]) -> Table:
+def _setup(scenario: Scenario, metrics: Mapping[str, Any]) -> Table:
     floor = str(metrics.get("floor", scenario.floor)).replace("_", " ")
     if metrics.get("plant") == "kinematic":
         floor = "none: motion without forces"
@@ -113,7 +117,7 @@ def _setup(scenario: ScenarioLike, metrics: Mapping[str, Any]) -> Table:
     rows = [
         ("scenario", metrics.get("scenario", "–")),
         ("machine", scenario.plant.replace("_", " ")),
-        *_layout(scenario.constants),
+        *([] if scenario.is_rig else [_layout(scenario.robot)]),
         ("plant", metrics.get("plant", "–")),
         ("floor", floor + "".join(f"; patch of {patch}" for patch in patches)),
         ("method", metrics.get("method", "–")),
@@ -124,15 +128,13 @@ def _setup(scenario: ScenarioLike, metrics: Mapping[str, Any]) -> Table:
     return table(rows)
 
 
-def _layout(constants: Robot | Rig) -> list[tuple[str, str]]:
-    """Return rows on the number of wheels and the indispensable ones; empty for the rig."""
-    if isinstance(constants, Rig):
-        return []
-    limits = describe_layout(constants)
-    return [("wheels", f"{len(constants.wheels)}{f': {limits}' if limits else ''}")]
+def _layout(robot: Robot) -> tuple[str, str]:
+    """Return the row on the number of wheels and the indispensable ones."""
+    limits = describe_layout(robot)
+    return "wheels", f"{len(robot.wheels)}{f': {limits}' if limits else ''}"
 
 
-def _checks(scenario: ScenarioLike, metrics: Mapping[str, Any]) -> Table | None:
+def _checks(scenario: Scenario, metrics: Mapping[str, Any]) -> Table | None:
     rows = []
     for check in metrics.get("checks") or ():
         unit, limit = scenario.metric_units.get(check["name"], ""), check.get("limit")
@@ -148,7 +150,7 @@ def _checks(scenario: ScenarioLike, metrics: Mapping[str, Any]) -> Table | None:
     return table(rows, ("", "check", "value", "must be")) if rows else None
 
 
-def _results(scenario: ScenarioLike, metrics: Mapping[str, Any]) -> Table | None:
+def _results(scenario: Scenario, metrics: Mapping[str, Any]) -> Table | None:
     judged = {check["name"] for check in metrics.get("checks") or ()}
     rows = []
     for key, unit in scenario.metric_units.items():
@@ -182,7 +184,7 @@ def _faults(metrics: Mapping[str, Any]) -> Table | None:
     return table(rows, ("fault", "wheel", "from", "to", "size")) if rows else None
 
 
-def _comparison(scenario: ScenarioLike, metrics: Mapping[str, Any]) -> Table | None:
+def _comparison(scenario: Scenario, metrics: Mapping[str, Any]) -> Table | None:
     """Tabulate the results of all methods side by side; None for a run with one method."""
     if not metrics.get("compared"):
         return None
@@ -194,12 +196,12 @@ def _comparison(scenario: ScenarioLike, metrics: Mapping[str, Any]) -> Table | N
 def _comparison_figures(
     trace: Trace,
     others: Mapping[str, Trace],
-    scenario: ScenarioLike,
+    scenario: Scenario,
     metrics: Mapping[str, Any],
     spans: Sequence[Span],
 ) -> list[Figure]:
     """Overlay the runs of all methods; none for the rig, whose prescribed currents no method changes."""
-    if not metrics.get("compared") or isinstance(scenario.constants, Rig):
+    if not metrics.get("compared") or scenario.is_rig:
         return []
     method = str(metrics["method"])
     traces = {method: trace, **others}
@@ -215,15 +217,6 @@ def _comparison_figures(
     return figures
 
 
-@functools.singledispatch
-def _figures(
-    constants: Robot | Rig, trace: Trace, patches: Sequence[Any], spans: Sequence[Span]
-) -> list[Figure]:
-    """Plot the signals of a run, depending on the machine."""
-    raise TypeError(constants)
-
-
-@_figures.register(Robot)
 def _robot_figures(robot: Robot, trace: Trace, patches: Sequence[Any], spans: Sequence[Span]) -> list[Figure]:
     shaded = " Shaded: a fault holds." if spans else ""
     has_currents = "current_1" in trace
@@ -269,8 +262,7 @@ def _truth_figures(trace: Trace, spans: Sequence[Span]) -> list[Figure]:
     return figures
 
 
-@_figures.register(Rig)
-def _rig_figures(rig: Rig, trace: Trace, patches: Sequence[Any], spans: Sequence[Span]) -> list[Figure]:
+def _rig_figures(rig: Rig, trace: Trace, spans: Sequence[Span]) -> list[Figure]:
     radius = rig.wheel.radius
     words = f"Rim speed with r = {radius:g} m; the gap between the lines is slip."
     figures = [

@@ -6,14 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from omnimj.parameters import Rig
 from omnimj.signals import Trace
 from omnimj.simulate.judging import DiagnosisGroup, DiagnosisMatching, FaultMatch, match_diagnoses
+from omnimj.simulate.scenario.scenario import Scenario
 from omnimj.view import wording
 from omnimj.view.plots import diagnosis as plots
 from omnimj.view.report.page import Cell, Figure, Table, plot, table
 from omnimj.view.residuals import families
-from omnimj.view.wording import ScenarioLike, Span
+from omnimj.view.wording import Span
 
 _HEAD = ("fault", "from – to", "diagnosed", "at", "delay", "confidence", "could also be", "cleared")
 _NUMBERS = ("from – to", "at", "delay", "cleared")
@@ -30,7 +30,7 @@ class DiagnosisSection:
 
 
 def diagnosis_section(
-    trace: Trace, scenario: ScenarioLike, metrics: Mapping[str, Any], spans: Sequence[Span]
+    trace: Trace, scenario: Scenario, metrics: Mapping[str, Any], spans: Sequence[Span]
 ) -> DiagnosisSection:
     """Compare the true faults of a run with its diagnoses.
 
@@ -128,9 +128,9 @@ def _format_group(group: DiagnosisGroup, delay: str) -> tuple[str, ...]:
 
 
 def _figures(
-    trace: Trace, scenario: ScenarioLike, metrics: Mapping[str, Any], spans: Sequence[Span]
+    trace: Trace, scenario: Scenario, metrics: Mapping[str, Any], spans: Sequence[Span]
 ) -> list[Figure]:
-    method, is_rig = str(metrics["method"]), isinstance(scenario.constants, Rig)
+    method, is_rig = str(metrics["method"]), scenario.is_rig
     diagnosed = wording.diagnosis_spans(metrics, float(trace["time"][-1]))
     figures = []
     if spans or diagnosed or "mode" in trace:
@@ -139,12 +139,11 @@ def _figures(
         figures.append(plot(drawing, "states", "Truth and diagnosis", words))
     shaded = " Shaded: a fault holds." if spans else ""
     for family in families(list(trace.columns), method, scenario.diagnosis.printed):
-        drawing = plots.residual_family(trace, family, spans)
+        drawing = plots.residual_families(trace, [family], spans)
         words = f"{family.words}{shaded}".strip()
         figures.append(plot(drawing, f"residual-{family.name}", family.heading, words))
-    wheels = sum(column.startswith("effectiveness_") for column in trace.columns)
-    if wheels:
+    if "effectiveness_1" in trace:
         words = f"Estimated effectiveness of each wheel's drive; 1 is healthy.{shaded}"
-        drawing = plots.effectiveness(trace, wheels, spans)
+        drawing = plots.effectiveness(trace, spans)
         figures.append(plot(drawing, "effectiveness", "Effectiveness", words))
     return figures

@@ -9,9 +9,8 @@ from typing import Any
 import rerun as rr
 import rerun.blueprint as rrb
 
-from omnimj.parameters import Rig
+from omnimj.simulate.scenario.scenario import Scenario
 from omnimj.view.rerun.signals import DIAGNOSIS_LANE, FAULT_LANE, MODE_LANE, Plot
-from omnimj.view.wording import ScenarioLike
 
 _MOTORS = frozenset({"motor", "free", "locked", "hard_over"})
 _SLIPS = frozenset({"slip", "all_wheel_slip"})
@@ -72,14 +71,14 @@ _RULES = (
 _RIG = Focus("Current, slip, speed", ("current", "slip_velocity", "speed"))
 
 
-def focus_of(scenario: ScenarioLike, faults: Sequence[Mapping[str, Any]]) -> Focus:
+def focus_of(scenario: Scenario, faults: Sequence[Mapping[str, Any]]) -> Focus:
     """Choose the content to show first from the content of a scenario, not from its name.
 
     Args:
       scenario: Scenario of the run.
       faults: Faults as in `metrics.json`: `kind`, and `wheel` or `channel` where they have one.
     """
-    if isinstance(scenario.constants, Rig):
+    if scenario.is_rig:
         return _RIG
     kinds = [str(fault["kind"]) for fault in faults] + ["slip"] * len(scenario.patches)
     headings, plots = [], []

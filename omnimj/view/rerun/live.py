@@ -21,7 +21,6 @@ from omnimj.signals import Reference, Trace
 from omnimj.simulate.detectors import make_detector
 from omnimj.simulate.loop import Callbacks
 from omnimj.simulate.run import RunResult
-from omnimj.simulate.scenario.drive import Drive
 from omnimj.simulate.scenario.scenario import Scenario
 from omnimj.view.plots.runs import planned_position
 from omnimj.view.poses import Poses, poses_from_trace, visible_model, visible_poses
@@ -65,8 +64,7 @@ class LiveRun:
         self._method = str(known.get("method", NOT_DIAGNOSED))
         self._stream = rr.RecordingStream("omnimj")
         self._run = RunStream(self._stream, scenario, scenario.duration)
-        drive = scenario.drive
-        self._plan: Reference | None = drive.reference if isinstance(drive, Drive) else None
+        self._plan: Reference | None = None if scenario.is_rig else scenario.robot_drive.reference
         self._poses: list[tuple[float, Array]] = []
         self._rows = 0
         self._mj_model: Any = None
@@ -179,9 +177,7 @@ class LiveDrive:
         self._waiting: queue.Queue[tuple[Trace, list[tuple[float, Array]]] | None] = queue.Queue(_WAITING)
         self._thread = threading.Thread(target=self._send, name="view", daemon=True)
         self._failure: Exception | None = None
-        robot = scenario.constants
-        assert isinstance(robot, Robot)
-        self._reckoning = DeadReckoning(robot)
+        self._reckoning = DeadReckoning(scenario.robot)
 
     def start(self) -> None:
         """Show the robot at its start before the first step."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,10 +12,11 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from omnimj.parameters import Rig, Robot
+from omnimj.parameters import Rig
 from omnimj.recording.folder import atomic_file
 from omnimj.signals import Trace
 from omnimj.simulate.run import RunResult
+from omnimj.simulate.scenario.scenario import Scenario
 from omnimj.view import wording
 from omnimj.view.plots.runs import planned_position
 from omnimj.view.poses import Poses, visible_poses
@@ -32,7 +32,6 @@ from omnimj.view.rerun.scene import (
     log_planned,
 )
 from omnimj.view.rerun.signals import Signals, eventful_lanes, log_states, plots_of, with_columns
-from omnimj.view.wording import ScenarioLike
 
 Array = NDArray[np.float64]
 _FORCES = (
@@ -48,7 +47,7 @@ _ROLLERS = "The dark stripes show how the rollers turn."
 def write_recording(
     path: Path,
     trace: Trace,
-    scenario: ScenarioLike,
+    scenario: Scenario,
     metrics: Mapping[str, Any],
     poses: Poses | None = None,
 ) -> None:
@@ -73,7 +72,7 @@ def write_recording(
 class RunStream:
     """Run sent to a stream: static content, then batches of signals and poses, finally the results."""
 
-    def __init__(self, stream: rr.RecordingStream, scenario: ScenarioLike, duration: float):
+    def __init__(self, stream: rr.RecordingStream, scenario: Scenario, duration: float):
         """Prepare the stream of a run that lasts at most `duration` [s]."""
         self._stream, self._scenario, self._duration = stream, scenario, duration
         self._machine: Machine | None = None
@@ -81,9 +80,7 @@ class RunStream:
         self._trail: Trail | None = None
         self._planned: Array | None = None
         self._known: Mapping[str, Any] = {}
-        constants = scenario.constants
-        self._is_rig = isinstance(constants, Rig)
-        self._wheels = constants.wheel_count
+        self._is_rig, self._wheels = scenario.is_rig, scenario.constants.wheel_count
 
     def begin(self, known: Mapping[str, Any], planned: Array | None, mj_model: mujoco.MjModel | None) -> None:
         """Send machine, floor and plan.
@@ -161,24 +158,18 @@ class RunStream:
         points = [np.zeros((1, 2)), driven]
         if self._planned is not None:
             points.append(self._planned)
-        points.append(_reach(self._scenario.constants))
+        points.append(_rig_reach(self._scenario.rig) if self._is_rig else np.empty((0, 2)))
         log_floor(self._stream, np.concatenate(points), self._scenario.patches, self._scenario.floor)
 
 
-@functools.singledispatch
-def _reach(constants: Robot | Rig) -> Array:
-    """Return the points on the floor that a machine can always reach, shape (k, 2) [m]."""
-    return np.empty((0, 2))
-
-
-@_reach.register(Rig)
 def _rig_reach(rig: Rig) -> Array:
+    """Return the points on the floor that the rig can always reach, shape (k, 2) [m]."""
     along, across = rig.rig.rail_length, rig.rig.lateral_travel
     return np.array([[along, 0.0], [0.0, -across], [0.0, across]])
 
 
 def whole_blueprint(
-    scenario: ScenarioLike, trace: Trace, metrics: Mapping[str, Any], has_machine: bool
+    scenario: Scenario, trace: Trace, metrics: Mapping[str, Any], has_machine: bool
 ) -> rrb.Blueprint:
     """Make the blueprint of a finished run: playback starts, and all axes cover the whole run."""
     method, duration = str(metrics.get("method", wording.NOT_DIAGNOSED)), float(trace["time"][-1])
@@ -205,7 +196,7 @@ def _eye_above(trace: Trace) -> Eye:
 
 
 def live_blueprint(
-    scenario: ScenarioLike,
+    scenario: Scenario,
     duration: float | None,
     start: tuple[float, float],
     method: str = wording.NOT_DIAGNOSED,
@@ -228,10 +219,10 @@ def live_blueprint(
 
 
 def first_eye(
-    scenario: ScenarioLike, start: tuple[float, float], has_machine: bool, from_the_side: bool = False
+    scenario: Scenario, start: tuple[float, float], has_machine: bool, from_the_side: bool = False
 ) -> Eye:
     """Place the first camera: near the robot, at its side on slopes, at the rig, above the path."""
-    if isinstance(scenario.constants, Rig):
+    if scenario.is_rig:
         return Eye((0.1, 1.35, 0.65), (0.75, 0.0, 0.12))
     x, y = start
     if not has_machine:
@@ -241,7 +232,7 @@ def first_eye(
     return Eye((x - 0.66, y - 0.8, 0.6), (x, y, 0.07), f"{MACHINE}/chassis/{AROUND}")
 
 
-def _about(scenario: ScenarioLike, metrics: Mapping[str, Any]) -> str:
+def _about(scenario: Scenario, metrics: Mapping[str, Any]) -> str:
     floor = str(metrics.get("floor", scenario.floor)).replace("_", " ")
     lines = [scenario.description, ""]
     lines.append(f"Floor: {floor}. Method: {metrics.get('method', '–')}. Seed: {metrics.get('seed', '–')}.")
@@ -252,7 +243,7 @@ def _about(scenario: ScenarioLike, metrics: Mapping[str, Any]) -> str:
         value, limit = wording.number(check.get("value"), 3), wording.number(check.get("limit"), 3)
         bound = "at least" if check.get("bound") == "min" else "at most"
         lines.append(f"- {sign} {name.replace('_', ' ')}: {value} {unit} ({bound} {limit})")
-    paths = "" if isinstance(scenario.constants, Rig) else _PATHS
+    paths = "" if scenario.is_rig else _PATHS
     return "\n".join([*lines, "", _FORCES + paths + _ROLLERS])
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Collection, Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from omnimj.control.recovery.modes import MODE_NAMES, NORMAL
 from omnimj.parameters import Rig, Robot
 from omnimj.signals import Trace
+from omnimj.simulate.scenario.scenario import Scenario
 from omnimj.view import palette
 from omnimj.view.poses import thin
 from omnimj.view.rerun.scene import time_column
@@ -21,7 +21,6 @@ from omnimj.view.residuals import Family, families
 from omnimj.view.wording import (
     NOT_DIAGNOSED,
     RECOVERY,
-    ScenarioLike,
     Span,
     diagnosis_spans,
     fault_spans,
@@ -73,9 +72,7 @@ class Plot:
         return low - room, high + room
 
 
-def plots_of(
-    scenario: ScenarioLike, method: str = NOT_DIAGNOSED, columns: Collection[str] = ()
-) -> list[Plot]:
+def plots_of(scenario: Scenario, method: str = NOT_DIAGNOSED, columns: Collection[str] = ()) -> list[Plot]:
     """Return all plots possible for a run of a scenario.
 
     Args:
@@ -84,7 +81,8 @@ def plots_of(
       columns: Columns of the trace, or of the method's log.
     """
     found = families(columns, method, scenario.diagnosis.printed)
-    return [*_machine_plots(scenario.constants), *map(_residual_plot, found), *_effectiveness_plot(columns)]
+    own = _rig_plots(scenario.rig) if scenario.is_rig else _robot_plots(scenario.robot)
+    return [*own, *map(_residual_plot, found), *_effectiveness_plot(columns)]
 
 
 def _residual_plot(family: Family) -> Plot:
@@ -112,13 +110,6 @@ def _effectiveness_plot(columns: Collection[str]) -> list[Plot]:
     return [Plot("plots/effectiveness", heading, tuple(lines), True, True, (0.0, 1.0))] if lines else []
 
 
-@functools.singledispatch
-def _machine_plots(constants: Robot | Rig) -> list[Plot]:
-    """Return the plots of the signals of a machine."""
-    raise TypeError(constants)
-
-
-@_machine_plots.register(Robot)
 def _robot_plots(robot: Robot) -> list[Plot]:
     n = len(robot.wheels)
 
@@ -161,7 +152,6 @@ def _robot_plots(robot: Robot) -> list[Plot]:
     ]
 
 
-@_machine_plots.register(Rig)
 def _rig_plots(rig: Rig) -> list[Plot]:
     speeds = (
         Line("wheel_speed", "wheel rim r·φ̇", palette.ACCENT, rig.wheel.radius),
