@@ -170,7 +170,8 @@ def read_json(path: Path) -> dict[str, Any] | None:
 def run_guarded(trial: Callable[[], Mapping[str, Any]]) -> dict[str, Any]:
     """Return the JSON result of a trial; an exception becomes `{"error": …}` with its place in the code.
 
-    A failed trial is counted and reported, so that it does not end a study of hours.
+    Everything is caught, programming errors too: trials draw machines at random that nobody has seen, and a
+    study of hours must keep the others, each failure counted and reported with its kind.
     """
     try:
         return to_jsonable(trial())

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
@@ -91,12 +92,11 @@ def make_scene(
       kinds: Keys of `COLORS` to show.
       machine_file: Model file of the plant; None for the shipped one.
     """
-    channels = list(finding.channels)
     if finding.plant == "quarter_rig":
-        return _rig_scene(stream, finding, kinds, channels, machine_file)
+        return _rig_scene(stream, finding, kinds, machine_file)
     if finding.plant == "uto_robot":
-        return _robot_scene(stream, finding, kinds, channels, machine_file)
-    return _axis_scene(stream, kinds, channels, finding)
+        return _robot_scene(stream, finding, kinds, machine_file)
+    return _axis_scene(stream, kinds, finding)
 
 
 def _floor(finding: Finding) -> Floor:
@@ -106,23 +106,30 @@ def _floor(finding: Finding) -> Floor:
     return next((floors[name] for name in names if name in floors), next(iter(floors.values())))
 
 
-def _rig_scene(
+def _body_logger(
     stream: rr.RecordingStream,
-    finding: Finding,
+    mj_model: mujoco.MjModel,
     kinds: Sequence[str],
-    channels: list[str],
-    machine_file: Path | None,
-) -> Scene:
-    rig = read_rig(machine_file)
-    mj_model = rig_model(rig, _floor(finding))
+    poses: Callable[[mujoco.MjModel, Array], Array],
+) -> Callable[[str, Motion, str], None]:
+    """Log the meshes of a machine for each kind; return the function that logs the motion of its bodies."""
     machines = {kind: Machine(stream, mj_model, f"world/{kind}") for kind in kinds}
 
     def log(kind: str, motion: Motion, timeline: str) -> None:
-        qpos = dead_reckoning.rig_poses(mj_model, motion.coordinates[kind])
+        qpos = poses(mj_model, motion.coordinates[kind])
         machines[kind].log_bodies(Poses(mj_model, motion.time, qpos), timeline, rollers_turn=False)
 
+    return log
+
+
+def _rig_scene(
+    stream: rr.RecordingStream, finding: Finding, kinds: Sequence[str], machine_file: Path | None
+) -> Scene:
+    rig = read_rig(machine_file)
+    log = _body_logger(stream, rig_model(rig, _floor(finding)), kinds, dead_reckoning.rig_poses)
+
     def motion(windows: Sequence[Overlay]) -> Motion:
-        return dead_reckoning.rig_motion(rig, windows, channels)
+        return dead_reckoning.rig_motion(rig, windows, list(finding.channels))
 
     reach = rig.rig.rail_length
     corners = np.array([[0.0, -0.3], [reach, 0.3]])
@@ -131,25 +138,19 @@ def _rig_scene(
 
 
 def _robot_scene(
-    stream: rr.RecordingStream,
-    finding: Finding,
-    kinds: Sequence[str],
-    channels: list[str],
-    machine_file: Path | None,
+    stream: rr.RecordingStream, finding: Finding, kinds: Sequence[str], machine_file: Path | None
 ) -> Scene:
     robot = read_robot(machine_file)
-    mj_model = robot_model(robot, _floor(finding))
-    machines = {kind: Machine(stream, mj_model, f"world/{kind}") for kind in kinds}
+    log_bodies = _body_logger(stream, robot_model(robot, _floor(finding)), kinds, dead_reckoning.robot_poses)
 
     def log(kind: str, motion: Motion, timeline: str) -> None:
-        qpos = dead_reckoning.robot_poses(mj_model, motion.coordinates[kind])
-        machines[kind].log_bodies(Poses(mj_model, motion.time, qpos), timeline, rollers_turn=False)
+        log_bodies(kind, motion, timeline)
         if kind != "measured":
             _log_path(stream, f"world/{kind}/measured_path", "measured", motion, timeline)
         _log_path(stream, f"world/{kind}/path", kind, motion, timeline)
 
     def motion(windows: Sequence[Overlay]) -> Motion:
-        return dead_reckoning.robot_motion(robot, windows, channels)
+        return dead_reckoning.robot_motion(robot, windows, list(finding.channels))
 
     places = [motion(windows).coordinates["measured"][:, :2] for windows in shown_runs(finding).values()]
     corners = np.concatenate([np.zeros((1, 2)), *places])
@@ -173,11 +174,9 @@ def _log_path(stream: rr.RecordingStream, entity: str, kind: str, motion: Motion
     stream.send_columns(entity, [index], columns.partition(np.array([len(strips)])))
 
 
-def _axis_scene(
-    stream: rr.RecordingStream, kinds: Sequence[str], channels: list[str], finding: Finding
-) -> Scene:
+def _axis_scene(stream: rr.RecordingStream, kinds: Sequence[str], finding: Finding) -> Scene:
     def motion(windows: Sequence[Overlay]) -> Motion:
-        return dead_reckoning.axis_motion(windows, channels)
+        return dead_reckoning.axis_motion(windows, list(finding.channels))
 
     places = [motion(windows).coordinates["measured"] for windows in shown_runs(finding).values()]
     low, high = (float(f(np.concatenate(places))) for f in (np.min, np.max)) if places else (0.0, 1.0)

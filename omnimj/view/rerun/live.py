@@ -211,7 +211,9 @@ class LiveDrive:
                 continue
             try:
                 self._show(*batch)
-            except Exception as error:  # a failing viewer must not stop the drive
+            except Exception as error:
+                # the viewer is a program of others, which may fail in any way; while a robot drives, none of
+                # it may end the thread with the queue unread, and `finish` raises it after the drive
                 self._failure = error
 
     def _show(self, trace: Trace, taken: list[tuple[float, Array]]) -> None:
