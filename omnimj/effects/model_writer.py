@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +15,7 @@ from tomlkit.items import InlineTable, Table
 from omnimj.effects.catalogue import effects_of, find_effect
 from omnimj.effects.effect import AXIS, Effect
 from omnimj.effects.machine import complete_values
-from omnimj.errors import InputError, OutputError, UnknownNameError
+from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters.model_file import SHARED_TABLES
 from omnimj.parameters.reading import parse_toml, read_toml
 from omnimj.resources import models_folder
@@ -73,29 +72,6 @@ def format_model(
         raise InputError(file, f"its text cannot be changed ({error})") from None
     _verify_written(text, effects, changed or {}, file)
     return text
-
-
-def write_model(
-    path: Path,
-    file: Path,
-    effects: EffectEstimates,
-    changed: Mapping[str, float | Iterable[float]] | None = None,
-) -> None:
-    """Write the text of `format_model` to a file; the file is complete or unchanged.
-
-    Raises:
-      InputError: As for `format_model`, or the file cannot be written.
-      UnknownNameError: As for `format_model`.
-    """
-    text = format_model(file, effects, changed)
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
-    try:
-        temporary.write_text(text, encoding="utf-8")
-        temporary.replace(path)
-    except OSError as error:
-        raise OutputError(path, f"cannot be written ({error.strerror})") from None
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def _parts_path(tree: Mapping[str, Any], file: Path) -> Path:

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from omnimj.effects import check_effects, effects_of, with_effects
-from omnimj.effects.model_writer import FittedValue, format_model, write_model
+from omnimj.effects.model_writer import FittedValue, format_model
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import read_floors, read_rig, read_robot
 from omnimj.resources import models_folder
@@ -20,6 +20,10 @@ RIG_FILE = models_folder() / "quarter_rig" / "rig.toml"
 ROBOT_FILE = models_folder() / "uto_robot" / "robot.toml"
 READERS = {RIG_FILE: read_rig, ROBOT_FILE: read_robot}
 PLANTS = [(RIG_FILE, RIG), (ROBOT_FILE, ROBOT)]
+
+
+def write_model(path: Path, file: Path, effects, changed=None) -> None:
+    path.write_text(format_model(file, effects, changed), encoding="utf-8")
 
 
 def read_again(folder: Path, file: Path, effects, changed=None):
@@ -80,7 +84,7 @@ def test_parts_beside_the_original_are_found_from_another_folder(tmp_path):
     assert read_rig(there / "mine.toml").motor.supply == 20.0
 
 
-def test_what_cannot_be_written_is_refused(tmp_path):
+def test_what_cannot_be_written_is_refused():
     with pytest.raises(UnknownNameError, match="effect of quarter_rig 'roller_friction'"):
         format_model(RIG_FILE, {"roller_friction": {"roller_dry": 0.1}})
     with pytest.raises(
@@ -89,8 +93,6 @@ def test_what_cannot_be_written_is_refused(tmp_path):
         format_model(RIG_FILE, {}, {"motor.torque": 1.0})
     with pytest.raises(InputError, match=r"at most 0\.3 rad"):
         format_model(RIG_FILE, {"grade": {"slope": 9.0}})
-    with pytest.raises(InputError, match="cannot be written"):
-        write_model(tmp_path / "no" / "mine.toml", RIG_FILE, {})
 
 
 def test_a_file_of_any_layout_can_be_changed_and_keeps_its_comments(tmp_path):

@@ -174,10 +174,6 @@ class ReplayedRun:
     """Measured carriage speed, shape (k,) [m/s]; NaN where masked."""
     simulated_speed: Array
     """Simulated carriage speed, shape (k,) [m/s]."""
-    measured_rim: Array
-    """Measured rim speed r φ̇, shape (k,) [m/s]; NaN where masked."""
-    simulated_rim: Array
-    """Simulated rim speed r φ̇, shape (k,) [m/s]."""
     carriage_rms: float
     """RMS error of the carriage speed [m/s]."""
     wheel_rms: float

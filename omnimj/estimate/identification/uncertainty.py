@@ -40,9 +40,8 @@ _FEWEST_CLUSTERS = 5
 _STRETCHES = 4  # number of stretches of one run, if there are too few conditions
 _WIDE = 0.25  # half-width in a logarithm beyond which a straight line is no approximation
 _NARROW = 0.02  # the same limit for parameters that are hard to separate: μ_c, μ_s, V_s
-_WALK = (0.2, 0.5, 1.0, 2.0, 4.0)  # steps in a logarithm away from the estimate
-FARTHEST = _WALK[-1]
-"""Half-width in a logarithm beyond which a parameter is open: a factor of e⁴ ≈ 55."""
+_WALK = (0.2, 0.5, 1.0, 2.0, 4.0)
+"""Steps in a logarithm away from the estimate; a parameter without an end within e⁴ ≈ 55 is open."""
 _END = 0.01  # accuracy of the end of a profile interval relative to the step beyond it
 _LOOSE = 0.5  # smallest relative spread of a reported direction
 _SMALL_SHARE = 0.15  # smallest reported weight

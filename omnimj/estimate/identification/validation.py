@@ -132,7 +132,6 @@ def replay_run(rig: Rig, floors: Mapping[str, Floor], run: RigRun, plant: str) -
     lag = math.exp(-run.period / rig.sensors.speed_filter)
     late, _ = lfilter([1.0 - lag], [1.0, -lag], speeds, axis=0, zi=lag * speeds[:1])
     late = np.asarray(late)
-    radius = rig.wheel.radius
     wheel, carriage, *_ = run.readings.T
     return ReplayedRun(
         run=run.name,
@@ -144,8 +143,6 @@ def replay_run(rig: Rig, floors: Mapping[str, Floor], run: RigRun, plant: str) -
         time=run.time,
         measured_speed=carriage,
         simulated_speed=late[:, CARRIAGE],
-        measured_rim=radius * wheel,
-        simulated_rim=radius * late[:, WHEEL],
         carriage_rms=finite_rms(late[:, CARRIAGE] - carriage),
         wheel_rms=finite_rms(late[:, WHEEL] - wheel),
     )

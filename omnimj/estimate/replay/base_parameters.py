@@ -15,8 +15,6 @@ from omnimj.recording.dataset import Dataset, Run
 from omnimj.signals import Array
 
 _LAG = 0.004  # [s] largest lag of a channel that is no delay
-# [s] the same for the current, which drives the replay, and for its set value, which may lead by a sample
-_DRIVE_LAGS = {"current": 0.001, "current_target": 0.002}
 
 Machine = TypeVar("Machine", Rig, Robot)
 

@@ -94,7 +94,6 @@ class SelectionRound:
     curves: CurveGains
     before: Array
     """Held-out loss per group without any candidate, shape (groups,)."""
-    effective: float
 
     @property
     def best(self) -> FittedCandidate | None:
@@ -268,8 +267,7 @@ def select_round(
     count = float(np.isfinite(problem.replay.measured[split.used]).sum())
     leader = min(tried, key=lambda t: float(t.losses.sum())) if tried else None
     residual = (leader.fit if leader else current).residual * split.used[:, None]
-    effective = effective_samples(problem.replay, residual)
-    share = min(1.0, effective / count)
+    share = min(1.0, effective_samples(problem.replay, residual) / count)
     tried.sort(key=lambda t: information_score(t, share))
     rivals = ambiguity_set(tried, share) if tried else ()
-    return SelectionRound(tuple(tried), tuple(behind), rivals, curves, before, effective)
+    return SelectionRound(tuple(tried), tuple(behind), rivals, curves, before)
