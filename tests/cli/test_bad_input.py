@@ -43,7 +43,7 @@ Refused = Callable[..., str]
         (["run", "/" + "y" * 5000 + ".toml"], "File name too long"),
     ],
 )
-def test_a_command_or_scenario_that_does_not_exist(refused: Refused, argv, told):
+def test_an_unknown_command_or_scenario_is_refused_in_one_line(refused: Refused, argv, told):
     assert told in refused(*argv)
 
 
@@ -133,7 +133,7 @@ def test_an_option_out_of_its_range(refused: Refused, argv, told):
         ("kinematics.plant=published", "it needs level = 'kinematic'"),
     ],
 )
-def test_a_value_that_cannot_be_set(refused: Refused, text, told):
+def test_an_impossible_override_is_refused_in_one_line(refused: Refused, text, told):
     message = refused(*ON_ROBOT, "--set", text)
     assert told in message and len(message) < 1000
 
@@ -151,7 +151,7 @@ def test_a_value_that_cannot_be_set(refused: Refused, text, told):
         ("checks.max_yaw_excursion=1", "unknown key 'max_yaw_excursion'; choices: detection_delay"),
     ],
 )
-def test_a_value_that_cannot_be_set_on_the_rig(refused: Refused, text, told):
+def test_an_impossible_override_of_the_rig_is_refused_in_one_line(refused: Refused, text, told):
     assert told in refused(*ON_RIG, "--set", text)
 
 
@@ -169,7 +169,7 @@ def test_a_value_that_cannot_be_set_on_the_rig(refused: Refused, text, told):
         ("checks.rms_current=1", "unknown metric 'rms_current'"),
     ],
 )
-def test_a_value_that_cannot_be_set_at_the_kinematic_level(refused: Refused, text, told):
+def test_an_impossible_override_at_the_kinematic_level_is_refused_in_one_line(refused: Refused, text, told):
     assert told in refused("run", "circle_8m_kinematic", "--set", text)
 
 
@@ -193,13 +193,13 @@ def test_a_value_that_cannot_be_set_at_the_kinematic_level(refused: Refused, tex
         (NYLON[:150].encode(), "mine.toml"),
     ],
 )
-def test_a_scenario_file_that_is_none(refused: Refused, tmp_path, content, told):
+def test_a_file_that_is_no_scenario_is_refused_in_one_line(refused: Refused, tmp_path, content, told):
     (tmp_path / "mine.toml").write_bytes(content)
     message = refused("run", str(tmp_path / "mine.toml"), "--plant", "planar")
     assert "mine.toml" in message and told in message
 
 
-def test_a_file_that_may_not_be_read(refused: Refused, tmp_path, monkeypatch):
+def test_a_file_that_may_not_be_read_is_refused_in_one_line(refused: Refused, tmp_path, monkeypatch):
     def forbidden(self, *_):
         raise PermissionError(13, "Permission denied", str(self))
 
@@ -207,7 +207,7 @@ def test_a_file_that_may_not_be_read(refused: Refused, tmp_path, monkeypatch):
     assert "nylon_patch.toml: cannot be read (Permission denied)" in refused(*ON_ROBOT)
 
 
-def test_an_out_that_cannot_be_a_run(refused: Refused, tmp_path):
+def test_an_output_folder_that_cannot_be_a_run_is_refused_in_one_line(refused: Refused, tmp_path):
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "mine.txt").write_text("precious")
     (tmp_path / "taken" / "run.rrd").mkdir(parents=True)
@@ -226,7 +226,9 @@ def test_an_out_that_cannot_be_a_run(refused: Refused, tmp_path):
     assert (tmp_path / "full" / "mine.txt").read_text() == "precious"
 
 
-def test_an_out_that_may_not_be_written(refused: Refused, tmp_path, monkeypatch):
+def test_an_output_folder_without_write_permission_is_refused_in_one_line(
+    refused: Refused, tmp_path, monkeypatch
+):
     monkeypatch.setattr(os, "access", lambda path, mode: False)
     (tmp_path / "shut").mkdir()
     for out in ("shut", "shut/a/run"):
@@ -261,12 +263,12 @@ def test_an_out_that_may_not_be_written(refused: Refused, tmp_path, monkeypatch)
         ),
     ],
 )
-def test_the_place_that_is_named_is_the_one_that_was_wrong(refused, argv, told):
+def test_the_error_names_the_entry_that_was_wrong(refused, argv, told):
     published = str(models_folder() / "published_thresholds.toml")
     assert told in refused(*[published if one == "published" else one for one in argv])
 
 
-def test_a_run_without_checks_is_not_said_to_have_passed_and_shows_what_it_came_to(capsys):
+def test_a_run_without_checks_is_not_reported_as_passed_and_shows_its_metrics(capsys):
     argv = ["run", "nylon_patch", "--plant", "planar", "--method", "off"]
     assert main([*argv, "--set", "duration=0.3", "--set", "checks={}"]) == 0
     out = capsys.readouterr().out

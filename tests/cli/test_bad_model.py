@@ -110,7 +110,7 @@ def test_the_model_of_the_other_plant(refused: Refused, tmp_path):
         assert f"this file must say '{wanted}'" in refused(*argv, "--model", str(tmp_path / "mine.toml"))
 
 
-def test_a_mistake_in_the_parts_is_told_of_the_parts_file(refused: Refused, tmp_path):
+def test_a_mistake_in_the_parts_is_reported_with_the_parts_file(refused: Refused, tmp_path):
     (tmp_path / "mine.toml").write_text(ROBOT, encoding="utf-8")
     for old, new, told in (
         ("value = 0.040", "value = -1", "parts.toml: motor.torque_constant: found -1"),

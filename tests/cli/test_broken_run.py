@@ -37,7 +37,7 @@ def called(capsys, *argv: str) -> tuple[int, str, list[str]]:
 
 
 @pytest.mark.parametrize("json_too", [(), ("--json",)])
-def test_what_was_recorded_until_then_is_written_and_one_line_says_so(
+def test_what_was_recorded_until_then_is_written_and_one_line_reports_it(
     capsys, tmp_path, monkeypatch, plain_files, json_too
 ):
     folder = tmp_path / "run"

@@ -75,7 +75,7 @@ def test_thresholds_are_never_below_their_floor_and_rise_when_the_rate_falls(fil
         )
 
 
-def test_the_file_says_where_it_comes_from(files, folder):
+def test_the_file_states_its_origin(files, folder):
     told = tomllib.loads(files[0.1].read_text(encoding="utf-8"))["calibration"]
     assert told["dataset"] == str(folder) and told["false_alarms_per_hour"] == 0.1 and told["version"]
     assert 60.0 / 3600.0 < told["hours"] < 90.0 / 3600.0
@@ -84,7 +84,7 @@ def test_the_file_says_where_it_comes_from(files, folder):
     assert all(0.0 <= told["largest"][name] < getattr(largest, name) for name in THRESHOLD_UNITS)
 
 
-def test_it_says_how_far_it_had_to_extrapolate(folder, files, tmp_path, capsys):
+def test_the_extent_of_extrapolation_is_printed(folder, files, tmp_path, capsys):
     said = files[0.1].read_text(encoding="utf-8")
     assert "0.1 false alarms per hour of motion (one in 10 h) from 0.0" in said and "-fold along" in said
     assert "here on natural_stone, not beyond" in said

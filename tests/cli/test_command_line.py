@@ -182,7 +182,7 @@ def test_every_sub_command_has_help_with_an_example_that_is_right(capsys, comman
         assert program == "omnimj" and arguments.command == command and not unknown
 
 
-def test_help_tells_what_there_is(capsys):
+def test_help_lists_every_command(capsys):
     told = help_of(capsys)
     for command in ("scenarios", "run", "bench"):
         assert f"\n    {command}" in told
@@ -203,7 +203,7 @@ def test_a_terminal_without_the_signs_shows_others():
 @pytest.mark.parametrize(
     ("sink", "codes"), [("/dev/full", (1,)), (None, (0, 141))], ids=["full disk", "closed pipe"]
 )
-def test_output_that_nobody_takes_is_no_traceback(sink, codes):
+def test_a_closed_output_pipe_is_no_traceback(sink, codes):
     if sink and not Path(sink).exists():
         pytest.skip("this system has no /dev/full")
     read_end, write_end = os.pipe() if sink is None else (None, os.open(str(sink), os.O_WRONLY))

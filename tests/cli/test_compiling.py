@@ -59,7 +59,7 @@ def test_a_run_that_never_began_has_compiled_nothing(cache, capsys, monkeypatch)
     assert capsys.readouterr().err.count(LINE) == 2
 
 
-def test_the_kinematic_level_compiles_nothing_worth_a_word(cache, capsys):
+def test_the_kinematic_level_compiles_too_little_for_a_notice(cache, capsys):
     assert main(["run", "circle_8m_kinematic"]) == 0
     assert capsys.readouterr().err == ""
 
@@ -129,7 +129,7 @@ def test_an_account_without_a_home_has_a_cache(monkeypatch, tmp_path):
     assert chosen_folder().is_relative_to(tmp_path)
 
 
-def test_a_temporary_folder_of_somebody_else_is_left_alone(monkeypatch, tmp_path):
+def test_a_temporary_folder_of_another_user_is_not_used(monkeypatch, tmp_path):
     (tmp_path / "file").write_text("")
     (tmp_path / f"omnimj-{os.getuid() + 1}").mkdir()
     monkeypatch.setenv("OMNIMJ_CACHE", str(tmp_path / "file"))

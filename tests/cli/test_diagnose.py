@@ -55,7 +55,7 @@ def told_in(out: Path) -> dict:
     return told
 
 
-def test_a_healthy_mission_is_silent_and_a_weak_motor_is_named_at_its_wheel(done):
+def test_a_healthy_mission_raises_no_alarm_and_a_weak_motor_is_named_at_its_wheel(done):
     runs = told_in(done)["runs"]
     assert runs["healthy"]["diagnoses"] == [] and 0.0 < runs["healthy"]["cannot_judge"] < 6.0
     (found,) = runs["weak"]["diagnoses"]
@@ -63,7 +63,7 @@ def test_a_healthy_mission_is_silent_and_a_weak_motor_is_named_at_its_wheel(done
     assert found["time"] > ONSET and abs(found["effectiveness"] - 0.43) < 0.1
 
 
-def test_it_says_what_was_asked_of_what(done, folder):
+def test_the_output_names_method_data_and_settings(done, folder):
     told = told_in(done)
     assert (told["method"], told["plant"], told["dataset"]) == ("robust", "uto_robot", str(folder))
     assert told["command"].startswith("omnimj diagnose ") and told["version"] and not told["interrupted"]
@@ -83,7 +83,7 @@ def test_a_trace_lies_beside_it_for_each_run(done, folder):
     ]
 
 
-def test_the_report_says_it_in_words_and_works_offline(done):
+def test_the_report_holds_the_verdict_and_works_offline(done):
     page = (done / "report.html").read_text(encoding="utf-8")
     assert "Nothing found." in page and re.search(r"motor 2 is weak: 4\d % left", page)
     assert page.count("<svg") == 4 and "http://" not in page and "https://" not in page
@@ -100,7 +100,7 @@ def test_the_terminal_gets_a_table_and_json_is_what_is_written(folder, tmp_path,
 
 
 @pytest.mark.parametrize("change", ["csv", "no commands"])
-def test_csv_says_the_same_and_logs_without_set_currents_too(done, tmp_path, change):
+def test_csv_gives_the_same_diagnoses_and_so_do_logs_without_set_currents(done, tmp_path, change):
     runs = two_runs(commands=change == "csv")
     write_dataset(tmp_path / "other", "uto_robot", FLOOR, runs, table_format="csv")
     assert main(["diagnose", str(tmp_path / "other"), "--out", str(tmp_path / "out")]) == 0

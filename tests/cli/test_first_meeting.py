@@ -18,7 +18,7 @@ def commands() -> list[str]:
     return list(next(action.choices for action in make_parser()._actions if action.dest == "command") or ())
 
 
-def test_alone_it_says_what_it_is_and_where_to_begin(capsys):
+def test_the_command_alone_prints_its_purpose_and_where_to_begin(capsys):
     assert main([]) == 0
     out, err = capsys.readouterr()
     assert err == "" and out.startswith("omnimj ") and "twin" in out.splitlines()[0]

@@ -34,7 +34,7 @@ def metrics(capsys, *argv: str) -> dict:
 
 
 @pytest.mark.parametrize("plant", ["twin", "planar"])
-def test_a_floor_of_ones_own_goes_before_the_shipped_one_of_its_name(capsys, own, plant):
+def test_a_user_s_floor_replaces_the_shipped_one_of_its_name(capsys, own, plant):
     shipped = metrics(capsys, "--plant", plant)
     mine = metrics(capsys, "--plant", plant, "--floors", str(own))
     other = metrics(capsys, "--plant", plant, "--floors", str(own), "--set", "floor=glass")
@@ -60,7 +60,7 @@ def test_a_floor_survives_its_text(tmp_path):
     ],
     ids=lambda argv: " ".join(argv[:2]),
 )
-def test_a_mistake_in_a_floor_is_told_by_every_command(refused: Callable[..., str], tmp_path, argv):
+def test_a_mistake_in_a_floor_is_reported_by_every_command(refused: Callable[..., str], tmp_path, argv):
     path = tmp_path / "bad.toml"
     path.write_text(format_floor(GLASS).replace("mu_c = ", "mu_d = "), encoding="utf-8")
     assert "bad.toml: glass: unknown key 'mu_d'; did you mean" in refused(*argv, "--floors", str(path))

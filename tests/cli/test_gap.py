@@ -85,7 +85,9 @@ def test_a_search_leaves_model_digest_report_and_recording(capsys, tmp_path, sea
 
 
 @pytest.mark.parametrize("name", FINDINGS)
-def test_every_verdict_is_told_with_its_numbers_and_exits_with_0(capsys, tmp_path, search, plain_views, name):
+def test_every_verdict_is_printed_with_its_numbers_and_exits_with_0(
+    capsys, tmp_path, search, plain_views, name
+):
     finding = FINDINGS[name]()
     search(finding)
     code, out, _ = called(capsys, "gap", "data", "--out", str(tmp_path / "out"))
@@ -176,7 +178,7 @@ def test_ctrl_c_before_anything_was_found_leaves_no_folder(capsys, tmp_path, sea
     assert not (tmp_path / "out").exists()
 
 
-def test_a_search_that_broke_down_says_so_in_one_line_and_keeps_the_rest(
+def test_a_search_that_broke_down_is_reported_in_one_line_and_the_rest_is_kept(
     capsys, tmp_path, search, plain_views
 ):
     search(replace(rig_named(), failure="at 0.3 s: wheel_speed is nan"))

@@ -25,7 +25,7 @@ def test_a_robot_that_is_wired_well_passes_over_a_real_wire(capsys):
     assert code == 0 and found["passed"] and found["wiring"] == []
 
 
-def test_wrong_signs_are_told_by_name_and_the_check_fails(capsys):
+def test_wrong_signs_are_reported_by_name_and_the_check_fails(capsys):
     defects = [WiringDefect("sign", "wheel_speed_2"), WiringDefect("sign", "motor_4")]
     with served(planar(), "udp", defects=defects) as address:
         code, found = told(capsys, address, *LOCK_STEP)
@@ -45,7 +45,7 @@ def test_wrong_signs_are_told_by_name_and_the_check_fails(capsys):
         (["--plant", "udp:127.0.0.1", "--yes"], "--plant"),
     ],
 )
-def test_what_cannot_be_checked_is_told_in_one_line(argv, words, capsys, monkeypatch):
+def test_what_cannot_be_checked_is_refused_in_one_line(argv, words, capsys, monkeypatch):
     monkeypatch.setattr("sys.stdin", io.StringIO())
     assert _code(["link", "check", *argv]) == 2
     said = capsys.readouterr().err.strip().splitlines()[-1]

@@ -13,7 +13,7 @@ from omnimj.link.check import fuzz as fuzzing
 SHORT = ("link", "fuzz", "--frames", "2000", "--noise", "100000", "--seed", "4")
 
 
-def test_what_holds_exits_with_0_and_counts_everything(capsys):
+def test_a_sound_link_exits_with_0_and_every_count_is_given(capsys):
     assert main([*SHORT, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert (found["frames"], found["seed"], found["passed"]) == (2000, 4, True)
@@ -24,7 +24,7 @@ def test_what_holds_exits_with_0_and_counts_everything(capsys):
     assert "accepted wrongly" in told and f"{found['accepted']:,}" in told, "one seed gives one run"
 
 
-def test_a_decoder_that_believes_anything_exits_with_1(capsys, monkeypatch):
+def test_a_decoder_that_accepts_anything_exits_with_1(capsys, monkeypatch):
     right = fuzzing.decode
     monkeypatch.setattr(fuzzing, "decode", lambda packet, key=None: right(packet, None))
     assert main(SHORT) == 1
@@ -47,7 +47,7 @@ def test_growing_memory_exits_with_1(capsys, monkeypatch):
         (("link", "fuzz", "--noise", "1e6"), "whole number"),
     ],
 )
-def test_what_cannot_be_is_one_clear_line(capsys, argv, said):
+def test_impossible_arguments_are_refused_in_one_line(capsys, argv, said):
     assert main(argv) == 2
     out, err = capsys.readouterr()
     assert out == "" and err.count("\n") == 1 and said in err and err.startswith("omnimj link")

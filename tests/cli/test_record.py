@@ -28,7 +28,7 @@ def two_runs(monkeypatch):
     monkeypatch.setattr(recording, "planned_runs", first_two)
 
 
-def test_a_dataset_is_written_and_told(two_runs, tmp_path, capsys):
+def test_a_dataset_is_written_and_summarised(two_runs, tmp_path, capsys):
     out = tmp_path / "set"
     assert main(["record", "rig_currents", *QUICK, "--out", str(out)]) == 0
     told = capsys.readouterr().out
@@ -36,7 +36,7 @@ def test_a_dataset_is_written_and_told(two_runs, tmp_path, capsys):
     assert [run.name for run in read_dataset(out).runs] == ["stone_015", "stone_030"]
 
 
-def test_json_tells_the_command_the_effects_and_the_seed(two_runs, tmp_path, capsys):
+def test_json_holds_the_command_the_effects_and_the_seed(two_runs, tmp_path, capsys):
     out = tmp_path / "set"
     effect = "rail_viscous:coefficient=1.5"
     argv = ["record", "rig_currents", *QUICK, "--effect", effect, "--seed", "7", "--json", "--out", str(out)]
@@ -103,6 +103,6 @@ def test_bad_input_is_one_line(refused: Refused, argv, told):
     assert told in refused("record", *argv)
 
 
-def test_a_folder_that_cannot_be_written_is_told_before_the_work(refused: Refused, tmp_path: Path):
+def test_a_folder_that_cannot_be_written_is_refused_before_the_work(refused: Refused, tmp_path: Path):
     (tmp_path / "file").write_text("")
     assert "is a file" in refused("record", "rig_currents", "--out", str(tmp_path / "file"))

@@ -47,7 +47,7 @@ def test_truth_diagnosis_and_delay_stand_in_one_line():
     ]
 
 
-def test_false_alarms_and_doubts_are_told():
+def test_false_alarms_and_ambiguities_are_printed():
     words = told([WEAK], [record(0.85, "motor", 1, ambiguous_with=["motor 3"]), record(2.0, "slip", 2)])
     assert "motor loss, wheel 1 or motor loss, wheel 3" in words
     assert [cell.strip() for cell in words.splitlines()[2].split("  ") if cell] == [
@@ -58,20 +58,20 @@ def test_false_alarms_and_doubts_are_told():
     ]
 
 
-def test_nothing_is_told_in_words():
+def test_no_diagnosis_is_printed_as_a_sentence():
     assert told() == "diagnosis: no fault, and none was diagnosed"
     expected = "diagnosis: none; true faults: motor loss, wheel 1 (loss 57 %) from 0.8 s"
     assert told([WEAK]) == expected
     assert told([WEAK], method="off") == ""
 
 
-def test_a_method_that_cries_wolf_leaves_the_checks_on_the_screen():
+def test_many_false_alarms_leave_the_checks_on_the_screen():
     channels = [record(1.0, "sensor", channel=f"channel_{k}") for k in range(40)]
     lines = told([WEAK], channels).splitlines()
     assert len(lines) == 14 and lines[-1] == "and 29 more, in metrics.json"
 
 
-def test_a_run_tells_what_was_diagnosed_after_its_checks(capsys):
+def test_a_run_prints_its_diagnoses_after_its_checks(capsys):
     argv = ("run", "nylon_patch", "--plant", "planar", "--method", "published")
     _, out, _ = called(capsys, *argv, "--set", "duration=1.0", "--set", "checks={}")
     assert "no checks" in out and out.index("no checks") < out.index("true fault")
@@ -149,7 +149,7 @@ def test_ctrl_c_while_the_others_are_driven_keeps_the_run_that_is_whole(
     assert len(read_trace(tmp_path / "run" / "trace.parquet")["time"]) == 301
 
 
-def test_another_method_that_breaks_down_is_told_in_one_line_and_the_run_is_kept(
+def test_another_method_that_breaks_down_is_reported_in_one_line_and_the_run_is_kept(
     capsys, tmp_path, monkeypatch, plain_files
 ):
     truth, calls = PlanarRobot.truth, []

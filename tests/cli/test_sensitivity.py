@@ -72,7 +72,7 @@ def test_ctrl_c_exits_with_130_and_keeps_what_there_is(tmp_path, capsys, monkeyp
     assert (tmp_path / "out" / "report.html").stat().st_size > 1000
 
 
-def test_a_run_that_broke_down_exits_with_1_and_says_which(tmp_path, capsys, monkeypatch):
+def test_a_run_that_broke_down_exits_with_1_and_is_named(tmp_path, capsys, monkeypatch):
     def broken(work, *_):
         runs = tmp_path / "out" / "runs"
         (runs / "trajectory_0000_003.json").write_text('{"error": "SimulationError: it flew"}')

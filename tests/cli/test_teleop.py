@@ -165,7 +165,7 @@ def test_without_a_terminal_nothing_is_driven(capsys, monkeypatch):
         (("--keep", "0"), "at least 1"),
     ],
 )
-def test_what_cannot_be_is_one_clear_line(capsys, argv, said):
+def test_impossible_arguments_are_refused_in_one_line(capsys, argv, said):
     assert said in refused(capsys, *argv)
 
 
@@ -178,7 +178,7 @@ def test_what_cannot_be_is_one_clear_line(capsys, argv, said):
         (("--plant", "planar", "--gamepad", "/no/such/pad"), "cannot be read"),
     ],
 )
-def test_so_is_a_plant_that_is_none(capsys, monkeypatch, argv, said):
+def test_an_unknown_plant_is_refused_in_one_line(capsys, monkeypatch, argv, said):
     far, near = os.openpty()
     with os.fdopen(near) as stdin:
         monkeypatch.setattr(sys, "stdin", stdin)
@@ -187,7 +187,7 @@ def test_so_is_a_plant_that_is_none(capsys, monkeypatch, argv, said):
     os.close(far)
 
 
-def test_the_newest_of_a_watched_drive_is_where_it_belongs(tmp_path):
+def test_the_newest_part_of_a_watched_drive_is_written_to_its_folder(tmp_path):
     """A spectator writes down what it is sent of a plant that does not tell where it is."""
     from rerun.chunk import RrdReader
 

@@ -70,7 +70,7 @@ def test_thresholds_from_a_file_are_those_that_candidates_are_driven_with(push, 
     assert plan["thresholds"]["motor"] == Thresholds().motor and None in seen
 
 
-def test_a_result_that_is_not_better_is_told_and_ends_with_1(push, tmp_path, capsys, monkeypatch):
+def test_a_result_that_is_not_better_is_reported_and_exits_with_1(push, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("omnimj.studies.tuning.cost.Score.is_better_than", lambda self, other: False)
     assert main(push) == 1
     assert "NOT BETTER than the gains before" in capsys.readouterr().out
@@ -203,7 +203,7 @@ def test_gains_are_driven_with(tmp_path, capsys):
     assert current("--gains", str(file)) > 1.05 * current()
 
 
-def test_an_evaluation_is_told_from_one_with_other_gains(tmp_path, capsys, monkeypatch):
+def test_an_evaluation_is_distinguished_from_one_with_other_gains(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(workers, "ProcessPoolExecutor", lambda *given, **named: InlineExecutor())
     file = tmp_path / "g.toml"
     file.write_text('[control]\nspeed_proportional = { value = 0.1, unit = "A.s/rad", source = "tuned" }\n')

@@ -67,7 +67,7 @@ def test_a_file_changes_what_it_names_and_nothing_else(tmp_path):
         ("[control", "is not valid TOML"),
     ],
 )
-def test_a_wrong_file_is_told_in_one_line(tmp_path, content, told):
+def test_a_wrong_file_is_refused_in_one_line(tmp_path, content, told):
     (tmp_path / "g.toml").write_text(content)
     with pytest.raises(InputError, match=told) as caught:
         read_gains(tmp_path / "g.toml", ROBOT.control)
@@ -121,7 +121,7 @@ def test_every_gain_of_recovery_reaches_a_run_that_needs_it(name, scenario, chan
     assert not alike(columns(scenario), columns(with_gains(scenario, gains)))
 
 
-def test_a_model_file_may_say_that_a_gain_was_tuned_and_the_shipped_one_does():
+def test_a_model_file_may_mark_a_gain_as_tuned_and_the_shipped_one_does():
     assert ROBOT.provenance["control.speed_proportional"].source == "tuned"
 
 

@@ -31,7 +31,7 @@ def is_weak(diagnosis) -> bool:
     return diagnosis.kind == "motor" and diagnosis.wheels == (2,) and not diagnosis.ambiguous_with
 
 
-def test_a_log_says_what_the_controller_said_while_it_drove():
+def test_a_replayed_log_has_the_diagnoses_of_the_drive():
     trace = driven(weak=True, watched=True)
     told, (found,) = trace.about["diagnoses"], said_of(as_run(trace)).diagnoses
     assert [one["kind"] for one in told] == ["motor"] and is_weak(found)
@@ -39,7 +39,7 @@ def test_a_log_says_what_the_controller_said_while_it_drove():
     assert found.effectiveness == pytest.approx(told[0]["effectiveness"], abs=0.1)
 
 
-def test_a_healthy_mission_is_silent_and_rest_cannot_be_judged():
+def test_a_healthy_mission_raises_no_alarm_and_rest_cannot_be_judged():
     found = said_of(as_run(driven()))
     assert not found.diagnoses and found.judged == pytest.approx(12.001, abs=0.01)
     rest = np.abs(driven().wheels("wheel_speed")).max(axis=1) < 0.5
@@ -47,7 +47,7 @@ def test_a_healthy_mission_is_silent_and_rest_cannot_be_judged():
 
 
 @pytest.mark.parametrize("weak", [False, True])
-def test_set_currents_change_nothing_that_is_said(weak):
+def test_set_currents_change_no_diagnosis(weak):
     with_them, without_them = (said_of(as_run(driven(weak=weak), commands=c)) for c in (True, False))
     assert [(d.kind, d.wheels) for d in with_them.diagnoses] == [
         (d.kind, d.wheels) for d in without_them.diagnoses
@@ -56,7 +56,7 @@ def test_set_currents_change_nothing_that_is_said(weak):
 
 
 @pytest.mark.parametrize("rate", [100, 250])
-def test_slower_logs_say_the_same(rate):
+def test_slower_logs_give_the_same_diagnoses(rate):
     every = slice(None, None, 1000 // rate)
     assert not said_of(as_run(driven(), rows=every)).diagnoses
     assert [is_weak(d) for d in said_of(as_run(driven(weak=True), rows=every)).diagnoses] == [True]
@@ -68,7 +68,7 @@ def first_fast_row() -> int:
     return int(np.argmax(speed > 0.7 * speed.max()))
 
 
-def test_a_log_that_begins_in_the_middle_of_a_motion_is_silent():
+def test_a_log_that_begins_in_the_middle_of_a_motion_raises_no_alarm():
     row = first_fast_row()
     for method in ("robust", "published"):
         found = said_of(as_run(driven(), rows=slice(row, None)), method)
@@ -76,7 +76,7 @@ def test_a_log_that_begins_in_the_middle_of_a_motion_is_silent():
 
 
 @pytest.mark.parametrize("lost", [10, 50, 95, 400])
-def test_a_gap_in_the_middle_of_a_motion_is_silent(lost):
+def test_a_gap_in_the_middle_of_a_motion_raises_no_alarm(lost):
     run = without(as_run(driven()), first_fast_row(), lost)
     found = said_of(run)
     assert not found.diagnoses

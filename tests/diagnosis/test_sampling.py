@@ -51,7 +51,7 @@ def test_a_set_current_ends_the_period_after_its_row():
     assert set(np.round(2000.0 * piece.time[1:] - piece.command[1:, 0])) <= {1.0, 2.0}
 
 
-def test_set_currents_of_slow_logs_are_not_used_and_that_is_said():
+def test_set_currents_of_slow_logs_are_not_used_and_that_is_reported():
     time = at_rate(200.0)
     found = resample(run_of(time, a=time, u=time), ("a",), ("u",), PERIOD)
     assert found.segments[0].command is None and "commanded currents" in found.notes[0]

@@ -45,12 +45,12 @@ def test_the_level_rises_when_the_rate_falls():
     assert levels[4] - levels[3] == pytest.approx(tail.slope * math.log(10.0))
 
 
-def test_what_never_stirs_has_no_tail():
+def test_a_constant_statistic_has_no_tail():
     tail = fit_tail(np.zeros(20), STRETCH)
     assert (tail.slope, tail.largest, tail.level(1e-6)) == (0.0, 0.0, 0.0)
 
 
-def test_of_what_is_learnt_the_next_run_exceeds_the_level_as_often_as_may_be():
+def test_the_next_run_exceeds_the_calibrated_level_as_often_as_allowed():
     """Ten thousand calibrations with 12 runs each, all normal: the thirteenth is above in 5 % of them."""
     rng = np.random.default_rng(3)
     above = 0
@@ -60,5 +60,5 @@ def test_of_what_is_learnt_the_next_run_exceeds_the_level_as_often_as_may_be():
     assert above == pytest.approx(500, abs=70)
 
 
-def test_one_run_says_nothing_of_the_next():
+def test_one_run_gives_no_information_on_the_next():
     assert fit_spread(np.array([0.02]), hours=1.0).level(0.1) == math.inf

@@ -44,7 +44,7 @@ def test_an_effect_of_typical_size_changes_the_run(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_an_effect_vanishes_where_it_says(name):
+def test_an_effect_vanishes_at_its_stated_value(name):
     effect = effects_of(AXIS)[name]
     gone = apply_effects(with_effects(MACHINE, {name: values_of(effect, effect.null_values())})).machine
     used = np.ones(AXIS_ROW, bool)

@@ -175,7 +175,7 @@ def test_any_effect_table_is_read_or_refused(tmp_path_factory, name, value):
     )
 
 
-def test_base_quantities_that_are_not_known_exactly_say_so():
+def test_base_quantities_that_are_not_known_exactly_are_marked_as_such():
     stated = {
         "motor.torque_constant": 0.03,
         "motor.no_load_torque": 0.15,

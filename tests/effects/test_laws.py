@@ -91,7 +91,7 @@ def nothing(*_):
 
 
 @pytest.mark.parametrize("name", [*FORCES, *TORQUES])
-def test_an_added_force_moves_the_rig_as_an_adaptive_integrator_says(name, measured):
+def test_an_added_force_moves_the_rig_as_an_adaptive_integrator_computes(name, measured):
     values, law = {**FORCES, **TORQUES}[name]
     force, torque = (law, nothing) if name in FORCES else (nothing, law)
     stepped = rig_run(with_effects(RIG, {name: values}), "planar", 800, 0.0, np.full(800, 0.9))[:, 2]
@@ -119,7 +119,7 @@ def test_a_grade_is_felt_by_speed_and_accelerometer():
         assert at_rest[-1, 3] == pytest.approx(9.81 * math.sin(slope), abs=0.01)
 
 
-def test_a_sagging_supply_takes_from_the_top_speed_what_its_resistance_says():
+def test_a_sagging_supply_lowers_the_top_speed_by_its_resistance():
     # at the limit i = (V − K ω)/(R + R_s)
     sag = 3.0
     for kind in ("twin", "planar"):
@@ -132,7 +132,7 @@ def test_a_sagging_supply_takes_from_the_top_speed_what_its_resistance_says():
         assert current == pytest.approx((24.0 - emf) / (RIG.motor.resistance + sag), rel=0.02)
 
 
-def test_four_motors_share_a_sagging_supply_without_hunting():
+def test_four_motors_share_a_sagging_supply_without_oscillation():
     sag = 5.0
     machine = with_effects(ROBOT, {"supply_sag": {"resistance": sag}})
     for kind in ("twin", "planar"):
@@ -156,7 +156,7 @@ def test_a_measured_current_is_cut_by_no_limit():
         assert np.allclose(robot[1:, :4], 2.5)
 
 
-def test_a_late_channel_says_what_it_said_before():
+def test_a_late_channel_repeats_its_earlier_values():
     plain = rig_run(RIG, "planar", 300)
     for delay, steps in ((0.02, 20.0), (0.0125, 12.5)):
         late = with_effects(RIG, {"sensor_delay": {"channel": "carriage_speed", "delay": delay}})
@@ -277,7 +277,7 @@ def test_effects_of_one_kind_add_up_or_are_refused():
         with_effects(RIG, {"rail_position": {}, "rail_position_2": {"position": 0.1}})
 
 
-def test_one_weak_motor_is_one_wheel_s_own():
+def test_one_weak_motor_acts_on_its_wheel_alone():
     weak = with_effects(ROBOT, {"torque_constant": {"wheel": 2, "scale": 0.5}})
     currents = np.tile([0.0, -0.9, 0.0, 0.9], (300, 1))
     for kind in ("twin", "planar"):

@@ -58,7 +58,7 @@ def raw(**volts):
     return found
 
 
-def test_a_model_file_without_hardware_is_told_when_a_wire_is_asked_for():
+def test_a_model_file_without_hardware_is_refused_for_a_wire():
     robot = dataclasses.replace(read_robot(), hardware=None)
     with pytest.raises(
         InputError, match=r"robot\.toml: there is no \[hardware\]; a plant behind a wire needs"
@@ -199,7 +199,7 @@ def test_a_device_has_its_wheel_speeds_in_its_own_order():
     assert wheel_speed_decoder(PERMUTED)(0.0, volts) == (2.0 * gain, -4.0 * gain, 1.0 * gain, 3.0 * gain)
 
 
-def test_the_device_says_what_each_channel_is_and_indices_left_out_are_of_no_use():
+def test_the_device_describes_each_channel_and_indices_left_out_are_unused():
     kinds = channel_kinds(rewired("yaw", channel=13, raw="counts"))
     assert kinds[0] == ChannelKind(Quantity.CURRENT, 1, Raw.VOLTS)
     assert kinds[7] == ChannelKind(Quantity.WHEEL_SPEED, 4, Raw.VOLTS)
@@ -208,7 +208,7 @@ def test_the_device_says_what_each_channel_is_and_indices_left_out_are_of_no_use
     assert len(kinds) == 14
 
 
-def test_a_device_set_up_for_this_wiring_says_so():
+def test_a_device_set_up_for_this_wiring_confirms_it():
     device = device_config(WIRING, 0.002, lock_step=True, keyed=True)
     assert (device.wheels, device.period, device.lock_step, device.keyed) == (4, 0.002, True, True)
     assert device.channels == channel_kinds(WIRING)

@@ -60,7 +60,7 @@ def test_a_model_file_may_be_without_hardware(tmp_path):
     assert read(tmp_path, SHIPPED[:FIRST]).hardware is None
 
 
-def test_what_may_be_left_out_is_plain(tmp_path):
+def test_entries_left_out_have_their_plain_defaults(tmp_path):
     wired = read(tmp_path, SHIPPED).hardware
     assert {(i.sign, i.offset, i.filter, i.wrap, i.raw) for i in wired.inputs} == {
         (1, 0.0, 0.0, 0.0, "volts")
@@ -69,7 +69,7 @@ def test_what_may_be_left_out_is_plain(tmp_path):
     assert [i.wheel for i in wired.inputs] == [1, 2, 3, 4, 1, 2, 3, 4, 0, 0, 0, 0]
 
 
-def test_everything_that_may_be_said(tmp_path):
+def test_every_optional_entry_of_the_hardware_tables_is_read(tmp_path):
     where = SHIPPED.index('name = "wheel_speed_2"')
     old = SHIPPED[where : SHIPPED.index(', source = "chosen"', where)]
     new = """name = "wheel_speed_2"
@@ -135,7 +135,7 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
-def test_each_mistake_is_told_in_one_line(tmp_path, mistake):
+def test_each_mistake_is_refused_in_one_line(tmp_path, mistake):
     old, new, told = MISTAKES[mistake]
     with pytest.raises(InputError, match=re.escape(told)) as error:
         read(tmp_path, changed(old, new))

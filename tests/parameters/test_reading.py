@@ -71,7 +71,7 @@ def folder(tmp_path_factory) -> Path:
 
 
 @pytest.mark.parametrize("name", SHIPPED)
-def test_a_copy_in_any_folder_says_the_same(tmp_path, name):
+def test_a_copy_in_any_folder_has_the_same_values(tmp_path, name):
     shipped = {"floors.toml": read_floors, "rig.toml": read_rig}.get(name, read_robot)()
     copy = read(tmp_path, name, CONTENT[name])
     if name != "floors.toml":

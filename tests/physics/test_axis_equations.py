@@ -63,7 +63,7 @@ def test_the_row_holds_body_and_extras():
     assert no_curve().shape == (CURVE_ROW,)
 
 
-def test_an_axis_without_friction_moves_as_newton_says():
+def test_an_axis_without_friction_obeys_newtons_law():
     states = run(with_body(coulomb=0.0, viscous=0.0), 50.0, 1.0)
     a = 50.0 / AXIS.axis.mass
     assert states[-1, SPEED] == pytest.approx(a, rel=1e-12)
@@ -83,7 +83,7 @@ def test_a_force_below_dry_friction_moves_nothing():
     assert run(AXIS, 20.01, 1.0)[-1, POSITION] > 0.0
 
 
-def test_a_coasting_carriage_stops_where_energy_says_and_stays():
+def test_a_coasting_carriage_stops_where_its_energy_is_spent_and_stays():
     start = (0.0, 0.3, 0.0, 0.3, 0.0)
     states = run(with_body(viscous=0.0), 0.0, 3.0, start=start)
     way = AXIS.axis.mass * 0.3**2 / (2.0 * AXIS.axis.coulomb)

@@ -39,7 +39,7 @@ def test_rollers_across_the_axle_are_exactly_those_of_an_omni_wheel():
 
 
 @given(ANGLES, SPEEDS, SPEEDS, SPEEDS)
-def test_wheels_that_turn_as_the_rolling_matrix_says_do_not_slip_whatever_the_angle(angle, v_x, v_y, turn):
+def test_wheels_at_the_speeds_of_the_rolling_matrix_do_not_slip_whatever_the_angle(angle, v_x, v_y, turn):
     robot = with_rollers(angle)
     rows = planar_constants(robot).wheels
     speeds = rolling_matrix(robot.wheel_positions, robot.rolling_directions) @ (v_x, v_y, turn)

@@ -43,7 +43,7 @@ def test_a_shorted_motor_drives_the_current_of_its_back_emf_through_itself(plant
 
 
 @pytest.mark.parametrize("plant", ["planar", "twin"])
-def test_it_stops_a_robot_sooner_than_motors_without_current_and_lets_go_again(plant):
+def test_the_brake_stops_a_robot_sooner_than_motors_without_current_and_releases(plant):
     speeds = []
     for brake in ((), (2, 4)):
         robot = make(plant)
@@ -58,7 +58,9 @@ def test_it_stops_a_robot_sooner_than_motors_without_current_and_lets_go_again(p
 
 @pytest.mark.parametrize("plant", ["planar", "twin"])
 @pytest.mark.parametrize("kind", ["free", "hard_over"])
-def test_it_holds_a_motor_whose_amplifier_is_dead_or_mad_also_when_the_fault_comes_later(plant, kind):
+def test_the_brake_holds_a_motor_with_a_dead_or_runaway_amplifier_also_when_the_fault_comes_later(
+    plant, kind
+):
     robot = make(plant, [Fault(kind, 0.1, None, 1)])
     robot.reset()
     found = driven(robot, CurrentCommand(NOTHING, (1,)), 600)

@@ -281,7 +281,7 @@ def test_each_kind_sets_its_own_conditions():
     assert held(Fault("slope", 0, numbers={"angle": 0.1, "direction": 2.0})).slope == (0.1, 2.0)
 
 
-def test_motor_kernels_do_what_the_faults_say():
+def test_motor_kernels_act_as_the_faults_state():
     free, over, lost, second, locked = (
         held(Fault(kind, 0, None, 1, numbers)).motors[0]
         for kind, numbers in (

@@ -296,7 +296,7 @@ def test_closing_twice_is_fine():
         ),
     ],
 )
-def test_bad_input_is_named(build, words):
+def test_bad_input_is_refused_with_its_name(build, words):
     with pytest.raises(InputError, match=words):
         build()
 

@@ -230,7 +230,7 @@ def test_reset_starts_the_same_run_again():
     assert np.array_equal(drive(sensors), (sensors.reset(), drive(sensors))[1])
 
 
-def test_reset_forgets_what_a_frozen_channel_held():
+def test_reset_clears_what_a_frozen_channel_held():
     sensors = robot(QUIET, faults=[fault("current_1", "freeze", None, 0.0)])
     for amperes in (1.25, 2.5):
         sensors.reset()
@@ -373,7 +373,7 @@ def test_one_bad_channel_leaves_the_others_alone():
     assert np.array_equal(np.delete(a, 5), np.delete(b, 5)) and np.isnan(b[5])
 
 
-def test_absurd_but_finite_quantities_are_survived():
+def test_absurd_but_finite_quantities_give_finite_readings():
     sensors = robot(seed=1)
     assert np.isfinite(run(sensors, 5, 1e308, -1e308, 1e308, -1e308, 1e308)).all()
     recovered = run(sensors, 2000, speed=5.0)[-1000:, 4]

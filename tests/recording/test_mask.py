@@ -134,11 +134,11 @@ def test_two_spikes_close_together_are_two_spikes():
         np.full(1500, 1e300),
     ],
 )
-def test_what_is_not_a_spike_is_none(values):
+def test_real_signals_hold_no_spike(values):
     assert not marks(values)
 
 
-def test_numbers_at_the_edge_of_floating_point_are_looked_at_quietly():
+def test_numbers_at_the_edge_of_floating_point_raise_no_warning():
     values = np.zeros(200)
     values[100], values[101] = 1.7e308, -1.7e308
     assert not marks(values)
@@ -166,7 +166,7 @@ def test_a_dropped_sample_is_a_gap_and_a_varying_rate_is_none():
     assert not len(find_gaps(np.cumsum(np.concatenate((np.full(500, 1e-3), np.geomspace(1e-3, 1e-2, 200))))))
 
 
-def test_gaps_and_spikes_are_told_and_marked_and_nothing_is_changed(tmp_path):
+def test_gaps_and_spikes_are_reported_and_marked_and_nothing_is_changed(tmp_path):
     columns = made.rig_columns(400)
     columns["current"][120] += 5.0
     columns = {name: np.delete(values, np.s_[200:240]) for name, values in columns.items()}

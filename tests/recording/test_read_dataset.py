@@ -83,7 +83,7 @@ def test_numbers_that_python_reads_and_arrow_does_not_are_numbers(tmp_path):
     assert read_dataset(made.write_rig(tmp_path, a=text)).runs[0].columns["current"][3] == 1.5
 
 
-def test_a_column_nobody_knows_is_kept_if_it_holds_numbers_and_ignored_if_not(tmp_path):
+def test_an_unknown_column_is_kept_if_it_holds_numbers_and_ignored_if_not(tmp_path):
     others = ("temperature", "comment", "half")
     rows = [f"{line},{20 + k},ok,{k if k % 2 else ''}" for k, line in enumerate(LINES[1:])]
     text = "\n".join([",".join([LINES[0], *others]), *rows])
@@ -94,7 +94,7 @@ def test_a_column_nobody_knows_is_kept_if_it_holds_numbers_and_ignored_if_not(tm
         assert np.isnan(run.columns["half"][::2]).all() and run.columns["half"][1] == 1.0
 
 
-def test_parquet_and_csv_tell_the_same(tmp_path):
+def test_parquet_and_csv_give_the_same_run(tmp_path):
     columns = made.rig_columns()
     folder = made.write_rig(tmp_path, a=columns)
     table = pa.table({**columns, "note": ["x"] * 60, "whole": pa.array([*range(59), None])})
@@ -108,13 +108,13 @@ def test_parquet_and_csv_tell_the_same(tmp_path):
     assert "note" not in second.columns and np.isnan(second.columns["whole"][59])
 
 
-def test_sideways_speed_is_zero_where_nobody_measured_it(tmp_path):
+def test_sideways_speed_is_zero_where_it_was_not_measured(tmp_path):
     columns = made.rig_columns()
     del columns["lateral_speed"]
     assert not read_dataset(made.write_rig(tmp_path, a=columns)).runs[0].columns["lateral_speed"].any()
 
 
-def test_columns_are_renamed_and_scaled_into_ours(tmp_path):
+def test_columns_are_renamed_and_scaled_to_the_channels(tmp_path):
     columns = made.rig_columns()
     columns["v_car [mm/s]"] = 1000.0 * columns.pop("carriage_speed")
     columns["volts"] = (columns.pop("current") - 0.25) / 0.5
@@ -132,7 +132,7 @@ def test_two_columns_may_trade_their_names(tmp_path):
     assert run.columns["current"].tobytes() == made.rig_columns()["wheel_speed"].tobytes()
 
 
-def test_a_run_says_for_itself_what_differs_from_the_defaults(tmp_path):
+def test_a_run_states_what_differs_from_the_defaults(tmp_path):
     toml = made.RIG + '[runs.a]\nfloor = "pvc"\nmass = 2\nrepeat_of = "p"\ndescription = "wet"\n'
     toml += "date = 2024-05-01\n[runs.b]\n"
     a, b = read_dataset(made.write_rig(tmp_path, toml, a=GOOD, b=GOOD)).runs
@@ -157,7 +157,7 @@ def test_robot_and_axis_have_columns_of_their_own(tmp_path):
     assert not runs[0].conditions
 
 
-def test_a_floor_of_ones_own_may_be_named(tmp_path):
+def test_a_user_s_floor_may_be_named(tmp_path):
     folder = made.write_rig(tmp_path, made.RIG.replace("natural_stone", "oak"))
     assert read_dataset(folder, floors=("oak",)).runs[0].conditions["floor"] == "oak"
     assert "unknown floor 'oak'" in refused(folder)
@@ -214,7 +214,7 @@ def test_a_long_run_is_read_quickly(tmp_path):
         (with_row(9, '"' + LINES[8]), "row 9: has the one cell"),
     ],
 )
-def test_a_csv_file_that_is_not_as_it_should_be(tmp_path, text, told):
+def test_a_wrong_csv_file_is_refused_with_its_place(tmp_path, text, told):
     message = refused(made.write_rig(tmp_path, a=text))
     assert told in message and "a.csv" in message
 
@@ -225,7 +225,7 @@ def test_rows_are_counted_with_empty_lines_and_the_header(tmp_path):
     assert "row 8, column 'time': found 0.01 after 0.03" in refused(made.write_rig(tmp_path, a=broken))
 
 
-def test_the_first_of_several_slips_is_told(tmp_path):
+def test_the_first_of_several_mistakes_is_reported(tmp_path):
     text = with_cell(30, "time", "x").replace(LINES[40], "y")
     assert "row 30" in refused(made.write_rig(tmp_path, a=text))
 
@@ -237,7 +237,7 @@ def test_a_header_in_another_encoding_is_refused(tmp_path, encoding):
     assert "b.csv: row 1: is not UTF-8 text" in refused(folder)
 
 
-def test_a_remark_in_another_encoding_is_nobodys_business(tmp_path):
+def test_a_comment_in_another_encoding_is_no_mistake(tmp_path):
     rows = "\n".join([f"{LINES[0]},remark", *(f"{line},µ" for line in LINES[1:])])
     folder = made.write_rig(tmp_path)
     (folder / "b.csv").write_bytes(rows.encode("latin-1"))
@@ -257,14 +257,14 @@ def test_a_remark_in_another_encoding_is_nobodys_business(tmp_path):
         ({"current": None}, "has no column current"),
     ],
 )
-def test_a_parquet_file_that_is_not_as_it_should_be(tmp_path, change, told):
+def test_a_wrong_parquet_file_is_refused_with_its_place(tmp_path, change, told):
     columns = {k: v for k, v in {**made.rig_columns(), **change}.items() if v is not None}
     folder = made.write_rig(tmp_path)
     pq.write_table(pa.table(columns), folder / "b.parquet")
     assert told in refused(folder)
 
 
-def test_a_parquet_file_with_a_column_twice(tmp_path):
+def test_a_parquet_file_with_a_column_twice_is_refused(tmp_path):
     folder, columns = made.write_rig(tmp_path), made.rig_columns()
     table = pa.table([*columns.values(), columns["current"]], names=[*columns, "current"])
     pq.write_table(table, folder / "b.parquet")
@@ -324,7 +324,7 @@ def test_a_parquet_file_with_a_column_twice(tmp_path):
         (made.RIG + "x = 99999999999999999999", "more than 64 bits"),
     ],
 )
-def test_a_dataset_toml_that_is_not_as_it_should_be(tmp_path, toml, told):
+def test_a_wrong_dataset_toml_is_refused_with_its_place(tmp_path, toml, told):
     columns = made.rig_columns()
     columns["current"] = 100.0 * columns["current"]
     assert told in refused(made.write_rig(tmp_path, toml, a=columns))
@@ -343,7 +343,7 @@ def test_an_axis_needs_force_or_current(tmp_path):
     assert "has no column force or current; linear_axis needs time, position, and force or current" in told
 
 
-def test_a_folder_without_a_dataset_is_told_apart(tmp_path):
+def test_a_folder_without_a_dataset_is_refused_as_such(tmp_path):
     assert "no such folder" in refused(tmp_path / "nothing")
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="is a file"):
@@ -366,7 +366,7 @@ def test_a_dataset_toml_that_is_no_text_is_refused(tmp_path):
 
 
 @pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="root reads everything")
-def test_a_file_that_may_not_be_read_is_told(tmp_path):
+def test_a_file_without_read_permission_is_refused_by_name(tmp_path):
     folder = made.write_rig(tmp_path, a=GOOD)
     (folder / "a.csv").chmod(0)
     assert "cannot be read" in refused(folder)

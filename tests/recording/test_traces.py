@@ -74,7 +74,7 @@ def test_bytes_that_are_no_parquet_are_refused(tmp_path_factory, content):
 
 
 @given(position=st.integers(0, 2**31), flip=st.integers(1, 255))
-def test_a_damaged_file_is_refused_or_tells_the_same_numbers(tmp_path_factory, written, position, flip):
+def test_a_damaged_file_is_refused_or_holds_the_same_numbers(tmp_path_factory, written, position, flip):
     damaged = bytearray(written)
     damaged[position % len(written)] ^= flip
     path = tmp_path_factory.mktemp("damaged") / "trace.parquet"

@@ -97,7 +97,7 @@ def test_nothing_is_written_over_without_force(tmp_path):
     assert names_in(tmp_path) == ["a.parquet", "dataset.toml", "mine.txt"]
 
 
-def test_force_replaces_an_earlier_dataset_of_ours_with_all_its_runs(tmp_path):
+def test_force_replaces_an_earlier_recorded_dataset_with_all_its_runs(tmp_path):
     write_dataset(tmp_path, "quarter_rig", DEFAULTS, [made_run("a"), made_run("b")])
     write_dataset(tmp_path, "quarter_rig", DEFAULTS, [made_run("c")], force=True, table_format="csv")
     assert names_in(tmp_path) == ["c.csv", "dataset.toml"]
@@ -109,7 +109,7 @@ def test_force_keeps_the_earlier_dataset_until_the_first_run_is_there(tmp_path):
     assert names_in(tmp_path) == ["a.parquet", "dataset.toml"]
 
 
-def test_measured_data_is_never_taken_away(tmp_path):
+def test_measured_data_are_never_deleted(tmp_path):
     measured = made.write_rig(tmp_path / "measured")
     with pytest.raises(InputError, match=r"has a dataset\.toml of another origin"):
         write_dataset(measured, "quarter_rig", DEFAULTS, [made_run()], force=True)

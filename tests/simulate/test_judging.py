@@ -20,12 +20,12 @@ def said(
     return {"time": time, "kind": kind, "wheels": wheels, **common, **own}
 
 
-def test_nothing_said_and_nothing_true_is_quiet():
+def test_without_diagnoses_and_without_faults_there_is_no_alarm():
     verdict = judge_diagnoses([], [])
     assert (verdict.detection_delay, verdict.isolated, verdict.false_alarms) == (None, None, 0)
 
 
-def test_a_fault_of_which_nothing_is_said_is_neither_detected_nor_isolated():
+def test_a_fault_without_a_diagnosis_is_neither_detected_nor_isolated():
     verdict = judge_diagnoses([fault("motor", 1, 2.0, loss=0.57)], [])
     assert (verdict.detection_delay, verdict.isolated, verdict.false_alarms) == (None, False, 0)
     assert verdict.named == (False,)
@@ -149,7 +149,7 @@ def test_all_wheels_on_a_patch_is_all_wheel_slip():
     assert judge_diagnoses(faults[:3], [said(1.5, "all_wheel_slip")]).false_alarms == 1
 
 
-def test_sensor_faults_are_told_apart_by_their_channel():
+def test_sensor_faults_are_distinguished_by_their_channel():
     faults = [fault("sensor", None, 1.0, channel="yaw_rate", mode="bias", size=0.1)]
     right = judge_diagnoses(faults, [said(1.2, "sensor", channel="yaw_rate")])
     wrong = judge_diagnoses(faults, [said(1.2, "sensor", channel="acceleration_x")])

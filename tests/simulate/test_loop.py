@@ -86,7 +86,7 @@ def reference(rows: int) -> Reference:
     return Reference(0.01 * k, pairs + 0.5, k + 7.0, 0.1 * k, pairs, True)
 
 
-def test_a_row_holds_what_was_measured_true_asked_and_commanded_at_its_time():
+def test_a_row_holds_measurement_truth_target_and_command_at_its_time():
     plant, controller = CountingRobot(), Echo()
     trace = drive(plant, controller, reference(6), about={"seed": 3})
     k = np.arange(6.0)
@@ -164,7 +164,7 @@ def test_an_error_of_the_plant_names_its_time_and_keeps_the_rows_before(error):
         assert np.array_equal(values, whole[name][:5]), name
 
 
-def test_an_error_that_is_no_failure_of_the_plant_is_not_swallowed():
+def test_an_error_that_is_no_failure_of_the_plant_is_raised():
     with pytest.raises(KeyError):
         drive(CountingRobot(4, KeyError("a slip of the pen")), Echo(), reference(9))
 

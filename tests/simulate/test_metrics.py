@@ -172,7 +172,7 @@ def test_metrics_keep_to_the_schema(name):
     json.dumps(metrics, allow_nan=False)
 
 
-def test_metrics_tell_every_fault_in_order_of_its_onset():
+def test_metrics_list_every_fault_in_order_of_its_onset():
     patch = driven("nylon_patch").metrics["faults"]
     assert [(f["kind"], f["wheel"], f["onset"]) for f in patch] == [("slip", 1, 0.0)]
     assert 1.0 < patch[0]["end"] < 2.0

@@ -30,7 +30,7 @@ def test_a_wrong_name_is_a_false_alarm_beside_the_right_one():
     assert found.false_alarms[0].delay is None
 
 
-def test_what_comes_and_goes_is_told_once_with_all_its_times():
+def test_an_intermittent_diagnosis_is_listed_once_with_all_its_times():
     slips = [said(1.1, "slip", 2, cleared=1.2), said(1.5, "slip", 2, cleared=1.9)]
     (one,) = match_diagnoses([fault("slip", 2)], slips).pairs
     (naming,) = one.groups
@@ -53,7 +53,7 @@ def test_a_payload_cannot_be_named_and_a_fault_that_never_happened_was_not_misse
     assert len(found.false_alarms) == 1
 
 
-def test_sensors_are_told_apart_by_their_channel():
+def test_sensors_are_distinguished_by_their_channel():
     truth = [fault("sensor", None, channel="yaw_rate")]
     found = match_diagnoses(
         truth, [said(1.2, "sensor", channel="yaw_rate"), said(1.3, "sensor", channel="yaw")]

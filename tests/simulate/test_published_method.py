@@ -74,7 +74,7 @@ def test_the_rig_isolates_a_second_motor_in_parallel(current, variant, plant):
 @pytest.mark.parametrize("plant", ["planar", "twin"])
 @pytest.mark.parametrize("variant", VARIANTS)
 @pytest.mark.parametrize("current", [0.45, 0.60, 0.75, 0.90, 1.05, 1.20, 1.35, 1.50])
-def test_a_rig_without_a_fault_is_quiet(current, variant, plant):
+def test_a_rig_without_a_fault_raises_no_alarm(current, variant, plant):
     assert told(on_rig(current, "", "printed", variant, plant)) == []
 
 
@@ -110,7 +110,7 @@ def test_rows_f5_to_f8_of_table_5_2(wheel, thresholds):
 @pytest.mark.parametrize("plant", ["planar", "twin"])
 @pytest.mark.parametrize("thresholds", THRESHOLD_SETS)
 @pytest.mark.parametrize("direction", DIRECTIONS[::3])
-def test_a_robot_without_a_fault_is_quiet_in_a_test_of_five_seconds(direction, thresholds, plant):
+def test_a_robot_without_a_fault_raises_no_alarm_in_a_test_of_five_seconds(direction, thresholds, plant):
     run = on_robot(f"{HIGH}, direction = {direction}", "", plant, thresholds=thresholds)
     assert told(run) == []
     assert run.metrics["isolated"] is None
@@ -179,7 +179,7 @@ def test_watching_alone_changes_nothing_of_the_run():
     assert watching.metrics["diagnoses"]
 
 
-def test_a_run_is_told_in_the_metrics_and_keeps_to_their_schema(tmp_path):
+def test_metrics_of_a_diagnosed_run_keep_to_their_schema(tmp_path):
     run = run_scenario(read_scenario("degraded_motor"), "planar", "published")
     jsonschema.validate(run.metrics, SCHEMA)
     assert run.metrics["method"] == "published"

@@ -126,7 +126,7 @@ def test_as_printed_the_force_residual_is_biased_in_one_direction():
     assert 4.0 < rms["minus"] < 10.0
 
 
-def test_the_method_believes_in_the_declared_floor_whatever_lies_on_it():
+def test_the_method_uses_the_declared_floor_whatever_lies_on_it():
     patched = read_scenario("nylon_patch", ("diagnosis={recovery=false}",))
     bare = read_scenario("nylon_patch", ("diagnosis={recovery=false}", "patches=[]"))
     found = [run_scenario(s, "planar", "published").trace["residual_wheel_speed_1"] for s in (patched, bare)]

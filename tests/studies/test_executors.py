@@ -151,7 +151,7 @@ class Lossy(Executor):
         return future
 
 
-def test_lost_work_is_told_when_all_the_rest_is_kept_and_done_when_it_is_repeated(tmp_path):
+def test_lost_work_is_reported_when_all_the_rest_is_kept_and_done_when_it_is_repeated(tmp_path):
     tasks, trials = {f"task_{k}": (k,) for k in range(5)}, TrialFolder(tmp_path)
 
     def work(workers):
@@ -175,7 +175,7 @@ def die_last(number: int) -> dict[str, int]:
     return {"number": number}
 
 
-def test_a_worker_process_of_its_own_that_dies_costs_what_was_under_way_and_nothing_else(tmp_path):
+def test_a_started_worker_process_that_dies_costs_what_was_under_way_and_nothing_else(tmp_path):
     """One after the other: what was finished before it died is kept, and the rest is done afterwards."""
     trials = TrialFolder(tmp_path)
 
@@ -227,7 +227,7 @@ def test_addresses_of_schedulers():
         assert executor is None
 
 
-def test_nobody_at_an_address_is_told_soon():
+def test_an_address_without_a_scheduler_is_reported_soon():
     pytest.importorskip("distributed")
     with (
         pytest.raises(InputError, match=r"no scheduler answers .*; is a Dask scheduler running") as caught,
@@ -237,7 +237,7 @@ def test_nobody_at_an_address_is_told_soon():
     assert "\n" not in str(caught.value)
 
 
-def test_a_library_that_is_not_there_is_told(monkeypatch):
+def test_a_library_that_is_not_installed_is_reported(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with (
         pytest.raises(InputError, match=r"distributed is not installed; pip install 'omnimj\[dask\]'"),

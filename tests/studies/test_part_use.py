@@ -40,9 +40,7 @@ def test_demanded_traction_is_the_mean_over_the_twenty_milliseconds_before():
         (Fault("sensor", 0.1, numbers={"channel": "wheel_speed_3"}), None),
     ],
 )
-def test_a_part_is_in_use_while_its_fault_holds_and_its_wheel_is_asked_for_more_than_two_newtons(
-    fault, first
-):
+def test_a_part_is_in_use_while_its_fault_holds_and_the_demand_on_its_wheel_exceeds_two_newtons(fault, first):
     traction = np.zeros((len(TIME), 4))
     traction[:, 0], traction[TIME >= 0.5, 1] = 2.0, 2.1
     found = first_time(TIME, in_use(fault, TIME, traction))

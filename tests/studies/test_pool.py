@@ -27,7 +27,7 @@ def interrupted_after(count: int):
     return report
 
 
-def test_workers_of_its_own_end_at_once_after_ctrl_c_and_what_was_done_is_kept():
+def test_started_workers_end_at_once_after_ctrl_c_and_what_was_done_is_kept():
     kept: list[str] = []
     tasks = {f"task_{k}": (0.05 if k < 2 else 60.0,) for k in range(6)}
 
@@ -85,7 +85,7 @@ def test_workers_whose_parent_is_killed_leave_with_it(tmp_path):
     assert not alive(begun)
 
 
-def test_a_strange_executor_stays_open_and_is_rid_of_what_was_not_begun():
+def test_an_executor_of_the_caller_stays_open_and_drops_what_was_not_begun():
     kept: list[str] = []
     with ThreadPoolExecutor(1) as executor:
         tasks = {f"task_{k}": (0.05,) for k in range(6)}

@@ -13,7 +13,7 @@ from scipy.stats import poisson
 from omnimj.studies.statistics import event_rate, median, quantile, wilson
 
 
-def test_no_event_in_t_hours_speaks_for_less_than_three_over_t():
+def test_no_event_in_t_hours_bounds_the_rate_by_three_over_t():
     found = event_rate(0, 30.0)
     assert found.per_hour == 0.0 and found.upper == pytest.approx(2.996 / 30.0, rel=1e-3)
     assert event_rate(0, 0.0).upper is None

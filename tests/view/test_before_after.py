@@ -119,7 +119,7 @@ def test_both_simulations_begin_every_window_where_the_measurement_is():
     assert np.linalg.norm(end["before"][99, :2] - end["measured"][99, :2]) > 0.01
 
 
-def test_a_robot_that_rolls_straight_goes_as_far_as_its_wheels_say():
+def test_a_robot_that_rolls_straight_goes_as_far_as_its_wheels_roll():
     machine = read_robot()
     speed = rolling_matrix(machine.wheel_positions, machine.drive_directions) @ [0.4, 0.0, 0.0]
     overlay = robot().overlays[0]

@@ -58,7 +58,7 @@ def test_a_path_is_seen_from_above_and_a_ramp_from_the_side():
     }
 
 
-def test_a_scenarios_name_and_number_of_wheels_tell_nothing():
+def test_a_scenarios_name_and_number_of_wheels_do_not_matter():
     scenario = read_scenario("degraded_motor")
     renamed = dataclasses.replace(scenario, name="ramp")
     faults = [fault_record(fault) for fault in scenario.faults]

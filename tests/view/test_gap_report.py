@@ -120,7 +120,7 @@ def test_the_story_goes_from_the_verdict_to_how_it_was_done(pages, name):
     assert f"omnimj gap {name} --out 'o & o'" in "".join(page.words)
 
 
-def test_every_figure_has_a_heading_and_says_what_to_see(pages):
+def test_every_figure_has_a_heading_and_a_caption(pages):
     raw = pages["three"].read_text(encoding="utf-8")
     figures = re.findall(r"<figure>.*?</figure>", raw, re.DOTALL)
     assert len(figures) > 10
@@ -129,12 +129,12 @@ def test_every_figure_has_a_heading_and_says_what_to_see(pages):
         assert found and len(found[1]) > 4 and len(found[2]) > 30
 
 
-def test_an_unfinished_search_is_called_so(pages):
+def test_an_unfinished_search_is_marked_as_such(pages):
     assert "Not finished" in Page(pages["interrupted"]).text
     assert "Not finished" not in Page(pages["named"]).text
 
 
-def test_a_verdict_is_a_word_and_a_sign_not_colour_alone(pages):
+def test_a_verdict_is_shown_by_word_and_symbol_and_not_by_colour_alone(pages):
     words = {
         "named": "✓ Named",
         "ambiguous": "? Ambiguous",
@@ -243,7 +243,7 @@ def test_texts_as_regimes_are_not_drawn_over():
     assert drawn == []
 
 
-def test_the_ladder_tells_verdicts_apart_by_their_marks():
+def test_the_ladder_distinguishes_verdicts_by_their_marks():
     (ax,) = candidates.candidate_gains(FINDINGS["ambiguous"]().stages[0]).get_axes()
     marks = {
         line.get_label(): str(line.get_marker()) for line in ax.get_lines() if line.get_marker() != "None"
@@ -260,7 +260,7 @@ def test_windows_are_not_joined_by_a_line():
     assert np.count_nonzero(np.isnan(shown)) == len(apart) - 1
 
 
-def test_effects_without_known_chance_or_bounds_are_told(page_path):
+def test_effects_without_known_probability_or_bounds_are_listed(page_path):
     finding = rig_named()
     one: NamedEffect = finding.effects[0]
     loose = {name: replace(value, low=None, high=None) for name, value in one.parameters.items()}

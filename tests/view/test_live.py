@@ -219,7 +219,7 @@ def test_a_run_reaches_another_process_over_the_loopback_address(receiver):
     assert received == pytest.approx(last)
 
 
-def test_a_viewer_that_ends_before_it_answers_is_told_with_its_complaint(tmp_path):
+def test_a_viewer_that_ends_before_it_answers_is_reported_with_its_message(tmp_path):
     said = "import sys; print('Error: graphics: no adapter found\\nbye', file=sys.stderr); sys.exit(3)"
     with (tmp_path / "complaints").open("w+b") as complaints:
         process = subprocess.Popen([sys.executable, "-c", said], stderr=complaints)
@@ -229,14 +229,14 @@ def test_a_viewer_that_ends_before_it_answers_is_told_with_its_complaint(tmp_pat
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is always a display")
-def test_a_display_that_does_not_exist_is_told_before_anything_is_driven(monkeypatch):
+def test_a_display_that_does_not_exist_is_reported_before_anything_is_driven(monkeypatch):
     monkeypatch.setenv("DISPLAY", ":no-such-display")
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(ViewerError, match=r"^--view: the Rerun viewer failed \(.+\); use --out DIR"):
         open_viewer()
 
 
-def test_a_viewer_that_breaks_down_later_is_told_at_the_end(tmp_path):
+def test_a_viewer_that_breaks_down_later_is_reported_at_the_end(tmp_path):
     with (tmp_path / "complaints").open("w+b") as complaints:
         process = subprocess.Popen(
             [sys.executable, "-c", "import sys; sys.exit('Error: out of memory')"], stderr=complaints
@@ -256,7 +256,7 @@ def test_a_viewer_whose_window_was_closed_is_no_error(tmp_path):
         viewer.settle()
 
 
-def test_without_a_display_the_viewer_says_what_to_do(monkeypatch):
+def test_without_a_display_the_viewer_explains_what_to_do(monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     monkeypatch.setattr("sys.platform", "linux")

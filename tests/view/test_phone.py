@@ -91,14 +91,14 @@ def browser() -> str:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_nothing_is_wider_than_a_phone_and_no_word_is_too_small(kind, pages, browser, tmp_path):
+def test_nothing_is_wider_than_a_phone_and_no_text_is_too_small(kind, pages, browser, tmp_path):
     seen = on_a_phone(browser, pages[kind].read_text(encoding="utf-8"), tmp_path)
     assert seen.found == []
     if seen.smallest is not None:
         assert seen.smallest >= READABLE
 
 
-def test_the_look_at_a_phone_sees_what_is_too_wide_and_too_small(browser, tmp_path):
+def test_the_check_on_a_phone_finds_what_is_too_wide_and_too_small(browser, tmp_path):
     wide = f"<p style='white-space: nowrap; width: max-content'>{LONG}</p>"
     seen = on_a_phone(browser, _PAGE % wide, tmp_path)
     assert any("P." in words for words in seen.found)
@@ -127,7 +127,7 @@ def test_a_command_is_broken_between_words_only():
     assert html.unescape(re.sub(r"<[^>]*>", "", ready)) == command
 
 
-def test_rows_with_sentences_are_stacked_and_say_what_each_cell_is():
+def test_rows_with_sentences_are_stacked_and_label_each_cell():
     row = ("1", "2", "3", "a sentence of more than forty letters stands here")
     assert page.table([row], ("a", "b", "c", "d")).kind == "stacked"
     assert page.table([row[:3]], ("a", "b", "c")).kind == ""

@@ -68,7 +68,7 @@ def _can_render(name: str) -> bool:
     return subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True).returncode == 0
 
 
-def test_without_opengl_there_is_no_picture_and_the_caption_says_how_to_get_one(tmp_path, robot_model):
+def test_without_opengl_there_is_no_picture_and_the_caption_explains_how_to_get_one(tmp_path, robot_model):
     # "nonsense" is refused by MuJoCo when it is imported: the process that renders ends, this one goes on
     for backends in ((), ("nonsense",)):
         made = render(robot_model, robot_model.qpos0, tmp_path / "b.png", size=SIZE, backends=backends)

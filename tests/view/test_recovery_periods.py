@@ -61,13 +61,13 @@ def test_stretches_of_one_mode_are_one_line_in_the_order_of_the_run():
     assert "cannot be steered any more" in stop.consequence
 
 
-def test_a_run_as_planned_has_nothing_to_tell():
+def test_a_run_as_planned_has_no_recovery_line():
     assert recovery_periods(made(0.0 * TIME), named()) == []
     assert format_recovery(made(0.0 * TIME), named(), star(3)) == ""
     assert recovery_periods(Trace({"time": TIME}), named()) == []
 
 
-def test_every_mode_but_driving_as_planned_says_what_it_gives_up():
+def test_every_mode_but_driving_as_planned_states_what_it_gives_up():
     assert len(MODE_CONSEQUENCES) == len(MODE_NAMES)
     assert [not words for words in MODE_CONSEQUENCES] == [name == MODE_NAMES[NORMAL] for name in MODE_NAMES]
 
@@ -88,11 +88,11 @@ def test_four_wheels_of_which_two_stand_in_line_need_the_others():
     assert describe_layout(doubled) == "it cannot lose wheels 1, 2 and be steered and turned at will"
 
 
-def test_the_shipped_robots_say_what_they_can_lose():
+def test_the_shipped_robots_state_which_wheels_they_can_lose():
     assert describe_layout(read_robot()) == describe_layout(mecanum()) == describe_layout(read_rig()) == ""
 
 
-def test_the_terminal_tells_it_with_the_layout():
+def test_the_terminal_prints_it_with_the_layout():
     told = format_recovery(made(np.where(TIME < 3.0, 0, COMPENSATING)), named((2.9, 2)), star(3))
     first, second, last = told.splitlines()
     assert first.split() == ["recovery", "when", "consequence"]

@@ -139,7 +139,7 @@ def test_a_robots_run_has_all_its_figures_and_the_picture(robot_page):
     assert "Rendered by MuJoCo (osmesa)" in robot_page.text
 
 
-def test_without_a_picture_the_report_says_how_to_get_one(
+def test_without_a_picture_the_report_explains_how_to_get_one(
     page_path, robot_trace, robot_scenario, robot_metrics
 ):
     write_report(page_path, robot_trace, robot_scenario, robot_metrics, Picture(None, "", "the robot"))
@@ -147,13 +147,13 @@ def test_without_a_picture_the_report_says_how_to_get_one(
     assert "img" not in page.tags and "MUJOCO_GL=osmesa" in page.text
 
 
-def test_faults_and_diagnoses_are_told_in_words(robot_page):
+def test_faults_and_diagnoses_are_described_in_sentences(robot_page):
     for words in ("slip", "motor loss", "loss 57 %", "6.5 s – end", "97 %", "3.100 s"):
         assert words in robot_page.text
 
 
 @pytest.mark.parametrize("failure", [None, "at 3.1 s: the newest telemetry is 22.5 ms old"])
-def test_a_run_that_was_broken_off_says_so_at_the_top(
+def test_a_run_that_was_broken_off_is_marked_at_the_top(
     failure, page_path, robot_trace, robot_scenario, robot_metrics
 ):
     told = {**robot_metrics, "interrupted": True, "failure": failure, "duration": 3.1}
@@ -317,7 +317,7 @@ def test_an_averaged_signal_keeps_its_mean_and_its_extremes():
     assert np.all((low <= mean) & (mean <= high))
 
 
-def test_angles_are_told_in_degrees_too():
+def test_angles_are_given_in_degrees_too():
     assert measure(0.02, "rad") == "0.02 rad (1.15°)"
     assert measure(None, "m") == "–"
     assert measure(0.5, "m/s") == "0.5 m/s"

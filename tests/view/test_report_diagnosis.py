@@ -42,7 +42,7 @@ def test_truth_and_diagnosis_stand_in_one_row(robot_trace, robot_scenario, robot
     assert "First alarm 0.1 s after the first onset. 2 of 2 faults were diagnosed" in page
 
 
-def test_a_false_alarm_has_a_row_of_its_own_and_says_how_often(robot_trace, robot_scenario, robot_metrics):
+def test_a_false_alarm_has_its_row_with_its_number_of_times(robot_trace, robot_scenario, robot_metrics):
     wrong = [said(8.0, "slip", 4, cleared=8.1), said(8.5, "slip", 4, cleared=8.6)]
     metrics = {**robot_metrics, "diagnoses": [*robot_metrics["diagnoses"], *wrong], "isolated": False}
     page = section_text(with_robust(robot_trace), robot_scenario, metrics)
@@ -63,7 +63,7 @@ def test_a_false_alarm_has_a_row_of_its_own_and_says_how_often(robot_trace, robo
         ),
     ],
 )
-def test_nothing_found_and_nothing_wrong_are_told_in_words(
+def test_nothing_found_and_nothing_wrong_are_stated(
     robot_trace, robot_scenario, robot_metrics, faults, diagnoses, expected
 ):
     metrics = {**robot_metrics, "faults": faults, "diagnoses": diagnoses, "isolated": None}
@@ -77,7 +77,7 @@ def test_a_run_without_a_method_has_no_such_section(page_path, robot_trace, robo
     assert "Diagnosis" not in page and "Faults injected into the plant" in page
 
 
-def test_every_residual_of_every_method_is_in_a_family_that_has_words():
+def test_every_residual_of_every_method_is_in_a_family_with_a_description():
     for name, scenario in (
         ("nylon_patch", "robust"),
         ("nylon_patch", "published"),
@@ -93,7 +93,7 @@ def test_every_residual_of_every_method_is_in_a_family_that_has_words():
         assert all(family.unit and not family.heading.startswith("Residual:") for family in found)
 
 
-def test_a_residual_without_words_is_shown_under_its_own_name():
+def test_a_residual_without_a_description_is_shown_under_its_name():
     (family,) = families(("residual_grip_1", "threshold_grip_1"), "robust")
     assert (family.heading, family.label) == ("Residual: grip", "grip")
     assert family.thresholds == ("threshold_grip_1",)
@@ -178,7 +178,7 @@ def test_a_mode_that_flickers_makes_few_bars_and_loses_no_short_event(robot_trac
     assert len(suspect) == 1 and suspect[0].get_x() == pytest.approx(6.5, abs=0.03)
 
 
-def test_beliefs_that_overlap_have_strips_of_their_own(robot_trace):
+def test_diagnosed_faults_that_overlap_have_separate_strips(robot_trace):
     spans = [
         Span("", "robot", state, 2.0, end)
         for state, end in (("sensor yaw rate", 9.0), ("all wheels slip", 3.0))
@@ -188,7 +188,7 @@ def test_beliefs_that_overlap_have_strips_of_their_own(robot_trace):
     assert names == ["true: nothing", "diagnosed: robot", "diagnosed: robot", "mode"]
 
 
-def test_strips_without_anything_say_so(robot_trace):
+def test_empty_strips_are_marked_as_empty(robot_trace):
     (ax,) = plots_diagnosis.state_lanes(with_robust(robot_trace), [], [], "robust", False).get_axes()
     assert [t.get_text() for t in ax.get_yticklabels()][:2] == ["true: nothing", "diagnosed: nothing"]
 

@@ -241,7 +241,7 @@ def test_thresholds_of_both_signs_are_recorded(tmp_path, robot_trace, robot_scen
     np.testing.assert_allclose(values[0], [0.3] * 4 + [1.85, -1.85] * 4)
 
 
-def test_beliefs_and_modes_are_states_over_time(diagnosed):
+def test_diagnosed_faults_and_modes_are_states_over_time(diagnosed):
     back, _ = diagnosed
     lane = "/diagnosis/wheel_2"
     assert [row[0] for row in back.column(lane, "StateChange:state")] == ["healthy", "slip", "healthy"]
@@ -265,7 +265,7 @@ def test_a_state_has_one_colour_in_all_lanes(diagnosed):
     assert len({color for colors in seen.values() for color in colors}) >= 4
 
 
-def test_a_method_that_finds_nothing_has_lanes_that_say_so(
+def test_a_method_that_finds_nothing_has_lanes_marked_as_empty(
     tmp_path, robot_trace, robot_scenario, robot_metrics
 ):
     quiet = {**robot_metrics, "diagnoses": []}
@@ -288,7 +288,7 @@ def test_the_blueprint_shows_every_plot_of_the_method(diagnosed):
     assert wanted | {"plots/effectiveness", "plots/wheel_speed"} <= origins
 
 
-def test_lanes_in_which_nothing_happens_are_not_in_the_way(robot_metrics):
+def test_lanes_in_which_nothing_happens_are_collapsed(robot_metrics):
     both = [f"/{entity}/wheel_{wheel}" for entity in ("fault", "diagnosis") for wheel in (2, 3)]
     assert eventful_lanes(robot_metrics, 10.0) == [*both, "/mode", "/recovery"]
     missed = {**robot_metrics, "diagnoses": [said(8.0, "slip", 4)]}

@@ -48,7 +48,7 @@ def page_of(folder: Path) -> str:
     return (folder / "report.html").read_text(encoding="utf-8")
 
 
-def test_the_report_says_what_to_measure_first_and_what_not(tmp_path):
+def test_the_report_names_what_to_measure_first_and_what_not(tmp_path):
     write_sensitivity_files(tmp_path, outcome_of(study_of("speed", "m/s", 0.0), study_of("place", "m", 2.0)))
     page = page_of(tmp_path)
     assert "motor.&lt;strong&gt;" in page and "<strong>" not in page, "names from files are made safe"
@@ -65,7 +65,7 @@ def test_the_report_says_what_to_measure_first_and_what_not(tmp_path):
 
 
 @pytest.mark.parametrize("studies", [(), (study_of("speed", "m/s", 100.0),)], ids=["no runs", "all noise"])
-def test_where_nothing_is_ranked_the_report_says_so_and_an_old_picture_goes(tmp_path, studies):
+def test_where_nothing_is_ranked_the_report_states_it_and_an_old_picture_is_removed(tmp_path, studies):
     (tmp_path / "sensitivity.png").touch()
     write_sensitivity_files(tmp_path, outcome_of(*studies, runs=0, interrupted=True))
     assert "No parameter is distinguishable from noise with certainty." in page_of(tmp_path)

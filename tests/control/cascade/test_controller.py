@@ -62,7 +62,7 @@ def test_wheel_targets_are_the_rolling_speeds_of_the_demand_in_the_body_frame():
     assert log["heading_estimate"] == pytest.approx(heading, abs=1e-3)
 
 
-def test_published_scale_asks_for_half_the_speed():
+def test_published_scale_commands_half_the_speed():
     wheel = {
         s: first_step(measured(), target(x=0.5), scale=s)[2]["target_wheel_speed_4"]
         for s in ("corrected", "published")
@@ -166,7 +166,7 @@ def test_random_corruption_never_raises_and_never_leaves_the_limits(steps, headi
     assert np.all(np.isfinite(command.current)) and command.current.any()
 
 
-def test_a_standing_robot_is_left_alone_and_a_pushed_one_is_not():
+def test_a_standing_robot_gets_no_current_and_a_pushed_one_does():
     quiet = measured(yaw_rate=0.015, wheel_speed=(0.1, -0.1, 0.05, 0.0))
     assert first_step(quiet, target())[2]["target_yaw_rate"] == 0.0
     assert first_step(measured(yaw_rate=0.03), target())[2]["target_yaw_rate"] < 0.0
@@ -178,7 +178,7 @@ def test_a_standing_robot_is_left_alone_and_a_pushed_one_is_not():
 
 
 @pytest.mark.parametrize("asked", [(1e-9, 0.0, 0.0), (0.0, -1e-9, 0.0), (0.0, 0.0, 1e-9)])
-def test_a_robot_that_is_asked_to_move_is_never_standing(asked):
+def test_a_robot_with_a_velocity_command_is_never_standing(asked):
     assert is_standing(0.0, 0.0, 0.0, 0.0, 0.0, np.zeros(4))
     assert not is_standing(*asked, 0.0, 0.0, np.zeros(4))
 

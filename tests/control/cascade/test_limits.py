@@ -56,7 +56,7 @@ def test_current_never_leaves_range_rate_or_speed_limit_and_passes_unchanged_ins
 
 @FORMS
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_each_limit_says_its_reason(form, sign):
+def test_each_limit_gives_its_reason(form, sign):
     assert one(form, sign * 1.5, sign * 1.0, 0.0) == (sign * 1.5, Reason.NONE)
     assert one(form, sign * 1.6, sign * 1.0, 0.0) == (sign * 1.5, Reason.RANGE)
     assert one(form, sign * 1.1, 0.0, 0.0) == (sign * 1.0, Reason.RATE)
@@ -105,7 +105,7 @@ ANY_FLOAT = st.floats(allow_nan=True, allow_infinity=True)
 @given(
     st.lists(ANY_FLOAT, min_size=3, max_size=3), st.lists(ANY_FLOAT, min_size=3, max_size=3), st.booleans()
 )
-def test_no_command_and_speed_gets_a_current_through_that_is_beyond_the_limits(wanted, speed, good):
+def test_no_command_and_speed_gives_a_current_beyond_the_limits(wanted, speed, good):
     good = good and bool(np.all(np.isfinite(speed)))
     current, reasons = everything("compiled", wanted, [1.5, 0.0, -1.5], speed, good)
     assert np.all(np.abs(current) <= 1.5)

@@ -25,7 +25,7 @@ def shares(wrench, most=None, used=ALL):
 
 
 @given(forces, forces, st.floats(-3.0, 3.0))
-def test_four_wheels_give_what_is_asked_for_with_the_least_effort(f_x, f_y, moment):
+def test_four_wheels_give_the_demanded_wrench_with_the_least_effort(f_x, f_y, moment):
     wrench = np.array((f_x, f_y, moment))
     assert shares(wrench) == pytest.approx(np.linalg.pinv(FORCES) @ wrench, abs=0.02)
 
@@ -40,7 +40,7 @@ def test_three_wheels_give_the_same_and_the_fourth_nothing(f_x, f_y, moment, los
 
 
 @given(forces, forces, st.floats(-3.0, 3.0), st.lists(st.floats(0.5, 6.0), min_size=4, max_size=4))
-def test_no_wheel_is_asked_for_more_than_it_has_and_hardly_any_force_is_given_away(f_x, f_y, moment, most):
+def test_no_wheel_gets_more_than_its_limit_and_hardly_any_force_is_given_away(f_x, f_y, moment, most):
     """The second route is a bounded least-squares solver; bounds met one after the other come close to it."""
     wrench = np.array((f_x, f_y, moment))
     found = shares(wrench, most)

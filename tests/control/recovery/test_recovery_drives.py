@@ -113,7 +113,7 @@ def test_a_robot_without_two_motors_stays_within_ten_centimetres(pair):
     assert strays(trace) <= 0.10
 
 
-def test_a_motor_that_runs_away_is_tamed():
+def test_a_motor_that_runs_away_is_held():
     fault = [lost("hard_over", 2, current=1.0)]
     assert strays(circled(fault)) <= 0.10
     assert strays(circled(fault, recovery=False)) > 0.3
@@ -138,7 +138,7 @@ def test_a_dead_wheel_that_seems_to_pull_does_no_harm_to_the_path_since_the_plac
     assert strays(circled(method=Teller(7.0, **lies))) <= 3.0 * HEALTHY
 
 
-def test_help_that_does_harm_is_taken_back():
+def test_a_recovery_that_does_harm_is_withdrawn():
     """The velocity is a lie: the place would be driven back from where the robot is not, for ever."""
     lies = {"losses": np.array((0.5, 0.0, 0.0, 0.0)), "velocity": np.array((0.9, 0.0))}
     trace = circled(method=Teller(7.0, **lies))
@@ -156,7 +156,7 @@ def test_help_that_does_harm_is_taken_back():
     st.lists(st.floats(-2.0, 2.0), min_size=6, max_size=6),
     st.lists(st.floats(0.0, 1.0), min_size=4, max_size=4),
 )
-def test_a_robot_that_is_to_stand_stands_whatever_is_believed(flags, numbers, losses):
+def test_a_robot_that_is_to_stand_stands_whatever_was_diagnosed(flags, numbers, losses):
     masks = [np.array(flags[4 * k : 4 * k + 4]) for k in range(4)]
     names = ("dead", "runaway", "held", "slipping")
     wrong = dict(zip(names, masks, strict=True)) | {
@@ -251,7 +251,7 @@ def test_a_self_test_finds_a_dead_motor_before_the_robot_is_driven_and_the_plan_
     assert trace["pace"][-1] == 1.0
 
 
-def test_what_the_fault_does_to_following_is_not_blamed_on_the_help():
+def test_tracking_errors_of_the_fault_are_not_attributed_to_the_recovery():
     """A wheel slips while the robot speeds up: it falls behind for want of grip, help or no help."""
     plan = read_drive(
         {"kind": "profile", "direction": 1.57, "speed": "high", "cruise_time": 1.0}, "x", 4.0, 1e-3

@@ -42,7 +42,7 @@ speeds = st.floats(-1.5, 1.5)
 
 
 @given(speeds, speeds, st.integers(0, 3))
-def test_a_robot_that_turns_about_a_held_wheel_does_not_ask_it_to_roll(v_x, v_y, wheel):
+def test_a_robot_that_turns_about_a_held_wheel_commands_no_rolling_of_it(v_x, v_y, wheel):
     yaw_rate = pivot_yaw_rate(CONSTANTS, wheel, 0.0, v_x, v_y)
     rolling = FORCES[:, wheel] @ np.array((v_x, v_y, yaw_rate))
     assert np.hypot(v_x, v_y) < 0.02 or abs(rolling) < 1e-12

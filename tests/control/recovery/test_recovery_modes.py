@@ -38,12 +38,12 @@ def means(before=None, **changes):
     return choose_action(replace(WELL, **changes), FORCES, before or RecoveryAction())
 
 
-def test_a_healthy_robot_is_left_alone():
+def test_a_healthy_robot_drives_without_recovery():
     assert means() == RecoveryAction(NORMAL)
 
 
 @pytest.mark.parametrize("wheel", [1, 2, 3, 4])
-def test_one_weak_dead_slipping_held_or_runaway_wheel_has_an_answer_of_its_own(wheel):
+def test_a_weak_dead_slipping_held_or_runaway_wheel_has_its_own_recovery_mode(wheel):
     lost = np.where(wheels(wheel), 0.5, 0.0)
     assert means(losses=lost).mode == means(dead=wheels(wheel)).mode == COMPENSATING
     assert means(slipping=wheels(wheel)).mode == CAPPING

@@ -153,7 +153,7 @@ def test_a_healthy_dataset_is_left_as_it_is():
     assert correct_dataset(own, check_dataset(own)) == own
 
 
-def test_a_run_that_is_another_one_copied_is_said():
+def test_a_run_that_is_a_copy_of_another_one_is_reported():
     own = rig_steps(0)
     twice = own.runs[0].__class__("copy", own.runs[0].columns, {}, own.runs[0].conditions)
     check = check_dataset(own.__class__(own.path, own.plant, (*own.runs, twice)))

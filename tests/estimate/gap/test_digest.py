@@ -51,7 +51,7 @@ def test_an_effect_keeps_its_interval_its_rivals_and_its_selector():
     assert effect["selectors"] == {"wheel": 3}
 
 
-def test_a_regime_is_told_in_words_and_as_bounds_with_null_for_an_open_side():
+def test_a_regime_is_given_in_words_and_as_bounds_with_null_for_an_open_side():
     place = next(p for p in digest(rig_named())["where"] if "negative" in p["regime"]["words"])
     assert place["regime"]["bounds"] == {"lateral_speed": [None, -0.1]}
 
@@ -133,7 +133,7 @@ def test_the_summary_names_what_is_missing_and_every_rival():
     assert "interrupted" in summarize_finding(replace(rig_named(), failure="interrupted"))
 
 
-def test_numbers_are_told_as_a_person_writes_them():
+def test_numbers_are_printed_as_a_person_writes_them():
     assert (format_percent(0.583), format_percent(0.0045), format_percent(-0.02)) == (
         "58 %",
         "0.45 %",

@@ -84,7 +84,7 @@ def test_rolling_resistance_is_named_with_its_size(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_weaker_motor_is_among_those_that_the_data_cannot_tell_apart(tmp_path):
+def test_a_weaker_motor_is_among_the_candidates_that_the_data_cannot_distinguish(tmp_path):
     weak = replace(RIG.motor, torque_constant=0.92 * RIG.motor.torque_constant)
     (effect,) = searched(tmp_path, replace(RIG, motor=weak)).effects
     assert "torque_constant" in (effect.effect, *effect.indistinguishable_from)

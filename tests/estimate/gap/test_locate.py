@@ -55,7 +55,7 @@ def test_the_first_place_names_the_regime_that_carries_the_mismatch(words, seed)
 
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("correlation", [0.0, 0.9])
-def test_noise_alone_is_said_to_be_noise(seed, correlation):
+def test_noise_alone_is_located_nowhere(seed, correlation):
     segments, regimes = scene(seed)
     noise = coloured(np.random.default_rng(seed), segments, correlation)[:, None]
     places = locate(CHANNELS[:1], segments, regimes, noise, None, np.ones(1))
@@ -84,7 +84,7 @@ def test_two_causes_are_two_places_that_do_not_overlap():
     assert [p.share for p in places] == sorted((p.share for p in places), reverse=True)
 
 
-def test_where_all_runs_move_sideways_the_sign_that_carries_more_is_said():
+def test_where_all_runs_move_sideways_the_sign_that_carries_more_is_named():
     places = _located(
         lambda r: 8.0 * np.where(r["lateral_speed"] < 0.0, 1.5, 1.0), lateral=(-0.5, -0.25, 0.25, 0.5)
     )

@@ -68,7 +68,7 @@ def test_the_curve_s_band_holds_the_truth_over_the_covered_slip(identified, floo
 
 
 @pytest.mark.slow
-def test_intervals_hold_the_truth_about_as_often_as_they_say(rig, floors, measured):
+def test_intervals_hold_the_truth_about_as_often_as_their_level(rig, floors, measured):
     inside, total = 0, 0
     for floor in FLOORS:
         for seed in (100, 200):
@@ -112,7 +112,7 @@ def test_at_both_ends_of_a_profile_interval_chi_square_has_risen_by_its_threshol
         assert off <= 0.02
 
 
-def test_on_stone_it_is_said_that_mu_s_and_mu_c_cannot_be_told_apart(identified):
+def test_on_stone_mu_s_and_mu_c_are_reported_as_indistinguishable(identified):
     for source in SOURCES:
         found = identified(source, "natural_stone").floors[0]
         said = " ".join(found.undetermined)

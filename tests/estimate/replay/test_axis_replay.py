@@ -234,7 +234,7 @@ def test_a_log_of_current_is_read_by_the_force_constant():
     assert "sensor_delay (force)" not in labels
 
 
-def test_a_reversed_force_is_said_and_taken_the_right_way_round():
+def test_a_reversed_force_is_reported_and_used_with_the_right_sign():
     runs = [dataclasses.replace(r, columns={**r.columns, "force": -r.columns["force"]}) for r in logs()]
     found = AxisReplay(AXIS, runs)
     assert len(found.notes) == 1

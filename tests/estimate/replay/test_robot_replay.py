@@ -81,7 +81,7 @@ def test_accelerometer_and_gyro_of_a_healthy_robot_are_met_within_their_noise(re
     assert left[YAW] < 2.0 * np.pi / 2**sensors.yaw_bits
 
 
-def test_ground_truth_is_not_looked_at(healthy, replayed):
+def test_ground_truth_is_not_used(healthy, replayed):
     blind = {name: v for name, v in healthy.items() if name not in ("x", "y", "heading")}
     wrong = {**healthy, "x": healthy["x"] + 7.0, "y": -healthy["y"], "heading": 0.0 * healthy["heading"]}
     (expected,) = replayed.simulate([setting(replayed)])

@@ -42,7 +42,7 @@ def test_what_a_bad_wire_loses_is_counted():
     world.close()
 
 
-def test_a_device_lets_go_of_a_silent_host_and_stays_so(world):
+def test_a_device_stops_without_its_host_and_stays_stopped(world):
     world.link.connect()
     trip = check_watchdog(world.link)
     assert trip.fault is FaultCode.COMMAND_TOO_OLD and not trip.flows
@@ -61,7 +61,7 @@ def test_a_stop_ends_the_current_within_two_periods(world):
     assert not world.moves
 
 
-def test_a_device_that_does_not_let_go_is_found_out(world, monkeypatch):
+def test_a_device_that_does_not_stop_is_detected(world, monkeypatch):
     """Its watchdog is taken out."""
     world.link.connect()
     monkeypatch.setattr(Device, "_advance_time", lambda self, now: None)
@@ -76,7 +76,7 @@ def test_the_current_that_flows_is_far_below_what_turns_a_wheel(world):
     assert abs(world.robot.truth()[:6]).max() < 1e-3
 
 
-def test_a_device_that_falls_silent_itself_is_a_lost_link(world):
+def test_a_device_that_stops_answering_is_a_lost_link(world):
     world.link.connect()
     world.wire.set_faults(to_host=WireFaults(loss=1.0))
     with pytest.raises(LinkLost):

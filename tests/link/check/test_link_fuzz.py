@@ -33,7 +33,7 @@ def test_what_is_accepted_is_what_was_sent_and_all_that_was_whole_is_accepted(se
 @pytest.mark.parametrize(
     "broken", ["drops the last bit", "believes any checksum", "takes the key from anybody"]
 )
-def test_a_broken_decoder_is_found_out(monkeypatch, broken):
+def test_a_broken_decoder_is_detected(monkeypatch, broken):
     right = fuzzing.decode
 
     def wrong(packet, key=None):

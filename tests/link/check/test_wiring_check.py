@@ -73,7 +73,7 @@ def test_a_robot_that_is_wired_well_passes(floor, on_floor):
 @pytest.mark.parametrize(
     "place", [*(f"{name}_{i}" for name in ("current", "wheel_speed", "motor") for i in WHEELS), *BODY]
 )
-def test_a_wrong_sign_is_told_by_its_name(place):
+def test_a_wrong_sign_is_reported_by_its_name(place):
     assert checked([WiringDefect("sign", place)]) == {(place, "sign")}
 
 
@@ -81,31 +81,31 @@ def test_a_wrong_sign_is_told_by_its_name(place):
 @given(
     st.sets(st.sampled_from([f"wheel_speed_{i}" for i in WHEELS] + ["motor_1", "motor_4", "yaw"]), max_size=3)
 )
-def test_several_wrong_signs_are_told_together(places):
+def test_several_wrong_signs_are_reported_together(places):
     assert checked([WiringDefect("sign", p) for p in places]) == {(p, "sign") for p in places}
 
 
 @pytest.mark.parametrize("place", ["wheel_speed_1", "wheel_speed_4", "yaw_rate", "yaw"])
 @pytest.mark.parametrize("factor", [0.6, 1.5])
-def test_a_wrong_gain_is_told_by_its_name(place, factor):
+def test_a_wrong_gain_is_reported_by_its_name(place, factor):
     assert checked([WiringDefect("gain", place, factor)]) == {(place, "gain")}
 
 
 @pytest.mark.parametrize("place", ["motor_2", "current_2"])
-def test_a_wrong_gain_of_amplifier_or_monitor_is_told_as_either(place):
+def test_a_wrong_gain_of_amplifier_or_monitor_is_reported_as_either(place):
     assert checked([WiringDefect("gain", place, 0.6)]) == {("motor_2 or current_2", "gain")}
 
 
 @pytest.mark.parametrize("place", ["current_3", "wheel_speed_2", *BODY])
-def test_a_dead_channel_is_told(place):
+def test_a_dead_channel_is_reported(place):
     assert checked([WiringDefect("dead", place)]) == {(place, "dead")}
 
 
-def test_a_dead_motor_is_told():
+def test_a_dead_motor_is_reported():
     assert checked([WiringDefect("dead", "motor_3")]) == {("motor_3 or current_3", "dead")}
 
 
-def test_off_the_floor_a_person_tells_a_motor_from_its_channel():
+def test_off_the_floor_a_person_distinguishes_a_motor_from_its_channel():
     for place in ("motor_2", "wheel_speed_2"):
         (found,) = {
             place

@@ -46,7 +46,7 @@ def test_a_file_that_others_may_touch_is_refused(written, mode):
 @pytest.mark.parametrize(
     "text", ["", DIGITS[:-1], DIGITS + "0", DIGITS[:-1] + "g", DIGITS[:-2] + " 1", "é" * 32, DIGITS * 5]
 )
-def test_anything_else_is_no_key_and_what_it_is_stays_untold(written, text):
+def test_anything_else_is_no_key_and_its_content_is_not_printed(written, text):
     with pytest.raises(InputError) as caught:
         read_key(written(text))
     assert "64 hexadecimal digits" in str(caught.value)

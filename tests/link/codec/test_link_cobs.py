@@ -41,7 +41,7 @@ def plainly_unstuffed(stuffed: bytes) -> bytes | None:
 
 
 @pytest.mark.parametrize(("packet", "stuffed"), PUBLISHED)
-def test_published_examples(packet, stuffed):
+def test_published_examples_of_cobs_are_reproduced(packet, stuffed):
     assert stuff(packet).hex() == stuffed + "00"
     assert unstuff(bytes.fromhex(stuffed)) == packet
 

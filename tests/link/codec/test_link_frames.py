@@ -165,12 +165,12 @@ NAN_BYTES = 0x7FC00000
         (changed(FAULT_BYTES, 27, 1), DropReason.VALUE),
     ],
 )
-def test_what_no_frame_says_is_dropped_with_its_reason(packet, drop):
+def test_a_payload_that_no_frame_has_is_dropped_with_its_reason(packet, drop):
     assert decode(packet) is drop
 
 
 @pytest.mark.parametrize("name", GOLDEN)
-def test_strangers_of_another_schema_can_find_out_that_they_are(name):
+def test_a_host_of_another_schema_learns_that_schemas_differ(name):
     found = decode(changed(encode(GOLDEN[name]), 20, 1, 4))
     if isinstance(GOLDEN[name].message, Command | Telemetry):
         assert found is DropReason.SCHEMA

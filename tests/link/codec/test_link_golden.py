@@ -97,7 +97,7 @@ def test_the_header_names_the_same_choices(enumeration, prefix):
         assert re.search(rf"\bOMJ_{prefix}{one.name} = {int(one)}\b", HEADER_FILE), one
 
 
-def test_the_schema_says_everything_that_must_mean_the_same():
+def test_the_schema_holds_everything_that_both_sides_must_agree_on():
     assert WRITTEN["schema_text"] == SCHEMA_TEXT.splitlines() and SCHEMA_TEXT.endswith("\n")
     for kind in MessageType:
         assert f"\n{kind.name} {int(kind)}:" in SCHEMA_TEXT

@@ -30,7 +30,7 @@ from omnimj.link.device.limits import MAX_TELEMETRY_AGE, check_arming, is_zero_c
 from omnimj.link.device.state_machine import Device
 
 
-def test_a_device_without_a_session_says_nothing_and_moves_nothing():
+def test_a_device_without_a_session_sends_nothing_and_moves_nothing():
     driver = DeviceDriver()
     assert driver.tick(periods=3) == ()
     assert driver.command() == driver.arm() == driver.give(Ping(1)) == ()
@@ -195,7 +195,7 @@ def test_zero_is_zero_current_of_every_wheel_and_no_brake():
     assert not is_zero_command(Command(ZERO, 0.05, brake=1))
 
 
-def test_who_lays_out_messages_otherwise_may_ask_and_stop_but_never_arms():
+def test_a_host_with_another_message_layout_may_query_and_stop_but_never_arms():
     driver = DeviceDriver()
     assert isinstance(driver.hello(same_schema=False)[0].message, Capabilities)
     driver.tick()
@@ -208,7 +208,7 @@ def test_who_lays_out_messages_otherwise_may_ask_and_stop_but_never_arms():
     assert not driver.device.armed
 
 
-def test_every_telemetry_says_which_readings_are_counts():
+def test_every_telemetry_marks_which_readings_are_counts():
     volts, counts = CHANNELS[0], ChannelKind(Quantity.YAW, 0, Raw.COUNTS)
     for channels, bits in (((volts,), 0), ((counts, volts, counts), 5)):
         driver = DeviceDriver()
@@ -232,7 +232,7 @@ def test_a_command_that_moves_is_refused_while_disarmed_and_latches_nothing():
     assert codes(driver.arm()) == [FaultCode.ARM_NOT_ZERO]
 
 
-def test_a_second_host_is_told_that_the_armed_device_is_busy_and_nothing_else():
+def test_a_second_host_learns_that_the_armed_device_is_busy_and_nothing_else():
     driver = DeviceDriver(start=1.0).driving()
     before = driver.device.session, driver.device.output
     (answer,) = driver.hello(nonce=5)
@@ -269,7 +269,7 @@ def test_sequences_may_leave_gaps():
     assert driver.device.output.currents == (0.25, 0.0, 0.0)
 
 
-def test_its_own_words_come_back_are_dropped_and_use_up_no_sequence():
+def test_its_own_frames_come_back_are_dropped_and_use_up_no_sequence():
     driver = DeviceDriver().driving()
     for message in (
         driver.telemetry,
@@ -313,7 +313,7 @@ def test_with_a_key_what_is_not_authentic_is_dropped(message):
     assert driver.telemetry.acknowledged == 3
 
 
-def test_with_a_key_everything_that_is_said_is_signed_and_without_one_nothing():
+def test_with_a_key_every_frame_is_signed_and_without_one_none():
     for keyed in (True, False):
         driver = DeviceDriver(keyed=keyed).driving()
         driver.hello(nonce=5)
@@ -324,7 +324,7 @@ def test_with_a_key_everything_that_is_said_is_signed_and_without_one_nothing():
 
 @pytest.mark.parametrize("keyed", [False, True])
 @pytest.mark.parametrize("session", [0, 5, None])
-def test_stop_is_obeyed_from_anybody_at_once_and_as_often_as_it_comes(keyed, session):
+def test_stop_is_obeyed_from_any_sender_at_once_and_as_often_as_it_comes(keyed, session):
     driver = DeviceDriver(keyed=keyed).driving(brake=1)
     for _ in range(3):
         header = {} if session is None else {"session": session}

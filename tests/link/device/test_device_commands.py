@@ -51,7 +51,7 @@ def test_a_command_flows_from_the_next_tick_on():
     assert flows(driver) == (0.5, -0.25, 0.125)
 
 
-def test_a_brake_alone_is_told_as_such():
+def test_a_brake_alone_is_reported_as_such():
     driver = DeviceDriver().driving(ZERO, brake=7)
     assert driver.device.output.brake == 7
     assert driver.telemetry.status == Status.ARMED | Status.BRAKED
@@ -110,7 +110,7 @@ def test_a_refused_command_is_not_acknowledged():
     assert driver.telemetry.refused == 1
 
 
-def test_a_command_holds_for_as_long_as_it_said_and_then_the_device_is_off_and_says_so():
+def test_a_command_holds_for_its_stated_time_and_then_the_device_is_off_and_reports_it():
     for by_tick in (True, False):
         driver = DeviceDriver().driving((0.5, 0.0, 0.0), valid_for=4 * PERIOD)
         driver.tick(periods=3)  # its age is now four periods
@@ -141,7 +141,7 @@ def test_what_is_no_frame_lets_time_go_on_too():
     assert codes(driver.tick()) == [FaultCode.COMMAND_TOO_OLD]
 
 
-def test_a_disarmed_device_lets_commands_grow_old_in_peace():
+def test_expired_commands_are_no_fault_of_a_disarmed_device():
     driver = DeviceDriver()
     driver.hello()
     driver.command(valid_for=PERIOD)
@@ -150,7 +150,7 @@ def test_a_disarmed_device_lets_commands_grow_old_in_peace():
     assert [f for f in driver.said if isinstance(f.message, Fault)] == []
 
 
-def test_an_armed_device_whose_host_falls_silent_is_off_after_valid_for():
+def test_an_armed_device_without_new_commands_is_off_after_valid_for():
     driver = DeviceDriver().armed()
     driver.tick(periods=64)
     assert driver.device.armed
@@ -219,7 +219,7 @@ def test_a_held_command_is_cut_before_it_overheats_a_motor():
     assert flows(driver) == ZERO
 
 
-def test_a_motor_cools_down_and_neither_fault_nor_session_makes_it_forget():
+def test_a_motor_cools_down_and_neither_fault_nor_session_resets_its_heat():
     driver = DeviceDriver(limits=with_limits(heating=16 * PERIOD * 2.0)).driving((0.0, 0.5, 0.0))
     heated(driver, 1.5, 16)
     assert codes(driver.command((0.0, 1.0, 0.0)) + driver.tick()) == [FaultCode.HEATING]
@@ -270,7 +270,7 @@ def test_the_first_fault_is_kept():
     assert driver.device.fault is FaultCode.CURRENT
 
 
-def test_frames_beyond_the_message_rate_are_refused_and_told_once():
+def test_frames_beyond_the_message_rate_are_refused_and_reported_once():
     driver = DeviceDriver().driving()
     driver.tick(periods=60)  # a full burst again: 200 frames
     driver.command(valid_for=0.25)
@@ -307,7 +307,7 @@ def test_time_that_runs_backwards_gives_no_credit_and_no_heat():
     assert driver.device.refused == 20
 
 
-def test_strangers_use_up_a_budget_of_their_own_and_get_no_more_answers_than_it_holds():
+def test_other_hosts_have_a_separate_message_budget_that_bounds_their_answers():
     driver = DeviceDriver().driving()
     answered = sum(len(driver.hello(nonce=5)) for _ in range(300))
     # one hello was the host's own, and a tick of a period has given four back
@@ -318,7 +318,7 @@ def test_strangers_use_up_a_budget_of_their_own_and_get_no_more_answers_than_it_
     assert driver.command((0.25, 0.0, 0.0)) == ()
 
 
-def test_stops_are_never_too_many():
+def test_stops_are_not_limited_by_the_message_rate():
     driver = DeviceDriver().driving()
     for _ in range(1000):
         driver.give(Stop())
@@ -438,7 +438,7 @@ def test_in_lock_step_reset_fault_is_answered():
     assert answer.message.fault is FaultCode.NONE
 
 
-def test_in_lock_step_a_wheel_that_turns_too_fast_is_told_with_the_telemetry_of_that_step():
+def test_in_lock_step_a_wheel_that_turns_too_fast_is_reported_with_the_telemetry_of_that_step():
     driver = lock_step()
     driver.command()
     driver.arm()

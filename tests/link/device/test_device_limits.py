@@ -54,7 +54,7 @@ WHEELS = pytest.mark.parametrize("wheel", [1, 2, 3])
 SIGNS = pytest.mark.parametrize("sign", [1.0, -1.0])
 
 
-def test_a_quiet_command_passes():
+def test_a_command_within_all_limits_passes():
     assert refused() is None
 
 
@@ -120,7 +120,7 @@ def test_the_change_is_counted_from_the_current_that_flows_across_zero_too(sign)
 
 
 @SIGNS
-def test_zero_is_never_too_quick(sign):
+def test_a_change_to_zero_current_is_never_too_fast(sign):
     assert refused((0.0, -0.0, 0.0), flows=(sign * 1.5,) * 3) is None
 
 
@@ -167,13 +167,13 @@ def test_a_wheel_may_turn_up_to_its_speed_limit_and_not_one_number_faster(wheel,
 
 @WHEELS
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
-def test_a_wheel_speed_that_nobody_knows_is_a_fault_of_the_sensor(wheel, bad):
+def test_an_unknown_wheel_speed_is_a_fault_of_the_sensor(wheel, bad):
     found: Any = gate.check_wheel_speeds(LIMITS, at(wheel, bad))
     assert (found.code, found.wheel, found.limit) == (FaultCode.SENSOR, wheel, 40.0)
     assert repr(found.value) == repr(bad)
 
 
-def test_a_command_may_grow_as_old_as_it_said_and_not_one_number_older():
+def test_a_command_may_grow_as_old_as_it_states_and_not_one_number_older():
     for age in around(0.0625):
         found = gate.check_command_age(age, 0.0625)
         assert found == (None if age <= 0.0625 else Refusal(FaultCode.COMMAND_TOO_OLD, 0, age, 0.0625))
@@ -194,7 +194,7 @@ def test_credit_comes_back_at_the_message_rate_up_to_a_burst_and_time_that_runs_
     assert gate.credit_after(LIMITS, 10.0, -1.0) == 10.0
 
 
-def test_the_first_broken_limit_in_the_order_of_the_list_is_told():
+def test_the_first_broken_limit_in_the_order_of_the_list_is_reported():
     hot = (1.75,) * 3
     assert refused((math.nan, 9.0, 1.25), 9.0, heat=hot).code is FaultCode.NOT_FINITE
     assert refused((9.0, 9.0, math.nan), 9.0, heat=hot).wheel == 3
@@ -225,7 +225,7 @@ def test_limits_are_rounded_to_what_travels():
 
 
 @given(st.floats(0.0009765625, 1e30, width=64))
-def test_a_current_asked_for_as_large_as_the_limit_passes_after_both_have_travelled(limit):
+def test_a_commanded_current_as_large_as_the_limit_passes_after_both_have_travelled(limit):
     limits = gate.round_to_float32(dataclasses.replace(LIMITS, current=limit))
     (asked,) = struct.unpack("<f", struct.pack("<f", limit))
     command, before = Command((asked,), 0.05), AmplifierState((asked,), 0.0, (0.0,))

@@ -216,7 +216,7 @@ def test_in_real_time_the_plant_moves_by_the_clock_and_a_silent_host_stops_it():
 
 
 @pytest.mark.parametrize("late", [0, 1, 5])
-def test_readings_may_be_late_and_say_so_by_their_time(late):
+def test_readings_may_be_late_and_carry_their_time(late):
     drive = Drive(lock_step=False, late=late)
     for k in range(1, 12):
         drive.wait()
@@ -256,7 +256,7 @@ def test_a_defect_of_a_motor_shows_in_what_it_carries(kind, factor):
     assert seen == [[0.5, 0.25, 0.5 * factor, -0.25]]
 
 
-def test_the_device_says_that_current_flows():
+def test_the_device_reports_that_current_flows():
     drive = Drive().arm()
     drive.command(np.full(4, 0.5))
     status = drive.host.reading.telemetry.status

@@ -136,7 +136,7 @@ needs_compiler = pytest.mark.skipif(not COMPILER, reason="no C compiler (cc, gcc
 
 
 @needs_compiler
-def test_the_example_tells_what_it_is_and_what_it_reads(board):
+def test_the_example_reports_its_identity_and_its_readings(board):
     own = board.begin(6)
     assert own.limits_hash == limits_hash(own.limits) and own.calibration_hash == CALIBRATION
     assert own.period == 0.002 and own.wheels == 4 and len(own.channels) == 12
@@ -267,7 +267,7 @@ def test_the_example_drops_what_is_old_foreign_or_of_a_second_host(board):
 
 
 @needs_compiler
-def test_the_example_refuses_arming_to_who_lays_out_messages_otherwise(board):
+def test_the_example_refuses_arming_to_a_host_with_another_message_layout(board):
     board.says(Command(ZERO, 0.0625))
     newest = board.sent[-1].sequence
     right = Frame(Arm(board.limits_hash, CALIBRATION, newest), board.session, board.sequence + 1, 0)

@@ -98,7 +98,7 @@ def expect_stopped(host, frames, reason):
     assert host.state is HostState.STOPPED
 
 
-def test_link_lost_is_an_error_of_ours_and_of_connections():
+def test_link_lost_is_an_omnimj_error_and_a_connection_error():
     assert issubclass(LinkLost, OmnimjError) and issubclass(LinkLost, ConnectionError)
 
 
@@ -138,7 +138,7 @@ def test_telemetry_with_other_channels_than_the_capabilities_ends_the_link(raw, 
         assert other.say(told) == () and other.host.dropped == 2
 
 
-def test_before_there_is_a_session_nothing_may_be_asked():
+def test_before_there_is_a_session_no_request_is_allowed():
     host = Other(connected=False).host
     assert (host.session, host.fault) == (0, None)
     for _ in range(2):
@@ -186,7 +186,7 @@ def test_frames_carry_the_session_and_rise():
         ({"session": 0}, "it gives no session"),
     ],
 )
-def test_another_device_than_expected_is_told_in_words(changed, words):
+def test_another_device_than_expected_is_named_in_the_error(changed, words):
     other = Other(connected=False)
     other.nonce = other.host.hello(0.0).message.nonce
     answer = other.capabilities(**changed)
@@ -249,7 +249,7 @@ def test_a_stopped_host_takes_no_capabilities():
     assert other.host.dropped == 1
 
 
-def test_busy_is_told_to_who_asks_only():
+def test_busy_is_reported_to_the_requesting_host_only():
     busy = Fault(FaultCode.BUSY, 0, 0.0, 0.0, 0, False)
     other = Other(connected=False)
     assert other.say(busy, session=0) == ()
@@ -262,7 +262,7 @@ def test_busy_is_told_to_who_asks_only():
     assert (other.host.state, other.host.dropped) == (HostState.ARMED, 1)
 
 
-def test_arming_takes_telemetry_and_is_done_when_the_device_says_so():
+def test_arming_takes_telemetry_and_is_done_when_the_device_confirms_it():
     other = Other()
     host = other.host
     with pytest.raises(LinkLost, match="there is no telemetry yet"):
@@ -279,7 +279,7 @@ def test_arming_takes_telemetry_and_is_done_when_the_device_says_so():
     assert host.state is HostState.ARMED
 
 
-def test_a_device_that_is_armed_without_having_been_asked_is_not_driven():
+def test_a_device_that_is_armed_without_a_request_is_not_driven():
     other = Other()
     other.telemetry(status=Status.ARMED)
     assert other.host.state is HostState.CONNECTED
@@ -315,7 +315,7 @@ def test_no_hello_while_the_device_is_driven():
 # --- the rules that end in stop
 
 
-def test_how_old_it_was_is_told_in_milliseconds():
+def test_the_age_of_telemetry_is_reported_in_milliseconds():
     other = Other().armed()
     other.host.check(5.0)
     assert other.host.reason == "the newest telemetry is 5000.0 ms old"
@@ -350,7 +350,7 @@ def test_age_is_counted_from_the_sample_once_the_clocks_are_known():
     assert host.check(after(0.02)) != ()
 
 
-def test_telemetry_that_comes_more_than_20_ms_late_is_not_believed():
+def test_telemetry_that_comes_more_than_20_ms_late_is_not_used():
     other = Other()
     host = other.host
     other.say(Pong(host.ping(0.0).message.nonce), now=0.0, time=0)
@@ -378,7 +378,7 @@ def test_four_of_the_last_20_frames_may_be_lost_and_not_five():
     expect_stopped(other.host, other.host.check(0.0), "5 of the last 20 frames were lost")
 
 
-def test_losses_are_forgotten_after_20_frames():
+def test_losses_no_longer_count_after_20_frames():
     other = Other().armed()
     for _ in range(5):
         other.sequence += 1
@@ -421,7 +421,7 @@ def test_before_the_device_is_armed_commands_may_wait():
     assert other.host.check(0.1) == ()
 
 
-def test_without_motion_a_link_may_be_as_bad_as_it_likes():
+def test_without_motion_a_link_of_any_quality_is_accepted():
     other = Other()
     assert other.host.check(9.0) == ()
     other.telemetry(0.0)
@@ -454,7 +454,7 @@ def test_a_fault_of_the_device_ends_in_stop(armed):
     assert other.host.fault == fault
 
 
-def test_a_fault_is_told_in_words():
+def test_a_fault_is_reported_with_its_description():
     assert (
         format_fault(Fault(FaultCode.ARM_LIMITS, 0, 0.0, 0.0, 1, False))
         == "the device reports: arm limits (0, limit 0)"
@@ -482,7 +482,7 @@ def test_a_device_that_somebody_else_has_stopped_is_stopped():
     expect_stopped(other.host, other.telemetry(), "the device is no longer armed")
 
 
-def test_stop_may_be_asked_for_at_any_time_and_gives_three_frames_each_time():
+def test_stop_may_be_requested_at_any_time_and_gives_three_frames_each_time():
     for prepare in (lambda: Other(connected=False), Other, lambda: Other().armed()):
         host = prepare().host
         session = host.session
@@ -538,7 +538,7 @@ def test_before_there_is_a_session_frames_of_session_zero_are_dropped():
 
 
 @pytest.mark.parametrize("message", [Stop(), Hello(1), Ping(1), Command(ZERO, 0.05), ResetFault()])
-def test_what_only_a_host_may_say_is_dropped(message):
+def test_messages_that_only_a_host_may_send_are_dropped(message):
     other = Other()
     assert other.say(message) == ()
     assert other.host.dropped == 1

@@ -80,7 +80,7 @@ def test_a_host_that_is_killed_leaves_a_robot_that_stands_within_valid_for():
     world.close()
 
 
-def test_a_device_that_restarts_is_told_nothing_and_its_host_stops():
+def test_a_device_that_restarts_gets_no_command_and_its_host_stops():
     world = driving()
     begin = world.wire.now
     world.power_up()
@@ -93,7 +93,7 @@ def test_a_device_that_restarts_is_told_nothing_and_its_host_stops():
 
 @pytest.mark.parametrize("loss", [0.0, 0.01, 0.1, 0.3])
 @pytest.mark.parametrize("seed", [1, 2])
-def test_losses_either_let_the_robot_be_driven_or_stop_it_and_say_why(loss, seed):
+def test_losses_either_let_the_robot_be_driven_or_stop_it_with_a_reason(loss, seed):
     world = driving(seed=seed)
     world.wire.set_faults(WireFaults(loss=loss), WireFaults(loss=loss))
     reason = drive(world, 1500)
@@ -173,7 +173,7 @@ def test_a_replayed_capture_moves_nothing():
     world.close()
 
 
-def test_a_second_host_is_told_that_the_device_is_busy_and_stops_nobody():
+def test_a_second_host_is_refused_as_the_device_is_busy_and_stops_nothing():
     world = driving()
     frames = [Frame(Hello(99), 0, 1, 0), Frame(Ping(1), 0, 2, 0), Frame(Command((0.0,) * 4, 0.05), 7, 3, 0)]
     for frame in [*frames, Frame(Arm(0, 0, 0), 7, 4, 0)]:
@@ -191,7 +191,7 @@ def test_a_second_host_is_told_that_the_device_is_busy_and_stops_nobody():
     world.close()
 
 
-def test_anybody_may_stop_it_and_the_host_says_so():
+def test_any_sender_may_stop_it_and_the_host_reports_it():
     world = driving()
     begin = world.wire.now
     world.wire.inject(encode(Frame(Stop(), 0, 0, 0)))
@@ -203,7 +203,7 @@ def test_anybody_may_stop_it_and_the_host_says_so():
     world.close()
 
 
-def test_only_who_asks_anew_drives_again_and_a_fault_must_have_been_seen():
+def test_only_a_new_request_drives_again_and_a_fault_must_have_been_acknowledged():
     world = driving()
     world.advance(0.2)
     with pytest.raises(LinkLost):
@@ -218,7 +218,7 @@ def test_only_who_asks_anew_drives_again_and_a_fault_must_have_been_seen():
 
 
 @pytest.mark.parametrize("mode", [LinkMode.READONLY, LinkMode.DRY_RUN])
-def test_who_listens_or_rehearses_sends_nothing_that_moves(mode):
+def test_a_listening_or_rehearsing_host_commands_no_motion(mode):
     world = World(mode=mode)
     world.plant.reset()
     assert drive(world, 300) == "" and world.plant.step(MOVE).time > 0.25

@@ -169,7 +169,7 @@ def seen(port: int) -> Telemetry:
         link.close()
 
 
-def test_a_host_that_is_killed_leaves_a_device_that_stops_and_says_why(tap, port, capsys, measured):
+def test_a_device_whose_host_is_killed_stops_with_its_reason(tap, port, capsys, measured):
     with driving(tap) as host:
         host.kill()
         host.wait()
@@ -219,7 +219,7 @@ def test_a_host_that_is_interrupted_ends_by_a_stop(tap, number):
     assert all(one.fault is FaultCode.NONE for one in told(tap.said(since=mark)))
 
 
-def test_who_only_looks_moves_nothing(tap, capsys):
+def test_a_listening_host_moves_nothing(tap, capsys):
     words = ("--set", "duration=0.2", "--plant", tap.address, "--readonly")
     assert main([*DRIVE, *words]) in (0, 1)
     assert "readonly; " in capsys.readouterr().out

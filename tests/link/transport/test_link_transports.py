@@ -53,7 +53,7 @@ UDP:host:1|
 
 
 @pytest.mark.parametrize("text", NO_ADDRESSES.strip().replace("\n", "|").split("|"))
-def test_what_is_no_address_is_one_clear_line(text):
+def test_an_invalid_address_is_refused_in_one_line(text):
     with pytest.raises(InputError) as caught:
         parse_address(text, "--plant")
     assert str(caught.value).startswith("--plant: ") and "\n" not in str(caught.value)
@@ -96,7 +96,7 @@ def test_datagrams_go_there_and_back_and_silence_does_not_wait(udp):
     assert device.failures == host.failures == 0
 
 
-def test_a_host_hears_nobody_but_its_device(udp):
+def test_a_host_receives_frames_of_its_device_alone(udp):
     device, host = udp
     host.send(OTHER)
     ((_, peer),) = device.receive()
@@ -117,7 +117,7 @@ def test_datagrams_over_512_bytes_are_dropped_and_a_flood_comes_in_portions(udp)
     assert [len(device.receive()) for _ in range(3)] == [64, 36, 0]
 
 
-def test_a_device_that_is_gone_is_silence(udp):
+def test_a_device_that_is_gone_is_an_empty_read(udp):
     device, host = udp
     device.close()
     device.close()
@@ -140,7 +140,7 @@ def test_off_loopback_a_key_is_required():
     UdpListener(UdpAddress("0.0.0.0", _free().port), keyed=True).close()
 
 
-def test_hosts_that_are_not_and_ports_that_are_taken_are_one_clear_line(udp):
+def test_unknown_hosts_and_occupied_ports_are_refused_in_one_line(udp):
     device, _ = udp
     with pytest.raises(InputError, match="cannot be bound"):
         UdpListener(UdpAddress(HERE, device.port))
@@ -224,7 +224,7 @@ def test_a_port_that_takes_nothing_more_loses_whole_packets_without_waiting(line
 
 
 @pty_needed
-def test_a_cable_that_is_pulled_is_silence():
+def test_a_pulled_cable_is_an_empty_read():
     far, near = os.openpty()
     transport = SerialTransport(SerialAddress(os.ttyname(near)))
     os.close(near)
@@ -269,7 +269,7 @@ def _arrivals(faults: WireFaults, seed: int = 1, count: int = 4000) -> list[tupl
     return found
 
 
-def test_what_a_simulated_wire_does_is_what_was_asked_for():
+def test_a_simulated_wire_has_the_set_rates_of_its_faults():
     assert abs(len(_arrivals(WireFaults(loss=0.3))) / 4000 - 0.7) < 0.04
     assert abs(len(_arrivals(WireFaults(duplication=0.2))) / 4000 - 1.2) < 0.04
     assert all(k == max(n + 20, n + 1) for k, n in _arrivals(WireFaults(delay=0.0195)))

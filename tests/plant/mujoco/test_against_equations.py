@@ -49,7 +49,7 @@ def planar_error(robot, floors, current, floor="natural_stone"):
 
 @pytest.mark.parametrize("mass", [3.9593, 2.9593, 1.9593])
 @pytest.mark.parametrize("floor", ["natural_stone", "pvc", "paperboard"])
-def test_the_rig_twin_drives_as_its_equations_say(rig, floors, floor, mass, measured):
+def test_the_rig_twin_drives_as_its_equations(rig, floors, floor, mass, measured):
     for current in CURRENTS:
         error = carriage_error(rig, floors[floor], mass, current, 0.0, 1.05)
         measured("rig twin against Eqs. 4.31-4.40, RMS of carriage speed [m/s]", error, 0.010)
@@ -57,7 +57,7 @@ def test_the_rig_twin_drives_as_its_equations_say(rig, floors, floor, mass, meas
 
 
 @pytest.mark.parametrize("lateral_speed", [0.2, 0.35, 0.5, 0.65, -0.2, -0.35, -0.5, -0.65])
-def test_the_rig_twin_drives_as_its_equations_say_when_moved_sideways(rig, floors, lateral_speed, measured):
+def test_the_rig_twin_drives_as_its_equations_when_moved_sideways(rig, floors, lateral_speed, measured):
     for current in (0.6, 0.9, 1.2, 1.5):
         error = carriage_error(rig, floors["natural_stone"], 3.9593, current, lateral_speed, 0.9)
         measured("the same with the gantry moving sideways [m/s]", error, 0.010)

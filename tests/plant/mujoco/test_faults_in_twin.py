@@ -63,7 +63,7 @@ def test_a_free_motor_pulls_no_current_and_a_locked_wheel_does_not_turn(robot):
     assert truth[330, 9] < -0.1  # it drags: slower than the ground
 
 
-def test_a_hard_over_motor_runs_without_being_asked(robot):
+def test_a_hard_over_motor_runs_without_a_command(robot):
     measured, _ = drive(robot, (fault("hard_over", wheel=1, onset=0.1),), current=np.zeros(4), seconds=0.4)
     assert abs(measured[80].wheel_speed).max() < 1e-3
     assert measured[-1].current[0] > 1.0

@@ -67,7 +67,7 @@ def test_any_number_of_wheels_stands_level_and_shares_the_weight(count, scene):
 
 @pytest.mark.parametrize("robot", [star(3), star(5), mecanum()], ids=["three", "five", "mecanum"])
 @pytest.mark.parametrize("current", [(1.0, 0.0), (0.3, 0.8)])
-def test_a_twin_of_another_layout_moves_as_the_planar_model_says(robot, current):
+def test_a_twin_of_another_layout_moves_as_the_planar_model_does(robot, current):
     """Currents along a direction and about the centre; what moves the planar robot moves the twin as far."""
     a = rolling_matrix(robot.wheel_positions, robot.rolling_directions)
     asked = current[0] * a[:, :2] @ (math.cos(0.7), math.sin(0.7)) + current[1] * np.sign(a[:, 2])

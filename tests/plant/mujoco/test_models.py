@@ -83,7 +83,7 @@ def test_a_wheel_turns_with_the_stated_inertia(robot, floors):
     assert sum(m.body_mass[rollers]) == pytest.approx(robot.wheel.mass)
 
 
-def test_wheels_stand_and_drive_where_the_constants_say(robot, floors):
+def test_wheels_stand_and_drive_where_the_constants_place_them(robot, floors):
     m = robot_model(robot, floors["natural_stone"])
     d = mujoco.MjData(m)
     mujoco.mj_forward(m, d)

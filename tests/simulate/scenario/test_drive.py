@@ -131,7 +131,7 @@ def test_a_turn_on_the_spot_ends_at_its_angle():
     assert r.heading[-1] == pytest.approx(-1.5) and r.yaw_rate.min() == pytest.approx(-1.0)
 
 
-def test_loops_are_as_asked():
+def test_control_loops_are_as_set_in_the_scenario():
     d = drive(kind="hold")
     assert (d.yaw_loop, d.heading_hold, d.heading_feedback) == (True, False, True)
     d = drive(kind="hold", yaw_loop=False, heading_hold=True, heading_feedback=False, heading=1.0)

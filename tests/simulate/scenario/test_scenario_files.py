@@ -104,7 +104,7 @@ def test_a_key_of_another_kind_is_refused_with_the_keys_of_this_kind():
     assert "profile" in message and "direction" in message
 
 
-def test_an_index_out_of_range_says_how_many_there_are():
+def test_an_index_out_of_range_is_refused_with_the_number_of_entries():
     assert "'faults' has 1" in refused("faults.1.wheel=3", name="degraded_motor")
     assert "'faults' has 0" in refused("faults.0.wheel=3")
     assert "'patches' has 1" in refused(f"patches.{'9' * 5000}.floor=pvc")

@@ -89,7 +89,7 @@ def test_the_mixed_suite_has_24_runs_six_of_them_repeats(rig):
 
 
 @pytest.mark.parametrize("name", SUITES)
-def test_runs_have_names_and_seeds_of_their_own(name):
+def test_runs_have_distinct_names_and_seeds(name):
     suite = find_suite(name)
     runs = planned_runs(suite, suite.read_machine(None), 5, repeats=3)
     assert len({run.name for run in runs}) == len({run.seed for run in runs}) == len(runs)
@@ -97,7 +97,7 @@ def test_runs_have_names_and_seeds_of_their_own(name):
     assert all(run.name.startswith(f"{run.repeat_of}_") for run in runs)
 
 
-def test_a_single_drive_is_nobodys_repeat(rig):
+def test_a_single_drive_is_no_repeat(rig):
     runs = planned_runs(find_suite("rig_currents"), rig, 0, repeats=1)
     assert all(run.repeat_of is None for run in runs) and runs[0].name == "stone_015"
 
@@ -226,7 +226,7 @@ def test_an_axis_dataset_declares_the_mass_that_was_put_on(tmp_path):
     assert np.ptp(sweep.columns["position"]) > 0.05
 
 
-def test_an_effect_changes_the_numbers_and_the_dataset_does_not_tell(tmp_path):
+def test_an_effect_changes_the_numbers_and_is_not_named_in_the_dataset(tmp_path):
     plain, hidden = tmp_path / "plain", tmp_path / "hidden"
     recorded(plain, "rig_currents", "stone_090_a")
     recorded(hidden, "rig_currents", "stone_090_a", effects={"rail_viscous": {"coefficient": 2.0}})

@@ -60,7 +60,7 @@ def test_a_held_key_drives_straight_and_the_robot_stands_soon_after_it_is_let_go
     assert "residual_force_x" in trace and trace["target_heading"].shape == (3500,)
 
 
-def test_a_robot_that_nobody_asks_stands():
+def test_a_robot_without_commands_stands():
     _, trace = by_hand({}, 1500)
     assert np.abs(trace["current_target_1"]).max() == 0.0 and np.abs(trace["x"]).max() < 1e-6
 
@@ -107,7 +107,7 @@ class WallClock:
 
 
 @pytest.mark.parametrize(("work", "factor"), [(0.0002, 1.0), (0.002, 0.5)])
-def test_a_simulation_is_held_to_the_wall_clock_and_says_when_it_cannot_keep_up(work, factor):
+def test_a_simulation_is_held_to_the_wall_clock_and_reports_when_it_cannot_keep_up(work, factor):
     clock = WallClock()
     pace = RealTimePacer(H, lambda: clock.now, clock.sleep)
     for _ in range(5000):
@@ -117,7 +117,7 @@ def test_a_simulation_is_held_to_the_wall_clock_and_says_when_it_cannot_keep_up(
     assert pace.lost == pytest.approx(5.0 * (1 / factor - 1), abs=0.11)
 
 
-def test_time_that_was_lost_is_not_raced_after():
+def test_lost_time_is_not_made_up_by_a_faster_simulation():
     clock = WallClock()
     pace = RealTimePacer(H, lambda: clock.now, clock.sleep)
     pace.wait()

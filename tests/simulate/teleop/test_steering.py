@@ -67,7 +67,7 @@ def test_a_held_key_drives_up_to_the_limit_and_no_further_and_a_key_let_go_ends_
         (Key.TURN_RIGHT, 2, -1),
     ],
 )
-def test_every_direction_is_its_own(which, axis, sign):
+def test_every_key_drives_its_direction(which, axis, sign):
     twists = driven({0: (key(which),)}, 0.2)
     assert sign * twists[-1, axis] > 0.05 and not np.delete(twists, axis, axis=1).any()
 
@@ -78,7 +78,7 @@ def test_the_newest_of_two_opposite_keys_counts():
 
 
 @pytest.mark.parametrize("stopper", [Key.STOP, Key.END])
-def test_a_stop_takes_no_ramp_and_is_deaf_for_a_moment(stopper):
+def test_a_stop_takes_no_ramp_and_ignores_keys_for_a_moment(stopper):
     events: dict = held(Key.FORWARD, 0, 2000, 10)
     events[600] = (key(Key.FORWARD), key(stopper), key(Key.FORWARD))
     twists = driven(events, 2.0)
@@ -115,7 +115,7 @@ def test_whatever_is_typed_the_limits_hold_and_all_of_it_ends(typed, speed, turn
 
 @settings(deadline=None)
 @given(st.floats(-4.0, 4.0))
-def test_ahead_is_where_the_robot_looks(heading):
+def test_forward_is_along_the_robot_s_heading(heading):
     steering = Steering(LIMITS)
     steering.on_key(0.0, Key.FORWARD)
     for k in range(250):
@@ -156,7 +156,7 @@ def test_a_stick_drives_while_the_dead_man_s_button_is_held():
     assert not driven({0: (stick(held=False),)}, 1.0).any()
 
 
-def test_a_stick_that_says_nothing_any_more_is_out_of_reach():
+def test_a_stick_that_sends_nothing_any_more_stops_the_robot():
     twists = driven({0: (stick(),)}, STICK_TIMEOUT + 1.0)
     assert twists[round(STICK_TIMEOUT / H) - 1, 0] == pytest.approx(0.4) and not twists[-1].any()
 

@@ -72,7 +72,7 @@ def event(kind, number, value):
 AXIS, BUTTON, BEFORE = 2, 1, 0x80
 
 
-def test_a_pad_tells_its_sticks_and_its_dead_man_s_button():
+def test_a_pad_reports_its_sticks_and_its_dead_man_s_button():
     reader = GamepadReader()
     said = event(AXIS, 1, -32767) + event(AXIS, 0, 32767) + event(AXIS, 3, -32767) + event(AXIS, 5, 9999)
     assert reader.feed(said[:5]) == (StickState(), False)
@@ -109,7 +109,7 @@ def driven_by(fingers, duration, pad=None):
     return speeds
 
 
-def test_an_operator_ends_with_a_key_or_with_the_terminal_and_sees_what_is_asked():
+def test_an_operator_ends_with_a_key_or_with_the_terminal_and_sees_the_commanded_speed():
     for last in (b"q", None):
         fingers = Fingers()
         fingers.typed = {0.002: b"w", 0.25: last}

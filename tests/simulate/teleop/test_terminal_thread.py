@@ -35,7 +35,7 @@ def comes(holds: Callable[[], bool]) -> bool:
     return True
 
 
-def test_a_slow_terminal_is_waited_for_by_nobody(screen, monkeypatch):
+def test_a_slow_terminal_delays_no_control_step(screen, monkeypatch):
     """As on a busy machine: every question and every write takes 0.3 s of no computing."""
     far, near = screen
     ask, write = room.select.select, os.write
@@ -64,7 +64,7 @@ def test_a_slow_terminal_is_waited_for_by_nobody(screen, monkeypatch):
     assert typed == b"w" and took < SLOW / 2.0
 
 
-def test_keys_come_in_their_order_and_what_was_typed_before_is_forgotten(screen):
+def test_keys_come_in_their_order_and_those_typed_before_the_start_are_discarded(screen):
     far, near = screen
     with Terminal(near, near) as terminal:
         os.write(far, b"www")
@@ -93,7 +93,7 @@ def test_keys_come_in_their_order_and_what_was_typed_before_is_forgotten(screen)
     assert not any(thread.name == "terminal" for thread in threading.enumerate())
 
 
-def test_a_terminal_that_goes_is_told_after_its_last_keys(screen):
+def test_the_end_of_a_terminal_is_reported_after_its_last_keys(screen):
     far, near = screen
     with Terminal(near, near) as terminal:
         assert terminal.read() == b""

@@ -39,7 +39,7 @@ def test_the_same_seed_draws_the_same_cases_and_another_seed_others():
         assert not {case.noise for case in others} & {case.noise for case in again}
 
 
-def test_asking_for_other_faults_or_floors_changes_nothing_else_of_a_case():
+def test_other_faults_or_floors_change_nothing_else_of_a_case():
     for k in range(40):
         case = draw_case(CasePopulation("missions", 100), k)
         other = draw_case(CasePopulation("missions", 100, faults=(NONE,), floors=("pvc",)), k)
@@ -68,7 +68,7 @@ def test_every_class_is_drawn_and_fault_free_cases_have_their_share(suite):
     assert abs(counts[NONE] / 300 - share) < 4.0 * math.sqrt(share * (1.0 - share) / 300)
 
 
-def test_only_the_classes_asked_for_are_drawn():
+def test_only_the_chosen_classes_are_drawn():
     drawn = {draw_case(CasePopulation("missions", 7, faults=("slip", "two")), k).fault for k in range(60)}
     assert drawn == {"slip", "two"}
 
@@ -187,7 +187,7 @@ def test_a_task_travels_to_other_processes_and_a_case_to_json():
         assert json.loads(json.dumps(case.to_dict())) == to_jsonable(case.to_dict())
 
 
-def test_method_and_controller_are_told_the_nominal_robot_and_floor_and_no_fault(monkeypatch):
+def test_method_and_controller_get_the_nominal_robot_and_floor_and_no_fault(monkeypatch):
     told = []
     monkeypatch.setattr(trial, "make_detector", lambda name, scenario, *_: told.append(scenario))
     case = next(c for c in MANY if c.fault == "two" and c.suite == "manoeuvres")
@@ -208,7 +208,7 @@ def test_with_and_without_the_method_the_same_noise_comes():
     assert not np.array_equal(first.current, other.current)
 
 
-def test_a_motor_that_lacks_a_tenth_is_drawn_only_when_it_is_asked_for():
+def test_a_motor_that_lacks_a_tenth_is_drawn_only_when_it_is_chosen():
     weak = [draw_case(CasePopulation("missions", 100, faults=("weak",)), k) for k in range(20)]
     assert {(c.fault, c.faults[0].kind) for c in weak} == {("weak", "motor")}
     assert {c.faults[0].numbers["loss"] for c in weak} == {0.1}

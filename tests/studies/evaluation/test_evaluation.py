@@ -56,7 +56,7 @@ def numbers(folder: Path) -> dict:
     return {key: value for key, value in found.items() if key != "interrupted"}
 
 
-def test_recordings_are_a_dataset_that_knows_channels_and_floor_and_nothing_else(tmp_path):
+def test_recordings_are_a_dataset_of_channels_and_floor_and_nothing_else(tmp_path):
     order = EvaluationConfig(tmp_path / "out", SHORT, trials=2, records=True)
     run_evaluation(order, quiet, InlineExecutor())
     found = read_dataset(tmp_path / "out" / "recordings")
@@ -98,7 +98,7 @@ def test_a_perfect_estimate_has_no_error(tmp_path, telling, monkeypatch):
     assert summary.estimate.p95 == pytest.approx(0.0, abs=1e-12)
 
 
-def test_one_that_cries_wolf_is_counted(tmp_path, telling):
+def test_false_alarms_of_a_method_are_counted(tmp_path, telling):
     telling(crying_wolf)
     choice = dataclasses.replace(SHORT, faults=("none", "slip"))
     outcome = run_evaluation(
@@ -184,7 +184,7 @@ def test_a_case_that_breaks_is_counted_and_takes_no_other_with_it(tmp_path, monk
     assert run_evaluation(order, quiet, InlineExecutor()).failed == 0
 
 
-def test_a_training_seed_says_that_it_judges_nothing(tmp_path):
+def test_a_training_seed_is_reported_as_unfit_for_judging(tmp_path):
     choice = dataclasses.replace(SHORT, seed=99, duration=2.5, faults=("none",))
     outcome = run_evaluation(EvaluationConfig(tmp_path, choice, trials=1), quiet, InlineExecutor())
     assert "do not judge" in outcome.lines[0]

@@ -139,7 +139,7 @@ def test_a_rate_of_few_cases_is_met_but_not_sure():
     assert (many[name].met, many[name].sure) == (True, True) and format_goal(many[name])[-1] == "yes"
 
 
-def test_pairs_are_told_by_kinds_and_the_missed_ones_by_name():
+def test_pairs_are_listed_by_kinds_and_the_missed_ones_by_name():
     scores = [
         broken("two", *(f"{kind} {wheel}" for kind, wheel in pair), isolated=k != 20)
         for k, pair in enumerate(PAIRS)

@@ -78,7 +78,7 @@ def test_an_alarm_before_the_onset_is_an_early_one():
     assert score.isolated  # what was said before has been taken back
 
 
-def test_the_estimate_is_judged_against_what_is_left_of_the_believed_torque_constant():
+def test_the_estimate_is_judged_against_what_is_left_of_the_nominal_torque_constant():
     one = case("motor", MOTOR)
     (fault,) = scored(one).faults
     assert fault.estimate_error == pytest.approx(0.5 - 0.4 * one.errors.torque_constants[2])
@@ -93,7 +93,7 @@ def test_a_diagnosis_clears_some_time_after_the_slip_has_ended_or_never():
     assert scored(case("motor", MOTOR), said(10.5, "motor", 3)).clearing is None
 
 
-def test_ratios_are_of_excursions_that_can_be_told_from_nothing():
+def test_ratios_are_of_excursions_that_are_large_enough_to_measure():
     one = case("motor", MOTOR)
     score = scored(one, off={"heading": 0.04, "path": 0.05})
     assert score.heading_ratio == pytest.approx(0.5) and score.path_ratio == pytest.approx(2.0)

@@ -37,7 +37,7 @@ def searches(monkeypatch):
     return asked
 
 
-def test_the_workflow_is_told_the_path_alone_and_the_seal_opens_after_the_last_search(tmp_path, searches):
+def test_the_workflow_gets_the_path_alone_and_the_seal_opens_after_the_last_search(tmp_path, searches):
     executor = InlineExecutor()
     order = BenchmarkConfig(tmp_path / "out", 3, cases=3, made_by="planar", seconds=0.2, conditions=1)
     outcome = run_benchmark(order, quiet, executor)

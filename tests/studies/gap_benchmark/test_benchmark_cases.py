@@ -118,7 +118,7 @@ def test_every_kind_outside_of_the_library_changes_what_is_measured(tmp_path):
         assert max(moved) > 0.01, kind
 
 
-def test_a_dataset_holds_what_a_logger_knows_and_nothing_of_the_truth(tmp_path):
+def test_a_dataset_holds_what_a_logger_records_and_nothing_of_the_truth(tmp_path):
     make_dataset(hiding(VISCOUS, LATE), tmp_path / "case_000", "planar", 0.3, 2)
     assert [entry.name for entry in tmp_path.iterdir()] == ["case_000"]
     files = {file.name for file in (tmp_path / "case_000").iterdir()}

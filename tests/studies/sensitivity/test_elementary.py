@@ -110,7 +110,7 @@ def test_where_a_run_is_missing_so_are_its_two_effects_and_no_others():
     assert found[kept] == pytest.approx(np.arange(1.0, 7.0)[kept])
 
 
-def test_a_parameter_that_was_rounded_back_to_where_it_was_has_no_effect_to_speak_of():
+def test_a_parameter_that_was_rounded_back_to_where_it_was_has_no_elementary_effect():
     points = np.array([[0.0, 0.0], [0.0, 0.5], [0.0, 0.5]])
     assert np.isnan(elementary_effects(points, np.array([1.0, 2.0, 2.0]))).tolist() == [True, False]
 
@@ -121,7 +121,7 @@ def test_a_parameter_without_any_effect_has_no_measure():
     assert found[1].count == 2 and found[1].mu_star == 2.0
 
 
-def test_intervals_hold_the_truth_about_as_often_as_they_say():
+def test_intervals_hold_the_truth_about_as_often_as_their_level():
     random, held = np.random.default_rng(3), 0
     for _ in range(300):
         effects = random.exponential(1.0, (30, 1))
@@ -141,7 +141,7 @@ def test_noise_alone_is_hardly_ever_ranked():
     assert wrong <= 3  # of 60
 
 
-def test_noise_that_changes_nothing_has_no_floor_and_one_run_tells_nothing():
+def test_noise_that_changes_nothing_has_no_floor_and_one_run_gives_no_estimate():
     assert noise_floor([2.0] * 20, 10, 40, 0) == 0.0
     assert math.isnan(noise_floor([2.0, math.nan], 10, 40, 0))
 
@@ -165,7 +165,7 @@ def test_the_floor_grows_with_the_noise_and_falls_with_more_trajectories():
         (0.3, 0.0, 0.0, UNSURE),
     ],
 )
-def test_what_is_said_of_a_parameter(mu_star, low, floor, told):
+def test_a_parameter_is_described_by_its_rank_its_interval_and_the_floor(mu_star, low, floor, told):
     assert classify_effect(EffectStatistics(mu_star, mu_star, low, 3.0, 0.1, 10), floor) == told
 
 

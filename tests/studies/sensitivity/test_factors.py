@@ -147,7 +147,7 @@ def test_the_truth_differs_in_what_was_changed_and_in_nothing_else(varied: Facto
 
 
 @pytest.mark.parametrize("asked", [SHORT_ROBOT, SHORT_RIG], ids=["robot", "rig"])
-def test_the_plant_gets_the_changed_numbers_and_the_controller_believes_the_files(asked, monkeypatch):
+def test_the_plant_gets_the_changed_numbers_and_the_controller_those_of_the_files(asked, monkeypatch):
     asked = dataclasses.replace(asked, method="published")
     made_of, believed = [], []
     make_plant, make_method, make = run.make_plant, run.make_detector, run.make_diagnosing_controller
@@ -180,7 +180,7 @@ def test_the_plant_gets_the_changed_numbers_and_the_controller_believes_the_file
     assert all(dict(one.floors) == dict(scenario.floors) for one in believed)
 
 
-def test_a_number_that_the_method_knows_of_raises_no_alarm_and_the_same_one_unknown_does(tmp_path):
+def test_a_change_in_the_model_file_raises_no_alarm_and_the_same_one_hidden_does(tmp_path):
     text = (models_folder() / "quarter_rig" / "rig.toml").read_text(encoding="utf-8")
     model = tmp_path / "rig.toml"
     stronger = '[motor]\ntorque_constant = { value = 0.05, unit = "N.m/A", source = "measured" }\n'

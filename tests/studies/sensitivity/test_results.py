@@ -29,26 +29,26 @@ def test_results_are_the_metrics_and_where_the_robot_ended():
     assert found["rms_slip"] == pytest.approx(np.sqrt(np.mean(slips**2)))
 
 
-def test_of_single_wheels_those_count_that_the_checks_ask_for():
+def test_of_single_wheels_those_count_that_the_checks_name():
     units = result_units(read_scenario("nylon_patch"), "robust")
     assert {name for name in units if name[-1].isdigit()} == {"peak_slip_1", "peak_slip_3"}
     assert "peak_slip_1" in result_units(read_scenario("rig_slip"), "published")  # it has one wheel
 
 
-def test_without_a_method_there_is_nothing_to_say_of_diagnoses():
+def test_without_a_method_there_are_no_results_about_diagnoses():
     scenario = read_scenario("nylon_patch")
     assert {"detection_delay", "isolated", "false_alarms"} == {*result_units(scenario, "robust")} - {
         *result_units(scenario, "off")
     }
 
 
-def test_every_unit_but_a_count_has_a_smallest_change_that_anyone_could_tell():
+def test_every_unit_but_a_count_has_a_smallest_measurable_change():
     for name in ("nylon_patch", "circle_8m", "rig_slip"):
         assert set(result_units(read_scenario(name), "published").values()) - {""} <= set(RESOLUTION)
 
 
 @pytest.mark.parametrize(("delay", "told"), [(0.3, 0.3), (None, 0.7)])
-def test_a_fault_that_nobody_noticed_has_a_delay_to_the_end_of_the_run(delay, told):
+def test_an_undetected_fault_has_a_delay_to_the_end_of_the_run(delay, told):
     run, _ = driven("degraded_motor", "duration=1.5")
     units = {"detection_delay": "s"}
     metrics = {**run.metrics, "detection_delay": delay}

@@ -54,7 +54,7 @@ def test_a_study_drives_every_point_once_and_goes_on_where_it_stood(tmp_path):
     assert len(more.calls) == RIG + 1 and numbers(tmp_path / "out")["runs"] == 3 * (RIG + 1)
 
 
-def test_the_floor_is_what_noise_does_or_what_nobody_could_tell(tmp_path):
+def test_the_floor_is_the_effect_of_noise_or_the_smallest_measurable_change(tmp_path):
     outcome = run_sensitivity(order_of(tmp_path / "out"), quiet, InlineExecutor())
     travel, current = study_named(outcome, "travel"), study_named(outcome, "rms_current")
     assert (travel.noise, travel.floor) == (0.0, 1e-3)  # currents are given: no sensor acts on what it does
@@ -62,7 +62,7 @@ def test_the_floor_is_what_noise_does_or_what_nobody_could_tell(tmp_path):
     assert outcome.repeats == REPEATS
 
 
-def test_whoever_does_the_work_the_numbers_are_the_same(tmp_path):
+def test_every_executor_gives_the_same_numbers(tmp_path):
     run_sensitivity(order_of(tmp_path / "a"), quiet, InlineExecutor())
     with ThreadPoolExecutor(2) as executor:
         run_sensitivity(order_of(tmp_path / "b"), quiet, executor)
@@ -108,7 +108,7 @@ def test_a_folder_with_something_else_is_left_alone(tmp_path):
         run_sensitivity(order_of(tmp_path), quiet, InlineExecutor())
 
 
-def test_ctrl_c_keeps_what_was_driven_and_says_so(tmp_path):
+def test_ctrl_c_keeps_what_was_driven_and_reports_it(tmp_path):
     def interrupted(phrase: str, share: float) -> None:
         if share > 0.5:
             raise KeyboardInterrupt

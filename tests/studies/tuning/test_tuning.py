@@ -135,7 +135,7 @@ def test_a_search_that_begins_with_the_gains_of_a_file_is_that_of_a_robot_that_h
 
 
 @pytest.mark.parametrize("begun", [{}, {"control.speed_integral": 2.0, "observer.memory": 60.0}])
-def test_the_file_is_read_again_as_the_gains_that_were_found_and_says_where_it_comes_from(order, begun):
+def test_the_file_is_read_again_as_the_gains_that_were_found_and_states_its_origin(order, begun):
     outcome = done(dataclasses.replace(order, gains=Gains(read_robot().control).changed(begun)))
     order.out.write_text(format_gains_file(outcome, 'omnimj tune "a b" ü\t'), encoding="utf-8")
     found = read_gains(order.out, read_robot().control)
@@ -150,7 +150,7 @@ def test_the_file_is_read_again_as_the_gains_that_were_found_and_says_where_it_c
 
 
 @pytest.mark.slow
-def test_trials_of_other_settings_are_replaced_with_force_only_and_strange_folders_never(order):
+def test_trials_of_other_settings_are_replaced_with_force_only_and_foreign_folders_never(order):
     done(order)
     other = dataclasses.replace(order, seed=1, generations=1, landscape=0)
     with pytest.raises(InputError, match="holds a tuning with other settings"):
@@ -179,7 +179,7 @@ def test_a_kept_trial_of_another_truth_is_refused_and_one_that_broke_is_driven_a
         run_tuning(order, quiet, InlineExecutor())
 
 
-def test_a_trial_that_breaks_for_no_fault_of_the_gains_ends_the_search_and_is_told(order, monkeypatch):
+def test_a_trial_that_breaks_for_no_fault_of_the_gains_ends_the_search_with_an_error(order, monkeypatch):
     def broken(*_):
         raise ZeroDivisionError("once")
 
@@ -208,7 +208,7 @@ def test_gains_that_break_a_run_down_come_behind_all_that_do_not(order, monkeypa
     assert tomllib.loads(text)
 
 
-def test_the_report_is_one_page_with_all_its_pictures_and_words(order, tmp_path):
+def test_the_report_is_one_page_with_all_its_pictures_and_captions(order, tmp_path):
     outcome = done(dataclasses.replace(order, names=(*CASCADE, "control.heading_proportional")))
     file = tmp_path / "report.html"
     write_tuning_report(file, outcome, "omnimj tune <push>")

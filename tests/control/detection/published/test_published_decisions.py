@@ -43,7 +43,7 @@ RADIUS = ROBOT.wheel.radius
     ("speed", "force", "fault"),
     [(False, False, None), (True, False, "slip"), (True, True, "motor"), (False, True, None)],
 )
-def test_table_5_1(speed, force, fault):
+def test_every_row_of_table_5_1_gives_its_verdict(speed, force, fault):
     assert isolate_rig_fault(speed, force) == fault
 
 
@@ -51,7 +51,7 @@ def test_table_5_1(speed, force, fault):
 @pytest.mark.parametrize(
     ("own", "other", "fault"), [(False, False, "slip"), (True, False, "motor"), (False, True, None)]
 )
-def test_table_5_2(own, other, fault, printed):
+def test_every_row_of_table_5_2_gives_its_verdict(own, other, fault, printed):
     assert isolate_robot_fault(own, other, printed) == fault
 
 
@@ -109,7 +109,7 @@ def test_without_a_fault_the_repaired_kinematics_are_those_of_rolling():
     assert WeightedKinematics(ROBOT, False).healthy.speed_per_twist == pytest.approx(A / RADIUS, abs=1e-12)
 
 
-def test_without_a_fault_the_printed_kinematics_ask_for_half_and_a_quarter():
+def test_without_a_fault_the_printed_kinematics_command_half_and_a_quarter():
     expected = A @ np.diag([0.5, 0.5, 0.25]) / RADIUS
     assert WeightedKinematics(ROBOT, True).healthy.speed_per_twist == pytest.approx(expected, abs=1e-12)
 
@@ -169,6 +169,6 @@ def test_the_lag_is_first_order_and_none_at_zero():
     assert low_pass(0.0, 1.0, 0.001, 0.0) == 1.0
 
 
-def test_the_rms_of_nothing_is_nothing():
+def test_the_rms_of_no_samples_is_zero():
     assert root_mean_square(0.0, 0.0) == 0.0
     assert root_mean_square(8.0, 2.0) == 2.0

@@ -32,11 +32,11 @@ def swapped(robot: Robot) -> Robot:
         (swapped(read_robot()), "wheels 1 and 3 do not drive across wheels 2 and 4"),
     ],
 )
-def test_it_is_for_four_wheels_at_right_angles(robot, found):
+def test_the_published_method_is_for_four_wheels_at_right_angles(robot, found):
     assert layout_mismatch(robot) == found
 
 
-def test_turned_rollers_are_another_layout():
+def test_turned_rollers_are_a_layout_without_the_published_method():
     first, *others = read_robot().wheels
     robot = dataclasses.replace(read_robot(), wheels=(dataclasses.replace(first, roller_angle=1.0), *others))
     assert layout_mismatch(robot) == "a wheel has turned rollers"

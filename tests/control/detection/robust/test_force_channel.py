@@ -111,7 +111,7 @@ def test_whitened_noise_has_the_size_one():
 @pytest.mark.parametrize(
     ("current", "weak", "judged"), [(1.5, True, True), (1.5, False, False), (0.3, True, False)]
 )
-def test_a_slow_wheel_tells_of_its_motor_only_when_that_is_known_to_be_weak_and_is_given_much(
+def test_a_slow_wheel_informs_on_its_motor_only_when_that_is_known_to_be_weak_and_gets_much_current(
     current, weak, judged
 ):
     currents, slow = np.array([current, 0.0, 0.0, 0.0]), np.array([0.1, 9.0, 9.0, 9.0])
@@ -174,7 +174,7 @@ def test_the_score_of_a_window_is_that_of_the_whole_covariance_of_the_second_aro
         assert found.deviation[h] == pytest.approx(deviation, rel=1e-6)
 
 
-def test_without_a_jump_twice_the_score_is_as_rare_as_a_chi_square_says():
+def test_without_a_jump_twice_the_score_is_as_rare_as_a_chi_square_variable():
     rng = np.random.default_rng(3)
     cov, theta = np.diag(prior_deviation(N) ** 2), np.zeros(P)
     over = []
@@ -185,7 +185,7 @@ def test_without_a_jump_twice_the_score_is_as_rare_as_a_chi_square_says():
     assert np.mean(over) <= 0.08  # 5 %, and three standard deviations
 
 
-def test_a_loss_counts_only_once_a_drive_has_told_something_of_it():
+def test_a_loss_counts_only_once_a_drive_has_given_information_on_it():
     """A steady drive lets δ wander while its deviation grows; no motor is named for that."""
     theta, cov = np.zeros(columns(4)), np.diag(prior_deviation(4) ** 2)
     theta[1], theta[2] = 0.1, 0.1

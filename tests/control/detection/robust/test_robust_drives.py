@@ -45,7 +45,7 @@ def named(trace):
 
 @pytest.mark.parametrize("floor", ["natural_stone", "pvc", "paperboard", "natural_stone_capped"])
 @pytest.mark.parametrize("payload", [0.8, 1.2])
-def test_a_healthy_robot_with_another_load_on_any_floor_is_left_alone(floor, payload):
+def test_a_healthy_robot_with_another_load_on_any_floor_raises_no_alarm(floor, payload):
     body = dataclasses.replace(ROBOT.body, mass=ROBOT.body.mass * payload)
     trace = driven(int(1000 * payload), floor, robot=dataclasses.replace(ROBOT, body=body))
     assert named(trace) == []
@@ -53,7 +53,7 @@ def test_a_healthy_robot_with_another_load_on_any_floor_is_left_alone(floor, pay
 
 @pytest.mark.parametrize("wheel", [1, 2, 3, 4])
 @pytest.mark.parametrize("loss", [0.57, 1.0])
-def test_a_weak_motor_is_named_and_measured(wheel, loss):
+def test_a_weak_motor_is_named_and_its_loss_is_estimated(wheel, loss):
     trace = driven(40 + wheel, faults=[Fault("motor", ONSET, None, wheel, {"loss": loss})])
     # of a wheel that stands nobody knows at first whether it is held: the same name comes twice then
     assert set(named(trace)) == {("motor", (wheel,))}
@@ -64,7 +64,7 @@ def test_a_weak_motor_is_named_and_measured(wheel, loss):
 
 
 @pytest.mark.parametrize("wheel", [1, 3])
-def test_half_the_samples_a_second_see_a_weak_motor_as_soon(wheel, tmp_path):
+def test_with_half_the_sample_rate_a_weak_motor_is_named_as_soon(wheel, tmp_path):
     model = write_slow(tmp_path / "robot.toml", 500.0)
     scenario = read_scenario("degraded_motor", (f"faults.0.wheel={wheel}",), model)
     assert scenario.period == 2e-3
@@ -73,7 +73,7 @@ def test_half_the_samples_a_second_see_a_weak_motor_as_soon(wheel, tmp_path):
 
 
 @pytest.mark.parametrize("loss", [0.3, 0.57, 0.8])
-def test_what_is_left_of_a_motor_is_told_as_soon_as_it_is_named(loss):
+def test_what_is_left_of_a_motor_is_estimated_as_soon_as_it_is_named(loss):
     trace = run_scenario(
         read_scenario("degraded_motor", (f"faults.0.loss={loss}",)), "planar", "robust"
     ).trace
@@ -99,7 +99,7 @@ def test_a_weak_motor_that_gets_worse_or_better_is_measured_again_and_named_once
 
 
 @pytest.mark.parametrize(("wheel", "seed"), [(2, 23), (4, 27)])
-def test_a_loss_too_small_to_be_seen_when_it_comes_is_learnt_and_named(wheel, seed):
+def test_a_loss_too_small_for_the_jump_test_is_learnt_and_named(wheel, seed):
     trace = driven(seed, faults=[Fault("motor", ONSET, None, wheel, {"loss": 0.12})], seconds=40.0)
     assert named(trace) == [("motor", (wheel,))]
     assert trace[f"effectiveness_{wheel}"][-1] == pytest.approx(0.88, abs=0.04)
@@ -146,7 +146,7 @@ def test_a_motor_that_does_not_obey_is_named_at_once(kind, wheel):
         ("acceleration_y", "bias", 1.0),
     ],
 )
-def test_a_sensor_that_lies_is_named(channel, mode, size):
+def test_a_faulty_sensor_is_named(channel, mode, size):
     numbers = {"channel": channel, "mode": mode} | ({} if size is None else {"size": size})
     trace = driven(7, faults=[Fault("sensor", ONSET, None, None, numbers)], seconds=8.0)
     first = trace.about["diagnoses"][0]
@@ -189,7 +189,7 @@ _ANY = st.floats(allow_nan=True, allow_infinity=True, width=64)
 
 @settings(max_examples=150, deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 11), _ANY), min_size=1, max_size=8), st.integers(0, 30))
-def test_whatever_sensors_say_the_command_is_finite_and_within_limits(corruptions, at):
+def test_whatever_sensors_read_the_command_is_finite_and_within_limits(corruptions, at):
     controller = FaultTolerantController(Controller(ROBOT), RobustDetector(ROBOT))
     good = Measurement(0.0, np.full(4, 0.3), np.full(4, 6.0), np.array([0.1, 0.2]), 0.1, 1.0)
     state = controller.start(good)

@@ -134,7 +134,7 @@ def counted(force, slip, blocks, before: WheelMonitors | None = None) -> WheelMo
 
 
 @pytest.mark.parametrize("friction", [0.05, 0.12])
-def test_a_wheel_that_pulls_as_its_slip_says_never_slips(friction):
+def test_a_wheel_that_pulls_as_its_traction_curve_at_its_slip_never_slips(friction):
     for slip in (0.02, 0.05, 0.2):
         assert counted(LOAD * (friction + 2.45 * slip), slip, 200).slipped[0] == 0.0
 
@@ -155,7 +155,7 @@ def test_a_slip_ends_by_pulling_without_slipping_and_by_nothing_else():
     assert counted(10.0, 0.02, 50, slipping).regained[0] > Thresholds().healthy
 
 
-def test_slip_within_the_creep_of_a_healthy_wheel_is_forgotten():
+def test_slip_within_the_creep_of_a_healthy_wheel_is_discarded():
     slipping = counted(2.0, 0.3, 10)
     assert slipping.slipped[0] > 0.0
     assert counted(8.0, ALLOWED, 400, slipping).slipped[0] == pytest.approx(0.0, abs=1e-9)

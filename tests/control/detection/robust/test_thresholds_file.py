@@ -18,7 +18,7 @@ def text(**values) -> str:
     return "\n".join(["[thresholds]", *lines, "[calibration]", "hours = 2.0", ""])
 
 
-def test_five_are_read_and_the_others_are_as_shipped(tmp_path):
+def test_five_thresholds_are_read_and_the_others_are_as_shipped(tmp_path):
     (tmp_path / "t.toml").write_text(text())
     assert read_thresholds(tmp_path / "t.toml") == Thresholds(
         motor=25.0, drag=31.0, accelerometer=41.0, slip=0.002, worn=0.08
@@ -40,7 +40,7 @@ def test_five_are_read_and_the_others_are_as_shipped(tmp_path):
         (text().replace("nats", "N", 1), "thresholds.motor.unit: found 'N'; the unit is 'nats'"),
     ],
 )
-def test_a_wrong_file_is_told_in_one_line(tmp_path, content, told):
+def test_a_wrong_file_is_refused_in_one_line(tmp_path, content, told):
     (tmp_path / "t.toml").write_text(content)
     with pytest.raises(InputError, match=told) as caught:
         read_thresholds(tmp_path / "t.toml")

@@ -26,20 +26,20 @@ def hours_of_slips(count):
     return verdict, before, longest
 
 
-def test_everything_is_told_in_the_order_in_which_it_was_decided():
+def test_verdicts_are_listed_in_the_order_in_which_they_were_decided():
     verdict, before, _ = hours_of_slips(100)
     told = all_diagnoses(verdict, before)
     assert told[0] is WEAK and [d.time for d in told[1:]] == [float(k) for k in range(1, 101)]
 
 
-def test_what_is_decided_by_stays_as_short_as_what_happened_lately():
+def test_the_history_for_decisions_keeps_recent_verdicts_only():
     verdict, _, longest = hours_of_slips(500)
     assert longest <= LOOKBACK + 2
     assert WEAK in verdict.diagnoses
     assert all(d.cleared is None or 500.9 - d.cleared <= LOOKBACK for d in verdict.diagnoses)
 
 
-def test_of_very_many_the_oldest_are_forgotten_and_what_stands_never():
+def test_of_very_many_verdicts_the_oldest_are_dropped_and_standing_ones_never():
     verdict, before, _ = hours_of_slips(HISTORY_LENGTH + 200)
     assert len(before) == HISTORY_LENGTH
     told = all_diagnoses(verdict, before)
