@@ -134,7 +134,7 @@ def test_two_spikes_close_together_are_two_spikes():
         np.full(1500, 1e300),
     ],
 )
-def test_real_signals_hold_no_spike(values):
+def test_ordinary_signals_hold_no_spike(values):
     assert not marks(values)
 
 

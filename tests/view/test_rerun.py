@@ -288,7 +288,7 @@ def test_the_blueprint_shows_every_plot_of_the_method(diagnosed):
     assert wanted | {"plots/effectiveness", "plots/wheel_speed"} <= origins
 
 
-def test_lanes_in_which_nothing_happens_are_collapsed(robot_metrics):
+def test_lanes_with_events_alone_are_shown(robot_metrics):
     both = [f"/{entity}/wheel_{wheel}" for entity in ("fault", "diagnosis") for wheel in (2, 3)]
     assert eventful_lanes(robot_metrics, 10.0) == [*both, "/mode", "/recovery"]
     missed = {**robot_metrics, "diagnoses": [said(8.0, "slip", 4)]}

@@ -203,7 +203,7 @@ def test_any_sender_may_stop_it_and_the_host_reports_it():
     world.close()
 
 
-def test_only_a_new_request_drives_again_and_a_fault_must_have_been_acknowledged():
+def test_only_a_new_request_drives_again_and_a_fault_must_be_reset():
     world = driving()
     world.advance(0.2)
     with pytest.raises(LinkLost):

@@ -109,7 +109,7 @@ def driven_by(fingers, duration, pad=None):
     return speeds
 
 
-def test_an_operator_ends_with_a_key_or_with_the_terminal_and_sees_the_commanded_speed():
+def test_an_operator_ends_with_a_key_or_with_the_terminal_and_sees_the_status():
     for last in (b"q", None):
         fingers = Fingers()
         fingers.typed = {0.002: b"w", 0.25: last}
