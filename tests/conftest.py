@@ -5,6 +5,7 @@ Tests of laws report what they measured; the table is printed at the end of the 
 
 from __future__ import annotations
 
+import gc
 import os
 
 import pytest
@@ -14,6 +15,17 @@ from hypothesis import settings
 # run meets the same examples, elsewhere each run meets new ones
 settings.register_profile("kernels", deadline=None, derandomize="CI" in os.environ)
 settings.load_profile("kernels")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection(session):
+    """Keeps what importing and collecting makes, which stays, out of every later garbage collection."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
+        gc.freeze()
 
 
 @pytest.fixture

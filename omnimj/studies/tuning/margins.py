@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,7 @@ from numpy.typing import NDArray
 from omnimj.parameters import Control, Floor, Robot
 from omnimj.physics.kinematics import rolling_matrix
 
+Array = NDArray[np.float64]
 Complex = NDArray[Any]
 
 FLOORS = ("natural_stone", "pvc", "paperboard")
@@ -96,17 +98,30 @@ def overshoots(robot: Robot, control: Control, floors: Iterable[Floor]) -> dict[
     It applies to a wheel that moves the body, linearised about rest like the margins; current limit and
     friction reduce the overshoot of a real step. Arguments as for `margins`.
     """
-    chain, time = _LoopModel(robot, control), np.linspace(0.0, _LONGEST, _STEPS + 1)[1:]
-    omega = 2.0 * np.pi * np.geomspace(_LOWEST, 0.499 / chain.period, _FINE)
+    chain = _LoopModel(robot, control)
+    omega, weights, below = _sine_integral(chain.period)
     found = {}
     for floor in floors:
         stiff = _impedance(floor, robot)
         for p in _distinct([p for p in chain.mobilities if 1.0 / max(p, 1e-12) < robot.body.mass]):
             real = chain.step_response(1j * omega, stiff, p).real
-            # below the sweep T = 1, whose integral is Si(ω t) ≈ ω t
-            response = [np.trapezoid(real * np.sin(omega * t) / omega, omega) + omega[0] * t for t in time]
-            found[f"{floor.name}, {_mass_words(p)}"] = max(2.0 / np.pi * float(np.max(response)) - 1.0, 0.0)
+            response = 2.0 / np.pi * (weights @ real + below)
+            found[f"{floor.name}, {_mass_words(p)}"] = max(float(np.max(response)) - 1.0, 0.0)
     return found
+
+
+@lru_cache(maxsize=4)
+def _sine_integral(period: float) -> tuple[Array, Array, Array]:
+    """Return ω [rad/s], shape (k,), and what ∫ Re T sin(ωt)/ω dω needs at m instants t.
+
+    That is a weight per instant and ω by the trapezoidal rule, shape (m, k), and the part of the integral
+    below the sweep, shape (m,): T = 1 there, and Si(ω t) ≈ ω t.
+    """
+    time = np.linspace(0.0, _LONGEST, _STEPS + 1)[1:]
+    omega = 2.0 * np.pi * np.geomspace(_LOWEST, 0.499 / period, _FINE)
+    width = np.diff(omega, prepend=omega[0], append=omega[-1])
+    weights = np.sin(np.outer(time, omega)) * (0.5 * (width[:-1] + width[1:]) / omega)
+    return omega, weights, omega[0] * time
 
 
 def smallest_margin(found: Sequence[Margin], loop: str | None = None) -> Margin:

@@ -1,9 +1,10 @@
-"""Recovery in the loop with the planar robot: what is lost is made up for, and nothing moves unasked."""
+"""Recovery in the loop with the planar robot: lost wheels are made up for, and a robot at rest stays so."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -28,13 +29,14 @@ from omnimj.simulate.suites.missions import mission
 
 ROBOT = read_robot()
 CIRCLE = {"kind": "circle", "diameter": 3.0, "speed": 0.5, "acceleration": 0.8, "start_time": 0.5}
+ONSET = 3.0
 NONE = np.zeros(4, bool)
 WELL = FaultEstimate(np.zeros(4), NONE, NONE, NONE, NONE, np.zeros(2), np.zeros(4), -np.inf)
 
 
 @dataclass(frozen=True)
-class Told:
-    """The state of a method that has been told what to believe."""
+class Assumed:
+    """The state of a method that assumes given faults."""
 
     inner: Any
     fault_estimate: FaultEstimate
@@ -46,34 +48,32 @@ class Told:
         return np.empty(0)
 
 
-class Teller:
-    """The robust method's velocity and forces, but with what else is given believed from a time on."""
+class AssumedFaults:
+    """The robust method's velocity and forces with a given fault estimate from a time on."""
 
     log_names = ()
 
     def __init__(self, since: float, **fault_estimate: Any):
-        self._inner, self._beliefs, self._since = (
-            RobustDetector(ROBOT),
-            {"decided": since, **fault_estimate},
-            since,
-        )
+        self._inner, self._since = RobustDetector(ROBOT), since
+        self._assumed = {"decided": since, **fault_estimate}
 
-    def start(self, measurement: Any) -> Told:
-        return Told(self._inner.start(measurement), WELL)
+    def start(self, measurement: Any) -> Assumed:
+        return Assumed(self._inner.start(measurement), WELL)
 
-    def step(self, state: Told, measurement: Any, command: Any = None, bias: float = 0.0) -> Told:
+    def step(self, state: Assumed, measurement: Any, command: Any = None, bias: float = 0.0) -> Assumed:
         inner = self._inner.step(state.inner, measurement, command, bias)
         known = inner.fault_estimate if inner.fault_estimate is not None else WELL
         known = replace(WELL, velocity=known.velocity, force=known.force)
-        return Told(inner, replace(known, **self._beliefs) if measurement.time >= self._since else known)
+        return Assumed(inner, replace(known, **self._assumed) if measurement.time >= self._since else known)
 
 
-def circled(faults=(), method=None, recovery=True, floor="natural_stone", seconds=24.0, seed=1) -> Trace:
+def circled(faults=(), method=None, recovery=True, seconds=13.0) -> Trace:
+    """Half a circle and more with the faults, by the robust method unless another one is given."""
     plan = read_drive(CIRCLE, "circle", seconds, 1e-3)
     cascade = Controller(ROBOT, heading_hold=True)
     helps = Recovery(ROBOT, holds_heading=True) if recovery else None
     controller = FaultTolerantController(cascade, RobustDetector(ROBOT) if method is None else method, helps)
-    plant = PlanarRobot(ROBOT, floor, faults=faults, seed=seed, start=plan.start)
+    plant = PlanarRobot(ROBOT, "natural_stone", faults=faults, seed=1, start=plan.start)
     try:
         return drive(plant, controller, plan.reference)
     finally:
@@ -85,30 +85,33 @@ def strays(trace: Trace) -> float:
     return float(distance_to_path(centre, np.column_stack((trace["target_x"], trace["target_y"]))).max())
 
 
-HEALTHY = strays(circled())
+@cache
+def healthy() -> float:
+    """Distance from the path without a fault [m]."""
+    return strays(circled())
 
 
-def lost(kind, wheel, onset=7.0, **numbers):
+def lost(kind, wheel, onset=ONSET, **numbers):
     return Fault(kind, onset, None, wheel, numbers)
 
 
 @pytest.mark.parametrize("wheel", [1, 2, 3, 4])
 def test_a_robot_with_a_free_wheel_stays_on_its_path(wheel):
-    assert strays(circled([lost("free", wheel)])) <= 3.0 * HEALTHY
+    assert strays(circled([lost("free", wheel)])) <= 3.0 * healthy()
 
 
 @pytest.mark.parametrize("wheel", [1, 2, 3, 4])
 def test_a_robot_with_a_held_wheel_turns_about_it_and_its_centre_stays_on_the_path(wheel):
     trace = circled([lost("locked", wheel)])
     assert trace["recovery"][-1] == PIVOTING
-    assert strays(trace) <= 2.5 * HEALTHY
-    assert strays(circled([lost("locked", wheel)], recovery=False)) > 10.0 * HEALTHY
+    assert strays(trace) <= 2.5 * healthy()
+    assert strays(circled([lost("locked", wheel)], recovery=False, seconds=8.0)) > 10.0 * healthy()
 
 
 @pytest.mark.parametrize("pair", [(1, 2), (1, 3), (2, 4), (3, 4)])
 def test_a_robot_without_two_motors_stays_within_ten_centimetres(pair):
     first, second = pair
-    trace = circled([lost("free", first, 6.0), lost("free", second, 9.0)])
+    trace = circled([lost("free", first), lost("free", second, ONSET + 2.0)])
     assert trace["recovery"][-1] == PIVOTING
     assert strays(trace) <= 0.10
 
@@ -120,30 +123,30 @@ def test_a_motor_that_runs_away_is_held():
 
 
 def test_a_robot_that_can_not_be_steered_is_brought_to_rest_and_stays_there():
-    trace = circled([lost("free", wheel, 6.0 + wheel) for wheel in (1, 2, 3)])
+    trace = circled([lost("free", wheel, 2.0 + wheel) for wheel in (1, 2, 3)])
     assert trace["recovery"][-1] == STOPPING
-    late = trace["time"] > 11.0
+    late = trace["time"] > 7.0
     assert np.hypot(trace["twist_x"], trace["twist_y"])[late].max() < 0.01
     assert trace["pace"][-1] == 0.0
 
 
 @pytest.mark.parametrize("losses", [(0.0, 0.8, 0.0, 0.0), (0.7, 0.7, 0.7, 0.7)])
 def test_a_loss_that_is_none_does_no_harm(losses):
-    wrong = circled(method=Teller(7.0, losses=np.array(losses)))
-    assert strays(wrong) <= 2.0 * HEALTHY
+    wrong = circled(method=AssumedFaults(ONSET, losses=np.array(losses)))
+    assert strays(wrong) <= 2.0 * healthy()
 
 
 def test_a_dead_wheel_that_seems_to_pull_does_no_harm_to_the_path_since_the_place_is_held():
     lies = {"dead": np.array((False, True, False, False)), "force": np.array((0.0, 60.0, 0.0, 0.0))}
-    assert strays(circled(method=Teller(7.0, **lies))) <= 3.0 * HEALTHY
+    assert strays(circled(method=AssumedFaults(ONSET, **lies))) <= 3.0 * healthy()
 
 
 def test_a_recovery_that_does_harm_is_withdrawn():
     """The velocity is a lie: the place would be driven back from where the robot is not, for ever."""
     lies = {"losses": np.array((0.5, 0.0, 0.0, 0.0)), "velocity": np.array((0.9, 0.0))}
-    trace = circled(method=Teller(7.0, **lies))
+    trace = circled(method=AssumedFaults(ONSET, **lies))
     taken = trace["time"][trace["recovery"] == REVERTED]
-    assert 7.3 <= taken[0] <= 7.6
+    assert ONSET + 0.3 <= taken[0] <= ONSET + 0.6
     late = trace["time"] > taken[0] + 0.5
     asked = np.hypot(trace["target_twist_x"], trace["target_twist_y"])[late]
     assert asked.max() <= CIRCLE["speed"] + 1e-9, "nothing is driven back any more"
@@ -165,7 +168,7 @@ def test_a_robot_that_is_to_stand_stands_whatever_was_diagnosed(flags, numbers, 
         "force": 10.0 * np.array(numbers[2:]),
         "trusts_gyro": flags[-1],
     }
-    controller = FaultTolerantController(Controller(ROBOT), Teller(0.05, **wrong), Recovery(ROBOT))
+    controller = FaultTolerantController(Controller(ROBOT), AssumedFaults(0.05, **wrong), Recovery(ROBOT))
     plant = PlanarRobot(ROBOT, "natural_stone", seed=3)
     measurement = plant.reset()
     state, still = controller.start(measurement), Target(np.zeros(2), 0.0, 0.0)
@@ -190,22 +193,23 @@ def corrupted(measurement, part, value, place):
     if isinstance(was, float):
         return replace(measurement, **{part: value})
     now = was.copy()
-    now[place % len(now)] = value
+    if len(now):  # an earlier corruption may have left nothing of it
+        now[place % len(now)] = value
     return replace(measurement, **{part: now})
 
 
 @pytest.mark.parametrize("wrong", ["dead", "runaway", "held", "slipping"])
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(
-    st.lists(st.tuples(st.integers(60, 199), st.sampled_from(PARTS), BROKEN, st.integers(0, 7)), max_size=12)
+    st.lists(st.tuples(st.integers(60, 129), st.sampled_from(PARTS), BROKEN, st.integers(0, 7)), max_size=12)
 )
 def test_no_measurement_stops_a_recovery_and_its_currents_stay_within_limits(wrong, faults):
-    belief = {wrong: np.array((True, False, wrong == "slipping", False)), "velocity": np.array((0.3, 0.1))}
-    controller = FaultTolerantController(Controller(ROBOT), Teller(0.05, **belief), Recovery(ROBOT))
+    assumed = {wrong: np.array((True, False, wrong == "slipping", False)), "velocity": np.array((0.3, 0.1))}
+    controller = FaultTolerantController(Controller(ROBOT), AssumedFaults(0.05, **assumed), Recovery(ROBOT))
     plant = PlanarRobot(ROBOT, "natural_stone", seed=3)
     measurement, target = plant.reset(), Target(np.array((0.3, 0.1)), 0.2, 0.0)
     state = controller.start(measurement)
-    for k in range(250):
+    for k in range(170):
         seen = measurement
         for when, part, value, place in faults:
             if when == k:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from inline_executor import InlineExecutor, quiet
 from short_push import scenario_file
+from small_tuning import CASCADE, small_tuning
 
 from omnimj.control.gains import GAIN_NAMES, Gains, read_gains
 from omnimj.errors import InputError, SimulationError, UnknownNameError
@@ -28,13 +29,21 @@ from omnimj.studies.tuning.trial import drive_healthy, drive_trial, read_metrics
 from omnimj.view.plots.tuning import front_of
 from omnimj.view.report.tuning import write_tuning_report
 
-CASCADE = ("control.speed_proportional", "control.yaw_rate_proportional")
+IDLE = "recovery.grip_share"
+"""A gain that makes no difference: nothing slips in these draws."""
 
 
 def done(order: TuningConfig, executor=None, report=quiet) -> TuningResult:
     outcome = run_tuning(order, report, InlineExecutor() if executor is None else executor)
     assert outcome is not None
     return outcome
+
+
+@pytest.fixture(scope="module")
+def tuned(tmp_path_factory) -> TuningResult:
+    """A tuning of three gains and an idle one."""
+    names = (*CASCADE, "control.heading_proportional", IDLE)
+    return done(dataclasses.replace(small_tuning(tmp_path_factory.mktemp("tuned")), names=names))
 
 
 @pytest.mark.slow
@@ -86,25 +95,21 @@ def test_a_thread_finds_what_is_found_at_once(order, tmp_path):
     assert format_gains_file(other, "omnimj tune") == text
 
 
-def test_what_is_found_is_never_worse_than_the_gains_before_on_the_draws_it_was_tuned_with(order):
-    outcome = done(order)
-    first = outcome.tried[0].score
+def test_what_is_found_is_never_worse_than_the_gains_before_on_the_draws_it_was_tuned_with(tuned):
+    first = tuned.tried[0].score
     assert first.cost == pytest.approx(1.0) and first.violation == 0.0
-    chosen = min(outcome.tried, key=lambda one: one.score.fitness)
-    assert outcome.values == chosen.values and chosen.score.fitness <= first.fitness
-    (verdict,) = outcome.comparisons
+    chosen = min(tuned.tried, key=lambda one: one.score.fitness)
+    assert tuned.values == chosen.values and chosen.score.fitness <= first.fitness
+    (verdict,) = tuned.comparisons
     assert verdict.seed == 100 and verdict.before.cost == pytest.approx(1.0)
-    assert outcome.is_better == verdict.after.is_better_than(verdict.before)
+    assert tuned.is_better == verdict.after.is_better_than(verdict.before)
 
 
-def test_a_gain_that_makes_no_difference_stays_where_it_was(order):
-    idle = "recovery.grip_share"  # nothing slips in these draws
-    tried = dataclasses.replace(order, names=(*CASCADE, idle))
-    outcome = done(tried)
+def test_a_gain_that_makes_no_difference_stays_where_it_was(tuned):
     before = Gains(read_robot().control)
-    assert outcome.gains.value(idle) == before.value(idle)
-    assert any(one.values[2] != before.value(idle) for one in outcome.tried), "the search had moved it"
-    assert outcome.gains.value(CASCADE[0]) != before.value(CASCADE[0])
+    assert tuned.gains.value(IDLE) == before.value(IDLE)
+    assert any(one.values[3] != before.value(IDLE) for one in tuned.tried), "the search had moved it"
+    assert tuned.gains.value(CASCADE[0]) != before.value(CASCADE[0])
 
 
 @pytest.mark.slow
@@ -134,19 +139,19 @@ def test_a_search_that_begins_with_the_gains_of_a_file_is_that_of_a_robot_that_h
     assert outcome.comparisons == of_model.comparisons
 
 
-@pytest.mark.parametrize("begun", [{}, {"control.speed_integral": 2.0, "observer.memory": 60.0}])
-def test_the_file_is_read_again_as_the_gains_that_were_found_and_states_its_origin(order, begun):
-    outcome = done(dataclasses.replace(order, gains=Gains(read_robot().control).changed(begun)))
-    order.out.write_text(format_gains_file(outcome, 'omnimj tune "a b" ü\t'), encoding="utf-8")
-    found = read_gains(order.out, read_robot().control)
-    assert found == outcome.gains
-    told = tomllib.loads(order.out.read_text(encoding="utf-8"))["tuned"]
-    assert told["command"] == 'omnimj tune "a b" ü\t' and told["better"] == outcome.is_better
-    assert told["judged_on_planar"]["seed"] == 100
-    worse = dataclasses.replace(
-        outcome, comparisons=tuple(dataclasses.replace(v, after=v.before) for v in outcome.comparisons)
-    )
-    assert "NOT BETTER" in format_gains_file(worse, "") and "better = false" in format_gains_file(worse, "")
+def test_the_file_is_read_again_as_the_gains_that_were_found_and_states_its_origin(tuned, order):
+    begun = Gains(read_robot().control).changed({"control.speed_integral": 2.0, "observer.memory": 60.0})
+    for outcome in (tuned, done(dataclasses.replace(order, gains=begun, generations=1, landscape=0))):
+        order.out.write_text(format_gains_file(outcome, 'omnimj tune "a b" ü\t'), encoding="utf-8")
+        assert read_gains(order.out, read_robot().control) == outcome.gains
+        origin = tomllib.loads(order.out.read_text(encoding="utf-8"))["tuned"]
+        assert origin["command"] == 'omnimj tune "a b" ü\t' and origin["better"] == outcome.is_better
+        assert origin["judged_on_planar"]["seed"] == 100
+        worse = dataclasses.replace(
+            outcome, comparisons=tuple(dataclasses.replace(v, after=v.before) for v in outcome.comparisons)
+        )
+        text = format_gains_file(worse, "")
+        assert "NOT BETTER" in text and "better = false" in text
 
 
 @pytest.mark.slow
@@ -198,7 +203,7 @@ def test_gains_that_break_a_run_down_come_behind_all_that_do_not(order, monkeypa
         return found
 
     monkeypatch.setattr(batch, "drive_trial", fragile)
-    outcome = done(order)
+    outcome = done(dataclasses.replace(order, landscape=0))
     broke = [one.score for one in outcome.tried if one.score.broke]
     fine = [one.score for one in outcome.tried if not one.score.broke and one.score.violation < 10.0]
     assert broke and min(s.fitness for s in broke) > max(s.fitness for s in fine)
@@ -208,13 +213,12 @@ def test_gains_that_break_a_run_down_come_behind_all_that_do_not(order, monkeypa
     assert tomllib.loads(text)
 
 
-def test_the_report_is_one_page_with_all_its_pictures_and_captions(order, tmp_path):
-    outcome = done(dataclasses.replace(order, names=(*CASCADE, "control.heading_proportional")))
+def test_the_report_is_one_page_with_all_its_pictures_and_captions(tuned, tmp_path):
     file = tmp_path / "report.html"
-    write_tuning_report(file, outcome, "omnimj tune <push>")
+    write_tuning_report(file, tuned, "omnimj tune <push>")
     page = file.read_text(encoding="utf-8")
     assert page.count("<svg") == 4 and "http" not in page
-    in_the_air = f"{outcome.margins_before[0].crossover:.2f} Hz"
+    in_the_air = f"{tuned.margins_before[0].crossover:.2f} Hz"
     for words in ("heading_proportional", "omnimj tune &lt;push&gt;", "Seed 100", "no crossover", in_the_air):
         assert words in page
 

@@ -84,21 +84,27 @@ def test_what_is_left_of_a_motor_is_estimated_as_soon_as_it_is_named(loss):
     assert left[-1] == pytest.approx(1.0 - loss, abs=0.03)
 
 
-@pytest.mark.parametrize("wheel", [1, 2, 3, 4])
-@pytest.mark.parametrize(("first", "then"), [(0.4, 0.75), (0.75, 0.4), (0.6, 0.0)])
+@pytest.mark.parametrize(
+    ("wheel", "first", "then"),
+    [
+        pytest.param(wheel, *losses, marks=[pytest.mark.slow] if (wheel + k) % 2 else [])
+        for k, losses in enumerate([(0.4, 0.75), (0.75, 0.4), (0.6, 0.0)])
+        for wheel in (1, 2, 3, 4)
+    ],
+)
 def test_a_weak_motor_that_gets_worse_or_better_is_measured_again_and_named_once(wheel, first, then):
     faults = [
         Fault("motor", ONSET, 9.0, wheel, {"loss": first}),
         *([Fault("motor", 9.0, None, wheel, {"loss": then})] if then else []),
     ]
-    trace = driven(40 + wheel, faults=faults, seconds=24.0)
+    trace = driven(40 + wheel, faults=faults, seconds=18.0)
     assert named(trace) == [("motor", (wheel,))]
     left = trace[f"effectiveness_{wheel}"]
     assert left[8999] == pytest.approx(1.0 - first, abs=0.08)
     assert left[-1] == pytest.approx(1.0 - then, abs=0.08)
 
 
-@pytest.mark.parametrize(("wheel", "seed"), [(2, 23), (4, 27)])
+@pytest.mark.parametrize(("wheel", "seed"), [(2, 23), pytest.param(4, 27, marks=pytest.mark.slow)])
 def test_a_loss_too_small_for_the_jump_test_is_learnt_and_named(wheel, seed):
     trace = driven(seed, faults=[Fault("motor", ONSET, None, wheel, {"loss": 0.12})], seconds=40.0)
     assert named(trace) == [("motor", (wheel,))]
@@ -114,10 +120,10 @@ def test_a_weak_motor_whose_wheel_slips_as_well_is_both():
 
 @pytest.mark.parametrize("seed", [61, 62, 63])
 def test_a_slip_is_named_once_while_it_lasts_and_taken_back_when_it_is_over(seed):
-    oily = [Fault("slip", ONSET, 15.0, 1 + seed % 4, {"grip": 0.2})]
-    trace = driven(seed, faults=oily, seconds=25.0)
+    oily = [Fault("slip", ONSET, 9.0, 1 + seed % 4, {"grip": 0.2})]
+    trace = driven(seed, faults=oily, seconds=15.0)
     (found,) = trace.about["diagnoses"]
-    assert found["kind"] == "slip" and found["cleared"] > 15.0
+    assert found["kind"] == "slip" and found["cleared"] > 9.0
 
 
 @pytest.mark.parametrize("wheel", [1, 2, 3, 4])
@@ -187,7 +193,7 @@ def test_the_same_measurements_give_the_same_diagnoses_and_the_state_before_is_l
 _ANY = st.floats(allow_nan=True, allow_infinity=True, width=64)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 11), _ANY), min_size=1, max_size=8), st.integers(0, 30))
 def test_whatever_sensors_read_the_command_is_finite_and_within_limits(corruptions, at):
     controller = FaultTolerantController(Controller(ROBOT), RobustDetector(ROBOT))
