@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import cache
 
 import numpy as np
 import pytest
@@ -84,11 +85,16 @@ def test_a_gap_in_the_middle_of_a_motion_raises_no_alarm(lost):
     assert found.judged == pytest.approx(12.001 - (lost * 1e-3 if lost > 20 else 0.0), abs=2e-3)
 
 
+@cache
+def diagnosed_whole():
+    """What is diagnosed in the log without a gap."""
+    return said_of(as_run(driven(weak=True))).diagnoses
+
+
 @pytest.mark.parametrize("lost", [50, 150, 600])
 @pytest.mark.parametrize("later", [100, 400, 1500])
 def test_what_was_diagnosed_before_a_gap_stays_listed_once(later, lost):
-    run = as_run(driven(weak=True))
-    (before,) = said_of(run).diagnoses
+    run, (before,) = as_run(driven(weak=True)), diagnosed_whole()
     row = int(np.argmax(run.time > before.time)) + later
     (after,) = said_of(without(run, row, lost)).diagnoses
     assert is_weak(after) and after.time == before.time and after.time > ONSET

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from nightly import checkerboard
 from other_robots import write_mecanum_of_the_guide
 
 from omnimj.simulate.run import run_scenario
@@ -14,8 +15,7 @@ def metrics(folder, scenario, plant, *overrides):
     return run_scenario(read_scenario(scenario, overrides, model), plant, "robust").metrics
 
 
-@pytest.mark.parametrize("plant", ["planar", "twin"])
-@pytest.mark.parametrize("wheel", [1, 2, 3, 4])
+@pytest.mark.parametrize(("wheel", "plant"), checkerboard([1, 2, 3, 4], ["planar", "twin"]))
 def test_a_weak_motor_on_mecanum_wheels_is_isolated_and_nothing_else_is_named(tmp_path, wheel, plant):
     told = metrics(tmp_path, "degraded_motor", plant, f"faults.0.wheel={wheel}")
     assert told["isolated"] and told["false_alarms"] == 0 and len(told["diagnoses"]) == 1

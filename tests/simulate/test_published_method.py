@@ -10,6 +10,7 @@ from pathlib import Path
 import jsonschema
 import numpy as np
 import pytest
+from nightly import checkerboard
 
 from omnimj.control.detection.detector import THRESHOLD_SETS, VARIANTS, DetectorOptions
 from omnimj.control.detection.published.decision import PublishedThresholds, select_thresholds
@@ -34,6 +35,7 @@ from omnimj.simulate.summary import write_metrics
 
 SCHEMA = json.loads((Path(__file__).parent.parent / "schema" / "metrics.json").read_text(encoding="utf-8"))
 SEED = 3
+CURRENTS = [0.45, 0.60, 0.75, 0.90, 1.05, 1.20, 1.35, 1.50]
 SHEET = "{kind = 'slip', wheel = 1, onset = 0.0, floor = 'nylon_sheet'}"
 SECOND_MOTOR = "{kind = 'motor', wheel = 1, onset = 0.0, braking_torque = 0.0005}"
 HIGH = f"{MANOEUVRE}, speed = 'high'"
@@ -50,9 +52,9 @@ def told(run):
     return [(d["kind"], d["wheels"]) for d in run.metrics["diagnoses"]]
 
 
-@pytest.mark.parametrize("plant", ["planar", "twin"])
-@pytest.mark.parametrize("thresholds", THRESHOLD_SETS)
-@pytest.mark.parametrize("current", [0.45, 0.60, 0.75, 0.90, 1.05, 1.20, 1.35, 1.50])
+@pytest.mark.parametrize(
+    ("current", "thresholds", "plant"), checkerboard(CURRENTS, THRESHOLD_SETS, ["planar", "twin"])
+)
 def test_the_rig_sees_slip_from_0_75_a_up(current, thresholds, plant):
     """Fig. 5.5."""
     run = on_rig(current, SHEET, thresholds, plant=plant)
@@ -61,9 +63,9 @@ def test_the_rig_sees_slip_from_0_75_a_up(current, thresholds, plant):
     assert run.metrics["false_alarms"] == 0
 
 
-@pytest.mark.parametrize("plant", ["planar", "twin"])
-@pytest.mark.parametrize("variant", VARIANTS)
-@pytest.mark.parametrize("current", [0.45, 0.60, 0.75, 0.90, 1.05, 1.20])
+@pytest.mark.parametrize(
+    ("current", "variant", "plant"), checkerboard(CURRENTS[:6], VARIANTS, ["planar", "twin"])
+)
 def test_the_rig_isolates_a_second_motor_in_parallel(current, variant, plant):
     """Figs. 5.9 and 5.13: (R1, R2) = (1, 1)."""
     run = on_rig(current, SECOND_MOTOR, "printed", variant, plant)
@@ -71,9 +73,9 @@ def test_the_rig_isolates_a_second_motor_in_parallel(current, variant, plant):
     assert run.metrics["isolated"]
 
 
-@pytest.mark.parametrize("plant", ["planar", "twin"])
-@pytest.mark.parametrize("variant", VARIANTS)
-@pytest.mark.parametrize("current", [0.45, 0.60, 0.75, 0.90, 1.05, 1.20, 1.35, 1.50])
+@pytest.mark.parametrize(
+    ("current", "variant", "plant"), checkerboard(CURRENTS, VARIANTS, ["planar", "twin"])
+)
 def test_a_rig_without_a_fault_raises_no_alarm(current, variant, plant):
     assert told(on_rig(current, "", "printed", variant, plant)) == []
 
@@ -107,9 +109,10 @@ def test_rows_f5_to_f8_of_table_5_2(wheel, thresholds):
     assert motors[0]["time"] < 1.5
 
 
-@pytest.mark.parametrize("plant", ["planar", "twin"])
-@pytest.mark.parametrize("thresholds", THRESHOLD_SETS)
-@pytest.mark.parametrize("direction", DIRECTIONS[::3])
+@pytest.mark.parametrize(
+    ("direction", "thresholds", "plant"),
+    checkerboard(DIRECTIONS[::3], THRESHOLD_SETS, ["planar", "twin"]),
+)
 def test_a_robot_without_a_fault_raises_no_alarm_in_a_test_of_five_seconds(direction, thresholds, plant):
     run = on_robot(f"{HIGH}, direction = {direction}", "", plant, thresholds=thresholds)
     assert told(run) == []

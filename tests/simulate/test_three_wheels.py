@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from nightly import checkerboard
 
 from omnimj.control.cascade.controller import Controller
 from omnimj.control.detection.robust.detector import RobustDetector
@@ -37,8 +38,7 @@ def metrics(wheel, fault, plant="planar"):
     return run_scenario(read_scenario("three_wheel_weak_motor", overrides), plant, "robust").metrics
 
 
-@pytest.mark.parametrize("loss", [0.57, 0.8])
-@pytest.mark.parametrize("wheel", WHEELS)
+@pytest.mark.parametrize(("wheel", "loss"), checkerboard(WHEELS, [0.57, 0.8]))
 def test_a_weak_motor_of_three_is_isolated_and_nothing_else_is_named(wheel, loss):
     told = metrics(wheel, f"kind = 'motor', onset = 0.8, loss = {loss}")
     assert told["isolated"] and told["false_alarms"] == 0 and len(told["diagnoses"]) == 1
@@ -53,9 +53,7 @@ def test_a_slipping_wheel_of_three_is_isolated_and_let_go_and_nothing_else_is_na
     assert 1.3 < told["diagnoses"][0]["cleared"] < 1.9
 
 
-@pytest.mark.parametrize("plant", ["planar", "twin"])
-@pytest.mark.parametrize("way", [1.0, -1.0])
-@pytest.mark.parametrize("wheel", WHEELS)
+@pytest.mark.parametrize(("plant", "way", "wheel"), checkerboard(["planar", "twin"], [1.0, -1.0], WHEELS))
 def test_a_motor_of_three_that_dies_while_it_alone_carries_the_drive_is_all_that_is_named(plant, way, wheel):
     overrides = (
         f"drive.direction={way * math.pi / 2 + (wheel - 1) * 2.0 * math.pi / 3.0}",

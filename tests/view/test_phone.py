@@ -8,6 +8,7 @@ import re
 import pytest
 from browser import chromium, on_a_phone
 from diagnosed_runs import said, with_robust
+from inline_executor import InlineExecutor
 from made_findings import FINDINGS
 from rig_runs import twin_run
 from test_report import Page
@@ -16,6 +17,7 @@ from test_sensitivity_report import outcome_of, study_of
 from omnimj.cli.main import main
 from omnimj.parameters import read_floors, read_rig
 from omnimj.recording.write_dataset import DatasetWriter
+from omnimj.studies import workers
 from omnimj.studies.statistics import Table
 from omnimj.view.report import page
 from omnimj.view.report.evaluation import write_benchmark_report
@@ -70,15 +72,18 @@ def pages(
     studies = [study_of("speed", "m/s", 0.0), study_of("tracking_error_max", "m", 0.0)]
     write_sensitivity_report(paths["sensitivity"], outcome_of(*studies))
     manoeuvres = ["--suite", "manoeuvres", "--faults", "motor", "--method", "robust", "--trials", "2"]
-    for kind, words in {
+    commands = {
         "identify": [str(rig_data)],
         "validate": [str(rig_data), "--plant", "planar"],
         "diagnose": [str(rig_data)],
         "evaluate": manoeuvres,
-    }.items():
-        out = folder / kind
-        assert main([kind, *words, "--out", str(out)]) == 0
-        paths[kind] = out / "report.html"
+    }
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(workers, "ProcessPoolExecutor", lambda *_, **__: InlineExecutor())
+        for kind, words in commands.items():
+            out = folder / kind
+            assert main([kind, *words, "--out", str(out)]) == 0
+            paths[kind] = out / "report.html"
     return paths
 
 

@@ -5,12 +5,14 @@ import math
 
 import numpy as np
 import pytest
+from nightly import checkerboard
 from rig_reference import integrate
 
 from omnimj.plant.mujoco.twin import RigTwin, RobotTwin
 from omnimj.plant.planar import PlanarRobot
 from omnimj.signals import CurrentCommand
 
+ON_FLOORS = ("natural_stone", "pvc", "paperboard")
 CURRENTS = (0.45, 0.60, 0.75, 0.90, 1.05, 1.20, 1.35, 1.50)
 
 
@@ -47,8 +49,7 @@ def planar_error(robot, floors, current, floor="natural_stone"):
     return math.sqrt(np.mean((off[:, :2] ** 2).sum(axis=1))), math.sqrt(np.mean(off[:, 2] ** 2))
 
 
-@pytest.mark.parametrize("mass", [3.9593, 2.9593, 1.9593])
-@pytest.mark.parametrize("floor", ["natural_stone", "pvc", "paperboard"])
+@pytest.mark.parametrize(("floor", "mass"), checkerboard(ON_FLOORS, [3.9593, 2.9593, 1.9593]))
 def test_the_rig_twin_drives_as_its_equations(rig, floors, floor, mass, measured):
     for current in CURRENTS:
         error = carriage_error(rig, floors[floor], mass, current, 0.0, 1.05)
@@ -86,9 +87,7 @@ def test_rolling_resistance_takes_its_torque_from_the_robot_s_wheels(robot, floo
     assert speeds[0] - speeds[1] == pytest.approx(lost, rel=0.06)
 
 
-@pytest.mark.parametrize("floor", ["natural_stone", "pvc", "paperboard"])
-@pytest.mark.parametrize("eighth", range(8))
-@pytest.mark.parametrize("strength", [0.6, 1.0])
+@pytest.mark.parametrize(("floor", "eighth", "strength"), checkerboard(ON_FLOORS, range(8), [0.6, 1.0]))
 def test_the_robot_twin_drives_as_the_planar_model(robot, floors, floor, eighth, strength, measured):
     along = np.array([math.cos(eighth * math.pi / 4.0), math.sin(eighth * math.pi / 4.0)])
     share = robot.drive_directions @ along

@@ -3,6 +3,7 @@
 import mujoco
 import numpy as np
 import pytest
+from nightly import checkerboard
 
 from omnimj.parameters import read_floors
 from omnimj.plant.mujoco import slots
@@ -56,8 +57,12 @@ def test_a_dropped_robot_lands_on_its_wheels_and_comes_to_rest(robot, floors):
     assert felt(twin)["normal_force"].sum() == pytest.approx(robot.body.mass * 9.81, rel=1e-3)
 
 
-@pytest.mark.parametrize("force", [(60.0, 0.0), (0.0, -80.0), (50.0, 50.0)])
-@pytest.mark.parametrize("floor", ["natural_stone", "pvc", "paperboard", "dry_asphalt"])
+@pytest.mark.parametrize(
+    ("floor", "force"),
+    checkerboard(
+        ["natural_stone", "pvc", "paperboard", "dry_asphalt"], [(60.0, 0.0), (0.0, -80.0), (50.0, 50.0)]
+    ),
+)
 def test_a_pushed_robot_stops_and_stays(robot, floors, floor, force):
     twin = RobotTwin(robot, floors[floor], ideal_sensors=True)
     twin.reset()

@@ -19,6 +19,10 @@ ON_TWIN = [name for name in NAMES if "kinematic" not in name and name != "ramp"]
 LONG = 20.0
 """Duration from which on the planar plant, which the twin covers, is left to nightly runs [s]."""
 
+LIKE_ANOTHER = ("circle_8m_wheel_lost", "square_path_open_loop")
+"""Long scenarios on the twin that are left to nightly runs: `circle_8m_wheel_locked` and `square_path` are
+like them."""
+
 
 def fastest_plant(scenario: Scenario) -> str | None:
     """The fastest plant that can drive it: the planar one has a flat floor only."""
@@ -60,7 +64,9 @@ def test_a_scenario_passes_its_checks_on_the_fastest_plant_and_each_check_can_fa
     require_checks_that_pass_and_can_fail(driven(name))
 
 
-@pytest.mark.parametrize("name", ON_TWIN)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=pytest.mark.slow) if n in LIKE_ANOTHER else n for n in ON_TWIN]
+)
 def test_a_scenario_passes_its_checks_on_the_twin(name):
     require_checks_that_pass_and_can_fail(driven(name, plant="twin"))
 
@@ -70,7 +76,7 @@ def test_a_scenario_passes_its_checks_on_the_twin(name):
     [
         ("nylon_patch", "patches.0.floor=natural_stone", "peak_slip_1"),
         ("degraded_motor", "faults.0.loss=0.01", "rms_current_1"),
-        ("circle_8m", "drive.heading_hold=false", "max_yaw_excursion"),
+        pytest.param("circle_8m", "drive.heading_hold=false", "max_yaw_excursion", marks=pytest.mark.slow),
         pytest.param("square_path", "drive.yaw_loop=false", "path_error_max", marks=pytest.mark.slow),
         pytest.param(
             "square_path_open_loop", "drive.yaw_loop=true", "path_error_max", marks=pytest.mark.slow
