@@ -1,5 +1,6 @@
 """Fault-tolerant control: the cascade with a fault detector and a recovery beside it.
- In each step the detector takes the measurement first; recovery then turns its fault estimate into a target
+
+In each step the detector takes the measurement first; recovery then turns its fault estimate into a target
 and a reconfiguration for the cascade.
 """
 

@@ -1,5 +1,6 @@
 """Records for kernels that run at every control step: NamedTuples packed into structured arrays.
- Numba takes NamedTuples as arguments, but examines each of their fields at every call and makes a Python
+
+Numba takes NamedTuples as arguments, but examines each of their fields at every call and makes a Python
 object of each array that it returns. A structured array of one record costs as little as any other array,
 keeps the names (`record.period`, `record.limits.change`), nested tuples and arrays included, and has room for
 many records: one per trial of a batch.
@@ -19,7 +20,10 @@ Record = NDArray[np.void]
 def _field_type(value: Any) -> Any:
     if isinstance(value, tuple):
         return np.dtype([(name, _field_type(field)) for name, field in _fields(value)], align=True)
-    return (value.dtype, value.shape) if isinstance(value, np.ndarray) else np.dtype(type(value))
+    if isinstance(value, np.ndarray):
+        # numba knows no arrays of truth values inside records
+        return (np.dtype(np.uint8) if value.dtype == bool else value.dtype, value.shape)
+    return np.dtype(type(value))
 
 
 def _fields(value: Any) -> list[tuple[str, Any]]:
@@ -30,23 +34,24 @@ def packed(value: Any) -> Record:
     """Pack a NamedTuple of numbers, truth values, arrays and NamedTuples into a record.
 
     A kernel reads the fields of `record[0]` by the same names. Shapes of arrays are part of the record's
-    type.
+    type; masks become arrays of 0 and 1.
     """
     record: Any = np.zeros(1, _field_type(value))
-    _fill(record, value)
+    assign(record, value)
     return record
 
 
 def packed_like(record: Record, value: Any) -> Record:
     """Pack a NamedTuple into a record of the same type as another one: quicker than `packed`."""
     after = record.copy()
-    _fill(after, value)
+    assign(after, value)
     return after
 
 
-def _fill(record: Any, value: Any) -> None:
+def assign(record: Any, value: Any) -> None:
+    """Write the fields of a NamedTuple into a record of its type, or into a field of a record."""
     for name, field in _fields(value):
         if isinstance(field, tuple):
-            _fill(record[name], field)
+            assign(record[name], field)
         else:
             record[name] = field

@@ -158,7 +158,7 @@ class Calibration:
     @property
     def thresholds(self) -> Thresholds:
         """Thresholds of the robust method."""
-        return dataclasses.replace(Thresholds(), **{one.name: one.value for one in self.set})
+        return Thresholds()._replace(**{one.name: one.value for one in self.set})
 
     @property
     def extrapolated(self) -> float:

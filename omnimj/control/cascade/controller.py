@@ -16,6 +16,7 @@ from omnimj.control.cascade.heading import (
     update_gyro_bias,
     update_heading,
     wrapped,
+    yaw_rate_by_wheels,
     yaw_rate_demand,
     yaw_rate_row,
 )
@@ -102,14 +103,18 @@ class CascadeInput(NamedTuple):
     """Planned heading [rad]."""
 
 
-class _CascadeState(NamedTuple):
-    """Fields of the record behind `ControlState`."""
+class CascadeState(NamedTuple):
+    """Fields of the record behind `ControlState`, n wheels."""
 
     heading: float
+    """Estimate, unwrapped [rad]."""
     gyro_bias: GyroBias
     integral: Array
+    """Integrals q of the wheel-speed loops, shape (n,) [A]."""
     current: Array
+    """Last command, shape (n,) [A]."""
     log: Array
+    """Signals of the last step, aligned with `Controller.log_names`."""
 
 
 class ControlState:
@@ -169,7 +174,8 @@ def _all_finite(values):
 
 
 @kernel
-def _is_good(wheels, time, current, wheel_speed, acceleration, yaw_rate, yaw):
+def is_good_sample(wheels, time, current, wheel_speed, acceleration, yaw_rate, yaw):
+    """`is_good` for the fields of a `Measurement`."""
     complete = current.size == wheels and wheel_speed.size == wheels and acceleration.size == 2
     scalars = math.isfinite(time) and math.isfinite(yaw_rate) and math.isfinite(yaw)
     return (
@@ -188,34 +194,40 @@ def is_good(measurement: Measurement, wheels: int) -> bool:
     ones to its detector and its recovery.
     """
     m = measurement
-    return bool(_is_good(wheels, m.time, m.current, m.wheel_speed, m.acceleration, m.yaw_rate, m.yaw))
+    return bool(is_good_sample(wheels, m.time, m.current, m.wheel_speed, m.acceleration, m.yaw_rate, m.yaw))
 
 
 @kernel
 def cascade_step(parameters, reconfiguration, before, now):
-    """One step of the whole cascade.
+    """Next state of the cascade, a new record; arguments as for `advance_cascade`, in arrays of one."""
+    after = before.copy()
+    advance_cascade(parameters[0], reconfiguration[0], after[0], now)
+    return after
+
+
+@kernel
+def advance_cascade(p, changed, state, now):
+    """One step of the whole cascade, in place.
 
     A measurement that is not good sets the command to zero, empties the integrals and ends the rest; heading
     and gyro bias stay as they are.
 
     Args:
-      parameters: Record of `CascadeParameters`.
-      reconfiguration: Record of `Reconfiguration`.
-      before: Record of the state one step ago; left unchanged.
+      p: `CascadeParameters`.
+      changed: `Reconfiguration`.
+      state: `CascadeState`, changed in place.
       now: `CascadeInput`.
-
-    Returns:
-      Record of the next state.
     """
-    p, changed, after = parameters[0], reconfiguration[0], before.copy()
-    state, last, wheel_speed, good = after[0], before[0].current, now.wheel_speed, now.good
-    n = p.turn.size
+    last, wheel_speed, good = state.current.copy(), now.wheel_speed, now.good
+    n, measured_yaw_rate = p.turn.size, now.measured_yaw_rate
     log, currents, integral, wanted = state.log, state.current, state.integral, np.empty(n)
     targets, reasons = log[5 : 5 + n], log[5 + n :]
     heading_gain = p.heading_gain if p.holds_heading or changed.holds_heading else 0.0
 
     bias = state.gyro_bias
-    heading, yaw_rate = state.heading, now.measured_yaw_rate - bias.bias
+    if good and not changed.trusts_gyro:
+        measured_yaw_rate = yaw_rate_by_wheels(p.turn, wheel_speed) + bias.bias
+    heading, yaw_rate = state.heading, measured_yaw_rate - bias.bias
     if good:
         heading = update_heading(heading, now.yaw, yaw_rate, p.gyro_range, p.period)
     error = wrapped(now.heading - heading) if heading_gain > 0.0 else 0.0
@@ -224,7 +236,7 @@ def cascade_step(parameters, reconfiguration, before, now):
         GyroBias(bias.bias, bias.still, bias.turned, bias.averaged),
         p.turn,
         good and standing,
-        now.measured_yaw_rate,
+        measured_yaw_rate,
         wheel_speed,
         p.period,
     )
@@ -245,7 +257,6 @@ def cascade_step(parameters, reconfiguration, before, now):
         integral[:] = 0.0
     state.heading = heading
     log[0], log[1], log[2], log[3], log[4] = x, y, turn, heading, bias.bias
-    return after
 
 
 class Controller:
@@ -295,8 +306,13 @@ class Controller:
             amplifier=amplifier_parameters(robot),
             limits=current_limits(gains, self.period),
         )
-        self._turn, self._parameters = parameters.turn, packed(parameters)
-        self._nominal = packed(nominal_reconfiguration(inverse / robot.wheel.radius))
+        self.constants = parameters
+        self.nominal = nominal_reconfiguration(inverse / robot.wheel.radius)
+        self._turn, self._parameters, self._nominal = (
+            parameters.turn,
+            packed(parameters),
+            packed(self.nominal),
+        )
         self.wheels = n
         self.log_names = _BODY_LOG + tuple(f"{name}_{i}" for name in _WHEEL_LOG for i in range(1, n + 1))
 
@@ -304,15 +320,17 @@ class Controller:
         """Yaw rate by a good measurement: gyro less its bias, or by the wheels [rad/s]."""
         if trusts_gyro:
             return float(measurement.yaw_rate - state.gyro_bias.bias)
-        return float(self._turn @ measurement.wheel_speed)
+        return float(yaw_rate_by_wheels(self._turn, measurement.wheel_speed))
+
+    def initial_fields(self, measurement: Measurement) -> CascadeState:
+        """Fields before the first step: heading as measured, within ±π, no current, gyro bias unknown."""
+        yaw, n = measurement.yaw, self.wheels
+        heading = wrapped(yaw) if math.isfinite(yaw) else 0.0
+        return CascadeState(heading, GyroBias(), np.zeros(n), np.zeros(n), np.zeros(len(self.log_names)))
 
     def start(self, measurement: Measurement) -> ControlState:
-        """State before the first step: heading as measured, within ±π, no current, gyro bias unknown."""
-        yaw = measurement.yaw
-        heading = wrapped(yaw) if math.isfinite(yaw) else 0.0
-        n = self.wheels
-        log = np.zeros(len(self.log_names))
-        return ControlState(packed(_CascadeState(heading, GyroBias(), np.zeros(n), np.zeros(n), log)))
+        """State before the first step."""
+        return ControlState(packed(self.initial_fields(measurement)))
 
     def step(
         self,
@@ -333,13 +351,10 @@ class Controller:
         """
         m, velocity, changed = measurement, target.velocity, self._nominal
         good = is_good(m, self.wheels) if good is None else good
-        yaw_rate = m.yaw_rate
         if reconfiguration is not None:
             changed = packed_like(changed, reconfiguration)
-            if good and not reconfiguration.trusts_gyro:
-                yaw_rate = self.yaw_rate(m, state, False) + state.gyro_bias.bias
         now = CascadeInput(
-            good, m.wheel_speed, yaw_rate, m.yaw, velocity[0], velocity[1], target.yaw_rate, target.heading
+            good, m.wheel_speed, m.yaw_rate, m.yaw, velocity[0], velocity[1], target.yaw_rate, target.heading
         )
         after = ControlState(cascade_step(self._parameters, changed, state.record, now))
         return CurrentCommand(after.current), after

@@ -1,5 +1,6 @@
 """Heading and yaw rate: the heading estimate, the yaw-rate demand, standstill and the gyro's bias.
- The heading converter has 12 bits (1.5 mrad) and is held for 5 ms, so that rotating a 1 m/s demand by it
+
+The heading converter has 12 bits (1.5 mrad) and is held for 5 ms, so that rotating a 1 m/s demand by it
 makes steps of 1.5 mm/s in the wheel targets. A complementary filter takes the heading from the gyro between
 samples and corrects it slowly by the converter. A gyro bias b leaves an error of b × FILTER_TIME, 0.1 mrad
 for 1 mrad/s.
@@ -133,6 +134,20 @@ def yaw_rate_row(robot: Robot) -> Array:
     """Yaw rate per wheel speed, r (A⁺)₃ of V = A·twist, shape (n,) [1]."""
     rolling = rolling_matrix(robot.wheel_positions, robot.rolling_directions)
     return np.ascontiguousarray(robot.wheel.radius * np.linalg.pinv(rolling)[2])
+
+
+@kernel
+def yaw_rate_by_wheels(turn, wheel_speed):
+    """Yaw rate that the wheels measure [rad/s].
+
+    Args:
+      turn: From `yaw_rate_row`, shape (n,).
+      wheel_speed: Measured, shape (n,) [rad/s].
+    """
+    rate = 0.0
+    for i in range(turn.size):
+        rate += turn[i] * wheel_speed[i]
+    return rate
 
 
 @kernel

@@ -1,5 +1,6 @@
 """Interface of a fault detector: its options, its state, and the fault estimate that recovery acts upon.
- A detector sees measurements only, so the same object runs in a controller, over recorded logs and on
+
+A detector sees measurements only, so the same object runs in a controller, over recorded logs and on
 hardware.
 """
 
@@ -7,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omnimj.control.cascade.controller import Reconfiguration
+from omnimj.control.records import Record
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.signals import Array, Diagnosis
 
@@ -22,8 +24,7 @@ OPTION_FLAGS = ("recovery", "self_test", "dither")
 """Names of the options that are true or false."""
 
 
-@dataclass(frozen=True, slots=True)
-class FaultEstimate:
+class FaultEstimate(NamedTuple):
     """Present faults of a robot with n wheels, for recovery to act upon."""
 
     losses: Array
@@ -44,6 +45,17 @@ class FaultEstimate:
     """Time of the newest decision [s]; −∞: none."""
     trusts_gyro: bool = True
     """False: the gyro is faulty."""
+
+    @classmethod
+    def unpack(cls, record: Record) -> FaultEstimate:
+        """Copy of a packed estimate."""
+        fields = cls(*record.copy()[0])
+        masks = ("dead", "runaway", "held", "slipping")
+        return fields._replace(
+            decided=float(fields.decided),
+            trusts_gyro=bool(fields.trusts_gyro),
+            **{name: getattr(fields, name).astype(bool) for name in masks},
+        )
 
     @property
     def available(self) -> NDArray[np.bool_]:

@@ -1,5 +1,6 @@
 """Demands that a faulty robot can follow: position correction, turning about a wheel, slip cap, time scaling.
- At a time scaling p the robot drives the same path with p v and p² a. When the whole floor gives way, p =
+
+At a time scaling p the robot drives the same path with p v and p² a. When the whole floor gives way, p =
 √(a_grip/a_plan): the hardest demand of the plan then fits the grip. Turning about a held wheel demands more
 of wheels and floor: the plan's speed is kept below what both can do.
 """

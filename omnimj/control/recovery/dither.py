@@ -1,5 +1,6 @@
 """Active diagnosis: wheels are driven against each other so that a loss of torque shows.
- Wheel speeds along n with B n = 0 push the body nowhere: all wheels slip a little, their tractions cancel,
+
+Wheel speeds along n with B n = 0 push the body nowhere: all wheels slip a little, their tractions cancel,
 and a weak motor leaves a net force. A square wave of `DITHER_SPEED` along n is added, in bursts, while a
 robot that drives slowly and steadily excites its motors too little; once, larger, before the first drive,
 where the self-test is enabled. The steps of the wave are what excites: a sine of the same size found no motor
@@ -57,7 +58,8 @@ def null_space_speeds(forces: Array) -> Array:
     return found / found[np.argmax(np.abs(found))]
 
 
-def next_self_test(left: float, h: float) -> tuple[float, float]:
+@kernel
+def next_self_test(left, h):
     """Sign of the self-test's square wave, 0 when the test is over, and its remaining time [s].
 
     Args:
@@ -71,33 +73,28 @@ def next_self_test(left: float, h: float) -> tuple[float, float]:
 
 
 @kernel
-def next_dither(before, h, may, speed, acceleration, traction):
-    """Sign of the square wave, −1, 0 or 1, and the next state.
+def update_dither(d, h, may, speed, acceleration, traction):
+    """Sign of the square wave, −1, 0 or 1; the state is updated in place.
 
     Args:
-      before: Record of `Dither` one step ago; left unchanged.
+      d: `Dither`, a field of a record, changed in place.
       h: Control period [s].
       may: Whether dither is enabled and no fault stands.
       speed: Demand [m/s].
       acceleration: Demand [m/s²].
       traction: Traction of the wheels, shape (n,) [N].
-
-    Returns:
-      The sign and the record of the next state.
     """
-    after = before.copy()
-    d = after[0]
     inside = d.burst > 0.0
     if not may or not _DRIVES < speed < _FAST or acceleration > _STEADY:
         d.since_load, d.burst = 0.0, -PAUSE if inside else min(d.burst, 0.0)
-        return 0.0, after
+        return 0.0
     if not inside:
         d.burst = min(d.burst + h, 0.0)
         d.since_load = 0.0 if np.abs(traction).max() > _LOADED else d.since_load + h
         if d.burst < 0.0 or d.since_load < QUIET:
-            return 0.0, after
+            return 0.0
     d.burst += h
     if d.burst > PERIODS / DITHER_FREQUENCY:
         d.since_load, d.burst = 0.0, -PAUSE
-        return 0.0, after
-    return (1.0 if (d.burst * DITHER_FREQUENCY) % 1.0 < 0.5 else -1.0), after
+        return 0.0
+    return 1.0 if (d.burst * DITHER_FREQUENCY) % 1.0 < 0.5 else -1.0

@@ -1,5 +1,6 @@
 """Tracking of the plan: position error, heading offset, and how well the robot follows its demands.
- The position error is the demanded way less the estimated one, ∫ v_d − R(θ) v̂ dt [m]. It fades within a
+
+The position error is the demanded way less the estimated one, ∫ v_d − R(θ) v̂ dt [m]. It fades within a
 second while the robot is healthy; recovery drives it back after a fault.
 """
 
@@ -82,22 +83,17 @@ def _acceleration(before, last, now, h, largest):
 
 
 @kernel
-def update_tracking(before, now, h, arm, healthy, integrates):
-    """Tracking after one step.
+def update_tracking(x, now, h, arm, healthy, integrates):
+    """Update the tracking by one step, in place.
 
     Args:
-      before: Record of `Tracking` one step ago; left unchanged.
+      x: `Tracking`, a field of a record, changed in place.
       now: `TrackingInput`.
       h: Control period [s].
       arm: Length that turns a yaw rate into a speed [m].
       healthy: Whether no fault stands.
       integrates: Whether the body velocity is known well enough to integrate the position error.
-
-    Returns:
-      Record of the next `Tracking`.
     """
-    after = before.copy()
-    x = after[0]
     c, s = math.cos(now.heading), math.sin(now.heading)
     off_x = now.demand_x - (c * now.velocity_x - s * now.velocity_y)
     off_y = now.demand_y - (s * now.velocity_x + c * now.velocity_y)
@@ -124,4 +120,3 @@ def update_tracking(before, now, h, arm, healthy, integrates):
     x.demand_x, x.demand_y, x.demand_yaw_rate = now.demand_x, now.demand_y, now.demand_yaw_rate
     if healthy:
         x.hardest = max(x.hardest, math.hypot(x.acceleration_x, x.acceleration_y))
-    return after

@@ -75,7 +75,7 @@ class EvaluationConfig:
             "method": self.method,
             "settings": list(self.settings),
             **dataclasses.asdict(self.population),
-            "thresholds": dataclasses.asdict(self.thresholds or Thresholds()),
+            "thresholds": (self.thresholds or Thresholds())._asdict(),
             "gains": {name: gains.value(name) for name in GAIN_NAMES},
             "version": omnimj.__version__,
         }

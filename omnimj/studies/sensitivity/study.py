@@ -167,7 +167,7 @@ class _Sensitivity:
             "ranges": [dataclasses.asdict(factor) for factor in self._factors],
             # the parameters that are not varied affect every run, too
             "digest": scenario_digest(trial.scenario, self._scenario),
-            "thresholds": dataclasses.asdict(Thresholds()),
+            "thresholds": Thresholds()._asdict(),
             "version": omnimj.__version__,
         }
 

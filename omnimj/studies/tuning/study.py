@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
@@ -100,7 +99,7 @@ class TuningConfig:
             "seed": self.seed,
             "trials": self.trials,
             "limits": [self.limits.saturation, self.limits.phase_margin, self.limits.overshoot],
-            "thresholds": dataclasses.asdict(self.thresholds or Thresholds()),
+            "thresholds": (self.thresholds or Thresholds())._asdict(),
             "bounds": {name: [repr(end) for end in ends] for name, ends in self.bounds.items()},
             "model": None if self.model is None else str(self.model),
             "version": omnimj.__version__,

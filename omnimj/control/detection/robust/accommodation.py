@@ -9,12 +9,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from omnimj.control.detection.detector import FaultEstimate
+from omnimj.control.cascade.heading import yaw_rate_by_wheels
 from omnimj.control.detection.robust.blocks import Block
-from omnimj.control.detection.robust.evidence import Evidence, RobustParameters
+from omnimj.control.detection.robust.evidence import Evidence
 from omnimj.control.detection.robust.glr import FILLED, JumpScores
 from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.control.detection.robust.verdict import Verdict, is_stalled
+from omnimj.physics.native import kernel
 from omnimj.signals import Array, Diagnosis
 
 _DEAD = 0.9  # loss from which a motor counts as dead
@@ -40,86 +41,149 @@ class Accommodation(NamedTuple):
     """True if a new loss is still being measured: blocks are learnt from at once."""
 
 
-def accommodation_for(verdict: Verdict, losses: Array, relearning: bool) -> Accommodation:
-    """Consequences of a verdict for the observers.
+class KnownFaults(NamedTuple):
+    """Active diagnoses as masks of wheels, shape (n,) each, for the kernels."""
+
+    unrolling: NDArray[np.bool_]
+    """Slipping, locked, or with a failed sensor: not used by the velocity estimate."""
+    degraded: NDArray[np.bool_]
+    """Motors that are known to be degraded."""
+    unknown_force: NDArray[np.bool_]
+    """Traction does not follow from motor and speed."""
+    failed_speed: NDArray[np.bool_]
+    """Failed speed sensors."""
+    excluded_axes: NDArray[np.bool_]
+    """Axes x, y whose accelerometer has failed, shape (2,)."""
+    failed_gyro: bool
+    weak: NDArray[np.bool_]
+    """Motors that have surely lost torque: the diagnosis is not ambiguous."""
+    powerless: NDArray[np.bool_]
+    """Motors without any torque."""
+    stalled: NDArray[np.bool_]
+    """Wheels that stand, locked or for lack of torque."""
+    runaway: NDArray[np.bool_]
+    """Motors that do not follow their set currents."""
+    held: NDArray[np.bool_]
+    """Wheels that do not turn."""
+    slipping: NDArray[np.bool_]
+    """Slipping wheels; all of them when the whole floor gives way."""
+    decided: float = -math.inf
+    """Time of the newest decision [s]; −∞: none."""
+    active: bool = False
+    """True if any diagnosis is active."""
+    pending: bool = False
+    """True if a suspicion is pending."""
+    observed: bool = False
+    """True if the decisions must look at every block: a diagnosis or a suspicion may change."""
+
+
+def no_known_faults(wheels: int) -> KnownFaults:
+    """Masks of a healthy robot."""
+    masks = {name: np.zeros(wheels, bool) for name in KnownFaults._fields[:12]}
+    return KnownFaults(**{**masks, "excluded_axes": np.zeros(2, bool), "failed_gyro": False})
+
+
+def known_faults(verdict: Verdict, wheels: int) -> KnownFaults:
+    """Masks of the active diagnoses; those that may be on another wheel do not count for the estimate."""
+    known, decided = no_known_faults(wheels), -math.inf
+    for d in verdict.diagnoses:
+        decided = max(decided, d.time)
+        if d.cleared is None:
+            _mark(known, d, [w - 1 for w in d.wheels])
+    for k, axis in enumerate("xy"):
+        known.excluded_axes[k] = verdict.has_sensor_fault(f"acceleration_{axis}")
+    pending = not math.isnan(verdict.suspected)
+    return known._replace(
+        failed_gyro=verdict.has_sensor_fault("yaw_rate"),
+        decided=decided,
+        active=verdict.has_active(),
+        pending=pending,
+        observed=pending or bool(verdict.diagnoses),
+    )
+
+
+def _mark(known: KnownFaults, d: Diagnosis, wheels: list[int]) -> None:
+    """Mark the wheels 0…n−1 of an active diagnosis, in place."""
+    stalled, certain = is_stalled(d), not d.ambiguous_with
+    if d.kind == "all_wheel_slip":
+        known.unrolling[:] = known.slipping[:] = True
+    known.unrolling[wheels] |= d.kind in ("slip", "locked", "sensor")
+    known.degraded[wheels] |= d.kind == "motor"
+    known.failed_speed[wheels] |= d.channel.startswith("wheel_speed")
+    known.unknown_force[wheels] |= d.kind == "locked" or d.channel.startswith("wheel_speed") or stalled
+    known.stalled[wheels] |= stalled
+    known.weak[wheels] |= d.kind == "motor" and certain
+    known.powerless[wheels] |= stalled or (d.kind == "free" and certain)
+    known.runaway[wheels] |= d.kind == "hard_over" and certain
+    known.held[wheels] |= d.kind == "locked" and certain
+    known.slipping[wheels] |= d.kind == "slip" and certain
+
+
+@kernel
+def accommodation_for(known, losses, relearning):
+    """`Accommodation` of the known faults.
 
     Args:
-      verdict: Active diagnoses.
+      known: `KnownFaults`.
       losses: Diagnosed losses of the torque constants, shape (n,).
       relearning: Whether a new loss is still being measured; the velocity estimate excludes its wheel
         meanwhile.
     """
-    n = len(losses)
-    included, unknown, degraded = np.ones(n, bool), np.zeros(n, bool), np.zeros(n, bool)
-    for d in verdict.diagnoses:
-        if d.cleared is not None:
-            continue
-        wheels = [w - 1 for w in d.wheels]
-        if d.kind == "motor":
-            degraded[wheels] = True
-        if d.kind == "all_wheel_slip":
-            included[:] = False
-        elif d.kind in ("slip", "locked", "sensor") or (d.kind == "motor" and relearning):
-            included[wheels] = False
-        if d.kind == "locked" or d.channel.startswith("wheel_speed") or is_stalled(d):
-            unknown[wheels] = True
-    axes = np.array([verdict.has_sensor_fault(f"acceleration_{axis}") for axis in "xy"])
-    return Accommodation(included, unknown, axes, degraded, losses, relearning)
+    included = np.empty(losses.size, np.bool_)
+    for i in range(losses.size):
+        included[i] = not (known.unrolling[i] or (known.degraded[i] and relearning))
+    return Accommodation(
+        included, known.unknown_force, known.excluded_axes, known.degraded, losses, relearning
+    )
 
 
-def substitute_sensors(
-    parameters: RobustParameters, block: Block, evidence: Evidence, verdict: Verdict
-) -> Block:
-    """Replace the channels of failed speed sensors and of a failed gyro by the other sensors' estimate."""
-    if not any(d.cleared is None and d.kind == "sensor" for d in verdict.diagnoses):
-        return block
-    n, forces, velocity = len(block.wheel_speed), parameters.robot.forces, evidence.velocity[-1]
-    for i in range(n):
-        if verdict.has_sensor_fault(f"wheel_speed_{i + 1}"):
+@kernel
+def substitute_sensors(parameters, block, evidence, known):
+    """Block whose failed speed sensors and failed gyro are replaced by the other sensors' estimate.
+
+    Args:
+      parameters: `RobustParameters`.
+      block: `Block`; its wheel speeds and accelerations are changed in place.
+      evidence: `Evidence` before the block.
+      known: `KnownFaults`.
+    """
+    forces, velocity = parameters.robot.forces, evidence.velocity[-1]
+    for i in range(block.wheel_speed.size):
+        if known.failed_speed[i]:
             rolling = forces[0, i] * velocity[0] + forces[1, i] * velocity[1]
             rolling += forces[2, i] * block.yaw_rate
             block.wheel_speed[i], block.wheel_acceleration[i] = rolling / parameters.robot.radius, 0.0
-    if verdict.has_sensor_fault("yaw_rate"):
-        block = block._replace(
-            yaw_rate=float(parameters.turn @ block.wheel_speed),
-            yaw_acceleration=float(parameters.turn @ block.wheel_acceleration),
-        )
-    return block
+    if not known.failed_gyro:
+        return block
+    return Block(
+        block.current,
+        block.wheel_speed,
+        block.acceleration,
+        yaw_rate_by_wheels(parameters.turn, block.wheel_speed),
+        block.wheel_acceleration,
+        yaw_rate_by_wheels(parameters.turn, block.wheel_acceleration),
+        block.commanded,
+    )
 
 
-def estimate_faults(evidence: Evidence, verdict: Verdict, losses: Array) -> FaultEstimate:
-    """Fault estimate from the active diagnoses, except those that may be on another wheel.
+@kernel
+def estimate_faults(evidence, known, losses, estimate):
+    """Fill a `FaultEstimate` from the known faults.
 
     Args:
-      evidence: Velocity and forces.
-      verdict: Active diagnoses.
+      evidence: `Evidence`, with velocity and forces.
+      known: `KnownFaults`.
       losses: Estimated losses of the torque constants, shape (n,).
+      estimate: Fields of a `FaultEstimate`, filled in place.
     """
-    n = len(losses)
-    lost, decided, force = np.zeros(n), -math.inf, evidence.force.copy()
-    dead, runaway, held, slipping = (np.zeros(n, bool) for _ in range(4))
-    for d in verdict.diagnoses:
-        decided = max(decided, d.time)
-        if d.cleared is not None or (d.ambiguous_with and not is_stalled(d)):
-            continue
-        wheels = [w - 1 for w in d.wheels]
-        if is_stalled(d):
-            dead[wheels], force[wheels] = True, 0.0
-        elif d.kind == "motor":
-            lost[wheels] = losses[wheels]
-            dead[wheels] = losses[wheels] > _DEAD
-        elif d.kind == "free":
-            dead[wheels] = True
-        elif d.kind == "hard_over":
-            runaway[wheels] = True
-        elif d.kind == "locked":
-            held[wheels] = True
-        elif d.kind == "slip":
-            slipping[wheels] = True
-        elif d.kind == "all_wheel_slip":
-            slipping[:] = True
-    velocity, gyro = evidence.velocity[n, :2].copy(), not verdict.has_sensor_fault("yaw_rate")
-    return FaultEstimate(lost, dead, runaway, held, slipping, velocity, force, decided, gyro)
+    n = losses.size
+    for i in range(n):
+        estimate.losses[i] = losses[i] if known.weak[i] else 0.0
+        estimate.dead[i] = known.powerless[i] or (known.weak[i] and losses[i] > _DEAD)
+        estimate.force[i] = 0.0 if known.stalled[i] else evidence.force[i]
+    estimate.runaway[:], estimate.held[:] = known.runaway, known.held
+    estimate.slipping[:], estimate.velocity[:] = known.slipping, evidence.velocity[n, :2]
+    estimate.decided, estimate.trusts_gyro = known.decided, not known.failed_gyro
 
 
 def accommodate(

@@ -1,5 +1,6 @@
 """Samples into blocks: alignment of the channels, means, accelerations, and channels that have failed.
- Channels are ordered currents (n) | wheel speeds (n) | acceleration (2) | yaw rate; all arrays over channels
+
+Channels are ordered currents (n) | wheel speeds (n) | acceleration (2) | yaw rate; all arrays over channels
 have the shape (2n+3,).
 """
 
@@ -11,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 
 from omnimj.control.cascade.wheel_speed import amplifier_parameters
-from omnimj.control.records import Record, packed
 from omnimj.parameters import Robot
 from omnimj.physics.motor import MotorParameters, achievable_current
 from omnimj.physics.native import kernel
@@ -34,6 +34,8 @@ LINE = 12
 class SamplingParameters(NamedTuple):
     """Constants of the sampling of a robot with n wheels."""
 
+    per_block: int
+    """From `samples_per_block`."""
     waits: Array
     """Delay of each channel, from `alignment_delays`."""
     ranges: Array
@@ -64,6 +66,8 @@ class Sample(NamedTuple):
 class Samples(NamedTuple):
     """Sums over the block that is not full yet, and the memory of the alignment."""
 
+    fresh: bool
+    """True until the first block is full."""
     number: float
     """Samples in the block."""
     total: Array
@@ -131,28 +135,28 @@ def channel_ranges(robot: Robot) -> Array:
     return np.array([*each, *([sensors.accelerometer_range] * 2), sensors.gyro_range])
 
 
-def sampling_parameters(robot: Robot, period: float) -> Record:
-    """Record of the constants of the sampling at a control period [s]."""
-    return packed(
-        SamplingParameters(
-            alignment_delays(robot, period), channel_ranges(robot), amplifier_parameters(robot)
-        )
+def sampling_parameters(robot: Robot, period: float) -> SamplingParameters:
+    """Constants of the sampling at a control period [s]."""
+    return SamplingParameters(
+        samples_per_block(period),
+        alignment_delays(robot, period),
+        channel_ranges(robot),
+        amplifier_parameters(robot),
     )
 
 
-def initial_samples(wheels: int) -> Record:
-    """Record of the state before the first sample."""
+def initial_samples(wheels: int) -> Samples:
+    """State before the first sample."""
     channels = 2 * wheels + 3
-    return packed(
-        Samples(
-            number=0.0,
-            total=np.zeros(channels),
-            begin=np.zeros(wheels + 1),
-            aligned=np.zeros(channels),
-            line=np.zeros((LINE, channels)),
-            steps=np.zeros((3, channels)),
-            missing=np.zeros(wheels),
-        )
+    return Samples(
+        fresh=True,
+        number=0.0,
+        total=np.zeros(channels),
+        begin=np.zeros(wheels + 1),
+        aligned=np.zeros(channels),
+        line=np.zeros((LINE, channels)),
+        steps=np.zeros((3, channels)),
+        missing=np.zeros(wheels),
     )
 
 
@@ -202,22 +206,21 @@ def count_repeats(steps, values):
 
 
 @kernel
-def failed_channels(steps, wheel_speed):
-    """Mask of the channels that are frozen while the robot drives, or too noisy, shape (2n+3,).
+def failed_channels(steps, wheel_speed, failed):
+    """Mark the channels that are frozen while the robot drives, or too noisy.
 
     A wheel at rest may repeat its speed.
 
     Args:
       steps: Of `Samples`, shape (3, 2n+3).
       wheel_speed: Shape (n,) [rad/s].
+      failed: Output, mask of the channels, shape (2n+3,).
     """
     n, fastest = wheel_speed.size, np.abs(wheel_speed).max()
-    failed = np.empty(steps.shape[1], np.bool_)
     for k in range(failed.size):
         rests = n <= k < 2 * n and abs(wheel_speed[k - n]) <= 0.5
         frozen = steps[1, k] >= REPEATED and fastest >= 1.0 and not rests
         failed[k] = frozen or steps[2, k] > roughness(k, n) ** 2
-    return failed
 
 
 @kernel
@@ -233,20 +236,18 @@ def _missing_current(amplifier, command, current, wheel_speed):
 
 
 @kernel
-def take_sample(parameters, before, sample, first):
-    """Add one sample to the block.
+def take_sample(p, block, sample):
+    """Add one sample to the block, in place.
 
     Args:
-      parameters: Record of `SamplingParameters`.
-      before: Record of `Samples` one step ago; left unchanged.
+      p: `SamplingParameters`.
+      block: `Samples`, changed in place.
       sample: `Sample`.
-      first: Whether no block has been judged yet.
 
     Returns:
-      Record of the next `Samples`.
+      Whether the block is full.
     """
-    p, after = parameters[0], before.copy()
-    block, n = after[0], sample.current.size
+    n = sample.current.size
     values, aligned, begin = np.empty(2 * n + 3), block.aligned, block.begin
     values[:n], values[n : 2 * n] = sample.current, sample.wheel_speed
     values[2 * n : 2 * n + 2], values[2 * n + 2] = sample.acceleration, sample.yaw_rate
@@ -254,7 +255,7 @@ def take_sample(parameters, before, sample, first):
         values[k] = min(max(values[k], -p.ranges[k]), p.ranges[k])
     count_repeats(block.steps, values)
     values[2 * n + 2] -= sample.bias
-    align(block.line, p.waits, values, first, aligned)
+    align(block.line, p.waits, values, block.fresh, aligned)
     if block.number == 0.0 and not begin.any():
         begin[:n], begin[n] = aligned[n : 2 * n], aligned[2 * n + 2]
     block.number += 1.0
@@ -264,21 +265,20 @@ def take_sample(parameters, before, sample, first):
     if sample.commanded:
         for i in range(n):
             missing[i] += _missing_current(p.amplifier, sample.command[i], values[i], values[n + i])
-    return after
+    return block.number >= p.per_block
 
 
 @kernel
-def take_block(samples, period):
+def take_block(s, period):
     """Take the means of a full block and begin an empty one, in place.
 
     Args:
-      samples: Record of `Samples`.
+      s: `Samples`, changed in place.
       period: Duration of a block [s].
 
     Returns:
       `Block`.
     """
-    s = samples[0]
     n, end = s.missing.size, s.aligned
     mean, change, begin = s.total / s.number, np.empty(n), s.begin
     for i in range(n):
@@ -293,7 +293,7 @@ def take_block(samples, period):
         mean[:n] + s.missing / s.number,
     )
     begin[:n], begin[n] = end[n : 2 * n], end[2 * n + 2]
-    s.number = 0.0
+    s.fresh, s.number = False, 0.0
     s.total[:] = 0.0
     s.missing[:] = 0.0
     return block

@@ -15,10 +15,42 @@ from omnimj.control.detection.robust.parameter_filter import significant_losses
 from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.control.detection.robust.verdict import Verdict, is_degraded, is_stalled, with_diagnosis
 from omnimj.control.detection.robust.wheel_monitors import LOADED
+from omnimj.physics.native import kernel
 from omnimj.signals import Array, Diagnosis
 
 _AFTERMATH = 2.0  # [s] in which the estimated velocity recovers from a slip
 _EFFECTIVENESS_STEP = 0.02  # smallest change of an effectiveness that updates its diagnosis
+
+
+@kernel
+def is_uneventful(thresholds, evidence, failed):
+    """True if no decision can follow from a block, given that no diagnosis or suspicion was there before it.
+
+    `decide` would return the verdict that it got; the kernels spare themselves the call.
+
+    Args:
+      thresholds: `Thresholds` as floats.
+      evidence: `Evidence` after the block.
+      failed: Mask of the channels that are frozen or too noisy, shape (2n+3,).
+    """
+    n, likelihood, monitors = evidence.force.size, evidence.scores.likelihood, evidence.monitors
+    if failed.any() or abs(evidence.yaw[0].converter) > 0.4 * thresholds.turning:
+        return False
+    if max(likelihood[2 * n], likelihood[2 * n + 1]) >= thresholds.accelerometer:
+        return False
+    learnt = significant_losses(evidence.theta, evidence.cov, n)
+    for i in range(n):
+        if likelihood[i] >= thresholds.motor or likelihood[n + i] >= thresholds.drag:
+            return False
+        if monitors.silent[i] >= thresholds.current or monitors.disobeying[i] >= thresholds.current:
+            return False
+        if monitors.stuck[i] >= thresholds.stuck or monitors.stalled[i] >= thresholds.stuck:
+            return False
+        if monitors.slipped[i] >= thresholds.slip or monitors.implausible[i] >= thresholds.odd:
+            return False
+        if learnt[i] > thresholds.worn:
+            return False
+    return True
 
 
 def decide(
@@ -94,7 +126,7 @@ def _has_yaw_fault(verdict: Verdict) -> bool:
 
 def _judge_yaw_sensors(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: float) -> Verdict:
     """Converter and gyro differ: the one that the wheels contradict is faulty."""
-    converter, wheels = evidence.yaw.converter, evidence.yaw.wheels
+    converter, wheels = float(evidence.yaw["converter"][0]), float(evidence.yaw["wheels"][0])
     if abs(converter) < thresholds.turning or _has_yaw_fault(verdict):
         return verdict
     nearer = abs(wheels) - abs(wheels - converter)  # of the wheels to the converter than to the gyro
@@ -106,7 +138,7 @@ def _judge_yaw_sensors(evidence: Evidence, thresholds: Thresholds, verdict: Verd
 
 def _is_yaw_ambiguous(evidence: Evidence, thresholds: Thresholds, verdict: Verdict) -> bool:
     """True if gyro and converter begin to differ: wheels that follow a faulty one would look like slip."""
-    return not _has_yaw_fault(verdict) and abs(evidence.yaw.converter) > 0.4 * thresholds.turning
+    return not _has_yaw_fault(verdict) and abs(evidence.yaw["converter"][0]) > 0.4 * thresholds.turning
 
 
 def _judge_currents(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, time: float) -> Verdict:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from omnimj.control.cascade.heading import wrapped, yaw_rate_row
+from omnimj.control.cascade.heading import wrapped, yaw_rate_by_wheels, yaw_rate_row
 from omnimj.control.detection.robust.blocks import samples_per_block
 from omnimj.control.detection.robust.force_balance import (
     balance,
@@ -31,8 +32,10 @@ from omnimj.control.detection.robust.parameter_filter import (
     parameter_model,
     prior_deviation,
     update_parameters,
+    with_degraded_motors,
 )
 from omnimj.control.detection.robust.slip import STATE, VelocityNoise, correct_velocity, predict_velocity
+from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.control.detection.robust.wheel_monitors import (
     Traction,
     WheelMonitors,
@@ -41,6 +44,7 @@ from omnimj.control.detection.robust.wheel_monitors import (
     update_wheel_monitors,
 )
 from omnimj.control.gains import ObserverGains
+from omnimj.control.records import Record, packed
 from omnimj.control.robot_constants import RobotConstants, robot_constants
 from omnimj.parameters import Robot
 from omnimj.physics.native import kernel
@@ -70,6 +74,7 @@ class RobustParameters(NamedTuple):
     """From `yaw_rate_row`, shape (n,)."""
     period: float
     """Duration of a block [s]."""
+    thresholds: Thresholds
 
 
 class YawComparison(NamedTuple):
@@ -107,7 +112,8 @@ class Evidence(NamedTuple):
     velocity_cov: Array
     """Their covariances, shape (n+1, STATE, STATE)."""
     monitors: WheelMonitors
-    yaw: YawComparison
+    yaw: Record
+    """Packed `YawComparison`."""
 
     def copy(self) -> Evidence:
         """Copy whose arrays may be changed."""
@@ -120,12 +126,15 @@ def _copied(value: Any) -> Any:
     return type(value)(*map(_copied, value)) if isinstance(value, tuple) else value
 
 
-def robust_parameters(robot: Robot, period: float, gains: ObserverGains | None = None) -> RobustParameters:
+def robust_parameters(
+    robot: Robot, period: float, thresholds: Thresholds, gains: ObserverGains | None = None
+) -> RobustParameters:
     """Constants of a robot's detector.
 
     Args:
       robot: Nominal robot.
       period: Control period [s].
+      thresholds: Values from which a suspicion becomes a decision.
       gains: Of the observer; as shipped when None.
     """
     own = ObserverGains() if gains is None else gains
@@ -136,6 +145,7 @@ def robust_parameters(robot: Robot, period: float, gains: ObserverGains | None =
         parameter_model(len(robot.wheels), block, own.memory),
         yaw_rate_row(robot),
         block,
+        Thresholds._make(map(float, thresholds)),
     )
 
 
@@ -155,32 +165,27 @@ def initial_evidence(wheels: int) -> Evidence:
         velocity=np.zeros((wheels + 1, STATE)),
         velocity_cov=np.tile(np.diag([1e-6, 1e-6, 4e-4, 4e-4]), (wheels + 1, 1, 1)),
         monitors=initial_monitors(wheels),
-        yaw=YawComparison(),
+        yaw=packed(YawComparison()),
     )
 
 
 @kernel
-def compare_yaw_rates(before, parameters, block, yaw):
-    """Comparison of converter, wheels and gyro after a block.
+def compare_yaw_rates(x, parameters, block, yaw):
+    """Compare converter, wheels and gyro after a block.
 
     Args:
-      before: `YawComparison`.
+      x: `YawComparison`, changed in place.
       parameters: `RobustParameters`.
       block: `Block`.
       yaw: Heading at the block's end [rad].
-
-    Returns:
-      The next `YawComparison`.
     """
-    period, converter, wheels = parameters.period, before.converter, before.wheels
+    period = parameters.period
     keep = 1.0 - period / COMPARISON_TIME
-    by_wheels = 0.0
-    for i in range(parameters.turn.size):
-        by_wheels += parameters.turn[i] * block.wheel_speed[i]
-    if before.yaw == before.yaw:  # not NaN
-        converter = keep * converter + wrapped(yaw - before.yaw) - period * block.yaw_rate
-        wheels = keep * wheels + period * (by_wheels - block.yaw_rate)
-    return YawComparison(yaw, converter, wheels)
+    if not math.isnan(x.yaw):
+        by_wheels = yaw_rate_by_wheels(parameters.turn, block.wheel_speed)
+        x.converter = keep * x.converter + wrapped(yaw - x.yaw) - period * block.yaw_rate
+        x.wheels = keep * x.wheels + period * (by_wheels - block.yaw_rate)
+    x.yaw = yaw
 
 
 @kernel
@@ -248,6 +253,8 @@ def _release_bias_on_slope(robot, included, monitors, velocity_cov):
 def _update_force_channel(parameters, block, accommodation, evidence):
     """Force channel of `update_evidence`; whether the robot moves enough to be judged."""
     robot, model, theta, cov = parameters.robot, parameters.model, evidence.theta, evidence.cov
+    if accommodation.degraded.any():
+        model = with_degraded_motors(model, accommodation.degraded, parameters.period)
     n, losses = block.wheel_speed.size, accommodation.losses
     x, rho, sideways = np.zeros((3, theta.size)), np.empty(3), np.empty(n)
     balance(robot, block, losses, x, rho, evidence.force, sideways)
@@ -298,18 +305,20 @@ def _update_slip_channel(parameters, block, accommodation, evidence, moving):
 
 
 @kernel
-def update_evidence(parameters, block, accommodation, evidence):
-    """Update both channels by one block, in place.
+def update_evidence(parameters, block, accommodation, evidence, yaw):
+    """Update both channels and the comparison of yaw rates by one block, in place.
 
     Args:
       parameters: `RobustParameters`.
       block: `Block`.
       accommodation: `Accommodation`.
-      evidence: `Evidence`; its yaw comparison is left to `compare_yaw_rates`.
+      evidence: `Evidence`, changed in place.
+      yaw: Heading at the block's end [rad].
 
     Returns:
       Whether the robot moves enough to be judged.
     """
     moving = _update_force_channel(parameters, block, accommodation, evidence)
     _update_slip_channel(parameters, block, accommodation, evidence, moving)
+    compare_yaw_rates(evidence.yaw[0], parameters, block, yaw)
     return moving

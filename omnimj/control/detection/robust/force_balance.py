@@ -1,5 +1,6 @@
 """The force channel: the body's acceleration against the motors' forces, ρ = L + B F̂ − M a.
- F̂_i = (K_t i E G_r/r − dry σ(φ̇) − viscous φ̇ − I_eff φ̈/r) comes from the joint side, so no friction law of
+
+F̂_i = (K_t i E G_r/r − dry σ(φ̇) − viscous φ̇ − I_eff φ̈/r) comes from the joint side, so no friction law of
 the floor enters: the channel is blind to slip and to the floor. M a is accelerometer and gyro. Deviations of
 a healthy robot from its nominal parameters are columns of a linear law
 

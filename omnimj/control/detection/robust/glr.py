@@ -1,5 +1,6 @@
 """Sudden changes of the force channel: generalised likelihood ratios (GLR) over the last 0.05 … 1 s.
- Over the last second of whitened blocks ρ = X θ + noise with θ ~ N(θ̂, P) as learnt before it. A jump d of
+
+Over the last second of whitened blocks ρ = X θ + noise with θ ~ N(θ̂, P) as learnt before it. A jump d of
 one parameter along column j of X (δ_j, ν_j or β_j), x_j in the newest blocks, the window, and 0 before it, is
 estimated and weighed with everything else free:
   S = x_jᵀ V⁻¹ (ρ − X θ̂),  N = x_jᵀ V⁻¹ x_j,  V = I + X P Xᵀ;  d̂ = S/N,  2 Λ = d̂ (2 S − d̂ N),

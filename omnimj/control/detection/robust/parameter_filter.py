@@ -8,7 +8,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from omnimj.physics.native import kernel
 from omnimj.signals import Array
@@ -61,24 +60,28 @@ def parameter_model(wheels: int, period: float, memory: float) -> ParameterModel
     )
 
 
-def with_degraded_motors(model: ParameterModel, degraded: NDArray[np.bool_], period: float) -> ParameterModel:
+@kernel
+def with_degraded_motors(model, degraded, period):
     """Model with degraded motors: their laws are known less well and change faster, and a loss may come back.
 
     Args:
-      model: Of the healthy robot.
+      model: `ParameterModel` of the healthy robot.
       degraded: Mask of the degraded motors, shape (n,).
       period: Duration of a block [s].
     """
     n = degraded.size
     walk, short_term, smallest = model.walk.copy(), model.short_term.copy(), model.smallest.copy()
-    walk[:n] += degraded * (FAULTY_LOSS_WALK**2 * period / 60.0)
-    short_term[:n] += degraded * FAULTY_LOSS_VARIES**2
-    short_term[n : 2 * n] += degraded * FAULTY_FRICTION_VARIES**2
-    smallest[:n][degraded] = -1.0
+    for i in range(n):
+        if degraded[i]:
+            walk[i] += FAULTY_LOSS_WALK**2 * period / 60.0
+            short_term[i] += FAULTY_LOSS_VARIES**2
+            short_term[n + i] += FAULTY_FRICTION_VARIES**2
+            smallest[i] = -1.0
     return ParameterModel(walk, short_term, smallest, model.largest)
 
 
-def significant_losses(theta: Array, cov: Array, wheels: int) -> Array:
+@kernel
+def significant_losses(theta, cov, wheels):
     """Losses δ of the motors about which the drive has been informative, shape (n,); 0 for the others.
 
     A steady drive is not informative: mass, friction and torque constants trade with each other, and δ
@@ -91,10 +94,13 @@ def significant_losses(theta: Array, cov: Array, wheels: int) -> Array:
       cov: Its covariance, shape (p, p).
       wheels: n.
     """
-    own = np.arange(wheels)
-    variance, loss = cov[own, own], theta[:wheels]
-    informative = variance < (INFORMATIVE * LOSS) ** 2
-    return np.where(informative & (loss > 0.0) & (loss**2 > SIGNIFICANT**2 * variance), loss, 0.0)
+    found = np.zeros(wheels)
+    for i in range(wheels):
+        loss, variance = theta[i], cov[i, i]
+        informative = variance < (INFORMATIVE * LOSS) ** 2
+        if informative and loss > 0.0 and loss**2 > SIGNIFICANT**2 * variance:
+            found[i] = loss
+    return found
 
 
 def prior_deviation(wheels: int) -> Array:

@@ -1,5 +1,6 @@
 """The slip channel: each wheel against the body velocity estimated without this wheel.
- Velocity v of the body by accelerometer and gyro, v̇ = a − b − ω × v, corrected by the wheels that are taken
+
+Velocity v of the body by accelerometer and gyro, v̇ = a − b − ω × v, corrected by the wheels that are taken
 to roll: r φ̇_i − creep_i = u_i·v + l_i ω.  One filter per wheel leaves that wheel out; its
   e_i = r φ̇_i − creep_i − u_i·v̂ − l_i ω
 is slip beyond what the traction explains. A healthy floor creeps under its traction by

@@ -5,13 +5,13 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters.reading import positive, read_table, read_toml
 
 
-@dataclass(frozen=True)
-class Thresholds:
+class Thresholds(NamedTuple):
     """Values from which a suspicion becomes a decision.
 
     Those that `omnimj calibrate` sets are its results, rounded up, for 0.1 false alarms per hour in 2 h of
@@ -96,4 +96,4 @@ def read_thresholds(path: Path) -> Thresholds:
     if "thresholds" not in tree:
         raise InputError(path, "[thresholds] is missing", "omnimj calibrate writes such a file")
     found = read_table(CalibratedThresholds, tree["thresholds"], lambda _: path, {}, "thresholds")
-    return dataclasses.replace(Thresholds(), **dataclasses.asdict(found))
+    return Thresholds()._replace(**dataclasses.asdict(found))

@@ -1,5 +1,6 @@
 """Monitors of every wheel: slip, rolling under load, standing, disobeying.
- Slip counts by its way: the creep beyond that of a healthy wheel, summed while it lasts, so that a large slip
+
+Slip counts by its way: the creep beyond that of a healthy wheel, summed while it lasts, so that a large slip
 is seen at once and a small one soon, and a spike of noise never. Recovered grip counts by likelihood: how
 much less the wheel slips than it would under this traction with the grip that it had lost.
 """

@@ -1,0 +1,187 @@
+"""Judgement of a block: evidence, decisions if there may be any, then the fault estimate and the log.
+
+Nearly all blocks of a healthy robot are uneventful; a kernel judges them alone. The decisions themselves are
+rare and written in Python.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnimj.control.detection.detector import FaultEstimate
+from omnimj.control.detection.robust.accommodation import (
+    KnownFaults,
+    accommodate,
+    accommodation_for,
+    estimate_faults,
+    known_faults,
+    no_known_faults,
+    substitute_sensors,
+)
+from omnimj.control.detection.robust.blocks import failed_channels, take_block
+from omnimj.control.detection.robust.decision import decide, is_uneventful
+from omnimj.control.detection.robust.evidence import Evidence, update_evidence
+from omnimj.control.detection.robust.thresholds import Thresholds
+from omnimj.control.detection.robust.verdict import Verdict, archive_cleared
+from omnimj.control.records import Record, assign
+from omnimj.physics.native import kernel
+from omnimj.signals import Array, Diagnosis
+
+HEALTHY, SUSPECT, FAULTY, BLIND = range(4)
+"""`mode` of the log: no fault, a decision is pending, a fault is diagnosed, cannot judge."""
+_RELEARNING_BLOCKS = 200
+
+
+class Judgement(NamedTuple):
+    """What the detector concludes from its blocks, n wheels."""
+
+    known: KnownFaults
+    losses: Array
+    """Diagnosed losses of the torque constants, shape (n,)."""
+    relearning: int
+    """Blocks for which a new loss is still being measured: they are learnt from at once."""
+    estimate: FaultEstimate
+    log: Array
+    """Signals aligned with `RobustDetector.log_names`."""
+    likelihood: Array
+    """Largest Λ of a loss or a friction of each wheel in the last block, shape (n,) [nats]."""
+    failed: NDArray[np.bool_]
+    """Channels that are frozen or too noisy, shape (2n+3,)."""
+    moving: bool = False
+    """True if the robot moves enough to be judged."""
+    blocks: int = 0
+    """Blocks judged so far."""
+
+
+def log_names(wheels: int) -> tuple[str, ...]:
+    """Names of the logged signals of a robot with n wheels."""
+    names = [
+        f"{kind}_{what}_{i}"
+        for what in ("motor", "slip")
+        for kind in ("residual", "threshold")
+        for i in range(1, wheels + 1)
+    ]
+    body = ("residual_force_x", "residual_force_y", "residual_moment")
+    return (*body, *names, *(f"effectiveness_{i}" for i in range(1, wheels + 1)), "mode")
+
+
+def initial_judgement(wheels: int, thresholds: Thresholds) -> Judgement:
+    """Judgement of a healthy robot before the first block."""
+    n, zeros, none = wheels, np.zeros(wheels), np.zeros(wheels, bool)
+    log = np.zeros(len(log_names(n)))
+    log[3 + n : 3 + 2 * n], log[3 + 3 * n : 3 + 4 * n] = thresholds.motor, thresholds.slip
+    log[3 + 4 * n : 3 + 5 * n] = 1.0
+    return Judgement(
+        known=no_known_faults(n),
+        losses=zeros,
+        relearning=0,
+        estimate=FaultEstimate(zeros, none, none, none, none, np.zeros(2), zeros, -np.inf),
+        log=log,
+        likelihood=zeros,
+        failed=np.zeros(2 * n + 3, bool),
+    )
+
+
+@kernel
+def judge_block(parameters, samples, evidence, x, yaw):
+    """Judge a full block as far as no decision is needed.
+
+    Args:
+      parameters: `RobustParameters`.
+      samples: `Samples` with a full block, emptied in place.
+      evidence: `Evidence`, changed in place.
+      x: `Judgement`, changed in place.
+      yaw: Heading at the block's end [rad].
+
+    Returns:
+      Whether `decide_block` has to follow.
+    """
+    n, likelihood = x.losses.size, evidence.scores.likelihood
+    block = substitute_sensors(parameters, take_block(samples, parameters.period), evidence, x.known)
+    accommodation = accommodation_for(x.known, x.losses, x.relearning > 0)
+    x.moving = update_evidence(parameters, block, accommodation, evidence, yaw)
+    failed_channels(samples.steps, block.wheel_speed, x.failed)
+    for i in range(n):
+        x.likelihood[i] = max(likelihood[i], likelihood[n + i])
+    x.blocks += 1
+    if x.known.observed or not is_uneventful(parameters.thresholds, evidence, x.failed):
+        return True
+    if x.moving:
+        x.relearning = max(x.relearning - 1, 0)
+    conclude(evidence, x)
+    return False
+
+
+@kernel
+def conclude(evidence, x):
+    """Fill the fault estimate and the log after a block.
+
+    Args:
+      evidence: `Evidence`.
+      x: `Judgement`, changed in place.
+    """
+    n, log, known = x.losses.size, x.log, x.known
+    losses = x.losses + evidence.theta[:n]
+    estimate_faults(evidence, known, losses, x.estimate)
+    log[:3] = evidence.residual
+    for i in range(n):
+        log[3 + i], log[3 + 2 * n + i] = x.likelihood[i], evidence.monitors.slipped[i]
+        gone = x.estimate.dead[i] or x.estimate.held[i]
+        log[3 + 4 * n + i] = 0.0 if gone else min(max(1.0 - losses[i], 0.0), 1.0)
+    mode = HEALTHY if x.moving else BLIND
+    if known.active:
+        mode = FAULTY
+    elif known.pending:
+        mode = SUSPECT
+    log[3 + 5 * n] = mode
+
+
+@kernel
+def _conclude(evidence, judged):
+    conclude(evidence, judged[0])
+
+
+class Decisions(NamedTuple):
+    """Diagnoses of the detector."""
+
+    verdict: Verdict = Verdict()
+    history: tuple[Diagnosis, ...] = ()
+    """Withdrawn diagnoses that have left the verdict."""
+
+
+def decide_block(
+    thresholds: Thresholds,
+    evidence: Evidence,
+    judged: Record,
+    before: Decisions,
+    time: float,
+    channels: Sequence[str],
+) -> Decisions:
+    """Decide after a block that `judge_block` has left undecided, and finish its judgement.
+
+    Args:
+      thresholds: Values from which a suspicion becomes a decision.
+      evidence: After the block; changed in place.
+      judged: Record of `Judgement`, changed in place.
+      before: Decisions until now.
+      time: End of the block [s].
+      channels: Names of the sensor channels.
+    """
+    x: Any = judged[0]
+    losses, relearning = x["losses"], int(x["relearning"])
+    n, verdict = len(losses), before.verdict
+    failed = tuple(c for c, has_failed in zip(channels, x["failed"].tolist(), strict=True) if has_failed)
+    after = decide(evidence, thresholds, verdict, time, losses + evidence.theta[:n], failed, relearning > 0)
+    changed = accommodate(evidence, thresholds, verdict, after, losses)
+    if changed is losses:
+        x["relearning"] = max(relearning - int(x["moving"]), 0)
+    else:
+        x["losses"], x["relearning"] = changed, _RELEARNING_BLOCKS
+    archived, history = archive_cleared(after, before.history, time)
+    assign(judged["known"], known_faults(archived, n))
+    _conclude(evidence, judged)
+    return Decisions(archived, history)

@@ -1,0 +1,270 @@
+"""The cascade with the robust detector and recovery as one compiled step.
+
+Does what a `FaultTolerantController` of the same three parts does, at a fraction of its cost: the whole state
+is one record, one call of a kernel takes it from measurement to command, and only the rare decisions of the
+detector are made in Python.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from omnimj.control.cascade.controller import (
+    CascadeInput,
+    CascadeParameters,
+    CascadeState,
+    Controller,
+    Reconfiguration,
+    advance_cascade,
+    is_good_sample,
+)
+from omnimj.control.cascade.heading import yaw_rate_by_wheels
+from omnimj.control.detection.detector import FaultEstimate
+from omnimj.control.detection.robust.blocks import (
+    Sample,
+    Samples,
+    SamplingParameters,
+    initial_samples,
+    take_sample,
+)
+from omnimj.control.detection.robust.detector import RobustDetector
+from omnimj.control.detection.robust.evidence import Evidence, initial_evidence
+from omnimj.control.detection.robust.judgement import (
+    Decisions,
+    Judgement,
+    decide_block,
+    initial_judgement,
+    judge_block,
+)
+from omnimj.control.detection.robust.verdict import all_diagnoses
+from omnimj.control.records import Record, packed
+from omnimj.control.recovery.recovery import Recovery, shorted_wheels, write_log
+from omnimj.control.recovery.step import (
+    Demand,
+    RecoveryFields,
+    RecoveryInput,
+    RecoveryParameters,
+    advance_recovery,
+)
+from omnimj.physics.native import kernel
+from omnimj.signals import Array, CurrentCommand, Diagnosis, Measurement, Target
+
+RECOVERY_LOG = len(Recovery.log_names)
+"""Number of signals that recovery logs."""
+
+
+class ControlParameters(NamedTuple):
+    """Constants of cascade, sampling and recovery."""
+
+    cascade: CascadeParameters
+    nominal: Reconfiguration
+    """Without a fault."""
+    sampling: SamplingParameters
+    recovery: RecoveryParameters
+    recovers: bool
+    """False: faults are diagnosed only."""
+
+
+class ControlFields(NamedTuple):
+    """Fields of the record behind `RobustControlState`."""
+
+    cascade: CascadeState
+    samples: Samples
+    judged: Judgement
+    recovery: RecoveryFields
+    log: Array
+    """Signals of the last step, aligned with `RobustController.log_names`."""
+
+
+class Reading(NamedTuple):
+    """Measurement and target of one step as the kernels take them."""
+
+    time: float
+    """[s]"""
+    current: Array
+    """Shape (n,) [A]."""
+    wheel_speed: Array
+    """Shape (n,) [rad/s]."""
+    acceleration: Array
+    """Shape (2,) [m/s²]."""
+    yaw_rate: float
+    """Gyro [rad/s]."""
+    yaw: float
+    """Heading converter [rad]."""
+    demand: Demand
+
+
+@kernel
+def take_reading(p, x, now):
+    """Take a measurement into the detector's block.
+
+    Args:
+      p: `ControlParameters`.
+      x: `ControlFields`, changed in place.
+      now: `Reading`.
+
+    Returns:
+      Whether the measurement is good, and whether the block is full and has to be judged before `respond`.
+    """
+    n, last = p.cascade.turn.size, x.cascade.current
+    good = is_good_sample(n, now.time, now.current, now.wheel_speed, now.acceleration, now.yaw_rate, now.yaw)
+    if not good:
+        return False, False
+    command = last.copy()
+    if p.recovers:
+        for i in range(n):
+            if x.recovery.brake[i]:  # a shorted motor has no set current
+                command[i] = now.current[i]
+    bias = x.cascade.gyro_bias.bias
+    sample = Sample(now.current, now.wheel_speed, now.acceleration, now.yaw_rate, bias, True, command)
+    return True, take_sample(p.sampling, x.samples, sample)
+
+
+@kernel
+def respond(p, x, now, good):
+    """Recovery and cascade after the detector, in place; fills the log.
+
+    Args:
+      p: `ControlParameters`.
+      x: `ControlFields`, changed in place.
+      now: `Reading`.
+      good: From `take_reading`.
+    """
+    demand, n = now.demand, p.cascade.turn.size
+    v_x, v_y, turn, heading = demand.velocity_x, demand.velocity_y, demand.yaw_rate, demand.heading
+    judged = p.recovers and x.judged.blocks > 0
+    if judged and good:
+        yaw_rate = now.yaw_rate - x.cascade.gyro_bias.bias
+        if not x.judged.estimate.trusts_gyro:
+            yaw_rate = yaw_rate_by_wheels(p.cascade.turn, now.wheel_speed)
+        moved = RecoveryInput(now.time, now.wheel_speed, x.cascade.heading, yaw_rate, demand)
+        advance_recovery(p.recovery, x.judged.estimate, moved, x.recovery)
+        changed = x.recovery.demand
+        v_x, v_y, turn, heading = changed.velocity_x, changed.velocity_y, changed.yaw_rate, changed.heading
+    wanted = CascadeInput(good, now.wheel_speed, now.yaw_rate, now.yaw, v_x, v_y, turn, heading)
+    if judged:
+        advance_cascade(p.cascade, x.recovery.reconfiguration, x.cascade, wanted)
+    else:
+        advance_cascade(p.cascade, p.nominal, x.cascade, wanted)
+    own = 5 + 2 * n
+    x.log[:own] = x.cascade.log
+    x.log[own : own + x.judged.log.size] = x.judged.log
+    if p.recovers:
+        write_log(x.recovery, x.log[x.log.size - RECOVERY_LOG :])
+
+
+@kernel
+def _begin_step(parameters, record, now):
+    """Step, unless a block is full: it has to be judged before the step ends. Returns whether it is."""
+    good, full = take_reading(parameters[0], record[0], now)
+    if not full:
+        respond(parameters[0], record[0], now, good)
+    return full
+
+
+@kernel
+def _judge(constants, record, evidence, yaw):
+    return judge_block(constants, record[0].samples, evidence, record[0].judged, yaw)
+
+
+@kernel
+def _end_step(parameters, record, now):
+    respond(parameters[0], record[0], now, True)
+
+
+class RobustControlState(NamedTuple):
+    """State of a `RobustController` between two steps."""
+
+    record: Record
+    """Packed `ControlFields`."""
+    evidence: Evidence
+    decisions: Decisions
+    estimate: FaultEstimate
+    """Estimate that the mode of recovery answers to."""
+
+    @property
+    def log(self) -> Array:
+        """Signals of the last step, aligned with `RobustController.log_names`."""
+        return self.record["log"][0]
+
+    @property
+    def time_scaling(self) -> float:
+        """Speed of the plan, 1: as planned."""
+        return float(self.record["recovery"]["time_scaling"][0])
+
+    @property
+    def diagnoses(self) -> tuple[Diagnosis, ...]:
+        """Everything decided since the start."""
+        return all_diagnoses(self.decisions.verdict, self.decisions.history)
+
+
+class RobustController:
+    """Controller that detects faults and, with recovery, reconfigures itself; used like `Controller`.
+
+    Args:
+      cascade: Drives the robot.
+      detector: Robust detector of the same robot and control period.
+      recovery: Acts upon the detector's fault estimate; none when None.
+    """
+
+    def __init__(self, cascade: Controller, detector: RobustDetector, recovery: Recovery | None = None):
+        self._cascade, self._detector, self._recovery = cascade, detector, recovery
+        idle = Recovery(detector.robot) if recovery is None else recovery
+        added = () if recovery is None else recovery.log_names
+        self.log_names = cascade.log_names + tuple(detector.log_names) + added
+        self.wheels, self._initial_recovery = cascade.wheels, idle.initial_fields()
+        self.constants = detector.constants
+        self.parameters = packed(
+            ControlParameters(
+                cascade.constants, cascade.nominal, detector.sampling, idle.constants, recovery is not None
+            )
+        )
+
+    def start(self, measurement: Measurement) -> RobustControlState:
+        """State before the first step."""
+        n, judgement = self.wheels, initial_judgement(self.wheels, self._detector.thresholds)
+        fields = ControlFields(
+            self._cascade.initial_fields(measurement),
+            initial_samples(n),
+            judgement,
+            self._initial_recovery,
+            np.zeros(len(self.log_names)),
+        )
+        return RobustControlState(packed(fields), initial_evidence(n), Decisions(), judgement.estimate)
+
+    def step(
+        self, state: RobustControlState, measurement: Measurement, target: Target
+    ) -> tuple[CurrentCommand, RobustControlState]:
+        """Currents for the next period; zero current for bad data, never an exception."""
+        m, velocity, record = measurement, target.velocity, state.record.copy()
+        demand = Demand(float(velocity[0]), float(velocity[1]), target.yaw_rate, target.heading)
+        now = Reading(m.time, m.current, m.wheel_speed, m.acceleration, m.yaw_rate, m.yaw, demand)
+        after = RobustControlState(record, *state[1:])
+        if _begin_step(self.parameters, record, now):
+            after = after._replace(evidence=state.evidence.copy())
+            if _judge(self.constants, record, after.evidence, m.yaw):
+                after = self.decide(after, m.time)
+            _end_step(self.parameters, record, now)
+        return CurrentCommand(record["cascade"]["current"][0], self.brake(record)), after
+
+    def decide(self, state: RobustControlState, time: float) -> RobustControlState:
+        """State after the decisions that a block may lead to; its record and evidence change in place.
+
+        Args:
+          state: After `judge_block`.
+          time: End of the block [s].
+        """
+        detector, judged = self._detector, state.record["judged"]
+        decisions = decide_block(
+            detector.thresholds, state.evidence, judged, state.decisions, float(time), detector.channels
+        )
+        estimate = FaultEstimate.unpack(judged["estimate"])
+        if self._recovery is not None and not estimate.same_faults_as(state.estimate):
+            self._recovery.choose_mode(state.record["recovery"], estimate)
+        return RobustControlState(state.record, state.evidence, decisions, estimate)
+
+    def brake(self, record: Record) -> tuple[int, ...]:
+        """Wheels 1…n whose motors are shorted now, from a record of `ControlFields`."""
+        return () if self._recovery is None else shorted_wheels(record["recovery"]["brake"][0])
