@@ -15,8 +15,8 @@ import numpy as np
 
 from omnimj.control.cascade.controller import Controller
 from omnimj.control.detection.robust import RobustDetector
-from omnimj.control.fault_tolerant import FaultTolerantController, FaultTolerantState
 from omnimj.control.recovery import Recovery
+from omnimj.control.robust_controller import RobustController, RobustControlState
 from omnimj.parameters import Robot, read_robot
 from omnimj.plant.faults import Fault
 from omnimj.plant.planar import PlanarRobot
@@ -43,7 +43,7 @@ class RecordedMission:
     robot: Robot
     measurements: tuple[Measurement, ...]
     targets: tuple[Target, ...]
-    last: FaultTolerantState
+    last: RobustControlState
     """Final state of the controller that drove the mission."""
 
     @property
@@ -60,7 +60,7 @@ class RecordedMission:
 class _RecordingController:
     """Wrapper of a controller that records its inputs."""
 
-    def __init__(self, controller: FaultTolerantController):
+    def __init__(self, controller: RobustController):
         self._controller, self.log_names = controller, controller.log_names
         self.measurements: list[Measurement] = []
         self.targets: list[Target] = []
@@ -76,9 +76,9 @@ class _RecordingController:
         return command, self.last
 
 
-def full_controller(robot: Robot) -> FaultTolerantController:
+def full_controller(robot: Robot) -> RobustController:
     """Make the complete controller of a robot: cascade, fault detection and recovery."""
-    return FaultTolerantController(Controller(robot), RobustDetector(robot), Recovery(robot))
+    return RobustController(Controller(robot), RobustDetector(robot), Recovery(robot))
 
 
 def record_mission(robot: Robot, duration: float, faults: tuple[Fault, ...] = ()) -> RecordedMission:
@@ -96,8 +96,8 @@ def record_mission(robot: Robot, duration: float, faults: tuple[Fault, ...] = ()
 
 
 def replay_mission(
-    controller: FaultTolerantController, state: FaultTolerantState, mission: RecordedMission, number: int
-) -> FaultTolerantState:
+    controller: RobustController, state: RobustControlState, mission: RecordedMission, number: int
+) -> RobustControlState:
     """Replay a mission as number 0, 1, 2, … of a sequence and return the controller's state after it.
 
     Time continues, and headings and targets are rotated by the preceding missions. Detector and recovery keep
@@ -119,7 +119,7 @@ def replay_mission(
         yaw = (m.yaw + turned) % (2.0 * math.pi)
         measured = Measurement(m.time + offset, m.current, m.wheel_speed, m.acceleration, m.yaw_rate, yaw)
         if k == 0:
-            state = state._replace(control=controller.start(measured).control)
+            state = controller.reset_cascade(state, measured)
         target = Target(turn @ t.velocity, t.yaw_rate, t.heading + turned)
         _, state = controller.step(state, measured, target)
     return state

@@ -39,7 +39,7 @@ from omnimj.control.detection.robust.judgement import (
     judge_block,
 )
 from omnimj.control.detection.robust.verdict import all_diagnoses
-from omnimj.control.records import Record, packed
+from omnimj.control.records import Record, copied, packed
 from omnimj.control.recovery.recovery import Recovery, shorted_wheels, write_log
 from omnimj.control.recovery.step import (
     Demand,
@@ -131,6 +131,9 @@ def respond(p, x, now, good):
       x: `ControlFields`, changed in place.
       now: `Reading`.
       good: From `take_reading`.
+
+    Returns:
+      Whether any motor is shorted.
     """
     demand, n = now.demand, p.cascade.turn.size
     v_x, v_y, turn, heading = demand.velocity_x, demand.velocity_y, demand.yaw_rate, demand.heading
@@ -153,15 +156,19 @@ def respond(p, x, now, good):
     x.log[own : own + x.judged.log.size] = x.judged.log
     if p.recovers:
         write_log(x.recovery, x.log[x.log.size - RECOVERY_LOG :])
+    return p.recovers and x.recovery.brake.any()
+
+
+_DRIVES, _BRAKES, _BLOCK_IS_FULL = range(3)  # outcomes of a step or of its beginning
 
 
 @kernel
 def _begin_step(parameters, record, now):
-    """Step, unless a block is full: it has to be judged before the step ends. Returns whether it is."""
+    """Step, unless a block is full: it has to be judged before the step ends. Returns an outcome."""
     good, full = take_reading(parameters[0], record[0], now)
-    if not full:
-        respond(parameters[0], record[0], now, good)
-    return full
+    if full:
+        return _BLOCK_IS_FULL
+    return _BRAKES if respond(parameters[0], record[0], now, good) else _DRIVES
 
 
 @kernel
@@ -171,7 +178,7 @@ def _judge(constants, record, evidence, yaw):
 
 @kernel
 def _end_step(parameters, record, now):
-    respond(parameters[0], record[0], now, True)
+    return _BRAKES if respond(parameters[0], record[0], now, True) else _DRIVES
 
 
 class RobustControlState(NamedTuple):
@@ -234,20 +241,28 @@ class RobustController:
         )
         return RobustControlState(packed(fields), initial_evidence(n), Decisions(), judgement.estimate)
 
+    def reset_cascade(self, state: RobustControlState, measurement: Measurement) -> RobustControlState:
+        """State with the cascade as before the first step; detector and recovery keep theirs."""
+        record = copied(state.record)
+        record["cascade"] = packed(self._cascade.initial_fields(measurement))
+        return state._replace(record=record)
+
     def step(
         self, state: RobustControlState, measurement: Measurement, target: Target
     ) -> tuple[CurrentCommand, RobustControlState]:
         """Currents for the next period; zero current for bad data, never an exception."""
-        m, velocity, record = measurement, target.velocity, state.record.copy()
+        m, velocity, record = measurement, target.velocity, copied(state.record)
         demand = Demand(float(velocity[0]), float(velocity[1]), target.yaw_rate, target.heading)
         now = Reading(m.time, m.current, m.wheel_speed, m.acceleration, m.yaw_rate, m.yaw, demand)
-        after = RobustControlState(record, *state[1:])
-        if _begin_step(self.parameters, record, now):
+        after = RobustControlState(record, state.evidence, state.decisions, state.estimate)
+        outcome = _begin_step(self.parameters, record, now)
+        if outcome == _BLOCK_IS_FULL:
             after = after._replace(evidence=state.evidence.copy())
             if _judge(self.constants, record, after.evidence, m.yaw):
                 after = self.decide(after, m.time)
-            _end_step(self.parameters, record, now)
-        return CurrentCommand(record["cascade"]["current"][0], self.brake(record)), after
+            outcome = _end_step(self.parameters, record, now)
+        brake = shorted_wheels(record["recovery"]["brake"][0]) if outcome == _BRAKES else ()
+        return CurrentCommand(record["cascade"]["current"][0], brake), after
 
     def decide(self, state: RobustControlState, time: float) -> RobustControlState:
         """State after the decisions that a block may lead to; its record and evidence change in place.
@@ -264,7 +279,3 @@ class RobustController:
         if self._recovery is not None and not estimate.same_faults_as(state.estimate):
             self._recovery.choose_mode(state.record["recovery"], estimate)
         return RobustControlState(state.record, state.evidence, decisions, estimate)
-
-    def brake(self, record: Record) -> tuple[int, ...]:
-        """Wheels 1…n whose motors are shorted now, from a record of `ControlFields`."""
-        return () if self._recovery is None else shorted_wheels(record["recovery"]["brake"][0])

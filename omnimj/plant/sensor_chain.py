@@ -14,6 +14,7 @@ import numpy as np
 
 from omnimj.physics.native import first_numbers, kernel
 from omnimj.physics.wheel import store
+from omnimj.signals import Array
 
 IDEAL, MONITOR, ENCODER, FILTERED, HEADING = 0.0, 1.0, 2.0, 3.0, 4.0
 """Types of channel: the chain from the physical quantity to the reading."""
@@ -90,8 +91,48 @@ class SensorFault(NamedTuple):
     """Frozen reading; NaN before the onset."""
 
 
+class ReadingEffect(NamedTuple):
+    """Scale, offset and pure delay behind the chain; a delay need not be a whole number of samples."""
+
+    channel: float
+    """Index of the channel."""
+    scale: float
+    offset: float
+    late: float
+    """Delay [samples]."""
+    turns: float
+    """1 if the reading is an angle in [0, 2π), otherwise 0."""
+
+
+class DelayLine(NamedTuple):
+    """Last readings of the channels with effects, before which each is taken to have read its first value."""
+
+    past: Array
+    """Readings, oldest first, shape (m, longest delay + 2)."""
+    filled: Array
+    """Number of readings in each row, shape (m,), integers."""
+
+
+class SensorChain(NamedTuple):
+    """Arrays of all channels of a machine, c channels, f faults, m channels with effects."""
+
+    channels: Array
+    """Packed `ChannelParameters`, shape (c, CHANNEL_SIZE)."""
+    states: Array
+    """Packed `ChannelState`, shape (c, STATE_SIZE)."""
+    faults: Array
+    """Packed `SensorFault`, shape (f, FAULT_SIZE), in the order in which they act."""
+    noise: Array
+    """Standard normal numbers, shape (c + f, any)."""
+    column: Array
+    """Column of `noise` that is used next, shape (1,), integer."""
+    effects: Array
+    """Packed `ReadingEffect`, shape (m, EFFECT_SIZE)."""
+    line: DelayLine
+
+
 CHANNEL_SIZE, STATE_SIZE = len(ChannelParameters._fields), len(ChannelState._fields)
-FAULT_SIZE = len(SensorFault._fields)
+FAULT_SIZE, EFFECT_SIZE = len(SensorFault._fields), len(ReadingEffect._fields)
 _TURNS = ChannelParameters._fields.index("turns")
 
 
@@ -240,4 +281,72 @@ def sample_channels(channels, states, faults, noise, column, time, values):
         if channels[c, _TURNS] == 1.0 and math.isfinite(readings[c]):
             readings[c] = wrap(readings[c])
         states[c, last] = readings[c]
+    return readings
+
+
+def empty_delay_line(effects: Array) -> DelayLine:
+    """Delay line before the first sample.
+
+    Args:
+      effects: Packed `ReadingEffect`, shape (m, EFFECT_SIZE).
+    """
+    late = effects[:, ReadingEffect._fields.index("late")]
+    return DelayLine(np.zeros((len(effects), int(late.max(initial=0.0)) + 2)), np.zeros(len(effects), int))
+
+
+@kernel
+def _delayed(effect, past, filled):
+    """Reading of the delay line, interpolated between samples; an angle along the shorter arc."""
+    whole = int(effect.late)
+    newer, older = past[max(filled - 1 - whole, 0)], past[max(filled - 2 - whole, 0)]
+    step = older - newer
+    if effect.turns == 1.0 and math.isfinite(step):
+        step -= _TURN * np.rint(step / _TURN)
+        return wrap(newer + (effect.late - whole) * step)
+    return newer + (effect.late - whole) * step if effect.late > whole else newer
+
+
+@kernel
+def apply_effects(effects, line, readings):
+    """Apply the effects to one sample of all channels, in place.
+
+    Args:
+      effects: Packed `ReadingEffect`, shape (m, EFFECT_SIZE).
+      line: `DelayLine`, changed in place.
+      readings: Shape (c,).
+    """
+    for k in range(effects.shape[0]):
+        effect = ReadingEffect(*first_numbers(effects[k], EFFECT_SIZE))
+        c, past, kept = int(effect.channel), line.past[k], int(effect.late) + 2
+        value = effect.scale * readings[c] + effect.offset
+        if effect.turns == 1.0 and math.isfinite(value):
+            value = wrap(value)
+        if effect.late > 0.0:
+            if line.filled[k] == kept:
+                past[: kept - 1] = past[1:kept].copy()
+            else:
+                line.filled[k] += 1
+            past[line.filled[k] - 1] = value
+            value = _delayed(effect, past, line.filled[k])
+        readings[c] = value
+
+
+@kernel
+def read_sensors(sensors, time, values):
+    """Take one reading of every channel, with faults and effects, and move on to the next random numbers.
+
+    Args:
+      sensors: `SensorChain`, changed in place.
+      time: Time of the sample [s].
+      values: Physical quantities, shape (c,).
+
+    Returns:
+      Readings, a new array of shape (c,).
+    """
+    column = sensors.column[0]
+    sensors.column[0] = column + 1
+    readings = sample_channels(
+        sensors.channels, sensors.states, sensors.faults, sensors.noise, column, time, values
+    )
+    apply_effects(sensors.effects, sensors.line, readings)
     return readings

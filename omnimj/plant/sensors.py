@@ -170,8 +170,7 @@ class _Channels:
         self._channels = [_ideal(channel) if ideal else channel for channel in channels]
         acting = sorted((f for f in faults if f.kind == "sensor"), key=lambda f: f.onset)
         self._faults = [_sensor_fault(f, names) for f in acting]
-        self._rows = np.array(self._channels)
-        self._changes = _ChannelEffects(names, changes, channels[0].period) if changes else None
+        self._effects = _packed_effects(names, changes or {}, channels[0].period)
         self.values = np.zeros(len(names))
         self.reset()
 
@@ -189,28 +188,41 @@ class _Channels:
     def reset(self) -> None:
         """Return to the start of the run, so that the random numbers are repeated."""
         self._generators = self._streams()
-        self._fault_rows = np.array(self._faults).reshape(-1, chain.FAULT_SIZE)
-        if self._changes is not None:
-            self._changes.reset()
         streams = zip(self._channels, self._generators, strict=False)
-        self._states = np.array([_start(channel, *g.standard_normal(2)) for channel, g in streams])
-        self._noise = np.empty((len(self._generators), _BLOCK))
-        self._column = _BLOCK
+        states = [_start(channel, *g.standard_normal(2)) for channel, g in streams]
+        self.chain = chain.SensorChain(
+            np.array(self._channels),
+            np.array(states),
+            np.array(self._faults).reshape(-1, chain.FAULT_SIZE),
+            np.empty((len(self._generators), _BLOCK)),
+            np.array([_BLOCK]),
+            self._effects,
+            chain.empty_delay_line(self._effects),
+        )
+        """Arrays of the sensors, for kernels that read them in a loop; `refill` keeps their noise coming."""
+
+    def refill(self) -> None:
+        """Draw the next random numbers where all are used."""
+        if self.chain.column[0] == _BLOCK:
+            for generator, row in zip(self._generators, self.chain.noise, strict=True):
+                generator.standard_normal(out=row)
+            self.chain.column[0] = 0
 
     def read(self, time: float) -> Array:
         """Readings of `values` at a time [s], a new array of shape (c,)."""
-        if self._column == _BLOCK:
-            for generator, row in zip(self._generators, self._noise, strict=True):
-                generator.standard_normal(out=row)
-            self._column = 0
-        column = self._column
-        self._column = column + 1
-        readings = chain.sample_channels(
-            self._rows, self._states, self._fault_rows, self._noise, column, time, self.values
+        self.refill()
+        return chain.read_sensors(self.chain, time, self.values)
+
+
+def _packed_effects(names: Sequence[str], changes: Mapping[str, ChannelEffect], period: float) -> Array:
+    """Packed `chain.ReadingEffect` of the changed channels, shape (m, EFFECT_SIZE)."""
+    rows = [
+        chain.ReadingEffect(
+            names.index(name), change.scale, change.offset, change.delay / period, name == "yaw"
         )
-        if self._changes is not None:
-            self._changes.apply(readings)
-        return readings
+        for name, change in changes.items()
+    ]
+    return np.array(rows, float).reshape(-1, chain.EFFECT_SIZE)
 
 
 def _start(channel: ChannelParameters, first: float, second: float) -> ChannelState:
@@ -224,45 +236,6 @@ def _start(channel: ChannelParameters, first: float, second: float) -> ChannelSt
         a = channel.decay
         return ChannelState(filtered=second * channel.noise * math.sqrt((1.0 - a) / (1.0 + a)), bias=bias)
     return ChannelState(bias=bias)
-
-
-class _ChannelEffects:
-    """Scale, offset and pure delay behind the sensor chain; a delay need not be a whole number of samples."""
-
-    def __init__(self, names: Sequence[str], changes: Mapping[str, ChannelEffect], period: float):
-        self._at = [names.index(name) for name in changes]
-        self._turns = [names[c] == "yaw" for c in self._at]
-        self._changes = list(changes.values())
-        self._late = [change.delay / period for change in self._changes]
-        self.reset()
-
-    def reset(self) -> None:
-        """Return to the start, before which every channel is taken to have read its first value."""
-        self._past: list[list[float]] = [[] for _ in self._at]
-
-    def apply(self, readings: Array) -> None:
-        """Apply the effects to one sample of all channels in place, shape (c,)."""
-        for k, c in enumerate(self._at):
-            change = self._changes[k]
-            value = change.scale * float(readings[c]) + change.offset
-            readings[c] = chain.wrap(value) if self._turns[k] and math.isfinite(value) else value
-            if self._late[k] > 0.0:
-                readings[c] = self._delayed(k, float(readings[c]))
-
-    def _delayed(self, k: int, value: float) -> float:
-        """Delayed value, interpolated between two samples; an angle is interpolated along the shorter arc."""
-        past, late = self._past[k], self._late[k]
-        past.append(value)
-        whole = int(late)
-        if len(past) > whole + 2:
-            del past[0]
-        newer = past[max(len(past) - 1 - whole, 0)]
-        older = past[max(len(past) - 2 - whole, 0)]
-        step = older - newer
-        if self._turns[k] and math.isfinite(step):
-            step -= 2.0 * math.pi * float(np.rint(step / (2.0 * math.pi)))
-            return float(chain.wrap(newer + (late - whole) * step))
-        return newer + (late - whole) * step if late > whole else newer
 
 
 def _converter_step(full_scale: float, bits: int) -> float:

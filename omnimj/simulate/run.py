@@ -14,6 +14,7 @@ from omnimj.control.detection.robust import RobustDetector
 from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.control.fault_tolerant import FaultTolerantController
 from omnimj.control.recovery import Recovery
+from omnimj.control.robust_controller import RobustController
 from omnimj.errors import InputError
 from omnimj.link.host.plant import HardwarePlant
 from omnimj.plant.faults import Fault
@@ -187,7 +188,7 @@ def make_controller(scenario: Scenario) -> Controller:
 
 def make_diagnosing_controller(
     scenario: Scenario, detector: FaultDetector | None
-) -> Controller | FaultTolerantController:
+) -> Controller | FaultTolerantController | RobustController:
     """Make a controller with a fault detector and, for the robust method, with recovery.
 
     Args:
@@ -198,7 +199,9 @@ def make_diagnosing_controller(
     if detector is None:
         return controller
     recovery, options = None, scenario.diagnosis
-    if isinstance(detector, RobustDetector) and options.recovery:
+    if not isinstance(detector, RobustDetector):
+        return FaultTolerantController(controller, detector)
+    if options.recovery:
         gains = None if scenario.gains is None else scenario.gains.recovery
         recovery = Recovery(
             scenario.robot,
@@ -208,7 +211,7 @@ def make_diagnosing_controller(
             options.self_test,
             gains,
         )
-    return FaultTolerantController(controller, detector, recovery)
+    return RobustController(controller, detector, recovery)
 
 
 def warm_up(scenario: Scenario, controller: LoopController) -> None:

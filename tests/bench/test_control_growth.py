@@ -15,7 +15,7 @@ from omnimj.bench.control import (
     replay_mission,
 )
 from omnimj.control.detection.robust import verdict
-from omnimj.control.fault_tolerant import FaultTolerantController
+from omnimj.control.robust_controller import RobustController
 from omnimj.parameters import read_robot
 
 ROBOT = read_robot()
@@ -30,21 +30,21 @@ def slipping():
 @pytest.mark.slow
 def test_memory_after_forty_thousand_steps_is_memory_after_twenty_thousand(slipping, monkeypatch):
     monkeypatch.setattr(verdict, "HISTORY_LENGTH", 1)  # an hour's diagnoses in a minute
-    monkeypatch.setattr(control_speed, "WARM_UP_MISSIONS", 4)
+    monkeypatch.setattr(control_speed, "WARM_UP_MISSIONS", 2)
     growth = memory_growth(slipping, 2)
     assert growth.seconds == pytest.approx(20.0) and growth.diagnoses > 0
     assert abs(growth.grown) < 4.0  # kB; a byte per step would be 20
 
 
 def test_what_is_kept_from_step_to_step_is_seen(slipping, monkeypatch):
-    kept, step = [], FaultTolerantController.step
+    kept, step = [], RobustController.step
 
     def hoarding(controller, state, measurement, target):
-        kept.append(state.control.log)
+        kept.append(state.log)
         return step(controller, state, measurement, target)
 
     monkeypatch.setattr(control_speed, "WARM_UP_MISSIONS", 0)
-    monkeypatch.setattr(FaultTolerantController, "step", hoarding)
+    monkeypatch.setattr(RobustController, "step", hoarding)
     assert memory_growth(slipping, 1).grown > 1000.0
 
 

@@ -22,7 +22,7 @@ from omnimj.control.cascade.heading import (
 )
 from omnimj.control.cascade.limits import CurrentLimits, current_limits, limit_all
 from omnimj.control.cascade.wheel_speed import SpeedGains, amplifier_parameters, speed_gains, speed_loop
-from omnimj.control.records import Record, packed, packed_like
+from omnimj.control.records import Record, copied, packed, packed_like
 from omnimj.parameters import Robot
 from omnimj.physics.motor import MotorParameters
 from omnimj.physics.native import kernel
@@ -198,14 +198,6 @@ def is_good(measurement: Measurement, wheels: int) -> bool:
 
 
 @kernel
-def cascade_step(parameters, reconfiguration, before, now):
-    """Next state of the cascade, a new record; arguments as for `advance_cascade`, in arrays of one."""
-    after = before.copy()
-    advance_cascade(parameters[0], reconfiguration[0], after[0], now)
-    return after
-
-
-@kernel
 def advance_cascade(p, changed, state, now):
     """One step of the whole cascade, in place.
 
@@ -356,5 +348,11 @@ class Controller:
         now = CascadeInput(
             good, m.wheel_speed, m.yaw_rate, m.yaw, velocity[0], velocity[1], target.yaw_rate, target.heading
         )
-        after = ControlState(cascade_step(self._parameters, changed, state.record, now))
+        after = ControlState(copied(state.record))
+        _step(self._parameters, changed, after.record, now)
         return CurrentCommand(after.current), after
+
+
+@kernel
+def _step(parameters, reconfiguration, state, now):
+    advance_cascade(parameters[0], reconfiguration[0], state[0], now)

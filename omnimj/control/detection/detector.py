@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnimj.control.cascade.controller import Reconfiguration
-from omnimj.control.records import Record
+from omnimj.control.records import Record, copied
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.signals import Array, Diagnosis
 
@@ -49,7 +49,7 @@ class FaultEstimate(NamedTuple):
     @classmethod
     def unpack(cls, record: Record) -> FaultEstimate:
         """Copy of a packed estimate."""
-        fields = cls(*record.copy()[0])
+        fields = cls(*copied(record)[0])
         masks = ("dead", "runaway", "held", "slipping")
         return fields._replace(
             decided=float(fields.decided),

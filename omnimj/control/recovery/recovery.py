@@ -10,7 +10,7 @@ from omnimj.control.cascade.allocation import inverse_kinematics
 from omnimj.control.cascade.controller import Reconfiguration, nominal_reconfiguration
 from omnimj.control.detection.detector import FaultEstimate
 from omnimj.control.gains import RecoveryGains
-from omnimj.control.records import Record, packed
+from omnimj.control.records import Record, copied, packed
 from omnimj.control.recovery.dither import SELF_TEST, Dither, null_space_speeds
 from omnimj.control.recovery.modes import NORMAL, REVERTED, RecoveryAction, choose_action
 from omnimj.control.recovery.step import (
@@ -161,7 +161,7 @@ class Recovery:
           yaw_rate: Gyro less its bias [rad/s].
           target: As planned, at the time scaling of the step before.
         """
-        last, known, record = state.estimate, state.estimate_record, state.record.copy()
+        last, known, record = state.estimate, state.estimate_record, copied(state.record)
         if estimate is not last:
             known = packed(estimate)
             if last is None or not estimate.same_faults_as(last):

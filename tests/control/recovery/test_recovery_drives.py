@@ -63,8 +63,9 @@ class AssumedFaults:
     def step(self, state: Assumed, measurement: Any, command: Any = None, bias: float = 0.0) -> Assumed:
         inner = self._inner.step(state.inner, measurement, command, bias)
         known = inner.fault_estimate if inner.fault_estimate is not None else WELL
-        known = replace(WELL, velocity=known.velocity, force=known.force)
-        return Assumed(inner, replace(known, **self._assumed) if measurement.time >= self._since else known)
+        known = WELL._replace(velocity=known.velocity, force=known.force)
+        assumes = measurement.time >= self._since
+        return Assumed(inner, known._replace(**self._assumed) if assumes else known)
 
 
 def circled(faults=(), method=None, recovery=True, seconds=13.0) -> Trace:

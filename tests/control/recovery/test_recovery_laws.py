@@ -24,13 +24,14 @@ from omnimj.control.recovery.dither import (
     QUIET,
     SELF_TEST,
     Dither,
-    next_dither,
     next_self_test,
     null_space_speeds,
+    update_dither,
 )
 from omnimj.control.recovery.force_allocation import steady_creep
 from omnimj.control.robot_constants import robot_constants
 from omnimj.parameters import read_floors, read_robot
+from omnimj.physics.native import kernel
 from omnimj.physics.traction import steady_ratio
 
 ROBOT = read_robot()
@@ -84,11 +85,16 @@ def test_wheels_against_each_other_push_the_body_nowhere():
 
 def dithered(steps, may, speed, acceleration):
     """Signs of the square wave under a steady demand."""
-    d, signs = packed(Dither()), []
-    for _ in range(steps):
-        sign, d = next_dither(d, H, may, speed, acceleration, np.zeros(4))
-        signs.append(sign)
-    return np.array(signs)
+    d, signs = packed(Dither()), np.empty(steps)
+    _dither(d, may, speed, acceleration, signs)
+    return signs
+
+
+@kernel
+def _dither(d, may, speed, acceleration, signs):
+    unloaded = np.zeros(4)
+    for k in range(signs.size):
+        signs[k] = update_dither(d[0], H, may, speed, acceleration, unloaded)
 
 
 def test_the_square_wave_comes_in_bursts_of_whole_periods_while_a_robot_drives_steadily():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -35,7 +34,7 @@ def wheels(*numbers):
 
 
 def means(before=None, **changes):
-    return choose_action(replace(WELL, **changes), FORCES, before or RecoveryAction())
+    return choose_action(WELL._replace(**changes), FORCES, before or RecoveryAction())
 
 
 def test_a_healthy_robot_drives_without_recovery():

@@ -35,7 +35,7 @@ from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.control.detection.robust.verdict import all_diagnoses
 from omnimj.control.detection.robust.wheel_monitors import restarted_monitors
 from omnimj.control.gains import ObserverGains
-from omnimj.control.records import Record, packed
+from omnimj.control.records import Record, copied, packed
 from omnimj.parameters import Robot
 from omnimj.physics.native import kernel
 from omnimj.signals import Array, Diagnosis, Measurement, robot_channels
@@ -192,14 +192,14 @@ class RobustDetector:
         m, known = measurement, command is not None
         command = m.current if command is None else command
         sample = Sample(m.current, m.wheel_speed, m.acceleration, m.yaw_rate, bias, known, command)
-        samples = state.samples.copy()
+        samples = copied(state.samples)
         if _take_sample(self._sampling, samples, sample):
             return self._judge(state, samples, m)
         return RobustState(samples, *state[1:])
 
     def _judge(self, state: RobustState, samples: Record, measurement: Measurement) -> RobustState:
         """State after a full block."""
-        evidence, judged, decisions = state.evidence.copy(), state.judged.copy(), state.decisions
+        evidence, judged, decisions = state.evidence.copy(), copied(state.judged), state.decisions
         if _judge_block(self.constants, samples, evidence, judged, measurement.yaw):
             time = float(measurement.time)
             decisions = decide_block(self.thresholds, evidence, judged, decisions, time, self.channels)

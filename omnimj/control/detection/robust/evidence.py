@@ -127,17 +127,21 @@ def _copied(value: Any) -> Any:
 
 
 def robust_parameters(
-    robot: Robot, period: float, thresholds: Thresholds, gains: ObserverGains | None = None
+    robot: Robot,
+    period: float,
+    thresholds: Thresholds | None = None,
+    gains: ObserverGains | None = None,
 ) -> RobustParameters:
     """Constants of a robot's detector.
 
     Args:
       robot: Nominal robot.
       period: Control period [s].
-      thresholds: Values from which a suspicion becomes a decision.
+      thresholds: Values from which a suspicion becomes a decision; as shipped when None.
       gains: Of the observer; as shipped when None.
     """
     own = ObserverGains() if gains is None else gains
+    limits = Thresholds() if thresholds is None else thresholds
     block = samples_per_block(period) * period
     return RobustParameters(
         robot_constants(robot),
@@ -145,7 +149,7 @@ def robust_parameters(
         parameter_model(len(robot.wheels), block, own.memory),
         yaw_rate_row(robot),
         block,
-        Thresholds._make(map(float, thresholds)),
+        Thresholds._make(map(float, limits)),
     )
 
 

@@ -15,21 +15,36 @@ from omnimj.control.detection.robust.blocks import (
     take_block,
     take_sample,
 )
+from omnimj.control.records import copied, packed
 from omnimj.parameters import read_robot
+from omnimj.physics.native import kernel
 from omnimj.signals import Measurement
 
 ROBOT = read_robot()
 BLOCK = samples_per_block(1e-3)
 PARAMETERS = sampling_parameters(ROBOT, 1e-3)
+PACKED = packed(PARAMETERS)
 
 
 def gathered(current, speed, acceleration, turning, command, bias=0.0):
     """Rows of samples into an empty block."""
-    samples = initial_samples(4)
+    samples = packed(initial_samples(4))
     for k in range(len(current)):
         sample = Sample(current[k], speed[k], acceleration[k], float(turning[k]), bias, True, command)
-        samples = take_sample(PARAMETERS, samples, sample, k == 0)
-    return samples, Samples._make(samples[0].copy())
+        samples["fresh"] = k == 0
+        full = _take_sample(PACKED, samples, sample)
+        assert full == (k + 1 >= BLOCK)
+    return samples, Samples._make(copied(samples)[0])
+
+
+@kernel
+def _take_sample(parameters, samples, sample):
+    return take_sample(parameters[0], samples[0], sample)
+
+
+@kernel
+def _take_block(samples, period):
+    return take_block(samples[0], period)
 
 
 def test_a_block_lasts_10_ms_whatever_the_rate_and_one_sample_where_they_come_slower():
@@ -44,12 +59,12 @@ def test_a_block_holds_the_sums_of_aligned_samples_and_what_the_amplifiers_still
     record, samples = gathered(current, speed, acceleration, turning, command, bias=0.02)
     read = np.column_stack((current, speed, acceleration, turning - 0.02))
     late = np.array(
-        [[read[max(k - int(w), 0), c] for c, w in enumerate(PARAMETERS["waits"][0])] for k in range(BLOCK)]
+        [[read[max(k - int(w), 0), c] for c, w in enumerate(PARAMETERS.waits)] for k in range(BLOCK)]
     )
     assert samples.number == BLOCK
     assert samples.total == pytest.approx(late.sum(axis=0)) and samples.aligned == pytest.approx(late[-1])
     assert samples.missing == pytest.approx((command - current).sum(axis=0))
-    block, empty = take_block(record, 1e-3 * BLOCK), Samples._make(record[0])
+    block, empty = _take_block(record, 1e-3 * BLOCK), Samples._make(record[0])
     assert block.current == pytest.approx(late[:, :4].mean(axis=0))
     assert block.commanded == pytest.approx(block.current + (command - current).mean(axis=0))
     assert block.wheel_acceleration == pytest.approx((late[-1, 4:8] - late[0, 4:8]) / (1e-3 * BLOCK))
@@ -60,7 +75,7 @@ def test_a_reading_beyond_the_range_of_its_sensor_is_clipped():
     wild = np.full((1, 4), 1e6)
     _, samples = gathered(wild, -wild, 1e6 * np.ones((1, 2)), [-1e6], np.zeros(4))
     signs = np.array([1.0] * 4 + [-1.0] * 4 + [1.0, 1.0, -1.0])
-    assert samples.number == 1 and samples.total == pytest.approx(signs * PARAMETERS["ranges"][0])
+    assert samples.number == 1 and samples.total == pytest.approx(signs * PARAMETERS.ranges)
 
 
 def test_a_step_leaves_the_state_before_it_as_it_was():
@@ -86,5 +101,5 @@ def arrays_of(value):
     if isinstance(value, tuple):
         return [array for part in value for array in arrays_of(part)]
     if isinstance(value, RobustState):
-        return arrays_of((value.samples, value.evidence, value.losses, value.log))
+        return arrays_of((value.samples, value.evidence, value.judged))
     return []

@@ -1,0 +1,104 @@
+"""The compiled step does exactly what cascade, detector and recovery do one after the other."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from omnimj.control.cascade.controller import Controller
+from omnimj.control.detection.robust import RobustDetector
+from omnimj.control.fault_tolerant import FaultTolerantController
+from omnimj.control.recovery import Recovery
+from omnimj.control.robust_controller import RobustController
+from omnimj.parameters import read_robot
+from omnimj.plant.faults import Fault
+from omnimj.plant.planar import PlanarRobot
+from omnimj.signals import Target
+from omnimj.simulate.loop import drive
+from omnimj.simulate.suites.missions import mission
+
+ROBOT = read_robot()
+
+
+def controller_of(kind, recovers=True, **options):
+    recovery = Recovery(ROBOT, **options) if recovers else None
+    return kind(Controller(ROBOT), RobustDetector(ROBOT), recovery)
+
+
+def driven(kind, faults, recovers, **options):
+    plant = PlanarRobot(ROBOT, "natural_stone", faults=faults, seed=5)
+    plan = mission(np.random.default_rng(5), 8.0, plant.period)
+    return drive(plant, controller_of(kind, recovers, **options), plan)
+
+
+@pytest.mark.parametrize("recovers", [True, False], ids=["with recovery", "without recovery"])
+@pytest.mark.parametrize(
+    "faults",
+    [
+        (),
+        (Fault("slip", 3.0, 5.0, 1, {"grip": 0.1}), Fault("motor", 6.0, None, 2, {"loss": 0.57})),
+        (Fault("locked", 4.0, None, 3, {}),),
+        (Fault("hard_over", 3.0, None, 2, {"current": 1.0}),),
+        (Fault("sensor", 3.0, None, None, {"channel": "yaw_rate", "mode": "bias", "size": 0.3}),),
+    ],
+    ids=lambda faults: "+".join(fault.kind for fault in faults) or "healthy",
+)
+def test_one_compiled_step_is_detector_recovery_and_cascade_bit_for_bit(faults, recovers):
+    parts = driven(FaultTolerantController, faults, recovers)
+    compiled = driven(RobustController, faults, recovers)
+    assert compiled.about["diagnoses"] == parts.about["diagnoses"]
+    assert bool(faults) == bool(parts.about["diagnoses"])
+    assert list(compiled.columns) == list(parts.columns)
+    for name in parts.columns:
+        assert np.array_equal(compiled[name], parts[name], equal_nan=True), name
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    st.lists(
+        st.tuples(
+            st.integers(0, 59),
+            st.sampled_from(["current", "wheel_speed", "acceleration", "yaw_rate", "yaw", "time", "short"]),
+            st.sampled_from([math.nan, math.inf, -math.inf, 1e300, 0.0]),
+        ),
+        max_size=8,
+    )
+)
+def test_broken_measurements_stop_neither_and_are_answered_alike(broken):
+    parts, compiled = controller_of(FaultTolerantController), controller_of(RobustController)
+    plant = PlanarRobot(ROBOT, "natural_stone", seed=3)
+    measured, target = plant.reset(), Target(np.array((0.3, 0.1)), 0.2, 0.0)
+    states = [parts.start(measured), compiled.start(measured)]
+    for k in range(60):
+        seen = measured
+        for when, field, value in broken:
+            if when == k and field == "short":
+                seen = dataclasses.replace(seen, wheel_speed=seen.wheel_speed[:2])
+            elif when == k:
+                changed = getattr(seen, field) * 0.0 + value
+                seen = dataclasses.replace(seen, **{field: changed})
+        (first, states[0]), (second, states[1]) = (
+            c.step(state, seen, target) for c, state in zip((parts, compiled), states, strict=True)
+        )
+        assert np.array_equal(first.current, second.current) and first.brake == second.brake
+        assert np.array_equal(states[0].log, states[1].log, equal_nan=True)
+        measured = plant.step(first)
+
+
+def test_a_step_leaves_the_state_before_it_as_it_was():
+    controller = controller_of(RobustController, self_test=True)
+    plant = PlanarRobot(ROBOT, "natural_stone", seed=2)
+    measured, target = plant.reset(), Target(np.array((0.4, 0.0)), 0.0, 0.0)
+    state = controller.start(measured)
+    for _ in range(35):
+        record, theta = state.record.tobytes(), state.evidence.theta.copy()
+        command, after = controller.step(state, measured, target)
+        assert state.record.tobytes() == record and np.array_equal(state.evidence.theta, theta)
+        again, _ = controller.step(state, measured, target)
+        assert np.array_equal(again.current, command.current), "the same input gives the same command"
+        measured, state = plant.step(command), after
