@@ -28,9 +28,10 @@ def slipping():
 
 
 @pytest.mark.slow
-def test_memory_after_forty_thousand_steps_is_memory_after_twenty_thousand(slipping, monkeypatch):
+def test_memory_after_sixty_thousand_steps_is_memory_after_forty_thousand(slipping, monkeypatch):
     monkeypatch.setattr(verdict, "HISTORY_LENGTH", 1)  # an hour's diagnoses in a minute
-    monkeypatch.setattr(control_speed, "WARM_UP_MISSIONS", 2)
+    # tracemalloc never sees what numba frees itself; its stale entries take three missions to fill up
+    monkeypatch.setattr(control_speed, "WARM_UP_MISSIONS", 4)
     growth = memory_growth(slipping, 2)
     assert growth.seconds == pytest.approx(20.0) and growth.diagnoses > 0
     assert abs(growth.grown) < 4.0  # kB; a byte per step would be 20

@@ -80,7 +80,8 @@ def test_broken_measurements_stop_neither_and_are_answered_alike(broken):
             if when == k and field == "short":
                 seen = dataclasses.replace(seen, wheel_speed=seen.wheel_speed[:2])
             elif when == k:
-                changed = getattr(seen, field) * 0.0 + value
+                now = getattr(seen, field)
+                changed = np.full_like(now, value) if isinstance(now, np.ndarray) else value
                 seen = dataclasses.replace(seen, **{field: changed})
         (first, states[0]), (second, states[1]) = (
             c.step(state, seen, target) for c, state in zip((parts, compiled), states, strict=True)
