@@ -76,13 +76,14 @@ def run_diagnose(arguments: Any) -> int:
     if not found:
         return INTERRUPTED
     note_compiled(order.method, order.dataset.plant)
-    from omnimj.diagnosis.files import diagnoses_json, write_diagnoses
+    from omnimj.diagnosis.files import diagnoses_json
     from omnimj.recording.folder import atomic_file
+    from omnimj.recording.json_files import write_json
     from omnimj.view.report.diagnosis import write_diagnosis_report
 
     command = command_line(arguments)
     content = diagnoses_json(order, found, command, interrupted)
-    write_diagnoses(arguments.out / DIAGNOSE_FILES[0], content)
+    write_json(arguments.out / DIAGNOSE_FILES[0], content)
     with atomic_file(arguments.out / DIAGNOSE_FILES[1]) as temporary:
         write_diagnosis_report(temporary, order, found, sections, command, interrupted)
     if arguments.json:

@@ -155,8 +155,9 @@ def write_outputs(
     Raises:
       InputError: The folder is not empty and `force` is false, or it cannot be written.
     """
-    from omnimj.estimate.gap.files import digest, write_digest
+    from omnimj.estimate.gap.files import digest
     from omnimj.recording.folder import atomic_file, make_folder
+    from omnimj.recording.json_files import write_json
     from omnimj.view.report.gap import write_gap_report
     from omnimj.view.rerun.before_after import write_before_after
 
@@ -169,8 +170,7 @@ def write_outputs(
             (folder / name).unlink(missing_ok=True)
     model, floors = (name if name in texts else None for name in (MODEL, FLOORS))
     content = digest(finding, model, floors, command)
-    with atomic_file(folder / DIGEST) as temporary:
-        write_digest(temporary, content)
+    write_json(folder / DIGEST, content)
     with atomic_file(folder / REPORT) as temporary:
         write_gap_report(temporary, finding, model, floors, command)
     if finding.overlays:

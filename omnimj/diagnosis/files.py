@@ -13,7 +13,7 @@ from omnimj.control.detection.robust.thresholds import THRESHOLD_UNITS
 from omnimj.diagnosis.calibration import ADVISED_HOURS, Calibration
 from omnimj.diagnosis.replay import DiagnosisConfig, RunDiagnosis
 from omnimj.recording.dataset import Dataset
-from omnimj.recording.json_files import to_jsonable, write_json, write_text
+from omnimj.recording.json_files import to_jsonable, write_text
 from omnimj.signals import Diagnosis
 
 
@@ -54,11 +54,6 @@ def diagnoses_json(
 def diagnosis_record(diagnosis: Diagnosis) -> dict[str, Any]:
     """Return a diagnosis as JSON-compatible values, with None for NaN."""
     return to_jsonable(dataclasses.asdict(diagnosis))
-
-
-def write_diagnoses(path: Path, content: dict[str, Any]) -> None:
-    """Write `diagnoses.json`, in full or not at all."""
-    write_json(path, content)
 
 
 def calibration_json(found: Calibration, dataset: Dataset, command: str) -> dict[str, Any]:

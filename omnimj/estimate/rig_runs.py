@@ -141,7 +141,7 @@ def _steady(speed: Array, period: float) -> Array:
     return np.where(np.abs(smooth) < _LATERAL_REST, 0.0, smooth)
 
 
-def drive_rig(plant: PlanarRig | RigTwin, current: Array, start_speeds: tuple[float, float]) -> Array:
+def drive_by_currents(plant: PlanarRig | RigTwin, current: Array, start_speeds: tuple[float, float]) -> Array:
     """Drive a plant with measured currents.
 
     Args:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -17,13 +16,11 @@ from omnimj.estimate.gap import sentences
 from omnimj.estimate.gap.plants import Machine, find_plant
 from omnimj.estimate.gap.records import (
     CandidateResult,
-    ChannelGap,
     Finding,
     Interval,
     MismatchRegime,
     NamedEffect,
     Refitted,
-    RunGap,
     Stage,
     run_gaps,
 )
@@ -51,7 +48,10 @@ def digest(
         "reason": finding.reason,
         "effects": [_effect(effect) for effect in finding.effects],
         "where": [_place(place) for place in finding.where],
-        "gap": {"train": _gaps(finding.train), "heldout": _gaps(finding.heldout)},
+        "gap": {
+            part: {channel: vars(gap) for channel, gap in gaps.items()}
+            for part, gaps in (("train", finding.train), ("heldout", finding.heldout))
+        },
         "shrink": finding.shrink,
         "next_experiment": None if finding.next_experiment is None else dict(finding.next_experiment),
         "model": new_model,
@@ -63,10 +63,10 @@ def digest(
         },
         "noise": dict(finding.noise),
         "data_notes": list(finding.data_notes),
-        "refitted": [_refitted(parameter) for parameter in finding.refitted],
+        "refitted": list(map(vars, finding.refitted)),
         "stages": [_stage(stage) for stage in finding.stages],
         "flexible": dict(finding.flexible),
-        "runs": [_run(gap) for gap in run_gaps(finding)],
+        "runs": list(map(vars, run_gaps(finding))),
         "heldout_runs": list(finding.heldout_runs),
         "n": finding.samples,
         "n_eff": finding.effective_samples,
@@ -77,17 +77,6 @@ def digest(
         "version": omnimj.__version__,
     }
     return to_jsonable(content)
-
-
-def write_digest(path: Path, content: Mapping[str, Any]) -> None:
-    """Write `gap.json`.
-
-    Raises:
-      ValueError: A number that JSON does not have.
-    """
-    path.write_text(
-        json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n", encoding="utf-8"
-    )
 
 
 def _interval(interval: Interval) -> dict[str, Any]:
@@ -119,25 +108,6 @@ def _place(place: MismatchRegime) -> dict[str, Any]:
     }
 
 
-def _gaps(gaps: Mapping[str, ChannelGap]) -> dict[str, Any]:
-    return {
-        channel: {"before": gap.before, "after": gap.after, "floor": gap.floor}
-        for channel, gap in gaps.items()
-    }
-
-
-def _refitted(parameter: Refitted) -> dict[str, Any]:
-    return {
-        "name": parameter.name,
-        "unit": parameter.unit,
-        "nominal": parameter.nominal,
-        "low": parameter.low,
-        "high": parameter.high,
-        "fitted": parameter.fitted,
-        "at_bound": parameter.at_bound,
-    }
-
-
 def _candidate(candidate: CandidateResult) -> dict[str, Any]:
     return {
         "label": candidate.label,
@@ -153,19 +123,6 @@ def _stage(stage: Stage) -> dict[str, Any]:
         "margin": stage.margin,
         "candidates": [_candidate(candidate) for candidate in stage.candidates],
         "decoys": np.sort(stage.decoys),
-    }
-
-
-def _run(gap: RunGap) -> dict[str, Any]:
-    return {
-        "run": gap.run,
-        "heldout": gap.heldout,
-        "partly": gap.partly,
-        "conditions": dict(gap.conditions),
-        "before": dict(gap.before),
-        "after": None if gap.after is None else dict(gap.after),
-        "total_before": gap.total_before,
-        "total_after": gap.total_after,
     }
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,7 @@ from omnimj.estimate.identification.records import (
 )
 from omnimj.parameters import Floor
 from omnimj.parameters.floor import FLOOR_UNITS, format_floor, printable_line
-from omnimj.recording.folder import atomic_file
+from omnimj.recording.json_files import write_text
 
 FLOORS_FILE, JSON_FILE = "floors.toml", "identification.json"
 _LEAST_UNCERTAINTY = 0.01
@@ -30,8 +29,7 @@ _DIGITS = 6
 
 def write_floors(path: Path, identification: Identification) -> None:
     """Write one entry per floor in the format of `models/floors.toml` (see `parameters.read_floors`)."""
-    with atomic_file(path) as temporary:
-        temporary.write_text(floors_text(identification), encoding="utf-8", newline="\n")
+    write_text(path, floors_text(identification))
 
 
 def floors_text(identification: Identification) -> str:
@@ -53,12 +51,6 @@ def _as_floor(floor: IdentifiedFloor) -> Floor:
     source = f"identified: {len(floor.runs)} runs, {settled}"
     words = floor.floor.replace("_", " ")
     return Floor(floor.floor, words, "lugre", source, floor.numbers, _uncertainty(floor.curve))
-
-
-def write_identification(path: Path, content: dict[str, Any]) -> None:
-    """Write `identification.json`."""
-    with atomic_file(path) as temporary:
-        temporary.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 def identification_content(identification: Identification, command: str = "") -> dict[str, Any]:
@@ -132,12 +124,6 @@ def _uncertainty(curve: SteadyCurve) -> float:
     within = curve.slip >= low if math.isfinite(low) else np.ones(len(curve.slip), dtype=bool)
     half = np.max(((curve.high - curve.low) / (2.0 * curve.ratio))[within])
     return min(max(math.ceil(1000.0 * half) / 1000.0, _LEAST_UNCERTAINTY), 1.0)
-
-
-def write_validation(path: Path, content: dict[str, Any]) -> None:
-    """Write `validation.json`."""
-    with atomic_file(path) as temporary:
-        temporary.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 def validation_content(validation: Validation, command: str = "") -> dict[str, Any]:

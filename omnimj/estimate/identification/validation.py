@@ -14,7 +14,7 @@ from omnimj.effects import apply_effects
 from omnimj.errors import InputError, SimulationError, UnknownNameError
 from omnimj.estimate.identification.records import Cell, ReplayedRun, Validation
 from omnimj.estimate.identification.runs import finite_rms
-from omnimj.estimate.rig_runs import CARRIAGE, CURRENT, WHEEL, RigRun, drive_rig, rig_run
+from omnimj.estimate.rig_runs import CARRIAGE, CURRENT, WHEEL, RigRun, drive_by_currents, rig_run
 from omnimj.parameters import Floor, Rig
 from omnimj.parameters.floor import find_floor
 from omnimj.plant.mujoco.twin import RigTwin
@@ -124,7 +124,7 @@ def replay_run(rig: Rig, floors: Mapping[str, Floor], run: RigRun, plant: str) -
     """
     simulated = _plant(rig, floors, run, plant)
     try:
-        speeds = drive_rig(simulated, _true_current(rig, run), run.start_speeds)[:, :2]
+        speeds = drive_by_currents(simulated, _true_current(rig, run), run.start_speeds)[:, :2]
     finally:
         simulated.close()
     if not np.isfinite(speeds).all():

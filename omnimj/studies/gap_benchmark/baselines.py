@@ -13,13 +13,17 @@ from numpy.typing import NDArray
 
 from omnimj.estimate.gap.records import channel_rms
 from omnimj.estimate.gap.search.cross_validation import choose_heldout, make_folds, make_groups
-from omnimj.estimate.gap.search.screening import screen_candidates
+from omnimj.estimate.gap.search.screening import (
+    TRIAL_STEP,
+    screen_candidates,
+    trial_points,
+    vanished_point,
+)
 from omnimj.estimate.gap.search.search import fit_base
 from omnimj.estimate.replay.interface import Replay
 from omnimj.estimate.replay.problem import Fit, Problem, huber_weights
 from omnimj.signals import Array
 
-_STEP = 0.25  # trial step as a share of the typical size, as in the screening
 _THRESHOLDS = (0.05, 0.1, 0.2, 0.4, 0.8)  # in typical sizes
 _RIDGE = 1e-3
 _MOST = 8  # effects that forward selection may take
@@ -124,23 +128,11 @@ def linearize(
     channels = len(problem.replay.channels)
     columns, labels = [base.jacobian], []
     for found in screen_candidates(problem, base, list(problem.replay.candidates), used):
-        own = found.start[len(base.x) :].copy()
-        shapes = found.candidate.parameters
-        for k, s in enumerate(shapes):
-            if s.null_value is not None:
-                own[k] = s.null_value
-        moved, steps = [], []
-        for k, s in enumerate(shapes):
-            if s.null_value is None:
-                continue
-            step = _STEP * (s.typical - s.null_value)
-            step = step if s.low <= s.null_value + step <= s.high else -step
-            at = own.copy()
-            at[k] += step
-            moved.append(np.concatenate([base.x, at]))
-            steps.append(_STEP)
+        own = found.start[len(base.x) :]
+        shape = {k: own[k] for k, s in enumerate(found.candidate.parameters) if s.null_value is None}
+        moved = trial_points(base.x, *vanished_point(found.candidate, shape))
         residuals = problem.residuals(moved, (found.candidate,))
-        columns += [(r - base.residual).ravel()[:, None] / s for r, s in zip(residuals, steps, strict=True)]
+        columns += [(r - base.residual).ravel()[:, None] / TRIAL_STEP for r in residuals]
         labels += [found.candidate.label] * len(moved)
     fold = np.full(len(used), -1)
     for k, rows in enumerate(folds):

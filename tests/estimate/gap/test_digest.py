@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_findings import FINDINGS, linear_axis, rig_ambiguous, rig_named, rig_no_gap, robot
 
-from omnimj.estimate.gap.files import digest, write_digest
+from omnimj.estimate.gap.files import digest
 from omnimj.estimate.gap.records import run_gaps, typical_run, worst_run
 from omnimj.estimate.gap.sentences import (
     as_sentence,
@@ -24,7 +24,7 @@ from omnimj.estimate.gap.sentences import (
     join_words,
     summarize_finding,
 )
-from omnimj.recording.json_files import to_jsonable
+from omnimj.recording.json_files import to_jsonable, write_json
 
 SCHEMA = json.loads((Path(__file__).parents[2] / "schema" / "gap.json").read_text(encoding="utf-8"))
 
@@ -32,7 +32,7 @@ SCHEMA = json.loads((Path(__file__).parents[2] / "schema" / "gap.json").read_tex
 @pytest.mark.parametrize("name", FINDINGS)
 def test_every_finding_keeps_to_the_schema(tmp_path, name):
     finding = FINDINGS[name]()
-    write_digest(
+    write_json(
         tmp_path / "gap.json", digest(finding, "model.toml" if finding.effects else None, None, "omnimj gap")
     )
     content = json.loads((tmp_path / "gap.json").read_text(encoding="utf-8"))

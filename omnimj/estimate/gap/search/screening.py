@@ -19,7 +19,8 @@ from omnimj.estimate.replay.interface import KNOTS, CandidateEffect
 from omnimj.estimate.replay.problem import Fit, Problem, huber_weights
 from omnimj.signals import Array
 
-_PART = 0.25  # trial step as a share of the typical size: beyond dead zones, small enough for a derivative
+TRIAL_STEP = 0.25
+"""Trial step as a share of the typical size: beyond dead zones, small enough for a derivative."""
 _DECOYS = 100
 _REACH = 1.5  # correlation length of a random curve, in knots
 
@@ -46,7 +47,7 @@ def trial_shapes(candidate: CandidateEffect) -> list[dict[int, float]]:
     return shapes
 
 
-def _vanished_point(
+def vanished_point(
     candidate: CandidateEffect, shape: dict[int, float]
 ) -> tuple[Array, list[tuple[int, float]]]:
     """Parameters of an effect with zero amplitudes in one shape, and trial steps (index, change) of these."""
@@ -55,11 +56,30 @@ def _vanished_point(
     for k, s in enumerate(candidate.parameters):
         if s.null_value is None:
             continue
-        step = _PART * (s.typical - s.null_value)
+        step = TRIAL_STEP * (s.typical - s.null_value)
         if not s.low <= s.null_value + step <= s.high:
             step = -step
         steps.append((k, step))
     return at, steps
+
+
+def trial_points(x: Array, at: Array, steps: list[tuple[int, float]]) -> list[Array]:
+    """Parameters of a model and of one more effect after each trial step of the effect.
+
+    Args:
+      x: Parameters of the model, shape (n,).
+      at: Parameters of the effect, shape (own,).
+      steps: Trial steps (index, change) from there.
+
+    Returns:
+      One point per step, shape (n + own,) each.
+    """
+    points = []
+    for k, step in steps:
+        own = at.copy()
+        own[k] += step
+        points.append(np.concatenate([x, own]))
+    return points
 
 
 def screen_candidates(
@@ -109,13 +129,8 @@ def _screen_shape(
 ) -> ScreenedCandidate:
     """Share of the squared mismatch that one candidate in one shape explains to first order."""
     current, n = ground.current, len(ground.current.x)
-    at, steps = _vanished_point(candidate, shape)
-    moved = []
-    for k, step in steps:
-        own = at.copy()
-        own[k] += step
-        moved.append(np.concatenate([current.x, own]))
-    residuals = problem.residuals(moved, (*current.effects, candidate))
+    at, steps = vanished_point(candidate, shape)
+    residuals = problem.residuals(trial_points(current.x, at, steps), (*current.effects, candidate))
     new = np.stack([(r - current.residual).ravel() for r in residuals], axis=1) * ground.weight[:, None]
     m = new.shape[1]
     sums = np.zeros((n + m + 1, n + m + 1))

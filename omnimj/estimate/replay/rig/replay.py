@@ -34,7 +34,7 @@ from omnimj.estimate.replay.rig.runs import (
     rig_runs,
     variable_spans,
 )
-from omnimj.estimate.rig_runs import CHANNELS, drive_rig
+from omnimj.estimate.rig_runs import CHANNELS, drive_by_currents
 from omnimj.parameters import Floor, Rig
 from omnimj.physics.effect_terms import TERM, mark_active, write_curve
 from omnimj.physics.motor import driven_by_measured_current, motor_parameters
@@ -221,7 +221,7 @@ def _drive_twin(based: AdjustedMachine[Rig], runs: RigRuns, k: int, current: Arr
     rig = dataclasses.replace(based.machine, motor=motor, effects=plain)
     twin = RigTwin(rig, floor, mass, lateral, ideal_sensors=True)
     carriage, wheel = runs.start[k].tolist()
-    return drive_rig(twin, current, (carriage, wheel))
+    return drive_by_currents(twin, current, (carriage, wheel))
 
 
 def _channels(rig: Rig, has_target: bool) -> tuple[Channel, ...]:
