@@ -154,6 +154,16 @@ class Trace:
         return to_frame(self.columns)
 
 
+def true_stretches(mask: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """First row and row after the last of each stretch in which a mask of shape (k,) holds, shape (m, 2)."""
+    return np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(np.int8))).reshape(-1, 2)
+
+
+def equal_stretches(values: NDArray[Any]) -> NDArray[np.intp]:
+    """First row of each stretch of equal values of a signal of shape (k,), shape (m,)."""
+    return np.concatenate(([0], np.flatnonzero(np.diff(values)) + 1))
+
+
 def to_frame(columns: Mapping[str, Any]) -> Any:
     """A `pandas.DataFrame` of columns of equal length, indexed by `time` where there is such a column.
 

@@ -35,7 +35,7 @@ from omnimj.diagnosis.logs import (
 from omnimj.errors import InputError, SimulationError
 from omnimj.parameters import Floor, Robot
 from omnimj.recording.dataset import Dataset, Run
-from omnimj.signals import Array, Diagnosis, Trace
+from omnimj.signals import Array, Diagnosis, Trace, true_stretches
 
 SHORTEST_REST = 0.3
 """Shortest rest that counts [s]."""
@@ -63,8 +63,7 @@ def first_bias(wheel_speed: Array, yaw_rate: Array, period: float) -> GyroBias:
       period: Sample period [s].
     """
     still = np.abs(wheel_speed).max(axis=1) < REST_WHEEL_SPEED
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], still, [False])).astype(int)))
-    for first, last in edges.reshape(-1, 2):
+    for first, last in true_stretches(still):
         if (last - first) * period <= SHORTEST_REST:
             continue
         settled = yaw_rate[first + round(SETTLING_TIME / period) : last]

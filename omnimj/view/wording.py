@@ -13,7 +13,7 @@ import numpy as np
 from omnimj.control.recovery.modes import MODE_CONSEQUENCES, MODE_NAMES, NORMAL, PIVOTING, indispensable
 from omnimj.control.robot_constants import robot_constants
 from omnimj.parameters import Rig, Robot
-from omnimj.signals import Diagnosis, Trace
+from omnimj.signals import Diagnosis, Trace, equal_stretches
 
 if TYPE_CHECKING:
     from omnimj.diagnosis.replay import RunDiagnosis
@@ -105,7 +105,7 @@ def recovery_spans(trace: Trace) -> list[Span]:
     if "recovery" not in trace:
         return []
     mode, time = trace["recovery"].astype(int), trace["time"]
-    starts = np.concatenate(([0], np.flatnonzero(np.diff(mode)) + 1))
+    starts = equal_stretches(mode)
     ends = np.append(time[starts[1:]], time[-1])
     names = [
         MODE_NAMES[value] if 0 <= value < len(MODE_NAMES) else f"recovery {value}" for value in mode[starts]

@@ -16,7 +16,7 @@ from omnimj.parameters.floor import LUGRE, TractionParameters
 from omnimj.physics import carriage
 from omnimj.physics.planar import GRAVITY
 from omnimj.physics.rig import lateral_force, rail_friction, rig_parameters
-from omnimj.signals import Array
+from omnimj.signals import Array, true_stretches
 
 BLOCK = 0.01
 """Length of a block [s]: a roller passes in about this time at top speed."""
@@ -25,17 +25,6 @@ _WINDOW = 0.05  # [s] over which slip is compared with its own ripple
 _CLEAR = 2.0  # × its ripple that slip must be
 _LOST = 0.02  # [s] without wheel speed, after which a run is uncertain …
 _FINDS_BACK = 0.2  # … for this long [s], several times the bristle's and the carriage's time constants
-
-
-def longest_stretches(measured: NDArray[np.bool_], least: int) -> list[tuple[int, int]]:
-    """Find stretches of at least `least` unmeasured samples, as (first, last + 1).
-
-    Args:
-      measured: Mask of measured samples, shape (k,).
-      least: Smallest number of samples.
-    """
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], ~measured, [False])).astype(int)))
-    return [(a, b) for a, b in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True) if b - a >= least]
 
 
 @dataclass(frozen=True)
@@ -139,8 +128,9 @@ def _usable(rig: Rig, run: RigRun) -> NDArray[np.bool_]:
     finds_back = round(_FINDS_BACK / h)
     if not run.starts_at_rest:  # the deflection of the bristle is unknown
         use[:finds_back] = False
-    for first, last in longest_stretches(run.measured[:, WHEEL], max(2, round(_LOST / h))):
-        use[first : last + finds_back] = False
+    for first, last in true_stretches(~run.measured[:, WHEEL]):
+        if last - first >= max(2, round(_LOST / h)):
+            use[first : last + finds_back] = False
     return use
 
 

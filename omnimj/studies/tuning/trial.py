@@ -15,7 +15,7 @@ import numpy as np
 
 from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.errors import SimulationError
-from omnimj.signals import KINDS_OF_DIAGNOSIS, Array, Trace
+from omnimj.signals import KINDS_OF_DIAGNOSIS, Array, Trace, true_stretches
 from omnimj.simulate.detectors import make_detector
 from omnimj.simulate.judging import judge_diagnoses
 from omnimj.simulate.plants import make_plant
@@ -120,12 +120,7 @@ def _velocity_error(trace: Trace) -> tuple[Array, Array]:
 
 def _longest(holds: np.ndarray) -> int:
     """Return the largest number of consecutive true rows in any column, shape (k, n)."""
-    return max((int(end - start) for column in holds.T for start, end in _true_intervals(column)), default=0)
-
-
-def _true_intervals(mask: np.ndarray) -> np.ndarray:
-    """Return first row and row after the last of each interval in which a mask holds, shape (m, 2)."""
-    return np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(int))).reshape(-1, 2)
+    return max((int(end - start) for column in holds.T for start, end in true_stretches(column)), default=0)
 
 
 def _first_use(records: Sequence[Mapping[str, Any]], uses: Sequence | None) -> float | None:
@@ -216,6 +211,6 @@ def _uses(healthy: Trace) -> list[list[list[float]]]:
     time, works = healthy["time"], demanded_traction(healthy) > IN_USE
     last = len(time) - 1
     return [
-        [[float(time[start]), float(time[min(end, last)])] for start, end in _true_intervals(wheel)]
+        [[float(time[start]), float(time[min(end, last)])] for start, end in true_stretches(wheel)]
         for wheel in works.T
     ]

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from omnimj.signals import Trace
+from omnimj.signals import Trace, equal_stretches
 from omnimj.view import palette
 from omnimj.view.plots.drawing import (
     MIDDLE,
@@ -207,7 +207,7 @@ def _few_changes(time: Array, mode: NDArray[np.int_]) -> tuple[Array, NDArray[np
 def _modes(ax: Axes, row: int, trace: Trace, method: str, is_rig: bool, thick: float) -> None:
     """Draw the column `mode` as a strip of colours with a legend above."""
     time, mode = _few_changes(trace["time"], trace["mode"].astype(int))
-    starts = np.concatenate(([0], np.flatnonzero(np.diff(mode)) + 1))
+    starts = equal_stretches(mode)
     ends = np.append(time[starts[1:]], time[-1])
     seen: dict[str, str] = {}
     for start, end in zip(starts.tolist(), ends.tolist(), strict=True):

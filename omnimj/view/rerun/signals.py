@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from omnimj.control.recovery.modes import MODE_NAMES, NORMAL
 from omnimj.parameters import Rig, Robot
-from omnimj.signals import Trace
+from omnimj.signals import Trace, equal_stretches
 from omnimj.simulate.scenario.scenario import Scenario
 from omnimj.view import palette
 from omnimj.view.poses import thin
@@ -285,6 +285,6 @@ def lane_states(spans: Sequence[Span]) -> tuple[Array, list[str]]:
 
 def _log_mode(stream: rr.RecordingStream, trace: Trace, method: str, is_rig: bool) -> None:
     mode = trace["mode"].astype(int)
-    rows = np.concatenate([[0], np.flatnonzero(np.diff(mode)) + 1])
+    rows = equal_stretches(mode)
     states = [mode_name(method, is_rig, value) for value in mode[rows].tolist()]
     log_lane(stream, MODE_LANE, trace["time"][rows], states)

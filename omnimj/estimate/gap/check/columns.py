@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from omnimj.estimate.gap.check.suspicions import Suspicion
 from omnimj.recording.dataset import Dataset, Run
-from omnimj.signals import Array
+from omnimj.signals import Array, equal_stretches, true_stretches
 
 _LIVELY = 0.5  # share of samples that differ from the one before, in a channel with visible noise
 _LONGER = 8.0  # times the usual constant stretch of the channel
@@ -97,7 +97,7 @@ def constant_stretches(values: Array) -> tuple[NDArray[np.intp], NDArray[np.intp
     Returns:
       First samples and lengths of the stretches, both of shape (stretches,).
     """
-    starts = np.concatenate([[0], np.flatnonzero(np.diff(values) != 0.0) + 1])
+    starts = equal_stretches(values)
     return starts, np.diff(np.concatenate([starts, [len(values)]]))
 
 
@@ -196,8 +196,7 @@ def _glitches(runs: Sequence[Run], name: str) -> Iterator[Suspicion]:
         off = np.abs(values - np.median(around, axis=1))
         scatter = 1.4826 * float(np.median(off[off > 0.0])) if (off > 0.0).any() else 0.0
         bad = off > max(_GLITCH * scatter, _GLITCH_SIZE * reach, 1e-12)
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], bad.astype(int), [0]])))
-        for first, last in zip(edges[::2], edges[1::2], strict=True):
+        for first, last in true_stretches(bad):
             if first > 0 and last < len(values):
                 size = float(off[first:last].max())
                 if last - first <= 4 and abs(values[last] - values[first - 1]) < 0.3 * size:
@@ -307,8 +306,7 @@ def rest_mask(run: Run, speeds: Sequence[str]) -> NDArray[np.bool_]:
         size = np.abs(fill_masked(run, name))
         still &= size < _STILL * max(float(size.max()), 1e-9)
     least = max(3, round(_REST / max(float(np.median(np.diff(run.time))), 1e-6)))
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
-    for first, last in zip(edges[::2], edges[1::2], strict=True):
+    for first, last in true_stretches(still):
         # the machine is still slowing down, or already starting, at the ends
         still[first : first + (least // 4 if first > 0 else 0)] = False
         still[last - (least // 4 if last < len(still) else 0) : last] = False
