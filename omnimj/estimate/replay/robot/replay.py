@@ -185,7 +185,7 @@ class RobotReplay:
         """Block means by the equations, with rollers where their tables and phases are given."""
         own, _ = self._kernel_parameters(setting, runs)
         if phases is None:
-            phases = np.zeros((len(runs.stretches), native.WHEELS))
+            phases = np.zeros((len(runs.log.stretches), native.WHEELS))
         blocks = np.empty((len(runs.measured), native.CHANNELS))
         sampling = native.Sampling(STEP, runs.size, runs.window)
         native.replay(runs.log, own, native.Rollers(tables, phases), sampling, blocks)
@@ -212,7 +212,7 @@ class RobotReplay:
 
     def _find_phases(self, setting: Setting) -> Array:
         """Phase of the rollers of every wheel at the start of every stretch, shape (stretches, 4) [rad]."""
-        shape = (len(self._runs.stretches), native.WHEELS)
+        shape = (len(self._runs.log.stretches), native.WHEELS)
         step = self._rollers.pitch / _PHASES
         wheels = [_COMPARED.index(native.CURRENT + i) for i in range(native.WHEELS)]
 

@@ -66,18 +66,8 @@ class RobotRuns:
     """Steps per block."""
     window: int
     """Steps per window, a multiple of `size`."""
-    stretches: NDArray[np.int64]
-    """Table of stretches, see `kernels.STRETCH`, shape (stretches, STRETCH)."""
-    start: Array
-    """Body twist at each start, shape (stretches, 3)."""
-    times: Array
-    """Time since the run's start, shape (steps,) [s]."""
-    current: Array
-    """Measured currents, shape (steps, 4) [A]."""
-    speed: Array
-    """Wheel speeds, shape (steps, 4) [rad/s]."""
-    yaw: Array
-    """Heading, unwrapped, shape (steps, 1) [rad]."""
+    log: Log
+    """The log for the kernels."""
     mass: Array
     """Declared mass, shape (stretches,) [kg]."""
     floor: tuple[str, ...]
@@ -86,12 +76,6 @@ class RobotRuns:
     """Block means of `NAMES`, NaN where masked, the yaw less its mean over the window, shape (blocks, 12)."""
     segments: tuple[Segment, ...]
     """One per stretch."""
-
-    @property
-    def log(self) -> Log:
-        """The log for the kernels."""
-        heading = self.measured[:, YAW]
-        return Log(self.stretches, self.start, self.times, self.current, self.speed, self.yaw, heading)
 
 
 @dataclass(frozen=True)
@@ -141,20 +125,25 @@ def robot_runs(dataset: Dataset, robot: Robot, floors: dict[str, Floor]) -> Robo
     window = size * max(2, round(WINDOW / (size * STEP)))
     stretches, values = np.array(table, np.int64).reshape(-1, STRETCH), np.concatenate(measured)
     turns_in_windows(stretches, window, size, values[:, YAW].copy(), values[:, YAW])
+    times = np.concatenate([p.times[: len(p.times) // size * size] for p in parts])
     return RobotRuns(
         size,
         window,
-        stretches,
-        np.stack([p.twist for p in parts]),
-        np.concatenate([p.times[: len(p.times) // size * size] for p in parts]),
-        np.ascontiguousarray(steps[:, :WHEELS]),
-        np.ascontiguousarray(steps[:, WHEELS : 2 * WHEELS]),
-        np.ascontiguousarray(steps[:, -1:]),
+        _log(stretches, np.stack([p.twist for p in parts]), times, steps, values),
         np.array([float(p.run.conditions.get("mass", robot.body.mass)) for p in parts]),
         tuple(floor_name(dataset, p.run, floors) for p in parts),
         values,
         tuple(segments),
     )
+
+
+def _log(stretches: NDArray[np.int64], start: Array, times: Array, steps: Array, blocks: Array) -> Log:
+    """Columns of all stretches, with steps and block means of `NAMES`, for the kernels."""
+    current, speed, yaw = (
+        np.ascontiguousarray(steps[:, columns])
+        for columns in (slice(SPEED), slice(SPEED, ACCELERATION), [YAW])
+    )
+    return Log(stretches, start, times, current, speed, yaw, blocks[:, YAW])
 
 
 def synthetic_run(values: Array, floor: str, mass: float, like: RobotRuns) -> RobotRuns:
@@ -174,12 +163,7 @@ def synthetic_run(values: Array, floor: str, mass: float, like: RobotRuns) -> Ro
     return RobotRuns(
         like.size,
         like.window,
-        stretches,
-        np.zeros((1, 3)),
-        times,
-        np.ascontiguousarray(values[:, :WHEELS]),
-        np.ascontiguousarray(values[:, WHEELS : 2 * WHEELS]),
-        np.ascontiguousarray(values[:, -1:]),
+        _log(stretches, np.zeros((1, 3)), times, values, measured),
         np.array([mass]),
         (floor,),
         measured,
@@ -288,7 +272,7 @@ def require_layout(dataset: Dataset, robot: Robot) -> None:
 def body_twist(runs: RobotRuns, robot: Robot) -> Array:
     """Twist of rigid rolling, least squares over the measured wheel speeds, shape (steps, 3)."""
     rolling = rolling_matrix(robot.wheel_positions, robot.drive_directions)
-    return robot.wheel.radius * runs.speed @ np.linalg.pinv(rolling).T
+    return robot.wheel.radius * runs.log.speed @ np.linalg.pinv(rolling).T
 
 
 def _per_block(runs: RobotRuns, values: Array) -> Array:
@@ -297,26 +281,26 @@ def _per_block(runs: RobotRuns, values: Array) -> Array:
 
 def _along(runs: RobotRuns, rates: Array) -> Array:
     """Integrate rates over time, from 0 at the start of each stretch; same shape as the rates."""
-    parts = [np.cumsum(rates[a:b], axis=0) * STEP for a, b, _ in runs.stretches]
+    parts = [np.cumsum(rates[a:b], axis=0) * STEP for a, b, _ in runs.log.stretches]
     return np.concatenate(parts)
 
 
 def _world(runs: RobotRuns, twist: Array) -> Array:
     """Rotate the body velocity into the world frame, shape (steps, 2) [m/s]."""
-    c, s = np.cos(runs.yaw[:, 0]), np.sin(runs.yaw[:, 0])
+    c, s = np.cos(runs.log.yaw[:, 0]), np.sin(runs.log.yaw[:, 0])
     return np.stack([c * twist[:, 0] - s * twist[:, 1], s * twist[:, 0] + c * twist[:, 1]], axis=1)
 
 
 def variable_spans(runs: RobotRuns, robot: Robot) -> dict[str, tuple[float, float]]:
     """Lowest and highest value of each regime variable; speeds are those of a wheel's hub."""
     twist = body_twist(runs, robot)
-    rim = robot.wheel.radius * runs.speed
+    rim = robot.wheel.radius * runs.log.speed
     place = _along(runs, _world(runs, twist))[:, 0]
     reach = float(abs(robot.wheel_positions).max())
     ends = {
         "speed": (float(np.quantile(rim, 0.001)), float(np.quantile(rim, 0.999))),
         "position": (float(place.min()) - reach, float(place.max()) + reach),
-        "time": (0.0, float(runs.times.max())),
+        "time": (0.0, float(runs.log.times.max())),
         "lateral_speed": (float(twist[:, :2].min()), float(twist[:, :2].max())),
     }
     return {name: (low, max(high, low + 1e-3)) for name, (low, high) in ends.items()}
@@ -336,12 +320,12 @@ def regimes(runs: RobotRuns, robot: Robot) -> dict[str, tuple[str, Array]]:
             "m/s2",
             np.hypot(*np.nan_to_num(runs.measured[:, ACCELERATION : ACCELERATION + 2]).T),
         ),
-        "current": ("A", np.abs(_per_block(runs, runs.current)).mean(axis=1)),
+        "current": ("A", np.abs(_per_block(runs, runs.log.current)).mean(axis=1)),
         "position": ("m", _per_block(runs, _along(runs, _world(runs, steps)))[:, 0]),
-        "heading": ("rad", _per_block(runs, runs.yaw)[:, 0]),
-        "time": ("s", _per_block(runs, runs.times)),
+        "heading": ("rad", _per_block(runs, runs.log.yaw)[:, 0]),
+        "time": ("s", _per_block(runs, runs.log.times)),
     }
-    turned = _per_block(runs, _along(runs, runs.speed))
+    turned = _per_block(runs, _along(runs, runs.log.speed))
     for i in range(WHEELS):
         found[f"wheel_angle_{i + 1}"] = ("rad", turned[:, i])
     since = [_since_reversal(twist[a:b, :2], speed[a:b], p.time) for a, b, p in _rows(runs)]
