@@ -21,6 +21,7 @@ from omnimj.plant.interface import Plant, robot_channels
 from omnimj.recording.dataset import Run
 from omnimj.recording.dataset_file import DATASET_FILE
 from omnimj.recording.folder import atomic_file
+from omnimj.recording.json_files import write_text
 from omnimj.recording.write_dataset import dataset_text, write_table
 from omnimj.signals import Array, Trace
 from omnimj.simulate.detectors import make_detector
@@ -167,8 +168,7 @@ def write_recordings_index(folder: Path, cases: Iterable[Case]) -> None:
     """Write the dataset file of the recordings that exist."""
     runs = [_recorded_run(case, {}) for case in cases if is_recorded(folder, case)]
     if runs:
-        with atomic_file(folder / DATASET_FILE) as temporary:
-            temporary.write_text(dataset_text(_PLANT, {}, runs), encoding="utf-8", newline="\n")
+        write_text(folder / DATASET_FILE, dataset_text(_PLANT, {}, runs))
 
 
 def _recording_file(folder: Path, case: Case) -> Path:

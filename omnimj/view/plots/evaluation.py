@@ -8,6 +8,7 @@ from math import isfinite
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from omnimj.studies.evaluation.scoring import CaseScore, label_sort_key
 from omnimj.view import palette
@@ -35,19 +36,13 @@ def confusion_picture(confusion: Mapping[str, Mapping[str, int]]) -> Figure:
                 ink = "white" if dark else palette.INK
                 ax.text(j, i, f"{counts[i, j]:.0f}", fontsize=8, color=ink, ha="center", va="center")
             if row == name:
-                box = {"fill": False, "edgecolor": palette.HEALTHY, "linewidth": 1.0}
-                ax.add_patch(_square(j, i, box))
+                style = {"fill": False, "edgecolor": palette.HEALTHY, "linewidth": 1.0}
+                ax.add_patch(Rectangle((j - 0.5, i - 0.5), 1.0, 1.0, **style))
     ax.set_xticks(range(len(columns)), columns, rotation=60, ha="right", fontsize=8)
     ax.set_yticks(range(len(rows)), rows, fontsize=8)
     ax.set_xlabel("diagnosed", fontsize=9)
     value_axis(ax, "truth")
     return figure
-
-
-def _square(x: float, y: float, style: Mapping):
-    from matplotlib.patches import Rectangle
-
-    return Rectangle((x - 0.5, y - 0.5), 1.0, 1.0, **style)
 
 
 def delay_curves(scores: Sequence[CaseScore], in_use: bool) -> Figure:

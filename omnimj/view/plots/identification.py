@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from omnimj.estimate.identification.records import IdentifiedFloor, ReplayedRun
+from omnimj.signals import Array
 from omnimj.view import palette
 from omnimj.view.plots.drawing import (
     MIDDLE,
@@ -83,22 +84,19 @@ def level(floor: IdentifiedFloor) -> Figure:
 
 def speed_residuals(floor: IdentifiedFloor) -> Figure:
     """Plot measured − fitted speed of every run over time."""
-    figure, (ax,) = new_figure(SHORT)
-    for k, run in enumerate(floor.residuals):
-        ax.plot(run.time, _MM * run.speed, color=palette.wheel_color(k), linewidth=0.7, alpha=0.8)
-    return _residual_axes(figure, "speed [mm/s]")
+    return _residuals([(run.time, _MM * run.speed) for run in floor.residuals], "speed [mm/s]")
 
 
 def acceleration_residuals(floor: IdentifiedFloor) -> Figure:
     """Plot measured − fitted acceleration of every run over time."""
+    return _residuals([(run.time, run.acceleration) for run in floor.residuals], "acceleration [m/s²]")
+
+
+def _residuals(runs: Sequence[tuple[Array, Array]], label: str) -> Figure:
+    """Plot times and residuals, each of shape (m,), of every run."""
     figure, (ax,) = new_figure(SHORT)
-    for k, run in enumerate(floor.residuals):
-        ax.plot(run.time, run.acceleration, color=palette.wheel_color(k), linewidth=0.7, alpha=0.8)
-    return _residual_axes(figure, "acceleration [m/s²]")
-
-
-def _residual_axes(figure: Figure, label: str) -> Figure:
-    ax = figure.get_axes()[0]
+    for k, (time, values) in enumerate(runs):
+        ax.plot(time, values, color=palette.wheel_color(k), linewidth=0.7, alpha=0.8)
     ax.axhline(0.0, color=palette.MUTED, linewidth=0.8, zorder=1)
     ax.set_xlabel("time [s]", fontsize=9)
     value_axis(ax, label)
