@@ -103,9 +103,9 @@ def run_with_residuals(run: TrainingRun, choice: DetectorOptions, plant: str = "
         driven.close()
 
 
-def largest_residuals(run: TrainingRun, choice: DetectorOptions, plant: str = "twin") -> dict[str, float]:
+def largest_residuals(run: TrainingRun, choice: DetectorOptions) -> dict[str, float]:
     """Largest residuals of a run by name of their threshold; r3 … r6 signed, as in the dissertation."""
-    trace, prefix = run_with_residuals(run, choice, plant), "rig_" if run.is_rig else ""
+    trace, prefix = run_with_residuals(run, choice), "rig_" if run.is_rig else ""
     found = {}
     for kind in ("wheel_speed", "force"):
         if run.slips and kind == "wheel_speed":
@@ -116,16 +116,15 @@ def largest_residuals(run: TrainingRun, choice: DetectorOptions, plant: str = "t
     return found
 
 
-def fault_free_thresholds(variant: str, plant: str = "twin") -> PublishedThresholds:
+def fault_free_thresholds(variant: str) -> PublishedThresholds:
     """Thresholds of Eqs. 5.3, 5.8, 5.13 and 5.21 over `training_runs`.
 
     Args:
       variant: One of `VARIANTS`; each has its own observer and therefore its own thresholds.
-      plant: `twin` or `planar`.
     """
     largest = {field.name: 0.0 for field in dataclasses.fields(PublishedThresholds)}
     for run in training_runs():
-        for name, value in largest_residuals(run, DetectorOptions(variant), plant).items():
+        for name, value in largest_residuals(run, DetectorOptions(variant)).items():
             largest[name] = max(largest[name], value)
     return PublishedThresholds(**largest)
 

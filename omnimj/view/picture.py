@@ -28,6 +28,7 @@ from omnimj.view.wording import Span, fault_spans
 Array = NDArray[np.float64]
 BACKENDS = ("osmesa", "egl")
 _SUPERSAMPLING = 2  # samples per pixel and direction: multisampling alone leaves shadow edges rough
+_TRAIL_RADIUS = 0.004  # [m] of the line that shows a path
 _TIMEOUT = 90.0  # [s], enough for a software renderer on a slow machine
 HOW_TO_RENDER = (
     "No picture: MuJoCo found no OpenGL library to render with. For software rendering install libosmesa6 "
@@ -219,7 +220,7 @@ def frames(
             yield np.round(blocks.mean(axis=(1, 3))).astype(np.uint8)
 
 
-def _add_trail(scene: mujoco.MjvScene, points: Array, radius: float = 0.004) -> None:
+def _add_trail(scene: mujoco.MjvScene, points: Array) -> None:
     """Add a path on the floor, shape (k, 2) [m], as thin capsules within the capacity of the scene."""
     room = min(len(points) - 1, scene.maxgeom - scene.ngeom, 400)
     if room < 1:
@@ -232,9 +233,9 @@ def _add_trail(scene: mujoco.MjvScene, points: Array, radius: float = 0.004) -> 
         mujoco.mjv_connector(
             geom,
             mujoco.mjtGeom.mjGEOM_CAPSULE,
-            radius,
-            np.array([*first, radius]),
-            np.array([*second, radius]),
+            _TRAIL_RADIUS,
+            np.array([*first, _TRAIL_RADIUS]),
+            np.array([*second, _TRAIL_RADIUS]),
         )
         scene.ngeom += 1
 

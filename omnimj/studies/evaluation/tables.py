@@ -103,17 +103,17 @@ def format_event_rate(found: EventRate) -> str:
     return f"{found.per_hour:.3g}/h (≤ {found.upper:.3g}, {found.events} in {found.hours:.3g} h)"
 
 
-def format_delays(found: Delays, unit: str = " s") -> str:
+def format_delays(found: Delays) -> str:
     """Format quantiles: `0.12 s, 95 % 0.3 s (n 20)`."""
     if found.median is None or found.p95 is None:
         return "–"
     if isinf(found.median):
         return f"never (n {found.count})"
-    return f"{_time(found.median, unit)}, 95 % {_time(found.p95, unit)} (n {found.count})"
+    return f"{_time(found.median)}, 95 % {_time(found.p95)} (n {found.count})"
 
 
-def _time(value: float, unit: str) -> str:
-    return "never" if isinf(value) else f"{value:.3g}{unit}"
+def _time(value: float) -> str:
+    return "never" if isinf(value) else f"{value:.3g} s"
 
 
 def _pair(found: PairSummary) -> tuple[str, ...]:

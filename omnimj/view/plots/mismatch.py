@@ -109,14 +109,14 @@ def zero_line(ax: Axes) -> None:
     ax.axhline(0.0, color=palette.MUTED, linewidth=0.9, zorder=1)
 
 
-def legend_above(figure: Figure, columns: int = 4) -> None:
+def legend_above(figure: Figure) -> None:
     """Add a legend across the top of the figure, where it covers no data."""
     handles, names = figure.get_axes()[0].get_legend_handles_labels()
     figure.legend(
         handles,
         names,
         loc="outside upper left",
-        ncols=columns,
+        ncols=4,
         fontsize=8.5,
         frameon=False,
         handlelength=1.8,

@@ -78,15 +78,14 @@ class Rule:
         return np.isin(self.variable.code, self.members)
 
 
-def bin_edges(values: Array, most: int = BINS) -> Array:
+def bin_edges(values: Array) -> Array:
     """Edges of bins of about equal counts, each moved into the widest gap near it.
 
     Args:
       values: Shape (n,), NaN left out.
-      most: Largest number of bins.
 
     Returns:
-      Increasing, shape (bins − 1,); empty where all values are equal.
+      Increasing, shape (at most `BINS` − 1,); empty where all values are equal.
     """
     ordered = np.sort(values[np.isfinite(values)])
     if len(ordered) < 2 or ordered[-1] <= ordered[0]:
@@ -94,9 +93,9 @@ def bin_edges(values: Array, most: int = BINS) -> Array:
     gaps = np.diff(ordered)
     spread = 1e-9 * (ordered[-1] - ordered[0])
     found = []
-    for k in range(1, most):
-        middle = k * len(ordered) / most
-        half = max(1.0, 0.5 * len(ordered) / most)
+    for k in range(1, BINS):
+        middle = k * len(ordered) / BINS
+        half = max(1.0, 0.5 * len(ordered) / BINS)
         low = max(0, int(middle - half) - 1)
         high = min(len(gaps), int(middle + half))
         at = low + int(np.argmax(gaps[low:high]))

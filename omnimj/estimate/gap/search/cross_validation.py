@@ -134,11 +134,9 @@ def sum_by_group(losses: Array, groups: Groups) -> Array:
     return sums[present]
 
 
-def bootstrap_counts(count: int, seed: int = 0) -> NDArray[np.int64]:
+def bootstrap_counts(count: int) -> NDArray[np.int64]:
     """Number of draws of each group in each bootstrap sample, shape (samples, count)."""
-    return np.random.default_rng(seed).multinomial(
-        count, np.full(count, 1.0 / count), size=_BOOTSTRAP_SAMPLES
-    )
+    return np.random.default_rng(0).multinomial(count, np.full(count, 1.0 / count), size=_BOOTSTRAP_SAMPLES)
 
 
 def heldout_gain(before: Array, after: Array) -> Interval:
