@@ -38,6 +38,12 @@ def measured(record_property):
     return note
 
 
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Figures of reports are made and not drawn: that takes seconds, and others test what is in them."""
+    monkeypatch.setattr("omnimj.view.report.page.svg", lambda drawing, name, words: "<svg></svg>")
+
+
 def pytest_terminal_summary(terminalreporter):
     """Prints the worst figure of every name beside its limit."""
     worst = {}

@@ -218,14 +218,24 @@ def test_a_closed_output_pipe_is_no_traceback(sink, codes):
     assert b"Traceback" not in done.stderr
 
 
-def test_the_kinematic_level_runs_without_a_plant(capsys, tmp_path):
-    argv = ("run", "circle_8m_kinematic", "--json", "--out", str(tmp_path / "run"))
+def test_the_kinematic_level_runs_without_a_plant(capsys, tmp_path, undrawn):
+    argv = (
+        "run",
+        "circle_8m_kinematic",
+        "--set",
+        "duration=2.0",
+        "--set",
+        "checks={}",
+        "--json",
+        "--out",
+        str(tmp_path / "run"),
+    )
     code, out, _ = called(capsys, *argv)
     assert code == 0 and json.loads(out)["plant"] == "kinematic"
     assert (tmp_path / "run" / "report.html").stat().st_size > 1000
 
 
-def test_the_rig_runs(capsys, tmp_path):
+def test_the_rig_runs(capsys, tmp_path, undrawn):
     argv = ("run", "rig_lateral", "--plant", "planar", "--out", str(tmp_path / "run"))
     code, out, _ = called(capsys, *argv)
     assert code == 0 and "final_current" in out

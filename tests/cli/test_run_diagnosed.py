@@ -14,6 +14,8 @@ from omnimj.cli.run_summary import format_diagnoses
 from omnimj.plant.planar import PlanarRobot
 from omnimj.recording.traces import read_trace
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 SCHEMA = json.loads((Path(__file__).parent.parent / "schema" / "metrics.json").read_text(encoding="utf-8"))
 QUICK = ("run", "nylon_patch", "--plant", "planar", "--set", "duration=0.3", "--set", "checks={}")
 RIG = ("run", "rig_slip", "--plant", "planar", "--set", "duration=0.1", "--set", "checks={}")

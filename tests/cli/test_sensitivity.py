@@ -7,9 +7,10 @@ import json
 import re
 
 import pytest
+from inline_executor import InlineExecutor
 
 from omnimj.cli.main import main
-from omnimj.studies import runner
+from omnimj.studies import runner, workers
 from omnimj.studies.sensitivity import study
 
 SHORT = ("sensitivity", "rig_constant_current", "--set", "duration=0.2", "--set", "checks={}")
@@ -23,7 +24,8 @@ FILES = {
 }
 
 
-def test_a_study_writes_its_files_and_goes_on_without_driving_again(tmp_path, capsys):
+def test_a_study_writes_its_files_and_goes_on_without_driving_again(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(workers, "ProcessPoolExecutor", lambda *_, **__: InlineExecutor())
     argv = [
         *SHORT,
         "--trajectories",

@@ -15,6 +15,8 @@ from omnimj.control.detection.robust.thresholds import Thresholds, read_threshol
 from omnimj.studies import workers
 from omnimj.studies.tuning import batch, study
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 
 @pytest.fixture
 def push(tmp_path, monkeypatch) -> list[str]:

@@ -12,6 +12,8 @@ from omnimj.parameters import read_floors, read_rig
 from omnimj.recording.write_dataset import DatasetWriter
 from omnimj.resources import models_folder
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 EFFECT = """
 [effects.rail_viscous]
 coefficient = { value = 3.0, unit = "N.s/m", source = "identified" }

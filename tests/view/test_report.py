@@ -140,7 +140,7 @@ def test_a_robots_run_has_all_its_figures_and_the_picture(robot_page):
 
 
 def test_without_a_picture_the_report_explains_how_to_get_one(
-    page_path, robot_trace, robot_scenario, robot_metrics
+    page_path, robot_trace, robot_scenario, robot_metrics, undrawn
 ):
     write_report(page_path, robot_trace, robot_scenario, robot_metrics, Picture(None, "", "the robot"))
     page = Page(page_path)
@@ -154,7 +154,7 @@ def test_faults_and_diagnoses_are_described_in_sentences(robot_page):
 
 @pytest.mark.parametrize("failure", [None, "at 3.1 s: the newest telemetry is 22.5 ms old"])
 def test_a_run_that_was_broken_off_is_marked_at_the_top(
-    failure, page_path, robot_trace, robot_scenario, robot_metrics
+    failure, page_path, robot_trace, robot_scenario, robot_metrics, undrawn
 ):
     told = {**robot_metrics, "interrupted": True, "failure": failure, "duration": 3.1}
     write_report(page_path, robot_trace, robot_scenario, told)
@@ -289,7 +289,9 @@ def test_tick_labels_keep_all_their_digits():
     assert "0.025" in text and "0.075" in text
 
 
-def test_the_kinematic_level_has_no_empty_plots(page_path, robot_trace, robot_scenario, robot_metrics):
+def test_the_kinematic_level_has_no_empty_plots(
+    page_path, robot_trace, robot_scenario, robot_metrics, undrawn
+):
     forces = ("current", "slip", "normal", "traction", "target_wheel")
     columns = {name: values for name, values in robot_trace.columns.items() if not name.startswith(forces)}
     write_report(
@@ -300,7 +302,7 @@ def test_the_kinematic_level_has_no_empty_plots(page_path, robot_trace, robot_sc
     assert "none: motion without forces" in page.text
 
 
-def test_a_gantry_at_rest_has_no_plot_of_its_speed(page_path, rig_trace, rig_scenario, rig_metrics):
+def test_a_gantry_at_rest_has_no_plot_of_its_speed(page_path, rig_trace, rig_scenario, rig_metrics, undrawn):
     columns = {**rig_trace.columns, "lateral_speed": 0.0 * rig_trace["time"]}
     write_report(page_path, Trace(columns), rig_scenario, rig_metrics)
     assert "Lateral speed" not in Page(page_path).text

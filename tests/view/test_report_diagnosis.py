@@ -32,7 +32,7 @@ def section_text(trace, scenario, metrics) -> str:
     return " ".join([section.verdict, *(str(cell.text) for row in rows for cell in row if cell.text)])
 
 
-def test_truth_and_diagnosis_stand_in_one_row(robot_trace, robot_scenario, robot_metrics):
+def test_truth_and_diagnosis_stand_in_one_row(robot_trace, robot_scenario, robot_metrics, undrawn):
     page = section_text(with_robust(robot_trace), robot_scenario, robot_metrics)
     assert "slip, wheel 2 (floor nylon) 3 s – 5 s slip, wheel 2 3.100 s 0.1 s 97 % nothing 5.050 s" in page
     weak = (
@@ -42,7 +42,9 @@ def test_truth_and_diagnosis_stand_in_one_row(robot_trace, robot_scenario, robot
     assert "First alarm 0.1 s after the first onset. 2 of 2 faults were diagnosed" in page
 
 
-def test_a_false_alarm_has_its_row_with_its_number_of_times(robot_trace, robot_scenario, robot_metrics):
+def test_a_false_alarm_has_its_row_with_its_number_of_times(
+    robot_trace, robot_scenario, robot_metrics, undrawn
+):
     wrong = [said(8.0, "slip", 4, cleared=8.1), said(8.5, "slip", 4, cleared=8.6)]
     metrics = {**robot_metrics, "diagnoses": [*robot_metrics["diagnoses"], *wrong], "isolated": False}
     page = section_text(with_robust(robot_trace), robot_scenario, metrics)
@@ -64,13 +66,15 @@ def test_a_false_alarm_has_its_row_with_its_number_of_times(robot_trace, robot_s
     ],
 )
 def test_nothing_found_and_nothing_wrong_are_stated(
-    robot_trace, robot_scenario, robot_metrics, faults, diagnoses, expected
+    robot_trace, robot_scenario, robot_metrics, faults, diagnoses, expected, undrawn
 ):
     metrics = {**robot_metrics, "faults": faults, "diagnoses": diagnoses, "isolated": None}
     assert expected in section_text(with_robust(robot_trace), robot_scenario, metrics)
 
 
-def test_a_run_without_a_method_has_no_such_section(page_path, robot_trace, robot_scenario, robot_metrics):
+def test_a_run_without_a_method_has_no_such_section(
+    page_path, robot_trace, robot_scenario, robot_metrics, undrawn
+):
     metrics = {**robot_metrics, "method": "off", "diagnoses": []}
     write_report(page_path, robot_trace, robot_scenario, metrics)
     page = page_path.read_text(encoding="utf-8")
@@ -245,7 +249,9 @@ def test_a_diagnosed_rigs_report_has_its_figures(page_path, rig_trace, rig_scena
     assert "Effectiveness" not in page and "Two ways to compute the force" in page
 
 
-def test_runs_with_other_methods_stand_side_by_side(page_path, robot_trace, robot_scenario, robot_metrics):
+def test_runs_with_other_methods_stand_side_by_side(
+    page_path, robot_trace, robot_scenario, robot_metrics, undrawn
+):
     other = {**robot_metrics, "method": "off", "diagnoses": [], "max_yaw_excursion": 0.05, "isolated": False}
     metrics = {**robot_metrics, "compared": {"off": other}}
     comparison = compare(robot_scenario.metric_units, metrics)

@@ -73,6 +73,7 @@ def test_nothing_hidden_is_no_gap(tmp_path):
     assert (finding.verdict, finding.effects) == ("no_gap", ())
 
 
+@pytest.mark.slow
 def test_rolling_resistance_is_named_with_its_size(tmp_path):
     finding = searched(tmp_path, replace(RIG, wheel=replace(RIG.wheel, rolling_resistance=0.02)))
     (effect,) = finding.effects

@@ -63,11 +63,11 @@ def test_an_effect_outside_of_the_library_is_not_called_by_a_name_from_it():
     class Wavy(Toy):
         """A force that waves with speed: no candidate has it."""
 
-        def _one(self, setting):
+        def simulate(self, settings):
             if not hasattr(self, "measured"):
                 table = 0.3 * np.array([0, 1, -1, 1, -1, 1, -1, 0.0])
-                setting = dataclasses.replace(setting, curve=("speed", table))
-            return super()._one(setting)
+                settings = [dataclasses.replace(s, curve=("speed", table)) for s in settings]
+            return super().simulate(settings)
 
     found = search(Wavy({}), (), 0, quiet)
     assert verdict_of(found) in ("unexplained", "no_gap")

@@ -58,25 +58,30 @@ class Toy:
         self.measured = clean + noise * random.standard_normal(clean.shape)
 
     def simulate(self, settings: Sequence[Setting]) -> list[Array]:
-        return [self._one(s) for s in settings]
-
-    def _one(self, setting: Setting) -> Array:
+        """All settings at once: the state has the shape (settings, runs)."""
         u = np.array(self._inputs)
-        v, found = np.zeros(len(u)), np.empty_like(u)
-        effect = {name: float(values[0]) for name, values in setting.effects.items()}
-        mass = 1.0 + effect.get("payload", 0.0)
-        dry = setting.base[1] + effect.get("coulomb", 0.0)
-        drag = effect.get("air_drag", 0.0)
+
+        def column(values) -> Array:
+            return np.array([[float(value)] for value in values])
+
+        def effect(name: str, vanishing: float = 0.0) -> Array:
+            return column(s.effects[name][0] if name in s.effects else vanishing for s in settings)
+
+        mass, drag = 1.0 + effect("payload"), effect("air_drag")
+        viscous = column(s.base[0] for s in settings)
+        dry = column(s.base[1] for s in settings) + effect("coulomb")
+        curves = [(row, *s.curve) for row, s in enumerate(settings) if s.curve is not None]
+        v, found = np.zeros((len(settings), len(u))), np.empty((len(settings), *u.shape))
         for k in range(u.shape[1]):
-            force = u[:, k] - setting.base[0] * v - dry * np.tanh(v / 0.02) - drag * v * abs(v)
-            if setting.curve is not None:
-                name, table = setting.curve
-                at = (v + 3.0) / 6.0 if name == "speed" else np.full(len(v), k / u.shape[1])
-                force = force + np.interp(at, np.linspace(0.0, 1.0, KNOTS), table)
+            force = u[:, k] - viscous * v - dry * np.tanh(v / 0.02) - drag * v * abs(v)
+            for row, name, table in curves:
+                at = (v[row] + 3.0) / 6.0 if name == "speed" else np.full(len(u), k / u.shape[1])
+                force[row] += np.interp(at, np.linspace(0.0, 1.0, KNOTS), table)
             v = v + STEP * force / mass
-            found[:, k] = v
-        found *= effect.get("velocity_scale", 1.0)
-        return np.concatenate([average_blocks(row, SIZE) for row in found])[:, None]
+            found[:, :, k] = v
+        found *= effect("velocity_scale", 1.0)[:, :, None]
+        count = range(len(settings))
+        return [np.concatenate([average_blocks(row, SIZE) for row in found[s]])[:, None] for s in count]
 
     def simulate_twin(self, setting: Setting) -> Array | None:
         return None

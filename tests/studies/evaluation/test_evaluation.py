@@ -19,31 +19,26 @@ from omnimj.recording.read_dataset import read_dataset
 from omnimj.studies import workers
 from omnimj.studies.evaluation import study, trial
 from omnimj.studies.evaluation.cases import CasePopulation
-from omnimj.studies.evaluation.study import EvaluationConfig, run_evaluation
+from omnimj.studies.evaluation.study import EvaluationConfig, EvaluationResult, run_evaluation
 
 SHORT = CasePopulation("manoeuvres", 100)
 
 
-@pytest.fixture
-def telling(monkeypatch):
-    """Puts a made-up method, which is told the case, in the place of `off` and of every other name."""
+def substitute_method(patched, make):
+    """Puts a made-up method, which knows the case, in the place of every name but `off`."""
+    current = []
+    drive_case = trial.drive_case
 
-    def use(make):
-        known = []
-        drive_case = trial.drive_case
+    def drive_noted(case, method, settings, *_):
+        current[:] = [case]
+        return drive_case(case, method, settings)
 
-        def told(case, method, settings, *_):
-            known[:] = [case]
-            return drive_case(case, method, settings)
+    def make_method(name, *_, **__):
+        return None if name == "off" else make(current[0])
 
-        def make_method(name, *_, **__):
-            return None if name == "off" else make(known[0])
-
-        monkeypatch.setattr(study, "drive_case", told)
-        monkeypatch.setattr(study, "require_known_method", lambda name: None)
-        monkeypatch.setattr(trial, "make_detector", make_method)
-
-    return use
+    patched.setattr(study, "drive_case", drive_noted)
+    patched.setattr(study, "require_known_method", lambda name: None)
+    patched.setattr(trial, "make_detector", make_method)
 
 
 def names(executor: InlineExecutor) -> list[str]:
@@ -71,8 +66,8 @@ def test_recordings_are_a_dataset_of_channels_and_floor_and_nothing_else(tmp_pat
 
 
 @pytest.mark.slow
-def test_a_perfect_method_gets_everything_right(tmp_path, telling):
-    telling(perfect)
+def test_a_perfect_method_gets_everything_right(tmp_path, monkeypatch):
+    substitute_method(monkeypatch, perfect)
     order = EvaluationConfig(tmp_path / "out", SHORT, "perfect", trials=24)
     outcome = run_evaluation(order, quiet, InlineExecutor())
     summary = outcome.summary
@@ -87,8 +82,8 @@ def test_a_perfect_method_gets_everything_right(tmp_path, telling):
     assert summary.heading.median == summary.heading.worst == 1.0  # it recovers nothing and harms nothing
 
 
-def test_a_perfect_estimate_has_no_error(tmp_path, telling, monkeypatch):
-    telling(perfect)
+def test_a_perfect_estimate_has_no_error(tmp_path, monkeypatch):
+    substitute_method(monkeypatch, perfect)
     monkeypatch.setattr(trial, "time_after_use", partial(trial.time_after_use, seconds=0.5))
     choice = CasePopulation("missions", 100, faults=("motor",), duration=10.0)
     summary = run_evaluation(
@@ -98,13 +93,18 @@ def test_a_perfect_estimate_has_no_error(tmp_path, telling, monkeypatch):
     assert summary.estimate.p95 == pytest.approx(0.0, abs=1e-12)
 
 
-def test_false_alarms_of_a_method_are_counted(tmp_path, telling):
-    telling(crying_wolf)
-    choice = dataclasses.replace(SHORT, faults=("none", "slip"))
-    outcome = run_evaluation(
-        EvaluationConfig(tmp_path / "out", choice, "wolf", trials=12), quiet, InlineExecutor()
-    )
-    summary = outcome.summary
+@pytest.fixture(scope="module")
+def wolf(tmp_path_factory) -> EvaluationResult:
+    """An evaluation of a method that raises an alarm in every case."""
+    choice = dataclasses.replace(SHORT, faults=("none", "slip", "motor"))
+    order = EvaluationConfig(tmp_path_factory.mktemp("wolf") / "out", choice, "wolf", trials=12)
+    with pytest.MonkeyPatch.context() as patched:
+        substitute_method(patched, crying_wolf)
+        return run_evaluation(order, quiet, InlineExecutor())
+
+
+def test_false_alarms_of_a_method_are_counted(wolf):
+    summary = wolf.summary
     healthy = sum(summary.confusion["none"].values())
     assert summary.confusion["none"] == {"motor 1": healthy}
     assert summary.alarms.events == healthy and summary.cases_with_alarms.value == 1.0
@@ -112,21 +112,17 @@ def test_false_alarms_of_a_method_are_counted(tmp_path, telling):
     assert rate is not None and upper is not None and upper > rate
     assert rate == pytest.approx(3600.0 / 5.0)
     assert summary.alarms_before.events == 12
-    slips = [s for s in outcome.scores if s.fault == "slip"]
+    slips = [s for s in wolf.scores if s.fault == "slip"]
     assert slips and not any(s.isolated for s in slips)
 
 
-def test_rows_of_the_confusion_matrix_sum_to_the_cases(tmp_path, telling):
-    telling(crying_wolf)
-    outcome = run_evaluation(
-        EvaluationConfig(tmp_path / "out", SHORT, "wolf", trials=10), quiet, InlineExecutor()
-    )
-    rows = outcome.summary.confusion
-    assert sum(sum(row.values()) for row in rows.values()) == 10
+def test_rows_of_the_confusion_matrix_sum_to_the_cases(wolf):
+    rows = wolf.summary.confusion
+    assert sum(sum(row.values()) for row in rows.values()) == 12
     for truth, row in rows.items():
-        assert sum(row.values()) == sum(score.truth == truth for score in outcome.scores)
-    (table,) = (t for t in outcome.tables if t.title.startswith("Truth"))
-    assert sum(int(row[-1]) for row in table.rows) == 10
+        assert sum(row.values()) == sum(score.truth == truth for score in wolf.scores)
+    (table,) = (t for t in wolf.tables if t.title.startswith("Truth"))
+    assert sum(int(row[-1]) for row in table.rows) == 12
     assert all(sum(int(cell or 0) for cell in row[1:-1]) == int(row[-1]) for row in table.rows)
 
 
@@ -204,10 +200,10 @@ def test_names_that_do_not_exist_are_refused_with_the_choices(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_the_command_prints_tables_or_json_and_writes_a_page(tmp_path, monkeypatch, capsys, telling):
+def test_the_command_prints_tables_or_json_and_writes_a_page(tmp_path, monkeypatch, capsys, undrawn):
     monkeypatch.setattr(workers, "ProcessPoolExecutor", lambda *given, **named: InlineExecutor())
-    telling(perfect)
-    argv = ["evaluate", "--suite", "manoeuvres", "--method", "perfect", "--trials", "6", "--faults"]
+    substitute_method(monkeypatch, perfect)
+    argv = ["evaluate", "--suite", "manoeuvres", "--method", "perfect", "--trials", "4", "--faults"]
     argv += ["none,motor,slip", "--out", str(tmp_path)]
     assert main(argv) == 0
     said = capsys.readouterr().out
@@ -216,6 +212,6 @@ def test_the_command_prints_tables_or_json_and_writes_a_page(tmp_path, monkeypat
     assert page.count("<svg") == 5 and "http" not in page.replace("http-equiv", "")
     assert main([*argv, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert found["plan"]["trials"] == 6
+    assert found["plan"]["trials"] == 4
     told = [one["measure"] for one in found["goals"] if one["goal"]]
     assert told and all(measure in text for measure in told for text in (said, html.unescape(page)))
