@@ -110,7 +110,7 @@ def record(
     Raises:
       InputError: The folder is not empty or cannot be written, or a value breaks its rule.
       UnknownNameError: No such suite, plant or effect.
-      SimulationError: The simulation broke down; runs finished before are kept.
+      SimulationError: The simulation failed; runs finished before are kept.
     """
     config = RecordingConfig(Path(out), seed, repeats, plant, model, effects=effects or {})
     record_suite(find_suite(suite), config)
@@ -211,12 +211,12 @@ def evaluate(
     Args:
       config: Folder, method, number of trials and what the cases are drawn from.
       report: Called while it runs; it may raise KeyboardInterrupt, which keeps the finished cases.
-      executor: Runs the cases; processes of its own when None.
+      executor: Runs the cases; own processes when None.
 
     Raises:
       InputError: The folder holds something else or another evaluation.
       UnknownNameError: No such suite, plant, floor, method or class of faults.
-      SimulationError: A worker died; what was finished is kept.
+      SimulationError: A worker died; finished trials are kept.
     """
     from omnimj.studies.evaluation.study import run_evaluation
 
@@ -231,14 +231,14 @@ def tune(
     Args:
       config: Scenarios, gains, bounds, seed and size of the search.
       report: Called while it runs; it may raise KeyboardInterrupt, which keeps the finished trials.
-      executor: Runs the trials; processes of its own when None.
+      executor: Runs the trials; own processes when None.
 
     Returns:
-      The gains and what they are worth; None when it was interrupted.
+      The tuned gains with their scores; None when it was interrupted.
 
     Raises:
       InputError: The folder beside the file holds something else, or a name or bound is wrong.
-      SimulationError: A worker died or a trial broke down; what was finished is kept.
+      SimulationError: A worker died or a trial failed; finished trials are kept.
     """
     from omnimj.studies.tuning.study import run_tuning
 

@@ -261,7 +261,7 @@ def _format_calibration(found: Calibration, order: DiagnosisConfig, out: Path) -
     for one in found.set:
         by = "lower bound" if one.value == one.floor else "tail"
         numbers = [f"{x:.4g}" for x in (one.value, one.tail.largest, getattr(usual, one.name))]
-        rows.append((one.name, *numbers, THRESHOLD_UNITS[one.name], by))
+        rows.append((one.name, *numbers, THRESHOLD_UNITS[one.name].replace("1", ""), by))
     head = ("threshold", "value", "largest seen", "shipped", "unit", "set by")
     lines = [
         *order.dataset.notes,

@@ -63,7 +63,7 @@ def run(arguments: Any) -> int:
 
     Raises:
       InputError: The dataset, the model file or a name is wrong, or the folder cannot be written.
-      SimulationError: The search broke down; everything found so far is written.
+      SimulationError: The search failed; everything found so far is written.
     """
     # the matrices are too small to benefit from multithreaded linear algebra
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -304,7 +304,7 @@ def run_gap_benchmark(arguments: Any) -> int:
     """Run the benchmark of the search.
 
     Returns:
-      0 regardless of the scores; 1 if a search broke down; 130 after Ctrl-C, with all finished cases kept.
+      0 regardless of the scores; 1 if a search failed; 130 after Ctrl-C, with all finished cases kept.
 
     Raises:
       InputError: An option is not one of the benchmark, or the folder holds other files.

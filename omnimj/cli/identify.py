@@ -7,7 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from omnimj.cli.arguments import INTERRUPTED, Command, add_floors, add_results, command_line, exit_code
-from omnimj.cli.terminal import ProgressBar, announce_compilation, format_json, format_table, note_compiled
+from omnimj.cli.terminal import (
+    ProgressBar,
+    announce_compilation,
+    format_json,
+    format_table,
+    format_value,
+    note_compiled,
+)
 from omnimj.errors import UnknownNameError
 
 if TYPE_CHECKING:
@@ -82,7 +89,10 @@ def _format_identification(found: Identification, out: Path) -> str:
 def _format_floor(floor: IdentifiedFloor) -> list[str]:
     low, high = floor.curve.covered
     lines = [f"{floor.floor}: {len(floor.runs)} runs, masses {', '.join(f'{m:g}' for m in floor.masses)} kg"]
-    rows = [(e.name, f"{e.value:.4g} {e.unit}", format_interval(e)) for e in floor.estimates]
+    rows = [
+        (e.name, format_value(e.value, "" if e.unit == "1" else e.unit), format_interval(e))
+        for e in floor.estimates
+    ]
     lines.append(format_table(("parameter", "value", "90 % interval"), rows))
     if low == low:
         lines.append(f"curve F/F_N over {1000 * low:.3g} … {1000 * high:.3g} mm/s of slip")
@@ -126,7 +136,7 @@ def run_validate(arguments: Any) -> int:
 
     Raises:
       InputError: The data or the model are invalid, or the folder cannot be written.
-      SimulationError: A simulation broke down.
+      SimulationError: A simulation failed.
     """
     from omnimj.recording.folder import check_folder
 

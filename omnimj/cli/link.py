@@ -87,7 +87,7 @@ def _require_ready(on_floor: bool) -> None:
     """
     if not sys.stdin.isatty():
         raise InputError(
-            "link check", "there is no terminal for questions", "--yes says that the robot is ready"
+            "link check", "there is no terminal for questions", "--yes states that the robot is ready"
         )
     words = "half a metre of room around it, on the floor" if on_floor else "its wheels off the floor"
     if _prompt(f"Is the robot at rest, with {words}, and a hand at the switch? [y/n] ") != "y":

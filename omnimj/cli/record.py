@@ -54,7 +54,7 @@ def run(arguments: Any) -> int:
 
     Raises:
       InputError: Suite, effect, plant or format is unknown, or the folder cannot be written.
-      SimulationError: The simulation broke down; finished runs are kept.
+      SimulationError: The simulation failed; finished runs are kept.
     """
     from omnimj.simulate.suites.catalogue import find_suite
 

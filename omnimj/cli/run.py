@@ -111,7 +111,7 @@ def run_run(arguments: Any) -> int:
       0 if every check passes; 1 if one fails; 130 after Ctrl-C, with everything recorded so far written.
 
     Raises:
-      SimulationError: The simulation broke down; everything recorded so far is written.
+      SimulationError: The simulation failed; everything recorded so far is written.
     """
     from omnimj.recording.folder import check_folder
     from omnimj.simulate.scenario.scenario import read_scenario
@@ -210,7 +210,7 @@ def _drive(
 
     thresholds = read_thresholds(arguments.thresholds, method)
     plant = plant_name(scenario, arguments.plant)
-    compiled = "wire" if wire is not None else plant
+    compiled = "remote" if wire is not None else plant
     if plant != KINEMATIC:
         announce_compilation(compiled, scenario.plant)  # before the imports that compile
     live, callbacks = None, NO_CALLBACKS
@@ -309,7 +309,7 @@ def comparison_metrics(comparison: Comparison) -> dict[str, Any]:
 
 
 def print_failures(comparison: Comparison) -> None:
-    """Print one line on stderr for each run that broke down."""
+    """Print one line on stderr for each run that failed."""
     for method, failure in comparison.failures.items():
         print(f"omnimj: method {method}: {failure}", file=sys.stderr)
 

@@ -142,11 +142,9 @@ def format_recovery(trace: Trace, metrics: Mapping[str, Any], constants: Robot |
 
 def _format_without_truth(metrics: Mapping[str, Any]) -> str:
     """Format the diagnoses of a robot whose true faults are unknown."""
-    expected = len(metrics["scenario_faults"])
-    note = f"the {expected} of the scenario's file hold only if the device runs it too"
-    words = "diagnosis: the true faults of a robot behind a wire are unknown" + (
-        f"; {note}" if expected else ""
-    )
+    words = "diagnosis: the true faults of a robot behind a wire are unknown"
+    if metrics["scenario_faults"]:
+        words += "; those in the scenario file apply only if the device simulates them"
     found = match_diagnoses((), metrics["diagnoses"], 1).false_alarms
     if not found:
         return f"{words}\nno fault was diagnosed"

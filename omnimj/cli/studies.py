@@ -67,7 +67,7 @@ def run_evaluate(arguments: Any) -> int:
     """Drive the cases, score them and write the results.
 
     Returns:
-      0 regardless of the scores; 1 if a case broke down; 130 after Ctrl-C, with all finished cases kept.
+      0 regardless of the scores; 1 if a case failed; 130 after Ctrl-C, with all finished cases kept.
 
     Raises:
       InputError: An option is out of its range, or the folder holds something else.
@@ -157,7 +157,7 @@ def run_sensitivity(arguments: Any) -> int:
     """Drive the trajectories of the study, rank the parameters and write the results.
 
     Returns:
-      0 regardless of the ranking; 1 if a run broke down; 130 after Ctrl-C, with all finished runs kept.
+      0 regardless of the ranking; 1 if a run failed; 130 after Ctrl-C, with all finished runs kept.
 
     Raises:
       InputError: An option is out of its range, or the folder holds something else.
@@ -169,7 +169,7 @@ def run_sensitivity(arguments: Any) -> int:
     from omnimj.studies.workers import open_executor
     from omnimj.view.report.sensitivity import write_sensitivity_files
 
-    asked = TrialConfig(
+    trial = TrialConfig(
         absolute_scenario(arguments.scenario),
         tuple(arguments.overrides),
         _absolute(arguments.model),
@@ -179,7 +179,7 @@ def run_sensitivity(arguments: Any) -> int:
     )
     order = SensitivityConfig(
         arguments.out,
-        asked,
+        trial,
         arguments.trajectories,
         arguments.seed,
         arguments.share,
@@ -187,7 +187,7 @@ def run_sensitivity(arguments: Any) -> int:
         arguments.workers,
         arguments.force,
     )
-    scenario = nominal_scenario(asked)
+    scenario = nominal_scenario(trial)
     announce_compilation(order.trial.plant, scenario.plant)
     check_config(order)
     with open_executor(arguments.executor) as executor, ProgressBar() as bar:
@@ -226,7 +226,7 @@ EVALUATE = Command(
   omnimj evaluate --faults none --floor natural_stone --seed 11 --record --out out/stone
   omnimj calibrate out/stone/recordings --false-alarms-per-hour 0.1 --out thresholds.toml
 
-Seeds 0 to 99 are for setting thresholds: an evaluation with one of them says that it judges nothing.
+Seeds 0 to 99 are for setting thresholds: an evaluation with one of them states that it judges nothing.
 The same command resumes an interrupted --out; a larger --trials adds cases to it.""",
     add_evaluate_arguments,
     run_evaluate,

@@ -146,16 +146,16 @@ def _plant(arguments: Any, scenario: Scenario) -> Plant:
     return make_plant(scenario, name, arguments.seed)
 
 
-def _gamepad(asked: str | None) -> Gamepad | None:
+def _gamepad(given: str | None) -> Gamepad | None:
     """Open the given gamepad, or else the first readable one; return None without any."""
     from omnimj.simulate.teleop.devices import FIRST_GAMEPAD, Gamepad
 
-    if asked == "none" or (asked is None and not FIRST_GAMEPAD.exists()):
+    if given == "none" or (given is None and not FIRST_GAMEPAD.exists()):
         return None
     try:
-        return Gamepad(FIRST_GAMEPAD if asked is None else Path(asked))
+        return Gamepad(FIRST_GAMEPAD if given is None else Path(given))
     except InputError as error:
-        if asked is not None:
+        if given is not None:
             raise
         print(f"omnimj: {error}; the keyboard drives alone", file=sys.stderr)
         return None

@@ -90,7 +90,7 @@ def run(arguments: Any) -> int:
 
     Raises:
       InputError: An option is out of its range, or --out cannot be written.
-      SimulationError: A worker died or a trial broke down; finished trials are kept.
+      SimulationError: A worker died or a trial failed; finished trials are kept.
     """
     from omnimj.recording.folder import atomic_file
     from omnimj.studies.tuning.reporting import format_gains_file
@@ -209,7 +209,7 @@ TUNE = Command(
   omnimj run circle_8m --gains tuned_gains.toml
 
 Candidates are driven with seed N, 0 to 99; the result is judged with seed 100 + N, which is never tuned with.
-The exit code is 0 when the result is better there, 1 when it is not; FILE says which.
+The exit code is 0 when the result is better there, 1 when it is not; FILE states which.
 Trials are kept in a folder beside FILE: the same command resumes an interrupted search.""",
     add_arguments,
     run,

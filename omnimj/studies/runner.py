@@ -94,7 +94,7 @@ class StudyFolder:
             if read_json(file) == wanted:
                 return True
             if not force:
-                rule = f"{self.plan_file} there says which; choose another folder"
+                rule = f"{self.plan_file} there states which; choose another folder"
                 rule += ", or --force to replace it" if self.can_replace else ""
                 raise InputError(f"--out {self.path}", f"holds {self.noun} with other settings", rule)
         check_folder(self.path, force)
@@ -118,7 +118,7 @@ class StudyFolder:
 
 @dataclass(frozen=True)
 class TrialFolder:
-    """Folder of trial results, one JSON file per trial; that of a trial that broke down has only `error`."""
+    """Folder of trial results, one JSON file per trial; that of a trial that failed has only `error`."""
 
     path: Path
 
@@ -133,7 +133,7 @@ class TrialFolder:
             write_json(self.path / f"{name}.json", result)
 
     def finished(self, name: str, **truth: Any) -> dict[str, Any] | None:
-        """Return the result of a completed trial; None if it is missing or broke down.
+        """Return the result of a completed trial; None if it is missing or failed.
 
         Args:
           name: Name of the trial.
@@ -153,7 +153,7 @@ class TrialFolder:
         return result
 
     def collect(self, names: Iterable[str]) -> tuple[dict[str, dict[str, Any]], dict[str, str]]:
-        """Return the results of finished trials, and the errors of those that broke down, by name."""
+        """Return the results of finished trials, and the errors of those that failed, by name."""
         found = {name: result for name in names if (result := self.read(name)) is not None}
         errors = {name: str(result["error"]) for name, result in found.items() if "error" in result}
         return {name: result for name, result in found.items() if name not in errors}, errors

@@ -19,7 +19,7 @@ class Residual:
 
     column: str
     threshold: str | None
-    """Column of the threshold; None for a residual without a decision of its own."""
+    """Column of the threshold; None for a residual that is not tested against one."""
     label: str
     color: str
     wheel: int | None

@@ -279,9 +279,9 @@ def _about_friction(
     if not loose:
         return []
     names = f"{', '.join(loose[:-1])} and {loose[-1]}" if len(loose) > 1 else loose[0]
-    verb = "are not determined one by one" if len(loose) > 1 else "is determined roughly at best"
+    verb = "are not determined individually" if len(loose) > 1 else "is determined only roughly at best"
     return [
-        f"{names} {verb} on {floor}: well determined is the friction level g only, "
+        f"{names} {verb} on {floor}: only the friction level g is well determined, "
         f"{_level(fit, spread, low)} at {1000 * low:.3g} mm/s and {_level(fit, spread, high)} at "
         f"{1000 * high:.3g} mm/s of slip"
     ]

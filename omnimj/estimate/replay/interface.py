@@ -172,7 +172,7 @@ def average_blocks(values: Array, size: int) -> Array:
 def candidate_effects(
     plant: str, spans: Mapping[str, tuple[float, float]], without: tuple[str, ...] = ()
 ) -> tuple[CandidateEffect, ...]:
-    """Candidate effects of a plant from the catalogue; every choice of a selector is a candidate of its own.
+    """Candidate effects of a plant from the catalogue; one candidate for every choice of a selector.
 
     Args:
       plant: Name of the plant.

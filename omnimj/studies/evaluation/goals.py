@@ -1,6 +1,6 @@
 """Comparison of the measured figures of a method with its goals: measure, goal, measured, n, met.
 
-A goal is met or missed by the measured figure; a remark says whether its confidence interval agrees. A goal
+A goal is met or missed by the measured figure; a remark states whether its confidence interval agrees. A goal
 for a time without a statistic applies to both the median and the 95 % quantile.
 """
 

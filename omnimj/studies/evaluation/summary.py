@@ -156,8 +156,8 @@ def summarize(scores: Sequence[CaseScore]) -> Summary:
     """Summarize the scores of all cases."""
     healthy = [s for s in scores if s.fault == NONE]
     broken = [s for s in scores if s.fault != NONE]
-    asked = [s for s in broken if s.fault == "motor" and s.severity is not None]
-    errors = [abs(f.estimate_error) for s in asked for f in s.faults if f.estimate_error is not None]
+    estimated = [s for s in broken if s.fault == "motor" and s.severity is not None]
+    errors = [abs(f.estimate_error) for s in estimated for f in s.faults if f.estimate_error is not None]
     kinds = [name for name in ALL_CLASSES if name != NONE and any(s.fault == name for s in broken)]
     return Summary(
         cases=len(scores),
@@ -177,7 +177,7 @@ def summarize(scores: Sequence[CaseScore]) -> Summary:
         goals=tuple(_group(name, [s for s in broken if holds(s)]) for name, holds in GOAL_GROUPS.items()),
         pairs=tuple(_pairs([s for s in broken if s.fault == TWO])),
         estimate=delay_quantiles(errors),
-        estimates_asked=len(asked),
+        estimates_asked=len(estimated),
         clearing=delay_quantiles(s.clearing for s in broken if s.clearing is not None),
         switches=_switches([s.switches for s in broken if s.switches is not None]),
         heading=_ratios(broken, lambda s: s.heading_ratio),

@@ -46,7 +46,7 @@ def summary_sentences(population: CasePopulation, summary: Summary, planned: int
         "confirm it. The suite does not judge the smallest loss, circles and pivots, and computing time.",
     ]
     if failed:
-        lines.append(f"{failed} cases broke down and are left out: `errors` in evaluation.json.")
+        lines.append(f"{failed} cases failed and are left out: `errors` in evaluation.json.")
     return lines
 
 

@@ -61,7 +61,7 @@ def drive_case(
       [rad] and path [m] since its onset. `off`: the same without any method (None if the method is `off`, or
       without a fault). `healthy`: the same without method and fault. `use`: per fault the time at which its
       part was first in use, and the estimated effectiveness of the wheel after 5 s of use. `speed`: simulated
-      seconds per second. Or `error`: the message of a trial that broke down.
+      seconds per second. Or `error`: the message of a trial that failed.
     """
     return run_guarded(
         lambda: {

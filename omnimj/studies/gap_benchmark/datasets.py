@@ -128,7 +128,7 @@ def make_dataset(
       conditions: Number of conditions.
 
     Raises:
-      SimulationError: A run broke down.
+      SimulationError: A run failed.
       InputError: The folder cannot be written.
     """
     nominal = read_rig()

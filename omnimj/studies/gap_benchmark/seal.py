@@ -1,4 +1,4 @@
-"""Seal of the benchmark's truth: compressed and encrypted, with the key in a file of its own.
+"""Seal of the benchmark's truth: compressed and encrypted, with the key in a separate file.
 
 It prevents workflow and users from seeing the truth by accident; only scoring opens it.
 """

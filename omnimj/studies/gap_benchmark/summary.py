@@ -257,5 +257,5 @@ def summary_sentences(seed: int, made_by: str, scored: int, planned: int, failed
         f"noise; an effect below {VISIBLE} does not count as visible.",
     ]
     if failed:
-        lines.append(f"{failed} searches or fits broke down and are left out: `errors` in benchmark.json.")
+        lines.append(f"{failed} searches or fits failed and are left out: `errors` in benchmark.json.")
     return lines

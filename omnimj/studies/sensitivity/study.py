@@ -91,7 +91,7 @@ class SensitivityResult:
     repeats: int
     """Number of finished runs with different noise only."""
     errors: Mapping[str, str]
-    """Error message by run that broke down."""
+    """Error message by run that failed."""
     interrupted: bool
 
 

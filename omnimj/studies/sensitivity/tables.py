@@ -53,11 +53,11 @@ def summary_sentences(outcome: SensitivityResult) -> Iterator[str]:
     )
     planned = config.trajectories * (len(outcome.factors) + 1)
     if outcome.interrupted or outcome.runs < planned:
-        why = "interrupted" if outcome.interrupted else "some broke down"
+        why = "interrupted" if outcome.interrupted else "some failed"
         yield f"{outcome.runs} of {planned} runs are finished ({why}); the same command continues from here."
     if outcome.errors:
         name, error = next(iter(outcome.errors.items()))
-        yield f"{len(outcome.errors)} runs broke down; {name}: {error}"
+        yield f"{len(outcome.errors)} runs failed; {name}: {error}"
 
 
 def format_excluded(outcome: SensitivityResult) -> tuple[str, ...]:

@@ -190,7 +190,7 @@ def drive_with(config: TrialConfig, values: Mapping[str, float], seed: int) -> d
       seed: Seed of the sensor noise.
 
     Returns:
-      `values`, `seed` and `results` by name; or `error`: the message of a run that broke down.
+      `values`, `seed` and `results` by name; or `error`: the message of a run that failed.
     """
 
     def trial() -> dict[str, Any]:

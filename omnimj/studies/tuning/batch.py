@@ -54,7 +54,7 @@ class TrialBatch:
         """Return the metrics of every candidate, one per draw.
 
         Raises:
-          SimulationError: A trial broke down for a reason other than its gains, or a worker died.
+          SimulationError: A trial failed for a reason other than its gains, or a worker died.
           InputError: A stored trial has another truth.
         """
         self._find_uses(draws)
@@ -89,7 +89,7 @@ class TrialBatch:
         errors |= {name: "its file vanished" for name in missing if name not in found and name not in errors}
         if errors:
             name, error = next(iter(errors.items()))
-            raise SimulationError(f"{len(errors)} of {len(tasks)} trials broke down; {name}: {error}")
+            raise SimulationError(f"{len(errors)} of {len(tasks)} trials failed; {name}: {error}")
         return {name: found[name] if result is None else result for name, result in stored.items()}
 
 

@@ -45,7 +45,7 @@ TERMS: Mapping[str, Term] = MappingProxyType(
 MOVE_WEIGHT = 0.002
 """Weight of the mean square of ln(gain/gain before), which keeps gains without effect unchanged."""
 _MIN_MARGIN = 1.0  # [°] smallest margin in the cost term; a limit rejects smaller ones anyway
-_BROKE = 10.0  # violation of a run that broke down
+_BROKE = 10.0  # violation of a run that failed
 _INFEASIBLE, _MAX_COST = 1e3, 999.0  # fitness from which a limit is violated; largest other cost
 
 
@@ -123,7 +123,7 @@ def score(
 
     Args:
       found: Metrics of the candidate, one per draw.
-      before: Metrics of the gains before; none of these runs broke down.
+      before: Metrics of the gains before; none of these runs failed.
       loops: Stability of the loops with the candidate.
       loops_before: Stability of the loops with the gains before.
       limits: Limits.

@@ -97,7 +97,7 @@ def comparison_rows(verdict: Comparison) -> list[tuple[str, str, str]]:
         ("longest at the current limit", lambda s: f"{s.saturation:.3f} s"),
         ("smallest phase margin", lambda s: f"{s.loops.phase:.1f}°"),
         ("largest overshoot", lambda s: f"{100.0 * s.loops.overshoot:.0f} %"),
-        ("runs that broke down", lambda s: str(s.broke)),
+        ("runs that failed", lambda s: str(s.broke)),
     ):
         rows.append((label, of(before), of(after)))
     return rows

@@ -197,7 +197,7 @@ def run_tuning(
 
     Raises:
       InputError: The folder next to the file holds something else, or cannot be written.
-      SimulationError: A worker died, or a trial broke down; finished trials are kept.
+      SimulationError: A worker died, or a trial failed; finished trials are kept.
     """
     return run_study(_Tuning(config), report, executor)
 
@@ -333,7 +333,7 @@ class _Steps:
         before = self._batch.drive([self._start], draws)[0]
         broken = [one.broke for one in before if one.broke is not None]
         if broken:
-            raise InputError("omnimj tune", "a run with the gains before broke down", broken[0])
+            raise InputError("omnimj tune", "a run with the gains before failed", broken[0])
         return [
             score(metrics[one], before, loops[one], self._loops_before, limits, self.axes, one)
             if one in metrics

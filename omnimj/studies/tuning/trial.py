@@ -151,7 +151,7 @@ def drive_healthy(draw: Draw, values: Mapping[str, float]) -> dict[str, Any]:
       values: Gains before the search by name, in place of the model's.
 
     Returns:
-      `draw`: the truth. `uses`: intervals per wheel. Or `error`: the message of a run that broke down.
+      `draw`: the truth. `uses`: intervals per wheel. Or `error`: the message of a run that failed.
     """
 
     def trial() -> dict[str, Any]:
@@ -177,7 +177,7 @@ def drive_trial(
 
     Returns:
       `draw`, `gains`, and `facts` from `measure_trial`; a failed run has the one fact `broke`: gains can
-      cause that. Or `error`: the message of a trial that broke down otherwise.
+      cause that. Or `error`: the message of a trial that failed otherwise.
     """
 
     def trial() -> dict[str, Any]:

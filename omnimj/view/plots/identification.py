@@ -126,7 +126,7 @@ def speed_overlay(runs: Sequence[ReplayedRun]) -> Figure:
         banded(axes[1], run.time[counted], error[counted], **style)
     axes[1].axhline(0.0, color=palette.MUTED, linewidth=0.8, zorder=1)
     value_axis(axes[0], "carriage [m/s]")
-    value_axis(axes[1], "off [mm/s]")
+    value_axis(axes[1], "error [mm/s]")
     time_axis(axes[1], first.time)
     legend(axes[0], 3)
     return figure

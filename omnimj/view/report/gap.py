@@ -238,8 +238,8 @@ def _certainty(finding: Finding) -> list[str]:
     if not finding.effects:
         lines.append(_nothing_named(finding))
     lines.append(
-        f"{finding.samples} block means are worth {finding.effective_samples:.0f} independent ones, since "
-        "neighbouring ones are correlated."
+        f"{finding.samples} block means are equivalent to {finding.effective_samples:.0f} independent ones, "
+        "since neighbouring ones are correlated."
     )
     return lines
 

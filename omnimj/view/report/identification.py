@@ -106,14 +106,17 @@ def _slip_range(floor: IdentifiedFloor) -> str:
 
 def _facts(floor: IdentifiedFloor) -> Table:
     masses = ", ".join(f"{mass:g}" for mass in floor.masses)
-    samples = f"{floor.samples} block means, worth {floor.effective_samples:.0f} independent ones"
+    samples = f"{floor.samples} block means, equivalent to {floor.effective_samples:.0f} independent ones"
     return table(
         [
             ("runs", f"{len(floor.runs)}, masses {masses} kg"),
             ("without visible slip", ", ".join(floor.left_out) or "none"),
             ("unexplained speed", f"{1000 * floor.rms['carriage_speed']:.2g} mm/s RMS"),
             ("unexplained acceleration", f"{floor.rms['carriage_acceleration']:.2g} m/s² RMS"),
-            ("rolling radius", f"{100 * (floor.radius_scale - 1):+.3f} % of nominal, fitted"),
+            (
+                "rolling radius",
+                f"{100 * (floor.radius_scale - 1):+.3f} % from nominal, fitted".replace("-", "−"),
+            ),
             ("samples", samples),
         ]
     )

@@ -73,7 +73,7 @@ def test_a_search_that_breaks_is_counted_and_tried_again(tmp_path, searches, mon
     whole = trial.find_gap
     monkeypatch.setattr(trial, "find_gap", lambda dataset: 1 / 0)
     outcome = run_benchmark(order, quiet, InlineExecutor())
-    assert outcome.failed == 1 and "1 searches or fits broke down" in outcome.lines[-1]
+    assert outcome.failed == 1 and "1 searches or fits failed" in outcome.lines[-1]
     monkeypatch.setattr(trial, "find_gap", whole)
     monkeypatch.setattr(trial, "true_heldout", lambda replay, effects: 1 / 0)
     outcome = run_benchmark(order, quiet, InlineExecutor())

@@ -56,7 +56,7 @@ def test_gains_before_that_break_a_judging_run_down_are_reported_before_the_sear
         return found | {"facts": {"broke": "at 0.1 s: x is nan"}} if "_100_" in draw.name else found
 
     monkeypatch.setattr(batch, "drive_trial", fragile)
-    with pytest.raises(InputError, match="a run with the gains before broke down"):
+    with pytest.raises(InputError, match="a run with the gains before failed"):
         run_tuning(order, quiet, InlineExecutor())
     assert len(driven) == order.trials + order.judging
 

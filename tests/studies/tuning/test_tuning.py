@@ -189,7 +189,7 @@ def test_a_trial_that_breaks_for_no_fault_of_the_gains_ends_the_search_with_an_e
         raise ZeroDivisionError("once")
 
     monkeypatch.setattr("omnimj.studies.tuning.trial.measure_trial", broken)
-    with pytest.raises(SimulationError, match=r"trials broke down; trial_push.*ZeroDivisionError: once"):
+    with pytest.raises(SimulationError, match=r"trials failed; trial_push.*ZeroDivisionError: once"):
         run_tuning(order, quiet, InlineExecutor())
 
 

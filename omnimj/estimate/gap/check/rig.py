@@ -110,9 +110,9 @@ def _delays(found: dict[tuple[str, str], Comparison | None], first: Onsets) -> I
     wheel = first.lag("carriage_acceleration", "wheel_speed")
     current_first = first.lag("current", "carriage_acceleration")
     if speed > _DELAY:
-        yield _late("carriage_speed", speed + 0.5 * _LAG, "what the accelerometer says")
+        yield _late("carriage_speed", speed + 0.5 * _LAG, "the accelerometer")
     elif speed < -_DELAY:
-        yield _late("carriage_acceleration", -speed + 0.5 * _LAG, "what the carriage's speed says")
+        yield _late("carriage_acceleration", -speed + 0.5 * _LAG, "the carriage's speed")
     if wheel is not None and abs(speed) <= _DELAY:
         if wheel > _DELAY:
             yield _late("wheel_speed", wheel, "the carriage's first motion")

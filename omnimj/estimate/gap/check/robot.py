@@ -114,7 +114,7 @@ def unexplained_share(
 ) -> float:
     """Share of the wheels' motion that the body motion does not explain.
 
-    Each wheel has a positive scale of its own.
+    Each wheel has its own positive scale.
 
     Args:
       parts: Windows.
@@ -139,7 +139,7 @@ def unexplained_share(
 def wheel_scales(parts: Sequence[BodyWindow], rolling: Array, count: int) -> list[tuple[float, float]]:
     """Scale of every wheel against the accelerometer axis along which it drives, and its certainty.
 
-    Gyro and both axes have a factor of their own each, so that the unit of one does not disturb the
+    Gyro and both axes each have their own factor, so that the unit of one does not disturb the
     others. The certainty is the correlation with all three, 0 where the axis contributes little.
 
     Args:

@@ -95,7 +95,7 @@ def _placed(shape: CandidateParameter, spans: Spans) -> CandidateParameter:
     reach, top = high - low, spans["speed"][1]
     bounds = {
         "position": (low, high, 0.5 * (low + high)),
-        # with its rest position far outside the travel a cable is a constant force, an effect of its own
+        # with its rest position far outside the travel a cable is a constant force, which is another effect
         "rest_position": (low - reach, high + reach, 0.5 * (low + high)),
         "width": (0.01 * reach, 0.5 * reach, 0.1 * reach),
         "velocity": (0.003 * top, _SLOW * top, 0.05 * top),
