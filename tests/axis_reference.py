@@ -1,4 +1,4 @@
-"""An axis that shares no code with ours: smooth friction, small steps, a drive that holds its command.
+"""An axis that shares no code with the package: smooth friction, small steps, a drive that holds its command.
 
 Written in plain Python on purpose; logs are those of an ordinary servo drive: the command and the encoder.
 """

@@ -1,4 +1,4 @@
-"""A headless Chromium that says how a report lies on a phone's screen and prints it, where there is one."""
+"""A headless Chromium that measures a report on a phone's screen and prints it, where there is one."""
 
 from __future__ import annotations
 

@@ -153,7 +153,7 @@ def _drive_axis(amplitude: float, period: float, share: float) -> np.ndarray:
 
 
 def robot_overlays() -> tuple[Overlay, ...]:
-    """Three missions in windows of 5 s; the motor of wheel 3 gives less torque than the model says."""
+    """Three missions in windows of 5 s; the motor of wheel 3 gives less torque than in the model."""
     rng = np.random.default_rng(9)
     overlays = []
     for mission in range(3):

@@ -40,7 +40,7 @@ def twin_run(
 
 
 def reference_run(rig: Rig, floor: Floor, current: float, seed: int = 0, duration: float = 1.05) -> Run:
-    """The same out of LSODA, which shares no code with the package; only the sensors are ours."""
+    """The same out of LSODA, which shares no code with the package; only the sensors are the package's."""
     mass = rig.rig.masses[0]
     time, speed, wheel = integrate(rig, floor, mass, current, duration)
     sensors = RigSensors(rig.sensors, rig.motor, 1e-3, seed)

@@ -26,7 +26,7 @@ FOLDERS = {"models": resources.models_folder(), "scenarios": resources.scenarios
 
 
 def said_by(script: str, *path: Path, cwd: Path | None = None, home: Path | None = None) -> str:
-    """What a fresh Python says that sees only these folders and the installed libraries."""
+    """Output of a fresh Python that sees only these folders and the installed libraries."""
     before = "".join(f"sys.path.insert(0, {str(folder)!r})\n" for folder in path)
     environment = dict(os.environ)
     if home is not None:

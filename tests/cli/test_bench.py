@@ -1,4 +1,4 @@
-"""`omnimj bench` reports what its schema asks for."""
+"""`omnimj bench` reports what its schema requires."""
 
 import contextlib
 import io

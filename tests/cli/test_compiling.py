@@ -1,4 +1,4 @@
-"""The first run on a kind of plant says that it compiles, before it does, and no other run says so."""
+"""The first run on a kind of plant announces that it compiles, before it does; no other run does."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ QUICK = ("run", "nylon_patch", "--plant", "planar", "--set", "duration=0.05", "-
 
 @pytest.fixture
 def cache(monkeypatch, tmp_path) -> Path:
-    """An empty cache; this process has compiled already, so that only what is said about it is new."""
+    """An empty cache; this process has compiled already, so that only the announcement is new."""
     folder = tmp_path / "cache"
     folder.mkdir()
     monkeypatch.setattr(native, "cache_folder", lambda package: folder)

@@ -1,4 +1,4 @@
-"""`omnimj diagnose`: what it says of recorded runs, and what it refuses."""
+"""`omnimj diagnose`: what it finds in recorded runs, and what it refuses."""
 
 from __future__ import annotations
 

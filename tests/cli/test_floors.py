@@ -1,4 +1,4 @@
-"""`--floors FILE`: floors of one's own drive every plant, and a mistake in them is told in one line."""
+"""`--floors FILE`: a user's floors drive every plant, and a mistake in them is reported in one line."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ WRITTEN = ["before_after.rrd", "gap.json", "model.toml", "report.html"]
 
 @pytest.fixture
 def search(monkeypatch):
-    """Puts a search that finds what it is told in the place of the real one; keeps what it was asked."""
+    """Puts a search with a given finding in the place of the real one; keeps its arguments."""
     asked: list[tuple] = []
 
     def install(finding) -> list[tuple]:

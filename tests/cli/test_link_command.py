@@ -1,4 +1,4 @@
-"""`omnimj link fuzz`: says what came of it, and fails when something wrong was accepted."""
+"""`omnimj link fuzz`: counts what came of it, and fails when something wrong was accepted."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `omnimj run` says of a diagnosis, and runs with the other methods beside it."""
+"""What `omnimj run` prints of a diagnosis, and runs with the other methods beside it."""
 
 from __future__ import annotations
 

@@ -188,7 +188,7 @@ def test_an_unknown_plant_is_refused_in_one_line(capsys, monkeypatch, argv, said
 
 
 def test_the_newest_part_of_a_watched_drive_is_written_to_its_folder(tmp_path):
-    """A spectator writes down what it is sent of a plant that does not tell where it is."""
+    """A spectator writes down what it gets of a plant without a true pose."""
     from rerun.chunk import RrdReader
 
     from omnimj.parameters import Robot

@@ -1,4 +1,4 @@
-"""What a method says of a log is what it said on the robot, wherever the log begins or breaks."""
+"""A method diagnoses in a log what it diagnosed on the robot, wherever the log begins or breaks."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ ZERO = (0.0, 0.0, 0.0)
 
 
 class DeviceDriver:
-    """Talks to a device as its host does; every frame that the device says is kept in `said`."""
+    """Talks to a device as its host does; every frame of the device is kept in `said`."""
 
     def __init__(self, lock_step=False, keyed=False, limits=LIMITS, start=0.0, sessions=None):
         self.keyed, self.now = keyed, start
@@ -116,7 +116,7 @@ class DeviceDriver:
 
 
 def faults(frames: Sequence[Frame]) -> list[Fault]:
-    """Among what was said."""
+    """Among the frames of the device."""
     return [f.message for f in frames if isinstance(f.message, Fault)]
 
 

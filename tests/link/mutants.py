@@ -143,7 +143,7 @@ class Overlay(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
 
 def noticed(name: str, source: str, tests: tuple[str, ...]) -> bool:
-    """Whether a test fails with this source, in a process of its own."""
+    """Whether a test fails with this source, in a separate process."""
     child = os.fork()
     if child == 0:
         signal.alarm(LONGEST)

@@ -140,7 +140,7 @@ def _fields(message: object) -> list[str]:
 
 
 def told(frame: Frame) -> str:
-    """The frame as one line, every float by its bits, so that −0 is told, too."""
+    """The frame as one line, every float by its bits, so that −0 is distinguished, too."""
     message = frame.message
     kind = next(kind for kind in MessageType if kind.name.replace("_", "") == type(message).__name__.upper())
     head = [str(int(kind)), str(frame.session), str(frame.sequence), str(frame.time)]

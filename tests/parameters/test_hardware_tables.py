@@ -51,7 +51,7 @@ def test_the_device_lets_through_what_the_controller_may_want():
     assert limits.current >= control.current_limit
     assert limits.current_rate >= control.current_rate_limit
     assert limits.wheel_speed > control.wheel_speed_limit
-    # and the speed monitors can tell
+    # and the speed monitors can resolve
     assert limits.wheel_speed < robot.sensors.speed_monitor_range / robot.motor.gear_ratio
     assert limits.message_rate >= 2.0 * robot.sensors.sample_rate
 

@@ -47,7 +47,7 @@ def read_or_refused(folder: Path, name: str, content: bytes) -> Any:
         return read(folder, name, content)
     except InputError as error:
         message = str(error)
-        # with other text around a mistake it may be told of the model file that lacks what the parts lost
+        # with other text around a mistake the error may name the model file that lacks what the parts lost
         assert message.startswith((str(folder / name), str(folder / "robot.toml")))
         assert len(message) < 2000
         assert "\n" not in message

@@ -1,4 +1,4 @@
-"""Small datasets on disk, whole or broken, for the tests of whoever reads them."""
+"""Small datasets on disk, whole or broken, for tests of their readers."""
 
 from __future__ import annotations
 

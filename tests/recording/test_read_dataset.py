@@ -1,4 +1,4 @@
-"""What a dataset's folder may look like, and how each thing that is wrong with one is told."""
+"""What a dataset's folder may look like, and how each mistake in one is refused."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ N = 3
 
 
 class CountingRobot:
-    """Every number of step k tells k and its own place; fails where it is told to."""
+    """Every number of step k encodes k and its place; fails at a given step."""
 
     period = 0.01
 
@@ -63,7 +63,7 @@ class Remembered:
 
 
 class Echo:
-    """Commands the sum of what it was told; logs the number of steps that its state has seen."""
+    """Commands the sum of its measurement and target; logs the number of steps that its state has seen."""
 
     log_names = ("seen", "asked_yaw_rate")
 

@@ -1,4 +1,4 @@
-"""A scenario may ask for a self-test, for no dither and for no recovery."""
+"""A scenario may switch on a self-test and switch off dither and recovery."""
 
 from __future__ import annotations
 

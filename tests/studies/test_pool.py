@@ -1,4 +1,4 @@
-"""Many workers: what is kept, what is broken off, what is told."""
+"""Many workers: what is kept, what is broken off, what is reported."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A recording opens with what its scenario is about, told from the scenario's content alone."""
+"""A recording opens with what its scenario is about, derived from the scenario's content alone."""
 
 from __future__ import annotations
 

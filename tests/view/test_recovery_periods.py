@@ -1,4 +1,4 @@
-"""What recovery could not hold is said in words, from the log and from the robot's layout."""
+"""What recovery could not hold is described, from the log and from the robot's layout."""
 
 from __future__ import annotations
 

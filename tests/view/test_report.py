@@ -1,4 +1,4 @@
-"""The report is one well-formed page that needs nothing else and says everything the metrics say."""
+"""The report is one well-formed page that needs nothing else and holds everything of the metrics."""
 
 from __future__ import annotations
 

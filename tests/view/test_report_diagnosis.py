@@ -1,4 +1,4 @@
-"""What a report says of a diagnosis: truth beside belief, residuals with thresholds, nothing for `off`."""
+"""The report's part about a diagnosis: truth beside diagnosis, residuals with thresholds, nothing for `off`."""
 
 from __future__ import annotations
 

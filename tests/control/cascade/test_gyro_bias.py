@@ -39,7 +39,7 @@ def wheels_at(yaw_rate: float) -> np.ndarray:
 
 
 def readings(seed: int, seconds: float, bias: float, yaw_rate: float = 0.0) -> list[Measurement]:
-    """What the robot's sensors say while it turns at a constant rate."""
+    """Readings of the robot's sensors while it turns at a constant rate."""
     spread = dataclasses.replace(SENSORS, gyro_bias=0.0)
     robot = dataclasses.replace(ROBOT, sensors=spread)
     sensors = RobotSensors(robot.sensors, robot.motor, 4, H, seed)
@@ -97,7 +97,7 @@ def test_the_estimate_does_not_move_while_driving_and_rests_add_up():
 
 @pytest.mark.parametrize("rate", [0.002, -0.005, 0.012, -0.018])
 def test_a_robot_that_is_pushed_round_slowly_is_not_taken_for_bias(rate):
-    # gyro and wheel speeds are within their noise of standing: only the encoders' counts tell
+    # gyro and wheel speeds are within their noise of standing: only the encoders' counts show it
     assert np.abs(wheels_at(rate)).max() < 0.1
     for seed in range(3):
         assert learnt(readings(seed, 2.0, 0.0, yaw_rate=rate))[0] == 0.0

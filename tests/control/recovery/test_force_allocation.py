@@ -1,4 +1,4 @@
-"""Shares of a load in force space: what is asked for, within bounds, as evenly as can be."""
+"""Shares of a load in force space: the demand within bounds, as evenly as possible."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`gap.json` keeps to its schema whatever was found, and says in numbers what the finding says."""
+"""`gap.json` keeps to its schema whatever was found, and holds the numbers of the finding."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A known floor comes back out of its runs, with intervals and a word on what they cannot tell."""
+"""A known floor comes back out of its runs, with intervals and a list of what they cannot determine."""
 
 from __future__ import annotations
 

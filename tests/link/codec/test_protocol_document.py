@@ -1,4 +1,4 @@
-"""The protocol document and the C header say what the table of messages says."""
+"""The protocol document and the C header agree with the table of messages."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ def flows(driver):
 
 
 def expect_latched(driver, code):
-    """No current, not armed, the fault told in every telemetry; only reset-fault, zero and arm help."""
+    """No current, not armed, the fault in every telemetry; only reset-fault, zero and arm help."""
     assert flows(driver) == ZERO and driver.device.output.brake == 0
     assert not driver.device.armed and driver.device.fault is code
     driver.tick()

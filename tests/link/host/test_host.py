@@ -43,7 +43,7 @@ def after(x):
 
 
 class Other:
-    """Plays the device: whatever the test wants to be said."""
+    """Plays the device: sends any message that the test needs."""
 
     def __init__(self, connected=True, **expected):
         nonces = itertools.count(1)

@@ -76,7 +76,7 @@ def port():
 
 
 class Tap:
-    """Passes on what two programs say to each other, and keeps it; True: the host's."""
+    """Forwards the frames of two programs and keeps them; True: the host's."""
 
     def __init__(self, port: int):
         self.near, self.far = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
@@ -160,7 +160,7 @@ def driving(tap: Tap) -> Iterator[subprocess.Popen[str]]:
 
 
 def seen(port: int) -> Telemetry:
-    """What the device tells somebody who only looks."""
+    """What a read-only host gets from the device."""
     link = open_link(f"udp:127.0.0.1:{port}", ROBOT, mode=LinkMode.READONLY)
     try:
         link.connect()
@@ -183,7 +183,7 @@ def test_a_device_whose_host_is_killed_stops_with_its_reason(tap, port, capsys, 
     assert not any(one.status & (Status.ARMED | Status.CURRENT_FLOWS) for one in after)
     (fault,) = [frame.message for frame in tap.said() if isinstance(frame.message, Fault)]
     assert fault.code is FaultCode.COMMAND_TOO_OLD and fault.latched
-    # of its own time: the program may have been kept from running
+    # by its own clock: the program may have been kept from running
     kept = max(PERIOD, 1e-6 * (every[first].time - every[first - 1].time))
     over = (before[-1].command_age - COMMAND_VALIDITY) / PERIOD
     measured("killed host: current flows beyond valid-for [periods]", over, 1.0)

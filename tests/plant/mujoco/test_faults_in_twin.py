@@ -1,4 +1,4 @@
-"""Every fault shows in the twin as the physics says, between its onset and its end."""
+"""Every fault shows in the twin by its physics between its onset and its end."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""References: position, velocity and heading belong together, within the limits that were asked for."""
+"""References: position, velocity and heading belong together, within the limits of the table."""
 
 import math
 

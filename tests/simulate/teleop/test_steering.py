@@ -1,4 +1,4 @@
-"""What is asked for by hand: nothing lasts, nothing jumps up, everything can be stopped at once."""
+"""Commands by hand: none lasts, none jumps up, and all can be stopped at once."""
 
 from __future__ import annotations
 

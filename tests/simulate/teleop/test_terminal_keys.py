@@ -87,7 +87,7 @@ def test_a_button_that_was_down_before_does_not_count():
 
 
 class Fingers:
-    """Types what it is told, step by step."""
+    """Types the given keys at their times."""
 
     def __init__(self):
         self.now, self.typed, self.lines = 0.0, {}, []

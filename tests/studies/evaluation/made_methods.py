@@ -1,4 +1,4 @@
-"""Methods for tests: one that is told the truth, one that cries wolf."""
+"""Methods for tests: one that knows the truth, one that always raises an alarm."""
 
 from __future__ import annotations
 

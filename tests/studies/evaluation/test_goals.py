@@ -27,7 +27,7 @@ def found(*scores: CaseScore) -> dict[str, GoalResult]:
 
 
 def broken(fault: str, *labels: str, **changes) -> CaseScore:
-    """A case that was told right 0.05 s after first use."""
+    """A case that was diagnosed rightly 0.05 s after first use."""
     faults = tuple(FaultScore(label, 1.0, True, 0.05, 0.05, 0.0) for label in labels)
     usual = {"severity": 0.6 if fault == "motor" else 0.1, "isolated": True, "delay": 0.05}
     usual |= {"delay_in_use": 0.05, "heading": 0.01, "heading_off": 0.03, "path": 0.1, "path_off": 0.1}

@@ -1,4 +1,4 @@
-"""The blind benchmark: who is told what, what is kept, what comes out."""
+"""The blind benchmark: what the workflow gets, what is kept, what comes out."""
 
 from __future__ import annotations
 

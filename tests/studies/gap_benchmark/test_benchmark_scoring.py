@@ -24,7 +24,7 @@ NOMINAL = {p.name: p.nominal for p in base_parameters(read_rig(), read_floors(),
 def result(
     *effects: dict[str, Any], verdict: str = "named", before: float = 4.0, baselines: Any = None
 ) -> dict[str, Any]:
-    """What a search says, with one channel whose noise is 0.1."""
+    """A result of a search, with one channel whose noise is 0.1."""
     after = 0.1 if effects else None
     return {
         "gap": {

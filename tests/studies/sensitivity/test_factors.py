@@ -175,7 +175,7 @@ def test_the_plant_gets_the_changed_numbers_and_the_controller_those_of_the_file
     assert nominal["results"] != changed["results"]
     assert [value_of(made_of[1], one.name) for one in found] == [one.high for one in found]
     assert made_of[0].constants == scenario.constants
-    # everything that the controller was made of is as the files say, in both runs
+    # everything that the controller was made of is as in the files, in both runs
     assert believed and all(one.constants == scenario.constants for one in believed)
     assert all(dict(one.floors) == dict(scenario.floors) for one in believed)
 

@@ -1,4 +1,4 @@
-"""What a tuning goes on with, where its workers may be, and what it tells before hours are spent."""
+"""What a tuning goes on with, where its workers may be, and what it reports before hours are spent."""
 
 from __future__ import annotations
 

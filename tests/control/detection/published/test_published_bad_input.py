@@ -1,4 +1,4 @@
-"""Whatever sensors say, the published method goes on and its advice stays a matrix of numbers."""
+"""Whatever sensors read, the published method goes on and its advice stays a matrix of numbers."""
 
 from __future__ import annotations
 

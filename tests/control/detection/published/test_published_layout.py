@@ -1,4 +1,4 @@
-"""The published method is for one layout of wheels and says so of any other."""
+"""The published method is for one layout of wheels and refuses any other."""
 
 from __future__ import annotations
 

@@ -163,7 +163,7 @@ def test_the_score_of_a_window_is_that_of_the_whole_covariance_of_the_second_aro
             information, score = jump @ weighed, away @ weighed
             size = score / information
             likelihood = 0.5 * score * size
-            # what is left once θ is known as well as jump and blocks tell: e − X P Xᵀ V⁻¹ e
+            # what is left once θ is estimated from jump and blocks: e − X P Xᵀ V⁻¹ e
             left = (away - size * jump) - rows @ cov @ rows.T @ np.linalg.solve(v, away - size * jump)
             likelihood /= max(1.0, left[inside:] @ left[inside:] / (3 * window))
             if likelihood > best.get(h, (0.0,))[0]:

@@ -29,7 +29,7 @@ ONSET = 3.0
 
 
 def driven(seed, floor="natural_stone", faults=(), robot=ROBOT, seconds=SECONDS) -> Trace:
-    """A random mission with the robust method; it believes in the nominal robot whatever `robot` is."""
+    """A random mission with the robust method; it assumes the nominal robot whatever `robot` is."""
     plan = mission(np.random.default_rng(seed), seconds, 1e-3)
     controller = FaultTolerantController(Controller(ROBOT), RobustDetector(ROBOT))
     plant = PlanarRobot(robot, floor, faults=faults, seed=seed)
@@ -55,7 +55,7 @@ def test_a_healthy_robot_with_another_load_on_any_floor_raises_no_alarm(floor, p
 @pytest.mark.parametrize("loss", [0.57, 1.0])
 def test_a_weak_motor_is_named_and_its_loss_is_estimated(wheel, loss):
     trace = driven(40 + wheel, faults=[Fault("motor", ONSET, None, wheel, {"loss": loss})])
-    # of a wheel that stands nobody knows at first whether it is held: the same name comes twice then
+    # whether a wheel that stands is held is unknown at first: the same name comes twice then
     assert set(named(trace)) == {("motor", (wheel,))}
     assert not trace.about["diagnoses"][-1]["ambiguous_with"]
     assert trace[f"effectiveness_{wheel}"][-1] == pytest.approx(1.0 - loss, abs=0.06)
