@@ -1,4 +1,4 @@
-"""Effects of the linear axis: each does something, vanishes at its stated value, and keeps to the vocabulary."""
+"""Effects of the linear axis: each acts, vanishes at its stated value, and keeps to the vocabulary."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The report's part about a diagnosis: truth beside diagnosis, residuals with thresholds, nothing for `off`."""
+"""A report on a diagnosis: truth beside diagnosis, residuals with thresholds, nothing for `off`."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ def driving(**changed) -> World:
 
 
 def expect_ended(world: World, since: float, within: float = LATEST) -> None:
-    """No current since then, whatever the controller still commands, and nothing moves again without a request."""
+    """No current since then, whatever the controller commands, and nothing moves again without a request."""
     world.advance(within + 0.01)
     assert world.last_motion() <= since + within
     for _ in range(3):
