@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mentions import mentions
 
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.plant.interface import RIG_CHANNELS, robot_channels
@@ -333,14 +334,14 @@ def test_a_wrong_dataset_toml_is_refused_with_its_place(tmp_path, toml, told):
 def test_repeats_of_one_condition_have_one_floor_and_one_mass(tmp_path):
     toml = made.RIG + '[runs.a]\nrepeat_of = "x"\n[runs.b]\nrepeat_of = "x"\nmass = 2.0\n'
     message = refused(made.write_rig(tmp_path, toml, a=GOOD, b=GOOD))
-    assert "run 'b': mass is 2.0 but 3.9593 in 'a'; both are repeats of 'x'" in message
+    assert mentions(message, "run 'b'", "mass", "2.0", "3.9593", "'a'", "'x'")
 
 
 def test_an_axis_needs_force_or_current(tmp_path):
     columns = made.axis_columns()
     del columns["force"]
     told = refused(made.write_rig(tmp_path, AXIS, a=columns))
-    assert "has no column force or current; linear_axis needs time, position, and force or current" in told
+    assert mentions(told, "force or current", "linear_axis needs time, position")
 
 
 def test_a_folder_without_a_dataset_is_refused_as_such(tmp_path):
@@ -350,7 +351,7 @@ def test_a_folder_without_a_dataset_is_refused_as_such(tmp_path):
         read_dataset(tmp_path / "file")
     assert "has no dataset.toml" in refused(tmp_path)
     (tmp_path / "dataset.toml").write_text(made.RIG)
-    assert "has no runs; one NAME.csv or NAME.parquet per run is needed" in refused(tmp_path)
+    assert mentions(refused(tmp_path), "no runs", "NAME.csv", "NAME.parquet")
 
 
 def test_two_files_of_one_run_are_refused(tmp_path):
