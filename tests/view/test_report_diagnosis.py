@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from omnimj.control.detection.detector import DetectorOptions
 from omnimj.control.detection.published import rig, robot
-from omnimj.control.detection.robust import detector as robust
+from omnimj.control.detection.robust import judgement as robust
 from omnimj.signals import KINDS_OF_DIAGNOSIS, Trace
 from omnimj.simulate.detectors import METHODS, make_detector
 from omnimj.simulate.scenario.scenario import read_scenario
