@@ -11,11 +11,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from omnimj.effects import Interval
 from omnimj.estimate.gap.records import (
     CandidateResult,
     ChannelGap,
     Finding,
-    Interval,
     MismatchRegime,
     NamedEffect,
     Overlay,

@@ -58,6 +58,16 @@ class EffectParameter:
 
 
 @dataclass(frozen=True)
+class Interval:
+    """Estimate with its bounds; None for an open one."""
+
+    value: float
+    low: float | None
+    high: float | None
+    unit: str = "1"
+
+
+@dataclass(frozen=True)
 class Selector:
     """Choice that an effect requires besides its parameters, such as a channel or a wheel."""
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,24 +12,14 @@ from tomlkit.exceptions import TOMLKitError
 from tomlkit.items import InlineTable, Table
 
 from omnimj.effects.catalogue import effects_of, find_effect
-from omnimj.effects.effect import AXIS, Effect
+from omnimj.effects.effect import AXIS, Effect, Interval
 from omnimj.effects.machine import complete_values
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters.model_file import SHARED_TABLES
 from omnimj.parameters.reading import parse_toml, read_toml
 from omnimj.resources import models_folder
 
-
-@dataclass(frozen=True)
-class FittedValue:
-    """Estimate and its interval."""
-
-    value: float
-    low: float | None = None
-    high: float | None = None
-
-
-EffectEstimates = Mapping[str, Mapping[str, "float | int | str | FittedValue"]]
+EffectEstimates = Mapping[str, Mapping[str, "float | int | str | Interval"]]
 """Effect → parameter (a number, or an estimate with its interval) or selector → value."""
 
 
@@ -124,7 +113,7 @@ def _replace_effect(document: tomlkit.TOMLDocument, name: str, table: Table) -> 
 
 def _effect_table(name: str, effect: Effect, values: Mapping[str, Any], file: Path) -> Table:
     """Table `[effects.NAME]` with every parameter written out."""
-    plain = {key: v.value if isinstance(v, FittedValue) else v for key, v in values.items()}
+    plain = {key: v.value if isinstance(v, Interval) else v for key, v in values.items()}
     full = complete_values(effect, plain, f"{file}: effects.{name}", partial=False)
     table = tomlkit.table()
     table.comment(effect.words)
@@ -140,7 +129,7 @@ def _effect_table(name: str, effect: Effect, values: Mapping[str, Any], file: Pa
 def _effect_entry(value: float, unit: str, given: object) -> InlineTable:
     entry = tomlkit.inline_table()
     entry.update({"value": value, "unit": unit, "source": "identified"})
-    if isinstance(given, FittedValue):
+    if isinstance(given, Interval):
         for bound in ("low", "high"):
             limit = getattr(given, bound)
             if limit is not None and math.isfinite(limit):

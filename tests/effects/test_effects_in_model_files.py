@@ -10,8 +10,8 @@ from driven_plants import RIG, ROBOT
 from hypothesis import given
 from hypothesis import strategies as st
 
-from omnimj.effects import check_effects, effects_of, with_effects
-from omnimj.effects.model_writer import FittedValue, format_model
+from omnimj.effects import Interval, check_effects, effects_of, with_effects
+from omnimj.effects.model_writer import format_model
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import read_floors, read_rig, read_robot
 from omnimj.resources import models_folder
@@ -40,7 +40,7 @@ def test_every_effect_is_read_as_it_was_written(tmp_path, file, machine):
     for name, effect in effects_of(plant).items():
         chosen = {s.name: s.choices[-1] for s in effect.selectors}
         values = {p.name: p.typical for p in effect.parameters}
-        fitted = {key: FittedValue(value, value - 0.1, value + 0.1) for key, value in values.items()}
+        fitted = {key: Interval(value, value - 0.1, value + 0.1) for key, value in values.items()}
         read = read_again(tmp_path, file, {name: {**fitted, **chosen}})
         assert read.effects == {name: {**chosen, **values}}
         assert read.provenance[f"effects.{name}.{effect.parameters[0].name}"].source == "identified"

@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 
 import omnimj
-from omnimj.effects import FLOOR_SCALES, scale_floor
-from omnimj.effects.model_writer import FittedValue, format_model
+from omnimj.effects import FLOOR_SCALES, Interval, scale_floor
+from omnimj.effects.model_writer import format_model
 from omnimj.estimate.gap import sentences
 from omnimj.estimate.gap.plants import Machine, find_plant
 from omnimj.estimate.gap.records import (
     CandidateResult,
     Finding,
-    Interval,
     MismatchRegime,
     NamedEffect,
     Refitted,
@@ -173,22 +172,21 @@ def new_floors_text(finding: Finding, floors: Mapping[str, Floor]) -> str | None
 
 def effect_tables(
     effects: Iterable[NamedEffect], present: Iterable[str] = ()
-) -> dict[str, dict[str, float | int | str | FittedValue]]:
+) -> dict[str, dict[str, float | int | str | Interval]]:
     """Effects by the names of their tables; a second instance is called `sensor_delay_2`.
 
     Args:
       effects: Named effects.
       present: Tables that the file has already; new effects are added to them.
     """
-    tables: dict[str, dict[str, float | int | str | FittedValue]] = {}
+    tables: dict[str, dict[str, float | int | str | Interval]] = {}
     taken = set(present)
     for effect in effects:
         name, k = effect.effect, 2
         while name in taken:
             name, k = f"{effect.effect}_{k}", k + 1
         taken.add(name)
-        values = {key: FittedValue(v.value, v.low, v.high) for key, v in effect.parameters.items()}
-        tables[name] = {**effect.selectors, **values}
+        tables[name] = {**effect.selectors, **effect.parameters}
     return tables
 
 

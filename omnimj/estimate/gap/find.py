@@ -11,11 +11,12 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from omnimj.effects import Interval
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.estimate.gap.check.dataset import check_dataset, correct_dataset
 from omnimj.estimate.gap.locate.regimes import locate
 from omnimj.estimate.gap.plants import find_plant, read_machine
-from omnimj.estimate.gap.records import ChannelGap, Finding, Interval, NamedEffect, Overlay, Refitted
+from omnimj.estimate.gap.records import ChannelGap, Finding, NamedEffect, Overlay, Refitted
 from omnimj.estimate.gap.search.cross_validation import make_folds
 from omnimj.estimate.gap.search.search import SearchResult, SelectedEffect, search
 from omnimj.estimate.gap.search.selection import Progress, TrainingSplit

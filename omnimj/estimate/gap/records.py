@@ -8,17 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from omnimj.effects import Interval
 from omnimj.signals import Array
-
-
-@dataclass(frozen=True)
-class Interval:
-    """Number with its bounds."""
-
-    value: float
-    low: float | None
-    high: float | None
-    unit: str = "1"
 
 
 @dataclass(frozen=True)

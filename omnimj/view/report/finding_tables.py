@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
+from omnimj.effects import Interval
 from omnimj.estimate.gap.records import (
     Finding,
-    Interval,
     NamedEffect,
     RunGap,
     Stage,

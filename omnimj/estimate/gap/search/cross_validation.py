@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from omnimj.estimate.gap.records import Interval
+from omnimj.effects import Interval
 from omnimj.estimate.least_squares import bounded_step, normal_equations
 from omnimj.estimate.replay.interface import Replay
 from omnimj.estimate.replay.problem import Fit, Problem, huber_weights

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from omnimj.estimate.gap.records import Interval
+from omnimj.effects import Interval
 from omnimj.estimate.gap.search.cross_validation import (
     Groups,
     choose_heldout,

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from omnimj.estimate.gap.records import CandidateResult, Interval, Stage
+from omnimj.effects import Interval
+from omnimj.estimate.gap.records import CandidateResult, Stage
 from omnimj.estimate.gap.search.cross_validation import (
     Groups,
     heldout_gain,
