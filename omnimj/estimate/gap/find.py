@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
@@ -17,12 +17,11 @@ from omnimj.estimate.gap.check.dataset import check_dataset, correct_dataset
 from omnimj.estimate.gap.locate.regimes import locate
 from omnimj.estimate.gap.plants import find_plant, read_machine
 from omnimj.estimate.gap.records import ChannelGap, Finding, NamedEffect, Overlay, Refitted
-from omnimj.estimate.gap.search.cross_validation import make_folds
-from omnimj.estimate.gap.search.search import SearchResult, SelectedEffect, search
-from omnimj.estimate.gap.search.selection import Progress, TrainingSplit
+from omnimj.estimate.gap.search.search import SearchResult, SelectedEffect, parameter_slice, search
+from omnimj.estimate.gap.search.selection import Progress
 from omnimj.estimate.gap.verdict import Verdict, judge_search, next_experiment
 from omnimj.estimate.intervals import effective_samples, repeatability, sandwich_deviations
-from omnimj.estimate.replay.interface import CandidateEffect, Replay
+from omnimj.estimate.replay.interface import Replay
 from omnimj.estimate.replay.problem import Fit, Problem
 from omnimj.parameters.floor import all_floors
 from omnimj.recording.dataset import Run
@@ -86,9 +85,7 @@ def analyse_replay(
     began = time.perf_counter()
     counted = _CountingReplay(replay)
     found = search(cast(Replay, counted), holdout, seed, report or (lambda phrase, share: None))
-    folds = make_folds(found.groups, ~found.heldout, seed)
-    split = TrainingSplit(found.used, found.groups, folds, seed)
-    verdict = judge_search(found, split)
+    verdict = judge_search(found)
     is_named = verdict.kind in ("named", "ambiguous")
     labels = tuple(n.candidate.label for n in found.named) if is_named else ()
     after = found.final if is_named else None
@@ -142,16 +139,6 @@ class _CountingReplay:
 def _mismatch(problem: Problem, fitted: Fit) -> Array:
     (mismatch,) = problem.mismatches([fitted.x], fitted.effects)
     return mismatch
-
-
-def parameter_slice(problem: Problem, fitted: Fit, candidate: CandidateEffect) -> slice:
-    """Slice of one effect's parameters in the parameter vector of a fit."""
-    at = len(problem.replay.base) + problem.has_twin_share
-    for one in fitted.effects:
-        if one.label == candidate.label:
-            return slice(at, at + len(one.parameters))
-        at += len(one.parameters)
-    raise ValueError(f"{candidate.label} is not in the model")
 
 
 def _effects(found: SearchResult) -> tuple[NamedEffect, ...]:
@@ -295,5 +282,4 @@ def find_gap(
     about = DatasetSummary(
         str(dataset), (*read.notes, *check.notes), {run.name: run.conditions for run in usable.runs}
     )
-    finding = analyse_replay(replay, about, conditions, seed, report)
-    return replace(finding, data_notes=about.notes)
+    return analyse_replay(replay, about, conditions, seed, report)

@@ -15,7 +15,6 @@ import numpy as np
 from omnimj.estimate.gap.search.cross_validation import heldout_losses, sum_by_group
 from omnimj.estimate.gap.search.screening import curve_gains, sensitivities
 from omnimj.estimate.gap.search.search import SearchResult
-from omnimj.estimate.gap.search.selection import TrainingSplit
 from omnimj.estimate.replay.problem import Fit, Problem, fit
 
 NOISE_LEVEL = 1.5
@@ -59,11 +58,11 @@ class _Achieved:
     """Share of the base parameters that end at their bounds."""
 
 
-def judge_search(found: SearchResult, split: TrainingSplit) -> Verdict:
+def judge_search(found: SearchResult) -> Verdict:
     """Weigh the named effects against a free curve and the noise."""
     if not found.named:
         return _nothing_named(found)
-    achieved, flexible = _measure_achieved(found, split)
+    achieved, flexible = _measure_achieved(found)
     refusal = _refusal(achieved)
     if refusal is not None:
         return Verdict(*refusal, achieved.explained, flexible)
@@ -82,8 +81,8 @@ def _nothing_named(found: SearchResult) -> Verdict:
     return Verdict("unexplained", f"{reason} runs; a free curve gains {100.0 * best:.0f} %", None, flexible)
 
 
-def _measure_achieved(found: SearchResult, split: TrainingSplit) -> tuple[_Achieved, dict[str, float]]:
-    problem, final = found.problem, found.final
+def _measure_achieved(found: SearchResult) -> tuple[_Achieved, dict[str, float]]:
+    problem, final, split = found.problem, found.final, found.split
     base = fit(problem, (), found.base.x, found.used)
     before = sum_by_group(heldout_losses(problem, base, split.used, split.folds), split.groups).sum()
     after = sum_by_group(heldout_losses(problem, final, split.used, split.folds), split.groups).sum()

@@ -11,7 +11,6 @@ from toy import Toy
 from omnimj.estimate.gap.find import DatasetSummary, analyse_replay
 from omnimj.estimate.gap.search.cross_validation import choose_heldout, heldout_gain, make_folds, make_groups
 from omnimj.estimate.gap.search.search import search
-from omnimj.estimate.gap.search.selection import TrainingSplit
 from omnimj.estimate.gap.verdict import judge_search
 from omnimj.estimate.intervals import block_noise, effective_samples, repeatability, sandwich_deviations
 from omnimj.estimate.replay.problem import Problem, fit, huber_weights
@@ -26,16 +25,15 @@ def names(found) -> list[set[str]]:
     return [{n.candidate.label, *(r.candidate.label for r in n.rivals)} for n in found.named]
 
 
-def verdict_of(found, seed: int = 0) -> str:
-    data = TrainingSplit(found.used, found.groups, make_folds(found.groups, ~found.heldout, seed), seed)
-    return judge_search(found, data).kind
+def verdict_of(found) -> str:
+    return judge_search(found).kind
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_nothing_is_named_where_only_the_base_is_off(seed):
     found = search(Toy({}, seed), (), seed, quiet)
     assert found.named == ()
-    assert verdict_of(found, seed) == "no_gap"
+    assert verdict_of(found) == "no_gap"
 
 
 def test_a_hidden_effect_is_named_with_its_size():

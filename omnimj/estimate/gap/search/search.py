@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from omnimj.effects import Interval
 from omnimj.estimate.gap.search.cross_validation import (
-    Groups,
     choose_heldout,
     heldout_losses,
     make_folds,
@@ -70,17 +69,18 @@ class SearchResult:
     """Problem with the noise and the twin correction of the last model."""
     first: Problem
     """Problem with the noise and the twin correction of the base."""
-    groups: Groups
-    heldout: NDArray[np.bool_]
-    """Groups excluded from every fit, shape (groups,)."""
-    used: NDArray[np.bool_]
-    """Blocks fitted to, shape (blocks,)."""
+    split: TrainingSplit
     base: Fit
     final: Fit
     named: tuple[SelectedEffect, ...]
     rounds: tuple[SelectionRound, ...]
     """One more than the selected effects: the last round selected nothing."""
     interrupted: bool = False
+
+    @property
+    def used(self) -> NDArray[np.bool_]:
+        """Blocks fitted to, shape (blocks,)."""
+        return self.split.used
 
     @property
     def curves(self) -> CurveGains | None:
@@ -173,14 +173,15 @@ def judge_given_others(
     """
     one = named[k]
     others = tuple(n.candidate for n in named if n is not one)
-    without = fit(problem, others, final.x[~_parameter_mask(problem, final, one.candidate)], split.used)
+    place = parameter_slice(problem, final, one.candidate)
+    without = fit(problem, others, np.delete(final.x, place), split.used)
     before = sum_by_group(heldout_losses(problem, without, split.used, split.folds), split.groups)
     taken = {n.candidate.label for n in named if n is not one}
     free = [c for c in problem.replay.candidates if c.label not in taken]
     screened = screen_candidates(problem, without, free, split.used)
     close = [s for s in screened if s.share >= _CLOSE * screened[0].share][:_SWAPS]
-    own = final.x[_parameter_mask(problem, final, one.candidate)]
-    mine = ScreenedCandidate(one.candidate, screened[0].share, np.concatenate([without.x, own]))
+    start = np.concatenate([without.x, final.x[place]])
+    mine = ScreenedCandidate(one.candidate, screened[0].share, start)
     options = [mine, *(s for s in close if s.candidate.label != one.candidate.label)]
     tried = [fit_candidate(problem, s, without, before, split) for s in options]
     tried = refine_leaders(problem, tried, options, without, before, split)
@@ -206,7 +207,7 @@ def backward_eliminate(
         pinned = [
             n
             for n in named
-            if has_amplitude_at_bound(n.candidate, final.x[_parameter_mask(problem, final, n.candidate)])
+            if has_amplitude_at_bound(n.candidate, final.x[parameter_slice(problem, final, n.candidate)])
         ]
         kept = [
             n for n in named if exceeds_margin(n.gain) and (n.p_false is None or n.p_false <= MAX_FALSE_RATE)
@@ -214,17 +215,20 @@ def backward_eliminate(
         if len(kept) == len(named) and not pinned:
             break
         worst = min(pinned or named, key=lambda n: (-(n.p_false or 0.0), n.gain.value))
-        x = final.x[~_parameter_mask(problem, final, worst.candidate)]
+        x = np.delete(final.x, parameter_slice(problem, final, worst.candidate))
         named = [n for n in named if n is not worst]
         final = fit(problem, tuple(n.candidate for n in named), x, split.used)
     return problem, final, named
 
 
-def _parameter_mask(problem: Problem, fitted: Fit, candidate: CandidateEffect) -> NDArray[np.bool_]:
-    """Mask of the parameters that belong to one effect."""
-    own = [np.zeros(len(problem.replay.base) + problem.has_twin_share, bool)]
-    own += [np.full(len(c.parameters), c.label == candidate.label) for c in fitted.effects]
-    return np.concatenate(own)
+def parameter_slice(problem: Problem, fitted: Fit, candidate: CandidateEffect) -> slice:
+    """Slice of one effect's parameters in the parameter vector of a fit."""
+    at = len(problem.replay.base) + problem.has_twin_share
+    for one in fitted.effects:
+        if one.label == candidate.label:
+            return slice(at, at + len(one.parameters))
+        at += len(one.parameters)
+    raise ValueError(f"{candidate.label} is not in the model")
 
 
 def search(replay: Replay, holdout: tuple[str, ...], seed: int, report: Progress) -> SearchResult:
@@ -261,6 +265,4 @@ def search(replay: Replay, holdout: tuple[str, ...], seed: int, report: Progress
     except KeyboardInterrupt:
         interrupted = True
         named = [n for n in named if any(c.label == n.candidate.label for c in current.effects)]
-    return SearchResult(
-        problem, first, groups, heldout, used, base, current, tuple(named), tuple(rounds), interrupted
-    )
+    return SearchResult(problem, first, split, base, current, tuple(named), tuple(rounds), interrupted)
