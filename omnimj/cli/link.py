@@ -83,7 +83,7 @@ def _require_ready(on_floor: bool) -> None:
     """Ask the operator to confirm that the robot may move.
 
     Raises:
-      InputError: The operator does not confirm, or there is no terminal to ask on.
+      InputError: The operator does not confirm, or there is no terminal for the question.
     """
     if not sys.stdin.isatty():
         raise InputError(

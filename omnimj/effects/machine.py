@@ -56,7 +56,7 @@ def complete_values(
     for selector in effect.selectors:
         if selector.name not in given and len(selector.choices) > 1:
             choices = map(str, selector.choices)
-            raise InputError(place, f"'{selector.name}' is missing", "say which one", choices)
+            raise InputError(place, f"'{selector.name}' is missing", "name one of the choices", choices)
         chosen = given.get(selector.name, next(iter(selector.choices)))
         if chosen not in selector.choices or isinstance(chosen, bool | float):
             raise UnknownNameError(place, selector.name, chosen, map(str, selector.choices))

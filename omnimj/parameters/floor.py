@@ -126,7 +126,7 @@ def _read_floor(place: str, name: str, table: object) -> Floor:
             raise InputError(place, f"'{key}' is missing")
     for key in ("description", "source"):
         if not isinstance(table[key], str):
-            raise InputError(f"{place}.{key}", f"found {table[key]!r}", "a text is needed")
+            raise InputError(f"{place}.{key}", f"found {table[key]!r}", "a string is needed")
     numbers = {key: check_number(f"{place}.{key}", table[key], rule) for key, rule in keys.items()}
     uncertainty = float(check_number(f"{place}.uncertainty", table.get("uncertainty", 0.0), _SHARE))
     return Floor(name, table["description"], law, table["source"], MappingProxyType(numbers), uncertainty)

@@ -134,7 +134,7 @@ def read_provenance(place: str, entry: Any, unit: str | None, more: tuple[str, .
             raise InputError(place, f"'{key}' is missing", shape)
     found = entry["unit"]
     if found != unit if unit is not None else not isinstance(found, str):
-        rule = "a text is needed" if unit is None else f"the unit is {unit!r}"
+        rule = "a string is needed" if unit is None else f"the unit is {unit!r}"
         raise InputError(f"{place}.unit", f"found {found!r}", rule)
     if entry["source"] not in SOURCES:
         raise UnknownNameError(f"{place}.source", "source", entry["source"], SOURCES)
@@ -198,7 +198,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise InputError(path, f"cannot be read ({error.strerror})") from None
     except ValueError:  # a null byte
-        raise InputError(path, "is no file name") from None
+        raise InputError(path, "is not a valid file name") from None
     try:
         # a TOML file has no byte order mark, but some editors write one
         return parse_toml(content.decode("utf-8-sig"))

@@ -130,7 +130,7 @@ def _table(place: str, entry: Any) -> Mapping[str, Any]:
 
 def _text(place: str, entry: Any) -> str:
     if not isinstance(entry, str) or not entry.strip():
-        raise InputError(place, f"found {entry!r}", "a text is needed")
+        raise InputError(place, f"found {entry!r}", "a string is needed")
     return entry
 
 

@@ -131,7 +131,7 @@ def _header(path: Path) -> tuple[tuple[str, ...], int]:
             reader = csv.reader(lines)
             record = next(reader, None)
     except csv.Error as error:
-        raise InputError(f"{path}: row 1", f"is no header ({error})") from None
+        raise InputError(f"{path}: row 1", f"is not a header ({error})") from None
     except OSError as error:
         raise InputError(path, f"cannot be read ({error.strerror})") from None
     if not record:

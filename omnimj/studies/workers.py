@@ -157,7 +157,7 @@ def parse_scheduler(address: str) -> str:
     """Return the scheduler `tcp://HOST:PORT` of `dask:tcp://HOST:PORT`.
 
     Raises:
-      InputError: The address has another form.
+      InputError: The address has the wrong form.
     """
     found = _ADDRESS.fullmatch(address)
     if found is None or not 0 < int(found[2]) < 65536:
@@ -174,7 +174,7 @@ def open_executor(address: str | None, timeout: float = _CONNECT_TIMEOUT) -> Ite
       timeout: Time in which the scheduler must answer [s].
 
     Raises:
-      InputError: The address has another form, no scheduler answers, or the library is not installed.
+      InputError: The address has the wrong form, no scheduler answers, or the library is not installed.
     """
     if address is None:
         yield None

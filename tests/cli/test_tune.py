@@ -141,7 +141,7 @@ def test_a_file_that_is_there_is_not_replaced_without_force(push, tmp_path, caps
             ["nylon_patch", "--bound", "control.mass=1:"],
             "--bound: unknown gain 'control.mass'; choices: control.",
         ),
-        (["nylon_patch", "--bound", "recovery.slip_cap"], "has another form; write NAME=LOW:HIGH"),
+        (["nylon_patch", "--bound", "recovery.slip_cap"], "has the wrong form; write NAME=LOW:HIGH"),
         (["nylon_patch", "--bound", "recovery.slip_cap=a:"], "found 'a:'; two numbers separated by :"),
         (
             ["nylon_patch", "--bound", "recovery.slip_cap=2:1"],

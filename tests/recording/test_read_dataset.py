@@ -296,7 +296,7 @@ def test_a_parquet_file_with_a_column_twice_is_refused(tmp_path):
         (made.RIG.replace('floor = "natural_stone"', ""), "run 'a': 'floor' is missing"),
         ('runs = 3\nplant = "quarter_rig"', "[runs]: found 3; a table is needed"),
         (made.RIG + "[runs]\na = 3\n", "[runs.a]: found 3; a table is needed"),
-        (made.RIG + '[runs.a]\nrepeat_of = ""\n', "[runs.a]: repeat_of: found ''; a text is needed"),
+        (made.RIG + '[runs.a]\nrepeat_of = ""\n', "[runs.a]: repeat_of: found ''; a string is needed"),
         (made.RIG + "[runs.a]\nrepeat_of = 3\n", "repeat_of: found 3"),
         (made.RIG + '[runs.a]\nfloors = "pvc"\n', "[runs.a]: unknown key 'floors'; did you mean 'floor'?"),
         (made.RIG + "[runs.b]\n", "[runs.b]: there is no b.csv or b.parquet; the folder has a"),

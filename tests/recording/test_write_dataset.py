@@ -74,7 +74,7 @@ def test_any_name_is_written_or_refused(tmp_path_factory, name):
 
 @pytest.mark.parametrize("name", ["", ".", "..", ".a", "a/b", "../a", "a\\b", "a\0", "a\n", "a ", "\ud800"])
 def test_a_name_that_is_no_file_name_is_refused(tmp_path, name):
-    with pytest.raises(InputError, match="is no file name"):
+    with pytest.raises(InputError, match="is not a valid file name"):
         write_dataset(tmp_path / "new", "quarter_rig", DEFAULTS, [made_run(name)])
 
 

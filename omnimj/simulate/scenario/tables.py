@@ -72,7 +72,7 @@ def read_model_key(tree: Mapping, scenario: Path) -> Path | None:
         return None
     place = f"{scenario.name}: model"
     if not isinstance(name, str) or not name:
-        raise InputError(place, f"found {name!r}", "a text is needed")
+        raise InputError(place, f"found {name!r}", "a string is needed")
     if not name.endswith(".toml"):
         return Path(name)
     path = scenario.parent / name
@@ -100,7 +100,7 @@ def read_scene_key(tree: Mapping, scenario: Path) -> Path | None:
     place = f"{scenario.name}: scene"
     name = tree["scene"]
     if not isinstance(name, str):
-        raise InputError(place, f"found {name!r}", "a text is needed")
+        raise InputError(place, f"found {name!r}", "a string is needed")
     if tree.get("level") == "kinematic":
         raise InputError(place, f"found {name!r}", "the kinematic level has no ground")
     if name.endswith(".xml"):

@@ -114,7 +114,7 @@ class _Benchmark:
             seal(self._sealed, labels)
         elif not (is_sealed(self._sealed) and seals_labels(self._sealed, labels)):
             rule = "the library has changed since; choose another folder"
-            raise InputError(f"{self._sealed}", "holds another truth than this seed draws", rule)
+            raise InputError(f"{self._sealed}", "holds a truth that this seed does not draw", rule)
         self._cases = cases[: config.cases]
 
     def work(self, pool: WorkerPool, report: Progress) -> None:

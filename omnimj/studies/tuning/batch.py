@@ -107,5 +107,5 @@ def claim_folder(folder: Path, plan: Mapping[str, Any], force: bool) -> None:
     """
     if folder.is_dir() and any(folder.iterdir()) and not (folder / PLAN).is_file():
         rule = "trials are stored in a folder of this name; choose another --out"
-        raise InputError(folder, "holds something else than trials of a tuning", rule)
+        raise InputError(folder, "holds files other than the trials of a tuning", rule)
     StudyFolder(folder, PLAN, "a tuning", ("trial_*.json", "uses_*.json")).claim(plan, force)

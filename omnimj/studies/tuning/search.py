@@ -66,14 +66,14 @@ def parse_bound(text: str) -> tuple[str, tuple[float, float]]:
     """Parse a bound such as `control.yaw_rate_proportional=6:9`; either end may be omitted.
 
     Raises:
-      InputError: The text has another form, or the range is empty.
+      InputError: The text has the wrong form, or the range is empty.
       UnknownNameError: The gain does not exist.
     """
     name, given, ends = text.partition("=")
     low, parted, high = ends.partition(":")
     place = f"--bound {text[:60]}"
     if not (given and parted):
-        raise InputError(place, "has another form", "write NAME=LOW:HIGH, e.g. recovery.slip_cap=0.1:")
+        raise InputError(place, "has the wrong form", "write NAME=LOW:HIGH, e.g. recovery.slip_cap=0.1:")
     if name not in GAIN_NAMES:
         raise UnknownNameError("--bound", "gain", name, GAIN_NAMES)
     try:

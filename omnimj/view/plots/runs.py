@@ -197,7 +197,7 @@ def path(
     ax.plot(x[::step], y[::step], color=palette.MEASURED, linewidth=1.8, label="driven", zorder=3)
     for row, span in enumerate(spans):
         during = (trace["time"] >= span.start) & (trace["time"] <= span.end)
-        name = "fault holds" if row == 0 else None
+        name = "fault present" if row == 0 else None
         style = {"linewidth": 5.0, "alpha": 0.45, "zorder": 2, "label": name}
         ax.plot(x[during][::step], y[during][::step], color=palette.FAULT, **style)
     ax.plot(x[0], y[0], "o", color=palette.INK, markersize=6, zorder=4, label="start")

@@ -205,7 +205,7 @@ def _comparison_figures(
         return []
     method = str(metrics["method"])
     traces = {method: trace, **others}
-    shaded = f" Shaded: a fault holds in the run with {method}." if spans else ""
+    shaded = f" Shaded: a fault is present in the run with {method}." if spans else ""
     figures = []
     if "heading" in trace or "yaw" in trace:
         words = f"Distance from the plan, and speed.{shaded}"
@@ -218,7 +218,7 @@ def _comparison_figures(
 
 
 def _robot_figures(robot: Robot, trace: Trace, patches: Sequence[Any], spans: Sequence[Span]) -> list[Figure]:
-    shaded = " Shaded: a fault holds." if spans else ""
+    shaded = " Shaded: a fault is present." if spans else ""
     has_currents = "current_1" in trace
     figures = []
     if "x" in trace:
@@ -257,7 +257,9 @@ def _truth_figures(trace: Trace, spans: Sequence[Span]) -> list[Figure]:
             drawing = plots.per_wheel(trace, column, label, spans, zero=column != "normal_force")
             figures.append(plot(drawing, column, heading, f"{words} {averaged}"))
     if "twist_x" in trace and "heading" in trace:
-        words = "Along the axes of the floor; dashed: planned." + (" Shaded: a fault holds." if spans else "")
+        words = "Along the axes of the floor; dashed: planned." + (
+            " Shaded: a fault is present." if spans else ""
+        )
         figures.append(plot(plots.velocity(trace, spans), "velocity", "Velocity", words))
     return figures
 

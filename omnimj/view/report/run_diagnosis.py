@@ -137,7 +137,7 @@ def _figures(
         words = "True faults, diagnoses, and the mode of the method."
         drawing = plots.state_lanes(trace, spans, diagnosed, method, is_rig)
         figures.append(plot(drawing, "states", "Truth and diagnosis", words))
-    shaded = " Shaded: a fault holds." if spans else ""
+    shaded = " Shaded: a fault is present." if spans else ""
     for family in families(list(trace.columns), method, scenario.diagnosis.printed):
         drawing = plots.residual_families(trace, [family], spans)
         words = f"{family.words}{shaded}".strip()
