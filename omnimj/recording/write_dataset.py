@@ -164,9 +164,7 @@ def _earlier_files(folder: Path) -> list[Path]:
 def _require_file_name(name: str) -> None:
     plain = name and name == Path(name).name and not name.startswith(".") and name == name.strip()
     if not plain or any(unicodedata.category(c) in ("Cc", "Cs") for c in name) or "\\" in name:
-        raise InputError(
-            f"run {name!r}", "is not a valid file name", "use letters, digits, _ and -"
-        )
+        raise InputError(f"run {name!r}", "is not a valid file name", "use letters, digits, _ and -")
 
 
 def write_table(path: Path, run: Run) -> None:
