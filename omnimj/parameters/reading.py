@@ -59,7 +59,15 @@ def quantity(
     open_low: bool = False,
     default: Any = dataclasses.MISSING,
 ) -> Any:
-    """Declare a dataclass field with its unit, its bounds and an optional default."""
+    """Declare a dataclass field with its unit, its bounds and an optional default.
+
+    Args:
+      unit: Unit in which model files give the value.
+      low: Smallest value.
+      high: Largest value.
+      open_low: True if `low` itself is not allowed.
+      default: Value where a model file does not give one; without it the value is required.
+    """
     return dataclasses.field(default=default, metadata={"unit": unit, "rule": Rule(low, high, open_low)})
 
 

@@ -137,7 +137,18 @@ def next_speed(row, curve, mass, push, position, speed, change, time, h):
     """Speed of a carriage of this mass after h seconds [m/s].
 
     Viscous friction by the midpoint rule, the other forces at the predicted middle of the step. Where the
-    carriage comes to rest within the step, dry friction holds it or lets it go for what is left of the step.
+    carriage comes to rest within the step, dry friction holds it or releases it for the rest of the step.
+
+    Args:
+      row: `axis_row` with effects, as a tuple (see `frozen`).
+      curve: Free curve or `no_curve`, as a tuple (see `frozen`).
+      mass: Moving mass [kg].
+      push: Force of the drive on the carriage [N].
+      position: Position before the step [m].
+      speed: Speed before the step [m/s].
+      change: Change of speed in the previous step [m/s].
+      time: Time at the start of the step [s].
+      h: Step [s].
     """
     x, v = position + 0.5 * h * speed, speed + 0.5 * change
     if v * speed <= 0.0:  # it rests or may stop before: friction of the speed that it has

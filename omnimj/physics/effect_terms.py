@@ -200,7 +200,15 @@ def curve_force(terms, speed, position, time, lateral_speed, angle):
 
 @kernel
 def mean_ripple(amplitude, order, angle, speed, h):
-    """Mean of A sin(n φ) over h seconds at constant speed: no aliases, however fast the wheel turns."""
+    """Mean of A sin(n φ) over h seconds at constant speed, free of aliases however fast the wheel turns.
+
+    Args:
+      amplitude: A, in the unit of the result.
+      order: Periods per turn n.
+      angle: Wheel angle φ at the start of the step [rad].
+      speed: Wheel speed [rad/s].
+      h: Step [s].
+    """
     if amplitude == 0.0:
         return 0.0
     half = 0.5 * order * speed * h
@@ -312,6 +320,14 @@ def supply_current(motor, terms, time, voltage, command, wheel_speed):
     """Current that a motor draws from a supply at a given voltage [A].
 
     |i| where motor voltage and current have the same sign; a braking motor draws and feeds back nothing.
+
+    Args:
+      motor: `MotorParameters`.
+      terms: `EffectTerms`.
+      time: Time since the start [s].
+      voltage: Voltage of the supply [V].
+      command: Commanded current [A].
+      wheel_speed: φ̇ after the gear [rad/s].
     """
     warm = apply_motor_effects(motor, terms, time, 0.0)
     warm = _with_supply(warm, warm.torque_constant, warm.resistance - terms.sag, voltage)

@@ -119,14 +119,31 @@ def achievable_current(motor, command, wheel_speed):
 
 @kernel
 def next_current(motor, current, command, wheel_speed, h):
-    """Current after h seconds of a first-order current loop, exact for a constant command [A]."""
+    """Current after h seconds of a first-order current loop, exact for a constant command [A].
+
+    Args:
+      motor: `MotorParameters`.
+      current: Motor current before the step [A].
+      command: Commanded current [A].
+      wheel_speed: φ̇ after the gear [rad/s].
+      h: Step [s].
+    """
     target = achievable_current(motor, command, wheel_speed)
     return target + (current - target) * math.exp(-h / motor.current_loop)
 
 
 @kernel
 def mean_current(motor, current, next_current, command, wheel_speed, h):
-    """Mean current over a step of `next_current`, i∞ + (i − i⁺) τ/h [A]."""
+    """Mean current over a step of `next_current`, i∞ + (i − i⁺) τ/h [A].
+
+    Args:
+      motor: `MotorParameters`.
+      current: Motor current before the step, i [A].
+      next_current: Motor current after the step, i⁺ [A].
+      command: Commanded current [A].
+      wheel_speed: φ̇ after the gear [rad/s].
+      h: Step [s].
+    """
     target = achievable_current(motor, command, wheel_speed)
     return target + (current - next_current) * motor.current_loop / h
 
@@ -190,6 +207,14 @@ def stick_or_slip(low, high, wheel_speed, inertia, other_torque, h):
 
     It is `low` for a wheel that turns forward, `high` for one that turns backward, and exactly the stopping
     torque for one that friction can hold, which therefore neither creeps nor chatters [N.m].
+
+    Args:
+      low: Lower bound, the torque on a wheel that turns forward [N.m].
+      high: Upper bound, the torque on a wheel that turns backward [N.m].
+      wheel_speed: Speed before the step [rad/s].
+      inertia: Moment of inertia [kg.m²].
+      other_torque: Sum of all other torques [N.m].
+      h: Step [s].
     """
     needed = -inertia * wheel_speed / h - other_torque
     return min(max(needed, low), high)
