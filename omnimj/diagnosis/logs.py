@@ -30,6 +30,8 @@ class Machine:
     """Nominal machine of a detector, and how its logs become measurements."""
 
     constants: Robot | Rig
+    methods: tuple[str, ...]
+    """Methods that run on this machine, the default first; `off` diagnoses nothing."""
     channels: tuple[str, ...]
     """Columns passed to the detector, in this order."""
     targets: tuple[str, ...]
@@ -58,7 +60,7 @@ def read_machine(dataset: Dataset, model: Path | None = None) -> Machine:
     """
     if dataset.plant == "quarter_rig":
         rig = read_rig(model)
-        return Machine(rig, RIG_CHANNELS, ("current_target",), (), _rig_measurement)
+        return Machine(rig, RIG_METHODS, RIG_CHANNELS, ("current_target",), (), _rig_measurement)
     if dataset.plant != "uto_robot":
         found = f"plant is {dataset.plant!r}"
         raise InputError(dataset.path, found, "only machines with wheels can be diagnosed", PLANTS)
@@ -69,7 +71,7 @@ def read_machine(dataset: Dataset, model: Path | None = None) -> Machine:
             robot.file, found, f"the logs of {dataset.path} have {n}: give --model, e.g. three_wheel"
         )
     targets = tuple(f"current_target_{i}" for i in range(1, n + 1))
-    return Machine(robot, robot_channels(n), targets, ("yaw",), _robot_measurement)
+    return Machine(robot, tuple(METHODS), robot_channels(n), targets, ("yaw",), _robot_measurement)
 
 
 def resolve_method(name: str | None, machine: Machine) -> str:
@@ -79,8 +81,7 @@ def resolve_method(name: str | None, machine: Machine) -> str:
       UnknownNameError: The method does not exist.
       InputError: The method is not a diagnosis method, or not for this machine.
     """
-    is_rig = isinstance(machine.constants, Rig)
-    names = tuple(one for one in (RIG_METHODS if is_rig else METHODS) if one != "off")
+    names = tuple(one for one in machine.methods if one != "off")
     if name is None:
         return names[0]
     if name in names:
