@@ -33,7 +33,7 @@ def diagnoses_json(
         "plant": config.dataset.plant,
         "model": str(config.machine.constants.file),
         "method": config.method,
-        "thresholds": None if config.thresholds is None else dataclasses.asdict(config.thresholds),
+        "thresholds": None if config.thresholds is None else config.thresholds._asdict(),
         "observer": None if config.observer is None else dataclasses.asdict(config.observer),
         "version": omnimj.__version__,
         "command": command,
