@@ -23,17 +23,9 @@ pytestmark = pytest.mark.usefixtures("undrawn")
 def push(tmp_path, monkeypatch) -> list[str]:
     """The command over a scenario of half a second, the work done at once."""
     monkeypatch.setattr(workers, "ProcessPoolExecutor", lambda *given, **named: InlineExecutor())
-    argv = [
-        "tune",
-        scenario_file(tmp_path, faults=""),
-        "--only",
-        "control",
-        "--trials",
-        "1",
-        "--judging",
-        "1",
-    ]
-    return [*argv, "--generations", "1", "--landscape", "0", "--out", str(tmp_path / "g.toml")]
+    small = ["--trials", "1", "--judging", "1", "--generations", "1", "--landscape", "0"]
+    argv = ["tune", scenario_file(tmp_path, faults=""), "--only", "control.speed_proportional", *small]
+    return [*argv, "--out", str(tmp_path / "g.toml")]
 
 
 def test_the_command_writes_gains_and_a_page_and_its_exit_code_is_the_verdict(push, tmp_path, capsys):
@@ -41,7 +33,9 @@ def test_the_command_writes_gains_and_a_page_and_its_exit_code_is_the_verdict(pu
     out, err = capsys.readouterr()
     told = tomllib.loads((tmp_path / "g.toml").read_text(encoding="utf-8"))["tuned"]
     assert code == (0 if told["better"] else 1)
-    assert told["command"].startswith("omnimj tune ") and "--only control" in told["command"]
+    assert (
+        told["command"].startswith("omnimj tune ") and "--only control.speed_proportional" in told["command"]
+    )
     assert "phase margin" in out and mentions(out, "seed 100", "planar")
     assert "\r" not in err, "a pipe sees no progress bar"
     page = (tmp_path / "g_report.html").read_text(encoding="utf-8")
