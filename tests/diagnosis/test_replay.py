@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 from driven_missions import ONSET, as_dataset, as_run, driven
 
+from omnimj.control.detection.robust.thresholds import Thresholds
+from omnimj.control.gains import ObserverGains
+from omnimj.diagnosis.files import diagnoses_json
 from omnimj.diagnosis.logs import make_detector, read_machine
-from omnimj.diagnosis.replay import first_bias, replay, sample_run
+from omnimj.diagnosis.replay import DiagnosisConfig, first_bias, replay, sample_run
 from omnimj.parameters import read_floors
-from omnimj.recording.dataset import Run
+from omnimj.recording.dataset import Dataset, Run
 
 FLOORS = read_floors()
 
@@ -128,3 +133,13 @@ def test_a_biased_gyro_is_no_fault():
     run = as_run(driven())
     run = dataclasses.replace(run, columns={**run.columns, "yaw_rate": run.columns["yaw_rate"] + 0.04})
     assert not said_of(run).diagnoses
+
+
+def test_the_content_of_diagnoses_json_states_thresholds_and_observer_where_they_were_given():
+    dataset = Dataset(Path("logs"), "uto_robot", ())
+    plain = DiagnosisConfig(dataset, read_machine(dataset), "robust", FLOORS)
+    given = dataclasses.replace(plain, thresholds=Thresholds(motor=31.0), observer=ObserverGains())
+    shipped, own = (json.loads(json.dumps(diagnoses_json(one, (), "", False))) for one in (plain, given))
+    assert shipped["thresholds"] is None and shipped["observer"] is None
+    assert own["thresholds"] == {**Thresholds()._asdict(), "motor": 31.0}
+    assert own["observer"] == dataclasses.asdict(ObserverGains())
