@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from omnimj.control.cascade.controller import Controller
+from omnimj.control.compiled import CompiledController, CompiledState
 from omnimj.control.detection.robust import RobustDetector
 from omnimj.control.recovery import Recovery
-from omnimj.control.robust_controller import RobustController, RobustControlState
 from omnimj.parameters import Robot, read_robot
 from omnimj.plant.faults import Fault
 from omnimj.plant.planar import PlanarRobot
@@ -43,7 +43,7 @@ class RecordedMission:
     robot: Robot
     measurements: tuple[Measurement, ...]
     targets: tuple[Target, ...]
-    last: RobustControlState
+    last: CompiledState
     """Final state of the controller that drove the mission."""
 
     @property
@@ -60,7 +60,7 @@ class RecordedMission:
 class _RecordingController:
     """Wrapper of a controller that records its inputs."""
 
-    def __init__(self, controller: RobustController):
+    def __init__(self, controller: CompiledController):
         self._controller, self.log_names = controller, controller.log_names
         self.measurements: list[Measurement] = []
         self.targets: list[Target] = []
@@ -76,9 +76,9 @@ class _RecordingController:
         return command, self.last
 
 
-def full_controller(robot: Robot) -> RobustController:
+def full_controller(robot: Robot) -> CompiledController:
     """Make the complete controller of a robot: cascade, fault detection and recovery."""
-    return RobustController(Controller(robot), RobustDetector(robot), Recovery(robot))
+    return CompiledController(Controller(robot), RobustDetector(robot), Recovery(robot))
 
 
 def record_mission(robot: Robot, duration: float, faults: tuple[Fault, ...] = ()) -> RecordedMission:
@@ -96,8 +96,8 @@ def record_mission(robot: Robot, duration: float, faults: tuple[Fault, ...] = ()
 
 
 def replay_mission(
-    controller: RobustController, state: RobustControlState, mission: RecordedMission, number: int
-) -> RobustControlState:
+    controller: CompiledController, state: CompiledState, mission: RecordedMission, number: int
+) -> CompiledState:
     """Replay a mission as number 0, 1, 2, … of a sequence and return the controller's state after it.
 
     Time continues, and headings and targets are rotated by the preceding missions. Detector and recovery keep

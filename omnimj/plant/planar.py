@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from omnimj.physics.wheel import packed, store
 from omnimj.plant.faults import Conditions, Fault, conditions_at, conditions_with_effects, event_times
 from omnimj.plant.ground import Ground, Patch, floor_at
 from omnimj.plant.interface import RIG_TRUTH_NAMES, robot_truth_names
+from omnimj.plant.sensor_chain import SensorChain, read_sensors
 from omnimj.plant.sensors import RigSensors, RobotSensors
 from omnimj.signals import Array, CurrentCommand, Measurement, RigMeasurement
 
@@ -70,24 +72,79 @@ def _find_floors(pose, wheels, ground, floors):
             floors[i, :] = rows[floor_at(patches, x + c * p_x - s * p_y, y + s * p_x + c * p_y)]
 
 
+class PlanarArrays(NamedTuple):
+    """Arrays of a planar robot with n wheels, its sensors and the periods so far."""
+
+    state: Array
+    """Packed `planar.PlanarState`, shape (state_size(n),)."""
+    output: Array
+    """Packed `planar.PlanarOutput`, shape (output_size(n),)."""
+    machine: tuple[Array, Array, Array, Array, Array]
+    """Packed body, wheels, motors, floors (filled by each step) and effect terms."""
+    ground: tuple[Array, Array, Array, Array]
+    """Mask of replaced floors, their traction laws, patches, traction laws of hall and patches."""
+    nominal_shorts: Array
+    """1 for motors that are shorted by the conditions, shape (n,)."""
+    published: bool
+    """True for the equations as printed."""
+    period: float
+    """Control period [s]."""
+    steps: Array
+    """Control periods since the start, shape (1,), integer."""
+    values: Array
+    """Physical quantities for the sensors, shape (2n+4,)."""
+    sensors: SensorChain
+
+
 @kernel
-def _drive_robot(state, command, machine, ground, published, h, steps, output):
-    """Advance the robot by one control period, in place.
+def advance_planar(plant, state, current, steps):
+    """Advance a state, in place, under set currents; fills `output`.
 
     Args:
-      state: Packed `planar.PlanarState`, shape (state_size(n),).
-      command: Commanded currents, shape (n,) [A].
-      machine: Packed body, wheels, motors, floors (filled here) and effect terms.
-      ground: Mask of replaced floors, their traction laws, patches, traction laws of hall and patches.
-      published: Whether to use the equations as printed.
-      h: Step [s].
-      steps: Number of steps.
-      output: Packed `planar.PlanarOutput`, shape (output_size(n),).
+      plant: `PlanarArrays`.
+      state: Packed `planar.PlanarState`; usually the plant's own.
+      current: Set currents, shape (n,) [A].
+      steps: Number of integration steps.
     """
-    body, wheels, motors, floors, terms = machine
-    _find_floors(state[-3:], wheels, ground, floors)
-    model = planar.PlanarModel(body, wheels, motors, floors, terms, published)
-    planar.step(state, command, model, h, steps, output)
+    body, wheels, motors, floors, terms = plant.machine
+    _find_floors(state[-3:], wheels, plant.ground, floors)
+    model = planar.PlanarModel(body, wheels, motors, floors, terms, plant.published)
+    planar.step(state, current, model, plant.period / SUBSTEPS, steps, plant.output)
+
+
+@kernel
+def measure_planar(plant):
+    """Readings of all sensors now, a new array of shape (2n+4,)."""
+    state, output, values = planar.planar_state(plant.state), planar.planar_output(plant.output), plant.values
+    n = state.current.size
+    values[:n], values[n : 2 * n] = state.current, output.encoder_speed
+    values[2 * n : 2 * n + 2] = output.acceleration
+    values[2 * n + 2], values[2 * n + 3] = state.twist[2], state.pose[2]
+    return read_sensors(plant.sensors, plant.steps[0] * plant.period, values)
+
+
+@kernel
+def step_planar(plant, current):
+    """Hold set currents, shape (n,) [A], for one control period and return the readings at its end."""
+    advance_planar(plant, plant.state, current, SUBSTEPS)
+    plant.steps[0] += 1
+    return measure_planar(plant)
+
+
+@kernel
+def short_planar_motors(plant, brake):
+    """Short the motors of a mask, shape (n,), and those that the conditions short."""
+    motors = plant.machine[2]
+    for i in range(brake.size):
+        motors[i, SHORTED] = 1.0 if brake[i] else plant.nominal_shorts[i]
+
+
+@kernel
+def write_planar_truth(plant, truth):
+    """Write pose, twist, slip, normal force and traction in the order of `robot_truth_names`."""
+    state = planar.planar_state(plant.state)
+    truth[:3], truth[3:6] = state.pose, state.twist
+    truth[6:] = plant.output[: truth.size - 6]
 
 
 class PlanarRobot:
@@ -143,10 +200,10 @@ class PlanarRobot:
             robot.sensors, robot.motor, n, self.period, seed, faults, ideal_sensors, effects.channels
         )
         self._row, self._output_row = np.zeros(planar.state_size(n)), np.zeros(planar.output_size(n))
-        self._state, self._output = planar.planar_state(self._row), planar.planar_output(self._output_row)
-        self._command, self._floors = np.zeros(n), np.zeros((n, TRACTION_SIZE))
-        self._steps, self._at = 0, 0
-        self._brake(())
+        self._state, self._floors = planar.planar_state(self._row), np.zeros((n, TRACTION_SIZE))
+        self._steps, self._at = np.array([0]), 0
+        self._braked: tuple[int, ...] = ()
+        self._enter(0)
 
     def _stage(self, robot: Robot, begin: float, now: Conditions) -> _RobotStage:
         constants = planar.planar_constants(
@@ -156,15 +213,15 @@ class PlanarRobot:
 
     def reset(self) -> Measurement:
         """Put the robot at rest at its start and return the first measurement; the noise is repeated."""
-        self._steps, self._at = 0, 0
-        self._command[:] = 0.0
+        self._steps[0], self._braked = 0, ()
         self._row[:] = 0.0
         self._state.pose[:] = self._start
-        self._brake(())
-        self._enter_stage()
         self._sensors.reset()
-        self._run(self._row.copy(), 1)  # forces at rest, for truth and accelerometer
-        return self._measure()
+        self._enter(0)
+        self.prepare_step()
+        # forces at rest, for truth and accelerometer
+        advance_planar(self._arrays, self._row.copy(), np.zeros(self._wheels), 1)
+        return self._measured(measure_planar(self._arrays))
 
     def step(self, command: CurrentCommand) -> Measurement:
         """Hold the command for one period and return the measurement at its end.
@@ -175,55 +232,62 @@ class PlanarRobot:
         if len(command.current) != self._wheels:
             found = f"found {len(command.current)} currents"
             raise InputError("command", found, f"{self._wheels} are needed, one per wheel")
-        self._command[:] = command.current
-        self._enter_stage()
+        self.prepare_step()
         if command.brake != self._braked:
             self._brake(command.brake)
-        self._run(self._row, SUBSTEPS)
-        self._steps += 1
-        return self._measure()
+        return self._measured(step_planar(self._arrays, np.ascontiguousarray(command.current, float)))
 
     def truth(self) -> Array:
         """True pose, twist, slip velocity, normal and traction force, aligned with `truth_names`."""
-        n = self._wheels
-        return np.concatenate((self._state.pose, self._state.twist, self._output_row[: 3 * n]))
+        row = np.empty(len(self.truth_names))
+        write_planar_truth(self._arrays, row)
+        return row
 
     def close(self) -> None:
         """Do nothing: there is nothing to release."""
 
-    def _enter_stage(self) -> None:
-        now = self._steps * self.period + _TIME_TOLERANCE
-        while self._at + 1 < len(self._stages) and self._stages[self._at + 1].begin <= now:
-            self._at += 1
-            self._brake(self._braked)
+    def arrays(self) -> PlanarArrays:
+        """Arrays for kernels that step the robot in a loop, once `prepare_step` has been called."""
+        return self._arrays
+
+    @property
+    def next_change(self) -> float:
+        """Time from which `prepare_step` has conditions to change [s]."""
+        later = self._at + 1
+        return self._stages[later].begin - _TIME_TOLERANCE if later < len(self._stages) else math.inf
+
+    def prepare_step(self) -> None:
+        """Apply the conditions that begin with the coming period, and keep the sensors' noise coming."""
+        while int(self._steps[0]) * self.period >= self.next_change:
+            self._enter(self._at + 1)
+        self._sensors.refill()
+
+    def _enter(self, stage: int) -> None:
+        """Begin a stage; motors that are braked stay so."""
+        self._at, now = stage, self._stages[stage]
+        own, ground = now.constants, self._ground
+        self._arrays = PlanarArrays(
+            self._row,
+            self._output_row,
+            (own.body, own.wheels, now.motors.copy(), self._floors, self._terms),
+            (*now.replacements, ground.patches, ground.rows),
+            now.motors[:, SHORTED].copy(),
+            self._published,
+            self.period,
+            self._steps,
+            self._sensors.values,
+            self._sensors.chain,
+        )
+        self._brake(self._braked)
 
     def _brake(self, wheels: tuple[int, ...]) -> None:
-        self._motors, self._braked = self._stages[self._at].motors.copy(), wheels
-        self._motors[[wheel - 1 for wheel in wheels], SHORTED] = 1.0
+        mask = np.zeros(self._wheels, np.uint8)
+        mask[[wheel - 1 for wheel in wheels]] = 1
+        short_planar_motors(self._arrays, mask)
+        self._braked = wheels
 
-    def _run(self, state: Array, steps: int) -> None:
-        stage, ground = self._stages[self._at], self._ground
-        _drive_robot(
-            state,
-            self._command,
-            (stage.constants.body, stage.constants.wheels, self._motors, self._floors, self._terms),
-            (*stage.replacements, ground.patches, ground.rows),
-            self._published,
-            self.period / SUBSTEPS,
-            steps,
-            self._output_row,
-        )
-
-    def _measure(self) -> Measurement:
-        state, output = self._state, self._output
-        return self._sensors.measure(
-            self._steps * self.period,
-            state.current,
-            output.encoder_speed,
-            output.acceleration,
-            state.twist[2],
-            state.pose[2],
-        )
+    def _measured(self, readings: Array) -> Measurement:
+        return self._sensors.as_measurement(int(self._steps[0]) * self.period, readings)
 
 
 @dataclass(frozen=True)

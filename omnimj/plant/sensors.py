@@ -103,9 +103,27 @@ class RobotSensors:
         values[2 * n + 2] = yaw_rate
         values[2 * n + 3] = heading
         time = float(time)  # an integer would make the kernel compile again
-        r = self._channels.read(time)
+        return self.as_measurement(time, self._channels.read(time))
+
+    def as_measurement(self, time: float, readings: Array) -> Measurement:
+        """Measurement of readings in the order of `robot_channels`, shape (2n+4,)."""
+        n, r = self._wheels, readings
         yaw_rate, yaw = r[2 * n + 2 :].tolist()
         return Measurement(time, r[:n], r[n : 2 * n], r[2 * n : 2 * n + 2], yaw_rate, yaw)
+
+    @property
+    def chain(self) -> chain.SensorChain:
+        """Arrays of the sensors, for kernels that read them in a loop."""
+        return self._channels.chain
+
+    @property
+    def values(self) -> Array:
+        """Physical quantities that the next sample is taken of, shape (2n+4,)."""
+        return self._channels.values
+
+    def refill(self) -> None:
+        """Draw the next random numbers where all are used."""
+        self._channels.refill()
 
 
 class RigSensors:

@@ -21,6 +21,7 @@ from omnimj.control.detection.detector import FaultDetector
 from omnimj.errors import LinkLost, SimulationError
 from omnimj.plant.interface import RIG_CHANNELS, Plant, robot_channels
 from omnimj.signals import Array, CurrentCommand, Diagnosis, Measurement, Reference, Target, Trace
+from omnimj.simulate.compiled.run import CompiledRun, compiled_loop
 
 SNAPSHOT_PERIOD = 0.02
 """Time between two poses of the 3-D recording [s]."""
@@ -30,7 +31,6 @@ TARGET_NAMES = ("target_x", "target_y", "target_heading", "target_velocity_x", "
 """Column names of the reference, world frame: m, m, rad, m/s, m/s; the yaw-rate target is in the log."""
 
 _PROGRESS_EVERY = 100  # [rows]
-_LONG_STEP = 0.1  # [s]; a longer step means that code was compiled or the machine suspended
 
 Progress = Callable[[int, int], None]
 """Called with the number of finished rows and the total number of rows."""
@@ -167,9 +167,14 @@ def _check_truth(names: tuple[str, ...], truth: list[float]) -> None:
     raise SimulationError(", ".join(broken))
 
 
+def snapshot_rows(plant: Plant) -> int:
+    """Number of rows from one pose of the 3-D recording to the next."""
+    return max(1, round(SNAPSHOT_PERIOD / plant.period))
+
+
 def take_snapshot(plant: Plant, snapshot: Snapshot | None) -> Callable[[int, float], None]:
     """Function of (rows so far, time [s]) that calls `snapshot` with the pose every `SNAPSHOT_PERIOD`."""
-    pose, every = getattr(plant, "pose", None), max(1, round(SNAPSHOT_PERIOD / plant.period))
+    pose, every = getattr(plant, "pose", None), snapshot_rows(plant)
     if snapshot is None or pose is None:
         return lambda done, now: None
 
@@ -178,6 +183,33 @@ def take_snapshot(plant: Plant, snapshot: Snapshot | None) -> Callable[[int, flo
             snapshot(float(now), pose())
 
     return take
+
+
+class _RowSource(Protocol):
+    """Source of the rows of a trace."""
+
+    @property
+    def done(self) -> int:
+        """Rows that are finished."""
+        ...
+
+    def fill(self, table: Array) -> Iterator[int]:
+        """Fill a table, shape (rows, columns), and yield the number of finished rows now and then."""
+        ...
+
+
+class _Stepwise:
+    """Rows of a policy, step by step."""
+
+    def __init__(self, plant: Plant, policy: Policy, measurement: Any, snapshot: Snapshot | None):
+        self._plant, self._policy, self._measurement = plant, policy, measurement
+        self._snapshot, self.done = take_snapshot(plant, snapshot), 0
+
+    def fill(self, table: Array) -> Iterator[int]:
+        for done in steps(self._plant, self._policy, self._measurement, table, len(table)):
+            self.done = done
+            self._snapshot(done, table[done - 1, 0])
+            yield done
 
 
 def record(
@@ -201,23 +233,32 @@ def record(
       callbacks: Callbacks for progress and live view.
       about: Description of the run, to which `realtime_factor`, `interrupted` and `failure` are added.
     """
-    names = column_names(plant, policy)
+    source = _Stepwise(plant, policy, measurement, callbacks.snapshot)
+    return _recorded(source, column_names(plant, policy), (rows, plant.period), callbacks, about)
+
+
+def _recorded(
+    source: _RowSource,
+    names: tuple[str, ...],
+    size: tuple[int, float],
+    callbacks: Callbacks,
+    about: Mapping[str, Any] | None,
+) -> Trace:
+    """Trace of a source, with a number of rows and their period [s]."""
+    rows, period = size
     # filled before the clock runs: the first touch of lazily allocated memory takes up to 8 ms in a row
-    table = np.full((rows, len(names)), np.nan)
-    snapshot, done, stopwatch = take_snapshot(plant, callbacks.snapshot), 0, _Stopwatch()
+    table, begin = np.full((rows, len(names)), np.nan), time.perf_counter()
     with Ending(SimulationError, ArithmeticError, LinkLost) as ending:
-        for done in steps(plant, policy, measurement, table, rows):
-            snapshot(done, table[done - 1, 0])
+        for done in source.fill(table):
             if done % _PROGRESS_EVERY == 0 or done == rows:
                 _report(callbacks, names, table, done)
-            stopwatch.lap()
-    wall, simulated = stopwatch.elapsed(), max(done - 1, 0) * plant.period
+    wall, done = time.perf_counter() - begin, source.done
     columns = np.ascontiguousarray(table[:done].T)
     described = {
         **(about or {}),
         "interrupted": ending.interrupted or ending.error is not None,
-        "failure": None if ending.error is None else f"at {done * plant.period:.4f} s: {ending.error}",
-        "realtime_factor": simulated / wall if wall > 0.0 else 0.0,
+        "failure": None if ending.error is None else f"at {done * period:.4f} s: {ending.error}",
+        "realtime_factor": max(done - 1, 0) * period / wall if wall > 0.0 else 0.0,
     }
     return Trace(dict(zip(names, columns, strict=True)), described)
 
@@ -227,22 +268,6 @@ def _report(callbacks: Callbacks, names: tuple[str, ...], table: Array, done: in
         callbacks.progress(done, len(table))
     if callbacks.rows is not None:
         callbacks.rows(names, table[(done - 1) // _PROGRESS_EVERY * _PROGRESS_EVERY : done])
-
-
-class _Stopwatch:
-    """Wall time, excluding the steps in which code was compiled."""
-
-    def __init__(self) -> None:
-        self._begin = self._last = time.perf_counter()
-
-    def lap(self) -> None:
-        now = time.perf_counter()
-        if now - self._last > _LONG_STEP:
-            self._begin += now - self._last
-        self._last = now
-
-    def elapsed(self) -> float:
-        return time.perf_counter() - self._begin
 
 
 class ControllerState(Protocol):
@@ -341,7 +366,8 @@ def drive(
     """Drive a robot along a reference, one control period per sample.
 
     The plan proceeds at the time scaling that the controller requests: at 0.5 the robot gets every sample for
-    two steps, at half the speed.
+    two steps, at half the speed. A `CompiledController` on a planar robot or a twin runs in the compiled
+    loop, everything else step by step; both give the same trace.
 
     Args:
       plant: Reset by this call; the caller closes it.
@@ -355,11 +381,56 @@ def drive(
       `TARGET_NAMES`; described as by `record`, with the controller's diagnoses, a table each, in
       `about["diagnoses"]`.
     """
+    loop = None if callbacks.start is not None else compiled_loop(plant, controller)
+    if loop is None:
+        return drive_stepwise(plant, controller, reference, callbacks, about)
+    run = CompiledRun(loop, plant, controller, reference)
+    controlled = ControllerRow(run.wheels, controller.log_names).names
+    source = _Compiled(run, plant, callbacks.snapshot, len(controlled))
+    names = (*controlled, *plant.truth_names, *TARGET_NAMES)
+    trace = _recorded(source, names, (len(reference.time), plant.period), callbacks, about)
+    return _with_diagnoses(trace, run.state.diagnoses)
+
+
+def drive_stepwise(
+    plant: Plant,
+    controller: Controller,
+    reference: Reference,
+    callbacks: Callbacks = NO_CALLBACKS,
+    about: Mapping[str, Any] | None = None,
+) -> Trace:
+    """Drive a robot as `drive` does, any plant with any controller, with a call of both in every period."""
     measurement = plant.reset()
     assert isinstance(measurement, Measurement)
     policy = _FollowReference(controller, reference, measurement)
     trace = record(plant, policy, measurement, len(reference.time), callbacks, about)
     return _with_diagnoses(trace, policy.state.diagnoses)
+
+
+class _Compiled:
+    """Rows of a compiled run."""
+
+    def __init__(self, run: CompiledRun, plant: Any, snapshot: Snapshot | None, first: int):
+        self._run, self._plant, self._snapshot, self._first = run, plant, snapshot, first
+        self._poses = hasattr(plant, "pose") and snapshot is not None
+
+    @property
+    def done(self) -> int:
+        """Rows that are finished."""
+        return self._run.done
+
+    def fill(self, table: Array) -> Iterator[int]:
+        every, shown = snapshot_rows(self._plant), 0
+        poses = np.empty((-(-len(table) // every), len(self._plant.pose())) if self._poses else (0, 0))
+        for done in self._run.advance(table, poses, every, LARGEST_TRUTH):
+            while self._poses and shown * every < done and self._snapshot is not None:
+                self._snapshot(float(table[shown * every, 0]), poses[shown])
+                shown += 1
+            yield done
+        if self.done < len(table):
+            names = self._plant.truth_names
+            truth = table[self.done, self._first : self._first + len(names)]
+            _check_truth(names, truth.tolist())
 
 
 class _ReplayCurrents:

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from omnimj.control.cascade.controller import Controller
+from omnimj.control.compiled import CompiledController
 from omnimj.control.detection.detector import FaultDetector
 from omnimj.control.detection.robust import RobustDetector
 from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.control.fault_tolerant import FaultTolerantController
 from omnimj.control.recovery import Recovery
-from omnimj.control.robust_controller import RobustController
 from omnimj.errors import InputError
 from omnimj.link.host.plant import HardwarePlant
 from omnimj.plant.faults import Fault
@@ -188,7 +188,7 @@ def make_controller(scenario: Scenario) -> Controller:
 
 def make_diagnosing_controller(
     scenario: Scenario, detector: FaultDetector | None
-) -> Controller | FaultTolerantController | RobustController:
+) -> FaultTolerantController | CompiledController:
     """Make a controller with a fault detector and, for the robust method, with recovery.
 
     Args:
@@ -197,7 +197,7 @@ def make_diagnosing_controller(
     """
     controller = make_controller(scenario)
     if detector is None:
-        return controller
+        return CompiledController(controller)
     recovery, options = None, scenario.diagnosis
     if not isinstance(detector, RobustDetector):
         return FaultTolerantController(controller, detector)
@@ -211,7 +211,7 @@ def make_diagnosing_controller(
             options.self_test,
             gains,
         )
-    return RobustController(controller, detector, recovery)
+    return CompiledController(controller, detector, recovery)
 
 
 def warm_up(scenario: Scenario, controller: LoopController) -> None:

@@ -15,7 +15,7 @@ from omnimj.bench.control import (
     replay_mission,
 )
 from omnimj.control.detection.robust import verdict
-from omnimj.control.robust_controller import RobustController
+from omnimj.control.compiled import CompiledController
 from omnimj.parameters import read_robot
 
 ROBOT = read_robot()
@@ -38,14 +38,14 @@ def test_memory_after_sixty_thousand_steps_is_memory_after_forty_thousand(slippi
 
 
 def test_what_is_kept_from_step_to_step_is_seen(slipping, monkeypatch):
-    kept, step = [], RobustController.step
+    kept, step = [], CompiledController.step
 
     def hoarding(controller, state, measurement, target):
         kept.append(state.log)
         return step(controller, state, measurement, target)
 
     monkeypatch.setattr(control_speed, "WARM_UP_MISSIONS", 0)
-    monkeypatch.setattr(RobustController, "step", hoarding)
+    monkeypatch.setattr(CompiledController, "step", hoarding)
     assert memory_growth(slipping, 1).grown > 1000.0
 
 

@@ -298,7 +298,7 @@ class Controller:
             amplifier=amplifier_parameters(robot),
             limits=current_limits(gains, self.period),
         )
-        self.constants = parameters
+        self.robot, self.constants = robot, parameters
         self.nominal = nominal_reconfiguration(inverse / robot.wheel.radius)
         self._turn, self._parameters, self._nominal = (
             parameters.turn,

@@ -20,6 +20,13 @@ from omnimj.plant.mujoco import slots
 from omnimj.plant.mujoco.assembly import bind_effects, rest_depth, rig_model, robot_model
 from omnimj.plant.mujoco.callback import install
 from omnimj.plant.mujoco.conditions import ConditionSchedule, NominalModel, fault_floors
+from omnimj.plant.mujoco.robot_step import (
+    TwinArrays,
+    measure_twin,
+    short_motors,
+    step_address,
+    write_twin_truth,
+)
 from omnimj.plant.sensors import RigSensors, RobotSensors
 from omnimj.signals import Array, CurrentCommand, Measurement, RigMeasurement
 
@@ -243,8 +250,6 @@ class RobotTwin:
         self._guides = np.clip(larger, -_GUIDE_SHARE * travel, _GUIDE_SHARE * travel)
         self._rest_height += float(np.max(larger - self._guides, initial=0.0))
         self._find_places()
-        self._braked: tuple[int, ...] = ()
-        self._steps, self._turns, self._last_heading = 0, 0.0, start[2]
 
     def _find_places(self) -> None:
         """Find the views into MuJoCo's arrays once, so that a step needs no search."""
@@ -252,86 +257,87 @@ class RobotTwin:
             int(self.mj_model.joint(f"guide_{i}").qposadr[0]) for i in range(1, self._wheels + 1)
         ]
         users = self.mj_model.actuator_user
-        self._axles = users[: self._wheels, slots.WHEEL_DOF].astype(int)
-        self._currents = self.mj_data.act[slots.CURRENT :: slots.ACTIVATIONS]
-        self._backlash_rates = self.mj_data.act[slots.BACKLASH_RATE :: slots.ACTIVATIONS]
-        first = int(users[0, slots.SENSOR])
+        act, first = self.mj_data.act, int(users[0, slots.SENSOR])
         block = self.mj_data.sensordata[first : first + 5 * self._wheels]
-        self._sensed = block.reshape(self._wheels, 5)[:, :3].T  # slip, normal force, traction
-        self._sensed_size = 3 * self._wheels
-        self._gravity = self.mj_model.opt.gravity
-        self._axes = self.mj_data.xmat[self.mj_model.body("chassis").id].reshape(3, 3)
-        self._gyro = self.mj_data.sensor("gyro").data
+        self._arrays = TwinArrays(
+            step=step_address(),
+            model=self.mj_model._address,
+            data=self.mj_data._address,
+            substeps=self._substeps,
+            period=self.period,
+            ctrl=self.mj_data.ctrl,
+            shorted=users[: self._wheels, slots.MOTOR + SHORTED],
+            braked=np.zeros(self._wheels, np.uint8),
+            currents=act[slots.CURRENT :: slots.ACTIVATIONS],
+            backlash_rates=act[slots.BACKLASH_RATE :: slots.ACTIVATIONS],
+            axles=users[: self._wheels, slots.WHEEL_DOF].astype(int),
+            qpos=self.mj_data.qpos,
+            qvel=self.mj_data.qvel,
+            qacc=self.mj_data.qacc,
+            gravity=self.mj_model.opt.gravity,
+            axes=self.mj_data.xmat[self.mj_model.body("chassis").id].reshape(3, 3),
+            gyro=self.mj_data.sensor("gyro").data,
+            sensed=block.reshape(self._wheels, 5)[:, :3].T,
+            turns=np.array([self._start[2], 0.0]),
+            steps=np.array([0]),
+            values=self._sensors.values,
+            sensors=self._sensors.chain,
+        )
+
+    def arrays(self) -> TwinArrays:
+        """Arrays for kernels that step the twin in a loop, once `prepare_step` has been called."""
+        return self._arrays
+
+    @property
+    def next_change(self) -> float:
+        """Time of the simulation from which `prepare_step` has conditions to change [s]."""
+        return self._schedule.next_change - 0.5 * self.mj_model.opt.timestep
+
+    def prepare_step(self) -> None:
+        """Apply the conditions that begin with the coming period, and keep the sensors' noise coming."""
+        if self.mj_data.time >= self.next_change:
+            self._schedule.apply(int(self._arrays.steps[0]) * self.period)
+            self._arrays.braked[:] = 0  # the schedule overwrites whole motors
+        self._sensors.refill()
 
     def reset(self) -> Measurement:
         """Put the robot at rest at its start and return the measurement at time 0."""
         mujoco.mj_resetData(self.mj_model, self.mj_data)
         self._schedule.start()
-        self._braked = ()
         x, y, heading = self._start
         half = 0.5 * heading
         self.mj_data.qpos[:7] = (x, y, self._rest_height, math.cos(half), 0.0, 0.0, math.sin(half))
         self.mj_data.qpos[self._guides_at] = self._guides
         mujoco.mj_forward(self.mj_model, self.mj_data)
-        self._steps, self._turns, self._last_heading = 0, 0.0, heading
         self._sensors.reset()
+        self._arrays = self._arrays._replace(sensors=self._sensors.chain)
+        self._arrays.turns[:], self._arrays.steps[0], self._arrays.braked[:] = (heading, 0.0), 0, 0
         return self._measure()
 
     def step(self, command: CurrentCommand) -> Measurement:
         """Hold the command for one control period and return the measurement at its end."""
-        if self.mj_data.time + 0.5 * self.mj_model.opt.timestep >= self._schedule.next_change:
-            self._schedule.apply(self._steps * self.period)
-            self._braked = ()  # the schedule overwrites whole motors
-        if command.brake != self._braked:
+        self.prepare_step()
+        if command.brake or self._arrays.braked.any():
             self._brake(command.brake)
         self.mj_data.ctrl[:] = command.current
         mujoco.mj_step(self.mj_model, self.mj_data, self._substeps)
-        self._steps += 1
+        self._arrays.steps[0] += 1
         return self._measure()
 
     def _brake(self, wheels: tuple[int, ...]) -> None:
-        shorted = self.mj_model.actuator_user[: self._wheels, slots.MOTOR + SHORTED]
-        shorted[:] = 0.0
-        shorted[[wheel - 1 for wheel in wheels]] = 1.0
-        self._braked = wheels
-
-    def _heading(self) -> float:
-        """Unwrapped heading [rad]."""
-        w, x, y, z = self.mj_data.qpos[3:7].tolist()
-        heading = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-        turn = heading + self._turns - self._last_heading
-        if math.isfinite(turn):  # a diverged state is reported by the loop
-            self._turns -= 2.0 * math.pi * round(turn / (2.0 * math.pi))
-        self._last_heading = heading + self._turns
-        return self._last_heading
-
-    def _acceleration(self) -> Array:
-        """Ideal accelerometer reading at the centre along the body's x and y, Rᵀ(a − g) [m/s²].
-
-        The chassis is a free joint at the centre, whose first three accelerations are those of the centre.
-        """
-        felt = self.mj_data.qacc[:3] - self._gravity
-        return felt @ self._axes[:, :2]
+        mask = np.zeros(self._wheels, np.uint8)
+        mask[[wheel - 1 for wheel in wheels]] = 1
+        short_motors(self._arrays, mask)
 
     def _measure(self) -> Measurement:
-        return self._sensors.measure(
-            self._steps * self.period,
-            self._currents,
-            self.mj_data.qvel[self._axles] + self._backlash_rates,  # the encoder sits on the motor
-            self._acceleration(),
-            float(self._gyro[2]),
-            self._heading(),
-        )
+        self._sensors.refill()
+        arrays = self._arrays
+        return self._sensors.as_measurement(int(arrays.steps[0]) * self.period, measure_twin(arrays))
 
     def truth(self) -> Array:
         """True pose, body twist, and per wheel slip, normal force, traction, aligned with `truth_names`."""
-        row = np.empty(6 + self._sensed_size)
-        x, y = self.mj_data.qpos[:2].tolist()
-        vx, vy = self.mj_data.qvel[:2].tolist()
-        heading = self._last_heading
-        c, s = math.cos(heading), math.sin(heading)
-        row[:6] = (x, y, heading, c * vx + s * vy, c * vy - s * vx, self.mj_data.qvel[5])
-        row[6:] = self._sensed.ravel()
+        row = np.empty(len(self.truth_names))
+        write_twin_truth(self._arrays, row)
         return row
 
     def pose(self) -> Array:

@@ -14,7 +14,7 @@ from omnimj.control.cascade.controller import Controller
 from omnimj.control.detection.robust import RobustDetector
 from omnimj.control.fault_tolerant import FaultTolerantController
 from omnimj.control.recovery import Recovery
-from omnimj.control.robust_controller import RobustController
+from omnimj.control.compiled import CompiledController
 from omnimj.parameters import read_robot
 from omnimj.plant.faults import Fault
 from omnimj.plant.planar import PlanarRobot
@@ -50,7 +50,7 @@ def driven(kind, faults, recovers, **options):
 )
 def test_one_compiled_step_is_detector_recovery_and_cascade_bit_for_bit(faults, recovers):
     parts = driven(FaultTolerantController, faults, recovers)
-    compiled = driven(RobustController, faults, recovers)
+    compiled = driven(CompiledController, faults, recovers)
     assert compiled.about["diagnoses"] == parts.about["diagnoses"]
     assert bool(faults) == bool(parts.about["diagnoses"])
     assert list(compiled.columns) == list(parts.columns)
@@ -70,7 +70,7 @@ def test_one_compiled_step_is_detector_recovery_and_cascade_bit_for_bit(faults, 
     )
 )
 def test_broken_measurements_stop_neither_and_are_answered_alike(broken):
-    parts, compiled = controller_of(FaultTolerantController), controller_of(RobustController)
+    parts, compiled = controller_of(FaultTolerantController), controller_of(CompiledController)
     plant = PlanarRobot(ROBOT, "natural_stone", seed=3)
     measured, target = plant.reset(), Target(np.array((0.3, 0.1)), 0.2, 0.0)
     states = [parts.start(measured), compiled.start(measured)]
@@ -92,7 +92,7 @@ def test_broken_measurements_stop_neither_and_are_answered_alike(broken):
 
 
 def test_a_step_leaves_the_state_before_it_as_it_was():
-    controller = controller_of(RobustController, self_test=True)
+    controller = controller_of(CompiledController, self_test=True)
     plant = PlanarRobot(ROBOT, "natural_stone", seed=2)
     measured, target = plant.reset(), Target(np.array((0.4, 0.0)), 0.0, 0.0)
     state = controller.start(measured)

@@ -1,8 +1,8 @@
-"""The cascade with the robust detector and recovery as one compiled step.
+"""The cascade, with the robust detector and recovery where there are any, as one compiled step.
 
-Does what a `FaultTolerantController` of the same three parts does, at a fraction of its cost: the whole state
-is one record, one call of a kernel takes it from measurement to command, and only the rare decisions of the
-detector are made in Python.
+Does what a `FaultTolerantController` of the same parts does, at a fraction of its cost: the whole state is
+one record, one call of a kernel takes it from measurement to command, and only the rare decisions of the
+detector are made in Python. The compiled loop (`simulate.compiled_loop`) calls the same kernels.
 """
 
 from __future__ import annotations
@@ -63,19 +63,21 @@ class ControlParameters(NamedTuple):
     """Without a fault."""
     sampling: SamplingParameters
     recovery: RecoveryParameters
+    detects: bool
+    """False: the cascade alone."""
     recovers: bool
     """False: faults are diagnosed only."""
 
 
 class ControlFields(NamedTuple):
-    """Fields of the record behind `RobustControlState`."""
+    """Fields of the record behind `CompiledState`."""
 
     cascade: CascadeState
     samples: Samples
     judged: Judgement
     recovery: RecoveryFields
     log: Array
-    """Signals of the last step, aligned with `RobustController.log_names`."""
+    """Signals of the last step, aligned with `CompiledController.log_names`."""
 
 
 class Reading(NamedTuple):
@@ -112,6 +114,8 @@ def take_reading(p, x, now):
     good = is_good_sample(n, now.time, now.current, now.wheel_speed, now.acceleration, now.yaw_rate, now.yaw)
     if not good:
         return False, False
+    if not p.detects:
+        return True, False
     command = last.copy()
     if p.recovers:
         for i in range(n):
@@ -153,7 +157,8 @@ def respond(p, x, now, good):
         advance_cascade(p.cascade, p.nominal, x.cascade, wanted)
     own = 5 + 2 * n
     x.log[:own] = x.cascade.log
-    x.log[own : own + x.judged.log.size] = x.judged.log
+    if p.detects:
+        x.log[own : own + x.judged.log.size] = x.judged.log
     if p.recovers:
         write_log(x.recovery, x.log[x.log.size - RECOVERY_LOG :])
     return p.recovers and x.recovery.brake.any()
@@ -181,8 +186,8 @@ def _end_step(parameters, record, now):
     return _BRAKES if respond(parameters[0], record[0], now, True) else _DRIVES
 
 
-class RobustControlState(NamedTuple):
-    """State of a `RobustController` between two steps."""
+class CompiledState(NamedTuple):
+    """State of a `CompiledController` between two steps."""
 
     record: Record
     """Packed `ControlFields`."""
@@ -190,11 +195,13 @@ class RobustControlState(NamedTuple):
     decisions: Decisions
     estimate: FaultEstimate
     """Estimate that the mode of recovery answers to."""
+    signals: int
+    """Number of logged signals."""
 
     @property
     def log(self) -> Array:
-        """Signals of the last step, aligned with `RobustController.log_names`."""
-        return self.record["log"][0]
+        """Signals of the last step, aligned with `CompiledController.log_names`."""
+        return self.record["log"][0][: self.signals]
 
     @property
     def time_scaling(self) -> float:
@@ -207,54 +214,69 @@ class RobustControlState(NamedTuple):
         return all_diagnoses(self.decisions.verdict, self.decisions.history)
 
 
-class RobustController:
+class CompiledController:
     """Controller that detects faults and, with recovery, reconfigures itself; used like `Controller`.
 
     Args:
       cascade: Drives the robot.
-      detector: Robust detector of the same robot and control period.
+      detector: Robust detector of the same robot and control period; none when None.
       recovery: Acts upon the detector's fault estimate; none when None.
     """
 
-    def __init__(self, cascade: Controller, detector: RobustDetector, recovery: Recovery | None = None):
-        self._cascade, self._detector, self._recovery = cascade, detector, recovery
-        idle = Recovery(detector.robot) if recovery is None else recovery
-        added = () if recovery is None else recovery.log_names
-        self.log_names = cascade.log_names + tuple(detector.log_names) + added
-        self.wheels, self._initial_recovery = cascade.wheels, idle.initial_fields()
-        self.constants = detector.constants
+    def __init__(
+        self, cascade: Controller, detector: RobustDetector | None = None, recovery: Recovery | None = None
+    ):
+        robot = cascade.robot
+        # records of one shape for all combinations: the kernels are compiled once
+        self._cascade, self._recovery = cascade, Recovery(robot) if recovery is None else recovery
+        self._detector = RobustDetector(robot, cascade.period) if detector is None else detector
+        names = cascade.log_names + tuple(self._detector.log_names) + Recovery.log_names
+        self._signals = len(names)
+        parts = (
+            () if detector is None else self._detector.log_names,
+            () if recovery is None else Recovery.log_names,
+        )
+        self.log_names = (*cascade.log_names, *parts[0], *parts[1])
+        self.wheels, self.constants = cascade.wheels, self._detector.constants
         self.parameters = packed(
             ControlParameters(
-                cascade.constants, cascade.nominal, detector.sampling, idle.constants, recovery is not None
+                cascade.constants,
+                cascade.nominal,
+                self._detector.sampling,
+                self._recovery.constants,
+                detector is not None,
+                recovery is not None,
             )
         )
 
-    def start(self, measurement: Measurement) -> RobustControlState:
+    def start(self, measurement: Measurement) -> CompiledState:
         """State before the first step."""
         n, judgement = self.wheels, initial_judgement(self.wheels, self._detector.thresholds)
         fields = ControlFields(
             self._cascade.initial_fields(measurement),
             initial_samples(n),
             judgement,
-            self._initial_recovery,
-            np.zeros(len(self.log_names)),
+            self._recovery.initial_fields(),
+            np.zeros(self._signals),
         )
-        return RobustControlState(packed(fields), initial_evidence(n), Decisions(), judgement.estimate)
+        return CompiledState(
+            packed(fields), initial_evidence(n), Decisions(), judgement.estimate, len(self.log_names)
+        )
 
-    def reset_cascade(self, state: RobustControlState, measurement: Measurement) -> RobustControlState:
+    def reset_cascade(self, state: CompiledState, measurement: Measurement) -> CompiledState:
         """State with the cascade as before the first step; detector and recovery keep theirs."""
         record = copied(state.record)
         record["cascade"] = packed(self._cascade.initial_fields(measurement))
         return state._replace(record=record)
 
     def step(
-        self, state: RobustControlState, measurement: Measurement, target: Target
-    ) -> tuple[CurrentCommand, RobustControlState]:
+        self, state: CompiledState, measurement: Measurement, target: Target
+    ) -> tuple[CurrentCommand, CompiledState]:
         """Currents for the next period; zero current for bad data, never an exception."""
         m, velocity, record = measurement, target.velocity, copied(state.record)
         demand = Demand(float(velocity[0]), float(velocity[1]), target.yaw_rate, target.heading)
         now = Reading(m.time, m.current, m.wheel_speed, m.acceleration, m.yaw_rate, m.yaw, demand)
-        after = RobustControlState(record, state.evidence, state.decisions, state.estimate)
+        after = CompiledState(record, *state[1:])
         outcome = _begin_step(self.parameters, record, now)
         if outcome == _BLOCK_IS_FULL:
             after = after._replace(evidence=state.evidence.copy())
@@ -264,7 +286,7 @@ class RobustController:
         brake = shorted_wheels(record["recovery"]["brake"][0]) if outcome == _BRAKES else ()
         return CurrentCommand(record["cascade"]["current"][0], brake), after
 
-    def decide(self, state: RobustControlState, time: float) -> RobustControlState:
+    def decide(self, state: CompiledState, time: float) -> CompiledState:
         """State after the decisions that a block may lead to; its record and evidence change in place.
 
         Args:
@@ -276,6 +298,6 @@ class RobustController:
             detector.thresholds, state.evidence, judged, state.decisions, float(time), detector.channels
         )
         estimate = FaultEstimate.unpack(judged["estimate"])
-        if self._recovery is not None and not estimate.same_faults_as(state.estimate):
+        if not estimate.same_faults_as(state.estimate):
             self._recovery.choose_mode(state.record["recovery"], estimate)
-        return RobustControlState(state.record, state.evidence, decisions, estimate)
+        return state._replace(decisions=decisions, estimate=estimate)

@@ -1,0 +1,50 @@
+"""The compiled loop of the planar robot."""
+
+from __future__ import annotations
+
+from omnimj.physics.native import kernel
+from omnimj.plant.planar import short_planar_motors, step_planar, write_planar_truth
+from omnimj.simulate.compiled.row import (
+    CHUNK_IS_DONE,
+    DECISION_IS_DUE,
+    PLANT_CHANGES,
+    TRUTH_IS_BROKEN,
+    control_period,
+    finish_row,
+    first_truth,
+    is_spent,
+)
+
+
+@kernel
+def drive_planar(plant, controller, progress, plan, output, next_change, end):
+    """Drive until a number of rows is finished or Python is needed.
+
+    Args:
+      plant: `PlanarArrays`.
+      controller: `ControllerArrays`.
+      progress: Record of `Progress`, changed in place.
+      plan: `Plan`.
+      output: `Output`; a planar robot has no poses.
+      next_change: Time from which the plant has conditions to change [s].
+      end: Number of rows.
+
+    Returns:
+      The reason for which the loop returns.
+    """
+    run, x, first = progress[0], controller.record[0], first_truth(controller, output)
+    while True:
+        if run.moves:
+            if run.row >= end:
+                return CHUNK_IS_DONE
+            if plant.steps[0] * plant.period >= next_change or is_spent(plant.sensors):
+                return PLANT_CHANGES
+            short_planar_motors(plant, x.recovery.brake)
+            output.readings[:] = step_planar(plant, x.cascade.current)
+            run.moves = False
+        if control_period(controller, run, plan, output, plant.steps[0] * plant.period):
+            return DECISION_IS_DUE
+        truth = output.table[run.row, first:-5]
+        write_planar_truth(plant, truth)
+        if not finish_row(run, output, truth):
+            return TRUTH_IS_BROKEN

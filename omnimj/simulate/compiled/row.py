@@ -1,0 +1,143 @@
+"""One control period and its row as kernels: detector, recovery, cascade, columns of the trace.
+
+It does what `loop.steps` does under a controller that follows a reference, by the same kernels, so that both
+give the same numbers. The controller's kernels get readings, plan and their own state; the truth goes from
+the plant to the row.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from omnimj.control.compiled import Reading, respond, take_reading
+from omnimj.control.detection.robust.evidence import Evidence, RobustParameters
+from omnimj.control.detection.robust.judgement import judge_block
+from omnimj.control.records import Record
+from omnimj.control.recovery.step import Demand
+from omnimj.physics.native import kernel
+from omnimj.signals import Array
+
+CHUNK_IS_DONE, DECISION_IS_DUE, PLANT_CHANGES, TRUTH_IS_BROKEN = range(4)
+"""Reasons for which a loop returns."""
+
+
+class ControllerArrays(NamedTuple):
+    """Controller of a run."""
+
+    parameters: Record
+    """Packed `ControlParameters`."""
+    constants: RobustParameters
+    record: Record
+    """Packed `ControlFields`, changed in place."""
+    evidence: Evidence
+    """Changed in place."""
+
+
+class Plan(NamedTuple):
+    """Reference of a run, k samples."""
+
+    columns: Array
+    """Position [m], heading [rad] and velocity [m/s], shape (k, 5)."""
+    yaw_rate: Array
+    """Shape (k,) [rad/s]."""
+
+
+class Progress(NamedTuple):
+    """State of the loop between two calls."""
+
+    at: float = 0.0
+    """Sample of the plan."""
+    scaling: float = 1.0
+    """Time scaling of the present period."""
+    row: int = 0
+    """Rows that are finished."""
+    good: bool = True
+    """True if the present measurement is good."""
+    decided: bool = False
+    """True if the detector's present block has been decided."""
+    moves: bool = False
+    """True if the plant has to step before the next row."""
+
+
+class Output(NamedTuple):
+    """Arrays that the loop fills."""
+
+    table: Array
+    """Rows of the trace, shape (rows, columns)."""
+    poses: Array
+    """A pose of the plant every `every` rows, shape (m, nq); m = 0 if none are wanted."""
+    every: int
+    readings: Array
+    """Newest readings, shape (2n+4,)."""
+    signals: int
+    """Number of the controller's logged signals."""
+    largest: float
+    """Largest magnitude of a sound true value."""
+
+
+@kernel
+def control_period(controller, run, plan, output, time):
+    """Control one period and fill its row, but for the truth.
+
+    Args:
+      controller: `ControllerArrays`.
+      run: `Progress`, changed in place.
+      plan: `Plan`.
+      output: `Output`.
+      time: Time of the measurement [s].
+
+    Returns:
+      Whether the detector has to decide first; the period is then continued by a second call.
+    """
+    p, x, readings = controller.parameters[0], controller.record[0], output.readings
+    n, at = p.cascade.turn.size, int(run.at)
+    if not run.decided:
+        run.scaling = x.recovery.time_scaling if p.recovers else 1.0
+    planned, row = plan.columns[at], output.table[run.row]
+    v_x, v_y = run.scaling * planned[3], run.scaling * planned[4]
+    now = Reading(
+        time,
+        readings[:n],
+        readings[n : 2 * n],
+        readings[2 * n : 2 * n + 2],
+        readings[2 * n + 2],
+        readings[2 * n + 3],
+        Demand(v_x, v_y, run.scaling * plan.yaw_rate[at], planned[2]),
+    )
+    if not run.decided:
+        run.good, full = take_reading(p, x, now)
+        if full and judge_block(controller.constants, x.samples, controller.evidence, x.judged, now.yaw):
+            run.decided = True
+            return True
+    run.decided = False
+    respond(p, x, now, run.good)
+    run.at = min(run.at + run.scaling, plan.columns.shape[0] - 1.0)
+    row[0], row[1 : 2 * n + 5] = time, readings
+    row[2 * n + 5 : 3 * n + 5] = x.cascade.current
+    row[3 * n + 5 : 3 * n + 5 + output.signals] = x.log[: output.signals]
+    row[-5:-2] = planned[:3]
+    row[-2], row[-1] = v_x, v_y
+    return False
+
+
+@kernel
+def first_truth(controller, output):
+    """First column of the truth."""
+    return 3 * controller.record[0].cascade.current.size + 5 + output.signals
+
+
+@kernel
+def finish_row(run, output, truth):
+    """Count a row whose truth is finite and not beyond all bounds; False if it is not."""
+    for value in truth:
+        if not abs(value) <= output.largest:
+            return False
+    run.row += 1
+    run.moves = True
+    return True
+
+
+@kernel
+def is_spent(sensors):
+    """True if all random numbers of a `SensorChain` are used."""
+    return sensors.column[0] >= sensors.noise.shape[1]

@@ -1,0 +1,52 @@
+"""The compiled loop of the robot's twin."""
+
+from __future__ import annotations
+
+from omnimj.physics.native import kernel
+from omnimj.plant.mujoco.robot_step import short_motors, step_twin, twin_time, write_twin_truth
+from omnimj.simulate.compiled.row import (
+    CHUNK_IS_DONE,
+    DECISION_IS_DUE,
+    PLANT_CHANGES,
+    TRUTH_IS_BROKEN,
+    control_period,
+    finish_row,
+    first_truth,
+    is_spent,
+)
+
+
+@kernel
+def drive_twin(plant, controller, progress, plan, output, next_change, end):
+    """Drive until a number of rows is finished or Python is needed.
+
+    Args:
+      plant: `TwinArrays`.
+      controller: `ControllerArrays`.
+      progress: Record of `Progress`, changed in place.
+      plan: `Plan`.
+      output: `Output`.
+      next_change: Time of the simulation from which the plant has conditions to change [s].
+      end: Number of rows.
+
+    Returns:
+      The reason for which the loop returns.
+    """
+    run, x, first = progress[0], controller.record[0], first_truth(controller, output)
+    while True:
+        if run.moves:
+            if run.row >= end:
+                return CHUNK_IS_DONE
+            if twin_time(plant) >= next_change or is_spent(plant.sensors):
+                return PLANT_CHANGES
+            short_motors(plant, x.recovery.brake)
+            output.readings[:] = step_twin(plant, x.cascade.current)
+            run.moves = False
+        if control_period(controller, run, plan, output, plant.steps[0] * plant.period):
+            return DECISION_IS_DUE
+        truth = output.table[run.row, first:-5]
+        write_twin_truth(plant, truth)
+        if run.row % output.every == 0 and run.row // output.every < output.poses.shape[0]:
+            output.poses[run.row // output.every] = plant.qpos
+        if not finish_row(run, output, truth):
+            return TRUTH_IS_BROKEN
