@@ -14,8 +14,8 @@ from omnimj.bench.control import (
     record_mission,
     replay_mission,
 )
-from omnimj.control.detection.robust import verdict
 from omnimj.control.compiled import CompiledController
+from omnimj.control.detection.robust import verdict
 from omnimj.parameters import read_robot
 
 ROBOT = read_robot()

@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from omnimj.control.cascade.controller import Controller
+from omnimj.control.compiled import CompiledController
 from omnimj.control.detection.robust import RobustDetector
 from omnimj.control.fault_tolerant import FaultTolerantController
 from omnimj.control.recovery import Recovery
-from omnimj.control.compiled import CompiledController
 from omnimj.parameters import read_robot
 from omnimj.plant.faults import Fault
 from omnimj.plant.planar import PlanarRobot

@@ -1,0 +1,144 @@
+"""The compiled loop gives the trace of the stepwise loop bit for bit, whatever happens in the run."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from omnimj import read_scenario
+from omnimj.control.cascade.controller import Controller
+from omnimj.control.compiled import CompiledController
+from omnimj.control.detection.robust import RobustDetector
+from omnimj.control.recovery import Recovery
+from omnimj.effects import with_effects
+from omnimj.parameters import read_robot
+from omnimj.plant.faults import Fault
+from omnimj.plant.mujoco.twin import RobotTwin
+from omnimj.plant.planar import PlanarRobot
+from omnimj.signals import Reference
+from omnimj.simulate import loop
+from omnimj.simulate.compiled.run import compiled_loop
+from omnimj.simulate.detectors import make_detector
+from omnimj.simulate.loop import Callbacks, drive, drive_stepwise
+from omnimj.simulate.plants import make_plant, plant_name
+from omnimj.simulate.run import make_diagnosing_controller
+from omnimj.simulate.scenario.listing import scenario_names
+from omnimj.simulate.suites.missions import mission
+
+ROBOT = read_robot()
+SECONDS = 0.7
+"""Duration of a comparison [s]: longer than the sensors' noise is drawn ahead."""
+
+
+def cut(plan: Reference, rows: int) -> Reference:
+    """First rows of a reference."""
+    arrays = {f.name: getattr(plan, f.name) for f in dataclasses.fields(plan) if f.name != "is_path"}
+    return Reference(**{name: array[:rows] for name, array in arrays.items()}, is_path=plan.is_path)
+
+
+def assert_same(first, second):
+    assert list(first.columns) == list(second.columns)
+    for name in first.columns:
+        assert np.array_equal(first[name], second[name], equal_nan=True), name
+    about = ({k: v for k, v in trace.about.items() if k != "realtime_factor"} for trace in (first, second))
+    assert next(about) == next(about)
+
+
+def both(make_plant_of_run, controller, plan, callbacks=(loop.NO_CALLBACKS, loop.NO_CALLBACKS)):
+    """Traces of the compiled and of the stepwise loop."""
+    plants = make_plant_of_run(), make_plant_of_run()
+    assert compiled_loop(plants[0], controller) is not None
+    return drive(plants[0], controller, plan, callbacks[0]), drive_stepwise(
+        plants[1], controller, plan, callbacks[1]
+    )
+
+
+def robot_scenarios():
+    """Names of the scenarios in which a robot with motors is driven."""
+    found = (read_scenario(name) for name in scenario_names())
+    return [s.name for s in found if not s.is_rig and s.level != "kinematic"]
+
+
+@pytest.mark.parametrize("name", robot_scenarios())
+def test_every_scenario_runs_alike_in_the_compiled_and_in_the_stepwise_loop(name):
+    scenario = read_scenario(name)
+    method = "robust"
+    controller = make_diagnosing_controller(scenario, make_detector(method, scenario))
+    plan = cut(scenario.robot_drive.reference, round(SECONDS / scenario.period))
+    compiled, stepwise = both(lambda: make_plant(scenario, plant_name(scenario, None), 3), controller, plan)
+    assert_same(compiled, stepwise)
+
+
+FAULTS = (
+    Fault("slip", 1.0, 2.0, 1, {"grip": 0.1}),
+    Fault("free", 2.0, None, 2, {}),
+    Fault("free", 3.0, None, 3, {}),
+    Fault("sensor", 3.3, None, None, {"channel": "current_4", "mode": "drift", "size": 0.2}),
+)
+
+
+@pytest.mark.parametrize("kind", [PlanarRobot, RobotTwin])
+def test_decisions_braked_motors_and_changing_conditions_leave_no_difference(kind):
+    floor = "natural_stone" if kind is PlanarRobot else read_scenario("nylon_patch").floors["natural_stone"]
+    controller = CompiledController(Controller(ROBOT), RobustDetector(ROBOT), Recovery(ROBOT))
+    plan = mission(np.random.default_rng(8), 4.5, 1e-3)
+    compiled, stepwise = both(lambda: kind(ROBOT, floor, faults=FAULTS, seed=4), controller, plan)
+    assert_same(compiled, stepwise)
+    assert len(compiled.about["diagnoses"]) >= 2
+
+
+def test_delayed_and_scaled_sensors_read_alike():
+    robot = with_effects(ROBOT, {"sensor_delay": {"channel": "yaw", "delay": 0.0035}})
+    controller = CompiledController(Controller(ROBOT))
+    plan = mission(np.random.default_rng(2), 1.0, 1e-3)
+    assert_same(*both(lambda: PlanarRobot(robot, "natural_stone", seed=4), controller, plan))
+
+
+def test_the_cascade_alone_in_the_compiled_loop_drives_as_the_controller_does():
+    plan = mission(np.random.default_rng(2), 1.5, 1e-3)
+    compiled = drive(PlanarRobot(ROBOT, "natural_stone", seed=1), CompiledController(Controller(ROBOT)), plan)
+    alone = drive(PlanarRobot(ROBOT, "natural_stone", seed=1), Controller(ROBOT), plan)
+    assert_same(compiled, alone)
+
+
+def test_a_truth_beyond_all_bounds_ends_both_loops_at_the_same_row_with_the_same_words(monkeypatch):
+    monkeypatch.setattr(loop, "LARGEST_TRUTH", 30.0)  # normal forces grow beyond it in the first turn
+    plan = mission(np.random.default_rng(2), 3.0, 1e-3)
+    controller = CompiledController(Controller(ROBOT))
+    compiled, stepwise = both(lambda: PlanarRobot(ROBOT, "natural_stone", seed=1), controller, plan)
+    assert compiled.about["failure"] and 0 <= len(compiled["time"]) < len(plan.time)
+    assert_same(compiled, stepwise)
+
+
+def test_ctrl_c_keeps_the_rows_that_are_finished():
+    def stop(done, total):
+        if done >= 300:
+            raise KeyboardInterrupt
+
+    plan = mission(np.random.default_rng(2), 1.0, 1e-3)
+    callbacks = Callbacks(progress=stop), Callbacks(progress=stop)
+    controller = CompiledController(Controller(ROBOT))
+    compiled, stepwise = both(lambda: PlanarRobot(ROBOT, "natural_stone"), controller, plan, callbacks)
+    assert compiled.about["interrupted"] and len(compiled["time"]) == 300
+    assert_same(compiled, stepwise)
+
+
+def test_progress_rows_and_poses_come_as_from_the_stepwise_loop():
+    seen = ([], []), ([], [])
+
+    def callbacks(into):
+        return Callbacks(
+            progress=lambda done, total: into[0].append((done, total)),
+            snapshot=lambda now, pose: into[1].append((now, pose.copy())),
+        )
+
+    scenario = read_scenario("nylon_patch")
+    plan = cut(scenario.robot_drive.reference, 250)
+    controller = CompiledController(Controller(scenario.robot))
+    both(lambda: make_plant(scenario, "twin", 0), controller, plan, tuple(map(callbacks, seen)))
+    assert seen[0][0] == seen[1][0] == [(100, 250), (200, 250), (250, 250)]
+    times, poses = zip(*seen[0][1], strict=True)
+    other_times, other_poses = zip(*seen[1][1], strict=True)
+    assert times == other_times and np.array_equal(poses, other_poses) and len(times) == 13
