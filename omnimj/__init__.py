@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from omnimj.control.cascade.controller import Controller
+    from omnimj.control.compiled import CompiledController
     from omnimj.control.detection.detector import FaultDetector
     from omnimj.control.detection.robust.detector import RobustDetector
     from omnimj.control.detection.robust.thresholds import Thresholds
@@ -78,6 +79,7 @@ _HOMES = {
     "omnimj.plant.mujoco.twin": ("RobotTwin", "RigTwin"),
     "omnimj.plant.planar": ("PlanarRobot", "PlanarRig"),
     "omnimj.control.cascade.controller": ("Controller",),
+    "omnimj.control.compiled": ("CompiledController",),
     "omnimj.control.fault_tolerant": ("FaultTolerantController",),
     "omnimj.control.detection.detector": ("FaultDetector",),
     "omnimj.control.detection.robust.detector": ("RobustDetector",),

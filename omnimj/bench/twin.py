@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,11 @@ def wall_time(work: Callable[[], object]) -> float:
 def _interleaved(rounds: int, *works: Callable[[], object]) -> np.ndarray:
     """Return the shortest time of each call over interleaved rounds, shape (len(works),) [s]."""
     return np.array([[wall_time(work) for work in works] for _ in range(rounds)]).min(axis=0)
+
+
+def _medians(rounds: int, *works: Callable[[], object]) -> np.ndarray:
+    """Return the median time of each call over interleaved rounds, shape (len(works),) [s]."""
+    return np.median([[wall_time(work) for work in works] for _ in range(rounds)], axis=0)
 
 
 def _moving(mj_model: Any) -> Any:
@@ -95,6 +101,57 @@ def measure_twin(steps: int, rounds: int) -> dict[str, float]:
         "solver_friction_ratio": own / (10.0 * rubbing),
         "callback_share": called / own,
         "batch_speedup": one / two,
+    }
+
+
+def measure_driving(duration: float, rounds: int) -> dict[str, float]:
+    """Measure a driven period, trace included, in units of a step with MuJoCo's contact and no traction.
+
+    Args:
+      duration: Duration of a run [s].
+      rounds: Number of interleaved rounds; the medians over them are compared.
+    """
+    import mujoco
+
+    from omnimj.control.cascade.controller import Controller
+    from omnimj.control.compiled import CompiledController
+    from omnimj.control.detection.robust import RobustDetector
+    from omnimj.control.recovery import Recovery
+    from omnimj.parameters import read_floors, read_robot
+    from omnimj.plant.mujoco.assembly import robot_model
+    from omnimj.plant.mujoco.twin import RobotTwin
+    from omnimj.plant.planar import PlanarRobot
+    from omnimj.simulate.loop import drive, drive_stepwise
+    from omnimj.simulate.suites.missions import mission
+
+    robot, floors = read_robot(), read_floors()
+    twins = [RobotTwin(robot, floors["natural_stone"], seed=seed) for seed in (1, 2)]
+    planar = PlanarRobot(robot, "natural_stone", seed=1)
+    plain = CompiledController(Controller(robot))
+    full = CompiledController(Controller(robot), RobustDetector(robot), Recovery(robot))
+    plan = mission(np.random.default_rng(1), duration, planar.period)
+    bare, bare_data = _with_solver_contact(robot_model(robot, floors["natural_stone"], lean=True), False)
+
+    def drive_both() -> None:
+        with ThreadPoolExecutor(2) as pool:
+            list(pool.map(lambda twin: drive(twin, full, plan), twins))
+
+    drive_both()
+    works = (
+        lambda: mujoco.mj_step(bare, bare_data, len(plan.time)),
+        lambda: drive(twins[0], full, plan),
+        lambda: drive(twins[0], plain, plan),
+        lambda: drive_stepwise(twins[0], full, plan),
+        lambda: drive(planar, full, plan),
+        drive_both,
+    )
+    unit, diagnosed, undiagnosed, stepwise, flat, threads = _medians(rounds, *works)
+    return {
+        "diagnosed_step_ratio": diagnosed / unit,
+        "undiagnosed_step_ratio": undiagnosed / unit,
+        "stepwise_step_ratio": stepwise / unit,
+        "diagnosed_twin_to_planar_ratio": diagnosed / flat,
+        "two_threads_speedup": 2.0 * diagnosed / threads,
     }
 
 

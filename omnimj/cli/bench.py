@@ -18,6 +18,10 @@ class Effort:
     steps: int = 2000
     """Steps of the twin per round."""
     rounds: int = 7
+    drive: float = 3.0
+    """Duration of a driven run [s]."""
+    drives: int = 20
+    """Rounds of driven runs."""
     run: float = 10.0
     """Duration of the scenario [s]."""
     missions: int = 15
@@ -41,6 +45,11 @@ _MEANING = {
     "solver_contact_ratio": "twin step / same robot, MuJoCo's contact without traction (goal ≤ 0.75)",
     "solver_friction_ratio": "twin step / the same with MuJoCo's default contact, friction included",
     "callback_share": "native callbacks / step (goal ≤ 0.35)",
+    "diagnosed_step_ratio": "diagnosed period on the twin / step with MuJoCo's contact (goal ≤ 1.5)",
+    "undiagnosed_step_ratio": "the same without diagnosis (goal ≤ 1.1)",
+    "stepwise_step_ratio": "diagnosed run in the stepwise loop / the same step",
+    "diagnosed_twin_to_planar_ratio": "diagnosed run on the twin / on the planar robot (goal ≥ 1.5)",
+    "two_threads_speedup": "diagnosed runs on two threads / one (goal ≥ 1.9 on an idle machine)",
     "batch_speedup": "two threads / one (goal ≥ 1.8 on an idle machine)",
     "scenario_realtime_factor": "× real time, with control, sensors and trace (goal ≥ 8)",
     "rerun_share": "writing the Rerun recording / the run (goal ≤ 0.15)",
@@ -84,10 +93,11 @@ def run(arguments: Any) -> int:
     """
     from omnimj.bench.control import measure_control
     from omnimj.bench.link import measure_link
-    from omnimj.bench.twin import measure_run, measure_twin
+    from omnimj.bench.twin import measure_driving, measure_run, measure_twin
 
     announce_compilation("twin", "uto_robot")
     found = measure_twin(EFFORT.steps, EFFORT.rounds) | measure_run(EFFORT.run)
+    found |= measure_driving(EFFORT.drive, EFFORT.drives)
     note_compiled("twin", "uto_robot")
     announce_compilation("planar", "uto_robot")
     found |= measure_control(EFFORT.missions, EFFORT.mission, EFFORT.hours, EFFORT.longest)

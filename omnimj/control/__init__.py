@@ -3,7 +3,9 @@
 - `cascade/`: heading → inverse kinematics → wheel-speed PI → limits
 - `detection/`: fault detectors beside the cascade, the published one and the robust one
 - `recovery/`: target and reconfiguration of the cascade after a fault
-- `fault_tolerant`: the three together, used like the cascade alone
+- `fault_tolerant`: cascade, any detector and recovery together, used like the cascade alone
+- `compiled`: the same with the robust detector, as one compiled step
+- `records`: structured arrays that carry parameters and states into kernels
 - `gains`: all gains as one set and as a TOML file
 - `robot_constants`: constants that detection and recovery share
 

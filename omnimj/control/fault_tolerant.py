@@ -44,6 +44,8 @@ class FaultTolerantState(NamedTuple):
 class FaultTolerantController:
     """Controller that detects faults and reconfigures itself; used like `Controller`.
 
+    It takes any detector; with the robust one, `CompiledController` does the same faster.
+
     Args:
       cascade: Drives the robot.
       detector: Gets every good measurement; its `reconfiguration` is applied where there is no recovery.

@@ -1,6 +1,7 @@
 """Simulated runs: the loop that drives a plant, scenarios, and what is made of a run.
 
 - `loop`: the step generator, and robot and rig driven with it.
+- `compiled`: the same loop as one compiled function, for robots.
 - `kinematic`: the kinematic level, a plant without forces.
 - `run`: runs a scenario; `plants` and `detectors` make what it needs.
 - `metrics`, `judging`, `summary`: metrics, scores of the diagnoses, and `metrics.json`.

@@ -18,6 +18,7 @@ SCHEMA = json.loads((Path(__file__).parent.parent / "schema" / "bench.json").rea
 MEASURED = (
     "omnimj.bench.control.measure_control",
     "omnimj.bench.link.measure_link",
+    "omnimj.bench.twin.measure_driving",
     "omnimj.bench.twin.measure_run",
     "omnimj.bench.twin.measure_twin",
 )
@@ -27,7 +28,16 @@ MEASURED = (
 def found() -> dict[str, float]:
     """Figures of a short measurement, as JSON prints them."""
     effort = bench.Effort(
-        steps=100, rounds=1, run=1.0, missions=1, mission=3.0, hours=1e-3, frames=50, trips=300
+        steps=100,
+        rounds=1,
+        drive=3.0,
+        drives=1,
+        run=1.0,
+        missions=1,
+        mission=3.0,
+        hours=1e-3,
+        frames=50,
+        trips=300,
     )
     printed = io.StringIO()
     with pytest.MonkeyPatch.context() as patched, contextlib.redirect_stdout(printed):
