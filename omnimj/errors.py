@@ -42,10 +42,6 @@ class UnknownNameError(InputError, LookupError):
         super().__init__(place, f"unknown {kind} {name!r}", hint, names)
 
 
-class OutputError(InputError):
-    """A file or folder cannot be written, for lack of rights or of space on the disk."""
-
-
 class NativeLayoutError(OmnimjError, RuntimeError):
     """The installed MuJoCo does not have the memory layout that the native contact needs."""
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.errors import InputError, OutputError
+from omnimj.errors import InputError
 
 if TYPE_CHECKING:
     from omnimj.control.gains import Gains, ObserverGains
@@ -232,7 +232,7 @@ def require_writable(file: Path, force: bool) -> None:
     if not nearest.is_dir():
         raise InputError(place, f"cannot be made, {nearest} is a file", "a folder is needed")
     if not os.access(nearest, os.W_OK | os.X_OK):
-        raise OutputError(place, f"cannot be written, {nearest} is read-only", "choose another folder")
+        raise InputError(place, f"cannot be written, {nearest} is read-only", "choose another folder")
 
 
 def add_key(parser: argparse.ArgumentParser) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import errno
 import re
 import sys
 from collections.abc import Mapping, Sequence
@@ -24,7 +23,7 @@ from omnimj.cli.studies import EVALUATE, SENSITIVITY
 from omnimj.cli.teleop import TELEOP
 from omnimj.cli.terminal import drop_output, flush_output, prepare_streams
 from omnimj.cli.tune import TUNE
-from omnimj.errors import InputError, NoAnswer, OmnimjError, OutputError, UnknownNameError
+from omnimj.errors import InputError, NoAnswer, OmnimjError, UnknownNameError
 
 WELCOME = f"""omnimj {__version__}: a MuJoCo twin of a four-wheel omni robot and of its test rig,
 with faults and their diagnosis, and a search for the physics that the model
@@ -43,7 +42,6 @@ All commands: omnimj --help. One of them, with examples: omnimj run --help.
 """
 
 BAD_INPUT, NO_ANSWER, NO_READER = 2, 3, 141
-_UNWRITABLE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM)  # no space, no right
 GROUPS: Mapping[str, tuple[Command, ...]] = {
     "Simulate": (SCENARIOS, RUN, TELEOP),
     "Bring model and measurement together": (RECORD, IDENTIFY, VALIDATE, GAP, SENSITIVITY),
@@ -127,9 +125,9 @@ def main(argv: Sequence[str] | None = None) -> int:
       argv: Arguments without the program's name; those of the process when None.
 
     Returns:
-      0 on success; 1 if a check or a simulation failed, or a file cannot be written; 2 on invalid input;
-      3 if a robot behind a link does not answer; 130 on Ctrl-C; 141 if the reader of the output closed the
-      pipe.
+      0 on success; 1 if a check or a simulation failed; 2 on invalid input or a file that cannot be read or
+      written; 3 if a robot behind a link does not answer; 130 on Ctrl-C; 141 if the reader of the output
+      closed the pipe.
     """
     given = list(sys.argv[1:] if argv is None else argv)
     prepare_streams()
@@ -140,8 +138,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         return code
     except NoAnswer as error:
         return _print_error(error, NO_ANSWER)
-    except OutputError as error:
-        return _print_error(error, FAILED)
     except InputError as error:
         return _print_error(error, BAD_INPUT)
     except OmnimjError as error:
@@ -151,10 +147,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of the pipe, such as head, has closed it
         drop_output()
         return code
-    except OSError as error:
+    except OSError as error:  # for example an unreadable file or a full disk
         drop_output()
-        code = FAILED if error.errno in _UNWRITABLE else BAD_INPUT
-        return _print_error(InputError(error.filename or "omnimj", error.strerror or str(error)), code)
+        return _print_error(InputError(error.filename or "omnimj", error.strerror or str(error)), BAD_INPUT)
 
 
 def _run(given: list[str]) -> int:

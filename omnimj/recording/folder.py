@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from omnimj.errors import InputError, OutputError
+from omnimj.errors import InputError
 
 RUN_FILES = ("trace.parquet", "metrics.json", "run.rrd", "report.html")
 """Files of a run, in the order in which they are written."""
@@ -37,7 +37,7 @@ def check_folder(folder: Path, force: bool) -> None:
         found = f"is {kind}" if nearest == folder else f"cannot be made, {nearest} is {kind}"
         raise InputError(place, found, "a folder is needed")
     if not os.access(nearest, os.W_OK | os.X_OK):
-        raise OutputError(place, f"cannot be written, {nearest} is read-only", "choose another folder")
+        raise InputError(place, f"cannot be written, {nearest} is read-only", "choose another folder")
     if nearest != folder:
         return
     try:
@@ -69,7 +69,7 @@ def make_folder(folder: Path, force: bool, files: Iterable[str] = RUN_FILES) -> 
             # an old report beside a new trace would be a mixture of two runs
             (folder / name).unlink(missing_ok=True)
     except OSError as error:
-        raise OutputError(f"--out {folder}", f"cannot be written ({error.strerror})") from None
+        raise InputError(f"--out {folder}", f"cannot be written ({error.strerror})") from None
 
 
 @contextmanager

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from omnimj.errors import InputError, OutputError
+from omnimj.errors import InputError
 from omnimj.recording.folder import atomic_file
 from omnimj.recording.run_table import write_parquet
 from omnimj.signals import Array, Trace
@@ -34,7 +34,7 @@ def write_trace(path: Path, trace: Trace) -> None:
         with atomic_file(path) as temporary:
             write_parquet(temporary, trace.columns, {_ABOUT: json.dumps(dict(trace.about)).encode()})
     except OSError as error:
-        raise OutputError(path, f"cannot be written ({error.strerror or error})") from None
+        raise InputError(path, f"cannot be written ({error.strerror or error})") from None
 
 
 def read_trace(path: Path) -> Trace:

@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 
-from omnimj.errors import InputError, OutputError, UnknownNameError
+from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters.reading import read_toml
 from omnimj.recording.dataset import ROBOT_WHEELS, Run
 from omnimj.recording.dataset_file import DATASET_FILE
@@ -82,7 +82,7 @@ class DatasetWriter:
                 text = dataset_text(self._plant, self._defaults, self._runs.values())
                 temporary.write_text(text, encoding="utf-8", newline="\n")
         except OSError as error:
-            raise OutputError(
+            raise InputError(
                 f"--out {self._folder}", f"cannot be written ({error.strerror or error})"
             ) from None
 

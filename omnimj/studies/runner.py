@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from omnimj.errors import InputError, OutputError
+from omnimj.errors import InputError
 from omnimj.recording.folder import check_folder
 from omnimj.recording.json_files import to_jsonable, write_json
 from omnimj.studies.workers import Progress, WorkerPool, run_in_workers
@@ -104,7 +104,7 @@ class StudyFolder:
             self.path.mkdir(parents=True, exist_ok=True)
             write_json(file, wanted)
         except OSError as error:
-            raise OutputError(f"--out {self.path}", f"cannot be written ({error.strerror})") from None
+            raise InputError(f"--out {self.path}", f"cannot be written ({error.strerror})") from None
         return False
 
     def _delete_contents(self) -> None:

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from omnimj.errors import InputError, OutputError
+from omnimj.errors import InputError
 
 _KEY, _TAG = 32, 32  # bytes
 
@@ -38,7 +38,7 @@ def seal(folder: Path, labels: Sequence[dict[str, Any]]) -> None:
             file.write(key)
         sealed.write_bytes(_tag(key, text) + hidden)
     except OSError as error:
-        raise OutputError(f"{folder}", f"cannot be written ({error.strerror})") from None
+        raise InputError(f"{folder}", f"cannot be written ({error.strerror})") from None
 
 
 def is_sealed(folder: Path) -> bool:
