@@ -13,7 +13,7 @@ from omnimj.control.compiled import CompiledController
 from omnimj.control.detection.robust import RobustDetector
 from omnimj.control.recovery import Recovery
 from omnimj.effects import with_effects
-from omnimj.parameters import read_robot
+from omnimj.parameters import read_floors, read_robot
 from omnimj.plant.faults import Fault
 from omnimj.plant.mujoco.twin import RobotTwin
 from omnimj.plant.planar import PlanarRobot
@@ -79,12 +79,19 @@ FAULTS = (
 )
 
 
-@pytest.mark.parametrize("kind", [PlanarRobot, RobotTwin])
-def test_decisions_braked_motors_and_changing_conditions_leave_no_difference(kind):
-    floor = "natural_stone" if kind is PlanarRobot else read_scenario("nylon_patch").floors["natural_stone"]
+def planar():
+    return PlanarRobot(ROBOT, "natural_stone", faults=FAULTS, seed=4)
+
+
+def twin():
+    return RobotTwin(ROBOT, read_floors()["natural_stone"], faults=FAULTS, seed=4)
+
+
+@pytest.mark.parametrize("make", [planar, twin])
+def test_decisions_braked_motors_and_changing_conditions_leave_no_difference(make):
     controller = CompiledController(Controller(ROBOT), RobustDetector(ROBOT), Recovery(ROBOT))
     plan = mission(np.random.default_rng(8), 4.5, 1e-3)
-    compiled, stepwise = both(lambda: kind(ROBOT, floor, faults=FAULTS, seed=4), controller, plan)
+    compiled, stepwise = both(make, controller, plan)
     assert_same(compiled, stepwise)
     assert len(compiled.about["diagnoses"]) >= 2
 
