@@ -5,7 +5,7 @@ Wheels are numbered 1…n in files and messages, 0…n−1 in arrays.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -72,6 +72,19 @@ class CurrentCommand:
     """Shape (n,) [A]."""
     brake: tuple[int, ...] = ()
     """Wheels 1…n whose motor a relay takes from its amplifier and shorts."""
+
+
+def compiled_in(loop: str) -> Callable[[Any], Any]:
+    """Decorator of a method that a compiled loop of this name replaces by its kernel.
+
+    A subclass or a test that overrides the method has no such mark, and is driven step by step.
+    """
+
+    def mark(method: Any) -> Any:
+        method.compiled_in = loop
+        return method
+
+    return mark
 
 
 KINDS_OF_DIAGNOSIS = ("slip", "motor", "locked", "free", "hard_over", "all_wheel_slip", "sensor")

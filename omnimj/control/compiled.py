@@ -49,7 +49,7 @@ from omnimj.control.recovery.step import (
     advance_recovery,
 )
 from omnimj.physics.native import kernel
-from omnimj.signals import Array, CurrentCommand, Diagnosis, Measurement, Target
+from omnimj.signals import Array, CurrentCommand, Diagnosis, Measurement, Target, compiled_in
 
 RECOVERY_LOG = len(Recovery.log_names)
 """Number of signals that recovery logs."""
@@ -269,6 +269,7 @@ class CompiledController:
         record["cascade"] = packed(self._cascade.initial_fields(measurement))
         return state._replace(record=record)
 
+    @compiled_in("all")
     def step(
         self, state: CompiledState, measurement: Measurement, target: Target
     ) -> tuple[CurrentCommand, CompiledState]:

@@ -23,7 +23,7 @@ from omnimj.plant.ground import Ground, Patch, floor_at
 from omnimj.plant.interface import RIG_TRUTH_NAMES, robot_truth_names
 from omnimj.plant.sensor_chain import SensorChain, read_sensors
 from omnimj.plant.sensors import RigSensors, RobotSensors
-from omnimj.signals import Array, CurrentCommand, Measurement, RigMeasurement
+from omnimj.signals import Array, CurrentCommand, Measurement, RigMeasurement, compiled_in
 
 SUBSTEPS = 4
 """Number of integration steps per control period; 0.25 ms is a twelfth of a wheel's time constant."""
@@ -223,6 +223,7 @@ class PlanarRobot:
         advance_planar(self._arrays, self._row.copy(), np.zeros(self._wheels), 1)
         return self._measured(measure_planar(self._arrays))
 
+    @compiled_in("planar")
     def step(self, command: CurrentCommand) -> Measurement:
         """Hold the command for one period and return the measurement at its end.
 
@@ -237,6 +238,7 @@ class PlanarRobot:
             self._brake(command.brake)
         return self._measured(step_planar(self._arrays, np.ascontiguousarray(command.current, float)))
 
+    @compiled_in("planar")
     def truth(self) -> Array:
         """True pose, twist, slip velocity, normal and traction force, aligned with `truth_names`."""
         row = np.empty(len(self.truth_names))

@@ -40,7 +40,7 @@ def test_wrong_signs_are_reported_by_name_and_the_check_fails(capsys):
     ("argv", "words"),
     [
         (["--plant", "twin", "--yes"], "--plant: found 'twin'; must be serial:DEVICE"),
-        (["--plant", "udp:127.0.0.1:9"], "there is no terminal for questions; --yes says"),
+        (["--plant", "udp:127.0.0.1:9"], "there is no terminal for questions"),
         (["--plant", "udp:127.0.0.1:9", "--yes", "--current", "-1"], "found '-1'; must be above 0"),
         (["--plant", "udp:127.0.0.1", "--yes"], "--plant"),
     ],

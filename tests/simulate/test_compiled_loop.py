@@ -149,3 +149,26 @@ def test_progress_rows_and_poses_come_as_from_the_stepwise_loop():
     times, poses = zip(*seen[0][1], strict=True)
     other_times, other_poses = zip(*seen[1][1], strict=True)
     assert times == other_times and np.array_equal(poses, other_poses) and len(times) == 13
+
+
+def test_a_plant_or_controller_with_a_step_of_its_own_is_driven_step_by_step():
+    class Counting(PlanarRobot):
+        steps = 0
+
+        def step(self, command):
+            Counting.steps += 1
+            return super().step(command)
+
+    class Quiet(CompiledController):
+        def step(self, state, measurement, target):
+            command, state = super().step(state, measurement, target)
+            return dataclasses.replace(command, current=0.0 * command.current), state
+
+    plan = mission(np.random.default_rng(2), 3.0, 1e-3)
+    controller, plant = CompiledController(Controller(ROBOT)), Counting(ROBOT, "natural_stone")
+    assert compiled_loop(plant, controller) is None
+    trace = drive(plant, controller, plan)
+    assert Counting.steps == len(trace["time"]) - 1
+    quiet = Quiet(Controller(ROBOT))
+    assert compiled_loop(planar(), quiet) is None and compiled_loop(planar(), controller) is not None
+    assert not drive(planar(), quiet, plan).wheels("current_target").any()

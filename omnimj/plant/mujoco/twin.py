@@ -28,7 +28,7 @@ from omnimj.plant.mujoco.robot_step import (
     write_twin_truth,
 )
 from omnimj.plant.sensors import RigSensors, RobotSensors
-from omnimj.signals import Array, CurrentCommand, Measurement, RigMeasurement
+from omnimj.signals import Array, CurrentCommand, Measurement, RigMeasurement, compiled_in
 
 _GUIDE_SHARE = 0.4  # share of the suspension travel to either side that a larger wheel may take
 _SETTLING_TIME = 0.3  # [s] for which the gantry moves sideways before a rig run begins
@@ -314,6 +314,7 @@ class RobotTwin:
         self._arrays.turns[:], self._arrays.steps[0], self._arrays.braked[:] = (heading, 0.0), 0, 0
         return self._measure()
 
+    @compiled_in("twin")
     def step(self, command: CurrentCommand) -> Measurement:
         """Hold the command for one control period and return the measurement at its end."""
         self.prepare_step()
@@ -334,6 +335,7 @@ class RobotTwin:
         arrays = self._arrays
         return self._sensors.as_measurement(int(arrays.steps[0]) * self.period, measure_twin(arrays))
 
+    @compiled_in("twin")
     def truth(self) -> Array:
         """True pose, body twist, and per wheel slip, normal force, traction, aligned with `truth_names`."""
         row = np.empty(len(self.truth_names))

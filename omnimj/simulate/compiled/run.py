@@ -7,9 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from omnimj.control.compiled import CompiledController
 from omnimj.control.records import copied, packed
-from omnimj.plant.planar import PlanarRobot
 from omnimj.signals import Array, Reference
 from omnimj.simulate.compiled.row import (
     CHUNK_IS_DONE,
@@ -27,18 +25,17 @@ CHUNK = 100
 
 def compiled_loop(plant: Any, controller: Any) -> Callable[..., int] | None:
     """Compiled loop that drives this plant with this controller; None if there is none."""
-    if not isinstance(controller, CompiledController):
+    methods = type(plant).step, type(plant).truth, type(controller).step
+    step, truth, control = (getattr(method, "compiled_in", None) for method in methods)
+    if step is None or truth != step or control is None:
         return None
-    if isinstance(plant, PlanarRobot):
+    if step == "planar":  # loops are imported when they are needed: a planar run needs no MuJoCo
         from omnimj.simulate.compiled.planar import drive_planar
 
         return drive_planar
-    if not hasattr(plant, "mj_model"):  # planar runs and hardware need no MuJoCo
-        return None
-    from omnimj.plant.mujoco.twin import RobotTwin
     from omnimj.simulate.compiled.twin import drive_twin
 
-    return drive_twin if isinstance(plant, RobotTwin) else None
+    return drive_twin
 
 
 class CompiledRun:
