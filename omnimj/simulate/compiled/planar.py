@@ -33,10 +33,8 @@ def drive_planar(plant, controller, progress, plan, output, next_change, end):
       The reason for which the loop returns.
     """
     run, x, first = progress[0], controller.record[0], first_truth(controller, output)
-    while True:
+    while run.row < end:
         if run.moves:
-            if run.row >= end:
-                return CHUNK_IS_DONE
             if plant.steps[0] * plant.period >= next_change or is_spent(plant.sensors):
                 return PLANT_CHANGES
             short_planar_motors(plant, x.recovery.brake)
@@ -48,3 +46,4 @@ def drive_planar(plant, controller, progress, plan, output, next_change, end):
         write_planar_truth(plant, truth)
         if not finish_row(run, output, truth):
             return TRUTH_IS_BROKEN
+    return CHUNK_IS_DONE

@@ -33,10 +33,8 @@ def drive_twin(plant, controller, progress, plan, output, next_change, end):
       The reason for which the loop returns.
     """
     run, x, first = progress[0], controller.record[0], first_truth(controller, output)
-    while True:
+    while run.row < end:
         if run.moves:
-            if run.row >= end:
-                return CHUNK_IS_DONE
             if twin_time(plant) >= next_change or is_spent(plant.sensors):
                 return PLANT_CHANGES
             short_motors(plant, x.recovery.brake)
@@ -50,3 +48,4 @@ def drive_twin(plant, controller, progress, plan, output, next_change, end):
             output.poses[run.row // output.every] = plant.qpos
         if not finish_row(run, output, truth):
             return TRUTH_IS_BROKEN
+    return CHUNK_IS_DONE
