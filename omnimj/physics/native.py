@@ -64,11 +64,11 @@ _CALLED_PACKAGES = {
     "physics": _EQUATIONS,
     "plant": (*_EQUATIONS, "plant"),
     "control": (*_EQUATIONS, "control"),
-    "link": (*_EQUATIONS, "link"),
+    "simulate": (*_EQUATIONS, "plant", "control", "simulate"),
     "estimate": (*_EQUATIONS, "plant", "control", "estimate"),
 }
 # of these packages only files with kernels count; the others change often
-_GUEST_PACKAGES = ("estimate",)
+_GUEST_PACKAGES = ("simulate", "estimate")
 _DEFAULT_PACKAGE = "estimate"  # of kernels elsewhere, as in tests, which may call any of them
 KERNEL_PACKAGES = tuple(_CALLED_PACKAGES)
 _DAMAGED = (EOFError, pickle.UnpicklingError, ValueError, KeyError, IndexError, AttributeError, RuntimeError)

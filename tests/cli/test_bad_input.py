@@ -98,7 +98,7 @@ def test_an_option_out_of_its_range(refused: Refused, argv, told):
         ("floor=" + DEEP, "unknown floor"),
         ("floor=" + "x" * 100_000, "unknown floor"),
         ("floor=lava", "floor: unknown floor 'lava'; choices: dry_asphalt"),
-        ("floor=5", "floor: found 5; one line of text is needed"),
+        ("floor=5", "floor: found 5; must be one line of text"),
         ("level=dream", "level: unknown level 'dream'; choices: kinematic, physics"),
         ("description=", "description: found ''; one line of text"),
         ("drive=5", "drive: found 5; a table is needed"),

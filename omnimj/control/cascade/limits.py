@@ -14,8 +14,7 @@ from omnimj.physics.native import kernel
 
 
 class Reason(enum.IntEnum):
-    """Cause of the difference between limited and wanted current; where several apply, the last one
-    listed."""
+    """Cause of the difference between limited and wanted current; of several, the last one listed."""
 
     NONE = 0
     """Passed unchanged."""

@@ -26,7 +26,7 @@ MODE_NAMES = (
 """Modes in words."""
 MODE_CONSEQUENCES = (
     "",
-    "nothing is lost while the currents suffice: the remaining torque makes up for the loss",
+    "nothing is lost while the currents suffice: the healthy parts make up for the faulty ones",
     "the traction of slipping wheels is lost; the wheels that grip hold place and heading",
     "the time plan is lost: the wheels that grip cannot hold the robot, so it drives more slowly",
     "the heading is lost; the centre still follows the path",

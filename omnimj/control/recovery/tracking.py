@@ -1,7 +1,7 @@
 """Tracking of the plan: position error, heading offset, and how well the robot follows its demands.
 
-The position error is the demanded way less the estimated one, ∫ v_d − R(θ) v̂ dt [m]. It fades within a
-second while the robot is healthy; recovery drives it back after a fault.
+The position error is the demanded displacement minus the estimated one, ∫ v_d − R(θ) v̂ dt [m]. It fades
+within a second while the robot is healthy; recovery drives it back after a fault.
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ def text_entry(tree: Mapping, key: str, place: str) -> str:
     value = tree.get(key)
     if not isinstance(value, str) or not value or "\n" in value:
         found = "is missing" if value is None else f"found {value!r}"
-        raise InputError(f"{place}: {key}", found, "one line of text is needed")
+        raise InputError(f"{place}: {key}", found, "must be one line of text")
     return value
 
 

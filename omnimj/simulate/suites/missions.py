@@ -111,7 +111,7 @@ def record_robot(
       config: Plant, seed and progress callback.
 
     Raises:
-      SimulationError: The simulation broke down.
+      SimulationError: The simulation failed.
       KeyboardInterrupt: Ctrl-C was pressed.
     """
     floor = str(condition.conditions["floor"])

@@ -69,7 +69,7 @@ def record_suite(
     Raises:
       InputError: The folder cannot be written, or a value breaks its rule.
       UnknownNameError: No such plant, format or effect.
-      SimulationError: The simulation broke down; runs finished before are kept.
+      SimulationError: The simulation failed; runs finished before are kept.
     """
     plant = plant_for(suite, config.plant)
     if config.repeats is not None and not 1 <= config.repeats <= MAX_REPEATS:

@@ -215,7 +215,7 @@ def record_rig(rig: Rig, nominal: Rig, condition: Condition, config: RunConfig) 
       config: Plant, seed and progress callback.
 
     Raises:
-      SimulationError: The simulation broke down.
+      SimulationError: The simulation failed.
       KeyboardInterrupt: Ctrl-C was pressed.
     """
     drive: RigExcitation = condition.drive

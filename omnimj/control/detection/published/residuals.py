@@ -1,5 +1,4 @@
-"""Filters and intervals of the residuals on both machines: stiction at rest, low-pass, RMS since the
-start."""
+"""Filters of the residuals on robot and rig: stiction at rest, low-pass, RMS since the start."""
 
 from __future__ import annotations
 

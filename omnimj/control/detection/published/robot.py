@@ -214,8 +214,7 @@ class PublishedRobotDetector:
         return self._weigh(state, motor_weights(state.motors[:, TORQUE_SCALE]))
 
     def _begin_motor(self, state: PublishedRobotState, wheel: int) -> PublishedRobotState:
-        """Right half of Fig. 6.9; a motor that is known to be faulty is estimated again without a new
-        diagnosis."""
+        """Right half of Fig. 6.9; a motor known to be faulty is estimated again, not diagnosed again."""
         if state.slipping >= 0:
             state = self._end_slip(state)
         diagnoses = state.diagnoses

@@ -1,5 +1,4 @@
-"""Accommodation of diagnosed faults: weights of the observers, resets after a decision, the fault
-estimate."""
+"""Accommodation of diagnosed faults: weights of the observers, resets, and the fault estimate."""
 
 from __future__ import annotations
 

@@ -207,8 +207,7 @@ class RobustDetector:
         return RobustState(samples, evidence, judged, decisions, estimate)
 
     def _rolling(self, state: RobustState, measurement: Measurement, bias: float) -> RobustState:
-        """State with the body velocity by the wheels: each filter without its own, none by a diagnosed
-        one."""
+        """State with the body velocity measured by the healthy wheels, in each filter without its own."""
         robot, n = self.constants.robot, self.wheels
         directions = robot.forces.T
         rolling = robot.radius * measurement.wheel_speed - directions[:, 2] * (measurement.yaw_rate - bias)

@@ -1,4 +1,4 @@
-"""The verdict: diagnoses that decisions look at, and the history of those that were withdrawn.
+"""The verdict: active and recent diagnoses, on which decisions depend, and the history of older ones.
 
 Withdrawn diagnoses leave the verdict after a while, so that neither deciding nor memory grows with time.
 """

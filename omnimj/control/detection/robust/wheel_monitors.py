@@ -122,8 +122,9 @@ def restarted_monitors(before: WheelMonitors) -> WheelMonitors:
 
 @kernel
 def roller_ratio(robot, i):
-    """Ratio 1/sin γ of wheel i: floor's force over motor's, wheel's slip over the contact's; 1 of an omni
-    wheel.
+    """Ratio 1/sin γ of a wheel, of its floor's force to its motor's; 1 for an omni wheel.
+
+    It is also the ratio of the wheel's slip to that of the contact.
 
     Args:
       robot: `RobotConstants`.
