@@ -100,7 +100,7 @@ def test_an_option_out_of_its_range(refused: Refused, argv, told):
         ("floor=lava", "floor: unknown floor 'lava'; choices: dry_asphalt"),
         ("floor=5", "floor: found 5; must be one line of text"),
         ("level=dream", "level: unknown level 'dream'; choices: kinematic, physics"),
-        ("description=", "description: found ''; one line of text"),
+        ("description=", "description: found ''; must be one line of text"),
         ("drive=5", "drive: found 5; a table is needed"),
         ("drive.kind=fly", "unknown drive 'fly'; choices: circle, hold"),
         ("drive.speed=0", "drive.speed: found 0; must be above 0"),
