@@ -73,6 +73,7 @@ _DEFAULT_PACKAGE = "estimate"  # of kernels elsewhere, as in tests, which may ca
 KERNEL_PACKAGES = tuple(_CALLED_PACKAGES)
 _DAMAGED = (EOFError, pickle.UnpicklingError, ValueError, KeyError, IndexError, AttributeError, RuntimeError)
 """Raised by cache files that were cut off or overwritten."""
+_OPTIMIZATION = 1  # level of LLVM's passes; the user's own kernels keep theirs
 _KEEP = 30 * 86400.0  # [s] folders of older versions go after a month
 
 
@@ -169,6 +170,7 @@ def cached(decorator: Callable[..., Any], *arguments: Any, **options: Any) -> Ca
         finally:
             numba.config.CACHE_DIR = before
         _recompile_damaged(compiled)
+        _optimize_lightly(compiled)
         return compiled
 
     return wrap
@@ -194,6 +196,24 @@ def _recompile_damaged(compiled: Any) -> None:
             return None
 
     cache.load_overload = load_or_forget
+
+
+def _optimize_lightly(compiled: Any) -> None:
+    """Compile with a low level of optimization: a fifth less compilation, and these kernels run as fast."""
+    compiler = getattr(compiled, "_compiler", None)
+    if compiler is None:  # a C callback, or compilation is switched off
+        return
+    compile_types = compiler.compile
+
+    def compile_lightly(*arguments: Any) -> Any:
+        before = numba.config.OPT
+        numba.config.OPT = type(before)(min(before, _OPTIMIZATION))
+        try:
+            return compile_types(*arguments)
+        finally:
+            numba.config.OPT = before
+
+    compiler.compile = compile_lightly
 
 
 def _package_of(function: Callable) -> str:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from omnimj.control.robot_constants import CREEP_SLOPE
-from omnimj.physics.native import kernel
+from omnimj.physics.native import inlined, kernel
 
 REGULARISATION = 1e-3
 """γ: four wheels share a load that three could carry [1]."""
@@ -67,7 +67,7 @@ def required_wrench(robot, motion, available, traction):
     return w
 
 
-@kernel
+@inlined
 def allocate_forces(forces, arm, wrench, most, available):
     """Bounded least-squares shares f* of a wrench, shape (n,) [N]; 0 for unavailable wheels.
 

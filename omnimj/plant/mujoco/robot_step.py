@@ -17,7 +17,7 @@ from llvmlite import ir
 from numba import types
 from numpy.typing import NDArray
 
-from omnimj.physics.native import kernel
+from omnimj.physics.native import inlined, kernel
 from omnimj.plant.mujoco.memory import elapsed_time, intrinsic
 from omnimj.plant.sensor_chain import SensorChain, read_sensors
 from omnimj.signals import Array
@@ -145,7 +145,7 @@ def short_motors(twin, brake):
             twin.shorted[i] = twin.braked[i] = 1 if brake[i] else 0
 
 
-@kernel
+@inlined
 def step_twin(twin, current):
     """Hold set currents, shape (n,) [A], for one control period and return the readings at its end."""
     twin.ctrl[:] = current

@@ -14,7 +14,7 @@ from omnimj.control.detection.robust.evidence import Evidence, RobustParameters
 from omnimj.control.detection.robust.judgement import judge_block
 from omnimj.control.records import Record
 from omnimj.control.recovery.step import Demand
-from omnimj.physics.native import kernel
+from omnimj.physics.native import inlined, kernel
 from omnimj.signals import Array
 
 CHUNK_IS_DONE, DECISION_IS_DUE, PLANT_CHANGES, TRUTH_IS_BROKEN = range(4)
@@ -75,7 +75,7 @@ class Output(NamedTuple):
     """Largest magnitude of a sound true value."""
 
 
-@kernel
+@inlined
 def control_period(controller, run, plan, output, time):
     """Control one period and fill its row, but for the truth.
 

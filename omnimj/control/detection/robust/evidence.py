@@ -47,7 +47,7 @@ from omnimj.control.gains import ObserverGains
 from omnimj.control.records import Record, packed
 from omnimj.control.robot_constants import RobotConstants, robot_constants
 from omnimj.parameters import Robot
-from omnimj.physics.native import kernel
+from omnimj.physics.native import inlined, kernel
 from omnimj.signals import Array
 
 RECENT = 10
@@ -192,7 +192,7 @@ def compare_yaw_rates(x, parameters, block, yaw):
     x.yaw = yaw
 
 
-@kernel
+@inlined
 def _push_block(evidence, walk, x, rho, learning):
     """Push a whitened block into the history; θ learns from the one that drops out."""
     theta, ring, cursor = evidence.theta, evidence.history.ring, evidence.history.cursor
@@ -253,7 +253,7 @@ def _release_bias_on_slope(robot, included, monitors, velocity_cov):
                 velocity_cov[q, 2 + k, 2 + k] += SLOPE_STEP * SLOPE_STEP
 
 
-@kernel
+@inlined
 def _update_force_channel(parameters, block, accommodation, evidence):
     """Force channel of `update_evidence`; whether the robot moves enough to be judged."""
     robot, model, theta, cov = parameters.robot, parameters.model, evidence.theta, evidence.cov
@@ -285,7 +285,7 @@ def _update_force_channel(parameters, block, accommodation, evidence):
     return moving
 
 
-@kernel
+@inlined
 def _update_slip_channel(parameters, block, accommodation, evidence, moving):
     """Slip channel of `update_evidence`."""
     robot, included, monitors = parameters.robot, accommodation.included, evidence.monitors
@@ -308,7 +308,7 @@ def _update_slip_channel(parameters, block, accommodation, evidence, moving):
         velocity[:, :2] *= 0.9  # the velocity of a robot at rest has nothing to correct it
 
 
-@kernel
+@inlined
 def update_evidence(parameters, block, accommodation, evidence, yaw):
     """Update both channels and the comparison of yaw rates by one block, in place.
 

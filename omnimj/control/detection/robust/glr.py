@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omnimj.physics.native import kernel
+from omnimj.physics.native import inlined, kernel
 from omnimj.signals import Array
 
 WINDOWS = (5, 10, 20, 50, 100)
@@ -71,7 +71,7 @@ def no_scores(wheels: int) -> JumpScores:
     return JumpScores(np.zeros(h), np.zeros(h), np.zeros(h), np.zeros(h))
 
 
-@kernel
+@inlined
 def likelihood_ratios(history, theta, precision, model, scores):
     """Fill the scores with the best window of each jump.
 
