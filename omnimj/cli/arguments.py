@@ -140,9 +140,10 @@ def read_observer_gains(file: Path | None, method: str) -> ObserverGains | None:
 
 def add_workers(parser: argparse.ArgumentParser) -> None:
     """Add `--workers N` and `--executor URL`."""
-    words = "number of processes (default 1)"
+    words = "number of processes, or of threads (default 1)"
     parser.add_argument("--workers", metavar="N", type=whole_number(1, 256), default=1, help=words)
-    words = "hand the work to a Dask cluster: dask:tcp://HOST:PORT of its scheduler (needs omnimj[dask])"
+    words = "threads (of this process), dask:tcp://HOST:PORT (needs omnimj[dask]) or "
+    words += "slurm:jobs=N,cores=N,memory=8GB,walltime=HH:MM:SS,queue=Q,account=A (needs omnimj[slurm])"
     parser.add_argument("--executor", metavar="URL", help=words)
 
 

@@ -76,8 +76,8 @@ def run_evaluate(arguments: Any) -> int:
     from omnimj.recording.folder import atomic_file
     from omnimj.studies.evaluation.cases import FLOORS, CasePopulation
     from omnimj.studies.evaluation.study import NUMBERS, EvaluationConfig, check_config, run_evaluation
+    from omnimj.studies.executors import open_executor
     from omnimj.studies.random_truth import CLASSES
-    from omnimj.studies.workers import open_executor
     from omnimj.view.report.evaluation import write_evaluation_report
 
     choice = CasePopulation(
@@ -100,12 +100,12 @@ def run_evaluate(arguments: Any) -> int:
         read_gains_file(arguments.gains),
     )
     check_config(order)
-    if arguments.record and arguments.executor is not None:
+    if arguments.record and arguments.executor not in (None, "threads"):
         found = f"found with --executor {arguments.executor}"
         raise InputError("--record", found, "recordings would stay on the disks of its workers")
     for plant in choice.plants:
         announce_compilation(plant, "uto_robot")
-    with open_executor(arguments.executor) as executor, ProgressBar() as bar:
+    with open_executor(arguments.executor, arguments.workers) as executor, ProgressBar() as bar:
         outcome = run_evaluation(order, bar.show_share, executor)
     for plant in {score.plant for score in outcome.scores}:
         note_compiled(plant, "uto_robot")
@@ -164,9 +164,9 @@ def run_sensitivity(arguments: Any) -> int:
       SimulationError: A worker died; finished runs are kept.
     """
     from omnimj.simulate.scenario.scenario import absolute_scenario
+    from omnimj.studies.executors import open_executor
     from omnimj.studies.sensitivity.study import NUMBERS, SensitivityConfig, check_config, run_sensitivity
     from omnimj.studies.sensitivity.trial import TrialConfig, nominal_scenario
-    from omnimj.studies.workers import open_executor
     from omnimj.view.report.sensitivity import write_sensitivity_files
 
     trial = TrialConfig(
@@ -190,7 +190,7 @@ def run_sensitivity(arguments: Any) -> int:
     scenario = nominal_scenario(trial)
     announce_compilation(order.trial.plant, scenario.plant)
     check_config(order)
-    with open_executor(arguments.executor) as executor, ProgressBar() as bar:
+    with open_executor(arguments.executor, arguments.workers) as executor, ProgressBar() as bar:
         outcome = run_sensitivity(order, bar.show_share, executor)
     if outcome.runs:
         note_compiled(order.trial.plant, scenario.plant)

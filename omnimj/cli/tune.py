@@ -93,9 +93,9 @@ def run(arguments: Any) -> int:
       SimulationError: A worker died or a trial failed; finished trials are kept.
     """
     from omnimj.recording.folder import atomic_file
+    from omnimj.studies.executors import open_executor
     from omnimj.studies.tuning.reporting import format_gains_file
     from omnimj.studies.tuning.study import check_config, run_tuning
-    from omnimj.studies.workers import open_executor
     from omnimj.view.report.tuning import write_tuning_report
 
     config = _config(arguments)
@@ -107,7 +107,7 @@ def run(arguments: Any) -> int:
     check_config(config)
     for plant in (config.plant, *(("twin",) if config.twin else ())):
         announce_compilation(plant, "uto_robot")
-    with open_executor(arguments.executor) as executor, ProgressBar() as bar:
+    with open_executor(arguments.executor, arguments.workers) as executor, ProgressBar() as bar:
         outcome = run_tuning(
             config,
             bar.show_share,

@@ -16,6 +16,7 @@ import os
 import pickle
 import shutil
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -74,6 +75,7 @@ KERNEL_PACKAGES = tuple(_CALLED_PACKAGES)
 _DAMAGED = (EOFError, pickle.UnpicklingError, ValueError, KeyError, IndexError, AttributeError, RuntimeError)
 """Raised by cache files that were cut off or overwritten."""
 _OPTIMIZATION = 1  # level of LLVM's passes; the user's own kernels keep theirs
+_DECORATION = threading.RLock()  # the cache's folder is a global of numba
 _KEEP = 30 * 86400.0  # [s] folders of older versions go after a month
 
 
@@ -158,17 +160,17 @@ def cached(decorator: Callable[..., Any], *arguments: Any, **options: Any) -> Ca
     """
 
     def wrap(function: Callable) -> Any:
-        before = numba.config.CACHE_DIR
         folder = cache_folder(_package_of(function))
-        numba.config.CACHE_DIR = str(folder)
-        try:
+        with _DECORATION:
+            before = numba.config.CACHE_DIR
+            numba.config.CACHE_DIR = str(folder)
             try:
                 compiled = decorator(*arguments, cache=True, **options)(function)
             except _DAMAGED:  # a C callback is loaded right here, a kernel at its first call
                 _remove_files(folder, function)
                 compiled = decorator(*arguments, cache=True, **options)(function)
-        finally:
-            numba.config.CACHE_DIR = before
+            finally:
+                numba.config.CACHE_DIR = before
         _recompile_damaged(compiled)
         _optimize_lightly(compiled)
         return compiled

@@ -1,4 +1,4 @@
-"""Workers of a study: own processes, or any `concurrent.futures` executor such as that of a Dask cluster.
+"""Workers of a study: own processes, or any `concurrent.futures` executor (see `executors`).
 
 Every result is stored as it arrives: Ctrl-C or a worker that dies costs only the trials that were running.
 """
@@ -7,22 +7,18 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import re
 import signal
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import (
     BrokenExecutor,
-    CancelledError,
     Executor,
-    Future,
     ProcessPoolExecutor,
     as_completed,
 )
-from contextlib import contextmanager
 from typing import Any
 
-from omnimj.errors import InputError, OmnimjError, SimulationError
+from omnimj.errors import OmnimjError, SimulationError
 
 Progress = Callable[[str, float], None]
 """Called with a phrase and the finished share, 0 … 1; may raise KeyboardInterrupt."""
@@ -143,97 +139,3 @@ def _exit_with_parent() -> None:
     assert parent is not None  # every worker has a parent
     parent.join()
     os._exit(1)  # no process is left that could receive a result
-
-
-_ADDRESS = re.compile(r"dask:((?:tcp|tls)://(?:[^\s/:\[\]]+|\[[0-9A-Fa-f:]+\]):(\d{1,5}))")
-_CONNECT_TIMEOUT = 10.0  # [s]
-
-
-class WorkerLost(BrokenExecutor):
-    """A task whose workers died on every attempt."""
-
-
-def parse_scheduler(address: str) -> str:
-    """Return the scheduler `tcp://HOST:PORT` of `dask:tcp://HOST:PORT`.
-
-    Raises:
-      InputError: The address has the wrong form.
-    """
-    found = _ADDRESS.fullmatch(address)
-    if found is None or not 0 < int(found[2]) < 65536:
-        raise InputError("--executor", f"found {address!r}", "write dask:tcp://HOST:PORT")
-    return found[1]
-
-
-@contextmanager
-def open_executor(address: str | None, timeout: float = _CONNECT_TIMEOUT) -> Iterator[Executor | None]:
-    """Open the executor at an address for the duration of the block; None without an address.
-
-    Args:
-      address: `dask:tcp://HOST:PORT`.
-      timeout: Time in which the scheduler must answer [s].
-
-    Raises:
-      InputError: The address has the wrong form, no scheduler answers, or the library is not installed.
-    """
-    if address is None:
-        yield None
-        return
-    scheduler = parse_scheduler(address)
-    place = f"--executor {address}"
-    try:
-        import distributed
-    except ImportError:
-        raise InputError(place, "distributed is not installed", "pip install 'omnimj[dask]'") from None
-    try:
-        client = distributed.Client(scheduler, timeout=timeout, set_as_default=False)
-    except (OSError, TimeoutError, ValueError) as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(place, f"no scheduler answers ({reason})", "is a Dask scheduler running?") from None
-    try:
-        yield DaskExecutor(client, (distributed.KilledWorker,))
-    finally:
-        client.close()
-
-
-class DaskExecutor(Executor):
-    """Executor of a Dask client that reports lost tasks like every other executor, as `WorkerLost`.
-
-    Args:
-      client: `distributed.Client`.
-      lost: Exceptions by which the client reports that workers died on every attempt.
-    """
-
-    def __init__(self, client: Any, lost: tuple[type[BaseException], ...]):
-        self._inner: Executor = client.get_executor(pure=False)
-        self._lost = lost
-
-    def submit(self, fn: Callable, /, *args: Any, **kwargs: Any) -> Future:
-        """Submit a task, as in `concurrent.futures.Executor`."""
-        theirs, ours = self._inner.submit(fn, *args, **kwargs), Future()
-
-        def forward_result(done: Future) -> None:
-            if not ours.set_running_or_notify_cancel():
-                return
-            if done.cancelled():
-                ours.set_exception(WorkerLost("the cluster cancelled the task"))
-                return
-            error = done.exception()
-            if error is None:
-                ours.set_result(done.result())
-            elif isinstance(error, (*self._lost, CancelledError)):
-                ours.set_exception(WorkerLost(str(error)))
-            else:
-                ours.set_exception(error)
-
-        def forward_cancellation(done: Future) -> None:
-            if done.cancelled():
-                theirs.cancel()
-
-        ours.add_done_callback(forward_cancellation)
-        theirs.add_done_callback(forward_result)
-        return ours
-
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Shut the executor down, as in `concurrent.futures.Executor`."""
-        self._inner.shutdown(wait=wait)

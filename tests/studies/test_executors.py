@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import signal
 import sys
@@ -19,11 +20,12 @@ from short_push import scenario_file
 from omnimj.errors import InputError, SimulationError
 from omnimj.studies.evaluation.cases import CasePopulation
 from omnimj.studies.evaluation.study import EvaluationConfig, run_evaluation
+from omnimj.studies.executors import WorkerLost, job_options, open_executor, parse_scheduler, parse_slurm
 from omnimj.studies.runner import TrialFolder
 from omnimj.studies.sensitivity.trial import TrialConfig, drive_with
 from omnimj.studies.tuning.draws import draw_trial, read_tuned_scenarios
 from omnimj.studies.tuning.trial import drive_trial
-from omnimj.studies.workers import WorkerLost, open_executor, parse_scheduler, run_in_workers
+from omnimj.studies.workers import WorkerPool, run_in_workers
 
 
 @pytest.fixture(scope="module")
@@ -96,8 +98,8 @@ def test_an_evaluation_by_processes_by_a_thread_and_by_a_cluster_is_the_same(tmp
         found = [dict(TrialFolder(order.out / "cases").read(f"case_{k:05d}") or {}) for k in range(3)]
         return str([{key: value for key, value in one.items() if key != "speed"} for one in found])
 
-    with ThreadPoolExecutor(1) as thread:
-        here = evaluated("thread", thread)
+    with open_executor("threads", 2) as threads:
+        here = evaluated("threads", threads)
     assert evaluated("processes", None) == here
     assert evaluated("dask", dask) == here
     assert "diagnoses" in here
@@ -211,7 +213,9 @@ def test_work_that_kills_every_worker_is_given_up_and_the_rest_is_done(tmp_path,
 )
 def test_an_address_of_another_shape_is_refused(address):
     with (
-        pytest.raises(InputError, match=r"--executor: found .*; write dask:tcp://HOST:PORT"),
+        pytest.raises(
+            InputError, match=r"--executor: found .*; an executor is one of these; choices: dask:tcp"
+        ),
         open_executor(address),
     ):
         raise AssertionError("opened")
@@ -222,6 +226,62 @@ def test_addresses_of_schedulers():
     assert parse_scheduler("dask:tls://[::1]:8786") == "tls://[::1]:8786"
     with open_executor(None) as executor:
         assert executor is None
+
+
+FAKE_SBATCH = """#!/bin/sh
+cp "$1" "{folder}/job.sh"
+setsid bash "{folder}/job.sh" > "{folder}/job.log" 2>&1 &
+echo $! > "{folder}/job.pid"
+echo "Submitted batch job 7"
+"""
+FAKE_SCANCEL = """#!/bin/sh
+kill -- -$(cat "{folder}/job.pid")
+"""
+
+
+def test_jobs_of_a_slurm_cluster_do_the_same_work(tmp_path, monkeypatch):
+    """The commands of SLURM are stand-ins that run a job's script on this machine."""
+    pytest.importorskip("dask_jobqueue")
+    for name, text in (("sbatch", FAKE_SBATCH), ("scancel", FAKE_SCANCEL)):
+        (tmp_path / name).write_text(text.format(folder=tmp_path), encoding="utf-8")
+        (tmp_path / name).chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    monkeypatch.chdir(tmp_path)  # jobs leave their files where they are submitted
+    tasks = {str(k): (k, 3.0) for k in range(4)}
+    found: dict[str, Any] = {}
+    with (
+        warnings.catch_warnings(),
+        open_executor("slurm:jobs=1,cores=1,memory=500MB,walltime=00:05:00") as executor,
+    ):
+        warnings.simplefilter("ignore")  # of the library's own shutdown
+        work = functools.partial(WorkerPool.run_all, function=pow, tasks=tasks, store=found.__setitem__)
+        assert run_in_workers(lambda pool: work(pool, phrase="raising", report=quiet), 1, executor)
+    assert found == {str(k): k**3.0 for k in range(4)}
+
+
+def test_the_script_of_a_job_asks_for_what_the_address_says():
+    jobs = pytest.importorskip("dask_jobqueue.slurm")
+    options = parse_slurm("slurm:jobs=3,cores=8,memory=16GB,walltime=02:30:00,queue=short,account=lab-1")
+    script = jobs.SLURMJob("tcp://127.0.0.1:1", name="omnimj", **job_options(options)).job_script()
+    for words in ("--cpus-per-task=8", "--mem=15G", "-t 02:30:00", "-p short", "-A lab-1", sys.executable):
+        assert words in script
+    assert "--nworkers 8" in script and "--nthreads 1" in script
+
+
+@pytest.mark.parametrize(
+    "options",
+    ["jobs=0", "jobs=2,jobs=3", "cores", "memory=8", "walltime=5", "speed=1", "queue=a b", "jobs=1;x"],
+)
+def test_options_of_a_slurm_cluster_of_another_shape_are_refused(options):
+    with pytest.raises(InputError, match="--executor slurm:"):
+        parse_slurm(f"slurm:{options}")
+
+
+def test_without_sbatch_the_error_says_where_to_go(monkeypatch):
+    pytest.importorskip("dask_jobqueue")
+    monkeypatch.setenv("PATH", "/nowhere")
+    with pytest.raises(InputError, match="no sbatch on this machine"), open_executor("slurm:jobs=2"):
+        raise AssertionError("opened")
 
 
 def test_an_address_without_a_scheduler_is_reported_soon():
