@@ -148,25 +148,30 @@ def format_value(value: float | None, unit: str = "") -> str:
 
 
 def announce_compilation(plant: str, machine: str, kind: str = "plant") -> None:
-    """Print one line on stderr if native code must be compiled first; the result is cached.
+    """Say on stderr that native code must be compiled first, if so; a terminal counts the functions.
 
     Args:
       plant: `twin` or `planar`, or the name of a method.
       machine: `uto_robot` or `quarter_rig`.
       kind: `plant` or `method`.
     """
-    from omnimj.physics.native import is_compiled
+    from omnimj.physics.native import is_compiled, on_compilation
 
-    if not is_compiled(f"{plant}-{machine}"):
-        print(
-            f"compiling native code for the {plant} {kind}, once, for up to a minute …",
-            file=sys.stderr,
-            flush=True,
+    if is_compiled(f"{plant}-{machine}"):
+        return
+    words = f"compiling native code for the {plant} {kind}, once, for up to a minute …"
+    print(words, end="" if sys.stderr.isatty() else "\n", file=sys.stderr, flush=True)
+    if sys.stderr.isatty():
+        on_compilation(
+            lambda count: print(f"\r{words} {count} functions", end="", file=sys.stderr, flush=True)
         )
 
 
 def note_compiled(plant: str, machine: str) -> None:
     """Record that the native code for this kind of plant is compiled."""
-    from omnimj.physics.native import mark_compiled
+    from omnimj.physics.native import is_compiled, mark_compiled, on_compilation
 
+    if sys.stderr.isatty() and not is_compiled(f"{plant}-{machine}"):
+        print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+    on_compilation(None)
     mark_compiled(f"{plant}-{machine}")

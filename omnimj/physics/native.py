@@ -15,6 +15,7 @@ import itertools
 import os
 import pickle
 import shutil
+import sys
 import tempfile
 import threading
 import time
@@ -22,7 +23,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import llvmlite.binding
 import numba
+import numba.core.event
 import numba.extending
 from numba.core import cgutils, types
 from numba.core.errors import RequireLiteralValue
@@ -234,13 +237,44 @@ def inlined(function: Callable) -> Any:
     return cached(numba.njit, error_model="numpy", nogil=True, inline="always")(function)
 
 
+class _CompilationCounter(numba.core.event.Listener):
+    """Counts the functions that numba compiles."""
+
+    def __init__(self) -> None:
+        self.count, self.report = 0, None
+
+    def on_start(self, event: Any) -> None:
+        """Report one more function."""
+        self.count += 1
+        if self.report is not None:
+            self.report(self.count)
+
+    def on_end(self, event: Any) -> None:
+        """Do nothing: a function counts when it begins."""
+
+
+_COUNTER = _CompilationCounter()
+
+
+def on_compilation(report: Callable[[int], None] | None) -> None:
+    """Call a function with the number of compiled functions whenever there is one more; None ends it."""
+    if report is not None and _COUNTER.report is None:
+        numba.core.event.register("numba:compile", _COUNTER)
+    elif report is None and _COUNTER.report is not None:
+        numba.core.event.unregister("numba:compile", _COUNTER)
+    _COUNTER.report = report
+
+
 def _completion_marker(plant: str) -> Path:
-    """File that marks every kernel of a plant as compiled; any edit of a source changes its name."""
-    everything = "".join(fingerprint(package) for package in KERNEL_PACKAGES)
-    return (
-        cache_folder(_DEFAULT_PACKAGE)
-        / f"complete-{plant}-{hashlib.sha256(everything.encode()).hexdigest()[:16]}"
-    )
+    """File that marks every kernel of a plant as compiled, by this installation on this kind of processor.
+
+    Its name holds what numba's cache depends on: sources with their places and times, Python, processor.
+    """
+    everything = [fingerprint(package) for package in KERNEL_PACKAGES]
+    everything += [str(_PACKAGE), str(Path(__file__).stat().st_mtime_ns), sys.implementation.cache_tag]
+    everything += [llvmlite.binding.get_host_cpu_name()]
+    name = hashlib.sha256("|".join(everything).encode()).hexdigest()[:16]
+    return cache_folder(_DEFAULT_PACKAGE) / f"complete-{plant}-{name}"
 
 
 def is_compiled(plant: str) -> bool:

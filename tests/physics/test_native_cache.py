@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib.util
+import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 from omnimj.physics import native
@@ -62,3 +64,40 @@ def test_a_cut_off_cache_file_costs_a_compilation_and_no_run(load, tmp_path, kin
         assert found.double(5.0) == 10.0
         assert found.triple.ctypes(5.0) == 15.0
     assert sum(found.double.stats.cache_hits.values()) == 1
+
+
+def test_processes_that_compile_at_the_same_time_leave_a_sound_cache(load, tmp_path):
+    words = "import importlib, sys; from omnimj.physics import native; from pathlib import Path; "
+    words += f"native.cache_folder = lambda package: Path({str(tmp_path / 'cache')!r}); "
+    words += f"sys.path.insert(0, {str(tmp_path)!r}); import two_kernels as m; print(m.double(2.5))"
+    running = [subprocess.Popen([sys.executable, "-c", words], stdout=subprocess.PIPE) for _ in range(3)]
+    assert [process.communicate()[0] for process in running] == [b"5.0\n"] * 3
+    found = load()
+    assert found.double(5.0) == 10.0 and found.triple.ctypes(5.0) == 15.0
+    assert sum(found.double.stats.cache_hits.values()) == 1
+
+
+def test_compiled_functions_are_counted_until_nobody_listens(load):
+    counts: list[int] = []
+    native.on_compilation(counts.append)
+    try:
+        assert load().double(2.0) == 4.0
+    finally:
+        native.on_compilation(None)
+    heard = len(counts)
+    assert heard >= 1 and np.all(np.diff(counts) == 1)
+    assert load().double(2) == 4  # another type: compiled anew
+    assert len(counts) == heard
+
+
+@pytest.mark.parametrize("what", ["processor", "place"])
+def test_another_environment_has_not_compiled_what_this_one_has(monkeypatch, tmp_path, what):
+    monkeypatch.setattr(native, "cache_folder", lambda package: tmp_path)
+    native.mark_compiled("twin-uto_robot")
+    assert native.is_compiled("twin-uto_robot")
+    if what == "processor":
+        monkeypatch.setattr("llvmlite.binding.get_host_cpu_name", lambda: "another")
+    else:
+        monkeypatch.setattr(native, "_PACKAGE", tmp_path)
+        monkeypatch.setattr(native, "fingerprint", lambda package: "alike")
+    assert not native.is_compiled("twin-uto_robot")
