@@ -7,7 +7,7 @@ current.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 _LONGEST = 200  # a finding may be a whole table or all the text of a file
 
@@ -30,6 +30,16 @@ class InputError(OmnimjError, ValueError):
         if names:
             message += f"; choices: {', '.join(names)}"
         super().__init__(message)
+
+    def __reduce__(self) -> tuple[Callable[..., InputError], tuple[type[InputError], str]]:
+        """Travel between processes as kind and message: workers report errors, too."""
+        return _with_message, (type(self), str(self))
+
+
+def _with_message(kind: type[InputError], message: str) -> InputError:
+    error = kind.__new__(kind)
+    Exception.__init__(error, message)
+    return error
 
 
 class UnknownNameError(InputError, LookupError):

@@ -18,13 +18,21 @@ from omnimj.cli.arguments import (
     add_observer_gains,
     add_results,
     add_thresholds,
+    add_workers,
     command_line,
     exit_code,
     read_observer_gains,
     read_thresholds,
     require_writable,
 )
-from omnimj.cli.terminal import ProgressBar, announce_compilation, format_json, format_table, note_compiled
+from omnimj.cli.terminal import (
+    ProgressBar,
+    announce_compilation,
+    format_json,
+    format_table,
+    note_compiled,
+    progress_bar,
+)
 from omnimj.errors import InputError
 
 if TYPE_CHECKING:
@@ -44,7 +52,8 @@ def add_diagnose_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "dataset",
         type=Path,
-        help="folder of recorded runs with dataset.toml, or of a run over a link with frames.bin",
+        help="folder of recorded runs with dataset.toml, or of a run over a link with frames.bin; "
+        "or a folder of datasets",
     )
     words = "robust (default on the robot) or published (default on the rig)"
     parser.add_argument("--method", metavar="M", help=words)
@@ -52,20 +61,69 @@ def add_diagnose_arguments(parser: argparse.ArgumentParser) -> None:
     add_floors(parser)
     add_thresholds(parser)
     add_observer_gains(parser)
+    add_workers(parser)
     add_results(parser, "diagnoses.json")
 
 
 def run_diagnose(arguments: Any) -> int:
-    """Diagnose each recorded run and write its trace as soon as it is finished.
+    """Diagnose each recorded run and write its trace as soon as it is finished; or do so for each dataset.
 
     Returns:
-      0 regardless of the diagnoses; 130 after Ctrl-C, with all finished runs kept.
+      0 regardless of the diagnoses; 1 if one of several datasets failed; 130 after Ctrl-C, with all finished
+      runs kept.
 
     Raises:
       InputError: The data are invalid or unsuitable for the method, or the folder cannot be written.
     """
+    from omnimj.cli.fleet import is_fleet, run_fleet
+
+    if is_fleet(arguments.dataset):
+        return run_fleet(arguments, diagnose_in_fleet, _FLEET_HEAD, _fleet_row)
+    done = _diagnose_dataset(arguments)
+    if done is None:
+        return INTERRUPTED
+    order, found, interrupted, content = done
+    if arguments.json:
+        print(format_json(content))
+    else:
+        print(_format_diagnosis(order, found, interrupted, arguments.out))
+    return exit_code(interrupted)
+
+
+_FLEET_HEAD = ("dataset", "runs", "seconds", "diagnoses")
+
+
+def diagnose_in_fleet(arguments: Any) -> dict[str, Any]:
+    """Diagnose one dataset of several, write its files and return a summary."""
+    done = _diagnose_dataset(arguments)
+    if done is None:
+        raise KeyboardInterrupt
+    _, found, _, _ = done
+    diagnoses = [{"run": one.name, **dataclasses.asdict(d)} for one in found for d in one.diagnoses]
+    seconds, blind = sum(one.judged for one in found), sum(one.cannot_judge for one in found)
+    return {"runs": len(found), "seconds": seconds, "cannot_judge": blind, "diagnoses": diagnoses}
+
+
+def _fleet_row(name: str, summary: Mapping[str, Any]) -> tuple[str, ...]:
+    kinds = [one["kind"] for one in summary["diagnoses"]]
+    words = ", ".join(f"{kinds.count(kind)} × {kind}" for kind in sorted(set(kinds))) or "no fault"
+    return name, str(summary["runs"]), f"{summary['seconds']:.4g}", words
+
+
+def _diagnose_dataset(
+    arguments: Any,
+) -> tuple[DiagnosisConfig, list[RunDiagnosis], bool, dict[str, Any]] | None:
+    """Diagnose a dataset and write all files.
+
+    Returns:
+      Configuration, diagnoses without traces, whether Ctrl-C ended it, and the content of `diagnoses.json`;
+      None if no run was finished.
+    """
+    from omnimj.diagnosis.files import diagnoses_json
     from omnimj.diagnosis.replay import check_config, require_other_folder
-    from omnimj.recording.folder import check_folder
+    from omnimj.recording.folder import atomic_file, check_folder
+    from omnimj.recording.json_files import write_json
+    from omnimj.view.report.diagnosis import write_diagnosis_report
 
     check_folder(arguments.out, arguments.force)
     order = _diagnosis_config(arguments)
@@ -74,23 +132,14 @@ def run_diagnose(arguments: Any) -> int:
     announce_compilation(order.method, order.dataset.plant, "method")
     found, sections, interrupted = _diagnose(arguments, order)
     if not found:
-        return INTERRUPTED
+        return None
     note_compiled(order.method, order.dataset.plant)
-    from omnimj.diagnosis.files import diagnoses_json
-    from omnimj.recording.folder import atomic_file
-    from omnimj.recording.json_files import write_json
-    from omnimj.view.report.diagnosis import write_diagnosis_report
-
     command = command_line(arguments)
     content = diagnoses_json(order, found, command, interrupted)
     write_json(arguments.out / DIAGNOSE_FILES[0], content)
     with atomic_file(arguments.out / DIAGNOSE_FILES[1]) as temporary:
         write_diagnosis_report(temporary, order, found, sections, command, interrupted)
-    if arguments.json:
-        print(format_json(content))
-    else:
-        print(_format_diagnosis(order, found, interrupted, arguments.out))
-    return exit_code(interrupted)
+    return order, found, interrupted, content
 
 
 def _diagnosis_config(arguments: Any) -> DiagnosisConfig:
@@ -135,7 +184,7 @@ def _diagnose(arguments: Any, order: DiagnosisConfig) -> tuple[list[RunDiagnosis
     found: list[RunDiagnosis] = []
     sections: list[RunSection] = []
     try:
-        with ProgressBar() as bar:
+        with progress_bar(arguments) as bar:
             for one in diagnose(order, bar.show):
                 if not found:
                     make_folder(
@@ -280,7 +329,8 @@ DIAGNOSE = Command(
     """examples:
   omnimj record robot_missions --out data/missions
   omnimj diagnose data/missions --out out/diagnosis
-  omnimj diagnose data/missions --method published --out out/published""",
+  omnimj diagnose data/missions --method published --out out/published
+  omnimj diagnose data/night --workers 8 --out out/night     (a folder of datasets)""",
     add_diagnose_arguments,
     run_diagnose,
 )

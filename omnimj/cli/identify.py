@@ -3,10 +3,19 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from omnimj.cli.arguments import INTERRUPTED, Command, add_floors, add_results, command_line, exit_code
+from omnimj.cli.arguments import (
+    INTERRUPTED,
+    Command,
+    add_floors,
+    add_results,
+    add_workers,
+    command_line,
+    exit_code,
+)
 from omnimj.cli.terminal import (
     ProgressBar,
     announce_compilation,
@@ -14,6 +23,7 @@ from omnimj.cli.terminal import (
     format_table,
     format_value,
     note_compiled,
+    progress_bar,
 )
 from omnimj.errors import UnknownNameError
 
@@ -32,37 +42,68 @@ IDENTIFY_FILES = ("floors.toml", "identification.json", "report.html")
 
 def add_identify_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `omnimj identify`."""
-    parser.add_argument("dataset", type=Path, help="folder of rig runs with dataset.toml")
+    parser.add_argument("dataset", type=Path, help="folder of rig runs with dataset.toml, or of datasets")
     parser.add_argument("--model", metavar="FILE", type=Path, help="a copy of rig.toml with changed values")
+    add_workers(parser)
     add_results(parser, "identification.json")
 
 
 def run_identify(arguments: Any) -> int:
-    """Identify every floor of the dataset and write the results.
+    """Identify every floor of the dataset and write the results; or do so for each dataset of a folder.
 
     Returns:
-      0; 130 after Ctrl-C, with all finished floors kept.
+      0; 1 if a dataset of several failed; 130 after Ctrl-C, with all finished floors kept.
 
     Raises:
       InputError: The data are invalid or contain no motion, or the folder cannot be written.
     """
-    from omnimj.recording.folder import check_folder
+    from omnimj.cli.fleet import is_fleet, run_fleet
 
-    check_folder(arguments.out, arguments.force)
+    if is_fleet(arguments.dataset):
+        return run_fleet(arguments, identify_in_fleet, _FLEET_HEAD, _fleet_row)
+    done = _identify_dataset(arguments)
+    if done is None:
+        return INTERRUPTED
+    found, content = done
+    print(format_json(content) if arguments.json else _format_identification(found, arguments.out))
+    return exit_code(found.interrupted)
+
+
+_FLEET_HEAD = ("dataset", "floors", "mu_s", "mu_c")
+
+
+def identify_in_fleet(arguments: Any) -> dict[str, Any]:
+    """Identify the floors of one dataset of several, write its files and return a summary."""
+    done = _identify_dataset(arguments)
+    if done is None:
+        raise KeyboardInterrupt
+    found, _ = done
+    return {"floors": {floor.floor: {e.name: e.value for e in floor.estimates} for floor in found.floors}}
+
+
+def _fleet_row(name: str, summary: Mapping[str, Any]) -> tuple[str, ...]:
+    floors = summary["floors"]
+    values = (", ".join(format_value(one.get(key)) for one in floors.values()) for key in ("mu_s", "mu_c"))
+    return name, ", ".join(floors), *values
+
+
+def _identify_dataset(arguments: Any) -> tuple[Identification, dict[str, Any]] | None:
+    """Identify every floor of a dataset and write all files; None if no floor was finished."""
     from omnimj.estimate.identification.files import identification_content
     from omnimj.estimate.identification.identify import identify
     from omnimj.parameters import read_rig
+    from omnimj.recording.folder import check_folder
     from omnimj.recording.read_dataset import read_dataset
 
+    check_folder(arguments.out, arguments.force)
     rig, dataset = read_rig(arguments.model), read_dataset(arguments.dataset)
-    with ProgressBar() as bar:
+    with progress_bar(arguments) as bar:
         found = identify(dataset, rig, bar.show)
     if found.interrupted and not found.floors:
-        return INTERRUPTED
+        return None
     content = identification_content(found, command_line(arguments))
     _write_identification(arguments, found, content)
-    print(format_json(content) if arguments.json else _format_identification(found, arguments.out))
-    return exit_code(found.interrupted)
+    return found, content
 
 
 def _write_identification(arguments: Any, found: Identification, content: dict[str, Any]) -> None:

@@ -102,6 +102,11 @@ class ProgressBar:
         self._stream.flush()
 
 
+def progress_bar(arguments: Any) -> ProgressBar:
+    """Make the progress bar of a command; one dataset of several shows none."""
+    return ProgressBar(io.StringIO() if getattr(arguments, "quiet", False) else None)
+
+
 def format_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Format a table of left-aligned columns two spaces apart, without trailing spaces."""
     lines = [list(header), *(list(row) for row in rows)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
+import pickle
 import signal
 import sys
 import time
@@ -17,7 +18,7 @@ import pytest
 from inline_executor import quiet
 from short_push import scenario_file
 
-from omnimj.errors import InputError, SimulationError
+from omnimj.errors import InputError, SimulationError, UnknownNameError
 from omnimj.studies.evaluation.cases import CasePopulation
 from omnimj.studies.evaluation.study import EvaluationConfig, run_evaluation
 from omnimj.studies.executors import WorkerLost, job_options, open_executor, parse_scheduler, parse_slurm
@@ -226,6 +227,14 @@ def test_addresses_of_schedulers():
     assert parse_scheduler("dask:tls://[::1]:8786") == "tls://[::1]:8786"
     with open_executor(None) as executor:
         assert executor is None
+
+
+@pytest.mark.parametrize(
+    "error", [InputError("here", "two", "one", ("a",)), UnknownNameError("a", "b", "c", "d")]
+)
+def test_an_error_of_a_worker_arrives_with_its_kind_and_its_words(error):
+    again = pickle.loads(pickle.dumps(error))
+    assert type(again) is type(error) and str(again) == str(error)
 
 
 FAKE_SBATCH = """#!/bin/sh
