@@ -32,6 +32,8 @@ class Effort:
     """Robot time over which the controller's memory is measured [h]."""
     longest: float = 60.0
     """Limit on the wall time of the memory measurement [s]; the remaining hours are extrapolated."""
+    log: float = 60.0
+    """Duration of the recorded run that is diagnosed [s]."""
     frames: int = 10_000
     """Frames per round of the codec."""
     trips: int = 5000
@@ -59,6 +61,7 @@ _MEANING = {
     "control_growth_kb_per_hour": "memory of Python and numpy that an hour of control adds [kB] (goal: none)",
     "control_growth_hours": "time over which that was measured; the rest is extrapolated [h]",
     "control_pages_kb_per_hour": "the same in pages of the process, native code too [kB] (a few are chance)",
+    "log_hours_per_minute": "hours of recorded runs that one core diagnoses in a minute",
     "codec_encode_us": "record to bytes, the slowest frame on UDP or serial [µs] (goal ≤ 5)",
     "codec_decode_us": "bytes to record, the same [µs] (goal ≤ 5)",
     "codec_keyed_encode_us": "record to bytes with a key's tag [µs]",
@@ -93,6 +96,7 @@ def run(arguments: Any) -> int:
     """
     from omnimj.bench.control import measure_control
     from omnimj.bench.link import measure_link
+    from omnimj.bench.logs import measure_logs
     from omnimj.bench.twin import measure_driving, measure_run, measure_twin
 
     announce_compilation("twin", "uto_robot")
@@ -102,6 +106,7 @@ def run(arguments: Any) -> int:
     announce_compilation("planar", "uto_robot")
     found |= measure_control(EFFORT.missions, EFFORT.mission, EFFORT.hours, EFFORT.longest)
     note_compiled("planar", "uto_robot")
+    found |= measure_logs(EFFORT.log)
     found |= measure_link(EFFORT.frames, EFFORT.trips)
     meaning = {name: words for name, words in _MEANING.items() if name in found}
     if arguments.json:

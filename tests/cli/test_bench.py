@@ -18,6 +18,7 @@ SCHEMA = json.loads((Path(__file__).parent.parent / "schema" / "bench.json").rea
 MEASURED = (
     "omnimj.bench.control.measure_control",
     "omnimj.bench.link.measure_link",
+    "omnimj.bench.logs.measure_logs",
     "omnimj.bench.twin.measure_driving",
     "omnimj.bench.twin.measure_run",
     "omnimj.bench.twin.measure_twin",
@@ -36,6 +37,7 @@ def found() -> dict[str, float]:
         missions=1,
         mission=3.0,
         hours=1e-3,
+        log=3.0,
         frames=50,
         trips=300,
     )
