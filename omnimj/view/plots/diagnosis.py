@@ -4,26 +4,20 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from omnimj.signals import Trace, equal_stretches
 from omnimj.view import palette
-from omnimj.view.plots.drawing import (
+from omnimj.view.plots.panels import (
     MIDDLE,
-    envelope,
+    Drawing,
+    Panel,
     finish,
-    legend,
-    line,
-    new_figure,
-    shade_faults,
-    time_axis,
-    value_axis,
+    log_beyond,
+    new_drawing,
 )
 from omnimj.view.residuals import Family
 from omnimj.view.wording import Span, mode_name, recovery_spans
@@ -32,13 +26,13 @@ Array = NDArray[np.float64]
 _LOG_SCALE_BEYOND = (
     15.0  # × threshold: on a linear axis, larger residuals would make the threshold indistinguishable from 0
 )
-_ROW = 2.4  # [inches] height of one of several families of residuals
-_LANE, _BAR, _AROUND = 0.27, 0.22, 0.95  # [inches] least lane, largest bar, all other heights
+_ROW = 215  # height of one of several families of residuals [pixels]
+_LANE, _BAR, _AROUND = 26, 0.72, 80  # least height of a lane, height of a bar in lanes, all other heights
 _SEEN = 400  # most changes of mode that can be distinguished
 _WIDE = 0.018  # share of the duration needed per letter of a label inside its bar
 
 
-def residual_families(trace: Trace, families: Sequence[Family], spans: Sequence[Span]) -> Figure:
+def residual_families(trace: Trace, families: Sequence[Family], spans: Sequence[Span]) -> Drawing:
     """Plot families of residuals with their thresholds, one below the other, wheels in their colours.
 
     For residuals far beyond their thresholds, the axis is logarithmic above the thresholds, so that both are
@@ -50,116 +44,109 @@ def residual_families(trace: Trace, families: Sequence[Family], spans: Sequence[
       spans: Faults or diagnoses to shade.
     """
     rows = len(families)
-    figure, axes = new_figure(max(MIDDLE, _ROW * rows), rows=rows, sharex=True)
-    for ax, family in zip(axes, families, strict=True):
-        _draw_family(ax, trace, family)
-    finish(axes, trace["time"], spans)
-    for ax, family in zip(axes, families, strict=True):
+    drawing = new_drawing(max(MIDDLE, _ROW * rows), rows)
+    for panel, family in zip(drawing.panels, families, strict=True):
+        _draw_family(panel, trace, family)
         if family.thresholds or len(family.residuals) > 1:
-            _narrow_legend(ax)
-    return figure
+            panel.legend(5)
+    return finish(drawing, trace["time"], spans)
 
 
-def _draw_family(ax: Axes, trace: Trace, family: Family) -> None:
-    time = trace["time"]
+def _draw_family(panel: Panel, trace: Trace, family: Family) -> None:
+    time, linear = trace["time"], _linear_up_to(trace, family)
+    panel.values(family.label)
     if family.is_signed or not family.thresholds:
-        ax.axhline(0.0, color=palette.MUTED, linewidth=0.8, zorder=1)
+        panel.rule(0.0)
     for residual in family.residuals:
-        style = {"linewidth": 1.2, "color": residual.color, "label": residual.label}
-        if residual.wheel is not None:
-            style["linestyle"] = palette.wheel_line(residual.wheel)
-        line(ax, time, trace[residual.column], **style)
-    if len(family.residuals) == 1:
-        ax.get_lines()[-1].set_label(family.quantity)
-    _thresholds(ax, trace, family)
-    value_axis(ax, family.label)
-    _axis(ax, trace, family)
+        dash = "-" if residual.wheel is None else palette.wheel_line(residual.wheel)
+        label = family.quantity if len(family.residuals) == 1 else residual.label
+        value = trace[residual.column]
+        panel.line(time, _scaled(value, linear), residual.color, label, dash, 1.2, hovered=value)
+    for threshold, color in _thresholds(trace, family):
+        for sign in (1.0, -1.0) if family.is_signed else (1.0,):
+            limit = _scaled(sign * threshold, linear)
+            style = {"dash": (0, (2, 1.6)), "width": 1.1, "hovered": sign * threshold}
+            panel.line(time, limit, color, "threshold", **style)
+    _fit_axis(panel, trace, family, linear)
 
 
-def _narrow_legend(ax: Axes) -> None:
-    """Add a legend with room for four wheels and their threshold in one row above the plot."""
-    style = {"fontsize": 8, "handlelength": 1.6, "handletextpad": 0.45, "columnspacing": 0.85}
-    place = {"loc": "lower left", "bbox_to_anchor": (-0.02, 1.0), "borderaxespad": 0.2}
-    ax.legend(ncols=5, frameon=False, **style, **place)
-
-
-def _thresholds(ax: Axes, trace: Trace, family: Family) -> None:
-    """Draw the thresholds; equal ones share a line and a legend entry."""
-    time, drawn, named = trace["time"], [], False
+def _thresholds(trace: Trace, family: Family) -> Iterator[tuple[Array, str]]:
+    """Yield the thresholds with their colours; equal ones once."""
+    drawn: list[Array] = []
     for residual in family.residuals:
         if residual.threshold is None:
             continue
         threshold = trace[residual.threshold]
-        if any(np.array_equal(threshold, other) for other in drawn):
-            continue
-        drawn.append(threshold)
-        alike = all(np.array_equal(threshold, trace[name]) for name in family.thresholds)
-        color = palette.INK if alike else residual.color
-        for sign in (1.0, -1.0) if family.is_signed else (1.0,):
-            style = {"linewidth": 1.1, "linestyle": (0, (2, 1.6)), "color": color, "gid": "threshold"}
-            ax.plot(*envelope(time, sign * threshold), label=None if named else "threshold", **style)  # pyright: ignore[reportArgumentType]
-            named = True
+        if not any(np.array_equal(threshold, other) for other in drawn):
+            drawn.append(threshold)
+            alike = all(np.array_equal(threshold, trace[name]) for name in family.thresholds)
+            yield threshold, palette.INK if alike else residual.color
 
 
-def _axis(ax: Axes, trace: Trace, family: Family) -> None:
+def _largest(trace: Trace, family: Family) -> float:
+    return max(float(np.nanmax(np.abs(trace[r.column]), initial=0.0)) for r in family.residuals)
+
+
+def _linear_up_to(trace: Trace, family: Family) -> float:
+    """Value beyond which the axis is logarithmic; 0 for a linear axis."""
+    level = min((float(np.nanmin(np.abs(trace[name]))) for name in family.thresholds), default=0.0)
+    return level if level > 0.0 and _largest(trace, family) > _LOG_SCALE_BEYOND * level else 0.0
+
+
+def _scaled(value: Array, linear: float) -> Array:
+    return log_beyond(value, linear) if linear else value
+
+
+def _fit_axis(panel: Panel, trace: Trace, family: Family, linear: float) -> None:
     """Scale the axis so that thresholds and residuals are both readable, zero included."""
-    levels = [float(np.nanmin(np.abs(trace[name]))) for name in family.thresholds]
-    level = min(levels, default=0.0)
-    largest = max(float(np.nanmax(np.abs(trace[r.column]), initial=0.0)) for r in family.residuals)
-    if level > 0.0 and largest > _LOG_SCALE_BEYOND * level:
-        ax.set_yscale("symlog", linthresh=level, linscale=0.6)
-        low = 0.0 if not family.is_signed else -1.6 * largest
-        ax.set_ylim(low, 1.6 * largest)
-        decades = range(math.ceil(math.log10(level)), math.floor(math.log10(1.6 * largest)) + 1)
-        ticks = [10.0**k for k in decades]
-        ax.set_yticks([0.0, *ticks, *(-tick for tick in ticks if family.is_signed)])
-        ax.set_ylabel(f"{ax.get_ylabel()}\nlogarithmic above the threshold", fontsize=9)
+    largest = _largest(trace, family)
+    if linear:
+        high = 1.6 * largest
+        low = -high if family.is_signed else 0.0
+        panel.limits(*log_beyond(np.array([low, high]), linear))
+        decades = [10.0**k for k in range(math.ceil(math.log10(linear)), math.floor(math.log10(high)) + 1)]
+        panel.logarithmic(linear, [0.0, *decades, *(-at for at in decades if family.is_signed)])
     elif not family.is_signed and family.thresholds:
-        ax.set_ylim(0.0, 1.08 * max(largest, *levels))
+        levels = [float(np.nanmin(np.abs(trace[name]))) for name in family.thresholds]
+        panel.limits(0.0, 1.08 * max(largest, *levels))
 
 
-def effectiveness(trace: Trace, spans: Sequence[Span]) -> Figure:
+def effectiveness(trace: Trace, spans: Sequence[Span]) -> Drawing:
     """Plot the estimated effectiveness of each wheel's drive, 1 when healthy."""
-    figure, (ax,) = new_figure(MIDDLE)
-    wheels = sum(column.startswith("effectiveness_") for column in trace.columns)
-    for i in range(wheels):
-        style = {"color": palette.wheel_color(i), "linestyle": palette.wheel_line(i)}
-        line(ax, trace["time"], trace[f"effectiveness_{i + 1}"], label=f"wheel {i + 1}", **style)
-    value_axis(ax, "effectiveness [1]")
-    low = min(float(np.nanmin(trace[f"effectiveness_{i + 1}"])) for i in range(wheels))
-    ax.set_ylim(min(0.0, low), 1.08)
-    finish([ax], trace["time"], spans)
-    legend(ax)
-    return figure
+    drawing = new_drawing(MIDDLE)
+    (panel,) = drawing.panels
+    panel.values("effectiveness [1]")
+    columns = [column for column in trace.columns if column.startswith("effectiveness_")]
+    for i, column in enumerate(columns):
+        style = palette.wheel_color(i), f"wheel {i + 1}", palette.wheel_line(i)
+        panel.line(trace["time"], trace[column], *style)
+    panel.limits(min(0.0, *(float(np.nanmin(trace[column])) for column in columns)), 1.08)
+    panel.legend()
+    return finish(drawing, trace["time"], spans)
 
 
 def state_lanes(
     trace: Trace, truth: Sequence[Span], diagnosed: Sequence[Span], method: str, is_rig: bool
-) -> Figure:
+) -> Drawing:
     """Plot strips over time: true faults, below them diagnoses per wheel, and the mode at the bottom."""
     true, found = _lanes(truth), _lanes(diagnosed)
     rows = [("true", lane) for lane in true or [()]] + [("diagnosed", lane) for lane in found or [()]]
     rows += [("active", lane) for lane in _lanes(recovery_spans(trace))]
-    count = len(rows) + int("mode" in trace)
-    height = max(MIDDLE, _AROUND + _LANE * count)
-    figure, (ax,) = new_figure(height)
-    thick = _BAR / (height - _AROUND) * count
-    time = trace["time"]
-    time_axis(ax, time)
-    ax.grid(False, axis="y")
-    ax.set_ylim(count - 0.5, -0.5)
-    for row, (_, spans) in enumerate(rows):
-        _strip(ax, row, spans, float(time[-1] - time[0]), thick)
     names = [f"{what}: {spans[0].lane.replace('_', ' ') if spans else 'nothing'}" for what, spans in rows]
     if "mode" in trace:
-        _modes(ax, len(rows), trace, method, is_rig, thick)
         names.append("mode")
-    ax.set_yticks(range(count), names)
-    ax.axhline(max(len(true), 1) - 0.5, color=palette.MUTED, linewidth=0.8)
+    drawing = new_drawing(max(MIDDLE, _AROUND + _LANE * len(names)))
+    (panel,) = drawing.panels
+    time = trace["time"]
+    for row, (_, spans) in enumerate(rows):
+        _strip(panel, row, spans, time)
     if "mode" in trace:
-        ax.axhline(len(rows) - 0.5, color=palette.MUTED, linewidth=0.8)
-    shade_faults(ax, truth, labelled=False)
-    return figure
+        _modes(panel, len(rows), trace, method, is_rig)
+        panel.rule(len(rows) - 0.5)
+        panel.legend(3)
+    panel.rows(names)
+    panel.rule(max(len(true), 1) - 0.5)
+    return finish(drawing, time, truth, labelled=False)
 
 
 def _lanes(spans: Sequence[Span]) -> list[Sequence[Span]]:
@@ -174,21 +161,24 @@ def _lanes(spans: Sequence[Span]) -> list[Sequence[Span]]:
     return lanes
 
 
-def _strip(ax: Axes, row: int, spans: Sequence[Span], duration: float, thick: float) -> None:
+def _strip(panel: Panel, row: int, spans: Sequence[Span], time: Array) -> None:
     """Draw the bars of one lane, with a label in each bar that is long enough."""
-    free = -np.inf  # a label beside a short bar needs the space after it
+    if not spans:
+        return
+    duration, free = float(time[-1] - time[0]), -np.inf  # a label beside a short bar needs the space after it
+    # keeps a diagnosis of a single step visible
+    ends = [max(span.end, span.start + 0.004 * duration) for span in spans]
+    texts = [f"{span.state}, {span.start:.3f} to {span.end:.3f} s" for span in spans]
+    colors = [palette.state_color(span.state) for span in spans]
+    panel.bars([s.start for s in spans], ends, [row] * len(spans), _BAR, colors, names=texts)
     for k, span in enumerate(spans):
-        color, width = palette.state_color(span.state), span.end - span.start
-        # keeps a diagnosis of a single step visible
-        ax.barh(row, max(width, 0.004 * duration), left=span.start, height=thick, color=color, linewidth=0)
-        room, ahead = len(span.state) * _WIDE * duration, spans[k + 1].start if k + 1 < len(spans) else np.inf
-        style = {"fontsize": 8, "va": "center", "color": palette.INK}
-        inside = palette.ink_on(color)
-        if width > room:
-            middle = 0.5 * (span.start + span.end)
-            ax.text(middle, row, span.state, ha="center", clip_on=True, **{**style, "color": inside})
-        elif span.end + room < min(ahead, ax.get_xlim()[1]) and span.start >= free:
-            ax.text(span.end + 0.008 * duration, row, span.state, ha="left", **style)
+        room = len(span.state) * _WIDE * duration
+        ahead = spans[k + 1].start if k + 1 < len(spans) else np.inf
+        if span.end - span.start > room:
+            middle, ink = 0.5 * (span.start + span.end), palette.ink_on(colors[k])
+            panel.text(middle, row, span.state, ink, text_align="center")
+        elif span.end + room < min(ahead, float(time[-1])) and span.start >= free:
+            panel.text(span.end + 0.008 * duration, row, span.state)
             free = span.end + room
 
 
@@ -204,24 +194,14 @@ def _few_changes(time: Array, mode: NDArray[np.int_]) -> tuple[Array, NDArray[np
     return np.append(time[edges[:-1]], time[-1]), np.append(kept, kept[-1])
 
 
-def _modes(ax: Axes, row: int, trace: Trace, method: str, is_rig: bool, thick: float) -> None:
-    """Draw the column `mode` as a strip of colours with a legend above."""
+def _modes(panel: Panel, row: int, trace: Trace, method: str, is_rig: bool) -> None:
+    """Draw the column `mode` as a strip of colours, named in the legend."""
     time, mode = _few_changes(trace["time"], trace["mode"].astype(int))
     starts = equal_stretches(mode)
     ends = np.append(time[starts[1:]], time[-1])
-    seen: dict[str, str] = {}
-    for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
-        name = mode_name(method, is_rig, int(mode[start]))
-        seen[name] = palette.state_color(name)
-        ax.barh(row, end - time[start], left=time[start], height=thick, color=seen[name], linewidth=0)
-    ax.legend(
-        handles=[Patch(color=color, label=name) for name, color in seen.items()],
-        loc="lower left",
-        bbox_to_anchor=(0.0, 1.0),
-        ncols=2 if max(map(len, seen)) > 14 else 4,
-        fontsize=8.5,
-        frameon=False,
-        handlelength=1.2,
-        columnspacing=1.1,
-        borderaxespad=0.2,
-    )
+    for value in dict.fromkeys(mode[starts].tolist()):
+        name, own = mode_name(method, is_rig, int(value)), mode[starts] == value
+        lengths = zip(time[starts][own], ends[own], strict=True)
+        texts = [f"{name}, {start:.3f} to {end:.3f} s" for start, end in lengths]
+        color, middle = palette.state_color(name), [row] * int(own.sum())
+        panel.bars(time[starts][own], ends[own], middle, _BAR, color, name, texts)

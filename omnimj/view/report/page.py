@@ -6,18 +6,19 @@ A report is data (texts, tables, figures) and a template in `templates/`; the te
 from __future__ import annotations
 
 import base64
+import itertools
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
-from matplotlib.figure import Figure as Drawing
 
 import omnimj
-from omnimj.view.plots.drawing import svg
+from omnimj.view.plots.document import embed, library
+from omnimj.view.plots.panels import Drawing
 
 _MEDIA_TYPES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".svg": "image/svg+xml"}
 _MANY, _SENTENCE = 4, 40  # columns, and letters in a cell, from which rows are stacked on a phone
@@ -88,25 +89,33 @@ def table(
 class Figure:
     """Plot or picture with heading and caption."""
 
-    content: Markup
+    content: Markup | Drawing
     heading: str
     caption: str
     kind: str = ""
     """CSS class: `picture`, `broad` for a plot as wide as the page, or empty."""
+    name: str = ""
+    """Anchor of the figure, unique within the page."""
+    label: str = ""
+    """Description for screen readers."""
 
 
-def plot(drawing: Drawing, name: str, heading: str, caption: str, kind: str = "", label: str = "") -> Figure:
-    """Embed a Matplotlib figure.
+def plot(drawing: Any, name: str, heading: str, caption: str, kind: str = "", label: str = "") -> Figure:
+    """Embed a plot.
 
     Args:
-      drawing: The figure.
-      name: Prefix of the ids, unique within the page.
+      drawing: The plot.
+      name: Anchor, unique within the page.
       heading: Heading above the plot.
       caption: Explanation below the plot.
       kind: As in `Figure`.
       label: Description for screen readers; if empty, the heading.
     """
-    return Figure(Markup(svg(drawing, name, label or heading)), heading, caption, kind)
+    if not isinstance(drawing, Drawing):
+        from omnimj.view.plots.drawing import svg
+
+        drawing = Markup(svg(drawing, name, label or heading))
+    return Figure(drawing, heading, caption, kind, name, label or heading)
 
 
 def picture(file: Path, label: str, heading: str, caption: str) -> Figure:
@@ -132,7 +141,24 @@ def write_page(path: Path, template: str, title: str, **content: Any) -> None:
       **content: Texts, tables and figures for the template.
     """
     page = _TEMPLATES.get_template(f"{template}.html.j2")
-    path.write_text(page.render(title=title, version=omnimj.__version__, **content), encoding="utf-8")
+    figures = {figure.name: figure.content for figure in _figures(content)}
+    drawings = {name: drawing for name, drawing in figures.items() if isinstance(drawing, Drawing)}
+    script, elements = embed(drawings) if drawings else (Markup(), {})
+    scripts = (library(), script) if drawings else ()
+    text = page.render(title=title, version=omnimj.__version__, elements=elements, scripts=scripts, **content)
+    path.write_text(text, encoding="utf-8")
+
+
+def _figures(content: Any) -> Iterator[Figure]:
+    """Find the figures in the content of a page."""
+    if isinstance(content, Figure):
+        yield content
+    elif isinstance(content, Mapping):
+        yield from itertools.chain.from_iterable(map(_figures, content.values()))
+    elif isinstance(content, list | tuple):
+        yield from itertools.chain.from_iterable(map(_figures, content))
+    elif is_dataclass(content):
+        yield from itertools.chain.from_iterable(_figures(getattr(content, f.name)) for f in fields(content))
 
 
 _TEMPLATES = Environment(

@@ -17,7 +17,7 @@ from omnimj.view.comparison import compare
 from omnimj.view.picture import Picture
 from omnimj.view.plots import comparison as comparison_plots
 from omnimj.view.plots import runs as plots
-from omnimj.view.plots.drawing import window
+from omnimj.view.plots.panels import window
 from omnimj.view.report import page
 from omnimj.view.report.page import Figure, Table, check_state, number, plot, table
 from omnimj.view.report.run_diagnosis import diagnosis_section

@@ -22,7 +22,7 @@ from omnimj.simulate.detectors import make_detector
 from omnimj.simulate.loop import Callbacks
 from omnimj.simulate.run import RunResult
 from omnimj.simulate.scenario.scenario import Scenario
-from omnimj.view.plots.runs import planned_position
+from omnimj.view.motion import planned_position
 from omnimj.view.poses import Poses, poses_from_trace, visible_model, visible_poses
 from omnimj.view.rerun.recording import RunStream, live_blueprint
 from omnimj.view.rerun.scene import log_floor

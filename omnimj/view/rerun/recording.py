@@ -18,7 +18,7 @@ from omnimj.signals import Trace
 from omnimj.simulate.run import RunResult
 from omnimj.simulate.scenario.scenario import Scenario
 from omnimj.view import wording
-from omnimj.view.plots.runs import planned_position
+from omnimj.view.motion import planned_position
 from omnimj.view.poses import Poses, visible_poses
 from omnimj.view.rerun.blueprint import Eye, focus_of, run_blueprint
 from omnimj.view.rerun.scene import (

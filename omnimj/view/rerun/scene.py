@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from omnimj.signals import Trace
 from omnimj.view import palette
-from omnimj.view.plots.runs import patch_corners
+from omnimj.view.motion import patch_corners
 from omnimj.view.poses import (
     BodyFrames,
     Poses,

@@ -1,0 +1,71 @@
+"""Drawings of a page as one Bokeh document: shared time axis and cursor, each signal embedded once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from bokeh.embed import components
+from bokeh.layouts import column
+from bokeh.models import ColumnDataSource, CrosshairTool, Range1d
+from bokeh.models import Span as Rule
+from bokeh.resources import Resources
+from markupsafe import Markup
+
+from omnimj.view import palette
+from omnimj.view.plots.panels import Drawing, Panel
+
+_POINTER = """
+// a finger scrolls the page; zooming by drag is for a mouse
+if (window.matchMedia("(pointer: coarse)").matches)
+  for (const doc of Bokeh.documents)
+    for (const bar of doc.all_models) if (bar.type === "Toolbar") bar.active_drag = null;
+"""
+
+
+def library() -> Markup:
+    """Script of Bokeh from its Python package, without which the drawings of a page do not appear."""
+    return Markup("\n").join(map(Markup, Resources(mode="inline", components=["bokeh"]).js_raw))
+
+
+def embed(drawings: Mapping[str, Drawing]) -> tuple[Markup, dict[str, Markup]]:
+    """Put drawings into one document.
+
+    Args:
+      drawings: Drawings by name.
+
+    Returns:
+      Script that draws them, and the element of each drawing by name.
+    """
+    panels = [panel for drawing in drawings.values() for panel in drawing.panels]
+    _link(panels)
+    _share_data(panels)
+    models: Any = {
+        name: column([panel.plot for panel in drawing.panels], sizing_mode="stretch_width")
+        for name, drawing in drawings.items()
+    }
+    script, elements = components(models, wrap_script=False)
+    return Markup(script), {name: Markup(element) for name, element in elements.items()}
+
+
+def _link(panels: list[Panel]) -> None:
+    """Let panels over the same times zoom together, with one cursor through all of them."""
+    ranges: dict[tuple[float, float], Range1d] = {}
+    cursor = Rule(dimension="height", line_color=palette.MUTED, line_width=1, line_dash=[2, 2])
+    for panel in panels:
+        if panel.over_time:
+            own = panel.plot.x_range
+            panel.plot.x_range = ranges.setdefault((own.start, own.end), own)
+            panel.plot.add_tools(CrosshairTool(overlay=cursor))
+
+
+def _share_data(panels: list[Panel]) -> None:
+    """Move the columns of equal abscissae into one source: equal columns have equal names."""
+    merged: dict[tuple[float, ...], ColumnDataSource] = {}
+    for panel in panels:
+        for renderer in panel.plot.renderers:
+            source = renderer.data_source
+            if source.tags:
+                shared = merged.setdefault(tuple(source.tags), source)
+                shared.data.update(source.data)
+                renderer.data_source = shared

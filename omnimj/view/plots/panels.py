@@ -1,0 +1,500 @@
+"""Shared parts of all plots: panels drawn by the browser with Bokeh, thinned signals, shaded faults.
+
+A `Drawing` is one figure of a page: one panel or several below each other. `view.report.page` puts the
+drawings of a page into one document, where panels over time share their time axis and a cursor.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from bokeh.models import (
+    BoxAnnotation,
+    BoxZoomTool,
+    ColumnDataSource,
+    FixedTicker,
+    HoverTool,
+    Label,
+    Legend,
+    LegendItem,
+    Node,
+    PanTool,
+    Range1d,
+    ResetTool,
+    SaveTool,
+    WheelZoomTool,
+)
+from bokeh.models import Span as Rule
+from bokeh.models.renderers import GlyphRenderer
+from bokeh.plotting import figure as bokeh_figure
+from numpy.typing import NDArray
+
+from omnimj.view import palette
+from omnimj.view.wording import Span
+
+Array = NDArray[np.float64]
+Style = str | tuple[int, tuple[float, ...]]
+"""Dash pattern: `-`, or an offset and lengths of strokes and gaps."""
+SHORT, MIDDLE, TALL = 250, 290, 430
+"""Heights of figures [pixels]; those side by side have equal heights."""
+BINS = 4000
+"""Most bins of a signal; each keeps its smallest and largest sample."""
+NOT_HOVERED = np.empty(0)
+_AVERAGES, _WINDOW = 210, 0.05  # most points of a mean line; window [s], longer than the passage of a roller
+_LEFT = 62  # [pixels] for the value axis, alike in all panels, so that their time axes are aligned
+_BELOW = 34  # [pixels] for the labels of a time axis
+_ROW = 15  # [pixels] of a label in a panel
+
+
+@dataclass
+class Panel:
+    """Plot with axes.
+
+    Args:
+      height: Height [pixels].
+      over_time: True if the horizontal axis is the time of the run.
+      label: Label of the value axis: quantity and unit.
+      x_label: Label of the horizontal axis.
+      x_log: True for a logarithmic horizontal axis.
+      y_log: True for a logarithmic value axis.
+    """
+
+    height: int
+    over_time: bool = True
+    label: str = ""
+    x_label: str = ""
+    x_log: bool = False
+    y_log: bool = False
+    equal: bool = False
+    """True for equal scales of both axes."""
+    plot: Any = field(init=False)
+    _shown: dict[str, list[GlyphRenderer]] = field(init=False, default_factory=dict)
+    _sources: dict[tuple[float, ...], Any] = field(init=False, default_factory=dict)
+    _hovered: list[tuple[str, str]] = field(init=False, default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.plot = bokeh_figure(
+            height=self.height,
+            sizing_mode="stretch_width",
+            x_axis_type="log" if self.x_log else "linear",
+            y_axis_type="log" if self.y_log else "linear",
+            match_aspect=self.equal,
+            tools=[],
+            toolbar_location=None,
+            min_border_left=_LEFT,
+            min_border_right=14,
+            outline_line_color=None,
+            output_backend="canvas",
+        )
+        _dress(self.plot)
+        if self.over_time:
+            self.plot.x_range = Range1d()
+
+    def values(self, label: str) -> None:
+        """Label the value axis."""
+        self.label = label
+
+    def _source(self, x: Array) -> Any:
+        """Data of the signals that share the abscissae x, shape (k,)."""
+        key = (float(len(x)), *map(float, x[:1]), *map(float, x[-1:]), float(np.sum(x)))
+        if key not in self._sources:
+            self._sources[key] = ColumnDataSource({"x": _numbers(x)}, tags=list(key))
+        return self._sources[key]
+
+    def line(
+        self,
+        x: Array,
+        y: Array,
+        color: str = palette.INK,
+        label: str = "",
+        dash: Style = "-",
+        width: float = 1.4,
+        alpha: float = 1.0,
+        step: bool = False,
+        hovered: Array | None = None,
+    ) -> GlyphRenderer:
+        """Draw y over x, shape (k,) each, thinned to the smallest and largest sample of `BINS` bins.
+
+        Args:
+          x: Abscissae, increasing where the line is thinned.
+          y: Values; NaN leaves a gap.
+          color: Colour.
+          label: Entry of the legend, which switches the line; empty for none.
+          dash: Dash pattern.
+          width: Line width [pixels].
+          alpha: Opacity.
+          step: True to hold each value until the next one.
+          hovered: Values to show below the cursor, shape (k,); y when None, none when empty.
+        """
+        time, x, y = x, np.asarray(x, float), np.asarray(y, float)
+        if self.over_time:
+            x, y = envelope(x, y)
+        source = self._source(x)
+        name = _add(source, y)
+        style = {"line_color": color, "line_width": width, "line_alpha": alpha, "line_dash": dashes(dash)}
+        draw = self.plot.step if step else self.plot.line
+        drawn = draw("x", name, source=source, **style, **({"mode": "after"} if step else {}))
+        if hovered is None:
+            self._hovered.append((name, label))
+        elif len(hovered):
+            self._hovered.append((_add(source, envelope(time, hovered)[1]), label))
+        return self._shows(label, drawn)
+
+    def rippling(self, time: Array, value: Array, color: str, label: str = "", dash: Style = "-") -> None:
+        """Draw a rippling signal, shape (k,), pale, and its mean over `window` in full colour."""
+        middle, mean = averaged(time, value)
+        self.line(time, value, color=palette.lighter(color, 0.55), label=label, width=0.8, alpha=0.7)
+        self.line(middle, mean, color=color, label=label, dash=dash, hovered=NOT_HOVERED)
+
+    def band(
+        self, x: Array, low: Array, high: Array, color: str, label: str = "", alpha: float = 0.2
+    ) -> None:
+        """Fill between two curves, shape (k,) each."""
+        drawn = self.plot.varea(_numbers(x), _numbers(low), _numbers(high), fill_color=color, fill_alpha=0.2)
+        self._shows(label, drawn)
+
+    def points(
+        self,
+        x: Any,
+        y: Any,
+        color: Any = palette.INK,
+        label: str = "",
+        marker: str = "circle",
+        size: float = 7.0,
+        alpha: float = 1.0,
+        names: Sequence[str] = (),
+    ) -> GlyphRenderer:
+        """Draw markers; `names`, if any, are shown below the cursor."""
+        x, y = _numbers(np.atleast_1d(x)), _numbers(np.atleast_1d(y))
+        source: Any = ColumnDataSource({"x": x, "y": y})
+        if not isinstance(color, str):
+            source.data["color"], color = list(color), "color"
+        style = {"color": color, "alpha": alpha, "size": size, "marker": marker}
+        drawn = self.plot.scatter("x", "y", source=source, **style)
+        if names:
+            source.data["name"] = list(names)
+            self.plot.add_tools(HoverTool(renderers=[drawn], tooltips=[("", "@name")]))
+        return self._shows(label, drawn)
+
+    def polygon(self, corners: Array, fill: str, label: str = "", **style: Any) -> None:
+        """Fill a polygon, corners of shape (k, 2)."""
+        options = {"fill_color": fill, "line_width": 0, **style}
+        self._shows(label, self.plot.patch(corners[:, 0].tolist(), corners[:, 1].tolist(), **options))
+
+    def bars(
+        self,
+        left: Any,
+        right: Any,
+        middle: Any,
+        thick: float,
+        color: Any,
+        label: str = "",
+        names: Sequence[str] = (),
+    ) -> None:
+        """Draw horizontal bars; `names`, if any, are shown below the cursor."""
+        source: Any = ColumnDataSource({"left": list(left), "right": list(right), "middle": list(middle)})
+        if not isinstance(color, str):
+            source.data["color"], color = list(color), "color"
+        style = {"height": thick, "fill_color": color, "line_width": 0}
+        drawn = self.plot.hbar(y="middle", left="left", right="right", source=source, **style)
+        if names:
+            source.data["name"] = list(names)
+            self.plot.add_tools(HoverTool(renderers=[drawn], tooltips=[("", "@name")]))
+        self._shows(label, drawn)
+
+    def rule(self, at: float, across: bool = True, color: str = palette.MUTED, dash: Style = "-") -> None:
+        """Draw a line across the panel at a value, or, if not `across`, upright at an abscissa."""
+        where: Literal["width", "height"] = "width" if across else "height"
+        style = {"line_color": color, "line_width": 0.9, "line_dash": dashes(dash), "level": "underlay"}
+        self.plot.add_layout(Rule(location=at, dimension=where, **style))
+
+    def text(self, x: float, y: float, words: str, color: str = palette.INK, **style: Any) -> None:
+        """Write words at a point."""
+        options = {"text_font_size": "11px", "text_baseline": "middle", **style}
+        self.plot.add_layout(Label(x=x, y=y, text=words, text_color=color, **options))
+
+    def limits(self, low: float, high: float) -> None:
+        """Fix the value axis."""
+        self.plot.y_range = Range1d(start=float(low), end=float(high))
+
+    def x_limits(self, low: float, high: float) -> None:
+        """Fix the horizontal axis."""
+        self.plot.x_range = Range1d(start=float(low), end=float(high))
+
+    def contains(self, low: Array, high: Array) -> None:
+        """Make a map of equal scales show at least the rectangle between two corners, shape (2,) each."""
+        corners = ColumnDataSource({"x": [low[0], high[0]], "y": [low[1], high[1]]})
+        self.plot.scatter("x", "y", source=corners, alpha=0.0)
+
+    def rows(self, names: Sequence[str]) -> None:
+        """Name rows 0, 1, … of the value axis, counted from the top."""
+        self.limits(len(names) - 0.5, -0.5)
+        self.ticks(range(len(names)), names)
+        self.plot.ygrid.visible = False
+
+    def ticks(self, places: Sequence[float], names: Sequence[str], across: bool = False) -> None:
+        """Mark and name places of the value axis, or of the horizontal one if `across`."""
+        axis = self.plot.xaxis if across else self.plot.yaxis
+        axis.ticker = FixedTicker(ticks=[float(place) for place in places])
+        axis.major_label_overrides = {
+            (int(place) if float(place).is_integer() else float(place)): name
+            for place, name in zip(places, names, strict=True)
+        }
+
+    def logarithmic(self, linear: float, places: Sequence[float]) -> None:
+        """Name values on the axis of lines that `log_beyond` has compressed."""
+        self.ticks(log_beyond(np.array(places), linear).tolist(), [f"{at:g}" for at in places])
+        self.label += ", logarithmic above the threshold"
+
+    def _shows(self, label: str, drawn: GlyphRenderer) -> GlyphRenderer:
+        if label:
+            self._shown.setdefault(label, []).append(drawn)
+        return drawn
+
+    @property
+    def unit(self) -> str:
+        """Unit of the values, as in the label of their axis; empty if there is none."""
+        return self.label.rpartition("[")[2].partition("]")[0] if "[" in self.label else ""
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Entries of the legend."""
+        return tuple(self._shown)
+
+    def legend(self, columns: int = 4) -> None:
+        """Add a legend above the panel; a click on an entry hides or shows its lines."""
+        items = [LegendItem(label=label, renderers=drawn) for label, drawn in self._shown.items()]
+        if not items:
+            return
+        look = {"border_line_width": 0, "background_fill_alpha": 0.0, "label_text_font_size": "12px"}
+        room = {"padding": 0, "margin": 2, "spacing": 8, "label_standoff": 4, "glyph_width": 22}
+        options = {"orientation": "horizontal", "ncols": columns, "click_policy": "hide", **look, **room}
+        self.plot.add_layout(
+            Legend(items=items, location=(0, 0), label_text_color=palette.INK, **options), "above"
+        )
+
+    def finish(self) -> None:
+        """Add labels, tools, and the values below the cursor, after everything is drawn."""
+        plot = self.plot
+        plot.yaxis.axis_label, plot.xaxis.axis_label = self.label, self.x_label
+        dimensions: Literal["width", "both"] = "width" if self.over_time else "both"
+        zoom = BoxZoomTool(dimensions=dimensions, match_aspect=self.equal)
+        wheel = WheelZoomTool(dimensions=dimensions, modifiers="ctrl")
+        plot.add_tools(zoom, PanTool(dimensions=dimensions), wheel, ResetTool(), SaveTool())
+        plot.toolbar.active_drag, plot.toolbar.active_scroll = zoom, wheel
+        for source in self._sources.values():
+            self._add_hover(source)
+
+    def _add_hover(self, source: Any) -> None:
+        rows = [(name, label) for name, label in self._hovered if name in source.data]
+        if not rows or not self.over_time:
+            return
+        # an invisible line, so that hiding an entry of the legend leaves the values of the others
+        carrier = self.plot.line("x", rows[0][0], source=source, line_alpha=0.0)
+        tips = [(label or "value", f"@{name}{{%.4g}} {self.unit}".strip()) for name, label in rows]
+        formats = {f"@{name}": "printf" for name, _ in rows}
+        options: dict[str, Any] = {"mode": "vline", "point_policy": "follow_mouse"}
+        options |= {"formatters": {"@x": "printf", **formats}}
+        tips = [("time", "@x{%.4f} s"), *tips]
+        self.plot.add_tools(HoverTool(renderers=[carrier], tooltips=tips, **options))
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """Panels below each other."""
+
+    panels: tuple[Panel, ...]
+
+    @property
+    def height(self) -> int:
+        """Height [pixels]."""
+        return sum(panel.height for panel in self.panels)
+
+
+def new_drawing(height: int, rows: int = 1, over_time: bool = True, shared: bool = False) -> Drawing:
+    """Make empty panels of equal height.
+
+    Args:
+      height: Height of all together [pixels].
+      rows: Number of panels.
+      over_time: True if their horizontal axis is the time of the run.
+      shared: True if they share their value axis.
+    """
+    each = (height - _BELOW) // rows
+    panels = tuple(Panel(each + (_BELOW if row == rows - 1 else 0), over_time) for row in range(rows))
+    if shared:
+        for panel in panels[1:]:
+            panel.plot.y_range = panels[0].plot.y_range
+    return Drawing(panels)
+
+
+def _dress(plot: Any) -> None:
+    plot.grid.grid_line_color = palette.GRID
+    plot.axis.axis_line_color = plot.axis.major_tick_line_color = palette.MUTED
+    plot.axis.minor_tick_line_color = None
+    plot.axis.major_label_text_color = plot.axis.axis_label_text_color = palette.INK
+    plot.axis.major_label_text_font_size = "12px"
+    plot.axis.axis_label_text_font_size, plot.axis.axis_label_text_font_style = "12px", "normal"
+    plot.yaxis.axis_label_standoff = 4
+    plot.yaxis.ticker.desired_num_ticks = 4
+    plot.y_range.range_padding = 0.08
+    plot.toolbar.logo, plot.toolbar.autohide = None, True
+
+
+def _numbers(values: Any) -> NDArray[np.float32]:
+    """Numbers for the page: single precision is finer than any screen."""
+    return np.asarray(values, np.float32)
+
+
+def _add(source: Any, values: Array) -> str:
+    """Add a column to a source and return its name, which is the same for equal columns."""
+    numbers = _numbers(values)
+    name = f"y{hashlib.blake2b(numbers.tobytes(), digest_size=6).hexdigest()}"
+    source.data[name] = numbers
+    return name
+
+
+def dashes(style: Style) -> str | list[int]:
+    """Convert a dash pattern to lengths in pixels, or `solid`."""
+    if isinstance(style, str):
+        return "solid" if style == "-" else style
+    return [max(1, round(1.2 * length)) for length in style[1]]
+
+
+def envelope(time: Array, value: Array, bins: int = BINS) -> tuple[Array, Array]:
+    """Thin a signal to the smallest and largest sample of each bin, which keeps every peak.
+
+    The two samples stand in their order at the beginning and in the middle of their bin, so that all signals
+    of equal times share their abscissae.
+
+    Args:
+      time: Times, shape (k,) [s].
+      value: Signal, shape (k,); a bin of NaN stays NaN.
+      bins: Number of bins.
+
+    Returns:
+      Times and values, shape (2 bins + 1,) each; the signal itself if it is not longer.
+    """
+    k = len(time)
+    if k <= 2 * bins + 1:
+        return time, value
+    edges = np.linspace(0, k - 1, bins + 1).astype(int)  # the last sample stands for itself
+    width = int(np.diff(edges).max())
+    rows = np.minimum(edges[:-1, None] + np.arange(width), edges[1:, None] - 1)
+    part = value[rows]
+    lowest = np.where(np.isnan(part), np.inf, part).argmin(axis=1)
+    highest = np.where(np.isnan(part), -np.inf, part).argmax(axis=1)
+    each, picked = np.arange(bins), np.empty(2 * bins + 1)
+    picked[0:-1:2] = part[each, np.minimum(lowest, highest)]
+    picked[1:-1:2] = part[each, np.maximum(lowest, highest)]
+    times = np.empty(2 * bins + 1)
+    times[0:-1:2], times[1:-1:2] = time[edges[:-1]], time[(edges[:-1] + edges[1:]) // 2]
+    times[-1], picked[-1] = time[-1], value[-1]
+    return times, picked
+
+
+def averaged(time: Array, value: Array) -> tuple[Array, Array]:
+    """Average a rippling signal over `window(time)`.
+
+    Returns:
+      Time and mean, shape (bins,) each; the samples themselves if they are few.
+    """
+    bins = int((time[-1] - time[0]) / window(time)) if len(time) > 1 else 1
+    if len(time) < 4 * bins:
+        return time, value
+    edges = np.linspace(0, len(time), bins + 1).astype(int)[:-1]
+    length = np.diff(np.append(edges, len(time)))
+    return np.add.reduceat(time, edges) / length, np.add.reduceat(value, edges) / length
+
+
+def window(time: Array) -> float:
+    """Return the averaging window of `averaged` [s] for times of shape (k,) [s]."""
+    return max(_WINDOW, float(time[-1] - time[0]) / _AVERAGES)
+
+
+def log_beyond(value: Array, linear: float) -> Array:
+    """Compress values beyond ± `linear` logarithmically: one unit up to there, then one per decade."""
+    size = np.abs(value) / linear
+    return np.sign(value) * np.where(size <= 1.0, size, 1.0 + np.log10(np.maximum(size, 1.0)))
+
+
+def finish(drawing: Drawing, time: Array, spans: Sequence[Span], labelled: bool = True) -> Drawing:
+    """Fit the panels to the times of a run and shade faults, labelled in the first panel.
+
+    Args:
+      drawing: Panels over time.
+      time: Times, shape (k,) [s].
+      spans: Faults to shade.
+      labelled: True to write the names of the faults into the first panel.
+    """
+    for i, panel in enumerate(drawing.panels):
+        is_last = i == len(drawing.panels) - 1
+        panel.x_limits(float(time[0]), float(time[-1]) if len(time) > 1 else float(time[0]) + 1.0)
+        if is_last:
+            panel.x_label = "time [s]"
+        else:
+            panel.plot.xaxis.major_label_text_font_size = "0px"
+            panel.plot.min_border_bottom = 4
+        if spans:
+            shade_faults(panel, spans, time, labelled and i == 0)
+        panel.finish()
+    return drawing
+
+
+def shade_faults(panel: Panel, spans: Sequence[Span], time: Array, labelled: bool = True) -> None:
+    """Shade intervals of active faults, labelled at the top; faults of one interval share a band."""
+    for row, ((start, end), labels) in enumerate(_together(spans).items()):
+        edge = {"line_color": palette.FAULT, "line_dash": [3, 3], "line_width": 0.9}
+        fill = {"fill_color": palette.FAULT, "fill_alpha": 0.16, "level": "underlay", "name": "fault"}
+        panel.plot.add_layout(BoxAnnotation(left=start, right=end, **fill, **edge))
+        if labelled:
+            _name_band(panel, (start, end), time, "; ".join(labels), row % 4)
+
+
+def _together(spans: Sequence[Span]) -> dict[tuple[float, float], list[str]]:
+    """Group labels by interval; `slip, wheel 1` and `slip, wheel 3` become `slip, wheels 1, 3`."""
+    found: dict[tuple[float, float], dict[str, list[str]]] = {}
+    for span in spans:
+        name, _, wheel = span.label.partition(", wheel ")
+        found.setdefault((span.start, span.end), {}).setdefault(name, []).append(wheel)
+    return {
+        interval: [_named(name, [w for w in wheels if w]) for name, wheels in kinds.items()]
+        for interval, kinds in found.items()
+    }
+
+
+def _named(name: str, wheels: list[str]) -> str:
+    if not wheels:
+        return name
+    return f"{name}, wheel{'s' if len(wheels) > 1 else ''} {', '.join(wheels)}"
+
+
+def _name_band(panel: Panel, band: tuple[float, float], time: Array, label: str, row: int) -> None:
+    """Write the label of a band below the upper edge, inside the plot even for a band at its side."""
+    left, right = float(time[0]), float(time[-1])
+    start, end = band
+    middle = 0.5 * (start + end)
+    if middle > left + 0.75 * (right - left):
+        place, side, aside = end, "right", -4
+    elif middle < left + 0.25 * (right - left):
+        place, side, aside = start, "left", 4
+    else:
+        place, side, aside = middle, "center", 0
+    panel.plot.add_layout(
+        Label(
+            x=place,
+            y=Node(target="frame", symbol="top", offset=2 + _ROW * row),
+            text=label,
+            x_offset=aside,
+            text_align=side,
+            text_baseline="top",
+            text_font_size="11px",
+            text_color=palette.FAULT_INK,
+            background_fill_color="white",
+            background_fill_alpha=0.65,
+        )
+    )
