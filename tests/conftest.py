@@ -40,8 +40,10 @@ def measured(record_property):
 
 @pytest.fixture
 def undrawn(monkeypatch):
-    """Figures of reports are made and not drawn: that takes seconds, and others test what is in them."""
-    monkeypatch.setattr("omnimj.view.report.page.svg", lambda drawing, name, words: "<svg></svg>")
+    """Plots of reports are made and not embedded: that takes time, and others test what is in them."""
+    nothing = {"embed": lambda drawings: ("", dict.fromkeys(drawings, "")), "library": lambda: ""}
+    for name, stub in nothing.items():
+        monkeypatch.setattr(f"omnimj.view.report.page.{name}", stub)
 
 
 def pytest_terminal_summary(terminalreporter):

@@ -7,8 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from diagnosed_runs import said, with_published, with_published_rig, with_robust
-from matplotlib.colors import to_rgb
-from matplotlib.figure import Figure
+from drawn import bars, lines, row_names
 
 from omnimj.control.detection.detector import DetectorOptions
 from omnimj.control.detection.published import rig, robot
@@ -103,72 +102,82 @@ def test_a_residual_without_a_description_is_shown_under_its_name():
     assert family.thresholds == ("threshold_grip_1",)
 
 
-def lines(figure: Figure, gid: str | None = None) -> list:
-    (ax,) = figure.get_axes()
-    return [line for line in ax.get_lines() if gid is None or line.get_gid() == gid]
+def family_panel(trace, family):
+    """Plot of one family of residuals."""
+    (panel,) = plots_diagnosis.residual_families(trace, [family], ()).panels
+    return panel
+
+
+def strips(*arguments):
+    """Plot of true faults, diagnoses and modes."""
+    (panel,) = plots_diagnosis.state_lanes(*arguments).panels
+    return panel
 
 
 def test_residuals_have_their_wheels_colours_and_one_threshold_line(robot_trace):
     trace = with_robust(robot_trace)
     found = {family.name: family for family in families(list(trace.columns), "robust")}
     assert set(found) == {"force", "moment", "motor", "slip"}
-    figure = plots_diagnosis.residual_families(trace, [found["motor"]], ())
-    colors = {line.get_label(): line.get_color() for line in lines(figure)}
+    panel = family_panel(trace, found["motor"])
+    colors = {line.label: line.color for line in lines(panel)}
     assert all(colors[f"wheel {i}"] == palette.wheel_color(i - 1) for i in (1, 2, 3, 4))
-    (threshold,) = lines(figure, "threshold")
-    assert set(np.asarray(threshold.get_ydata())) == {22.0}
+    (threshold,) = lines(panel, "threshold")
+    assert set(threshold.y) == {22.0}
 
 
 def test_thresholds_of_both_signs_are_drawn_unless_the_method_looks_above_zero_only(robot_trace):
     trace = with_published(robot_trace)
     for printed, expected in ((False, {1.85, -1.85}), (True, {1.85})):
         family = families(list(trace.columns), "published", printed)[0]
-        drawn = lines(plots_diagnosis.residual_families(trace, [family], ()), "threshold")
-        assert {float(np.asarray(line.get_ydata())[0]) for line in drawn} == expected
+        drawn = lines(family_panel(trace, family), "threshold")
+        assert {round(float(line.y[0]), 6) for line in drawn} == expected
 
 
 def test_thresholds_that_differ_are_drawn_each_in_its_wheels_colour(robot_trace):
     trace = with_robust(robot_trace)
     columns = {**trace.columns, "threshold_motor_2": 2.0 * trace["threshold_motor_2"]}
     family = families(list(columns), "robust")[2]
-    drawn = lines(
-        plots_diagnosis.residual_families(dataclasses.replace(trace, columns=columns), [family], ()),
-        "threshold",
-    )
-    assert [line.get_color() for line in drawn] == [palette.wheel_color(0), palette.wheel_color(1)]
+    drawn = lines(family_panel(dataclasses.replace(trace, columns=columns), family), "threshold")
+    assert [line.color for line in drawn] == [palette.wheel_color(0), palette.wheel_color(1)]
 
 
 def test_the_rigs_residuals_are_never_negative_and_have_no_threshold_below_zero(rig_trace):
     trace = with_published_rig(rig_trace)
     for family in families(list(trace.columns), "published"):
-        (threshold,) = lines(plots_diagnosis.residual_families(trace, [family], ()), "threshold")
-        assert float(np.asarray(threshold.get_ydata())[0]) > 0.0 and "RMS" in family.words
+        (threshold,) = lines(family_panel(trace, family), "threshold")
+        assert threshold.y[0] > 0.0 and "RMS" in family.words
 
 
 def test_a_small_threshold_can_be_read_beside_a_large_residual(robot_trace):
     trace = with_robust(robot_trace)
     slip = next(family for family in families(list(trace.columns), "robust") if family.name == "slip")
-    (ax,) = plots_diagnosis.residual_families(trace, [slip], ()).get_axes()
-    low, level, high = ax.transData.transform([(0.0, 0.0), (0.0, 0.001), (0.0, 0.08)])[:, 1]
-    assert 0.1 < (level - low) / (high - low) < 0.6
-    assert "logarithmic" in ax.get_ylabel()
+    panel = family_panel(trace, slip)
+    (threshold,) = lines(panel, "threshold")
+    low, high = panel.plot.y_range.start, panel.plot.y_range.end
+    assert 0.1 < (threshold.y[0] - low) / (high - low) < 0.6
+    assert "logarithmic" in panel.plot.yaxis.axis_label
+    # the marks on the axis are where the same values are drawn
+    ticks = {name: place for place, name in panel.plot.yaxis[0].major_label_overrides.items()}
+    peak = max(float(line.y.max()) for line in lines(panel, "wheel 2"))
+    assert ticks["0.01"] < peak < ticks["0.1"] and ticks["0"] == 0
+    # the values below the cursor are the residuals themselves
+    data = panel.plot.renderers[0].data_source.data
+    (hover,) = [tool for tool in panel.plot.toolbar.tools if type(tool).__name__ == "HoverTool"]
+    column = dict(hover.tooltips)["wheel 2"].removeprefix("@").partition("{")[0]
+    assert data[column].max() == np.float32(trace["residual_slip_2"].max())
 
 
 def test_modes_and_faults_are_strips_at_their_times(robot_trace, robot_metrics):
     trace = with_robust(robot_trace)
     truth, believed = fault_spans(robot_metrics, 10.0), diagnosis_spans(robot_metrics, 10.0)
-    (ax,) = plots_diagnosis.state_lanes(trace, truth, believed, "robust", False).get_axes()
-    names = [label.get_text() for label in ax.get_yticklabels()]
+    panel = strips(trace, truth, believed, "robust", False)
+    names = row_names(panel)
     assert names == ["true: wheel 2", "true: wheel 3", "diagnosed: wheel 2", "diagnosed: wheel 3", "mode"]
-    bars = {}
-    for bar in ax.patches:
-        if bar.get_gid() is None:  # the shades have one
-            row = round(bar.get_y() + 0.5 * bar.get_height())
-            bars.setdefault(names[row], []).append((bar.get_x(), bar.get_x() + bar.get_width()))
-    np.testing.assert_allclose(bars["true: wheel 2"], [(3.0, 5.0)])
-    np.testing.assert_allclose(bars["diagnosed: wheel 3"], [(6.9, 10.0)])
-    np.testing.assert_allclose(np.ravel(bars["mode"])[::2], [0.0, 0.5, 3.1, 5.05, 6.8, 6.9], atol=2e-3)
-    assert ax.get_legend() is not None
+    found = {name: sorted(bar[1:3] for bar in bars(panel) if bar.row == name) for name in names}
+    np.testing.assert_allclose(found["true: wheel 2"], [(3.0, 5.0)])
+    np.testing.assert_allclose(found["diagnosed: wheel 3"], [(6.9, 10.0)])
+    np.testing.assert_allclose(np.ravel(found["mode"])[::2], [0.0, 0.5, 3.1, 5.05, 6.8, 6.9], atol=2e-3)
+    assert len(panel.labels) > 1
 
 
 def test_a_mode_that_flickers_makes_few_bars_and_loses_no_short_event(robot_trace):
@@ -176,10 +185,10 @@ def test_a_mode_that_flickers_makes_few_bars_and_loses_no_short_event(robot_trac
     mode[5000:8000] = 0.0
     mode[6500] = 1.0
     trace = Trace({**robot_trace.columns, "mode": mode})
-    (ax,) = plots_diagnosis.state_lanes(trace, [], [], "robust", False).get_axes()
-    assert len(ax.patches) <= 400
-    suspect = [bar for bar in ax.patches if bar.get_facecolor()[:3] == to_rgb(palette.STATES["suspect"])]
-    assert len(suspect) == 1 and suspect[0].get_x() == pytest.approx(6.5, abs=0.03)
+    drawn = bars(strips(trace, [], [], "robust", False))
+    assert len(drawn) <= 400
+    suspect = [bar for bar in drawn if bar.color == palette.STATES["suspect"]]
+    assert len(suspect) == 1 and suspect[0].left == pytest.approx(6.5, abs=0.03)
 
 
 def test_diagnosed_faults_that_overlap_have_separate_strips(robot_trace):
@@ -187,20 +196,19 @@ def test_diagnosed_faults_that_overlap_have_separate_strips(robot_trace):
         Span("", "robot", state, 2.0, end)
         for state, end in (("sensor yaw rate", 9.0), ("all wheels slip", 3.0))
     ]
-    (ax,) = plots_diagnosis.state_lanes(with_robust(robot_trace), [], spans, "robust", False).get_axes()
-    names = [label.get_text() for label in ax.get_yticklabels()]
+    names = row_names(strips(with_robust(robot_trace), [], spans, "robust", False))
     assert names == ["true: nothing", "diagnosed: robot", "diagnosed: robot", "mode"]
 
 
 def test_empty_strips_are_marked_as_empty(robot_trace):
-    (ax,) = plots_diagnosis.state_lanes(with_robust(robot_trace), [], [], "robust", False).get_axes()
-    assert [t.get_text() for t in ax.get_yticklabels()][:2] == ["true: nothing", "diagnosed: nothing"]
+    names = row_names(strips(with_robust(robot_trace), [], [], "robust", False))
+    assert names[:2] == ["true: nothing", "diagnosed: nothing"]
 
 
 def test_a_diagnosis_of_one_step_can_still_be_seen(robot_trace):
     one = [Span("slip, wheel 1", "wheel_1", "slip", 2.0, 2.0)]
-    (ax,) = plots_diagnosis.state_lanes(with_robust(robot_trace), [], one, "robust", False).get_axes()
-    assert any(bar.get_x() == 2.0 and bar.get_width() >= 0.03 for bar in ax.patches)
+    drawn = bars(strips(with_robust(robot_trace), [], one, "robust", False))
+    assert any(bar.left == 2.0 and bar.right - bar.left >= 0.03 for bar in drawn)
 
 
 def test_mode_names_are_those_of_the_methods():
@@ -235,7 +243,7 @@ def test_a_diagnosed_robots_report_has_all_its_figures(
     trace = {"robust": with_robust, "published": with_published}[method](robot_trace)
     write_report(page_path, trace, robot_scenario, {**robot_metrics, "method": method})
     page = page_path.read_text(encoding="utf-8")
-    assert page.count("<svg") == 8 + {"robust": 6, "published": 4}[method]
+    assert page.count("class='plot'") == 8 + {"robust": 6, "published": 4}[method]
     assert "Diagnosis" in page and "Truth and diagnosis" in page and "Effectiveness" in page
 
 
@@ -245,7 +253,7 @@ def test_a_diagnosed_rigs_report_has_its_figures(page_path, rig_trace, rig_scena
     scenario = dataclasses.replace(rig_scenario, diagnosis=DetectorOptions("printed"))
     write_report(page_path, with_published_rig(rig_trace), scenario, metrics)
     page = page_path.read_text(encoding="utf-8")
-    assert page.count("<svg") == 6 + 3
+    assert page.count("class='plot'") == 6 + 3
     assert "Effectiveness" not in page and "Two ways to compute the force" in page
 
 
@@ -266,7 +274,7 @@ def test_runs_with_other_methods_stand_side_by_side(
     page = page_path.read_text(encoding="utf-8")
     for expected in ("Comparison of methods", "Courses", "Paths", "trace_off.parquet"):
         assert expected in page
-    assert page.count("<svg") == 9 + 2
+    assert page.count("class='plot'") == 9 + 2
 
 
 def test_every_method_has_a_colour():
