@@ -9,6 +9,7 @@ import shutil
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 PHONE = (390, 844)
 """Width and height of a common phone's page [CSS pixels]."""
@@ -50,6 +51,29 @@ frame.srcdoc = %s;
 </script>
 """
 
+_HANDS = """
+const pause = milliseconds => new Promise(done => setTimeout(done, milliseconds));
+const parts = function* (root) {  // elements, also those inside of shadow trees
+  for (const e of root.querySelectorAll('*')) { yield e; if (e.shadowRoot) yield* parts(e.shadowRoot); }
+};
+const find = (root, name) => [...parts(root)].filter(e => e.classList.contains(name));
+const panels = name => find(document.getElementById(name), 'bk-Figure');
+const models = type => Bokeh.documents.flatMap(doc => [...doc.all_models].filter(m => m.type === type));
+const canvas = panel => find(panel.shadowRoot, 'bk-events')[0];
+const pointer = (e, kind, x, y) => e.dispatchEvent(new PointerEvent('pointer' + kind, {clientX: x,
+  clientY: y, bubbles: true, composed: true, cancelable: true, pointerId: 1, isPrimary: true, button: 0,
+  buttons: kind === 'up' ? 0 : 1, pointerType: 'mouse', view: window}));
+(async () => {
+  try {
+    while (Bokeh.documents.some(doc => !doc.is_idle) || !Bokeh.documents.length) await pause(50);
+    const result = await (async () => { %s })();
+    document.getElementById('result').textContent = JSON.stringify(result);
+  } catch (problem) {
+    document.getElementById('result').textContent = JSON.stringify({problem: String(problem.stack)});
+  }
+})();
+"""
+
 
 @dataclass(frozen=True)
 class Seen:
@@ -87,6 +111,31 @@ def on_a_phone(browser: str, page: str, work: Path) -> Seen:
     if told is None:
         raise RuntimeError("the browser has not looked at the page")
     return Seen(**json.loads(html.unescape(told[1])))
+
+
+def operate(browser: str, page: str, script: str, work: Path) -> Any:
+    """Result of a script that uses a page as a person would.
+
+    Args:
+      browser: Command of the Chromium.
+      page: HTML.
+      script: Body of an asynchronous function that is called when all plots are drawn and returns the
+        result; `_HANDS` has what it may call.
+      work: An empty folder to work in.
+
+    Raises:
+      RuntimeError: The script did not come to its end.
+    """
+    called = f"<pre id='result'></pre><script>{_HANDS % script}</script></body>"
+    (work / "used.html").write_text(page.replace("</body>", called), encoding="utf-8")
+    dumped = run(browser, work, "--window-size=1200,1000", "--dump-dom", (work / "used.html").as_uri())
+    result = re.search(r"<pre id=\"result\">(.+?)</pre>", dumped, flags=re.DOTALL)
+    if result is None:
+        raise RuntimeError("the script has not come to its end")
+    found = json.loads(html.unescape(result[1]))
+    if isinstance(found, dict) and "problem" in found:
+        raise RuntimeError(found["problem"])
+    return found
 
 
 def run(browser: str, work: Path, *words: str) -> str:

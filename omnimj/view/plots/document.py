@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from bokeh.document import Document
 from bokeh.embed import components
 from bokeh.layouts import column
-from bokeh.models import ColumnDataSource, CrosshairTool, Range1d
+from bokeh.models import ColumnDataSource, CrosshairTool, CustomJS, Range1d
 from bokeh.models import Span as Rule
 from bokeh.resources import Resources
 from markupsafe import Markup
@@ -15,11 +16,9 @@ from markupsafe import Markup
 from omnimj.view import palette
 from omnimj.view.plots.panels import Drawing, Panel
 
-_POINTER = """
-// a finger scrolls the page; zooming by drag is for a mouse
-if (window.matchMedia("(pointer: coarse)").matches)
-  for (const doc of Bokeh.documents)
-    for (const bar of doc.all_models) if (bar.type === "Toolbar") bar.active_drag = null;
+_TOUCH = """
+// a finger scrolls the page; a mouse zooms
+if (window.matchMedia("(pointer: coarse)").matches) for (const bar of bars) bar.active_drag = null;
 """
 
 
@@ -44,6 +43,12 @@ def embed(drawings: Mapping[str, Drawing]) -> tuple[Markup, dict[str, Markup]]:
         name: column([panel.plot for panel in drawing.panels], sizing_mode="stretch_width")
         for name, drawing in drawings.items()
     }
+    document = Document()
+    with document.models.freeze():  # references are collected once, not once per drawing
+        for model in models.values():
+            document.add_root(model)
+    bars = [panel.plot.toolbar for panel in panels]
+    document.js_on_event("document_ready", CustomJS(args={"bars": bars}, code=_TOUCH))
     script, elements = components(models, wrap_script=False)
     return Markup(script), {name: Markup(element) for name, element in elements.items()}
 

@@ -21,11 +21,14 @@ from bokeh.models import (
     Label,
     Legend,
     LegendItem,
+    Line,
     Node,
     PanTool,
+    Patch,
     Range1d,
     ResetTool,
     SaveTool,
+    Step,
     WheelZoomTool,
 )
 from bokeh.models import Span as Rule
@@ -135,9 +138,10 @@ class Panel:
             x, y = envelope(x, y)
         source = self._source(x)
         name = _add(source, y)
-        style = {"line_color": color, "line_width": width, "line_alpha": alpha, "line_dash": dashes(dash)}
-        draw = self.plot.step if step else self.plot.line
-        drawn = draw("x", name, source=source, **style, **({"mode": "after"} if step else {}))
+        style: Any = {"line_color": color, "line_width": width, "line_alpha": alpha}
+        style |= {"x": "x", "y": name, "line_dash": dashes(dash)}
+        # glyphs are added without `bokeh.plotting`, which makes five of each
+        drawn = self.plot.add_glyph(source, Step(mode="after", **style) if step else Line(**style))
         if hovered is None:
             self._hovered.append((name, label))
         elif len(hovered):
@@ -154,8 +158,8 @@ class Panel:
         self, x: Array, low: Array, high: Array, color: str, label: str = "", alpha: float = 0.2
     ) -> None:
         """Fill between two curves, shape (k,) each."""
-        drawn = self.plot.varea(_numbers(x), _numbers(low), _numbers(high), fill_color=color, fill_alpha=0.2)
-        self._shows(label, drawn)
+        style = {"fill_color": color, "fill_alpha": alpha}
+        self._shows(label, self.plot.varea(_numbers(x), _numbers(low), _numbers(high), **style))
 
     def points(
         self,
@@ -177,13 +181,14 @@ class Panel:
         drawn = self.plot.scatter("x", "y", source=source, **style)
         if names:
             source.data["name"] = list(names)
-            self.plot.add_tools(HoverTool(renderers=[drawn], tooltips=[("", "@name")]))
+            self.hover([drawn], [("", "@name")])
         return self._shows(label, drawn)
 
     def polygon(self, corners: Array, fill: str, label: str = "", **style: Any) -> None:
         """Fill a polygon, corners of shape (k, 2)."""
-        options = {"fill_color": fill, "line_width": 0, **style}
-        self._shows(label, self.plot.patch(corners[:, 0].tolist(), corners[:, 1].tolist(), **options))
+        source = ColumnDataSource({"x": _numbers(corners[:, 0]), "y": _numbers(corners[:, 1])})
+        options = {"x": "x", "y": "y", "fill_color": fill, "line_width": 0, **style}
+        self._shows(label, self.plot.add_glyph(source, Patch(**options)))
 
     def bars(
         self,
@@ -203,8 +208,40 @@ class Panel:
         drawn = self.plot.hbar(y="middle", left="left", right="right", source=source, **style)
         if names:
             source.data["name"] = list(names)
-            self.plot.add_tools(HoverTool(renderers=[drawn], tooltips=[("", "@name")]))
+            self.hover([drawn], [("", "@name")])
         self._shows(label, drawn)
+
+    def cells(self, x: Array, y: Array, colors: Sequence[str], names: Sequence[str]) -> None:
+        """Draw a grid of coloured cells.
+
+        Args:
+          x: Borders of the columns, shape (m + 1,).
+          y: Borders of the rows, shape (n + 1,).
+          colors: Colours, row by row.
+          names: Texts below the cursor, row by row.
+        """
+        (left, low), (right, high) = np.meshgrid(x[:-1], y[:-1]), np.meshgrid(x[1:], y[1:])
+        sides = {"left": left, "bottom": low, "right": right, "top": high}
+        data: Any = {name: side.ravel().tolist() for name, side in sides.items()}
+        source = ColumnDataSource(data | {"color": list(colors), "name": list(names)})
+        style = {"fill_color": "color", "line_color": palette.GRID, "line_width": 0.6}
+        self.hover([self.plot.quad(*sides, source=source, **style)], [("", "@name")])
+
+    def hover(
+        self,
+        drawn: Sequence[GlyphRenderer],
+        tips: Sequence[tuple[str, str]],
+        mode: Literal["mouse", "vline"] = "mouse",
+    ) -> None:
+        """Show values below the cursor, or at its abscissa with `vline`.
+
+        Args:
+          drawn: What has the values.
+          tips: Name and value each; `@column` of the data, `$name` of the renderer, `$snap_x` and `$snap_y`.
+          mode: Where the cursor must be: on what is drawn, or above or below it.
+        """
+        options: dict[str, Any] = {"mode": mode, "point_policy": "follow_mouse"}
+        self.plot.add_tools(HoverTool(renderers=list(drawn), tooltips=list(tips), **options))
 
     def rule(self, at: float, across: bool = True, color: str = palette.MUTED, dash: Style = "-") -> None:
         """Draw a line across the panel at a value, or, if not `across`, upright at an abscissa."""
@@ -294,7 +331,7 @@ class Panel:
         if not rows or not self.over_time:
             return
         # an invisible line, so that hiding an entry of the legend leaves the values of the others
-        carrier = self.plot.line("x", rows[0][0], source=source, line_alpha=0.0)
+        carrier = self.plot.add_glyph(source, Line(x="x", y=rows[0][0], line_alpha=0.0))
         tips = [(label or "value", f"@{name}{{%.4g}} {self.unit}".strip()) for name, label in rows]
         formats = {f"@{name}": "printf" for name, _ in rows}
         options: dict[str, Any] = {"mode": "vline", "point_policy": "follow_mouse"}

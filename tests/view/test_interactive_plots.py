@@ -1,0 +1,97 @@
+"""Plots of a report answer to the mouse in a browser: zoom, values below the cursor, switching of lines."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from browser import chromium, operate
+
+from omnimj.view.report.run import write_report
+
+_PLOT = "const panel = panels('wheel-speeds')[1]; panel.scrollIntoView(); await pause(100);"
+_TIMES = "models('Range1d').filter(r => r.start === 0 && r.end === %s)"
+_DRAG = """
+const box = canvas(panel).getBoundingClientRect(), high = box.top + 0.5 * box.height;
+const at = share => box.left + 62 + share * (box.width - 76);
+pointer(canvas(panel), 'move', at(0.25), high); await pause(50);
+pointer(canvas(panel), 'down', at(0.25), high); await pause(50);
+for (const share of [0.3, 0.4, 0.5]) { pointer(canvas(panel), 'move', at(share), high); await pause(50); }
+pointer(canvas(panel), 'up', at(0.5), high); await pause(200);
+"""
+
+
+@pytest.fixture(scope="module")
+def browser() -> str:
+    found = chromium()
+    if found is None:
+        pytest.skip("no Chromium on this machine: plots are not operated")
+    return found
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory, robot_trace, robot_scenario, robot_metrics) -> str:
+    path = tmp_path_factory.mktemp("page") / "report.html"
+    write_report(path, robot_trace, robot_scenario, robot_metrics)
+    return path.read_text(encoding="utf-8")
+
+
+def test_dragging_over_one_plot_zooms_all_plots_over_time(page, browser, tmp_path, robot_trace):
+    end = float(robot_trace["time"][-1])
+    script = f"""
+    const times = {_TIMES % f"{end:g}"}; {_PLOT} {_DRAG}
+    const shown = panels('traction_force').concat(panels('velocity'));
+    return [times.length, times[0].start, times[0].end, shown.length];
+    """
+    number, start, stop, shown = operate(browser, page, script, tmp_path)
+    assert number == 1  # one range for all of them
+    assert start == pytest.approx(0.25 * end, abs=0.05 * end) and stop == pytest.approx(
+        0.5 * end, abs=0.05 * end
+    )
+    assert shown == 3
+
+
+def test_the_values_below_the_cursor_are_those_of_the_trace_at_its_time(page, browser, tmp_path, robot_trace):
+    script = f"""
+    {_PLOT} const box = canvas(panel).getBoundingClientRect();
+    pointer(canvas(panel), 'move', box.left + 300, box.top + 0.5 * box.height); await pause(300);
+    const tips = find(document.body, 'bk-Tooltip').flatMap(tip => [...parts(tip.shadowRoot)]);
+    return tips.filter(e => e.tagName !== 'STYLE' && !e.children.length).map(e => e.textContent).join('|');
+    """
+    words = operate(browser, page, script, tmp_path)
+    found = re.search(r"time: \|([\d.]+) s.*?measured: \|([-+\d.e]+) rad/s", words)
+    assert found, words
+    k = int(np.argmin(np.abs(robot_trace["time"] - float(found[1]))))
+    assert float(found[2]) == pytest.approx(robot_trace["wheel_speed_2"][k], rel=2e-3, abs=1e-3)
+
+
+def test_a_click_on_the_legend_hides_a_line_and_another_shows_it(page, browser, tmp_path):
+    script = """
+    const lines = () => models('GlyphRenderer').filter(r => !r.visible).length;
+    const plot = panels('slip_velocity')[0]; plot.scrollIntoView(); await pause(100);
+    const counts = [lines()];
+    const entry = find(plot.shadowRoot, 'bk-item')[2];
+    pointer(entry, 'down', 0, 0); await pause(200); counts.push(lines());
+    pointer(entry, 'down', 0, 0); await pause(200); counts.push(lines());
+    return [entry.textContent, counts];
+    """
+    name, (before, hidden, shown) = operate(browser, page, script, tmp_path)
+    assert name == "wheel 3"
+    assert (before, hidden, shown) == (0, 2, 0)  # the samples and their mean
+
+
+def test_a_finger_scrolls_the_page_instead_of_zooming(page, browser, tmp_path):
+    script = "return models('Toolbar').map(bar => bar.active_drag === null)"
+    assert not any(operate(browser, page, script, tmp_path))
+    coarse = page.replace("<main>", "<script>window.matchMedia = () => ({matches: true});</script><main>", 1)
+    assert all(operate(browser, coarse, script, tmp_path))
+
+
+def test_the_first_text_is_painted_before_the_plots(page, browser, tmp_path):
+    script = """
+    const painted = performance.getEntriesByName('first-contentful-paint')[0];
+    return [painted ? painted.startTime : null, performance.now()];
+    """
+    painted, drawn = operate(browser, page, script, tmp_path)
+    assert painted is None or painted < drawn
