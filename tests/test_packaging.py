@@ -21,7 +21,7 @@ PACKAGE = Path(omnimj.__file__).parent
 ROOT = PACKAGE.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 WHEEL = PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]
-COMES_WITH = {"llvmlite": "numba", "PIL": "matplotlib", "markupsafe": "jinja2"}  # installed with it
+COMES_WITH = {"llvmlite": "numba", "markupsafe": "jinja2"}  # installed with it
 FOLDERS = {"models": resources.models_folder(), "scenarios": resources.scenarios_folder()}
 
 
@@ -112,7 +112,7 @@ def test_control_and_physics_import_on_a_small_computer():
     script = """
 import importlib, pkgutil
 class Absent:
-    names = ("mujoco", "rerun", "rerun_sdk", "matplotlib", "pyarrow", "serial", "PIL")
+    names = ("mujoco", "rerun", "rerun_sdk", "bokeh", "pyarrow", "serial", "PIL")
     def find_spec(self, name, path=None, target=None):
         if name.split(".")[0] in self.names:
             raise ModuleNotFoundError(f"{name} is not there", name=name)

@@ -16,7 +16,7 @@ import pytest
 import omnimj
 from omnimj.recording.dataset import Run
 
-HEAVY = "{'mujoco', 'numba', 'rerun', 'matplotlib', 'pyarrow', 'scipy', 'numpy'}"
+HEAVY = "{'mujoco', 'numba', 'rerun', 'bokeh', 'pyarrow', 'scipy', 'numpy'}"
 
 
 def said_by(script: str) -> str:

@@ -115,11 +115,13 @@ def run_run(arguments: Any) -> int:
     """
     from omnimj.recording.folder import check_folder
     from omnimj.simulate.scenario.scenario import read_scenario
+    from omnimj.view.opengl import choose_backend
 
     if arguments.force and arguments.out is None:
         raise InputError("--force", "there is no --out", "it belongs to --out DIR")
     if arguments.out is not None:
         check_folder(arguments.out, arguments.force)
+        choose_backend()
     scenario = read_scenario(arguments.scenario, arguments.overrides, arguments.model, arguments.floors)
     if arguments.gains is not None:
         scenario = _with_gains(arguments.gains, scenario)

@@ -9,6 +9,8 @@ WHEEL_LINES = ("-", (0, (6, 1.5)), (0, (3, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
 PLANNED = "#5A5F66"
 MEASURED = "#0072B2"
 ACCENT = "#D55E00"
+BEFORE, AFTER = ACCENT, MEASURED
+"""Simulated without and with the effects that a model has lacked."""
 FAULT = "#E69F00"
 FAULT_INK = "#7A4B00"
 DIAGNOSIS = "#56B4E9"

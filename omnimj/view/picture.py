@@ -1,11 +1,13 @@
-"""Pictures of robot or rig, rendered by MuJoCo in a separate process.
+"""Pictures of robot or rig, rendered by MuJoCo.
 
-A missing or broken OpenGL library can terminate a process without a message, so the run itself never loads
-one. Without OpenGL the caption explains how to enable the picture.
+A missing or broken OpenGL library can terminate a process without a message. A run therefore loads only the
+one that MUJOCO_GL names (`opengl.choose_backend` names Mesa's where it is installed) and tries others in
+separate processes. Without OpenGL the caption explains how to enable the picture.
 """
 
 from __future__ import annotations
 
+import copy
 import itertools
 import json
 import os
@@ -113,13 +115,16 @@ def render(
     """
     camera = camera_at(mj_model, qpos) if camera is None else camera
     points = np.empty((0, 2)) if trail is None else np.asarray(trail, float)
+    chosen = os.environ.get("MUJOCO_GL", "")
+    if chosen in backends and _render_here(mj_model, (qpos, camera, points), size, path):
+        return Picture(path, chosen, subject)
     with tempfile.TemporaryDirectory() as folder:
         job = Path(folder)
         mujoco.mj_saveModel(mj_model, str(job / "model.mjb"))
         np.savez(job / "state.npz", qpos=qpos, trail=points)
         (job / "job.json").write_text(json.dumps({"camera": asdict(camera), "size": size}), encoding="utf-8")
         for backend in backends:
-            if _render_in_process(job, backend):
+            if _render_apart(job, backend):
                 path.write_bytes((job / "picture.png").read_bytes())
                 return Picture(path, backend, subject)
     return Picture(None, "", subject)
@@ -162,7 +167,25 @@ def _half_way(poses: Poses, span: Span | None) -> int:
     return int(held[np.searchsorted(distance, 0.5 * distance[-1])])
 
 
-def _render_in_process(job: Path, backend: str) -> bool:
+def _render_here(
+    mj_model: mujoco.MjModel, shot: tuple[Array, Camera, Array], size: tuple[int, int], path: Path
+) -> bool:
+    """Render one frame in this process; False if OpenGL reports an error."""
+    before = copy.copy(mj_model)  # `frames` moves lights
+    try:
+        _save(next(frames(before, [shot], size)), path)
+    except Exception:  # whatever libraries of OpenGL raise: another way is tried
+        return False
+    return True
+
+
+def _save(pixels: NDArray[np.uint8], path: Path) -> None:
+    from PIL import Image  # imported when a picture is written
+
+    Image.fromarray(pixels).save(path)
+
+
+def _render_apart(job: Path, backend: str) -> bool:
     """Render a job in a separate process with the given MUJOCO_GL; return True on success."""
     command = [sys.executable, "-m", "omnimj.view.picture", str(job)]
     environment = {**os.environ, "MUJOCO_GL": backend}
@@ -177,13 +200,11 @@ def _render_in_process(job: Path, backend: str) -> bool:
 
 def _render_job(job: Path) -> None:
     """Render in this process; a broken OpenGL may terminate it."""
-    from matplotlib.image import imsave
-
     description = json.loads((job / "job.json").read_text(encoding="utf-8"))
     state = np.load(job / "state.npz")
     mj_model = mujoco.MjModel.from_binary_path(str(job / "model.mjb"))
     camera, size = Camera(**description["camera"]), tuple(description["size"])
-    imsave(job / "picture.png", next(frames(mj_model, [(state["qpos"], camera, state["trail"])], size)))
+    _save(next(frames(mj_model, [(state["qpos"], camera, state["trail"])], size)), job / "picture.png")
 
 
 def frames(

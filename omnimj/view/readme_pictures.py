@@ -14,12 +14,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 import mujoco
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.image import imsave
 from PIL import Image
 
 from omnimj.estimate.gap.find import find_gap
@@ -33,15 +30,15 @@ from omnimj.simulate.suites.recording import RecordingConfig, record_suite
 from omnimj.view import palette, wording
 from omnimj.view.picture import Camera, camera_at, frames
 from omnimj.view.plots import comparison, diagnosis, mismatch
-from omnimj.view.plots.drawing import MIDDLE, legend, line, new_figure, time_axis, value_axis
+from omnimj.view.plots.over_time import finish
+from omnimj.view.plots.panels import MIDDLE, Drawing, new_drawing
+from omnimj.view.plots.static import svg_file
 from omnimj.view.poses import visible_model
 from omnimj.view.report.gap import write_gap_report
 from omnimj.view.residuals import families
 
-_DPI = 110
 _CURRENTS = (0.45, 0.6, 0.9, 1.35)  # [A] motor currents of the rig
 _LABELS_AT = 0.9  # [m/s] speed at which curves are labelled
-_LABEL: Mapping[str, Any] = MappingProxyType({"textcoords": "offset points", "fontsize": 8})
 _LATERAL_SEED = 5
 _SHOT_SIZE, _COLUMNS, _GAP = (560, 400), 3, 8  # [pixels]
 _ROBOT_CAMERA = Camera(target=(0.012, -0.016, 0.05), distance=0.77, azimuth=146.0, elevation=-24.0)
@@ -55,29 +52,28 @@ roller_viscous = { value = 0.0, unit = "s/m", source = "chosen" }
 """
 
 
-def twin_against_equations() -> Figure:
+def twin_against_equations() -> Drawing:
     """Plot the twin against the equations of the dissertation: rig at constant currents on natural stone."""
-    figure, (ax,) = new_figure(MIDDLE)
+    drawing = new_drawing(MIDDLE)
+    (panel,) = drawing.panels
+    panel.values("carriage [m/s]")
     time = np.zeros(0)
     for current in _CURRENTS:
         scenario = read_scenario("rig_constant_current", (f"current={current}", "checks={}"))
-        for plant, style in (
-            ("twin", {"color": palette.lighter(palette.MEASURED, 0.45), "linewidth": 3.4}),
-            ("planar", {"color": palette.INK, "linestyle": (0, (5, 3)), "linewidth": 1.1}),
+        for plant, label, color, dash, width in (
+            ("twin", "twin", palette.lighter(palette.MEASURED, 0.45), "-", 3.4),
+            ("planar", "equations", palette.INK, (0, (5, 3)), 1.1),
         ):
             trace = run_scenario(scenario, plant, "off").trace
-            words = {"twin": "twin", "planar": "equations"}[plant] if current == _CURRENTS[0] else None
-            time = trace["time"]
-            line(ax, time, trace["carriage_speed"], label=words, **style)
-        at = int(np.argmax(trace["carriage_speed"] > _LABELS_AT))
-        ax.annotate(f"{current:g} A", (time[at], trace["carriage_speed"][at]), (6, -11), **_LABEL)
-    value_axis(ax, "carriage [m/s]")
-    time_axis(ax, time)
-    legend(ax)
-    return figure
+            time, speed = trace["time"], trace["carriage_speed"]
+            panel.line(time, speed, color, label, dash, width)
+        at = int(np.argmax(speed > _LABELS_AT))
+        panel.text(time[at], speed[at], f"{current:g} A", x_offset=8, y_offset=-6)
+    panel.legend()
+    return finish(drawing, time, ())
 
 
-def motor_evidence() -> Figure:
+def motor_evidence() -> Drawing:
     """Plot the evidence for a weak motor in `degraded_motor`, by wheel, with its threshold."""
     run = run_scenario(read_scenario("degraded_motor"), "twin", "robust")
     spans = wording.fault_spans(run.metrics, float(run.trace["time"][-1]))
@@ -85,7 +81,7 @@ def motor_evidence() -> Figure:
     return diagnosis.residual_families(run.trace, [by_name["motor"]], spans)
 
 
-def recovered_path() -> Figure:
+def recovered_path() -> Drawing:
     """Plot the path of `two_motors_lost` from above: planned, and driven without and with recovery."""
     scenario = read_scenario("two_motors_lost")
     traces = {method: run_scenario(scenario, "twin", method).trace for method in ("robust", "off")}
@@ -103,7 +99,7 @@ def _lateral_gap() -> Finding:
         return find_gap(data, model)
 
 
-def gap_before_and_after() -> Figure:
+def gap_before_and_after() -> Drawing:
     """Plot the worst held-out run of a rig driven sideways, whose model lacks roller friction."""
     finding = _lateral_gap()
     run = worst_run(finding)
@@ -128,7 +124,7 @@ def make_gap_report(path: Path) -> None:
         subprocess.run(command, check=True, capture_output=True, timeout=120)
 
 
-FIGURES: Mapping[str, Callable[[], Figure]] = MappingProxyType(
+FIGURES: Mapping[str, Callable[[], Drawing]] = MappingProxyType(
     {
         "twin": twin_against_equations,
         "diagnosis": motor_evidence,
@@ -193,14 +189,14 @@ def make_gallery(path: Path) -> None:
         row, column = divmod(number, _COLUMNS)
         top, left = row * (height + _GAP), column * (width + _GAP)
         sheet[top : top + height, left : left + width] = pixels
-    imsave(path, sheet)
+    Image.fromarray(sheet).save(path)
 
 
 def make_robot(path: Path) -> None:
     """Render the robot at its start: on stone, wheel 1 on a nylon sheet."""
     mj_model = visible_model(read_scenario("nylon_patch"))
     (pixels,) = frames(mj_model, [(mj_model.qpos0, _ROBOT_CAMERA, np.empty((0, 2)))], _ROBOT_SIZE)
-    imsave(path, pixels)
+    Image.fromarray(pixels).save(path)
 
 
 def make_animation(path: Path) -> None:
@@ -217,8 +213,8 @@ def make_animation(path: Path) -> None:
     )
 
 
-def _save_figure(draw: Callable[[], Figure], path: Path) -> None:
-    draw().savefig(path, dpi=_DPI)
+def _save_figure(draw: Callable[[], Drawing], path: Path) -> None:
+    path.write_text(svg_file(draw()), encoding="utf-8")
 
 
 PICTURES: Mapping[str, Callable[[Path], None]] = MappingProxyType(
@@ -227,7 +223,7 @@ PICTURES: Mapping[str, Callable[[Path], None]] = MappingProxyType(
         "gallery.png": make_gallery,
         "drive.webp": make_animation,
         "gap_report.png": make_gap_report,
-        **{f"{name}.png": functools.partial(_save_figure, draw) for name, draw in FIGURES.items()},
+        **{f"{name}.svg": functools.partial(_save_figure, draw) for name, draw in FIGURES.items()},
     }
 )
 """Functions that make the pictures, by file name."""

@@ -49,7 +49,7 @@ def test_scenarios_lists_names_and_descriptions(capsys):
 
 
 def test_the_list_needs_no_heavy_import():
-    heavy = "{'numba', 'mujoco', 'matplotlib', 'rerun', 'pyarrow', 'scipy'}"
+    heavy = "{'numba', 'mujoco', 'bokeh', 'rerun', 'pyarrow', 'scipy'}"
     script = "import sys; from omnimj.cli.main import main; main(['scenarios'])"
     script += f"; print({heavy} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)

@@ -11,7 +11,7 @@ import pytest
 
 from omnimj.cli.main import GROUPS, main, make_parser
 
-HEAVY = "{'mujoco', 'numba', 'rerun', 'matplotlib', 'pyarrow', 'scipy', 'numpy', 'shtab'}"
+HEAVY = "{'mujoco', 'numba', 'rerun', 'bokeh', 'pyarrow', 'scipy', 'numpy', 'shtab'}"
 
 
 def commands() -> list[str]:

@@ -45,7 +45,7 @@ def test_the_table_stands_beside_the_published_one(folder, tmp_path, capsys):
         {"table_4_3": 0.054, "table_4_4": 0.013},
     ]
     page = (out / "report.html").read_text(encoding="utf-8")
-    assert page.count("<svg") == 3 and ".054 → .013" in page
+    assert page.count("class='plot'") == 3 and ".054 → .013" in page
     assert "http://" not in page and "https://" not in page
 
 

@@ -33,7 +33,7 @@ def lines(panel: Panel, label: str | None = None) -> list[DrawnLine]:
         glyph, data = renderer.glyph, renderer.data_source.data
         if isinstance(glyph, Line) and glyph.line_alpha > 0.0:
             named = labels.get(renderer, "")
-            found.append(DrawnLine(named, glyph.line_color, data[glyph.x], data[glyph.y]))
+            found.append(DrawnLine(named, str(glyph.line_color), data[glyph.x], data[glyph.y]))
     return [line for line in found if label is None or line.label == label]
 
 

@@ -1,9 +1,11 @@
-"""Matplotlib figures for reports and README; each function returns one figure.
+"""Plots for reports and documentation; each function returns one `Drawing`.
 
-- `drawing`: shared parts, and SVG for a page.
+- `panels`, `over_time`, `thinning`: shared parts of all plots.
+- `document`: the plots of a page as one document with a common time axis and cursor.
+- `static`, `outlines`: still pictures of the same plots, for paper and without JavaScript.
 - `runs`: signals and path of a robot or a rig. `comparison`: methods overlaid.
 - `diagnosis`: residuals, diagnoses and modes.
 - `mismatch`, `candidates`: gap between twin and recordings, and the candidate effects.
 - `identification`: friction curves, and validation overlays.
-- `evaluation`, `tuning`, `sensitivity`: studies.
+- `evaluation`, `tuning`, `sensitivity`: studies. `matrix`: shaded matrices with numbers.
 """

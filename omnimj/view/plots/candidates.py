@@ -2,141 +2,117 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from omnimj.estimate.gap.records import CandidateResult, Finding, Refitted, Stage
-from omnimj.estimate.gap.sentences import format_number, format_percent, variable_words
-from omnimj.signals import Array
+from omnimj.effects import Interval
+from omnimj.estimate.gap.records import Finding, Refitted, Stage
+from omnimj.estimate.gap.sentences import format_amount, format_percent, variable_words
 from omnimj.view import palette
-from omnimj.view.plots.drawing import new_figure, value_axis
-from omnimj.view.plots.mismatch import AFTER, BEATEN, RIVAL, legend_above, reference_line, row_figure
+from omnimj.view.plots.mismatch import reference_line, row_panel
+from omnimj.view.plots.panels import SHORT, Drawing, Panel
 
+RIVAL, BEATEN = palette.FAULT, "#8A939D"
 _ROWS, _BINS = 12, 50
 _VERDICT_STYLES = {  # verdict → colour, marker, filled or not
-    "named": (AFTER, "o", True),
-    "rival": (RIVAL, "D", True),
-    "beaten": (BEATEN, "s", True),
-    "below the margin": (BEATEN, "o", False),
+    "named": (palette.AFTER, "circle", True),
+    "rival": (RIVAL, "diamond", True),
+    "beaten": (BEATEN, "square", True),
+    "below the margin": (BEATEN, "circle", False),
 }
 
 
-def candidate_gains(stage: Stage) -> Figure:
+def candidate_gains(stage: Stage) -> Drawing:
     """Plot the held-out gain of every fitted candidate with its 90 % interval, the best at the top."""
-    tried = [c for c in stage.candidates if c.gain is not None][:_ROWS]
-    labels = [f"{c.label}{' · sensor' if c.is_sensor else ''}" for c in tried]
-    figure, ax = row_figure(labels, [c.verdict == "named" for c in tried])
-    labelled: set[str] = set()
-    for row, candidate in enumerate(tried):
-        gain = candidate.gain
-        if gain is None:
-            continue
-        color, marker, filled = _VERDICT_STYLES.get(candidate.verdict, (BEATEN, "o", False))
-        low = gain.value if gain.low is None else gain.low
-        high = gain.value if gain.high is None else gain.high
-        ax.plot([low, high], [row, row], color=color, linewidth=2.4, alpha=0.75, zorder=2)
-        face = color if filled else "white"
-        name = candidate.verdict if candidate.verdict not in labelled else None
-        labelled.add(candidate.verdict)
-        style = {"color": color, "markerfacecolor": face, "markersize": 7, "linestyle": "none", "zorder": 3}
-        ax.plot([gain.value], [row], marker=marker, label=name, **style)
-    ax.axvline(0.0, color=palette.MUTED, linewidth=0.9, zorder=1)
-    _margin(ax, stage)
-    ax.set_xlabel("held-out gain", fontsize=9)
-    _percent_axis(ax)
-    legend_above(figure)
-    return figure
+    tried = [(c, c.gain) for c in stage.candidates if c.gain is not None][:_ROWS]
+    labels = [c.label + (" ·\u00a0sensor" if c.is_sensor else "") for c, _ in tried]
+    panel = row_panel(labels, "held-out gain [%]")
+    ends = len(tried) - 0.5, -0.5
+    reference_line(panel, 0.0, "", ends)
+    _margin(panel, stage, ends)
+    for verdict in dict.fromkeys(c.verdict for c, _ in tried):
+        own = {row: gain for row, (c, gain) in enumerate(tried) if c.verdict == verdict}
+        _intervals(panel, verdict, verdict, list(own), list(own.values()))
+    panel.legend(3)
+    panel.finish()
+    return Drawing((panel,))
 
 
-def decoy_gains(stage: Stage) -> Figure:
+def _intervals(
+    panel: Panel, verdict: str, label: str, heights: Sequence[float], gains: Sequence[Interval]
+) -> None:
+    """Draw gains [%] of one verdict at the heights with their intervals."""
+    color, marker, is_filled = _VERDICT_STYLES.get(verdict, (BEATEN, "circle", False))
+    names: list[str] = []
+    for height, gain in zip(heights, gains, strict=True):
+        low, high = (gain.value if end is None else end for end in (gain.low, gain.high))
+        ends = 100.0 * np.array([low, high])
+        panel.line(ends, np.full(2, float(height)), color, label, width=2.4, alpha=0.75)
+        interval = "" if low == high else f", {format_percent(low)} to {format_percent(high)}"
+        names.append(format_percent(gain.value) + interval)
+    values = [100.0 * gain.value for gain in gains]
+    markers = panel.points(values, heights, color, label, marker, 9, names=names).glyph
+    markers.update(fill_color=color if is_filled else "white")
+
+
+def decoy_gains(stage: Stage) -> Drawing:
     """Plot the gains of decoys (random curves of equal flexibility) beside that of the best candidate."""
-    figure, (ax,) = new_figure(2.6)
+    panel = Panel(SHORT, over_time=False, label="number of curves", x_label="held-out gain [%]")
     known = stage.decoys[np.isfinite(stage.decoys)]
-    best = next((c for c in stage.candidates if c.gain is not None), None)
-    if len(known):
-        ax.hist(known, bins=_bins(known, stage, best), color=palette.lighter(BEATEN, 0.35))
-    ax.plot(
-        [], [], "s", color=palette.lighter(BEATEN, 0.35), markersize=7, label=f"{len(known)} random curves"
-    )
-    top = ax.get_ylim()[1]
-    if best is not None and best.gain is not None:
-        color, marker, filled = _VERDICT_STYLES.get(best.verdict, (BEATEN, "o", False))
-        low = best.gain.value if best.gain.low is None else best.gain.low
-        high = best.gain.value if best.gain.high is None else best.gain.high
-        ax.plot([low, high], [0.5 * top] * 2, color=color, linewidth=2.4, alpha=0.75)
-        face: Any = {"color": color, "markerfacecolor": color if filled else "white", "linestyle": "none"}
-        ax.plot([best.gain.value], [0.5 * top], marker=marker, markersize=8, label=best.label, **face)
-    _margin(ax, stage)
-    ax.set_xlabel("held-out gain", fontsize=9)
-    _percent_axis(ax)
-    value_axis(ax, "number of curves")
-    legend_above(figure)
-    return figure
+    best = next(((c, c.gain) for c in stage.candidates if c.gain is not None), None)
+    ends = [*known, stage.margin, *([best[1].value] if best else [])]
+    # wide enough to be visible beside a distant candidate
+    counts, edges = np.histogram(known, _BINS, (min(ends), max(ends)))
+    x, y = np.repeat(100.0 * edges, 2), np.pad(np.repeat(counts, 2), 1)
+    panel.polygon(np.column_stack([x, y]), palette.lighter(BEATEN, 0.35), f"{len(known)} random curves")
+    top = max(1, *counts)
+    _margin(panel, stage, (0.0, 1.05 * top))
+    if best is not None:
+        _intervals(panel, best[0].verdict, best[0].label, [0.5 * top], [best[1]])
+    panel.limits(0.0, 1.05 * top)
+    panel.legend(2)
+    panel.finish()
+    return Drawing((panel,))
 
 
-def _bins(known: Array, stage: Stage, best: CandidateResult | None) -> list[float]:
-    """Return the edges of bins over the decoys, wide enough to be visible beside a distant candidate."""
-    ends = [float(known.min()), float(known.max()), stage.margin]
-    if best is not None and best.gain is not None:
-        ends.append(best.gain.value)
-    width = max((max(ends) - min(ends)) / _BINS, 1e-9)
-    return [ends[0] + width * k for k in range(int((ends[1] - ends[0]) / width) + 2)]
+def _margin(panel: Panel, stage: Stage, ends: tuple[float, float]) -> None:
+    reference_line(panel, 100.0 * stage.margin, f"margin {format_percent(stage.margin)}", ends)
 
 
-def _margin(ax: Axes, stage: Stage) -> None:
-    reference_line(ax, stage.margin, f"margin {format_percent(stage.margin)}")
-
-
-def _percent_axis(ax: Axes) -> None:
-    ax.xaxis.set_major_formatter(lambda value, _: f"{format_number(100.0 * value)} %")
-
-
-def refitted_parameters(refitted: tuple[Refitted, ...]) -> Figure:
+def refitted_parameters(refitted: tuple[Refitted, ...]) -> Drawing:
     """Plot refitted parameters relative to their stated uncertainty: 0 is nominal, ±1 the limits."""
-    figure, ax = row_figure([parameter.name for parameter in refitted])
-    for row, parameter in enumerate(refitted):
-        half = 0.5 * (parameter.high - parameter.low) or 1.0
-        places = [(v - parameter.nominal) / half for v in (parameter.low, parameter.high, parameter.fitted)]
-        ax.plot(
-            places[:2],
-            [row, row],
-            color=palette.lighter(palette.MUTED, 0.6),
-            linewidth=9.0,
-            solid_capstyle="butt",
-            zorder=1,
-        )
-        style = {"linestyle": "none", "zorder": 3, "color": RIVAL if parameter.at_bound else AFTER}
-        name = "fitted, at the side of its box" if parameter.at_bound else "fitted"
-        first = all(p.at_bound != parameter.at_bound for p in refitted[:row])
-        shape = "D" if parameter.at_bound else "o"
-        ax.plot([places[2]], [row], shape, markersize=7.5, label=name if first else None, **style)
-    ax.axvline(0.0, color=palette.MUTED, linewidth=0.9, zorder=2)
-    ax.set_xlim(-1.25, 1.25)
-    ax.set_xticks([-1, 0, 1], ["lowest", "nominal", "highest"])
-    ax.set_xlabel("within the stated uncertainty", fontsize=9)
-    legend_above(figure)
-    return figure
+    panel = row_panel([parameter.name for parameter in refitted], "within the stated uncertainty")
+    half = np.array([0.5 * (p.high - p.low) or 1.0 for p in refitted])
+    low, high, fitted = (
+        np.array([getattr(p, name) - p.nominal for p in refitted]) / half
+        for name in ("low", "high", "fitted")
+    )
+    panel.bars(low, high, range(len(refitted)), 0.4, palette.lighter(palette.MUTED, 0.6))
+    for at_bound, color, marker, label in (
+        (False, palette.AFTER, "circle", "fitted"),
+        (True, RIVAL, "diamond", "fitted, at the side of its box"),
+    ):
+        own = [row for row, p in enumerate(refitted) if p.at_bound == at_bound]
+        names = [format_amount(refitted[row].fitted, refitted[row].unit) for row in own]
+        if own:
+            panel.points(fitted[own], own, color, label, marker, 9, names=names)
+    panel.rule(0.0, across=False)
+    panel.ticks([-1, 0, 1], ["lowest", "nominal", "highest"], across=True)
+    panel.legend()
+    panel.finish()
+    return Drawing((panel,))
 
 
-def free_curves(finding: Finding) -> Figure:
+def free_curves(finding: Finding) -> Drawing:
     """Plot the share of the remaining mismatch that a free curve over each variable explains."""
     order = sorted(finding.flexible.items(), key=lambda item: -item[1])
-    figure, ax = row_figure([f"over {variable_words(name)}" for name, _ in order])
-    shares = [share for _, share in order]
-    ax.barh(np.arange(len(order)), shares, height=0.55, color=palette.DIAGNOSIS, zorder=2)
+    labels = [f"over {variable_words(name)}" for name, _ in order]
+    panel = row_panel(labels, "share of the remaining held-out mismatch [%]")
+    shares = [100.0 * share for _, share in order]
+    panel.bars([0.0] * len(order), shares, range(len(order)), 0.55, palette.DIAGNOSIS)
     for row, share in enumerate(shares):
-        ax.annotate(
-            f"{100 * share:.0f} %",
-            (max(share, 0.0), row),
-            xytext=(4, 0),
-            textcoords="offset points",
-            fontsize=8.5,
-            va="center",
-        )
-    ax.set_xlim(min(0.0, *shares), 1.0)
-    ax.set_xlabel("share of the remaining held-out mismatch", fontsize=9)
-    _percent_axis(ax)
-    return figure
+        panel.text(max(share, 0.0), row, f"{share:.0f} %", x_offset=4)
+    panel.x_limits(min(0.0, *shares), 100.0)
+    panel.finish()
+    return Drawing((panel,))

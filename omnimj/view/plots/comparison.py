@@ -10,7 +10,8 @@ import numpy as np
 from omnimj.signals import Trace
 from omnimj.view import palette
 from omnimj.view.motion import planned_heading, planned_position
-from omnimj.view.plots.panels import TALL, Drawing, finish, new_drawing
+from omnimj.view.plots.over_time import finish
+from omnimj.view.plots.panels import TALL, Drawing, new_drawing
 from omnimj.view.plots.runs import draw_patch, draw_path, equal_with_room, map_from_above
 from omnimj.view.wording import Span
 

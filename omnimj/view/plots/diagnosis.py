@@ -11,14 +11,9 @@ from numpy.typing import NDArray
 
 from omnimj.signals import Trace, equal_stretches
 from omnimj.view import palette
-from omnimj.view.plots.panels import (
-    MIDDLE,
-    Drawing,
-    Panel,
-    finish,
-    log_beyond,
-    new_drawing,
-)
+from omnimj.view.plots.over_time import finish
+from omnimj.view.plots.panels import MIDDLE, Drawing, Panel, new_drawing
+from omnimj.view.plots.thinning import log_beyond
 from omnimj.view.residuals import Family
 from omnimj.view.wording import Span, mode_name, recovery_spans
 
@@ -48,7 +43,7 @@ def residual_families(trace: Trace, families: Sequence[Family], spans: Sequence[
     for panel, family in zip(drawing.panels, families, strict=True):
         _draw_family(panel, trace, family)
         if family.thresholds or len(family.residuals) > 1:
-            panel.legend(5)
+            panel.legend()
     return finish(drawing, trace["time"], spans)
 
 

@@ -6,91 +6,78 @@ from collections.abc import Callable, Mapping, Sequence
 from math import isfinite
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 
 from omnimj.studies.evaluation.scoring import CaseScore, label_sort_key
 from omnimj.view import palette
-from omnimj.view.plots.drawing import MIDDLE, WIDTH, legend, new_figure, value_axis
+from omnimj.view.plots.matrix import matrix_panel
+from omnimj.view.plots.panels import MIDDLE, Drawing, Panel
 
 _SHORTEST, _LONGEST = 0.01, 60.0  # limits of the axis of delays [s]
+_DELAYS = MIDDLE + 40  # [pixels] height, with four rows of legend
 _DEGREES = 180.0 / np.pi
 
 
-def confusion_picture(confusion: Mapping[str, Mapping[str, int]]) -> Figure:
+def confusion_picture(confusion: Mapping[str, Mapping[str, int]]) -> Drawing:
     """Plot the confusion matrix: numbers of cases, shaded by their share of the true class."""
     rows = list(confusion)
     columns = sorted({name for row in confusion.values() for name in row} | set(rows), key=label_sort_key)
-    counts = np.array([[confusion[row].get(name, 0) for name in columns] for row in rows], float)
-    figure, (ax,) = new_figure(1.6 + 0.19 * len(rows))
-    figure.set_size_inches(max(2.0 * WIDTH, 2.0 + 0.3 * len(columns)), 1.6 + 0.19 * len(rows))
-    shares = counts / counts.sum(axis=1, keepdims=True)
-    ax.grid(False)
-    ax.imshow(shares, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
-    for i, row in enumerate(rows):
-        ax.axhline(i + 0.5, color=palette.GRID, linewidth=0.5)
-        for j, name in enumerate(columns):
-            if counts[i, j]:
-                dark = shares[i, j] > 0.6
-                ink = "white" if dark else palette.INK
-                ax.text(j, i, f"{counts[i, j]:.0f}", fontsize=8, color=ink, ha="center", va="center")
-            if row == name:
-                style = {"fill": False, "edgecolor": palette.HEALTHY, "linewidth": 1.0}
-                ax.add_patch(Rectangle((j - 0.5, i - 0.5), 1.0, 1.0, **style))
-    ax.set_xticks(range(len(columns)), columns, rotation=60, ha="right", fontsize=8)
-    ax.set_yticks(range(len(rows)), rows, fontsize=8)
-    ax.set_xlabel("diagnosed", fontsize=9)
-    value_axis(ax, "truth")
-    return figure
+    counts = np.array([[confusion[row].get(name, 0) for name in columns] for row in rows], int)
+    cases = counts.sum(axis=1, keepdims=True)
+    words = [str(count or "") for count in counts.ravel()]
+    names = [
+        f"truth {row}, diagnosed {column}: {count} of {total} cases"
+        for row, own, (total,) in zip(rows, counts, cases, strict=True)
+        for column, count in zip(columns, own, strict=True)
+    ]
+    panel = matrix_panel(counts / cases, rows, columns, words, names)
+    panel.values("truth")
+    panel.x_label = "diagnosed"
+    x, y = np.array([columns.index(name) for name in rows]), np.arange(len(rows))  # correct diagnoses
+    panel.plot.quad(x - 0.5, x + 0.5, y + 0.5, y - 0.5, fill_alpha=0.0, line_color=palette.HEALTHY)
+    return panel.finish()
 
 
-def delay_curves(scores: Sequence[CaseScore], in_use: bool) -> Figure:
+def delay_curves(scores: Sequence[CaseScore], in_use: bool) -> Drawing:
     """Plot the share of cases with an alarm over the time since onset, or since first use, by fault class."""
-    figure, (ax,) = new_figure(MIDDLE)
-    used = [s for s in scores if s.was_in_use]
+    since = "time since first use [s]" if in_use else "time since onset [s]"
+    panel = Panel(_DELAYS, over_time=False, label="share of cases with an alarm", x_label=since, x_log=True)
+    used, drawn = [s for s in scores if s.was_in_use], []
     for k, name in enumerate(sorted({s.fault for s in used}, key=label_sort_key)):
         values = [s.delay_in_use if in_use else s.delay for s in used if s.fault == name]
-        _curve(ax, [v for v in values if v is not None], palette.wheel_color(k), name)
-    ax.set_xscale("log")
-    ax.set_xlim(_SHORTEST, _LONGEST)
-    ax.set_ylim(0.0, 1.0)
-    ax.set_xlabel("time since first use [s]" if in_use else "time since onset [s]", fontsize=9)
-    value_axis(ax, "share of cases with an alarm")
-    legend(ax, 4)
-    return figure
-
-
-def _curve(ax: Axes, values: Sequence[float], color: str, name: str) -> None:
-    found = np.sort([v for v in values if isfinite(v)])
-    time = np.concatenate([[_SHORTEST], np.maximum(found, _SHORTEST), [_LONGEST]])
-    share = np.concatenate([[0.0], np.arange(1, len(found) + 1), [len(found)]]) / max(len(values), 1)
-    ax.step(time, share, where="post", color=color, linewidth=1.4, label=f"{name} ({len(values)})")
+        known = [v for v in values if v is not None]
+        found = np.sort([v for v in known if isfinite(v)])
+        time = np.concatenate([[_SHORTEST], np.maximum(found, _SHORTEST), [_LONGEST]])
+        share = np.append(np.arange(len(found) + 1), len(found)) / max(len(known), 1)
+        x, y = np.repeat(time, 2)[1:], np.repeat(share, 2)[:-1]  # a staircase
+        drawn.append(panel.line(x, y, palette.wheel_color(k), f"{name} ({len(known)})"))
+        drawn[-1].name = name
+    panel.hover(drawn, [("", "$name"), ("within", "$snap_x{0.000} s"), ("alarm", "$snap_y{0 %} of cases")])
+    panel.x_limits(_SHORTEST, _LONGEST)
+    panel.limits(0.0, 1.04)
+    panel.legend(2)
+    return panel.finish()
 
 
 def with_and_without(
     scores: Sequence[CaseScore], of: Callable[[CaseScore], tuple[float | None, float | None]], words: str
-) -> Figure:
+) -> Drawing:
     """Plot excursions with recovery over those without, case by case; points below the line are improved."""
-    figure, (ax,) = new_figure(MIDDLE)
+    without = f"{words}, without recovery"
+    panel = Panel(MIDDLE, False, "with recovery", without, x_log=True, y_log=True)
     values: list[float] = []
-    for k, name in enumerate(sorted({s.fault for s in scores}, key=label_sort_key)):
-        pairs = [of(s) for s in scores if s.fault == name]
-        both = np.array([(a, b) for a, b in pairs if a is not None and b is not None]).reshape(-1, 2)
-        if not len(both):
-            continue
-        values += both.ravel().tolist()
-        dots = {"linestyle": "none", "marker": "o", "markersize": 3.0, "alpha": 0.6, "markeredgewidth": 0}
-        ax.plot(both[:, 1], both[:, 0], color=palette.wheel_color(k), label=name, **dots)
-    positive = [v for v in values if v > 0.0]
-    low, high = (min(positive), max(positive)) if positive else (0.1, 1.0)
-    ax.plot([low, high], [low, high], color=palette.MUTED, linewidth=0.9, linestyle=(0, (4, 3)))
-    ax.set_xscale("log")
-    ax.set_yscale("log")
-    ax.set_xlabel(f"{words}, without recovery", fontsize=9)
-    value_axis(ax, "with recovery")
-    legend(ax, 4)
-    return figure
+    for k, fault in enumerate(sorted({s.fault for s in scores}, key=label_sort_key)):
+        found = [(s.name, *of(s)) for s in scores if s.fault == fault]
+        both = [(name, a, b) for name, a, b in found if a is not None and b is not None]
+        on, off = [a for _, a, _ in both], [b for *_, b in both]
+        values += on + off
+        names = [f"{name}: {a:.3g} with recovery, {b:.3g} without" for name, a, b in both]
+        if both:
+            panel.points(off, on, palette.wheel_color(k), fault, size=5.0, alpha=0.6, names=names)
+    positive = [v for v in values if v > 0.0] or [0.1, 1.0]
+    ends = np.array([min(positive), max(positive)])
+    panel.line(ends, ends, palette.MUTED, dash=(0, (4, 3)), width=0.9)
+    panel.legend(3)
+    return panel.finish()
 
 
 def headings(score: CaseScore) -> tuple[float | None, float | None]:

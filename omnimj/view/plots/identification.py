@@ -6,127 +6,107 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from omnimj.estimate.identification.records import IdentifiedFloor, ReplayedRun
 from omnimj.signals import Array
 from omnimj.view import palette
-from omnimj.view.plots.drawing import (
-    MIDDLE,
-    SHORT,
-    TALL,
-    banded,
-    legend,
-    line,
-    new_figure,
-    time_axis,
-    value_axis,
-)
+from omnimj.view.plots.over_time import finish
+from omnimj.view.plots.panels import MIDDLE, NOT_HOVERED, SHORT, TALL, Drawing, Panel, new_drawing
 
 _MOST_POINTS = 1500
 _MM = 1000.0
+_SLIP = "slip velocity V_r [mm/s]"
 
 
-def curve(floor: IdentifiedFloor) -> Figure:
+def curve(floor: IdentifiedFloor) -> Drawing:
     """Plot F/F_N over slip velocity: points of Eq. (4.26), and the steady-state curve with its band."""
-    figure, (ax,) = new_figure(MIDDLE)
+    panel = Panel(MIDDLE, over_time=False, label="F / F_N", x_label=_SLIP)
     points, fitted = floor.points, floor.curve
     every = max(1, len(points.slip) // _MOST_POINTS)
-    dots = {"linestyle": "none", "marker": "o", "markeredgewidth": 0}
     for slip, ratio, color, size, label in (
-        (points.slip, points.ratio, palette.MEASURED, 3.0, "measured"),
-        (points.model_slip, points.model_ratio, palette.INK, 1.6, "fitted model"),
+        (points.slip, points.ratio, palette.MEASURED, 4.8, "measured"),
+        (points.model_slip, points.model_ratio, palette.INK, 2.6, "fitted model"),
     ):
-        ax.plot(
-            _MM * slip[::every], ratio[::every], color=color, markersize=size, alpha=0.45, label=label, **dots
-        )
+        panel.points(_MM * slip[::every], ratio[::every], color, label, size=size, alpha=0.45)
     low, high = fitted.covered
     inside = (fitted.slip >= low) & (fitted.slip <= high) if math.isfinite(low) else fitted.slip < 0.0
-    sides = (1.0, -1.0) if (points.slip < -0.25 * high).any() else (1.0,)
-    for sign in sides:
-        slip = sign * _MM * fitted.slip
-        ax.fill_between(
-            slip, sign * fitted.low, sign * fitted.high, color=palette.ACCENT, alpha=0.3, linewidth=0
-        )
+    drawn = []
+    for sign in (1.0, -1.0) if (points.slip < -0.25 * high).any() else (1.0,):
+        slip, ratio = sign * _MM * fitted.slip, sign * fitted.ratio
+        panel.band(slip, sign * fitted.low, sign * fitted.high, palette.ACCENT, alpha=0.3)
         if sign > 0.0:
-            ax.plot(slip, fitted.ratio, color=palette.ACCENT, linestyle=(0, (3, 2)), linewidth=1.0)
-        label = "steady curve" if sign > 0.0 else None
-        solid = np.where(inside, sign * fitted.ratio, np.nan)
-        ax.plot(slip, solid, color=palette.ACCENT, linewidth=2.0, label=label)
-    ax.axhline(0.0, color=palette.MUTED, linewidth=0.8, zorder=1)
-    ax.set_xlabel("slip velocity V_r [mm/s]", fontsize=9)
-    value_axis(ax, "F / F_N")
-    legend(ax, 3)
-    return figure
+            panel.line(slip, ratio, palette.ACCENT, dash=(0, (3, 2)), width=1.1)
+        solid = np.where(inside, ratio, np.nan)
+        drawn.append(panel.line(slip, solid, palette.ACCENT, "steady curve", width=2.2))
+    panel.hover(drawn, [("V_r", "$snap_x{0.0} mm/s"), ("F / F_N", "$snap_y{0.000}")])
+    panel.rule(0.0)
+    panel.legend()
+    return panel.finish()
 
 
-def level(floor: IdentifiedFloor) -> Figure:
+def level(floor: IdentifiedFloor) -> Drawing:
     """Plot g(V_r) over slip velocity (logarithmic) with its band; the range covered by data is marked."""
-    figure, (ax,) = new_figure(MIDDLE)
+    panel = Panel(MIDDLE, over_time=False, label="friction level g", x_label=_SLIP, x_log=True)
     fitted = floor.curve
-    low, high = fitted.covered
-    slip = _MM * fitted.slip
-    ax.fill_between(
-        slip, fitted.level_low, fitted.level_high, color=palette.MEASURED, alpha=0.25, linewidth=0
-    )
-    ax.plot(slip, fitted.level, color=palette.MEASURED, linewidth=1.6)
-    ax.set_xscale("log")
-    ax.set_ylim(0.0, 1.25 * float(np.max(fitted.level_high)))
+    slip, top = _MM * fitted.slip, 1.25 * float(np.max(fitted.level_high))
+    low, high = (_MM * end for end in fitted.covered)
     if math.isfinite(low):
-        ax.axvspan(_MM * low, _MM * high, color=palette.HEALTHY, alpha=0.10, linewidth=0)
-        style = {"ha": "center", "fontsize": 8, "color": palette.HEALTHY}
-        place = (_MM * math.sqrt(low * high), 0.03)
-        ax.annotate("covered by the runs", place, xycoords=ax.get_xaxis_transform(), **style)
-    ax.set_xlabel("slip velocity V_r [mm/s]", fontsize=9)
-    value_axis(ax, "friction level g")
-    return figure
+        panel.band(np.array([low, high]), np.zeros(2), np.full(2, top), palette.HEALTHY, alpha=0.1)
+        middle = math.sqrt(low * high)
+        panel.text(middle, 0.05 * top, "covered by the runs", palette.HEALTHY, text_align="center")
+    panel.band(slip, fitted.level_low, fitted.level_high, palette.MEASURED, alpha=0.25)
+    drawn = panel.line(slip, fitted.level, palette.MEASURED, width=1.8)
+    panel.hover([drawn], [("V_r", "$snap_x{0.00} mm/s"), ("g", "$snap_y{0.000}")], "vline")
+    panel.limits(0.0, top)
+    return panel.finish()
 
 
-def speed_residuals(floor: IdentifiedFloor) -> Figure:
+def speed_residuals(floor: IdentifiedFloor) -> Drawing:
     """Plot measured − fitted speed of every run over time."""
-    return _residuals([(run.time, _MM * run.speed) for run in floor.residuals], "speed [mm/s]")
+    return _residuals([(r.run, r.time, _MM * r.speed) for r in floor.residuals], "speed [mm/s]")
 
 
-def acceleration_residuals(floor: IdentifiedFloor) -> Figure:
+def acceleration_residuals(floor: IdentifiedFloor) -> Drawing:
     """Plot measured − fitted acceleration of every run over time."""
-    return _residuals([(run.time, run.acceleration) for run in floor.residuals], "acceleration [m/s²]")
+    return _residuals([(r.run, r.time, r.acceleration) for r in floor.residuals], "acceleration [m/s²]")
 
 
-def _residuals(runs: Sequence[tuple[Array, Array]], label: str) -> Figure:
-    """Plot times and residuals, each of shape (m,), of every run."""
-    figure, (ax,) = new_figure(SHORT)
-    for k, (time, values) in enumerate(runs):
-        ax.plot(time, values, color=palette.wheel_color(k), linewidth=0.7, alpha=0.8)
-    ax.axhline(0.0, color=palette.MUTED, linewidth=0.8, zorder=1)
-    ax.set_xlabel("time [s]", fontsize=9)
-    value_axis(ax, label)
-    return figure
+def _residuals(runs: Sequence[tuple[str, Array, Array]], label: str) -> Drawing:
+    """Plot names, times and residuals, the latter of shape (m,), of every run."""
+    drawing = new_drawing(SHORT)
+    (panel,), drawn = drawing.panels, []
+    panel.values(label)
+    panel.rule(0.0)
+    for k, (name, time, values) in enumerate(runs):
+        style = {"width": 0.9, "alpha": 0.8, "hovered": NOT_HOVERED}
+        drawn.append(panel.line(time, values, palette.wheel_color(k), **style))
+        drawn[-1].name = name
+    value = f"$snap_y{{0.000}} {panel.unit}"
+    panel.hover(drawn, [("run", "$name"), ("time", "$snap_x{0.00} s"), ("", value)])
+    times = np.concatenate([time for _, time, _ in runs])
+    return finish(drawing, np.array([times.min(), times.max()]), ())
 
 
-PLANT_STYLE = {
-    "twin": {"color": palette.ACCENT, "linestyle": "-"},
-    "planar": {"color": palette.HEALTHY, "linestyle": (0, (5, 2))},
-}
+_PLANTS = {"twin": (palette.ACCENT, "-"), "planar": (palette.HEALTHY, (0, (5, 2)))}
 
 
-def speed_overlay(runs: Sequence[ReplayedRun]) -> Figure:
+def speed_overlay(runs: Sequence[ReplayedRun]) -> Drawing:
     """Overlay a measured run with each plant's simulation: carriage speed, and simulated − measured.
 
     Args:
       runs: The same measured run on each plant.
     """
-    figure, axes = new_figure(TALL, rows=2, sharex=True)
-    first = runs[0]
-    line(axes[0], first.time, first.measured_speed, color=palette.MEASURED, linewidth=1.0, label="measured")
+    drawing, first = new_drawing(TALL, rows=2), runs[0]
+    speed, error = drawing.panels
+    speed.values("carriage [m/s]")
+    error.values("error [mm/s]")
+    speed.line(first.time, first.measured_speed, palette.MEASURED, "measured", width=1.1)
+    error.rule(0.0)
     for run in runs:
-        style = PLANT_STYLE.get(run.plant, {"color": palette.INK})
-        line(axes[0], run.time, run.simulated_speed, label=run.plant, **style)
-        error = 1000.0 * (run.simulated_speed - run.measured_speed)
-        counted = np.isfinite(error)
-        banded(axes[1], run.time[counted], error[counted], **style)
-    axes[1].axhline(0.0, color=palette.MUTED, linewidth=0.8, zorder=1)
-    value_axis(axes[0], "carriage [m/s]")
-    value_axis(axes[1], "error [mm/s]")
-    time_axis(axes[1], first.time)
-    legend(axes[0], 3)
-    return figure
+        color, dash = _PLANTS.get(run.plant, (palette.INK, "-"))
+        speed.line(run.time, run.simulated_speed, color, run.plant, dash)
+        away = _MM * (run.simulated_speed - run.measured_speed)
+        counted = np.isfinite(away)
+        error.rippling(run.time[counted], away[counted], color, run.plant, dash)
+    speed.legend()
+    return finish(drawing, first.time, ())

@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 from bokeh.models import (
-    BoxAnnotation,
+    BasicTickFormatter,
     BoxZoomTool,
     ColumnDataSource,
     FixedTicker,
@@ -22,7 +22,6 @@ from bokeh.models import (
     Legend,
     LegendItem,
     Line,
-    Node,
     PanTool,
     Patch,
     Range1d,
@@ -36,21 +35,18 @@ from bokeh.models.renderers import GlyphRenderer
 from bokeh.plotting import figure as bokeh_figure
 from numpy.typing import NDArray
 
+from omnimj.signals import Array
 from omnimj.view import palette
-from omnimj.view.wording import Span
+from omnimj.view.plots.thinning import averaged, envelope, log_beyond
 
-Array = NDArray[np.float64]
 Style = str | tuple[int, tuple[float, ...]]
 """Dash pattern: `-`, or an offset and lengths of strokes and gaps."""
 SHORT, MIDDLE, TALL = 250, 290, 430
 """Heights of figures [pixels]; those side by side have equal heights."""
-BINS = 4000
-"""Most bins of a signal; each keeps its smallest and largest sample."""
+BELOW = 34
+"""Height of the labels of a horizontal axis [pixels]."""
 NOT_HOVERED = np.empty(0)
-_AVERAGES, _WINDOW = 210, 0.05  # most points of a mean line; window [s], longer than the passage of a roller
 _LEFT = 62  # [pixels] for the value axis, alike in all panels, so that their time axes are aligned
-_BELOW = 34  # [pixels] for the labels of a time axis
-_ROW = 15  # [pixels] of a label in a panel
 
 
 @dataclass
@@ -221,7 +217,7 @@ class Panel:
           names: Texts below the cursor, row by row.
         """
         (left, low), (right, high) = np.meshgrid(x[:-1], y[:-1]), np.meshgrid(x[1:], y[1:])
-        sides = {"left": left, "bottom": low, "right": right, "top": high}
+        sides = {"left": left, "right": right, "top": high, "bottom": low}
         data: Any = {name: side.ravel().tolist() for name, side in sides.items()}
         source = ColumnDataSource(data | {"color": list(colors), "name": list(names)})
         style = {"fill_color": "color", "line_color": palette.GRID, "line_width": 0.6}
@@ -282,6 +278,11 @@ class Panel:
             for place, name in zip(places, names, strict=True)
         }
 
+    def continue_below(self) -> None:
+        """Leave the labels of the horizontal axis to the panel below."""
+        self.plot.xaxis.major_label_text_font_size = "0px"
+        self.plot.min_border_bottom = 4
+
     def logarithmic(self, linear: float, places: Sequence[float]) -> None:
         """Name values on the axis of lines that `log_beyond` has compressed."""
         self.ticks(log_beyond(np.array(places), linear).tolist(), [f"{at:g}" for at in places])
@@ -308,14 +309,19 @@ class Panel:
         if not items:
             return
         look = {"border_line_width": 0, "background_fill_alpha": 0.0, "label_text_font_size": "12px"}
-        room = {"padding": 0, "margin": 2, "spacing": 8, "label_standoff": 4, "glyph_width": 22}
+        room = {"padding": 0, "margin": 2, "spacing": 8, "label_standoff": 4}
+        room |= {"glyph_width": 22, "glyph_height": 14}
         options = {"orientation": "horizontal", "ncols": columns, "click_policy": "hide", **look, **room}
         self.plot.add_layout(
             Legend(items=items, location=(0, 0), label_text_color=palette.INK, **options), "above"
         )
 
-    def finish(self) -> None:
-        """Add labels, tools, and the values below the cursor, after everything is drawn."""
+    def finish(self) -> Drawing:
+        """Add labels, tools, and the values below the cursor, after everything is drawn.
+
+        Returns:
+          The panel alone.
+        """
         plot = self.plot
         plot.yaxis.axis_label, plot.xaxis.axis_label = self.label, self.x_label
         dimensions: Literal["width", "both"] = "width" if self.over_time else "both"
@@ -325,6 +331,7 @@ class Panel:
         plot.toolbar.active_drag, plot.toolbar.active_scroll = zoom, wheel
         for source in self._sources.values():
             self._add_hover(source)
+        return Drawing((self,))
 
     def _add_hover(self, source: Any) -> None:
         rows = [(name, label) for name, label in self._hovered if name in source.data]
@@ -361,8 +368,8 @@ def new_drawing(height: int, rows: int = 1, over_time: bool = True, shared: bool
       over_time: True if their horizontal axis is the time of the run.
       shared: True if they share their value axis.
     """
-    each = (height - _BELOW) // rows
-    panels = tuple(Panel(each + (_BELOW if row == rows - 1 else 0), over_time) for row in range(rows))
+    each = (height - BELOW) // rows
+    panels = tuple(Panel(each + (BELOW if row == rows - 1 else 0), over_time) for row in range(rows))
     if shared:
         for panel in panels[1:]:
             panel.plot.y_range = panels[0].plot.y_range
@@ -378,6 +385,11 @@ def _dress(plot: Any) -> None:
     plot.axis.axis_label_text_font_size, plot.axis.axis_label_text_font_style = "12px", "normal"
     plot.yaxis.axis_label_standoff = 4
     plot.yaxis.ticker.desired_num_ticks = 4
+    for axis in plot.axis:
+        if isinstance(axis.formatter, BasicTickFormatter):
+            axis.formatter.power_limit_low = -5  # 0.0005 rather than 5e-4
+        else:
+            axis.formatter.min_exponent = 4  # 0.01 rather than a power of ten
     plot.y_range.range_padding = 0.08
     plot.toolbar.logo, plot.toolbar.autohide = None, True
 
@@ -400,138 +412,3 @@ def dashes(style: Style) -> str | list[int]:
     if isinstance(style, str):
         return "solid" if style == "-" else style
     return [max(1, round(1.2 * length)) for length in style[1]]
-
-
-def envelope(time: Array, value: Array, bins: int = BINS) -> tuple[Array, Array]:
-    """Thin a signal to the smallest and largest sample of each bin, which keeps every peak.
-
-    The two samples stand in their order at the beginning and in the middle of their bin, so that all signals
-    of equal times share their abscissae.
-
-    Args:
-      time: Times, shape (k,) [s].
-      value: Signal, shape (k,); a bin of NaN stays NaN.
-      bins: Number of bins.
-
-    Returns:
-      Times and values, shape (2 bins + 1,) each; the signal itself if it is not longer.
-    """
-    k = len(time)
-    if k <= 2 * bins + 1:
-        return time, value
-    edges = np.linspace(0, k - 1, bins + 1).astype(int)  # the last sample stands for itself
-    width = int(np.diff(edges).max())
-    rows = np.minimum(edges[:-1, None] + np.arange(width), edges[1:, None] - 1)
-    part = value[rows]
-    lowest = np.where(np.isnan(part), np.inf, part).argmin(axis=1)
-    highest = np.where(np.isnan(part), -np.inf, part).argmax(axis=1)
-    each, picked = np.arange(bins), np.empty(2 * bins + 1)
-    picked[0:-1:2] = part[each, np.minimum(lowest, highest)]
-    picked[1:-1:2] = part[each, np.maximum(lowest, highest)]
-    times = np.empty(2 * bins + 1)
-    times[0:-1:2], times[1:-1:2] = time[edges[:-1]], time[(edges[:-1] + edges[1:]) // 2]
-    times[-1], picked[-1] = time[-1], value[-1]
-    return times, picked
-
-
-def averaged(time: Array, value: Array) -> tuple[Array, Array]:
-    """Average a rippling signal over `window(time)`.
-
-    Returns:
-      Time and mean, shape (bins,) each; the samples themselves if they are few.
-    """
-    bins = int((time[-1] - time[0]) / window(time)) if len(time) > 1 else 1
-    if len(time) < 4 * bins:
-        return time, value
-    edges = np.linspace(0, len(time), bins + 1).astype(int)[:-1]
-    length = np.diff(np.append(edges, len(time)))
-    return np.add.reduceat(time, edges) / length, np.add.reduceat(value, edges) / length
-
-
-def window(time: Array) -> float:
-    """Return the averaging window of `averaged` [s] for times of shape (k,) [s]."""
-    return max(_WINDOW, float(time[-1] - time[0]) / _AVERAGES)
-
-
-def log_beyond(value: Array, linear: float) -> Array:
-    """Compress values beyond ± `linear` logarithmically: one unit up to there, then one per decade."""
-    size = np.abs(value) / linear
-    return np.sign(value) * np.where(size <= 1.0, size, 1.0 + np.log10(np.maximum(size, 1.0)))
-
-
-def finish(drawing: Drawing, time: Array, spans: Sequence[Span], labelled: bool = True) -> Drawing:
-    """Fit the panels to the times of a run and shade faults, labelled in the first panel.
-
-    Args:
-      drawing: Panels over time.
-      time: Times, shape (k,) [s].
-      spans: Faults to shade.
-      labelled: True to write the names of the faults into the first panel.
-    """
-    for i, panel in enumerate(drawing.panels):
-        is_last = i == len(drawing.panels) - 1
-        panel.x_limits(float(time[0]), float(time[-1]) if len(time) > 1 else float(time[0]) + 1.0)
-        if is_last:
-            panel.x_label = "time [s]"
-        else:
-            panel.plot.xaxis.major_label_text_font_size = "0px"
-            panel.plot.min_border_bottom = 4
-        if spans:
-            shade_faults(panel, spans, time, labelled and i == 0)
-        panel.finish()
-    return drawing
-
-
-def shade_faults(panel: Panel, spans: Sequence[Span], time: Array, labelled: bool = True) -> None:
-    """Shade intervals of active faults, labelled at the top; faults of one interval share a band."""
-    for row, ((start, end), labels) in enumerate(_together(spans).items()):
-        edge = {"line_color": palette.FAULT, "line_dash": [3, 3], "line_width": 0.9}
-        fill = {"fill_color": palette.FAULT, "fill_alpha": 0.16, "level": "underlay", "name": "fault"}
-        panel.plot.add_layout(BoxAnnotation(left=start, right=end, **fill, **edge))
-        if labelled:
-            _name_band(panel, (start, end), time, "; ".join(labels), row % 4)
-
-
-def _together(spans: Sequence[Span]) -> dict[tuple[float, float], list[str]]:
-    """Group labels by interval; `slip, wheel 1` and `slip, wheel 3` become `slip, wheels 1, 3`."""
-    found: dict[tuple[float, float], dict[str, list[str]]] = {}
-    for span in spans:
-        name, _, wheel = span.label.partition(", wheel ")
-        found.setdefault((span.start, span.end), {}).setdefault(name, []).append(wheel)
-    return {
-        interval: [_named(name, [w for w in wheels if w]) for name, wheels in kinds.items()]
-        for interval, kinds in found.items()
-    }
-
-
-def _named(name: str, wheels: list[str]) -> str:
-    if not wheels:
-        return name
-    return f"{name}, wheel{'s' if len(wheels) > 1 else ''} {', '.join(wheels)}"
-
-
-def _name_band(panel: Panel, band: tuple[float, float], time: Array, label: str, row: int) -> None:
-    """Write the label of a band below the upper edge, inside the plot even for a band at its side."""
-    left, right = float(time[0]), float(time[-1])
-    start, end = band
-    middle = 0.5 * (start + end)
-    if middle > left + 0.75 * (right - left):
-        place, side, aside = end, "right", -4
-    elif middle < left + 0.25 * (right - left):
-        place, side, aside = start, "left", 4
-    else:
-        place, side, aside = middle, "center", 0
-    panel.plot.add_layout(
-        Label(
-            x=place,
-            y=Node(target="frame", symbol="top", offset=2 + _ROW * row),
-            text=label,
-            x_offset=aside,
-            text_align=side,
-            text_baseline="top",
-            text_font_size="11px",
-            text_color=palette.FAULT_INK,
-            background_fill_color="white",
-            background_fill_alpha=0.65,
-        )
-    )

@@ -12,18 +12,9 @@ from omnimj.parameters import Robot
 from omnimj.signals import Trace
 from omnimj.view import palette
 from omnimj.view.motion import patch_corners, planned_heading, planned_position, wheel_count
-from omnimj.view.plots.panels import (
-    MIDDLE,
-    NOT_HOVERED,
-    SHORT,
-    TALL,
-    Drawing,
-    Panel,
-    Style,
-    averaged,
-    finish,
-    new_drawing,
-)
+from omnimj.view.plots.over_time import finish
+from omnimj.view.plots.panels import MIDDLE, NOT_HOVERED, SHORT, TALL, Drawing, Panel, Style, new_drawing
+from omnimj.view.plots.thinning import averaged
 from omnimj.view.wording import Span
 
 Array = NDArray[np.float64]

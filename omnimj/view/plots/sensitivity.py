@@ -6,124 +6,107 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_svg import FigureCanvasSVG
-from matplotlib.figure import Figure
 
 from omnimj.studies.sensitivity.factors import Factor
 from omnimj.studies.sensitivity.ranking import FactorRank, ResultSensitivity, shares
 from omnimj.view import palette
-from omnimj.view.plots.drawing import MIDDLE, WIDTH, new_figure, value_axis
+from omnimj.view.plots.matrix import ROW, matrix_panel
+from omnimj.view.plots.panels import MIDDLE, Drawing, Panel
 
-_MOST_ROWS, _SMALLEST = 14, 0.005  # most parameters in the plot over all results, and their least share
+_MOST_ROWS, _SMALLEST = 14, 0.005  # most parameters in the plots over all results, and their least share
 _MOST_BARS, _LABELLED = 10, 6
-_ROW, _FRAME = 0.27, 1.75  # [inches] height of a row, and of everything around the rows
+_AXIS = 60  # [pixels] height around the bars
+_DASHES = (0, (4, 3))
 
 
 def rows_shown(ranks: Sequence[FactorRank]) -> int:
-    """Return the number of parameters in the plot over all results: those with half a percent or more."""
+    """Return the number of parameters in the plots over all results: those with half a percent or more."""
     return max(1, sum(rank.share >= _SMALLEST for rank in ranks[:_MOST_ROWS]))
 
 
-def measure_first_picture(
+def share_bars(ranks: Sequence[FactorRank], varied: Sequence[Factor]) -> Drawing:
+    """Plot the share of each parameter over all results."""
+    shown = ranks[: rows_shown(ranks)]
+    panel = Panel(_AXIS + ROW * len(shown), over_time=False, x_label="share over all results [%]")
+    values = [(100.0 * rank.share, 100.0 * rank.low, 100.0 * rank.high) for rank in shown]
+    _bars(panel, [varied[rank.parameter].name for rank in shown], values, "%")
+    return panel.finish()
+
+
+def share_matrix(
     ranks: Sequence[FactorRank], studies: Sequence[ResultSensitivity], varied: Sequence[Factor]
-) -> Figure:
-    """Plot the share of each parameter over all results (left) and in each result (right)."""
-    shown = list(ranks[: rows_shown(ranks)])
+) -> Drawing:
+    """Plot the share of each parameter in each result."""
+    shown = [rank.parameter for rank in ranks[: rows_shown(ranks)]]
     heard = [study for study in studies if shares(study).any()]
-    figure = Figure(figsize=(2.0 * WIDTH, _FRAME + _ROW * len(shown)), layout="constrained")
-    FigureCanvasSVG(figure)
-    left, right = figure.subplots(1, 2, sharey=True, width_ratios=(1.0, 1.0))
-    places = np.arange(len(shown))
-    share = 100.0 * np.array([rank.share for rank in shown])
-    bounds = 100.0 * np.array([[rank.low for rank in shown], [rank.high for rank in shown]])
-    _bars(left, places, share, bounds)
-    left.set_yticks(places, [varied[rank.parameter].name for rank in shown], fontsize=8.5)
-    left.set_xlabel("share over all results [%]", fontsize=9)
-    left.tick_params(axis="y", which="minor", length=0)
-    left.set_ylim(len(shown) - 0.5, -0.5)
-    table = 100.0 * np.array([shares(study) for study in heard])[:, [rank.parameter for rank in shown]].T
-    right.imshow(table, cmap="Blues", vmin=0.0, vmax=100.0, aspect="auto")
-    for (row, column), value in np.ndenumerate(table):
-        if value >= 0.5:
-            ink = "white" if value > 60.0 else palette.INK
-            right.text(column, row, f"{value:.0f}", fontsize=8, color=ink, ha="center", va="center")
-    right.set_xticks(range(len(heard)), [study.name for study in heard], rotation=50, ha="right", fontsize=8)
-    right.tick_params(axis="y", length=0, labelleft=False)
-    right.set_xticks(np.arange(len(heard) + 1) - 0.5, minor=True)
-    right.set_yticks(np.arange(len(shown) + 1) - 0.5, minor=True)
-    right.grid(True, which="minor", color=palette.GRID, linewidth=0.6)
-    right.tick_params(which="minor", length=0)
-    right.set_title("share in each result [%]", fontsize=9, color=palette.MUTED)
-    for side in right.spines.values():
-        side.set_visible(False)
-    return figure
+    table = np.array([shares(study) for study in heard])[:, shown].T
+    rows, columns = [varied[i].name for i in shown], [study.name for study in heard]
+    words = [f"{100.0 * share:.0f}" if share >= _SMALLEST else "" for share in table.ravel()]
+    pairs = [f"{row} in {column}" for row in rows for column in columns]
+    names = [f"{pair}: {100.0 * share:.1f} %" for pair, share in zip(pairs, table.ravel(), strict=True)]
+    panel = matrix_panel(table, rows, columns, words, names)
+    panel.x_label = "share in each result [%]"
+    return panel.finish()
 
 
-def _bars(ax: Axes, places: np.ndarray, values: np.ndarray, bounds: np.ndarray) -> None:
-    """Draw horizontal bars with their intervals; row 0 is at the top once the axis is inverted."""
-    ax.barh(places, values, height=0.62, color=palette.lighter(palette.MEASURED, 0.45), zorder=2)
-    ax.hlines(places, bounds[0], bounds[1], color=palette.INK, linewidth=1.3, zorder=3)
-    ax.grid(True, axis="x", color=palette.GRID, linewidth=0.7)
-    ax.grid(False, axis="y")
-    ax.set_axisbelow(True)
-    for side in ("top", "right"):
-        ax.spines[side].set_visible(False)
-    ax.tick_params(colors=palette.INK, labelsize=8.5)
-    ax.tick_params(axis="y", length=0)
-    ax.set_xlim(left=0.0)
+def _bars(
+    panel: Panel, names: Sequence[str], values: Sequence[tuple[float, float, float]], unit: str
+) -> None:
+    """Draw a bar with its interval in each row: value, low and high end."""
+    (value, low, high), rows = np.transpose(values), np.arange(len(names))
+    each = zip(names, values, strict=True)
+    texts = [f"{name}: {v:.3g} ({a:.3g} … {b:.3g}) {unit}" for name, (v, a, b) in each]
+    color = palette.lighter(palette.MEASURED, 0.45)
+    panel.bars(np.zeros(len(rows)), value, rows, 0.62, color, names=texts)
+    panel.plot.segment(low, rows, high, rows, line_color=palette.INK, line_width=1.5)
+    panel.rows(names)
+    panel.x_limits(0.0, 1.05 * float(np.max([value, high])))
 
 
-def result_bars(study: ResultSensitivity, varied: Sequence[Factor]) -> Figure:
+def result_bars(study: ResultSensitivity, varied: Sequence[Factor]) -> Drawing:
     """Plot μ* of the highest-ranked parameters with 95 % intervals, and the μ* of noise alone."""
-    figure, (ax,) = new_figure(MIDDLE)
+    panel = Panel(MIDDLE, over_time=False, x_label=f"μ*{_in(study.unit)}")
     shown = study.ranked[:_MOST_BARS]
-    places = np.arange(len(shown))
     found = [study.measures[i] for i in shown]
-    bounds = np.array([[one.low for one in found], [one.high for one in found]])
-    _bars(ax, places, np.array([one.mu_star for one in found]), bounds)
-    ax.set_yticks(places, [f"{k}  {varied[i].name}" for k, i in enumerate(shown, start=1)], fontsize=8.5)
-    ax.set_ylim(_MOST_BARS - 0.4, -0.6)
-    _floor(ax, study)
-    ax.set_xlabel(f"μ*{_in(study.unit)}", fontsize=9)
-    return figure
+    names = [f"{k}  {varied[i].name}" for k, i in enumerate(shown, start=1)]
+    _bars(panel, names, [(one.mu_star, one.low, one.high) for one in found], study.unit)
+    panel.limits(_MOST_BARS - 0.4, -0.6)
+    _floor(panel, study, (_MOST_BARS - 0.4, -0.6))
+    return panel.finish()
 
 
-def _floor(ax: Axes, study: ResultSensitivity) -> None:
-    """Draw the smallest μ* at which a parameter is ranked."""
-    if not study.floor > 0.0:
-        return
-    ax.axvline(study.floor, color=palette.ACCENT, linewidth=1.0, linestyle=(0, (4, 3)), zorder=4)
-    words = "noise" if study.noise >= study.floor else "too small to tell"
-    place = {"xytext": (0, 2), "textcoords": "offset points", "xycoords": ax.get_xaxis_transform()}
-    ax.annotate(words, (study.floor, 1.0), fontsize=8, color=palette.ACCENT, va="bottom", **place)
+def _floor(panel: Panel, study: ResultSensitivity, ends: tuple[float, float]) -> None:
+    """Draw the smallest μ* at which a parameter is ranked, between the ends of the value axis."""
+    if study.floor > 0.0:
+        words = "noise" if study.noise >= study.floor else "too small to tell"
+        panel.line(np.full(2, study.floor), np.array(ends), palette.ACCENT, words, _DASHES, 1.1)
+    panel.legend()
 
 
 def _in(unit: str) -> str:
     return f" [{unit}]" if unit else ""
 
 
-def result_plane(study: ResultSensitivity) -> Figure:
+def result_plane(study: ResultSensitivity, varied: Sequence[Factor]) -> Drawing:
     """Plot σ over μ*: parameters below the line act linearly, those above nonlinearly or by interaction."""
-    figure, (ax,) = new_figure(MIDDLE)
-    ranked = set(study.ranked)
-    for i, one in enumerate(study.measures):
-        if i not in ranked and one.count and not math.isnan(one.sigma) and one.mu_star > 0.0:
-            ax.plot(one.mu_star, one.sigma, "o", color=palette.GRID, markersize=4.0, zorder=2)
-    for place, i in enumerate(study.ranked, start=1):
-        one = study.measures[i]
-        ax.plot(one.mu_star, one.sigma, "o", color=palette.MEASURED, markersize=4.5, zorder=3)
-        if place <= _LABELLED:
-            offset = {"xytext": (4, 3), "textcoords": "offset points"}
-            ax.annotate(str(place), (one.mu_star, one.sigma), fontsize=8.5, color=palette.INK, **offset)
-    high = max((study.measures[i].mu_star for i in study.ranked), default=1.0)
-    top = max([0.3 * high, *(study.measures[i].sigma for i in study.ranked)])
-    end = 0.95 * min(high, top)
-    ax.plot([0.0, end], [0.0, end], color=palette.MUTED, linewidth=0.9, linestyle=(0, (4, 3)), zorder=1)
-    ax.annotate("σ = μ*", (end, end), fontsize=8, color=palette.MUTED, ha="left", va="bottom")
-    ax.set_xlim(0.0, 1.1 * high)
-    ax.set_ylim(-0.03 * top, 1.12 * top)
-    _floor(ax, study)
-    ax.set_xlabel(f"μ*{_in(study.unit)}", fontsize=9)
-    value_axis(ax, f"σ{_in(study.unit)}")
-    return figure
+    panel = Panel(MIDDLE, over_time=False, label=f"σ{_in(study.unit)}", x_label=f"μ*{_in(study.unit)}")
+    ranked = [(varied[i].name, study.measures[i]) for i in study.ranked]
+    others = [
+        (factor.name, one)
+        for i, (factor, one) in enumerate(zip(varied, study.measures, strict=True))
+        if i not in study.ranked and one.count and not math.isnan(one.sigma) and one.mu_star > 0.0
+    ]
+    high = max((one.mu_star for _, one in ranked), default=1.0)
+    top = max([0.3 * high, *(one.sigma for _, one in ranked)])
+    diagonal = np.array([0.0, 0.95 * min(high, top)])
+    panel.line(diagonal, diagonal, palette.MUTED, "σ = μ*", _DASHES, 1.0)
+    for found, color in ((others, palette.GRID), (ranked, palette.MEASURED)):
+        names = [f"{name}: μ* {one.mu_star:.3g}, σ {one.sigma:.3g} {study.unit}" for name, one in found]
+        x, y = [one.mu_star for _, one in found], [one.sigma for _, one in found]
+        panel.points(x, y, color, size=6.0, names=names)
+    for place, (_, one) in enumerate(ranked[:_LABELLED], start=1):
+        panel.text(one.mu_star, one.sigma, str(place), x_offset=6, y_offset=6)
+    panel.x_limits(0.0, 1.1 * high)
+    panel.limits(-0.03 * top, 1.12 * top)
+    _floor(panel, study, (-0.03 * top, 1.12 * top))
+    return panel.finish()

@@ -3,79 +3,97 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullLocator
+from bokeh.palettes import Viridis256
 
 from omnimj.studies.tuning.cost import DETECTION, TRACKING
 from omnimj.studies.tuning.landscape import Landscape
+from omnimj.studies.tuning.search import GainAxis
 from omnimj.studies.tuning.study import ScoredCandidate, TuningResult
 from omnimj.view import palette
-from omnimj.view.plots.drawing import MIDDLE, TALL, legend, new_figure, value_axis
+from omnimj.view.plots.panels import MIDDLE, TALL, Drawing, Panel
 
-_DOTS = {"linestyle": "none", "marker": "o", "markersize": 3.4, "markeredgewidth": 0, "alpha": 0.65}
+_COLORS = np.array(Viridis256[::-1])  # from the least cost to the largest
+_SCALE = 62  # [pixels] height of the scale of colours
 
 
-def convergence(result: TuningResult) -> Figure:
+def convergence(result: TuningResult) -> Drawing:
     """Plot the cost of every candidate within all limits, and the best so far."""
-    figure, (ax,) = new_figure(MIDDLE)
-    cost = [_cost(one) for one in result.tried]
-    number = np.arange(len(cost))
-    best = np.fmin.accumulate(cost)
-    ax.plot(number, cost, color=palette.MEASURED, label="candidate", **_DOTS)
-    out = [k for k, one in enumerate(result.tried) if one.score.violation > 0.0]
-    if out:
-        top = np.nanmax(cost) if np.isfinite(cost).any() else 1.0
-        style = {"linestyle": "none", "marker": "x", "markersize": 3.4, "alpha": 0.6}
-        ax.plot(out, [top] * len(out), color=palette.ACCENT, label="breaks a limit", **style)
-    ax.step(number, best, where="post", color=palette.INK, linewidth=1.4, label="best so far")
-    ax.axhline(1.0, color=palette.MUTED, linewidth=0.9, linestyle=(0, (4, 3)))
-    ax.set_xlabel("candidate", fontsize=9)
-    value_axis(ax, "cost, 1: the gains before")
-    legend(ax, 3)
-    return figure
+    panel = Panel(MIDDLE, over_time=False, label="cost, 1: the gains before", x_label="candidate")
+    out = np.array([one.score.violation > 0.0 for one in result.tried])
+    cost = np.where(out, np.nan, [one.score.cost for one in result.tried])
+    number = np.arange(float(len(cost)))
+    top = np.nanmax(cost) if np.isfinite(cost).any() else 1.0
+    _candidates(panel, result, ~out, number, cost)
+    if out.any():
+        style = {"color": palette.ACCENT, "label": "breaks a limit", "marker": "x"}
+        _candidates(panel, result, out, number, np.full(len(cost), top), **style)
+    panel.line(number, np.fmin.accumulate(cost), palette.INK, "best so far", step=True)
+    panel.rule(1.0, dash=(0, (4, 3)))
+    panel.legend()
+    return panel.finish()
 
 
-def _cost(one: ScoredCandidate) -> float:
-    return one.score.cost if one.score.violation == 0.0 else np.nan
+def _candidates(
+    panel: Panel, result: TuningResult, which: np.ndarray, x: np.ndarray, y: np.ndarray, **style: Any
+) -> None:
+    """Draw a point for each of the candidates `which`, with its gains below the cursor; shape (n,) each."""
+    look = {"color": palette.MEASURED, "label": "candidate", "size": 5.0, "alpha": 0.65}
+    drawn = panel.points(x[which], y[which], **(look | style))
+    data, tips = drawn.data_source.data, [("candidate", "@candidate"), ("cost", "@cost")]
+    data["candidate"] = np.flatnonzero(which)
+    data["cost"] = np.array([one.score.cost for one in result.tried])[which]
+    for k, axis in enumerate(result.axes):
+        data[f"gain{k}"] = np.array([one.values[k] for one in result.tried])[which]
+        tips.append((axis.name, f"@gain{k} {axis.unit}".removesuffix(" 1")))
+    panel.hover([drawn], tips)
 
 
-def landscape_picture(found: Landscape) -> Figure:
+def landscape_picture(found: Landscape) -> Drawing:
     """Plot the cost at every evaluated point, not interpolated; violations of a limit are crossed out."""
-    figure, (ax,) = new_figure(TALL)
-    cost = np.array([[score.cost for score in row] for row in found.scores])
-    broken = np.array([[score.violation > 0.0 for score in row] for row in found.scores])
-    shown = np.ma.masked_invalid(np.where(np.isfinite(cost), cost, np.nan))
-    ax.grid(False)
-    mesh = ax.pcolormesh(_edges(found.x), _edges(found.y), shown, cmap="viridis_r", shading="flat")
-    bar = figure.colorbar(mesh, ax=ax, pad=0.02)
-    bar.ax.tick_params(labelsize=8)
-    bar.set_label("cost, light is better", fontsize=9)
-    grid_x, grid_y = np.meshgrid(found.x, found.y)
-    style = {"linestyle": "none", "markersize": 6}
+    panel = Panel(TALL - _SCALE, False, _words(found.up), _words(found.across), x_log=True, y_log=True)
+    scores = [score for row in found.scores for score in row]
+    x, y = (grid.ravel() for grid in np.meshgrid(found.x, found.y))
+    cost = np.array([score.cost for score in scores])
+    broken = np.array([score.violation > 0.0 for score in scores])
+    known = np.isfinite(cost)
+    low, high = (float(cost[known].min()), float(cost[known].max())) if known.any() else (0.0, 1.0)
+    shade = np.where(known, (cost - low) / max(high - low, 1e-9), 0.0)
+    colors = np.where(known, _COLORS[np.round(255 * shade).astype(int)], "#FFFFFF")
+    names = [
+        f"{found.across.name} {a:.4g}, {found.up.name} {b:.4g}: cost {c:.4f}{words}"
+        for a, b, c, words in zip(x, y, cost, np.where(broken, ", breaks a limit", ""), strict=True)
+    ]
+    right, up = _edges(found.x), _edges(found.y)
+    panel.cells(right, up, colors.tolist(), names)
     if broken.any():
-        ax.plot(
-            grid_x[broken], grid_y[broken], marker="x", color=palette.ACCENT, label="breaks a limit", **style
-        )
-    ax.plot(*found.found, marker="*", color="white", markeredgecolor=palette.INK, label="found", **style)
-    ax.plot(
-        found.across.start,
-        found.up.start,
-        marker="D",
-        color=palette.INK,
-        markeredgecolor="white",
-        label="before",
-        **{**style, "markersize": 4},
-    )
-    ax.set_xscale("log")
-    ax.set_yscale("log")
-    ax.set_xlim(*_edges(found.x)[[0, -1]])
-    ax.set_ylim(*_edges(found.y)[[0, -1]])
-    _plain_ticks(ax, found)
-    legend(ax, 3)
-    return figure
+        panel.points(x[broken], y[broken], palette.ACCENT, "breaks a limit", "x", 9.0)
+    panel.points(*found.found, "white", "found", "star", 13.0).glyph.line_color = palette.INK
+    before = panel.points(found.across.start, found.up.start, palette.INK, "before", "diamond", 10.0)
+    before.glyph.line_color = "white"
+    panel.x_limits(right[0], right[-1])
+    panel.limits(up[0], up[-1])
+    for values, across in ((found.x, True), (found.y, False)):
+        places = values[:: max(1, len(values) // 4)]
+        panel.ticks(places, [f"{place:.3g}" for place in places], across)
+    panel.legend()
+    panel.finish()
+    return Drawing((panel, _scale(low, high)))
+
+
+def _scale(low: float, high: float) -> Panel:
+    """Scale of the colours of a landscape."""
+    panel = Panel(_SCALE, over_time=False, x_label="cost, light is better")
+    borders = np.linspace(low, max(high, low + 1e-9), 65)
+    names = [f"{cost:.4f}" for cost in borders[:-1]]
+    panel.cells(borders, np.array([0.0, 1.0]), _COLORS[::4].tolist(), names)
+    panel.x_limits(borders[0], borders[-1])
+    panel.plot.xaxis.ticker.desired_num_ticks = 4
+    panel.ticks((), ())
+    panel.finish()
+    return panel
 
 
 _NARROWEST = 1e-4  # least width of a cell on the logarithmic axis
@@ -88,38 +106,32 @@ def _edges(values: Sequence[float]) -> np.ndarray:
     return np.exp(np.append(logs - half, logs[-1] + half))
 
 
-def _plain_ticks(ax: Axes, found: Landscape) -> None:
-    for axis, values, of in ((ax.xaxis, found.x, found.across), (ax.yaxis, found.y, found.up)):
-        axis.set_minor_locator(NullLocator())
-        axis.set_ticks(values[:: max(1, len(values) // 4)])
-        axis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:.3g}"))
-        words = f"{of.name.partition('.')[2].replace('_', ' ')} [{of.unit}]"
-        axis.set_label_text(words, fontsize=9)
+def _words(of: GainAxis) -> str:
+    return f"{of.name.partition('.')[2].replace('_', ' ')} [{of.unit}]"
 
 
-def pareto(result: TuningResult) -> Figure:
+def pareto(result: TuningResult) -> Drawing:
     """Plot tracking and detection terms against the least phase margin, with the Pareto front."""
-    figure, (ax,) = new_figure(MIDDLE)
-    kept = [one for one in result.tried if one.score.violation == 0.0]
-    points = np.array([speed_and_robustness(one) for one in kept]).reshape(-1, 2)
-    if not len(kept):
-        value_axis(ax, "no candidate keeps the limits")
-        return figure
-    front = front_of(points)
-    ax.plot(points[:, 1], points[:, 0], color=palette.MEASURED, label="candidate", **_DOTS)
-    ax.plot(points[front, 1], points[front, 0], color=palette.INK, linewidth=1.2, label="front")
-    for one, marker, color, words in (
-        (result.tried[0], "D", palette.INK, "before"),
-        (min(kept, key=lambda t: t.score.cost), "*", palette.ACCENT, "found"),
-    ):
-        if one.score.violation == 0.0:
-            speed, margin = speed_and_robustness(one)
-            style = {"linestyle": "none", "markersize": 8 if marker == "*" else 5}
-            ax.plot(margin, speed, marker=marker, color=color, label=words, **style)
-    ax.set_xlabel("least phase margin [°]", fontsize=9)
-    value_axis(ax, "following and detection, 1: before")
-    legend(ax, 4)
-    return figure
+    label = "following and detection, 1: before"
+    panel = Panel(MIDDLE, over_time=False, label=label, x_label="least phase margin [°]")
+    kept = np.array([one.score.violation == 0.0 for one in result.tried])
+    speed, margin = np.transpose([speed_and_robustness(one) for one in result.tried])
+    _candidates(panel, result, kept, margin, speed)
+    if kept.any():
+        own = np.flatnonzero(kept)
+        front = own[front_of(np.column_stack([speed, margin])[own])]
+        panel.line(margin[front], speed[front], palette.INK, "front", width=1.3)
+        best = own[np.argmin([result.tried[k].score.cost for k in own])]
+        for k, marker, size, color, words in (
+            (0, "diamond", 10.0, palette.INK, "before"),
+            (best, "star", 13.0, palette.ACCENT, "found"),
+        ):
+            if kept[k]:
+                panel.points(margin[k], speed[k], color, words, marker, size)
+    else:
+        panel.label = "no candidate keeps the limits"
+    panel.legend()
+    return panel.finish()
 
 
 def speed_and_robustness(one: ScoredCandidate) -> tuple[float, float]:

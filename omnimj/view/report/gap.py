@@ -275,7 +275,7 @@ def _size_figures(finding: Finding) -> list[Figure]:
     """Plot the mismatch by channel, of two runs over time, and over frequency."""
     figures = []
     if finding.heldout:
-        caption = "Held-out runs: every channel in bold, then the regimes of the gap by their numbers above."
+        caption = "Held-out runs: every channel, then the regimes of the gap by their numbers above."
         if not has_second_model(finding):
             caption = "Held-out runs: mismatch of every channel relative to the noise."
         figures.append(plot(plots.shrinkage(finding), "shrinkage", "Channel by channel", caption))

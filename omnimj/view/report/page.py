@@ -19,9 +19,11 @@ from markupsafe import Markup, escape
 import omnimj
 from omnimj.view.plots.document import embed, library
 from omnimj.view.plots.panels import Drawing
+from omnimj.view.plots.static import WIDTH, svg
 
 _MEDIA_TYPES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".svg": "image/svg+xml"}
 _MANY, _SENTENCE = 4, 40  # columns, and letters in a cell, from which rows are stacked on a phone
+_BROAD = 780  # width of a still picture across the page [pixels]
 _WIDE = 5  # columns from which rows are always stacked on a phone
 
 
@@ -100,7 +102,7 @@ class Figure:
     """Description for screen readers."""
 
 
-def plot(drawing: Any, name: str, heading: str, caption: str, kind: str = "", label: str = "") -> Figure:
+def plot(drawing: Drawing, name: str, heading: str, caption: str, kind: str = "", label: str = "") -> Figure:
     """Embed a plot.
 
     Args:
@@ -111,10 +113,6 @@ def plot(drawing: Any, name: str, heading: str, caption: str, kind: str = "", la
       kind: As in `Figure`.
       label: Description for screen readers; if empty, the heading.
     """
-    if not isinstance(drawing, Drawing):
-        from omnimj.view.plots.drawing import svg
-
-        drawing = Markup(svg(drawing, name, label or heading))
     return Figure(drawing, heading, caption, kind, name, label or heading)
 
 
@@ -141,11 +139,18 @@ def write_page(path: Path, template: str, title: str, **content: Any) -> None:
       **content: Texts, tables and figures for the template.
     """
     page = _TEMPLATES.get_template(f"{template}.html.j2")
-    figures = {figure.name: figure.content for figure in _figures(content)}
-    drawings = {name: drawing for name, drawing in figures.items() if isinstance(drawing, Drawing)}
+    figures = [figure for figure in _figures(content) if figure.name]
+    contents = [(figure.name, figure.heading) for figure in figures]
+    drawings = {figure.name: figure.content for figure in figures if isinstance(figure.content, Drawing)}
+    still = {
+        figure.name: Markup(svg(drawing, width=_BROAD if figure.kind == "broad" else WIDTH))
+        for figure in figures
+        if isinstance(drawing := figure.content, Drawing)
+    }
     script, elements = embed(drawings) if drawings else (Markup(), {})
     scripts = (library(), script) if drawings else ()
-    text = page.render(title=title, version=omnimj.__version__, elements=elements, scripts=scripts, **content)
+    plots = {"elements": elements, "still": still, "scripts": scripts, "contents": contents}
+    text = page.render(title=title, version=omnimj.__version__, **plots, **content)
     path.write_text(text, encoding="utf-8")
 
 

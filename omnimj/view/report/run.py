@@ -17,7 +17,7 @@ from omnimj.view.comparison import compare
 from omnimj.view.picture import Picture
 from omnimj.view.plots import comparison as comparison_plots
 from omnimj.view.plots import runs as plots
-from omnimj.view.plots.panels import window
+from omnimj.view.plots.thinning import window
 from omnimj.view.report import page
 from omnimj.view.report.page import Figure, Table, check_state, number, plot, table
 from omnimj.view.report.run_diagnosis import diagnosis_section
@@ -250,7 +250,7 @@ _TRUE_SIGNALS = (
 
 def _truth_figures(trace: Trace, spans: Sequence[Span]) -> list[Figure]:
     """Plot the signals known only in simulation."""
-    averaged = f"Lines: means over {1000 * window(trace['time']):.0f} ms; bands: smallest and largest."
+    averaged = f"Lines: means over {1000 * window(trace['time']):.0f} ms; pale: the samples."
     figures = []
     for column, heading, label, words in _TRUE_SIGNALS:
         if f"{column}_1" in trace:

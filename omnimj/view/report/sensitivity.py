@@ -21,11 +21,12 @@ from omnimj.studies.sensitivity.tables import (
 )
 from omnimj.studies.statistics import Table as TextTable
 from omnimj.studies.statistics import format_markdown
-from omnimj.view.plots.sensitivity import measure_first_picture, result_bars, result_plane, rows_shown
+from omnimj.view.plots.panels import Drawing
+from omnimj.view.plots.sensitivity import result_bars, result_plane, rows_shown, share_bars, share_matrix
+from omnimj.view.plots.static import svg_file
 from omnimj.view.report.page import Figure, Table, plot, table, write_page
 
-REPORT, PICTURE, TEXT = "report.html", "sensitivity.png", "sensitivity.md"
-_DPI = 160
+REPORT, PICTURE, TEXT = "report.html", "sensitivity.svg", "sensitivity.md"
 _FEWEST_BARS = 2
 
 
@@ -43,9 +44,9 @@ def write_sensitivity_files(folder: Path, result: SensitivityResult) -> None:
         write_sensitivity_report(temporary, result)
     (folder / PICTURE).unlink(missing_ok=True)
     if result.ranks:
-        with atomic_file(folder / PICTURE) as temporary:
-            figure = measure_first_picture(result.ranks, result.studies, result.factors)
-            figure.savefig(temporary, dpi=_DPI)
+        bars, matrix = _shares(result)
+        drawing = Drawing((*bars.panels, *matrix.panels))
+        write_text(folder / PICTURE, svg_file(drawing, "share of each number in the changes of the results"))
 
 
 def write_sensitivity_report(path: Path, result: SensitivityResult) -> None:
@@ -56,7 +57,7 @@ def write_sensitivity_report(path: Path, result: SensitivityResult) -> None:
         format_heading(result),
         lead=measure_first_sentence(result),
         lines=summary_sentences(result),
-        overview=_overview(result) if result.ranks else None,
+        overview=_overview(result) if result.ranks else [],
         measure_first=_table(measure_first_table(result)) if result.ranks else None,
         has_unsure=not all(rank.sure for rank in result.ranks),
         results=_table(results_table(result)) if result.studies else None,
@@ -78,21 +79,28 @@ def _table(found: TextTable) -> tuple[str, Table]:
     return found.title, table(found.rows, found.head)
 
 
-def _overview(result: SensitivityResult) -> Figure:
-    words = (
-        "Left: the share of each number in the changes of the results, mean over all results with its 95 % "
-        "interval. Right: its share in each single result; the rest to 100 % is below the floor. "
-        f"The first {rows_shown(result.ranks)} of {len(result.ranks)} numbers above a floor."
+def _shares(result: SensitivityResult) -> tuple[Drawing, Drawing]:
+    return share_bars(result.ranks, result.factors), share_matrix(
+        result.ranks, result.studies, result.factors
     )
-    drawing = measure_first_picture(result.ranks, result.studies, result.factors)
-    return plot(drawing, "first", "", words, "broad", label="share of each number in every result")
+
+
+def _overview(result: SensitivityResult) -> list[Figure]:
+    bars, matrix = _shares(result)
+    words = (
+        "mean share of each number in the changes of the results, with its 95 % interval; the first "
+        f"{rows_shown(result.ranks)} of {len(result.ranks)} numbers above a floor"
+    )
+    first = plot(bars, "first", "All results", words)
+    words = "share of each number in percent; the rest to 100 % is below the floor"
+    return [first, plot(matrix, "each", "Each result", words)]
 
 
 def _figures(study: ResultSensitivity, result: SensitivityResult) -> list[Figure]:
     """Plot bars and μ*–σ plane of one result; none if too few parameters are ranked."""
     if len(study.ranked) < _FEWEST_BARS:
         return []
-    bars, plane = result_bars(study, result.factors), result_plane(study)
+    bars, plane = result_bars(study, result.factors), result_plane(study, result.factors)
     words = "mean size μ* and its 95 % interval"
     first = plot(bars, f"bars-{study.name}", "Change across the range", words, label=f"μ* of {study.name}")
     words = "far above the line: nonlinear, or interacting with other numbers"

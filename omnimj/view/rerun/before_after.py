@@ -24,14 +24,13 @@ from omnimj.parameters import Floor, read_floors, read_rig, read_robot
 from omnimj.plant.mujoco.assembly import rig_model, robot_model
 from omnimj.signals import Array
 from omnimj.view import palette
-from omnimj.view.plots.mismatch import AFTER, BEFORE
 from omnimj.view.poses import Poses
 from omnimj.view.rerun import dead_reckoning
 from omnimj.view.rerun.dead_reckoning import Motion
 from omnimj.view.rerun.scene import Machine, log_floor, time_column
 
 _GREY = "#A7AFB8"  # visible on dark plots and on the light floor
-COLORS: Mapping[str, str] = {"before": BEFORE, "measured": _GREY, "after": AFTER}
+COLORS: Mapping[str, str] = {"before": palette.BEFORE, "measured": _GREY, "after": palette.AFTER}
 _RUNS = 6
 _LIGHTER = 0.55  # for names on dark plates
 _SIDES: Mapping[str, float] = {"before": 1.0, "measured": 0.0, "after": -1.0}

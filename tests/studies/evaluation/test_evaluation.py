@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from bokeh.models import Label
 from inline_executor import InlineExecutor, quiet
 from made_methods import DELAY, crying_wolf, perfect
 
@@ -20,6 +21,7 @@ from omnimj.studies import workers
 from omnimj.studies.evaluation import study, trial
 from omnimj.studies.evaluation.cases import CasePopulation
 from omnimj.studies.evaluation.study import EvaluationConfig, EvaluationResult, run_evaluation
+from omnimj.view.plots.evaluation import confusion_picture
 
 SHORT = CasePopulation("manoeuvres", 100)
 
@@ -209,9 +211,23 @@ def test_the_command_prints_tables_or_json_and_writes_a_page(tmp_path, monkeypat
     said = capsys.readouterr().out
     assert "Groups with a goal" in said and "written to" in said
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert page.count("<svg") == 5 and "http" not in page.replace("http-equiv", "")
+    assert page.count("class='plot'") == 5 and "http" not in page.replace("http-equiv", "")
     assert main([*argv, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["plan"]["trials"] == 4
     told = [one["measure"] for one in found["goals"] if one["goal"]]
     assert told and all(measure in text for measure in told for text in (said, html.unescape(page)))
+
+
+def test_the_confusion_matrix_tells_the_cases_of_each_cell_and_marks_the_correct_ones():
+    confusion = {"none": {"none": 3}, "motor 1": {"several": 1, "motor 1": 2, "none": 1}}
+    (panel,) = confusion_picture(confusion).panels
+    cells, correct = (renderer.data_source.data for renderer in panel.plot.renderers)
+    told = dict(zip(cells["name"], zip(cells["left"], cells["bottom"], strict=True), strict=True))
+    assert len(told) == 6
+    assert told["truth none, diagnosed none: 3 of 3 cases"] == (-0.5, -0.5)
+    place = told["truth motor 1, diagnosed motor 1: 2 of 4 cases"]
+    assert list(zip(correct["left"], correct["bottom"], strict=True)) == [(-0.5, -0.5), place]
+    assert "truth none, diagnosed several: 0 of 3 cases" in told
+    words = {(label.x, label.y): label.text for label in panel.plot.select(Label)}
+    assert words == {(0, 0): "3", (0, 1): "1", (1, 1): "2", (2, 1): "1"}

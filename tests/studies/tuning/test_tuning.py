@@ -26,7 +26,7 @@ from omnimj.studies.tuning.reporting import format_gains_file
 from omnimj.studies.tuning.search import select_gains
 from omnimj.studies.tuning.study import TuningConfig, TuningResult, run_tuning
 from omnimj.studies.tuning.trial import drive_healthy, drive_trial, read_metrics
-from omnimj.view.plots.tuning import front_of
+from omnimj.view.plots.tuning import convergence, front_of, landscape_picture, pareto
 from omnimj.view.report.tuning import write_tuning_report
 
 IDLE = "recovery.grip_share"
@@ -213,14 +213,43 @@ def test_gains_that_break_a_run_down_come_behind_all_that_do_not(order, monkeypa
     assert tomllib.loads(text)
 
 
-def test_the_report_is_one_page_with_all_its_pictures_and_captions(tuned, tmp_path):
+def test_the_report_is_one_page_with_all_its_pictures_and_captions(tuned, tmp_path, undrawn):
     file = tmp_path / "report.html"
     write_tuning_report(file, tuned, "omnimj tune <push>")
     page = file.read_text(encoding="utf-8")
-    assert page.count("<svg") == 4 and "http" not in page
+    assert page.count("class='plot'") == 4 and "http" not in page
     in_the_air = f"{tuned.margins_before[0].crossover:.2f} Hz"
     for words in ("heading_proportional", "omnimj tune &lt;push&gt;", "Seed 100", "no crossover", in_the_air):
         assert words in page
+
+
+def test_a_point_has_the_gains_of_its_candidate_below_the_cursor(tuned):
+    for draw in (convergence, pareto):
+        (panel,) = draw(tuned).panels
+        points = [r.data_source.data for r in panel.plot.renderers if "candidate" in r.data_source.data]
+        numbers = np.concatenate([data["candidate"] for data in points])
+        values = np.concatenate([[data[f"gain{k}"] for k in range(len(tuned.axes))] for data in points], 1).T
+        assert values.tolist() == [list(tuned.tried[number].values) for number in numbers]
+        tried = range(len(tuned.tried))
+        within = [k for k in tried if tuned.tried[k].score.violation == 0.0]
+        assert sorted(numbers) == (within if draw is pareto else list(tried))
+
+
+def test_a_cell_of_the_landscape_is_the_lighter_the_smaller_its_cost(tuned):
+    for found in tuned.landscapes:
+        panel, _ = landscape_picture(found).panels
+        cells = panel.plot.renderers[0].data_source.data
+        scores = [score for row in found.scores for score in row]
+        told = [re.search(r": cost ([\d.]+|inf)(, breaks a limit)?$", name) for name in cells["name"]]
+        costs = np.array([float(one[1]) for one in told if one])
+        assert costs == pytest.approx([score.cost for score in scores], abs=5e-5)
+        assert [bool(one[2]) for one in told if one] == [score.violation > 0.0 for score in scores]
+        green = np.array([int(color[3:5], 16) for color in cells["color"]])[np.isfinite(costs)]
+        order = np.argsort([score.cost for score in scores if np.isfinite(score.cost)])
+        assert np.all(np.diff(green[order]) <= 0)
+        (left, right), (low, high) = found.x[:2], found.y[:2]
+        assert cells["right"][0] == pytest.approx(np.sqrt(left * right))
+        assert cells["top"][0] == pytest.approx(np.sqrt(low * high))
 
 
 def test_draws_depend_on_scenario_seed_and_number_alone_and_take_turns_in_what_breaks(tmp_path):
