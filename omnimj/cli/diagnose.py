@@ -177,7 +177,7 @@ def _diagnose(arguments: Any, order: DiagnosisConfig) -> tuple[list[RunDiagnosis
     from omnimj.recording.folder import make_folder
     from omnimj.recording.traces import write_trace
     from omnimj.signals import Trace
-    from omnimj.view.report.diagnosis import MOST_FIGURES, run_section
+    from omnimj.view.report.diagnosis import MOST_FIGURES, bins_for, run_section
 
     out, runs = arguments.out, order.dataset.runs
     names = make_detector(order.method, order.machine, runs[0], order.floors).log_names
@@ -194,7 +194,8 @@ def _diagnose(arguments: Any, order: DiagnosisConfig) -> tuple[list[RunDiagnosis
                 said = [dataclasses.asdict(d) for d in one.diagnoses]
                 trace = Trace(one.trace.columns, {**about, "diagnoses": said})
                 write_trace(out / f"{one.name}.parquet", trace)
-                section = run_section(one, order.method, names, len(found) < MOST_FIGURES)
+                bins = bins_for(len(runs)) if len(found) < MOST_FIGURES else 0
+                section = run_section(one, order.method, names, bins)
                 found.append(dataclasses.replace(one, trace=Trace({})))
                 sections.append(section)
     except KeyboardInterrupt:
@@ -330,7 +331,7 @@ DIAGNOSE = Command(
   omnimj record robot_missions --out data/missions
   omnimj diagnose data/missions --out out/diagnosis
   omnimj diagnose data/missions --method published --out out/published
-  omnimj diagnose data/night --workers 8 --out out/night     (a folder of datasets)""",
+  omnimj diagnose data/night --workers 8 --out out/night""",
     add_diagnose_arguments,
     run_diagnose,
 )

@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from browser import chromium, operate
+from diagnosed_runs import with_robust
 
+from omnimj.diagnosis.replay import RunDiagnosis
+from omnimj.parameters import read_robot
+from omnimj.signals import Diagnosis, Trace
+from omnimj.view.report.diagnosis import bins_for, run_section, write_diagnosis_report
 from omnimj.view.report.run import write_report
 
 _PLOT = "const panel = panels('wheel-speeds')[1]; panel.scrollIntoView(); await pause(100);"
@@ -95,3 +103,34 @@ def test_the_first_text_is_painted_before_the_plots(page, browser, tmp_path):
     """
     painted, drawn = operate(browser, page, script, tmp_path)
     assert painted is None or painted < drawn
+
+
+def test_plots_of_a_run_are_made_when_its_part_is_opened_and_the_search_hides_others(
+    browser, tmp_path, robot_trace
+):
+    trace = with_robust(Trace({name: values[:3000] for name, values in robot_trace.columns.items()}))
+    slip = Diagnosis(1.0, "slip", (2,), 0.9)
+    found = [RunDiagnosis(f"run_{k}", (slip,) if k == 2 else (), 0.0, 3.0, trace, ()) for k in range(1, 5)]
+    names = [name for name in trace.columns if name.startswith(("residual_", "threshold_"))]
+    sections = [run_section(run, "robust", names, bins_for(len(found))) for run in found]
+    config: Any = SimpleNamespace(
+        method="robust",
+        thresholds=None,
+        dataset=SimpleNamespace(path=Path("night"), notes=()),
+        machine=SimpleNamespace(constants=read_robot()),
+    )
+    write_diagnosis_report(tmp_path / "report.html", config, found, sections)
+    script = """
+    const parts = [...document.querySelectorAll('details.run')], made = () => Bokeh.documents.length;
+    const counts = [parts.map(part => part.open), made()];
+    parts[3].open = true; await pause(800); counts.push(made(), panels('r-run-5f-4').length);
+    const field = document.querySelector('.filter input');
+    field.value = 'Slip'; field.dispatchEvent(new Event('input'));
+    counts.push(parts.map(part => part.hidden));
+    return counts;
+    """
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    is_open, before, after, drawn, hidden = operate(browser, page, script, tmp_path)
+    assert is_open == [True, True, False, False]  # the first, and the one with a diagnosis
+    assert (before, after) == (2, 3) and drawn > 0
+    assert hidden == [True, False, True, True]

@@ -12,6 +12,7 @@ import pytest
 from PIL import Image
 
 from omnimj.view import picture as picture_room
+from omnimj.view.opengl import choose_backend
 from omnimj.view.picture import BACKENDS, picture_of_run, render
 from omnimj.view.rerun.meshes import box, capsule, cylinder, ellipsoid, mesh
 
@@ -82,7 +83,46 @@ def test_a_renderer_that_hangs_is_stopped(tmp_path, robot_model, monkeypatch):
         raise subprocess.TimeoutExpired(command, keywords["timeout"])
 
     monkeypatch.setattr(picture_room.subprocess, "run", hang)
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
     assert render(robot_model, robot_model.qpos0, tmp_path / "b.png", size=SIZE).path is None
+
+
+TWICE = """
+import os, sys
+from pathlib import Path
+from omnimj.parameters import read_floors, read_robot
+from omnimj.plant.mujoco.assembly import robot_model
+from omnimj.view.opengl import choose_backend
+from omnimj.view.picture import render
+model = robot_model(read_robot(), read_floors()["pvc"])
+folder = Path(sys.argv[1])
+assert render(model, model.qpos0, folder / "here.png", size=(320, 216)).backend == "osmesa"
+os.environ["MUJOCO_GL"] = ""
+assert render(model, model.qpos0, folder / "apart.png", size=(320, 216)).backend == "osmesa"
+"""
+
+
+@pytest.mark.skipif(not _can_render("osmesa"), reason="no software rendering on this machine")
+def test_the_process_of_the_run_renders_the_picture_that_a_separate_one_does(tmp_path):
+    environment = {**os.environ, "MUJOCO_GL": "osmesa", "PYOPENGL_PLATFORM": "osmesa"}
+    subprocess.run([sys.executable, "-c", TWICE, str(tmp_path)], env=environment, check=True)
+    with Image.open(tmp_path / "here.png") as here, Image.open(tmp_path / "apart.png") as apart:
+        assert np.array_equal(np.asarray(here), np.asarray(apart))
+
+
+def test_software_rendering_is_chosen_only_where_nothing_else_is(monkeypatch):
+    monkeypatch.setattr("ctypes.util.find_library", lambda name: "libOSMesa.so.8")
+    monkeypatch.setattr(sys, "platform", "linux")
+    for name in ("MUJOCO_GL", "DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in (("DISPLAY", ":0"), ("MUJOCO_GL", "egl")):
+        with monkeypatch.context() as patched:
+            patched.setenv(name, value)
+            choose_backend()
+            assert os.environ.get("MUJOCO_GL") == (value if name == "MUJOCO_GL" else None)
+    monkeypatch.setenv("MUJOCO_GL", "")
+    choose_backend()
+    assert os.environ["MUJOCO_GL"] == "osmesa"
 
 
 @pytest.mark.skipif(opengl() is None, reason="no OpenGL library on this machine")

@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from drawn import row_names, texts
 from mentions import mentions
 from other_robots import mecanum, star
 
@@ -113,6 +114,6 @@ def test_every_period_of_recovery_is_a_span_and_normal_driving_is_none():
 
 
 def test_the_report_has_a_strip_for_recovery():
-    (axis,) = state_lanes(LANES, [], [], "robust", False).axes
-    assert "active: recovery" in [label.get_text() for label in axis.get_yticklabels()]
-    assert MODE_NAMES[PIVOTING] in {text.get_text() for text in axis.texts}
+    (panel,) = state_lanes(LANES, [], [], "robust", False).panels
+    assert "active: recovery" in row_names(panel)
+    assert MODE_NAMES[PIVOTING] in texts(panel)

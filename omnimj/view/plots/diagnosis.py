@@ -13,7 +13,7 @@ from omnimj.signals import Trace, equal_stretches
 from omnimj.view import palette
 from omnimj.view.plots.over_time import finish
 from omnimj.view.plots.panels import MIDDLE, Drawing, Panel, new_drawing
-from omnimj.view.plots.thinning import log_beyond
+from omnimj.view.plots.thinning import BINS, log_beyond
 from omnimj.view.residuals import Family
 from omnimj.view.wording import Span, mode_name, recovery_spans
 
@@ -27,7 +27,9 @@ _SEEN = 400  # most changes of mode that can be distinguished
 _WIDE = 0.018  # share of the duration needed per letter of a label inside its bar
 
 
-def residual_families(trace: Trace, families: Sequence[Family], spans: Sequence[Span]) -> Drawing:
+def residual_families(
+    trace: Trace, families: Sequence[Family], spans: Sequence[Span], bins: int = BINS
+) -> Drawing:
     """Plot families of residuals with their thresholds, one below the other, wheels in their colours.
 
     For residuals far beyond their thresholds, the axis is logarithmic above the thresholds, so that both are
@@ -37,9 +39,10 @@ def residual_families(trace: Trace, families: Sequence[Family], spans: Sequence[
       trace: Signals of a run, with the residuals.
       families: At least one family of residuals.
       spans: Faults or diagnoses to shade.
+      bins: Most bins of a line.
     """
     rows = len(families)
-    drawing = new_drawing(max(MIDDLE, _ROW * rows), rows)
+    drawing = new_drawing(max(MIDDLE, _ROW * rows), rows, bins=bins)
     for panel, family in zip(drawing.panels, families, strict=True):
         _draw_family(panel, trace, family)
         if family.thresholds or len(family.residuals) > 1:
@@ -106,9 +109,9 @@ def _fit_axis(panel: Panel, trace: Trace, family: Family, linear: float) -> None
         panel.limits(0.0, 1.08 * max(largest, *levels))
 
 
-def effectiveness(trace: Trace, spans: Sequence[Span]) -> Drawing:
-    """Plot the estimated effectiveness of each wheel's drive, 1 when healthy."""
-    drawing = new_drawing(MIDDLE)
+def effectiveness(trace: Trace, spans: Sequence[Span], bins: int = BINS) -> Drawing:
+    """Plot the estimated effectiveness of each wheel's drive, 1 when healthy, in at most that many bins."""
+    drawing = new_drawing(MIDDLE, bins=bins)
     (panel,) = drawing.panels
     panel.values("effectiveness [1]")
     columns = [column for column in trace.columns if column.startswith("effectiveness_")]

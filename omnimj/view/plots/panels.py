@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 
 from omnimj.signals import Array
 from omnimj.view import palette
-from omnimj.view.plots.thinning import averaged, envelope, log_beyond
+from omnimj.view.plots.thinning import BINS, averaged, envelope, log_beyond
 
 Style = str | tuple[int, tuple[float, ...]]
 """Dash pattern: `-`, or an offset and lengths of strokes and gaps."""
@@ -70,6 +70,8 @@ class Panel:
     y_log: bool = False
     equal: bool = False
     """True for equal scales of both axes."""
+    bins: int = BINS
+    """Most bins of a line over time."""
     plot: Any = field(init=False)
     _shown: dict[str, list[GlyphRenderer]] = field(init=False, default_factory=dict)
     _sources: dict[tuple[float, ...], Any] = field(init=False, default_factory=dict)
@@ -131,7 +133,7 @@ class Panel:
         """
         time, x, y = x, np.asarray(x, float), np.asarray(y, float)
         if self.over_time:
-            x, y = envelope(x, y)
+            x, y = envelope(x, y, self.bins)
         source = self._source(x)
         name = _add(source, y)
         style: Any = {"line_color": color, "line_width": width, "line_alpha": alpha}
@@ -141,7 +143,7 @@ class Panel:
         if hovered is None:
             self._hovered.append((name, label))
         elif len(hovered):
-            self._hovered.append((_add(source, envelope(time, hovered)[1]), label))
+            self._hovered.append((_add(source, envelope(time, hovered, self.bins)[1]), label))
         return self._shows(label, drawn)
 
     def rippling(self, time: Array, value: Array, color: str, label: str = "", dash: Style = "-") -> None:
@@ -359,17 +361,18 @@ class Drawing:
         return sum(panel.height for panel in self.panels)
 
 
-def new_drawing(height: int, rows: int = 1, over_time: bool = True, shared: bool = False) -> Drawing:
-    """Make empty panels of equal height.
+def new_drawing(height: int, rows: int = 1, shared: bool = False, bins: int = BINS) -> Drawing:
+    """Make empty panels of equal height over the time of a run.
 
     Args:
       height: Height of all together [pixels].
       rows: Number of panels.
-      over_time: True if their horizontal axis is the time of the run.
       shared: True if they share their value axis.
+      bins: Most bins of a line.
     """
     each = (height - BELOW) // rows
-    panels = tuple(Panel(each + (BELOW if row == rows - 1 else 0), over_time) for row in range(rows))
+    heights = [each + (BELOW if row == rows - 1 else 0) for row in range(rows)]
+    panels = tuple(Panel(height, bins=bins) for height in heights)
     if shared:
         for panel in panels[1:]:
             panel.plot.y_range = panels[0].plot.y_range

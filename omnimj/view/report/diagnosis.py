@@ -10,8 +10,9 @@ from pathlib import Path
 from omnimj.diagnosis.replay import DiagnosisConfig, RunDiagnosis
 from omnimj.resources import model_display_name
 from omnimj.view.plots import diagnosis as plots
+from omnimj.view.plots.thinning import BINS
 from omnimj.view.report.page import Figure, Table, number, plot, table, write_page
-from omnimj.view.residuals import families
+from omnimj.view.residuals import Family, families
 from omnimj.view.wording import (
     describe_confidence,
     describe_diagnosis,
@@ -22,6 +23,7 @@ from omnimj.view.wording import (
     summarize_runs,
 )
 
+_BINS_OF_A_PAGE = 16_000
 MOST_FIGURES = 40
 """Largest number of runs with plots, which keeps the page small enough for a browser."""
 
@@ -31,21 +33,28 @@ class RunSection:
     """Part of the page about one run."""
 
     name: str
+    key: str
+    """Anchor of the section."""
+    is_open: bool
+    """True if the section is open from the beginning."""
     lines: list[str]
     table: Table | None
     figures: list[Figure]
 
 
-def run_section(
-    run: RunDiagnosis, method: str, method_names: Sequence[str], drawn: bool = True
-) -> RunSection:
+def bins_for(runs: int) -> int:
+    """Most bins of a line on a page of several runs, which keeps the page small enough for a browser."""
+    return min(BINS, _BINS_OF_A_PAGE // max(min(runs, MOST_FIGURES), 1))
+
+
+def run_section(run: RunDiagnosis, method: str, method_names: Sequence[str], bins: int = BINS) -> RunSection:
     """Make the part of the page about one run.
 
     Args:
       run: Diagnosis of the run, with its trace.
       method: Name of the detection method.
       method_names: Columns of the method's log.
-      drawn: True to draw plots.
+      bins: Most bins of a line; 0 for no plots.
     """
     lines, found = [f"{describe_undiagnosed(run).capitalize()}."], None
     if run.diagnoses:
@@ -57,24 +66,24 @@ def run_section(
         lines.append(
             f"For {run.cannot_judge:.1f} of {run.judged:.1f} s the wheels turn too slowly for a diagnosis."
         )
-    return RunSection(
-        run.name, [*lines, *run.notes], found, _figures(run, method, method_names) if drawn else []
-    )
+    key = "".join(c if c.isascii() and c.isalnum() else f"-{ord(c):x}-" for c in run.name)
+    figures = _figures(run, key, families(method_names, method), bins) if bins and method_names else []
+    figures = [dataclasses.replace(figure, group=f"run-{key}") for figure in figures]
+    return RunSection(run.name, f"run-{key}", bool(run.diagnoses), [*lines, *run.notes], found, figures)
 
 
-def _figures(run: RunDiagnosis, method: str, names: Sequence[str]) -> list[Figure]:
-    if len(run.trace["time"]) < 2 or not names or names[0] not in run.trace:
+def _figures(run: RunDiagnosis, key: str, shown: Sequence[Family], bins: int) -> list[Figure]:
+    if len(run.trace["time"]) < 2 or not shown or shown[0].residuals[0].column not in run.trace:
         return []
     diagnoses = {"diagnoses": [dataclasses.asdict(d) for d in run.diagnoses]}
     spans = diagnosis_spans(diagnoses, float(run.trace["time"][-1]))
     shaded = " Shaded: a diagnosis holds." if spans else ""
-    key = "".join(c if c.isascii() and c.isalnum() else f"-{ord(c):x}-" for c in run.name)
     words = f"Dotted: the threshold, where there is one.{shaded}"
-    drawing = plots.residual_families(run.trace, families(names, method), spans)
+    drawing = plots.residual_families(run.trace, shown, spans, bins)
     figures = [plot(drawing, f"r-{key}", "Residuals", words)]
-    if "effectiveness_1" in names:
+    if "effectiveness_1" in run.trace:
         words = f"Estimated effectiveness of each wheel's drive.{shaded}"
-        drawing = plots.effectiveness(run.trace, spans)
+        drawing = plots.effectiveness(run.trace, spans, bins)
         figures.append(plot(drawing, f"e-{key}", "Effectiveness", words))
     return figures
 

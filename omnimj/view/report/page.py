@@ -100,6 +100,8 @@ class Figure:
     """Anchor of the figure, unique within the page."""
     label: str = ""
     """Description for screen readers."""
+    group: str = ""
+    """Figures of a group are loaded when its part of the page is opened; empty: with the page."""
 
 
 def plot(drawing: Drawing, name: str, heading: str, caption: str, kind: str = "", label: str = "") -> Figure:
@@ -141,15 +143,20 @@ def write_page(path: Path, template: str, title: str, **content: Any) -> None:
     page = _TEMPLATES.get_template(f"{template}.html.j2")
     figures = [figure for figure in _figures(content) if figure.name]
     contents = [(figure.name, figure.heading) for figure in figures]
-    drawings = {figure.name: figure.content for figure in figures if isinstance(figure.content, Drawing)}
+    drawn: dict[str, dict[str, Drawing]] = {}
+    for figure in figures:
+        if isinstance(figure.content, Drawing):
+            drawn.setdefault(figure.group, {})[figure.name] = figure.content
     still = {
         figure.name: Markup(svg(drawing, width=_BROAD if figure.kind == "broad" else WIDTH))
         for figure in figures
         if isinstance(drawing := figure.content, Drawing)
     }
-    script, elements = embed(drawings) if drawings else (Markup(), {})
-    scripts = (library(), script) if drawings else ()
-    plots = {"elements": elements, "still": still, "scripts": scripts, "contents": contents}
+    documents = {group: embed(drawings) for group, drawings in drawn.items()}
+    groups = {group: script for group, (script, _) in documents.items() if group}
+    scripts = [library(), *(script for group, (script, _) in documents.items() if not group)] if drawn else []
+    elements = {name: one for _, found in documents.values() for name, one in found.items()}
+    plots = {"elements": elements, "still": still, "scripts": scripts, "groups": groups, "contents": contents}
     text = page.render(title=title, version=omnimj.__version__, **plots, **content)
     path.write_text(text, encoding="utf-8")
 
