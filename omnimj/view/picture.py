@@ -115,7 +115,8 @@ def render(
     """
     camera = camera_at(mj_model, qpos) if camera is None else camera
     points = np.empty((0, 2)) if trail is None else np.asarray(trail, float)
-    chosen = os.environ.get("MUJOCO_GL", "")
+    # MuJoCo chose when it was imported, whatever the environment says now
+    chosen = mujoco.GLContext.__module__.rpartition(".")[2] if hasattr(mujoco, "GLContext") else ""
     if chosen in backends and _render_here(mj_model, (qpos, camera, points), size, path):
         return Picture(path, chosen, subject)
     with tempfile.TemporaryDirectory() as folder:

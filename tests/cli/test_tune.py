@@ -148,7 +148,7 @@ def test_a_file_that_is_there_is_not_replaced_without_force(push, tmp_path, caps
         ),
         (
             ["nylon_patch", "--executor", "tcp://a:1"],
-            "--executor: found 'tcp://a:1'; write dask:tcp://HOST:PORT",
+            "--executor: found 'tcp://a:1'; an executor is one of these; choices: dask:tcp://HOST:PORT, ",
         ),
         (["nylon_patch", "--generations", "2", "--evaluations", "9"], "not allowed with argument"),
         (["nylon_patch", "--out", "no/such/g.toml"], "there is no folder no/such"),

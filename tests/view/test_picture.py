@@ -83,7 +83,7 @@ def test_a_renderer_that_hangs_is_stopped(tmp_path, robot_model, monkeypatch):
         raise subprocess.TimeoutExpired(command, keywords["timeout"])
 
     monkeypatch.setattr(picture_room.subprocess, "run", hang)
-    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    monkeypatch.delattr("mujoco.GLContext", raising=False)
     assert render(robot_model, robot_model.qpos0, tmp_path / "b.png", size=SIZE).path is None
 
 
@@ -97,7 +97,8 @@ from omnimj.view.picture import render
 model = robot_model(read_robot(), read_floors()["pvc"])
 folder = Path(sys.argv[1])
 assert render(model, model.qpos0, folder / "here.png", size=(320, 216)).backend == "osmesa"
-os.environ["MUJOCO_GL"] = ""
+import mujoco
+del mujoco.GLContext
 assert render(model, model.qpos0, folder / "apart.png", size=(320, 216)).backend == "osmesa"
 """
 
@@ -115,6 +116,9 @@ def test_software_rendering_is_chosen_only_where_nothing_else_is(monkeypatch):
     monkeypatch.setattr(sys, "platform", "linux")
     for name in ("MUJOCO_GL", "DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
+    choose_backend()  # MuJoCo is imported already, and has chosen
+    assert "MUJOCO_GL" not in os.environ
+    monkeypatch.delitem(sys.modules, "mujoco")
     for name, value in (("DISPLAY", ":0"), ("MUJOCO_GL", "egl")):
         with monkeypatch.context() as patched:
             patched.setenv(name, value)

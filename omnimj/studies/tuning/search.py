@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -150,7 +151,9 @@ class Search:
     """
 
     def __init__(self, axes: Sequence[GainAxis], seed: int):
-        import cma  # slow to import
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # about its own plots, which need another library
+            import cma  # slow to import
 
         self._axes = tuple(axes)
         # CMA-ES needs two dimensions: a single axis is complemented by one without effect
