@@ -118,6 +118,7 @@ def make_gap_report(path: Path) -> None:
             "--disable-gpu",
             "--hide-scrollbars",
             f"--window-size={_SCREEN}",
+            "--virtual-time-budget=8000",  # the browser draws the plots
         ]
         profile = f"--user-data-dir={folder}/profile"
         command = [_BROWSER, *options, profile, f"--screenshot={path.resolve()}", page.as_uri()]
