@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import functools
 import os
 import pickle
@@ -235,6 +236,33 @@ def test_addresses_of_schedulers():
 def test_an_error_of_a_worker_arrives_with_its_kind_and_its_words(error):
     again = pickle.loads(pickle.dumps(error))
     assert type(again) is type(error) and str(again) == str(error)
+
+
+@pytest.mark.parametrize("own", [True, False])
+def test_a_full_disk_costs_no_finished_trial_and_the_rest_is_done_later(tmp_path, own):
+    trials, room = TrialFolder(tmp_path / "trials"), [3]
+
+    def store(name: str, result: Any) -> None:
+        if room[0] == 0:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        room[0] -= 1
+        trials.write(name, {"value": result})
+
+    def drive_the_rest() -> bool:
+        tasks = {str(k): (k, 2.0) for k in range(6) if trials.finished(str(k)) is None}
+        with ThreadPoolExecutor(1) as threads:
+            return run_in_workers(
+                lambda pool: pool.run_all(pow, tasks, store, "raising", quiet), 1, None if own else threads
+            )
+
+    with pytest.raises(OSError, match="No space left"):
+        drive_the_rest()
+    kept = [k for k in range(6) if trials.finished(str(k)) is not None]
+    assert len(kept) == 3
+    room[0] = 6
+    assert drive_the_rest()
+    assert [trials.read(str(k)) for k in range(6)] == [{"value": k**2.0} for k in range(6)]
+    assert room[0] == 3  # nothing that was finished is done again
 
 
 FAKE_SBATCH = """#!/bin/sh
