@@ -21,7 +21,7 @@ PACKAGE = Path(omnimj.__file__).parent
 ROOT = PACKAGE.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 WHEEL = PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]
-COMES_WITH = {"llvmlite": "numba", "markupsafe": "jinja2"}  # installed with it
+COMES_WITH = {"llvmlite": "numba", "OpenGL": "mujoco", "markupsafe": "jinja2"}  # installed with it
 FOLDERS = {"models": resources.models_folder(), "scenarios": resources.scenarios_folder()}
 
 

@@ -172,11 +172,14 @@ def _render_here(
     mj_model: mujoco.MjModel, shot: tuple[Array, Camera, Array], size: tuple[int, int], path: Path
 ) -> bool:
     """Render one frame in this process; False if OpenGL reports an error."""
-    before = copy.copy(mj_model)  # `frames` moves lights
+    from OpenGL.error import Error  # loaded with MuJoCo's context
+
+    own = copy.copy(mj_model)  # `frames` moves lights
     try:
-        _save(next(frames(before, [shot], size)), path)
-    except Exception:  # whatever libraries of OpenGL raise: another way is tried
+        pixels = next(frames(own, [shot], size))
+    except (Error, mujoco.FatalError, RuntimeError, AttributeError):  # no context, or one without a function
         return False
+    _save(pixels, path)
     return True
 
 
