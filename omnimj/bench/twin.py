@@ -23,12 +23,12 @@ def wall_time(work: Callable[[], object]) -> float:
 
 def _interleaved(rounds: int, *works: Callable[[], object]) -> np.ndarray:
     """Return the shortest time of each call over interleaved rounds, shape (len(works),) [s]."""
-    return np.array([[wall_time(work) for work in works] for _ in range(rounds)]).min(axis=0)
+    return _times(rounds, *works).min(axis=0)
 
 
-def _medians(rounds: int, *works: Callable[[], object]) -> np.ndarray:
-    """Return the median time of each call over interleaved rounds, shape (len(works),) [s]."""
-    return np.median([[wall_time(work) for work in works] for _ in range(rounds)], axis=0)
+def _times(rounds: int, *works: Callable[[], object]) -> np.ndarray:
+    """Return the times of calls in interleaved rounds, shape (rounds, len(works)) [s]."""
+    return np.array([[wall_time(work) for work in works] for _ in range(rounds)])
 
 
 def _moving(mj_model: Any) -> Any:
@@ -145,8 +145,12 @@ def measure_driving(duration: float, rounds: int) -> dict[str, float]:
         lambda: drive(planar, full, plan),
         drive_both,
     )
-    unit, diagnosed, undiagnosed, stepwise, flat, threads = _medians(rounds, *works)
+    times = _times(rounds, *works)
+    unit, diagnosed, undiagnosed, stepwise, flat, threads = np.median(times, axis=0)
+    low, high = np.quantile(times[:, 0], (0.1, 0.9))
     return {
+        "unit_step_us": 1e6 * unit / len(plan.time),
+        "unit_spread": (high - low) / unit,
         "diagnosed_step_ratio": diagnosed / unit,
         "undiagnosed_step_ratio": undiagnosed / unit,
         "stepwise_step_ratio": stepwise / unit,

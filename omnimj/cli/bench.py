@@ -47,6 +47,8 @@ _MEANING = {
     "solver_contact_ratio": "twin step / same robot, MuJoCo's contact without traction (goal ≤ 0.75)",
     "solver_friction_ratio": "twin step / the same with MuJoCo's default contact, friction included",
     "callback_share": "native callbacks / step (goal ≤ 0.35)",
+    "unit_step_us": "step of the same robot with MuJoCo's contact, no traction: unit of the next ratios [µs]",
+    "unit_spread": "10 to 90 % of its times in the interleaved rounds / their median",
     "diagnosed_step_ratio": "diagnosed period on the twin / step with MuJoCo's contact (goal ≤ 1.5)",
     "undiagnosed_step_ratio": "the same without diagnosis (goal ≤ 1.1)",
     "stepwise_step_ratio": "diagnosed run in the stepwise loop / the same step",

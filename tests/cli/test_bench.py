@@ -32,7 +32,7 @@ def found() -> dict[str, float]:
         steps=100,
         rounds=1,
         drive=3.0,
-        drives=1,
+        drives=2,
         run=1.0,
         missions=1,
         mission=3.0,
