@@ -1,7 +1,8 @@
 """Blind benchmark of the gap workflow on datasets with hidden effects.
 
 `study`      configuration, `run_benchmark`, result
-`cases`      hidden effects, and effects outside the library
+`cases`      hidden effects in three sizes, alone and together
+`unmodelled` effects outside the library, and deviations of a machine from its equations
 `datasets`   recordings of the true rig
 `seal`       the truth under seal until scoring
 `trial`      blind search of a dataset, and the fit of the true model

@@ -26,7 +26,8 @@ from omnimj.recording.write_dataset import write_dataset
 from omnimj.signals import Array, CurrentCommand
 from omnimj.simulate.loop import drive_rig, require_complete
 from omnimj.simulate.suites.rig import samples_on_rail
-from omnimj.studies.gap_benchmark.cases import FLOORS, Case, RunContext, UnmodelledEffect
+from omnimj.studies.gap_benchmark.cases import FLOORS, Case
+from omnimj.studies.gap_benchmark.unmodelled import Motion, RunContext, UnmodelledEffect
 
 _REST = 0.1  # [s] without current at the start, in which the accelerometer shows its offset
 _SPREAD = 0.08  # half-width of the random deviation of a current, relative
@@ -158,10 +159,9 @@ def _recorded(case: Case, truth: AdjustedMachine[Rig], planned: PlannedRun, k: i
     seed = int(np.random.SeedSequence(case.seed, spawn_key=(1, k)).generate_state(1, np.uint64)[0])
     rig = _plant(truth, planned, seed, made_by)
     plant: Plant = rig
-    if case.outside is not None:
-        plant = DisturbedPlant(
-            rig, case.outside, RunContext(planned.session, planned.mass * truth.mass_scale)
-        )
+    if case.unmodelled:
+        context = RunContext(planned.session, planned.mass * truth.mass_scale)
+        plant = DisturbedPlant(rig, case.unmodelled, context)
     try:
         trace = drive_rig(plant, planned.current)
     finally:
@@ -169,8 +169,8 @@ def _recorded(case: Case, truth: AdjustedMachine[Rig], planned: PlannedRun, k: i
     require_complete(trace, f"{case.name}, {planned.name}")
     rows = samples_on_rail(truth.machine, trace["carriage_position"], trace["lateral_position"])
     columns = {name: trace[name][:rows] for name in ("time", *RIG_CHANNELS, "current_target")}
-    if case.outside is not None:
-        columns = case.outside.bend_readings(columns, trace["carriage_position"][:rows])
+    for effect in case.unmodelled:
+        columns = effect.bend_readings(columns, trace["carriage_position"][:rows])
     conditions = MappingProxyType({"floor": planned.floor, "mass": planned.mass})
     return Run(planned.name, columns, MappingProxyType({}), conditions, planned.condition)
 
@@ -190,30 +190,36 @@ def _plant(truth: AdjustedMachine[Rig], planned: PlannedRun, seed: int, made_by:
 
 
 class DisturbedPlant:
-    """A rig with an effect outside the library, written into its terms before every sample; a `Plant`."""
+    """A rig with physics outside the library, written into its terms before every sample; a `Plant`."""
 
-    def __init__(self, plant: PlanarRig | RigTwin, outside: UnmodelledEffect, run: RunContext):
-        self._plant, self._outside, self._run = plant, outside, run
+    def __init__(
+        self, plant: PlanarRig | RigTwin, effects: tuple[UnmodelledEffect, ...], context: RunContext
+    ):
+        self._plant, self._effects, self._context = plant, effects, context
         self.period, self.truth_names = plant.period, plant.truth_names
-        self._steps = 0
+        self._own_terms = plant.effect_terms.copy()
+        self._steps, self._angle = 0, 0.0
 
     def reset(self) -> Any:
         """Put the rig to rest."""
-        self._steps = 0
+        self._steps, self._angle = 0, 0.0
         measured = self._plant.reset()
-        self._disturb()
+        self._disturb(0.0)
         return measured
 
     def step(self, command: CurrentCommand) -> Any:
         """Advance one sample period with the terms at its start."""
-        self._disturb()
+        self._disturb(float(command.current[0]))
         self._steps += 1
         return self._plant.step(command)
 
-    def _disturb(self) -> None:
-        position, speed = self._plant.truth()[:2].tolist()
-        time = self._steps * self.period
-        self._outside.write_terms(self._plant.effect_terms, self._run, time, position, speed)
+    def _disturb(self, current: float) -> None:
+        position, speed, wheel_speed = self._plant.truth()[:3].tolist()
+        motion = Motion(self._steps * self.period, position, speed, self._angle, current)
+        self._angle += wheel_speed * self.period
+        self._plant.effect_terms[:] = self._own_terms
+        for effect in self._effects:
+            effect.write_terms(self._plant.effect_terms, self._context, motion)
 
     def truth(self) -> Array:
         """Return the truth of the rig."""

@@ -9,11 +9,13 @@ from typing import Any
 
 from omnimj.effects import RIG, effects_of
 from omnimj.parameters import read_rig
-from omnimj.studies.gap_benchmark.cases import FLOORS, KINDS, SIZES, Case, HiddenEffect
+from omnimj.studies.gap_benchmark.cases import FLOORS, SIZES, Case, HiddenEffect
 from omnimj.studies.gap_benchmark.datasets import planned_runs
+from omnimj.studies.gap_benchmark.unmodelled import KINDS
 
 VISIBLE = 1.2
-"""Mismatch of the refitted base, in units of noise, from which an effect counts as visible."""
+"""Mismatch of the refitted base, in units of what the true model leaves (at least the noise), from which an
+effect counts as visible."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,8 @@ class MethodScore:
     """Per reported effect: size of its ambiguity set; for a baseline the number of its names."""
     wrong: int
     """Number of reported sets without a hidden effect; for a baseline that of wrong names."""
+    exclusive_wrong: int
+    """Number of wrong names that are reported without an alternative."""
     ratio: float | None
     """Held-out mismatch over that of the true model; None without a true model, or if the workflow names no
     effect."""
@@ -62,8 +66,10 @@ class CaseScore:
     hidden: tuple[str, ...]
     """Labels of the hidden effects; for an effect outside the library its kind."""
     sizes: tuple[str, ...]
+    structure: str
+    """Deviation of the machine from the equations of the library; empty: none."""
     visibility: float
-    """RMS mismatch of the refitted base in units of noise."""
+    """RMS mismatch of the refitted base in units of what the true model leaves, at least the noise."""
     verdict: str
     seconds: float
     workflow: MethodScore
@@ -102,7 +108,8 @@ def score_case(case: Case, result: Mapping[str, Any], truth: Mapping[str, Any] |
         case.kind,
         labels or ((case.outside.kind,) if case.outside else ()),
         tuple(one.size for one in case.hidden) or _size_of_outside(case),
-        visibility(gap),
+        case.structure.kind if case.structure else "",
+        visibility(gap) / max(1.0, best or 1.0),
         gap["verdict"],
         float(result["seconds"]),
         _method(labels, reported, _ratio(after, best)),
@@ -144,6 +151,7 @@ def _method(
         tuple(any(_has(names[:1], label) for names in sets[: len(labels)]) for label in labels),
         tuple(len(names) for names in sets),
         sum(not any(_has(names, label) for label in labels) for names in sets),
+        sum(len(names) == 1 and not any(_has(names, label) for label in labels) for names in sets),
         ratio if reported else None,
     )
 
@@ -156,6 +164,7 @@ def _of_baseline(labels: Sequence[str], names: Sequence[str], ratio: float | Non
         tuple(_has(names[: len(labels)], label) for label in labels),
         (len(names),) if names else (),
         sum(name not in labels for name in names),
+        sum(name not in labels for name in names) if len(names) == 1 else 0,
         ratio,
     )
 

@@ -8,10 +8,15 @@ from dataclasses import dataclass
 
 from omnimj.studies.gap_benchmark.cases import SIZES, TUNING_SEEDS
 from omnimj.studies.gap_benchmark.scoring import VISIBLE, CaseScore, MethodScore
-from omnimj.studies.statistics import Rate, Table, format_number, format_rate, median, rate
+from omnimj.studies.gap_benchmark.unmodelled import STRUCTURES
+from omnimj.studies.statistics import Rate, Table, format_number, format_rate, median, rate, wilson
 
 HELD_OUT_GOAL = 1.15
 """Largest acceptable ratio of the held-out gap to that of the true model."""
+
+
+_WITH_EFFECTS = ("single", "absent", "pair", "triple")
+"""Kinds of cases in which an effect of the library is hidden."""
 
 
 @dataclass(frozen=True)
@@ -26,6 +31,9 @@ class MethodSummary:
     first_where_named: Rate
     first_visible: Rate
     mean_set: float | None
+    largest_set: int | None
+    exclusive_wrong: Rate
+    """Share of reported sets that are a single wrong name, among cases with hidden effects."""
     wrong_names: float | None
     """Reported sets (of a baseline: names) without a hidden effect, per case with hidden effects."""
     false_on_null: Rate
@@ -74,7 +82,9 @@ class Summary:
     sizes: tuple[GroupSummary, ...]
     effects: tuple[GroupSummary, ...]
     kinds: tuple[GroupSummary, ...]
-    """Summaries by kind of case: null, single, pair, triple, and the kinds outside the library."""
+    """Summaries by kind of case: null, single, absent, pair, triple, and the kinds outside the library."""
+    structures: tuple[GroupSummary, ...]
+    """Summaries of the machines that obey the equations, and of those that deviate, by kind of deviation."""
 
 
 def summarize(scores: Sequence[CaseScore]) -> Summary:
@@ -83,10 +93,10 @@ def summarize(scores: Sequence[CaseScore]) -> Summary:
     baselines = dict.fromkeys(name for s in scores for name in s.baselines)
     methods = [_method("omnimj gap", scores, lambda s: s.workflow)]
     methods += [_method(name, scores, lambda s, n=name: s.baselines.get(n)) for name in baselines]
-    inner = [s for s in scores if s.kind in ("single", "pair", "triple")]
+    inner = [s for s in scores if s.kind in _WITH_EFFECTS]
     singles = [s for s in inner if s.kind == "single"]
     names = sorted({label.partition(" (")[0] for s in singles for label in s.hidden})
-    kinds = [("null", "null"), ("single", "single"), ("pair", "pair"), ("triple", "triple")]
+    kinds = [(kind, kind) for kind in ("null", *_WITH_EFFECTS)]
     outside = sorted({s.hidden[0] for s in scores if s.kind == "outside"})
     return Summary(
         tuple(methods),
@@ -101,6 +111,7 @@ def summarize(scores: Sequence[CaseScore]) -> Summary:
             *(_group(words, [s for s in scores if s.kind == kind]) for kind, words in kinds),
             *(_group(k, [s for s in scores if s.kind == "outside" and s.hidden[0] == k]) for k in outside),
         ),
+        tuple(_group(k or "none", [s for s in inner if s.structure == k]) for k in ("", *STRUCTURES)),
     )
 
 
@@ -120,7 +131,7 @@ def _method(
     name: str, scores: Sequence[CaseScore], of: Callable[[CaseScore], MethodScore | None]
 ) -> MethodSummary:
     pairs = [(s, m) for s in scores if (m := of(s)) is not None]
-    inner = [(s, m) for s, m in pairs if s.kind in ("single", "pair", "triple")]
+    inner = [(s, m) for s, m in pairs if s.kind in _WITH_EFFECTS]
     sets = [size for _, m in inner for size in m.set_sizes]
     ratios = [m.ratio for _, m in inner if m.ratio is not None]
     return MethodSummary(
@@ -130,6 +141,8 @@ def _method(
         rate(c for _, m in inner if m.named for c in m.first),
         rate(c for s, m in inner if s.is_visible for c in m.first),
         sum(sets) / len(sets) if sets else None,
+        max(sets, default=None),
+        wilson(sum(m.exclusive_wrong for _, m in inner), len(sets)),
         sum(m.wrong for _, m in inner) / len(inner) if inner else None,
         rate(bool(m.named) for s, m in pairs if s.kind == "null"),
         rate(bool(m.named) for s, m in pairs if s.kind == "outside"),
@@ -177,6 +190,11 @@ def result_tables(summary: Summary) -> list[Table]:
             tuple((*_cells(g), g.instead or "–") for g in summary.effects),
         ),
         Table(
+            "By deviation of the machine from the equations of the library (one or more hidden effects)",
+            ("deviation", *head[1:]),
+            tuple(_cells(g) for g in summary.structures if g.cases),
+        ),
+        Table(
             "By kind of case; below `triple` effects outside the library",
             ("kind", "cases", "mismatch", "no_gap", "unexplained", "names an effect", "most often"),
             tuple(
@@ -202,13 +220,15 @@ def _methods(summary: Summary) -> Table:
     none = ("–",) * (len(methods) - 1)
     rows = [
         ("coverage, where it names", "≥ 95 %", *(format_rate(m.covered_where_named) for m in methods)),
-        ("coverage, all visible", "", *(format_rate(m.covered_visible) for m in methods)),
+        ("coverage, all visible", "≥ 85 %", *(format_rate(m.covered_visible) for m in methods)),
         ("top-1, where it names", "≥ 80 %", *(format_rate(m.first_where_named) for m in methods)),
         ("top-1, all visible", "", *(format_rate(m.first_visible) for m in methods)),
         ("mean set", "≤ 1.6", *(format_number(m.mean_set) for m in methods)),
+        ("largest set", "", *("–" if m.largest_set is None else str(m.largest_set) for m in methods)),
+        ("single wrong names", "≤ 3 %", *(format_rate(m.exclusive_wrong) for m in methods)),
         ("wrong names per case", "", *(format_number(m.wrong_names) for m in methods)),
         ("false naming, nothing hidden", "≤ 5 %", *(format_rate(m.false_on_null) for m in methods)),
-        ("false naming, out of library", "≤ 10 %", *(format_rate(m.false_outside) for m in methods)),
+        ("false naming, out of library", "≤ 5 %", *(format_rate(m.false_outside) for m in methods)),
         ("abstains on a visible effect", "", format_rate(summary.abstained_visible), *none),
         (
             "held-out gap over true model's: median",

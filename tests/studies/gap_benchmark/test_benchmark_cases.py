@@ -17,14 +17,13 @@ from omnimj.parameters import read_floors, read_rig
 from omnimj.recording.read_dataset import read_dataset
 from omnimj.studies.gap_benchmark.cases import (
     FLOORS,
-    KINDS,
     HiddenEffect,
-    UnmodelledEffect,
     case_from_dict,
     draw_cases,
 )
 from omnimj.studies.gap_benchmark.datasets import make_dataset, true_machine
 from omnimj.studies.gap_benchmark.seal import open_seal, seal, seals_labels
+from omnimj.studies.gap_benchmark.unmodelled import KINDS, STRUCTURES, UnmodelledEffect
 
 
 def test_every_effect_is_hidden_in_three_sizes_and_the_same_seed_hides_the_same():
@@ -32,10 +31,19 @@ def test_every_effect_is_hidden_in_three_sizes_and_the_same_seed_hides_the_same(
     assert singles == sorted(
         (name, size) for name in effects_of(RIG) for size in ("faint", "clear", "obvious")
     )
-    assert {c.kind for c in CASES} == {"null", "single", "pair", "triple", "outside"}
+    assert {c.kind for c in CASES} == {"null", "single", "pair", "triple", "absent", "outside"}
     assert draw_cases(3) == CASES
     assert draw_cases(4) != CASES
     assert [c.kind for c in CASES] != sorted(c.kind for c in CASES)
+
+
+def test_half_of_the_cases_with_effects_hide_several_and_a_third_of_the_machines_deviate_from_the_equations():
+    many = [c for seed in range(6) for c in draw_cases(seed)]
+    several = sum(c.kind in ("pair", "triple") for c in many)
+    assert several / sum(bool(c.hidden) for c in many) == pytest.approx(0.5, abs=0.02)
+    own = [c for c in many if c.kind != "outside"]
+    assert sum(c.structure is not None for c in own) / len(own) == pytest.approx(1 / 3, abs=0.05)
+    assert {c.structure.kind for c in own if c.structure} == set(STRUCTURES)
 
 
 def test_every_truth_is_a_machine_that_can_be_and_its_constants_lie_inside_their_boxes():
@@ -100,7 +108,7 @@ def test_a_disturbance_without_variation_is_the_effect_that_it_degenerates_to(tm
 def test_every_kind_outside_of_the_library_changes_what_is_measured(tmp_path):
     make_dataset(hiding(), tmp_path / "null", "planar", 0.8, 9)
     plain = read_dataset(tmp_path / "null").runs
-    for kind, about in KINDS.items():
+    for kind, about in (KINDS | STRUCTURES).items():
         length = 0.5 * (about.shortest + about.longest)
         make_dataset(
             hiding(outside=UnmodelledEffect(kind, about.amplitude, length, 0.0)),

@@ -13,9 +13,10 @@ from omnimj.effects import RIG, effects_of
 from omnimj.estimate.replay.base_parameters import base_parameters
 from omnimj.parameters import read_floors, read_rig
 from omnimj.studies.gap_benchmark.baselines import LinearModel, forward_selection, sparse_regression
-from omnimj.studies.gap_benchmark.cases import FLOORS, HiddenEffect, UnmodelledEffect
+from omnimj.studies.gap_benchmark.cases import FLOORS, HiddenEffect
 from omnimj.studies.gap_benchmark.scoring import relative_to_nominal, score_case
 from omnimj.studies.gap_benchmark.summary import summarize
+from omnimj.studies.gap_benchmark.unmodelled import UnmodelledEffect
 from omnimj.studies.statistics import rate, wilson
 
 NOMINAL = {p.name: p.nominal for p in base_parameters(read_rig(), read_floors(), FLOORS, ())}
