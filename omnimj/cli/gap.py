@@ -289,7 +289,7 @@ def add_benchmark_arguments(parser: argparse.ArgumentParser) -> None:
     words = "hide effects drawn by --seed, search blind, score; an interrupted --out is resumed"
     group.add_argument("--benchmark", action="store_true", help=words)
     count, cpus = whole_number(1, 1000), whole_number(1, 256)
-    words = "repetitions of the set of 130 cases (default 1)"
+    words = "repetitions of the set of 248 cases (default 1)"
     group.add_argument("--trials", metavar="N", type=count, default=1, help=words)
     words = "only the first N cases, which are in random order"
     group.add_argument("--cases", metavar="N", type=whole_number(1, 10**6), help=words)

@@ -45,6 +45,8 @@ def digest(
         "verdict": finding.verdict,
         "summary": sentences.summarize_finding(finding),
         "reason": finding.reason,
+        "incomplete": finding.incomplete,
+        "remains": finding.remains,
         "effects": [_effect(effect) for effect in finding.effects],
         "where": [_place(place) for place in finding.where],
         "gap": {
@@ -64,6 +66,10 @@ def digest(
         "data_notes": list(finding.data_notes),
         "refitted": list(map(vars, finding.refitted)),
         "stages": [_stage(stage) for stage in finding.stages],
+        "given_up": [
+            {"label": one.label, "gain": _interval(one.gain), "reason": one.reason}
+            for one in finding.given_up
+        ],
         "flexible": dict(finding.flexible),
         "runs": list(map(vars, run_gaps(finding))),
         "heldout_runs": list(finding.heldout_runs),

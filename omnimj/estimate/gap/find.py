@@ -17,7 +17,9 @@ from omnimj.estimate.gap.check.dataset import check_dataset, correct_dataset
 from omnimj.estimate.gap.locate.regimes import locate
 from omnimj.estimate.gap.plants import find_plant, read_machine
 from omnimj.estimate.gap.records import ChannelGap, Finding, NamedEffect, Overlay, Refitted
-from omnimj.estimate.gap.search.search import SearchResult, SelectedEffect, parameter_slice, search
+from omnimj.estimate.gap.search.candidates import parameter_slice
+from omnimj.estimate.gap.search.judgement import SelectedEffect
+from omnimj.estimate.gap.search.search import SearchResult, search
 from omnimj.estimate.gap.search.selection import Progress
 from omnimj.estimate.gap.verdict import Verdict, judge_search, next_experiment
 from omnimj.estimate.intervals import effective_samples, repeatability, sandwich_deviations
@@ -119,6 +121,9 @@ def analyse_replay(
         seconds=time.perf_counter() - began,
         failure="interrupted" if found.interrupted else "",
         regimes={name: unit for name, (unit, _) in regimes.items()},
+        remains=verdict.remains,
+        incomplete=verdict.incomplete,
+        given_up=found.given_up,
     )
 
 
@@ -152,7 +157,9 @@ def _effect(found: SearchResult, named: SelectedEffect, reach: Array) -> NamedEf
     parameters = {}
     for shape, value, half in zip(candidate.parameters, found.final.x[own], reach[own], strict=True):
         low, high = max(value - half, shape.low), min(value + half, shape.high)
-        parameters[shape.name] = Interval(float(value), float(low), float(high), shape.unit)
+        is_fixed = shape.low == shape.high  # at its null value: the data do not determine it
+        ends = (None, None) if is_fixed else (float(low), float(high))
+        parameters[shape.name] = Interval(float(value), *ends, shape.unit)
     rivals = []
     for rival in named.rivals:
         name = rival.candidate.effect

@@ -90,6 +90,16 @@ class CandidateResult:
 
 
 @dataclass(frozen=True)
+class GivenUp:
+    """Effect that was in the model for a while."""
+
+    label: str
+    gain: Interval
+    """Held-out gain given the other effects, when it was given up."""
+    reason: str
+
+
+@dataclass(frozen=True)
 class Stage:
     """Round of the selection: candidates in the order of their gain, and gains of the decoys."""
 
@@ -157,6 +167,12 @@ class Finding:
     """Reason of an early end, empty otherwise."""
     regimes: Mapping[str, str] = field(default_factory=dict)
     """Regime variable → its unit."""
+    remains: float | None = None
+    """Held-out mismatch of the last model, RMS over all channels in units of noise."""
+    incomplete: bool = False
+    """True if effects are named and something else is missing as well."""
+    given_up: tuple[GivenUp, ...] = ()
+    """Effects that were in the model for a while, the largest gain first."""
 
 
 @dataclass(frozen=True)

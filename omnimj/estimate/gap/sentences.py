@@ -72,7 +72,7 @@ def effect_label(effect: NamedEffect) -> str:
 
 
 def headline(finding: Finding) -> str:
-    """Verdict with the named effects: `Named: lateral_coupling`."""
+    """Verdict with the named effects: `Named: lateral_coupling`, `Named, incomplete: 2 effects`."""
     effects = finding.effects
     if len(effects) > 1:
         names = f": {len(effects)} effects"
@@ -80,7 +80,7 @@ def headline(finding: Finding) -> str:
         names = f": {join_words([effect_label(effects[0]), *effects[0].indistinguishable_from], 'or')}"
     else:
         names = ""
-    return HEADLINES[finding.verdict] + names
+    return HEADLINES[finding.verdict] + (", incomplete" if finding.incomplete else "") + names
 
 
 def summarize_finding(finding: Finding) -> str:
@@ -96,6 +96,8 @@ def _unfinished(finding: Finding) -> str:
 
 
 def _verdict(finding: Finding) -> str:
+    if finding.incomplete:
+        return f"{_summarize_incomplete(finding)} {_smaller(finding)}".rstrip()
     if finding.verdict == "named":
         return f"{_lacks(finding)}{_open(finding)} {_smaller(finding)}".rstrip()
     if finding.verdict == "ambiguous":
@@ -110,6 +112,24 @@ def _lacks(finding: Finding) -> str:
     if len(names) == 1:
         return f"The model lacks {names[0]}: {finding.effects[0].words}."
     return f"The model lacks {len(names)} effects: {join_words(names)}."
+
+
+def _summarize_incomplete(finding: Finding) -> str:
+    """What is named, that something else is missing, where it sits, and what a free curve would take."""
+    is_named = finding.verdict == "named"
+    named = f"{_lacks(finding)}{_open(finding)}" if is_named else _list_alternatives(finding)
+    rest = "" if finding.remains is None else f": {format_number(finding.remains, 2)} times the noise remains"
+    place = max(
+        finding.where, key=lambda w: (w.after or 0.0) / finding.noise.get(w.channel, 1.0), default=None
+    )
+    where = ""
+    if place is not None and place.channel in finding.channels:
+        where = f", most of it in the {finding.channels[place.channel][1]} ({format_regime(place)})"
+    curve = ""
+    if finding.flexible:
+        variable, share = max(finding.flexible.items(), key=lambda item: item[1])
+        curve = f"; a free curve over {variable_words(variable)} would remove {format_percent(share)} of it"
+    return f"Incomplete. {named} Something else is missing as well{rest}{where}{curve}."
 
 
 def _open(finding: Finding) -> str:
@@ -242,7 +262,18 @@ def _summarize_remainder(finding: Finding) -> str:
     if after is None or not noise:
         return ""
     left = f" A mismatch of {format_in_noise(after / noise)} is left in the {finding.channels[channel][1]}"
-    return f"{left}; no further effect in the library gains enough to be named."
+    return f"{left}; {_summarize_given_up(finding)}."
+
+
+def _summarize_given_up(finding: Finding) -> str:
+    """What the search gave up; without any, that no other effect gains enough."""
+    if not finding.given_up:
+        return "no further effect in the library gains enough to be named"
+    parts = [
+        f"{one.label} gained {format_percent(one.gain.value)} and was given up, because {one.reason}"
+        for one in finding.given_up
+    ]
+    return "; ".join(parts)
 
 
 def _summarize_free_curve(finding: Finding) -> str:

@@ -28,6 +28,8 @@ MIN_HELD_OUT_GAIN = 0.01
 MAX_RESIDUAL, MAX_SHARE_AT_BOUNDS = 5.0, 0.5
 """Remaining mismatch in units of noise, and share of base parameters at bounds, beyond which nothing is
 named."""
+COMPLETE = 2.0
+"""Held-out mismatch in units of noise above which something else is missing beside the named effects."""
 _MIN_SEPARATION = 1.0  # RMS distance in units of noise above which a run separates two models
 
 
@@ -41,6 +43,13 @@ class Verdict:
     """Share of the explainable mismatch that the effects remove; None without effects."""
     flexible: dict[str, float]
     """Variable → gain of a free curve of it beyond the last model."""
+    remains: float
+    """Held-out mismatch of the last model, RMS over all channels in units of noise."""
+
+    @property
+    def incomplete(self) -> bool:
+        """True if effects are named and something else is missing as well."""
+        return self.kind in ("named", "ambiguous") and self.remains > COMPLETE
 
 
 @dataclass(frozen=True)
@@ -65,20 +74,21 @@ def judge_search(found: SearchResult) -> Verdict:
     achieved, flexible = _measure_achieved(found)
     refusal = _refusal(achieved)
     if refusal is not None:
-        return Verdict(*refusal, achieved.explained, flexible)
+        return Verdict(*refusal, achieved.explained, flexible, achieved.was)
     words = f"{_format_explained(achieved)}; {achieved.rest:.2g} × the noise remains"
     kind = "ambiguous" if any(n.rivals for n in found.named) else "named"
-    return Verdict(kind, words, achieved.explained, flexible)
+    return Verdict(kind, words, achieved.explained, flexible, achieved.rest)
 
 
 def _nothing_named(found: SearchResult) -> Verdict:
     size, flexible = _heldout_rms(found, found.base.residual), found.curves.flexible if found.curves else {}
     if size <= NOISE_LEVEL:
         reason = f"after refitting the uncertain parameters the mismatch is {size:.2g} × its noise"
-        return Verdict("no_gap", reason, None, flexible)
+        return Verdict("no_gap", reason, None, flexible, size)
     best = max([0.0, *flexible.values()])
     reason = f"the mismatch is {size:.2g} × its noise, and no effect of the library gains clearly on held-out"
-    return Verdict("unexplained", f"{reason} runs; a free curve gains {100.0 * best:.0f} %", None, flexible)
+    reason = f"{reason} runs; a free curve gains {100.0 * best:.0f} %"
+    return Verdict("unexplained", reason, None, flexible, size)
 
 
 def _measure_achieved(found: SearchResult) -> tuple[_Achieved, dict[str, float]]:

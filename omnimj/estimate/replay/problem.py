@@ -150,12 +150,19 @@ class Problem:
         return (2.0 * d * d * (np.sqrt(1.0 + (residual / d) ** 2) - 1.0)).sum(axis=1)
 
     def jacobian(self, x: Array, effects: ModelEffects, columns: Sequence[int] | None = None) -> Array:
-        """d(residual)/d(parameter/scale) by finite differences, shape (blocks × channels, columns)."""
+        """d(residual)/d(parameter/scale) by finite differences, shape (blocks × channels, columns).
+
+        The column of a parameter whose bounds are equal is 0.
+        """
         low, high = self.bounds(effects)
         scales = self.scales(effects)
         columns = range(len(x)) if columns is None else columns
+        free = [place for place, k in enumerate(columns) if high[k] > low[k]]
+        found = np.zeros((self.replay.measured.size, len(columns)))
+        if not free:
+            return found
         moved, steps = [x], []
-        for k in columns:
+        for k in (columns[place] for place in free):
             step = 0.02 * scales[k]
             if x[k] + step > high[k]:
                 step = -step
@@ -166,7 +173,9 @@ class Problem:
             moved.append(other)
             steps.append(step / scales[k])
         here, *there = self.residuals(moved, effects)
-        return np.stack([(r - here).ravel() / s for r, s in zip(there, steps, strict=True)], axis=1)
+        for place, r, step in zip(free, there, steps, strict=True):
+            found[:, place] = (r - here).ravel() / step
+        return found
 
 
 def huber_weights(problem: Problem, residual: Array, used: NDArray[np.bool_]) -> Array:

@@ -188,7 +188,7 @@ def draw_unmodelled(kind: str, size: float, random: np.random.Generator) -> Unmo
       size: Amplitude relative to the noticeable one.
       random: Random generator, which also draws the sign if the kind has one.
     """
-    about = (KINDS | STRUCTURES)[kind]
+    about = {**KINDS, **STRUCTURES}[kind]
     has_sign = kind in ("drifting_accelerometer", "sideways_crosstalk")
     sign = float(random.choice((-1.0, 1.0))) if has_sign else 1.0
     length, phase = random.uniform(about.shortest, about.longest), random.uniform(0.0, 2.0 * math.pi)

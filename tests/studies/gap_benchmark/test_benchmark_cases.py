@@ -108,7 +108,7 @@ def test_a_disturbance_without_variation_is_the_effect_that_it_degenerates_to(tm
 def test_every_kind_outside_of_the_library_changes_what_is_measured(tmp_path):
     make_dataset(hiding(), tmp_path / "null", "planar", 0.8, 9)
     plain = read_dataset(tmp_path / "null").runs
-    for kind, about in (KINDS | STRUCTURES).items():
+    for kind, about in {**KINDS, **STRUCTURES}.items():
         length = 0.5 * (about.shortest + about.longest)
         make_dataset(
             hiding(outside=UnmodelledEffect(kind, about.amplitude, length, 0.0)),

@@ -8,6 +8,7 @@ Held-out gains of curves follow from sums over groups, with the boxes of the bas
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -83,7 +84,7 @@ def trial_points(x: Array, at: Array, steps: list[tuple[int, float]]) -> list[Ar
 
 
 def screen_candidates(
-    problem: Problem, current: Fit, candidates: list[CandidateEffect], used: NDArray[np.bool_]
+    problem: Problem, current: Fit, candidates: Sequence[CandidateEffect], used: NDArray[np.bool_]
 ) -> list[ScreenedCandidate]:
     """Screen every candidate in each of its shapes; best shape only, sorted by share.
 

@@ -1,4 +1,4 @@
-"""Search: refit the base, add effects one by one, eliminate, and evaluate on held-out runs."""
+"""Search: refit the base, add effects alone or in pairs, and judge them given each other."""
 
 from __future__ import annotations
 
@@ -7,58 +7,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from omnimj.effects import Interval
-from omnimj.estimate.gap.search.cross_validation import (
-    choose_heldout,
-    heldout_losses,
-    make_folds,
-    make_groups,
-    sum_by_group,
-)
-from omnimj.estimate.gap.search.screening import (
-    CurveGains,
-    ScreenedCandidate,
-    curve_gains,
-    screen_candidates,
-    sensitivities,
-)
-from omnimj.estimate.gap.search.selection import (
-    MARGIN,
-    MAX_FALSE_RATE,
-    FittedCandidate,
-    Progress,
-    SelectionRound,
-    TrainingSplit,
-    ambiguity_set,
-    decoy_p_value,
-    exceeds_margin,
-    fit_candidate,
-    has_amplitude_at_bound,
-    information_score,
-    refine_leaders,
-    select_round,
-)
-from omnimj.estimate.intervals import block_noise, effective_samples
-from omnimj.estimate.replay.interface import CandidateEffect, Replay
+from omnimj.estimate.gap.records import GivenUp
+from omnimj.estimate.gap.search.candidates import MARGIN, TrainingSplit, exceeds_margin
+from omnimj.estimate.gap.search.cross_validation import choose_heldout, make_folds, make_groups
+from omnimj.estimate.gap.search.judgement import Judgement, SelectedEffect, judge_effects
+from omnimj.estimate.gap.search.screening import CurveGains
+from omnimj.estimate.gap.search.selection import Progress, SelectionRound, select_round
+from omnimj.estimate.gap.search.subsets import best_pair
+from omnimj.estimate.intervals import block_noise
+from omnimj.estimate.replay.interface import Replay
 from omnimj.estimate.replay.problem import Fit, ModelEffects, Problem, fit, reevaluate
 from omnimj.signals import Array
 
-MOST_EFFECTS = 3
-_SWAPS = 6  # rivals that may replace an effect, given the others
-_CLOSE = 0.5  # share of the best screened share that a rival must reach
-
-
-@dataclass(frozen=True)
-class SelectedEffect:
-    """Effect in the model, with the alternatives at its selection."""
-
-    candidate: CandidateEffect
-    found: SelectionRound
-    rivals: tuple[FittedCandidate, ...]
-    """Rivals that it does not beat, the other effects being in the model."""
-    gain: Interval
-    """Held-out gain, given the other effects."""
-    p_false: float | None = None
+MOST_EFFECTS = 4
+"""Largest number of effects in a model."""
+_WEAK = 0.10  # held-out gain of the best effect alone up to which pairs are tried as well
+_EXPLAINED = 1.0  # mismatch in units of noise up to which there is nothing to add to a model
+_WORTH_PAIRS = 1.5  # mismatch in units of noise from which pairs are tried
 
 
 @dataclass(frozen=True)
@@ -74,7 +39,9 @@ class SearchResult:
     final: Fit
     named: tuple[SelectedEffect, ...]
     rounds: tuple[SelectionRound, ...]
-    """One more than the selected effects: the last round selected nothing."""
+    """Rounds of the search; where a gap was left, nothing was added in the last one."""
+    given_up: tuple[GivenUp, ...] = ()
+    """Effects that were in the model for a while, with the reason for which they are not."""
     interrupted: bool = False
 
     @property
@@ -163,76 +130,11 @@ def refit(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) -> tuple[Probl
     return problem, fit(problem, fitted.effects, fitted.x, used)
 
 
-def judge_given_others(
-    problem: Problem, final: Fit, named: list[SelectedEffect], k: int, split: TrainingSplit
-) -> tuple[Fit, SelectedEffect]:
-    """Judge one effect given the others: against its rivals and against decoys.
-
-    Returns:
-      The model with the best candidate in its place, and that candidate with its gain and decoys.
-    """
-    one = named[k]
-    others = tuple(n.candidate for n in named if n is not one)
-    place = parameter_slice(problem, final, one.candidate)
-    without = fit(problem, others, np.delete(final.x, place), split.used)
-    before = sum_by_group(heldout_losses(problem, without, split.used, split.folds), split.groups)
-    taken = {n.candidate.label for n in named if n is not one}
-    free = [c for c in problem.replay.candidates if c.label not in taken]
-    screened = screen_candidates(problem, without, free, split.used)
-    close = [s for s in screened if s.share >= _CLOSE * screened[0].share][:_SWAPS]
-    start = np.concatenate([without.x, final.x[place]])
-    mine = ScreenedCandidate(one.candidate, screened[0].share, start)
-    options = [mine, *(s for s in close if s.candidate.label != one.candidate.label)]
-    tried = [fit_candidate(problem, s, without, before, split) for s in options]
-    tried = refine_leaders(problem, tried, options, without, before, split)
-    count = float(np.isfinite(problem.replay.measured[split.used]).sum())
-    share = min(effective_samples(problem.replay, tried[0].fit.residual * split.used[:, None]) / count, 1.0)
-    tried.sort(key=lambda t: information_score(t, share))
-    columns = sensitivities(problem, without, split.used)
-    decoys = curve_gains(problem, columns, split.groups, split.folds, split.seed).decoys
-    best = tried[0]
-    p_false = decoy_p_value(decoys, best.gain)
-    return best.fit, SelectedEffect(
-        best.candidate, one.found, ambiguity_set(tried, share), best.gain, p_false
-    )
-
-
-def backward_eliminate(
-    problem: Problem, base: Fit, final: Fit, named: list[SelectedEffect], split: TrainingSplit
-) -> tuple[Problem, Fit, list[SelectedEffect]]:
-    """Judge every effect given the others and remove the worst until all exceed margin and decoys."""
-    while named:
-        for k in range(len(named)):
-            final, named[k] = judge_given_others(problem, final, named, k, split)
-        pinned = [
-            n
-            for n in named
-            if has_amplitude_at_bound(n.candidate, final.x[parameter_slice(problem, final, n.candidate)])
-        ]
-        kept = [
-            n for n in named if exceeds_margin(n.gain) and (n.p_false is None or n.p_false <= MAX_FALSE_RATE)
-        ]
-        if len(kept) == len(named) and not pinned:
-            break
-        worst = min(pinned or named, key=lambda n: (-(n.p_false or 0.0), n.gain.value))
-        x = np.delete(final.x, parameter_slice(problem, final, worst.candidate))
-        named = [n for n in named if n is not worst]
-        final = fit(problem, tuple(n.candidate for n in named), x, split.used)
-    return problem, final, named
-
-
-def parameter_slice(problem: Problem, fitted: Fit, candidate: CandidateEffect) -> slice:
-    """Slice of one effect's parameters in the parameter vector of a fit."""
-    at = len(problem.replay.base) + problem.has_twin_share
-    for one in fitted.effects:
-        if one.label == candidate.label:
-            return slice(at, at + len(one.parameters))
-        at += len(one.parameters)
-    raise ValueError(f"{candidate.label} is not in the model")
-
-
 def search(replay: Replay, holdout: tuple[str, ...], seed: int, report: Progress) -> SearchResult:
     """Find the effects that a model lacks.
+
+    Effects are added while one of them, or a pair, gains on held-out training runs. Whenever the model has
+    grown, all its effects are judged given each other (`judge_effects`).
 
     Args:
       replay: The plant with the measured runs.
@@ -244,25 +146,103 @@ def search(replay: Replay, holdout: tuple[str, ...], seed: int, report: Progress
     heldout = choose_heldout(groups, seed, holdout)
     used = ~heldout[groups.of_block]
     split = TrainingSplit(used, groups, make_folds(groups, ~heldout, seed), seed)
-    problem, current = fit_base(replay, used, report)
-    first, base = problem, current
-    named: list[SelectedEffect] = []
-    rounds: list[SelectionRound] = []
+    problem, base = fit_base(replay, used, report)
+    growing = _Growing(problem, base, split, report)
     interrupted = False
     try:
-        while len(named) < MOST_EFFECTS:
-            taken = {n.candidate.label for n in named}
-            left = [c for c in replay.candidates if c.label not in taken]
-            found = select_round(problem, current, left, split, report)
-            rounds.append(found)
-            # effects that mask each other gain little alone: any gain admits one, all are judged at the end
-            if found.best is None or found.best.gain.value <= MARGIN:
-                break
-            named.append(SelectedEffect(found.best.candidate, found, found.rivals, found.best.gain))
-            problem, current = refit(problem, found.best.fit, used)
-        report("judging each effect given the others", 0.9)
-        problem, current, named = backward_eliminate(problem, base, current, named, split)
+        growing.run()
     except KeyboardInterrupt:
         interrupted = True
-        named = [n for n in named if any(c.label == n.candidate.label for c in current.effects)]
-    return SearchResult(problem, first, split, base, current, tuple(named), tuple(rounds), interrupted)
+    state = growing.state
+    return SearchResult(
+        state.problem,
+        problem,
+        split,
+        base,
+        state.final,
+        state.named,
+        tuple(growing.rounds),
+        growing.given_up(),
+        interrupted,
+    )
+
+
+class _Growing:
+    """Model that grows by effects and pairs until nothing helps; its state survives an interruption."""
+
+    def __init__(self, problem: Problem, base: Fit, split: TrainingSplit, report: Progress):
+        self.state = Judgement(problem, base, (), ())
+        self.rounds: list[SelectionRound] = []
+        self._split, self._report = split, report
+        self._given_up: dict[str, GivenUp] = {}
+        self._seen: set[frozenset[str]] = {frozenset()}
+
+    def run(self) -> None:
+        """Add and judge effects until no addition leads to a new model."""
+        while not (self.state.named and self._mismatch() <= _EXPLAINED):
+            found = self._next_round()
+            addition = self._addition(found) if len(self.state.named) < MOST_EFFECTS else None
+            if addition is None:
+                return
+            self._judge(addition)
+
+    def _mismatch(self) -> float:
+        """Training mismatch of the model, RMS over all channels in units of noise."""
+        used = self._split.used
+        is_measured = np.isfinite(self.state.problem.replay.measured[used])
+        return float(np.sqrt((self.state.final.residual[used][is_measured] ** 2).mean()))
+
+    def given_up(self) -> tuple[GivenUp, ...]:
+        """Effects that were in a model and are in none of the result's sets, the largest gain first."""
+        kept = {label for n in self.state.named for label in (n.candidate.label, *_labels(n))}
+        left = [g for label, g in self._given_up.items() if label not in kept]
+        return tuple(sorted(left, key=lambda g: -g.gain.value))
+
+    def _next_round(self) -> SelectionRound:
+        state, taken = self.state, {n.candidate.label for n in self.state.named}
+        left = [c for c in state.problem.replay.candidates if c.label not in taken]
+        self.rounds.append(select_round(state.problem, state.final, left, self._split, self._report))
+        return self.rounds[-1]
+
+    def _addition(self, found: SelectionRound) -> Fit | None:
+        """Model with the best addition that leads to a model not seen yet; None if nothing gains."""
+        options = [(t.gain.value, t.fit) for t in found.tried[:1]]
+        is_weak = not options or options[0][0] <= _WEAK
+        if is_weak and self._mismatch() >= _WORTH_PAIRS:
+            self._report("trying pairs of effects", 1.0)
+            pair = best_pair(self.state.problem, self.state.final, found.screened, self._split)
+            if pair is not None and exceeds_margin(pair.gain):
+                options.append((pair.gain.value, pair.fit))
+        # effects that mask each other gain little alone: any gain admits one, all are judged together
+        options = [(gain, fitted) for gain, fitted in options if gain > MARGIN]
+        for _, fitted in sorted(options, key=lambda option: -option[0]):
+            if _label_set(fitted) not in self._seen:
+                self._seen.add(_label_set(fitted))
+                return fitted
+        return None
+
+    def _judge(self, addition: Fit) -> None:
+        """Refit the grown model and judge its effects; an interruption leaves it as it was added."""
+        used = self._split.used
+        problem, current = refit(self.state.problem, addition, used)
+        self.state = self._provisional(problem, current)
+        self._report("judging each effect given the others", 0.9)
+        judged = judge_effects(problem, current, self._split)
+        self._given_up |= {one.label: one for one in judged.given_up}
+        self._seen.add(_label_set(judged.final))
+        self.state = judged
+
+    def _provisional(self, problem: Problem, model: Fit) -> Judgement:
+        """The grown model with the gains of the round that added to it."""
+        known = {t.candidate.label: t.gain for t in self.rounds[-1].tried}
+        known |= {n.candidate.label: n.gain for n in self.state.named}
+        named = [SelectedEffect(c, (), known[c.label]) for c in model.effects if c.label in known]
+        return Judgement(problem, model, tuple(named), ())
+
+
+def _labels(one: SelectedEffect) -> tuple[str, ...]:
+    return tuple(rival.candidate.label for rival in one.rivals)
+
+
+def _label_set(fitted: Fit) -> frozenset[str]:
+    return frozenset(candidate.label for candidate in fitted.effects)

@@ -1,0 +1,208 @@
+"""Fits of candidate effects, judged by cross-validation, and what their bounds say of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnimj.effects import Interval
+from omnimj.estimate.gap.search.cross_validation import (
+    Groups,
+    heldout_gain,
+    heldout_losses,
+    sum_by_group,
+)
+from omnimj.estimate.gap.search.screening import ScreenedCandidate
+from omnimj.estimate.replay.interface import CandidateEffect, CandidateParameter
+from omnimj.estimate.replay.problem import Fit, Problem, fit
+from omnimj.signals import Array
+
+MARGIN = 0.02
+"""Held-out gain whose lower bound an effect must exceed to be named."""
+CLEAR = 3.0
+"""Smallest deficit in log-likelihood (effective samples) of a candidate that is beaten."""
+_LEADERS = 4  # candidates of a round whose fits are completed
+_OUT_OF_REACH = 2.0  # multiple of the smallest held-out loss beyond which a fit is not worth completing
+_EDGE = 0.01  # share of a parameter's range that counts as its bound
+
+
+@dataclass(frozen=True)
+class TrainingSplit:
+    """Training blocks, groups and folds shared by all rounds."""
+
+    used: NDArray[np.bool_]
+    """Blocks of the training groups, shape (blocks,)."""
+    groups: Groups
+    folds: list[NDArray[np.bool_]]
+    """Masks of the blocks left out in each fold, shape (blocks,) each."""
+    seed: int
+
+
+@dataclass(frozen=True)
+class FittedCandidate:
+    """Candidate with its fit and its held-out losses."""
+
+    candidate: CandidateEffect
+    screened: float
+    fit: Fit
+    losses: Array
+    """Held-out loss per group, shape (groups,)."""
+    gain: Interval
+    """Gain over the model without it."""
+
+
+def group_losses(problem: Problem, fitted: Fit, split: TrainingSplit) -> Array:
+    """Held-out loss of a model per training group, shape (groups,)."""
+    return sum_by_group(heldout_losses(problem, fitted, split.used, split.folds), split.groups)
+
+
+def exceeds_margin(gained: Interval) -> bool:
+    """True if the lower bound of a held-out gain is above the margin."""
+    return gained.low is not None and gained.low > MARGIN
+
+
+def fit_candidate(
+    problem: Problem,
+    screened: ScreenedCandidate,
+    current: Fit,
+    before: Array,
+    split: TrainingSplit,
+    again: Fit | None = None,
+) -> FittedCandidate:
+    """Fit the model with one more effect and cross-validate it.
+
+    Args:
+      problem: The data and the scale.
+      screened: The candidate with its starting point.
+      current: The model so far.
+      before: Held-out losses per group without the candidate, shape (groups,).
+      split: Training blocks, groups and folds.
+      again: First fit of the candidate, to be completed; None for the first fit.
+    """
+    effects = (*current.effects, screened.candidate)
+    if again is None:
+        fitted = fit(problem, effects, screened.start, split.used, 1, current.jacobian)
+    else:
+        fitted = fit(problem, effects, again.x, split.used, 1)
+    losses = group_losses(problem, fitted, split)
+    return FittedCandidate(screened.candidate, screened.share, fitted, losses, heldout_gain(before, losses))
+
+
+def refine_leaders(
+    problem: Problem,
+    tried: list[FittedCandidate],
+    screened: Sequence[ScreenedCandidate],
+    current: Fit,
+    before: Array,
+    split: TrainingSplit,
+) -> list[FittedCandidate]:
+    """Complete the fits of the leaders; the others keep their first fit.
+
+    Args:
+      problem: The data and the scale.
+      tried: Candidates with their first fit.
+      screened: The same candidates after the screening.
+      current: The model so far.
+      before: Held-out losses per group without a candidate, shape (groups,).
+      split: Training blocks, groups and folds.
+    """
+    total = [float(t.losses.sum()) for t in tried]
+    reach = _OUT_OF_REACH * min(total, default=0.0)
+    done = list(tried)
+    for k in sorted(range(len(tried)), key=total.__getitem__)[:_LEADERS]:
+        if total[k] > reach:
+            break
+        done[k] = fit_candidate(problem, screened[k], current, before, split, tried[k].fit)
+    return done
+
+
+def fitted_already(
+    problem: Problem,
+    model: Fit,
+    candidate: CandidateEffect,
+    share: float,
+    before: Array,
+    split: TrainingSplit,
+) -> FittedCandidate:
+    """Effect of a fitted model as a candidate beside the model's other effects; it becomes the last of them.
+
+    Args:
+      problem: The data and the scale.
+      model: The fitted model.
+      candidate: One of its effects.
+      share: Share of the mismatch that it explains to first order.
+      before: Held-out losses per group without it, shape (groups,).
+      split: Training blocks, groups and folds.
+    """
+    own = parameter_slice(problem, model, candidate)
+    places = np.r_[np.delete(np.arange(len(model.x)), own), np.arange(own.start, own.stop)]
+    effects = (*(c for c in model.effects if c.label != candidate.label), candidate)
+    fitted = replace(model, effects=effects, x=model.x[places], jacobian=model.jacobian[:, places])
+    losses = group_losses(problem, fitted, split)
+    return FittedCandidate(candidate, share, fitted, losses, heldout_gain(before, losses))
+
+
+def information_score(tried: FittedCandidate, effective_share: float) -> float:
+    """Information criterion: half the held-out loss in effective samples plus one per free parameter."""
+    free = sum(s.high > s.low for s in tried.candidate.parameters)
+    return 0.5 * float(tried.losses.sum()) * effective_share + free
+
+
+def parameter_slice(problem: Problem, fitted: Fit, candidate: CandidateEffect) -> slice:
+    """Slice of one effect's parameters in the parameter vector of a fit."""
+    at = len(problem.replay.base) + problem.has_twin_share
+    for one in fitted.effects:
+        if one.label == candidate.label:
+            return slice(at, at + len(one.parameters))
+        at += len(one.parameters)
+    raise ValueError(f"{candidate.label} is not in the model")
+
+
+def has_shape_at_bound(candidate: CandidateEffect, values: Array) -> bool:
+    """True if a shape parameter is at a bound: a sticky place as wide as the guide is none.
+
+    Args:
+      candidate: The effect.
+      values: Its parameters, shape (parameters,).
+    """
+    return any(
+        shape.null_value is None and _is_at_bound(shape, value)
+        for shape, value in zip(candidate.parameters, values, strict=True)
+    )
+
+
+def pinned_amplitudes(candidate: CandidateEffect, values: Array) -> list[int]:
+    """Places of the amplitudes at an end of their range that has no meaning of its own.
+
+    The null value has one, and so has a scale of 0: what it scales is absent.
+
+    Args:
+      candidate: The effect.
+      values: Its parameters, shape (parameters,).
+    """
+    return [
+        k
+        for k, (shape, value) in enumerate(zip(candidate.parameters, values, strict=True))
+        if shape.null_value is not None
+        and abs(value - shape.null_value) > _EDGE * (shape.high - shape.low)
+        and not (shape.low == 0.0 and value <= _EDGE * shape.high)
+        and _is_at_bound(shape, value)
+    ]
+
+
+def _is_at_bound(shape: CandidateParameter, value: float) -> bool:
+    edge = _EDGE * (shape.high - shape.low)
+    return not shape.low + edge < value < shape.high - edge
+
+
+def without_amplitudes(candidate: CandidateEffect, places: Sequence[int]) -> CandidateEffect:
+    """Candidate with some of its amplitudes fixed at their null values."""
+    parameters = list(candidate.parameters)
+    for k in places:
+        null = parameters[k].null_value
+        assert null is not None
+        parameters[k] = replace(parameters[k], low=null, high=null)
+    return replace(candidate, parameters=tuple(parameters))

@@ -1,0 +1,228 @@
+"""Each effect of a model judged given the others: swaps that help, eliminations, and what was given up."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from omnimj.effects import Interval
+from omnimj.estimate.gap.records import GivenUp
+from omnimj.estimate.gap.search.ambiguity import ambiguity_set
+from omnimj.estimate.gap.search.candidates import (
+    CLEAR,
+    FittedCandidate,
+    TrainingSplit,
+    exceeds_margin,
+    fit_candidate,
+    fitted_already,
+    group_losses,
+    has_shape_at_bound,
+    information_score,
+    parameter_slice,
+    pinned_amplitudes,
+    refine_leaders,
+    without_amplitudes,
+)
+from omnimj.estimate.gap.search.screening import (
+    ScreenedCandidate,
+    curve_gains,
+    screen_candidates,
+    sensitivities,
+)
+from omnimj.estimate.gap.search.selection import MAX_FALSE_RATE, decoy_p_value, effective_share
+from omnimj.estimate.replay.interface import CandidateEffect
+from omnimj.estimate.replay.problem import Fit, Problem, fit
+from omnimj.signals import Array
+
+_MOST_RIVALS = 6  # candidates fitted in the place of an effect
+_CLOSE = 0.5  # share of the best screened share that they must reach
+_NEAR = 2.0  # multiple of the effect's held-out loss beyond which an alternative is out of the question
+_BETTER = 1.0  # smallest advantage in score for which an effect is exchanged
+_MOST_PASSES = 8  # exchanges and eliminations of one judgement
+
+
+@dataclass(frozen=True)
+class SelectedEffect:
+    """Effect of a model with its alternatives, the other effects being in the model."""
+
+    candidate: CandidateEffect
+    rivals: tuple[FittedCandidate, ...]
+    """Alternatives that the data cannot tell from it."""
+    gain: Interval
+    """Held-out gain."""
+    p_false: float | None = None
+    """Share of random curves that gain as much."""
+
+    @property
+    def is_supported(self) -> bool:
+        """True if its gain exceeds the margin and nearly all random curves."""
+        return exceeds_margin(self.gain) and (self.p_false is None or self.p_false <= MAX_FALSE_RATE)
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Model whose effects all hold given each other, and what was given up on the way."""
+
+    problem: Problem
+    final: Fit
+    named: tuple[SelectedEffect, ...]
+    given_up: tuple[GivenUp, ...]
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Place of one effect in a model: the model without it, and the candidates for it."""
+
+    without: Fit
+    before: Array
+    """Held-out losses per group without it, shape (groups,)."""
+    tried: list[FittedCandidate]
+    """Candidates in this place, the best first."""
+    own: FittedCandidate
+    """The effect that the model has there."""
+    share: float
+    """Independent samples over all samples."""
+
+
+def judge_effects(problem: Problem, model: Fit, split: TrainingSplit) -> Judgement:
+    """Exchange and eliminate effects until each one holds given the others.
+
+    An effect is exchanged for an alternative that improves the whole model's held-out loss, one at a
+    meaningless bound is refitted without the amplitude concerned or exchanged, and the least supported one
+    is eliminated. Every exchange improves the model, so that no exchange returns.
+
+    Args:
+      problem: The data and the scale.
+      model: Fitted model with effects.
+      split: Training blocks, groups and folds.
+    """
+    given_up: list[GivenUp] = []
+    named: list[SelectedEffect] = []
+    for turn in range(_MOST_PASSES):
+        model, named, changed = _judge_all(problem, model, split, turn < _MOST_PASSES // 2)
+        if changed:
+            continue
+        worst = _least_supported(problem, model, named)
+        if worst is None:
+            break
+        given_up.append(worst)
+        model = _eliminated(problem, model, next(n for n in named if n.candidate.label == worst.label), split)
+        named = []
+        if not model.effects:
+            break
+    return Judgement(problem, model, tuple(named), tuple(given_up))
+
+
+def _judge_all(
+    problem: Problem, model: Fit, split: TrainingSplit, may_exchange: bool
+) -> tuple[Fit, list[SelectedEffect], bool]:
+    """Judge every effect; the model, its effects, and True if one was exchanged, which ends the pass."""
+    named = []
+    for candidate in model.effects:
+        place = _fill_place(problem, model, candidate, split)
+        better = _better_choice(place, candidate) if may_exchange else None
+        if better is not None:
+            return better.fit, [], True
+        named.append(_selected(problem, place, split))
+    return model, named, False
+
+
+def _fill_place(problem: Problem, model: Fit, candidate: CandidateEffect, split: TrainingSplit) -> _Place:
+    """Fit the candidates that could stand in the place of one effect, itself included."""
+    at = parameter_slice(problem, model, candidate)
+    others = tuple(c for c in model.effects if c.label != candidate.label)
+    known = np.delete(model.jacobian, at, axis=1)
+    without = fit(problem, others, np.delete(model.x, at), split.used, 1, known)
+    before = group_losses(problem, without, split)
+    taken = {c.label for c in others}
+    free = [c for c in problem.replay.candidates if c.label not in taken]
+    screened = screen_candidates(problem, without, free, split.used)
+    best = screened[0].share
+    close = [s for s in screened if s.share >= _CLOSE * best and s.candidate.label != candidate.label]
+    present = fitted_already(problem, model, candidate, best, before, split)
+    others_tried = [fit_candidate(problem, s, without, before, split) for s in close[:_MOST_RIVALS]]
+    near = [t for t in others_tried if t.losses.sum() < _NEAR * present.losses.sum()]
+    starts = [s for s in close if any(s.candidate is t.candidate for t in near)]
+    tried = [present, *refine_leaders(problem, near, starts, without, before, split)]
+    share = effective_share(problem, tried[0].fit, split)
+    place = _Place(without, before, tried, tried[0], share)
+    own = _without_pinned(problem, place, split)
+    tried = sorted([own, *tried[1:]], key=lambda t: information_score(t, share))
+    return replace(place, tried=tried, own=own)
+
+
+def _own_values(fitted: FittedCandidate) -> Array:
+    return fitted.fit.x[-len(fitted.candidate.parameters) :]
+
+
+def _without_pinned(problem: Problem, place: _Place, split: TrainingSplit) -> FittedCandidate:
+    """The effect without amplitudes at meaningless bounds, if the data do not need them there."""
+    own = place.own
+    pinned = pinned_amplitudes(own.candidate, _own_values(own))
+    amplitudes = [k for k, s in enumerate(own.candidate.parameters) if s.null_value is not None]
+    if not pinned or len(pinned) == len(amplitudes):
+        return own
+    reduced = without_amplitudes(own.candidate, pinned)
+    start = ScreenedCandidate(reduced, own.screened, own.fit.x)
+    other = fit_candidate(problem, start, place.without, place.before, split)
+    other = fit_candidate(problem, start, place.without, place.before, split, other.fit)
+    behind = information_score(other, place.share) - information_score(own, place.share)
+    return other if behind <= CLEAR else own
+
+
+def _better_choice(place: _Place, present: CandidateEffect) -> FittedCandidate | None:
+    """Alternative that improves the model, or one inside its bounds for an effect at a meaningless bound."""
+    own = place.own
+    if own.candidate != present:  # without an amplitude that it does not need
+        return own
+    sound = [t for t in place.tried if t is not own and not _is_degenerate(t)]
+    if not sound:
+        return None
+    best = sound[0]
+    if _is_degenerate(own):
+        return best if exceeds_margin(best.gain) else None
+    ahead = information_score(own, place.share) - information_score(best, place.share)
+    return best if ahead > _BETTER else None
+
+
+def _is_degenerate(fitted: FittedCandidate) -> bool:
+    """True if a shape or an amplitude is at a bound without meaning: it stands in for something else."""
+    values = _own_values(fitted)
+    return has_shape_at_bound(fitted.candidate, values) or bool(pinned_amplitudes(fitted.candidate, values))
+
+
+def _selected(problem: Problem, place: _Place, split: TrainingSplit) -> SelectedEffect:
+    """The effect with its rivals, its gain and the random curves."""
+    own = place.own
+    ordered = [own, *(t for t in place.tried if t is not own)]
+    columns = sensitivities(problem, place.without, split.used)
+    decoys = curve_gains(problem, columns, split.groups, split.folds, split.seed).decoys
+    rivals = ambiguity_set(problem, ordered, place.share, split)
+    return SelectedEffect(own.candidate, rivals, own.gain, decoy_p_value(decoys, own.gain))
+
+
+def _least_supported(problem: Problem, model: Fit, named: Sequence[SelectedEffect]) -> GivenUp | None:
+    """Effect to give up next with the reason; None if all hold."""
+    for one in named:
+        values = model.x[parameter_slice(problem, model, one.candidate)]
+        pinned = pinned_amplitudes(one.candidate, values)
+        if pinned:
+            names = ", ".join(one.candidate.parameters[k].name for k in pinned)
+            return GivenUp(one.candidate.label, one.gain, f"its {names} runs to the bound of its range")
+    weak = [n for n in named if not n.is_supported]
+    if not weak:
+        return None
+    worst = min(weak, key=lambda n: (-(n.p_false or 0.0), n.gain.value))
+    if exceeds_margin(worst.gain):
+        reason = f"{100.0 * (worst.p_false or 0.0):.0f} % of random curves gain as much"
+    else:
+        reason = "its gain is not above the margin, given the other effects"
+    return GivenUp(worst.candidate.label, worst.gain, reason)
+
+
+def _eliminated(problem: Problem, model: Fit, one: SelectedEffect, split: TrainingSplit) -> Fit:
+    at = parameter_slice(problem, model, one.candidate)
+    others = tuple(c for c in model.effects if c.label != one.candidate.label)
+    return fit(problem, others, np.delete(model.x, at), split.used, 2)
