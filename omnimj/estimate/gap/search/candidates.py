@@ -25,7 +25,8 @@ MARGIN = 0.02
 CLEAR = 3.0
 """Smallest deficit in log-likelihood (effective samples) of a candidate that is beaten."""
 _LEADERS = 4  # candidates of a round whose fits are completed
-_OUT_OF_REACH = 2.0  # multiple of the smallest held-out loss beyond which a fit is not worth completing
+_OUT_OF_REACH = 10.0  # multiple of the smallest held-out loss beyond which a fit is not worth completing
+_MOST_JACOBIANS, _CONVERGED = 4, 0.02  # of a completed fit, which falls by less than this share in the end
 _EDGE = 0.01  # share of a parameter's range that counts as its bound
 
 
@@ -115,8 +116,46 @@ def refine_leaders(
     for k in sorted(range(len(tried)), key=total.__getitem__)[:_LEADERS]:
         if total[k] > reach:
             break
-        done[k] = fit_candidate(problem, screened[k], current, before, split, tried[k].fit)
+        done[k] = _completed(problem, screened[k], tried[k], current, before, split)
     return done
+
+
+def _completed(
+    problem: Problem,
+    screened: ScreenedCandidate,
+    first: FittedCandidate,
+    current: Fit,
+    before: Array,
+    split: TrainingSplit,
+) -> FittedCandidate:
+    """Fit a candidate with new Jacobians until its loss no longer falls."""
+    done = first
+    for _ in range(_MOST_JACOBIANS):
+        better = fit_candidate(problem, screened, current, before, split, done.fit)
+        has_converged = better.fit.loss > (1.0 - _CONVERGED) * done.fit.loss
+        done = better
+        if has_converged:
+            break
+    start = _better_start(problem, done, current, split)
+    return done if start is None else fit_candidate(problem, screened, current, before, split, start)
+
+
+def _better_start(problem: Problem, done: FittedCandidate, current: Fit, split: TrainingSplit) -> Fit | None:
+    """Better fit without one of several amplitudes; None if there is none.
+
+    Dry friction below its null value holds a fit in a minimum of its own.
+    """
+    candidate, at = done.candidate, len(current.x)
+    places = [k for k, s in enumerate(candidate.parameters) if s.null_value is not None and s.high > s.low]
+    best: Fit | None = None
+    for k in places if len(places) > 1 else ():
+        reduced = without_amplitudes(candidate, [k])
+        start = done.fit.x.copy()
+        start[at + k] = reduced.parameters[k].low
+        other = fit(problem, (*current.effects, reduced), start, split.used, 1)
+        if other.loss < (1.0 - _CONVERGED) * (done.fit if best is None else best).loss:
+            best = other
+    return best
 
 
 def fitted_already(

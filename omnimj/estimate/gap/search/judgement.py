@@ -38,7 +38,7 @@ from omnimj.signals import Array
 
 _MOST_RIVALS = 6  # candidates fitted in the place of an effect
 _CLOSE = 0.5  # share of the best screened share that they must reach
-_NEAR = 2.0  # multiple of the effect's held-out loss beyond which an alternative is out of the question
+_NEAR = 10.0  # multiple of the effect's held-out loss beyond which an alternative is out of the question
 _BETTER = 1.0  # smallest advantage in score for which an effect is exchanged
 _MOST_PASSES = 8  # exchanges and eliminations of one judgement
 
