@@ -126,6 +126,7 @@ def _candidate(candidate: CandidateResult) -> dict[str, Any]:
 def _stage(stage: Stage) -> dict[str, Any]:
     return {
         "margin": stage.margin,
+        "outcome": stage.outcome,
         "candidates": [_candidate(candidate) for candidate in stage.candidates],
         "decoys": np.sort(stage.decoys),
     }

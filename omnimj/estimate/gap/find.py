@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -111,7 +112,9 @@ def analyse_replay(
         noise=dict(zip(names, noise.tolist(), strict=True)),
         heldout_runs=_heldout_runs(found),
         refitted=_refitted(found.problem, after or found.base),
-        stages=tuple(r.stage(labels) for r in found.rounds),
+        stages=tuple(
+            r.stage(labels, o) for r, o in itertools.zip_longest(found.rounds, found.outcomes, fillvalue="")
+        ),
         flexible=verdict.flexible,
         overlays=_overlays(found, mismatch_before, mismatch_after, about),
         data_notes=about.notes,

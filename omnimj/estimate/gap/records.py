@@ -107,6 +107,8 @@ class Stage:
     decoys: Array
     """Held-out gains of the decoys, shape (n,)."""
     margin: float
+    outcome: str = ""
+    """What the round added, or why it added nothing; empty if it was interrupted."""
 
 
 @dataclass(frozen=True)

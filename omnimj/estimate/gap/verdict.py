@@ -14,11 +14,9 @@ import numpy as np
 
 from omnimj.estimate.gap.search.cross_validation import heldout_losses, sum_by_group
 from omnimj.estimate.gap.search.screening import curve_gains, sensitivities
-from omnimj.estimate.gap.search.search import SearchResult
+from omnimj.estimate.gap.search.search import NOISE_LEVEL, SearchResult
 from omnimj.estimate.replay.problem import Fit, Problem, fit
 
-NOISE_LEVEL = 1.5
-"""Held-out mismatch in units of noise up to which there is no gap."""
 MIN_EXPLAINED = 0.7
 """Smallest share of the explainable mismatch (squared, beyond the noise) that named effects must remove."""
 MIN_REDUCTION = 0.5

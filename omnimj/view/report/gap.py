@@ -197,13 +197,7 @@ def _round_caption(finding: Finding, k: int) -> str:
     stage = finding.stages[k]
     out = sum(c.gain is None for c in stage.candidates)
     screened = f" Screening excluded {out} more." if out else ""
-    leader = _leader(stage)
-    if leader is not None and (k < len(finding.stages) - 1 or leader.verdict == "named"):
-        end = f"{leader.label} leads and is added to the model."
-    else:
-        end = (
-            f"No interval lies entirely above the margin of {format_percent(stage.margin)}: the search ends."
-        )
+    end = sentences.as_sentence(stage.outcome)
     return f"Share of the held-out mismatch that each explains, with 90 % intervals. {end}{screened}"
 
 
@@ -237,6 +231,10 @@ def _certainty(finding: Finding) -> list[str]:
         lines += [f"Not distinguishable: {rival}." for rival in effect.indistinguishable_from]
     if not finding.effects:
         lines.append(_nothing_named(finding))
+    lines += [
+        f"{one.label} gained {format_percent(one.gain.value)} and was given up, because {one.reason}."
+        for one in finding.given_up
+    ]
     lines.append(
         f"{finding.samples} block means are equivalent to {finding.effective_samples:.0f} independent ones, "
         "since neighbouring ones are correlated."
@@ -250,9 +248,8 @@ def _nothing_named(finding: Finding) -> str:
         return "No candidate reached a fit on held-out runs."
     return (
         f"The best candidate, {best.label}, explains {format_percent(best.gain.value)} of the held-out "
-        f"mismatch; its lower bound must be above {format_percent(finding.stages[-1].margin)}, so no effect "
-        "is named."
-    )
+        f"mismatch. {sentences.as_sentence(finding.stages[-1].outcome)}"
+    ).rstrip()
 
 
 def _decoy_figures(finding: Finding) -> list[Figure]:

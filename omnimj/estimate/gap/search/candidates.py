@@ -141,21 +141,27 @@ def _completed(
 
 
 def _better_start(problem: Problem, done: FittedCandidate, current: Fit, split: TrainingSplit) -> Fit | None:
-    """Better fit without one of several amplitudes; None if there is none.
+    """Better fit of an effect with several amplitudes from other starting points; None if there is none.
 
-    Dry friction below its null value holds a fit in a minimum of its own.
+    Amplitudes that multiply each other, and dry friction below its null value, hold a fit in a minimum of its
+    own. The other starts are without each amplitude, and half the typical size of all.
     """
     candidate, at = done.candidate, len(current.x)
     places = [k for k, s in enumerate(candidate.parameters) if s.null_value is not None and s.high > s.low]
-    best: Fit | None = None
-    for k in places if len(places) > 1 else ():
-        reduced = without_amplitudes(candidate, [k])
-        start = done.fit.x.copy()
+    if len(places) < 2:
+        return None
+    half = done.fit.x.copy()
+    for k in places:
+        shape = candidate.parameters[k]
+        half[at + k] = 0.5 * ((shape.null_value or 0.0) + shape.typical)
+    starts = [(candidate, half)]
+    for k in places:
+        reduced, start = without_amplitudes(candidate, [k]), done.fit.x.copy()
         start[at + k] = reduced.parameters[k].low
-        other = fit(problem, (*current.effects, reduced), start, split.used, 1)
-        if other.loss < (1.0 - _CONVERGED) * (done.fit if best is None else best).loss:
-            best = other
-    return best
+        starts.append((reduced, start))
+    fits = [fit(problem, (*current.effects, form), start, split.used, 1) for form, start in starts]
+    best = min(fits, key=lambda fitted: fitted.loss)
+    return best if best.loss < (1.0 - _CONVERGED) * done.fit.loss else None
 
 
 def fitted_already(

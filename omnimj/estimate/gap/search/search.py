@@ -22,8 +22,8 @@ from omnimj.signals import Array
 MOST_EFFECTS = 4
 """Largest number of effects in a model."""
 _WEAK = 0.10  # held-out gain of the best effect alone up to which pairs are tried as well
-_EXPLAINED = 1.0  # mismatch in units of noise up to which there is nothing to add to a model
-_WORTH_PAIRS = 1.5  # mismatch in units of noise from which pairs are tried
+NOISE_LEVEL = 1.5
+"""Mismatch in units of noise up to which a model with effects lacks nothing, and pairs are not tried."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +40,8 @@ class SearchResult:
     named: tuple[SelectedEffect, ...]
     rounds: tuple[SelectionRound, ...]
     """Rounds of the search; where a gap was left, nothing was added in the last one."""
+    outcomes: tuple[str, ...] = ()
+    """What each round added, or why it added nothing."""
     given_up: tuple[GivenUp, ...] = ()
     """Effects that were in the model for a while, with the reason for which they are not."""
     interrupted: bool = False
@@ -162,6 +164,7 @@ def search(replay: Replay, holdout: tuple[str, ...], seed: int, report: Progress
         state.final,
         state.named,
         tuple(growing.rounds),
+        tuple(growing.outcomes),
         growing.given_up(),
         interrupted,
     )
@@ -173,15 +176,19 @@ class _Growing:
     def __init__(self, problem: Problem, base: Fit, split: TrainingSplit, report: Progress):
         self.state = Judgement(problem, base, (), ())
         self.rounds: list[SelectionRound] = []
+        self.outcomes: list[str] = []
         self._split, self._report = split, report
         self._given_up: dict[str, GivenUp] = {}
         self._seen: set[frozenset[str]] = {frozenset()}
 
     def run(self) -> None:
         """Add and judge effects until no addition leads to a new model."""
-        while not (self.state.named and self._mismatch() <= _EXPLAINED):
+        while not (self.state.named and self._mismatch() <= NOISE_LEVEL):
             found = self._next_round()
-            addition = self._addition(found) if len(self.state.named) < MOST_EFFECTS else None
+            if len(self.state.named) == MOST_EFFECTS:
+                self.outcomes.append(f"the model has {MOST_EFFECTS} effects, the largest number")
+                return
+            addition = self._addition(found)
             if addition is None:
                 return
             self._judge(addition)
@@ -208,17 +215,25 @@ class _Growing:
         """Model with the best addition that leads to a model not seen yet; None if nothing gains."""
         options = [(t.gain.value, t.fit) for t in found.tried[:1]]
         is_weak = not options or options[0][0] <= _WEAK
-        if is_weak and self._mismatch() >= _WORTH_PAIRS:
+        if is_weak and self._mismatch() > NOISE_LEVEL:
             self._report("trying pairs of effects", 1.0)
             pair = best_pair(self.state.problem, self.state.final, found.screened, self._split)
             if pair is not None and exceeds_margin(pair.gain):
                 options.append((pair.gain.value, pair.fit))
         # effects that mask each other gain little alone: any gain admits one, all are judged together
-        options = [(gain, fitted) for gain, fitted in options if gain > MARGIN]
-        for _, fitted in sorted(options, key=lambda option: -option[0]):
+        gaining = sorted((o for o in options if o[0] > MARGIN), key=lambda option: -option[0])
+        for gain, fitted in gaining:
             if _label_set(fitted) not in self._seen:
                 self._seen.add(_label_set(fitted))
+                added = [c.label for c in fitted.effects[len(self.state.final.effects) :]]
+                self.outcomes.append(
+                    f"{' and '.join(added)} gained {100.0 * gain:.3g} % and joined the model"
+                )
                 return fitted
+        why = (
+            "would restore a model that did not hold" if gaining else f"does not gain {100.0 * MARGIN:.0f} %"
+        )
+        self.outcomes.append(f"the leader {why}" if options else "no candidate explains any of the mismatch")
         return None
 
     def _judge(self, addition: Fit) -> None:

@@ -68,8 +68,13 @@ class SelectionRound:
         """Leading candidate, if any was fitted."""
         return self.tried[0] if self.tried else None
 
-    def stage(self, named: tuple[str, ...]) -> Stage:
-        """The round as a record; `named` are the labels in the final model."""
+    def stage(self, named: tuple[str, ...], outcome: str) -> Stage:
+        """The round as a record.
+
+        Args:
+          named: Labels in the final model.
+          outcome: What the round added, or why it added nothing.
+        """
         rivals = {r.candidate.label for r in self.rivals}
         rows = []
         for t in self.tried:
@@ -85,7 +90,7 @@ class SelectionRound:
         fitted = {t.candidate.label for t in self.tried}
         out = [s for s in self.screened if s.candidate.label not in fitted]
         rows += [_row(s.candidate, s.share, None, "screened out") for s in out]
-        return Stage(tuple(rows), self.curves.decoys, MARGIN)
+        return Stage(tuple(rows), self.curves.decoys, MARGIN, outcome)
 
 
 def _row(
