@@ -14,19 +14,20 @@ from omnimj.estimate.replay.problem import Fit, Problem, huber_weights
 from omnimj.signals import Array
 
 LEVEL = 0.90
-STAND_IN = 2.5
-"""Widening of intervals beyond noise alone, for errors of the equations and of the assumed form of an effect.
-Chosen on the blind benchmark with seeds 30 and 40, where it covers 91 % and 89 % of the true values
-(noise alone: 68 % with seed 30); no further seed confirms it."""
+_FEWEST_CONDITIONS = 4  # below which stretches of the runs are left out instead
+_HELD = 0.005  # share of its information that a condition keeps when it is left out
 TOLERANCE = 0.002
 """Accuracy expected of the best twin, as a share of a channel's RMS."""
 
 
-def sandwich_deviations(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) -> tuple[Array, float]:
+def jackknife_deviations(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) -> tuple[Array, float]:
     """Standard deviation of every parameter, and the factor for a 90 % interval.
 
-    C = H⁻¹ (Σ_g s_g s_gᵀ + P) H⁻¹, H = Jᵀ W² J + P, s_g = J_gᵀ W_g² r_g summed over one run: correlated
-    samples of a run count as one. P is the prior of the base.
+    Whole conditions are left out in turn: V = (n − 1)/n Σ_g δ_g δ_gᵀ + H⁻¹ P H⁻¹, where
+    δ_g = (H − H_g)⁻¹ s_g is the change of the parameters to first order, H = Jᵀ W² J + P, H_g and
+    s_g = J_gᵀ W_g² r_g are the parts of one condition, and P is the prior of the base, whose true values are
+    as uncertain as it states. Unlike sums of s_g s_gᵀ, V is not too small with as many parameters as
+    conditions (MacKinnon and White 1985), and misfit that repeats within a condition counts once.
 
     Args:
       problem: The data and the scale.
@@ -34,31 +35,41 @@ def sandwich_deviations(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) 
       used: Blocks that it was fitted to, shape (blocks,).
 
     Returns:
-      Shape (parameters,), in the parameters' own units; STAND_IN times Student's t for as many runs.
+      Shape (parameters,), in the parameters' own units; Student's t for as many conditions.
     """
     weight = huber_weights(problem, fitted.residual, used)
     a = fitted.jacobian * weight[:, None]
     r = fitted.residual.ravel() * weight
     precision, _ = problem.prior(fitted.x, fitted.effects)
-    inverse = np.linalg.pinv(a.T @ a + np.diag(precision), rcond=1e-12, hermitian=True)
+    whole = a.T @ a
+    hessian = whole + np.diag(precision)
+    ridge = 1e-12 * max(float(whole.diagonal().max()), 1e-30) * np.eye(len(whole))
+    parts = _conditions(problem, used)
+    count = len(parts)
+    total = np.zeros(len(fitted.x))
+    for rows in parts:
+        own, slope = a[rows], a[rows].T @ r[rows]
+        # what only this condition determines stays within reach of the fit of all
+        total += np.linalg.solve(hessian - (1.0 - _HELD) * (own.T @ own) + ridge, slope) ** 2
+    inverse = np.linalg.pinv(hessian, rcond=1e-12, hermitian=True)
+    between = total * (count - 1) / count + np.einsum("ij,j,ij->i", inverse, precision, inverse)
+    # at least the standard deviation under white noise of the stated size
+    spread = np.sqrt(np.maximum(between, inverse.diagonal()))
+    factor = float(student.ppf(0.5 * (1.0 + LEVEL), max(count - 1, 1)))
+    return spread * problem.scales(fitted.effects), factor
+
+
+def _conditions(problem: Problem, used: NDArray[np.bool_]) -> list[NDArray[np.int_]]:
+    """Rows of every condition in use; stretches of a few long runs instead."""
     channels = len(problem.replay.channels)
-    runs: dict[str, list[slice]] = {}
+    by_condition: dict[str, list[slice]] = {}
     for segment in problem.replay.segments:
         if used[segment.first : segment.last].any():
-            runs.setdefault(segment.run, []).append(slice(segment.first * channels, segment.last * channels))
-    if len(runs) < 4:  # stretches of a few long runs instead
-        runs = {f"{k}": [part] for k, part in enumerate(_stretches(runs))}
-    meat = np.diag(precision)
-    for parts in runs.values():
-        s = sum(a[part].T @ r[part] for part in parts)
-        meat = meat + np.outer(s, s)
-    count = len(runs)
-    free = max(count - 1, 1)
-    covariance = inverse @ meat @ inverse * count / free
-    # at least the standard deviation under white noise of the stated size
-    spread = np.sqrt(np.maximum(covariance.diagonal(), inverse.diagonal()))
-    factor = STAND_IN * float(student.ppf(0.5 * (1.0 + LEVEL), free))
-    return spread * problem.scales(fitted.effects), factor
+            part = slice(segment.first * channels, segment.last * channels)
+            by_condition.setdefault(segment.condition, []).append(part)
+    if len(by_condition) < _FEWEST_CONDITIONS:
+        by_condition = {f"{k}": [part] for k, part in enumerate(_stretches(by_condition))}
+    return [np.concatenate([np.arange(p.start, p.stop) for p in parts]) for parts in by_condition.values()]
 
 
 def _stretches(runs: dict[str, list[slice]]) -> list[slice]:

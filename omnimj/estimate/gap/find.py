@@ -23,7 +23,7 @@ from omnimj.estimate.gap.search.judgement import SelectedEffect
 from omnimj.estimate.gap.search.search import SearchResult, search
 from omnimj.estimate.gap.search.selection import Progress
 from omnimj.estimate.gap.verdict import Verdict, judge_search, next_experiment
-from omnimj.estimate.intervals import effective_samples, repeatability, sandwich_deviations
+from omnimj.estimate.intervals import effective_samples, jackknife_deviations, repeatability
 from omnimj.estimate.replay.interface import Replay
 from omnimj.estimate.replay.problem import Fit, Problem
 from omnimj.parameters.floor import all_floors
@@ -150,7 +150,7 @@ def _mismatch(problem: Problem, fitted: Fit) -> Array:
 
 
 def _effects(found: SearchResult) -> tuple[NamedEffect, ...]:
-    spread, factor = sandwich_deviations(found.problem, found.final, found.used)
+    spread, factor = jackknife_deviations(found.problem, found.final, found.used)
     return tuple(_effect(found, named, spread * factor) for named in found.named)
 
 

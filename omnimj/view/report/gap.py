@@ -10,6 +10,7 @@ import numpy as np
 
 import omnimj
 from omnimj.estimate.gap import sentences
+from omnimj.estimate.gap.glossary import GLOSSARY
 from omnimj.estimate.gap.records import (
     CandidateResult,
     Finding,
@@ -90,6 +91,7 @@ def write_gap_report(
         new_floors=new_floors,
         use=use + (f" --floors {new_floors}" if new_floors else ""),
         method=_method(finding),
+        glossary=GLOSSARY,
         command=command,
     )
 

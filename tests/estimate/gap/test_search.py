@@ -12,8 +12,8 @@ from omnimj.estimate.gap.find import DatasetSummary, analyse_replay
 from omnimj.estimate.gap.search.cross_validation import choose_heldout, heldout_gain, make_folds, make_groups
 from omnimj.estimate.gap.search.search import search
 from omnimj.estimate.gap.verdict import judge_search
-from omnimj.estimate.intervals import block_noise, effective_samples, repeatability, sandwich_deviations
-from omnimj.estimate.replay.problem import Problem, fit, huber_weights
+from omnimj.estimate.intervals import block_noise, effective_samples, jackknife_deviations, repeatability
+from omnimj.estimate.replay.problem import Fit, Problem, fit, huber_weights
 
 
 def quiet(phrase: str, share: float) -> None:
@@ -99,7 +99,7 @@ def test_an_interrupted_search_keeps_what_it_found():
 def test_the_interval_of_an_effect_covers_it_and_is_not_endless():
     toy = Toy({"air_drag": np.array([0.05])})
     found = search(toy, (), 0, quiet)
-    spread, factor = sandwich_deviations(found.problem, found.final, found.used)
+    spread, factor = jackknife_deviations(found.problem, found.final, found.used)
     assert abs(found.final.x[-1] - 0.05) < spread[-1] * factor < 0.02
 
 
@@ -161,3 +161,25 @@ def test_the_fit_is_a_stationary_point_inside_its_box():
     low, high = problem.bounds(effects)
     inside = (done.x > low + 1e-6) & (done.x < high - 1e-6)
     assert (np.abs(slope) < 0.02 * size)[inside].all()
+
+
+def test_intervals_by_whole_conditions_cover_under_noise_alone_and_under_a_misfit_of_whole_runs():
+    """z = (estimate − truth)/deviation of a linear problem: within Student's 90 % factor in 80 to 100 %."""
+    toy = Toy({})
+    time = np.concatenate([p.time for p in toy.segments])[:, None]
+    used = np.ones(len(time), bool)
+    form = np.stack([np.sin(2.0 * time[:, 0]), np.cos(3.0 * time[:, 0])], axis=1)
+    owners = np.concatenate([np.full(p.last - p.first, k) for k, p in enumerate(toy.segments)])
+    problem = Problem(toy, np.array([1.0]), huber_scale=1e6)
+    for shared in (0.0, 1.0):
+        inside = []
+        for seed in range(60):
+            random = np.random.default_rng(seed)
+            common = shared * random.standard_normal(12)[owners] * np.sin(5.0 * time[:, 0])
+            noise = random.standard_normal(len(time)) + common
+            error = -np.linalg.lstsq(form, noise)[0]
+            residual = (noise + form @ error)[:, None]
+            fitted = Fit((), np.array([1.0, 0.5]), residual, form, 0.0)
+            spread, factor = jackknife_deviations(problem, fitted, used)
+            inside += (np.abs(error * problem.scales(())) <= factor * spread).tolist()
+        assert 0.8 <= np.mean(inside) <= 1.0, shared
