@@ -31,6 +31,9 @@ class Log(NamedTuple):
     """First sample of every run and the end of the last, shape (runs + 1,)."""
     start: Array
     """Carriage [m/s] and wheel speed [rad/s] at the start, shape (runs, 2)."""
+    angle: Array
+    """Measured angle of the wheel since the start of its run, shape (samples,), or shape (0,): the simulated
+    one [rad]."""
 
 
 class KernelParameters(NamedTuple):
@@ -73,6 +76,9 @@ class SensorModel(NamedTuple):
 def replay_runs(log, parameters, h, steps, out):
     """Simulate every run from its start; the current is interpolated linearly between samples.
 
+    What repeats with the turn of the wheel has the phase of the measured angle: after a few turns a simulated
+    one would be off by more than a period of the rollers.
+
     Args:
       log: Inputs of all runs, a `Log`.
       parameters: Rig, effects and floors, `KernelParameters`.
@@ -90,11 +96,29 @@ def replay_runs(log, parameters, h, steps, out):
         out[first[k], WHEEL], out[first[k], CARRIAGE] = start[k, 1], start[k, 0]
         out[first[k], ACCELERATION] = 0.0
         for n in range(first[k], first[k + 1] - 1):
+            if log.angle.size:
+                state = with_angle(state, log.angle[n])
             between = 0.5 * (current[n] + current[n + 1])
             state, output = rig.step(state, between, log.lateral[n], model, h, steps)
             out[n + 1, WHEEL] = output.encoder_speed
             out[n + 1, CARRIAGE] = state.speed
             out[n + 1, ACCELERATION] = output.acceleration
+
+
+@kernel
+def with_angle(state, angle):
+    """`RigState` with another wheel angle [rad]."""
+    return rig.RigState(
+        state.speed,
+        state.wheel_speed,
+        state.bristle,
+        state.current,
+        state.position,
+        angle,
+        state.time,
+        state.backlash,
+        state.backlash_rate,
+    )
 
 
 @kernel

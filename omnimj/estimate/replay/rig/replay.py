@@ -65,6 +65,25 @@ def true_current(runs: RigRuns, channels: Mapping[str, ChannelEffect], lags: Map
     return _delayed(runs, current, -change.delay - lags.get("current", 0.0))
 
 
+def true_angle(runs: RigRuns, changed: AppliedEffects, lags: Mapping[str, float]) -> Array:
+    """Wheel angle [rad] from the measured speed, without the scale, lag and delay of that channel.
+
+    A speed filter with time constant τ delays the angle by τ ω, and so does a delay.
+
+    Args:
+      runs: The runs.
+      changed: The machine with its effects.
+      lags: Small lag of each channel [s].
+
+    Returns:
+      Shape (samples,); (0,) for runs that were not measured.
+    """
+    change = changed.channels.get("wheel_speed", ChannelEffect())
+    late = changed.machine.sensors.speed_filter + change.delay + lags.get("wheel_speed", 0.0)
+    scale = math.copysign(max(abs(change.scale), _LEAST_SCALE), change.scale)
+    return (runs.turned[:, 1] + late * runs.turned[:, 0]) / scale
+
+
 def _delayed(runs: RigRuns, series: Array, late: float) -> Array:
     """Delay a series of all runs, with linear interpolation between samples."""
     if late == 0.0:
@@ -172,7 +191,7 @@ class RigReplay:
         motor = np.array(driven_by_measured_current(motor) if measured else motor)
         rows, floor_rows = _rows(runs, changed, based)
         out = np.empty((len(current), native.OUTPUTS))
-        log = native.Log(current, runs.lateral, runs.first, runs.start)
+        log = native.Log(current, runs.lateral, runs.first, runs.start, true_angle(runs, changed, based.lags))
         parameters = native.KernelParameters(rows, motor, floor_rows, terms)
         native.replay_runs(log, parameters, runs.period / _STEPS, _STEPS, out)
         return sensor_block_means(out, runs, changed, based.lags)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from omnimj.estimate.replay.base_parameters import floor_name
 from omnimj.estimate.replay.interface import Experiment, Segment, average_blocks
-from omnimj.estimate.rig_runs import CURRENT, rig_run
+from omnimj.estimate.rig_runs import CURRENT, WHEEL, rig_run
 from omnimj.parameters import Floor, Rig
 from omnimj.recording.dataset import Dataset
 from omnimj.signals import Array
@@ -45,6 +45,9 @@ class RigRuns:
     """Current set value where it was recorded, shape (samples,) [A]."""
     lateral: Array
     """Speed of the gantry, shape (samples,) [m/s]."""
+    turned: Array
+    """Measured speed of the wheel [rad/s] and its integral since the start of the run [rad], shape
+    (samples, 2); none, shape (0, 2), for a run that was not measured."""
     start: Array
     """Carriage [m/s] and wheel speed [rad/s] at the start, shape (runs, 2)."""
     mass: Array
@@ -86,6 +89,7 @@ def rig_runs(dataset: Dataset, rig: Rig, floors: dict[str, Floor]) -> RigRuns:
         np.concatenate([denoise_current(run.values[:, CURRENT]) for run in runs]),
         np.concatenate(targets) if has_target else None,
         np.concatenate([run.gantry_speed for run in runs]),
+        np.concatenate([_turned(run.values[:, WHEEL], period) for run in runs]),
         np.array([run.start_speeds for run in runs]),
         np.array([run.mass for run in runs]),
         names,
@@ -95,6 +99,12 @@ def rig_runs(dataset: Dataset, rig: Rig, floors: dict[str, Floor]) -> RigRuns:
             for run, (a, b) in zip(runs, itertools.pairwise(blocks_first.tolist()), strict=True)
         ),
     )
+
+
+def _turned(speed: Array, period: float) -> Array:
+    """Speed and its integral by the trapezoidal rule, shape (samples, 2)."""
+    angle = np.concatenate([[0.0], np.cumsum(0.5 * period * (speed[1:] + speed[:-1]))])
+    return np.stack([speed, angle], axis=1)
 
 
 def denoise_current(current: Array) -> Array:
@@ -228,6 +238,7 @@ def experiment_runs(experiment: Experiment, like: RigRuns) -> RigRuns:
         set_value,
         None if like.target is None else set_value,
         still,
+        np.zeros((0, 2)),
         np.zeros((1, 2)),
         np.array([float(run["mass"])]),
         (str(run["floor"]),),
