@@ -38,7 +38,8 @@ if TYPE_CHECKING:
     from omnimj.parameters import Floor, Rig, Robot, read_floors, read_rig, read_robot
     from omnimj.plant.interface import Plant
     from omnimj.plant.mujoco.twin import RigTwin, RobotTwin
-    from omnimj.plant.planar import PlanarRig, PlanarRobot
+    from omnimj.plant.planar import PlanarRobot
+    from omnimj.plant.planar_rig import PlanarRig
     from omnimj.recording.dataset import Dataset
     from omnimj.recording.read_dataset import read_dataset
     from omnimj.recording.traces import read_trace, write_trace
@@ -77,7 +78,8 @@ _HOMES = {
     "omnimj.parameters": ("read_robot", "read_rig", "read_floors", "Robot", "Rig", "Floor"),
     "omnimj.plant.interface": ("Plant",),
     "omnimj.plant.mujoco.twin": ("RobotTwin", "RigTwin"),
-    "omnimj.plant.planar": ("PlanarRobot", "PlanarRig"),
+    "omnimj.plant.planar": ("PlanarRobot",),
+    "omnimj.plant.planar_rig": ("PlanarRig",),
     "omnimj.control.cascade.controller": ("Controller",),
     "omnimj.control.compiled": ("CompiledController",),
     "omnimj.control.fault_tolerant": ("FaultTolerantController",),

@@ -16,7 +16,7 @@ from omnimj.plant.interface import robot_channels
 from omnimj.plant.planar import PlanarRobot
 from omnimj.recording.dataset import Dataset, Run
 from omnimj.signals import Trace
-from omnimj.simulate.loop import drive
+from omnimj.simulate.driving import drive
 from omnimj.simulate.suites.missions import mission
 
 ONSET = 3.0

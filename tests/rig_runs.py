@@ -11,7 +11,7 @@ from omnimj.parameters import Floor, Rig
 from omnimj.plant.mujoco.twin import RigTwin
 from omnimj.plant.sensors import RigSensors
 from omnimj.recording.dataset import Dataset, Run
-from omnimj.simulate.loop import drive_rig
+from omnimj.simulate.driving import drive_rig
 
 CURRENTS = (0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.05, 1.2, 1.35, 1.5)
 """Of the identification tests, section 4.2 [A]."""

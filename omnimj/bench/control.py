@@ -21,7 +21,7 @@ from omnimj.parameters import Robot, read_robot
 from omnimj.plant.faults import Fault
 from omnimj.plant.planar import PlanarRobot
 from omnimj.signals import CurrentCommand, Measurement, Target
-from omnimj.simulate.loop import drive
+from omnimj.simulate.driving import drive
 from omnimj.simulate.suites.missions import mission as make_mission
 
 FLOOR = "natural_stone"

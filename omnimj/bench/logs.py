@@ -14,7 +14,7 @@ from omnimj.parameters import read_floors, read_robot
 from omnimj.plant.planar import PlanarRobot
 from omnimj.recording.dataset import Dataset, Run
 from omnimj.signals import robot_channels
-from omnimj.simulate.loop import drive
+from omnimj.simulate.driving import drive
 from omnimj.simulate.suites.missions import mission
 
 

@@ -121,7 +121,7 @@ def measure_driving(duration: float, rounds: int) -> dict[str, float]:
     from omnimj.plant.mujoco.assembly import robot_model
     from omnimj.plant.mujoco.twin import RobotTwin
     from omnimj.plant.planar import PlanarRobot
-    from omnimj.simulate.loop import drive, drive_stepwise
+    from omnimj.simulate.driving import drive, drive_stepwise
     from omnimj.simulate.suites.missions import mission
 
     robot, floors = read_robot(), read_floors()

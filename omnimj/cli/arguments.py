@@ -138,7 +138,7 @@ def read_observer_gains(file: Path | None, method: str) -> ObserverGains | None:
     return None if gains is None else gains.observer
 
 
-def add_workers(parser: argparse.ArgumentParser) -> None:
+def add_workers(parser: argparse._ActionsContainer) -> None:
     """Add `--workers N` and `--executor URL`."""
     words = "number of processes, or of threads (default 1)"
     parser.add_argument("--workers", metavar="N", type=whole_number(1, 256), default=1, help=words)

@@ -13,6 +13,7 @@ from omnimj.cli.arguments import (
     add_floors,
     add_results,
     add_seed,
+    add_workers,
     command_line,
     exit_code,
     parse_names,
@@ -288,12 +289,12 @@ def add_benchmark_arguments(parser: argparse.ArgumentParser) -> None:
     )
     words = "hide effects drawn by --seed, search blind, score; an interrupted --out is resumed"
     group.add_argument("--benchmark", action="store_true", help=words)
-    count, cpus = whole_number(1, 1000), whole_number(1, 256)
+    count = whole_number(1, 1000)
     words = "repetitions of the set of 248 cases (default 1)"
     group.add_argument("--trials", metavar="N", type=count, default=1, help=words)
     words = "only the first N cases, which are in random order"
     group.add_argument("--cases", metavar="N", type=whole_number(1, 10**6), help=words)
-    group.add_argument("--workers", metavar="N", type=cpus, default=1, help="number of processes (default 1)")
+    add_workers(group)
     words = "plant that makes the data: twin (default), or planar, which is faster"
     group.add_argument("--made-by", metavar="M", default="twin", help=words)
     words = "machine of the datasets (default and only one: quarter_rig)"
@@ -307,7 +308,8 @@ def run_gap_benchmark(arguments: Any) -> int:
       0 regardless of the scores; 1 if a search failed; 130 after Ctrl-C, with all finished cases kept.
 
     Raises:
-      InputError: An option is not one of the benchmark, or the folder holds other files.
+      InputError: An option is not one of the benchmark, the folder holds other files, or the executor cannot
+        be opened.
       UnknownNameError: The maker or plant does not exist.
     """
     given = {"DATASET": arguments.dataset, "--model": arguments.model, "--holdout": arguments.holdout}
@@ -317,6 +319,7 @@ def run_gap_benchmark(arguments: Any) -> int:
                 "--benchmark", f"found {name}", "the benchmark makes its own data for the shipped model"
             )
     from omnimj.recording.folder import atomic_file
+    from omnimj.studies.executors import open_executor
     from omnimj.studies.gap_benchmark.study import NUMBERS, BenchmarkConfig, run_benchmark
     from omnimj.view.report.evaluation import write_benchmark_report
 
@@ -329,8 +332,8 @@ def run_gap_benchmark(arguments: Any) -> int:
         arguments.workers,
         arguments.plant,
     )
-    with ProgressBar() as bar:
-        outcome = run_benchmark(order, bar.show_share)
+    with open_executor(arguments.executor, arguments.workers) as executor, ProgressBar() as bar:
+        outcome = run_benchmark(order, bar.show_share, executor)
     with atomic_file(arguments.out / REPORT) as temporary:
         write_benchmark_report(temporary, outcome.lines, outcome.tables)
     print_study(arguments.out, NUMBERS, lambda: _format_benchmark(outcome, arguments.out), arguments.json)

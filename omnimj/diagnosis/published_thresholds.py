@@ -19,7 +19,7 @@ from omnimj.control.detection.published.rig import PublishedRigDetector
 from omnimj.control.detection.published.robot import PublishedRobotDetector
 from omnimj.control.fault_tolerant import FaultTolerantController
 from omnimj.signals import Trace
-from omnimj.simulate.loop import drive, drive_rig
+from omnimj.simulate.driving import drive, drive_rig
 from omnimj.simulate.plants import make_plant
 from omnimj.simulate.run import make_controller
 from omnimj.simulate.scenario.scenario import Scenario, read_scenario

@@ -1,9 +1,14 @@
-"""Replay of recorded runs through a fault detector, sample by sample, as a controller would call it."""
+"""Replay of recorded runs through a fault detector, sample by sample, as a controller would call it.
+
+The robust detector observes the samples in a compiled loop; every other one, and one that is watched, is
+called for each of them. Both ways give the same numbers.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,13 +19,14 @@ from omnimj.control.cascade.controller import is_good
 from omnimj.control.cascade.heading import (
     LARGEST_BIAS,
     REST_WHEEL_SPEED,
-    REST_YAW_RATE,
     SETTLING_TIME,
     GyroBias,
     update_gyro_bias,
     yaw_rate_row,
 )
 from omnimj.control.detection.detector import RecordingDetector
+from omnimj.control.detection.robust.judgement import BLIND
+from omnimj.control.detection.robust.recorded import RecordedObservation, RecordedRows, is_still
 from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.control.gains import ObserverGains
 from omnimj.diagnosis.logs import (
@@ -39,17 +45,6 @@ from omnimj.signals import Array, Diagnosis, Trace, true_stretches
 
 SHORTEST_REST = 0.3
 """Shortest rest that counts [s]."""
-
-
-def is_still(wheel_speed: Array, yaw_rate: float, bias: float) -> bool:
-    """Return whether no wheel turns and the gyro shows only bias and noise.
-
-    Args:
-      wheel_speed: φ̇, shape (n,) [rad/s].
-      yaw_rate: Reading of the gyro [rad/s].
-      bias: Estimated bias of the gyro [rad/s].
-    """
-    return bool(np.abs(wheel_speed).max() < REST_WHEEL_SPEED and abs(yaw_rate - bias) < REST_YAW_RATE)
 
 
 def first_bias(wheel_speed: Array, yaw_rate: Array, period: float) -> GyroBias:
@@ -164,6 +159,7 @@ class _Loop:
         self._progress, self._watch, self._done = progress, watch, 0
         self._rest, self._turn, self._speeds = GyroBias(), np.empty(0), slice(0)
         self._wheels, self.blind = 0, 0
+        self._is_compiled = watch is None and hasattr(type(detector).step, "compiled_in")
         if isinstance(machine.constants, Robot) and samples.segments:
             n = self._wheels = len(machine.constants.wheels)
             self._speeds, self._turn = slice(n, 2 * n), yaw_rate_row(machine.constants)
@@ -177,25 +173,53 @@ class _Loop:
         bias = self._rest.bias
         first = machine.measurement(float(segment.time[0]), segment.columns[0])
         state = detector.begin(first, bias) if state is None else detector.resume(state, first, bias, is_long)
-        for k, now in enumerate(segment.time.tolist()):
-            row = segment.columns[k]
-            measured: Any = machine.measurement(now, row)
-            command = None if segment.command is None else segment.command[k]
-            try:
+        return self._observed(segment, state) if self._is_compiled else self._stepped(segment, state)
+
+    def _observed(self, segment: Segment, state: Any) -> Any:
+        """State after a segment, by the compiled loop."""
+        before, time = self._done, np.ascontiguousarray(segment.time, float)
+        command = np.empty((0, self._wheels)) if segment.command is None else segment.command
+        columns = np.ascontiguousarray(segment.columns, float)
+        rows = RecordedRows(time, columns, np.ascontiguousarray(command, float), self._machine.period)
+        detector: Any = self._detector
+        observation = RecordedObservation(detector, state, self._rest, rows)
+        logs = self._logs[before : before + len(time)]
+        with self._failures(lambda: float(time[observation.done])):
+            for done in observation.advance(logs, _REPORT_EVERY):
+                self._done = before + done
+                if self._progress is not None:
+                    self._progress(self._done)
+        self._rest = observation.rest
+        self.blind += int((logs[:, -1] == BLIND).sum())
+        return observation.state
+
+    def _stepped(self, segment: Segment, state: Any) -> Any:
+        """State after a segment, with a call of the detector for every sample."""
+        machine, detector, before = self._machine, self._detector, self._done
+        with self._failures(lambda: float(segment.time[self._done - before])):
+            for k, now in enumerate(segment.time.tolist()):
+                measured: Any = machine.measurement(now, segment.columns[k])
+                command = None if segment.command is None else segment.command[k]
                 if not self._wheels or is_good(measured, self._wheels):
                     state = detector.step(state, measured, command, self._rest.bias)
-            except (ArithmeticError, np.linalg.LinAlgError) as error:
-                found = f"the method fails at {now:.6g} s ({error})"
-                raise SimulationError(f"run {self._name!r}: {found}") from None
-            self._logs[self._done] = state.log
-            self.blind += detector.cannot_judge(state)
-            self._update_bias(measured)
-            self._done += 1
-            if self._watch is not None:
-                self._watch(state)
-            if self._progress is not None and self._done % _REPORT_EVERY == 0:
-                self._progress(self._done)
+                self._logs[self._done] = state.log
+                self.blind += detector.cannot_judge(state)
+                self._update_bias(measured)
+                self._done += 1
+                if self._watch is not None:
+                    self._watch(state)
+                if self._progress is not None and self._done % _REPORT_EVERY == 0:
+                    self._progress(self._done)
         return state
+
+    @contextmanager
+    def _failures(self, now: Callable[[], float]) -> Iterator[None]:
+        """Name run and time [s] where the method fails."""
+        try:
+            yield
+        except (ArithmeticError, np.linalg.LinAlgError) as error:
+            found = f"the method fails at {now():.6g} s ({error})"
+            raise SimulationError(f"run {self._name!r}: {found}") from None
 
     def _update_bias(self, measured: Any) -> None:
         if not self._machine.has_gyro:

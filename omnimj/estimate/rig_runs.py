@@ -9,9 +9,11 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from omnimj.plant.mujoco.twin import RigTwin
-from omnimj.plant.planar import PlanarRig
+from omnimj.plant.planar_rig import PlanarRig
 from omnimj.recording.dataset import Run
-from omnimj.signals import Array, CurrentCommand
+from omnimj.signals import RIG_CHANNELS, Array
+from omnimj.simulate.compiled.row import RIG_COLUMNS
+from omnimj.simulate.compiled.run import CompiledRigRun, compiled_rig_loop
 
 CHANNELS = ("wheel_speed", "carriage_speed", "carriage_acceleration", "current")
 """Measured channels: [rad/s], [m/s], [m/s²], [A]."""
@@ -23,6 +25,7 @@ _LATERAL_REST = 0.03  # [m/s] below it the gantry stands
 _LATERAL_WINDOW = 0.05  # [s] over which the gantry's speed is smoothed
 _STEP = 1.5  # × median time step: nothing is measured between samples farther apart
 _BEGIN = 0.005  # [s] at the start of a run whose mean speeds are those that it begins with
+_DRIVEN = [1 + RIG_CHANNELS.index(name) for name in CHANNELS[: ACCELERATION + 1]]  # columns of a row
 _GRID = 1e-3  # × period: a clock that keeps the grid this well needs no interpolation
 
 
@@ -152,14 +155,17 @@ def drive_by_currents(plant: PlanarRig | RigTwin, current: Array, start_speeds: 
     Returns:
       Wheel speed [rad/s], carriage speed [m/s] and its acceleration [m/s²] at every sample, shape (k, 3).
     """
-    driven = np.empty((len(current), ACCELERATION + 1))
     measured = plant.reset()
-    driven[0] = measured.wheel_speed, measured.carriage_speed, measured.carriage_acceleration
     if any(start_speeds):
         plant.set_speeds(*start_speeds)
+    loop = compiled_rig_loop(plant)
+    assert loop is not None  # both plants have one
+    # the sample at the period's end: the current loop is faster than a period
+    run = CompiledRigRun(loop, plant, measured, np.append(current[1:], 0.0))
+    table = np.full((len(current), RIG_COLUMNS + len(plant.truth_names)), np.nan)
+    for _ in run.advance(table, np.empty((0, 0)), 1, np.inf):
+        pass
+    driven = table[:, _DRIVEN]
+    if any(start_speeds):
         driven[0, [CARRIAGE, WHEEL]] = start_speeds
-    for k in range(1, len(current)):
-        # the sample at the period's end: the current loop is faster than a period
-        measured = plant.step(CurrentCommand(current[k : k + 1]))
-        driven[k] = measured.wheel_speed, measured.carriage_speed, measured.carriage_acceleration
     return driven

@@ -204,6 +204,12 @@ def rig_state_at(row):
 
 
 @kernel
+def rig_output_at(row):
+    """`RigOutput` of the first `OUTPUT` numbers of a row."""
+    return RigOutput(*first_numbers(row, OUTPUT))
+
+
+@kernel
 def lateral_force(rig, lateral_speed):
     """Friction of the rollers G = [μ_R,dry sgn(ṡ) + μ_R,vis ṡ] F_N, Eqs. 4.14 and 4.18 [N]."""
     ratio = rig.wheel.roller_viscous * lateral_speed

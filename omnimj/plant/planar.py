@@ -1,4 +1,4 @@
-"""Plants without MuJoCo: the planar models of robot and test rig behind their sensors."""
+"""The planar model of the robot behind its sensors, a plant without MuJoCo."""
 
 from __future__ import annotations
 
@@ -10,31 +10,28 @@ from typing import NamedTuple
 import numpy as np
 
 from omnimj.effects import AppliedEffects, apply_effects
-from omnimj.errors import InputError, UnknownNameError
+from omnimj.errors import InputError
 from omnimj.parameters import Floor, Rig, Robot, read_floors
 from omnimj.parameters.floor import TRACTION_SIZE
-from omnimj.physics import planar, rig
+from omnimj.physics import planar
 from omnimj.physics.motor import SHORTED
 from omnimj.physics.native import kernel
 from omnimj.physics.planar_wheel import POSITION_X, POSITION_Y
-from omnimj.physics.wheel import packed, store
 from omnimj.plant.faults import Conditions, Fault, conditions_at, conditions_with_effects, event_times
 from omnimj.plant.ground import Ground, Patch, floor_at
-from omnimj.plant.interface import RIG_TRUTH_NAMES, robot_truth_names
+from omnimj.plant.interface import robot_truth_names
 from omnimj.plant.sensor_chain import SensorChain, read_sensors
-from omnimj.plant.sensors import RigSensors, RobotSensors
-from omnimj.signals import Array, CurrentCommand, Measurement, RigMeasurement, compiled_in
+from omnimj.plant.sensors import RobotSensors
+from omnimj.signals import Array, CurrentCommand, Measurement, compiled_in
 
 SUBSTEPS = 4
 """Number of integration steps per control period; 0.25 ms is a twelfth of a wheel's time constant."""
 
-RIG_FAULTS = ("motor", "free", "locked", "hard_over", "slip", "all_wheel_slip", "wheel_radius", "sensor")
-"""Kinds of faults that apply to the rig, which has one wheel on a straight rail."""
-
-_TIME_TOLERANCE = 1e-9  # [s] by which a time accumulated over steps may fall short of the event
+TIME_TOLERANCE = 1e-9
+"""Time by which a time accumulated over steps may fall short of an event [s]."""
 
 
-def _timeline(
+def timeline(
     machine: Robot | Rig, faults: Sequence[Fault], effects: AppliedEffects, measured_current: bool
 ) -> list[tuple[float, Conditions]]:
     """Conditions of the run, each with the time from which it holds [s]."""
@@ -194,7 +191,7 @@ class PlanarRobot:
         self._terms = effects.terms
         self._stages = [
             self._stage(robot, begin, now)
-            for begin, now in _timeline(robot, faults, effects, measured_current)
+            for begin, now in timeline(robot, faults, effects, measured_current)
         ]
         self._sensors = RobotSensors(
             robot.sensors, robot.motor, n, self.period, seed, faults, ideal_sensors, effects.channels
@@ -256,7 +253,7 @@ class PlanarRobot:
     def next_change(self) -> float:
         """Time from which `prepare_step` has conditions to change [s]."""
         later = self._at + 1
-        return self._stages[later].begin - _TIME_TOLERANCE if later < len(self._stages) else math.inf
+        return self._stages[later].begin - TIME_TOLERANCE if later < len(self._stages) else math.inf
 
     def prepare_step(self) -> None:
         """Apply the conditions that begin with the coming period, and keep the sensors' noise coming."""
@@ -290,163 +287,3 @@ class PlanarRobot:
 
     def _measured(self, readings: Array) -> Measurement:
         return self._sensors.as_measurement(int(self._steps[0]) * self.period, readings)
-
-
-@dataclass(frozen=True)
-class _RigStage:
-    """Packed rig and floor while the conditions stay constant."""
-
-    begin: float
-    """Time of the beginning [s]."""
-    machine: tuple[Array, Array, Array, Array]
-    """Packed rig, motor, floor and effect terms."""
-
-
-@kernel
-def _drive_rig(state, current, lateral_speed, machine, published, h, steps, output):
-    """Advance the rig by one control period, in place.
-
-    Args:
-      state: Packed `rig.RigState`.
-      current: Commanded current [A].
-      lateral_speed: Lateral speed of the gantry [m/s].
-      machine: Packed rig, motor, floor and effect terms.
-      published: Whether to use the equations as printed.
-      h: Step [s].
-      steps: Number of steps.
-      output: Packed `rig.RigOutput`.
-    """
-    model = rig.rig_model_at(machine, published)
-    after, found = rig.step(rig.rig_state_at(state), current, lateral_speed, model, h, steps)
-    store(after, state)
-    store(found, output)
-
-
-class PlanarRig:
-    """Model of the rig as a `Plant`; the rail has no ends, the gantry has its commanded speed at once."""
-
-    truth_names = RIG_TRUTH_NAMES
-
-    def __init__(
-        self,
-        constants: Rig,
-        floor: str,
-        *,
-        mass: float | None = None,
-        lateral_speed: float = 0.0,
-        faults: Sequence[Fault] = (),
-        seed: int = 0,
-        published: bool = False,
-        ideal_sensors: bool = False,
-        floors: Mapping[str, Floor] | None = None,
-        measured_current: bool = False,
-    ):
-        """Place the rig at rest at the start of the rail.
-
-        Args:
-          constants: Constants of the rig, with its effects.
-          floor: Name of the floor.
-          mass: Mass m_T of the quarter body [kg]; the first of the rig's masses when None.
-          lateral_speed: Lateral speed of the gantry [m/s].
-          faults: Faults of the run.
-          seed: Seed of the sensor noise.
-          published: Whether to use the equations as printed instead of the corrected ones.
-          ideal_sensors: Whether sensors return true values, without noise, filters and quantisation.
-          floors: Floors by name; the shipped ones when None.
-          measured_current: Whether commands are measured currents, exempt from limits and current loop.
-
-        Raises:
-          UnknownNameError: A floor that does not exist, or a fault that does not apply to the rig.
-          InputError: A mass that is not positive, a lateral speed that is not finite, or an invalid effect.
-        """
-        effects = apply_effects(constants)
-        constants = effects.machine
-        mass = (constants.rig.masses[0] if mass is None else mass) + effects.added_mass
-        if not (math.isfinite(mass) and mass > 0.0):
-            raise InputError("mass", f"found {mass!r}", "must be above 0")
-        if not math.isfinite(lateral_speed):
-            raise InputError("lateral_speed", f"found {lateral_speed!r}", "must be a finite number")
-        for k, fault in enumerate(faults):
-            if fault.kind not in RIG_FAULTS:
-                raise UnknownNameError(f"faults.{k}.kind", "fault of the rig", fault.kind, RIG_FAULTS)
-        self.period = 1.0 / constants.sensors.sample_rate
-        self._lateral_speed, self._published = float(lateral_speed), published
-        self._ground = Ground(floor, (), effects.floors(read_floors() if floors is None else floors))
-        self.effect_terms: Array = effects.terms[0]
-        """Packed effect terms of the wheel, which every step reads, shape (TERMS,)."""
-        self._stages = [
-            self._stage(constants, mass, self.effect_terms, begin, now)
-            for begin, now in _timeline(constants, faults, effects, measured_current)
-        ]
-        self._sensors = RigSensors(
-            constants.sensors, constants.motor, self.period, seed, faults, ideal_sensors, effects.channels
-        )
-        self._state, self._output = np.zeros(rig.STATE), np.zeros(rig.OUTPUT)
-        self._steps, self._at = 0, 0
-
-    def _stage(self, constants: Rig, mass: float, terms: Array, begin: float, now: Conditions) -> _RigStage:
-        scale, grip = float(now.radius_scale[0]), float(now.grip[0])
-        own = packed(rig.rig_parameters(constants, mass, scale, grip, now.slope[0]))
-        replaced, replacements = self._ground.replacements(now.floors)
-        floor = replacements[0] if replaced[0] else self._ground.rows[0]
-        return _RigStage(begin, (own, now.motor_rows[0], floor, terms))
-
-    def reset(self) -> RigMeasurement:
-        """Put the rig at rest at the start of the rail, with the gantry moving; the noise is repeated."""
-        self._steps, self._at = 0, 0
-        self._state[:] = 0.0
-        self._enter_stage()
-        self._sensors.reset()
-        self._run(self._state.copy(), 0.0, 1)
-        return self._measure()
-
-    def set_speeds(self, carriage_speed: float, wheel_speed: float) -> None:
-        """Set the speeds of carriage [m/s] and wheel [rad/s], for a run that begins in motion."""
-        state = rig.RigState(*self._state.tolist())
-        self._state[:] = state._replace(speed=carriage_speed, wheel_speed=wheel_speed)
-
-    def step(self, command: CurrentCommand) -> RigMeasurement:
-        """Hold the command for one period and return the measurement at its end.
-
-        Raises:
-          InputError: A command that is not exactly one current.
-        """
-        if len(command.current) != 1:
-            raise InputError("command", f"found {len(command.current)} currents", "one is needed")
-        self._enter_stage()
-        self._run(self._state, float(command.current[0]), SUBSTEPS)
-        self._steps += 1
-        return self._measure()
-
-    def truth(self) -> Array:
-        """True values aligned with `truth_names`; positions count from the start, the body does not tilt.
-
-        The lateral force is that on the wheel, along the direction of the gantry: −G of Eq. 4.18.
-        """
-        state, output = rig.RigState(*self._state.tolist()), rig.RigOutput(*self._output.tolist())
-        lateral_position = self._lateral_speed * self._steps * self.period
-        carriage = (state.position, state.speed, state.wheel_speed, lateral_position, 0.0)
-        return np.array((*carriage, output.slip, output.normal, output.traction, -output.lateral))
-
-    def close(self) -> None:
-        """Do nothing: there is nothing to release."""
-
-    def _enter_stage(self) -> None:
-        now = self._steps * self.period + _TIME_TOLERANCE
-        while self._at + 1 < len(self._stages) and self._stages[self._at + 1].begin <= now:
-            self._at += 1
-
-    def _run(self, state: Array, command: float, steps: int) -> None:
-        machine, h = self._stages[self._at].machine, self.period / SUBSTEPS
-        _drive_rig(state, command, self._lateral_speed, machine, self._published, h, steps, self._output)
-
-    def _measure(self) -> RigMeasurement:
-        state, output = rig.RigState(*self._state.tolist()), rig.RigOutput(*self._output.tolist())
-        return self._sensors.measure(
-            self._steps * self.period,
-            state.current,
-            output.encoder_speed,
-            state.speed,
-            output.acceleration,
-            self._lateral_speed,
-        )

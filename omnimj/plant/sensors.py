@@ -38,7 +38,31 @@ MODES = MappingProxyType(
 _BLOCK = 512  # number of samples whose random numbers are drawn at once
 
 
-class RobotSensors:
+class _MachineSensors:
+    """Channels of a machine; the order of its channels is that of its readings."""
+
+    _channels: _Channels
+
+    def reset(self) -> None:
+        """Return to the start of the run, so that the noise is repeated."""
+        self._channels.reset()
+
+    @property
+    def chain(self) -> chain.SensorChain:
+        """Arrays of the sensors, for kernels that read them in a loop."""
+        return self._channels.chain
+
+    @property
+    def values(self) -> Array:
+        """Physical quantities that the next sample is taken of, shape (channels,)."""
+        return self._channels.values
+
+    def refill(self) -> None:
+        """Draw the next random numbers where all are used."""
+        self._channels.refill()
+
+
+class RobotSensors(_MachineSensors):
     """Sensors of a robot with n wheels."""
 
     def __init__(
@@ -69,10 +93,6 @@ class RobotSensors:
         channels = [current] * n + [speed] * n + [_acceleration(sensors, period)] * 2
         channels += [_yaw_rate(sensors, period), _yaw(sensors, period)]
         self._channels = _Channels(robot_channels(n), channels, seed, faults, ideal, changes)
-
-    def reset(self) -> None:
-        """Return to the start of the run, so that the noise is repeated."""
-        self._channels.reset()
 
     def measure(
         self,
@@ -111,22 +131,8 @@ class RobotSensors:
         yaw_rate, yaw = r[2 * n + 2 :].tolist()
         return Measurement(time, r[:n], r[n : 2 * n], r[2 * n : 2 * n + 2], yaw_rate, yaw)
 
-    @property
-    def chain(self) -> chain.SensorChain:
-        """Arrays of the sensors, for kernels that read them in a loop."""
-        return self._channels.chain
 
-    @property
-    def values(self) -> Array:
-        """Physical quantities that the next sample is taken of, shape (2n+4,)."""
-        return self._channels.values
-
-    def refill(self) -> None:
-        """Draw the next random numbers where all are used."""
-        self._channels.refill()
-
-
-class RigSensors:
+class RigSensors(_MachineSensors):
     """Sensors of the test rig: motor encoder and current monitor, measuring wheels, accelerometer.
 
     Speeds along the rail and of the gantry come from encoders on small measuring wheels, counted by the data
@@ -149,10 +155,6 @@ class RigSensors:
         channels += [_acceleration(sensors, period), rail]
         self._channels = _Channels(RIG_CHANNELS, channels, seed, faults, ideal, changes)
 
-    def reset(self) -> None:
-        """Return to the start of the run, so that the noise is repeated."""
-        self._channels.reset()
-
     def measure(
         self,
         time: float,
@@ -167,7 +169,11 @@ class RigSensors:
         values[0], values[1], values[2] = current, wheel_speed, carriage_speed
         values[3], values[4] = carriage_acceleration, lateral_speed
         time = float(time)  # an integer would make the kernel compile again
-        return RigMeasurement(time, *self._channels.read(time).tolist())
+        return self.as_measurement(time, self._channels.read(time))
+
+    def as_measurement(self, time: float, readings: Array) -> RigMeasurement:
+        """Measurement of readings in the order of `RIG_CHANNELS`, shape (5,)."""
+        return RigMeasurement(time, *readings.tolist())
 
 
 class _Channels:

@@ -1,7 +1,8 @@
 """Simulated runs: the loop that drives a plant, scenarios, and what is made of a run.
 
-- `loop`: the step generator, and robot and rig driven with it.
-- `compiled`: the same loop as one compiled function, for robots.
+- `loop`: the step generator and the trace that it records.
+- `compiled`: the same loop as one compiled function.
+- `driving`: robots driven along references and rigs driven by currents, by one of the two.
 - `kinematic`: the kinematic level, a plant without forces.
 - `run`: runs a scenario; `plants` and `detectors` make what it needs.
 - `metrics`, `judging`, `summary`: metrics, scores of the diagnoses, and `metrics.json`.

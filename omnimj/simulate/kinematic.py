@@ -18,7 +18,8 @@ from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import Robot
 from omnimj.physics.kinematics import rolling_matrix, weighted_inverse
 from omnimj.signals import Array, Reference, Trace
-from omnimj.simulate.loop import NO_CALLBACKS, TARGET_NAMES, Callbacks, record
+from omnimj.simulate.driving import TARGET_NAMES
+from omnimj.simulate.loop import NO_CALLBACKS, Callbacks, record
 
 
 @dataclass(frozen=True)

@@ -135,7 +135,7 @@ def make_rig_plant(kind: str, rig: Rig, floor: str, floors: Mapping[str, Floor],
       options: Further arguments of `RigTwin` or `PlanarRig`.
     """
     if kind == "planar":
-        from omnimj.plant.planar import PlanarRig
+        from omnimj.plant.planar_rig import PlanarRig
 
         return PlanarRig(rig, floor, floors=floors, **options)
     from omnimj.plant.mujoco.twin import RigTwin

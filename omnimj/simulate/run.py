@@ -20,9 +20,10 @@ from omnimj.link.host.plant import HardwarePlant
 from omnimj.plant.faults import Fault
 from omnimj.signals import Array, Trace
 from omnimj.simulate.detectors import make_detector, require_known_method
+from omnimj.simulate.driving import Controller as LoopController
+from omnimj.simulate.driving import drive, drive_rig
 from omnimj.simulate.kinematic import drive_kinematic
-from omnimj.simulate.loop import NO_CALLBACKS, Callbacks, Snapshot, drive, drive_rig
-from omnimj.simulate.loop import Controller as LoopController
+from omnimj.simulate.loop import NO_CALLBACKS, Callbacks, Snapshot
 from omnimj.simulate.plants import (
     KINEMATIC,
     LinkOptions,

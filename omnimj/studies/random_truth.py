@@ -16,7 +16,7 @@ from omnimj.parameters import Floor, Robot
 from omnimj.plant.faults import Fault
 from omnimj.plant.interface import Plant
 from omnimj.signals import Trace
-from omnimj.simulate.loop import drive
+from omnimj.simulate.driving import drive
 from omnimj.simulate.run import make_diagnosing_controller
 from omnimj.simulate.scenario.drive import Drive
 from omnimj.simulate.scenario.scenario import Scenario

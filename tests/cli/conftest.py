@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from omnimj.cli.main import main
-from omnimj.plant.planar import PlanarRig, PlanarRobot
+from omnimj.plant.planar import PlanarRobot
+from omnimj.plant.planar_rig import PlanarRig
 
 
 @pytest.fixture

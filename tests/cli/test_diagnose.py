@@ -16,12 +16,12 @@ from omnimj.cli.main import main
 from omnimj.diagnosis import replay as diagnosing
 from omnimj.parameters import read_rig
 from omnimj.plant.faults import Fault
-from omnimj.plant.planar import PlanarRig
+from omnimj.plant.planar_rig import PlanarRig
 from omnimj.recording.dataset import Run
 from omnimj.recording.read_dataset import read_dataset
 from omnimj.recording.traces import read_trace
 from omnimj.recording.write_dataset import DatasetWriter, write_dataset
-from omnimj.simulate.loop import drive_rig
+from omnimj.simulate.driving import drive_rig
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 

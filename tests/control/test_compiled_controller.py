@@ -19,7 +19,7 @@ from omnimj.parameters import read_robot
 from omnimj.plant.faults import Fault
 from omnimj.plant.planar import PlanarRobot
 from omnimj.signals import Target
-from omnimj.simulate.loop import drive
+from omnimj.simulate.driving import drive
 from omnimj.simulate.suites.missions import mission
 
 ROBOT = read_robot()

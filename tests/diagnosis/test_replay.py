@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 from driven_missions import ONSET, as_dataset, as_run, driven
 
+from omnimj.control.detection.robust import RobustDetector
 from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.control.gains import ObserverGains
 from omnimj.diagnosis.files import diagnoses_json
 from omnimj.diagnosis.logs import make_detector, read_machine
 from omnimj.diagnosis.replay import DiagnosisConfig, first_bias, replay, sample_run
-from omnimj.parameters import read_floors
+from omnimj.parameters import read_floors, read_robot
 from omnimj.recording.dataset import Dataset, Run
 
 FLOORS = read_floors()
@@ -31,6 +32,54 @@ def without(run: Run, first: int, count: int) -> Run:
     """The log with rows missing."""
     keep = np.r_[0:first, first + count : len(run.time)]
     return dataclasses.replace(run, columns={name: values[keep] for name, values in run.columns.items()})
+
+
+class Stepped(RobustDetector):
+    """Called for every sample, since it has a step of its own."""
+
+    def step(self, *given, **options):
+        return super().step(*given, **options)
+
+
+def uneven(run: Run) -> Run:
+    """The log with a short and a long gap, and a gyro that is frozen at the end."""
+    rate = run.columns["yaw_rate"].copy()
+    rate[9000:] = rate[9000]
+    return without(
+        without(dataclasses.replace(run, columns={**run.columns, "yaw_rate": rate}), 4000, 60), 7000, 900
+    )
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: as_run(driven(weak=True)),
+        lambda: as_run(driven(weak=True), commands=False),
+        lambda: as_run(driven(), rows=slice(first_fast_row(), None, 4)),
+        lambda: uneven(as_run(driven(weak=True))),
+    ],
+    ids=["weak", "without commands", "slow, from the middle", "gaps and a frozen sensor"],
+)
+def test_the_compiled_loop_gives_what_the_detector_gives_sample_by_sample(make):
+    run = make()
+    machine = read_machine(as_dataset(run))
+    done: dict[bool, list[int]] = {True: [], False: []}
+    seen = {
+        stepped: replay(
+            run,
+            sample_run(run, machine),
+            machine,
+            (Stepped if stepped else RobustDetector)(read_robot()),
+            done[stepped].append,
+        )
+        for stepped in (True, False)
+    }
+    one, other = seen[True], seen[False]
+    assert dataclasses.replace(one, trace=other.trace) == other
+    assert list(one.trace.columns) == list(other.trace.columns)
+    for name, column in one.trace.columns.items():
+        assert np.array_equal(column, other.trace[name], equal_nan=True), name
+    assert len(done[True]) > 3 and len(done[False]) > 3
 
 
 def is_weak(diagnosis) -> bool:

@@ -7,7 +7,8 @@ import numpy as np
 from omnimj.effects import effects_of
 from omnimj.parameters import read_floors, read_rig, read_robot
 from omnimj.plant.mujoco.twin import RigTwin, RobotTwin
-from omnimj.plant.planar import PlanarRig, PlanarRobot
+from omnimj.plant.planar import PlanarRobot
+from omnimj.plant.planar_rig import PlanarRig
 from omnimj.signals import CurrentCommand
 
 RIG, ROBOT, FLOORS = read_rig(), read_robot(), read_floors()

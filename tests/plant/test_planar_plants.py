@@ -13,7 +13,8 @@ from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import read_floors, read_rig, read_robot
 from omnimj.plant.faults import Fault
 from omnimj.plant.ground import Patch
-from omnimj.plant.planar import PlanarRig, PlanarRobot
+from omnimj.plant.planar import PlanarRobot
+from omnimj.plant.planar_rig import PlanarRig
 from omnimj.signals import CurrentCommand
 
 ROBOT, RIG, FLOORS = read_robot(), read_rig(), read_floors()

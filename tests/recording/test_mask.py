@@ -14,7 +14,7 @@ from omnimj.plant.mujoco.twin import RigTwin
 from omnimj.recording.mask import find_gaps, find_spikes
 from omnimj.recording.read_dataset import read_dataset
 from omnimj.signals import Array
-from omnimj.simulate.loop import drive_rig
+from omnimj.simulate.driving import drive_rig
 from omnimj.simulate.suites.rig import samples_on_rail
 
 TIME: Array = np.array(range(1500), float) / 1000.0

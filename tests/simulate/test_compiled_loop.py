@@ -22,7 +22,8 @@ from omnimj.signals import Measurement, Reference
 from omnimj.simulate import loop
 from omnimj.simulate.compiled.run import compiled_loop
 from omnimj.simulate.detectors import make_detector
-from omnimj.simulate.loop import Callbacks, drive, drive_stepwise
+from omnimj.simulate.driving import drive, drive_stepwise
+from omnimj.simulate.loop import Callbacks
 from omnimj.simulate.plants import make_plant, plant_name
 from omnimj.simulate.run import make_diagnosing_controller
 from omnimj.simulate.scenario.listing import scenario_names

@@ -10,7 +10,8 @@ import pytest
 from omnimj.errors import SimulationError
 from omnimj.plant.interface import RIG_CHANNELS, robot_channels
 from omnimj.signals import Array, CurrentCommand, Diagnosis, Measurement, Reference, RigMeasurement, Target
-from omnimj.simulate.loop import TARGET_NAMES, Callbacks, column_names, drive, drive_rig, steps
+from omnimj.simulate.driving import TARGET_NAMES, drive, drive_rig
+from omnimj.simulate.loop import Callbacks, column_names, steps
 
 N = 3
 

@@ -19,7 +19,7 @@ from omnimj.parameters import read_robot
 from omnimj.plant.faults import Fault
 from omnimj.plant.planar import PlanarRobot
 from omnimj.resources import scenarios_folder
-from omnimj.simulate.loop import drive
+from omnimj.simulate.driving import drive
 from omnimj.simulate.run import run_scenario
 from omnimj.simulate.scenario.scenario import read_scenario
 from omnimj.simulate.suites.missions import mission

@@ -23,6 +23,9 @@ from omnimj.errors import InputError, SimulationError, UnknownNameError
 from omnimj.studies.evaluation.cases import CasePopulation
 from omnimj.studies.evaluation.study import EvaluationConfig, run_evaluation
 from omnimj.studies.executors import WorkerLost, job_options, open_executor, parse_scheduler, parse_slurm
+from omnimj.studies.gap_benchmark.cases import draw_cases
+from omnimj.studies.gap_benchmark.datasets import make_dataset
+from omnimj.studies.gap_benchmark.trial import fit_truth, search_case
 from omnimj.studies.runner import TrialFolder
 from omnimj.studies.sensitivity.trial import TrialConfig, drive_with
 from omnimj.studies.tuning.draws import draw_trial, read_tuned_scenarios
@@ -134,6 +137,35 @@ def test_runs_of_a_sensitivity_study_are_the_same_by_processes_by_a_thread_and_b
     text = file.read_text(encoding="utf-8")
     file.write_text(text.replace("speed = 0.4", "speed = 0.2"), encoding="utf-8")
     assert driven_by_all(drive_with, tasks, dask)["20.0"] != here["20.0"]
+
+
+@pytest.mark.slow
+def test_cases_of_the_gap_benchmark_are_the_same_by_processes_by_threads_and_by_a_cluster(tmp_path, dask):
+    """Made, searched and fitted; the replays of a search run in threads of their own."""
+    hidden = [case for case in draw_cases(3) if case.kind == "single"][:2]
+
+    def benchmark(name: str, executor: Executor | None) -> list[Any]:
+        folder, found = tmp_path / name, {}
+        folder.mkdir()
+        plans = {case.name: (case, folder / case.name, "twin", 0.6, 3) for case in hidden}
+        searches = {case.name: (str(folder / case.name),) for case in hidden}
+        fits = {case.name: (str(folder / case.name), case.to_dict()["hidden"]) for case in hidden}
+
+        def work(pool: WorkerPool) -> None:
+            for step, tasks in ((make_dataset, plans), (search_case, searches), (fit_truth, fits)):
+                found[step.__name__] = {}
+                pool.run_all(step, tasks, found[step.__name__].__setitem__, "working", quiet)
+
+        assert run_in_workers(work, 2, executor)
+        for result in found["search_case"].values():
+            del result["seconds"], result["gap"]["seconds"], result["gap"]["dataset"]
+        return [found["search_case"], found["fit_truth"]]
+
+    with open_executor("threads", 2) as threads:
+        here = benchmark("threads", threads)
+    assert all("error" not in result for step in here for result in step.values())
+    assert benchmark("processes", None) == here
+    assert benchmark("dask", dask) == here
 
 
 def test_work_whose_worker_is_killed_is_done_by_another(tmp_path, dask):

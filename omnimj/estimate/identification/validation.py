@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from types import MappingProxyType
 from typing import Any
 
@@ -18,8 +20,8 @@ from omnimj.estimate.rig_runs import CARRIAGE, CURRENT, WHEEL, RigRun, drive_by_
 from omnimj.parameters import Floor, Rig
 from omnimj.parameters.floor import find_floor
 from omnimj.plant.mujoco.twin import RigTwin
-from omnimj.plant.planar import PlanarRig
-from omnimj.recording.dataset import Dataset
+from omnimj.plant.planar_rig import PlanarRig
+from omnimj.recording.dataset import Dataset, Run
 from omnimj.signals import Array
 
 TABLE_4_2_CURRENTS = (0.45, 0.60, 0.75, 0.90, 1.05, 1.20, 1.35, 1.50)
@@ -105,6 +107,14 @@ def published_errors(floor: str, mass: float, lateral_speed: float, current: flo
 def _nearest(values, wanted: float, most: float) -> int | None:
     k = min(range(len(values)), key=lambda i: abs(values[i] - wanted))
     return k if abs(values[k] - wanted) <= most else None
+
+
+def _replays(
+    rig: Rig, floors: Mapping[str, Floor], measured: Run, plants: Sequence[str]
+) -> list[ReplayedRun]:
+    """Replays of one recorded run by several plants."""
+    run = rig_run(measured, 1.0 / rig.sensors.sample_rate)
+    return [replay_run(rig, floors, run, plant) for plant in plants]
 
 
 def replay_run(rig: Rig, floors: Mapping[str, Floor], run: RigRun, plant: str) -> ReplayedRun:
@@ -203,12 +213,11 @@ def validate(
     replayed: list[ReplayedRun] = []
     interrupted, total = False, len(dataset.runs) * len(plants)
     try:
-        for measured in dataset.runs:
-            run = rig_run(measured, 1.0 / rig.sensors.sample_rate)
-            done = [replay_run(rig, floors, run, plant) for plant in plants]
-            replayed.extend(done)
-            if progress is not None:
-                progress(len(replayed), total)
+        with ThreadPoolExecutor(os.cpu_count() or 1) as pool:  # the plants step without the interpreter
+            for done in pool.map(lambda run: _replays(rig, floors, run, plants), dataset.runs):
+                replayed.extend(done)
+                if progress is not None:
+                    progress(len(replayed), total)
     except KeyboardInterrupt:
         interrupted = True
     names = tuple(getattr(rig, "effects", {}))

@@ -7,17 +7,14 @@ simulated sensors, aligned with the measured ones. It has no access to the origi
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol
 
 import numpy as np
 
 from omnimj.effects import Effect, EffectParameter, effects_of
 from omnimj.signals import Array
-
-_T = TypeVar("_T")
 
 KNOTS = 8
 """Number of knots of a free curve."""
@@ -148,14 +145,6 @@ class Replay(Protocol):
     def predict(self, settings: Sequence[Setting], experiment: Experiment) -> list[Array]:
         """Predict block means of a candidate run, one array of shape (blocks, channels) per setting."""
         ...
-
-
-def map_in_threads(function: Callable[[_T], Array], arguments: Sequence[_T], threads: int) -> list[Array]:
-    """Map a function over arguments in threads; the kernels release the interpreter lock."""
-    if len(arguments) < 2 or threads < 2:
-        return [function(argument) for argument in arguments]
-    with ThreadPoolExecutor(min(threads, len(arguments))) as pool:
-        return list(pool.map(function, arguments))
 
 
 def average_blocks(values: Array, size: int) -> Array:

@@ -84,7 +84,7 @@ def _library_path() -> str:
 
 
 @intrinsic
-def _call_step(typingctx, step, model, data):
+def call_step(typingctx, step, model, data):
     """Call `mj_step(model, data)` at an address."""
 
     def codegen(context, builder, signature, arguments):
@@ -150,7 +150,7 @@ def step_twin(twin, current):
     """Hold set currents, shape (n,) [A], for one control period and return the readings at its end."""
     twin.ctrl[:] = current
     for _ in range(twin.substeps):
-        _call_step(twin.step, twin.model, twin.data)
+        call_step(twin.step, twin.model, twin.data)
     twin.steps[0] += 1
     return measure_twin(twin)
 

@@ -20,6 +20,13 @@ from omnimj.plant.mujoco import slots
 from omnimj.plant.mujoco.assembly import bind_effects, rest_depth, rig_model, robot_model
 from omnimj.plant.mujoco.callback import install
 from omnimj.plant.mujoco.conditions import ConditionSchedule, NominalModel, fault_floors
+from omnimj.plant.mujoco.rig_step import (
+    GANTRY,
+    JOINTS,
+    RigTwinArrays,
+    measure_rig_twin,
+    write_rig_twin_truth,
+)
 from omnimj.plant.mujoco.robot_step import (
     TwinArrays,
     measure_twin,
@@ -96,13 +103,48 @@ class RigTwin:
         nominal = NominalModel(self.mj_model, "carriage")
         self._schedule = ConditionSchedule(faults, without_load, measured_current, nominal)
         m = self.mj_model
-        self._rail, self._lift, self._tilt, self._gantry, self._axle = (
-            int(m.joint(name).qposadr[0]) for name in ("rail", "lift", "tilt", "gantry", "wheel_1_axle")
-        )
-        self._sensed = self.mj_data.sensor("wheel_1_contact").data
-        self._steps = 0
         weight = -m.opt.gravity[2] * float(m.body_subtreemass[m.body("carriage").id])
         self._rest = rig.wheel.radius * (effects.radius_scale[0] - 1.0) - weight / rig.contact.stiffness
+        self._find_places()
+
+    def _find_places(self) -> None:
+        """Find the views into MuJoCo's arrays once, so that a step needs no search."""
+        m, d = self.mj_model, self.mj_data
+        self._lift = int(m.joint("lift").qposadr[0])
+        self._arrays = RigTwinArrays(
+            step=step_address(),
+            model=m._address,
+            data=d._address,
+            substeps=self._substeps,
+            period=self.period,
+            lateral_speed=float(self._lateral_speed),
+            ctrl=d.ctrl,
+            act=d.act,
+            joints=np.array([int(m.joint(name).qposadr[0]) for name in JOINTS]),
+            qpos=d.qpos,
+            qvel=d.qvel,
+            qacc=d.qacc,
+            gravity=m.opt.gravity,
+            sensed=d.sensor("wheel_1_contact").data,
+            steps=np.array([0]),
+            values=self._sensors.values,
+            sensors=self._sensors.chain,
+        )
+
+    def arrays(self) -> RigTwinArrays:
+        """Arrays for kernels that step the twin in a loop, once `prepare_step` has been called."""
+        return self._arrays
+
+    @property
+    def next_change(self) -> float:
+        """Time of the simulation from which `prepare_step` has conditions to change [s]."""
+        return self._schedule.next_change - 0.5 * self.mj_model.opt.timestep
+
+    def prepare_step(self) -> None:
+        """Apply the conditions that begin with the coming period, and keep the sensors' noise coming."""
+        if self.mj_data.time >= self.next_change:
+            self._schedule.apply(int(self._arrays.steps[0]) * self.period)
+        self._sensors.refill()
 
     def reset(self) -> RigMeasurement:
         """Put the carriage at its start, with the gantry moving, and return the measurement at time 0."""
@@ -111,21 +153,26 @@ class RigTwin:
         self._schedule.start()
         d.qpos[self._lift] = self._rest
         if self._lateral_speed:
-            # as on the rig, the gantry reaches its speed before the wheel is driven
-            d.qvel[self._gantry] = d.ctrl[1] = self._lateral_speed
-            d.qpos[self._gantry] = -_SETTLING_TIME * self._lateral_speed
-            steps = round(0.5 * _SETTLING_TIME / self.mj_model.opt.timestep)
-            mujoco.mj_step(self.mj_model, d, steps)
-            side = 0.0
-            for _ in range(steps):
-                mujoco.mj_step(self.mj_model, d)
-                side += self._sensed[slots.SENSOR_FIELDS.index("lateral_force")] / steps
-            d.act[slots.LATERAL_LOAD] = side
-            d.qpos[self._gantry], d.time = 0.0, 0.0
+            self._settle(int(self._arrays.joints[GANTRY]))
         mujoco.mj_forward(self.mj_model, d)
-        self._steps = 0
         self._sensors.reset()
+        self._arrays = self._arrays._replace(sensors=self._sensors.chain)
+        self._arrays.steps[0] = 0
         return self._measure()
+
+    def _settle(self, gantry: int) -> None:
+        """Move the gantry before the run: as on the rig, it reaches its speed before the wheel is driven."""
+        d, sensed = self.mj_data, self._arrays.sensed
+        d.qvel[gantry] = d.ctrl[1] = self._lateral_speed
+        d.qpos[gantry] = -_SETTLING_TIME * self._lateral_speed
+        steps = round(0.5 * _SETTLING_TIME / self.mj_model.opt.timestep)
+        mujoco.mj_step(self.mj_model, d, steps)
+        side = 0.0
+        for _ in range(steps):
+            mujoco.mj_step(self.mj_model, d)
+            side += sensed[slots.SENSOR_FIELDS.index("lateral_force")] / steps
+        d.act[slots.LATERAL_LOAD] = side
+        d.qpos[gantry], d.time = 0.0, 0.0
 
     def set_speeds(self, carriage_speed: float, wheel_speed: float) -> None:
         """Set the speeds of carriage [m/s] and wheel [rad/s], for a run that begins in motion."""
@@ -133,40 +180,27 @@ class RigTwin:
             self.mj_data.qvel[int(self.mj_model.joint(joint).dofadr[0])] = speed
         mujoco.mj_forward(self.mj_model, self.mj_data)
 
+    @compiled_in("rig_twin")
     def step(self, command: CurrentCommand) -> RigMeasurement:
         """Hold the command for one sample period and return the measurement at its end."""
-        if self.mj_data.time + 0.5 * self.mj_model.opt.timestep >= self._schedule.next_change:
-            self._schedule.apply(self._steps * self.period)
+        self.prepare_step()
         self.mj_data.ctrl[0] = command.current[0]
         self.mj_data.ctrl[1] = self._lateral_speed
         mujoco.mj_step(self.mj_model, self.mj_data, self._substeps)
-        self._steps += 1
+        self._arrays.steps[0] += 1
         return self._measure()
 
     def _measure(self) -> RigMeasurement:
-        speed = self.mj_data.qvel
-        return self._sensors.measure(
-            self._steps * self.period,
-            float(self.mj_data.act[slots.CURRENT]),
-            float(speed[self._axle] + self.mj_data.act[slots.BACKLASH_RATE]),  # the encoder sits on the motor
-            float(speed[self._rail]),
-            float(self.mj_data.qacc[self._rail] - self.mj_model.opt.gravity[0]),
-            float(speed[self._gantry]),
-        )
+        self._sensors.refill()
+        arrays = self._arrays
+        return self._sensors.as_measurement(int(arrays.steps[0]) * self.period, measure_rig_twin(arrays))
 
+    @compiled_in("rig_twin")
     def truth(self) -> Array:
         """True values aligned with `RIG_TRUTH_NAMES`, shape (9,)."""
-        place, speed = self.mj_data.qpos, self.mj_data.qvel
-        return np.array(
-            [
-                place[self._rail],
-                speed[self._rail],
-                speed[self._axle],
-                place[self._gantry],
-                place[self._tilt],
-                *self._sensed[:4],
-            ]
-        )
+        row = np.empty(len(self.truth_names))
+        write_rig_twin_truth(self._arrays, row)
+        return row
 
     def pose(self) -> Array:
         """Generalised positions qpos of MuJoCo, for a picture or a recording, shape (nq,)."""

@@ -1,6 +1,6 @@
 """The whole loop as one compiled function, without the interpreter and without its lock.
 
-- `run`: `CompiledRun`, a run that returns to Python for progress, decisions and changes of the plant
+- `run`: runs of robots and rigs, which return to Python for progress, decisions and changes of the plant
 - `row`: one control period and its row, common to all plants
-- `planar`, `twin`: the loops of the two plants
+- `planar`, `twin`: the loops without and with MuJoCo, each for robot and rig
 """

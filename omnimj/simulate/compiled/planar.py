@@ -1,15 +1,17 @@
-"""The compiled loop of the planar robot."""
+"""The compiled loops of the plants without MuJoCo: the planar robot and the rig."""
 
 from __future__ import annotations
 
 from omnimj.physics.native import kernel
 from omnimj.plant.planar import short_planar_motors, step_planar, write_planar_truth
+from omnimj.plant.planar_rig import step_planar_rig, write_planar_rig_truth
 from omnimj.simulate.compiled.row import (
     CHUNK_IS_DONE,
     DECISION_IS_DUE,
     PLANT_CHANGES,
     TRUTH_IS_BROKEN,
     control_period,
+    fill_rig_row,
     finish_row,
     first_truth,
     is_spent,
@@ -44,6 +46,35 @@ def drive_planar(plant, controller, progress, plan, output, next_change, end):
             return DECISION_IS_DUE
         truth = output.table[run.row, first:-5]
         write_planar_truth(plant, truth)
+        if not finish_row(run, output, truth):
+            return TRUTH_IS_BROKEN
+    return CHUNK_IS_DONE
+
+
+@kernel
+def drive_planar_rig(plant, current, progress, output, next_change, end):
+    """Drive by given currents until a number of rows is finished or Python is needed.
+
+    Args:
+      plant: `PlanarRigArrays`.
+      current: Set current of every row, shape (rows,) [A].
+      progress: Record of `Progress`, changed in place.
+      output: `Output`; this rig has no poses.
+      next_change: Time from which the plant has conditions to change [s].
+      end: Number of rows.
+
+    Returns:
+      The reason for which the loop returns.
+    """
+    run = progress[0]
+    while run.row < end:
+        if run.moves:
+            if plant.steps[0] * plant.period >= next_change or is_spent(plant.sensors):
+                return PLANT_CHANGES
+            output.readings[:] = step_planar_rig(plant, current[run.row - 1])
+            run.moves = False
+        truth = fill_rig_row(run, output, plant.steps[0] * plant.period, current)
+        write_planar_rig_truth(plant, truth)
         if not finish_row(run, output, truth):
             return TRUTH_IS_BROKEN
     return CHUNK_IS_DONE

@@ -1,8 +1,8 @@
 """One control period and its row as kernels: detector, recovery, cascade, columns of the trace.
 
-It does what `loop.steps` does under a controller that follows a reference, by the same kernels, so that both
-give the same numbers. The controller's kernels get readings, plan and their own state; the truth goes from
-the plant to the row.
+It does what `loop.steps` does under a controller that follows a reference, or under given currents, by the
+same kernels, so that both give the same numbers. The controller's kernels get readings, plan and their own
+state; the truth goes from the plant to the row.
 """
 
 from __future__ import annotations
@@ -15,10 +15,12 @@ from omnimj.control.detection.robust.judgement import judge_block
 from omnimj.control.records import Record
 from omnimj.control.recovery.step import Demand
 from omnimj.physics.native import inlined, kernel
-from omnimj.signals import Array
+from omnimj.signals import RIG_CHANNELS, Array
 
 CHUNK_IS_DONE, DECISION_IS_DUE, PLANT_CHANGES, TRUTH_IS_BROKEN = range(4)
 """Reasons for which a loop returns."""
+RIG_COLUMNS = len(RIG_CHANNELS) + 2
+"""Columns of a rig's row before the truth: time, readings, set current."""
 
 
 class ControllerArrays(NamedTuple):
@@ -68,9 +70,9 @@ class Output(NamedTuple):
     """A pose of the plant every `every` rows, shape (m, nq); m = 0 if none are wanted."""
     every: int
     readings: Array
-    """Newest readings, shape (2n+4,)."""
+    """Newest readings, shape (2n+4,); of a rig (5,)."""
     signals: int
-    """Number of the controller's logged signals."""
+    """Number of the controller's logged signals; 0 for a rig."""
     largest: float
     """Largest magnitude of a sound true value."""
 
@@ -124,6 +126,21 @@ def control_period(controller, run, plan, output, time):
 def first_truth(controller, output):
     """First column of the truth."""
     return 3 * controller.record[0].cascade.current.size + 5 + output.signals
+
+
+@kernel
+def fill_rig_row(run, output, time, current):
+    """Fill a rig's row with time [s], readings and set current [A]; return its place for the truth."""
+    row = output.table[run.row]
+    row[0], row[1 : RIG_COLUMNS - 1], row[RIG_COLUMNS - 1] = time, output.readings, current[run.row]
+    return row[RIG_COLUMNS:]
+
+
+@kernel
+def keep_pose(run, output, pose):
+    """Keep the pose of a row where one is wanted."""
+    if run.row % output.every == 0 and run.row // output.every < output.poses.shape[0]:
+        output.poses[run.row // output.every] = pose
 
 
 @kernel

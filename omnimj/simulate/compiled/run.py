@@ -1,4 +1,4 @@
-"""A compiled run: it returns to Python for progress, decisions, and changes of the plant's conditions."""
+"""Compiled runs: they return to Python for progress, decisions, and changes of the plant's conditions."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from omnimj.control.records import copied, packed
-from omnimj.signals import Array, Reference
+from omnimj.signals import Array, Reference, RigMeasurement
 from omnimj.simulate.compiled.row import (
     CHUNK_IS_DONE,
     DECISION_IS_DUE,
@@ -22,50 +22,59 @@ from omnimj.simulate.compiled.row import (
 CHUNK = 100
 """Rows after which the loop returns for progress and Ctrl-C."""
 
+Loop = Callable[..., int]
+"""Kernel that drives a plant until Python is needed, and returns the reason."""
 
-def compiled_loop(plant: Any, controller: Any) -> Callable[..., int] | None:
-    """Compiled loop that drives this plant with this controller; None if there is none."""
-    methods = type(plant).step, type(plant).truth, type(controller).step
-    step, truth, control = (getattr(method, "compiled_in", None) for method in methods)
-    if step is None or truth != step or control is None:
+
+def _planar_loops() -> dict[str, Loop]:
+    from omnimj.simulate.compiled.planar import drive_planar, drive_planar_rig
+
+    return {"planar": drive_planar, "planar_rig": drive_planar_rig}
+
+
+def _twin_loops() -> dict[str, Loop]:
+    from omnimj.simulate.compiled.twin import drive_rig_twin, drive_twin
+
+    return {"twin": drive_twin, "rig_twin": drive_rig_twin}
+
+
+# loops are imported when they are needed: a planar run needs no MuJoCo
+_ROBOTS = {"planar": _planar_loops, "twin": _twin_loops}
+_RIGS = {"planar_rig": _planar_loops, "rig_twin": _twin_loops}
+
+
+def _loop_of(plant: Any, loops: dict[str, Callable[[], dict[str, Loop]]]) -> Loop | None:
+    """Loop whose kernels replace both `step` and `truth` of a plant."""
+    step, truth = (getattr(method, "compiled_in", None) for method in (type(plant).step, type(plant).truth))
+    return loops[step]()[step] if step == truth and step in loops else None
+
+
+def compiled_loop(plant: Any, controller: Any) -> Loop | None:
+    """Compiled loop that drives this robot with this controller; None if there is none."""
+    if getattr(type(controller).step, "compiled_in", None) is None:
         return None
-    if step == "planar":  # loops are imported when they are needed: a planar run needs no MuJoCo
-        from omnimj.simulate.compiled.planar import drive_planar
-
-        return drive_planar
-    from omnimj.simulate.compiled.twin import drive_twin
-
-    return drive_twin
+    return _loop_of(plant, _ROBOTS)
 
 
-class CompiledRun:
-    """One run of a compiled controller on a planar robot or a twin.
+def compiled_rig_loop(plant: Any) -> Loop | None:
+    """Compiled loop that drives this rig by given currents; None if there is none."""
+    return _loop_of(plant, _RIGS)
+
+
+class _Run:
+    """Rows of a compiled loop.
 
     Args:
-      loop: From `compiled_loop`.
-      plant: Reset by this call.
-      controller: A `CompiledController`; receives measurements and targets, never the truth.
-      reference: Reference sampled at the plant's period.
+      readings: First readings of the plant, in the order of its channels.
+      signals: Number of the controller's logged signals.
     """
 
-    def __init__(self, loop: Callable[..., int], plant: Any, controller: Any, reference: Reference):
-        self._loop, self._plant, self._controller = loop, plant, controller
-        m = plant.reset()
-        self._readings = np.concatenate((m.current, m.wheel_speed, m.acceleration, (m.yaw_rate, m.yaw)))
-        start = controller.start(m)
-        # the loop changes record and evidence in place
-        self.state = start._replace(record=copied(start.record), evidence=start.evidence.copy())
-        columns = np.column_stack([reference.position, reference.heading, reference.velocity])
-        self._plan = Plan(columns, np.ascontiguousarray(reference.yaw_rate, float))
+    def __init__(self, readings: Array, signals: int):
+        self._readings, self._signals = readings, signals
         self._progress = packed(Progress())
         # loads the kernels, or compiles them, before anybody's clock runs
         nothing = Output(np.empty((0, 1)), np.empty((0, 0)), 1, self._readings, 0, 0.0)
         self._finish_chunk(nothing, 0)
-
-    @property
-    def wheels(self) -> int:
-        """Number of wheels."""
-        return self._controller.wheels
 
     @property
     def done(self) -> int:
@@ -83,7 +92,7 @@ class CompiledRun:
           every: Rows between two poses.
           largest: Largest magnitude of a sound true value.
         """
-        output = Output(table, poses, every, self._readings, len(self._controller.log_names), largest)
+        output = Output(table, poses, every, self._readings, self._signals, largest)
         while self.done < len(table):
             if not self._finish_chunk(output, min((self.done // CHUNK + 1) * CHUNK, len(table))):
                 return
@@ -91,6 +100,36 @@ class CompiledRun:
 
     def _finish_chunk(self, output: Output, end: int) -> bool:
         """Drive until `end` rows are finished; False if the truth of one is not sound."""
+        raise NotImplementedError
+
+
+class CompiledRun(_Run):
+    """One run of a compiled controller on a planar robot or a twin.
+
+    Args:
+      loop: From `compiled_loop`.
+      plant: Reset by this call.
+      controller: A `CompiledController`; receives measurements and targets, never the truth.
+      reference: Reference sampled at the plant's period.
+    """
+
+    def __init__(self, loop: Loop, plant: Any, controller: Any, reference: Reference):
+        self._loop, self._plant, self._controller = loop, plant, controller
+        m = plant.reset()
+        start = controller.start(m)
+        # the loop changes record and evidence in place
+        self.state = start._replace(record=copied(start.record), evidence=start.evidence.copy())
+        columns = np.column_stack([reference.position, reference.heading, reference.velocity])
+        self._plan = Plan(columns, np.ascontiguousarray(reference.yaw_rate, float))
+        readings = np.concatenate((m.current, m.wheel_speed, m.acceleration, (m.yaw_rate, m.yaw)))
+        super().__init__(readings, len(controller.log_names))
+
+    @property
+    def wheels(self) -> int:
+        """Number of wheels."""
+        return self._controller.wheels
+
+    def _finish_chunk(self, output: Output, end: int) -> bool:
         controller, plant = self._controller, self._plant
         while True:
             arrays, state = plant.arrays(), self.state
@@ -106,3 +145,28 @@ class CompiledRun:
                 plant.prepare_step()
             else:
                 return reason == CHUNK_IS_DONE
+
+
+class CompiledRigRun(_Run):
+    """One run of a rig under given currents.
+
+    Args:
+      loop: From `compiled_rig_loop`.
+      plant: Rig that has been reset.
+      measurement: Its first measurement.
+      current: Set current of every row, shape (rows,) [A].
+    """
+
+    def __init__(self, loop: Loop, plant: Any, measurement: RigMeasurement, current: Array):
+        self._loop, self._plant, m = loop, plant, measurement
+        self._current = np.ascontiguousarray(current, float)
+        readings = (m.current, m.wheel_speed, m.carriage_speed, m.carriage_acceleration, m.lateral_speed)
+        super().__init__(np.array(readings), 0)
+
+    def _finish_chunk(self, output: Output, end: int) -> bool:
+        plant = self._plant
+        while True:
+            reason = self._loop(plant.arrays(), self._current, self._progress, output, plant.next_change, end)
+            if reason != PLANT_CHANGES:
+                return reason == CHUNK_IS_DONE
+            plant.prepare_step()

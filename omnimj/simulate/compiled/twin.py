@@ -1,8 +1,9 @@
-"""The compiled loop of the robot's twin."""
+"""The compiled loops of the twins of robot and rig."""
 
 from __future__ import annotations
 
 from omnimj.physics.native import kernel
+from omnimj.plant.mujoco.rig_step import rig_twin_time, step_rig_twin, write_rig_twin_truth
 from omnimj.plant.mujoco.robot_step import short_motors, step_twin, twin_time, write_twin_truth
 from omnimj.simulate.compiled.row import (
     CHUNK_IS_DONE,
@@ -10,9 +11,11 @@ from omnimj.simulate.compiled.row import (
     PLANT_CHANGES,
     TRUTH_IS_BROKEN,
     control_period,
+    fill_rig_row,
     finish_row,
     first_truth,
     is_spent,
+    keep_pose,
 )
 
 
@@ -44,8 +47,37 @@ def drive_twin(plant, controller, progress, plan, output, next_change, end):
             return DECISION_IS_DUE
         truth = output.table[run.row, first:-5]
         write_twin_truth(plant, truth)
-        if run.row % output.every == 0 and run.row // output.every < output.poses.shape[0]:
-            output.poses[run.row // output.every] = plant.qpos
+        keep_pose(run, output, plant.qpos)
+        if not finish_row(run, output, truth):
+            return TRUTH_IS_BROKEN
+    return CHUNK_IS_DONE
+
+
+@kernel
+def drive_rig_twin(plant, current, progress, output, next_change, end):
+    """Drive by given currents until a number of rows is finished or Python is needed.
+
+    Args:
+      plant: `RigTwinArrays`.
+      current: Set current of every row, shape (rows,) [A].
+      progress: Record of `Progress`, changed in place.
+      output: `Output`.
+      next_change: Time of the simulation from which the plant has conditions to change [s].
+      end: Number of rows.
+
+    Returns:
+      The reason for which the loop returns.
+    """
+    run = progress[0]
+    while run.row < end:
+        if run.moves:
+            if rig_twin_time(plant) >= next_change or is_spent(plant.sensors):
+                return PLANT_CHANGES
+            output.readings[:] = step_rig_twin(plant, current[run.row - 1])
+            run.moves = False
+        truth = fill_rig_row(run, output, plant.steps[0] * plant.period, current)
+        write_rig_twin_truth(plant, truth)
+        keep_pose(run, output, plant.qpos)
         if not finish_row(run, output, truth):
             return TRUTH_IS_BROKEN
     return CHUNK_IS_DONE

@@ -11,7 +11,8 @@ from omnimj.control.cascade.controller import Controller
 from omnimj.parameters import Robot
 from omnimj.plant.interface import robot_channels
 from omnimj.signals import Array, Reference
-from omnimj.simulate.loop import Callbacks, drive, require_complete
+from omnimj.simulate.driving import drive
+from omnimj.simulate.loop import Callbacks, require_complete
 from omnimj.simulate.plants import make_robot_plant
 from omnimj.simulate.suites.suite import Condition, RunConfig
 

@@ -9,9 +9,10 @@ import numpy as np
 
 from omnimj.parameters import Rig
 from omnimj.plant.interface import RIG_CHANNELS
-from omnimj.plant.planar import PlanarRig
+from omnimj.plant.planar_rig import PlanarRig
 from omnimj.signals import Array, CurrentCommand
-from omnimj.simulate.loop import Callbacks, drive_rig, require_complete
+from omnimj.simulate.driving import drive_rig
+from omnimj.simulate.loop import Callbacks, require_complete
 from omnimj.simulate.plants import make_rig_plant
 from omnimj.simulate.suites.suite import Condition, RunConfig
 

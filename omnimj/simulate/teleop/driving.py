@@ -21,16 +21,8 @@ from omnimj.parameters import read_robot
 from omnimj.parameters.floor import all_floors, find_floor
 from omnimj.plant.interface import Plant
 from omnimj.signals import Array, CurrentCommand, Diagnosis, Measurement, Reference, Target, Trace
-from omnimj.simulate.loop import (
-    Controller,
-    ControllerRow,
-    Ending,
-    Rows,
-    Snapshot,
-    column_names,
-    steps,
-    take_snapshot,
-)
+from omnimj.simulate.driving import Controller, ControllerRow
+from omnimj.simulate.loop import Ending, Rows, Snapshot, column_names, steps, take_snapshot
 from omnimj.simulate.scenario.drive import Drive
 from omnimj.simulate.scenario.scenario import Scenario
 

@@ -20,11 +20,12 @@ from omnimj.estimate.replay.base_parameters import AdjustedMachine, adjust_machi
 from omnimj.parameters import Rig, read_floors, read_rig
 from omnimj.plant.interface import RIG_CHANNELS, Plant
 from omnimj.plant.mujoco.twin import RigTwin
-from omnimj.plant.planar import PlanarRig
+from omnimj.plant.planar_rig import PlanarRig
 from omnimj.recording.dataset import Run
 from omnimj.recording.write_dataset import write_dataset
 from omnimj.signals import Array, CurrentCommand
-from omnimj.simulate.loop import drive_rig, require_complete
+from omnimj.simulate.driving import drive_rig
+from omnimj.simulate.loop import require_complete
 from omnimj.simulate.suites.rig import samples_on_rail
 from omnimj.studies.gap_benchmark.cases import FLOORS, Case
 from omnimj.studies.gap_benchmark.unmodelled import Motion, RunContext, UnmodelledEffect

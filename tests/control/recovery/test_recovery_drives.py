@@ -22,7 +22,7 @@ from omnimj.parameters import read_robot
 from omnimj.plant.faults import Fault
 from omnimj.plant.planar import PlanarRobot
 from omnimj.signals import Target, Trace
-from omnimj.simulate.loop import drive
+from omnimj.simulate.driving import drive
 from omnimj.simulate.metrics import distance_to_path
 from omnimj.simulate.scenario.drive import read_drive
 from omnimj.simulate.suites.missions import mission

@@ -11,7 +11,7 @@ from omnimj.parameters import read_axis, read_floors, read_rig, read_robot
 from omnimj.plant.axis import drive_axis, servo
 from omnimj.plant.mujoco.twin import RigTwin, RobotTwin
 from omnimj.recording.dataset import Dataset, Run
-from omnimj.simulate.loop import drive, drive_rig
+from omnimj.simulate.driving import drive, drive_rig
 from omnimj.simulate.scenario.drive import read_drive
 
 _RIG = (

@@ -16,7 +16,8 @@ from omnimj.link.codec.messages import FaultCode, Status
 from omnimj.link.device.emulated import EmulatedDevice, RawEncoder, WiringDefect
 from omnimj.link.host.state_machine import Host, HostState
 from omnimj.parameters import read_rig, read_robot
-from omnimj.plant.planar import PlanarRig, PlanarRobot
+from omnimj.plant.planar import PlanarRobot
+from omnimj.plant.planar_rig import PlanarRig
 from omnimj.signals import CurrentCommand, Measurement
 
 ROBOT = read_robot()

@@ -17,7 +17,7 @@ from omnimj.plant.interface import RIG_CHANNELS, robot_channels
 from omnimj.plant.mujoco.twin import RigTwin
 from omnimj.recording.read_dataset import read_dataset
 from omnimj.resources import models_folder
-from omnimj.simulate.loop import drive_rig
+from omnimj.simulate.driving import drive_rig
 from omnimj.simulate.suites.catalogue import SUITES, find_suite
 from omnimj.simulate.suites.missions import mission
 from omnimj.simulate.suites.recording import RecordingConfig, RecordingResult, record_suite
@@ -267,7 +267,7 @@ def test_what_was_finished_is_kept(tmp_path, error):
 
 
 def test_an_interrupt_within_a_run_drops_that_run(tmp_path, monkeypatch):
-    from omnimj.plant.planar import PlanarRig
+    from omnimj.plant.planar_rig import PlanarRig
 
     step, count = PlanarRig.step, itertools.count()
 

@@ -14,7 +14,7 @@ from omnimj.control.cascade.controller import Controller
 from omnimj.parameters import Control, Robot, read_floors, read_robot
 from omnimj.plant.planar import PlanarRobot
 from omnimj.signals import Reference
-from omnimj.simulate.loop import drive
+from omnimj.simulate.driving import drive
 from omnimj.studies.tuning.margins import (
     AIR,
     FLOORS,

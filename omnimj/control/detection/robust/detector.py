@@ -38,7 +38,7 @@ from omnimj.control.gains import ObserverGains
 from omnimj.control.records import Record, copied, packed
 from omnimj.parameters import Robot
 from omnimj.physics.native import kernel
-from omnimj.signals import Array, Diagnosis, Measurement, robot_channels
+from omnimj.signals import Array, Diagnosis, Measurement, compiled_in, robot_channels
 
 _ROLLING_DOUBT = 0.05  # [m/s] standard deviation of a velocity that only wheels measure, which may slip
 
@@ -127,7 +127,7 @@ class RobustDetector:
         self.robot, self.thresholds = robot, Thresholds() if thresholds is None else thresholds
         self.constants = robust_parameters(robot, self.period, self.thresholds, gains)
         self.sampling = sampling_parameters(robot, self.period)
-        self._sampling = packed(self.sampling)
+        self.packed_sampling = packed(self.sampling)
         self.channels = robot_channels(n)[:-1]
         self.log_names = log_names(n)
 
@@ -178,6 +178,7 @@ class RobustDetector:
         """True if the robot moves too slowly for the last block to reveal anything about its motors."""
         return bool(state.log[-1] == BLIND)
 
+    @compiled_in("recorded")
     def step(
         self, state: RobustState, measurement: Measurement, command: Array | None = None, bias: float = 0.0
     ) -> RobustState:
@@ -193,7 +194,7 @@ class RobustDetector:
         command = m.current if command is None else command
         sample = Sample(m.current, m.wheel_speed, m.acceleration, m.yaw_rate, bias, known, command)
         samples = copied(state.samples)
-        if _take_sample(self._sampling, samples, sample):
+        if _take_sample(self.packed_sampling, samples, sample):
             return self._judge(state, samples, m)
         return RobustState(samples, *state[1:])
 

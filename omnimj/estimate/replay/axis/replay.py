@@ -9,7 +9,6 @@ follower.
 from __future__ import annotations
 
 import dataclasses
-import os
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -34,8 +33,8 @@ from omnimj.estimate.replay.interface import (
     Segment,
     Setting,
     average_blocks,
-    map_in_threads,
 )
+from omnimj.estimate.threads import map_in_threads
 from omnimj.parameters.axis import Axis
 from omnimj.physics.axis import MASS
 from omnimj.physics.native import kernel
@@ -87,7 +86,7 @@ class AxisReplay:
           InputError: A run has neither force nor current, or none is long enough.
           UnknownNameError: A channel does not exist.
         """
-        self._axis, self._runs, self._threads = axis, tuple(runs), threads or os.cpu_count() or 1
+        self._axis, self._runs, self._threads = axis, tuple(runs), threads
         self._force_name = force_column(runs[0], axis.axis.force_constant)[0]
         self._log = log = read_axis_log(runs, axis.axis.force_constant, window)
         self.notes: tuple[str, ...] = ()

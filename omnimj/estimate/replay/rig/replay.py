@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-import os
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -23,7 +22,6 @@ from omnimj.estimate.replay.interface import (
     Experiment,
     Setting,
     candidate_effects,
-    map_in_threads,
 )
 from omnimj.estimate.replay.rig import kernels as native
 from omnimj.estimate.replay.rig.runs import (
@@ -35,6 +33,7 @@ from omnimj.estimate.replay.rig.runs import (
     variable_spans,
 )
 from omnimj.estimate.rig_runs import CHANNELS, drive_by_currents
+from omnimj.estimate.threads import map_in_threads
 from omnimj.parameters import Floor, Rig
 from omnimj.physics.effect_terms import TERM, mark_active, write_curve
 from omnimj.physics.motor import driven_by_measured_current, motor_parameters
@@ -169,9 +168,7 @@ class RigReplay:
 
     def simulate(self, settings: Sequence[Setting]) -> list[Array]:
         """Block means of the channels by the equations, shape (blocks, channels) per setting."""
-        return map_in_threads(
-            lambda s: self._equations(s, self._runs, measured=True), settings, os.cpu_count() or 1
-        )
+        return map_in_threads(lambda s: self._equations(s, self._runs, measured=True), settings)
 
     def based(self, setting: Setting) -> AdjustedMachine[Rig]:
         """Rig with the base parameters and effects of a setting."""
@@ -201,8 +198,10 @@ class RigReplay:
         based = self.based(setting)
         changed = apply_effects(based.machine)
         current = true_current(self._runs, changed.channels, based.lags)
-        edges = itertools.pairwise(self._runs.first.tolist())
-        driven = [_drive_twin(based, self._runs, k, current[slice(*ends)]) for k, ends in enumerate(edges)]
+        edges = [slice(*ends) for ends in itertools.pairwise(self._runs.first.tolist())]
+        driven = map_in_threads(
+            lambda k: _drive_twin(based, self._runs, k, current[edges[k]]), range(len(edges))
+        )
         return sensor_block_means(np.concatenate(driven), self._runs, changed, based.lags)
 
     def regimes(self) -> Mapping[str, tuple[str, Array]]:
@@ -216,7 +215,7 @@ class RigReplay:
     def predict(self, settings: Sequence[Setting], experiment: Experiment) -> list[Array]:
         """Predict block means of a candidate run within the supply limits, shape (blocks, channels) each."""
         runs = experiment_runs(experiment, self._runs)
-        return [self._equations(s, runs, measured=False) for s in settings]
+        return map_in_threads(lambda s: self._equations(s, runs, measured=False), settings)
 
 
 def _rows(runs: RigRuns, changed: AppliedEffects, based: AdjustedMachine[Rig]) -> tuple[Array, Array]:

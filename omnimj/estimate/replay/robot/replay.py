@@ -8,7 +8,6 @@ integrated by the equations, each window from its own initial heading.
 from __future__ import annotations
 
 import dataclasses
-import os
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
@@ -28,7 +27,6 @@ from omnimj.estimate.replay.interface import (
     Experiment,
     Setting,
     candidate_effects,
-    map_in_threads,
 )
 from omnimj.estimate.replay.robot import kernels as native
 from omnimj.estimate.replay.robot.kernel_parameters import (
@@ -48,6 +46,7 @@ from omnimj.estimate.replay.robot.runs import (
     synthetic_run,
     variable_spans,
 )
+from omnimj.estimate.threads import map_in_threads
 from omnimj.parameters import Floor, Robot
 from omnimj.parameters.parts import Sensors
 from omnimj.physics.planar import PlanarModel
@@ -122,7 +121,7 @@ class RobotReplay:
           UnknownNameError: Unknown floor.
         """
         self._robot, self._floors = robot, dict(floors)
-        self._threads = threads or os.cpu_count() or 1
+        self._threads = threads
         self._runs = robot_runs(dataset, robot, self._floors)
         self.channels = _channels(robot.sensors)
         self.segments, self.measured = self._runs.segments, self._runs.measured[:, _COMPARED]
