@@ -177,8 +177,8 @@ def _begin_step(parameters, record, now):
 
 
 @kernel
-def _judge(constants, record, evidence, yaw):
-    return judge_block(constants, record[0].samples, evidence, record[0].judged, yaw)
+def _judge(constants, record, evidence, yaw, time):
+    return judge_block(constants, record[0].samples, evidence, record[0].judged, yaw, time)
 
 
 @kernel
@@ -281,7 +281,7 @@ class CompiledController:
         outcome = _begin_step(self.parameters, record, now)
         if outcome == _BLOCK_IS_FULL:
             after = after._replace(evidence=state.evidence.copy())
-            if _judge(self.constants, record, after.evidence, m.yaw):
+            if _judge(self.constants, record, after.evidence, m.yaw, m.time):
                 after = self.decide(after, m.time)
             outcome = _end_step(self.parameters, record, now)
         brake = shorted_wheels(record["recovery"]["brake"][0]) if outcome == _BRAKES else ()

@@ -81,9 +81,12 @@ def bind_wheels(mj_model: mujoco.MjModel, machine: Robot | Rig, wheels: int) -> 
         try:
             actuator = mj_model.actuator(f"motor_{i + 1}").id
             axle = mj_model.joint(f"{prefix}axle")
-            sensor = int(mj_model.sensor(f"{prefix}contact").adr[0])
+            sensor = mj_model.sensor(f"{prefix}contact")
         except KeyError as error:
             raise InputError("MJCF", f"wheel {i + 1}: {error.args[0]}") from None
+        if sensor.dim[0] != len(slots.SENSOR_FIELDS):
+            needed = f"the native contact writes {len(slots.SENSOR_FIELDS)} numbers"
+            raise InputError("MJCF", f"sensor '{prefix}contact' has dim {sensor.dim[0]}", needed)
         if actuator != i:
             raise InputError(
                 "MJCF", f"motor_{i + 1} is actuator {actuator + 1}", "motors come first, in order"
@@ -96,7 +99,7 @@ def bind_wheels(mj_model: mujoco.MjModel, machine: Robot | Rig, wheels: int) -> 
         row[[slots.ROLLER_SIN, slots.ROLLER_COS]] = roller_sin_cos(machine.roller_angles[i])
         row[slots.WHEEL_BODY], row[slots.WHEEL_DOF] = axle.bodyid[0], axle.dofadr[0]
         row[slots.FIRST_ROLLER_DOF], row[slots.ROLLER_COUNT] = dofs[0], len(rollers)
-        row[slots.SENSOR], row[slots.ANGLE_ADDRESS] = sensor, axle.qposadr[0]
+        row[slots.SENSOR], row[slots.ANGLE_ADDRESS] = sensor.adr[0], axle.qposadr[0]
         mj_model.actuator_user[i] = row
         for body in rollers:
             geom = mj_model.geom(mj_model.body(body).name).id

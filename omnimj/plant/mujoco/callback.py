@@ -1,9 +1,13 @@
 """The native callbacks that MuJoCo calls inside its step, and their installation.
 
-Three C functions compiled by numba, free of the interpreter: passive forces, activation rates of the wheel
-actuators (motor current, bristles), truth sensors. They act only on models that carry the mark of
-this package, are pure functions of mjModel and mjData, and allocate nothing that outlives the call; hence
-`mj_forward` has no side effect and a batch on many threads equals a serial loop bit for bit.
+Two C functions compiled by numba, free of the interpreter: passive forces and, later in the same step,
+activation rates of the wheel actuators (motor current, bristles). The first computes each contact once and
+writes the forces into the wheels' user sensors, from which the second and the readers of the truth take them.
+A sensor callback would do no more, but makes MuJoCo compute the momentum of all subtrees in every step.
+
+They act only on models that carry the mark of this package, are pure functions of mjModel and mjData, and
+allocate nothing that outlives the call; hence `mj_forward` has no side effect and a batch on many threads
+equals a serial loop bit for bit.
 """
 
 from __future__ import annotations
@@ -24,8 +28,10 @@ from omnimj.plant.mujoco.contact import (
     CONTACT_BUFFER,
     MAX_CONTACTS,
     gather_contacts,
+    read_sensed,
     wheel_contact_forces,
     wheel_frame_force,
+    write_sensed,
 )
 from omnimj.plant.mujoco.forces import (
     AxleLoad,
@@ -51,8 +57,6 @@ from omnimj.plant.mujoco.memory import (
     wheel_speed_of,
 )
 
-_STAGE_VELOCITY = int(mujoco.mjtStage.mjSTAGE_VEL)
-
 
 @kernel
 def wheel_count(m):
@@ -69,7 +73,7 @@ def wheel_count(m):
 
 @kernel
 def add_passive_forces(m, d):
-    """Add all forces of motors, wheels and floor to qfrc_passive."""
+    """Add all forces of motors, wheels and floor to qfrc_passive; write those of contact into the sensors."""
     wheels = wheel_count(m)
     if wheels == 0:
         return
@@ -79,6 +83,7 @@ def add_passive_forces(m, d):
     for wheel in range(wheels):
         own = slots_of(m, wheel)
         forces = wheel_contact_forces(m, d, wheel, found, count, h)
+        write_sensed(d, own, forces)
         rail = numba.int64(load_real(own, slots.RAIL_JOINT))
         rail_dof = -1
         if rail >= 0:
@@ -113,11 +118,8 @@ def set_activation_rates(m, d, actuator):
     """Write act_dot = (next − now)/h of a wheel's current and bristles, exact for constant velocities."""
     if actuator >= wheel_count(m):
         return
-    h = load_real(m + OFFSETS.m_timestep, 0)
-    found = numba.carray(stack_reals(CONTACT_BUFFER), (MAX_CONTACTS, COLUMNS))
-    count = gather_contacts(m, d, actuator, found)
-    forces = wheel_contact_forces(m, d, actuator, found, count, h)
-    own = slots_of(m, actuator)
+    h, own = load_real(m + OFFSETS.m_timestep, 0), slots_of(m, actuator)
+    forces = read_sensed(d, own)
     address = load_int(load_pointer(m + OFFSETS.m_actuator_actadr), actuator)
     act = load_pointer(d + OFFSETS.d_act) + 8 * address
     rate = load_pointer(d + OFFSETS.d_act_dot) + 8 * address
@@ -145,25 +147,6 @@ def set_activation_rates(m, d, actuator):
         )
 
 
-@kernel
-def write_truth(m, d):
-    """Write slip, normal, traction and lateral force, lateral velocity of each wheel into its user sensor."""
-    wheels = wheel_count(m)
-    if wheels == 0:
-        return
-    h = load_real(m + OFFSETS.m_timestep, 0)
-    found = numba.carray(stack_reals(CONTACT_BUFFER), (MAX_CONTACTS, COLUMNS))
-    count = gather_contacts(m, d, -1, found)
-    sensors = load_pointer(d + OFFSETS.d_sensordata)
-    for wheel in range(wheels):
-        own = slots_of(m, wheel)
-        forces = wheel_contact_forces(m, d, wheel, found, count, h)
-        address = numba.int64(load_real(own, slots.SENSOR))
-        if address >= 0:
-            for k in range(5):
-                store_real(sensors, address + k, forces[k])
-
-
 @cached(numba.cfunc, types.void(types.int64, types.int64))
 def _passive(m, d):
     add_passive_forces(m, d)
@@ -176,18 +159,11 @@ def _activation(m, d, actuator):
     return 0.0
 
 
-@cached(numba.cfunc, types.void(types.int64, types.int64, types.int32))
-def _sensor(m, d, stage):
-    if stage == _STAGE_VELOCITY:
-        write_truth(m, d)
-
-
 _CALLBACKS = {
     "passive": ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(_passive.address),
     "act_dyn": ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int)(
         _activation.address
     ),
-    "sensor": ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int)(_sensor.address),
 }
 
 
@@ -217,4 +193,3 @@ def repeat_callbacks(m, d, times):
         add_passive_forces(m, d)
         for wheel in range(wheel_count(m)):
             set_activation_rates(m, d, wheel)
-        write_truth(m, d)

@@ -24,6 +24,7 @@ from omnimj.plant.mujoco.memory import (
     load_pointer,
     load_real,
     slots_of,
+    store_real,
     terms_of,
     traction_of,
     wheel_speed_of,
@@ -35,12 +36,13 @@ NORMAL, AHEAD, ASIDE, POINT = 8, 11, 14, 17
 FORCE, PRESSED, DRAG = 20, 21, 22  # traction, normal force, bearing friction of the rollers
 COLUMNS = 23
 MAX_CONTACTS = 64
+SENSED = len(slots.SENSOR_FIELDS)
 CONTACT_BUFFER = MAX_CONTACTS * COLUMNS
 """Number of doubles for the contacts of one call."""
 
 
 class WheelForces(NamedTuple):
-    """Contact forces of one wheel; its sensor reports the first five."""
+    """Contact forces of one wheel, in the order of `slots.SENSOR_FIELDS`."""
 
     slip: float
     """Mean slip velocity [m/s]."""
@@ -56,6 +58,30 @@ class WheelForces(NamedTuple):
     """Bristle deflection of the traction after the step [m]."""
     next_lateral_bristle: float
     """Bristle deflection of the roller bearings after the step [m]."""
+
+
+@kernel
+def write_sensed(d, own, forces):
+    """Write the `WheelForces` of a wheel into its user sensor, given the address of its slots."""
+    sensors = load_pointer(d + OFFSETS.d_sensordata)
+    first = numba.int64(load_real(own, slots.SENSOR))
+    for k in range(SENSED):
+        store_real(sensors, first + k, forces[k])
+
+
+@kernel
+def read_sensed(d, own):
+    """`WheelForces` of a wheel in this step, from its user sensor."""
+    sensors = load_pointer(d + OFFSETS.d_sensordata) + 8 * numba.int64(load_real(own, slots.SENSOR))
+    return WheelForces(
+        load_real(sensors, 0),
+        load_real(sensors, 1),
+        load_real(sensors, 2),
+        load_real(sensors, 3),
+        load_real(sensors, 4),
+        load_real(sensors, 5),
+        load_real(sensors, 6),
+    )
 
 
 @kernel

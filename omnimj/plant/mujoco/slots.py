@@ -56,4 +56,12 @@ ACTIVATIONS = 5
 LATERAL_LOAD = 5  # rig only: low-passed lateral force of the floor on rail and bearings
 
 # a wheel's block in sensordata
-SENSOR_FIELDS = ("slip_velocity", "normal_force", "traction_force", "lateral_force", "lateral_velocity")
+SENSOR_FIELDS = (
+    "slip_velocity",
+    "normal_force",
+    "traction_force",
+    "lateral_force",
+    "lateral_velocity",
+    "next_bristle",
+    "next_lateral_bristle",
+)

@@ -292,7 +292,8 @@ class RobotTwin:
         ]
         users = self.mj_model.actuator_user
         act, first = self.mj_data.act, int(users[0, slots.SENSOR])
-        block = self.mj_data.sensordata[first : first + 5 * self._wheels]
+        fields = len(slots.SENSOR_FIELDS)
+        block = self.mj_data.sensordata[first : first + fields * self._wheels]
         self._arrays = TwinArrays(
             step=step_address(),
             model=self.mj_model._address,
@@ -311,7 +312,7 @@ class RobotTwin:
             gravity=self.mj_model.opt.gravity,
             axes=self.mj_data.xmat[self.mj_model.body("chassis").id].reshape(3, 3),
             gyro=self.mj_data.sensor("gyro").data,
-            sensed=block.reshape(self._wheels, 5)[:, :3].T,
+            sensed=block.reshape(self._wheels, fields)[:, :3].T,
             turns=np.array([self._start[2], 0.0]),
             steps=np.array([0]),
             values=self._sensors.values,

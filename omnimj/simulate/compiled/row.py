@@ -108,7 +108,8 @@ def control_period(controller, run, plan, output, time):
     )
     if not run.decided:
         run.good, full = take_reading(p, x, now)
-        if full and judge_block(controller.constants, x.samples, controller.evidence, x.judged, now.yaw):
+        evidence = controller.evidence
+        if full and judge_block(controller.constants, x.samples, evidence, x.judged, now.yaw, time):
             run.decided = True
             return True
     run.decided = False

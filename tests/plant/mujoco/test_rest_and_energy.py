@@ -16,7 +16,7 @@ OFF = CurrentCommand(np.zeros(4))
 
 def felt(twin):
     block = int(twin.mj_model.sensor("wheel_1_contact").adr[0])
-    return dict(zip(slots.SENSOR_FIELDS, twin.mj_data.sensordata[block:].reshape(4, 5).T, strict=True))
+    return dict(zip(slots.SENSOR_FIELDS, twin.mj_data.sensordata[block:].reshape(4, -1).T, strict=True))
 
 
 def drive(twin, current, seconds):

@@ -17,7 +17,8 @@ from omnimj.control.detection.robust.verdict import Verdict, is_stalled
 from omnimj.physics.native import kernel
 from omnimj.signals import Array, Diagnosis
 
-_DEAD = 0.9  # loss from which a motor counts as dead
+DEAD = 0.9
+"""Loss from which a motor counts as dead."""
 _DETECTED, _LEARNT = 0.2, 0.1  # standard deviation of a loss just after it was detected, or learnt
 _PART_FRICTION, _PART_LOSS = 1.5, 0.05  # deviation of friction beside a loss, and of a loss beside friction
 _RATHER = 2.0  # [nats] by which friction must be more likely than a loss
@@ -178,7 +179,7 @@ def estimate_faults(evidence, known, losses, estimate):
     n = losses.size
     for i in range(n):
         estimate.losses[i] = losses[i] if known.weak[i] else 0.0
-        estimate.dead[i] = known.powerless[i] or (known.weak[i] and losses[i] > _DEAD)
+        estimate.dead[i] = known.powerless[i] or (known.weak[i] and losses[i] > DEAD)
         estimate.force[i] = 0.0 if known.stalled[i] else evidence.force[i]
     estimate.runaway[:], estimate.held[:] = known.runaway, known.held
     estimate.slipping[:], estimate.velocity[:] = known.slipping, evidence.velocity[n, :2]

@@ -19,7 +19,10 @@ from omnimj.physics.native import kernel
 from omnimj.signals import Array, Diagnosis
 
 _AFTERMATH = 2.0  # [s] in which the estimated velocity recovers from a slip
-_EFFECTIVENESS_STEP = 0.02  # smallest change of an effectiveness that updates its diagnosis
+EFFECTIVENESS_STEP = 0.02
+"""Smallest change of an effectiveness that updates its diagnosis."""
+FORGOTTEN_SLIP = 1e-4
+"""Way slipped below which a wheel counts as rolling [m]."""
 
 
 @kernel
@@ -104,7 +107,7 @@ def _clear_recovered(evidence: Evidence, thresholds: Thresholds, verdict: Verdic
             return False
         wheels = [w - 1 for w in d.wheels] or slice(None)
         regained, slipped = monitors.regained[wheels], monitors.slipped[wheels]
-        return bool((regained >= thresholds.healthy).any() and (slipped < 1e-4).all())
+        return bool((regained >= thresholds.healthy).any() and (slipped < FORGOTTEN_SLIP).all())
 
     if any(recovered(d) for d in verdict.diagnoses):
         after = tuple(replace(d, cleared=time) if recovered(d) else d for d in verdict.diagnoses)
@@ -274,7 +277,7 @@ def _refine_effectiveness(verdict: Verdict, losses: Array, time: float) -> Verdi
         ):
             return d
         left = float(min(max(1.0 - losses[d.wheels[0] - 1], 0.0), 1.0))
-        return replace(d, effectiveness=left) if abs(left - d.effectiveness) > _EFFECTIVENESS_STEP else d
+        return replace(d, effectiveness=left) if abs(left - d.effectiveness) > EFFECTIVENESS_STEP else d
 
     after = tuple(refined(d) for d in verdict.diagnoses)
     same = all(a is b for a, b in zip(after, verdict.diagnoses, strict=True))
@@ -286,7 +289,7 @@ def _judge_slip(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, ti
         return verdict
     way = evidence.monitors.slipped
     enough = thresholds.slip * (thresholds.other if verdict.has_active() else 1.0)
-    over = [i for i in range(len(way)) if way[i] >= enough and _may_slip(verdict, i + 1)]
+    over = [i for i in range(len(way)) if way[i] >= enough and may_slip(verdict, i + 1)]
     if not over:
         return verdict
     slipping = {d.wheels[0] - 1 for d in verdict.diagnoses if d.cleared is None and d.kind == "slip"}
@@ -301,7 +304,7 @@ def _judge_slip(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, ti
     return verdict
 
 
-def _may_slip(verdict: Verdict, wheel: int) -> bool:
+def may_slip(verdict: Verdict, wheel: int) -> bool:
     """True if no active diagnosis explains the slip of a wheel or is slip itself."""
     return all(is_degraded(d) for d in verdict.diagnoses if d.cleared is None and wheel in d.wheels)
 

@@ -201,8 +201,8 @@ class RobustDetector:
     def _judge(self, state: RobustState, samples: Record, measurement: Measurement) -> RobustState:
         """State after a full block."""
         evidence, judged, decisions = state.evidence.copy(), copied(state.judged), state.decisions
-        if _judge_block(self.constants, samples, evidence, judged, measurement.yaw):
-            time = float(measurement.time)
+        time = float(measurement.time)
+        if _judge_block(self.constants, samples, evidence, judged, measurement.yaw, time):
             decisions = decide_block(self.thresholds, evidence, judged, decisions, time, self.channels)
         estimate = FaultEstimate.unpack(judged["estimate"])
         return RobustState(samples, evidence, judged, decisions, estimate)
@@ -232,5 +232,5 @@ def _take_sample(parameters, samples, sample):
 
 
 @kernel
-def _judge_block(parameters, samples, evidence, judged, yaw):
-    return judge_block(parameters, samples[0], evidence, judged[0], yaw)
+def _judge_block(parameters, samples, evidence, judged, yaw, time):
+    return judge_block(parameters, samples[0], evidence, judged[0], yaw, time)

@@ -1,7 +1,7 @@
 """Judgement of a block: evidence, decisions if there may be any, then the fault estimate and the log.
 
-Nearly all blocks of a healthy robot are uneventful; a kernel judges them alone. The decisions themselves are
-rare and written in Python.
+Nearly all blocks are uneventful, or show what is diagnosed already; a kernel judges them alone. The decisions
+themselves are rare and written in Python.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from omnimj.control.detection.robust.accommodation import (
     no_known_faults,
     substitute_sensors,
 )
+from omnimj.control.detection.robust.answered import Answered, answered_by, is_answered, nothing_answered
 from omnimj.control.detection.robust.blocks import failed_channels, take_block
 from omnimj.control.detection.robust.decision import decide, is_uneventful
 from omnimj.control.detection.robust.evidence import Evidence, update_evidence
@@ -40,6 +41,7 @@ class Judgement(NamedTuple):
     """What the detector concludes from its blocks, n wheels."""
 
     known: KnownFaults
+    answered: Answered
     losses: Array
     """Diagnosed losses of the torque constants, shape (n,)."""
     relearning: int
@@ -77,6 +79,7 @@ def initial_judgement(wheels: int, thresholds: Thresholds) -> Judgement:
     log[3 + 4 * n : 3 + 5 * n] = 1.0
     return Judgement(
         known=no_known_faults(n),
+        answered=nothing_answered(n),
         losses=zeros,
         relearning=0,
         estimate=FaultEstimate(zeros, none, none, none, none, np.zeros(2), zeros, -np.inf),
@@ -87,7 +90,7 @@ def initial_judgement(wheels: int, thresholds: Thresholds) -> Judgement:
 
 
 @kernel
-def judge_block(parameters, samples, evidence, x, yaw):
+def judge_block(parameters, samples, evidence, x, yaw, time):
     """Judge a full block as far as no decision is needed.
 
     Args:
@@ -96,6 +99,7 @@ def judge_block(parameters, samples, evidence, x, yaw):
       evidence: `Evidence`, changed in place.
       x: `Judgement`, changed in place.
       yaw: Heading at the block's end [rad].
+      time: End of the block [s].
 
     Returns:
       Whether `decide_block` has to follow.
@@ -108,7 +112,10 @@ def judge_block(parameters, samples, evidence, x, yaw):
     for i in range(n):
         x.likelihood[i] = max(likelihood[i], likelihood[n + i])
     x.blocks += 1
-    if x.known.observed or not is_uneventful(parameters.thresholds, evidence, x.failed):
+    if x.known.observed:
+        if not is_answered(parameters.thresholds, evidence, x, time):
+            return True
+    elif not is_uneventful(parameters.thresholds, evidence, x.failed):
         return True
     if x.moving:
         x.relearning = max(x.relearning - 1, 0)
@@ -183,5 +190,6 @@ def decide_block(
         x["losses"], x["relearning"] = changed, _RELEARNING_BLOCKS
     archived, history = archive_cleared(after, before.history, time)
     assign(judged["known"], known_faults(archived, n))
+    assign(judged["answered"], answered_by(archived, n, channels))
     _conclude(evidence, judged)
     return Decisions(archived, history)

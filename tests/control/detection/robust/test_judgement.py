@@ -8,10 +8,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from omnimj.control.detection.robust.accommodation import accommodate, known_faults
+from omnimj.control.detection.robust.answered import answered_by, is_answered
 from omnimj.control.detection.robust.decision import decide, is_uneventful
 from omnimj.control.detection.robust.evidence import initial_evidence
+from omnimj.control.detection.robust.judgement import initial_judgement
 from omnimj.control.detection.robust.thresholds import Thresholds
-from omnimj.control.detection.robust.verdict import Verdict, is_stalled, with_diagnosis
+from omnimj.control.detection.robust.verdict import (
+    LOOKBACK,
+    Verdict,
+    archive_cleared,
+    is_stalled,
+    with_diagnosis,
+)
+from omnimj.control.records import packed
+from omnimj.physics.native import kernel
 from omnimj.signals import Diagnosis, robot_channels
 
 THRESHOLDS = Thresholds()
@@ -59,6 +69,65 @@ def test_after_an_uneventful_block_the_decisions_would_have_changed_nothing(give
         assert accommodate(evidence, THRESHOLDS, Verdict(), after, losses) is losses
     else:
         assert failed.any() or any_statistic_near(evidence), "a quiet block is worth no call"
+
+
+@kernel
+def _is_answered(thresholds, evidence, judged, time):
+    return is_answered(thresholds, evidence, judged[0], time)
+
+
+@st.composite
+def diagnoses(draw):
+    """Diagnosis of any kind, active or withdrawn a while ago."""
+    wheel, rival = draw(st.permutations([1, 2, 3, 4]))[:2]
+    kind = draw(
+        st.sampled_from(
+            ["slip", "all_wheel_slip", "locked", "motor", "stalled", "free", "hard_over", "sensor"]
+        )
+    )
+    cleared = draw(st.sampled_from([None, None, 3.0 - LOOKBACK, 1.5, 2.9]))
+    if kind == "sensor":
+        channel = draw(st.sampled_from((*CHANNELS, "yaw")))
+        wheels = (int(channel[-1]),) if channel[-1].isdigit() else ()
+        return Diagnosis(-9.0, kind, wheels, 0.9, channel=channel, cleared=cleared)
+    if kind == "stalled":
+        return Diagnosis(-9.0, "motor", (wheel,), 0.9, (f"locked {wheel}",), 0.0, cleared=cleared)
+    if kind == "motor":
+        rivals = draw(st.sampled_from([(), (), (f"motor {rival}",)]))
+        left = draw(st.sampled_from([0.0, 0.05, 0.5, 0.98, 1.0]))
+        return Diagnosis(-9.0, kind, (wheel,), 0.9, rivals, left, cleared=cleared)
+    return Diagnosis(-9.0, kind, () if kind == "all_wheel_slip" else (wheel,), 0.9, cleared=cleared)
+
+
+@settings(max_examples=600, deadline=None)
+@given(
+    evidences(),
+    st.lists(diagnoses(), min_size=1, max_size=3),
+    st.tuples(near, near, near),
+    st.sampled_from([0.0, 0.5, 0.95]),
+)
+def test_after_an_answered_block_the_decisions_would_have_changed_nothing(given_block, known, ends, loss):
+    (evidence, failed), verdict = given_block, Verdict()
+    for diagnosis in known:
+        verdict = with_diagnosis(verdict, diagnosis)
+    regained, slipped, turning = ends
+    evidence.monitors.regained[:] = THRESHOLDS.healthy * regained
+    evidence.monitors.slipped[1:] = min(slipped, 1.0) * 1e-4
+    evidence.monitors.turning[:] = THRESHOLDS.released * turning
+    losses = np.full(4, loss)
+    judgement = initial_judgement(4, THRESHOLDS)._replace(
+        known=known_faults(verdict, 4),
+        answered=answered_by(verdict, 4, CHANNELS),
+        losses=losses,
+        failed=failed.astype(bool),
+    )
+    judged = packed(judgement)
+    if _is_answered(AS_FLOATS, evidence, judged, 3.0):
+        names = tuple(c for c, has_failed in zip(CHANNELS, failed, strict=True) if has_failed)
+        after = decide(evidence, THRESHOLDS, verdict, 3.0, losses + evidence.theta[:4], names)
+        assert after.diagnoses == verdict.diagnoses and np.isnan(after.suspected) and after.renewed == 0
+        assert accommodate(evidence, THRESHOLDS, verdict, after, losses) is losses
+        assert archive_cleared(after, (), 3.0)[1] == ()
 
 
 def any_statistic_near(evidence):
