@@ -64,10 +64,13 @@ def test_only_the_first_run_is_open_and_another_is_loaded_when_it_is_opened(kind
 
 
 def test_the_search_field_finds_held_out_runs_of_the_gap(files, browser, tmp_path):
-    script = f"{_STATE} type('Held OUT p35'); return [shown(sections), shown(rows), count.textContent];"
-    parts, rows, count = operate(browser, files["gap"].read_text("utf-8"), script, tmp_path)
+    script = f"""{_STATE} type('Held OUT p35');
+    const found = [shown(sections), shown(rows), count.textContent];
+    type('35'); return [...found, count.textContent];
+    """
+    parts, rows, count, inside = operate(browser, files["gap"].read_text("utf-8"), script, tmp_path)
     assert sorted(parts) == sorted(rows) == ["run-i090-5f-p35", "run-i150-5f-p35"]
-    assert count == "2 of 24 runs"
+    assert count == "2 of 24 runs" and inside == "0 of 24 runs"  # no word begins with 35
 
 
 @pytest.mark.parametrize("width", [1200, 600])

@@ -25,6 +25,7 @@ from omnimj.view.wording import (
 )
 
 _BINS_OF_A_PAGE = 16_000
+_MOST_OPEN = 3  # runs with a diagnosis whose sections are open from the beginning
 
 
 def bins_for(runs: int) -> int:
@@ -91,6 +92,8 @@ def write_diagnosis_report(
       interrupted: True if runs are missing because of Ctrl-C.
     """
     name = config.dataset.path.resolve().name
+    if sum(section.is_open for section in sections) > _MOST_OPEN:
+        sections = [dataclasses.replace(section, is_open=False) for section in sections]
     write_page(
         path,
         "diagnosis",

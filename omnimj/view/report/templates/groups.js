@@ -24,23 +24,23 @@
   window.addEventListener('hashchange', reveal);
   reveal();
 }
-{ // the search field hides runs that lack one of its words; columns of numbers are not searched
+{ // the search field hides runs that lack a word that begins with one of its own; no columns of numbers
   const parts = new Map();  // rows and parts of the page by run
   for (const part of document.querySelectorAll('[data-run]'))
     parts.set(part.dataset.run, [...(parts.get(part.dataset.run) ?? []), part]);
   const searched = 'summary, p, tbody th, td:not(.number)', texts = new Map();
   const words = part => [...part.querySelectorAll(searched)].map(e => e.textContent);
-  const plain = text => text.toLowerCase().replaceAll('_', ' ');
+  const plain = text => ` ${text.toLowerCase().replace(/[\s_,:;()]+/g, ' ').trim()}`;
   const text = run => {
     if (!texts.has(run)) texts.set(run, plain(parts.get(run).flatMap(words).join(' ')));
     return texts.get(run);
   };
   const filter = document.querySelector('.filter'), field = filter?.querySelector('input');
   const show = () => {
-    const wanted = plain(field.value).split(/\s+/);
+    const wanted = plain(field.value).trim().split(' ');
     let found = 0;
     for (const [run, own] of parts) {
-      const fits = wanted.every(word => text(run).includes(word));
+      const fits = wanted.every(word => text(run).includes(` ${word}`));
       for (const part of own) part.hidden = !fits;
       found += fits;
     }
