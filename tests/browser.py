@@ -65,7 +65,9 @@ const pointer = (e, kind, x, y) => e.dispatchEvent(new PointerEvent('pointer' + 
   buttons: kind === 'up' ? 0 : 1, pointerType: 'mouse', view: window}));
 (async () => {
   try {
-    while (Bokeh.documents.some(doc => !doc.is_idle) || !Bokeh.documents.length) await pause(50);
+    const loading = () => document.querySelector(
+      'details[open] > script, details[open] [data-root-id]:empty');
+    while (Bokeh.documents.some(doc => !doc.is_idle) || !Bokeh.documents.length || loading()) await pause(50);
     const result = await (async () => { %s })();
     document.getElementById('result').textContent = JSON.stringify(result);
   } catch (problem) {
@@ -113,7 +115,7 @@ def on_a_phone(browser: str, page: str, work: Path) -> Seen:
     return Seen(**json.loads(html.unescape(told[1])))
 
 
-def operate(browser: str, page: str, script: str, work: Path) -> Any:
+def operate(browser: str, page: str, script: str, work: Path, width: int = 1200) -> Any:
     """Result of a script that uses a page as a person would.
 
     Args:
@@ -122,13 +124,14 @@ def operate(browser: str, page: str, script: str, work: Path) -> Any:
       script: Body of an asynchronous function that is called when all plots are drawn and returns the
         result; `_HANDS` has what it may call.
       work: An empty folder to work in.
+      width: Of the page, at least 500 [CSS pixels].
 
     Raises:
       RuntimeError: The script did not come to its end.
     """
     called = f"<pre id='result'></pre><script>{_HANDS % script}</script></body>"
     (work / "used.html").write_text(page.replace("</body>", called), encoding="utf-8")
-    dumped = run(browser, work, "--window-size=1200,1000", "--dump-dom", (work / "used.html").as_uri())
+    dumped = run(browser, work, f"--window-size={width},1000", "--dump-dom", (work / "used.html").as_uri())
     result = re.search(r"<pre id=\"result\">(.+?)</pre>", dumped, flags=re.DOTALL)
     if result is None:
         raise RuntimeError("the script has not come to its end")

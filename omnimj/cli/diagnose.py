@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from omnimj.diagnosis.replay import DiagnosisConfig, RunDiagnosis
     from omnimj.parameters.floor import Floor
     from omnimj.recording.dataset import Dataset
-    from omnimj.view.report.diagnosis import RunSection
+    from omnimj.view.report.run_sections import RunSection
 
 
 _LOWEST, _HIGHEST = 1e-6, 3600.0  # limits of the requested false-alarm rate [1/h]
@@ -177,7 +177,8 @@ def _diagnose(arguments: Any, order: DiagnosisConfig) -> tuple[list[RunDiagnosis
     from omnimj.recording.folder import make_folder
     from omnimj.recording.traces import write_trace
     from omnimj.signals import Trace
-    from omnimj.view.report.diagnosis import MOST_FIGURES, bins_for, run_section
+    from omnimj.view.report.diagnosis import bins_for, run_section
+    from omnimj.view.report.run_sections import MOST_FIGURES
 
     out, runs = arguments.out, order.dataset.runs
     names = make_detector(order.method, order.machine, runs[0], order.floors).log_names

@@ -1,13 +1,14 @@
 """Pictures of README and docs.
 
-`MUJOCO_GL=osmesa python -m omnimj.view.readme_pictures omnimj/docs/pictures` generates them. Those of
-sensitivity and tuning are files of the studies themselves.
+`MUJOCO_GL=osmesa python -m omnimj.view.readme_pictures omnimj/docs/pictures` generates them. That of the
+sensitivity is a file of the study itself, `--tuning REPORT` arranges the plots of a report of `omnimj tune`.
 """
 
 from __future__ import annotations
 
 import argparse
 import functools
+import re
 import subprocess
 import tempfile
 from collections.abc import Callable, Mapping
@@ -32,7 +33,7 @@ from omnimj.view.picture import Camera, camera_at, frames
 from omnimj.view.plots import comparison, diagnosis, mismatch
 from omnimj.view.plots.over_time import finish
 from omnimj.view.plots.panels import MIDDLE, Drawing, new_drawing
-from omnimj.view.plots.static import svg_file
+from omnimj.view.plots.static import FONTS, WIDTH, svg_file
 from omnimj.view.poses import visible_model
 from omnimj.view.report.gap import write_gap_report
 from omnimj.view.residuals import families
@@ -45,6 +46,10 @@ _ROBOT_CAMERA = Camera(target=(0.012, -0.016, 0.05), distance=0.77, azimuth=146.
 _ROBOT_SIZE, _ANIMATION_SIZE = (1200, 800), (560, 360)  # [pixels]
 _FRAME_RATE = 15  # [1/s]
 _BROWSER, _SCREEN = "chromium", "1200,860"  # [pixels]
+_HEADING = 22  # [pixels]
+_STILL = r"<figcaption><b>([^<]*)</b>[^<]*</figcaption>.*?<div class='still'>"
+_STILL += r"(<svg viewBox=\"0 0 \d+ (\d+)\".*?</svg>)</div>"
+"""A figure of a report: heading, still picture, its height."""
 _NO_ROLLER_FRICTION = """
 [wheel]
 roller_dry = { value = 0.0, unit = "1", source = "chosen" }
@@ -214,6 +219,31 @@ def make_animation(path: Path) -> None:
     )
 
 
+def arrange_tuning(report: Path, path: Path) -> None:
+    """Arrange the still pictures of a report of `omnimj tune` in two columns, with their headings.
+
+    Args:
+      report: HTML file that the command wrote.
+      path: SVG file to write.
+    """
+    figures = re.findall(_STILL, report.read_text(encoding="utf-8"), re.DOTALL)
+    parts, (width, top) = [], (2 * WIDTH, 0)
+    for row in range(0, len(figures), 2):
+        heights = [int(height) for _, _, height in figures[row : row + 2]]
+        for column, (heading, picture, height) in enumerate(figures[row : row + 2]):
+            left, words = column * WIDTH, heading.rpartition(": ")[2].capitalize()
+            parts.append(f'<text x="{left + 8}" y="{top + 16}" font-weight="bold">{words}</text>')
+            place = f'<svg x="{left}" y="{top + _HEADING}" width="{WIDTH}" height="{height}" '
+            parts.append(picture.replace("<svg ", place, 1))
+        top += max(heights) + _HEADING + _GAP
+    head = (
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{top}" viewBox="0 0 {width} {top}"'
+    )
+    look = f'font-family="{FONTS}" font-size="12" fill="{palette.INK}"'
+    white = '<rect width="100%" height="100%" fill="white"/>'
+    path.write_text(f"{head} {look}>{white}{''.join(parts)}</svg>\n", encoding="utf-8")
+
+
 def _save_figure(draw: Callable[[], Drawing], path: Path) -> None:
     path.write_text(svg_file(draw()), encoding="utf-8")
 
@@ -236,10 +266,13 @@ if __name__ == "__main__":
     parser.add_argument(
         "names", nargs="*", metavar="NAME", help=f"any of {', '.join(PICTURES)} (default all)"
     )
+    parser.add_argument("--tuning", type=Path, metavar="REPORT", help="arrange tuning.svg and nothing else")
     arguments = parser.parse_args()
     for name in arguments.names:
         if name not in PICTURES:
             parser.error(f"found {name!r}; choose from {', '.join(PICTURES)}")
     arguments.folder.mkdir(parents=True, exist_ok=True)
-    for name in arguments.names or PICTURES:
+    if arguments.tuning:
+        arrange_tuning(arguments.tuning, arguments.folder / "tuning.svg")
+    for name in arguments.names or (() if arguments.tuning else PICTURES):
         PICTURES[name](arguments.folder / name)

@@ -100,6 +100,25 @@ def test_the_text_of_a_page_comes_before_its_scripts_so_that_it_is_painted_first
     assert 0 < page.index("</main>") < page.index("<script>")
 
 
+def diagnosis_config() -> Any:
+    return SimpleNamespace(
+        method="robust",
+        thresholds=None,
+        dataset=SimpleNamespace(path=Path("night"), notes=()),
+        machine=SimpleNamespace(constants=read_robot()),
+    )
+
+
+@pytest.mark.parametrize(("diagnosed", "is_open"), [(3, 3), (4, 1)])
+def test_many_diagnosed_runs_are_not_all_open_from_the_beginning(tmp_path, robot_trace, diagnosed, is_open):
+    slip = Diagnosis(1.0, "slip", (2,), 0.9)
+    found = [RunDiagnosis(f"run_{k}", (slip,) * (k < diagnosed), 0.0, 3.0, robot_trace, ()) for k in range(8)]
+    sections = [run_section(run, "robust", [], 0) for run in found]
+    write_diagnosis_report(tmp_path / "report.html", diagnosis_config(), found, sections)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert len(re.findall("<details class='run'[^>]* open>", page)) == is_open
+
+
 def test_plots_of_a_run_are_made_when_its_part_is_opened_and_the_search_hides_others(
     browser, tmp_path, robot_trace
 ):
@@ -108,12 +127,7 @@ def test_plots_of_a_run_are_made_when_its_part_is_opened_and_the_search_hides_ot
     found = [RunDiagnosis(f"run_{k}", (slip,) if k == 2 else (), 0.0, 3.0, trace, ()) for k in range(1, 5)]
     names = [name for name in trace.columns if name.startswith(("residual_", "threshold_"))]
     sections = [run_section(run, "robust", names, bins_for(len(found))) for run in found]
-    config: Any = SimpleNamespace(
-        method="robust",
-        thresholds=None,
-        dataset=SimpleNamespace(path=Path("night"), notes=()),
-        machine=SimpleNamespace(constants=read_robot()),
-    )
+    config = diagnosis_config()
     write_diagnosis_report(tmp_path / "report.html", config, found, sections)
     script = """
     const parts = [...document.querySelectorAll('details.run')], made = () => Bokeh.documents.length;

@@ -99,6 +99,16 @@ class CaseScore:
         return bool(self.faults) and all(fault.in_use is not None for fault in self.faults)
 
 
+@dataclass(frozen=True)
+class CaseEvents:
+    """True faults and diagnoses of a case, as in `metrics.json`."""
+
+    faults: Sequence[Mapping[str, Any]]
+    diagnoses: Sequence[Mapping[str, Any]]
+    duration: float
+    """Duration of the run [s]."""
+
+
 def score_case(case: Case, result: Mapping[str, Any]) -> CaseScore:
     """Score a case.
 

@@ -36,7 +36,7 @@ from omnimj.studies.evaluation.cases import (
     is_judging_seed,
 )
 from omnimj.studies.evaluation.goals import judge_goals
-from omnimj.studies.evaluation.scoring import CaseScore, score_case
+from omnimj.studies.evaluation.scoring import CaseEvents, CaseScore, score_case
 from omnimj.studies.evaluation.summary import Summary, summarize
 from omnimj.studies.evaluation.tables import format_heading, result_tables, summary_sentences
 from omnimj.studies.evaluation.trial import OFF, RECORDINGS, drive_case, is_recorded, write_recordings_index
@@ -93,6 +93,9 @@ class EvaluationResult:
     tables: tuple[Table, ...]
     interrupted: bool
     failed: int
+    suite: str
+    events: Mapping[str, CaseEvents]
+    """Faults and diagnoses of the cases by name."""
 
     def to_pandas(self) -> Any:
         """Return a `pandas.DataFrame` with one row per case; requires pandas."""
@@ -187,7 +190,22 @@ class _Evaluation:
         heading = format_heading(config.population, config.method, config.settings)
         write_json(config.out / NUMBERS, to_jsonable(_content(config, summary, scores, errors, interrupted)))
         write_text(config.out / TEXT, format_markdown(heading, lines, tables))
-        return EvaluationResult(heading, summary, scores, lines, tables, interrupted, len(errors))
+        events = {name: _events(by_name[name], result) for name, result in results.items()}
+        return EvaluationResult(
+            heading,
+            summary,
+            scores,
+            lines,
+            tables,
+            interrupted,
+            len(errors),
+            config.population.suite,
+            events,
+        )
+
+
+def _events(case: Case, result: Mapping[str, Any]) -> CaseEvents:
+    return CaseEvents(case.fault_records(), result["method"]["diagnoses"], case.duration)
 
 
 def _content(

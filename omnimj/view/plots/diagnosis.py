@@ -124,16 +124,30 @@ def effectiveness(trace: Trace, spans: Sequence[Span], bins: int = BINS) -> Draw
 
 
 def state_lanes(
-    trace: Trace, truth: Sequence[Span], diagnosed: Sequence[Span], method: str, is_rig: bool
+    trace: Trace,
+    truth: Sequence[Span],
+    diagnosed: Sequence[Span],
+    method: str,
+    is_rig: bool,
+    least: int = MIDDLE,
 ) -> Drawing:
-    """Plot strips over time: true faults, below them diagnoses per wheel, and the mode at the bottom."""
+    """Plot strips over time: true faults, below them diagnoses per wheel, and the mode at the bottom.
+
+    Args:
+      trace: Times of the run; its modes, if it has any.
+      truth: True faults.
+      diagnosed: Diagnoses.
+      method: Name of the method, which names its modes.
+      is_rig: True for the rig.
+      least: Least height [pixels].
+    """
     true, found = _lanes(truth), _lanes(diagnosed)
     rows = [("true", lane) for lane in true or [()]] + [("diagnosed", lane) for lane in found or [()]]
     rows += [("active", lane) for lane in _lanes(recovery_spans(trace))]
     names = [f"{what}: {spans[0].lane.replace('_', ' ') if spans else 'nothing'}" for what, spans in rows]
     if "mode" in trace:
         names.append("mode")
-    drawing = new_drawing(max(MIDDLE, _AROUND + _LANE * len(names)))
+    drawing = new_drawing(max(least, _AROUND + _LANE * len(names)))
     (panel,) = drawing.panels
     time = trace["time"]
     for row, (_, spans) in enumerate(rows):
@@ -145,6 +159,12 @@ def state_lanes(
     panel.rows(names)
     panel.rule(max(len(true), 1) - 0.5)
     return finish(drawing, time, truth, labelled=False)
+
+
+def event_lanes(duration: float, truth: Sequence[Span], diagnosed: Sequence[Span]) -> Drawing:
+    """Plot strips over the time of a run whose signals are not kept: true faults and diagnoses per wheel."""
+    trace = Trace({"time": np.array([0.0, duration])}, {})
+    return state_lanes(trace, truth, diagnosed, "", False, least=0)
 
 
 def _lanes(spans: Sequence[Span]) -> list[Sequence[Span]]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import zlib
 from collections.abc import Mapping
 from typing import Any
 
@@ -51,6 +53,11 @@ def embed(drawings: Mapping[str, Drawing]) -> tuple[Markup, dict[str, Markup]]:
     document.js_on_event("document_ready", CustomJS(args={"bars": bars}, code=_TOUCH))
     script, elements = components(models, wrap_script=False)
     return Markup(script), {name: Markup(element) for name, element in elements.items()}
+
+
+def packed(script: str) -> str:
+    """Compress a script that is not needed at once; `groups.js` unpacks it."""
+    return base64.b64encode(zlib.compress(script.encode("utf-8"), 9)).decode("ascii")
 
 
 def _link(panels: list[Panel]) -> None:

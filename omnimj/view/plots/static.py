@@ -37,7 +37,7 @@ from omnimj.view.plots.panels import Drawing, Panel
 Array = NDArray[np.float64]
 WIDTH, FILE_WIDTH = 460, 545
 """Widths of a picture in a page and of a file [pixels]; the former is readable on a phone and on paper."""
-_FONTS = "DejaVu Sans, Verdana, Segoe UI, Helvetica, Arial, sans-serif"
+FONTS = "DejaVu Sans, Verdana, Segoe UI, Helvetica, Arial, sans-serif"
 _FAR = 1e4  # [pixels] beyond the frame, where lines end
 _SIZE, _LETTER = 11, 0.6  # height of letters [pixels], their mean width / height
 _LEFT, _RIGHT, _TICK, _ROW, _SAMPLE = 62, 14, 5, 16, 22  # [pixels]
@@ -99,7 +99,7 @@ def svg(drawing: Drawing, label: str = "", width: int = WIDTH) -> str:
         parts += _panel(panel, limits, left, top, width)
         top += panel.height
     words = f' role="img" aria-label="{escape(label)}"' if label else ""
-    look = f'font-family="{_FONTS}" font-size="{_SIZE}" fill="{palette.INK}"'
+    look = f'font-family="{FONTS}" font-size="{_SIZE}" fill="{palette.INK}"'
     return f'<svg viewBox="0 0 {width} {top}"{words} {look}>{"".join(parts)}</svg>'
 
 

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from omnimj.diagnosis.replay import DiagnosisConfig, RunDiagnosis
 from omnimj.resources import model_display_name
 from omnimj.view.plots import diagnosis as plots
 from omnimj.view.plots.thinning import BINS
 from omnimj.view.report.page import Figure, Table, number, plot, table, write_page
+from omnimj.view.report.run_sections import MOST_FIGURES, RunSection, make_section, run_key, run_table
 from omnimj.view.residuals import Family, families
 from omnimj.view.wording import (
     describe_confidence,
@@ -24,22 +25,7 @@ from omnimj.view.wording import (
 )
 
 _BINS_OF_A_PAGE = 16_000
-MOST_FIGURES = 40
-"""Largest number of runs with plots, which keeps the page small enough for a browser."""
-
-
-@dataclass(frozen=True)
-class RunSection:
-    """Part of the page about one run."""
-
-    name: str
-    key: str
-    """Anchor of the section."""
-    is_open: bool
-    """True if the section is open from the beginning."""
-    lines: list[str]
-    table: Table | None
-    figures: list[Figure]
+_MOST_OPEN = 3  # runs with a diagnosis whose sections are open from the beginning
 
 
 def bins_for(runs: int) -> int:
@@ -66,15 +52,14 @@ def run_section(run: RunDiagnosis, method: str, method_names: Sequence[str], bin
         lines.append(
             f"For {run.cannot_judge:.1f} of {run.judged:.1f} s the wheels turn too slowly for a diagnosis."
         )
-    key = "".join(c if c.isascii() and c.isalnum() else f"-{ord(c):x}-" for c in run.name)
-    figures = _figures(run, key, families(method_names, method), bins) if bins and method_names else []
-    figures = [dataclasses.replace(figure, group=f"run-{key}") for figure in figures]
-    return RunSection(run.name, f"run-{key}", bool(run.diagnoses), [*lines, *run.notes], found, figures)
+    figures = _figures(run, families(method_names, method), bins) if bins and method_names else []
+    return make_section(run.name, figures, "", [*lines, *run.notes], found, bool(run.diagnoses))
 
 
-def _figures(run: RunDiagnosis, key: str, shown: Sequence[Family], bins: int) -> list[Figure]:
+def _figures(run: RunDiagnosis, shown: Sequence[Family], bins: int) -> list[Figure]:
     if len(run.trace["time"]) < 2 or not shown or shown[0].residuals[0].column not in run.trace:
         return []
+    key = run_key(run.name).removeprefix("run-")
     diagnoses = {"diagnoses": [dataclasses.asdict(d) for d in run.diagnoses]}
     spans = diagnosis_spans(diagnoses, float(run.trace["time"][-1]))
     shaded = " Shaded: a diagnosis holds." if spans else ""
@@ -107,6 +92,8 @@ def write_diagnosis_report(
       interrupted: True if runs are missing because of Ctrl-C.
     """
     name = config.dataset.path.resolve().name
+    if sum(section.is_open for section in sections) > _MOST_OPEN:
+        sections = [dataclasses.replace(section, is_open=False) for section in sections]
     write_page(
         path,
         "diagnosis",
@@ -120,7 +107,7 @@ def write_diagnosis_report(
         verdict=summarize_runs(runs).capitalize(),
         interrupted=interrupted,
         notes=config.dataset.notes,
-        overview=_overview(runs),
+        overview=_overview(runs, sections),
         sections=sections,
         command=command,
         model_file=config.machine.constants.file,
@@ -128,13 +115,13 @@ def write_diagnosis_report(
     )
 
 
-def _overview(runs: Sequence[RunDiagnosis]) -> Table:
-    rows = []
+def _overview(runs: Sequence[RunDiagnosis], sections: Sequence[RunSection]) -> Table:
+    rows: list[tuple[str, tuple[Any, ...]]] = []
     for run in runs:
         unjudged = number(f"{run.cannot_judge:.1f} s")
         if not run.diagnoses:
-            rows.append((run.name, describe_undiagnosed(run), "–", "–", unjudged))
+            rows.append((run.name, (describe_undiagnosed(run), "–", "–", unjudged)))
         for d in run.diagnoses:
             described = describe_diagnosis(d), number(describe_time(d)), describe_confidence(d)
-            rows.append((run.name, *described, unjudged))
-    return table(rows, ("run", "diagnosis", "time", "confidence", "not judged"))
+            rows.append((run.name, (*described, unjudged)))
+    return run_table(rows, ("run", "diagnosis", "time", "confidence", "not judged"), sections)

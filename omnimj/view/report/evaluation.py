@@ -7,9 +7,10 @@ from pathlib import Path
 
 from omnimj.studies.evaluation.study import EvaluationResult
 from omnimj.studies.random_truth import NONE
-from omnimj.studies.statistics import Table
+from omnimj.studies.statistics import Table as TextTable
 from omnimj.view.plots.evaluation import confusion_picture, delay_curves, headings, paths, with_and_without
-from omnimj.view.report.page import Figure, plot, table, write_page
+from omnimj.view.report.evaluation_cases import case_sections, case_table
+from omnimj.view.report.page import Figure, Table, plot, table, write_page
 
 
 def write_evaluation_report(path: Path, result: EvaluationResult) -> None:
@@ -19,11 +20,21 @@ def write_evaluation_report(path: Path, result: EvaluationResult) -> None:
       path: HTML file to write.
       result: Result of the evaluation.
     """
-    files = "evaluation.json and cases/"
-    _write_tables(path, result.heading, result.lines, result.tables, files, _figures(result))
+    sections = case_sections(result.scores, result.events, result.suite)
+    write_page(
+        path,
+        "evaluation",
+        _plain(result.heading),
+        lines=list(map(_plain, result.lines)),
+        tables=_titled(result.tables),
+        files="evaluation.json and cases/",
+        figures=_figures(result),
+        cases=case_table(result.scores, result.suite, sections) if result.scores else None,
+        sections=sections,
+    )
 
 
-def write_benchmark_report(path: Path, lines: Sequence[str], tables: Sequence[Table]) -> None:
+def write_benchmark_report(path: Path, lines: Sequence[str], tables: Sequence[TextTable]) -> None:
     """Write the report of the gap benchmark.
 
     Args:
@@ -31,28 +42,26 @@ def write_benchmark_report(path: Path, lines: Sequence[str], tables: Sequence[Ta
       lines: Sentences about the benchmark.
       tables: Tables of `benchmark.md`; empty ones are left out.
     """
-    filled = [one for one in tables if one.rows]
-    _write_tables(path, "Blind benchmark of the gap workflow", lines, filled, "benchmark.json", [])
-
-
-def _write_tables(
-    path: Path,
-    heading: str,
-    lines: Sequence[str],
-    tables: Sequence[Table],
-    files: str,
-    figures: Sequence[Sequence[Figure]],
-) -> None:
-    title, *plain = (line.replace("**", "").replace("`", "") for line in (heading, *lines))
     write_page(
         path,
         "evaluation",
-        title,
-        lines=plain,
-        tables=[(one.title.replace("`", ""), table(one.rows, one.head)) for one in tables],
-        files=files,
-        figures=figures,
+        "Blind benchmark of the gap workflow",
+        lines=list(map(_plain, lines)),
+        tables=_titled([one for one in tables if one.rows]),
+        files="benchmark.json",
+        figures=[],
+        cases=None,
+        sections=[],
     )
+
+
+def _titled(tables: Sequence[TextTable]) -> list[tuple[str, Table]]:
+    return [(_plain(one.title), table(one.rows, one.head)) for one in tables]
+
+
+def _plain(line: str) -> str:
+    """Remove the marks of Markdown from a line."""
+    return line.replace("**", "").replace("`", "")
 
 
 def _figures(result: EvaluationResult) -> list[list[Figure]]:

@@ -16,8 +16,8 @@ from omnimj.estimate.gap.records import (
 from omnimj.estimate.gap.sentences import format_amount, format_number, format_percent, variable_words
 from omnimj.view.plots.mismatch import either_sign
 from omnimj.view.report.page import Cell, Table, number, table
+from omnimj.view.report.run_sections import RunSection, run_table
 
-_RUNS = 10
 _BOUND_DIGITS = 4
 _UNITS = {
     "current": "A",
@@ -68,26 +68,36 @@ def format_bounds(name: str, low: float, high: float, unit: str, is_size: bool =
     return f"{format_number(low, _BOUND_DIGITS)} ≤ {variable} < {format_amount(high, unit, _BOUND_DIGITS)}"
 
 
-def worst_runs(finding: Finding, gaps: Sequence[RunGap]) -> Table:
-    """List the runs with the largest mismatch: conditions, and RMS over all channels."""
+def run_mismatches(finding: Finding, gaps: Sequence[RunGap], sections: Sequence[RunSection]) -> Table:
+    """List all runs, the largest mismatch first: use, conditions, and RMS over all channels.
+
+    Args:
+      finding: Result of the workflow.
+      gaps: Mismatch of its runs.
+      sections: Parts of the page about single runs, to which the rows link.
+    """
     second = has_second_model(finding)
     rows = [
         (
-            f"{gap.run}{held_out_suffix(gap)}",
-            format_conditions(gap.conditions),
-            number(format_amount(gap.total_before, "1")),
-            *([number(format_amount(gap.total_after, "1"))] if second else []),
+            gap.run,
+            (
+                describe_use(gap),
+                format_conditions(gap.conditions),
+                number(format_amount(gap.total_before, "1")),
+                *([number(format_amount(gap.total_after, "1"))] if second else []),
+            ),
         )
-        for gap in gaps[:_RUNS]
+        for gap in gaps
     ]
-    return table(rows, ("run", "conditions", "mismatch before", *(["after"] if second else [])))
+    amounts = ("mismatch before", "after") if second else ("mismatch",)
+    return run_table(rows, ("run", "use", "conditions", *amounts), sections)
 
 
-def held_out_suffix(gap: RunGap) -> str:
-    """Return the suffix of the name of a run that was held out, wholly or in part."""
+def describe_use(gap: RunGap) -> str:
+    """State whether a run was held out or fitted."""
     if gap.partly:
-        return " · held out in part"
-    return " · held out" if gap.heldout else ""
+        return "held out in part"
+    return "held out" if gap.heldout else "training"
 
 
 def format_conditions(values: Mapping[str, float | str]) -> str:

@@ -28,6 +28,7 @@ from omnimj.view.plots import candidates as candidate_plots
 from omnimj.view.plots import mismatch as plots
 from omnimj.view.report import finding_tables as tables
 from omnimj.view.report.page import Figure, Table, number, plot, table, write_page
+from omnimj.view.report.run_sections import MOST_FIGURES, RunSection, make_section, run_key
 
 _SPECTRA = 3
 _NEGLIGIBLE = 0.01  # share of the mismatch below which no free curve is plotted
@@ -57,6 +58,7 @@ def write_gap_report(
       command: Command line that repeats the work.
     """
     runs = run_gaps(finding)
+    sections = _run_sections(finding, runs)
     name = sentences.dataset_name(finding)
     use = f"{_COMMANDS.get(finding.plant, 'omnimj gap DATASET --out OUT')} --model {new_model}"
     write_page(
@@ -73,7 +75,6 @@ def write_gap_report(
         data_notes=_data_notes(finding),
         locations=tables.mismatch_locations(finding),
         location_figures=_location_figures(finding, runs),
-        runs=tables.worst_runs(finding, runs) if runs else None,
         effects=[tables.fitted_parameters(effect) for effect in finding.effects],
         free_curves=_free_curves(finding),
         free_variables=sentences.join_words(list(map(sentences.variable_words, finding.flexible)), "or"),
@@ -85,6 +86,8 @@ def write_gap_report(
         decoy_figures=_decoy_figures(finding),
         channels=tables.channel_mismatches(finding),
         size_figures=_size_figures(finding),
+        runs=tables.run_mismatches(finding, runs, sections),
+        sections=sections,
         next_run=tables.experiment_settings((finding.next_experiment or {}).get("run") or {}),
         rivals=tables.rival_separation((finding.next_experiment or {}).get("parting")),
         new_model=new_model,
@@ -271,14 +274,13 @@ def _decoy_figures(finding: Finding) -> list[Figure]:
 
 
 def _size_figures(finding: Finding) -> list[Figure]:
-    """Plot the mismatch by channel, of two runs over time, and over frequency."""
+    """Plot the mismatch by channel and over frequency."""
     figures = []
     if finding.heldout:
         caption = "Held-out runs: every channel, then the regimes of the gap by their numbers above."
         if not has_second_model(finding):
             caption = "Held-out runs: mismatch of every channel relative to the noise."
         figures.append(plot(plots.shrinkage(finding), "shrinkage", "Channel by channel", caption))
-    figures += _run_figures(finding)
     if plots.has_spectra(finding):
         used = [o for o in finding.overlays if o.heldout] or list(finding.overlays)
         channels = plots.largest_mismatch_channels(finding, used, _SPECTRA)
@@ -291,26 +293,25 @@ def _size_figures(finding: Finding) -> list[Figure]:
     return figures
 
 
-def _run_figures(finding: Finding) -> list[Figure]:
-    if not finding.overlays:
-        return []
-    windows, by_name = overlays_by_run(finding), {gap.run: gap for gap in run_gaps(finding)}
-    figures = []
-    for run, kind in ((worst_run(finding), "worst"), (typical_run(finding), "typical")):
-        if run is None:
-            continue
-        gap = by_name[run]
+def _run_sections(finding: Finding, runs: Sequence[RunGap]) -> list[RunSection]:
+    """Make the parts of the page about single runs: the worst, the typical, then by their mismatch."""
+    windows = overlays_by_run(finding)
+    kinds = {typical_run(finding): "typical", worst_run(finding): "worst"}
+    first = [run for kind in ("worst", "typical") for run in runs if kinds.get(run.run) == kind]
+    shown = [*first, *(run for run in runs if run not in first)][:MOST_FIGURES]
+    caption = "Each channel above, its mismatch (measured − simulated) below."
+    sections = []
+    for gap in shown:
         size = format_in_noise(gap.total_before)
         if gap.total_after is not None:
             size += f" before, {format_in_noise(gap.total_after)} after"
-        conditions = tables.format_conditions(gap.conditions)
-        caption = (
-            f"{f'{conditions}. ' if conditions != '–' else ''}Over all channels {size}. Each channel above, "
-            "its mismatch (measured − simulated) below."
-        )
-        heading = f"The {kind} {'held-out ' if gap.heldout else ''}run: {run}"
-        figures.append(plot(plots.overlay(finding, windows[run]), f"run-{kind}", heading, caption))
-    return figures
+        kind = f", {kinds[gap.run]}" if gap.run in kinds else ""
+        note = f"{tables.describe_use(gap)}{kind}: {size}"
+        name = run_key(gap.run).replace("run-", "overlay-", 1)
+        figure = plot(plots.overlay(finding, windows[gap.run]), name, "Measured and simulated", caption)
+        lines = [tables.format_conditions(gap.conditions)] if gap.conditions else []
+        sections.append(make_section(gap.run, [figure], note, lines))
+    return sections
 
 
 def _method(finding: Finding) -> Table:

@@ -17,7 +17,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 import omnimj
-from omnimj.view.plots.document import embed, library
+from omnimj.view.plots.document import embed, library, packed
 from omnimj.view.plots.panels import Drawing
 from omnimj.view.plots.static import WIDTH, svg
 
@@ -40,6 +40,8 @@ class Cell:
     """Small text below the text."""
     bar: int | None = None
     """Length of a bar below the text [%]; None for no bar."""
+    link: str = ""
+    """Anchor that the text links to; empty for none."""
 
 
 def number(text: object, note: str = "") -> Cell:
@@ -64,6 +66,8 @@ class Table:
     """CSS class; `stacked` turns each row into a list on a narrow page."""
     row_headings: bool = False
     """True if the first cell of each row is its heading."""
+    keys: Sequence[str] = ()
+    """Anchor of the run that each row belongs to; empty for a table of something else."""
 
 
 def table(
@@ -153,7 +157,7 @@ def write_page(path: Path, template: str, title: str, **content: Any) -> None:
         if isinstance(drawing := figure.content, Drawing)
     }
     documents = {group: embed(drawings) for group, drawings in drawn.items()}
-    groups = {group: script for group, (script, _) in documents.items() if group}
+    groups = {group: packed(script) for group, (script, _) in documents.items() if group}
     scripts = [library(), *(script for group, (script, _) in documents.items() if not group)] if drawn else []
     elements = {name: one for _, found in documents.values() for name, one in found.items()}
     plots = {"elements": elements, "still": still, "scripts": scripts, "groups": groups, "contents": contents}

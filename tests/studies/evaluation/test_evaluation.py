@@ -211,7 +211,7 @@ def test_the_command_prints_tables_or_json_and_writes_a_page(tmp_path, monkeypat
     said = capsys.readouterr().out
     assert "Groups with a goal" in said and "written to" in said
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert page.count("class='plot'") == 5 and "http" not in page.replace("http-equiv", "")
+    assert page.count("class='plot'") == 5 + 4 and "http" not in page.replace("http-equiv", "")
     assert main([*argv, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["plan"]["trials"] == 4
