@@ -30,11 +30,13 @@ _TRUSTED = 0.8  # correlation of a wheel with integrated acceleration from which
 _TIGHT = np.log(1.05)
 _SLIPPING = np.log(1.5)
 _BODY = np.log(1.25)  # permitted |log| of the scale between a wheel and integrated acceleration
+_TURNING = 0.2  # smallest share of a commanded change of the yaw rate in the wheel speeds
 _DELAY = 0.012  # [s] permitted delay between heading and gyro
 _GYRO_BIAS = 0.006  # [rad/s]
 _FITS = 0.45  # largest share of the misfit that a better explanation leaves
 _RIVAL = 1.5  # misfit relative to the best, up to which an explanation is as good
 _MISFIT = 0.1  # largest unexplained share of the wheels' motion of a healthy robot
+_STANDS = 0.3  # share of the usual wheel speed below which a wheel does not drive
 _DRIVES = 0.25  # smallest share of |current| |speed| that is work, for a driving motor
 
 
@@ -280,7 +282,24 @@ def _compared_turning(
         for w in split_stretch(len(time), _samples(time, _WINDOW)):
             heading.append(Stretch(time[w], turned[w], angle[w]))
             wheels.append(Stretch(time[w], rate[w], np.asarray(own)[w]))
-    return compare(heading), compare(wheels)
+    by_wheels = compare(wheels) if _turns(wheels, runs, rolling) else None
+    return compare(heading), by_wheels
+
+
+def _turns(stretches: Sequence[Stretch], runs: Sequence[Run], rolling: Array) -> bool:
+    """Whether the wheels turn the robot by will: a yaw loop that holds the heading drives them against it.
+
+    Then the yaw rate of the wheels has a clear share in their speeds, and its sign is that of its changes.
+    """
+    whole = sum(float(part.x @ part.y) for part in stretches)
+    changes = [(part.x - part.x.mean(), part.y - part.y.mean()) for part in stretches]
+    turned = sum(float(y @ y) for _, y in changes) * float((rolling[:, 2] ** 2).sum())
+    driven = sum(
+        float((fill_masked(run, f"wheel_speed_{k + 1}") ** 2).sum())
+        for run in runs
+        for k in range(len(rolling))
+    )
+    return turned > _TURNING**2 * driven and whole * sum(float(x @ y) for x, y in changes) > 0.0
 
 
 def _turning(runs: Sequence[Run], rolling: Array, count: int, beyond: Sequence[str]) -> Iterator[Suspicion]:
@@ -401,7 +420,8 @@ def _currents(runs: Sequence[Run], count: int, sign: float) -> Iterator[Suspicio
         strength = float(share[np.arange(count), order].sum() - own.sum()) / _DRIVES
         yield Suspicion(f"current_{a}", "swapped", float(b), strength, words, rivals)
         return
-    for k in np.flatnonzero(own < -_DRIVES):
+    drives = turned > _STANDS**2 * np.median(turned)  # a wheel that is held still is braked by its current
+    for k in np.flatnonzero((own < -_DRIVES) & drives):
         name = f"current_{k + 1}"
         words = f"{name} has the wrong sign: it would brake its wheel all the time"
         yield Suspicion(name, "sign", -1.0, float(-own[k] / _DRIVES) + 1.0, words)
