@@ -30,6 +30,7 @@ from omnimj.estimate.gap.check.dataset import check_dataset
 from omnimj.estimate.gap.check.suspicions import GROSS
 from omnimj.parameters import read_robot
 from omnimj.recording.dataset import Dataset
+from omnimj.workflows import record
 
 ROBOT = read_robot()
 HELD = {
@@ -113,6 +114,23 @@ def test_records_of_faults_are_plain_and_most_important_first():
     assert (first["channel"], first["kind"], first["size"], first["sure"]) == ("current", "sign", -1.0, True)
     assert [one["kind"] for one in rest] == ["frozen"]
     assert set(first) == {"channel", "kind", "size", "sure", "words", "or_channels", "runs"}
+
+
+MACHINES_WITH_EFFECTS = [
+    ("axis_moves", "payload", {"mass": 5.0}),
+    ("axis_moves", "current_scale", {"scale": 1.05}),
+    ("axis_moves", "sensor_delay", {"channel": "force", "delay": 0.005}),
+    ("axis_moves", "backlash", {"angle": 2e-4}),
+    ("rig_currents", "torque_constant", {"scale": 0.9}),
+    ("rig_currents", "sensor_delay", {"channel": "carriage_speed", "delay": 0.02}),
+]
+
+
+@pytest.mark.parametrize("suite, effect, values", MACHINES_WITH_EFFECTS)
+def test_a_machine_with_an_effect_of_typical_size_is_searched(tmp_path, suite, effect, values):
+    recorded = record(suite, tmp_path / "runs", 7, 1, "planar", effects={effect: values})
+    sound, _ = sound_dataset(recorded, None)
+    assert sound.plant == recorded.plant
 
 
 FAULTY_MACHINES = {

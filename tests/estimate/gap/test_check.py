@@ -24,7 +24,7 @@ from omnimj.errors import UnknownNameError
 from omnimj.estimate.gap.check.columns import unwrap_counter
 from omnimj.estimate.gap.check.compare import Stretch, compare
 from omnimj.estimate.gap.check.dataset import check_dataset, correct_dataset
-from omnimj.estimate.gap.check.suspicions import Link, wrong_signs
+from omnimj.estimate.gap.check.suspicions import Link, wrong_scales, wrong_signs
 
 HEALTHY = {
     "rig, steps": rig_steps,
@@ -220,6 +220,14 @@ def test_the_channel_that_spoils_all_its_links_is_the_culprit(culprit):
     links = [Link(x, y, -1.0 if culprit in (x, y) else 1.0, 0.1) for x, y in pairs]
     (found,) = wrong_signs(links)
     assert (found.channel, found.or_channels) == (culprit, ())
+
+
+def test_channels_beyond_reach_are_blamed_rather_than_the_one_that_they_contradict():
+    links = [Link("a", "b", 1.0, 0.05), Link("b", "c", 1e-3, 0.7), Link("a", "c", 1e-3, 0.7)]
+    (alone,) = wrong_scales(links)
+    assert alone.channel == "c"
+    found = {s.channel: s.size for s in wrong_scales(links, beyond=("a", "b"))}
+    assert found == pytest.approx({"a": 1e3, "b": 1e3})
 
 
 def test_a_counter_is_joined_to_what_it_counted():

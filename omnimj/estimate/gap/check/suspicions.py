@@ -168,12 +168,9 @@ def wrong_scales(
         """Logarithms of the scale errors, by the tightest link to a channel that is right or settled."""
         found: dict[str, float] = {}
         for _ in flips:
-            for name in set(flips) - set(found):
-                own = [
-                    k
-                    for k in known
-                    if name in (k.x, k.y) and not ({k.x, k.y} - {name}) & (set(flips) - set(found))
-                ]
+            for name in [n for n in flips if n not in found]:
+                open_ones = set(flips) - set(found) - {name}
+                own = [k for k in known if name in (k.x, k.y) and not {k.x, k.y} & open_ones]
                 if own:
                     best = min(own, key=lambda k: k.allowed)
                     off = logs[best.x, best.y] + found.get(best.x, 0.0) - found.get(best.y, 0.0)
