@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from omnimj.control.gains import Gains
     from omnimj.diagnosis.calibration import Calibration
     from omnimj.diagnosis.replay import RunDiagnosis
-    from omnimj.errors import InputError, OmnimjError, SimulationError
+    from omnimj.errors import DataFaultError, InputError, OmnimjError, SimulationError
     from omnimj.estimate.gap.records import Finding
     from omnimj.estimate.identification.records import Identification, Validation
     from omnimj.parameters import Floor, Rig, Robot, read_floors, read_rig, read_robot
@@ -100,7 +100,7 @@ _HOMES = {
     "omnimj.diagnosis.calibration": ("Calibration",),
     "omnimj.studies.evaluation.study": ("EvaluationConfig", "EvaluationResult"),
     "omnimj.studies.tuning.study": ("TuningConfig", "TuningResult"),
-    "omnimj.errors": ("OmnimjError", "InputError", "SimulationError"),
+    "omnimj.errors": ("OmnimjError", "InputError", "DataFaultError", "SimulationError"),
 }
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
 

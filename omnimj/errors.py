@@ -7,7 +7,7 @@ current.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 _LONGEST = 200  # a finding may be a whole table or all the text of a file
 
@@ -50,6 +50,14 @@ class UnknownNameError(InputError, LookupError):
         close = difflib.get_close_matches(str(name), names, n=1)
         hint = f"did you mean '{close[0]}'?" if close else ""
         super().__init__(place, f"unknown {kind} {name!r}", hint, names)
+
+
+class DataFaultError(InputError):
+    """Recorded data are wrong for certain, in time, unit, sign or delay, and were not accepted."""
+
+    def __init__(self, place: object, faults: Sequence[str], rule: str):
+        many = f"{len(faults)} sure faults" if len(faults) > 1 else "a sure fault"
+        Exception.__init__(self, f"{place}: {many} of the data: {'; '.join(faults)}; {rule}")
 
 
 class NativeLayoutError(OmnimjError, RuntimeError):

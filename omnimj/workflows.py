@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,8 +18,10 @@ from omnimj.diagnosis.calibration import calibrate as calibrate_dataset
 from omnimj.diagnosis.logs import read_machine, resolve_method
 from omnimj.diagnosis.replay import DiagnosisConfig, RunDiagnosis, check_config
 from omnimj.diagnosis.replay import diagnose as diagnose_dataset
+from omnimj.estimate.gap.check.acceptance import sound_dataset, sound_logs
 from omnimj.estimate.gap.find import find_gap
 from omnimj.estimate.identification.identify import identify as identify_dataset
+from omnimj.estimate.identification.identify import require_rig
 from omnimj.estimate.identification.records import Identification, Validation
 from omnimj.estimate.identification.validation import validate as validate_dataset
 from omnimj.parameters import Floor, read_rig
@@ -117,17 +120,24 @@ def record(
     return read_dataset(config.folder)
 
 
-def identify(dataset: Path | str | Dataset, model: Path | None = None) -> Identification:
+def identify(
+    dataset: Path | str | Dataset, model: Path | None = None, accept: bool = False
+) -> Identification:
     """Identify the LuGre parameters of each floor from rig runs, with intervals.
 
     Args:
       dataset: Folder of the runs, or the dataset itself.
       model: Model file of the rig; the shipped one when None.
+      accept: Whether to go on with data that have certain faults; gross units are then corrected.
 
     Raises:
       InputError: Not a dataset of the rig, or nothing moves in it.
+      DataFaultError: The data have certain faults and are not accepted.
     """
-    return identify_dataset(_dataset(dataset), read_rig(model))
+    read, rig = _dataset(dataset), read_rig(model)
+    require_rig(read)
+    sound, _ = sound_dataset(read, rig, accept)
+    return identify_dataset(sound, rig)
 
 
 def validate(
@@ -135,6 +145,7 @@ def validate(
     model: Path | None = None,
     floors: Path | None = None,
     plants: Sequence[str] = ("twin", "planar"),
+    accept: bool = False,
 ) -> Validation:
     """Drive the model with measured currents and compare its speeds with the measured ones.
 
@@ -143,14 +154,19 @@ def validate(
       model: Model file of the rig; the shipped one when None.
       floors: Floors beside the shipped ones, or in their place where names are alike.
       plants: Models that are driven, of `twin` and `planar`.
+      accept: Whether to go on with data that have certain faults; gross units are then corrected.
 
     Raises:
+      DataFaultError: The data have certain faults and are not accepted.
       InputError: Not a dataset of the rig, or a floor or mass that it cannot have.
       UnknownNameError: No such plant.
       SimulationError: The simulation left finite numbers.
     """
     known = all_floors(floors)
-    return validate_dataset(_dataset(dataset, known), read_rig(model), known, plants)
+    read, rig = _dataset(dataset, known), read_rig(model)
+    require_rig(read)
+    sound, _ = sound_dataset(read, rig, accept)
+    return validate_dataset(sound, rig, known, plants)
 
 
 def diagnose(
@@ -159,6 +175,7 @@ def diagnose(
     model: Path | None = None,
     floors: Path | None = None,
     thresholds: Thresholds | None = None,
+    accept: bool = False,
 ) -> tuple[RunDiagnosis, ...]:
     """Diagnose recorded runs of the robot or the rig, without any plant.
 
@@ -168,15 +185,19 @@ def diagnose(
       model: Model file of the machine; the shipped one when None.
       floors: Floors beside the shipped ones, or in their place where names are alike.
       thresholds: Thresholds of the robust method; the shipped ones when None.
+      accept: Whether to go on with logs in which time, a unit or a sign is wrong throughout.
 
     Returns:
       One record per run: its diagnoses, and a trace with the method's columns.
 
     Raises:
       InputError: The method is not for this machine, or a run is sampled too slowly.
+      DataFaultError: Time, a unit or a sign is wrong in all of the logs, and they are not accepted.
       UnknownNameError: No such method.
     """
     config = _diagnosis(dataset, method, model, all_floors(floors), thresholds)
+    sound, _ = sound_logs(config.dataset, config.machine.constants, accept)
+    config = replace(config, dataset=sound)
     check_config(config)
     return tuple(diagnose_dataset(config))
 
@@ -186,6 +207,7 @@ def calibrate(
     false_alarms_per_hour: float,
     model: Path | None = None,
     floors: Path | None = None,
+    accept: bool = False,
 ) -> Calibration:
     """Set the thresholds of the robust method from fault-free recordings of the robot.
 
@@ -194,11 +216,15 @@ def calibrate(
       false_alarms_per_hour: Rate of false alarms per hour of motion, all thresholds together; above 0.
       model: Model file of the robot; the shipped one when None.
       floors: Floors beside the shipped ones, or in their place where names are alike.
+      accept: Whether to go on with data that have certain faults; gross units are then corrected.
 
     Raises:
       InputError: There is too little motion, or a sensor has obviously failed.
+      DataFaultError: The data have certain faults and are not accepted.
     """
     config = _diagnosis(dataset, "robust", model, all_floors(floors), None)
+    sound, _ = sound_dataset(config.dataset, config.machine.constants, accept)
+    config = replace(config, dataset=sound)
     check_config(config)
     return calibrate_dataset(config, false_alarms_per_hour)
 

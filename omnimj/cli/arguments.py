@@ -98,6 +98,14 @@ def read_thresholds(file: Path | None, method: str) -> Any:
     return read_thresholds(file)
 
 
+def add_accept(parser: argparse.ArgumentParser) -> None:
+    """Add `--accept`."""
+    words = (
+        "go on with data that a check holds back (wrong time base, unit, sign or delay); units are corrected"
+    )
+    parser.add_argument("--accept", action="store_true", help=words)
+
+
 def add_gains(parser: argparse.ArgumentParser) -> None:
     """Add `--gains FILE`."""
     words = "gains of cascade, recovery and observer, from omnimj tune (default: model and shipped ones)"

@@ -14,6 +14,7 @@ from omnimj.cli.arguments import (
     MODEL,
     ROBOT_MODEL,
     Command,
+    add_accept,
     add_floors,
     add_observer_gains,
     add_results,
@@ -62,6 +63,7 @@ def add_diagnose_arguments(parser: argparse.ArgumentParser) -> None:
     add_thresholds(parser)
     add_observer_gains(parser)
     add_workers(parser)
+    add_accept(parser)
     add_results(parser, "diagnoses.json")
 
 
@@ -74,6 +76,7 @@ def run_diagnose(arguments: Any) -> int:
 
     Raises:
       InputError: The data are invalid or unsuitable for the method, or the folder cannot be written.
+      DataFaultError: Time, a unit or a sign is wrong in all of the data, and `--accept` is not given.
     """
     from omnimj.cli.fleet import is_fleet, run_fleet
 
@@ -121,6 +124,7 @@ def _diagnose_dataset(
     """
     from omnimj.diagnosis.files import diagnoses_json
     from omnimj.diagnosis.replay import check_config, require_other_folder
+    from omnimj.estimate.gap.check.acceptance import fault_records, sound_logs
     from omnimj.recording.folder import atomic_file, check_folder
     from omnimj.recording.json_files import write_json
     from omnimj.view.report.diagnosis import write_diagnosis_report
@@ -128,6 +132,8 @@ def _diagnose_dataset(
     check_folder(arguments.out, arguments.force)
     order = _diagnosis_config(arguments)
     require_other_folder(order.dataset, arguments.out)
+    logs, check = sound_logs(order.dataset, order.machine.constants, arguments.accept)
+    order = dataclasses.replace(order, dataset=logs)
     check_config(order)
     announce_compilation(order.method, order.dataset.plant, "method")
     found, sections, interrupted = _diagnose(arguments, order)
@@ -135,7 +141,7 @@ def _diagnose_dataset(
         return None
     note_compiled(order.method, order.dataset.plant)
     command = command_line(arguments)
-    content = diagnoses_json(order, found, command, interrupted)
+    content = diagnoses_json(order, found, command, interrupted) | {"data_faults": fault_records(check)}
     write_json(arguments.out / DIAGNOSE_FILES[0], content)
     with atomic_file(arguments.out / DIAGNOSE_FILES[1]) as temporary:
         write_diagnosis_report(temporary, order, found, sections, command, interrupted)
@@ -244,6 +250,7 @@ def add_calibrate_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--model", metavar="FILE", type=Path, help=ROBOT_MODEL)
     add_floors(parser)
     add_observer_gains(parser)
+    add_accept(parser)
     parser.add_argument("--out", metavar="FILE", type=Path, required=True, help="file to write")
     parser.add_argument("--force", action="store_true", help="replace --out")
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
@@ -265,14 +272,18 @@ def run_calibrate(arguments: Any) -> int:
 
     Raises:
       InputError: The data are invalid or not from a robot, or the file cannot be written.
+      DataFaultError: The data have certain faults, and `--accept` is not given.
     """
     require_writable(arguments.out, arguments.force)
     order = _calibration_config(arguments)
     from omnimj.diagnosis.calibration import calibrate
     from omnimj.diagnosis.files import calibration_json, thresholds_toml, write_thresholds
     from omnimj.diagnosis.replay import check_config, require_other_folder
+    from omnimj.estimate.gap.check.acceptance import fault_records, sound_dataset
 
     require_other_folder(order.dataset, arguments.out.parent)
+    logs, check = sound_dataset(order.dataset, order.machine.constants, arguments.accept)
+    order = dataclasses.replace(order, dataset=logs)
     check_config(order)
     announce_compilation(order.method, order.dataset.plant, "method")
     with ProgressBar() as bar:
@@ -281,7 +292,8 @@ def run_calibrate(arguments: Any) -> int:
     command = command_line(arguments)
     write_thresholds(arguments.out, thresholds_toml(found, order.dataset, command))
     if arguments.json:
-        print(format_json(calibration_json(found, order.dataset, command)))
+        content = calibration_json(found, order.dataset, command) | {"data_faults": fault_records(check)}
+        print(format_json(content))
     else:
         print(_format_calibration(found, order, arguments.out))
     return 0

@@ -54,6 +54,8 @@ class _Fleet:
     def prepare(self) -> None:
         given = vars(self.arguments)
         settings = {name: given[name] for name in _SETTINGS if name in given}
+        if given.get("accept"):
+            settings["accept"] = True
         plan = {"datasets": str(self.arguments.dataset.resolve()), "settings": settings}
         contents = (SUMMARIES, *(dataset.name for dataset in self.datasets))
         StudyFolder(self.arguments.out, PLAN, "a fleet", contents).claim(plan, self.arguments.force)

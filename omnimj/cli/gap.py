@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from omnimj.cli.arguments import (
     Command,
+    add_accept,
     add_floors,
     add_results,
     add_seed,
@@ -19,7 +20,14 @@ from omnimj.cli.arguments import (
     parse_names,
     whole_number,
 )
-from omnimj.cli.terminal import ProgressBar, format_json, format_study, format_table, print_study
+from omnimj.cli.terminal import (
+    ProgressBar,
+    format_data_faults,
+    format_json,
+    format_study,
+    format_table,
+    print_study,
+)
 from omnimj.errors import InputError, SimulationError
 
 if TYPE_CHECKING:
@@ -51,6 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=(),
         help="runs or conditions to hold out for judging, comma separated (default: drawn by the seed)",
     )
+    add_accept(parser)
     add_results(parser, "gap.json")
     add_seed(parser, "seed of the held-out runs and of the random curves, or of the benchmark")
     add_benchmark_arguments(parser)
@@ -64,6 +73,7 @@ def run(arguments: Any) -> int:
 
     Raises:
       InputError: The dataset, the model file or a name is wrong, or the folder cannot be written.
+      DataFaultError: The data have certain faults, and `--accept` is not given.
       SimulationError: The search failed; everything found so far is written.
     """
     # the matrices are too small to benefit from multithreaded linear algebra
@@ -98,6 +108,7 @@ def _search(arguments: Any) -> Finding:
             bar.show_share,
             arguments.seed,
             arguments.floors,
+            accept=arguments.accept,
         )
 
 
@@ -181,12 +192,13 @@ def write_outputs(
 
 
 def format_finding(finding: Finding, folder: Path, content: Mapping[str, Any]) -> str:
-    """Format verdict, location and reduction of the gap, missing effects and next step for the terminal."""
+    """Format data check, verdict, location and size of the gap, missing effects and next step."""
     from omnimj.estimate.gap import sentences
 
     new = [f"the new model is {folder / content['model']}"] if content["model"] else []
     new += [f"the refitted floors are {folder / content['floors']}"] if content["floors"] else []
     parts = [
+        format_data_faults(finding.data_faults),
         f"{sentences.headline(finding)}\n{sentences.summarize_finding(finding)}",
         _format_reason(finding),
         _format_where(finding),

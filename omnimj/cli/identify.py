@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from omnimj.cli.arguments import (
     INTERRUPTED,
     Command,
+    add_accept,
     add_floors,
     add_results,
     add_workers,
@@ -45,6 +46,7 @@ def add_identify_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("dataset", type=Path, help="folder of rig runs with dataset.toml, or of datasets")
     parser.add_argument("--model", metavar="FILE", type=Path, help="a copy of rig.toml with changed values")
     add_workers(parser)
+    add_accept(parser)
     add_results(parser, "identification.json")
 
 
@@ -56,6 +58,7 @@ def run_identify(arguments: Any) -> int:
 
     Raises:
       InputError: The data are invalid or contain no motion, or the folder cannot be written.
+      DataFaultError: The data have certain faults, and `--accept` is not given.
     """
     from omnimj.cli.fleet import is_fleet, run_fleet
 
@@ -89,19 +92,23 @@ def _fleet_row(name: str, summary: Mapping[str, Any]) -> tuple[str, ...]:
 
 def _identify_dataset(arguments: Any) -> tuple[Identification, dict[str, Any]] | None:
     """Identify every floor of a dataset and write all files; None if no floor was finished."""
+    from omnimj.estimate.gap.check.acceptance import fault_records, sound_dataset
     from omnimj.estimate.identification.files import identification_content
-    from omnimj.estimate.identification.identify import identify
+    from omnimj.estimate.identification.identify import identify, require_rig
     from omnimj.parameters import read_rig
     from omnimj.recording.folder import check_folder
     from omnimj.recording.read_dataset import read_dataset
 
     check_folder(arguments.out, arguments.force)
     rig, dataset = read_rig(arguments.model), read_dataset(arguments.dataset)
+    require_rig(dataset)
+    dataset, check = sound_dataset(dataset, rig, arguments.accept)
     with progress_bar(arguments) as bar:
         found = identify(dataset, rig, bar.show)
     if found.interrupted and not found.floors:
         return None
     content = identification_content(found, command_line(arguments))
+    content["data_faults"] = fault_records(check)
     _write_identification(arguments, found, content)
     return found, content
 
@@ -166,6 +173,7 @@ def add_validate_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_floors(parser)
     parser.add_argument("--plant", metavar="P", default="both", help="twin, planar or both (default)")
+    add_accept(parser)
     add_results(parser, "validation.json")
 
 
@@ -177,6 +185,7 @@ def run_validate(arguments: Any) -> int:
 
     Raises:
       InputError: The data or the model are invalid, or the folder cannot be written.
+      DataFaultError: The data have certain faults, and `--accept` is not given.
       SimulationError: A simulation failed.
     """
     from omnimj.recording.folder import check_folder
@@ -185,12 +194,16 @@ def run_validate(arguments: Any) -> int:
         raise UnknownNameError("--plant", "plant", arguments.plant, CHOICES)
     plants = ("twin", "planar") if arguments.plant == "both" else (arguments.plant,)
     check_folder(arguments.out, arguments.force)
+    from omnimj.estimate.gap.check.acceptance import fault_records, sound_dataset
+    from omnimj.estimate.identification.validation import require_rig
     from omnimj.parameters import read_rig
     from omnimj.parameters.floor import all_floors
     from omnimj.recording.read_dataset import read_dataset
 
     rig, floors = read_rig(arguments.model), all_floors(arguments.floors)
     dataset = read_dataset(arguments.dataset, floors)
+    require_rig(dataset)
+    dataset, check = sound_dataset(dataset, rig, arguments.accept)
     for plant in plants:
         announce_compilation(plant, "quarter_rig")
     from omnimj.estimate.identification.files import validation_content
@@ -203,6 +216,7 @@ def run_validate(arguments: Any) -> int:
     for plant in plants:
         note_compiled(plant, "quarter_rig")
     content = validation_content(found, command_line(arguments))
+    content["data_faults"] = fault_records(check)
     _write_validation(arguments, found, content)
     print(format_json(content) if arguments.json else _format_validation(found, arguments.out))
     return exit_code(found.interrupted)

@@ -7,7 +7,7 @@ import io
 import json
 import os
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, TextIO
@@ -115,6 +115,17 @@ def format_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
         "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
         for line in lines
     )
+
+
+def format_data_faults(faults: Sequence[Mapping[str, Any]]) -> str:
+    """Format the findings of the data check as a table, the most important first; empty without any."""
+    if not faults:
+        return ""
+    rows = [
+        ("sure" if one["sure"] else "likely", str(one["kind"]).replace("_", " "), str(one["words"]))
+        for one in faults
+    ]
+    return f"data check\n{format_table(('certainty', 'kind', 'what'), rows)}"
 
 
 def format_json(content: Any) -> str:

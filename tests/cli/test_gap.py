@@ -78,7 +78,11 @@ def test_a_search_leaves_model_digest_report_and_recording(capsys, tmp_path, sea
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == WRITTEN
     assert all(path.stat().st_size > 500 for path in (tmp_path / "out").iterdir())
     ((given, named),) = asked
-    assert given[:3] == (Path("data"), None, ("i090_m35", "slow")) and given[4:] == (5, None) and named == {}
+    assert (
+        given[:3] == (Path("data"), None, ("i090_m35", "slow"))
+        and given[4:] == (5, None)
+        and named == {"accept": False}
+    )
     content = json.loads((tmp_path / "out" / "gap.json").read_text(encoding="utf-8"))
     jsonschema.validate(content, SCHEMA)
     assert content["model"] == "model.toml" and content["command"].startswith("omnimj gap data --holdout")

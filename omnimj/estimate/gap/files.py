@@ -64,6 +64,7 @@ def digest(
         },
         "noise": dict(finding.noise),
         "data_notes": list(finding.data_notes),
+        "data_faults": [dict(fault) for fault in finding.data_faults],
         "refitted": list(map(vars, finding.refitted)),
         "stages": [_stage(stage) for stage in finding.stages],
         "given_up": [

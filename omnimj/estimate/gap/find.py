@@ -7,14 +7,14 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from omnimj.effects import Interval
 from omnimj.errors import InputError, UnknownNameError
-from omnimj.estimate.gap.check.dataset import check_dataset, correct_dataset
+from omnimj.estimate.gap.check.acceptance import fault_records, sound_dataset
 from omnimj.estimate.gap.locate.regimes import locate
 from omnimj.estimate.gap.plants import find_plant, read_machine
 from omnimj.estimate.gap.records import ChannelGap, Finding, NamedEffect, Overlay, Refitted
@@ -66,6 +66,8 @@ class DatasetSummary:
     notes: tuple[str, ...] = ()
     conditions: Mapping[str, Mapping[str, float | str]] | None = None
     """Run → its conditions."""
+    faults: tuple[Mapping[str, Any], ...] = ()
+    """Findings of the data check as records, the most important first."""
 
 
 def analyse_replay(
@@ -118,6 +120,7 @@ def analyse_replay(
         flexible=verdict.flexible,
         overlays=_overlays(found, mismatch_before, mismatch_after, about),
         data_notes=about.notes,
+        data_faults=about.faults,
         samples=int(np.isfinite(replay.measured).sum()),
         effective_samples=effective_samples(replay, (after or found.base).residual),
         simulations=counted.count,
@@ -264,6 +267,7 @@ def find_gap(
     report: Callable[[str, float], None] | None = None,
     seed: int = 0,
     floors_file: Path | None = None,
+    accept: bool = False,
 ) -> Finding:
     """Find where a model and measured runs disagree, and what the model lacks.
 
@@ -275,8 +279,10 @@ def find_gap(
         search with the result so far.
       seed: Seed of the held-out draw and of the random curves.
       floors_file: Floors in addition to the shipped ones; equal names replace them.
+      accept: Whether to search in data with certain faults: gross units and time bases are then corrected.
 
     Raises:
+      DataFaultError: The data have certain faults in time, unit, sign or delay, and are not accepted.
       InputError: The dataset or the model file is wrong.
       UnknownNameError: Unknown floor, plant or run.
     """
@@ -286,10 +292,12 @@ def find_gap(
     plant = find_plant(read.plant)
     plant.require(read, machine)
     conditions = held_out_conditions(holdout, read.runs)
-    check = check_dataset(read, machine)
-    usable = correct_dataset(read, check)
+    usable, check = sound_dataset(read, machine, accept)
     replay = plant.make_replay(usable, machine, floors)
     about = DatasetSummary(
-        str(dataset), (*read.notes, *check.notes), {run.name: run.conditions for run in usable.runs}
+        str(dataset),
+        usable.notes,
+        {run.name: run.conditions for run in usable.runs},
+        tuple(fault_records(check)),
     )
     return analyse_replay(replay, about, conditions, seed, report)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,13 +12,21 @@ from omnimj.estimate.gap.check import axis as axis_check
 from omnimj.estimate.gap.check import rig as rig_check
 from omnimj.estimate.gap.check import robot as robot_check
 from omnimj.estimate.gap.check.columns import column_suspicions
+from omnimj.estimate.gap.check.magnitudes import (
+    axis_limits,
+    beyond_reach,
+    magnitude_suspicions,
+    rig_limits,
+    robot_limits,
+)
 from omnimj.estimate.gap.check.suspicions import Suspicion
+from omnimj.estimate.gap.check.time_base import TimeLink
 from omnimj.estimate.replay.interface import Replay
 from omnimj.estimate.replay.robot.runs import require_layout
 from omnimj.parameters import Axis, Floor, Rig, Robot, read_axis, read_rig, read_robot
 from omnimj.parameters.model_file import model_path
 from omnimj.parameters.reading import read_toml
-from omnimj.recording.dataset import Dataset
+from omnimj.recording.dataset import Dataset, Run
 
 Machine = Rig | Robot | Axis
 
@@ -32,6 +40,8 @@ class GapPlant(NamedTuple):
     """Model file → machine; the shipped one for None."""
     suspicions: Callable[[Dataset, Any], Iterator[Suspicion]]
     """Dataset, machine → contradictions in the recorded channels."""
+    time_links: Callable[[Sequence[Run], Any], list[TimeLink]]
+    """Runs, machine → clear links between rates and their integrals."""
     make_replay: Callable[[Dataset, Any, Mapping[str, Floor]], Replay]
     """Dataset, machine, floors → replay."""
     require: Callable[[Dataset, Any], None] = lambda dataset, machine: None
@@ -69,19 +79,25 @@ def read_machine(plant: str, path: Path | None) -> Machine:
 def _rig_suspicions(dataset: Dataset, rig: Rig) -> Iterator[Suspicion]:
     names = (*rig_check.NOISY, *rig_check.COUNTERS)
     yield from column_suspicions(dataset, names, rig_check.SPEEDS, rig_check.COUNTERS)
-    yield from rig_check.rig_suspicions(dataset.runs, rig)
+    large = list(magnitude_suspicions(dataset.runs, rig_limits(rig), rig_check.SPEEDS))
+    yield from large
+    yield from rig_check.rig_suspicions(dataset.runs, rig, beyond_reach(large))
 
 
 def _robot_suspicions(dataset: Dataset, robot: Robot) -> Iterator[Suspicion]:
     wheels = len(robot.wheels)
     speeds = tuple(f"wheel_speed_{i}" for i in range(1, wheels + 1))
     yield from column_suspicions(dataset, robot_check.noisy(wheels), speeds, ())
-    yield from robot_check.robot_suspicions(dataset.runs, robot)
+    large = list(magnitude_suspicions(dataset.runs, robot_limits(robot), speeds))
+    yield from large
+    yield from robot_check.robot_suspicions(dataset.runs, robot, beyond_reach(large))
 
 
 def _axis_suspicions(dataset: Dataset, axis: Axis) -> Iterator[Suspicion]:
     yield from column_suspicions(dataset, axis_check.NOISY, ("velocity", "position"), ("position",))
-    yield from axis_check.axis_suspicions(dataset.runs, axis)
+    large = list(magnitude_suspicions(dataset.runs, axis_limits(axis), ("velocity", "position")))
+    yield from large
+    yield from axis_check.axis_suspicions(dataset.runs, axis, beyond_reach(large))
 
 
 # replays are imported on use: they load MuJoCo
@@ -106,9 +122,18 @@ def _axis_replay(dataset: Dataset, axis: Axis, floors: Mapping[str, Floor]) -> R
 
 
 PLANTS: Mapping[str, GapPlant] = {
-    "quarter_rig": GapPlant("quarter_rig/rig.toml", read_rig, _rig_suspicions, _rig_replay),
-    "uto_robot": GapPlant(
-        "uto_robot/robot.toml", read_robot, _robot_suspicions, _robot_replay, require_layout
+    "quarter_rig": GapPlant(
+        "quarter_rig/rig.toml", read_rig, _rig_suspicions, rig_check.rig_time_links, _rig_replay
     ),
-    "linear_axis": GapPlant("linear_axis/axis.toml", read_axis, _axis_suspicions, _axis_replay),
+    "uto_robot": GapPlant(
+        "uto_robot/robot.toml",
+        read_robot,
+        _robot_suspicions,
+        robot_check.robot_time_links,
+        _robot_replay,
+        require_layout,
+    ),
+    "linear_axis": GapPlant(
+        "linear_axis/axis.toml", read_axis, _axis_suspicions, axis_check.axis_time_links, _axis_replay
+    ),
 }

@@ -159,7 +159,9 @@ class Finding:
     """Regime variable → share of the remaining held-out mismatch that a free curve of it explains."""
     overlays: tuple[Overlay, ...] = ()
     data_notes: tuple[str, ...] = ()
-    """Notes of the data check: masks, signs, units, delays, biases."""
+    """Notes of the data check: units, signs, delays, biases, corrections, masks."""
+    data_faults: tuple[Mapping[str, Any], ...] = ()
+    """Findings of the data check, the most important first: `channel`, `kind`, `size`, `sure`, `words`, …"""
     samples: int = 0
     effective_samples: float = 0.0
     """N and N_eff of the whitened mismatch."""

@@ -56,16 +56,25 @@ _MOST_SLIP = 0.1  # [m/s] its end when no run slides
 Progress = Callable[[int, int], None]
 
 
+def require_rig(dataset: Dataset) -> None:
+    """Check that a dataset is one of the rig.
+
+    Raises:
+      InputError: It is not.
+    """
+    if dataset.plant != "quarter_rig":
+        place = f"{dataset.path}: plant"
+        rule = "the floor's friction is identified on the test rig, plant 'quarter_rig'"
+        raise InputError(place, f"found {dataset.plant!r}", rule)
+
+
 def rig_runs(dataset: Dataset, rig: Rig) -> list[RigRun]:
     """Runs of a dataset on the rig's control period.
 
     Raises:
       InputError: The dataset is not one of the rig.
     """
-    if dataset.plant != "quarter_rig":
-        place = f"{dataset.path}: plant"
-        rule = "the floor's friction is identified on the test rig, plant 'quarter_rig'"
-        raise InputError(place, f"found {dataset.plant!r}", rule)
+    require_rig(dataset)
     return [rig_run(run, 1.0 / rig.sensors.sample_rate) for run in dataset.runs]
 
 

@@ -181,6 +181,17 @@ def _true_current(rig: Rig, run: RigRun) -> Array:
     return (on_time - change.offset) / change.scale
 
 
+def require_rig(dataset: Dataset) -> None:
+    """Check that a dataset is one of the rig.
+
+    Raises:
+      InputError: It is not.
+    """
+    if dataset.plant != "quarter_rig":
+        rule = "this version validates rig runs, plant 'quarter_rig'"
+        raise InputError(f"{dataset.path}: plant", f"found {dataset.plant!r}", rule)
+
+
 def validate(
     dataset: Dataset,
     rig: Rig,
@@ -204,9 +215,7 @@ def validate(
       UnknownNameError: No such plant.
       SimulationError: The simulation left finite numbers.
     """
-    if dataset.plant != "quarter_rig":
-        rule = "this version validates rig runs, plant 'quarter_rig'"
-        raise InputError(f"{dataset.path}: plant", f"found {dataset.plant!r}", rule)
+    require_rig(dataset)
     for plant in plants:
         if plant not in PLANTS:
             raise UnknownNameError("--plant", "plant", plant, PLANTS)

@@ -145,8 +145,43 @@ def spoilt(dataset, change):
     return replace(dataset, runs=runs)
 
 
-def scaled(name, factor):
-    return lambda c: c | {name: c[name] * factor}
+def both(*changes):
+    def change(c):
+        for one in changes:
+            c = one(c)
+        return c
+
+    return change
+
+
+def scaled(names, factor):
+    names = (names,) if isinstance(names, str) else names
+    return lambda c: c | {name: c[name] * factor for name in names}
+
+
+def without(name):
+    return lambda c: {n: v for n, v in c.items() if n != name}
+
+
+def at_rate_over(number):
+    """Every n-th sample, as a slower logger records it."""
+    return lambda c: {name: values[::number] for name, values in c.items()}
+
+
+def with_time_of_all_samples(number):
+    """Every n-th sample, with the times of the first ones: a logger that counts rows."""
+    return lambda c: {n: v[: len(v[::number])] if n == "time" else v[::number] for n, v in c.items()}
+
+
+def with_stale_rows(samples):
+    def change(c):
+        k = int(0.4 * len(c["time"]))
+        for name, values in c.items():
+            if name != "time":
+                values[k : k + samples] = values[k]
+        return c
+
+    return change
 
 
 def shifted(name, offset):

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from healthy_recordings import (
     axis_runs,
+    both,
     counted,
     cut_off,
     frozen,
@@ -15,6 +16,7 @@ from healthy_recordings import (
     swapped,
     with_bursts,
     with_repeated_rows,
+    with_stale_rows,
 )
 from mentions import mentions
 
@@ -22,7 +24,7 @@ from omnimj.errors import UnknownNameError
 from omnimj.estimate.gap.check.columns import unwrap_counter
 from omnimj.estimate.gap.check.compare import Stretch, compare
 from omnimj.estimate.gap.check.dataset import check_dataset, correct_dataset
-from omnimj.estimate.gap.check.suspicions import Link, wrong_signs
+from omnimj.estimate.gap.check.suspicions import Link, wrong_scales, wrong_signs
 
 HEALTHY = {
     "rig, steps": rig_steps,
@@ -41,17 +43,19 @@ def test_a_healthy_recording_raises_no_suspicion(name, seed):
 
 
 G = 9.81
+CURRENTS = tuple(f"current_{k}" for k in range(1, 5))
+WHEELS = tuple(f"wheel_speed_{k}" for k in range(1, 5))
 SURE_ONES = [
     (rig_steps, scaled("current", -1.0), "current", "sign", -1.0),
     (rig_steps, scaled("wheel_speed", -1.0), "wheel_speed", "sign", -1.0),
     (rig_steps, scaled("carriage_speed", -1.0), "carriage_speed", "sign", -1.0),
     (rig_reversals, scaled("carriage_acceleration", -1.0), "carriage_acceleration", "sign", -1.0),
     (rig_steps, scaled("carriage_position", -1.0), "carriage_position", "sign", -1.0),
-    (rig_steps, scaled("carriage_acceleration", 1.0 / G), "carriage_acceleration", "scale", 1.0 / G),
-    (rig_steps, scaled("carriage_speed", 1000.0), "carriage_speed", "scale", 1000.0),
-    (rig_steps, scaled("carriage_position", 1000.0), "carriage_position", "scale", 1000.0),
-    (rig_steps, scaled("wheel_speed", 30.0 / np.pi), "wheel_speed", "scale", 30.0 / np.pi),
-    (rig_steps, scaled("wheel_speed", 20.25), "wheel_speed", "scale", 20.25),
+    (rig_steps, scaled("carriage_acceleration", 1.0 / G), "carriage_acceleration", "unit", 1.0 / G),
+    (rig_steps, scaled("carriage_speed", 1000.0), "carriage_speed", "unit", 1000.0),
+    (rig_steps, scaled("carriage_position", 1000.0), "carriage_position", "unit", 1000.0),
+    (rig_steps, scaled("wheel_speed", 30.0 / np.pi), "wheel_speed", "unit", 30.0 / np.pi),
+    (rig_steps, scaled("wheel_speed", 20.25), "wheel_speed", "unit", 20.25),
     (rig_steps, late("carriage_speed", 0.020), "carriage_speed", "delay", 0.020),
     (rig_reversals, late("carriage_acceleration", 0.020), "carriage_acceleration", "delay", 0.020),
     (rig_steps, late("wheel_speed", 0.015), "wheel_speed", "delay", 0.015),
@@ -67,9 +71,9 @@ SURE_ONES = [
     (robot_missions, scaled("wheel_speed_2", -1.0), "wheel_speed_2", "sign", -1.0),
     (robot_missions, scaled("acceleration_x", -1.0), "acceleration_x", "sign", -1.0),
     (robot_missions, scaled("yaw_rate", -1.0), "yaw_rate", "sign", -1.0),
-    (robot_missions, scaled("yaw_rate", 180.0 / np.pi), "yaw_rate", "scale", 180.0 / np.pi),
-    (robot_missions, scaled("yaw", 180.0 / np.pi), "yaw", "scale", 180.0 / np.pi),
-    (robot_missions, scaled("acceleration_x", 1.0 / G), "acceleration_x", "scale", 1.0 / G),
+    (robot_missions, scaled("yaw_rate", 180.0 / np.pi), "yaw_rate", "unit", 180.0 / np.pi),
+    (robot_missions, scaled("yaw", 180.0 / np.pi), "yaw", "unit", 180.0 / np.pi),
+    (robot_missions, scaled("acceleration_x", 1.0 / G), "acceleration_x", "unit", 1.0 / G),
     (robot_missions, swapped("wheel_speed_1", "wheel_speed_2"), "wheel_speed_1", "swapped", 2),
     (robot_missions, swapped("wheel_speed_2", "wheel_speed_4"), "wheel_speed_2", "swapped", 4),
     (robot_missions, swapped("current_3", "current_4"), "current_3", "swapped", 4),
@@ -80,13 +84,38 @@ SURE_ONES = [
     (axis_runs, scaled("force", -1.0), "force", "sign", -1.0),
     (axis_runs, scaled("position", -1.0), "position", "sign", -1.0),
     (axis_runs, scaled("velocity", -1.0), "velocity", "sign", -1.0),
-    (axis_runs, scaled("position", 1000.0), "position", "scale", 1000.0),
-    (axis_runs, scaled("velocity", 1000.0), "velocity", "scale", 1000.0),
+    (axis_runs, scaled("position", 1000.0), "position", "unit", 1000.0),
+    (axis_runs, scaled("velocity", 1000.0), "velocity", "unit", 1000.0),
     (axis_runs, late("position", 0.010), "position", "delay", 0.010),
     (axis_runs, late("velocity", 0.010), "velocity", "delay", 0.010),
     (axis_runs, late("force", 0.020), "force", "delay", 0.020),
     (axis_runs, cut_off("force", 150.0), "force", "clipping", 150.0),
     (axis_runs, counted("position", 0.04), "position", "wrap", 0.04),
+    (axis_runs, both(scaled("position", 1e3), scaled("velocity", 1e3)), "velocity", "unit", 1e3),
+    (axis_runs, scaled("force", 1e-3), "force", "unit", 1e-3),
+    (axis_runs, late("force", 0.05), "force", "delay", 0.05),
+    (axis_runs, scaled("force", 5.0), "force", "magnitude", 5.0),
+    (rig_steps, scaled("current", 1e3), "current", "unit", 1e3),
+    (rig_steps, scaled("current", 4.0), "current", "magnitude", 4.0),
+    (rig_steps, scaled("wheel_speed", 180.0 / np.pi), "wheel_speed", "unit", 180.0 / np.pi),
+    (
+        rig_steps,
+        both(scaled("carriage_speed", 1e3), scaled("carriage_acceleration", 1e3)),
+        "carriage_speed",
+        "unit",
+        1e3,
+    ),
+    (rig_steps, late("carriage_speed", 0.05), "carriage_speed", "delay", 0.05),
+    (rig_steps, late("current", 0.05), "current", "delay", 0.05),
+    (rig_steps, with_stale_rows(60), "time", "stale", 8 * 59),
+    (robot_missions, scaled(CURRENTS, 1e3), "current_2", "unit", 1e3),
+    (robot_missions, scaled(CURRENTS, -1.0), "current_2", "sign", -1.0),
+    (robot_missions, scaled(WHEELS, 30.0 / np.pi), "wheel_speed", "unit", 30.0 / np.pi),
+    (robot_missions, scaled(WHEELS, -1.0), "wheel_speed", "sign", -1.0),
+    (robot_missions, scaled(("yaw_rate", "yaw"), 180.0 / np.pi), "yaw", "unit", 180.0 / np.pi),
+    (robot_missions, scaled(("acceleration_x", "acceleration_y"), -1.0), "acceleration", "sign", -1.0),
+    (robot_missions, late("wheel_speed_1", 0.05), "wheel_speed_1", "delay", 0.05),
+    (robot_missions, with_stale_rows(60), "time", "stale", 4 * 59),
 ]
 
 
@@ -191,6 +220,14 @@ def test_the_channel_that_spoils_all_its_links_is_the_culprit(culprit):
     links = [Link(x, y, -1.0 if culprit in (x, y) else 1.0, 0.1) for x, y in pairs]
     (found,) = wrong_signs(links)
     assert (found.channel, found.or_channels) == (culprit, ())
+
+
+def test_channels_beyond_reach_are_blamed_rather_than_the_one_that_they_contradict():
+    links = [Link("a", "b", 1.0, 0.05), Link("b", "c", 1e-3, 0.7), Link("a", "c", 1e-3, 0.7)]
+    (alone,) = wrong_scales(links)
+    assert alone.channel == "c"
+    found = {s.channel: s.size for s in wrong_scales(links, beyond=("a", "b"))}
+    assert found == pytest.approx({"a": 1e3, "b": 1e3})
 
 
 def test_a_counter_is_joined_to_what_it_counted():

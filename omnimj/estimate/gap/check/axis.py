@@ -9,8 +9,9 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from omnimj.estimate.gap.check.columns import fill_masked, unwrap_counter
-from omnimj.estimate.gap.check.compare import Stretch, compare, integral, split_stretch
+from omnimj.estimate.gap.check.compare import Comparison, Stretch, compare, integral, split_stretch
 from omnimj.estimate.gap.check.suspicions import Link, Suspicion, unit_of, wrong_scales, wrong_signs
+from omnimj.estimate.gap.check.time_base import TimeLink
 from omnimj.parameters import Axis
 from omnimj.recording.dataset import Run
 from omnimj.signals import Array
@@ -25,26 +26,19 @@ _FORCE_DELAY = 0.008  # [s] largest healthy delay between motion and force
 _SMOOTH = 0.03  # [s] filter length for differentiating a position
 _MASS = np.log(3.0)  # permitted |log| of implied over declared mass
 _DRIVES = 0.2
-_FAR = 0.05  # [s] largest delay in the search
+_FAR = 0.1  # [s] largest delay in the search
 _BEYOND = 3.0  # range of a position in guide lengths, above which the position is wrong
 
 
-def axis_suspicions(runs: Sequence[Run], axis: Axis) -> Iterator[Suspicion]:
-    """Yield contradictions between the channels of an axis."""
-    force = "force" if all("force" in run.columns for run in runs) else "current"
-    constant = 1.0 if force == "force" else axis.axis.force_constant
-    stretches = []
-    for run in runs:
-        if "velocity" in run.columns:
-            moved, place = (
-                integral(run.time, fill_masked(run, "velocity")),
-                unwrap_counter(fill_masked(run, "position")),
-            )
-            size = max(60, int(_WINDOW / max(float(np.median(np.diff(run.time))), 1e-6)))
-            stretches += [
-                Stretch(run.time[w], moved[w], place[w]) for w in split_stretch(len(run.time), size)
-            ]
-    pair = compare(stretches) if stretches else None
+def axis_suspicions(runs: Sequence[Run], axis: Axis, beyond: Sequence[str] = ()) -> Iterator[Suspicion]:
+    """Yield contradictions between the channels of an axis.
+
+    Args:
+      runs: All runs.
+      axis: Declared mass, force constant and travel.
+      beyond: Channels with values that the machine cannot reach.
+    """
+    pair = _compared(runs)
     links = []
     if pair is not None and abs(pair.correlation) > _CLEAR:
         links.append(Link("velocity", "position", pair.scale, _TIGHT, abs(pair.correlation)))
@@ -54,11 +48,48 @@ def axis_suspicions(runs: Sequence[Run], axis: Axis) -> Iterator[Suspicion]:
             name, other = ("position", "velocity") if late > 0.0 else ("velocity", "position")
             words = f"{name} is {1e3 * abs(late):.1f} ms late against {other}"
             yield Suspicion(name, "delay", abs(late), abs(late) / _DELAY, words)
-    motion = _Motion.of([run for run in runs if force in run.columns], force, constant, axis.axis.mass)
+    force, motion = _motion(runs, axis)
     links += motion.links(force)
     yield from wrong_signs(links)
-    yield from (_settled(s, runs, axis, force) for s in wrong_scales(links))
+    yield from (_settled(s, runs, axis, force) for s in wrong_scales(links, beyond=beyond))
     yield from motion.late(force)
+
+
+def axis_time_links(runs: Sequence[Run], axis: Axis) -> list[TimeLink]:
+    """Links of velocity and force with the change of the position; F = m a gives τ² = declared m/fitted m."""
+    found = []
+    pair = _compared(runs)
+    if pair is not None and abs(pair.correlation) > _CLEAR and pair.scale != 0.0:
+        found.append(TimeLink(("velocity", "position"), abs(pair.scale)))
+    force, motion = _motion(runs, axis)
+    found += [
+        TimeLink((force, "position"), float(np.sqrt(abs(link.scale))), 2)
+        for link in motion.links(force)
+        if link.scale
+    ]
+    return found
+
+
+def _compared(runs: Sequence[Run]) -> Comparison | None:
+    """Comparison of the position with the integrated velocity."""
+    stretches = []
+    for run in runs:
+        if "velocity" in run.columns:
+            moved = integral(run.time, fill_masked(run, "velocity"))
+            place = unwrap_counter(fill_masked(run, "position"))
+            size = max(60, int(_WINDOW / max(float(np.median(np.diff(run.time))), 1e-6)))
+            stretches += [
+                Stretch(run.time[w], moved[w], place[w]) for w in split_stretch(len(run.time), size)
+            ]
+    return compare(stretches) if stretches else None
+
+
+def _motion(runs: Sequence[Run], axis: Axis) -> tuple[str, _Motion]:
+    """Channel of the drive, and its force compared with the motion."""
+    force = "force" if all("force" in run.columns for run in runs) else "current"
+    constant = 1.0 if force == "force" else axis.axis.force_constant
+    logged = [run for run in runs if force in run.columns]
+    return force, _Motion.of(logged, force, constant, axis.axis.mass)
 
 
 def _settled(found: Suspicion, runs: Sequence[Run], axis: Axis, force: str) -> Suspicion:

@@ -23,6 +23,8 @@ _LEAP = 4.0  # smallest step out of a frozen stretch, in usual steps
 _JUMP = 20.0  # smallest jump of a counter, in largest usual steps
 _FALL = 0.85  # smallest jump of a counter as a share of its range
 _REPEATED = 0.005  # permitted share of repeated rows
+_STALE = 3.0  # times the longest stretch of equal rows that noise leaves by chance
+_FEWEST_STALE = 10  # rows
 _REST = 0.05  # [s] that a rest lasts at least
 _STILL = 0.02  # largest speed at rest as a share of the top speed
 _RUN_BIAS = 0.02  # [m/s²] of a healthy accelerometer, drawn anew in every run
@@ -73,6 +75,8 @@ def column_suspicions(
       speeds: Channels that show whether the machine moves.
       counters: Positions and angles, which may jump.
     """
+    stale = list(_stale(dataset.runs))
+    yield from stale
     for name in names:
         runs = [run for run in dataset.runs if name in run.columns]
         if not runs:
@@ -82,10 +86,15 @@ def column_suspicions(
             yield from wraps
             continue
         yield from _constant(runs, name, speeds)
-        yield from _frozen(runs, name, speeds)
+        yield from (s for s in _frozen(runs, name, speeds) if not _is_within(s, stale))
         yield from _clipped(runs, name)
         yield from _glitches(runs, name)
-    yield from _repeated(dataset.runs, speeds)
+    yield from (s for s in _repeated(dataset.runs, speeds) if not _is_within(s, stale))
+
+
+def _is_within(found: Suspicion, stale: Sequence[Suspicion]) -> bool:
+    """Whether stale rows explain a frozen channel or repeated rows as well."""
+    return any(found.size <= s.size and set(found.runs) <= set(s.runs) for s in stale)
 
 
 def constant_stretches(values: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -268,14 +277,52 @@ def _wraps(runs: Sequence[Run], name: str) -> Iterator[Suspicion]:
         yield Suspicion(name, "wrap", size, 4.0, words, (), tuple(touched))
 
 
+def _equal_rows(run: Run) -> NDArray[np.bool_]:
+    """Mask of rows that equal the row before them but for time, shape (n,)."""
+    same = np.ones(len(run.time), bool)
+    same[:1] = False
+    for name, values in run.columns.items():
+        if name != "time":
+            same[1:] &= np.diff(values) == 0.0
+    return same
+
+
+def _stale(runs: Sequence[Run]) -> Iterator[Suspicion]:
+    """Find stretches in which no channel changes, though noise changes at least one of them as a rule.
+
+    Where a share p of the rows repeats the row before, n rows hold no longer stretch than ln n / ln(1/p).
+    """
+    count, worst, words, touched = 0, 0.0, "", []
+    for run in runs:
+        same = _equal_rows(run)
+        if len(run.columns) < 2 or not same.any():
+            continue
+        stretches = true_stretches(same)
+        longest = max(last - first for first, last in stretches)
+        share = (np.count_nonzero(same) - longest) / max(len(same) - longest, 1)
+        usual = np.log(len(same)) / np.log(1.0 / min(max(share, 1.0 / len(same)), 1.0 - 1e-9))
+        allowed = max(_STALE * usual, _FEWEST_STALE)
+        found = [(first, last) for first, last in stretches if last - first > allowed]
+        if not found:
+            continue
+        touched.append(run.name)
+        count += sum(last - first for first, last in found)
+        first, last = max(found, key=lambda part: part[1] - part[0])
+        if (last - first) / allowed > worst:
+            worst = (last - first) / allowed
+            at = f"{run.time[first - 1]:.3f} to {run.time[last - 1]:.3f} s of {run.name}"
+            words = f"all channels repeat their values from {at}, {last - first} rows"
+    if touched:
+        words += f", likewise in {len(touched) - 1} more runs" if len(touched) > 1 else ""
+        yield Suspicion("time", "stale", float(count), worst, words, (), tuple(touched))
+
+
 def _repeated(runs: Sequence[Run], speeds: Sequence[str]) -> Iterator[Suspicion]:
     count, strength, touched = 0, 0.0, []
     for run in runs:
-        names = [n for n in run.columns if n != "time"]
-        if not names:
+        if len(run.columns) < 2:
             continue
-        table = np.stack([np.asarray(run.columns[n], float) for n in names], axis=1)
-        same = np.concatenate([[False], np.all(table[1:] == table[:-1], axis=1)])
+        same = _equal_rows(run)
         own = int(np.count_nonzero(same & moving_mask(run, speeds)))
         allowed = max(3.0, _REPEATED * len(same))
         if own >= allowed:

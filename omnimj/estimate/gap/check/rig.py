@@ -21,13 +21,18 @@ from omnimj.estimate.gap.check.compare import (
     split_stretch,
 )
 from omnimj.estimate.gap.check.suspicions import Link, Suspicion, wrong_scales, wrong_signs
+from omnimj.estimate.gap.check.time_base import TimeLink
 from omnimj.parameters import Rig
 from omnimj.recording.dataset import Run
+from omnimj.signals import Array
 
 _WINDOW = 4.0  # [s] longest stretch of one comparison
 _CLEAR = 0.6  # correlation from which on a link counts
 _TIGHT = np.log(1.06)  # permitted |log| of a scale between two encoders, or encoder and accelerometer
 _SLIPPING = np.log(2.0)  # permitted |log| of the scale between wheel and rail, because of slip
+_FORCE = np.log(3.0)  # permitted |log| of declared over fitted mass: friction and slip take their part
+_AVERAGE = 0.05  # [s] over which current and acceleration are compared
+_DRIVEN = 0.02  # smallest share of the squared current that accelerates the carriage
 _DELAY = 0.005  # [s] delay beyond the healthy band from which on it is reported
 _LAG = 0.004  # [s] by which an encoder's speed may lag behind an accelerometer
 _BIAS = 0.03  # [m/s²] permitted bias of an accelerometer over many runs
@@ -46,14 +51,22 @@ _PAIRS = (
 _INTEGRATED = frozenset(_PAIRS[1:])
 
 
-def rig_suspicions(runs: Sequence[Run], rig: Rig) -> Iterator[Suspicion]:
-    """Yield contradictions between the channels of a rig."""
+def rig_suspicions(runs: Sequence[Run], rig: Rig, beyond: Sequence[str] = ()) -> Iterator[Suspicion]:
+    """Yield contradictions between the channels of a rig.
+
+    Args:
+      runs: All runs.
+      rig: Wheel, gear, motor and masses.
+      beyond: Channels with values that the machine cannot reach.
+    """
     found = {pair: _compared(runs, *pair, rig) for pair in _PAIRS}
     links = [link for pair in _PAIRS for link in _link(found[pair], *pair)]
-    links += _power_link(runs)
+    links += _force_link(runs, rig) or _power_link(runs)
     signs = wrong_signs(links)
     gear = rig.motor.gear_ratio
-    scales = wrong_scales(links, ((gear, "before the gear"), (gear * 60.0 / (2.0 * np.pi), "motor's rpm")))
+    scales = wrong_scales(
+        links, ((gear, "before the gear"), (gear * 60.0 / (2.0 * np.pi), "motor's rpm")), beyond
+    )
     yield from signs
     yield from scales
     spoilt = {s.channel: s.size for s in scales}
@@ -61,6 +74,16 @@ def rig_suspicions(runs: Sequence[Run], rig: Rig) -> Iterator[Suspicion]:
     if not (signs or {"carriage_speed", "carriage_acceleration"} & set(spoilt)):
         yield from _acceleration_bias(found["carriage_acceleration", "carriage_speed"])
     yield from current_bias(runs, "current", "current_target", SPEEDS)
+
+
+def rig_time_links(runs: Sequence[Run], rig: Rig) -> list[TimeLink]:
+    """Links of rates and integrals that are measured both."""
+    found = []
+    for x, y in _PAIRS[1:4]:
+        pair = _compared(runs, x, y, rig)
+        if pair is not None and abs(pair.correlation) > _CLEAR:
+            found.append(TimeLink((x, y), abs(pair.scale)))
+    return found
 
 
 def _compared(runs: Sequence[Run], x: str, y: str, rig: Rig) -> Comparison | None:
@@ -88,6 +111,39 @@ def _link(found: Comparison | None, x: str, y: str) -> list[Link]:
         return []
     slips = ("wheel_speed" in (x, y)) and y != "wheel_angle"
     return [Link(x, y, found.scale, _SLIPPING if slips else _TIGHT, abs(found.correlation))]
+
+
+def _force_link(runs: Sequence[Run], rig: Rig) -> list[Link]:
+    """Link of current and acceleration, i = (m r/(K n η)) a + b φ̇ + c sgn φ̇ + i₀."""
+    motor = rig.motor
+    per_ampere = motor.torque_constant * motor.gear_ratio * motor.gear_efficiency / rig.wheel.radius
+    gram, slope, total = np.zeros((4, 4)), np.zeros(4), 0.0
+    for run in runs:
+        if not {"current", "wheel_speed", "carriage_acceleration"} <= set(run.columns):
+            continue
+        width = max(1, round(_AVERAGE / max(float(np.median(np.diff(run.time))), 1e-6)))
+        current, speed, acceleration = (
+            _block_means(fill_masked(run, name), width)
+            for name in ("current", "wheel_speed", "carriage_acceleration")
+        )
+        mass = float(run.conditions.get("mass", rig.rig.masses[0]))
+        way = np.tanh(20.0 * speed / max(float(np.abs(speed).max(initial=0.0)), 1e-12))
+        base = np.stack([mass / per_ampere * acceleration, speed, way, np.ones_like(speed)], axis=1)
+        gram += base.T @ base
+        slope += base.T @ current
+        total += float(current @ current)
+    size = np.sqrt(np.maximum(np.diagonal(gram), 1e-300))
+    fitted = np.linalg.lstsq(gram / np.outer(size, size), slope / size, rcond=1e-10)[0] / size
+    explained = float(fitted @ slope) / max(total, 1e-300)
+    weight = float(fitted[0] ** 2 * gram[0, 0]) / max(total, 1e-300)
+    if explained < _CLEAR or weight < _DRIVEN or fitted[0] == 0.0:
+        return []
+    certainty = float(np.sqrt(min(explained, 1.0)))
+    return [Link("carriage_acceleration", "current", float(fitted[0]), _FORCE, certainty)]
+
+
+def _block_means(values: Array, width: int) -> Array:
+    return values[: len(values) // width * width].reshape(-1, width).mean(axis=1)
 
 
 def _power_link(runs: Sequence[Run]) -> list[Link]:

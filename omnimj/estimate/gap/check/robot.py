@@ -16,6 +16,7 @@ from scipy.optimize import linear_sum_assignment
 from omnimj.estimate.gap.check.columns import acceleration_bias, current_bias, fill_masked
 from omnimj.estimate.gap.check.compare import Comparison, Stretch, compare, integral, split_stretch
 from omnimj.estimate.gap.check.suspicions import Link, Suspicion, wrong_scales, wrong_signs
+from omnimj.estimate.gap.check.time_base import TimeLink
 from omnimj.parameters import Robot
 from omnimj.physics.kinematics import rolling_matrix
 from omnimj.recording.dataset import Run
@@ -25,14 +26,17 @@ _BLOCK = 0.01  # [s] that one row covers
 _ADDED = 0.1  # share of a wheel's motion that the accelerometer must explain beyond the gyro
 _WINDOW = 4.0  # [s]
 _CLEAR = 0.6
+_TRUSTED = 0.8  # correlation of a wheel with integrated acceleration from which on its scale counts
 _TIGHT = np.log(1.05)
 _SLIPPING = np.log(1.5)
 _BODY = np.log(1.25)  # permitted |log| of the scale between a wheel and integrated acceleration
+_TURNING = 0.2  # smallest share of a commanded change of the yaw rate in the wheel speeds
 _DELAY = 0.012  # [s] permitted delay between heading and gyro
 _GYRO_BIAS = 0.006  # [rad/s]
 _FITS = 0.45  # largest share of the misfit that a better explanation leaves
 _RIVAL = 1.5  # misfit relative to the best, up to which an explanation is as good
 _MISFIT = 0.1  # largest unexplained share of the wheels' motion of a healthy robot
+_STANDS = 0.3  # share of the usual wheel speed below which a wheel does not drive
 _DRIVES = 0.25  # smallest share of |current| |speed| that is work, for a driving motor
 
 
@@ -185,31 +189,89 @@ def noisy(wheels: int) -> tuple[str, ...]:
     return (*per_wheel, "acceleration_x", "acceleration_y", "yaw_rate")
 
 
-def robot_suspicions(runs: Sequence[Run], robot: Robot) -> Iterator[Suspicion]:
-    """Yield contradictions between the channels of a robot."""
+def robot_suspicions(runs: Sequence[Run], robot: Robot, beyond: Sequence[str] = ()) -> Iterator[Suspicion]:
+    """Yield contradictions between the channels of a robot.
+
+    Args:
+      runs: All runs.
+      robot: Places, directions and radius of the wheels.
+      beyond: Channels with values that the machine cannot reach.
+    """
     rolling = rolling_matrix(robot.wheel_positions, robot.drive_directions) / robot.wheel.radius
     count = len(robot.wheels)
-    turning = list(_turning(runs, rolling, count))
-    gyro = next((s.size for s in turning if s.channel == "yaw_rate" and s.kind in ("scale", "sign")), 1.0)
+    speeds = tuple(f"wheel_speed_{i}" for i in range(1, count + 1))
+    turning = list(_turning(runs, rolling, count, beyond))
+    gyro = next(
+        (s.size for s in turning if s.channel == "yaw_rate" and s.kind in ("scale", "unit", "sign")), 1.0
+    )
+    # all wheels in another unit or of the other sign: then no single one is to blame
+    every = next(
+        (s.size for s in turning if s.channel == "wheel_speed" and s.kind in ("unit", "sign") and s.is_sure),
+        1.0,
+    )
     parts = body_windows(runs, count, gyro, _WINDOW)
-    wheels = list(_best_explanation(parts, rolling, count)) if parts else []
+    wheels = list(_best_explanation(parts, every * rolling, count)) if parts else []
     if parts and not wheels:
-        wheels = list(_scales(parts, rolling, count))
+        wheels = list(_scales(parts, every * rolling, count, beyond))
     # a wrong wheel disturbs the yaw rate of all wheels and the work of its current
     is_wheel = any(s.channel.startswith("wheel_speed") and s.is_sure for s in wheels)
     yield from wheels
-    yield from (s for s in turning if not (is_wheel and s.channel == "wheel_speed"))
+    yield from (s for s in turning if every != 1.0 or not (is_wheel and s.channel == "wheel_speed"))
     if not is_wheel:
-        yield from _currents(runs, count)
-    speeds = tuple(f"wheel_speed_{i}" for i in range(1, count + 1))
+        yield from _currents(runs, count, 1.0 if every > 0.0 else -1.0)
+        yield from _late_wheels(runs, rolling, count)
     for name in ("acceleration_x", "acceleration_y"):
         yield from acceleration_bias(runs, name, speeds)
     for i in range(1, count + 1):
         yield from current_bias(runs, f"current_{i}", f"current_target_{i}", speeds)
 
 
-def _turning(runs: Sequence[Run], rolling: Array, count: int) -> Iterator[Suspicion]:
-    """Yield contradictions between heading, gyro and the yaw rate of the wheels."""
+def _late_wheels(runs: Sequence[Run], rolling: Array, count: int) -> Iterator[Suspicion]:
+    """Yield the wheel that is late against the body motion of the other wheels, of four or more."""
+    found = []
+    for k in range(count if count > 3 else 0):
+        others = [j for j in range(count) if j != k]
+        row = rolling[k] @ np.linalg.pinv(rolling[others])
+        stretches = []
+        for run in runs:
+            speeds = np.stack([fill_masked(run, f"wheel_speed_{j + 1}") for j in others])
+            own, expected = fill_masked(run, f"wheel_speed_{k + 1}"), row @ speeds
+            stretches += [
+                Stretch(run.time[w], expected[w], own[w])
+                for w in split_stretch(len(run.time), _samples(run.time, _WINDOW))
+            ]
+        pair = compare(stretches)
+        if pair is not None and abs(pair.correlation) > _CLEAR and np.isfinite(pair.delay_error):
+            found.append((pair.delay, pair.delay_error, k))
+    # the others seem early against the late one, each by less
+    delay, error, k = max(found, default=(0.0, 0.0, 0))
+    if delay > max(_DELAY, 3.0 * error):
+        name = f"wheel_speed_{k + 1}"
+        words = f"{name} is {1e3 * delay:.1f} ms late against the motion of the other wheels"
+        yield Suspicion(name, "delay", delay, delay / _DELAY, words)
+
+
+def robot_time_links(runs: Sequence[Run], robot: Robot) -> list[TimeLink]:
+    """Links of the gyro with the heading, and of the accelerometer with the wheels."""
+    rolling = rolling_matrix(robot.wheel_positions, robot.drive_directions) / robot.wheel.radius
+    count = len(robot.wheels)
+    found = []
+    by_heading, _ = _compared_turning(runs, rolling, count)
+    if by_heading is not None and abs(by_heading.correlation) > _CLEAR:
+        found.append(TimeLink(("yaw_rate", "yaw"), abs(by_heading.scale)))
+    parts = body_windows(runs, count, 1.0, _WINDOW)
+    clear = [
+        abs(scale) for scale, r in (wheel_scales(parts, rolling, count) if parts else ()) if r > _TRUSTED
+    ]
+    if clear:
+        found.append(TimeLink(("acceleration", "wheel_speed"), float(np.median(clear))))
+    return found
+
+
+def _compared_turning(
+    runs: Sequence[Run], rolling: Array, count: int
+) -> tuple[Comparison | None, Comparison | None]:
+    """Comparisons of the heading with the integrated gyro, and of the wheels' yaw rate with the gyro."""
     inverse = np.linalg.pinv(rolling)[2]
     heading, wheels = [], []
     for run in runs:
@@ -220,12 +282,36 @@ def _turning(runs: Sequence[Run], rolling: Array, count: int) -> Iterator[Suspic
         for w in split_stretch(len(time), _samples(time, _WINDOW)):
             heading.append(Stretch(time[w], turned[w], angle[w]))
             wheels.append(Stretch(time[w], rate[w], np.asarray(own)[w]))
-    by_heading, by_wheels = compare(heading), compare(wheels)
+    by_wheels = compare(wheels) if _turns(wheels, runs, rolling) else None
+    return compare(heading), by_wheels
+
+
+def _turns(stretches: Sequence[Stretch], runs: Sequence[Run], rolling: Array) -> bool:
+    """Whether the wheels turn the robot by will: a yaw loop that holds the heading drives them against it.
+
+    Then the yaw rate of the wheels has a clear share in their speeds, and its sign is that of its changes.
+    """
+    whole = sum(float(part.x @ part.y) for part in stretches)
+    changes = [(part.x - part.x.mean(), part.y - part.y.mean()) for part in stretches]
+    turned = sum(float(y @ y) for _, y in changes) * float((rolling[:, 2] ** 2).sum())
+    driven = sum(
+        float((fill_masked(run, f"wheel_speed_{k + 1}") ** 2).sum())
+        for run in runs
+        for k in range(len(rolling))
+    )
+    return turned > _TURNING**2 * driven and whole * sum(float(x @ y) for x, y in changes) > 0.0
+
+
+def _turning(runs: Sequence[Run], rolling: Array, count: int, beyond: Sequence[str]) -> Iterator[Suspicion]:
+    """Yield contradictions between heading, gyro and the yaw rate of the wheels."""
+    by_heading, by_wheels = _compared_turning(runs, rolling, count)
     links = [
         *_link(by_heading, "yaw_rate", "yaw", _TIGHT),
         *_link(by_wheels, "yaw_rate", "wheel_speed", _SLIPPING),
     ]
-    found = [*wrong_signs(links), *wrong_scales(links)]
+    if any(name.startswith("wheel_speed") for name in beyond):
+        beyond = (*beyond, "wheel_speed")
+    found = [*wrong_signs(links), *wrong_scales(links, beyond=beyond)]
     yield from found
     if by_heading is None or abs(by_heading.correlation) < _CLEAR:
         return
@@ -274,6 +360,8 @@ def _best_explanation(parts: Sequence[BodyWindow], rolling: Array, count: int) -
         axes = np.ones(2)
         axes[k] = -1.0
         options.append((unexplained_share(parts, rolling, wheels, np.ones(count), axes), "sign", name, ()))
+    both = unexplained_share(parts, rolling, wheels, np.ones(count), -np.ones(2))
+    options.append((both, "sign", "acceleration", ()))
     for a, b in itertools.combinations(wheels, 2):
         order = list(wheels)
         order[a], order[b] = b, a
@@ -286,6 +374,7 @@ def _best_explanation(parts: Sequence[BodyWindow], rolling: Array, count: int) -
     rivals = [s for s in options[1:] if s[0] < _RIVAL * max(best[0], 0.005)]
     others = tuple(sorted({n for s in rivals for n in (s[2], *s[3])} - {best[2]}))
     what = f"and {best[3][0]} are swapped" if best[3] else "has the wrong sign"
+    what = "has the wrong sign on both axes" if best[2] == "acceleration" else what
     rest = f"; others explain it as well: {', '.join(others)}" if others else ""
     left = f"{100 * best[0]:.0f} % of the wheels' motion is then unexplained, not {100 * plain:.0f} %"
     words = f"{best[2]} {what}: {left}{rest}"
@@ -293,23 +382,31 @@ def _best_explanation(parts: Sequence[BodyWindow], rolling: Array, count: int) -
     yield Suspicion(best[2], best[1], size, plain / max(best[0], 0.02), words, others)
 
 
-def _scales(parts: Sequence[BodyWindow], rolling: Array, count: int) -> Iterator[Suspicion]:
+def _scales(
+    parts: Sequence[BodyWindow], rolling: Array, count: int, beyond: Sequence[str]
+) -> Iterator[Suspicion]:
     along_x = np.abs(rolling[:, 0]) > np.abs(rolling[:, 1])
     links = []
     for k, (scale, correlation) in enumerate(wheel_scales(parts, rolling, count)):
         axis = "acceleration_x" if along_x[k] else "acceleration_y"
-        if correlation > 0.8:
+        if correlation > _TRUSTED:
             links.append(Link(axis, f"wheel_speed_{k + 1}", scale, _BODY, correlation))
-    yield from wrong_scales(links)
+    yield from wrong_scales(links, beyond=beyond)
 
 
-def _currents(runs: Sequence[Run], count: int) -> Iterator[Suspicion]:
-    """Yield swapped or reversed currents: a motor supplies work to its own wheel."""
+def _currents(runs: Sequence[Run], count: int, sign: float) -> Iterator[Suspicion]:
+    """Yield swapped or reversed currents: a motor supplies work to its own wheel.
+
+    Args:
+      runs: All runs.
+      count: Number of wheels.
+      sign: −1 if all wheel speeds have the wrong sign.
+    """
     work, drawn, turned = np.zeros((count, count)), np.zeros(count), np.zeros(count)
     for run in runs:
         i = np.stack([fill_masked(run, f"current_{k + 1}") for k in range(count)])
         w = np.stack([fill_masked(run, f"wheel_speed_{k + 1}") for k in range(count)])
-        work += i @ w.T
+        work += sign * i @ w.T
         drawn += (i * i).sum(axis=1)
         turned += (w * w).sum(axis=1)
     share = work / np.maximum(np.sqrt(np.outer(drawn, turned)), 1e-300)
@@ -323,7 +420,8 @@ def _currents(runs: Sequence[Run], count: int) -> Iterator[Suspicion]:
         strength = float(share[np.arange(count), order].sum() - own.sum()) / _DRIVES
         yield Suspicion(f"current_{a}", "swapped", float(b), strength, words, rivals)
         return
-    for k in np.flatnonzero(own < -_DRIVES):
+    drives = turned > _STANDS**2 * np.median(turned)  # a wheel that is held still is braked by its current
+    for k in np.flatnonzero((own < -_DRIVES) & drives):
         name = f"current_{k + 1}"
         words = f"{name} has the wrong sign: it would brake its wheel all the time"
         yield Suspicion(name, "sign", -1.0, float(-own[k] / _DRIVES) + 1.0, words)

@@ -11,8 +11,25 @@ import numpy as np
 SURE_STRENGTH = 2.0
 """Strength above which a suspicion is sure."""
 
-KINDS = ("sign", "scale", "delay", "bias", "wrap", "glitch", "clipping", "frozen", "swapped", "duplicated")
-"""Kinds of defects."""
+KINDS = (
+    "time_base",
+    "unit",
+    "sign",
+    "swapped",
+    "delay",
+    "scale",
+    "magnitude",
+    "wrap",
+    "stale",
+    "frozen",
+    "duplicated",
+    "clipping",
+    "glitch",
+    "bias",
+)
+"""Kinds of defects in the order of what they spoil: a wrong time spoils all channels, a bias one of them."""
+GROSS = float(np.log(3.0))
+"""|log| of a factor that is a `unit` rather than a `scale`: beyond every scale in the library of effects."""
 _MOST = 2  # largest number of channels that are wrong at once
 _NEAR = 0.12  # |log| distance from the factor of a unit
 _LENGTHS = ((1000.0, "thousandths"), (100.0, "hundredths"), (1e6, "millionths"), (0.001, "thousands"))
@@ -33,7 +50,7 @@ class Suspicion:
     """One of `KINDS`."""
     size: float
     """Factor of a scale (that of a known unit where one is near), delay [s], bias [unit of the channel],
-    clipping value, number of the other wheel, or count; −1 for a sign."""
+    clipping value, largest value over its limit, number of the other wheel, or count; −1 for a sign."""
     strength: float
     """Ratio to the largest value seen in healthy recordings; at least 1."""
     words: str
@@ -48,6 +65,14 @@ class Suspicion:
         """True if neither chance nor a healthy machine nor another channel would explain the observation."""
         return self.strength >= SURE_STRENGTH and not self.or_channels
 
+    @property
+    def is_certain(self) -> bool:
+        """True if the data are wrong for certain, though perhaps not in which of two channels.
+
+        Only a wrong sign or unit makes two channels contradict each other beyond what a machine can do.
+        """
+        return self.is_sure or (self.kind in ("unit", "sign") and self.strength >= SURE_STRENGTH)
+
 
 @dataclass(frozen=True)
 class DataCheck:
@@ -56,7 +81,12 @@ class DataCheck:
     notes: tuple[str, ...]
     """One sentence per finding."""
     suspicions: tuple[Suspicion, ...]
-    """Strongest first."""
+    """In the order of importance: certain ones first, then by kind and strength."""
+
+
+def importance(found: Suspicion) -> tuple[bool, int, bool, float, str]:
+    """Sorting key of a suspicion; the most important one is the smallest."""
+    return not found.is_certain, KINDS.index(found.kind), not found.is_sure, -found.strength, found.channel
 
 
 def units_of(channel: str) -> tuple[tuple[float, str], ...]:
@@ -80,17 +110,20 @@ class Link:
     """Certainty of the sign: the correlation behind it."""
 
 
-def unit_of(factor: float, channel: str, more: Iterable[tuple[float, str]] = ()) -> tuple[float, str]:
+def unit_of(
+    factor: float, channel: str, more: Iterable[tuple[float, str]] = (), near: float = _NEAR
+) -> tuple[float, str]:
     """Known factor next to an estimated one, and its name; (0, "") if none is near.
 
     Args:
       factor: Estimated factor.
       channel: Name of the channel.
       more: Factors of the machine, such as its gear, for angles.
+      near: Largest |log| distance.
     """
     own = (*units_of(channel), *(more if channel.startswith("wheel") else ()))
     known = min(own, key=lambda u: abs(np.log(abs(factor) / u[0])))
-    return known if abs(np.log(abs(factor) / known[0])) <= _NEAR else (0.0, "")
+    return known if abs(np.log(abs(factor) / known[0])) <= near else (0.0, "")
 
 
 def wrong_signs(links: Sequence[Link]) -> list[Suspicion]:
@@ -113,48 +146,71 @@ def wrong_signs(links: Sequence[Link]) -> list[Suspicion]:
     ]
 
 
-def wrong_scales(links: Sequence[Link], more: Iterable[tuple[float, str]] = ()) -> list[Suspicion]:
-    """Smallest set of channels whose scale must change for all links to agree."""
+def wrong_scales(
+    links: Sequence[Link], more: Iterable[tuple[float, str]] = (), beyond: Iterable[str] = ()
+) -> list[Suspicion]:
+    """Smallest set of channels whose scale must change for all links to agree.
+
+    Args:
+      links: Links between channels.
+      more: Factors of the machine, such as its gear, for angles.
+      beyond: Channels with values that the machine cannot reach; the set includes them.
+    """
     logs = {(link.x, link.y): np.log(abs(link.scale)) for link in links if link.scale}
     known = [link for link in links if link.scale and np.isfinite(link.allowed)]
     violated = [link for link in known if abs(logs[link.x, link.y]) > link.allowed]
     if not violated:
         return []
     names = sorted({n for link in known for n in (link.x, link.y)})
+    always = sorted(set(beyond) & {n for link in violated for n in (link.x, link.y)})
 
-    def factor(flips: tuple[str, ...], name: str) -> float | None:
-        """Logarithm of a channel's scale error, from its tightest link to a channel assumed right."""
-        own = [k for k in known if name in (k.x, k.y) and not ({k.x, k.y} - {name}) & set(flips)]
-        if not own:
-            return None
-        best = min(own, key=lambda k: k.allowed)
-        return float(logs[best.x, best.y] * (1.0 if best.y == name else -1.0))
+    def offsets(flips: tuple[str, ...]) -> dict[str, float]:
+        """Logarithms of the scale errors, by the tightest link to a channel that is right or settled."""
+        found: dict[str, float] = {}
+        for _ in flips:
+            for name in [n for n in flips if n not in found]:
+                open_ones = set(flips) - set(found) - {name}
+                own = [k for k in known if name in (k.x, k.y) and not {k.x, k.y} & open_ones]
+                if own:
+                    best = min(own, key=lambda k: k.allowed)
+                    off = logs[best.x, best.y] + found.get(best.x, 0.0) - found.get(best.y, 0.0)
+                    found[name] = _snapped(float(off if best.y == name else -off), name, more, best.allowed)
+        return found
 
     def agrees(flips: tuple[str, ...]) -> bool:
-        off = {name: factor(flips, name) for name in flips}
-        if any(value is None for value in off.values()):
+        off = offsets(flips)
+        if len(off) < len(flips) or any(abs(off[name]) < GROSS for name in always):
             return False
         return all(
-            abs(logs[k.x, k.y] - (off.get(k.y) or 0.0) + (off.get(k.x) or 0.0)) <= 1.05 * k.allowed + 1e-9
+            abs(logs[k.x, k.y] - off.get(k.y, 0.0) + off.get(k.x, 0.0)) <= 1.05 * k.allowed + 1e-9
             for k in known
         )
 
-    found = _explanations(names, agrees)
+    found = _explanations(names, agrees, always)
     suspicions = []
     for name in found[0] if found else ():
-        off = factor(found[0], name) or 0.0
-        size = float(np.exp(off))
-        allowed = min((k.allowed for k in violated if name in (k.x, k.y)), default=1.0)
+        off = offsets(found[0])[name]
+        size = float(np.exp(off))  # that of a known unit where one is near
+        allowed = min((k.allowed for k in violated if name in (k.x, k.y)), default=GROSS)
         factor_of_unit, unit = unit_of(size, name, more)
         what = f"is {size:.4g} times the value implied by related channels{f' ({unit}?)' if unit else ''}"
-        suspicions.append(_named(found, name, "scale", factor_of_unit or size, abs(off) / allowed, what))
+        kind = "unit" if abs(off) > GROSS else "scale"
+        suspicions.append(_named(found, name, kind, factor_of_unit or size, abs(off) / allowed, what))
     return suspicions
 
 
-def _explanations(names: Sequence[str], agrees) -> list[tuple[str, ...]]:
-    """Smallest sets of channels with which all links agree."""
-    for count in range(1, _MOST + 1):
-        found = [flips for flips in itertools.combinations(names, count) if agrees(flips)]
+def _snapped(off: float, name: str, more: Iterable[tuple[float, str]], allowed: float) -> float:
+    """Logarithm of a scale error, or that of a known unit near it; loose links are less exact."""
+    unit = unit_of(np.exp(off), name, more, max(_NEAR, allowed / 3.0))[0] if abs(off) > GROSS else 0.0
+    return float(np.log(unit)) if unit else off
+
+
+def _explanations(names: Sequence[str], agrees, always: Sequence[str] = ()) -> list[tuple[str, ...]]:
+    """Smallest sets of channels with which all links agree, and which include certain ones."""
+    rest = [name for name in names if name not in always]
+    for count in range(0 if always else 1, _MOST + 1):
+        sets = [(*always, *more) for more in itertools.combinations(rest, count)]
+        found = [flips for flips in sets if agrees(flips)]
         if found:
             return found
     return []

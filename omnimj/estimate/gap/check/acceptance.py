@@ -1,0 +1,165 @@
+"""Data that are held back: certain faults of the recording that would spoil every result.
+
+What holds a dataset back, unless it is accepted:
+
+- `time_base`, `unit` and `sign`, if certain: no machine explains them, and no effect of typical size does
+- `delay`, if certain and longer than `longest_delay`: the effect `sensor_delay` is a finding of the search up
+  to twice its typical size, and a delay beyond that is a fault of the logger
+
+Everything else is reported and goes on. A diagnosis looks for faults of the machine, so that there only a
+time base, a unit or a sign that is wrong from the first sample to the last one holds the data back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from omnimj.effects import effects_of
+from omnimj.errors import DataFaultError
+from omnimj.estimate.gap.check.dataset import check_dataset, correct_dataset
+from omnimj.estimate.gap.check.suspicions import DataCheck, Suspicion
+from omnimj.estimate.gap.plants import Machine
+from omnimj.recording.dataset import Dataset, Run
+
+_TYPICAL_DELAYS = 2.25
+"""Typical delays up to which a delay is a finding: twice, as in the benchmark, and its estimate's error."""
+_WHOLE_LOG = ("time_base", "unit", "sign")
+_MOST_SAMPLES = 400_000  # of the runs that a diagnosis checks: some 7 minutes at 1000 per second …
+_LEAST_SAMPLES = 10_000  # … and of each of them
+_RULE = "correct the files, state a scale under [columns] of dataset.toml, or give --accept"
+
+
+def longest_delay(plant: str) -> float:
+    """Longest delay of a channel that is a finding rather than a fault of the data [s]."""
+    (typical,) = effects_of(plant)["sensor_delay"].typical().values()
+    return _TYPICAL_DELAYS * typical
+
+
+def holding_back(check: DataCheck, plant: str) -> tuple[Suspicion, ...]:
+    """Suspicions for which a dataset is held back, the most important first."""
+    return tuple(
+        s
+        for s in check.suspicions
+        if s.is_certain and (s.kind in _WHOLE_LOG or (s.kind == "delay" and s.size > longest_delay(plant)))
+    )
+
+
+def require_sound(dataset: Dataset, check: DataCheck, accept: bool = False) -> Dataset:
+    """Hold data with certain faults back.
+
+    Args:
+      dataset: The dataset.
+      check: Its check.
+      accept: Whether to go on with such data: then gross units, time bases and counters are corrected.
+
+    Returns:
+      The dataset to use, with notes on what was corrected.
+
+    Raises:
+      DataFaultError: The data have certain faults and are not accepted.
+    """
+    faults = holding_back(check, dataset.plant)
+    if faults and not accept:
+        raise DataFaultError(dataset.path, [f"{_title(s)}: {s.words}" for s in faults], _RULE)
+    return correct_dataset(dataset, check)
+
+
+def sound_dataset(
+    dataset: Dataset, machine: Machine | None, accept: bool = False
+) -> tuple[Dataset, DataCheck]:
+    """Check a dataset, hold it back or correct it, and add the findings to its notes.
+
+    Args:
+      dataset: The dataset.
+      machine: The machine; the shipped one when None.
+      accept: Whether to go on with data that have certain faults.
+
+    Returns:
+      The dataset to use, and its check.
+
+    Raises:
+      DataFaultError: The data have certain faults and are not accepted.
+    """
+    check = check_dataset(dataset, machine)
+    return _noted(require_sound(dataset, check, accept), check), check
+
+
+def sound_logs(dataset: Dataset, machine: Machine, accept: bool = False) -> tuple[Dataset, DataCheck]:
+    """Check logs in which the machine may be faulty: only for what is wrong in all of their parts.
+
+    Args:
+      dataset: The logs.
+      machine: The machine.
+      accept: Whether to go on with data that have certain faults.
+
+    Returns:
+      The logs to use, and their check.
+
+    Raises:
+      DataFaultError: The data have certain faults and are not accepted.
+    """
+    check = _check_whole_logs(dataset, machine)
+    return _noted(require_sound(dataset, check, accept), check), check
+
+
+def _check_whole_logs(dataset: Dataset, machine: Machine) -> DataCheck:
+    """Check a sample of the logs, and confirm every fault in both halves of them.
+
+    A fault of the machine that begins during a run leaves its first part alone.
+    """
+    runs = _sampled(dataset.runs)
+    found = [
+        s
+        for s in check_dataset(replace(dataset, runs=runs), machine).suspicions
+        if s.kind in _WHOLE_LOG and s.is_certain
+    ]
+    for half in (0, 1) if any(s.kind != "time_base" for s in found) else ():
+        part = check_dataset(replace(dataset, runs=tuple(_half(run, half) for run in runs)), machine)
+        seen = {(s.channel, s.kind) for s in part.suspicions}
+        found = [s for s in found if s.kind == "time_base" or (s.channel, s.kind) in seen]
+    return DataCheck(tuple(f"Sure: {s.words}" for s in found), tuple(found))
+
+
+def _sampled(runs: Sequence[Run]) -> tuple[Run, ...]:
+    """Runs over the whole dataset, of each its beginning, with a limited number of samples."""
+    count = max(1, min(len(runs), _MOST_SAMPLES // _LEAST_SAMPLES))
+    chosen = [runs[k * len(runs) // count] for k in range(count)]
+    return tuple(_rows(run, slice(0, _MOST_SAMPLES // count)) for run in chosen)
+
+
+def _half(run: Run, half: int) -> Run:
+    middle = len(run.time) // 2
+    return _rows(run, slice(middle, None) if half else slice(0, middle))
+
+
+def _rows(run: Run, rows: slice) -> Run:
+    columns = {name: np.asarray(values)[rows] for name, values in run.columns.items()}
+    return replace(run, columns=columns, masked={name: mask[rows] for name, mask in run.masked.items()})
+
+
+def _noted(dataset: Dataset, check: DataCheck) -> Dataset:
+    return replace(dataset, notes=(*check.notes, *dataset.notes))
+
+
+def _title(found: Suspicion) -> str:
+    return found.kind.replace("_", " ")
+
+
+def fault_records(check: DataCheck) -> list[dict[str, Any]]:
+    """Suspicions as JSON-compatible values, the most important first."""
+    return [
+        {
+            "channel": s.channel,
+            "kind": s.kind,
+            "size": float(s.size),
+            "sure": s.is_certain,
+            "words": s.words,
+            "or_channels": list(s.or_channels),
+            "runs": list(s.runs),
+        }
+        for s in check.suspicions
+    ]
