@@ -87,7 +87,7 @@ def _take_row(constants, memory, rows, k, bias):
     samples = memory.samples[0]
     if not take_sample(constants.sampling[0], samples, sample):
         return False
-    return judge_block(constants.robust, samples, memory.evidence, memory.judged[0], yaw)
+    return judge_block(constants.robust, samples, memory.evidence, memory.judged[0], yaw, rows.time[k])
 
 
 @kernel
