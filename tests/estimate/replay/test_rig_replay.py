@@ -12,7 +12,7 @@ from omnimj.estimate.replay.interface import Setting
 from omnimj.estimate.replay.rig.replay import RigReplay, true_angle
 from omnimj.parameters import read_floors, read_rig
 from omnimj.plant.interface import RIG_CHANNELS
-from omnimj.plant.planar import PlanarRig
+from omnimj.plant.planar_rig import PlanarRig
 from omnimj.recording.dataset import Dataset, Run
 from omnimj.simulate.driving import drive_rig
 
