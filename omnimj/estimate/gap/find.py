@@ -93,6 +93,7 @@ def analyse_replay(
     verdict = judge_search(found)
     is_named = verdict.kind in ("named", "ambiguous")
     labels = tuple(n.candidate.label for n in found.named) if is_named else ()
+    rivals = {r.candidate.label for n in found.named for r in n.rivals} if is_named else set()
     after = found.final if is_named else None
     mismatch_before = _mismatch(found.first, found.base)
     mismatch_after = None if after is None else _mismatch(found.problem, after)
@@ -115,7 +116,8 @@ def analyse_replay(
         heldout_runs=_heldout_runs(found),
         refitted=_refitted(found.problem, after or found.base),
         stages=tuple(
-            r.stage(labels, o) for r, o in itertools.zip_longest(found.rounds, found.outcomes, fillvalue="")
+            r.stage(labels, rivals, o)
+            for r, o in itertools.zip_longest(found.rounds, found.outcomes, fillvalue="")
         ),
         flexible=verdict.flexible,
         overlays=_overlays(found, mismatch_before, mismatch_after, about),

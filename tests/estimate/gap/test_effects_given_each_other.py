@@ -161,3 +161,12 @@ def test_an_amplitude_that_is_fixed_keeps_its_null_value():
     drag = CandidateEffect("drag", "drag", "", (parameter(0.0, 2.0, 0.0), parameter(-1.0, 1.0, 0.0)))
     fixed = without_amplitudes(drag, [1]).parameters
     assert (fixed[0].low, fixed[0].high) == (0.0, 2.0) and (fixed[1].low, fixed[1].high) == (0.0, 0.0)
+
+
+def test_the_rounds_call_a_rival_what_the_summary_calls_one():
+    finding = analyse_replay(Wavy({"payload": np.array([0.05])}, 0.03), DatasetSummary("toy"))
+    (sets,) = [{e.effect, *e.indistinguishable_from} for e in finding.effects]
+    for stage in finding.stages:
+        shown = {c.label for c in stage.candidates if c.verdict in ("named", "rival")}
+        assert shown <= sets
+    assert {c.label for c in finding.stages[0].candidates if c.verdict in ("named", "rival")} == sets

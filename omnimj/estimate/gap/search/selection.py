@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,24 +68,26 @@ class SelectionRound:
         """Leading candidate, if any was fitted."""
         return self.tried[0] if self.tried else None
 
-    def stage(self, named: tuple[str, ...], outcome: str) -> Stage:
-        """The round as a record.
+    def stage(self, named: Collection[str], rivals: Collection[str], outcome: str) -> Stage:
+        """The round as a record, with the verdicts of the finished search.
 
         Args:
           named: Labels in the final model.
+          rivals: Labels that the data cannot tell from those.
           outcome: What the round added, or why it added nothing.
         """
-        rivals = {r.candidate.label for r in self.rivals}
         rows = []
         for t in self.tried:
             if t.candidate.label in named:
                 verdict = "named"
+            elif t.candidate.label in rivals:
+                verdict = "rival"
             elif t.gain.low is None or t.gain.low <= MARGIN:
                 verdict = "below the margin"
             elif t is self.best:  # the leader, eliminated given the other effects
                 verdict = "given up"
             else:
-                verdict = "rival" if t.candidate.label in rivals else "beaten"
+                verdict = "beaten"
             rows.append(_row(t.candidate, t.screened, t.gain, verdict))
         fitted = {t.candidate.label for t in self.tried}
         out = [s for s in self.screened if s.candidate.label not in fitted]
