@@ -283,7 +283,7 @@ def _format_next(finding: Finding) -> str:
     from omnimj.estimate.gap import sentences
     from omnimj.view.report.finding_tables import format_conditions
 
-    lines = [f"next: {sentences.next_step(finding)}"]
+    lines = [*sentences.summarize_given_up(finding), f"next: {sentences.next_step(finding)}"]
     if finding.next_experiment:
         driven = finding.next_experiment.get("run") or {}
         lines += [f"run to drive: {format_conditions(driven)}", sentences.format_separation(finding)]

@@ -9,37 +9,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from omnimj.effects import AppliedEffects, apply_effects
+from omnimj.effects import apply_effects
 from omnimj.errors import InputError
-from omnimj.parameters import Floor, Rig, Robot, read_floors
+from omnimj.parameters import Floor, Robot, read_floors
 from omnimj.parameters.floor import TRACTION_SIZE
 from omnimj.physics import planar
 from omnimj.physics.motor import SHORTED
 from omnimj.physics.native import kernel
 from omnimj.physics.planar_wheel import POSITION_X, POSITION_Y
-from omnimj.plant.faults import Conditions, Fault, conditions_at, conditions_with_effects, event_times
+from omnimj.plant.faults import Conditions, Fault
 from omnimj.plant.ground import Ground, Patch, floor_at
 from omnimj.plant.interface import robot_truth_names
 from omnimj.plant.sensor_chain import SensorChain, read_sensors
 from omnimj.plant.sensors import RobotSensors
+from omnimj.plant.stages import StagedPlant, timeline
 from omnimj.signals import Array, CurrentCommand, Measurement, compiled_in
 
 SUBSTEPS = 4
 """Number of integration steps per control period; 0.25 ms is a twelfth of a wheel's time constant."""
-
-TIME_TOLERANCE = 1e-9
-"""Time by which a time accumulated over steps may fall short of an event [s]."""
-
-
-def timeline(
-    machine: Robot | Rig, faults: Sequence[Fault], effects: AppliedEffects, measured_current: bool
-) -> list[tuple[float, Conditions]]:
-    """Conditions of the run, each with the time from which it holds [s]."""
-    found = []
-    for begin in (0.0, *event_times(faults)):
-        by_faults = conditions_at(faults, begin, machine.motor, machine.wheel_count)
-        found.append((begin, conditions_with_effects(by_faults, effects, measured_current)))
-    return found
 
 
 @dataclass(frozen=True)
@@ -144,7 +131,7 @@ def write_planar_truth(plant, truth):
     truth[6:] = plant.output[: truth.size - 6]
 
 
-class PlanarRobot:
+class PlanarRobot(StagedPlant):
     """Planar model of the robot as a `Plant`."""
 
     def __init__(
@@ -242,24 +229,9 @@ class PlanarRobot:
         write_planar_truth(self._arrays, row)
         return row
 
-    def close(self) -> None:
-        """Do nothing: there is nothing to release."""
-
     def arrays(self) -> PlanarArrays:
         """Arrays for kernels that step the robot in a loop, once `prepare_step` has been called."""
         return self._arrays
-
-    @property
-    def next_change(self) -> float:
-        """Time from which `prepare_step` has conditions to change [s]."""
-        later = self._at + 1
-        return self._stages[later].begin - TIME_TOLERANCE if later < len(self._stages) else math.inf
-
-    def prepare_step(self) -> None:
-        """Apply the conditions that begin with the coming period, and keep the sensors' noise coming."""
-        while int(self._steps[0]) * self.period >= self.next_change:
-            self._enter(self._at + 1)
-        self._sensors.refill()
 
     def _enter(self, stage: int) -> None:
         """Begin a stage; motors that are braked stay so."""

@@ -18,9 +18,10 @@ from omnimj.physics.wheel import packed, store
 from omnimj.plant.faults import Conditions, Fault
 from omnimj.plant.ground import Ground
 from omnimj.plant.interface import RIG_TRUTH_NAMES
-from omnimj.plant.planar import SUBSTEPS, TIME_TOLERANCE, timeline
+from omnimj.plant.planar import SUBSTEPS
 from omnimj.plant.sensor_chain import SensorChain, read_sensors
 from omnimj.plant.sensors import RigSensors
+from omnimj.plant.stages import StagedPlant, timeline
 from omnimj.signals import Array, CurrentCommand, RigMeasurement, compiled_in
 
 RIG_FAULTS = ("motor", "free", "locked", "hard_over", "slip", "all_wheel_slip", "wheel_radius", "sensor")
@@ -105,7 +106,7 @@ def write_planar_rig_truth(plant, truth):
     truth[5], truth[6], truth[7], truth[8] = output.slip, output.normal, output.traction, -output.lateral
 
 
-class PlanarRig:
+class PlanarRig(StagedPlant):
     """Model of the rig as a `Plant`; the rail has no ends, the gantry has its commanded speed at once."""
 
     truth_names = RIG_TRUTH_NAMES
@@ -210,24 +211,9 @@ class PlanarRig:
         write_planar_rig_truth(self._arrays, row)
         return row
 
-    def close(self) -> None:
-        """Do nothing: there is nothing to release."""
-
     def arrays(self) -> PlanarRigArrays:
         """Arrays for kernels that step the rig in a loop, once `prepare_step` has been called."""
         return self._arrays
-
-    @property
-    def next_change(self) -> float:
-        """Time from which `prepare_step` has conditions to change [s]."""
-        later = self._at + 1
-        return self._stages[later].begin - TIME_TOLERANCE if later < len(self._stages) else math.inf
-
-    def prepare_step(self) -> None:
-        """Apply the conditions that begin with the coming period, and keep the sensors' noise coming."""
-        while int(self._steps[0]) * self.period >= self.next_change:
-            self._enter(self._at + 1)
-        self._sensors.refill()
 
     def _enter(self, stage: int) -> None:
         self._at = stage

@@ -71,6 +71,7 @@ def digest(
             {"label": one.label, "gain": _interval(one.gain), "reason": one.reason}
             for one in finding.given_up
         ],
+        "ended": finding.ended or None,
         "flexible": dict(finding.flexible),
         "runs": list(map(vars, run_gaps(finding))),
         "heldout_runs": list(finding.heldout_runs),

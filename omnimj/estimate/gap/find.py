@@ -132,6 +132,7 @@ def analyse_replay(
         remains=verdict.remains,
         incomplete=verdict.incomplete,
         given_up=found.given_up,
+        ended=found.ended,
     )
 
 

@@ -108,7 +108,7 @@ class Stage:
     """Held-out gains of the decoys, shape (n,)."""
     margin: float
     outcome: str = ""
-    """What the round added, or why it added nothing; empty if it was interrupted."""
+    """Effects that the round added, or the reason for which it added none; empty if it was interrupted."""
 
 
 @dataclass(frozen=True)
@@ -177,6 +177,8 @@ class Finding:
     """True if effects are named and something else is missing as well."""
     given_up: tuple[GivenUp, ...] = ()
     """Effects that were in the model for a while, the largest gain first."""
+    ended: str = ""
+    """Reason for which the search added nothing more; empty if it was interrupted."""
 
 
 @dataclass(frozen=True)

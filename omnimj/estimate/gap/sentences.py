@@ -115,7 +115,7 @@ def _lacks(finding: Finding) -> str:
 
 
 def _summarize_incomplete(finding: Finding) -> str:
-    """What is named, that something else is missing, where it sits, and what a free curve would take."""
+    """Summary of an incomplete model: named effects, remaining mismatch, its place, share of a free curve."""
     is_named = finding.verdict == "named"
     named = f"{_lacks(finding)}{_open(finding)}" if is_named else _list_alternatives(finding)
     rest = "" if finding.remains is None else f": {format_number(finding.remains, 2)} times the noise remains"
@@ -125,9 +125,9 @@ def _summarize_incomplete(finding: Finding) -> str:
     where = ""
     if place is not None and place.channel in finding.channels:
         where = f", most of it in the {finding.channels[place.channel][1]} ({format_regime(place)})"
-    curve = ""
-    if finding.flexible:
-        variable, share = max(finding.flexible.items(), key=lambda item: item[1])
+    curve, best = "", _best_free_curve(finding)
+    if best is not None:
+        variable, share = best
         curve = f"; a free curve over {variable_words(variable)} would remove {format_percent(share)} of it"
     return f"Incomplete. {named} Something else is missing as well{rest}{where}{curve}."
 
@@ -262,24 +262,28 @@ def _summarize_remainder(finding: Finding) -> str:
     if after is None or not noise:
         return ""
     left = f" A mismatch of {format_in_noise(after / noise)} is left in the {finding.channels[channel][1]}"
-    return f"{left}; {_summarize_given_up(finding)}."
+    return f"{left}; {finding.ended}." if finding.ended else f"{left}."
 
 
-def _summarize_given_up(finding: Finding) -> str:
-    """What the search gave up; without any, that no other effect gains enough."""
-    if not finding.given_up:
-        return "no further effect in the library gains enough to be named"
-    parts = [
-        f"{one.label} gained {format_percent(one.gain.value)} and was given up, because {one.reason}"
+def summarize_given_up(finding: Finding) -> list[str]:
+    """Sentences on the effects that the search gave up, with gain and reason, the largest gain first."""
+    return [
+        f"{one.label} gained {format_percent(one.gain.value)} and was given up, because {one.reason}."
         for one in finding.given_up
     ]
-    return "; ".join(parts)
+
+
+def _best_free_curve(finding: Finding) -> tuple[str, float] | None:
+    """Variable of the free curve that explains most, and its share; None if none explains anything."""
+    best = max(finding.flexible.items(), key=lambda item: item[1], default=None)
+    return best if best is not None and best[1] > 0.0 else None
 
 
 def _summarize_free_curve(finding: Finding) -> str:
-    if not finding.flexible:
-        return "No effect in the library explains it."
-    variable, share = max(finding.flexible.items(), key=lambda item: item[1])
+    best = _best_free_curve(finding)
+    if best is None:
+        return "No effect in the library explains it, and no free curve does."
+    variable, share = best
     return (
         f"No effect in the library explains it, but a free curve over {variable_words(variable)} removes "
         f"{format_percent(share)} of the remaining held-out mismatch: look for a dependence on it."

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from omnimj.physics.native import inlined, kernel
 from omnimj.plant.mujoco import slots
-from omnimj.plant.mujoco.memory import elapsed_time
-from omnimj.plant.mujoco.robot_step import call_step
+from omnimj.plant.mujoco.robot_step import finish_period
 from omnimj.plant.sensor_chain import SensorChain, read_sensors
 from omnimj.signals import Array
 
@@ -77,16 +76,8 @@ def measure_rig_twin(twin):
 def step_rig_twin(twin, current):
     """Hold a set current [A] for one control period and return the readings at its end."""
     twin.ctrl[0], twin.ctrl[1] = current, twin.lateral_speed
-    for _ in range(twin.substeps):
-        call_step(twin.step, twin.model, twin.data)
-    twin.steps[0] += 1
+    finish_period(twin)
     return measure_rig_twin(twin)
-
-
-@kernel
-def rig_twin_time(twin):
-    """Time of the simulation [s]."""
-    return elapsed_time(twin.data)
 
 
 @kernel

@@ -146,18 +146,24 @@ def short_motors(twin, brake):
 
 
 @inlined
-def step_twin(twin, current):
-    """Hold set currents, shape (n,) [A], for one control period and return the readings at its end."""
-    twin.ctrl[:] = current
+def finish_period(twin):
+    """Simulate one control period of a twin of robot or rig with the set currents in `ctrl`."""
     for _ in range(twin.substeps):
         call_step(twin.step, twin.model, twin.data)
     twin.steps[0] += 1
+
+
+@inlined
+def step_twin(twin, current):
+    """Hold set currents, shape (n,) [A], for one control period and return the readings at its end."""
+    twin.ctrl[:] = current
+    finish_period(twin)
     return measure_twin(twin)
 
 
 @kernel
 def twin_time(twin):
-    """Time of the simulation [s]."""
+    """Time of the simulation of a twin of robot or rig [s]."""
     return elapsed_time(twin.data)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from omnimj.physics.native import kernel
-from omnimj.plant.mujoco.rig_step import rig_twin_time, step_rig_twin, write_rig_twin_truth
+from omnimj.plant.mujoco.rig_step import step_rig_twin, write_rig_twin_truth
 from omnimj.plant.mujoco.robot_step import short_motors, step_twin, twin_time, write_twin_truth
 from omnimj.simulate.compiled.row import (
     CHUNK_IS_DONE,
@@ -71,7 +71,7 @@ def drive_rig_twin(plant, current, progress, output, next_change, end):
     run = progress[0]
     while run.row < end:
         if run.moves:
-            if rig_twin_time(plant) >= next_change or is_spent(plant.sensors):
+            if twin_time(plant) >= next_change or is_spent(plant.sensors):
                 return PLANT_CHANGES
             output.readings[:] = step_rig_twin(plant, current[run.row - 1])
             run.moves = False

@@ -82,9 +82,9 @@ class Motion(NamedTuple):
     time: float
     """Since the start of the run [s]."""
     position: float
-    """Of the carriage [m]."""
+    """Position of the carriage [m]."""
     speed: float
-    """Of the carriage [m/s]."""
+    """Speed of the carriage [m/s]."""
     wheel_angle: float
     """[rad]"""
     current: float

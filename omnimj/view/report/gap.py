@@ -236,10 +236,7 @@ def _certainty(finding: Finding) -> list[str]:
         lines += [f"Not distinguishable: {rival}." for rival in effect.indistinguishable_from]
     if not finding.effects:
         lines.append(_nothing_named(finding))
-    lines += [
-        f"{one.label} gained {format_percent(one.gain.value)} and was given up, because {one.reason}."
-        for one in finding.given_up
-    ]
+    lines += sentences.summarize_given_up(finding)
     lines.append(
         f"{finding.samples} block means are equivalent to {finding.effective_samples:.0f} independent ones, "
         "since neighbouring ones are correlated."

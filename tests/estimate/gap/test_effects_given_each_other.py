@@ -18,7 +18,7 @@ from omnimj.estimate.gap.search.candidates import (
 )
 from omnimj.estimate.gap.search.cross_validation import make_folds, make_groups
 from omnimj.estimate.gap.search.search import search
-from omnimj.estimate.gap.sentences import headline, next_step, summarize_finding
+from omnimj.estimate.gap.sentences import headline, next_step, summarize_finding, summarize_given_up
 from omnimj.estimate.replay.interface import CandidateEffect, CandidateParameter, average_blocks
 from omnimj.estimate.replay.problem import Fit, Problem
 
@@ -42,11 +42,14 @@ class Wavy(Toy):
 
 
 class Masked(Toy):
-    """Two sensor drifts that share a large part: with opposite signs only their small difference shows."""
+    """Sensor drifts with large parts in common, which cancel: only a small sum shows.
+
+    Of `drift_a` and `drift_b` the difference shows, of `drift_d`, `drift_e` and `drift_f` the sum of all three.
+    """
 
     def __init__(self, truth, seed: int = 0):
         shape = CandidateParameter("amplitude", "m/s", -3.0, 3.0, 0.5, 0.0)
-        own = ("drift_a", "drift_b", "drift_c")
+        own = ("drift_a", "drift_b", "drift_c", "drift_d", "drift_e", "drift_f")
         self._drifts = tuple(CandidateEffect(name, name, name, (shape,), is_sensor=True) for name in own)
         super().__init__(truth, seed)
         self.candidates = self._drifts
@@ -57,6 +60,8 @@ class Masked(Toy):
         common = np.sin(9.0 * time)
         forms = {"drift_a": common + 0.05 * np.cos(5.0 * time), "drift_b": common - 0.05 * np.cos(5.0 * time)}
         forms["drift_c"] = np.sin(3.0 * time)
+        first, second, shown = np.sin(11.0 * time), np.cos(14.0 * time), 0.05 * np.sin(6.0 * time)
+        forms |= {"drift_d": first + shown, "drift_e": second + shown, "drift_f": shown - first - second}
         found = super().simulate(plain)
         for values, setting in zip(found, settings, strict=True):
             for name, (amplitude,) in setting.effects.items():
@@ -71,6 +76,13 @@ def test_two_effects_that_mask_each_other_are_found_together():
     assert max(alone.values(), default=0.0) < 0.1
     assert {n.candidate.label for n in found.named} == {"drift_a", "drift_b"}
     assert sorted(found.final.x[-2:]) == pytest.approx([-1.0, 1.0], abs=0.1)
+
+
+def test_three_effects_that_mask_each_other_are_found_together():
+    hidden = {"drift_d": np.array([1.0]), "drift_e": np.array([1.0]), "drift_f": np.array([1.0])}
+    found = search(Masked(hidden), (), 0, quiet)
+    assert max((t.gain.value for t in found.rounds[0].tried), default=0.0) < 0.1
+    assert {n.candidate.label for n in found.named} == set(hidden)
 
 
 def test_something_else_that_is_missing_is_said_first():
@@ -98,10 +110,25 @@ def test_a_structure_that_the_library_lacks_does_not_decide_between_two_names(se
 
 def test_what_was_given_up_is_listed_with_its_gain_and_reason():
     finding = analyse_replay(Wavy({"payload": np.array([0.05])}, 0.03), DatasetSummary("toy"))
-    for one in finding.given_up:
-        assert one.label in next_step(finding) and one.reason in next_step(finding)
+    sentences = summarize_given_up(finding)
+    for one, sentence in zip(finding.given_up, sentences, strict=True):
+        assert one.label in sentence and one.reason in sentence
         assert one.label not in {e.effect for e in finding.effects}
-    assert bool(finding.given_up) != ("no further effect" in next_step(finding))
+
+
+@pytest.mark.parametrize("truth", [{}, {"payload": np.array([0.05])}, {"air_drag": np.array([0.15])}])
+@pytest.mark.parametrize("wave", [0.0, 0.03, 0.1])
+def test_no_further_effect_gains_when_the_finding_says_so(truth, wave):
+    finding = analyse_replay(Wavy(truth, wave), DatasetSummary("toy"))
+    last = finding.stages[-1].candidates if finding.stages else ()
+    gaining = [c.label for c in last if c.gain and (c.gain.low or 0.0) > finding.stages[-1].margin]
+    assert finding.ended
+    if "no further effect in the library gains" in finding.ended:
+        assert not gaining
+    elif "did not hold" in finding.ended:
+        assert gaining and finding.given_up
+    if finding.effects:
+        assert finding.ended in next_step(finding)
 
 
 def made_problem(misfit: float, difference: float, seed: int = 0) -> tuple[Problem, Fit, Fit, TrainingSplit]:

@@ -23,7 +23,7 @@ from omnimj.signals import Array, Diagnosis
 
 
 class Answered(NamedTuple):
-    """What the diagnoses of a verdict already answer, n wheels; masks have shape (n,) unless noted."""
+    """Tests that active diagnoses already explain, n wheels; masks have shape (n,) unless noted."""
 
     channels: NDArray[np.bool_]
     """Diagnosed sensor channels, shape (2n+3,)."""

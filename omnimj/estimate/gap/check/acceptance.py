@@ -48,26 +48,6 @@ def holding_back(check: DataCheck, plant: str) -> tuple[Suspicion, ...]:
     )
 
 
-def require_sound(dataset: Dataset, check: DataCheck, accept: bool = False) -> Dataset:
-    """Hold data with certain faults back.
-
-    Args:
-      dataset: The dataset.
-      check: Its check.
-      accept: Whether to go on with such data: then gross units, time bases and counters are corrected.
-
-    Returns:
-      The dataset to use, with notes on what was corrected.
-
-    Raises:
-      DataFaultError: The data have certain faults and are not accepted.
-    """
-    faults = holding_back(check, dataset.plant)
-    if faults and not accept:
-        raise DataFaultError(dataset.path, [f"{_title(s)}: {s.words}" for s in faults], _RULE)
-    return correct_dataset(dataset, check)
-
-
 def sound_dataset(
     dataset: Dataset, machine: Machine | None, accept: bool = False
 ) -> tuple[Dataset, DataCheck]:
@@ -76,34 +56,29 @@ def sound_dataset(
     Args:
       dataset: The dataset.
       machine: The machine; the shipped one when None.
-      accept: Whether to go on with data that have certain faults.
+      accept: Whether to go on with data that have certain faults: then gross units, time bases and counters
+        are corrected.
 
     Returns:
-      The dataset to use, and its check.
+      The dataset to use, with notes on the findings and on what was corrected, and its check.
 
     Raises:
       DataFaultError: The data have certain faults and are not accepted.
     """
-    check = check_dataset(dataset, machine)
-    return _noted(require_sound(dataset, check, accept), check), check
+    return _held_back_or_corrected(dataset, check_dataset(dataset, machine), accept)
 
 
 def sound_logs(dataset: Dataset, machine: Machine, accept: bool = False) -> tuple[Dataset, DataCheck]:
-    """Check logs in which the machine may be faulty: only for what is wrong in all of their parts.
+    """Like `sound_dataset`, for logs of a machine that may be faulty: what is wrong throughout counts."""
+    return _held_back_or_corrected(dataset, _check_whole_logs(dataset, machine), accept)
 
-    Args:
-      dataset: The logs.
-      machine: The machine.
-      accept: Whether to go on with data that have certain faults.
 
-    Returns:
-      The logs to use, and their check.
-
-    Raises:
-      DataFaultError: The data have certain faults and are not accepted.
-    """
-    check = _check_whole_logs(dataset, machine)
-    return _noted(require_sound(dataset, check, accept), check), check
+def _held_back_or_corrected(dataset: Dataset, check: DataCheck, accept: bool) -> tuple[Dataset, DataCheck]:
+    faults = holding_back(check, dataset.plant)
+    if faults and not accept:
+        raise DataFaultError(dataset.path, [f"{_title(s)}: {s.words}" for s in faults], _RULE)
+    corrected = correct_dataset(dataset, check)
+    return replace(corrected, notes=(*check.notes, *corrected.notes)), check
 
 
 def _check_whole_logs(dataset: Dataset, machine: Machine) -> DataCheck:
@@ -139,10 +114,6 @@ def _half(run: Run, half: int) -> Run:
 def _rows(run: Run, rows: slice) -> Run:
     columns = {name: np.asarray(values)[rows] for name, values in run.columns.items()}
     return replace(run, columns=columns, masked={name: mask[rows] for name, mask in run.masked.items()})
-
-
-def _noted(dataset: Dataset, check: DataCheck) -> Dataset:
-    return replace(dataset, notes=(*check.notes, *dataset.notes))
 
 
 def _title(found: Suspicion) -> str:

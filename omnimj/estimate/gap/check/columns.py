@@ -93,7 +93,7 @@ def column_suspicions(
 
 
 def _is_within(found: Suspicion, stale: Sequence[Suspicion]) -> bool:
-    """Whether stale rows explain a frozen channel or repeated rows as well."""
+    """True if stale rows also explain a frozen channel or repeated rows."""
     return any(found.size <= s.size and set(found.runs) <= set(s.runs) for s in stale)
 
 

@@ -58,7 +58,7 @@ def _suspicions(dataset: Dataset, plant: GapPlant, machine: Machine) -> list[Sus
 
 
 def _covers(other: Suspicion, s: Suspicion) -> bool:
-    """Whether a suspicion says what another one says as well."""
+    """True if one suspicion implies the other."""
     if other.kind == "unit" and s.kind in ("unit", "scale", "magnitude"):
         is_same = s.channel == other.channel or s.channel.startswith(f"{other.channel}_")
         return is_same or (other.is_sure and other.channel in s.or_channels)

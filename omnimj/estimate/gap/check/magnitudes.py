@@ -34,7 +34,7 @@ class Limit:
     words: str
     """Reason, with the number."""
     is_place: bool = False
-    """Whether the channel counts from the middle of its own range: the zero of a position is free."""
+    """True if the limit is for the distance from the middle of the range, since a position has no zero."""
 
 
 def rig_limits(rig: Rig) -> tuple[Limit, ...]:

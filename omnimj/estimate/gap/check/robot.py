@@ -287,7 +287,7 @@ def _compared_turning(
 
 
 def _turns(stretches: Sequence[Stretch], runs: Sequence[Run], rolling: Array) -> bool:
-    """Whether the wheels turn the robot by will: a yaw loop that holds the heading drives them against it.
+    """True if the wheels turn the robot on purpose; a yaw loop that holds the heading drives them against it.
 
     Then the yaw rate of the wheels has a clear share in their speeds, and its sign is that of its changes.
     """

@@ -46,7 +46,7 @@ Links = Callable[[Sequence[Run]], list[TimeLink]]
 
 
 def has_period(runs: Sequence[Run], rate: float) -> bool:
-    """Whether time increases and the period is about that of the model in all runs."""
+    """True if time increases and the period is about that of the model in all runs."""
     return all(
         float(np.diff(run.time).min()) > 0.0 and abs(np.log(_period(run) * rate)) < _SAME for run in runs
     )
@@ -128,7 +128,7 @@ def _agreed(links: Sequence[TimeLink]) -> float | None:
 
 
 def _are_independent(links: Sequence[TimeLink]) -> bool:
-    """Whether no single channel can be blamed for all links."""
+    """True if no single channel explains all contradictions."""
     if len({link.order for link in links}) > 1:
         return True  # one wrong scale would give them different factors
     return len(links) > 1 and not set.intersection(*(set(link.channels) for link in links))

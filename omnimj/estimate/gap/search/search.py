@@ -1,19 +1,23 @@
-"""Search: refit the base, add effects alone or in pairs, and judge them given each other."""
+"""Search: refit the base, add effects alone or together, and judge them given each other."""
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from omnimj.effects import Interval
 from omnimj.estimate.gap.records import GivenUp
 from omnimj.estimate.gap.search.candidates import MARGIN, TrainingSplit, exceeds_margin
 from omnimj.estimate.gap.search.cross_validation import choose_heldout, make_folds, make_groups
 from omnimj.estimate.gap.search.judgement import Judgement, SelectedEffect, judge_effects
 from omnimj.estimate.gap.search.screening import CurveGains
 from omnimj.estimate.gap.search.selection import Progress, SelectionRound, select_round
-from omnimj.estimate.gap.search.subsets import best_pair
+from omnimj.estimate.gap.search.subsets import best_subset
+from omnimj.estimate.gap.sentences import join_words
 from omnimj.estimate.intervals import block_noise
 from omnimj.estimate.replay.interface import Replay
 from omnimj.estimate.replay.problem import Fit, ModelEffects, Problem, fit, reevaluate
@@ -21,9 +25,10 @@ from omnimj.signals import Array
 
 MOST_EFFECTS = 4
 """Largest number of effects in a model."""
-_WEAK = 0.10  # held-out gain of the best effect alone up to which pairs are tried as well
+_WEAK = 0.10  # held-out gain of the best effect alone up to which pairs and triples are tried as well
+_MOST_TRIES = 4  # additions of one round that may fail
 NOISE_LEVEL = 1.5
-"""Mismatch in units of noise up to which a model with effects lacks nothing, and pairs are not tried."""
+"""Mismatch in units of noise up to which a model with effects lacks nothing, and nothing is added."""
 
 
 @dataclass(frozen=True)
@@ -41,10 +46,16 @@ class SearchResult:
     rounds: tuple[SelectionRound, ...]
     """Rounds of the search; where a gap was left, nothing was added in the last one."""
     outcomes: tuple[str, ...] = ()
-    """What each round added, or why it added nothing."""
+    """Per round: the effects that it added, or the reason for which it added none."""
     given_up: tuple[GivenUp, ...] = ()
     """Effects that were in the model for a while, with the reason for which they are not."""
-    interrupted: bool = False
+    ended: str = ""
+    """Reason for which nothing more was added; empty if the search was interrupted."""
+
+    @property
+    def interrupted(self) -> bool:
+        """True if the search did not reach its end."""
+        return not self.ended
 
     @property
     def used(self) -> NDArray[np.bool_]:
@@ -135,8 +146,8 @@ def refit(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) -> tuple[Probl
 def search(replay: Replay, holdout: tuple[str, ...], seed: int, report: Progress) -> SearchResult:
     """Find the effects that a model lacks.
 
-    Effects are added while one of them, or a pair, gains on held-out training runs. Whenever the model has
-    grown, all its effects are judged given each other (`judge_effects`).
+    Effects are added while one of them, a pair or a triple gains on held-out training runs. Whenever the
+    model has grown, all its effects are judged given each other (`judge_effects`).
 
     Args:
       replay: The plant with the measured runs.
@@ -150,11 +161,8 @@ def search(replay: Replay, holdout: tuple[str, ...], seed: int, report: Progress
     split = TrainingSplit(used, groups, make_folds(groups, ~heldout, seed), seed)
     problem, base = fit_base(replay, used, report)
     growing = _Growing(problem, base, split, report)
-    interrupted = False
-    try:
+    with contextlib.suppress(KeyboardInterrupt):
         growing.run()
-    except KeyboardInterrupt:
-        interrupted = True
     state = growing.state
     return SearchResult(
         state.problem,
@@ -166,32 +174,57 @@ def search(replay: Replay, holdout: tuple[str, ...], seed: int, report: Progress
         tuple(growing.rounds),
         tuple(growing.outcomes),
         growing.given_up(),
-        interrupted,
+        growing.ended,
     )
 
 
 class _Growing:
-    """Model that grows by effects and pairs until nothing helps; its state survives an interruption."""
+    """Model that grows by effects until nothing helps; its state survives an interruption."""
 
     def __init__(self, problem: Problem, base: Fit, split: TrainingSplit, report: Progress):
         self.state = Judgement(problem, base, (), ())
         self.rounds: list[SelectionRound] = []
         self.outcomes: list[str] = []
+        self.ended = ""
         self._split, self._report = split, report
         self._given_up: dict[str, GivenUp] = {}
         self._seen: set[frozenset[str]] = {frozenset()}
 
     def run(self) -> None:
-        """Add and judge effects until no addition leads to a new model."""
-        while not (self.state.named and self._mismatch() <= NOISE_LEVEL):
+        """Run rounds until one of them leaves the model as it was."""
+        while not self.ended:
+            if self.state.named and self._mismatch() <= NOISE_LEVEL:
+                self.ended = "what is left is noise, and no further effect was sought"
+                break
             found = self._next_round()
             if len(self.state.named) == MOST_EFFECTS:
-                self.outcomes.append(f"the model has {MOST_EFFECTS} effects, the largest number")
-                return
-            addition = self._addition(found)
-            if addition is None:
-                return
+                self.ended = f"the model has {MOST_EFFECTS} effects, the largest number"
+                self.outcomes.append(self.ended)
+                break
+            self.ended = self._grow(found)
+
+    def _grow(self, found: SelectionRound) -> str:
+        """Try additions until one changes the model; the reason for which none did, empty otherwise."""
+        before, failed = _label_set(self.state.final), []
+        is_sure = any(exceeds_margin(t.gain) for t in found.tried)
+        for gain, addition in self._additions(found):
+            added = " and ".join(c.label for c in addition.effects[len(self.state.final.effects) :])
+            if len(failed) == _MOST_TRIES:
+                self.outcomes.append(f"{join_words(failed)} did not hold")
+                return f"{added} and weaker candidates were not tried, after {_MOST_TRIES} that did not hold"
+            kept, is_sure = self.state, is_sure or exceeds_margin(gain)
             self._judge(addition)
+            if _label_set(self.state.final) != before:
+                text = f"{added} gained {100.0 * gain.value:.3g} % and joined the model"
+                self.outcomes.append(f"{join_words(failed)} did not hold, {text}" if failed else text)
+                return ""
+            failed.append(added)
+            self.state = kept
+        end = "no further effect in the library gains enough to be named"
+        if is_sure:
+            end = "every further effect that gains was tried and did not hold"
+        self.outcomes.append(f"{join_words(failed)} did not hold" if failed else end)
+        return end
 
     def _mismatch(self) -> float:
         """Training mismatch of the model, RMS over all channels in units of noise."""
@@ -211,30 +244,25 @@ class _Growing:
         self.rounds.append(select_round(state.problem, state.final, left, self._split, self._report))
         return self.rounds[-1]
 
-    def _addition(self, found: SelectionRound) -> Fit | None:
-        """Model with the best addition that leads to a model not seen yet; None if nothing gains."""
-        options = [(t.gain.value, t.fit) for t in found.tried[:1]]
-        is_weak = not options or options[0][0] <= _WEAK
-        if is_weak and self._mismatch() > NOISE_LEVEL:
-            self._report("trying pairs of effects", 1.0)
-            pair = best_pair(self.state.problem, self.state.final, found.screened, self._split)
-            if pair is not None and exceeds_margin(pair.gain):
-                options.append((pair.gain.value, pair.fit))
-        # effects that mask each other gain little alone: any gain admits one, all are judged together
-        gaining = sorted((o for o in options if o[0] > MARGIN), key=lambda option: -option[0])
-        for gain, fitted in gaining:
+    def _additions(self, found: SelectionRound) -> Iterator[tuple[Interval, Fit]]:
+        """Gains and models of additions that lead to a model not seen yet, the most promising first.
+
+        The leader needs no sure gain: effects that mask each other gain little alone, and all are judged
+        together. The others need a gain whose lower bound is above the margin.
+        """
+        options = [(t.gain, t.fit) for t in found.tried[:1] if t.gain.value > MARGIN]
+        if self._mismatch() > NOISE_LEVEL and all(gain.value <= _WEAK for gain, _ in options):
+            self._report("trying pairs and triples of effects", 1.0)
+            room = MOST_EFFECTS - len(self.state.named)
+            subset = best_subset(self.state.problem, self.state.final, found.screened, self._split, room)
+            if subset is not None and exceeds_margin(subset.gain):
+                options.append((subset.gain, subset.fit))
+        options.sort(key=lambda option: -option[0].value)
+        options += [(t.gain, t.fit) for t in found.tried[1:] if exceeds_margin(t.gain)]
+        for gain, fitted in options:
             if _label_set(fitted) not in self._seen:
                 self._seen.add(_label_set(fitted))
-                added = [c.label for c in fitted.effects[len(self.state.final.effects) :]]
-                self.outcomes.append(
-                    f"{' and '.join(added)} gained {100.0 * gain:.3g} % and joined the model"
-                )
-                return fitted
-        why = (
-            "would restore a model that did not hold" if gaining else f"does not gain {100.0 * MARGIN:.0f} %"
-        )
-        self.outcomes.append(f"the leader {why}" if options else "no candidate explains any of the mismatch")
-        return None
+                yield gain, fitted
 
     def _judge(self, addition: Fit) -> None:
         """Refit the grown model and judge its effects; an interruption leaves it as it was added."""

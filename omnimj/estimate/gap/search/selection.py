@@ -9,7 +9,6 @@ import numpy as np
 
 from omnimj.effects import Interval
 from omnimj.estimate.gap.records import CandidateResult, Stage
-from omnimj.estimate.gap.search.ambiguity import ambiguity_set
 from omnimj.estimate.gap.search.candidates import (
     MARGIN,
     FittedCandidate,
@@ -57,8 +56,6 @@ class SelectionRound:
     tried: tuple[FittedCandidate, ...]
     screened: tuple[ScreenedCandidate, ...]
     """All candidates after the screening, the largest share first."""
-    rivals: tuple[FittedCandidate, ...]
-    """Candidates that the best one does not beat clearly."""
     curves: CurveGains
     before: Array
     """Held-out loss per group without any candidate, shape (groups,)."""
@@ -150,5 +147,4 @@ def select_round(
     leader = min(tried, key=lambda t: float(t.losses.sum())) if tried else None
     share = effective_share(problem, leader.fit if leader else current, split)
     tried.sort(key=lambda t: information_score(t, share))
-    rivals = ambiguity_set(problem, tried, share, split) if tried else ()
-    return SelectionRound(tuple(tried), tuple(screened), rivals, curves, before)
+    return SelectionRound(tuple(tried), tuple(screened), curves, before)

@@ -1,4 +1,4 @@
-"""Look-ahead: pairs of effects that explain much together although neither explains much alone."""
+"""Look-ahead: pairs and triples of effects that explain much together although none explains much alone."""
 
 from __future__ import annotations
 
@@ -19,20 +19,31 @@ from omnimj.estimate.replay.problem import Fit, Problem, fit, huber_weights
 from omnimj.signals import Array
 
 _MOST_CANDIDATES = 40  # candidates that are combined
-_PROMISING = 12  # pairs whose bounded share is computed
-_FITTED = 3  # pairs that are fitted
+_PROMISING = 12  # subsets of each size whose bounded share is computed
+_FITTED = 3  # subsets of each size that are fitted
+_LARGER = 0.9  # share of what a pair leaves below which a triple must get to be fitted
 
 
 @dataclass(frozen=True)
-class FittedPair:
-    """Two candidates fitted together."""
+class FittedSubset:
+    """Candidates fitted together."""
 
-    candidates: tuple[CandidateEffect, CandidateEffect]
+    candidates: tuple[CandidateEffect, ...]
     fit: Fit
     losses: Array
     """Held-out loss per group, shape (groups,)."""
     gain: Interval
-    """Gain over the model without both."""
+    """Gain over the model without them."""
+
+
+@dataclass(frozen=True)
+class _PromisingSubset:
+    """Candidates with their share of the squared mismatch, to first order and inside the bounds."""
+
+    candidates: tuple[CandidateEffect, ...]
+    share: float
+    start: Array
+    """Starting values of the model and of these effects, shape (parameters + own,)."""
 
 
 @dataclass(frozen=True)
@@ -48,54 +59,78 @@ class _Columns:
     """Its columns in the normal equations."""
 
 
-def best_pair(
-    problem: Problem, current: Fit, screened: Sequence[ScreenedCandidate], split: TrainingSplit
-) -> FittedPair | None:
-    """Pair of candidates with the smallest held-out loss; None with fewer than two candidates.
+def best_subset(
+    problem: Problem,
+    current: Fit,
+    screened: Sequence[ScreenedCandidate],
+    split: TrainingSplit,
+    room: int = 3,
+) -> FittedSubset | None:
+    """Pair or triple of candidates with the smallest held-out loss; None with fewer than two candidates.
 
-    To first order all pairs follow from one set of sensitivities, so that only the most promising are fitted.
+    To first order all subsets follow from one set of sensitivities, so that only the most promising are
+    fitted; triples only if they leave clearly less than the best pair.
 
     Args:
       problem: The data and the scale.
       current: The model so far, fitted.
       screened: Candidates after the screening, whose starting points give their shapes.
       split: Training blocks, groups and folds.
+      room: Largest number of effects to add.
     """
     before = group_losses(problem, current, split)
+    promising = _promising_subsets(problem, current, screened, split.used)
     fitted = []
-    for first, second, start in _promising_pairs(problem, current, screened, split.used)[:_FITTED]:
-        effects = (*current.effects, first, second)
-        found = fit(problem, effects, start, split.used, 2, current.jacobian)
+    for one in (p for p in promising if len(p.candidates) <= room):
+        effects = (*current.effects, *one.candidates)
+        found = fit(problem, effects, one.start, split.used, 2, current.jacobian)
         losses = group_losses(problem, found, split)
-        fitted.append(FittedPair((first, second), found, losses, heldout_gain(before, losses)))
-    return min(fitted, key=lambda pair: float(pair.losses.sum()), default=None)
+        fitted.append(FittedSubset(one.candidates, found, losses, heldout_gain(before, losses)))
+    return min(fitted, key=lambda subset: float(subset.losses.sum()), default=None)
 
 
-def _promising_pairs(
+def _promising_subsets(
     problem: Problem, current: Fit, screened: Sequence[ScreenedCandidate], used: NDArray[np.bool_]
-) -> list[tuple[CandidateEffect, CandidateEffect, Array]]:
-    """Pairs and their starting points, the largest share to first order and inside the bounds first."""
+) -> list[_PromisingSubset]:
+    """Pairs, and the triples that leave clearly less than every pair."""
     columns, sums = _pooled_normal_equations(problem, current, screened[:_MOST_CANDIDATES], used)
+    projected = _projected(problem, current, sums)
+    pairs = _best_bounded(problem, current, sums, _best_combinations(columns, projected, 2, len(current.x)))
+    triples = _best_bounded(problem, current, sums, _best_combinations(columns, projected, 3, len(current.x)))
+    least = _LARGER * (1.0 - pairs[0].share) if pairs else 0.0
+    return [*pairs, *(t for t in triples if 1.0 - t.share < least)]
+
+
+def _projected(problem: Problem, current: Fit, sums: Array) -> Array:
+    """Normal equations of the candidates and the residual after the model's own parameters."""
     n = len(current.x)
-    precision, distance = problem.prior(current.x, current.effects)
+    precision, _ = problem.prior(current.x, current.effects)
     ground = sums[:n, :n] + np.diag(precision + 1e-9 * max(float(sums.diagonal()[:n].max()), 1e-30))
-    # what is left of the candidates' columns and of the residual after the model's own parameters
-    projected = sums[n:, n:] - sums[n:, :n] @ np.linalg.solve(ground, sums[:n, n:])
-    shares = {}
-    for one, other in itertools.combinations(columns, 2):
-        own = np.r_[one.place, other.place] - n
-        gram = projected[np.ix_(own, own)] + 1e-9 * projected.diagonal()[own].max() * np.eye(len(own))
+    return sums[n:, n:] - sums[n:, :n] @ np.linalg.solve(ground, sums[:n, n:])
+
+
+def _best_combinations(
+    columns: Sequence[_Columns], projected: Array, size: int, own_parameters: int
+) -> list[tuple[_Columns, ...]]:
+    """Combinations that explain most of the mismatch to first order, the largest share first."""
+    shares = []
+    for combination in itertools.combinations(columns, size):
+        own = np.concatenate([np.r_[one.place] for one in combination]) - own_parameters
+        gram = projected[np.ix_(own, own)]
+        gram = gram + 1e-9 * gram.diagonal().max() * np.eye(len(own))
         slope = projected[own, -1]
-        shares[one.candidate.label, other.candidate.label] = float(slope @ np.linalg.lstsq(gram, slope)[0])
-    by_label = {c.candidate.label: c for c in columns}
-    best = sorted(shares, key=lambda pair: -shares[pair])[:_PROMISING]
-    found = []
-    for pair in best:
-        one, other = (by_label[label] for label in pair)
-        share, start = _bounded_share(problem, current, (one, other), sums, (precision, distance))
-        found.append((share, one.candidate, other.candidate, start))
-    found.sort(key=lambda entry: -entry[0])
-    return [entry[1:] for entry in found]
+        shares.append((float(slope @ np.linalg.solve(gram, slope)), combination))
+    shares.sort(key=lambda entry: -entry[0])
+    return [combination for _, combination in shares[:_PROMISING]]
+
+
+def _best_bounded(
+    problem: Problem, current: Fit, sums: Array, combinations: Sequence[tuple[_Columns, ...]]
+) -> list[_PromisingSubset]:
+    """Combinations with the largest share inside the bounds, the largest first."""
+    prior = problem.prior(current.x, current.effects)
+    found = [_bounded_share(problem, current, one, sums, prior) for one in combinations]
+    return sorted(found, key=lambda subset: -subset.share)[:_FITTED]
 
 
 def _pooled_normal_equations(
@@ -120,15 +155,15 @@ def _pooled_normal_equations(
 def _bounded_share(
     problem: Problem,
     current: Fit,
-    pair: tuple[_Columns, _Columns],
+    subset: tuple[_Columns, ...],
     sums: Array,
     prior: tuple[Array, Array],
-) -> tuple[float, Array]:
-    """Share of the squared mismatch that a pair explains inside the bounds, and its starting point."""
+) -> _PromisingSubset:
+    """Share of the squared mismatch that a subset explains inside the bounds, and its starting point."""
     n, scales = len(current.x), problem.scales(current.effects)
     low, high = problem.bounds(current.effects)
     ends = [(low - current.x) / scales], [(high - current.x) / scales]
-    for one in pair:
+    for one in subset:
         parameters = one.candidate.parameters
         reach = np.array(
             [
@@ -138,16 +173,17 @@ def _bounded_share(
         )
         ends[0].append(reach[:, 0])
         ends[1].append(reach[:, 1])
-    own = np.r_[0:n, pair[0].place, pair[1].place, len(sums) - 1]
+    own = np.concatenate([np.arange(n), *(np.r_[one.place] for one in subset), [len(sums) - 1]])
     small, none = sums[np.ix_(own, own)], np.zeros(len(own) - n - 1)
     both = np.concatenate([prior[0], none]), np.concatenate([prior[1], none])
     step = bounded_step(small, (np.concatenate(ends[0]), np.concatenate(ends[1])), both, 1e-6)
     full, start = np.append(step, 1.0), [current.x + scales * step[:n]]
     at = n
-    for one in pair:
+    for one in subset:
         values = one.at.copy()
         for k, size in one.steps:
             values[k] += size * step[at]
             at += 1
         start.append(values)
-    return 1.0 - float(full @ small @ full) / max(float(small[-1, -1]), 1e-30), np.concatenate(start)
+    share = 1.0 - float(full @ small @ full) / max(float(small[-1, -1]), 1e-30)
+    return _PromisingSubset(tuple(one.candidate for one in subset), share, np.concatenate(start))

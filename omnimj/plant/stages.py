@@ -1,0 +1,68 @@
+"""Stages of a planar run: its conditions change at few times and are constant in between."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+from omnimj.effects import AppliedEffects
+from omnimj.parameters import Rig, Robot
+from omnimj.plant.faults import Conditions, Fault, conditions_at, conditions_with_effects, event_times
+from omnimj.signals import Array
+
+TIME_TOLERANCE = 1e-9
+"""Time by which a time accumulated over steps may fall short of an event [s]."""
+
+
+def timeline(
+    machine: Robot | Rig, faults: Sequence[Fault], effects: AppliedEffects, measured_current: bool
+) -> list[tuple[float, Conditions]]:
+    """Conditions of the run, each with the time from which it holds [s]."""
+    found = []
+    for begin in (0.0, *event_times(faults)):
+        by_faults = conditions_at(faults, begin, machine.motor, machine.wheel_count)
+        found.append((begin, conditions_with_effects(by_faults, effects, measured_current)))
+    return found
+
+
+class Stage(Protocol):
+    """Constants of the equations while the conditions stay constant."""
+
+    @property
+    def begin(self) -> float:
+        """Time of the beginning [s]."""
+        ...
+
+
+class StagedPlant:
+    """Planar plant whose conditions change from stage to stage."""
+
+    period: float
+    """Control period [s]."""
+    _stages: Sequence[Stage]
+    _at: int
+    """Present stage."""
+    _steps: Array
+    """Control periods since the start, shape (1,), integer."""
+    _sensors: Any
+    """`RigSensors` or `RobotSensors`."""
+
+    @property
+    def next_change(self) -> float:
+        """Time from which `prepare_step` has conditions to change [s]."""
+        later = self._at + 1
+        return self._stages[later].begin - TIME_TOLERANCE if later < len(self._stages) else math.inf
+
+    def prepare_step(self) -> None:
+        """Apply the conditions that begin with the coming period, and keep the sensors' noise coming."""
+        while int(self._steps[0]) * self.period >= self.next_change:
+            self._enter(self._at + 1)
+        self._sensors.refill()
+
+    def close(self) -> None:
+        """Do nothing: there is nothing to release."""
+
+    def _enter(self, stage: int) -> None:
+        """Begin a stage."""
+        raise NotImplementedError
