@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -248,17 +248,28 @@ class _Growing:
         """Gains and models of additions that lead to a model not seen yet, the most promising first.
 
         The leader needs no sure gain: effects that mask each other gain little alone, and all are judged
-        together. The others need a gain whose lower bound is above the margin.
+        together. Where it is weak or does not hold, pairs and triples are tried as well. The others need a
+        gain whose lower bound is above the margin.
         """
         options = [(t.gain, t.fit) for t in found.tried[:1] if t.gain.value > MARGIN]
-        if self._mismatch() > NOISE_LEVEL and all(gain.value <= _WEAK for gain, _ in options):
-            self._report("trying pairs and triples of effects", 1.0)
-            room = MOST_EFFECTS - len(self.state.named)
-            subset = best_subset(self.state.problem, self.state.final, found.screened, self._split, room)
-            if subset is not None and exceeds_margin(subset.gain):
-                options.append((subset.gain, subset.fit))
-        options.sort(key=lambda option: -option[0].value)
-        options += [(t.gain, t.fit) for t in found.tried[1:] if exceeds_margin(t.gain)]
+        is_weak = all(gain.value <= _WEAK for gain, _ in options)
+        if not is_weak:
+            yield from self._unseen(options)
+        options = sorted([*options, *self._subsets(found)], key=lambda option: -option[0].value)
+        yield from self._unseen(options)
+        yield from self._unseen([(t.gain, t.fit) for t in found.tried[1:] if exceeds_margin(t.gain)])
+
+    def _subsets(self, found: SelectionRound) -> list[tuple[Interval, Fit]]:
+        """The best pair or triple, if it gains and anything but noise is left."""
+        if self._mismatch() <= NOISE_LEVEL:
+            return []
+        self._report("trying pairs and triples of effects", 1.0)
+        room = MOST_EFFECTS - len(self.state.named)
+        best = best_subset(self.state.problem, self.state.final, found.screened, self._split, room)
+        return [(best.gain, best.fit)] if best is not None and exceeds_margin(best.gain) else []
+
+    def _unseen(self, options: Sequence[tuple[Interval, Fit]]) -> Iterator[tuple[Interval, Fit]]:
+        """Options whose effects were not in one model before; they count as seen from now on."""
         for gain, fitted in options:
             if _label_set(fitted) not in self._seen:
                 self._seen.add(_label_set(fitted))
