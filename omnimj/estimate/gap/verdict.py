@@ -17,7 +17,7 @@ from omnimj.estimate.gap.search.screening import curve_gains, sensitivities
 from omnimj.estimate.gap.search.search import NOISE_LEVEL, SearchResult
 from omnimj.estimate.replay.problem import Fit, Problem, fit
 
-MIN_EXPLAINED = 0.7
+MIN_EXPLAINED = 0.88
 """Smallest share of the explainable mismatch (squared, beyond the noise) that named effects must remove."""
 MIN_REDUCTION = 0.5
 """Smallest share of all mismatch above the noise (squared, held out) that they must remove."""

@@ -113,6 +113,10 @@ class Experiment:
     """Settings of the run: current, mass, floor, …"""
 
 
+ROTATION_LOCKED = frozenset({"roller_ripple", "motor_cogging"})
+"""Effects with the phase of the measured wheel angle, from which the angle of a simulated twin departs."""
+
+
 class Replay(Protocol):
     """Replay of a dataset; blocks are rows, channels are columns, NaN is masked."""
 

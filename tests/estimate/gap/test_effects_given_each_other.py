@@ -44,7 +44,7 @@ class Wavy(Toy):
 class Masked(Toy):
     """Sensor drifts with large parts in common, which cancel: only a small sum shows.
 
-    Of `drift_a` and `drift_b` the difference shows, of `drift_d`, `drift_e` and `drift_f` the sum of all three.
+    Of `drift_a` and `drift_b` the difference shows, of `drift_d`, `drift_e` and `drift_f` the sum.
     """
 
     def __init__(self, truth, seed: int = 0):

@@ -54,5 +54,35 @@ def test_a_ripple_keeps_its_phase_where_the_simulated_wheel_runs_away():
     assert np.corrcoef(effect_of_ripple(right), effect_of_ripple(wrong))[0, 1] > 0.9
 
 
+@pytest.mark.parametrize(
+    ("effect", "values"),
+    [
+        ("winding_heating", {"rate": 0.1}),
+        ("supply_sag", {"resistance": 4.0}),
+        ("torque_constant", {"scale": 0.85}),
+        ("gear_loss", {"viscous": 2e-3, "load": 0.05}),
+        ("rail_viscous", {"coefficient": 2.0}),
+    ],
+)
+def test_a_hidden_effect_is_reproduced_in_every_channel_at_its_true_values(effect, values):
+    """At top speed the supply limits the current that is delivered, which cools and sags with the machine."""
+    rig, floors = read_rig(), read_floors()
+    true = with_effects(rig, {effect: values})
+    plant = PlanarRig(true, "natural_stone", seed=3, floors=floors)
+    trace = drive_rig(plant, np.concatenate([np.zeros(100), np.full(1500, 1.5)]))
+    columns = {name: trace[name] for name in ("time", *RIG_CHANNELS, "current_target")}
+    conditions = {"floor": "natural_stone", "mass": rig.rig.masses[0]}
+    replay = RigReplay(
+        Dataset(Path("runs"), "quarter_rig", (Run("run", columns, {}, conditions, "run"),)), rig, floors
+    )
+    base = np.array([b.nominal for b in replay.base])
+    label, shapes = next((c.label, c.parameters) for c in replay.candidates if c.effect == effect)
+    own = np.array([values.get(s.name, s.null_value or 0.0) for s in shapes])
+    (simulated,) = replay.simulate([Setting(base, {label: own})])
+    for k, channel in enumerate(replay.channels):
+        left = np.nanstd((replay.measured - simulated)[:, k])
+        assert left < 0.04 * np.nanstd(replay.measured[:, k]), channel.name
+
+
 def _plain(replay: RigReplay):
     return apply_effects(replay.based(Setting(np.array([b.nominal for b in replay.base]))).machine)

@@ -19,16 +19,18 @@ from omnimj.estimate.gap.search.selection import Progress, SelectionRound, selec
 from omnimj.estimate.gap.search.subsets import best_subset
 from omnimj.estimate.gap.sentences import join_words
 from omnimj.estimate.intervals import block_noise
-from omnimj.estimate.replay.interface import Replay
+from omnimj.estimate.replay.interface import ROTATION_LOCKED, Replay
 from omnimj.estimate.replay.problem import Fit, ModelEffects, Problem, fit, reevaluate
 from omnimj.signals import Array
 
 MOST_EFFECTS = 4
 """Largest number of effects in a model."""
 _WEAK = 0.10  # held-out gain of the best effect alone up to which pairs and triples are tried as well
+_MOST_REFITS = 3
+_STILL, _CONVERGED = 0.2, 0.1  # change by a new twin that ends the refits: in noise, and of the mismatch
 _MOST_TRIES = 4  # additions of one round that may fail
 NOISE_LEVEL = 1.5
-"""Mismatch in units of noise up to which a model with effects lacks nothing, and nothing is added."""
+"""Mismatch in units of noise up to which a model with effects lacks nothing that would show."""
 
 
 @dataclass(frozen=True)
@@ -71,12 +73,16 @@ class SearchResult:
 def with_twin_correction(problem: Problem, x: Array, effects: ModelEffects) -> Problem:
     """The problem with the twin simulated at a model: offset = twin − equations there.
 
+    Both are simulated without what turns with the wheel: out of phase, its difference would not cancel.
+
     Args:
       problem: The data and the scale.
       x: Parameters of the model, shape (n,).
       effects: Effects in the model.
     """
     setting, _ = problem.split(x, effects)
+    locked = {c.label for c in effects if c.effect in ROTATION_LOCKED}
+    setting = replace(setting, effects={k: v for k, v in setting.effects.items() if k not in locked})
     twin = problem.replay.simulate_twin(setting)
     if twin is None:
         return problem
@@ -128,19 +134,27 @@ def fit_base(replay: Replay, used: NDArray[np.bool_], report: Progress) -> tuple
 
 
 def refit(problem: Problem, fitted: Fit, used: NDArray[np.bool_]) -> tuple[Problem, Fit]:
-    """Refit after simulating the twin at the new model and estimating the noise anew (it can only shrink).
+    """Refit with the twin simulated at the new model and the noise estimated anew, until neither changes it.
+
+    The noise can only shrink.
 
     Args:
       problem: The data and the scale.
       fitted: The new model.
       used: Blocks to fit to, shape (blocks,).
     """
-    problem = with_twin_correction(problem, fitted.x, fitted.effects)
-    (mismatch,) = problem.mismatches([fitted.x], fitted.effects)
-    noise = np.minimum(problem.noise, block_noise(problem.replay, mismatch))
-    problem = replace(problem, noise=noise)
-    problem = robust_scale(problem, reevaluate(fitted, problem), used)
-    return problem, fit(problem, fitted.effects, fitted.x, used)
+    for _ in range(_MOST_REFITS):
+        problem = with_twin_correction(problem, fitted.x, fitted.effects)
+        (mismatch,) = problem.mismatches([fitted.x], fitted.effects)
+        noise = np.minimum(problem.noise, block_noise(problem.replay, mismatch))
+        problem = replace(problem, noise=noise)
+        before = reevaluate(fitted, problem)
+        problem = robust_scale(problem, before, used)
+        moved = float(np.sqrt(((before.residual - fitted.residual)[used] ** 2).mean()))
+        fitted = fit(problem, fitted.effects, fitted.x, used)
+        if moved < max(_STILL, _CONVERGED * float(np.sqrt((fitted.residual[used] ** 2).mean()))):
+            break
+    return problem, fitted
 
 
 def search(replay: Replay, holdout: tuple[str, ...], seed: int, report: Progress) -> SearchResult:
@@ -193,9 +207,6 @@ class _Growing:
     def run(self) -> None:
         """Run rounds until one of them leaves the model as it was."""
         while not self.ended:
-            if self.state.named and self._mismatch() <= NOISE_LEVEL:
-                self.ended = "what is left is noise, and no further effect was sought"
-                break
             found = self._next_round()
             if len(self.state.named) == MOST_EFFECTS:
                 self.ended = f"the model has {MOST_EFFECTS} effects, the largest number"
@@ -248,16 +259,17 @@ class _Growing:
         """Gains and models of additions that lead to a model not seen yet, the most promising first.
 
         The leader needs no sure gain: effects that mask each other gain little alone, and all are judged
-        together. Where it is weak or does not hold, pairs and triples are tried as well. The others need a
-        gain whose lower bound is above the margin.
+        together. Where it is weak or does not hold, pairs and triples are tried as well. The others, and all
+        beside named effects that leave noise alone, need a gain whose lower bound is above the margin.
         """
-        options = [(t.gain, t.fit) for t in found.tried[:1] if t.gain.value > MARGIN]
+        is_noise = self.state.named and self._mismatch() <= NOISE_LEVEL
+        options = [(t.gain, t.fit) for t in found.tried[:1] if t.gain.value > MARGIN and not is_noise]
         is_weak = all(gain.value <= _WEAK for gain, _ in options)
         if not is_weak:
             yield from self._unseen(options)
         options = sorted([*options, *self._subsets(found)], key=lambda option: -option[0].value)
         yield from self._unseen(options)
-        yield from self._unseen([(t.gain, t.fit) for t in found.tried[1:] if exceeds_margin(t.gain)])
+        yield from self._unseen([(t.gain, t.fit) for t in found.tried if exceeds_margin(t.gain)])
 
     def _subsets(self, found: SelectionRound) -> list[tuple[Interval, Fit]]:
         """The best pair or triple, if it gains and anything but noise is left."""
@@ -282,6 +294,9 @@ class _Growing:
         self.state = self._provisional(problem, current)
         self._report("judging each effect given the others", 0.9)
         judged = judge_effects(problem, current, self._split)
+        if judged.final.effects != current.effects:
+            problem, final = refit(problem, judged.final, used)
+            judged = replace(judged, problem=problem, final=final)
         self._given_up |= {one.label: one for one in judged.given_up}
         self._seen.add(_label_set(judged.final))
         self.state = judged

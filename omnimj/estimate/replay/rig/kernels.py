@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnimj.physics import rig
-from omnimj.physics.effect_terms import terms_at
+from omnimj.physics.effect_terms import apply_motor_effects, terms_at
 from omnimj.physics.motor import achievable_current, motor_at
 from omnimj.physics.native import kernel
 from omnimj.physics.traction import traction_at
@@ -163,15 +163,20 @@ def _running(sums, place, before, after):
 
 
 @kernel
-def delivered_current(target, wheel_speed, motor):
+def delivered_current(target, wheel_speed, motor, terms, layout, period):
     """Current that the amplifier delivers for a set value at a wheel speed, shape (samples,) [A].
 
     Args:
       target: Set value, shape (samples,) [A].
       wheel_speed: Shape (samples,) [rad/s].
       motor: Packed motor, shape (MOTOR_SIZE,).
+      terms: Packed effect terms, shape (TERMS,): the supply sags, the winding warms up.
+      layout: Samples of all runs, a `BlockLayout`.
+      period: Of a sample [s].
     """
-    found, driving = np.empty(len(target)), motor_at(motor)
-    for n in range(len(target)):
-        found[n] = achievable_current(driving, target[n], wheel_speed[n])
+    found, cold, effects = np.empty(len(target)), motor_at(motor), terms_at(terms)
+    for k in range(len(layout.first) - 1):
+        for n in range(layout.first[k], layout.first[k + 1]):
+            warm = apply_motor_effects(cold, effects, (n - layout.first[k]) * period, 0.0)
+            found[n] = achievable_current(warm, target[n], wheel_speed[n])
     return found

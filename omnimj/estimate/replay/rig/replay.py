@@ -35,7 +35,7 @@ from omnimj.estimate.replay.rig.runs import (
 from omnimj.estimate.rig_runs import CHANNELS, drive_by_currents
 from omnimj.estimate.threads import map_in_threads
 from omnimj.parameters import Floor, Rig
-from omnimj.physics.effect_terms import TERM, mark_active, write_curve
+from omnimj.physics.effect_terms import mark_active, write_curve
 from omnimj.physics.motor import driven_by_measured_current, motor_parameters
 from omnimj.physics.rig import rig_parameters
 from omnimj.physics.wheel import packed
@@ -125,14 +125,13 @@ def sensor_block_means(
         observe(c, np.ascontiguousarray(out[:, c]), name, chain[name], lags.get(name, 0.0))
     if runs.target is not None:
         (motor,) = changed.motors((motor_parameters(changed.machine.motor),))
-        sagging = motor._replace(resistance=motor.resistance + float(changed.terms[0, TERM["sag"]]))
         wheel = np.ascontiguousarray(out[:, native.WHEEL])
         lag = changed.machine.motor.current_loop
         # the set value may be logged a sample before it acts; the wheel's speed limits it when it does
         target = _delayed(runs, runs.target, lags.get("current_target", 0.0))
-        observe(
-            len(_SIMULATED), native.delivered_current(target, wheel, np.array(sagging)), "current", lag, 0.0
-        )
+        layout = native.BlockLayout(runs.first, runs.blocks_first, runs.size)
+        delivered = native.delivered_current(target, wheel, np.array(motor), changed.terms[0], layout, h)
+        observe(len(_SIMULATED), delivered, "current", lag, 0.0)
     return result
 
 
