@@ -12,9 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from omnimj.estimate.gap.search.candidates import NOISE_LEVEL
 from omnimj.estimate.gap.search.cross_validation import heldout_losses, sum_by_group
 from omnimj.estimate.gap.search.screening import curve_gains, sensitivities
-from omnimj.estimate.gap.search.search import NOISE_LEVEL, SearchResult
+from omnimj.estimate.gap.search.search import SearchResult
 from omnimj.estimate.replay.problem import Fit, Problem, fit
 
 MIN_EXPLAINED = 0.88

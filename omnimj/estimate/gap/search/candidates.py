@@ -22,6 +22,8 @@ from omnimj.signals import Array
 
 MARGIN = 0.02
 """Held-out gain whose lower bound an effect must exceed to be named."""
+NOISE_LEVEL = 1.5
+"""Mismatch in units of noise up to which a model lacks nothing that would show."""
 CLEAR = 3.0
 """Smallest deficit in log-likelihood (effective samples) of a candidate that is beaten."""
 _LEADERS = 4  # candidates of a round whose fits are completed
@@ -58,6 +60,12 @@ class FittedCandidate:
 def group_losses(problem: Problem, fitted: Fit, split: TrainingSplit) -> Array:
     """Held-out loss of a model per training group, shape (groups,)."""
     return sum_by_group(heldout_losses(problem, fitted, split.used, split.folds), split.groups)
+
+
+def training_rms(problem: Problem, fitted: Fit, split: TrainingSplit) -> float:
+    """Training mismatch of a model, RMS over all channels in units of noise."""
+    is_measured = np.isfinite(problem.replay.measured[split.used])
+    return float(np.sqrt((fitted.residual[split.used][is_measured] ** 2).mean()))
 
 
 def exceeds_margin(gained: Interval) -> bool:

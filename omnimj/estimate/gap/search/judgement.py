@@ -12,6 +12,7 @@ from omnimj.estimate.gap.records import GivenUp
 from omnimj.estimate.gap.search.ambiguity import ambiguity_set
 from omnimj.estimate.gap.search.candidates import (
     CLEAR,
+    NOISE_LEVEL,
     FittedCandidate,
     TrainingSplit,
     exceeds_margin,
@@ -23,6 +24,7 @@ from omnimj.estimate.gap.search.candidates import (
     parameter_slice,
     pinned_amplitudes,
     refine_leaders,
+    training_rms,
     without_amplitudes,
 )
 from omnimj.estimate.gap.search.screening import (
@@ -54,6 +56,8 @@ class SelectedEffect:
     """Held-out gain."""
     p_false: float | None = None
     """Share of random curves that gain as much."""
+    without: float = np.inf
+    """Training mismatch of the model without it, in units of noise."""
 
     @property
     def is_supported(self) -> bool:
@@ -200,7 +204,8 @@ def _selected(problem: Problem, place: _Place, split: TrainingSplit) -> Selected
     columns = sensitivities(problem, place.without, split.used)
     decoys = curve_gains(problem, columns, split.groups, split.folds, split.seed).decoys
     rivals = ambiguity_set(problem, ordered, place.share, split)
-    return SelectedEffect(own.candidate, rivals, own.gain, decoy_p_value(decoys, own.gain))
+    without = training_rms(problem, place.without, split)
+    return SelectedEffect(own.candidate, rivals, own.gain, decoy_p_value(decoys, own.gain), without)
 
 
 def _least_supported(problem: Problem, model: Fit, named: Sequence[SelectedEffect]) -> GivenUp | None:
@@ -213,7 +218,10 @@ def _least_supported(problem: Problem, model: Fit, named: Sequence[SelectedEffec
             return GivenUp(one.candidate.label, one.gain, f"its {names} runs to the bound of its range")
     weak = [n for n in named if not n.is_supported]
     if not weak:
-        return None
+        needless = [n for n in named if n.without <= NOISE_LEVEL] if len(named) > 1 else []
+        worst = min(needless, key=lambda n: n.gain.value, default=None)
+        reason = "the other effects leave nothing but noise"
+        return None if worst is None else GivenUp(worst.candidate.label, worst.gain, reason)
     worst = min(weak, key=lambda n: (-(n.p_false or 0.0), n.gain.value))
     if exceeds_margin(worst.gain):
         reason = f"{100.0 * (worst.p_false or 0.0):.0f} % of random curves gain as much"

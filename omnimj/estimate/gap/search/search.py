@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 
 from omnimj.effects import Interval
 from omnimj.estimate.gap.records import GivenUp
-from omnimj.estimate.gap.search.candidates import MARGIN, TrainingSplit, exceeds_margin
+from omnimj.estimate.gap.search.candidates import (
+    MARGIN,
+    NOISE_LEVEL,
+    TrainingSplit,
+    exceeds_margin,
+    training_rms,
+)
 from omnimj.estimate.gap.search.cross_validation import choose_heldout, make_folds, make_groups
 from omnimj.estimate.gap.search.judgement import Judgement, SelectedEffect, judge_effects
 from omnimj.estimate.gap.search.screening import CurveGains
@@ -29,8 +35,6 @@ _WEAK = 0.10  # held-out gain of the best effect alone up to which pairs and tri
 _MOST_REFITS = 3
 _STILL, _CONVERGED = 0.2, 0.1  # change by a new twin that ends the refits: in noise, and of the mismatch
 _MOST_TRIES = 4  # additions of one round that may fail
-NOISE_LEVEL = 1.5
-"""Mismatch in units of noise up to which a model with effects lacks nothing that would show."""
 
 
 @dataclass(frozen=True)
@@ -207,6 +211,9 @@ class _Growing:
     def run(self) -> None:
         """Run rounds until one of them leaves the model as it was."""
         while not self.ended:
+            if self.state.named and self._mismatch() <= NOISE_LEVEL:
+                self.ended = "what is left is noise, and no further effect was sought"
+                break
             found = self._next_round()
             if len(self.state.named) == MOST_EFFECTS:
                 self.ended = f"the model has {MOST_EFFECTS} effects, the largest number"
@@ -238,10 +245,7 @@ class _Growing:
         return end
 
     def _mismatch(self) -> float:
-        """Training mismatch of the model, RMS over all channels in units of noise."""
-        used = self._split.used
-        is_measured = np.isfinite(self.state.problem.replay.measured[used])
-        return float(np.sqrt((self.state.final.residual[used][is_measured] ** 2).mean()))
+        return training_rms(self.state.problem, self.state.final, self._split)
 
     def given_up(self) -> tuple[GivenUp, ...]:
         """Effects that were in a model and are in none of the result's sets, the largest gain first."""
@@ -259,11 +263,10 @@ class _Growing:
         """Gains and models of additions that lead to a model not seen yet, the most promising first.
 
         The leader needs no sure gain: effects that mask each other gain little alone, and all are judged
-        together. Where it is weak or does not hold, pairs and triples are tried as well. The others, and all
-        beside named effects that leave noise alone, need a gain whose lower bound is above the margin.
+        together. Where it is weak or does not hold, pairs and triples are tried as well. The others need a
+        gain whose lower bound is above the margin.
         """
-        is_noise = self.state.named and self._mismatch() <= NOISE_LEVEL
-        options = [(t.gain, t.fit) for t in found.tried[:1] if t.gain.value > MARGIN and not is_noise]
+        options = [(t.gain, t.fit) for t in found.tried[:1] if t.gain.value > MARGIN]
         is_weak = all(gain.value <= _WEAK for gain, _ in options)
         if not is_weak:
             yield from self._unseen(options)
