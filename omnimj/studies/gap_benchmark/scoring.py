@@ -14,8 +14,8 @@ from omnimj.studies.gap_benchmark.datasets import planned_runs
 from omnimj.studies.gap_benchmark.unmodelled import KINDS
 
 VISIBLE = 1.2
-"""Mismatch of the refitted base, in units of what the true model leaves (at least the noise), from which an
-effect counts as visible."""
+"""Mismatch without an effect, in units of what the true model leaves (at least the noise), from which it
+counts as visible."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +70,8 @@ class CaseScore:
     """Deviation of the machine from the equations of the library; empty: none."""
     visibility: float
     """RMS mismatch of the refitted base in units of what the true model leaves, at least the noise."""
+    visibilities: tuple[float, ...]
+    """Per hidden effect: the same of the true model without it."""
     verdict: str
     seconds: float
     workflow: MethodScore
@@ -77,9 +79,14 @@ class CaseScore:
     baselines: Mapping[str, MethodScore]
 
     @property
-    def is_visible(self) -> bool:
-        """True if the hidden effects are visible in the data."""
+    def shows_gap(self) -> bool:
+        """True if the refitted base does not explain the data."""
         return self.visibility >= VISIBLE
+
+    @property
+    def visible(self) -> tuple[bool, ...]:
+        """Per hidden effect: True if the data show it, the others being known."""
+        return tuple(value >= VISIBLE for value in self.visibilities)
 
 
 def score_case(case: Case, result: Mapping[str, Any], truth: Mapping[str, Any] | None) -> CaseScore:
@@ -110,6 +117,7 @@ def score_case(case: Case, result: Mapping[str, Any], truth: Mapping[str, Any] |
         tuple(one.size for one in case.hidden) or _size_of_outside(case),
         case.structure.kind if case.structure else "",
         visibility(gap) / max(1.0, best or 1.0),
+        _visibilities(labels, gap, truth or {}, max(1.0, best or 1.0)),
         gap["verdict"],
         float(result["seconds"]),
         _method(labels, reported, _ratio(after, best)),
@@ -130,6 +138,15 @@ def visibility(gap: Mapping[str, Any]) -> float:
     if runs:
         return math.sqrt(sum(run["total_before"] ** 2 for run in runs) / len(runs))
     return rms_over_noise({c: g["before"] for c, g in gap["gap"]["heldout"].items()}, gap["noise"])
+
+
+def _visibilities(
+    labels: Sequence[str], gap: Mapping[str, Any], truth: Mapping[str, Any], best: float
+) -> tuple[float, ...]:
+    without = truth.get("without") or {}
+    if set(without) != set(labels):
+        return (visibility(gap) / best,) * len(labels)
+    return tuple(rms_over_noise(without[label], gap["noise"]) / best for label in labels)
 
 
 def _label(effect: Mapping[str, Any]) -> str:

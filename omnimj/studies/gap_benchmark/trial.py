@@ -59,10 +59,17 @@ def fit_truth(dataset: str, hidden: Sequence[Mapping[str, Any]]) -> dict[str, An
       hidden: Hidden effects as records.
 
     Returns:
-      `heldout`: channel → RMS mismatch on the held-out runs [unit of the channel]. Or `error`.
+      `heldout`: channel → RMS mismatch on the held-out runs [unit of the channel]. `without`: the same for
+      the model without one of several effects, by its label. Or `error`.
     """
     effects = [HiddenEffect(**one) for one in hidden]
-    return run_guarded(lambda: {"heldout": true_heldout(load_replay(Path(dataset)), effects)})
+    return run_guarded(lambda: _fitted_truth(load_replay(Path(dataset)), effects))
+
+
+def _fitted_truth(replay: Replay, effects: Sequence[HiddenEffect]) -> dict[str, Any]:
+    others = {one.label: [e for e in effects if e is not one] for one in effects if len(effects) > 1}
+    without = {label: true_heldout(replay, rest) for label, rest in others.items()}
+    return {"heldout": true_heldout(replay, effects), "without": without}
 
 
 def load_replay(dataset: Path) -> Replay:

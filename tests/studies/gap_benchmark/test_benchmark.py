@@ -112,7 +112,7 @@ def test_a_micro_case_goes_through_from_end_to_end(tmp_path):
     assert "error" not in found, found
     truth = trial.fit_truth(str(tmp_path / "case_000"), case.to_dict()["hidden"])
     score = score_case(case, found, truth)
-    assert score.is_visible
+    assert score.shows_gap and all(score.visible)
     assert score.workflow.covered == (True,)
     assert set(score.baselines) == {"base", "sparse", "bic"}
     assert score.baselines["base"].ratio is not None and score.baselines["base"].ratio > 1.5

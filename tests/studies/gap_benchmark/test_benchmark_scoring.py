@@ -103,13 +103,24 @@ def test_an_abstention_is_no_wrong_name_but_covers_nothing():
         score_case(hiding(VISCOUS), result(), None),
         score_case(hiding(VISCOUS), result(named("rail_viscous")), None),
     ]
-    faint = dataclasses.replace(scores[0], visibility=1.1)
+    faint = dataclasses.replace(scores[0], visibility=1.1, visibilities=(1.1,))
     summary = summarize([*scores, faint])
     ours = summary.methods[0]
     assert (ours.covered_where_named.hits, ours.covered_where_named.count) == (1, 1)
     assert (ours.covered_visible.hits, ours.covered_visible.count) == (1, 2)
     assert (summary.abstained_visible.hits, summary.abstained_visible.count) == (1, 2)
     assert [g.no_gap for g in summary.sizes] == [0, 0, 2]
+
+
+def test_an_effect_that_does_not_show_beside_another_is_not_missed():
+    """RMS over channels in units of noise: 1.1 without the late channel, 5 without the viscous friction."""
+    without = {"rail_viscous": {"carriage_speed": 0.5}, LATE.label: {"carriage_speed": 0.11}}
+    truth = {"heldout": {"carriage_speed": 0.1}, "without": without}
+    score = score_case(hiding(VISCOUS, LATE), result(named("rail_viscous")), truth)
+    assert score.visible == (True, False)
+    ours = summarize([score]).methods[0]
+    assert (ours.covered_visible.hits, ours.covered_visible.count) == (1, 1)
+    assert (ours.covered_of_gaps.hits, ours.covered_of_gaps.count) == (1, 2)
 
 
 def test_a_parameter_is_right_when_its_interval_holds_the_truth_and_its_error_is_in_sizes():
