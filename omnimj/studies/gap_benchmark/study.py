@@ -25,7 +25,14 @@ from omnimj.studies.gap_benchmark.cases import TUNING_SEEDS, Case, case_from_dic
 from omnimj.studies.gap_benchmark.datasets import MAKERS, PLANT, make_dataset
 from omnimj.studies.gap_benchmark.scoring import CaseScore, score_case
 from omnimj.studies.gap_benchmark.seal import is_sealed, open_seal, seal, seals_labels
-from omnimj.studies.gap_benchmark.summary import HEADING, Summary, result_tables, summarize, summary_sentences
+from omnimj.studies.gap_benchmark.summary import (
+    HEADING,
+    Summary,
+    case_table,
+    result_tables,
+    summarize,
+    summary_sentences,
+)
 from omnimj.studies.runner import StudyFolder, TrialFolder, run_study
 from omnimj.studies.statistics import Table, format_markdown
 from omnimj.studies.workers import Progress, WorkerPool
@@ -155,7 +162,7 @@ class _Benchmark:
         tables = tuple(result_tables(summary))
         lines = tuple(summary_sentences(config.seed, config.made_by, len(scores), len(names), len(errors)))
         write_json(config.out / NUMBERS, to_jsonable(_content(config, summary, scores, errors, interrupted)))
-        write_text(config.out / TEXT, format_markdown(HEADING, lines, tables))
+        write_text(config.out / TEXT, format_markdown(HEADING, lines, (*tables, case_table(scores))))
         return BenchmarkResult(summary, lines, tables, interrupted, len(errors))
 
 

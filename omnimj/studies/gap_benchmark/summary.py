@@ -266,6 +266,40 @@ def _cells(group: GroupSummary) -> tuple[str, ...]:
     )
 
 
+def case_table(scores: Sequence[CaseScore]) -> Table:
+    """Return a table of all cases: truth, verdict, reported sets, hidden effects in them, intervals that hold."""
+    head = (
+        "case",
+        "kind",
+        "hidden",
+        "deviation",
+        "mismatch",
+        "verdict",
+        "reported",
+        "covered",
+        "in interval",
+    )
+    return Table("All cases", head, tuple(_case_cells(score) for score in scores))
+
+
+def _case_cells(score: CaseScore) -> tuple[str, ...]:
+    hidden = [f"{name} ({size})" for name, size in zip(score.hidden, score.sizes, strict=False)]
+    sets = zip(score.workflow.named, score.workflow.set_sizes, strict=True)
+    reported = [name if size == 1 else f"{name} or {size - 1} more" for name, size in sets]
+    inside = [p.inside for p in score.parameters if p.inside is not None]
+    return (
+        score.name,
+        score.kind,
+        ", ".join(hidden) or "–",
+        score.structure or "–",
+        format_number(score.visibility),
+        score.verdict,
+        ", ".join(reported) or "–",
+        f"{sum(score.workflow.covered)} of {len(score.workflow.covered)}" if score.hidden else "–",
+        f"{sum(inside)} of {len(inside)}" if inside else "–",
+    )
+
+
 def _format_seconds(summary: Summary) -> str:
     return "–" if summary.seconds is None else f"{summary.seconds[0]:.0f} s, {summary.seconds[1]:.0f} s"
 
