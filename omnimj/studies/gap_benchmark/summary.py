@@ -267,18 +267,9 @@ def _cells(group: GroupSummary) -> tuple[str, ...]:
 
 
 def case_table(scores: Sequence[CaseScore]) -> Table:
-    """Return a table of all cases: truth, verdict, reported sets, hidden effects in them, intervals that hold."""
-    head = (
-        "case",
-        "kind",
-        "hidden",
-        "deviation",
-        "mismatch",
-        "verdict",
-        "reported",
-        "covered",
-        "in interval",
-    )
+    """Return a table of all cases: truth, verdict, reported sets, parameters in their intervals."""
+    truth = ("case", "kind", "hidden", "deviation", "mismatch")
+    head = (*truth, "verdict", "reported", "covered", "in interval")
     return Table("All cases", head, tuple(_case_cells(score) for score in scores))
 
 
