@@ -2,6 +2,8 @@
 
 - `control`: time and memory of the control step, on a recorded mission replayed without the plant.
 - `twin`: steps of the twin compared with MuJoCo's own contact, batches, and whole scenario runs.
+- `logs`: the diagnosis of recorded runs.
+- `gap`: the search for missing effects, compared with the simulations that it makes.
 - `link`: the codec of the link, and round trips over UDP and a pseudo-terminal.
 - `link_echo`: the far end of these round trips, in a separate process.
 """

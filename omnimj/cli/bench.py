@@ -34,6 +34,10 @@ class Effort:
     """Limit on the wall time of the memory measurement [s]; the remaining hours are extrapolated."""
     log: float = 60.0
     """Duration of the recorded run that is diagnosed [s]."""
+    gap_runs: int = 24
+    """Runs of the rig in which a hidden effect is searched for."""
+    gap_axis_runs: int = 2
+    """The same of the linear axis."""
     frames: int = 10_000
     """Frames per round of the codec."""
     trips: int = 5000
@@ -64,6 +68,10 @@ _MEANING = {
     "control_growth_hours": "time over which that was measured; the rest is extrapolated [h]",
     "control_pages_kb_per_hour": "the same in pages of the process, native code too [kB] (a few are chance)",
     "log_hours_per_minute": "hours of recorded runs that one core diagnoses in a minute",
+    "gap_rig_seconds": "search for the gap in 24 rig runs on all cores [s] (goal ≤ 60)",
+    "gap_simulation_ratio": "CPU time of that search / of as many bare simulations",
+    "gap_axis_seconds": "search for the gap in runs of the linear axis at 1 kHz [s] (goal: 15 for 25 s)",
+    "gap_axis_log_seconds": "length of these runs [s]",
     "codec_encode_us": "record to bytes, the slowest frame on UDP or serial [µs] (goal ≤ 5)",
     "codec_decode_us": "bytes to record, the same [µs] (goal ≤ 5)",
     "codec_keyed_encode_us": "record to bytes with a key's tag [µs]",
@@ -97,6 +105,7 @@ def run(arguments: Any) -> int:
       0 always.
     """
     from omnimj.bench.control import measure_control
+    from omnimj.bench.gap import measure_gap
     from omnimj.bench.link import measure_link
     from omnimj.bench.logs import measure_logs
     from omnimj.bench.twin import measure_driving, measure_run, measure_twin
@@ -109,6 +118,7 @@ def run(arguments: Any) -> int:
     found |= measure_control(EFFORT.missions, EFFORT.mission, EFFORT.hours, EFFORT.longest)
     note_compiled("planar", "uto_robot")
     found |= measure_logs(EFFORT.log)
+    found |= measure_gap(EFFORT.gap_runs, EFFORT.gap_axis_runs)
     found |= measure_link(EFFORT.frames, EFFORT.trips)
     meaning = {name: words for name, words in _MEANING.items() if name in found}
     if arguments.json:
@@ -121,7 +131,7 @@ def run(arguments: Any) -> int:
 
 BENCH = Command(
     "bench",
-    "measure speed: twin, callback, batch, control, recording, link",
+    "measure speed: twin, callback, batch, control, recording, gap, link",
     """examples:
   omnimj bench
   omnimj bench --json""",

@@ -17,6 +17,7 @@ SCHEMA = json.loads((Path(__file__).parent.parent / "schema" / "bench.json").rea
 
 MEASURED = (
     "omnimj.bench.control.measure_control",
+    "omnimj.bench.gap.measure_gap",
     "omnimj.bench.link.measure_link",
     "omnimj.bench.logs.measure_logs",
     "omnimj.bench.twin.measure_driving",
@@ -38,6 +39,8 @@ def found() -> dict[str, float]:
         mission=3.0,
         hours=1e-3,
         log=3.0,
+        gap_runs=4,
+        gap_axis_runs=1,
         frames=50,
         trips=300,
     )
