@@ -23,7 +23,6 @@ from omnimj.estimate.gap.search.judgement import Judgement, SelectedEffect, judg
 from omnimj.estimate.gap.search.screening import CurveGains
 from omnimj.estimate.gap.search.selection import Progress, SelectionRound, select_round
 from omnimj.estimate.gap.search.subsets import best_subset
-from omnimj.estimate.gap.sentences import join_words
 from omnimj.estimate.intervals import block_noise
 from omnimj.estimate.replay.interface import ROTATION_LOCKED, Replay
 from omnimj.estimate.replay.problem import Fit, ModelEffects, Problem, fit, reevaluate
@@ -228,20 +227,20 @@ class _Growing:
         for gain, addition in self._additions(found):
             added = " and ".join(c.label for c in addition.effects[len(self.state.final.effects) :])
             if len(failed) == _MOST_TRIES:
-                self.outcomes.append(f"{join_words(failed)} did not hold")
+                self.outcomes.append(f"{_list_tries(failed)} did not hold")
                 return f"{added} and weaker candidates were not tried, after {_MOST_TRIES} that did not hold"
             kept, is_sure = self.state, is_sure or exceeds_margin(gain)
             self._judge(addition)
             if _label_set(self.state.final) != before:
                 text = f"{added} gained {100.0 * gain.value:.3g} % and joined the model"
-                self.outcomes.append(f"{join_words(failed)} did not hold, {text}" if failed else text)
+                self.outcomes.append(f"{_list_tries(failed)} did not hold, {text}" if failed else text)
                 return ""
             failed.append(added)
             self.state = kept
         end = "no further effect in the library gains enough to be named"
         if is_sure:
             end = "every further effect that gains was tried and did not hold"
-        self.outcomes.append(f"{join_words(failed)} did not hold" if failed else end)
+        self.outcomes.append(f"{_list_tries(failed)} did not hold" if failed else end)
         return end
 
     def _mismatch(self) -> float:
@@ -310,6 +309,11 @@ class _Growing:
         known |= {n.candidate.label: n.gain for n in self.state.named}
         named = [SelectedEffect(c, (), known[c.label]) for c in model.effects if c.label in known]
         return Judgement(problem, model, tuple(named), ())
+
+
+def _list_tries(tried: Sequence[str]) -> str:
+    """List additions in the order in which they were tried: `a, then b and c`."""
+    return ", then ".join(tried)
 
 
 def _labels(one: SelectedEffect) -> tuple[str, ...]:
