@@ -109,10 +109,10 @@ def on_a_phone(browser: str, page: str, work: Path) -> Seen:
     quoted = json.dumps(page).replace("<", "\\u003c")
     (work / "look.html").write_text(_LOOK % (*PHONE, PHONE[0], quoted), encoding="utf-8")
     dumped = run(browser, work, "--window-size=900,1000", "--dump-dom", (work / "look.html").as_uri())
-    told = re.search(r"<pre id=\"found\">(.+?)</pre>", dumped, flags=re.DOTALL)
-    if told is None:
+    match = re.search(r"<pre id=\"found\">(.+?)</pre>", dumped, flags=re.DOTALL)
+    if match is None:
         raise RuntimeError("the browser has not looked at the page")
-    return Seen(**json.loads(html.unescape(told[1])))
+    return Seen(**json.loads(html.unescape(match[1])))
 
 
 def operate(browser: str, page: str, script: str, work: Path, width: int = 1200) -> Any:

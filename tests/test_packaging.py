@@ -25,7 +25,7 @@ COMES_WITH = {"llvmlite": "numba", "OpenGL": "mujoco", "markupsafe": "jinja2"}  
 FOLDERS = {"models": resources.models_folder(), "scenarios": resources.scenarios_folder()}
 
 
-def said_by(script: str, *path: Path, cwd: Path | None = None, home: Path | None = None) -> str:
+def output_of(script: str, *path: Path, cwd: Path | None = None, home: Path | None = None) -> str:
     """Output of a fresh Python that sees only these folders and the installed libraries."""
     before = "".join(f"sys.path.insert(0, {str(folder)!r})\n" for folder in path)
     environment = dict(os.environ)
@@ -74,7 +74,7 @@ def test_the_wheel_carries_the_documentation(installed):
 def test_data_are_found_in_the_installed_layout(installed, tmp_path):
     script = "from omnimj.resources import *; print(models_folder(), scenarios_folder())"
     expected = f"{installed}/omnimj/models {installed}/omnimj/scenarios"
-    assert said_by(script, installed, cwd=tmp_path).split() == expected.split()
+    assert output_of(script, installed, cwd=tmp_path).split() == expected.split()
 
 
 def test_an_installed_package_lists_and_runs_and_writes_only_where_it_should(installed, tmp_path):
@@ -88,8 +88,8 @@ print(omnimj.__file__)
 assert main(["scenarios"]) == 0
 assert main(["run", "circle_8m_kinematic"]) == 0
 """
-    said = said_by(script, installed, cwd=tmp_path / "work", home=tmp_path / "home")
-    assert said.startswith(str(installed)) and "nylon_patch" in said and "passed" in said
+    output = output_of(script, installed, cwd=tmp_path / "work", home=tmp_path / "home")
+    assert output.startswith(str(installed)) and "nylon_patch" in output and "passed" in output
     assert sorted(installed.rglob("*")) == before
     assert list((tmp_path / "work").iterdir()) == []
 
@@ -104,8 +104,8 @@ for scene in sorted(models_folder().glob("*/*.xml")):
     load_spec(scene).compile()
     print(scene)
 """
-    said = said_by(script, installed, cwd=tmp_path)
-    assert said.startswith("86 2\n") and "obstacles.xml" in said and str(ROOT / "models") not in said
+    output = output_of(script, installed, cwd=tmp_path)
+    assert output.startswith("86 2\n") and "obstacles.xml" in output and str(ROOT / "models") not in output
 
 
 def test_control_and_physics_import_on_a_small_computer():
@@ -123,9 +123,9 @@ for name in ("control", "physics", "parameters", "plant"):
     for module in find(package.__path__, f"omnimj.{name}."):
         print(importlib.import_module(module.name).__name__)
 """
-    said = said_by(script, ROOT).split()
+    output = output_of(script, ROOT).split()
     assert {"omnimj.control.cascade.controller", "omnimj.physics.planar", "omnimj.physics.native"} <= set(
-        said
+        output
     )
 
 

@@ -19,7 +19,7 @@ from omnimj.recording.dataset import Run
 HEAVY = "{'mujoco', 'numba', 'rerun', 'bokeh', 'pyarrow', 'scipy', 'numpy'}"
 
 
-def said_by(script: str) -> str:
+def output_of(script: str) -> str:
     return subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=True
     ).stdout.strip()
@@ -32,7 +32,7 @@ began = time.perf_counter()
 import omnimj
 print(time.perf_counter() - began, {HEAVY} & set(sys.modules))
 """
-    seconds, loaded = min(said_by(script).split(maxsplit=1) for _ in range(3))
+    seconds, loaded = min(output_of(script).split(maxsplit=1) for _ in range(3))
     assert float(seconds) < 0.3 and loaded == "set()"
 
 
@@ -57,10 +57,10 @@ def test_type_checkers_see_the_same_names_in_the_same_places():
 
 
 def test_help_describes_the_interface_and_every_name():
-    told = pydoc.render_doc(omnimj, renderer=pydoc.plaintext)
-    assert "public interface" in told and "find_gap(" in told
+    text = pydoc.render_doc(omnimj, renderer=pydoc.plaintext)
+    assert "public interface" in text and "find_gap(" in text
     for name in omnimj.__all__:
-        assert name in told
+        assert name in text
 
 
 def test_a_name_that_is_not_there_is_an_attribute_error():
@@ -70,7 +70,7 @@ def test_a_name_that_is_not_there_is_an_attribute_error():
 
 
 def test_the_module_is_the_command():
-    assert said_by(
+    assert output_of(
         "import runpy, sys; sys.argv[1:] = ['--version']; runpy.run_module('omnimj', run_name='__main__')"
     )
 

@@ -79,9 +79,9 @@ def served(plant: Plant, kind: str, lock_step: bool = True, **wrong: Any) -> Ite
         listener: Any = SinglePeerListener(terminal)
         address = f"serial:{terminal.path}"
     else:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asked:
-            asked.bind(("127.0.0.1", 0))
-            port = asked.getsockname()[1]
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.bind(("127.0.0.1", 0))
+            port = probe.getsockname()[1]
         listener = UdpListener(UdpAddress("127.0.0.1", port))
         address = f"udp:127.0.0.1:{port}"
     sessions = itertools.count(1)

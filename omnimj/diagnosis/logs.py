@@ -102,6 +102,14 @@ def make_detector(
 ) -> RecordingDetector:
     """Make the detector of one run, for its floor and, where stated, its mass.
 
+    Args:
+      name: Name of the method.
+      machine: Machine that the logs come from.
+      run: The run, whose conditions name floor and mass.
+      floors: Floors by name.
+      thresholds: Thresholds of the robust method; the shipped ones when None.
+      observer: Observer gains of the robust method; the shipped ones when None.
+
     Raises:
       UnknownNameError: The method does not exist.
       InputError: The method is not for this machine, or the thresholds are not for the method.

@@ -87,7 +87,16 @@ def training_runs() -> Iterator[TrainingRun]:
 
 
 def run_with_residuals(run: TrainingRun, choice: DetectorOptions, plant: str = "twin") -> Trace:
-    """Drive a run with the method as an observer: infinite thresholds, no recovery."""
+    """Drive a run with the method as an observer: infinite thresholds, no recovery.
+
+    Args:
+      run: Training run.
+      choice: Options of the method, of which `recovery` is not used.
+      plant: Name of the plant, as for `make_plant`.
+
+    Returns:
+      The run with the residuals in the detector's log.
+    """
     scenario, never = run.scenario, PublishedThresholds(*([math.inf] * 4))
     floor, choice = scenario.floors[scenario.floor], dataclasses.replace(choice, recovery=False)
     driven = make_plant(scenario, plant, run.seed)

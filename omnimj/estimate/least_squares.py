@@ -27,35 +27,74 @@ class LeastSquares(Protocol[J]):
     """Least-squares problem in n parameters."""
 
     def bounds(self) -> tuple[Array, Array]:
-        """Lowest and highest value of each parameter, both of shape (n,)."""
+        """Return the lowest and the highest value of each parameter, both of shape (n,)."""
         ...
 
     def scales(self) -> Array:
-        """Natural size of a change of each parameter, shape (n,)."""
+        """Return the natural size of a change of each parameter, shape (n,)."""
         ...
 
     def prior(self, x: Array) -> tuple[Array, Array]:
-        """Precision of each parameter and its distance from nominal, both in its scale and of shape (n,)."""
+        """Return the precision of each parameter and its distance from nominal.
+
+        Args:
+          x: Parameters, shape (n,).
+
+        Returns:
+          Precision and distance, both in the scale of the parameter and of shape (n,).
+        """
         ...
 
     def residuals(self, points: Sequence[Array]) -> list[Array]:
-        """Weighted or whitened residuals at several points, one array per point."""
+        """Compute the weighted or whitened residuals at several points.
+
+        Args:
+          points: Parameters of each point, shape (n,) each.
+
+        Returns:
+          One array per point, in a shape that the problem chooses.
+        """
         ...
 
     def loss(self, x: Array, residual: Array) -> float:
-        """Value to be minimised at x, shape (n,), prior included."""
+        """Compute the value to be minimised, prior included.
+
+        Args:
+          x: Parameters, shape (n,).
+          residual: Residual at x, as `residuals` returns it.
+        """
         ...
 
     def jacobian(self, x: Array, known: J | None) -> J:
-        """d(residual)/d(x/scale) at x, shape (n,); `known` holds leading columns already computed."""
+        """Compute d(residual)/d(x/scale).
+
+        Args:
+          x: Parameters, shape (n,).
+          known: Leading columns that are already computed; None without any.
+        """
         ...
 
     def update(self, jacobian: J, residual: Array, moved: Array, step: Array) -> J:
-        """Update the Jacobian after a step in units of `scales`, shape (n,), or return the old one."""
+        """Update the Jacobian after a step, or return the old one.
+
+        Args:
+          jacobian: Jacobian before the step.
+          residual: Residual before the step, as `residuals` returns it.
+          moved: Residual after the step.
+          step: Change of the parameters in units of `scales`, shape (n,).
+        """
         ...
 
     def normal_equations(self, jacobian: J, residual: Array) -> Array:
-        """Normal equations [J r]ᵀ W² [J r], shape (n + 1, n + 1)."""
+        """Form the normal equations [J r]ᵀ W² [J r].
+
+        Args:
+          jacobian: Jacobian J of the residual.
+          residual: Residual r, as `residuals` returns it.
+
+        Returns:
+          Shape (n + 1, n + 1).
+        """
         ...
 
 

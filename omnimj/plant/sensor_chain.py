@@ -145,7 +145,13 @@ def wrap(angle):
 
 @kernel
 def quantise(value, full_scale, step):
-    """Round to the nearest code of a two's complement converter, clipped to −range … range − step."""
+    """Round to the nearest code of a two's complement converter, clipped to −range … range − step.
+
+    Args:
+      value: Input.
+      full_scale: Range (±), in the unit of the input.
+      step: Resolution, in the unit of the input; 0: none, the value is only clipped.
+    """
     if step > 0.0:
         return min(max(np.rint(value / step) * step, -full_scale), full_scale - step)
     return min(max(value, -full_scale), full_scale)
@@ -153,10 +159,19 @@ def quantise(value, full_scale, step):
 
 @kernel
 def step_encoder(channel, state, speed, noise):
-    """State after a sample of an encoder; `filtered` is the speed from its counts [rad/s].
+    """Take one sample of an encoder; `filtered` is then the speed from its counts [rad/s].
 
     The angle is the sum of speed × period; its drift is irrelevant, since only differences are used. Behind
     the dead band (play of width h) the angle moves only once the shaft has taken up h.
+
+    Args:
+      channel: `ChannelParameters`.
+      state: `ChannelState` before the sample.
+      speed: Speed of the shaft [rad/s].
+      noise: Standard normal number.
+
+    Returns:
+      `ChannelState` after the sample.
     """
     angle = state.angle + min(max(speed * channel.period, -_MAX_ANGLE_STEP), _MAX_ANGLE_STEP)
     seen = angle + channel.noise * noise
@@ -170,7 +185,16 @@ def step_encoder(channel, state, speed, noise):
 
 @kernel
 def hold_heading(channel, state, yaw):
-    """State after a sample of the heading; `filtered` is the held angle, rounded by the converter [rad]."""
+    """Take one sample of the heading; `filtered` is then the held angle, rounded by the converter [rad].
+
+    Args:
+      channel: `ChannelParameters`.
+      state: `ChannelState` before the sample.
+      yaw: True heading, wrapped or not [rad].
+
+    Returns:
+      `ChannelState` after the sample.
+    """
     now = math.floor(state.samples * channel.updates + _TIME_TOLERANCE)
     before = math.floor((state.samples - 1.0) * channel.updates + _TIME_TOLERANCE)
     held = state.filtered

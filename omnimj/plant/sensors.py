@@ -126,7 +126,12 @@ class RobotSensors(_MachineSensors):
         return self.as_measurement(time, self._channels.read(time))
 
     def as_measurement(self, time: float, readings: Array) -> Measurement:
-        """Measurement of readings in the order of `robot_channels`, shape (2n+4,)."""
+        """Return readings as a measurement.
+
+        Args:
+          time: Time of the sample [s].
+          readings: Readings in the order of `robot_channels`, shape (2n+4,).
+        """
         n, r = self._wheels, readings
         yaw_rate, yaw = r[2 * n + 2 :].tolist()
         return Measurement(time, r[:n], r[n : 2 * n], r[2 * n : 2 * n + 2], yaw_rate, yaw)
@@ -164,7 +169,19 @@ class RigSensors(_MachineSensors):
         carriage_acceleration: float,
         lateral_speed: float,
     ) -> RigMeasurement:
-        """Take one sample; to be called once per period. Units as in `RigMeasurement`."""
+        """Take one sample; to be called once per period.
+
+        Args:
+          time: Time of the sample [s].
+          current: True current [A].
+          wheel_speed: True wheel speed after the gear [rad/s].
+          carriage_speed: True speed along the rail [m/s].
+          carriage_acceleration: True acceleration along the rail [m/s²].
+          lateral_speed: True speed of the gantry [m/s].
+
+        Returns:
+          Measurement; a quantity that is not finite yields NaN.
+        """
         values = self._channels.values
         values[0], values[1], values[2] = current, wheel_speed, carriage_speed
         values[3], values[4] = carriage_acceleration, lateral_speed
@@ -172,7 +189,12 @@ class RigSensors(_MachineSensors):
         return self.as_measurement(time, self._channels.read(time))
 
     def as_measurement(self, time: float, readings: Array) -> RigMeasurement:
-        """Measurement of readings in the order of `RIG_CHANNELS`, shape (5,)."""
+        """Return readings as a measurement.
+
+        Args:
+          time: Time of the sample [s].
+          readings: Readings in the order of `RIG_CHANNELS`, shape (5,).
+        """
         return RigMeasurement(time, *readings.tolist())
 
 

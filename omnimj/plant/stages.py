@@ -18,7 +18,14 @@ TIME_TOLERANCE = 1e-9
 def timeline(
     machine: Robot | Rig, faults: Sequence[Fault], effects: AppliedEffects, measured_current: bool
 ) -> list[tuple[float, Conditions]]:
-    """Conditions of the run, each with the time from which it holds [s]."""
+    """List the conditions of a run, each with the time from which it holds [s].
+
+    Args:
+      machine: Machine with its nominal constants.
+      faults: Faults of the run.
+      effects: Effects of the machine.
+      measured_current: Whether commands are measured currents, exempt from limits and current loop.
+    """
     found = []
     for begin in (0.0, *event_times(faults)):
         by_faults = conditions_at(faults, begin, machine.motor, machine.wheel_count)

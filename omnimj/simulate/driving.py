@@ -88,7 +88,14 @@ class ControllerRow:
         self._wheels, self._first, self._end = wheels, 3 * wheels + 5, 3 * wheels + 5 + len(log_names)
 
     def fill(self, row: Array, measured: Measurement, command: CurrentCommand, log: Array) -> None:
-        """Write the columns of `names` into the beginning of a row."""
+        """Write the columns of `names` into the beginning of a row.
+
+        Args:
+          row: Row to fill, shape (columns,).
+          measured: Readings of n wheels and the body.
+          command: Set currents, shape (n,) [A].
+          log: Logged signals of the controller, in the order of its `log_names`.
+        """
         n = self._wheels
         row[0] = measured.time
         row[1 : n + 1] = measured.current
@@ -171,7 +178,10 @@ def drive_stepwise(
     callbacks: Callbacks = NO_CALLBACKS,
     about: Mapping[str, Any] | None = None,
 ) -> Trace:
-    """Drive a robot as `drive` does, any plant with any controller, with a call of both in every period."""
+    """Drive a robot as `drive` does, any plant with any controller, with a call of both in every period.
+
+    Arguments and result are those of `drive`.
+    """
     measurement = plant.reset()
     assert isinstance(measurement, Measurement)
     policy = _FollowReference(controller, reference, measurement)
@@ -270,7 +280,18 @@ def drive_rig_stepwise(
     about: Mapping[str, Any] | None = None,
     detector: FaultDetector | None = None,
 ) -> Trace:
-    """Drive a rig as `drive_rig` does, any plant with any detector, with a call of both in every period."""
+    """Drive a rig as `drive_rig` does, any plant with any detector, with a call of both in every period.
+
+    Args:
+      plant: Reset by this call; the caller closes it.
+      current: Set value per control period, shape (k,) [A].
+      callbacks: Callbacks for progress and live view.
+      about: Description of the run.
+      detector: Fault detector that diagnoses the run without acting on it.
+
+    Returns:
+      As for `drive_rig`.
+    """
     measurement = plant.reset()
     policy = _ReplayCurrents(current, detector, measurement)
     trace = record(plant, policy, measurement, len(current), callbacks, about)

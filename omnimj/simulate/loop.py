@@ -189,7 +189,11 @@ class RowSource(Protocol):
         ...
 
     def fill(self, table: Array) -> Iterator[int]:
-        """Fill a table, shape (rows, columns), and yield the number of finished rows now and then."""
+        """Fill a table, and yield the number of finished rows now and then.
+
+        Args:
+          table: Array to fill, shape (rows, columns).
+        """
         ...
 
 
@@ -239,7 +243,15 @@ def record_rows(
     callbacks: Callbacks,
     about: Mapping[str, Any] | None,
 ) -> Trace:
-    """Trace of a source, with a number of rows and their period [s]."""
+    """Record the rows of a source and return them as a trace.
+
+    Args:
+      source: Source of the rows.
+      names: Names of the columns.
+      size: Number of rows, and their period [s].
+      callbacks: Callbacks for progress and rows.
+      about: Description of the run, to which `realtime_factor`, `interrupted` and `failure` are added.
+    """
     rows, period = size
     # filled before the clock runs: the first touch of lazily allocated memory takes up to 8 ms in a row
     table, begin = np.full((rows, len(names)), np.nan), time.perf_counter()

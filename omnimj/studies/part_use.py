@@ -62,7 +62,12 @@ def in_use(fault: Fault, time: Array, traction: Array) -> NDArray[np.bool_]:
 
 
 def first_time(time: Array, holds: NDArray[np.bool_]) -> float | None:
-    """Return the first time at which a mask of shape (k,) holds [s]; None: never."""
+    """Return the first time at which a mask holds [s]; None: never.
+
+    Args:
+      time: Times, shape (k,) [s].
+      holds: Mask, shape (k,).
+    """
     return float(time[int(np.argmax(holds))]) if holds.any() else None
 
 

@@ -147,7 +147,16 @@ def _wheel_number(mj_model: mujoco.MjModel, body: int) -> tuple[int, int]:
 
 
 def wheel_axles(poses: Poses, frames: BodyFrames, bodies: list[int]) -> Array:
-    """Return the unit vectors of the wheel axles in the world over time, shape (k, n, 3)."""
+    """Compute the unit vectors of the wheel axles in the world over time.
+
+    Args:
+      poses: Gives the model.
+      frames: World poses of all bodies, k instants.
+      bodies: Bodies that turn on the axles, n in number.
+
+    Returns:
+      Unit vectors, shape (k, n, 3).
+    """
     axles = np.empty((len(frames.time), len(bodies), 3))
     for i, body in enumerate(bodies):
         axis = hinge_axis(poses.mj_model, body)
@@ -172,6 +181,11 @@ def rotated(quaternion: Array, vector: Array) -> Array:
 
 def relative_frames(frames: BodyFrames, bodies: list[int], parent: int) -> tuple[Array, Array]:
     """Express the poses of bodies over time in the frame of one parent body.
+
+    Args:
+      frames: World poses of all bodies, k instants.
+      bodies: Bodies to express, m in number.
+      parent: Body in whose frame they are expressed.
 
     Returns:
       Positions, shape (k, m, 3) [m], and quaternions w, x, y, z, shape (k, m, 4).

@@ -19,7 +19,7 @@ Refused = Callable[..., str]
 
 
 @pytest.mark.parametrize(
-    ("argv", "told"),
+    ("argv", "expected"),
     [
         (["--nope"], "required: COMMAND"),
         (
@@ -43,12 +43,12 @@ Refused = Callable[..., str]
         (["run", "/" + "y" * 5000 + ".toml"], "File name too long"),
     ],
 )
-def test_an_unknown_command_or_scenario_is_refused_in_one_line(refused: Refused, argv, told):
-    assert told in refused(*argv)
+def test_an_unknown_command_or_scenario_is_refused_in_one_line(refused: Refused, argv, expected):
+    assert expected in refused(*argv)
 
 
 @pytest.mark.parametrize(
-    ("argv", "told"),
+    ("argv", "expected"),
     [
         *(
             (["--seed", seed], f"argument --seed: found '{seed}'")
@@ -72,12 +72,12 @@ def test_an_unknown_command_or_scenario_is_refused_in_one_line(refused: Refused,
         (["--model", "/dev/null"], "plant: found None; this file must say"),
     ],
 )
-def test_an_option_out_of_its_range(refused: Refused, argv, told):
-    assert told in refused(*ON_ROBOT[:2], *argv)
+def test_an_option_out_of_its_range(refused: Refused, argv, expected):
+    assert expected in refused(*ON_ROBOT[:2], *argv)
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "expected"),
     [
         ("duration", "--set 'duration': is not KEY=VALUE; e.g. --set faults.0.wheel=3"),
         ("=1", "is not KEY=VALUE"),
@@ -133,13 +133,13 @@ def test_an_option_out_of_its_range(refused: Refused, argv, told):
         ("kinematics.plant=published", "it needs level = 'kinematic'"),
     ],
 )
-def test_an_impossible_override_is_refused_in_one_line(refused: Refused, text, told):
+def test_an_impossible_override_is_refused_in_one_line(refused: Refused, text, expected):
     message = refused(*ON_ROBOT, "--set", text)
-    assert told in message and len(message) < 1000
+    assert expected in message and len(message) < 1000
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "expected"),
     [
         ("current=1.6", "current: found 1.6; must be at least -1.5 and at most 1.5"),
         ("mass=0.35", "mass: found 0.35; must be above 0.35"),
@@ -151,12 +151,12 @@ def test_an_impossible_override_is_refused_in_one_line(refused: Refused, text, t
         ("checks.max_yaw_excursion=1", "unknown key 'max_yaw_excursion'; choices: detection_delay"),
     ],
 )
-def test_an_impossible_override_of_the_rig_is_refused_in_one_line(refused: Refused, text, told):
-    assert told in refused(*ON_RIG, "--set", text)
+def test_an_impossible_override_of_the_rig_is_refused_in_one_line(refused: Refused, text, expected):
+    assert expected in refused(*ON_RIG, "--set", text)
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "expected"),
     [
         ("kinematics=5", "kinematics: found 5; a table is needed"),
         (
@@ -169,12 +169,14 @@ def test_an_impossible_override_of_the_rig_is_refused_in_one_line(refused: Refus
         ("checks.rms_current=1", "unknown metric 'rms_current'"),
     ],
 )
-def test_an_impossible_override_at_the_kinematic_level_is_refused_in_one_line(refused: Refused, text, told):
-    assert told in refused("run", "circle_8m_kinematic", "--set", text)
+def test_an_impossible_override_at_the_kinematic_level_is_refused_in_one_line(
+    refused: Refused, text, expected
+):
+    assert expected in refused("run", "circle_8m_kinematic", "--set", text)
 
 
 @pytest.mark.parametrize(
-    ("content", "told"),
+    ("content", "expected"),
     [
         (b"", "plant: is missing; a scenario has one; choices: quarter_rig, uto_robot"),
         (b"plant = ", "is not valid TOML"),
@@ -193,10 +195,10 @@ def test_an_impossible_override_at_the_kinematic_level_is_refused_in_one_line(re
         (NYLON[:150].encode(), "mine.toml"),
     ],
 )
-def test_a_file_that_is_no_scenario_is_refused_in_one_line(refused: Refused, tmp_path, content, told):
+def test_a_file_that_is_no_scenario_is_refused_in_one_line(refused: Refused, tmp_path, content, expected):
     (tmp_path / "mine.toml").write_bytes(content)
     message = refused("run", str(tmp_path / "mine.toml"), "--plant", "planar")
-    assert "mine.toml" in message and told in message
+    assert "mine.toml" in message and expected in message
 
 
 def test_a_file_that_may_not_be_read_is_refused_in_one_line(refused: Refused, tmp_path, monkeypatch):
@@ -213,7 +215,7 @@ def test_an_output_folder_that_cannot_be_a_run_is_refused_in_one_line(refused: R
     (tmp_path / "taken" / "run.rrd").mkdir(parents=True)
     (tmp_path / "link").symlink_to("nowhere")
     file = str(tmp_path / "full" / "mine.txt")
-    for out, force, told in (
+    for out, force, expected in (
         (tmp_path / "full", (), "is not empty; choose another folder, or --force"),
         (file, (), "is a file; a folder is needed"),
         (file, ("--force",), "is a file; a folder is needed"),
@@ -222,7 +224,7 @@ def test_an_output_folder_that_cannot_be_a_run_is_refused_in_one_line(refused: R
         (tmp_path / "taken", ("--force",), "has a folder run.rrd"),
         (tmp_path / ("n" * 300), (), "File name too long"),
     ):
-        assert told in refused(*ON_ROBOT, "--out", str(out), *force)
+        assert expected in refused(*ON_ROBOT, "--out", str(out), *force)
     assert (tmp_path / "full" / "mine.txt").read_text() == "precious"
 
 
@@ -237,7 +239,7 @@ def test_an_output_folder_without_write_permission_is_refused_in_one_line(
 
 
 @pytest.mark.parametrize(
-    ("argv", "told"),
+    ("argv", "expected"),
     [
         (
             ["run", "nylon_patch", "--set", "drive.speed=-3"],
@@ -263,9 +265,9 @@ def test_an_output_folder_without_write_permission_is_refused_in_one_line(
         ),
     ],
 )
-def test_the_error_names_the_entry_that_was_wrong(refused, argv, told):
+def test_the_error_names_the_entry_that_was_wrong(refused, argv, expected):
     published = str(models_folder() / "published_thresholds.toml")
-    assert told in refused(*[published if one == "published" else one for one in argv])
+    assert expected in refused(*[published if one == "published" else one for one in argv])
 
 
 def test_a_run_without_checks_is_not_reported_as_passed_and_shows_its_metrics(capsys):

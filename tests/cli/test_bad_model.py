@@ -53,15 +53,15 @@ MODELS = [
 
 
 @pytest.mark.parametrize(("argv", "shipped"), [(ON_ROBOT, ROBOT), (ON_RIG, RIG)], ids=["robot", "rig"])
-@pytest.mark.parametrize(("added", "told"), MODELS)
-def test_a_model_file_with_a_mistake(refused: Refused, tmp_path, argv, shipped, added, told):
+@pytest.mark.parametrize(("added", "expected"), MODELS)
+def test_a_model_file_with_a_mistake(refused: Refused, tmp_path, argv, shipped, added, expected):
     (tmp_path / "mine.toml").write_text(shipped + added, encoding="utf-8")
     message = refused(*argv, "--model", str(tmp_path / "mine.toml"))
-    assert "mine.toml" in message and told in message
+    assert "mine.toml" in message and expected in message
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "expected"),
     [
         ("[body]", "[bdy]", "unknown table 'bdy'; did you mean 'body'?"),
         ("mass = {", "mas = {", "[body]: unknown key 'mas'; did you mean 'mass'?"),
@@ -76,11 +76,11 @@ def test_a_model_file_with_a_mistake(refused: Refused, tmp_path, argv, shipped, 
         ('plant = "uto_robot"', "", "plant: found None; this file must say 'uto_robot'"),
     ],
 )
-def test_a_robot_that_cannot_be(refused: Refused, tmp_path, old, new, told):
+def test_a_robot_that_cannot_be(refused: Refused, tmp_path, old, new, expected):
     assert old in ROBOT
     (tmp_path / "mine.toml").write_text(ROBOT.replace(old, new), encoding="utf-8")
     message = refused(*ON_ROBOT, "--model", str(tmp_path / "mine.toml"))
-    assert "mine.toml" in message and told in message
+    assert "mine.toml" in message and expected in message
 
 
 def test_a_robot_whose_wheels_drive_one_way_only(refused: Refused, tmp_path):
@@ -92,17 +92,17 @@ def test_a_robot_whose_wheels_drive_one_way_only(refused: Refused, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "expected"),
     [
         ("3.9593, 2.9593, 1.9593", "3.9593, 0.3", "rig.masses: found 0.3; must be above wheel.mass, 0.35"),
         ("value = 0.1,", "value = 2.0,", "rig.start_position: found 2; must be below rig.rail_length, 1.7"),
         ("[3.9593, 2.9593, 1.9593]", "3.9593", "rig.masses: found 3.9593; a list of numbers is needed"),
     ],
 )
-def test_a_rig_that_cannot_be(refused: Refused, tmp_path, old, new, told):
+def test_a_rig_that_cannot_be(refused: Refused, tmp_path, old, new, expected):
     assert old in RIG
     (tmp_path / "mine.toml").write_text(RIG.replace(old, new), encoding="utf-8")
-    assert told in refused(*ON_RIG, "--model", str(tmp_path / "mine.toml"))
+    assert expected in refused(*ON_RIG, "--model", str(tmp_path / "mine.toml"))
 
 
 def test_the_model_of_the_other_plant(refused: Refused, tmp_path):
@@ -113,14 +113,14 @@ def test_the_model_of_the_other_plant(refused: Refused, tmp_path):
 
 def test_a_mistake_in_the_parts_is_reported_with_the_parts_file(refused: Refused, tmp_path):
     (tmp_path / "mine.toml").write_text(ROBOT, encoding="utf-8")
-    for old, new, told in (
+    for old, new, expected in (
         ("value = 0.040", "value = -1", "parts.toml: motor.torque_constant: found -1"),
         ("torque_constant", "torque_konstant", "parts.toml: [motor]: unknown key 'torque_konstant'"),
         ("[motor]", "[motr]", "parts.toml: unknown table 'motr'"),
         ("[motor]", "[motor", "parts.toml: is not valid TOML"),
     ):
         (tmp_path / "parts.toml").write_text(PARTS.replace(old, new, 1), encoding="utf-8")
-        assert told in refused(*ON_ROBOT, "--model", str(tmp_path / "mine.toml"))
+        assert expected in refused(*ON_ROBOT, "--model", str(tmp_path / "mine.toml"))
 
 
 def test_a_run_too_long_for_its_sample_rate(refused: Refused, tmp_path):
@@ -131,7 +131,7 @@ def test_a_run_too_long_for_its_sample_rate(refused: Refused, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("scenario", "scene", "content", "told"),
+    ("scenario", "scene", "content", "expected"),
     [
         ("nylon_patch", "uto_robot/uto_robot.xml", b"<mujoco>", "XML"),
         ("nylon_patch", "uto_robot/uto_robot.xml", b"", "Empty file"),
@@ -141,10 +141,10 @@ def test_a_run_too_long_for_its_sample_rate(refused: Refused, tmp_path):
     ],
 )
 def test_an_mjcf_that_mujoco_does_not_read(
-    refused: Refused, tmp_path, monkeypatch, scenario, scene, content, told
+    refused: Refused, tmp_path, monkeypatch, scenario, scene, content, expected
 ):
     shutil.copytree(models_folder(), tmp_path / "models")
     (tmp_path / "models" / scene).write_bytes(content)
     monkeypatch.setattr("omnimj.plant.mujoco.assembly.models_folder", lambda: tmp_path / "models")
     message = refused("run", scenario)
-    assert "scene.xml: is not a model that MuJoCo reads" in message and told in message
+    assert "scene.xml: is not a model that MuJoCo reads" in message and expected in message

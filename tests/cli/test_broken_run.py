@@ -42,9 +42,9 @@ def test_what_was_recorded_until_then_is_written_and_one_line_reports_it(
 ):
     folder = tmp_path / "run"
     breaking(monkeypatch, 120)
-    code, out, told = called(capsys, *RUN, *json_too, "--out", str(folder))
+    code, out, lines = called(capsys, *RUN, *json_too, "--out", str(folder))
     assert code == 1 and out == ""
-    (line,) = told
+    (line,) = lines
     assert line.startswith("omnimj: at 0.1200 s: x is nan") and line.endswith(f"is in {folder}")
     trace = read_trace(folder / "trace.parquet")
     assert len(trace["time"]) == 120 and all(np.all(np.isfinite(v)) for v in trace.columns.values())
@@ -56,9 +56,9 @@ def test_what_was_recorded_until_then_is_written_and_one_line_reports_it(
 
 def test_numbers_that_grow_beyond_all_bounds_end_the_run_and_are_drawn_too(capsys, tmp_path, monkeypatch):
     breaking(monkeypatch, 200, growth=1.5)
-    code, _, told = called(capsys, *RUN, "--out", str(tmp_path / "run"))
+    code, _, lines = called(capsys, *RUN, "--out", str(tmp_path / "run"))
     assert all((tmp_path / "run" / name).stat().st_size > 1000 for name in ("report.html", "run.rrd"))
-    assert code == 1 and len(told) == 1 and "normal_force_1 is 1" in told[0]
+    assert code == 1 and len(lines) == 1 and "normal_force_1 is 1" in lines[0]
     trace = read_trace(tmp_path / "run" / "trace.parquet")
     assert 1e9 < max(np.abs(values).max() for values in trace.columns.values()) <= LARGEST_TRUTH
 
@@ -66,9 +66,9 @@ def test_numbers_that_grow_beyond_all_bounds_end_the_run_and_are_drawn_too(capsy
 @pytest.mark.parametrize("at", [0, 1])
 def test_a_run_without_two_rows_leaves_no_folder(capsys, tmp_path, monkeypatch, at):
     breaking(monkeypatch, at)
-    code, out, told = called(capsys, *RUN, "--out", str(tmp_path / "run"))
+    code, out, lines = called(capsys, *RUN, "--out", str(tmp_path / "run"))
     assert code == 1 and out == "" and not (tmp_path / "run").exists()
-    assert len(told) == 1 and f"at 0.00{at}0 s: x is nan" in told[0]
+    assert len(lines) == 1 and f"at 0.00{at}0 s: x is nan" in lines[0]
 
 
 def test_a_run_that_does_not_break_down_has_no_failure(capsys):

@@ -77,27 +77,29 @@ def test_thresholds_are_never_below_their_floor_and_rise_when_the_rate_falls(fil
 
 
 def test_the_file_states_its_origin(files, folder):
-    told = tomllib.loads(files[0.1].read_text(encoding="utf-8"))["calibration"]
-    assert told["dataset"] == str(folder) and told["false_alarms_per_hour"] == 0.1 and told["version"]
-    assert 60.0 / 3600.0 < told["hours"] < 90.0 / 3600.0
-    assert set(told["largest"]) == set(THRESHOLD_UNITS)
+    content = tomllib.loads(files[0.1].read_text(encoding="utf-8"))["calibration"]
+    assert (
+        content["dataset"] == str(folder) and content["false_alarms_per_hour"] == 0.1 and content["version"]
+    )
+    assert 60.0 / 3600.0 < content["hours"] < 90.0 / 3600.0
+    assert set(content["largest"]) == set(THRESHOLD_UNITS)
     largest = read_thresholds(files[0.001])
-    assert all(0.0 <= told["largest"][name] < getattr(largest, name) for name in THRESHOLD_UNITS)
+    assert all(0.0 <= content["largest"][name] < getattr(largest, name) for name in THRESHOLD_UNITS)
 
 
 def test_the_extent_of_extrapolation_is_printed(folder, files, tmp_path, capsys):
-    said = files[0.1].read_text(encoding="utf-8")
-    assert mentions(said, "0.1 false alarms per hour", "one in 10 h", "-fold")
-    assert mentions(said, "on natural_stone")
-    assert "warning" in said and "less than 1 h" in said
+    text = files[0.1].read_text(encoding="utf-8")
+    assert mentions(text, "0.1 false alarms per hour", "one in 10 h", "-fold")
+    assert mentions(text, "on natural_stone")
+    assert "warning" in text and "less than 1 h" in text
     file = tmp_path / "t.toml"
     file.touch()
     argv = ["calibrate", str(folder), "--false-alarms-per-hour", "0.1", "--out", str(file), "--force"]
     assert main([*argv, "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["extrapolated"] == pytest.approx(10.0 / told["hours"])
-    assert set(told["thresholds"]) == set(THRESHOLD_UNITS)
-    assert told["still_diagnosed"] == {} and len(told["warnings"]) == 1
+    content = json.loads(capsys.readouterr().out)
+    assert content["extrapolated"] == pytest.approx(10.0 / content["hours"])
+    assert set(content["thresholds"]) == set(THRESHOLD_UNITS)
+    assert content["still_diagnosed"] == {} and len(content["warnings"]) == 1
     assert read_thresholds(file) == read_thresholds(files[0.1])
 
 
@@ -105,9 +107,9 @@ def test_the_extent_of_extrapolation_is_printed(folder, files, tmp_path, capsys)
 def test_diagnose_run_and_evaluate_take_them(files, folder, tmp_path, capsys):
     given = ("--thresholds", str(files[0.1]))
     assert main(["diagnose", str(folder), *given, "--json", "--out", str(tmp_path / "d")]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["thresholds"]["motor"] == read_thresholds(files[0.1]).motor
-    assert not any(run["diagnoses"] for run in told["runs"].values())
+    content = json.loads(capsys.readouterr().out)
+    assert content["thresholds"]["motor"] == read_thresholds(files[0.1]).motor
+    assert not any(run["diagnoses"] for run in content["runs"].values())
     short = ("--plant", "planar", "--set", "duration=0.2", "--set", "checks={}")
     assert main(["run", "nylon_patch", *short, *given, "--json"]) == 0
     case = ("--suite", "manoeuvres", "--trials", "1", "--faults", "none", "--method", "robust")
@@ -169,12 +171,12 @@ def test_recordings_with_a_failed_sensor_or_little_motion_are_refused(mission, r
     frozen = Run("frozen", {**as_run(driven()).columns, "yaw_rate": gyro}, {}, FLOOR)
     write_dataset(tmp_path / "frozen", "uto_robot", FLOOR, [frozen])
     rate = ("--false-alarms-per-hour", "1", "--out", "t.toml")
-    told = refused("calibrate", str(tmp_path / "frozen"), *rate)
-    assert "run 'frozen': sensor yaw_rate has failed at" in told
-    assert "calibration needs fault-free recordings" in told
+    message = refused("calibrate", str(tmp_path / "frozen"), *rate)
+    assert "run 'frozen': sensor yaw_rate has failed at" in message
+    assert "calibration needs fault-free recordings" in message
     write_dataset(tmp_path / "short", "uto_robot", FLOOR, [as_run(driven())])
-    told = refused("calibrate", str(tmp_path / "short"), *rate)
-    assert "s of motion; at least 60 s are needed" in told
+    message = refused("calibrate", str(tmp_path / "short"), *rate)
+    assert "s of motion; at least 60 s are needed" in message
 
 
 def test_a_fault_in_the_recordings_is_warned_about(tmp_path, capsys, monkeypatch):
@@ -191,8 +193,8 @@ def test_a_fault_in_the_recordings_is_warned_about(tmp_path, capsys, monkeypatch
 
 @pytest.mark.parametrize("rate", ["0", "-1", "nan", "inf", "many", "1e-9", "1e9", "1_0", ""])
 def test_a_rate_out_of_range_is_one_line(refused, folder, rate):
-    told = refused("calibrate", str(folder), f"--false-alarms-per-hour={rate}", "--out", "t.toml")
-    assert f"found {rate!r}; must be a number, at least 1e-06" in told
+    message = refused("calibrate", str(folder), f"--false-alarms-per-hour={rate}", "--out", "t.toml")
+    assert f"found {rate!r}; must be a number, at least 1e-06" in message
 
 
 def test_bad_flags_are_one_line(refused, folder, files, tmp_path):
@@ -213,5 +215,5 @@ def test_bad_flags_are_one_line(refused, folder, files, tmp_path):
     rig = {name: np.zeros(60) for name in channels}
     rig_run = Run("one", {"time": np.arange(60.0) / 1000.0, **rig}, {}, {**FLOOR, "mass": 4.0})
     write_dataset(tmp_path / "rig", "quarter_rig", FLOOR, [rig_run])
-    told = refused("calibrate", str(tmp_path / "rig"), *rate, "--out", "t.toml")
-    assert mentions(told, "plant", "'quarter_rig'", "robust", "robot")
+    message = refused("calibrate", str(tmp_path / "rig"), *rate, "--out", "t.toml")
+    assert mentions(message, "plant", "'quarter_rig'", "robust", "robot")

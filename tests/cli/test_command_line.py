@@ -161,8 +161,8 @@ def test_a_simulation_that_breaks_down_exits_with_1_and_one_line(capsys, monkeyp
     monkeypatch.setattr(PlanarRobot, "truth", lambda self: truth(self) * float("nan"))
     code, out, err = called(capsys, *QUICK)
     assert code == 1 and out == ""
-    told = [line for line in err.splitlines() if not line.startswith("compiling native code")]
-    assert len(told) == 1 and "at 0.0000 s: x is nan" in told[0]
+    lines = [line for line in err.splitlines() if not line.startswith("compiling native code")]
+    assert len(lines) == 1 and "at 0.0000 s: x is nan" in lines[0]
 
 
 def help_of(capsys, *command: str) -> str:
@@ -183,10 +183,10 @@ def test_every_sub_command_has_help_with_an_example_that_is_right(capsys, comman
 
 
 def test_help_lists_every_command(capsys):
-    told = help_of(capsys)
+    text = help_of(capsys)
     for command in ("scenarios", "run", "bench"):
-        assert f"\n    {command}" in told
-    assert "omnimj run nylon_patch" in told
+        assert f"\n    {command}" in text
+    assert "omnimj run nylon_patch" in text
 
 
 def test_a_terminal_without_the_signs_shows_others():

@@ -32,8 +32,10 @@ def test_every_kind_of_plant_is_announced_once(cache, capsys):
     for plant in ("twin", "planar"):
         for machine in ("uto_robot", "quarter_rig"):
             announce_compilation(plant, machine)
-            told = capsys.readouterr().err
-            assert told.count("\n") == 1 and f"compiling native code for the {plant} plant, once" in told
+            printed = capsys.readouterr().err
+            assert (
+                printed.count("\n") == 1 and f"compiling native code for the {plant} plant, once" in printed
+            )
             note_compiled(plant, machine)
             announce_compilation(plant, machine)
             assert capsys.readouterr().err == ""

@@ -115,18 +115,18 @@ def test_logs_with_another_time_are_held_back_from_diagnosis_and_calibration(rob
 
 def test_accepted_logs_are_diagnosed_in_seconds(robot, tmp_path, capsys):
     assert main(["diagnose", str(robot), "--accept", "--out", str(tmp_path / "out")]) == 0
-    said = capsys.readouterr().out
-    assert "milliseconds" in said and "nothing found" in said
-    told = json.loads((tmp_path / "out" / "diagnoses.json").read_text(encoding="utf-8"))
-    assert [one["kind"] for one in told["data_faults"]] == ["time_base"]
-    assert all(10.0 < run["judged"] < 13.0 for run in told["runs"].values())
+    printed = capsys.readouterr().out
+    assert "milliseconds" in printed and "nothing found" in printed
+    content = json.loads((tmp_path / "out" / "diagnoses.json").read_text(encoding="utf-8"))
+    assert [one["kind"] for one in content["data_faults"]] == ["time_base"]
+    assert all(10.0 < run["judged"] < 13.0 for run in content["runs"].values())
 
 
 def test_accepted_runs_are_identified_in_metres_per_second(rig, tmp_path, capsys):
     assert main(["identify", str(rig), "--accept", "--out", str(tmp_path / "out")]) == 0
     assert "carriage_speed: divided by 1000" in capsys.readouterr().out
-    told = json.loads((tmp_path / "out" / "identification.json").read_text(encoding="utf-8"))
-    assert told["data_faults"][0]["sure"] is True
+    content = json.loads((tmp_path / "out" / "identification.json").read_text(encoding="utf-8"))
+    assert content["data_faults"][0]["sure"] is True
 
 
 def test_findings_of_the_check_stand_above_the_verdict_and_in_gap_json(tmp_path):

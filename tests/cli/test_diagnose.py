@@ -52,14 +52,14 @@ def done(folder, tmp_path_factory):
     return out
 
 
-def told_in(out: Path) -> dict:
-    told = json.loads((out / "diagnoses.json").read_text(encoding="utf-8"))
-    jsonschema.validate(told, SCHEMA)
-    return told
+def read_diagnoses(out: Path) -> dict:
+    content = json.loads((out / "diagnoses.json").read_text(encoding="utf-8"))
+    jsonschema.validate(content, SCHEMA)
+    return content
 
 
 def test_a_healthy_mission_raises_no_alarm_and_a_weak_motor_is_named_at_its_wheel(done):
-    runs = told_in(done)["runs"]
+    runs = read_diagnoses(done)["runs"]
     assert runs["healthy"]["diagnoses"] == [] and 0.0 < runs["healthy"]["cannot_judge"] < 6.0
     (found,) = runs["weak"]["diagnoses"]
     assert (found["kind"], found["wheels"], found["cleared"]) == ("motor", [2], None)
@@ -67,9 +67,13 @@ def test_a_healthy_mission_raises_no_alarm_and_a_weak_motor_is_named_at_its_whee
 
 
 def test_the_output_names_method_data_and_settings(done, folder):
-    told = told_in(done)
-    assert (told["method"], told["plant"], told["dataset"]) == ("robust", "uto_robot", str(folder))
-    assert told["command"].startswith("omnimj diagnose ") and told["version"] and not told["interrupted"]
+    content = read_diagnoses(done)
+    assert (content["method"], content["plant"], content["dataset"]) == ("robust", "uto_robot", str(folder))
+    assert (
+        content["command"].startswith("omnimj diagnose ")
+        and content["version"]
+        and not content["interrupted"]
+    )
 
 
 def test_a_trace_lies_beside_it_for_each_run(done, folder):
@@ -95,12 +99,12 @@ def test_the_report_holds_the_verdict_and_works_offline(done):
 
 def test_the_terminal_gets_a_table_and_json_is_what_is_written(folder, tmp_path, capsys):
     assert main(["diagnose", str(folder), "--out", str(tmp_path / "a")]) == 0
-    said = capsys.readouterr().out
-    assert re.search(r"run +what +when +confidence", said)
-    assert re.search(r"healthy +nothing found +cannot judge", said) and "motor 2 is weak" in said
-    assert "1 diagnosis in 1 of 2 runs" in said
+    printed = capsys.readouterr().out
+    assert re.search(r"run +what +when +confidence", printed)
+    assert re.search(r"healthy +nothing found +cannot judge", printed) and "motor 2 is weak" in printed
+    assert "1 diagnosis in 1 of 2 runs" in printed
     assert main(["diagnose", str(folder), "--json", "--out", str(tmp_path / "b")]) == 0
-    assert json.loads(capsys.readouterr().out) == told_in(tmp_path / "b")
+    assert json.loads(capsys.readouterr().out) == read_diagnoses(tmp_path / "b")
 
 
 @pytest.mark.parametrize("change", ["csv", "no commands"])
@@ -108,18 +112,18 @@ def test_csv_gives_the_same_diagnoses_and_so_do_logs_without_set_currents(done, 
     runs = two_runs(commands=change == "csv")
     write_dataset(tmp_path / "other", "uto_robot", FLOOR, runs, table_format="csv")
     assert main(["diagnose", str(tmp_path / "other"), "--out", str(tmp_path / "out")]) == 0
-    found, expected = told_in(tmp_path / "out")["runs"], told_in(done)["runs"]
+    found, expected = read_diagnoses(tmp_path / "out")["runs"], read_diagnoses(done)["runs"]
     if change == "csv":
         assert found == expected
     for name, run in expected.items():
-        said = [(d["kind"], d["wheels"]) for d in found[name]["diagnoses"]]
-        assert said == [(d["kind"], d["wheels"]) for d in run["diagnoses"]]
+        diagnosed = [(d["kind"], d["wheels"]) for d in found[name]["diagnoses"]]
+        assert diagnosed == [(d["kind"], d["wheels"]) for d in run["diagnoses"]]
 
 
 def test_the_published_method_runs_on_robot_logs(folder, tmp_path):
     assert main(["diagnose", str(folder), "--method", "published", "--out", str(tmp_path / "out")]) == 0
-    told = told_in(tmp_path / "out")
-    assert told["method"] == "published" and told["runs"]["healthy"]["cannot_judge"] == 0.0
+    content = read_diagnoses(tmp_path / "out")
+    assert content["method"] == "published" and content["runs"]["healthy"]["cannot_judge"] == 0.0
 
 
 def rig_run(name: str, faults: tuple[Fault, ...]) -> Run:
@@ -137,14 +141,14 @@ def test_rig_logs_get_the_published_method(tmp_path, capsys):
     ]
     write_dataset(tmp_path / "rig", "quarter_rig", FLOOR, runs)
     assert main(["diagnose", str(tmp_path / "rig"), "--out", str(tmp_path / "out")]) == 0
-    told = told_in(tmp_path / "out")
-    assert told["method"] == "published" and told["runs"]["healthy"]["diagnoses"] == []
-    assert [(d["kind"], d["wheels"]) for d in told["runs"]["nylon"]["diagnoses"]] == [("slip", [1])]
+    content = read_diagnoses(tmp_path / "out")
+    assert content["method"] == "published" and content["runs"]["healthy"]["diagnoses"] == []
+    assert [(d["kind"], d["wheels"]) for d in content["runs"]["nylon"]["diagnoses"]] == [("slip", [1])]
     assert "wheel 1 slips" in capsys.readouterr().out
     argv = ["diagnose", str(tmp_path / "rig"), "--method", "robust", "--out", str(tmp_path / "no")]
     assert main(argv) == 2
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1 and mentions(said, "--method", "'robust'", "choices: published")
+    message = capsys.readouterr().err
+    assert message.count("\n") == 1 and mentions(message, "--method", "'robust'", "choices: published")
 
 
 def test_ctrl_c_keeps_the_runs_that_are_finished(folder, tmp_path, monkeypatch, capsys):
@@ -159,8 +163,8 @@ def test_ctrl_c_keeps_the_runs_that_are_finished(folder, tmp_path, monkeypatch, 
     monkeypatch.setattr(diagnosing, "replay", stopping)
     out = tmp_path / "out"
     assert main(["diagnose", str(folder), "--out", str(out)]) == 130
-    told = told_in(out)
-    assert told["interrupted"] and list(told["runs"]) == ["healthy"]
+    content = read_diagnoses(out)
+    assert content["interrupted"] and list(content["runs"]) == ["healthy"]
     assert (out / "healthy.parquet").exists() and not (out / "weak.parquet").exists()
     assert "interrupted" in capsys.readouterr().out
     assert "Stopped before the last run" in (out / "report.html").read_text(encoding="utf-8")
@@ -191,24 +195,24 @@ def test_data_are_never_written_over(refused, folder):
 
 
 def test_bad_flags_are_one_line(refused, folder, tmp_path):
-    def said(*argv):
+    def refusal(*argv):
         return refused("diagnose", *argv, "--out", "out")
 
     assert "required: --out" in refused("diagnose", str(folder))
-    assert "unknown method 'best'" in said(str(folder), "--method", "best")
-    assert mentions(said(str(folder), "--method", "off"), "found 'off'", "choices: published")
-    assert "no such folder" in said("nowhere")
-    assert "no such file" in said(str(folder), "--model", "none.toml")
-    assert "no such file" in said(str(folder), "--floors", "none.toml")
-    assert "no such file" in said(str(folder), "--thresholds", "none.toml")
+    assert "unknown method 'best'" in refusal(str(folder), "--method", "best")
+    assert mentions(refusal(str(folder), "--method", "off"), "found 'off'", "choices: published")
+    assert "no such folder" in refusal("nowhere")
+    assert "no such file" in refusal(str(folder), "--model", "none.toml")
+    assert "no such file" in refusal(str(folder), "--floors", "none.toml")
+    assert "no such file" in refusal(str(folder), "--thresholds", "none.toml")
     wrong = tmp_path / "t.toml"
     wrong.write_text("[thresholds]\nmotor = 3\n")
-    assert "thresholds.motor: found 3; write { value" in said(str(folder), "--thresholds", str(wrong))
+    assert "thresholds.motor: found 3; write { value" in refusal(str(folder), "--thresholds", str(wrong))
     argv = (str(folder), "--thresholds", str(wrong), "--method", "published")
-    assert mentions(said(*argv), "t.toml", "'published'", "'robust'")
-    assert "no such file" in said(str(folder), "--gains", "none.toml")
+    assert mentions(refusal(*argv), "t.toml", "'published'", "'robust'")
+    assert "no such file" in refusal(str(folder), "--gains", "none.toml")
     argv = (str(folder), "--gains", "g.toml", "--method", "published")
-    assert mentions(said(*argv), "--gains g.toml", "'published'", "'robust'")
+    assert mentions(refusal(*argv), "--gains g.toml", "'published'", "'robust'")
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "mine.txt").touch()
     assert "is not empty" in refused("diagnose", str(folder), "--out", str(tmp_path / "full"))
@@ -230,18 +234,18 @@ def mission():
 def test_hostile_data_are_one_line(mission, refused, tmp_path):
     slow = as_run(mission, rows=slice(None, None, 20))
     write_dataset(tmp_path / "slow", "uto_robot", FLOOR, [slow])
-    told = refused("diagnose", str(tmp_path / "slow"), "--out", "out")
-    assert mentions(told, "run 'one'", "50 per second", "at least 100")
+    message = refused("diagnose", str(tmp_path / "slow"), "--out", "out")
+    assert mentions(message, "run 'one'", "50 per second", "at least 100")
     broken = np.array(driven()["yaw_rate"][:2000])
     broken[7] = np.nan
-    told = refused("diagnose", written(tmp_path / "nan", yaw_rate=broken), "--out", "out")
-    assert "one.csv: row 9, column 'yaw_rate'" in told
+    message = refused("diagnose", written(tmp_path / "nan", yaw_rate=broken), "--out", "out")
+    assert "one.csv: row 9, column 'yaw_rate'" in message
     backward = np.array(driven()["time"][:2000])[::-1].copy()
     assert "must increase" in refused("diagnose", written(tmp_path / "back", time=backward), "--out", "out")
     axis = {"time": np.arange(60.0), "position": np.arange(60.0), "force": np.zeros(60)}
     DatasetWriter(tmp_path / "axis", "linear_axis", {}).add(Run("one", axis, {}, {}))
-    told = refused("diagnose", str(tmp_path / "axis"), "--out", "out")
-    assert mentions(told, "linear_axis", "choices: quarter_rig, uto_robot")
+    message = refused("diagnose", str(tmp_path / "axis"), "--out", "out")
+    assert mentions(message, "linear_axis", "choices: quarter_rig, uto_robot")
     (tmp_path / "nothing").mkdir()
     assert "has no dataset.toml" in refused("diagnose", str(tmp_path / "nothing"), "--out", "out")
 
@@ -256,8 +260,8 @@ def test_a_failed_sensor_in_a_log_is_named_and_wild_numbers_break_nothing(tmp_pa
         runs.append(Run(name, {**as_run(driven()).columns, **changed}, {}, FLOOR))
     write_dataset(tmp_path / "data", "uto_robot", FLOOR, runs)
     assert main(["diagnose", str(tmp_path / "data"), "--out", str(tmp_path / "out")]) == 0
-    told = told_in(tmp_path / "out")["runs"]
-    said = [(d["kind"], d.get("channel")) for d in told["frozen"]["diagnoses"]]
-    assert ("sensor", "yaw_rate") in said
-    assert all(d["wheels"] == [3] for d in told["wild"]["diagnoses"]) and told["wild"]["diagnoses"]
-    assert told["wild"]["notes"] == ["run wild: current_3 beyond ±10000 clipped"]
+    by_run = read_diagnoses(tmp_path / "out")["runs"]
+    diagnosed = [(d["kind"], d.get("channel")) for d in by_run["frozen"]["diagnoses"]]
+    assert ("sensor", "yaw_rate") in diagnosed
+    assert all(d["wheels"] == [3] for d in by_run["wild"]["diagnoses"]) and by_run["wild"]["diagnoses"]
+    assert by_run["wild"]["notes"] == ["run wild: current_3 beyond ±10000 clipped"]

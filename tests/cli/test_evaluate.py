@@ -6,7 +6,7 @@ import pytest
 
 
 @pytest.mark.parametrize(
-    ("argv", "told"),
+    ("argv", "expected"),
     [
         (["--suite", "race"], "--suite: unknown suite 'race'; choices: manoeuvres, missions"),
         (["--method", "best"], "--method: unknown method 'best'; did you mean 'robust'?; choices: off"),
@@ -25,8 +25,8 @@ import pytest
         (["--sede", "1"], "unknown option '--sede'; did you mean '--seed'?"),
     ],
 )
-def test_a_flag_out_of_its_range(refused, argv, told):
-    assert told in refused("evaluate", "--out", "out", *argv)
+def test_a_flag_out_of_its_range(refused, argv, expected):
+    assert expected in refused("evaluate", "--out", "out", *argv)
 
 
 def test_out_is_needed_and_must_be_empty(refused, tmp_path):

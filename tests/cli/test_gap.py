@@ -29,11 +29,11 @@ WRITTEN = ["before_after.rrd", "gap.json", "model.toml", "report.html"]
 @pytest.fixture
 def search(monkeypatch):
     """Puts a search with a given finding in the place of the real one; keeps its arguments."""
-    asked: list[tuple] = []
+    calls: list[tuple] = []
 
     def install(finding) -> list[tuple]:
         def find_gap(*given, **named):
-            asked.append((given, named))
+            calls.append((given, named))
             if isinstance(finding, BaseException):
                 raise finding
             given[3]("trying rail_viscous", 0.5)
@@ -42,7 +42,7 @@ def search(monkeypatch):
         engine = types.ModuleType("omnimj.estimate.gap.find")
         engine.find_gap = find_gap
         monkeypatch.setitem(sys.modules, "omnimj.estimate.gap.find", engine)
-        return asked
+        return calls
 
     return install
 
@@ -71,13 +71,13 @@ def refused(capsys, *argv: str) -> str:
 
 
 def test_a_search_leaves_model_digest_report_and_recording(capsys, tmp_path, search):
-    asked = search(rig_named())
+    calls = search(rig_named())
     argv = ("gap", "data", "--holdout", "i090_m35, slow", "--seed", "5", "--out", str(tmp_path / "out"))
     code, _, err = called(capsys, *argv)
     assert (code, err) == (0, "")
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == WRITTEN
     assert all(path.stat().st_size > 500 for path in (tmp_path / "out").iterdir())
-    ((given, named),) = asked
+    ((given, named),) = calls
     assert (
         given[:3] == (Path("data"), None, ("i090_m35", "slow"))
         and given[4:] == (5, None)
@@ -199,12 +199,12 @@ def test_an_error_in_the_data_is_one_line_and_leaves_no_folder(capsys, tmp_path,
 
 
 def test_a_folder_that_holds_something_is_refused_before_the_search(capsys, tmp_path, search):
-    asked = search(rig_named())
+    calls = search(rig_named())
     (tmp_path / "mine.txt").write_text("precious")
     assert "is not empty" in refused(capsys, "gap", "data", "--out", str(tmp_path))
     (tmp_path / "gap.json").mkdir()
     assert "has a folder gap.json" in refused(capsys, "gap", "data", "--force", "--out", str(tmp_path))
-    assert not asked
+    assert not calls
 
 
 def test_force_replaces_an_earlier_search_and_nothing_else(capsys, tmp_path, search, plain_views):

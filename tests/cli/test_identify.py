@@ -28,16 +28,16 @@ def folder(tmp_path_factory):
 def test_it_writes_floors_numbers_and_report(folder, tmp_path, capsys):
     out = tmp_path / "out"
     assert main(["identify", str(folder), "--out", str(out)]) == 0
-    said = capsys.readouterr().out
-    assert "natural_stone: 4 runs" in said and "cannot be told apart" in said and "sigma_2" in said
+    printed = capsys.readouterr().out
+    assert "natural_stone: 4 runs" in printed and "cannot be told apart" in printed and "sigma_2" in printed
     assert sorted(path.name for path in out.iterdir()) == [
         "floors.toml",
         "identification.json",
         "report.html",
     ]
     assert read_floors(out / "floors.toml")["natural_stone"].law == "lugre"
-    told = json.loads((out / "identification.json").read_text(encoding="utf-8"))
-    assert told["command"].startswith("omnimj identify") and told["floors"]["natural_stone"]["runs"]
+    content = json.loads((out / "identification.json").read_text(encoding="utf-8"))
+    assert content["command"].startswith("omnimj identify") and content["floors"]["natural_stone"]["runs"]
     page = (out / "report.html").read_text(encoding="utf-8")
     assert "cannot be told apart" in page and page.count("class='plot'") == 4
     assert "http://" not in page and "https://" not in page

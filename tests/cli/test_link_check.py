@@ -14,21 +14,21 @@ from omnimj.link.device.emulated import WiringDefect
 LOCK_STEP = ("--lock-step", "--on-floor", "--yes", "--json")
 
 
-def told(capsys, address, *options):
+def checked(capsys, address, *options):
     code = main(["link", "check", "--plant", address, *options])
     return code, json.loads(capsys.readouterr().out)
 
 
 def test_a_robot_that_is_wired_well_passes_over_a_real_wire(capsys):
     with served(planar(), "udp") as address:
-        code, found = told(capsys, address, *LOCK_STEP)
+        code, found = checked(capsys, address, *LOCK_STEP)
     assert code == 0 and found["passed"] and found["wiring"] == []
 
 
 def test_wrong_signs_are_reported_by_name_and_the_check_fails(capsys):
     defects = [WiringDefect("sign", "wheel_speed_2"), WiringDefect("sign", "motor_4")]
     with served(planar(), "udp", defects=defects) as address:
-        code, found = told(capsys, address, *LOCK_STEP)
+        code, found = checked(capsys, address, *LOCK_STEP)
     assert code == 1 and not found["passed"]
     assert {(f["place"], f["kind"]) for f in found["wiring"]} == {
         ("wheel_speed_2", "sign"),
@@ -48,8 +48,8 @@ def test_wrong_signs_are_reported_by_name_and_the_check_fails(capsys):
 def test_what_cannot_be_checked_is_refused_in_one_line(argv, words, capsys, monkeypatch):
     monkeypatch.setattr("sys.stdin", io.StringIO())
     assert _code(["link", "check", *argv]) == 2
-    said = capsys.readouterr().err.strip().splitlines()[-1]
-    assert words in said
+    line = capsys.readouterr().err.strip().splitlines()[-1]
+    assert words in line
 
 
 def _code(argv):
@@ -60,6 +60,6 @@ def _code(argv):
 
 
 def test_a_device_that_does_not_answer_fails_the_check(capsys):
-    code, found = told(capsys, "udp:127.0.0.1:9", "--yes", "--on-floor", "--json")
+    code, found = checked(capsys, "udp:127.0.0.1:9", "--yes", "--on-floor", "--json")
     assert code == 1
     assert "does not answer" in found["steps"][-1]["found"] and found["steps"][-1]["ok"] is False

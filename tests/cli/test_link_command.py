@@ -20,8 +20,8 @@ def test_a_sound_link_exits_with_0_and_every_count_is_given(capsys):
     assert found["noise_bytes"] >= 100_000 and found["accepted_wrongly"] == 0
     assert found["accepted"] == found["came_whole"] > 2000 and found["drops"]["checksum"] > 0
     assert main(SHORT) == 0
-    told = capsys.readouterr().out
-    assert "accepted wrongly" in told and f"{found['accepted']:,}" in told, "one seed gives one run"
+    printed = capsys.readouterr().out
+    assert "accepted wrongly" in printed and f"{found['accepted']:,}" in printed, "one seed gives one run"
 
 
 def test_a_decoder_that_accepts_anything_exits_with_1(capsys, monkeypatch):
@@ -38,7 +38,7 @@ def test_growing_memory_exits_with_1(capsys, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("argv", "said"),
+    ("argv", "expected"),
     [
         (("link",), "required: COMMAND"),
         (("link", "fizz"), "unknown command 'fizz'; did you mean 'fuzz'?"),
@@ -47,7 +47,7 @@ def test_growing_memory_exits_with_1(capsys, monkeypatch):
         (("link", "fuzz", "--noise", "1e6"), "whole number"),
     ],
 )
-def test_impossible_arguments_are_refused_in_one_line(capsys, argv, said):
+def test_impossible_arguments_are_refused_in_one_line(capsys, argv, expected):
     assert main(argv) == 2
     out, err = capsys.readouterr()
-    assert out == "" and err.count("\n") == 1 and said in err and err.startswith("omnimj link")
+    assert out == "" and err.count("\n") == 1 and expected in err and err.startswith("omnimj link")

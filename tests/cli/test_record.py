@@ -31,8 +31,8 @@ def two_runs(monkeypatch):
 def test_a_dataset_is_written_and_summarised(two_runs, tmp_path, capsys):
     out = tmp_path / "set"
     assert main(["record", "rig_currents", *QUICK, "--out", str(out)]) == 0
-    told = capsys.readouterr().out
-    assert "rig_currents: identification" in told and "2 of 2 runs" in told and str(out) in told
+    printed = capsys.readouterr().out
+    assert "rig_currents: identification" in printed and "2 of 2 runs" in printed and str(out) in printed
     assert [run.name for run in read_dataset(out).runs] == ["stone_015", "stone_030"]
 
 
@@ -41,10 +41,14 @@ def test_json_holds_the_command_the_effects_and_the_seed(two_runs, tmp_path, cap
     effect = "rail_viscous:coefficient=1.5"
     argv = ["record", "rig_currents", *QUICK, "--effect", effect, "--seed", "7", "--json", "--out", str(out)]
     assert main([*argv, "--format", "csv"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["effects"] == [effect] and told["seed"] == 7 and told["runs"] == ["stone_015", "stone_030"]
-    assert told["command"].startswith("omnimj record rig_currents --plant planar")
-    assert not told["interrupted"] and told["dataset"] == str(out)
+    content = json.loads(capsys.readouterr().out)
+    assert (
+        content["effects"] == [effect]
+        and content["seed"] == 7
+        and content["runs"] == ["stone_015", "stone_030"]
+    )
+    assert content["command"].startswith("omnimj record rig_currents --plant planar")
+    assert not content["interrupted"] and content["dataset"] == str(out)
     written = (out / "dataset.toml").read_text(encoding="utf-8")
     assert "viscous" not in written and "seed" not in written and "7" not in written
     assert sorted(file.name for file in out.iterdir()) == ["dataset.toml", "stone_015.csv", "stone_030.csv"]
@@ -60,8 +64,8 @@ def test_ctrl_c_keeps_what_was_finished(two_runs, tmp_path, capsys, monkeypatch)
     drive_rig = rig.drive_rig
     monkeypatch.setattr(rig, "drive_rig", interrupted)
     assert main(["record", "rig_currents", *QUICK, "--out", str(tmp_path / "set")]) == 130
-    told = capsys.readouterr().out
-    assert "interrupted" in told and "1 of 2 runs" in told
+    printed = capsys.readouterr().out
+    assert "interrupted" in printed and "1 of 2 runs" in printed
     assert [run.name for run in read_dataset(tmp_path / "set").runs] == ["stone_015"]
 
 
@@ -75,7 +79,7 @@ def test_an_earlier_dataset_is_kept_without_force(two_runs, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("argv", "told"),
+    ("argv", "expected"),
     [
         ([], "required: suite, --out"),
         (["rig_currents"], "required: --out"),
@@ -99,8 +103,8 @@ def test_an_earlier_dataset_is_kept_without_force(two_runs, tmp_path, capsys):
         (["rig_currents", "--outt", "x"], "required: --out"),
     ],
 )
-def test_bad_input_is_one_line(refused: Refused, argv, told):
-    assert told in refused("record", *argv)
+def test_bad_input_is_one_line(refused: Refused, argv, expected):
+    assert expected in refused("record", *argv)
 
 
 def test_a_folder_that_cannot_be_written_is_refused_before_the_work(refused: Refused, tmp_path: Path):

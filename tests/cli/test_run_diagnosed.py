@@ -31,7 +31,7 @@ def record(time: float, kind: str, *wheels: int, **own):
     return {"time": time, "kind": kind, "wheels": list(wheels), "cleared": None, **own}
 
 
-def told(faults=(), diagnoses=(), method="robust") -> str:
+def summary(faults=(), diagnoses=(), method="robust") -> str:
     metrics = {"method": method, "faults": list(faults), "diagnoses": list(diagnoses)}
     return format_diagnoses(metrics, 4)
 
@@ -40,7 +40,7 @@ WEAK = {"kind": "motor", "wheel": 1, "onset": 0.8, "end": None, "loss": 0.57}
 
 
 def test_truth_diagnosis_and_delay_stand_in_one_line():
-    words = told([WEAK], [record(0.85, "motor", 1)])
+    words = summary([WEAK], [record(0.85, "motor", 1)])
     assert words.splitlines()[1].split("  ") == [
         "motor loss, wheel 1 (loss 57 %) from 0.8 s",
         "motor loss, wheel 1",
@@ -50,7 +50,7 @@ def test_truth_diagnosis_and_delay_stand_in_one_line():
 
 
 def test_false_alarms_and_ambiguities_are_printed():
-    words = told([WEAK], [record(0.85, "motor", 1, ambiguous_with=["motor 3"]), record(2.0, "slip", 2)])
+    words = summary([WEAK], [record(0.85, "motor", 1, ambiguous_with=["motor 3"]), record(2.0, "slip", 2)])
     assert "motor loss, wheel 1 or motor loss, wheel 3" in words
     assert [cell.strip() for cell in words.splitlines()[2].split("  ") if cell] == [
         "–",
@@ -61,15 +61,15 @@ def test_false_alarms_and_ambiguities_are_printed():
 
 
 def test_no_diagnosis_is_printed_as_a_sentence():
-    assert told() == "diagnosis: no fault, and none was diagnosed"
+    assert summary() == "diagnosis: no fault, and none was diagnosed"
     expected = "diagnosis: none; true faults: motor loss, wheel 1 (loss 57 %) from 0.8 s"
-    assert told([WEAK]) == expected
-    assert told([WEAK], method="off") == ""
+    assert summary([WEAK]) == expected
+    assert summary([WEAK], method="off") == ""
 
 
 def test_many_false_alarms_leave_the_checks_on_the_screen():
     channels = [record(1.0, "sensor", channel=f"channel_{k}") for k in range(40)]
-    lines = told([WEAK], channels).splitlines()
+    lines = summary([WEAK], channels).splitlines()
     assert len(lines) == 14 and lines[-1] == "and 29 more, in metrics.json"
 
 

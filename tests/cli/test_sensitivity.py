@@ -38,9 +38,13 @@ def test_a_study_writes_its_files_and_goes_on_without_driving_again(tmp_path, ca
         str(tmp_path / "out"),
     ]
     assert main(argv) == 0
-    told = capsys.readouterr().out
-    assert "Measure first: motor." in told and "nominal" in told and f"written to {tmp_path / 'out'}" in told
-    assert "the controller those of the model file" in told and "it is 0" in told
+    printed = capsys.readouterr().out
+    assert (
+        "Measure first: motor." in printed
+        and "nominal" in printed
+        and f"written to {tmp_path / 'out'}" in printed
+    )
+    assert "the controller those of the model file" in printed and "it is 0" in printed
     assert {path.name for path in (tmp_path / "out").iterdir()} == FILES
     found = json.loads((tmp_path / "out" / "sensitivity.json").read_text(encoding="utf-8"))
     runs = 2 * (len(found["parameters"]) + 1)
@@ -64,11 +68,11 @@ def test_ctrl_c_exits_with_130_and_keeps_what_there_is(tmp_path, capsys, monkeyp
 
     monkeypatch.setattr(runner, "run_in_workers", interrupting)
     assert main([*SHORT, "--out", str(tmp_path / "out")]) == 130
-    told = capsys.readouterr().out
+    printed = capsys.readouterr().out
     assert (
-        "interrupted; the same command resumes it" in told
-        and "0 of " in told
-        and "finished (interrupted)" in told
+        "interrupted; the same command resumes it" in printed
+        and "0 of " in printed
+        and "finished (interrupted)" in printed
     )
     found = json.loads((tmp_path / "out" / "sensitivity.json").read_text(encoding="utf-8"))
     assert found["interrupted"] and found["results"] == {} and found["measure_first"] == []
@@ -87,7 +91,7 @@ def test_a_run_that_broke_down_exits_with_1_and_is_named(tmp_path, capsys, monke
 
 
 @pytest.mark.parametrize(
-    ("argv", "told"),
+    ("argv", "expected"),
     [
         ([], "the following arguments are required: scenario, --out"),
         (["nylon_pach", "--out", "o"], "unknown scenario 'nylon_pach'; did you mean 'nylon_patch'?"),
@@ -110,8 +114,8 @@ def test_a_run_that_broke_down_exits_with_1_and_is_named(tmp_path, capsys, monke
         (["nylon_patch", "--out", "o", "--trajectory", "3"], "unknown option '--trajectory'"),
     ],
 )
-def test_bad_flags_are_one_line(refused, argv, told):
-    assert told in refused("sensitivity", *argv)
+def test_bad_flags_are_one_line(refused, argv, expected):
+    assert expected in refused("sensitivity", *argv)
 
 
 def test_out_must_be_empty(refused, tmp_path):

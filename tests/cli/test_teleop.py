@@ -84,11 +84,11 @@ def test_keys_drive_the_robot_and_the_terminal_is_left_as_it_was(tmp_path, last,
         else:
             os.write(person.screen, last)
             person.watch(0.3)
-        said = person.process.communicate(timeout=30.0)[0].decode()
+        output = person.process.communicate(timeout=30.0)[0].decode()
         assert person.process.returncode == code
         if last is not None:
             assert termios.tcgetattr(person.near) == person.before
-            assert "s driven by hand" in said and b"any other key stops" in person.seen
+            assert "s driven by hand" in output and b"any other key stops" in person.seen
             assert b"Traceback" not in person.seen
     finally:
         person.leave()
@@ -109,10 +109,10 @@ def drive_ahead(address: str, out: Path) -> tuple[int, str, bytes]:
         person.watch(60.0, until=b"rad/s")
         person.hold(b"w", 0.6)
         os.write(person.screen, b"q")
-        said = person.process.communicate(timeout=30.0)[0].decode()
+        output = person.process.communicate(timeout=30.0)[0].decode()
         person.watch(0.2)
         assert termios.tcgetattr(person.near) == person.before
-        return person.process.returncode, said, person.seen
+        return person.process.returncode, output, person.seen
     finally:
         person.leave()
 
@@ -121,19 +121,19 @@ def test_keys_drive_the_robot_behind_a_wire_and_leave_it_stopped(tmp_path):
     robot, out = planar(), tmp_path / "run"
     with served(robot, "udp", lock_step=False) as address:
         for _ in range(3):
-            code, said, screen = drive_ahead(address, out)
+            code, output, screen = drive_ahead(address, out)
             if not (code == 1 and BUSY.search(screen)):
                 break
         driven = dict(zip(robot.truth_names, robot.truth(), strict=True))
         link = open_link(address, ROBOT, mode=LinkMode.READONLY)
         link.connect()
-        told = link.reading.telemetry
+        telemetry = link.reading.telemetry
         link.close()
     robot.close()
     assert code == 0, screen[-300:]
     assert driven["x"] > 0.02 and abs(driven["y"]) < 0.1 * driven["x"]
-    assert not told.status & (Status.ARMED | Status.CURRENT_FLOWS | Status.FAULT)
-    assert f"s driven by hand, plant {address}" in said and "real time" not in said
+    assert not telemetry.status & (Status.ARMED | Status.CURRENT_FLOWS | Status.FAULT)
+    assert f"s driven by hand, plant {address}" in output and "real time" not in output
     trace = read_trace(out / "trace.parquet")
     assert 0.1 < trace["target_velocity_x"].max() <= 0.3 and trace.about["plant"] == address
     assert trace.about["interrupted"] is False and trace.about["failure"] is None
@@ -154,7 +154,7 @@ def test_without_a_terminal_nothing_is_driven(capsys, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("argv", "said"),
+    ("argv", "expected"),
     [
         (("--speed", "3"), "at most 1"),
         (("--turn", "nan"), "at most 2"),
@@ -165,12 +165,12 @@ def test_without_a_terminal_nothing_is_driven(capsys, monkeypatch):
         (("--keep", "0"), "at least 1"),
     ],
 )
-def test_impossible_arguments_are_refused_in_one_line(capsys, argv, said):
-    assert said in refused(capsys, *argv)
+def test_impossible_arguments_are_refused_in_one_line(capsys, argv, expected):
+    assert expected in refused(capsys, *argv)
 
 
 @pytest.mark.parametrize(
-    ("argv", "said"),
+    ("argv", "expected"),
     [
         (("--plant", "moon"), "unknown plant"),
         (("--plant", "udp:nowhere"), "must be a whole number"),
@@ -178,11 +178,11 @@ def test_impossible_arguments_are_refused_in_one_line(capsys, argv, said):
         (("--plant", "planar", "--gamepad", "/no/such/pad"), "cannot be read"),
     ],
 )
-def test_an_unknown_plant_is_refused_in_one_line(capsys, monkeypatch, argv, said):
+def test_an_unknown_plant_is_refused_in_one_line(capsys, monkeypatch, argv, expected):
     far, near = os.openpty()
     with os.fdopen(near) as stdin:
         monkeypatch.setattr(sys, "stdin", stdin)
-        assert said in refused(capsys, *argv)
+        assert expected in refused(capsys, *argv)
         monkeypatch.undo()
     os.close(far)
 

@@ -31,10 +31,11 @@ def push(tmp_path, monkeypatch) -> list[str]:
 def test_the_command_writes_gains_and_a_page_and_its_exit_code_is_the_verdict(push, tmp_path, capsys):
     code = main(push)
     out, err = capsys.readouterr()
-    told = tomllib.loads((tmp_path / "g.toml").read_text(encoding="utf-8"))["tuned"]
-    assert code == (0 if told["better"] else 1)
+    content = tomllib.loads((tmp_path / "g.toml").read_text(encoding="utf-8"))["tuned"]
+    assert code == (0 if content["better"] else 1)
     assert (
-        told["command"].startswith("omnimj tune ") and "--only control.speed_proportional" in told["command"]
+        content["command"].startswith("omnimj tune ")
+        and "--only control.speed_proportional" in content["command"]
     )
     assert "phase margin" in out and mentions(out, "seed 100", "planar")
     assert "\r" not in err, "a pipe sees no progress bar"
@@ -42,7 +43,7 @@ def test_the_command_writes_gains_and_a_page_and_its_exit_code_is_the_verdict(pu
     assert "The search" in page and "Speed against robustness" in page
     assert main([*push, "--force", "--json"]) == code
     found = json.loads(capsys.readouterr().out)
-    assert found["better"] == told["better"] and found["gains"].keys() == found["before"].keys()
+    assert found["better"] == content["better"] and found["gains"].keys() == found["before"].keys()
     assert found["judged"][0]["before"]["cost"] == pytest.approx(1.0)
 
 
@@ -110,7 +111,7 @@ def test_a_file_that_is_there_is_not_replaced_without_force(push, tmp_path, caps
 
 
 @pytest.mark.parametrize(
-    ("argv", "told"),
+    ("argv", "expected"),
     [
         (["nylon_path"], "unknown scenario 'nylon_path'; did you mean 'nylon_patch'"),
         (["rig_slip"], "SCENARIO rig_slip: cannot be tuned with; a scenario of a robot with forces"),
@@ -156,9 +157,9 @@ def test_a_file_that_is_there_is_not_replaced_without_force(push, tmp_path, caps
         ([], "required: SCENARIO"),
     ],
 )
-def test_a_flag_out_of_its_range(refused, argv, told):
+def test_a_flag_out_of_its_range(refused, argv, expected):
     out = [] if "--out" in argv else ["--out", "g.toml"]
-    assert told in refused("tune", *argv, *out)
+    assert expected in refused("tune", *argv, *out)
 
 
 def test_out_is_needed(refused):
@@ -166,7 +167,7 @@ def test_out_is_needed(refused):
 
 
 @pytest.mark.parametrize(
-    ("argv", "told"),
+    ("argv", "expected"),
     [
         (["run", "nylon_patch"], "unknown gain 'speed'; choices: heading_proportional"),
         (["evaluate", "--out", "out"], "unknown gain 'speed'; choices: heading_proportional"),
@@ -182,11 +183,11 @@ def test_out_is_needed(refused):
         ),
     ],
 )
-def test_gains_and_executors_of_other_commands(refused, tmp_path, argv, told):
+def test_gains_and_executors_of_other_commands(refused, tmp_path, argv, expected):
     file = tmp_path / "bad.toml"
     file.write_text('[control]\nspeed = { value = 1.0, unit = "A", source = "tuned" }\n')
     gains = [] if "--executor" in argv else ["--gains", str(file)]
-    assert told in refused(*argv, *gains)
+    assert expected in refused(*argv, *gains)
 
 
 def test_gains_are_driven_with(tmp_path, capsys):

@@ -35,11 +35,11 @@ def folder(tmp_path_factory):
 def test_the_table_stands_beside_the_published_one(folder, tmp_path, capsys):
     out = tmp_path / "out"
     assert main(["validate", str(folder), "--plant", "twin", "--out", str(out)]) == 0
-    said = capsys.readouterr().out
-    assert "0.016" in said and "0.054 → 0.013" in said and "mean over 3 conditions" in said
-    told = json.loads((out / "validation.json").read_text(encoding="utf-8"))
-    assert told["mean"]["twin"] < 0.005
-    assert [cell["published"] for cell in told["table"]] == [
+    printed = capsys.readouterr().out
+    assert "0.016" in printed and "0.054 → 0.013" in printed and "mean over 3 conditions" in printed
+    content = json.loads((out / "validation.json").read_text(encoding="utf-8"))
+    assert content["mean"]["twin"] < 0.005
+    assert [cell["published"] for cell in content["table"]] == [
         {"table_4_2": 0.016},
         {"table_4_2": 0.009},
         {"table_4_3": 0.054, "table_4_4": 0.013},
@@ -51,9 +51,9 @@ def test_the_table_stands_beside_the_published_one(folder, tmp_path, capsys):
 
 def test_both_plants_are_the_default_and_json_is_what_is_written(folder, tmp_path, capsys):
     assert main(["validate", str(folder), "--out", str(tmp_path / "out"), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["plants"] == ["twin", "planar"]
-    assert told == json.loads((tmp_path / "out" / "validation.json").read_text())
+    content = json.loads(capsys.readouterr().out)
+    assert content["plants"] == ["twin", "planar"]
+    assert content == json.loads((tmp_path / "out" / "validation.json").read_text())
 
 
 def test_a_model_with_effects_is_taken_and_differs(folder, tmp_path, capsys):
@@ -63,8 +63,8 @@ def test_a_model_with_effects_is_taken_and_differs(folder, tmp_path, capsys):
     arguments = ["validate", str(folder), "--plant", "planar", "--model", str(model)]
     assert main([*arguments, "--out", str(tmp_path / "out")]) == 0
     assert "effects of the model: rail_viscous" in capsys.readouterr().out
-    told = json.loads((tmp_path / "out" / "validation.json").read_text())
-    assert told["effects"] == ["rail_viscous"] and told["mean"]["planar"] > 0.03
+    content = json.loads((tmp_path / "out" / "validation.json").read_text())
+    assert content["effects"] == ["rail_viscous"] and content["mean"]["planar"] > 0.03
 
 
 def test_identified_floors_replace_the_shipped_ones(folder, tmp_path):
@@ -75,8 +75,8 @@ def test_identified_floors_replace_the_shipped_ones(folder, tmp_path):
     for k, more in enumerate(([], ["--floors", str(slippery)])):
         out = tmp_path / f"out{k}"
         assert main(["validate", str(folder), "--plant", "planar", *more, "--out", str(out)]) == 0
-        told = json.loads((out / "validation.json").read_text())
-        means.append({cell["floor"]: cell["carriage_speed_rms"]["planar"] for cell in told["table"]})
+        content = json.loads((out / "validation.json").read_text())
+        means.append({cell["floor"]: cell["carriage_speed_rms"]["planar"] for cell in content["table"]})
     assert means[1]["pvc"] > 1.5 * means[0]["pvc"]
     assert means[1]["natural_stone"] == means[0]["natural_stone"]
 
@@ -96,8 +96,8 @@ def test_ctrl_c_keeps_what_was_finished(folder, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(validate, "replay_run", stopping)
     out = tmp_path / "out"
     assert main(["validate", str(folder), "--plant", "planar", "--out", str(out)]) == 130
-    told = json.loads((out / "validation.json").read_text())
-    assert told["interrupted"] and len(told["runs"]) == 1
+    content = json.loads((out / "validation.json").read_text())
+    assert content["interrupted"] and len(content["runs"]) == 1
     assert "interrupted" in capsys.readouterr().out
 
 

@@ -51,7 +51,7 @@ def test_a_file_changes_what_it_names_and_nothing_else(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("content", "told"),
+    ("content", "expected"),
     [
         (text(control__speed_gain=1.0), r"\[control\]: unknown gain 'speed_gain'; .*speed_proportional"),
         (text(control__current_limit=9.0), "unknown gain 'current_limit'; choices: heading_proportional"),
@@ -69,9 +69,9 @@ def test_a_file_changes_what_it_names_and_nothing_else(tmp_path):
         ("[control", "is not valid TOML"),
     ],
 )
-def test_a_wrong_file_is_refused_in_one_line(tmp_path, content, told):
+def test_a_wrong_file_is_refused_in_one_line(tmp_path, content, expected):
     (tmp_path / "g.toml").write_text(content)
-    with pytest.raises(InputError, match=told) as caught:
+    with pytest.raises(InputError, match=expected) as caught:
         read_gains(tmp_path / "g.toml", ROBOT.control)
     assert "\n" not in str(caught.value)
 

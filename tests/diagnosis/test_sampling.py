@@ -41,9 +41,9 @@ def test_other_rates_are_interpolated_and_lines_stay_lines(rate, start):
 
 
 def test_a_set_current_ends_the_period_after_its_row():
-    time, asked = at_rate(1000.0), np.arange(1001.0)
-    (piece,) = resample(run_of(time, a=asked, u=asked), ("a",), ("u",), PERIOD).segments
-    assert piece.command is not None and np.array_equal(piece.command[1:, 0], asked[:-1])
+    time, values = at_rate(1000.0), np.arange(1001.0)
+    (piece,) = resample(run_of(time, a=values, u=values), ("a",), ("u",), PERIOD).segments
+    assert piece.command is not None and np.array_equal(piece.command[1:, 0], values[:-1])
     (piece,) = resample(
         run_of(at_rate(2000.0), a=np.arange(2001.0), u=np.arange(2001.0)), ("a",), ("u",), PERIOD
     ).segments

@@ -39,7 +39,7 @@ ZERO = (0.0, 0.0, 0.0)
 
 
 class DeviceDriver:
-    """Talks to a device as its host does; every frame of the device is kept in `said`."""
+    """Talks to a device as its host does; every frame of the device is kept in `received`."""
 
     def __init__(self, lock_step=False, keyed=False, limits=LIMITS, start=0.0, sessions=None):
         self.keyed, self.now = keyed, start
@@ -48,7 +48,7 @@ class DeviceDriver:
         self.device = Device(commissioned, lambda now, raw: tuple(raw), lambda: next(drawn), start)
         self.limits_hash = limits_hash(self.device.config.limits)
         self.sequence, self.session = 0, 0
-        self.speeds, self.said = ZERO, []
+        self.speeds, self.received = ZERO, []
 
     def frame(self, message: Message, **header) -> Frame:
         """A new frame of the host; the header may be another."""
@@ -62,7 +62,7 @@ class DeviceDriver:
 
     def deliver(self, frame: Frame) -> tuple[Frame, ...]:
         answer = self.device.on_frame(self.now, frame)
-        self.said += answer
+        self.received += answer
         return answer
 
     def hello(self, nonce=7, **header) -> tuple[Frame, ...]:
@@ -77,18 +77,18 @@ class DeviceDriver:
         for _ in range(periods):
             self.now += PERIOD
             answer = self.device.tick(self.now, self.speeds if speeds is None else speeds)
-            self.said += answer
+            self.received += answer
         return answer
 
     def command(self, currents=ZERO, valid_for=0.0625, brake=0, **header) -> tuple[Frame, ...]:
         return self.give(Command(currents, valid_for, brake), **header)
 
     def arm(self, **changed) -> tuple[Frame, ...]:
-        told = [f.sequence for f in self.said if isinstance(f.message, Telemetry)]
+        sequences = [f.sequence for f in self.received if isinstance(f.message, Telemetry)]
         facts = {
             "limits_hash": self.limits_hash,
             "calibration_hash": CALIBRATION_HASH,
-            "telemetry": told[-1] if told else 0,
+            "telemetry": sequences[-1] if sequences else 0,
         }
         return self.give(Arm(**{**facts, **changed}))
 
@@ -112,7 +112,7 @@ class DeviceDriver:
     @property
     def telemetry(self) -> Telemetry:
         """The newest."""
-        return next(f.message for f in reversed(self.said) if isinstance(f.message, Telemetry))
+        return next(f.message for f in reversed(self.received) if isinstance(f.message, Telemetry))
 
 
 def faults(frames: Sequence[Frame]) -> list[Fault]:

@@ -166,10 +166,10 @@ def main() -> int:
     import hypothesis.stateful  # noqa: F401  loaded once, before the forks
     import pytest  # noqa: F401
 
-    asked = argparse.ArgumentParser(description=__doc__)
-    asked.add_argument("files", nargs="*", default=list(TARGETS))
-    asked.add_argument("--workers", type=int, default=2)
-    given = asked.parse_args()
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("files", nargs="*", default=list(TARGETS))
+    parser.add_argument("--workers", type=int, default=2)
+    given = parser.parse_args()
     os.environ["CI"] = "1"  # the same examples for every mutant
     survivors = 0
     for name in given.files:

@@ -139,7 +139,7 @@ def _fields(message: object) -> list[str]:
     return []
 
 
-def told(frame: Frame) -> str:
+def describe(frame: Frame) -> str:
     """The frame as one line, every float by its bits, so that −0 is distinguished, too."""
     message = frame.message
     kind = next(kind for kind in MessageType if kind.name.replace("_", "") == type(message).__name__.upper())

@@ -173,16 +173,16 @@ def test_at_a_time_that_does_not_rise_the_speed_stays_and_a_lost_count_is_made_u
 @given(st.lists(st.floats(-1.5, 1.5, width=32), min_size=4, max_size=4), st.sets(st.integers(1, 4)))
 def test_currents_and_brakes_come_back_from_the_device_as_they_went(currents, brake):
     wheels = WheelMap.from_hardware(PERMUTED)
-    told, bits = wheels.to_device(CurrentCommand(np.array(currents), tuple(sorted(brake))))
-    back = wheels.from_device(told, bits)
+    sent, bits = wheels.to_device(CurrentCommand(np.array(currents), tuple(sorted(brake))))
+    back = wheels.from_device(sent, bits)
     assert back.current.tolist() == currents
     assert back.brake == tuple(sorted(brake))
 
 
 def test_each_wheel_has_its_place_sign_and_gain():
     wheels = WheelMap.from_hardware(PERMUTED)
-    told, bits = wheels.to_device(CurrentCommand(np.array([1.0, 0.5, 0.25, 0.125]), (2, 3)))
-    assert told == (-0.25, -0.125, 1.0, 0.5)
+    sent, bits = wheels.to_device(CurrentCommand(np.array([1.0, 0.5, 0.25, 0.125]), (2, 3)))
+    assert sent == (-0.25, -0.125, 1.0, 0.5)
     assert bits == 0b1001
     assert [wheels.host_wheel(w) for w in (0, 1, 2, 3, 4)] == [0, 2, 4, 1, 3]
 

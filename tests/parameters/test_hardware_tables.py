@@ -136,8 +136,8 @@ MISTAKES = {
 
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_each_mistake_is_refused_in_one_line(tmp_path, mistake):
-    old, new, told = MISTAKES[mistake]
-    with pytest.raises(InputError, match=re.escape(told)) as error:
+    old, new, expected = MISTAKES[mistake]
+    with pytest.raises(InputError, match=re.escape(expected)) as error:
         read(tmp_path, changed(old, new))
     assert str(error.value).startswith(f"{tmp_path / 'robot.toml'}: ")
     assert "hardware" in str(error.value)

@@ -137,8 +137,8 @@ def test_a_run_states_what_differs_from_the_defaults(tmp_path):
     toml = made.RIG + '[runs.a]\nfloor = "pvc"\nmass = 2\nrepeat_of = "p"\ndescription = "wet"\n'
     toml += "date = 2024-05-01\n[runs.b]\n"
     a, b = read_dataset(made.write_rig(tmp_path, toml, a=GOOD, b=GOOD)).runs
-    told = {"floor": "pvc", "mass": 2.0, "description": "wet", "date": "2024-05-01"}
-    assert dict(a.conditions) == told and a.repeat_of == "p" and a.condition == "p"
+    expected = {"floor": "pvc", "mass": 2.0, "description": "wet", "date": "2024-05-01"}
+    assert dict(a.conditions) == expected and a.repeat_of == "p" and a.condition == "p"
     assert b.conditions["floor"] == "natural_stone" and b.repeat_of is None
 
 
@@ -181,7 +181,7 @@ def test_a_long_run_is_read_quickly(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "expected"),
     [
         (with_cell(7, "current", "abc"), "a.csv: row 7, column 'current': found 'abc'; a finite number"),
         (with_cell(7, "current", "NaN"), "row 7, column 'current': found 'NaN'"),
@@ -215,9 +215,9 @@ def test_a_long_run_is_read_quickly(tmp_path):
         (with_row(9, '"' + LINES[8]), "row 9: has the one cell"),
     ],
 )
-def test_a_wrong_csv_file_is_refused_with_its_place(tmp_path, text, told):
+def test_a_wrong_csv_file_is_refused_with_its_place(tmp_path, text, expected):
     message = refused(made.write_rig(tmp_path, a=text))
-    assert told in message and "a.csv" in message
+    assert expected in message and "a.csv" in message
 
 
 def test_rows_are_counted_with_empty_lines_and_the_header(tmp_path):
@@ -246,7 +246,7 @@ def test_a_comment_in_another_encoding_is_no_mistake(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "expected"),
     [
         ({"current": pa.array(["x"] * 60)}, "column 'current' holds string"),
         ({"current": pa.array([True] * 60)}, "column 'current' holds bool"),
@@ -258,11 +258,11 @@ def test_a_comment_in_another_encoding_is_no_mistake(tmp_path):
         ({"current": None}, "has no column current"),
     ],
 )
-def test_a_wrong_parquet_file_is_refused_with_its_place(tmp_path, change, told):
+def test_a_wrong_parquet_file_is_refused_with_its_place(tmp_path, change, expected):
     columns = {k: v for k, v in {**made.rig_columns(), **change}.items() if v is not None}
     folder = made.write_rig(tmp_path)
     pq.write_table(pa.table(columns), folder / "b.parquet")
-    assert told in refused(folder)
+    assert expected in refused(folder)
 
 
 def test_a_parquet_file_with_a_column_twice_is_refused(tmp_path):
@@ -276,7 +276,7 @@ def test_a_parquet_file_with_a_column_twice_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("toml", "told"),
+    ("toml", "expected"),
     [
         ("", "dataset.toml: 'plant' is missing; a dataset has one; choices: linear_axis, quarter_rig"),
         ("plant", "dataset.toml: is not valid TOML; Expected '='"),
@@ -325,10 +325,10 @@ def test_a_parquet_file_with_a_column_twice_is_refused(tmp_path):
         (made.RIG + "x = 99999999999999999999", "more than 64 bits"),
     ],
 )
-def test_a_wrong_dataset_toml_is_refused_with_its_place(tmp_path, toml, told):
+def test_a_wrong_dataset_toml_is_refused_with_its_place(tmp_path, toml, expected):
     columns = made.rig_columns()
     columns["current"] = 100.0 * columns["current"]
-    assert told in refused(made.write_rig(tmp_path, toml, a=columns))
+    assert expected in refused(made.write_rig(tmp_path, toml, a=columns))
 
 
 def test_repeats_of_one_condition_have_one_floor_and_one_mass(tmp_path):
@@ -340,8 +340,8 @@ def test_repeats_of_one_condition_have_one_floor_and_one_mass(tmp_path):
 def test_an_axis_needs_force_or_current(tmp_path):
     columns = made.axis_columns()
     del columns["force"]
-    told = refused(made.write_rig(tmp_path, AXIS, a=columns))
-    assert mentions(told, "force or current", "linear_axis needs time, position")
+    message = refused(made.write_rig(tmp_path, AXIS, a=columns))
+    assert mentions(message, "force or current", "linear_axis needs time, position")
 
 
 def test_a_folder_without_a_dataset_is_refused_as_such(tmp_path):

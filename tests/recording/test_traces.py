@@ -89,7 +89,7 @@ def test_a_damaged_file_is_refused_or_holds_the_same_numbers(tmp_path_factory, w
 
 
 @pytest.mark.parametrize(
-    ("table", "told"),
+    ("table", "expected"),
     [
         (pa.table({"x": [1.0]}), "has no column 'time'"),
         (pa.table([[1.0], [1.0], [2.0]], names=["time", "x", "x"]), "has column 'x' twice"),
@@ -102,11 +102,11 @@ def test_a_damaged_file_is_refused_or_holds_the_same_numbers(tmp_path_factory, w
         (pa.table({"time": [1.0]}).replace_schema_metadata({"omnimj": "5"}), "is not a JSON object"),
     ],
 )
-def test_a_table_that_is_no_trace_is_refused(tmp_path, table, told):
+def test_a_table_that_is_no_trace_is_refused(tmp_path, table, expected):
     pq.write_table(table, tmp_path / "trace.parquet")
     with pytest.raises(InputError) as caught:
         read_trace(tmp_path / "trace.parquet")
-    assert told in str(caught.value) and "trace.parquet" in str(caught.value)
+    assert expected in str(caught.value) and "trace.parquet" in str(caught.value)
 
 
 def test_a_file_that_is_not_there_is_refused(tmp_path):

@@ -21,8 +21,8 @@ DEFAULTS = {"floor": "natural_stone", "mass": 3.9593}
 
 
 def made_run(name: str = "a", repeat_of: str | None = None, **conditions: float | str) -> Run:
-    told = {**DEFAULTS, **conditions}
-    return Run(name, made.rig_columns(), MappingProxyType({}), MappingProxyType(told), repeat_of)
+    merged = {**DEFAULTS, **conditions}
+    return Run(name, made.rig_columns(), MappingProxyType({}), MappingProxyType(merged), repeat_of)
 
 
 def names_in(folder: Path) -> list[str]:

@@ -64,7 +64,7 @@ def driven(name, overrides):
     return run_scenario(read_scenario(name, overrides), "twin", "robust").metrics
 
 
-def said(metrics):
+def diagnosed(metrics):
     return [(d["kind"], d["wheels"]) for d in metrics["diagnoses"]]
 
 
@@ -101,12 +101,12 @@ def test_a_wheel_that_starts_on_nylon_is_named_in_time_and_let_go_in_time_and_no
 @pytest.mark.parametrize(("wheel", "share"), checkerboard(WHEELS, SIZES))
 def test_a_motor_that_loses_torque_is_isolated_and_nothing_else_is_named(wheel, share):
     metrics = driven("degraded_motor", weak(wheel, f"loss = {share}"))
-    assert metrics["isolated"] and said(metrics) == [("motor", [wheel])]
+    assert metrics["isolated"] and diagnosed(metrics) == [("motor", [wheel])]
     assert metrics["false_alarms"] == 0 and metrics["detection_delay"] <= 0.12
 
 
 @pytest.mark.parametrize(("wheel", "share"), checkerboard(WHEELS, SIZES))
 def test_a_second_motor_in_parallel_is_isolated_and_nothing_else_is_named(wheel, share):
     metrics = driven("degraded_motor", weak(wheel, f"braking_torque = {braking(share)}"))
-    assert metrics["isolated"] and said(metrics) == [("motor", [wheel])]
+    assert metrics["isolated"] and diagnosed(metrics) == [("motor", [wheel])]
     assert metrics["false_alarms"] == 0

@@ -48,7 +48,7 @@ def on_rig(current, faults="", thresholds="fault_free", variant="repaired", plan
     return run_scenario(test, plant, "published", SEED)
 
 
-def told(run):
+def diagnosed(run):
     return [(d["kind"], d["wheels"]) for d in run.metrics["diagnoses"]]
 
 
@@ -58,7 +58,7 @@ def told(run):
 def test_the_rig_sees_slip_from_0_75_a_up(current, thresholds, plant):
     """Fig. 5.5."""
     run = on_rig(current, SHEET, thresholds, plant=plant)
-    assert told(run) == ([("slip", [1])] if current >= 0.75 else [])
+    assert diagnosed(run) == ([("slip", [1])] if current >= 0.75 else [])
     assert run.metrics["isolated"] is (current >= 0.75)
     assert run.metrics["false_alarms"] == 0
 
@@ -69,7 +69,7 @@ def test_the_rig_sees_slip_from_0_75_a_up(current, thresholds, plant):
 def test_the_rig_isolates_a_second_motor_in_parallel(current, variant, plant):
     """Figs. 5.9 and 5.13: (R1, R2) = (1, 1)."""
     run = on_rig(current, SECOND_MOTOR, "printed", variant, plant)
-    assert told(run)[-1] == ("motor", [1])
+    assert diagnosed(run)[-1] == ("motor", [1])
     assert run.metrics["isolated"]
 
 
@@ -77,7 +77,7 @@ def test_the_rig_isolates_a_second_motor_in_parallel(current, variant, plant):
     ("current", "variant", "plant"), checkerboard(CURRENTS, VARIANTS, ["planar", "twin"])
 )
 def test_a_rig_without_a_fault_raises_no_alarm(current, variant, plant):
-    assert told(on_rig(current, "", "printed", variant, plant)) == []
+    assert diagnosed(on_rig(current, "", "printed", variant, plant)) == []
 
 
 def on_robot(table, faults="", plant="planar", seed=SEED, **choice):
@@ -90,7 +90,7 @@ def on_robot(table, faults="", plant="planar", seed=SEED, **choice):
 def test_rows_f1_to_f4_of_table_5_2(wheel, thresholds):
     fault = f"{{kind = 'slip', wheel = {wheel}, onset = 0.5, floor = 'nylon'}}"
     run = on_robot(f"{HIGH}, direction = {FORWARD[wheel - 1]}", fault, thresholds=thresholds, recovery=False)
-    assert {(kind, *wheels) for kind, wheels in told(run)} == {("slip", wheel)}
+    assert {(kind, *wheels) for kind, wheels in diagnosed(run)} == {("slip", wheel)}
     assert run.metrics["isolated"]
 
 
@@ -115,7 +115,7 @@ def test_rows_f5_to_f8_of_table_5_2(wheel, thresholds):
 )
 def test_a_robot_without_a_fault_raises_no_alarm_in_a_test_of_five_seconds(direction, thresholds, plant):
     run = on_robot(f"{HIGH}, direction = {direction}", "", plant, thresholds=thresholds)
-    assert told(run) == []
+    assert diagnosed(run) == []
     assert run.metrics["isolated"] is None
 
 
@@ -249,7 +249,7 @@ def test_the_form_is_chosen_in_the_scenario():
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "expected"),
     [
         ("diagnosis.variant=mended", "diagnosis.variant: unknown variant 'mended'; choices: "),
         ("diagnosis.thresholds=[]", "diagnosis.thresholds: unknown set of thresholds"),
@@ -259,10 +259,10 @@ def test_the_form_is_chosen_in_the_scenario():
         ("diagnosis=5", "a table is needed"),
     ],
 )
-def test_a_form_that_is_not_there_is_refused_in_one_line(text, told):
+def test_a_form_that_is_not_there_is_refused_in_one_line(text, expected):
     with pytest.raises(InputError) as caught:
         read_scenario("nylon_patch", [text])
-    assert told in str(caught.value)
+    assert expected in str(caught.value)
     assert "\n" not in str(caught.value)
 
 

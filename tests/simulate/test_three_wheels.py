@@ -40,17 +40,17 @@ def metrics(wheel, fault, plant="planar"):
 
 @pytest.mark.parametrize(("wheel", "loss"), checkerboard(WHEELS, [0.57, 0.8]))
 def test_a_weak_motor_of_three_is_isolated_and_nothing_else_is_named(wheel, loss):
-    told = metrics(wheel, f"kind = 'motor', onset = 0.8, loss = {loss}")
-    assert told["isolated"] and told["false_alarms"] == 0 and len(told["diagnoses"]) == 1
-    assert told["detection_delay"] <= 0.12
+    result = metrics(wheel, f"kind = 'motor', onset = 0.8, loss = {loss}")
+    assert result["isolated"] and result["false_alarms"] == 0 and len(result["diagnoses"]) == 1
+    assert result["detection_delay"] <= 0.12
 
 
 @pytest.mark.parametrize("wheel", WHEELS)
 def test_a_slipping_wheel_of_three_is_isolated_and_let_go_and_nothing_else_is_named(wheel):
-    told = metrics(wheel, "kind = 'slip', onset = 0.5, end = 1.3, grip = 0.2")
-    assert told["isolated"] and told["false_alarms"] == 0 and len(told["diagnoses"]) == 1
-    assert told["detection_delay"] <= 0.2
-    assert 1.3 < told["diagnoses"][0]["cleared"] < 1.9
+    result = metrics(wheel, "kind = 'slip', onset = 0.5, end = 1.3, grip = 0.2")
+    assert result["isolated"] and result["false_alarms"] == 0 and len(result["diagnoses"]) == 1
+    assert result["detection_delay"] <= 0.2
+    assert 1.3 < result["diagnoses"][0]["cleared"] < 1.9
 
 
 @pytest.mark.parametrize(("plant", "way", "wheel"), checkerboard(["planar", "twin"], [1.0, -1.0], WHEELS))
@@ -60,10 +60,10 @@ def test_a_motor_of_three_that_dies_while_it_alone_carries_the_drive_is_all_that
         f"faults=[{{ wheel = {wheel}, kind = 'motor', onset = 0.8, loss = 1.0 }}]",
     )
     run = run_scenario(read_scenario("three_wheel_weak_motor", overrides), plant, "robust")
-    told = run.metrics
-    assert told["isolated"] and told["false_alarms"] == 0 and told["detection_delay"] <= 0.12
+    result = run.metrics
+    assert result["isolated"] and result["false_alarms"] == 0 and result["detection_delay"] <= 0.12
     assert run.trace[f"effectiveness_{wheel}"][-1] <= 0.1  # although its wheel stands and friction hides much
-    assert PIVOTING in run.trace["recovery"] and told["tracking_error_max"] <= 0.3
+    assert PIVOTING in run.trace["recovery"] and result["tracking_error_max"] <= 0.3
 
 
 def driven(fault, seed, duration):

@@ -56,7 +56,7 @@ def with_published_rig(trace: Trace) -> Trace:
     return Trace({**trace.columns, **own}, {**trace.about, "method": "published"})
 
 
-def said(time: float, kind: str, *wheels: int, **own: Any) -> Mapping[str, Any]:
+def diagnosis_record(time: float, kind: str, *wheels: int, **own: Any) -> Mapping[str, Any]:
     """A diagnosis of `metrics.json`."""
     empty = {"confidence": 0.98, "ambiguous_with": [], "effectiveness": None, "cleared": None, "channel": ""}
     return {"time": time, "kind": kind, "wheels": list(wheels), **empty, **own}

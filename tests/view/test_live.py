@@ -220,9 +220,9 @@ def test_a_run_reaches_another_process_over_the_loopback_address(receiver):
 
 
 def test_a_viewer_that_ends_before_it_answers_is_reported_with_its_message(tmp_path):
-    said = "import sys; print('Error: graphics: no adapter found\\nbye', file=sys.stderr); sys.exit(3)"
+    script = "import sys; print('Error: graphics: no adapter found\\nbye', file=sys.stderr); sys.exit(3)"
     with (tmp_path / "complaints").open("w+b") as complaints:
-        process = subprocess.Popen([sys.executable, "-c", said], stderr=complaints)
+        process = subprocess.Popen([sys.executable, "-c", script], stderr=complaints)
         viewer = Viewer(process, viewer_room._free_port(), complaints)
         with pytest.raises(ViewerError, match=r"failed \(no adapter found\).*--out DIR"):
             viewer.await_server()

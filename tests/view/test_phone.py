@@ -7,7 +7,7 @@ import re
 
 import pytest
 from browser import chromium, on_a_phone
-from diagnosed_runs import said, with_robust
+from diagnosed_runs import diagnosis_record, with_robust
 from inline_executor import InlineExecutor
 from made_findings import FINDINGS
 from rig_runs import twin_run
@@ -59,10 +59,13 @@ def pages(
     folder = tmp_path_factory.mktemp("pages")
     paths = {kind: folder / f"{kind}.html" for kind in KINDS}
     trace = with_robust(robot_trace)
-    told = {**robot_metrics, "command": f"omnimj run nylon_patch --out {LONG} --force"}
-    told["diagnoses"] = [said(3.1, "slip", 2), said(6.9, "motor", 3, ambiguous_with=["slip 3", "motor 1"])]
-    write_report(paths["run"], trace, robot_scenario, told)
-    beside = {**told, "compared": {"published": {**robot_metrics, "method": "published"}}}
+    metrics = {**robot_metrics, "command": f"omnimj run nylon_patch --out {LONG} --force"}
+    metrics["diagnoses"] = [
+        diagnosis_record(3.1, "slip", 2),
+        diagnosis_record(6.9, "motor", 3, ambiguous_with=["slip 3", "motor 1"]),
+    ]
+    write_report(paths["run"], trace, robot_scenario, metrics)
+    beside = {**metrics, "compared": {"published": {**robot_metrics, "method": "published"}}}
     write_report(paths["compared"], trace, robot_scenario, beside, others={"published": robot_trace})
     write_report(paths["rig"], rig_trace, rig_scenario, rig_metrics)
     write_gap_report(paths["gap"], FINDINGS["named"](), new_model="model.toml")

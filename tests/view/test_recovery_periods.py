@@ -94,8 +94,8 @@ def test_the_shipped_robots_state_which_wheels_they_can_lose():
 
 
 def test_the_terminal_prints_it_with_the_layout():
-    told = format_recovery(made(np.where(TIME < 3.0, 0, COMPENSATING)), named((2.9, 2)), star(3))
-    first, second, last = told.splitlines()
+    text = format_recovery(made(np.where(TIME < 3.0, 0, COMPENSATING)), named((2.9, 2)), star(3))
+    first, second, last = text.splitlines()
     assert first.split() == ["recovery", "when", "consequence"]
     assert second.startswith(MODE_NAMES[COMPENSATING]) and MODE_CONSEQUENCES[COMPENSATING] in second
     assert last == describe_layout(star(3))

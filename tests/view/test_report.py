@@ -175,8 +175,8 @@ def test_faults_and_diagnoses_are_described_in_sentences(robot_page):
 def test_a_run_that_was_broken_off_is_marked_at_the_top(
     failure, page_path, robot_trace, robot_scenario, robot_metrics, undrawn
 ):
-    told = {**robot_metrics, "interrupted": True, "failure": failure, "duration": 3.1}
-    write_report(page_path, robot_trace, robot_scenario, told)
+    metrics = {**robot_metrics, "interrupted": True, "failure": failure, "duration": 3.1}
+    write_report(page_path, robot_trace, robot_scenario, metrics)
     words = " ".join(Page(page_path).words)
     assert f"Ended early: {failure or 'interrupted at 3.1 s'}" in words
 

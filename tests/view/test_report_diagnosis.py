@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from diagnosed_runs import said, with_published, with_published_rig, with_robust
+from diagnosed_runs import diagnosis_record, with_published, with_published_rig, with_robust
 from drawn import bars, lines, row_names
 
 from omnimj.control.detection.detector import DetectorOptions
@@ -44,7 +44,7 @@ def test_truth_and_diagnosis_stand_in_one_row(robot_trace, robot_scenario, robot
 def test_a_false_alarm_has_its_row_with_its_number_of_times(
     robot_trace, robot_scenario, robot_metrics, undrawn
 ):
-    wrong = [said(8.0, "slip", 4, cleared=8.1), said(8.5, "slip", 4, cleared=8.6)]
+    wrong = [diagnosis_record(8.0, "slip", 4, cleared=8.1), diagnosis_record(8.5, "slip", 4, cleared=8.6)]
     metrics = {**robot_metrics, "diagnoses": [*robot_metrics["diagnoses"], *wrong], "isolated": False}
     page = section_text(with_robust(robot_trace), robot_scenario, metrics)
     assert "– slip, wheel 4 (2 times) 8.000 s false alarm 98 % nothing 8.600 s" in page
@@ -55,7 +55,7 @@ def test_a_false_alarm_has_its_row_with_its_number_of_times(
     ("faults", "diagnoses", "expected"),
     [
         ([], [], "no fault that the method can diagnose, and nothing was diagnosed."),
-        ([], [said(1.0, "slip", 1)], "but 1 false alarm."),
+        ([], [diagnosis_record(1.0, "slip", 1)], "but 1 false alarm."),
         ([{"kind": "motor", "wheel": 1, "onset": 1.0, "end": None}], [], "A fault held, and nothing was"),
         (
             [{"kind": "payload", "wheel": None, "onset": 0.0, "end": None}],
@@ -249,7 +249,12 @@ def test_a_diagnosed_robots_report_has_all_its_figures(
 
 def test_a_diagnosed_rigs_report_has_its_figures(page_path, rig_trace, rig_scenario, rig_metrics):
     truth = [{"kind": "motor", "wheel": 1, "onset": 0.0, "end": None}]
-    metrics = {**rig_metrics, "method": "published", "faults": truth, "diagnoses": [said(0.5, "motor", 1)]}
+    metrics = {
+        **rig_metrics,
+        "method": "published",
+        "faults": truth,
+        "diagnoses": [diagnosis_record(0.5, "motor", 1)],
+    }
     scenario = dataclasses.replace(rig_scenario, diagnosis=DetectorOptions("printed"))
     write_report(page_path, with_published_rig(rig_trace), scenario, metrics)
     page = page_path.read_text(encoding="utf-8")

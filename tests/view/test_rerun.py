@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 import rerun as rr
-from diagnosed_runs import said, with_published, with_robust
+from diagnosed_runs import diagnosis_record, with_published, with_robust
 from rerun.chunk import RrdReader
 
 from omnimj.signals import Trace
@@ -291,7 +291,7 @@ def test_the_blueprint_shows_every_plot_of_the_method(diagnosed):
 def test_lanes_with_events_alone_are_shown(robot_metrics):
     both = [f"/{entity}/wheel_{wheel}" for entity in ("fault", "diagnosis") for wheel in (2, 3)]
     assert eventful_lanes(robot_metrics, 10.0) == [*both, "/mode", "/recovery"]
-    missed = {**robot_metrics, "diagnoses": [said(8.0, "slip", 4)]}
+    missed = {**robot_metrics, "diagnoses": [diagnosis_record(8.0, "slip", 4)]}
     assert "/fault/wheel_4" not in eventful_lanes(missed, 10.0)
     assert {"/diagnosis/wheel_2", "/diagnosis/wheel_4"} <= set(eventful_lanes(missed, 10.0))
     quiet = {**robot_metrics, "faults": [], "diagnoses": []}

@@ -55,12 +55,12 @@ def test_the_report_names_what_to_measure_first_and_what_not(tmp_path):
     write_sensitivity_files(tmp_path, outcome_of(study_of("speed", "m/s", 0.0), study_of("place", "m", 2.0)))
     page = page_of(tmp_path)
     assert "motor.&lt;strong&gt;" in page and "<strong>" not in page, "names from files are made safe"
-    told = html.unescape(page)
-    assert "Measure first: motor.<strong>" in told
-    assert "No effect at all (1): motor.<idle>" in told
-    assert "Uncertain; more trajectories are needed (1): motor.<wild>" in told
-    assert "Not distinguishable from noise (2): motor.<weak>, motor.<wild>" in told
-    assert "bearing.<dry>: it is 0" in told
+    unescaped = html.unescape(page)
+    assert "Measure first: motor.<strong>" in unescaped
+    assert "No effect at all (1): motor.<idle>" in unescaped
+    assert "Uncertain; more trajectories are needed (1): motor.<wild>" in unescaped
+    assert "Not distinguishable from noise (2): motor.<weak>, motor.<wild>" in unescaped
+    assert "bearing.<dry>: it is 0" in unescaped
     assert page.count("class='plot'") == 4  # a result with one ranked number needs no picture of its own
     assert not re.search(r"https?://", re.sub(r"<script>.*?</script>", "", page, flags=re.DOTALL))
     picture = ElementTree.fromstring((tmp_path / "sensitivity.svg").read_text(encoding="utf-8"))
@@ -87,12 +87,12 @@ def test_the_shares_have_a_row_per_number_that_is_worth_half_a_percent():
     assert [bar.right - bar.left for bar in drawn] == pytest.approx([100 * rank.share for rank in ranks])
     expected = 100.0 * SIZES / (SIZES[:2].sum() + SIZES[3] / 8.0)  # the wild one acts in one of eight
     (cells,) = right.plot.renderers
-    told = [
+    matches = [
         re.fullmatch(r"motor\.<(\w+)> in (\w+): (\S+) %", name) for name in cells.data_source.data["name"]
     ]
     names = [(row, column) for row in ("strong", "weak", "wild") for column in ("speed", "count")]
-    assert [(one[1], one[2]) for one in told if one] == names
-    shown = np.reshape([float(one[3]) for one in told if one], (3, 2))
+    assert [(one[1], one[2]) for one in matches if one] == names
+    shown = np.reshape([float(one[3]) for one in matches if one], (3, 2))
     assert shown.tolist() == [pytest.approx([value] * 2, rel=0.05) for value in expected[[0, 1]]] + [
         pytest.approx([100.0 * SIZES[3] / 8.0 / 5.06] * 2, rel=0.15)
     ]

@@ -171,7 +171,14 @@ class FloorProblem:
 
 
 def prior_residuals(shared: Array) -> Array:
-    """Residuals of the weak prior at the shared unknowns of shape (SHARED,), same shape."""
+    """Compute the residuals of the weak prior.
+
+    Args:
+      shared: Shared unknowns, shape (SHARED,).
+
+    Returns:
+      Shape (SHARED,), in standard deviations of the prior.
+    """
     return (_SHAPE @ shared - _CENTRE) / _SPREAD
 
 

@@ -90,10 +90,18 @@ def lugre(numbers: Array) -> TractionParameters:
 
 
 def resistance(rig: Rig, mass: float, lateral_speed: float) -> tuple[float, float]:
-    """Dry and viscous resistance of the carriage, Eqs. 4.12-4.18 [N, N.s/m].
+    """Compute the dry and the viscous resistance of the carriage, Eqs. 4.12-4.18.
 
     The measured friction of the rail, the rolling resistance and, while the gantry moves, the additional load
     of the rail from the friction of the rollers.
+
+    Args:
+      rig: The rig.
+      mass: Mass m_T of the quarter body [kg].
+      lateral_speed: Speed of the gantry [m/s].
+
+    Returns:
+      Dry [N] and viscous resistance [N.s/m].
     """
     found = rig_parameters(rig, mass)
     dry, viscous = rail_friction(found, lateral_force(found, lateral_speed))
@@ -169,6 +177,10 @@ def _block_means(values: Array, use: Array, per_block: int) -> Array:
 
 
 def finite_rms(values: Array) -> float:
-    """√(mean of squares) of the finite values, of any shape; NaN without any."""
+    """Compute √(mean of squares) of the finite values; NaN without any.
+
+    Args:
+      values: Values of any shape.
+    """
     counted = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(counted**2))) if len(counted) else math.nan

@@ -81,11 +81,17 @@ _FLOOR_ORDER = ("natural_stone", "pvc", "paperboard")
 
 
 def published_errors(floor: str, mass: float, lateral_speed: float, current: float) -> tuple[float, ...]:
-    """RMS speed errors printed in the dissertation for a condition [m/s].
+    """Look up the RMS speed errors printed in the dissertation for a condition.
+
+    Args:
+      floor: Name of the floor.
+      mass: Mass m_T of the quarter body [kg].
+      lateral_speed: Speed of the gantry [m/s].
+      current: Motor current [A].
 
     Returns:
       The one number of Table 4.2; with the gantry moving those of Tables 4.3 and 4.4, without and with
-      lateral friction; empty where there is no such cell.
+      lateral friction [m/s]; empty where there is no such cell.
     """
     if lateral_speed == 0.0:
         column = _nearest(TABLE_4_2_CURRENTS, current, _CURRENT)

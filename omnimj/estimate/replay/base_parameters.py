@@ -145,7 +145,12 @@ def _free_name(name: str, taken: set[str]) -> str:
 
 
 def floor_name(dataset: Dataset, run: Run, floors: Mapping[str, Floor]) -> str:
-    """Floor of a run.
+    """Return the name of the floor of a run.
+
+    Args:
+      dataset: Dataset of the run, for messages.
+      run: The run.
+      floors: Known floors by name.
 
     Raises:
       InputError: The run has none.

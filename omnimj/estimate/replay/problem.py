@@ -42,7 +42,7 @@ class Problem:
     def split(
         self, x: Array, effects: ModelEffects, curve: tuple[str, Array] | None = None
     ) -> tuple[Setting, float]:
-        """Setting of the replay for a parameter vector, and α.
+        """Split a parameter vector into the setting of the replay and α.
 
         Args:
           x: Parameters, shape (n,).
@@ -59,7 +59,7 @@ class Problem:
         return Setting(np.asarray(x[:n]), values, curve), share
 
     def bounds(self, effects: ModelEffects) -> tuple[Array, Array]:
-        """Lowest and highest value of every parameter, shape (n,) each."""
+        """Return the lowest and the highest value of every parameter, shape (n,) each."""
         low = [b.low for b in self.replay.base] + [0.0] * self.has_twin_share
         high = [b.high for b in self.replay.base] + [1.0] * self.has_twin_share
         for candidate in effects:
@@ -68,7 +68,7 @@ class Problem:
         return np.array(low), np.array(high)
 
     def scales(self, effects: ModelEffects) -> Array:
-        """Natural size of a change of every parameter, shape (n,)."""
+        """Return the natural size of a change of every parameter, shape (n,)."""
         sizes = [max(0.5 * (b.high - b.low), 1e-12) for b in self.replay.base] + [1.0] * self.has_twin_share
         for candidate in effects:
             for s in candidate.parameters:
@@ -77,14 +77,21 @@ class Problem:
         return np.array(sizes)
 
     def start(self) -> Array:
-        """Parameters of the nominal model, shape (base and α,)."""
+        """Return the parameters of the nominal model, shape (base and α,)."""
         return np.array([b.nominal for b in self.replay.base] + [1.0] * self.has_twin_share)
 
     def prior(self, x: Array, effects: ModelEffects) -> tuple[Array, Array]:
-        """Precision of every parameter and its distance from nominal, both in its scale, shape (n,).
+        """Compute the precision of every parameter and its distance from nominal.
 
         A box of half-width a has the variance a²/3. The prior decides only what the data leave open: the
         share of an effect that the base's own uncertainty explains.
+
+        Args:
+          x: Parameters, shape (n,).
+          effects: Effects in the model.
+
+        Returns:
+          Precision and distance, both in the parameter's scale and of shape (n,); zero for α and effects.
         """
         n = len(self.replay.base)
         precision, distance = np.zeros(len(x)), np.zeros(len(x))
@@ -99,7 +106,7 @@ class Problem:
         effects: ModelEffects,
         curves: Sequence[tuple[str, Array] | None] | None = None,
     ) -> list[Array]:
-        """Measured − predicted, one array of shape (blocks, channels) per parameter vector.
+        """Compute measured − predicted, one array of shape (blocks, channels) per parameter vector.
 
         Args:
           xs: Parameter vectors, shape (n,) each.
@@ -116,7 +123,7 @@ class Problem:
         return found
 
     def whitened(self, mismatch: Array) -> Array:
-        """Mismatch in units of noise, 0 where masked, with the offset of each run removed by its prior.
+        """Express a mismatch in units of noise, 0 where masked; each run's offset is removed by its prior.
 
         A run's offset with standard deviation w leaves √(σ²/(σ² + n w²)) of the mean of n blocks.
 
@@ -141,18 +148,42 @@ class Problem:
         effects: ModelEffects,
         curves: Sequence[tuple[str, Array] | None] | None = None,
     ) -> list[Array]:
-        """Whitened mismatches, shape (blocks, channels) each."""
+        """Compute the whitened mismatch of each parameter vector.
+
+        Args:
+          xs: Parameter vectors, shape (n,) each.
+          effects: Effects in the model.
+          curves: Free curve of each vector; none when None.
+
+        Returns:
+          One array of shape (blocks, channels) per parameter vector, 0 where masked.
+        """
         return [self.whitened(m) for m in self.mismatches(xs, effects, curves)]
 
     def losses(self, residual: Array) -> Array:
-        """Pseudo-Huber loss of every block, Σ over channels of 2 δ² (√(1 + (r/δ)²) − 1), shape (blocks,)."""
+        """Compute the pseudo-Huber loss of every block, Σ over channels of 2 δ² (√(1 + (r/δ)²) − 1).
+
+        Args:
+          residual: Whitened mismatch r, shape (blocks, channels).
+
+        Returns:
+          Shape (blocks,).
+        """
         d = self.huber_scale
         return (2.0 * d * d * (np.sqrt(1.0 + (residual / d) ** 2) - 1.0)).sum(axis=1)
 
     def jacobian(self, x: Array, effects: ModelEffects, columns: Sequence[int] | None = None) -> Array:
-        """d(residual)/d(parameter/scale) by finite differences, shape (blocks × channels, columns).
+        """Compute d(residual)/d(parameter/scale) by finite differences.
 
         The column of a parameter whose bounds are equal is 0.
+
+        Args:
+          x: Parameters, shape (n,).
+          effects: Effects in the model.
+          columns: Indices of the parameters to differentiate by; all when None.
+
+        Returns:
+          Shape (blocks × channels, columns).
         """
         low, high = self.bounds(effects)
         scales = self.scales(effects)

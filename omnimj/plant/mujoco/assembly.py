@@ -37,7 +37,14 @@ _FLOOR_STORE = (0.0, 0.0, -9.0)  # position of hidden geoms that only hold the p
 
 
 def bind_floor(mj_model: mujoco.MjModel, geom: int, kind: float, floor: Floor) -> None:
-    """Turn a geom into a floor or patch with the traction law of `floor`."""
+    """Turn a geom into a floor or patch with the traction law of `floor`.
+
+    Args:
+      mj_model: Model, changed in place.
+      geom: Index of the geom.
+      kind: `slots.FLOOR` or `slots.PATCH`.
+      floor: Gives the traction law.
+    """
     mj_model.geom_user[geom, slots.KIND] = kind
     mj_model.geom_user[geom, slots.TRACTION : slots.TRACTION + TRACTION_SIZE] = floor.row
 
@@ -72,6 +79,11 @@ def wheel_slots(machine: Robot | Rig) -> np.ndarray:
 
 def bind_wheels(mj_model: mujoco.MjModel, machine: Robot | Rig, wheels: int) -> None:
     """Mark the model for the native contact; fill the actuators `motor_1 … motor_n` and the rollers' geoms.
+
+    Args:
+      mj_model: Model, changed in place.
+      machine: Gives the constants of the wheels.
+      wheels: Number of wheels.
 
     Raises:
       InputError: The MJCF lacks a part, or its actuators are not in the order of the wheels.
@@ -110,7 +122,13 @@ def bind_wheels(mj_model: mujoco.MjModel, machine: Robot | Rig, wheels: int) -> 
 
 
 def bind_rail(mj_model: mujoco.MjModel, rig: Rig, weight: float) -> None:
-    """Write the friction of the rail into its joint, and the index of the joint into the wheel's slots."""
+    """Write the friction of the rail into its joint, and the index of the joint into the wheel's slots.
+
+    Args:
+      mj_model: Model, changed in place.
+      rig: Gives the constants of the rail.
+      weight: Weight of the quarter body [N].
+    """
     body, rail = rig.rig, mj_model.joint("rail").id
     mj_model.jnt_user[rail] = (
         body.rail_friction,

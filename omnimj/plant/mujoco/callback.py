@@ -115,7 +115,13 @@ def _axle_load(own, act, forces):
 
 @kernel
 def set_activation_rates(m, d, actuator):
-    """Write act_dot = (next − now)/h of a wheel's current and bristles, exact for constant velocities."""
+    """Write act_dot = (next − now)/h of a wheel's current and bristles, exact for constant velocities.
+
+    Args:
+      m: Address of mjModel.
+      d: Address of mjData.
+      actuator: Index of the actuator; one that is not of a wheel is left alone.
+    """
     if actuator >= wheel_count(m):
         return
     h, own = load_real(m + OFFSETS.m_timestep, 0), slots_of(m, actuator)
@@ -188,7 +194,13 @@ def install() -> None:
 
 @kernel
 def repeat_callbacks(m, d, times):
-    """Repeat the callbacks of one step on a frozen state, to measure their cost."""
+    """Repeat the callbacks of one step on a frozen state, to measure their cost.
+
+    Args:
+      m: Address of mjModel.
+      d: Address of mjData.
+      times: Number of repetitions.
+    """
     for _ in range(times):
         add_passive_forces(m, d)
         for wheel in range(wheel_count(m)):

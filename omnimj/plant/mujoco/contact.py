@@ -62,7 +62,13 @@ class WheelForces(NamedTuple):
 
 @kernel
 def write_sensed(d, own, forces):
-    """Write the `WheelForces` of a wheel into its user sensor, given the address of its slots."""
+    """Write the contact forces of a wheel into its user sensor.
+
+    Args:
+      d: Address of mjData.
+      own: Address of the wheel's slots.
+      forces: `WheelForces`.
+    """
     sensors = load_pointer(d + OFFSETS.d_sensordata)
     first = numba.int64(load_real(own, slots.SENSOR))
     for k in range(SENSED):
@@ -86,7 +92,16 @@ def read_sensed(d, own):
 
 @kernel
 def point_velocity(m, d, body, x, y, z):
-    """Velocity of the point (x, y, z) [m] fixed to a body, world frame [m/s]."""
+    """Compute the velocity of a point fixed to a body, world frame [m/s].
+
+    Args:
+      m: Address of mjModel.
+      d: Address of mjData.
+      body: Index of the body.
+      x: Coordinate of the point, world frame [m].
+      y: Coordinate of the point, world frame [m].
+      z: Coordinate of the point, world frame [m].
+    """
     root = load_int(load_pointer(m + OFFSETS.m_body_rootid), body)
     com = load_pointer(d + OFFSETS.d_subtree_com) + 24 * root
     c = load_pointer(d + OFFSETS.d_cvel) + 48 * body
@@ -101,7 +116,20 @@ def point_velocity(m, d, body, x, y, z):
 
 @kernel
 def floor_under(m, d, wheel_slots, geom, x, y, z):
-    """Geom whose floor parameters apply at a point: the wheel's override, a patch, or the geom itself."""
+    """Find the geom that is the floor at a point: the wheel's override, a patch, or the geom itself.
+
+    Args:
+      m: Address of mjModel.
+      d: Address of mjData.
+      wheel_slots: Address of the wheel's slots.
+      geom: Index of the floor's geom that the roller touches.
+      x: Coordinate of the point, world frame [m].
+      y: Coordinate of the point, world frame [m].
+      z: Coordinate of the point, world frame [m].
+
+    Returns:
+      Index of a geom.
+    """
     override = load_real(wheel_slots, slots.FLOOR_OVERRIDE)
     if override >= 0.0:
         return numba.int64(override)
@@ -124,7 +152,21 @@ def floor_under(m, d, wheel_slots, geom, x, y, z):
 
 @kernel
 def describe_contact(m, d, contact, wheel_slots, roller_geom, floor_geom, sign, row):
-    """Fill the row of a contact with its geometry and velocities; return False if it does not touch."""
+    """Fill the row of a contact with its geometry and velocities.
+
+    Args:
+      m: Address of mjModel.
+      d: Address of mjData.
+      contact: Address of mjContact.
+      wheel_slots: Address of the wheel's slots.
+      roller_geom: Index of the roller's geom.
+      floor_geom: Index of the floor's geom.
+      sign: 1 if the normal of the contact points from floor to roller, −1 if from roller to floor.
+      row: Row to fill, shape (COLUMNS,); WHEEL and the forces are left alone.
+
+    Returns:
+      False if the contact does not touch or has no driving direction.
+    """
     depth = -load_real(contact + OFFSETS.c_dist, 0)
     if depth <= 0.0:
         return False
@@ -170,7 +212,13 @@ def describe_contact(m, d, contact, wheel_slots, roller_geom, floor_geom, sign, 
 
 @kernel
 def gather_contacts(m, d, only, found):
-    """Write the touching contacts of one wheel (`only`, or all wheels when negative) into `found`.
+    """Write the touching contacts of one wheel or all wheels.
+
+    Args:
+      m: Address of mjModel.
+      d: Address of mjData.
+      only: Index of the wheel; all wheels when negative.
+      found: Rows to fill, shape (MAX_CONTACTS, COLUMNS).
 
     Returns:
       Number of rows written.
@@ -207,10 +255,17 @@ def gather_contacts(m, d, only, found):
 
 @kernel
 def share_normal_force(found, count, wheel, stiffness, damping):
-    """Share a wheel's normal force among its contacts [N].
+    """Share a wheel's normal force among its contacts; fill column PRESSED.
 
     N_i = w_i (k d_max + c ḋ_i) ≥ 0, w_i = d_i/Σ d_j over rollers with similar normals. Contacts
     with normals 60° apart are separate springs; parallel ones share a single spring.
+
+    Args:
+      found: Contact rows of `gather_contacts`, shape (MAX_CONTACTS, COLUMNS).
+      count: Number of contacts.
+      wheel: Index of the wheel.
+      stiffness: Stiffness k of the contact [N/m].
+      damping: Damping c of the contact [N.s/m].
 
     Returns:
       Normal force of the wheel [N].
@@ -287,7 +342,16 @@ def wheel_contact_forces(m, d, wheel, found, count, h):
 
 @kernel
 def wheel_frame_force(own, traction, lateral):
-    """Components along u and the axle of the floor force F a + L b; a: roller axis, b = n × a [N]."""
+    """Resolve the floor force F a + L b along u and the axle; a: roller axis, b = n × a.
+
+    Args:
+      own: Address of the wheel's slots.
+      traction: Force F along the roller axis [N].
+      lateral: Force L across the roller axis [N].
+
+    Returns:
+      Components along u and along the axle [N].
+    """
     s, c = load_real(own, slots.ROLLER_SIN), load_real(own, slots.ROLLER_COS)
     return s * traction - c * lateral, c * traction + s * lateral
 

@@ -188,7 +188,17 @@ def add_contact_forces(m, d, wheel, found, count, second, h):
 
 @kernel
 def coast_rollers(m, d, own, wheel, found, count, h):
-    """Slow lifted rollers down by the grease of their bearings: torque −I ω/τ."""
+    """Slow lifted rollers down by the grease of their bearings: torque −I ω/τ.
+
+    Args:
+      m: Address of mjModel.
+      d: Address of mjData.
+      own: Address of the wheel's slots.
+      wheel: Index of the wheel.
+      found: Contact rows of `gather_contacts`, shape (MAX_CONTACTS, COLUMNS).
+      count: Number of contacts.
+      h: Step [s].
+    """
     first = numba.int64(load_real(own, slots.FIRST_ROLLER_DOF))
     passive = load_pointer(d + OFFSETS.d_qfrc_passive)
     spin = load_pointer(d + OFFSETS.d_qvel)

@@ -221,7 +221,13 @@ def load_pointer(typingctx, address):
 
 @intrinsic
 def load_real(typingctx, address, index):
-    """Load element `index` of an array of doubles at `address`."""
+    """Load an element of an array of doubles.
+
+    Args:
+      typingctx: Typing context of Numba; callers leave it out.
+      address: Address of the array.
+      index: Index of the element.
+    """
 
     def codegen(context, builder, signature, arguments):
         return builder.load(_element(builder, arguments[0], arguments[1], ir.DoubleType(), 8))
@@ -231,7 +237,13 @@ def load_real(typingctx, address, index):
 
 @intrinsic
 def load_int(typingctx, address, index):
-    """Load element `index` of an array of 32-bit integers at `address`, as a 64-bit integer."""
+    """Load an element of an array of 32-bit integers, as a 64-bit integer.
+
+    Args:
+      typingctx: Typing context of Numba; callers leave it out.
+      address: Address of the array.
+      index: Index of the element.
+    """
 
     def codegen(context, builder, signature, arguments):
         found = builder.load(_element(builder, arguments[0], arguments[1], ir.IntType(32), 4))
@@ -242,7 +254,14 @@ def load_int(typingctx, address, index):
 
 @intrinsic
 def store_real(typingctx, address, index, value):
-    """Store a double in element `index` of an array at `address`."""
+    """Store a double in an array.
+
+    Args:
+      typingctx: Typing context of Numba; callers leave it out.
+      address: Address of the array.
+      index: Index of the element.
+      value: The double.
+    """
 
     def codegen(context, builder, signature, arguments):
         target = _element(builder, arguments[0], arguments[1], ir.DoubleType(), 8)

@@ -131,7 +131,17 @@ def first_truth(controller, output):
 
 @kernel
 def fill_rig_row(run, output, time, current):
-    """Fill a rig's row with time [s], readings and set current [A]; return its place for the truth."""
+    """Fill a rig's row with time, readings and set current.
+
+    Args:
+      run: `Progress`.
+      output: `Output`.
+      time: Time of the measurement [s].
+      current: Set current of every row, shape (rows,) [A].
+
+    Returns:
+      The part of the row for the truth, a view.
+    """
     row = output.table[run.row]
     row[0], row[1 : RIG_COLUMNS - 1], row[RIG_COLUMNS - 1] = time, output.readings, current[run.row]
     return row[RIG_COLUMNS:]
@@ -139,14 +149,29 @@ def fill_rig_row(run, output, time, current):
 
 @kernel
 def keep_pose(run, output, pose):
-    """Keep the pose of a row where one is wanted."""
+    """Keep the pose of a row where one is wanted.
+
+    Args:
+      run: `Progress`.
+      output: `Output`.
+      pose: Pose of the plant, shape (nq,).
+    """
     if run.row % output.every == 0 and run.row // output.every < output.poses.shape[0]:
         output.poses[run.row // output.every] = pose
 
 
 @kernel
 def finish_row(run, output, truth):
-    """Count a row whose truth is finite and not beyond all bounds; False if it is not."""
+    """Count a row whose truth is finite and not beyond all bounds.
+
+    Args:
+      run: `Progress`, changed in place.
+      output: `Output`.
+      truth: True values of the row, shape (number of truth columns,).
+
+    Returns:
+      False for a truth that is not sound.
+    """
     for value in truth:
         if not abs(value) <= output.largest:
             return False

@@ -81,9 +81,15 @@ class Trapezoid:
 
 
 def fastest_trapezoid(distance: float, speed: float, acceleration: float, deceleration: float) -> Trapezoid:
-    """Fastest trapezoid over a distance [m]; a triangle where the speed cannot be reached.
+    """Return the fastest trapezoid over a distance; a triangle where the speed cannot be reached.
 
     Accelerating and decelerating take the distance v²/2 (1/a + 1/d).
+
+    Args:
+      distance: Distance from rest to rest [m] (or rad).
+      speed: Highest speed v [m/s] (or rad/s).
+      acceleration: Acceleration a, positive [m/s²] (or rad/s²).
+      deceleration: Deceleration d, positive [m/s²] (or rad/s²).
     """
     both = 0.5 * (1.0 / acceleration + 1.0 / deceleration)
     speed = min(speed, float(np.sqrt(distance / both)))
@@ -228,16 +234,31 @@ def _turn(table: DriveTable, rate: float) -> Trapezoid:
 
 
 def hold(table: DriveTable, time: Array) -> tuple[Array, Array]:
-    """Motion of kind `hold`: no displacement, shape (k, 2), and no turn, shape (k,)."""
+    """Plan a motion of kind `hold`, which stays in place.
+
+    Args:
+      table: The `[drive]` table.
+      time: Times from the start, shape (k,) [s].
+
+    Returns:
+      Displacement, shape (k, 2) [m], and turned angle, shape (k,) [rad], all zero.
+    """
     return np.zeros((len(time), 2)), np.zeros_like(time)
 
 
 def circle(table: DriveTable, time: Array) -> Array:
-    """Planned positions of kind `circle`, shape (k, 2) [m], at times of shape (k,) [s].
+    """Plan the positions of a motion of kind `circle`.
 
     The motion starts at `start` (a point of the circle) or `start_angle` (as seen from its centre, default
     0). It has constant speed with `lap_time`; otherwise it goes from rest to rest with `speed` and
     `acceleration` on the path.
+
+    Args:
+      table: The `[drive]` table.
+      time: Times from the start, shape (k,) [s].
+
+    Returns:
+      Positions x, y, shape (k, 2) [m].
     """
     radius = 0.5 * table.number("diameter", LENGTH)
     center = np.array(table.point("center", (0.0, 0.0)))
@@ -260,10 +281,17 @@ def _start_angle(table: DriveTable, center: Array, radius: float) -> float:
 
 
 def square(table: DriveTable, time: Array) -> Array:
-    """Planned positions of kind `square`, shape (k, 2) [m], at times of shape (k,) [s].
+    """Plan the positions of a motion of kind `square`.
 
     The motion starts at the corner `start` (default: the one at +x, −y). With `speed` it stops at every
     corner; with `lap_time` it has constant speed.
+
+    Args:
+      table: The `[drive]` table.
+      time: Times from the start, shape (k,) [s].
+
+    Returns:
+      Positions x, y, shape (k, 2) [m].
     """
     side, center = table.number("side", LENGTH), np.array(table.point("center", (0.0, 0.0)))
     corners = center + 0.5 * side * np.array([(1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)])
@@ -279,10 +307,17 @@ def square(table: DriveTable, time: Array) -> Array:
 
 
 def waypoints(table: DriveTable, time: Array) -> Array:
-    """Planned positions of kind `waypoints`, shape (k, 2) [m], at times of shape (k,) [s].
+    """Plan the positions of a motion of kind `waypoints`.
 
     The path consists of straight lines with a stop at each point and begins at `start` where given, otherwise
     at the first point.
+
+    Args:
+      table: The `[drive]` table.
+      time: Times from the start, shape (k,) [s].
+
+    Returns:
+      Positions x, y, shape (k, 2) [m].
     """
     found = table.content.get("points")
     if not isinstance(found, list) or not found:

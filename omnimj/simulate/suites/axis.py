@@ -176,7 +176,15 @@ MOVES: tuple[AxisMove, ...] = (
 def drive_move(
     axis: Axis, move: AxisMove, seed: int, duration: float = DURATION, declared: Axis | None = None
 ) -> dict[str, Array]:
-    """Drive one move and return its columns as `omnimj.plant.axis.drive_axis`; arguments as `axis_moves`."""
+    """Drive one move and return its columns as `omnimj.plant.axis.drive_axis` does.
+
+    Args:
+      axis: True axis, with its effects.
+      move: The move.
+      seed: Seed of the sensor noise.
+      duration: Duration of the run [s].
+      declared: Axis that path, servo and payload assume; the true one when None.
+    """
     known = axis if declared is None else declared
     path = move.target(known, duration, 1.0 / axis.sensors.sample_rate)
     return drive_axis(axis, path, servo(known), payload=move.payload_share * known.axis.mass, seed=seed)

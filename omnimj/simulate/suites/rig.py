@@ -56,7 +56,13 @@ class Stroke:
 
 
 def constant_current(rig: Rig, current: float, lateral_speed: float = 0.0) -> RigExcitation:
-    """Excitation of rest, then a constant current until the rail ends, as in sections 4.2-4.4."""
+    """Return an excitation of rest, then a constant current until the rail ends, as in sections 4.2-4.4.
+
+    Args:
+      rig: Gives the sample rate.
+      current: Set current after the rest [A].
+      lateral_speed: Speed of the gantry [m/s]; if it moves, the rest is shorter.
+    """
     rest = _REST_SIDEWAYS if lateral_speed else _REST
     rate = rig.sensors.sample_rate
     values = np.zeros(round((rest + _LONGEST) * rate) + 1)

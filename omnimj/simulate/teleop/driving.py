@@ -208,7 +208,12 @@ class RowBuffer:
         return self._held
 
     def add(self, names: tuple[str, ...], block: Array) -> None:
-        """Append a copy of rows, shape (m, columns)."""
+        """Append a copy of rows.
+
+        Args:
+          names: Names of the columns.
+          block: Rows, shape (m, len(names)).
+        """
         if self._most == 0:
             return
         self._names = names

@@ -110,7 +110,13 @@ def _fit_axis(panel: Panel, trace: Trace, family: Family, linear: float) -> None
 
 
 def effectiveness(trace: Trace, spans: Sequence[Span], bins: int = BINS) -> Drawing:
-    """Plot the estimated effectiveness of each wheel's drive, 1 when healthy, in at most that many bins."""
+    """Plot the estimated effectiveness of each wheel's drive, 1 when healthy.
+
+    Args:
+      trace: The run, with columns `effectiveness_i`.
+      spans: Faults to shade.
+      bins: Most bins of a line, as for `envelope`.
+    """
     drawing = new_drawing(MIDDLE, bins=bins)
     (panel,) = drawing.panels
     panel.values("effectiveness [1]")
@@ -162,7 +168,13 @@ def state_lanes(
 
 
 def event_lanes(duration: float, truth: Sequence[Span], diagnosed: Sequence[Span]) -> Drawing:
-    """Plot strips over the time of a run whose signals are not kept: true faults and diagnoses per wheel."""
+    """Plot strips over the time of a run whose signals are not kept: true faults and diagnoses per wheel.
+
+    Args:
+      duration: Duration of the run [s].
+      truth: True faults.
+      diagnosed: Diagnoses.
+    """
     trace = Trace({"time": np.array([0.0, duration])}, {})
     return state_lanes(trace, truth, diagnosed, "", False, least=0)
 

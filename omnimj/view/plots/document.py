@@ -25,7 +25,7 @@ if (window.matchMedia("(pointer: coarse)").matches) for (const bar of bars) bar.
 
 
 def library() -> Markup:
-    """Script of Bokeh from its Python package, without which the drawings of a page do not appear."""
+    """Return the script of Bokeh from its Python package, which the drawings of a page need."""
     return Markup("\n").join(map(Markup, Resources(mode="inline", components=["bokeh"]).js_raw))
 
 

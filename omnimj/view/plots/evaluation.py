@@ -61,7 +61,13 @@ def delay_curves(scores: Sequence[CaseScore], in_use: bool) -> Drawing:
 def with_and_without(
     scores: Sequence[CaseScore], of: Callable[[CaseScore], tuple[float | None, float | None]], words: str
 ) -> Drawing:
-    """Plot excursions with recovery over those without, case by case; points below the line are improved."""
+    """Plot excursions with recovery over those without, case by case; points below the line are improved.
+
+    Args:
+      scores: Scores of the cases.
+      of: Returns the excursion of a case with and without recovery; None leaves the case out.
+      words: Quantity and unit, for the label of the horizontal axis.
+    """
     without = f"{words}, without recovery"
     panel = Panel(MIDDLE, False, "with recovery", without, x_log=True, y_log=True)
     values: list[float] = []

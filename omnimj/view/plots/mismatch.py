@@ -63,7 +63,13 @@ def _models(finding: Finding) -> list[tuple[str, str, str, Style]]:
 
 
 def dumbbells(labels: Sequence[str], before: Sequence[float], after: Sequence[float] | None) -> Panel:
-    """Draw RMS mismatches in multiples of the noise: in each named row a ring (before) and a dot (after)."""
+    """Draw RMS mismatches in multiples of the noise: in each named row a ring (before) and a dot (after).
+
+    Args:
+      labels: Names of the rows.
+      before: Mismatch of each row before [multiples of the noise].
+      after: The same after; None for rings only.
+    """
     known = [value for value in (*before, *(after or ())) if np.isfinite(value) and value > 0.0]
     smallest, largest = min([1.0, *known]), max(known, default=1.0)
     x_log = largest > 12.0 * max(smallest, 0.2)
@@ -90,7 +96,14 @@ def _in_noise(name: str, values: Sequence[float]) -> list[str]:
 
 
 def reference_line(panel: Panel, at: float, words: str, ends: tuple[float, float]) -> None:
-    """Draw an upright line between two heights: dotted with a legend entry, or plain without words."""
+    """Draw an upright line: dotted with a legend entry, or plain without words.
+
+    Args:
+      panel: Panel to draw in.
+      at: Abscissa of the line.
+      words: Entry of the legend; empty for none.
+      ends: Heights of both ends on the value axis.
+    """
     panel.line(np.full(2, at), np.array(ends), palette.MUTED, words, _NOISE_LINE if words else "-")
 
 
@@ -100,7 +113,15 @@ def wrapped_label(words: str, unit: str) -> str:
 
 
 def with_gaps(time: Array, values: Array) -> tuple[Array, Array]:
-    """Insert NaN into values, shape (k,), wherever time, shape (k,) [s], jumps."""
+    """Insert NaN wherever the time jumps, so that a line over it has gaps there.
+
+    Args:
+      time: Times, shape (k,) [s].
+      values: Values, shape (k,).
+
+    Returns:
+      Times and values, shape (k + jumps,) each.
+    """
     steps = np.diff(time)
     if len(steps) == 0:
         return time, values
@@ -125,7 +146,13 @@ def regime_variables(finding: Finding) -> list[tuple[str, MismatchRegime]]:
 
 
 def against_regime(finding: Finding, variable: str, place: MismatchRegime) -> Drawing:
-    """Plot the mismatch of a channel over a regime variable: a dot per block, averages before and after."""
+    """Plot the mismatch of a channel over a regime variable: a dot per block, averages before and after.
+
+    Args:
+      finding: Result of the search, whose overlays contain the blocks.
+      variable: Regime variable of the horizontal axis.
+      place: Regime to shade; its channel is the one shown.
+    """
     channel = list(finding.channels).index(place.channel)
     channel_unit, words = finding.channels[place.channel]
     used = [o for o in finding.overlays if variable in o.regimes]
@@ -223,7 +250,13 @@ def shrinkage(finding: Finding) -> Drawing:
 
 
 def largest_mismatch_channels(finding: Finding, windows: Sequence[Overlay], most: int = 2) -> list[int]:
-    """Return the sorted indices of the channels with the largest mismatch before, in units of the noise."""
+    """Return the sorted indices of the channels with the largest mismatch before, in units of the noise.
+
+    Args:
+      finding: Gives the noise of the channels.
+      windows: Overlays of the run.
+      most: Largest number of channels.
+    """
     size = channel_rms(np.concatenate([w.measured - w.before for w in windows])) / noise_row(finding)
     return sorted(np.argsort(-np.nan_to_num(size), kind="stable")[:most].tolist())
 

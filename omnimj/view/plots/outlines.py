@@ -88,7 +88,14 @@ def glyph_elements(renderer: Any, x: ToPixels, y: ToPixels) -> str:
 
 
 def sample(renderer: Any, x: float, y: float, length: float) -> str:
-    """Draw the sample of a glyph in a legend, from a point to the right [pixels]."""
+    """Draw the sample of a glyph in a legend.
+
+    Args:
+      renderer: Glyph and its data.
+      x: Left end of the sample [pixels].
+      y: Height of its middle [pixels].
+      length: Length of the sample [pixels].
+    """
     middle, look = x + 0.5 * length, _look(renderer, 0)
     if isinstance(renderer.glyph, Scatter):
         path = _marker(_one(_read(renderer, "marker"), 0), complex(middle, y), 7.0)
@@ -100,7 +107,14 @@ def sample(renderer: Any, x: float, y: float, length: float) -> str:
 
 
 def stroke(color: Any, width: float | None, dash: Any = (), alpha: float | None = 1.0) -> str:
-    """Attributes of a line in a colour, None for no line; empty if it is invisible."""
+    """Return the SVG attributes of a line; empty if it is invisible.
+
+    Args:
+      color: Colour; None for no line.
+      width: Width [pixels].
+      dash: Lengths of strokes and gaps [pixels]; empty for a solid line.
+      alpha: Opacity.
+    """
     if not color or not width or not alpha:
         return ""
     dashes = f' stroke-dasharray="{" ".join(map(str, dash))}"' if dash else ""
@@ -108,7 +122,7 @@ def stroke(color: Any, width: float | None, dash: Any = (), alpha: float | None 
 
 
 def fill(color: Any, alpha: float | None) -> str:
-    """Attributes of an area in a colour, None for no area; empty if it is invisible."""
+    """Return the SVG attributes of an area in a colour, None for no area; empty if it is invisible."""
     return f'fill="{escape(color)}"' + _opacity("fill", alpha) if color and alpha else ""
 
 

@@ -37,7 +37,14 @@ def finish(drawing: Drawing, time: Array, spans: Sequence[Span], labelled: bool 
 
 
 def shade_faults(panel: Panel, spans: Sequence[Span], time: Array, labelled: bool = True) -> None:
-    """Shade intervals of active faults, labelled at the top; faults of one interval share a band."""
+    """Shade intervals of active faults, labelled at the top; faults of one interval share a band.
+
+    Args:
+      panel: Panel over time.
+      spans: Faults to shade.
+      time: Times of the run, shape (k,) [s]; the first and the last keep the labels inside the plot.
+      labelled: True to write the names of the faults.
+    """
     for row, ((start, end), labels) in enumerate(_together(spans).items()):
         edge = {"line_color": palette.FAULT, "line_dash": [3, 3], "line_width": 0.9}
         fill = {"fill_color": palette.FAULT, "fill_alpha": 0.16, "level": "underlay", "name": "fault"}

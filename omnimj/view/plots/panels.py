@@ -147,7 +147,15 @@ class Panel:
         return self._shows(label, drawn)
 
     def rippling(self, time: Array, value: Array, color: str, label: str = "", dash: Style = "-") -> None:
-        """Draw a rippling signal, shape (k,), pale, and its mean over `window` in full colour."""
+        """Draw a rippling signal pale, and its mean over `thinning.window` in full colour.
+
+        Args:
+          time: Times, shape (k,) [s].
+          value: Values, shape (k,).
+          color: Colour of the mean; the signal is lighter.
+          label: Entry of the legend; empty for none.
+          dash: Dash pattern of the mean.
+        """
         middle, mean = averaged(time, value)
         self.line(time, value, color=palette.lighter(color, 0.55), label=label, width=0.8, alpha=0.7)
         self.line(middle, mean, color=color, label=label, dash=dash, hovered=NOT_HOVERED)
@@ -155,7 +163,16 @@ class Panel:
     def band(
         self, x: Array, low: Array, high: Array, color: str, label: str = "", alpha: float = 0.2
     ) -> None:
-        """Fill between two curves, shape (k,) each."""
+        """Fill the area between two curves.
+
+        Args:
+          x: Abscissae, shape (k,).
+          low: Values of the lower curve, shape (k,).
+          high: Values of the upper curve, shape (k,).
+          color: Colour.
+          label: Entry of the legend; empty for none.
+          alpha: Opacity.
+        """
         style = {"fill_color": color, "fill_alpha": alpha}
         self._shows(label, self.plot.varea(_numbers(x), _numbers(low), _numbers(high), **style))
 
@@ -170,7 +187,18 @@ class Panel:
         alpha: float = 1.0,
         names: Sequence[str] = (),
     ) -> GlyphRenderer:
-        """Draw markers; `names`, if any, are shown below the cursor."""
+        """Draw markers.
+
+        Args:
+          x: Abscissae, shape (k,), or that of a single marker.
+          y: Values, shape (k,), or that of a single marker.
+          color: Colour of all markers, or a sequence of k colours.
+          label: Entry of the legend; empty for none.
+          marker: Shape of the markers, by its name in Bokeh.
+          size: Diameter [pixels].
+          alpha: Opacity.
+          names: Text below the cursor at each marker; empty for none.
+        """
         x, y = _numbers(np.atleast_1d(x)), _numbers(np.atleast_1d(y))
         source: Any = ColumnDataSource({"x": x, "y": y})
         if not isinstance(color, str):
@@ -183,7 +211,14 @@ class Panel:
         return self._shows(label, drawn)
 
     def polygon(self, corners: Array, fill: str, label: str = "", **style: Any) -> None:
-        """Fill a polygon, corners of shape (k, 2)."""
+        """Fill a polygon.
+
+        Args:
+          corners: Abscissae and ordinates of the corners, shape (k, 2).
+          fill: Colour of the area.
+          label: Entry of the legend; empty for none.
+          **style: Further properties of the glyph.
+        """
         source = ColumnDataSource({"x": _numbers(corners[:, 0]), "y": _numbers(corners[:, 1])})
         options = {"x": "x", "y": "y", "fill_color": fill, "line_width": 0, **style}
         self._shows(label, self.plot.add_glyph(source, Patch(**options)))
@@ -198,7 +233,17 @@ class Panel:
         label: str = "",
         names: Sequence[str] = (),
     ) -> None:
-        """Draw horizontal bars; `names`, if any, are shown below the cursor."""
+        """Draw horizontal bars.
+
+        Args:
+          left: Abscissae of the left ends, shape (k,).
+          right: Abscissae of the right ends, shape (k,).
+          middle: Places on the value axis, shape (k,).
+          thick: Thickness, in units of the value axis.
+          color: Colour of all bars, or a sequence of k colours.
+          label: Entry of the legend; empty for none.
+          names: Text below the cursor at each bar; empty for none.
+        """
         source: Any = ColumnDataSource({"left": list(left), "right": list(right), "middle": list(middle)})
         if not isinstance(color, str):
             source.data["color"], color = list(color), "color"
@@ -261,7 +306,12 @@ class Panel:
         self.plot.x_range = Range1d(start=float(low), end=float(high))
 
     def contains(self, low: Array, high: Array) -> None:
-        """Make a map of equal scales show at least the rectangle between two corners, shape (2,) each."""
+        """Make the axes cover at least the rectangle between two corners.
+
+        Args:
+          low: Smallest abscissa and ordinate, shape (2,).
+          high: Largest abscissa and ordinate, shape (2,).
+        """
         corners = ColumnDataSource({"x": [low[0], high[0]], "y": [low[1], high[1]]})
         self.plot.scatter("x", "y", source=corners, alpha=0.0)
 
@@ -272,7 +322,13 @@ class Panel:
         self.plot.ygrid.visible = False
 
     def ticks(self, places: Sequence[float], names: Sequence[str], across: bool = False) -> None:
-        """Mark and name places of the value axis, or of the horizontal one if `across`."""
+        """Mark and name places on an axis.
+
+        Args:
+          places: Places to mark.
+          names: Name of each place.
+          across: True for the horizontal axis, otherwise the value axis.
+        """
         axis = self.plot.xaxis if across else self.plot.yaxis
         axis.ticker = FixedTicker(ticks=[float(place) for place in places])
         axis.major_label_overrides = {

@@ -132,7 +132,14 @@ def currents(trace: Trace, spans: Sequence[Span]) -> Drawing:
 def path(
     trace: Trace, patches: Sequence[Any], spans: Sequence[Span], constants: Robot | None = None
 ) -> Drawing:
-    """Plot driven and planned path from above with equal axes, and the robot at its start and end."""
+    """Plot driven and planned path from above with equal axes, and the robot at its start and end.
+
+    Args:
+      trace: The run, with columns `x`, `y` and `heading`.
+      patches: Floor patches to draw.
+      spans: Faults, whose part of the path is marked.
+      constants: Robot whose outline is drawn; None for no outline.
+    """
     drawing = map_from_above()
     (panel,) = drawing.panels
     planned = planned_position(trace)
@@ -166,7 +173,14 @@ def map_from_above() -> Drawing:
 
 
 def draw_path(panel: Panel, x: Array, y: Array, **style: Any) -> None:
-    """Draw a path, x and y of shape (k,) [m], with at most 3000 points; style as in `Panel.line`."""
+    """Draw a path with fewer than 6000 points, a longer one thinned.
+
+    Args:
+      panel: Map from above.
+      x: Positions, shape (k,) [m].
+      y: Positions, shape (k,) [m].
+      **style: As in `Panel.line`.
+    """
     step = max(1, len(x) // 3000)
     panel.line(x[::step], y[::step], **style)
 
@@ -203,7 +217,15 @@ def _outline(panel: Panel, robot: Robot, trace: Trace, row: int, width: float) -
 
 
 def equal_with_room(panel: Panel, points: Array) -> float:
-    """Set equal scales around points, shape (k, 2) [m]; returns the width that is shown [m]."""
+    """Set equal scales around points, with room for the robot.
+
+    Args:
+      panel: Map from above.
+      points: Points x, y, shape (k, 2) [m]; NaN is ignored.
+
+    Returns:
+      Width that is shown [m].
+    """
     low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
     middle, span = 0.5 * (low + high), 1.1 * (high - low) + 0.8  # includes the size of the robot
     panel.contains(middle - 0.5 * span, middle + 0.5 * span)
@@ -223,14 +245,26 @@ def _heading_arrows(panel: Panel, trace: Trace, length: float) -> None:
 
 
 def rig_speeds(trace: Trace, wheel_radius: float, spans: Sequence[Span]) -> Drawing:
-    """Plot rim speed r·φ̇ and carriage speed [m/s]."""
+    """Plot rim speed r·φ̇ and carriage speed [m/s].
+
+    Args:
+      trace: The run.
+      wheel_radius: Radius r of the wheel [m].
+      spans: Faults to shade.
+    """
     rim = (wheel_radius * trace["wheel_speed"], palette.ACCENT, "wheel rim, r·φ̇", "-")
     carriage = (trace["carriage_speed"], palette.MEASURED, "carriage", (0, (6, 1.5)))
     return _rig_plot(trace, "speed [m/s]", [rim, carriage], spans, zero=False)
 
 
 def rig_slip(trace: Trace, wheel_radius: float, spans: Sequence[Span]) -> Drawing:
-    """Plot slip velocity V_r = r·φ̇ − V, the true one if recorded, else from the two encoders [m/s]."""
+    """Plot slip velocity V_r = r·φ̇ − V, from the two encoders and, if recorded, the true one [m/s].
+
+    Args:
+      trace: The run.
+      wheel_radius: Radius r of the wheel [m].
+      spans: Faults to shade.
+    """
     measured = wheel_radius * trace["wheel_speed"] - trace["carriage_speed"]
     lines: list[_Line] = [(measured, palette.DIAGNOSIS, "from the encoders", "-")]
     if "slip_velocity_1" in trace:

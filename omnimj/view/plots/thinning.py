@@ -46,6 +46,10 @@ def envelope(time: Array, value: Array, bins: int = BINS) -> tuple[Array, Array]
 def averaged(time: Array, value: Array) -> tuple[Array, Array]:
     """Average a rippling signal over `window(time)`.
 
+    Args:
+      time: Times, shape (k,) [s].
+      value: Signal, shape (k,).
+
     Returns:
       Time and mean, shape (bins,) each; the samples themselves if they are few.
     """
@@ -58,11 +62,23 @@ def averaged(time: Array, value: Array) -> tuple[Array, Array]:
 
 
 def window(time: Array) -> float:
-    """Return the averaging window of `averaged` [s] for times of shape (k,) [s]."""
+    """Return the averaging window of `averaged` [s].
+
+    Args:
+      time: Times, shape (k,) [s].
+    """
     return max(_WINDOW, float(time[-1] - time[0]) / _AVERAGES)
 
 
 def log_beyond(value: Array, linear: float) -> Array:
-    """Compress values beyond ± `linear` logarithmically: one unit up to there, then one per decade."""
+    """Compress values beyond ± `linear` logarithmically: one unit up to there, then one per decade.
+
+    Args:
+      value: Values of any shape.
+      linear: Magnitude up to which the scale is linear, in the unit of the values.
+
+    Returns:
+      Places on the axis, in the shape of the values.
+    """
     size = np.abs(value) / linear
     return np.sign(value) * np.where(size <= 1.0, size, 1.0 + np.log10(np.maximum(size, 1.0)))

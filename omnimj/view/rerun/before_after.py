@@ -67,7 +67,13 @@ def offset(scene: Scene, kind: str) -> float:
 
 
 def log_place(stream: rr.RecordingStream, scene: Scene, kind: str) -> None:
-    """Log the lateral offset of a machine and the name above it."""
+    """Log the lateral offset of a machine and the name above it.
+
+    Args:
+      stream: Recording.
+      scene: Scene that the machine is part of.
+      kind: Machine: a key of `COLORS`, which is also its name.
+    """
     root = f"world/{kind}"
     stream.log(root, rr.Transform3D(translation=[0.0, offset(scene, kind), 0.0]), static=True)
     name = rr.Points3D(

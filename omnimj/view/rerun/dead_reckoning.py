@@ -36,9 +36,17 @@ class Motion:
 
 
 def rig_motion(rig: Rig, windows: Sequence[Overlay], channels: Sequence[str]) -> Motion:
-    """Integrate carriage and gantry position [m] and wheel angle [rad], shape (k, 3).
+    """Integrate carriage position, gantry position and wheel angle of the rig.
 
     The drive of the gantry controls its speed, so its motion is the same in all three.
+
+    Args:
+      rig: Gives the start position.
+      windows: Consecutive windows of one run, k blocks in total.
+      channels: Names of the columns of measured and simulated values.
+
+    Returns:
+      Coordinates: carriage and gantry position [m] and wheel angle [rad], shape (k, 3).
     """
     start = np.array([rig.rig.start_position, 0.0, 0.0])
 
@@ -52,7 +60,16 @@ def rig_motion(rig: Rig, windows: Sequence[Overlay], channels: Sequence[str]) ->
 
 
 def robot_motion(robot: Robot, windows: Sequence[Overlay], channels: Sequence[str]) -> Motion:
-    """Integrate x, y [m], heading [rad] and wheel angles [rad], shape (k, 3 + n), from wheels and gyro."""
+    """Integrate position, heading and wheel angles of the robot from wheels and gyro.
+
+    Args:
+      robot: Robot of n wheels.
+      windows: Consecutive windows of one run, k blocks in total.
+      channels: Names of the columns of measured and simulated values.
+
+    Returns:
+      Coordinates: x, y [m], heading [rad] and wheel angles [rad], shape (k, 3 + n).
+    """
     wheels = len(robot.wheel_positions)
     backwards = np.linalg.pinv(rolling_matrix(robot.wheel_positions, robot.rolling_directions))
     names = [f"wheel_speed_{i + 1}" for i in range(wheels)]
@@ -86,7 +103,15 @@ def axis_motion(windows: Sequence[Overlay], channels: Sequence[str]) -> Motion:
 
 
 def rig_poses(mj_model: mujoco.MjModel, coordinates: Array) -> Array:
-    """Convert the coordinates of `rig_motion` to generalised positions of the rig, shape (k, nq)."""
+    """Convert the coordinates of `rig_motion` to generalised positions of the rig.
+
+    Args:
+      mj_model: Model of the rig.
+      coordinates: Carriage and gantry position [m] and wheel angle [rad], shape (k, 3).
+
+    Returns:
+      Generalised positions, shape (k, nq).
+    """
     qpos = np.tile(mj_model.qpos0, (len(coordinates), 1))
     for column, joint in enumerate(("rail", "gantry", "wheel_1_axle")):
         qpos[:, mj_model.joint(joint).qposadr[0]] = coordinates[:, column]
@@ -94,7 +119,15 @@ def rig_poses(mj_model: mujoco.MjModel, coordinates: Array) -> Array:
 
 
 def robot_poses(mj_model: mujoco.MjModel, coordinates: Array) -> Array:
-    """Convert the coordinates of `robot_motion` to generalised positions of the robot, shape (k, nq)."""
+    """Convert the coordinates of `robot_motion` to generalised positions of the robot.
+
+    Args:
+      mj_model: Model of the robot with n wheels.
+      coordinates: x, y [m], heading [rad] and wheel angles [rad], shape (k, 3 + n).
+
+    Returns:
+      Generalised positions, shape (k, nq).
+    """
     qpos = np.tile(mj_model.qpos0, (len(coordinates), 1))
     half = 0.5 * coordinates[:, 2]
     (free,) = np.flatnonzero(mj_model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)[:1]
@@ -122,7 +155,14 @@ def integrated(time: Array, rate: Array) -> Array:
 
 
 def filled(values: Array) -> Array:
-    """Interpolate masked samples linearly, shape (k,); zero where all are masked."""
+    """Interpolate masked samples linearly.
+
+    Args:
+      values: Samples, shape (k,), NaN where masked.
+
+    Returns:
+      Samples without gaps, shape (k,); zero if all are masked.
+    """
     known = np.isfinite(values)
     if known.all():
         return values

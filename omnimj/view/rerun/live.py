@@ -99,11 +99,21 @@ class LiveRun:
         return poses_from_trace(self._mj_model, Trace({name: np.array([at]) for name, at in place.items()}))
 
     def snapshot(self, now: float, pose: Array) -> None:
-        """Store a pose, shape (nq,), for the next batch; callback at time `now` [s]."""
+        """Store a pose for the next batch; callback every `SNAPSHOT_PERIOD`.
+
+        Args:
+          now: Time of the pose [s].
+          pose: Generalised positions, shape (nq,).
+        """
         self._poses.append((now, np.array(pose)))
 
     def rows(self, names: tuple[str, ...], table: Array) -> None:
-        """Send the newest rows, shape (k, len(names)), and their poses; callback per batch."""
+        """Send the newest rows and their poses; callback per batch.
+
+        Args:
+          names: Names of the columns.
+          table: Rows since the last batch, shape (k, len(names)).
+        """
         columns = dict(zip(names, table.T, strict=True))
         self._rows += len(table)
         if self._sink.is_open:
@@ -193,11 +203,21 @@ class LiveDrive:
         self._thread.start()
 
     def snapshot(self, now: float, pose: Array) -> None:
-        """Store a pose, shape (nq,), at time `now` [s] for the next batch."""
+        """Store a pose for the next batch.
+
+        Args:
+          now: Time of the pose [s].
+          pose: Generalised positions, shape (nq,).
+        """
         self._poses.append((now, np.array(pose)))
 
     def rows(self, names: tuple[str, ...], table: Array) -> None:
-        """Queue the newest rows, shape (k, len(names)), and their poses; drop them if the queue is full."""
+        """Queue the newest rows and their poses; drop them if the queue is full.
+
+        Args:
+          names: Names of the columns.
+          table: Rows since the last batch, shape (k, len(names)).
+        """
         trace = Trace(dict(zip(names, table.T.copy(), strict=True)))
         poses, self._poses = self._poses, []
         try:

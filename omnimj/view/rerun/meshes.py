@@ -32,7 +32,12 @@ class Surface:
     """Vertex indices, counter-clockwise seen from outside, shape (t, 3)."""
 
     def moved(self, position: Array, rotation: Array) -> Surface:
-        """Rotate by a matrix, shape (3, 3), then shift by a vector, shape (3,) [m]."""
+        """Return the surface rotated and then shifted.
+
+        Args:
+          position: Shift, shape (3,) [m].
+          rotation: Rotation matrix, shape (3, 3).
+        """
         return Surface(self.vertices @ rotation.T + position, self.normals @ rotation.T, self.triangles)
 
 
@@ -47,7 +52,11 @@ def joined(surfaces: list[Surface]) -> Surface:
 
 
 def box(half: Array) -> Surface:
-    """Make a box with the given half sizes, shape (3,) [m]."""
+    """Make a box around the origin.
+
+    Args:
+      half: Half of the edge lengths along x, y and z, shape (3,) [m].
+    """
     corners = _CORNERS[_BOX_FACES] * half
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -83,7 +92,13 @@ def revolved(profile: Array, normals: Array, corners: int = ROUND) -> Surface:
 
 
 def cylinder(radius: float, half_length: float, corners: int = ROUND) -> Surface:
-    """Make a cylinder along z with flat ends."""
+    """Make a cylinder along z with flat ends.
+
+    Args:
+      radius: Radius [m].
+      half_length: Half of the length [m].
+      corners: Number of points around the circle.
+    """
     up, out = np.array([0.0, 1.0]), np.array([1.0, 0.0])
     low, high = np.array([radius, -half_length]), np.array([radius, half_length])
     side = revolved(np.array([low, high]), np.array([out, out]), corners)
@@ -93,7 +108,12 @@ def cylinder(radius: float, half_length: float, corners: int = ROUND) -> Surface
 
 
 def ellipsoid(half: Array, corners: int = ROUND) -> Surface:
-    """Make an ellipsoid with the given semi-axes, shape (3,) [m]."""
+    """Make an ellipsoid around the origin.
+
+    Args:
+      half: Semi-axes along x, y and z, shape (3,) [m].
+      corners: Number of points around the equator.
+    """
     angle = np.linspace(-np.pi / 2, np.pi / 2, corners // 2 + 1)
     profile = np.column_stack([np.cos(angle), np.sin(angle)])
     sphere = revolved(profile, profile, corners)
@@ -103,7 +123,13 @@ def ellipsoid(half: Array, corners: int = ROUND) -> Surface:
 
 
 def capsule(radius: float, half_length: float, corners: int = 10) -> Surface:
-    """Make a cylinder along z with hemispherical ends."""
+    """Make a cylinder along z with hemispherical ends.
+
+    Args:
+      radius: Radius of the cylinder and its ends [m].
+      half_length: Half of the length without the ends [m].
+      corners: Number of points around the circle.
+    """
     angle = np.concatenate([np.linspace(-np.pi / 2, 0, 4), np.linspace(0, np.pi / 2, 4)])
     normals = np.column_stack([np.cos(angle), np.sin(angle)])
     shift = np.column_stack([np.zeros(8), np.repeat([-half_length, half_length], 4)])
@@ -211,7 +237,12 @@ def appearance_key(mj_model: mujoco.MjModel, body: int) -> bytes:
 
 
 def striped(base: Appearance, axis: Array) -> Appearance:
-    """Darken a sector about an axis, shape (3,), to make the rotation of a body of revolution visible."""
+    """Darken two opposite sectors about an axis to make the rotation of a body of revolution visible.
+
+    Args:
+      base: Appearance of the body.
+      axis: Axis of rotation in the body frame, of any length, shape (3,).
+    """
     axis = axis / np.linalg.norm(axis)
     first = np.cross(axis, [0.0, 0.0, 1.0] if abs(axis[2]) < 0.9 else [1.0, 0.0, 0.0])
     second = np.cross(axis, first)

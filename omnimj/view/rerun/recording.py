@@ -171,7 +171,14 @@ def _rig_reach(rig: Rig) -> Array:
 def whole_blueprint(
     scenario: Scenario, trace: Trace, metrics: Mapping[str, Any], has_machine: bool
 ) -> rrb.Blueprint:
-    """Make the blueprint of a finished run: playback starts, and all axes cover the whole run."""
+    """Make the blueprint of a finished run: playback starts, and all axes cover the whole run.
+
+    Args:
+      scenario: Scenario of the run.
+      trace: Signals of the run.
+      metrics: Content of `metrics.json`.
+      has_machine: True if the recording shows the machine.
+    """
     method, duration = str(metrics.get("method", wording.NOT_DIAGNOSED)), float(trace["time"][-1])
     plots = with_columns(plots_of(scenario, method, list(trace.columns)), trace)
     start = (float(trace["x"][0]), float(trace["y"][0])) if "x" in trace else (0.0, 0.0)
@@ -221,7 +228,14 @@ def live_blueprint(
 def first_eye(
     scenario: Scenario, start: tuple[float, float], has_machine: bool, from_the_side: bool = False
 ) -> Eye:
-    """Place the first camera: near the robot, at its side on slopes, at the rig, above the path."""
+    """Place the first camera: near the robot, at its side on slopes, at the rig, above the path.
+
+    Args:
+      scenario: Scenario of the run.
+      start: Start of the robot [m].
+      has_machine: True if the recording shows the machine; otherwise the camera looks at the path from above.
+      from_the_side: True to look at the robot from its side.
+    """
     if scenario.is_rig:
         return Eye((0.1, 1.35, 0.65), (0.75, 0.0, 0.12))
     x, y = start

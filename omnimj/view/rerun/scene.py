@@ -247,7 +247,12 @@ def _log_patch(stream: rr.RecordingStream, entity: str, patch: Any) -> None:
 
 
 def log_planned(stream: rr.RecordingStream, planned: Array) -> None:
-    """Log the whole planned path, shape (k, 2) [m]."""
+    """Log the whole planned path.
+
+    Args:
+      stream: Recording.
+      planned: Positions x, y, shape (k, 2) [m].
+    """
     keep = np.unique(np.linspace(0, len(planned) - 1, min(len(planned), _TRAIL_POINTS)).astype(int))
     strip = rr.LineStrips3D(
         [_on_floor(planned[keep], 0.002)], colors=[palette.rgb(palette.PLANNED)], radii=[0.004]

@@ -266,7 +266,14 @@ def _log_lanes(stream: rr.RecordingStream, entity: str, spans: Sequence[Span], w
 
 
 def log_lane(stream: rr.RecordingStream, entity: str, times: Array, states: list[str]) -> None:
-    """Log states that begin at the given times, shape (k,) [s]; a state has one colour in all lanes."""
+    """Log states that begin at given times; a state has one colour in all lanes.
+
+    Args:
+      stream: Recording.
+      entity: Entity of the lane.
+      times: Times at which the states begin, shape (k,) [s].
+      states: The states, k in number.
+    """
     values = sorted(set(states), key=lambda state: (state != HEALTHY, state))
     colors = [(*palette.rgb(palette.state_color(state)), 255) for state in values]
     stream.log(entity, rr.StateConfiguration(values=values, labels=values, colors=colors), static=True)

@@ -177,10 +177,10 @@ def test_a_standing_robot_gets_no_current_and_a_pushed_one_does():
     assert away["target_yaw_rate"] < 0.0
 
 
-@pytest.mark.parametrize("asked", [(1e-9, 0.0, 0.0), (0.0, -1e-9, 0.0), (0.0, 0.0, 1e-9)])
-def test_a_robot_with_a_velocity_command_is_never_standing(asked):
+@pytest.mark.parametrize("velocity", [(1e-9, 0.0, 0.0), (0.0, -1e-9, 0.0), (0.0, 0.0, 1e-9)])
+def test_a_robot_with_a_velocity_command_is_never_standing(velocity):
     assert is_standing(0.0, 0.0, 0.0, 0.0, 0.0, np.zeros(4))
-    assert not is_standing(*asked, 0.0, 0.0, np.zeros(4))
+    assert not is_standing(*velocity, 0.0, 0.0, np.zeros(4))
 
 
 def test_targets_come_from_the_reference_and_stand_still_after_its_end():

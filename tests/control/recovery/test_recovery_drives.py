@@ -149,8 +149,8 @@ def test_a_recovery_that_does_harm_is_withdrawn():
     taken = trace["time"][trace["recovery"] == REVERTED]
     assert ONSET + 0.3 <= taken[0] <= ONSET + 0.6
     late = trace["time"] > taken[0] + 0.5
-    asked = np.hypot(trace["target_twist_x"], trace["target_twist_y"])[late]
-    assert asked.max() <= CIRCLE["speed"] + 1e-9, "nothing is driven back any more"
+    commanded = np.hypot(trace["target_twist_x"], trace["target_twist_y"])[late]
+    assert commanded.max() <= CIRCLE["speed"] + 1e-9, "nothing is driven back any more"
     assert trace["recovery"][-1] == REVERTED
 
 

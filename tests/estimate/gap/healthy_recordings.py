@@ -47,8 +47,8 @@ def rig_steps(seed=0):
             ("natural_stone", 0.0, 0.0),
         ]
     ):
-        asked = np.where(np.arange(1200) < 100, 0.0, current)
-        rows.append((floor, _rig_run(rig, floors[floor], asked, side, 100 * seed + k)))
+        set_currents = np.where(np.arange(1200) < 100, 0.0, current)
+        rows.append((floor, _rig_run(rig, floors[floor], set_currents, side, 100 * seed + k)))
     return _dataset("quarter_rig", [({"floor": floor}, columns) for floor, columns in rows])
 
 
@@ -58,16 +58,16 @@ def rig_reversals(seed=0):
     rig, floors = read_rig(), read_floors()
     time = np.arange(2500) * 1e-3
     waves = [(a, p, np.sin(2.0 * np.pi * time / p)) for a, p in ((0.6, 0.8), (1.2, 1.2))]
-    asked = [a * np.sign(w) for a, _, w in waves] + [a * w for a, _, w in waves]
+    set_currents = [a * np.sign(w) for a, _, w in waves] + [a * w for a, _, w in waves]
     rows = [
         ({"floor": "pvc"}, _rig_run(rig, floors["pvc"], current, 0.0, 100 * seed + k))
-        for k, current in enumerate(asked)
+        for k, current in enumerate(set_currents)
     ]
     return _dataset("quarter_rig", rows)
 
 
-def _rig_run(rig, floor, asked, side, seed):
-    columns = drive_rig(RigTwin(rig, floor, lateral_speed=side, seed=seed), asked).columns
+def _rig_run(rig, floor, set_currents, side, seed):
+    columns = drive_rig(RigTwin(rig, floor, lateral_speed=side, seed=seed), set_currents).columns
     found = {name: columns[name] for name in _RIG}
     found["carriage_position"] = np.cumsum(found["carriage_speed"]) * 1e-3
     found["wheel_angle"] = np.cumsum(found["wheel_speed"]) * 1e-3

@@ -114,9 +114,9 @@ def test_at_both_ends_of_a_profile_interval_chi_square_has_risen_by_its_threshol
 def test_on_stone_mu_s_and_mu_c_are_reported_as_indistinguishable(identified):
     for source in SOURCES:
         found = identified(source, "natural_stone").floors[0]
-        said = " ".join(found.undetermined)
-        assert "mu_s and mu_c cannot be told apart on natural_stone" in said
-        assert "V_s is not determined" in said
+        text = " ".join(found.undetermined)
+        assert "mu_s and mu_c cannot be told apart on natural_stone" in text
+        assert "V_s is not determined" in text
         for name in ("mu_s", "mu_c", "V_s"):
             assert found[name].low is None and found[name].high is None
 
@@ -204,10 +204,10 @@ def test_the_identified_floor_drives_the_twin_as_the_true_one(rig, floors, ident
 
 
 def test_what_is_written_as_json_has_null_where_an_end_is_open(identified):
-    told = json.loads(
+    content = json.loads(
         json.dumps(identification_content(identified("twin", "natural_stone")), allow_nan=False)
     )
-    stone = told["floors"]["natural_stone"]
+    stone = content["floors"]["natural_stone"]
     assert stone["parameters"]["V_s"]["low"] is None
     assert stone["parameters"]["sigma_2"]["low"] < stone["parameters"]["sigma_2"]["value"]
     assert stone["parameters"]["sigma_0"]["unit"] == "1/m"

@@ -106,10 +106,10 @@ PHYSICAL = {
 def test_a_hidden_effect_shows_and_its_own_parameters_explain_it(label, replayed):
     effects, values = PHYSICAL[label]
     replay = replay_of(columns_of(effects))
-    blind, told = misfit(replay), misfit(replay, {label: np.array(values)})
+    blind, corrected = misfit(replay), misfit(replay, {label: np.array(values)})
     noise = misfit(replayed)
-    assert (blind[CURRENTS] > 3.0 * told[CURRENTS]).any()
-    assert (told < 1.5 * noise + 1e-4).all()
+    assert (blind[CURRENTS] > 3.0 * corrected[CURRENTS]).any()
+    assert (corrected < 1.5 * noise + 1e-4).all()
 
 
 def test_a_weak_motor_shows_in_its_own_current():
@@ -134,9 +134,9 @@ def test_a_late_channel_is_explained_by_its_delay(healthy, replayed, channel, de
     replay = replay_of(late)
     label = f"sensor_delay ({channel})"
     noise = block_noise(replayed, replayed.measured - replayed.simulate([setting(replayed)])[0])
-    blind, told = misfit(replay) / noise, misfit(replay, {label: np.array([delay])}) / noise
-    assert np.linalg.norm(told) < 0.9 * np.linalg.norm(blind)
-    assert (told < 1.2 * misfit(replayed) / noise + 0.1).all()
+    blind, corrected = misfit(replay) / noise, misfit(replay, {label: np.array([delay])}) / noise
+    assert np.linalg.norm(corrected) < 0.9 * np.linalg.norm(blind)
+    assert (corrected < 1.2 * misfit(replayed) / noise + 0.1).all()
 
 
 @pytest.mark.parametrize(
@@ -152,9 +152,9 @@ def test_a_wrong_sensor_is_explained_by_its_scale_or_offset(healthy, replayed, l
     changed = {**healthy, channel: scale * healthy[channel] + offset}
     replay = replay_of(changed)
     at = [c.name for c in replay.channels].index(channel)
-    told = misfit(replay, {label: np.array([offset or scale])})
-    assert misfit(replay)[at] > 2.0 * told[at]
-    assert told[at] == pytest.approx(misfit(replayed)[at], rel=0.1)
+    corrected = misfit(replay, {label: np.array([offset or scale])})
+    assert misfit(replay)[at] > 2.0 * corrected[at]
+    assert corrected[at] == pytest.approx(misfit(replayed)[at], rel=0.1)
 
 
 def test_a_fit_finds_the_radius_of_a_wheel_with_the_base_free():

@@ -9,7 +9,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-from sample_frames import GOLDEN, KEY, SECRET, told
+from sample_frames import GOLDEN, KEY, SECRET, describe
 
 from omnimj.link.codec.frames import encode
 from omnimj.link.codec.layout import SCHEMA, SCHEMA_TEXT
@@ -30,7 +30,7 @@ def golden() -> dict:
                     "keyed": key is not None,
                     "packet": packet.hex(),
                     "stuffed": stuff(packet).hex(),
-                    "told": told(replace(frame, authentic=key is not None)),
+                    "told": describe(replace(frame, authentic=key is not None)),
                 }
             )
     return {

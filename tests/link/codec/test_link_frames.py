@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from sample_frames import GOLDEN, KEY, LIMITS, ROBOT, frames, told
+from sample_frames import GOLDEN, KEY, LIMITS, ROBOT, describe, frames
 
 from omnimj.bench.link import codec_times
 from omnimj.errors import InputError
@@ -51,14 +51,14 @@ def changed(packet: bytes, at: int, value: int, size: int = 1) -> bytes:
 def test_every_frame_comes_back_as_it_was(frame):
     packet = encode(frame)
     back = decode(packet)
-    assert isinstance(back, Frame) and told(back) == told(frame)
+    assert isinstance(back, Frame) and describe(back) == describe(frame)
     assert encode(back) == packet and len(packet) <= MAX_FRAME_SIZE
 
 
 @given(frames())
 def test_with_the_key_every_frame_comes_back_authentic(frame):
     back = decode(encode(frame, KEY), KEY)
-    assert isinstance(back, Frame) and told(back) == told(replace(frame, authentic=True))
+    assert isinstance(back, Frame) and describe(back) == describe(replace(frame, authentic=True))
 
 
 @given(frames())
@@ -228,8 +228,8 @@ def test_too_large_a_current_travels_as_infinity_and_counts_wrap():
     sent = decode(encode(_command(currents=(1e39, -1e300, 3.40282356779733e38, 3.4028235677973366e38))))
     assert isinstance(sent, Frame) and isinstance(sent.message, Command)
     assert sent.message.currents == (math.inf, -math.inf, 3.4028234663852886e38, math.inf)
-    told_by = _telemetry(raw=(2.0**31, -(2**31) - 1, 4096.0, 1e39), counts=7)
-    sent = decode(encode(told_by))
+    telemetry = _telemetry(raw=(2.0**31, -(2**31) - 1, 4096.0, 1e39), counts=7)
+    sent = decode(encode(telemetry))
     assert isinstance(sent, Frame) and isinstance(sent.message, Telemetry)
     assert sent.message.raw == (-(2**31), 2**31 - 1, 4096, math.inf)
 

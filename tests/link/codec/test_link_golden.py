@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from cobs import cobs
 from make_golden_frames import PATH, golden
-from sample_frames import KEY, SECRET, told
+from sample_frames import KEY, SECRET, describe
 
 import omnimj.link
 from omnimj.link.codec.frames import decode
@@ -49,7 +49,7 @@ def test_frames_are_encoded_as_written_down():
 def test_frames_are_decoded_as_written_down(row):
     packet = bytes.fromhex(row["packet"])
     frame = decode(packet, KEY if row["keyed"] else None)
-    assert isinstance(frame, Frame) and told(frame) == row["told"]
+    assert isinstance(frame, Frame) and describe(frame) == row["told"]
     assert PacketStream().feed(bytes.fromhex(row["stuffed"])) == [packet]
 
 
@@ -156,10 +156,10 @@ def test_the_header_alone_is_strict_freestanding_c99(tmp_path):
 @needs_compiler
 def test_c_reads_and_writes_the_golden_frames(in_c):
     rows = WRITTEN["frames"]
-    asked = [f"frame {WRITTEN['key'] if row['keyed'] else '-'} {row['packet']}" for row in rows]
-    for row, answer in zip(rows, in_c(asked), strict=True):
-        said, again = answer.split("|")
-        assert said.strip() == f"right {row['told']}" and again == row["packet"], row["name"]
+    requests = [f"frame {WRITTEN['key'] if row['keyed'] else '-'} {row['packet']}" for row in rows]
+    for row, answer in zip(rows, in_c(requests), strict=True):
+        verdict, again = answer.split("|")
+        assert verdict.strip() == f"right {row['told']}" and again == row["packet"], row["name"]
     stuffed = in_c([f"cobs {row['packet']}" for row in rows])
     assert stuffed == [row["stuffed"] for row in rows]
     streamed = in_c([f"stream ff{row['stuffed']}00{row['stuffed']}" for row in rows])
@@ -185,15 +185,15 @@ def _spoiled(rng: random.Random, rows: list[dict]) -> bytes:
 def test_c_and_python_drop_and_read_the_same(in_c):
     rng = random.Random(5)
     plain = [row for row in WRITTEN["frames"] if not row["keyed"]]
-    asked, expected, seen = [], [], set()
+    requests, expected, seen = [], [], set()
     for _ in range(6000):
         packet = _spoiled(rng, plain if rng.random() < 0.8 else WRITTEN["frames"])
         key = rng.choice((None, KEY, None))
         frame = decode(packet, key)
         seen.add(frame if isinstance(frame, DropReason) else None)
-        asked.append(f"frame {SECRET.hex() if key else '-'} {packet.hex() or '-'}")
-        expected.append(f"drop {int(frame)}" if isinstance(frame, DropReason) else f"right {told(frame)}")
-    answers = [answer.split("|")[0].strip() for answer in in_c(asked)]
+        requests.append(f"frame {SECRET.hex() if key else '-'} {packet.hex() or '-'}")
+        expected.append(f"drop {int(frame)}" if isinstance(frame, DropReason) else f"right {describe(frame)}")
+    answers = [answer.split("|")[0].strip() for answer in in_c(requests)]
     assert answers == expected
     assert seen == {None, *DropReason} - {DropReason.STUFFING}, "every way out is met"
 
@@ -228,12 +228,12 @@ def test_c_makes_the_hashes_that_python_makes(in_c):
     rng = random.Random(7)
     sizes = (0, 1, 3, 63, 64, 65, 127, 128, 129, 500)
     contents = [rng.randbytes(size) for size in sizes]
-    asked, expected = [], []
+    requests, expected = [], []
     for content in contents:
         for key in (b"", SECRET, SECRET[:7]):
             for length in (1, 16, 32):
-                asked.append(f"blake {key.hex() or '-'} {length} {content.hex() or '-'}")
+                requests.append(f"blake {key.hex() or '-'} {length} {content.hex() or '-'}")
                 expected.append(hashlib.blake2s(content, key=key, digest_size=length).hexdigest())
-    assert in_c(asked) == expected
+    assert in_c(requests) == expected
     sums = in_c([f"crc {content.hex() or '-'}" for content in contents])
     assert sums == [f"{zlib.crc32(content):08x}" for content in contents]

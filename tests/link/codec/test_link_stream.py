@@ -6,7 +6,7 @@ import random
 
 from hypothesis import given
 from hypothesis import strategies as st
-from sample_frames import GOLDEN, KEY, frames, told
+from sample_frames import GOLDEN, KEY, describe, frames
 
 from omnimj.link.codec.frames import encode
 from omnimj.link.codec.layout import DropReason
@@ -24,7 +24,7 @@ def test_frames_come_out_as_they_went_in_whatever_the_pieces(sent, data):
     stream, found = FrameStream(), []
     for begin, end in zip([0, *cuts], [*cuts, len(line)], strict=True):
         found += stream.feed(line[begin:end])
-    assert list(map(told, found)) == list(map(told, sent))
+    assert list(map(describe, found)) == list(map(describe, sent))
     assert stream.drops.total == 0 and str(stream.drops) == "none"
 
 
@@ -45,7 +45,7 @@ def test_after_any_noise_the_next_zero_makes_all_well(noise, name):
     stream = FrameStream()
     assert stream.feed(noise) == []
     (found,) = stream.feed(DELIMITER + stuffed(GOLDEN[name]))
-    assert told(found) == told(GOLDEN[name])
+    assert describe(found) == describe(GOLDEN[name])
 
 
 def test_a_line_without_zeros_is_one_drop_and_takes_no_memory():

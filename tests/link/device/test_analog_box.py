@@ -40,8 +40,8 @@ class Session:
         self.capabilities, self.session = answer.message, answer.session
         (self.telemetry,) = self.tick()
         self.give(Command((0.0,) * 4, 0.05))
-        told = self.capabilities
-        self.give(Arm(told.limits_hash, told.calibration_hash, self.telemetry.sequence))
+        capabilities = self.capabilities
+        self.give(Arm(capabilities.limits_hash, capabilities.calibration_hash, self.telemetry.sequence))
         assert self.analog.device.armed
 
     def give(self, message):

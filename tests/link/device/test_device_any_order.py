@@ -55,12 +55,12 @@ class AnyOrder(RuleBasedStateMachine):
         self.account(message, self.driver.deliver(frame), before)
 
     def account(self, message, answer, before):
-        for said in answer:
-            if isinstance(said.message, Fault) and said.message.latched:
+        for frame in answer:
+            if isinstance(frame.message, Fault) and frame.message.latched:
                 self.asked_to_arm, self.last = False, None
-            if isinstance(said.message, Capabilities) and said.session != 0:
-                self.driver.session = said.session
-                if said.sequence == 1:
+            if isinstance(frame.message, Capabilities) and frame.session != 0:
+                self.driver.session = frame.session
+                if frame.sequence == 1:
                     self.driver.sequence, self.asked_to_arm, self.last = 0, False, None
         taken = before == (self.device.dropped, self.device.refused)
         if isinstance(message, Stop):
@@ -76,8 +76,8 @@ class AnyOrder(RuleBasedStateMachine):
 
     @rule()
     def arm_rightly(self):
-        told = [f.sequence for f in self.driver.said if isinstance(f.message, Telemetry)]
-        self.send(Arm(self.driver.limits_hash, CALIBRATION_HASH, told[-1] if told else 0))
+        sequences = [f.sequence for f in self.driver.received if isinstance(f.message, Telemetry)]
+        self.send(Arm(self.driver.limits_hash, CALIBRATION_HASH, sequences[-1] if sequences else 0))
 
     @rule()
     def drive_as_a_good_host_does(self):
@@ -169,7 +169,7 @@ class AnyOrder(RuleBasedStateMachine):
 
     @invariant()
     def what_flows_after_a_tick_is_valid(self):
-        at_tick = self.driver.said and self.driver.said[-1].time == round(self.driver.now * 1e6)
+        at_tick = self.driver.received and self.driver.received[-1].time == round(self.driver.now * 1e6)
         if at_tick and self.device.armed:
             assert self.last is not None
             command, came = self.last
@@ -183,8 +183,8 @@ class AnyOrder(RuleBasedStateMachine):
 
     @invariant()
     def telemetry_says_how_it_is(self):
-        if self.driver.said and isinstance(self.driver.said[-1].message, Telemetry):
-            status = self.driver.said[-1].message.status
+        if self.driver.received and isinstance(self.driver.received[-1].message, Telemetry):
+            status = self.driver.received[-1].message.status
             assert (Status.CURRENT_FLOWS in status) <= (Status.ARMED in status)
             assert not (Status.FAULT in status and Status.ARMED in status)
 

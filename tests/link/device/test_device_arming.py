@@ -46,10 +46,10 @@ def test_a_device_without_a_session_sends_nothing_and_moves_nothing():
 def test_hello_is_answered_by_what_the_device_is_under_a_fresh_session():
     driver = DeviceDriver(start=2.5)
     (answer,) = driver.hello(nonce=99)
-    told = answer.message
+    capabilities = answer.message
     assert (answer.session, answer.sequence, answer.time) == (1001, 1, 2_500_000)
     facts = (99, PERIOD, False, 3, CHANNELS, LIMITS, driver.limits_hash, CALIBRATION_HASH)
-    assert told == Capabilities(*facts)
+    assert capabilities == Capabilities(*facts)
     driver.give(Ping(1))
     (answer,) = driver.hello(nonce=100)
     assert answer.session == 1002
@@ -129,7 +129,7 @@ def test_telemetry_that_the_host_names_may_be_20_ms_old_and_must_have_been_sent(
         driver = DeviceDriver()
         driver.hello()
         driver.tick()
-        seen = driver.said[-1].sequence
+        seen = driver.received[-1].sequence
         driver.tick(periods=periods)
         driver.command()
         answer = driver.arm(telemetry=seen)
@@ -141,7 +141,7 @@ def test_telemetry_that_the_host_names_may_be_20_ms_old_and_must_have_been_sent(
         driver.tick()
         driver.command()
         assert codes(driver.arm(telemetry=unknown)) == [FaultCode.ARM_STALE_TELEMETRY]
-        assert faults(driver.said)[0].value == math.inf
+        assert faults(driver.received)[0].value == math.inf
 
 
 def test_hashes_must_agree():
@@ -200,7 +200,7 @@ def test_a_host_with_another_message_layout_may_query_and_stop_but_never_arms():
     assert isinstance(driver.hello(same_schema=False)[0].message, Capabilities)
     driver.tick()
     driver.command()
-    own = Arm(driver.limits_hash, CALIBRATION_HASH, driver.said[-1].sequence)
+    own = Arm(driver.limits_hash, CALIBRATION_HASH, driver.received[-1].sequence)
     assert codes(driver.give(own, same_schema=False)) == [FaultCode.ARM_SCHEMA]
     assert not driver.device.armed and driver.device.fault is FaultCode.NONE
     assert driver.give(own) == () and driver.device.armed
@@ -275,7 +275,7 @@ def test_its_own_frames_come_back_are_dropped_and_use_up_no_sequence():
         driver.telemetry,
         Pong(1),
         Fault(FaultCode.NONE, 0, 0.0, 0.0, 0, False),
-        driver.said[0].message,
+        driver.received[0].message,
     ):
         dropped = driver.device.dropped
         assert driver.give(message, sequence=10**6) == ()
@@ -318,7 +318,7 @@ def test_with_a_key_every_frame_is_signed_and_without_one_none():
         driver = DeviceDriver(keyed=keyed).driving()
         driver.hello(nonce=5)
         driver.command((9.0, 0.0, 0.0))
-        assert {f.authentic for f in driver.said} == {keyed}
+        assert {f.authentic for f in driver.received} == {keyed}
         assert (Status.AUTHENTIC in driver.telemetry.status) == keyed
 
 
@@ -366,10 +366,10 @@ def test_telemetry_counts_its_own_sequence_and_carries_the_readings():
     driver.hello()
     driver.tick((1.0, 2.0, 3.0))
     driver.tick((1.0, 2.0, -3.0))
-    told = [f for f in driver.said if isinstance(f.message, Telemetry)]
-    assert [f.sequence for f in told] == [2, 3]
-    assert [f.time for f in told] == [round(1e6 * PERIOD), round(2e6 * PERIOD)]
-    assert told[1].message.raw == (1.0, 2.0, -3.0)
+    telemetry = [f for f in driver.received if isinstance(f.message, Telemetry)]
+    assert [f.sequence for f in telemetry] == [2, 3]
+    assert [f.time for f in telemetry] == [round(1e6 * PERIOD), round(2e6 * PERIOD)]
+    assert telemetry[1].message.raw == (1.0, 2.0, -3.0)
 
 
 def test_limits_are_those_that_travel():

@@ -147,7 +147,7 @@ def test_expired_commands_are_no_fault_of_a_disarmed_device():
     driver.command(valid_for=PERIOD)
     driver.tick(periods=100)
     assert driver.device.fault is FaultCode.NONE
-    assert [f for f in driver.said if isinstance(f.message, Fault)] == []
+    assert [f for f in driver.received if isinstance(f.message, Fault)] == []
 
 
 def test_an_armed_device_without_new_commands_is_off_after_valid_for():
@@ -265,8 +265,8 @@ def test_the_first_fault_is_kept():
     driver = DeviceDriver().driving()
     driver.command((9.0, 0.0, 0.0))
     driver.command(valid_for=9.0)
-    assert codes(driver.said) == [FaultCode.CURRENT, FaultCode.VALID_FOR]
-    assert [f.latched for f in faults(driver.said)] == [True, True]
+    assert codes(driver.received) == [FaultCode.CURRENT, FaultCode.VALID_FOR]
+    assert [f.latched for f in faults(driver.received)] == [True, True]
     assert driver.device.fault is FaultCode.CURRENT
 
 

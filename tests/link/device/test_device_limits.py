@@ -227,8 +227,8 @@ def test_limits_are_rounded_to_what_travels():
 @given(st.floats(0.0009765625, 1e30, width=64))
 def test_a_commanded_current_as_large_as_the_limit_passes_after_both_have_travelled(limit):
     limits = gate.round_to_float32(dataclasses.replace(LIMITS, current=limit))
-    (asked,) = struct.unpack("<f", struct.pack("<f", limit))
-    command, before = Command((asked,), 0.05), AmplifierState((asked,), 0.0, (0.0,))
+    (rounded,) = struct.unpack("<f", struct.pack("<f", limit))
+    command, before = Command((rounded,), 0.05), AmplifierState((rounded,), 0.0, (0.0,))
     found = gate.check_command(dataclasses.replace(limits, heating=math.inf), PERIOD, before, command, 0.0)
     assert found is None
 
@@ -236,9 +236,9 @@ def test_a_commanded_current_as_large_as_the_limit_passes_after_both_have_travel
 @pytest.mark.parametrize("name", [f.name for f in dataclasses.fields(Limits)])
 @pytest.mark.parametrize("bad", [0.0, -1.0, 1e-60, 1e60, math.nan, math.inf])
 def test_a_limit_that_is_no_number_above_zero_in_float32_is_refused_by_name(name, bad):
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as caught:
         gate.round_to_float32(dataclasses.replace(LIMITS, **{name: bad}))
-    assert str(told.value) == f"limits.{name}: found {bad!r}; must be finite and above 0"
+    assert str(caught.value) == f"limits.{name}: found {bad!r}; must be finite and above 0"
 
 
 def test_the_smallest_and_the_largest_float32_are_limits():

@@ -150,13 +150,13 @@ def test_the_example_reports_its_identity_and_its_readings(board):
 @needs_compiler
 def test_the_example_arms_drives_and_stops(board):
     assert status(board.arm()) == Status.ARMED
-    told = board.says(Command((0.5, 0.0, 0.0, 0.0), 0.05))
-    assert status(told) == Status.ARMED | Status.CURRENT_FLOWS
+    messages = board.says(Command((0.5, 0.0, 0.0, 0.0), 0.05))
+    assert status(messages) == Status.ARMED | Status.CURRENT_FLOWS
     assert board.enabled and board.current == 0.5
     board.says(Stop(), session=0, sequence=0, us=100)
     assert not board.enabled and board.current == 0.0
-    told = board.says(Command((0.5, 0.0, 0.0, 0.0), 0.05))
-    assert faults(told) == [(FaultCode.NOT_ARMED, False)] and not board.enabled
+    messages = board.says(Command((0.5, 0.0, 0.0, 0.0), 0.05))
+    assert faults(messages) == [(FaultCode.NOT_ARMED, False)] and not board.enabled
 
 
 @needs_compiler
@@ -164,10 +164,10 @@ def test_the_example_cuts_current_when_commands_cease_and_stays_so_until_reset_a
     board.arm()
     board.says(Command((0.5, 0.0, 0.0, 0.0), 0.05))
     for _ in range(25):
-        told = board.turn()
+        messages = board.turn()
         assert board.current == 0.5
-    told = board.turn()
-    assert faults(told) == [(FaultCode.COMMAND_TOO_OLD, True)] and not board.enabled
+    messages = board.turn()
+    assert faults(messages) == [(FaultCode.COMMAND_TOO_OLD, True)] and not board.enabled
     assert board.current == 0.0
     assert faults(board.arm()) == [(FaultCode.ARM_FAULTY, False)]
     assert not status(board.says(ResetFault())) & Status.FAULT
@@ -199,16 +199,16 @@ def test_the_example_refuses_and_latches_and_never_clamps(board, command, code):
 @needs_compiler
 def test_the_example_limits_rate_and_heat_and_speed_and_frames(board):
     board.arm()
-    told = board.says(Command((1.5, 0.0, 0.0, 0.0), 0.05))
-    assert faults(told) == [] and board.current == 1.5, "1.5 A within 2 ms are 750 A/s"
-    told = board.says(Command((-1.5, 0.0, 0.0, 0.0), 0.05))
-    assert faults(told) == [(FaultCode.CURRENT_RATE, True)]
+    messages = board.says(Command((1.5, 0.0, 0.0, 0.0), 0.05))
+    assert faults(messages) == [] and board.current == 1.5, "1.5 A within 2 ms are 750 A/s"
+    messages = board.says(Command((-1.5, 0.0, 0.0, 0.0), 0.05))
+    assert faults(messages) == [(FaultCode.CURRENT_RATE, True)]
     board.says(ResetFault())
     board.arm()
     steps = 0
-    while not faults(told := board.says(Command((1.5, 0.0, 0.0, 0.0), 0.05))):
+    while not faults(messages := board.says(Command((1.5, 0.0, 0.0, 0.0), 0.05))):
         steps += 1
-    assert faults(told) == [(FaultCode.HEATING, True)]
+    assert faults(messages) == [(FaultCode.HEATING, True)]
     assert abs(steps * 0.002 - 0.5 / (1.5**2 - 0.75**2)) < 0.01
     board.says(ResetFault())
     board.arm()
@@ -222,8 +222,8 @@ def test_the_example_limits_rate_and_heat_and_speed_and_frames(board):
     board.line("speed 0")
     board.says(ResetFault())
     board.turn(100_000)
-    told = [message for _ in range(40) for message in board.says(*[Ping(k) for k in range(3)], us=10)]
-    assert faults(told) == [(FaultCode.MESSAGE_RATE, True)]
+    messages = [message for _ in range(40) for message in board.says(*[Ping(k) for k in range(3)], us=10)]
+    assert faults(messages) == [(FaultCode.MESSAGE_RATE, True)]
 
 
 @needs_compiler
@@ -253,16 +253,16 @@ def test_the_example_drops_what_is_old_foreign_or_of_a_second_host(board):
     board.arm()
     again = board.sequence
     for header in ({"sequence": again}, {"session": board.session ^ 1}, {"sequence": 1}):
-        told = board.says(Command((0.5, 0.0, 0.0, 0.0), 0.05), **header)
-        assert faults(told) == [] and board.current == 0.0 and board.enabled
-    told = board.says(Hello(99), session=0)
-    assert faults(told) == [(FaultCode.BUSY, False)] and board.enabled
+        messages = board.says(Command((0.5, 0.0, 0.0, 0.0), 0.05), **header)
+        assert faults(messages) == [] and board.current == 0.0 and board.enabled
+    messages = board.says(Hello(99), session=0)
+    assert faults(messages) == [(FaultCode.BUSY, False)] and board.enabled
     before = board.session
     board.says(Stop())
     board.begin(100)
     assert board.session != before
-    told = board.says(Command(ZERO, 0.05), session=before)
-    (telemetry,) = told
+    messages = board.says(Command(ZERO, 0.05), session=before)
+    (telemetry,) = messages
     assert isinstance(telemetry, Telemetry) and telemetry.acknowledged == 0 and telemetry.dropped == 4
 
 
@@ -285,5 +285,5 @@ def test_the_example_holds_each_rule_against_all_wheels_before_the_next(board):
     board.arm()
     board.says(Command((1.5, 0.0, 0.0, 0.0), 0.05))
     # wheel 1 turns round too quickly, but wheel 4 is beyond the limit, which comes first
-    told = board.says(Command((-1.5, 0.0, 0.0, 1.6), 0.05))
-    assert [(f.code, f.wheel) for f in told if isinstance(f, Fault)] == [(FaultCode.CURRENT, 4)]
+    messages = board.says(Command((-1.5, 0.0, 0.0, 1.6), 0.05))
+    assert [(f.code, f.wheel) for f in messages if isinstance(f, Fault)] == [(FaultCode.CURRENT, 4)]

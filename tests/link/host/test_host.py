@@ -131,11 +131,11 @@ def test_telemetry_with_other_channels_than_the_capabilities_ends_the_link(raw, 
     for armed in (False, True):
         other = Other().armed() if armed else Other()
         before = other.host.reading
-        told = Telemetry(0, math.inf, Status.ARMED, FaultCode.NONE, 0, 0, raw, counts)
-        frames = other.say(told)
+        telemetry = Telemetry(0, math.inf, Status.ARMED, FaultCode.NONE, 0, 0, raw, counts)
+        frames = other.say(telemetry)
         expect_stopped(other.host, frames, "its telemetry has other channels than its capabilities")
         assert other.host.reading is before
-        assert other.say(told) == () and other.host.dropped == 2
+        assert other.say(telemetry) == () and other.host.dropped == 2
 
 
 def test_before_there_is_a_session_no_request_is_allowed():

@@ -45,9 +45,9 @@ def started(*argv: str) -> subprocess.Popen[str]:
 
 
 def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asked:
-        asked.bind(("127.0.0.1", 0))
-        return asked.getsockname()[1]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
 
 
 @contextlib.contextmanager
@@ -61,8 +61,8 @@ def device(*argv: str) -> Iterator[int]:
         assert program.stdout.readline().startswith(f"device ready at udp:127.0.0.1:{port}")
         yield port
         program.terminate()
-        said, complaint = program.communicate(timeout=LONGEST)
-        assert program.returncode == 130 and " frames, " in said and "Traceback" not in complaint
+        printed, complaint = program.communicate(timeout=LONGEST)
+        assert program.returncode == 130 and " frames, " in printed and "Traceback" not in complaint
     finally:
         program.kill()
         program.communicate()
@@ -110,9 +110,9 @@ class Tap:
     def until(self, holds: Callable[[list[Frame]], bool], since: int = 0) -> bool:
         """Waits until something holds of the device's frames."""
         with self._news:
-            return self._news.wait_for(lambda: holds(self.said(since)), 20.0)
+            return self._news.wait_for(lambda: holds(self.received(since)), 20.0)
 
-    def said(self, since: int = 0) -> list[Frame]:
+    def received(self, since: int = 0) -> list[Frame]:
         """By the device."""
         return [frame for is_host, frame in self.frames[since:] if not is_host]
 
@@ -134,16 +134,16 @@ def tap(port):
     between.close()
 
 
-def told(frames: list[Frame]) -> list[Telemetry]:
+def telemetry_of(frames: list[Frame]) -> list[Telemetry]:
     return [frame.message for frame in frames if isinstance(frame.message, Telemetry)]
 
 
 def flows(frames: list[Frame]) -> bool:
-    return any(Status.CURRENT_FLOWS in telemetry.status for telemetry in told(frames[-50:]))
+    return any(Status.CURRENT_FLOWS in telemetry.status for telemetry in telemetry_of(frames[-50:]))
 
 
 def disarmed(frames: list[Frame]) -> bool:
-    return any(Status.ARMED not in telemetry.status for telemetry in told(frames[-50:]))
+    return any(Status.ARMED not in telemetry.status for telemetry in telemetry_of(frames[-50:]))
 
 
 @contextlib.contextmanager
@@ -174,14 +174,14 @@ def test_a_device_whose_host_is_killed_stops_with_its_reason(tap, port, capsys, 
         host.kill()
         host.wait()
         mark = len(tap.frames)
-        assert tap.until(lambda frames: len(told(frames)) > 100, since=mark)
+        assert tap.until(lambda frames: len(telemetry_of(frames)) > 100, since=mark)
     assert not any(isinstance(frame.message, Stop) for frame in tap.heard())
-    every = [frame for frame in tap.said() if isinstance(frame.message, Telemetry)]
+    every = [frame for frame in tap.received() if isinstance(frame.message, Telemetry)]
     first = next(k for k, frame in enumerate(every) if frame.message.fault)
-    before, after = told(every[:first]), told(every[first:])
+    before, after = telemetry_of(every[:first]), telemetry_of(every[first:])
     assert all(one.fault is FaultCode.COMMAND_TOO_OLD for one in after)
     assert not any(one.status & (Status.ARMED | Status.CURRENT_FLOWS) for one in after)
-    (fault,) = [frame.message for frame in tap.said() if isinstance(frame.message, Fault)]
+    (fault,) = [frame.message for frame in tap.received() if isinstance(frame.message, Fault)]
     assert fault.code is FaultCode.COMMAND_TOO_OLD and fault.latched
     # by its own clock: the program may have been kept from running
     kept = max(PERIOD, 1e-6 * (every[first].time - every[first - 1].time))
@@ -215,8 +215,8 @@ def test_a_host_that_is_interrupted_ends_by_a_stop(tap, number):
         assert host.returncode == 130 and "Traceback" not in complaint
         assert tap.until(disarmed, since=mark)
     assert [type(frame.message) for frame in tap.heard()[-STOP_REPEATS:]] == [Stop] * STOP_REPEATS
-    assert not any(isinstance(frame.message, Fault) for frame in tap.said())
-    assert all(one.fault is FaultCode.NONE for one in told(tap.said(since=mark)))
+    assert not any(isinstance(frame.message, Fault) for frame in tap.received())
+    assert all(one.fault is FaultCode.NONE for one in telemetry_of(tap.received(since=mark)))
 
 
 def test_a_listening_host_moves_nothing(tap, capsys):
@@ -224,8 +224,8 @@ def test_a_listening_host_moves_nothing(tap, capsys):
     assert main([*DRIVE, *words]) in (0, 1)
     assert "readonly; " in capsys.readouterr().out
     assert {type(frame.message) for frame in tap.heard()} == {Hello, Ping}
-    assert len(told(tap.said())) > 50
-    assert not any(one.status & (Status.ARMED | Status.CURRENT_FLOWS) for one in told(tap.said()))
+    assert len(telemetry_of(tap.received())) > 50
+    assert not any(one.status & (Status.ARMED | Status.CURRENT_FLOWS) for one in telemetry_of(tap.received()))
 
 
 @pytest.fixture(scope="module")

@@ -51,11 +51,11 @@ def test_over_a_wire_the_diagnoses_and_the_trace_are_those_of_the_plant(name, li
         behind.close()
     assert wired.trace.about["failure"] is None
     assert np.allclose(wired.trace["time"], alone.trace["time"], rtol=0.0, atol=1e-9)
-    told = [
+    results = [
         [(d["kind"], d["wheels"], round(d["time"], 9)) for d in run.metrics["diagnoses"]]
         for run in (never_rounded, alone, wired)
     ]
-    assert told[0] == told[1] == told[2] and told[0]
+    assert results[0] == results[1] == results[2] and results[0]
     for column in COLUMNS:
         names = [c for c in alone.trace.columns if c == column or c.startswith(column + "_")]
         for one in (c for c in names if c in (column, *(f"{column}_{i}" for i in range(1, 5)))):
@@ -99,8 +99,8 @@ def test_a_run_keeps_every_frame_and_they_are_diagnosed_as_the_run_was(driven_fo
     assert len(frames) == metrics["link"]["sent"] + metrics["link"]["received"] + 3
     monkeypatch.setattr("omnimj.view.report.diagnosis.write_diagnosis_report", lambda path, *_: path.touch())
     assert main(["diagnose", str(out), "--out", str(tmp_path / "diagnosed")]) == 0
-    told = json.loads((tmp_path / "diagnosed" / "diagnoses.json").read_text())["runs"]["degraded_motor"]
-    first, again = metrics["diagnoses"][0], told["diagnoses"][0]
+    recomputed = json.loads((tmp_path / "diagnosed" / "diagnoses.json").read_text())["runs"]["degraded_motor"]
+    first, again = metrics["diagnoses"][0], recomputed["diagnoses"][0]
     assert (first["kind"], first["wheels"]) == (again["kind"], again["wheels"])
     assert again["time"] == pytest.approx(first["time"], abs=0.02)
     # a program that is killed leaves half a record

@@ -78,9 +78,9 @@ def udp():
 
 
 def _free() -> UdpAddress:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asked:
-        asked.bind((HERE, 0))
-        return UdpAddress(HERE, asked.getsockname()[1])
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind((HERE, 0))
+        return UdpAddress(HERE, probe.getsockname()[1])
 
 
 def test_datagrams_go_there_and_back_and_silence_does_not_wait(udp):
@@ -150,9 +150,9 @@ def test_unknown_hosts_and_occupied_ports_are_refused_in_one_line(udp):
 
 def test_ipv6_where_this_machine_has_it():
     try:
-        with socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as asked:
-            asked.bind(("::1", 0))
-            port = asked.getsockname()[1]
+        with socket.socket(socket.AF_INET6, socket.SOCK_DGRAM) as probe:
+            probe.bind(("::1", 0))
+            port = probe.getsockname()[1]
     except OSError:
         pytest.skip("no IPv6 on this machine")
     device, host = UdpListener(UdpAddress("::1", port)), UdpTransport(UdpAddress("::1", port))

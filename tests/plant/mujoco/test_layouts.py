@@ -70,8 +70,8 @@ def test_any_number_of_wheels_stands_level_and_shares_the_weight(count, scene):
 def test_a_twin_of_another_layout_moves_as_the_planar_model_does(robot, current):
     """Currents along a direction and about the centre; what moves the planar robot moves the twin as far."""
     a = rolling_matrix(robot.wheel_positions, robot.rolling_directions)
-    asked = current[0] * a[:, :2] @ (math.cos(0.7), math.sin(0.7)) + current[1] * np.sign(a[:, 2])
-    command = CurrentCommand(np.clip(asked, -1.4, 1.4))
+    target = current[0] * a[:, :2] @ (math.cos(0.7), math.sin(0.7)) + current[1] * np.sign(a[:, 2])
+    command = CurrentCommand(np.clip(target, -1.4, 1.4))
     planar = PlanarRobot(robot, "natural_stone", ideal_sensors=True)
     twin = RobotTwin(robot, STONE, ideal_sensors=True)
     for plant in (planar, twin):

@@ -112,7 +112,7 @@ def test_an_index_out_of_range_is_refused_with_the_number_of_entries():
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "told"),
+    ("name", "text", "expected"),
     [
         ("nylon_patch", "floor=ice_cream", "unknown floor 'ice_cream'"),
         ("nylon_patch", "floor=[1]", "one line of text"),
@@ -156,8 +156,8 @@ def test_an_index_out_of_range_is_refused_with_the_number_of_entries():
         ("rig_lateral", "drive.speed=1", "unknown key 'drive'"),
     ],
 )
-def test_a_bad_value_is_refused_with_place_value_and_rule(name, text, told):
-    assert told in refused(text, name=name)
+def test_a_bad_value_is_refused_with_place_value_and_rule(name, text, expected):
+    assert expected in refused(text, name=name)
 
 
 def test_an_unknown_scenario_lists_the_known_ones():
@@ -168,7 +168,7 @@ def test_an_unknown_scenario_lists_the_known_ones():
 
 
 @pytest.mark.parametrize(
-    ("content", "told"),
+    ("content", "expected"),
     [
         (b"plant = ", "is not valid TOML"),
         (b"\xff\xfe", "is not valid TOML"),
@@ -180,12 +180,12 @@ def test_an_unknown_scenario_lists_the_known_ones():
         (b'plant = "quarter_rig"\nfloor = "pvc"\nduration = 1.0\ndescription = "x"', "current: is missing"),
     ],
 )
-def test_a_broken_file_is_refused_by_name(tmp_path, content, told):
+def test_a_broken_file_is_refused_by_name(tmp_path, content, expected):
     path = tmp_path / "mine.toml"
     path.write_bytes(content)
     with pytest.raises(InputError) as caught:
         read_scenario(path)
-    assert told in str(caught.value) and "mine.toml" in str(caught.value)
+    assert expected in str(caught.value) and "mine.toml" in str(caught.value)
 
 
 def test_a_scenario_may_lie_anywhere(tmp_path):

@@ -56,28 +56,28 @@ def plans():
 
 
 def test_identification_drives_every_current_on_every_floor(plans):
-    asked = {(c.conditions["floor"], round(c.drive.current.max(), 2)) for c in plans["rig_currents"]}
+    conditions = {(c.conditions["floor"], round(c.drive.current.max(), 2)) for c in plans["rig_currents"]}
     floors = ("natural_stone", "pvc", "paperboard")
-    assert asked == set(itertools.product(floors, [round(0.15 * k, 2) for k in range(1, 11)]))
+    assert conditions == set(itertools.product(floors, [round(0.15 * k, 2) for k in range(1, 11)]))
     assert len(plans["rig_currents"]) == 30
     assert {c.conditions["mass"] for c in plans["rig_currents"]} == {3.9593}
 
 
 def test_validation_drives_the_72_cases_of_table_4_2(plans):
-    asked = {
+    conditions = {
         (c.conditions["floor"], c.conditions["mass"], round(c.drive.current.max(), 2))
         for c in plans["rig_validation"]
     }
     currents = [round(0.45 + 0.15 * k, 2) for k in range(8)]
     floors = ("natural_stone", "pvc", "paperboard")
-    assert asked == set(itertools.product(floors, (3.9593, 2.9593, 1.9593), currents))
+    assert conditions == set(itertools.product(floors, (3.9593, 2.9593, 1.9593), currents))
     assert len(plans["rig_validation"]) == 72
 
 
 def test_sideways_motion_drives_the_32_cases_of_table_4_3(plans):
-    asked = {(c.drive.lateral_speed, round(c.drive.current.max(), 2)) for c in plans["rig_lateral"]}
+    conditions = {(c.drive.lateral_speed, round(c.drive.current.max(), 2)) for c in plans["rig_lateral"]}
     speeds = [s * v for s in (1, -1) for v in (0.20, 0.35, 0.50, 0.65)]
-    assert asked == set(itertools.product(speeds, (0.6, 0.9, 1.2, 1.5)))
+    assert conditions == set(itertools.product(speeds, (0.6, 0.9, 1.2, 1.5)))
     assert len(plans["rig_lateral"]) == 32
 
 
@@ -141,16 +141,18 @@ def test_a_run_ends_before_carriage_or_gantry_do(rig):
 @pytest.mark.parametrize("seed", range(5))
 def test_a_mission_keeps_its_bounds_and_stands_at_both_ends(seed):
     period = 0.001
-    asked = mission(np.random.default_rng(seed), 20.0, period)
-    speed = np.hypot(*asked.velocity.T)
-    assert len(asked.time) == 20_001
+    reference = mission(np.random.default_rng(seed), 20.0, period)
+    speed = np.hypot(*reference.velocity.T)
+    assert len(reference.time) == 20_001
     assert 0.2 <= speed.max() <= 1.0 + 1e-9
-    assert np.hypot(*np.diff(asked.velocity, axis=0).T).max() <= 1.0 * period + 1e-12
-    assert np.abs(np.diff(asked.yaw_rate)).max() <= 2.0 * period + 1e-12
+    assert np.hypot(*np.diff(reference.velocity, axis=0).T).max() <= 1.0 * period + 1e-12
+    assert np.abs(np.diff(reference.yaw_rate)).max() <= 2.0 * period + 1e-12
     for end in (slice(0, 400), slice(-200, None)):
-        assert not speed[end].any() and not asked.yaw_rate[end].any()
-    np.testing.assert_allclose(np.diff(asked.position, axis=0), asked.velocity[:-1] * period, atol=1e-12)
-    np.testing.assert_allclose(np.diff(asked.heading), asked.yaw_rate[:-1] * period, atol=1e-12)
+        assert not speed[end].any() and not reference.yaw_rate[end].any()
+    np.testing.assert_allclose(
+        np.diff(reference.position, axis=0), reference.velocity[:-1] * period, atol=1e-12
+    )
+    np.testing.assert_allclose(np.diff(reference.heading), reference.yaw_rate[:-1] * period, atol=1e-12)
 
 
 def test_missions_turn_stop_and_reverse(plans):
@@ -260,8 +262,8 @@ def test_what_was_finished_is_kept(tmp_path, error):
         with pytest.raises(SimulationError):
             record_suite(broken, order)
     else:
-        told = record_suite(broken, order)
-        assert told.interrupted and told.runs == ("stone_015_a", "stone_015_b") and told.planned == 60
+        result = record_suite(broken, order)
+        assert result.interrupted and result.runs == ("stone_015_a", "stone_015_b") and result.planned == 60
     assert [run.name for run in read_dataset(tmp_path).runs] == ["stone_015_a", "stone_015_b"]
     assert set(contents(tmp_path)) == {"dataset.toml", "stone_015_a.parquet", "stone_015_b.parquet"}
 
@@ -277,8 +279,8 @@ def test_an_interrupt_within_a_run_drops_that_run(tmp_path, monkeypatch):
         return step(self, command)
 
     monkeypatch.setattr(PlanarRig, "step", interrupted)
-    told = recorded(tmp_path, "rig_currents", "stone_015_a", "stone_015_b")
-    assert told.interrupted and [run.name for run in read_dataset(tmp_path).runs] == ["stone_015_a"]
+    result = recorded(tmp_path, "rig_currents", "stone_015_a", "stone_015_b")
+    assert result.interrupted and [run.name for run in read_dataset(tmp_path).runs] == ["stone_015_a"]
 
 
 def test_progress_comes_to_its_end(tmp_path):
@@ -298,7 +300,7 @@ def test_what_does_not_exist_is_refused_before_anything_is_written(tmp_path):
         ({"table_format": "xls"}, "unknown format"),
         ({"effects": {"rust": {}}}, "unknown effect"),
     )
-    for change, told in cases:
-        with pytest.raises(InputError, match=told):
+    for change, expected in cases:
+        with pytest.raises(InputError, match=expected):
             recorded(tmp_path / "new", "rig_currents", **change)
     assert not (tmp_path / "new").exists()

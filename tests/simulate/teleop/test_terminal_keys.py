@@ -74,9 +74,9 @@ AXIS, BUTTON, BEFORE = 2, 1, 0x80
 
 def test_a_pad_reports_its_sticks_and_its_dead_man_s_button():
     reader = GamepadReader()
-    said = event(AXIS, 1, -32767) + event(AXIS, 0, 32767) + event(AXIS, 3, -32767) + event(AXIS, 5, 9999)
-    assert reader.feed(said[:5]) == (StickState(), False)
-    assert reader.feed(said[5:]) == (StickState(1.0, -1.0, 1.0), False)
+    events = event(AXIS, 1, -32767) + event(AXIS, 0, 32767) + event(AXIS, 3, -32767) + event(AXIS, 5, 9999)
+    assert reader.feed(events[:5]) == (StickState(), False)
+    assert reader.feed(events[5:]) == (StickState(1.0, -1.0, 1.0), False)
     assert reader.feed(event(BUTTON, 4, 1))[0].held and not reader.feed(event(BUTTON, 4, 0))[0].held
     assert reader.feed(event(BUTTON, 1, 1))[1] and not reader.feed(event(BUTTON, 1, 0))[1]
     assert reader.feed(event(AXIS, 1, 3000) + event(AXIS, 0, 0) + event(AXIS, 3, 0))[0] == StickState(-0.0)

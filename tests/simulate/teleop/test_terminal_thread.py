@@ -40,9 +40,9 @@ def test_a_slow_terminal_delays_no_control_step(screen, monkeypatch):
     far, near = screen
     ask, write = room.select.select, os.write
 
-    def slow_ask(*asked):
+    def slow_ask(*arguments):
         time.sleep(SLOW)
-        return ask(*asked)
+        return ask(*arguments)
 
     def slow_write(to, content):
         time.sleep(SLOW if to == near else 0.0)

@@ -36,8 +36,8 @@ class MadeUp:
         return Said((), self._effectiveness)
 
     def step(self, state: Said, measurement: Measurement, command: Any = None, bias: float = 0.0) -> Said:
-        told = tuple(d for d in self._known if d.time <= measurement.time)
-        return state if told == state.diagnoses else Said(told, self._effectiveness)
+        due = tuple(d for d in self._known if d.time <= measurement.time)
+        return state if due == state.diagnoses else Said(due, self._effectiveness)
 
 
 def perfect(case: Case) -> MadeUp:

@@ -188,12 +188,12 @@ def test_a_task_travels_to_other_processes_and_a_case_to_json():
 
 
 def test_method_and_controller_get_the_nominal_robot_and_floor_and_no_fault(monkeypatch):
-    told = []
-    monkeypatch.setattr(trial, "make_detector", lambda name, scenario, *_: told.append(scenario))
+    scenarios = []
+    monkeypatch.setattr(trial, "make_detector", lambda name, scenario, *_: scenarios.append(scenario))
     case = next(c for c in MANY if c.fault == "two" and c.suite == "manoeuvres")
     result = drive_case(dataclasses.replace(case, duration=2.5), "any")
-    assert "error" not in result and len(told) == 3
-    for scenario in told:
+    assert "error" not in result and len(scenarios) == 3
+    for scenario in scenarios:
         assert scenario.faults == () and scenario.patches == () and not scenario.constants.effects
         assert scenario.constants == read_robot() and scenario.floors == read_floors()
         assert scenario.floor == case.floor

@@ -191,13 +191,13 @@ def test_a_training_seed_is_reported_as_unfit_for_judging(tmp_path):
 
 
 def test_names_that_do_not_exist_are_refused_with_the_choices(tmp_path):
-    for choice, told in (
+    for choice, expected in (
         (CasePopulation("mission"), "did you mean 'missions'"),
         (CasePopulation(plants=("real",)), "planar, twin"),
         (CasePopulation(floors=("lava",)), "natural_stone_capped"),
         (CasePopulation(faults=("gremlins",)), "all_wheel_slip"),
     ):
-        with pytest.raises(UnknownNameError, match=told):
+        with pytest.raises(UnknownNameError, match=expected):
             run_evaluation(EvaluationConfig(tmp_path / "out", choice), quiet, InlineExecutor())
     assert not (tmp_path / "out").exists()
 
@@ -208,26 +208,28 @@ def test_the_command_prints_tables_or_json_and_writes_a_page(tmp_path, monkeypat
     argv = ["evaluate", "--suite", "manoeuvres", "--method", "perfect", "--trials", "4", "--faults"]
     argv += ["none,motor,slip", "--out", str(tmp_path)]
     assert main(argv) == 0
-    said = capsys.readouterr().out
-    assert "Groups with a goal" in said and "written to" in said
+    printed = capsys.readouterr().out
+    assert "Groups with a goal" in printed and "written to" in printed
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert page.count("class='plot'") == 5 + 4 and "http" not in page.replace("http-equiv", "")
     assert main([*argv, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["plan"]["trials"] == 4
-    told = [one["measure"] for one in found["goals"] if one["goal"]]
-    assert told and all(measure in text for measure in told for text in (said, html.unescape(page)))
+    measures = [one["measure"] for one in found["goals"] if one["goal"]]
+    assert measures and all(
+        measure in text for measure in measures for text in (printed, html.unescape(page))
+    )
 
 
 def test_the_confusion_matrix_tells_the_cases_of_each_cell_and_marks_the_correct_ones():
     confusion = {"none": {"none": 3}, "motor 1": {"several": 1, "motor 1": 2, "none": 1}}
     (panel,) = confusion_picture(confusion).panels
     cells, correct = (renderer.data_source.data for renderer in panel.plot.renderers)
-    told = dict(zip(cells["name"], zip(cells["left"], cells["bottom"], strict=True), strict=True))
-    assert len(told) == 6
-    assert told["truth none, diagnosed none: 3 of 3 cases"] == (-0.5, -0.5)
-    place = told["truth motor 1, diagnosed motor 1: 2 of 4 cases"]
+    corners = dict(zip(cells["name"], zip(cells["left"], cells["bottom"], strict=True), strict=True))
+    assert len(corners) == 6
+    assert corners["truth none, diagnosed none: 3 of 3 cases"] == (-0.5, -0.5)
+    place = corners["truth motor 1, diagnosed motor 1: 2 of 4 cases"]
     assert list(zip(correct["left"], correct["bottom"], strict=True)) == [(-0.5, -0.5), place]
-    assert "truth none, diagnosed several: 0 of 3 cases" in told
+    assert "truth none, diagnosed several: 0 of 3 cases" in corners
     words = {(label.x, label.y): label.text for label in panel.plot.select(Label)}
     assert words == {(0, 0): "3", (0, 1): "1", (1, 1): "2", (2, 1): "1"}

@@ -21,7 +21,7 @@ def case(kind: str, *faults: Fault) -> Case:
     return dataclasses.replace(EMPTY, fault=kind, faults=faults)
 
 
-def said(time: float, kind: str, *wheels: int, cleared: float | None = None, **more) -> dict:
+def diagnosis(time: float, kind: str, *wheels: int, cleared: float | None = None, **more) -> dict:
     return {"time": time, "kind": kind, "wheels": list(wheels), "cleared": cleared, **more}
 
 
@@ -35,14 +35,14 @@ def scored(one: Case, *diagnoses: dict, first: float | None = 10.4, off: dict | 
     ("diagnoses", "label"),
     [
         ([], "none"),
-        ([said(10.5, "motor", 3)], "motor 3"),
-        ([said(10.5, "motor", 1)], "motor 1"),
-        ([said(10.5, "slip", 3, ambiguous_with=["motor 3"])], "ambiguous"),
-        ([said(10.5, "slip", 3, ambiguous_with=["motor 3"]), said(11.0, "motor", 3)], "motor 3"),
-        ([said(10.5, "slip", 3, cleared=10.8), said(11.0, "motor", 3)], "motor 3"),
-        ([said(10.5, "slip", 3, cleared=12.0), said(11.0, "motor", 3)], "several"),
-        ([said(10.5, "sensor", channel="yaw_rate")], "sensor yaw_rate"),
-        ([said(5.0, "motor", 1, cleared=6.0)], "none"),
+        ([diagnosis(10.5, "motor", 3)], "motor 3"),
+        ([diagnosis(10.5, "motor", 1)], "motor 1"),
+        ([diagnosis(10.5, "slip", 3, ambiguous_with=["motor 3"])], "ambiguous"),
+        ([diagnosis(10.5, "slip", 3, ambiguous_with=["motor 3"]), diagnosis(11.0, "motor", 3)], "motor 3"),
+        ([diagnosis(10.5, "slip", 3, cleared=10.8), diagnosis(11.0, "motor", 3)], "motor 3"),
+        ([diagnosis(10.5, "slip", 3, cleared=12.0), diagnosis(11.0, "motor", 3)], "several"),
+        ([diagnosis(10.5, "sensor", channel="yaw_rate")], "sensor yaw_rate"),
+        ([diagnosis(5.0, "motor", 1, cleared=6.0)], "none"),
     ],
 )
 def test_a_case_is_taken_for_what_lasted_since_the_onset(diagnoses, label):
@@ -50,7 +50,7 @@ def test_a_case_is_taken_for_what_lasted_since_the_onset(diagnoses, label):
 
 
 def test_without_a_fault_every_alarm_counts_however_short():
-    fleeting = said(5.0, "slip", 1, cleared=5.1)
+    fleeting = diagnosis(5.0, "slip", 1, cleared=5.1)
     assert diagnosed_label(EMPTY, []) == "none"
     assert diagnosed_label(EMPTY, [fleeting]) == "slip 1"
     score = scored(EMPTY, fleeting)
@@ -59,20 +59,22 @@ def test_without_a_fault_every_alarm_counts_however_short():
 
 
 def test_delays_count_from_onset_and_from_first_use():
-    score = scored(case("motor", MOTOR), said(10.5, "slip", 3, cleared=10.9), said(10.7, "motor", 3))
+    score = scored(
+        case("motor", MOTOR), diagnosis(10.5, "slip", 3, cleared=10.9), diagnosis(10.7, "motor", 3)
+    )
     assert score.delay == pytest.approx(0.5) and score.delay_in_use == pytest.approx(0.1)
     (fault,) = score.faults
     assert fault.named_delay == pytest.approx(0.7) and fault.named_delay_in_use == pytest.approx(0.3)
     assert score.isolated and score.severity == 0.6
-    early = scored(case("motor", MOTOR), said(10.2, "motor", 3))
+    early = scored(case("motor", MOTOR), diagnosis(10.2, "motor", 3))
     assert early.delay_in_use == 0.0
-    assert scored(case("motor", MOTOR), said(10.2, "motor", 3), first=None).delay_in_use is None
+    assert scored(case("motor", MOTOR), diagnosis(10.2, "motor", 3), first=None).delay_in_use is None
     never = scored(case("motor", MOTOR))
     assert never.delay == never.delay_in_use == inf and never.isolated is False
 
 
 def test_an_alarm_before_the_onset_is_an_early_one():
-    score = scored(case("motor", MOTOR), said(5.0, "slip", 1, cleared=6.0), said(10.5, "motor", 3))
+    score = scored(case("motor", MOTOR), diagnosis(5.0, "slip", 1, cleared=6.0), diagnosis(10.5, "motor", 3))
     assert (score.false_alarms, score.early_alarms) == (1, 1)
     assert score.healthy_hours == pytest.approx(10.0 / 3600.0)
     assert score.isolated  # what was said before has been taken back
@@ -86,11 +88,11 @@ def test_the_estimate_is_judged_against_what_is_left_of_the_nominal_torque_const
 
 def test_a_diagnosis_clears_some_time_after_the_slip_has_ended_or_never():
     one = case("slip", SLIP)
-    assert scored(one, said(10.5, "slip", 2, cleared=14.2)).clearing == pytest.approx(0.2)
-    assert scored(one, said(10.5, "slip", 2, cleared=12.0)).clearing == 0.0
-    assert scored(one, said(10.5, "slip", 2)).clearing == inf
+    assert scored(one, diagnosis(10.5, "slip", 2, cleared=14.2)).clearing == pytest.approx(0.2)
+    assert scored(one, diagnosis(10.5, "slip", 2, cleared=12.0)).clearing == 0.0
+    assert scored(one, diagnosis(10.5, "slip", 2)).clearing == inf
     assert scored(one).clearing is None
-    assert scored(case("motor", MOTOR), said(10.5, "motor", 3)).clearing is None
+    assert scored(case("motor", MOTOR), diagnosis(10.5, "motor", 3)).clearing is None
 
 
 def test_ratios_are_of_excursions_that_are_large_enough_to_measure():
@@ -104,7 +106,7 @@ def test_ratios_are_of_excursions_that_are_large_enough_to_measure():
 
 def test_two_faults_are_right_only_together():
     both = case("two", MOTOR, dataclasses.replace(SLIP, end=None))
-    one, two = said(10.5, "motor", 3), said(10.6, "slip", 2)
+    one, two = diagnosis(10.5, "motor", 3), diagnosis(10.6, "slip", 2)
     assert scored(both, one, two).diagnosed == "two"
     assert scored(both, one).diagnosed == "motor 3" and not scored(both, one).isolated
     assert confusion([scored(both, one, two), scored(both, one)]) == {"two": {"motor 3": 1, "two": 1}}
@@ -112,12 +114,12 @@ def test_two_faults_are_right_only_together():
 
 def test_groups_take_cases_by_size_and_leave_out_what_was_never_in_use():
     weak = dataclasses.replace(MOTOR, numbers={"loss": 0.3})
-    right = said(10.5, "motor", 3)
+    right = diagnosis(10.5, "motor", 3)
     scores = [
         scored(case("motor", MOTOR), right),
         scored(case("motor", weak)),
         scored(case("motor", MOTOR), first=None),
-        scored(case("slip", SLIP), said(10.6, "slip", 2, cleared=14.1)),
+        scored(case("slip", SLIP), diagnosis(10.6, "slip", 2, cleared=14.1)),
         scored(EMPTY),
     ]
     goals = {group.name: group for group in summarize(scores).goals}

@@ -11,5 +11,5 @@ SHORT_RIG = TrialConfig("rig_constant_current", ("duration=0.1", "checks={}"), m
 SHORT_ROBOT = TrialConfig("nylon_patch", ("duration=0.7", "checks={}"), method="off")
 
 
-def order_of(out: Path, asked: TrialConfig = SHORT_RIG, trajectories: int = 2, **more) -> SensitivityConfig:
-    return SensitivityConfig(out, asked, trajectories, **more)
+def order_of(out: Path, config: TrialConfig = SHORT_RIG, trajectories: int = 2, **more) -> SensitivityConfig:
+    return SensitivityConfig(out, config, trajectories, **more)

@@ -154,7 +154,7 @@ def test_the_floor_grows_with_the_noise_and_falls_with_more_trajectories():
 
 
 @pytest.mark.parametrize(
-    ("mu_star", "low", "floor", "told"),
+    ("mu_star", "low", "floor", "expected"),
     [
         (2.0, 1.5, 1.0, RANKED),
         (2.0, 0.5, 1.0, UNSURE),
@@ -165,8 +165,8 @@ def test_the_floor_grows_with_the_noise_and_falls_with_more_trajectories():
         (0.3, 0.0, 0.0, UNSURE),
     ],
 )
-def test_a_parameter_is_described_by_its_rank_its_interval_and_the_floor(mu_star, low, floor, told):
-    assert classify_effect(EffectStatistics(mu_star, mu_star, low, 3.0, 0.1, 10), floor) == told
+def test_a_parameter_is_described_by_its_rank_its_interval_and_the_floor(mu_star, low, floor, expected):
+    assert classify_effect(EffectStatistics(mu_star, mu_star, low, 3.0, 0.1, 10), floor) == expected
 
 
 def study_of(name, effects, floor=0.0):

@@ -146,9 +146,9 @@ def test_the_truth_differs_in_what_was_changed_and_in_nothing_else(varied: Facto
     assert all(getattr(changed, name) is getattr(SCENARIO, name) for name in same)
 
 
-@pytest.mark.parametrize("asked", [SHORT_ROBOT, SHORT_RIG], ids=["robot", "rig"])
-def test_the_plant_gets_the_changed_numbers_and_the_controller_those_of_the_files(asked, monkeypatch):
-    asked = dataclasses.replace(asked, method="published")
+@pytest.mark.parametrize("config", [SHORT_ROBOT, SHORT_RIG], ids=["robot", "rig"])
+def test_the_plant_gets_the_changed_numbers_and_the_controller_those_of_the_files(config, monkeypatch):
+    config = dataclasses.replace(config, method="published")
     made_of, believed = [], []
     make_plant, make_method, make = run.make_plant, run.make_detector, run.make_diagnosing_controller
 
@@ -167,10 +167,10 @@ def test_the_plant_gets_the_changed_numbers_and_the_controller_those_of_the_file
     monkeypatch.setattr(run, "make_plant", watched_plant)
     monkeypatch.setattr(run, "make_detector", watched_method)
     monkeypatch.setattr(run, "make_diagnosing_controller", watched_controller)
-    scenario = nominal_scenario(asked)
+    scenario = nominal_scenario(config)
     found = find_factors(scenario)[0]
-    nominal, values = drive_with(asked, {}, 0), {one.name: one.high for one in found}
-    changed = drive_with(asked, values, 0)
+    nominal, values = drive_with(config, {}, 0), {one.name: one.high for one in found}
+    changed = drive_with(config, values, 0)
     assert "error" not in nominal and "error" not in changed
     assert nominal["results"] != changed["results"]
     assert [value_of(made_of[1], one.name) for one in found] == [one.high for one in found]
@@ -185,9 +185,9 @@ def test_a_change_in_the_model_file_raises_no_alarm_and_the_same_one_hidden_does
     model = tmp_path / "rig.toml"
     stronger = '[motor]\ntorque_constant = { value = 0.05, unit = "N.m/A", source = "measured" }\n'
     model.write_text(text + stronger, encoding="utf-8")
-    asked = TrialConfig("rig_constant_current", method="published")
-    known = drive_with(dataclasses.replace(asked, model=model), {}, 0)["results"]
-    unknown = drive_with(asked, {"motor.torque_constant": 0.05}, 0)["results"]
+    config = TrialConfig("rig_constant_current", method="published")
+    known = drive_with(dataclasses.replace(config, model=model), {}, 0)["results"]
+    unknown = drive_with(config, {"motor.torque_constant": 0.05}, 0)["results"]
     assert known["travel"] == unknown["travel"]  # one and the same plant, and nobody steers it
     assert known["false_alarms"] == 0.0 < unknown["false_alarms"]
 
@@ -195,19 +195,19 @@ def test_a_change_in_the_model_file_raises_no_alarm_and_the_same_one_hidden_does
 @pytest.mark.parametrize("name", ["nylon_patch", "rig_lateral"])
 @pytest.mark.parametrize("end", ["low", "high"])
 def test_the_twin_takes_all_of_them_at_either_end(name, end):
-    asked = TrialConfig(name, ("duration=0.02", "checks={}"), plant="twin", method="off")
-    found = find_factors(nominal_scenario(asked), ("chosen", "text", "datasheet"))[0]
-    assert "error" not in drive_with(asked, {one.name: getattr(one, end) for one in found}, 0)
+    config = TrialConfig(name, ("duration=0.02", "checks={}"), plant="twin", method="off")
+    found = find_factors(nominal_scenario(config), ("chosen", "text", "datasheet"))[0]
+    assert "error" not in drive_with(config, {one.name: getattr(one, end) for one in found}, 0)
 
 
 @pytest.mark.parametrize(
-    ("asked", "told"),
+    ("config", "expected"),
     [
         (TrialConfig("circle_8m_kinematic"), "is at the kinematic level"),
         (TrialConfig("nylon_patch", plant="udp:127.0.0.1:9"), "can be changed in a simulation only"),
         (TrialConfig("rig_slip", method="robust"), "the rig has one wheel"),
     ],
 )
-def test_what_cannot_be_varied_is_refused(asked, told):
-    with pytest.raises(ValueError, match=told):
-        nominal_scenario(asked)
+def test_what_cannot_be_varied_is_refused(config, expected):
+    with pytest.raises(ValueError, match=expected):
+        nominal_scenario(config)

@@ -47,13 +47,13 @@ def test_every_unit_but_a_count_has_a_smallest_measurable_change():
         assert set(result_units(read_scenario(name), "published").values()) - {""} <= set(RESOLUTION)
 
 
-@pytest.mark.parametrize(("delay", "told"), [(0.3, 0.3), (None, 0.7)])
-def test_an_undetected_fault_has_a_delay_to_the_end_of_the_run(delay, told):
+@pytest.mark.parametrize(("delay", "expected"), [(0.3, 0.3), (None, 0.7)])
+def test_an_undetected_fault_has_a_delay_to_the_end_of_the_run(delay, expected):
     run, _ = driven("degraded_motor", "duration=1.5")
     units = {"detection_delay": "s"}
     metrics = {**run.metrics, "detection_delay": delay}
     assert read_results(dataclasses.replace(run, metrics=metrics), units)["detection_delay"] == pytest.approx(
-        told
+        expected
     )
 
 

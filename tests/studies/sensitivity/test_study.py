@@ -124,11 +124,11 @@ def test_ctrl_c_keeps_what_was_driven_and_reports_it(tmp_path):
 def test_a_run_that_breaks_down_costs_its_own_effects_alone_and_is_tried_again(tmp_path, monkeypatch):
     drive, broken = trial.drive_with, []
 
-    def breaking(asked, values, seed):
+    def breaking(config, values, seed):
         if values and len(broken) < 1:
             broken.append(values)
             return {"error": "SimulationError: it flew away"}
-        return drive(asked, values, seed)
+        return drive(config, values, seed)
 
     monkeypatch.setattr("omnimj.studies.sensitivity.study.drive_with", breaking)
     outcome = run_sensitivity(order_of(tmp_path / "out"), quiet, InlineExecutor())
@@ -194,8 +194,8 @@ def travel(x):
 
 def test_the_rig_s_travel_at_constant_current_is_ranked_as_sobol_ranks_its_closed_form(tmp_path):
     settings = (f"duration={TIME}", f"current={CURRENT}", "checks={}")
-    asked = dataclasses.replace(SHORT_RIG, overrides=settings)
-    outcome = run_sensitivity(order_of(tmp_path / "out", asked, 3), quiet, InlineExecutor())
+    config = dataclasses.replace(SHORT_RIG, overrides=settings)
+    outcome = run_sensitivity(order_of(tmp_path / "out", config, 3), quiet, InlineExecutor())
     found = mu_star(outcome, "travel")
     dists = [uniform(RANGES[name].low, RANGES[name].high - RANGES[name].low) for name in ACTING]
     total = sobol_indices(func=travel, n=2**11, dists=dists, rng=np.random.default_rng(0)).total_order

@@ -99,7 +99,7 @@ def test_a_step_overshoots_as_much_as_the_exactly_sampled_loop_does(gains, measu
     control = dataclasses.replace(ROBOT.control, speed_proportional=gains[0], speed_integral=gains[1])
     found = overshoots(ROBOT, control, MEASURED)
     assert len(found) == 2 * len(FLOORS)
-    for where, told in found.items():
+    for where, overshoot in found.items():
         a, b = sampled_wheel(where.partition(",")[0], mobility_of(where))
         decay = math.exp(-H / ROBOT.sensors.speed_filter)
         x, last, seen, integral, speeds = np.zeros(5), 0.0, 0.0, 0.0, []
@@ -109,7 +109,7 @@ def test_a_step_overshoots_as_much_as_the_exactly_sampled_loop_does(gains, measu
             x = a @ x + b[:, 0] * (gains[0] * error + integral)
             integral += gains[1] * H * error
             speeds.append(x[1])
-        off = abs(max(speeds) - 1.0 - told)
+        off = abs(max(speeds) - 1.0 - overshoot)
         measured("overshoot of a step, closed form less sampled", off, 0.01)
         assert off < 0.01, where
 

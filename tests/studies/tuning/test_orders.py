@@ -23,18 +23,18 @@ def test_trials_of_another_robot_scenario_or_version_are_never_gone_on_with(orde
     model = tmp_path / "robot.toml"
     text = read_robot().file.read_text(encoding="utf-8")
     model.write_text(text, encoding="utf-8")
-    asked = dataclasses.replace(order, model=model)
-    before = asked.plan()
-    assert asked.plan() == before
+    changed = dataclasses.replace(order, model=model)
+    before = changed.plan()
+    assert changed.plan() == before
     heavier = re.sub(r"(?m)^mass = \{ value = [\d.]+", "mass = { value = 21.0", text)
     assert heavier != text
     model.write_text(heavier, encoding="utf-8")
-    assert asked.plan()["digests"] != before["digests"]
+    assert changed.plan()["digests"] != before["digests"]
     model.write_text(text, encoding="utf-8")
     scenario_file(tmp_path, duration=0.7)
-    assert asked.plan()["digests"] != before["digests"]
+    assert changed.plan()["digests"] != before["digests"]
     scenario_file(tmp_path)
-    assert asked.plan() == before
+    assert changed.plan() == before
 
 
 def test_another_folders_worker_reads_the_same_scenario(order, tmp_path, monkeypatch):

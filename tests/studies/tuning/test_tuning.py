@@ -240,10 +240,10 @@ def test_a_cell_of_the_landscape_is_the_lighter_the_smaller_its_cost(tuned):
         panel, _ = landscape_picture(found).panels
         cells = panel.plot.renderers[0].data_source.data
         scores = [score for row in found.scores for score in row]
-        told = [re.search(r": cost ([\d.]+|inf)(, breaks a limit)?$", name) for name in cells["name"]]
-        costs = np.array([float(one[1]) for one in told if one])
+        matches = [re.search(r": cost ([\d.]+|inf)(, breaks a limit)?$", name) for name in cells["name"]]
+        costs = np.array([float(one[1]) for one in matches if one])
         assert costs == pytest.approx([score.cost for score in scores], abs=5e-5)
-        assert [bool(one[2]) for one in told if one] == [score.violation > 0.0 for score in scores]
+        assert [bool(one[2]) for one in matches if one] == [score.violation > 0.0 for score in scores]
         green = np.array([int(color[3:5], 16) for color in cells["color"]])[np.isfinite(costs)]
         order = np.argsort([score.cost for score in scores if np.isfinite(score.cost)])
         assert np.all(np.diff(green[order]) <= 0)
@@ -273,12 +273,12 @@ def test_draws_depend_on_scenario_seed_and_number_alone_and_take_turns_in_what_b
 
 
 def test_scenarios_that_cannot_be_tuned_with_are_refused(tmp_path):
-    for text, told in (
+    for text, expected in (
         ("rig_slip", "cannot be tuned with"),
         ("circle_8m_kinematic", "cannot be tuned with"),
         ("ramp", "cannot be tuned with"),
     ):
-        with pytest.raises(InputError, match=told):
+        with pytest.raises(InputError, match=expected):
             read_tuned_scenarios((text,), None)
     folder = tmp_path / "again"
     folder.mkdir()

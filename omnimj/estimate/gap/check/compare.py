@@ -157,10 +157,15 @@ class Onsets:
 
 
 def onsets(runs: Sequence[Run], names: Sequence[str], speeds: Sequence[str]) -> Onsets:
-    """First motion of the first of `names` (the current) and of the channels that follow it.
+    """Find the first motion of the current and of the channels that follow it, in every run.
 
     A channel begins where it first reaches 0.3 of its mean size between 30 and 90 ms later, an acceleration
     0.5 of it.
+
+    Args:
+      runs: The runs; one without all of the channels or a clear step of the current from rest is left out.
+      names: The current, then the channels that follow it.
+      speeds: Names of the channels that are speeds; the machine is at rest while all of them are near zero.
     """
     rows = [_of_run(run, names, speeds) for run in runs]
     table = np.array([row for row in rows if row is not None]).reshape(-1, len(names))

@@ -57,7 +57,14 @@ _FIRST_MOTION = 5.0  # travel, in plays, over which the initial side of the play
 
 @kernel
 def value_at(values, place, first, last):
-    """Interpolate linearly between samples first … last − 1; constant beyond them."""
+    """Interpolate linearly between samples first … last − 1; constant beyond them.
+
+    Args:
+      values: Samples of a channel, shape (samples,).
+      place: Place, counted like the samples.
+      first: First sample of the window.
+      last: Sample after the end of the window; it has at least two.
+    """
     place = min(max(place, float(first)), float(last - 1))
     below = min(int(place), last - 2)
     share = place - below

@@ -81,7 +81,7 @@ def test_a_reading_beyond_the_range_of_its_sensor_is_clipped():
 def test_a_step_leaves_the_state_before_it_as_it_was():
     method = RobustDetector(ROBOT)
     rng = np.random.default_rng(4)
-    rows = [said(1e-3 * k, rng.normal(size=11)) for k in range(3 * BLOCK)]
+    rows = [measurement(1e-3 * k, rng.normal(size=11)) for k in range(3 * BLOCK)]
     state = method.start(rows[0])
     for measured in rows:
         before = [array.tobytes() for array in arrays_of(state)]
@@ -90,7 +90,7 @@ def test_a_step_leaves_the_state_before_it_as_it_was():
         state = after
 
 
-def said(time, noise):
+def measurement(time, noise):
     return Measurement(time, noise[:4], 5.0 + noise[4:8], noise[8:10], 0.1 * noise[10], 0.0)
 
 

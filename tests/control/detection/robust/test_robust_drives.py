@@ -68,8 +68,8 @@ def test_with_half_the_sample_rate_a_weak_motor_is_named_as_soon(wheel, tmp_path
     model = write_slow(tmp_path / "robot.toml", 500.0)
     scenario = read_scenario("degraded_motor", (f"faults.0.wheel={wheel}",), model)
     assert scenario.period == 2e-3
-    told = run_scenario(scenario, "planar", "robust").metrics
-    assert told["isolated"] and told["false_alarms"] == 0 and told["detection_delay"] < 0.12
+    metrics = run_scenario(scenario, "planar", "robust").metrics
+    assert metrics["isolated"] and metrics["false_alarms"] == 0 and metrics["detection_delay"] < 0.12
 
 
 @pytest.mark.parametrize("loss", [0.3, 0.57, 0.8])

@@ -26,7 +26,7 @@ def test_five_thresholds_are_read_and_the_others_are_as_shipped(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("content", "told"),
+    ("content", "expected"),
     [
         (text(motor=-1.0), "t.toml: thresholds.motor: found -1.0; must be above 0"),
         (text(motor="inf"), "thresholds.motor: found inf"),
@@ -40,8 +40,8 @@ def test_five_thresholds_are_read_and_the_others_are_as_shipped(tmp_path):
         (text().replace("nats", "N", 1), "thresholds.motor.unit: found 'N'; the unit is 'nats'"),
     ],
 )
-def test_a_wrong_file_is_refused_in_one_line(tmp_path, content, told):
+def test_a_wrong_file_is_refused_in_one_line(tmp_path, content, expected):
     (tmp_path / "t.toml").write_text(content)
-    with pytest.raises(InputError, match=told) as caught:
+    with pytest.raises(InputError, match=expected) as caught:
         read_thresholds(tmp_path / "t.toml")
     assert "\n" not in str(caught.value)

@@ -28,8 +28,8 @@ def hours_of_slips(count):
 
 def test_verdicts_are_listed_in_the_order_in_which_they_were_decided():
     verdict, before, _ = hours_of_slips(100)
-    told = all_diagnoses(verdict, before)
-    assert told[0] is WEAK and [d.time for d in told[1:]] == [float(k) for k in range(1, 101)]
+    diagnoses = all_diagnoses(verdict, before)
+    assert diagnoses[0] is WEAK and [d.time for d in diagnoses[1:]] == [float(k) for k in range(1, 101)]
 
 
 def test_the_history_for_decisions_keeps_recent_verdicts_only():
@@ -42,8 +42,8 @@ def test_the_history_for_decisions_keeps_recent_verdicts_only():
 def test_of_very_many_verdicts_the_oldest_are_dropped_and_standing_ones_never():
     verdict, before, _ = hours_of_slips(HISTORY_LENGTH + 200)
     assert len(before) == HISTORY_LENGTH
-    told = all_diagnoses(verdict, before)
-    assert told[0] is WEAK and told[1].time > 100.0 and told[-1].time == HISTORY_LENGTH + 200
+    diagnoses = all_diagnoses(verdict, before)
+    assert diagnoses[0] is WEAK and diagnoses[1].time > 100.0 and diagnoses[-1].time == HISTORY_LENGTH + 200
 
 
 def test_nothing_changes_while_nothing_is_old():
