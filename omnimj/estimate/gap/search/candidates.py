@@ -29,6 +29,7 @@ CLEAR = 3.0
 _LEADERS = 4  # candidates of a round whose fits are completed
 _OUT_OF_REACH = 10.0  # multiple of the smallest held-out loss beyond which a fit is not worth completing
 _MOST_JACOBIANS, _CONVERGED = 4, 0.02  # of a completed fit, which falls by less than this share in the end
+_SCANNED = 24  # values of a shape parameter that are compared after its fit
 _EDGE = 0.01  # share of a parameter's range that counts as its bound
 
 
@@ -144,8 +145,31 @@ def _completed(
         done = better
         if has_converged:
             break
-    start = _better_start(problem, done, current, split)
-    return done if start is None else fit_candidate(problem, screened, current, before, split, start)
+    for start in (_better_start(problem, done, current, split), _better_shape(problem, done, split)):
+        if start is not None:
+            done = fit_candidate(problem, screened, current, before, split, start)
+    return done
+
+
+def _better_shape(problem: Problem, done: FittedCandidate, split: TrainingSplit) -> Fit | None:
+    """Better fit from other values of each shape parameter in turn, None if there is none.
+
+    The loss over the edge of a stretch has steps and plateaus, on which a gradient leads nowhere.
+    """
+    candidate, best = done.candidate, done.fit.x.copy()
+    first = len(best) - len(candidate.parameters)
+    shapes = [(first + k, s) for k, s in enumerate(candidate.parameters) if s.null_value is None]
+    for place, shape in shapes:
+        low, high = min([*shape.trials, best[place]]), max([*shape.trials, best[place]])
+        values = np.append(np.linspace(low, high, _SCANNED), best[place])
+        points = [np.r_[best[:place], value, best[place + 1 :]] for value in values]
+        residuals = problem.residuals(points, done.fit.effects)
+        losses = [float(problem.losses(residual)[split.used].sum()) for residual in residuals]
+        best = points[int(np.argmin(losses))]
+    if np.array_equal(best, done.fit.x):
+        return None
+    fitted = fit(problem, done.fit.effects, best, split.used, 1)
+    return fitted if fitted.loss < (1.0 - _CONVERGED) * done.fit.loss else None
 
 
 def _better_start(problem: Problem, done: FittedCandidate, current: Fit, split: TrainingSplit) -> Fit | None:

@@ -22,6 +22,7 @@ from omnimj.signals import Array
 
 TRIAL_STEP = 0.25
 """Trial step as a share of the typical size: beyond dead zones, small enough for a derivative."""
+_NEED_FULL_STEP = frozenset({"floor_patch"})  # a slippery stretch shows only where the wheel loses its grip
 _DECOYS = 100
 _REACH = 1.5  # correlation length of a random curve, in knots
 
@@ -53,11 +54,12 @@ def vanished_point(
 ) -> tuple[Array, list[tuple[int, float]]]:
     """Parameters of an effect with zero amplitudes in one shape, and trial steps (index, change) of these."""
     at = np.array([shape.get(k, s.null_value or 0.0) for k, s in enumerate(candidate.parameters)])
+    share = 1.0 if candidate.effect in _NEED_FULL_STEP else TRIAL_STEP
     steps = []
     for k, s in enumerate(candidate.parameters):
         if s.null_value is None:
             continue
-        step = TRIAL_STEP * (s.typical - s.null_value)
+        step = share * (s.typical - s.null_value)
         if not s.low <= s.null_value + step <= s.high:
             step = -step
         steps.append((k, step))

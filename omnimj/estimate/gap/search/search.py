@@ -33,7 +33,7 @@ MOST_EFFECTS = 4
 _WEAK = 0.10  # held-out gain of the best effect alone up to which pairs and triples are tried as well
 _MOST_REFITS = 3
 _STILL, _CONVERGED = 0.2, 0.1  # change by a new twin that ends the refits: in noise, and of the mismatch
-_MOST_TRIES = 4  # additions of one round that may fail
+_MOST_TRIES = 2  # additions of one round that may fail
 
 
 @dataclass(frozen=True)
