@@ -60,6 +60,15 @@ class SelectedEffect:
     """Training mismatch of the model without it, in units of noise."""
 
     @property
+    def is_needless(self) -> bool:
+        """True for a machine's effect without which nothing but noise is left.
+
+        What remains of the difference between machine and equations looks like such an effect, but not like
+        one of a sensor.
+        """
+        return not self.candidate.is_sensor and self.without <= NOISE_LEVEL
+
+    @property
     def is_supported(self) -> bool:
         """True if its gain exceeds the margin and nearly all random curves."""
         return exceeds_margin(self.gain) and (self.p_false is None or self.p_false <= MAX_FALSE_RATE)
@@ -218,7 +227,7 @@ def _least_supported(problem: Problem, model: Fit, named: Sequence[SelectedEffec
             return GivenUp(one.candidate.label, one.gain, f"its {names} runs to the bound of its range")
     weak = [n for n in named if not n.is_supported]
     if not weak:
-        needless = [n for n in named if n.without <= NOISE_LEVEL] if len(named) > 1 else []
+        needless = [n for n in named if n.is_needless] if len(named) > 1 else []
         worst = min(needless, key=lambda n: n.gain.value, default=None)
         reason = "the other effects leave nothing but noise"
         return None if worst is None else GivenUp(worst.candidate.label, worst.gain, reason)

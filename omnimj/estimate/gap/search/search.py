@@ -210,9 +210,6 @@ class _Growing:
     def run(self) -> None:
         """Run rounds until one of them leaves the model as it was."""
         while not self.ended:
-            if self.state.named and self._mismatch() <= NOISE_LEVEL:
-                self.ended = "what is left is noise, and no further effect was sought"
-                break
             found = self._next_round()
             if len(self.state.named) == MOST_EFFECTS:
                 self.ended = f"the model has {MOST_EFFECTS} effects, the largest number"
@@ -238,10 +235,19 @@ class _Growing:
             failed.append(added)
             self.state = kept
         end = "no further effect in the library gains enough to be named"
-        if is_sure:
+        if self._leaves_noise():
+            end = "what is left is noise, beside which only effects of the sensors were sought"
+        elif is_sure:
             end = "every further effect that gains was tried and did not hold"
         self.outcomes.append(f"{_list_tries(failed)} did not hold" if failed else end)
         return end
+
+    def _leaves_noise(self) -> bool:
+        """True if the named effects leave a mismatch that the equations themselves may have.
+
+        The machine's effects are not sought there: they would stand in for the equations' own errors.
+        """
+        return bool(self.state.named) and self._mismatch() <= NOISE_LEVEL
 
     def _mismatch(self) -> float:
         return training_rms(self.state.problem, self.state.final, self._split)
@@ -255,6 +261,8 @@ class _Growing:
     def _next_round(self) -> SelectionRound:
         state, taken = self.state, {n.candidate.label for n in self.state.named}
         left = [c for c in state.problem.replay.candidates if c.label not in taken]
+        if self._leaves_noise():
+            left = [c for c in left if c.is_sensor]
         self.rounds.append(select_round(state.problem, state.final, left, self._split, self._report))
         return self.rounds[-1]
 
