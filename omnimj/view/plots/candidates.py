@@ -21,6 +21,8 @@ _VERDICT_STYLES = {  # verdict → colour, marker, filled or not
     "beaten": (BEATEN, "square", True),
     "below the margin": (BEATEN, "circle", False),
 }
+LEAST_GAIN = -0.25
+"""Gain at which the mark of a smaller one stays, so that the others keep their width; hovering gives it."""
 
 
 def candidate_gains(stage: Stage) -> Drawing:
@@ -47,11 +49,11 @@ def _intervals(
     names: list[str] = []
     for height, gain in zip(heights, gains, strict=True):
         low, high = (gain.value if end is None else end for end in (gain.low, gain.high))
-        ends = 100.0 * np.array([low, high])
+        ends = 100.0 * np.maximum([low, high], LEAST_GAIN)
         panel.line(ends, np.full(2, float(height)), color, label, width=2.4, alpha=0.75)
         interval = "" if low == high else f", {format_percent(low)} to {format_percent(high)}"
         names.append(format_percent(gain.value) + interval)
-    values = [100.0 * gain.value for gain in gains]
+    values = [100.0 * max(gain.value, LEAST_GAIN) for gain in gains]
     markers = panel.points(values, heights, color, label, marker, 9, names=names).glyph
     markers.update(fill_color=color if is_filled else "white")
 

@@ -203,7 +203,9 @@ def _round_caption(finding: Finding, k: int) -> str:
     out = sum(c.gain is None for c in stage.candidates)
     screened = f" Screening excluded {out} more." if out else ""
     end = sentences.as_sentence(stage.outcome)
-    return f"Share of the held-out mismatch that each explains, with 90 % intervals. {end}{screened}"
+    is_cut = any(c.gain is not None and c.gain.value < candidate_plots.LEAST_GAIN for c in stage.candidates)
+    cut = f" A mark at {format_percent(candidate_plots.LEAST_GAIN)} stands for less." if is_cut else ""
+    return f"Share of the held-out mismatch that each explains, with 90 % intervals.{cut} {end}{screened}"
 
 
 def _leader(stage: Stage) -> CandidateResult | None:
