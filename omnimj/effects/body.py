@@ -110,5 +110,6 @@ EFFECTS = (
             EffectParameter("end", "m", -20.0, 20.0, 0.6, None),
         ),
         hooks=(_floor_patch,),
+        has_threshold=True,
     ),
 )

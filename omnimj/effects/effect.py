@@ -90,6 +90,10 @@ class Effect:
     selectors: tuple[Selector, ...] = ()
     hooks: tuple[Hook, ...] = ()
     """Functions that add the effect to a machine."""
+    turns_with_wheel: bool = False
+    """True if the effect repeats with the angle of wheel or motor, whose phase a simulation loses."""
+    has_threshold: bool = False
+    """True if a small amplitude changes nothing: grip is missing only where more of it is needed."""
 
     @property
     def amplitudes(self) -> tuple[EffectParameter, ...]:

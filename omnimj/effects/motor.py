@@ -55,6 +55,7 @@ EFFECTS = (
             EffectParameter("poles", "1", 1.0, 48.0, 2.0, None),
         ),
         hooks=(_motor_cogging,),
+        turns_with_wheel=True,
     ),
     Effect(
         "supply_sag",

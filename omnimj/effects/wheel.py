@@ -82,6 +82,7 @@ EFFECTS = (
         (RIG, ROBOT),
         (EffectParameter("amplitude", "N", -20.0, 20.0, 2.0),),
         hooks=(_roller_ripple,),
+        turns_with_wheel=True,
     ),
     Effect(*_RADIUS, (RIG,), _SCALE, hooks=(_wheel_radius,)),
     Effect(*_RADIUS, (ROBOT,), _SCALE, (WHEEL,), (_wheel_radius,)),

@@ -282,15 +282,7 @@ def drive_rig_stepwise(
 ) -> Trace:
     """Drive a rig as `drive_rig` does, any plant with any detector, with a call of both in every period.
 
-    Args:
-      plant: Reset by this call; the caller closes it.
-      current: Set value per control period, shape (k,) [A].
-      callbacks: Callbacks for progress and live view.
-      about: Description of the run.
-      detector: Fault detector that diagnoses the run without acting on it.
-
-    Returns:
-      As for `drive_rig`.
+    Arguments and result are those of `drive_rig`; current of shape (k,) [A].
     """
     measurement = plant.reset()
     policy = _ReplayCurrents(current, detector, measurement)

@@ -7,7 +7,9 @@ GLOSSARY: tuple[tuple[str, str], ...] = (
     (
         "noise",
         "Standard deviation of one block mean, from repeats of a run, neighbouring blocks and the known "
-        "error of the equations. Channels are compared in multiples of their noise.",
+        "error of the equations. Channels are compared in multiples of their noise. What remains leaves "
+        "out the offset of a run that the model file allows its sensor; tables and plots of single channels "
+        "show it.",
     ),
     ("refitted", "An uncertain value of the model file, fitted inside its stated range before any effect."),
     ("effect", "A change of the machine or of a sensor that the model lacks and the library describes."),

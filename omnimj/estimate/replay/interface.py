@@ -89,6 +89,10 @@ class CandidateEffect:
     selectors: Mapping[str, str | int] = field(default_factory=dict)
     is_sensor: bool = False
     """True for an effect of the measurement, as opposed to the machine."""
+    turns_with_wheel: bool = False
+    """True if the replay gives it the phase of the measured angle, from which that of a twin departs."""
+    has_threshold: bool = False
+    """True if a small amplitude changes nothing."""
 
 
 @dataclass(frozen=True)
@@ -111,10 +115,6 @@ class Experiment:
     words: str
     run: Mapping[str, Any]
     """Settings of the run: current, mass, floor, …"""
-
-
-ROTATION_LOCKED = frozenset({"roller_ripple", "motor_cogging"})
-"""Effects with the phase of the measured wheel angle, from which the angle of a simulated twin departs."""
 
 
 class Replay(Protocol):
@@ -188,7 +188,14 @@ def _candidate(
 ) -> CandidateEffect:
     shapes = tuple(_parameter(p, spans) for p in effect.parameters)
     return CandidateEffect(
-        label, effect.name, effect.words, shapes, selectors, is_sensor=effect.where == "sensors"
+        label,
+        effect.name,
+        effect.words,
+        shapes,
+        selectors,
+        effect.where == "sensors",
+        effect.turns_with_wheel,
+        effect.has_threshold,
     )
 
 

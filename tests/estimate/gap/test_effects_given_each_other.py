@@ -78,6 +78,27 @@ def test_two_effects_that_mask_each_other_are_found_together():
     assert sorted(found.final.x[-2:]) == pytest.approx([-1.0, 1.0], abs=0.1)
 
 
+def test_candidates_that_change_nothing_do_not_stop_the_look_ahead():
+    """`silent` has no influence at all, so that its part of the normal equations is zero."""
+
+    class Silent(Masked):
+        def __init__(self, truth):
+            super().__init__(truth)
+            one, *_ = self.candidates
+            silent = [dataclasses.replace(one, label=name, effect=name) for name in ("silent_a", "silent_b")]
+            self.candidates = (*self.candidates, *silent)
+
+        def simulate(self, settings):
+            heard = [
+                dataclasses.replace(s, effects={k: v for k, v in s.effects.items() if "silent" not in k})
+                for s in settings
+            ]
+            return super().simulate(heard)
+
+    found = search(Silent({"drift_a": np.array([1.0]), "drift_b": np.array([-1.0])}), (), 0, quiet)
+    assert {n.candidate.label for n in found.named} == {"drift_a", "drift_b"}
+
+
 def test_three_effects_that_mask_each_other_are_found_together():
     hidden = {"drift_d": np.array([1.0]), "drift_e": np.array([1.0]), "drift_f": np.array([1.0])}
     found = search(Masked(hidden), (), 0, quiet)

@@ -21,8 +21,8 @@ from omnimj.estimate.replay.problem import Fit, Problem, huber_weights
 from omnimj.signals import Array
 
 TRIAL_STEP = 0.25
-"""Trial step as a share of the typical size: beyond dead zones, small enough for a derivative."""
-_NEED_FULL_STEP = frozenset({"floor_patch"})  # a slippery stretch shows only where the wheel loses its grip
+"""Trial step as a share of the typical size: beyond dead zones, small enough for a derivative. An effect with
+a threshold is tried at its full size."""
 _DECOYS = 100
 _REACH = 1.5  # correlation length of a random curve, in knots
 
@@ -54,7 +54,7 @@ def vanished_point(
 ) -> tuple[Array, list[tuple[int, float]]]:
     """Parameters of an effect with zero amplitudes in one shape, and trial steps (index, change) of these."""
     at = np.array([shape.get(k, s.null_value or 0.0) for k, s in enumerate(candidate.parameters)])
-    share = 1.0 if candidate.effect in _NEED_FULL_STEP else TRIAL_STEP
+    share = 1.0 if candidate.has_threshold else TRIAL_STEP
     steps = []
     for k, s in enumerate(candidate.parameters):
         if s.null_value is None:

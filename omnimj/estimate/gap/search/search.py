@@ -24,7 +24,7 @@ from omnimj.estimate.gap.search.screening import CurveGains
 from omnimj.estimate.gap.search.selection import Progress, SelectionRound, select_round
 from omnimj.estimate.gap.search.subsets import best_subset
 from omnimj.estimate.intervals import block_noise
-from omnimj.estimate.replay.interface import ROTATION_LOCKED, Replay
+from omnimj.estimate.replay.interface import Replay
 from omnimj.estimate.replay.problem import Fit, ModelEffects, Problem, fit, reevaluate
 from omnimj.signals import Array
 
@@ -84,7 +84,7 @@ def with_twin_correction(problem: Problem, x: Array, effects: ModelEffects) -> P
       effects: Effects in the model.
     """
     setting, _ = problem.split(x, effects)
-    locked = {c.label for c in effects if c.effect in ROTATION_LOCKED}
+    locked = {c.label for c in effects if c.turns_with_wheel}
     setting = replace(setting, effects={k: v for k, v in setting.effects.items() if k not in locked})
     twin = problem.replay.simulate_twin(setting)
     if twin is None:
@@ -283,10 +283,10 @@ class _Growing:
 
     def _subsets(self, found: SelectionRound) -> list[tuple[Interval, Fit]]:
         """The best pair or triple, if it gains and anything but noise is left."""
-        if self._mismatch() <= NOISE_LEVEL:
+        room = MOST_EFFECTS - len(self.state.named)
+        if room < 2 or self._mismatch() <= NOISE_LEVEL:
             return []
         self._report("trying pairs and triples of effects", 1.0)
-        room = MOST_EFFECTS - len(self.state.named)
         best = best_subset(self.state.problem, self.state.final, found.screened, self._split, room)
         return [(best.gain, best.fit)] if best is not None and exceeds_margin(best.gain) else []
 

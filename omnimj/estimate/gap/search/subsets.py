@@ -64,7 +64,7 @@ def best_subset(
     current: Fit,
     screened: Sequence[ScreenedCandidate],
     split: TrainingSplit,
-    room: int = 3,
+    room: int,
 ) -> FittedSubset | None:
     """Pair or triple of candidates with the smallest held-out loss; None with fewer than two candidates.
 
@@ -117,7 +117,8 @@ def _best_combinations(
     for combination in itertools.combinations(columns, size):
         own = np.concatenate([np.r_[one.place] for one in combination]) - own_parameters
         gram = projected[np.ix_(own, own)]
-        gram = gram + 1e-9 * gram.diagonal().max() * np.eye(len(own))
+        # also regular where candidates change nothing or the same
+        gram = gram + 1e-9 * max(float(gram.diagonal().max()), 1e-30) * np.eye(len(own))
         slope = projected[own, -1]
         shares.append((float(slope @ np.linalg.solve(gram, slope)), combination))
     shares.sort(key=lambda entry: -entry[0])
