@@ -6,7 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from omnimj.effects.effect import AppliedEffects
+from omnimj.effects.machine import apply_effects
 from omnimj.parameters import Robot
+from omnimj.physics.effect_terms import TERM
 from omnimj.physics.kinematics import rolling_matrix
 from omnimj.signals import Array
 
@@ -15,6 +18,8 @@ GRAVITY = 9.81
 CREEP_SLOPE = 2.5
 """Traction per normal force and creep, σ: nearly the same on every floor that was measured [s/m]."""
 
+_FRICTION = ("axle_dry", "axle_viscous", "gear_load")
+
 
 class RobotConstants(NamedTuple):
     """Nominal constants of a robot with n wheels, as the controller assumes them."""
@@ -22,21 +27,23 @@ class RobotConstants(NamedTuple):
     mass: float
     """[kg]"""
     yaw_inertia: float
-    """[kg.m²]"""
-    radius: float
-    """Rolling radius r of a wheel [m]."""
-    inertia: float
-    """Inertia at the wheel over its radius, I_eff/r [kg.m]."""
+    """About the body's origin [kg.m²]."""
+    centre: Array
+    """Centre of mass in the body frame, shape (2,) [m]."""
+    radius: Array
+    """Rolling radius r of each wheel, shape (n,) [m]."""
+    inertia: Array
+    """Inertia at each wheel over its radius, I_eff/r, shape (n,) [kg.m]."""
     load: float
-    """Normal force of one wheel at rest, F_N [N]."""
-    torque: float
-    """Traction per ampere, K_t E G_r/r [N/A]."""
-    dry: float
-    """Traction lost to the no-load torque and to the bearings' dry friction [N]."""
-    viscous: float
-    """Traction lost per wheel speed [N.s]."""
-    efficiency: float
-    """Gear efficiency E [1]."""
+    """Mean normal force of a wheel at rest, F_N [N]."""
+    torque: Array
+    """Traction per ampere of each motor, K_t E G_r/r, shape (n,) [N/A]."""
+    dry: Array
+    """Traction that each wheel loses to the no-load torque and to the bearings' dry friction, (n,) [N]."""
+    viscous: Array
+    """Traction that each wheel loses per wheel speed, shape (n,) [N.s]."""
+    driven: Array
+    """Factor on the traction of a wheel that is driven by the floor, 1/(E E_b), shape (n,) [1]."""
     roller_dry: float
     """Dry friction of the rollers over the normal force [1]."""
     roller_viscous: float
@@ -48,24 +55,41 @@ class RobotConstants(NamedTuple):
 
 
 def robot_constants(robot: Robot) -> RobotConstants:
-    """Constants of a robot from its parameters."""
-    n, radius, positions = len(robot.wheels), robot.wheel.radius, robot.wheel_positions
-    load = robot.body.mass * GRAVITY / n
+    """Constants of a robot from its parameters and the effects of its model file.
+
+    Of the effects, those that a force balance contains enter: torque constants, radii, friction of gears,
+    bearings and rollers, twisted axles, payload.
+    """
+    effects = apply_effects(robot)
+    robot, n = effects.machine, len(robot.wheels)
+    extra, x, y = effects.payload
+    mass, positions = robot.body.mass + extra, robot.wheel_positions
+    load, radius = mass * GRAVITY / n, robot.wheel.radius * effects.radius_scale
+    axle_dry, axle_viscous, lost = (effects.terms[:, TERM[name]] for name in _FRICTION)
     through = robot.motor.gear_efficiency * robot.motor.gear_ratio / radius
     a, b = robot.bearing.spacing, robot.bearing.overhang
-    bearing = robot.bearing.dry * 0.5 * robot.bearing.pitch_diameter * load * (a + 2.0 * b) / a / radius
+    bearing = robot.bearing.dry * 0.5 * robot.bearing.pitch_diameter * load * (a + 2.0 * b) / a
+    driving = through * (1.0 - lost)
     return RobotConstants(
-        mass=float(robot.body.mass),
-        yaw_inertia=float(robot.body.yaw_inertia),
-        radius=float(radius),
-        inertia=float((robot.wheel.inertia + robot.motor.reflected_inertia) / radius),
+        mass=float(mass),
+        yaw_inertia=float(robot.body.yaw_inertia + extra * (x * x + y * y)),
+        centre=extra / mass * np.array([x, y]),
+        radius=radius,
+        inertia=(robot.wheel.inertia + robot.motor.reflected_inertia) / radius,
         load=float(load),
-        torque=float(robot.motor.torque_constant * through),
-        dry=float(robot.motor.no_load_torque * through + bearing),
-        viscous=float(robot.motor.viscous * robot.motor.gear_ratio * through),
-        efficiency=float(robot.motor.gear_efficiency),
+        torque=robot.motor.torque_constant * effects.torque_scale * driving,
+        dry=robot.motor.no_load_torque * driving + (bearing + axle_dry) / radius,
+        viscous=robot.motor.viscous * robot.motor.gear_ratio * driving + axle_viscous / radius,
+        driven=robot.motor.driven_gain / robot.motor.gear_efficiency * (1.0 + lost) / (1.0 - lost),
         roller_dry=float(robot.wheel.roller_dry),
         roller_viscous=float(robot.wheel.roller_viscous),
-        forces=np.ascontiguousarray(rolling_matrix(positions, robot.rolling_directions).T),
-        across=np.ascontiguousarray(rolling_matrix(positions, robot.side_directions)),
+        forces=np.ascontiguousarray(_turned(positions, robot.rolling_directions, effects).T),
+        across=np.ascontiguousarray(_turned(positions, robot.side_directions, effects)),
     )
+
+
+def _turned(positions: Array, directions: Array, effects: AppliedEffects) -> Array:
+    """Rolling matrix of wheels whose axles are turned by their misalignment, shape (n, 3)."""
+    cos, sin = np.cos(effects.misalignment), np.sin(effects.misalignment)
+    x, y = directions.T
+    return rolling_matrix(positions, np.column_stack([cos * x - sin * y, sin * x + cos * y]))

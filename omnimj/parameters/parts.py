@@ -83,9 +83,17 @@ class Motor:
     gear_ratio: float = positive("1")
     """Gear ratio G_r."""
     gear_efficiency: float = positive("1", high=1.0)
-    """Gear efficiency E; it inverts when the wheel drives the motor."""
+    """Gear efficiency E while the motor drives the wheel: wheel torque E G_r T of a shaft torque T."""
     current_loop: float = positive("s")
     """Time constant of the amplifier's current loop."""
+    back_driving_efficiency: float = quantity("1", 0.0, 2.0, default=0.0)
+    """Efficiency E_b while the wheel drives the motor: wheel torque G_r T/E_b; 0: that of `gear_efficiency`.
+    A gear whose torque is E G_r T in both directions has E_b = 1/E."""
+
+    @property
+    def driven_gain(self) -> float:
+        """Wheel torque over G_r T while the wheel drives the motor, 1/E_b."""
+        return 1.0 / (self.back_driving_efficiency or self.gear_efficiency)
 
     @property
     def reflected_inertia(self) -> float:

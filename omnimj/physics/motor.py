@@ -37,6 +37,8 @@ class MotorParameters(NamedTuple):
     """G_r."""
     gear_efficiency: float
     """E."""
+    driven_gain: float
+    """Wheel torque over G_r T while the wheel drives the motor, 1/E_b."""
     current_loop: float
     """Time constant of the amplifier's current loop [s]."""
     torque_scale: float = 1.0
@@ -73,6 +75,7 @@ def motor_parameters(motor: Motor) -> MotorParameters:
         motor.current_limit,
         motor.gear_ratio,
         motor.gear_efficiency,
+        motor.driven_gain,
         motor.current_loop,
     )
 
@@ -165,19 +168,18 @@ def winding_current(motor, current, wheel_speed):
 
 @kernel
 def _through_gear(motor, shaft_torque, direction):
-    """Torque at the wheel for a shaft torque: times E when the motor drives, over E when it is driven."""
-    efficiency = motor.gear_efficiency
-    if shaft_torque * direction < 0.0:
-        efficiency = 1.0 / efficiency
-    return shaft_torque * motor.gear_ratio * efficiency
+    """Torque at the wheel for a shaft torque: times E when the motor drives, over E_b when it is driven."""
+    driven = shaft_torque * direction < 0.0
+    return shaft_torque * motor.gear_ratio * (motor.driven_gain if driven else motor.gear_efficiency)
 
 
 @kernel
 def drive_torque_bounds(motor, current, wheel_speed):
     """Torque at a wheel that turns forward and at one that turns backward [N.m].
 
-    T = (K_t i − T_nl sign(ω) − b ω) G_r E^(±1), friction of the brake included. At rest any torque between
-    the two is possible (stiction). The first is never above the second.
+    T = (K_t i − T_nl sign(ω) − b ω) G_r E, or G_r/E_b in place of G_r E where the wheel drives the motor;
+    friction of the brake included. At rest any torque between the two is possible (stiction). The first is
+    never above the second.
 
     Args:
       motor: `MotorParameters`.

@@ -61,7 +61,7 @@ def pivot_yaw_rate(robot, pivot, wheel_speed, velocity_x, velocity_y):
     """
     if math.hypot(velocity_x, velocity_y) < _STANDING:
         return 0.0
-    way = min(max(robot.radius * wheel_speed, -_GIVES_WAY), _GIVES_WAY)
+    way = min(max(robot.radius[pivot] * wheel_speed, -_GIVES_WAY), _GIVES_WAY)
     along = robot.forces[0, pivot] * velocity_x + robot.forces[1, pivot] * velocity_y
     return (way - along) / robot.forces[2, pivot]
 
@@ -85,7 +85,7 @@ def slip_bounds(robot, velocity, yaw_rate, slipping, cap):
         if slipping[i]:
             floor = robot.forces[0, i] * velocity[0] + robot.forces[1, i] * velocity[1]
             floor += robot.forces[2, i] * yaw_rate
-            lowest[i], highest[i] = (floor - cap) / robot.radius, (floor + cap) / robot.radius
+            lowest[i], highest[i] = (floor - cap) / robot.radius[i], (floor + cap) / robot.radius[i]
     return lowest, highest
 
 

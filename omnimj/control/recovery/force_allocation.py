@@ -149,5 +149,5 @@ def creep_offsets(robot, arm, motion, available, pivot, most, traction):
     for i in range(available.size):
         if available[i] and i != pivot:
             ratio = math.hypot(robot.forces[0, i], robot.forces[1, i])  # 1/sin γ of its rollers
-            offset[i] = ratio * steady_creep(robot.load, ratio * share[i]) / robot.radius
+            offset[i] = ratio * steady_creep(robot.load, ratio * share[i]) / robot.radius[i]
     return offset

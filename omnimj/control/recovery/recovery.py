@@ -97,7 +97,7 @@ class Recovery:
         self.constants = RecoveryParameters(
             period=1.0 / robot.sensors.sample_rate if period is None else period,
             arm=float(np.abs(constants.forces[2]).max()),
-            strongest=float(constants.torque * limit),
+            strongest=float(constants.torque.min() * limit),
             holds_heading=holds_heading,
             dithers=dithers,
             place_proportional=gains.place_proportional,

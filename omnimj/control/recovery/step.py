@@ -281,7 +281,7 @@ def _change_demand(p, x, mode, now):
 @inlined
 def _reconfigure(p, x, mode, estimate, now):
     """Scaled currents, creep of the shares f* and bounds of slipping wheels; note the change of speed."""
-    changed, radius = x.reconfiguration, p.robot.radius
+    changed, radius = x.reconfiguration, p.robot.radius.max()
     changed.trusts_gyro = estimate.trusts_gyro
     if mode == REVERTED:
         return
@@ -315,7 +315,7 @@ def _creep_offsets(p, x, estimate, v_x, v_y, heading):
     for i in range(n):
         wrong = estimate.dead[i] or estimate.runaway[i] or estimate.held[i] or estimate.slipping[i]
         available[i] = not wrong or i == x.pivot
-        most[i] = max(p.strongest * (1.0 - estimate.losses[i]) - robot.dry, 0.0)
+        most[i] = max(p.strongest * (1.0 - estimate.losses[i]) - robot.dry[i], 0.0)
     # demanded acceleration in the frame that turns with the body: the world one, turned
     a_x, a_y = to_body(x.tracking.acceleration_x, x.tracking.acceleration_y, heading)
     motion = BodyMotion(v_x, v_y, x.demand.yaw_rate, a_x, a_y, x.tracking.yaw_acceleration)

@@ -152,7 +152,7 @@ def substitute_sensors(parameters, block, evidence, known):
         if known.failed_speed[i]:
             rolling = forces[0, i] * velocity[0] + forces[1, i] * velocity[1]
             rolling += forces[2, i] * block.yaw_rate
-            block.wheel_speed[i], block.wheel_acceleration[i] = rolling / parameters.robot.radius, 0.0
+            block.wheel_speed[i], block.wheel_acceleration[i] = rolling / parameters.robot.radius[i], 0.0
     if not known.failed_gyro:
         return block
     return Block(

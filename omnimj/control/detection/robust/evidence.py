@@ -14,7 +14,7 @@ from omnimj.control.detection.robust.force_balance import (
     columns,
     lasting,
     mass_column,
-    wheel_force,
+    wheels_of,
     whiten,
 )
 from omnimj.control.detection.robust.glr import (
@@ -200,16 +200,11 @@ def _push_block(evidence, walk, x, rho, learning):
     if cursor[FILLED] == rows and learning:
         old = ring[(cursor[HEAD] + 1) % rows]
         regressors = old[: 3 * p].copy().reshape(3, p)
-        update_parameters(theta, evidence.cov, walk, _lasting(theta), regressors, old[3 * p :])
+        update_parameters(theta, evidence.cov, walk, lasting(wheels_of(theta.size)), regressors, old[3 * p :])
     cursor[HEAD] = (cursor[HEAD] + 1) % rows
     cursor[FILLED] = min(cursor[FILLED] + 1, rows)
     ring[cursor[HEAD], : 3 * p] = x.copy().reshape(3 * p)
     ring[cursor[HEAD], 3 * p :] = rho
-
-
-@kernel
-def _lasting(theta):
-    return lasting((theta.size - 5) // 4)
 
 
 @kernel
@@ -261,17 +256,8 @@ def _update_force_channel(parameters, block, accommodation, evidence):
         model = with_degraded_motors(model, accommodation.degraded, parameters.period)
     n, losses = block.wheel_speed.size, accommodation.losses
     x, rho, sideways = np.zeros((3, theta.size)), np.empty(3), np.empty(n)
-    balance(robot, block, losses, x, rho, evidence.force, sideways)
+    balance(robot, block, theta, losses, x, rho, evidence.force, sideways)
     evidence.residual[:] = rho
-    for i in range(n):  # with the learnt parameters of the motors
-        evidence.force[i], _ = wheel_force(
-            robot,
-            block.current[i],
-            block.wheel_speed[i],
-            block.wheel_acceleration[i],
-            losses[i] + theta[i],
-            theta[n + i],
-        )
     slowest, slowest_sideways = _recent_minima(evidence, block.wheel_speed, sideways)
     moving = np.abs(block.wheel_speed).max() > MOVING_SPEED
     if moving:

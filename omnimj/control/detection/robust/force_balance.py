@@ -1,13 +1,16 @@
 """The force channel: the body's acceleration against the motors' forces, ρ = L + B F̂ − M a.
 
-F̂_i = (K_t i E G_r/r − dry σ(φ̇) − viscous φ̇ − I_eff φ̈/r) comes from the joint side, so no friction law of
-the floor enters: the channel is blind to slip and to the floor. M a is accelerometer and gyro. Deviations of
-a healthy robot from its nominal parameters are columns of a linear law
+F̂_i = g (K_t i E G_r/r − dry σ(φ̇) − viscous φ̇) − I_eff φ̈/r comes from the joint side, so no friction law of
+the floor enters: the channel is blind to slip and to the floor. g is 1 while the motor drives the wheel and
+1/(E E_b) while the floor does. M a is accelerometer and gyro. Deviations of a healthy robot from its nominal
+parameters are columns of a law
 
-  ρ = X θ + noise,  θ = [δ_1…n, ν_1…n, β_x, β_y, λ, μ, ι, h_1…n, k_1…n]
+  ρ = X θ + noise,  θ = [δ_1…n, ν_1…n, β_x, β_y, λ, μ, ι, γ, κ, c_x, c_y, h_1…n, k_1…n]
  δ loss of torque constant and ν excess of dry friction per wheel, β accelerometer bias, λ excess of the
-rollers' friction, μ excess of mass, ι of inertia; h and k, −1 … 1, the stiction of a wheel and of its rollers
-at rest, which is unknown and never learnt.
+rollers' friction, μ excess of mass, ι of inertia, γ excess of g where the floor drives the wheel, κ excess
+of viscous friction, c displacement of the centre of mass; h and k, −1 … 1, the stiction of a wheel and of
+its rollers at rest, which is unknown and never learnt. The law is linear in all of them but γ, which
+multiplies δ, ν and κ: their columns are those at the γ that has been learnt.
 """
 
 from __future__ import annotations
@@ -29,45 +32,62 @@ _NOT_JUDGED = 0.5  # standard deviation of the loss of a motor that is not judge
 _PULLS = 5.0  # × dry friction: from there on a slow wheel excites a motor that is known to be degraded
 _TURNING = 0.3  # [rad/s] width of the sign of a wheel's dry friction
 _SIDEWAYS = 0.01  # [m/s] width of the sign of its rollers' dry friction
+VISCOUS_AT = 100.0
+"""Wheel speed at which κ is the excess of viscous friction over the nominal dry friction [rad/s]."""
+_COMMON = 9  # entries of θ that all wheels share: β, λ, μ, ι, γ, κ, c
 
 
 @kernel
 def columns(wheels):
     """Length p of θ."""
-    return 4 * wheels + 5
+    return 4 * wheels + _COMMON
+
+
+@kernel
+def wheels_of(columns):
+    """Number of wheels of a θ of length p."""
+    return (columns - _COMMON) // 4
 
 
 @kernel
 def lasting(wheels):
     """Number of the leading entries of θ that are lasting parameters of the robot."""
-    return 2 * wheels + 5
+    return 2 * wheels + _COMMON
 
 
 @kernel
 def mass_column(wheels):
-    """Index of μ in θ."""
+    """Index of μ in θ; ι, γ, κ, c_x and c_y follow it."""
     return 2 * wheels + 3
 
 
 @kernel
-def wheel_force(robot, current, wheel_speed, wheel_acceleration, loss, friction):
-    """Force F̂ of one wheel [N], and the gear's factor on its shaft torque besides E G_r.
+def gear_column(wheels):
+    """Index of γ in θ; κ, c_x and c_y follow it."""
+    return 2 * wheels + 5
+
+
+@kernel
+def wheel_force(robot, block, theta, losses, i):
+    """Force F̂ of one wheel [N], and the gear's factor g on its shaft torque.
 
     Args:
       robot: `RobotConstants`.
-      current: Mean over the block [A].
-      wheel_speed: φ̇ [rad/s].
-      wheel_acceleration: φ̈ [rad/s²].
-      loss: Estimated loss of the torque constant [1].
-      friction: Estimated excess of dry friction [1].
+      block: `Block`.
+      theta: Estimated θ, shape (p,).
+      losses: Diagnosed losses of the torque constants, shape (n,) [1].
+      i: Wheel.
     """
-    sign = math.tanh(wheel_speed / _TURNING)
-    force = robot.torque * current * (1.0 - loss) - robot.viscous * wheel_speed
-    force -= (1.0 + friction) * robot.dry * sign
+    gear = gear_column(losses.size)
+    speed = block.wheel_speed[i]
+    sign = math.tanh(speed / _TURNING)
+    force = robot.torque[i] * block.current[i] * (1.0 - losses[i] - theta[i])
+    force -= (robot.viscous[i] + theta[gear + 1] * robot.dry[i] / VISCOUS_AT) * speed
+    force -= (1.0 + theta[losses.size + i]) * robot.dry[i] * sign
     through = 1.0
     if force * sign < 0.0:  # driven by the floor: the gear takes its share the other way
-        through = 1.0 / (robot.efficiency * robot.efficiency)
-    return through * force - robot.inertia * wheel_acceleration, through
+        through = robot.driven[i] * (1.0 + theta[gear])
+    return through * force - robot.inertia[i] * block.wheel_acceleration[i], through
 
 
 @kernel
@@ -85,7 +105,7 @@ def rolling_velocity(robot, wheel_speed, yaw_rate):
     xx = xy = yy = bx = by = 0.0
     for i in range(wheel_speed.size):
         u_x, u_y = robot.forces[0, i], robot.forces[1, i]
-        along = robot.radius * wheel_speed[i] - robot.forces[2, i] * yaw_rate
+        along = robot.radius[i] * wheel_speed[i] - robot.forces[2, i] * yaw_rate
         xx, xy, yy = xx + u_x * u_x, xy + u_x * u_y, yy + u_y * u_y
         bx, by = bx + u_x * along, by + u_y * along
     det = xx * yy - xy * xy
@@ -93,41 +113,72 @@ def rolling_velocity(robot, wheel_speed, yaw_rate):
 
 
 @kernel
-def balance(robot, block, losses, x, rho, force, sideways):
+def balance(robot, block, theta, losses, x, rho, force, sideways):
     """Fill regressors X, balance ρ, wheel forces F̂ and roller speeds of one block.
 
     Args:
       robot: `RobotConstants`.
       block: `Block`.
+      theta: θ as learnt, shape (p,); of it the columns contain γ only, and F̂ all.
       losses: Diagnosed losses of the torque constants, shape (n,) [1].
       x: Output X, shape (3, p).
       rho: Output ρ, shape (3,) [N, N, N.m].
-      force: Output F̂, shape (n,) [N].
+      force: Output F̂ at θ, shape (n,) [N].
       sideways: Output, speeds along the axles, shape (n,) [m/s].
     """
     n = force.size
+    common, gear = 2 * n, gear_column(n)
+    nominal, learnt_gear = np.zeros(theta.size), np.zeros(theta.size)
+    learnt_gear[gear] = theta[gear]
     x[:] = 0.0
     rho[0], rho[1] = -robot.mass * block.acceleration[0], -robot.mass * block.acceleration[1]
     rho[2] = -robot.yaw_inertia * block.yaw_acceleration
+    _subtract_centre(robot, block, x, rho, gear + 2)
     pushes = np.zeros(3)
     v_x, v_y = rolling_velocity(robot, block.wheel_speed, block.yaw_rate)
     for i in range(n):
-        current, speed, change = block.current[i], block.wheel_speed[i], block.wheel_acceleration[i]
-        force[i], through = wheel_force(robot, current, speed, change, losses[i], 0.0)
+        inertial = robot.inertia[i] * block.wheel_acceleration[i]
+        at_nominal, ratio = wheel_force(robot, block, nominal, losses, i)
+        pushed, through = wheel_force(robot, block, learnt_gear, losses, i)
+        force[i], _ = wheel_force(robot, block, theta, losses, i)
         across = robot.across[i]
         sideways[i] = across[0] * v_x + across[1] * v_y + across[2] * block.yaw_rate
         drag = robot.roller_dry * math.tanh(sideways[i] / _SIDEWAYS) + robot.roller_viscous * sideways[i]
         for k in range(3):
             along = robot.forces[k, i]
-            x[k, i] = along * through * robot.torque * current
-            x[k, n + i] = along * through * robot.dry * math.tanh(speed / _TURNING)
-            x[k, 2 * n + 2] += across[k] * robot.load * drag
-            rho[k] += along * force[i] - across[k] * robot.load * drag
-            pushes[k] += along * (force[i] + robot.inertia * change) - across[k] * robot.load * drag
-    x[0, 2 * n], x[1, 2 * n + 1] = -robot.mass, -robot.mass
+            x[k, i] = along * through * robot.torque[i] * block.current[i]
+            x[k, n + i] = along * through * robot.dry[i] * math.tanh(block.wheel_speed[i] / _TURNING)
+            x[k, common + 2] += across[k] * robot.load * drag
+            if ratio != 1.0:
+                x[k, gear] -= along * (at_nominal + inertial)
+            x[k, gear + 1] += along * through * robot.dry[i] / VISCOUS_AT * block.wheel_speed[i]
+            rho[k] += along * at_nominal - across[k] * robot.load * drag
+            pushes[k] += along * (pushed + inertial) - across[k] * robot.load * drag
+    x[0, common], x[1, common + 1] = -robot.mass, -robot.mass
     for k in range(3):
         # what should accelerate the body, without what was differentiated: noise would pull μ and ι to zero
-        x[k, 2 * n + 3 if k < 2 else 2 * n + 4] = pushes[k]
+        x[k, common + 3 if k < 2 else common + 4] = pushes[k]
+
+
+@kernel
+def _subtract_centre(robot, block, x, rho, column):
+    """Inertial forces of a centre of mass beside the origin, where the accelerometer is, in ρ and in X.
+
+    m (a_x − ω̇ c_y − ω² c_x),  m (a_y + ω̇ c_x − ω² c_y),  I ω̇ + m (c_x a_y − c_y a_x).
+
+    Args:
+      robot: `RobotConstants`.
+      block: `Block`.
+      x: X, shape (3, p); two columns are filled.
+      rho: ρ, shape (3,), changed in place.
+      column: Index of c_x.
+    """
+    spin, square = block.yaw_acceleration, block.yaw_rate * block.yaw_rate
+    x[0, column], x[0, column + 1] = -robot.mass * square, -robot.mass * spin
+    x[1, column], x[1, column + 1] = robot.mass * spin, -robot.mass * square
+    x[2, column], x[2, column + 1] = robot.mass * block.acceleration[1], -robot.mass * block.acceleration[0]
+    for k in range(3):
+        rho[k] -= x[k, column] * robot.centre[0] + x[k, column + 1] * robot.centre[1]
 
 
 @kernel
@@ -155,10 +206,10 @@ def whiten(robot, current, slowest, sideways, accommodation, x, rho):
         cov[k, k] = NOISE[k] * NOISE[k]
         if k < 2 and accommodation.excluded_axes[k]:
             cov[k, k] = _UNKNOWN
-    n, dry, rollers = slowest.size, robot.dry, robot.load * robot.roller_dry
+    n, rollers = slowest.size, robot.load * robot.roller_dry
     held = lasting(n)
     for i in range(n):
-        full, slow = robot.torque * current[i], slowest[i] < SLOW
+        full, slow, dry = robot.torque[i] * current[i], slowest[i] < SLOW, robot.dry[i]
         hidden = slow and (not accommodation.degraded[i] or abs(full) < _PULLS * dry)
         lacks = _NOT_JUDGED * full if hidden else 0.0
         for k in range(3):

@@ -14,6 +14,8 @@ from omnimj.signals import Array
 
 LOSS, FRICTION, BIAS, ROLLERS, LOADED, INERTIA = 0.02, 0.13, 0.02, 0.15, 0.12, 0.1
 """Standard deviations in health: δ, ν, β [m/s²], λ, μ, ι."""
+GEAR, VISCOUS, CENTRE = 0.3, 1.0, 0.01
+"""The same: γ, κ, c [m]."""
 STICTION = 0.6
 """Standard deviation of h and k: anything between −1 and 1."""
 STICTION_LEARNING = 6.0
@@ -106,7 +108,8 @@ def significant_losses(theta, cov, wheels):
 def prior_deviation(wheels: int) -> Array:
     """Standard deviations of θ before the first drive, shape (p,)."""
     each = [LOSS] * wheels + [FRICTION] * wheels
-    return np.array([*each, BIAS, BIAS, ROLLERS, LOADED, INERTIA, *([STICTION] * (2 * wheels))])
+    common = [BIAS, BIAS, ROLLERS, LOADED, INERTIA, GEAR, VISCOUS, CENTRE, CENTRE]
+    return np.array([*each, *common, *([STICTION] * (2 * wheels))])
 
 
 def short_term_deviation(wheels: int) -> Array:
@@ -116,7 +119,8 @@ def short_term_deviation(wheels: int) -> Array:
     constant parameters lasts as long as a manoeuvre, and no window may take it for a fault.
     """
     each = [LOSS_VARIES] * wheels + [FRICTION_VARIES] * wheels
-    return np.array([*each, 0.01, 0.01, 0.05, 0.03, 0.05, *([0.0] * (2 * wheels))])
+    common = [0.01, 0.01, 0.05, 0.03, 0.05, 0.05, 0.1, 0.002, 0.002]
+    return np.array([*each, *common, *([0.0] * (2 * wheels))])
 
 
 @kernel

@@ -188,7 +188,7 @@ def wheel_slip(robot, block, x, i):
     """
     forces = robot.forces
     rolling = forces[0, i] * x[0] + forces[1, i] * x[1] + forces[2, i] * block.yaw_rate
-    return robot.radius * block.wheel_speed[i] - rolling
+    return robot.radius[i] * block.wheel_speed[i] - rolling
 
 
 @kernel

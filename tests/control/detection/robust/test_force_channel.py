@@ -10,7 +10,16 @@ from scipy.stats import norm
 
 from omnimj.control.detection.robust.accommodation import Accommodation
 from omnimj.control.detection.robust.blocks import Block
-from omnimj.control.detection.robust.force_balance import NOISE, balance, columns, rolling_velocity, whiten
+from omnimj.control.detection.robust.force_balance import (
+    NOISE,
+    VISCOUS_AT,
+    balance,
+    columns,
+    gear_column,
+    lasting,
+    rolling_velocity,
+    whiten,
+)
 from omnimj.control.detection.robust.glr import (
     LONGEST_WINDOW,
     WINDOWS,
@@ -40,9 +49,10 @@ ANY_JUMP = parameter_model(N, 0.01, 120.0)._replace(
 )
 
 
-def balanced(current, speed, acceleration=(0.3, -0.2), turning=0.1, spin=0.5, loss=None):
+def balanced(current, speed, acceleration=(0.3, -0.2), turning=0.1, spin=0.5, loss=None, theta=None, robot=C):
     """X and ρ of one block."""
     x, rho, force, side = np.zeros((3, P)), np.zeros(3), np.zeros(N), np.zeros(N)
+    theta = np.zeros(P) if theta is None else theta
     current = np.asarray(current, float)
     block = Block(
         current,
@@ -53,7 +63,7 @@ def balanced(current, speed, acceleration=(0.3, -0.2), turning=0.1, spin=0.5, lo
         spin,
         current,
     )
-    balance(C, block, np.zeros(N) if loss is None else loss, x, rho, force, side)
+    balance(robot, block, theta, np.zeros(N) if loss is None else loss, x, rho, force, side)
     return x, rho
 
 
@@ -79,6 +89,49 @@ def test_a_loss_of_torque_constant_changes_the_balance_by_its_column(current, wh
     x, before = balanced(current, speed)
     _, after = balanced(current, speed, loss=np.eye(N)[wheel] * 0.2)
     assert before - after == pytest.approx(0.2 * x[:, wheel], abs=1e-9)
+
+
+BRAKED = ((-0.5, 0.3, 0.9, -0.6), (8.0, -5.0, -7.0, 9.0))
+"""Currents and speeds of four wheels that the floor drives."""
+
+
+def test_a_gear_of_another_driven_side_changes_the_balance_of_braked_wheels_by_its_column():
+    current, speed = BRAKED
+    gear = gear_column(N)
+    other = C._replace(driven=C.driven * 0.7)
+    x, before = balanced(current, speed)
+    _, after = balanced(current, speed, robot=other)
+    assert before - after == pytest.approx(-0.3 * x[:, gear], abs=1e-9)
+    assert np.abs(x[:, gear]).max() > 1.0
+    driving, _ = balanced(np.abs(current) * np.sign(speed), speed)
+    assert not driving[:, gear].any()
+
+
+def test_with_the_learnt_gear_the_law_is_exact_for_losses_and_friction_together():
+    """The law is bilinear: columns at the learnt γ, and ρ at the nominal one."""
+    current, speed = BRAKED
+    theta, gear = np.zeros(P), gear_column(N)
+    theta[gear] = -0.344  # E² − 1: a gear that multiplies by E in both directions
+    truth = theta.copy()
+    truth[1], truth[N + 2], truth[gear + 1] = 0.2, 0.5, 0.8
+    driven, viscous = C.driven * (1.0 + theta[gear]), C.viscous + 0.8 * C.dry / VISCOUS_AT
+    dry = C.dry * (1.0 + truth[N : 2 * N])
+    robot = C._replace(driven=driven, viscous=viscous, dry=dry)
+    x, before = balanced(current, speed, theta=theta)
+    _, after = balanced(current, speed, loss=np.eye(N)[1] * 0.2, robot=robot)
+    assert before - after == pytest.approx(x @ truth, abs=1e-9)
+
+
+def test_a_centre_of_mass_beside_the_accelerometer_changes_the_balance_by_newtons_law():
+    """Second route: the acceleration of the centre of mass of a rotating body, and the moment about it."""
+    c, a, spin, turning = np.array([0.02, -0.01]), np.array([0.3, -0.2]), 0.5, 0.1
+    x, before = balanced((0.5, 0.3, -0.4, 0.6), (8.0, -5.0, -7.0, 9.0))
+    at_centre = a + spin * np.array([-c[1], c[0]]) - turning**2 * c
+    # about the origin: I₀ ω̇ + m c × a, with I₀ that of the origin
+    moment = C.mass * (c[0] * a[1] - c[1] * a[0])
+    _, after = balanced((0.5, 0.3, -0.4, 0.6), (8.0, -5.0, -7.0, 9.0), robot=C._replace(centre=c))
+    assert before - after == pytest.approx([*(C.mass * (at_centre - a)), moment])
+    assert before - after == pytest.approx(x[:, gear_column(N) + 2 : gear_column(N) + 4] @ c)
 
 
 def test_an_accelerometer_bias_changes_the_balance_by_its_column():
@@ -120,8 +173,8 @@ def test_a_slow_wheel_informs_on_its_motor_only_when_that_is_known_to_be_weak_an
     whiten(C, currents, slow, np.ones(N), known, x, rho)
     assert bool(x[:, 0].any()) is judged
     if judged:  # of the same balance as the others, with any friction that the wheel may hold
-        assert x[:, 2 * N + 5].tolist() == [0.0] * 3
-        spread = np.outer(C.forces[:, 0], C.forces[:, 0]) * C.dry**2
+        assert x[:, lasting(N)].tolist() == [0.0] * 3
+        spread = np.outer(C.forces[:, 0], C.forces[:, 0]) * C.dry[0] ** 2
         low = np.linalg.cholesky(np.diag(np.square(NOISE)) + spread)
         assert low @ x[:, 0] == pytest.approx(rows[:, 0])
 
