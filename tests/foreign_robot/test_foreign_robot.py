@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import replace
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from foreign_robot.foreign_dataset import loaded_moment, write_dataset
 from foreign_robot.foreign_drive import Log, drive
@@ -250,12 +252,16 @@ def test_written_dataset_is_read_back(tmp_path):
         assert not set(run.columns) & {"traction_1", "slip_1", "heading", "x"}
 
 
-def test_written_poses_are_read_back(tmp_path):
+def test_log_of_a_camera_has_the_pose_and_nothing_inertial(tmp_path):
+    """The pose of 30 ms ago, held between 30 pictures a second; the dataset says that it is measured."""
     log = drive(draw_robot(4, "own"), 1, 5.0, rate=500.0, pose_measured=True)
-    write_dataset(tmp_path / "camera", {"camera": log})
-    (run,) = read_dataset(tmp_path / "camera").runs
-    assert "acceleration_x" not in run.columns
-    x = run.columns["x"]
+    write_dataset(tmp_path, {"camera": log})
+    table = pq.read_table(tmp_path / "camera.parquet")
+    wheels = {f"{n}_{i}" for n in ("current", "current_target", "wheel_speed") for i in range(1, 5)}
+    assert set(table.column_names) == {"time", "x", "y", "heading"} | wheels
+    defaults = tomllib.loads((tmp_path / "dataset.toml").read_text())["defaults"]
+    assert defaults == {"floor": "natural_stone", "pose_measured": True}
+    time, x = table["time"].to_numpy(), table["x"].to_numpy()
     assert len(np.unique(x)) == pytest.approx(5.0 * 30.0, abs=3)
-    delayed = np.interp(run.columns["time"] - 0.03, log.truth["time"], log.truth["x"])
+    delayed = np.interp(time - 0.03, log.truth["time"], log.truth["x"])
     assert np.sqrt(np.mean((x - delayed) ** 2)) < 0.02
