@@ -254,14 +254,14 @@ def _update_force_channel(parameters, block, accommodation, evidence):
     robot, model, theta, cov = parameters.robot, parameters.model, evidence.theta, evidence.cov
     if accommodation.degraded.any():
         model = with_degraded_motors(model, accommodation.degraded, parameters.period)
-    n, losses = block.wheel_speed.size, accommodation.losses
+    n = block.wheel_speed.size
     x, rho, sideways = np.zeros((3, theta.size)), np.empty(3), np.empty(n)
-    balance(robot, block, theta, losses, x, rho, evidence.force, sideways)
+    balance(robot, block, theta, accommodation, x, rho, evidence.force, sideways)
     evidence.residual[:] = rho
     slowest, slowest_sideways = _recent_minima(evidence, block.wheel_speed, sideways)
     moving = np.abs(block.wheel_speed).max() > MOVING_SPEED
     if moving:
-        whiten(robot, block.current, slowest, slowest_sideways, accommodation, x, rho)
+        whiten(robot, theta, block.current, slowest, slowest_sideways, accommodation, x, rho)
         if accommodation.relearning:
             update_parameters(theta, cov, model.walk, lasting(n), x, rho)
         quiet = _is_quiet(evidence.scores, accommodation.degraded)

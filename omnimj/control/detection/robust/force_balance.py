@@ -68,26 +68,21 @@ def gear_column(wheels):
 
 
 @kernel
-def wheel_force(robot, block, theta, losses, i):
-    """Force F̂ of one wheel [N], and the gear's factor g on its shaft torque.
+def shaft_force(robot, block, theta, losses, i):
+    """Traction of one wheel before its gear, by the nominal law and by the learnt one [N].
 
     Args:
       robot: `RobotConstants`.
       block: `Block`.
-      theta: Estimated θ, shape (p,).
+      theta: θ as learnt, shape (p,).
       losses: Diagnosed losses of the torque constants, shape (n,) [1].
       i: Wheel.
     """
-    gear = gear_column(losses.size)
-    speed = block.wheel_speed[i]
-    sign = math.tanh(speed / _TURNING)
-    force = robot.torque[i] * block.current[i] * (1.0 - losses[i] - theta[i])
-    force -= (robot.viscous[i] + theta[gear + 1] * robot.dry[i] / VISCOUS_AT) * speed
-    force -= (1.0 + theta[losses.size + i]) * robot.dry[i] * sign
-    through = 1.0
-    if force * sign < 0.0:  # driven by the floor: the gear takes its share the other way
-        through = robot.driven[i] * (1.0 + theta[gear])
-    return through * force - robot.inertia[i] * block.wheel_acceleration[i], through
+    speed, n = block.wheel_speed[i], losses.size
+    full, dry = robot.torque[i] * block.current[i], robot.dry[i] * math.tanh(speed / _TURNING)
+    nominal = full * (1.0 - losses[i]) - dry - robot.viscous[i] * speed
+    viscous = theta[gear_column(n) + 1] * robot.dry[i] / VISCOUS_AT
+    return nominal, nominal - full * theta[i] - dry * theta[n + i] - viscous * speed
 
 
 @kernel
@@ -113,14 +108,15 @@ def rolling_velocity(robot, wheel_speed, yaw_rate):
 
 
 @kernel
-def balance(robot, block, theta, losses, x, rho, force, sideways):
+def balance(robot, block, theta, accommodation, x, rho, force, sideways):
     """Fill regressors X, balance ρ, wheel forces F̂ and roller speeds of one block.
 
     Args:
       robot: `RobotConstants`.
       block: `Block`.
-      theta: θ as learnt, shape (p,); of it the columns contain γ only, and F̂ all.
-      losses: Diagnosed losses of the torque constants, shape (n,) [1].
+      theta: θ as learnt, shape (p,): it gives F̂, the γ of the columns, and which wheels the floor drives.
+      accommodation: `Accommodation`; nothing is learnt about the gears, which are alike, from the motors that
+        are known to be degraded: their friction has a law of its own.
       x: Output X, shape (3, p).
       rho: Output ρ, shape (3,) [N, N, N.m].
       force: Output F̂ at θ, shape (n,) [N].
@@ -128,8 +124,6 @@ def balance(robot, block, theta, losses, x, rho, force, sideways):
     """
     n = force.size
     common, gear = 2 * n, gear_column(n)
-    nominal, learnt_gear = np.zeros(theta.size), np.zeros(theta.size)
-    learnt_gear[gear] = theta[gear]
     x[:] = 0.0
     rho[0], rho[1] = -robot.mass * block.acceleration[0], -robot.mass * block.acceleration[1]
     rho[2] = -robot.yaw_inertia * block.yaw_acceleration
@@ -137,23 +131,25 @@ def balance(robot, block, theta, losses, x, rho, force, sideways):
     pushes = np.zeros(3)
     v_x, v_y = rolling_velocity(robot, block.wheel_speed, block.yaw_rate)
     for i in range(n):
-        inertial = robot.inertia[i] * block.wheel_acceleration[i]
-        at_nominal, ratio = wheel_force(robot, block, nominal, losses, i)
-        pushed, through = wheel_force(robot, block, learnt_gear, losses, i)
-        force[i], _ = wheel_force(robot, block, theta, losses, i)
+        speed, inertial = block.wheel_speed[i], robot.inertia[i] * block.wheel_acceleration[i]
+        shaft, learnt = shaft_force(robot, block, theta, accommodation.losses, i)
+        driven = learnt * speed < 0.0  # by the floor: the gear takes its share the other way
+        nominal_gain = robot.driven[i] if driven else 1.0
+        gain = nominal_gain * (1.0 + theta[gear]) if driven else 1.0
+        force[i] = gain * learnt - inertial
         across = robot.across[i]
         sideways[i] = across[0] * v_x + across[1] * v_y + across[2] * block.yaw_rate
         drag = robot.roller_dry * math.tanh(sideways[i] / _SIDEWAYS) + robot.roller_viscous * sideways[i]
         for k in range(3):
-            along = robot.forces[k, i]
-            x[k, i] = along * through * robot.torque[i] * block.current[i]
-            x[k, n + i] = along * through * robot.dry[i] * math.tanh(block.wheel_speed[i] / _TURNING)
-            x[k, common + 2] += across[k] * robot.load * drag
-            if ratio != 1.0:
-                x[k, gear] -= along * (at_nominal + inertial)
-            x[k, gear + 1] += along * through * robot.dry[i] / VISCOUS_AT * block.wheel_speed[i]
-            rho[k] += along * at_nominal - across[k] * robot.load * drag
-            pushes[k] += along * (pushed + inertial) - across[k] * robot.load * drag
+            along, rollers = robot.forces[k, i], across[k] * robot.load * drag
+            x[k, i] = along * gain * robot.torque[i] * block.current[i]
+            x[k, n + i] = along * gain * robot.dry[i] * math.tanh(speed / _TURNING)
+            x[k, common + 2] += rollers
+            if not accommodation.degraded[i]:
+                x[k, gear] -= along * nominal_gain * shaft if driven else 0.0
+                x[k, gear + 1] += along * gain * robot.dry[i] / VISCOUS_AT * speed
+            rho[k] += along * (nominal_gain * shaft - inertial) - rollers
+            pushes[k] += along * gain * shaft - rollers
     x[0, common], x[1, common + 1] = -robot.mass, -robot.mass
     for k in range(3):
         # what should accelerate the body, without what was differentiated: noise would pull μ and ι to zero
@@ -182,7 +178,7 @@ def _subtract_centre(robot, block, x, rho, column):
 
 
 @kernel
-def whiten(robot, current, slowest, sideways, accommodation, x, rho):
+def whiten(robot, theta, current, slowest, sideways, accommodation, x, rho):
     """Scale the rows of X and ρ, in place, so that the noise is white and of size 1.
 
     A wheel that turns slowly, or did within the last tenth of a second, holds any friction between ± dry, and
@@ -190,10 +186,12 @@ def whiten(robot, current, slowest, sideways, accommodation, x, rho):
     rollers that hardly turn. The motor of a slow wheel is not judged meanwhile: its possible loss is noise
     too, or the robot's other parameters would have to explain it. A degraded motor is judged all the same
     where its current is far beyond what friction can hold: a wheel that stands for lack of torque must not
-    hide its loss.
+    hide its loss. Where its friction has been learnt to be larger, it holds that much, and up to a speed that
+    is larger by as much: a second motor in parallel brakes like its own windings until it turns.
 
     Args:
       robot: `RobotConstants`.
+      theta: θ as learnt, shape (p,).
       current: Mean over the block, shape (n,) [A].
       slowest: Smallest |φ̇| of the last tenth of a second, shape (n,) [rad/s].
       sideways: Smallest roller speed of the last tenth of a second, shape (n,) [m/s].
@@ -209,7 +207,8 @@ def whiten(robot, current, slowest, sideways, accommodation, x, rho):
     n, rollers = slowest.size, robot.load * robot.roller_dry
     held = lasting(n)
     for i in range(n):
-        full, slow, dry = robot.torque[i] * current[i], slowest[i] < SLOW, robot.dry[i]
+        more = 1.0 + max(theta[n + i], 0.0) if accommodation.degraded[i] else 1.0
+        full, dry, slow = robot.torque[i] * current[i], robot.dry[i] * more, slowest[i] < SLOW * more
         hidden = slow and (not accommodation.degraded[i] or abs(full) < _PULLS * dry)
         lacks = _NOT_JUDGED * full if hidden else 0.0
         for k in range(3):
