@@ -44,6 +44,9 @@ if TYPE_CHECKING:
     from omnimj.view.report.run_sections import RunSection
 
 
+_NOT_WRITTEN = (
+    "nothing written: a threshold far above the shipped one hides faults; --accept writes it all the same"
+)
 _LOWEST, _HIGHEST = 1e-6, 3600.0  # limits of the requested false-alarm rate [1/h]
 DIAGNOSE_FILES = ("diagnoses.json", "report.html")
 
@@ -250,7 +253,7 @@ def add_calibrate_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--model", metavar="FILE", type=Path, help=ROBOT_MODEL)
     add_floors(parser)
     add_observer_gains(parser)
-    add_accept(parser)
+    add_accept(parser, "and write thresholds far above the shipped ones")
     parser.add_argument("--out", metavar="FILE", type=Path, required=True, help="file to write")
     parser.add_argument("--force", action="store_true", help="replace --out")
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
@@ -269,6 +272,9 @@ def _rate(text: str) -> float:
 
 def run_calibrate(arguments: Any) -> int:
     """Calibrate the thresholds on the recordings, then diagnose these once more with the result.
+
+    Returns:
+      0; 1 if a threshold rose far beyond the shipped one: the file is then written with `--accept` only.
 
     Raises:
       InputError: The data are invalid or not from a robot, or the file cannot be written.
@@ -290,13 +296,15 @@ def run_calibrate(arguments: Any) -> int:
         found = calibrate(order, arguments.rate, bar.show)
     note_compiled(order.method, order.dataset.plant)
     command = command_line(arguments)
-    write_thresholds(arguments.out, thresholds_toml(found, order.dataset, command))
+    writes = found.misfit is None or arguments.accept
+    if writes:
+        write_thresholds(arguments.out, thresholds_toml(found, order.dataset, command))
     if arguments.json:
         content = calibration_json(found, order.dataset, command) | {"data_faults": fault_records(check)}
-        print(format_json(content))
+        print(format_json(content | {"written": str(arguments.out) if writes else None}))
     else:
-        print(_format_calibration(found, order, arguments.out))
-    return 0
+        print(_format_calibration(found, order, arguments.out if writes else None))
+    return 0 if writes else 1
 
 
 def _calibration_config(arguments: Any) -> DiagnosisConfig:
@@ -316,23 +324,25 @@ def _calibration_config(arguments: Any) -> DiagnosisConfig:
     )
 
 
-def _format_calibration(found: Calibration, order: DiagnosisConfig, out: Path) -> str:
+def _format_calibration(found: Calibration, order: DiagnosisConfig, out: Path | None) -> str:
     from omnimj.control.detection.robust.thresholds import THRESHOLD_UNITS, Thresholds
     from omnimj.diagnosis.files import format_calibration
 
     usual, rows = Thresholds(), []
     for one in found.set:
         by = "lower bound" if one.value == one.floor else "tail"
-        numbers = [f"{x:.4g}" for x in (one.value, one.tail.largest, getattr(usual, one.name))]
-        rows.append((one.name, *numbers, THRESHOLD_UNITS[one.name].replace("1", ""), by))
-    head = ("threshold", "value", "largest seen", "shipped", "unit", "set by")
+        shipped = getattr(usual, one.name)
+        numbers = [f"{x:.4g}" for x in (one.value, one.tail.largest, shipped)]
+        ratio = f"{one.value / shipped:.3g}"
+        rows.append((one.name, *numbers, ratio, THRESHOLD_UNITS[one.name].replace("1", ""), by))
+    head = ("threshold", "value", "largest seen", "shipped", "ratio", "unit", "set by")
     lines = [
         *order.dataset.notes,
         *format_calibration(found),
         "",
         format_table(head, rows),
         "",
-        f"written to {out}",
+        _NOT_WRITTEN if out is None else f"written to {out}",
     ]
     return "\n".join(lines)
 

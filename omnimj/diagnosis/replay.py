@@ -73,8 +73,8 @@ _REPORT_EVERY = 500  # samples
 
 SampleProgress = Callable[[int], None]
 """Called regularly with the number of finished samples."""
-Watch = Callable[[Any], None]
-"""Called with the state of the detector after every sample."""
+Watch = Callable[[float, Any], None]
+"""Called with the time [s] and the state of the detector after every sample."""
 
 
 @dataclass(frozen=True)
@@ -207,7 +207,7 @@ class _Loop:
                 self._update_bias(measured)
                 self._done += 1
                 if self._watch is not None:
-                    self._watch(state)
+                    self._watch(now, state)
                 if self._progress is not None and self._done % _REPORT_EVERY == 0:
                     self._progress(self._done)
         return state
