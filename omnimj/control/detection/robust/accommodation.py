@@ -163,6 +163,7 @@ def substitute_sensors(parameters, block, evidence, known):
         block.wheel_acceleration,
         yaw_rate_by_wheels(parameters.turn, block.wheel_acceleration),
         block.commanded,
+        block.duration,
     )
 
 

@@ -71,6 +71,15 @@ def no_scores(wheels: int) -> JumpScores:
     return JumpScores(np.zeros(h), np.zeros(h), np.zeros(h), np.zeros(h))
 
 
+@kernel
+def clear_scores(scores):
+    """Scores without any jump, in place."""
+    scores.likelihood[:] = 0.0
+    scores.size[:] = 0.0
+    scores.deviation[:] = 0.0
+    scores.window[:] = 0.0
+
+
 @inlined
 def likelihood_ratios(history, theta, precision, model, scores):
     """Fill the scores with the best window of each jump.
@@ -87,10 +96,7 @@ def likelihood_ratios(history, theta, precision, model, scores):
     """
     p, windows = theta.size, len(_LENGTHS)
     sums = _WindowSums(np.zeros((windows + 1, p, p)), np.zeros((windows + 1, p)), np.zeros(windows + 1))
-    scores.likelihood[:] = 0.0
-    scores.size[:] = 0.0
-    scores.deviation[:] = 0.0
-    scores.window[:] = 0.0
+    clear_scores(scores)
     ended = _sum_windows(history, theta, sums)
     whole, solved = precision.copy(), np.empty(p)
     for j in range(p):

@@ -6,7 +6,9 @@ themselves are rare and written in Python.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,7 +27,7 @@ from omnimj.control.detection.robust.accommodation import (
 from omnimj.control.detection.robust.answered import Answered, answered_by, is_answered, nothing_answered
 from omnimj.control.detection.robust.blocks import failed_channels, take_block
 from omnimj.control.detection.robust.decision import decide, is_uneventful
-from omnimj.control.detection.robust.evidence import Evidence, update_evidence
+from omnimj.control.detection.robust.evidence import Evidence, restart_evidence, update_evidence
 from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.control.detection.robust.verdict import Verdict, archive_cleared
 from omnimj.control.records import Record, assign
@@ -56,7 +58,9 @@ class Judgement(NamedTuple):
     moving: bool = False
     """True if the robot moves enough to be judged."""
     blocks: int = 0
-    """Blocks judged so far."""
+    """Blocks until now, with those that could not be judged."""
+    restarted: bool = False
+    """True if the last block was the first one after a gap, which cannot be judged."""
 
 
 def log_names(wheels: int) -> tuple[str, ...]:
@@ -104,9 +108,17 @@ def judge_block(parameters, samples, evidence, x, yaw, time):
     Returns:
       Whether `decide_block` has to follow.
     """
-    n, likelihood = x.losses.size, evidence.scores.likelihood
-    block = substitute_sensors(parameters, take_block(samples, parameters.period), evidence, x.known)
+    n, likelihood, gap = x.losses.size, evidence.scores.likelihood, samples.gap
+    block = take_block(samples, parameters.sample_period)
+    block = substitute_sensors(parameters, block, evidence, x.known)
     accommodation = accommodation_for(x.known, x.losses, x.relearning > 0)
+    x.restarted = gap > 0.0
+    if gap > 0.0:
+        restart_evidence(parameters.robot, block, gap, accommodation.included, evidence)
+        x.moving, x.likelihood[:] = False, 0.0
+        x.blocks += 1
+        conclude(evidence, x)
+        return x.known.pending != 0  # a suspicion does not outlast a gap
     x.moving = update_evidence(parameters, block, accommodation, evidence, yaw)
     failed_channels(samples.steps, block.wheel_speed, x.failed)
     for i in range(n):
@@ -182,7 +194,11 @@ def decide_block(
     losses, relearning = x["losses"], int(x["relearning"])
     n, verdict = len(losses), before.verdict
     failed = tuple(c for c, has_failed in zip(channels, x["failed"].tolist(), strict=True) if has_failed)
-    after = decide(evidence, thresholds, verdict, time, losses + evidence.theta[:n], failed, relearning > 0)
+    if x["restarted"]:
+        after = replace(verdict, suspected=math.nan)
+    else:
+        estimated = losses + evidence.theta[:n]
+        after = decide(evidence, thresholds, verdict, time, estimated, failed, relearning > 0)
     changed = accommodate(evidence, thresholds, verdict, after, losses)
     if changed is losses:
         x["relearning"] = max(relearning - int(x["moving"]), 0)

@@ -52,6 +52,7 @@ def balanced(current, speed, acceleration=(0.3, -0.2), turning=0.1, spin=0.5, lo
         np.zeros(N),
         spin,
         current,
+        0.01,
     )
     balance(C, block, np.zeros(N) if loss is None else loss, x, rho, force, side)
     return x, rho
