@@ -219,6 +219,7 @@ def _format_diagnosis(
     from omnimj.view.wording import (
         describe_confidence,
         describe_diagnosis,
+        describe_evidence,
         describe_time,
         describe_undiagnosed,
         describe_unjudged,
@@ -228,12 +229,12 @@ def _format_diagnosis(
     rows = []
     for one in found:
         if not one.diagnoses:
-            rows.append((one.name, describe_undiagnosed(one), describe_unjudged(one) or "–", ""))
-        rows += [
-            (one.name, describe_diagnosis(d), describe_time(d), describe_confidence(d)) for d in one.diagnoses
-        ]
+            rows.append((one.name, describe_undiagnosed(one), describe_unjudged(one) or "–", "", ""))
+        for d in one.diagnoses:
+            described = describe_diagnosis(d), describe_time(d), describe_confidence(d), describe_evidence(d)
+            rows.append((one.name, *described))
     lines = [*order.dataset.notes, *(note for one in found for note in one.notes)]
-    lines += [format_table(("run", "what", "when", "confidence"), rows), ""]
+    lines += [format_table(("run", "what", "when", "confidence", "decided by"), rows), ""]
     seconds = sum(one.judged for one in found)
     lines.append(f"{summarize_runs(found)}, method {order.method}, {seconds:.4g} s of data")
     if interrupted:

@@ -31,7 +31,7 @@ from omnimj.signals import Array
 LOSSES = tuple(round(0.05 * k, 2) for k in range(1, 20))
 """Losses that are tried, 5 … 95 %."""
 HORIZON = 2.0
-"""Time after the onset in which a loss must be detected [s]; later the parameter filter has learnt from it."""
+"""Time after the onset in which a loss must be detected [s]; later the parameter filter learns from it."""
 HALF = 0.5
 """Share of the onsets from which a loss counts as detectable."""
 EVERY = 10
@@ -47,8 +47,8 @@ class DetectableLoss:
     delay: float | None
     """Median time from the onset to the crossing of the threshold, of the detected ones [s]."""
     share: float
-    """Share of the onsets during motion after which it is detected within `HORIZON`; of the largest tried loss
-    where `loss` is None."""
+    """Share of the onsets during motion after which it is detected within `HORIZON`; where `loss` is None,
+    that of the largest tried loss."""
 
 
 @dataclass(frozen=True)

@@ -136,8 +136,8 @@ def describe_misfit(misfit: ModelMisfit) -> list[str]:
     sentences = [_describe_raised(one) for one in misfit.raised]
     if any(one.is_seen for one in misfit.raised):
         sentences.append(
-            "the model does not fit these recordings: identify the robot's own numbers (omnimj identify) or find "
-            "what the model lacks (omnimj gap), and calibrate again with --model"
+            "the model does not fit these recordings: identify the robot's own numbers (omnimj identify) or "
+            "find what the model lacks (omnimj gap), and calibrate again with --model"
         )
     else:
         sentences.append(

@@ -23,6 +23,7 @@ WINDOWS = (5, 10, 20, 50, 100)
 """Lengths [blocks]."""
 LONGEST_WINDOW = WINDOWS[-1]
 _LENGTHS = np.array(WINDOWS)
+_RATHER = 2.0  # [nats] by which friction must be more likely than a loss
 FILLED, HEAD = range(2)
 """Places of `BlockHistory.cursor`."""
 
@@ -47,6 +48,16 @@ class JumpScores(NamedTuple):
     """Standard deviation of d̂."""
     window: Array
     """Length of the window [blocks]."""
+
+
+def is_friction(loss: float, friction: float) -> bool:
+    """True if an added friction explains a missing force rather than a loss of torque constant.
+
+    Args:
+      loss: Λ of the loss [nats].
+      friction: Λ of the friction on the same wheel [nats].
+    """
+    return friction > loss + _RATHER
 
 
 class _WindowSums(NamedTuple):

@@ -52,7 +52,8 @@ class Judgement(NamedTuple):
     log: Array
     """Signals aligned with `RobustDetector.log_names`."""
     likelihood: Array
-    """Largest Λ of a loss or a friction of each wheel in the last block, shape (n,) [nats]."""
+    """Largest Λ of a loss or a friction of each wheel in the last block, shape (n,) [nats]; that of the
+    friction is scaled by the ratio of their thresholds."""
     failed: NDArray[np.bool_]
     """Channels that are frozen or too noisy, shape (2n+3,)."""
     moving: bool = False
@@ -121,8 +122,11 @@ def judge_block(parameters, samples, evidence, x, yaw, time):
         return x.known.pending != 0  # a suspicion does not outlast a gap
     x.moving = update_evidence(parameters, block, accommodation, evidence, yaw)
     failed_channels(samples.steps, block.wheel_speed, x.failed)
+    limits, scale = parameters.thresholds, 1.0
+    if limits.drag != limits.motor:  # what is logged exceeds the logged threshold wherever a test decides
+        scale = limits.motor / limits.drag
     for i in range(n):
-        x.likelihood[i] = max(likelihood[i], likelihood[n + i])
+        x.likelihood[i] = max(likelihood[i], scale * likelihood[n + i])
     x.blocks += 1
     if x.known.observed:
         if not is_answered(parameters.thresholds, evidence, x, time):

@@ -77,17 +77,14 @@ def test_a_block_holds_the_sums_of_aligned_samples_and_what_the_amplifiers_still
 
 @pytest.mark.parametrize("spread", [0.0, 0.2, 0.45])
 def test_a_ramp_has_its_slope_and_mean_in_every_block_whatever_is_missing_or_late(spread):
-    """Speeds 20 t and currents 0.5 t; up to three readings in a row are lost, times jitter, readings return."""
+    """Speeds 20 t, currents 0.5 t; up to three readings in a row are lost, times jitter, readings return."""
     rng, record, blocks = np.random.default_rng(6), packed(initial_samples(4)), []
     time = 1e-3 * np.arange(400)
     time += 1e-3 * spread * rng.uniform(-1.0, 1.0, len(time))
-    for t in time[np.cumsum(rng.integers(1, 5, 160))]:
-        sample = Sample(
-            t, np.full(4, 0.5 * t), np.full(4, 20.0 * t), np.zeros(2), 0.1 * t, 0.0, False, np.zeros(4)
-        )
-        for _ in range(rng.integers(1, 3)):
-            if _take_sample(PACKED, record, sample):
-                blocks.append((t, _take_block(record, 1e-3)))
+    for t in np.repeat(time[np.cumsum(rng.integers(1, 5, 150))], rng.integers(1, 3, 150)):
+        read = np.full(4, 0.5 * t), np.full(4, 20.0 * t), np.zeros(2), 0.1 * t
+        if _take_sample(PACKED, record, Sample(t, *read, 0.0, False, np.zeros(4))):
+            blocks += [(t, _take_block(record, 1e-3))]
     assert len(blocks) > 25
     late = 1e-3 * PARAMETERS.waits[0]
     for (before, _), (end, block) in itertools.pairwise(blocks[2:]):
