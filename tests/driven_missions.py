@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from functools import cache
 from pathlib import Path
 
@@ -37,16 +36,6 @@ def driven(duration: float = 12.0, seed: int = 5, weak: bool = False, watched: b
         controller = FaultTolerantController(controller, RobustDetector(robot))
     reference = mission(np.random.default_rng(seed), duration, plant.period)
     return drive(plant, controller, reference)
-
-
-@cache
-def driven_with_a_lossy_gear(duration: float = 28.0, seed: int = 5) -> Trace:
-    """A healthy mission of a robot whose gear passes on a quarter less torque than its model says."""
-    robot = read_robot()
-    motor = dataclasses.replace(robot.motor, gear_efficiency=0.75 * robot.motor.gear_efficiency)
-    plant = PlanarRobot(dataclasses.replace(robot, motor=motor), "natural_stone", seed=seed)
-    reference = mission(np.random.default_rng(seed), duration, plant.period)
-    return drive(plant, Controller(robot, period=plant.period), reference)
 
 
 def as_run(trace: Trace, name: str = "one", commands: bool = True, rows: slice = slice(None)) -> Run:

@@ -11,7 +11,7 @@ import tomllib
 
 import numpy as np
 import pytest
-from driven_missions import as_run, driven, driven_with_a_lossy_gear
+from driven_missions import as_run, driven
 from mentions import mentions
 
 from omnimj.cli.main import main
@@ -118,10 +118,10 @@ def test_the_extent_of_extrapolation_is_printed(folder, files, tmp_path, capsys)
 
 @pytest.fixture(scope="module")
 def misfitting(tmp_path_factory):
-    """Three healthy missions of a robot whose gear differs from its model's."""
+    """Healthy missions of a robot whose gear loses torque that its model does not know of."""
     path = tmp_path_factory.mktemp("data") / "lossy"
-    runs = [as_run(driven_with_a_lossy_gear(seed=seed), f"lossy_{seed}") for seed in (11, 12, 13)]
-    write_dataset(path, "uto_robot", FLOOR, runs)
+    effect = ("--effect", "gear_loss:load=0.4", "--plant", "planar")
+    assert main(["record", "robot_missions", *effect, "--out", str(path)]) == 0
     return path
 
 

@@ -181,7 +181,7 @@ def _finding(words: str, runs: Sequence[RunDiagnosis]) -> Cell:
 
 
 def _share(count: int, runs: int) -> Cell:
-    return dataclasses.replace(number(f"{count} of {runs}"), bar=round(100.0 * count / runs))
+    return number(f"{count} of {runs}")
 
 
 def _names(names: Sequence[str]) -> str:
