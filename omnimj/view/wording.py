@@ -321,7 +321,7 @@ def _describe_motor(diagnosis: Diagnosis, wheels: str) -> str:
     if diagnosis.test == "friction":
         return f"wheel {wheels} is braked"
     if left is not None and left >= FULL:
-        return f"motor {wheels} lacked force; its torque constant is whole"
+        return f"motor {wheels} seemed weak; no loss is left"
     return f"motor {wheels} is weak" + ("" if left is None else f": {100.0 * left:.0f} % left")
 
 

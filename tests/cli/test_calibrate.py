@@ -130,8 +130,9 @@ def test_a_model_that_does_not_fit_raises_no_threshold_without_a_word(misfitting
     argv = ["calibrate", str(misfitting), "--false-alarms-per-hour", "0.1", "--out", str(file)]
     assert main(argv) == 1 and not file.exists()
     printed = capsys.readouterr().out
-    assert mentions(printed, "nothing written", "--accept", "× the shipped", "does not fit")
-    assert re.search(r"motor: .* largest while (accelerating|braking|turning|steady)", printed)
+    assert mentions(printed, "nothing written", "--accept") and "the model does not fit" in printed
+    # a gear that loses torque with its load is wrong where the load is large
+    assert re.search(r"motor: .* × the shipped .*largest while (accelerating|braking)", printed)
     assert main([*argv, "--accept", "--json"]) == 0 and file.exists()
     content = json.loads(capsys.readouterr().out)
     assert content["written"] == str(file)

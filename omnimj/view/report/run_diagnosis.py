@@ -115,7 +115,7 @@ def _format_group(group: DiagnosisGroup, delay: str) -> tuple[str, ...]:
     if last.get("test") == "friction":
         name = name.replace(wording.FAULT_NAMES["motor"], "wheel braked")
     elif left is not None:
-        name += ", torque constant whole" if left >= wording.FULL else f", {100.0 * left:.0f} % left"
+        name += ", no loss left" if left >= wording.FULL else f", {100.0 * left:.0f} % left"
     if times > 1:
         name += f" ({times} times)"
     other = ", ".join(wording.ambiguity_name(text) for text in last.get("ambiguous_with") or ()) or "nothing"
