@@ -376,6 +376,7 @@ def severity(diagnosis: Diagnosis) -> float:
     ranks = ("locked", "hard_over", "free", "motor", "all_wheel_slip", "slip", "sensor")
     rank = ranks.index(diagnosis.kind) if diagnosis.kind in ranks else len(ranks)
     left = diagnosis.effectiveness if diagnosis.kind == "motor" else 0.0
+    left = None if diagnosis.test == "friction" else left  # says nothing of the friction
     return rank + min(max(0.5 if left is None else left, 0.0), 1.0) * 0.9
 
 
