@@ -216,7 +216,7 @@ def _diagnose(arguments: Any, order: DiagnosisConfig) -> tuple[list[RunDiagnosis
 def _format_diagnosis(
     order: DiagnosisConfig, found: Sequence[RunDiagnosis], interrupted: bool, out: Path
 ) -> str:
-    from omnimj.view.wording import (
+    from omnimj.view.diagnosis_words import (
         describe_confidence,
         describe_diagnosis,
         describe_evidence,

@@ -20,8 +20,8 @@ from omnimj.recording.dataset import Dataset
 from omnimj.recording.traces import read_trace
 from omnimj.recording.write_dataset import write_dataset
 from omnimj.signals import Diagnosis, Trace
+from omnimj.view.diagnosis_words import describe_diagnosis, describe_evidence
 from omnimj.view.report.diagnosis import run_section, write_diagnosis_report
-from omnimj.view.wording import describe_diagnosis, describe_evidence
 
 LEARNT = Diagnosis(4.0, "motor", (2,), 0.9, (), 0.93, test="learnt loss", statistic=0.071, threshold=0.03)
 SUDDEN = Diagnosis(3.0, "motor", (1,), 0.99, (), 0.43, test="loss", statistic=31.2, threshold=23.5)
@@ -34,7 +34,7 @@ def test_no_motor_is_weak_that_has_all_of_its_torque():
     for left in (0.975, 0.999, 1.0):
         for test in ("loss", "learnt loss", "friction", ""):
             words = describe_diagnosis(Diagnosis(1.0, "motor", (4,), 0.9, (), left, test=test))
-            assert "weak" not in words and "% left" not in words and "4" in words
+            assert "is weak" not in words and "% left" not in words and "4" in words
     assert describe_diagnosis(BRAKED) == "wheel 4 is braked"
     assert describe_diagnosis(SUDDEN) == "motor 1 is weak: 43 % left"
 

@@ -11,6 +11,18 @@ from typing import Any
 from omnimj.diagnosis.replay import DiagnosisConfig, RunDiagnosis
 from omnimj.resources import model_display_name
 from omnimj.signals import Diagnosis
+from omnimj.view.diagnosis_words import (
+    NOTHING_FOUND,
+    describe_confidence,
+    describe_diagnosis,
+    describe_evidence,
+    describe_kind,
+    describe_time,
+    describe_undiagnosed,
+    describe_unjudged,
+    severity,
+    summarize_runs,
+)
 from omnimj.view.plots import diagnosis as plots
 from omnimj.view.plots.thinning import BINS
 from omnimj.view.report.page import Cell, Figure, Table, number, plot, table, write_page
@@ -23,19 +35,7 @@ from omnimj.view.report.run_sections import (
     run_table,
 )
 from omnimj.view.residuals import Family, families
-from omnimj.view.wording import (
-    NOTHING_FOUND,
-    describe_confidence,
-    describe_diagnosis,
-    describe_evidence,
-    describe_kind,
-    describe_time,
-    describe_undiagnosed,
-    describe_unjudged,
-    diagnosis_spans,
-    severity,
-    summarize_runs,
-)
+from omnimj.view.wording import diagnosis_spans
 
 _NAMED = 3  # runs that are named beside a finding
 _BINS_OF_A_PAGE = 16_000

@@ -10,6 +10,7 @@ from omnimj.signals import Trace
 from omnimj.simulate.judging import DiagnosisGroup, DiagnosisMatching, FaultMatch, match_diagnoses
 from omnimj.simulate.scenario.scenario import Scenario
 from omnimj.view import wording
+from omnimj.view.diagnosis_words import FULL
 from omnimj.view.plots import diagnosis as plots
 from omnimj.view.report.page import Cell, Figure, Table, plot, table
 from omnimj.view.residuals import families
@@ -115,7 +116,7 @@ def _format_group(group: DiagnosisGroup, delay: str) -> tuple[str, ...]:
     if last.get("test") == "friction":
         name = name.replace(wording.FAULT_NAMES["motor"], "wheel braked")
     elif left is not None:
-        name += ", no loss left" if left >= wording.FULL else f", {100.0 * left:.0f} % left"
+        name += ", no loss left" if left >= FULL else f", {100.0 * left:.0f} % left"
     if times > 1:
         name += f" ({times} times)"
     other = ", ".join(wording.ambiguity_name(text) for text in last.get("ambiguous_with") or ()) or "nothing"
