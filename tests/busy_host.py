@@ -32,7 +32,7 @@ class BusyHost:
 
     truth_names: tuple[str, ...] = ()
 
-    def __init__(self, plant: PlanarRobot, seed: int):
+    def __init__(self, plant: Any, seed: int):
         self.period = plant.period
         self._plant, self._draws = plant, np.random.default_rng(seed)
 
@@ -44,7 +44,7 @@ class BusyHost:
         draws, before = self._draws, self._newest
         if self._command is not None and draws.random() < MISSED:
             stalls = draws.random() < _STALL
-            lost = draws.integers(_SHORTEST, _LONGEST) if stalls else 1 + draws.geometric(0.7) - 1
+            lost = draws.integers(_SHORTEST, _LONGEST) if stalls else draws.geometric(0.7)
             for _ in range(lost):
                 self._plant.step(self._command)
         self._command = command

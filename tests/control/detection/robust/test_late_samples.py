@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
-from busy_host import LATE, MISSED, driven_by_a_busy_host
+from busy_host import LATE, MISSED, BusyHost, driven_by_a_busy_host
 from driven_missions import WEAK, driven
 
+from omnimj import read_scenario
 from omnimj.control.detection.robust import RobustDetector
 from omnimj.control.detection.robust.blocks import samples_per_block
 from omnimj.control.detection.robust.judgement import BLIND
 from omnimj.parameters import read_robot
 from omnimj.plant.faults import Fault
 from omnimj.signals import Measurement, Trace
+from omnimj.simulate.detectors import make_detector
+from omnimj.simulate.driving import drive_stepwise
+from omnimj.simulate.plants import make_plant
+from omnimj.simulate.run import make_diagnosing_controller
 
 
 def readings(trace: Trace, rows) -> list[Measurement]:
@@ -56,6 +63,15 @@ def test_a_busy_host_hides_no_fault():
     slip = Fault("slip", 3.0, wheel=3, numbers={"grip": 0.15})
     found = driven_by_a_busy_host(5, faults=(slip,)).about["diagnoses"]
     assert {(d["kind"], tuple(d["wheels"])) for d in found} == {("slip", (3,))}
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_over_a_nylon_patch_only_the_wheel_on_it_slips(seed):
+    scenario = read_scenario("nylon_patch")
+    plant: Any = BusyHost(make_plant(scenario, "planar", seed), seed)
+    controller = make_diagnosing_controller(scenario, make_detector("robust", scenario))
+    trace = drive_stepwise(plant, controller, scenario.robot_drive.reference)
+    assert [(d["kind"], tuple(d["wheels"])) for d in trace.about["diagnoses"]] == [("slip", (1,))]
 
 
 def test_a_reading_that_comes_again_changes_nothing():
