@@ -111,6 +111,12 @@ class Diagnosis:
     """Time of its withdrawal [s]; None: active."""
     channel: str = ""
     """The sensor channel, for kind `sensor`."""
+    test: str = ""
+    """The test that decided, one of the method's own; empty: the method has one test per kind."""
+    statistic: float | None = None
+    """Value of the test's statistic at the decision, in its unit; None: unknown."""
+    threshold: float | None = None
+    """Value from which the test decides, in the same unit; None: unknown."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -98,12 +98,12 @@ def read_thresholds(file: Path | None, method: str) -> Any:
     return read_thresholds(file)
 
 
-def add_accept(parser: argparse.ArgumentParser) -> None:
-    """Add `--accept`."""
+def add_accept(parser: argparse.ArgumentParser, also: str = "") -> None:
+    """Add `--accept`, which may do something else as well."""
     words = (
         "go on with data that a check holds back (wrong time base, unit, sign or delay); units are corrected"
     )
-    parser.add_argument("--accept", action="store_true", help=words)
+    parser.add_argument("--accept", action="store_true", help=f"{words}; {also}" if also else words)
 
 
 def add_gains(parser: argparse.ArgumentParser) -> None:

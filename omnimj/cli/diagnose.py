@@ -44,6 +44,9 @@ if TYPE_CHECKING:
     from omnimj.view.report.run_sections import RunSection
 
 
+_NOT_WRITTEN = (
+    "nothing written: a threshold far above the shipped one hides faults; --accept writes it all the same"
+)
 _LOWEST, _HIGHEST = 1e-6, 3600.0  # limits of the requested false-alarm rate [1/h]
 DIAGNOSE_FILES = ("diagnoses.json", "report.html")
 
@@ -213,9 +216,10 @@ def _diagnose(arguments: Any, order: DiagnosisConfig) -> tuple[list[RunDiagnosis
 def _format_diagnosis(
     order: DiagnosisConfig, found: Sequence[RunDiagnosis], interrupted: bool, out: Path
 ) -> str:
-    from omnimj.view.wording import (
+    from omnimj.view.diagnosis_words import (
         describe_confidence,
         describe_diagnosis,
+        describe_evidence,
         describe_time,
         describe_undiagnosed,
         describe_unjudged,
@@ -225,12 +229,12 @@ def _format_diagnosis(
     rows = []
     for one in found:
         if not one.diagnoses:
-            rows.append((one.name, describe_undiagnosed(one), describe_unjudged(one) or "–", ""))
-        rows += [
-            (one.name, describe_diagnosis(d), describe_time(d), describe_confidence(d)) for d in one.diagnoses
-        ]
+            rows.append((one.name, describe_undiagnosed(one), describe_unjudged(one) or "–", "", ""))
+        for d in one.diagnoses:
+            described = describe_diagnosis(d), describe_time(d), describe_confidence(d), describe_evidence(d)
+            rows.append((one.name, *described))
     lines = [*order.dataset.notes, *(note for one in found for note in one.notes)]
-    lines += [format_table(("run", "what", "when", "confidence"), rows), ""]
+    lines += [format_table(("run", "what", "when", "confidence", "decided by"), rows), ""]
     seconds = sum(one.judged for one in found)
     lines.append(f"{summarize_runs(found)}, method {order.method}, {seconds:.4g} s of data")
     if interrupted:
@@ -250,7 +254,7 @@ def add_calibrate_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--model", metavar="FILE", type=Path, help=ROBOT_MODEL)
     add_floors(parser)
     add_observer_gains(parser)
-    add_accept(parser)
+    add_accept(parser, "and write thresholds far above the shipped ones")
     parser.add_argument("--out", metavar="FILE", type=Path, required=True, help="file to write")
     parser.add_argument("--force", action="store_true", help="replace --out")
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
@@ -269,6 +273,9 @@ def _rate(text: str) -> float:
 
 def run_calibrate(arguments: Any) -> int:
     """Calibrate the thresholds on the recordings, then diagnose these once more with the result.
+
+    Returns:
+      0; 1 if a threshold rose far beyond the shipped one: the file is then written with `--accept` only.
 
     Raises:
       InputError: The data are invalid or not from a robot, or the file cannot be written.
@@ -290,13 +297,15 @@ def run_calibrate(arguments: Any) -> int:
         found = calibrate(order, arguments.rate, bar.show)
     note_compiled(order.method, order.dataset.plant)
     command = command_line(arguments)
-    write_thresholds(arguments.out, thresholds_toml(found, order.dataset, command))
+    writes = found.misfit is None or arguments.accept
+    if writes:
+        write_thresholds(arguments.out, thresholds_toml(found, order.dataset, command))
     if arguments.json:
         content = calibration_json(found, order.dataset, command) | {"data_faults": fault_records(check)}
-        print(format_json(content))
+        print(format_json(content | {"written": str(arguments.out) if writes else None}))
     else:
-        print(_format_calibration(found, order, arguments.out))
-    return 0
+        print(_format_calibration(found, order, arguments.out if writes else None))
+    return 0 if writes else 1
 
 
 def _calibration_config(arguments: Any) -> DiagnosisConfig:
@@ -316,23 +325,25 @@ def _calibration_config(arguments: Any) -> DiagnosisConfig:
     )
 
 
-def _format_calibration(found: Calibration, order: DiagnosisConfig, out: Path) -> str:
+def _format_calibration(found: Calibration, order: DiagnosisConfig, out: Path | None) -> str:
     from omnimj.control.detection.robust.thresholds import THRESHOLD_UNITS, Thresholds
     from omnimj.diagnosis.files import format_calibration
 
     usual, rows = Thresholds(), []
     for one in found.set:
         by = "lower bound" if one.value == one.floor else "tail"
-        numbers = [f"{x:.4g}" for x in (one.value, one.tail.largest, getattr(usual, one.name))]
-        rows.append((one.name, *numbers, THRESHOLD_UNITS[one.name].replace("1", ""), by))
-    head = ("threshold", "value", "largest seen", "shipped", "unit", "set by")
+        shipped = getattr(usual, one.name)
+        numbers = [f"{x:.4g}" for x in (one.value, one.tail.largest, shipped)]
+        ratio = f"{one.value / shipped:.3g}"
+        rows.append((one.name, *numbers, ratio, THRESHOLD_UNITS[one.name].replace("1", ""), by))
+    head = ("threshold", "value", "largest seen", "shipped", "ratio", "unit", "set by")
     lines = [
         *order.dataset.notes,
         *format_calibration(found),
         "",
         format_table(head, rows),
         "",
-        f"written to {out}",
+        _NOT_WRITTEN if out is None else f"written to {out}",
     ]
     return "\n".join(lines)
 

@@ -122,7 +122,9 @@ def take_reading(p, x, now):
             if x.recovery.brake[i]:  # a shorted motor has no set current
                 command[i] = now.current[i]
     bias = x.cascade.gyro_bias.bias
-    sample = Sample(now.current, now.wheel_speed, now.acceleration, now.yaw_rate, bias, True, command)
+    sample = Sample(
+        now.time, now.current, now.wheel_speed, now.acceleration, now.yaw_rate, bias, True, command
+    )
     return True, take_sample(p.sampling, x.samples, sample)
 
 

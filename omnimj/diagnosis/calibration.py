@@ -19,6 +19,8 @@ from scipy.special import exp1, gammaincinv, stdtrit
 from omnimj.control.detection.robust.blocks import BLOCK, samples_per_block
 from omnimj.control.detection.robust.detector import BLIND, RobustState
 from omnimj.control.detection.robust.thresholds import THRESHOLD_UNITS, Thresholds
+from omnimj.diagnosis.detectable_loss import LossInformation
+from omnimj.diagnosis.model_misfit import ModelMisfit, Place, misfit, raised_thresholds
 from omnimj.diagnosis.replay import DatasetProgress, DiagnosisConfig, RunDiagnosis, replay, sample_run
 from omnimj.errors import InputError
 from omnimj.signals import Array
@@ -114,6 +116,7 @@ MIN_STRETCHES = 6
 ADVISED_HOURS = 1.0
 """Duration of motion below which a warning is given [h]."""
 
+_SLIP_TIME = 0.1  # [s] in which a slipped distance builds up
 _NEVER = 10**9  # blocks
 DISABLED = Thresholds(
     motor=math.inf,
@@ -154,6 +157,8 @@ class Calibration:
     set: tuple[CalibratedThreshold, ...]
     remaining: tuple[tuple[str, int], ...]
     """Runs that still have diagnoses with these thresholds, and how many."""
+    misfit: ModelMisfit | None = None
+    """Cost of thresholds far beyond the shipped ones; None: there are none."""
 
     @property
     def thresholds(self) -> Thresholds:
@@ -196,12 +201,38 @@ def calibrate(config: DiagnosisConfig, rate: float, progress: DatasetProgress | 
     ]
     runs = config.dataset.runs
     driven = tuple(sorted({str(run.conditions["floor"]) for run in runs}))
-    bare = Calibration(rate, hours, len(runs), driven, tuple(found), ())
+    bare = Calibration(
+        rate, hours, len(runs), driven, tuple(found), (), _misfit(config, found, seen, progress)
+    )
     checked = dataclasses.replace(config, thresholds=bare.thresholds)
     remaining = [
         (one.name, len(one.diagnoses)) for one in _passes(checked, progress, "checking") if one.diagnoses
     ]
     return dataclasses.replace(bare, remaining=tuple(remaining))
+
+
+def _misfit(
+    config: DiagnosisConfig,
+    found: Sequence[CalibratedThreshold],
+    seen: StretchMaxima,
+    progress: DatasetProgress | None,
+) -> ModelMisfit | None:
+    """Return the cost of thresholds far beyond the shipped ones; None if there are none."""
+    values = {one.name: one.value for one in found}
+    largest = {one.name: one.tail.largest for one in found}
+    places = {
+        name: [(maxima[k], where[k]) for maxima, where in zip(seen.found, seen.places, strict=True)]
+        for k, name in enumerate(THRESHOLD_UNITS)
+        if k < STATISTICS
+    }
+    raised = raised_thresholds(config, values, largest, places)
+    if not raised:
+        return None
+
+    def passes(quiet: DiagnosisConfig, watch: LossInformation) -> None:
+        _passes(quiet, progress, "weighing", watch)
+
+    return misfit(config, DISABLED, Thresholds()._replace(**values), raised, passes)
 
 
 def lower_bounds(rate: float, wheels: int) -> dict[str, float]:
@@ -226,29 +257,47 @@ class StretchMaxima:
 
     def __init__(self, period: float):
         self._period, self._block = period * samples_per_block(period), -1
-        self._now, self._moved = np.zeros(STATISTICS), 0.0
+        self._run, self._moved = -1, 0.0
+        self._now, self._where = np.zeros(STATISTICS), [(0, 0.0, 0.0)] * STATISTICS
         self.found: list[np.ndarray] = []
+        self.places: list[list[Place]] = []
+        """Run and time interval [s] behind each of the maxima."""
         self.losses: list[float] = []
         self.moved = 0.0
 
     def next_run(self) -> None:
         """Begin a run."""
         self.losses.append(0.0)
+        self._run += 1
 
-    def __call__(self, state: RobustState) -> None:
+    def __call__(self, time: float, state: RobustState) -> None:
         """Update the maxima with a state of the detector; statistics change with blocks only."""
         if state.blocks == self._block:
             return
         self._block, seen = state.blocks, state.statistics
         self.losses[-1] = max(self.losses[-1], seen.worn)
-        self._now = np.maximum(self._now, seen[:STATISTICS])
+        for k in np.flatnonzero(np.array(seen[:STATISTICS]) > self._now).tolist():
+            self._now[k] = seen[k]
+            self._where[k] = self._run, time - _evidence_time(state, k, self._period), time
         if state.log[-1] == BLIND:
             return
         self.moved += self._period
         self._moved += self._period
         if self._moved >= STRETCH - 0.5 * self._period:
             self.found.append(self._now)
-            self._now, self._moved = np.zeros(STATISTICS), 0.0
+            self.places.append(self._where)
+            self._moved = 0.0
+            self._now, self._where = np.zeros(STATISTICS), [(self._run, time, time)] * STATISTICS
+
+
+def _evidence_time(state: RobustState, statistic: int, period: float) -> float:
+    """Return the duration of the window behind the largest value of a statistic [s]."""
+    scores, n = state.evidence.scores, len(state.evidence.force)
+    groups = (slice(0, n), slice(n, 2 * n), slice(2 * n, None))
+    if statistic >= len(groups):
+        return _SLIP_TIME
+    own = groups[statistic]
+    return float(scores.window[own][np.argmax(scores.likelihood[own])]) * period
 
 
 def _maxima(config: DiagnosisConfig, progress: DatasetProgress | None) -> StretchMaxima:
@@ -275,7 +324,7 @@ def _passes(
     config: DiagnosisConfig,
     progress: DatasetProgress | None,
     phase: str,
-    watch: StretchMaxima | None = None,
+    watch: StretchMaxima | LossInformation | None = None,
 ) -> Sequence[RunDiagnosis]:
     """Replay every run."""
     runs, found, before = config.dataset.runs, [], 0

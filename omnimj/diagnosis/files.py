@@ -9,8 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import omnimj
-from omnimj.control.detection.robust.thresholds import THRESHOLD_UNITS
+from omnimj.control.detection.robust.thresholds import THRESHOLD_UNITS, Thresholds
 from omnimj.diagnosis.calibration import ADVISED_HOURS, Calibration
+from omnimj.diagnosis.detectable_loss import HORIZON, LOSSES, DetectableLoss
+from omnimj.diagnosis.model_misfit import ModelMisfit, RaisedThreshold
 from omnimj.diagnosis.replay import DiagnosisConfig, RunDiagnosis
 from omnimj.recording.dataset import Dataset
 from omnimj.recording.json_files import to_jsonable, write_text
@@ -58,6 +60,7 @@ def diagnosis_record(diagnosis: Diagnosis) -> dict[str, Any]:
 
 def calibration_json(found: Calibration, dataset: Dataset, command: str) -> dict[str, Any]:
     """Return the calibration as `--json` prints it."""
+    usual = Thresholds()
     return {
         "dataset": str(dataset.path),
         "false_alarms_per_hour": found.rate,
@@ -69,6 +72,7 @@ def calibration_json(found: Calibration, dataset: Dataset, command: str) -> dict
             one.name: {
                 "value": one.value,
                 "unit": THRESHOLD_UNITS[one.name],
+                "shipped": getattr(usual, one.name),
                 "largest": one.tail.largest,
                 "tail": one.tail.slope,
                 "floor": one.floor,
@@ -76,6 +80,7 @@ def calibration_json(found: Calibration, dataset: Dataset, command: str) -> dict
             for one in found.set
         },
         "still_diagnosed": dict(found.remaining),
+        "misfit": None if found.misfit is None else to_jsonable(dataclasses.asdict(found.misfit)),
         "warnings": calibration_warnings(found),
         "version": omnimj.__version__,
         "command": command,
@@ -122,7 +127,58 @@ def format_calibration(found: Calibration) -> list[str]:
         reach = f"extrapolated {found.extrapolated:.3g}-fold along exponential tails"
     where = f"they hold for conditions like the recorded ones, here on {', '.join(found.floors)}, not beyond"
     goal = f"{found.rate:g} false alarms per hour of motion ({once})"
-    return [f"{goal} from {found.hours:.3g} h of motion: {reach}", where, *calibration_warnings(found)]
+    sentences = [f"{goal} from {found.hours:.3g} h of motion: {reach}", where, *calibration_warnings(found)]
+    return sentences if found.misfit is None else [*sentences, *describe_misfit(found.misfit)]
+
+
+def describe_misfit(misfit: ModelMisfit) -> list[str]:
+    """Describe why thresholds rose far beyond the shipped ones and what they cost, one sentence each."""
+    sentences = [_describe_raised(one) for one in misfit.raised]
+    if any(one.is_seen for one in misfit.raised):
+        sentences.append(
+            "the model does not fit these recordings: identify the robot's own numbers (omnimj identify) or "
+            "find what the model lacks (omnimj gap), and calibrate again with --model"
+        )
+    else:
+        sentences.append(
+            "no statistic exceeded its shipped threshold: the recordings are too short for this rate, or the "
+            "model is slightly wrong; record longer"
+        )
+    return [*sentences, *_describe_detectable(misfit)]
+
+
+def _describe_raised(one: RaisedThreshold) -> str:
+    words = f"{one.name}: {one.value:.3g} {THRESHOLD_UNITS[one.name]}".removesuffix(" 1")
+    words += f", {one.value / one.shipped:.3g} × the shipped {one.shipped:.3g}"
+    if one.regime is not None:
+        among = f"{one.regime.largest} of the {one.regime.of} largest values lie there"
+        share = f"with {100.0 * one.regime.share:.2g} % of the motion"
+        words += f"; the statistic is largest while {one.regime.words} ({among}, {share})"
+    if one.name == "worn":
+        words += f"; a loss that develops slowly is reported from {100.0 * one.value:.2g} % on"
+    return words
+
+
+def _describe_detectable(misfit: ModelMisfit) -> list[str]:
+    """Describe the loss of a motor that is still detected, by expectation and by injection."""
+    before = _detected(misfit.shipped_motor)
+    sentences = [
+        f"a sudden motor loss is expected to be detected {_detected(misfit.motor)}; shipped: {before}"
+    ]
+    for one in misfit.injected:
+        delay = "" if one.delay is None else f", median delay {one.delay:.2g} s"
+        sentences.append(
+            f"a loss of {100.0 * one.loss:.0f} % injected at {one.tried} places of the recordings is "
+            f"diagnosed at {one.found} within {HORIZON:g} s{delay}"
+        )
+    return sentences
+
+
+def _detected(loss: DetectableLoss) -> str:
+    if loss.loss is None:
+        return f"at no size up to {100.0 * LOSSES[-1]:.0f} % of the torque"
+    share = f"after {100.0 * loss.share:.0f} % of all onsets"
+    return f"from {100.0 * loss.loss:.0f} % on ({share}, median delay {loss.delay:.2g} s)"
 
 
 def calibration_warnings(found: Calibration) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnimj.control.detection.detector import RecordingDetector
+from omnimj.control.detection.robust.blocks import BLOCK, BRIDGED
 from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.control.gains import ObserverGains
 from omnimj.errors import InputError, UnknownNameError
@@ -148,8 +150,11 @@ MIN_RATE = 100.0
 MIN_COMMAND_RATE = 500.0
 """Lowest sample rate at which logged commanded currents are used [1/s]; at lower rates they change too much
 between samples, by the wheel-speed loop."""
-LONGEST_BRIDGE = 0.02
-"""Longest gap that is interpolated [s]."""
+LONGEST_BRIDGE = BRIDGED * BLOCK
+"""Longest step between two rows that is interpolated [s], as the detector does in a live run; of slower logs
+`SLOW_BRIDGE` steps."""
+SLOW_BRIDGE = 2.0
+"""Longest step that is interpolated, in median steps of a log."""
 MAX_VALUE = 1e4
 """Largest plausible magnitude of any channel in its unit."""
 _ALIKE = 0.005  # largest deviation of a log at the controller's own rate, relative to the period
@@ -179,6 +184,12 @@ class SampledRun:
     """Notes for the reader, one sentence each."""
 
     @property
+    def gaps(self) -> tuple[float, ...]:
+        """Durations of the gaps between the segments [s]."""
+        pairs = itertools.pairwise(self.segments)
+        return tuple(float(after.time[0] - before.time[-1]) for before, after in pairs)
+
+    @property
     def samples(self) -> int:
         """Number of samples in all segments."""
         return sum(len(segment.time) for segment in self.segments)
@@ -205,7 +216,7 @@ def require_rates(dataset: Dataset) -> None:
 def resample(
     run: Run, channels: Sequence[str], targets: Sequence[str], period: float, angles: Sequence[str] = ()
 ) -> SampledRun:
-    """Sample a run at the controller's rate: masked rows are left out, short gaps interpolated.
+    """Sample a run at the controller's rate: masked rows are left out, a few missing rows interpolated.
 
     Args:
       run: Run with at least `MIN_RATE` samples per second.
@@ -222,8 +233,10 @@ def resample(
     if wild:
         notes.append(f"run {run.name}: {', '.join(wild)} beyond ±{MAX_VALUE:g} clipped")
         values = np.clip(values, -MAX_VALUE, MAX_VALUE)
-    breaks = np.flatnonzero(np.diff(time) > LONGEST_BRIDGE + _ROUNDING) + 1
-    segments, made, rate = [], False, sample_rate(run)
+    rate = sample_rate(run)
+    bridge = max(LONGEST_BRIDGE, SLOW_BRIDGE / rate)
+    breaks = np.flatnonzero(np.diff(time) > bridge + _ROUNDING) + 1
+    segments, made = [], False
     for rows in np.split(np.arange(len(time)), breaks):
         if len(rows) < 2:
             continue
@@ -243,7 +256,7 @@ def resample(
         rates = f"from {rate:.4g} to {1.0 / period:.4g} samples per second"
         notes.append(f"run {run.name}: interpolated linearly {rates}")
     elif made:
-        words = f"gaps of up to {1000.0 * LONGEST_BRIDGE:g} ms"
+        words = f"gaps of up to {1000.0 * bridge:.3g} ms"
         notes.append(f"run {run.name}: {words} interpolated")
     return SampledRun(tuple(segments), tuple(notes))
 

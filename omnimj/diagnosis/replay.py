@@ -25,6 +25,7 @@ from omnimj.control.cascade.heading import (
     yaw_rate_row,
 )
 from omnimj.control.detection.detector import RecordingDetector
+from omnimj.control.detection.robust.blocks import LONGEST_GAP
 from omnimj.control.detection.robust.judgement import BLIND
 from omnimj.control.detection.robust.recorded import RecordedObservation, RecordedRows, is_still
 from omnimj.control.detection.robust.thresholds import Thresholds
@@ -67,14 +68,12 @@ def first_bias(wheel_speed: Array, yaw_rate: Array, period: float) -> GyroBias:
     return GyroBias()
 
 
-LONGEST_GAP = 0.1
-"""Longest gap over which observers and windows continue [s]; diagnoses persist over longer ones, too."""
 _REPORT_EVERY = 500  # samples
 
 SampleProgress = Callable[[int], None]
 """Called regularly with the number of finished samples."""
-Watch = Callable[[Any], None]
-"""Called with the state of the detector after every sample."""
+Watch = Callable[[float, Any], None]
+"""Called with the time [s] and the state of the detector after every sample."""
 
 
 @dataclass(frozen=True)
@@ -84,9 +83,9 @@ class RunDiagnosis:
     name: str
     diagnoses: tuple[Diagnosis, ...]
     cannot_judge: float
-    """Total time in which the detector could not make a decision [s]."""
+    """Total time in which the detector could not make a decision, gaps included [s]."""
     judged: float
-    """Duration of the samples [s]."""
+    """Duration of the samples and of the gaps between them [s]."""
     trace: Trace
     """Columns of the log, with those of the detector appended."""
     notes: tuple[str, ...]
@@ -133,13 +132,14 @@ def replay(
         last = segment.time[-1]
     if state is not None:
         diagnoses = _joined(diagnoses, state.diagnoses)
-    blind = float(loop.blind) * machine.period
+    missing = sum(gap - machine.period for gap in samples.gaps)
+    blind, judged = (many * machine.period + missing for many in (loop.blind, samples.samples))
     notes = samples.notes
     if gaps:
         many = f"{len(gaps)} gaps" if len(gaps) > 1 else "a gap"
         notes = (*notes, f"run {run.name}: restarted after {many} of up to {max(gaps):.3g} s")
     trace = _trace(run, times, detector.log_names, logs)
-    return RunDiagnosis(run.name, diagnoses, blind, samples.samples * machine.period, trace, notes)
+    return RunDiagnosis(run.name, diagnoses, blind, judged, trace, notes)
 
 
 class _Loop:
@@ -207,7 +207,7 @@ class _Loop:
                 self._update_bias(measured)
                 self._done += 1
                 if self._watch is not None:
-                    self._watch(state)
+                    self._watch(now, state)
                 if self._progress is not None and self._done % _REPORT_EVERY == 0:
                     self._progress(self._done)
         return state

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -13,10 +13,9 @@ import numpy as np
 from omnimj.control.recovery.modes import MODE_CONSEQUENCES, MODE_NAMES, NORMAL, PIVOTING, indispensable
 from omnimj.control.robot_constants import robot_constants
 from omnimj.parameters import Rig, Robot
-from omnimj.signals import Diagnosis, Trace, equal_stretches
+from omnimj.signals import Trace, equal_stretches
 
 if TYPE_CHECKING:
-    from omnimj.diagnosis.replay import RunDiagnosis
     from omnimj.simulate.scenario.scenario import Scenario
 
 FAULT_NAMES: Mapping[str, str] = {
@@ -52,7 +51,6 @@ RECOVERY = "recovery"
 """Name of the lane of recovery actions."""
 NOT_DIAGNOSED = "off"
 """Name of the method of a run without fault detection."""
-NOTHING_FOUND = "nothing found"
 _COUNTS = {3: "three", 4: "four", 5: "five", 6: "six"}
 _PLACE = ("kind", "wheel", "wheels", "onset", "end")
 
@@ -293,56 +291,3 @@ def describe_layout(constants: Robot | Rig) -> str:
         return f"{_COUNTS.get(n, str(n))} wheels cannot lose one and be steered and turned at will"
     which = f"wheel{'s' if len(needed) > 1 else ''} {', '.join(map(str, needed))}"
     return f"it cannot lose {which} and be steered and turned at will"
-
-
-def describe_diagnosis(diagnosis: Diagnosis) -> str:
-    """Describe a diagnosis: `motor 2 is weak: 43 % left`."""
-    d, wheels = diagnosis, ", ".join(str(wheel) for wheel in diagnosis.wheels)
-    if d.kind == "motor":
-        left = d.effectiveness
-        return f"motor {wheels} is weak" + ("" if left is None else f": {100.0 * left:.0f} % left")
-    if d.kind == "sensor":
-        return f"sensor {d.channel or wheels} is wrong"
-    words = {
-        "slip": f"wheel {wheels} slips",
-        "locked": f"wheel {wheels} is locked",
-        "free": f"motor {wheels} gives nothing",
-        "hard_over": f"motor {wheels} runs away",
-        "all_wheel_slip": "all wheels slip",
-    }
-    return words.get(d.kind, f"{d.kind.replace('_', ' ')} {wheels}".strip())
-
-
-def describe_time(diagnosis: Diagnosis) -> str:
-    """Describe the interval of a diagnosis: `from 3.210 s`, or `3.210 … 4.000 s`."""
-    if diagnosis.cleared is None:
-        return f"from {diagnosis.time:.3f} s"
-    return f"{diagnosis.time:.3f} … {diagnosis.cleared:.3f} s"
-
-
-def describe_confidence(diagnosis: Diagnosis) -> str:
-    """Describe the confidence in a diagnosis: `99 %`, with the alternatives."""
-    others = f", or {', '.join(diagnosis.ambiguous_with)}" if diagnosis.ambiguous_with else ""
-    return f"{100.0 * diagnosis.confidence:.0f} %{others}"
-
-
-def describe_undiagnosed(run: RunDiagnosis) -> str:
-    """Describe a run without a diagnosis."""
-    return NOTHING_FOUND if run.judged > 0.0 else "no usable samples"
-
-
-def describe_unjudged(run: RunDiagnosis) -> str:
-    """Describe the total time without a possible diagnosis; empty if there was none."""
-    if run.cannot_judge <= 0.0:
-        return ""
-    return f"cannot judge {run.cannot_judge:.1f} of {run.judged:.1f} s"
-
-
-def summarize_runs(runs: Sequence[RunDiagnosis]) -> str:
-    """Summarise the diagnoses of all runs in one sentence."""
-    count = sum(len(run.diagnoses) for run in runs)
-    many = f"{len(runs)} run{'s' if len(runs) != 1 else ''}"
-    if not count:
-        return f"{NOTHING_FOUND} in {many}"
-    concerned = sum(bool(run.diagnoses) for run in runs)
-    return f"{count} diagnos{'es' if count != 1 else 'is'} in {concerned} of {many}"

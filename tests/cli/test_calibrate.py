@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import json
 import math
+import re
 import tomllib
 
 import numpy as np
@@ -17,7 +19,13 @@ from omnimj.control.detection.robust import RobustDetector
 from omnimj.control.detection.robust.thresholds import THRESHOLD_UNITS, Thresholds, read_thresholds
 from omnimj.diagnosis import calibration as calibrating
 from omnimj.diagnosis.calibration import lower_bounds
+from omnimj.diagnosis.detectable_loss import LossInformation
+from omnimj.diagnosis.logs import read_machine
+from omnimj.diagnosis.model_misfit import inject
+from omnimj.diagnosis.replay import DiagnosisConfig
+from omnimj.parameters import read_floors
 from omnimj.recording.dataset import Run
+from omnimj.recording.read_dataset import read_dataset
 from omnimj.recording.write_dataset import write_dataset
 
 FLOOR = {"floor": "natural_stone"}
@@ -41,6 +49,8 @@ def files(folder, tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         # what is seen in the recordings does not depend on the rate
         patch.setattr(calibrating, "_maxima", cache_of(calibrating._maxima))
+        # a minute of motion is too short for these rates, which is weighed elsewhere
+        patch.setattr(calibrating, "_misfit", lambda *_: None)
         for rate in RATES:
             found[rate] = out / f"{rate:g}.toml"
             argv = ["calibrate", str(folder), "--false-alarms-per-hour", str(rate)]
@@ -95,12 +105,66 @@ def test_the_extent_of_extrapolation_is_printed(folder, files, tmp_path, capsys)
     file = tmp_path / "t.toml"
     file.touch()
     argv = ["calibrate", str(folder), "--false-alarms-per-hour", "0.1", "--out", str(file), "--force"]
-    assert main([*argv, "--json"]) == 0
+    assert main([*argv, "--json"]) == 1 and not file.read_text(encoding="utf-8")
+    held_back = json.loads(capsys.readouterr().out)
+    assert held_back["written"] is None and not any(r["is_seen"] for r in held_back["misfit"]["raised"])
+    assert main([*argv, "--json", "--accept"]) == 0
     content = json.loads(capsys.readouterr().out)
     assert content["extrapolated"] == pytest.approx(10.0 / content["hours"])
     assert set(content["thresholds"]) == set(THRESHOLD_UNITS)
     assert content["still_diagnosed"] == {} and len(content["warnings"]) == 1
     assert read_thresholds(file) == read_thresholds(files[0.1])
+
+
+@pytest.fixture(scope="module")
+def misfitting(tmp_path_factory):
+    """Healthy missions of a robot whose gear loses torque that its model does not know of."""
+    path = tmp_path_factory.mktemp("data") / "lossy"
+    effect = ("--effect", "gear_loss:load=0.4", "--plant", "planar")
+    assert main(["record", "robot_missions", *effect, "--out", str(path)]) == 0
+    return path
+
+
+def test_a_model_that_does_not_fit_raises_no_threshold_without_a_word(misfitting, tmp_path, capsys):
+    file = tmp_path / "t.toml"
+    argv = ["calibrate", str(misfitting), "--false-alarms-per-hour", "0.1", "--out", str(file)]
+    assert main(argv) == 1 and not file.exists()
+    printed = capsys.readouterr().out
+    assert mentions(printed, "nothing written", "--accept") and "the model does not fit" in printed
+    # a gear that loses torque with its load is wrong where the load is large
+    assert re.search(r"motor: .* × the shipped .*largest while (accelerating|braking)", printed)
+    assert main([*argv, "--accept", "--json"]) == 0 and file.exists()
+    content = json.loads(capsys.readouterr().out)
+    assert content["written"] == str(file)
+    raised = {one["name"]: one for one in content["misfit"]["raised"]}
+    motor = raised["motor"]
+    assert motor["value"] == content["thresholds"]["motor"]["value"] > 1.5 * motor["shipped"]
+    assert motor["is_seen"] and 0 < motor["regime"]["largest"] <= motor["regime"]["of"]
+    now, before = content["misfit"]["motor"], content["misfit"]["shipped_motor"]
+    assert now["loss"] is None or now["loss"] > before["loss"]
+    # the reason and the cost travel with the numbers
+    comments = [line for line in file.read_text("utf-8").splitlines() if line.startswith("#")]
+    assert mentions(" ".join(comments), "× the shipped", "largest while", "motor loss is expected")
+
+
+@pytest.mark.slow
+def test_the_loss_that_is_stated_as_detectable_is_found_where_it_is_injected(folder):
+    """The expected statistic against the detector itself, on healthy runs and with the shipped thresholds."""
+    dataset = read_dataset(folder)
+    config = DiagnosisConfig(dataset, read_machine(dataset), "robust", read_floors())
+    quiet = dataclasses.replace(config, thresholds=calibrating.DISABLED)
+    detector = quiet.detector_for(dataset.runs[0])
+    information = LossInformation(4, detector.constants.model)
+    calibrating._passes(quiet, None, "", information)
+    expected = information.detectable(Thresholds().motor)
+    assert expected.loss is not None and 0.1 < expected.loss < 0.4
+    for loss, least, most in ((0.5 * expected.loss, 0.0, 0.35), (2.0 * expected.loss, 0.75, 1.0)):
+        found = inject(config, loss, information.onsets, 4)
+        delays = information.delays(loss, Thresholds().motor)
+        share = np.isfinite(delays).mean()
+        assert found.tried == 40 and least <= found.found / found.tried <= most
+        assert abs(found.found / found.tried - share) < 0.2
+    assert found.delay == pytest.approx(np.median(delays[np.isfinite(delays)]), abs=0.2)
 
 
 @pytest.mark.slow
@@ -125,7 +189,7 @@ def test_the_observer_of_a_gains_file_is_the_one_that_is_calibrated_and_that_dia
     gains = tmp_path / "gains.toml"
     gains.write_text('[observer]\nmemory = { value = 2.0, unit = "s", source = "tuned" }\n')
     file, rate = tmp_path / "t.toml", ["--false-alarms-per-hour", "0.1"]
-    assert main(["calibrate", str(folder), *rate, "--gains", str(gains), "--out", str(file)]) == 0
+    assert main(["calibrate", str(folder), *rate, "--gains", str(gains), "--accept", "--out", str(file)]) == 0
     brief, usual = read_thresholds(file), read_thresholds(files[0.1])
     assert brief.motor != usual.motor and brief.drag != usual.drag
     capsys.readouterr()
@@ -186,7 +250,7 @@ def test_a_fault_in_the_recordings_is_warned_about(tmp_path, capsys, monkeypatch
     gyro[5000:] = (gyro[5000:] + 0.2 * np.arange(len(gyro) - 5000) * 1e-3) % (2.0 * np.pi)
     turning = Run("turning", {**as_run(driven()).columns, "yaw": gyro}, {}, FLOOR)
     write_dataset(tmp_path / "data", "uto_robot", FLOOR, [turning])
-    argv = ["calibrate", str(tmp_path / "data"), "--false-alarms-per-hour", "1"]
+    argv = ["calibrate", str(tmp_path / "data"), "--false-alarms-per-hour", "1", "--accept"]
     assert main([*argv, "--out", str(tmp_path / "t.toml")]) == 0
     assert mentions(capsys.readouterr().out, "warning", "turning", "1 diagnosis")
 

@@ -12,6 +12,7 @@ import pytest
 from driven_missions import ONSET, as_dataset, as_run, driven
 
 from omnimj.control.detection.robust import RobustDetector
+from omnimj.control.detection.robust.blocks import BLOCK
 from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.control.gains import ObserverGains
 from omnimj.diagnosis.files import diagnoses_json
@@ -136,7 +137,32 @@ def test_a_gap_in_the_middle_of_a_motion_raises_no_alarm(lost):
     found = diagnose(run)
     assert not found.diagnoses
     assert any("restarted after" in note for note in found.notes) == (lost > 100)
-    assert found.judged == pytest.approx(12.001 - (lost * 1e-3 if lost > 20 else 0.0), abs=2e-3)
+    assert found.judged == pytest.approx(12.001, abs=2e-3)
+    assert found.cannot_judge - diagnose(as_run(driven())).cannot_judge > lost * 1e-3 - BLOCK
+
+
+def irregular(run: Run, seed: int) -> Run:
+    """The log of a busy host: 16 % of the rows are missing, one by one, and every tenth of a second many."""
+    draws = np.random.default_rng(seed)
+    keep = draws.random(len(run.time)) > 0.16
+    for row in range(50, len(run.time), 100):
+        keep[row : row + draws.integers(6, 40)] = False
+    return dataclasses.replace(run, columns={name: values[keep] for name, values in run.columns.items()})
+
+
+@pytest.mark.parametrize("seed", [11, 12, 13])
+def test_an_irregular_log_of_a_healthy_robot_raises_no_alarm_and_its_gaps_cannot_be_judged(seed):
+    whole = as_run(driven(28.0, seed))
+    run = irregular(whole, seed)
+    found = diagnose(run)
+    steps = np.diff(run.time)
+    assert not found.diagnoses
+    assert found.cannot_judge > steps[steps > 0.0055].sum() + diagnose(whole).cannot_judge * 0.5
+    assert found.judged == pytest.approx(28.001, abs=0.05)
+
+
+def test_an_irregular_log_still_shows_a_weak_motor():
+    assert [is_weak(d) for d in diagnose(irregular(as_run(driven(weak=True)), 3)).diagnoses] == [True]
 
 
 @cache

@@ -66,7 +66,7 @@ def test_an_angle_is_interpolated_through_its_wrap():
     assert piece.columns.min() >= 0.0 and piece.columns.max() < 2.0 * math.pi
 
 
-@pytest.mark.parametrize(("lost", "pieces"), [(1, 1), (18, 1), (21, 2), (300, 2)])
+@pytest.mark.parametrize(("lost", "pieces"), [(1, 1), (4, 1), (5, 2), (21, 2), (300, 2)])
 def test_masked_rows_are_left_out_and_long_gaps_split(lost, pieces):
     time = at_rate(1000.0)
     masked = np.zeros(1001, bool)

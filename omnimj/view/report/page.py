@@ -42,6 +42,8 @@ class Cell:
     """Length of a bar below the text [%]; None for no bar."""
     link: str = ""
     """Anchor that the text links to; empty for none."""
+    find: str = ""
+    """Words that the text puts into the page's search field; empty for none."""
 
 
 def number(text: object, note: str = "") -> Cell:

@@ -10,6 +10,7 @@ from omnimj.signals import Trace
 from omnimj.simulate.judging import DiagnosisGroup, DiagnosisMatching, FaultMatch, match_diagnoses
 from omnimj.simulate.scenario.scenario import Scenario
 from omnimj.view import wording
+from omnimj.view.diagnosis_words import FULL
 from omnimj.view.plots import diagnosis as plots
 from omnimj.view.report.page import Cell, Figure, Table, plot, table
 from omnimj.view.residuals import families
@@ -111,8 +112,11 @@ def _row(match: FaultMatch, k: int, group: DiagnosisGroup | None) -> tuple[str, 
 def _format_group(group: DiagnosisGroup, delay: str) -> tuple[str, ...]:
     first, last, times = group.first, group.last, len(group.diagnoses)
     name = wording.fault_name(last)
-    if last.get("effectiveness") is not None:
-        name += f", {100.0 * last['effectiveness']:.0f} % left"
+    left = last.get("effectiveness")
+    if last.get("test") == "friction":
+        name = name.replace(wording.FAULT_NAMES["motor"], "wheel braked")
+    elif left is not None:
+        name += ", no loss left" if left >= FULL else f", {100.0 * left:.0f} % left"
     if times > 1:
         name += f" ({times} times)"
     other = ", ".join(wording.ambiguity_name(text) for text in last.get("ambiguous_with") or ()) or "nothing"

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 
 from omnimj.view.report.page import Cell, Figure, Table, table
 
+FEW_RUNS = 3
+"""Number of runs up to which a page has no search field."""
 MOST_FIGURES = 40
 """Largest number of runs with plots, which keeps the page small enough for a browser."""
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from omnimj.control.cascade.heading import yaw_rate_by_wheels
 from omnimj.control.detection.robust.blocks import Block
 from omnimj.control.detection.robust.evidence import Evidence
-from omnimj.control.detection.robust.glr import FILLED, JumpScores
+from omnimj.control.detection.robust.glr import FILLED, JumpScores, is_friction
 from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.control.detection.robust.verdict import Verdict, is_stalled
 from omnimj.physics.native import kernel
@@ -21,7 +21,6 @@ DEAD = 0.9
 """Loss from which a motor counts as dead."""
 _DETECTED, _LEARNT = 0.2, 0.1  # standard deviation of a loss just after it was detected, or learnt
 _PART_FRICTION, _PART_LOSS = 1.5, 0.05  # deviation of friction beside a loss, and of a loss beside friction
-_RATHER = 2.0  # [nats] by which friction must be more likely than a loss
 
 
 class Accommodation(NamedTuple):
@@ -163,6 +162,7 @@ def substitute_sensors(parameters, block, evidence, known):
         block.wheel_acceleration,
         yaw_rate_by_wheels(parameters.turn, block.wheel_acceleration),
         block.commanded,
+        block.duration,
     )
 
 
@@ -244,7 +244,7 @@ def _reset_motor(
     if motor.effectiveness is None:
         return
     i, j = motor.wheels[0] - 1, motor.wheels[0] - 1 + len(losses)
-    if scores.likelihood[j] > scores.likelihood[i] + _RATHER:  # something brakes the wheel
+    if is_friction(scores.likelihood[i], scores.likelihood[j]):  # something brakes the wheel
         evidence.theta[j] += scores.size[j]
         _reset_variance(evidence.cov, j, 0.5 * scores.size[j] + _PART_FRICTION)
         evidence.cov[i, i] += _PART_LOSS**2

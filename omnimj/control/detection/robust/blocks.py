@@ -1,5 +1,9 @@
 """Samples into blocks: alignment of the channels, means, accelerations, and channels that have failed.
 
+The time of a measurement decides what it counts, not its turn. A reading that comes a second time, or late,
+says nothing new. Readings that are missing are interpolated while they are few; a longer gap ends the block,
+and the next one only settles the memory of the alignment: nothing can be judged meanwhile.
+
 Channels are ordered currents (n) | wheel speeds (n) | acceleration (2) | yaw rate; all arrays over channels
 have the shape (2n+3,).
 """
@@ -27,15 +31,25 @@ SMOOTHED, MOST_STEP = 100.0, 5.0
 jump is no noise."""
 REPEATED = 60
 """Equal samples in a row that no working sensor gives while the robot drives."""
+BRIDGED = 0.5
+"""Gap over which readings are interpolated, as a share of a block."""
+LONGEST_GAP = 0.1
+"""Longest gap over which windows and the history of blocks continue [s]; diagnoses persist over any."""
 LINE = 12
 """Samples that are kept for the alignment of the channels."""
+
+_CLOCK = 0.1  # weight of a block's last time stamp in the time at which the next one begins
 
 
 class SamplingParameters(NamedTuple):
     """Constants of the sampling of a robot with n wheels."""
 
+    period: float
+    """From sample to sample [s]."""
     per_block: int
     """From `samples_per_block`."""
+    bridged: float
+    """Periods up to which the readings between two samples are interpolated."""
     waits: Array
     """Delay of each channel, from `alignment_delays`."""
     ranges: Array
@@ -47,6 +61,8 @@ class SamplingParameters(NamedTuple):
 class Sample(NamedTuple):
     """One measurement and the command before it."""
 
+    time: float
+    """[s]"""
     current: Array
     """Shape (n,) [A]."""
     wheel_speed: Array
@@ -68,10 +84,14 @@ class Samples(NamedTuple):
 
     fresh: bool
     """True until the first block is full."""
+    since: float
+    """Time of the block's beginning, a period before its first sample; NaN before the first block [s]."""
+    gap: float
+    """Duration of gaps since the last full block [s]; 0 for none."""
     number: float
-    """Samples in the block."""
+    """Periods from the block's beginning to the newest sample."""
     total: Array
-    """Sums of the aligned channels."""
+    """Sums of the aligned channels over all periods."""
     begin: Array
     """Wheel speeds [rad/s] and yaw rate [rad/s] at the block's beginning, shape (n+1,)."""
     aligned: Array
@@ -101,6 +121,8 @@ class Block(NamedTuple):
     """[rad/s²]"""
     commanded: Array
     """Current that the amplifiers should have given, shape (n,) [A]."""
+    duration: float
+    """[s]"""
 
 
 def samples_per_block(period: float) -> int:
@@ -137,8 +159,11 @@ def channel_ranges(robot: Robot) -> Array:
 
 def sampling_parameters(robot: Robot, period: float) -> SamplingParameters:
     """Constants of the sampling at a control period [s]."""
+    per_block = samples_per_block(period)
     return SamplingParameters(
-        samples_per_block(period),
+        float(period),
+        per_block,
+        max(1.0, float(int(BRIDGED * per_block))),
         alignment_delays(robot, period),
         channel_ranges(robot),
         amplifier_parameters(robot),
@@ -150,6 +175,8 @@ def initial_samples(wheels: int) -> Samples:
     channels = 2 * wheels + 3
     return Samples(
         fresh=True,
+        since=math.nan,
+        gap=0.0,
         number=0.0,
         total=np.zeros(channels),
         begin=np.zeros(wheels + 1),
@@ -190,18 +217,20 @@ def roughness(k, wheels):
 
 
 @kernel
-def count_repeats(steps, values):
+def count_repeats(steps, values, follows):
     """Take one sample into the counts of equal values and the squares of steps, in place.
 
     Args:
       steps: Of `Samples`, shape (3, 2n+3).
       values: Newest sample, shape (2n+3,).
+      follows: Whether the sample comes one period after the last one: a longer step is no noise.
     """
     n = (values.size - 3) // 2
     for k in range(values.size):
         step = values[k] - steps[0, k]
         steps[1, k] = steps[1, k] + 1.0 if step == 0.0 else 0.0
-        steps[2, k] += (min(step * step, MOST_STEP * roughness(k, n) ** 2) - steps[2, k]) / SMOOTHED
+        if follows:
+            steps[2, k] += (min(step * step, MOST_STEP * roughness(k, n) ** 2) - steps[2, k]) / SMOOTHED
         steps[0, k] = values[k]
 
 
@@ -237,7 +266,7 @@ def _missing_current(amplifier, command, current, wheel_speed):
 
 @kernel
 def take_sample(p, block, sample):
-    """Add one sample to the block, in place.
+    """Add one sample to the block by its time, in place.
 
     Args:
       p: `SamplingParameters`.
@@ -248,24 +277,73 @@ def take_sample(p, block, sample):
       Whether the block is full.
     """
     n = sample.current.size
-    values, aligned, begin = np.empty(2 * n + 3), block.aligned, block.begin
+    if math.isnan(block.since):
+        block.since = sample.time - p.period
+    passed = np.rint((sample.time - block.since) / p.period) - block.number
+    if passed < 1.0:  # the same reading again, or an older one
+        return False
+    values = np.empty(2 * n + 3)
     values[:n], values[n : 2 * n] = sample.current, sample.wheel_speed
     values[2 * n : 2 * n + 2], values[2 * n + 2] = sample.acceleration, sample.yaw_rate
     for k in range(values.size):
         values[k] = min(max(values[k], -p.ranges[k]), p.ranges[k])
-    count_repeats(block.steps, values)
+    count_repeats(block.steps, values, passed == 1.0)
     values[2 * n + 2] -= sample.bias
+    if passed > p.bridged:
+        begin_after_gap(p, block, values, sample.time, passed)
+        return False
+    if passed > 1.0:
+        _interpolate(p, block, values, passed)
+    _add(p, block, values)
+    if sample.commanded and passed == 1.0:  # what was commanded during a gap is not known
+        for i in range(n):
+            block.missing[i] += _missing_current(p.amplifier, sample.command[i], values[i], values[n + i])
+    if block.number < p.per_block:
+        return False
+    # the phase follows the clock of the measurements slowly, so that jitter moves no sample to another period
+    end = block.since + block.number * p.period
+    block.since += _CLOCK * (sample.time - end)
+    return True
+
+
+@kernel
+def _add(p, block, values):
+    """Add the values of one period to the block, in place."""
+    n, aligned, begin, total = block.missing.size, block.aligned, block.begin, block.total
     align(block.line, p.waits, values, block.fresh, aligned)
     if block.number == 0.0 and not begin.any():
         begin[:n], begin[n] = aligned[n : 2 * n], aligned[2 * n + 2]
     block.number += 1.0
-    total, missing = block.total, block.missing
     for k in range(values.size):
         total[k] += aligned[k]
-    if sample.commanded:
-        for i in range(n):
-            missing[i] += _missing_current(p.amplifier, sample.command[i], values[i], values[n + i])
-    return block.number >= p.per_block
+
+
+@kernel
+def _interpolate(p, block, values, passed):
+    """Add the periods without a sample, linearly between the last sample and the newest one, in place."""
+    last = block.line[0].copy()
+    for j in range(1, int(passed)):
+        _add(p, block, last + (values - last) * (j / passed))
+
+
+@kernel
+def begin_after_gap(p, block, values, time, passed):
+    """Begin a block at the first sample after a gap, in place.
+
+    Args:
+      p: `SamplingParameters`.
+      block: `Samples`, changed in place.
+      values: The sample, shape (2n+3,).
+      time: Of the sample [s].
+      passed: Periods since the last sample.
+    """
+    n = block.missing.size
+    align(block.line, p.waits, values, True, block.aligned)
+    block.begin[:n], block.begin[n] = values[n : 2 * n], values[2 * n + 2]
+    block.gap += passed * p.period
+    block.since, block.number, block.fresh = time, 0.0, False
+    block.total[:] = 0.0
+    block.missing[:] = 0.0
 
 
 @kernel
@@ -274,26 +352,28 @@ def take_block(s, period):
 
     Args:
       s: `Samples`, changed in place.
-      period: Duration of a block [s].
+      period: From sample to sample [s].
 
     Returns:
       `Block`.
     """
-    n, end = s.missing.size, s.aligned
+    n, end, duration = s.missing.size, s.aligned, s.number * period
     mean, change, begin = s.total / s.number, np.empty(n), s.begin
     for i in range(n):
-        change[i] = (end[n + i] - begin[i]) / period
+        change[i] = (end[n + i] - begin[i]) / duration
     block = Block(
         mean[:n].copy(),
         mean[n : 2 * n].copy(),
         mean[2 * n : 2 * n + 2].copy(),
         mean[2 * n + 2],
         change,
-        (end[2 * n + 2] - begin[n]) / period,
+        (end[2 * n + 2] - begin[n]) / duration,
         mean[:n] + s.missing / s.number,
+        duration,
     )
     begin[:n], begin[n] = end[n : 2 * n], end[2 * n + 2]
-    s.fresh, s.number = False, 0.0
+    s.since += duration
+    s.fresh, s.number, s.gap = False, 0.0, 0.0
     s.total[:] = 0.0
     s.missing[:] = 0.0
     return block

@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from omnimj.control.detection.robust.evidence import Evidence
+from omnimj.control.detection.robust.glr import is_friction
 from omnimj.control.detection.robust.parameter_filter import significant_losses
 from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.control.detection.robust.verdict import Verdict, is_degraded, is_stalled, with_diagnosis
@@ -18,6 +20,21 @@ from omnimj.control.detection.robust.wheel_monitors import LOADED
 from omnimj.physics.native import kernel
 from omnimj.signals import Array, Diagnosis
 
+TESTS = (
+    "loss",
+    "friction",
+    "learnt loss",
+    "accelerometer",
+    "slip",
+    "current",
+    "standing",
+    "readings",
+    "yaw rates",
+    "wheel speed",
+)
+"""Tests that decide: jumps of a motor's torque constant, of a friction and of an accelerometer's bias, a
+learnt loss, a slipped way; a current that is not followed, a wheel that stands, readings that are frozen or
+noisy, yaw rates that differ, a speed that no slip explains."""
 _AFTERMATH = 2.0  # [s] in which the estimated velocity recovers from a slip
 EFFECTIVENESS_STEP = 0.02
 """Smallest change of an effectiveness that updates its diagnosis."""
@@ -119,7 +136,9 @@ def _judge_channels(failed: tuple[str, ...], verdict: Verdict, time: float) -> V
     for channel in failed:
         if not verdict.has_sensor_fault(channel):
             wheels = (int(channel[-1]),) if channel[-1].isdigit() else ()
-            verdict = with_diagnosis(verdict, Diagnosis(time, "sensor", wheels, 0.99, channel=channel))
+            verdict = with_diagnosis(
+                verdict, Diagnosis(time, "sensor", wheels, 0.99, channel=channel, test="readings")
+            )
     return verdict
 
 
@@ -136,7 +155,8 @@ def _judge_yaw_sensors(evidence: Evidence, thresholds: Thresholds, verdict: Verd
     if abs(nearer) < 0.7 * thresholds.turning:
         return verdict
     channel = "yaw_rate" if nearer > 0.0 else "yaw"
-    return with_diagnosis(verdict, Diagnosis(time, "sensor", (), 0.95, channel=channel))
+    decided = _decided("yaw rates", abs(converter), thresholds.turning)
+    return with_diagnosis(verdict, Diagnosis(time, "sensor", (), 0.95, channel=channel, **decided))
 
 
 def _is_yaw_ambiguous(evidence: Evidence, thresholds: Thresholds, verdict: Verdict) -> bool:
@@ -154,9 +174,11 @@ def _judge_currents(evidence: Evidence, thresholds: Thresholds, verdict: Verdict
         if any(verdict.has_sensor_fault(f"{name}_{wheel}") for name in ("current", "wheel_speed")):
             continue
         if monitors.silent[i] >= thresholds.current:
-            verdict = with_diagnosis(verdict, Diagnosis(time, "free", (wheel,), 0.99, (), 0.0))
+            decided = _decided("current", monitors.silent[i], thresholds.current)
+            verdict = with_diagnosis(verdict, Diagnosis(time, "free", (wheel,), 0.99, (), 0.0, **decided))
         elif monitors.disobeying[i] >= thresholds.current:
-            verdict = with_diagnosis(verdict, Diagnosis(time, "hard_over", (wheel,), 0.99))
+            decided = _decided("current", monitors.disobeying[i], thresholds.current)
+            verdict = with_diagnosis(verdict, Diagnosis(time, "hard_over", (wheel,), 0.99, **decided))
     return verdict
 
 
@@ -171,11 +193,14 @@ def _judge_standing_wheels(
         if known is not None and (known.kind == "free" or verdict.has_sensor_fault(f"wheel_speed_{wheel}")):
             continue
         if evidence.monitors.stuck[i] >= thresholds.stuck:
-            verdict = with_diagnosis(verdict, Diagnosis(time, "locked", (wheel,), 0.99, (), 0.0))
+            decided = _decided("standing", evidence.monitors.stuck[i], thresholds.stuck)
+            verdict = with_diagnosis(verdict, Diagnosis(time, "locked", (wheel,), 0.99, (), 0.0, **decided))
         elif evidence.monitors.stalled[i] >= thresholds.stuck and known is None:
             # locked, or without torque: the floor will tell which, once it passes below
             locked = (f"locked {wheel}",)
-            verdict = with_diagnosis(verdict, Diagnosis(time, "motor", (wheel,), 0.9, locked, 0.0))
+            decided = _decided("standing", evidence.monitors.stalled[i], thresholds.stuck)
+            stalled = Diagnosis(time, "motor", (wheel,), 0.9, locked, 0.0, **decided)
+            verdict = with_diagnosis(verdict, stalled)
     return verdict
 
 
@@ -222,7 +247,7 @@ def judge_forces(
     if not by_wheel:
         if time - since < thresholds.bodily:
             return Verdict(verdict.diagnoses, since)
-        return _accelerometer_fault(verdict, time, axis, lead, thresholds.margin)
+        return _accelerometer_fault(verdict, time, axis, lead, thresholds, float(body[axis]))
     known = verdict.active_on(best + 1, ("motor",))
     if relearning and known is not None and not known.ambiguous_with:
         return Verdict(verdict.diagnoses, math.nan)
@@ -232,14 +257,29 @@ def judge_forces(
     size = evidence.scores.size[best] if likelihood[best] > 0.0 else 0.5
     left = float(min(max(1.0 - losses[best] - size, 0.0), 1.0))
     confidence = 1.0 - math.exp(-max(lead, 0.1))
-    return with_diagnosis(verdict, Diagnosis(time, "motor", (best + 1,), confidence, rivals, left))
+    loss, friction = float(likelihood[best]), float(likelihood[n + best])
+    shown = max(loss, friction * thresholds.motor / thresholds.drag)  # as it is logged
+    decided = _decided("loss", shown, thresholds.motor)
+    if is_friction(loss, friction):
+        decided = _decided("friction", friction, thresholds.drag)
+    return with_diagnosis(verdict, Diagnosis(time, "motor", (best + 1,), confidence, rivals, left, **decided))
 
 
-def _accelerometer_fault(verdict: Verdict, time: float, axis: int, lead: float, margin: float) -> Verdict:
+def _decided(test: str, statistic: float, threshold: float) -> dict[str, Any]:
+    """Fields of a diagnosis that say what decided."""
+    return {"test": test, "statistic": float(statistic), "threshold": float(threshold)}
+
+
+def _accelerometer_fault(
+    verdict: Verdict, time: float, axis: int, lead: float, thresholds: Thresholds, likelihood: float
+) -> Verdict:
     channel = f"acceleration_{'xy'[axis]}"
-    if verdict.has_sensor_fault(channel) or lead < margin:
+    if verdict.has_sensor_fault(channel) or lead < thresholds.margin:
         return Verdict(verdict.diagnoses, math.nan)
-    return with_diagnosis(verdict, Diagnosis(time, "sensor", (), 1.0 - math.exp(-lead), channel=channel))
+    limit = thresholds.accelerometer * (thresholds.other if verdict.has_active() else 1.0)
+    decided = _decided("accelerometer", likelihood, limit)
+    fault = Diagnosis(time, "sensor", (), 1.0 - math.exp(-lead), channel=channel, **decided)
+    return with_diagnosis(verdict, fault)
 
 
 def judge_learnt_losses(
@@ -259,7 +299,8 @@ def judge_learnt_losses(
     for i in range(len(losses)):
         if learnt[i] > most and verdict.active_on(i + 1) is None:
             left = float(max(1.0 - losses[i], 0.0))
-            verdict = with_diagnosis(verdict, Diagnosis(time, "motor", (i + 1,), 0.9, (), left))
+            decided = _decided("learnt loss", learnt[i], most)
+            verdict = with_diagnosis(verdict, Diagnosis(time, "motor", (i + 1,), 0.9, (), left, **decided))
     return _refine_effectiveness(verdict, losses, time)
 
 
@@ -296,11 +337,12 @@ def _judge_slip(evidence: Evidence, thresholds: Thresholds, verdict: Verdict, ti
     slipping |= {i for i in range(len(way)) if way[i] >= 0.5 * thresholds.slip}
     holding = [i for i in range(len(way)) if i not in slipping and abs(evidence.force[i]) > LOADED]
     if len(slipping) >= 2 and not holding:
-        return _all_slip(verdict, time)
+        return _all_slip(verdict, time, _decided("slip", max(way[i] for i in over), enough))
     for i in over:
         excess = max(float(evidence.monitors.excess[i]), 0.0)
         confidence = 1.0 - math.exp(-excess / 0.02)
-        verdict = with_diagnosis(verdict, Diagnosis(time, "slip", (i + 1,), confidence))
+        decided = _decided("slip", way[i], enough)
+        verdict = with_diagnosis(verdict, Diagnosis(time, "slip", (i + 1,), confidence, **decided))
     return verdict
 
 
@@ -309,12 +351,12 @@ def may_slip(verdict: Verdict, wheel: int) -> bool:
     return all(is_degraded(d) for d in verdict.diagnoses if d.cleared is None and wheel in d.wheels)
 
 
-def _all_slip(verdict: Verdict, time: float) -> Verdict:
+def _all_slip(verdict: Verdict, time: float, decided: dict[str, Any]) -> Verdict:
     """Slip of all wheels, in place of the slips of single ones."""
     ended = [
         replace(d, cleared=time) if d.cleared is None and d.kind == "slip" else d for d in verdict.diagnoses
     ]
-    diagnoses = (*ended, Diagnosis(time, "all_wheel_slip", (), 0.9))
+    diagnoses = (*ended, Diagnosis(time, "all_wheel_slip", (), 0.9, **decided))
     return replace(verdict, diagnoses=diagnoses, suspected=math.nan)
 
 
@@ -334,5 +376,7 @@ def _judge_speed_sensors(
         if monitors.implausible[i] < thresholds.odd or not quiet or verdict.has_sensor_fault(channel):
             continue
         if verdict.active_on(i + 1) is None:
-            verdict = with_diagnosis(verdict, Diagnosis(time, "sensor", (i + 1,), 0.9, channel=channel))
+            decided = _decided("wheel speed", monitors.implausible[i], thresholds.odd)
+            fault = Diagnosis(time, "sensor", (i + 1,), 0.9, channel=channel, **decided)
+            verdict = with_diagnosis(verdict, fault)
     return verdict

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -18,9 +16,9 @@ from omnimj.control.detection.robust.blocks import (
 )
 from omnimj.control.detection.robust.evidence import (
     Evidence,
-    YawComparison,
     initial_evidence,
     robust_parameters,
+    roll_velocities,
 )
 from omnimj.control.detection.robust.judgement import (
     BLIND,
@@ -33,14 +31,11 @@ from omnimj.control.detection.robust.judgement import (
 from omnimj.control.detection.robust.parameter_filter import significant_losses
 from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.control.detection.robust.verdict import all_diagnoses
-from omnimj.control.detection.robust.wheel_monitors import restarted_monitors
 from omnimj.control.gains import ObserverGains
 from omnimj.control.records import Record, copied, packed
 from omnimj.parameters import Robot
 from omnimj.physics.native import kernel
 from omnimj.signals import Array, Diagnosis, Measurement, compiled_in, robot_channels
-
-_ROLLING_DOUBT = 0.05  # [m/s] standard deviation of a velocity that only wheels measure, which may slip
 
 
 class Statistics(NamedTuple):
@@ -145,34 +140,16 @@ class RobustDetector:
           bias: Reading of the gyro at rest [rad/s].
         """
         state = self.start(measurement)
-        if np.abs(measurement.wheel_speed).max() <= REST_WHEEL_SPEED:
-            return state
-        return self._rolling(state, measurement, bias)
+        if np.abs(measurement.wheel_speed).max() > REST_WHEEL_SPEED:
+            rolling, turning = measurement.wheel_speed, float(measurement.yaw_rate - bias)
+            _roll_velocities(
+                self.constants.robot, rolling, turning, np.ones(self.wheels, bool), state.evidence
+            )
+        return state
 
     def resume(self, state: RobustState, measurement: Measurement, bias: float, is_long: bool) -> RobustState:
-        """State after a gap: decisions and learnt parameters stay, since a gap repairs nothing.
-
-        Block, counts of the monitors and velocity start anew, after a long gap the history of blocks too.
-
-        Args:
-          state: Before the gap.
-          measurement: The first after it, good.
-          bias: Reading of the gyro at rest [rad/s].
-          is_long: Whether the gap is too long for the history of blocks.
-        """
-        n = self.wheels
-        empty, before = initial_evidence(n), state.evidence
-        evidence = before._replace(monitors=restarted_monitors(before.monitors), yaw=packed(YawComparison()))
-        if is_long:
-            history = before.history._replace(cursor=empty.history.cursor)
-            evidence = evidence._replace(history=history, scores=empty.scores, recent_row=empty.recent_row)
-        verdict = dataclasses.replace(state.decisions.verdict, suspected=math.nan)
-        state = state._replace(
-            samples=packed(initial_samples(n)),
-            evidence=evidence,
-            decisions=state.decisions._replace(verdict=verdict),
-        )
-        return self._rolling(state, measurement, bias)
+        """State before the first measurement after a gap: the same, since its time tells of the gap."""
+        return state
 
     def cannot_judge(self, state: RobustState) -> bool:
         """True if the robot moves too slowly for the last block to reveal anything about its motors."""
@@ -192,7 +169,9 @@ class RobustDetector:
         """
         m, known = measurement, command is not None
         command = m.current if command is None else command
-        sample = Sample(m.current, m.wheel_speed, m.acceleration, m.yaw_rate, bias, known, command)
+        sample = Sample(
+            float(m.time), m.current, m.wheel_speed, m.acceleration, m.yaw_rate, bias, known, command
+        )
         samples = copied(state.samples)
         if _take_sample(self.packed_sampling, samples, sample):
             return self._judge(state, samples, m)
@@ -207,24 +186,6 @@ class RobustDetector:
         estimate = FaultEstimate.unpack(judged["estimate"])
         return RobustState(samples, evidence, judged, decisions, estimate)
 
-    def _rolling(self, state: RobustState, measurement: Measurement, bias: float) -> RobustState:
-        """State with the body velocity measured by the healthy wheels, in each filter without its own."""
-        robot, n = self.constants.robot, self.wheels
-        directions = robot.forces.T
-        rolling = robot.radius * measurement.wheel_speed - directions[:, 2] * (measurement.yaw_rate - bias)
-        faulty = {w - 1 for d in state.diagnoses if d.cleared is None for w in d.wheels}
-        evidence = state.evidence.copy()
-        for q in range(n + 1):
-            used = [i for i in range(n) if i != q and i not in faulty]
-            if np.linalg.matrix_rank(directions[used, :2]) < 2:
-                used = [i for i in range(n) if i != q]
-            velocity = np.linalg.lstsq(directions[used, :2], rolling[used], rcond=None)[0]
-            evidence.velocity[q, :2] = velocity
-            cov = evidence.velocity_cov[q]
-            cov[:2, :] = cov[:, :2] = 0.0
-            cov[0, 0] = cov[1, 1] = _ROLLING_DOUBT**2
-        return state._replace(evidence=evidence)
-
 
 @kernel
 def _take_sample(parameters, samples, sample):
@@ -234,3 +195,8 @@ def _take_sample(parameters, samples, sample):
 @kernel
 def _judge_block(parameters, samples, evidence, judged, yaw, time):
     return judge_block(parameters, samples[0], evidence, judged[0], yaw, time)
+
+
+@kernel
+def _roll_velocities(robot, wheel_speed, yaw_rate, included, evidence):
+    roll_velocities(robot, wheel_speed, yaw_rate, included, evidence)

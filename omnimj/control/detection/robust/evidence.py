@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from omnimj.control.cascade.heading import wrapped, yaw_rate_by_wheels, yaw_rate_row
-from omnimj.control.detection.robust.blocks import samples_per_block
+from omnimj.control.detection.robust.blocks import LONGEST_GAP, samples_per_block
 from omnimj.control.detection.robust.force_balance import (
     balance,
     columns,
@@ -23,6 +23,7 @@ from omnimj.control.detection.robust.glr import (
     WINDOWS,
     BlockHistory,
     JumpScores,
+    clear_scores,
     initial_history,
     likelihood_ratios,
     no_scores,
@@ -41,6 +42,7 @@ from omnimj.control.detection.robust.wheel_monitors import (
     WheelMonitors,
     expected_creep,
     initial_monitors,
+    restart_monitors,
     update_wheel_monitors,
 )
 from omnimj.control.gains import ObserverGains
@@ -63,6 +65,9 @@ SLOPE_STEP = 0.05
 COMPARISON_TIME = 1.0
 """Time over which converter, wheels and gyro are compared [s]."""
 
+_ROLLING_DOUBT = 0.05  # [m/s] standard deviation of a velocity that only wheels measure, which may slip
+_SINGULAR = 1e-6  # determinant below which wheels along one axis say nothing about the other
+
 
 class RobustParameters(NamedTuple):
     """Constants of the robust detector."""
@@ -73,7 +78,9 @@ class RobustParameters(NamedTuple):
     turn: Array
     """From `yaw_rate_row`, shape (n,)."""
     period: float
-    """Duration of a block [s]."""
+    """Duration of a block without a missing sample [s]."""
+    sample_period: float
+    """[s]"""
     thresholds: Thresholds
 
 
@@ -149,6 +156,7 @@ def robust_parameters(
         parameter_model(len(robot.wheels), block, own.memory),
         yaw_rate_row(robot),
         block,
+        float(period),
         Thresholds._make(map(float, limits)),
     )
 
@@ -183,7 +191,7 @@ def compare_yaw_rates(x, parameters, block, yaw):
       block: `Block`.
       yaw: Heading at the block's end [rad].
     """
-    period = parameters.period
+    period = block.duration
     keep = 1.0 - period / COMPARISON_TIME
     if not math.isnan(x.yaw):
         by_wheels = yaw_rate_by_wheels(parameters.turn, block.wheel_speed)
@@ -253,7 +261,7 @@ def _update_force_channel(parameters, block, accommodation, evidence):
     """Force channel of `update_evidence`; whether the robot moves enough to be judged."""
     robot, model, theta, cov = parameters.robot, parameters.model, evidence.theta, evidence.cov
     if accommodation.degraded.any():
-        model = with_degraded_motors(model, accommodation.degraded, parameters.period)
+        model = with_degraded_motors(model, accommodation.degraded, block.duration)
     n = block.wheel_speed.size
     x, rho, sideways = np.zeros((3, theta.size)), np.empty(3), np.empty(n)
     balance(robot, block, theta, accommodation, x, rho, evidence.force, sideways)
@@ -280,7 +288,7 @@ def _update_slip_channel(parameters, block, accommodation, evidence, moving):
     load = robot.load * mass
     for q in range(n + 1):
         predict_velocity(parameters, block, accommodation.excluded_axes, velocity[q], velocity_cov[q])
-    creep = expected_creep(parameters, load, evidence.force, monitors)
+    creep = expected_creep(parameters.robot, block.duration, load, evidence.force, monitors)
     traction = Traction(load, evidence.force, creep, moving)
     for i in range(n):
         update_wheel_monitors(
@@ -292,6 +300,71 @@ def _update_slip_channel(parameters, block, accommodation, evidence, moving):
         correct_velocity(parameters, block, creep, included, left_out, velocity[q], velocity_cov[q])
     if np.abs(block.wheel_speed).max() < 0.1 * MOVING_SPEED and abs(block.yaw_rate) < 0.02:
         velocity[:, :2] *= 0.9  # the velocity of a robot at rest has nothing to correct it
+
+
+@kernel
+def roll_velocities(robot, wheel_speed, yaw_rate, included, evidence):
+    """Set the body velocity of each filter to that of the wheels that roll, but its own, in place.
+
+    Args:
+      robot: `RobotConstants`.
+      wheel_speed: φ̇, shape (n,) [rad/s].
+      yaw_rate: [rad/s].
+      included: Mask of the wheels that are taken to roll, shape (n,).
+      evidence: `Evidence`, changed in place.
+    """
+    n, u, weights = included.size, robot.forces, np.empty(included.size)
+    for q in range(n + 1):
+        for i in range(n):
+            weights[i] = 1.0 if included[i] and i != q else 0.0
+        along, across, both = _moments(u, weights)
+        if along * across - both * both < _SINGULAR:  # too few wheels roll: the others, too
+            for i in range(n):
+                weights[i] = 1.0 if i != q else 0.0
+            along, across, both = _moments(u, weights)
+        det, b_x, b_y = along * across - both * both, 0.0, 0.0
+        for i in range(n):
+            rolling = robot.radius[i] * wheel_speed[i] - u[2, i] * yaw_rate
+            b_x += weights[i] * u[0, i] * rolling
+            b_y += weights[i] * u[1, i] * rolling
+        x, cov = evidence.velocity[q], evidence.velocity_cov[q]
+        x[0], x[1] = (across * b_x - both * b_y) / det, (along * b_y - both * b_x) / det
+        cov[:2, :] = 0.0
+        cov[:, :2] = 0.0
+        cov[0, 0] = cov[1, 1] = _ROLLING_DOUBT * _ROLLING_DOUBT
+
+
+@kernel
+def _moments(u, weights):
+    """Sums of u_x², u_y² and u_x u_y over weighted wheels."""
+    along = across = both = 0.0
+    for i in range(weights.size):
+        along += weights[i] * u[0, i] * u[0, i]
+        across += weights[i] * u[1, i] * u[1, i]
+        both += weights[i] * u[0, i] * u[1, i]
+    return along, across, both
+
+
+@kernel
+def restart_evidence(robot, block, gap, included, evidence):
+    """Go on after a gap in the measurements, in place: what was learnt stays, since a gap repairs nothing.
+
+    Velocity, monitors and the comparison of yaw rates start anew, after a long gap the history of blocks too.
+
+    Args:
+      robot: `RobotConstants`.
+      block: First `Block` after the gap.
+      gap: [s].
+      included: Mask of the wheels that are taken to roll, shape (n,).
+      evidence: `Evidence`, changed in place.
+    """
+    roll_velocities(robot, block.wheel_speed, block.yaw_rate, included, evidence)
+    restart_monitors(evidence.monitors)
+    yaw = evidence.yaw[0]
+    yaw.yaw, yaw.converter, yaw.wheels = np.nan, 0.0, 0.0
+    if gap > LONGEST_GAP:
+        evidence.history.cursor[FILLED] = 0
+        clear_scores(evidence.scores)
 
 
 @inlined

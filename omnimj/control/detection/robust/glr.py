@@ -23,6 +23,7 @@ WINDOWS = (5, 10, 20, 50, 100)
 """Lengths [blocks]."""
 LONGEST_WINDOW = WINDOWS[-1]
 _LENGTHS = np.array(WINDOWS)
+_RATHER = 2.0  # [nats] by which friction must be more likely than a loss
 FILLED, HEAD = range(2)
 """Places of `BlockHistory.cursor`."""
 
@@ -49,6 +50,16 @@ class JumpScores(NamedTuple):
     """Length of the window [blocks]."""
 
 
+def is_friction(loss: float, friction: float) -> bool:
+    """True if an added friction explains a missing force rather than a loss of torque constant.
+
+    Args:
+      loss: Λ of the loss [nats].
+      friction: Λ of the friction on the same wheel [nats].
+    """
+    return friction > loss + _RATHER
+
+
 class _WindowSums(NamedTuple):
     """Sums over each window and, last, over the whole second; r = ρ − X θ̂."""
 
@@ -71,6 +82,15 @@ def no_scores(wheels: int) -> JumpScores:
     return JumpScores(np.zeros(h), np.zeros(h), np.zeros(h), np.zeros(h))
 
 
+@kernel
+def clear_scores(scores):
+    """Scores without any jump, in place."""
+    scores.likelihood[:] = 0.0
+    scores.size[:] = 0.0
+    scores.deviation[:] = 0.0
+    scores.window[:] = 0.0
+
+
 @inlined
 def likelihood_ratios(history, theta, precision, model, scores):
     """Fill the scores with the best window of each jump.
@@ -87,10 +107,7 @@ def likelihood_ratios(history, theta, precision, model, scores):
     """
     p, windows = theta.size, len(_LENGTHS)
     sums = _WindowSums(np.zeros((windows + 1, p, p)), np.zeros((windows + 1, p)), np.zeros(windows + 1))
-    scores.likelihood[:] = 0.0
-    scores.size[:] = 0.0
-    scores.deviation[:] = 0.0
-    scores.window[:] = 0.0
+    clear_scores(scores)
     ended = _sum_windows(history, theta, sums)
     whole, solved = precision.copy(), np.empty(p)
     for j in range(p):

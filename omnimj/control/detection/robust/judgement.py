@@ -6,7 +6,9 @@ themselves are rare and written in Python.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,7 +27,7 @@ from omnimj.control.detection.robust.accommodation import (
 from omnimj.control.detection.robust.answered import Answered, answered_by, is_answered, nothing_answered
 from omnimj.control.detection.robust.blocks import failed_channels, take_block
 from omnimj.control.detection.robust.decision import decide, is_uneventful
-from omnimj.control.detection.robust.evidence import Evidence, update_evidence
+from omnimj.control.detection.robust.evidence import Evidence, restart_evidence, update_evidence
 from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.control.detection.robust.verdict import Verdict, archive_cleared
 from omnimj.control.records import Record, assign
@@ -50,13 +52,16 @@ class Judgement(NamedTuple):
     log: Array
     """Signals aligned with `RobustDetector.log_names`."""
     likelihood: Array
-    """Largest Λ of a loss or a friction of each wheel in the last block, shape (n,) [nats]."""
+    """Largest Λ of a loss or a friction of each wheel in the last block, shape (n,) [nats]; that of the
+    friction is scaled by the ratio of their thresholds."""
     failed: NDArray[np.bool_]
     """Channels that are frozen or too noisy, shape (2n+3,)."""
     moving: bool = False
     """True if the robot moves enough to be judged."""
     blocks: int = 0
-    """Blocks judged so far."""
+    """Blocks until now, with those that could not be judged."""
+    restarted: bool = False
+    """True if the last block was the first one after a gap, which cannot be judged."""
 
 
 def log_names(wheels: int) -> tuple[str, ...]:
@@ -104,13 +109,24 @@ def judge_block(parameters, samples, evidence, x, yaw, time):
     Returns:
       Whether `decide_block` has to follow.
     """
-    n, likelihood = x.losses.size, evidence.scores.likelihood
-    block = substitute_sensors(parameters, take_block(samples, parameters.period), evidence, x.known)
+    n, likelihood, gap = x.losses.size, evidence.scores.likelihood, samples.gap
+    block = take_block(samples, parameters.sample_period)
+    block = substitute_sensors(parameters, block, evidence, x.known)
     accommodation = accommodation_for(x.known, x.losses, x.relearning > 0)
+    x.restarted = gap > 0.0
+    if gap > 0.0:
+        restart_evidence(parameters.robot, block, gap, accommodation.included, evidence)
+        x.moving, x.likelihood[:] = False, 0.0
+        x.blocks += 1
+        conclude(evidence, x)
+        return x.known.pending != 0  # a suspicion does not outlast a gap
     x.moving = update_evidence(parameters, block, accommodation, evidence, yaw)
     failed_channels(samples.steps, block.wheel_speed, x.failed)
+    limits, scale = parameters.thresholds, 1.0
+    if limits.drag != limits.motor:  # what is logged exceeds the logged threshold wherever a test decides
+        scale = limits.motor / limits.drag
     for i in range(n):
-        x.likelihood[i] = max(likelihood[i], likelihood[n + i])
+        x.likelihood[i] = max(likelihood[i], scale * likelihood[n + i])
     x.blocks += 1
     if x.known.observed:
         if not is_answered(parameters.thresholds, evidence, x, time):
@@ -182,7 +198,11 @@ def decide_block(
     losses, relearning = x["losses"], int(x["relearning"])
     n, verdict = len(losses), before.verdict
     failed = tuple(c for c, has_failed in zip(channels, x["failed"].tolist(), strict=True) if has_failed)
-    after = decide(evidence, thresholds, verdict, time, losses + evidence.theta[:n], failed, relearning > 0)
+    if x["restarted"]:
+        after = replace(verdict, suspected=math.nan)
+    else:
+        estimated = losses + evidence.theta[:n]
+        after = decide(evidence, thresholds, verdict, time, estimated, failed, relearning > 0)
     changed = accommodate(evidence, thresholds, verdict, after, losses)
     if changed is losses:
         x["relearning"] = max(relearning - int(x["moving"]), 0)

@@ -83,7 +83,7 @@ def _take_row(constants, memory, rows, k, bias):
     if not is_good_sample(n, rows.time[k], current, wheel_speed, acceleration, yaw_rate, yaw):
         return False
     command = rows.command[k] if known else current
-    sample = Sample(current, wheel_speed, acceleration, yaw_rate, bias, known, command)
+    sample = Sample(rows.time[k], current, wheel_speed, acceleration, yaw_rate, bias, known, command)
     samples = memory.samples[0]
     if not take_sample(constants.sampling[0], samples, sample):
         return False

@@ -113,7 +113,7 @@ def predict_velocity(parameters, block, excluded_axes, x, cov):
       x: State, shape (STATE,).
       cov: Covariance, shape (STATE, STATE).
     """
-    t, turning = parameters.period, block.yaw_rate
+    t, turning = block.duration, block.yaw_rate
     v_x, v_y = x[0], x[1]
     along = 0.0 if excluded_axes[0] else block.acceleration[0] - x[2]
     across = 0.0 if excluded_axes[1] else block.acceleration[1] - x[3]

@@ -109,15 +109,22 @@ def initial_monitors(wheels: int) -> WheelMonitors:
     return WheelMonitors(**zeros | {"grip": np.ones(wheels), "healthy_bristles": np.zeros((wheels, 4))})
 
 
-def restarted_monitors(before: WheelMonitors) -> WheelMonitors:
-    """Monitors after a gap in the measurements: counts start anew, grip and bristles stay."""
-    return initial_monitors(len(before.grip))._replace(
-        grip=before.grip,
-        healthy_bristles=before.healthy_bristles,
-        soft_bristle=before.soft_bristle,
-        stiff_bristle=before.stiff_bristle,
-        lost_bristle=before.lost_bristle,
-    )
+@kernel
+def restart_monitors(monitors):
+    """Go on after a gap in the measurements, in place: counts start anew, grip and bristles stay."""
+    for counts in (
+        monitors.slipped,
+        monitors.regained,
+        monitors.implausible,
+        monitors.stuck,
+        monitors.stalled,
+        monitors.turning,
+        monitors.silent,
+        monitors.disobeying,
+        monitors.opposed,
+        monitors.excess,
+    ):
+        counts[:] = 0.0
 
 
 @kernel
@@ -134,19 +141,20 @@ def roller_ratio(robot, i):
 
 
 @kernel
-def expected_creep(parameters, load, force, monitors):
+def expected_creep(robot, t, load, force, monitors):
     """Creep of each wheel under its traction and its uncertainty, shape (n, 2) [m/s].
 
     Args:
-      parameters: `RobustParameters`.
+      robot: `RobotConstants`.
+      t: Duration of the block [s].
       load: F_N of a wheel [N].
       force: F̂, shape (n,) [N].
       monitors: `WheelMonitors`, whose soft and stiff bristles are updated in place.
     """
-    t, creep = parameters.period, np.empty((force.size, 2))
+    creep = np.empty((force.size, 2))
     softs, stiffs = monitors.soft_bristle, monitors.stiff_bristle
     for i in range(force.size):
-        ratio = roller_ratio(parameters.robot, i)
+        ratio = roller_ratio(robot, i)
         share = force[i] * ratio / load
         soft, softs[i] = next_creep(share, softs[i], SOFT_FLOOR[0], SOFT_FLOOR[1], t)
         stiff, stiffs[i] = next_creep(share, stiffs[i], STIFF_FLOOR[0], STIFF_FLOOR[1], t)
@@ -257,7 +265,7 @@ def update_wheel_monitors(parameters, block, included, traction, x, cov, monitor
         deviation *= _DRIFTS
     ratio, slip = roller_ratio(robot, i), wheel_slip(robot, block, x, i)
     contact = ContactSlip(traction.load / ratio, force, slip / ratio, deviation / ratio)
-    update_slip_monitor(parameters.period, contact, yaw_rate, traction.moving, monitors, i)
+    update_slip_monitor(block.duration, contact, yaw_rate, traction.moving, monitors, i)
 
     residual, usual = slip_residual(robot, block, traction.creep, x, i), abs(traction.creep[i, 0])
     ahead = residual if force >= 0.0 else -residual

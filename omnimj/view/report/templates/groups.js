@@ -24,7 +24,7 @@
   window.addEventListener('hashchange', reveal);
   reveal();
 }
-{ // the search field hides runs that lack a word that begins with one of its own; no columns of numbers
+{ // the search field hides runs that lack a word that begins with one of its own; no columns of numbers; words in quotation marks belong together
   const parts = new Map();  // rows and parts of the page by run
   for (const part of document.querySelectorAll('[data-run]'))
     parts.set(part.dataset.run, [...(parts.get(part.dataset.run) ?? []), part]);
@@ -37,7 +37,9 @@
   };
   const filter = document.querySelector('.filter'), field = filter?.querySelector('input');
   const show = () => {
-    const wanted = plain(field.value).trim().split(' ');
+    const quoted = [...field.value.matchAll(/"([^"]+)"/g)].map(found => plain(found[1]).trim());
+    const single = plain(field.value.replace(/"[^"]*"?/g, ' ')).trim().split(' ');
+    const wanted = [...quoted, ...single];
     let found = 0;
     for (const [run, own] of parts) {
       const fits = wanted.every(word => text(run).includes(` ${word}`));
@@ -49,6 +51,13 @@
   if (filter) {
     field.addEventListener('input', show);
     filter.addEventListener('submit', event => event.preventDefault());
+    for (const button of document.querySelectorAll('button.find'))
+      button.addEventListener('click', () => {
+        const words = `"${button.dataset.find}"`;
+        field.value = field.value === words ? '' : words;
+        show();
+        filter.scrollIntoView({block: 'nearest'});
+      });
     show();  // a browser that returns to the page keeps the words
   }
 }

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -30,7 +32,9 @@ def gathered(current, speed, acceleration, turning, command, bias=0.0):
     """Rows of samples into an empty block."""
     samples = packed(initial_samples(4))
     for k in range(len(current)):
-        sample = Sample(current[k], speed[k], acceleration[k], float(turning[k]), bias, True, command)
+        sample = Sample(
+            1e-3 * k, current[k], speed[k], acceleration[k], float(turning[k]), bias, True, command
+        )
         samples["fresh"] = k == 0
         full = _take_sample(PACKED, samples, sample)
         assert full == (k + 1 >= BLOCK)
@@ -64,11 +68,30 @@ def test_a_block_holds_the_sums_of_aligned_samples_and_what_the_amplifiers_still
     assert samples.number == BLOCK
     assert samples.total == pytest.approx(late.sum(axis=0)) and samples.aligned == pytest.approx(late[-1])
     assert samples.missing == pytest.approx((command - current).sum(axis=0))
-    block, empty = _take_block(record, 1e-3 * BLOCK), Samples._make(record[0])
+    block, empty = _take_block(record, 1e-3), Samples._make(record[0])
     assert block.current == pytest.approx(late[:, :4].mean(axis=0))
     assert block.commanded == pytest.approx(block.current + (command - current).mean(axis=0))
     assert block.wheel_acceleration == pytest.approx((late[-1, 4:8] - late[0, 4:8]) / (1e-3 * BLOCK))
     assert empty.number == 0 and not empty.total.any() and not empty.missing.any()
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.2, 0.45])
+def test_a_ramp_has_its_slope_and_mean_in_every_block_whatever_is_missing_or_late(spread):
+    """Speeds 20 t, currents 0.5 t; up to three readings in a row are lost, times jitter, readings return."""
+    rng, record, blocks = np.random.default_rng(6), packed(initial_samples(4)), []
+    time = 1e-3 * np.arange(400)
+    time += 1e-3 * spread * rng.uniform(-1.0, 1.0, len(time))
+    for t in np.repeat(time[np.cumsum(rng.integers(1, 5, 150))], rng.integers(1, 3, 150)):
+        read = np.full(4, 0.5 * t), np.full(4, 20.0 * t), np.zeros(2), 0.1 * t
+        if _take_sample(PACKED, record, Sample(t, *read, 0.0, False, np.zeros(4))):
+            blocks += [(t, _take_block(record, 1e-3))]
+    assert len(blocks) > 25
+    late = 1e-3 * PARAMETERS.waits[0]
+    for (before, _), (end, block) in itertools.pairwise(blocks[2:]):
+        assert block.duration == pytest.approx(end - before, abs=1.1e-3)
+        assert block.wheel_acceleration == pytest.approx(20.0, rel=0.02 + 0.25 * spread)
+        middle = end - 0.5 * (end - before) - late
+        assert block.current == pytest.approx(0.5 * middle, abs=0.5 * (1e-3 + 2e-3 * spread))
 
 
 def test_a_reading_beyond_the_range_of_its_sensor_is_clipped():

@@ -62,6 +62,7 @@ def balanced(current, speed, acceleration=(0.3, -0.2), turning=0.1, spin=0.5, lo
         np.zeros(N),
         spin,
         current,
+        0.01,
     )
     known = HEALTHY if loss is None else HEALTHY._replace(losses=loss)
     balance(robot, block, theta, known, x, rho, force, side)

@@ -44,7 +44,7 @@ ALL, NO_AXIS, NO_CREEP = np.ones(4, bool), np.zeros(2, bool), np.zeros((4, 2))
 def block(speed=(0.0,) * 4, yaw_rate=0.0):
     """A block without currents and accelerations."""
     zero = np.zeros(4)
-    return Block(zero, np.array(speed, float), np.zeros(2), yaw_rate, zero, 0.0, zero)
+    return Block(zero, np.array(speed, float), np.zeros(2), yaw_rate, zero, 0.0, zero, 0.01)
 
 
 def test_a_body_that_coasts_while_it_turns_keeps_its_velocity_in_the_world():
