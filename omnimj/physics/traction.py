@@ -2,8 +2,8 @@
 
 All laws share one internal state z per wheel with ż = V_r − λ z, where λ ≥ 0 depends on slip and rolling
 speed, and a force F = f(z, ż, V_r) F_N (F_N/F_ref)^(p−1), |f| ≤ μ_cap. For frozen slip the state is stepped
-exactly, hence stable at any slip velocity: z⁺ = z e^(−λh) + V_r (1 − e^(−λh))/λ. At standstill λ = 0: z is then
-the deflection of a spring between wheel and floor, which holds.
+exactly, hence stable at any slip velocity: z⁺ = z e^(−λh) + V_r (1 − e^(−λh))/λ. At standstill λ = 0: z is
+then the deflection of a spring between wheel and floor, which holds.
 
 Kernels take a floor as `parameters.floor.TractionParameters`; packed rows are read with `traction_at`.
 """
@@ -34,8 +34,9 @@ def stribeck(floor, slip):
 def relaxation_rate(floor, slip, reference_speed):
     """λ of ż = V_r − λ z [1/s]: σ0 |V_r|/g for LuGre (Eq. 3.41), speed over relaxation length otherwise.
 
-    Creep ratio: λ = max(V_roll, |V_r|/ξ_s)/L. A contact in full sliding, ξ ≥ ξ_s, deflects no further than
-    L ξ_s, so that it grips again at once when it stops sliding (Pacejka, *Tire and Vehicle Dynamics*, ch. 7-8).
+    Creep ratio: L dξ/dt = V_r − max(V_roll, |V_r|/ξ_s) ξ with ξ = z/L, the first-order lag of a rolling
+    contact (Pacejka, *Tire and Vehicle Dynamics*, chapter 7). In full sliding, ξ ≥ ξ_s, the contact deflects
+    no further than L ξ_s, so that it grips again at once when sliding ends.
 
     Args:
       floor: `TractionParameters`.
@@ -118,7 +119,7 @@ def creep_traction(floor, creep):
     """F/F_N = μ [1 − (1 − |ξ|/ξ_s)³] sign ξ up to ξ_s = 3 μ/C, μ sign ξ beyond [1].
 
     The brush model: slope C at zero, one smooth curve to full sliding. Source: Pacejka, *Tire and Vehicle
-    Dynamics*, section 3.2; for creep of elastic bodies Johnson, *Contact Mechanics*, chapter 8.
+    Dynamics*, chapter 3; for creep of elastic bodies Johnson, *Contact Mechanics*, chapter 8.
 
     Args:
       floor: `TractionParameters` with the law `creep_ratio`.

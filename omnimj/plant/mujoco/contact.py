@@ -293,9 +293,9 @@ def share_normal_force(found, count, wheel, stiffness, damping):
 def wheel_contact_forces(m, d, wheel, found, count, h):
     """Compute the contact forces of one wheel; fill columns FORCE, PRESSED and DRAG of its contacts.
 
-    Traction of contact i: N_i (N/F_ref)^(p−1) f(z, V_r,i), N = Σ N_i, on the floor under it, with one bristle z
-    for the wheel; bearing
-    friction of the rollers: N_i (σ0 z_l + σ1 ż_l + μ_vis v_c), g = μ_dry, with one lateral bristle.
+    Traction of contact i: N_i (N/F_ref)^(p−1) f(z, V_r,i), N = Σ N_i, on the floor under it, with one bristle
+    z for the wheel; bearing friction of the rollers: N_i (σ0 z_l + σ1 ż_l + μ_vis v_c), g = μ_dry, with one
+    lateral bristle.
 
     Args:
       m: Address of mjModel.

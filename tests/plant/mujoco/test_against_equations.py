@@ -88,7 +88,9 @@ def test_rolling_resistance_takes_its_torque_from_the_robot_s_wheels(robot, floo
     assert speeds[0] - speeds[1] == pytest.approx(lost, rel=0.06)
 
 
-@pytest.mark.parametrize(("floor", "eighth", "strength"), checkerboard((*ON_FLOORS, *OTHER_LAWS), range(8), [0.6, 1.0]))
+@pytest.mark.parametrize(
+    ("floor", "eighth", "strength"), checkerboard((*ON_FLOORS, *OTHER_LAWS), range(8), [0.6, 1.0])
+)
 def test_the_robot_twin_drives_as_the_planar_model(robot, floors, floor, eighth, strength, measured):
     along = np.array([math.cos(eighth * math.pi / 4.0), math.sin(eighth * math.pi / 4.0)])
     share = robot.drive_directions @ along
