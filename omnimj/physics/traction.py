@@ -31,6 +31,12 @@ def stribeck(floor, slip):
 
 
 @kernel
+def full_sliding(floor):
+    """Creep ratio ξ_s = 3 μ/C from which the whole contact slides [1]."""
+    return 3.0 * floor.mu / floor.creep_stiffness
+
+
+@kernel
 def relaxation_rate(floor, slip, reference_speed):
     """λ of ż = V_r − λ z [1/s]: σ0 |V_r|/g for LuGre (Eq. 3.41), speed over relaxation length otherwise.
 
@@ -106,12 +112,6 @@ def force_ratio(floor, z, slip, rate):
         s = floor.B * (z + floor.damping_time * z_dot) / floor.relaxation_length
         ratio = floor.D * math.sin(floor.C * math.atan(s - floor.E * (s - math.atan(s))))
     return min(max(ratio, -floor.mu_cap), floor.mu_cap)
-
-
-@kernel
-def full_sliding(floor):
-    """Creep ratio ξ_s = 3 μ/C from which the whole contact slides [1]."""
-    return 3.0 * floor.mu / floor.creep_stiffness
 
 
 @kernel
