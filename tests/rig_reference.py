@@ -46,8 +46,8 @@ def _lugre(floor, slip: float, p: float) -> tuple[float, float]:
     g = q["mu_c"] + (q["mu_s"] - q["mu_c"]) * math.exp(-math.sqrt(abs(slip / q["V_s"])))
     p_dot = slip - q["sigma_0"] * abs(slip) / g * p
     ratio = q["sigma_0"] * p + q["sigma_1"] * p_dot + q["sigma_2"] * slip
-    if floor.law == "lugre_capped":
-        ratio = max(-q["mu_cap"], min(q["mu_cap"], ratio))
+    cap = q.get("mu_cap", math.inf)
+    ratio = max(-cap, min(cap, ratio))
     return p_dot, ratio
 
 
@@ -95,7 +95,7 @@ def integrate(
 
     Args:
       rig_parameters: `omnimj.parameters.Rig`.
-      floor: `omnimj.parameters.Floor` with law `lugre` or `lugre_capped`.
+      floor: `omnimj.parameters.Floor` with law `lugre`.
       mass: m_T [kg].
       current: Set value [A].
       duration: [s].
@@ -104,7 +104,7 @@ def integrate(
     Returns:
       time [s], carriage_speed [m/s], wheel_speed [rad/s], every millisecond from 0 on.
     """
-    if floor.law not in ("lugre", "lugre_capped"):
+    if floor.law != "lugre":
         raise ValueError(f"the reference knows LuGre floors only, not {floor.law!r}")
     time = np.arange(round(duration * 1000) + 1) * 1e-3
     solution = solve_ivp(

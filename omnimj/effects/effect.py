@@ -25,9 +25,13 @@ Values = Mapping[str, Any]
 Hook = Callable[[Any, Values], None]
 """Function that adds an effect to `MachineChanges`, given all its parameters and selectors."""
 
-FLOOR_SCALES = {"mu_c": ("mu_c", "mu_s", "D"), "sigma_0": ("sigma_0", "B"), "sigma_2": ("sigma_2",)}
-"""Floor parameters multiplied by each scale: `mu_c` scales all of g(V_r) of LuGre and the peak of the Magic
-Formula, `sigma_0` the stiffness of either law."""
+FLOOR_SCALES = {
+    "mu_c": ("mu_c", "mu_s", "D", "mu"),
+    "sigma_0": ("sigma_0", "B", "creep_stiffness"),
+    "sigma_2": ("sigma_2",),
+}
+"""Floor parameters multiplied by each scale: `mu_c` scales all of g(V_r) of LuGre and the peak of the other
+laws, `sigma_0` the stiffness of any law."""
 
 
 def scale_floor(floor: Floor, scales: Mapping[str, float]) -> Floor:

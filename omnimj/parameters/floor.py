@@ -15,24 +15,26 @@ from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters.reading import Rule, check_number, read_toml
 from omnimj.resources import models_folder
 
-LUGRE, LUGRE_CAPPED, MAGIC_FORMULA = 0, 1, 2
+LUGRE, MAGIC_FORMULA, CREEP_RATIO = 0, 1, 2
+"""Steady traction laws, as packed for the kernels."""
 
 _POSITIVE = Rule(0.0, float("inf"), True)
 _NOT_NEGATIVE = Rule(0.0, float("inf"), False)
 _SHARE = Rule(0.0, 1.0, False)
 _ANY = Rule(-float("inf"), float("inf"), False)
-_LUGRE_KEYS = {
-    "mu_c": _POSITIVE,
-    "mu_s": _POSITIVE,
-    "V_s": _POSITIVE,
-    "sigma_0": _POSITIVE,
-    "sigma_1": _NOT_NEGATIVE,
-    "sigma_2": _NOT_NEGATIVE,
-}
 LAWS: Mapping[str, tuple[int, Mapping[str, Rule]]] = MappingProxyType(
     {
-        "lugre": (LUGRE, _LUGRE_KEYS),
-        "lugre_capped": (LUGRE_CAPPED, {**_LUGRE_KEYS, "mu_cap": _POSITIVE}),
+        "lugre": (
+            LUGRE,
+            {
+                "mu_c": _POSITIVE,
+                "mu_s": _POSITIVE,
+                "V_s": _POSITIVE,
+                "sigma_0": _POSITIVE,
+                "sigma_1": _NOT_NEGATIVE,
+                "sigma_2": _NOT_NEGATIVE,
+            },
+        ),
         "magic_formula": (
             MAGIC_FORMULA,
             {
@@ -44,19 +46,36 @@ LAWS: Mapping[str, tuple[int, Mapping[str, Rule]]] = MappingProxyType(
                 "damping_time": _NOT_NEGATIVE,
             },
         ),
+        "creep_ratio": (
+            CREEP_RATIO,
+            {
+                "mu": _POSITIVE,
+                "creep_stiffness": _POSITIVE,
+                "relaxation_length": _POSITIVE,
+                "damping_time": _NOT_NEGATIVE,
+            },
+        ),
     }
 )
+"""Traction law by name: its index for the kernels, and the rules of the parameters that it needs."""
+OPTIONAL: Mapping[str, Rule] = MappingProxyType(
+    {"mu_cap": _POSITIVE, "load_exponent": Rule(0.0, 2.0, True), "reference_load": _POSITIVE}
+)
+"""Rules of the parameters that a floor of any law may have."""
 
 _DIGITS = 6
-FLOOR_UNITS = "# mu_c, mu_s, mu_cap 1; V_s m/s; sigma_0 1/m; sigma_1, sigma_2 s/m."
+FLOOR_UNITS = (
+    "# mu, mu_c, mu_s, mu_cap 1; V_s m/s; sigma_0 1/m; sigma_1, sigma_2 s/m; B, C, D, E, creep_stiffness 1;\n"
+    "# relaxation_length m; damping_time s; load_exponent 1; reference_load N."
+)
 """Comment with the units of the parameters of a floor."""
 
 
 class TractionParameters(NamedTuple):
-    """Traction law as packed for the kernels; the parameters of the other law are zero."""
+    """Traction law as packed for the kernels; the parameters of the other laws are zero."""
 
     law: float
-    """`LUGRE`, `LUGRE_CAPPED` or `MAGIC_FORMULA`."""
+    """`LUGRE`, `MAGIC_FORMULA` or `CREEP_RATIO`."""
     mu_c: float = 0.0
     mu_s: float = 0.0
     V_s: float = 0.0
@@ -68,7 +87,7 @@ class TractionParameters(NamedTuple):
     sigma_2: float = 0.0
     """Viscous coefficient over normal force [s/m]."""
     mu_cap: float = np.inf
-    """Largest traction over normal force; infinite if not capped."""
+    """Ceiling of F/F_N at the reference load; infinite if there is none."""
     B: float = 0.0
     C: float = 0.0
     D: float = 0.0
@@ -77,6 +96,14 @@ class TractionParameters(NamedTuple):
     """Relaxation length [m]."""
     damping_time: float = 0.0
     """Damping time [s]."""
+    mu: float = 0.0
+    """F/F_N in full sliding by the creep ratio."""
+    creep_stiffness: float = 0.0
+    """Slope of F/F_N over the creep ratio at zero."""
+    load_exponent: float = 1.0
+    """p of F ∝ F_N^p."""
+    reference_load: float = 1.0
+    """F_N at which the parameters are stated [N]; without effect if p = 1."""
 
 
 TRACTION_SIZE = len(TractionParameters._fields)
@@ -90,10 +117,10 @@ class Floor:
     name: str
     description: str
     law: str
-    """`lugre`, `lugre_capped` or `magic_formula`."""
+    """One of `LAWS`."""
     source: str
     numbers: Mapping[str, float]
-    """Parameters of the law by their textbook letters."""
+    """Parameters of the law, and those of `OPTIONAL` that the floor has, by their names in `floors.toml`."""
     uncertainty: float = 0.0
     """Relative half-width of the interval of each parameter; 0: taken as exact."""
 
@@ -108,6 +135,15 @@ class Floor:
         return np.array(self.traction)
 
 
+def number_rules(law: str) -> dict[str, Rule]:
+    """Rules of all parameters that a floor with this law may have, by name.
+
+    Args:
+      law: One of `LAWS`.
+    """
+    return {**LAWS[law][1], **OPTIONAL}
+
+
 def _read_floor(place: str, name: str, table: object) -> Floor:
     if not isinstance(table, Mapping):
         raise InputError(place, "is not a table")
@@ -116,18 +152,22 @@ def _read_floor(place: str, name: str, table: object) -> Floor:
         raise InputError(f"{place}.law", "is missing", "a floor has a traction law", LAWS)
     if not isinstance(law, str) or law not in LAWS:
         raise UnknownNameError(f"{place}.law", "traction law", law, LAWS)
-    keys = LAWS[law][1]
-    known = ("description", "law", "source", *keys)
+    needed = ("description", "law", "source", *LAWS[law][1])
+    known = (*needed, *OPTIONAL, "uncertainty")
     for key in table:
-        if key not in (*known, "uncertainty"):
-            raise UnknownNameError(place, "key", key, (*known, "uncertainty"))
-    for key in known:
+        if key not in known:
+            raise UnknownNameError(place, "key", key, known)
+    for key in needed:
         if key not in table:
             raise InputError(place, f"'{key}' is missing")
     for key in ("description", "source"):
         if not isinstance(table[key], str):
             raise InputError(f"{place}.{key}", f"found {table[key]!r}", "a string is needed")
-    numbers = {key: check_number(f"{place}.{key}", table[key], rule) for key, rule in keys.items()}
+    if ("load_exponent" in table) != ("reference_load" in table):
+        absent = "reference_load" if "load_exponent" in table else "load_exponent"
+        raise InputError(place, f"'{absent}' is missing", "load_exponent and reference_load go together")
+    rules = number_rules(law).items()
+    numbers = {key: check_number(f"{place}.{key}", table[key], rule) for key, rule in rules if key in table}
     uncertainty = float(check_number(f"{place}.uncertainty", table.get("uncertainty", 0.0), _SHARE))
     return Floor(name, table["description"], law, table["source"], MappingProxyType(numbers), uncertainty)
 

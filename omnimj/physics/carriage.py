@@ -14,7 +14,7 @@ import numpy as np
 from omnimj.parameters.parts import GRAVITY
 from omnimj.physics.motor import stick_or_slip
 from omnimj.physics.native import kernel
-from omnimj.physics.traction import exact_step, force_ratio, mean_deflection, relaxation_rate
+from omnimj.physics.traction import exact_step, force_ratio, load_factor, mean_deflection, relaxation_rate
 
 SUBSTEPS = 2
 """Steps of the model per sample."""
@@ -64,6 +64,7 @@ def simulate_carriage(run, floor, wheel_speed, h, decay, per_block, use, blocks)
       blocks: Filled with the means, shape (k // per_block, BLOCK); NaN where no sample counts.
     """
     normal, step = run.mass * GRAVITY, h / SUBSTEPS
+    normal *= load_factor(floor, normal)
     speed, z, filtered, gain = run.start_speed, 0.0, 0.0, 0.0
     slip, acceleration, ratio = run.radius * wheel_speed[0] - speed, 0.0, 0.0
     sums, counts = np.zeros(BLOCK), np.zeros(2)

@@ -40,7 +40,7 @@ from omnimj.physics.planar_wheel import (
     wheel_torque_bounds,
     wheel_velocity,
 )
-from omnimj.physics.traction import force_ratio, relaxation_rate
+from omnimj.physics.traction import force_ratio, load_factor, relaxation_rate
 from omnimj.physics.wheel import WHEEL_SIZE, WheelParameters, blend_friction, packed, wheel_parameters
 
 
@@ -293,7 +293,8 @@ def derivative(state, command, yaw, model, smoothing):
         slip, sideways = contact_velocity(wheel, rim, along, across)
         rate = relaxation_rate(floor, slip, max(abs(rim), abs(along)))
         change[i] = slip - rate * state[i]
-        traction = normal * wheel.grip * force_ratio(floor, state[i], slip, rate)
+        grip = wheel.grip * load_factor(floor, normal)
+        traction = normal * grip * force_ratio(floor, state[i], slip, rate)
         dry = wheel.wheel.roller_dry * math.tanh(sideways / smoothing)
         drag = normal * (dry + wheel.wheel.roller_viscous * sideways)
         ahead, aside = contact_force(wheel, traction, drag)

@@ -30,7 +30,7 @@ from omnimj.physics.motor import (
     stick_or_slip,
 )
 from omnimj.physics.native import first_numbers, inlined, kernel
-from omnimj.physics.traction import exact_step, force_ratio, mean_deflection, relaxation_rate
+from omnimj.physics.traction import exact_step, force_ratio, load_factor, mean_deflection, relaxation_rate
 from omnimj.physics.wheel import WHEEL_SIZE, WheelParameters, bearing_friction, roller_friction
 
 
@@ -249,7 +249,8 @@ def step_wheel(i, state, command, driven, packed_terms, normal, h, output):
     rate = relaxation_rate(driven.floor, slip, max(abs(rim), abs(along)))
     z = exact_step(state.bristle[i], slip, rate, h)
     mean = mean_deflection(state.bristle[i], z, slip, rate, h)
-    traction = normal * wheel.grip * force_ratio(driven.floor, mean, slip, rate)
+    grip = wheel.grip * load_factor(driven.floor, normal)
+    traction = normal * grip * force_ratio(driven.floor, mean, slip, rate)
     added = 0.0
     if packed_terms[i, ACTIVE] != 0.0:
         terms = terms_at(packed_terms[i])

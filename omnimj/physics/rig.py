@@ -48,6 +48,7 @@ from omnimj.physics.native import cached, first_numbers, kernel
 from omnimj.physics.traction import (
     exact_step,
     force_ratio,
+    load_factor,
     mean_deflection,
     relaxation_rate,
     traction_at,
@@ -290,7 +291,8 @@ def derivative(state, command, lateral_speed, model, smoothing):
     rim = rig.wheel.radius * wheel_speed
     slip = rim - speed
     rate = relaxation_rate(floor, slip, max(abs(rim), abs(speed)))
-    traction = rig.weight * rig.grip * force_ratio(floor, z, slip, rate)
+    grip = rig.grip * load_factor(floor, rig.weight)
+    traction = rig.weight * grip * force_ratio(floor, z, slip, rate)
     lateral = lateral_force(rig, lateral_speed)
     current = achievable_current(motor, command, wheel_speed)
     if state.size > 3:
@@ -326,7 +328,8 @@ def _stepper(active: bool):
             motor = apply_motor_effects(motor, terms, state.time, 0.0)
         # as in `next_current` and `mean_current`
         decay, lag = math.exp(-h / motor.current_loop), motor.current_loop / h
-        grip, dry, low_guide, high_guide = rig.grip, bearing, rail_low, rail_high
+        gripping = rig.grip * load_factor(floor, normal)
+        grip, dry, low_guide, high_guide = gripping, bearing, rail_low, rail_high
         speed, wheel_speed, z, current, position, angle, time, gap, gap_rate = state
         slip, traction, acceleration = 0.0, 0.0, 0.0
         for _ in range(steps):
@@ -336,7 +339,7 @@ def _stepper(active: bool):
             z_next = exact_step(z, slip, rate, h)
             mean = mean_deflection(z, z_next, slip, rate, h)
             if active:
-                grip = rig.grip * traction_scale(terms, position)
+                grip = gripping * traction_scale(terms, position)
             traction = normal * grip * force_ratio(floor, mean, slip, rate)
             target = achievable_current(motor, command, wheel_speed)
             current_next = target + (current - target) * decay

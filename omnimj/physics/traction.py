@@ -1,8 +1,9 @@
-"""Traction between wheel and floor: LuGre, LuGre with a ceiling, Magic Formula.
+"""Traction between wheel and floor: LuGre, Magic Formula, creep ratio.
 
-All laws share one internal state z per wheel with ż = V_r − λ z, where λ ≥ 0 depends on the slip velocity,
-and a force over the normal force f(z, ż, V_r). For frozen slip the state is stepped exactly, hence stable at
-any slip velocity: z⁺ = z e^(−λh) + V_r (1 − e^(−λh))/λ.
+All laws share one internal state z per wheel with ż = V_r − λ z, where λ ≥ 0 depends on slip and rolling
+speed, and a force F = f(z, ż, V_r) F_N (F_N/F_ref)^(p−1), |f| ≤ μ_cap. For frozen slip the state is stepped
+exactly, hence stable at any slip velocity: z⁺ = z e^(−λh) + V_r (1 − e^(−λh))/λ. At standstill λ = 0: z is
+then the deflection of a spring between wheel and floor, which holds.
 
 Kernels take a floor as `parameters.floor.TractionParameters`; packed rows are read with `traction_at`.
 """
@@ -11,7 +12,7 @@ from __future__ import annotations
 
 import math
 
-from omnimj.parameters.floor import MAGIC_FORMULA, TRACTION_SIZE, TractionParameters
+from omnimj.parameters.floor import CREEP_RATIO, LUGRE, TRACTION_SIZE, TractionParameters
 from omnimj.physics.native import first_numbers, kernel
 
 _SMALL = 1e-12
@@ -30,17 +31,29 @@ def stribeck(floor, slip):
 
 
 @kernel
+def full_sliding(floor):
+    """Creep ratio ξ_s = 3 μ/C from which the whole contact slides [1]."""
+    return 3.0 * floor.mu / floor.creep_stiffness
+
+
+@kernel
 def relaxation_rate(floor, slip, reference_speed):
     """λ of ż = V_r − λ z [1/s]: σ0 |V_r|/g for LuGre (Eq. 3.41), speed over relaxation length otherwise.
+
+    Creep ratio: L dξ/dt = V_r − max(V_roll, |V_r|/ξ_s) ξ with ξ = z/L, the first-order lag of a rolling
+    contact (Pacejka, *Tire and Vehicle Dynamics*, chapter 7). In full sliding, ξ ≥ ξ_s, the contact deflects
+    no further than L ξ_s, so that it grips again at once when sliding ends.
 
     Args:
       floor: `TractionParameters`.
       slip: V_r = r φ̇ − V [m/s].
-      reference_speed: max(|r φ̇|, |V|) [m/s], the denominator of the slip ratio, Eq. 3.17.
+      reference_speed: V_roll = max(|r φ̇|, |V|) [m/s], the denominator of the slip ratio, Eq. 3.17.
     """
-    if floor.law == MAGIC_FORMULA:
-        return reference_speed / floor.relaxation_length
-    return floor.sigma_0 * abs(slip) / stribeck(floor, slip)
+    if floor.law == LUGRE:
+        return floor.sigma_0 * abs(slip) / stribeck(floor, slip)
+    if floor.law == CREEP_RATIO:
+        reference_speed = max(reference_speed, abs(slip) / full_sliding(floor))
+    return reference_speed / floor.relaxation_length
 
 
 @kernel
@@ -81,7 +94,7 @@ def mean_deflection(z, z_next, slip, rate, h):
 
 @kernel
 def force_ratio(floor, z, slip, rate):
-    """Traction over normal force F/F_N [1], Eqs. 3.42 and 3.18.
+    """Traction over normal force f = F/F_N at the reference load, |f| ≤ μ_cap [1], Eqs. 3.42 and 3.18.
 
     Args:
       floor: `TractionParameters`.
@@ -90,16 +103,50 @@ def force_ratio(floor, z, slip, rate):
       rate: λ from `relaxation_rate` [1/s].
     """
     z_dot = slip - rate * z
-    if floor.law == MAGIC_FORMULA:
+    if floor.law == LUGRE:
+        ratio = floor.sigma_0 * z + floor.sigma_1 * z_dot + floor.sigma_2 * slip
+    elif floor.law == CREEP_RATIO:
+        ahead = z + floor.damping_time * z_dot / (1.0 + floor.damping_time * rate)
+        ratio = creep_traction(floor, ahead / floor.relaxation_length)
+    else:
         s = floor.B * (z + floor.damping_time * z_dot) / floor.relaxation_length
-        return floor.D * math.sin(floor.C * math.atan(s - floor.E * (s - math.atan(s))))
-    ratio = floor.sigma_0 * z + floor.sigma_1 * z_dot + floor.sigma_2 * slip
+        ratio = floor.D * math.sin(floor.C * math.atan(s - floor.E * (s - math.atan(s))))
     return min(max(ratio, -floor.mu_cap), floor.mu_cap)
 
 
 @kernel
+def creep_traction(floor, creep):
+    """F/F_N = μ [1 − (1 − |ξ|/ξ_s)³] sign ξ up to ξ_s = 3 μ/C, μ sign ξ beyond [1].
+
+    The brush model: slope C at zero, one smooth curve to full sliding. Source: Pacejka, *Tire and Vehicle
+    Dynamics*, chapter 3; for creep of elastic bodies Johnson, *Contact Mechanics*, chapter 8.
+
+    Args:
+      floor: `TractionParameters` with the law `creep_ratio`.
+      creep: Creep ratio ξ = V_r/V_roll [1].
+    """
+    sliding = min(abs(creep) / full_sliding(floor), 1.0)  # share of the contact
+    return math.copysign(floor.mu * sliding * (3.0 + sliding * (sliding - 3.0)), creep)
+
+
+@kernel
+def load_factor(floor, normal_force):
+    """(F_N/F_ref)^(p−1), by which the normal force is multiplied; 1 for p = 1, 0 without load [1].
+
+    Args:
+      floor: `TractionParameters`.
+      normal_force: F_N of the whole wheel [N].
+    """
+    if floor.load_exponent == 1.0:
+        return 1.0
+    if normal_force <= 0.0:  # a negative exponent
+        return 0.0
+    return (normal_force / floor.reference_load) ** (floor.load_exponent - 1.0)
+
+
+@kernel
 def steady_ratio(floor, slip, reference_speed):
-    """F/F_N with a settled bristle: g sign(V_r) + σ2 V_r, or the Magic Formula of V_r/speed [1].
+    """F/F_N with a settled bristle: g sign(V_r) + σ2 V_r, or the curve of the slip ratio V_r/V_roll [1].
 
     Args:
       floor: `TractionParameters`.

@@ -42,6 +42,19 @@ def test_a_user_s_floor_replaces_the_shipped_one_of_its_name(capsys, own, plant)
     assert speeds[1] < 0.5 * speeds[0] and speeds[1] == speeds[2]
 
 
+@pytest.mark.parametrize("plant", ["twin", "planar"])
+def test_a_user_s_floor_of_another_law_drives_the_plants(capsys, tmp_path, plant):
+    mat = replace(read_floors()["linoleum"], name="mat")
+    softer = {**mat.numbers, "load_exponent": 1.5, "reference_load": 1000.0}
+    path = tmp_path / "mats.toml"
+    path.write_text(format_floor(mat) + format_floor(replace(mat, name="soft", numbers=softer)), "utf-8")
+    speeds = [
+        metrics(capsys, "--plant", plant, "--floors", str(path), "--set", f"floor={name}")["final_speed"]
+        for name in ("linoleum", "mat", "soft")
+    ]
+    assert speeds[0] == speeds[1] > 1.2 * speeds[2] > 0.0
+
+
 def test_a_floor_survives_its_text(tmp_path):
     path = tmp_path / "floors.toml"
     shipped = read_floors()

@@ -15,7 +15,7 @@ import numba
 
 from omnimj.physics.effect_terms import traction_scale
 from omnimj.physics.native import kernel
-from omnimj.physics.traction import exact_step, force_ratio, relaxation_rate
+from omnimj.physics.traction import exact_step, force_ratio, load_factor, relaxation_rate
 from omnimj.plant.mujoco import slots
 from omnimj.plant.mujoco.memory import (
     OFFSETS,
@@ -293,8 +293,9 @@ def share_normal_force(found, count, wheel, stiffness, damping):
 def wheel_contact_forces(m, d, wheel, found, count, h):
     """Compute the contact forces of one wheel; fill columns FORCE, PRESSED and DRAG of its contacts.
 
-    Traction of contact i: N_i f(z, V_r,i) on the floor under it, with one bristle z for the wheel; bearing
-    friction of the rollers: N_i (σ0 z_l + σ1 ż_l + μ_vis v_c), g = μ_dry, with one lateral bristle.
+    Traction of contact i: N_i (N/F_ref)^(p−1) f(z, V_r,i), N = Σ N_i, on the floor under it, with one bristle
+    z for the wheel; bearing friction of the rollers: N_i (σ0 z_l + σ1 ż_l + μ_vis v_c), g = μ_dry, with one
+    lateral bristle.
 
     Args:
       m: Address of mjModel.
@@ -328,6 +329,7 @@ def wheel_contact_forces(m, d, wheel, found, count, h):
         floor = traction_of(users + width * numba.int64(found[i, FLOOR_GEOM]))
         rate = relaxation_rate(floor, v, max(abs(turning), abs(turning - v)))
         gripping = grip * traction_scale(terms_of(own), found[i, POINT]) if active else grip
+        gripping *= load_factor(floor, pressed)  # of the wheel: rollers that share its load grip as one
         found[i, FORCE] = gripping * found[i, PRESSED] * force_ratio(floor, z, v, rate)
         traction += found[i, FORCE]
         slip += share * v

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from omnimj.parameters import Floor
-from omnimj.parameters.floor import LAWS
+from omnimj.parameters.floor import OPTIONAL, number_rules
 from omnimj.parameters.reading import Provenance, Rule
 from omnimj.simulate.scenario.scenario import Scenario
 
@@ -147,7 +147,7 @@ def _floors(scenario: Scenario, sources: Sequence[str], share: float) -> Iterato
             source = _source_of(floor, letter)
             if source in sources:
                 origin = Provenance(_UNITS.get(letter, "1"), source, floor.uncertainty * abs(value))
-                rule = LAWS[floor.law][1][letter]
+                rule = number_rules(floor.law)[letter]
                 yield _ranged(f"{FLOOR}.{name}.{letter}", origin, value, rule, False, share)
 
 
@@ -158,8 +158,9 @@ _UNITS: Mapping[str, str] = {
     "sigma_2": "s/m",
     "relaxation_length": "m",
     "damping_time": "s",
+    "reference_load": "N",
 }
-_ALWAYS_CHOSEN = ("mu_cap", "relaxation_length", "damping_time")  # not published, see floors.toml
+_ALWAYS_CHOSEN = (*OPTIONAL, "relaxation_length", "damping_time")  # not published, see floors.toml
 
 
 def _source_of(floor: Floor, letter: str) -> str:

@@ -23,8 +23,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omnimj.errors import InputError
 from omnimj.parameters import Control, Floor, Robot
 from omnimj.physics.kinematics import rolling_matrix
+from omnimj.physics.traction import load_factor
 
 Array = NDArray[np.float64]
 Complex = NDArray[Any]
@@ -61,6 +63,9 @@ def margins(robot: Robot, control: Control, floors: Iterable[Floor]) -> tuple[Ma
       robot: Robot, whose own gains are not used.
       control: Gains.
       floors: Floors with a LuGre law.
+
+    Raises:
+      InputError: A floor with another law.
     """
     chain = _LoopModel(robot, control)
     found = [_margin(SPEED, AIR, chain, lambda s: chain.open_loop(s, None, 0.0))]
@@ -131,7 +136,10 @@ def smallest_margin(found: Sequence[Margin], loop: str | None = None) -> Margin:
 
 def _impedance(floor: Floor, robot: Robot) -> Callable[[Complex], Complex]:
     """Return Z(s) of one wheel at rest [N.s/m]."""
+    if floor.law != "lugre":
+        raise InputError(f"floor {floor.name}", f"found law '{floor.law}'", "margins need the law 'lugre'")
     load = robot.body.mass * _GRAVITY / len(robot.wheels)
+    load *= load_factor(floor.traction, load)
     stiffness, damping = floor.numbers["sigma_0"], floor.numbers["sigma_1"] + floor.numbers["sigma_2"]
     return lambda s: load * (stiffness / s + damping)
 

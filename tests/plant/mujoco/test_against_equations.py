@@ -13,6 +13,7 @@ from omnimj.plant.planar import PlanarRobot
 from omnimj.signals import CurrentCommand
 
 ON_FLOORS = ("natural_stone", "pvc", "paperboard")
+OTHER_LAWS = ("dry_asphalt", "linoleum", "soft_mat")
 CURRENTS = (0.45, 0.60, 0.75, 0.90, 1.05, 1.20, 1.35, 1.50)
 
 
@@ -87,7 +88,9 @@ def test_rolling_resistance_takes_its_torque_from_the_robot_s_wheels(robot, floo
     assert speeds[0] - speeds[1] == pytest.approx(lost, rel=0.06)
 
 
-@pytest.mark.parametrize(("floor", "eighth", "strength"), checkerboard(ON_FLOORS, range(8), [0.6, 1.0]))
+@pytest.mark.parametrize(
+    ("floor", "eighth", "strength"), checkerboard((*ON_FLOORS, *OTHER_LAWS), range(8), [0.6, 1.0])
+)
 def test_the_robot_twin_drives_as_the_planar_model(robot, floors, floor, eighth, strength, measured):
     along = np.array([math.cos(eighth * math.pi / 4.0), math.sin(eighth * math.pi / 4.0)])
     share = robot.drive_directions @ along

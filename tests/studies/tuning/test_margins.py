@@ -11,6 +11,7 @@ from other_robots import STRAIGHT, mecanum, write_mecanum_of_the_guide
 from scipy.signal import cont2discrete
 
 from omnimj.control.cascade.controller import Controller
+from omnimj.errors import InputError
 from omnimj.parameters import Control, Robot, read_floors, read_robot
 from omnimj.plant.planar import PlanarRobot
 from omnimj.signals import Reference
@@ -221,3 +222,10 @@ def test_margins_are_those_of_any_number_of_wheels():
     found = margins(robot, robot.control, MEASURED)
     assert {m.loop for m in found} == {SPEED, YAW_RATE, HEADING}
     assert all(math.isfinite(m.phase) for m in found)
+
+
+def test_a_floor_without_a_bristle_of_its_own_is_refused():
+    with pytest.raises(
+        InputError, match=r"floor ice: found law 'magic_formula'; margins need the law 'lugre'"
+    ):
+        margins(ROBOT, ROBOT.control, [ALL["ice"]])
