@@ -181,7 +181,9 @@ def write_table(path: Path, run: Run) -> None:
         pa.csv.write_csv(table, rows, pa.csv.WriteOptions(include_header=False))
 
 
-def _value(value: float | str) -> str:
+def _value(value: float | str | bool) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
     if isinstance(value, str):
         return _quoted(value)
     return repr(float(value))
