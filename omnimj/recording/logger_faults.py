@@ -13,6 +13,8 @@ from omnimj.signals import Array, true_stretches
 _RARE = 0.05  # share of repeats up to which each of them is a missed message
 _LONGER = 3.0  # × the usual repetition: where readings are slower than the log, only longer ones are
 _FEWEST = 4  # rows of such a longer repetition
+_BURST = 0.2  # × the mean time step: a sample of the same burst
+_BURSTS = 0.1  # share of such samples from which on the log has bursts
 _SIDE = 0.05  # share of the samples in motion that must lie on each side of zero
 _MOVING = 0.1  # × the largest speed: in motion
 
@@ -46,6 +48,21 @@ def find_repeats(columns: Sequence[Array], moving: Mask) -> Mask:
     return mask
 
 
+def burst_share(time: Array) -> float:
+    """Share of the samples that follow the one before far sooner than on average, as those of a burst do.
+
+    Args:
+      time: Strictly increasing times, shape (n,) [s].
+    """
+    steps = np.diff(time)
+    return float(np.mean(steps < _BURST * steps.mean())) if len(steps) else 0.0
+
+
+def has_bursts(time: Array) -> bool:
+    """True if samples arrive in bursts, so that their times are those of arrival."""
+    return burst_share(time) > _BURSTS
+
+
 def with_edges(mask: Mask) -> Mask:
     """Mask the samples beside masked ones, too, as beside a gap: the next one may cover the whole pause."""
     wider = mask.copy()
@@ -73,6 +90,9 @@ def mask_logger_faults(runs: Sequence[Run]) -> tuple[list[dict[str, Mask]], list
     notes = []
     for run, own in zip(runs, found, strict=True):
         notes += _mask_repeats(run, own)
+        if has_bursts(run.time):
+            share = f"{burst_share(run.time):.0%} of the samples"
+            notes.append(f"run {run.name}: {share} arrive in bursts; their times are those of arrival")
     for number in sorted({n for run in runs for n in wheel_numbers(run)}):
         notes += _mask_magnitudes(runs, found, number)
     return found, notes
