@@ -53,14 +53,15 @@ def _wheel_columns(wheels: int, *names: str) -> tuple[str, ...]:
     return tuple(f"{name}_{i}" for name in names for i in range(1, wheels + 1))
 
 
-_BODY = ("acceleration_x", "acceleration_y", "yaw_rate", "yaw")
+INERTIAL_UNIT = ("acceleration_x", "acceleration_y", "yaw_rate", "yaw")
+"""Columns of a robot's inertial unit."""
 
 
 _POSE = ("x", "y", "heading")
 
 
 def _robot_columns(wheels: int, pose_measured: bool = False) -> PlantColumns:
-    always, other = (_POSE, _BODY) if pose_measured else (_BODY, _POSE)
+    always, other = (_POSE, INERTIAL_UNIT) if pose_measured else (INERTIAL_UNIT, _POSE)
     return PlantColumns(
         required=("time", *_wheel_columns(wheels, "current", "wheel_speed"), *always),
         optional=(*_wheel_columns(wheels, "current_target"), *other),
@@ -156,7 +157,7 @@ def require_inertial_unit(dataset: Dataset) -> None:
       InputError: A run lacks a column of the inertial unit.
     """
     for run in dataset.runs if dataset.plant == "uto_robot" else ():
-        missing = [name for name in _BODY if name not in run.columns]
+        missing = [name for name in INERTIAL_UNIT if name not in run.columns]
         if missing:
             found = f"run {run.name!r} has no {', '.join(missing)}"
             rule = "this command needs the inertial unit; a measured pose does not replace it here"

@@ -139,7 +139,7 @@ def is_magnitude(values: Sequence[Array], speeds: Sequence[Array]) -> bool:
     speed = np.concatenate(speeds)
     fast = speed[np.abs(speed) > _MOVING * float(np.abs(speed).max())]
     sides = np.count_nonzero(fast > 0.0), np.count_nonzero(fast < 0.0)
-    return max(float(v.max()) for v in values) > 0.0 and min(sides) > max(_SIDE * len(fast), 3)
+    return max(float(v.max()) for v in values) > 0.0 and bool(min(sides) > max(_SIDE * len(fast), 3))
 
 
 def _mask_magnitudes(runs: Sequence[Run], found: list[dict[str, Mask]], number: int) -> list[str]:

@@ -17,6 +17,8 @@ from omnimj.recording.importing.units import find_unit, target_unit
 from omnimj.recording.read_dataset import MIN_SAMPLES
 from omnimj.signals import Array, true_stretches
 
+FOLDER = "{folder}"
+"""Stands for the name of the log's folder in texts under [defaults]: `floor = "{folder}"`."""
 _RATES = {"m": "m/s", "rad": "rad/s", "m/s": "m/s2", "": ""}
 """SI units of readings and of their change per second."""
 
@@ -44,10 +46,9 @@ def apply_mapping(table: SourceTable, mapping: LogMapping, name: str) -> Importe
       InputError: A needed cell is empty or not finite, time decreases, or a unit does not fit its column.
       UnknownNameError: The log lacks a column; the message lists its columns.
     """
-    place = str(table.path)
     sources = _sources(table, mapping)
     kept, notes = _kept_rows(table, mapping, sources)
-    time = _converted(place, "time", mapping.columns["time"], table, sources)[kept]
+    time = _scaled(table, "time", mapping.columns["time"], sources[mapping.columns["time"].source])[kept]
     twice = np.concatenate(([False], np.diff(time) == 0.0))
     if twice.any():
         notes.append(f"{_counted(twice, 'row')} with the time of the row before left out")
@@ -55,29 +56,36 @@ def apply_mapping(table: SourceTable, mapping: LogMapping, name: str) -> Importe
     _require_increasing(table, kept, time)
     values = {source: column[kept] for source, column in sources.items()}
     stale = _stale_rows(mapping, values)
-    columns = {"time": time}
-    for target, rule in mapping.columns.items():
-        if target == "time":
-            continue
-        columns[target] = _column(place, target, rule, table, values, time, stale)
+    columns = {
+        target: time if target == "time" else _column(table, target, rule, values, time, stale)
+        for target, rule in mapping.columns.items()
+    }
     if any(rule.difference for rule in mapping.columns.values()):
         columns = {target: column[1:] for target, column in columns.items()}
         stale = stale[1:]
-    if stale.any():
-        ends = true_stretches(stale) - 1
-        longest = float(np.max(np.diff(columns["time"][np.maximum(ends, 0)], axis=1)))
-        notes.append(f"{_counted(stale, 'stale row')}, for up to {longest:.3g} s, in which speeds are held")
     if len(columns["time"]) < MIN_SAMPLES:
-        raise InputError(place, f"has {len(columns['time'])} samples", f"at least {MIN_SAMPLES} are needed")
+        found = f"has {len(columns['time'])} samples"
+        raise InputError(table.path, found, f"at least {MIN_SAMPLES} are needed")
+    notes += _stale_note(columns["time"], stale)
     if mapping.rotation:
-        _turn_pose(place, columns, mapping.rotation)
+        _turn_pose(table, columns, mapping.rotation)
     for target, column in columns.items():
         _require_finite(table, kept, target, column)
-    return ImportedRun(_run(name, columns, mapping), (*table.notes, *notes))
+    return ImportedRun(_run(table, name, columns, mapping), (*table.notes, *notes))
 
 
-def _run(name: str, columns: Mapping[str, Array], mapping: LogMapping) -> Run:
-    conditions = {**mapping.defaults, **mapping.runs.get(name, {})}
+def _stale_note(time: Array, stale: NDArray[np.bool_]) -> list[str]:
+    if not stale.any():
+        return []
+    ends = true_stretches(stale) - 1
+    longest = float(np.max(np.diff(time[np.maximum(ends, 0)], axis=1)))
+    return [f"{_counted(stale, 'stale row')}, for up to {longest:.3g} s, in which speeds are held"]
+
+
+def _run(table: SourceTable, name: str, columns: Mapping[str, Array], mapping: LogMapping) -> Run:
+    folder = table.path.absolute().parent.name
+    stated = {**mapping.defaults, **mapping.runs.get(name, {})}
+    conditions = {k: v.replace(FOLDER, folder) if isinstance(v, str) else v for k, v in stated.items()}
     conditions.pop("pose_measured", None)
     repeat_of = conditions.pop("repeat_of", None)
     return Run(
@@ -91,19 +99,19 @@ def _run(name: str, columns: Mapping[str, Array], mapping: LogMapping) -> Run:
 
 def _sources(table: SourceTable, mapping: LogMapping) -> dict[str, Array]:
     """Every column of the log that the mapping names."""
-    wanted = {f"columns.{target}": [rule.source] for target, rule in mapping.columns.items()}
-    wanted |= {f"columns.{t}.sign_of": [r.sign_of] for t, r in mapping.columns.items() if r.sign_of}
+    wanted = [(f"columns.{target}", rule.source) for target, rule in mapping.columns.items()]
+    wanted += [(f"columns.{t}.sign_of", r.sign_of) for t, r in mapping.columns.items() if r.sign_of]
     if mapping.stale is not None:
-        wanted |= {"stale.unchanged": mapping.stale.unchanged, "stale.moving": mapping.stale.moving}  # pyright: ignore
+        wanted += [("stale.unchanged", name) for name in mapping.stale.unchanged]
+        wanted += [("stale.moving", name) for name in mapping.stale.moving]
     found: dict[str, Array] = {}
-    for key, names in wanted.items():
-        for name in names:
-            if name in table.others:
-                found_ = f"column {name!r} is {table.others[name]}"
-                raise InputError(table.path, found_, f"{key} of the mapping needs numbers")
-            if name not in table.columns:
-                raise UnknownNameError(f"{table.path} ({key} of the mapping)", "column", name, table.columns)
-            found[name] = np.asarray(table.columns[name].values, float)
+    for key, name in wanted:
+        if name in table.others:
+            reason = f"column {name!r} is {table.others[name]}"
+            raise InputError(table.path, reason, f"{key} of the mapping needs numbers")
+        if name not in table.columns:
+            raise UnknownNameError(f"{table.path} ({key} of the mapping)", "column", name, table.columns)
+        found[name] = np.asarray(table.columns[name].values, float)
     return found
 
 
@@ -139,10 +147,9 @@ def _stale_rows(mapping: LogMapping, values: Mapping[str, Array]) -> NDArray[np.
 
 
 def _column(
-    place: str,
+    table: SourceTable,
     target: str,
     rule: ColumnSource,
-    table: SourceTable,
     values: Mapping[str, Array],
     time: Array,
     stale: NDArray[np.bool_],
@@ -157,7 +164,7 @@ def _column(
         reading = np.unwrap(reading, period=rule.wrap)
     if rule.sign_of:
         reading = np.abs(reading) * np.sign(values[rule.sign_of])
-    return _scaled(place, target, rule, table, reading)
+    return _scaled(table, target, rule, reading)
 
 
 def _change_per_time(reading: Array, time: Array, wrap: float | None, stale: NDArray[np.bool_]) -> Array:
@@ -170,13 +177,7 @@ def _change_per_time(reading: Array, time: Array, wrap: float | None, stale: NDA
     return rate[np.maximum(np.cumsum(~stale) - 1, 0)]
 
 
-def _converted(
-    place: str, target: str, rule: ColumnSource, table: SourceTable, values: Mapping[str, Array]
-) -> Array:
-    return _scaled(place, target, rule, table, values[rule.source])
-
-
-def _scaled(place: str, target: str, rule: ColumnSource, table: SourceTable, reading: Array) -> Array:
+def _scaled(table: SourceTable, target: str, rule: ColumnSource, reading: Array) -> Array:
     """Convert a reading to the SI unit of its column.
 
     Raises:
@@ -189,15 +190,17 @@ def _scaled(place: str, target: str, rule: ColumnSource, table: SourceTable, rea
         si = _RATES.get(unit.si, f"{unit.si}/s") if rule.difference else unit.si
         if si != needed:
             found = f"column {rule.source!r} is in {written}{' and differenced' if rule.difference else ''}"
-            raise InputError(f"{place}: columns.{target}", found, f"give a scale to {needed}, or its unit")
+            raise InputError(
+                f"{table.path}: columns.{target}", found, f"give a scale to {needed}, or its unit"
+            )
     with np.errstate(over="ignore", invalid="ignore"):
         return (1.0 if rule.scale is None else rule.scale) * factor * reading + rule.offset
 
 
-def _turn_pose(place: str, columns: dict[str, Array], angle: float) -> None:
+def _turn_pose(table: SourceTable, columns: dict[str, Array], angle: float) -> None:
     for name in ("x", "y", "heading"):
         if name not in columns:
-            raise InputError(place, f"column {name!r} is not mapped", "[pose] turns x, y and heading")
+            raise InputError(table.path, f"column {name!r} is not mapped", "[pose] turns x, y and heading")
     c, s = np.cos(angle), np.sin(angle)
     x, y = columns["x"], columns["y"]
     columns["x"], columns["y"] = c * x - s * y, s * x + c * y

@@ -213,4 +213,5 @@ def _from_moments(texts: Sequence[str | None]) -> Array | None:
         ]
     )
     steps = np.diff(seconds, prepend=seconds[:1])
-    return seconds + _DAY * np.cumsum(np.nan_to_num(steps) < -0.5 * _DAY)
+    days = np.cumsum(np.nan_to_num(steps) < -0.5 * _DAY)
+    return np.asarray(seconds + _DAY * days, dtype=float)

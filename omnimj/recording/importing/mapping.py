@@ -123,9 +123,6 @@ def _column(place: str, entry: Any) -> ColumnSource:
     if scale == 0.0:
         raise InputError(f"{place}.scale", "found 0", "must not be 0")
     wrap = float(check_number(f"{place}.wrap", entry["wrap"], _POSITIVE)) if "wrap" in entry else None
-    signed = (
-        check_number(f"{place}.signed", entry["signed"], _BITS, whole=True) if "signed" in entry else None
-    )
     difference = entry.get("difference", False)
     if not isinstance(difference, bool):
         raise InputError(f"{place}.difference", f"found {difference!r}", "must be true or false")
@@ -136,7 +133,7 @@ def _column(place: str, entry: Any) -> ColumnSource:
         float(check_number(f"{place}.offset", entry.get("offset", 0.0), _FINITE)),
         difference,
         wrap,
-        None if signed is None else int(signed),
+        int(check_number(f"{place}.signed", entry["signed"], _BITS, True)) if "signed" in entry else None,
         _text(f"{place}.sign_of", entry["sign_of"]) if "sign_of" in entry else None,
     )
 
@@ -151,12 +148,12 @@ def _dialect(place: str, entry: Any) -> Dialect:
     }
     if lines.get("first_line") == 0:
         raise InputError(f"{place}.first_line", "found 0", "lines are counted from 1")
-    texts = {
+    texts: dict[str, Any] = {
         name: _choice(f"{place}.{name}", entry[name], choices, name)
         for name, choices in (("separator", SEPARATORS), ("decimal", DECIMALS))
         if name in entry
     }
-    return Dialect(**texts, **lines)
+    return Dialect(**{**texts, **lines})
 
 
 def _stale(place: str, entry: Any) -> StaleRule | None:

@@ -11,9 +11,10 @@ from omnimj.recording.write_dataset import toml_key, toml_text
 
 _HEAD = """# How the columns of a log become those of a dataset; edit it, then
 #   omnimj import FILE... --mapping THIS_FILE --out DATASET
-# column = { from = "its name in the log", unit = "mm/s", scale = 1.0, offset = 0.0 }: offset + scale * SI value.
+# column = { from = "its name in the log", unit = "mm/s", scale = 2.0, offset = 0.0 }, offset and scale in SI.
 # difference = true: change per second (of a counter); wrap = 65536: it starts over; signed = 16: 65535 is -1;
-# sign_of = "a column": a magnitude gets its sign. pose: rotation = angle in rad."""
+# sign_of = "a column": a magnitude gets its sign. floor = "{folder}": the name of the folder of each log.
+# [pose] rotation = 0.1: x, y and heading turned by this angle in rad."""
 
 
 def mapping_text(proposal: Proposal) -> str:

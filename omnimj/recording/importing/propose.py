@@ -90,10 +90,18 @@ def propose(tables: Sequence[SourceTable], plant: str | None = None, floor: str 
     return Proposal(mapping, remarks, _missing(mapping), unclear, tuple(hints))
 
 
-def missing_columns(names: Sequence[str], plant: str) -> tuple[str, ...]:
-    """Columns that a plant needs and that are not among these names; a robot with the pose it has."""
+def missing_columns(names: Sequence[str], plant: str, pose_measured: bool | None = None) -> tuple[str, ...]:
+    """Columns that a plant needs and that are not among these names.
+
+    Args:
+      names: Columns of the dataset.
+      plant: One of `PLANT_COLUMNS`.
+      pose_measured: Whether a robot has a measured pose instead of an inertial unit; judged by the names when
+        None.
+    """
     wheels = wheel_count(names)
-    pose_measured = {"x", "y", "heading"} <= set(names) and "acceleration_x" not in names
+    if pose_measured is None:
+        pose_measured = bool({"x", "y", "heading"} & set(names)) and "acceleration_x" not in names
     needed = plant_columns(plant, wheels, pose_measured)
     missing = [name for name in needed.required if name not in names]
     if needed.one_of and not any(name in names for name in needed.one_of):

@@ -11,9 +11,9 @@ import numpy as np
 
 from omnimj.errors import InputError, OmnimjError
 from omnimj.parameters import read_floors
-from omnimj.recording.dataset import PLANT_COLUMNS, Run
+from omnimj.recording.dataset import MAX_WHEELS, PLANT_COLUMNS, Run, plant_columns
 from omnimj.recording.dataset_file import POSE_MEASURED
-from omnimj.recording.importing.apply import apply_mapping
+from omnimj.recording.importing.apply import FOLDER, apply_mapping
 from omnimj.recording.importing.mapping import ANY_MACHINE, LogMapping, read_mapping
 from omnimj.recording.importing.mapping_text import mapping_text
 from omnimj.recording.importing.propose import Proposal, missing_columns, propose, wheel_count
@@ -102,7 +102,7 @@ def plan_import(config: ImportConfig, progress: Progress | None = None) -> Impor
     proposal = _proposal(config, given, tables, names)
     runs, notes = _converted(tables, names, proposal, strict=given is not None)
     quality = {run.name: time_quality(run.time) for run in runs}
-    notes += _quality_notes(tables[0], proposal.mapping, runs, quality)
+    notes += _quality_notes(tables, proposal.mapping, runs, quality)
     return ImportPlan(
         tuple(f"{layout} ({count} files)" if count > 1 else layout for layout, count in _layouts(tables)),
         proposal,
@@ -141,8 +141,18 @@ def _proposal(
     for name in given.runs:
         if name not in names:
             raise InputError(f"{config.mapping}: [runs.{name}]", "there is no such run", "", names[:20])
-    missing = () if given.plant == ANY_MACHINE else missing_columns(list(given.columns), given.plant)
-    return Proposal(given, missing=missing)
+    return Proposal(given, missing=_missing_in(given, names))
+
+
+def _missing_in(given: LogMapping, names: Sequence[str]) -> tuple[str, ...]:
+    """Columns and conditions that the plant needs and a mapping of the user does not state."""
+    if given.plant == ANY_MACHINE:
+        return ()
+    pose_measured = given.defaults.get(POSE_MEASURED) is True
+    missing = missing_columns(list(given.columns), given.plant, pose_measured)
+    stated = [{**given.defaults, **given.runs.get(name, {})} for name in names]
+    needed = plant_columns(given.plant).conditions
+    return (*missing, *(f"[defaults] {key}" for key in needed if not all(key in one for one in stated)))
 
 
 def _layouts(tables: Sequence[SourceTable]) -> list[tuple[str, int]]:
@@ -154,9 +164,11 @@ def _converted(
 ) -> tuple[list[Run], list[str]]:
     """Convert all logs; without a mapping of the user, what cannot be converted is a note."""
     runs, notes = [], []
-    for table, name in zip(tables, names, strict=True):
+    clear = {k: rule for k, rule in proposal.mapping.columns.items() if k not in proposal.unclear}
+    mapping = replace(proposal.mapping, columns=clear)
+    for table, name in zip(tables, names, strict=True) if "time" in clear else ():
         try:
-            done = apply_mapping(table, proposal.mapping, name)
+            done = apply_mapping(table, mapping, name)
         except OmnimjError as error:
             if strict:
                 raise
@@ -168,28 +180,34 @@ def _converted(
 
 
 def _quality_notes(
-    table: SourceTable, mapping: LogMapping, runs: Sequence[Run], quality: dict[str, TimeQuality]
+    tables: Sequence[SourceTable], mapping: LogMapping, runs: Sequence[Run], quality: dict[str, TimeQuality]
 ) -> list[str]:
-    notes = [
+    known = () if mapping.plant == ANY_MACHINE else plant_columns(mapping.plant, MAX_WHEELS).known
+    unknown = [name for name in mapping.columns if known and name not in known]
+    notes = [f"{name} is no column of {mapping.plant}: kept, and ignored by omnimj" for name in unknown]
+    notes += [
         f"run {name}: {found.rate:.3g} samples per second; a dataset has 20 or more"
         for name, found in quality.items()
         if found.is_slow
     ]
     counters = {rule.source for rule in mapping.columns.values() if rule.difference}
     counters |= set(mapping.stale.unchanged if mapping.stale else ())
-    time = table.columns[mapping.columns["time"].source].values if "time" in mapping.columns else None
-    for name in sorted(counters) if time is not None else ():
-        found = packet_scatter(table.columns[name].values, time)
+    time = mapping.columns["time"].source if "time" in mapping.columns else ""
+    for name in sorted(counters) if time else ():
+        having = [t.columns for t in tables if {name, time} <= set(t.columns)]
+        most = max(having, key=lambda columns: np.ptp(np.nan_to_num(columns[name].values)))
+        found = packet_scatter(most[name].values, most[time].values)
         if found is not None:
-            notes.append(
-                f"{name} arrives in packets: its increments scatter by {found[0]:.0%}, time steps by {found[1]:.0%}"
-            )
+            words = f"its increments scatter by {found[0]:.0%}, time steps by {found[1]:.0%}"
+            notes.append(f"{name} arrives in packets: {words}")
     misfit = pose_misfit(runs)
     if misfit:
         shares = ", ".join(f"{1.0 - share:.1%} of wheel {n}" for n, share in misfit.items())
         notes.append(f"the measured pose explains {shares}, by one linear law for all runs")
-    for n in suspicious_wheels(misfit):
-        notes.append(f"wheel_speed_{n} and the pose disagree: check its sign, counter, time and the pose")
+    wrong = [f"wheel_speed_{n}" for n in suspicious_wheels(misfit)]
+    if wrong:
+        words = "slip, or a wrong sign, counter, time or pose"
+        notes.append(f"{', '.join(wrong)} and the pose disagree: {words}")
     return notes
 
 
@@ -220,32 +238,37 @@ def write_import(
 ) -> list[str]:
     """Write the dataset, with the mapping beside its runs.
 
+    Args:
+      plan: Logs as they were understood.
+      out: Folder of the dataset.
+      force: Replace an earlier dataset that omnimj wrote.
+      table_format: `parquet` or `csv`.
+
     Returns:
-      Notes of the reader on what it masks.
+      Notes on what the reader masks, and on what the dataset is good for.
 
     Raises:
       InputError: The folder is not empty or cannot be written, or the dataset would break a rule.
     """
     mapping = plan.proposal.mapping
-    if plan.proposal.missing:
-        raise InputError(f"--out {out}", f"{', '.join(plan.proposal.missing)} is missing", "see the mapping")
-    writer = DatasetWriter(out, mapping.plant, mapping.defaults, force, table_format)
+    if not plan.proposal.is_complete:
+        lacking = (*plan.proposal.missing, *(f"a scale of {name}" for name in plan.proposal.unclear))
+        raise InputError(f"--out {out}", "is not written", f"the mapping lacks {', '.join(lacking)}")
+    shared = {key: value for key, value in mapping.defaults.items() if FOLDER not in str(value)}
+    writer = DatasetWriter(out, mapping.plant, shared, force, table_format)
     for run in plan.runs:
         writer.add(run)
     write_text(out / MAPPING_FILE, mapping_text(replace(plan.proposal, remarks={}, hints=())))
-    return _read_back(out, mapping)
+    return _read_back(out, plan)
 
 
-def _read_back(out: Path, mapping: LogMapping) -> list[str]:
+def _read_back(out: Path, plan: ImportPlan) -> list[str]:
     from omnimj.recording.read_dataset import read_dataset
 
-    if mapping.plant == ANY_MACHINE:
-        return [
-            "no command of this version reads datasets of any machine yet; the folder is one all the same"
-        ]
-    floors = {str(c["floor"]) for c in (mapping.defaults, *mapping.runs.values()) if "floor" in c}
+    if plan.proposal.mapping.plant == ANY_MACHINE:
+        return [f"plant {ANY_MACHINE}: any machine; no command of this version reads such a dataset yet"]
+    floors = {str(run.conditions["floor"]) for run in plan.runs if "floor" in run.conditions}
     shipped = set(read_floors())
-    notes = list(read_dataset(out, shipped | floors).notes)
-    for floor in sorted(floors - shipped):
-        notes.append(f"floor {floor!r} is not a shipped one: give its file with --floors to the commands")
-    return notes
+    words = "is not shipped: give a file that has it with --floors to the commands that read the dataset"
+    notes = read_dataset(out, shipped | floors).notes
+    return [*notes, *(f"floor {floor!r} {words}" for floor in sorted(floors - shipped))]
