@@ -10,9 +10,8 @@ from omnimj.recording.dataset import Run
 from omnimj.recording.mask import Mask
 from omnimj.signals import Array, true_stretches
 
-_RARE = 0.05  # share of repeats up to which each of them is a missed message
-_LONGER = 3.0  # × the usual repetition: where readings are slower than the log, only longer ones are
-_FEWEST = 4  # rows of such a longer repetition
+_USUAL = 0.95  # quantile of the repetitions of a reading that is usual …
+_LONGER = 3.0  # … and × that, what is not
 _BURST = 0.2  # × the mean time step: a sample of the same burst
 _BURSTS = 0.1  # share of such samples from which on the log has bursts
 _SIDE = 0.05  # share of the samples in motion that must lie on each side of zero
@@ -23,7 +22,7 @@ def find_repeats(columns: Sequence[Array], moving: Mask) -> Mask:
     """Find rows in which a group of readings was not updated, though the machine moved.
 
     A row repeats when no reading of the group differs from the row before. Where that is rare, every such row
-    counts; where readings are usually slower than the log, only stretches well above the usual one do.
+    counts; where the readings are usually slower than the log, only stretches far above the usual one do.
 
     Args:
       columns: Readings that come in one message, each shape (n,).
@@ -38,10 +37,12 @@ def find_repeats(columns: Sequence[Array], moving: Mask) -> Mask:
     same[:1] = False
     same &= moving
     stretches = true_stretches(same)
-    if not len(stretches) or np.count_nonzero(same) <= _RARE * np.count_nonzero(moving):
+    if not len(stretches):
         return same
     lengths = stretches[:, 1] - stretches[:, 0]
-    allowed = max(_LONGER * float(np.median(lengths)), _FEWEST)
+    updated = np.count_nonzero(moving & ~same)  # most of them are followed by no repeated row
+    each = np.concatenate((np.zeros(max(updated - len(lengths), 0)), lengths))
+    allowed = _LONGER * np.quantile(each, _USUAL, method="lower")
     mask = np.zeros(len(moving), dtype=bool)
     for first, last in stretches[lengths > allowed]:
         mask[first:last] = True

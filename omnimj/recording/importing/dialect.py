@@ -24,6 +24,8 @@ _NUMBERS = {
     ".": re.compile(rf"[+-]?(\d+(\.\d*)?|\.\d+){_END}", re.IGNORECASE),
     ",": re.compile(rf"[+-]?(\d+(,\d+)?|,\d+){_END}", re.IGNORECASE),
 }
+_VALUE = re.compile(r"(\d{4}-\d\d-\d\d)?[T ]?\d\d:\d\d(:\d\d[\d.+:Z-]*)?|true|false|yes|no", re.IGNORECASE)
+"""Moments and truth values, which are values as numbers are."""
 
 
 @dataclass(frozen=True)
@@ -144,8 +146,8 @@ def _score(sample: Sequence[str], separator: str, decimal: str, first: int | Non
     if not filled:
         return 0.0, 0
     lines = sum(not is_comment(line) for line in sample)
-    share = sum(is_number(cell, decimal) for cell in filled) / len(filled)
-    return share * len(rows) / lines, len(late[0])
+    good = sum(is_number(cell, decimal) or _VALUE.fullmatch(cell) is not None for cell in filled)
+    return good / len(filled) * len(rows) / lines, len(late[0])
 
 
 def _first_line(sample: Sequence[str], separator: str, decimal: str) -> int:

@@ -64,13 +64,13 @@ def read_source(path: Path, given: Dialect | None = None) -> SourceTable:
     if reader is None:
         raise InputError(path, f"the suffix is {path.suffix!r}", "the format is not known", READERS)
     try:
-        size = path.stat().st_size
-        if path.is_dir():
-            raise InputError(path, "is a folder", "a log file is needed")
-    except (OSError, ValueError) as error:
-        missing = isinstance(error, FileNotFoundError)
-        reason = getattr(error, "strerror", None) or "not a valid file name"
-        raise InputError(path, "no such file" if missing else f"cannot be read ({reason})") from None
+        size, is_folder = path.stat().st_size, path.is_dir()
+    except FileNotFoundError:
+        raise InputError(path, "no such file") from None
+    except (OSError, ValueError) as error:  # a null byte in the name is a ValueError
+        raise InputError(path, f"cannot be read ({getattr(error, 'strerror', None) or error})") from None
+    if is_folder:
+        raise InputError(path, "is a folder", "a log file is needed")
     if not size:
         raise InputError(path, "is empty")
     if size > MAX_BYTES:
