@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from measured_logs import unpack
 
-from omnimj.recording.importing.mapping import ANY_MACHINE
+import omnimj
+from omnimj.recording.importing.mapping import ANY_MACHINE, read_mapping
 from omnimj.recording.importing.propose import propose
 from omnimj.recording.importing.quality import pose_misfit, suspicious_wheels
 from omnimj.recording.importing.tables import read_source
@@ -123,6 +127,18 @@ def test_the_proposal_for_the_robot_finds_wheels_signs_pose_and_stale_rows(robot
     assert (columns["x"].source, columns["y"].source, columns["heading"].source) == ("xpos", "ypos", "ang")
     assert found.unclear == ("x", "y") and found.missing == ("[defaults] floor",)
     assert found.mapping.stale is not None and found.mapping.stale.unchanged == ("m1pos", "m2pos", "m3pos")
+
+
+def test_the_mapping_in_the_documentation_is_that_of_the_archive(robotino, tmp_path):
+    guide = (Path(omnimj.__file__).parent / "docs" / "own_robot.md").read_text(encoding="utf-8")
+    (shown,) = re.findall(r"```toml\n(plant.*?)```", guide, flags=re.DOTALL)
+    (tmp_path / "shown.toml").write_text(shown)
+    mine, whole = read_mapping(tmp_path / "shown.toml"), read_mapping(robotino / "robotino.mapping.toml")
+    assert (mine.defaults, mine.stale) == (whole.defaults, whole.stale)
+    for name, rule in mine.columns.items():
+        other = whole.columns[name]
+        assert (rule.source, rule.unit, rule.sign_of) == (other.source, other.unit, other.sign_of)
+        assert (rule.scale or 1.0, rule.offset) == pytest.approx((other.scale or 1.0, other.offset), rel=1e-6)
 
 
 def test_a_servo_becomes_a_dataset_of_any_machine_whose_load_has_its_sign_back(tmp_path):
