@@ -84,7 +84,7 @@ def propose(tables: Sequence[SourceTable], plant: str | None = None, floor: str 
     stale = None
     if plant == "uto_robot":
         chosen = _with_signs(tables, chosen, remarks)
-        stale = _counters(found, chosen, hints)
+        stale = _counters(tables, found, chosen, hints)
     mapping = _with_conditions(plant, chosen, stale, floor)
     unclear = _unclear(columns, chosen, remarks)
     return Proposal(mapping, remarks, _missing(mapping), unclear, tuple(hints))
@@ -306,12 +306,31 @@ def _with_signs(
     return done
 
 
+def _counts(tables: Sequence[SourceTable], counter: str, speed: str) -> bool:
+    """True if a counter changes in most rows in which its motor turns; some loggers leave it at 0."""
+    changed = turning = 0
+    for columns in (t.columns for t in tables if {counter, speed} <= set(t.columns)):
+        turns = columns[speed].values[1:] != 0.0
+        turning += int(np.count_nonzero(turns))
+        changed += int(np.count_nonzero(turns & (np.diff(columns[counter].values) != 0.0)))
+    return changed > 0.5 * turning
+
+
 def _counters(
-    found: Mapping[str, list[str]], chosen: Mapping[str, ColumnSource], hints: list[str]
+    tables: Sequence[SourceTable],
+    found: Mapping[str, list[str]],
+    chosen: Mapping[str, ColumnSource],
+    hints: list[str],
 ) -> StaleRule | None:
     """Rule for stale rows from counters and speeds of the same motors, with a hint at finer speeds."""
     every = range(1, MAX_WHEELS + 1)
-    numbers = [n for n in every if f"counter_{n}" in found and f"wheel_speed_{n}" in chosen]
+    numbers = [
+        n
+        for n in every
+        if f"counter_{n}" in found
+        and f"wheel_speed_{n}" in chosen
+        and _counts(tables, found[f"counter_{n}"][0], chosen[f"wheel_speed_{n}"].source)
+    ]
     if not numbers:
         return None
     hints.append("# counters give finer speeds; scale = 2 pi / (ticks per turn of the wheel):")
