@@ -36,7 +36,7 @@ def mecanum(length: float = 0.2, width: float = 0.2, angle: float = 0.25 * math.
 def write_mecanum_of_the_guide(path: Path, yaw_gain: float = 3.0) -> Path:
     """The model file that the page on robots of your own describes in words."""
     guide = (Path(omnimj.__file__).parent / "docs" / "own_robot.md").read_text(encoding="utf-8")
-    (ahead,) = re.findall(r"```toml\n(.*?)```", guide, flags=re.DOTALL)
+    (ahead,) = re.findall(r"```toml\n(\[\[wheels.*?)```", guide, flags=re.DOTALL)
     behind = ahead.replace("[0.2, 0.2]", "[-0.2, -0.2]").replace("[0.2, -0.2]", "[-0.2, 0.2]")
     text = (models_folder() / "three_wheel" / "robot.toml").read_text(encoding="utf-8")
     body, rest = text.split("[[wheels]]", 1)[0], text[text.index("[control]") :]

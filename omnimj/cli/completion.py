@@ -12,7 +12,7 @@ from omnimj.cli.arguments import Command
 
 SHELLS = ("bash", "zsh", "fish")
 
-_TOML = ("model", "floors", "thresholds", "gains")  # options whose file is TOML
+_TOML = ("model", "floors", "thresholds", "gains", "mapping")  # options whose file is TOML
 _SCENARIO, _FILES = "_omnimj_scenario_or_file", "*.toml"
 
 
@@ -85,6 +85,8 @@ def _words(command: str, argument: str) -> tuple[str, ...]:
     """List the names that an argument accepts; empty for an argument that is not a name."""
     from omnimj.parameters import read_floors
     from omnimj.parameters.reading import SOURCES
+    from omnimj.recording.importing.mapping import PLANTS
+    from omnimj.recording.write_dataset import FORMATS
     from omnimj.simulate.detectors import METHODS
     from omnimj.simulate.plants import PLANT_NAMES
     from omnimj.simulate.suites.catalogue import SUITES as PLANS
@@ -98,7 +100,8 @@ def _words(command: str, argument: str) -> tuple[str, ...]:
         "faults": tuple(ALL_CLASSES),
         "source": SOURCES,
         "suite": tuple(PLANS if command == "record" else SUITES),
-        "table_format": ("parquet", "csv"),
+        "table_format": FORMATS,
+        "kind": PLANTS,
     }
     return () if command.startswith("link") else tuple(known.get(argument, ()))
 

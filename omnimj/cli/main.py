@@ -16,6 +16,7 @@ from omnimj.cli.device import DEVICE
 from omnimj.cli.diagnose import CALIBRATE, DIAGNOSE
 from omnimj.cli.gap import GAP
 from omnimj.cli.identify import IDENTIFY, VALIDATE
+from omnimj.cli.import_logs import IMPORT
 from omnimj.cli.link import LINK
 from omnimj.cli.record import RECORD
 from omnimj.cli.run import RUN, SCENARIOS
@@ -44,7 +45,7 @@ All commands: omnimj --help. One of them, with examples: omnimj run --help.
 BAD_INPUT, NO_ANSWER, NO_READER = 2, 3, 141
 GROUPS: Mapping[str, tuple[Command, ...]] = {
     "Simulate": (SCENARIOS, RUN, TELEOP),
-    "Bring model and measurement together": (RECORD, IDENTIFY, VALIDATE, GAP, SENSITIVITY),
+    "Bring model and measurement together": (RECORD, IMPORT, IDENTIFY, VALIDATE, GAP, SENSITIVITY),
     "Diagnose and judge": (DIAGNOSE, CALIBRATE, EVALUATE, TUNE),
     "Robot on a wire": (LINK, DEVICE),
     "This machine": (BENCH, COMPLETION),

@@ -38,6 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--format", metavar="F", default="parquet", dest="table_format", help="parquet (default) or csv"
     )
+    words = "record the robot's pose at HZ samples per second, as a camera does, and no inertial unit"
+    parser.add_argument("--pose-rate", metavar="HZ", type=whole_number(20, 1000), help=words)
     parser.add_argument("--plant", metavar="P", help="twin (default) or planar; the axis has only planar")
     parser.add_argument("--out", metavar="DATASET", type=Path, required=True, help="folder of the dataset")
     parser.add_argument(
@@ -97,6 +99,7 @@ def _record(arguments: Any, suite: Suite, effects: dict[str, Any]) -> RecordingR
         effects,
         arguments.table_format,
         arguments.force,
+        arguments.pose_rate,
     )
     with ProgressBar() as bar:
         recorded = record_suite(suite, order, bar.show)
@@ -148,7 +151,8 @@ RECORD = Command(
 
 examples:
   omnimj record rig_currents --out data/currents
-  omnimj record rig_mixed --effect rail_viscous:coefficient=2 --seed 7 --out data/hidden""",
+  omnimj record rig_mixed --effect rail_viscous:coefficient=2 --seed 7 --out data/hidden
+  omnimj record robot_missions --pose-rate 50 --out data/camera""",
     add_arguments,
     run,
 )

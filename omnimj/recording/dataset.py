@@ -11,10 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from omnimj.errors import InputError
 from omnimj.signals import Array, to_frame
 
 ROBOT_WHEELS = 4
-"""Number of wheels of a robot whose dataset does not state it."""
+"""Number of wheels of a robot whose dataset neither states nor shows it."""
+MIN_WHEELS, MAX_WHEELS = 3, 12
+"""Limits of the number of wheels of a robot."""
 
 
 @dataclass(frozen=True)
@@ -50,13 +53,18 @@ def _wheel_columns(wheels: int, *names: str) -> tuple[str, ...]:
     return tuple(f"{name}_{i}" for name in names for i in range(1, wheels + 1))
 
 
-_BODY = ("acceleration_x", "acceleration_y", "yaw_rate", "yaw")
+INERTIAL_UNIT = ("acceleration_x", "acceleration_y", "yaw_rate", "yaw")
+"""Columns of a robot's inertial unit."""
 
 
-def _robot_columns(wheels: int) -> PlantColumns:
+_POSE = ("x", "y", "heading")
+
+
+def _robot_columns(wheels: int, pose_measured: bool = False) -> PlantColumns:
+    always, other = (_POSE, INERTIAL_UNIT) if pose_measured else (INERTIAL_UNIT, _POSE)
     return PlantColumns(
-        required=("time", *_wheel_columns(wheels, "current", "wheel_speed"), *_BODY),
-        optional=(*_wheel_columns(wheels, "current_target"), "x", "y", "heading"),
+        required=("time", *_wheel_columns(wheels, "current", "wheel_speed"), *always),
+        optional=(*_wheel_columns(wheels, "current_target"), *other),
         angles=("yaw", "heading"),
         conditions=("floor",),
     )
@@ -82,9 +90,15 @@ PLANT_COLUMNS: Mapping[str, PlantColumns] = MappingProxyType(
 """Columns by plant, for a robot with four wheels; a new recorded plant needs one entry here."""
 
 
-def plant_columns(plant: str, wheels: int = ROBOT_WHEELS) -> PlantColumns:
-    """Return the columns of a plant; those of a robot are adapted to its number of wheels."""
-    return _robot_columns(wheels) if plant == "uto_robot" else PLANT_COLUMNS[plant]
+def plant_columns(plant: str, wheels: int = ROBOT_WHEELS, pose_measured: bool = False) -> PlantColumns:
+    """Return the columns of a plant.
+
+    Args:
+      plant: One of `PLANT_COLUMNS`.
+      wheels: Number of wheels of a robot.
+      pose_measured: Whether a robot's pose was measured, so that it needs no inertial unit.
+    """
+    return _robot_columns(wheels, pose_measured) if plant == "uto_robot" else PLANT_COLUMNS[plant]
 
 
 # Measured data as records: the content of a dataset folder once read and checked.
@@ -132,3 +146,19 @@ class Dataset:
     """Sentences on the masked gaps and spikes, one each."""
     wheels: int = ROBOT_WHEELS
     """Number of wheels of a robot."""
+    pose_measured: bool = False
+    """Whether `x`, `y` and `heading` of a robot were measured; its inertial unit may then be missing."""
+
+
+def require_inertial_unit(dataset: Dataset) -> None:
+    """Refuse robot runs with a measured pose and no inertial unit, for work that needs the unit.
+
+    Raises:
+      InputError: A run lacks a column of the inertial unit.
+    """
+    for run in dataset.runs if dataset.plant == "uto_robot" else ():
+        missing = [name for name in INERTIAL_UNIT if name not in run.columns]
+        if missing:
+            found = f"run {run.name!r} has no {', '.join(missing)}"
+            rule = "this command needs the inertial unit; a measured pose does not replace it here"
+            raise InputError(dataset.path, found, rule)

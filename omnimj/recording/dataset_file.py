@@ -13,16 +13,25 @@ from typing import Any
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import read_floors
 from omnimj.parameters.reading import Rule, check_number, read_toml
-from omnimj.recording.dataset import PLANT_COLUMNS, ROBOT_WHEELS, PlantColumns, plant_columns
+from omnimj.recording.dataset import (
+    MAX_WHEELS,
+    MIN_WHEELS,
+    PLANT_COLUMNS,
+    ROBOT_WHEELS,
+    PlantColumns,
+    plant_columns,
+)
 from omnimj.recording.run_table import printable
 
 DATASET_FILE = "dataset.toml"
 CONDITION_KEYS = ("floor", "mass", "repeat_of", "description", "date")
 """Keys allowed in [defaults] and [runs.NAME]."""
+POSE_MEASURED = "pose_measured"
+"""Further key of [defaults], for robots: x, y and heading were measured, an inertial unit is not needed."""
 
 _TOP = ("plant", "wheels", "description", "defaults", "columns", "runs")
 _POSITIVE = Rule(0.0, math.inf, True)
-_WHEELS = Rule(3, 12, False)
+_WHEELS = Rule(MIN_WHEELS, MAX_WHEELS, False)
 _FINITE = Rule(-math.inf, math.inf, False)
 _COLUMN_KEYS = ("name", "scale", "offset")
 _WRITE_COLUMN = 'write { name = "carriage_speed", scale = 0.001 }'
@@ -45,17 +54,21 @@ class DatasetFile:
     path: Path
     plant: str
     wheels: int
-    """Number of wheels of a robot; 4 unless the file states it."""
+    """Number of wheels of a robot; that of `ROBOT_WHEELS` unless the file states it."""
     defaults: Mapping[str, float | str]
     renamed: Mapping[str, ColumnMapping]
     """Conversions by the logger's column name."""
     runs: Mapping[str, Mapping[str, float | str]]
     """Conditions of individual runs, by file stem."""
+    pose_measured: bool = False
+    """Whether the pose of a robot was measured, so that its inertial unit may be missing."""
+    states_wheels: bool = True
+    """Whether the file states the number of wheels; otherwise it follows from the columns of the runs."""
 
     @property
     def columns(self) -> PlantColumns:
         """Columns of the runs."""
-        return plant_columns(self.plant, self.wheels)
+        return plant_columns(self.plant, self.wheels, self.pose_measured)
 
     def conditions(self, run: str) -> dict[str, float | str]:
         """Return the conditions of a run: the defaults, overridden by its own.
@@ -96,21 +109,31 @@ def read_dataset_file(folder: Path, floors: Collection[str] | None = None) -> Da
         _text(f"{path}: description", tree["description"])
     wheels = _wheels(path, tree, plant)
     known = tuple(read_floors() if floors is None else floors)
-    defaults = _conditions(f"{path}: [defaults]", tree.get("defaults", {}), known)
+    common = dict(_table(f"{path}: [defaults]", tree.get("defaults", {})))
+    pose_measured = _pose_measured(f"{path}: [defaults]: {POSE_MEASURED}", common, plant)
+    defaults = _conditions(f"{path}: [defaults]", common, known)
     runs = {
         name: _conditions(f"{path}: [runs.{printable(name)}]", table, known)
         for name, table in _table(f"{path}: [runs]", tree.get("runs", {})).items()
     }
     columns = _table(f"{path}: [columns]", tree.get("columns", {}))
+    states_wheels = "wheels" in tree or plant != "uto_robot"
+    names = plant_columns(plant, wheels if states_wheels else MAX_WHEELS).known
     renamed = {}
     for theirs, entry in columns.items():
         if theirs.strip() in renamed:
             raise InputError(f"{path}: [columns]", f"{theirs.strip()!r} occurs twice")
-        renamed[theirs.strip()] = _column_mapping(
-            f"{path}: columns.{theirs!r}", entry, plant, plant_columns(plant, wheels).known
-        )
+        place = f"{path}: columns.{theirs!r}"
+        renamed[theirs.strip()] = _column_mapping(place, entry, plant, names)
     return DatasetFile(
-        path, plant, wheels, MappingProxyType(defaults), MappingProxyType(renamed), MappingProxyType(runs)
+        path,
+        plant,
+        wheels,
+        MappingProxyType(defaults),
+        MappingProxyType(renamed),
+        MappingProxyType(runs),
+        pose_measured,
+        states_wheels,
     )
 
 
@@ -120,6 +143,18 @@ def _wheels(path: Path, tree: Mapping[str, Any], plant: str) -> int:
     if plant != "uto_robot":
         raise InputError(f"{path}: wheels", f"found {tree['wheels']!r}", f"{plant} has none to count")
     return int(check_number(f"{path}: wheels", tree["wheels"], _WHEELS, whole=True))
+
+
+def _pose_measured(place: str, defaults: dict[str, Any], plant: str) -> bool:
+    """Take `pose_measured` out of the defaults."""
+    if POSE_MEASURED not in defaults:
+        return False
+    found = defaults.pop(POSE_MEASURED)
+    if not isinstance(found, bool):
+        raise InputError(place, f"found {found!r}", "must be true or false")
+    if found and plant != "uto_robot":
+        raise InputError(place, "found true", f"{plant} has no pose")
+    return found
 
 
 def _table(place: str, entry: Any) -> Mapping[str, Any]:
@@ -139,7 +174,9 @@ def _conditions(place: str, entry: Any, floors: Collection[str]) -> dict[str, fl
     for key, value in _table(place, entry).items():
         at = f"{place}: {key}"
         if key not in CONDITION_KEYS:
-            raise UnknownNameError(place, "key", key, CONDITION_KEYS)
+            if key == POSE_MEASURED:
+                raise InputError(at, f"found {value!r}", "it holds for all runs: state it under [defaults]")
+            raise UnknownNameError(place, "key", key, (*CONDITION_KEYS, POSE_MEASURED))
         if key == "mass":
             found[key] = check_number(at, value, _POSITIVE)
         elif key == "floor" and (not isinstance(value, str) or value not in floors):

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
@@ -11,10 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from omnimj.errors import InputError, UnknownNameError
-from omnimj.recording.dataset import Dataset, PlantColumns, Run
+from omnimj.recording.dataset import MAX_WHEELS, MIN_WHEELS, ROBOT_WHEELS, Dataset, PlantColumns, Run
 from omnimj.recording.dataset_file import DATASET_FILE, DatasetFile, read_dataset_file
+from omnimj.recording.logger_faults import mask_logger_faults
 from omnimj.recording.mask import Mask, find_gaps, find_spikes, gap_edges
-from omnimj.recording.run_table import TABLE_SUFFIXES, RunTable, first_not_finite, printable, read_run_table
+from omnimj.recording.run_table import (
+    TABLE_SUFFIXES,
+    RunTable,
+    first_not_finite,
+    printable,
+    read_column_names,
+    read_run_table,
+)
 from omnimj.signals import Array
 
 MIN_SAMPLES = 50
@@ -44,11 +53,12 @@ def read_dataset(path: Path | str, floors: Collection[str] | None = None) -> Dat
         raise InputError(path, f"has no {DATASET_FILE}", "it names the plant and the floor")
     about = read_dataset_file(path, floors)
     files = _files(about, path)
+    about = _with_counted_wheels(about, files.values())
     runs = [_read_run(about, name, file) for name, file in files.items()]
     _require_used_renames(about, runs)
     _require_consistent_repeats(about, [run for run, _ in runs])
-    masked, notes = mask_runs(about.columns, [run for run, _ in runs])
-    return Dataset(path, about.plant, tuple(masked), tuple(notes), about.wheels)
+    masked, notes = mask_runs(about.columns, [run for run, _ in runs], about.pose_measured)
+    return Dataset(path, about.plant, tuple(masked), tuple(notes), about.wheels, about.pose_measured)
 
 
 def _files(about: DatasetFile, folder: Path) -> dict[str, Path]:
@@ -74,6 +84,17 @@ def _files(about: DatasetFile, folder: Path) -> dict[str, Path]:
     return files
 
 
+def _with_counted_wheels(about: DatasetFile, files: Iterable[Path]) -> DatasetFile:
+    """Count the wheels in the columns of the runs, unless `dataset.toml` states their number."""
+    if about.states_wheels:
+        return about
+    logged = {name for file in files for name in read_column_names(file)}
+    names = logged | {about.renamed[name].name for name in logged & set(about.renamed)}
+    kinds = ("current", "wheel_speed")
+    found = [n for n in range(MIN_WHEELS, MAX_WHEELS + 1) if any(f"{kind}_{n}" in names for kind in kinds)]
+    return replace(about, wheels=max(found, default=ROBOT_WHEELS))
+
+
 def _read_run(about: DatasetFile, name: str, file: Path) -> tuple[Run, tuple[str, ...]]:
     """Read and check one run; return it with the column names in its file."""
     plant = about.columns
@@ -88,6 +109,8 @@ def _read_run(about: DatasetFile, name: str, file: Path) -> tuple[Run, tuple[str
         found = f"has no {what} {', '.join(missing)}"
         have = _abbreviated([column for column in table.names if column], 12)
         rule = f"{about.plant} needs {plant.needed}; the file has {have}"
+        if {"x", "y", "heading"} <= set(columns) and not about.pose_measured:
+            rule += "; where x, y and heading were measured, state pose_measured = true under [defaults]"
         raise InputError(file, found, f"{rule}; other names belong under [columns] of {DATASET_FILE}")
     _require_time(file, columns["time"], table)
     for column in plant.zero_if_absent:
@@ -163,18 +186,22 @@ def _require_consistent_repeats(about: DatasetFile, runs: Sequence[Run]) -> None
                 raise InputError(f"{about.path}: run {run.name!r}", found, rule)
 
 
-def mask_runs(plant: PlantColumns, runs: Sequence[Run]) -> tuple[list[Run], list[str]]:
-    """Mask samples that must not be fitted: spikes, and samples beside gaps.
+def mask_runs(
+    plant: PlantColumns, runs: Sequence[Run], pose_measured: bool = False
+) -> tuple[list[Run], list[str]]:
+    """Mask samples that must not be fitted: spikes, samples beside gaps, and what a slow logger repeated.
 
     Args:
       plant: Columns of the plant.
       runs: Runs without masks, in SI units under the names of omnimj.
+      pose_measured: Whether these are robot runs with a measured pose, whose loggers are slow.
 
     Returns:
       Runs with masks, and one note per gap or column with spikes.
     """
     channels = [name for name in plant.known if name != "time"]
     found: list[dict[str, Mask]] = [{} for _ in runs]
+    held, faults = mask_logger_faults(runs) if pose_measured else ([{} for _ in runs], [])
     for name in channels:
         having = [k for k, run in enumerate(runs) if name in run.columns]
         values = [runs[k].columns[name] for k in having]
@@ -183,8 +210,9 @@ def mask_runs(plant: PlantColumns, runs: Sequence[Run]) -> tuple[list[Run], list
             if mask.any():
                 found[k][name] = mask
     masked, notes = [], []
-    for run, own in zip(runs, found, strict=True):
+    for run, own, repeated in zip(runs, found, held, strict=True):
         notes.extend(_spike_note(run, name, mask) for name, mask in own.items())
+        own = {**own, **{name: own.get(name, False) | mask for name, mask in repeated.items()}}
         after = find_gaps(run.time)
         if len(after):
             notes.append(_gap_note(run, after))
@@ -193,7 +221,7 @@ def mask_runs(plant: PlantColumns, runs: Sequence[Run]) -> tuple[list[Run], list
         for mask in own.values():
             mask.flags.writeable = False
         masked.append(_with_mask(run, own))
-    return masked, notes
+    return masked, [*notes, *faults]
 
 
 def _with_mask(run: Run, masked: Mapping[str, Mask]) -> Run:

@@ -59,6 +59,25 @@ def read_run_table(path: Path, needed: Collection[str]) -> RunTable:
     return _read_parquet(path, needed)
 
 
+def read_column_names(path: Path) -> tuple[str, ...]:
+    """Read the column names of a CSV or Parquet file.
+
+    Raises:
+      InputError: The file cannot be read, has no names, or one twice.
+    """
+    if path.suffix.lower() == ".csv":
+        return _header(path)[0]
+    try:
+        with pq.ParquetFile(path) as file:
+            return _checked_names(path, file.schema_arrow.names)
+    except (pa.ArrowException, OSError, UnicodeDecodeError, OverflowError) as error:
+        raise _not_whole(path, error) from None
+
+
+def _not_whole(path: Path, error: Exception) -> InputError:
+    return InputError(path, "is not a whole Parquet file", " ".join(str(error).split())[:200])
+
+
 def _checked_names(path: Path, names: Sequence[str]) -> tuple[str, ...]:
     """Strip column names of spaces; keep empty names, which result from a trailing comma.
 
@@ -278,8 +297,7 @@ def _read_parquet(path: Path, needed: Collection[str]) -> RunTable:
                 table.column_names[k].strip(): _array(table.column(k)) for k in range(table.num_columns)
             }
     except (pa.ArrowException, OSError, UnicodeDecodeError, OverflowError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError(path, "is not a whole Parquet file", reason[:200]) from None
+        raise _not_whole(path, error) from None
     broken = first_not_finite({name: values for name, values in numbers.items() if name in needed})
     if broken is not None:
         sample, name = broken

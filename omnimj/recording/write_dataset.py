@@ -122,18 +122,18 @@ def write_dataset(
 def dataset_text(plant: str, defaults: Mapping[str, float | str], runs: Iterable[Run]) -> str:
     """Return the text of `dataset.toml`, with the conditions of each run that differ from the defaults."""
     runs = list(runs)
-    lines = [_SIGNATURE, f"plant = {_value(plant)}"]
+    lines = [_SIGNATURE, f"plant = {toml_text(plant)}"]
     wheels = sum(name.startswith("wheel_speed_") for name in runs[0].columns) if runs else ROBOT_WHEELS
     if plant == "uto_robot" and wheels not in (0, ROBOT_WHEELS):
         lines.append(f"wheels = {wheels}")
     if defaults:
-        lines += ["", "[defaults]", *(f"{key} = {_value(value)}" for key, value in defaults.items())]
+        lines += ["", "[defaults]", *(f"{key} = {toml_text(value)}" for key, value in defaults.items())]
     for run in runs:
         own = {k: v for k, v in run.conditions.items() if defaults.get(k) != v}
         if run.repeat_of is not None and run.repeat_of != defaults.get("repeat_of"):
             own["repeat_of"] = run.repeat_of
-        lines_of_run = (f"{key} = {_value(value)}" for key, value in own.items())
-        lines += ["", f"[runs.{_key(run.name)}]", *lines_of_run]
+        lines_of_run = (f"{key} = {toml_text(value)}" for key, value in own.items())
+        lines += ["", f"[runs.{toml_key(run.name)}]", *lines_of_run]
     return "\n".join(lines) + "\n"
 
 
@@ -181,13 +181,17 @@ def write_table(path: Path, run: Run) -> None:
         pa.csv.write_csv(table, rows, pa.csv.WriteOptions(include_header=False))
 
 
-def _value(value: float | str) -> str:
+def toml_text(value: float | str | bool) -> str:
+    """Format a value as TOML."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
     if isinstance(value, str):
         return _quoted(value)
-    return repr(float(value))
+    return repr(value) if isinstance(value, int) else repr(float(value))
 
 
-def _key(name: str) -> str:
+def toml_key(name: str) -> str:
+    """Format a key of TOML, in quotes where necessary."""
     return name if _PLAIN_KEY.fullmatch(name) else _quoted(name)
 
 

@@ -25,7 +25,7 @@ Refused = Callable[..., str]
         (
             ["fly"],
             "unknown command 'fly'; choices: bench, calibrate, completion, device, diagnose, evaluate, gap, "
-            "identify, link, record, run, scenarios, sensitivity, teleop, tune, validate",
+            "identify, import, link, record, run, scenarios, sensitivity, teleop, tune, validate",
         ),
         (["run"], "required: scenario"),
         (["run", "nylon_patch", "extra"], "omnimj run: found 'extra', one argument too many"),

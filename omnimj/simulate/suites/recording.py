@@ -8,10 +8,14 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters.floor import all_floors
-from omnimj.recording.dataset import Run
+from omnimj.recording.dataset import INERTIAL_UNIT, Run
+from omnimj.recording.dataset_file import POSE_MEASURED
 from omnimj.recording.write_dataset import DatasetWriter
+from omnimj.signals import Array
 from omnimj.simulate.loop import Progress
 from omnimj.simulate.suites.suite import MAX_REPEATS, PlannedRun, RunConfig, Suite, planned_runs
 
@@ -36,6 +40,8 @@ class RecordingConfig:
     """Effects added to the true machine, by name; its model file and the dataset do not mention them."""
     table_format: str = "parquet"
     force: bool = False
+    pose_rate: float | None = None
+    """Rate at which a robot's pose is recorded instead of its inertial unit [1/s]; the unit when None."""
 
 
 @dataclass(frozen=True)
@@ -75,17 +81,23 @@ def record_suite(
     if config.repeats is not None and not 1 <= config.repeats <= MAX_REPEATS:
         rule = f"must be at least 1 and at most {MAX_REPEATS}"
         raise InputError("--repeats", f"found {config.repeats}", rule)
+    if config.pose_rate is not None and suite.plant != "uto_robot":
+        raise InputError("--pose-rate", f"{suite.name} records {suite.plant}", "only robots have a pose")
     nominal = suite.read_machine(config.model_file)
     machine = _with_effects(nominal, config.effects)
     runs = planned_runs(suite, nominal, config.seed, config.repeats)
     runs = runs if choose is None else choose(runs)
     defaults, floors = _common_conditions(runs), all_floors(config.floors_file)
+    if config.pose_rate is not None:
+        defaults = defaults | {POSE_MEASURED: True}
     writer = DatasetWriter(config.folder, suite.plant, defaults, config.force, config.table_format)
     written, samples = [], 0
     try:
         for k, run in enumerate(runs):
             run_config = RunConfig(plant, run.seed, _run_progress(progress, k, len(runs)), floors)
             columns = suite.record(machine, nominal, run.condition, run_config)
+            if config.pose_rate is not None:
+                columns = with_measured_pose(columns, config.pose_rate)
             conditions = MappingProxyType(dict(run.condition.conditions))
             writer.add(Run(run.name, columns, MappingProxyType({}), conditions, run.repeat_of))
             written.append(run.name)
@@ -93,6 +105,21 @@ def record_suite(
     except KeyboardInterrupt:
         return RecordingResult(tuple(written), len(runs), samples, True)
     return RecordingResult(tuple(written), len(runs), samples, False)
+
+
+def with_measured_pose(columns: Mapping[str, Array], rate: float) -> dict[str, Array]:
+    """Turn the log of a robot into one with a measured pose and no inertial unit.
+
+    Args:
+      columns: Log with `time`, `x`, `y` and `heading`, each shape (n,).
+      rate: Samples per second of the result, of which every k-th row of the log is one.
+
+    Returns:
+      Columns, each shape (⌈n/k⌉,).
+    """
+    step = float(np.median(np.diff(columns["time"])))
+    every = slice(None, None, max(1, round(1.0 / (rate * step))))
+    return {name: values[every].copy() for name, values in columns.items() if name not in INERTIAL_UNIT}
 
 
 def plant_for(suite: Suite, choice: str | None) -> str:
@@ -114,7 +141,7 @@ def _with_effects(machine: Any, effects: Mapping[str, Mapping[str, Any]]) -> Any
     return with_effects(machine, effects)
 
 
-def _common_conditions(runs: list[PlannedRun]) -> dict[str, float | str]:
+def _common_conditions(runs: list[PlannedRun]) -> dict[str, float | str | bool]:
     """Conditions that all runs share."""
     first = dict(runs[0].condition.conditions)
     return {k: v for k, v in first.items() if all(run.condition.conditions.get(k) == v for run in runs)}

@@ -1,0 +1,215 @@
+"""Mapping files: how the columns of a log become those of a dataset."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from omnimj.errors import InputError, UnknownNameError
+from omnimj.parameters.reading import Rule, check_number, read_toml
+from omnimj.recording.dataset import PLANT_COLUMNS
+from omnimj.recording.dataset_file import CONDITION_KEYS, POSE_MEASURED
+from omnimj.recording.importing.dialect import DECIMALS, SEPARATORS, Dialect
+from omnimj.recording.importing.units import find_unit, known_units
+from omnimj.recording.run_table import printable
+
+ANY_MACHINE = "mjcf"
+"""Plant of datasets of any machine, with columns such as `position:JOINT`."""
+PLANTS = (*PLANT_COLUMNS, ANY_MACHINE)
+EMPTY_RULES = ("refuse", "drop", "hold")
+"""What is done with rows in which a mapped column is empty."""
+
+_TOP = ("plant", "empty", "defaults", "csv", "columns", "pose", "stale", "runs")
+_FINITE = Rule(-math.inf, math.inf, False)
+_POSITIVE = Rule(0.0, math.inf, True)
+_BITS = Rule(2, 64, False)
+_LINES = Rule(0, 10_000, False)
+_EXAMPLE = 'write { from = "name of a column", unit = "mm/s" }'
+
+
+@dataclass(frozen=True)
+class ColumnSource:
+    """Where a column of the dataset comes from: offset + scale × factor of the unit × reading."""
+
+    source: str
+    """Column of the log; `from` in the file."""
+    unit: str | None = None
+    """Unit of the log's column; that written in the log when None."""
+    scale: float | None = None
+    """Factor; 1 when None, and the unit of the log must then be that of the column."""
+    offset: float = 0.0
+    """Offset in the SI unit of the column."""
+    difference: bool = False
+    """Whether the column is the reading's change since the row before, per time."""
+    wrap: float | None = None
+    """Range of a counter or angle that starts over, in the log's unit, such as 65536 or 360."""
+    signed: int | None = None
+    """Bits of whole numbers below 0 that were logged without their sign: with 16, 65535 is -1."""
+    sign_of: str | None = None
+    """Column of the log whose sign a magnitude gets."""
+
+
+@dataclass(frozen=True)
+class StaleRule:
+    """Rows that the log repeats: none of `unchanged` changes although one of `moving` is not 0."""
+
+    unchanged: tuple[str, ...]
+    moving: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class LogMapping:
+    """Content of a mapping file."""
+
+    plant: str
+    columns: Mapping[str, ColumnSource]
+    """Columns of the dataset."""
+    defaults: Mapping[str, float | str | bool] = field(default_factory=dict)
+    runs: Mapping[str, Mapping[str, float | str]] = field(default_factory=dict)
+    """Conditions of individual runs by name."""
+    dialect: Dialect = field(default_factory=Dialect)
+    stale: StaleRule | None = None
+    rotation: float = 0.0
+    """Angle by which the measured pose is turned about its origin, counter-clockwise [rad]."""
+    empty: str = EMPTY_RULES[0]
+
+
+def read_mapping(path: Path) -> LogMapping:
+    """Read a mapping file.
+
+    Raises:
+      InputError: The file is missing or not TOML, or a value breaks its rule.
+      UnknownNameError: A plant or key does not exist; the message lists the choices.
+    """
+    tree = read_toml(path)
+    _require_keys(path, tree, _TOP)
+    plant = _choice(f"{path}: plant", tree.get("plant"), PLANTS, "plant")
+    entries = _table(f"{path}: [columns]", tree.get("columns", {}))
+    columns = {name: _column(f"{path}: columns.{printable(name)}", entry) for name, entry in entries.items()}
+    if "time" not in columns:
+        raise InputError(f"{path}: [columns]", "'time' is missing", _EXAMPLE)
+    if columns["time"].difference:
+        raise InputError(f"{path}: columns.time", "found difference = true", "time itself is needed")
+    runs = _table(f"{path}: [runs]", tree.get("runs", {}))
+    return LogMapping(
+        plant,
+        columns,
+        _conditions(f"{path}: [defaults]", tree.get("defaults", {}), (*CONDITION_KEYS, POSE_MEASURED)),
+        {
+            name: _conditions(f"{path}: [runs.{printable(name)}]", t, CONDITION_KEYS)
+            for name, t in runs.items()
+        },
+        _dialect(f"{path}: csv", tree.get("csv", {})),
+        _stale(f"{path}: [stale]", tree.get("stale")),
+        _rotation(f"{path}: [pose]", tree.get("pose", {})),
+        _choice(f"{path}: empty", tree.get("empty", EMPTY_RULES[0]), EMPTY_RULES, "rule"),
+    )
+
+
+def _column(place: str, entry: Any) -> ColumnSource:
+    if not isinstance(entry, Mapping):
+        raise InputError(place, f"found {entry!r}", _EXAMPLE)
+    keys = ["from" if f.name == "source" else f.name for f in fields(ColumnSource)]
+    _require_keys(place, entry, keys)
+    if "from" not in entry:
+        raise InputError(place, "'from' is missing", _EXAMPLE)
+    unit = _text(f"{place}.unit", entry["unit"]) if "unit" in entry else None
+    if unit is not None and find_unit(unit) is None:
+        raise UnknownNameError(f"{place}.unit", "unit", unit, known_units())
+    scale = float(check_number(f"{place}.scale", entry["scale"], _FINITE)) if "scale" in entry else None
+    if scale == 0.0:
+        raise InputError(f"{place}.scale", "found 0", "must not be 0")
+    wrap = float(check_number(f"{place}.wrap", entry["wrap"], _POSITIVE)) if "wrap" in entry else None
+    difference = entry.get("difference", False)
+    if not isinstance(difference, bool):
+        raise InputError(f"{place}.difference", f"found {difference!r}", "must be true or false")
+    return ColumnSource(
+        _text(f"{place}.from", entry["from"]),
+        unit,
+        scale,
+        float(check_number(f"{place}.offset", entry.get("offset", 0.0), _FINITE)),
+        difference,
+        wrap,
+        int(check_number(f"{place}.signed", entry["signed"], _BITS, True)) if "signed" in entry else None,
+        _text(f"{place}.sign_of", entry["sign_of"]) if "sign_of" in entry else None,
+    )
+
+
+def _dialect(place: str, entry: Any) -> Dialect:
+    names = [f.name for f in fields(Dialect)]
+    _require_keys(place, _table(place, entry), names)
+    lines = {
+        name: int(check_number(f"{place}.{name}", entry[name], _LINES, whole=True))
+        for name in names
+        if name.endswith("_line") and name in entry
+    }
+    if lines.get("first_line") == 0:
+        raise InputError(f"{place}.first_line", "found 0", "lines are counted from 1")
+    texts: dict[str, Any] = {
+        name: _choice(f"{place}.{name}", entry[name], choices, name)
+        for name, choices in (("separator", SEPARATORS), ("decimal", DECIMALS))
+        if name in entry
+    }
+    return Dialect(**{**texts, **lines})
+
+
+def _stale(place: str, entry: Any) -> StaleRule | None:
+    if entry is None:
+        return None
+    _require_keys(place, _table(place, entry), ("unchanged", "moving"))
+    names = {}
+    for key in ("unchanged", "moving"):
+        found = entry.get(key)
+        if not isinstance(found, list) or not found or not all(isinstance(name, str) for name in found):
+            raise InputError(f"{place}: {key}", f"found {found!r}", "a list of columns of the log is needed")
+        names[key] = tuple(found)
+    return StaleRule(**names)
+
+
+def _rotation(place: str, entry: Any) -> float:
+    _require_keys(place, _table(place, entry), ("rotation",))
+    return float(check_number(f"{place}: rotation", entry.get("rotation", 0.0), _FINITE))
+
+
+def _conditions(place: str, entry: Any, keys: Sequence[str]) -> dict[str, Any]:
+    """Read conditions; floors may be those of a file of the user, and are checked where they are used."""
+    found: dict[str, Any] = {}
+    _require_keys(place, _table(place, entry), keys)
+    for key, value in entry.items():
+        at = f"{place}: {key}"
+        if key == "mass":
+            found[key] = float(check_number(at, value, _POSITIVE))
+        elif key == POSE_MEASURED:
+            if not isinstance(value, bool):
+                raise InputError(at, f"found {value!r}", "must be true or false")
+            found[key] = value
+        else:
+            found[key] = _text(at, value)
+    return found
+
+
+def _require_keys(place: object, table: Mapping[str, Any], keys: Sequence[str]) -> None:
+    for key in table:
+        if key not in keys:
+            raise UnknownNameError(place, "key", key, keys)
+
+
+def _table(place: str, entry: Any) -> Mapping[str, Any]:
+    if not isinstance(entry, Mapping):
+        raise InputError(place, f"found {entry!r}", "a table is needed")
+    return entry
+
+
+def _text(place: str, entry: Any) -> str:
+    if not isinstance(entry, str) or not entry.strip():
+        raise InputError(place, f"found {entry!r}", "a string is needed")
+    return entry
+
+
+def _choice(place: str, entry: Any, choices: Sequence[str], kind: str) -> str:
+    if not isinstance(entry, str) or entry not in choices:
+        raise UnknownNameError(place, kind, entry, choices)
+    return entry

@@ -1,0 +1,139 @@
+"""Logs of other programs as named columns: CSV of any dialect, JSON, MATLAB and Parquet files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from omnimj.errors import InputError
+from omnimj.recording.importing.dialect import Dialect
+from omnimj.recording.run_table import MAX_NUMBERS, read_run_table
+from omnimj.signals import Array
+
+MAX_BYTES = 4 * 2**30
+"""Largest file that is read."""
+
+
+@dataclass(frozen=True)
+class SourceColumn:
+    """One column as the logger wrote it."""
+
+    name: str
+    """Name, without its unit."""
+    values: Array
+    """Readings, NaN where a row has none, shape (n,)."""
+    unit: str = ""
+    """Unit as written; empty where none is."""
+    words: str = ""
+    """Description in another header line; empty where there is none."""
+
+
+@dataclass(frozen=True)
+class SourceTable:
+    """Content of one file."""
+
+    path: Path
+    columns: Mapping[str, SourceColumn]
+    """Columns of numbers, by name."""
+    layout: str
+    """How the file is laid out, in words."""
+    others: Mapping[str, str] = field(default_factory=dict)
+    """Names of the columns that are left out, and why."""
+    scalars: Mapping[str, str] = field(default_factory=dict)
+    """Single values beside the table, such as the name of a test."""
+    notes: tuple[str, ...] = ()
+    """What was left out or repaired while reading, one sentence each."""
+    row_of: Callable[[int], str] = lambda sample: f"sample {sample + 1}"
+    """Index of a sample → its place in the file, in words."""
+
+
+def read_source(path: Path, given: Dialect | None = None) -> SourceTable:
+    """Read a log file of another program.
+
+    Args:
+      path: File; its suffix tells the format, see `READERS`.
+      given: What is known of the dialect of CSV files; the rest is found.
+
+    Raises:
+      InputError: The file is missing, damaged, of another format, or holds no table of numbers.
+    """
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        raise InputError(path, f"the suffix is {path.suffix!r}", "the format is not known", READERS)
+    try:
+        size, is_folder = path.stat().st_size, path.is_dir()
+    except FileNotFoundError:
+        raise InputError(path, "no such file") from None
+    except (OSError, ValueError) as error:  # a null byte in the name is a ValueError
+        raise InputError(path, f"cannot be read ({getattr(error, 'strerror', None) or error})") from None
+    if is_folder:
+        raise InputError(path, "is a folder", "a log file is needed")
+    if not size:
+        raise InputError(path, "is empty")
+    if size > MAX_BYTES:
+        raise InputError(path, f"has {size} bytes", f"at most {MAX_BYTES} are read")
+    try:
+        table = reader(path, given)
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error.strerror or error})") from None
+    if not table.columns:
+        raise InputError(path, "has no column of numbers", f"understood as {table.layout}")
+    return table
+
+
+def require_size(path: Path, rows: int, columns: int) -> None:
+    """Refuse a table that is too large, as a damaged file may claim.
+
+    Raises:
+      InputError: The table has more than `MAX_NUMBERS` numbers.
+    """
+    if rows * columns > MAX_NUMBERS:
+        raise InputError(path, f"has {rows} rows of {columns} columns", f"at most {MAX_NUMBERS} numbers")
+
+
+def _read_csv(path: Path, given: Dialect | None) -> SourceTable:
+    from omnimj.recording.importing.csv_table import read_csv
+
+    return read_csv(path, given)
+
+
+def _read_json(path: Path, _: Dialect | None) -> SourceTable:
+    from omnimj.recording.importing.nested import read_json
+
+    return read_json(path)
+
+
+def _read_mat(path: Path, _: Dialect | None) -> SourceTable:
+    from omnimj.recording.importing.nested import read_mat
+
+    return read_mat(path)
+
+
+def _read_parquet(path: Path, _: Dialect | None) -> SourceTable:
+    from omnimj.recording.importing.units import split_unit
+
+    table = read_run_table(path, ())
+    columns = {}
+    for full, values in table.numbers.items():
+        name, unit = split_unit(full)
+        columns[name] = SourceColumn(name, np.asarray(values, float), unit)
+    others = {name: "text" for name in table.names if name and name not in table.numbers}
+    return SourceTable(path, columns, "Parquet", others)
+
+
+READERS: Mapping[str, Callable[[Path, Dialect | None], SourceTable]] = {
+    ".csv": _read_csv,
+    ".txt": _read_csv,
+    ".tsv": _read_csv,
+    ".dat": _read_csv,
+    ".log": _read_csv,
+    ".json": _read_json,
+    ".jsonl": _read_json,
+    ".ndjson": _read_json,
+    ".mat": _read_mat,
+    ".parquet": _read_parquet,
+}
+"""Readers by suffix."""
