@@ -26,7 +26,7 @@ from omnimj.estimate.identification.records import Identification, Validation
 from omnimj.estimate.identification.validation import validate as validate_dataset
 from omnimj.parameters import Floor, read_rig
 from omnimj.parameters.floor import all_floors
-from omnimj.recording.dataset import Dataset, require_inertial_unit
+from omnimj.recording.dataset import Dataset
 from omnimj.recording.read_dataset import read_dataset
 from omnimj.simulate.detectors import default_method
 from omnimj.simulate.run import RunResult, run_scenario
@@ -287,6 +287,5 @@ def _diagnosis(
     thresholds: Thresholds | None,
 ) -> DiagnosisConfig:
     read = _dataset(dataset, floors)
-    require_inertial_unit(read)
     machine = read_machine(read, model)
     return DiagnosisConfig(read, machine, resolve_method(method, machine), floors, thresholds)

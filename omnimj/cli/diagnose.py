@@ -155,12 +155,10 @@ def _diagnosis_config(arguments: Any) -> DiagnosisConfig:
     from omnimj.diagnosis.logs import read_machine, resolve_method
     from omnimj.diagnosis.replay import DiagnosisConfig
     from omnimj.parameters.floor import all_floors
-    from omnimj.recording.dataset import require_inertial_unit
     from omnimj.recording.read_dataset import read_dataset
 
     floors = all_floors(arguments.floors)
     dataset = _recorded(arguments, floors) or read_dataset(arguments.dataset, floors)
-    require_inertial_unit(dataset)
     machine = read_machine(dataset, arguments.model)
     method = resolve_method(arguments.method, machine)
     thresholds = read_thresholds(arguments.thresholds, method)
@@ -314,12 +312,10 @@ def _calibration_config(arguments: Any) -> DiagnosisConfig:
     from omnimj.diagnosis.logs import read_machine
     from omnimj.diagnosis.replay import DiagnosisConfig
     from omnimj.parameters.floor import all_floors
-    from omnimj.recording.dataset import require_inertial_unit
     from omnimj.recording.read_dataset import read_dataset
 
     floors = all_floors(arguments.floors)
     dataset = read_dataset(arguments.dataset, floors)
-    require_inertial_unit(dataset)
     if dataset.plant != "uto_robot":
         rule = "the robust method, whose thresholds these are, is for the robot"
         raise InputError(arguments.dataset, f"plant is {dataset.plant!r}", rule, ("uto_robot",))

@@ -99,11 +99,7 @@ def _require_no_folders(folder: Path) -> None:
 
 def _search(arguments: Any) -> Finding:
     from omnimj.estimate.gap.find import find_gap
-    from omnimj.parameters.floor import all_floors
-    from omnimj.recording.dataset import require_inertial_unit
-    from omnimj.recording.read_dataset import read_dataset
 
-    require_inertial_unit(read_dataset(arguments.dataset, all_floors(arguments.floors)))
     with ProgressBar() as bar:
         return find_gap(
             arguments.dataset,

@@ -19,7 +19,7 @@ from omnimj.control.gains import ObserverGains
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import Floor, Rig, Robot, read_rig, read_robot
 from omnimj.plant.interface import RIG_CHANNELS, robot_channels
-from omnimj.recording.dataset import Dataset, Run
+from omnimj.recording.dataset import Dataset, Run, require_inertial_unit
 from omnimj.signals import Array, Measurement, RigMeasurement
 from omnimj.simulate.detectors import METHODS, RIG_METHODS, DetectorConfig, detector_for
 
@@ -58,8 +58,10 @@ def read_machine(dataset: Dataset, model: Path | None = None) -> Machine:
     """Read the machine of a dataset.
 
     Raises:
-      InputError: No method diagnoses this machine, or its model file breaks a rule.
+      InputError: No method diagnoses this machine, the logs lack what diagnosis needs, or the model file breaks
+        a rule.
     """
+    require_inertial_unit(dataset)
     if dataset.plant == "quarter_rig":
         rig = read_rig(model)
         return Machine(rig, RIG_METHODS, RIG_CHANNELS, ("current_target",), (), _rig_measurement)

@@ -27,7 +27,7 @@ from omnimj.estimate.intervals import effective_samples, jackknife_deviations, r
 from omnimj.estimate.replay.interface import Replay
 from omnimj.estimate.replay.problem import Fit, Problem
 from omnimj.parameters.floor import all_floors
-from omnimj.recording.dataset import Run
+from omnimj.recording.dataset import Run, require_inertial_unit
 from omnimj.recording.read_dataset import read_dataset
 from omnimj.signals import Array
 
@@ -291,6 +291,7 @@ def find_gap(
     """
     floors = all_floors(floors_file)
     read = read_dataset(dataset, floors)
+    require_inertial_unit(read)
     machine = read_machine(read.plant, model)
     plant = find_plant(read.plant)
     plant.require(read, machine)
