@@ -29,6 +29,7 @@ from omnimj.simulate.plants import make_plant
 from omnimj.simulate.scenario.scenario import Scenario, with_gains
 from omnimj.studies.evaluation.cases import WHEELS, Case, nominal_scenario
 from omnimj.studies.part_use import demanded_traction, excursions, first_time, in_use, time_after_use
+from omnimj.studies.random_structure import with_structure
 from omnimj.studies.random_truth import drive_on_plant, with_errors
 from omnimj.studies.runner import run_guarded
 
@@ -119,11 +120,15 @@ def make_true_plant(case: Case, scenario: Scenario, faults: Sequence[Fault]) -> 
     """Make the plant of a case: the true robot on the true floor.
 
     Args:
-      case: Parameter errors, kind of plant and noise.
+      case: Parameter errors, structure, kind of plant and noise.
       scenario: Nominal robot and floors, to which the errors are relative.
       faults: The faults of the case, or none.
     """
     truth = with_errors(scenario, case.errors, case.floor)
+    if case.structure is not None:
+        payload = case.errors.payload * scenario.robot.body.mass
+        robot = with_structure(truth.robot, case.structure, payload)
+        truth = dataclasses.replace(truth, constants=robot)
     return make_plant(dataclasses.replace(truth, faults=tuple(faults)), case.plant, case.noise)
 
 
