@@ -41,7 +41,7 @@ FACTORS: Mapping[str, tuple[float, float]] = MappingProxyType(
         "sensors.speed_filter": (0.5, 2.0),
     }
 )
-"""Smallest and largest factor on nominal constants; drawn uniformly from 0, else uniformly in its logarithm."""
+"""Smallest and largest factor on nominal constants."""
 LEAST_BACK_DRIVING = 0.4
 """Smallest efficiency of a gear that the wheel drives; the largest is 1/E, a gear that gains what it lost."""
 RADIUS = 0.003
@@ -90,8 +90,8 @@ class RandomStructure:
 def draw_structure(random: np.random.Generator, nominal: Robot) -> RandomStructure:
     """Draw a structure, all parts of it independently.
 
-    The place of the payload is uniform in a disc, all other parts are uniform within their bounds (`FACTORS`
-    above 0 in their logarithm).
+    The place of the payload is uniform in a disc; factors whose bounds are above 0 are uniform in their
+    logarithm; all else is uniform within its bounds.
 
     Args:
       random: Generator that draws nothing else, so that other draws do not depend on the structure.
@@ -166,7 +166,7 @@ def structure_sentence(structure: str) -> str:
         f"Structure drawn: gear efficiency ±10 %, driven backwards {LEAST_BACK_DRIVING:g} to 1/E, viscous "
         f"motor loss 0 to 3 times, radius of each wheel ±{100 * RADIUS:g} %, roller ripple to {RIPPLE:g} N, "
         f"cogging to {1e3 * COGGING:g} mN.m, payload {100 * PLACE:g} cm off-centre at most, stiction of the "
-        "rollers, sensor bandwidths and speed filter half to twice, delays to 2 to 5 ms, height of the centre "
-        "of mass and suspension ±30 % (which act on the twin). Not drawn: friction of bearings near "
-        "standstill, irregular sample times."
+        "rollers, sensor bandwidths and speed filter half to twice, delays of sensors to 2, 3 or 5 ms, height "
+        "of the centre of mass and suspension ±30 % (which act on the twin). Not drawn: friction of bearings "
+        "near standstill, irregular sample times."
     )
