@@ -166,7 +166,7 @@ def structure_sentence(structure: str) -> str:
         f"Structure drawn: gear efficiency ±10 %, driven backwards {LEAST_BACK_DRIVING:g} to 1/E, viscous "
         f"motor loss 0 to 3 times, radius of each wheel ±{100 * RADIUS:g} %, roller ripple to {RIPPLE:g} N, "
         f"cogging to {1e3 * COGGING:g} mN.m, payload {100 * PLACE:g} cm off-centre at most, stiction of the "
-        "rollers, sensor bandwidths and speed filter half to twice, delays of sensors to 2, 3 or 5 ms, height "
-        "of the centre of mass and suspension ±30 % (which act on the twin). Not drawn: friction of bearings "
-        "near standstill, irregular sample times."
+        "rollers, sensor bandwidths and speed filter half to twice, delays of sensors to 2, 3 or 5 ms, "
+        "height of the centre of mass and suspension ±30 % (which act on the twin). Not drawn: friction of "
+        "bearings near standstill, irregular sample times."
     )
