@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from math import degrees, inf
 
 from omnimj.studies.evaluation.heading_limits import MAX_ADDED, MAX_RATIO
+from omnimj.studies.evaluation.scoring import HEADING_FLOOR, PATH_FLOOR
 from omnimj.studies.evaluation.summary import Delays, GroupSummary, Ratios, Summary
 from omnimj.studies.statistics import EventRate, Rate
 
@@ -148,20 +149,23 @@ def _ratios(measure: str, found: Ratios, median: float | None, worst: float | No
 
 
 def _slips(summary: Summary) -> Iterator[GoalResult]:
-    """Yield isolation of slips by the slip reached without any method, and what the others change."""
+    """Yield isolation of slips by the slip reached without any method, and what the others change.
+
+    The others are harmless if they change less than what counts as an excursion at all.
+    """
     found = summary.slips
     yield _rate("slips that reach 5 cm/s without the method", found.slipping)
     yield _rate("… isolated of these", found.isolated, "≥ 95 %", 0.95)
     yield _rate("… isolated of these, grip ≤ 0.3", found.isolated_low_grip, "≥ 99 %", 0.99)
     yield _rate("other slips, isolated", found.isolated_others)
-    for name, change, unit, scale in (
-        ("heading", found.heading, "°", degrees(1.0)),
-        ("path", found.path, " m", 1.0),
+    for name, change, unit, scale, most in (
+        ("heading", found.heading, "°", degrees(1.0), degrees(HEADING_FLOOR)),
+        ("path", found.path, " m", 1.0, PATH_FLOOR),
     ):
         worst = None if change.worst is None else scale * change.worst
         where = f"in {change.worst_case}" if change.worst_case else ""
         words = f"other slips, {name} off the healthy run, worst"
-        yield _at_most(words, worst, None, change.count, unit=unit, remark=where)
+        yield _at_most(words, worst, most, change.count, unit=unit, remark=where)
 
 
 def _heading_limits(summary: Summary) -> Iterator[GoalResult]:

@@ -140,8 +140,13 @@ def test_slips_are_judged_apart_by_the_slip_that_they_reach_without_the_method()
     assert (low_grip.value, low_grip.count, low_grip.met) == (1.0, 1, True)
     others = rows["other slips, isolated"]
     assert (others.value, others.count, others.met) == (0.5, 2, None)
-    assert rows["other slips, heading off the healthy run, worst"].value == pytest.approx(math.degrees(0.01))
-    assert rows["other slips, path off the healthy run, worst"].value == 0.03
+    heading = rows["other slips, heading off the healthy run, worst"]
+    path = rows["other slips, path off the healthy run, worst"]
+    assert heading.value == pytest.approx(math.degrees(0.01)) and path.value == 0.03
+    assert heading.met is False and path.met is False
+    harmless = found(slip(0.0, heading_change=0.0014, path_change=0.0049))
+    assert harmless["other slips, heading off the healthy run, worst"].met is True
+    assert harmless["other slips, path off the healthy run, worst"].met is True
 
 
 def headed(off: float, over: float, **changes) -> CaseScore:
