@@ -91,6 +91,7 @@ def _words(command: str, argument: str) -> tuple[str, ...]:
     from omnimj.simulate.plants import PLANT_NAMES
     from omnimj.simulate.suites.catalogue import SUITES as PLANS
     from omnimj.studies.evaluation.cases import SUITES
+    from omnimj.studies.random_structure import STRUCTURES
     from omnimj.studies.random_truth import ALL_CLASSES
 
     known = {
@@ -99,6 +100,7 @@ def _words(command: str, argument: str) -> tuple[str, ...]:
         "floor": tuple(read_floors()),
         "faults": tuple(ALL_CLASSES),
         "source": SOURCES,
+        "structure": STRUCTURES,
         "suite": tuple(PLANS if command == "record" else SUITES),
         "table_format": FORMATS,
         "kind": PLANTS,

@@ -58,6 +58,9 @@ def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--faults", metavar="NAMES", type=parse_names, help=words)
     words = "floors to draw from: natural_stone, pvc, paperboard, natural_stone_capped (default all)"
     parser.add_argument("--floor", metavar="NAMES", type=parse_names, help=words)
+    words = "nominal (default): the physics of the controller's model; drawn: gear law, wheel radii, ripple, "
+    words += "sensor delays and more differ in each case"
+    parser.add_argument("--structure", metavar="S", default="nominal", help=words)
     words = "keep the measurements as a dataset in DIR/recordings"
     parser.add_argument("--record", action="store_true", help=words)
     add_results(parser, "evaluation.json", "evaluation")
@@ -86,6 +89,7 @@ def run_evaluate(arguments: Any) -> int:
         arguments.plant,
         arguments.floor or FLOORS,
         arguments.faults or CLASSES,
+        structure=arguments.structure,
     )
     order = EvaluationConfig(
         arguments.out,
@@ -223,6 +227,7 @@ EVALUATE = Command(
   omnimj evaluate --suite manoeuvres --faults motor,slip --seed 100 --out out/manoeuvres
   omnimj evaluate --faults none --plant twin --trials 180 --seed 100 --out out/quiet
   omnimj evaluate --trials 500 --executor dask:tcp://127.0.0.1:8786 --out out/cluster
+  omnimj evaluate --faults motor,slip --structure drawn --seed 100 --out out/drawn
   omnimj evaluate --faults none --floor natural_stone --seed 11 --record --out out/stone
   omnimj calibrate out/stone/recordings --false-alarms-per-hour 0.1 --out thresholds.toml
 

@@ -58,7 +58,7 @@ def read_machine(dataset: Dataset, model: Path | None = None) -> Machine:
     """Read the machine of a dataset.
 
     Raises:
-      InputError: No method diagnoses this machine, the logs lack what diagnosis needs, or the model file breaks
+      InputError: No method diagnoses this machine, the logs lack a channel, or the model file breaks
         a rule.
     """
     require_inertial_unit(dataset)

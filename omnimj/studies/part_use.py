@@ -1,4 +1,4 @@
-"""Use of faulty parts, and excursions of a run, from the truth columns of its trace."""
+"""Use of faulty parts, slip and excursions of a run, from the truth columns of its trace."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ SMOOTHING_TIME = 0.02
 """Length of the moving average of traction, since rollers take turns [s]."""
 LONG_USE = 5.0
 """Time of use after which the estimate of a torque constant should be settled [s]."""
+HOLD_TIME = 0.02
+"""Time for which a slip velocity must be held to count, the passage of a few rollers [s]."""
 
 
 def demanded_traction(healthy: Trace) -> Array:
@@ -81,6 +83,41 @@ def time_after_use(time: Array, used: NDArray[np.bool_], seconds: float = LONG_U
     """
     period = float(time[1] - time[0]) if len(time) > 1 else 0.0
     return first_time(time, np.cumsum(used) * period >= seconds)
+
+
+def held_slip(fault: Fault, trace: Trace) -> float:
+    """Return the largest |V_r| that the faulty wheel holds for `HOLD_TIME` while its fault is present.
+
+    max_t min_{t ≤ τ < t + T} |V_r(τ)|, with T = `HOLD_TIME`.
+
+    Args:
+      fault: Fault of one wheel.
+      trace: Trace of a run with the fault.
+
+    Returns:
+      Slip velocity [m/s]; 0 for a run that is shorter than T.
+    """
+    time = trace["time"]
+    present = (time >= fault.onset - 1e-9) & (time < (math.inf if fault.end is None else fault.end))
+    slip = np.where(present, np.abs(trace[f"slip_velocity_{fault.wheel}"]), 0.0)
+    rows = max(1, round(HOLD_TIME / (time[1] - time[0]))) if len(time) > 1 else 1
+    if len(slip) < rows:
+        return 0.0
+    return float(np.lib.stride_tricks.sliding_window_view(slip, rows).min(axis=1).max())
+
+
+def departures(trace: Trace, other: Trace, onset: float) -> tuple[float, float]:
+    """Return the largest difference between two runs of heading [rad] and position [m] since an onset.
+
+    Args:
+      trace: Trace of a run with a fault.
+      other: Trace of the same run without it, of the same length.
+      onset: Onset of the fault, until which the runs agree [s].
+    """
+    first = min(int(np.searchsorted(trace["time"], onset - 1e-9)), len(trace["time"]) - 1)
+    turned = np.unwrap(trace["heading"] - other["heading"])[first:]
+    away = np.hypot(trace["x"] - other["x"], trace["y"] - other["y"])[first:]
+    return float(np.max(np.abs(turned))), float(np.max(away))
 
 
 def excursions(trace: Trace, onset: float) -> tuple[float, float]:

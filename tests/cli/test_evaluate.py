@@ -14,6 +14,7 @@ import pytest
         (["--plant", "planar,,twin"], "names with commas between them"),
         (["--faults", "slipp"], "--faults: unknown class of faults 'slipp'; did you mean 'slip'?"),
         (["--floor", "lava"], "--floor: unknown floor of the evaluation 'lava'"),
+        (["--structure", "real"], "--structure: unknown structure 'real'; choices: drawn, nominal"),
         (["--trials", "0"], "--trials: found '0'; must be a whole number, at least 1"),
         (["--seed", "-1"], "--seed: found '-1'"),
         (["--workers", "many"], "--workers: found 'many'"),

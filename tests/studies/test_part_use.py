@@ -7,7 +7,15 @@ import pytest
 
 from omnimj.plant.faults import Fault
 from omnimj.signals import Trace
-from omnimj.studies.part_use import demanded_traction, excursions, first_time, in_use, time_after_use
+from omnimj.studies.part_use import (
+    demanded_traction,
+    departures,
+    excursions,
+    first_time,
+    held_slip,
+    in_use,
+    time_after_use,
+)
 
 TIME = np.linspace(0.0, 0.999, 1000)
 
@@ -68,3 +76,23 @@ def test_excursions_count_from_where_the_run_was_at_the_onset():
     assert heading == pytest.approx(0.3 - 0.1 * 0.1, abs=2e-3)
     assert path == pytest.approx(np.hypot(0.3, 0.0499), abs=1e-3)
     assert excursions(trace, 0.9)[0] == pytest.approx(0.01, abs=2e-3)
+
+
+def test_a_slip_counts_as_far_as_it_is_held_for_twenty_milliseconds_in_either_direction():
+    slip = np.zeros_like(TIME)
+    slip[300:319], slip[500:520], slip[600:640] = 0.9, -0.3, 0.1
+    slip[800:900] = 0.5
+    trace, fault = traced(slip_velocity_2=slip), Fault("slip", 0.2, 0.7, wheel=2)
+    assert held_slip(fault, trace) == 0.3
+    assert held_slip(Fault("slip", 0.2, wheel=2), trace) == 0.5
+    assert held_slip(Fault("slip", 0.505, 0.7, wheel=2), trace) == 0.1
+    assert held_slip(Fault("slip", 0.95, wheel=2), trace) == 0.0
+
+
+def test_departures_are_the_largest_differences_since_the_onset_whatever_the_target():
+    zero = np.zeros_like(TIME)
+    away = np.where(TIME < 0.2, 1.0, np.where(TIME > 0.6, 0.03, 0.0))
+    one = traced(heading=3.1 + away, x=zero, y=4.0 * away)
+    other = traced(heading=np.full_like(TIME, 3.1), x=-3.0 * away, y=zero)
+    assert departures(one, other, 0.5) == pytest.approx((0.03, 0.15))
+    assert departures(one, other, 0.1) == pytest.approx((1.0, 5.0))

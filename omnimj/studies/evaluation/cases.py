@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from omnimj.errors import InputError
+from omnimj.parameters import read_robot
 from omnimj.plant.faults import Fault, fault_record
 from omnimj.signals import Reference
 from omnimj.simulate.scenario.drive import read_drive
@@ -19,6 +20,7 @@ from omnimj.simulate.scenario.motion import directions
 from omnimj.simulate.scenario.overrides import split_override
 from omnimj.simulate.scenario.scenario import Scenario, read_scenario
 from omnimj.simulate.suites.missions import mission
+from omnimj.studies.random_structure import DRAWN, NOMINAL, RandomStructure, draw_structure
 from omnimj.studies.random_truth import (
     CLASSES,
     PAIRS,
@@ -40,7 +42,7 @@ _SPEEDS = ("low", "high")  # by name in `scenario.drive_keys`
 _START, _REST = 0.5, 0.5  # [s] at rest before and after a manoeuvre
 _RISE = {"low": 0.5, "high": 1.0}  # [s] at 1 m/s²
 # one random stream per aspect of a case, so that other faults leave all other aspects unchanged
-_MOTION, _WORLD, _FAULTS, _NOISE, _ORDER, _PAIRS = range(6)
+_MOTION, _WORLD, _FAULTS, _NOISE, _ORDER, _PAIRS, _STRUCTURE = range(7)
 _MANY = 1024  # cases whose classes are drawn together
 
 
@@ -94,6 +96,8 @@ class CasePopulation:
     faults: tuple[str, ...] = CLASSES
     duration: float | None = None
     """Duration of a run [s]; that of the suite when None."""
+    structure: str = NOMINAL
+    """Structure of the true robots, one of `random_structure.STRUCTURES`."""
 
 
 @dataclass(frozen=True)
@@ -119,6 +123,8 @@ class Case:
     errors: ParameterErrors
     noise: int
     """Seed of the sensor noise."""
+    structure: RandomStructure | None = None
+    """Structure of the true robot; None: that of the controller's model."""
 
     def fault_records(self) -> list[dict[str, Any]]:
         """Return the faults as in `metrics.json`."""
@@ -129,10 +135,11 @@ class Case:
         errors = dataclasses.asdict(dataclasses.replace(self.errors, constants={}, floor={}))
         errors |= {"constants": dict(self.errors.constants), "floor": dict(self.errors.floor)}
         errors["torque_constants"] = list(self.errors.torque_constants)
-        names = [f.name for f in dataclasses.fields(self) if f.name not in ("faults", "errors")]
+        names = [f.name for f in dataclasses.fields(self) if f.name not in ("faults", "errors", "structure")]
         return {name: getattr(self, name) for name in names} | {
             "faults": self.fault_records(),
             "errors": errors,
+            "structure": None if self.structure is None else dataclasses.asdict(self.structure),
         }
 
 
@@ -140,7 +147,8 @@ def draw_case(population: CasePopulation, index: int) -> Case:
     """Draw a case; the same suite, seed and number give the same motion, world, faults and noise.
 
     Args:
-      population: Population to draw from; its plants, floors and faults affect nothing else of a case.
+      population: Population to draw from; its plants, floors, faults and structure affect nothing else of a
+        case.
       index: Number of the case, from 0.
     """
     suite = SUITES[population.suite]
@@ -165,12 +173,19 @@ def draw_case(population: CasePopulation, index: int) -> Case:
         faults=draw_faults(draws, fault, onsets, suite.passing, _pair(population, index, fault)),
         errors=draw_parameter_errors(world, WHEELS),
         noise=int(_stream(population, index, _NOISE).integers(2**62)),
+        structure=_structure(population, index),
     )
 
 
 def _stream(population: CasePopulation, index: int, what: int) -> np.random.Generator:
     key = (list(SUITES).index(population.suite), index, what)
     return np.random.default_rng(np.random.SeedSequence(population.seed, spawn_key=key))
+
+
+def _structure(population: CasePopulation, index: int) -> RandomStructure | None:
+    if population.structure != DRAWN:
+        return None
+    return draw_structure(_stream(population, index, _STRUCTURE), read_robot())
 
 
 def _pair(population: CasePopulation, index: int, fault: str) -> int | None:

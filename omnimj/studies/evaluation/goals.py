@@ -8,15 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import inf
+from math import degrees, inf
 
+from omnimj.studies.evaluation.heading_limits import MAX_ADDED, MAX_RATIO
+from omnimj.studies.evaluation.scoring import HEADING_FLOOR, PATH_FLOOR
 from omnimj.studies.evaluation.summary import Delays, GroupSummary, Ratios, Summary
 from omnimj.studies.statistics import EventRate, Rate
 
 QUIET_HOURS = {"planar": 30.0, "twin": 3.0}
 """Fault-free time without any false alarm that the goal requires, per plant [h]."""
 MAX_FALSE_ALARMS_PER_HOUR = 0.1
-MAX_RATIO = 1.05
 
 
 @dataclass(frozen=True)
@@ -54,8 +55,10 @@ def judge_goals(summary: Summary) -> tuple[GoalResult, ...]:
         *_time("slip, grip ≤ 0.3, delay in use", slips.delay_in_use, 0.15, 0.15),
         _share("isolated of the eight: loss ≥ 57 %, grip ≤ 0.3", large, 0.99),
         _share("isolated of the eight: loss ≥ 20 %, grip ≤ 0.5", small, 0.95),
+        *_slips(summary),
         *_torque_constant(summary),
         *_ratios("heading excursion, with over without", summary.heading, 0.5, MAX_RATIO),
+        *_heading_limits(summary),
         *_ratios("path excursion, with over without", summary.path, None, None),
         _share("two at once, exact set", two, 0.95),
         *(_share(f"… {one.kinds}", one.group, 0.95) for one in summary.pairs),
@@ -143,6 +146,44 @@ def _ratios(measure: str, found: Ratios, median: float | None, worst: float | No
     yield _at_most(f"{measure}, 95 %", found.p95, None, found.count)
     case = f"in {found.worst_case}" if found.worst_case else ""
     yield _at_most(f"{measure}, worst", found.worst, worst, found.count, remark=case)
+
+
+def _slips(summary: Summary) -> Iterator[GoalResult]:
+    """Yield isolation of slips by the slip reached without any method, and what the others change.
+
+    The others are harmless if they change less than what counts as an excursion at all.
+    """
+    found = summary.slips
+    yield _rate("slips that reach 5 cm/s without the method", found.slipping)
+    yield _rate("… isolated of these", found.isolated, "≥ 95 %", 0.95)
+    yield _rate("… isolated of these, grip ≤ 0.3", found.isolated_low_grip, "≥ 99 %", 0.99)
+    yield _rate("other slips, isolated", found.isolated_others)
+    for name, change, unit, scale, most in (
+        ("heading", found.heading, "°", degrees(1.0), degrees(HEADING_FLOOR)),
+        ("path", found.path, " m", 1.0, PATH_FLOOR),
+    ):
+        worst = None if change.worst is None else scale * change.worst
+        where = f"in {change.worst_case}" if change.worst_case else ""
+        words = f"other slips, {name} off the healthy run, worst"
+        yield _at_most(words, worst, most, change.count, unit=unit, remark=where)
+
+
+def _heading_limits(summary: Summary) -> Iterator[GoalResult]:
+    """Yield the limit of the heading in every case: on the ratio, or on what is added to little."""
+    found = summary.heading_limits
+    where = f"in {found.worst_ratio_case}" if found.worst_ratio_case else ""
+    words = "heading with over without, 0.5° or more without, worst"
+    yield _at_most(words, found.worst_ratio, MAX_RATIO, found.large, remark=where)
+    where = f"in {found.worst_added_case}" if found.worst_added_case else ""
+    added = None if found.worst_added is None else degrees(found.worst_added)
+    words, most = "heading added, less than 0.5° without, worst", degrees(MAX_ADDED)
+    yield _at_most(words, added, most, found.small, unit="°", remark=where)
+    count = found.large + found.small
+    beyond = float(len(found.beyond)) if count else None
+    yield _at_most("cases beyond either limit of the heading", beyond, 0.0, count)
+    given_up = float(found.given_up) if count + found.given_up else None
+    words = "cases with the heading given up by design, left out of the limits"
+    yield _at_most(words, given_up, None, count + found.given_up)
 
 
 def _switches(summary: Summary) -> GoalResult:

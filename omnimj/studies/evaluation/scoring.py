@@ -78,6 +78,14 @@ class CaseScore:
     """Path excursion with the method [m]."""
     path_off: float | None
     """Path excursion without any method [m]."""
+    heading_change: float | None
+    """Largest change of the heading by the faults, without any method [rad]."""
+    path_change: float | None
+    """Largest change of the position by the faults, without any method [m]."""
+    gave_up_heading: bool
+    """True if the recovery gave the heading up by design, for faults that were isolated."""
+    slip: float | None
+    """Slip velocity that is held without any method, of a slip that is the only fault [m/s]."""
     clearing: float | None
     """Time from the end of a slip to the end of its diagnosis [s]; ∞: never; None: nothing to clear."""
     switches: int | None
@@ -123,6 +131,7 @@ def score_case(case: Case, result: Mapping[str, Any]) -> CaseScore:
     used = [use["first"] for use in result["use"] if use["first"] is not None]
     delay = inf if verdict.detection_delay is None else verdict.detection_delay
     off = result["off"] or {"heading": None, "path": None}
+    change = result.get("change") or {"heading": None, "path": None}
     early = [one for one in diagnoses if one["time"] < onset]
     return CaseScore(
         name=case.name,
@@ -149,6 +158,10 @@ def score_case(case: Case, result: Mapping[str, Any]) -> CaseScore:
         heading_off=off["heading"],
         path=result["method"]["path"],
         path_off=off["path"],
+        heading_change=change["heading"],
+        path_change=change["path"],
+        gave_up_heading=bool(verdict.isolated and result["method"].get("gave_up_heading")),
+        slip=result["use"][0].get("slip") if case.fault == "slip" else None,
         clearing=_clearing(case, diagnoses),
         switches=_switches(case, diagnoses),
     )

@@ -40,6 +40,7 @@ from omnimj.studies.evaluation.scoring import CaseEvents, CaseScore, score_case
 from omnimj.studies.evaluation.summary import Summary, summarize
 from omnimj.studies.evaluation.tables import format_heading, result_tables, summary_sentences
 from omnimj.studies.evaluation.trial import OFF, RECORDINGS, drive_case, is_recorded, write_recordings_index
+from omnimj.studies.random_structure import STRUCTURES
 from omnimj.studies.random_truth import ALL_CLASSES
 from omnimj.studies.runner import StudyFolder, TrialFolder, run_study
 from omnimj.studies.statistics import Table, format_markdown
@@ -119,7 +120,7 @@ def run_evaluation(
     Raises:
       InputError: The folder holds something else or another evaluation, or cannot be written; the method is
         unknown.
-      UnknownNameError: A suite, plant, floor or fault class does not exist.
+      UnknownNameError: A suite, structure, plant, floor or fault class does not exist.
       SimulationError: A worker died; finished cases are kept.
     """
     return run_study(_Evaluation(config), report, executor)
@@ -137,6 +138,8 @@ def check_config(config: EvaluationConfig) -> None:
     check_settings(config.settings)
     if population.suite not in SUITES:
         raise UnknownNameError("--suite", "suite", population.suite, SUITES)
+    if population.structure not in STRUCTURES:
+        raise UnknownNameError("--structure", "structure", population.structure, STRUCTURES)
     for option, kind, names, known in (
         ("--plant", "plant", population.plants, PLANTS),
         ("--floor", "floor of the evaluation", population.floors, FLOORS),

@@ -6,7 +6,9 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from omnimj.studies.evaluation.heading_limits import HeadingLimits, summarize_heading
 from omnimj.studies.evaluation.scoring import CaseScore, confusion
+from omnimj.studies.evaluation.slips import SlipSummary, summarize_slips
 from omnimj.studies.random_truth import ALL_CLASSES, NONE, PAIRS, TWO
 from omnimj.studies.statistics import EventRate, Rate, event_rate, median, quantile, rate
 
@@ -126,8 +128,10 @@ class Summary:
     clearing: Delays
     """Time from the end of a slip to the end of its diagnosis."""
     switches: Switches
+    slips: SlipSummary
     heading: Ratios
     path: Ratios
+    heading_limits: HeadingLimits
     factors: tuple[FactorSummary, ...]
 
 
@@ -180,8 +184,10 @@ def summarize(scores: Sequence[CaseScore]) -> Summary:
         estimates_asked=len(estimated),
         clearing=delay_quantiles(s.clearing for s in broken if s.clearing is not None),
         switches=_switches([s.switches for s in broken if s.switches is not None]),
+        slips=summarize_slips(broken),
         heading=_ratios(broken, lambda s: s.heading_ratio),
         path=_ratios(broken, lambda s: s.path_ratio),
+        heading_limits=summarize_heading(broken),
         factors=tuple(_factors(scores)),
     )
 

@@ -9,6 +9,7 @@ from omnimj.studies.evaluation.cases import SUITES, CasePopulation, is_judging_s
 from omnimj.studies.evaluation.goals import format_goal, judge_goals
 from omnimj.studies.evaluation.scoring import AMBIGUOUS, HEADING_FLOOR, PATH_FLOOR, SEVERAL, label_sort_key
 from omnimj.studies.evaluation.summary import Delays, FactorSummary, GroupSummary, PairSummary, Summary
+from omnimj.studies.random_structure import structure_sentence
 from omnimj.studies.random_truth import ALL_CLASSES, NONE
 from omnimj.studies.statistics import EventRate, Table, format_rate
 
@@ -18,7 +19,7 @@ _WRONG_PLACE = "elsewhere"
 def format_heading(population: CasePopulation, method: str, settings: Sequence[str] = ()) -> str:
     """Return the title of reports and tables."""
     with_settings = f" with {', '.join(f'`{text}`' for text in settings)}" if settings else ""
-    return f"Evaluation of `{method}`{with_settings} on {population.suite}"
+    return f"Evaluation of `{method}`{with_settings} on {population.suite}, structure {population.structure}"
 
 
 def summary_sentences(population: CasePopulation, summary: Summary, planned: int, failed: int) -> list[str]:
@@ -36,6 +37,7 @@ def summary_sentences(population: CasePopulation, summary: Summary, planned: int
         f"plant {', '.join(population.plants)}; floors {', '.join(population.floors)}; payload within ±20 % "
         "of the mass; true parameters differ from those of the controller (torque constants ±3 %, friction "
         "±20 %, mass ±3 %, inertias ±5 %, floor ±20 %).",
+        structure_sentence(population.structure),
         "Rates with Wilson 95 % bounds and sample size; false alarms with the one-sided Poisson 95 % bound. "
         "A wheel is in use while it needs more than 2 N of traction (20 ms mean), taken from the same case "
         "driven without fault and without any method. Faults that were never in use are counted and left "

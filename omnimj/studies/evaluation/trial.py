@@ -15,6 +15,7 @@ import numpy as np
 
 from omnimj.control.detection.robust.thresholds import Thresholds
 from omnimj.control.gains import Gains
+from omnimj.control.recovery.modes import PIVOTING, STOPPING
 from omnimj.errors import SimulationError
 from omnimj.plant.faults import Fault
 from omnimj.plant.interface import Plant, robot_channels
@@ -28,7 +29,16 @@ from omnimj.simulate.detectors import make_detector
 from omnimj.simulate.plants import make_plant
 from omnimj.simulate.scenario.scenario import Scenario, with_gains
 from omnimj.studies.evaluation.cases import WHEELS, Case, nominal_scenario
-from omnimj.studies.part_use import demanded_traction, excursions, first_time, in_use, time_after_use
+from omnimj.studies.part_use import (
+    demanded_traction,
+    departures,
+    excursions,
+    first_time,
+    held_slip,
+    in_use,
+    time_after_use,
+)
+from omnimj.studies.random_structure import with_structure
 from omnimj.studies.random_truth import drive_on_plant, with_errors
 from omnimj.studies.runner import run_guarded
 
@@ -58,10 +68,12 @@ def drive_case(
 
     Returns:
       Facts for scoring. `case`: the truth. `method`: diagnoses, and with a fault the excursions of heading
-      [rad] and path [m] since its onset. `off`: the same without any method (None if the method is `off`, or
-      without a fault). `healthy`: the same without method and fault. `use`: per fault the time at which its
-      part was first in use, and the estimated effectiveness of the wheel after 5 s of use. `speed`: simulated
-      seconds per second. Or `error`: the message of a trial that failed.
+      [rad] and path [m] since its onset, and whether the recovery gave the heading up since then. `off`: the
+      same without any method (None if the method is `off`, or without a fault). `healthy`: the same without
+      method and fault. `change`: largest departure of heading [rad] and position [m] of the run without any
+      method from the healthy one. `use`: per fault the time at which its part was first in use, the estimated
+      effectiveness of the wheel after 5 s of use, and of a slip the slip velocity held without any method
+      [m/s]. `speed`: simulated seconds per second. Or `error`: the message of a trial that failed.
     """
     return run_guarded(
         lambda: {
@@ -91,11 +103,14 @@ def _drive_runs(
     onset = min(fault.onset for fault in case.faults)
     healthy = _run(case, scenario, (), OFF)
     without = None if method == OFF else _run(case, scenario, case.faults, OFF)
+    unaided = diagnosed if without is None else without
+    heading, path = departures(unaided, healthy, onset)
     return {
         "method": _summarize_run(diagnosed, onset),
         "off": None if without is None else _summarize_run(without, onset),
         "healthy": _summarize_run(healthy, onset),
-        "use": [_use(fault, healthy, diagnosed) for fault in case.faults],
+        "change": {"heading": heading, "path": path},
+        "use": [_use(fault, healthy, diagnosed) | _slip(fault, unaided) for fault in case.faults],
         "speed": speed,
     }
 
@@ -119,17 +134,36 @@ def make_true_plant(case: Case, scenario: Scenario, faults: Sequence[Fault]) -> 
     """Make the plant of a case: the true robot on the true floor.
 
     Args:
-      case: Parameter errors, kind of plant and noise.
+      case: Parameter errors, structure, kind of plant and noise.
       scenario: Nominal robot and floors, to which the errors are relative.
       faults: The faults of the case, or none.
     """
     truth = with_errors(scenario, case.errors, case.floor)
+    if case.structure is not None:
+        payload = case.errors.payload * scenario.robot.body.mass
+        robot = with_structure(truth.robot, case.structure, payload)
+        truth = dataclasses.replace(truth, constants=robot)
     return make_plant(dataclasses.replace(truth, faults=tuple(faults)), case.plant, case.noise)
 
 
 def _summarize_run(trace: Trace, onset: float | None) -> dict[str, Any]:
     heading, path = (None, None) if onset is None else excursions(trace, onset)
-    return {"diagnoses": trace.about["diagnoses"], "heading": heading, "path": path}
+    gave_up = onset is not None and _gave_up_heading(trace, onset)
+    diagnoses = trace.about["diagnoses"]
+    return {"diagnoses": diagnoses, "heading": heading, "path": path, "gave_up_heading": gave_up}
+
+
+def _gave_up_heading(trace: Trace, onset: float) -> bool:
+    """Return whether the recovery turned about a wheel or stopped at some time since an onset."""
+    if "recovery" not in trace:
+        return False
+    modes = trace["recovery"][trace["time"] >= onset - 1e-9]
+    return bool(np.isin(modes, (PIVOTING, STOPPING)).any())
+
+
+def _slip(fault: Fault, unaided: Trace) -> dict[str, float | None]:
+    """Return the slip velocity that a slipping wheel holds without any method; None for other faults."""
+    return {"slip": held_slip(fault, unaided) if fault.kind == "slip" else None}
 
 
 def _use(fault: Fault, healthy: Trace, diagnosed: Trace) -> dict[str, float | None]:

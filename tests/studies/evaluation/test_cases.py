@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
 import math
 import pickle
@@ -26,9 +27,14 @@ from omnimj.studies.evaluation.cases import (
     nominal_scenario,
 )
 from omnimj.studies.evaluation.trial import drive_case, make_true_plant
+from omnimj.studies.random_structure import DRAWN
 from omnimj.studies.random_truth import BOUNDS, CLASSES, NONE, PAYLOAD, WHEEL_FAULTS, true_floor, true_robot
 
 MANY = [draw_case(CasePopulation(suite, 100), k) for suite in SUITES for k in range(300)]
+
+
+def drawn_structure():
+    return draw_case(CasePopulation("manoeuvres", 100, structure=DRAWN), 0).structure
 
 
 def test_the_same_seed_draws_the_same_cases_and_another_seed_others():
@@ -47,6 +53,37 @@ def test_other_faults_or_floors_change_nothing_else_of_a_case():
         same = dataclasses.replace(other, fault=case.fault, faults=case.faults, floor=case.floor)
         assert same == case
         assert np.array_equal(case_reference(case, 1e-2).velocity, case_reference(other, 1e-2).velocity)
+
+
+def test_a_drawn_structure_changes_nothing_else_of_a_case():
+    for suite in SUITES:
+        for k in range(40):
+            case = draw_case(CasePopulation(suite, 100, structure=DRAWN), k)
+            assert case.structure is not None
+            assert dataclasses.replace(case, structure=None) == draw_case(CasePopulation(suite, 100), k)
+
+
+def test_a_structure_does_not_depend_on_faults_floors_or_plants():
+    for k in range(10):
+        case = draw_case(CasePopulation("missions", 100, structure=DRAWN), k)
+        choice = CasePopulation("missions", 100, ("twin",), ("pvc",), (NONE,), structure=DRAWN)
+        assert draw_case(choice, k).structure == case.structure
+
+
+@pytest.mark.parametrize(
+    ("suite", "seed", "index", "digest"),
+    [
+        ("missions", 100, 0, "b6790f87d3afb34a"),
+        ("missions", 8000, 3, "9f8ef30d99662a04"),
+        ("manoeuvres", 100, 7, "45d9d2e23d47da32"),
+        ("manoeuvres", 60, 39, "78179001c2b9bad6"),
+    ],
+)
+def test_a_nominal_case_is_what_its_seed_drew_before_structures_could_be_drawn(suite, seed, index, digest):
+    record = draw_case(CasePopulation(suite, seed), index).to_dict()
+    assert record.pop("structure") is None
+    text = json.dumps(record, sort_keys=True)
+    assert hashlib.sha256(text.encode()).hexdigest()[:16] == digest
 
 
 def test_every_fault_is_one_that_a_scenario_could_have_and_begins_inside_the_run():
@@ -181,18 +218,27 @@ def test_both_plants_carry_the_heaviest_and_the_lightest_robot_on_every_floor(pl
 
 
 def test_a_task_travels_to_other_processes_and_a_case_to_json():
-    for case in MANY[:20]:
+    drawn = [draw_case(CasePopulation("missions", 100, structure=DRAWN), k) for k in range(3)]
+    for case in MANY[:20] + drawn:
         function, (again, method) = pickle.loads(pickle.dumps((drive_case, (case, "off"))))
         assert function is drive_case and again == case and method == "off"
         assert json.loads(json.dumps(case.to_dict())) == to_jsonable(case.to_dict())
 
 
-def test_method_and_controller_get_the_nominal_robot_and_floor_and_no_fault(monkeypatch):
-    scenarios = []
+@pytest.mark.parametrize("structure", [None, drawn_structure()])
+def test_method_and_controller_get_the_nominal_robot_and_floor_and_no_fault(monkeypatch, structure):
+    scenarios, driven = [], []
     monkeypatch.setattr(trial, "make_detector", lambda name, scenario, *_: scenarios.append(scenario))
+    drive = trial.drive_on_plant
+
+    def note_driven(scenario, plant, detector):
+        driven.append(scenario)  # the controller is made for it
+        return drive(scenario, plant, detector)
+
+    monkeypatch.setattr(trial, "drive_on_plant", note_driven)
     case = next(c for c in MANY if c.fault == "two" and c.suite == "manoeuvres")
-    result = drive_case(dataclasses.replace(case, duration=2.5), "any")
-    assert "error" not in result and len(scenarios) == 3
+    result = drive_case(dataclasses.replace(case, duration=2.5, structure=structure), "any")
+    assert "error" not in result and len(scenarios) == 3 and driven == scenarios
     for scenario in scenarios:
         assert scenario.faults == () and scenario.patches == () and not scenario.constants.effects
         assert scenario.constants == read_robot() and scenario.floors == read_floors()

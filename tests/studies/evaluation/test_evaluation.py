@@ -166,6 +166,26 @@ def test_a_folder_with_another_evaluation_is_replaced_with_force_only(tmp_path):
         run_evaluation(other, quiet, InlineExecutor())
 
 
+def test_the_structure_is_stated_everywhere_and_a_folder_holds_one(tmp_path):
+    choice = dataclasses.replace(SHORT, duration=2.5, faults=("none",))
+    for structure, words in (("nominal", "physics of the controller's model"), ("drawn", "gear efficiency")):
+        out = tmp_path / structure
+        order = EvaluationConfig(out, dataclasses.replace(choice, structure=structure), trials=1)
+        outcome = run_evaluation(order, quiet, InlineExecutor())
+        text = (out / "evaluation.md").read_text(encoding="utf-8")
+        assert outcome.heading.endswith(f"structure {structure}")
+        assert outcome.heading in text and words in text
+        for name in ("evaluation.json", "evaluation_plan.json"):
+            found = json.loads((out / name).read_text(encoding="utf-8"))
+            assert found.get("plan", found)["structure"] == structure
+        case = json.loads((out / "cases" / "case_00000.json").read_text(encoding="utf-8"))["case"]
+        assert (case["structure"] is None) == (structure == "nominal")
+        other = "drawn" if structure == "nominal" else "nominal"
+        with pytest.raises(InputError, match="holds an evaluation with other settings"):
+            again = dataclasses.replace(order, population=dataclasses.replace(choice, structure=other))
+            run_evaluation(again, quiet, InlineExecutor())
+
+
 def test_a_case_that_breaks_is_counted_and_takes_no_other_with_it(tmp_path, monkeypatch):
     whole = trial.excursions
 
@@ -196,6 +216,7 @@ def test_names_that_do_not_exist_are_refused_with_the_choices(tmp_path):
         (CasePopulation(plants=("real",)), "planar, twin"),
         (CasePopulation(floors=("lava",)), "natural_stone_capped"),
         (CasePopulation(faults=("gremlins",)), "all_wheel_slip"),
+        (CasePopulation(structure="random"), "drawn, nominal"),
     ):
         with pytest.raises(UnknownNameError, match=expected):
             run_evaluation(EvaluationConfig(tmp_path / "out", choice), quiet, InlineExecutor())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 from math import inf
 
 import pytest
@@ -122,6 +123,57 @@ def test_a_goal_is_met_on_its_own_side_of_the_limit_and_open_without_cases(measu
         and nothing.count == 0
         and format_goal(nothing)[2:] == ("–", f"0 {nothing.counted}", "–")
     )
+
+
+def slip(reached: float, **changes) -> CaseScore:
+    return broken("slip", "slip 1", slip=reached, **({"heading_change": 0.01, "path_change": 0.02} | changes))
+
+
+def test_slips_are_judged_apart_by_the_slip_that_they_reach_without_the_method():
+    missed = {"isolated": False, "diagnosed": "none"}
+    scores = [slip(0.05), slip(0.4, severity=0.4, **missed), slip(0.049, **missed)]
+    rows = found(*scores, slip(0.0, heading_change=0.001, path_change=0.03))
+    share, isolated = rows["slips that reach 5 cm/s without the method"], rows["… isolated of these"]
+    assert (share.value, share.count, share.met) == (0.5, 4, None)
+    assert (isolated.value, isolated.count, isolated.met) == (0.5, 2, False)
+    low_grip = rows["… isolated of these, grip ≤ 0.3"]
+    assert (low_grip.value, low_grip.count, low_grip.met) == (1.0, 1, True)
+    others = rows["other slips, isolated"]
+    assert (others.value, others.count, others.met) == (0.5, 2, None)
+    heading = rows["other slips, heading off the healthy run, worst"]
+    path = rows["other slips, path off the healthy run, worst"]
+    assert heading.value == pytest.approx(math.degrees(0.01)) and path.value == 0.03
+    assert heading.met is False and path.met is False
+    harmless = found(slip(0.0, heading_change=0.0014, path_change=0.0049))
+    assert harmless["other slips, heading off the healthy run, worst"].met is True
+    assert harmless["other slips, path off the healthy run, worst"].met is True
+
+
+def headed(off: float, over: float, **changes) -> CaseScore:
+    """A slip with given heading excursions without recovery and with it [°]."""
+    heading = {"heading_off": math.radians(off), "heading": math.radians(over)}
+    return broken("slip", "slip 1", **heading, **changes)
+
+
+@pytest.mark.parametrize(
+    ("off", "over", "met"),
+    [(0.51, 0.53, True), (0.51, 0.54, False), (0.49, 0.535, True), (0.49, 0.545, False), (0.0, 0.049, True)],
+)
+def test_the_heading_has_a_limit_on_its_ratio_or_where_it_is_small_on_what_is_added(off, over, met):
+    rows = found(headed(off, over), headed(2.0, 0.1))
+    beyond = rows["cases beyond either limit of the heading"]
+    assert (beyond.met, beyond.value, beyond.count) == (met, 0.0 if met else 1.0, 2)
+    large = rows["heading with over without, 0.5° or more without, worst"]
+    added = rows["heading added, less than 0.5° without, worst"]
+    assert large.count + added.count == 2 and (large if off > 0.5 else added).met is met
+
+
+def test_a_heading_given_up_by_design_is_counted_apart_from_its_limits():
+    rows = found(headed(1.0, 90.0, gave_up_heading=True), headed(1.0, 0.5))
+    assert rows["cases beyond either limit of the heading"].value == 0.0
+    assert rows["cases beyond either limit of the heading"].count == 1
+    apart = rows["cases with the heading given up by design, left out of the limits"]
+    assert (apart.value, apart.count, apart.met) == (1.0, 2, None)
 
 
 def test_a_torque_constant_is_judged_by_its_error_after_long_use():

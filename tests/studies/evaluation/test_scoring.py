@@ -104,6 +104,16 @@ def test_ratios_are_of_excursions_that_are_large_enough_to_measure():
     assert scored(one).heading_ratio is None
 
 
+def test_a_heading_is_given_up_by_design_only_for_faults_that_were_isolated():
+    one = case("motor", MOTOR)
+    method = {"heading": 1.0, "path": 0.1, "gave_up_heading": True}
+    use = [{"first": 10.4, "after_long_use": None, "effectiveness": None, "slip": None}]
+    for wheel, by_design in ((3, True), (1, False)):
+        said = {"diagnoses": [diagnosis(10.5, "motor", wheel)]}
+        result = {"method": method | said, "off": None, "use": use}
+        assert score_case(one, result).gave_up_heading is by_design
+
+
 def test_two_faults_are_right_only_together():
     both = case("two", MOTOR, dataclasses.replace(SLIP, end=None))
     one, two = diagnosis(10.5, "motor", 3), diagnosis(10.6, "slip", 2)
