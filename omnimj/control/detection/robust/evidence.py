@@ -20,6 +20,7 @@ from omnimj.control.detection.robust.force_balance import (
 from omnimj.control.detection.robust.glr import (
     FILLED,
     HEAD,
+    USUAL,
     WINDOWS,
     BlockHistory,
     JumpScores,
@@ -27,6 +28,8 @@ from omnimj.control.detection.robust.glr import (
     initial_history,
     likelihood_ratios,
     no_scores,
+    scale_by_usual_level,
+    update_usual_level,
 )
 from omnimj.control.detection.robust.parameter_filter import (
     ParameterModel,
@@ -104,6 +107,8 @@ class Evidence(NamedTuple):
     """Its covariance, shape (p, p)."""
     history: BlockHistory
     scores: JumpScores
+    usual: Array
+    """Usual level of the largest Λ [nats] and number of blocks in it, shape (2,)."""
     misfit: Array
     """Variance of the noise per window, in units of the expected one, shape (windows,)."""
     residual: Array
@@ -169,6 +174,7 @@ def initial_evidence(wheels: int) -> Evidence:
         cov=np.diag(prior_deviation(wheels) ** 2),
         history=initial_history(p),
         scores=no_scores(wheels),
+        usual=np.array([USUAL, 0.0]),
         misfit=np.zeros(len(WINDOWS)),
         residual=np.zeros(3),
         recent=np.zeros((RECENT, 2 * wheels)),
@@ -202,11 +208,13 @@ def compare_yaw_rates(x, parameters, block, yaw):
 
 @inlined
 def _push_block(evidence, walk, x, rho, learning):
-    """Push a whitened block into the history; θ learns from the one that drops out."""
+    """Push a whitened block into the history; θ and the usual level learn from the one that drops out."""
     theta, ring, cursor = evidence.theta, evidence.history.ring, evidence.history.cursor
     p, rows = theta.size, ring.shape[0]
     if cursor[FILLED] == rows and learning:
-        old = ring[(cursor[HEAD] + 1) % rows]
+        last = (cursor[HEAD] + 1) % rows
+        old = ring[last]
+        update_usual_level(evidence.usual, evidence.history.largest[last])
         regressors = old[: 3 * p].copy().reshape(3, p)
         update_parameters(theta, evidence.cov, walk, lasting(wheels_of(theta.size)), regressors, old[3 * p :])
     cursor[HEAD] = (cursor[HEAD] + 1) % rows
@@ -276,6 +284,8 @@ def _update_force_channel(parameters, block, accommodation, evidence):
         _push_block(evidence, model.walk, x, rho, quiet and not accommodation.relearning)
         precision = np.linalg.inv(cov + np.diag(model.short_term))
         evidence.misfit[:] = likelihood_ratios(evidence.history, theta, precision, model, evidence.scores)
+        largest = scale_by_usual_level(evidence.scores, evidence.usual)
+        evidence.history.largest[evidence.history.cursor[HEAD]] = largest
     return moving
 
 

@@ -8,6 +8,11 @@ by Woodbury's identity from the sums XᵀX and Xᵀ(ρ − X θ̂) of the second
 blocks before a window show the robot as it was a moment ago: without them an unknown payload would pass for
 most of a weak motor. The misfit that the jump leaves in its window estimates the noise there: Λ is divided by
 it where it is above 1.
+
+That holds for noise that is white from block to block. Rollers and gears ripple with the angle of the wheel;
+such noise is coloured, and Λ is large again and again without any fault. So Λ is also divided by its own
+usual level of the last 10 s where that is above the level of white noise: a test with a constant rate of false
+alarms (CFAR; H. Rohling, Radar CFAR thresholding in clutter, IEEE Trans. AES 19, 1983).
 """
 
 from __future__ import annotations
@@ -26,6 +31,10 @@ _LENGTHS = np.array(WINDOWS)
 _RATHER = 2.0  # [nats] by which friction must be more likely than a loss
 FILLED, HEAD = range(2)
 """Places of `BlockHistory.cursor`."""
+USUAL = 1.5
+"""Mean of the largest Λ of a block that the noise of the model file's sensors makes at most [nats]."""
+USUAL_BLOCKS, USUAL_WEIGHT = 900.0, 100.0
+"""Blocks over which the usual level is averaged, and how many of them `USUAL` is worth at the start."""
 
 
 class BlockHistory(NamedTuple):
@@ -35,6 +44,8 @@ class BlockHistory(NamedTuple):
     """Rows of [X (3 p) | ρ (3)], shape (LONGEST_WINDOW, 3 (p + 1))."""
     cursor: Array
     """Number of blocks in the ring and row of the newest one, shape (2,), integers."""
+    largest: Array
+    """Largest Λ of each block by the law of white noise, shape (LONGEST_WINDOW,) [nats]."""
 
 
 class JumpScores(NamedTuple):
@@ -73,13 +84,43 @@ class _WindowSums(NamedTuple):
 
 def initial_history(columns: int) -> BlockHistory:
     """Empty history for θ of length p."""
-    return BlockHistory(np.zeros((LONGEST_WINDOW, 3 * (columns + 1))), np.array([0, -1]))
+    return BlockHistory(
+        np.zeros((LONGEST_WINDOW, 3 * (columns + 1))), np.array([0, -1]), np.zeros(LONGEST_WINDOW)
+    )
 
 
 def no_scores(wheels: int) -> JumpScores:
     """Scores of n wheels before the first block."""
     h = 2 * wheels + 2
     return JumpScores(np.zeros(h), np.zeros(h), np.zeros(h), np.zeros(h))
+
+
+@kernel
+def update_usual_level(usual, largest):
+    """Take the largest Λ of one block into the usual level, in place.
+
+    Args:
+      usual: Level [nats] and number of blocks in it, shape (2,).
+      largest: Λ of the block [nats].
+    """
+    usual[0] += (largest - usual[0]) / (usual[1] + USUAL_WEIGHT)
+    usual[1] = min(usual[1] + 1.0, USUAL_BLOCKS)
+
+
+@kernel
+def scale_by_usual_level(scores, usual):
+    """Divide every Λ by the usual level where that is above the one of white noise, in place.
+
+    Args:
+      scores: `JumpScores`.
+      usual: From `update_usual_level`, shape (2,).
+
+    Returns:
+      Largest Λ before [nats].
+    """
+    largest = scores.likelihood.max()
+    scores.likelihood[:] /= max(1.0, usual[0] / USUAL)
+    return largest
 
 
 @kernel

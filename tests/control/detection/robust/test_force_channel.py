@@ -75,7 +75,7 @@ def scored(x, rho, theta, cov) -> JumpScores:
     ring = np.zeros((LONGEST_WINDOW, 3 * (P + 1)))
     ring[:length] = np.concatenate((x.reshape(length, -1), rho), axis=1)
     found = no_scores(N)
-    history = BlockHistory(ring, np.array([length, length - 1]))
+    history = BlockHistory(ring, np.array([length, length - 1]), np.zeros(LONGEST_WINDOW))
     likelihood_ratios(history, theta, np.linalg.inv(cov), ANY_JUMP, found)
     return found
 
