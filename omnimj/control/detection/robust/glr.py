@@ -11,7 +11,7 @@ it where it is above 1.
 
 That holds for noise that is white from block to block. Rollers and gears ripple with the angle of the wheel;
 such noise is coloured, and Λ is large again and again without any fault. So Λ is also divided by its own
-usual level of the last 10 s where that is above the level of white noise: a test with a constant rate of false
+usual level of the last 10 s where that exceeds the level of white noise: a test with a constant rate of false
 alarms (CFAR; H. Rohling, Radar CFAR thresholding in clutter, IEEE Trans. AES 19, 1983).
 """
 
