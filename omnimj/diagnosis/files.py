@@ -45,6 +45,8 @@ def diagnoses_json(
             one.name: {
                 "diagnoses": [diagnosis_record(diagnosis) for diagnosis in one.diagnoses],
                 "cannot_judge": one.cannot_judge,
+                "does_not_fit": None if one.does_not_fit is None else dataclasses.asdict(one.does_not_fit),
+                "withheld": [diagnosis_record(diagnosis) for diagnosis in one.withheld],
                 "judged": one.judged,
                 "notes": list(one.notes),
             }

@@ -39,6 +39,7 @@ from omnimj.diagnosis.logs import (
     resample,
     rows_at,
 )
+from omnimj.diagnosis.model_fit import DoesNotFit, judge_fit
 from omnimj.errors import InputError, SimulationError
 from omnimj.parameters import Floor, Robot
 from omnimj.recording.dataset import Dataset, Run
@@ -90,6 +91,10 @@ class RunDiagnosis:
     """Columns of the log, with those of the detector appended."""
     notes: tuple[str, ...]
     """Notes for the reader, one sentence each."""
+    does_not_fit: DoesNotFit | None = None
+    """Where the model does not fit the run; no hardware is named then."""
+    withheld: tuple[Diagnosis, ...] = ()
+    """Diagnoses that are not trusted since the model does not fit."""
 
 
 def sample_run(run: Run, machine: Machine) -> SampledRun:
@@ -138,8 +143,11 @@ def replay(
     if gaps:
         many = f"{len(gaps)} gaps" if len(gaps) > 1 else "a gap"
         notes = (*notes, f"run {run.name}: restarted after {many} of up to {max(gaps):.3g} s")
-    trace = _trace(run, times, detector.log_names, logs)
-    return RunDiagnosis(run.name, diagnoses, blind, judged, trace, notes)
+    trace, robot = _trace(run, times, detector.log_names, logs), machine.constants
+    unfit = judge_fit(trace, robot, diagnoses) if isinstance(robot, Robot) else None
+    if unfit is None:
+        return RunDiagnosis(run.name, diagnoses, blind, judged, trace, notes)
+    return RunDiagnosis(run.name, (), blind, judged, trace, notes, unfit, diagnoses)
 
 
 class _Loop:

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from omnimj.diagnosis.model_fit import describe_misfit
 from omnimj.signals import Diagnosis
 
 if TYPE_CHECKING:
     from omnimj.diagnosis.replay import RunDiagnosis
 
 NOTHING_FOUND = "nothing found"
+UNFIT = "the model does not fit"
 FULL = 0.97
 """Effectiveness from which no torque of a motor is said to be missing: the tolerance of healthy ones."""
 
@@ -100,6 +102,8 @@ def severity(diagnosis: Diagnosis) -> float:
 
 def describe_undiagnosed(run: RunDiagnosis) -> str:
     """Describe a run without a diagnosis."""
+    if run.does_not_fit is not None:
+        return describe_misfit(run.does_not_fit, run.withheld)
     return NOTHING_FOUND if run.judged > 0.0 else "no usable samples"
 
 
@@ -114,7 +118,9 @@ def summarize_runs(runs: Sequence[RunDiagnosis]) -> str:
     """Summarise the diagnoses of all runs in one sentence."""
     count = sum(len(run.diagnoses) for run in runs)
     many = f"{len(runs)} run{'s' if len(runs) != 1 else ''}"
+    unfit = sum(run.does_not_fit is not None for run in runs)
+    also = f"; the model does not fit {unfit} of them" if unfit else ""
     if not count:
-        return f"{NOTHING_FOUND} in {many}"
+        return f"{NOTHING_FOUND} in {many}{also}"
     concerned = sum(bool(run.diagnoses) for run in runs)
-    return f"{count} diagnos{'es' if count != 1 else 'is'} in {concerned} of {many}"
+    return f"{count} diagnos{'es' if count != 1 else 'is'} in {concerned} of {many}{also}"

@@ -13,6 +13,7 @@ from omnimj.resources import model_display_name
 from omnimj.signals import Diagnosis
 from omnimj.view.diagnosis_words import (
     NOTHING_FOUND,
+    UNFIT,
     describe_confidence,
     describe_diagnosis,
     describe_evidence,
@@ -166,9 +167,10 @@ def _found(runs: Sequence[RunDiagnosis]) -> Table | None:
         (_finding(words, runs), _share(len(concerned[words]), len(runs)), _names(concerned[words]))
         for words in kinds
     ]
-    healthy = [run for run in runs if not run.diagnoses and run.judged > 0.0]
+    unfit = [run for run in runs if run.does_not_fit is not None]
+    healthy = [run for run in runs if not run.diagnoses and run.judged > 0.0 and run.does_not_fit is None]
     empty = [run for run in runs if run.judged <= 0.0]
-    for words, some in ((NOTHING_FOUND, healthy), ("no usable samples", empty)):
+    for words, some in ((UNFIT, unfit), (NOTHING_FOUND, healthy), ("no usable samples", empty)):
         if some:
             names = [run.name for run in some]
             rows.append((_finding(words, runs), _share(len(some), len(runs)), _names(names)))

@@ -73,7 +73,7 @@ def log_names(wheels: int) -> tuple[str, ...]:
         for i in range(1, wheels + 1)
     ]
     body = ("residual_force_x", "residual_force_y", "residual_moment")
-    return (*body, *names, *(f"effectiveness_{i}" for i in range(1, wheels + 1)), "mode")
+    return (*body, *names, *(f"effectiveness_{i}" for i in range(1, wheels + 1)), "misfit", "mode")
 
 
 def initial_judgement(wheels: int, thresholds: Thresholds) -> Judgement:
@@ -160,7 +160,7 @@ def conclude(evidence, x):
         mode = FAULTY
     elif known.pending:
         mode = SUSPECT
-    log[3 + 5 * n] = mode
+    log[3 + 5 * n], log[4 + 5 * n] = math.sqrt(evidence.misfit[0]) if x.moving else 0.0, mode
 
 
 @kernel
