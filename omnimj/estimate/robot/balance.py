@@ -66,7 +66,10 @@ def wheel_forces(constants: BalanceConstants, offset: Array, rows: RunRows) -> A
     shaft = c.torque * (rows.current - offset) - c.viscous * rows.wheel_speed
     shaft -= (c.dry - axle) * sign + rotor * rows.wheel_acceleration
     forward = np.copysign(1.0, sign)
-    driven = forward * _mean_negative_part(forward * shaft, c.torque * rows.ripple + _LEAST_RIPPLE)
+    # a fast ripple turns rotor and wheel together, a slow one is carried to the floor: half of it each way
+    passed = np.sqrt(1.0 - rotor / c.inertia)
+    ripple = passed * c.torque * rows.ripple + _LEAST_RIPPLE
+    driven = forward * _mean_negative_part(forward * shaft, ripple)
     force = shaft + (c.driven - 1.0) * driven
     return force - axle * sign - (c.inertia - rotor) * rows.wheel_acceleration
 

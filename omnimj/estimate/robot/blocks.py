@@ -1,4 +1,4 @@
-"""Logs of a robot as rows every 20 ms: every channel behind the same low pass, all at the same instant.
+"""Logs of a robot as rows every 30 ms: every channel behind the same low pass, all at the same instant.
 
 A product of two signals needs both behind the same filter, and a derivative needs the filter of what is
 differentiated: all channels pass one Gaussian, and derivatives are taken by its own derivative, exact in
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,15 +21,15 @@ from omnimj.parameters import Robot
 from omnimj.recording.dataset import Dataset, Run
 from omnimj.signals import Array, robot_channels
 
-PERIOD = 0.02
+PERIOD = 0.03
 """Time from row to row [s]."""
-WIDTH = 0.02
+WIDTH = 0.03
 """Standard deviation of the Gaussian [s]; two samples of the log where these are further apart."""
 LOWEST_RATE = 50.0
 """Lowest sample rate at which a current still shows what it does to the speed [1/s]."""
 _GAP, _GAP_PERIODS = 0.02, 5.0  # [s] and samples: a longer time without samples ends a stretch
 _SHORTEST = 0.5  # [s] of a stretch
-_NEAR = 0.08  # [s] to either side over which a wheel's slowest speed counts, and that a bad sample spoils
+_NEAR = 0.12  # [s] to either side over which a wheel's slowest speed counts, and that a bad sample spoils
 _STILL = 0.3  # [rad/s] below which a wheel stands
 _REST = 0.3  # [s] shortest rest that counts
 
@@ -57,13 +57,17 @@ class RunRows:
     yaw_acceleration: Array
     """Its derivative, shape (m,) [rad/s²]."""
     slowest: Array
-    """Smallest |φ̇| within 80 ms, shape (m, n) [rad/s]."""
+    """Smallest |φ̇| within 120 ms, shape (m, n) [rad/s]."""
     stretch: NDArray[np.int_]
     """Number of the stretch without gaps that a row belongs to, shape (m,)."""
     good: NDArray[np.bool_]
     """Rows without a masked sample nearby, shape (m,)."""
     still: NDArray[np.bool_]
     """Rows at which all wheels stand for a while, shape (m,)."""
+    yaw_rate_bias: float = 0.0
+    """Mean of the gyro at rest [rad/s]; 0 without any rest."""
+    noise: Array = field(default_factory=lambda: np.zeros(0))
+    """Noise of the currents, speeds, accelerations and yaw rate from sample to sample, shape (2n+3,)."""
 
     @property
     def duration(self) -> float:
@@ -150,7 +154,15 @@ def _rows_of(run: Run, robot: Robot, place: str) -> RunRows:
         stretch,
         good,
         still,
+        bias,
+        np.array([_sample_noise(run.columns[name]) for name in _channels(n)]),
     )
+
+
+def _sample_noise(values: Array) -> float:
+    """Noise of single samples from second differences, robust to motion and steps."""
+    bend = values[2:] - 2.0 * values[1:-1] + values[:-2]
+    return float(1.4826 * np.median(np.abs(bend)) / math.sqrt(6.0))
 
 
 def _rests(slow: NDArray[np.bool_]) -> NDArray[np.bool_]:

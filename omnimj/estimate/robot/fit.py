@@ -82,13 +82,13 @@ def fit_robot(unknowns: Unknowns, runs: Sequence[RunRows]) -> RobotFit:
     sums: tuple[RunSums, ...] = ()
     for round_ in range(_ROUNDS):
         for _ in range(_MOST_ROUNDS):
-            sums = tuple(_run_sums(unknowns, x, noise * np.sqrt(memory), run) for run in runs)
+            sums = tuple(run_sums(unknowns, x, noise * np.sqrt(memory), run) for run in runs)
             step = _newton_step(unknowns, x, sums)
             x = x + step
             if np.abs(step / unknowns.spread).max() < (_SETTLED if round_ == _ROUNDS - 1 else 10 * _SETTLED):
                 break
         noise, memory = _residual_noise(unknowns, x, sums, runs)
-    sums = tuple(_run_sums(unknowns, x, noise * np.sqrt(memory), run) for run in runs)
+    sums = tuple(run_sums(unknowns, x, noise * np.sqrt(memory), run) for run in runs)
     return RobotFit(unknowns, x, noise, memory, sums)
 
 
@@ -128,7 +128,7 @@ def _whitening(unknowns: Unknowns, noise: Array, run: RunRows) -> Array:
     return np.where((run.good & ~run.still)[:, None, None], factors, 0.0)
 
 
-def _run_sums(unknowns: Unknowns, x: Array, noise: Array, run: RunRows) -> RunSums:
+def run_sums(unknowns: Unknowns, x: Array, noise: Array, run: RunRows) -> RunSums:
     """Normal equations of one run at x; its biases are eliminated (Schur complement)."""
     whiten, p = _whitening(unknowns, noise, run), len(x)
     table = np.empty((len(run.time), 3, p + 3))

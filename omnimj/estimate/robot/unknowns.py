@@ -57,6 +57,11 @@ class Unknowns:
     each: tuple[Unknown, ...]
 
     @property
+    def torque_scale(self) -> Array:
+        """Torque constants over that of the model file's motor before the estimate, shape (n,)."""
+        return apply_effects(self.robot).torque_scale
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names in the order of a vector of deviations."""
         return tuple(one.name for one in self.each)
