@@ -130,7 +130,9 @@ def _rows_of(run: Run, robot: Robot, place: str) -> RunRows:
             parts.append(_stretch(run, slice(a, b), robot, number))
     if not parts:
         raise InputError(place, "is too short", f"{_SHORTEST:g} s without a gap are needed")
-    time, means, slopes, ripple, stretch, good = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    time, means, slopes, ripple, stretch, good = (
+        np.concatenate(columns) for columns in zip(*parts, strict=True)
+    )
     speed = means[:, n : 2 * n]
     yaw_rate = means[:, 2 * n + 2]
     still = _rests(np.abs(speed).max(axis=1) < _STILL)

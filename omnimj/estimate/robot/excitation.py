@@ -59,9 +59,7 @@ MANOEUVRES = (
 )  # fmt: skip
 
 
-def unexcited(
-    fit: RobotFit, found: Sequence[tuple[Quantity, RobotEstimate]]
-) -> tuple[Unexcited, ...]:
+def unexcited(fit: RobotFit, found: Sequence[tuple[Quantity, RobotEstimate]]) -> tuple[Unexcited, ...]:
     """Numbers that the drive did not excite, each with the manoeuvre that narrows it most.
 
     Args:

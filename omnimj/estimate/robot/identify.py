@@ -23,7 +23,7 @@ from omnimj.signals import Array
 
 MOST_WHEELS = 4
 """Largest number of wheels: more have no effects of their own in a model file."""
-LEAST_MOTION = 10.0
+LEAST_MOTION = 20.0
 """Shortest motion from which a robot is identified [s]."""
 _FEW_RUNS = 4
 

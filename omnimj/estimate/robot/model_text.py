@@ -116,7 +116,10 @@ def _of_wheels(found: RobotIdentification, base: Robot) -> Effects:
         effects[f"bearing_friction{tail}"] = {
             "wheel": wheel,
             "torque": Interval(
-                float(dry[i]), float(dry[i] + loss.low - loss.value), float(dry[i] + loss.high - loss.value), "N.m"
+                float(dry[i]),
+                float(dry[i] + loss.low - loss.value),
+                float(dry[i] + loss.high - loss.value),
+                "N.m",
             ),
             "viscous": float(viscous[i]),
         }

@@ -105,9 +105,7 @@ class Unknowns:
     def errors(self, x: Array) -> SensorErrors:
         """Errors of the sensors for a vector of deviations."""
         offset = self._own(x, "current_offset")
-        return SensorErrors(
-            offset, self.value(x, "acceleration_delay"), self.value(x, "yaw_rate_delay")
-        )
+        return SensorErrors(offset, self.value(x, "acceleration_delay"), self.value(x, "yaw_rate_delay"))
 
 
 def unknowns(robot: Robot, mass_is_known: bool = False) -> Unknowns:

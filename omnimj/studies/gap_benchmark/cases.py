@@ -188,9 +188,7 @@ def draw_effect(effect: Effect, size: str, random: np.random.Generator) -> Hidde
     selectors = [selector for selector in effect.selectors if not selector.optional]
     for selector in selectors:
         values[selector.name] = str(random.choice(np.array(selector.choices)))
-    return HiddenEffect(
-        effect.name, {p.name: values[p.name] for p in (*effect.parameters, *selectors)}, size
-    )
+    return HiddenEffect(effect.name, {p.name: values[p.name] for p in (*effect.parameters, *selectors)}, size)
 
 
 def _at(p: EffectParameter, share: float) -> float:
