@@ -18,6 +18,7 @@ from omnimj.cli.arguments import (
     command_line,
     exit_code,
 )
+from omnimj.cli.identify_robot import identify_robot_dataset, print_robot, robot_summary
 from omnimj.cli.terminal import (
     ProgressBar,
     announce_compilation,
@@ -27,7 +28,6 @@ from omnimj.cli.terminal import (
     note_compiled,
     progress_bar,
 )
-from omnimj.cli.identify_robot import identify_robot_dataset, print_robot, robot_summary
 from omnimj.errors import UnknownNameError
 
 if TYPE_CHECKING:
@@ -55,7 +55,8 @@ def add_identify_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_identify(arguments: Any) -> int:
-    """Identify every floor of a rig, or a robot, and write the results; or do so for each dataset of a folder.
+    """Identify every floor of a rig, or a robot, and write the results; or do so for each dataset of a
+    folder.
 
     Returns:
       0; 1 if a dataset of several failed; 130 after Ctrl-C, with all finished floors kept.
@@ -284,7 +285,7 @@ examples:
   omnimj identify data/currents --out out/floors
   omnimj validate data/validation --floors out/floors/floors.toml --out out/validation
   omnimj identify data/healthy --model my_robot.toml --out out/robot
-  omnimj diagnose data/missions --model out/robot/model.toml --thresholds out/robot/thresholds.toml --out out/d""",
+  omnimj diagnose data/missions --model out/robot/model.toml --out out/diagnosis""",
     add_identify_arguments,
     run_identify,
 )

@@ -11,7 +11,7 @@ from omnimj.cli.terminal import format_json, format_table, format_value, progres
 from omnimj.errors import InputError
 
 if TYPE_CHECKING:
-    from omnimj.estimate.robot.records import RobotIdentification
+    from omnimj.estimate.robot.records import RobotEstimate, RobotIdentification
     from omnimj.recording.dataset import Dataset
 
 DEFAULT_RATE = 1.0
@@ -93,13 +93,17 @@ def format_robot(found: RobotIdentification, out: Path) -> str:
     from omnimj.estimate.robot.files import creep_lines, excitation_lines, summary
 
     rows = [
-        (one.words, format_value(one.value, "" if one.unit == "1" else one.unit), f"{one.low:.4g} … {one.high:.4g}", one.source)
+        (one.words, format_value(one.value, one.unit.lstrip("1")), _interval(one), one.source)
         for one in found.estimates
         if not one.name.startswith("loss_")
     ]  # fmt: skip
     lines = [*summary(found), "", format_table(("", "value", "90 % interval", "determined by"), rows), ""]
     lines += ["not excited by the drive:", *excitation_lines(found), "", "creep:", *creep_lines(found), ""]
     return "\n".join([*lines, f"written to {out}"])
+
+
+def _interval(one: RobotEstimate) -> str:
+    return f"{one.low:.4g} … {one.high:.4g}"
 
 
 def print_robot(arguments: Any, found: RobotIdentification, content: dict[str, Any]) -> None:

@@ -3,8 +3,8 @@
 Wheel i pushes the body along column i of B with
   F_i = g (K_i i − dry_i σ(φ̇) − viscous_i φ̇ − J φ̈/r) − axle_i σ(φ̇) − I φ̈/r,
 where the bracket is the motor's shaft as far as the gear, J its reflected inertia, and I the wheel's own;
-g = 1 while the motor drives and 1/(E E_b) while it is driven. The rollers hold the body back across. With centre of
-mass c, P = Σ B_i F_i − drag and the body's own accelerometer at the origin
+g = 1 while the motor drives and 1/(E E_b) while it is driven. The rollers hold the body back across. With
+centre of mass c, P = Σ B_i F_i − drag and the body's own accelerometer at the origin
   m (a_x − ω̇ c_y − ω² c_x) = P_x,   m (a_y + ω̇ c_x − ω² c_y) = P_y,   I ω̇ + m (c_x a_y − c_y a_x) = P_ω.
 Only currents and wheel speeds, which are hardly noisy, stand on the side of the prediction: noise of the
 accelerometer would otherwise make every parameter that it multiplies too small.
@@ -122,8 +122,9 @@ def predicted_accelerations(constants: BalanceConstants, errors: SensorErrors, r
 def unknown_forces(c: RobotConstants, rows: RunRows) -> Array:
     """Covariance of the accelerations that friction at rest may take, shape (m, 3, 3).
 
-    A wheel that hardly turns holds whatever friction it likes, and rollers that hardly turn do so across; their
-    forces are taken as unknown, many times as large as they can be, so that nothing is learnt along them.
+    A wheel that hardly turns holds whatever friction it likes, and rollers that hardly turn do so across;
+    their forces are taken as unknown, many times as large as they can be, so that nothing is learnt along
+    them.
 
     Args:
       c: Constants of the robot, nominal ones suffice.

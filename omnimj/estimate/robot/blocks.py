@@ -2,8 +2,9 @@
 
 A product of two signals needs both behind the same filter, and a derivative needs the filter of what is
 differentiated: all channels pass one Gaussian, and derivatives are taken by its own derivative, exact in
-between. The filter looks both ways, so that it delays nothing; what the sensors delay is taken back. It is slow
-enough that the yaw loop, which answers the gyro's noise with torque, does not bias what torque does to the yaw rate.
+between. The filter looks both ways, so that it delays nothing; what the sensors delay is taken back. It is
+slow enough that the yaw loop, which answers the gyro's noise with torque, does not bias what torque does to
+the yaw rate.
 """
 
 from __future__ import annotations

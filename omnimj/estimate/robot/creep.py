@@ -4,8 +4,8 @@ With x the traction over load, s the slip and v₀ a small slip,
   slip speed                 x = σ s
   slip speed, saturating     x = c tanh(s/v₀) + σ s
   creep ratio, and saturating: the same with s/|r φ̇| in place of s.
-Traction is known far better than slip, so that slip is fitted as a function of traction. The rolling radius of each wheel is
-fitted along, within the model file's uncertainty.
+Traction is known far better than slip, so that slip is fitted as a function of traction. The rolling radius
+of each wheel is fitted along, within the model file's uncertainty.
 """
 
 from __future__ import annotations
@@ -96,7 +96,9 @@ class _Problem:
 def _inverse(numbers: Array, traction: Array) -> Array:
     """Slip at which c tanh(s/v₀) + σ s has a value, by interpolation."""
     slope, ceiling, onset = numbers
-    slip = np.concatenate([np.linspace(0.0, 4.0 * onset, 60), np.geomspace(4.1 * onset, 4.0 * onset + 1.0, 40)])
+    slip = np.concatenate(
+        [np.linspace(0.0, 4.0 * onset, 60), np.geomspace(4.1 * onset, 4.0 * onset + 1.0, 40)]
+    )
     return np.interp(traction, ceiling * np.tanh(slip / onset) + slope * slip, slip)
 
 
@@ -143,9 +145,12 @@ def _floor_creep(fit: RobotFit, floor: str, runs: Sequence[RunRows], samples: Sl
     everything = np.ones(len(samples.slip), bool)
     solved = [problem.fitted(everything) for problem in problems]
     forms = [
-        CreepForm(p.form, p.numbers(x), _held_out(p, len(runs))) for p, x in zip(problems, solved, strict=True)
+        CreepForm(p.form, p.numbers(x), _held_out(p, len(runs)))
+        for p, x in zip(problems, solved, strict=True)
     ]
-    order = np.argsort([form.held_out / (_BETTER if p.saturates else 1.0) for form, p in zip(forms, problems, strict=True)])
+    order = np.argsort(
+        [form.held_out / (_BETTER if p.saturates else 1.0) for form, p in zip(forms, problems, strict=True)]
+    )
     best = int(order[0])
     return FloorCreep(
         floor,

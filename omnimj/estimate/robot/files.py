@@ -21,7 +21,7 @@ MODEL_FILE, FLOORS_FILE, THRESHOLDS_FILE = "model.toml", "floors.toml", "thresho
 JSON_FILE, REPORT_FILE = "identification.json", "report.md"
 ROBOT_FILES = (MODEL_FILE, FLOORS_FILE, THRESHOLDS_FILE, JSON_FILE, REPORT_FILE)
 _DIGITS = 6
-_FAST = 1e-4  # [m] slip over which a bristle of an identified floor stretches: far below what the logs show
+_FAST = 1e-3  # [m] way over which a bristle of an identified floor stretches: below what the logs resolve
 _SPEED = 0.5  # [m/s] rolling speed at which a law of the creep ratio is written as one of slip speed
 
 
@@ -115,9 +115,9 @@ def floors_text(found: RobotIdentification) -> str:
 def as_floor(creep: FloorCreep) -> tuple[Floor, tuple[str, ...]]:
     """A creep law as a floor of `floors.toml`, and remarks on it.
 
-    LuGre in steady sliding is F/F_N = g + σ2 v with a stiff bristle. A slope that is the same at every slip is all σ2
-    and a level that hardly counts; one that falls with slip is a level g reached within the slip that the logs cover.
-    A law of the creep ratio is written at a rolling speed of 0.5 m/s.
+    LuGre in steady sliding is F/F_N = g + σ2 v with a stiff bristle. A slope that is the same at every slip
+    is all σ2 and a level that hardly counts; one that falls with slip is a level g reached within the slip
+    that the logs cover. A law of the creep ratio is written at a rolling speed of 0.5 m/s.
 
     Args:
       creep: Creep of one floor.
@@ -136,7 +136,8 @@ def as_floor(creep: FloorCreep) -> tuple[Floor, tuple[str, ...]]:
     }
     low, high = creep.intervals["slope"]
     doubt = min(max(0.5 * (high - low) / numbers["slope"], 0.01), 1.0)
-    source = f"identified: {creep.moves} drives from rest in {len(creep.runs)} runs, slip to {creep.covered:.3g} m/s"
+    drives = f"{creep.moves} drives from rest in {len(creep.runs)} runs"
+    source = f"identified: {drives}, slip to {creep.covered:.3g} m/s"
     remarks = [f"form that fits held-out runs best: {form.name}"]
     if per_speed:
         remarks.append(f"creep ratio {numbers['slope']:.4g}, written as slip speed at {_SPEED:g} m/s")
@@ -171,7 +172,8 @@ def summary(found: RobotIdentification) -> list[str]:
         "Data determine ratios of masses, torques and losses: mass over traction per ampere "
         f"{ratio.value:.4g} kg.A/N ({ratio.low:.4g} … {ratio.high:.4g}).",
         f"Their common size rests on the model file's torque constant: {k.value:.4g} N.m/A "
-        f"({k.low:.4g} … {k.high:.4g}), and with it the mass of {mass.value:.4g} kg ({mass.low:.4g} … {mass.high:.4g}). "
+        f"({k.low:.4g} … {k.high:.4g}), and with it the mass of {mass.value:.4g} kg "
+        f"({mass.low:.4g} … {mass.high:.4g}). "
         "Weigh the robot and state `mass` in dataset.toml to fix it.",
     ]
     return [*(f"Note: {note}" for note in found.notes), *lines]
@@ -193,9 +195,9 @@ def creep_lines(found: RobotIdentification) -> list[str]:
     """Sentences on the creep law of each floor."""
     lines = [f"- {words}" for words in found.without_creep]
     for one in found.floors:
+        ends = {name: "{:.4g} … {:.4g}".format(*pair) for name, pair in one.intervals.items()}
         numbers = ", ".join(
-            f"{name.replace('_', ' ')} {value:.4g} ({one.intervals[name][0]:.4g} … {one.intervals[name][1]:.4g})"
-            for name, value in one.chosen.numbers.items()
+            f"{name} {value:.4g} ({ends[name]})" for name, value in one.chosen.numbers.items()
         )
         lines.append(
             f"- {one.floor.replace('_', ' ')}: {one.chosen.name}; {numbers}; {one.moves} drives from rest"

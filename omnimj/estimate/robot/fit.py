@@ -1,9 +1,9 @@
 """Maximum a posteriori estimate of a robot's unknowns by Gauss-Newton over the rows of all runs.
 
 minimise  Σ_rows ψ(W (u(x) + b_run − y)) + Σ x²/s² + Σ b²/s_b²
-with y the readings of accelerometer and gyro (its derivative), u their prediction, b the accelerometer's bias in
-a run, W the whitening by noise and friction at rest, ψ Huber's loss. Misfit lasts as long as a manoeuvre: the rows count
-as many as the autocorrelation of their residuals leaves independent.
+with y the readings of accelerometer and gyro (its derivative), u their prediction, b the accelerometer's
+bias in a run, W the whitening by noise and friction at rest, ψ Huber's loss. Misfit lasts as long as a
+manoeuvre: the rows count as many as the autocorrelation of their residuals leaves independent.
 """
 
 from __future__ import annotations

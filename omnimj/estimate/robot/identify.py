@@ -34,8 +34,9 @@ Progress = Callable[[int, int], None]
 def identify_robot(dataset: Dataset, robot: Robot, progress: Progress | None = None) -> RobotIdentification:
     """Identify motors, losses, masses, sensors and floors of a robot from healthy driving.
 
-    The estimate is the maximum a posteriori under the force balance; intervals cover 90 % and come from leaving out whole
-    runs. What the drive does not excite keeps its prior and is listed with the manoeuvre that would excite it.
+    The estimate is the maximum a posteriori under the force balance; intervals cover 90 % and come from
+    leaving out whole runs. What the drive does not excite keeps its prior and is listed with the manoeuvre
+    that would excite it.
 
     Args:
       dataset: Runs without any fault, checked by `sound_dataset`.

@@ -1,11 +1,13 @@
 """Slip of the wheels in drives from rest to rest, with the velocity over ground from the accelerometer.
 
-The accelerometer, turned by the integrated gyro, is integrated from one rest to the next. The velocity is zero at both ends,
-which takes out a constant bias and the floor's tilt. Slip of wheel i is r φ̇_i − A_i·twist.
+The accelerometer, turned by the integrated gyro, is integrated from one rest to the next. The velocity is
+zero at both ends, which takes out a constant bias and the floor's tilt. Slip of wheel i is r φ̇_i −
+A_i·twist.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -62,7 +64,7 @@ def slip_samples(fit: RobotFit, rows: Sequence[RunRows]) -> SlipSamples | None:
 def _moves(run: RunRows) -> Iterator[slice]:
     """Drives between two rests, without gaps and bad samples, from the middle of a rest's last rows on."""
     rests = np.flatnonzero(np.diff(np.concatenate(([0], run.still.astype(int), [0])))).reshape(-1, 2)
-    for (_, first), (last, _) in zip(rests[:-1], rests[1:], strict=True):
+    for (_, first), (last, _) in itertools.pairwise(rests):
         a, b = first - 1, last + 1
         whole = run.good[a:b].all() and run.stretch[a] == run.stretch[b - 1]
         if whole and _SHORTEST <= (b - a) * PERIOD <= LONGEST:

@@ -1,8 +1,9 @@
 """Intervals of what is estimated of a robot: whole runs left out in turn, and the prior's own doubt.
 
   V = (k − 1)/k Σ_runs δ δᵀ + H⁻¹ P H⁻¹,   δ = (H − H_run)⁻¹ s_run
-to first order, with H the information of data and prior, P that of the prior, H_run and s_run the parts of one run. The misfit
-of a law repeats within a run, so that only whole runs count as independent (MacKinnon and White 1985).
+to first order, with H the information of data and prior, P that of the prior, H_run and s_run the parts of
+one run. The misfit of a law repeats within a run, so that only whole runs count as independent (MacKinnon
+and White 1985).
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
 """What is estimated of a robot: names, priors from its model file, and the constants that a value means.
 
 Torque constants, dry and viscous losses are a common part and a deviation of each wheel from it, both with
-priors: wheels that the data cannot tell apart keep a common value. A force balance holds for any multiple of all
-forces and masses together, so data determine ratios to the torque constant, and its absolute size comes from the
-prior: it is the model file's, within its `uncertainty`, while the mass may be that of any usual payload.
+priors: wheels that the data cannot tell apart keep a common value. A force balance holds for any multiple
+of all forces and masses together, so data determine ratios to the torque constant, and its absolute size
+comes from the prior: it is the model file's, within its `uncertainty`, while the mass may be that of any
+usual payload.
 """
 
 from __future__ import annotations
@@ -91,7 +92,7 @@ class Unknowns:
             mass=mass,
             load=mass * GRAVITY / len(c.torque),
             yaw_inertia=c.yaw_inertia * math.exp(self.value(x, "yaw_inertia")),
-            centre=c.centre + [self.value(x, "centre_x"), self.value(x, "centre_y")],
+            centre=c.centre + np.array([self.value(x, "centre_x"), self.value(x, "centre_y")]),
             roller_dry=c.roller_dry + self.value(x, "roller_dry"),
             roller_viscous=c.roller_viscous + self.value(x, "roller_viscous"),
         )
