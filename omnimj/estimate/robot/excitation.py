@@ -49,7 +49,7 @@ MANOEUVRES = (
     Manoeuvre("drive a square across the axes, brake hard at each corner, 1 m/s²", _square(0.8), 1.0, 0.5),
     Manoeuvre("drive a square across the axes, slowly, 0.25 m/s, 0.2 m/s²", _square(0.25), 0.2, 2.0),
     Manoeuvre("drive a square across the axes, fast, 1 m/s held for 2 s", _square(1.0), 0.5, 2.0),
-    Manoeuvre("turn on the spot both ways, 1.5 rad/s, 0.5 m/s²", ((0.0, 0.0, 1.5), (0.0, 0.0, -1.5)), 0.5, 1.5),
+    Manoeuvre("turn on the spot both ways, 1.5 rad/s", ((0.0, 0.0, 1.5), (0.0, 0.0, -1.5)), 0.5, 1.5),
     Manoeuvre(
         "drive ahead and back, left and right, while turning at 1 rad/s, 0.5 m/s²",
         ((0.5, 0.0, 1.0), (-0.5, 0.0, 1.0), (0.0, 0.5, -1.0), (0.0, -0.5, -1.0)),
