@@ -87,7 +87,7 @@ def roller_speeds(c: RobotConstants, rows: RunRows) -> Array:
     """Speed of each wheel's rollers if all wheels roll, shape (m, n) [m/s]."""
     along = c.radius * rows.wheel_speed - np.outer(rows.yaw_rate, c.forces[2])
     velocity = along @ np.linalg.pinv(c.forces[:2])
-    return velocity @ c.across[:, :2].T + np.outer(rows.yaw_rate, c.across[:, 2])
+    return np.asarray(velocity @ c.across[:, :2].T + np.outer(rows.yaw_rate, c.across[:, 2]), float)
 
 
 def inertia_matrix(c: RobotConstants) -> Array:

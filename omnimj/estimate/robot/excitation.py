@@ -74,7 +74,10 @@ def unexcited(fit: RobotFit, found: Sequence[tuple[Quantity, RobotEstimate]]) ->
     if not open_ones:
         return ()
     hessian = fit.information + np.diag(fit.precision)
-    after = [(m.words, np.linalg.inv(hessian + _REPEATS * information(fit, m))) for m in MANOEUVRES]
+    after = [
+        (m.words, np.asarray(np.linalg.inv(hessian + _REPEATS * information(fit, m)), float))
+        for m in MANOEUVRES
+    ]
     return tuple(_advised(fit, quantity, estimate, after) for quantity, estimate in open_ones)
 
 
@@ -121,7 +124,7 @@ def planned_rows(fit: RobotFit, manoeuvre: Manoeuvre) -> RunRows:
     rows = RunRows(
         manoeuvre.words,
         "",
-        PERIOD * np.arange(len(twist)),
+        PERIOD * np.arange(len(twist), dtype=float),
         np.zeros_like(speed),
         np.zeros_like(speed),
         speed,

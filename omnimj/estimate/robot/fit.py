@@ -68,7 +68,7 @@ class RobotFit:
     @property
     def covariance(self) -> Array:
         """Covariance after prior and data if the law were exact, shape (p, p)."""
-        return np.linalg.inv(self.information + np.diag(self.precision))
+        return np.asarray(np.linalg.inv(self.information + np.diag(self.precision)), float)
 
 
 def fit_robot(unknowns: Unknowns, runs: Sequence[RunRows]) -> RobotFit:
@@ -142,7 +142,7 @@ def run_sums(unknowns: Unknowns, x: Array, noise: Array, run: RunRows) -> RunSum
         weight = np.minimum(1.0, HUBER / np.maximum(np.abs(rest), 1e-12))
         sums = table.T @ (weight[:, None] * table)
         own = sums[p : p + 2, p : p + 2] + np.eye(2) / BIAS_SPREAD**2
-        bias = -np.linalg.solve(own, sums[p : p + 2, -1])
+        bias = -np.asarray(np.linalg.solve(own, sums[p : p + 2, -1]), float)
     cross = np.linalg.solve(own, sums[p : p + 2, :]).T
     whole = sums - cross @ sums[p : p + 2, :]
     return RunSums(run.name, whole[:p, :p], whole[:p, -1], bias)

@@ -101,4 +101,5 @@ def _samples_of(fit: RobotFit, run: RunRows, move: slice, number: int) -> tuple[
     used = run.slowest[move] > SLOW
     used[np.arange(len(used)) % _EVERY != 0] = False
     wheel = np.broadcast_to(np.arange(used.shape[1]), used.shape)[used]
-    return (rolling - floor)[used], traction[used], rolling[used], wheel, np.full(len(wheel), number)
+    slip = np.asarray(rolling - floor, float)
+    return slip[used], traction[used], rolling[used], wheel, np.full(len(wheel), number)
