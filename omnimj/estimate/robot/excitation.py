@@ -19,6 +19,7 @@ from omnimj.estimate.robot.blocks import PERIOD, RunRows
 from omnimj.estimate.robot.fit import RobotFit, run_sums
 from omnimj.estimate.robot.quantities import Quantity
 from omnimj.estimate.robot.records import NOT_EXCITED, RobotEstimate, Unexcited
+from omnimj.estimate.robot.uncertainty import gradient
 from omnimj.signals import Array
 
 _REPEATS = 10
@@ -84,21 +85,12 @@ def unexcited(fit: RobotFit, found: Sequence[tuple[Quantity, RobotEstimate]]) ->
 def _advised(
     fit: RobotFit, quantity: Quantity, estimate: RobotEstimate, after: Sequence[tuple[str, Array]]
 ) -> Unexcited:
-    slope = _slope(fit, quantity)
+    slope = gradient(fit, quantity.of)
     before = float(np.sqrt(np.sum(slope**2 / fit.precision)))
     left = [(float(np.sqrt(slope @ cov @ slope)) / before, words) for words, cov in after]
     least, words = min(left)
     helps = least < _HELPS * estimate.left_of_prior
     return Unexcited(estimate, words if helps else "", least)
-
-
-def _slope(fit: RobotFit, quantity: Quantity) -> Array:
-    found = np.zeros(len(fit.x))
-    for k, size in enumerate(1e-4 * fit.unknowns.spread):
-        step = np.zeros(len(found))
-        step[k] = size
-        found[k] = (quantity.of(fit.x + step) - quantity.of(fit.x - step)) / (2.0 * size)
-    return found
 
 
 def information(fit: RobotFit, manoeuvre: Manoeuvre) -> Array:

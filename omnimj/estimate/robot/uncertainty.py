@@ -38,25 +38,26 @@ class Doubt:
 
     def interval(self, quantity: Quantity) -> tuple[float, float, float]:
         """Value of a quantity, and the ends of its interval."""
-        value, slope = quantity(self.fit.x), self._slope(quantity)
+        value, slope = quantity(self.fit.x), gradient(self.fit, quantity)
         half = self.factor * float(np.sqrt(slope @ self.covariance @ slope))
         return value, value - half, value + half
 
     def left_of_prior(self, quantity: Quantity) -> float:
         """Deviation of a quantity after the data over that before, 0 … 1."""
-        slope = self._slope(quantity)
+        slope = gradient(self.fit, quantity)
         before = float(np.sqrt(np.sum(slope**2 / self.fit.precision)))
         after = float(np.sqrt(slope @ self.fit.covariance @ slope))
         return after / before if before > 0.0 else 0.0
 
-    def _slope(self, quantity: Quantity) -> Array:
-        """Gradient of a quantity by central differences, shape (p,)."""
-        found = np.zeros(len(self.fit.x))
-        for k, size in enumerate(_STEP * self.fit.unknowns.spread):
-            step = np.zeros(len(found))
-            step[k] = size
-            found[k] = (quantity(self.fit.x + step) - quantity(self.fit.x - step)) / (2.0 * size)
-        return found
+
+def gradient(fit: RobotFit, quantity: Quantity) -> Array:
+    """Gradient of a quantity at the estimate by central differences, shape (p,)."""
+    found = np.zeros(len(fit.x))
+    for k, size in enumerate(_STEP * fit.unknowns.spread):
+        step = np.zeros(len(found))
+        step[k] = size
+        found[k] = (quantity(fit.x + step) - quantity(fit.x - step)) / (2.0 * size)
+    return found
 
 
 def doubt_of(fit: RobotFit) -> Doubt:

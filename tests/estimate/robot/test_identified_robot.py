@@ -18,6 +18,7 @@ from omnimj.estimate.robot.identify import identify_robot
 from omnimj.estimate.robot.model_text import model_text
 from omnimj.parameters import read_floors, read_rig, read_robot
 from omnimj.recording.read_dataset import read_dataset
+from omnimj.workflows import record
 
 LAWS = ("multiplies", "divides", "own")
 
@@ -134,6 +135,28 @@ def test_other_machines_and_too_little_motion_are_refused(foreign, tmp_path):
     with pytest.raises(InputError, match=r"found 'quarter_rig'.*uto_robot"):
         identify_robot(dataclasses.replace(dataset, plant="quarter_rig"), read_robot())
     assert read_rig() is not None
+
+
+@pytest.mark.slow
+def test_effects_of_the_planar_plant_come_back(tmp_path):
+    effects = {
+        "torque_constant": {"wheel": 2, "scale": 0.9},
+        "payload": {"mass": 1.5, "x": 0.08, "y": -0.05},
+        "bearing_friction": {"wheel": 3, "torque": 0.03},
+    }
+    dataset = record("robot_missions", tmp_path / "logs", plant="planar", effects=effects)
+    found, robot = identify_robot(dataset, read_robot()), read_robot()
+    assert found["torque_ratio_2"].value == pytest.approx(0.9 / 0.975, rel=0.01)
+    mass = robot.body.mass + 1.5
+    nominal = found["mass_ratio"].nominal / robot.body.mass
+    assert found["mass_ratio"].value == pytest.approx(nominal * mass / 0.975, rel=0.02)
+    assert found["centre_x"].value == pytest.approx(1.5 * 0.08 / mass, abs=0.003)
+    assert found["centre_y"].value == pytest.approx(-1.5 * 0.05 / mass, abs=0.003)
+    efficiency = found["back_driving_efficiency"].value
+    assert efficiency == pytest.approx(robot.motor.gear_efficiency, rel=0.02)
+    size = found["torque_constant"].value / (0.975 * robot.motor.torque_constant)
+    more = found["dry_loss_3"].value - found["dry_loss_1"].value
+    assert more / size == pytest.approx(0.03, abs=0.006)
 
 
 @pytest.mark.slow
