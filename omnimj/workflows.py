@@ -24,7 +24,9 @@ from omnimj.estimate.identification.identify import identify as identify_dataset
 from omnimj.estimate.identification.identify import require_rig
 from omnimj.estimate.identification.records import Identification, Validation
 from omnimj.estimate.identification.validation import validate as validate_dataset
-from omnimj.parameters import Floor, read_rig
+from omnimj.estimate.robot.identify import identify_robot, require_robot
+from omnimj.estimate.robot.records import RobotIdentification
+from omnimj.parameters import Floor, read_rig, read_robot
 from omnimj.parameters.floor import all_floors
 from omnimj.recording.dataset import Dataset
 from omnimj.recording.read_dataset import read_dataset
@@ -122,19 +124,27 @@ def record(
 
 def identify(
     dataset: Path | str | Dataset, model: Path | None = None, accept: bool = False
-) -> Identification:
-    """Identify the LuGre parameters of each floor from rig runs, with intervals.
+) -> Identification | RobotIdentification:
+    """Identify the floors of rig runs, or a robot from its healthy drives, with intervals.
 
     Args:
       dataset: Folder of the runs, or the dataset itself.
-      model: Model file of the rig; the shipped one when None.
+      model: Model file of the rig or the robot; the shipped one when None.
       accept: Whether to go on with data that have certain faults; gross units are then corrected.
 
+    Returns:
+      LuGre parameters of each floor of rig runs; of a robot its motors, losses, masses, sensors and floors.
+
     Raises:
-      InputError: Not a dataset of the rig, or nothing moves in it.
+      InputError: Another machine, or too little moves in the runs.
       DataFaultError: The data have certain faults and are not accepted.
     """
-    read, rig = _dataset(dataset), read_rig(model)
+    read = _dataset(dataset)
+    if read.plant == "uto_robot":
+        robot = read_robot(model)
+        require_robot(read, robot)
+        return identify_robot(sound_dataset(read, robot, accept)[0], robot)
+    rig = read_rig(model)
     require_rig(read)
     sound, _ = sound_dataset(read, rig, accept)
     return identify_dataset(sound, rig)

@@ -1,4 +1,4 @@
-"""`omnimj identify`: floors from rig runs; `omnimj validate`: the model compared with measured speeds."""
+"""`omnimj identify`: floors from rig runs, a robot from its own; `omnimj validate`: the model compared."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from omnimj.cli.arguments import (
     INTERRUPTED,
+    MODEL,
     Command,
     add_accept,
     add_floors,
@@ -17,6 +18,7 @@ from omnimj.cli.arguments import (
     command_line,
     exit_code,
 )
+from omnimj.cli.identify_robot import identify_robot_dataset, print_robot, robot_summary
 from omnimj.cli.terminal import (
     ProgressBar,
     announce_compilation,
@@ -36,6 +38,7 @@ if TYPE_CHECKING:
         IdentifiedFloor,
         Validation,
     )
+    from omnimj.estimate.robot.records import RobotIdentification
 
 
 IDENTIFY_FILES = ("floors.toml", "identification.json", "report.html")
@@ -43,15 +46,17 @@ IDENTIFY_FILES = ("floors.toml", "identification.json", "report.html")
 
 def add_identify_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `omnimj identify`."""
-    parser.add_argument("dataset", type=Path, help="folder of rig runs with dataset.toml, or of datasets")
-    parser.add_argument("--model", metavar="FILE", type=Path, help="a copy of rig.toml with changed values")
+    words = "folder of rig runs, or of healthy drives of a robot, with dataset.toml; or a folder of datasets"
+    parser.add_argument("dataset", type=Path, help=words)
+    parser.add_argument("--model", metavar="FILE", type=Path, help=MODEL)
     add_workers(parser)
     add_accept(parser)
     add_results(parser, "identification.json")
 
 
 def run_identify(arguments: Any) -> int:
-    """Identify every floor of the dataset and write the results; or do so for each dataset of a folder.
+    """Identify every floor of a rig, or a robot, and write the results; or do so for each dataset of a
+    folder.
 
     Returns:
       0; 1 if a dataset of several failed; 130 after Ctrl-C, with all finished floors kept.
@@ -61,6 +66,7 @@ def run_identify(arguments: Any) -> int:
       DataFaultError: The data have certain faults, and `--accept` is not given.
     """
     from omnimj.cli.fleet import is_fleet, run_fleet
+    from omnimj.estimate.identification.records import Identification
 
     if is_fleet(arguments.dataset):
         return run_fleet(arguments, identify_in_fleet, _FLEET_HEAD, _fleet_row)
@@ -68,6 +74,9 @@ def run_identify(arguments: Any) -> int:
     if done is None:
         return INTERRUPTED
     found, content = done
+    if not isinstance(found, Identification):
+        print_robot(arguments, found, content)
+        return 0
     print(format_json(content) if arguments.json else _format_identification(found, arguments.out))
     return exit_code(found.interrupted)
 
@@ -77,10 +86,16 @@ _FLEET_HEAD = ("dataset", "floors", "mu_s", "mu_c")
 
 def identify_in_fleet(arguments: Any) -> dict[str, Any]:
     """Identify the floors of one dataset of several, write its files and return a summary."""
+    from omnimj.estimate.identification.records import Identification
+
     done = _identify_dataset(arguments)
     if done is None:
         raise KeyboardInterrupt
     found, _ = done
+    if not isinstance(found, Identification):
+        return {"floors": {floor.floor: floor.chosen.numbers for floor in found.floors}} | robot_summary(
+            found
+        )
     return {"floors": {floor.floor: {e.name: e.value for e in floor.estimates} for floor in found.floors}}
 
 
@@ -90,8 +105,10 @@ def _fleet_row(name: str, summary: Mapping[str, Any]) -> tuple[str, ...]:
     return name, ", ".join(floors), *values
 
 
-def _identify_dataset(arguments: Any) -> tuple[Identification, dict[str, Any]] | None:
-    """Identify every floor of a dataset and write all files; None if no floor was finished."""
+def _identify_dataset(
+    arguments: Any,
+) -> tuple[Identification | RobotIdentification, dict[str, Any]] | None:
+    """Identify every floor or the robot of a dataset and write all files; None if nothing was finished."""
     from omnimj.estimate.gap.check.acceptance import fault_records, sound_dataset
     from omnimj.estimate.identification.files import identification_content
     from omnimj.estimate.identification.identify import identify, require_rig
@@ -100,7 +117,10 @@ def _identify_dataset(arguments: Any) -> tuple[Identification, dict[str, Any]] |
     from omnimj.recording.read_dataset import read_dataset
 
     check_folder(arguments.out, arguments.force)
-    rig, dataset = read_rig(arguments.model), read_dataset(arguments.dataset)
+    dataset = read_dataset(arguments.dataset)
+    if dataset.plant == "uto_robot":
+        return identify_robot_dataset(arguments, dataset)
+    rig = read_rig(arguments.model)
     require_rig(dataset)
     dataset, check = sound_dataset(dataset, rig, arguments.accept)
     with progress_bar(arguments) as bar:
@@ -256,13 +276,16 @@ def _row(cell: Cell, plants: tuple[str, ...], sideways: bool) -> list[str]:
 
 IDENTIFY = Command(
     "identify",
-    "identify the LuGre parameters of each floor from rig runs, with confidence intervals",
-    """writes floors.toml (for omnimj validate --floors), identification.json, report.html
+    "identify floors from rig runs, or a robot from healthy drives, with confidence intervals",
+    """rig runs: writes floors.toml (for omnimj validate --floors), identification.json, report.html
+drives of a robot: writes model.toml, floors.toml, thresholds.toml, identification.json, report.md
 
 examples:
   omnimj record rig_currents --out data/currents
   omnimj identify data/currents --out out/floors
-  omnimj validate data/validation --floors out/floors/floors.toml --out out/validation""",
+  omnimj validate data/validation --floors out/floors/floors.toml --out out/validation
+  omnimj identify data/healthy --model my_robot.toml --out out/robot
+  omnimj diagnose data/missions --model out/robot/model.toml --out out/diagnosis""",
     add_identify_arguments,
     run_identify,
 )

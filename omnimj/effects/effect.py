@@ -77,6 +77,8 @@ class Selector:
 
     name: str
     choices: tuple[str | int, ...]
+    optional: bool = False
+    """True if the effect acts everywhere without it."""
 
 
 @dataclass(frozen=True)
@@ -168,10 +170,10 @@ class AppliedEffects:
 
 
 def adds_to_term(term: str, parameter: str) -> Hook:
-    """Hook that adds a parameter of an effect to an effect term of all wheels."""
+    """Hook that adds a parameter of an effect to an effect term of the selected wheel, or of all."""
 
     def hook(changes: MachineChanges, values: Values) -> None:
-        changes.add_to_term(term, values[parameter])
+        changes.add_to_term(term, values[parameter], changes.wheel_rows(values))
 
     return hook
 
@@ -218,9 +220,9 @@ class MachineChanges:
         before = entries[key] if key in entries else float(getattr(getattr(self.machine, table), key))
         entries[key] = max(before + value, 0.0)
 
-    def add_to_term(self, name: str, value: float) -> None:
-        """Add to an effect term of all wheels."""
-        self.terms[:, TERM[name]] += value
+    def add_to_term(self, name: str, value: float, rows: slice = slice(None)) -> None:
+        """Add to an effect term of some wheels, by default of all."""
+        self.terms[rows, TERM[name]] += value
 
     def set_term(self, name: str, value: float, **shape: float) -> None:
         """Set an effect term that can act only once, together with the terms of its shape.

@@ -54,6 +54,8 @@ def complete_values(
             raise InputError(f"{place}.{parameter.name}", f"found {value!r}", rule)
         values[parameter.name] = float(value)
     for selector in effect.selectors:
+        if selector.optional and selector.name not in given:
+            continue
         if selector.name not in given and len(selector.choices) > 1:
             choices = map(str, selector.choices)
             raise InputError(place, f"'{selector.name}' is missing", "name one of the choices", choices)

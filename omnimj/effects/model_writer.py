@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -80,14 +81,15 @@ def _replace_value(
     table, _, key = name.partition(".")
     own: Any = document.get(table, {})
     shared = parts.get(table, {}) if table in SHARED_TABLES else {}
-    if not isinstance(own, Mapping) or not (key in own or key in shared):
+    written = isinstance(own, Mapping) and (key in own or key in shared)
+    if not isinstance(own, Mapping) or not (written or _unit_of_default(table, key)):
         tables = [(t, e) for where in (document, parts) for t, e in where.items() if isinstance(e, Mapping)]
         known = dict.fromkeys(f"{t}.{k}" for t, entries in tables for k in entries)
         raise UnknownNameError(f"{file}: changed value", "quantity", name, known)
     if key in own:
         own[key]["value"], own[key]["source"] = _plain(value), "identified"
         return
-    old = shared[key]
+    old = shared[key] if key in shared else {"unit": _unit_of_default(table, key)}
     entry = tomlkit.inline_table()
     entry.update({"value": _plain(value), "unit": old["unit"], "source": "identified"})
     if "uncertainty" in old:
@@ -96,6 +98,15 @@ def _replace_value(
         document[table] = tomlkit.table()
     table_of: Any = document[table]
     table_of[key] = entry
+
+
+def _unit_of_default(table: str, key: str) -> str | None:
+    """Unit of a quantity of the shared parts that a model file may leave out; None for any other key."""
+    kind = SHARED_TABLES.get(table)
+    for field in dataclasses.fields(kind) if kind is not None else ():
+        if field.name == key and field.default is not dataclasses.MISSING:
+            return str(field.metadata["unit"])
+    return None
 
 
 def _plain(value: float | Iterable[float]) -> float | list[float]:
@@ -118,7 +129,8 @@ def _effect_table(name: str, effect: Effect, values: Mapping[str, Any], file: Pa
     table = tomlkit.table()
     table.comment(effect.words)
     for selector in effect.selectors:
-        table[selector.name] = full[selector.name]
+        if selector.name in full:
+            table[selector.name] = full[selector.name]
     for parameter in effect.parameters:
         table[parameter.name] = _effect_entry(
             float(full[parameter.name]), parameter.unit, values.get(parameter.name)

@@ -18,6 +18,8 @@ from omnimj.effects.effect import (
 
 WHEEL = Selector("wheel", (1, 2, 3, 4))
 """Selector of the robot wheel on which an effect acts."""
+ANY_WHEEL = Selector("wheel", (1, 2, 3, 4), optional=True)
+"""The same where the effect acts on all wheels if none is named."""
 
 
 ROLLER_FRICTION = (
@@ -43,6 +45,12 @@ def _wheel_misalignment(changes: MachineChanges, values: Values) -> None:
 
 _RADIUS = ("wheel_radius", "the rolling radius is not as declared", "wheel")
 _SCALE = (EffectParameter("scale", "1", 0.5, 1.5, 1.03, 1.0),)
+_BEARING = ("bearing_friction", "friction of the wheel's bearings is not as declared", "wheel")
+_BEARING_TORQUES = (
+    EffectParameter("torque", "N.m", -0.1, 0.5, 0.03),
+    EffectParameter("viscous", "N.m.s/rad", 0.0, 0.05, 0.001),
+)
+_BEARING_HOOKS = (adds_to_term("axle_dry", "torque"), adds_to_term("axle_viscous", "viscous"))
 
 EFFECTS = (
     Effect(
@@ -64,17 +72,8 @@ EFFECTS = (
         (EffectParameter("mu_roll", "1", 0.0, 0.2, 0.025),),
         hooks=(adds_to_constant("wheel", "rolling_resistance", "mu_roll"),),
     ),
-    Effect(
-        "bearing_friction",
-        "friction of the wheel's bearings is not as declared",
-        "wheel",
-        (RIG, ROBOT),
-        (
-            EffectParameter("torque", "N.m", -0.1, 0.5, 0.03),
-            EffectParameter("viscous", "N.m.s/rad", 0.0, 0.05, 0.001),
-        ),
-        hooks=(adds_to_term("axle_dry", "torque"), adds_to_term("axle_viscous", "viscous")),
-    ),
+    Effect(*_BEARING, (RIG,), _BEARING_TORQUES, hooks=_BEARING_HOOKS),
+    Effect(*_BEARING, (ROBOT,), _BEARING_TORQUES, (ANY_WHEEL,), _BEARING_HOOKS),
     Effect(
         "roller_ripple",
         "the force ripples as rollers pass under the wheel",

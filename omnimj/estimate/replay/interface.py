@@ -165,7 +165,8 @@ def average_blocks(values: Array, size: int) -> Array:
 def candidate_effects(
     plant: str, spans: Mapping[str, tuple[float, float]], without: tuple[str, ...] = ()
 ) -> tuple[CandidateEffect, ...]:
-    """Candidate effects of a plant from the catalogue; one candidate for every choice of a selector.
+    """Candidate effects of a plant from the catalogue; one candidate for every choice of a selector,
+    of an optional one none.
 
     Args:
       plant: Name of the plant.
@@ -174,7 +175,7 @@ def candidate_effects(
     """
     candidates = []
     for effect in effects_of(plant).values():
-        choices = [[(s.name, c) for c in s.choices] for s in effect.selectors]
+        choices = [[(s.name, c) for c in s.choices] for s in effect.selectors if not s.optional]
         for chosen in itertools.product(*choices):
             text = ", ".join(str(c) if n != "wheel" else f"wheel {c}" for n, c in chosen)
             label = f"{effect.name} ({text})" if text else effect.name

@@ -185,11 +185,10 @@ def draw_effect(effect: Effect, size: str, random: np.random.Generator) -> Hidde
     for p in chosen:
         values[p.name] = float(np.clip(_at(p, sign * share), p.low, p.high))
     values.update(_shape(effect, random))
-    for selector in effect.selectors:
+    selectors = [selector for selector in effect.selectors if not selector.optional]
+    for selector in selectors:
         values[selector.name] = str(random.choice(np.array(selector.choices)))
-    return HiddenEffect(
-        effect.name, {p.name: values[p.name] for p in (*effect.parameters, *effect.selectors)}, size
-    )
+    return HiddenEffect(effect.name, {p.name: values[p.name] for p in (*effect.parameters, *selectors)}, size)
 
 
 def _at(p: EffectParameter, share: float) -> float:

@@ -1,0 +1,116 @@
+"""`omnimj identify` for the logs of a robot: model, floors and thresholds from healthy driving."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from omnimj.cli.arguments import command_line
+from omnimj.cli.terminal import format_json, format_table, format_value, progress_bar
+from omnimj.errors import InputError
+
+if TYPE_CHECKING:
+    from omnimj.estimate.robot.records import RobotEstimate, RobotIdentification
+    from omnimj.recording.dataset import Dataset
+
+DEFAULT_RATE = 1.0
+"""False alarms per hour of motion for which thresholds are set."""
+
+
+def identify_robot_dataset(arguments: Any, dataset: Dataset) -> tuple[RobotIdentification, dict[str, Any]]:
+    """Identify the robot of a dataset and write all files.
+
+    Args:
+      arguments: Of `omnimj identify`.
+      dataset: Healthy runs of a robot.
+
+    Returns:
+      The identified robot and the content of `identification.json`.
+
+    Raises:
+      InputError: The data are invalid, do not fit the robot or contain too little motion.
+      DataFaultError: The data have certain faults, and `--accept` is not given.
+    """
+    from omnimj.estimate.gap.check.acceptance import fault_records, sound_dataset
+    from omnimj.estimate.robot.files import identification_content
+    from omnimj.estimate.robot.identify import identify_robot, require_robot
+    from omnimj.parameters import read_robot
+
+    robot = read_robot(arguments.model)
+    require_robot(dataset, robot)
+    sound, check = sound_dataset(dataset, robot, arguments.accept)
+    with progress_bar(arguments) as bar:
+        found = identify_robot(sound, robot, bar.show)
+    content = identification_content(found, command_line(arguments))
+    content["data_faults"] = fault_records(check)
+    _write_files(arguments, sound, found, content)
+    return found, content
+
+
+def _write_files(
+    arguments: Any, dataset: Dataset, found: RobotIdentification, content: dict[str, Any]
+) -> None:
+    """Write model, floors, thresholds, numbers and report; thresholds need the model on disk."""
+    from omnimj.diagnosis.replay import require_other_folder
+    from omnimj.estimate.robot import files
+    from omnimj.estimate.robot.model_text import model_text
+    from omnimj.recording.folder import make_folder
+    from omnimj.recording.json_files import write_json, write_text
+
+    out, command = arguments.out, content["command"]
+    require_other_folder(dataset, out)
+    make_folder(out, arguments.force, files.ROBOT_FILES)
+    write_text(out / files.MODEL_FILE, model_text(found))
+    write_text(out / files.FLOORS_FILE, files.floors_text(found))
+    content["thresholds"] = words = _write_thresholds(out, dataset, command)
+    write_json(out / files.JSON_FILE, content)
+    write_text(out / files.REPORT_FILE, files.report_text(found, command, words))
+
+
+def _write_thresholds(out: Path, dataset: Dataset, command: str) -> list[str]:
+    """Write the thresholds for the identified model, and return sentences on them."""
+    from omnimj.diagnosis.calibration import calibrate
+    from omnimj.diagnosis.files import format_calibration, thresholds_toml, write_thresholds
+    from omnimj.diagnosis.logs import read_machine
+    from omnimj.diagnosis.replay import DiagnosisConfig, check_config
+    from omnimj.estimate.robot import files
+    from omnimj.parameters.floor import all_floors
+
+    machine = read_machine(dataset, out / files.MODEL_FILE)
+    config = DiagnosisConfig(dataset, machine, "robust", all_floors())
+    try:
+        check_config(config)
+        found = calibrate(config, DEFAULT_RATE)
+    except InputError as error:  # the model is worth having without thresholds
+        return [f"no thresholds: {error}"]
+    write_thresholds(out / files.THRESHOLDS_FILE, thresholds_toml(found, dataset, command))
+    return list(format_calibration(found))
+
+
+def format_robot(found: RobotIdentification, out: Path) -> str:
+    """Format an identified robot as a table for the terminal."""
+    from omnimj.estimate.robot.files import creep_lines, excitation_lines, summary
+
+    rows = [
+        (one.words, format_value(one.value, one.unit.lstrip("1")), _interval(one), one.source)
+        for one in found.estimates
+        if not one.name.startswith("loss_")
+    ]  # fmt: skip
+    lines = [*summary(found), "", format_table(("", "value", "90 % interval", "determined by"), rows), ""]
+    lines += ["not excited by the drive:", *excitation_lines(found), "", "creep:", *creep_lines(found), ""]
+    return "\n".join([*lines, f"written to {out}"])
+
+
+def _interval(one: RobotEstimate) -> str:
+    return f"{one.low:.4g} … {one.high:.4g}"
+
+
+def print_robot(arguments: Any, found: RobotIdentification, content: dict[str, Any]) -> None:
+    """Print the result as a table, or as JSON with `--json`."""
+    print(format_json(content) if arguments.json else format_robot(found, arguments.out))
+
+
+def robot_summary(found: RobotIdentification) -> dict[str, Any]:
+    """Summary of one dataset of several."""
+    return {"robot": {one.name: dataclasses.asdict(one)["value"] for one in found.estimates}}

@@ -1,0 +1,227 @@
+"""Files of an identified robot: `identification.json`, `floors.toml`, and the report."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import omnimj
+from omnimj.estimate.robot.records import (
+    CreepForm,
+    FloorCreep,
+    RobotEstimate,
+    RobotIdentification,
+    Unexcited,
+)
+from omnimj.estimate.robot.uncertainty import LEVEL
+from omnimj.parameters.floor import FLOOR_UNITS, Floor, format_floor, printable_line
+
+MODEL_FILE, FLOORS_FILE, THRESHOLDS_FILE = "model.toml", "floors.toml", "thresholds.toml"
+JSON_FILE, REPORT_FILE = "identification.json", "report.md"
+ROBOT_FILES = (MODEL_FILE, FLOORS_FILE, THRESHOLDS_FILE, JSON_FILE, REPORT_FILE)
+_DIGITS = 6
+_FAST = 1e-3  # [m] way over which a bristle of an identified floor stretches: below what the logs resolve
+_SPEED = 0.5  # [m/s] rolling speed at which a law of the creep ratio is written as one of slip speed
+
+
+def identification_content(found: RobotIdentification, command: str = "") -> dict[str, Any]:
+    """Content of `identification.json`."""
+    return {
+        "dataset": str(found.dataset),
+        "model": str(found.robot.file),
+        "omnimj": omnimj.__version__,
+        "command": command,
+        "confidence": LEVEL,
+        "runs": list(found.runs),
+        "seconds": _number(found.seconds),
+        "notes": list(found.notes),
+        "parameters": {one.name: _estimate(one) for one in found.estimates},
+        "not_excited": [_unexcited(one) for one in found.unexcited],
+        "sensors": {name: _number(value) for name, value in found.noise.items()},
+        "misfit": dict(
+            zip(
+                ("acceleration_x", "acceleration_y", "yaw_acceleration"),
+                map(_number, found.residual.tolist()),
+                strict=True,
+            )
+        ),
+        "floors": {one.floor: _creep(one) for one in found.floors},
+        "without_creep": list(found.without_creep),
+    }
+
+
+def _estimate(one: RobotEstimate) -> dict[str, Any]:
+    return {
+        "value": _number(one.value),
+        "low": _number(one.low),
+        "high": _number(one.high),
+        "unit": one.unit,
+        "nominal": _number(one.nominal),
+        "deviation_over_prior": _number(one.left_of_prior),
+        "source": one.source,
+        "words": one.words,
+    }
+
+
+def _unexcited(one: Unexcited) -> dict[str, Any]:
+    return {
+        "parameter": one.estimate.name,
+        "deviation_over_prior": _number(one.estimate.left_of_prior),
+        "manoeuvre": one.manoeuvre or None,
+        "deviation_after": _number(one.left_after),
+    }
+
+
+def _creep(one: FloorCreep) -> dict[str, Any]:
+    return {
+        "form": one.chosen.name,
+        "parameters": {
+            name: {
+                "value": _number(value),
+                "low": _number(one.intervals[name][0]),
+                "high": _number(one.intervals[name][1]),
+            }
+            for name, value in one.chosen.numbers.items()
+        },
+        "forms": {form.name: _form(form) for form in one.forms},
+        "slip_range": [0.0, _number(one.covered)],
+        "moves": one.moves,
+        "runs": list(one.runs),
+    }
+
+
+def _form(form: CreepForm) -> dict[str, Any]:
+    return {
+        "held_out_rms": _number(form.held_out),
+        "parameters": {name: _number(value) for name, value in form.numbers.items()},
+    }
+
+
+def _number(value: float) -> float | None:
+    return float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None
+
+
+def floors_text(found: RobotIdentification) -> str:
+    """Content of `floors.toml`: one entry per floor with an identified creep law; may hold comments only."""
+    head = (
+        f"# Floors identified from {printable_line(str(found.dataset))} by omnimj {omnimj.__version__}.\n"
+        f"{FLOOR_UNITS} Forms and intervals in {JSON_FILE}.\n"
+    )
+    lines = [f"# {printable_line(words)}" for words in found.without_creep]
+    return "\n".join([head, *lines, *(format_floor(*as_floor(floor)) for floor in found.floors)])
+
+
+def as_floor(creep: FloorCreep) -> tuple[Floor, tuple[str, ...]]:
+    """A creep law as a floor of `floors.toml`, and remarks on it.
+
+    LuGre in steady sliding is F/F_N = g + σ2 v with a stiff bristle. A slope that is the same at every slip
+    is all σ2 and a level that hardly counts; one that falls with slip is a level g reached within the slip
+    that the logs cover. A law of the creep ratio is written at a rolling speed of 0.5 m/s.
+
+    Args:
+      creep: Creep of one floor.
+    """
+    form, numbers = creep.chosen, dict(creep.chosen.numbers)
+    per_speed = form.name.startswith("creep ratio")
+    slope = numbers["slope"] / (_SPEED if per_speed else 1.0)
+    level = numbers.get("ceiling", 0.0)
+    written = {
+        "mu_c": max(level, 1e-3),
+        "mu_s": max(level, 1e-3),
+        "V_s": 1.0,
+        "sigma_0": max(level, 1e-3) / _FAST,
+        "sigma_1": 0.0,
+        "sigma_2": slope,
+    }
+    low, high = creep.intervals["slope"]
+    doubt = min(max(0.5 * (high - low) / numbers["slope"], 0.01), 1.0)
+    drives = f"{creep.moves} drives from rest in {len(creep.runs)} runs"
+    source = f"identified: {drives}, slip to {creep.covered:.3g} m/s"
+    remarks = [f"form that fits held-out runs best: {form.name}"]
+    if per_speed:
+        remarks.append(f"creep ratio {numbers['slope']:.4g}, written as slip speed at {_SPEED:g} m/s")
+    name = creep.floor
+    return Floor(name, name.replace("_", " "), "lugre", source, written, doubt), tuple(remarks)
+
+
+def report_text(found: RobotIdentification, command: str, thresholds: Sequence[str] = ()) -> str:
+    """Content of `report.md`.
+
+    Args:
+      found: Identified robot.
+      command: Command line that repeats the identification.
+      thresholds: Sentences on the thresholds.
+    """
+    lines = [f"# Robot identified from {found.dataset.name}", "", *summary(found), ""]
+    for title, names in _groups(found).items():
+        lines += [f"## {title}", "", *_table([found[name] for name in names]), ""]
+    lines += ["## What the drive did not excite", "", *excitation_lines(found), ""]
+    lines += ["## Creep on the floors", "", *creep_lines(found), ""]
+    if thresholds:
+        lines += ["## Thresholds", "", *(f"- {words}" for words in thresholds), ""]
+    return "\n".join([*lines, "## Command", "", "```", command, "```", ""])
+
+
+def summary(found: RobotIdentification) -> list[str]:
+    """Sentences on what the data determine and what the prior does."""
+    k, mass, ratio = found["torque_constant"], found["mass"], found["mass_ratio"]
+    lines = [
+        f"{len(found.runs)} runs, {found.seconds:.4g} s; unexplained acceleration "
+        f"{found.residual[0]:.2g}, {found.residual[1]:.2g} m/s² and {found.residual[2]:.2g} rad/s² RMS.",
+        "Data determine ratios of masses, torques and losses: mass over traction per ampere "
+        f"{ratio.value:.4g} kg.A/N ({ratio.low:.4g} … {ratio.high:.4g}).",
+        f"Their common size rests on the model file's torque constant: {k.value:.4g} N.m/A "
+        f"({k.low:.4g} … {k.high:.4g}), and with it the mass of {mass.value:.4g} kg "
+        f"({mass.low:.4g} … {mass.high:.4g}). "
+        "Weigh the robot and state `mass` in dataset.toml to fix it.",
+    ]
+    return [*(f"Note: {note}" for note in found.notes), *lines]
+
+
+def excitation_lines(found: RobotIdentification) -> list[str]:
+    """One line per number that the drive did not excite."""
+    lines = []
+    for one in found.unexcited:
+        left = f"{one.estimate.words}: the data leave {one.estimate.left_of_prior:.0%} of its prior deviation"
+        if one.manoeuvre:
+            lines.append(f"- {left}; {one.manoeuvre} ten times: {one.left_after:.0%}")
+        else:
+            lines.append(f"- {left}, and no manoeuvre narrows it much: only a measurement of its own does")
+    return lines or ["Everything was excited."]
+
+
+def creep_lines(found: RobotIdentification) -> list[str]:
+    """Sentences on the creep law of each floor."""
+    lines = [f"- {words}" for words in found.without_creep]
+    for one in found.floors:
+        ends = {name: "{:.4g} … {:.4g}".format(*pair) for name, pair in one.intervals.items()}
+        numbers = ", ".join(
+            f"{name} {value:.4g} ({ends[name]})" for name, value in one.chosen.numbers.items()
+        )
+        lines.append(
+            f"- {one.floor.replace('_', ' ')}: {one.chosen.name}; {numbers}; {one.moves} drives from rest"
+        )
+        others = ", ".join(f"{form.name} {1000 * form.held_out:.3g} mm/s" for form in one.forms)
+        lines.append(f"  - RMS error of the slip in held-out runs: {others}")
+    return lines or ["No floor."]
+
+
+def _groups(found: RobotIdentification) -> Mapping[str, list[str]]:
+    names = [one.name for one in found.estimates]
+    wheels = [n for n in names if n.startswith(("torque_ratio_", "dry_loss_", "viscous_loss_", "loss_"))]
+    motors = [n for n in names if n.startswith("torque_constant") or n == "back_driving_efficiency"]
+    sensors = [n for n in names if n.startswith("current_offset") or n.endswith("_delay")]
+    rest = [n for n in names if n not in (*wheels, *motors, *sensors)]
+    return {"Motors": motors, "Wheels": wheels, "Body and rollers": rest, "Sensors": sensors}
+
+
+def _table(estimates: Sequence[RobotEstimate]) -> list[str]:
+    lines = ["| | value | 90 % interval | model file before | determined by |", "|---|---|---|---|---|"]
+    for one in estimates:
+        unit = "" if one.unit == "1" else f" {one.unit}"
+        lines.append(
+            f"| {one.words} | {one.value:.4g}{unit} | {one.low:.4g} … {one.high:.4g} | {one.nominal:.4g} | "
+            f"{one.source} |"
+        )
+    return lines

@@ -1,0 +1,142 @@
+"""Identification of a robot from a dataset of healthy driving."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from omnimj.errors import InputError
+from omnimj.estimate.robot.blocks import RunRows, robot_rows
+from omnimj.estimate.robot.creep import identify_creep
+from omnimj.estimate.robot.excitation import unexcited
+from omnimj.estimate.robot.fit import RobotFit, fit_robot, residuals
+from omnimj.estimate.robot.quantities import estimates
+from omnimj.estimate.robot.records import RobotIdentification
+from omnimj.estimate.robot.uncertainty import doubt_of
+from omnimj.estimate.robot.unknowns import unknowns
+from omnimj.parameters import Robot
+from omnimj.recording.dataset import Dataset
+from omnimj.signals import Array
+
+MOST_WHEELS = 4
+"""Largest number of wheels: more have no effects of their own in a model file."""
+LEAST_MOTION = 20.0
+"""Shortest motion from which a robot is identified [s]."""
+_FEW_RUNS = 4
+
+Progress = Callable[[int, int], None]
+"""Called with the finished steps and the number of all steps."""
+
+
+def identify_robot(dataset: Dataset, robot: Robot, progress: Progress | None = None) -> RobotIdentification:
+    """Identify motors, losses, masses, sensors and floors of a robot from healthy driving.
+
+    The estimate is the maximum a posteriori under the force balance; intervals cover 90 % and come from
+    leaving out whole runs. What the drive does not excite keeps its prior and is listed with the manoeuvre
+    that would excite it.
+
+    Args:
+      dataset: Runs without any fault, checked by `sound_dataset`.
+      robot: The robot of the model file, whose numbers and uncertainties are the prior.
+      progress: Progress callback.
+
+    Raises:
+      InputError: Not a robot, another number of wheels, a channel is missing, runs of different mass, or
+        too little motion.
+    """
+    done = progress or (lambda _now, _all: None)
+    robot, known = _with_stated_mass(dataset, require_robot(dataset, robot))
+    done(0, 3)
+    rows = robot_rows(dataset, robot)
+    _require_motion(dataset, rows)
+    done(1, 3)
+    fit = fit_robot(unknowns(robot, known), rows)
+    done(2, 3)
+    found = estimates(doubt_of(fit))
+    floors, without = identify_creep(fit, rows)
+    notes = list(dataset.notes)
+    if len(rows) < _FEW_RUNS:
+        notes.append(f"{len(rows)} runs: intervals over whole runs need at least {_FEW_RUNS} of them")
+    result = RobotIdentification(
+        dataset.path,
+        robot,
+        fit,
+        tuple(estimate for _, estimate in found),
+        unexcited(fit, found),
+        floors,
+        without,
+        _noise(fit, rows),
+        sum(run.duration for run in rows),
+        _misfit(fit, rows),
+        tuple(notes),
+    )
+    done(3, 3)
+    return result
+
+
+def require_robot(dataset: Dataset, robot: Robot) -> Robot:
+    """Check that a dataset is one of this robot, and return the robot.
+
+    Raises:
+      InputError: It is not.
+    """
+    if dataset.plant != "uto_robot":
+        rule = "a robot is identified from its own logs"
+        raise InputError(f"{dataset.path}: plant", f"found {dataset.plant!r}", rule, ("uto_robot",))
+    n = len(robot.wheels)
+    if n != dataset.wheels:
+        rule = f"the logs of {dataset.path} have {dataset.wheels}: give --model, e.g. three_wheel"
+        raise InputError(robot.file, f"has {n} [[wheels]]", rule)
+    if n > MOST_WHEELS:
+        raise InputError(
+            robot.file, f"has {n} [[wheels]]", f"at most {MOST_WHEELS} can be identified one by one"
+        )
+    return robot
+
+
+def _with_stated_mass(dataset: Dataset, robot: Robot) -> tuple[Robot, bool]:
+    """The robot with the mass that the runs state, and whether they do."""
+    stated = {run.conditions.get("mass") for run in dataset.runs}
+    if stated == {None}:
+        return robot, False
+    if len(stated) > 1:
+        found = ", ".join("none" if mass is None else f"{float(mass):g} kg" for mass in stated)
+        raise InputError(
+            f"{dataset.path}: mass", f"found {found}", "all runs must be of one mass; identify them apart"
+        )
+    mass = float(stated.pop() or robot.body.mass)
+    return replace(robot, body=replace(robot.body, mass=mass)), True
+
+
+def _require_motion(dataset: Dataset, rows: Sequence[RunRows]) -> None:
+    moved = sum(float(np.mean(run.good & ~run.still)) * run.duration for run in rows)
+    turning = sum(float(np.mean((run.slowest > 1.5).any(axis=1))) * run.duration for run in rows)
+    if min(moved, turning) < LEAST_MOTION:
+        rule = f"at least {LEAST_MOTION:g} s with turning wheels are needed"
+        raise InputError(dataset.path, f"has {turning:.3g} s of motion", rule)
+
+
+def _misfit(fit: RobotFit, rows: Sequence[RunRows]) -> Array:
+    parts = []
+    for one, run in zip(fit.runs, rows, strict=True):
+        rest = residuals(fit.unknowns, fit.x, run)
+        rest[:, :2] += one.bias
+        parts.append(rest[run.good & ~run.still & (run.slowest > 1.5).all(axis=1)])
+    together = np.concatenate(parts)
+    return np.sqrt(np.mean(together**2, axis=0)) if len(together) else np.full(3, math.nan)
+
+
+def _noise(fit: RobotFit, rows: Sequence[RunRows]) -> Mapping[str, float]:
+    """Biases of the accelerometer over the runs."""
+    biases = np.array([run.bias for run in fit.runs])
+    return {
+        "acceleration_x_bias": float(biases[:, 0].mean()),
+        "acceleration_y_bias": float(biases[:, 1].mean()),
+        "yaw_rate_bias": float(np.mean([run.yaw_rate_bias for run in rows])),
+        "acceleration_noise": float(np.mean([run.noise[-3] for run in rows])),
+        "yaw_rate_noise": float(np.mean([run.noise[-1] for run in rows])),
+        "current_noise": float(np.mean([run.noise[: len(fit.unknowns.nominal.axle)].mean() for run in rows])),
+    }

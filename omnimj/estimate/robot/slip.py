@@ -1,0 +1,105 @@
+"""Slip of the wheels in drives from rest to rest, with the velocity over ground from the accelerometer.
+
+The accelerometer, turned by the integrated gyro, is integrated from one rest to the next. The velocity is
+zero at both ends, which takes out a constant bias and the floor's tilt. Slip of wheel i is r φ̇_i −
+A_i·twist.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnimj.estimate.robot.balance import SLOW, wheel_forces
+from omnimj.estimate.robot.blocks import PERIOD, RunRows
+from omnimj.estimate.robot.fit import RobotFit
+from omnimj.signals import Array
+
+LONGEST = 12.0
+"""Longest drive whose velocity is integrated [s]: the error of its middle grows with the time."""
+_SHORTEST = 0.6  # [s]
+_EVERY = 3  # rows from one sample to the next: slip changes slowly
+
+
+@dataclass(frozen=True)
+class SlipSamples:
+    """Samples of turning wheels in drives from rest to rest."""
+
+    slip: Array
+    """At the nominal radius, shape (k,) [m/s]."""
+    traction: Array
+    """Traction over load, shape (k,) [1]."""
+    rolling: Array
+    """r φ̇, shape (k,) [m/s]."""
+    wheel: NDArray[np.int_]
+    """Index of the wheel, shape (k,)."""
+    run: NDArray[np.int_]
+    """Index of the run, shape (k,)."""
+    moves: int
+    """Number of drives."""
+
+
+def slip_samples(fit: RobotFit, rows: Sequence[RunRows]) -> SlipSamples | None:
+    """Samples of all runs; None if no run drives from rest to rest.
+
+    Args:
+      fit: The fitted robot, whose balance gives the traction.
+      rows: Rows of the runs on one floor.
+    """
+    parts, moves = [], 0
+    for number, run in enumerate(rows):
+        for move in _moves(run):
+            parts.append(_samples_of(fit, run, move, number))
+            moves += 1
+    if not parts:
+        return None
+    slip, traction, rolling, wheel, runs = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return SlipSamples(slip, traction, rolling, wheel.astype(int), runs.astype(int), moves)
+
+
+def _moves(run: RunRows) -> Iterator[slice]:
+    """Drives between two rests, without gaps and bad samples, from the middle of a rest's last rows on."""
+    rests = np.flatnonzero(np.diff(np.concatenate(([0], run.still.astype(int), [0])))).reshape(-1, 2)
+    for (_, first), (last, _) in itertools.pairwise(rests):
+        a, b = first - 1, last + 1
+        whole = run.good[a:b].all() and run.stretch[a] == run.stretch[b - 1]
+        if whole and _SHORTEST <= (b - a) * PERIOD <= LONGEST:
+            yield slice(a, b)
+
+
+def ground_velocity(run: RunRows, move: slice) -> Array:
+    """Velocity of the origin in the body frame, shape (k, 2) [m/s]; zero at both ends of the drive.
+
+    Args:
+      run: Rows of one run.
+      move: A drive from rest to rest.
+    """
+    heading = _integral(run.yaw_rate[move])
+    cos, sin = np.cos(heading), np.sin(heading)
+    x, y = run.acceleration[move].T
+    velocity = np.column_stack([_integral(cos * x - sin * y), _integral(sin * x + cos * y)])
+    velocity -= np.linspace(0.0, 1.0, len(velocity))[:, None] * velocity[-1]
+    u, v = velocity.T
+    return np.column_stack([cos * u + sin * v, cos * v - sin * u])
+
+
+def _integral(values: Array) -> Array:
+    """Integral over the rows by the trapezoid, 0 at the first."""
+    return np.concatenate(([0.0], np.cumsum(0.5 * PERIOD * (values[1:] + values[:-1]))))
+
+
+def _samples_of(fit: RobotFit, run: RunRows, move: slice, number: int) -> tuple[Array, ...]:
+    constants, errors = fit.unknowns.constants(fit.x), fit.unknowns.errors(fit.x)
+    c = constants.robot
+    rolling = c.radius * run.wheel_speed[move]
+    floor = ground_velocity(run, move) @ c.forces[:2] + np.outer(run.yaw_rate[move], c.forces[2])
+    traction = wheel_forces(constants, errors.current, run)[move] / c.load
+    used = run.slowest[move] > SLOW
+    used[np.arange(len(used)) % _EVERY != 0] = False
+    wheel = np.broadcast_to(np.arange(used.shape[1]), used.shape)[used]
+    slip = np.asarray(rolling - floor, float)
+    return slip[used], traction[used], rolling[used], wheel, np.full(len(wheel), number)
