@@ -25,10 +25,10 @@ from omnimj.control.detection.robust.glr import (
     BlockHistory,
     JumpScores,
     clear_scores,
+    coloured_variance,
     initial_history,
     likelihood_ratios,
     no_scores,
-    scale_by_usual_level,
     update_usual_level,
 )
 from omnimj.control.detection.robust.parameter_filter import (
@@ -214,9 +214,12 @@ def _push_block(evidence, walk, x, rho, learning):
     if cursor[FILLED] == rows and learning:
         last = (cursor[HEAD] + 1) % rows
         old = ring[last]
+        noise = coloured_variance(evidence.usual)
         update_usual_level(evidence.usual, evidence.history.largest[last])
         regressors = old[: 3 * p].copy().reshape(3, p)
-        update_parameters(theta, evidence.cov, walk, lasting(wheels_of(theta.size)), regressors, old[3 * p :])
+        update_parameters(
+            theta, evidence.cov, walk, lasting(wheels_of(theta.size)), noise, regressors, old[3 * p :]
+        )
     cursor[HEAD] = (cursor[HEAD] + 1) % rows
     cursor[FILLED] = min(cursor[FILLED] + 1, rows)
     ring[cursor[HEAD], : 3 * p] = x.copy().reshape(3 * p)
@@ -277,15 +280,16 @@ def _update_force_channel(parameters, block, accommodation, evidence):
     slowest, slowest_sideways = _recent_minima(evidence, block.wheel_speed, sideways)
     moving = np.abs(block.wheel_speed).max() > MOVING_SPEED
     if moving:
+        noise = coloured_variance(evidence.usual)
         whiten(robot, theta, block.current, slowest, slowest_sideways, accommodation, x, rho)
         if accommodation.relearning:
-            update_parameters(theta, cov, model.walk, lasting(n), x, rho)
+            update_parameters(theta, cov, model.walk, lasting(n), noise, x, rho)
         quiet = _is_quiet(evidence.scores, accommodation.degraded)
         _push_block(evidence, model.walk, x, rho, quiet and not accommodation.relearning)
         precision = np.linalg.inv(cov + np.diag(model.short_term))
         evidence.misfit[:] = likelihood_ratios(evidence.history, theta, precision, model, evidence.scores)
-        largest = scale_by_usual_level(evidence.scores, evidence.usual)
-        evidence.history.largest[evidence.history.cursor[HEAD]] = largest
+        evidence.history.largest[evidence.history.cursor[HEAD]] = evidence.scores.likelihood.max()
+        evidence.scores.likelihood[:] /= noise
     return moving
 
 

@@ -108,19 +108,16 @@ def update_usual_level(usual, largest):
 
 
 @kernel
-def scale_by_usual_level(scores, usual):
-    """Divide every Λ by the usual level where that is above the one of white noise, in place.
+def coloured_variance(usual):
+    """Variance of the noise in sums over windows, in units of that of white noise, at least 1.
+
+    Λ of a jump is a square of such a sum over its variance without any fault, so that its mean is in
+    proportion to the true variance.
 
     Args:
-      scores: `JumpScores`.
       usual: From `update_usual_level`, shape (2,).
-
-    Returns:
-      Largest Λ before [nats].
     """
-    largest = scores.likelihood.max()
-    scores.likelihood[:] /= max(1.0, usual[0] / USUAL)
-    return largest
+    return max(1.0, usual[0] / USUAL)
 
 
 @kernel

@@ -124,7 +124,7 @@ def short_term_deviation(wheels: int) -> Array:
 
 
 @kernel
-def update_parameters(theta, cov, walk, lasts, x, rho):
+def update_parameters(theta, cov, walk, lasts, noise, x, rho):
     """Kalman update of mean and covariance of θ by one block, in place.
 
     Args:
@@ -132,6 +132,7 @@ def update_parameters(theta, cov, walk, lasts, x, rho):
       cov: Covariance, shape (p, p).
       walk: Variance that every parameter gains per block, shape (p,).
       lasts: Number of the leading parameters that last; the others are reset after the block.
+      noise: Variance of the whitened noise: 1, and more where it is coloured.
       x: Whitened regressors, shape (3, p).
       rho: Whitened ρ, shape (3,).
     """
@@ -140,7 +141,7 @@ def update_parameters(theta, cov, walk, lasts, x, rho):
     for j in range(p):
         cov[j, j] = cov[j, j] + walk[j] if j < lasts else STICTION_LEARNING * STICTION_LEARNING
     for k in range(3):
-        innovation_variance, innovation = 1.0, rho[k]
+        innovation_variance, innovation = noise, rho[k]
         for j in range(p):
             total = 0.0
             for q in range(p):

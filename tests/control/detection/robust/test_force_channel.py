@@ -193,7 +193,7 @@ def test_learning_block_by_block_is_one_least_squares_with_the_prior():
     x, rho = blocks(rng, rng.normal(0.0, 0.1, P), 40)
     mean, cov = np.zeros(P), np.diag(prior_deviation(N) ** 2)
     for one, value in zip(x, rho, strict=True):
-        update_parameters(mean, cov, np.zeros(P), P, one, value)
+        update_parameters(mean, cov, np.zeros(P), P, 1.0, one, value)
     rows = x.reshape(-1, P)
     information = rows.T @ rows + np.diag(prior_deviation(N) ** -2)
     assert mean == pytest.approx(np.linalg.solve(information, rows.T @ rho.reshape(-1)), abs=1e-9)
