@@ -23,7 +23,13 @@ import numpy as np
 from omnimj.control.detection.robust.blocks import BLOCK
 from omnimj.control.detection.robust.detector import BLIND, RobustState
 from omnimj.control.detection.robust.force_balance import mass_column
-from omnimj.control.detection.robust.glr import FILLED, HEAD, LONGEST_WINDOW, WINDOWS
+from omnimj.control.detection.robust.glr import (
+    FILLED,
+    HEAD,
+    LONGEST_WINDOW,
+    WINDOWS,
+    coloured_variance,
+)
 from omnimj.control.detection.robust.parameter_filter import ParameterModel
 from omnimj.diagnosis.logs import Machine, SampledRun, Segment
 from omnimj.signals import Array
@@ -95,7 +101,8 @@ class LossInformation:
     def _scores(self, state: RobustState) -> Array:
         """N, S/N, misfit and gain, shape (4, windows, n); N = 0 for a window that is not full."""
         n, theta = self._wheels, state.evidence.theta
-        p, (ring, cursor) = theta.size, state.evidence.history
+        p, history = theta.size, state.evidence.history
+        ring, cursor = history.ring, history.cursor
         filled, out = int(cursor[FILLED]), np.zeros((4, len(WINDOWS), n))
         out[2] = 1.0
         body = 0.5 * (theta[mass_column(n)] + theta[mass_column(n) + 1])
@@ -118,7 +125,7 @@ class LossInformation:
             informative = information > 1e-6
             out[0, w] = np.where(informative, information, 0.0)
             out[1, w] = np.where(informative, score / np.where(informative, information, 1.0), 0.0)
-            out[2, w] = max(1.0, left)
+            out[2, w] = max(1.0, left) * coloured_variance(state.evidence.usual)
         return out
 
     @property

@@ -118,9 +118,9 @@ def test_the_extent_of_extrapolation_is_printed(folder, files, tmp_path, capsys)
 
 @pytest.fixture(scope="module")
 def misfitting(tmp_path_factory):
-    """Healthy missions of a robot whose gear loses torque that its model does not know of."""
-    path = tmp_path_factory.mktemp("data") / "lossy"
-    effect = ("--effect", "gear_loss:load=0.4", "--plant", "planar")
+    """Healthy missions of a robot with an axle far off its direction, which its model does not know of."""
+    path = tmp_path_factory.mktemp("data") / "twisted"
+    effect = ("--effect", "wheel_misalignment:wheel=1,angle=0.6", "--plant", "planar")
     assert main(["record", "robot_missions", *effect, "--out", str(path)]) == 0
     return path
 
@@ -131,15 +131,15 @@ def test_a_model_that_does_not_fit_raises_no_threshold_without_a_word(misfitting
     assert main(argv) == 1 and not file.exists()
     printed = capsys.readouterr().out
     assert mentions(printed, "nothing written", "--accept") and "the model does not fit" in printed
-    # a gear that loses torque with its load is wrong where the load is large
-    assert re.search(r"motor: .* × the shipped .*largest while (accelerating|braking)", printed)
+    assert re.search(r"\w+: .* × the shipped .*largest while \w+", printed)
     assert main([*argv, "--accept", "--json"]) == 0 and file.exists()
     content = json.loads(capsys.readouterr().out)
     assert content["written"] == str(file)
     raised = {one["name"]: one for one in content["misfit"]["raised"]}
-    motor = raised["motor"]
-    assert motor["value"] == content["thresholds"]["motor"]["value"] > 1.5 * motor["shipped"]
-    assert motor["is_seen"] and 0 < motor["regime"]["largest"] <= motor["regime"]["of"]
+    assert any(one["is_seen"] for one in raised.values())
+    for name, one in raised.items():
+        assert one["value"] == content["thresholds"][name]["value"] > 1.5 * one["shipped"]
+        assert one["regime"] is None or 0 < one["regime"]["largest"] <= one["regime"]["of"]
     now, before = content["misfit"]["motor"], content["misfit"]["shipped_motor"]
     assert now["loss"] is None or now["loss"] > before["loss"]
     # the reason and the cost travel with the numbers
