@@ -103,7 +103,7 @@ def update_usual_level(usual, largest):
       usual: Level [nats] and number of blocks in it, shape (2,).
       largest: Λ of the block [nats].
     """
-    usual[0] += (largest - usual[0]) / (usual[1] + USUAL_WEIGHT)
+    usual[0] += (largest - usual[0]) / (usual[1] + 1.0 + USUAL_WEIGHT)
     usual[1] = min(usual[1] + 1.0, USUAL_BLOCKS)
 
 
