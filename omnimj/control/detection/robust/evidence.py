@@ -227,13 +227,14 @@ def _push_block(evidence, walk, x, rho, learning):
 
 
 @kernel
-def _largest_likelihood(scores, degraded):
-    """Largest Λ of what is not known yet: a known degraded motor that weakens is learnt, not doubted."""
-    n, largest = degraded.size, 0.0
+def _is_quiet(scores, degraded):
+    """True if no fault is likely; a degraded motor that becomes a little weaker is learnt, not doubted."""
+    n = degraded.size
     for h in range(scores.likelihood.size):
-        if h >= 2 * n or not degraded[h % n]:
-            largest = max(largest, scores.likelihood[h])
-    return largest
+        known = h < 2 * n and degraded[h % n]
+        if not known and scores.likelihood[h] >= QUIET_LIKELIHOOD:
+            return False
+    return True
 
 
 @kernel
@@ -283,12 +284,11 @@ def _update_force_channel(parameters, block, accommodation, evidence):
         whiten(robot, theta, block.current, slowest, slowest_sideways, accommodation, x, rho)
         if accommodation.relearning:
             update_parameters(theta, cov, model.walk, lasting(n), noise, x, rho)
-        quiet = _largest_likelihood(evidence.scores, accommodation.degraded) < QUIET_LIKELIHOOD
+        quiet = _is_quiet(evidence.scores, accommodation.degraded)
         _push_block(evidence, model.walk, x, rho, quiet and not accommodation.relearning)
         precision = np.linalg.inv(cov + np.diag(model.short_term))
         evidence.misfit[:] = likelihood_ratios(evidence.history, theta, precision, model, evidence.scores)
-        largest = _largest_likelihood(evidence.scores, accommodation.degraded)
-        evidence.history.largest[evidence.history.cursor[HEAD]] = largest
+        evidence.history.largest[evidence.history.cursor[HEAD]] = evidence.scores.likelihood.max()
         evidence.scores.likelihood[:] /= noise
     return moving
 

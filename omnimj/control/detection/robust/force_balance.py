@@ -142,8 +142,7 @@ def balance(robot, block, theta, accommodation, x, rho, force, sideways):
         drag = robot.roller_dry * math.tanh(sideways[i] / _SIDEWAYS) + robot.roller_viscous * sideways[i]
         for k in range(3):
             along, rollers = robot.forces[k, i], across[k] * robot.load * drag
-            if not (driven and accommodation.degraded[i]):  # there its gear hides what it has lost
-                x[k, i] = along * gain * robot.torque[i] * block.current[i]
+            x[k, i] = along * gain * robot.torque[i] * block.current[i]
             x[k, n + i] = along * gain * robot.dry[i] * math.tanh(speed / _TURNING)
             x[k, common + 2] += rollers
             if not accommodation.degraded[i]:
