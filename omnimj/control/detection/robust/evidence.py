@@ -207,14 +207,13 @@ def compare_yaw_rates(x, parameters, block, yaw):
 
 
 @inlined
-def _push_block(evidence, walk, x, rho, learning):
+def _push_block(evidence, walk, noise, x, rho, learning):
     """Push a whitened block into the history; θ and the usual level learn from the one that drops out."""
     theta, ring, cursor = evidence.theta, evidence.history.ring, evidence.history.cursor
     p, rows = theta.size, ring.shape[0]
     if cursor[FILLED] == rows and learning:
         last = (cursor[HEAD] + 1) % rows
         old = ring[last]
-        noise = coloured_variance(evidence.usual)
         update_usual_level(evidence.usual, evidence.history.largest[last])
         regressors = old[: 3 * p].copy().reshape(3, p)
         update_parameters(
@@ -280,12 +279,13 @@ def _update_force_channel(parameters, block, accommodation, evidence):
     slowest, slowest_sideways = _recent_minima(evidence, block.wheel_speed, sideways)
     moving = np.abs(block.wheel_speed).max() > MOVING_SPEED
     if moving:
-        noise = coloured_variance(evidence.usual)
+        # what is left of a weak motor must be followed, ripple or not
+        noise = 1.0 if accommodation.degraded.any() else coloured_variance(evidence.usual)
         whiten(robot, theta, block.current, slowest, slowest_sideways, accommodation, x, rho)
         if accommodation.relearning:
             update_parameters(theta, cov, model.walk, lasting(n), noise, x, rho)
         quiet = _is_quiet(evidence.scores, accommodation.degraded)
-        _push_block(evidence, model.walk, x, rho, quiet and not accommodation.relearning)
+        _push_block(evidence, model.walk, noise, x, rho, quiet and not accommodation.relearning)
         precision = np.linalg.inv(cov + np.diag(model.short_term))
         evidence.misfit[:] = likelihood_ratios(evidence.history, theta, precision, model, evidence.scores)
         evidence.history.largest[evidence.history.cursor[HEAD]] = evidence.scores.likelihood.max()
