@@ -140,6 +140,6 @@ def test_plots_of_a_run_are_made_when_its_part_is_opened_and_the_search_hides_ot
     """
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     is_open, before, after, drawn, hidden = operate(browser, page, script, tmp_path)
-    assert is_open == [True, True, False, False]  # the first, and the one with a diagnosis
-    assert (before, after) == (2, 3) and drawn > 0
-    assert hidden == [True, False, True, True]
+    assert is_open == [True, False, False, False]  # the worst comes first, and has a diagnosis
+    assert (before, after) == (1, 2) and drawn > 0
+    assert hidden == [False, True, True, True]
