@@ -102,6 +102,28 @@ def check_number(place: str, value: Any, rule: Rule, whole: bool = False) -> flo
     return int(value) if whole else float(value)
 
 
+def check_table(place: str, value: Any) -> Mapping[str, Any]:
+    """Check that a value is a table.
+
+    Raises:
+      InputError: It is not.
+    """
+    if not isinstance(value, Mapping):
+        raise InputError(place, f"found {value!r}", "a table is needed")
+    return value
+
+
+def check_text(place: str, value: Any) -> str:
+    """Check that a value is a string that is not blank.
+
+    Raises:
+      InputError: It is not.
+    """
+    if not isinstance(value, str) or not value.strip():
+        raise InputError(place, f"found {value!r}", "a string is needed")
+    return value
+
+
 def read_quantity(place: str, entry: Any, spec: dataclasses.Field) -> tuple[Any, Provenance]:
     """Read one entry `{ value, unit, source }`, optionally with `uncertainty`, by the rule of its field."""
     unit, rule = spec.metadata["unit"], spec.metadata["rule"]

@@ -12,7 +12,7 @@ from typing import Any
 
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import read_floors
-from omnimj.parameters.reading import Rule, check_number, read_toml
+from omnimj.parameters.reading import Rule, check_number, check_table, check_text, read_toml
 from omnimj.recording.dataset import (
     MAX_WHEELS,
     MIN_WHEELS,
@@ -106,17 +106,17 @@ def read_dataset_file(folder: Path, floors: Collection[str] | None = None) -> Da
     if not isinstance(plant, str) or plant not in PLANT_COLUMNS:
         raise UnknownNameError(f"{path}: plant", "plant", plant, PLANT_COLUMNS)
     if "description" in tree:
-        _text(f"{path}: description", tree["description"])
+        check_text(f"{path}: description", tree["description"])
     wheels = _wheels(path, tree, plant)
     known = tuple(read_floors() if floors is None else floors)
-    common = dict(_table(f"{path}: [defaults]", tree.get("defaults", {})))
+    common = dict(check_table(f"{path}: [defaults]", tree.get("defaults", {})))
     pose_measured = _pose_measured(f"{path}: [defaults]: {POSE_MEASURED}", common, plant)
     defaults = _conditions(f"{path}: [defaults]", common, known)
     runs = {
         name: _conditions(f"{path}: [runs.{printable(name)}]", table, known)
-        for name, table in _table(f"{path}: [runs]", tree.get("runs", {})).items()
+        for name, table in check_table(f"{path}: [runs]", tree.get("runs", {})).items()
     }
-    columns = _table(f"{path}: [columns]", tree.get("columns", {}))
+    columns = check_table(f"{path}: [columns]", tree.get("columns", {}))
     states_wheels = "wheels" in tree or plant != "uto_robot"
     names = plant_columns(plant, wheels if states_wheels else MAX_WHEELS).known
     renamed = {}
@@ -157,21 +157,9 @@ def _pose_measured(place: str, defaults: dict[str, Any], plant: str) -> bool:
     return found
 
 
-def _table(place: str, entry: Any) -> Mapping[str, Any]:
-    if not isinstance(entry, Mapping):
-        raise InputError(place, f"found {entry!r}", "a table is needed")
-    return entry
-
-
-def _text(place: str, entry: Any) -> str:
-    if not isinstance(entry, str) or not entry.strip():
-        raise InputError(place, f"found {entry!r}", "a string is needed")
-    return entry
-
-
 def _conditions(place: str, entry: Any, floors: Collection[str]) -> dict[str, float | str]:
     found: dict[str, float | str] = {}
-    for key, value in _table(place, entry).items():
+    for key, value in check_table(place, entry).items():
         at = f"{place}: {key}"
         if key not in CONDITION_KEYS:
             if key == POSE_MEASURED:
@@ -184,7 +172,7 @@ def _conditions(place: str, entry: Any, floors: Collection[str]) -> dict[str, fl
         elif key == "date" and isinstance(value, datetime.date | datetime.time):
             found[key] = value.isoformat()
         else:
-            found[key] = _text(at, value)
+            found[key] = check_text(at, value)
     return found
 
 

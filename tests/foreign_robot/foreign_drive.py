@@ -53,9 +53,9 @@ class Log:
     """One drive."""
 
     columns: dict[str, np.ndarray]
-    """What the logger wrote, under the names of the data format."""
+    """Logged channels, under the names of the data format."""
     truth: dict[str, np.ndarray]
-    """What was, at every tick of 1 ms: `time`, pose and velocity of the centre, one column per wheel, …"""
+    """True values at every tick of 1 ms: `time`, pose and velocity of the centre, one column per wheel, …"""
     plan: Plan
     faults: tuple[Fault, ...] = ()
     pose_measured: bool = False
@@ -63,7 +63,7 @@ class Log:
 
 @njit(error_model="numpy")
 def _strengths(time, faults, strength, grip) -> None:
-    """What is left of each motor and of each wheel's grip at a time."""
+    """Remaining share of each motor's torque and of each wheel's grip at a time."""
     strength[:] = 1.0
     grip[:] = 1.0
     for row in faults:

@@ -1,4 +1,4 @@
-"""Missions of the foreign robot: what twist it is asked for, at every millisecond.
+"""Missions of the foreign robot: the demanded twist at every millisecond.
 
 A mission is a row of moves, each a trapezoid in time: up to a twist with a bounded acceleration, held, down
 to rest; the corners are rounded by a moving mean. Twists are (v_x, v_y, ω) of the centre, in the world frame
@@ -16,14 +16,14 @@ TICK = 1e-3
 ROUNDING = 0.08
 """Length of the moving mean [s]."""
 TOP_SPEED = 1.0
-"""Largest speed of any wheel's rim that a mission asks for [m/s]."""
+"""Largest demanded speed of any wheel's rim [m/s]."""
 ARM = 0.25
 """Distance of a wheel from the centre [m]."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Twist asked for at each tick, and the frame of its translation."""
+    """Demanded twist at each tick, and the frame of its translation."""
 
     twists: np.ndarray
     """n × 3: v_x, v_y [m/s], ω [rad/s]."""

@@ -1,6 +1,6 @@
-"""What the robot measures at each tick and what its controller makes of it, compiled.
+"""Sensors and controller of the robot, compiled.
 
-Each tick of 1 ms: sample the sensors, ask each wheel for a speed, ask each motor for a current.
+Every tick of 1 ms samples the sensors and sets the demanded speed of each wheel and current of each motor.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ def _film(tick, poses, draws, sensors: SensorNumbers, before, row) -> None:
 
 @njit(error_model="numpy")
 def set_values(tick, twist, heading, wanted_heading, cascade: Cascade, integrals, measured, targets) -> None:
-    """Currents asked for [A]: yaw rate by proportion, wheel speeds by proportion and integral.
+    """Demanded currents [A]: proportional control of the yaw rate, PI control of the wheel speeds.
 
     ω_c = ω + k_θ(θ_plan − θ), ω* = ω_c + k_ω(ω_c − gyro);  φ̇*_i = (v·u_i − l ω*)/r;  i = k_p e + ∫ k_i e dt.
     """
@@ -136,10 +136,10 @@ def set_values(tick, twist, heading, wanted_heading, cascade: Cascade, integrals
     for i in range(4):
         wanted = (vx * DIRECTIONS[i, 0] + vy * DIRECTIONS[i, 1] - ARM * turn) / NOMINAL_RADIUS
         error = wanted - row[WHEEL_SPEEDS + i]
-        asked = cascade.speed_proportional * error + integrals[i]
+        demanded = cascade.speed_proportional * error + integrals[i]
         limit = cascade.current_limit
         # at its limit a motor takes no more: the integral waits
-        if abs(asked) < limit or asked * error < 0.0:
+        if abs(demanded) < limit or demanded * error < 0.0:
             integrals[i] += cascade.speed_integral * error * TICK
-        targets[i] = min(max(asked, -limit), limit)
+        targets[i] = min(max(demanded, -limit), limit)
         row[TARGETS + i] = targets[i]

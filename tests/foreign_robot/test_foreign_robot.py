@@ -228,8 +228,8 @@ def test_wheel_on_a_patch_slips_and_a_weak_motor_takes_more_current():
     assert slips[1] > 2.0 * np.abs(healthy.truth["slip_2"][on_patch]).max()
     weak = drive(robot, 3, 20.0, [Fault("motor", 3, 8.0, 0.5)]).truth
     later = weak["time"] > 9.0
-    asked = [np.abs(truth["current_3"][later]).mean() for truth in (weak, healthy.truth)]
-    assert asked[0] > 1.4 * asked[1]
+    demanded = [np.abs(truth["current_3"][later]).mean() for truth in (weak, healthy.truth)]
+    assert demanded[0] > 1.4 * demanded[1]
     np.testing.assert_array_equal(weak["x"][:8000], healthy.truth["x"][:8000])
 
 

@@ -34,7 +34,7 @@ def four(value: float) -> Four:
 
 @dataclass(frozen=True)
 class Sensors:
-    """What stands between the motion and the log."""
+    """Constants of the sensors between the motion and the log."""
 
     encoder_counts: float = 1024.0
     """Counts per turn of the motor shaft."""
@@ -172,7 +172,7 @@ class Machine(NamedTuple):
     gear_ratio: float
     efficiency: float
     back_factor: float
-    """What takes the place of E where the floor drives the motor: E, 1/E or 1/E_b."""
+    """Factor in place of E where the floor drives the motor: E, 1/E or 1/E_b."""
     grip: float
     slope: float
     dry: float

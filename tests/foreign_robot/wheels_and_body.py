@@ -51,7 +51,7 @@ def traction_over_load(slip: float, grip: float, machine: Machine) -> float:
 
 @njit(error_model="numpy")
 def gear_factor(power: float, machine: Machine) -> float:
-    """What the gear multiplies G T_shaft by: E where the motor drives the floor, else `back_factor`."""
+    """Factor of the gear on G T_shaft: E where the motor drives the floor, else `back_factor`."""
     forward = 0.5 * (1.0 + np.tanh(power / IDLE_POWER))
     return forward * machine.efficiency + (1.0 - forward) * machine.back_factor
 

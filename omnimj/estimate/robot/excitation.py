@@ -1,4 +1,4 @@
-"""What a drive did not excite, and the manoeuvre that would tell most about it.
+"""Parameters that a drive did not excite, and for each the manoeuvre that would inform most on it.
 
 A number is not excited if the data leave more than `NOT_EXCITED` of its prior deviation. Manoeuvres are
 planned kinematically, the currents follow from the estimated balance; what each would add to the
@@ -23,7 +23,7 @@ from omnimj.estimate.robot.uncertainty import gradient
 from omnimj.signals import Array
 
 _REPEATS = 10
-"""How often a manoeuvre is driven."""
+"""Number of repetitions of a manoeuvre."""
 _HELPS = 0.85  # of the deviation: a manoeuvre that leaves more does not help
 _ROUNDING, _NEAR = 0.1, 0.12  # [s]
 
@@ -35,7 +35,7 @@ class Manoeuvre(NamedTuple):
     twists: tuple[tuple[float, float, float], ...]
     """Top twist of each move [m/s, m/s, rad/s]."""
     acceleration: float
-    """Of the rim of a wheel [m/s²]."""
+    """Acceleration of the rim of the fastest wheel [m/s²]."""
     held: float
     """Time at top speed [s]."""
 

@@ -23,7 +23,7 @@ class RobotEstimate:
     name: str
     """`torque_constant_1`, `mass`, …, as in `identification.json`."""
     words: str
-    """What it is, in words."""
+    """Description of the number."""
     unit: str
     value: float
     low: float

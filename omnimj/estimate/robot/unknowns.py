@@ -1,4 +1,4 @@
-"""What is estimated of a robot: names, priors from its model file, and the constants that a value means.
+"""Unknowns of a robot: their names, their priors from its model file, and the constants they lead to.
 
 Torque constants, dry and viscous losses are a common part and a deviation of each wheel from it, both with
 priors: wheels that the data cannot tell apart keep a common value. A force balance holds for any multiple
@@ -29,7 +29,7 @@ LOSS_SPREAD, VISCOUS_SPREAD = 0.15, 0.3
 AXLE_SPREAD = 0.1
 """Standard deviation of the friction of a wheel's bearings, relative to the whole dry loss."""
 PAYLOAD_SPREAD, INERTIA_SPREAD = 0.12, 0.1
-"""What a payload may change in mass and yaw inertia, relative standard deviations."""
+"""Relative standard deviations of mass and yaw inertia by an unknown payload."""
 CENTRE_SPREAD = 0.03
 """Standard deviation of the centre of mass along each axis [m]."""
 _LOSS, _VISCOUS, _GEAR = 0.15, 1.0, 0.5

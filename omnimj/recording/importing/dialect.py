@@ -30,7 +30,7 @@ _VALUE = re.compile(r"(\d{4}-\d\d-\d\d)?[T ]?\d\d:\d\d(:\d\d[\d.+:Z-]*)?|true|fa
 
 @dataclass(frozen=True)
 class Dialect:
-    """How a CSV file is written; lines are counted from 1, and 0 is a line that the file does not have.
+    """Format of a CSV file. Lines are counted from 1; 0 stands for a line that the file does not have.
 
     None: not known yet.
     """

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from omnimj.errors import InputError, UnknownNameError
-from omnimj.parameters.reading import Rule, check_number, read_toml
+from omnimj.parameters.reading import Rule, check_number, check_table, check_text, read_toml
 from omnimj.recording.dataset import PLANT_COLUMNS
 from omnimj.recording.dataset_file import CONDITION_KEYS, POSE_MEASURED
 from omnimj.recording.importing.dialect import DECIMALS, SEPARATORS, Dialect
@@ -20,7 +20,7 @@ ANY_MACHINE = "mjcf"
 """Plant of datasets of any machine, with columns such as `position:JOINT`."""
 PLANTS = (*PLANT_COLUMNS, ANY_MACHINE)
 EMPTY_RULES = ("refuse", "drop", "hold")
-"""What is done with rows in which a mapped column is empty."""
+"""Treatments of rows in which a mapped column is empty."""
 
 _TOP = ("plant", "empty", "defaults", "csv", "columns", "pose", "stale", "runs")
 _FINITE = Rule(-math.inf, math.inf, False)
@@ -87,13 +87,13 @@ def read_mapping(path: Path) -> LogMapping:
     tree = read_toml(path)
     _require_keys(path, tree, _TOP)
     plant = _choice(f"{path}: plant", tree.get("plant"), PLANTS, "plant")
-    entries = _table(f"{path}: [columns]", tree.get("columns", {}))
+    entries = check_table(f"{path}: [columns]", tree.get("columns", {}))
     columns = {name: _column(f"{path}: columns.{printable(name)}", entry) for name, entry in entries.items()}
     if "time" not in columns:
         raise InputError(f"{path}: [columns]", "'time' is missing", _EXAMPLE)
     if columns["time"].difference:
         raise InputError(f"{path}: columns.time", "found difference = true", "time itself is needed")
-    runs = _table(f"{path}: [runs]", tree.get("runs", {}))
+    runs = check_table(f"{path}: [runs]", tree.get("runs", {}))
     return LogMapping(
         plant,
         columns,
@@ -116,7 +116,7 @@ def _column(place: str, entry: Any) -> ColumnSource:
     _require_keys(place, entry, keys)
     if "from" not in entry:
         raise InputError(place, "'from' is missing", _EXAMPLE)
-    unit = _text(f"{place}.unit", entry["unit"]) if "unit" in entry else None
+    unit = check_text(f"{place}.unit", entry["unit"]) if "unit" in entry else None
     if unit is not None and find_unit(unit) is None:
         raise UnknownNameError(f"{place}.unit", "unit", unit, known_units())
     scale = float(check_number(f"{place}.scale", entry["scale"], _FINITE)) if "scale" in entry else None
@@ -127,20 +127,20 @@ def _column(place: str, entry: Any) -> ColumnSource:
     if not isinstance(difference, bool):
         raise InputError(f"{place}.difference", f"found {difference!r}", "must be true or false")
     return ColumnSource(
-        _text(f"{place}.from", entry["from"]),
+        check_text(f"{place}.from", entry["from"]),
         unit,
         scale,
         float(check_number(f"{place}.offset", entry.get("offset", 0.0), _FINITE)),
         difference,
         wrap,
         int(check_number(f"{place}.signed", entry["signed"], _BITS, True)) if "signed" in entry else None,
-        _text(f"{place}.sign_of", entry["sign_of"]) if "sign_of" in entry else None,
+        check_text(f"{place}.sign_of", entry["sign_of"]) if "sign_of" in entry else None,
     )
 
 
 def _dialect(place: str, entry: Any) -> Dialect:
     names = [f.name for f in fields(Dialect)]
-    _require_keys(place, _table(place, entry), names)
+    _require_keys(place, check_table(place, entry), names)
     lines = {
         name: int(check_number(f"{place}.{name}", entry[name], _LINES, whole=True))
         for name in names
@@ -159,7 +159,7 @@ def _dialect(place: str, entry: Any) -> Dialect:
 def _stale(place: str, entry: Any) -> StaleRule | None:
     if entry is None:
         return None
-    _require_keys(place, _table(place, entry), ("unchanged", "moving"))
+    _require_keys(place, check_table(place, entry), ("unchanged", "moving"))
     names = {}
     for key in ("unchanged", "moving"):
         found = entry.get(key)
@@ -170,14 +170,14 @@ def _stale(place: str, entry: Any) -> StaleRule | None:
 
 
 def _rotation(place: str, entry: Any) -> float:
-    _require_keys(place, _table(place, entry), ("rotation",))
+    _require_keys(place, check_table(place, entry), ("rotation",))
     return float(check_number(f"{place}: rotation", entry.get("rotation", 0.0), _FINITE))
 
 
 def _conditions(place: str, entry: Any, keys: Sequence[str]) -> dict[str, Any]:
     """Read conditions; floors may be those of a file of the user, and are checked where they are used."""
     found: dict[str, Any] = {}
-    _require_keys(place, _table(place, entry), keys)
+    _require_keys(place, check_table(place, entry), keys)
     for key, value in entry.items():
         at = f"{place}: {key}"
         if key == "mass":
@@ -187,7 +187,7 @@ def _conditions(place: str, entry: Any, keys: Sequence[str]) -> dict[str, Any]:
                 raise InputError(at, f"found {value!r}", "must be true or false")
             found[key] = value
         else:
-            found[key] = _text(at, value)
+            found[key] = check_text(at, value)
     return found
 
 
@@ -195,18 +195,6 @@ def _require_keys(place: object, table: Mapping[str, Any], keys: Sequence[str]) 
     for key in table:
         if key not in keys:
             raise UnknownNameError(place, "key", key, keys)
-
-
-def _table(place: str, entry: Any) -> Mapping[str, Any]:
-    if not isinstance(entry, Mapping):
-        raise InputError(place, f"found {entry!r}", "a table is needed")
-    return entry
-
-
-def _text(place: str, entry: Any) -> str:
-    if not isinstance(entry, str) or not entry.strip():
-        raise InputError(place, f"found {entry!r}", "a string is needed")
-    return entry
 
 
 def _choice(place: str, entry: Any, choices: Sequence[str], kind: str) -> str:

@@ -41,7 +41,7 @@ class Proposal:
 
     mapping: LogMapping
     remarks: Mapping[str, str] = field(default_factory=dict)
-    """What to check, by column of the dataset."""
+    """Points to check, by column of the dataset."""
     missing: tuple[str, ...] = ()
     """Columns and conditions that the plant needs and the log does not show."""
     unclear: tuple[str, ...] = ()
@@ -139,7 +139,7 @@ def _by_kind(columns: Mapping[str, SourceColumn]) -> dict[str, list[str]]:
 
 
 def _kind(name: str, column: SourceColumn) -> str | None:
-    """What a column is, by its name and unit, or by its description; None where neither tells."""
+    """Quantity of a column by its name and unit, or by its description; None if unknown."""
     unit = find_unit(column.unit) if column.unit else None
     plain = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower().strip()
     both = f"{plain} {column.words.lower()}"

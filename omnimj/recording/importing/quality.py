@@ -1,4 +1,4 @@
-"""What a log is worth: rate, regularity, packets, and whether wheels and measured pose agree."""
+"""Quality of a log: rate, regularity, packets, and whether wheels and measured pose agree."""
 
 from __future__ import annotations
 

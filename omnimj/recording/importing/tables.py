@@ -39,13 +39,13 @@ class SourceTable:
     columns: Mapping[str, SourceColumn]
     """Columns of numbers, by name."""
     layout: str
-    """How the file is laid out, in words."""
+    """Layout of the file, in words."""
     others: Mapping[str, str] = field(default_factory=dict)
     """Names of the columns that are left out, and why."""
     scalars: Mapping[str, str] = field(default_factory=dict)
     """Single values beside the table, such as the name of a test."""
     notes: tuple[str, ...] = ()
-    """What was left out or repaired while reading, one sentence each."""
+    """Omissions and repairs made while reading, one sentence each."""
     row_of: Callable[[int], str] = lambda sample: f"sample {sample + 1}"
     """Index of a sample → its place in the file, in words."""
 

@@ -36,7 +36,7 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class ImportConfig:
-    """What to import."""
+    """Files to import and the choices made for them."""
 
     files: tuple[Path, ...]
     mapping: Path | None = None
@@ -75,7 +75,7 @@ class ImportPlan:
     quality: dict[str, TimeQuality]
     """By run."""
     notes: tuple[str, ...]
-    """What was done and what is odd, one sentence each."""
+    """Conversions and oddities, one sentence each."""
     scalars: dict[str, str]
     """Single values of the first file."""
 

@@ -20,7 +20,7 @@ _LITTLE_GRIP = 0.3
 
 @dataclass(frozen=True)
 class Changes:
-    """How far runs with a fault, without any method, depart from the same runs without the fault."""
+    """Deviation of runs with a fault, driven without any method, from the same runs without the fault."""
 
     count: int
     median: float | None
