@@ -96,6 +96,8 @@ def mean_deflection(z, z_next, slip, rate, h):
 def force_ratio(floor, z, slip, rate):
     """Traction over normal force f = F/F_N at the reference load, |f| ≤ μ_cap [1], Eqs. 3.42 and 3.18.
 
+    LuGre: σ0 z + σ1' ż + σ2 V_r with σ1' from `passive_damping`.
+
     Args:
       floor: `TractionParameters`.
       z: Bristle deflection [m].
@@ -104,7 +106,7 @@ def force_ratio(floor, z, slip, rate):
     """
     z_dot = slip - rate * z
     if floor.law == LUGRE:
-        ratio = floor.sigma_0 * z + floor.sigma_1 * z_dot + floor.sigma_2 * slip
+        ratio = floor.sigma_0 * z + passive_damping(floor, rate) * z_dot + floor.sigma_2 * slip
     elif floor.law == CREEP_RATIO:
         ahead = z + floor.damping_time * z_dot / (1.0 + floor.damping_time * rate)
         ratio = creep_traction(floor, ahead / floor.relaxation_length)
@@ -112,6 +114,25 @@ def force_ratio(floor, z, slip, rate):
         s = floor.B * (z + floor.damping_time * z_dot) / floor.relaxation_length
         ratio = floor.D * math.sin(floor.C * math.atan(s - floor.E * (s - math.atan(s))))
     return min(max(ratio, -floor.mu_cap), floor.mu_cap)
+
+
+@kernel
+def passive_damping(floor, rate):
+    """Damping of the bristle σ1' = min(σ1, 2a + 2√(a² + a σ2)), a = σ0/λ, with which LuGre is passive [s/m].
+
+    With V_r = ż + λ z the power f V_r − d(σ0 z²/2)/dt is a quadratic form in ż and λ z, which is never
+    negative exactly if σ1²/4 ≤ (σ1 + σ2) a. A constant σ1 breaks that at high slip, where the bristle
+    springs back faster than the wheel slides and the model would make energy. Source: Barahona and Canudas de
+    Wit, *Necessary and sufficient conditions for passivity of the LuGre friction model*, 2000.
+
+    Args:
+      floor: `TractionParameters` with the law `lugre`.
+      rate: λ from `relaxation_rate` [1/s].
+    """
+    if floor.sigma_1 * floor.sigma_1 * rate <= 4.0 * floor.sigma_0 * (floor.sigma_1 + floor.sigma_2):
+        return floor.sigma_1
+    a = floor.sigma_0 / rate
+    return 2.0 * (a + math.sqrt(a * (a + floor.sigma_2)))
 
 
 @kernel

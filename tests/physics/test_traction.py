@@ -4,13 +4,23 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.integrate import quad, solve_ivp
 
 from omnimj.parameters import read_floors
-from omnimj.physics.traction import exact_step, force_ratio, mean_deflection, relaxation_rate, steady_ratio
+from omnimj.parameters.floor import LUGRE as LUGRE_LAW
+from omnimj.parameters.floor import TractionParameters
+from omnimj.physics.traction import (
+    exact_step,
+    force_ratio,
+    mean_deflection,
+    passive_damping,
+    relaxation_rate,
+    steady_ratio,
+)
 
 FLOORS = read_floors()
 LUGRE = [name for name, floor in FLOORS.items() if floor.law == "lugre" and "mu_cap" not in floor.numbers]
@@ -87,16 +97,50 @@ def test_mean_deflection_is_the_integral_over_the_step(z, slip, rate, h):
     assert mean == pytest.approx(total / h, rel=1e-6, abs=1e-8)
 
 
-@given(st.sampled_from(LUGRE), st.lists(st.tuples(slips, st.floats(1e-5, 0.2)), min_size=1, max_size=60))
-def test_traction_only_takes_energy_out(name, history):
-    floor, z, work = FLOORS[name], 0.0, 0.0
+def lugre_floors():
+    """LuGre floors of any friction, from one that is nearly dry friction to one that is mostly damping."""
+    return st.builds(
+        lambda mu_c, more, speed, stiffness, damping, viscous: TractionParameters(
+            law=float(LUGRE_LAW), mu_c=mu_c, mu_s=mu_c * (1.0 + more), V_s=speed,
+            sigma_0=stiffness, sigma_1=damping, sigma_2=viscous,
+        ),
+        st.floats(0.01, 1.0), st.floats(0.0, 4.0), st.floats(1e-3, 1.0),
+        st.floats(10.0, 1e4), st.floats(0.0, 50.0), st.floats(0.0, 3.0),
+    )  # fmt: skip
+
+
+histories = st.lists(st.tuples(slips, st.floats(1e-5, 0.2)), min_size=1, max_size=60)
+
+
+@given(st.one_of(st.sampled_from([FLOORS[name].traction for name in LUGRE]), lugre_floors()), histories)
+@example(FLOORS["nylon_sheet"].traction, [(-0.015625, 0.125), (-3.0, 1e-5)])
+def test_traction_only_takes_energy_out(floor, history):
+    z = work = 0.0
     for slip, h in history:
-        rate = relaxation_rate(floor.traction, slip, 3.0)
+        rate = relaxation_rate(floor, slip, 3.0)
         z_next = exact_step(z, slip, rate, h)
-        work += h * slip * force_ratio(floor.traction, mean_deflection(z, z_next, slip, rate, h), slip, rate)
+        work += h * slip * force_ratio(floor, mean_deflection(z, z_next, slip, rate, h), slip, rate)
         z = z_next
-        stored = 0.5 * floor.numbers["sigma_0"] * z * z  # per newton of normal force
-        assert work >= stored - 1e-9
+        stored = 0.5 * floor.sigma_0 * z * z  # per newton of normal force
+        assert work >= stored - 1e-9 * max(1.0, work)
+
+
+@pytest.mark.parametrize("name", LUGRE)
+def test_the_damping_is_the_largest_that_keeps_traction_passive(name):
+    """Second route: the smallest eigenvalue of the quadratic form of the power in ż and λ z."""
+    floor = FLOORS[name].traction
+
+    def least_power(damping, rate):
+        viscous = floor.sigma_2
+        cross = 0.5 * damping + viscous
+        form = [[damping + viscous, cross], [cross, floor.sigma_0 / rate + viscous]]
+        return np.linalg.eigvalsh(form)[0]
+
+    for slip in np.geomspace(1e-3, 5.0, 30):
+        rate = relaxation_rate(floor, slip, 3.0)
+        damping = passive_damping(floor, rate)
+        assert least_power(damping, rate) >= -1e-12
+        assert damping == floor.sigma_1 or least_power(1.001 * damping, rate) < 0.0
 
 
 @given(st.sampled_from(CAPPED), st.floats(-0.02, 0.02), slips)
