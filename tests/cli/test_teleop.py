@@ -74,7 +74,7 @@ class Person:
 def test_keys_drive_the_robot_and_the_terminal_is_left_as_it_was(tmp_path, last, code):
     person = Person("--plant", "planar", "--out", str(tmp_path / "run"))
     try:
-        person.watch(60.0, until=b"real time")
+        person.watch(240.0, until=b"real time")  # the first run compiles
         assert termios.tcgetattr(person.near) != person.before
         person.hold(b"w", 0.8)
         person.hold(b"\x1a", 0.3)  # Ctrl-Z is a key, too
@@ -106,7 +106,7 @@ def drive_ahead(address: str, out: Path) -> tuple[int, str, bytes]:
     """Code, last words and screen of a short drive by key."""
     person = Person("--plant", address, "--method", "off", "--out", str(out), "--force", "--reset-fault")
     try:
-        person.watch(60.0, until=b"rad/s")
+        person.watch(240.0, until=b"rad/s")
         person.hold(b"w", 0.6)
         os.write(person.screen, b"q")
         output = person.process.communicate(timeout=30.0)[0].decode()

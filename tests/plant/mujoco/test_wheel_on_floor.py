@@ -39,7 +39,9 @@ def uncapped(floor, slip, time):
     g = n["mu_c"] + (n["mu_s"] - n["mu_c"]) * math.exp(-math.sqrt(abs(slip / n["V_s"])))
     decay = math.exp(-n["sigma_0"] * abs(slip) / g * time)
     z = math.copysign(g / n["sigma_0"], slip) * (1.0 - decay)
-    return n["sigma_0"] * z + n["sigma_1"] * slip * decay + n["sigma_2"] * slip
+    a = g / abs(slip)  # beyond this bound on the damping LuGre would make energy
+    damping = min(n["sigma_1"], 2.0 * (a + math.sqrt(a * (a + n["sigma_2"]))))
+    return n["sigma_0"] * z + damping * slip * decay + n["sigma_2"] * slip
 
 
 def loaded(floor, normal):
