@@ -4,20 +4,34 @@ A product of two signals needs both behind the same filter, and a derivative nee
 differentiated: all channels pass one Gaussian, and derivatives are taken by its own derivative, exact in
 between. The filter looks both ways, so that it delays nothing; what the sensors delay is taken back. It is
 slow enough that the yaw loop, which answers the gyro's noise with torque, does not bias what torque does to
-the yaw rate.
+the yaw rate. The body's motion comes from the inertial unit, or from a measured pose.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, minimum_filter1d
 
+from omnimj.control.robot_constants import robot_constants
 from omnimj.errors import InputError
+from omnimj.estimate.robot.measured_pose import (
+    MOST_DELAY,
+    POSE,
+    BodyMotion,
+    PoseSamples,
+    delay_behind_wheels,
+    least_width,
+    motion_of_pose,
+    pose_samples,
+)
+from omnimj.estimate.robot.smoothing import Smoother, sample_noise
 from omnimj.parameters import Robot
 from omnimj.recording.dataset import Dataset, Run
 from omnimj.signals import Array, robot_channels
@@ -26,11 +40,12 @@ PERIOD = 0.03
 """Time from row to row [s]."""
 WIDTH = 0.03
 """Standard deviation of the Gaussian [s]; two samples of the log where these are further apart."""
-LOWEST_RATE = 50.0
-"""Lowest sample rate at which a current still shows what it does to the speed [1/s]."""
+LOWEST_RATE, LOWEST_POSE_RATE = 50.0, 20.0
+"""Lowest sample rates at which a current still shows what it does to the speed [1/s]: with an inertial unit,
+and with a measured pose, whose wider filter averages more of them."""
 _GAP, _GAP_PERIODS = 0.02, 5.0  # [s] and samples: a longer time without samples ends a stretch
 _SHORTEST = 0.5  # [s] of a stretch
-_NEAR = 0.12  # [s] to either side over which a wheel's slowest speed counts, and that a bad sample spoils
+_NEAR = 4.0  # widths to either side over which a wheel's slowest speed counts, and that a bad sample spoils
 _STILL = 0.3  # [rad/s] below which a wheel stands
 _REST = 0.3  # [s] shortest rest that counts
 
@@ -52,13 +67,13 @@ class RunRows:
     wheel_acceleration: Array
     """Shape (m, n) [rad/s²]."""
     acceleration: Array
-    """Accelerometer, shape (m, 2) [m/s²]."""
+    """Of the origin in the body frame, shape (m, 2) [m/s²]."""
     yaw_rate: Array
-    """Gyro less its mean at rest, shape (m,) [rad/s]."""
+    """Less its mean at rest, shape (m,) [rad/s]."""
     yaw_acceleration: Array
     """Its derivative, shape (m,) [rad/s²]."""
     slowest: Array
-    """Smallest |φ̇| within 120 ms, shape (m, n) [rad/s]."""
+    """Smallest |φ̇| within 4 widths of the filter, shape (m, n) [rad/s]."""
     stretch: NDArray[np.int_]
     """Number of the stretch without gaps that a row belongs to, shape (m,)."""
     good: NDArray[np.bool_]
@@ -68,7 +83,14 @@ class RunRows:
     yaw_rate_bias: float = 0.0
     """Mean of the gyro at rest [rad/s]; 0 without any rest."""
     noise: Array = field(default_factory=lambda: np.zeros(0))
-    """Noise of the currents, speeds, accelerations and yaw rate from sample to sample, shape (2n+3,)."""
+    """Noise from sample to sample of the currents and speeds, then of accelerations and yaw rate, or of
+    position and heading, shape (2n+3,)."""
+    current_noise: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    """Covariance of what the filter leaves of the currents' noise from sample to sample, (n, n) [A²]."""
+    velocity: Array | None = None
+    """Of the origin in the body frame, from a measured pose, shape (m, 2) [m/s]."""
+    pose_delay: float | None = None
+    """Delay of a measured pose that has been taken back [s]."""
 
     @property
     def duration(self) -> float:
@@ -76,40 +98,44 @@ class RunRows:
         return PERIOD * len(self.time)
 
 
-def robot_rows(dataset: Dataset, robot: Robot) -> tuple[RunRows, ...]:
+def robot_rows(dataset: Dataset, robot: Robot, pose_delay: float | None = None) -> tuple[RunRows, ...]:
     """Rows of every run.
 
     Args:
-      dataset: Runs of a robot with currents, wheel speeds, accelerometer and gyro.
+      dataset: Runs of a robot with currents, wheel speeds, and accelerometer and gyro or a measured pose.
       robot: Gives the delays of its sensors.
+      pose_delay: Delay of a measured pose [s]; that with which wheels and body move alike when None.
 
     Raises:
       InputError: A run lacks a channel, is sampled too slowly, or has no stretch that is long enough.
     """
-    n = len(robot.wheels)
-    found = []
-    for run in dataset.runs:
-        place = f"{dataset.path}: run {run.name!r}"
-        missing = [name for name in _channels(n) if name not in run.columns]
-        if missing:
-            raise InputError(
-                place, f"has no {missing[0]}", "a force balance needs currents, wheel speeds and both sensors"
-            )
-        rate = 1.0 / float(np.median(np.diff(run.time)))
-        if rate < LOWEST_RATE * 0.995:
-            raise InputError(
-                place, f"has {rate:.4g} samples per second", f"at least {LOWEST_RATE:g} are needed"
-            )
-        found.append(_rows_of(run, robot, place))
-    return tuple(found)
+    channels = _channels(len(robot.wheels), dataset.pose_measured)
+    parts = {run.name: _stretches(run, robot, channels, str(dataset.path)) for run in dataset.runs}
+    late = pose_delay
+    if dataset.pose_measured and late is None:
+        late = _delay_behind_wheels([one for own in parts.values() for one in own], robot)
+    return tuple(_rows_of(run, parts[run.name], robot, channels, late) for run in dataset.runs)
 
 
-def _channels(wheels: int) -> tuple[str, ...]:
-    return tuple(name for name in robot_channels(wheels) if name != "yaw")
+def _channels(wheels: int, pose_measured: bool) -> tuple[str, ...]:
+    if not pose_measured:
+        return tuple(name for name in robot_channels(wheels) if name != "yaw")
+    return (*robot_channels(wheels)[: 2 * wheels], *POSE)
+
+
+def _require_channels(run: Run, channels: Sequence[str], place: str) -> None:
+    missing = [name for name in channels if name not in run.columns]
+    if missing:
+        rule = "a force balance needs currents, wheel speeds, and an inertial unit or a measured pose"
+        raise InputError(place, f"has no {missing[0]}", rule)
+    rate = 1.0 / float(np.median(np.diff(run.time)))
+    least = LOWEST_POSE_RATE if channels[-1] == POSE[-1] else LOWEST_RATE
+    if rate < least * 0.995:
+        raise InputError(place, f"has {rate:.4g} samples per second", f"at least {least:g} are needed")
 
 
 def sensor_delays(robot: Robot, period: float) -> Array:
-    """Nominal delay of each channel without the yaw, shape (2n+3,) [s].
+    """Nominal delay of each channel of a robot with inertial unit, without the yaw, shape (2n+3,) [s].
 
     A current is read at once; a wheel speed passes a filter and counts over one sample; accelerometer and
     gyro have bandwidths.
@@ -120,52 +146,192 @@ def sensor_delays(robot: Robot, period: float) -> Array:
     return np.array([*late, 0.5 / (math.pi * sensors.gyro_bandwidth)])
 
 
-def _rows_of(run: Run, robot: Robot, place: str) -> RunRows:
-    n = len(robot.wheels)
+class _Stretch(NamedTuple):
+    """Rows without a gap, and the filter that makes them."""
+
+    run: Run
+    part: slice
+    smoother: Smoother
+    delays: Array
+    """Delay of each channel, shape (2n+3,) [s]."""
+    samples: PoseSamples | None
+    """Measured poses; None with an inertial unit."""
+
+    def kept(self, name: str) -> NDArray[np.bool_]:
+        """Samples of a channel that are not masked; all, if none is left."""
+        bad = self.run.masked.get(name)
+        keep = np.ones(len(self.run.time[self.part]), bool) if bad is None else ~bad[self.part]
+        return keep if keep.any() else ~keep
+
+    def even(self, name: str) -> Array:
+        """A channel on the filter's grid."""
+        keep = self.kept(name)
+        return self.smoother.even(self.run.time[self.part][keep], self.run.columns[name][self.part][keep])
+
+
+def _stretches(run: Run, robot: Robot, channels: Sequence[str], dataset: str) -> list[_Stretch]:
+    place = f"{dataset}: run {run.name!r}"
+    _require_channels(run, channels, place)
     step = np.diff(run.time)
     longest = max(_GAP, _GAP_PERIODS * float(np.median(step)))
     cuts = [0, *(np.flatnonzero(step > longest) + 1).tolist(), len(run.time)]
-    parts = []
-    for number, (a, b) in enumerate(itertools.pairwise(cuts)):
+    found = []
+    for a, b in itertools.pairwise(cuts):
         if b - a > 10 and run.time[b - 1] - run.time[a] >= _SHORTEST:
-            parts.append(_stretch(run, slice(a, b), robot, number))
-    if not parts:
+            one = _stretch(run, slice(a, b), robot, channels)
+            if one is not None:
+                found.append(one)
+    if not found:
         raise InputError(place, "is too short", f"{_SHORTEST:g} s without a gap are needed")
-    time, means, slopes, ripple, stretch, good = (
-        np.concatenate(columns) for columns in zip(*parts, strict=True)
+    return found
+
+
+def _stretch(run: Run, part: slice, robot: Robot, channels: Sequence[str]) -> _Stretch | None:
+    """A stretch with its filter; None if too little of a pose was measured in it."""
+    time = run.time[part]
+    period = float(np.median(np.diff(time)))
+    width, samples, late, edge = max(WIDTH, 2.0 * period), None, 0.0, 3.0
+    delays = sensor_delays(robot, period)
+    if channels[-1] == POSE[-1]:
+        samples = pose_samples(run, part)
+        if samples is None:
+            return None
+        width, late, edge = max(width, least_width(samples)), MOST_DELAY, 4.0
+        delays[-3:] = 0.0
+    grid = time[0] + period * np.arange(int((time[-1] - time[0]) / period * (1.0 + 1e-9)) + 1)
+    rows = np.arange(grid[0] + edge * width, grid[-1] - edge * width - max(delays.max(), late), PERIOD)
+    return _Stretch(run, part, Smoother(grid, rows, width), delays, samples) if len(rows) else None
+
+
+def _delay_behind_wheels(parts: Sequence[_Stretch], robot: Robot) -> float:
+    """Median over the stretches of the delay of the measured pose; 0 if the robot never moves."""
+    c, found = robot_constants(robot), []
+    for one in parts:
+        speeds = _wheel_speeds(one, len(c.radius), 0)
+        if one.samples is not None and np.abs(speeds).max() > _STILL:
+            found.append(delay_behind_wheels(one.samples, speeds, one.smoother, c))
+    return float(np.median(found)) if found else 0.0
+
+
+def _wheel_speeds(one: _Stretch, n: int, order: int) -> Array:
+    """Filtered wheel speeds or, with order 1, accelerations, shape (m, n)."""
+    return np.column_stack(
+        [one.smoother.filtered(one.even(f"wheel_speed_{i + 1}"), one.delays[n + i], order) for i in range(n)]
     )
-    speed = means[:, n : 2 * n]
-    yaw_rate = means[:, 2 * n + 2]
+
+
+def _body_motion(one: _Stretch, late: float | None) -> BodyMotion:
+    if one.samples is not None:
+        return motion_of_pose(one.samples, one.smoother, late or 0.0)
+    names = ("acceleration_x", "acceleration_y", "yaw_rate", "yaw_rate")
+    x, y, rate, change = (
+        one.smoother.filtered(one.even(name), one.delays[k], order)
+        for name, k, order in zip(names, (-3, -2, -1, -1), (0, 0, 0, 1), strict=True)
+    )
+    return BodyMotion(np.column_stack([x, y]), rate, change, np.empty((len(x), 0)))
+
+
+def _ripple(one: _Stretch, name: str, noise: float) -> Array:
+    """Standard deviation of a current within the filter, less the monitor's noise, shape (m,) [A]."""
+    even, width = one.even(name), one.smoother.width / one.smoother.period
+    smooth = gaussian_filter1d(even, width, mode="nearest")
+    square = gaussian_filter1d((even - smooth) ** 2, width, mode="nearest")
+    own = np.sqrt(np.maximum(square - noise**2, 0.0))
+    return np.interp(one.smoother.rows, one.smoother.grid, own)
+
+
+def _good(one: _Stretch, channels: Sequence[str]) -> NDArray[np.bool_]:
+    """Rows without a masked sample nearby, or without a picture for long, shape (m,)."""
+    rows, near = one.smoother.rows, _NEAR * one.smoother.width
+    good, time = np.ones(len(rows), bool), one.run.time[one.part]
+    if one.samples is not None:
+        channels = channels[:-3]
+        steps = np.diff(one.samples.time)
+        for k in np.flatnonzero(steps > _GAP_PERIODS * one.samples.period):
+            good &= (rows < one.samples.time[k] - near) | (rows > one.samples.time[k + 1] + near)
+    for name in channels:
+        bad = one.run.masked.get(name)
+        spoilt = time[bad[one.part]] if bad is not None else ()
+        if len(spoilt) == len(time):
+            good[:] = False
+        for moment in spoilt:
+            good &= np.abs(rows - moment) > near
+    return good
+
+
+def _rows_of(
+    run: Run, parts: Sequence[_Stretch], robot: Robot, channels: Sequence[str], late: float | None
+) -> RunRows:
+    n = len(robot.wheels)
+    motion = BodyMotion(
+        *(np.concatenate(column) for column in zip(*(_body_motion(p, late) for p in parts), strict=True))
+    )
+    currents = channels[:n]
+    speed = np.concatenate([_wheel_speeds(p, n, 0) for p in parts])
     still = _rests(np.abs(speed).max(axis=1) < _STILL)
-    bias = float(yaw_rate[still].mean()) if still.any() else 0.0
-    slowest = np.empty_like(speed)
-    for number in np.unique(stretch):
-        rows = stretch == number
-        slowest[rows] = minimum_filter1d(np.abs(speed[rows]), 2 * round(_NEAR / PERIOD) + 1, axis=0)
+    measured = parts[0].samples is not None
+    bias = float(motion.yaw_rate[still].mean()) if still.any() and not measured else 0.0
     return RunRows(
-        run.name,
-        str(run.conditions.get("floor", "")),
-        time - run.time[0],
-        means[:, :n],
-        ripple,
-        speed,
-        slopes[:, n : 2 * n],
-        means[:, 2 * n : 2 * n + 2],
-        yaw_rate - bias,
-        slopes[:, 2 * n + 2],
-        slowest,
-        stretch,
-        good,
-        still,
-        bias,
-        np.array([_sample_noise(run.columns[name]) for name in _channels(n)]),
+        name=run.name,
+        floor=str(run.conditions.get("floor", "")),
+        time=np.concatenate([p.smoother.rows for p in parts]) - run.time[0],
+        current=np.concatenate(
+            [np.column_stack([p.smoother.filtered(p.even(name)) for name in currents]) for p in parts]
+        ),
+        ripple=np.concatenate(
+            [
+                np.column_stack([_ripple(p, name, robot.sensors.current_noise) for name in currents])
+                for p in parts
+            ]
+        ),
+        wheel_speed=speed,
+        wheel_acceleration=np.concatenate([_wheel_speeds(p, n, 1) for p in parts]),
+        acceleration=motion.acceleration,
+        yaw_rate=motion.yaw_rate - bias,
+        yaw_acceleration=motion.yaw_acceleration,
+        slowest=_slowest(speed, parts),
+        stretch=np.repeat(np.arange(len(parts)), [len(p.smoother.rows) for p in parts]),
+        good=np.concatenate([_good(p, channels) for p in parts]),
+        still=still,
+        yaw_rate_bias=bias,
+        noise=_noise(run, parts, channels),
+        current_noise=_current_noise(parts[0], currents),
+        velocity=motion.velocity if measured else None,
+        pose_delay=late,
     )
 
 
-def _sample_noise(values: Array) -> float:
-    """Noise of single samples from second differences, robust to motion and steps."""
-    bend = values[2:] - 2.0 * values[1:-1] + values[:-2]
-    return float(1.4826 * np.median(np.abs(bend)) / math.sqrt(6.0))
+def _slowest(speed: Array, parts: Sequence[_Stretch]) -> Array:
+    """Smallest |φ̇| around each row, shape (m, n)."""
+    ends = np.cumsum([len(p.smoother.rows) for p in parts])[:-1]
+    return np.concatenate(
+        [
+            minimum_filter1d(np.abs(own), 2 * round(_NEAR * p.smoother.width / PERIOD) + 1, axis=0)
+            for own, p in zip(np.split(speed, ends), parts, strict=True)
+        ]
+    )
+
+
+def _noise(run: Run, parts: Sequence[_Stretch], channels: Sequence[str]) -> Array:
+    noise = np.array([sample_noise(run.columns[name]) for name in channels])
+    poses = [p.samples.noise for p in parts if p.samples is not None]
+    if poses:
+        noise[-3:] = np.median(poses, axis=0)
+    return noise
+
+
+def _current_noise(one: _Stretch, currents: Sequence[str]) -> Array:
+    """Covariance of the filtered currents' noise from second differences; white, s² T/(2 √π w) is left.
+
+    A slow log samples what the loops answer to noise of the sensors faster than it logs, alike in all
+    motors.
+    """
+    table = np.column_stack([one.even(name) for name in currents])
+    bend = (table[2:] - 2.0 * table[1:-1] + table[:-2]) / math.sqrt(6.0)
+    most = 4.0 * 1.4826 * np.median(np.abs(bend), axis=0)
+    bend = np.clip(bend, -most, most)
+    passed = one.smoother.period / (2.0 * math.sqrt(math.pi) * one.smoother.width)
+    return bend.T @ bend / len(bend) * passed
 
 
 def _rests(slow: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -176,36 +342,3 @@ def _rests(slow: NDArray[np.bool_]) -> NDArray[np.bool_]:
         if last - first >= least:
             rests[first + edge : last - edge] = True
     return rests
-
-
-def _stretch(run: Run, part: slice, robot: Robot, number: int) -> tuple[Array, ...]:
-    """Times, filtered channels, derivatives, ripple of currents, number and goodness of a stretch's rows."""
-    n = len(robot.wheels)
-    names = _channels(n)
-    time = run.time[part]
-    period = float(np.median(np.diff(time)))
-    width = max(WIDTH, 2.0 * period)
-    grid = time[0] + period * np.arange(int((time[-1] - time[0]) / period * (1.0 + 1e-9)) + 1)
-    delays = sensor_delays(robot, period)
-    edge = 3.0 * width
-    rows = np.arange(grid[0] + edge, grid[-1] - edge - delays.max(), PERIOD)
-    means, slopes = np.empty((len(rows), len(names))), np.empty((len(rows), len(names)))
-    ripple, good = np.empty((len(rows), n)), np.ones(len(rows), bool)
-    for c, name in enumerate(names):
-        values, bad = run.columns[name][part], run.masked.get(name)
-        keep = np.ones(len(time), bool) if bad is None else ~bad[part]
-        if not keep.any():
-            good[:] = False
-            keep[:] = True
-        even = np.interp(grid, time[keep], values[keep])
-        smooth = gaussian_filter1d(even, width / period, mode="nearest")
-        slope = gaussian_filter1d(even, width / period, order=1, mode="nearest") / period
-        means[:, c] = np.interp(rows + delays[c], grid, smooth)
-        slopes[:, c] = np.interp(rows + delays[c], grid, slope)
-        if c < n:
-            square = gaussian_filter1d((even - smooth) ** 2, width / period, mode="nearest")
-            own = np.maximum(square - robot.sensors.current_noise**2, 0.0)
-            ripple[:, c] = np.interp(rows, grid, np.sqrt(own))
-        for spoilt in time[~keep]:
-            good &= np.abs(rows - spoilt) > _NEAR
-    return rows, means, slopes, ripple, np.full(len(rows), number), good

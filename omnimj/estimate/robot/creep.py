@@ -129,7 +129,7 @@ def _missing(samples: SlipSamples | None, runs: int) -> str:
         return f"{runs} run where {_FEWEST_RUNS} are needed, one of them to hold out"
     driven = 0 if samples is None else len(np.unique(samples.run))
     if samples is None or len(samples.slip) < _FEWEST_SAMPLES or driven < _FEWEST_RUNS:
-        return "too few drives from rest to rest of at most 12 s, from which the velocity follows"
+        return "too few drives whose velocity is known: from rest to rest in 12 s, or with a measured pose"
     pull = float(np.quantile(np.abs(samples.traction), 0.95))
     if pull < LEAST_TRACTION:
         return (

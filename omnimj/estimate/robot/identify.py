@@ -9,14 +9,16 @@ from dataclasses import replace
 import numpy as np
 
 from omnimj.errors import InputError
+from omnimj.estimate.robot.balance import predicted_accelerations
 from omnimj.estimate.robot.blocks import RunRows, robot_rows
 from omnimj.estimate.robot.creep import identify_creep
 from omnimj.estimate.robot.excitation import unexcited
-from omnimj.estimate.robot.fit import RobotFit, fit_robot, residuals
+from omnimj.estimate.robot.fit import RobotFit, fit_robot, readings, residuals
+from omnimj.estimate.robot.measured_pose import delay_behind_torques
 from omnimj.estimate.robot.quantities import estimates
 from omnimj.estimate.robot.records import RobotIdentification
 from omnimj.estimate.robot.uncertainty import doubt_of
-from omnimj.estimate.robot.unknowns import unknowns
+from omnimj.estimate.robot.unknowns import Unknowns, unknowns
 from omnimj.parameters import Robot
 from omnimj.recording.dataset import Dataset
 from omnimj.signals import Array
@@ -52,8 +54,12 @@ def identify_robot(dataset: Dataset, robot: Robot, progress: Progress | None = N
     done(0, 3)
     rows = robot_rows(dataset, robot)
     _require_motion(dataset, rows)
+    start = unknowns(robot, known)
+    if dataset.pose_measured:
+        start = start.of_pose(_pose_delay(start, rows))
+        rows = robot_rows(dataset, robot, start.pose_delay)
     done(1, 3)
-    fit = fit_robot(unknowns(robot, known), rows)
+    fit = fit_robot(start, rows)
     done(2, 3)
     found = estimates(doubt_of(fit))
     floors, without = identify_creep(fit, rows)
@@ -75,6 +81,17 @@ def identify_robot(dataset: Dataset, robot: Robot, progress: Progress | None = N
     )
     done(3, 3)
     return result
+
+
+def _pose_delay(nominal: Unknowns, rows: Sequence[RunRows]) -> float:
+    """Delay of the measured pose behind the torques, median over the runs [s]."""
+    found, x = [], np.zeros(len(nominal.each))
+    for run in rows:
+        predicted = predicted_accelerations(nominal.constants(x), nominal.errors(x), run)
+        for number in np.unique(run.stretch):
+            part = run.stretch == number
+            found.append(delay_behind_torques(run.time[part], predicted[part], readings(run)[part]))
+    return float(np.median(found)) + (rows[0].pose_delay or 0.0)
 
 
 def require_robot(dataset: Dataset, robot: Robot) -> Robot:
@@ -130,13 +147,21 @@ def _misfit(fit: RobotFit, rows: Sequence[RunRows]) -> Array:
 
 
 def _noise(fit: RobotFit, rows: Sequence[RunRows]) -> Mapping[str, float]:
-    """Biases of the accelerometer over the runs."""
+    """Noise and biases of the sensors, means over the runs."""
+    noise = np.mean([run.noise for run in rows], axis=0)
+    currents = float(noise[: len(fit.unknowns.nominal.axle)].mean())
+    if fit.unknowns.pose_delay is not None:
+        return {
+            "position_noise": float(noise[-3:-1].mean()),
+            "heading_noise": float(noise[-1]),
+            "current_noise": currents,
+        }
     biases = np.array([run.bias for run in fit.runs])
     return {
         "acceleration_x_bias": float(biases[:, 0].mean()),
         "acceleration_y_bias": float(biases[:, 1].mean()),
         "yaw_rate_bias": float(np.mean([run.yaw_rate_bias for run in rows])),
-        "acceleration_noise": float(np.mean([run.noise[-3] for run in rows])),
-        "yaw_rate_noise": float(np.mean([run.noise[-1] for run in rows])),
-        "current_noise": float(np.mean([run.noise[: len(fit.unknowns.nominal.axle)].mean() for run in rows])),
+        "acceleration_noise": float(noise[-3]),
+        "yaw_rate_noise": float(noise[-1]),
+        "current_noise": currents,
     }

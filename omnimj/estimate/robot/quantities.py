@@ -154,6 +154,12 @@ def _of_sensors(u: Unknowns) -> Iterator[Quantity]:
     for i in range(len(u.nominal.axle)):
         name, words = f"current_offset_{i + 1}", f"offset of current monitor {i + 1}"
         yield Quantity(name, words, "A", errors(lambda e, i=i: e.current[i]))
+    if (late := u.pose_delay) is not None:
+        words = "delay of the measured position behind the currents"
+        yield Quantity("position_delay", words, "s", errors(lambda e: late + e.acceleration_delay))
+        words = "delay of the measured heading behind the currents"
+        yield Quantity("heading_delay", words, "s", errors(lambda e: late + e.yaw_rate_delay))
+        return
     words = "delay of the accelerometer behind the currents, beyond its bandwidth"
     yield Quantity("acceleration_delay", words, "s", errors(lambda e: e.acceleration_delay))
     words = "delay of the gyro behind the currents, beyond its bandwidth"

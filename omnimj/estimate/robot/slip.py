@@ -1,8 +1,8 @@
-"""Slip of the wheels in drives from rest to rest, with the velocity over ground from the accelerometer.
+"""Slip of the wheels in single drives, with the velocity over ground from pose or accelerometer.
 
-The accelerometer, turned by the integrated gyro, is integrated from one rest to the next. The velocity is
-zero at both ends, which takes out a constant bias and the floor's tilt. Slip of wheel i is r φ̇_i −
-A_i·twist.
+A measured pose gives the velocity at any time. Without one, the accelerometer, turned by the integrated gyro,
+is integrated from one rest to the next. The velocity is zero at both ends, which takes out a constant bias
+and the floor's tilt. Slip of wheel i is r φ̇_i − A_i·twist.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _EVERY = 3  # rows from one sample to the next: slip changes slowly
 
 @dataclass(frozen=True)
 class SlipSamples:
-    """Samples of turning wheels in drives from rest to rest."""
+    """Samples of turning wheels."""
 
     slip: Array
     """At the nominal radius, shape (k,) [m/s]."""
@@ -44,7 +44,7 @@ class SlipSamples:
 
 
 def slip_samples(fit: RobotFit, rows: Sequence[RunRows]) -> SlipSamples | None:
-    """Samples of all runs; None if no run drives from rest to rest.
+    """Samples of all runs; None if there is no drive of known velocity.
 
     Args:
       fit: The fitted robot, whose balance gives the traction.
@@ -62,7 +62,11 @@ def slip_samples(fit: RobotFit, rows: Sequence[RunRows]) -> SlipSamples | None:
 
 
 def _moves(run: RunRows) -> Iterator[slice]:
-    """Drives between two rests, without gaps and bad samples, from the middle of a rest's last rows on."""
+    """Drives between two rests, without gaps and bad samples, from the middle of a rest's last rows on; with
+    a measured pose any without bad samples."""
+    if run.velocity is not None:
+        yield from _good_stretches(run)
+        return
     rests = np.flatnonzero(np.diff(np.concatenate(([0], run.still.astype(int), [0])))).reshape(-1, 2)
     for (_, first), (last, _) in itertools.pairwise(rests):
         a, b = first - 1, last + 1
@@ -71,8 +75,16 @@ def _moves(run: RunRows) -> Iterator[slice]:
             yield slice(a, b)
 
 
+def _good_stretches(run: RunRows) -> Iterator[slice]:
+    moving = run.good & ~run.still
+    ends = np.flatnonzero((moving[1:] != moving[:-1]) | (np.diff(run.stretch) != 0)) + 1
+    for a, b in itertools.pairwise([0, *ends.tolist(), len(moving)]):
+        if moving[a] and (b - a) * PERIOD >= _SHORTEST:
+            yield slice(a, b)
+
+
 def ground_velocity(run: RunRows, move: slice) -> Array:
-    """Velocity of the origin in the body frame, shape (k, 2) [m/s]; zero at both ends of the drive.
+    """Velocity of the origin in the body frame from the accelerometer, shape (k, 2) [m/s]; zero at both ends.
 
     Args:
       run: Rows of one run.
@@ -96,7 +108,12 @@ def _samples_of(fit: RobotFit, run: RunRows, move: slice, number: int) -> tuple[
     constants, errors = fit.unknowns.constants(fit.x), fit.unknowns.errors(fit.x)
     c = constants.robot
     rolling = c.radius * run.wheel_speed[move]
-    floor = ground_velocity(run, move) @ c.forces[:2] + np.outer(run.yaw_rate[move], c.forces[2])
+    if run.velocity is None:
+        velocity, spin = ground_velocity(run, move), run.yaw_rate[move]
+    else:  # as it was when the pose was taken
+        velocity = run.velocity[move] + errors.acceleration_delay * run.acceleration[move]
+        spin = run.yaw_rate[move] + errors.yaw_rate_delay * run.yaw_acceleration[move]
+    floor = velocity @ c.forces[:2] + np.outer(spin, c.forces[2])
     traction = wheel_forces(constants, errors.current, run)[move] / c.load
     used = run.slowest[move] > SLOW
     used[np.arange(len(used)) % _EVERY != 0] = False

@@ -10,7 +10,7 @@ usual payload.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,7 +34,8 @@ CENTRE_SPREAD = 0.03
 """Standard deviation of the centre of mass along each axis [m]."""
 _LOSS, _VISCOUS, _GEAR = 0.15, 1.0, 0.5
 _ROLLERS, _LEAST_ROLLERS = 0.3, 0.005  # relative, and [1] or [s/m] where the nominal friction is small
-_OFFSET, _DELAY = 0.005, 3e-3  # [A], [s]
+_OFFSET, _DELAY, _POSE_DELAY = 0.005, 3e-3, 0.015  # [A], [s], [s]
+_DELAYS = ("acceleration_delay", "yaw_rate_delay")
 _BOX = math.sqrt(3.0)  # a box of half-width a has the standard deviation a/√3
 
 
@@ -56,6 +57,8 @@ class Unknowns:
     """The nominal robot."""
     nominal: BalanceConstants
     each: tuple[Unknown, ...]
+    pose_delay: float | None = None
+    """Delay of a measured pose that its rows have been freed of [s]; None with an inertial unit."""
 
     @property
     def torque_scale(self) -> Array:
@@ -98,6 +101,11 @@ class Unknowns:
         )
         return BalanceConstants(robot, axle, self.nominal.rotor)
 
+    def of_pose(self, delay: float) -> Unknowns:
+        """The unknowns where the body's motion was measured by a camera of some delay [s]."""
+        each = [replace(one, spread=_POSE_DELAY) if one.name in _DELAYS else one for one in self.each]
+        return replace(self, each=tuple(each), pose_delay=delay)
+
     def _own(self, x: Array, name: str) -> Array:
         """Entries `NAME_1` … of the n wheels."""
         first = self.names.index(f"{name}_1")
@@ -131,8 +139,7 @@ def unknowns(robot: Robot, mass_is_known: bool = False) -> Unknowns:
         Unknown("roller_dry", max(_ROLLERS * c.roller_dry, _LEAST_ROLLERS)),
         Unknown("roller_viscous", max(_ROLLERS * c.roller_viscous, _LEAST_ROLLERS)),
         *(Unknown(f"current_offset_{i + 1}", _OFFSET) for i in range(n)),
-        Unknown("acceleration_delay", _DELAY),
-        Unknown("yaw_rate_delay", _DELAY),
+        *(Unknown(name, _DELAY) for name in _DELAYS),
     ]
     return Unknowns(robot, _balance_constants(robot), tuple(each))
 
