@@ -11,6 +11,8 @@ DATA = Path(__file__).parent / "data"
 def unpack(name: str, folder: Path) -> Path:
     """Unpack an archive of `tests/data`; return its folder."""
     with tarfile.open(DATA / f"{name}.tar.xz") as archive:
-        # Python 3.11 has filters since 3.11.4, later versions warn without one
-        archive.extractall(folder, **({"filter": "data"} if hasattr(tarfile, "data_filter") else {}))
+        if hasattr(tarfile, "data_filter"):  # missing in Python before 3.11.4
+            archive.extractall(folder, filter="data")
+        else:
+            archive.extractall(folder)
     return folder / name

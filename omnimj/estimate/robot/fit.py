@@ -4,10 +4,6 @@ minimise  Σ_rows ψ(W (u(x) + b_run − y)) + Σ x²/s² + Σ b²/s_b²
 with y the readings of accelerometer and gyro (its derivative), u their prediction, b the accelerometer's
 bias in a run, W the whitening by noise and friction at rest, ψ Huber's loss. Misfit lasts as long as a
 manoeuvre: the rows count as many as the autocorrelation of their residuals leaves independent.
-
-Currents of a slow log carry noise, which would make torque constants too small: its known share of the
-normal equations is taken out (bias-compensated least squares; Söderström, Errors-in-variables methods in
-system identification, Automatica 43, 2007).
 """
 
 from __future__ import annotations
@@ -16,9 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import eigh
 
-from omnimj.estimate.robot.balance import inertia_matrix, predicted_accelerations, unknown_forces
+from omnimj.estimate.robot.balance import predicted_accelerations, unknown_forces
 from omnimj.estimate.robot.blocks import RunRows
 from omnimj.estimate.robot.unknowns import Unknowns
 from omnimj.signals import Array
@@ -32,7 +27,6 @@ _ROUNDS, _MOST_ROUNDS, _SETTLED = 3, 12, 1e-3
 _STEP = 1e-3  # of a prior's deviation, for derivatives
 _LONGEST_MEMORY = 500  # rows over which residuals may be correlated
 _FADED = 0.05  # autocorrelation at which they are not any more
-_MOST_NOISE = 0.8  # largest share of the information that noise of the currents may take out
 
 
 @dataclass(frozen=True)
@@ -134,6 +128,12 @@ def _whitening(unknowns: Unknowns, noise: Array, run: RunRows) -> Array:
     return np.where((run.good & ~run.still)[:, None, None], factors, 0.0)
 
 
+def row_weights(fit: RobotFit, run: RunRows) -> Array:
+    """Sum over the rows of the weights of their residuals, shape (3, 3)."""
+    whiten = _whitening(fit.unknowns, fit.noise * np.sqrt(fit.memory), run)
+    return np.einsum("mij,mik->jk", whiten, whiten)
+
+
 def run_sums(unknowns: Unknowns, x: Array, noise: Array, run: RunRows) -> RunSums:
     """Normal equations of one run at x; its biases are eliminated (Schur complement)."""
     whiten, p = _whitening(unknowns, noise, run), len(x)
@@ -151,48 +151,7 @@ def run_sums(unknowns: Unknowns, x: Array, noise: Array, run: RunRows) -> RunSum
         bias = -np.asarray(np.linalg.solve(own, sums[p : p + 2, -1]), float)
     cross = np.linalg.solve(own, sums[p : p + 2, :]).T
     whole = sums - cross @ sums[p : p + 2, :]
-    gram, slope = whole[:p, :p], whole[:p, -1]
-    if run.current_noise.any():
-        of_noise = _sums_of_noise(unknowns, x, np.einsum("mij,mik->jk", whiten, whiten), run.current_noise)
-        share = _removable(of_noise[0], gram + np.diag(unknowns.spread**-2.0))
-        gram, slope = gram - share * of_noise[0], slope - share * of_noise[1]
-    return RunSums(run.name, gram, slope, bias)
-
-
-def _sums_of_noise(unknowns: Unknowns, x: Array, weight: Array, noise: Array) -> tuple[Array, Array]:
-    """What noise of the currents adds to the normal equations, on average.
-
-    With D = M⁻¹ B K the accelerations per ampere and Q the covariance of the noise, it adds tr(S D Q Dᵀ)/2 to
-    the sum of squares.
-
-    Args:
-      unknowns: What is estimated.
-      x: Deviations from nominal, shape (p,).
-      weight: Sum of the rows' weights S, shape (3, 3).
-      noise: Q, shape (n, n).
-
-    Returns:
-      Its second and first derivatives by x, shapes (p, p) and (p,).
-    """
-
-    def gain(at: Array) -> Array:
-        c = unknowns.constants(at).robot
-        return np.linalg.inv(inertia_matrix(c)) @ (c.forces * c.torque)
-
-    here, changes = gain(x), []
-    for k, size in enumerate(_STEP * unknowns.spread):
-        step = np.zeros(len(x))
-        step[k] = size
-        changes.append((gain(x + step) - here) / size)
-    weighted = np.array([weight @ change @ noise for change in changes])
-    gram = np.einsum("kij,lij->kl", weighted, np.array(changes))
-    return gram, np.einsum("kij,ij->k", weighted, here)
-
-
-def _removable(of_noise: Array, information: Array) -> float:
-    """Share of the noise's part that may be taken out so that enough information is left."""
-    largest = float(eigh(of_noise, information, eigvals_only=True)[-1])
-    return min(1.0, _MOST_NOISE / largest) if largest > 0.0 else 1.0
+    return RunSums(run.name, whole[:p, :p], whole[:p, -1], bias)
 
 
 def _residual_noise(

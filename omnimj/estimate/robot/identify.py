@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from omnimj.errors import InputError
+from omnimj.estimate.robot.aliasing import aliasing_doubt
 from omnimj.estimate.robot.balance import predicted_accelerations
 from omnimj.estimate.robot.blocks import RunRows, robot_rows
 from omnimj.estimate.robot.creep import identify_creep
@@ -28,6 +29,7 @@ MOST_WHEELS = 4
 LEAST_MOTION = 20.0
 """Shortest motion from which a robot is identified [s]."""
 _FEW_RUNS = 4
+_MUCH_ALIASING = 0.5  # of a prior's deviation that aliasing may have moved an estimate
 
 Progress = Callable[[int, int], None]
 """Called with the finished steps and the number of all steps."""
@@ -61,9 +63,12 @@ def identify_robot(dataset: Dataset, robot: Robot, progress: Progress | None = N
     done(1, 3)
     fit = fit_robot(start, rows)
     done(2, 3)
-    found = estimates(doubt_of(fit))
+    aliasing = aliasing_doubt(fit, rows)
+    found = estimates(doubt_of(fit, aliasing))
     floors, without = identify_creep(fit, rows)
     notes = list(dataset.notes)
+    if np.abs(aliasing / fit.unknowns.spread).max() > _MUCH_ALIASING:
+        notes.append("currents ripple faster than the log samples, which intervals allow for: log faster")
     if len(rows) < _FEW_RUNS:
         notes.append(f"{len(rows)} runs: intervals over whole runs need at least {_FEW_RUNS} of them")
     result = RobotIdentification(

@@ -91,7 +91,7 @@ def _even_times(time: Array, step: float) -> Array:
     number = np.concatenate(([0.0], np.cumsum(np.round(gaps / period))))
     if period < 1.5 * step or number[-1] < 10.0:
         return time
-    even = np.polyval(np.polyfit(number, time, 1), number)
+    even = np.asarray(np.polyval(np.polyfit(number, time, 1), number), float)
     return even if np.abs(time - even).max() <= step else time
 
 
@@ -133,12 +133,13 @@ def motion_of_pose(samples: PoseSamples, smoother: Smoother, late: float) -> Bod
     # straight lines between pictures are a low pass themselves, of variance T²/6
     line = (samples.period**2 - smoother.period**2) / 6.0
     width = math.sqrt(max(smoother.width**2 - line, 0.25 * smoother.width**2))
-    even = [smoother.even(samples.time, values) for values in samples.pose.T]
+    # from the first pose on: digits are not lost far from the camera's origin
+    even = [smoother.even(samples.time, values - values[0]) for values in samples.pose.T]
 
     def derivative(order: int) -> list[Array]:
         return [smoother.filtered(values, late, order, width) for values in even]
 
-    _, _, heading = derivative(0)
+    heading = derivative(0)[2] + samples.pose[0, 2]
     vx, vy, yaw_rate = derivative(1)
     ax, ay, yaw_acceleration = derivative(2)
     cos, sin = np.cos(heading), np.sin(heading)

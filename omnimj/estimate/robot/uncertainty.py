@@ -3,7 +3,7 @@
   V = (k − 1)/k Σ_runs δ δᵀ + H⁻¹ P H⁻¹,   δ = (H − H_run)⁻¹ s_run
 to first order, with H the information of data and prior, P that of the prior, H_run and s_run the parts of
 one run. The misfit of a law repeats within a run, so that only whole runs count as independent (MacKinnon
-and White 1985).
+and White 1985). What aliasing may have changed is added.
 """
 
 from __future__ import annotations
@@ -60,11 +60,12 @@ def gradient(fit: RobotFit, quantity: Quantity) -> Array:
     return found
 
 
-def doubt_of(fit: RobotFit) -> Doubt:
+def doubt_of(fit: RobotFit, aliasing: Array) -> Doubt:
     """Uncertainty of a fitted robot from the scatter between its runs.
 
     Args:
       fit: The fitted robot; with a single run, only its noise and the prior count.
+      aliasing: Change of its numbers that aliasing may have made, shape (p,).
     """
     hessian, count = fit.information + np.diag(fit.precision), len(fit.runs)
     total = np.zeros_like(hessian)
@@ -79,5 +80,5 @@ def doubt_of(fit: RobotFit) -> Doubt:
     scaled = np.linalg.solve(root, np.linalg.solve(root, between).T)
     values, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
     wide = root @ vectors
-    covariance = (wide * np.maximum(values, 1.0)) @ wide.T
+    covariance = (wide * np.maximum(values, 1.0)) @ wide.T + np.outer(aliasing, aliasing)
     return Doubt(fit, covariance, float(student.ppf(0.5 * (1.0 + LEVEL), max(count - 1, 2))))

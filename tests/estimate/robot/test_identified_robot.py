@@ -174,3 +174,50 @@ def test_most_intervals_contain_the_truth(tmp_path):
         found = identified(tmp_path / f"{seed}", robot, seed, 10, 40.0)
         inside += [found[name].low <= value <= found[name].high for name, value in truth(robot).items()]
     assert np.mean(inside) >= 0.7
+
+
+@pytest.fixture(scope="module")
+def filmed(foreign, tmp_path_factory):
+    """Six minutes of the foreign robot without inertial unit: a camera of 30 pictures per second, 2 mm, 3 mrad."""
+    folder = tmp_path_factory.mktemp("filmed") / "logs"
+    logs = {f"run_{k}": drive(foreign, 3100 + k, 40.0, rate=100.0, pose_measured=True) for k in range(9)}
+    write_dataset(folder, logs)
+    return identify_robot(read_dataset(folder), read_robot())
+
+
+def test_a_camera_gives_the_same_robot_as_an_inertial_unit(filmed, foreign):
+    assert_near_truth(filmed, foreign, 0.03, 0.03, 0.01)
+    held = 0.5 * 0.01  # a picture is read by a log of 100 Hz half a step late
+    assert filmed["position_delay"].value == pytest.approx(foreign.sensors.camera_delay + held, abs=0.008)
+    assert filmed.noise["position_noise"] == pytest.approx(foreign.sensors.camera_noise[0], rel=0.1)
+    (creep,) = filmed.floors
+    assert creep.chosen.name.startswith("slip speed")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rate, camera", [(20.0, 20.0), (1000.0, 100.0)])
+def test_most_intervals_contain_the_truth_at_any_rate_of_the_camera(rate, camera, tmp_path):
+    inside = []
+    for seed in range(41, 45):
+        robot = draw_robot(seed, LAWS[seed % 3], torque_constant_spread=0.05, doubled_bearings=1)
+        sensors = dataclasses.replace(robot.sensors, camera_rate=camera)
+        robot, folder = dataclasses.replace(robot, sensors=sensors), tmp_path / f"{seed}"
+        logs = {
+            f"run_{k}": drive(robot, 100 * seed + k, 40.0, rate=rate, pose_measured=True) for k in range(10)
+        }
+        write_dataset(folder, logs)
+        found = identify_robot(read_dataset(folder), read_robot())
+        inside += [found[name].low <= value <= found[name].high for name, value in truth(robot).items()]
+    assert np.mean(inside) >= 0.7
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [31, 32])
+def test_a_log_that_aliases_the_currents_is_not_trusted_with_the_yaw_inertia(seed, tmp_path):
+    robot = draw_robot(seed, LAWS[seed % 3], torque_constant_spread=0.05, doubled_bearings=1)
+    logs = {f"run_{k}": drive(robot, 100 * seed + k, 40.0, rate=100.0, jitter=1.0) for k in range(8)}
+    write_dataset(tmp_path / "logs", logs)
+    found = identify_robot(read_dataset(tmp_path / "logs"), read_robot())
+    ratio = found["inertia_ratio"]
+    assert ratio.low <= truth(robot)["inertia_ratio"] <= ratio.high
+    assert any("log faster" in note for note in found.notes)
