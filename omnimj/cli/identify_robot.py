@@ -39,12 +39,15 @@ def identify_robot_dataset(arguments: Any, dataset: Dataset) -> tuple[RobotIdent
 
     robot = read_robot(arguments.model)
     require_robot(dataset, robot)
-    sound, check = sound_dataset(dataset, robot, arguments.accept)
+    faults: list[dict[str, Any]] = []
+    if not dataset.pose_measured:  # a pose is compared with the wheels when its delay is known
+        dataset, check = sound_dataset(dataset, robot, arguments.accept)
+        faults = fault_records(check)
     with progress_bar(arguments) as bar:
-        found = identify_robot(sound, robot, bar.show)
+        found = identify_robot(dataset, robot, bar.show)
     content = identification_content(found, command_line(arguments))
-    content["data_faults"] = fault_records(check)
-    _write_files(arguments, sound, found, content)
+    content["data_faults"] = faults
+    _write_files(arguments, dataset, found, content)
     return found, content
 
 
@@ -77,6 +80,8 @@ def _write_thresholds(out: Path, dataset: Dataset, command: str) -> list[str]:
     from omnimj.estimate.robot import files
     from omnimj.parameters.floor import all_floors
 
+    if dataset.pose_measured:
+        return ["no thresholds: the detector needs an inertial unit; those of omnimj hold"]
     machine = read_machine(dataset, out / files.MODEL_FILE)
     config = DiagnosisConfig(dataset, machine, "robust", all_floors())
     try:

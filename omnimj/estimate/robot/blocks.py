@@ -295,7 +295,7 @@ def _rows_of(
         still=still,
         yaw_rate_bias=bias,
         noise=_noise(run, parts, channels),
-        aliased=np.mean([_aliased(p, currents) for p in parts], axis=0),
+        aliased=np.mean([_aliased(p, currents, robot.sensors.sample_rate) for p in parts], axis=0),
         velocity=motion.velocity if measured else None,
         pose_delay=late,
     )
@@ -320,14 +320,16 @@ def _noise(run: Run, parts: Sequence[_Stretch], channels: Sequence[str]) -> Arra
     return noise
 
 
-def _aliased(one: _Stretch, currents: Sequence[str]) -> Array:
+def _aliased(one: _Stretch, currents: Sequence[str], sample_rate: float) -> Array:
     """Covariance of the filtered currents' errors by aliasing, shape (n, n) [A²].
 
     Loops answer to noise of the sensors faster than a slow log samples. What every second, and every fourth
-    sample would have given shows how the error falls with the rate, E₂ and E₄ about the whole; that of all
-    samples follows as a geometric series, E₂ ρ/(1 − ρ), ρ = E₂/(E₄ − E₂): ρ = 1/2 for white noise, and
-    nearly 0 where the log follows the currents.
+    sample would have given shows how the error falls with the rate, E₂ and E₄ about the whole. From all
+    samples up to those of the controller, k doublings of the rate, follows a geometric series,
+    E₂ (ρ + ρ² + … + ρᵏ), ρ = E₂/(E₄ − E₂): ρ = 1/2 for white noise, and nearly 0 where the log follows the
+    currents.
     """
+    doublings = math.log2(max(one.smoother.period * sample_rate, 1.0))
     errors = []
     for step in (2, 4):
         parts = [_decimated(one, currents, slice(first, None, step)) for first in range(step)]
@@ -335,7 +337,7 @@ def _aliased(one: _Stretch, currents: Sequence[str]) -> Array:
         errors.append(np.mean([(part - mean).T @ (part - mean) / len(mean) for part in parts], axis=0))
     second, more = float(np.trace(errors[0])), float(np.trace(errors[1] - errors[0]))
     share = min(second / more, 0.5) if more > 0.0 else 0.5
-    return errors[0] * share / (1.0 - share)
+    return errors[0] * share * (1.0 - share**doublings) / (1.0 - share)
 
 
 def _decimated(one: _Stretch, currents: Sequence[str], every: slice) -> Array:

@@ -9,13 +9,14 @@ from dataclasses import replace
 import numpy as np
 
 from omnimj.errors import InputError
-from omnimj.estimate.robot.aliasing import aliasing_doubt
+from omnimj.estimate.robot.aliasing import without_aliasing
 from omnimj.estimate.robot.balance import predicted_accelerations
 from omnimj.estimate.robot.blocks import RunRows, robot_rows
 from omnimj.estimate.robot.creep import identify_creep
 from omnimj.estimate.robot.excitation import unexcited
 from omnimj.estimate.robot.fit import RobotFit, fit_robot, readings, residuals
 from omnimj.estimate.robot.measured_pose import delay_behind_torques
+from omnimj.estimate.robot.pose_check import require_like_motion
 from omnimj.estimate.robot.quantities import estimates
 from omnimj.estimate.robot.records import RobotIdentification
 from omnimj.estimate.robot.uncertainty import doubt_of
@@ -29,7 +30,7 @@ MOST_WHEELS = 4
 LEAST_MOTION = 20.0
 """Shortest motion from which a robot is identified [s]."""
 _FEW_RUNS = 4
-_MUCH_ALIASING = 0.5  # of a prior's deviation that aliasing may have moved an estimate
+_MUCH_ALIASING = 0.03  # doubt of the yaw inertia by aliasing from which it is noted, relative
 
 Progress = Callable[[int, int], None]
 """Called with the finished steps and the number of all steps."""
@@ -58,17 +59,17 @@ def identify_robot(dataset: Dataset, robot: Robot, progress: Progress | None = N
     _require_motion(dataset, rows)
     start = unknowns(robot, known)
     if dataset.pose_measured:
+        require_like_motion(dataset.path, rows, start.nominal.robot)
         start = start.of_pose(_pose_delay(start, rows))
         rows = robot_rows(dataset, robot, start.pose_delay)
     done(1, 3)
-    fit = fit_robot(start, rows)
+    fit, aliasing = without_aliasing(fit_robot(start, rows), rows)
     done(2, 3)
-    aliasing = aliasing_doubt(fit, rows)
     found = estimates(doubt_of(fit, aliasing))
     floors, without = identify_creep(fit, rows)
     notes = list(dataset.notes)
-    if np.abs(aliasing / fit.unknowns.spread).max() > _MUCH_ALIASING:
-        notes.append("currents ripple faster than the log samples, which intervals allow for: log faster")
+    if float(np.linalg.norm(aliasing)) > _MUCH_ALIASING:
+        notes.append("currents ripple faster than the log samples: the yaw inertia is uncertain, log faster")
     if len(rows) < _FEW_RUNS:
         notes.append(f"{len(rows)} runs: intervals over whole runs need at least {_FEW_RUNS} of them")
     result = RobotIdentification(

@@ -178,7 +178,7 @@ def test_most_intervals_contain_the_truth(tmp_path):
 
 @pytest.fixture(scope="module")
 def filmed(foreign, tmp_path_factory):
-    """Six minutes of the foreign robot without inertial unit: a camera of 30 pictures per second, 2 mm, 3 mrad."""
+    """Six minutes of the foreign robot by a camera: 30 pictures per second, 2 mm, 3 mrad."""
     folder = tmp_path_factory.mktemp("filmed") / "logs"
     logs = {f"run_{k}": drive(foreign, 3100 + k, 40.0, rate=100.0, pose_measured=True) for k in range(9)}
     write_dataset(folder, logs)
@@ -192,6 +192,27 @@ def test_a_camera_gives_the_same_robot_as_an_inertial_unit(filmed, foreign):
     assert filmed.noise["position_noise"] == pytest.approx(foreign.sensors.camera_noise[0], rel=0.1)
     (creep,) = filmed.floors
     assert creep.chosen.name.startswith("slip speed")
+
+
+@pytest.mark.parametrize(
+    "wrong, words",
+    [
+        ({"wheel_speed_1": 9.5493, "wheel_speed_2": 9.5493, "wheel_speed_3": 9.5493, "wheel_speed_4": 9.5493},
+         r"wheel speeds: .*may be in rev/min"),
+        ({"x": 1000.0, "y": 1000.0}, r"x and y: .*may be in mm"),
+        ({"heading": 57.2958}, r"heading: .*may be in deg"),
+        ({"wheel_speed_3": -1.0}, r"wheel_speed_3: turns against the pose"),
+    ],
+)  # fmt: skip
+def test_a_wrong_unit_or_sign_beside_a_pose_is_named(wrong, words, foreign, tmp_path):
+    logs = {}
+    for k in range(3):
+        log = drive(foreign, 3101 + k, 40.0, rate=50.0, pose_measured=True)
+        columns = {name: wrong.get(name, 1.0) * values for name, values in log.columns.items()}
+        logs[f"run_{k}"] = dataclasses.replace(log, columns=columns)
+    write_dataset(tmp_path, logs)
+    with pytest.raises(InputError, match=words):
+        identify_robot(read_dataset(tmp_path), read_robot())
 
 
 @pytest.mark.slow

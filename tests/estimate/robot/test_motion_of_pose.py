@@ -42,9 +42,15 @@ def as_run(columns, masked=MappingProxyType({})):
     return Run("run", MappingProxyType(columns), masked=masked, conditions=MappingProxyType({}))
 
 
+def poses(run):
+    found = pose_samples(run, slice(None))
+    assert found is not None
+    return found
+
+
 def motion(run, width, late=0.0):
     smoother = Smoother(run.time, np.arange(4.0, run.time[-1] - 4.0, 0.03), width)
-    return smoother.rows, motion_of_pose(pose_samples(run, slice(None)), smoother, late)
+    return smoother.rows, motion_of_pose(poses(run), smoother, late)
 
 
 def swung(time):
@@ -74,19 +80,19 @@ def test_noise_of_pictures_makes_the_noise_of_the_closed_form():
     error = motion(run, width)[1].acceleration - motion(quiet, width)[1].acceleration
     expected = noise * math.sqrt(3.0 / rate / (8.0 * math.sqrt(math.pi) * width**5))
     assert error.std() == pytest.approx(expected, rel=0.1)
-    samples = pose_samples(run, slice(None))
+    samples = poses(run)
     assert samples.noise[:2] == pytest.approx([noise, noise], rel=0.1)
     width = least_width(samples)
     assert noise * math.sqrt(3.0 / rate / (8.0 * math.sqrt(math.pi) * width**5)) <= 0.0505
 
 
 def test_pictures_keep_their_even_times_behind_a_log_with_a_step_of_its_own():
-    samples = pose_samples(logged(100.0, 30.0), slice(None))
+    samples = poses(logged(100.0, 30.0))
     assert np.diff(samples.time) == pytest.approx(1.0 / 30.0, abs=1e-5)
     uneven = logged(100.0, 30.0)
     kept = np.random.default_rng(4).uniform(size=len(uneven.time)) > 0.3
     lost = as_run({n: v[kept] for n, v in uneven.columns.items()})
-    assert len(pose_samples(lost, slice(None)).time) <= len(samples.time)
+    assert len(poses(lost).time) <= len(samples.time)
 
 
 def test_a_pose_at_rest_may_repeat_and_a_silent_one_is_refused():
