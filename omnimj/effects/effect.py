@@ -71,6 +71,18 @@ class Interval:
     unit: str = "1"
 
 
+MOST_WHEELS = 12
+"""Largest number of wheels with effects of their own."""
+
+
+def wheel_number(choice: str | int) -> int:
+    """Number of the wheel that a choice names: 3 of 3 and of `current_3`; 0 if it names none."""
+    if isinstance(choice, int):
+        return choice
+    number = choice.rpartition("_")[2]
+    return int(number) if number.isdigit() else 0
+
+
 @dataclass(frozen=True)
 class Selector:
     """Choice that an effect requires besides its parameters, such as a channel or a wheel."""
@@ -79,6 +91,10 @@ class Selector:
     choices: tuple[str | int, ...]
     optional: bool = False
     """True if the effect acts everywhere without it."""
+
+    def on(self, wheels: int) -> tuple[str | int, ...]:
+        """Choices that a machine with this number of wheels has."""
+        return tuple(choice for choice in self.choices if wheel_number(choice) <= wheels)
 
 
 @dataclass(frozen=True)

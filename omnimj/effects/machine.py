@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 from omnimj.effects import catalogue
 from omnimj.effects.catalogue import base_name, find_effect
-from omnimj.effects.effect import AppliedEffects, Effect, MachineChanges
+from omnimj.effects.effect import MOST_WHEELS, AppliedEffects, Effect, MachineChanges
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.parameters import Axis, Rig, Robot
 
@@ -17,7 +17,11 @@ Machine = TypeVar("Machine", Robot, Rig, Axis)
 
 
 def complete_values(
-    effect: Effect, given: Mapping[str, Any], place: object, partial: bool = True
+    effect: Effect,
+    given: Mapping[str, Any],
+    place: object,
+    partial: bool = True,
+    wheels: int = MOST_WHEELS,
 ) -> dict[str, float | str | int]:
     """Complete the parameters and selectors of an effect.
 
@@ -30,6 +34,7 @@ def complete_values(
       given: Values by name.
       place: Origin of the values, for messages.
       partial: Whether all amplitudes may be missing.
+      wheels: Number of the machine's wheels.
 
     Raises:
       InputError: A value that is not a number, is out of bounds or is missing.
@@ -56,12 +61,14 @@ def complete_values(
     for selector in effect.selectors:
         if selector.optional and selector.name not in given:
             continue
-        if selector.name not in given and len(selector.choices) > 1:
-            choices = map(str, selector.choices)
-            raise InputError(place, f"'{selector.name}' is missing", "name one of the choices", choices)
-        chosen = given.get(selector.name, next(iter(selector.choices)))
-        if chosen not in selector.choices or isinstance(chosen, bool | float):
-            raise UnknownNameError(place, selector.name, chosen, map(str, selector.choices))
+        choices = selector.on(wheels)
+        if selector.name not in given and len(choices) > 1:
+            raise InputError(
+                place, f"'{selector.name}' is missing", "name one of the choices", map(str, choices)
+            )
+        chosen = given.get(selector.name, next(iter(choices)))
+        if chosen not in choices or isinstance(chosen, bool | float):
+            raise UnknownNameError(place, selector.name, chosen, map(str, choices))
         values[selector.name] = chosen
     return values
 
@@ -81,7 +88,8 @@ def with_effects(machine: Machine, effects: Mapping[str, Mapping[str, Any]]) -> 
     full = dict(machine.effects)
     for name, values in effects.items():
         place = f"effects.{name}"
-        full[name] = complete_values(find_effect(name, machine.plant, "effects"), values, place)
+        effect = find_effect(name, machine.plant, "effects")
+        full[name] = complete_values(effect, values, place, wheels=machine.wheel_count)
     changed = dataclasses.replace(machine, effects=full)
     apply_effects(changed)  # refuses effects that exclude each other
     return changed
@@ -99,7 +107,7 @@ def apply_effects(machine: Robot | Rig | Axis) -> AppliedEffects:
     for name, given in machine.effects.items():
         place = f"{machine.file}: effects.{name}"
         effect = find_effect(name, machine.plant, f"{machine.file}: effects")
-        values = complete_values(effect, given, place, partial=False)
+        values = complete_values(effect, given, place, partial=False, wheels=machine.wheel_count)
         for hook in effect.hooks:
             try:
                 hook(changes, values)

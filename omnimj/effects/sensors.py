@@ -2,20 +2,39 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from omnimj import signals
-from omnimj.effects.effect import RIG, ROBOT, Effect, EffectParameter, Hook, MachineChanges, Selector, Values
+from omnimj.effects.effect import (
+    MOST_WHEELS,
+    RIG,
+    ROBOT,
+    Effect,
+    EffectParameter,
+    Hook,
+    MachineChanges,
+    Selector,
+    Values,
+    wheel_number,
+)
 
 RIG_CHANNELS = signals.RIG_CHANNELS[:-1]
 """Measured channels of the rig; the gantry speed is commanded, not measured."""
-ROBOT_CHANNELS = signals.robot_channels(4)
-"""Measured channels of the robot."""
+ROBOT_CHANNELS = signals.robot_channels(MOST_WHEELS)
+"""Measured channels of a robot with as many wheels as can be."""
 
 _AXES = Selector("channel", ("acceleration_x", "acceleration_y"))
 
 
+def _chosen(changes: MachineChanges, values: Values, channels: Sequence[str]) -> list[str]:
+    """The channel that an effect names, or all of the machine."""
+    named = [str(values["channel"])] if "channel" in values else channels
+    return [name for name in named if wheel_number(name) <= changes.machine.wheel_count]
+
+
 def _scaled(*channels: str) -> Hook:
     def hook(changes: MachineChanges, values: Values) -> None:
-        for channel in (values["channel"],) if "channel" in values else channels:
+        for channel in _chosen(changes, values, channels):
             changes.change_channel(channel, scale=values["scale"])
 
     return hook
@@ -23,7 +42,7 @@ def _scaled(*channels: str) -> Hook:
 
 def _shifted(*channels: str) -> Hook:
     def hook(changes: MachineChanges, values: Values) -> None:
-        for channel in (values["channel"],) if "channel" in values else channels:
+        for channel in _chosen(changes, values, channels):
             changes.change_channel(channel, offset=values["bias"])
 
     return hook
@@ -47,7 +66,7 @@ _CURRENT_BIAS = ("current_bias", "the current monitor has an offset", "sensors")
 _CURRENT_SCALE = ("current_scale", "the current monitor has another gain", "sensors")
 _ACCELERATION_BIAS = ("acceleration_bias", "the accelerometer has an offset", "sensors")
 _ACCELERATION_SCALE = ("acceleration_scale", "the accelerometer has another gain", "sensors")
-_CURRENTS = ROBOT_CHANNELS[:4]
+_CURRENTS = ROBOT_CHANNELS[:MOST_WHEELS]
 
 EFFECTS = (
     Effect(*_CURRENT_BIAS, (RIG,), _bias("A", 1.0, 0.05), hooks=(_shifted("current"),)),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from omnimj.effects.effect import (
+    MOST_WHEELS,
     RIG,
     ROBOT,
     Effect,
@@ -16,9 +17,9 @@ from omnimj.effects.effect import (
     adds_to_term,
 )
 
-WHEEL = Selector("wheel", (1, 2, 3, 4))
+WHEEL = Selector("wheel", tuple(range(1, MOST_WHEELS + 1)))
 """Selector of the robot wheel on which an effect acts."""
-ANY_WHEEL = Selector("wheel", (1, 2, 3, 4), optional=True)
+ANY_WHEEL = Selector("wheel", WHEEL.choices, optional=True)
 """The same where the effect acts on all wheels if none is named."""
 
 

@@ -163,7 +163,7 @@ def average_blocks(values: Array, size: int) -> Array:
 
 
 def candidate_effects(
-    plant: str, spans: Mapping[str, tuple[float, float]], without: tuple[str, ...] = ()
+    plant: str, spans: Mapping[str, tuple[float, float]], without: tuple[str, ...] = (), wheels: int = 1
 ) -> tuple[CandidateEffect, ...]:
     """Candidate effects of a plant from the catalogue; one candidate for every choice of a selector,
     of an optional one none.
@@ -172,10 +172,11 @@ def candidate_effects(
       plant: Name of the plant.
       spans: Range covered by the runs: `speed` and `position` → lowest, highest; shapes are tried inside.
       without: Labels that cannot show in these data (a channel that was not recorded).
+      wheels: Number of the machine's wheels.
     """
     candidates = []
     for effect in effects_of(plant).values():
-        choices = [[(s.name, c) for c in s.choices] for s in effect.selectors if not s.optional]
+        choices = [[(s.name, c) for c in s.on(wheels)] for s in effect.selectors if not s.optional]
         for chosen in itertools.product(*choices):
             text = ", ".join(str(c) if n != "wheel" else f"wheel {c}" for n, c in chosen)
             label = f"{effect.name} ({text})" if text else effect.name

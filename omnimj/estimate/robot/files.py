@@ -6,6 +6,9 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+from scipy.optimize import least_squares
+
 import omnimj
 from omnimj.estimate.robot.records import (
     CreepForm,
@@ -16,13 +19,16 @@ from omnimj.estimate.robot.records import (
 )
 from omnimj.estimate.robot.uncertainty import LEVEL
 from omnimj.parameters.floor import FLOOR_UNITS, Floor, format_floor, printable_line
+from omnimj.signals import Array
 
 MODEL_FILE, FLOORS_FILE, THRESHOLDS_FILE = "model.toml", "floors.toml", "thresholds.toml"
 JSON_FILE, REPORT_FILE = "identification.json", "report.md"
 ROBOT_FILES = (MODEL_FILE, FLOORS_FILE, THRESHOLDS_FILE, JSON_FILE, REPORT_FILE)
 _DIGITS = 6
 _FAST = 1e-3  # [m] way over which a bristle of an identified floor stretches: below what the logs resolve
-_SPEED = 0.5  # [m/s] rolling speed at which a law of the creep ratio is written as one of slip speed
+_SPEED = 0.5  # [m/s] rolling speed at which the covered slip is taken as a creep ratio
+_MOST_GRIP = 1.0  # traction over load in full sliding where the logs do not show it
+_RELAXATION, _DAMPING = 0.02, 0.005  # [m, s] of a law by creep ratio: those of the shipped floors
 
 
 def identification_content(found: RobotIdentification, command: str = "") -> dict[str, Any]:
@@ -117,32 +123,48 @@ def as_floor(creep: FloorCreep) -> tuple[Floor, tuple[str, ...]]:
 
     LuGre in steady sliding is F/F_N = g + σ2 v with a stiff bristle. A slope that is the same at every slip
     is all σ2 and a level that hardly counts; one that falls with slip is a level g reached within the slip
-    that the logs cover. A law of the creep ratio is written at a rolling speed of 0.5 m/s.
+    that the logs cover. A law of the creep ratio is the brush curve nearest to it over the same range.
 
     Args:
       creep: Creep of one floor.
     """
-    form, numbers = creep.chosen, dict(creep.chosen.numbers)
-    per_speed = form.name.startswith("creep ratio")
-    slope = numbers["slope"] / (_SPEED if per_speed else 1.0)
-    level = numbers.get("ceiling", 0.0)
-    written = {
-        "mu_c": max(level, 1e-3),
-        "mu_s": max(level, 1e-3),
-        "V_s": 1.0,
-        "sigma_0": max(level, 1e-3) / _FAST,
-        "sigma_1": 0.0,
-        "sigma_2": slope,
-    }
+    form, numbers = creep.chosen, creep.chosen.numbers
+    remarks = [f"form that fits held-out runs best: {form.name}"]
+    if form.name.startswith("creep ratio"):
+        law, written = "creep_ratio", _brush(numbers, creep.covered / _SPEED)
+        if written["mu"] >= _MOST_GRIP:
+            remarks.append(f"full sliding lies beyond the logs; mu = {_MOST_GRIP:g} is assumed")
+    else:
+        law, level = "lugre", max(numbers.get("ceiling", 0.0), 1e-3)
+        written = {"mu_c": level, "mu_s": level, "V_s": 1.0, "sigma_0": level / _FAST, "sigma_1": 0.0}
+        written["sigma_2"] = numbers["slope"]
     low, high = creep.intervals["slope"]
     doubt = min(max(0.5 * (high - low) / numbers["slope"], 0.01), 1.0)
-    drives = f"{creep.moves} drives from rest in {len(creep.runs)} runs"
+    drives = f"{creep.moves} drives in {len(creep.runs)} runs"
     source = f"identified: {drives}, slip to {creep.covered:.3g} m/s"
-    remarks = [f"form that fits held-out runs best: {form.name}"]
-    if per_speed:
-        remarks.append(f"creep ratio {numbers['slope']:.4g}, written as slip speed at {_SPEED:g} m/s")
     name = creep.floor
-    return Floor(name, name.replace("_", " "), "lugre", source, written, doubt), tuple(remarks)
+    return Floor(name, name.replace("_", " "), law, source, written, doubt), tuple(remarks)
+
+
+def _brush(numbers: Mapping[str, float], covered: float) -> dict[str, float]:
+    """Brush law μ [1 − (1 − ξ/ξ_s)³], ξ_s = 3 μ/C, nearest to c tanh(ξ/ξ₀) + σ ξ up to a creep ratio."""
+    slope, ceiling, onset = numbers["slope"], numbers.get("ceiling", 0.0), numbers.get("onset", 1.0)
+    creep = np.linspace(0.0, covered, 50)[1:]
+    wanted = ceiling * np.tanh(creep / onset) + slope * creep
+    steepest = slope + ceiling / onset
+
+    def error(x: Array) -> Array:
+        mu, stiffness = np.exp(x)
+        sliding = np.minimum(creep * stiffness / (3.0 * mu), 1.0)
+        return mu * sliding * (3.0 + sliding * (sliding - 3.0)) / wanted[-1] - wanted / wanted[-1]
+
+    start = np.log([min(2.0 * wanted[-1], 0.5 * _MOST_GRIP), steepest])
+    bounds = ([-np.inf, np.log(0.1 * steepest)], [np.log(_MOST_GRIP), np.log(10.0 * steepest)])
+    mu, stiffness = np.exp(least_squares(error, start, bounds=bounds).x).tolist()
+    if mu > 0.99 * _MOST_GRIP:
+        mu = _MOST_GRIP
+    length = {"relaxation_length": _RELAXATION, "damping_time": _DAMPING}
+    return {"mu": mu, "creep_stiffness": stiffness, **length}
 
 
 def report_text(found: RobotIdentification, command: str, thresholds: Sequence[str] = ()) -> str:
@@ -199,9 +221,7 @@ def creep_lines(found: RobotIdentification) -> list[str]:
         numbers = ", ".join(
             f"{name} {value:.4g} ({ends[name]})" for name, value in one.chosen.numbers.items()
         )
-        lines.append(
-            f"- {one.floor.replace('_', ' ')}: {one.chosen.name}; {numbers}; {one.moves} drives from rest"
-        )
+        lines.append(f"- {one.floor.replace('_', ' ')}: {one.chosen.name}; {numbers}; {one.moves} drives")
         others = ", ".join(f"{form.name} {1000 * form.held_out:.3g} mm/s" for form in one.forms)
         lines.append(f"  - RMS error of the slip in held-out runs: {others}")
     return lines or ["No floor."]

@@ -25,8 +25,6 @@ from omnimj.parameters import Robot
 from omnimj.recording.dataset import Dataset
 from omnimj.signals import Array
 
-MOST_WHEELS = 4
-"""Largest number of wheels: more have no effects of their own in a model file."""
 LEAST_MOTION = 20.0
 """Shortest motion from which a robot is identified [s]."""
 _FEW_RUNS = 4
@@ -113,10 +111,6 @@ def require_robot(dataset: Dataset, robot: Robot) -> Robot:
     if n != dataset.wheels:
         rule = f"the logs of {dataset.path} have {dataset.wheels}: give --model, e.g. three_wheel"
         raise InputError(robot.file, f"has {n} [[wheels]]", rule)
-    if n > MOST_WHEELS:
-        raise InputError(
-            robot.file, f"has {n} [[wheels]]", f"at most {MOST_WHEELS} can be identified one by one"
-        )
     return robot
 
 

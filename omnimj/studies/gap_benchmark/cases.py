@@ -17,6 +17,7 @@ from omnimj.effects import RIG, Effect, EffectParameter, effects_of
 from omnimj.estimate.replay.base_parameters import base_parameters
 from omnimj.estimate.replay.interface import BaseParameter
 from omnimj.parameters import read_floors, read_rig
+from omnimj.recording.dataset import ROBOT_WHEELS
 from omnimj.studies.gap_benchmark.unmodelled import KINDS, STRUCTURES, UnmodelledEffect, draw_unmodelled
 
 SIZES: Mapping[str, float] = {"faint": 0.25, "clear": 0.7, "obvious": 2.0}
@@ -187,7 +188,7 @@ def draw_effect(effect: Effect, size: str, random: np.random.Generator) -> Hidde
     values.update(_shape(effect, random))
     selectors = [selector for selector in effect.selectors if not selector.optional]
     for selector in selectors:
-        values[selector.name] = str(random.choice(np.array(selector.choices)))
+        values[selector.name] = str(random.choice(np.array(selector.on(ROBOT_WHEELS))))
     return HiddenEffect(effect.name, {p.name: values[p.name] for p in (*effect.parameters, *selectors)}, size)
 
 

@@ -128,7 +128,7 @@ class RobotReplay:
         self.base: tuple[BaseParameter, ...] = base_parameters(robot, self._floors, self._runs.floor, _LAGS)
         self._spans = variable_spans(self._runs, robot)
         self.curves: Mapping[str, float] = dict.fromkeys((*self._spans, "wheel_angle"), 1.0)
-        candidates = candidate_effects(ROBOT, self._spans, _HIDDEN)
+        candidates = candidate_effects(ROBOT, self._spans, _HIDDEN, robot.wheel_count)
         possible = tuple(f for f in candidates if self._fits(f))
         self._by_label = {c.label: c for c in possible}
         self._rollers, self._phases = roller_tables(robot), np.empty(0)
