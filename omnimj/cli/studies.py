@@ -41,6 +41,9 @@ def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--method", metavar="M", default="off", help="fault detection: robust, published or off (default)"
     )
+    words = "model of a robot with four wheels, e.g. from omnimj identify, whose intervals bound the draws"
+    parser.add_argument("--model", metavar="FILE", type=Path, help=words)
+    add_floors(parser)
     add_thresholds(parser)
     add_gains(parser)
     words = "change a setting of the method or the cascade, e.g. diagnosis.variant=printed; repeatable"
@@ -90,6 +93,8 @@ def run_evaluate(arguments: Any) -> int:
         arguments.floor or FLOORS,
         arguments.faults or CLASSES,
         structure=arguments.structure,
+        model=_text(_absolute(arguments.model)),
+        floors_file=_text(_absolute(arguments.floors)),
     )
     order = EvaluationConfig(
         arguments.out,
@@ -101,7 +106,7 @@ def run_evaluate(arguments: Any) -> int:
         arguments.force,
         read_thresholds(arguments.thresholds, arguments.method),
         arguments.record,
-        read_gains_file(arguments.gains),
+        read_gains_file(arguments.gains, arguments.model),
     )
     check_config(order)
     if arguments.record and arguments.executor not in (None, "threads"):
@@ -117,6 +122,10 @@ def run_evaluate(arguments: Any) -> int:
         write_evaluation_report(temporary, outcome)
     print_study(arguments.out, NUMBERS, lambda: _format_evaluation(outcome, arguments.out), arguments.json)
     return exit_code(outcome.interrupted, outcome.failed)
+
+
+def _text(file: Path | None) -> str | None:
+    return None if file is None else str(file)
 
 
 def _format_evaluation(outcome: EvaluationResult, folder: Path) -> str:
@@ -153,8 +162,8 @@ def add_sensitivity_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _absolute(file: Path | None) -> Path | None:
-    """Return an absolute path, valid in workers with another working directory."""
-    return None if file is None else file.absolute()
+    """Return a path for workers with another working directory, or the name of a shipped model."""
+    return file.absolute() if file is not None and file.exists() else file
 
 
 def run_sensitivity(arguments: Any) -> int:

@@ -26,6 +26,7 @@ from omnimj.effects.machine import (
     complete_values,
     parse_effect,
     with_effects,
+    with_further_effects,
 )
 
 __all__ = [
@@ -50,4 +51,5 @@ __all__ = [
     "parse_effect",
     "scale_floor",
     "with_effects",
+    "with_further_effects",
 ]

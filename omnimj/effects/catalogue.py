@@ -19,7 +19,7 @@ from omnimj.errors import UnknownNameError
 PLANTS = (RIG, ROBOT, AXIS)
 """Plants for which effects exist."""
 
-_INSTANCE = re.compile(r"(.+)_([2-9])")
+_INSTANCE = re.compile(r"(.+)_([2-9]|[1-9][0-9])")
 
 
 def _declared() -> Iterator[Effect]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
 
 from omnimj.effects import catalogue
@@ -93,6 +94,24 @@ def with_effects(machine: Machine, effects: Mapping[str, Mapping[str, Any]]) -> 
     changed = dataclasses.replace(machine, effects=full)
     apply_effects(changed)  # refuses effects that exclude each other
     return changed
+
+
+def with_further_effects(machine: Machine, effects: Sequence[tuple[str, Mapping[str, Any]]]) -> Machine:
+    """Copy of a machine with further instances of effects, beside those that it has.
+
+    Args:
+      machine: `Rig`, `Robot` or `Axis`.
+      effects: Names of effects and their values, as in `with_effects`; a name may come several times.
+
+    Raises:
+      InputError: A value out of bounds or missing, or an effect that can act only once.
+      UnknownNameError: An unknown effect, parameter or choice.
+    """
+    added: dict[str, Mapping[str, Any]] = {}
+    for name, values in effects:
+        names = (name if k == 1 else f"{name}_{k}" for k in itertools.count(1))
+        added[next(n for n in names if n not in machine.effects and n not in added)] = values
+    return with_effects(machine, added)
 
 
 def apply_effects(machine: Robot | Rig | Axis) -> AppliedEffects:

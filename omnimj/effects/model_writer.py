@@ -25,7 +25,9 @@ EffectEstimates = Mapping[str, Mapping[str, "float | int | str | Interval"]]
 
 
 def format_model(
-    file: Path, effects: EffectEstimates, changed: Mapping[str, float | Iterable[float]] | None = None
+    file: Path,
+    effects: EffectEstimates,
+    changed: Mapping[str, float | Iterable[float] | Interval] | None = None,
 ) -> str:
     """Text of a model file with changed values and effects.
 
@@ -36,7 +38,8 @@ def format_model(
     Args:
       file: The model file to start from.
       effects: Effects to add.
-      changed: `table.key` → new value, such as `motor.torque_constant`.
+      changed: `table.key` → new value, such as `motor.torque_constant`; one with an interval gets half its
+        width as `uncertainty`.
 
     Raises:
       InputError: A value out of bounds, or a file that cannot be edited.
@@ -73,7 +76,7 @@ def _parts_path(tree: Mapping[str, Any], file: Path) -> Path:
 def _replace_value(
     document: tomlkit.TOMLDocument,
     name: str,
-    value: float | Iterable[float],
+    value: float | Iterable[float] | Interval,
     parts: Mapping[str, Any],
     file: Path,
 ) -> None:
@@ -88,11 +91,15 @@ def _replace_value(
         raise UnknownNameError(f"{file}: changed value", "quantity", name, known)
     if key in own:
         own[key]["value"], own[key]["source"] = _plain(value), "identified"
+        if isinstance(value, Interval):
+            own[key]["uncertainty"] = _half_width(value)
         return
     old = shared[key] if key in shared else {"unit": _unit_of_default(table, key)}
     entry = tomlkit.inline_table()
     entry.update({"value": _plain(value), "unit": old["unit"], "source": "identified"})
-    if "uncertainty" in old:
+    if isinstance(value, Interval):
+        entry["uncertainty"] = _half_width(value)
+    elif "uncertainty" in old:
         entry["uncertainty"] = old["uncertainty"]
     if table not in document:
         document[table] = tomlkit.table()
@@ -109,7 +116,15 @@ def _unit_of_default(table: str, key: str) -> str | None:
     return None
 
 
-def _plain(value: float | Iterable[float]) -> float | list[float]:
+def _half_width(estimate: Interval) -> float:
+    low = estimate.value if estimate.low is None else estimate.low
+    high = estimate.value if estimate.high is None else estimate.high
+    return 0.5 * (high - low)
+
+
+def _plain(value: float | Iterable[float] | Interval) -> float | list[float]:
+    if isinstance(value, Interval):
+        return value.value
     return [float(v) for v in value] if isinstance(value, Iterable) else float(value)
 
 
@@ -150,7 +165,10 @@ def _effect_entry(value: float, unit: str, given: object) -> InlineTable:
 
 
 def _verify_written(
-    text: str, effects: EffectEstimates, changed: Mapping[str, float | Iterable[float]], file: Path
+    text: str,
+    effects: EffectEstimates,
+    changed: Mapping[str, float | Iterable[float] | Interval],
+    file: Path,
 ) -> None:
     """Parse the text again and check that it contains the values to be written."""
     try:

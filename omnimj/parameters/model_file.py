@@ -161,10 +161,12 @@ def read_effects(
 
 
 def _parameter(place: str, entry: Any, key: str, provenance: dict[str, Provenance]) -> float:
-    provenance[key] = read_provenance(place, entry, None, ("low", "high"))
+    origin = read_provenance(place, entry, None, ("low", "high"))
     value = float(check_number(place, entry["value"], _FINITE))
     low = check_number(f"{place}.low", entry.get("low", value), _FINITE)
     high = check_number(f"{place}.high", entry.get("high", value), _FINITE)
     if not low <= value <= high:
         raise InputError(place, f"found {value:g}", f"must lie between its low {low:g} and high {high:g}")
+    half = 0.5 * (high - low) if "low" in entry and "high" in entry else 0.0
+    provenance[key] = origin._replace(uncertainty=origin.uncertainty or half)
     return value

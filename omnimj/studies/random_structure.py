@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from omnimj.effects import with_effects
+from omnimj.effects import with_further_effects
 from omnimj.parameters import Robot
 
 NOMINAL, DRAWN = "nominal", "drawn"
@@ -132,11 +132,11 @@ def with_structure(robot: Robot, structure: RandomStructure, payload: float) -> 
     changed["motor"]["back_driving_efficiency"] = structure.back_driving_efficiency
     changed["body"]["mass"] = robot.body.mass - payload
     tables = {table: dataclasses.replace(getattr(robot, table), **keys) for table, keys in changed.items()}
-    return with_effects(dataclasses.replace(robot, **tables), _effects(structure, payload))
+    return with_further_effects(dataclasses.replace(robot, **tables), _effects(structure, payload))
 
 
-def _effects(structure: RandomStructure, payload: float) -> dict[str, dict[str, Any]]:
-    """Return the effects of a structure; those of several wheels or channels are numbered from the second."""
+def _effects(structure: RandomStructure, payload: float) -> list[tuple[str, dict[str, Any]]]:
+    """Return the effects of a structure, one for each wheel or channel that is changed."""
     x, y = structure.payload_place
     cogging = {"amplitude": structure.cogging, "poles": structure.cogging_poles}
     radii = [{"wheel": wheel, "scale": scale} for wheel, scale in enumerate(structure.radii, start=1)]
@@ -145,17 +145,13 @@ def _effects(structure: RandomStructure, payload: float) -> dict[str, dict[str, 
         for kind, delay in structure.delays.items()
         for channel in DELAYS[kind][1]
     ]
-    return {
-        "roller_ripple": {"amplitude": structure.ripple},
-        "motor_cogging": cogging,
-        "payload": {"mass": payload, "x": x, "y": y},
-        **_numbered("wheel_radius", radii),
-        **_numbered("sensor_delay", late),
-    }
-
-
-def _numbered(name: str, instances: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
-    return {name if k == 1 else f"{name}_{k}": values for k, values in enumerate(instances, start=1)}
+    return [
+        ("roller_ripple", {"amplitude": structure.ripple}),
+        ("motor_cogging", cogging),
+        ("payload", {"mass": payload, "x": x, "y": y}),
+        *(("wheel_radius", values) for values in radii),
+        *(("sensor_delay", values) for values in late),
+    ]
 
 
 def structure_sentence(structure: str) -> str:

@@ -11,7 +11,8 @@ from types import MappingProxyType
 import numpy as np
 
 from omnimj.control.detection.detector import FaultDetector
-from omnimj.effects import with_effects
+from omnimj.effects.catalogue import base_name
+from omnimj.effects.machine import with_further_effects
 from omnimj.parameters import Floor, Robot
 from omnimj.plant.faults import Fault
 from omnimj.plant.interface import Plant
@@ -144,6 +145,7 @@ BOUNDS: Mapping[str, float] = MappingProxyType(
     {"torque_constant": 0.03, "friction": 0.20, "mass": 0.03, "inertia": 0.05, "floor": 0.20}
 )
 """Half-widths of the errors, relative to the nominal value."""
+_WIDEST = 0.5  # half-width of what the data hardly determine, relative
 _FRICTION = ("motor.no_load_torque", "bearing.dry", "wheel.roller_dry", "wheel.roller_viscous")
 _INERTIA = ("body.yaw_inertia", "wheel.inertia", "motor.rotor_inertia")
 _FLOOR = ("mu", "V_s", "sigma_0", "sigma_1", "sigma_2", "mu_cap")  # mu: both μ_c and μ_s
@@ -163,23 +165,52 @@ class ParameterErrors:
     """Payload at the centre as a share of the nominal mass; it may be negative."""
 
 
-def draw_parameter_errors(random: np.random.Generator, wheels: int) -> ParameterErrors:
+def draw_parameter_errors(random: np.random.Generator, robot: Robot) -> ParameterErrors:
     """Draw every factor independently and uniformly within its bounds.
+
+    Numbers that were identified vary within their intervals; an identified mass includes the payload.
 
     Args:
       random: Random generator.
-      wheels: n.
+      robot: The nominal robot.
     """
 
-    def factor(kind: str) -> float:
-        return 1.0 + BOUNDS[kind] * float(random.uniform(-1.0, 1.0))
+    def factor(kind: str, identified: float | None = None) -> float:
+        half = BOUNDS[kind] if identified is None else identified
+        return 1.0 + half * float(random.uniform(-1.0, 1.0))
 
-    constants = {name: factor("friction") for name in _FRICTION}
-    constants |= {name: factor("inertia") for name in _INERTIA}
-    constants["body.mass"] = factor("mass")
-    motors = tuple(factor("torque_constant") for _ in range(wheels))
+    constants = {name: factor("friction", _identified(robot, name)) for name in _FRICTION}
+    constants |= {name: factor("inertia", _identified(robot, name)) for name in _INERTIA}
+    mass = _identified(robot, "body.mass")
+    constants["body.mass"] = factor("mass", mass)
+    motors = tuple(
+        factor("torque_constant", _identified_torque(robot, wheel))
+        for wheel in range(1, robot.wheel_count + 1)
+    )
     floor = {letter: factor("floor") for letter in _FLOOR}
-    return ParameterErrors(constants, motors, floor, PAYLOAD * float(random.uniform(-1.0, 1.0)))
+    payload = PAYLOAD if mass is None else 0.0
+    return ParameterErrors(constants, motors, floor, payload * float(random.uniform(-1.0, 1.0)))
+
+
+def _identified(robot: Robot, key: str) -> float | None:
+    """Half-width of an identified number's interval, relative; None if it was not identified."""
+    table, _, name = key.partition(".")
+    return _half_width(robot, key, float(getattr(getattr(robot, table), name)))
+
+
+def _identified_torque(robot: Robot, wheel: int) -> float | None:
+    """The same of a motor's torque constant, from the effects of the model file."""
+    for name, values in robot.effects.items():
+        if base_name(name) == "torque_constant" and values.get("wheel") == wheel:
+            return _half_width(robot, f"effects.{name}.scale", float(values["scale"]))
+    return None
+
+
+def _half_width(robot: Robot, key: str, value: float) -> float | None:
+    origin = robot.provenance.get(key)
+    if origin is None or origin.source != "identified" or origin.uncertainty <= 0.0 or value == 0.0:
+        return None
+    return min(origin.uncertainty / abs(value), _WIDEST)
 
 
 def true_robot(nominal: Robot, errors: ParameterErrors) -> Robot:
@@ -193,11 +224,9 @@ def true_robot(nominal: Robot, errors: ParameterErrors) -> Robot:
         table: dataclasses.replace(getattr(nominal, table), **values) for table, values in changed.items()
     }
     robot = dataclasses.replace(nominal, **tables)
-    motors = {
-        "torque_constant" if wheel == 1 else f"torque_constant_{wheel}": {"wheel": wheel, "scale": scale}
-        for wheel, scale in enumerate(errors.torque_constants, start=1)
-    }
-    return with_effects(robot, motors)
+    scales = enumerate(errors.torque_constants, start=1)
+    motors = [("torque_constant", {"wheel": wheel, "scale": scale}) for wheel, scale in scales]
+    return with_further_effects(robot, motors)
 
 
 def true_floor(nominal: Floor, errors: ParameterErrors) -> Floor:

@@ -35,7 +35,14 @@ def model_text(found: RobotIdentification) -> str:
       InputError: A value that no model file can have.
     """
     changed, effects = model_changes(found)
-    return format_model(found.robot.file, effects, changed)
+    doubt = _relative_doubts(found)
+    values = {
+        name: Interval(value, value * (1.0 - doubt[name]), value * (1.0 + doubt[name]))
+        if name in doubt and value > 0.0
+        else value
+        for name, value in changed.items()
+    }
+    return format_model(found.robot.file, effects, values)
 
 
 def model_changes(found: RobotIdentification) -> tuple[dict[str, float], Effects]:
@@ -46,6 +53,27 @@ def model_changes(found: RobotIdentification) -> tuple[dict[str, float], Effects
     effects: Effects = {"payload": payload} if payload else _cleared(found.robot, "payload")
     effects |= _of_wheels(found, base)
     return changed, effects
+
+
+def _relative_doubts(found: RobotIdentification) -> dict[str, float]:
+    """Half-widths of the 90 % intervals of the common values, relative; those of ratios for masses."""
+
+    def half(name: str) -> float:
+        one = found[name]
+        return 0.5 * (one.high - one.low) / abs(one.value) if one.value else 0.0
+
+    def mean(name: str) -> float:
+        return float(np.mean([half(f"{name}_{i + 1}") for i in range(len(found.robot.wheels))]))
+
+    return {
+        "motor.no_load_torque": mean("dry_loss"),
+        "motor.viscous": mean("viscous_loss"),
+        "motor.back_driving_efficiency": half("back_driving_efficiency"),
+        "wheel.roller_dry": half("roller_dry"),
+        "wheel.roller_viscous": half("roller_viscous"),
+        "body.mass": half("mass_ratio"),
+        "body.yaw_inertia": half("inertia_ratio"),
+    }
 
 
 def _bare(robot: Robot) -> Robot:
@@ -107,7 +135,8 @@ def _of_wheels(found: RobotIdentification, base: Robot) -> Effects:
     effects: Effects = {}
     for i in range(len(scale)):
         wheel, tail = i + 1, f"_{i + 1}" if i else ""
-        estimate, loss = found[f"torque_constant_{wheel}"], found[f"dry_loss_{wheel}"]
+        # the common size of all is the model file's motor; the ratio is what the data know
+        estimate, loss = found[f"torque_ratio_{wheel}"], found[f"dry_loss_{wheel}"]
         share = scale[i] / estimate.value
         effects[f"torque_constant{tail}"] = {
             "wheel": wheel,

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import hashlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from omnimj.errors import InputError
-from omnimj.parameters import read_robot
+from omnimj.parameters import Robot, read_floors, read_robot
 from omnimj.plant.faults import Fault, fault_record
 from omnimj.signals import Reference
 from omnimj.simulate.scenario.drive import read_drive
@@ -98,6 +100,19 @@ class CasePopulation:
     """Duration of a run [s]; that of the suite when None."""
     structure: str = NOMINAL
     """Structure of the true robots, one of `random_structure.STRUCTURES`."""
+    model: str | None = None
+    """Model file of the controller's robot; the shipped one when None."""
+    floors_file: str | None = None
+    """File with floors that are added to the shipped ones, or replace them."""
+
+    def plan(self) -> dict[str, Any]:
+        """Return the settings as JSON-compatible values, with the content of files as a hash."""
+        content = dataclasses.asdict(self)
+        for name in ("model", "floors_file"):
+            if (file := content.pop(name)) is not None:
+                digest = hashlib.sha256(Path(file).read_bytes()).hexdigest()[:16]
+                content[name] = {"file": file, "sha256": digest}
+        return content
 
 
 @dataclass(frozen=True)
@@ -125,6 +140,10 @@ class Case:
     """Seed of the sensor noise."""
     structure: RandomStructure | None = None
     """Structure of the true robot; None: that of the controller's model."""
+    model: str | None = None
+    """As in `CasePopulation`."""
+    floors_file: str | None = None
+    """As in `CasePopulation`."""
 
     def fault_records(self) -> list[dict[str, Any]]:
         """Return the faults as in `metrics.json`."""
@@ -135,8 +154,11 @@ class Case:
         errors = dataclasses.asdict(dataclasses.replace(self.errors, constants={}, floor={}))
         errors |= {"constants": dict(self.errors.constants), "floor": dict(self.errors.floor)}
         errors["torque_constants"] = list(self.errors.torque_constants)
-        names = [f.name for f in dataclasses.fields(self) if f.name not in ("faults", "errors", "structure")]
+        apart = ("faults", "errors", "structure", "model", "floors_file")
+        names = [f.name for f in dataclasses.fields(self) if f.name not in apart]
+        files = {"model": self.model, "floors_file": self.floors_file}
         return {name: getattr(self, name) for name in names} | {
+            **{name: file for name, file in files.items() if file is not None},
             "faults": self.fault_records(),
             "errors": errors,
             "structure": None if self.structure is None else dataclasses.asdict(self.structure),
@@ -151,7 +173,7 @@ def draw_case(population: CasePopulation, index: int) -> Case:
         case.
       index: Number of the case, from 0.
     """
-    suite = SUITES[population.suite]
+    suite, robot = SUITES[population.suite], _robot(population.model)
     duration = suite.duration if population.duration is None else population.duration
     speed, direction = ("mixed", None) if population.suite == "missions" else _manoeuvre(population, index)
     world = _stream(population, index, _WORLD)
@@ -171,7 +193,9 @@ def draw_case(population: CasePopulation, index: int) -> Case:
         direction=direction,
         fault=fault,
         faults=draw_faults(draws, fault, onsets, suite.passing, _pair(population, index, fault)),
-        errors=draw_parameter_errors(world, WHEELS),
+        errors=draw_parameter_errors(world, robot),
+        model=population.model,
+        floors_file=population.floors_file,
         noise=int(_stream(population, index, _NOISE).integers(2**62)),
         structure=_structure(population, index),
     )
@@ -185,7 +209,12 @@ def _stream(population: CasePopulation, index: int, what: int) -> np.random.Gene
 def _structure(population: CasePopulation, index: int) -> RandomStructure | None:
     if population.structure != DRAWN:
         return None
-    return draw_structure(_stream(population, index, _STRUCTURE), read_robot())
+    return draw_structure(_stream(population, index, _STRUCTURE), _robot(population.model))
+
+
+@functools.lru_cache
+def _robot(model: str | None) -> Robot:
+    return read_robot(None if model is None else Path(model))
 
 
 def _pair(population: CasePopulation, index: int, fault: str) -> int | None:
@@ -249,6 +278,20 @@ _TEMPLATE = "degraded_motor"  # any robot scenario with forces; case-specific en
 _SETTABLE = ("drive.yaw_loop", "drive.heading_hold", "drive.heading_feedback")
 
 
+def require_four_wheels(population: CasePopulation) -> None:
+    """Check the model and the floors of a population.
+
+    Raises:
+      InputError: A file is invalid, or the robot has another number of wheels.
+    """
+    wheels = _robot(population.model).wheel_count
+    if wheels != WHEELS:
+        rule = f"cases are drawn for {WHEELS} wheels"
+        raise InputError(f"--model {population.model}", f"has {wheels} [[wheels]]", rule)
+    if population.floors_file is not None:
+        read_floors(Path(population.floors_file))
+
+
 def check_settings(settings: Iterable[str]) -> None:
     """Check that these are settings of the method or the cascade, not of the cases.
 
@@ -271,7 +314,8 @@ def nominal_scenario(case: Case, settings: Iterable[str] = ()) -> Scenario:
       settings: `KEY=VALUE` texts for method and cascade, as `check_settings` allows them.
     """
     healthy = ("faults=[]", "checks={}", f"floor={case.floor}", f"duration={case.duration!r}")
-    scenario = read_scenario(_TEMPLATE, (*healthy, *settings))
+    files = [None if name is None else Path(name) for name in (case.model, case.floors_file)]
+    scenario = read_scenario(_TEMPLATE, (*healthy, *settings), *files)
     drive = dataclasses.replace(
         scenario.robot_drive, reference=case_reference(case, scenario.period), start=(0.0, 0.0, 0.0)
     )

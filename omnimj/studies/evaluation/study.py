@@ -34,6 +34,7 @@ from omnimj.studies.evaluation.cases import (
     check_settings,
     draw_case,
     is_judging_seed,
+    require_four_wheels,
 )
 from omnimj.studies.evaluation.goals import judge_goals
 from omnimj.studies.evaluation.scoring import CaseEvents, CaseScore, score_case
@@ -71,11 +72,13 @@ class EvaluationConfig:
 
     def plan(self) -> dict[str, Any]:
         """Return the settings that stored cases depend on."""
-        gains = Gains(read_robot().control) if self.gains is None else self.gains
+        model = self.population.model
+        control = read_robot(None if model is None else Path(model)).control
+        gains = Gains(control) if self.gains is None else self.gains
         return {
             "method": self.method,
             "settings": list(self.settings),
-            **dataclasses.asdict(self.population),
+            **self.population.plan(),
             "thresholds": (self.thresholds or Thresholds())._asdict(),
             "gains": {name: gains.value(name) for name in GAIN_NAMES},
             "version": omnimj.__version__,
@@ -134,6 +137,7 @@ def check_config(config: EvaluationConfig) -> None:
       InputError: A list is empty, a setting is malformed, or the method is unknown.
     """
     population = config.population
+    require_four_wheels(population)
     require_known_method(config.method)
     check_settings(config.settings)
     if population.suite not in SUITES:

@@ -106,7 +106,7 @@ def draw_trial(
         floor=floor,
         fault=fault,
         faults=faults,
-        errors=draw_parameter_errors(world, len(scenario.wheel_positions)),
+        errors=draw_parameter_errors(world, scenario.robot),
         noise=int(stream(_NOISE).integers(2**62)),
     )
 
