@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
@@ -181,11 +181,10 @@ def test_power_balance(twist, wheel_speed, z, command, payload):
     assert growth == pytest.approx(power, rel=1e-9, abs=1e-9)
 
 
-@settings(max_examples=25, deadline=None)
-@given(twists, wheel_speeds, payloads, st.sampled_from(["natural_stone", "pvc", "paperboard", "nylon"]))
-def test_without_current_energy_only_falls(twist, wheel_speed, payload, floor):
+def _largest_rise(twist, wheel_speed, payload, floor, h):
+    """Largest rise of energy in a millisecond, over the energy at the start."""
     constants = planar_constants(ROBOT, payload=payload)
-    states, _ = _stepped(_state(twist, wheel_speed), [0.0] * N, constants, _floors(floor), 0.5)
+    states, _ = _stepped(_state(twist, wheel_speed), [0.0] * N, constants, _floors(floor), 0.5, h=h)
     mass, com_x, com_y, inertia = constants.body[:4]
     v_x, v_y, w = states[:, 8], states[:, 9], states[:, 10]
     energy = 0.5 * mass * ((v_x - w * com_y) ** 2 + (v_y + w * com_x) ** 2) + 0.5 * inertia * w**2
@@ -194,8 +193,16 @@ def test_without_current_energy_only_falls(twist, wheel_speed, payload, floor):
     normal = _normal_forces(constants)
     energy += 0.5 * FLOORS[floor].numbers["sigma_0"] * states[:, :4] ** 2 @ normal
     energy += 0.5 * ROBOT.wheel.roller_bristle_stiffness * states[:, 15:19] ** 2 @ normal
+    return np.diff(energy).max() / max(energy[0], 1e-3)
+
+
+@settings(max_examples=25, deadline=None)
+@given(twists, wheel_speeds, payloads, st.sampled_from(["natural_stone", "pvc", "paperboard", "nylon"]))
+@example((0.0, 0.0, 0.25), (0.0,) * N, (0.0, 0.0, 0.0), "pvc")  # swings back on its bristles
+def test_without_current_energy_only_falls(twist, wheel_speed, payload, floor):
     # back-EMF against the supply cannot drive either: 0 A is within reach below 29.6 rad/s
-    assert np.diff(energy).max() <= 1e-5 * max(energy[0], 1e-3)
+    assert _largest_rise(twist, wheel_speed, payload, floor, H / 2) <= 1e-6
+    assert _largest_rise(twist, wheel_speed, payload, floor, H) <= 1e-4  # error of the plant's own step
 
 
 @pytest.mark.parametrize("share", [0.9, -0.9])
