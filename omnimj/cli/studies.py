@@ -93,8 +93,8 @@ def run_evaluate(arguments: Any) -> int:
         arguments.floor or FLOORS,
         arguments.faults or CLASSES,
         structure=arguments.structure,
-        model=_text(_absolute(arguments.model)),
-        floors_file=_text(_absolute(arguments.floors)),
+        model=_absolute(arguments.model),
+        floors_file=_absolute(arguments.floors),
     )
     order = EvaluationConfig(
         arguments.out,
@@ -122,10 +122,6 @@ def run_evaluate(arguments: Any) -> int:
         write_evaluation_report(temporary, outcome)
     print_study(arguments.out, NUMBERS, lambda: _format_evaluation(outcome, arguments.out), arguments.json)
     return exit_code(outcome.interrupted, outcome.failed)
-
-
-def _text(file: Path | None) -> str | None:
-    return None if file is None else str(file)
 
 
 def _format_evaluation(outcome: EvaluationResult, folder: Path) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -67,7 +69,7 @@ def test_the_true_robot_keeps_what_was_identified_of_each_wheel(file):
 
 
 def test_a_case_of_an_identified_robot_has_its_constants(file, tmp_path):
-    population = CasePopulation("manoeuvres", 100, faults=("none",), model=str(file), structure="drawn")
+    population = CasePopulation("manoeuvres", 100, faults=("none",), model=file, structure="drawn")
     case = draw_case(population, 3)
     scenario = nominal_scenario(case)
     assert scenario.robot.body.mass == pytest.approx(17.0)
@@ -75,7 +77,8 @@ def test_a_case_of_an_identified_robot_has_its_constants(file, tmp_path):
     plant.close()
     assert case.to_dict()["model"] == str(file) and "model" not in draw_case(CasePopulation(), 0).to_dict()
     assert len(population.plan()["model"]["sha256"]) == 16
+    assert CasePopulation(model=Path("uto_robot")).plan()["model"]["file"].endswith("robot.toml")
     with pytest.raises(InputError, match=r"has 3 \[\[wheels\]\].*4 wheels"):
-        require_four_wheels(CasePopulation(model="three_wheel"))
+        require_four_wheels(CasePopulation(model=Path("three_wheel")))
     with pytest.raises(InputError, match="no such file"):
-        require_four_wheels(CasePopulation(floors_file=str(tmp_path / "none.toml")))
+        require_four_wheels(CasePopulation(floors_file=tmp_path / "none.toml"))

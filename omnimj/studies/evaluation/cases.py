@@ -100,18 +100,20 @@ class CasePopulation:
     """Duration of a run [s]; that of the suite when None."""
     structure: str = NOMINAL
     """Structure of the true robots, one of `random_structure.STRUCTURES`."""
-    model: str | None = None
-    """Model file of the controller's robot; the shipped one when None."""
-    floors_file: str | None = None
+    model: Path | None = None
+    """Model file of the controller's robot, or the name of a shipped one; the shipped robot when None."""
+    floors_file: Path | None = None
     """File with floors that are added to the shipped ones, or replace them."""
 
     def plan(self) -> dict[str, Any]:
         """Return the settings as JSON-compatible values, with the content of files as a hash."""
         content = dataclasses.asdict(self)
-        for name in ("model", "floors_file"):
-            if (file := content.pop(name)) is not None:
-                digest = hashlib.sha256(Path(file).read_bytes()).hexdigest()[:16]
-                content[name] = {"file": file, "sha256": digest}
+        del content["model"], content["floors_file"]
+        files = {"model": None if self.model is None else read_robot(self.model).file}
+        for name, file in (files | {"floors_file": self.floors_file}).items():
+            if file is not None:
+                digest = hashlib.sha256(file.read_bytes()).hexdigest()[:16]
+                content[name] = {"file": str(file), "sha256": digest}
         return content
 
 
@@ -140,9 +142,9 @@ class Case:
     """Seed of the sensor noise."""
     structure: RandomStructure | None = None
     """Structure of the true robot; None: that of the controller's model."""
-    model: str | None = None
+    model: Path | None = None
     """As in `CasePopulation`."""
-    floors_file: str | None = None
+    floors_file: Path | None = None
     """As in `CasePopulation`."""
 
     def fault_records(self) -> list[dict[str, Any]]:
@@ -158,7 +160,7 @@ class Case:
         names = [f.name for f in dataclasses.fields(self) if f.name not in apart]
         files = {"model": self.model, "floors_file": self.floors_file}
         return {name: getattr(self, name) for name in names} | {
-            **{name: file for name, file in files.items() if file is not None},
+            **{name: str(file) for name, file in files.items() if file is not None},
             "faults": self.fault_records(),
             "errors": errors,
             "structure": None if self.structure is None else dataclasses.asdict(self.structure),
@@ -173,7 +175,7 @@ def draw_case(population: CasePopulation, index: int) -> Case:
         case.
       index: Number of the case, from 0.
     """
-    suite, robot = SUITES[population.suite], _robot(population.model)
+    suite, robot = SUITES[population.suite], read_robot(population.model)
     duration = suite.duration if population.duration is None else population.duration
     speed, direction = ("mixed", None) if population.suite == "missions" else _manoeuvre(population, index)
     world = _stream(population, index, _WORLD)
@@ -197,7 +199,7 @@ def draw_case(population: CasePopulation, index: int) -> Case:
         model=population.model,
         floors_file=population.floors_file,
         noise=int(_stream(population, index, _NOISE).integers(2**62)),
-        structure=_structure(population, index),
+        structure=_structure(population, index, robot),
     )
 
 
@@ -206,15 +208,10 @@ def _stream(population: CasePopulation, index: int, what: int) -> np.random.Gene
     return np.random.default_rng(np.random.SeedSequence(population.seed, spawn_key=key))
 
 
-def _structure(population: CasePopulation, index: int) -> RandomStructure | None:
+def _structure(population: CasePopulation, index: int, robot: Robot) -> RandomStructure | None:
     if population.structure != DRAWN:
         return None
-    return draw_structure(_stream(population, index, _STRUCTURE), _robot(population.model))
-
-
-@functools.lru_cache
-def _robot(model: str | None) -> Robot:
-    return read_robot(None if model is None else Path(model))
+    return draw_structure(_stream(population, index, _STRUCTURE), robot)
 
 
 def _pair(population: CasePopulation, index: int, fault: str) -> int | None:
@@ -284,12 +281,12 @@ def require_four_wheels(population: CasePopulation) -> None:
     Raises:
       InputError: A file is invalid, or the robot has another number of wheels.
     """
-    wheels = _robot(population.model).wheel_count
+    wheels = read_robot(population.model).wheel_count
     if wheels != WHEELS:
         rule = f"cases are drawn for {WHEELS} wheels"
         raise InputError(f"--model {population.model}", f"has {wheels} [[wheels]]", rule)
     if population.floors_file is not None:
-        read_floors(Path(population.floors_file))
+        read_floors(population.floors_file)
 
 
 def check_settings(settings: Iterable[str]) -> None:
@@ -314,8 +311,7 @@ def nominal_scenario(case: Case, settings: Iterable[str] = ()) -> Scenario:
       settings: `KEY=VALUE` texts for method and cascade, as `check_settings` allows them.
     """
     healthy = ("faults=[]", "checks={}", f"floor={case.floor}", f"duration={case.duration!r}")
-    files = [None if name is None else Path(name) for name in (case.model, case.floors_file)]
-    scenario = read_scenario(_TEMPLATE, (*healthy, *settings), *files)
+    scenario = read_scenario(_TEMPLATE, (*healthy, *settings), case.model, case.floors_file)
     drive = dataclasses.replace(
         scenario.robot_drive, reference=case_reference(case, scenario.period), start=(0.0, 0.0, 0.0)
     )

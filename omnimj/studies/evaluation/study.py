@@ -72,9 +72,7 @@ class EvaluationConfig:
 
     def plan(self) -> dict[str, Any]:
         """Return the settings that stored cases depend on."""
-        model = self.population.model
-        control = read_robot(None if model is None else Path(model)).control
-        gains = Gains(control) if self.gains is None else self.gains
+        gains = Gains(read_robot(self.population.model).control) if self.gains is None else self.gains
         return {
             "method": self.method,
             "settings": list(self.settings),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from math import isinf
-from pathlib import Path
 
 from omnimj.studies.evaluation.cases import SUITES, CasePopulation, is_judging_seed
 from omnimj.studies.evaluation.goals import format_goal, judge_goals
@@ -20,7 +19,7 @@ _WRONG_PLACE = "elsewhere"
 def format_heading(population: CasePopulation, method: str, settings: Sequence[str] = ()) -> str:
     """Return the title of reports and tables."""
     with_settings = f" with {', '.join(f'`{text}`' for text in settings)}" if settings else ""
-    of_model = "" if population.model is None else f", model `{Path(population.model).name}`"
+    of_model = "" if population.model is None else f", model `{population.model.name}`"
     return (
         f"Evaluation of `{method}`{with_settings} on {population.suite}, structure {population.structure}"
         f"{of_model}"
