@@ -62,8 +62,8 @@ def run(
     method: str | None = None,
     seed: int = 0,
     overrides: Sequence[str] = (),
-    model: Path | None = None,
-    floors: Path | None = None,
+    model: Path | str | None = None,
+    floors: Path | str | None = None,
 ) -> RunResult:
     """Drive a scenario once and judge it by its checks.
 
@@ -85,7 +85,7 @@ def run(
     """
     read = scenario
     if not isinstance(read, Scenario):
-        read = read_scenario(read, overrides, model, floors)
+        read = read_scenario(read, overrides, _path(model), _path(floors))
     return run_scenario(read, plant, default_method(read) if method is None else method, seed)
 
 
@@ -95,7 +95,7 @@ def record(
     seed: int = 0,
     repeats: int | None = None,
     plant: str | None = None,
-    model: Path | None = None,
+    model: Path | str | None = None,
     effects: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> Dataset:
     """Record a test plan with a simulated plant, as a data logger would.
@@ -117,13 +117,13 @@ def record(
       UnknownNameError: No such suite, plant or effect.
       SimulationError: The simulation failed; runs finished before are kept.
     """
-    config = RecordingConfig(Path(out), seed, repeats, plant, model, effects=effects or {})
+    config = RecordingConfig(Path(out), seed, repeats, plant, _path(model), effects=effects or {})
     record_suite(find_suite(suite), config)
     return read_dataset(config.folder)
 
 
 def identify(
-    dataset: Path | str | Dataset, model: Path | None = None, accept: bool = False
+    dataset: Path | str | Dataset, model: Path | str | None = None, accept: bool = False
 ) -> Identification | RobotIdentification:
     """Identify the floors of rig runs, or a robot from its healthy drives, with intervals.
 
@@ -152,8 +152,8 @@ def identify(
 
 def validate(
     dataset: Path | str | Dataset,
-    model: Path | None = None,
-    floors: Path | None = None,
+    model: Path | str | None = None,
+    floors: Path | str | None = None,
     plants: Sequence[str] = ("twin", "planar"),
     accept: bool = False,
 ) -> Validation:
@@ -182,8 +182,8 @@ def validate(
 def diagnose(
     dataset: Path | str | Dataset,
     method: str | None = None,
-    model: Path | None = None,
-    floors: Path | None = None,
+    model: Path | str | None = None,
+    floors: Path | str | None = None,
     thresholds: Thresholds | None = None,
     accept: bool = False,
 ) -> tuple[RunDiagnosis, ...]:
@@ -215,8 +215,8 @@ def diagnose(
 def calibrate(
     dataset: Path | str | Dataset,
     false_alarms_per_hour: float,
-    model: Path | None = None,
-    floors: Path | None = None,
+    model: Path | str | None = None,
+    floors: Path | str | None = None,
     accept: bool = False,
 ) -> Calibration:
     """Set the thresholds of the robust method from fault-free recordings of the robot.
@@ -285,6 +285,10 @@ def _silent(_phrase: str, _share: float) -> None:
     pass
 
 
+def _path(given: Path | str | None) -> Path | None:
+    return None if given is None else Path(given)
+
+
 def _dataset(dataset: Path | str | Dataset, floors: Mapping[str, Floor] | None = None) -> Dataset:
     return dataset if isinstance(dataset, Dataset) else read_dataset(dataset, floors)
 
@@ -292,7 +296,7 @@ def _dataset(dataset: Path | str | Dataset, floors: Mapping[str, Floor] | None =
 def _diagnosis(
     dataset: Path | str | Dataset,
     method: str | None,
-    model: Path | None,
+    model: Path | str | None,
     floors: Mapping[str, Floor],
     thresholds: Thresholds | None,
 ) -> DiagnosisConfig:

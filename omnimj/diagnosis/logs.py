@@ -54,7 +54,7 @@ class Machine:
         return "yaw_rate" in self.channels
 
 
-def read_machine(dataset: Dataset, model: Path | None = None) -> Machine:
+def read_machine(dataset: Dataset, model: Path | str | None = None) -> Machine:
     """Read the machine of a dataset.
 
     Raises:

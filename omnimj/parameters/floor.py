@@ -172,7 +172,7 @@ def _read_floor(place: str, name: str, table: object) -> Floor:
     return Floor(name, table["description"], law, table["source"], MappingProxyType(numbers), uncertainty)
 
 
-def read_floors(path: Path | None = None) -> dict[str, Floor]:
+def read_floors(path: Path | str | None = None) -> dict[str, Floor]:
     """Read a floors file.
 
     Args:
@@ -185,11 +185,11 @@ def read_floors(path: Path | None = None) -> dict[str, Floor]:
       InputError: A value is missing or breaks its rule.
       UnknownNameError: A law or key that does not exist.
     """
-    path = models_folder() / "floors.toml" if path is None else path
+    path = models_folder() / "floors.toml" if path is None else Path(path)
     return {name: _read_floor(f"{path}: {name}", name, table) for name, table in read_toml(path).items()}
 
 
-def all_floors(own: Path | None = None) -> dict[str, Floor]:
+def all_floors(own: Path | str | None = None) -> dict[str, Floor]:
     """Shipped floors by name, together with those of another file, which replace floors of the same name.
 
     Args:

@@ -69,7 +69,7 @@ class ModelFile:
         return {name: self.table(kind, name, provenance) for name, kind in SHARED_TABLES.items()}
 
 
-def model_path(given: Path | None, default: str) -> Path:
+def model_path(given: Path | str | None, default: str) -> Path:
     """Path of a model file, given a path or the name of a shipped model, such as `three_wheel`.
 
     Args:
@@ -82,6 +82,7 @@ def model_path(given: Path | None, default: str) -> Path:
     folder, file = models_folder(), Path(default).name
     if given is None:
         return folder / default
+    given = Path(given)
     if len(given.parts) != 1 or given.suffix or given.exists():
         return given
     if not (folder / given / file).is_file():

@@ -79,7 +79,7 @@ class Rig:
     """Effects added to the model, with names and parameters as in `omnimj.effects`."""
 
 
-def read_rig(path: Path | None = None) -> Rig:
+def read_rig(path: Path | str | None = None) -> Rig:
     """Read `rig.toml`, or a copy of it with changed values.
 
     Args:

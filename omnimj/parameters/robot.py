@@ -154,7 +154,7 @@ def _read_mounts(entries: Any, path: Path, provenance: dict[str, Provenance]) ->
     return tuple(mounts)
 
 
-def read_robot(path: Path | None = None) -> Robot:
+def read_robot(path: Path | str | None = None) -> Robot:
     """Read `robot.toml`, or a copy of it with changed values.
 
     Args:

@@ -264,12 +264,12 @@ def _overlays(
 
 
 def find_gap(
-    dataset: Path,
-    model: Path | None = None,
+    dataset: Path | str,
+    model: Path | str | None = None,
     holdout: Sequence[str] = (),
     report: Callable[[str, float], None] | None = None,
     seed: int = 0,
-    floors_file: Path | None = None,
+    floors_file: Path | str | None = None,
     accept: bool = False,
 ) -> Finding:
     """Find where a model and measured runs disagree, and what the model lacks.

@@ -59,7 +59,7 @@ def find_plant(name: str) -> GapPlant:
     return PLANTS[name]
 
 
-def read_machine(plant: str, path: Path | None) -> Machine:
+def read_machine(plant: str, path: Path | str | None) -> Machine:
     """Read the model file of a plant and check its effects.
 
     Raises:

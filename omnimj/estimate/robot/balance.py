@@ -47,31 +47,37 @@ class SensorErrors(NamedTuple):
 
     current: Array
     """Offset of each current monitor, shape (n,) [A]."""
+    turning: float
+    """Error of all currents per yaw rate [A.s/rad]: a log that samples every so many updates of the heading
+    always sees the yaw loop's currents at the same moment of an update, and not their mean."""
     acceleration_delay: float
     """Delay of the accelerometer beyond its nominal one [s]."""
     yaw_rate_delay: float
     """The same of the gyro [s]."""
 
 
-def wheel_forces(constants: BalanceConstants, offset: Array, rows: RunRows) -> Array:
+def wheel_forces(constants: BalanceConstants, errors: SensorErrors, rows: RunRows) -> Array:
     """Force F of each wheel on the body, shape (m, n) [N].
 
     Args:
       constants: Constants of the balance.
-      offset: Offset of each current monitor, shape (n,) [A].
+      errors: Errors of the current monitors.
       rows: Rows of one run.
     """
     c, axle, rotor = constants
-    sign = np.tanh(rows.wheel_speed / _TURNING)
-    shaft = c.torque * (rows.current - offset) - c.viscous * rows.wheel_speed
-    shaft -= (c.dry - axle) * sign + rotor * rows.wheel_acceleration
+    shafts = rows.shafts
+    sign = np.tanh(shafts.wheel_speed / _TURNING)
+    yaw_rate = c.radius * shafts.wheel_speed @ np.linalg.pinv(c.forces)[:, 2:]
+    current = shafts.current - errors.current - errors.turning * yaw_rate
+    shaft = c.torque * current - c.viscous * shafts.wheel_speed
+    shaft -= (c.dry - axle) * sign + rotor * shafts.wheel_acceleration
     forward = np.copysign(1.0, sign)
     # a fast ripple turns rotor and wheel together, a slow one is carried to the floor: half of it each way
     passed = np.sqrt(1.0 - rotor / c.inertia)
-    ripple = passed * c.torque * rows.ripple + _LEAST_RIPPLE
+    ripple = passed * c.torque * shafts.ripple + _LEAST_RIPPLE
     driven = forward * _mean_negative_part(forward * shaft, ripple)
-    force = shaft + (c.driven - 1.0) * driven
-    return force - axle * sign - (c.inertia - rotor) * rows.wheel_acceleration
+    force = shaft + (c.driven - 1.0) * driven - axle * sign
+    return shafts.averaged(force - (c.inertia - rotor) * shafts.wheel_acceleration)
 
 
 def _mean_negative_part(mean: Array, deviation: Array) -> Array:
@@ -107,7 +113,7 @@ def predicted_accelerations(constants: BalanceConstants, errors: SensorErrors, r
     c = constants.robot
     side = roller_speeds(c, rows)
     drag = c.load * (c.roller_dry * np.tanh(side / _SIDEWAYS) + c.roller_viscous * side)
-    push = wheel_forces(constants, errors.current, rows) @ c.forces.T - drag @ c.across
+    push = wheel_forces(constants, errors, rows) @ c.forces.T - drag @ c.across
     push[:, :2] += c.mass * np.outer(rows.yaw_rate**2, c.centre)
     motion = push @ np.linalg.inv(inertia_matrix(c)).T
     rate = np.zeros_like(motion)

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d, minimum_filter1d
+from scipy.ndimage import minimum_filter1d
 
 from omnimj.control.robot_constants import robot_constants
 from omnimj.errors import InputError
@@ -31,6 +31,7 @@ from omnimj.estimate.robot.measured_pose import (
     motion_of_pose,
     pose_samples,
 )
+from omnimj.estimate.robot.shafts import Shafts, shafts_of, together
 from omnimj.estimate.robot.smoothing import Smoother, sample_noise
 from omnimj.parameters import Robot
 from omnimj.recording.dataset import Dataset, Run
@@ -60,8 +61,8 @@ class RunRows:
     """Since the start of the log, shape (m,) [s]."""
     current: Array
     """Shape (m, n) [A]."""
-    ripple: Array
-    """Standard deviation of the current within the filter, less the monitor's noise, shape (m, n) [A]."""
+    shafts: Shafts
+    """What turns the wheels, at more times than the rows'."""
     wheel_speed: Array
     """Shape (m, n) [rad/s]."""
     wheel_acceleration: Array
@@ -85,6 +86,8 @@ class RunRows:
     noise: Array = field(default_factory=lambda: np.zeros(0))
     """Noise from sample to sample of the currents and speeds, then of accelerations and yaw rate, or of
     position and heading, shape (2n+3,)."""
+    current_noise: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    """Covariance of the currents' errors by the monitors' noise, shape (n, n) [A²]."""
     aliased: Array = field(default_factory=lambda: np.zeros((0, 0)))
     """Covariance of the currents' errors by aliasing, shape (n, n) [A²]."""
     velocity: Array | None = None
@@ -141,7 +144,8 @@ def sensor_delays(robot: Robot, period: float) -> Array:
     gyro have bandwidths.
     """
     n, sensors = len(robot.wheels), robot.sensors
-    late = [0.0] * n + [sensors.speed_filter + 0.5 * period] * n
+    counted = min(period, 1.0 / sensors.sample_rate)
+    late = [0.0] * n + [sensors.speed_filter + 0.5 * counted] * n
     late += [0.5 / (math.pi * sensors.accelerometer_bandwidth)] * 2
     return np.array([*late, 0.5 / (math.pi * sensors.gyro_bandwidth)])
 
@@ -231,13 +235,10 @@ def _body_motion(one: _Stretch, late: float | None) -> BodyMotion:
     return BodyMotion(np.column_stack([x, y]), rate, change, np.empty((len(x), 0)))
 
 
-def _ripple(one: _Stretch, name: str, noise: float) -> Array:
-    """Standard deviation of a current within the filter, less the monitor's noise, shape (m,) [A]."""
-    even, width = one.even(name), one.smoother.width / one.smoother.period
-    smooth = gaussian_filter1d(even, width, mode="nearest")
-    square = gaussian_filter1d((even - smooth) ** 2, width, mode="nearest")
-    own = np.sqrt(np.maximum(square - noise**2, 0.0))
-    return np.interp(one.smoother.rows, one.smoother.grid, own)
+def _shafts(one: _Stretch, currents: Sequence[str], noise: float) -> Shafts:
+    speeds = [one.even(f"wheel_speed_{i + 1}") for i in range(len(currents))]
+    late = float(one.delays[len(currents)])
+    return shafts_of(one.smoother, [one.even(name) for name in currents], speeds, late, noise)
 
 
 def _good(one: _Stretch, channels: Sequence[str]) -> NDArray[np.bool_]:
@@ -271,6 +272,7 @@ def _rows_of(
     still = _rests(np.abs(speed).max(axis=1) < _STILL)
     measured = parts[0].samples is not None
     bias = float(motion.yaw_rate[still].mean()) if still.any() and not measured else 0.0
+    noise = _noise(run, parts, channels)
     return RunRows(
         name=run.name,
         floor=str(run.conditions.get("floor", "")),
@@ -278,12 +280,7 @@ def _rows_of(
         current=np.concatenate(
             [np.column_stack([p.smoother.filtered(p.even(name)) for name in currents]) for p in parts]
         ),
-        ripple=np.concatenate(
-            [
-                np.column_stack([_ripple(p, name, robot.sensors.current_noise) for name in currents])
-                for p in parts
-            ]
-        ),
+        shafts=together([_shafts(p, currents, robot.sensors.current_noise) for p in parts]),
         wheel_speed=speed,
         wheel_acceleration=np.concatenate([_wheel_speeds(p, n, 1) for p in parts]),
         acceleration=motion.acceleration,
@@ -294,7 +291,8 @@ def _rows_of(
         good=np.concatenate([_good(p, channels) for p in parts]),
         still=still,
         yaw_rate_bias=bias,
-        noise=_noise(run, parts, channels),
+        noise=noise,
+        current_noise=_current_noise(parts[0].smoother, noise[:n], robot),
         aliased=np.mean([_aliased(p, currents, robot.sensors.sample_rate) for p in parts], axis=0),
         velocity=motion.velocity if measured else None,
         pose_delay=late,
@@ -318,6 +316,16 @@ def _noise(run: Run, parts: Sequence[_Stretch], channels: Sequence[str]) -> Arra
     if poses:
         noise[-3:] = np.median(poses, axis=0)
     return noise
+
+
+def _current_noise(smoother: Smoother, noise: Array, robot: Robot) -> Array:
+    """Covariance of the filtered currents' errors by noise of the monitors, shape (n, n) [A²].
+
+    White noise σ every T leaves σ² T/(2 √π w) behind a Gaussian of width w. The loops' own answer to noise
+    moves the robot; it is no error, and more than the monitors' nominal noise is taken for such.
+    """
+    own = np.minimum(noise, robot.sensors.current_noise)
+    return np.diag(own**2 / (robot.sensors.sample_rate * 2.0 * math.sqrt(math.pi) * smoother.width))
 
 
 def _aliased(one: _Stretch, currents: Sequence[str], sample_rate: float) -> Array:

@@ -19,6 +19,7 @@ from omnimj.estimate.robot.blocks import PERIOD, RunRows
 from omnimj.estimate.robot.fit import RobotFit, run_sums
 from omnimj.estimate.robot.quantities import Quantity
 from omnimj.estimate.robot.records import NOT_EXCITED, RobotEstimate, Unexcited
+from omnimj.estimate.robot.shafts import Shafts
 from omnimj.estimate.robot.uncertainty import gradient
 from omnimj.signals import Array
 
@@ -118,7 +119,7 @@ def planned_rows(fit: RobotFit, manoeuvre: Manoeuvre) -> RunRows:
         "",
         PERIOD * np.arange(len(twist), dtype=float),
         np.zeros_like(speed),
-        np.zeros_like(speed),
+        Shafts(np.zeros_like(speed), speed, change, np.zeros_like(speed)),
         speed,
         change,
         felt,
@@ -152,4 +153,5 @@ def _with_currents(fit: RobotFit, rows: RunRows, motion: Array) -> RunRows:
     behind = behind + (c.inertia - rotor) * rows.wheel_acceleration
     shaft = np.where(behind * sign < 0.0, behind / c.driven, behind)
     shaft = shaft + rotor * rows.wheel_acceleration + (c.dry - axle) * sign + c.viscous * rows.wheel_speed
-    return dataclasses.replace(rows, current=shaft / c.torque)
+    current = shaft / c.torque
+    return dataclasses.replace(rows, current=current, shafts=rows.shafts._replace(current=current))

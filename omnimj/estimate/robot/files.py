@@ -196,7 +196,7 @@ def summary(found: RobotIdentification) -> list[str]:
         f"Their common size rests on the model file's torque constant: {k.value:.4g} N.m/A "
         f"({k.low:.4g} … {k.high:.4g}), and with it the mass of {mass.value:.4g} kg "
         f"({mass.low:.4g} … {mass.high:.4g}). "
-        "Weigh the robot and state `mass` in dataset.toml to fix it.",
+        "Weigh the robot and state `mass` under [defaults] of dataset.toml to fix it.",
     ]
     return [*(f"Note: {note}" for note in found.notes), *lines]
 

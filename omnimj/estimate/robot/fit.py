@@ -83,7 +83,7 @@ def fit_robot(unknowns: Unknowns, runs: Sequence[RunRows]) -> RobotFit:
     for round_ in range(_ROUNDS):
         for _ in range(_MOST_ROUNDS):
             sums = tuple(run_sums(unknowns, x, noise * np.sqrt(memory), run) for run in runs)
-            step = _newton_step(unknowns, x, sums)
+            step = newton_step(unknowns, x, sums)
             x = x + step
             if np.abs(step / unknowns.spread).max() < (_SETTLED if round_ == _ROUNDS - 1 else 10 * _SETTLED):
                 break
@@ -92,7 +92,14 @@ def fit_robot(unknowns: Unknowns, runs: Sequence[RunRows]) -> RobotFit:
     return RobotFit(unknowns, x, noise, memory, sums)
 
 
-def _newton_step(unknowns: Unknowns, x: Array, sums: Sequence[RunSums]) -> Array:
+def newton_step(unknowns: Unknowns, x: Array, sums: Sequence[RunSums]) -> Array:
+    """Gauss-Newton step from x, shape (p,).
+
+    Args:
+      unknowns: What is estimated, with its priors.
+      x: Deviations, shape (p,).
+      sums: Normal equations of the runs at x.
+    """
     precision = unknowns.spread**-2.0
     gram = np.sum([one.gram for one in sums], axis=0) + np.diag(precision)
     slope = np.sum([one.slope for one in sums], axis=0) + precision * x
@@ -128,10 +135,9 @@ def _whitening(unknowns: Unknowns, noise: Array, run: RunRows) -> Array:
     return np.where((run.good & ~run.still)[:, None, None], factors, 0.0)
 
 
-def row_weights(fit: RobotFit, run: RunRows) -> Array:
-    """Sum over the rows of the weights of their residuals, shape (3, 3)."""
-    whiten = _whitening(fit.unknowns, fit.noise * np.sqrt(fit.memory), run)
-    return np.einsum("mij,mik->jk", whiten, whiten)
+def row_whitening(fit: RobotFit, run: RunRows) -> Array:
+    """Factors that make the residuals of a row white, shape (m, 3, 3); zero for rows that do not count."""
+    return _whitening(fit.unknowns, fit.noise * np.sqrt(fit.memory), run)
 
 
 def run_sums(unknowns: Unknowns, x: Array, noise: Array, run: RunRows) -> RunSums:

@@ -9,17 +9,17 @@ from dataclasses import replace
 import numpy as np
 
 from omnimj.errors import InputError
-from omnimj.estimate.robot.aliasing import without_aliasing
 from omnimj.estimate.robot.balance import predicted_accelerations
 from omnimj.estimate.robot.blocks import RunRows, robot_rows
 from omnimj.estimate.robot.creep import identify_creep
+from omnimj.estimate.robot.current_errors import without_aliasing, without_noise
 from omnimj.estimate.robot.excitation import unexcited
 from omnimj.estimate.robot.fit import RobotFit, fit_robot, readings, residuals
 from omnimj.estimate.robot.measured_pose import delay_behind_torques
 from omnimj.estimate.robot.pose_check import require_like_motion
 from omnimj.estimate.robot.quantities import estimates
 from omnimj.estimate.robot.records import RobotIdentification
-from omnimj.estimate.robot.uncertainty import doubt_of
+from omnimj.estimate.robot.uncertainty import doubt_by_wheel_inertia, doubt_of
 from omnimj.estimate.robot.unknowns import Unknowns, unknowns
 from omnimj.parameters import Robot
 from omnimj.recording.dataset import Dataset
@@ -28,6 +28,7 @@ from omnimj.signals import Array
 LEAST_MOTION = 20.0
 """Shortest motion from which a robot is identified [s]."""
 _FEW_RUNS = 4
+_SLOWER = 1.5  # samples of the controller per sample of a log
 _MUCH_ALIASING = 0.03  # doubt of the yaw inertia by aliasing from which it is noted, relative
 
 Progress = Callable[[int, int], None]
@@ -56,14 +57,16 @@ def identify_robot(dataset: Dataset, robot: Robot, progress: Progress | None = N
     rows = robot_rows(dataset, robot)
     _require_motion(dataset, rows)
     start = unknowns(robot, known)
+    if _is_slower(dataset, robot):
+        start = start.of_slow_logs()
     if dataset.pose_measured:
         require_like_motion(dataset.path, rows, start.nominal.robot)
         start = start.of_pose(_pose_delay(start, rows))
         rows = robot_rows(dataset, robot, start.pose_delay)
     done(1, 3)
-    fit, aliasing = without_aliasing(fit_robot(start, rows), rows)
+    fit, aliasing = without_aliasing(without_noise(fit_robot(start, rows), rows), rows)
     done(2, 3)
-    found = estimates(doubt_of(fit, aliasing))
+    found = estimates(doubt_of(fit, (aliasing, doubt_by_wheel_inertia(fit, rows))))
     floors, without = identify_creep(fit, rows)
     notes = list(dataset.notes)
     if float(np.linalg.norm(aliasing)) > _MUCH_ALIASING:
@@ -85,6 +88,12 @@ def identify_robot(dataset: Dataset, robot: Robot, progress: Progress | None = N
     )
     done(3, 3)
     return result
+
+
+def _is_slower(dataset: Dataset, robot: Robot) -> bool:
+    """Whether the logs have fewer samples than the controller."""
+    period = float(np.median([np.median(np.diff(run.time)) for run in dataset.runs]))
+    return period * robot.sensors.sample_rate > _SLOWER
 
 
 def _pose_delay(nominal: Unknowns, rows: Sequence[RunRows]) -> float:

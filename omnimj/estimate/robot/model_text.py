@@ -95,7 +95,10 @@ def _common_values(found: RobotIdentification) -> tuple[dict[str, float], dict[s
     shaft = (c.dry - axle) / (nominal.dry - u.nominal.axle)
     per_friction = nominal.torque / (motor.torque_constant * u.torque_scale)
     viscous = max(float((c.viscous / (motor.gear_ratio * per_friction)).min()), 0.0)
+    size = float((c.inertia / nominal.inertia).mean())
+    whole = motor.rotor_inertia * (1.0 + robot.wheel.inertia / motor.reflected_inertia)
     values = {
+        "motor.rotor_inertia": max(motor.rotor_inertia + (size - 1.0) * whole, 1e-3 * motor.rotor_inertia),
         "motor.no_load_torque": motor.no_load_torque * float(shaft.mean()),
         "motor.viscous": viscous,
         "motor.back_driving_efficiency": min(found["back_driving_efficiency"].value, 2.0),

@@ -114,7 +114,7 @@ def _samples_of(fit: RobotFit, run: RunRows, move: slice, number: int) -> tuple[
         velocity = run.velocity[move] + errors.acceleration_delay * run.acceleration[move]
         spin = run.yaw_rate[move] + errors.yaw_rate_delay * run.yaw_acceleration[move]
     floor = velocity @ c.forces[:2] + np.outer(spin, c.forces[2])
-    traction = wheel_forces(constants, errors.current, run)[move] / c.load
+    traction = wheel_forces(constants, errors, run)[move] / c.load
     used = run.slowest[move] > SLOW
     used[np.arange(len(used)) % _EVERY != 0] = False
     wheel = np.broadcast_to(np.arange(used.shape[1]), used.shape)[used]

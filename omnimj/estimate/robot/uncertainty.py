@@ -3,24 +3,28 @@
   V = (k − 1)/k Σ_runs δ δᵀ + H⁻¹ P H⁻¹,   δ = (H − H_run)⁻¹ s_run
 to first order, with H the information of data and prior, P that of the prior, H_run and s_run the parts of
 one run. The misfit of a law repeats within a run, so that only whole runs count as independent (MacKinnon
-and White 1985). What aliasing may have changed is added.
+and White 1985). What aliasing may have changed is added, and what another inertia of the wheels would change.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import t as student
 
-from omnimj.estimate.robot.fit import RobotFit
+from omnimj.estimate.robot.blocks import RunRows
+from omnimj.estimate.robot.fit import RobotFit, run_sums
 from omnimj.signals import Array
 
 LEVEL = 0.90
 """Probability of the intervals."""
+WHEEL_INERTIA_SPREAD = 0.1
+"""Relative standard deviation of the inertia of wheel, gear and rotor: data sheets seldom give all of it."""
 _HELD = 0.005  # share of its information that a run keeps when it is left out
 _STEP = 1e-4
+_INERTIA_STEP = 1e-3
 
 Quantity = Callable[[Array], float]
 """Number that follows from a vector of deviations."""
@@ -60,12 +64,35 @@ def gradient(fit: RobotFit, quantity: Quantity) -> Array:
     return found
 
 
-def doubt_of(fit: RobotFit, aliasing: Array) -> Doubt:
+def doubt_by_wheel_inertia(fit: RobotFit, rows: Sequence[RunRows]) -> Array:
+    """Deviation of the estimate by that of the wheels' inertia, −H⁻¹ ∂²f/∂x∂(ln I) σ, shape (p,).
+
+    The inertia is not estimated: errors of the small forces that it makes would spoil it.
+
+    Args:
+      fit: The fitted robot.
+      rows: Rows of its runs.
+    """
+    unknowns, noise = fit.unknowns, fit.noise * np.sqrt(fit.memory)
+    robot, size = unknowns.nominal.robot, 1.0 + _INERTIA_STEP
+    heavier = unknowns.nominal._replace(
+        robot=robot._replace(inertia=size * robot.inertia), rotor=size * unknowns.nominal.rotor
+    )
+    slopes = [
+        np.sum([run_sums(one, fit.x, noise, run).slope for run in rows], axis=0)
+        for one in (unknowns, replace(unknowns, nominal=heavier))
+    ]
+    hessian = fit.information + np.diag(fit.precision)
+    moved = -np.linalg.solve(hessian, slopes[1] - slopes[0]) / _INERTIA_STEP
+    return np.asarray(WHEEL_INERTIA_SPREAD * moved, float)
+
+
+def doubt_of(fit: RobotFit, others: Sequence[Array]) -> Doubt:
     """Uncertainty of a fitted robot from the scatter between its runs.
 
     Args:
       fit: The fitted robot; with a single run, only its noise and the prior count.
-      aliasing: Change of its numbers that aliasing may have made, shape (p,).
+      others: Deviations of its numbers by what no scatter shows, each of shape (p,).
     """
     hessian, count = fit.information + np.diag(fit.precision), len(fit.runs)
     total = np.zeros_like(hessian)
@@ -80,5 +107,6 @@ def doubt_of(fit: RobotFit, aliasing: Array) -> Doubt:
     scaled = np.linalg.solve(root, np.linalg.solve(root, between).T)
     values, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
     wide = root @ vectors
-    covariance = (wide * np.maximum(values, 1.0)) @ wide.T + np.outer(aliasing, aliasing)
+    covariance = (wide * np.maximum(values, 1.0)) @ wide.T
+    covariance += np.sum([np.outer(one, one) for one in others], axis=0)
     return Doubt(fit, covariance, float(student.ppf(0.5 * (1.0 + LEVEL), max(count - 1, 2))))

@@ -4,7 +4,7 @@ Torque constants, dry and viscous losses are a common part and a deviation of ea
 priors: wheels that the data cannot tell apart keep a common value. A force balance holds for any multiple
 of all forces and masses together, so data determine ratios to the torque constant, and its absolute size
 comes from the prior: it is the model file's, within its `uncertainty`, while the mass may be that of any
-usual payload.
+usual payload. The inertia of the wheels is scaled along.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ CENTRE_SPREAD = 0.03
 _LOSS, _VISCOUS, _GEAR = 0.15, 1.0, 0.5
 _ROLLERS, _LEAST_ROLLERS = 0.3, 0.005  # relative, and [1] or [s/m] where the nominal friction is small
 _OFFSET, _DELAY, _POSE_DELAY = 0.005, 3e-3, 0.015  # [A], [s], [s]
+_TURNING, _TURNING_SLOW = 1e-6, 0.1  # [A.s/rad] of a log of every sample, and of a slower one
 _DELAYS = ("acceleration_delay", "yaw_rate_delay")
 _BOX = math.sqrt(3.0)  # a box of half-width a has the standard deviation a/√3
 
@@ -86,6 +87,9 @@ class Unknowns:
     def constants(self, x: Array) -> BalanceConstants:
         """Constants of the force balance for a vector of deviations, shape (p,)."""
         c, mass = self.nominal.robot, self.nominal.robot.mass * math.exp(self.value(x, "mass"))
+        # wheels and rotors keep their ratio to the torque constants: theirs would be the only mass that is
+        # known, and errors of what it accelerates, small as it is, would set the size of everything
+        size = math.exp(self.wheels(x, "torque_constant").mean())
         axle = self.nominal.axle + c.dry * self._own(x, "axle_loss")
         robot = c._replace(
             torque=c.torque * np.exp(self.wheels(x, "torque_constant")),
@@ -94,17 +98,25 @@ class Unknowns:
             driven=c.driven * math.exp(self.value(x, "back_driving")),
             mass=mass,
             load=mass * GRAVITY / len(c.torque),
+            inertia=c.inertia * size,
             yaw_inertia=c.yaw_inertia * math.exp(self.value(x, "yaw_inertia")),
             centre=c.centre + np.array([self.value(x, "centre_x"), self.value(x, "centre_y")]),
             roller_dry=c.roller_dry + self.value(x, "roller_dry"),
             roller_viscous=c.roller_viscous + self.value(x, "roller_viscous"),
         )
-        return BalanceConstants(robot, axle, self.nominal.rotor)
+        return BalanceConstants(robot, axle, self.nominal.rotor * size)
 
     def of_pose(self, delay: float) -> Unknowns:
         """The unknowns where the body's motion was measured by a camera of some delay [s]."""
-        each = [replace(one, spread=_POSE_DELAY) if one.name in _DELAYS else one for one in self.each]
-        return replace(self, each=tuple(each), pose_delay=delay)
+        return replace(self._with_spread(_DELAYS, _POSE_DELAY), pose_delay=delay)
+
+    def of_slow_logs(self) -> Unknowns:
+        """The unknowns where the logs have fewer samples than the controller."""
+        return self._with_spread(("current_turning",), _TURNING_SLOW)
+
+    def _with_spread(self, names: tuple[str, ...], spread: float) -> Unknowns:
+        each = [replace(one, spread=spread) if one.name in names else one for one in self.each]
+        return replace(self, each=tuple(each))
 
     def _own(self, x: Array, name: str) -> Array:
         """Entries `NAME_1` … of the n wheels."""
@@ -114,7 +126,10 @@ class Unknowns:
     def errors(self, x: Array) -> SensorErrors:
         """Errors of the sensors for a vector of deviations."""
         offset = self._own(x, "current_offset")
-        return SensorErrors(offset, self.value(x, "acceleration_delay"), self.value(x, "yaw_rate_delay"))
+        turning = self.value(x, "current_turning")
+        return SensorErrors(
+            offset, turning, self.value(x, "acceleration_delay"), self.value(x, "yaw_rate_delay")
+        )
 
 
 def unknowns(robot: Robot, mass_is_known: bool = False) -> Unknowns:
@@ -139,6 +154,7 @@ def unknowns(robot: Robot, mass_is_known: bool = False) -> Unknowns:
         Unknown("roller_dry", max(_ROLLERS * c.roller_dry, _LEAST_ROLLERS)),
         Unknown("roller_viscous", max(_ROLLERS * c.roller_viscous, _LEAST_ROLLERS)),
         *(Unknown(f"current_offset_{i + 1}", _OFFSET) for i in range(n)),
+        Unknown("current_turning", _TURNING),
         *(Unknown(name, _DELAY) for name in _DELAYS),
     ]
     return Unknowns(robot, _balance_constants(robot), tuple(each))
