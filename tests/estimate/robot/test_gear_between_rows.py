@@ -20,11 +20,9 @@ EXACT = SensorErrors(np.zeros(4), 0.0, 0.0, 0.0)
 
 
 def rows_of(shafts, count):
-    zero, many = np.zeros((count, 4)), np.zeros(count)
-    good, ground = np.ones(count, bool), zero[:, :2]
-    return RunRows(
-        "run", "", many, zero, shafts, zero, zero, zero[:, :2], many, many, zero, many, flags, ~flags
-    )
+    zero, many, good = np.zeros((count, 4)), np.zeros(count), np.ones(count, bool)
+    numbers = (many, zero, shafts, zero, zero, zero[:, :2], many, many, zero, many)
+    return RunRows("run", "", *numbers, good, ~good)
 
 
 def braking(stretches=1):
