@@ -21,13 +21,13 @@ EXACT = SensorErrors(np.zeros(4), 0.0, 0.0, 0.0)
 
 def rows_of(shafts, count):
     zero, many, good = np.zeros((count, 4)), np.zeros(count), np.ones(count, bool)
-    numbers = (many, zero, shafts, zero, zero, zero[:, :2], many, many, zero, many)
-    return RunRows("run", "", *numbers, good, ~good)
+    numbers = (many, zero, shafts, zero, zero, zero[:, :2], many, many, zero)
+    return RunRows("run", "", *numbers, np.zeros(count, int), good, ~good)
 
 
 def braking(stretches=1):
     """A current that changes its direction within one width of the filter while all wheels go on turning."""
-    time = STEP * np.arange(1001)
+    time = STEP * np.arange(1001.0)
     current = np.interp(time, [0.48, 0.52], [0.4, -0.4])
     smoother = Smoother(time, np.arange(0.1, 0.9, PERIOD), WIDTH)
     part = shafts_of(smoother, [current] * 4, [np.full_like(time, 10.0)] * 4, 0.0, 0.0)
