@@ -47,7 +47,7 @@ class SensorErrors(NamedTuple):
 
     current: Array
     """Offset of each current monitor, shape (n,) [A]."""
-    turning: float
+    current_per_yaw_rate: float
     """Error of all currents per yaw rate [A.s/rad]: a log that samples every so many updates of the heading
     always sees the yaw loop's currents at the same moment of an update, and not their mean."""
     acceleration_delay: float
@@ -68,7 +68,7 @@ def wheel_forces(constants: BalanceConstants, errors: SensorErrors, rows: RunRow
     shafts = rows.shafts
     sign = np.tanh(shafts.wheel_speed / _TURNING)
     yaw_rate = c.radius * shafts.wheel_speed @ np.linalg.pinv(c.forces)[:, 2:]
-    current = shafts.current - errors.current - errors.turning * yaw_rate
+    current = shafts.current - errors.current - errors.current_per_yaw_rate * yaw_rate
     shaft = c.torque * current - c.viscous * shafts.wheel_speed
     shaft -= (c.dry - axle) * sign + rotor * shafts.wheel_acceleration
     forward = np.copysign(1.0, sign)

@@ -62,13 +62,13 @@ class RunRows:
     current: Array
     """Shape (m, n) [A]."""
     shafts: Shafts
-    """What turns the wheels, at more times than the rows'."""
+    """Currents and speeds at more times than the rows'."""
     wheel_speed: Array
     """Shape (m, n) [rad/s]."""
     wheel_acceleration: Array
     """Shape (m, n) [rad/s²]."""
     acceleration: Array
-    """Of the origin in the body frame, shape (m, 2) [m/s²]."""
+    """Acceleration of the origin in the body frame, shape (m, 2) [m/s²]."""
     yaw_rate: Array
     """Less its mean at rest, shape (m,) [rad/s]."""
     yaw_acceleration: Array
@@ -91,7 +91,7 @@ class RunRows:
     aliased: Array = field(default_factory=lambda: np.zeros((0, 0)))
     """Covariance of the currents' errors by aliasing, shape (n, n) [A²]."""
     velocity: Array | None = None
-    """Of the origin in the body frame, from a measured pose, shape (m, 2) [m/s]."""
+    """Velocity of the origin in the body frame, from a measured pose, shape (m, 2) [m/s]."""
     pose_delay: float | None = None
     """Delay of a measured pose that has been taken back [s]."""
 
@@ -126,13 +126,18 @@ def _channels(wheels: int, pose_measured: bool) -> tuple[str, ...]:
     return (*robot_channels(wheels)[: 2 * wheels], *POSE)
 
 
+def _has_pose(channels: Sequence[str]) -> bool:
+    """Whether these are the channels of a dataset with a measured pose."""
+    return channels[-1] == POSE[-1]
+
+
 def _require_channels(run: Run, channels: Sequence[str], place: str) -> None:
     missing = [name for name in channels if name not in run.columns]
     if missing:
         rule = "a force balance needs currents, wheel speeds, and an inertial unit or a measured pose"
         raise InputError(place, f"has no {missing[0]}", rule)
     rate = 1.0 / float(np.median(np.diff(run.time)))
-    least = LOWEST_POSE_RATE if channels[-1] == POSE[-1] else LOWEST_RATE
+    least = LOWEST_POSE_RATE if _has_pose(channels) else LOWEST_RATE
     if rate < least * 0.995:
         raise InputError(place, f"has {rate:.4g} samples per second", f"at least {least:g} are needed")
 
@@ -196,7 +201,7 @@ def _stretch(run: Run, part: slice, robot: Robot, channels: Sequence[str]) -> _S
     period = float(np.median(np.diff(time)))
     width, samples, late, edge = max(WIDTH, 2.0 * period), None, 0.0, 3.0
     delays = sensor_delays(robot, period)
-    if channels[-1] == POSE[-1]:
+    if _has_pose(channels):
         samples = pose_samples(run, part)
         if samples is None:
             return None

@@ -1,4 +1,4 @@
-"""What errors of the measured currents did to an estimate, taken out of it.
+"""Bias of an estimate by errors of the measured currents, removed.
 
 Noise in the predictors makes what they multiply seem too small: with errors of covariance Q of the filtered
 currents it adds n = ½ ∂/∂x Σ_rows tr(S D Q Dᵀ) to the gradient of the sum of squares, D = M⁻¹ B ∂F/∂i the
@@ -31,12 +31,12 @@ from omnimj.signals import Array
 
 _STEP = 1e-3  # of a prior's deviation, for derivatives
 _AMPERE = 0.01  # [A] step for the derivative by the current
-_ROUNDS = 3
+_ROUNDS = 3  # steps of Newton's method
 _MOST = 0.8  # largest share of the information that errors of the currents may take out
 
 
 def without_noise(fit: RobotFit, rows: Sequence[RunRows]) -> RobotFit:
-    """The fit without what the noise of the current monitors did to it.
+    """Remove the bias by noise of the current monitors from a fit.
 
     Args:
       fit: The fitted robot.
@@ -57,7 +57,7 @@ def without_noise(fit: RobotFit, rows: Sequence[RunRows]) -> RobotFit:
 
 
 def without_aliasing(fit: RobotFit, rows: Sequence[RunRows]) -> tuple[RobotFit, Array]:
-    """The fit with what aliasing of the currents may have done taken out as far as the prior favours it.
+    """Remove the bias by aliasing of the currents from a fit as far as the prior favours it.
 
     Args:
       fit: The fitted robot.

@@ -1,4 +1,4 @@
-"""What turns the wheels between two rows of a log: gears answer to the moment, not to a mean.
+"""Currents and speeds between two rows of a log, where the law of the gears must be applied.
 
 A gear passes another force while the wheel drives the motor than the other way round. The mean of such a
 force over the width of the rows' filter is not the force of the mean currents: when a robot begins to brake,

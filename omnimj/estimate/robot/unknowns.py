@@ -35,7 +35,7 @@ CENTRE_SPREAD = 0.03
 _LOSS, _VISCOUS, _GEAR = 0.15, 1.0, 0.5
 _ROLLERS, _LEAST_ROLLERS = 0.3, 0.005  # relative, and [1] or [s/m] where the nominal friction is small
 _OFFSET, _DELAY, _POSE_DELAY = 0.005, 3e-3, 0.015  # [A], [s], [s]
-_TURNING, _TURNING_SLOW = 1e-6, 0.1  # [A.s/rad] of a log of every sample, and of a slower one
+_PER_YAW_RATE, _PER_YAW_RATE_SLOW = 1e-6, 0.1  # [A.s/rad] of a log of every sample, and of a slower one
 _DELAYS = ("acceleration_delay", "yaw_rate_delay")
 _BOX = math.sqrt(3.0)  # a box of half-width a has the standard deviation a/√3
 
@@ -112,7 +112,7 @@ class Unknowns:
 
     def of_slow_logs(self) -> Unknowns:
         """The unknowns where the logs have fewer samples than the controller."""
-        return self._with_spread(("current_turning",), _TURNING_SLOW)
+        return self._with_spread(("current_per_yaw_rate",), _PER_YAW_RATE_SLOW)
 
     def _with_spread(self, names: tuple[str, ...], spread: float) -> Unknowns:
         each = [replace(one, spread=spread) if one.name in names else one for one in self.each]
@@ -125,10 +125,11 @@ class Unknowns:
 
     def errors(self, x: Array) -> SensorErrors:
         """Errors of the sensors for a vector of deviations."""
-        offset = self._own(x, "current_offset")
-        turning = self.value(x, "current_turning")
         return SensorErrors(
-            offset, turning, self.value(x, "acceleration_delay"), self.value(x, "yaw_rate_delay")
+            self._own(x, "current_offset"),
+            self.value(x, "current_per_yaw_rate"),
+            self.value(x, "acceleration_delay"),
+            self.value(x, "yaw_rate_delay"),
         )
 
 
@@ -154,7 +155,7 @@ def unknowns(robot: Robot, mass_is_known: bool = False) -> Unknowns:
         Unknown("roller_dry", max(_ROLLERS * c.roller_dry, _LEAST_ROLLERS)),
         Unknown("roller_viscous", max(_ROLLERS * c.roller_viscous, _LEAST_ROLLERS)),
         *(Unknown(f"current_offset_{i + 1}", _OFFSET) for i in range(n)),
-        Unknown("current_turning", _TURNING),
+        Unknown("current_per_yaw_rate", _PER_YAW_RATE),
         *(Unknown(name, _DELAY) for name in _DELAYS),
     ]
     return Unknowns(robot, _balance_constants(robot), tuple(each))
