@@ -32,6 +32,16 @@ def _payload(changes: MachineChanges, values: Values) -> None:
     )
 
 
+def _load_offset(changes: MachineChanges, values: Values) -> None:
+    # part of the mass, moved out by a fixed distance, so that mass and yaw inertia hardly change
+    x, y, mass = values["x"], values["y"], changes.machine.body.mass
+    offset = math.hypot(x, y)
+    if offset > 0.0:
+        moved = mass * offset / _MOVED
+        changes.add_to_constant("body", "mass", -moved)
+        _payload(changes, {"mass": moved, "x": x / offset * _MOVED, "y": y / offset * _MOVED})
+
+
 def _grade_of_rail(changes: MachineChanges, values: Values) -> None:
     if changes.slope[0] and values["slope"]:
         raise InputError("effects", "found grade twice", "it can act once on a machine")
@@ -55,6 +65,8 @@ def _floor_patch(changes: MachineChanges, values: Values) -> None:
     changes.set_term("patch", values["scale"] - 1.0, patch_start=values["start"], patch_end=values["end"])
 
 
+_MOVED = 0.12
+"""Distance by which `load_offset` moves part of the mass [m]."""
 _PAYLOAD = ("payload", "more or less mass than declared", "body")
 _GRADE = ("grade", "the floor or rail is not level", "body")
 _SLOPE = EffectParameter("slope", "rad", -0.3, 0.3, 0.02)
@@ -75,6 +87,14 @@ EFFECTS = (
             EffectParameter("y", "m", -0.3, 0.3, 0.0, None),
         ),
         hooks=(_payload,),
+    ),
+    Effect(
+        "load_offset",
+        "the centre of mass is not where the model has it, so that the wheels carry other loads",
+        "body",
+        (ROBOT,),
+        (EffectParameter("x", "m", -0.08, 0.08, 0.02), EffectParameter("y", "m", -0.08, 0.08, 0.02)),
+        hooks=(_load_offset,),
     ),
     Effect(*_GRADE, (RIG,), (_SLOPE,), hooks=(_grade_of_rail,)),
     Effect(

@@ -12,6 +12,9 @@ import numpy as np
 
 from omnimj.errors import InputError
 from omnimj.parameters import Axis, Floor, Rig, Robot
+from omnimj.parameters.floor import LAWS, number_rules
+from omnimj.parameters.parts import GRAVITY
+from omnimj.parameters.reading import check_number
 from omnimj.physics.effect_terms import CURVES, TERM, mark_active, write_curve, zero_terms
 from omnimj.physics.motor import MotorParameters
 from omnimj.signals import Array
@@ -34,6 +37,12 @@ FLOOR_SCALES = {
 laws, `sigma_0` the stiffness of any law."""
 
 
+CEILING, COMPLIANCE = "ceiling", "creep_compliance"
+FLOOR_EXTRAS = (CEILING, COMPLIANCE, "rolling_resistance", "load_exponent")
+"""Numbers that effects add to a floor: to μ_c and μ_s of LuGre, to its creep ratio per traction over load, to the
+resistance to rolling, and to the exponent of the load, which turns about that of the wheels at rest."""
+
+
 def scale_floor(floor: Floor, scales: Mapping[str, float]) -> Floor:
     """The floor with scaled parameters; key of `FLOOR_SCALES` → scale."""
     if not scales:
@@ -44,6 +53,41 @@ def scale_floor(floor: Floor, scales: Mapping[str, float]) -> Floor:
             if key in numbers:
                 numbers[key] *= scale
     return dataclasses.replace(floor, numbers=MappingProxyType(numbers))
+
+
+def extend_floor(floor: Floor, extra: Mapping[str, float], load: float) -> Floor:
+    """The floor with amounts added to its parameters.
+
+    Args:
+      floor: The floor.
+      extra: Key of `FLOOR_EXTRAS` → amount.
+      load: Normal force about which an exponent of the load turns, if the floor states none [N].
+
+    Raises:
+      InputError: The floor's law has no such parameter, or the sum breaks its rule.
+    """
+    if not extra:
+        return floor
+    rules, numbers = number_rules(floor.law), dict(floor.numbers)
+    for key, amount in _parts_of(floor, extra).items():
+        place = f"floor {floor.name}: {key}"
+        if key not in rules:
+            raise InputError(place, f"the law {floor.law!r} has none", "choose a floor of another law", LAWS)
+        if key == "load_exponent":
+            numbers.setdefault("reference_load", load)
+        null = 1.0 if key == "load_exponent" else 0.0
+        numbers[key] = float(check_number(place, numbers.get(key, null) + amount, rules[key]))
+    return dataclasses.replace(floor, numbers=MappingProxyType(numbers))
+
+
+def _parts_of(floor: Floor, extra: Mapping[str, float]) -> dict[str, float]:
+    """Amounts to add to a floor's own numbers."""
+    parts = {key: amount for key, amount in extra.items() if key not in (CEILING, COMPLIANCE)}
+    if CEILING in extra:
+        parts |= dict.fromkeys(("mu_c", "mu_s"), extra[CEILING])
+    if COMPLIANCE in extra:  # settled bristles carry σ0 V_r/(κ V_roll)
+        parts["turnover"] = extra[COMPLIANCE] * floor.numbers.get("sigma_0", 0.0)
+    return parts
 
 
 @dataclass(frozen=True)
@@ -160,6 +204,8 @@ class AppliedEffects:
     """Inclination of floor or rail and downhill direction in the world frame [rad]."""
     floor_scale: Mapping[str, float]
     """Scales of a floor by keys of `FLOOR_SCALES`; empty: none."""
+    floor_extra: Mapping[str, float]
+    """Amounts added to parameters of a floor, by keys of `FLOOR_EXTRAS`; empty: none."""
     channels: Mapping[str, ChannelEffect]
     """Changes of the readings, by channel."""
 
@@ -169,12 +215,27 @@ class AppliedEffects:
         return self.payload[0]
 
     def floor(self, floor: Floor) -> Floor:
-        """Floor with scaled parameters."""
-        return scale_floor(floor, self.floor_scale)
+        """Floor with changed parameters.
+
+        Raises:
+          InputError: The floor's law has no such parameter.
+        """
+        return extend_floor(scale_floor(floor, self.floor_scale), self.floor_extra, self._mean_load)
+
+    @property
+    def _mean_load(self) -> float:
+        """Mean normal force of a wheel at rest [N]."""
+        return (self.machine.body.mass + self.added_mass) * GRAVITY / self.machine.wheel_count
 
     def floors(self, floors: Mapping[str, Floor]) -> Mapping[str, Floor]:
-        """All floors with scaled parameters."""
-        return {name: self.floor(floor) for name, floor in floors.items()}
+        """All floors with changed parameters; those whose law lacks such a parameter stay as they are."""
+        found = {}
+        for name, floor in floors.items():
+            try:
+                found[name] = self.floor(floor)
+            except InputError:
+                found[name] = floor
+        return found
 
     def motors(self, motors: Sequence[MotorParameters]) -> tuple[MotorParameters, ...]:
         """Motors of the n wheels with scaled torque constants."""
@@ -213,6 +274,7 @@ class MachineChanges:
         self.torque_scale, self.radius_scale, self.misalignment = np.ones(n), np.ones(n), np.zeros(n)
         self.payload, self.slope = (0.0, 0.0, 0.0), (0.0, 0.0)
         self.floor_scale: dict[str, float] = {}
+        self.floor_extra: dict[str, float] = {}
         self.channels: dict[str, ChannelEffect] = {}
         self._added: dict[str, dict[str, float]] = {}
         self._curves = 0
@@ -294,5 +356,6 @@ class MachineChanges:
             self.payload,
             self.slope,
             {key: scale for key, scale in self.floor_scale.items() if scale != 1.0},
+            {key: value for key, value in self.floor_extra.items() if value != 0.0},
             self.channels,
         )

@@ -52,6 +52,15 @@ def _delayed(changes: MachineChanges, values: Values) -> None:
     changes.change_channel(str(values["channel"]), delay=values["delay"])
 
 
+def _turned(changes: MachineChanges, values: Values) -> None:
+    changes.change_channel("heading", offset=values["angle"])
+
+
+def _scaled_pose(changes: MachineChanges, values: Values) -> None:
+    for channel in ("x", "y"):
+        changes.change_channel(channel, scale=values["scale"])
+
+
 def _scale(typical: float) -> tuple[EffectParameter]:
     return (EffectParameter("scale", "1", -1.5, 2.0, typical, 1.0),)
 
@@ -108,6 +117,22 @@ EFFECTS = (
         (ROBOT,),
         _scale(1.1),
         hooks=(_scaled("yaw_rate"),),
+    ),
+    Effect(
+        "heading_offset",
+        "the marker of a measured pose is turned on the robot",
+        "sensors",
+        (ROBOT,),
+        (EffectParameter("angle", "rad", -0.5, 0.5, 0.03),),
+        hooks=(_turned,),
+    ),
+    Effect(
+        "pose_scale",
+        "the scale of a measured position, or the radius of all wheels, is not as declared",
+        "sensors",
+        (ROBOT,),
+        (EffectParameter("scale", "1", 0.5, 1.5, 1.03, 1.0),),
+        hooks=(_scaled_pose,),
     ),
     Effect(*_DELAY, (RIG,), _SECONDS, (Selector("channel", RIG_CHANNELS),), (_delayed,)),
     Effect(*_DELAY, (ROBOT,), _SECONDS, (Selector("channel", ROBOT_CHANNELS),), (_delayed,)),

@@ -101,7 +101,8 @@ def repeatability(replay: Replay, mismatch: Array) -> Array:
     for segment in replay.segments:
         turn = seen[segment.condition, segment.run]
         seen[segment.condition, segment.run] += 1
-        by_condition[segment.condition, turn].append(segment)
+        if segment.is_repeat:
+            by_condition[segment.condition, turn].append(segment)
     total, count = np.zeros(mismatch.shape[1]), np.zeros(mismatch.shape[1])
     for repeats in by_condition.values():
         if len(repeats) < 2:

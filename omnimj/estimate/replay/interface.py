@@ -16,6 +16,8 @@ import numpy as np
 from omnimj.effects import Effect, EffectParameter, effects_of
 from omnimj.signals import Array
 
+MOST_EFFECTS = 4
+"""Usual largest number of effects in a model."""
 KNOTS = 8
 """Number of knots of a free curve."""
 _SPEEDS = (0.02, 0.1, 0.4)  # trial ends of friction near standstill, as shares of the speed range
@@ -48,6 +50,8 @@ class Segment:
     """The segment comprises the rows of blocks first … last − 1."""
     time: Array
     """Block centres, shape (last − first,) [s]."""
+    is_repeat: bool = True
+    """False where runs of one condition are alike but do not repeat each other, such as near directions."""
 
 
 @dataclass(frozen=True)
@@ -129,6 +133,8 @@ class Replay(Protocol):
     candidates: tuple[CandidateEffect, ...]
     curves: Mapping[str, float]
     """Variable of each free curve → typical force [N]."""
+    most_effects: int
+    """Largest number of effects in a model."""
 
     def simulate(self, settings: Sequence[Setting]) -> list[Array]:
         """Simulate the sensors by the equations, one array of shape (blocks, channels) per setting."""

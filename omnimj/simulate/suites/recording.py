@@ -10,7 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from omnimj.effects import apply_effects
 from omnimj.errors import InputError, UnknownNameError
+from omnimj.parameters import Robot
 from omnimj.parameters.floor import all_floors
 from omnimj.recording.dataset import INERTIAL_UNIT, Run
 from omnimj.recording.dataset_file import POSE_MEASURED
@@ -97,7 +99,7 @@ def record_suite(
             run_config = RunConfig(plant, run.seed, _run_progress(progress, k, len(runs)), floors)
             columns = suite.record(machine, nominal, run.condition, run_config)
             if config.pose_rate is not None:
-                columns = with_measured_pose(columns, config.pose_rate)
+                columns = with_measured_pose(columns, config.pose_rate, machine)
             conditions = MappingProxyType(dict(run.condition.conditions))
             writer.add(Run(run.name, columns, MappingProxyType({}), conditions, run.repeat_of))
             written.append(run.name)
@@ -107,19 +109,25 @@ def record_suite(
     return RecordingResult(tuple(written), len(runs), samples, False)
 
 
-def with_measured_pose(columns: Mapping[str, Array], rate: float) -> dict[str, Array]:
+def with_measured_pose(columns: Mapping[str, Array], rate: float, machine: Robot) -> dict[str, Array]:
     """Turn the log of a robot into one with a measured pose and no inertial unit.
 
     Args:
       columns: Log with `time`, `x`, `y` and `heading`, each shape (n,).
       rate: Samples per second of the result, of which every k-th row of the log is one.
+      machine: Robot, whose effects of the measured pose are applied.
 
     Returns:
       Columns, each shape (⌈n/k⌉,).
     """
     step = float(np.median(np.diff(columns["time"])))
     every = slice(None, None, max(1, round(1.0 / (rate * step))))
-    return {name: values[every].copy() for name, values in columns.items() if name not in INERTIAL_UNIT}
+    found = {name: values[every].copy() for name, values in columns.items() if name not in INERTIAL_UNIT}
+    readings = apply_effects(machine).channels
+    for name in ("x", "y", "heading"):
+        if (reading := readings.get(name)) is not None:
+            found[name] = reading.scale * found[name] + reading.offset
+    return found
 
 
 def plant_for(suite: Suite, choice: str | None) -> str:

@@ -28,8 +28,6 @@ from omnimj.estimate.replay.interface import Replay
 from omnimj.estimate.replay.problem import Fit, ModelEffects, Problem, fit, reevaluate
 from omnimj.signals import Array
 
-MOST_EFFECTS = 4
-"""Largest number of effects in a model."""
 _WEAK = 0.10  # held-out gain of the best effect alone up to which pairs and triples are tried as well
 _MOST_REFITS = 3
 _STILL, _CONVERGED = 0.2, 0.1  # change by a new twin that ends the refits: in noise, and of the mismatch
@@ -203,7 +201,7 @@ class _Growing:
         self.rounds: list[SelectionRound] = []
         self.outcomes: list[str] = []
         self.ended = ""
-        self._split, self._report = split, report
+        self._split, self._report, self._most = split, report, problem.replay.most_effects
         self._given_up: dict[str, GivenUp] = {}
         self._seen: set[frozenset[str]] = {frozenset()}
 
@@ -211,8 +209,8 @@ class _Growing:
         """Run rounds until one of them leaves the model as it was."""
         while not self.ended:
             found = self._next_round()
-            if len(self.state.named) == MOST_EFFECTS:
-                self.ended = f"the model has {MOST_EFFECTS} effects, the largest number"
+            if len(self.state.named) == self._most:
+                self.ended = f"the model has {self._most} effects, the largest number"
                 self.outcomes.append(self.ended)
                 break
             self.ended = self._grow(found)
@@ -283,7 +281,7 @@ class _Growing:
 
     def _subsets(self, found: SelectionRound) -> list[tuple[Interval, Fit]]:
         """The best pair or triple, if it gains and anything but noise is left."""
-        room = MOST_EFFECTS - len(self.state.named)
+        room = self._most - len(self.state.named)
         if room < 2 or self._mismatch() <= NOISE_LEVEL:
             return []
         self._report("trying pairs and triples of effects", 1.0)

@@ -27,6 +27,7 @@ from omnimj.estimate.replay.axis.settings import (
     spans_of,
 )
 from omnimj.estimate.replay.interface import (
+    MOST_EFFECTS,
     CandidateEffect,
     Channel,
     Experiment,
@@ -63,6 +64,7 @@ class AxisReplay:
     """Replay of a dataset of a linear axis; implements `replay.interface.Replay`."""
 
     plant = AXIS
+    most_effects = MOST_EFFECTS
 
     def __init__(
         self,

@@ -16,6 +16,7 @@ from omnimj.estimate.replay.base_parameters import (
     base_parameters,
 )
 from omnimj.estimate.replay.interface import (
+    MOST_EFFECTS,
     BaseParameter,
     CandidateEffect,
     Channel,
@@ -139,6 +140,7 @@ class RigReplay:
     """Replay of a dataset of rig runs; implements `replay.interface.Replay`."""
 
     plant = "quarter_rig"
+    most_effects = MOST_EFFECTS
 
     def __init__(self, dataset: Dataset, rig: Rig, floors: Mapping[str, Floor]):
         """Prepare the runs.

@@ -21,6 +21,7 @@ from omnimj.estimate.replay.base_parameters import (
     base_parameters,
 )
 from omnimj.estimate.replay.interface import (
+    MOST_EFFECTS,
     BaseParameter,
     CandidateEffect,
     Channel,
@@ -99,6 +100,7 @@ class RobotReplay:
     """Replay of a dataset of missions; ground truth in the logs is ignored."""
 
     plant = ROBOT
+    most_effects = MOST_EFFECTS
 
     def __init__(
         self,
