@@ -59,14 +59,19 @@ LAWS: Mapping[str, tuple[int, Mapping[str, Rule]]] = MappingProxyType(
 )
 """Traction law by name: its index for the kernels, and the rules of the parameters that it needs."""
 OPTIONAL: Mapping[str, Rule] = MappingProxyType(
-    {"mu_cap": _POSITIVE, "load_exponent": Rule(0.0, 2.0, True), "reference_load": _POSITIVE}
+    {
+        "mu_cap": _POSITIVE,
+        "load_exponent": Rule(0.0, 2.0, True),
+        "reference_load": _POSITIVE,
+        "rolling_resistance": _NOT_NEGATIVE,
+    }
 )
 """Rules of the parameters that a floor of any law may have."""
 
 _DIGITS = 6
 FLOOR_UNITS = (
     "# mu, mu_c, mu_s, mu_cap 1; V_s m/s; sigma_0 1/m; sigma_1, sigma_2 s/m; B, C, D, E, creep_stiffness 1;\n"
-    "# relaxation_length m; damping_time s; load_exponent 1; reference_load N."
+    "# relaxation_length m; damping_time s; load_exponent, rolling_resistance 1; reference_load N."
 )
 """Comment with the units of the parameters of a floor."""
 
@@ -104,6 +109,8 @@ class TractionParameters(NamedTuple):
     """p of F ∝ F_N^p."""
     reference_load: float = 1.0
     """F_N at which the parameters are stated [N]; without effect if p = 1."""
+    rolling_resistance: float = 0.0
+    """μ_r of the dry force μ_r F_N against the direction in which the contact rolls."""
 
 
 TRACTION_SIZE = len(TractionParameters._fields)

@@ -14,7 +14,15 @@ import numpy as np
 from omnimj.parameters.parts import GRAVITY
 from omnimj.physics.motor import stick_or_slip
 from omnimj.physics.native import kernel
-from omnimj.physics.traction import exact_step, force_ratio, load_factor, mean_deflection, relaxation_rate
+from omnimj.physics.traction import (
+    exact_step,
+    force_ratio,
+    load_factor,
+    mean_deflection,
+    relaxation_rate,
+    rolling_resistance,
+    rolling_speed,
+)
 
 SUBSTEPS = 2
 """Steps of the model per sample."""
@@ -39,6 +47,8 @@ class CarriageParameters(NamedTuple):
     """Initial speed of the carriage [m/s]."""
     delay: float
     """Delay of the measured wheel speed relative to the carriage speed [s]."""
+    lateral_speed: float
+    """Speed of the gantry [m/s]."""
 
 
 @kernel
@@ -63,8 +73,8 @@ def simulate_carriage(run, floor, wheel_speed, h, decay, per_block, use, blocks)
       use: 1 for samples that count for speed and acceleration, otherwise 0, shape (k, 2).
       blocks: Filled with the means, shape (k // per_block, BLOCK); NaN where no sample counts.
     """
-    normal, step = run.mass * GRAVITY, h / SUBSTEPS
-    normal *= load_factor(floor, normal)
+    weight, step = run.mass * GRAVITY, h / SUBSTEPS
+    normal = weight * load_factor(floor, weight)
     speed, z, filtered, gain = run.start_speed, 0.0, 0.0, 0.0
     slip, acceleration, ratio = run.radius * wheel_speed[0] - speed, 0.0, 0.0
     sums, counts = np.zeros(BLOCK), np.zeros(2)
@@ -77,12 +87,14 @@ def simulate_carriage(run, floor, wheel_speed, h, decay, per_block, use, blocks)
                     wheel_speed, j - 1 + (s + 0.5) / SUBSTEPS + run.delay / h
                 )
                 now = rim - speed - 0.5 * step * gain
-                rate = relaxation_rate(floor, now, max(abs(rim), abs(speed)))
+                rate = relaxation_rate(floor, now, rolling_speed(floor, rim, speed, run.lateral_speed))
                 after = exact_step(z, now, rate, step)
                 share = force_ratio(floor, mean_deflection(z, after, now, rate, step), now, rate)
                 resisting = run.viscous * speed
                 pull = normal * share
-                held = stick_or_slip(-run.dry - resisting, run.dry - resisting, speed, run.mass, pull, step)
+                rolling = max(abs(rim), abs(speed))
+                dry = run.dry + weight * rolling_resistance(floor, rolling, run.lateral_speed)[0]
+                held = stick_or_slip(-dry - resisting, dry - resisting, speed, run.mass, pull, step)
                 gain = (pull + held) / run.mass
                 speed += step * gain
                 z = after

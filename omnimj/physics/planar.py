@@ -6,8 +6,8 @@ at the robot's centre. The first 2n + 3 are the states of Eq. 3.54; `derivative`
 motor currents, `step` takes all (`state_size`).
 
 Corrections to the text: Coriolis terms m(ẍ − θ̇ẏ), m(ÿ + θ̇ẋ); sign of T_nl and of the gear's power flow;
-viscous motor friction, bearing friction (Eqs. 4.37-4.38) and rolling resistance (as a torque r μ_rol F_N on
-the wheel). `published` leaves all of these out.
+viscous motor friction, bearing friction (Eqs. 4.37-4.38) and rolling resistance of the wheel (as a torque
+r μ_rol F_N on it) and of the floor. `published` leaves all of these out.
 """
 
 from __future__ import annotations
@@ -35,12 +35,13 @@ from omnimj.physics.planar_wheel import (
     WheelLoad,
     contact_force,
     contact_velocity,
+    on_its_floor,
     step_wheel,
     supply_currents,
     wheel_torque_bounds,
     wheel_velocity,
 )
-from omnimj.physics.traction import force_ratio, load_factor, relaxation_rate
+from omnimj.physics.traction import force_ratio, load_factor, relaxation_rate, rolling_speed
 from omnimj.physics.wheel import WHEEL_SIZE, WheelParameters, blend_friction, packed, wheel_parameters
 
 
@@ -291,11 +292,12 @@ def derivative(state, command, yaw, model, smoothing):
         along, across = wheel_velocity(wheel, *twist)
         rim = wheel.wheel.radius * wheel_speed
         slip, sideways = contact_velocity(wheel, rim, along, across)
-        rate = relaxation_rate(floor, slip, max(abs(rim), abs(along)))
+        rate = relaxation_rate(floor, slip, rolling_speed(floor, rim, along, sideways))
         change[i] = slip - rate * state[i]
         grip = wheel.grip * load_factor(floor, normal)
         traction = normal * grip * force_ratio(floor, state[i], slip, rate)
-        dry = wheel.wheel.roller_dry * math.tanh(sideways / smoothing)
+        driven = on_its_floor(driven, rim, along, sideways)
+        dry = driven.wheel.wheel.roller_dry * math.tanh(sideways / smoothing)
         drag = normal * (dry + wheel.wheel.roller_viscous * sideways)
         ahead, aside = contact_force(wheel, traction, drag)
         current = achievable_current(motor, command[i], wheel_speed)

@@ -30,8 +30,21 @@ from omnimj.physics.motor import (
     stick_or_slip,
 )
 from omnimj.physics.native import first_numbers, inlined, kernel
-from omnimj.physics.traction import exact_step, force_ratio, load_factor, mean_deflection, relaxation_rate
-from omnimj.physics.wheel import WHEEL_SIZE, WheelParameters, bearing_friction, roller_friction
+from omnimj.physics.traction import (
+    exact_step,
+    force_ratio,
+    load_factor,
+    mean_deflection,
+    relaxation_rate,
+    rolling_speed,
+)
+from omnimj.physics.wheel import (
+    WHEEL_SIZE,
+    WheelParameters,
+    bearing_friction,
+    roller_friction,
+    wheel_on_floor,
+)
 
 
 class PlanarWheel(NamedTuple):
@@ -173,6 +186,23 @@ def contact_force(wheel, traction, drag):
 
 
 @inlined
+def on_its_floor(driven, rim, along, sideways):
+    """`DrivenWheel` with the rolling resistance of its floor, which the equations as printed leave out.
+
+    Args:
+      driven: `DrivenWheel`.
+      rim: r φ̇ [m/s].
+      along: Velocity of the centre along u [m/s].
+      sideways: Velocity that turns the roller [m/s].
+    """
+    if driven.published:
+        return driven
+    wheel, floor = driven.wheel, driven.floor
+    resisted = wheel_on_floor(wheel.wheel, floor, rim, along, sideways)
+    return DrivenWheel(PlanarWheel(resisted, *wheel[1:]), driven.motor, floor, driven.published)
+
+
+@inlined
 def wheel_torque_bounds(driven, current, wheel_speed, load):
     """Torque on the wheel except traction, turning forward and turning backward [N.m].
 
@@ -246,7 +276,7 @@ def step_wheel(i, state, command, driven, packed_terms, normal, h, output):
     along, across = wheel_velocity(wheel, state.twist[0], state.twist[1], state.twist[2])
     rim = wheel.wheel.radius * wheel_speed
     slip, sideways = contact_velocity(wheel, rim, along, across)
-    rate = relaxation_rate(driven.floor, slip, max(abs(rim), abs(along)))
+    rate = relaxation_rate(driven.floor, slip, rolling_speed(driven.floor, rim, along, sideways))
     z = exact_step(state.bristle[i], slip, rate, h)
     mean = mean_deflection(state.bristle[i], z, slip, rate, h)
     grip = wheel.grip * load_factor(driven.floor, normal)
@@ -257,7 +287,8 @@ def step_wheel(i, state, command, driven, packed_terms, normal, h, output):
         place, time = _world_x(wheel, state.pose), state.clock[0]
         traction *= traction_scale(terms, place)
         added = hub_force(terms, along, place, time, across, state.angle[i], wheel_speed, h)
-    roller, drag = roller_friction(wheel.wheel, state.roller[i], sideways, normal, h)
+    driven = on_its_floor(driven, rim, along, sideways)
+    roller, drag = roller_friction(driven.wheel.wheel, state.roller[i], sideways, normal, h)
     ahead, aside = contact_force(wheel, traction, drag)
     before = state.current[i]
     current = next_current(driven.motor, before, command, wheel_speed, h)

@@ -44,13 +44,14 @@ from omnimj.physics.motor import (
     motor_torque_bounds,
     stick_or_slip,
 )
-from omnimj.physics.native import cached, first_numbers, kernel
+from omnimj.physics.native import cached, first_numbers, inlined, kernel
 from omnimj.physics.traction import (
     exact_step,
     force_ratio,
     load_factor,
     mean_deflection,
     relaxation_rate,
+    rolling_speed,
     traction_at,
 )
 from omnimj.physics.wheel import (
@@ -58,6 +59,7 @@ from omnimj.physics.wheel import (
     WheelParameters,
     bearing_friction,
     blend_friction,
+    wheel_on_floor,
     wheel_parameters,
 )
 
@@ -210,6 +212,20 @@ def rig_output_at(row):
     return RigOutput(*first_numbers(row, OUTPUT))
 
 
+@inlined
+def rig_on_floor(rig, floor, rim, speed, lateral_speed):
+    """`RigParameters` with the rolling resistance of the floor, on the carriage and on the rollers.
+
+    Args:
+      rig: `RigParameters`.
+      floor: `TractionParameters`.
+      rim: r φ̇ [m/s].
+      speed: Of the carriage [m/s].
+      lateral_speed: ṡ of the gantry [m/s].
+    """
+    return RigParameters(wheel_on_floor(rig.wheel, floor, rim, speed, lateral_speed), *rig[1:])
+
+
 @kernel
 def lateral_force(rig, lateral_speed):
     """Friction of the rollers G = [μ_R,dry sgn(ṡ) + μ_R,vis ṡ] F_N, Eqs. 4.14 and 4.18 [N]."""
@@ -290,9 +306,10 @@ def derivative(state, command, lateral_speed, model, smoothing):
     change = np.empty_like(state)
     rim = rig.wheel.radius * wheel_speed
     slip = rim - speed
-    rate = relaxation_rate(floor, slip, max(abs(rim), abs(speed)))
+    rate = relaxation_rate(floor, slip, rolling_speed(floor, rim, speed, lateral_speed))
     grip = rig.grip * load_factor(floor, rig.weight)
     traction = rig.weight * grip * force_ratio(floor, z, slip, rate)
+    rig = rig_on_floor(rig, floor, rim, speed, lateral_speed)
     lateral = lateral_force(rig, lateral_speed)
     current = achievable_current(motor, command, wheel_speed)
     if state.size > 3:
@@ -305,6 +322,15 @@ def derivative(state, command, lateral_speed, model, smoothing):
     change[1] = (torque - rig.wheel.radius * traction) / rig.wheel.inertia
     change[2] = slip - rate * z
     return change
+
+
+@kernel
+def _resistances(rig, lateral_speed, published):
+    """G; dry and viscous friction of the wheel's bearings; bounds and viscous friction of the carriage."""
+    lateral = lateral_force(rig, lateral_speed)
+    dry, viscous = bearing_friction(rig.wheel, rig.weight, lateral)
+    low, high = carriage_friction_bounds(rig, lateral, 0.0, published)
+    return lateral, dry, viscous, low, high, rail_friction(rig, lateral)[1]
 
 
 def _stepper(active: bool):
@@ -320,27 +346,30 @@ def _stepper(active: bool):
             model.published,
         )
         normal, mass, inertia, radius = rig.weight, rig.mass, rig.wheel.inertia, rig.wheel.radius
-        lateral = lateral_force(rig, lateral_speed)
-        bearing, bearing_viscous = bearing_friction(rig.wheel, normal, lateral)
-        rail_low, rail_high = carriage_friction_bounds(rig, lateral, 0.0, published)
-        rail_viscous = rail_friction(rig, lateral)[1]
+        resisting = _resistances(rig, lateral_speed, published)
         if active and has_motor_effects(terms):
             motor = apply_motor_effects(motor, terms, state.time, 0.0)
         # as in `next_current` and `mean_current`
         decay, lag = math.exp(-h / motor.current_loop), motor.current_loop / h
         gripping = rig.grip * load_factor(floor, normal)
+        lateral, bearing, bearing_viscous, rail_low, rail_high, rail_viscous = resisting
         grip, dry, low_guide, high_guide = gripping, bearing, rail_low, rail_high
         speed, wheel_speed, z, current, position, angle, time, gap, gap_rate = state
         slip, traction, acceleration = 0.0, 0.0, 0.0
         for _ in range(steps):
             rim = radius * wheel_speed
             slip = rim - speed
-            rate = relaxation_rate(floor, slip, max(abs(rim), abs(speed)))
+            rate = relaxation_rate(floor, slip, rolling_speed(floor, rim, speed, lateral_speed))
             z_next = exact_step(z, slip, rate, h)
             mean = mean_deflection(z, z_next, slip, rate, h)
             if active:
                 grip = gripping * traction_scale(terms, position)
             traction = normal * grip * force_ratio(floor, mean, slip, rate)
+            if floor.rolling_resistance != 0.0:  # its direction changes with the speed
+                soft = rig_on_floor(rig, floor, rim, speed, lateral_speed)
+                resisting = _resistances(soft, lateral_speed, published)
+                lateral, bearing, bearing_viscous, rail_low, rail_high, rail_viscous = resisting
+                dry, low_guide, high_guide = bearing, rail_low, rail_high
             target = achievable_current(motor, command, wheel_speed)
             current_next = target + (current - target) * decay
             driving = target + (current - current_next) * lag

@@ -1,4 +1,4 @@
-"""Traction between wheel and floor: LuGre, Magic Formula, creep ratio.
+"""Traction between wheel and floor: LuGre, Magic Formula, creep ratio; rolling resistance of the floor.
 
 All laws share one internal state z per wheel with ż = V_r − λ z, where λ ≥ 0 depends on slip and rolling
 speed, and a force F = f(z, ż, V_r) F_N (F_N/F_ref)^(p−1), |f| ≤ μ_cap. For frozen slip the state is stepped
@@ -16,6 +16,7 @@ from omnimj.parameters.floor import CREEP_RATIO, LUGRE, TRACTION_SIZE, TractionP
 from omnimj.physics.native import first_numbers, kernel
 
 _SMALL = 1e-12
+_REST = 1e-3  # [m/s] ε: below it a contact counts as one that rolls in no direction yet
 
 
 @kernel
@@ -37,7 +38,49 @@ def full_sliding(floor):
 
 
 @kernel
-def relaxation_rate(floor, slip, reference_speed):
+def rolling_speed(floor, rim, along, sideways):
+    """V_roll, the denominator of the slip ratio [m/s]: √(p² + u²) for the creep ratio, else p.
+
+    p = max(|r φ̇|, |V|) along the drive, Eq. 3.17, and u across it on the rollers. By creep ratio, bristles
+    leave the contact with its rolling in any direction, along the drive or across on the rollers: measured on
+    a real robot with three wheels on soft floors.
+
+    Args:
+      floor: `TractionParameters`.
+      rim: r φ̇ [m/s].
+      along: Velocity V of the wheel along its drive [m/s].
+      sideways: Velocity u that turns the roller [m/s].
+    """
+    rolling = max(abs(rim), abs(along))
+    if floor.law == CREEP_RATIO:
+        return math.sqrt(rolling * rolling + sideways * sideways)
+    return rolling
+
+
+@kernel
+def rolling_resistance(floor, rolling, sideways):
+    """Rolling resistance over F_N, on the wheel and on its rollers [1]: μ_r |p|_ε/V_ε and μ_r |u|_ε/V_ε.
+
+    A soft floor resists the rolling of the contact with μ_r F_N against the direction (p, u) in which it
+    rolls; its parts are dry friction against the turning of the wheel, and of the rollers. |x|_ε = √(x² + ε²)
+    and V_ε = √(p² + u² + ε²) with ε = 1 mm/s: at rest both parts hold in full, and a wheel that rolls along
+    its drive has a drag across of μ_r ε/p only.
+
+    Args:
+      floor: `TractionParameters`.
+      rolling: p = max(|r φ̇|, |V|) along the drive [m/s].
+      sideways: Velocity u that turns the roller [m/s].
+    """
+    if floor.rolling_resistance == 0.0:
+        return 0.0, 0.0
+    ahead = rolling * rolling + _REST * _REST
+    aside = sideways * sideways
+    share = floor.rolling_resistance / math.sqrt(ahead + aside)
+    return share * math.sqrt(ahead), share * math.sqrt(aside + _REST * _REST)
+
+
+@kernel
+def relaxation_rate(floor, slip, rolling_speed):
     """λ of ż = V_r − λ z [1/s]: σ0 |V_r|/g for LuGre (Eq. 3.41), speed over relaxation length otherwise.
 
     Creep ratio: L dξ/dt = V_r − max(V_roll, |V_r|/ξ_s) ξ with ξ = z/L, the first-order lag of a rolling
@@ -47,13 +90,13 @@ def relaxation_rate(floor, slip, reference_speed):
     Args:
       floor: `TractionParameters`.
       slip: V_r = r φ̇ − V [m/s].
-      reference_speed: V_roll = max(|r φ̇|, |V|) [m/s], the denominator of the slip ratio, Eq. 3.17.
+      rolling_speed: V_roll from `rolling_speed` [m/s].
     """
     if floor.law == LUGRE:
         return floor.sigma_0 * abs(slip) / stribeck(floor, slip)
     if floor.law == CREEP_RATIO:
-        reference_speed = max(reference_speed, abs(slip) / full_sliding(floor))
-    return reference_speed / floor.relaxation_length
+        rolling_speed = max(rolling_speed, abs(slip) / full_sliding(floor))
+    return rolling_speed / floor.relaxation_length
 
 
 @kernel
@@ -166,15 +209,15 @@ def load_factor(floor, normal_force):
 
 
 @kernel
-def steady_ratio(floor, slip, reference_speed):
+def steady_ratio(floor, slip, rolling_speed):
     """F/F_N with a settled bristle: g sign(V_r) + σ2 V_r, or the curve of the slip ratio V_r/V_roll [1].
 
     Args:
       floor: `TractionParameters`.
       slip: V_r [m/s].
-      reference_speed: max(|r φ̇|, |V|) [m/s].
+      rolling_speed: V_roll from `rolling_speed` [m/s].
     """
-    rate = relaxation_rate(floor, slip, reference_speed)
+    rate = relaxation_rate(floor, slip, rolling_speed)
     if rate < _SMALL:
         return 0.0
     return force_ratio(floor, slip / rate, slip, rate)

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from omnimj.parameters.parts import Bearing, Motor, Wheel
-from omnimj.physics.native import kernel
-from omnimj.physics.traction import exact_step, mean_deflection
+from omnimj.physics.native import inlined, kernel
+from omnimj.physics.traction import exact_step, mean_deflection, rolling_resistance
 
 
 class WheelParameters(NamedTuple):
@@ -72,6 +72,48 @@ def wheel_parameters(
 
 
 @kernel
+def passive_roller_damping(damping, dry, sideways):
+    """Micro-slip damping of rollers on a floor with rolling resistance, at most d/|u| [s/m].
+
+    Their dry coefficient d changes with the direction of rolling. A bristle that springs back as d falls then
+    resists still: |z| k (1 − σ1 |u|/d) + σ1 |u| ≥ 0.
+
+    Args:
+      damping: σ1 [s/m].
+      dry: d of rollers and floor [1].
+      sideways: Velocity u that turns the roller [m/s].
+    """
+    return min(damping, dry / abs(sideways)) if sideways != 0.0 else damping
+
+
+@inlined
+def wheel_on_floor(wheel, floor, rim, along, sideways):
+    """The wheel with the rolling resistance of the floor under it.
+
+    Args:
+      wheel: `WheelParameters`.
+      floor: `TractionParameters`.
+      rim: r φ̇ [m/s].
+      along: Velocity V of the wheel along its drive [m/s].
+      sideways: Velocity u that turns the roller [m/s].
+    """
+    on_wheel, on_rollers = rolling_resistance(floor, max(abs(rim), abs(along)), sideways)
+    dry, damping = wheel.roller_dry + on_rollers, wheel.roller_damping
+    if on_rollers > 0.0:
+        damping = passive_roller_damping(damping, dry, sideways)
+    return WheelParameters(
+        wheel.radius,
+        wheel.inertia,
+        dry,
+        wheel.roller_viscous,
+        wheel.roller_stiffness,
+        damping,
+        wheel.rolling + on_wheel,
+        *wheel[7:],
+    )
+
+
+@kernel
 def roller_friction(wheel, z, lateral_speed, normal_force, h):
     """Friction F_f of the rollers' bearings over a step, Eqs. 3.32-3.35.
 
@@ -88,6 +130,7 @@ def roller_friction(wheel, z, lateral_speed, normal_force, h):
     Returns:
       Next deflection [m] and mean friction F_f [N].
     """
+    # passive even while the dry coefficient d changes: F v − d/dt(k z²/2) = k² z² |v|/d ≥ 0, F = k z
     viscous = wheel.roller_viscous * lateral_speed
     if wheel.roller_dry <= 0.0:
         return 0.0, normal_force * viscous

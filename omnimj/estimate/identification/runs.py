@@ -123,7 +123,8 @@ def carriage_run(rig: Rig, run: RigRun) -> CarriageRun:
     values = np.stack((run.values[:, CARRIAGE], np.asarray(acceleration)), axis=1)[:count]
     measured = _block_means(values, use, per_block)
     decay = math.exp(-2.0 * math.pi * rig.sensors.accelerometer_bandwidth * h)
-    own = carriage.CarriageParameters(float(run.mass), rig.wheel.radius, dry, viscous, start, 0.0)
+    radius, lateral = rig.wheel.radius, float(run.lateral_speed)
+    own = carriage.CarriageParameters(float(run.mass), radius, dry, viscous, start, 0.0, lateral)
     wheel_speed = np.ascontiguousarray(run.values[:count, WHEEL])
     return CarriageRun(run, own, wheel_speed, use, per_block, decay, measured)
 

@@ -95,8 +95,7 @@ def add_passive_forces(m, d):
         )
         load = _axle_load(own, act, forces)
         if rail >= 0:  # in the equations of the rig, rolling resistance acts on the carriage
-            rolling = load_real(own, slots.ROLLING_RESISTANCE) * forces.normal
-            on_rail = AxleLoad(load.normal, load.ahead, load.lateral, rolling)
+            on_rail = AxleLoad(load.normal, load.ahead, load.lateral, forces.rolling)
             add_rail_friction(m, d, own, rail, on_rail, forces.lateral_velocity, pull, h)
         elif is_active(own):
             add_hub_forces(m, d, wheels, own, h)
@@ -109,8 +108,7 @@ def _axle_load(own, act, forces):
     ahead, lateral = wheel_frame_force(own, forces.traction, forces.lateral)
     if load_real(own, slots.RAIL_JOINT) >= 0.0:
         return AxleLoad(forces.normal, ahead, load_real(act, slots.LATERAL_LOAD), 0.0)
-    rolling = load_real(own, slots.ROLLING_RESISTANCE) * forces.normal
-    return AxleLoad(forces.normal, ahead, lateral, rolling)
+    return AxleLoad(forces.normal, ahead, lateral, forces.rolling)
 
 
 @kernel

@@ -15,7 +15,15 @@ import numba
 
 from omnimj.physics.effect_terms import traction_scale
 from omnimj.physics.native import kernel
-from omnimj.physics.traction import exact_step, force_ratio, load_factor, relaxation_rate
+from omnimj.physics.traction import (
+    exact_step,
+    force_ratio,
+    load_factor,
+    relaxation_rate,
+    rolling_resistance,
+    rolling_speed,
+)
+from omnimj.physics.wheel import passive_roller_damping
 from omnimj.plant.mujoco import slots
 from omnimj.plant.mujoco.memory import (
     OFFSETS,
@@ -58,6 +66,8 @@ class WheelForces(NamedTuple):
     """Bristle deflection of the traction after the step [m]."""
     next_lateral_bristle: float
     """Bristle deflection of the roller bearings after the step [m]."""
+    rolling: float
+    """Rolling resistance of wheel and floor at the rim [N]."""
 
 
 @kernel
@@ -87,6 +97,7 @@ def read_sensed(d, own):
         load_real(sensors, 4),
         load_real(sensors, 5),
         load_real(sensors, 6),
+        load_real(sensors, 7),
     )
 
 
@@ -295,7 +306,7 @@ def wheel_contact_forces(m, d, wheel, found, count, h):
 
     Traction of contact i: N_i (N/F_ref)^(p−1) f(z, V_r,i), N = Σ N_i, on the floor under it, with one bristle
     z for the wheel; bearing friction of the rollers: N_i (σ0 z_l + σ1 ż_l + μ_vis v_c), g = μ_dry, with one
-    lateral bristle.
+    lateral bristle; `traction.rolling_resistance` of the floor under it, on wheel and rollers.
 
     Args:
       m: Address of mjModel.
@@ -314,32 +325,37 @@ def wheel_contact_forces(m, d, wheel, found, count, h):
         found, count, wheel, load_real(own, slots.STIFFNESS), load_real(own, slots.DAMPING)
     )
     if pressed <= 0.0:  # lifted: the bristles relax
-        return WheelForces(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        return WheelForces(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     users = load_pointer(m + OFFSETS.m_geom_user)
     width = 8 * load_pointer(m + OFFSETS.m_nuser_geom)
     z = load_real(act, slots.BRISTLE)
     turning = load_real(own, slots.RADIUS) * wheel_speed_of(d, own)
     grip, active = load_real(own, slots.GRIP), is_active(own)
     slip, lateral, traction, z_next = 0.0, 0.0, 0.0, 0.0
+    rolling, on_rollers = load_real(own, slots.ROLLING_RESISTANCE) * pressed, 0.0
     for i in range(count):
         if found[i, WHEEL] != wheel:
             continue
         share = found[i, PRESSED] / pressed
-        v = found[i, SLIP]
+        v, sideways = found[i, SLIP], found[i, LATERAL]
         floor = traction_of(users + width * numba.int64(found[i, FLOOR_GEOM]))
-        rate = relaxation_rate(floor, v, max(abs(turning), abs(turning - v)))
+        rate = relaxation_rate(floor, v, rolling_speed(floor, turning, turning - v, sideways))
+        on_wheel, on_roller = rolling_resistance(floor, max(abs(turning), abs(turning - v)), sideways)
+        rolling += on_wheel * found[i, PRESSED]
+        on_rollers += share * on_roller
         gripping = grip * traction_scale(terms_of(own), found[i, POINT]) if active else grip
         gripping *= load_factor(floor, pressed)  # of the wheel: rollers that share its load grip as one
         found[i, FORCE] = gripping * found[i, PRESSED] * force_ratio(floor, z, v, rate)
         traction += found[i, FORCE]
         slip += share * v
-        lateral += share * found[i, LATERAL]
+        lateral += share * sideways
         z_next += share * exact_step(z, v, rate, h)
-    ratio, side_next = _roller_friction(own, load_real(act, slots.LATERAL_BRISTLE), lateral, h)
+    deflection = load_real(act, slots.LATERAL_BRISTLE)
+    ratio, side_next = _roller_friction(own, on_rollers, deflection, lateral, h)
     for i in range(count):
         if found[i, WHEEL] == wheel:
             found[i, DRAG] = -ratio * found[i, PRESSED]
-    return WheelForces(slip, pressed, traction, -ratio * pressed, lateral, z_next, side_next)
+    return WheelForces(slip, pressed, traction, -ratio * pressed, lateral, z_next, side_next, rolling)
 
 
 @kernel
@@ -359,14 +375,19 @@ def wheel_frame_force(own, traction, lateral):
 
 
 @kernel
-def _roller_friction(own, z, velocity, h):
-    """Bearing friction of the rollers over normal force, and the next deflection of its bristle [m]."""
-    dry = load_real(own, slots.ROLLER_DRY)
+def _roller_friction(own, on_rollers, z, velocity, h):
+    """Friction of the rollers over normal force, and the next deflection of its bristle [m].
+
+    That of their bearings, and `on_rollers` of the floor's rolling resistance.
+    """
+    dry, damping = load_real(own, slots.ROLLER_DRY) + on_rollers, load_real(own, slots.ROLLER_SIGMA_1)
+    if on_rollers > 0.0:
+        damping = passive_roller_damping(damping, dry, velocity)
     viscous = load_real(own, slots.ROLLER_VISCOUS) * velocity
     if dry <= 0.0:
         return viscous, 0.0
     stiffness = load_real(own, slots.ROLLER_SIGMA_0)
     z_next = exact_step(z, velocity, stiffness * abs(velocity) / dry, h)
     # mean rate over the step, bounded for any bristle stiffness
-    ratio = stiffness * z + load_real(own, slots.ROLLER_SIGMA_1) * (z_next - z) / h + viscous
+    ratio = stiffness * z + damping * (z_next - z) / h + viscous
     return ratio, z_next

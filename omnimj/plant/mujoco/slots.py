@@ -64,4 +64,5 @@ SENSOR_FIELDS = (
     "lateral_velocity",
     "next_bristle",
     "next_lateral_bristle",
+    "rolling_resistance",
 )
