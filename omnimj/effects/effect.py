@@ -39,8 +39,8 @@ laws, `sigma_0` the stiffness of any law."""
 
 CEILING, COMPLIANCE = "ceiling", "creep_compliance"
 FLOOR_EXTRAS = (CEILING, COMPLIANCE, "rolling_resistance", "load_exponent")
-"""Numbers that effects add to a floor: to μ_c and μ_s of LuGre, to its creep ratio per traction over load, to the
-resistance to rolling, and to the exponent of the load, which turns about that of the wheels at rest."""
+"""Numbers that effects add to a floor: to μ_c and μ_s of LuGre, to its creep ratio per traction over load, to
+its resistance to rolling, and to the exponent of the load, which turns about that of the wheels at rest."""
 
 
 def scale_floor(floor: Floor, scales: Mapping[str, float]) -> Floor:

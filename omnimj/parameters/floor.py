@@ -67,11 +67,14 @@ OPTIONAL: Mapping[str, Rule] = MappingProxyType(
     }
 )
 """Rules of the parameters that a floor of any law may have."""
+OPTIONAL_OF_LAW: Mapping[str, Mapping[str, Rule]] = MappingProxyType({"lugre": {"turnover": _NOT_NEGATIVE}})
+"""Rules of further parameters that a floor of one law may have, by law."""
 
 _DIGITS = 6
 FLOOR_UNITS = (
     "# mu, mu_c, mu_s, mu_cap 1; V_s m/s; sigma_0 1/m; sigma_1, sigma_2 s/m; B, C, D, E, creep_stiffness 1;\n"
-    "# relaxation_length m; damping_time s; load_exponent, rolling_resistance 1; reference_load N."
+    "# turnover 1/m; relaxation_length m; damping_time s; load_exponent, rolling_resistance 1;\n"
+    "# reference_load N."
 )
 """Comment with the units of the parameters of a floor."""
 
@@ -109,6 +112,8 @@ class TractionParameters(NamedTuple):
     """p of F ∝ F_N^p."""
     reference_load: float = 1.0
     """F_N at which the parameters are stated [N]; without effect if p = 1."""
+    turnover: float = 0.0
+    """Share of LuGre's bristles that leaves the contact per distance rolled κ [1/m]."""
     rolling_resistance: float = 0.0
     """μ_r of the dry force μ_r F_N against the direction in which the contact rolls."""
 
@@ -148,7 +153,7 @@ def number_rules(law: str) -> dict[str, Rule]:
     Args:
       law: One of `LAWS`.
     """
-    return {**LAWS[law][1], **OPTIONAL}
+    return {**LAWS[law][1], **OPTIONAL_OF_LAW.get(law, {}), **OPTIONAL}
 
 
 def _read_floor(place: str, name: str, table: object) -> Floor:
@@ -160,7 +165,7 @@ def _read_floor(place: str, name: str, table: object) -> Floor:
     if not isinstance(law, str) or law not in LAWS:
         raise UnknownNameError(f"{place}.law", "traction law", law, LAWS)
     needed = ("description", "law", "source", *LAWS[law][1])
-    known = (*needed, *OPTIONAL, "uncertainty")
+    known = tuple(dict.fromkeys((*needed, *number_rules(law), "uncertainty")))
     for key in table:
         if key not in known:
             raise UnknownNameError(place, "key", key, known)

@@ -59,7 +59,7 @@ def steady_force(driven, wheel_speed, twist, smoothing, forces):
         rate = 1e-9
     grip = wheel.grip * load_factor(floor, wheel.normal)
     traction = wheel.normal * grip * force_ratio(floor, slip / rate, slip, rate)
-    _, resisted = rolling_resistance(floor, rolling, sideways)
+    _, resisted = rolling_resistance(floor, max(abs(rim), abs(along)), sideways)
     dry = (wheel.wheel.roller_dry + resisted) * math.tanh(sideways / smoothing)
     drag = wheel.normal * (dry + wheel.wheel.roller_viscous * sideways)
     forces[0], forces[1] = contact_force(wheel, traction, drag)
@@ -197,15 +197,11 @@ def steady_rows(model, wheel_speed, extra, rows):
       model: `PlanarModel` of the runs' floor.
       wheel_speed: φ̇ in each block, shape (blocks, n) [rad/s].
       extra: As for `steady_twist`.
-      rows: Filled with twist and currents, first guess of the twist in its place, shape (blocks, 3 + n);
-        NaN where nothing was found.
+      rows: Filled with twist and currents, first guess of the twist in its place, shape (blocks, 3 + n).
     """
     forces = np.empty(4)
     for b in range(wheel_speed.shape[0]):
-        found = steady_twist(model, wheel_speed[b], extra, rows[b, :3])
+        steady_twist(model, wheel_speed[b], extra, rows[b, :3])
         for i in range(wheel_speed.shape[1]):
             driven = driven_wheel(model, i)
-            current = steady_current(driven, wheel_speed[b, i], rows[b, :3], forces)
-            rows[b, 3 + i] = current if found else math.nan
-        if not found:
-            rows[b, :3] = math.nan
+            rows[b, 3 + i] = steady_current(driven, wheel_speed[b, i], rows[b, :3], forces)

@@ -39,7 +39,7 @@ def full_sliding(floor):
 
 @kernel
 def rolling_speed(floor, rim, along, sideways):
-    """V_roll, the denominator of the slip ratio [m/s]: √(p² + u²) for the creep ratio, else p.
+    """V_roll, the denominator of the slip ratio [m/s]: √(p² + u²) for creep ratio and turnover, else p.
 
     p = max(|r φ̇|, |V|) along the drive, Eq. 3.17, and u across it on the rollers. By creep ratio, bristles
     leave the contact with its rolling in any direction, along the drive or across on the rollers: measured on
@@ -52,7 +52,7 @@ def rolling_speed(floor, rim, along, sideways):
       sideways: Velocity u that turns the roller [m/s].
     """
     rolling = max(abs(rim), abs(along))
-    if floor.law == CREEP_RATIO:
+    if floor.law == CREEP_RATIO or floor.turnover > 0.0:
         return math.sqrt(rolling * rolling + sideways * sideways)
     return rolling
 
@@ -81,7 +81,11 @@ def rolling_resistance(floor, rolling, sideways):
 
 @kernel
 def relaxation_rate(floor, slip, rolling_speed):
-    """λ of ż = V_r − λ z [1/s]: σ0 |V_r|/g for LuGre (Eq. 3.41), speed over relaxation length otherwise.
+    """λ of ż = V_r − λ z [1/s]: σ0 |V_r|/g + κ V_roll for LuGre, speed over relaxation length otherwise.
+
+    LuGre: Eq. 3.41, and bristles that leave the contact as it rolls, κ per distance. Without κ traction
+    follows the slip speed, with it at small slip the creep ratio, F/F_N = (σ0/κ) V_r/V_roll (averaged lumped
+    LuGre: Deur, Asgari and Hrovat, *A 3D brush-type dynamic tire friction model*, 2004).
 
     Creep ratio: L dξ/dt = V_r − max(V_roll, |V_r|/ξ_s) ξ with ξ = z/L, the first-order lag of a rolling
     contact (Pacejka, *Tire and Vehicle Dynamics*, chapter 7). In full sliding, ξ ≥ ξ_s, the contact deflects
@@ -93,7 +97,7 @@ def relaxation_rate(floor, slip, rolling_speed):
       rolling_speed: V_roll from `rolling_speed` [m/s].
     """
     if floor.law == LUGRE:
-        return floor.sigma_0 * abs(slip) / stribeck(floor, slip)
+        return floor.sigma_0 * abs(slip) / stribeck(floor, slip) + floor.turnover * rolling_speed
     if floor.law == CREEP_RATIO:
         rolling_speed = max(rolling_speed, abs(slip) / full_sliding(floor))
     return rolling_speed / floor.relaxation_length

@@ -7,13 +7,15 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
-from omnimj.effects import FLOOR_SCALES, scale_floor, with_effects
+from omnimj.effects import FLOOR_SCALES, AppliedEffects, scale_floor, with_effects
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.estimate.replay.interface import BaseParameter, CandidateEffect, Setting
 from omnimj.parameters import Floor, Rig, Robot
+from omnimj.physics.planar import PlanarConstants, planar_constants
 from omnimj.recording.dataset import Dataset, Run
 from omnimj.signals import Array
 
+_SHARES = (1.0, 0.7, 0.4, 0.0)  # trial shares of a payload's distance from the centre
 _LAG = 0.004  # [s] largest lag of a channel that is no delay
 
 Machine = TypeVar("Machine", Rig, Robot)
@@ -142,6 +144,27 @@ def adjusted_machine(
 def _free_name(name: str, taken: set[str]) -> str:
     """Name for one more instance of an effect."""
     return next(c for c in (name, *(f"{name}_{k}" for k in range(2, 10))) if c not in taken)
+
+
+def standing_constants(changed: AppliedEffects, mass: float) -> PlanarConstants:
+    """Packed robot with its payload, which is moved inward if a wheel would lift off.
+
+    Args:
+      changed: The robot with its effects.
+      mass: Declared mass [kg].
+    """
+    robot = dataclasses.replace(changed.machine, body=dataclasses.replace(changed.machine.body, mass=mass))
+    extra, x, y = changed.payload
+    for share in _SHARES:
+        place = (extra, share * x, share * y)
+        try:
+            return planar_constants(
+                robot, changed.misalignment, changed.radius_scale, 1.0, place, changed.slope
+            )
+        except InputError:
+            if share == _SHARES[-1]:
+                raise
+    raise AssertionError  # the last share returns or raises
 
 
 def floor_name(dataset: Dataset, run: Run, floors: Mapping[str, Floor]) -> str:

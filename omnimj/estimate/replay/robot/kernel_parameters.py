@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,19 +10,16 @@ import numpy as np
 
 from omnimj.effects import AppliedEffects, apply_effects
 from omnimj.effects import ChannelEffect as Reading
-from omnimj.errors import InputError
-from omnimj.estimate.replay.base_parameters import AdjustedMachine
+from omnimj.estimate.replay.base_parameters import AdjustedMachine, standing_constants
 from omnimj.estimate.replay.robot import kernels as native
 from omnimj.estimate.replay.robot.runs import NAMES, STEP, RobotRuns
 from omnimj.parameters import Robot
 from omnimj.physics.effect_terms import mark_active, write_curve
 from omnimj.physics.motor import driven_by_measured_current, motor_parameters
-from omnimj.physics.planar import PlanarConstants, planar_constants
 from omnimj.signals import Array
 
 _LAST_CURVE = 1  # the model file's own tabulated force has the first place
 _LEAST_SCALE = 1e-3
-_SHARES = (1.0, 0.7, 0.4, 0.0)  # trial shares of a payload's distance from the centre
 _GRAVITY = 9.81
 POINTS = 96
 """Points of the roller tables over one pitch."""
@@ -75,25 +71,9 @@ def kernel_parameters(
 
 def _constants(runs: RobotRuns, changed: AppliedEffects, mass_scale: float) -> tuple[Array, Array]:
     """Packed bodies and wheels of all stretches; the declared mass may differ from run to run."""
-    made = {mass: _with_payload(changed, mass * mass_scale) for mass in set(runs.mass.tolist())}
+    made = {mass: standing_constants(changed, mass * mass_scale) for mass in set(runs.mass.tolist())}
     rows = [made[mass] for mass in runs.mass.tolist()]
     return np.stack([r.body for r in rows]), np.stack([r.wheels for r in rows])
-
-
-def _with_payload(changed: AppliedEffects, mass: float) -> PlanarConstants:
-    """Robot with its payload, which is moved inward if a wheel would lift off."""
-    robot = dataclasses.replace(changed.machine, body=dataclasses.replace(changed.machine.body, mass=mass))
-    extra, x, y = changed.payload
-    for share in _SHARES:
-        place = (extra, share * x, share * y)
-        try:
-            return planar_constants(
-                robot, changed.misalignment, changed.radius_scale, 1.0, place, changed.slope
-            )
-        except InputError:
-            if share == _SHARES[-1]:
-                raise
-    raise AssertionError  # the last share returns or raises
 
 
 def sensor_readings(changed: AppliedEffects) -> tuple[Array, Array, Array]:

@@ -10,13 +10,14 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from omnimj.effects import ROBOT, ChannelEffect, apply_effects
+from omnimj.effects import ROBOT, AppliedEffects, ChannelEffect, apply_effects
 from omnimj.errors import InputError
 from omnimj.estimate.replay.base_parameters import (
     AdjustedMachine,
     add_effects,
     adjusted_machine,
     base_parameters,
+    standing_constants,
 )
 from omnimj.estimate.replay.interface import (
     BaseParameter,
@@ -32,7 +33,7 @@ from omnimj.parameters import Floor, Robot
 from omnimj.physics.equilibrium import steady_rows
 from omnimj.physics.kinematics import rolling_matrix
 from omnimj.physics.motor import driven_by_measured_current, motor_parameters
-from omnimj.physics.planar import PlanarModel, planar_constants
+from omnimj.physics.planar import PlanarModel
 from omnimj.physics.wheel import packed
 from omnimj.recording.dataset import Dataset
 from omnimj.signals import Array
@@ -192,12 +193,10 @@ def _blocks_on(runs: SteadyRuns, floor: str) -> Array:
     return np.concatenate(parts)
 
 
-def _model(changed, floor: Floor) -> PlanarModel:
+def _model(changed: AppliedEffects, floor: Floor) -> PlanarModel:
     """Planar model of a robot with its effects on one floor."""
     n = changed.machine.wheel_count
-    made = planar_constants(
-        changed.machine, changed.misalignment, changed.radius_scale, 1.0, changed.payload, changed.slope
-    )
+    made = standing_constants(changed, changed.machine.body.mass)
     motors = changed.motors([motor_parameters(changed.machine.motor)] * n)
     return PlanarModel(
         made.body,

@@ -61,11 +61,10 @@ def direction_sectors(dataset: Dataset, robot: Robot) -> Dataset:
       robot: Gives the kinematics.
     """
     inverse = np.linalg.pinv(rolling_matrix(robot.wheel_positions, robot.rolling_directions))
+    sectors = [_sector(inverse @ _rim_speed(run, robot)) for run in dataset.runs]
     runs = [
-        run
-        if run.repeat_of
-        else dataclasses.replace(run, repeat_of=_sector(_rim_speed(run, robot) @ inverse.T))
-        for run in dataset.runs
+        run if run.repeat_of else dataclasses.replace(run, repeat_of=sector)
+        for run, sector in zip(dataset.runs, sectors, strict=True)
     ]
     return dataclasses.replace(dataset, runs=tuple(runs))
 
@@ -99,10 +98,8 @@ def steady_runs(dataset: Dataset, robot: Robot, floors: Mapping[str, Floor]) -> 
     """
     segments, used, speeds, rows, noises = [], [], [], [], []
     for run in dataset.runs:
-        floor, pieces = (
-            floor_name(dataset, run, floors),
-            list(_pieces(run, len(robot.wheels), robot.wheel.radius)),
-        )
+        floor = floor_name(dataset, run, floors)
+        pieces = list(_pieces(run, len(robot.wheels), robot.wheel.radius))
         if len(pieces) < _FEWEST_PIECES:
             continue
         times, own, values = (np.array(column) for column in zip(*pieces, strict=True))
@@ -114,9 +111,7 @@ def steady_runs(dataset: Dataset, robot: Robot, floors: Mapping[str, Floor]) -> 
         noises.append(_scatter(values))
     if len(rows) < _FEWEST_BLOCKS:
         found = f"{len(rows)} runs of steady driving"
-        rule = (
-            f"at least {_FEWEST_BLOCKS} with {_FEWEST_PIECES} s or more at constant wheel speeds are needed"
-        )
+        rule = f"at least {_FEWEST_BLOCKS} with {_FEWEST_PIECES} s at constant wheel speeds are needed"
         raise InputError(dataset.path, found, rule)
     noise = np.nan_to_num(np.nanmedian(noises, axis=0))
     return SteadyRuns(tuple(segments), tuple(used), np.array(speeds), np.array(rows), noise)
