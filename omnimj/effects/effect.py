@@ -37,10 +37,11 @@ FLOOR_SCALES = {
 laws, `sigma_0` the stiffness of any law."""
 
 
-CEILING, COMPLIANCE = "ceiling", "creep_compliance"
-FLOOR_EXTRAS = (CEILING, COMPLIANCE, "rolling_resistance", "load_exponent")
-"""Numbers that effects add to a floor: to μ_c and μ_s of LuGre, to its creep ratio per traction over load, to
-its resistance to rolling, and to the exponent of the load, which turns about that of the wheels at rest."""
+COMPLIANCE = "creep_compliance"
+FLOOR_EXTRAS = (COMPLIANCE, "rolling_resistance", "load_exponent")
+"""Numbers that effects add to a floor: to the creep ratio of LuGre per traction over load, to its resistance
+to rolling, and to the exponent of the load, which turns about that of the wheels at rest."""
+_GRIP, _MOST_GRIP = 20.0, 3.0  # added to μ_c per compliance, and at most: creep is no sliding
 
 
 def scale_floor(floor: Floor, scales: Mapping[str, float]) -> Floor:
@@ -82,11 +83,10 @@ def extend_floor(floor: Floor, extra: Mapping[str, float], load: float) -> Floor
 
 def _parts_of(floor: Floor, extra: Mapping[str, float]) -> dict[str, float]:
     """Amounts to add to a floor's own numbers."""
-    parts = {key: amount for key, amount in extra.items() if key not in (CEILING, COMPLIANCE)}
-    if CEILING in extra:
-        parts |= dict.fromkeys(("mu_c", "mu_s"), extra[CEILING])
+    parts = {key: amount for key, amount in extra.items() if key != COMPLIANCE}
     if COMPLIANCE in extra:  # settled bristles carry σ0 V_r/(κ V_roll)
         parts["turnover"] = extra[COMPLIANCE] * floor.numbers.get("sigma_0", 0.0)
+        parts |= dict.fromkeys(("mu_c", "mu_s"), min(_GRIP * extra[COMPLIANCE], _MOST_GRIP))
     return parts
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from omnimj.effects.effect import (
-    CEILING,
     COMPLIANCE,
     ROBOT,
     Effect,
@@ -15,8 +14,7 @@ from omnimj.effects.effect import (
 
 
 def _creep_ratio(changes: MachineChanges, values: Values) -> None:
-    for key, parameter in ((COMPLIANCE, "compliance"), (CEILING, "ceiling")):
-        changes.floor_extra[key] = changes.floor_extra.get(key, 0.0) + values[parameter]
+    changes.floor_extra[COMPLIANCE] = changes.floor_extra.get(COMPLIANCE, 0.0) + values["compliance"]
     changes.floor_scale["sigma_2"] = changes.floor_scale.get("sigma_2", 1.0) * values["slip_speed"]
 
 
@@ -37,7 +35,6 @@ EFFECTS = (
         (ROBOT,),
         (
             EffectParameter("compliance", "1", 0.0, 20.0, 0.5),
-            EffectParameter("ceiling", "1", 0.0, 3.0, 0.4),
             EffectParameter("slip_speed", "1", 0.0, 5.0, 0.2, 1.0),
         ),
         hooks=(_creep_ratio,),

@@ -60,8 +60,8 @@ EFFECTS = (
         "wheel",
         (ROBOT,),
         (
-            EffectParameter("roller_dry", "1", -0.2, 0.2, 0.03),
-            EffectParameter("roller_viscous", "s/m", -0.5, 0.5, 0.03),
+            EffectParameter("roller_dry", "1", -0.2, 0.5, 0.03),
+            EffectParameter("roller_viscous", "s/m", -0.5, 2.0, 0.03),
         ),
         hooks=ROLLER_FRICTION,
     ),

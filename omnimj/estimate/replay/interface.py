@@ -135,6 +135,9 @@ class Replay(Protocol):
     """Variable of each free curve → typical force [N]."""
     most_effects: int
     """Largest number of effects in a model."""
+    from_above: bool
+    """True if a search should begin with all effects: they act on the same few channels, and a simulation
+    costs little."""
 
     def simulate(self, settings: Sequence[Setting]) -> list[Array]:
         """Simulate the sensors by the equations, one array of shape (blocks, channels) per setting."""

@@ -99,7 +99,7 @@ class _Place:
     """Independent samples over all samples."""
 
 
-def judge_effects(problem: Problem, model: Fit, split: TrainingSplit) -> Judgement:
+def judge_effects(problem: Problem, model: Fit, split: TrainingSplit, may_exchange: bool = True) -> Judgement:
     """Exchange and eliminate effects until each one holds given the others.
 
     An effect is exchanged for an alternative that improves the whole model's held-out loss, one at a
@@ -110,11 +110,12 @@ def judge_effects(problem: Problem, model: Fit, split: TrainingSplit) -> Judgeme
       problem: The data and the scale.
       model: Fitted model with effects.
       split: Training blocks, groups and folds.
+      may_exchange: Whether an effect may be exchanged for an alternative; it is only judged otherwise.
     """
     given_up: list[GivenUp] = []
     named: list[SelectedEffect] = []
     for turn in range(_MOST_PASSES):
-        model, named, changed = _judge_all(problem, model, split, turn < _MOST_PASSES // 2)
+        model, named, changed = _judge_all(problem, model, split, may_exchange and turn < _MOST_PASSES // 2)
         if changed:
             continue
         worst = _least_supported(problem, model, named)

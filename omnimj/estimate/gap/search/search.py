@@ -19,6 +19,7 @@ from omnimj.estimate.gap.search.candidates import (
     training_rms,
 )
 from omnimj.estimate.gap.search.cross_validation import choose_heldout, make_folds, make_groups
+from omnimj.estimate.gap.search.elimination import eliminate
 from omnimj.estimate.gap.search.judgement import Judgement, SelectedEffect, judge_effects
 from omnimj.estimate.gap.search.screening import CurveGains
 from omnimj.estimate.gap.search.selection import Progress, SelectionRound, select_round
@@ -207,6 +208,8 @@ class _Growing:
 
     def run(self) -> None:
         """Run rounds until one of them leaves the model as it was."""
+        if self.state.problem.replay.from_above and self._mismatch() > NOISE_LEVEL:
+            self._shrink()
         while not self.ended:
             found = self._next_round()
             if len(self.state.named) == self._most:
@@ -214,6 +217,21 @@ class _Growing:
                 self.outcomes.append(self.ended)
                 break
             self.ended = self._grow(found)
+
+    def _shrink(self) -> None:
+        """Eliminate effects backwards from the model of all, and judge those that are left."""
+        self._next_round()
+        self._report("dropping effects from the model of all", 0.5)
+        start, used = self.state, self._split.used
+        found = eliminate(start.problem, start.final, self._split, self._most)
+        problem, current = refit(start.problem, found, used)
+        self._report("judging each effect given the others", 0.9)
+        judged = judge_effects(problem, current, self._split, may_exchange=False)
+        self._given_up |= {one.label: one for one in judged.given_up}
+        self.state = judged
+        names = ", ".join(c.label for c in judged.final.effects)
+        self.outcomes.append(f"backward elimination from all effects left {names or 'none'}")
+        self.ended = "no further effect can be dropped from the model of all without loss on held-out runs"
 
     def _grow(self, found: SelectionRound) -> str:
         """Try additions until one changes the model; the reason for which none did, empty otherwise."""

@@ -7,6 +7,7 @@ follow from the velocities, their size from the currents and the torque constant
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -67,7 +68,7 @@ _SPEEDS = {"slow": 0.1, "fast": 0.3}  # [m/s]
 class SteadyReplay:
     """Replay of a dataset of steady driving with a measured pose."""
 
-    plant, most_effects = ROBOT, 8
+    plant, most_effects, from_above = ROBOT, 8, True
 
     def __init__(self, dataset: Dataset, robot: Robot, floors: Mapping[str, Floor]):
         """Prepare the runs.
@@ -91,7 +92,9 @@ class SteadyReplay:
         self._span = float(np.abs(speeds).max())
         spans = {"speed": (-self._span, self._span), "position": (-1.0, 1.0)}
         found = candidate_effects(ROBOT, spans, (), robot.wheel_count)
-        self.candidates: tuple[CandidateEffect, ...] = tuple(c for c in found if self._fits(c))
+        self.candidates: tuple[CandidateEffect, ...] = tuple(
+            _within(c, robot) for c in found if self._fits(c)
+        )
         self._by_label = {c.label: c for c in self.candidates}
         inverse = np.linalg.pinv(rolling_matrix(robot.wheel_positions, robot.rolling_directions))
         self._guess = 0.85 * speeds @ inverse.T
@@ -166,6 +169,14 @@ class SteadyReplay:
         runs = SteadyRuns((), (str(experiment.run["floor"]),), speeds, speeds, speeds)
         guess = np.tile(0.85 * twist, (5, 1))
         return map_in_threads(lambda s: self._replay(s, runs, guess), settings)
+
+
+def _within(candidate: CandidateEffect, robot: Robot) -> CandidateEffect:
+    """The candidate inside what the machine has: friction of its rollers cannot fall below zero."""
+    if candidate.effect != "roller_friction":
+        return candidate
+    shapes = (replace(s, low=max(s.low, -getattr(robot.wheel, s.name))) for s in candidate.parameters)
+    return replace(candidate, parameters=tuple(shapes))
 
 
 def _channels(noise: Array) -> tuple[Channel, ...]:

@@ -27,8 +27,8 @@ START = 1.0
 """Time after the first motion from which a run counts [s]."""
 PIECE = 1.0
 """Length of a piece of a run that must be steady [s]; a run's block is the mean of its pieces."""
-SECTOR = 40.0
-"""Width of a sector of directions [deg]; the first is −5° to 35°."""
+SECTOR = 30.0
+"""Width of a sector of directions [deg]; the first is −5° to 25°."""
 _FIRST = -5.0
 _MOVING = 0.02  # [m/s] at the rim
 _UNSTEADY = 0.15  # change of a wheel's speed between the halves of a block, over the fastest wheel's

@@ -1,0 +1,102 @@
+"""Backward elimination: all effects are fitted together, and those that the data do not need are dropped.
+
+Where several effects act on the same few channels, no single effect and no pair gains before the others are
+there. The full model has all of them. Effects leave it one at a time, the one whose removal costs least to
+first order first, while its gain on held-out runs is not above the margin.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from omnimj.estimate.gap.search.candidates import (
+    TrainingSplit,
+    exceeds_margin,
+    group_losses,
+    parameter_slice,
+)
+from omnimj.estimate.gap.search.cross_validation import heldout_gain
+from omnimj.estimate.gap.search.screening import trial_shapes, vanished_point
+from omnimj.estimate.least_squares import normal_equations
+from omnimj.estimate.replay.interface import CandidateEffect
+from omnimj.estimate.replay.problem import Fit, ModelEffects, Problem, fit, huber_weights
+from omnimj.signals import Array
+
+_ROUNDS, _REFIT = 30, 8  # Jacobians of the full fit, and of the fit after a removal
+_RIDGE = 1e-6
+_SQUARES = 1e3  # Huber scale beyond any mismatch
+
+
+def eliminate(problem: Problem, base: Fit, split: TrainingSplit, most: int) -> Fit:
+    """Drop effects from the model of all candidates until the data need each that is left.
+
+    Errors count by their squares here: a loss that forgives large ones would forgive the lack of an effect.
+
+    Args:
+      problem: The data and the scale.
+      base: Fitted model without effects.
+      split: Training blocks, groups and folds.
+      most: Largest number of effects to leave.
+    """
+    problem = replace(problem, huber_scale=_SQUARES)
+    model = _full_model(problem, base, split)
+    losses = group_losses(problem, model, split)
+    while model.effects:
+        options = []
+        for candidate in _cheapest_first(problem, model, split):
+            reduced = _without(problem, model, candidate, split)
+            left = group_losses(problem, reduced, split)
+            options.append((float(left.sum()), reduced, left))
+            if not exceeds_margin(heldout_gain(left, losses)):
+                _, model, losses = options[-1]
+                break
+        else:
+            if len(model.effects) <= most:
+                break
+            _, model, losses = min(options, key=lambda option: option[0])
+    return model
+
+
+def _full_model(problem: Problem, base: Fit, split: TrainingSplit) -> Fit:
+    """Fit all candidates together, each from a trial step beyond where it vanishes."""
+    start, candidates = [base.x], problem.replay.candidates
+    for candidate in candidates:
+        at, steps = vanished_point(candidate, trial_shapes(candidate)[0])
+        for k, step in steps:
+            at[k] += step
+        start.append(at)
+    return fit(problem, tuple(candidates), np.concatenate(start), split.used, _ROUNDS)
+
+
+def _cheapest_first(problem: Problem, model: Fit, split: TrainingSplit) -> ModelEffects:
+    """Effects by the loss that their removal costs to first order: dᵀ (H⁻¹)_own⁻¹ d for the way d back."""
+    weight = huber_weights(problem, model.residual, split.used)
+    sums = normal_equations(model.jacobian, model.residual, weight)[:-1, :-1]
+    precision, _ = problem.prior(model.x, model.effects)
+    ridge = _RIDGE * float(sums.diagonal().max()) * np.eye(len(sums))
+    covariance = np.linalg.inv(sums + np.diag(precision) + ridge)
+    costs = []
+    for candidate in model.effects:
+        own = parameter_slice(problem, model, candidate)
+        way = _way_back(problem, model, candidate, own)
+        costs.append(float(way @ np.linalg.solve(covariance[own, own], way)))
+    return tuple(model.effects[k] for k in np.argsort(costs))
+
+
+def _way_back(problem: Problem, model: Fit, candidate: CandidateEffect, own: slice) -> Array:
+    """Distance of an effect's amplitudes from where they vanish, in their scales; 0 for shapes."""
+    null = np.array(
+        [
+            x if shape.null_value is None else shape.null_value
+            for shape, x in zip(candidate.parameters, model.x[own], strict=True)
+        ]
+    )
+    return (model.x[own] - null) / problem.scales(model.effects)[own]
+
+
+def _without(problem: Problem, model: Fit, candidate: CandidateEffect, split: TrainingSplit) -> Fit:
+    own = parameter_slice(problem, model, candidate)
+    others = tuple(c for c in model.effects if c.label != candidate.label)
+    return fit(problem, others, np.delete(model.x, own), split.used, _REFIT)
