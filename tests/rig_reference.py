@@ -18,12 +18,20 @@ SMOOTHING = 1e-4
 GRAVITY = 9.81
 
 
-def _coupling(rig, mass: float, lateral_speed: float) -> tuple[float, float, float]:
+def _resistance(rig, floor, ahead: float, aside: float) -> tuple[float, float]:
+    """Rolling resistance over F_N, of wheel and floor along and of the floor across, by the way it rolls."""
+    whole, rest = floor.numbers.get("rolling_resistance", 0.0), 1e-3
+    along, across = (whole * math.hypot(v, rest) / math.hypot(ahead, aside, rest) for v in (ahead, aside))
+    return rig.wheel.rolling_resistance + along, across
+
+
+def _coupling(rig, mass: float, lateral_speed: float, resisting: float) -> tuple[float, float, float]:
     """G of Eqs. 4.17-4.18 by iteration, the load |F_H| + |F_G| of the rail, the load |F_A| + |F_B| [N]."""
     body, weight = rig.rig, mass * GRAVITY
     j, k = 2.0 * rig.wheel.row_offset, -rig.wheel.row_offset  # rows of rollers: their distance, the first one
     c, h = body.rail_height, body.rail_half_width
-    ratio = rig.wheel.roller_dry * np.sign(lateral_speed) + rig.wheel.roller_viscous * lateral_speed
+    dry = rig.wheel.roller_dry + resisting
+    ratio = dry * np.sign(lateral_speed) + rig.wheel.roller_viscous * lateral_speed
     g = f_r1 = f_r2 = 0.0
     for _ in range(50):
         f_d = -g
@@ -58,13 +66,14 @@ def rates(rig, floor, mass: float, command: float, lateral_speed: float, state) 
     """
     motor, bearing, r = rig.motor, rig.bearing, rig.wheel.radius
     speed, turning, p, current = state
-    normal, rail_load, bearing_load = _coupling(rig, mass, lateral_speed)
+    along, across = _resistance(rig, floor, max(abs(r * turning), abs(speed)), lateral_speed)
+    normal, rail_load, bearing_load = _coupling(rig, mass, lateral_speed, across)
     p_dot, ratio = _lugre(floor, r * turning - speed, p)
     traction = normal * ratio
     rail_sign, wheel_sign = math.tanh(speed / SMOOTHING), math.tanh(r * turning / SMOOTHING)
     rail = (rig.rig.rail_friction + rig.rig.rail_dry * rail_load) * rail_sign
     rail += rig.rig.rail_viscous * speed * rail_load
-    rail += rig.wheel.rolling_resistance * mass * GRAVITY * rail_sign
+    rail += along * mass * GRAVITY * rail_sign
     rotor_speed = motor.gear_ratio * turning
     shaft = motor.torque_constant * current - motor.viscous * rotor_speed
     gear = 0.0

@@ -1,7 +1,8 @@
 """Carriage of the rig, pulled by a wheel of given speed: the part of the rig that depends on the floor only.
 
 m V̇ = F_N f(z, V_r) − F_rail − F_roll with V_r = r φ̇ − V (Eqs. 4.26, 4.32-4.35). It contains neither motor nor
-gear, so that their modelling errors cannot end up in the floor's parameters.
+gear, so that their modelling errors cannot end up in the floor's parameters. The floor's rolling resistance
+acts on the carriage, without the load that its part on the rollers adds to the rail.
 """
 
 from __future__ import annotations

@@ -53,7 +53,7 @@ def rolling_speed(floor, rim, along, sideways):
     """
     rolling = max(abs(rim), abs(along))
     if floor.law == CREEP_RATIO or floor.turnover > 0.0:
-        return math.sqrt(rolling * rolling + sideways * sideways)
+        return math.hypot(rolling, sideways)
     return rolling
 
 

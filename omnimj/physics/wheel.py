@@ -88,7 +88,7 @@ def passive_roller_damping(damping, dry, sideways):
 
 @inlined
 def wheel_on_floor(wheel, floor, rim, along, sideways):
-    """The wheel with the rolling resistance of the floor under it.
+    """The wheel with the rolling resistance of the floor under it: see `traction.rolling_resistance`.
 
     Args:
       wheel: `WheelParameters`.
@@ -130,7 +130,7 @@ def roller_friction(wheel, z, lateral_speed, normal_force, h):
     Returns:
       Next deflection [m] and mean friction F_f [N].
     """
-    # passive even while the dry coefficient d changes: F v − d/dt(k z²/2) = k² z² |v|/d ≥ 0, F = k z
+    # on a soft floor d = μ_R,dry changes, and the bristle stays passive: F v − d/dt(k z²/2) = k² z² |v|/d ≥ 0
     viscous = wheel.roller_viscous * lateral_speed
     if wheel.roller_dry <= 0.0:
         return 0.0, normal_force * viscous

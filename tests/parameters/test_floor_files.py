@@ -10,7 +10,14 @@ import pytest
 import omnimj
 from omnimj.errors import InputError
 from omnimj.parameters import read_floors
-from omnimj.parameters.floor import CREEP_RATIO, LAWS, OPTIONAL, TractionParameters, number_rules
+from omnimj.parameters.floor import (
+    CREEP_RATIO,
+    LAWS,
+    OPTIONAL,
+    TractionParameters,
+    format_floor,
+    number_rules,
+)
 
 PAGE = (Path(omnimj.__file__).parent / "docs" / "models.md").read_text(encoding="utf-8")
 MAT = """
@@ -90,6 +97,7 @@ def test_a_mistake_in_the_law_is_refused_in_one_line(refused, line, wrong, expec
             "mat.load_exponent: found 2.5; must be above 0 and at most 2",
         ),
         ("load_exponent = 1\nreference_load = 0", "mat.reference_load: found 0; must be above 0"),
+        ("rolling_resistance = -0.01", "mat.rolling_resistance: found -0.01; must be at least 0"),
         ("sigma_0 = 1.0", "mat: unknown key 'sigma_0'; choices: creep_stiffness, "),
     ],
 )
@@ -113,6 +121,16 @@ def test_what_is_not_given_changes_nothing(tmp_path):
     path.write_text(MAT + "mu_cap = 0.3\nload_exponent = 0.8\nreference_load = 40\n")
     limited = plain._replace(mu_cap=0.3, load_exponent=0.8, reference_load=40.0)
     assert read_floors(path)["mat"].traction == limited
+
+
+@pytest.mark.parametrize("resistance", [0.0, 0.035])
+def test_a_floor_with_rolling_resistance_is_written_and_read_again(tmp_path, resistance):
+    path = tmp_path / "own.toml"
+    path.write_text(f"{MAT}rolling_resistance = {resistance}\n")
+    mat = read_floors(path)["mat"]
+    assert mat.traction.rolling_resistance == mat.row[-1] == resistance
+    path.write_text(format_floor(mat))
+    assert read_floors(path)["mat"] == mat
 
 
 def test_the_floor_in_the_documentation_is_one(tmp_path):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -13,9 +14,17 @@ from scipy.integrate import solve_ivp
 from omnimj.parameters import read_floors, read_rig
 from omnimj.parameters.floor import CREEP_RATIO, LUGRE, MAGIC_FORMULA
 from omnimj.parameters.parts import GRAVITY
+from omnimj.physics import carriage
 from omnimj.physics.effect_terms import terms_at, zero_terms
 from omnimj.physics.motor import motor_parameters
-from omnimj.physics.rig import RigModel, RigState, carriage_friction_bounds, rig_parameters, step
+from omnimj.physics.rig import (
+    RigModel,
+    RigState,
+    carriage_friction_bounds,
+    lateral_force,
+    rig_parameters,
+    step,
+)
 from omnimj.physics.traction import (
     exact_step,
     force_ratio,
@@ -24,6 +33,7 @@ from omnimj.physics.traction import (
     relaxation_rate,
     steady_ratio,
 )
+from omnimj.physics.wheel import roller_friction, wheel_on_floor, wheel_parameters
 
 FLOORS, RIG = read_floors(), read_rig()
 CREEP = [name for name, floor in FLOORS.items() if floor.law == "creep_ratio"]
@@ -47,22 +57,23 @@ def brush(floor, creep):
     return math.copysign(min(ratio, n.get("mu_cap", math.inf)), creep)
 
 
-def after(floor, z, rim, ground, h):
+def after(floor, z, rim, ground, h, sideways=0.0):
     """Deflection after a step, and the mean F/F_N over it."""
-    slip = rim - ground
-    rate = relaxation_rate(floor, slip, max(abs(rim), abs(ground)))
+    slip, rolling = rim - ground, max(abs(rim), abs(ground))
+    rate = relaxation_rate(floor, slip, math.hypot(rolling, sideways * (floor.law == CREEP_RATIO)))
     z_next = exact_step(z, slip, rate, h)
     return z_next, force_ratio(floor, mean_deflection(z, z_next, slip, rate, h), slip, rate)
 
 
-@given(creep_floors, speeds, speeds)
-def test_settled_traction_is_the_brush_model_of_the_creep_ratio(name, rim, ground):
-    floor, rolling = FLOORS[name], max(abs(rim), abs(ground))
+@given(creep_floors, speeds, speeds, speeds)
+def test_settled_traction_is_the_brush_model_of_the_creep_ratio(name, rim, ground, sideways):
+    floor, rolling = FLOORS[name], math.hypot(max(abs(rim), abs(ground)), sideways)
     if rolling < 1e-3:
         return
     z = 0.0
     for _ in range(50):
-        z, ratio = after(floor.traction, z, rim, ground, floor.numbers["relaxation_length"] / rolling)
+        h = floor.numbers["relaxation_length"] / rolling
+        z, ratio = after(floor.traction, z, rim, ground, h, sideways)
     closed = brush(floor, (rim - ground) / rolling)
     assert ratio == pytest.approx(closed, rel=1e-9, abs=1e-12)
     assert steady_ratio(floor.traction, rim - ground, rolling) == pytest.approx(closed, rel=1e-9, abs=1e-12)
@@ -180,11 +191,14 @@ def test_at_its_top_speed_the_rig_creeps_by_the_inverse_of_the_brush_model(name)
     assert (rim - state.speed) / rim == pytest.approx(creep, rel=1e-6)
 
 
-def pulled(floor, force, load=40.0, rising=4.0, seconds=6.0, h=1e-3):
-    """Speed and position of a mass on a locked wheel, whose pull rises to a force and stays."""
+def pulled(floor, force, load=40.0, rising=4.0, seconds=6.0, h=1e-3, sideways=0.0):
+    """Speed and position of a mass on a locked wheel, whose pull rises to a force and stays.
+
+    Its rollers turn at a given speed.
+    """
     mass, speed, position, z = load / GRAVITY, 0.0, 0.0, 0.0
     for k in range(round(seconds / h)):
-        z, ratio = after(floor, z, 0.0, speed, h)
+        z, ratio = after(floor, z, 0.0, speed, h, sideways)
         pull = 0.5 * force * (1.0 - math.cos(math.pi * min(k * h / max(rising, h), 1.0)))
         speed += h * (pull + load * load_factor(floor, load) * ratio) / mass
         position += h * speed
@@ -220,3 +234,115 @@ def test_a_force_above_the_limit_accelerates_the_mass_by_the_difference(name):
     limit = 40.0 * load_factor(floor, 40.0) * min(floor.mu, floor.mu_cap)
     speed, _ = pulled(floor, 1.5 * limit, rising=0.0, seconds=2.0)
     assert speed == pytest.approx(2.0 * 0.5 * limit / (40.0 / GRAVITY), rel=0.02)
+
+
+@pytest.mark.parametrize("name", CREEP)
+@pytest.mark.parametrize("sideways", [0.05, -0.4])
+def test_a_held_mass_that_rolls_across_its_wheel_creeps_by_the_inverse_of_the_brush_model(name, sideways):
+    """The bristles that hold it leave the contact with the rolling of the rollers."""
+    floor = FLOORS[name].traction._replace(mu_cap=math.inf)
+    limit = 40.0 * load_factor(floor, 40.0) * floor.mu
+    for share in (0.05, 0.3, 0.7):
+        creep = full_creep(floor) * (1.0 - (1.0 - share) ** (1.0 / 3.0))
+        speed, _ = pulled(floor, share * limit, sideways=sideways)
+        assert speed == pytest.approx(creep * math.hypot(speed, sideways), rel=1e-3)
+
+
+def full_creep(floor):
+    """Creep ratio of full sliding."""
+    return 3.0 * floor.mu / floor.creep_stiffness
+
+
+def soft(name, resistance):
+    return changed(FLOORS[name], rolling_resistance=resistance)
+
+
+rolling = st.lists(st.tuples(speeds, speeds, st.floats(1e-5, 0.05)), min_size=1, max_size=60)
+
+
+@given(every_floor, st.floats(1e-3, 0.3), st.sampled_from([0.0, 1e-3, 0.02]), rolling)
+def test_rollers_on_a_soft_floor_only_take_energy_out_however_its_direction_changes(
+    name, resistance, dry, history
+):
+    floor, own = soft(name, resistance).traction, replace(RIG.wheel, roller_dry=dry, roller_viscous=0.0)
+    wheel = wheel_parameters(own, RIG.bearing, RIG.motor)
+    z = work = 0.0
+    for ahead, sideways, h in history:
+        now = wheel_on_floor(wheel, floor, ahead, 0.0, sideways)
+        z, force = roller_friction(now, z, sideways, 1.0, h)
+        work += force * sideways * h
+        assert work >= 0.5 * wheel.roller_stiffness * z * z - 1e-12 * max(1.0, work)
+
+
+@given(every_floor, st.floats(1e-3, 0.3), st.floats(0.02, 1.0), st.floats(-1.0, 1.0))
+def test_rollers_that_go_on_rolling_are_resisted_by_their_part_of_the_rolling_resistance(
+    name, resistance, sideways, ahead
+):
+    floor, z, force = soft(name, resistance).traction, 0.0, 0.0
+    wheel = wheel_parameters(RIG.wheel, RIG.bearing, RIG.motor)
+    for _ in range(40):
+        now = wheel_on_floor(wheel, floor, ahead, 0.3 * ahead, sideways)
+        z, force = roller_friction(now, z, sideways, 40.0, 0.1 / sideways)
+    viscous = RIG.wheel.roller_viscous * sideways
+    part = resistance * math.hypot(sideways, 1e-3) / math.hypot(sideways, ahead, 1e-3)
+    assert force == pytest.approx(40.0 * (RIG.wheel.roller_dry + part + viscous), rel=1e-9)
+
+
+def rig_run(floor, current, lateral, wheel=RIG.wheel, h=2.5e-4, periods=1500):
+    rig = replace(RIG, wheel=wheel)
+    motor, terms = motor_parameters(rig.motor), terms_at(zero_terms()[0])
+    model, state, rows = RigModel(rig_parameters(rig), motor, floor.traction, terms, False), REST, []
+    for _ in range(periods):
+        state, out = step(state, current, lateral, model, h, round(1e-3 / h))
+        rows.append((*state, *out))
+    return np.array(rows)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_on_the_rig_a_floor_resists_rolling_as_the_wheel_does_while_the_gantry_stands(name):
+    of_wheel = rig_run(FLOORS[name], 0.9, 0.0, replace(RIG.wheel, rolling_resistance=0.03))
+    of_floor = rig_run(soft(name, 0.03), 0.9, 0.0)
+    assert of_floor == pytest.approx(of_wheel, rel=1e-9, abs=1e-11)
+    assert of_floor[-1, 0] < rig_run(FLOORS[name], 0.9, 0.0)[-1, 0] - 0.02
+
+
+@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("lateral", [0.3, -0.6])
+def test_on_the_rig_a_floor_resists_carriage_and_rollers_in_the_direction_of_rolling(name, lateral):
+    rows = rig_run(soft(name, 0.05), 0.9, lateral)
+    weight, (speed, turning) = RIG.rig.masses[0] * GRAVITY, rows[-1, :2]
+    ahead = max(abs(speed), RIG.wheel.radius * turning)
+    aside = 0.05 * abs(lateral) / math.hypot(ahead, lateral)
+    stiff = lateral_force(rig_parameters(RIG), lateral)
+    added = (rows[-1, 12] - stiff) / weight
+    assert added == pytest.approx(math.copysign(aside, lateral), rel=2e-3)
+    bounds = carriage_friction_bounds(rig_parameters(RIG), rows[-1, 12], speed, False)
+    along = -bounds[0] + 0.05 * weight * ahead / math.hypot(ahead, lateral)
+    needed = RIG.rig.masses[0] * (rows[-1, 0] - rows[-2, 0]) / 1e-3 + along
+    assert rows[-1, 11] == pytest.approx(needed, rel=2e-3)
+
+
+@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("lateral", [0.0, 0.4])
+def test_on_the_rig_halving_the_step_halves_its_error_on_a_soft_floor(name, lateral):
+    coarse, fine, finest = (
+        rig_run(soft(name, 0.05), 0.9, lateral, h=h, periods=600)[:, 0] for h in (5e-4, 2.5e-4, 1.25e-4)
+    )
+    assert np.abs(coarse - fine).max() < 2e-3
+    assert np.abs(fine - finest).max() < 0.6 * np.abs(coarse - fine).max() + 1e-7
+
+
+def test_a_carriage_of_given_wheel_speed_is_resisted_as_on_the_rig():
+    own = carriage.CarriageParameters(3.0, 0.05, 2.0, 0.5, 0.0, 0.0, 0.0)
+    heavier = own._replace(dry=2.0 + 0.04 * 3.0 * GRAVITY)
+    wheel_speed, use = np.linspace(0.0, 20.0, 1000), np.ones((1000, 2))
+    found = []
+    for run, floor in ((own, soft("pvc", 0.04)), (heavier, FLOORS["pvc"])):
+        blocks = np.empty((100, carriage.BLOCK))
+        carriage.simulate_carriage(run, floor.traction, wheel_speed, 1e-3, 0.5, 10, use, blocks)
+        found.append(blocks)
+    assert found[0] == pytest.approx(found[1], rel=1e-9, abs=1e-12)
+    across = np.empty((100, carriage.BLOCK))
+    sideways = own._replace(lateral_speed=0.5)
+    carriage.simulate_carriage(sideways, soft("pvc", 0.04).traction, wheel_speed, 1e-3, 0.5, 10, use, across)
+    assert across[-1, carriage.SPEED] > found[0][-1, carriage.SPEED]

@@ -28,7 +28,16 @@ from omnimj.physics.planar import (
 from omnimj.physics.planar_wheel import planar_wheel_at
 from omnimj.physics.traction import force_ratio, relaxation_rate
 
-ROBOT, FLOORS, N = read_robot(), read_floors(), 4
+ROBOT, N, RESISTANCE = read_robot(), 4, 0.05
+
+
+def _soft(floor):
+    return dataclasses.replace(floor, numbers={**floor.numbers, "rolling_resistance": RESISTANCE})
+
+
+SHIPPED = read_floors()
+SOFT = {f"soft {name}": _soft(SHIPPED[name]) for name in ("natural_stone", "paperboard", "linoleum")}
+FLOORS = SHIPPED | SOFT
 MOTOR = motor_parameters(ROBOT.motor)
 MOTORS = np.tile(np.array(MOTOR), (N, 1))
 PLAIN = planar_constants(ROBOT)
@@ -52,6 +61,15 @@ def _gliding():
     """A robot whose rollers have no friction, on wheels without grip."""
     wheel = dataclasses.replace(ROBOT.wheel, roller_dry=0.0, roller_viscous=0.0)
     return dataclasses.replace(ROBOT, wheel=wheel)
+
+
+def _without_friction():
+    """A robot that loses energy to the floor alone."""
+    return dataclasses.replace(
+        _gliding(),
+        bearing=dataclasses.replace(ROBOT.bearing, dry=0.0, viscous=0.0),
+        motor=dataclasses.replace(ROBOT.motor, no_load_torque=0.0, viscous=0.0),
+    )
 
 
 def _state(twist=(0.0, 0.0, 0.0), wheel_speed=(0.0,) * N):
@@ -83,7 +101,9 @@ def _integrated(state, command, constants, floors, duration, published=False):
 
 @pytest.mark.parametrize("published", [False, True])
 @pytest.mark.parametrize("payload", [(0.0, 0.0, 0.0), (5.0, 0.1, -0.05)])
-@pytest.mark.parametrize("floor", ["natural_stone", "pvc", "paperboard", "oil", "nylon", "dry_asphalt"])
+@pytest.mark.parametrize(
+    "floor", ["natural_stone", "pvc", "paperboard", "oil", "nylon", "dry_asphalt", "linoleum", *SOFT]
+)
 def test_fixed_step_agrees_with_an_adaptive_integrator(floor, payload, published):
     constants = planar_constants(ROBOT, payload=payload)
     for command in ([0.0, -0.9, 0.0, 0.9], [0.4, -0.7, 0.2, 0.9], [-1.5, 1.2, 0.6, -0.3]):
@@ -144,14 +164,14 @@ bristles = st.tuples(*[st.floats(-0.002, 0.002)] * N)
 payloads = st.sampled_from([(0.0, 0.0, 0.0), (4.0, 0.1, -0.1), (-2.0, 0.05, 0.0)])
 
 
-@given(twists, wheel_speeds, bristles, commands, payloads)
-def test_power_balance(twist, wheel_speed, z, command, payload):
+@given(twists, wheel_speeds, bristles, commands, payloads, st.sampled_from(["paperboard", "soft paperboard"]))
+def test_power_balance(twist, wheel_speed, z, command, payload, name):
     """dT/dt = Σ T_i φ̇_i − Σ F_i V_r,i − Σ G_i v_lat,i, written afresh."""
     rolling = 0.01
     robot = dataclasses.replace(ROBOT, wheel=dataclasses.replace(ROBOT.wheel, rolling_resistance=rolling))
-    constants, floor = planar_constants(robot, payload=payload), FLOORS["paperboard"].traction
+    constants, floor = planar_constants(robot, payload=payload), FLOORS[name].traction
     state = np.concatenate([z, wheel_speed, twist])
-    rates = derivative(state, np.array(command), 0.0, _model(constants, _floors("paperboard")), 1e-4)
+    rates = derivative(state, np.array(command), 0.0, _model(constants, _floors(name)), 1e-4)
     r, wheel, motor, bearing = ROBOT.wheel.radius, ROBOT.wheel, ROBOT.motor, ROBOT.bearing
     mass, com_x, com_y, inertia = constants.body[:4]
     v_x, v_y, w = twist
@@ -168,17 +188,32 @@ def test_power_balance(twist, wheel_speed, z, command, payload):
     for i in range(N):
         slip = r * wheel_speed[i] - along[i]
         rate = relaxation_rate(floor, slip, 1.0)
-        g = normal[i] * (wheel.roller_dry * math.tanh(lateral[i] / 1e-4) + wheel.roller_viscous * lateral[i])
+        p, u = max(abs(r * wheel_speed[i]), abs(along[i])), lateral[i]
+        ahead, aside = (
+            floor.rolling_resistance * math.hypot(x, 1e-3) / math.hypot(p, u, 1e-3) for x in (p, u)
+        )
+        dry = wheel.roller_dry + aside
+        g = normal[i] * (dry * math.tanh(u / 1e-4) + wheel.roller_viscous * u)
         power -= normal[i] * force_ratio(floor, z[i], slip, rate) * slip + g * lateral[i]
         f_a = (normal[i] * (bearing.spacing + bearing.overhang) - g * r) / bearing.spacing
         f_b = (normal[i] * bearing.overhang - g * r) / bearing.spacing
-        drag = bearing.dry * (abs(f_a) + abs(f_b)) * bearing.pitch_diameter / 2 + rolling * normal[i] * r
+        drag = bearing.dry * (abs(f_a) + abs(f_b)) * bearing.pitch_diameter / 2
+        drag += (rolling + ahead) * normal[i] * r
         back_emf = motor.torque_constant * motor.gear_ratio * wheel_speed[i]
         high, low = [(volt - back_emf) / motor.resistance for volt in (motor.supply, -motor.supply)]
         forward, backward = drive_torque_bounds(MOTOR, max(low, min(high, command[i])), wheel_speed[i])
         share = 0.5 * (1.0 + math.tanh(r * wheel_speed[i] / 1e-4))
         power += wheel_speed[i] * (share * (forward - drag) + (1.0 - share) * (backward + drag))
     assert growth == pytest.approx(power, rel=1e-9, abs=1e-9)
+
+
+def _stored(floor, z):
+    """Energy of the bristles over F_N [m]."""
+    if floor.sigma_0 > 0.0:
+        return 0.5 * floor.sigma_0 * z**2
+    deepest = floor.relaxation_length * 3.0 * floor.mu / floor.creep_stiffness
+    sliding = np.minimum(np.abs(z) / deepest, 1.0)
+    return floor.mu * deepest * (sliding - 0.25 * (1.0 - (1.0 - sliding) ** 4))
 
 
 def _largest_rise(twist, wheel_speed, payload, floor, h):
@@ -191,7 +226,7 @@ def _largest_rise(twist, wheel_speed, payload, floor, h):
     axle = ROBOT.wheel.inertia + ROBOT.motor.reflected_inertia
     energy += 0.5 * axle * np.sum(states[:, 4:8] ** 2, axis=1)
     normal = _normal_forces(constants)
-    energy += 0.5 * FLOORS[floor].numbers["sigma_0"] * states[:, :4] ** 2 @ normal
+    energy += _stored(FLOORS[floor].traction, states[:, :4]) @ normal
     energy += 0.5 * ROBOT.wheel.roller_bristle_stiffness * states[:, 15:19] ** 2 @ normal
     return np.diff(energy).max() / max(energy[0], 1e-3)
 
@@ -203,6 +238,13 @@ def test_without_current_energy_only_falls(twist, wheel_speed, payload, floor):
     # back-EMF against the supply cannot drive either: 0 A is within reach below 29.6 rad/s
     assert _largest_rise(twist, wheel_speed, payload, floor, H / 2) <= 1e-6
     assert _largest_rise(twist, wheel_speed, payload, floor, H) <= 1e-4  # error of the plant's own step
+
+
+@settings(max_examples=25, deadline=None)
+@given(twists, wheel_speeds, payloads, st.sampled_from([*SOFT, "linoleum"]))
+def test_without_current_energy_only_falls_on_soft_floors(twist, wheel_speed, payload, floor):
+    assert _largest_rise(twist, wheel_speed, payload, floor, H / 4) <= 1e-5
+    assert _largest_rise(twist, wheel_speed, payload, floor, H) <= 1e-3  # error of the plant's own step
 
 
 @pytest.mark.parametrize("share", [0.9, -0.9])
@@ -318,3 +360,117 @@ def test_stable_with_wheels_racing_at_any_speed():
         states, _ = _stepped(start, [0.0] * N, PLAIN, _floors(floor), 1.0)
         assert np.all(np.isfinite(states))
         assert np.abs(states[-1, 4:8]).max() < 300.0
+
+
+@pytest.mark.parametrize("floor", ["linoleum", "soft linoleum"])
+@pytest.mark.parametrize("direction", [0.0, math.pi / 4.0])
+def test_driving_straight_the_wheels_creep_as_traction_balances_the_drag_of_the_rollers(floor, direction):
+    along = ROBOT.drive_directions @ (math.cos(direction), math.sin(direction))
+    # to the speed at which the supply can drive no more
+    states, outputs = _stepped(_state(), 1.5 * np.round(along, 12), PLAIN, _floors(floor), 6.0)
+    law, normal = FLOORS[floor].traction, ROBOT.body.mass * 9.81 / 4.0
+    speed = math.hypot(*states[-1, 8:10])
+    assert speed > 0.3 and np.abs(states[-1, 8:11] - states[-101, 8:11]).max() < 1e-6
+    driving = np.abs(along) > 0.1
+    u = np.sqrt(1.0 - along**2) * speed  # of every wheel, on its rollers
+    rim = np.abs(states[-1, 4:8]) * ROBOT.wheel.radius
+    across = law.rolling_resistance * u / np.hypot(np.maximum(rim, np.abs(along) * speed), u)
+    drag = normal * (ROBOT.wheel.roller_dry * (u > 0.0) + ROBOT.wheel.roller_viscous * u + across)
+    pull = (drag * np.sqrt(1.0 - along**2)).sum() / np.abs(along).sum()
+    creep = 3.0 * law.mu / law.creep_stiffness * (1.0 - (1.0 - pull / (normal * law.mu)) ** (1.0 / 3.0))
+    slip = np.abs(outputs[-1, :4])[driving]
+    assert slip == pytest.approx(creep * np.hypot(rim, u)[driving], rel=0.01)
+
+
+@pytest.mark.parametrize("direction", [0.0, 0.3, math.pi / 4.0])
+@pytest.mark.parametrize("floor", SOFT)
+def test_a_robot_without_other_friction_stands_below_the_rolling_resistance_and_rolls_above(floor, direction):
+    """In any direction, with the acceleration of a body that turns two wheels' worth of inertia."""
+    inertia = ROBOT.wheel.inertia + ROBOT.motor.reflected_inertia
+    moved = ROBOT.body.mass / (ROBOT.body.mass + 2.0 * inertia / ROBOT.wheel.radius**2)
+    robot = _without_friction()
+    motors = np.tile(np.array(motor_parameters(robot.motor)), (N, 1))
+    for share in (0.9, 1.3):
+        angle = math.atan(share * RESISTANCE)
+        constants = planar_constants(robot, slope=(angle, direction))
+        states, _ = _stepped(_state(), [0.0] * N, constants, _floors(floor), 4.0, motors=motors)
+        speeds = np.hypot(states[:, 8], states[:, 9])
+        if share < 1.0:
+            assert speeds[-1] < 1e-6 and np.abs(states[-1, -3:] - states[-1001, -3:]).max() < 1e-6
+        else:
+            gained = (share - 1.0) * RESISTANCE * 9.81 * math.cos(angle) * moved
+            assert speeds[-1] - speeds[-1001] == pytest.approx(gained, rel=5e-3)
+
+
+@pytest.mark.parametrize("direction", [0.0, 0.3, math.pi / 4.0])
+def test_a_coasting_robot_is_slowed_by_the_rolling_resistance_in_any_direction(direction):
+    c, s = math.cos(direction), math.sin(direction)
+    inertia = ROBOT.wheel.inertia + ROBOT.motor.reflected_inertia
+    moved = ROBOT.body.mass / (ROBOT.body.mass + 2.0 * inertia / ROBOT.wheel.radius**2)
+    robot = _without_friction()
+    motors = np.tile(np.array(motor_parameters(robot.motor)), (N, 1))
+    turning = tuple(ROBOT.drive_directions @ (c, s) / ROBOT.wheel.radius)
+    constants = planar_constants(robot)
+    floors = _floors("soft linoleum")
+    states, _ = _stepped(_state((c, s, 0.0), turning), [0.0] * N, constants, floors, 1.0, motors=motors)
+    speeds = np.hypot(states[:, 8], states[:, 9])
+    assert speeds[200] - speeds[1000] == pytest.approx(0.8 * RESISTANCE * 9.81 * moved, rel=5e-3)
+
+
+@pytest.mark.parametrize("floor", SOFT)
+def test_rolling_purely_across_its_rollers_a_robot_loses_the_rolling_resistance_of_their_load(floor):
+    """On wheels without grip, those that would drive ahead stand and slide, and those across roll."""
+    constants = planar_constants(_gliding(), grip=0.0)
+    states, _ = _stepped(_state((1.0, 0.0, 0.0)), [0.0] * N, constants, _floors(floor), 1.0)
+    assert np.all(states[:, 4:8] == 0.0)
+    lost = states[100, 8] - states[1000, 8]
+    assert lost == pytest.approx(0.9 * 0.5 * RESISTANCE * 9.81, rel=1e-4)
+
+
+@pytest.mark.parametrize("floor", SOFT)
+def test_a_wheel_that_only_rolls_along_has_no_side_force(floor):
+    command = np.array([0.0, -0.6, 0.0, 0.6])
+    states, outputs = _stepped(_state(), command, planar_constants(_gliding()), _floors(floor), 2.0)
+    assert states[-1, 8] > 0.3
+    normal = ROBOT.body.mass * 9.81 / 4.0
+    assert np.abs(outputs[-1, [13, 15]]).max() <= RESISTANCE * normal * 1e-3 / states[-1, 8]
+    assert outputs[-1, [12, 14]] == pytest.approx([normal * RESISTANCE, -normal * RESISTANCE], rel=1e-3)
+
+
+directions = st.tuples(st.floats(0.05, 1.5), st.floats(0.05, 1.5), st.sampled_from([1.0, -1.0]))
+
+
+@given(directions, st.sampled_from(sorted(SOFT)))
+def test_the_force_across_is_to_the_torque_on_the_wheel_as_the_rolling_across_to_that_along(rolling, floor):
+    """Of the first wheel, by the difference that rolling resistance makes to the equations."""
+    ahead, aside, sign = rolling
+    u = ROBOT.drive_directions
+    n = np.column_stack([-u[:, 1], u[:, 0]])
+    v_x, v_y = ahead * u[0] + sign * aside * n[0]
+    turning = u @ (v_x, v_y) / ROBOT.wheel.radius
+    state, command = np.concatenate([np.zeros(N), turning, (v_x, v_y, 0.0)]), np.zeros(N)
+    constants = planar_constants(_without_friction())
+    motors = np.tile(np.array(motor_parameters(_without_friction().motor)), (N, 1))
+    without, resisted = (
+        derivative(state, command, 0.0, _model(constants, _floors(name), motors=motors), 1e-4)
+        for name in (floor.removeprefix("soft "), floor)
+    )
+    change = resisted - without
+    inertia = ROBOT.wheel.inertia + ROBOT.motor.reflected_inertia
+    torque = -inertia * change[N] / (RESISTANCE * ROBOT.wheel.radius * ROBOT.body.mass * 9.81 / 4.0)
+    # wheels 1 and 3 roll alike, and so do 2 and 4, whose axles lie along the drive of the first
+    across = -ROBOT.body.mass * change[2 * N : 2 * N + 2] @ n[0] * sign
+    across /= 2.0 * RESISTANCE * ROBOT.body.mass * 9.81 / 4.0
+    assert across / torque == pytest.approx(aside / ahead, rel=2e-3)
+    assert math.hypot(across, torque) == pytest.approx(1.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("floor", SOFT)
+def test_a_finer_step_converges_on_soft_floors(floor):
+    start, command = _state((0.3, 0.1, -1.0), (5.0, 4.0, 6.0, 5.0)), [0.4, -0.7, 0.2, 0.9]
+    coarse, fine, finest = (
+        _stepped(start, command, PLAIN, _floors(floor), 1.0, h=h)[0][:, 8:11] for h in (H, H / 4, H / 16)
+    )
+    errors = [np.sqrt(np.mean((twists - finest) ** 2)) for twists in (coarse, fine)]
+    assert errors[0] < 5e-4
+    assert errors[1] < 0.5 * errors[0]

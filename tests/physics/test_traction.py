@@ -19,6 +19,8 @@ from omnimj.physics.traction import (
     mean_deflection,
     passive_damping,
     relaxation_rate,
+    rolling_resistance,
+    rolling_speed,
     steady_ratio,
 )
 
@@ -141,6 +143,38 @@ def test_the_damping_is_the_largest_that_keeps_traction_passive(name):
         damping = passive_damping(floor, rate)
         assert least_power(damping, rate) >= -1e-12
         assert damping == floor.sigma_1 or least_power(1.001 * damping, rate) < 0.0
+
+
+@given(st.sampled_from(sorted(FLOORS)), slips, slips, slips)
+def test_a_contact_rolls_along_its_drive_and_by_creep_ratio_in_any_direction(name, rim, along, sideways):
+    floor, ahead = FLOORS[name], max(abs(rim), abs(along))
+    across = sideways if floor.law == "creep_ratio" else 0.0
+    found = rolling_speed(floor.traction, rim, along, sideways)
+    assert found == pytest.approx(math.hypot(ahead, across), rel=1e-12, abs=1e-150)
+    assert rolling_speed(floor.traction, rim, along, 0.0) == ahead
+
+
+@given(st.sampled_from(sorted(FLOORS)), st.floats(0.0, 1.0), st.floats(0.1, 3.0), st.floats(0.0, math.tau))
+def test_rolling_resistance_is_one_force_against_the_direction_of_rolling(name, resistance, speed, angle):
+    floor = FLOORS[name].traction._replace(rolling_resistance=resistance)
+    ahead, aside = abs(speed * math.cos(angle)), speed * math.sin(angle)
+    on_wheel, on_rollers = rolling_resistance(floor, ahead, aside)
+    # 1 mm/s, below which it is smooth, is at most a hundredth of the speed
+    assert math.hypot(on_wheel, on_rollers) == pytest.approx(resistance, rel=1e-4)
+    assert on_wheel == pytest.approx(resistance * ahead / speed, abs=0.01 * resistance)
+    assert on_rollers == pytest.approx(resistance * abs(aside) / speed, abs=0.01 * resistance)
+
+
+@pytest.mark.parametrize("name", sorted(FLOORS))
+def test_rolling_resistance_holds_in_full_at_rest_and_vanishes_across_a_wheel_that_rolls_along(name):
+    floor = FLOORS[name].traction._replace(rolling_resistance=0.03)
+    assert rolling_resistance(floor, 0.0, 0.0) == pytest.approx((0.03, 0.03), rel=1e-12)
+    for speed in (0.02, 0.5, 3.0):
+        along, across = rolling_resistance(floor, speed, 0.0), rolling_resistance(floor, 0.0, speed)
+        assert along == across[::-1]
+        assert along[0] == pytest.approx(0.03, rel=1e-12)
+        assert along[1] <= 0.03 * 1e-3 / speed
+    assert rolling_resistance(FLOORS[name].traction, 0.7, -0.2) == (0.0, 0.0)
 
 
 @given(st.sampled_from(CAPPED), st.floats(-0.02, 0.02), slips)

@@ -37,7 +37,7 @@ def planar_error(robot, floors, current, floor="natural_stone"):
     twists = []
     for plant in (
         RobotTwin(robot, floors[floor], ideal_sensors=True),
-        PlanarRobot(robot, floor, ideal_sensors=True),
+        PlanarRobot(robot, floor, ideal_sensors=True, floors=floors),
     ):
         plant.reset()
         rows = []
@@ -99,6 +99,28 @@ def test_the_robot_twin_drives_as_the_planar_model(robot, floors, floor, eighth,
     measured("robot twin against planar model, 5 s, RMS of yaw rate [rad/s]", angular, 0.05)
     assert linear <= 0.02
     assert angular <= 0.05
+
+
+@pytest.mark.parametrize(("floor", "eighth"), checkerboard(("natural_stone", "linoleum"), range(8)))
+def test_the_robot_twin_drives_as_the_planar_model_on_soft_floors(robot, soft, floor, eighth, measured):
+    along = np.array([math.cos(eighth * math.pi / 4.0), math.sin(eighth * math.pi / 4.0)])
+    share = robot.drive_directions @ along
+    linear, angular = planar_error(robot, soft, 1.2 * share / np.abs(share).max() + 0.05, floor)
+    measured("robot twin against planar model on soft floors, RMS of velocity [m/s]", linear, 0.02)
+    measured("robot twin against planar model on soft floors, RMS of yaw rate [rad/s]", angular, 0.05)
+    assert linear <= 0.02
+    assert angular <= 0.05
+
+
+@pytest.mark.parametrize("lateral_speed", [0.0, 0.35, -0.65])
+def test_the_rig_twin_drives_as_its_equations_on_a_soft_floor(rig, floors, lateral_speed, measured):
+    stone = floors["natural_stone"]
+    # with more resistance to its rollers, one row of them lifts off in the equations
+    soft = dataclasses.replace(stone, numbers={**stone.numbers, "rolling_resistance": 0.008})
+    for current in (0.75, 1.2):
+        error = carriage_error(rig, soft, 3.9593, current, lateral_speed, 0.9)
+        measured("rig twin against its equations on a soft floor [m/s]", error, 0.010)
+        assert error <= 0.010, current
 
 
 def test_turning_on_the_spot_the_two_rows_scrub_which_the_planar_model_lacks(robot, floors, measured):
