@@ -12,9 +12,11 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from omnimj.control.robot_constants import robot_constants
 from omnimj.effects import Interval
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.estimate.gap.check.acceptance import fault_records, sound_dataset
+from omnimj.estimate.gap.check.suspicions import DataCheck
 from omnimj.estimate.gap.locate.regimes import locate
 from omnimj.estimate.gap.plants import find_plant, read_machine
 from omnimj.estimate.gap.records import ChannelGap, Finding, NamedEffect, Overlay, Refitted
@@ -26,8 +28,12 @@ from omnimj.estimate.gap.verdict import Verdict, judge_search, next_experiment
 from omnimj.estimate.intervals import effective_samples, jackknife_deviations, repeatability
 from omnimj.estimate.replay.interface import Replay
 from omnimj.estimate.replay.problem import Fit, Problem
+from omnimj.estimate.replay.steady.runs import direction_sectors
+from omnimj.estimate.robot.blocks import robot_rows
+from omnimj.estimate.robot.pose_check import require_like_motion
+from omnimj.parameters import Robot
 from omnimj.parameters.floor import all_floors
-from omnimj.recording.dataset import Run, require_inertial_unit
+from omnimj.recording.dataset import Dataset, Run
 from omnimj.recording.read_dataset import read_dataset
 from omnimj.signals import Array
 
@@ -263,6 +269,14 @@ def _overlays(
     return tuple(overlays)
 
 
+def _checked(dataset: Dataset, machine: Any, accept: bool) -> tuple[Dataset, DataCheck]:
+    """Data to search in, and the findings on them; a measured pose is compared with the wheels."""
+    if not dataset.pose_measured:
+        return sound_dataset(dataset, machine, accept)
+    require_like_motion(dataset.path, robot_rows(dataset, machine), robot_constants(machine))
+    return dataset, DataCheck((), ())
+
+
 def find_gap(
     dataset: Path | str,
     model: Path | str | None = None,
@@ -291,12 +305,13 @@ def find_gap(
     """
     floors = all_floors(floors_file)
     read = read_dataset(dataset, floors)
-    require_inertial_unit(read)
     machine = read_machine(read.plant, model)
     plant = find_plant(read.plant)
     plant.require(read, machine)
+    if read.pose_measured:
+        read = direction_sectors(read, cast(Robot, machine))
     conditions = held_out_conditions(holdout, read.runs)
-    usable, check = sound_dataset(read, machine, accept)
+    usable, check = _checked(read, machine, accept)
     replay = plant.make_replay(usable, machine, floors)
     about = DatasetSummary(
         str(dataset),

@@ -23,6 +23,7 @@ from omnimj.estimate.gap.check.suspicions import Suspicion
 from omnimj.estimate.gap.check.time_base import TimeLink
 from omnimj.estimate.replay.interface import Replay
 from omnimj.estimate.replay.robot.runs import require_layout
+from omnimj.estimate.robot.identify import require_robot
 from omnimj.parameters import Axis, Floor, Rig, Robot, read_axis, read_rig, read_robot
 from omnimj.parameters.model_file import model_path
 from omnimj.parameters.reading import read_toml
@@ -100,6 +101,13 @@ def _axis_suspicions(dataset: Dataset, axis: Axis) -> Iterator[Suspicion]:
     yield from axis_check.axis_suspicions(dataset.runs, axis, beyond_reach(large))
 
 
+def _require_robot(dataset: Dataset, robot: Robot) -> None:
+    """Refuse robots with another number of wheels than the logs, and layouts that the replay cannot drive."""
+    require_robot(dataset, robot)
+    if not dataset.pose_measured:
+        require_layout(dataset, robot)
+
+
 # replays are imported on use: they load MuJoCo
 
 
@@ -110,6 +118,10 @@ def _rig_replay(dataset: Dataset, rig: Rig, floors: Mapping[str, Floor]) -> Repl
 
 
 def _robot_replay(dataset: Dataset, robot: Robot, floors: Mapping[str, Floor]) -> Replay:
+    if dataset.pose_measured:
+        from omnimj.estimate.replay.steady.replay import SteadyReplay
+
+        return SteadyReplay(dataset, robot, floors)
     from omnimj.estimate.replay.robot.replay import RobotReplay
 
     return RobotReplay(dataset, robot, floors)
@@ -131,7 +143,7 @@ PLANTS: Mapping[str, GapPlant] = {
         _robot_suspicions,
         robot_check.robot_time_links,
         _robot_replay,
-        require_layout,
+        _require_robot,
     ),
     "linear_axis": GapPlant(
         "linear_axis/axis.toml", read_axis, _axis_suspicions, axis_check.axis_time_links, _axis_replay

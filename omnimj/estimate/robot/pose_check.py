@@ -17,8 +17,9 @@ from omnimj.errors import InputError
 from omnimj.estimate.robot.blocks import RunRows
 from omnimj.signals import Array
 
-_WRONG = 1.5  # factor from which on slip and radius explain a slope no longer
+_WRONG = 2.5  # factor from which on slip, up to half on soft floor, and radius explain a slope no longer
 _ALIKE = 1.15  # factor within which two slopes are the same
+_ONE_MOTION = 0.9  # correlation from which two motions are one: wheels that slip turn a robot as they like
 _LEAST = 0.02  # [m/s, rad/s] RMS of a motion from which a slope is judged
 _UNITS = {
     "wheel speeds": ((9.5493, "rev/min"), (57.2958, "deg/s"), (0.159155, "rev/s")),
@@ -62,11 +63,12 @@ def _twist(run: RunRows) -> Array:
 
 
 def _slope(by_pose: Array, by_wheels: Array) -> float | None:
-    """Least-squares slope of the motion by the wheels over that by the pose; None if neither moves."""
-    energy = float(np.mean(by_pose**2))
-    if max(energy, float(np.mean(by_wheels**2))) < _LEAST**2 or energy == 0.0:
+    """Least-squares slope of the motion by the wheels over that by the pose; None without a common one."""
+    energy, other = float(np.mean(by_pose**2)), float(np.mean(by_wheels**2))
+    together = float(np.mean(by_wheels * by_pose))
+    if max(energy, other) < _LEAST**2 or together**2 <= _ONE_MOTION**2 * energy * other:
         return None
-    return float(np.mean(by_wheels * by_pose)) / energy
+    return together / energy
 
 
 def _near(slope: float, factor: float, within: float) -> bool:

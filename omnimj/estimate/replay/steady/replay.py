@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from omnimj.effects import ROBOT, AppliedEffects, ChannelEffect, apply_effects
 from omnimj.errors import InputError
@@ -192,7 +193,7 @@ def _channels(noise: Array) -> tuple[Channel, ...]:
     )
 
 
-def _blocks_on(runs: SteadyRuns, floor: str) -> Array:
+def _blocks_on(runs: SteadyRuns, floor: str) -> NDArray[np.int_]:
     """Indices of the blocks on a floor; all, of a run that has no segments."""
     if not runs.segments:
         return np.arange(len(runs.wheel_speed))

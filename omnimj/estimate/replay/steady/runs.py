@@ -72,7 +72,7 @@ def direction_sectors(dataset: Dataset, robot: Robot) -> Dataset:
 def _rim_speed(run: Run, robot: Robot) -> Array:
     """Mean r φ̇ of the wheels over a run, shape (n,) [m/s]."""
     names = [f"wheel_speed_{i + 1}" for i in range(len(robot.wheels))]
-    return robot.wheel.radius * np.array([np.nanmean(run.columns[name]) for name in names])
+    return robot.wheel.radius * np.array([float(np.nanmean(run.columns[name])) for name in names])
 
 
 def _sector(twist: Array) -> str:
