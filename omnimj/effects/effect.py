@@ -67,8 +67,6 @@ def extend_floor(floor: Floor, extra: Mapping[str, float], load: float) -> Floor
     Raises:
       InputError: The floor's law has no such parameter, or the sum breaks its rule.
     """
-    if not extra:
-        return floor
     rules, numbers = number_rules(floor.law), dict(floor.numbers)
     for key, amount in _parts_of(floor, extra).items():
         place = f"floor {floor.name}: {key}"
@@ -220,12 +218,11 @@ class AppliedEffects:
         Raises:
           InputError: The floor's law has no such parameter.
         """
-        return extend_floor(scale_floor(floor, self.floor_scale), self.floor_extra, self._mean_load)
-
-    @property
-    def _mean_load(self) -> float:
-        """Mean normal force of a wheel at rest [N]."""
-        return (self.machine.body.mass + self.added_mass) * GRAVITY / self.machine.wheel_count
+        scaled = scale_floor(floor, self.floor_scale)
+        if not self.floor_extra:  # of robots only
+            return scaled
+        load = (self.machine.body.mass + self.added_mass) * GRAVITY / self.machine.wheel_count
+        return extend_floor(scaled, self.floor_extra, load)
 
     def floors(self, floors: Mapping[str, Floor]) -> Mapping[str, Floor]:
         """All floors with changed parameters; those whose law lacks such a parameter stay as they are."""

@@ -26,9 +26,9 @@ from omnimj.physics.traction import (
 )
 from omnimj.physics.wheel import bearing_friction
 
-SMOOTHING = 0.002
+SMOOTHING = 0.0002
 """Velocity over which dry friction changes its sign [m/s]."""
-_BLUNTER = (32.0, 8.0, 2.0, 1.0)
+_BLUNTER = (256.0, 64.0, 16.0, 4.0, 1.0)
 _STEP = 1e-6  # [m/s] for derivatives
 _LONGEST = 0.03  # [m/s] of a Newton step
 _ROUNDS, _HALVINGS = 60, 12

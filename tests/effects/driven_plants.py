@@ -19,12 +19,15 @@ RIG_CASES = [
     for choice in (effect.selectors[0].choices if effect.selectors else (None,))
 ]
 """Every effect of the rig, with every choice of its selector."""
+POSE_EFFECTS = ("heading_offset", "pose_scale")
+"""Effects of a measured pose, which the plants' own sensors do not show."""
 ROBOT_CASES = [
     (name, {s.name: choice for s in effect.selectors})
     for name, effect in effects_of("uto_robot").items()
+    if name not in POSE_EFFECTS
     for choice in (effect.selectors[0].choices[:2] if effect.selectors else (None,))
 ]
-"""Every effect of the robot, with two choices of its selector."""
+"""Every other effect of the robot, with two choices of its selector."""
 
 
 def rig_currents(steps):

@@ -64,8 +64,16 @@ _FLAT = np.zeros((3, 0))
 """Roller tables of wheels without rollers."""
 _LAGS = ("wheel_speed", "acceleration", "yaw_rate", "yaw")
 """Kinds of channels that may lag behind the currents."""
-_HIDDEN = ("supply_sag",)
-"""Effects whose consequences the measured currents already contain."""
+_HIDDEN = (
+    "supply_sag",
+    "creep_ratio",
+    "soft_floor",
+    "load_sensitivity",
+    "load_offset",
+    "heading_offset",
+    "pose_scale",
+)
+"""Effects whose consequences the measured currents already contain, or that only a measured pose shows."""
 
 
 def likely_patch(
