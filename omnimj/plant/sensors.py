@@ -267,6 +267,7 @@ def _packed_effects(names: Sequence[str], changes: Mapping[str, ChannelEffect], 
             names.index(name), change.scale, change.offset, change.delay / period, name == "yaw"
         )
         for name, change in changes.items()
+        if name in names  # a pose is measured by others
     ]
     return np.array(rows, float).reshape(-1, chain.EFFECT_SIZE)
 

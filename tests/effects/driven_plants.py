@@ -24,10 +24,11 @@ POSE_EFFECTS = ("heading_offset", "pose_scale")
 ROBOT_CASES = [
     (name, {s.name: choice for s in effect.selectors})
     for name, effect in effects_of("uto_robot").items()
-    if name not in POSE_EFFECTS
+    if name not in (*POSE_EFFECTS, "load_sensitivity")
     for choice in (effect.selectors[0].choices[:2] if effect.selectors else (None,))
 ]
-"""Every other effect of the robot, with two choices of its selector."""
+"""Every other effect of the robot that shows where all wheels carry the same load, with two choices of its
+selector."""
 
 
 def rig_currents(steps):

@@ -145,7 +145,7 @@ def test_samples_that_arrive_in_bursts_are_reported(tmp_path):
     assert any("80% of the samples arrive in bursts; their times are those of arrival" in n for n in notes)
 
 
-@pytest.mark.parametrize("command", ["diagnose", "gap", "calibrate"])
+@pytest.mark.parametrize("command", ["diagnose", "calibrate"])
 def test_work_that_needs_the_inertial_unit_says_what_is_missing(tmp_path, capsys, command):
     folder = written(tmp_path / "set", logged(1000.0, 4))
     more = ["--false-alarms-per-hour", "1"] if command == "calibrate" else []

@@ -1,0 +1,173 @@
+"""Steady driving with a measured pose: blocks of real logs, and effects hidden in simulated ones."""
+
+import tarfile
+from dataclasses import replace
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+import pytest
+
+from omnimj.effects import apply_effects, with_effects
+from omnimj.errors import InputError
+from omnimj.estimate.gap.find import DatasetSummary, analyse_replay
+from omnimj.estimate.replay.interface import Setting
+from omnimj.estimate.replay.steady.replay import SteadyReplay
+from omnimj.estimate.replay.steady.runs import direction_sectors, steady_runs
+from omnimj.parameters import read_floors, read_robot
+from omnimj.physics.equilibrium import steady_rows
+from omnimj.physics.kinematics import rolling_matrix
+from omnimj.recording.dataset import Dataset, Run
+
+FLOOR = "natural_stone"
+HIDDEN = {
+    "creep_ratio": {"compliance": 0.5, "slip_speed": 0.0},
+    "soft_floor": {"resistance": 0.12},
+    "load_offset": {"x": -0.025, "y": 0.004},
+}
+RATE = 32.0
+
+
+def robot():
+    return read_robot("robotino")
+
+
+def steady_twist_of(machine, speeds):
+    """Twist and currents of a machine with its effects, from the packed kernels directly."""
+    from omnimj.estimate.replay.steady.replay import _model
+
+    changed = apply_effects(machine)
+    rows = np.zeros((1, 6))
+    steady_rows(_model(changed, changed.floor(read_floors()[FLOOR])), speeds[None], np.zeros(0), rows)
+    return rows[0]
+
+
+def log(machine, direction, speed, rng):
+    nominal = robot()
+    aim = speed * np.array([np.cos(direction), np.sin(direction), 0.0])
+    rims = rolling_matrix(nominal.wheel_positions, nominal.rolling_directions) @ aim
+    speeds = rims / nominal.wheel.radius
+    vx, vy, rate, *currents = steady_twist_of(machine, speeds)
+    time = np.arange(0.0, 8.0, 1.0 / RATE)
+    heading = rate * time
+    # exact integrals of a constant twist
+    turned = time if abs(rate) < 1e-9 else np.sin(heading) / rate
+    side = 0.5 * rate * time**2 if abs(rate) < 1e-9 else (1.0 - np.cos(heading)) / rate
+    columns = {
+        "time": time,
+        "x": vx * turned - vy * side + rng.normal(0.0, 2e-4, len(time)),
+        "y": vx * side + vy * turned + rng.normal(0.0, 2e-4, len(time)),
+        "heading": heading + rng.normal(0.0, 2e-3, len(time)),
+    }
+    for i in range(3):
+        columns[f"wheel_speed_{i + 1}"] = speeds[i] + rng.normal(0.0, 0.02, len(time))
+        columns[f"current_{i + 1}"] = currents[i] + rng.normal(0.0, 0.03, len(time))
+    return columns
+
+
+def dataset(machine, seed=0):
+    rng, runs = np.random.default_rng(seed), []
+    for k in range(24):
+        for speed in (0.1, 0.25):
+            columns = log(machine, 2.0 * np.pi * k / 24.0, speed, rng)
+            conditions = MappingProxyType({"floor": FLOOR})
+            runs.append(Run(f"run_{k:02}_{speed:g}", columns, MappingProxyType({}), conditions))
+    made = Dataset(Path("made"), "uto_robot", tuple(runs), (), 3, True)
+    return direction_sectors(made, robot())
+
+
+@pytest.fixture(scope="module")
+def hidden():
+    return dataset(with_effects(robot(), HIDDEN))
+
+
+def test_hidden_effects_of_a_soft_floor_are_named_with_their_sizes(hidden):
+    replay = SteadyReplay(hidden, robot(), read_floors())
+    found = analyse_replay(replay, DatasetSummary("made"), seed=3)
+    named = {e.effect: e for e in found.effects}
+    assert found.verdict in ("named", "ambiguous")
+    assert set(HIDDEN) <= set(named)
+    offset, soft = named["load_offset"].parameters, named["soft_floor"].parameters["resistance"]
+    assert offset["x"].value == pytest.approx(-0.025, abs=0.005)
+    assert soft.value == pytest.approx(0.12, rel=0.2)
+    after = [gap.after for name, gap in found.heldout.items() if name.startswith("velocity")]
+    assert max(value for value in after if value is not None) < 0.002
+
+
+def test_a_robot_without_anything_hidden_has_no_gap():
+    replay = SteadyReplay(dataset(robot(), 1), robot(), read_floors())
+    found = analyse_replay(replay, DatasetSummary("made"), seed=1)
+    assert found.verdict == "no_gap"
+    assert not found.effects
+
+
+def test_a_turned_marker_turns_the_velocity_back_and_a_scale_scales_it(hidden):
+    replay = SteadyReplay(hidden, robot(), read_floors())
+    base = np.array([b.nominal for b in replay.base])
+    plain, turned, scaled = replay.simulate(
+        [
+            Setting(base),
+            Setting(base, {"heading_offset": np.array([0.2])}),
+            Setting(base, {"pose_scale": np.array([0.9])}),
+        ]
+    )
+    v, w = plain[:, 0] + 1j * plain[:, 1], turned[:, 0] + 1j * turned[:, 1]
+    assert np.allclose(w, v * np.exp(-0.2j))
+    assert np.allclose(scaled[:, :2], 0.9 * plain[:, :2])
+    assert np.allclose(turned[:, 2:], plain[:, 2:])
+
+
+def test_whole_sectors_of_directions_are_one_condition(hidden):
+    by_condition = {}
+    for run in hidden.runs:
+        by_condition.setdefault(run.condition, []).append(run.name)
+    assert len(by_condition) == 12
+    assert all(len(names) == 4 for names in by_condition.values())
+
+
+def test_too_little_steady_driving_is_refused_in_one_line(hidden):
+    few = replace(hidden, runs=hidden.runs[:5])
+    with pytest.raises(InputError, match="5 runs of steady driving"):
+        steady_runs(few, robot(), read_floors())
+    short = [
+        replace(run, columns={name: values[:64] for name, values in run.columns.items()})
+        for run in hidden.runs
+    ]
+    with pytest.raises(InputError, match="0 runs of steady driving"):
+        steady_runs(replace(hidden, runs=tuple(short)), robot(), read_floors())
+
+
+def test_a_run_that_changes_its_speed_gives_no_block(hidden):
+    run = hidden.runs[0]
+    columns = {**run.columns}
+    for i in range(1, 4):
+        columns[f"wheel_speed_{i}"] = columns[f"wheel_speed_{i}"] * (1.0 + np.sin(2.0 * np.pi * run.time))
+    changed = replace(hidden, runs=(replace(run, columns=columns), *hidden.runs[1:]))
+    names = {segment.run for segment in steady_runs(changed, robot(), read_floors()).segments}
+    assert run.name not in names
+    assert len(names) == len(hidden.runs) - 1
+
+
+def test_blocks_of_a_real_log_have_the_mean_velocity_between_its_first_and_last_pose(tmp_path):
+    from omnimj.recording.importing.workflow import ImportConfig, plan_import, write_import
+    from omnimj.recording.read_dataset import read_dataset
+
+    with tarfile.open(Path(__file__).parents[2] / "data" / "robotino.tar.xz") as archive:
+        archive.extractall(tmp_path, filter="data")
+    folder = tmp_path / "robotino"
+    floors = {"table": read_floors()[FLOOR]}
+    files = tuple(sorted(folder.glob("table/*.csv")))
+    write_import(plan_import(ImportConfig(files, folder / "robotino.mapping.toml")), tmp_path / "set")
+    read = read_dataset(tmp_path / "set", floors)
+    # its six runs are two too few for a search
+    whole = replace(read, runs=(*read.runs, *(replace(r, name=f"{r.name}_again") for r in read.runs)))
+    blocks = steady_runs(direction_sectors(whole, robot()), robot(), floors)
+    assert len(blocks.segments) == 12
+    for segment, measured in zip(blocks.segments[:6], blocks.measured[:6], strict=True):
+        run = next(r for r in read.runs if r.name == segment.run)
+        last = run.time >= run.time[0] + 1.2
+        x, y, heading, time = (run.columns[name][last] for name in ("x", "y", "heading", "time"))
+        straight = np.hypot(x[-1] - x[0], y[-1] - y[0]) / (time[-1] - time[0])
+        assert np.hypot(*measured[:2]) == pytest.approx(straight, rel=0.02)
+        turned = np.unwrap(heading)
+        assert measured[2] == pytest.approx((turned[-1] - turned[0]) / (time[-1] - time[0]), abs=0.003)
