@@ -4,4 +4,5 @@
 - `base_parameters`: uncertain parameters of a machine
 - `problem`: a replay as a least-squares problem, and its fit
 - `rig`, `robot`, `axis`: the replays of the three plants
+- `steady`: that of a robot with a measured pose, which compares steady driving
 """

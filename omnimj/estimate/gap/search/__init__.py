@@ -2,6 +2,7 @@
 
 - `search`: refit of the base, forward selection, backward elimination
 - `selection`: one round of the forward selection and its ambiguity set
+- `elimination`: backward elimination from the model of all effects
 - `screening`: first-order gains of candidates, of random curves (decoys) and of free curves
 - `cross_validation`: groups of runs, folds, held-out losses and gains
 """

@@ -50,7 +50,6 @@ EFFECTS = (
     "rolling_resistance",
     "bearing_friction",
     "wheel_radius",
-    "wheel_misalignment",
     "torque_constant",
     "current_scale",
     "grade",
@@ -61,7 +60,7 @@ EFFECTS = (
 _VARIABLES = ("rolling_speed", "roller_speed")
 """Variables of the free curves: r φ̇, with a force along the drive; the rollers' speed, along the axle."""
 _CURVE = 2.0  # [N] typical force of a free curve
-_EQUATION_ERROR = 0.0005, 0.001, 0.05  # of velocities [m/s], of the yaw rate [rad/s], of currents [A]
+_EQUATION_ERROR = 0.001, 0.002, 0.05
 _MOVES = {"ahead": 0.0, "diagonal": 45.0, "left": 90.0, "back": 180.0}
 _SPEEDS = {"slow": 0.1, "fast": 0.3}  # [m/s]
 
