@@ -83,9 +83,11 @@ def model_path(given: Path | str | None, default: str) -> Path:
     if given is None:
         return folder / default
     given = Path(given)
-    if len(given.parts) != 1 or given.suffix or given.exists():
+    if len(given.parts) != 1 or given.suffix or given.is_file():
         return given
     if not (folder / given / file).is_file():
+        if given.exists():
+            return given
         shipped = sorted(p.parent.name for p in folder.glob(f"*/{file}"))
         raise UnknownNameError("--model", f"shipped {file}", str(given), (*shipped, "the path of a file"))
     return folder / given / file

@@ -195,3 +195,12 @@ def test_the_largest_whole_numbers_of_toml_are_read(tmp_path):
             InputError, match=r"mine\.toml: is not valid TOML; a whole number has more than 64 bits"
         ):
             read_toml(tmp_path / "mine.toml")
+
+
+def test_a_folder_here_does_not_hide_the_shipped_model_of_its_name(tmp_path, monkeypatch):
+    (tmp_path / "three_wheel").mkdir()
+    (tmp_path / "mine").mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert len(read_robot("three_wheel").wheels) == 3
+    with pytest.raises(InputError, match="mine: is a folder"):
+        read_robot("mine")

@@ -12,7 +12,7 @@ from omnimj.effects import apply_effects, with_effects
 from omnimj.errors import InputError
 from omnimj.estimate.gap.find import DatasetSummary, analyse_replay
 from omnimj.estimate.replay.interface import Setting
-from omnimj.estimate.replay.steady.replay import SteadyReplay
+from omnimj.estimate.replay.steady.replay import SteadyReplay, steady_model
 from omnimj.estimate.replay.steady.runs import direction_sectors, steady_runs
 from omnimj.parameters import read_floors, read_robot
 from omnimj.physics.equilibrium import steady_rows
@@ -34,11 +34,9 @@ def robot():
 
 def steady_twist_of(machine, speeds):
     """Twist and currents of a machine with its effects, from the packed kernels directly."""
-    from omnimj.estimate.replay.steady.replay import _model
-
     changed = apply_effects(machine)
     rows = np.zeros((1, 6))
-    steady_rows(_model(changed, changed.floor(read_floors()[FLOOR])), speeds[None], np.zeros(0), rows)
+    steady_rows(steady_model(changed, changed.floor(read_floors()[FLOOR])), speeds[None], np.zeros(0), rows)
     return rows[0]
 
 

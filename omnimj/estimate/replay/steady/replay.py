@@ -130,7 +130,7 @@ class SteadyReplay:
         rows = np.full((len(runs.wheel_speed), 3 + runs.wheel_speed.shape[1]), np.nan)
         rows[:, :3] = guess
         for name in dict.fromkeys(runs.floor):
-            model = _model(changed, changed.floor(based.floors[name]))
+            model = steady_model(changed, changed.floor(based.floors[name]))
             own = _blocks_on(runs, name)
             found = rows[own]
             steady_rows(model, runs.wheel_speed[own], extra, found)
@@ -204,8 +204,13 @@ def _blocks_on(runs: SteadyRuns, floor: str) -> NDArray[np.int_]:
     return np.concatenate(parts)
 
 
-def _model(changed: AppliedEffects, floor: Floor) -> PlanarModel:
-    """Planar model of a robot with its effects on one floor."""
+def steady_model(changed: AppliedEffects, floor: Floor) -> PlanarModel:
+    """Planar model of a robot with its effects on one floor.
+
+    Args:
+      changed: The robot with its effects.
+      floor: The floor with its effects.
+    """
     n = changed.machine.wheel_count
     made = standing_constants(changed, changed.machine.body.mass)
     motors = changed.motors([motor_parameters(changed.machine.motor)] * n)
