@@ -135,9 +135,9 @@ class Replay(Protocol):
     """Variable of each free curve → typical force [N]."""
     most_effects: int
     """Largest number of effects in a model."""
-    from_above: bool
-    """True if a search should begin with all effects: they act on the same few channels, and a simulation
-    costs little."""
+    backward_elimination: bool
+    """True if the search fits all effects and drops what is not needed, instead of adding one after another:
+    for effects that act on the same few channels, and simulations that cost little."""
 
     def simulate(self, settings: Sequence[Setting]) -> list[Array]:
         """Simulate the sensors by the equations, one array of shape (blocks, channels) per setting."""

@@ -19,7 +19,7 @@ from omnimj.signals import Array
 
 _WRONG = 2.5  # factor from which on slip, up to half on soft floor, and radius explain a slope no longer
 _ALIKE = 1.15  # factor within which two slopes are the same
-_ONE_MOTION = 0.9  # correlation from which two motions are one: wheels that slip turn a robot as they like
+_ONE_MOTION = 0.9  # correlation of yaw rates or speeds below which slip, not a unit, makes them differ
 _LEAST = 0.02  # [m/s, rad/s] RMS of a motion from which a slope is judged
 _UNITS = {
     "wheel speeds": ((9.5493, "rev/min"), (57.2958, "deg/s"), (0.159155, "rev/s")),

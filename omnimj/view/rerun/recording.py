@@ -185,7 +185,7 @@ def whole_blueprint(
     subject = focus_of(scenario, metrics.get("faults") or ())
     eye = first_eye(scenario, start, has_machine, subject.from_the_side)
     ranges = [plot.range(trace) for plot in plots]
-    above = _eye_above(trace) if subject.from_above and "x" in trace else None
+    above = _eye_above(trace) if subject.backward_elimination and "x" in trace else None
     lanes = eventful_lanes(metrics, duration)
     return run_blueprint(plots, duration, eye, ranges, lanes, subject, above)
 

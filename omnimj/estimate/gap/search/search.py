@@ -208,8 +208,8 @@ class _Growing:
 
     def run(self) -> None:
         """Run rounds until one of them leaves the model as it was."""
-        if self.state.problem.replay.from_above and self._mismatch() > NOISE_LEVEL:
-            self._shrink()
+        if self.state.problem.replay.backward_elimination and self._mismatch() > NOISE_LEVEL:
+            self._eliminate_backward()
         while not self.ended:
             found = self._next_round()
             if len(self.state.named) == self._most:
@@ -218,7 +218,7 @@ class _Growing:
                 break
             self.ended = self._grow(found)
 
-    def _shrink(self) -> None:
+    def _eliminate_backward(self) -> None:
         """Eliminate effects backwards from the model of all, and judge those that are left."""
         self._next_round()
         self._report("dropping effects from the model of all", 0.5)
@@ -231,7 +231,7 @@ class _Growing:
         self.state = judged
         names = ", ".join(c.label for c in judged.final.effects)
         self.outcomes.append(f"backward elimination from all effects left {names or 'none'}")
-        self.ended = "no further effect can be dropped from the model of all without loss on held-out runs"
+        self.ended = "none of these effects can be left out without loss on held-out runs"
 
     def _grow(self, found: SelectionRound) -> str:
         """Try additions until one changes the model; the reason for which none did, empty otherwise."""

@@ -64,7 +64,7 @@ class AxisReplay:
     """Replay of a dataset of a linear axis; implements `replay.interface.Replay`."""
 
     plant = AXIS
-    most_effects, from_above = MOST_EFFECTS, False
+    most_effects, backward_elimination = MOST_EFFECTS, False
 
     def __init__(
         self,

@@ -60,7 +60,7 @@ EFFECTS = (
 _VARIABLES = ("rolling_speed", "roller_speed")
 """Variables of the free curves: r φ̇, with a force along the drive; the rollers' speed, along the axle."""
 _CURVE = 2.0  # [N] typical force of a free curve
-_EQUATION_ERROR = 0.001, 0.002, 0.05
+_EQUATION_ERROR = 0.001, 0.002, 0.05  # of velocities [m/s], of the yaw rate [rad/s], of currents [A]
 _MOVES = {"ahead": 0.0, "diagonal": 45.0, "left": 90.0, "back": 180.0}
 _SPEEDS = {"slow": 0.1, "fast": 0.3}  # [m/s]
 
@@ -68,7 +68,7 @@ _SPEEDS = {"slow": 0.1, "fast": 0.3}  # [m/s]
 class SteadyReplay:
     """Replay of a dataset of steady driving with a measured pose."""
 
-    plant, most_effects, from_above = ROBOT, 8, True
+    plant, most_effects, backward_elimination = ROBOT, 8, True
 
     def __init__(self, dataset: Dataset, robot: Robot, floors: Mapping[str, Floor]):
         """Prepare the runs.
@@ -172,7 +172,7 @@ class SteadyReplay:
 
 
 def _within(candidate: CandidateEffect, robot: Robot) -> CandidateEffect:
-    """The candidate inside what the machine has: friction of its rollers cannot fall below zero."""
+    """The candidate with bounds that keep the friction of the rollers from falling below zero."""
     if candidate.effect != "roller_friction":
         return candidate
     shapes = (replace(s, low=max(s.low, -getattr(robot.wheel, s.name))) for s in candidate.parameters)
