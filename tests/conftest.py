@@ -11,6 +11,9 @@ import os
 import pytest
 from hypothesis import settings
 
+# as the command line does: small matrices, and several workers share the cores; numpy reads it when imported
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 # a kernel compiles on its first call, which says nothing about the example at hand; where CI is set every
 # run meets the same examples, elsewhere each run meets new ones
 settings.register_profile("kernels", deadline=None, derandomize="CI" in os.environ)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import gc
 import hashlib
 import importlib.metadata
 import itertools
@@ -28,7 +29,9 @@ import numba
 import numba.core.event
 import numba.extending
 from numba.core import cgutils, types
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.errors import RequireLiteralValue
+from numba.core.sigutils import normalize_signature
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 # the decorators hide the signatures from type checkers
@@ -77,7 +80,11 @@ _DEFAULT_PACKAGE = "estimate"  # of kernels elsewhere, as in tests, which may ca
 KERNEL_PACKAGES = tuple(_CALLED_PACKAGES)
 _DAMAGED = (EOFError, pickle.UnpicklingError, ValueError, KeyError, IndexError, AttributeError, RuntimeError)
 """Raised by cache files that were cut off or overwritten."""
+# no kernel is passed to another as a value, which is what the C wrapper would be for
+_OPTIONS = {"error_model": "numpy", "nogil": True, "no_cfunc_wrapper": True}
 _OPTIMIZATION = 1  # level of LLVM's passes; the user's own kernels keep theirs
+_COLLECTION = (100_000, 50, 100)  # of Python's garbage collection during compilation
+_NO_ENTRY = "no_cpython_wrapper"  # numba's name of the option to leave out what Python calls
 _DECORATION = threading.RLock()  # the cache's folder is a global of numba
 _KEEP = 30 * 86400.0  # [s] folders of older versions go after a month
 
@@ -176,6 +183,7 @@ def cached(decorator: Callable[..., Any], *arguments: Any, **options: Any) -> Ca
                 numba.config.CACHE_DIR = before
         _recompile_damaged(compiled)
         _optimize_lightly(compiled)
+        _enter_on_demand(compiled)
         return compiled
 
     return wrap
@@ -214,11 +222,69 @@ def _optimize_lightly(compiled: Any) -> None:
         before = numba.config.OPT
         numba.config.OPT = type(before)(min(before, _OPTIMIZATION))
         try:
-            return compile_types(*arguments)
+            with _collecting_rarely():
+                return compile_types(*arguments)
         finally:
             numba.config.OPT = before
 
     compiler.compile = compile_lightly
+
+
+@contextlib.contextmanager
+def _collecting_rarely() -> Iterator[None]:
+    """Look for garbage seldom: compilation makes millions of objects, and most of them stay until it ends."""
+    before = gc.get_threshold()
+    gc.set_threshold(*(max(own, least) for own, least in zip(before, _COLLECTION, strict=True)))
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)
+
+
+def _enter_on_demand(compiled: Any) -> None:
+    """Compile the entry for calls from Python only where there are any: other kernels call without it.
+
+    Unpacking its arguments is a fifth of a kernel's code, and most kernels are called by kernels only.
+    """
+    if not hasattr(compiled, "get_call_template"):  # a C callback, or compilation is switched off
+        return
+    options = compiled.targetoptions
+    call_template, compile_types, add = compiled.get_call_template, compiled.compile, compiled.add_overload
+    load = compiled._cache.load_overload
+
+    def has_entry(result: Any) -> bool:
+        return result.library.get_pointer_to_function(result.fndesc.llvm_cpython_wrapper_name) != 0
+
+    def template_for_kernels(*arguments: Any) -> Any:
+        with global_compiler_lock:
+            before = options.get(_NO_ENTRY, False)
+            options[_NO_ENTRY] = True
+            try:
+                return call_template(*arguments)
+            finally:
+                options[_NO_ENTRY] = before
+
+    def compile_for_caller(signature: Any) -> Any:
+        with global_compiler_lock:
+            types_of_arguments, _ = normalize_signature(signature)
+            found = compiled.overloads.get(tuple(types_of_arguments))
+            if found is not None and not options.get(_NO_ENTRY, False) and not has_entry(found):
+                del compiled.overloads[tuple(types_of_arguments)]
+            return compile_types(signature)
+
+    def load_for_caller(*arguments: Any) -> Any:
+        found = load(*arguments)
+        usable = found is None or options.get(_NO_ENTRY, False) or has_entry(found)
+        return found if usable else None
+
+    def add_with_entry(result: Any) -> None:
+        if has_entry(result):
+            add(result)
+        else:
+            compiled.overloads[tuple(result.signature.args)] = result
+
+    compiled.get_call_template, compiled.compile = template_for_kernels, compile_for_caller
+    compiled.add_overload, compiled._cache.load_overload = add_with_entry, load_for_caller
 
 
 def _package_of(function: Callable) -> str:
@@ -229,12 +295,12 @@ def _package_of(function: Callable) -> str:
 
 def kernel(function: Callable) -> Any:
     """`numba.njit` with the disk cache, without the GIL; division by zero gives infinity as in IEEE 754."""
-    return cached(numba.njit, error_model="numpy", nogil=True)(function)
+    return cached(numba.njit, **_OPTIONS)(function)
 
 
 def inlined(function: Callable) -> Any:
     """As `kernel`, but inlined into its callers, so that large records are not passed by value."""
-    return cached(numba.njit, error_model="numpy", nogil=True, inline="always")(function)
+    return cached(numba.njit, **_OPTIONS, inline="always")(function)
 
 
 class _CompilationCounter(numba.core.event.Listener):

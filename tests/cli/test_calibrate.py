@@ -18,6 +18,7 @@ from omnimj.cli.main import main
 from omnimj.control.detection.robust import RobustDetector
 from omnimj.control.detection.robust.thresholds import THRESHOLD_UNITS, Thresholds, read_thresholds
 from omnimj.diagnosis import calibration as calibrating
+from omnimj.diagnosis import model_misfit
 from omnimj.diagnosis.calibration import lower_bounds
 from omnimj.diagnosis.detectable_loss import LossInformation
 from omnimj.diagnosis.logs import read_machine
@@ -97,7 +98,19 @@ def test_the_file_states_its_origin(files, folder):
     assert all(0.0 <= content["largest"][name] < getattr(largest, name) for name in THRESHOLD_UNITS)
 
 
-def test_the_extent_of_extrapolation_is_printed(folder, files, tmp_path, capsys):
+@pytest.fixture
+def weighed_once(monkeypatch):
+    """Recordings are measured and weighed at the first command only, with few losses injected.
+
+    Neither depends on whether the thresholds are accepted; how many injected losses are found is a test of
+    its own.
+    """
+    for name in ("_maxima", "_misfit"):
+        monkeypatch.setattr(calibrating, name, cache_of(getattr(calibrating, name)))
+    monkeypatch.setattr(model_misfit, "INJECTIONS", 8)
+
+
+def test_the_extent_of_extrapolation_is_printed(weighed_once, folder, files, tmp_path, capsys):
     text = files[0.1].read_text(encoding="utf-8")
     assert mentions(text, "0.1 false alarms per hour", "one in 10 h", "-fold")
     assert mentions(text, "on natural_stone")
@@ -125,7 +138,9 @@ def misfitting(tmp_path_factory):
     return path
 
 
-def test_a_model_that_does_not_fit_raises_no_threshold_without_a_word(misfitting, tmp_path, capsys):
+def test_a_model_that_does_not_fit_raises_no_threshold_without_a_word(
+    weighed_once, misfitting, tmp_path, capsys
+):
     file = tmp_path / "t.toml"
     argv = ["calibrate", str(misfitting), "--false-alarms-per-hour", "0.1", "--out", str(file)]
     assert main(argv) == 1 and not file.exists()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import importlib.util
 import subprocess
 import sys
@@ -18,6 +19,10 @@ from omnimj.physics.native import cached, kernel
 @kernel
 def double(x):
     return 2.0 * x
+
+@kernel
+def quadruple(x):
+    return 2.0 * double(x)
 
 @cached(cfunc, float64(float64))
 def triple(x):
@@ -64,6 +69,24 @@ def test_a_cut_off_cache_file_costs_a_compilation_and_no_run(load, tmp_path, kin
         assert found.double(5.0) == 10.0
         assert found.triple.ctypes(5.0) == 15.0
     assert sum(found.double.stats.cache_hits.values()) == 1
+
+
+def test_a_kernel_that_only_another_one_called_can_be_called_from_python(load):
+    first = load()
+    assert first.quadruple(2.0) == 8.0  # here `double` is compiled, without an entry from Python
+    again = load()
+    for found in (again, first):
+        assert found.double(3.0) == 6.0 and found.quadruple(3.0) == 12.0
+    assert sum(again.double.stats.cache_hits.values()) == 0
+    last = load()
+    assert last.double(1.5) == 3.0 and last.quadruple(1.5) == 6.0
+    assert sum(last.double.stats.cache_hits.values()) == 1
+
+
+def test_garbage_is_collected_after_a_compilation_as_often_as_before(load):
+    before = gc.get_threshold()
+    assert load().double(2.0) == 4.0
+    assert gc.get_threshold() == before
 
 
 def test_processes_that_compile_at_the_same_time_leave_a_sound_cache(load, tmp_path):
