@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -76,8 +75,6 @@ def run(arguments: Any) -> int:
       DataFaultError: The data have certain faults, and `--accept` is not given.
       SimulationError: The search failed; everything found so far is written.
     """
-    # the matrices are too small to benefit from multithreaded linear algebra
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from omnimj.recording.folder import check_folder
 
     if arguments.benchmark:
@@ -120,7 +117,7 @@ def _new_texts(arguments: Any, finding: Finding) -> tuple[dict[str, str], InputE
     try:
         texts = {
             MODEL: new_model_text(finding, arguments.model),
-            FLOORS: new_floors_text(finding, all_floors(arguments.floors)),
+            FLOORS: new_floors_text(finding, all_floors(arguments.floors), arguments.model),
         }
     except InputError as error:
         return {}, error

@@ -8,6 +8,7 @@ them into model files. Every other module declares effects in a tuple `EFFECTS`.
 from omnimj.effects.catalogue import EFFECTS, base_name, effects_of, find_effect
 from omnimj.effects.effect import (
     AXIS,
+    FLOOR,
     FLOOR_SCALES,
     RIG,
     ROBOT,
@@ -32,6 +33,7 @@ from omnimj.effects.machine import (
 __all__ = [
     "AXIS",
     "EFFECTS",
+    "FLOOR",
     "FLOOR_SCALES",
     "RIG",
     "ROBOT",

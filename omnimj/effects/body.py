@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from omnimj.effects.effect import (
+    FLOOR,
     FLOOR_SCALES,
     RIG,
     ROBOT,
@@ -57,8 +58,9 @@ def _grade_of_floor(changes: MachineChanges, values: Values) -> None:
 
 
 def _floor_traction(changes: MachineChanges, values: Values) -> None:
+    change = changes.floor_change(values)
     for name in FLOOR_SCALES:
-        changes.floor_scale[name] = changes.floor_scale.get(name, 1.0) * values[name]
+        change.multiply(name, values[name])
 
 
 def _floor_patch(changes: MachineChanges, values: Values) -> None:
@@ -117,6 +119,7 @@ EFFECTS = (
         "floor",
         (RIG, ROBOT),
         tuple(EffectParameter(name, "1", 0.05, 10.0, 0.7, 1.0) for name in FLOOR_SCALES),
+        (FLOOR,),
         hooks=(_floor_traction,),
     ),
     Effect(

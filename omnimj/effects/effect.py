@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -38,9 +38,10 @@ laws, `sigma_0` the stiffness of any law."""
 
 
 COMPLIANCE = "creep_compliance"
-FLOOR_EXTRAS = (COMPLIANCE, "rolling_resistance", "load_exponent")
+FLOOR_EXTRAS = (COMPLIANCE, "rolling_resistance", "roller_resistance", "roller_dry", "load_exponent")
 """Numbers that effects add to a floor: to the creep ratio of LuGre per traction over load, to its resistance
-to rolling, and to the exponent of the load, which turns about that of the wheels at rest."""
+to the rolling of wheels and of rollers, to the dry friction of rollers on it, and to the exponent of the
+load, which turns about the load at rest."""
 _GRIP, _MOST_GRIP = 20.0, 3.0  # added to μ_c per compliance, and at most: creep is no sliding
 
 
@@ -131,12 +132,17 @@ class Selector:
 
     name: str
     choices: tuple[str | int, ...]
+    """Possible choices; empty: any name."""
     optional: bool = False
     """True if the effect acts everywhere without it."""
 
     def on(self, wheels: int) -> tuple[str | int, ...]:
         """Choices that a machine with this number of wheels has."""
         return tuple(choice for choice in self.choices if wheel_number(choice) <= wheels)
+
+
+FLOOR = Selector("floor", (), True)
+"""Floor that an effect of the floor is about; without it, the effect acts on every floor."""
 
 
 @dataclass(frozen=True)
@@ -183,6 +189,42 @@ class ChannelEffect(NamedTuple):
 
 
 @dataclass(frozen=True)
+class FloorChange:
+    """Changes that effects make to a floor."""
+
+    scale: dict[str, float] = field(default_factory=dict)
+    """Scales by keys of `FLOOR_SCALES`."""
+    extra: dict[str, float] = field(default_factory=dict)
+    """Amounts added to parameters, by keys of `FLOOR_EXTRAS`."""
+
+    def multiply(self, key: str, scale: float) -> None:
+        """Scale parameters of the floor, on top of earlier scales."""
+        self.scale[key] = self.scale.get(key, 1.0) * scale
+
+    def add(self, key: str, amount: float) -> None:
+        """Add to a parameter of the floor, on top of earlier amounts."""
+        self.extra[key] = self.extra.get(key, 0.0) + amount
+
+    def without_nulls(self) -> FloorChange:
+        """The changes that change anything."""
+        scale = {key: value for key, value in self.scale.items() if value != 1.0}
+        return FloorChange(scale, {key: value for key, value in self.extra.items() if value != 0.0})
+
+    def on(self, floor: Floor, load: float) -> Floor:
+        """The changed floor.
+
+        Args:
+          floor: The floor.
+          load: Normal force about which an exponent of the load turns, if the floor states none [N].
+
+        Raises:
+          InputError: The floor's law has no such parameter, or the sum breaks its rule.
+        """
+        scaled = scale_floor(floor, self.scale)
+        return extend_floor(scaled, self.extra, load) if self.extra else scaled
+
+
+@dataclass(frozen=True)
 class AppliedEffects:
     """Machine with its effects applied, for plants and replay; n wheels, one for the rig and the axis."""
 
@@ -200,10 +242,8 @@ class AppliedEffects:
     """Payload mass [kg] and its position x, y in the body frame [m]; rig and axis use the mass only."""
     slope: tuple[float, float]
     """Inclination of floor or rail and downhill direction in the world frame [rad]."""
-    floor_scale: Mapping[str, float]
-    """Scales of a floor by keys of `FLOOR_SCALES`; empty: none."""
-    floor_extra: Mapping[str, float]
-    """Amounts added to parameters of a floor, by keys of `FLOOR_EXTRAS`; empty: none."""
+    floor_changes: Mapping[str, FloorChange]
+    """Changes by the floor's name; "": of every floor."""
     channels: Mapping[str, ChannelEffect]
     """Changes of the readings, by channel."""
 
@@ -218,11 +258,13 @@ class AppliedEffects:
         Raises:
           InputError: The floor's law has no such parameter.
         """
-        scaled = scale_floor(floor, self.floor_scale)
-        if not self.floor_extra:  # of robots only
-            return scaled
-        load = (self.machine.body.mass + self.added_mass) * GRAVITY / self.machine.wheel_count
-        return extend_floor(scaled, self.floor_extra, load)
+        load = 1.0
+        if isinstance(self.machine, Robot):  # alone it has effects that add
+            load = (self.machine.body.mass + self.added_mass) * GRAVITY / self.machine.wheel_count
+        for name in ("", floor.name):
+            if change := self.floor_changes.get(name):
+                floor = change.on(floor, load)
+        return floor
 
     def floors(self, floors: Mapping[str, Floor]) -> Mapping[str, Floor]:
         """All floors with changed parameters; those whose law lacks such a parameter stay as they are."""
@@ -270,8 +312,7 @@ class MachineChanges:
         self.terms: Array = zero_terms(n)
         self.torque_scale, self.radius_scale, self.misalignment = np.ones(n), np.ones(n), np.zeros(n)
         self.payload, self.slope = (0.0, 0.0, 0.0), (0.0, 0.0)
-        self.floor_scale: dict[str, float] = {}
-        self.floor_extra: dict[str, float] = {}
+        self.floor_changes: dict[str, FloorChange] = {}
         self.channels: dict[str, ChannelEffect] = {}
         self._added: dict[str, dict[str, float]] = {}
         self._curves = 0
@@ -288,6 +329,10 @@ class MachineChanges:
         if wheel > count:
             raise InputError("wheel", f"found {wheel}", f"the machine has wheels 1 to {count}")
         return slice(wheel - 1, wheel)
+
+    def floor_change(self, values: Values) -> FloorChange:
+        """Changes of the floor that an effect selects, or of every floor."""
+        return self.floor_changes.setdefault(str(values.get(FLOOR.name, "")), FloorChange())
 
     def add_to_constant(self, table: str, key: str, value: float) -> None:
         """Add to a constant of the machine that cannot fall below zero (`wheel`, `roller_dry`)."""
@@ -352,7 +397,6 @@ class MachineChanges:
             self.misalignment,
             self.payload,
             self.slope,
-            {key: scale for key, scale in self.floor_scale.items() if scale != 1.0},
-            {key: value for key, value in self.floor_extra.items() if value != 0.0},
+            {name: change.without_nulls() for name, change in self.floor_changes.items()},
             self.channels,
         )

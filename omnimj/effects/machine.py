@@ -62,6 +62,9 @@ def complete_values(
     for selector in effect.selectors:
         if selector.optional and selector.name not in given:
             continue
+        if not selector.choices:
+            values[selector.name] = _any_name(given[selector.name], f"{place}.{selector.name}")
+            continue
         choices = selector.on(wheels)
         if selector.name not in given and len(choices) > 1:
             raise InputError(
@@ -72,6 +75,12 @@ def complete_values(
             raise UnknownNameError(place, selector.name, chosen, map(str, choices))
         values[selector.name] = chosen
     return values
+
+
+def _any_name(given: object, place: str) -> str:
+    if isinstance(given, str) and given:
+        return given
+    raise InputError(place, f"found {given!r}", "a name is needed")
 
 
 def with_effects(machine: Machine, effects: Mapping[str, Mapping[str, Any]]) -> Machine:

@@ -64,6 +64,8 @@ OPTIONAL: Mapping[str, Rule] = MappingProxyType(
         "load_exponent": Rule(0.0, 2.0, True),
         "reference_load": _POSITIVE,
         "rolling_resistance": _NOT_NEGATIVE,
+        "roller_resistance": _NOT_NEGATIVE,
+        "roller_dry": _NOT_NEGATIVE,
     }
 )
 """Rules of the parameters that a floor of any law may have."""
@@ -73,8 +75,8 @@ OPTIONAL_OF_LAW: Mapping[str, Mapping[str, Rule]] = MappingProxyType({"lugre": {
 _DIGITS = 6
 FLOOR_UNITS = (
     "# mu, mu_c, mu_s, mu_cap 1; V_s m/s; sigma_0 1/m; sigma_1, sigma_2 s/m; B, C, D, E, creep_stiffness 1;\n"
-    "# turnover 1/m; relaxation_length m; damping_time s; load_exponent, rolling_resistance 1;\n"
-    "# reference_load N."
+    "# turnover 1/m; relaxation_length m; damping_time s; load_exponent 1; reference_load N;\n"
+    "# rolling_resistance, roller_resistance, roller_dry 1."
 )
 """Comment with the units of the parameters of a floor."""
 
@@ -116,6 +118,10 @@ class TractionParameters(NamedTuple):
     """Share of LuGre's bristles that leaves the contact per distance rolled κ [1/m]."""
     rolling_resistance: float = 0.0
     """μ_r of the dry force μ_r F_N against the direction in which the contact rolls."""
+    roller_resistance: float = 0.0
+    """μ_rr, by which the resistance to the rolling of the rollers exceeds that of the wheel."""
+    roller_dry: float = 0.0
+    """μ_rd of the dry force μ_rd F_N that the floor adds to the friction of the rollers."""
 
 
 TRACTION_SIZE = len(TractionParameters._fields)
@@ -201,17 +207,20 @@ def read_floors(path: Path | str | None = None) -> dict[str, Floor]:
     return {name: _read_floor(f"{path}: {name}", name, table) for name, table in read_toml(path).items()}
 
 
-def all_floors(own: Path | str | None = None) -> dict[str, Floor]:
-    """Shipped floors by name, together with those of another file, which replace floors of the same name.
+def all_floors(*own: Path | str | None) -> dict[str, Floor]:
+    """Shipped floors by name, together with those of other files, which replace floors of the same name.
 
     Args:
-      own: A floors file; None: only the shipped floors.
+      own: Floors files, of which later ones replace floors of those before; None for no file.
 
     Raises:
       InputError: A value is missing or breaks its rule.
       UnknownNameError: A law or key that does not exist.
     """
-    return read_floors() | (read_floors(own) if own is not None else {})
+    floors = read_floors()
+    for file in own:
+        floors |= read_floors(file) if file is not None else {}
+    return floors
 
 
 def find_floor(name: object, place: str, floors: Mapping[str, Floor] | None = None) -> Floor:

@@ -37,6 +37,24 @@ _STIFFNESS = 1e-6  # added to the derivative's diagonal [N.s/m]: a wheel in full
 
 
 @kernel
+def steady_ratio(floor, slip, rolling, smoothing):
+    """F/F_N of settled bristles [1].
+
+    Args:
+      floor: `TractionParameters`.
+      slip: Slip velocity [m/s].
+      rolling: Rolling speed, as `traction.rolling_speed` [m/s].
+      smoothing: Velocity over which dry friction changes its sign [m/s].
+    """
+    rate = relaxation_rate(floor, slip, rolling)
+    if floor.law == LUGRE:  # its dry part changes sign at once otherwise
+        rate = math.hypot(rate, floor.sigma_0 * smoothing / stribeck(floor, slip))
+    elif rate <= 0.0:
+        rate = 1e-9
+    return force_ratio(floor, slip / rate, slip, rate)
+
+
+@kernel
 def steady_force(driven, wheel_speed, twist, smoothing, forces):
     """Force of the floor on one wheel in steady motion.
 
@@ -52,13 +70,8 @@ def steady_force(driven, wheel_speed, twist, smoothing, forces):
     rim = wheel.wheel.radius * wheel_speed
     slip, sideways = contact_velocity(wheel, rim, along, across)
     rolling = rolling_speed(floor, rim, along, sideways)
-    rate = relaxation_rate(floor, slip, rolling)
-    if floor.law == LUGRE:  # its dry part changes sign at once otherwise
-        rate = math.hypot(rate, floor.sigma_0 * smoothing / stribeck(floor, slip))
-    elif rate <= 0.0:
-        rate = 1e-9
     grip = wheel.grip * load_factor(floor, wheel.normal)
-    traction = wheel.normal * grip * force_ratio(floor, slip / rate, slip, rate)
+    traction = wheel.normal * grip * steady_ratio(floor, slip, rolling, smoothing)
     _, resisted = rolling_resistance(floor, max(abs(rim), abs(along)), sideways)
     dry = (wheel.wheel.roller_dry + resisted) * math.tanh(sideways / smoothing)
     drag = wheel.normal * (dry + wheel.wheel.roller_viscous * sideways)
@@ -172,11 +185,7 @@ def steady_current(driven, wheel_speed, twist, forces):
       forces: Scratch, shape (4,).
     """
     steady_force(driven, wheel_speed, twist, SMOOTHING, forces)
-    wheel = driven.wheel.wheel
-    dry, viscous = bearing_friction(wheel, driven.wheel.normal, forces[1])
-    resisted, _ = rolling_resistance(driven.floor, abs(forces[2]), forces[3])
-    dry += (wheel.rolling + resisted) * driven.wheel.normal * wheel.radius
-    needed = wheel.radius * forces[0] + viscous * wheel_speed + math.copysign(dry, wheel_speed)
+    needed = driven.wheel.wheel.radius * forces[0] + _resisting_torque(driven, wheel_speed, forces)
     # the torque of the motor at the wheel rises with the current: by two points on either line of the gear
     low, high = -20.0, 20.0
     for _ in range(60):
@@ -187,6 +196,41 @@ def steady_current(driven, wheel_speed, twist, forces):
         else:
             high = middle
     return 0.5 * (low + high)
+
+
+@kernel
+def _resisting_torque(driven, wheel_speed, forces):
+    """Torque of bearing and rolling resistance on a turning wheel, with `forces` of `steady_force` [N.m]."""
+    wheel = driven.wheel.wheel
+    dry, viscous = bearing_friction(wheel, driven.wheel.normal, forces[1])
+    resisted, _ = rolling_resistance(driven.floor, abs(forces[2]), forces[3])
+    dry += (wheel.rolling + resisted) * driven.wheel.normal * wheel.radius
+    return viscous * wheel_speed + math.copysign(dry, wheel_speed)
+
+
+@kernel
+def traction_rows(model, rows, wheel_speed, found):
+    """Slip, rolling speed and F/F_N of every wheel, the force by its motor's current.
+
+    Args:
+      model: `PlanarModel` of the runs' floor.
+      rows: Body twist and currents of each block, shape (blocks, 3 + n).
+      wheel_speed: φ̇ in each block, shape (blocks, n) [rad/s].
+      found: Filled with slip velocity and rolling speed [m/s] and F/F_N along the drive,
+        shape (blocks, n, 3).
+    """
+    forces = np.empty(4)
+    for b in range(wheel_speed.shape[0]):
+        for i in range(wheel_speed.shape[1]):
+            driven, speed = driven_wheel(model, i), wheel_speed[b, i]
+            steady_force(driven, speed, rows[b, :3], SMOOTHING, forces)
+            forward, backward = motor_torque_bounds(driven.motor, rows[b, 3 + i], speed, driven.published)
+            torque = forward if speed > 0.0 else backward
+            force = (torque - _resisting_torque(driven, speed, forces)) / driven.wheel.wheel.radius
+            along, _ = wheel_velocity(driven.wheel, rows[b, 0], rows[b, 1], rows[b, 2])
+            found[b, i, 0] = forces[2] - along
+            found[b, i, 1] = math.hypot(max(abs(forces[2]), abs(along)), forces[3])
+            found[b, i, 2] = force / driven.wheel.normal
 
 
 @kernel

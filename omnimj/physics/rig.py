@@ -365,7 +365,8 @@ def _stepper(active: bool):
             if active:
                 grip = gripping * traction_scale(terms, position)
             traction = normal * grip * force_ratio(floor, mean, slip, rate)
-            if floor.rolling_resistance != 0.0:  # its direction changes with the speed
+            # its direction changes with the speed
+            if floor.rolling_resistance + floor.roller_resistance + floor.roller_dry != 0.0:
                 soft = rig_on_floor(rig, floor, rim, speed, lateral_speed)
                 resisting = _resistances(soft, lateral_speed, published)
                 lateral, bearing, bearing_viscous, rail_low, rail_high, rail_viscous = resisting

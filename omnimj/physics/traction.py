@@ -59,24 +59,25 @@ def rolling_speed(floor, rim, along, sideways):
 
 @kernel
 def rolling_resistance(floor, rolling, sideways):
-    """Rolling resistance over F_N, on the wheel and on its rollers [1]: μ_r |p|_ε/V_ε and μ_r |u|_ε/V_ε.
+    """Rolling resistance over F_N: μ_r |p|_ε/V_ε on wheels, μ_rd + (μ_r + μ_rr) |u|_ε/V_ε on rollers [1].
 
-    A soft floor resists the rolling of the contact with μ_r F_N against the direction (p, u) in which it
-    rolls; its parts are dry friction against the turning of the wheel, and of the rollers. |x|_ε = √(x² + ε²)
-    and V_ε = √(p² + u² + ε²) with ε = 1 mm/s: at rest both parts hold in full, and a wheel that rolls along
-    its drive has a drag across of μ_r ε/p only.
+    A soft floor resists rolling in the direction (p, u) of the contact: the turning of wheels with μ_r F_N,
+    that of their rollers, which are small and sink in deeper, with (μ_r + μ_rr) F_N. |x|_ε = √(x² + ε²) and
+    V_ε = √(p² + u² + ε²) with ε = 1 mm/s: at rest both parts hold in full, and a wheel that rolls along its
+    drive has little drag across. What rubs on the rollers adds μ_rd in any direction.
 
     Args:
       floor: `TractionParameters`.
       rolling: p = max(|r φ̇|, |V|) along the drive [m/s].
       sideways: Velocity u that turns the roller [m/s].
     """
-    if floor.rolling_resistance == 0.0:
-        return 0.0, 0.0
-    ahead = rolling * rolling + _REST * _REST
-    aside = sideways * sideways
-    share = floor.rolling_resistance / math.sqrt(ahead + aside)
-    return share * math.sqrt(ahead), share * math.sqrt(aside + _REST * _REST)
+    on_wheel, on_rollers = floor.rolling_resistance, floor.rolling_resistance + floor.roller_resistance
+    if on_rollers == 0.0:
+        return 0.0, floor.roller_dry
+    ahead, aside = rolling * rolling, sideways * sideways
+    speed = math.sqrt(ahead + aside + _REST * _REST)
+    on_wheel *= math.sqrt(ahead + _REST * _REST) / speed
+    return on_wheel, floor.roller_dry + on_rollers * math.sqrt(aside + _REST * _REST) / speed
 
 
 @kernel

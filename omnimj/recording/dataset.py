@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -129,6 +129,14 @@ class Run:
         """Name of the condition: `repeat_of`, or else the name of the run."""
         return self.repeat_of or self.name
 
+    def unmasked(self, names: Sequence[str]) -> Array:
+        """Columns by name, NaN where masked, shape (n, columns)."""
+        table = np.column_stack([np.array(self.columns[name], float) for name in names])
+        for k, name in enumerate(names):
+            if (bad := self.masked.get(name)) is not None:
+                table[bad, k] = np.nan
+        return table
+
     def to_pandas(self) -> Any:
         """Convert the columns to a `pandas.DataFrame` indexed by `time`; needs pandas."""
         return to_frame(self.columns)
@@ -150,8 +158,12 @@ class Dataset:
     """Whether `x`, `y` and `heading` of a robot were measured; its inertial unit may then be missing."""
 
 
-def require_inertial_unit(dataset: Dataset) -> None:
+def require_inertial_unit(dataset: Dataset, hint: str = "") -> None:
     """Refuse robot runs with a measured pose and no inertial unit, for work that needs the unit.
+
+    Args:
+      dataset: The runs.
+      hint: What works without the unit, for the message.
 
     Raises:
       InputError: A run lacks a column of the inertial unit.
@@ -161,4 +173,6 @@ def require_inertial_unit(dataset: Dataset) -> None:
         if missing:
             found = f"run {run.name!r} has no {', '.join(missing)}"
             rule = "this command needs the inertial unit; a measured pose does not replace it here"
+            if hint:
+                rule += f"; {hint}"
             raise InputError(dataset.path, found, rule)

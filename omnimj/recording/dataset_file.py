@@ -24,7 +24,7 @@ from omnimj.recording.dataset import (
 from omnimj.recording.run_table import printable
 
 DATASET_FILE = "dataset.toml"
-CONDITION_KEYS = ("floor", "mass", "repeat_of", "description", "date")
+CONDITION_KEYS = ("floor", "start_floors", "mass", "repeat_of", "description", "date")
 """Keys allowed in [defaults] and [runs.NAME]."""
 POSE_MEASURED = "pose_measured"
 """Further key of [defaults], for robots: x, y and heading were measured, an inertial unit is not needed."""
@@ -167,6 +167,8 @@ def _conditions(place: str, entry: Any, floors: Collection[str]) -> dict[str, fl
             raise UnknownNameError(place, "key", key, (*CONDITION_KEYS, POSE_MEASURED))
         if key == "mass":
             found[key] = check_number(at, value, _POSITIVE)
+        elif key == "start_floors":
+            found[key] = _start_floors(at, value, floors)
         elif key == "floor" and (not isinstance(value, str) or value not in floors):
             raise UnknownNameError(at, "floor", value, floors)
         elif key == "date" and isinstance(value, datetime.date | datetime.time):
@@ -174,6 +176,19 @@ def _conditions(place: str, entry: Any, floors: Collection[str]) -> dict[str, fl
         else:
             found[key] = check_text(at, value)
     return found
+
+
+def _start_floors(place: str, value: Any, floors: Collection[str]) -> str:
+    """Floors under the wheels at the start, a list or a text with commas, as such a text."""
+    names = [name.strip() for name in value.split(",")] if isinstance(value, str) else value
+    if not isinstance(names, list) or not names:
+        raise InputError(
+            place, f"found {value!r}", "a list with the floor under each wheel is needed", floors
+        )
+    for name in names:
+        if not isinstance(name, str) or name not in floors:
+            raise UnknownNameError(place, "floor", name, floors)
+    return ", ".join(names)
 
 
 def _column_mapping(place: str, entry: Any, plant: str, known: Collection[str]) -> ColumnMapping:

@@ -13,19 +13,25 @@ from omnimj.signals import CurrentCommand
 
 RIG, ROBOT, FLOORS = read_rig(), read_robot(), read_floors()
 STONE = FLOORS["natural_stone"]
+
+
+def selections(effect, most=None):
+    """Choices of an effect's selector, at most so many; none of one that takes any name."""
+    named = [s for s in effect.selectors if s.choices]
+    return [{s.name: choice} for s in named for choice in s.choices[:most]] or [{}]
+
+
 RIG_CASES = [
-    (name, {s.name: choice for s in effect.selectors})
-    for name, effect in effects_of("quarter_rig").items()
-    for choice in (effect.selectors[0].choices if effect.selectors else (None,))
+    (name, chosen) for name, effect in effects_of("quarter_rig").items() for chosen in selections(effect)
 ]
 """Every effect of the rig, with every choice of its selector."""
 POSE_EFFECTS = ("heading_offset", "pose_scale")
 """Effects of a measured pose, which the plants' own sensors do not show."""
 ROBOT_CASES = [
-    (name, {s.name: choice for s in effect.selectors})
+    (name, chosen)
     for name, effect in effects_of("uto_robot").items()
     if name not in (*POSE_EFFECTS, "load_sensitivity")
-    for choice in (effect.selectors[0].choices[:2] if effect.selectors else (None,))
+    for chosen in selections(effect, 2)
 ]
 """Every other effect of the robot that shows where all wheels carry the same load, with two choices of its
 selector."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from driven_plants import RIG, RIG_CASES, ROBOT, ROBOT_CASES, plain, rig_run, robot_run
+from driven_plants import RIG, RIG_CASES, ROBOT, ROBOT_CASES, plain, rig_run, robot_run, selections
 
 from omnimj.effects import apply_effects, effects_of, with_effects
 
@@ -49,7 +49,7 @@ def test_at_its_bounds_an_effect_leaves_finite_numbers(plant, machine, steps, na
 
 @pytest.mark.parametrize(("plant", "machine"), [("quarter_rig", RIG), ("uto_robot", ROBOT)])
 def test_all_effects_at_once_fit_into_one_machine(plant, machine):
-    every = {name: {s.name: s.choices[0] for s in e.selectors} for name, e in effects_of(plant).items()}
+    every = {name: selections(effect, 1)[0] for name, effect in effects_of(plant).items()}
     loaded = with_effects(machine, every)
     steps = 400
     for kind in KINDS:
@@ -62,6 +62,6 @@ def test_all_effects_at_once_fit_into_one_machine(plant, machine):
 def test_a_machine_without_effects_is_applied_unchanged(machine):
     found = apply_effects(machine)
     assert found.machine is machine
-    assert not found.terms.any() and not found.channels and not found.floor_scale
+    assert not found.terms.any() and not found.channels and not found.floor_changes
     assert (found.payload, found.slope) == ((0.0, 0.0, 0.0), (0.0, 0.0))
     assert np.all(found.torque_scale == 1.0) and np.all(found.radius_scale == 1.0)

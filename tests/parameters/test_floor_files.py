@@ -98,6 +98,8 @@ def test_a_mistake_in_the_law_is_refused_in_one_line(refused, line, wrong, expec
         ),
         ("load_exponent = 1\nreference_load = 0", "mat.reference_load: found 0; must be above 0"),
         ("rolling_resistance = -0.01", "mat.rolling_resistance: found -0.01; must be at least 0"),
+        ("roller_resistance = -1", "mat.roller_resistance: found -1; must be at least 0"),
+        ("roller_dry = nan", "mat.roller_dry: found nan; must be at least 0"),
         ("sigma_0 = 1.0", "mat: unknown key 'sigma_0'; choices: creep_stiffness, "),
     ],
 )
@@ -123,12 +125,13 @@ def test_what_is_not_given_changes_nothing(tmp_path):
     assert read_floors(path)["mat"].traction == limited
 
 
+@pytest.mark.parametrize("name", ["rolling_resistance", "roller_resistance", "roller_dry"])
 @pytest.mark.parametrize("resistance", [0.0, 0.035])
-def test_a_floor_with_rolling_resistance_is_written_and_read_again(tmp_path, resistance):
+def test_a_floor_with_rolling_resistance_is_written_and_read_again(tmp_path, name, resistance):
     path = tmp_path / "own.toml"
-    path.write_text(f"{MAT}rolling_resistance = {resistance}\n")
+    path.write_text(f"{MAT}{name} = {resistance}\n")
     mat = read_floors(path)["mat"]
-    assert mat.traction.rolling_resistance == mat.row[-1] == resistance
+    assert getattr(mat.traction, name) == mat.row[TractionParameters._fields.index(name)] == resistance
     path.write_text(format_floor(mat))
     assert read_floors(path)["mat"] == mat
 

@@ -7,7 +7,15 @@ import pytest
 
 from omnimj.effects import apply_effects, with_effects
 from omnimj.parameters import read_floors, read_robot
-from omnimj.physics.equilibrium import SMOOTHING, steady_current, steady_rows, steady_twist
+from omnimj.physics.equilibrium import (
+    SMOOTHING,
+    steady_current,
+    steady_force,
+    steady_ratio,
+    steady_rows,
+    steady_twist,
+    traction_rows,
+)
 from omnimj.physics.kinematics import rolling_matrix
 from omnimj.physics.motor import driven_by_measured_current, motor_parameters
 from omnimj.physics.planar import (
@@ -27,6 +35,14 @@ LAWS = {
     "by slip speed": {},
     "by creep ratio": {"turnover": 20.0, "mu_c": 1.5, "mu_s": 1.5},
     "soft": {"turnover": 20.0, "mu_c": 1.5, "mu_s": 1.5, "rolling_resistance": 0.12},
+    "soft under rollers": {
+        "turnover": 20.0,
+        "mu_c": 3.0,
+        "mu_s": 3.0,
+        "rolling_resistance": 0.03,
+        "roller_resistance": 0.15,
+        "roller_dry": 0.05,
+    },
 }
 ROLLERS = {"roller_friction": {"roller_dry": 0.03, "roller_viscous": 0.1}}
 NO_CURVE = np.zeros(0)
@@ -90,6 +106,20 @@ def test_the_steady_current_gives_the_torque_that_the_floor_takes(law):
         share = abs(forces[2]) / np.hypot(forces[2], forces[3])
         needed = driven.wheel.wheel.radius * ahead + np.sign(speed) * resisted * share
         assert (low if speed > 0.0 else high) == pytest.approx(needed, abs=2e-4)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_slip_and_current_give_back_the_force_that_the_floor_takes(law):
+    model, speeds = model_of(LAWS[law]), np.array([rims(angle) for angle in (0.2, 0.9, 1.7, 2.5, 4.1)])
+    rows, found, forces = np.zeros((len(speeds), 6)), np.zeros((*speeds.shape, 3)), np.zeros(4)
+    steady_rows(model, speeds, NO_CURVE, rows)
+    traction_rows(model, rows, speeds, found)
+    for b, i in np.ndindex(speeds.shape):
+        driven = driven_wheel(model, i)
+        steady_force(driven, speeds[b, i], rows[b, :3], SMOOTHING, forces)
+        assert found[b, i, 2] == pytest.approx(forces[0] / driven.wheel.normal, abs=1e-6)
+        law_ratio = steady_ratio(driven.floor, found[b, i, 0], found[b, i, 1], SMOOTHING)
+        assert found[b, i, 2] == pytest.approx(law_ratio, abs=1e-6)
 
 
 def test_by_creep_ratio_a_robot_without_dry_friction_slips_alike_at_any_speed():

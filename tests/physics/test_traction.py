@@ -165,6 +165,21 @@ def test_rolling_resistance_is_one_force_against_the_direction_of_rolling(name, 
     assert on_rollers == pytest.approx(resistance * abs(aside) / speed, abs=0.01 * resistance)
 
 
+@given(st.sampled_from(sorted(FLOORS)), st.floats(0.0, 1.0), st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
+def test_rollers_resist_more_than_the_wheel_by_a_share_with_the_direction_and_one_without(
+    name, more, ahead, aside
+):
+    plain = FLOORS[name].traction._replace(rolling_resistance=0.1)
+    on_wheel, on_rollers = rolling_resistance(plain, abs(ahead), aside)
+    found = rolling_resistance(plain._replace(roller_resistance=more, roller_dry=0.02), abs(ahead), aside)
+    # resistance over 0.1 is the share of the rollers in the direction
+    assert found == pytest.approx((on_wheel, on_rollers * (1.0 + more / 0.1) + 0.02), rel=1e-12)
+    alone = FLOORS[name].traction._replace(roller_resistance=more, roller_dry=0.02)
+    on_wheel, on_rollers_alone = rolling_resistance(alone, abs(ahead), aside)
+    assert on_wheel == 0.0
+    assert on_rollers_alone == pytest.approx(on_rollers * more / 0.1 + 0.02, rel=1e-12)
+
+
 @pytest.mark.parametrize("name", sorted(FLOORS))
 def test_rolling_resistance_holds_in_full_at_rest_and_vanishes_across_a_wheel_that_rolls_along(name):
     floor = FLOORS[name].traction._replace(rolling_resistance=0.03)

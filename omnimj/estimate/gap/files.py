@@ -10,7 +10,14 @@ from typing import Any
 import numpy as np
 
 import omnimj
-from omnimj.effects import FLOOR_SCALES, Interval, scale_floor
+from omnimj.effects import (
+    FLOOR,
+    FLOOR_SCALES,
+    Interval,
+    apply_effects,
+    scale_floor,
+    with_further_effects,
+)
 from omnimj.effects.model_writer import format_model
 from omnimj.estimate.gap import sentences
 from omnimj.estimate.gap.plants import Machine, find_plant
@@ -158,31 +165,60 @@ def new_model_text(finding: Finding, file: Path | None = None) -> str | None:
     )
 
 
-def new_floors_text(finding: Finding, floors: Mapping[str, Floor]) -> str | None:
+def new_floors_text(finding: Finding, floors: Mapping[str, Floor], file: Path | None = None) -> str | None:
     """Text of a floors file with the refitted floors; None where nothing was named or changed.
+
+    Effects of one floor have become numbers of this floor.
 
     Args:
       finding: The finding.
       floors: Floors from which the search began, by name.
+      file: Model file from which the search began; the shipped one when None.
+
+    Raises:
+      InputError: A floor's law has no such number.
     """
     scales: dict[str, dict[str, float]] = {}
     for parameter in finding.refitted if finding.effects else ():
         name, _, letter = parameter.name.rpartition(".")
         if name in floors and letter in FLOOR_SCALES and _is_changed(parameter):
             scales.setdefault(name, {})[letter] = parameter.fitted
-    if not scales:
+    own = _floor_effects(finding)
+    if not scales and not own:
         return None
+    changed = apply_effects(with_further_effects(_refitted_machine(finding, file), own))
     source = f"identified: refitted to {finding.dataset}"
-    new = [replace(scale_floor(floors[name], own), source=source) for name, own in scales.items()]
+    names = dict.fromkeys([*scales, *(str(values[FLOOR.name]) for _, values in own)])
+    fitted = [changed.floor(scale_floor(floors[name], scales.get(name, {}))) for name in names]
+    new = [replace(floor, source=source) for floor in fitted]
     return "\n".join(
         [f"# Floors refitted by omnimj {omnimj.__version__}.\n{FLOOR_UNITS}\n", *map(format_floor, new)]
     )
 
 
+def _floor_effects(finding: Finding) -> list[tuple[str, dict[str, Any]]]:
+    """Named effects of single floors, with the values of their parameters."""
+    return [
+        (effect.effect, {**effect.selectors, **{key: p.value for key, p in effect.parameters.items()}})
+        for effect in finding.effects
+        if FLOOR.name in effect.selectors
+    ]
+
+
+def _refitted_machine(finding: Finding, file: Path | None) -> Any:
+    """Machine of the model file with its refitted mass, on which loads of floors depend, without effects."""
+    machine: Any = replace(find_plant(finding.plant).read(file), effects={})
+    for parameter in finding.refitted:
+        if parameter.name == "body.mass":
+            machine = replace(machine, body=replace(machine.body, mass=parameter.fitted))
+    return machine
+
+
 def effect_tables(
     effects: Iterable[NamedEffect], present: Iterable[str] = ()
 ) -> dict[str, dict[str, float | int | str | Interval]]:
-    """Effects by the names of their tables; a second instance is called `sensor_delay_2`.
+    """Effects by the names of their tables; a second instance is called `sensor_delay_2`. Effects of one
+    floor are left out: they become numbers of this floor.
 
     Args:
       effects: Named effects.
@@ -191,6 +227,8 @@ def effect_tables(
     tables: dict[str, dict[str, float | int | str | Interval]] = {}
     taken = set(present)
     for effect in effects:
+        if FLOOR.name in effect.selectors:
+            continue
         name, k = effect.effect, 2
         while name in taken:
             name, k = f"{effect.effect}_{k}", k + 1

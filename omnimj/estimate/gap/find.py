@@ -28,7 +28,9 @@ from omnimj.estimate.gap.verdict import Verdict, judge_search, next_experiment
 from omnimj.estimate.intervals import effective_samples, jackknife_deviations, repeatability
 from omnimj.estimate.replay.interface import Replay
 from omnimj.estimate.replay.problem import Fit, Problem
+from omnimj.estimate.replay.steady.replay import SteadyReplay
 from omnimj.estimate.replay.steady.runs import direction_sectors
+from omnimj.estimate.replay.steady.traction import TractionCurves, traction_curves
 from omnimj.estimate.robot.blocks import robot_rows
 from omnimj.estimate.robot.pose_check import require_like_motion
 from omnimj.parameters import Robot
@@ -138,8 +140,17 @@ def analyse_replay(
         remains=verdict.remains,
         incomplete=verdict.incomplete,
         given_up=found.given_up,
+        traction=_traction(replay, found, after),
         ended=found.ended,
     )
+
+
+def _traction(replay: Replay, found: SearchResult, after: Fit | None) -> tuple[TractionCurves, ...]:
+    """Traction over slip, of replays that know it."""
+    if not isinstance(replay, SteadyReplay):
+        return ()
+    second = None if after is None else found.problem.split(after.x, after.effects)[0]
+    return traction_curves(replay, found.first.split(found.base.x, found.base.effects)[0], second)
 
 
 class _CountingReplay:

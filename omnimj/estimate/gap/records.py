@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from omnimj.effects import Interval
+from omnimj.estimate.replay.steady.traction import TractionCurves
 from omnimj.signals import Array
 
 
@@ -177,6 +178,8 @@ class Finding:
     """True if effects are named and something else is missing as well."""
     given_up: tuple[GivenUp, ...] = ()
     """Effects that were in the model for a while, the largest gain first."""
+    traction: tuple[TractionCurves, ...] = ()
+    """Traction over slip by floor, of robots on steady drives."""
     ended: str = ""
     """Reason for which the search added nothing more; empty if it was interrupted."""
 

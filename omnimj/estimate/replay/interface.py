@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from omnimj.effects import Effect, EffectParameter, effects_of
+from omnimj.effects import FLOOR, Effect, EffectParameter, effects_of
 from omnimj.signals import Array
 
 MOST_EFFECTS = 4
@@ -172,20 +172,27 @@ def average_blocks(values: Array, size: int) -> Array:
 
 
 def candidate_effects(
-    plant: str, spans: Mapping[str, tuple[float, float]], without: tuple[str, ...] = (), wheels: int = 1
+    plant: str,
+    spans: Mapping[str, tuple[float, float]],
+    without: tuple[str, ...] = (),
+    wheels: int = 1,
+    floors: Sequence[str] = (),
 ) -> tuple[CandidateEffect, ...]:
     """Candidate effects of a plant from the catalogue; one candidate for every choice of a selector,
-    of an optional one none.
+    of an optional one none. Effects of a floor are candidates for each of `floors`, where these are given.
 
     Args:
       plant: Name of the plant.
       spans: Range covered by the runs: `speed` and `position` → lowest, highest; shapes are tried inside.
       without: Labels that cannot show in these data (a channel that was not recorded).
       wheels: Number of the machine's wheels.
+      floors: Names of the floors of the runs.
     """
     candidates = []
     for effect in effects_of(plant).values():
         choices = [[(s.name, c) for c in s.on(wheels)] for s in effect.selectors if not s.optional]
+        if floors and FLOOR in effect.selectors:
+            choices.append([(FLOOR.name, floor) for floor in floors])
         for chosen in itertools.product(*choices):
             text = ", ".join(str(c) if n != "wheel" else f"wheel {c}" for n, c in chosen)
             label = f"{effect.name} ({text})" if text else effect.name

@@ -26,11 +26,13 @@ from omnimj.estimate.gap.records import (
 from omnimj.estimate.gap.sentences import format_amount, format_in_noise, format_number, format_percent
 from omnimj.view.plots import candidates as candidate_plots
 from omnimj.view.plots import mismatch as plots
+from omnimj.view.plots.traction import over_slip
 from omnimj.view.report import finding_tables as tables
 from omnimj.view.report.page import Figure, Table, number, plot, table, write_page
 from omnimj.view.report.run_sections import MOST_FIGURES, RunSection, make_section, run_key
 
 _SPECTRA = 3
+_MOST_NOTES = 8  # of the data check; more are folded
 _NEGLIGIBLE = 0.01  # share of the mismatch below which no free curve is plotted
 _VERDICT_CLASSES = {"named": "good", "ambiguous": "ambiguous", "unexplained": "bad", "no_gap": "good"}
 _SIGNS = {"named": "✓", "ambiguous": "?", "unexplained": "✗", "no_gap": "✓"}
@@ -76,6 +78,7 @@ def write_gap_report(
         locations=tables.mismatch_locations(finding),
         location_figures=_location_figures(finding, runs),
         effects=[tables.fitted_parameters(effect) for effect in finding.effects],
+        traction_figures=_traction_figures(finding),
         free_curves=_free_curves(finding),
         free_variables=sentences.join_words(list(map(sentences.variable_words, finding.flexible)), "or"),
         rounds=_rounds(finding),
@@ -129,15 +132,16 @@ def _tiles(finding: Finding) -> list[tuple[str, str, str]]:
     return tiles
 
 
-def _data_notes(finding: Finding) -> list[str]:
+def _data_notes(finding: Finding) -> tuple[list[str], list[str]]:
+    """Return the notes to show, and those to fold."""
     notes = list(finding.data_notes) or ["The check of the data found nothing to report."]
     sensors = [c.label for stage in finding.stages[:1] for c in stage.candidates if c.is_sensor]
     if sensors:
         named = [label for label in map(sentences.effect_label, finding.effects) if label in sensors]
         end = f"{sentences.join_words(named)} was named." if named else "none of them was named."
         names = sentences.join_words(sensors)
-        notes.append(f"Sensor errors were candidates as well as the machine: {names}; {end}")
-    return notes
+        notes.insert(0, f"Sensor errors were candidates as well as the machine: {names}; {end}")
+    return notes[:_MOST_NOTES], notes[_MOST_NOTES:]
 
 
 def _location_figures(finding: Finding, runs: Sequence[RunGap]) -> list[Figure]:
@@ -165,6 +169,18 @@ def _regime_figure(finding: Finding, k: int, variable: str, place: MismatchRegim
     )
     drawing = plots.against_regime(finding, variable, place)
     return plot(drawing, f"regime-{k}", f"Mismatch over {sentences.variable_words(variable)}", caption)
+
+
+def _traction_figures(finding: Finding) -> list[Figure]:
+    """Plot traction over slip, floor by floor."""
+    caption = (
+        "Points: slip by pose and wheel speeds, force by the currents, neither by a traction law. "
+        "Dashed: the model before, refitted; solid: with the named effects, both at the same rolling speeds."
+    )
+    return [
+        plot(over_slip(curves), f"traction-{k}", f"Traction over slip on {curves.floor}", caption)
+        for k, curves in enumerate(finding.traction)
+    ]
 
 
 def _free_curves(finding: Finding) -> tuple[Figure, Table] | None:
@@ -239,11 +255,16 @@ def _certainty(finding: Finding) -> list[str]:
     if not finding.effects:
         lines.append(_nothing_named(finding))
     lines += sentences.summarize_given_up(finding)
-    lines.append(
-        f"{finding.samples} block means are equivalent to {finding.effective_samples:.0f} independent ones, "
-        "since neighbouring ones are correlated."
-    )
+    lines.append(_independence(finding))
     return lines
+
+
+def _independence(finding: Finding) -> str:
+    equivalent = f"{finding.effective_samples:.0f}"
+    if equivalent == f"{finding.samples}":
+        return f"The {finding.samples} block means are taken as independent."
+    why = "since neighbouring ones are correlated"
+    return f"{finding.samples} block means are equivalent to {equivalent} independent ones, {why}."
 
 
 def _nothing_named(finding: Finding) -> str:

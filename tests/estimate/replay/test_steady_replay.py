@@ -1,5 +1,6 @@
 """Steady driving with a measured pose: blocks of real logs, and effects hidden in simulated ones."""
 
+import itertools
 import tarfile
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 
 from omnimj.effects import apply_effects, with_effects
 from omnimj.errors import InputError
+from omnimj.estimate.gap.files import new_floors_text, new_model_text
 from omnimj.estimate.gap.find import DatasetSummary, analyse_replay
 from omnimj.estimate.replay.interface import Setting
 from omnimj.estimate.replay.steady.replay import SteadyReplay, steady_model
@@ -19,7 +21,7 @@ from omnimj.physics.equilibrium import steady_rows
 from omnimj.physics.kinematics import rolling_matrix
 from omnimj.recording.dataset import Dataset, Run
 
-FLOOR = "natural_stone"
+FLOOR, OTHER = "natural_stone", "paperboard"
 HIDDEN = {
     "creep_ratio": {"compliance": 0.5, "slip_speed": 0.0},
     "soft_floor": {"resistance": 0.12},
@@ -32,20 +34,20 @@ def robot():
     return read_robot("robotino")
 
 
-def steady_twist_of(machine, speeds):
+def steady_twist_of(machine, floor, speeds):
     """Twist and currents of a machine with its effects, from the packed kernels directly."""
     changed = apply_effects(machine)
     rows = np.zeros((1, 6))
-    steady_rows(steady_model(changed, changed.floor(read_floors()[FLOOR])), speeds[None], np.zeros(0), rows)
+    steady_rows(steady_model(changed, changed.floor(read_floors()[floor])), speeds[None], np.zeros(0), rows)
     return rows[0]
 
 
-def log(machine, direction, speed, rng):
+def log(machine, floor, direction, speed, rng):
     nominal = robot()
     aim = speed * np.array([np.cos(direction), np.sin(direction), 0.0])
     rims = rolling_matrix(nominal.wheel_positions, nominal.rolling_directions) @ aim
     speeds = rims / nominal.wheel.radius
-    vx, vy, rate, *currents = steady_twist_of(machine, speeds)
+    vx, vy, rate, *currents = steady_twist_of(machine, floor, speeds)
     time = np.arange(0.0, 8.0, 1.0 / RATE)
     heading = rate * time
     # exact integrals of a constant twist
@@ -63,13 +65,12 @@ def log(machine, direction, speed, rng):
     return columns
 
 
-def dataset(machine, seed=0):
+def dataset(machine, seed=0, floors=(FLOOR,)):
     rng, runs = np.random.default_rng(seed), []
-    for k in range(24):
-        for speed in (0.1, 0.25):
-            columns = log(machine, 2.0 * np.pi * k / 24.0, speed, rng)
-            conditions = MappingProxyType({"floor": FLOOR})
-            runs.append(Run(f"run_{k:02}_{speed:g}", columns, MappingProxyType({}), conditions))
+    for floor, k, speed in itertools.product(floors, range(24), (0.1, 0.25)):
+        columns = log(machine, floor, 2.0 * np.pi * k / 24.0, speed, rng)
+        conditions = MappingProxyType({"floor": floor})
+        runs.append(Run(f"{floor}_{k:02}_{speed:g}", columns, MappingProxyType({}), conditions))
     made = Dataset(Path("made"), "uto_robot", tuple(runs), (), 3, True)
     return direction_sectors(made, robot())
 
@@ -97,6 +98,58 @@ def test_a_robot_without_anything_hidden_has_no_gap():
     found = analyse_replay(replay, DatasetSummary("made"), seed=1)
     assert found.verdict == "no_gap"
     assert not found.effects
+
+
+def with_turned_marker(runs, floor, angle):
+    """The dataset with a heading that reads too much by an angle in the runs on a floor."""
+    turned = [
+        replace(run, columns={**run.columns, "heading": run.columns["heading"] + angle})
+        if run.conditions["floor"] == floor
+        else run
+        for run in runs.runs
+    ]
+    return replace(runs, runs=tuple(turned))
+
+
+def test_effects_of_several_floors_are_named_for_the_floor_that_has_them(tmp_path):
+    hidden = {
+        "load_offset": {"x": -0.025, "y": 0.004},
+        "creep_ratio": {"compliance": 0.5, "slip_speed": 0.0, "floor": OTHER},
+        "soft_floor": {"resistance": 0.12, "roller_resistance": 0.2, "floor": OTHER},
+    }
+    made = dataset(with_effects(robot(), hidden), floors=(FLOOR, OTHER))
+    made = with_turned_marker(made, OTHER, 0.02)
+    found = analyse_replay(SteadyReplay(made, robot(), read_floors()), DatasetSummary("made"), seed=3)
+    named = {(e.effect, e.selectors.get("floor")): e.parameters for e in found.effects}
+    assert set(named) == {("load_offset", None), ("creep_ratio", OTHER), ("soft_floor", OTHER)}
+    soft = named["soft_floor", OTHER]
+    assert soft["resistance"].value == pytest.approx(0.12, abs=0.03)
+    assert soft["roller_resistance"].value == pytest.approx(0.2, abs=0.05)
+    assert named["load_offset", None]["x"].value == pytest.approx(-0.025, abs=0.003)
+    angles = {p.name: p.fitted for p in found.refitted if p.name.endswith(".heading")}
+    assert angles[f"{OTHER}.heading"] == pytest.approx(0.02, abs=0.003)
+    assert angles[f"{FLOOR}.heading"] == pytest.approx(0.0, abs=0.003)
+
+
+def test_effects_of_a_floor_become_numbers_of_this_floor_and_those_of_the_robot_its_effects(hidden, tmp_path):
+    found = analyse_replay(SteadyReplay(hidden, robot(), read_floors()), DatasetSummary("made"), seed=3)
+    files = tmp_path / "model.toml", tmp_path / "floors.toml"
+    texts = new_model_text(found, robot().file), new_floors_text(found, read_floors(), robot().file)
+    for file, text in zip(files, texts, strict=True):
+        file.write_text(text)
+    model, floor = read_robot(files[0]), read_floors(files[1])[FLOOR]
+    assert not {"creep_ratio", "soft_floor"} & set(model.effects)
+    assert "load_offset" in model.effects
+    soft = next(e for e in found.effects if e.effect == "soft_floor").parameters["resistance"].value
+    assert floor.numbers["rolling_resistance"] == pytest.approx(soft, rel=1e-5)
+    replay = SteadyReplay(hidden, model, {FLOOR: floor})
+    (simulated,) = replay.simulate([Setting(np.array([b.nominal for b in replay.base]))])
+    errors = np.sqrt(np.nanmean((hidden_blocks(hidden) - simulated) ** 2, axis=0))
+    assert errors[:2].max() < 0.002
+
+
+def hidden_blocks(runs):
+    return steady_runs(runs, robot(), read_floors()).measured
 
 
 def test_a_turned_marker_turns_the_velocity_back_and_a_scale_scales_it(hidden):

@@ -2,4 +2,5 @@
 
 - `runs`: logs as blocks of steady driving, in sectors of directions
 - `replay`: the blocks by the balance of forces
+- `traction`: traction over slip, by the currents and by the models
 """

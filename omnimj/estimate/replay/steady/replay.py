@@ -61,6 +61,8 @@ _VARIABLES = ("rolling_speed", "roller_speed")
 """Variables of the free curves: r φ̇, with a force along the drive; the rollers' speed, along the axle."""
 _CURVE = 2.0  # [N] typical force of a free curve
 _EQUATION_ERROR = 0.001, 0.002, 0.05  # of velocities [m/s], of the yaw rate [rad/s], of currents [A]
+_MOST_OF_ROBOT, _MOST_OF_FLOOR = 4, 4  # effects in a model
+_MARKER = 0.03  # [rad] by which a marker may sit turned on the robot
 _MOVES = {"ahead": 0.0, "diagonal": 45.0, "left": 90.0, "back": 180.0}
 _SPEEDS = {"slow": 0.1, "fast": 0.3}  # [m/s]
 
@@ -68,7 +70,7 @@ _SPEEDS = {"slow": 0.1, "fast": 0.3}  # [m/s]
 class SteadyReplay:
     """Replay of a dataset of steady driving with a measured pose."""
 
-    plant, most_effects, backward_elimination = ROBOT, 8, True
+    plant, backward_elimination = ROBOT, True
 
     def __init__(self, dataset: Dataset, robot: Robot, floors: Mapping[str, Floor]):
         """Prepare the runs.
@@ -86,12 +88,16 @@ class SteadyReplay:
         self._runs = steady_runs(dataset, robot, self._floors)
         self.channels = _channels(self._runs.noise)
         self.segments, self.measured = self._runs.segments, self._runs.measured
-        self.base: tuple[BaseParameter, ...] = base_parameters(robot, self._floors, self._runs.floor, ())
+        constants = base_parameters(robot, self._floors, self._runs.floor, ())
+        self._sessions = _sessions(self._runs.floor)
+        self.base: tuple[BaseParameter, ...] = (*constants, *map(_marker_angle, self._sessions))
         self.curves: Mapping[str, float] = dict.fromkeys(_VARIABLES, _CURVE)
         speeds = robot.wheel.radius * self._runs.wheel_speed
+        self.most_effects = _MOST_OF_ROBOT + _MOST_OF_FLOOR * len(set(self._runs.floor))
         self._span = float(np.abs(speeds).max())
         spans = {"speed": (-self._span, self._span), "position": (-1.0, 1.0)}
-        found = candidate_effects(ROBOT, spans, (), robot.wheel_count)
+        used = tuple(dict.fromkeys(self._runs.floor))
+        found = candidate_effects(ROBOT, spans, (), robot.wheel_count, used)
         self.candidates: tuple[CandidateEffect, ...] = tuple(
             _within(c, robot) for c in found if self._fits(c)
         )
@@ -101,7 +107,7 @@ class SteadyReplay:
 
     def _fits(self, candidate: CandidateEffect) -> bool:
         """True if this effect can show, and can be added to those of the model and to its floors."""
-        if candidate.effect not in EFFECTS:
+        if candidate.effect not in EFFECTS or (candidate.effect == "heading_offset" and self._sessions):
             return False
         typical = np.array([s.typical for s in candidate.parameters])
         try:
@@ -114,7 +120,9 @@ class SteadyReplay:
 
     def based(self, setting: Setting) -> AdjustedMachine[Robot]:
         """Robot with the base parameters and effects of a setting."""
-        return adjusted_machine(self._robot, self._floors, self.base, self._by_label, setting)
+        constants = len(self.base) - len(self._sessions)
+        own = replace(setting, base=setting.base[:constants])
+        return adjusted_machine(self._robot, self._floors, self.base[:constants], self._by_label, own)
 
     def simulate(self, settings: Sequence[Setting]) -> list[Array]:
         """Block means of the channels by the equations, shape (blocks, channels) per setting."""
@@ -135,7 +143,39 @@ class SteadyReplay:
             found = rows[own]
             steady_rows(model, runs.wheel_speed[own], extra, found)
             rows[own] = found
+            if self._sessions:
+                angle = setting.base[len(self.base) - len(self._sessions) + self._sessions.index(name)]
+                rows[own, :2] = _turned_back(found[:, :2], angle)
         return _readings(rows, changed.channels)
+
+    def true_rows(self, setting: Setting) -> Array:
+        """Measured twist and currents without what a setting's sensors do to them, shape (blocks, 3 + n)."""
+        channels = apply_effects(self.based(setting).machine).channels
+        rows, none = self.measured.copy(), ChannelEffect()
+        angle, scale = channels.get("heading", none).offset, channels.get("x", none).scale
+        for name in dict.fromkeys(self._runs.floor):
+            own = _blocks_on(self._runs, name)
+            marker = 0.0
+            if self._sessions:
+                marker = setting.base[len(self.base) - len(self._sessions) + self._sessions.index(name)]
+            rows[own, :2] = _turned_back(rows[own, :2], -angle - marker) / scale
+        for i in range(rows.shape[1] - 3):
+            reading = channels.get(f"current_{i + 1}", none)
+            rows[:, 3 + i] = (rows[:, 3 + i] - reading.offset) / reading.scale
+        return rows
+
+    def blocks(self) -> Mapping[str, tuple[NDArray[np.int_], Array]]:
+        """Floor → indices of its blocks and their wheel speeds, shape (blocks, n) [rad/s]."""
+        names = dict.fromkeys(self._runs.floor)
+        own = {name: _blocks_on(self._runs, name) for name in names}
+        return {name: (rows, self._runs.wheel_speed[rows]) for name, rows in own.items()}
+
+    def model_on(self, setting: Setting, floor: str) -> tuple[PlanarModel, Floor]:
+        """Planar model of a setting on a floor, and this floor with its effects."""
+        based = self.based(setting)
+        changed = apply_effects(based.machine)
+        own = changed.floor(based.floors[floor])
+        return steady_model(changed, own), own
 
     def regimes(self) -> Mapping[str, tuple[str, Array]]:
         """Variable → unit and its measured value in every block, shape (blocks,)."""
@@ -232,16 +272,33 @@ def _free_curve(setting: Setting, span: float) -> Array:
     return np.concatenate([[float(_VARIABLES.index(over)), -span, span], force])
 
 
+def _sessions(floors: Sequence[str]) -> tuple[str, ...]:
+    """Floors whose runs have a marker angle of their own: none where there is one floor.
+
+    Runs on another floor are another session, before which the marker was put on anew.
+    """
+    used = tuple(dict.fromkeys(floors))
+    return used if len(used) > 1 else ()
+
+
+def _marker_angle(floor: str) -> BaseParameter:
+    words = f"angle of the marker in the runs on {floor}"
+    return BaseParameter(f"{floor}.heading", "rad", 0.0, -_MARKER, _MARKER, words)
+
+
+def _turned_back(velocity: Array, angle: float) -> Array:
+    """Velocity as a heading shows it that reads too much by an angle, shape (blocks, 2)."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    ahead, left = velocity.T
+    return np.column_stack([cos * ahead + sin * left, cos * left - sin * ahead])
+
+
 def _readings(rows: Array, channels: Mapping[str, ChannelEffect]) -> Array:
     """Rows as the sensors show them: turned by the marker's angle, scaled, currents by their monitors."""
     found = rows.copy()
     none = ChannelEffect()
     angle, scale = channels.get("heading", none).offset, channels.get("x", none).scale
-    cos, sin = np.cos(angle), np.sin(angle)
-    ahead, left = rows[:, 0], rows[:, 1]
-    # a heading that reads too much by α shows the velocity turned back by α
-    found[:, 0] = scale * (cos * ahead + sin * left)
-    found[:, 1] = scale * (cos * left - sin * ahead)
+    found[:, :2] = scale * _turned_back(rows[:, :2], angle)
     for i in range(rows.shape[1] - 3):
         reading = channels.get(f"current_{i + 1}", none)
         found[:, 3 + i] = reading.scale * rows[:, 3 + i] + reading.offset

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -135,9 +135,9 @@ def _scatter(values: Array) -> Array:
 def _pieces(run: Run, n: int, radius: float) -> Iterator[tuple[float, Array, Array]]:
     """Centre, mean wheel speeds and measured values of each steady piece of a run."""
     time = run.time
-    wheels = _unmasked(run, [f"wheel_speed_{i + 1}" for i in range(n)])
-    pose = _unmasked(run, ["x", "y", "heading"])
-    currents = _unmasked(run, [f"current_{i + 1}" for i in range(n)])
+    wheels = run.unmasked([f"wheel_speed_{i + 1}" for i in range(n)])
+    pose = run.unmasked(["x", "y", "heading"])
+    currents = run.unmasked([f"current_{i + 1}" for i in range(n)])
     moving = np.flatnonzero(np.nan_to_num(np.abs(wheels)).max(axis=1) * radius > _MOVING)
     if not len(moving):
         return
@@ -152,15 +152,6 @@ def _pieces(run: Run, n: int, radius: float) -> Iterator[tuple[float, Array, Arr
             drawn[i] = np.nanmean(currents[inside, i])
         velocity = _velocity(time[inside], pose[inside])
         yield start + (k + 0.5) * PIECE, speed, np.concatenate([velocity, drawn])
-
-
-def _unmasked(run: Run, names: Sequence[str]) -> Array:
-    """Columns of a run, NaN where masked, shape (samples, columns)."""
-    table = np.column_stack([np.asarray(run.columns[name], float) for name in names])
-    for k, name in enumerate(names):
-        if (bad := run.masked.get(name)) is not None:
-            table[bad, k] = np.nan
-    return table
 
 
 def _is_steady(speeds: Array) -> bool:
