@@ -26,6 +26,7 @@ from omnimj.cli.arguments import (
     read_thresholds,
     require_writable,
 )
+from omnimj.cli.floor_labels import add_floor_label_arguments, run_floor_labels, wants_floor_labels
 from omnimj.cli.terminal import (
     ProgressBar,
     announce_compilation,
@@ -67,6 +68,7 @@ def add_diagnose_arguments(parser: argparse.ArgumentParser) -> None:
     add_observer_gains(parser)
     add_workers(parser)
     add_accept(parser)
+    add_floor_label_arguments(parser)
     add_results(parser, "diagnoses.json")
 
 
@@ -83,6 +85,8 @@ def run_diagnose(arguments: Any) -> int:
     """
     from omnimj.cli.fleet import is_fleet, run_fleet
 
+    if wants_floor_labels(arguments):
+        return run_floor_labels(arguments)
     if is_fleet(arguments.dataset):
         return run_fleet(arguments, diagnose_in_fleet, _FLEET_HEAD, _fleet_row)
     done = _diagnose_dataset(arguments)
@@ -355,7 +359,8 @@ DIAGNOSE = Command(
   omnimj record robot_missions --out data/missions
   omnimj diagnose data/missions --out out/diagnosis
   omnimj diagnose data/missions --method published --out out/published
-  omnimj diagnose data/night --workers 8 --out out/night""",
+  omnimj diagnose data/night --workers 8 --out out/night
+  omnimj diagnose data/edge --floor-labels green,table --calibrate-on data/green data/table --out out/edge""",
     add_diagnose_arguments,
     run_diagnose,
 )

@@ -25,6 +25,7 @@ from omnimj.simulate.detectors import METHODS, RIG_METHODS, DetectorConfig, dete
 
 PLANTS = ("uto_robot", "quarter_rig")
 """Machines whose logs can be diagnosed."""
+_WITHOUT_UNIT = "without it, --floor-labels tells which wheel stands on which floor"
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ def read_machine(dataset: Dataset, model: Path | str | None = None) -> Machine:
       InputError: No method diagnoses this machine, the logs lack a channel, or the model file breaks
         a rule.
     """
-    require_inertial_unit(dataset)
+    require_inertial_unit(dataset, _WITHOUT_UNIT)
     if dataset.plant == "quarter_rig":
         rig = read_rig(model)
         return Machine(rig, RIG_METHODS, RIG_CHANNELS, ("current_target",), (), _rig_measurement)
