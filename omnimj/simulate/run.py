@@ -178,12 +178,14 @@ def _drive(
 def make_controller(scenario: Scenario) -> Controller:
     """Make the controller of a robot scenario, with the loops that its `[drive]` table switches on."""
     drive = scenario.robot_drive
+    assumed = None if drive.creep_floor is None else scenario.floors[drive.creep_floor]
     return Controller(
         scenario.robot,
         yaw_loop=drive.yaw_loop,
         heading_hold=drive.heading_hold,
         heading_feedback=drive.heading_feedback,
         period=scenario.period,
+        creep_floor=assumed,
     )
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from omnimj.control.cascade.allocation import inverse_kinematics, wheel_speed_target
+from omnimj.control.cascade.creep import CreepParameters, creep_parameters, update_creep
 from omnimj.control.cascade.heading import (
     GyroBias,
     is_standing,
@@ -23,7 +24,7 @@ from omnimj.control.cascade.heading import (
 from omnimj.control.cascade.limits import CurrentLimits, current_limits, limit_all
 from omnimj.control.cascade.wheel_speed import SpeedGains, amplifier_parameters, speed_gains, speed_loop
 from omnimj.control.records import Record, copied, packed, packed_like
-from omnimj.parameters import Robot
+from omnimj.parameters import Floor, Robot
 from omnimj.physics.motor import MotorParameters
 from omnimj.physics.native import kernel
 from omnimj.signals import Array, CurrentCommand, Diagnosis, Measurement, Target
@@ -80,6 +81,7 @@ class CascadeParameters(NamedTuple):
     amplifier: MotorParameters
     """From `amplifier_parameters`."""
     limits: CurrentLimits
+    creep: CreepParameters
 
 
 class CascadeInput(NamedTuple):
@@ -113,6 +115,8 @@ class CascadeState(NamedTuple):
     """Integrals q of the wheel-speed loops, shape (n,) [A]."""
     current: Array
     """Last command, shape (n,) [A]."""
+    creep: Array
+    """r φ̇ beyond rolling by the feed-forward of creep, shape (n,) [m/s]."""
     log: Array
     """Signals of the last step, aligned with `Controller.log_names`."""
 
@@ -236,8 +240,12 @@ def advance_cascade(p, changed, state, now):
     if not standing:
         x, y = to_body(now.velocity_x, now.velocity_y, heading if p.uses_heading else now.heading)
         turn = yaw_rate_demand(now.yaw_rate, yaw_rate, error, p.yaw_rate_gain, heading_gain)
+    added = np.zeros(n)
+    if p.creep.feeds:
+        planned = np.array((x, y, 0.0 if standing else now.yaw_rate))
+        update_creep(p.creep, changed.speed_per_twist, planned, state.creep, added)
     for i in range(n):
-        speed = wheel_speed_target(changed.speed_per_twist, i, x, y, turn) + changed.offset[i]
+        speed = wheel_speed_target(changed.speed_per_twist, i, x, y, turn) + changed.offset[i] + added[i]
         targets[i] = min(max(speed, changed.lowest[i]), changed.highest[i])
         wanted[i] = 0.0
         if good:
@@ -267,10 +275,11 @@ class Controller:
       scale: Inverse kinematics, `corrected` or `published`.
       weights: W_i of the published scale, shape (n,); ones when None.
       period: Control period [s]; that of the robot's sensors when None.
+      creep_floor: Floor whose creep is fed forward, as the controller assumes it; no feed-forward when None.
 
     Raises:
       UnknownNameError: No such scale.
-      InputError: Weights that are not n positive numbers.
+      InputError: Weights that are not n positive numbers, or effects that do not suit the floor.
     """
 
     def __init__(
@@ -282,6 +291,7 @@ class Controller:
         scale: str = "corrected",
         weights: ArrayLike | None = None,
         period: float | None = None,
+        creep_floor: Floor | None = None,
     ):
         self.period = 1.0 / robot.sensors.sample_rate if period is None else period
         gains, n = robot.control, len(robot.wheels)
@@ -297,6 +307,7 @@ class Controller:
             speed=speed_gains(robot, self.period),
             amplifier=amplifier_parameters(robot),
             limits=current_limits(gains, self.period),
+            creep=creep_parameters(robot, creep_floor),
         )
         self.robot, self.constants = robot, parameters
         self.nominal = nominal_reconfiguration(inverse / robot.wheel.radius)
@@ -318,7 +329,8 @@ class Controller:
         """Fields before the first step: heading as measured, within ±π, no current, gyro bias unknown."""
         yaw, n = measurement.yaw, self.wheels
         heading = wrapped(yaw) if math.isfinite(yaw) else 0.0
-        return CascadeState(heading, GyroBias(), np.zeros(n), np.zeros(n), np.zeros(len(self.log_names)))
+        log = np.zeros(len(self.log_names))
+        return CascadeState(heading, GyroBias(), np.zeros(n), np.zeros(n), np.zeros(n), log)
 
     def start(self, measurement: Measurement) -> ControlState:
         """State before the first step."""

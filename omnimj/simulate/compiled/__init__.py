@@ -2,5 +2,6 @@
 
 - `run`: runs of robots and rigs, which return to Python for progress, decisions and changes of the plant
 - `row`: one control period and its row, common to all plants
+- `wheel_speeds`: wheels that follow given speeds, common to all robots
 - `planar`, `twin`: the loops without and with MuJoCo, each for robot and rig
 """

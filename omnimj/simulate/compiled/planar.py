@@ -16,6 +16,7 @@ from omnimj.simulate.compiled.row import (
     first_truth,
     is_spent,
 )
+from omnimj.simulate.compiled.wheel_speeds import follow_row
 
 
 @kernel
@@ -45,6 +46,36 @@ def drive_planar(plant, controller, progress, plan, output, next_change, end):
         if control_period(controller, run, plan, output, plant.steps[0] * plant.period):
             return DECISION_IS_DUE
         truth = output.table[run.row, first:-5]
+        write_planar_truth(plant, truth)
+        if not finish_row(run, output, truth):
+            return TRUTH_IS_BROKEN
+    return CHUNK_IS_DONE
+
+
+@kernel
+def follow_on_planar(plant, loops, progress, targets, output, next_change, end):
+    """Turn the wheels at given speeds until a number of rows is finished or Python is needed.
+
+    Args:
+      plant: `PlanarArrays`.
+      loops: Record of `WheelSpeedLoops`, changed in place.
+      progress: Record of `Progress`, changed in place.
+      targets: Wheel speeds of every row, shape (rows, n) [rad/s].
+      output: `Output`; a planar robot has no poses.
+      next_change: Time from which the plant has conditions to change [s].
+      end: Number of rows.
+
+    Returns:
+      The reason for which the loop returns.
+    """
+    run, own = progress[0], loops[0]
+    while run.row < end:
+        if run.moves:
+            if plant.steps[0] * plant.period >= next_change or is_spent(plant.sensors):
+                return PLANT_CHANGES
+            output.readings[:] = step_planar(plant, own.current)
+            run.moves = False
+        truth = follow_row(own, run, output, plant.steps[0] * plant.period, targets)
         write_planar_truth(plant, truth)
         if not finish_row(run, output, truth):
             return TRUTH_IS_BROKEN

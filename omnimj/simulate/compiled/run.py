@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from omnimj.control.records import copied, packed
+from omnimj.control.records import Record, copied, packed
 from omnimj.signals import Array, Reference, RigMeasurement
 from omnimj.simulate.compiled.row import (
     CHUNK_IS_DONE,
@@ -27,15 +27,15 @@ Loop = Callable[..., int]
 
 
 def _planar_loops() -> dict[str, Loop]:
-    from omnimj.simulate.compiled.planar import drive_planar, drive_planar_rig
+    from omnimj.simulate.compiled.planar import drive_planar, drive_planar_rig, follow_on_planar
 
-    return {"planar": drive_planar, "planar_rig": drive_planar_rig}
+    return {"planar": drive_planar, "planar_rig": drive_planar_rig, "follow_planar": follow_on_planar}
 
 
 def _twin_loops() -> dict[str, Loop]:
-    from omnimj.simulate.compiled.twin import drive_rig_twin, drive_twin
+    from omnimj.simulate.compiled.twin import drive_rig_twin, drive_twin, follow_on_twin
 
-    return {"twin": drive_twin, "rig_twin": drive_rig_twin}
+    return {"twin": drive_twin, "rig_twin": drive_rig_twin, "follow_twin": follow_on_twin}
 
 
 # loops are imported when they are needed: a planar run needs no MuJoCo
@@ -59,6 +59,12 @@ def compiled_loop(plant: Any, controller: Any) -> Loop | None:
 def compiled_rig_loop(plant: Any) -> Loop | None:
     """Compiled loop that drives this rig by given currents; None if there is none."""
     return _loop_of(plant, _RIGS)
+
+
+def following_loop(plant: Any) -> Loop:
+    """Compiled loop that turns the wheels of this simulated robot at given speeds."""
+    kind = type(plant).step.compiled_in
+    return _ROBOTS[kind]()[f"follow_{kind}"]
 
 
 class _Run:
@@ -145,6 +151,31 @@ class CompiledRun(_Run):
                 plant.prepare_step()
             else:
                 return reason == CHUNK_IS_DONE
+
+
+class CompiledFollowing(_Run):
+    """One run of a simulated robot whose wheels follow given speeds.
+
+    Args:
+      plant: Reset by this call.
+      loops: From `wheel_speed_loops`, at rest.
+      targets: Wheel speeds of every row, shape (rows, n) [rad/s].
+    """
+
+    def __init__(self, plant: Any, loops: Record, targets: Array):
+        self._loop, self._plant, self._loops = following_loop(plant), plant, loops
+        self._targets = np.ascontiguousarray(targets, float)
+        m = plant.reset()
+        super().__init__(np.concatenate((m.current, m.wheel_speed, m.acceleration, (m.yaw_rate, m.yaw))), 0)
+
+    def _finish_chunk(self, output: Output, end: int) -> bool:
+        plant = self._plant
+        while True:
+            arrays, change = plant.arrays(), plant.next_change
+            reason = self._loop(arrays, self._loops, self._progress, self._targets, output, change, end)
+            if reason != PLANT_CHANGES:
+                return reason == CHUNK_IS_DONE
+            plant.prepare_step()
 
 
 class CompiledRigRun(_Run):

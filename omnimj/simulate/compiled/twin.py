@@ -17,6 +17,7 @@ from omnimj.simulate.compiled.row import (
     is_spent,
     keep_pose,
 )
+from omnimj.simulate.compiled.wheel_speeds import follow_row
 
 
 @kernel
@@ -48,6 +49,36 @@ def drive_twin(plant, controller, progress, plan, output, next_change, end):
         truth = output.table[run.row, first:-5]
         write_twin_truth(plant, truth)
         keep_pose(run, output, plant.qpos)
+        if not finish_row(run, output, truth):
+            return TRUTH_IS_BROKEN
+    return CHUNK_IS_DONE
+
+
+@kernel
+def follow_on_twin(plant, loops, progress, targets, output, next_change, end):
+    """Turn the wheels at given speeds until a number of rows is finished or Python is needed.
+
+    Args:
+      plant: `TwinArrays`.
+      loops: Record of `WheelSpeedLoops`, changed in place.
+      progress: Record of `Progress`, changed in place.
+      targets: Wheel speeds of every row, shape (rows, n) [rad/s].
+      output: `Output`, without poses.
+      next_change: Time of the simulation from which the plant has conditions to change [s].
+      end: Number of rows.
+
+    Returns:
+      The reason for which the loop returns.
+    """
+    run, own = progress[0], loops[0]
+    while run.row < end:
+        if run.moves:
+            if twin_time(plant) >= next_change or is_spent(plant.sensors):
+                return PLANT_CHANGES
+            output.readings[:] = step_twin(plant, own.current)
+            run.moves = False
+        truth = follow_row(own, run, output, plant.steps[0] * plant.period, targets)
+        write_twin_truth(plant, truth)
         if not finish_row(run, output, truth):
             return TRUTH_IS_BROKEN
     return CHUNK_IS_DONE

@@ -25,7 +25,7 @@ from omnimj.simulate.scenario.motion import (
     waypoints,
 )
 
-_COMMON_KEYS = ("kind", "start", "heading", "yaw_loop", "heading_hold", "heading_feedback")
+_COMMON_KEYS = ("kind", "start", "heading", "yaw_loop", "heading_hold", "heading_feedback", "creep_floor")
 _FREE: Mapping[str, tuple[tuple[str, ...], Callable[[DriveTable, Array], tuple[Array, Array]]]] = (
     MappingProxyType({"profile": (PROFILE_KEYS, profile), "hold": ((), hold)})
 )
@@ -58,6 +58,8 @@ class Drive:
     """True if world demands are rotated by the measured heading, not by the planned one."""
     start: tuple[float, float, float]
     """Initial x, y [m] and heading [rad] in the world."""
+    creep_floor: str | None = None
+    """Name of the floor whose creep the controller feeds forward; None: no feed-forward."""
 
     @property
     def has_path(self) -> bool:
@@ -72,8 +74,8 @@ def read_drive(table: Any, place: str, duration: float, period: float) -> Drive:
     position k to position k+1, and the yaw rate likewise.
 
     Args:
-      table: `kind` and the kind's own keys, with `start`, `heading`, `yaw_loop`, `heading_hold` and
-        `heading_feedback` for all kinds.
+      table: `kind` and the kind's own keys, with `start`, `heading`, `yaw_loop`, `heading_hold`,
+        `heading_feedback` and `creep_floor` for all kinds.
       place: Name of the table in messages.
       duration: Length of the run [s].
       period: Control period [s].
@@ -100,6 +102,7 @@ def read_drive(table: Any, place: str, duration: float, period: float) -> Drive:
         heading_hold=content.flag("heading_hold", False),
         heading_feedback=content.flag("heading_feedback", True),
         start=(float(position[0, 0]), float(position[0, 1]), heading),
+        creep_floor=content.text("creep_floor"),
     )
 
 

@@ -145,6 +145,13 @@ class DriveTable:
             raise InputError(self.at(key), f"found {value!r}", "must be true or false")
         return value
 
+    def text(self, key: str) -> str | None:
+        """Text of a key; None without it or where it is empty."""
+        value = self.content.get(key, "")
+        if not isinstance(value, str):
+            raise InputError(self.at(key), f"found {value!r}", "a string is needed")
+        return value or None
+
     def point(self, key: str, default: tuple[float, float] | None = None) -> tuple[float, float]:
         """Point x, y of a key [m]; required when there is no default."""
         if key not in self.content:

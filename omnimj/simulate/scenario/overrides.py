@@ -19,7 +19,10 @@ from omnimj.simulate.scenario.tables import DIAGNOSIS_KEYS, KINEMATIC_KEYS
 KnownKeys = Mapping[str, tuple[str, ...]]
 """Keys that may be set although the file lacks them, by table (`""` top level, `drive`, `faults.*`, …)."""
 
-_COMMON = ("description", "plant", "model", "floor", "duration", "faults", "checks", "equations", "diagnosis")
+_COMMON = (
+    *("description", "plant", "model", "floors", "floor", "duration", "faults", "checks", "equations"),
+    "diagnosis",
+)
 ROBOT_KEYS = (*_COMMON, "level", "drive", "patches", "kinematics", "scene")
 RIG_KEYS = (*_COMMON, "current", "mass", "lateral_speed")
 

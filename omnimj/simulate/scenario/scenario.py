@@ -37,6 +37,7 @@ from omnimj.simulate.scenario.overrides import (
 from omnimj.simulate.scenario.tables import (
     number_entry,
     read_diagnosis,
+    read_floors_key,
     read_kinematics,
     read_model_key,
     read_scene_key,
@@ -168,7 +169,8 @@ def read_scenario(
       name_or_path: `nylon_patch`, or `my/own.toml`.
       overrides: `KEY=VALUE` texts, applied in order before anything is validated.
       model_file: The plant's model file; the shipped one when None.
-      floors_file: File with floors that are added to the shipped ones or, under the same name, replace them.
+      floors_file: File with floors that are added to those of the scenario or, under the same name, replace
+        them.
 
     Raises:
       InputError: A value is missing or breaks its rule; the message names place, value and rule.
@@ -199,7 +201,7 @@ def _read(
         if key not in known[""]:
             raise UnknownNameError(place, f"key of a {plant} scenario", key, known[""])
     _require_few_steps(tree, place, constants)
-    floors = all_floors(floors_file)
+    floors = all_floors(read_floors_key(tree, path), floors_file)
     return Scenario(
         name=path.stem,
         description=text_entry(tree, "description", place),
@@ -235,11 +237,15 @@ def _read_robot_scenario(
     if "drive" not in tree:
         raise InputError(place, "[drive] is missing")
     drive = read_drive(tree["drive"], f"{place}: drive", duration, 1.0 / robot.sensors.sample_rate)
+    if drive.creep_floor is not None:
+        find_floor(drive.creep_floor, f"{place}: drive.creep_floor", floors)
     kinematics = _read_level(tree, place, level, wheels)
     if kinematics is not None and drive.heading_hold:
         raise InputError(
             f"{place}: drive.heading_hold", "is not there at the kinematic level", "leave it out"
         )
+    if kinematics is not None and drive.creep_floor is not None:
+        raise InputError(f"{place}: drive.creep_floor", "the kinematic level has no creep", "leave it out")
     units = metric_units("uto_robot", wheels, drive.has_path, level == "kinematic")
     return {
         "level": level,

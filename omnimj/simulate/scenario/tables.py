@@ -55,7 +55,9 @@ def table_entries(tree: Mapping, key: str, place: str) -> list[Any]:
 
 
 def read_model_key(tree: Mapping, scenario: Path) -> Path | None:
-    """Read the key `model`: `"three_wheel"` is a shipped model, `"own.toml"` a file beside the scenario.
+    """Read the key `model`: `"three_wheel"` is a shipped model, `"own.toml"` a file.
+
+    A file lies beside the scenario or, as `robotino/identified.toml`, in the folder of the shipped models.
 
     Args:
       tree: Top level of the scenario.
@@ -75,10 +77,38 @@ def read_model_key(tree: Mapping, scenario: Path) -> Path | None:
         raise InputError(place, f"found {name!r}", "a string is needed")
     if not name.endswith(".toml"):
         return Path(name)
+    return _existing_file(name, scenario, place)
+
+
+def read_floors_key(tree: Mapping, scenario: Path) -> Path | None:
+    """Read the key `floors`: a file with floors, beside the scenario or among the shipped models.
+
+    Args:
+      tree: Top level of the scenario.
+      scenario: The scenario's file.
+
+    Returns:
+      Path of the file; None: only the shipped floors.
+
+    Raises:
+      InputError: Not a text, or no such file.
+    """
+    name = tree.get("floors")
+    if name is None:
+        return None
+    place = f"{scenario.name}: floors"
+    if not isinstance(name, str) or not name:
+        raise InputError(place, f"found {name!r}", "a string is needed")
+    return _existing_file(name, scenario, place)
+
+
+def _existing_file(name: str, scenario: Path, place: str) -> Path:
+    """File that a scenario names, beside it or else among the shipped models."""
     path = scenario.parent / name
-    if not path.is_file():
-        raise InputError(place, f"found {name!r}", f"there is no file {path}")
-    return path
+    for file in (path, models_folder() / name):
+        if file.is_file():
+            return file
+    raise InputError(place, f"found {name!r}", f"there is no file {path}")
 
 
 def read_scene_key(tree: Mapping, scenario: Path) -> Path | None:

@@ -149,6 +149,11 @@ def test_an_index_out_of_range_is_refused_with_the_number_of_entries():
             "no effect at the kinematic",
         ),
         ("circle_8m_kinematic", "drive.heading_hold=true", "kinematic level"),
+        ("circle_8m_kinematic", "drive.creep_floor=pvc", "the kinematic level has no creep"),
+        ("circle_8m", "drive.creep_floor=sand", "drive.creep_floor: unknown floor 'sand'; choices:"),
+        ("circle_8m", "drive.creep_floor=3", "a string is needed"),
+        ("circle_8m", "floors=sand.toml", "there is no file"),
+        ("circle_8m", "floors=3", "a string is needed"),
         ("circle_8m_kinematic", "checks.rms_current=1.0", "unknown metric"),
         ("rig_lateral", "current=1.6", "at most 1.5"),
         ("rig_lateral", "mass=-1", "above"),
@@ -200,6 +205,25 @@ def test_another_model_file_changes_the_robot(tmp_path):
     path.write_text(shipped.replace("value = 15.837", "value = 20.0"), encoding="utf-8")
     robot = read_scenario("nylon_patch", model_file=path).constants
     assert robot.file == path
+
+
+MAT = (
+    *("description = 'x'", "law = 'creep_ratio'", "source = 'x'", "mu = 0.5", "creep_stiffness = 9.0"),
+    *("relaxation_length = 0.01", "damping_time = 0.0"),
+)
+
+
+def test_floors_of_a_scenario_lie_beside_it_or_among_the_shipped_models(tmp_path):
+    shipped = read_scenario("circle_8m", ["floors=robotino/soft_floors.toml", "floor=gray"])
+    assert shipped.floors["gray"].numbers["turnover"] > 0.0
+    text = (scenarios_folder() / "circle_8m.toml").read_text(encoding="utf-8")
+    path, mats = tmp_path / "mine.toml", "[mat]\n" + "\n".join(MAT)
+    path.write_text('floors = "mats.toml"\n' + text, encoding="utf-8")
+    (tmp_path / "mats.toml").write_text(mats, encoding="utf-8")
+    (tmp_path / "others.toml").write_text(mats.replace("0.5", "0.6"), encoding="utf-8")
+    assert read_scenario(path).floors["mat"].numbers["mu"] == 0.5
+    # a file given beside the scenario replaces floors of the same name
+    assert read_scenario(path, floors_file=tmp_path / "others.toml").floors["mat"].numbers["mu"] == 0.6
 
 
 # fmt: off

@@ -76,6 +76,8 @@ def test_a_scenario_passes_its_checks_on_the_twin(name):
     [
         ("nylon_patch", "patches.0.floor=natural_stone", "peak_slip_1"),
         ("degraded_motor", "faults.0.loss=0.01", "rms_current_1"),
+        ("soft_floor_circle", "drive.creep_floor=", "path_error_max"),
+        ("soft_edge", "patches=[]", "path_error_max"),
         pytest.param("circle_8m", "drive.heading_hold=false", "max_yaw_excursion", marks=pytest.mark.slow),
         pytest.param("square_path", "drive.yaw_loop=false", "path_error_max", marks=pytest.mark.slow),
         pytest.param(
@@ -123,6 +125,8 @@ SPOILED = {
     "rig_lateral": ("current=0.4", "duration=1.6", FASTER_WHEEL, HALF_CURRENT),
     "rig_motor": ("faults=[]", "faults.0.braking_torque=0.003", "current=0.4", "duration=2.0"),
     "rig_slip": ("faults=[]", "current=0.4", "duration=1.6"),
+    "soft_floor_circle": ("drive.creep_floor=", "duration=8.0", OTHER_WHEEL, "drive.yaw_loop=false"),
+    "soft_edge": ("patches=[]", "drive.creep_floor=", OTHER_WHEEL, "drive.yaw_loop=false"),
     "square_path": ("drive.yaw_loop=false", "duration=20.0", OTHER_WHEEL),
     "square_path_kinematic": ("drive.yaw_loop=false",),
     "square_path_kinematic_open_loop": ("drive.yaw_loop=true", "kinematics.misalignment.0=0.01"),
