@@ -18,6 +18,8 @@ from omnimj.diagnosis.calibration import calibrate as calibrate_dataset
 from omnimj.diagnosis.logs import read_machine, resolve_method
 from omnimj.diagnosis.replay import DiagnosisConfig, RunDiagnosis, check_config
 from omnimj.diagnosis.replay import diagnose as diagnose_dataset
+from omnimj.estimate.drives.records import DriveValidation
+from omnimj.estimate.drives.validate import validate_drives
 from omnimj.estimate.gap.check.acceptance import sound_dataset, sound_logs
 from omnimj.estimate.gap.find import find_gap
 from omnimj.estimate.identification.identify import identify as identify_dataset
@@ -156,24 +158,32 @@ def validate(
     floors: Path | str | None = None,
     plants: Sequence[str] = ("twin", "planar"),
     accept: bool = False,
-) -> Validation:
-    """Drive the model with measured currents and compare its speeds with the measured ones.
+) -> Validation | DriveValidation:
+    """Drive the model as measured: a rig by its currents, a robot by its wheel speeds; compare the motion.
 
     Args:
-      dataset: Folder of rig runs, or the dataset itself.
-      model: Model file of the rig; the shipped one when None.
+      dataset: Folder of rig runs, or of a robot's drives with a measured pose, or the dataset itself.
+      model: Model file; the shipped one when None.
       floors: Floors beside the shipped ones, or in their place where names are alike.
       plants: Models that are driven, of `twin` and `planar`.
-      accept: Whether to go on with data that have certain faults; gross units are then corrected.
+      accept: Whether to go on with rig data that have certain faults; gross units are then corrected.
+
+    Returns:
+      `Validation` of a rig, `DriveValidation` of a robot.
 
     Raises:
       DataFaultError: The data have certain faults and are not accepted.
-      InputError: Not a dataset of the rig, or a floor or mass that it cannot have.
+      InputError: A dataset of another plant or without a measured pose, or a floor or mass that it cannot
+        have.
       UnknownNameError: No such plant.
       SimulationError: The simulation left finite numbers.
     """
     known = all_floors(floors)
-    read, rig = _dataset(dataset, known), read_rig(model)
+    read = _dataset(dataset, known)
+    if read.plant == "uto_robot":
+        robot = read_robot(model)
+        return validate_drives(read, robot, known, plants)
+    rig = read_rig(model)
     require_rig(read)
     sound, _ = sound_dataset(read, rig, accept)
     return validate_dataset(sound, rig, known, plants)

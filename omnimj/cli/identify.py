@@ -28,7 +28,8 @@ from omnimj.cli.terminal import (
     note_compiled,
     progress_bar,
 )
-from omnimj.errors import UnknownNameError
+from omnimj.cli.validate_robot import validate_robot_dataset
+from omnimj.errors import InputError, UnknownNameError
 
 if TYPE_CHECKING:
     from omnimj.estimate.identification.records import (
@@ -39,6 +40,8 @@ if TYPE_CHECKING:
         Validation,
     )
     from omnimj.estimate.robot.records import RobotIdentification
+    from omnimj.parameters import Floor
+    from omnimj.recording.dataset import Dataset
 
 
 IDENTIFY_FILES = ("floors.toml", "identification.json", "report.html")
@@ -187,12 +190,13 @@ CHOICES = ("twin", "planar", "both")
 
 def add_validate_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `omnimj validate`."""
-    parser.add_argument("dataset", type=Path, help="folder of rig runs with dataset.toml")
-    parser.add_argument(
-        "--model", metavar="FILE", type=Path, help="a copy of rig.toml with changed values or effects"
-    )
+    words = "folder of rig runs, or of drives of a robot with a measured pose, with dataset.toml"
+    parser.add_argument("dataset", type=Path, help=words)
+    parser.add_argument("--model", metavar="FILE", type=Path, help=MODEL)
     add_floors(parser)
     parser.add_argument("--plant", metavar="P", default="both", help="twin, planar or both (default)")
+    words = "of a robot: record this run beside its simulation, recording.rrd for rerun"
+    parser.add_argument("--recording", metavar="RUN", help=words)
     add_accept(parser)
     add_results(parser, "validation.json")
 
@@ -214,21 +218,32 @@ def run_validate(arguments: Any) -> int:
         raise UnknownNameError("--plant", "plant", arguments.plant, CHOICES)
     plants = ("twin", "planar") if arguments.plant == "both" else (arguments.plant,)
     check_folder(arguments.out, arguments.force)
-    from omnimj.estimate.gap.check.acceptance import fault_records, sound_dataset
-    from omnimj.estimate.identification.validation import require_rig
-    from omnimj.parameters import read_rig
     from omnimj.parameters.floor import all_floors
     from omnimj.recording.read_dataset import read_dataset
 
-    rig, floors = read_rig(arguments.model), all_floors(arguments.floors)
+    floors = all_floors(arguments.floors)
     dataset = read_dataset(arguments.dataset, floors)
+    if dataset.plant == "uto_robot":
+        return validate_robot_dataset(arguments, dataset, floors)
+    return _validate_rig_dataset(arguments, dataset, floors, plants)
+
+
+def _validate_rig_dataset(
+    arguments: Any, dataset: Dataset, floors: Mapping[str, Floor], plants: tuple[str, ...]
+) -> int:
+    from omnimj.estimate.gap.check.acceptance import fault_records, sound_dataset
+    from omnimj.estimate.identification.files import validation_content
+    from omnimj.estimate.identification.validation import require_rig, validate
+    from omnimj.parameters import read_rig
+
+    rig = read_rig(arguments.model)
     require_rig(dataset)
+    if arguments.recording is not None:
+        found, rule = f"found {arguments.recording!r}", "only drives of a robot are recorded: leave it out"
+        raise InputError("--recording", found, rule)
     dataset, check = sound_dataset(dataset, rig, arguments.accept)
     for plant in plants:
         announce_compilation(plant, "quarter_rig")
-    from omnimj.estimate.identification.files import validation_content
-    from omnimj.estimate.identification.validation import validate
-
     with ProgressBar() as bar:
         found = validate(dataset, rig, floors, plants, bar.show)
     if not found.runs:
@@ -293,11 +308,15 @@ examples:
 
 VALIDATE = Command(
     "validate",
-    "drive the model with measured currents and compare its speed errors with the published table",
-    """examples:
+    "drive a model as measured, and compare: a rig with the published table, a robot by floor and speed",
+    """rig runs: measured currents drive the model; speed errors beside the published ones
+drives of a robot: the wheels turn as measured; velocity, currents and heading by floor and speed
+
+examples:
   omnimj record rig_validation --out data/validation
   omnimj validate data/validation --out out/validation
-  omnimj validate data/validation --model out/gap/model.toml --plant twin --out out/after""",
+  omnimj validate data/validation --model out/gap/model.toml --plant twin --out out/after
+  omnimj validate data/soft --model robotino --floors floors.toml --recording run_7 --out out/robot""",
     add_validate_arguments,
     run_validate,
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import re
 import sys
 from collections.abc import Mapping, Sequence
@@ -159,6 +160,8 @@ def _run(given: list[str]) -> int:
         return 0
     arguments = _parse(make_parser(), given)
     arguments.given = given
+    # the matrices are too small to benefit from multithreaded linear algebra; numpy is not imported yet
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     return arguments.run(arguments)
 
 

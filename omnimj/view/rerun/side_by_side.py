@@ -1,0 +1,167 @@
+"""`recording.rrd`: a real run of a robot and its simulation side by side, in one hall."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from omnimj.estimate.drives.compare import velocity_course
+from omnimj.estimate.drives.records import DrivenRun, Motion
+from omnimj.parameters import Robot, read_floors
+from omnimj.plant.mujoco.assembly import robot_model
+from omnimj.signals import Array
+from omnimj.view import palette
+from omnimj.view.poses import Poses
+from omnimj.view.rerun.dead_reckoning import filled, integrated, robot_poses
+from omnimj.view.rerun.scene import Machine, log_floor, time_column
+
+_GREY = "#A7AFB8"  # visible on dark plots and on the light floor
+_ROOM = 0.7  # [m] between the paths: robots do not touch
+_LIGHTER = 0.55  # for names on dark plates
+_DEGREES = 180.0 / np.pi
+
+
+def write_side_by_side(path: Path, run: DrivenRun, robot: Robot) -> None:
+    """Write the recording of one run.
+
+    Args:
+      path: `.rrd` file to write.
+      run: The run on one plant.
+      robot: The model, for its appearance.
+    """
+    stream = rr.RecordingStream("omnimj_side_by_side")
+    stream.save(path)
+    stream.send_blueprint(_blueprint(run), make_active=False)
+    stream.send_recording_name(f"{run.run}: measured and {run.plant}")
+    stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    mj_model = robot_model(robot, next(iter(read_floors().values())))
+    places = side_by_side(run)
+    corners = np.vstack([pose[:, :2] for pose in places.values()])
+    log_floor(stream, corners, (), run.floor)
+    angles = integrated(run.time, run.wheel_speed)
+    for name, pose in places.items():
+        color = _GREY if name == "measured" else palette.AFTER
+        machine = Machine(stream, mj_model, f"world/{name}")
+        qpos = robot_poses(mj_model, np.column_stack([pose, angles]))
+        machine.log_bodies(Poses(mj_model, run.time, qpos), rollers_turn=False)
+        _log_name(stream, name, color)
+        _log_path(stream, name, pose, color)
+    _log_path(
+        stream, "measured_beside", places["measured"] - places["measured"][0] + places[run.plant][0], _GREY
+    )
+    _log_courses(stream, run)
+    stream.disconnect()
+
+
+def side_by_side(run: DrivenRun) -> dict[str, Array]:
+    """Poses of both robots beside each other, shape (k, 3) each: `measured` and the plant's name.
+
+    Gaps of the measurement are bridged. The robots stand apart across the direction in which they drive.
+
+    Args:
+      run: The run on one plant.
+    """
+    measured, simulated = (
+        np.column_stack([filled(column) for column in motion.pose.T])
+        for motion in (run.measured, run.simulated)
+    )
+    start = measured[0, :2].copy()
+    for pose in (measured, simulated):
+        pose[:, :2] -= start
+    away = measured[-1, :2]
+    length = float(np.hypot(*away))
+    across = np.array([-away[1], away[0]]) / length if length > 0.0 else np.array([0.0, 1.0])
+    if across[1] < 0.0:
+        across = -across
+    beside = measured.copy()
+    reach = [float(np.ptp(pose[:, :2] @ across)) for pose in (measured, simulated)]
+    beside[:, :2] += (max(reach) + _ROOM) * across
+    return {"measured": beside, run.plant: simulated}
+
+
+def _log_name(stream: rr.RecordingStream, name: str, color: str) -> None:
+    label = rr.Points3D(
+        [(0.0, 0.0, 0.45)],
+        radii=[0.012],
+        colors=[palette.rgb(palette.lighter(color, _LIGHTER))],
+        labels=[name],
+        show_labels=True,
+    )
+    stream.log(f"world/{name}/chassis/name", label, static=True)
+
+
+def _log_path(stream: rr.RecordingStream, name: str, pose: Array, color: str) -> None:
+    points = np.column_stack([pose[:, :2], np.full(len(pose), 0.006)]).astype(np.float32)
+    strip = rr.LineStrips3D([points], colors=[palette.rgb(color)], radii=[0.008])
+    stream.log(f"world/paths/{name}", strip, static=True)
+
+
+def _log_courses(stream: rr.RecordingStream, run: DrivenRun) -> None:
+    """Log velocity, heading and currents, measured and simulated in one plot each."""
+    measured, simulated = _courses(run, run.measured), _courses(run, run.simulated)
+    index = time_column(run.time)
+    for name in measured:
+        style = rr.SeriesLines(
+            colors=[palette.rgb(_GREY), palette.rgb(palette.AFTER)],
+            names=["measured", run.plant],
+            widths=[3.0, 1.5],
+        )
+        stream.log(f"plots/{name}", style, static=True)
+        rows = np.column_stack([measured[name], simulated[name]])
+        columns = rr.Scalars.columns(scalars=rows.ravel())
+        stream.send_columns(f"plots/{name}", [index], columns.partition(np.full(len(rows), 2)))
+
+
+def _courses(run: DrivenRun, motion: Motion) -> dict[str, Array]:
+    ahead, left = velocity_course(run, motion).T
+    heading = _DEGREES * (motion.pose[:, 2] - run.simulated.pose[0, 2])
+    currents = {f"current_{i}": column for i, column in enumerate(motion.currents.T, start=1)}
+    return {"velocity_ahead": ahead, "velocity_left": left, "heading": heading, **currents}
+
+
+def _blueprint(run: DrivenRun) -> rrb.Blueprint:
+    wheels = range(1, run.measured.currents.shape[1] + 1)
+    titles = {
+        "velocity_ahead": "Velocity ahead [m/s]",
+        "velocity_left": "Velocity to the left [m/s]",
+        "heading": "Heading since the start [°]",
+        **{f"current_{i}": f"Current of wheel {i} [A]" for i in wheels},
+    }
+    space = rrb.Spatial3DView(
+        origin="world",
+        name=f"Measured and {run.plant}",
+        background=(238, 241, 245),
+        line_grid=False,
+        eye_controls=_eye(run),
+    )
+    series = [
+        rrb.TimeSeriesView(
+            origin=f"plots/{name}",
+            name=title,
+            plot_legend=rrb.PlotLegend(visible=name == "velocity_ahead", corner=rrb.Corner2D.RightBottom),
+        )
+        for name, title in titles.items()
+    ]
+    return rrb.Blueprint(
+        rrb.Horizontal(space, rrb.Vertical(*series), column_shares=[3, 2]),
+        rrb.TimePanel(state="collapsed", timeline="time", play_state="playing", loop_mode="all"),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+    )
+
+
+def _eye(run: DrivenRun) -> rrb.EyeControls3D:
+    """Camera behind the start that sees both paths."""
+    points = np.vstack([pose[:, :2] for pose in side_by_side(run).values()])
+    low, high = points.min(axis=0), points.max(axis=0)
+    x, y = 0.5 * (low + high)
+    far = 1.0 + float((high - low).max())
+    return rrb.EyeControls3D(
+        kind=rrb.Eye3DKind.Orbital,
+        position=(x - 0.7 * far, y, 0.7 * far),
+        look_target=(x, y, 0.0),
+        eye_up=(0, 0, 1),
+    )
