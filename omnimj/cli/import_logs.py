@@ -180,9 +180,6 @@ def _format_plants(plan: ImportPlan) -> str:
         (describe_plant(plan, plant), f"lacks {', '.join(missing)}" if missing else "has all columns")
         for plant, missing in plan.plants.items()
     ]
-    if plan.proposal.mapping.plant not in plan.plants:
-        words = "takes any columns; no command of this version reads it yet"
-        rows.append((plan.proposal.mapping.plant, words))
     return format_table(("plant", "columns"), rows)
 
 

@@ -13,10 +13,10 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 
-from omnimj.effects.effect import AXIS, RIG, ROBOT, Effect
+from omnimj.effects.effect import AXIS, MJCF, RIG, ROBOT, Effect
 from omnimj.errors import UnknownNameError
 
-PLANTS = (RIG, ROBOT, AXIS)
+PLANTS = (RIG, ROBOT, AXIS, MJCF)
 """Plants for which effects exist."""
 
 _INSTANCE = re.compile(r"(.+)_([2-9]|[1-9][0-9])")

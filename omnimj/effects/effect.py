@@ -21,6 +21,8 @@ from omnimj.signals import Array
 
 RIG, ROBOT, AXIS = Rig.plant, Robot.plant, Axis.plant
 """The plants, by the names of their folders under `models/`."""
+MJCF = "mjcf"
+"""Plant of any machine that an MJCF file describes."""
 
 Values = Mapping[str, Any]
 """Parameters (floats) and selectors (text or whole numbers) of one effect by name."""

@@ -63,7 +63,7 @@ def complete_values(
         if selector.optional and selector.name not in given:
             continue
         if not selector.choices:
-            values[selector.name] = _any_name(given[selector.name], f"{place}.{selector.name}")
+            values[selector.name] = _any_name(given.get(selector.name), f"{place}.{selector.name}")
             continue
         choices = selector.on(wheels)
         if selector.name not in given and len(choices) > 1:

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from omnimj.errors import InputError
 from omnimj.signals import Array, to_frame
 
+MJCF = "mjcf"
+"""Plant of datasets of any machine that an MJCF file describes; columns name its joints, actuators, sensors."""
 ROBOT_WHEELS = 4
 """Number of wheels of a robot whose dataset neither states nor shows it."""
 MIN_WHEELS, MAX_WHEELS = 3, 12
@@ -36,6 +38,8 @@ class PlantColumns:
     """Columns in rad that may be wrapped to one turn."""
     conditions: tuple[str, ...] = ()
     """Keys that must be set for every run, in [defaults] or [runs.NAME]."""
+    prefixes: tuple[str, ...] = ()
+    """First parts of names that end with the name of a part of the machine: `position:` of `position:elbow`."""
 
     @property
     def known(self) -> tuple[str, ...]:
@@ -47,6 +51,17 @@ class PlantColumns:
         """Columns that a run needs, in words."""
         either = f", and {' or '.join(self.one_of)}" if self.one_of else ""
         return ", ".join(self.required) + either
+
+    @property
+    def choices(self) -> tuple[str, ...]:
+        """Names with a meaning, for messages."""
+        return (*self.known, *(f"{prefix}NAME" for prefix in self.prefixes))
+
+    def has(self, name: str) -> bool:
+        """Return whether a column has a meaning."""
+        return name in self.known or any(
+            name.startswith(prefix) and len(name) > len(prefix) for prefix in self.prefixes
+        )
 
 
 def _wheel_columns(wheels: int, *names: str) -> tuple[str, ...]:
@@ -84,6 +99,10 @@ PLANT_COLUMNS: Mapping[str, PlantColumns] = MappingProxyType(
             required=("time", "position"),
             optional=("velocity",),
             one_of=("force", "current"),
+        ),
+        MJCF: PlantColumns(
+            required=("time",),
+            prefixes=("position:", "velocity:", "force:", "control:", "enabled:", "sensor:"),
         ),
     }
 )
@@ -148,7 +167,7 @@ class Dataset:
 
     path: Path
     plant: str
-    """`quarter_rig`, `uto_robot` or `linear_axis`."""
+    """One of `PLANT_COLUMNS`."""
     runs: tuple[Run, ...]
     notes: tuple[str, ...] = ()
     """Sentences on the masked gaps and spikes, one each."""
@@ -156,6 +175,8 @@ class Dataset:
     """Number of wheels of a robot."""
     pose_measured: bool = False
     """Whether `x`, `y` and `heading` of a robot were measured; its inertial unit may then be missing."""
+    model: Path | None = None
+    """MJCF file that `dataset.toml` names."""
 
 
 def require_inertial_unit(dataset: Dataset, hint: str = "") -> None:

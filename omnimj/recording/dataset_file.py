@@ -16,6 +16,7 @@ from omnimj.parameters.reading import Rule, check_number, check_table, check_tex
 from omnimj.recording.dataset import (
     MAX_WHEELS,
     MIN_WHEELS,
+    MJCF,
     PLANT_COLUMNS,
     ROBOT_WHEELS,
     PlantColumns,
@@ -29,7 +30,7 @@ CONDITION_KEYS = ("floor", "start_floors", "mass", "repeat_of", "description", "
 POSE_MEASURED = "pose_measured"
 """Further key of [defaults], for robots: x, y and heading were measured, an inertial unit is not needed."""
 
-_TOP = ("plant", "wheels", "description", "defaults", "columns", "runs")
+_TOP = ("plant", "model", "wheels", "description", "defaults", "columns", "runs")
 _POSITIVE = Rule(0.0, math.inf, True)
 _WHEELS = Rule(MIN_WHEELS, MAX_WHEELS, False)
 _FINITE = Rule(-math.inf, math.inf, False)
@@ -64,6 +65,8 @@ class DatasetFile:
     """Whether the pose of a robot was measured, so that its inertial unit may be missing."""
     states_wheels: bool = True
     """Whether the file states the number of wheels; otherwise it follows from the columns of the runs."""
+    model: Path | None = None
+    """MJCF file of the machine; relative to the dataset's folder in the file."""
 
     @property
     def columns(self) -> PlantColumns:
@@ -118,13 +121,13 @@ def read_dataset_file(folder: Path, floors: Collection[str] | None = None) -> Da
     }
     columns = check_table(f"{path}: [columns]", tree.get("columns", {}))
     states_wheels = "wheels" in tree or plant != "uto_robot"
-    names = plant_columns(plant, wheels if states_wheels else MAX_WHEELS).known
+    known_columns = plant_columns(plant, wheels if states_wheels else MAX_WHEELS)
     renamed = {}
     for theirs, entry in columns.items():
         if theirs.strip() in renamed:
             raise InputError(f"{path}: [columns]", f"{theirs.strip()!r} occurs twice")
         place = f"{path}: columns.{theirs!r}"
-        renamed[theirs.strip()] = _column_mapping(place, entry, plant, names)
+        renamed[theirs.strip()] = _column_mapping(place, entry, plant, known_columns)
     return DatasetFile(
         path,
         plant,
@@ -134,7 +137,18 @@ def read_dataset_file(folder: Path, floors: Collection[str] | None = None) -> Da
         MappingProxyType(runs),
         pose_measured,
         states_wheels,
+        _model(path, tree, plant),
     )
+
+
+def _model(path: Path, tree: Mapping[str, Any], plant: str) -> Path | None:
+    """MJCF file of the machine, from the dataset's folder; None if the file names none."""
+    if "model" not in tree:
+        return None
+    name = check_text(f"{path}: model", tree["model"])
+    if plant != MJCF:
+        raise InputError(f"{path}: model", f"found {name!r}", f"{plant} takes its model from --model")
+    return path.parent / name
 
 
 def _wheels(path: Path, tree: Mapping[str, Any], plant: str) -> int:
@@ -191,7 +205,7 @@ def _start_floors(place: str, value: Any, floors: Collection[str]) -> str:
     return ", ".join(names)
 
 
-def _column_mapping(place: str, entry: Any, plant: str, known: Collection[str]) -> ColumnMapping:
+def _column_mapping(place: str, entry: Any, plant: str, known: PlantColumns) -> ColumnMapping:
     if not isinstance(entry, Mapping):
         raise InputError(place, f"found {entry!r}", _WRITE_COLUMN)
     for key in entry:
@@ -200,8 +214,8 @@ def _column_mapping(place: str, entry: Any, plant: str, known: Collection[str]) 
     if "name" not in entry:
         raise InputError(place, "'name' is missing", _WRITE_COLUMN)
     name = entry["name"]
-    if not isinstance(name, str) or name not in known:
-        raise UnknownNameError(f"{place}.name", f"column of {plant}", name, known)
+    if not isinstance(name, str) or not known.has(name):
+        raise UnknownNameError(f"{place}.name", f"column of {plant}", name, known.choices)
     scale = check_number(f"{place}.scale", entry.get("scale", 1.0), _FINITE)
     if scale == 0.0:
         raise InputError(f"{place}.scale", "found 0", "must not be 0")

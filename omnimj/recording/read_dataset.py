@@ -58,7 +58,9 @@ def read_dataset(path: Path | str, floors: Collection[str] | None = None) -> Dat
     _require_used_renames(about, runs)
     _require_consistent_repeats(about, [run for run, _ in runs])
     masked, notes = mask_runs(about.columns, [run for run, _ in runs], about.pose_measured)
-    return Dataset(path, about.plant, tuple(masked), tuple(notes), about.wheels, about.pose_measured)
+    return Dataset(
+        path, about.plant, tuple(masked), tuple(notes), about.wheels, about.pose_measured, about.model
+    )
 
 
 def _files(about: DatasetFile, folder: Path) -> dict[str, Path]:
@@ -99,7 +101,8 @@ def _read_run(about: DatasetFile, name: str, file: Path) -> tuple[Run, tuple[str
     """Read and check one run; return it with the column names in its file."""
     plant = about.columns
     conditions = about.conditions(name)
-    table = read_run_table(file, {*plant.known, *about.renamed})
+    named = (name for name in read_column_names(file) if plant.has(name)) if plant.prefixes else ()
+    table = read_run_table(file, {*plant.known, *named, *about.renamed})
     columns = _mapped_columns(about, file, table)
     missing = [column for column in plant.required if column not in columns]
     if plant.one_of and not any(column in columns for column in plant.one_of):
@@ -142,8 +145,8 @@ def _mapped_columns(about: DatasetFile, file: Path, table: RunTable) -> dict[str
             with np.errstate(over="ignore"):
                 values = renamed.scale * values + renamed.offset
         columns[name], origin[name] = values, theirs
-    known = about.columns.known
-    broken = first_not_finite({name: columns[name] for name in columns if name in known})
+    known = about.columns
+    broken = first_not_finite({name: columns[name] for name in columns if known.has(name)})
     if broken is not None:
         sample, name = broken
         place = f"{file}: row {table.row_of(sample)}, column {name!r}"
@@ -199,7 +202,8 @@ def mask_runs(
     Returns:
       Runs with masks, and one note per gap or column with spikes.
     """
-    channels = [name for name in plant.known if name != "time"]
+    logged = dict.fromkeys(name for run in runs for name in run.columns if plant.has(name))
+    channels = [name for name in dict.fromkeys([*plant.known, *logged]) if name != "time"]
     found: list[dict[str, Mask]] = [{} for _ in runs]
     held, faults = mask_logger_faults(runs) if pose_measured else ([{} for _ in runs], [])
     for name in channels:

@@ -101,6 +101,7 @@ def _sources(table: SourceTable, mapping: LogMapping) -> dict[str, Array]:
     """Every column of the log that the mapping names."""
     wanted = [(f"columns.{target}", rule.source) for target, rule in mapping.columns.items()]
     wanted += [(f"columns.{t}.sign_of", r.sign_of) for t, r in mapping.columns.items() if r.sign_of]
+    wanted += [(f"columns.{t}.times", r.times) for t, r in mapping.columns.items() if r.times]
     if mapping.stale is not None:
         wanted += [("stale.unchanged", name) for name in mapping.stale.unchanged]
         wanted += [("stale.moving", name) for name in mapping.stale.moving]
@@ -164,6 +165,8 @@ def _column(
         reading = np.unwrap(reading, period=rule.wrap)
     if rule.sign_of:
         reading = np.abs(reading) * np.sign(values[rule.sign_of])
+    if rule.times:
+        reading = reading * values[rule.times]
     return _scaled(table, target, rule, reading)
 
 

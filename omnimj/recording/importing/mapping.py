@@ -16,9 +16,7 @@ from omnimj.recording.importing.dialect import DECIMALS, SEPARATORS, Dialect
 from omnimj.recording.importing.units import find_unit, known_units
 from omnimj.recording.run_table import printable
 
-ANY_MACHINE = "mjcf"
-"""Plant of datasets of any machine, with columns such as `position:JOINT`."""
-PLANTS = (*PLANT_COLUMNS, ANY_MACHINE)
+PLANTS = tuple(PLANT_COLUMNS)
 EMPTY_RULES = ("refuse", "drop", "hold")
 """Treatments of rows in which a mapped column is empty."""
 
@@ -50,6 +48,8 @@ class ColumnSource:
     """Bits of whole numbers below 0 that were logged without their sign: with 16, 65535 is -1."""
     sign_of: str | None = None
     """Column of the log whose sign a magnitude gets."""
+    times: str | None = None
+    """Column of the log that multiplies the reading: the supply voltage of a share of it."""
 
 
 @dataclass(frozen=True)
@@ -135,6 +135,7 @@ def _column(place: str, entry: Any) -> ColumnSource:
         wrap,
         int(check_number(f"{place}.signed", entry["signed"], _BITS, True)) if "signed" in entry else None,
         check_text(f"{place}.sign_of", entry["sign_of"]) if "sign_of" in entry else None,
+        check_text(f"{place}.times", entry["times"]) if "times" in entry else None,
     )
 
 

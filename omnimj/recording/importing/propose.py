@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from omnimj.recording.dataset import MAX_WHEELS, MIN_WHEELS, PLANT_COLUMNS, plant_columns
+from omnimj.recording.dataset import MAX_WHEELS, MIN_WHEELS, MJCF, PLANT_COLUMNS, plant_columns
 from omnimj.recording.dataset_file import POSE_MEASURED
-from omnimj.recording.importing.mapping import ANY_MACHINE, ColumnSource, LogMapping, StaleRule
+from omnimj.recording.importing.mapping import ColumnSource, LogMapping, StaleRule
 from omnimj.recording.importing.tables import SourceColumn, SourceTable
 from omnimj.recording.importing.units import RAW_UNITS, find_unit, target_unit
 from omnimj.recording.logger_faults import is_magnitude
@@ -69,7 +69,7 @@ def propose(tables: Sequence[SourceTable], plant: str | None = None, floor: str 
     remarks: dict[str, str] = {}
     if plant == "uto_robot":
         chosen = _robot(columns, found, remarks)
-    elif plant == ANY_MACHINE:
+    elif plant == MJCF:
         chosen = _any_machine(columns, remarks)
     else:
         chosen = {name: ColumnSource(name) for name in PLANT_COLUMNS[plant].known if name in columns}
@@ -174,6 +174,7 @@ def _plant(columns: Mapping[str, SourceColumn], found: Mapping[str, list[str]]) 
     exact = {
         plant: sum(name in columns for name in needed.required) / len(needed.required)
         for plant, needed in PLANT_COLUMNS.items()
+        if not needed.prefixes  # any log fits it
     }
     best = max(exact, key=lambda plant: exact[plant])
     if exact[best] > 0.7:
@@ -182,7 +183,7 @@ def _plant(columns: Mapping[str, SourceColumn], found: Mapping[str, list[str]]) 
         has_force = any(name in columns for name in PLANT_COLUMNS["linear_axis"].one_of)
         if best != "linear_axis" or (has_force and not turns):
             return best
-    return ANY_MACHINE
+    return MJCF
 
 
 def _robot(
@@ -256,7 +257,7 @@ def _timed(tables: Sequence[SourceTable], rule: ColumnSource, remarks: dict[str,
 
 def _in_order(chosen: Mapping[str, ColumnSource], plant: str) -> list[tuple[str, ColumnSource]]:
     """Columns in the order in which the plant lists them, time first."""
-    known = ("time",) if plant == ANY_MACHINE else plant_columns(plant, MAX_WHEELS).known
+    known = plant_columns(plant, MAX_WHEELS).known
     return sorted(chosen.items(), key=lambda one: known.index(one[0]) if one[0] in known else len(known))
 
 
@@ -372,8 +373,6 @@ def _unclear(
 
 
 def _missing(mapping: LogMapping) -> tuple[str, ...]:
-    if mapping.plant == ANY_MACHINE:
-        return () if "time" in mapping.columns else ("time",)
     missing = missing_columns(list(mapping.columns), mapping.plant)
     conditions = [key for key in plant_columns(mapping.plant).conditions if key not in mapping.defaults]
     return (*missing, *(f"[defaults] {key}" for key in conditions))

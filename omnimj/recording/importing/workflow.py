@@ -14,7 +14,7 @@ from omnimj.parameters import read_floors
 from omnimj.recording.dataset import MAX_WHEELS, PLANT_COLUMNS, Run, plant_columns
 from omnimj.recording.dataset_file import POSE_MEASURED
 from omnimj.recording.importing.apply import FOLDER, apply_mapping
-from omnimj.recording.importing.mapping import ANY_MACHINE, LogMapping, read_mapping
+from omnimj.recording.importing.mapping import LogMapping, read_mapping
 from omnimj.recording.importing.mapping_text import mapping_text
 from omnimj.recording.importing.propose import Proposal, missing_columns, propose, wheel_count
 from omnimj.recording.importing.quality import (
@@ -146,8 +146,6 @@ def _proposal(
 
 def _missing_in(given: LogMapping, names: Sequence[str]) -> tuple[str, ...]:
     """Columns and conditions that the plant needs and a mapping of the user does not state."""
-    if given.plant == ANY_MACHINE:
-        return ()
     pose_measured = given.defaults.get(POSE_MEASURED) is True
     missing = missing_columns(list(given.columns), given.plant, pose_measured)
     stated = [{**given.defaults, **given.runs.get(name, {})} for name in names]
@@ -182,8 +180,8 @@ def _converted(
 def _quality_notes(
     tables: Sequence[SourceTable], mapping: LogMapping, runs: Sequence[Run], quality: dict[str, TimeQuality]
 ) -> list[str]:
-    known = () if mapping.plant == ANY_MACHINE else plant_columns(mapping.plant, MAX_WHEELS).known
-    unknown = [name for name in mapping.columns if known and name not in known]
+    known = plant_columns(mapping.plant, MAX_WHEELS)
+    unknown = [name for name in mapping.columns if not known.has(name)]
     notes = [f"{name} is no column of {mapping.plant}: kept, and ignored by omnimj" for name in unknown]
     notes += [
         f"run {name}: {found.rate:.3g} samples per second; a dataset has 20 or more"
@@ -265,8 +263,6 @@ def write_import(
 def _read_back(out: Path, plan: ImportPlan) -> list[str]:
     from omnimj.recording.read_dataset import read_dataset
 
-    if plan.proposal.mapping.plant == ANY_MACHINE:
-        return [f"plant {ANY_MACHINE}: any machine; no command of this version reads such a dataset yet"]
     floors = {str(run.conditions["floor"]) for run in plan.runs if "floor" in run.conditions}
     shipped = set(read_floors())
     words = "is not shipped: give a file that has it with --floors to the commands that read the dataset"
