@@ -27,7 +27,7 @@ def _effect(
 EFFECTS: tuple[Effect, ...] = (
     _effect(
         "gain",
-        "the actuator gives another force per command than declared, or its command is logged at another scale",
+        "the actuator gives another force per command than declared, or its command is scaled in the log",
         scale_parameter(0.9),
         scales(ACTUATOR, "gain"),
     ),

@@ -61,9 +61,7 @@ EFFECTS: tuple[Effect, ...] = (
             _P("position", "m", -_ANY, _ANY, 0.0, None),
             _P("width", "m", 1e-9, _ANY, 0.1, None),
         ),
-        sets_terms(
-            JOINT, "place_force", place_force="force", place_position="position", place_width="width"
-        ),
+        sets_terms(JOINT, "place_force", place_force="force", place_position="position", place_width="width"),
     ),
     _effect(
         "load_friction",

@@ -1,7 +1,7 @@
-"""Changes that effects make to a machine described by an MJCF file: to its joints, actuators, bodies, sensors.
+"""Changes that effects make to the joints, actuators, bodies and channels of a machine with an MJCF file.
 
-What MJCF can say is a change of a quantity of a part (`damping` of a joint); the rest are terms that the replay
-adds to the force balance of a joint or to the readings of a channel.
+What MJCF can say is a change of a quantity of a part (`damping` of a joint); the rest are terms that the
+replay adds to the force balance of a joint or to the readings of a channel.
 """
 
 from __future__ import annotations

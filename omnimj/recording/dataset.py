@@ -15,7 +15,7 @@ from omnimj.errors import InputError
 from omnimj.signals import Array, to_frame
 
 MJCF = "mjcf"
-"""Plant of datasets of any machine that an MJCF file describes; columns name its joints, actuators, sensors."""
+"""Plant of datasets of any machine with an MJCF file; columns name its joints, actuators and sensors."""
 ROBOT_WHEELS = 4
 """Number of wheels of a robot whose dataset neither states nor shows it."""
 MIN_WHEELS, MAX_WHEELS = 3, 12
@@ -39,7 +39,7 @@ class PlantColumns:
     conditions: tuple[str, ...] = ()
     """Keys that must be set for every run, in [defaults] or [runs.NAME]."""
     prefixes: tuple[str, ...] = ()
-    """First parts of names that end with the name of a part of the machine: `position:` of `position:elbow`."""
+    """Beginnings of names that end with a part of the machine: `position:` of `position:elbow`."""
 
     @property
     def known(self) -> tuple[str, ...]:

@@ -316,7 +316,7 @@ def find_gap(
     """
     floors = all_floors(floors_file)
     read = read_dataset(dataset, floors)
-    machine = read_machine(read.plant, model)
+    machine = read_machine(read.plant, model or read.model)
     plant = find_plant(read.plant)
     plant.require(read, machine)
     if read.pose_measured:
@@ -326,7 +326,7 @@ def find_gap(
     replay = plant.make_replay(usable, machine, floors)
     about = DatasetSummary(
         str(dataset),
-        usable.notes,
+        (*usable.notes, *replay.notes),
         {run.name: run.conditions for run in usable.runs},
         tuple(fault_records(check)),
     )

@@ -6,7 +6,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from omnimj.effects import check_effects
+import numpy as np
+
+from omnimj.effects import MJCF, check_effects
 from omnimj.errors import InputError, UnknownNameError
 from omnimj.estimate.gap.check import axis as axis_check
 from omnimj.estimate.gap.check import rig as rig_check
@@ -29,14 +31,15 @@ from omnimj.parameters.model_file import model_path
 from omnimj.parameters.reading import read_toml
 from omnimj.recording.dataset import Dataset, Run
 
-Machine = Rig | Robot | Axis
+Machine = Any
+"""`Rig`, `Robot`, `Axis`, or the machine of an MJCF file."""
 
 
 class GapPlant(NamedTuple):
     """Plant as the gap workflow uses it; `machine` is what `read` returns."""
 
-    model: str
-    """Shipped model file, below the folder of models."""
+    model: str | None
+    """Shipped model file, below the folder of models; None where there is none and `read` checks the file."""
     read: Callable[[Path | None], Any]
     """Model file → machine; the shipped one for None."""
     suspicions: Callable[[Dataset, Any], Iterator[Suspicion]]
@@ -47,6 +50,8 @@ class GapPlant(NamedTuple):
     """Dataset, machine, floors → replay."""
     require: Callable[[Dataset, Any], None] = lambda dataset, machine: None
     """Raises InputError for machines to which the replay's equations do not apply."""
+    sample_rate: Callable[[Dataset, Any], float] = lambda dataset, machine: machine.sensors.sample_rate
+    """Rate at which the machine is logged [1/s]."""
 
 
 def find_plant(name: str) -> GapPlant:
@@ -67,6 +72,8 @@ def read_machine(plant: str, path: Path | str | None) -> Machine:
       InputError: The file belongs to another plant, or is wrong in itself.
     """
     kind = find_plant(plant)
+    if kind.model is None:
+        return kind.read(None if path is None else Path(path))
     if path is not None:
         path = model_path(path, kind.model)
         found = read_toml(path).get("plant")
@@ -133,6 +140,41 @@ def _axis_replay(dataset: Dataset, axis: Axis, floors: Mapping[str, Floor]) -> R
     return AxisReplay(axis, dataset.runs)
 
 
+def _read_machine_file(path: Path | None) -> Any:
+    from omnimj.plant.mujoco.machine import read_machine_file
+
+    return read_machine_file(path)
+
+
+def _machine_suspicions(dataset: Dataset, machine: Any) -> Iterator[Suspicion]:
+    from omnimj.estimate.gap.check.machine import machine_suspicions
+
+    return machine_suspicions(dataset, machine)
+
+
+def _machine_time_links(runs: Sequence[Run], machine: Any) -> list[TimeLink]:
+    from omnimj.estimate.gap.check.machine import machine_time_links
+
+    return machine_time_links(runs, machine)
+
+
+def _machine_replay(dataset: Dataset, machine: Any, floors: Mapping[str, Floor]) -> Replay:
+    from omnimj.estimate.replay.mjcf.replay import MachineReplay
+
+    return MachineReplay(dataset, machine)
+
+
+def _require_machine(dataset: Dataset, machine: Any) -> None:
+    from omnimj.estimate.replay.mjcf.columns import require_machine
+
+    require_machine(dataset, machine)
+
+
+def _logged_rate(dataset: Dataset, machine: Any) -> float:
+    """Median rate of the runs: an MJCF file states none [1/s]."""
+    return float(1.0 / np.median([np.median(np.diff(run.time)) for run in dataset.runs]))
+
+
 PLANTS: Mapping[str, GapPlant] = {
     "quarter_rig": GapPlant(
         "quarter_rig/rig.toml", read_rig, _rig_suspicions, rig_check.rig_time_links, _rig_replay
@@ -147,5 +189,14 @@ PLANTS: Mapping[str, GapPlant] = {
     ),
     "linear_axis": GapPlant(
         "linear_axis/axis.toml", read_axis, _axis_suspicions, axis_check.axis_time_links, _axis_replay
+    ),
+    MJCF: GapPlant(
+        None,
+        _read_machine_file,
+        _machine_suspicions,
+        _machine_time_links,
+        _machine_replay,
+        _require_machine,
+        _logged_rate,
     ),
 }

@@ -135,6 +135,8 @@ class Replay(Protocol):
     """Variable of each free curve → typical force [N]."""
     most_effects: int
     """Largest number of effects in a model."""
+    notes: tuple[str, ...]
+    """Remarks on the logs for whoever reads the finding, one sentence each."""
     backward_elimination: bool
     """True if the search fits all effects and drops what is not needed, instead of adding one after another:
     for effects that act on the same few channels, and simulations that cost little."""

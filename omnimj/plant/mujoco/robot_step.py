@@ -71,10 +71,15 @@ class TwinArrays(NamedTuple):
 
 
 @functools.cache
-def step_address() -> int:
-    """Address of `mj_step` in the MuJoCo library that this process has loaded."""
+def function_address(name: str = "mj_step") -> int:
+    """Address of a function of the MuJoCo library that this process has loaded."""
     library = ctypes.CDLL(_library_path())
-    return int(ctypes.cast(library.mj_step, ctypes.c_void_p).value or 0)
+    return int(ctypes.cast(getattr(library, name), ctypes.c_void_p).value or 0)
+
+
+def step_address() -> int:
+    """Address of `mj_step`."""
+    return function_address()
 
 
 def _library_path() -> str:
@@ -85,7 +90,7 @@ def _library_path() -> str:
 
 @intrinsic
 def call_step(typingctx, step, model, data):
-    """Call `mj_step(model, data)` at an address."""
+    """Call `mj_step(model, data)`, or another function with these arguments, at an address."""
 
     def codegen(context, builder, signature, arguments):
         pointer = ir.IntType(8).as_pointer()

@@ -13,7 +13,8 @@ _HEAD = """# How the columns of a log become those of a dataset; edit it, then
 #   omnimj import FILE... --mapping THIS_FILE --out DATASET
 # column = { from = "its name in the log", unit = "mm/s", scale = 2.0, offset = 0.0 }, offset and scale in SI.
 # difference = true: change per second (of a counter); wrap = 65536: it starts over; signed = 16: 65535 is -1;
-# sign_of = "a column": a magnitude gets its sign; times = "a column": the product of both. floor = "{folder}": the name of the folder of each log.
+# sign_of = "a column": a magnitude gets its sign; times = "a column": the product of both.
+# floor = "{folder}": the name of the folder of each log.
 # [pose] rotation = 0.1: x, y and heading turned by this angle in rad."""
 
 

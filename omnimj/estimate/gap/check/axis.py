@@ -38,7 +38,7 @@ def axis_suspicions(runs: Sequence[Run], axis: Axis, beyond: Sequence[str] = ())
       axis: Declared mass, force constant and travel.
       beyond: Channels with values that the machine cannot reach.
     """
-    pair = _compared(runs)
+    pair = velocity_comparison(runs)
     links = []
     if pair is not None and abs(pair.correlation) > _CLEAR:
         links.append(Link("velocity", "position", pair.scale, _TIGHT, abs(pair.correlation)))
@@ -58,7 +58,7 @@ def axis_suspicions(runs: Sequence[Run], axis: Axis, beyond: Sequence[str] = ())
 def axis_time_links(runs: Sequence[Run], axis: Axis) -> list[TimeLink]:
     """Links of velocity and force with the change of the position; F = m a gives τ² = declared m/fitted m."""
     found = []
-    pair = _compared(runs)
+    pair = velocity_comparison(runs)
     if pair is not None and abs(pair.correlation) > _CLEAR and pair.scale != 0.0:
         found.append(TimeLink(("velocity", "position"), abs(pair.scale)))
     force, motion = _motion(runs, axis)
@@ -70,7 +70,7 @@ def axis_time_links(runs: Sequence[Run], axis: Axis) -> list[TimeLink]:
     return found
 
 
-def _compared(runs: Sequence[Run]) -> Comparison | None:
+def velocity_comparison(runs: Sequence[Run]) -> Comparison | None:
     """Comparison of the position with the integrated velocity."""
     stretches = []
     for run in runs:

@@ -43,7 +43,7 @@ def check_dataset(dataset: Dataset, machine: Machine | None = None) -> DataCheck
 
 def _suspicions(dataset: Dataset, plant: GapPlant, machine: Machine) -> list[Suspicion]:
     """Suspicions of time, and those of the channels once time is right."""
-    rate = machine.sensors.sample_rate
+    rate = plant.sample_rate(dataset, machine)
     found = None
     if has_period(dataset.runs, rate):
         found = list(plant.suspicions(dataset, machine))

@@ -17,6 +17,7 @@ import math
 
 import numpy as np
 
+from omnimj.estimate.replay.stretches import FIRST, FIRST_BLOCK, LAST, value_at
 from omnimj.physics.axis import (
     CHANGE,
     DRIVE_SPEED,
@@ -46,29 +47,9 @@ STRETCH = 6
 """Columns of the table of stretches without gaps: samples start … end − 1, its first window and number of
 windows, sample period [s], substeps per sample."""
 
-FIRST, LAST, FIRST_BLOCK = range(3)
-WINDOW = 3
-"""Columns of the table of free windows: samples first … last − 1, and the first row of blocks."""
-
 FORCE_COLUMN, POSITION_COLUMN, VELOCITY_COLUMN = range(3)
 
 _FIRST_MOTION = 5.0  # travel, in plays, over which the initial side of the play is determined
-
-
-@kernel
-def value_at(values, place, first, last):
-    """Interpolate linearly between samples first … last − 1; constant beyond them.
-
-    Args:
-      values: Samples of a channel, shape (samples,).
-      place: Place, counted like the samples.
-      first: First sample of the window.
-      last: Sample after the end of the window; it has at least two.
-    """
-    place = min(max(place, float(first)), float(last - 1))
-    below = min(int(place), last - 2)
-    share = place - below
-    return (1.0 - share) * values[below] + share * values[below + 1]
 
 
 @kernel

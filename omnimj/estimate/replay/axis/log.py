@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -11,14 +10,13 @@ from numpy.typing import NDArray
 from scipy.signal import savgol_coeffs, savgol_filter
 
 from omnimj.errors import InputError
-from omnimj.estimate.replay.axis.kernels import STRETCH, WINDOW
-from omnimj.physics.native import kernel
+from omnimj.estimate.replay.axis.kernels import STRETCH
+from omnimj.estimate.replay.stretches import WINDOW, on_clock, split_at_gaps, white_noise
 from omnimj.recording.dataset import Run
 from omnimj.signals import Array
 
 BLOCK = 0.02
 """Length of a block [s]."""
-_GAP = 3.5  # sample periods between two samples from which on a gap is assumed
 _STEP = 1e-3  # [s] longest step of the equations
 _FEWEST = 16  # samples that a local cubic and third differences need
 _DRIFT = 5e-5  # [m] permitted drift of a free window from the noise of its initial speed
@@ -35,7 +33,7 @@ class AxisLog:
     stretches: Array
     """Table of stretches, see `kernels.STRETCH`, shape (stretches, STRETCH)."""
     windows: NDArray[np.int64]
-    """Table of free windows, see `kernels.WINDOW`, shape (windows, WINDOW)."""
+    """Table of free windows, see `stretches.WINDOW`, shape (windows, WINDOW)."""
     run_of_stretch: tuple[int, ...]
     times: Array
     """Time since the start of the run, shape (n,) [s]."""
@@ -80,34 +78,6 @@ def force_column(run: Run, force_constant: float) -> tuple[str, Array]:
     raise InputError(run.name, "has neither 'force' nor 'current'", "a linear axis' log needs one of them")
 
 
-def _noise(values: Sequence[Array]) -> float:
-    """Standard deviation of white noise from third differences; that of quantisation where it is larger."""
-    changes = np.concatenate([np.diff(v, 3) for v in values])
-    spread = float(np.median(np.abs(changes - np.median(changes)))) / 0.6745 / np.sqrt(20.0)
-    steps = np.concatenate([np.abs(np.diff(v)) for v in values])
-    scale = max(float(np.abs(np.concatenate(values)).max()), 1e-300)
-    steps = steps[steps > 1e-12 * scale]
-    smallest = float(np.quantile(steps, 0.02)) if len(steps) else 0.0
-    return max(spread, smallest / np.sqrt(12.0), 1e-9 * scale)
-
-
-def _split(run: Run, period: float) -> list[slice]:
-    """Split a run at its gaps."""
-    cuts = np.flatnonzero(np.diff(run.time) > _GAP * period) + 1
-    edges = [0, *cuts.tolist(), len(run.time)]
-    return [slice(a, b) for a, b in itertools.pairwise(edges)]
-
-
-def _clean(run: Run, name: str, values: Array, part: slice, clock: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Resample a column, masked samples bridged by straight lines; and the mask of affected samples."""
-    time, bad = run.time[part], np.asarray(run.masked.get(name, np.zeros(len(run.time), bool)))[part]
-    bad = bad | ~np.isfinite(values[part])
-    if bad.all():
-        return np.full(len(clock), np.nan), np.ones(len(clock), bool)
-    on_clock = np.interp(clock, time[~bad], values[part][~bad])
-    return on_clock, np.interp(clock, time, bad.astype(float)) > 1e-6
-
-
 def _smoothed(position: Array, period: float, noise: float, horizon: float) -> Array:
     """Smooth by local cubics: the narrowest filter whose speed noise drifts by less than `_DRIFT`."""
     width = 5
@@ -141,10 +111,10 @@ def _stretches(index: int, run: Run, force_constant: float, period: float) -> It
     nothing = np.full(len(run.time), np.nan)
     named = ((name, force), ("position", run.columns["position"]))
     named += (("velocity", run.columns.get("velocity", nothing)),)
-    for part in _split(run, float(np.median(np.diff(run.time)))):
+    for part in split_at_gaps(run, float(np.median(np.diff(run.time)))):
         time = run.time[part]
         clock = time[0] + np.arange(int((time[-1] - time[0]) / period * (1.0 + 1e-12)) + 1) * period
-        found = [_clean(run, column, values, part, clock) for column, values in named]
+        found = [on_clock(run, column, values, part, clock) for column, values in named]
         if not (found[0][1].all() or found[1][1].all()):
             columns = (clock - run.time[0], *(values for values, _ in found))
             yield _Stretch(index, columns, np.stack([mask for _, mask in found], axis=1))
@@ -187,7 +157,7 @@ def read_axis_log(runs: Sequence[Run], force_constant: float, window: float, blo
     if not stretches:
         raise InputError("dataset", "no run is long enough", f"{0.5 * window:g} s without a gap are needed")
     table, windows = _cut(stretches, size, length, period)
-    noise = [_noise([s.columns[k] for s in stretches]) for k in (1, 2)]
+    noise = [white_noise([s.columns[k] for s in stretches]) for k in (1, 2)]
     smooth = [_smoothed(s.columns[2], period, noise[1], window) for s in stretches]
     times, force, position, velocity = (np.concatenate([s.columns[k] for s in stretches]) for k in range(4))
     return AxisLog(
@@ -219,24 +189,3 @@ def force_sign(log: AxisLog) -> float:
     moved = columns[:, :3] @ fitted[:3]
     backward = fitted[0] < 0.0 and float(moved @ speed) < 0.0
     return -1.0 if backward and moved.std() > 0.5 * log.force.std() else 1.0
-
-
-@kernel
-def block_means(values, windows, size, means):
-    """Average the samples of every block; NaN where a sample is NaN.
-
-    Args:
-      values: Samples, shape (n, columns).
-      windows: Table of windows, shape (windows, WINDOW).
-      size: Samples per block.
-      means: Filled with the block means, shape (blocks, columns).
-    """
-    for w in range(len(windows)):
-        row = windows[w, 2]
-        for start in range(windows[w, 0], windows[w, 1], size):
-            for c in range(values.shape[1]):
-                total = 0.0
-                for k in range(start, start + size):
-                    total += values[k, c]
-                means[row, c] = total / size
-            row += 1

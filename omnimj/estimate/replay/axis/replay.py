@@ -17,7 +17,7 @@ from omnimj.effects import AXIS
 from omnimj.errors import UnknownNameError
 from omnimj.estimate.replay.axis import experiments
 from omnimj.estimate.replay.axis.kernels import FORCE_COLUMN, POSITION_COLUMN, START, VELOCITY_COLUMN, replay
-from omnimj.estimate.replay.axis.log import block_means, force_column, force_sign, read_axis_log
+from omnimj.estimate.replay.axis.log import force_column, force_sign, read_axis_log
 from omnimj.estimate.replay.axis.settings import (
     CURVES,
     base_parameters,
@@ -35,6 +35,7 @@ from omnimj.estimate.replay.interface import (
     Setting,
     average_blocks,
 )
+from omnimj.estimate.replay.stretches import block_means
 from omnimj.estimate.threads import map_in_threads
 from omnimj.parameters.axis import Axis
 from omnimj.physics.axis import MASS

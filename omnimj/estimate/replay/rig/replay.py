@@ -140,7 +140,7 @@ class RigReplay:
     """Replay of a dataset of rig runs; implements `replay.interface.Replay`."""
 
     plant = "quarter_rig"
-    most_effects, backward_elimination = MOST_EFFECTS, False
+    most_effects, backward_elimination, notes = MOST_EFFECTS, False, ()
 
     def __init__(self, dataset: Dataset, rig: Rig, floors: Mapping[str, Floor]):
         """Prepare the runs.

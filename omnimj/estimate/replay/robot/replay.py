@@ -108,7 +108,7 @@ class RobotReplay:
     """Replay of a dataset of missions; ground truth in the logs is ignored."""
 
     plant = ROBOT
-    most_effects, backward_elimination = MOST_EFFECTS, False
+    most_effects, backward_elimination, notes = MOST_EFFECTS, False, ()
 
     def __init__(
         self,

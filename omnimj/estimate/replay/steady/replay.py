@@ -70,7 +70,7 @@ _SPEEDS = {"slow": 0.1, "fast": 0.3}  # [m/s]
 class SteadyReplay:
     """Replay of a dataset of steady driving with a measured pose."""
 
-    plant, backward_elimination = ROBOT, True
+    plant, backward_elimination, notes = ROBOT, True, ()
 
     def __init__(self, dataset: Dataset, robot: Robot, floors: Mapping[str, Floor]):
         """Prepare the runs.

@@ -1,0 +1,103 @@
+"""Relations between the channels of any machine: velocity and position of a joint, input and motion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from omnimj.estimate.gap.check.axis import velocity_comparison
+from omnimj.estimate.gap.check.columns import column_suspicions
+from omnimj.estimate.gap.check.suspicions import GROSS, Link, Suspicion, wrong_scales, wrong_signs
+from omnimj.estimate.gap.check.time_base import TimeLink
+from omnimj.plant.mujoco.machine import Machine
+from omnimj.recording.dataset import Dataset, Run
+from omnimj.signals import Array
+
+_CLEAR = 0.6  # correlation of velocity and position from which their link is clear
+_TIGHT = np.log(1.04)
+_DELAY = 0.004  # [s] largest healthy delay between velocity and position
+_EXPLAINS = 0.3  # share of an input's variance that only the motion of the links explains
+
+
+def machine_suspicions(dataset: Dataset, machine: Machine) -> Iterator[Suspicion]:
+    """Yield defects of the columns and contradictions between them.
+
+    Args:
+      dataset: The runs.
+      machine: Gives masses, gravity and actuators.
+    """
+    names = [f"position:{joint}" for joint in machine.joints]
+    speeds = [f"velocity:{joint}" for joint in machine.joints]
+    inputs = [f"{kind}:{drive.name}" for drive in machine.drives for kind in ("force", "control")]
+    yield from column_suspicions(dataset, (*names, *speeds, *inputs), (*speeds, *names), names)
+    for joint in machine.joints:
+        yield from _velocity_suspicions(dataset.runs, joint)
+    yield from _input_suspicions(dataset, machine)
+
+
+def _renamed(runs: Sequence[Run], joint: str) -> list[Run]:
+    """Runs with the columns `position` and `velocity` of one joint."""
+    found = []
+    for run in runs:
+        names = {f"{kind}:{joint}": kind for kind in ("position", "velocity")}
+        columns = {short: run.columns[name] for name, short in names.items() if name in run.columns}
+        masks = {short: run.masked[name] for name, short in names.items() if name in run.masked}
+        found.append(replace(run, columns={"time": run.time, **columns}, masked=masks))
+    return found
+
+
+def _velocity_suspicions(runs: Sequence[Run], joint: str) -> Iterator[Suspicion]:
+    pair = velocity_comparison(_renamed(runs, joint))
+    if pair is None or abs(pair.correlation) <= _CLEAR:
+        return
+    velocity, position = f"velocity:{joint}", f"position:{joint}"
+    links = [Link(velocity, position, pair.scale, _TIGHT, abs(pair.correlation))]
+    yield from wrong_signs(links)
+    yield from wrong_scales(links)
+    error = pair.delay_error if np.isfinite(pair.delay_error) else 0.0
+    late = pair.delay
+    if abs(late) > max(_DELAY, 3.0 * error):
+        name, other = (position, velocity) if late > 0.0 else (velocity, position)
+        words = f"{name} is {1e3 * abs(late):.1f} ms late against {other}"
+        yield Suspicion(name, "delay", abs(late), abs(late) / _DELAY, words, (other,))
+
+
+def _input_suspicions(dataset: Dataset, machine: Machine) -> Iterator[Suspicion]:
+    """Inputs that act against the motion that they cause, or that are far from what it needs."""
+    from omnimj.estimate.replay.mjcf.replay import MachineReplay  # loads MuJoCo
+
+    for name, balance in MachineReplay(dataset, machine).input_balances().items():
+        scale, share = _scale(*balance)
+        if share < _EXPLAINS:
+            continue
+        if scale < 0.0:
+            words = f"{name} acts against the motion that it causes: it has the wrong sign"
+            yield Suspicion(name, "sign", -1.0, 4.0 * share, words)
+        elif abs(np.log(scale)) > GROSS:
+            words = f"{name} is {scale:.4g} times the value that the motion of the links needs"
+            yield Suspicion(name, "unit", scale, abs(np.log(scale)) / GROSS, words, ("masses of the model",))
+
+
+def _scale(force: Array, rigid: Array, speed: Array) -> tuple[float, float]:
+    """Scale s of F = s R + b v + C sgn v + F_0, and the share of F's variance that only R explains."""
+    top = max(float(np.abs(speed).max()), 1e-12)
+    others = np.stack([speed, np.tanh(20.0 * speed / top), np.ones_like(speed)], axis=1)
+    rest = [y - others @ np.linalg.lstsq(others, y, rcond=None)[0] for y in (force, rigid)]
+    squares = float(rest[1] @ rest[1])
+    if squares <= 0.0:
+        return 1.0, 0.0
+    scale = float(rest[1] @ rest[0]) / squares
+    whole = max(float(((force - force.mean()) ** 2).sum()), 1e-300)
+    return scale, scale * scale * squares / whole
+
+
+def machine_time_links(runs: Sequence[Run], machine: Machine) -> list[TimeLink]:
+    """Links of velocities with the change of positions."""
+    found = []
+    for joint in machine.joints:
+        pair = velocity_comparison(_renamed(runs, joint))
+        if pair is not None and abs(pair.correlation) > _CLEAR and pair.scale != 0.0:
+            found.append(TimeLink((f"velocity:{joint}", f"position:{joint}"), abs(pair.scale)))
+    return found

@@ -1,0 +1,228 @@
+"""Rigid-body forces along the measured motion and free windows from it, by MuJoCo in compiled loops."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Hashable
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import savgol_filter
+
+from omnimj.effects import ChannelEffect
+from omnimj.effects.parts import BODY
+from omnimj.estimate.replay.mjcf import kernels
+from omnimj.estimate.replay.mjcf.kernels import ARMATURE, COMPLIANCE, SPRING, SPRING_REST, Simulation
+from omnimj.estimate.replay.mjcf.laws import Laws
+from omnimj.estimate.replay.mjcf.log import MachineLog
+from omnimj.plant.mujoco.machine import Machine
+from omnimj.plant.mujoco.quantities import with_masses
+from omnimj.plant.mujoco.robot_step import function_address
+from omnimj.signals import Array
+
+_KEPT = 64  # rigid-body forces along the motion that are remembered
+_STIFF = 0.9999  # impedance of dry friction: a joint at rest does not creep
+_STEP = 0.002  # [s] shortest step of the windows
+_OFF = mujoco.mjtDisableBit
+
+
+class Motion:
+    """Motion of a machine under the position sensors of a setting, and its rigid-body forces."""
+
+    def __init__(self, position: Array, speed: Array, acceleration: Array, rigid: Array, readings: Array):
+        self.position, self.speed, self.acceleration = position, speed, acceleration
+        """Shape (n, j) each."""
+        self.rigid = rigid
+        """Rigid-body forces, shape (n, j) [N or N.m]."""
+        self.readings = readings
+        """Readings of the sensors, shape (n, s)."""
+
+
+class Dynamics:
+    """MuJoCo's model of a machine along its logs; equal rigid bodies are computed once."""
+
+    def __init__(self, machine: Machine, log: MachineLog, sensors: tuple[str, ...]):
+        """Prepare the models.
+
+        Args:
+          machine: The machine.
+          log: Its logs.
+          sensors: Measured sensors.
+        """
+        self._machine, self._log = machine, log
+        names = [mujoco.mj_name2id(machine.mj_model, mujoco.mjtObj.mjOBJ_SENSOR, s) for s in sensors]
+        self._sensors = np.array([machine.mj_model.sensor_adr[k] for k in names], np.int64)
+        self._known: dict[Hashable, Motion] = {}
+        self._lock = threading.Lock()
+        substeps = max(1, int(np.ceil(log.period / max(machine.mj_model.opt.timestep, _STEP) - 1e-6)))
+        self.substeps = substeps
+        """Steps of MuJoCo per row."""
+
+    def motion(self, laws: Laws) -> Motion:
+        """Motion and rigid-body forces under a setting."""
+        key = self._key(laws)
+        with self._lock:
+            if key in self._known:
+                return self._known[key]
+        found = self._along(laws)
+        with self._lock:
+            while len(self._known) >= _KEPT:
+                del self._known[next(iter(self._known))]
+            self._known[key] = found
+        return found
+
+    def _key(self, laws: Laws) -> Hashable:
+        positions = tuple(laws.channel(f"position:{name}") for name in self._machine.joints)
+        masses = tuple(value for (kind, _, _), value in laws.masses.items() if kind == BODY)
+        compliance = tuple(laws.joints[:, COMPLIANCE].tolist())
+        armature = tuple(laws.joints[:, ARMATURE].tolist()) if any(compliance) else ()
+        return masses, laws.payloads, tuple(laws.gravity.tolist()), positions, compliance, armature
+
+    def _along(self, laws: Laws) -> Motion:
+        log = self._log
+        columns = [
+            [
+                self._true(values[:, j], laws.channel(f"position:{name}"), order)
+                for j, name in enumerate(self._machine.joints)
+            ]
+            for order, values in enumerate((log.position, log.speed, log.acceleration))
+        ]
+        position, speed, acceleration = (np.ascontiguousarray(np.stack(c, axis=1)) for c in columns)
+        model = self._model(laws)
+        model.opt.disableflags |= int(_OFF.mjDSBL_CONSTRAINT)
+        model.dof_damping[:] = model.dof_frictionloss[:] = model.dof_armature[:] = 0.0
+        model.dof_dampingpoly[:, 0] = model.jnt_stiffness[:] = 0.0
+        mj_data = mujoco.MjData(model)
+        simulation = _arrays(model, mj_data)
+
+        def forces(q: Array, v: Array, a: Array) -> tuple[Array, Array]:
+            rigid, readings = np.empty(q.shape), np.empty((len(q), len(self._sensors)))
+            kernels.rigid_forces(simulation, q, v, a, self._sensors, rigid, readings)
+            return rigid, readings
+
+        rigid, readings = forces(position, speed, acceleration)
+        if laws.joints[:, COMPLIANCE].any():
+            bent = self._bent(rigid, laws.joints[:, COMPLIANCE])
+            moved = (
+                part - change for part, change in zip((position, speed, acceleration), bent, strict=True)
+            )
+            rigid, readings = forces(*map(np.ascontiguousarray, moved))
+        return Motion(position, speed, acceleration, rigid, readings)
+
+    def _true(self, values: Array, reading: ChannelEffect, order: int) -> Array:
+        """Motion of a joint from readings of its encoder; order 0: position, 1: speed, 2: acceleration."""
+        if reading == ChannelEffect():
+            return values
+        offset = reading.offset if order == 0 else 0.0
+        true = (values - offset) / reading.scale
+        if reading.delay:
+            found = np.empty(len(true))
+            kernels.shifted(true, self._log.stretches, reading.delay / self._log.period, found)
+            return found
+        return true
+
+    def _bent(self, rigid: Array, compliance: Array) -> tuple[Array, Array, Array]:
+        """Deflection of each joint's spring under the force that it transmits, and its two derivatives."""
+        log = self._log
+        found = np.zeros((3, *rigid.shape))
+        for j in np.flatnonzero(compliance):
+            for first, last, _, _ in log.stretches:
+                width = min(max(2 * round(log.reach[j] / log.period) + 1, 5), int(last - first) - 1 | 1)
+                for order in range(3):
+                    found[order, first:last, j] = compliance[j] * savgol_filter(
+                        rigid[first:last, j], width, 3, deriv=order, delta=log.period
+                    )
+        return found[0], found[1], found[2]
+
+    def _model(self, laws: Laws) -> mujoco.MjModel:
+        """Copy of the model with the masses and the gravity of a setting, without contacts and limits."""
+        model = with_masses(self._machine.mj_model, laws.masses, laws.payloads)
+        model.opt.gravity[:] = laws.gravity
+        for flag in (_OFF.mjDSBL_CONTACT, _OFF.mjDSBL_LIMIT, _OFF.mjDSBL_ACTUATION):
+            model.opt.disableflags |= int(flag)
+        return model
+
+    def windows(
+        self,
+        laws: Laws,
+        motion: Motion,
+        curve: Array,
+        commands: Array,
+        chosen: NDArray[np.int64],
+    ) -> Array:
+        """Mean positions and speeds in free windows, NaN elsewhere, shape (blocks, 2 j).
+
+        Args:
+          laws: The machine under a setting.
+          motion: Its measured motion.
+          curve: Free curve of the setting.
+          commands: Effective inputs, shape (n, j).
+          chosen: Windows to simulate, shape (w, WINDOW).
+        """
+        log = self._log
+        model = self._model(laws)
+        model.opt.timestep = log.period / self.substeps
+        model.opt.disableflags |= int(_OFF.mjDSBL_SENSOR)
+        model.dof_armature[:] = laws.joints[:, ARMATURE]
+        model.jnt_stiffness[:] = laws.joints[:, SPRING]
+        model.qpos_spring[:] = laws.joints[:, SPRING_REST]
+        model.dof_dampingpoly[:, 0] = 0.0
+        model.dof_solimp[:, :2] = _STIFF
+        model.dof_solref[:] = (2.0 * model.opt.timestep, 1.0)
+        mj_data = mujoco.MjData(model)
+        mujoco.mj_setConst(model, mj_data)
+        found = np.full((log.blocks, 2 * len(laws.joints)), np.nan)
+        kernels.free_windows(
+            _arrays(model, mj_data),
+            laws.joints,
+            curve,
+            chosen,
+            self.substeps,
+            log.times,
+            motion.position,
+            motion.speed,
+            commands,
+            log.enabled,
+            log.size,
+            found,
+        )
+        return found
+
+
+def _arrays(model: mujoco.MjModel, mj_data: mujoco.MjData) -> Simulation:
+    """Arrays of a model; it and its data must outlive them."""
+    d = mj_data
+    return Simulation(
+        function_address("mj_step"),
+        function_address("mj_inverse"),
+        model._address,
+        d._address,
+        d.qpos,
+        d.qvel,
+        d.qacc,
+        d.qfrc_applied,
+        d.qfrc_passive,
+        d.qfrc_constraint,
+        d.qfrc_inverse,
+        d.qacc_warmstart,
+        d.sensordata,
+        model.dof_damping,
+        model.dof_frictionloss,
+    )
+
+
+def effective_inputs(laws: Laws, log: MachineLog) -> Array:
+    """Inputs as the actuators receive them, shape (n, j)."""
+    found = np.zeros(log.inputs.shape)
+    for j, law in enumerate(laws.inputs):
+        if law is None:
+            continue
+        raw = (log.inputs[:, j] - law.reading.offset) / law.reading.scale
+        late = law.delay + laws.clock - law.reading.delay
+        commands = np.empty(len(raw))
+        kernels.effective_commands(
+            np.ascontiguousarray(raw), log.stretches, late, law.lag, log.period, *law.limits, commands
+        )
+        found[:, j] = commands
+    return found

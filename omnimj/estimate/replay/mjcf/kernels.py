@@ -1,0 +1,310 @@
+"""Compiled replay of any machine: balance of forces along the measured motion, and free windows.
+
+Balance at a joint, with the rigid-body force R of its links, and for a joint at rest the friction that the
+balance asks for, within the bounds of dry friction:
+  J q̈ + R(q, q̇, q̈) + (b ± Δb/2 + c |q̇|) q̇ + k (q − q_0) + D sgn q̇ − F_0 = gear · force
+Free window: MuJoCo steps from the measured state, driven by the measured input alone; dry friction is that of
+its solver, with the level of the present state, and what MJCF has no word for is an applied force.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnimj.estimate.replay.stretches import FIRST, FIRST_BLOCK, LAST, value_at
+from omnimj.physics.native import kernel
+from omnimj.plant.mujoco.robot_step import call_step
+from omnimj.signals import Array
+
+(
+    DAMPING,
+    QUADRATIC,
+    DRY,
+    ARMATURE,
+    SPRING,
+    SPRING_REST,
+    CABLE,
+    CABLE_REST,
+    ASYMMETRIC_DRY,
+    ASYMMETRIC_DAMPING,
+    STRIBECK_FORCE,
+    STRIBECK_VELOCITY,
+    PLACE_FORCE,
+    PLACE,
+    PLACE_WIDTH,
+    LOAD_SHARE,
+    OFFSET,
+    COMPLIANCE,
+    GEAR,
+    GAIN,
+    BIAS,
+    POSITION_GAIN,
+    VELOCITY_GAIN,
+    LOW,
+    HIGH,
+    REST_SPEED,
+    FORCE_PER_UNIT,
+) = range(27)
+LAW = 27
+"""Numbers of a joint's law. `FORCE_PER_UNIT`: force on the joint per unit of its channel."""
+
+KNOTS = 8
+CURVE_JOINT, CURVE_KIND, CURVE_LOW, CURVE_HIGH = range(4)
+CURVE = 4 + KNOTS
+"""Numbers of a free curve: joint (−1: none), variable, range, force at the knots."""
+OVER_SPEED, OVER_POSITION, OVER_TIME = range(3)
+
+
+@kernel
+def _curve_force(curve, joint, position, speed, time):
+    """Force of a free curve on a joint [N or N.m]."""
+    if curve[CURVE_JOINT] != joint:
+        return 0.0
+    kind = curve[CURVE_KIND]
+    x = speed if kind == OVER_SPEED else (position if kind == OVER_POSITION else time)
+    place = (x - curve[CURVE_LOW]) / (curve[CURVE_HIGH] - curve[CURVE_LOW]) * (KNOTS - 1)
+    place = min(max(place, 0.0), KNOTS - 1.0)
+    below = min(int(place), KNOTS - 2)
+    share = place - below
+    return (1.0 - share) * curve[4 + below] + share * curve[5 + below]
+
+
+@kernel
+def _dry_friction(law, position, speed, load):
+    """Dry friction in forward and in backward motion, both ≥ 0 [N or N.m].
+
+    D± = C ± ΔC/2 + S exp(−(v/v_s)²) + P exp(−((q − q_P)/w)²/2) + μ |R|
+    """
+    dry = law[DRY] + law[LOAD_SHARE] * abs(load)
+    if law[STRIBECK_FORCE] != 0.0:
+        dry += law[STRIBECK_FORCE] * math.exp(-((speed / law[STRIBECK_VELOCITY]) ** 2))
+    if law[PLACE_FORCE] != 0.0:
+        dry += law[PLACE_FORCE] * math.exp(-0.5 * ((position - law[PLACE]) / law[PLACE_WIDTH]) ** 2)
+    half = 0.5 * law[ASYMMETRIC_DRY]
+    return max(dry + half, 0.0), max(dry - half, 0.0)
+
+
+@kernel
+def _damping(law, speed):
+    """Damping coefficient b ± Δb/2 + c |v|."""
+    half = 0.5 * law[ASYMMETRIC_DAMPING]
+    side = half if speed > 0.0 else (-half if speed < 0.0 else 0.0)
+    return law[DAMPING] + side + law[QUADRATIC] * abs(speed)
+
+
+@kernel
+def _drive_force(law, command, position, speed):
+    """Force of the actuator on its joint [N or N.m]."""
+    gear = law[GEAR]
+    force = law[GAIN] * command + law[BIAS]
+    force += law[POSITION_GAIN] * gear * position + law[VELOCITY_GAIN] * gear * speed
+    return gear * min(max(force, law[LOW]), law[HIGH])
+
+
+@kernel
+def missing_forces(laws, curve, times, position, speed, acceleration, rigid, commands, enabled, missing):
+    """Force that each joint's balance lacks along the measured motion.
+
+    Args:
+      laws: Laws of the joints, shape (j, LAW).
+      curve: Free curve, shape (CURVE,).
+      times: Time since the start of the run, shape (n,) [s].
+      position: Shape (n, j).
+      speed: Shape (n, j).
+      acceleration: Shape (n, j).
+      rigid: Rigid-body forces, without armature, springs and friction, shape (n, j).
+      commands: Effective inputs of the actuators, shape (n, j).
+      enabled: Whether the actuators are on, shape (n, j).
+      missing: Filled with needed − produced force, shape (n, j) [N or N.m].
+    """
+    for k in range(len(times)):
+        for j in range(len(laws)):
+            law = laws[j]
+            q, v = position[k, j], speed[k, j]
+            needed = law[ARMATURE] * acceleration[k, j] + rigid[k, j] + _damping(law, v) * v
+            needed += law[SPRING] * (q - law[SPRING_REST]) + law[CABLE] * (q - law[CABLE_REST])
+            needed -= law[OFFSET] + _curve_force(curve, j, q, v, times[k])
+            produced = _drive_force(law, commands[k, j], q, v) if enabled[k, j] else 0.0
+            forward, backward = _dry_friction(law, q, v, rigid[k, j])
+            share = min(max(v / law[REST_SPEED], -1.0), 1.0)  # 0 at rest, ±1 in motion
+            low, high = -backward, forward
+            if share > 0.0:
+                low += share * (forward + backward)
+            else:
+                high += share * (forward + backward)
+            missing[k, j] = needed - produced + min(max(produced - needed, low), high)
+
+
+@kernel
+def effective_commands(raw, stretches, late, lag, period, low, high, commands):
+    """Commands as the actuator receives them: delayed, limited, filtered with a first-order lag.
+
+    Args:
+      raw: Measured commands of one joint, shape (n,).
+      stretches: Table of stretches.
+      late: Delay [s].
+      lag: Time constant [s].
+      period: Time between rows [s].
+      low: Least command.
+      high: Largest command.
+      commands: Filled, shape (n,).
+    """
+    keep = math.exp(-period / lag) if lag > 1e-6 else 0.0
+    for s in range(len(stretches)):
+        first, last = stretches[s, 0], stretches[s, 1]
+        state = min(max(raw[first], low), high)
+        for k in range(first, last):
+            wanted = min(max(value_at(raw, k - late / period, first, last), low), high)
+            state = keep * state + (1.0 - keep) * wanted
+            commands[k] = state
+
+
+@kernel
+def shifted(values, stretches, rows, shifted_values):
+    """Values of one column some rows later, interpolated inside its stretch.
+
+    Args:
+      values: Shape (n,).
+      stretches: Table of stretches.
+      rows: Number of rows, not whole.
+      shifted_values: Filled, shape (n,).
+    """
+    for s in range(len(stretches)):
+        first, last = stretches[s, 0], stretches[s, 1]
+        for k in range(first, last):
+            shifted_values[k] = value_at(values, k + rows, first, last)
+
+
+class Simulation(NamedTuple):
+    """MuJoCo's arrays of one model, and the addresses of its functions."""
+
+    step: int
+    """Address of `mj_step`."""
+    inverse: int
+    """Address of `mj_inverse`."""
+    model: int
+    data: int
+    qpos: Array
+    qvel: Array
+    qacc: Array
+    applied: Array
+    """`qfrc_applied`, shape (j,)."""
+    passive: Array
+    constraint: Array
+    needed: Array
+    """`qfrc_inverse`, shape (j,)."""
+    warm: Array
+    """`qacc_warmstart`."""
+    readings: Array
+    """`sensordata`."""
+    damping: Array
+    """`dof_damping` of the model, shape (j,)."""
+    friction: Array
+    """`dof_frictionloss` of the model, shape (j,)."""
+
+
+@kernel
+def rigid_forces(simulation, position, speed, acceleration, places, rigid, readings):
+    """Rigid-body forces and readings of sensors along a motion, by inverse dynamics.
+
+    Args:
+      simulation: A model without friction, springs and armature.
+      position: Shape (n, j).
+      speed: Shape (n, j).
+      acceleration: Shape (n, j).
+      places: Places of the sensors in `sensordata`, shape (s,).
+      rigid: Filled with the forces, shape (n, j) [N or N.m].
+      readings: Filled with the readings, shape (n, s).
+    """
+    for k in range(len(position)):
+        simulation.qpos[:] = position[k]
+        simulation.qvel[:] = speed[k]
+        simulation.qacc[:] = acceleration[k]
+        call_step(simulation.inverse, simulation.model, simulation.data)
+        rigid[k] = simulation.needed
+        for s in range(len(places)):
+            readings[k, s] = simulation.readings[places[s]]
+
+
+@kernel
+def free_windows(
+    simulation, laws, curve, windows, substeps, times, position, speed, commands, enabled, size, blocks
+):
+    """Simulate free windows from the measured state and average the positions over the blocks.
+
+    Args:
+      simulation: The model; its damping and dry friction are set in every step.
+      laws: Laws of the joints, shape (j, LAW).
+      curve: Free curve, shape (CURVE,).
+      windows: Table of the windows to simulate, shape (w, WINDOW).
+      substeps: Steps per row.
+      times: Time since the start of the run, shape (n,) [s].
+      position: Shape (n, j).
+      speed: Shape (n, j).
+      commands: Effective inputs of the actuators, shape (n, j).
+      enabled: Whether the actuators are on, shape (n, j).
+      size: Rows per block.
+      blocks: Filled with mean positions and speeds of these windows, shape (blocks, 2 j).
+    """
+    joints = len(laws)
+    load = np.zeros(joints)
+    for w in range(len(windows)):
+        first, last, at = windows[w, FIRST], windows[w, LAST], windows[w, FIRST_BLOCK]
+        for j in range(joints):
+            simulation.qpos[j] = position[first, j] - laws[j, COMPLIANCE] * load[j]
+            simulation.qvel[j], simulation.warm[j], load[j] = speed[first, j], 0.0, 0.0
+        blocks[at : at + (last - first) // size] = 0.0
+        for k in range(first, last):
+            block = at + (k - first) // size
+            for j in range(joints):
+                blocks[block, j] += (simulation.qpos[j] + laws[j, COMPLIANCE] * load[j]) / size
+                blocks[block, joints + j] += simulation.qvel[j] / size
+            if k + 1 == last:
+                break
+            for i in range(substeps):
+                share = (i + 0.5) / substeps
+                for j in range(joints):
+                    command = (1.0 - share) * commands[k, j] + share * commands[k + 1, j]
+                    _set_forces(simulation, laws[j], curve, j, command, enabled[k, j], times[k], load)
+                call_step(simulation.step, simulation.model, simulation.data)
+                for j in range(joints):
+                    load[j] = simulation.applied[j] + simulation.passive[j] + simulation.constraint[j]
+                    load[j] -= laws[j, ARMATURE] * simulation.qacc[j]
+
+
+@kernel
+def _set_forces(simulation, law, curve, j, command, is_on, time, load):
+    """Set damping, dry friction and applied force of a joint for the next step."""
+    q, v = simulation.qpos[j], simulation.qvel[j]
+    forward, backward = _dry_friction(law, q, v, load[j])
+    damping = _damping(law, v)
+    push = law[OFFSET] + _curve_force(curve, j, q, v, time) - law[CABLE] * (q - law[CABLE_REST])
+    if is_on:
+        push += _drive_force(law, command, q, v)
+        if law[VELOCITY_GAIN] < 0.0 and law[LOW] == -np.inf and law[HIGH] == np.inf:
+            electric = -law[VELOCITY_GAIN] * law[GEAR] * law[GEAR]
+            damping += electric  # taken implicitly by MuJoCo's step
+            push += electric * v
+    if damping < 0.0:
+        push -= damping * v
+        damping = 0.0
+    simulation.damping[j] = damping
+    simulation.friction[j] = 0.5 * (forward + backward)
+    simulation.applied[j] = push - 0.5 * (forward - backward)
+
+
+def no_curve() -> Array:
+    """A free curve without a force, shape (CURVE,)."""
+    found = np.zeros(CURVE)
+    found[CURVE_JOINT], found[CURVE_HIGH] = -1.0, 1.0
+    return found
+
+
+def window_rows(windows: NDArray[np.int64], size: int) -> NDArray[np.intp]:
+    """Rows of the blocks of some windows."""
+    parts = [np.arange(w[2], w[2] + (w[1] - w[0]) // size) for w in windows]
+    return np.concatenate(parts) if parts else np.zeros(0, np.intp)

@@ -1,0 +1,208 @@
+"""Runs of any machine on a common clock: smoothed motion, inputs, stretches, windows and blocks.
+
+Motion and inputs pass the same filter, local cubics, so that a linear balance of forces holds between the
+filtered signals as between the true ones. A joint's filter is the narrowest whose acceleration is clear of
+the noise of the encoder.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import savgol_coeffs, savgol_filter
+
+from omnimj.errors import InputError
+from omnimj.estimate.replay.mjcf.columns import MeasuredParts
+from omnimj.estimate.replay.stretches import WINDOW, on_clock, split_at_gaps, white_noise
+from omnimj.recording.dataset import Run
+from omnimj.signals import Array
+
+BLOCK = 0.02
+"""Length of a block [s]."""
+STRETCH = 4
+"""Columns of the table of stretches: rows start … end − 1, its first window and number of windows."""
+_STEP = 0.002  # [s] shortest period of the rows
+_HALVES = (0.008, 0.012, 0.016, 0.024, 0.036, 0.05, 0.07)  # [s] half widths of the filter
+_CLEAR = 0.1  # noise of the acceleration over its RMS
+_FEWEST = 24  # samples of a stretch
+
+
+@dataclass(frozen=True)
+class MachineLog:
+    """All runs of a dataset on a common clock, stretches concatenated; n rows, j joints, s sensors."""
+
+    period: float
+    """Time between rows [s]."""
+    size: int
+    """Rows per block."""
+    stretches: NDArray[np.int64]
+    """Table of stretches, see `STRETCH`, shape (stretches, STRETCH)."""
+    windows: NDArray[np.int64]
+    """Table of free windows, see `stretches.WINDOW`, shape (windows, WINDOW)."""
+    run_of_stretch: tuple[int, ...]
+    times: Array
+    """Time since the start of the run, shape (n,) [s]."""
+    position: Array
+    speed: Array
+    acceleration: Array
+    """Smoothed motion, shape (n, j) each."""
+    inputs: Array
+    """Smoothed force or command of each joint's actuator, 0 without one, shape (n, j)."""
+    enabled: NDArray[np.bool_]
+    """Whether each joint's actuator was on, shape (n, j)."""
+    velocity: Array
+    """Smoothed measured velocity, NaN where it was not measured, shape (n, j)."""
+    sensors: Array
+    """Smoothed readings of the sensors, shape (n, s)."""
+    valid: NDArray[np.bool_]
+    """Mask of the rows in which the balance of a joint's forces holds, shape (n, j)."""
+    reach: Array
+    """Half width of each joint's filter, shape (j,) [s]."""
+    position_noise: Array
+    """Standard deviation of the noise of each position, quantisation included, shape (j,)."""
+    speed_noise: Array
+    """Standard deviation of the noise of each smoothed speed, shape (j,)."""
+
+    @property
+    def blocks(self) -> int:
+        """Number of blocks."""
+        return int(self.windows[-1, 2] + (self.windows[-1, 1] - self.windows[-1, 0]) // self.size)
+
+
+@dataclass(frozen=True)
+class _Stretch:
+    """Stretch without gaps, on the clock of the logger."""
+
+    run: int
+    time: Array
+    columns: dict[str, Array]
+    masked: dict[str, NDArray[np.bool_]]
+
+
+def read_machine_log(runs: Sequence[Run], parts: MeasuredParts, window: float) -> MachineLog:
+    """Resample all runs to a common clock, smooth them, and cut them into stretches, windows and blocks.
+
+    Args:
+      runs: Runs of the machine.
+      parts: Its measured joints, inputs and sensors.
+      window: Length of a free window [s].
+
+    Raises:
+      InputError: No run is as long as half a window.
+    """
+    period = min(float(np.median(np.diff(run.time))) for run in runs)
+    stride = max(1, round(_STEP / period))
+    size = max(1, round(BLOCK / (stride * period)))
+    length = size * max(2, round(window / (size * stride * period)))
+    every = [s for k, run in enumerate(runs) for s in _cut_run(k, run, parts, period)]
+    kept = [s for s in every if len(s.time) >= max(stride * length // 2, _FEWEST)]
+    if not kept:
+        raise InputError("dataset", "no run is long enough", f"{0.5 * window:g} s without a gap are needed")
+    joints = range(len(parts.joints))
+    places = [[s.columns[f"position:{parts.joints[j]}"] for s in kept] for j in joints]
+    noise = np.array([white_noise(own) for own in places])
+    widths = [_width(places[j], period, noise[j]) for j in joints]
+    pieces = [_smoothed(s, parts, widths, period, stride) for s in kept]
+    table, windows = _tables([len(p["times"]) for p in pieces], size, length)
+    whole = {key: np.concatenate([p[key] for p in pieces]) for key in pieces[0]}
+    spread = [float(np.linalg.norm(savgol_coeffs(w, 3, deriv=1, delta=period))) for w in widths]
+    return MachineLog(
+        stride * period,
+        size,
+        table,
+        windows,
+        tuple(s.run for s in kept),
+        reach=np.array([0.5 * (w - 1) * period for w in widths]),
+        position_noise=noise,
+        speed_noise=noise * np.array(spread),
+        **whole,
+    )
+
+
+def _cut_run(index: int, run: Run, parts: MeasuredParts, period: float):
+    """Yield the stretches of a run, resampled to a clock of the given period [s]."""
+    names = [n for n in run.columns if ":" in n]
+    needed = [f"position:{name}" for name in parts.joints]
+    for part in split_at_gaps(run, float(np.median(np.diff(run.time)))):
+        time = run.time[part]
+        clock = time[0] + np.arange(int((time[-1] - time[0]) / period * (1.0 + 1e-12)) + 1) * period
+        found = {n: on_clock(run, n, run.columns[n], part, clock) for n in names}
+        if not any(found[n][1].all() for n in needed):
+            values = {n: v for n, (v, _) in found.items()}
+            yield _Stretch(index, clock - run.time[0], values, {n: mask for n, (_, mask) in found.items()})
+
+
+def _width(places: Sequence[Array], period: float, noise: float) -> int:
+    """Width of the narrowest filter whose acceleration is clear of the encoder's noise [samples]."""
+    width = 5
+    for half in _HALVES:
+        width = max(2 * round(half / period) + 1, 5)
+        own = [p for p in places if len(p) > width]
+        if not own:
+            return 5
+        bends = np.concatenate([savgol_filter(p, width, 3, deriv=2, delta=period) for p in own])
+        scatter = noise * float(np.linalg.norm(savgol_coeffs(width, 3, deriv=2, delta=period)))
+        if scatter < _CLEAR * float(np.sqrt(np.mean(bends**2))):
+            break
+    return width
+
+
+def _smoothed(
+    stretch: _Stretch, parts: MeasuredParts, widths: Sequence[int], period: float, stride: int
+) -> dict[str, Array]:
+    """Rows of one stretch by the names of `MachineLog`."""
+    n, j = len(stretch.time), len(parts.joints)
+    found = {key: np.zeros((n, j)) for key in ("position", "speed", "acceleration", "inputs")}
+    found["velocity"] = np.full((n, j), np.nan)
+    enabled, valid = np.ones((n, j), bool), np.ones((n, j), bool)
+    for k, name in enumerate(parts.joints):
+        width = min(widths[k], n - 1 + n % 2)
+        place = stretch.columns[f"position:{name}"]
+        for d, key in enumerate(("position", "speed", "acceleration")):
+            found[key][:, k] = savgol_filter(place, width, 3, deriv=d, delta=period)
+        bad = np.asarray(stretch.masked[f"position:{name}"])
+        if parts.has_velocity[k]:
+            found["velocity"][:, k] = savgol_filter(stretch.columns[f"velocity:{name}"], width, 3)
+            found["velocity"][_near(stretch.masked[f"velocity:{name}"], width), k] = np.nan
+        if (own := parts.inputs[k]) is not None:
+            found["inputs"][:, k] = savgol_filter(stretch.columns[own.column], width, 3)
+            bad = bad | stretch.masked[own.column]
+            on = stretch.columns.get(f"enabled:{own.drive.name}")
+            if on is not None:
+                enabled[:, k] = on > 0.5
+                bad = bad | ~enabled[:, k]
+        valid[:, k] = ~_near(bad, width)
+        valid[: width // 2, k] = valid[n - width // 2 :, k] = False
+    sensors = [savgol_filter(stretch.columns[f"sensor:{s}"], widths[0], 3) for s in parts.sensors]
+    rows = slice(0, n, stride)
+    whole = {key: values[rows] for key, values in found.items()}
+    stacked = np.column_stack(sensors) if sensors else np.zeros((n, 0))
+    more = {
+        "times": stretch.time[rows],
+        "enabled": enabled[rows],
+        "valid": valid[rows],
+        "sensors": stacked[rows],
+    }
+    return {**whole, **more}
+
+
+def _near(bad: NDArray[np.bool_], width: int) -> NDArray[np.bool_]:
+    """Samples whose filter reaches a bad one."""
+    return np.convolve(bad.astype(float), np.ones(width), "same") > 0.5 if bad.any() else bad
+
+
+def _tables(lengths: Sequence[int], size: int, length: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Tables of stretches and windows; a remainder shorter than half a window is left out."""
+    table, windows, at, row = [], [], 0, 0
+    for count in lengths:
+        first_window = len(windows)
+        for first in range(0, count - length // 2 + 1, length):
+            samples = min(length, (count - first) // size * size)
+            windows.append((at + first, at + first + samples, row))
+            row += samples // size
+        table.append((at, at + count, first_window, len(windows) - first_window))
+        at += count
+    return np.array(table, np.int64).reshape(-1, STRETCH), np.array(windows, np.int64).reshape(-1, WINDOW)

@@ -1,0 +1,312 @@
+"""Replay of any machine's logs for the search for missing effects.
+
+`force:MOTOR` or `control:MOTOR`: the input that the measured motion needs, by inverse dynamics, against the
+measured one. `balance:JOINT`: the force that a joint without actuator lacks along its measured motion.
+`position:JOINT`: free windows start from the measured state and are driven by the measured inputs alone.
+`velocity:JOINT` and `sensor:NAME`, where measured: compared with the measured motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from omnimj.effects import MJCF
+from omnimj.estimate.replay.interface import (
+    MOST_EFFECTS,
+    CandidateEffect,
+    Channel,
+    Experiment,
+    Segment,
+    Setting,
+)
+from omnimj.estimate.replay.mjcf import kernels
+from omnimj.estimate.replay.mjcf.along import Dynamics, Motion, effective_inputs
+from omnimj.estimate.replay.mjcf.columns import measured_parts
+from omnimj.estimate.replay.mjcf.experiments import machine_experiments, moved_log
+from omnimj.estimate.replay.mjcf.kernels import (
+    ARMATURE,
+    CURVE_HIGH,
+    CURVE_JOINT,
+    CURVE_KIND,
+    CURVE_LOW,
+    FORCE_PER_UNIT,
+    OVER_POSITION,
+    OVER_SPEED,
+    OVER_TIME,
+)
+from omnimj.estimate.replay.mjcf.laws import LawMaker, Laws
+from omnimj.estimate.replay.mjcf.log import MachineLog, read_machine_log
+from omnimj.estimate.replay.mjcf.settings import (
+    JointSpan,
+    base_parameters,
+    free_curves,
+    joint_span,
+    machine_candidates,
+)
+from omnimj.estimate.replay.stretches import block_means
+from omnimj.estimate.threads import map_in_threads
+from omnimj.plant.mujoco.machine import Machine
+from omnimj.plant.mujoco.quantities import is_hinge
+from omnimj.recording.dataset import Dataset
+from omnimj.signals import Array
+
+WINDOW = 0.5
+"""Length of a free window [s]."""
+_STEPS = 6000  # steps of MuJoCo per simulation, for which windows are chosen evenly
+_MORE_EFFECTS = 2  # in a model, per further joint
+_REST = 3.0  # noise of the smoothed speed up to which a joint counts as at rest
+_SLOWEST = 2e-3  # least such speed over the top speed
+_EQUATION = 0.003  # known error of the inverse dynamics, over the RMS input
+_KINDS = {"speed": OVER_SPEED, "position": OVER_POSITION, "time": OVER_TIME}
+
+
+class MachineReplay:
+    """Replay of a dataset of any machine; implements `replay.interface.Replay`."""
+
+    plant, backward_elimination = MJCF, False
+
+    def __init__(
+        self, dataset: Dataset, machine: Machine, *, window: float = WINDOW, threads: int | None = None
+    ):
+        """Prepare the logs.
+
+        Args:
+          dataset: Measured runs of the machine.
+          machine: The machine of the MJCF file, with its uncertainties and effects.
+          window: Length of a free window [s].
+          threads: Threads for several settings at once; the machine's cores when None.
+
+        Raises:
+          InputError: A joint or input was not measured, or no run is long enough.
+          UnknownNameError: A column names a part that the MJCF file does not have.
+        """
+        self._machine, self._runs, self._threads = machine, dataset.runs, threads
+        self.parts = measured_parts(dataset, machine)
+        self.log = log = read_machine_log(dataset.runs, self.parts, window)
+        self._dynamics = Dynamics(machine, log, self.parts.sensors)
+        self._windows = self._chosen_windows()
+        rest = np.maximum(_REST * log.speed_noise, _SLOWEST * np.abs(log.speed).max(axis=0))
+        self.base = base_parameters(machine, log.period)
+        self._maker = LawMaker(machine, self.parts, machine.uncertain, {}, rest)
+        nominal = Setting(np.array([b.nominal for b in self.base]))
+        self.spans = self._spans(nominal)
+        self.candidates: tuple[CandidateEffect, ...] = machine_candidates(machine, self.parts, self.spans)
+        self._maker = replace(self._maker, candidates={c.label: c for c in self.candidates})
+        self.curves: Mapping[str, float] = free_curves(self.spans)
+        self.most_effects = MOST_EFFECTS + _MORE_EFFECTS * (len(self.parts.joints) - 1)
+        self.segments = self._segments()
+        self.measured = self._measured()
+        self.channels = self._channels()
+        self.notes = (*self.parts.notes, *self._resting())
+        """Notes on columns that are not used and joints that hardly move, one sentence each."""
+
+    def simulate(self, settings: Sequence[Setting]) -> list[Array]:
+        """Block means of the channels, shape (blocks, channels) per setting."""
+        return map_in_threads(self._simulate, settings, self._threads)
+
+    def simulate_twin(self, setting: Setting) -> None:
+        """None: the replay is that of MuJoCo already."""
+
+    def regimes(self) -> Mapping[str, tuple[str, Array]]:
+        """Variable → unit and its measured value in every block, shape (blocks,)."""
+        log, found = self.log, {}
+        for j, name in enumerate(self.parts.joints):
+            unit = "rad" if is_hinge(self._machine.mj_model, name) else "m"
+            columns = np.stack([log.position[:, j], log.speed[:, j], log.acceleration[:, j]], axis=1)
+            place, speed, acceleration = self._means(columns).T
+            before = f"{name} " if len(self.parts.joints) > 1 else ""
+            found[f"{before}position"] = (unit, place)
+            found[f"{before}speed"] = (f"{unit}/s", speed)
+            found[f"{before}acceleration"] = (f"{unit}/s2", acceleration)
+        found["time"] = ("s", self._means(log.times[:, None])[:, 0])
+        return found
+
+    def candidate_experiments(self) -> tuple[Experiment, ...]:
+        """Motions of one joint that a user could make."""
+        return machine_experiments(self._machine, self.spans)
+
+    def predict(self, settings: Sequence[Setting], experiment: Experiment) -> list[Array]:
+        """Predict the inputs that a motion needs, shape (blocks, channels) per setting; other channels NaN.
+
+        Args:
+          settings: Parameter values, one prediction each.
+          experiment: One of `candidate_experiments`.
+        """
+        log = moved_log(self.log, self.parts.joints, self.spans, experiment)
+        dynamics = Dynamics(self._machine, log, self.parts.sensors)
+        return [self._predict(setting, log, dynamics) for setting in settings]
+
+    def input_balances(self) -> dict[str, tuple[Array, Array, Array]]:
+        """Column of an input → force on its joint, rigid-body force and speed where the balance holds.
+
+        Both forces are those of the machine as it is declared, electric damping taken out.
+        """
+        log, laws = self.log, self._maker.make(self.base, Setting(np.array([b.nominal for b in self.base])))
+        motion, commands = self._dynamics.motion(laws), effective_inputs(laws, self.log)
+        found = {}
+        for j, own in enumerate(self.parts.inputs):
+            if own is not None and log.valid[:, j].any():
+                rows, law = log.valid[:, j], laws.joints[j]
+                links = motion.rigid[rows, j] + law[ARMATURE] * motion.acceleration[rows, j]
+                force = law[FORCE_PER_UNIT] * commands[rows, j]
+                found[own.column] = force, links, motion.speed[rows, j]
+        return found
+
+    def _simulate(self, setting: Setting) -> Array:
+        laws, curve = self._maker.make(self.base, setting), self._curve(setting)
+        motion = self._dynamics.motion(laws)
+        commands = effective_inputs(laws, self.log)
+        missing = _missing(laws, self.log, motion, curve, commands)
+        joints = len(self.parts.joints)
+        free = self._dynamics.windows(laws, motion, curve, commands, self._windows)
+        columns = []
+        means = self._means(self.log.inputs + missing / laws.joints[:, FORCE_PER_UNIT])
+        columns += list(means.T)
+        for j, name in enumerate(self.parts.joints):
+            reading = laws.channel(f"position:{name}")
+            place = free[:, j] - reading.delay * free[:, joints + j]
+            columns.append(reading.scale * place + reading.offset)
+        columns += self._readings(laws, motion)
+        found = np.stack(columns, axis=1)
+        found[np.isnan(self.measured)] = np.nan
+        return found
+
+    def _readings(self, laws: Laws, motion: Motion) -> list[Array]:
+        """Predicted velocities and sensors, block means."""
+        series = [
+            (f"velocity:{name}", motion.speed[:, j])
+            for j, name in enumerate(self.parts.joints)
+            if self.parts.has_velocity[j]
+        ]
+        series += [(f"sensor:{name}", motion.readings[:, s]) for s, name in enumerate(self.parts.sensors)]
+        found = []
+        for name, values in series:
+            reading = laws.channel(name)
+            if reading.delay:
+                late = np.empty(len(values))
+                rows = -reading.delay / self.log.period
+                kernels.shifted(np.ascontiguousarray(values), self.log.stretches, rows, late)
+                values = late
+            found.append(reading.scale * self._means(values[:, None])[:, 0] + reading.offset)
+        return found
+
+    def _predict(self, setting: Setting, log: MachineLog, dynamics: Dynamics) -> Array:
+        laws, curve = self._maker.make(self.base, setting), self._curve(setting)
+        missing = _missing(laws, log, dynamics.motion(laws), curve, np.zeros(log.inputs.shape))
+        needed = missing / laws.joints[:, FORCE_PER_UNIT]
+        for j, law in enumerate(laws.inputs):
+            if law is not None:
+                change = np.gradient(needed[:, j], log.period)
+                needed[:, j] += (law.delay + law.lag - law.reading.delay + laws.clock) * change
+        rows = np.full((log.blocks, len(self.channels)), np.nan)
+        blocks = np.empty((log.blocks, needed.shape[1]))
+        block_means(np.ascontiguousarray(needed), log.windows, log.size, blocks)
+        rows[:, : needed.shape[1]] = blocks
+        return rows
+
+    def _curve(self, setting: Setting) -> Array:
+        found = kernels.no_curve()
+        if setting.curve is not None:
+            name, values = setting.curve
+            joint, _, kind = name.rpartition(" ")
+            found[CURVE_JOINT], found[CURVE_KIND] = self.parts.joints.index(joint), _KINDS[kind]
+            span = self.spans[joint]
+            ends = {
+                "speed": (-span.speed, span.speed),
+                "position": (span.low, span.high),
+                "time": (0.0, float(self.log.times.max())),
+            }
+            found[CURVE_LOW], found[CURVE_HIGH] = ends[kind]
+            found[4:] = values
+        return found
+
+    def _spans(self, nominal: Setting) -> dict[str, JointSpan]:
+        """Range of the motion and force of each joint, under the machine as it is declared."""
+        log, laws = self.log, self._maker.make(self.base, nominal)
+        motion = self._dynamics.motion(laws)
+        inputs = effective_inputs(laws, log) * laws.joints[:, FORCE_PER_UNIT]
+        found = {}
+        for j, name in enumerate(self.parts.joints):
+            own = inputs[:, j] if self.parts.inputs[j] is not None else motion.rigid[:, j]
+            noise = (float(log.position_noise[j]), float(log.speed_noise[j]))
+            columns = (log.position[:, j], log.speed[:, j], log.acceleration[:, j])
+            found[name] = joint_span(*columns, own, noise)
+        return found
+
+    def _resting(self) -> list[str]:
+        return [
+            f"joint {name} hardly moves in these runs: nothing can be found about its friction and drive"
+            for name, span in self.spans.items()
+            if not span.is_excited
+        ]
+
+    def _chosen_windows(self) -> NDArray[np.int64]:
+        """Windows that are simulated, evenly over the logs."""
+        windows = self.log.windows
+        steps = int((windows[:, 1] - windows[:, 0]).sum()) * self._dynamics.substeps
+        count = max(1, min(len(windows), round(len(windows) * _STEPS / max(steps, 1))))
+        return windows[np.unique(np.linspace(0, len(windows) - 1, count).astype(int))]
+
+    def _means(self, columns: Array) -> Array:
+        means = np.empty((self.log.blocks, columns.shape[1]))
+        block_means(np.ascontiguousarray(columns), self.log.windows, self.log.size, means)
+        return means
+
+    def _measured(self) -> Array:
+        log = self.log
+        inputs = np.where(log.valid, log.inputs, np.nan)
+        places = np.full((log.blocks, len(self.parts.joints)), np.nan)
+        rows = kernels.window_rows(self._windows, log.size)
+        places[rows] = self._means(log.position)[rows]
+        velocity = log.velocity[:, np.array(self.parts.has_velocity)]
+        return np.hstack([self._means(inputs), places, self._means(velocity), self._means(log.sensors)])
+
+    def _channels(self) -> tuple[Channel, ...]:
+        """Channels in the order of the columns of `measured`."""
+        m, log = self._machine.mj_model, self.log
+        units = ["rad" if is_hinge(m, name) else "m" for name in self.parts.joints]
+        forces = ["N.m" if is_hinge(m, name) else "N" for name in self.parts.joints]
+        found = []
+        for j, (name, own) in enumerate(zip(self.parts.joints, self.parts.inputs, strict=True)):
+            if own is None:
+                words, size = f"force that {name} lacks", self.spans[name].force
+                found.append(Channel(f"balance:{name}", forces[j], words, 0.0, _EQUATION * size))
+                continue
+            size = float(np.sqrt(np.nanmean(self.measured[:, j] ** 2)))
+            unit = forces[j] if own.is_force else ("V" if own.drive.has_back_emf else "1")
+            what = "force" if own.is_force else "command"
+            found.append(Channel(own.column, unit, f"{what} that the motion needs", 0.0, _EQUATION * size))
+        for j, name in enumerate(self.parts.joints):
+            drift = float(log.position_noise[j] + 0.3 * WINDOW * log.speed_noise[j])
+            words = f"position of {name} after a window without correction"
+            found.append(Channel(f"position:{name}", units[j], words, 0.0, drift))
+        for j, name in enumerate(self.parts.joints):
+            if self.parts.has_velocity[j]:
+                error = float(log.speed_noise[j])
+                found.append(Channel(f"velocity:{name}", f"{units[j]}/s", f"speed of {name}", 0.0, error))
+        found += [Channel(f"sensor:{name}", "1", f"sensor {name}") for name in self.parts.sensors]
+        return tuple(found)
+
+    def _segments(self) -> tuple[Segment, ...]:
+        log, segments = self.log, []
+        means = self._means(log.times[:, None])[:, 0]
+        for s, stretch in enumerate(log.stretches):
+            run = self._runs[log.run_of_stretch[s]]
+            for w in range(int(stretch[2]), int(stretch[2] + stretch[3])):
+                first = int(log.windows[w, 2])
+                last = first + int(log.windows[w, 1] - log.windows[w, 0]) // log.size
+                repeats = run.repeat_of is not None
+                segments.append(Segment(run.name, run.condition, first, last, means[first:last], repeats))
+        return tuple(segments)
+
+
+def _missing(laws: Laws, log: MachineLog, motion: Motion, curve: Array, commands: Array) -> Array:
+    """Needed − produced force along a motion, shape (n, j) [N or N.m]."""
+    found = np.empty(commands.shape)
+    columns = (motion.position, motion.speed, motion.acceleration, motion.rigid)
+    kernels.missing_forces(laws.joints, curve, log.times, *columns, commands, log.enabled, found)
+    return found

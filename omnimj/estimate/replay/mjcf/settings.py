@@ -1,0 +1,286 @@
+"""Base parameters, and candidate effects made of the parts of an MJCF file, sized by the logs."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import mujoco
+import numpy as np
+
+from omnimj.effects import MJCF, Effect, effects_of
+from omnimj.effects.link import AXIS_OF_TILT
+from omnimj.effects.parts import ACTUATOR, BODY, CHANNEL, JOINT, joint_unit
+from omnimj.estimate.replay.interface import BaseParameter, CandidateEffect, CandidateParameter
+from omnimj.estimate.replay.mjcf.columns import MeasuredParts
+from omnimj.estimate.replay.mjcf.laws import TIMING
+from omnimj.plant.mujoco.machine import Machine
+from omnimj.plant.mujoco.quantities import QUANTITIES, body_names, is_hinge, joint_to_centre
+from omnimj.signals import Array
+
+NOTICED = 0.1
+"""Share of a joint's RMS force that an effect of typical size has."""
+_MOST = 30.0  # bound of an amplitude in typical sizes: three times the joint's RMS force
+_SLOW = 0.4  # share of the top speed up to which friction counts as friction near standstill
+_SPEEDS, _PLACES = (0.02, 0.05, 0.1, 0.25), (0.1, 0.3, 0.5, 0.7, 0.9)
+_ADDED = 0.05  # payload of typical size over the mass of its body and what it carries
+_ARMS = (0.5, 1.0, 1.5, 2.0)  # places of a payload, over the distance of the centre of mass
+
+
+@dataclass(frozen=True)
+class JointSpan:
+    """Range of a joint's measured motion and force."""
+
+    low: float
+    high: float
+    speed: float
+    """Top speed."""
+    acceleration: float
+    """RMS acceleration."""
+    force: float
+    """RMS force of its actuator, or of its links where it has none [N or N.m]."""
+    peak: float
+    """Largest force of its actuator."""
+    is_excited: bool
+
+
+Spans = Mapping[str, JointSpan]
+"""Joint → its span."""
+
+
+def base_parameters(machine: Machine, period: float) -> tuple[BaseParameter, ...]:
+    """Uncertain quantities of the machine, and the offset between the clocks of inputs and positions.
+
+    Args:
+      machine: The machine with its uncertainties.
+      period: Sample period of the log [s].
+    """
+    found = []
+    for one in machine.uncertain:
+        quantity = QUANTITIES[one.part[0]][one.part[2]]
+        low = max(one.value - one.half_width, quantity.lowest)
+        words = f"{quantity.words} of {one.part[1]}"
+        found.append(BaseParameter(one.name, one.unit, one.value, low, one.value + one.half_width, words))
+    sample = 0.75 * period
+    words = "offset between the clocks of inputs and positions"
+    return (*found, BaseParameter(TIMING, "s", 0.0, -sample, sample, words))
+
+
+def machine_candidates(machine: Machine, parts: MeasuredParts, spans: Spans) -> tuple[CandidateEffect, ...]:
+    """Candidate effects of all parts of a machine that can show in its logs.
+
+    Args:
+      machine: The machine.
+      parts: Its measured joints, inputs and sensors.
+      spans: Range of each joint.
+    """
+    found = []
+    for effect in effects_of(MJCF).values():
+        for selectors in _choices(effect, machine, parts, spans):
+            label = f"{effect.name} ({', '.join(selectors.values())})"
+            shapes = _shapes(effect, selectors, machine, spans)
+            found.append(
+                CandidateEffect(
+                    label,
+                    effect.name,
+                    effect.words,
+                    shapes,
+                    MappingProxyType(selectors),
+                    effect.where == "sensors",
+                    False,
+                    effect.has_threshold,
+                )
+            )
+    return tuple(found)
+
+
+def _choices(
+    effect: Effect, machine: Machine, parts: MeasuredParts, spans: Spans
+) -> Iterator[dict[str, str]]:
+    """Parts on which an effect can show."""
+    (selector,) = effect.selectors
+    moving = [name for name in parts.joints if spans[name].is_excited]
+    inputs = {own.drive.joint: own for own in parts.inputs if own is not None}
+    if selector.name == JOINT:
+        driven_only = effect.name == "compliance"
+        names = [j for j in moving if j in inputs or not driven_only]
+        if effect.name in _ONCE:
+            names = [j for j in names if not _present(machine, effect.name, j)]
+        yield from ({JOINT: name} for name in names)
+    elif selector.name == ACTUATOR:
+        for own in (inputs[j] for j in moving if j in inputs and not inputs[j].is_force):
+            if own.drive.has_back_emf or effect.name not in ("torque_constant", "back_emf"):
+                yield {ACTUATOR: own.drive.name}
+    elif selector.name == BODY:
+        yield from ({BODY: name} for name in _moved_bodies(machine, moving))
+    elif selector.name == CHANNEL:
+        yield from ({CHANNEL: name} for name in _channels(effect.name, parts, moving))
+    elif np.any(machine.mj_model.opt.gravity):
+        yield from ({AXIS_OF_TILT.name: str(axis)} for axis in AXIS_OF_TILT.choices)
+
+
+_ONCE = ("stribeck", "position_friction", "stiffness")
+
+
+def _present(machine: Machine, name: str, joint: str) -> bool:
+    return any(key.startswith(name) and v.get(JOINT) == joint for key, v in machine.effects.items())
+
+
+def _moved_bodies(machine: Machine, moving: list[str]) -> Iterator[str]:
+    """Bodies that a moving joint carries and that have a mass, those rigidly joined to another left out."""
+    m = machine.mj_model
+    carried = {int(m.jnt_bodyid[machine.joints.index(name)]) for name in moving}
+    for k, name in enumerate(body_names(m), 1):
+        if name and k in carried and m.body_subtreemass[k] > 0.0:
+            yield name
+
+
+def _channels(effect: str, parts: MeasuredParts, moving: list[str]) -> Iterator[str]:
+    """Channels on which an effect of the sensors can show."""
+    inputs = [own for own in parts.inputs if own is not None and own.drive.joint in moving]
+    velocities = [n for n, has in zip(parts.joints, parts.has_velocity, strict=True) if has and n in moving]
+    if effect == "sensor_delay":
+        yield from (own.column for own in inputs)
+        yield from (f"velocity:{name}" for name in velocities)
+        # where a command drives the joint and no velocity was measured, `actuator_delay` is the same
+        told = {own.drive.joint for own in inputs if own.is_force} | set(velocities)
+        yield from (f"position:{name}" for name in moving if name in told)
+        yield from (f"sensor:{name}" for name in parts.sensors)
+        return
+    kind = effect.partition("_")[0]
+    if kind == "position":
+        yield from (f"position:{name}" for name in moving)
+    elif kind == "velocity":
+        yield from (f"velocity:{name}" for name in velocities)
+    elif effect == "force_scale":  # an offset of a force is `force_offset`
+        yield from (own.column for own in inputs if own.is_force)
+    elif kind == "sensor":
+        yield from (f"sensor:{name}" for name in parts.sensors)
+
+
+def _shapes(
+    effect: Effect, selectors: Mapping[str, str], machine: Machine, spans: Spans
+) -> tuple[CandidateParameter, ...]:
+    """Parameters of an effect on a part, in the units of its joint, with bounds and trials by the logs."""
+    kind = next(iter(selectors))
+    if kind == BODY:
+        return _payload(effect, machine, selectors[BODY])
+    joint = machine.joint_of(kind, selectors[kind])
+    if joint not in spans:
+        return tuple(_plain(p) for p in effect.parameters)
+    hinge = is_hinge(machine.mj_model, joint)
+    shapes = []
+    for p in effect.parameters:
+        shape = dataclasses.replace(_plain(p), unit=joint_unit(p.unit, hinge))
+        if effect.name == "saturation":
+            peak = spans[joint].peak / abs(next(d.gear for d in machine.drives if d.joint == joint))
+            shape = dataclasses.replace(shape, low=0.1 * peak, high=peak, typical=0.7 * peak, null_value=peak)
+        elif p.null_value is None:
+            shape = _placed(shape, spans[joint])
+        else:
+            shape = _sized(shape, p.unit, spans[joint])
+            shape = _above_zero(shape, effect.name, machine, joint)
+        shapes.append(shape)
+    return tuple(shapes)
+
+
+def _plain(p) -> CandidateParameter:
+    return CandidateParameter(p.name, p.unit, p.low, p.high, p.typical, p.null_value)
+
+
+def _sized(shape: CandidateParameter, unit: str, span: JointSpan) -> CandidateParameter:
+    """Typical size of an amplitude: a tenth of the joint's force."""
+    force = NOTICED * span.force
+    speed, reach = 0.5 * span.speed, 0.5 * (span.high - span.low)
+    typical = {
+        "N": force,
+        "N.s/m": force / speed,
+        "N.s2/m2": force / speed**2,
+        "N/m": force / reach,
+        "kg": force / max(span.acceleration, 1e-9),
+        "m/N": 0.02 * reach / span.force,
+        "m": 0.05 * reach,
+        "m/s": 0.05 * speed,
+    }.get(unit)
+    if typical is None:
+        return shape
+    low, high = max(shape.low, -_MOST * typical), min(shape.high, _MOST * typical)
+    return dataclasses.replace(shape, low=low, high=high, typical=typical)
+
+
+_LOWERED = {
+    "coulomb": "frictionloss",
+    "viscous": "damping",
+    "quadratic_friction": "quadratic_damping",
+    "armature": "armature",
+}
+
+
+def _above_zero(shape: CandidateParameter, effect: str, machine: Machine, joint: str) -> CandidateParameter:
+    """Bound an amplitude so that what it adds to does not fall below zero."""
+    if effect not in _LOWERED:
+        return shape
+    part = (JOINT, joint, _LOWERED[effect])
+    half = sum(one.half_width for one in machine.uncertain if one.part == part)
+    return dataclasses.replace(shape, low=max(shape.low, -machine.values[part] - half))
+
+
+def _placed(shape: CandidateParameter, span: JointSpan) -> CandidateParameter:
+    """Bounds and trials of a place, a width or a speed."""
+    low, high, reach, top = span.low, span.high, span.high - span.low, span.speed
+    middle = 0.5 * (low + high)
+    bounds, trials = {
+        "position": ((low, high, middle), tuple(low + share * reach for share in _PLACES)),
+        "rest_position": ((low - reach, high + reach, middle), (low, middle, high)),
+        "width": ((0.01 * reach, 0.5 * reach, 0.1 * reach), (0.05 * reach, 0.15 * reach)),
+        "velocity": ((0.003 * top, _SLOW * top, 0.05 * top), tuple(share * top for share in _SPEEDS)),
+    }[shape.name]
+    return dataclasses.replace(shape, low=bounds[0], high=bounds[1], typical=bounds[2], trials=trials)
+
+
+def _payload(effect: Effect, machine: Machine, body: str) -> tuple[CandidateParameter, ...]:
+    """Parameters of a payload on a body."""
+    m = machine.mj_model
+    k = mujoco.mj_name2id(m, mujoco.mjtObj.mjOBJ_BODY, body)
+    anchor, direction = joint_to_centre(m, k)
+    arm = float(direction @ (np.array(m.body_ipos[k]) - anchor))
+    mass, carried = float(m.body_mass[k]), float(m.body_subtreemass[k])
+    first, second = map(_plain, effect.parameters)
+    first = dataclasses.replace(first, low=-0.9 * mass, high=10.0 * carried, typical=_ADDED * carried)
+    if arm < 1e-6:
+        return first, dataclasses.replace(second, low=0.0, high=0.0, typical=0.0, trials=(0.0,))
+    trials = tuple(share * arm for share in _ARMS)
+    return first, dataclasses.replace(second, low=0.1 * arm, high=4.0 * arm, typical=arm, trials=trials)
+
+
+def free_curves(spans: Spans) -> dict[str, float]:
+    """Variable of each free curve, `elbow speed` → typical force [N or N.m]."""
+    found = {}
+    for name, span in spans.items():
+        if span.is_excited:
+            kinds = ("speed", "position", "time") if len(spans) < 3 else ("speed", "position")
+            found |= {f"{name} {kind}": NOTICED * span.force for kind in kinds}
+    return found
+
+
+def joint_span(
+    position: Array, speed: Array, acceleration: Array, force: Array, noise: tuple[float, float]
+) -> JointSpan:
+    """Span of a joint from its motion and force, shape (n,) each.
+
+    Args:
+      position: Smoothed position.
+      speed: Smoothed speed.
+      acceleration: Smoothed acceleration.
+      force: Force of its actuator, or of its links.
+      noise: Noise of position and smoothed speed.
+    """
+    low, high, top = float(position.min()), float(position.max()), float(np.abs(speed).max())
+    moves = float(np.sqrt(np.mean(speed**2)))
+    is_excited = high - low > 10.0 * noise[0] and moves > 5.0 * noise[1]
+    size = max(float(np.sqrt(np.mean(force**2))), 1e-9)
+    bend = max(float(np.sqrt(np.mean(acceleration**2))), 1e-9)
+    peak = max(float(np.abs(force).max()), 1e-9)
+    return JointSpan(low, max(high, low + 1e-9), max(top, 1e-9), bend, size, peak, is_excited)

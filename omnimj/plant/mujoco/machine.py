@@ -1,0 +1,266 @@
+"""Any machine: an MJCF file, and what is uncertain about it and its effects in NAME.toml beside NAME.xml.
+
+```toml
+[uncertain.joint.elbow]
+damping = { half_width = 0.02, unit = "N.m.s/rad" }   # the value is that of the MJCF file, or `value = …`
+
+[effects.stribeck]
+joint = "elbow"
+force = { value = 0.1, unit = "N.m", source = "identified" }
+velocity = { value = 0.2, unit = "rad/s", source = "identified" }
+```
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar
+
+import mujoco
+
+from omnimj.effects import MJCF, complete_values, find_effect
+from omnimj.effects.effect import Effect
+from omnimj.effects.parts import ACTUATOR, BODY, CHANNEL, JOINT, Part, PartChanges, joint_unit
+from omnimj.errors import InputError, UnknownNameError
+from omnimj.parameters.model_file import EffectValues, read_effects
+from omnimj.parameters.reading import Provenance, Rule, check_number, check_table, read_toml
+from omnimj.plant.mujoco.quantities import (
+    BACK_EMF,
+    QUANTITIES,
+    Drive,
+    body_names,
+    is_hinge,
+    joint_names,
+    read_drives,
+    read_values,
+    sensor_names,
+    unit_of,
+)
+
+_KEYS = ("value", "half_width", "unit")
+_POSITIVE, _FINITE = Rule(0.0, math.inf, True), Rule(-math.inf, math.inf, False)
+
+
+@dataclass(frozen=True)
+class Uncertain:
+    """Quantity that is refitted before any effect is considered."""
+
+    part: Part
+    unit: str
+    value: float
+    half_width: float
+
+    @property
+    def name(self) -> str:
+        """Name in messages and results: `elbow.damping`."""
+        return f"{self.part[1]}.{self.part[2]}"
+
+
+@dataclass(frozen=True)
+class Machine:
+    """Machine that an MJCF file describes: fixed base, hinges and slides, actuators on joints, sensors."""
+
+    plant: ClassVar[str] = MJCF
+
+    file: Path
+    """The MJCF file."""
+    mj_model: mujoco.MjModel
+    drives: tuple[Drive, ...]
+    values: Mapping[Part, float]
+    """Values of all quantities."""
+    uncertain: tuple[Uncertain, ...] = ()
+    effects: EffectValues = field(default_factory=dict)
+    provenance: Mapping[str, Provenance] = field(default_factory=dict)
+    """`effects.NAME.PARAMETER` → unit and source."""
+
+    @property
+    def facts(self) -> Path:
+        """The TOML file beside the MJCF file; it need not exist."""
+        return self.file.with_suffix(".toml")
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints."""
+        return joint_names(self.mj_model)
+
+    def parts(self, kind: str) -> tuple[str, ...]:
+        """Names of all parts of a kind."""
+        names = {JOINT: self.joints, BODY: tuple(filter(None, body_names(self.mj_model)))}
+        names[ACTUATOR] = tuple(d.name for d in self.drives)
+        return names[kind]
+
+    def joint_of(self, kind: str, name: str) -> str:
+        """Joint whose type gives the units of an effect on a part; empty for a body or a sensor."""
+        if kind == CHANNEL:
+            kind, _, name = name.partition(":")
+            kind = {"position": JOINT, "velocity": JOINT, "force": ACTUATOR, "control": ACTUATOR}.get(
+                kind, ""
+            )
+        if kind == ACTUATOR:
+            return next((d.joint for d in self.drives if d.name == name), "")
+        return name if kind == JOINT else ""
+
+    def unit(self, effect: Effect, unit: str, selectors: Mapping[str, Any]) -> str:
+        """Unit of a parameter of an effect on the selected part."""
+        for selector in effect.selectors:
+            joint = self.joint_of(selector.name, str(selectors.get(selector.name, "")))
+            if joint and joint in self.joints:
+                return joint_unit(unit, is_hinge(self.mj_model, joint))
+        return unit
+
+
+def read_machine_file(path: Path | None) -> Machine:
+    """Read an MJCF file and the TOML file beside it.
+
+    Args:
+      path: The MJCF file.
+
+    Raises:
+      InputError: No file, not MJCF, a structure that cannot be replayed, or a wrong value; the message names
+        the part.
+      UnknownNameError: An unknown part, quantity or effect; the message lists the choices.
+    """
+    if path is None:
+        rule = 'give --model FILE.xml, or model = "FILE.xml" in dataset.toml'
+        raise InputError("--model", "is missing", f"a dataset of any machine needs its MJCF file: {rule}")
+    mj_model = _compile(path)
+    _refuse_structure(mj_model, path)
+    drives = read_drives(mj_model, path)
+    machine = Machine(path, mj_model, drives, read_values(mj_model, drives))
+    if not machine.facts.is_file():
+        return machine
+    tree = read_toml(machine.facts)
+    for key in tree:
+        if key not in ("uncertain", "effects"):
+            raise UnknownNameError(machine.facts, "table", key, ("uncertain", "effects"))
+    provenance: dict[str, Provenance] = {}
+    effects = read_effects(tree, machine.facts, provenance)
+    uncertain = tuple(_uncertain(machine, tree.get("uncertain", {})))
+    found = Machine(path, mj_model, drives, machine.values, uncertain, effects, provenance)
+    apply_part_effects(found)
+    return found
+
+
+def _compile(path: Path) -> mujoco.MjModel:
+    if not path.is_file():
+        found = "is a folder" if path.is_dir() else "no such file"
+        raise InputError(path, found, "an MJCF file is needed")
+    try:
+        return mujoco.MjModel.from_xml_path(str(path))
+    except (ValueError, mujoco.FatalError) as error:
+        raise InputError(path, "is not an MJCF model", " ".join(str(error).split())) from None
+
+
+def _refuse_structure(m: mujoco.MjModel, path: Path) -> None:
+    """Refuse what cannot be replayed, in one line that names the part."""
+    kinds = {int(mujoco.mjtJoint.mjJNT_FREE): "free", int(mujoco.mjtJoint.mjJNT_BALL): "ball"}
+    for k, name in enumerate(joint_names(m)):
+        body = mujoco.mj_id2name(m, mujoco.mjtObj.mjOBJ_BODY, m.jnt_bodyid[k]) or "?"
+        place = f"{path}: joint {name or k + 1!r} of body {body!r}"
+        kind = int(m.jnt_type[k])
+        if kind in kinds:
+            rule = "the base must be fixed, and joints hinges or slides"
+            raise InputError(place, f"is a {kinds[kind]} joint", rule)
+        if not name:
+            raise InputError(place, "has no name", "columns of the dataset name the joints: give it one")
+    if not m.njnt:
+        raise InputError(path, "has no joints", "a machine that moves is needed")
+    for count, kind, what in (
+        (m.neq, mujoco.mjtObj.mjOBJ_EQUALITY, "equality constraint: closed loops and coupled joints"),
+        (m.ntendon, mujoco.mjtObj.mjOBJ_TENDON, "tendon: tendons"),
+    ):
+        if count:
+            name = mujoco.mj_id2name(m, kind, 0) or "1"
+            kind_words, _, plural = what.partition(": ")
+            raise InputError(f"{path}: {name!r}", f"is a {kind_words}", f"{plural} cannot be replayed")
+    if m.nflex or m.nplugin:
+        raise InputError(path, "has flexible bodies or plugins", "these cannot be replayed")
+
+
+def _uncertain(machine: Machine, tree: Any):
+    """Yield the entries of `[uncertain.KIND.PART]`."""
+    file = machine.facts
+    for kind, parts in check_table(f"{file}: uncertain", tree).items():
+        if kind not in QUANTITIES:
+            raise UnknownNameError(f"{file}: uncertain", "kind of part", kind, QUANTITIES)
+        for name, entries in check_table(f"{file}: uncertain.{kind}", parts).items():
+            if name not in machine.parts(kind):
+                raise UnknownNameError(f"{file}: uncertain.{kind}", kind, name, machine.parts(kind))
+            place = f"{file}: uncertain.{kind}.{name}"
+            known = [k for (t, n, k) in machine.values if (t, n) == (kind, name) and k != BACK_EMF]
+            for key, entry in check_table(place, entries).items():
+                if key not in known:
+                    raise UnknownNameError(place, f"quantity of this {kind}", key, known)
+                yield _quantity(machine, (kind, name, key), f"{place}.{key}", entry)
+
+
+def _quantity(machine: Machine, part: Part, place: str, entry: Any) -> Uncertain:
+    unit = unit_of(machine.mj_model, machine.drives, part)
+    shape = f'write {{ half_width = …, unit = "{unit}" }}, and value = … unless that of the MJCF file holds'
+    if not isinstance(entry, Mapping):
+        raise InputError(place, f"found {entry!r}", shape)
+    for key in entry:
+        if key not in _KEYS:
+            raise UnknownNameError(place, "key", key, _KEYS)
+    for key in ("half_width", "unit"):
+        if key not in entry:
+            raise InputError(place, f"'{key}' is missing", shape)
+    if entry["unit"] != unit:
+        raise InputError(f"{place}.unit", f"found {entry['unit']!r}", f"the unit is {unit!r}")
+    half = float(check_number(f"{place}.half_width", entry["half_width"], _POSITIVE))
+    value = float(check_number(f"{place}.value", entry.get("value", machine.values[part]), _FINITE))
+    lowest = QUANTITIES[part[0]][part[2]].lowest
+    if value < lowest:
+        raise InputError(f"{place}.value", f"found {value:g}", f"must be at least {lowest:g} {unit}")
+    return Uncertain(part, unit, value, half)
+
+
+def apply_part_effects(machine: Machine) -> PartChanges:
+    """Collect the changes of a machine's effects.
+
+    Raises:
+      InputError: An effect is incomplete, or a value or unit is wrong.
+      UnknownNameError: An unknown effect, parameter or part.
+    """
+    changes = PartChanges()
+    for name, given in machine.effects.items():
+        place = f"{machine.facts}: effects.{name}"
+        effect = find_effect(name, MJCF, f"{machine.facts}: effects")
+        values = complete_values(effect, given, place, partial=False)
+        _require_parts(machine, effect, values, place)
+        _require_units(machine, name, effect, values)
+        for hook in effect.hooks:
+            hook(changes, values)
+    return changes
+
+
+def _require_parts(machine: Machine, effect: Effect, values: Mapping[str, Any], place: str) -> None:
+    for selector in effect.selectors:
+        if selector.choices:
+            continue
+        chosen = values[selector.name]
+        known = channel_names(machine) if selector.name == CHANNEL else machine.parts(selector.name)
+        if chosen not in known:
+            raise UnknownNameError(place, selector.name, chosen, known)
+
+
+def _require_units(machine: Machine, name: str, effect: Effect, values: Mapping[str, Any]) -> None:
+    for parameter in effect.parameters:
+        origin = machine.provenance.get(f"effects.{name}.{parameter.name}")
+        unit = machine.unit(effect, parameter.unit, values)
+        if origin is not None and origin.unit != unit:
+            place = f"{machine.facts}: effects.{name}.{parameter.name}.unit"
+            raise InputError(place, f"found {origin.unit!r}", f"the unit is {unit!r}")
+
+
+def channel_names(machine: Machine) -> tuple[str, ...]:
+    """Columns that a dataset of this machine can have."""
+    actuators = machine.parts(ACTUATOR)
+    return (
+        *(f"{kind}:{name}" for kind in ("position", "velocity") for name in machine.joints),
+        *(f"{kind}:{name}" for kind in ("force", "control", "enabled") for name in actuators),
+        *(f"sensor:{name}" for name in sensor_names(machine.mj_model) if name),
+    )
