@@ -34,8 +34,9 @@ if TYPE_CHECKING:
     from omnimj.studies.gap_benchmark.study import BenchmarkResult
 
 _BY_CTRL_C = "interrupted"
-MODEL, FLOORS, DIGEST, REPORT, RECORDING = FILES = (
+MODEL, MJCF_MODEL, FLOORS, DIGEST, REPORT, RECORDING = FILES = (
     "model.toml",
+    "model.xml",
     "floors.toml",
     "gap.json",
     "report.html",
@@ -48,7 +49,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `omnimj gap`."""
     parser.add_argument("dataset", type=Path, nargs="?", help="folder of the measured runs")
     parser.add_argument(
-        "--model", metavar="FILE", type=Path, help="model file of the plant (default: the shipped one)"
+        "--model",
+        metavar="FILE",
+        type=Path,
+        help="model file of the plant (default: the shipped one); for any other machine its MJCF file",
     )
     add_floors(parser)
     parser.add_argument(
@@ -111,17 +115,15 @@ def _search(arguments: Any) -> Finding:
 
 def _new_texts(arguments: Any, finding: Finding) -> tuple[dict[str, str], InputError | None]:
     """Return the texts of new model and floors, or an error to raise once the other files are written."""
-    from omnimj.estimate.gap.files import new_floors_text, new_model_text
+    from omnimj.estimate.gap.files import new_floors_text, new_model_files
     from omnimj.parameters.floor import all_floors
 
     try:
-        texts = {
-            MODEL: new_model_text(finding, arguments.model),
-            FLOORS: new_floors_text(finding, all_floors(arguments.floors), arguments.model),
-        }
+        texts = new_model_files(finding, arguments.model or finding.model)
+        floors = new_floors_text(finding, all_floors(arguments.floors), arguments.model)
     except InputError as error:
         return {}, error
-    return {name: text for name, text in texts.items() if text is not None}, None
+    return texts if floors is None else {**texts, FLOORS: floors}, None
 
 
 def _write_and_print(arguments: Any, finding: Finding) -> int:
@@ -156,7 +158,7 @@ def write_outputs(
       finding: Result of the search.
       machine_file: Model file that the search began with; None for the shipped one.
       command: Command line that repeats the search.
-      texts: Contents of `MODEL` and `FLOORS`, where something was added or refitted.
+      texts: Contents of the new model and of `FLOORS`, where something was added or refitted.
 
     Returns:
       Content of `gap.json`.
@@ -168,21 +170,22 @@ def write_outputs(
     from omnimj.recording.folder import atomic_file, make_folder
     from omnimj.recording.json_files import write_json
     from omnimj.view.report.gap import write_gap_report
-    from omnimj.view.rerun.before_after import write_before_after
+    from omnimj.view.rerun.before_after import has_scene, write_before_after
 
     make_folder(folder, force, FILES)
-    for name in (MODEL, FLOORS):
+    for name in (MODEL, MJCF_MODEL, FLOORS):
         if name in texts:
             with atomic_file(folder / name) as temporary:
                 temporary.write_text(texts[name], encoding="utf-8")
         else:  # a file of an earlier search, which `force` replaces
             (folder / name).unlink(missing_ok=True)
-    model, floors = (name if name in texts else None for name in (MODEL, FLOORS))
+    model = next((name for name in (MJCF_MODEL, MODEL) if name in texts), None)
+    floors = FLOORS if FLOORS in texts else None
     content = digest(finding, model, floors, command)
     write_json(folder / DIGEST, content)
     with atomic_file(folder / REPORT) as temporary:
         write_gap_report(temporary, finding, model, floors, command)
-    if finding.overlays:
+    if finding.overlays and has_scene(finding.plant):
         with atomic_file(folder / RECORDING) as temporary:
             write_before_after(temporary, finding, machine_file)
     return content

@@ -13,6 +13,7 @@ import omnimj
 from omnimj.effects import (
     FLOOR,
     FLOOR_SCALES,
+    MJCF,
     Interval,
     apply_effects,
     scale_floor,
@@ -163,6 +164,32 @@ def new_model_text(finding: Finding, file: Path | None = None) -> str | None:
     return format_model(
         machine.file, effect_tables(finding.effects, machine.effects), _changed(finding, machine)
     )
+
+
+def new_model_files(finding: Finding, file: Path | None = None) -> dict[str, str]:
+    """Files of the new model, the one to give to `--model` first; empty where no effect was named.
+
+    Args:
+      finding: The finding.
+      file: Model file from which the search began; the shipped one when None.
+
+    Returns:
+      File name → text.
+
+    Raises:
+      InputError: A file's text cannot be changed.
+    """
+    if finding.plant != MJCF:
+        text = new_model_text(finding, file)
+        return {} if text is None else {"model.toml": text}
+    if not finding.effects:
+        return {}
+    from omnimj.plant.mujoco.machine_writer import new_machine_files  # loads MuJoCo
+
+    machine = find_plant(finding.plant).read(file)
+    fitted = {p.name: p.fitted for p in finding.refitted if _is_changed(p)}
+    own = {one.part: fitted[one.name] for one in machine.uncertain if one.name in fitted}
+    return new_machine_files(machine, own, effect_tables(finding.effects, machine.effects), "model")
 
 
 def new_floors_text(finding: Finding, floors: Mapping[str, Floor], file: Path | None = None) -> str | None:

@@ -76,6 +76,8 @@ class DatasetSummary:
     """Run → its conditions."""
     faults: tuple[Mapping[str, Any], ...] = ()
     """Findings of the data check as records, the most important first."""
+    model: Path | None = None
+    """Model file that the dataset names."""
 
 
 def analyse_replay(
@@ -142,6 +144,7 @@ def analyse_replay(
         given_up=found.given_up,
         traction=_traction(replay, found, after),
         ended=found.ended,
+        model=about.model,
     )
 
 
@@ -329,5 +332,6 @@ def find_gap(
         (*usable.notes, *replay.notes),
         {run.name: run.conditions for run in usable.runs},
         tuple(fault_records(check)),
+        read.model,
     )
     return analyse_replay(replay, about, conditions, seed, report)

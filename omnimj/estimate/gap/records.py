@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -182,6 +183,8 @@ class Finding:
     """Traction over slip by floor, of robots on steady drives."""
     ended: str = ""
     """Reason for which the search added nothing more; empty if it was interrupted."""
+    model: Path | None = None
+    """Model file that the dataset names."""
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ HEADLINES = {
     "no_gap": "No gap",
 }
 _VARIABLES = {"reversal": "time since a reversal", "time": "time since start"}
-_MACHINES = {"quarter_rig": "test rig", "uto_robot": "robot", "linear_axis": "linear axis"}
+_MACHINES = {"quarter_rig": "test rig", "uto_robot": "robot", "linear_axis": "linear axis", "mjcf": "machine"}
 
 
 def machine_name(plant: str) -> str:

@@ -54,6 +54,11 @@ class Scene:
     """Body that carries the name; empty for the machine's base."""
 
 
+def has_scene(plant: str) -> bool:
+    """Return whether the machines of a plant can be shown."""
+    return plant in ("quarter_rig", "uto_robot", "linear_axis")
+
+
 def shown_runs(finding: Finding) -> dict[str, list[Overlay]]:
     """Return the held-out runs with the largest mismatch, worst first; training runs if none is held out."""
     windows, gaps = overlays_by_run(finding), run_gaps(finding)
