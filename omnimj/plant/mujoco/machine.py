@@ -169,7 +169,7 @@ def _refuse_structure(m: mujoco.MjModel, path: Path) -> None:
     if not m.njnt:
         raise InputError(path, "has no joints", "a machine that moves is needed")
     for count, kind, what in (
-        (m.neq, mujoco.mjtObj.mjOBJ_EQUALITY, "equality constraint: closed loops and coupled joints"),
+        (m.neq, mujoco.mjtObj.mjOBJ_EQUALITY, "constraint: closed loops and coupled joints"),
         (m.ntendon, mujoco.mjtObj.mjOBJ_TENDON, "tendon: tendons"),
     ):
         if count:

@@ -284,8 +284,12 @@ def _set_forces(simulation, law, curve, j, command, is_on, time, load):
     damping = _damping(law, v)
     push = law[OFFSET] + _curve_force(curve, j, q, v, time) - law[CABLE] * (q - law[CABLE_REST])
     if is_on:
-        push += _drive_force(law, command, q, v)
-        if law[VELOCITY_GAIN] < 0.0 and law[LOW] == -np.inf and law[HIGH] == np.inf:
+        force = _drive_force(law, command, q, v)
+        push += force
+        limited = force <= law[GEAR] * law[LOW] or force >= law[GEAR] * law[HIGH]
+        if law[GEAR] < 0.0:
+            limited = force >= law[GEAR] * law[LOW] or force <= law[GEAR] * law[HIGH]
+        if law[VELOCITY_GAIN] < 0.0 and not limited:
             electric = -law[VELOCITY_GAIN] * law[GEAR] * law[GEAR]
             damping += electric  # taken implicitly by MuJoCo's step
             push += electric * v
